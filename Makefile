@@ -5,8 +5,8 @@ BIN := $(VENV)/bin
 # Tests of `make quick`: without bus, process and session.
 UNITS := tests/drives tests/daemon
 # Unit tests of the safety files, which alone must reach every branch of them.
-SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/test_modes*.py \
-	tests/daemon/core/test_safety*.py tests/daemon/core/test_every_limit.py)
+SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/modes/test_modes*.py \
+	tests/daemon/core/safety/test_safety*.py tests/daemon/core/safety/test_every_limit.py)
 # Processes of pytest: one for each processor, up to 16.
 WORKERS ?= auto --maxprocesses 16
 # Records the CPU-seconds of a step; pytest prints them with its own.

@@ -292,7 +292,7 @@ def drift_of(
         one = drift.NO_DRIFT
         pairs = estimates.state[valid][:, (2 + axis, 6 + axis)].tolist()
         for speed, patient in pairs:
-            one = drift.noted(one, law, speed, patient, step_s)
+            one = drift.updated(one, law, speed, patient, step_s)
         found.append(one)
     return found
 
@@ -337,8 +337,8 @@ def time_of(rows: int) -> Vector:
 def moving_efforts(plant: Plant, steps: int) -> Matrix:
     """Efforts that keep both axes in motion about the pose, shape (steps, 2)."""
     swing = 2.0 * math.pi * CADENCE_HZ * np.arange(steps) * STEP_S
-    moved = np.column_stack((HIP_NM * np.cos(swing), SLIDE_N * np.cos(swing)))
-    return moved + np.array(plant.load)
+    extent = np.column_stack((HIP_NM * np.cos(swing), SLIDE_N * np.cos(swing)))
+    return extent + np.array(plant.load)
 
 
 def observed(plant: Plant, position: Matrix, efforts: Matrix) -> BatchEstimates:

@@ -13,7 +13,7 @@ def lines(
     rest: Rest,
     lost: list[Gap],
     drifted: list[Drifted],
-    moved: list[Offset],
+    extent: list[Offset],
 ) -> Iterator[str]:
     """Format all results, in the order of reading."""
     yield (
@@ -51,7 +51,7 @@ def lines(
             f"{one.correlation[1]:+.2f}"
         )
     yield "offset       of the hip's encoder, from one cycle on"
-    for one in moved:
+    for one in extent:
         yield (
             f"  {one.offset_rad:.2f} rad   believed after {one.believed_after_cycles} cycles, "
             f"{'flagged' if one.flagged else 'NOT FLAGGED'}, valid again after "

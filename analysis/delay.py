@@ -165,7 +165,7 @@ def _filled(values: Values) -> Values:
 
 
 def _innovations_by_delay(
-    recording: Recording, robot: Robot, told: Iterator[None]
+    recording: Recording, robot: Robot, progress: Iterator[None]
 ) -> Callable[[Cycles], Values]:
     setup = setup_for(_without_delay(robot))
 
@@ -173,7 +173,7 @@ def _innovations_by_delay(
         effort = np.column_stack(
             [delayed(recording.effort[:, axis], cycles[axis]) for axis in range(2)]
         )
-        next(told)
+        next(progress)
         return run(setup, Columns(recording.time_s, recording.position, effort)).innovation
 
     return innovations

@@ -107,19 +107,19 @@ def _column(
         legend(panel)
 
 
-def _shown(estimates: BatchEstimates) -> list[Status]:
+def _present_bits(estimates: BatchEstimates) -> list[Status]:
     seen = int(np.bitwise_or.reduce(estimates.status)) if len(estimates.status) else 0
     return [bit for bit in Status if bit & seen and bit is not Status.VALID]
 
 
 def _bits(estimates: BatchEstimates) -> int:
-    return max(len(_shown(estimates)) + 1, 2)
+    return max(len(_present_bits(estimates)) + 1, 2)
 
 
 def _status_strip(panel: Axes, recording: Recording, estimates: BatchEstimates) -> None:
     """Draw one row for each status bit that was ever set, and one for validity."""
     time = recording.time_s - recording.time_s[0]
-    bits = _shown(estimates)
+    bits = _present_bits(estimates)
     style(panel, "status")
     invalid = (estimates.status & Status.VALID) == 0
     panel.broken_barh(stretches(invalid, time), (-0.4, 0.8), color=BAD)

@@ -26,7 +26,7 @@ from analysis.drawing import (
     strips,
     style,
 )
-from analysis.stop_recording import StopRecording, cause_words, known, utc_words
+from analysis.stop_recording import StopRecording, cause_text, known, utc_text
 from daemon.ipc.record import CycleRecord, DriveRecord, StopCategory
 from daemon.wire.fields import POWER_STATES, Validity
 
@@ -40,23 +40,23 @@ _CATEGORY: Final = {
 }
 
 
-def draw(told: StopRecording, leg: str, path: Path) -> None:
+def draw(recording: StopRecording, leg: str, path: Path) -> None:
     """Draw one leg as a PNG.
 
     Raises:
         OSError: the file cannot be written.
     """
     figure, columns = leg_figure((14, 11), (1, 1, 1, 1.2, 0.75))
-    time = np.array([told.from_stop_s(record) for record in told.records])
-    index = told.header.leg_names.index(leg)
+    time = np.array([recording.from_stop_s(record) for record in recording.records])
+    index = recording.header.leg_names.index(leg)
     for axis, panels in enumerate(columns):
-        _column(panels[:4], told.records, time, (leg, index, axis))
-        _strips(panels[4], told.records, time, f"{leg}/{AXES[axis].name}")
+        _column(panels[:4], recording.records, time, (leg, index, axis))
+        _strips(panels[4], recording.records, time, f"{leg}/{AXES[axis].name}")
         for panel in panels:
             panel.axvline(0.0, color=BAD, linewidth=1.1, zorder=0.5)
-    kept = told.kept
+    kept = recording.kept
     where = f", {kept.drive}" if kept.drive else ""
-    words = f"{cause_words(kept.cause)}{where} · {utc_words(kept.stop_utc_ns)} · {leg} leg"
+    words = f"{cause_text(kept.cause)}{where} · {utc_text(kept.stop_utc_ns)} · {leg} leg"
     save(figure, words, path)
 
 

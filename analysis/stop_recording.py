@@ -105,7 +105,7 @@ def _found(records: Sequence[CycleRecord]) -> Kept:
     )
 
 
-def cause_words(cause: str) -> str:
+def cause_text(cause: str) -> str:
     """Format a cause for the operator."""
     if cause in _ENDS:
         return _ENDS[cause]
@@ -119,26 +119,30 @@ def remedy_of(cause: str) -> str:
     return CAUSE_TEXT[known].remedy if known is not None else ""
 
 
-def utc_words(utc_ns: int) -> str:
+def utc_text(utc_ns: int) -> str:
     """Format a UTC time for the operator, to the millisecond."""
     at = datetime.fromtimestamp(utc_ns // 1_000_000 / 1e3, UTC)
     return f"{at:%Y-%m-%d %H:%M:%S}.{at.microsecond // 1000:03d} UTC"
 
 
-def about(told: StopRecording) -> tuple[tuple[str, str], ...]:
+def about(recording: StopRecording) -> tuple[tuple[str, str], ...]:
     """Describe the file: names and values, in the order of reading."""
-    header, kept, records = told.header, told.kept, told.records
-    before_s, after_s = -told.from_stop_s(records[0]), told.from_stop_s(records[-1])
-    gaps = f", {told.missing_count} missing" if told.missing_count else ""
+    header, kept, records = recording.header, recording.kept, recording.records
+    before_s, after_s = -recording.from_stop_s(records[0]), recording.from_stop_s(records[-1])
+    gaps = f", {recording.missing_count} missing" if recording.missing_count else ""
     where = f" ({kept.drive})" if kept.drive else ""
     also = ", then " + ", ".join(kept.also) if kept.also else ""
-    what = "ring of a core" if told.whole else "black box"
+    what = "ring of a core" if recording.whole else "black box"
     return (
         (what, f"{header.trainer}, gaitd {header.version}, core {header.core_boot_id}"),
-        ("cause", f"{kept.cause}{where}: {cause_words(kept.cause)}{also}"),
+        ("cause", f"{kept.cause}{where}: {cause_text(kept.cause)}{also}"),
         *((("detail", kept.detail),) if kept.detail else ()),
-        ("stopped", utc_words(kept.stop_utc_ns)),
-        *((("damaged", f"{told.damaged_count} records, left out"),) if told.damaged_count else ()),
+        ("stopped", utc_text(kept.stop_utc_ns)),
+        *(
+            (("damaged", f"{recording.damaged_count} records, left out"),)
+            if recording.damaged_count
+            else ()
+        ),
         (
             "kept",
             f"{before_s:.2f} s before it, {after_s:.2f} s after; {len(records)} records{gaps}",

@@ -41,16 +41,16 @@ from canopen.profiles.p402 import BaseNode402
 PERIOD_S = 0.01
 CORE_PRIORITY = 60
 QUICK_STOP = 0x0002
-PATIENCE_S = 10.0
+TIMEOUT_S = 10.0
 STATE = "SWITCH ON DISABLED"
 
 
 class Drive(BaseNode402):
     """A drive with longer timeouts, since other load on this computer may delay its replies."""
 
-    TIMEOUT_SWITCH_OP_MODE = PATIENCE_S
-    TIMEOUT_SWITCH_STATE_FINAL = PATIENCE_S
-    TIMEOUT_SWITCH_STATE_SINGLE = PATIENCE_S
+    TIMEOUT_SWITCH_OP_MODE = TIMEOUT_S
+    TIMEOUT_SWITCH_STATE_FINAL = TIMEOUT_S
+    TIMEOUT_SWITCH_STATE_SINGLE = TIMEOUT_S
     TIMEOUT_CHECK_TPDO = 1.0
 
 

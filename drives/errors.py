@@ -82,7 +82,7 @@ class BootFailure(Enum):
     """Kind of failure in bringing up one node; the value starts the operator's message."""
 
     NO_ANSWER = "no answer"
-    NOBODY_THERE = "no other node is on the bus"
+    NO_NODE = "no other node is on the bus"
     WRONG_DEVICE_TYPE = "wrong device type"
     WRONG_VENDOR = "wrong vendor"
     WRONG_PRODUCT = "wrong product"

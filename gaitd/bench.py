@@ -45,4 +45,4 @@ def command(
             for one in table if isinstance(table, list) else [table]:
                 console.print(one)
     if json:
-        print(json_text.dumps({name: plain(found) for name, found in results.items()}, indent=2))
+        print(json_text.dumps({name: plain(result) for name, result in results.items()}, indent=2))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from daemon.ipc.record import CycleRecord
-    from daemon.ipc.ring_clip import KeptFile
+    from daemon.ipc.ring_clip import ClipFile
 
 
 class Action(StrEnum):
@@ -84,9 +84,9 @@ def _state(config: Path | None, state: Path | None) -> Path:
 def _list(state: Path, *, as_json: bool) -> None:
     import msgspec
 
-    from daemon.ipc.ring_clip import FOLDER, kept_files
+    from daemon.ipc.ring_clip import FOLDER, clip_files
 
-    files = kept_files(state / FOLDER)
+    files = clip_files(state / FOLDER)
     if as_json:
         print(msgspec.json.encode([_fields(file) for file in files]).decode())
         return
@@ -95,16 +95,16 @@ def _list(state: Path, *, as_json: bool) -> None:
     show(((title, columns, tuple(map(_row, files))),))
 
 
-def _row(file: "KeptFile") -> tuple[str, ...]:
+def _row(file: "ClipFile") -> tuple[str, ...]:
     kept, size = file.kept, f"{file.size / 1e6:.1f} MB"
     if kept is None:
         trouble = file.trouble or "is the ring of a core"
         return ("-", trouble.removeprefix(f"{file.path}: "), *("-",) * 4, size, file.path.name)
-    from analysis.stop_recording import utc_words
+    from analysis.stop_recording import utc_text
 
     period_s = file.period_ns * 1e-9
     return (
-        utc_words(kept.stop_utc_ns).removesuffix(" UTC"),
+        utc_text(kept.stop_utc_ns).removesuffix(" UTC"),
         ", ".join((kept.cause, *kept.also)),
         kept.drive or "-",
         f"{(kept.stop_seq - kept.first_seq) * period_s:.1f} s",
@@ -115,7 +115,7 @@ def _row(file: "KeptFile") -> tuple[str, ...]:
     )
 
 
-def _fields(file: "KeptFile") -> dict[str, object]:
+def _fields(file: "ClipFile") -> dict[str, object]:
     import msgspec
 
     kept = msgspec.to_builtins(file.kept) if file.kept else None
@@ -139,7 +139,7 @@ def _show(
 
     from analysis.stop_recording import about, read_stop
     from analysis.stop_tables import tables, write_csv
-    from daemon.gateway.events import happenings
+    from daemon.gateway.events import new_events
 
     if file is None:
         raise RefusedError("show needs a FILE: one of `gaitd blackbox`, or a ring of records")
@@ -156,7 +156,7 @@ def _show(
     else:
 
         def events(before: "CycleRecord", now: "CycleRecord") -> "Iterator[tuple[str, str]]":
-            return ((item.priority.value, item.text) for item in happenings(before, now))
+            return ((item.priority.value, item.text) for item in new_events(before, now))
 
         show(tables(stop, events))
     if export is not None:

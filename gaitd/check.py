@@ -15,10 +15,10 @@ def command(
     """Validate all that needs no bus, and print the values at the joint. Exit code 0, or 2."""
     import msgspec
 
-    from daemon.preflight.judgement import judge
+    from daemon.preflight.acceptance import check_files
     from daemon.preflight.report_tables import sections
 
-    _, report, refusal = judge(config)
+    _, report, refusal = check_files(config)
     if json:
         print(msgspec.json.encode(report).decode())
     else:

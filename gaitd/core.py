@@ -26,7 +26,7 @@ def command(
     from daemon.config.strict import ConfigError
     from daemon.config.trainer import SIMULATED
     from daemon.core.runtime.process import run_core
-    from daemon.preflight.judgement import accepted
+    from daemon.preflight.acceptance import accepted
     from daemon.system.journal import SOCKET, Journal, is_journal
 
     settings = accepted(config)

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
 SHORTEST_S = 6.0
 PICTURE = Path("out") / "demo.png"
-SAID_EVERY_S = 1.0
-DRAWN_EVERY_S = 0.25
+PRINT_EVERY_S = 1.0
+DRAW_EVERY_S = 0.25
 
 
 def command(
@@ -90,12 +90,12 @@ def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
     with Live(screen=True, auto_refresh=False) as live:
 
         class Pictures:
-            """Live view, redrawn at most once per `DRAWN_EVERY_S`."""
+            """Live view, redrawn at most once per `DRAW_EVERY_S`."""
 
             drawn_s = 0.0
 
             def show(self, moment: "Moment") -> None:
-                if time.monotonic() - self.drawn_s >= DRAWN_EVERY_S:
+                if time.monotonic() - self.drawn_s >= DRAW_EVERY_S:
                     self.drawn_s = time.monotonic()
                     live.update(picture(moment, *live.console.size), refresh=True)
 
@@ -109,13 +109,13 @@ class _Lines:
     """Plain output: each scene's title, and about one line per second of the current values."""
 
     def __init__(self) -> None:
-        self._said_s = 0.0
+        self._printed_s = 0.0
 
     def show(self, moment: "Moment") -> None:
         from gaitd_lab.demonstration.report import line
 
-        if time.monotonic() - self._said_s >= SAID_EVERY_S:
-            self._said_s = time.monotonic()
+        if time.monotonic() - self._printed_s >= PRINT_EVERY_S:
+            self._printed_s = time.monotonic()
             print(line(moment), flush=True)
 
     def scene(self, scene: "Scene") -> None:

@@ -16,7 +16,7 @@ import typer
 from daemon.config.strict import MISSING, ConfigError
 from daemon.system.bus_choice import bus_of, opened
 from drives.bringup.configurator import Configurator
-from drives.canopen.sniffer import BusSniffer, WitnessedBus
+from drives.canopen.sniffer import BusSniffer, SniffedBus
 from drives.errors import (
     BootFailure,
     BringUpRefused,
@@ -27,8 +27,8 @@ from drives.errors import (
 )
 from drives.service import compare, dump, parameters
 from drives.service.eds import load_eds
-from drives.service.object_words import ObjectWords
-from drives.service.parameters import Keeping
+from drives.service.object_texts import ObjectWords
+from drives.service.parameters import Command
 from drives.service.scan import listen
 from gaitd.command_line import COMMAND_LINE, EXIT_FAILED, ConfigFile
 from gaitd.terminal import run_with_progress, show
@@ -47,13 +47,13 @@ RECHECK_NS: Final = 300_000_000
 """Time to listen again after the operator has confirmed: a service may have started meanwhile."""
 
 CONSEQUENCE: Final = {
-    Keeping.STORE: "overwrites what it has stored with what it holds now (1010h:01)",
-    Keeping.RESTORE: "gives up what it has stored for its maker's defaults (1011h:01): motor data "
+    Command.STORE: "overwrites what it has stored with what it holds now (1010h:01)",
+    Command.RESTORE: "gives up what it has stored for its maker's defaults (1011h:01): motor data "
     "and limits, too",
 }
 DONE: Final = {
-    Keeping.STORE: "stored",
-    Keeping.RESTORE: "will take its maker's defaults at the next power-on or NMT reset node",
+    Command.STORE: "stored",
+    Command.RESTORE: "will take its maker's defaults at the next power-on or NMT reset node",
 }
 
 
@@ -96,7 +96,7 @@ class Drive(NamedTuple):
     """The drive of the command line, and its bus."""
 
     plan: "DrivePlan"
-    bus: WitnessedBus
+    bus: SniffedBus
     clock: "Clock"
     sniffer: BusSniffer
     port: Configurator
@@ -147,18 +147,18 @@ def command(
     from daemon.preflight.load import read_all
 
     options = Options(output, against, eds, everything, json, yes, reset)
-    refuse_foreign(options, action)
+    refuse_other_options(options, action)
     settings = read_all(config)
     plan = plan_of(name, settings)
     try:
         with opened(bus_of(settings.file)) as (bus, clock):
             sniffer = BusSniffer()
-            observed = WitnessedBus(bus, clock, sniffer)
+            observed = SniffedBus(bus, clock, sniffer)
             drive = Drive(plan, observed, clock, sniffer, Configurator(observed, clock))
             run_with_progress(listen(observed, clock, LISTEN_NS))
             if action in KEEPING:
-                code = _keep(
-                    drive, Keeping[action.name], options, settings.trainer.cycle.master_node_id
+                code = _store_or_restore(
+                    drive, Command[action.name], options, settings.trainer.cycle.master_node_id
                 )
             else:
                 code = _read(drive, action, options)
@@ -168,7 +168,7 @@ def command(
     raise typer.Exit(code)
 
 
-def refuse_foreign(options: Options, action: Action) -> None:
+def refuse_other_options(options: Options, action: Action) -> None:
     """Refuse an option that does not belong to the action.
 
     Raises:
@@ -263,7 +263,7 @@ def _unusable(error: DescriptionError) -> ConfigError:
 def _meaning(entry: dump.Entry, words: ObjectWords) -> str:
     if not isinstance(entry.value, int):
         return entry.trouble
-    return words.of(entry.index, entry.sub, entry.value)
+    return words.text_of(entry.index, entry.sub, entry.value)
 
 
 def _entry_row(entry: dump.Entry, words: ObjectWords) -> tuple[str, ...]:
@@ -297,7 +297,7 @@ def _print_json(drive: Drive, **parts: object) -> None:
 # --- store and restore ----------------------------------------------------------------------------
 
 
-def _keep(drive: Drive, keeping: Keeping, options: Options, master_node_id: int) -> int:
+def _store_or_restore(drive: Drive, keeping: Command, options: Options, master_node_id: int) -> int:
     """Check bus and drive, ask for confirmation, check both again, then store or restore."""
     try:
         parameters.check_bus(drive.sniffer, master_node_id)
@@ -309,8 +309,8 @@ def _keep(drive: Drive, keeping: Keeping, options: Options, master_node_id: int)
         parameters.check_bus(drive.sniffer, master_node_id)
         parameters.check_drive(drive.plan, keeping, drive.port)
         patient = Configurator(drive.bus, drive.clock, parameters.SDO_TIMEOUT_NS)
-        parameters.keep(drive.plan, keeping, patient)
-    except parameters.KeepingRefusedError as refused:
+        parameters.execute(drive.plan, keeping, patient)
+    except parameters.ParameterRefusedError as refused:
         print(f"{drive.title}: not done: {refused}", file=sys.stderr)
         return EXIT_FAILED
     if options.reset:

@@ -26,7 +26,7 @@ def command(
     with it another make of drives, another guidance, or an empty machine. Exit code 0 only if no
     invariant was broken; otherwise the last seconds and the command that repeats them are printed.
     """
-    from gaitd_lab.fuzz.report import page, summary, told
+    from gaitd_lab.fuzz.report import description, page, summary
     from gaitd_lab.fuzz.series import sessions
     from gaitd_lab.fuzz.tally import Tally
 
@@ -44,6 +44,6 @@ def command(
             run = " ".join(("gaitd", *sys.argv[1:]))
             (output / "random_hour.md").write_text(page(tally, run), encoding="utf-8")
     for broken in tally.broken:
-        print(told(broken))
+        print(description(broken))
     print(summary(tally))
     raise typer.Exit(EXIT_FAILED if tally.broken else 0)

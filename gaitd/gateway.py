@@ -28,7 +28,7 @@ def command(
     from daemon.gateway.process import serve, share_one_heap
     from daemon.gateway.reload import Reload
     from daemon.ipc.state_file import NAME
-    from daemon.recorder.state_file_sync import NotesDisk
+    from daemon.recorder.state_file_sync import StateFileSync
     from daemon.system.clock import MonotonicClock, PageClock
     from daemon.system.journal import SOCKET, Journal, is_journal
     from daemon.system.lock import hold
@@ -47,11 +47,11 @@ def command(
     log.begin(journal, file.trainer.log.level)
     zenoh.init_log_from_env_or("error")
     ending, reload = _Ending(), Reload(file, read)
-    signal.signal(signal.SIGHUP, reload.ask)
+    signal.signal(signal.SIGHUP, reload.request)
     with (
         closing(journal),
         hold(config, "paths.runtime", file.runtime, "gateway"),
-        closing(NotesDisk(file.state / NAME)),
+        closing(StateFileSync(file.state / NAME)),
     ):
         try:
             serve(

@@ -11,7 +11,7 @@ from gaitd.command_line import EXIT_FAILED, DemoFile, demo_file
 from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
-    from gaitd_lab.fault_matrix.cell import Cell, Found
+    from gaitd_lab.fault_matrix.cell import Cell, CellResult
 
 JOBS_MAX = 2
 
@@ -32,7 +32,7 @@ def command(
     json: Annotated[bool, typer.Option("--json", help="every cell as one JSON object")] = False,
 ) -> None:
     """Run the cells of the fault matrix. Exit code 0 only if each keeps every law, else 1."""
-    from gaitd_lab.fault_matrix.judgement import broken
+    from gaitd_lab.fault_matrix.evaluation import broken
     from gaitd_lab.fault_matrix.page import command as again
     from gaitd_lab.fault_matrix.run import cells
 
@@ -40,17 +40,17 @@ def command(
     wanted = cells(fault or (), mode or (), axis)
     if output is not None and wanted != cells():
         raise typer.BadParameter("a page needs all faults, modes and axes", param_hint="--output")
-    found = _run(demo_file(config), wanted, seed, min(jobs, os.cpu_count() or 1))
-    bad = [(one, reasons) for one in found if (reasons := broken(one))]
+    results = _run(demo_file(config), wanted, seed, min(jobs, os.cpu_count() or 1))
+    bad = [(one, reasons) for one in results if (reasons := broken(one))]
     if json:
-        _print_json(found)
-    elif len(found) < SHOWN_MAX:
-        _print_cells(found)
+        _print_json(results)
+    elif len(results) < SHOWN_MAX:
+        _print_cells(results)
     if output is not None:
-        _write(found, output)
+        _write(results, output)
     for one, reasons in bad:
         print(f"{again(one)}: {'; '.join(reasons)}", file=sys.stderr)
-    print(f"{len(found)} cells, {len(bad)} of them break a law", file=sys.stderr)
+    print(f"{len(results)} cells, {len(bad)} of them break a law", file=sys.stderr)
     raise typer.Exit(EXIT_FAILED if bad else 0)
 
 
@@ -84,46 +84,46 @@ def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
                 )
 
 
-def _run(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[Found]":
+def _run(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[CellResult]":
     """Run the cells and return them in the order of `wanted`, with progress on stderr."""
     from gaitd_lab.fault_matrix.run import run
 
-    found: list[Found] = []
+    results: list[CellResult] = []
     with progress() as stage:
         update = stage("cells", len(wanted))
         for part in run(trainer, wanted, seed, jobs):
-            found += part
-            count = f"{len(found)} of {len(wanted)} cells"
-            update(len(found), count)
+            results += part
+            count = f"{len(results)} of {len(wanted)} cells"
+            update(len(results), count)
             if not sys.stderr.isatty():
                 print(count, file=sys.stderr)
     place = {cell: number for number, cell in enumerate(wanted)}
-    return sorted(found, key=lambda one: place[one.cell])
+    return sorted(results, key=lambda one: place[one.cell])
 
 
-def _print_json(found: "list[Found]") -> None:
+def _print_json(results: "list[CellResult]") -> None:
     import msgspec
 
-    from gaitd_lab.fault_matrix.judgement import broken
+    from gaitd_lab.fault_matrix.evaluation import broken
     from gaitd_lab.fault_matrix.page import command as again
 
-    for one in found:
+    for one in results:
         line = {**msgspec.to_builtins(one), "broken": broken(one), "command": again(one)}
         print(msgspec.json.encode(line).decode())
 
 
-def _print_cells(found: "list[Found]") -> None:
+def _print_cells(results: "list[CellResult]") -> None:
     from gaitd_lab.fault_matrix.page import entry
 
-    rows = tuple((one.fault, one.mode, one.axis or "both", entry([one])) for one in found)
+    rows = tuple((one.fault, one.mode, one.axis or "both", entry([one])) for one in results)
     show((("Fault matrix", ("fault", "mode", "axis", "what it did"), rows),))
 
 
-def _write(found: "list[Found]", output: Path) -> None:
+def _write(results: "list[CellResult]", output: Path) -> None:
     from gaitd_lab.fault_matrix import heat_map
     from gaitd_lab.fault_matrix.page import PAGE, PICTURE, page
 
     output.mkdir(parents=True, exist_ok=True)
-    (output / PAGE).write_text(page(found), encoding="utf-8")
-    heat_map.draw(found, output / PICTURE)
+    (output / PAGE).write_text(page(results), encoding="utf-8")
+    heat_map.draw(results, output / PICTURE)
     print(f"{output / PAGE}, {output / PICTURE}", file=sys.stderr)

@@ -25,8 +25,8 @@ from gaitd.remote import (
     Message,
     Target,
     TrainerOption,
-    ask,
     find_target,
+    query,
     request,
 )
 
@@ -40,17 +40,17 @@ MOTIONS: Final = {
 """Motion of each joint in its positive direction and back, in the axes of robot.toml."""
 HOMING_MAX_S: Final = 360.0
 """Longer than any homing may take."""
-CALM_POLLS: Final = 2
+SETTLED_POLLS: Final = 2
 """Polls in a calm mode before the end counts: between bring-ups the service passes `ready`."""
-CALM_MODES: Final = frozenset({"ready", "fault"})
+SETTLED_MODES: Final = frozenset({"ready", "fault"})
 HOMING_POLL_S: Final = 0.25
 POLL_S: Final = 0.5
 STEP_MAX_S: Final = 120.0
 """Time for each step of the self-test that the operator does."""
 CLIENT: Final = "gaitd self-test"
 PASSED: Final = "self-test passed"
-FOUND: Final = ": self-test "
-UNSEEN: Final = "not seen to act today: "
+RESULT: Final = ": self-test "
+UNTESTED: Final = "not seen to act today: "
 
 PROMPTS: Final = (
     ("pressed", "Press the emergency stop, and release it again."),
@@ -68,7 +68,7 @@ class NoAnswerError(Exception):
     """The service does not answer."""
 
 
-class Ending(NamedTuple):
+class AxisResult(NamedTuple):
     """How the mode of one axis has ended."""
 
     good: bool
@@ -96,9 +96,9 @@ def reference(
     The service needs the configuration of the empty machine, and the hand switch held.
     """
     target = find_target(config, endpoint, trainer)
-    ending = run_axis(target, "reference", axis, "homed", as_json=as_json)
-    print(json.dumps({"axis": axis, "homed": ending.good}) if as_json else ending.text)
-    raise typer.Exit(ending.exit_code)
+    result = run_axis(target, "reference", axis, "homed", as_json=as_json)
+    print(json.dumps({"axis": axis, "homed": result.good}) if as_json else result.text)
+    raise typer.Exit(result.exit_code)
 
 
 def commission(
@@ -124,13 +124,13 @@ def commission(
     described = MOTIONS.get(axis.rpartition("/")[2], "it first goes forth, then back")
     if not as_json:
         print(f"Watch the machine: if all is right, {described}.")
-    ending = run_axis(target, "commission", axis, "moves with its torque", as_json=as_json)
-    seen = ending.good and witnessed
+    result = run_axis(target, "commission", axis, "moves with its torque", as_json=as_json)
+    seen = result.good and witnessed
     if as_json:
-        print(json.dumps({"axis": axis, "moves_with_its_torque": ending.good, "witnessed": seen}))
+        print(json.dumps({"axis": axis, "moves_with_its_torque": result.good, "witnessed": seen}))
     else:
-        print(ending.text)
-        if ending.good and not witnessed:
+        print(result.text)
+        if result.good and not witnessed:
             seen = typer.confirm(f"Did you see that {described}?")
     if not seen:
         raise typer.Exit(EXIT_REFUSED)
@@ -138,7 +138,7 @@ def commission(
     raise typer.Exit(request(target, "mode", payload, as_json=as_json))
 
 
-def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> Ending:
+def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> AxisResult:
     """Request the mode and wait for its end.
 
     Args:
@@ -156,7 +156,7 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
         if not as_json:
             print(text, file=sys.stderr)
 
-    before, calm, shown = None, 0, ""
+    before, settled, progress = None, 0, ""
     try:
         before = _ids(_status(target, "gaitd"))
         code = request(target, "mode", {"mode": mode, "axis": axis}, as_json=as_json)
@@ -165,10 +165,10 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
         for _ in range(round(HOMING_MAX_S / HOMING_POLL_S)):
             time.sleep(HOMING_POLL_S)
             status = _valid_status(target, "gaitd")
-            shown = _show_progress(status, shown, show)
-            calm = calm + 1 if status.safety.mode in CALM_MODES else 0
-            if calm > CALM_POLLS:
-                return _axis_ending(status, axis, good, before)
+            progress = _show_progress(status, progress, show)
+            settled = settled + 1 if status.safety.mode in SETTLED_MODES else 0
+            if settled > SETTLED_POLLS:
+                return _axis_result(status, axis, good, before)
         print(f"{axis}: it did not end within {HOMING_MAX_S:g} s", file=sys.stderr)
     except NoAnswerError:
         what = mode if before is None else axis
@@ -176,13 +176,13 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
     raise typer.Exit(EXIT_NO_ANSWER)
 
 
-def _axis_ending(status: wire.Status, axis: str, good: str, before: set[str]) -> Ending:
+def _axis_result(status: wire.Status, axis: str, good: str, before: set[str]) -> AxisResult:
     for text in reversed(_new_texts(status, before)):
         if text.startswith((f"{axis}: {good}", f"{axis}: failed")):
-            return Ending(text.startswith(f"{axis}: {good}"), text)
+            return AxisResult(text.startswith(f"{axis}: {good}"), text)
     verdict = status.safety.verdict
     why = f"{verdict.text}: {verdict.remedy}" if verdict and verdict.category != "none" else ""
-    return Ending(False, f"{axis}: stopped before its end. {why}".strip())
+    return AxisResult(False, f"{axis}: stopped before its end. {why}".strip())
 
 
 # --- self-test ------------------------------------------------------------------------------------
@@ -222,23 +222,23 @@ def run_self_test(target: Target, show: Print) -> tuple[bool, list[str]]:
     Raises:
         NoAnswerError: the service does not answer.
     """
-    trouble = "" if _valid_status(target).safety.mode == "hold" else _enable(target, show)
-    if trouble:
-        show(trouble)
-        return False, [trouble]
+    reason = "" if _valid_status(target).safety.mode == "hold" else _enable(target, show)
+    if reason:
+        show(reason)
+        return False, [reason]
     show("Now each axis moves a little, forth and back. Lie relaxed, and hold the hand switch.")
     before = _ids(_valid_status(target))
     reply = _reply(target, "mode", {"mode": "self_test"})
     if reply.outcome != "done":
         show(f"refused: {reply.reason}")
         return False, [reply.reason]
-    shown = ""
+    progress = ""
     for _ in range(round(STEP_MAX_S / POLL_S)):
         time.sleep(POLL_S)
         status = _valid_status(target)
-        shown = _show_progress(status, shown, show)
+        progress = _show_progress(status, progress, show)
         if status.safety.mode != "self_test":
-            return _test_ending(status, before, show)
+            return _test_result(status, before, show)
     return False, []
 
 
@@ -247,7 +247,7 @@ def _enable(target: Target, show: Print) -> str:
 
     Returns: the reason why it is not enabled; empty if it is.
     """
-    shown = ""
+    last_text = ""
     for _ in range(round(STEP_MAX_S / POLL_S)):
         safety = _valid_status(target).safety
         if safety.mode != "ready":
@@ -257,8 +257,8 @@ def _enable(target: Target, show: Print) -> str:
         if reply.outcome == "done":
             return ""
         text = prompt(reply.reason)
-        if text != shown:
-            shown = text
+        if text != last_text:
+            last_text = text
             show(text)
         time.sleep(POLL_S)
     return f"not done within {STEP_MAX_S:g} s"
@@ -276,15 +276,15 @@ def stop_text(safety: wire.Safety) -> str:
 
 def prompt(reason: str) -> str:
     """Prompt for the operator after a refusal; the service's reason if no prompt matches."""
-    missing = reason.removeprefix(UNSEEN).split(", ") if reason.startswith(UNSEEN) else [reason]
+    missing = reason.removeprefix(UNTESTED).split(", ") if reason.startswith(UNTESTED) else [reason]
     for key, text in PROMPTS:
         if any(key in one for one in missing):
             return text
     return f"waiting: {reason}"
 
 
-def _test_ending(status: wire.Status, before: set[str], show: Print) -> tuple[bool, list[str]]:
-    lines = [text for text in _new_texts(status, before) if FOUND in text]
+def _test_result(status: wire.Status, before: set[str], show: Print) -> tuple[bool, list[str]]:
+    lines = [text for text in _new_texts(status, before) if RESULT in text]
     for line in filter(None, (*lines, stop_text(status.safety))):
         show(line)
     return bool(lines) and all(PASSED in line for line in lines), lines
@@ -293,10 +293,10 @@ def _test_ending(status: wire.Status, before: set[str], show: Print) -> tuple[bo
 # --- both -----------------------------------------------------------------------------------------
 
 
-def _show_progress(status: wire.Status, shown: str, show: Print) -> str:
+def _show_progress(status: wire.Status, before: str, show: Print) -> str:
     """Show the progress if it has changed; return what is shown now."""
     progress = status.safety.progress or ""
-    if progress != shown:
+    if progress != before:
         show(f"  {progress}")
     return progress
 
@@ -310,7 +310,7 @@ def _new_texts(status: wire.Status, before: set[str]) -> list[str]:
 
 
 def _status(target: Target, client: str = CLIENT) -> wire.Status:
-    return _message(ask(target, "status", {"client": client}), wire.Status)
+    return _message(query(target, "status", {"client": client}), wire.Status)
 
 
 def _valid_status(target: Target, client: str = CLIENT) -> wire.Status:
@@ -321,7 +321,7 @@ def _valid_status(target: Target, client: str = CLIENT) -> wire.Status:
 
 
 def _reply(target: Target, name: str, payload: dict[str, Any]) -> wire.Reply:
-    return _message(ask(target, name, {"client": CLIENT, **payload}), wire.Reply)
+    return _message(query(target, name, {"client": CLIENT, **payload}), wire.Reply)
 
 
 def _message(answer: Answer, kind: type[Message]) -> Message:

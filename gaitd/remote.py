@@ -126,7 +126,7 @@ def json_text(reply: "zenoh.Reply") -> str | None:
     return sample.payload.to_string() if sample is not None and is_json else None
 
 
-def ask(target: Target, name: str, payload: dict[str, Any]) -> Answer:
+def query(target: Target, name: str, payload: dict[str, Any]) -> Answer:
     """Query control/NAME of a service once."""
     import zenoh
 
@@ -151,7 +151,7 @@ def request(
     """
     from daemon import wire
 
-    answer = ask(target, name, {"client": f"gaitd {name}", **(payload or {})})
+    answer = query(target, name, {"client": f"gaitd {name}", **(payload or {})})
     reply = answer.decode(wire.Reply)
     if reply is None:
         return report_silence(name, answer.trouble, as_json=as_json)

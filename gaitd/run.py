@@ -89,12 +89,12 @@ def _end_with_parent() -> None:
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def _finish(process: subprocess.Popen[bytes], patience_s: float) -> int:
-    """End a process with SIGTERM, and with SIGKILL after `patience_s`."""
+def _finish(process: subprocess.Popen[bytes], timeout_s: float) -> int:
+    """End a process with SIGTERM, and with SIGKILL after `timeout_s`."""
     if process.poll() is None:
         process.send_signal(signal.SIGTERM)
         try:
-            process.wait(patience_s)
+            process.wait(timeout_s)
         except subprocess.TimeoutExpired:
             print(f"gaitd: pid {process.pid} did not end and is killed", file=sys.stderr)
             process.kill()

@@ -62,10 +62,10 @@ def scan(bus: "Bus", clock: "Clock", bitrate_bit_per_s: int, expected: "Expected
     Raises:
         BusError: the interface is down, or the controller is bus-off.
     """
-    from drives.service.inventory import take_stock
+    from drives.service.inventory import inventory_of
     from drives.service.scan import survey
 
-    return take_stock(run_with_progress(survey(bus, clock, bitrate_bit_per_s)), expected)
+    return inventory_of(run_with_progress(survey(bus, clock, bitrate_bit_per_s)), expected)
 
 
 def _wanted(
@@ -190,8 +190,8 @@ def _finding_line(finding: "Finding") -> str:
 
     mark = "WRONG: " if finding.kind in WRONG else ""
     node = "" if finding.node_id is None else f"node {finding.node_id}"
-    who = f"{finding.drive} ({node})" if finding.drive else node
-    return f"{mark}{who}{': ' if who else ''}{finding.text}"
+    owner = f"{finding.drive} ({node})" if finding.drive else node
+    return f"{mark}{owner}{': ' if owner else ''}{finding.text}"
 
 
 def as_json(found: "Inventory", foreign_count: int) -> str:

@@ -9,9 +9,9 @@ import typer
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from gaitd_lab.soak.play import Soaked
+    from gaitd_lab.soak.run import Soaked
 
-SAY_EVERY_S = 60.0
+PRINT_EVERY_S = 60.0
 
 
 def command(
@@ -35,9 +35,9 @@ def command(
     from gaitd.command_line import configs_folder
     from gaitd_lab.processes import ServiceError, Tempo
     from gaitd_lab.soak.figure import draw
-    from gaitd_lab.soak.machinery import machinery, warm_up
     from gaitd_lab.soak.page import failures, page, plain, summary
-    from gaitd_lab.soak.play import Soak
+    from gaitd_lab.soak.run import Soak
+    from gaitd_lab.soak.soak_processes import soak_processes, warm_up
 
     configs = configs_folder("configs", "demo.toml")
     with _progress(minutes * 60) as say:
@@ -47,7 +47,7 @@ def command(
         except ServiceError as error:
             print(f"gaitd soak: {error}", file=sys.stderr)
             raise typer.Exit(1) from error
-        with machinery(configs, Tempo("max", wall_clock)) as made:
+        with soak_processes(configs, Tempo("max", wall_clock)) as made:
             found: Soaked = Soak(made, seed, minutes * 60, say).run()
     if report is not None:
         report.parent.mkdir(parents=True, exist_ok=True)
@@ -70,19 +70,19 @@ class _progress:  # noqa: N801 - used as a function
         columns = (BarColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
         self._bar = Progress(*columns, console=self._console, transient=True)
         self._task = self._bar.add_task("starting", total=total_s)
-        self._said_s = -SAY_EVERY_S
+        self._printed_s = -PRINT_EVERY_S
 
     def __enter__(self) -> "Callable[[float, str], None]":
         if self._console.is_terminal:
             self._bar.start()
-        return self._say
+        return self.update
 
     def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
-    def _say(self, time_s: float, words: str) -> None:
+    def update(self, time_s: float, words: str) -> None:
         if self._console.is_terminal:
             self._bar.update(self._task, completed=time_s, description=words)
-        elif time_s >= self._said_s + SAY_EVERY_S:
-            self._said_s = time_s
+        elif time_s >= self._printed_s + PRINT_EVERY_S:
+            self._printed_s = time_s
             print(f"{time_s:7.0f} s  {words}", file=sys.stderr, flush=True)

@@ -14,8 +14,8 @@ from gaitd.remote import (
     EndpointOption,
     JsonOption,
     TrainerOption,
-    ask,
     find_target,
+    query,
     report_silence,
 )
 
@@ -29,7 +29,7 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Print the state of a running service: mode, verdict, drives, legs, newest events."""
-    answer = ask(find_target(config, endpoint, trainer), "status", {"client": "gaitd status"})
+    answer = query(find_target(config, endpoint, trainer), "status", {"client": "gaitd status"})
     message = answer.decode(wire.Status)
     if message is None:
         raise typer.Exit(report_silence("status", answer.trouble, as_json=as_json))

@@ -13,7 +13,7 @@ from analysis.ablation_choices import friction_levels
 from analysis.ablation_questions import BASIS, OTHER_PLANTS, REST
 from analysis.trial import Trial
 from daemon.config.settings import Robot
-from gaitd_lab.trials import Situation, Told, Trials, balanced
+from gaitd_lab.trials import Progress, Situation, Trials, balanced
 from sim_drives.plant.settings import FrictionLaw
 
 GAIT_S: Final = 30.0
@@ -26,7 +26,7 @@ ACTIVE: Final = "active"
 WALKS: Final = ("passive", ACTIVE)
 QUICK_BASIS: Final = "paper, 0.5 Hz, active"
 
-Job = Callable[[Told], Trial]
+Job = Callable[[Progress], Trial]
 
 
 class Planned(NamedTuple):
@@ -60,15 +60,15 @@ def planned(config: Path, *, quick: bool) -> list[Planned]:
     ]
 
 
-def record(plan: Sequence[Planned], told: Callable[[str], Told]) -> Iterator[Trial]:
+def record(plan: Sequence[Planned], progress: Callable[[str], Progress]) -> Iterator[Trial]:
     """Record the trials of a plan in sequence, and the distorted copies of its basis.
 
     Args:
         plan: result of `planned`.
-        told: receives the title of a trial, and returns a callback for its progress.
+        progress: receives the title of a trial, and returns a callback for its progress.
     """
     for one in plan:
-        trial = one.record(told(one.title))
+        trial = one.record(progress(one.title))
         yield trial
         if one.is_basis:
             yield from spoiled(trial)

@@ -142,13 +142,13 @@ def page(makes: Mapping[str, Settings]) -> str:
 
 def _table(hip: tuple[Row, ...], slide: tuple[Row, ...]) -> str:
     lines = [
-        (one.place, one.bounds, _shown(one), _shown(other), one.key)
+        (one.place, one.bounds, _value_text(one), _value_text(other), one.key)
         for one, other in zip(hip, slide, strict=True)
     ]
     return markdown.table(("object", "bounds", "hip", "slide", "from"), lines)
 
 
-def _shown(row: Row) -> str:
+def _value_text(row: Row) -> str:
     return f"{row.value:08X}h" if row.index == Object.HEARTBEAT_CONSUMER else str(row.value)
 
 

@@ -120,7 +120,7 @@ class EmptyMachine:
         self,
         scenario: str,
         seconds: float,
-        told: Callable[[float], None],
+        progress: Callable[[float], None],
         heard: Callable[[CycleRecord], None] | None = None,
     ) -> Played:
         """Run from power-on to the end of the scenario.
@@ -128,7 +128,7 @@ class EmptyMachine:
         Args:
             scenario: name of an [excite] table.
             seconds: duration of the scenario.
-            told: receives the simulated seconds of the scenario so far.
+            progress: receives the simulated seconds of the scenario so far.
             heard: receives every record, from power-on, as a gateway would.
 
         Raises:
@@ -151,7 +151,7 @@ class EmptyMachine:
         begun = len(session.records) - 1
         while session.record.mode == Mode.EXCITE:
             session.run(TURN_S)
-            told(min((len(session.records) - begun) * STEP_S, seconds))
+            progress(min((len(session.records) - begun) * STEP_S, seconds))
         count = round(seconds / STEP_S)
         run = _run(session.records[begun:], truth.rows, count)
         return Played(run, "" if len(run.time_s) == count else _why(session, run))
@@ -168,8 +168,8 @@ class EmptyMachine:
         try:
             if DELAY in self.settings.trainer.excite:
                 seconds = self.longest_s(DELAY)
-                told = begin("quick efforts, for the delay", seconds)
-                run = self.play(DELAY, seconds, told).run
+                progress = begin("quick efforts, for the delay", seconds)
+                run = self.play(DELAY, seconds, progress).run
             recording = Recording("the scenario", run.time_s, run.measured, run.exerted)
             return measure(recording, self.settings.robot)
         except (NotPlayedError, RecordingError) as error:

@@ -92,19 +92,19 @@ class WorldClock(SimulatedClock):
 class MemoryStateFile:
     """Stores the newest persistent state in memory."""
 
-    def __init__(self, notes: PersistentState) -> None:
-        self.notes = notes
+    def __init__(self, persistent: PersistentState) -> None:
+        self.persistent = persistent
         self.is_full = False
 
-    def write(self, notes: PersistentState) -> None:
-        """As `daemon.core.runtime.state_file.NoteKeeper.write`.
+    def write(self, persistent: PersistentState) -> None:
+        """As `daemon.core.runtime.state_file.StateStore.write`.
 
         Raises:
             OSError: there is no space left.
         """
         if self.is_full:
             raise OSError(errno.ENOSPC, "no space left for the notebook")
-        self.notes = notes
+        self.persistent = persistent
 
 
 class LockstepSession:
@@ -121,7 +121,7 @@ class LockstepSession:
         machine: Machine | None = None,
         *,
         world: World | None = None,
-        notes: PersistentState | None = None,
+        persistent: PersistentState | None = None,
         gateway: Gateway | None = None,
         boot_id: str = BOOT_ID,
     ) -> None:
@@ -131,7 +131,7 @@ class LockstepSession:
             settings: settings of the service.
             machine: the virtual machine; else that of the settings' plant.toml, with its truth.
             world: replaces the machine's own on the bus: one that alters frames on their way.
-            notes: persistent state of an earlier core.
+            persistent: persistent state of an earlier core.
             gateway: replaces the standard gateway.
             boot_id: boot id of this core, which ignores gateway states for another one.
         """
@@ -142,22 +142,22 @@ class LockstepSession:
             settings.file, truth={settings.legs[0].name: self.truth}
         )
         self.bus = WorldBus(world or self.machine.world)
-        self._start(notes or PersistentState(), gateway or Gateway(), boot_id)
+        self._start(persistent or PersistentState(), gateway or Gateway(), boot_id)
 
-    def _start(self, notes: PersistentState, gateway: Gateway, boot_id: str) -> None:
-        self.notebook = MemoryStateFile(notes)
+    def _start(self, persistent: PersistentState, gateway: Gateway, boot_id: str) -> None:
+        self.state_file = MemoryStateFile(persistent)
         self.gateway = gateway
         self.clock = WorldClock(self.bus)
-        built = build(self.settings, boot_id, notes)
+        built = build(self.settings, boot_id, persistent)
         self.core = built.core
-        grid = loop_settings(self.settings, built, self.notebook, self.bus.open)
+        grid = loop_settings(self.settings, built, self.state_file, self.bus.open)
         effect = self.settings.trainer.shutdown.effect
         supervision = Supervision(_NoSupervisor(), _NoLog(), effect)
         self.loop = Loop(built.core, grid, gateway, self.clock, supervision)
 
     def restart_core(self) -> None:
         """Start a new core and gateway on the same bus, with the state file of the last core."""
-        self._start(self.notebook.notes, Gateway(), BOOT_ID)
+        self._start(self.state_file.persistent, Gateway(), BOOT_ID)
 
     @property
     def world_ns(self) -> int:
@@ -209,7 +209,7 @@ class LockstepSession:
         self, kind: RequestKind, wanted: ModeRequest | None = None, within_s: float = 10.0
     ) -> RequestResult:
         """Send a request and run until it is answered."""
-        self.gateway.ask(kind, wanted)
+        self.gateway.request(kind, wanted)
         self.run_until(lambda _: self.gateway.outcome().outcome != Outcome.PENDING, within_s)
         return self.gateway.outcome()
 
@@ -285,5 +285,5 @@ class _NoSupervisor:
 class _NoLog:
     """A log without a receiver."""
 
-    def tell(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
+    def write(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
         """Do nothing."""

@@ -63,7 +63,7 @@ class Gateway:
         if self.controller is not None:
             self._setpoints = self.controller(record)
 
-    def levels(self) -> list[GatewayState]:
+    def receive(self) -> list[GatewayState]:
         """Return one gateway state for each turn, made when the newest record had been read."""
         states: list[GatewayState] = []
         if not self.silent and self.records:
@@ -80,7 +80,7 @@ class Gateway:
 
     # --- interface of the script --------------------------------------------------------------
 
-    def lend(self, controller: Controller) -> int:
+    def grant_lease(self, controller: Controller) -> int:
         """Give a new lease to a controller that answers each record from now on.
 
         Returns: the lease, which its setpoints must carry.
@@ -93,7 +93,7 @@ class Gateway:
         """End the lease; its controller continues to send setpoints."""
         self.lease = 0
 
-    def ask(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
+    def request(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
         """Send a request once; the answer comes in the records."""
         cycle = self.records[-1].cycle if self.records else 0
         self._request = Request(self._request.id + 1, kind, cycle, wanted or ModeRequest())

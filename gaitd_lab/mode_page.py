@@ -40,7 +40,7 @@ WELL: Final = GuardInputs(
 )
 """Guard inputs in which nothing is wrong. Values that a configuration chooses are examples."""
 
-ASKS: Final[Mapping[str, tuple[RequestKind, ModeRequest]]] = {
+REQUESTS: Final[Mapping[str, tuple[RequestKind, ModeRequest]]] = {
     "enable": (RequestKind.ENABLE, ModeRequest()),
     "disable": (RequestKind.DISABLE, ModeRequest()),
     "reset": (RequestKind.RESET, ModeRequest()),
@@ -64,7 +64,7 @@ WRONG: Final[Mapping[str, Mapping[str, Any]]] = {
     "an axis is not referenced": {"unreferenced": ("right/hip",)},
     "an axis is outside its range": {"outside": ("right/slide",)},
     "a sign is not proven": {"unproven": ("right/hip",)},
-    "an input was not seen to act today": {"inputs_unseen": ("right/hip hand switch open",)},
+    "an input was not seen to act today": {"inputs_untested": ("right/hip hand switch open",)},
     "no self-test was passed today": {"self_test_due": "no self-test has been passed today"},
     "the drives do not hold yet": {"drives_powered": False},
     "a patient is configured": {"patient_configured": True},
@@ -159,7 +159,7 @@ def _transitions() -> Iterator[tuple[str, ...]]:
 
 
 def _possible() -> Iterator[tuple[str, ...]]:
-    for name, (kind, wanted) in ASKS.items():
+    for name, (kind, wanted) in REQUESTS.items():
         event = event_of(kind, wanted)
         yield name, *("yes" if (mode, event) in TRANSITIONS else "refused" for mode in Mode)
     yield "stop", *("stops" if _moves(mode) else "yes" for mode in Mode)
@@ -171,7 +171,7 @@ def _moves(mode: Mode) -> bool:
 
 def _refusals() -> Iterator[tuple[str, ...]]:
     """Refusals by the guard: with nothing wrong, and those that one wrong thing adds or changes."""
-    for name, (kind, wanted) in ASKS.items():
+    for name, (kind, wanted) in REQUESTS.items():
         event = event_of(kind, wanted)
         for mode in (mode for mode in Mode if (mode, event) in TRANSITIONS):
             usual = refusal(kind, wanted, replace(WELL, mode=mode))

@@ -21,7 +21,7 @@ class Requests:
         self._session: zenoh.Session | None = None
         self._answers: list[Answer] = []
 
-    def ask(self, request: Ask) -> None:
+    def send(self, request: Ask) -> None:
         """Send a request; the outcome of an earlier one is dropped.
 
         The gateway has the request when this returns: it processes queries in order, and two later

@@ -146,7 +146,9 @@ class _Part:
     @property
     def on_silence(self) -> Callable[[int], None] | None:
         """Function that logs the true state while no SYNC arrives; None if not wanted."""
-        return self._machine.note_truth if self._machine and self.options.truth_in_silence else None
+        return (
+            self._machine.record_truth if self._machine and self.options.truth_in_silence else None
+        )
 
     def obey(self, line: str) -> str:
         """Run a command for the virtual drives and return its reply.

@@ -43,7 +43,7 @@ REST_BEGINS_S: Final = 1.0
 STATIC_LOAD_RATIO: Final = 1.5
 """Least tolerance of the static load, as a share of breakaway friction."""
 
-Told = Callable[[float], None]
+Progress = Callable[[float], None]
 """Receives the progress, 0 to 1."""
 
 
@@ -97,7 +97,9 @@ class Trials:
         """Pose of the plant at power-on: rad, m."""
         return math.radians(self._plant.start.hip_deg), self._plant.start.slide_m
 
-    def gait(self, situation: Situation, duration_s: float, told: Told | None = None) -> Trial:
+    def gait(
+        self, situation: Situation, duration_s: float, progress: Progress | None = None
+    ) -> Trial:
         """Record gait: enable, approach, gait, for a time from its first stride on.
 
         Raises:
@@ -105,10 +107,10 @@ class Trials:
         """
         run = self._run(situation.name, self._robot, situation)
         begun = run.begin(lambda session: session.walk(cadence_hz=situation.cadence_hz))
-        run.on(duration_s, Mode.GAIT, told)
+        run.on(duration_s, Mode.GAIT, progress)
         return run.trial(begun, while_moving=True)
 
-    def excite(self, scenario: str, duration_s: float, told: Told | None = None) -> Trial:
+    def excite(self, scenario: str, duration_s: float, progress: Progress | None = None) -> Trial:
         """Record the empty machine moved by torque; its artificial disturbance counts as patient.
 
         Raises:
@@ -117,10 +119,10 @@ class Trials:
         """
         run = self._run(f"scenario {scenario}, empty", self._empty(), Situation())
         begun = run.begin(lambda session: session.excite(scenario, duration_s))
-        run.on(duration_s, Mode.EXCITE, told)
+        run.on(duration_s, Mode.EXCITE, progress)
         return run.trial(begun, while_moving=True)
 
-    def rest(self, duration_s: float, told: Told | None = None) -> Trial:
+    def rest(self, duration_s: float, progress: Progress | None = None) -> Trial:
         """Record a rest: enabled, holding the pose, a passive patient.
 
         Raises:
@@ -128,7 +130,7 @@ class Trials:
         """
         run = self._run("at rest", self._robot, Situation())
         begun = run.begin(lambda session: session.enable().until(Mode.HOLD))
-        run.on(duration_s, Mode.HOLD, told)
+        run.on(duration_s, Mode.HOLD, progress)
         return run.trial(begun + round(REST_BEGINS_S / run.period_s), while_moving=False)
 
     def _run(self, name: str, robot: Robot, situation: Situation) -> "_Run":
@@ -197,15 +199,15 @@ class _Run:
             raise TrialError(f"{self._name}: {error}") from error
         return len(self._session.records) - 1
 
-    def on(self, duration_s: float, mode: Mode, told: Told | None) -> None:
+    def on(self, duration_s: float, mode: Mode, progress: Progress | None) -> None:
         """Run for a time, or until the service leaves the mode."""
         turns = max(round(duration_s / TURN_S), 1)
         for turn in range(turns):
             if self._session.record.mode != mode:
                 break
             self._session.run(min(TURN_S, duration_s))
-            if told is not None:
-                told((turn + 1) / turns)
+            if progress is not None:
+                progress((turn + 1) / turns)
 
     def trial(self, begun: int, *, while_moving: bool) -> Trial:
         """Return all rows with a known truth; those since `begun` are evaluated."""

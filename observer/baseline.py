@@ -58,7 +58,7 @@ def baseline_of(smooth: BatchEstimates, columns: Columns) -> Baseline:
     counts = np.zeros((BASELINE_BINS, 2), dtype=np.int64)
     durations_s: list[float] = []
     for sample in samples_of(smooth, columns):
-        stride = counter.take(sample)
+        stride = counter.add(sample)
         if stride is None:
             continue
         durations_s.append(stride.duration_s)

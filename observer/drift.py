@@ -40,7 +40,9 @@ class Drift(NamedTuple):
 NO_DRIFT: Final = Drift()
 
 
-def noted(drift: Drift, f: FrictionParameters, speed: float, patient: float, dt_s: float) -> Drift:
+def updated(
+    drift: Drift, f: FrictionParameters, speed: float, patient: float, dt_s: float
+) -> Drift:
     """Add one valid sample to the sums.
 
     Args:
@@ -65,7 +67,7 @@ def noted(drift: Drift, f: FrictionParameters, speed: float, patient: float, dt_
 
 def correlation(drift: Drift) -> float:
     """Correlation of patient effort and direction of motion, -1..1; NaN with too few samples."""
-    if not _tells(drift):
+    if not _is_significant(drift):
         return math.nan
     covariance, directions, patients = _moments(drift)
     return covariance / math.sqrt(directions * patients) if patients > 0.0 else 0.0
@@ -73,7 +75,7 @@ def correlation(drift: Drift) -> float:
 
 def friction_error(drift: Drift) -> float:
     """Estimated excess of friction over its law, N m or N; NaN with too few samples."""
-    if not _tells(drift):
+    if not _is_significant(drift):
         return math.nan
     covariance, directions, _ = _moments(drift)
     return -covariance / directions
@@ -85,7 +87,7 @@ def asks_for_calibration(drift: Drift, f: FrictionParameters) -> bool:
     return far and abs(correlation(drift)) > CORRELATION_MAX
 
 
-def _tells(drift: Drift) -> bool:
+def _is_significant(drift: Drift) -> bool:
     if drift.motion_s < MOTION_MIN_S:
         return False
     return abs(drift.direction_s) <= (1.0 - 2.0 * BALANCE_MIN) * drift.motion_s

@@ -6,15 +6,15 @@ import numpy as np
 
 from observer.filter.leg_observer import LegEstimate, LegObserver
 from observer.smoother import (
+    CYCLE_DATA_COUNT,
     LAG,
-    NOTE_COUNT,
     RING_SIZE,
     SMOOTH_SIZE,
     WORK_SIZE,
-    remember,
     smoothed,
+    store,
 )
-from observer.strides import notes_of
+from observer.strides import cycle_data_of
 
 
 class LegSmoother:
@@ -25,10 +25,10 @@ class LegSmoother:
         self._observer = observer
         self._ring = np.zeros(RING_SIZE)
         self._work = np.zeros(WORK_SIZE)
-        self._notes = np.zeros(NOTE_COUNT)
+        self._cycle_data = np.zeros(CYCLE_DATA_COUNT)
         self._out = np.zeros(SMOOTH_SIZE)
 
-    def take(
+    def add(
         self, estimate: LegEstimate, effort: Sequence[float], dt_s: float
     ) -> list[float] | None:
         """Add one cycle; return the smoothed estimate LAG cycles ago, None before there is one.
@@ -41,8 +41,8 @@ class LegSmoother:
         Returns:
             Places as in `smoother.py` (SMOOTH_SIZE), notes as in `strides.py`.
         """
-        self._notes[:] = notes_of(dt_s, effort, estimate.status, estimate.validity)
-        remember(self._ring, *self._observer.buffers, self._notes, self._work)
+        self._cycle_data[:] = cycle_data_of(dt_s, effort, estimate.status, estimate.validity)
+        store(self._ring, *self._observer.buffers, self._cycle_data, self._work)
         if not smoothed(self._ring, LAG, self._out, self._work):
             return None
         return self._out.tolist()

@@ -15,7 +15,7 @@ P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted fro
 either. Where the filter restarted the chain is cut: later samples do not affect earlier estimates.
 
 Each cycle is one node in a ring of LAG + 1; all in one flat array of floats, so a copy is a
-snapshot. `remember` is called after each `leg_filter.advance`, with its
+snapshot. `store` is called after each `leg_filter.advance`, with its
 memory and points; `smoothed` gives the node that is LAG cycles old.
 """
 
@@ -49,10 +49,10 @@ OWN: Final = FORECAST + N
 """W of the previous node."""
 OPEN_SPLIT: Final = OWN + SQUARE
 """Variance of the split that the filter keeps apart (leg_noise.py)."""
-NOTES: Final = OPEN_SPLIT + 2
+CYCLE_DATA: Final = OPEN_SPLIT + 2
 """Caller's data, kept with the node."""
-NOTE_COUNT: Final = 6
-NODE_SIZE: Final = NOTES + NOTE_COUNT
+CYCLE_DATA_COUNT: Final = 6
+NODE_SIZE: Final = CYCLE_DATA + CYCLE_DATA_COUNT
 
 CUT: Final = 0.0
 SAME: Final = 1.0
@@ -70,13 +70,13 @@ SMOOTH_COVARIANCE: Final = 2 * N
 """Lower triangle, row by row."""
 SMOOTH_NET: Final = SMOOTH_COVARIANCE + N * (N + 1) // 2
 SMOOTH_NET_STD: Final = SMOOTH_NET + 2
-SMOOTH_NOTES: Final = SMOOTH_NET_STD + 2
-SMOOTH_SIZE: Final = SMOOTH_NOTES + NOTE_COUNT
+SMOOTH_CYCLE_DATA: Final = SMOOTH_NET_STD + 2
+SMOOTH_SIZE: Final = SMOOTH_CYCLE_DATA + CYCLE_DATA_COUNT
 
 
 @kernel
-def remember(
-    ring: Vector, memory_of: Sequence[LegMemory], points: Vector, notes: Vector, work: Vector
+def store(
+    ring: Vector, memory_of: Sequence[LegMemory], points: Vector, cycle_data: Vector, work: Vector
 ) -> None:
     """Store the cycle that `advance` has just finished.
 
@@ -84,7 +84,7 @@ def remember(
         ring: (RING_SIZE), all zero before the first cycle.
         memory_of: the filter's memory after `advance`.
         points: the filter's sigma points after `advance`.
-        notes: (NOTE_COUNT), stored with the node.
+        cycle_data: (NOTE_COUNT), stored with the node.
         work: scratch, (WORK_SIZE).
     """
     memory = memory_of[0]
@@ -101,8 +101,8 @@ def remember(
             node[COVARIANCE + i * N + j] = total
     for i in range(2):
         node[OPEN_SPLIT + i] = memory.split[i]
-    for i in range(NOTE_COUNT):
-        node[NOTES + i] = notes[i]
+    for i in range(CYCLE_DATA_COUNT):
+        node[CYCLE_DATA + i] = cycle_data[i]
     node[LINKED] = CUT
     if count > 0 and memory.event == STEPPED:
         node[LINKED] = LINKED_BY_MODEL
@@ -183,7 +183,7 @@ def smoothed(ring: Vector, lag: int, out: Vector, work: Vector) -> bool:
     """Smooth the node that is `lag` cycles old by all later nodes; False if there is none.
 
     Args:
-        ring: as written by `remember`.
+        ring: as written by `store`.
         lag: 0..LAG; 0 is the newest, equal to the filter's estimate.
         out: result, (SMOOTH_SIZE).
         work: scratch, (WORK_SIZE).
@@ -263,5 +263,5 @@ def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
             - 2.0 * covariance[patient * N + friction]
         )
         out[SMOOTH_NET_STD + axis] = math.sqrt(max(variance, 0.0))
-    for i in range(NOTE_COUNT):
-        out[SMOOTH_NOTES + i] = node[NOTES + i]
+    for i in range(CYCLE_DATA_COUNT):
+        out[SMOOTH_CYCLE_DATA + i] = node[CYCLE_DATA + i]

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from observer.filter.status import Status, Validity
 from observer.jit import kernel
 from observer.offline.batch import BatchEstimates, Columns
-from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_NOTES
+from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_CYCLE_DATA
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -45,7 +45,7 @@ WORK_MIN_J: Final = 0.5
 BASELINE_BINS: Final = 50
 
 # Notes that the smoother stores with each cycle, and columns of the buffer.
-NOTE_DT_S, NOTE_EFFORT, NOTE_STATUS, NOTE_VALIDITY = 0, 1, 3, 4
+DATA_DT_S, DATA_EFFORT, DATA_STATUS, DATA_VALIDITY = 0, 1, 3, 4
 DT, HIP = 0, 1
 SPEED, PATIENT, EFFORT, KNOWN = 2, 4, 6, 8
 """Pairs of hip and slide, like the following ones."""
@@ -128,13 +128,13 @@ class StrideCounter:
         self._figures = np.zeros((2, FIGURES))
         self._restart()
 
-    def take(self, sample: Sequence[float] | Vector) -> Stride | None:
+    def add(self, sample: Sequence[float] | Vector) -> Stride | None:
         """Add one smoothed sample, in order of time; return the stride that it completes, or None.
 
         Args:
-            sample: `smoother.smoothed`'s result (SMOOTH_SIZE), with the notes of `notes_of`.
+            sample: `smoother.smoothed`'s result (SMOOTH_SIZE), with the notes of `cycle_data_of`.
         """
-        dt_s, hip_rad = sample[SMOOTH_NOTES + NOTE_DT_S], sample[0]
+        dt_s, hip_rad = sample[SMOOTH_CYCLE_DATA + DATA_DT_S], sample[0]
         if not (math.isfinite(hip_rad) and 0.0 <= dt_s <= GAP_MAX_S):
             self._restart()
             return None
@@ -154,16 +154,16 @@ class StrideCounter:
             self._begin()
         self._was_low = self._was_low or hip_rad < self._mean_rad - SWING_RAD
         if self._count >= 0:
-            self._keep(sample, dt_s)
+            self._add_row(sample, dt_s)
         return done
 
     @property
     def completed(self) -> Matrix:
-        """Samples of the stride that `take` has just completed; columns as named above."""
+        """Samples of the stride that `add` has just completed; columns as named above."""
         return self._last[: self._completed]
 
     def warm_up(self) -> None:
-        """Compile, or load from the cache, the kernels of `take`; changes no state."""
+        """Compile, or load from the cache, the kernels of `add`; changes no state."""
         _measure(np.ones((2, COLUMNS)), self._baseline, np.zeros((2, FIGURES)))
 
     def _restart(self) -> None:
@@ -189,11 +189,14 @@ class StrideCounter:
             self._unsampled += 1
             self._duration_s += dt_s
 
-    def _keep(self, sample: Sequence[float] | Vector, dt_s: float) -> None:
-        known = [sample[SMOOTH_NOTES + NOTE_VALIDITY + axis] == Validity.OK for axis in range(2)]
+    def _add_row(self, sample: Sequence[float] | Vector, dt_s: float) -> None:
+        known = [
+            sample[SMOOTH_CYCLE_DATA + DATA_VALIDITY + axis] == Validity.OK for axis in range(2)
+        ]
         self._duration_s += dt_s
         bad = (
-            Validity.BAD in sample[SMOOTH_NOTES + NOTE_VALIDITY : SMOOTH_NOTES + NOTE_VALIDITY + 2]
+            Validity.BAD
+            in sample[SMOOTH_CYCLE_DATA + DATA_VALIDITY : SMOOTH_CYCLE_DATA + DATA_VALIDITY + 2]
         )
         self._blind_s = self._blind_s + dt_s if bad else 0.0
         if (
@@ -208,13 +211,13 @@ class StrideCounter:
         for axis in range(2):
             speed, patient = 2 + axis, 6 + axis
             row[SPEED + axis], row[PATIENT + axis] = sample[speed], sample[patient]
-            row[EFFORT + axis] = sample[SMOOTH_NOTES + NOTE_EFFORT + axis]
+            row[EFFORT + axis] = sample[SMOOTH_CYCLE_DATA + DATA_EFFORT + axis]
             row[KNOWN + axis] = float(known[axis])
             row[PATIENT_VARIANCE + axis] = sample[_packed(patient, patient)]
             row[SPEED_VARIANCE + axis] = sample[_packed(speed, speed)]
             row[SHARED + axis] = sample[_packed(patient, speed)]
         self._count += 1
-        self._status_bits |= int(sample[SMOOTH_NOTES + NOTE_STATUS])
+        self._status_bits |= int(sample[SMOOTH_CYCLE_DATA + DATA_STATUS])
 
     def _complete(self) -> Stride | None:
         self._completed = max(self._count, 0)
@@ -244,10 +247,10 @@ class StrideCounter:
         )
 
 
-def notes_of(
+def cycle_data_of(
     dt_s: float, effort: Sequence[float], status: int, validity: Sequence[int]
 ) -> tuple[float, ...]:
-    """Data of a cycle that a stride needs besides its estimate; for `smoother.remember`."""
+    """Data of a cycle that a stride needs besides its estimate; for `smoother.store`."""
     return (dt_s, effort[0], effort[1], float(status), float(validity[0]), float(validity[1]))
 
 
@@ -351,18 +354,18 @@ def strides_of(
     counter = StrideCounter(baseline)
     found: list[tuple[int, Stride]] = []
     for row, sample in enumerate(samples_of(smooth, columns)):
-        stride = counter.take(sample)
+        stride = counter.add(sample)
         if stride is not None:
             found.append((row - stride.sample_count, stride))
     return found
 
 
 def samples_of(smooth: BatchEstimates, columns: Columns) -> Iterator[list[float]]:
-    """Rows of a smoothed recording as `StrideCounter.take` needs them."""
+    """Rows of a smoothed recording as `StrideCounter.add` needs them."""
     steps_s = np.diff(columns.time_s, prepend=columns.time_s[:1])
     effort = np.nan_to_num(columns.effort)
-    notes = np.column_stack((steps_s, effort, smooth.status, smooth.validity))
-    parts = (smooth.state, smooth.std, smooth.covariance, smooth.net, smooth.net_std, notes)
+    cycle_data = np.column_stack((steps_s, effort, smooth.status, smooth.validity))
+    parts = (smooth.state, smooth.std, smooth.covariance, smooth.net, smooth.net_std, cycle_data)
     for begin in range(0, len(steps_s), BLOCK_ROWS):
         block = slice(begin, begin + BLOCK_ROWS)
         yield from np.concatenate([part[block] for part in parts], axis=1).tolist()

@@ -50,14 +50,14 @@ from rich.table import Table  # noqa: E402
 
 SUBJECTS = {
     "drives/cia402/power_state.py": ("drives/test_cia402*.py",),
-    "daemon/core/modes/table.py": ("daemon/core/test_modes*.py",),
+    "daemon/core/modes/table.py": ("daemon/core/modes/test_modes*.py",),
     "daemon/core/safety/checks.py": (
-        *("daemon/core/test_safety_findings.py", "daemon/core/test_every_limit.py"),
-        "daemon/core/test_safety.py",
+        *("daemon/core/safety/test_safety_checks.py", "daemon/core/safety/test_every_limit.py"),
+        "daemon/core/safety/test_safety.py",
     ),
     "daemon/core/safety/bounds.py": (
-        *("daemon/core/test_safety_findings.py", "daemon/core/test_safety.py"),
-        "daemon/core/test_safety_bounds.py",
+        *("daemon/core/safety/test_safety_checks.py", "daemon/core/safety/test_safety.py"),
+        "daemon/core/safety/test_safety_bounds.py",
     ),
 }
 """Mutated files, and their unit tests under `tests`, the quick ones first."""

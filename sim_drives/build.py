@@ -39,7 +39,7 @@ class Machine:
 
     world: World
     trainers: Mapping[str, Trainer]
-    note_truth: Callable[[int], None]
+    record_truth: Callable[[int], None]
     """Add a row to each leg's truth, as every SYNC does; the argument is the SYNC number."""
 
     def command(self, line: str) -> str:

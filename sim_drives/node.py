@@ -79,12 +79,12 @@ class Disturbance:
     """Cause that keeps the axis from moving."""
 
     @property
-    def hears(self) -> bool:
+    def receives(self) -> bool:
         """True if frames of the bus reach the node."""
         return not (self.unplugged or self.bus_off or self.deaf)
 
     @property
-    def heard(self) -> bool:
+    def reaches_bus(self) -> bool:
         """True if the node's frames reach the bus."""
         return not (self.unplugged or self.bus_off or self.mute)
 
@@ -170,7 +170,7 @@ class Node:
 
     def _guard_objects(self) -> None:
         for index in MOTOR_DATA:
-            self.dictionary.guard(index, self._judge_motor_data)
+            self.dictionary.guard(index, self._check_motor_data)
         self.dictionary.watch(Object.EPOS4_MOTOR_DATA, lambda _: self._derive_rated_torque())
 
     # --- power and network management ---------------------------------------------------------
@@ -249,7 +249,7 @@ class Node:
 
     def receive(self, frame: Frame) -> None:
         """Process any frame of the bus."""
-        if not self._powered or not self.disturbance.hears:
+        if not self._powered or not self.disturbance.receives:
             return
         node_id = self._settings.node_id
         can_id, data = frame
@@ -262,7 +262,7 @@ class Node:
         elif self._is_ours(can_id):
             self.connection.collision(of_pdo=False)
         elif HEARTBEAT_ID < can_id < HEARTBEAT_ID + 0x80 and len(data) == 1:
-            self._consumer.heard(can_id - HEARTBEAT_ID, data[0])
+            self._consumer.received(can_id - HEARTBEAT_ID, data[0])
         elif self._allows(Service.PDO):
             if self._tpdos.sends(can_id):
                 self.connection.collision(of_pdo=True)
@@ -304,7 +304,7 @@ class Node:
             self.dictionary.put(*address, value)
         for address, _ in accepted:
             self.dictionary.notify(*address)
-        self.drive.pdo_came()
+        self.drive.pdos_applied()
         self.changed()
 
     def changed(self) -> None:
@@ -313,21 +313,21 @@ class Node:
             return
         self.drive.update()
         if self._allows(Service.PDO):
-            self._tpdos.look_for_changes()
+            self._tpdos.send_changes()
 
     def run_timers(self, now_ns: int) -> None:
         """Run all timers that are due."""
         self.timers.run_due(now_ns)
         self.changed()
 
-    def is_heard(self, frame: Frame, time_ns: int) -> bool:
+    def reaches_bus(self, frame: Frame, time_ns: int) -> bool:
         """Return whether a frame that the node sends at this time reaches the bus.
 
         A TPDO delayed by its latency does not, if the node has left operational meanwhile.
         """
         if frame.can_id in self._tpdo_ids and self.state is not NmtState.OPERATIONAL:
             return False
-        return self._powered and self.disturbance.heard and time_ns >= self._powered_since_ns
+        return self._powered and self.disturbance.reaches_bus and time_ns >= self._powered_since_ns
 
     def _send_tpdo(self, number: int, frame: Frame, delay_ns: int) -> None:
         self._tpdo_ids.add(frame.can_id)
@@ -373,7 +373,7 @@ class Node:
     def bus_off(self) -> None:
         """Begin a bus-off: the CAN controller leaves the bus, and the drive detects it."""
         self.disturbance.bus_off = True
-        self._rpdos.forget_waiting()
+        self._rpdos.drop_waiting()
         self.connection.bus_off()
 
     def bus_back(self) -> None:
@@ -387,7 +387,7 @@ class Node:
     def _power_stage_on(self) -> bool:
         return self.drive.state in POWER_STAGE_ON
 
-    def _judge_motor_data(self, subindex: int, _: int) -> None:
+    def _check_motor_data(self, subindex: int, _: int) -> None:
         if self._power_stage_on and subindex != CURRENT_LIMIT_SUB:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
 

@@ -145,7 +145,7 @@ class OneLeg:
         sent: list[TimedFrame] = []
         while self._outbox and self._outbox[0][0] <= self.now_ns:
             time_ns, _, drive, frame = heapq.heappop(self._outbox)
-            if self.nodes[drive].is_heard(frame, time_ns):
+            if self.nodes[drive].reaches_bus(frame, time_ns):
                 sent.append(TimedFrame(time_ns, *frame))
         return sent
 

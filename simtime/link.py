@@ -22,7 +22,7 @@ CONNECT_TIMEOUT_S: Final = 5.0
 """Time limit for the server's WELCOME."""
 WATCHED_TIMEOUT_S: Final = 0.5
 """Time limit for the WELCOME, if a watchdog uses the computer's clock."""
-_LAST_LOOKS: Final = 1000
+_LAST_READS: Final = 1000
 _POLL_MAX_NS: Final = 1_000_000_000
 
 
@@ -92,7 +92,7 @@ class SocketLink:
         name: str,
         *,
         wall_clock_only: bool = False,
-        patience_s: float | None = None,
+        timeout_s: float | None = None,
     ) -> None:
         """Configure the seat; it is taken by `open`.
 
@@ -101,11 +101,11 @@ class SocketLink:
             role: role of the seat for time.
             name: name for messages, and for `stall NAME`.
             wall_clock_only: refuse a server whose time is simulated.
-            patience_s: time limit for any answer, of the computer's time; None: unlimited (core).
+            timeout_s: time limit for any answer, of the computer's time; None: unlimited (core).
         """
         self._path, self._role, self._name = path, role, name
         self._wall_clock_only = wall_clock_only
-        self._patience_s = patience_s
+        self._timeout_s = timeout_s
         self._socket: socket.socket | None = None
         self._page: SimulatedTime | None = None
         self._is_wall_clock = False
@@ -158,7 +158,7 @@ class SocketLink:
         except LinkLostError:
             made.close()
             raise
-        made.settimeout(self._patience_s)
+        made.settimeout(self._timeout_s)
         self._socket, self._was_open = made, True
 
     def _welcome(self, data: bytes) -> None:
@@ -173,7 +173,7 @@ class SocketLink:
                     )
                 self._now_ns, self._utc_ahead_ns = now_ns, utc_ahead_ns
                 self._is_wall_clock = is_wall_clock
-            case wire.Told(text):
+            case wire.Reply(text):
                 raise LinkLostError(f"`gaitd sim` refuses this program: {text}")
             case other:
                 raise LinkLostError(f"`gaitd sim` answers with {type(other).__name__}")
@@ -204,21 +204,21 @@ class SocketLink:
 
     def send(self, frames: Sequence[Frame]) -> int:
         """As `Link.send`; by the computer's clock it never waits for a server that hangs."""
-        said = [self._say(message) for message in wire.pack_send(self.now_ns(), frames)]
+        said = [self._send_message(message) for message in wire.pack_send(self.now_ns(), frames)]
         return 0 if all(said) else len(frames)
 
-    def say_here(self) -> None:
+    def send_alive(self) -> None:
         """Send a sign of life while no request is made: otherwise the seat would count as hung."""
         with contextlib.suppress(LinkLostError):  # the next use of the bus raises it
-            self._say(wire.pack_here(self.now_ns()))
+            self._send_message(wire.pack_here(self.now_ns()))
 
     def wait(self, until_ns: int, *, for_frame: bool) -> None:
         """As `Link.wait`."""
         if self._is_wall_clock:
             self._wait_by_the_wall(until_ns, for_frame=for_frame)
             return
-        self._say(wire.pack_wait(until_ns, for_frame=for_frame))
-        while not isinstance(message := self._hear(), wire.Grant):
+        self._send_message(wire.pack_wait(until_ns, for_frame=for_frame))
+        while not isinstance(message := self._receive_message(), wire.Grant):
             self._accept(message)
         self._now_ns = max(self._now_ns, message.now_ns)
 
@@ -234,7 +234,7 @@ class SocketLink:
             LinkLostError: the server has ended.
         """
         while select.select([self._existing()], [], [], 0)[0]:
-            self._accept(self._hear())
+            self._accept(self._receive_message())
 
     def command(self, line: str) -> str:
         """Send a command of a test, and return its answer.
@@ -243,8 +243,8 @@ class SocketLink:
             ValueError: the server refuses it; with the server's message.
             LinkLostError: the server has ended.
         """
-        self._say(wire.pack_hand(line))
-        while not isinstance(message := self._hear(), wire.Told):
+        self._send_message(wire.pack_hand(line))
+        while not isinstance(message := self._receive_message(), wire.Reply):
             self._accept(message)
         if message.refused:
             raise ValueError(message.text)
@@ -267,12 +267,12 @@ class SocketLink:
         match message:
             case wire.Frames(frames):
                 self._frames += frames
-            case wire.Told(text):
+            case wire.Reply(text):
                 self._lose(f"`gaitd sim` refuses what was sent: {text}")
             case other:
                 self._lose(f"`gaitd sim` answers with {type(other).__name__}")
 
-    def _say(self, message: bytes) -> bool:
+    def _send_message(self, message: bytes) -> bool:
         """Send a message; return whether there was room for it."""
         try:
             self._existing().send(message, socket.MSG_DONTWAIT * self._is_wall_clock)
@@ -282,7 +282,7 @@ class SocketLink:
             self._lose(f"`gaitd sim` has ended: {error}")
         return True
 
-    def _hear(self) -> wire.FromServer:
+    def _receive_message(self) -> wire.FromServer:
         try:
             data = self._existing().recv(wire.MESSAGE_SIZE_MAX)
         except OSError as error:
@@ -297,18 +297,18 @@ class SocketLink:
         return self._socket
 
     def _lose(self, why: str) -> NoReturn:
-        told = self._last_words()
+        told = self._last_message()
         with contextlib.suppress(OSError):
             self.close()
         raise LinkLostError(f"`gaitd sim` refuses what was sent: {told}" if told else why)
 
-    def _last_words(self) -> str:
+    def _last_message(self) -> str:
         """Return the server's reason for disconnecting, if its message is still unread."""
         end = self._existing()
         end.setblocking(False)
-        for _ in range(_LAST_LOOKS):
+        for _ in range(_LAST_READS):
             with contextlib.suppress(OSError, wire.WireError):
                 message = wire.read_from_server(end.recv(wire.MESSAGE_SIZE_MAX))
-                if isinstance(message, wire.Told):
+                if isinstance(message, wire.Reply):
                     return message.text
         return ""

@@ -128,9 +128,9 @@ class SimulatedTime:
         if len(data) < _LAYOUT.size:
             raise PageError(f"{path}: is cut short: {len(data)} of {_LAYOUT.size} bytes")
         self._data, self._cells = data, _Cells._make(_LAYOUT.unpack(data)[1:])
-        self._told_ns = 0
-        self._seen_ns = self._cells.now_ns
-        self._seen_wall_ns = time.monotonic_ns()
+        self._returned_ns = 0
+        self._read_ns = self._cells.now_ns
+        self._read_wall_ns = time.monotonic_ns()
 
     @property
     def pace_ratio(self) -> float:
@@ -149,12 +149,12 @@ class SimulatedTime:
         if cells.wall_clock:
             return wall_ns
         now_ns = cells.now_ns
-        if now_ns != self._seen_ns:
-            self._seen_ns, self._seen_wall_ns = now_ns, wall_ns
-        elif wall_ns - self._seen_wall_ns > ALIVE_CHECK_NS and not _lives(cells.pid):
+        if now_ns != self._read_ns:
+            self._read_ns, self._read_wall_ns = now_ns, wall_ns
+        elif wall_ns - self._read_wall_ns > ALIVE_CHECK_NS and not _lives(cells.pid):
             now_ns += wall_ns - cells.wall_ns
-        self._told_ns = max(self._told_ns, now_ns)
-        return self._told_ns
+        self._returned_ns = max(self._returned_ns, now_ns)
+        return self._returned_ns
 
     def utc_ns(self) -> int:
         """Simulated UTC."""

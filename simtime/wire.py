@@ -131,7 +131,7 @@ class Grant(NamedTuple):
     now_ns: int
 
 
-class Told(NamedTuple):
+class Reply(NamedTuple):
     """The answer to a HAND, or why the server refuses a message."""
 
     text: str
@@ -139,7 +139,7 @@ class Told(NamedTuple):
 
 
 ToServer = Hello | Send | Wait | Hand
-FromServer = Welcome | Frames | Grant | Told
+FromServer = Welcome | Frames | Grant | Reply
 
 
 def pack_hello(role: Role, now_ns: int, name: str) -> bytes:
@@ -184,7 +184,7 @@ def pack_grant(now_ns: int) -> bytes:
     return _GRANT.pack(Kind.GRANT, now_ns)
 
 
-def pack_told(text: str, *, refused: bool) -> bytes:
+def pack_reply(text: str, *, refused: bool) -> bytes:
     """Pack a DONE or a REFUSED."""
     kind = Kind.REFUSED if refused else Kind.DONE
     return bytes((kind,)) + text.encode()[: MESSAGE_SIZE_MAX - 1]
@@ -232,7 +232,7 @@ def read_from_server(data: bytes) -> FromServer:
             _, now_ns, utc_ahead_ns, wall_clock = _unpacked(_WELCOME, data)
             return Welcome(now_ns, utc_ahead_ns, bool(wall_clock))
         case Kind.DONE | Kind.REFUSED as kind:
-            return Told(_text(data[1:]), kind is Kind.REFUSED)
+            return Reply(_text(data[1:]), kind is Kind.REFUSED)
         case kind:
             raise WireError(f"a server does not send {kind.name}")
 

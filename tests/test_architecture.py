@@ -45,7 +45,7 @@ PLANTS = (
     Plant("gaitd", "pytest", PYTEST),
     Plant("gaitd", "gaitd.testing.service", "what tests share is for tests, and `gaitd rig`"),
     Plant("simtime", "drives.signals", NEUTRAL),
-    Plant("daemon.core", "daemon.preflight.judgement", JUDGEMENT),
+    Plant("daemon.core", "daemon.preflight.acceptance", JUDGEMENT),
 )
 
 

@@ -5,7 +5,7 @@ from typing import Final
 from analysis.calibration.fit import Result
 from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import AXES
-from analysis.calibration.start import FAST, moved
+from analysis.calibration.start import FAST, extent
 
 UNITS: Final = (("rad", "rad/s"), ("m", "m/s"))
 REVERSALS_MIN: Final = 4
@@ -15,7 +15,7 @@ def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
     """One line for each axis and kind of quantity that the recording does not identify."""
     lines: list[str] = []
     for axis, name in enumerate(AXES):
-        shown = [one for one in results if one.quantity.axis == axis and one.shown]
+        shown = [one for one in results if one.quantity.axis == axis and one.exists]
         untold = [one for one in shown if not one.calibrated]
         if untold:
             lines += _of_axis(motion, axis, name, untold)
@@ -30,7 +30,7 @@ def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
 
 
 def _of_axis(motion: Motion, axis: int, name: str, untold: list[Result]) -> list[str]:
-    how = moved(motion, axis)
+    how = extent(motion, axis)
     length, speed = UNITS[axis]
     if not how.enough(axis):
         return [

@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 
 from analysis.calibration.motion import REST, Motion
 from analysis.calibration.quantities import AXES
-from analysis.calibration.start import FAST, moved, unexplained
+from analysis.calibration.start import FAST, extent, residual_effort
 from analysis.recording import RecordingError
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
@@ -225,7 +225,7 @@ class _Regression:
         self.laws = friction_parameters(robot)
         for axis in range(2):
             speed = np.abs(motion.velocity[:, axis])
-            enough = moved(motion, axis).enough(axis)
+            enough = extent(motion, axis).enough(axis)
             chosen = motion.settled & (speed > 3 * REST[axis]) & enough
             self.rows.append(chosen)
             base = self._base(axis, chosen, sprung=_stiffness(robot)[axis] > 0.0)
@@ -257,7 +257,7 @@ class _Regression:
     def _left(self, leg: LegParameters, robot: Robot) -> Matrix:
         left = np.empty((len(self.motion.steps_s), 2))
         share = 1.0 if robot.observer.coriolis else 0.0
-        unexplained(leg, share, self.motion.smooth, self.motion.smooth_effort, left)
+        residual_effort(leg, share, self.motion.smooth, self.motion.smooth_effort, left)
         return left
 
     def differences(self, robot: Robot) -> Vector:

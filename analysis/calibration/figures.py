@@ -17,13 +17,13 @@ DPI: Final = 100
 POINTS_MAX: Final = 2000
 
 
-def draw_friction(made: Calibration, path: Path) -> None:
+def draw_friction(calibration: Calibration, path: Path) -> None:
     """Draw the friction law of both axes, before and after, over the recorded motion; a PNG."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
-    left = left_over(made.fit.frame, made.fit.natural, made.motion)
+    left = left_over(calibration.fit.frame, calibration.fit.natural, calibration.motion)
     for axis, axes in enumerate(figure.subplots(1, 2)):
-        speed = made.motion.velocity[:, axis]
-        chosen = _thinned(np.flatnonzero(made.motion.settled))
+        speed = calibration.motion.velocity[:, axis]
+        chosen = _thinned(np.flatnonzero(calibration.motion.settled))
         style(axes, f"{AXES[axis].name.title()} friction over velocity", AXES[axis].effort)
         axes.plot(
             speed[chosen], left[chosen, axis], ".", color=MEASURED, ms=2, alpha=0.35, label="motion"
@@ -32,8 +32,8 @@ def draw_friction(made: Calibration, path: Path) -> None:
         # Dense about zero, where the law is curved.
         grid = np.linspace(-1, 1, 801) ** 3 * top
         for natural, colour, words in (
-            (made.fit.frame.natural, BAD, "before"),
-            (made.fit.natural, ESTIMATE, "fitted"),
+            (calibration.fit.frame.natural, BAD, "before"),
+            (calibration.fit.natural, ESTIMATE, "fitted"),
         ):
             law = law_of(natural, axis)
             values = [static_friction_of(law, float(v)) for v in grid]
@@ -45,27 +45,29 @@ def draw_friction(made: Calibration, path: Path) -> None:
     figure.savefig(path, dpi=DPI)
 
 
-def draw_residuals(made: Calibration, path: Path) -> None:
+def draw_residuals(calibration: Calibration, path: Path) -> None:
     """Draw the false patient effort in the empty machine, before and after; a PNG."""
     figure = Figure(figsize=(10, 7.2), layout="constrained")
     rows = figure.subplots(2, 2)
     for axis in range(2):
         over = (
-            (made.motion.smooth[:, axis], f"position, {AXES[axis].position}"),
-            (made.motion.velocity[:, axis], f"velocity, {AXES[axis].velocity}"),
+            (calibration.motion.smooth[:, axis], f"position, {AXES[axis].position}"),
+            (calibration.motion.velocity[:, axis], f"velocity, {AXES[axis].velocity}"),
         )
         for column, (values, words) in enumerate(over):
-            _residual(rows[axis][column], made, axis, values, words)
+            _residual(rows[axis][column], calibration, axis, values, words)
     figure.savefig(path, dpi=DPI)
 
 
-def _residual(axes: Axes, made: Calibration, axis: int, over: np.ndarray, words: str) -> None:
+def _residual(
+    axes: Axes, calibration: Calibration, axis: int, over: np.ndarray, words: str
+) -> None:
     title = f"{AXES[axis].name.title()}: false effort over {words.partition(',')[0]}"
     style(axes, title, AXES[axis].effort)
     shown: list[np.ndarray] = []
     for seen, colour, label in (
-        (made.seen_before, BAD, "before"),
-        (made.seen_after, ESTIMATE, "after"),
+        (calibration.seen_before, BAD, "before"),
+        (calibration.seen_after, ESTIMATE, "after"),
     ):
         chosen = _thinned(np.flatnonzero(seen.moving[:, axis]))
         values = seen.patient[chosen, axis]

@@ -38,7 +38,7 @@ from analysis.calibration.quantities import (
     Quantity,
     labelled,
 )
-from analysis.calibration.start import moved, regressed
+from analysis.calibration.start import extent, regressed
 from observer.quantities import Number
 
 Vector = NDArray[np.float64]
@@ -61,7 +61,7 @@ START_HUMPS: Final = (0.01, 0.2)
 NOISE_STEPS_MAX: Final = 15
 STALLED_STEPS: Final = 6
 """Number of steps without a gain that ends a search."""
-HOPELESS: Final = 10.0
+UNIDENTIFIED_MAX: Final = 10.0
 """A search ends when it is worse than an earlier one by this many times the expected gain."""
 SAME: Final = 25.0
 """Squared distance from a known end, in standard deviations, at which a search ends."""
@@ -106,7 +106,7 @@ class Result:
         return not self.reason
 
     @property
-    def shown(self) -> bool:
+    def exists(self) -> bool:
         """True if the machine has such a part."""
         return self.reason != NO_SPRING
 
@@ -206,7 +206,7 @@ class _Search:
         """True if the search approaches a known end, or a worse one."""
         for end in self.known:
             away = x - end.free[self.which]
-            if loss - HOPELESS * gain > end.loss or float(away @ curvature @ away) < SAME:
+            if loss - UNIDENTIFIED_MAX * gain > end.loss or float(away @ curvature @ away) < SAME:
                 return True
         return False
 
@@ -221,7 +221,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
     """
     likelihood = Likelihood(frame, motion, ~motion.held_out)
     reasons = _fixed(frame, motion)
-    laws = [_loud(frame, regressed(frame, motion, hump)) for hump in START_HUMPS]
+    laws = [_with_initial_noise(frame, regressed(frame, motion, hump)) for hump in START_HUMPS]
     centre = laws[0]
 
     def walk(free: Vector, known: Sequence[_End] = (), *, noise: bool = False) -> _End:
@@ -239,7 +239,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         free[NOISE:known] = heard_free[NOISE:known]
         ends.append(walk(best_start(likelihood, free, motion), ends))
     first = min(ends, key=lambda end: end.loss)
-    told, cov = _told(likelihood, first, reasons, walk)
+    told, cov = _identified(likelihood, first, reasons, walk)
     free = told.free
     natural = frame.from_free(free)
     for index in reasons:
@@ -287,7 +287,7 @@ def _back(frame: Frame, free: Vector, reasons: Iterable[int]) -> Vector:
     return made
 
 
-def _told(
+def _identified(
     likelihood: Likelihood, end: _End, reasons: dict[int, str], walk: Callable[[Vector], _End]
 ) -> tuple[_End, Matrix]:
     """Fix unidentified values to the file's, and return that end with the covariance of the rest.
@@ -305,7 +305,7 @@ def _told(
         each, fisher = scores(base, dz, ds)
         cov[:] = 0.0
         cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
-        found = _untold(likelihood.frame, end.free, which, fisher)
+        found = _unidentified(likelihood.frame, end.free, which, fisher)
         if not found:
             break
         reasons.update(found)
@@ -320,7 +320,7 @@ def best_start(likelihood: Likelihood, free: Vector, motion: Motion) -> Vector:
     values is evaluated with the likelihood, axis by axis.
     """
     for axis in range(2):
-        if not moved(motion, axis).enough(axis):
+        if not extent(motion, axis).enough(axis):
             continue
         at = slice(axis * LAW_SIZE + 3, (axis + 1) * LAW_SIZE)
         tried = []
@@ -332,7 +332,7 @@ def best_start(likelihood: Likelihood, free: Vector, motion: Motion) -> Vector:
     return free
 
 
-def _loud(frame: Frame, natural: Vector) -> Vector:
+def _with_initial_noise(frame: Frame, natural: Vector) -> Vector:
     """Return free values with the initial noise."""
     free = frame.free(natural)
     free[NOISE + 2 : NOISE + 4] = np.log(START_NOISE * natural[[0, LAW_SIZE]])
@@ -364,7 +364,7 @@ def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
     reasons: dict[int, str] = {}
     for axis in range(2):
         law, spring = axis * LAW_SIZE, SPRINGS + 3 * axis
-        if not moved(motion, axis).enough(axis):
+        if not extent(motion, axis).enough(axis):
             noise = range(NOISE + axis, SIZE, 2)
             for index in (*range(law, law + LAW_SIZE), *range(spring, spring + 3), *noise):
                 reasons[index] = "the axis hardly moved"
@@ -373,7 +373,9 @@ def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
     return reasons
 
 
-def _untold(frame: Frame, free: Vector, which: NDArray[np.intp], fisher: Matrix) -> dict[int, str]:
+def _unidentified(
+    frame: Frame, free: Vector, which: NDArray[np.intp], fisher: Matrix
+) -> dict[int, str]:
     """Select values to fix, worst first, until the rest is identified; with the reasons."""
     found: dict[int, str] = {}
     left = list(range(len(which)))

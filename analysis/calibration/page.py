@@ -13,11 +13,11 @@ from analysis.calibration.session import Calibration
 NAME: Final = "calibration"
 
 
-def write_page(made: Calibration, robot_name: str, folder: Path) -> Path:
+def write_page(calibration: Calibration, robot_name: str, folder: Path) -> Path:
     """Write calibration.md, calibration_friction.png and calibration_residuals.png.
 
     Args:
-        made: the result.
+        calibration: the result.
         robot_name: of the initial file.
         folder: created if missing.
 
@@ -25,29 +25,33 @@ def write_page(made: Calibration, robot_name: str, folder: Path) -> Path:
         OSError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    draw_friction(made, folder / f"{NAME}_friction.png")
-    draw_residuals(made, folder / f"{NAME}_residuals.png")
+    draw_friction(calibration, folder / f"{NAME}_friction.png")
+    draw_residuals(calibration, folder / f"{NAME}_residuals.png")
     path = folder / f"{NAME}.md"
-    path.write_text(markdown.page(*_parts(made, robot_name)), encoding="utf-8")
+    path.write_text(markdown.page(*_parts(calibration, robot_name)), encoding="utf-8")
     return path
 
 
-def _parts(made: Calibration, robot_name: str) -> Iterator[str]:
-    names = ", ".join(f"`{Path(source).name}`" for source in made.motion.sources)
+def _parts(calibration: Calibration, robot_name: str) -> Iterator[str]:
+    names = ", ".join(f"`{Path(source).name}`" for source in calibration.motion.sources)
     yield "# Calibration of the empty machine"
-    yield f"From {names}, {made.motion.duration_s:.0f} s, beginning with `{robot_name}`."
-    yield f"Mechanism: {made.check}."
+    yield f"From {names}, {calibration.motion.duration_s:.0f} s, beginning with `{robot_name}`."
+    yield f"Mechanism: {calibration.check}."
     head = ("quantity", "unit", "before", "calibrated", "95 %")
-    yield markdown.table(head, (_row(one) for one in made.fit.results if one.shown))
-    todo = advice(made.motion, made.fit.results)
+    yield markdown.table(head, (_row(one) for one in calibration.fit.results if one.exists))
+    todo = advice(calibration.motion, calibration.fit.results)
     if todo:
         yield "What cannot be identified from this recording, and what to record instead:"
         yield "\n".join(f"- {line}" for line in todo)
-    held = "every fourth two seconds of it" if "fourth" in made.held_out else "another recording"
+    held = (
+        "every fourth two seconds of it"
+        if "fourth" in calibration.held_out
+        else "another recording"
+    )
     yield f"On {held}, which took no part in the fit:"
-    yield markdown.table(("", "before", "after"), _scores(made))
-    if made.fault:
-        yield f"**Not to be used:** {made.fault}."
+    yield markdown.table(("", "before", "after"), _scores(calibration))
+    if calibration.fault:
+        yield f"**Not to be used:** {calibration.fault}."
     yield f"![friction over velocity]({NAME}_friction.png)"
     yield f"![what is left over position and velocity]({NAME}_residuals.png)"
 
@@ -60,12 +64,12 @@ def _row(one: Result) -> tuple[str, ...]:
     return (*head, kept, f"not identified: {one.reason}")
 
 
-def _scores(made: Calibration) -> Iterator[tuple[str, ...]]:
+def _scores(calibration: Calibration) -> Iterator[tuple[str, ...]]:
     for title, field, digits in (
         ("minus log likelihood per sample", "loss_per_sample", 3),
         ("mean NIS of the observer (2 is ideal)", "nis", 2),
         ("false hip torque, N·m rms while moving", "hip_rms_nm", 3),
         ("false slide force, N rms while moving", "slide_rms_n", 2),
     ):
-        values = (getattr(score, field) for score in (made.before, made.after))
+        values = (getattr(score, field) for score in (calibration.before, calibration.after))
         yield title, *(f"{value:.{digits}f}" for value in values)

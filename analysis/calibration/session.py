@@ -16,11 +16,11 @@ from analysis.calibration.verdict import (
     Score,
     disturbance,
     like_fitted,
+    other_effect,
     score,
-    something_else,
     two_optima,
     why_not_better,
-    without_contacts,
+    without_contact_rows,
 )
 from analysis.recording import RecordingError
 from analysis.replay import Source
@@ -142,7 +142,7 @@ def calibrate(
     before = score(frame, old_natural, judged, rows, judged_seen[0])
     after = score(frame, made.natural, judged, rows, judged_seen[1])
     fault = two_optima(made.rival) if made.rival else ""
-    fault = fault or something_else(seen[1], made.natural, motion)
+    fault = fault or other_effect(seen[1], made.natural, motion)
     fault = fault or why_not_better(before, after, made.natural, judged)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(
@@ -155,7 +155,7 @@ def _quiet(
     seen: Sequence[Disturbance], natural: NDArray[np.float64]
 ) -> tuple[list[Disturbance], NDArray[np.bool_]]:
     """Exclude contacts found with the new file, so that both files are scored on the same rows."""
-    after, contact = without_contacts(seen[1], natural)
+    after, contact = without_contact_rows(seen[1], natural)
     return [replace(seen[0], moving=seen[0].moving & ~contact[:, None]), after], contact
 
 

@@ -27,7 +27,7 @@ MOVES_MIN: Final = (0.05, 0.02)
 
 
 @kernel
-def unexplained(
+def residual_effort(
     leg: LegParameters, coriolis_share: float, smooth: Matrix, effort: Matrix, left: Matrix
 ) -> None:
     """Write the residual effort after inertia, weight, springs and dampers, (n, 2), to `left`."""
@@ -38,7 +38,7 @@ def unexplained(
         left[row, 1] = effort[row, 1] - d.m12 * a1 - d.m22 * a2 - d.bias_slide
 
 
-class Moved(NamedTuple):
+class Extent(NamedTuple):
     """Extent of an axis' motion."""
 
     range_si: float
@@ -51,13 +51,13 @@ class Moved(NamedTuple):
         return self.moving_s >= MOVES_MIN_S and self.range_si >= MOVES_MIN[axis]
 
 
-def moved(motion: Motion, axis: int) -> Moved:
+def extent(motion: Motion, axis: int) -> Extent:
     """Extent of an axis' motion, from the smoothed motion."""
     velocity = motion.velocity[:, axis]
     moving = np.abs(velocity) > REST[axis]
     signs = np.sign(velocity[np.abs(velocity) > FAST[axis] / 2])
     place = motion.smooth[:, axis]
-    return Moved(
+    return Extent(
         float(np.ptp(place)),
         float(np.quantile(np.abs(velocity), 0.999)),
         float(np.sum(motion.steps_s[moving])),
@@ -69,7 +69,7 @@ def left_over(frame: Frame, natural: Vector, motion: Motion) -> Matrix:
     """Effort that the mechanism of these values leaves to friction, shape (n, 2): N·m and N."""
     left = np.empty((len(motion.steps_s), 2))
     effort = motion.smooth_effort - frame.constants_of(natural)
-    unexplained(frame.leg_of(natural), frame.coriolis_share, motion.smooth, effort, left)
+    residual_effort(frame.leg_of(natural), frame.coriolis_share, motion.smooth, effort, left)
     return left
 
 
@@ -83,7 +83,7 @@ def regressed(frame: Frame, motion: Motion, hump_ratio: float) -> Vector:
     natural = frame.natural.copy()
     left = left_over(frame, natural, motion)
     for axis in range(2):
-        if moved(motion, axis).enough(axis):
+        if extent(motion, axis).enough(axis):
             _regress_axis(frame, natural, motion, left[:, axis], axis, hump_ratio)
     return natural
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from analysis.calibration.likelihood import Likelihood
 from analysis.calibration.motion import REST, Motion
 from analysis.calibration.quantities import NUISANCES, SPRINGS, Frame
-from analysis.calibration.start import moved
+from analysis.calibration.start import extent
 from analysis.replay import setup_for
 from daemon.config.settings import Robot
 from observer.offline.batch import Columns, run
@@ -67,7 +67,7 @@ def disturbance(robot: Robot, motion: Motion, constants: Vector) -> Disturbance:
     return Disturbance(made.state[:, 6:8], made.nis, moving & known & motion.settled[:, None])
 
 
-def without_contacts(seen: Disturbance, natural: Vector) -> tuple[Disturbance, Flags]:
+def without_contact_rows(seen: Disturbance, natural: Vector) -> tuple[Disturbance, Flags]:
     """Exclude a few short contacts, which do not depend on friction; also return their rows.
 
     Args:
@@ -134,14 +134,14 @@ def why_not_better(before: Score, after: Score, natural: Vector, motion: Motion)
     )
     for axis, (name, old, new, unit) in enumerate(pairs):
         allowed = max(WORSE_MAX_RATIO * old, GOOD_RATIO * float(natural[7 * axis]))
-        if moved(motion, axis).enough(axis) and new > allowed:
+        if extent(motion, axis).enough(axis) and new > allowed:
             return (
                 f"the {name}'s false effort on held-out data is {new:.3g} {unit}, {old:.3g} before"
             )
     return ""
 
 
-def something_else(seen: Disturbance, natural: Vector, motion: Motion) -> str:
+def other_effect(seen: Disturbance, natural: Vector, motion: Motion) -> str:
     """Describe an effect besides friction; empty if there is none.
 
     Args:
@@ -152,7 +152,7 @@ def something_else(seen: Disturbance, natural: Vector, motion: Motion) -> str:
     for axis, (name, unit) in enumerate((("hip", "N·m"), ("slide", "N"))):
         coulomb = float(natural[7 * axis])
         rms = rms_of(seen, np.ones(len(motion.time_s), dtype=np.bool_), axis)
-        if moved(motion, axis).enough(axis) and rms > PATIENT_MIN_RATIO * coulomb:
+        if extent(motion, axis).enough(axis) and rms > PATIENT_MIN_RATIO * coulomb:
             size = np.abs(np.where(seen.moving[:, axis], seen.patient[:, axis], 0.0))
             at_s = float(motion.time_s[int(np.argmax(_windowed(size)))])
             return (

@@ -34,13 +34,13 @@ RENAMED: Final = {
 """Present names of keys in older files, for names too different to be suggested by likeness."""
 
 
-class Words(str):
+class PlainText(str):
     """Text in place of a value, shown without quotes: `(missing)`."""
 
     __slots__ = ()
 
 
-MISSING: Final = Words("(missing)")
+MISSING: Final = PlainText("(missing)")
 
 
 class ConfigError(Exception):
@@ -53,7 +53,7 @@ class ConfigError(Exception):
     def __init__(self, file: Path | str, key: str, value: object, allowed: str) -> None:
         self.file = str(file)
         self.key = key
-        self.value = value if isinstance(value, Words) else Words(_shown(value))
+        self.value = value if isinstance(value, PlainText) else PlainText(_value_text(value))
         self.allowed = allowed
         place = f"{self.file}: {key} = {self.value}" if key else self.file
         super().__init__(f"{place}: {allowed}")
@@ -121,7 +121,7 @@ def decoded(document: Document, kind: type[T]) -> T:
 
 def described(kind: object) -> str:
     """The allowed values of a type in words, for example `a number > 0 and <= 120`."""
-    return _words(inspect.type_info(kind))
+    return _type_text(inspect.type_info(kind))
 
 
 def _parsed(path: Path, data: bytes) -> dict[str, Any]:
@@ -132,7 +132,7 @@ def _parsed(path: Path, data: bytes) -> dict[str, Any]:
         if isinstance(bad, UnicodeDecodeError):
             line = data.count(b"\n", 0, bad.start) + 1
             allowed = "a TOML file is UTF-8 text"
-            raise ConfigError(path, f"line {line}", Words("(not UTF-8)"), allowed) from error
+            raise ConfigError(path, f"line {line}", PlainText("(not UTF-8)"), allowed) from error
         raise _syntax_error(path, data.decode(), str(error)) from error
 
 
@@ -169,7 +169,7 @@ def _syntax_error(path: Path, text: str, message: str) -> ConfigError:
     column = int(place[2]) if place[2] else len(content) + 1
     reason = message[: place.start()]
     where = f"line {line}, column {column}"
-    return ConfigError(path, where, Words(f"`{content.strip()}`"), f"TOML syntax: {reason}")
+    return ConfigError(path, where, PlainText(f"`{content.strip()}`"), f"TOML syntax: {reason}")
 
 
 def _fault(value: object, kind: object, key: str) -> _Fault | None:
@@ -243,7 +243,7 @@ def _dotted(key: str, name: str) -> str:
     return f"{key}.{name}" if key else name
 
 
-def _shown(value: object) -> str:
+def _value_text(value: object) -> str:
     """A value as TOML would write it, cut to a readable length."""
     match value:
         case None:
@@ -261,27 +261,27 @@ def _shown(value: object) -> str:
     return text if len(text) <= _VALUE_LENGTH_MAX else text[: _VALUE_LENGTH_MAX - 1] + "…"
 
 
-def _words(info: inspect.Type) -> str:
+def _type_text(info: inspect.Type) -> str:
     match info:
         case inspect.FloatType():
             return "a finite number" if not _range(info) else f"a number {_range(info)}"
         case inspect.IntType():
             return f"a whole number {_range(info)}".rstrip()
         case inspect.StrType():
-            return _words_of_text(info)
+            return _text_type(info)
         case inspect.BoolType():
             return "true or false"
         case inspect.LiteralType(values=values):
-            return "one of " + ", ".join(_shown(value) for value in values)
+            return "one of " + ", ".join(_value_text(value) for value in values)
         case inspect.EnumType(cls=cls):
-            return "one of " + ", ".join(_shown(member.value) for member in cls)
+            return "one of " + ", ".join(_value_text(member.value) for member in cls)
         case inspect.UnionType(types=types):
             known = (kind for kind in types if not isinstance(kind, inspect.NoneType))
-            return " or ".join(_words(kind) for kind in known)
+            return " or ".join(_type_text(kind) for kind in known)
         case inspect.CollectionType() | inspect.TupleType():
-            return _words_of_list(info)
+            return _list_type(info)
         case inspect.DictType(value_type=value_type):
-            return f"a table of names, each with {_words(value_type)}"
+            return f"a table of names, each with {_type_text(value_type)}"
         case inspect.StructType(fields=fields):
             return "a table with " + ", ".join(field.encode_name for field in fields)
         case _:
@@ -293,7 +293,7 @@ def _range(info: inspect.FloatType | inspect.IntType) -> str:
     return " and ".join(f"{sign} {bound:g}" for sign, bound in bounds if bound is not None)
 
 
-def _words_of_text(info: inspect.StrType) -> str:
+def _text_type(info: inspect.StrType) -> str:
     if info.pattern is not None:
         return f"text that matches {info.pattern}"
     if info.min_length is not None and info.min_length > 1:
@@ -301,9 +301,9 @@ def _words_of_text(info: inspect.StrType) -> str:
     return "text" if info.min_length is None else "text that is not empty"
 
 
-def _words_of_list(info: inspect.CollectionType | inspect.TupleType) -> str:
+def _list_type(info: inspect.CollectionType | inspect.TupleType) -> str:
     if isinstance(info, inspect.TupleType):
-        return f"a list of {len(info.item_types)}: {', '.join(map(_words, info.item_types))}"
+        return f"a list of {len(info.item_types)}: {', '.join(map(_type_text, info.item_types))}"
     least, most = info.min_length, info.max_length
     count = {
         (False, False): "a list",
@@ -311,4 +311,4 @@ def _words_of_list(info: inspect.CollectionType | inspect.TupleType) -> str:
         (False, True): f"a list of at most {most}",
         (True, True): f"a list of {least} to {most}",
     }[least is not None, most is not None]
-    return f"{count}, each {_words(info.item_type)}"
+    return f"{count}, each {_type_text(info.item_type)}"

@@ -32,7 +32,7 @@ POSE_CYCLES = 100
 
 
 def step(
-    core: Core, frames: Sequence[Frame], levels: Sequence[GatewayState], tick: Tick
+    core: Core, frames: Sequence[Frame], gateway_states: Sequence[GatewayState], tick: Tick
 ) -> tuple[list[Frame], CycleRecord]:
     """Run one cycle with drives: from the TPDOs of a SYNC to the RPDOs that follow them."""
     drives = core.drives
@@ -43,25 +43,25 @@ def step(
     monitors.update(core)
     estimation.estimate(core, tick)
     monitors.update_spasm(core)
-    orders = inputs.receive(core, levels, tick.cycle)
+    command_inputs = inputs.receive(core, gateway_states, tick.cycle)
     controllers.receive(core, tick.cycle)
-    verdicts = checks.check(safety_inputs(core, orders, tick))
+    verdicts = checks.check(safety_inputs(core, command_inputs, tick))
     sensing.alarms_checked(core)
-    supervisor.supervise(core, verdicts, orders, tick.cycle, tick.sync_utc_ns)
+    supervisor.supervise(core, verdicts, command_inputs, tick.cycle, tick.sync_utc_ns)
     if tick.cycle % POSE_CYCLES == 0 and not is_driving(core):
-        persistence.note_poses(core, tick.sync_utc_ns)
+        persistence.store_poses(core, tick.sync_utc_ns)
     controllers.advance(core, tick.cycle)
     commands = impedance.command(core, tick.cycle)
-    monitors.note_commands(core)
+    monitors.store_commands(core)
     return drives.frames(commands), cycle_record.record(core, tick)
 
 
-def rest(core: Core, levels: Sequence[GatewayState], tick: Tick) -> CycleRecord:
+def rest(core: Core, gateway_states: Sequence[GatewayState], tick: Tick) -> CycleRecord:
     """Run one cycle without drives: gateway states are read and a record is written."""
-    sensing.clear_news(core)
-    orders = inputs.receive(core, levels, tick.cycle)
+    sensing.clear_new_emergencies(core)
+    command_inputs = inputs.receive(core, gateway_states, tick.cycle)
     controllers.receive(core, tick.cycle)
-    supervisor.rest(core, orders, tick.cycle, tick.sync_utc_ns)
+    supervisor.rest(core, command_inputs, tick.cycle, tick.sync_utc_ns)
     return cycle_record.record(core, tick)
 
 
@@ -78,26 +78,26 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick, next_cycle: int) -> l
     if not is_driving(core):
         return []
     sensing.peek(core, drives.peek(tick.sync_ns))
-    found = checks.check(safety_inputs(core, inputs.NO_ORDERS, tick))
+    verdicts = checks.check(safety_inputs(core, inputs.NO_INPUTS, tick))
     sensing.alarms_checked(core)
-    if not found:
+    if not verdicts:
         return []
     before = [axis.stop and axis.stop.step for axis in core.axes]
-    for verdict in found:
+    for verdict in verdicts:
         supervisor.stop(core, verdict, next_cycle)
     if before == [axis.stop and axis.stop.step for axis in core.axes]:
         return []
     return drives.frames(impedance.command(core, next_cycle))
 
 
-def safety_inputs(core: Core, orders: inputs.CommandInputs, tick: Tick) -> SafetyInputs:
+def safety_inputs(core: Core, command_inputs: inputs.CommandInputs, tick: Tick) -> SafetyInputs:
     """Collect all that the safety checks read in this cycle."""
     drives = core.drives
     return SafetyInputs(
         service=ServiceInputs(
-            stop_requested=orders.stop,
+            stop_requested=command_inputs.stop,
             shutdown_requested=tick.shutdown,
-            gateway_age_cycles=tick.cycle - core.level_cycle,
+            gateway_age_cycles=tick.cycle - core.gateway_state_cycle,
             overruns_in_a_row=tick.overruns_in_a_row,
             bus_off=drives is not None and drives.bus_state.has_been_off,
             bus_error=tick.bus_error,
@@ -122,7 +122,7 @@ def _axis(core: Core, leg: Leg, axis: Axis) -> AxisInputs:
         name=axis.name,
         feedback=feedback,
         joint=axis.joint,
-        limits=single_axis.limits_in_force(core, axis),
+        limits=single_axis.active_limits(core, axis),
         referenced=axis.referenced,
         preparing=core.single_axis is not None,
         homing=single_axis.is_homing(core, axis),
@@ -133,16 +133,16 @@ def _axis(core: Core, leg: Leg, axis: Axis) -> AxisInputs:
         enable_wanted=enable_wanted(core, axis),
         reached_enabled=axis.reached_enabled,
         unready_cycles=axis.unready_cycles,
-        unasked_cycles=axis.unasked_cycles,
-        seen_off=axis.seen_off,
+        unexpected_enable_cycles=axis.unexpected_enable_cycles,
+        shown_unpowered=axis.shown_unpowered,
         reaction_cycles=axis.reaction_cycles,
         mode_wanted=axis.mode_sent,
-        new_emergency=feedback.alarm_count > axis.emergencies_seen,
+        new_emergency=feedback.alarm_count > axis.emergencies_checked,
         watch=axis.watch,
         stride_energy_j=monitors.stride_energy(leg, axis),
         stride_drift_si=monitors.stride_drift(leg, axis),
         stopping_end_si=axis.stopping_end_si,
         spasm_cycles=axis.spasm.cycles,
         spasm_rise_si=axis.spasm.rise_si,
-        error_found=axis.error_found,
+        bring_up_error=axis.bring_up_error,
     )

@@ -1,7 +1,5 @@
 """Build the record of one cycle from the core's state; nothing here affects control."""
 
-from collections.abc import Callable
-
 from msgspec.structs import replace
 
 from daemon.core.motion.assist import wanted_si
@@ -21,7 +19,7 @@ from daemon.ipc.record import (
 )
 from drives.canopen.emcy import is_alarm
 from drives.signals import Emergency, Input, NmtState, PowerState
-from observer.drift import Drift, correlation, friction_error
+from observer.drift import correlation, friction_error
 from observer.filter.status import Status, Validity
 from observer.smoother import LAG
 from observer.strides import AxisStride, Stride
@@ -53,11 +51,11 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         events=events,
         request=replace(core.result, reason=clipped(core.result.reason)),
         progress=clipped(status.progress(core)),
-        gateway_age_cycles=tick.cycle - core.level_cycle,
+        gateway_age_cycles=tick.cycle - core.gateway_state_cycle,
         stop_count=core.stop_count or 0,
         gait_phase=_phase(core.legs[0]),
-        drives=tuple(_drive(axis, age_max) for axis in core.axes),
-        legs=tuple(_leg(core, tick, leg) for leg in core.legs),
+        drives=tuple([_drive(axis, age_max) for axis in core.axes]),
+        legs=tuple([_leg(core, tick, leg) for leg in core.legs]),
         timing=tick.timing,
         bus_load_ratio=tick.bus_load_ratio,
         tx_dropped_count=tick.tx_dropped_count,
@@ -186,6 +184,7 @@ def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
             reference=reference,
             gait_phase=_phase(leg),
         )
+    hip, slide = leg.axes
     return LegRecord(
         name=leg.name,
         state=estimate.state,
@@ -202,16 +201,11 @@ def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
         reference=reference,
         artificial=leg.artificial,
         mean_nis=estimate.mean_nis,
-        drift_correlation=_of_both(leg, correlation),
-        friction_error=_of_both(leg, friction_error),
+        drift_correlation=(correlation(hip.drift), correlation(slide.drift)),
+        friction_error=(friction_error(hip.drift), friction_error(slide.drift)),
         stride=_stride(leg, tick.sync_ns, core.config.period_ns),
         gait_phase=_phase(leg),
     )
-
-
-def _of_both(leg: Leg, figure: Callable[[Drift], float]) -> tuple[float, float]:
-    hip, slide = leg.axes
-    return figure(hip.drift), figure(slide.drift)
 
 
 def _referenced(leg: Leg) -> bool:

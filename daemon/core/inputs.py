@@ -27,30 +27,30 @@ class CommandInputs(NamedTuple):
     """New in this cycle and not checked yet."""
 
 
-NO_ORDERS = CommandInputs()
+NO_INPUTS = CommandInputs()
 
 
-def receive(core: Core, levels: Sequence[GatewayState], cycle: int) -> CommandInputs:
+def receive(core: Core, gateway_states: Sequence[GatewayState], cycle: int) -> CommandInputs:
     """Read all waiting gateway states, oldest first, and update the core's command inputs."""
     stop = False
     newest: GatewayState | None = None
-    for level in levels:
+    for gateway_state in gateway_states:
         # The first gateway state only initialises the count: nothing is moving yet.
         known = core.stop_count
-        more = known is None or level.stop_count > known
+        more = known is None or gateway_state.stop_count > known
         stop = stop or (more and known is not None)
         newer = (
-            level.core_boot_id == core.boot_id
-            and level.seq > core.level_seq
-            and level.for_cycle <= cycle
+            gateway_state.core_boot_id == core.boot_id
+            and gateway_state.seq > core.gateway_state_seq
+            and gateway_state.for_cycle <= cycle
         )
         if more or newer:
-            core.stop_count = level.stop_count
+            core.stop_count = gateway_state.stop_count
         if newer:
-            core.level_seq, newest = level.seq, level
+            core.gateway_state_seq, newest = gateway_state.seq, gateway_state
     if newest is None:
         return CommandInputs(stop)
-    core.level_cycle = max(core.level_cycle, newest.for_cycle)
+    core.gateway_state_cycle = max(core.gateway_state_cycle, newest.for_cycle)
     core.setpoints, core.lease = newest.setpoints, newest.lease
     return CommandInputs(stop, newest.request if _is_new(core, newest.request) else None)
 

@@ -10,7 +10,7 @@ from daemon.core.motion.assist import LegAssist
 from daemon.core.motion.gait_shape import GaitShape
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.energy import StrideSum
-from daemon.core.safety.inverse_dynamics import Balance
+from daemon.core.safety.inverse_dynamics import InverseDynamics
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.safety.soft_limits import SoftZone
@@ -59,7 +59,7 @@ class Axis:
     stop: DriveStop | None = None
     mode_sent: OperationMode = OperationMode.CYCLIC_SYNC_TORQUE
     """6060h of the last command, which 6061h is expected to show."""
-    seen_off: bool = False
+    shown_unpowered: bool = False
     """The drive has shown a state without power since power was last requested."""
     effort_sent_si: float = 0.0
     position_sent_si: float = 0.0
@@ -79,17 +79,17 @@ class Axis:
     watch: EffortWatch = field(default_factory=EffortWatch)
     energy: StrideSum = field(default_factory=StrideSum)
     """Energy that the drive puts into the leg, J."""
-    unexplained: StrideSum = field(default_factory=StrideSum)
+    residual: StrideSum = field(default_factory=StrideSum)
     """Sum of the effort residual over the cycles of a playing gait."""
     stopping_end_si: float = 0.0
     tracking_si: float = 0.0
     wanted_velocity_si: float = 0.0
     reached_enabled: bool = False
     unready_cycles: int = 0
-    unasked_cycles: int = 0
-    emergencies_seen: int = 0
+    unexpected_enable_cycles: int = 0
+    emergencies_checked: int = 0
     """Count of EMCY alarms already checked: each alarm is checked once."""
-    error_found: str = ""
+    bring_up_error: str = ""
     """Error text of the fault that bring-up found in the drive; empty once the fault is gone."""
     drift: Drift = NO_DRIFT
     calibration_advised: bool = False
@@ -129,13 +129,29 @@ class Leg:
     stopping_ratio: float = 1.0
     window_cycles: int = 1
     """Length of the energy window: a stride, or the configured window where there is no stride."""
-    balance: Balance = field(default_factory=Balance)
+    dynamics: InverseDynamics = field(default_factory=InverseDynamics)
     zone: SoftZone = field(default_factory=SoftZone)
     stride: Stride | None = None
     """The stride that was completed in this cycle; None if there was none."""
     stride_count: int = 0
     observer_started: bool = False
     observer_bad_cycles: int = 0
+    mechanism: tuple[float, ...] = field(init=False)
+    """`parameters` as a plain tuple, which compiled functions read faster."""
+    friction_laws: tuple[tuple[float, ...], tuple[float, ...]] = field(init=False)
+    """`friction` as plain tuples."""
+
+    def __post_init__(self) -> None:
+        """Convert the parameters for the compiled functions."""
+        hip, slide = self.friction
+        self.mechanism = tuple(map(float, self.parameters))
+        self.friction_laws = tuple(map(float, hip)), tuple(map(float, slide))
+
+    @property
+    def is_located(self) -> bool:
+        """True if the pose is known: both axes have a sample and are referenced."""
+        hip, slide = self.axes
+        return hip.joint.known and hip.referenced and slide.joint.known and slide.referenced
 
 
 @dataclass(slots=True)
@@ -150,7 +166,7 @@ class Core:
     mode: Mode = Mode.OFF
     verdict: Verdict = field(default_factory=Verdict)
     """Latched until a reset; in mode OFF the reason why the drives are not available."""
-    causes_told: set[tuple[Cause, str]] = field(default_factory=set[tuple[Cause, str]])
+    causes_reported: set[tuple[Cause, str]] = field(default_factory=set[tuple[Cause, str]])
     """Causes published since the machine was stopped: each is published once."""
     disabling: bool = False
     """The mode is STOPPING because of a disable request, not because of a verdict."""
@@ -160,7 +176,7 @@ class Core:
     """Cycles for which all drives must still show no fault before the reset is done."""
     load_settle_cycles: int = 0
     load_checked: bool = False
-    notes: PersistentState = field(default_factory=PersistentState)
+    persistent: PersistentState = field(default_factory=PersistentState)
     """The persistent state: it outlives a restart."""
     single_axis: SingleAxis | None = None
     """The homing or sign test of one axis, under way or about to begin."""
@@ -171,9 +187,9 @@ class Core:
     result: RequestResult = field(default_factory=RequestResult)
     """Result of the newest request received: its id never decreases."""
     stop_count: int | None = None
-    level_seq: int = 0
+    gateway_state_seq: int = 0
     """`seq` of the newest gateway state used."""
-    level_cycle: int = 0
+    gateway_state_cycle: int = 0
     """`for_cycle` of the newest gateway state: the gateway's age is counted from here."""
     setpoints: tuple[Setpoint, ...] = ()
     """The newest setpoint of each leg in the newest gateway state."""
@@ -192,7 +208,7 @@ class Core:
     progress: str = ""
     self_test_due: str = ""
     """The reason why a self-test must come before any motion; empty if none is due."""
-    inputs_unseen: tuple[str, ...] = ()
+    inputs_untested: tuple[str, ...] = ()
     """The states of hand switch and STO still to be observed in the daily test, where required."""
     utc_newest_ns: int = 0
     """The latest UTC time ever read: a clock that shows less was set back."""

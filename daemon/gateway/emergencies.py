@@ -19,14 +19,14 @@ class EmergencyHistory:
         """Clear the history of the previous core."""
         self._rings.clear()
 
-    def note(self, record: CycleRecord) -> None:
+    def add(self, record: CycleRecord) -> None:
         """Add the EMCY messages of one record."""
         for drive in record.drives:
             for emergency in drive.emergencies:
                 ring = self._rings.setdefault(drive.name, deque(maxlen=RING_COUNT))
                 ring.append(_message(emergency, record.sync_utc_ns))
 
-    def of(self, drive: str) -> tuple[wire.Emergency, ...]:
+    def messages(self, drive: str) -> tuple[wire.Emergency, ...]:
         """The EMCY messages of one drive, oldest first."""
         return tuple(self._rings.get(drive, ()))
 

@@ -54,9 +54,9 @@ class Kind(Enum):
     NOTE = "note"
 
 
-ASKED: Final = frozenset({Cause.STOP_REQUESTED, Cause.SHUTDOWN})
+REQUESTED: Final = frozenset({Cause.STOP_REQUESTED, Cause.SHUTDOWN})
 """Causes of a stop that was requested."""
-PASSING: Final = frozenset(
+INTERMEDIATE: Final = frozenset(
     {"not_ready_to_switch_on", "ready_to_switch_on", "switched_on", "fault_reaction_active"}
 )
 """Intermediate power states, which make no event."""
@@ -64,7 +64,7 @@ BY_PERSON: Final = frozenset({Cause.HAND_SWITCH_OPEN, Cause.STO_ACTIVE})
 """Causes of a stop by a person at the machine: hand switch or safe torque off."""
 
 
-class Happening(NamedTuple):
+class EventDraft(NamedTuple):
     """An event before it has an identity and a place in the history."""
 
     priority: Priority
@@ -75,52 +75,54 @@ class Happening(NamedTuple):
     subject: str | None = None
 
 
-CORE_BACK: Final = Happening(Priority.LOW, Kind.CORE, "records from the core arrive again")
+CORE_BACK: Final = EventDraft(Priority.LOW, Kind.CORE, "records from the core arrive again")
 
 
-def happenings(before: CycleRecord | None, now: CycleRecord) -> list[Happening]:
+def new_events(before: CycleRecord | None, now: CycleRecord) -> list[EventDraft]:
     """All events between two consecutive records of a core; `before` is None for the first."""
     if before is None:
-        said = [Happening(Priority.INFO, Kind.CORE, f"core is running, mode {name_of(now.mode)}")]
+        drafts = [
+            EventDraft(Priority.INFO, Kind.CORE, f"core is running, mode {name_of(now.mode)}")
+        ]
         latched = _verdict_change(Verdict(), now.verdict)
-        return said + latched + [_note(line) for line in now.events]
+        return drafts + latched + [_from_line(line) for line in now.events]
     stops = _verdict_change(before.verdict, now.verdict)
     title = CAUSE_TEXT[now.verdict.cause].title
-    notes = [_note(line) for line in now.events if not (stops and title in line)]
-    modes = _mode_change(before.mode, now.mode) if _no_mode_among(notes) else []
+    lines = [_from_line(line) for line in now.events if not (stops and title in line)]
+    modes = _mode_change(before.mode, now.mode) if _has_no_mode(lines) else []
     past = {drive.name: drive for drive in before.drives}
     seen = [drive for drive in now.drives if drive.name in past]
-    drives = [said for drive in seen for said in _drive_changes(past[drive.name], drive)]
-    return [*drives, *stops, *modes, *notes]
+    drives = [drafts for drive in seen for drafts in _drive_changes(past[drive.name], drive)]
+    return [*drives, *stops, *modes, *lines]
 
 
-def core_lost(silence_ms: int) -> Happening:
+def core_lost(silence_ms: int) -> EventDraft:
     """The event that no records arrive from the core any more."""
     text = f"no record from the core for {silence_ms} ms: nothing that was shown is valid"
     remedy = "the drives stop by themselves; see the core's log"
-    return Happening(Priority.HIGH, Kind.CORE, text, remedy)
+    return EventDraft(Priority.HIGH, Kind.CORE, text, remedy)
 
 
-def unread(what: str) -> Happening:
+def unread(what: str) -> EventDraft:
     """The event that data written by the core cannot be read."""
     remedy = "if it goes on: end core and gateway, and start both from one installation"
-    return Happening(Priority.LOW, Kind.NOTE, what, remedy)
+    return EventDraft(Priority.LOW, Kind.NOTE, what, remedy)
 
 
-def failed(what: str) -> Happening:
+def failed(what: str) -> EventDraft:
     """The event that a bug in the gateway has ended one query."""
-    return Happening(Priority.LOW, Kind.NOTE, what, "report it, with the gateway's log")
+    return EventDraft(Priority.LOW, Kind.NOTE, what, "report it, with the gateway's log")
 
 
-def asked(name: str, client: str) -> Happening:
+def request_sent(name: str, client: str) -> EventDraft:
     """The event that a client's request is sent to the core."""
-    return Happening(Priority.INFO, Kind.REQUEST, f"{name}, asked by {client}")
+    return EventDraft(Priority.INFO, Kind.REQUEST, f"{name}, asked by {client}")
 
 
-def answered(name: str, client: str, outcome: str, reason: str) -> Happening:
+def request_answered(name: str, client: str, outcome: str, reason: str) -> EventDraft:
     """The event that the gateway has answered a client's request."""
-    said = f"{name}, asked by {client}: {outcome}"
-    return Happening(Priority.INFO, Kind.REQUEST, f"{said}: {reason}" if reason else said)
+    drafts = f"{name}, asked by {client}: {outcome}"
+    return EventDraft(Priority.INFO, Kind.REQUEST, f"{drafts}: {reason}" if reason else drafts)
 
 
 class EventLog:
@@ -137,7 +139,7 @@ class EventLog:
 
     def add(
         self,
-        said: Iterable[Happening],
+        drafts: Iterable[EventDraft],
         stamp: Stamp,
         record_seq: int,
         time_ns: int,
@@ -147,11 +149,11 @@ class EventLog:
         place = (stamp.core_boot_id or "none", record_seq)
         if place != self._place:
             self._place, self._index = place, 0
-        made = [self._event(item, stamp, time_ns, next_seq()) for item in said]
+        made = [self._event(item, stamp, time_ns, next_seq()) for item in drafts]
         self.history.extend(made)
         return made
 
-    def _event(self, item: Happening, stamp: Stamp, time_ns: int, seq: int) -> wire.Event:
+    def _event(self, item: EventDraft, stamp: Stamp, time_ns: int, seq: int) -> wire.Event:
         self._index += 1
         boot_id, record_seq = self._place
         return wire.Event(
@@ -167,36 +169,36 @@ class EventLog:
         )
 
 
-def _note(line: str) -> Happening:
+def _from_line(line: str) -> EventDraft:
     """An event from a line of the core; the first word gives its kind and priority."""
     word = line.partition(" ")[0]
     if word == "CAN":
-        return Happening(Priority.LOW, Kind.NOTE, line)
+        return EventDraft(Priority.LOW, Kind.NOTE, line)
     kind = Kind.REQUEST if word.upper() in RequestKind.__members__ else Kind.NOTE
-    return Happening(Priority.INFO, Kind.MODE if " -> " in line and word == "mode" else kind, line)
+    return EventDraft(Priority.INFO, Kind.MODE if " -> " in line and word == "mode" else kind, line)
 
 
-def _no_mode_among(said: Iterable[Happening]) -> bool:
-    return all(item.kind is not Kind.MODE for item in said)
+def _has_no_mode(drafts: Iterable[EventDraft]) -> bool:
+    return all(item.kind is not Kind.MODE for item in drafts)
 
 
-def _mode_change(before: Mode, now: Mode) -> list[Happening]:
+def _mode_change(before: Mode, now: Mode) -> list[EventDraft]:
     if before is now:
         return []
     text = f"mode {name_of(before)} → {name_of(now)}"
     priority = Priority.MEDIUM if now is Mode.FAULT else Priority.INFO
-    return [Happening(priority, Kind.MODE, text)]
+    return [EventDraft(priority, Kind.MODE, text)]
 
 
-def _verdict_change(before: Verdict, now: Verdict) -> list[Happening]:
+def _verdict_change(before: Verdict, now: Verdict) -> list[EventDraft]:
     if (before.category, before.cause, before.drive) == (now.category, now.cause, now.drive):
         return []
     if now.category is StopCategory.NONE and now.cause is Cause.NONE:
-        return [Happening(Priority.INFO, Kind.STOP, "the verdict is cleared")]
+        return [EventDraft(Priority.INFO, Kind.STOP, "the verdict is cleared")]
     return [_stop(now)]
 
 
-def _stop(verdict: Verdict) -> Happening:
+def _stop(verdict: Verdict) -> EventDraft:
     text = CAUSE_TEXT[verdict.cause]
     words = [f"stop {verdict.category.name}: {text.title}"]
     if verdict.drive:
@@ -207,72 +209,72 @@ def _stop(verdict: Verdict) -> Happening:
         words.append(f"- {verdict.detail}")
     priority = _priority(verdict.cause)
     subject = verdict.drive or None
-    return Happening(priority, Kind.STOP, " ".join(words), text.remedy, verdict.cause, subject)
+    return EventDraft(priority, Kind.STOP, " ".join(words), text.remedy, verdict.cause, subject)
 
 
 def _priority(cause: Cause) -> Priority:
-    if cause in ASKED:
+    if cause in REQUESTED:
         return Priority.LOW
     return Priority.MEDIUM if cause in BY_PERSON else Priority.HIGH
 
 
-def _drive_changes(before: DriveRecord, now: DriveRecord) -> list[Happening]:
-    said = [*_state_changes(before, now), *_emergency_changes(before, now)]
-    if _has_spoken(before) and _has_spoken(now):
-        said += _input_changes(before, now)
-    return said
+def _drive_changes(before: DriveRecord, now: DriveRecord) -> list[EventDraft]:
+    drafts = [*_state_changes(before, now), *_emergency_changes(before, now)]
+    if _has_statusword(before) and _has_statusword(now):
+        drafts += _input_changes(before, now)
+    return drafts
 
 
-def _has_spoken(drive: DriveRecord) -> bool:
+def _has_statusword(drive: DriveRecord) -> bool:
     """True if a statusword, and with it the inputs, has been received from this drive."""
     return power_state_name(drive.power_state) != "unknown"
 
 
-def _state_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]:
+def _state_changes(before: DriveRecord, now: DriveRecord) -> Iterator[EventDraft]:
     if before.nmt_state != now.nmt_state:
         nmt_state = NMT_STATES.get(now.nmt_state, "unknown")
-        yield _of(now, Priority.INFO, Kind.DRIVE, f"NMT state {nmt_state}")
+        yield _drive_event(now, Priority.INFO, Kind.DRIVE, f"NMT state {nmt_state}")
     state = power_state_name(now.power_state)
-    if before.power_state != now.power_state and state not in PASSING:
+    if before.power_state != now.power_state and state not in INTERMEDIATE:
         priority = Priority.MEDIUM if state == "fault" else Priority.INFO
-        yield _of(now, priority, Kind.DRIVE, state.replace("_", " "))
+        yield _drive_event(now, priority, Kind.DRIVE, state.replace("_", " "))
     if before.referenced != now.referenced:
         text = "knows its position" if now.referenced else "does not know its position any more"
         priority = Priority.INFO if now.referenced else Priority.MEDIUM
-        yield _of(now, priority, Kind.DRIVE, text)
+        yield _drive_event(now, priority, Kind.DRIVE, text)
 
 
-def _emergency_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]:
+def _emergency_changes(before: DriveRecord, now: DriveRecord) -> Iterator[EventDraft]:
     for emergency in now.emergencies:
         if not emergency.repeated:
             yield _emergency(now, emergency)
     told_without_details = now.emergency_code and not now.emergencies
     if now.emergency_count > before.emergency_count and told_without_details:
         text = f"EMCY 0x{now.emergency_code:04X}: {now.emergency_text}"
-        yield _of(now, Priority.HIGH, Kind.EMERGENCY, text)
+        yield _drive_event(now, Priority.HIGH, Kind.EMERGENCY, text)
     elif before.emergency_code and not now.emergency_code:
-        yield _of(now, Priority.INFO, Kind.EMERGENCY, "EMCY cleared")
+        yield _drive_event(now, Priority.INFO, Kind.EMERGENCY, "EMCY cleared")
 
 
-def _emergency(drive: DriveRecord, emergency: EmergencyRecord) -> Happening:
+def _emergency(drive: DriveRecord, emergency: EmergencyRecord) -> EventDraft:
     words = [f"EMCY 0x{emergency.code:04X}: {emergency.text}; the drive: {emergency.reaction}"]
     if emergency.loses_reference:
         words.append("it does not know its position any more")
     words.append(f"register 0x{emergency.error_register:02X}, vendor {emergency.vendor_bytes}")
     priority = Priority.HIGH if emergency.alarm else Priority.LOW
-    return _of(drive, priority, Kind.EMERGENCY, "; ".join(words))
+    return _drive_event(drive, priority, Kind.EMERGENCY, "; ".join(words))
 
 
-def _input_changes(before: DriveRecord, now: DriveRecord) -> Iterator[Happening]:
+def _input_changes(before: DriveRecord, now: DriveRecord) -> Iterator[EventDraft]:
     if before.hand_switch_closed != now.hand_switch_closed:
         state = "closed" if now.hand_switch_closed else "open"
         priority = Priority.INFO if now.hand_switch_closed else Priority.MEDIUM
-        yield _of(now, priority, Kind.INPUT, f"hand switch {state}")
+        yield _drive_event(now, priority, Kind.INPUT, f"hand switch {state}")
     if before.sto_released != now.sto_released:
         state = "released" if now.sto_released else "active"
         priority = Priority.INFO if now.sto_released else Priority.MEDIUM
-        yield _of(now, priority, Kind.INPUT, f"safe torque off {state}")
+        yield _drive_event(now, priority, Kind.INPUT, f"safe torque off {state}")
 
 
-def _of(drive: DriveRecord, priority: Priority, kind: Kind, text: str) -> Happening:
-    return Happening(priority, kind, f"{drive.name}: {text}", subject=drive.name)
+def _drive_event(drive: DriveRecord, priority: Priority, kind: Kind, text: str) -> EventDraft:
+    return EventDraft(priority, kind, f"{drive.name}: {text}", subject=drive.name)

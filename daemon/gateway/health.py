@@ -35,7 +35,7 @@ class _Tally:
     late_count: int = 0
     missed_before: bool = False
 
-    def note(self, drive: DriveRecord) -> None:
+    def update(self, drive: DriveRecord) -> None:
         if self.missed_before and drive.late_count == self.late_count:
             self.lost_count += 1
         self.late_count = drive.late_count
@@ -74,18 +74,18 @@ class HealthWindow:
         self._records.clear()
         self._tallies.clear()
 
-    def note(self, record: CycleRecord) -> None:
+    def add(self, record: CycleRecord) -> None:
         """Add one record."""
         self._records.append(record)
         self._histogram[bisect_left(LATENESS_BOUND_US, record.timing.lateness_ns / 1e3)] += 1
         for drive in record.drives:
-            self._tallies.setdefault(drive.name, _Tally()).note(drive)
+            self._tallies.setdefault(drive.name, _Tally()).update(drive)
 
-    def note_wake(self, work_ns: int) -> None:
+    def add_wake(self, work_ns: int) -> None:
         """Add the duration of one turn of the gateway's loop, in ns."""
         self._wakes_ns.append(work_ns)
 
-    def note_estimate(self, work_ns: int) -> None:
+    def add_estimate(self, work_ns: int) -> None:
         """Add the time from a wake-up to the first estimate, made but not yet published, in ns."""
         self._estimates_ns.append(work_ns)
 

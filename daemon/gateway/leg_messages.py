@@ -27,16 +27,18 @@ class LegMessages:
         self._views: list[View] = []
         """Legs whose estimate has been published and whose other messages have not."""
 
-    def hurry(self, records: Sequence[CycleRecord], core_boot_id: str, now_ns: int) -> None:
+    def publish_estimates(
+        self, records: Sequence[CycleRecord], core_boot_id: str, now_ns: int
+    ) -> None:
         """Publish the estimates of new records, oldest first."""
         young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
         self._health.counters.record_skipped_count += len(records) - len(young)
         for record in young:
             stamp = translate.stamp_of(core_boot_id, record)
             for leg in record.legs:
-                self._put_estimate(translate.look(leg, record, stamp), now_ns)
+                self._put_estimate(translate.view_of(leg, record, stamp), now_ns)
 
-    def follow(self) -> None:
+    def publish_others(self) -> None:
         """Publish the other messages of the records whose estimates have been published."""
         views, self._views = self._views, []
         for view in views:
@@ -54,5 +56,5 @@ class LegMessages:
         made_ns = self._clock.now_ns()
         self._outlet.put(message, *parts)
         if not self._views:
-            self._health.note_estimate(made_ns - now_ns)
+            self._health.add_estimate(made_ns - now_ns)
         self._views.append(view)

@@ -63,7 +63,7 @@ class JournalHandler(logging.Handler):
         """Send one log record to the journal; never blocks."""
         priority = _PRIORITY.get(record.levelno, _PRIORITY[logging.INFO])
         fields = {_FIELDS[name]: value for name, value in known(record).items()}
-        self._journal.tell(_text(record), priority, fields)
+        self._journal.write(_text(record), priority, fields)
 
 
 def _text(record: logging.LogRecord) -> str:

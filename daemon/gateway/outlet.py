@@ -22,6 +22,6 @@ class Outlet(Protocol):
         """Publish an event and keep it for late joiners."""
         ...
 
-    def show_alive(self, alive: bool) -> None:
+    def set_alive(self, alive: bool) -> None:
         """Hold the liveliness token while `alive` is true, else release it."""
         ...

@@ -11,16 +11,16 @@ SILENCE_NS: Final = 200_000_000
 class Presence:
     """Tracks the arrival of records."""
 
-    heard: bool = False
+    is_present: bool = False
     last_ns: int = 0
 
-    def hear(self, now_ns: int) -> None:
+    def record_received(self, now_ns: int) -> None:
         """Note that a record has arrived."""
-        self.heard, self.last_ns = True, now_ns
+        self.is_present, self.last_ns = True, now_ns
 
     def falls_silent(self, now_ns: int) -> bool:
         """Check for silence; true once per silence, when it begins."""
-        silent = self.heard and now_ns - self.last_ns > SILENCE_NS
+        silent = self.is_present and now_ns - self.last_ns > SILENCE_NS
         if silent:
-            self.heard = False
+            self.is_present = False
         return silent

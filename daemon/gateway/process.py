@@ -16,9 +16,9 @@ from typing import Final
 
 from daemon.config.settings import Lease
 from daemon.gateway.reload import Reload
-from daemon.gateway.service import LEVEL_PERIOD_NS, Gateway
+from daemon.gateway.service import STATE_PERIOD_NS, Gateway
 from daemon.gateway.setpoints import SetpointBox
-from daemon.ipc.transport import GatewaySeam
+from daemon.ipc.transport import GatewayChannel
 from daemon.recorder.recorder import DiskRecorder
 from daemon.system.clock import AgeClock, MonotonicClock
 from daemon.system.sd_notify import Notifier
@@ -26,14 +26,14 @@ from daemon.zenoh_io.publish import Mailbox, ZenohOutlet
 from daemon.zenoh_io.session import open_session
 from daemon.zenoh_io.subscribe import SetpointSubscriber
 
-_POLL_MS: Final = LEVEL_PERIOD_NS // 1_000_000
+_POLL_MS: Final = STATE_PERIOD_NS // 1_000_000
 _REST_MS: Final = 1
 """Pause after publishing estimates, if no client sends a request: on a machine with few processors
 Zenoh's thread needs this one's. Without the pause estimates arrived 0.1 ms later on two processors.
 """
 _M_ARENA_MAX: Final = -8
 """M_ARENA_MAX of mallopt(3)."""
-_TELL_NS: Final = 500_000_000
+_NOTIFY_NS: Final = 500_000_000
 """Interval between two notifications to systemd."""
 
 
@@ -73,43 +73,43 @@ def serve(
     # would hang the process), and only then mailbox and box, because callbacks use them until then.
     with (
         closing(Notifier(notify_address)) as supervisor,
-        closing(GatewaySeam(runtime)) as seam,
+        closing(GatewayChannel(runtime)) as ipc,
         closing(Mailbox()) as mailbox,
         closing(SetpointBox()) as box,
         closing(open_session(listen, trainer)) as session,
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
         closing(SetpointSubscriber(session, trainer, box)),
-        closing(DiskRecorder(state, runtime, clock, version("gaitd"))) as keeper,
-        closing(Gateway(seam, outlet, clock, trainer, listen, lease)) as gateway,
+        closing(DiskRecorder(state, runtime, clock, version("gaitd"))) as recorder,
+        closing(Gateway(ipc, outlet, clock, trainer, listen, lease)) as gateway,
     ):
         poller = select.poll()
-        poller.register(seam.fileno(), select.POLLIN)
+        poller.register(ipc.fileno(), select.POLLIN)
         poller.register(mailbox.fileno(), select.POLLIN)
         poller.register(box.fileno(), select.POLLIN)
         _freeze()
         supervisor.send("READY=1")
-        wall, tell_ns = MonotonicClock(), 0
+        wall, notify_ns = MonotonicClock(), 0
         while not ended():
             poller.poll(_POLL_MS)
             woken_ns = wall.now_ns()
-            has_put = gateway.hurry(clock.now_ns())
+            has_put = gateway.publish_estimates(clock.now_ns())
             hurried_ns = wall.now_ns() - woken_ns
             if has_put:
                 poller.poll(_REST_MS)
             begun_ns, resumed_ns = clock.now_ns(), wall.now_ns()
-            inquiries = keeper.watch(mailbox.drain())
+            inquiries = recorder.wrap(mailbox.drain())
             gateway.turn(begun_ns, inquiries, box.drain(begun_ns))
-            gateway.tell(keeper.turn(seam.ring, begun_ns))
-            hashes = seam.header.config_hashes if seam.header else {}
-            gateway.tell(reload.turn(gateway.steering.leases, hashes))
-            gateway.health.counters.not_kept_count = keeper.not_kept_count
-            box.expect(gateway.steering.lease)
+            gateway.publish_events(recorder.turn(ipc.ring, begun_ns))
+            hashes = ipc.header.config_hashes if ipc.header else {}
+            gateway.publish_events(reload.turn(gateway.lease_control.leases, hashes))
+            gateway.health.counters.not_kept_count = recorder.not_kept_count
+            box.expect(gateway.lease_control.lease)
             gateway.health.counters.request_dropped_count = mailbox.dropped_count
-            gateway.health.note_wake(hurried_ns + wall.now_ns() - resumed_ns)
-            if resumed_ns >= tell_ns:
+            gateway.health.add_wake(hurried_ns + wall.now_ns() - resumed_ns)
+            if resumed_ns >= notify_ns:
                 status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))
                 supervisor.send("WATCHDOG=1", f"STATUS={status}")
-                tell_ns = resumed_ns + _TELL_NS
+                notify_ns = resumed_ns + _NOTIFY_NS
         supervisor.send("STOPPING=1")
 
 

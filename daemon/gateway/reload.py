@@ -16,13 +16,13 @@ from typing import Final
 
 from daemon.config.strict import ConfigError
 from daemon.config.trainer import TrainerFile
-from daemon.gateway.events import Happening, Kind, Priority
+from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.lease import LeaseManager
 from daemon.gateway.log import set_level
 
 OURS: Final = frozenset({"lease", "log", "zenoh", "paths"})
 """Tables that the gateway reads. It shares `paths` with the core."""
-NOBODYS: Final = frozenset({"sim"})
+WITHOUT_RESTART: Final = frozenset({"sim"})
 """Tables of the virtual drives, which need no restart of gateway or core."""
 
 
@@ -34,53 +34,53 @@ class Reload:
         self._file = file
         self._log = file.trainer.log
         self._read = read
-        self._asked = False
+        self._requested = False
         self.needs_restart = ""
         """Changes found by the newest reload that need a restart; empty if none."""
 
-    def ask(self, *_signal: object) -> None:
+    def request(self, *_signal: object) -> None:
         """Request a reload; used as the signal handler of SIGHUP."""
-        self._asked = True
+        self._requested = True
 
-    def turn(self, leases: LeaseManager, core_hashes: Mapping[str, str]) -> list[Happening]:
+    def turn(self, leases: LeaseManager, core_hashes: Mapping[str, str]) -> list[EventDraft]:
         """Carry out a requested reload once, and return its events.
 
         Args:
             leases: takes the new rules.
             core_hashes: SHA-256 of each file that the core runs with, by its path.
         """
-        if not self._asked:
+        if not self._requested:
             return []
-        self._asked = False
+        self._requested = False
         try:
             new = self._read(self._file.path)
         except ConfigError as error:
             text = f"reload refused, nothing has changed: {error}"
-            return [Happening(Priority.MEDIUM, Kind.NOTE, text, "correct it; see gaitd check")]
-        return [self._take(new, leases, core_hashes)]
+            return [EventDraft(Priority.MEDIUM, Kind.NOTE, text, "correct it; see gaitd check")]
+        return [self._apply(new, leases, core_hashes)]
 
-    def _take(
+    def _apply(
         self, new: TrainerFile, leases: LeaseManager, core_hashes: Mapping[str, str]
-    ) -> Happening:
-        taken: list[str] = []
+    ) -> EventDraft:
+        applied: list[str] = []
         waiting: list[str] = []
         if new.trainer.log != self._log:
             self._log = new.trainer.log
             set_level(self._log.level)
-            taken.append("log")
+            applied.append("log")
         if new.trainer.lease != leases.rules:
             if leases.holder is None:
                 leases.rules = new.trainer.lease
-                taken.append("lease")
+                applied.append("lease")
             else:
                 waiting.append(
                     f"lease unchanged while {leases.holder} holds it: reload again later"
                 )
         waiting += restarts(self._file, new, changed_files(core_hashes, self._file.path))
         self.needs_restart = "; ".join(waiting)
-        said = f"reloaded: {', '.join(taken) or 'nothing that can change in operation'}"
-        text = f"{said}; {self.needs_restart}" if waiting else said
-        return Happening(Priority.LOW if waiting else Priority.INFO, Kind.NOTE, text)
+        drafts = f"reloaded: {', '.join(applied) or 'nothing that can change in operation'}"
+        text = f"{drafts}; {self.needs_restart}" if waiting else drafts
+        return EventDraft(Priority.LOW if waiting else Priority.INFO, Kind.NOTE, text)
 
 
 def changed_tables(old: TrainerFile, new: TrainerFile) -> set[str]:
@@ -106,11 +106,11 @@ def restarts(old: TrainerFile, new: TrainerFile, files: Iterable[str]) -> list[s
     """Changes that need a restart, one line for each process."""
     changed = changed_tables(old, new)
     gateway = sorted(changed & {"zenoh", "paths"})
-    core = sorted(changed - OURS - NOBODYS | changed & {"paths"}) + list(files)
-    said: list[str] = []
+    core = sorted(changed - OURS - WITHOUT_RESTART | changed & {"paths"}) + list(files)
+    drafts: list[str] = []
     if gateway:
-        said.append(f"needs a restart of the gateway: {', '.join(gateway)}")
+        drafts.append(f"needs a restart of the gateway: {', '.join(gateway)}")
     if core:
         what = ", ".join(core)
-        said.append(f"needs gaitd check and a restart of the core on the empty machine: {what}")
-    return said
+        drafts.append(f"needs gaitd check and a restart of the core on the empty machine: {what}")
+    return drafts

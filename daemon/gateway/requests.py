@@ -68,7 +68,7 @@ KINDS: Final[dict[str, RequestKind]] = {
     "mode": RequestKind.MODE,
 }
 
-ASKS: Final[dict[str, type[wire.Ask]]] = {
+PAYLOADS: Final[dict[str, type[wire.Ask]]] = {
     "mode": wire.ModeAsk,
     "acquire": wire.AcquireAsk,
     "release": wire.ReleaseAsk,
@@ -76,10 +76,10 @@ ASKS: Final[dict[str, type[wire.Ask]]] = {
 """Payload types of queries that carry more than the client's name."""
 
 _DECODERS: Final = {
-    kind: Decoder(msgspec.json.Decoder(kind).decode) for kind in (wire.Ask, *ASKS.values())
+    kind: Decoder(msgspec.json.Decoder(kind).decode) for kind in (wire.Ask, *PAYLOADS.values())
 }
 
-PATIENCE_NS: Final[dict[RequestKind, int]] = {
+TIMEOUT_NS: Final[dict[RequestKind, int]] = {
     RequestKind.ENABLE: 8_000_000_000,
     RequestKind.DISABLE: 5_000_000_000,
     RequestKind.RESET: 5_000_000_000,
@@ -90,11 +90,11 @@ PATIENCE_NS: Final[dict[RequestKind, int]] = {
 QUERY_SIZE_MAX: Final = 4096
 """Maximum size of a query's payload in bytes."""
 
-STOP_PATIENCE_NS: Final = 500_000_000
+STOP_TIMEOUT_NS: Final = 500_000_000
 
 SILENT: Final = "no records arrive from the core: it is not running or does not respond"
 RESTARTED: Final = "the core has restarted: requests to the previous core are void"
-UNKNOWN_FATE: Final = "it is unknown whether the request took effect"
+OUTCOME_UNKNOWN: Final = "it is unknown whether the request took effect"
 STOP_UNCONFIRMED: Final = (
     "no record of the core confirms the stop; if the core has ended, the drives stop by themselves:"
     " use the emergency stop if anything moves"
@@ -115,7 +115,7 @@ class BadPayloadError(Exception):
     """The payload of a query is not valid for its name; the message gives the reason."""
 
 
-def read_ask(name: str, payload: bytes) -> wire.Ask:
+def decode_payload(name: str, payload: bytes) -> wire.Ask:
     """Decode the payload of a query to control/NAME strictly; an empty payload means `{}`.
 
     Raises:
@@ -123,7 +123,7 @@ def read_ask(name: str, payload: bytes) -> wire.Ask:
     """
     if len(payload) > QUERY_SIZE_MAX:
         raise BadPayloadError(f"payload of {name}: more than {QUERY_SIZE_MAX} bytes")
-    kind = ASKS.get(name, wire.Ask)
+    kind = PAYLOADS.get(name, wire.Ask)
     try:
         return _DECODERS[kind].decode(payload or b"{}")
     except RefusedError as error:
@@ -132,18 +132,18 @@ def read_ask(name: str, payload: bytes) -> wire.Ask:
         raise BadPayloadError(f"payload of {name}: {what}; known fields: {known}") from error
 
 
-def mode_request(ask: wire.Ask) -> ModeRequest:
+def mode_request(payload: wire.Ask) -> ModeRequest:
     """The arguments of RequestKind.MODE; defaults for a request that has none."""
-    if not isinstance(ask, wire.ModeAsk):
+    if not isinstance(payload, wire.ModeAsk):
         return ModeRequest()
     return ModeRequest(
-        mode=Mode[ask.mode.upper()],
-        cadence_hz=ask.cadence_hz,
-        amplitude_ratio=ask.amplitude_ratio,
-        duration_s=ask.duration_s,
-        scenario=ask.scenario,
-        axis=ask.axis,
-        witnessed=ask.witnessed,
+        mode=Mode[payload.mode.upper()],
+        cadence_hz=payload.cadence_hz,
+        amplitude_ratio=payload.amplitude_ratio,
+        duration_s=payload.duration_s,
+        scenario=payload.scenario,
+        axis=payload.axis,
+        witnessed=payload.witnessed,
     )
 
 
@@ -155,7 +155,7 @@ class _Stop:
 
 
 @dataclass(slots=True)
-class _Outstanding:
+class _Pending:
     ticket: int
     name: str
     request: Request
@@ -166,68 +166,72 @@ class _Outstanding:
 class RequestQueue:
     """Keeps the gateway state and the queries that wait for an answer; uses no Zenoh, no clock."""
 
-    first_level_seq: int = 0
+    first_state_seq: int = 0
     """First sequence number of the gateway state. The core accepts only rising numbers, so a later
     gateway must begin higher than this one ended; the time in ns does."""
 
-    _level_seq: int = 0
+    _state_seq: int = 0
     _boot_id: str = ""
     _cycle: int = 0
-    _heard: bool = False
+    _core_present: bool = False
     _stop_count: int = 0
     _request_id: int = 0
-    _outstanding: _Outstanding | None = None
+    _pending: _Pending | None = None
     _stops: list[_Stop] = field(default_factory=list)
 
-    def hear(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:
+    def receive(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:
         """Update stops and requests from a record, and return the answers that are due."""
-        answers = self._meet(core_boot_id, record) if core_boot_id != self._boot_id else []
-        self._heard = True
+        answers = self._begin_core(core_boot_id, record) if core_boot_id != self._boot_id else []
+        self._core_present = True
         self._cycle = record.cycle
         self._stop_count = max(self._stop_count, record.stop_count)
         self._request_id = max(self._request_id, record.request.id)
-        return answers + self._stops_seen(record) + self._outcome(record)
+        return answers + self._confirmed_stops(record) + self._outcome(record)
 
     def lose_core(self) -> list[Answer]:
         """Answer the outstanding request after the core's records have stopped."""
-        self._heard = False
-        return self._drop(Outcome.PENDING, f"{SILENT}; {UNKNOWN_FATE}")
+        self._core_present = False
+        return self._answer_pending(Outcome.PENDING, f"{SILENT}; {OUTCOME_UNKNOWN}")
 
-    def ask(self, ticket: int, name: str, ask: wire.Ask, now_ns: int) -> Answer | None:
+    def submit(self, ticket: int, name: str, payload: wire.Ask, now_ns: int) -> Answer | None:
         """Accept a request for the core; returns None while its answer is outstanding."""
-        if not self._heard:
+        if not self._core_present:
             return Answer(ticket, Outcome.REFUSED, SILENT)
-        if self._outstanding:
-            reason = f"busy: {self._outstanding.name} has no answer yet"
+        if self._pending:
+            reason = f"busy: {self._pending.name} has no answer yet"
             return Answer(ticket, Outcome.REFUSED, reason)
-        mode = mode_request(ask)
+        mode = mode_request(payload)
         kind = KINDS[name]
         self._request_id += 1
-        for_cycle = self._cycle if ask.for_cycle is None else ask.for_cycle
+        for_cycle = self._cycle if payload.for_cycle is None else payload.for_cycle
         request = Request(self._request_id, kind, for_cycle, mode)
-        self._outstanding = _Outstanding(ticket, name, request, now_ns + PATIENCE_NS[kind])
+        self._pending = _Pending(ticket, name, request, now_ns + TIMEOUT_NS[kind])
         return None
 
     def stop(self, ticket: int, now_ns: int) -> None:
         """Count a stop, whatever else is outstanding; the next gateway state carries it."""
         self._stop_count += 1
-        self._stops.append(_Stop(ticket, self._stop_count, now_ns + STOP_PATIENCE_NS))
+        self._stops.append(_Stop(ticket, self._stop_count, now_ns + STOP_TIMEOUT_NS))
 
     def withdraw(self, ticket: int) -> None:
         """Remove the request of a query that has failed; stops are never removed."""
-        if self._outstanding and self._outstanding.ticket == ticket:
-            self._outstanding = None
+        if self._pending and self._pending.ticket == ticket:
+            self._pending = None
 
     def tick(self, now_ns: int) -> list[Answer]:
         """Answer requests and stops whose time limit is over."""
         late = [stop for stop in self._stops if now_ns >= stop.deadline_ns]
         self._stops = [stop for stop in self._stops if now_ns < stop.deadline_ns]
         answers = [Answer(stop.ticket, Outcome.PENDING, STOP_UNCONFIRMED) for stop in late]
-        if self._outstanding and now_ns >= self._outstanding.deadline_ns:
-            answers += self._drop(Outcome.PENDING, f"no answer in time; {UNKNOWN_FATE}")
+        if self._pending and now_ns >= self._pending.deadline_ns:
+            answers += self._answer_pending(
+                Outcome.PENDING, f"no answer in time; {OUTCOME_UNKNOWN}"
+            )
         return answers
 
-    def level(self, setpoints: tuple[Setpoint, ...] = (), lease: int = 0) -> GatewayState | None:
+    def gateway_state(
+        self, setpoints: tuple[Setpoint, ...] = (), lease: int = 0
+    ) -> GatewayState | None:
         """The next gateway state; None before a core is known, unless a stop is requested.
 
         Args:
@@ -236,18 +240,18 @@ class RequestQueue:
         """
         if not self._boot_id and not self._stops:
             return None
-        self._level_seq += 1
+        self._state_seq += 1
         return GatewayState(
             core_boot_id=self._boot_id,
-            seq=self.first_level_seq + self._level_seq,
+            seq=self.first_state_seq + self._state_seq,
             for_cycle=self._cycle,
             stop_count=self._stop_count,
-            request=self._outstanding.request if self._outstanding else Request(),
+            request=self._pending.request if self._pending else Request(),
             setpoints=setpoints,
             lease=lease,
         )
 
-    def _meet(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:
+    def _begin_core(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:
         """Take over the counts of the first core or of a restarted one."""
         self._boot_id = core_boot_id
         self._request_id = record.request.id
@@ -255,21 +259,24 @@ class RequestQueue:
             self._stop_count = max(self._stop_count, record.stop_count + 1)
         for stop in self._stops:
             stop.count = self._stop_count
-        return self._drop(Outcome.REFUSED, RESTARTED)
+        return self._answer_pending(Outcome.REFUSED, RESTARTED)
 
-    def _stops_seen(self, record: CycleRecord) -> list[Answer]:
-        seen = [stop for stop in self._stops if record.stop_count >= stop.count]
+    def _confirmed_stops(self, record: CycleRecord) -> list[Answer]:
+        confirmed = [stop for stop in self._stops if record.stop_count >= stop.count]
         self._stops = [stop for stop in self._stops if record.stop_count < stop.count]
         return [
-            Answer(stop.ticket, Outcome.DONE, "the core has received the stop") for stop in seen
+            Answer(stop.ticket, Outcome.DONE, "the core has received the stop")
+            for stop in confirmed
         ]
 
     def _outcome(self, record: CycleRecord) -> list[Answer]:
-        waiting, result = self._outstanding, record.request
+        waiting, result = self._pending, record.request
         if waiting is None or result.id != waiting.request.id or result.outcome is Outcome.PENDING:
             return []
-        return self._drop(result.outcome, result.reason, by_core=True)
+        return self._answer_pending(result.outcome, result.reason, by_core=True)
 
-    def _drop(self, outcome: Outcome, reason: str, *, by_core: bool = False) -> list[Answer]:
-        waiting, self._outstanding = self._outstanding, None
+    def _answer_pending(
+        self, outcome: Outcome, reason: str, *, by_core: bool = False
+    ) -> list[Answer]:
+        waiting, self._pending = self._pending, None
         return [Answer(waiting.ticket, outcome, reason, by_core)] if waiting else []

@@ -28,9 +28,9 @@ from daemon.wire.refusals import SetpointRefusal
 
 SETPOINT_SIZE_MAX: Final = 1024
 """Maximum size of a payload in bytes."""
-KEPT_COUNT: Final = 8
+HOLDER_COUNT: Final = 8
 """Messages of the holder that are kept between two turns: two legs, and some to spare."""
-STRANGERS_COUNT: Final = 4
+OTHERS_COUNT: Final = 4
 """Messages of other clients that are kept between two turns, to report why they are refused."""
 WAKES_MAX: Final = 4
 REARM_NS: Final = 10_000_000
@@ -38,7 +38,7 @@ REARM_NS: Final = 10_000_000
 
 _NOT_FINITE: Final = (b"NaN", b"Infinity")
 """Not JSON, but written by common encoders for numbers that are not finite."""
-_BEYOND: Final = ("<=", ">=", "out of range")
+_OUT_OF_RANGE: Final = ("<=", ">=", "out of range")
 """Parts of msgspec's error texts for a number of the right type beyond the range of the schema."""
 
 
@@ -67,8 +67,8 @@ class SetpointBox:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kept: deque[Arrival] = deque(maxlen=KEPT_COUNT)
-        self._strangers: deque[Arrival] = deque(maxlen=STRANGERS_COUNT)
+        self._of_holder: deque[Arrival] = deque(maxlen=HOLDER_COUNT)
+        self._of_others: deque[Arrival] = deque(maxlen=OTHERS_COUNT)
         self._dropped_count = 0
         self._digits = b""
         self._wakes_left, self._armed_ns = WAKES_MAX, 0
@@ -87,9 +87,9 @@ class SetpointBox:
         digits = self._digits
         known = bool(digits) and digits in payload
         with self._lock:
-            kept = self._kept if known else self._strangers
-            self._dropped_count += len(kept) == kept.maxlen
-            kept.append(Arrival(leg, payload))
+            queued = self._of_holder if known else self._of_others
+            self._dropped_count += len(queued) == queued.maxlen
+            queued.append(Arrival(leg, payload))
             wakes = known and self._wakes_left > 0
             self._wakes_left -= wakes
         if wakes:
@@ -100,9 +100,9 @@ class SetpointBox:
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._fd)
         with self._lock:
-            batch = Batch((*self._kept, *self._strangers), self._dropped_count)
-            self._kept.clear()
-            self._strangers.clear()
+            batch = Batch((*self._of_holder, *self._of_others), self._dropped_count)
+            self._of_holder.clear()
+            self._of_others.clear()
             self._dropped_count = 0
             if now_ns - self._armed_ns >= REARM_NS:
                 self._wakes_left, self._armed_ns = WAKES_MAX, now_ns
@@ -114,7 +114,7 @@ class SetpointBox:
 
 
 @dataclass(slots=True)
-class SetpointDesk:
+class SetpointStore:
     """Decodes setpoints and keeps the newest of each leg under the lease that is held."""
 
     _newest: dict[str, Setpoint] = field(default_factory=dict[str, Setpoint])
@@ -124,11 +124,11 @@ class SetpointDesk:
         """The newest setpoint of each leg, for the gateway state."""
         return tuple(self._newest.values())
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Drop all setpoints, because the lease has changed or ended."""
         self._newest.clear()
 
-    def take(self, arrival: Arrival, legs: Collection[str], lease: int) -> SetpointRefusal:
+    def receive(self, arrival: Arrival, legs: Collection[str], lease: int) -> SetpointRefusal:
         """Check one message and keep its setpoint; returns NONE or the reason for refusal."""
         if len(arrival.payload) > SETPOINT_SIZE_MAX:
             return SetpointRefusal.TOO_LARGE
@@ -155,7 +155,7 @@ def _read(payload: bytes) -> wire.SetpointMessage | SetpointRefusal:
     except RefusedError as error:
         if any(word in payload for word in _NOT_FINITE):
             return SetpointRefusal.NON_FINITE
-        beyond = any(word in str(error) for word in _BEYOND)
+        beyond = any(word in str(error) for word in _OUT_OF_RANGE)
         return SetpointRefusal.OUT_OF_RANGE if beyond else SetpointRefusal.MALFORMED
 
 

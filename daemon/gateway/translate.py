@@ -28,7 +28,7 @@ from daemon.ipc.record import (
 from daemon.wire.causes import CAUSE_TEXT
 from daemon.wire.fields import NMT_STATES, POWER_STATES, StatusBit, Validity, name_of
 
-NEVER_SHOWN: Final = (
+NEVER_PUBLISHED: Final = (
     StatusBit.UNREFERENCED
     | StatusBit.OUT_OF_WORKSPACE
     | StatusBit.INCONSISTENT
@@ -36,7 +36,7 @@ NEVER_SHOWN: Final = (
 )
 """Status bits that make both axes bad."""
 
-_NEVER_SHOWN_BITS: Final = int(NEVER_SHOWN)
+_NEVER_PUBLISHED_BITS: Final = int(NEVER_PUBLISHED)
 
 _VALIDITY: Final = {validity.value: validity for validity in Validity}
 """Lookup of Validity by value: ten times as fast as the enum's own call."""
@@ -91,13 +91,13 @@ def finite(value: float | None) -> Number:
     return value if value is not None and math.isfinite(value) else None
 
 
-def look(leg: LegRecord, record: CycleRecord, stamp: Stamp) -> View:
+def view_of(leg: LegRecord, record: CycleRecord, stamp: Stamp) -> View:
     """Apply the rules of validity to one leg's estimate."""
     validity = _validity(leg)
-    shown = _shown(validity)
+    published = _may_be_published(validity)
     state = tuple(
         value if may and math.isfinite(value) else None
-        for may, value in zip(shown, leg.state, strict=True)
+        for may, value in zip(published, leg.state, strict=True)
     )
     net = tuple(
         finite(value) if of_axis is not Validity.BAD else None
@@ -221,7 +221,7 @@ def power_state_name(power_state: int) -> str:
     return POWER_STATES[power_state] if 0 <= power_state < len(POWER_STATES) else POWER_STATES[0]
 
 
-def judgement(verdict: Verdict) -> wire.Judgement:
+def verdict_message(verdict: Verdict) -> wire.Judgement:
     """The verdict with its text and remedy for the operator."""
     text = CAUSE_TEXT[verdict.cause]
     stops = verdict.category is not StopCategory.NONE
@@ -264,7 +264,7 @@ def safety(
         valid=True,
         mode=name_of(record.mode),
         active=record.mode.active,
-        verdict=judgement(record.verdict),
+        verdict=verdict_message(record.verdict),
         stage=None if record.stage is None else name_of(record.stage),
         progress=record.progress,
         lease_holder=lease_holder,
@@ -275,7 +275,7 @@ def safety(
 
 
 @lru_cache(maxsize=len(Validity) ** 2)
-def _shown(validity: tuple[Validity, Validity]) -> tuple[bool, ...]:
+def _may_be_published(validity: tuple[Validity, Validity]) -> tuple[bool, ...]:
     """The states that may be published, as a flag for each of the eight."""
     return tuple(
         validity[index % 2] is Validity.OK
@@ -301,7 +301,7 @@ def _is_covariance(values: Sequence[float]) -> bool:
 
 def _validity(leg: LegRecord) -> tuple[Validity, Validity]:
     """Validity of hip and slide; BAD for both if a status bit requires it."""
-    if leg.status & _NEVER_SHOWN_BITS:
+    if leg.status & _NEVER_PUBLISHED_BITS:
         return Validity.BAD, Validity.BAD
     return _VALIDITY[leg.validity[0]], _VALIDITY[leg.validity[1]]
 

@@ -40,7 +40,7 @@ _ALIGNMENT: Final = 8
 _BOOT_ID_LENGTH: Final = 8
 
 
-class KeptFile(NamedTuple):
+class ClipFile(NamedTuple):
     """The part of a file's header that the gateway keeps in memory for each file of the folder."""
 
     path: Path
@@ -136,7 +136,7 @@ def name_of(core_boot_id: str, kept: Kept) -> str:
     return f"{stamp}_{kept.cause}_{core_boot_id[:_BOOT_ID_LENGTH]}_{kept.stop_seq}{SUFFIX}"
 
 
-def kept_file(path: Path) -> KeptFile:
+def clip_file(path: Path) -> ClipFile:
     """Read the header of one file; `trouble` says why it cannot be read.
 
     Raises:
@@ -145,18 +145,18 @@ def kept_file(path: Path) -> KeptFile:
     size = path.stat().st_size
     try:
         with closing(RingReader(path)) as ring:
-            return KeptFile.of(path, size, ring.header)
+            return ClipFile.of(path, size, ring.header)
     except RingError as error:
-        return KeptFile(path, size, trouble=str(error))
+        return ClipFile(path, size, trouble=str(error))
     except OSError as error:
-        return KeptFile(path, size, trouble=f"{path}: {error.strerror}")
+        return ClipFile(path, size, trouble=f"{path}: {error.strerror}")
 
 
-def kept_files(folder: Path) -> list[KeptFile]:
+def clip_files(folder: Path) -> list[ClipFile]:
     """All files of a black box, oldest first; none if there is no such folder.
 
     Raises:
         OSError: the folder cannot be read.
     """
     named = (*folder.glob(f"*{SUFFIX}"), *folder.glob(f"*{SUFFIX}{DAMAGED_SUFFIX}"))
-    return [kept_file(path) for path in sorted(named) if path.is_file()]
+    return [clip_file(path) for path in sorted(named) if path.is_file()]

@@ -52,11 +52,11 @@ _OVERWRITTEN_SOON: Final = 100
 """The oldest slots of a full ring are skipped, because the core is about to overwrite them."""
 
 RING_NAME: Final = "records.ring"
-ASIDE_NAME: Final = "records.aside"
+PREVIOUS_RING_NAME: Final = "records.aside"
 """The previous core's ring, until the gateway has processed it."""
 GATEWAY_SOCKET_NAME: Final = "gateway.sock"
 CORE_SOCKET_NAME: Final = "core.sock"
-LEVEL_SIZE_MAX: Final = 8192
+STATE_SIZE_MAX: Final = 8192
 DRAIN_COUNT_MAX: Final = 128
 """Datagrams read by one drain, of some hundred that a socket's queue may hold: an endless sender
 must not delay the cycle. The next drains read the rest, a stop among it too."""
@@ -131,7 +131,7 @@ class RingWriter:
         with temporary.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), size)
         # A reader that has the old ring open keeps it; a new reader finds the whole new one.
-        aside = path.with_name(ASIDE_NAME)
+        aside = path.with_name(PREVIOUS_RING_NAME)
         if path.exists() and not aside.exists():
             path.rename(aside)
         temporary.replace(path)
@@ -148,7 +148,7 @@ class RingWriter:
         data = self._encoded(record)
         if data is None:
             self.shortened_count += 1
-            data = self._encoded(wordless(record))
+            data = self._encoded(without_texts(record))
         if data is None:
             return
         offset = HEADER_SIZE + (record.seq % SLOT_COUNT) * SLOT_SIZE
@@ -169,7 +169,7 @@ class RingWriter:
         self._map.close()
 
 
-def wordless(record: CycleRecord) -> CycleRecord:
+def without_texts(record: CycleRecord) -> CycleRecord:
     """The record without everything of variable size: texts, emergencies, strides."""
     return replace(
         record,
@@ -274,7 +274,7 @@ class RareNotice:
 
     def __init__(self, what: str) -> None:
         self._what = what
-        self._told_count = 0
+        self._reported_count = 0
 
     def due(self, count: int, why: str = "") -> list[str]:
         """The line to report, if one is due.
@@ -283,10 +283,10 @@ class RareNotice:
             count: of all times so far; a lower count than before means that counting began anew.
             why: reason of the newest fault.
         """
-        self._told_count = min(self._told_count, count)
-        if count <= 10 * self._told_count:
+        self._reported_count = min(self._reported_count, count)
+        if count <= 10 * self._reported_count:
             return []
-        self._told_count = count
+        self._reported_count = count
         return [f"{self._what}, {count} so far" + (f": {why}" if why else "")]
 
 
@@ -337,7 +337,7 @@ class Datagrams:
         waiting: list[bytes] = []
         with contextlib.suppress(BlockingIOError):
             while len(waiting) < DRAIN_COUNT_MAX:
-                waiting.append(self._socket.recv(LEVEL_SIZE_MAX))
+                waiting.append(self._socket.recv(STATE_SIZE_MAX))
         self.crowded_count += len(waiting) == DRAIN_COUNT_MAX
         return waiting
 
@@ -347,7 +347,7 @@ class Datagrams:
         self._own.unlink(missing_ok=True)
 
 
-class CoreSeam:
+class CoreChannel:
     """The core's end of the IPC channel: records out, gateway states in."""
 
     def __init__(self, runtime: Path, header: RingHeader) -> None:
@@ -375,15 +375,15 @@ class CoreSeam:
         self._ring.write(record)
         return self._datagrams.send(_SEQ.pack(record.seq))
 
-    def levels(self) -> list[GatewayState]:
+    def receive(self) -> list[GatewayState]:
         """The gateway states that wait, oldest first; stop counts must be read from all of them."""
-        levels: list[GatewayState] = []
+        gateway_states: list[GatewayState] = []
         for data in self._datagrams.drain():
             try:
-                levels.append(self._decoder.decode(data))
+                gateway_states.append(self._decoder.decode(data))
             except RefusedError as error:
                 self._refusal = str(error)
-        return levels
+        return gateway_states
 
     def take_notices(self) -> list[str]:
         """New lines about faults of the channel, for the operator."""
@@ -399,7 +399,7 @@ class CoreSeam:
         self._datagrams.close()
 
 
-class GatewaySeam:
+class GatewayChannel:
     """The gateway's end of the IPC channel; the core may end and start again."""
 
     def __init__(self, runtime: Path) -> None:
@@ -413,7 +413,7 @@ class GatewaySeam:
         # Records of a ring that existed before this gateway are not read; a later ring is read from
         # its start. A file that cannot be read is reported by `records` until a core replaces it.
         with contextlib.suppress(RingError):
-            self._follow()
+            self._open_ring()
         if self._ring is not None:
             self._seq = self._ring.newest_seq()
 
@@ -444,7 +444,7 @@ class GatewaySeam:
         # need not be checked. This saves time, because a subscriber waits for the sample.
         if found and woken[-1] == self._seq:
             return found
-        self._follow()
+        self._open_ring()
         if self._ring is None or not woken:
             return []
         if self._ring is not known:
@@ -475,9 +475,9 @@ class GatewaySeam:
             return []
         return self._damaged.due(self._ring.damaged_count, "damaged, or of another gaitd version")
 
-    def send(self, level: GatewayState) -> bool:
+    def send(self, gateway_state: GatewayState) -> bool:
         """Send the gateway state to the core; False if no core took it."""
-        return self._datagrams.send(self._encoder.encode(level))
+        return self._datagrams.send(self._encoder.encode(gateway_state))
 
     def close(self) -> None:
         """Close the ring and the sockets."""
@@ -485,7 +485,7 @@ class GatewaySeam:
             self._ring.close()
         self._datagrams.close()
 
-    def _follow(self) -> None:
+    def _open_ring(self) -> None:
         """Open the ring, or the new one if a core has started since."""
         try:
             inode = self._path.stat().st_ino

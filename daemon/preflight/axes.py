@@ -151,7 +151,7 @@ def _meaning(
     effort_per_a = motor.torque_constant_nm_per_a * effort_per_motor_nm(drive)
     heartbeat_ms = cycle.drive_detection_ms if profile.heartbeat.consumer_entries else None
     rpdo_ms = cycle.rpdo_timeout_ms if profile.pdo.rpdo_timeout else None
-    objections, unused = _eds_says(drive, file, limits, cycle)
+    objections, unused = _eds_objections(drive, file, limits, cycle)
     return AxisMeaning(
         name=drive.name,
         node_id=drive.node_id,
@@ -206,7 +206,7 @@ def _torque(drive: DriveDescription, torque: TorqueObject) -> TorqueMeaning:
     )
 
 
-def _eds_says(
+def _eds_objections(
     drive: DriveDescription, file: Path, limits: DriveLimits, cycle: Cycle
 ) -> tuple[tuple[str, ...], list[str]]:
     """Objections, and the optional objects that the EDS has and the profile does not use."""

@@ -15,7 +15,7 @@ from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import cycle_settings, effort_per_motor_nm
 from daemon.config.limit_settings import HipLimits, SlideLimits
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.strict import MISSING, ConfigError, Words
+from daemon.config.strict import MISSING, ConfigError, PlainText
 from daemon.ipc.record import Cause
 from daemon.preflight.assist import ASSIST_CHECKS
 from daemon.preflight.drives import DRIVE_CHECKS
@@ -291,7 +291,7 @@ def _the_integrator_is_stable(settings: Settings) -> None:
             *friction_parameters(settings.robot), inertia, integrator_named(observer.integrator)
         )
     except ValueError as error:
-        value = Words(observer.integrator)
+        value = PlainText(observer.integrator)
         raise ConfigError(file, "observer.integrator", value, str(error)) from error
     if observer.substeps < least:
         allowed = (

@@ -14,7 +14,7 @@ from daemon.config.bundle import Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Excite, Sinusoid
-from daemon.config.strict import ConfigError, Words
+from daemon.config.strict import ConfigError, PlainText
 from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles, load_at
 from daemon.preflight.workspace import (
     Box,
@@ -111,12 +111,12 @@ def _gait_inside_limits(settings: Settings, extent: Extent) -> None:
         low, high = extent.low[axis] * scale, extent.high[axis] * scale
         least, most = box.low[axis] * scale, box.high[axis] * scale
         if low < least or high > most:
-            value = Words(f"({name} {low:.4g} to {high:.4g} {unit})")
+            value = PlainText(f"({name} {low:.4g} to {high:.4g} {unit})")
             allowed = f"{least:.4g} to {most:.4g} {unit}, the limits of {file.limits} less margins"
             raise ConfigError(file.path, key, value, allowed)
     soft_ratio = settings.limits.singularity.soft_ratio
     if extent.least_singularity_ratio < soft_ratio:
-        value = Words(f"(|sin| of shank and shoe {extent.least_singularity_ratio:.3f})")
+        value = PlainText(f"(|sin| of shank and shoe {extent.least_singularity_ratio:.3f})")
         allowed = f">= singularity.soft_ratio = {soft_ratio:g}"
         raise ConfigError(file.path, "gait.knee_harmonics_deg", value, allowed)
 
@@ -143,7 +143,9 @@ def _gait_can_be_stopped(
     if extent.inside(box) and extent.least_singularity_ratio >= stop_ratio:
         return
     key, value = "gait.cadence_max_hz", settings.trainer.gait.cadence_max_hz
-    allowed = f"a cadence whose quick stops stay inside the limits; now they reach {shown(extent)}"
+    allowed = (
+        f"a cadence whose quick stops stay inside the limits; now they reach {extent_text(extent)}"
+    )
     raise ConfigError(settings.file.path, key, value, allowed)
 
 
@@ -192,7 +194,7 @@ def _scenarios_have_the_effort(settings: Settings) -> None:
             peak = _peak_effort(scenario.torque, axis_name)
             room = most[axis] - abs(load[axis])
             if peak > room:
-                value = Words(f"({axis_name} {peak:g} {unit})")
+                value = PlainText(f"({axis_name} {peak:g} {unit})")
                 allowed = (
                     f"<= {room:.4g} {unit} beside what holds the leg, or the torque is cut off"
                 )
@@ -212,7 +214,7 @@ def _peak_effort(parts: tuple[Sinusoid, ...], axis: str) -> float:
     )
 
 
-def shown(extent: Extent) -> str:
+def extent_text(extent: Extent) -> str:
     """An extent in words."""
     (hip_low, slide_low), (hip_high, slide_high) = extent.low, extent.high
     return (

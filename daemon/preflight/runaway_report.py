@@ -150,8 +150,8 @@ def _allowed(settings: Settings, leg: LegDrives, axis: int, found: RunawayMeanin
     unit = "N m" if axis == 0 else "N"
     most = _largest_effort(settings, leg, axis)
     far, limit, key = (
-        _shown(found, found.distance_si),
-        _shown(found, found.max_runaway_si),
+        _text(found, found.distance_si),
+        _text(found, found.max_runaway_si),
         _KEYS[axis],
     )
     why = (
@@ -169,7 +169,7 @@ def _allowed(settings: Settings, leg: LegDrives, axis: int, found: RunawayMeanin
 _KEYS: Final = ("hip.max_runaway_deg", "slide.max_runaway_m")
 
 
-def _shown(meaning: RunawayMeaning, value_si: float) -> str:
+def _text(meaning: RunawayMeaning, value_si: float) -> str:
     return f"{math.degrees(value_si):.1f} deg" if meaning.rotary else f"{value_si:.3f} m"
 
 

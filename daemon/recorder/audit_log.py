@@ -64,7 +64,7 @@ class Inquiry(Protocol):
 
 
 @dataclass(slots=True, eq=False)
-class Noted:
+class LoggedQuery:
     """A query with its log entry; forwards the answer and logs it."""
 
     inquiry: Inquiry
@@ -72,8 +72,8 @@ class Noted:
     ticket: int
     name: str
     payload: bytes
-    said: dict[str, Any]
-    looked_at: bool = False
+    fields: dict[str, Any]
+    turn_ended: bool = False
     """True if a turn has ended without an answer to it."""
     written: bool = False
     """True if a line of it is in the log."""
@@ -81,7 +81,7 @@ class Noted:
     @property
     def renews(self) -> bool:
         """True if the payload names a lease that the client holds already."""
-        payload = self.said["payload"]
+        payload = self.fields["payload"]
         return isinstance(payload, dict) and "lease" in payload
 
     def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
@@ -100,50 +100,50 @@ class RequestLog:
         self._boot_id, self._cycle = "", 0
         self._newest: RecordHeader | None = None
         self._ticket = 0
-        self._open: dict[int, Noted] = {}
+        self._open: dict[int, LoggedQuery] = {}
         self._budget: Counter[str] = Counter()
         self._summed: Counter[tuple[str, str, str]] = Counter()
         self._minute_ns = self._flush_due_ns = 0
         self._flushing = self._flush_failed = False
         self.lost_count = 0
-        self._lost_said = 0
+        self._lost_logged = 0
         self._write("start", version=version)
 
     # --- events to log --------------------------------------------------------------------------
 
-    def watch(self, inquiries: Sequence[Inquiry], utc_ns: int) -> list[Inquiry]:
+    def wrap(self, inquiries: Sequence[Inquiry], utc_ns: int) -> list[Inquiry]:
         """Wrap queries on their way to the service, so that their answers are logged."""
         self._utc_ns = utc_ns
-        return [self._watched(inquiry) for inquiry in inquiries]
+        return [self._wrapped(inquiry) for inquiry in inquiries]
 
-    def answered(self, noted: Noted, reply: wire.Reply) -> None:
+    def answered(self, query: LoggedQuery, reply: wire.Reply) -> None:
         """Log the answer to a query."""
-        self._open.pop(noted.ticket, None)
-        if noted.name == "acquire" and noted.renews and reply.outcome == DONE:
+        self._open.pop(query.ticket, None)
+        if query.name == "acquire" and query.renews and reply.outcome == DONE:
             return
-        stop = ROUTES.get(noted.name) is Route.STOP
-        if (stop or reply.outcome == REFUSED) and not noted.written:
+        stop = ROUTES.get(query.name) is Route.STOP
+        if (stop or reply.outcome == REFUSED) and not query.written:
             kind = "stop" if stop else REFUSED
-            if not self._affordable(kind, noted, reply.outcome):
+            if not self._has_budget(kind, query, reply.outcome):
                 return
-        told = {"outcome": reply.outcome, "reason": reply.reason, "mode": reply.mode}
-        known = {"name": noted.name[:NAME_LENGTH_MAX], "client": noted.said.get("client")}
-        payload = {} if noted.written else {"payload": noted.said["payload"]}
-        self._write("answered", ticket=noted.ticket, **known, **payload, **told)
+        answer = {"outcome": reply.outcome, "reason": reply.reason, "mode": reply.mode}
+        known = {"name": query.name[:NAME_LENGTH_MAX], "client": query.fields.get("client")}
+        payload = {} if query.written else {"payload": query.fields["payload"]}
+        self._write("answered", ticket=query.ticket, **known, **payload, **answer)
 
-    def core(self, boot_id: str, heard: bool) -> None:
+    def core(self, boot_id: str, present: bool) -> None:
         """Log that a core was found, or that its records stopped or arrive again."""
         if boot_id != self._boot_id:
             self._boot_id, self._newest = boot_id, None
-        self._write("core", heard=heard)
+        self._write("core", heard=present)
 
-    def record(self, glance: RecordHeader) -> None:
+    def record(self, header: RecordHeader) -> None:
         """Log the changes of mode and verdict since the record before."""
-        before, self._newest, self._cycle = self._newest, glance, glance.cycle
-        if before is None or before.mode != glance.mode:
-            self._write("mode", mode=name_of(glance.mode))
+        before, self._newest, self._cycle = self._newest, header, header.cycle
+        if before is None or before.mode != header.mode:
+            self._write("mode", mode=name_of(header.mode))
         latched = before.verdict if before else Verdict()
-        now = glance.verdict
+        now = header.verdict
         if identity(latched) != identity(now):
             what = {"cause": name_of(now.cause), "category": now.category.name, "drive": now.drive}
             self._write("verdict", **what, detail=now.detail)
@@ -151,14 +151,14 @@ class RequestLog:
     def turn(self, now_ns: int, utc_ns: int) -> None:
         """End a turn: log unanswered queries, write the sums once a minute, start a flush."""
         self._utc_ns = utc_ns
-        for noted in self._open.values():
-            if noted.looked_at:
+        for query in self._open.values():
+            if query.turn_ended:
                 continue
-            noted.looked_at = True
-            noted.written = self._affordable("asked", noted, UNANSWERED)
-            if noted.written:
+            query.turn_ended = True
+            query.written = self._has_budget("asked", query, UNANSWERED)
+            if query.written:
                 self._write(
-                    "asked", ticket=noted.ticket, name=noted.name[:NAME_LENGTH_MAX], **noted.said
+                    "asked", ticket=query.ticket, name=query.name[:NAME_LENGTH_MAX], **query.fields
                 )
         if now_ns - self._minute_ns >= MINUTE_NS:
             self._minute_ns = now_ns
@@ -167,14 +167,14 @@ class RequestLog:
             self._flush_failed, self._flush_due_ns = False, now_ns + RETRY_NS
         if self._file.waits and not self._flushing and now_ns >= self._flush_due_ns:
             self._flushing = True
-            if not self._disk.ask(WHAT, self._flush):
+            if not self._disk.submit(WHAT, self._flush):
                 self._flushing, self._flush_failed = False, True
 
     def close(self) -> None:
         """Write the last line; queries that are still open stay unanswered."""
         self._sum_up()
         self._write("end")
-        self._disk.ask(WHAT, self._flush)
+        self._disk.submit(WHAT, self._flush)
 
     # --- lines ----------------------------------------------------------------------------------
 
@@ -188,22 +188,22 @@ class RequestLog:
         finally:
             self._flush_failed = self._flush_failed or failed
 
-    def _watched(self, inquiry: Inquiry) -> Inquiry:
+    def _wrapped(self, inquiry: Inquiry) -> Inquiry:
         if ROUTES.get(inquiry.name) is Route.GATEWAY:
             return inquiry
         self._ticket += 1
-        said = _said(inquiry.payload)
-        noted = Noted(inquiry, self, self._ticket, inquiry.name, inquiry.payload, said)
-        self._open[self._ticket] = noted
-        return noted
+        fields = _fields_of_query(inquiry.payload)
+        query = LoggedQuery(inquiry, self, self._ticket, inquiry.name, inquiry.payload, fields)
+        self._open[self._ticket] = query
+        return query
 
-    def _affordable(self, kind: str, noted: Noted, outcome: str) -> bool:
+    def _has_budget(self, kind: str, query: LoggedQuery, outcome: str) -> bool:
         """True if this entry still gets a line in this minute; otherwise it is counted."""
         self._budget[kind] += 1
         if self._budget[kind] <= LINES_PER_MINUTE:
             return True
-        client = str(noted.said.get("client"))
-        key = (noted.name[:NAME_LENGTH_MAX], client, outcome)
+        client = str(query.fields.get("client"))
+        key = (query.name[:NAME_LENGTH_MAX], client, outcome)
         others = len(self._summed) >= SUMMED_MAX and key not in self._summed
         self._summed[("others", "others", "others") if others else key] += 1
         return False
@@ -218,8 +218,8 @@ class RequestLog:
         if not self._file.has_room:
             self.lost_count += 1
             return
-        if self.lost_count > self._lost_said:
-            lost, self._lost_said = self.lost_count - self._lost_said, self.lost_count
+        if self.lost_count > self._lost_logged:
+            lost, self._lost_logged = self.lost_count - self._lost_logged, self.lost_count
             self._write("lost", count=lost)
         at = datetime.fromtimestamp(self._utc_ns // 1000 / 1e6, UTC)
         head = {"utc": f"{at:%Y-%m-%dT%H:%M:%S.%fZ}", "kind": kind}
@@ -227,7 +227,7 @@ class RequestLog:
         self._file.add(msgspec.json.encode({**head, **core, **fields}))
 
 
-def _said(payload: bytes) -> dict[str, Any]:
+def _fields_of_query(payload: bytes) -> dict[str, Any]:
     """Client and payload of a query: as JSON if it is a flat object, else as text."""
     found: Any = None
     with contextlib.suppress(RefusedError):
@@ -236,8 +236,8 @@ def _said(payload: bytes) -> dict[str, Any]:
         return {"client": None, "payload": payload.decode("utf-8", "backslashreplace")}
     client = found.get("client")
     named = client[:NAME_LENGTH_MAX] if isinstance(client, str) else None
-    shown = {key: SECRET if key == "lease" else value for key, value in found.items()}
-    return {"client": named, "payload": shown}
+    payload_fields = {key: SECRET if key == "lease" else value for key, value in found.items()}
+    return {"client": named, "payload": payload_fields}
 
 
 def _is_plain(value: object) -> bool:

@@ -16,9 +16,9 @@ import msgspec
 from daemon.ipc.ring_clip import (
     DAMAGED_SUFFIX,
     PART_SUFFIX,
+    ClipFile,
     ClipWriter,
-    KeptFile,
-    kept_files,
+    clip_files,
     name_of,
     trimmed,
 )
@@ -30,7 +30,7 @@ CHUNK_BYTES: Final = 64 * 1024
 
 
 class ClipStore:
-    """The gateway's list of the folder's files. `keep` runs in the disk's thread."""
+    """The gateway's list of the folder's files. `write` runs in the disk's thread."""
 
     def __init__(
         self, folder: Path, files_max: int = FILES_MAX, bytes_max: int = BYTES_MAX
@@ -38,16 +38,16 @@ class ClipStore:
         """List the existing files; a missing folder is made with the first file."""
         self.folder = folder
         self._files_max, self._bytes_max = files_max, bytes_max
-        self._files: tuple[KeptFile, ...] = ()
+        self._files: tuple[ClipFile, ...] = ()
         self.trouble = ""
         self.damaged: list[str] = []
         """Files that cannot be read, and whether they were renamed."""
         try:
-            self._files = tuple(map(self._looked_at, kept_files(folder)))
+            self._files = tuple(map(self._checked, clip_files(folder)))
         except OSError as error:
             self.trouble = f"{folder}: {error.strerror}"
 
-    def _looked_at(self, file: KeptFile) -> KeptFile:
+    def _checked(self, file: ClipFile) -> ClipFile:
         """The file, renamed if it cannot be read and has not been renamed before."""
         path = file.path
         if not file.trouble or path.suffix == DAMAGED_SUFFIX:
@@ -70,7 +70,7 @@ class ClipStore:
             if (kept := file.kept)
         )
 
-    def keep(self, header: RingHeader, kept: Kept, cutting: ClipWriter) -> Path:
+    def write(self, header: RingHeader, kept: Kept, cutting: ClipWriter) -> Path:
         """Write a file into the folder, and remove files beyond the limits.
 
         Raises:
@@ -88,7 +88,7 @@ class ClipStore:
             raise
         _sync_folder(self.folder)
         known = tuple(file for file in self._files if file.path != path)
-        self._files = (*known, KeptFile.of(path, size, header))
+        self._files = (*known, ClipFile.of(path, size, header))
         self._make_room()
         return path
 
@@ -100,10 +100,10 @@ class ClipStore:
             self._files = tuple(one for one in self._files if one is not file)
 
 
-def surplus(files: Sequence[KeptFile], files_max: int, bytes_max: int) -> list[KeptFile]:
+def surplus(files: Sequence[ClipFile], files_max: int, bytes_max: int) -> list[ClipFile]:
     """The files to remove so that the others fit; the last of `files` is the newest."""
     count, size = len(files), sum(file.size for file in files)
-    gone: list[KeptFile] = []
+    gone: list[ClipFile] = []
     for file in sorted(files[:-1], key=_worth):
         if count <= files_max and size <= bytes_max:
             break
@@ -112,7 +112,7 @@ def surplus(files: Sequence[KeptFile], files_max: int, bytes_max: int) -> list[K
     return gone
 
 
-def _worth(file: KeptFile) -> tuple[bool, str]:
+def _worth(file: ClipFile) -> tuple[bool, str]:
     kept = file.kept
     return (kept is not None and kept.active, file.path.name)
 

@@ -14,11 +14,11 @@ from typing import Final, NamedTuple
 from daemon.recorder.worker import Worker
 
 JOBS_MAX: Final = 64
-END_PATIENCE_S: Final = 3.0
+END_TIMEOUT_S: Final = 3.0
 """Time that an ending gateway waits for its disk."""
 
 
-class Trouble(NamedTuple):
+class WriteError(NamedTuple):
     """A write error and its reason; an empty reason: writing works again."""
 
     what: str
@@ -37,12 +37,12 @@ class Disk:
         """Start the thread."""
         self.failed_count = 0
         self._jobs: queue.Queue[_Job | None] = queue.Queue(JOBS_MAX)
-        self._said: queue.SimpleQueue[Trouble] = queue.SimpleQueue()
+        self._reports: queue.SimpleQueue[WriteError] = queue.SimpleQueue()
         self._failing: set[str] = set()
-        self._doing = ""
+        self._running = ""
         self._worker = Worker("disk", self._work, self._ended)
 
-    def ask(self, what: str, run: Callable[[], None]) -> bool:
+    def submit(self, what: str, run: Callable[[], None]) -> bool:
         """Queue a job; False if the queue is full and the job is dropped.
 
         Args:
@@ -57,9 +57,9 @@ class Disk:
             return False
         return True
 
-    def troubles(self) -> list[Trouble]:
+    def errors(self) -> list[WriteError]:
         """Errors and recoveries since the last call."""
-        return [self._said.get_nowait() for _ in range(self._said.qsize())]
+        return [self._reports.get_nowait() for _ in range(self._reports.qsize())]
 
     def settle(self) -> None:
         """Wait until all queued jobs are done; for tests only, because a disk may hang."""
@@ -70,14 +70,14 @@ class Disk:
     def close(self) -> None:
         """Finish the queued jobs, for a bounded time."""
         try:
-            self._jobs.put(None, timeout=END_PATIENCE_S)
+            self._jobs.put(None, timeout=END_TIMEOUT_S)
         except queue.Full:
             return
-        self._worker.join(END_PATIENCE_S)
+        self._worker.join(END_TIMEOUT_S)
 
     def _work(self) -> None:
         while (job := self._jobs.get()) is not None:
-            self._doing = job.what
+            self._running = job.what
             try:
                 job.run()
             except OSError as error:
@@ -85,14 +85,14 @@ class Disk:
             else:
                 if job.what in self._failing:
                     self._failing.discard(job.what)
-                    self._said.put(Trouble(job.what, ""))
+                    self._reports.put(WriteError(job.what, ""))
 
     def _ended(self, why: str) -> bool:
-        self._fail(self._doing, why)
+        self._fail(self._running, why)
         return True
 
     def _fail(self, what: str, reason: str) -> None:
         self.failed_count += 1
         if what not in self._failing:
             self._failing.add(what)
-            self._said.put(Trouble(what, reason))
+            self._reports.put(WriteError(what, reason))

@@ -8,14 +8,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from daemon.gateway.events import Happening, Kind, Priority
+from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.ipc.ring_clip import FOLDER
 from daemon.ipc.transport import RingReader
 from daemon.recorder.audit_file import RequestFile
 from daemon.recorder.audit_log import Inquiry, RequestLog
 from daemon.recorder.black_box import BlackBox
 from daemon.recorder.clip_store import ClipStore
-from daemon.recorder.disk import Disk, Trouble
+from daemon.recorder.disk import Disk, WriteError
 from daemon.system.clock import AgeClock
 
 REMEDY: Final = (
@@ -31,32 +31,32 @@ class DiskRecorder:
         """Open the state directory; one that cannot be used is reported as an event, not raised."""
         self._clock = clock
         self._disk = Disk()
-        shelf = ClipStore(state / FOLDER)
-        self._troubles = [Trouble("black box", shelf.trouble)] if shelf.trouble else []
+        clips = ClipStore(state / FOLDER)
+        self._errors = [WriteError("black box", clips.trouble)] if clips.trouble else []
         self._file = RequestFile(state)
         self._log = RequestLog(self._file, self._disk, clock.utc_ns(), version)
-        self._box = BlackBox(runtime, shelf, self._disk, self._log)
-        self._damaged = shelf.damaged
+        self._box = BlackBox(runtime, clips, self._disk, self._log)
+        self._damaged = clips.damaged
 
     @property
     def not_kept_count(self) -> int:
         """Files and lines that could not be written."""
         return self._disk.failed_count + self._log.lost_count
 
-    def watch(self, inquiries: Sequence[Inquiry]) -> list[Inquiry]:
+    def wrap(self, inquiries: Sequence[Inquiry]) -> list[Inquiry]:
         """Wrap queries on their way to the service, so that they are logged."""
-        return self._log.watch(inquiries, self._clock.utc_ns())
+        return self._log.wrap(inquiries, self._clock.utc_ns())
 
-    def turn(self, ring: RingReader | None, now_ns: int) -> list[Happening]:
+    def turn(self, ring: RingReader | None, now_ns: int) -> list[EventDraft]:
         """Do the recorder's part of a turn of the loop, and return its events."""
         self._box.turn(ring, now_ns)
         self._log.turn(now_ns, self._clock.utc_ns())
-        troubles, self._troubles = [*self._troubles, *self._disk.troubles()], []
+        errors, self._errors = [*self._errors, *self._disk.errors()], []
         damaged, self._damaged = [*self._damaged, *self._box.damaged()], []
         return [
-            *map(_trouble, troubles),
+            *map(_write_error, errors),
             *map(_damaged, damaged),
-            *map(_kept, self._box.news()),
+            *map(_written, self._box.new_files()),
         ]
 
     def close(self) -> None:
@@ -66,17 +66,17 @@ class DiskRecorder:
         self._disk.close()
 
 
-def _trouble(trouble: Trouble) -> Happening:
-    if not trouble.reason:
-        return Happening(Priority.INFO, Kind.NOTE, f"{trouble.what}: can be written again")
-    text = f"{trouble.what}: cannot be written: {trouble.reason}"
-    return Happening(Priority.LOW, Kind.NOTE, text, REMEDY)
+def _write_error(error: WriteError) -> EventDraft:
+    if not error.reason:
+        return EventDraft(Priority.INFO, Kind.NOTE, f"{error.what}: can be written again")
+    text = f"{error.what}: cannot be written: {error.reason}"
+    return EventDraft(Priority.LOW, Kind.NOTE, text, REMEDY)
 
 
-def _damaged(what: str) -> Happening:
+def _damaged(what: str) -> EventDraft:
     remedy = "its records are lost unless it can be repaired; check the disk"
-    return Happening(Priority.LOW, Kind.NOTE, f"black box: {what}", remedy)
+    return EventDraft(Priority.LOW, Kind.NOTE, f"black box: {what}", remedy)
 
 
-def _kept(name: str) -> Happening:
-    return Happening(Priority.INFO, Kind.NOTE, f"black box: kept {name}")
+def _written(name: str) -> EventDraft:
+    return EventDraft(Priority.INFO, Kind.NOTE, f"black box: kept {name}")

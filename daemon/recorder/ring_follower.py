@@ -30,7 +30,7 @@ class RecordHeader(msgspec.Struct, frozen=True, array_like=True):
     verdict: Verdict
 
 
-glance_of: Final = Decoder(msgspec.msgpack.Decoder(RecordHeader).decode).decode
+header_of: Final = Decoder(msgspec.msgpack.Decoder(RecordHeader).decode).decode
 
 
 class Stop(NamedTuple):
@@ -53,16 +53,16 @@ class RingFollower:
     seq: int
     """Number of the last record that was read."""
     last: RecordHeader | None = None
-    grown: bool = False
+    has_grown: bool = False
     """Records have arrived after all existing ones had been read."""
     ended_seq: int = 0
     """Number of the last record, once it is known to be the last."""
-    aside: Path | None = None
+    renamed_file: Path | None = None
     """File to be removed when there is nothing left to keep of it."""
     live: bool = True
 
     @classmethod
-    def of(cls, ring: RingReader, *, live: bool = True) -> "RingFollower":
+    def starting_at(cls, ring: RingReader, *, live: bool = True) -> "RingFollower":
         """Start at the oldest record."""
         newest = ring.newest_seq()
         return cls(ring, newest, ring.oldest_seq(newest) - 1, live=live)
@@ -88,10 +88,10 @@ class RingFollower:
             # A record that is gone, or of another version, is skipped.
             with contextlib.suppress(RefusedError):
                 if data is not None:
-                    now = glance_of(data)
-                    yield now, self._look(now)
+                    now = header_of(data)
+                    yield now, self._stop_of(now)
 
-    def _look(self, now: RecordHeader) -> Stop | None:
+    def _stop_of(self, now: RecordHeader) -> Stop | None:
         before, self.last = self.last, now
         verdict = now.verdict
         # A verdict latched before the first available record is not a stop in this ring.
@@ -108,7 +108,9 @@ class RingFollower:
         if last is None or last.seq == self.ended_seq:
             return None
         self.ended_seq = last.seq
-        return Stop(CORE_SILENT if self.grown else CORE_ENDED, "", "", last.seq, last.sync_utc_ns)
+        return Stop(
+            CORE_SILENT if self.has_grown else CORE_ENDED, "", "", last.seq, last.sync_utc_ns
+        )
 
 
 def identity(verdict: Verdict) -> tuple[object, ...]:

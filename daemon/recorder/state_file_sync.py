@@ -20,19 +20,19 @@ from daemon.recorder.worker import Worker
 PERIOD_S: Final = 0.2
 
 
-class NotesDisk:
+class StateFileSync:
     """A thread that syncs one file to the disk whenever it has changed."""
 
     def __init__(self, path: Path) -> None:
         """Start the thread; a file that does not exist yet is waited for."""
         self._path = path
-        self._kept = b""
-        self._trouble = ""
+        self._synced = b""
+        self._error = ""
         self._log = logging.getLogger("gaitd.gateway")
         self._over = threading.Event()
         self._worker = Worker("notes", self._work, self._ended)
 
-    def look(self) -> bool:
+    def sync(self) -> bool:
         """Check the file once and sync it; true if it had changed.
 
         Raises:
@@ -41,10 +41,10 @@ class NotesDisk:
         file = os.open(self._path, os.O_RDONLY)
         try:
             page = os.read(file, SIZE)
-            if page == self._kept:
+            if page == self._synced:
                 return False
             os.fsync(file)  # of all its dirty pages, also through the mapping of the core
-            self._kept = page
+            self._synced = page
         finally:
             os.close(file)
         return True
@@ -59,19 +59,19 @@ class NotesDisk:
         while not over:
             over = self._over.wait(PERIOD_S)
             try:
-                self.look()
-                self._trouble = ""
+                self.sync()
+                self._error = ""
             except FileNotFoundError:
                 continue
             except OSError as error:
-                self._tell(str(error))
+                self._log_failure(str(error))
 
     def _ended(self, why: str) -> bool:
-        self._tell(why)
+        self._log_failure(why)
         return not self._over.is_set()
 
-    def _tell(self, why: str) -> None:
+    def _log_failure(self, why: str) -> None:
         """Log a failure once: a power cut may now lose a latched stop."""
-        if why != self._trouble:
-            self._trouble = why
+        if why != self._error:
+            self._error = why
             self._log.error("the core's state file is not on the disk: %s", why)

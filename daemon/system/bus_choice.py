@@ -28,7 +28,7 @@ class BusChoice(NamedTuple):
     clock: Clock
     is_in_step: Callable[[], bool]
     """True if time is simulated now."""
-    say_here: Callable[[], None]
+    send_alive: Callable[[], None]
     """Notifies the time server that this program is alive although it requests no time yet."""
 
 
@@ -60,7 +60,7 @@ def choose_bus(
         )
     link = SocketLink(Path(channel), role, name, wall_clock_only=wall_clock_only)
     bus = SimulatedBus(link, f"{SIMULATED}:{channel}")
-    return BusChoice(bus.open, SimulatedClock(link), lambda: link.is_in_step, link.say_here)
+    return BusChoice(bus.open, SimulatedClock(link), lambda: link.is_in_step, link.send_alive)
 
 
 class BusPlace(NamedTuple):

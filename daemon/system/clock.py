@@ -94,13 +94,13 @@ class PageClock:
         self._path = page_path(socket_path)
         self._page: SimulatedTime | None = None
         self._retry_ns = 0
-        self._told_ns = 0
+        self._returned_ns = 0
 
     def now_ns(self) -> int:
         """Simulated time in ns."""
         page = self._existing()
-        self._told_ns = max(self._told_ns, page.now_ns() if page else time.monotonic_ns())
-        return self._told_ns
+        self._returned_ns = max(self._returned_ns, page.now_ns() if page else time.monotonic_ns())
+        return self._returned_ns
 
     def utc_ns(self) -> int:
         """Simulated UTC in ns since 1970."""

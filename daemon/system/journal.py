@@ -55,7 +55,7 @@ class Journal:
         self._path = str(path) if path is not None else None
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
         self._socket.setblocking(False)
-        self._untold_count = 0
+        self._unreported_count = 0
         self.dropped_count = 0
         """Lines that the journal had no room for, or was not running for."""
 
@@ -64,7 +64,7 @@ class Journal:
         """True if there is a journal to write to."""
         return self._path is not None
 
-    def tell(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
+    def write(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
         """Write one entry; never waits.
 
         Args:
@@ -80,15 +80,15 @@ class Journal:
             "SYSLOG_IDENTIFIER": self._identifier,
             **fields,
         }
-        if self._untold_count:
-            entry["GAITD_DROPPED"] = str(self._untold_count)
+        if self._unreported_count:
+            entry["GAITD_DROPPED"] = str(self._unreported_count)
         try:
             self._socket.sendto(encoded(entry), self._path)
         except OSError:
             self.dropped_count += 1
-            self._untold_count += 1
+            self._unreported_count += 1
         else:
-            self._untold_count = 0
+            self._unreported_count = 0
 
     def close(self) -> None:
         """Close the socket."""

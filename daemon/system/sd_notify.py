@@ -20,8 +20,8 @@ class Notifier:
         """Send `KEY=value` lines; False if systemd could not take them."""
         if self._address:
             try:
-                said = "\n".join(line.replace("\n", " ") for line in lines)
-                self._socket.sendto(said.encode(errors="replace"), self._address)
+                message = "\n".join(line.replace("\n", " ") for line in lines)
+                self._socket.sendto(message.encode(errors="replace"), self._address)
             except OSError:
                 return False
         return True

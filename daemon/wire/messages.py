@@ -204,7 +204,7 @@ class Schemas(Stated, frozen=True, kw_only=True):
 # --- requests in -----------------------------------------------------------------------------
 
 
-SOMEBODY: Final = "somebody"
+UNNAMED_CLIENT: Final = "somebody"
 """Client name of a request that gives none."""
 
 
@@ -214,7 +214,7 @@ class Ask(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     client: Annotated[
         str,
         Meta(max_length=64, pattern=ONE_LINE, description="Name of the client, for the event."),
-    ] = SOMEBODY
+    ] = UNNAMED_CLIENT
     for_cycle: Annotated[
         Annotated[int, Meta(ge=0, le=EXACT_MAX)] | None,
         Meta(description="Newest cycle known to the client; too old is refused. Null: now."),

@@ -150,7 +150,7 @@ class ZenohOutlet:
         """Publish an event and keep it for late joiners."""
         self._events.put(msgspec.json.encode(event))
 
-    def show_alive(self, alive: bool) -> None:
+    def set_alive(self, alive: bool) -> None:
         """Hold the liveliness token while `alive` is true, else release it."""
         if alive and self._token is None:
             key = wire.key(self._trainer, wire.ALIVE)
@@ -161,7 +161,7 @@ class ZenohOutlet:
 
     def close(self) -> None:
         """Undeclare everything; the session remains open."""
-        self.show_alive(False)
+        self.set_alive(False)
         self._queryable.undeclare()
         self._events.undeclare()
         for publisher in self._publishers.values():

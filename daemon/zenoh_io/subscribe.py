@@ -15,10 +15,10 @@ class SetpointSubscriber:
     def __init__(self, session: zenoh.Session, trainer: str, box: SetpointBox) -> None:
         self._box = box
         self._subscriber = session.declare_subscriber(
-            wire.key(trainer, "*", wire.SETPOINT), self._hear
+            wire.key(trainer, "*", wire.SETPOINT), self._receive
         )
 
-    def _hear(self, sample: zenoh.Sample) -> None:
+    def _receive(self, sample: zenoh.Sample) -> None:
         """Put one message into the box; called in a thread of Zenoh."""
         payload = sample.payload
         small = len(payload) <= SETPOINT_SIZE_MAX

@@ -62,7 +62,7 @@ from drives.signals import Emergency, NmtState, PowerState
 BOOT_TIMEOUT_NS: Final = 2_000_000_000
 """Limit for a boot-up message after NMT reset communication; EPOS4 needs some hundred ms."""
 SETTLE_NS: Final = 50_000_000
-HEARTBEAT_PATIENCE: Final = 4
+HEARTBEAT_TIMEOUT_RATIO: Final = 4
 """In heartbeat times: limits for the first heartbeat, and for showing a new NMT state."""
 FIRST_SAMPLE_SYNCS: Final = 20
 """SYNCs within which every drive must have sent a complete sample."""
@@ -109,7 +109,7 @@ class DriveReport(NamedTuple):
     """The error code or one of the EMCYs means that the encoder position is not reliable."""
 
 
-class _Found:
+class _DriveState:
     """One drive during bring-up, and what its steps have read."""
 
     def __init__(self, plan: DrivePlan) -> None:
@@ -147,7 +147,7 @@ def bring_up(
     Raises:
         BringUpRefused, DrivePowered, DriveSilent, BusError: see the head of this file.
     """
-    drives = [_Found(plan) for plan in plans]
+    drives = [_DriveState(plan) for plan in plans]
     master = OtherMaster(port, cycle.master_node_id)
     total_count = sum(len(plan.steps) for plan in plans) + 2
     done_count = 0
@@ -171,13 +171,13 @@ def bring_up(
     return tuple(_report(drive, port) for drive in drives)
 
 
-def _ordered(drives: Sequence[_Found], *, together: bool) -> list[tuple[_Found, Step]]:
+def _ordered(drives: Sequence[_DriveState], *, together: bool) -> list[tuple[_DriveState, Step]]:
     """Sort the steps: all resets first, so no drive acts while another is being configured.
 
     With `together`, the power of all drives is switched off at once, as soon as each of them has
     been identified as the one described by the files.
     """
-    phased: list[tuple[int, _Found, Step]] = []
+    phased: list[tuple[int, _DriveState, Step]] = []
     for drive in drives:
         steps = drive.plan.steps
         power = [step.kind for step in steps].index(StepKind.POWER) if together else -1
@@ -189,8 +189,8 @@ def _ordered(drives: Sequence[_Found], *, together: bool) -> list[tuple[_Found, 
 
 def _run(
     step: Step,
-    drive: _Found,
-    may_switch_off: Sequence[_Found],
+    drive: _DriveState,
+    may_switch_off: Sequence[_DriveState],
     port: DrivePort,
     cycle: CycleSettings,
 ) -> Texts:
@@ -224,7 +224,7 @@ def _run(
 # --- waiting --------------------------------------------------------------------------------------
 
 
-def _reset(drive: _Found, port: DrivePort) -> None:
+def _reset(drive: _DriveState, port: DrivePort) -> None:
     drive.reset_ns = port.now_ns()
     port.wait(drive.reset_ns)  # frames queued now were sent before the reset
     traffic = port.traffic(drive.node_id)
@@ -232,7 +232,7 @@ def _reset(drive: _Found, port: DrivePort) -> None:
     port.send((nmt_frame(NmtCommand.RESET_COMMUNICATION, drive.node_id),))
 
 
-def _await_boot(drive: _Found, port: DrivePort, text: str) -> Texts:
+def _await_boot(drive: _DriveState, port: DrivePort, text: str) -> Texts:
     def booted() -> bool:
         return port.traffic(drive.node_id).boot_up_count > drive.boot_up_count
 
@@ -240,8 +240,8 @@ def _await_boot(drive: _Found, port: DrivePort, text: str) -> Texts:
     if not (yield from until(port, deadline_ns, text, booted)):
         waited = f"no boot-up message within {BOOT_TIMEOUT_NS / 1e9:g} s of NMT reset communication"
         if port.bus_state.alone:
-            lonely = f"{waited}, and no frame is acknowledged: is any drive powered and connected?"
-            raise DriveSilent(drive.name, BootFailure.NOBODY_THERE, lonely)
+            alone = f"{waited}, and no frame is acknowledged: is any drive powered and connected?"
+            raise DriveSilent(drive.name, BootFailure.NO_NODE, alone)
         what = f"{waited}: no power, no cable, another node id or bit rate?"
         raise DriveSilent(drive.name, BootFailure.NO_ANSWER, what)
     yield from until(port, port.now_ns() + SETTLE_NS, text, lambda: False)
@@ -250,21 +250,21 @@ def _await_boot(drive: _Found, port: DrivePort, text: str) -> Texts:
 
 
 def _without_power(
-    step: Step, drive: _Found, may_switch_off: Sequence[_Found], port: DrivePort
+    step: Step, drive: _DriveState, may_switch_off: Sequence[_DriveState], port: DrivePort
 ) -> Texts:
     """Check that the drive has no power, or switch off all drives that may be switched off.
 
     All at once: a drive that is switched off first would pull at joints that are still held.
     """
 
-    def state(one: _Found = drive) -> PowerState:
+    def state(one: _DriveState = drive) -> PowerState:
         return decode_statusword(read(step, one.target(port)))
 
-    shown = state()
-    if shown in WITHOUT_POWER:
+    state_text = state()
+    if state_text in WITHOUT_POWER:
         return
     if not may_switch_off:
-        raise DrivePowered(drive.name, shown.name)
+        raise DrivePowered(drive.name, state_text.name)
     deadline_ns = port.now_ns() + SWITCH_OFF_TIMEOUT_NS
     for one in [one for one in may_switch_off if state(one) not in WITHOUT_POWER]:
         write(_DISABLE_VOLTAGE, one.target(port), 0)
@@ -273,22 +273,22 @@ def _without_power(
         raise DriveSilent(drive.name, BootFailure.WRONG_STATE, what)
 
 
-def _leave_without_power(drives: Sequence[_Found], port: DrivePort) -> None:
+def _leave_without_power(drives: Sequence[_DriveState], port: DrivePort) -> None:
     """Send disable voltage to all drives (rule 8); refusals and missing answers are ignored."""
     for drive in drives:
         with suppress(BringUpRefused, DriveSilent):
             write(_DISABLE_VOLTAGE, drive.target(port), 0)
 
 
-def _await_heartbeat(drive: _Found, port: DrivePort, cycle: CycleSettings, text: str) -> Texts:
+def _await_heartbeat(drive: _DriveState, port: DrivePort, cycle: CycleSettings, text: str) -> Texts:
     before = port.traffic(drive.node_id).heartbeat_count
 
-    def heard() -> bool:
+    def received() -> bool:
         traffic = port.traffic(drive.node_id)
         new = traffic.heartbeat_count > before
         return new and traffic.nmt_state is NmtState.PRE_OPERATIONAL
 
-    if not (yield from until(port, _heartbeat_deadline_ns(port, cycle), text, heard)):
+    if not (yield from until(port, _heartbeat_deadline_ns(port, cycle), text, received)):
         traffic = port.traffic(drive.node_id)
         beats = traffic.heartbeat_count > before
         failure = BootFailure.WRONG_STATE if beats else BootFailure.NO_HEARTBEAT
@@ -297,10 +297,10 @@ def _await_heartbeat(drive: _Found, port: DrivePort, cycle: CycleSettings, text:
 
 
 def _heartbeat_deadline_ns(port: DrivePort, cycle: CycleSettings) -> int:
-    return port.now_ns() + HEARTBEAT_PATIENCE * cycle.drive_heartbeat_ms * 1_000_000
+    return port.now_ns() + HEARTBEAT_TIMEOUT_RATIO * cycle.drive_heartbeat_ms * 1_000_000
 
 
-def _check_same(drive: _Found, port: DrivePort, text: str) -> Texts:
+def _check_same(drive: _DriveState, port: DrivePort, text: str) -> Texts:
     """Check that the same node answers, that no second one does, and that it did not reboot."""
     refuse_second_answer(drive.target(port), drive.sdo_repeat_count)
     if not drive.booted or port.traffic(drive.node_id).boot_up_count == drive.boot_up_count:
@@ -311,14 +311,14 @@ def _check_same(drive: _Found, port: DrivePort, text: str) -> Texts:
     raise DriveSilent(drive.name, BootFailure.REBOOTED, what)
 
 
-def _alone(drive: _Found, port: DrivePort, text: str) -> Texts:
+def _alone(drive: _DriveState, port: DrivePort, text: str) -> Texts:
     yield from refuse_second_node(drive.target(port), drive.sdo_repeat_count, text)
 
 
 # --- all drives together --------------------------------------------------------------------------
 
 
-def _start(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettings) -> Texts:
+def _start(drives: Sequence[_DriveState], port: DrivePort, cycle: CycleSettings) -> Texts:
     text = "NMT start"
     port.sync.restart()
     port.send([nmt_frame(NmtCommand.START, drive.node_id) for drive in drives])
@@ -335,7 +335,7 @@ def _start(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettings) -> T
     yield text
 
 
-def _first_samples(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettings) -> Texts:
+def _first_samples(drives: Sequence[_DriveState], port: DrivePort, cycle: CycleSettings) -> Texts:
     missing: list[str] = []
     for _ in range(FIRST_SAMPLE_SYNCS):
         before = {drive.name: _sample_counts(drive, port) for drive in drives}
@@ -359,17 +359,17 @@ def _first_samples(drives: Sequence[_Found], port: DrivePort, cycle: CycleSettin
         _check_lengths(drive, port)
 
 
-def _cyclic(drive: _Found) -> tuple[PdoLayout, PdoLayout]:
+def _cyclic(drive: _DriveState) -> tuple[PdoLayout, PdoLayout]:
     pdos = layouts(drive.description.profile, drive.node_id)
     return pdos.status, pdos.torque
 
 
-def _sample_counts(drive: _Found, port: DrivePort) -> tuple[int, ...]:
+def _sample_counts(drive: _DriveState, port: DrivePort) -> tuple[int, ...]:
     counts = port.traffic(drive.node_id).pdo_count
     return tuple(counts.get(layout.can_id, 0) for layout in _cyclic(drive))
 
 
-def _check_lengths(drive: _Found, port: DrivePort) -> None:
+def _check_lengths(drive: _DriveState, port: DrivePort) -> None:
     for layout in _cyclic(drive):
         data = port.traffic(drive.node_id).pdo_data[layout.can_id]
         if len(data) != layout.size:
@@ -377,7 +377,7 @@ def _check_lengths(drive: _Found, port: DrivePort) -> None:
             raise BringUpRefused(drive.name, BootFailure.CONFIGURATION, found)
 
 
-def _report(drive: _Found, port: DrivePort) -> DriveReport:
+def _report(drive: _DriveState, port: DrivePort) -> DriveReport:
     traffic = port.traffic(drive.node_id)
     status, torque = _cyclic(drive)
     statusword, position_counts, _ = status.codec.unpack(traffic.pdo_data[status.can_id])
@@ -407,7 +407,7 @@ def _report(drive: _Found, port: DrivePort) -> DriveReport:
     )
 
 
-def _base(drive: _Found) -> DriveBase:
+def _base(drive: _DriveState) -> DriveBase:
     base = drive.description.profile.torque_base
     torque, current, constant = (
         None if ref is None else drive.values[ref.index, ref.sub]

@@ -36,7 +36,7 @@ SDO_TRANSFER_NS: Final = 1_000_000_000
 """Limit for a whole transfer, however many segments the server uses."""
 SLICE_NS: Final = 10_000_000
 """Longest single wait for a reply."""
-SEND_PATIENCE_NS: Final = 20_000_000
+SEND_TIMEOUT_NS: Final = 20_000_000
 """How long a full transmit queue may refuse a bring-up frame."""
 
 _SDO_REQUEST_ID: Final = 0x600
@@ -89,7 +89,7 @@ class Configurator:
     def send(self, frames: Sequence[Frame]) -> None:
         """As `DrivePort.send`."""
         self._refuse_bus_off()
-        deadline_ns = self._clock.now_ns() + SEND_PATIENCE_NS
+        deadline_ns = self._clock.now_ns() + SEND_TIMEOUT_NS
         left = self._bus.send_urgent(frames, deadline_ns, self._clock)
         if left:
             what = f"the transmit queue stays full: {left} frames of bring-up did not leave"
@@ -99,7 +99,7 @@ class Configurator:
     def wait(self, until_ns: int) -> None:
         """As `DrivePort.wait`."""
         for frame in self._bus.receive_until(until_ns, self._clock):
-            self._take(frame)
+            self._receive(frame)
         self._refuse_bus_off()
 
     def traffic(self, node_id: int) -> NodeTraffic:
@@ -154,19 +154,19 @@ class Configurator:
     def _send_one(self, frame: Frame) -> None:
         self.send((frame,))
 
-    def _take(self, frame: Frame) -> None:
+    def _receive(self, frame: Frame) -> None:
         if frame.is_error:
             self.bus_state.feed(frame)
             return
-        self.bus_state.hear()
-        self.bus_state.revive()
+        self.bus_state.frame_received()
+        self.bus_state.assume_restarted()
         service, node_id = frame.can_id & _SERVICE, frame.can_id & _NODE
         if service == _SDO_REPLY_ID:
             self._network.notify(frame.can_id, bytearray(frame.data), 0.0)
             if node_id in self._clients:
                 self.traffic(node_id).sdo_repeat_count = self._clients[node_id].repeat_count
         elif service == HEARTBEAT_ID:
-            self._take_heartbeat(node_id, frame.data)
+            self._receive_heartbeat(node_id, frame.data)
         elif service == EMERGENCY_ID and node_id:
             self.traffic(node_id).emergencies.append(frame.data)
         elif frame.can_id == SYNC_ID:
@@ -180,7 +180,7 @@ class Configurator:
         if self.bus_state.condition is BusCondition.OFF:
             raise BusOff("in bring-up", "the controller is bus-off: wiring, bit rate?")
 
-    def _take_heartbeat(self, node_id: int, data: bytes) -> None:
+    def _receive_heartbeat(self, node_id: int, data: bytes) -> None:
         watch = self._watches.setdefault(node_id, HeartbeatWatch())
         traffic = self.traffic(node_id)
         strange_count, boot_up_count = watch.strange_count, watch.boot_up_count

@@ -39,8 +39,8 @@ def examine(step: Step, target: SdoTarget) -> int:
         return _read_or_zero(step, target)
     value = read(step, target)
     if step.kind is StepKind.CHECK and value & step.mask != step.value:
-        found = f"expected {step.shown(step.value)} ({step.why})"
-        raise _refusal(step, target, step.shown(value), found)
+        found = f"expected {step.value_text(step.value)} ({step.why})"
+        raise _refusal(step, target, step.value_text(value), found)
     if step.kind is StepKind.COMPARE:
         _compare(step, target, value)
     return value
@@ -79,13 +79,13 @@ def write(step: Step, target: SdoTarget, value: int) -> None:
     try:
         target.port.write(target.node_id, step.index, step.sub, data)
     except SdoAborted as abort:
-        raise _aborted(step, target, step.shown(value), abort) from abort
+        raise _aborted(step, target, step.value_text(value), abort) from abort
     except (SdoTimeout, SdoGarbled) as error:
         raise _silence(step, target, error) from error
     found = read(step, target)
     if (found ^ value) & step.mask & ((1 << step.bits) - 1):
-        shown = step.shown(value)
-        reason = f"written, but it reads back {step.shown(found)} ({step.why})"
+        shown = step.value_text(value)
+        reason = f"written, but it reads back {step.value_text(found)} ({step.why})"
         raise _refusal(step, target, shown, reason)
 
 

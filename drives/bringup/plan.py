@@ -101,23 +101,23 @@ def homing_plan(
     homing = description.axis.homing
     if homing is None:
         raise ValueError(f"{description.name} has no homing")
-    usual = lonely_plan(description, limits, cycle, homing.effort_max_si)
+    usual = single_axis_plan(description, limits, cycle, homing.effort_max_si)
     seeds = next(n for n, step in enumerate(usual.steps) if step.kind is StepKind.SEED_POSITION)
     steps = (*usual.steps[:seeds], *_homing(description), *usual.steps[seeds:])
     return DrivePlan(description, steps)
 
 
-def lonely_plan(
+def single_axis_plan(
     description: DriveDescription, limits: DriveLimits, cycle: CycleSettings, effort_max_si: float
 ) -> DrivePlan:
     """As `plan`, for an axis that is moved alone, with at most this effort in N·m or N.
 
     The axis may not be referenced, so the drive enforces no position limits.
     """
-    lonely = limits._replace(
+    single_axis = limits._replace(
         position_min_si=-math.inf, position_max_si=math.inf, effort_max_si=effort_max_si
     )
-    return plan(description, lonely, cycle)
+    return plan(description, single_axis, cycle)
 
 
 def _identity(description: DriveDescription) -> Iterator[Step]:

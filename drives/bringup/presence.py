@@ -58,7 +58,7 @@ def refuse_second_node(target: SdoTarget, sdo_repeat_count: int, text: str) -> T
         yield from until(port, port.now_ns() + SECOND_ANSWER_NS, text, lambda: False)
     refuse_second_answer(target, sdo_repeat_count)
     if len(serials) > 1:
-        both = " and ".join(map(_SERIAL_NUMBER.shown, sorted(serials)))
+        both = " and ".join(map(_SERIAL_NUMBER.value_text, sorted(serials)))
         what = f"two serial numbers answer under node {target.node_id}: {both}"
         raise BringUpRefused(target.drive, BootFailure.DUPLICATE_NODE, what)
 

@@ -72,16 +72,16 @@ class Step:
         """`6065h:00`, or an empty string."""
         return f"{self.index:04X}h:{self.sub:02X}" if self.index else ""
 
-    def shown(self, value: int) -> str:
+    def value_text(self, value: int) -> str:
         """Format a value of this object for the operator."""
         return f"{value:0{self.bits // 4}X}h" if self.is_hex else str(value)
 
     def __str__(self) -> str:
         match self.kind:
             case StepKind.CHECK | StepKind.WRITE:
-                value = f"= {self.shown(self.value)}"
+                value = f"= {self.value_text(self.value)}"
             case StepKind.COMPARE:
-                value = f"~ {self.shown(self.value)}"
+                value = f"~ {self.value_text(self.value)}"
             case StepKind.RANGE:
                 value = f"= {self.value} .. {self.second}"
             case _:

@@ -106,7 +106,7 @@ class CanBus:
         self._bus = bus
         self._channel = channel
         self._stamps = isinstance(bus, SocketcanBus)
-        self._kept: list[Frame] = []  # received while an urgent frame waited
+        self._buffered: list[Frame] = []  # received while an urgent frame waited
         self.dropped_count = 0
         """Frames that were never sent because the transmit queue was full."""
         self.foreign_count = 0
@@ -151,14 +151,14 @@ class CanBus:
                 break
             else:
                 frame = self._receive(RETRY_PAUSE_S)
-                self._kept.extend(() if frame is None else (frame,))
+                self._buffered.extend(() if frame is None else (frame,))
         self.dropped_count += len(waiting)
         return len(waiting)
 
     def drain(self) -> list[Frame]:
         """As `Bus.drain`."""
-        frames = self._kept
-        self._kept = []
+        frames = self._buffered
+        self._buffered = []
         for _ in range(DRAIN_COUNT_MAX):
             message = self._receive_message(0.0)
             if message is None:

@@ -71,9 +71,9 @@ class BusMonitor:
     """Decodes every error frame; holds the condition and the counters."""
 
     __slots__ = (
-        "_has_heard",
+        "_has_received",
         "_notices",
-        "_overflow_told_count",
+        "_overflow_reported_count",
         "alone",
         "bus_off_count",
         "condition",
@@ -92,7 +92,7 @@ class BusMonitor:
         frames."""
         self.alone = False
         """Frames are not acknowledged, and none has been received since."""
-        self._has_heard = False
+        self._has_received = False
         self.bus_off_count = 0
         self.passive_count = 0
         self.warning_count = 0
@@ -100,7 +100,7 @@ class BusMonitor:
         self.no_ack_count = 0
         self.overflow_count = 0
         """Frames lost in the controller, in either direction."""
-        self._overflow_told_count = 0
+        self._overflow_reported_count = 0
         self._notices: deque[str] = deque(maxlen=NOTICES_MAX)
 
     def feed(self, frame: Frame) -> bool:
@@ -109,11 +109,11 @@ class BusMonitor:
         kinds = frame.can_id
         if kinds & _CLASS_NO_ACK or (kinds & _CLASS_PROTOCOL and _is_at(frame.data, _ACK_SLOT)):
             self.no_ack_count += 1
-            self._be_alone()
+            self._set_alone()
         if kinds & _CLASS_CONTROLLER and len(frame.data) > 1:
             self._controller(frame.data[1])
         elif _announces_active(frame):
-            self._be_active()
+            self._set_active()
         if kinds & _CLASS_RESTARTED:
             self.restart_count += 1
             self.condition = BusCondition.ACTIVE
@@ -129,22 +129,22 @@ class BusMonitor:
     def begin(self) -> None:
         """Reset the state after the interface was opened."""
         self.condition = BusCondition.ACTIVE
-        self.alone = self._has_heard = False
+        self.alone = self._has_received = False
 
-    def forgive(self) -> None:
+    def reset_history(self) -> None:
         """Clear the history when bring-up starts: it must not count against the drives."""
         self.has_been_off = False
 
-    def revive(self) -> None:
+    def assume_restarted(self) -> None:
         """Assume that a controller that was bus-off has restarted."""
         if self.condition is BusCondition.OFF:
             self.condition = BusCondition.ACTIVE
             self._notices.append(_NOTICE[BusCondition.ACTIVE])
 
-    def hear(self) -> None:
+    def frame_received(self) -> None:
         """Note a frame from another node."""
         self.alone = False
-        self._has_heard = True
+        self._has_received = True
 
     def take_notices(self) -> list[str]:
         """Return the notices that were not yet taken, oldest first."""
@@ -152,7 +152,7 @@ class BusMonitor:
         self._notices.clear()
         return notices
 
-    def _be_alone(self) -> None:
+    def _set_alone(self) -> None:
         if not self.alone:
             self._notices.append(_ALONE)
         self.alone = True
@@ -165,22 +165,22 @@ class BusMonitor:
         if status & _DATA_PASSIVE:
             self.passive_count += 1
             self.condition = BusCondition.PASSIVE
-            if status & _DATA_TRANSMITTER_PASSIVE and not self._has_heard:
-                self._be_alone()
+            if status & _DATA_TRANSMITTER_PASSIVE and not self._has_received:
+                self._set_alone()
         elif status & _DATA_WARNING:
             self.warning_count += 1
             self.condition = BusCondition.WARNING
         elif status & _DATA_ACTIVE:
-            self._be_active()
+            self._set_active()
 
-    def _be_active(self) -> None:
+    def _set_active(self) -> None:
         if self.condition is not BusCondition.OFF:
             self.condition = BusCondition.ACTIVE
 
     def _overflow(self) -> None:
         self.overflow_count += 1
-        if self.overflow_count >= 10 * self._overflow_told_count:
-            self._overflow_told_count = self.overflow_count
+        if self.overflow_count >= 10 * self._overflow_reported_count:
+            self._overflow_reported_count = self.overflow_count
             lost = f"CAN controller lost frames, {self.overflow_count} times so far"
             self._notices.append(f"{lost}: the machine is too slow or the bus too full")
 

@@ -105,7 +105,7 @@ class EmergencyLog:
             self.open = None
             self._since_clear.clear()
         else:
-            self._note(emergency)
+            self._add(emergency)
         return emergency
 
     def take_news(self) -> tuple[tuple[Emergency, bool], ...]:
@@ -116,7 +116,7 @@ class EmergencyLog:
         self._news.clear()
         return news
 
-    def _note(self, emergency: Emergency) -> None:
+    def _add(self, emergency: Emergency) -> None:
         alarm = is_alarm(emergency)
         self.count += 1
         self.alarm_count += alarm

@@ -101,6 +101,6 @@ class HeartbeatWatch:
         return 0 if self._last_ns is None else now_ns - self._last_ns
 
     @property
-    def heard(self) -> bool:
+    def is_monitoring(self) -> bool:
         """True if monitoring runs: it was armed, or a heartbeat came."""
         return self._last_ns is not None

@@ -1,6 +1,6 @@
 """Passive observation of a bus: every frame is counted, none is evaluated.
 
-`BusSniffer` takes all frames, those of this program too; `WitnessedBus` wraps any `Bus`, so all
+`BusSniffer` takes all frames, those of this program too; `SniffedBus` wraps any `Bus`, so all
 traffic over that bus is recorded. Rules:
 1.  An answer belongs to a request of this program or of another client. More answers than requests
     means that two nodes answer.
@@ -34,7 +34,7 @@ _OF_ONE_NODE: Final = frozenset((EMERGENCY_ID, SDO_ANSWER_ID, SDO_REQUEST_ID, HE
 
 
 @dataclass(slots=True)
-class Heard:
+class NodeTraffic:
     """Traffic from and to one node."""
 
     watch: HeartbeatWatch = field(default_factory=HeartbeatWatch)
@@ -62,11 +62,11 @@ class BusSniffer:
     """Records every frame of a bus."""
 
     def __init__(self) -> None:
-        self.nodes: dict[int, Heard] = {}
+        self.nodes: dict[int, NodeTraffic] = {}
         self.bus_state = BusMonitor()
         self.received_count: Counter[int] = Counter()
         """Frames of other nodes, by identifier."""
-        self._troubles_before: tuple[int, int] | None = None
+        self._error_counts_before: tuple[int, int] | None = None
         """Error counts before the first sent frame: those errors have another cause."""
         self.odd_sync_count = 0
         """SYNCs with data: a counter byte, or more."""
@@ -82,30 +82,30 @@ class BusSniffer:
         return self.received_count[NMT_ID]
 
     @property
-    def heard_nothing(self) -> bool:
+    def is_silent(self) -> bool:
         """True if no frame of any node was received."""
         return not self.received_count
 
     @property
-    def is_mute(self) -> bool:
+    def is_not_acknowledged(self) -> bool:
         """True if sent frames reach no node: bus-off, or no acknowledgement since the first one."""
         if self.bus_state.condition is BusCondition.OFF:
             return True
-        asked = self._troubles_before is not None
-        return asked and self.heard_nothing and self._troubles() != self._troubles_before
+        asked = self._error_counts_before is not None
+        return asked and self.is_silent and self._error_counts() != self._error_counts_before
 
-    def node(self, node_id: int) -> Heard:
+    def node(self, node_id: int) -> NodeTraffic:
         """Traffic of one node."""
-        return self.nodes.setdefault(node_id, Heard())
+        return self.nodes.setdefault(node_id, NodeTraffic())
 
     def sent(self, frame: Frame) -> None:
         """Record a frame sent by this program."""
-        if self._troubles_before is None:
-            self._troubles_before = self._troubles()
+        if self._error_counts_before is None:
+            self._error_counts_before = self._error_counts()
         if frame.can_id & _SERVICE == SDO_REQUEST_ID:
             _count_request(self.node(frame.can_id & _NODE), frame.data)
 
-    def take(self, frame: Frame, now_ns: int) -> None:
+    def received(self, frame: Frame, now_ns: int) -> None:
         """Record a frame of another node, or an error frame of the controller."""
         if frame.is_error:
             self.bus_state.feed(frame)
@@ -115,68 +115,72 @@ class BusSniffer:
         if frame.can_id == SYNC_ID:
             self.odd_sync_count += bool(frame.data)
         elif node_id and service in _OF_ONE_NODE:
-            self._take_of_node(self.node(node_id), service, frame.data, now_ns)
+            self._received_of_node(self.node(node_id), service, frame.data, now_ns)
 
-    def _troubles(self) -> tuple[int, int]:
+    def _error_counts(self) -> tuple[int, int]:
         return self.bus_state.no_ack_count, self.bus_state.passive_count
 
-    def _take_of_node(self, heard: Heard, service: int, data: bytes, now_ns: int) -> None:
+    def _received_of_node(
+        self, traffic: NodeTraffic, service: int, data: bytes, now_ns: int
+    ) -> None:
         if service == HEARTBEAT_ID:
-            others = heard.watch.boot_up_count + heard.watch.strange_count
-            heard.watch.feed(data, now_ns)
-            heard.heartbeat_count += heard.watch.boot_up_count + heard.watch.strange_count == others
+            others = traffic.watch.boot_up_count + traffic.watch.strange_count
+            traffic.watch.feed(data, now_ns)
+            traffic.heartbeat_count += (
+                traffic.watch.boot_up_count + traffic.watch.strange_count == others
+            )
         elif service == EMERGENCY_ID:
-            heard.emergencies.append(data)
+            traffic.emergencies.append(data)
         elif service == SDO_REQUEST_ID:
-            heard.foreign_request_count += 1
-            _count_request(heard, data)
+            traffic.foreign_request_count += 1
+            _count_request(traffic, data)
         elif data and data[0] & _COMMAND == _ABORT:
-            heard.abort_count += 1
+            traffic.abort_count += 1
         elif data and data[0] & _COMMAND in _ANSWERS:
-            heard.answers[data[1:4]] += 1
+            traffic.answers[data[1:4]] += 1
 
 
-def _count_request(heard: Heard, data: bytes) -> None:
+def _count_request(traffic: NodeTraffic, data: bytes) -> None:
     if data and data[0] & _COMMAND in _INITIATES:
-        heard.requests[data[1:4]] += 1
+        traffic.requests[data[1:4]] += 1
 
 
-class WitnessedBus:
+class SniffedBus:
     """A `Bus` around another one that reports every frame to a `BusSniffer`."""
 
-    def __init__(self, bus: Bus, clock: Clock, witness: BusSniffer) -> None:
+    def __init__(self, bus: Bus, clock: Clock, sniffer: BusSniffer) -> None:
         self._bus = bus
         self._clock = clock
-        self._witness = witness
+        self._sniffer = sniffer
 
     def send(self, frames: Sequence[Frame]) -> int:
         """As `Bus.send`."""
-        self._tell_sent(frames)
+        self._record_sent(frames)
         return self._bus.send(frames)
 
     def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
         """As `Bus.send_urgent`."""
-        self._tell_sent(frames)
+        self._record_sent(frames)
         return self._bus.send_urgent(frames, deadline_ns, clock)
 
     def drain(self) -> list[Frame]:
         """As `Bus.drain`."""
-        return self._told(self._bus.drain())
+        return self._record_received(self._bus.drain())
 
     def receive_until(self, deadline_ns: int, clock: Clock) -> list[Frame]:
         """As `Bus.receive_until`."""
-        return self._told(self._bus.receive_until(deadline_ns, clock))
+        return self._record_received(self._bus.receive_until(deadline_ns, clock))
 
     def close(self) -> None:
         """As `Bus.close`."""
         self._bus.close()
 
-    def _tell_sent(self, frames: Sequence[Frame]) -> None:
+    def _record_sent(self, frames: Sequence[Frame]) -> None:
         for frame in frames:
-            self._witness.sent(frame)
+            self._sniffer.sent(frame)
 
-    def _told(self, frames: list[Frame]) -> list[Frame]:
+    def _record_received(self, frames: list[Frame]) -> list[Frame]:
         now_ns = self._clock.now_ns()
         for frame in frames:
-            self._witness.take(frame, now_ns)
+            self._sniffer.received(frame, now_ns)
         return frames

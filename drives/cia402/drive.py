@@ -74,7 +74,7 @@ class Drive:
         self._maps_error_code = profile.pdo.error_code
         self._input_bits = _input_bits(description)
         self._input_mask = sum(1 << bit.bit for _, bit in self._input_bits)
-        self._inputs_seen: dict[int, Input] = {}
+        self._decoded_inputs: dict[int, Input] = {}
         self._sent = Sent()
         # the newest received inside a window
         self._power_state = PowerState.UNKNOWN
@@ -220,9 +220,9 @@ class Drive:
         self._window_torque_raw, bits = self._pdos.torque.codec.unpack(data)
         self._has_torque = True
         bits &= self._input_mask
-        inputs = self._inputs_seen.get(bits)
+        inputs = self._decoded_inputs.get(bits)
         if inputs is None:
-            inputs = self._inputs_seen[bits] = _decode_inputs(bits, self._input_bits)
+            inputs = self._decoded_inputs[bits] = _decode_inputs(bits, self._input_bits)
         self._inputs = inputs
         return False
 

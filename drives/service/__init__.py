@@ -2,5 +2,5 @@
 
 Reading order: `scan.py`, `stations.py` and `inventory.py` (which nodes are on a bus), `dump.py`,
 `compare.py` and `eds.py` (what a drive holds and should hold), `parameters.py` (store and restore),
-`object_words.py` and `vendors.py` (numbers as text).
+`object_texts.py` and `vendors.py` (numbers as text).
 """

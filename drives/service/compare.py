@@ -38,9 +38,9 @@ class Expectation(NamedTuple):
             case StepKind.SWITCH_OFF:
                 return "off (bit 31)"
             case StepKind.COMPARE:
-                return f"about {self.step.shown(self.step.value)}"
+                return f"about {self.step.value_text(self.step.value)}"
             case _:
-                return self.step.shown(self.step.value)
+                return self.step.value_text(self.step.value)
 
     def is_met(self, value: int) -> bool:
         """True if bring-up would accept the value that was read, or leave it behind."""
@@ -55,10 +55,10 @@ class Expectation(NamedTuple):
             case _:
                 return (value ^ step.value) & step.mask & ((1 << step.bits) - 1) == 0
 
-    def shown(self, value: int) -> str:
+    def value_text(self, value: int) -> str:
         """Format a value restricted to the bits of this expectation."""
         masked = value if self.step.mask == ALL_BITS else value & self.step.mask
-        return self.step.shown(masked)
+        return self.step.value_text(masked)
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +140,7 @@ def with_plan(
 def _with_expectation(expectation: Expectation, entry: Entry) -> Compared:
     found, same = entry.trouble or str(entry.value), False
     if isinstance(entry.value, int):
-        found, same = expectation.shown(entry.value), expectation.is_met(entry.value)
+        found, same = expectation.value_text(entry.value), expectation.is_met(entry.value)
     why = expectation.step.why
     return Compared(entry.index, entry.sub, entry.name, expectation.wanted, found, why, same)
 
@@ -157,14 +157,14 @@ def _with_value(wanted: Value, entry: Entry, why: str) -> Compared:
         entry.index,
         entry.sub,
         entry.name,
-        shown(wanted, entry.bits),
-        entry.trouble if entry.value is None else shown(entry.value, entry.bits),
+        value_text(wanted, entry.bits),
+        entry.trouble if entry.value is None else value_text(entry.value, entry.bits),
         why,
         same=entry.value == wanted,
     )
 
 
-def shown(value: Value, bits: int) -> str:
+def value_text(value: Value, bits: int) -> str:
     """Format a value for the operator: numbers in decimal and hex."""
     if isinstance(value, int) and bits:
         return f"{value} ({in_hex(value, bits)})"

@@ -18,7 +18,7 @@ from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable, data
 from drives.bringup.plan import DrivePlan
 from drives.bringup.port import DrivePort
 from drives.canopen.objects import Object
-from drives.canopen.sniffer import Heard
+from drives.canopen.sniffer import NodeTraffic
 from drives.errors import (
     BootFailure,
     DescriptionError,
@@ -71,21 +71,21 @@ class Entry:
         return f"{self.index:04X}h:{self.sub:02X}"
 
 
-def check_alone(plan: DrivePlan, heard: Heard) -> None:
+def check_alone(plan: DrivePlan, traffic: NodeTraffic) -> None:
     """Check that no other SDO client uses the drive: both would break each other's transfers.
 
     Raises:
         DriveSilent: another client reads or writes the drive's objects now.
     """
-    if heard.foreign_request_count:
+    if traffic.foreign_request_count:
         reason = "another client reads or writes its objects now (a service's bring-up?): try later"
         raise DriveSilent(plan.description.name, BootFailure.FOREIGN_MASTER, reason)
 
 
-def silence(plan: DrivePlan, heard: Heard) -> str:
+def silence(plan: DrivePlan, traffic: NodeTraffic) -> str:
     """Explain why a drive does not answer."""
     node_id = plan.description.node_id
-    if heard.watch.state is NmtState.STOPPED:
+    if traffic.watch.state is NmtState.STOPPED:
         return f"node {node_id} is stopped: no SDO in this state; it answers after power-on"
     return f"no answer from node {node_id}; `gaitd scan` lists the nodes that are there"
 

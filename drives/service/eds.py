@@ -112,8 +112,8 @@ def _other_value(step: Step, variable: ODVariable) -> str | None:
     told = variable.default
     if variable.writable or not told or told & step.mask == step.value:
         return None
-    expected = f"expected {step.shown(step.value)} ({step.why})"
-    return f"{step.place} is {step.shown(told)} in the EDS, {expected}"
+    expected = f"expected {step.value_text(step.value)} ({step.why})"
+    return f"{step.place} is {step.value_text(told)} in the EDS, {expected}"
 
 
 def _out_of_range(step: Step, variable: ODVariable) -> str | None:

@@ -12,10 +12,10 @@ from typing import Final
 from drives.canopen.bus_state import BusCondition
 from drives.canopen.emcy import decode_emergency
 from drives.canopen.nmt import NMT_ID, SYNC_ID
-from drives.canopen.sniffer import Heard
+from drives.canopen.sniffer import NodeTraffic
 from drives.cia402.profile import DriveDescription
 from drives.service.scan import DRIVE_PROFILE, Survey
-from drives.service.stations import Expected, Station, station, words
+from drives.service.stations import Expected, Station, member_text, station
 from drives.signals import NmtState
 
 
@@ -74,12 +74,12 @@ class Inventory:
         return any(finding.kind in WRONG for finding in self.findings)
 
 
-def take_stock(survey: Survey, expected: Expected) -> Inventory:
+def inventory_of(survey: Survey, expected: Expected) -> Inventory:
     """List stations and findings, each in order of node ids; findings of the bus come first."""
     nodes = sorted(
         node_id
-        for node_id, heard in survey.witness.nodes.items()
-        if _is_there(heard) and (node_id != expected.master_node_id or heard.answered)
+        for node_id, traffic in survey.sniffer.nodes.items()
+        if _is_there(traffic) and (node_id != expected.master_node_id or traffic.answered)
     )
     stations = tuple(station(node_id, survey, expected) for node_id in nodes)
     findings = (
@@ -87,27 +87,31 @@ def take_stock(survey: Survey, expected: Expected) -> Inventory:
         *_of_masters(survey, expected),
         *(finding for one in stations for finding in _of_station(one, survey, expected)),
         *_missing(stations, expected),
-        *_unexplained(survey, nodes, expected),
+        *_unknown_traffic(survey, nodes, expected),
     )
     return Inventory(stations, findings)
 
 
-def _is_there(heard: Heard) -> bool:
-    return heard.answered or heard.watch.state is not NmtState.UNKNOWN or bool(heard.emergencies)
+def _is_there(traffic: NodeTraffic) -> bool:
+    return (
+        traffic.answered or traffic.watch.state is not NmtState.UNKNOWN or bool(traffic.emergencies)
+    )
 
 
 # --- findings -------------------------------------------------------------------------------------
 
 
 def _of_the_controller(survey: Survey) -> Iterator[Finding]:
-    state = survey.witness.bus_state
+    state = survey.sniffer.bus_state
     if state.bus_off_count:
         yield Finding(FindingKind.BUS_OFF, "the controller was bus-off: wiring, bit rate?")
-    elif survey.unasked and survey.witness.heard_nothing:
+    elif survey.not_queried and survey.sniffer.is_silent:
         remedy = "drives without power, a cable, a terminator, another bit rate?"
         yield Finding(FindingKind.NO_ACKNOWLEDGE, f"no node acknowledges our frames: {remedy}")
-    elif survey.unasked:
-        text = f"the transmit queue stays full: nodes from {min(survey.unasked)} were not queried"
+    elif survey.not_queried:
+        text = (
+            f"the transmit queue stays full: nodes from {min(survey.not_queried)} were not queried"
+        )
         yield Finding(FindingKind.NO_ACKNOWLEDGE, text)
     elif state.condition is not BusCondition.ACTIVE:
         text = f"the controller is {state.condition.value}: frames get damaged on this bus"
@@ -118,30 +122,30 @@ def _of_the_controller(survey: Survey) -> Iterator[Finding]:
 
 
 def _of_masters(survey: Survey, expected: Expected) -> Iterator[Finding]:
-    witness, master = survey.witness, expected.master_node_id
-    heard = None if master is None else witness.nodes.get(master)
-    if heard is not None and heard.heartbeat_count:
-        state = words(heard.watch.state.name)
-        text = f"a service runs: heartbeat of the master ({state}), SYNC {witness.sync_count} times"
+    sniffer, master = survey.sniffer, expected.master_node_id
+    traffic = None if master is None else sniffer.nodes.get(master)
+    if traffic is not None and traffic.heartbeat_count:
+        state = member_text(traffic.watch.state.name)
+        text = f"a service runs: heartbeat of the master ({state}), SYNC {sniffer.sync_count} times"
         yield Finding(FindingKind.SERVICE, text, master)
-    elif witness.sync_count:
-        who = "a master is at work" if master is None else f"and no heartbeat of node {master}"
-        text = f"SYNC {witness.sync_count} times: {who}"
+    elif sniffer.sync_count:
+        owner = "a master is at work" if master is None else f"and no heartbeat of node {master}"
+        text = f"SYNC {sniffer.sync_count} times: {owner}"
         yield Finding(FindingKind.FOREIGN_MASTER, text)
-    if heard is not None and heard.answered:
+    if traffic is not None and traffic.answered:
         text = "a device answers with the master's node id"
         yield Finding(FindingKind.DUPLICATE_NODE, text, master)
-    if witness.nmt_count:
-        text = f"another node sent {witness.nmt_count} NMT commands"
+    if sniffer.nmt_count:
+        text = f"another node sent {sniffer.nmt_count} NMT commands"
         yield Finding(FindingKind.FOREIGN_MASTER, text)
 
 
 def _of_station(station: Station, survey: Survey, expected: Expected) -> Iterator[Finding]:
     node_id, name = station.node_id, station.drive
-    heard = survey.witness.node(node_id)
+    traffic = survey.sniffer.node(node_id)
     for kind, text in (
-        *_of_presence(station, survey, heard),
-        *_of_errors(station, heard, expected),
+        *_of_presence(station, survey, traffic),
+        *_of_errors(station, traffic, expected),
     ):
         yield Finding(kind, text, node_id, name)
     drive = expected.drive(node_id)
@@ -150,32 +154,34 @@ def _of_station(station: Station, survey: Survey, expected: Expected) -> Iterato
 
 
 def _of_presence(
-    station: Station, survey: Survey, heard: Heard
+    station: Station, survey: Survey, traffic: NodeTraffic
 ) -> Iterator[tuple[FindingKind, str]]:
-    if heard.answered_twice:
+    if traffic.answered_twice:
         yield FindingKind.DUPLICATE_NODE, "two answers to one request: two devices with one id"
-    if not heard.answered and not survey.unasked:
+    if not traffic.answered and not survey.not_queried:
         text = f"sends ({station.nmt_state}), but does not answer"
-        if heard.watch.state is NmtState.STOPPED:
+        if traffic.watch.state is NmtState.STOPPED:
             text += ": no SDO in STOPPED"
         elif not station.drive:
             text += ": a master?"
         yield FindingKind.SILENT_NODE, text
     if station.node_id in survey.fell_silent:
         yield FindingKind.FELL_SILENT, "stopped answering during the scan"
-    if heard.foreign_request_count:
-        text = f"another client sent it {heard.foreign_request_count} SDO requests"
+    if traffic.foreign_request_count:
+        text = f"another client sent it {traffic.foreign_request_count} SDO requests"
         yield FindingKind.SDO_CLIENT, text
-    if heard.watch.boot_up_count:
-        text = f"booted {heard.watch.boot_up_count} times during the scan"
+    if traffic.watch.boot_up_count:
+        text = f"booted {traffic.watch.boot_up_count} times during the scan"
         yield FindingKind.BOOTED, text
-    if heard.watch.strange_count:
-        text = f"{heard.watch.strange_count} malformed frames with the identifier of its heartbeat"
+    if traffic.watch.strange_count:
+        text = (
+            f"{traffic.watch.strange_count} malformed frames with the identifier of its heartbeat"
+        )
         yield FindingKind.UNEXPLAINED, text
 
 
 def _of_errors(
-    station: Station, heard: Heard, expected: Expected
+    station: Station, traffic: NodeTraffic, expected: Expected
 ) -> Iterator[tuple[FindingKind, str]]:
     if station.error_code:
         text = f"error code {station.error_code:04X}h pending: {station.error_text}"
@@ -183,7 +189,7 @@ def _of_errors(
     elif station.error_register:
         yield FindingKind.ERROR_PENDING, f"error register {station.error_register:02X}h, no code"
     table = expected.error_table(station.node_id)
-    for data in heard.emergencies:
+    for data in traffic.emergencies:
         emergency = decode_emergency(data, station.node_id, table, 0)
         if emergency is None:
             yield FindingKind.UNEXPLAINED, f"an EMCY of {len(data)} bytes"
@@ -240,9 +246,9 @@ _LAST_PDO: Final = 0x57F
 _NODE: Final = 0x07F
 
 
-def _unexplained(survey: Survey, nodes: Sequence[int], expected: Expected) -> Iterator[Finding]:
+def _unknown_traffic(survey: Survey, nodes: Sequence[int], expected: Expected) -> Iterator[Finding]:
     known = {*nodes, *(drive.node_id for drive in expected.drives)}
-    for can_id, count in sorted(survey.witness.received_count.items()):
+    for can_id, count in sorted(survey.sniffer.received_count.items()):
         owner = can_id & _NODE
         if can_id in _OF_ALL or _is_service(can_id):
             continue
@@ -253,12 +259,12 @@ def _unexplained(survey: Survey, nodes: Sequence[int], expected: Expected) -> It
         else:
             continue
         yield Finding(FindingKind.UNEXPLAINED, text)
-    for node_id, heard in sorted(survey.witness.nodes.items()):
-        if heard.foreign_request_count and node_id not in nodes:
+    for node_id, traffic in sorted(survey.sniffer.nodes.items()):
+        if traffic.foreign_request_count and node_id not in nodes:
             text = f"another SDO client queries node {node_id}, which does not exist"
             yield Finding(FindingKind.SDO_CLIENT, text)
-    if survey.witness.odd_sync_count:
-        text = f"{survey.witness.odd_sync_count} SYNC with data: with a counter (1019h)?"
+    if survey.sniffer.odd_sync_count:
+        text = f"{survey.sniffer.odd_sync_count} SYNC with data: with a counter (1019h)?"
         yield Finding(FindingKind.UNEXPLAINED, text)
 
 

@@ -45,7 +45,7 @@ _WITHOUT_POWER: Final = frozenset(
 _STATUSWORD: Final = Step(StepKind.REPORT, "statusword", Object.STATUSWORD, bits=16, is_hex=True)
 
 
-class Keeping(Enum):
+class Command(Enum):
     """Requested operation; the values are the object and its signature."""
 
     STORE = (Object.STORE, b"save")
@@ -62,30 +62,30 @@ class Keeping(Enum):
         return self.value[1]
 
 
-class KeepingRefusedError(DrivesError):
+class ParameterRefusedError(DrivesError):
     """The program or the drive refuses the request; nothing has been written or changed."""
 
 
-def check_bus(witness: BusSniffer, master_node_id: int) -> None:
+def check_bus(sniffer: BusSniffer, master_node_id: int) -> None:
     """Check rule 1.
 
     Raises:
         KeepingRefusedError: the bus is in use.
     """
-    foreign_count = sum(heard.foreign_request_count for heard in witness.nodes.values())
-    heard = {
-        "the master's heartbeat": witness.node(master_node_id).heartbeat_count,
-        "SYNC": witness.sync_count,
-        "NMT commands": witness.nmt_count,
+    foreign_count = sum(traffic.foreign_request_count for traffic in sniffer.nodes.values())
+    traffic = {
+        "the master's heartbeat": sniffer.node(master_node_id).heartbeat_count,
+        "SYNC": sniffer.sync_count,
+        "NMT commands": sniffer.nmt_count,
         "SDO requests of another client": foreign_count,
     }
-    for what, count in heard.items():
+    for what, count in traffic.items():
         if count:
             text = f"the bus is in use: {what}, {count} times. Stop the service first"
-            raise KeepingRefusedError(text)
+            raise ParameterRefusedError(text)
 
 
-def check_drive(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
+def check_drive(plan: DrivePlan, command: Command, port: DrivePort) -> None:
     """Check rules 2 to 4.
 
     Raises:
@@ -101,14 +101,14 @@ def check_drive(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
     state = decode_statusword(read(_STATUSWORD, target))
     if state not in _WITHOUT_POWER:
         words = state.name.lower().replace("_", " ")
-        raise KeepingRefusedError(f"it is in {words}: it must not be enabled")
-    ways = read(Step(StepKind.REPORT, "ways of storing", keeping.index, 1, is_hex=True), target)
+        raise ParameterRefusedError(f"it is in {words}: it must not be enabled")
+    ways = read(Step(StepKind.REPORT, "ways of storing", command.index, 1, is_hex=True), target)
     if not ways & _ON_COMMAND:
-        place = f"{keeping.index:04X}h:01 = {ways:08X}h"
-        raise KeepingRefusedError(f"{place}: this drive does not store on command (bit 0)")
+        place = f"{command.index:04X}h:01 = {ways:08X}h"
+        raise ParameterRefusedError(f"{place}: this drive does not store on command (bit 0)")
 
 
-def keep(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
+def execute(plan: DrivePlan, command: Command, port: DrivePort) -> None:
     """Write the signature. `port` must wait SDO_TIMEOUT_NS for an answer.
 
     Raises:
@@ -118,9 +118,9 @@ def keep(plan: DrivePlan, keeping: Keeping, port: DrivePort) -> None:
     """
     name, node_id = plan.description.name, plan.description.node_id
     try:
-        port.write(node_id, keeping.index, 1, keeping.signature)
+        port.write(node_id, command.index, 1, command.signature)
     except SdoAborted as abort:
-        raise KeepingRefusedError(f"the drive refuses: {abort}") from abort
+        raise ParameterRefusedError(f"the drive refuses: {abort}") from abort
     except (SdoTimeout, SdoGarbled) as error:
         raise DriveSilent(
             name, BootFailure.NO_ANSWER, f"{error}: it is unknown whether it was done"

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 from drives.bringup.configurator import Configurator
 from drives.canopen.bus import Bus, Clock, Frame
 from drives.canopen.objects import Object
-from drives.canopen.sniffer import SDO_REQUEST_ID, BusSniffer, WitnessedBus
+from drives.canopen.sniffer import SDO_REQUEST_ID, BusSniffer, SniffedBus
 from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
 
 LISTEN_NS: Final = 1_000_000_000
@@ -30,7 +30,7 @@ ANSWER_NS: Final = 200_000_000
 """Wait after the last request; a drive answers within some ms."""
 SLICE_NS: Final = 50_000_000
 """Longest wait between two yields."""
-SEND_PATIENCE_NS: Final = 20_000_000
+SEND_TIMEOUT_NS: Final = 20_000_000
 PAUSE_FRAMES: Final = 8
 FRAME_BITS: Final = 130
 """Bits of a frame of eight bytes, with stuffing."""
@@ -68,14 +68,14 @@ class Progress(NamedTuple):
 class Survey:
     """Result: the traffic of all nodes, and the objects of those that answer."""
 
-    witness: BusSniffer
+    sniffer: BusSniffer
     objects: dict[int, dict[tuple[int, int], bytes]] = field(
         default_factory=dict[int, dict[tuple[int, int], bytes]]
     )
     """Raw values by (index, sub) of each node that answered; refused objects are absent."""
     fell_silent: set[int] = field(default_factory=set[int])
     """Nodes that stopped answering."""
-    unasked: set[int] = field(default_factory=set[int])
+    not_queried: set[int] = field(default_factory=set[int])
     """Nodes without a request, because no frame leaves this station."""
 
 
@@ -89,13 +89,13 @@ def survey(bus: Bus, clock: Clock, bitrate_bit_per_s: int) -> Generator[Progress
         BusError: the interface is down, or the controller is bus-off.
     """
     found = Survey(BusSniffer())
-    heard = WitnessedBus(bus, clock, found.witness)
+    traffic = SniffedBus(bus, clock, found.sniffer)
     pause_ns = PAUSE_FRAMES * FRAME_BITS * 1_000_000_000 // bitrate_bit_per_s
-    yield from listen(heard, clock, LISTEN_NS)
-    yield from _ask_all(heard, clock, found, pause_ns)
-    yield from listen(heard, clock, ANSWER_NS, "collecting answers", len(NODES))
-    port = Configurator(heard, clock)
-    present = [node_id for node_id in NODES if found.witness.node(node_id).answered]
+    yield from listen(traffic, clock, LISTEN_NS)
+    yield from _query_all(traffic, clock, found, pause_ns)
+    yield from listen(traffic, clock, ANSWER_NS, "collecting answers", len(NODES))
+    port = Configurator(traffic, clock)
+    present = [node_id for node_id in NODES if found.sniffer.node(node_id).answered]
     for count, node_id in enumerate(present):
         yield Progress(f"reading node {node_id}", count, len(present))
         _read(node_id, port, found, pause_ns)
@@ -112,25 +112,25 @@ def listen(
     """
     end_ns = clock.now_ns() + duration_ns
     while clock.now_ns() < end_ns:
-        _hear_until(bus, clock, min(end_ns, clock.now_ns() + SLICE_NS))
+        _receive_until(bus, clock, min(end_ns, clock.now_ns() + SLICE_NS))
         yield Progress(text, done_count, len(NODES))
 
 
-def _hear_until(bus: Bus, clock: Clock, until_ns: int) -> None:
+def _receive_until(bus: Bus, clock: Clock, until_ns: int) -> None:
     while clock.now_ns() < until_ns:
         bus.receive_until(until_ns, clock)
 
 
-def _ask_all(bus: Bus, clock: Clock, found: Survey, pause_ns: int) -> Steps:
+def _query_all(bus: Bus, clock: Clock, found: Survey, pause_ns: int) -> Steps:
     index, sub = DEVICE_TYPE
     request = bytes((_UPLOAD, index & 0xFF, index >> 8, sub, 0, 0, 0, 0))
     for node_id in NODES:
-        deadline_ns = clock.now_ns() + SEND_PATIENCE_NS
+        deadline_ns = clock.now_ns() + SEND_TIMEOUT_NS
         left = bus.send_urgent((Frame(SDO_REQUEST_ID + node_id, request),), deadline_ns, clock)
-        if left or found.witness.is_mute:
-            found.unasked.update(range(node_id + 1 - left, NODES.stop))
+        if left or found.sniffer.is_not_acknowledged:
+            found.not_queried.update(range(node_id + 1 - left, NODES.stop))
             return
-        _hear_until(bus, clock, clock.now_ns() + pause_ns)
+        _receive_until(bus, clock, clock.now_ns() + pause_ns)
         yield Progress("asking", node_id, len(NODES))
 
 
@@ -143,7 +143,7 @@ def _read(node_id: int, port: Configurator, found: Survey, pause_ns: int) -> Non
             for place in DRIVE_NUMBERS:
                 _read_one(node_id, place, port, objects, pause_ns)
         for place in NAMES:
-            if not found.witness.node(node_id).foreign_request_count:  # rule 3
+            if not found.sniffer.node(node_id).foreign_request_count:  # rule 3
                 _read_one(node_id, place, port, objects, pause_ns)
     except SdoTimeout:
         found.fell_silent.add(node_id)

@@ -84,7 +84,7 @@ class Expected(NamedTuple):
 
 def station(node_id: int, survey: Survey, expected: Expected) -> Station:
     """Describe one node of a survey."""
-    heard = survey.witness.node(node_id)
+    traffic = survey.sniffer.node(node_id)
     objects = survey.objects.get(node_id, {})
     number = {place: int.from_bytes(data, "little") for place, data in objects.items()}
     device_type, vendor_id = number.get(DEVICE_TYPE), number.get(VENDOR)
@@ -96,8 +96,8 @@ def station(node_id: int, survey: Survey, expected: Expected) -> Station:
     return Station(
         node_id=node_id,
         drive="" if drive is None else drive.name,
-        nmt_state=words(heard.watch.state.name),
-        answers=heard.answered,
+        nmt_state=member_text(traffic.watch.state.name),
+        answers=traffic.answered,
         device_type=device_type,
         profile_number=profile_number,
         vendor_id=vendor_id,
@@ -108,7 +108,7 @@ def station(node_id: int, survey: Survey, expected: Expected) -> Station:
         device_name=name,
         hardware_version=_text(objects.get(HARDWARE_VERSION)),
         software_version=_text(objects.get(SOFTWARE_VERSION)),
-        power_state="" if statusword is None else words(decode_statusword(statusword).name),
+        power_state="" if statusword is None else member_text(decode_statusword(statusword).name),
         error_register=number.get(ERROR_REGISTER),
         error_code=error_code,
         error_text=meaning(error_code, expected.error_table(node_id)).text if error_code else "",
@@ -138,6 +138,6 @@ def _text(data: bytes | None) -> str:
     return "".join(letter if letter.isprintable() else "?" for letter in text).strip()
 
 
-def words(name: str) -> str:
+def member_text(name: str) -> str:
     """Name of an enum's member as text."""
     return name.lower().replace("_", " ")

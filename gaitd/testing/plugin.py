@@ -85,7 +85,7 @@ def pytest_runtest_makereport(
     if report.failed and trainer is not None:
         for running in trainer.RUNNING:
             report.sections += [
-                (f"gaitd {part} (virtual trainer)", said) for part, said in running.said()
+                (f"gaitd {part} (virtual trainer)", output) for part, output in running.said()
             ]
     return report
 

@@ -75,7 +75,7 @@ class Service(ServiceProcesses):
         super().__init__(folder, configs, trainer_file=trainer_file, edits=edits, tempo=tempo)
         self._clock: AgeClock | None = None
         self._is_simulated = self.is_on_simulated_bus and not wall_clock
-        self._hand = SocketLink(self.channel, Role.HAND, "test", patience_s=HANG_S)
+        self._hand = SocketLink(self.channel, Role.HAND, "test", timeout_s=HANG_S)
         self._reader: RingReader | None = None
         self._newest_seq = 0
         self._held_count = 0
@@ -154,7 +154,7 @@ class Service(ServiceProcesses):
         if self._held_count:
             raise ServiceError(f"control/{name} is asked while time is held: it needs time to pass")
         payload = {"client": "tester", **payload} if payload else {}
-        answer = remote.ask(self.target, name, payload)
+        answer = remote.query(self.target, name, payload)
         if answer.text is None:
             return {"outcome": "unanswered", "reason": answer.trouble}
         return msgspec.json.decode(answer.text)
@@ -243,7 +243,7 @@ class Service(ServiceProcesses):
         if not self._is_simulated or not self.runs("sim"):
             return False
         with contextlib.suppress(LinkLostError):
-            self._told(line)
+            self._reply(line)
             return True
         return False
 
@@ -251,11 +251,11 @@ class Service(ServiceProcesses):
         if not self._is_simulated:
             raise ServiceError(f"{line!r}: time is not simulated on this bus")
         try:
-            return self._told(line)
+            return self._reply(line)
         except LinkLostError as error:
             raise ServiceError(f"{line!r}: {error}\n{self.logs()}") from error
 
-    def _told(self, line: str) -> str:
+    def _reply(self, line: str) -> str:
         self._hand.open()
         return self._hand.command(line)
 
@@ -272,18 +272,18 @@ class Service(ServiceProcesses):
         Raises:
             ServiceError: the time limit has passed, or simulated time stands still.
         """
-        looks_in_vain, seen_ns = 0, self.clock.now_ns()
-        end_ns = seen_ns + round(within_s * NS_PER_S)
+        failed_polls, checked_ns = 0, self.clock.now_ns()
+        end_ns = checked_ns + round(within_s * NS_PER_S)
         with self._fast():
-            while looks_in_vain * poll_s < HANG_S:
+            while failed_polls * poll_s < HANG_S:
                 with contextlib.suppress(FileNotFoundError, RingError):
                     if reached():
                         return
                 now_ns = self.clock.now_ns()
                 if now_ns >= end_ns:
                     raise ServiceError(f"not reached within {within_s:g} s\n{self.logs()}")
-                looks_in_vain = looks_in_vain + 1 if now_ns == seen_ns else 0
-                seen_ns = now_ns
+                failed_polls = failed_polls + 1 if now_ns == checked_ns else 0
+                checked_ns = now_ns
                 self._pass(poll_s)
         raise ServiceError(f"simulated time stood still for {HANG_S:g} s\n{self.logs()}")
 

@@ -22,7 +22,7 @@ from gaitd.testing.edits import Edits
 from gaitd.testing.service import REAL_TIME, Service
 from gaitd_lab.processes import ServiceError, memory_folder
 
-PATIENCE_S: Final = 90.0
+TIMEOUT_S: Final = 90.0
 START_S: Final = 300.0
 """The first start on a machine compiles the observer, for a minute or so."""
 SETTLED: Final = frozenset({Mode.READY, Mode.FAULT, Mode.HOLD, Mode.GAIT})
@@ -86,7 +86,7 @@ class VirtualTrainer(Service):
 
     def _is_ready(self) -> bool:
         self.check()
-        return self.newest().mode == Mode.READY and self._is_heard()
+        return self.newest().mode == Mode.READY and self._is_received()
 
     # --- requests -------------------------------------------------------------------------------
 
@@ -136,8 +136,8 @@ class VirtualTrainer(Service):
 
     def reset(self) -> CycleRecord:
         """Reset a latched stop, once its cause is gone."""
-        self.wait(lambda: self._done("reset"), PATIENCE_S)
-        return self.wait_for(Mode.READY, PATIENCE_S)
+        self.wait(lambda: self._done("reset"), TIMEOUT_S)
+        return self.wait_for(Mode.READY, TIMEOUT_S)
 
     def patient(self, programme: str) -> None:
         """Start one of plant.toml's patient programmes, for example `active`."""
@@ -165,10 +165,10 @@ class VirtualTrainer(Service):
             ServiceError: a refusal or a stop; with the cause.
         """
         self._refusal = {}
-        self._revive()
+        self._restart()
         with self._fast():
             try:
-                self._ask_for(mode, wanted)
+                self._request_mode(mode, wanted)
                 stopped = self._arrived(mode).mode != mode
             except ServiceError as error:
                 raise self._not_in(mode) from error
@@ -191,7 +191,7 @@ class VirtualTrainer(Service):
             hip < STANDSTILL[0] and slide < STANDSTILL[1] for hip, slide in speeds_by_leg(record)
         )
 
-    def _revive(self) -> None:
+    def _restart(self) -> None:
         RUNNING.add(self)
         if not self.runs("sim"):
             for part in ("core", "gateway"):
@@ -201,26 +201,26 @@ class VirtualTrainer(Service):
         if not self.runs("core"):
             before = self.boot_id()
             self.start("core")
-            self.wait(lambda: self.boot_id() not in {before, ""}, PATIENCE_S)
+            self.wait(lambda: self.boot_id() not in {before, ""}, TIMEOUT_S)
         if not self.runs("gateway"):
             self.start("gateway")
         for part in ("core", "gateway"):
             self.kill(part, signal.SIGCONT)
 
-    def _is_heard(self) -> bool:
+    def _is_received(self) -> bool:
         """Return whether the running gateway receives the running core's records."""
         answer = self.request("status")
         valid = answer.get("safety", {}).get("valid", False)
         return valid and answer["core_boot_id"] == self.boot_id()
 
     def _settled(self) -> Mode:
-        return self.until(lambda record: record.mode in SETTLED, PATIENCE_S).mode
+        return self.until(lambda record: record.mode in SETTLED, TIMEOUT_S).mode
 
-    def _ask_for(self, mode: Mode, wanted: dict[str, object]) -> None:
+    def _request_mode(self, mode: Mode, wanted: dict[str, object]) -> None:
         """Request a mode from any state; a final refusal is stored."""
-        self.wait(self._is_heard, PATIENCE_S)
+        self.wait(self._is_received, TIMEOUT_S)
         if self._settled() == Mode.FAULT:
-            self.wait(lambda: self._done("reset"), PATIENCE_S)
+            self.wait(lambda: self._done("reset"), TIMEOUT_S)
         now = self._settled()
         if now == mode:
             return
@@ -229,7 +229,7 @@ class VirtualTrainer(Service):
             return
         if now == Mode.READY:
             # After a reset the leg sinks into its springs; requests are refused while it moves.
-            self.wait(lambda: self._done("enable") or self.mode == Mode.FAULT, PATIENCE_S)
+            self.wait(lambda: self._done("enable") or self.mode == Mode.FAULT, TIMEOUT_S)
         if self.mode not in {mode, Mode.FAULT}:
             self._must("mode", **(HOLD if mode == Mode.HOLD else {**GAIT, **wanted}))
 
@@ -243,7 +243,7 @@ class VirtualTrainer(Service):
             is_there = self.walks(record) if mode == Mode.GAIT else rest_cycles >= REST_CYCLES
             return is_there or record.mode in {Mode.FAULT, Mode.READY}
 
-        return self.until(arrived, PATIENCE_S)
+        return self.until(arrived, TIMEOUT_S)
 
     def _done(self, name: str, **payload: object) -> bool:
         answer = self.request(name, **payload)

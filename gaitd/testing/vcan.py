@@ -44,23 +44,23 @@ def _program() -> str:
 
 
 def _add(ip: str) -> str:
-    said = ""
+    output = ""
     for number in range(NAMES_TRIED):
         name = f"vcan{number}"
-        said = _try(ip, "link", "add", "dev", name, "type", "vcan")
-        if not said:
+        output = _try(ip, "link", "add", "dev", name, "type", "vcan")
+        if not output:
             return name
-        if "exists" not in said:
+        if "exists" not in output:
             break
-    if "not permitted" in said:
+    if "not permitted" in output:
         raise VcanError("adding an interface needs CAP_NET_ADMIN (be root)")
-    raise VcanError(f"no interface of type vcan can be added (modprobe vcan): {said}")
+    raise VcanError(f"no interface of type vcan can be added (modprobe vcan): {output}")
 
 
 def _run(ip: str, *words: str) -> None:
-    said = _try(ip, *words)
-    if said:
-        raise VcanError(f"ip {' '.join(words)}: {said}")
+    output = _try(ip, *words)
+    if output:
+        raise VcanError(f"ip {' '.join(words)}: {output}")
 
 
 def _try(ip: str, *words: str) -> str:

@@ -25,7 +25,7 @@ STATE_MASK, STOPPING, ENABLED = 0x6F, 0x07, 0x27
 """Statusword: quick stop active, operation enabled."""
 
 
-class Heard(NamedTuple):
+class TimedFrame(NamedTuple):
     """A received frame."""
 
     time_us: float
@@ -49,7 +49,7 @@ class Syncs(NamedTuple):
     """Share of cycles in which not every drive got a new target before the next SYNC."""
 
 
-def syncs(frames: Sequence[Heard]) -> Syncs:
+def syncs(frames: Sequence[TimedFrame]) -> Syncs:
     """Statistics of a period in which both drives were held.
 
     Raises:
@@ -72,9 +72,9 @@ def syncs(frames: Sequence[Heard]) -> Syncs:
     )
 
 
-def _cycles(frames: Sequence[Heard], starts: Sequence[float]) -> list[list[Heard]]:
+def _cycles(frames: Sequence[TimedFrame], starts: Sequence[float]) -> list[list[TimedFrame]]:
     """Group the frames between each SYNC and the next."""
-    cycles: list[list[Heard]] = [[] for _ in starts]
+    cycles: list[list[TimedFrame]] = [[] for _ in starts]
     for frame in frames:
         number = bisect_right(starts, frame.time_us) - 1
         if number >= 0 and frame.can_id != SYNC:
@@ -82,7 +82,7 @@ def _cycles(frames: Sequence[Heard], starts: Sequence[float]) -> list[list[Heard
     return cycles[:-1]
 
 
-def _answer_us(cycle: Iterable[Heard]) -> float | None:
+def _answer_us(cycle: Iterable[TimedFrame]) -> float | None:
     last = {frame.can_id: frame.time_us for frame in cycle}
     told = [last[can_id] for can_id in ANSWERS if can_id in last]
     commands = [last.get(can_id) for can_id in TARGETS]
@@ -101,7 +101,7 @@ class Reaction(NamedTuple):
     """The statusword shows quick stop active."""
 
 
-def reaction(frames: Sequence[Heard], failing: int) -> Reaction | None:
+def reaction(frames: Sequence[TimedFrame], failing: int) -> Reaction | None:
     """Return the reaction of the drive other than `failing`; None if it has not stopped.
 
     An EMCY without an error (0000h) is ignored.
@@ -110,32 +110,32 @@ def reaction(frames: Sequence[Heard], failing: int) -> Reaction | None:
     begun = _first(frames, 0.0, EMERGENCIES[failing], lambda frame: frame.data[:2] != NO_ERROR)
     if begun is None:
         return None
-    told = _first(frames, begun, CONTROLWORDS[other], lambda frame: asks_to_stop(frame.data))
+    told = _first(frames, begun, CONTROLWORDS[other], lambda frame: requests_stop(frame.data))
     obeyed = _first(frames, begun, ANSWERS[other], lambda frame: state(frame) == STOPPING)
     if told is None or obeyed is None:
         return None
     return Reaction(told - begun, obeyed - begun)
 
 
-def asks_to_stop(data: bytes) -> bool:
+def requests_stop(data: bytes) -> bool:
     """Return whether an RPDO1 commands a quick stop, or disable voltage."""
     word = int.from_bytes(data[:2], "little")
     return word & QUICK_STOP_MASK == QUICK_STOP or not word & QUICK_STOP_MASK
 
 
-def state(frame: Heard) -> int:
+def state(frame: TimedFrame) -> int:
     """Return the state of the statusword in a TPDO1."""
     return int.from_bytes(frame.data[:2], "little") & STATE_MASK
 
 
-def held(frames: Sequence[Heard]) -> bool:
+def held(frames: Sequence[TimedFrame]) -> bool:
     """Return whether both drives' newest statuswords show operation enabled."""
     newest = {frame.can_id: frame for frame in frames if frame.can_id in ANSWERS[:2]}
     return len(newest) == 2 and all(state(frame) == ENABLED for frame in newest.values())
 
 
 def _first(
-    frames: Sequence[Heard], since_us: float, can_id: int, fits: Callable[[Heard], bool]
+    frames: Sequence[TimedFrame], since_us: float, can_id: int, fits: Callable[[TimedFrame], bool]
 ) -> float | None:
     """Return the time of the first such frame."""
     for frame in frames:

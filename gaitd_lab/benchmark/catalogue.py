@@ -41,13 +41,13 @@ def measurements(configs: Path, seconds: float) -> dict[str, Callable[[], Measur
     def robot() -> Robot:
         return load_toml(configs / "robot.toml", Robot)
 
-    def with_table(title: str, found: T, table: Callable[[str, T], Tables]) -> Measured:
-        return found, table(title, found)
+    def with_table(title: str, result: T, table: Callable[[str, T], Tables]) -> Measured:
+        return result, table(title, result)
 
     def late(burner_count: int, beside: str) -> Measured:
         title = f"SYNC in real time on the simulated bus{beside}"
-        found = lateness.measure(configs, seconds, burner_count)
-        return with_table(title, found, tables.lateness)
+        result = lateness.measure(configs, seconds, burner_count)
+        return with_table(title, result, tables.lateness)
 
     busy = os.cpu_count() or 1
     return {
@@ -86,8 +86,8 @@ def _steps(configs: Path) -> Measured:
         sys.path.insert(0, str(root))
     from gaitd_lab.benchmark import steps
 
-    found = steps.measure(configs / "robot.toml")
-    return found, tables.steps(title, found)
+    result = steps.measure(configs / "robot.toml")
+    return result, tables.steps(title, result)
 
 
 def _peers(configs: Path, seconds: float) -> Measured:

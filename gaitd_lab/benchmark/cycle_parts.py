@@ -16,7 +16,8 @@ import numpy as np
 
 from daemon.config.bundle import Settings
 from daemon.core import cycle, cycle_record, inputs
-from daemon.core.steps import impedance, supervisor
+from daemon.core.safety import checks
+from daemon.core.steps import estimation, impedance, monitors, sensing, supervisor
 from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingHeader, RingWriter
 from drives.cia402.drive import DriveGroup
@@ -26,11 +27,13 @@ WHOLE: Final = "the whole cycle"
 PARTS: Final[tuple[tuple[str, Any, str], ...]] = (
     ("drives: feed frames", DriveGroup, "feed"),
     ("drives: end of window", DriveGroup, "end_of_window"),
-    ("units, mechanism", cycle, "sense"),
-    ("observer", cycle, "observe"),
-    ("levels of the gateway", inputs, "hear"),
-    ("safety: judge", cycle, "judge"),
-    ("modes", supervisor, "change_mode"),
+    ("units, mechanism", sensing, "sense"),
+    ("monitors", monitors, "update"),
+    ("observer", estimation, "estimate"),
+    ("gateway states", inputs, "receive"),
+    ("safety: inputs", cycle, "safety_inputs"),
+    ("safety: checks", checks, "check"),
+    ("modes", supervisor, "supervise"),
     ("reference, bound, units", impedance, "command"),
     ("drives: make frames", DriveGroup, "frames"),
     ("record", cycle_record, "record"),

@@ -88,7 +88,7 @@ def _table(title: str, cells: Sequence[Cell]) -> Table:
             table.add_column(master.name.replace(", ", "\n"), justify="right", no_wrap=True)
     for what, figure, unit in ROWS:
         values = [figure(cell) for cell in cells]
-        table.add_row(what, *(_told(value, values[0], unit) for value in values))
+        table.add_row(what, *(_figure_text(value, values[0], unit) for value in values))
     trouble = [f"{cell.master}: {cell.trouble}" for cell in cells if cell.trouble]
     if trouble:
         table.caption = "not measured: " + "; ".join(trouble)
@@ -96,7 +96,7 @@ def _table(title: str, cells: Sequence[Cell]) -> Table:
     return table
 
 
-def _told(value: float, first: float, unit: str) -> str:
+def _figure_text(value: float, first: float, unit: str) -> str:
     if value != value:  # noqa: PLR0124 - not a number
         return "–"
     digits = 0 if not unit or value >= 100 else 1

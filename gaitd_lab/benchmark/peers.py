@@ -23,13 +23,13 @@ from typing import Final, NamedTuple
 import can
 
 from daemon import wire
-from gaitd.remote import ask
+from gaitd.remote import query
 from gaitd.testing.edits import edit
 from gaitd_lab.benchmark.burning import burners
-from gaitd_lab.benchmark.bus_times import Heard, Reaction, Syncs, held, reaction, syncs
+from gaitd_lab.benchmark.bus_times import Reaction, Syncs, TimedFrame, held, reaction, syncs
 from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo, memory_folder
-from gaitd_lab.soak.machinery import Machinery
 from gaitd_lab.soak.memory import sample
+from gaitd_lab.soak.soak_processes import SoakProcesses
 
 PEER: Final = Path(__file__).resolve().parents[2] / "benchmarks" / "python_canopen_peer.py"
 STARTED_WITHIN_S: Final = 120.0
@@ -139,21 +139,21 @@ def measure_cell(
     """
     with (
         _drives(configs, realtime=master.realtime) as made,
-        _listening(made) as ear,
+        _listening(made) as listener,
         _subject(master, made) as subject,
     ):
-        _hold(ear, subject, cell, first=True)
+        _hold(listener, subject, cell, first=True)
         with burners(os.cpu_count() or 1 if cell.loaded else 0):
-            _measure_stretch(cell, ear, subject, seconds)
+            _measure_stretch(cell, listener, subject, seconds)
             for _ in range(emergency_count):
-                _hold(ear, subject, cell)
-                _measure_reaction(cell, ear, made)
+                _hold(listener, subject, cell)
+                _measure_reaction(cell, listener, made)
 
 
-def _measure_stretch(cell: Cell, ear: "Ear", subject: "Subject", seconds: float) -> None:
-    ear.listen(SETTLE_S)
+def _measure_stretch(cell: Cell, listener: "Listener", subject: "Subject", seconds: float) -> None:
+    listener.listen(SETTLE_S)
     before = sample(subject.process.pid, time.monotonic())
-    frames = ear.listen(seconds)
+    frames = listener.listen(seconds)
     after = sample(subject.process.pid, time.monotonic())
     if before is None or after is None:
         raise ValueError(f"{cell.master} has ended")
@@ -162,17 +162,17 @@ def _measure_stretch(cell: Cell, ear: "Ear", subject: "Subject", seconds: float)
     cell.stopped_count += not held(frames)
 
 
-def _measure_reaction(cell: Cell, ear: "Ear", made: Machinery) -> None:
-    ear.listen(0.05)
-    made.time.tell_drives(EMERGENCY)
-    found = reaction(ear.listen(REACTION_S), FAILING)
-    if found is None:
+def _measure_reaction(cell: Cell, listener: "Listener", made: SoakProcesses) -> None:
+    listener.listen(0.05)
+    made.time.command_drives(EMERGENCY)
+    result = reaction(listener.listen(REACTION_S), FAILING)
+    if result is None:
         cell.unanswered_count += 1
     else:
-        cell.reactions.append(found)
+        cell.reactions.append(result)
 
 
-def _hold(ear: "Ear", subject: "Subject", cell: Cell, *, first: bool = False) -> None:
+def _hold(listener: "Listener", subject: "Subject", cell: Cell, *, first: bool = False) -> None:
     """Bring both drives to hold, from any state.
 
     Raises:
@@ -180,7 +180,7 @@ def _hold(ear: "Ear", subject: "Subject", cell: Cell, *, first: bool = False) ->
     """
     end_s = time.monotonic() + (STARTED_WITHIN_S if first else HELD_WITHIN_S)
     asked_s = time.monotonic() + (subject.start_s if first else -subject.retry_s)
-    while not held(ear.listen(0.3)):
+    while not held(listener.listen(0.3)):
         if time.monotonic() > end_s:
             words = subject.process.last_output()
             raise TimeoutError(f"{cell.master} does not hold the drives: {words}")
@@ -206,21 +206,21 @@ class Subject(NamedTuple):
 
 
 @contextlib.contextmanager
-def _drives(configs: Path, *, realtime: bool) -> Generator[Machinery]:
+def _drives(configs: Path, *, realtime: bool) -> Generator[SoakProcesses]:
     """Run virtual drives alone, and write a configuration for a core on their bus."""
     with (
         tempfile.TemporaryDirectory(prefix="gaitd-bench-", dir=memory_folder()) as folder,
-        Machinery(configs, Path(folder), Tempo(wall_clock=True)) as made,
+        SoakProcesses(configs, Path(folder), Tempo(wall_clock=True)) as made,
     ):
         if not realtime:
             edit(made.config.parent, {made.config.name: {"cycle.realtime_priority": 0}})
         made.start("sim")
-        made.time.take()
+        made.time.hold()
         yield made
 
 
 @contextlib.contextmanager
-def _subject(master: Master, made: Machinery) -> Generator[Subject]:
+def _subject(master: Master, made: SoakProcesses) -> Generator[Subject]:
     if master.ours:
         core = made.start("core")
         made.start("gateway")
@@ -237,41 +237,41 @@ def _subject(master: Master, made: Machinery) -> Generator[Subject]:
         peer.end()
 
 
-def _operate(made: Machinery) -> None:
+def _operate(made: SoakProcesses) -> None:
     """Send the operator's next request towards hold."""
-    status = ask(made.target, "status", {}).decode(wire.Status)
+    status = query(made.target, "status", {}).decode(wire.Status)
     name = {"fault": "reset", "ready": "enable"}.get((status and status.safety.mode) or "")
     if name is not None:
-        ask(made.target, name, {"client": "gaitd bench"})
+        query(made.target, name, {"client": "gaitd bench"})
 
 
-class Ear:
+class Listener:
     """A listener on the bus."""
 
     def __init__(self, bus: can.BusABC) -> None:
         """Listen on `bus`."""
         self._bus = bus
 
-    def listen(self, seconds: float) -> list[Heard]:
+    def listen(self, seconds: float) -> list[TimedFrame]:
         """Return all frames since the last call, and those of a further period from now.
 
         Beside load processes the reception is late, so the arrival time counts.
         """
-        frames: list[Heard] = []
+        frames: list[TimedFrame] = []
         end_us = (time.time() + seconds) * US_PER_S
         patient_s = time.monotonic() + seconds + LATE_S
         while (left_s := patient_s - time.monotonic()) > 0:
             message = self._bus.recv(left_s)
             if message is not None:
                 time_us = message.timestamp * US_PER_S
-                frames.append(Heard(time_us, message.arbitration_id, bytes(message.data)))
+                frames.append(TimedFrame(time_us, message.arbitration_id, bytes(message.data)))
                 if time_us > end_us:
                     break
         return frames
 
 
 @contextlib.contextmanager
-def _listening(made: Machinery) -> Generator[Ear]:
+def _listening(made: SoakProcesses) -> Generator[Listener]:
     end_s = time.monotonic() + STARTED_WITHIN_S
     while True:
         try:
@@ -282,7 +282,7 @@ def _listening(made: Machinery) -> Generator[Ear]:
                 raise
             time.sleep(0.2)
     with bus:
-        yield Ear(bus)
+        yield Listener(bus)
 
 
 # --- figures --------------------------------------------------------------------------------------

@@ -74,14 +74,14 @@ def measure(robot: Robot) -> Scaling:
     for count in COUNTS:
         contests["recording", count] = (_recordings(setup, columns, count), count * ROWS)
         contests["leg", count] = (_steps(legs[:count], columns, STEPS), count * STEPS)
-    found = _race(contests)
+    result = _race(contests)
     growth = tuple(
         Growth(
             count,
-            found["recording", count],
-            found["recording", count] / found["recording", 1],
-            found["leg", count],
-            found["leg", count] / found["leg", 1],
+            result["recording", count],
+            result["recording", count] / result["recording", 1],
+            result["leg", count],
+            result["leg", count] / result["leg", 1],
         )
         for count in COUNTS
     )

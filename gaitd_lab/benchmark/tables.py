@@ -40,7 +40,7 @@ def _table(title: str, *columns: str) -> Table:
     return table
 
 
-def _judged(text: str, good: bool) -> str:
+def _coloured(text: str, good: bool) -> str:
     return f"[green]{text}[/]" if good else f"[yellow]{text}[/]"
 
 
@@ -63,11 +63,11 @@ def steps(title: str, found: "tuple[StepTimes, ...]") -> Table:
             f"{row.observer_us:.1f} µs",
             f"{row.live_us:.1f} µs",
             "no compiler" if row.c_us is None else f"{row.c_us:.1f} µs",
-            "–" if to_c is None else _judged(f"{to_c:.2f}", to_c <= C_RATIO_MAX),
+            "–" if to_c is None else _coloured(f"{to_c:.2f}", to_c <= C_RATIO_MAX),
             "not installed" if row.filterpy_us is None else f"{row.filterpy_us:.0f} µs",
             "–"
             if to_filterpy is None
-            else _judged(f"{to_filterpy:.0f}", to_filterpy >= FILTERPY_RATIO_MIN),
+            else _coloured(f"{to_filterpy:.0f}", to_filterpy >= FILTERPY_RATIO_MIN),
         )
     return table
 
@@ -79,9 +79,9 @@ def scaling(title: str, found: Scaling) -> Table:
         table.add_row(
             str(row.together_count),
             f"{row.recording_us:.1f} µs",
-            _judged(f"{row.recording_ratio:.2f}", row.recording_ratio <= GROWTH_RATIO_MAX),
+            _coloured(f"{row.recording_ratio:.2f}", row.recording_ratio <= GROWTH_RATIO_MAX),
             f"{row.leg_us:.1f} µs",
-            _judged(f"{row.leg_ratio:.2f}", row.leg_ratio <= GROWTH_RATIO_MAX),
+            _coloured(f"{row.leg_ratio:.2f}", row.leg_ratio <= GROWTH_RATIO_MAX),
         )
     held = found.memory
     table.caption = (
@@ -102,8 +102,8 @@ def cycle(title: str, found: tuple[Part, ...]) -> Table:
         median, high = f"{part.median_us:.0f} µs", f"{part.high_us:.0f} µs"
         table.add_row(
             f"[bold]{part.name}[/] (≤ 400, ≤ 800 µs)" if whole else part.name,
-            _judged(median, part.median_us <= CYCLE_MEDIAN_MAX_US) if whole else median,
-            _judged(high, part.high_us <= CYCLE_HIGH_MAX_US) if whole else high,
+            _coloured(median, part.median_us <= CYCLE_MEDIAN_MAX_US) if whole else median,
+            _coloured(high, part.high_us <= CYCLE_HIGH_MAX_US) if whole else high,
             f"{part.share_ratio:.0%}",
             "" if whole else "━" * round(BAR_WIDTH * part.share_ratio),
             end_section=whole,
@@ -118,7 +118,7 @@ def lateness(title: str, found: Lateness) -> Table:
     most = max(found.class_count)
     for name, count in zip(names, found.class_count, strict=True):
         table.add_row(name, str(count), f"{'━' * round(BAR_WIDTH * count / most):<{BAR_WIDTH}}")
-    p999 = _judged(f"99.9 % {found.p999_us:.0f} µs (≤ 500)", found.p999_us <= LATE_P999_MAX_US)
+    p999 = _coloured(f"99.9 % {found.p999_us:.0f} µs (≤ 500)", found.p999_us <= LATE_P999_MAX_US)
     table.caption = (
         f"{found.sync_count} SYNCs: median {found.median_us:.0f} µs, 99 % {found.p99_us:.0f} µs, "
         f"{p999}, worst {found.worst_us:.0f} µs; {found.overrun_count} skipped; "
@@ -131,10 +131,10 @@ def lateness(title: str, found: Lateness) -> Table:
 def replay(title: str, found: ReplaySpeed) -> Table:
     """Return the table of replay speed."""
     table = _table(title, "", "times real time", "each row")
-    computing = _judged(
+    computing = _coloured(
         f"{found.computing_ratio:.0f}", found.computing_ratio >= COMPUTING_RATIO_MIN
     )
-    whole = _judged(f"{found.with_csv_ratio:.0f}", found.with_csv_ratio >= WITH_CSV_RATIO_MIN)
+    whole = _coloured(f"{found.with_csv_ratio:.0f}", found.with_csv_ratio >= WITH_CSV_RATIO_MIN)
     table.add_row("computing (≥ 1000)", computing, f"{found.computing_us:.1f} µs")
     table.add_row("reading CSV", "", f"{found.reading_us:.1f} µs")
     table.add_row("writing CSV", "", f"{found.writing_us:.1f} µs")
@@ -151,7 +151,9 @@ def service(title: str, found: Service) -> list[Table]:
         ("gateway, without the ring", found.gateway_mb, GATEWAY_MAX_MB, "MB"),
         ("delivery beyond the cycle, to bare Zenoh", found.delivery_ratio, DELIVERY_MAX, "x"),
     ):
-        table.add_row(what, _judged(f"{value:.1f} {unit}", value <= budget), f"≤ {budget:g} {unit}")
+        table.add_row(
+            what, _coloured(f"{value:.1f} {unit}", value <= budget), f"≤ {budget:g} {unit}"
+        )
     table.caption = f"the ring that core and gateway share {found.ring_mb:.0f} MB"
     table.caption_justify = "left"
     return [table, _delivery(found)]

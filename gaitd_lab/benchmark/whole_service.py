@@ -30,8 +30,14 @@ from daemon.ipc.record import CycleRecord
 from gaitd.remote import open_client
 from gaitd_lab.benchmark import bare_put
 from gaitd_lab.processes import ServiceError, Tempo, free_port, tied
-from gaitd_lab.soak.machinery import Machinery, RecordTail, machinery, until_ready, warm_up
 from gaitd_lab.soak.memory import sample
+from gaitd_lab.soak.soak_processes import (
+    RecordTail,
+    SoakProcesses,
+    soak_processes,
+    until_ready,
+    warm_up,
+)
 
 READY_WITHIN_S: Final = 60.0
 FILLED_S: Final = 31.0
@@ -88,7 +94,7 @@ def measure(configs: Path, seconds: float) -> Service:
         ServiceError: a process ended, or the service was not ready in time.
     """
     warm_up(configs)
-    with machinery(configs, Tempo(wall_clock=True)) as made:
+    with soak_processes(configs, Tempo(wall_clock=True)) as made:
         ready_s = until_ready(made, READY_WITHIN_S)
         filled_s = time.monotonic() + FILLED_S
         _step_back(made.parts["sim"].pid)
@@ -111,7 +117,7 @@ def _step_back(pid: int) -> None:
         os.sched_setscheduler(number, os.SCHED_OTHER | flag, os.sched_param(0))
 
 
-class Came(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """One message at a subscriber."""
 
     time_ns: int
@@ -120,10 +126,10 @@ class Came(NamedTuple):
     """Time since the put, by the wall clock; 0 without a stamp."""
 
 
-def _delivery(made: Machinery, seconds: float) -> tuple[Delivery, int]:
+def _delivery(made: SoakProcesses, seconds: float) -> tuple[Delivery, int]:
     """Measure the estimates of one leg; return also the size of one in bytes."""
-    came: list[Came] = []
-    health: list[Came] = []
+    came: list[ReceivedMessage] = []
+    health: list[ReceivedMessage] = []
     records: list[CycleRecord] = []
     tail = RecordTail(made.ring_path)
     tail.read()
@@ -147,7 +153,9 @@ def _delivery(made: Machinery, seconds: float) -> tuple[Delivery, int]:
     return divide(came, records, statistics.median(gateways_us)), len(came[-1].payload)
 
 
-def divide(came: Sequence[Came], records: Sequence[CycleRecord], gateway_us: float) -> Delivery:
+def divide(
+    came: Sequence[ReceivedMessage], records: Sequence[CycleRecord], gateway_us: float
+) -> Delivery:
     """Match messages with the records they were made from, by cycle.
 
     Raises:
@@ -165,9 +173,9 @@ def divide(came: Sequence[Came], records: Sequence[CycleRecord], gateway_us: flo
             rows.append((whole_ns, work_ns, whole_ns - work_ns, one.zenoh_ns))
     if not rows:
         raise ServiceError(f"none of {len(came)} messages belongs to one of {len(records)} records")
-    seams_ns = [beyond - zenoh_ns - gateway_us * NS_PER_US for *_, beyond, zenoh_ns in rows]
+    ipc_ns = [beyond - zenoh_ns - gateway_us * NS_PER_US for *_, beyond, zenoh_ns in rows]
     whole, work, beyond, zenoh_part = map(spread, zip(*rows, strict=True))
-    return Delivery(whole, work, beyond, spread(seams_ns), gateway_us, zenoh_part)
+    return Delivery(whole, work, beyond, spread(ipc_ns), gateway_us, zenoh_part)
 
 
 def spread(times_ns: Sequence[float]) -> Spread:
@@ -177,14 +185,14 @@ def spread(times_ns: Sequence[float]) -> Spread:
     return Spread(statistics.median(ordered) / NS_PER_US, high_ns / NS_PER_US)
 
 
-def _subscribe(session: zenoh.Session, key: str, came: list[Came]) -> None:
-    def hear(sample: zenoh.Sample) -> None:
+def _subscribe(session: zenoh.Session, key: str, came: list[ReceivedMessage]) -> None:
+    def receive(sample: zenoh.Sample) -> None:
         time_ns, utc_ns = time.monotonic_ns(), time.time_ns()
         stamp = sample.timestamp
         zenoh_ns = utc_ns - round(stamp.get_time().timestamp() * 1e9) if stamp else 0
-        came.append(Came(time_ns, sample.payload.to_bytes(), zenoh_ns))
+        came.append(ReceivedMessage(time_ns, sample.payload.to_bytes(), zenoh_ns))
 
-    session.declare_subscriber(key, hear)
+    session.declare_subscriber(key, receive)
 
 
 def bare_puts(size: int, seconds: float) -> Spread:
@@ -195,7 +203,7 @@ def bare_puts(size: int, seconds: float) -> Spread:
     """
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     words = ("-m", bare_put.__name__, endpoint, str(size), str(seconds + CONNECT_S))
-    came: list[Came] = []
+    came: list[ReceivedMessage] = []
     with subprocess.Popen(tied(*words)) as putting:
         time.sleep(CONNECT_S)
         with open_client((endpoint,)) as session:

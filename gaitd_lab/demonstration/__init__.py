@@ -1,7 +1,7 @@
 """The demonstration `gaitd demo`: plays scenes, shows the estimate, and evaluates its errors.
 
 Reading order: `script.py` (the acts as generators), `stage.py` (files and processes of an
-act), `feed.py` (data from Zenoh, and the truth of the virtual drives), `judgement.py`
+act), `feed.py` (data from Zenoh, and the truth of the virtual drives), `evaluation.py`
 (errors and bounds), `view.py` (the live view), `picture.py` (the PNG), `performance.py` (all of it
 together).
 """

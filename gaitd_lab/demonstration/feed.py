@@ -83,7 +83,7 @@ class ActClock(Protocol):
         ...
 
 
-class Audience:
+class Receiver:
     """A plain Zenoh client of one service: subscribes, and stores the received messages."""
 
     def __init__(self, target: Target, leg: str, heard: Track, clock: ActClock) -> None:
@@ -103,7 +103,7 @@ class Audience:
         self._estimates: deque[tuple[int, wire.Estimate]] = deque(maxlen=ESTIMATES_KEPT)
         """The newest messages, each with the monotonic time of its SYNC."""
         self._has_come = threading.Condition()
-        self._heard_s: float | None = None
+        self._received_s: float | None = None
         self._track = heard
         self._target, self._leg = target, leg
         self._session: zenoh.Session | None = None
@@ -144,7 +144,7 @@ class Audience:
         estimate = self._estimate_at(now_ns - CYCLE_DONE_NS)
         return Situation(
             now_s=(now_ns - began_ns) * 1e-9,
-            heard_s=None if self._heard_s is None else self._heard_s - began_ns * 1e-9,
+            heard_s=None if self._received_s is None else self._received_s - began_ns * 1e-9,
             mode=safety.mode if safety else None,
             verdict=verdict_text(safety),
             phase_ratio=estimate.gait_phase_ratio if estimate else None,
@@ -191,7 +191,7 @@ class Audience:
         )
         sync_ns = self._clock.of_utc_ns(message.sample_time_ns)
         self._track.add(sync_ns, values)
-        self._heard_s = self._clock.now_ns() * 1e-9
+        self._received_s = self._clock.now_ns() * 1e-9
         with self._has_come:
             self._estimates.append((sync_ns, message))
             self._has_come.notify_all()
@@ -200,7 +200,7 @@ class Audience:
         message = _message(sample, wire.Safety)
         self.safety = message
         if message.valid:
-            self._heard_s = self._clock.now_ns() * 1e-9
+            self._received_s = self._clock.now_ns() * 1e-9
 
     def _on_health(self, sample: zenoh.Sample) -> None:
         self.health = _message(sample, wire.Health)

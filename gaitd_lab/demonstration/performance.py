@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from daemon import wire
-from gaitd_lab.demonstration.feed import HEARD, TRUE, Audience, Track, TruthTail
-from gaitd_lab.demonstration.judgement import Span, judge, pairs
+from gaitd_lab.demonstration.evaluation import Span, evaluate, pairs
+from gaitd_lab.demonstration.feed import HEARD, TRUE, Receiver, Track, TruthTail
 from gaitd_lab.demonstration.picture import Results
 from gaitd_lab.demonstration.script import (
     Act,
@@ -87,14 +87,14 @@ class Performance:
             trouble = "interrupted"
         self._end_span()
         both = pairs(self._heard, self._true)
-        rows = judge(self._spans, both)
+        rows = evaluate(self._spans, both)
         return Results(both, self._spans, rows, self._health, trouble)
 
     def _act(self, act: Act, *, empty: bool) -> None:
         with stage(self._configs, empty=empty, tempo=self._tempo, begin_ns=self._now_ns) as where:
             tail = TruthTail(where.truth_path, self._true)
             requests = Requests(where.target, CLIENT)
-            audience = Audience(where.target, where.leg, self._heard, where.time)
+            audience = Receiver(where.target, where.leg, self._heard, where.time)
             self._look_at(where)
             self._begin_scene(_first_scene())
             try:
@@ -112,7 +112,7 @@ class Performance:
                 tail.close()
 
     def _turns(
-        self, act: Act, where: Stage, audience: Audience, tail: TruthTail, requests: Requests
+        self, act: Act, where: Stage, audience: Receiver, tail: TruthTail, requests: Requests
     ) -> None:
         action = next(act)
         over = False
@@ -136,7 +136,7 @@ class Performance:
 
     def _do(self, action: Action, where: Stage, requests: Requests) -> None:
         if isinstance(action, Ask):
-            requests.ask(action)
+            requests.send(action)
         elif isinstance(action, Patient):
             where.inject(f"patient {action.programme}")
         elif isinstance(action, Scene):
@@ -152,7 +152,7 @@ class Performance:
         self._spans.append(span)
         self._scene_since_ns = self._now_ns
 
-    def _moment(self, audience: Audience, where: Stage) -> Moment:
+    def _moment(self, audience: Receiver, where: Stage) -> Moment:
         return Moment(
             now_ns=self._now_ns,
             elapsed_s=time.monotonic() - self._began_s,

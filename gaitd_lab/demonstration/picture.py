@@ -28,7 +28,7 @@ from analysis.drawing import (
     x_label,
 )
 from daemon import wire
-from gaitd_lab.demonstration.judgement import AXES, BOUNDS, Pair, Row, Span
+from gaitd_lab.demonstration.evaluation import AXES, BOUNDS, Pair, Row, Span
 from gaitd_lab.demonstration.script import Kind
 
 QUIET_S: Final = 1.0

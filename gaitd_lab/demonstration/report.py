@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.table import Table
 
 from daemon import wire
+from gaitd_lab.demonstration.evaluation import AXES, Row, pairs
 from gaitd_lab.demonstration.feed import verdict_text
-from gaitd_lab.demonstration.judgement import AXES, Row, pairs
 from gaitd_lab.demonstration.picture import Results
 from gaitd_lab.demonstration.script import Kind, Plan
 from gaitd_lab.demonstration.view import Moment

@@ -14,8 +14,8 @@ from rich.text import Text
 from analysis.accuracy import score
 from daemon import wire
 from gaitd_lab.demonstration.curves import Chart, Curve, Values
-from gaitd_lab.demonstration.feed import Audience, Track, verdict_text
-from gaitd_lab.demonstration.judgement import AXES, BOUNDS, Pair, pairs
+from gaitd_lab.demonstration.evaluation import AXES, BOUNDS, Pair, pairs
+from gaitd_lab.demonstration.feed import Receiver, Track, verdict_text
 from gaitd_lab.demonstration.script import Scene
 
 WINDOW_S: Final = 16.0
@@ -53,7 +53,7 @@ class Moment(NamedTuple):
     """Time since the scene began."""
     speed_ratio: float | None
     """Ratio of the time to the computer's; None before it is known."""
-    audience: Audience | None
+    audience: Receiver | None
     heard: Track
     true: Track
 
@@ -237,7 +237,7 @@ def _error_table(both: tuple[Pair, Pair], moment: Moment) -> Table:
     return grid
 
 
-def _service(audience: Audience | None) -> Panel:
+def _service(audience: Receiver | None) -> Panel:
     health = audience.health if audience else None
     grid = _grid("left", "right")
     if audience is None or health is None:
@@ -263,7 +263,7 @@ def _bar(count: int) -> str:
     return BAR[min(1 + round(1.6 * np.log10(count)), len(BAR) - 1)]
 
 
-def _events(audience: Audience | None, shown: int) -> Panel:
+def _events(audience: Receiver | None, shown: int) -> Panel:
     newest = list(audience.events)[-shown:] if audience else []
     lines = [
         Text.assemble(

@@ -19,7 +19,7 @@ from gaitd_lab.fault_matrix import watch
 from gaitd_lab.fault_matrix.faults import Fault
 from gaitd_lab.fault_matrix.kinds import KilledError, Scene
 from gaitd_lab.fault_matrix.modes import Column
-from gaitd_lab.fault_matrix.watch import AXES, CYCLE_NS, Told, Watch
+from gaitd_lab.fault_matrix.watch import AXES, CYCLE_NS, StopFrames, Watch
 from gaitd_lab.lockstep import LockstepSession
 
 NS_PER_S: Final = 1_000_000_000
@@ -40,7 +40,7 @@ class Cell(NamedTuple):
     """Empty for a fault that belongs to no axis."""
 
 
-class Found(msgspec.Struct, frozen=True, kw_only=True):
+class CellResult(msgspec.Struct, frozen=True, kw_only=True):
     """The result of one cell, with the drawn values that are needed to run it again."""
 
     fault: str
@@ -88,18 +88,20 @@ class _OverError(BaseException):
     """The cell's observation time is over. Must not be caught by handlers of the service."""
 
 
-def play(session: LockstepSession, column: Column, fault: Fault, axis: str, seed: int) -> Found:
+def play_cell(
+    session: LockstepSession, column: Column, fault: Fault, axis: str, seed: int
+) -> CellResult:
     """Inject a fault into the present session, and observe the reaction."""
     rng = random.Random(f"{seed}/{fault.name}/{column.name}/{axis}")
     if column.prelude is not None:
         column.prelude(session)
-    show = _Show(session, column, fault, axis)
+    show = _RunningCell(session, column, fault, axis)
     show.plan(session.world_ns + rng.randrange(round(column.after_s * NS_PER_S)))
     show.run()
-    return show.found(seed)
+    return show.result(seed)
 
 
-class _Show:
+class _RunningCell:
     """One running cell."""
 
     def __init__(self, session: LockstepSession, column: Column, fault: Fault, axis: str) -> None:
@@ -156,7 +158,7 @@ class _Show:
         session = self._session
         seen = len(session.records)
         try:
-            code = session.loop.run(self._asked_to_end)
+            code = session.loop.run(self._end_requested)
         except _OverError:
             code = None
         except KilledError:
@@ -185,27 +187,27 @@ class _Show:
             self._live()
             self._exit_code = code
 
-    def _asked_to_end(self) -> bool:
+    def _end_requested(self) -> bool:
         if self._session.world_ns >= self._end_ns:
             raise _OverError
         return self._scene.asked_to_end
 
     # --- measurements -------------------------------------------------------------------------
 
-    def found(self, seed: int) -> Found:
+    def result(self, seed: int) -> CellResult:
         """Return the measurements of the cell."""
         session, begun_ns = self._session, self._begun_ns
         records = [one for one in self._records if one.sync_mono_ns >= begun_ns]
         stop = watch.first_stop(records)
         samples = [one for one in self._watch.samples if one.time_ns >= begun_ns]
-        told = self._told(stop)
+        frames = self._stop_frames(stop)
         moved = watch.motion(samples, begun_ns, _standstill(session.settings.limits))
         beyond = watch.outside(samples, *_range(session.settings.limits))
-        told_ns = [one for one in (told.hip_ns, told.slide_ns) if one is not None]
+        told_ns = [one for one in (frames.hip_ns, frames.slide_ns) if one is not None]
         left_ns = [one for one in watch.left_enabled(samples, begun_ns) if one is not None]
         verdicts = _verdicts(records, self._verdict)
         stopped = bool(self._driven and (told_ns or self._dropped(samples)))
-        return Found(
+        return CellResult(
             fault=self._fault.name,
             mode=self._column.name,
             axis=self._axis,
@@ -223,8 +225,8 @@ class _Show:
             rest_cycles=None if moved.rest_ns is None else _cycles(moved.rest_ns),
             hip_deg=round(moved.hip_deg, 2),
             slide_mm=round(moved.slide_mm, 1),
-            together=self._together(told, samples),
-            enabled_anew=watch.enabled_anew(samples),
+            together=self._together(frames, samples),
+            enabled_anew=watch.enabled_again(samples),
             active_again=_active_again(records),
             beyond_hip_deg=round(math.degrees(beyond[0]), 2),
             beyond_slide_mm=round(beyond[1] * 1e3, 1),
@@ -232,12 +234,12 @@ class _Show:
             trouble=self._trouble,
         )
 
-    def _told(self, stop: CycleRecord | None) -> Told:
+    def _stop_frames(self, stop: CycleRecord | None) -> StopFrames:
         nodes = [drive.node_id for drive in self._session.settings.drives]
         stopped_ns = None
         if stop is not None and self._mode.active:
             stopped_ns = stop.sync_mono_ns + self._session.bus.behind_ns
-        return watch.told(self._session.bus.sent, nodes, self._begun_ns, stopped_ns)
+        return watch.stop_frames(self._session.bus.sent, nodes, self._begun_ns, stopped_ns)
 
     def _dropped(self, samples: list[watch.Sample]) -> bool:
         """Return whether a drive that was enabled is not any more."""
@@ -248,7 +250,7 @@ class _Show:
             for state, gone in zip(first, left, strict=True)
         )
 
-    def _together(self, told: Told, samples: list[watch.Sample]) -> bool:
+    def _together(self, told: StopFrames, samples: list[watch.Sample]) -> bool:
         if told.hip_ns is not None and told.slide_ns is not None:
             return told.together
         if samples[0].states.count(watch.PUSHING) < len(AXES):
@@ -277,12 +279,12 @@ def _range(limits: Limits) -> tuple[watch.Pair, watch.Pair]:
 
 def _verdicts(records: list[CycleRecord], before: Verdict) -> list[Verdict]:
     """Return each new verdict, in order."""
-    found: list[Verdict] = []
+    results: list[Verdict] = []
     for one in records:
         if one.verdict != before and one.verdict.cause != Cause.NONE:
-            found.append(one.verdict)
+            results.append(one.verdict)
         before = one.verdict
-    return found
+    return results
 
 
 def _active_again(records: list[CycleRecord]) -> bool:

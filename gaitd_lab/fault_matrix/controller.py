@@ -20,7 +20,7 @@ class Swinger:
         self._seq = 0
         self._begun_cycle: int | None = None
         self._middle_rad = 0.0
-        self._lease = gateway.lend(self)
+        self._lease = gateway.grant_lease(self)
 
     def __call__(self, record: CycleRecord) -> tuple[Setpoint, ...]:
         """Return the setpoint for the newest record."""

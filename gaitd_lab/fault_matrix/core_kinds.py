@@ -10,10 +10,10 @@ from daemon.core.exercises.exercise import Reference
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.state import Leg
 from daemon.core.steps import exercises
-from gaitd_lab.fault_matrix.kinds import MS, NAN, Play, Scene, nothing, undo
+from gaitd_lab.fault_matrix.kinds import MS, NAN, FaultAction, Scene, nothing, undo
 
 
-def nan_in_guidance() -> Play:
+def nan_in_guidance() -> FaultAction:
     """The planned position of one axis becomes NaN."""
 
     def begin(scene: Scene, axis: str) -> None:
@@ -31,10 +31,10 @@ def nan_in_guidance() -> Play:
         exercises.reference_of = broken
         scene.undo.append(lambda: setattr(exercises, "reference_of", original))
 
-    return Play(begin, undo)
+    return FaultAction(begin, undo)
 
 
-def nan_in_scaling(field_name: str) -> Play:
+def nan_in_scaling(field_name: str) -> FaultAction:
     """A conversion factor between a drive's units and SI becomes NaN."""
 
     def begin(scene: Scene, axis: str) -> None:
@@ -47,10 +47,10 @@ def nan_in_scaling(field_name: str) -> Play:
 
         scene.undo.append(back)
 
-    return Play(begin, undo)
+    return FaultAction(begin, undo)
 
 
-def observer_state(value: float) -> Play:
+def observer_state(value: float) -> FaultAction:
     """The observer's state is overwritten with NaN, once."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -58,13 +58,13 @@ def observer_state(value: float) -> Play:
             memory, _ = leg.observer.buffers
             memory["mean"][:] = value
 
-    return Play(begin, nothing)
+    return FaultAction(begin, nothing)
 
 
 RUIN_NS: Final = 5 * MS
 
 
-def observer_lost() -> Play:
+def observer_lost() -> FaultAction:
     """The observer's state is overwritten again before every cycle, so a restart does not help."""
 
     def begin(scene: Scene, axis: str) -> None:
@@ -83,10 +83,10 @@ def observer_lost() -> Play:
         scene.undo.append(leave)
         again()
 
-    return Play(begin, undo)
+    return FaultAction(begin, undo)
 
 
-def out_of_memory() -> Play:
+def out_of_memory() -> FaultAction:
     """One allocation in a cycle fails."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -99,26 +99,26 @@ def out_of_memory() -> Play:
         cycle_record.record = failing
         scene.undo.append(lambda: setattr(cycle_record, "record", original))
 
-    return Play(begin, undo)
+    return FaultAction(begin, undo)
 
 
 # --- files ------------------------------------------------------------------------------------
 
 
-def notebook_full() -> Play:
+def notebook_full() -> FaultAction:
     """The state file cannot be written, and there is something to write."""
 
     def begin(scene: Scene, _axis: str) -> None:
-        scene.session.notebook.is_full = True
-        scene.core.notes = PersistentState(scene.core.notes.axes)
+        scene.session.state_file.is_full = True
+        scene.core.persistent = PersistentState(scene.core.persistent.axes)
 
-    return Play(begin, nothing)
+    return FaultAction(begin, nothing)
 
 
-def ring_full() -> Play:
+def ring_full() -> FaultAction:
     """A record cannot be written into the ring."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.session.gateway.ring_is_full = True
 
-    return Play(begin, nothing)
+    return FaultAction(begin, nothing)

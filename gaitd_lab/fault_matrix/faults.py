@@ -9,7 +9,7 @@ from typing import Final
 
 from gaitd_lab.fault_matrix import core_kinds, kinds
 from gaitd_lab.fault_matrix.emergencies import emergencies
-from gaitd_lab.fault_matrix.kinds import MS, Fault, Play
+from gaitd_lab.fault_matrix.kinds import MS, Fault, FaultAction
 
 HOUR_NS: Final = 3_600_000 * MS
 
@@ -240,7 +240,7 @@ _GATEWAY: Final = (
     Fault(
         "zenoh_lost",
         "the session of clients is lost: the gateway lives and has nothing to say",
-        kinds.levels(kinds.nothing_asked),
+        kinds.levels(kinds.no_requests),
         of_an_axis=False,
     ),
     Fault(
@@ -350,7 +350,10 @@ _PROCESS: Final = (
 )
 
 _NONE: Final = Fault(
-    "none", "nothing: the column by itself", Play(kinds.nothing, kinds.nothing), of_an_axis=False
+    "none",
+    "nothing: the column by itself",
+    FaultAction(kinds.nothing, kinds.nothing),
+    of_an_axis=False,
 )
 
 _ROWS: Final = {

@@ -10,11 +10,11 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from gaitd_lab.fault_matrix.cell import Found
+from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.faults import FAULTS
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
 
-Measure = Callable[[Found], float | None]
+Measure = Callable[[CellResult], float | None]
 
 SIZE_IN: Final = (10.0, 17.0)
 INK_RATIO: Final = 0.1
@@ -25,7 +25,7 @@ LEAST_DEG: Final = 0.1
 MOST_DEG: Final = 60.0
 
 
-def draw(found: Sequence[Found], path: Path) -> None:
+def draw(results: Sequence[CellResult], path: Path) -> None:
     """Write the picture.
 
     Raises:
@@ -34,8 +34,8 @@ def draw(found: Sequence[Found], path: Path) -> None:
     modes = [one.name for one in COLUMNS.values() if one.group is not Group.IDLE]
     figure = Figure(figsize=SIZE_IN, dpi=110, layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    reaction = _grid(found, modes, _reaction_cycles)
-    distance = _grid(found, modes, lambda one: one.hip_deg if _is_stop(one) else None)
+    reaction = _grid(results, modes, _reaction_cycles)
+    distance = _grid(results, modes, lambda one: one.hip_deg if _is_stop(one) else None)
     _panel(figure, left, reaction, modes, (LEAST_CYCLES, MOST_CYCLES), "reaction, cycles")
     _panel(figure, right, distance, modes, (LEAST_DEG, MOST_DEG), "hip moved until rest, deg")
     left.set_yticks(range(len(FAULTS)), labels=list(FAULTS), fontsize=7)
@@ -43,23 +43,25 @@ def draw(found: Sequence[Found], path: Path) -> None:
     figure.savefig(path, format="png")
 
 
-def _is_stop(one: Found) -> bool:
+def _is_stop(one: CellResult) -> bool:
     """Return whether a result is a stop, and not a normal end, as of a homing."""
     return one.stopped and bool(one.causes)
 
 
-def _reaction_cycles(one: Found) -> float | None:
+def _reaction_cycles(one: CellResult) -> float | None:
     if not _is_stop(one):
         return None
     times = [t for t in (one.told_cycles, one.left_cycles) if t is not None]
     return min(times) if times else None
 
 
-def _grid(found: Sequence[Found], modes: Sequence[str], measure: Measure) -> NDArray[np.float64]:
+def _grid(
+    results: Sequence[CellResult], modes: Sequence[str], measure: Measure
+) -> NDArray[np.float64]:
     """Faults by modes; NaN where there is no value."""
     grid = np.full((len(FAULTS), len(modes)), np.nan)
     rows = {name: number for number, name in enumerate(FAULTS)}
-    for one in found:
+    for one in results:
         value = measure(one)
         if one.mode in modes and value is not None:
             place = rows[one.fault], modes.index(one.mode)

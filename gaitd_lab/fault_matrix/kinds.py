@@ -47,7 +47,7 @@ Act = Callable[[Scene, str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Play:
+class FaultAction:
     """How a fault begins and ends."""
 
     begin: Act
@@ -63,7 +63,7 @@ class Fault:
 
     name: str
     text: str
-    play: Play
+    play: FaultAction
     of_an_axis: bool = True
     lasts_s: float = LASTS_S
     """Time until the fault ends."""
@@ -82,7 +82,7 @@ def undo(scene: Scene, _axis: str) -> None:
 # --- in the machine -----------------------------------------------------------------------------
 
 
-def machine(fault: str) -> Play:
+def machine(fault: str) -> FaultAction:
     """A fault of the virtual drives: `KIND {} [DURATION [VALUE]]` with the axis in the braces."""
     kind = fault.split(maxsplit=1)[0]
 
@@ -92,10 +92,10 @@ def machine(fault: str) -> Play:
     def end(scene: Scene, axis: str) -> None:
         scene.session.command(f"clear {kind} {axis}")
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
-def patient(programme: str) -> Play:
+def patient(programme: str) -> FaultAction:
     """A programme of the patient; `{}` stands for `hip` or `slide`."""
 
     def begin(scene: Scene, axis: str) -> None:
@@ -104,10 +104,10 @@ def patient(programme: str) -> Play:
     def end(scene: Scene, _axis: str) -> None:
         scene.session.command("patient passive")
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
-def together(*plays: Play) -> Play:
+def together(*plays: FaultAction) -> FaultAction:
     """Faults at the same moment."""
 
     def begin(scene: Scene, axis: str) -> None:
@@ -118,10 +118,10 @@ def together(*plays: Play) -> Play:
         for play in plays:
             play.end(scene, axis)
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
-def limit_switch_ahead() -> Play:
+def limit_switch_ahead() -> FaultAction:
     """The limit switch in the joint's direction of motion closes, or either if the joint stands."""
 
     def begin(scene: Scene, axis: str) -> None:
@@ -133,7 +133,7 @@ def limit_switch_ahead() -> Play:
     def end(scene: Scene, axis: str) -> None:
         scene.session.command(f"clear limit_switch_on {axis}")
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
 # --- on the master's bus interface ------------------------------------------------------------
@@ -145,7 +145,7 @@ ACTIVE: Final = Frame(0x004, b"\0\x40\0\0\0\0\0\0")
 OVERFLOW: Final = Frame(0x004, b"\0\x01\0\0\0\0\0\0")
 
 
-def our_bus_off() -> Play:
+def our_bus_off() -> FaultAction:
     """The master's controller goes bus-off and reports it; at the end it has been restarted."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -156,10 +156,10 @@ def our_bus_off() -> Play:
         scene.session.bus.trouble.is_off = False
         scene.session.bus.report(RESTARTED)
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
-def reported(frame: Frame, over: Frame | None = None) -> Play:
+def reported(frame: Frame, over: Frame | None = None) -> FaultAction:
     """The master's controller reports an error, and the end of it."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -169,10 +169,10 @@ def reported(frame: Frame, over: Frame | None = None) -> Play:
         if over is not None:
             scene.session.bus.report(over)
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
-def queue_full() -> Play:
+def queue_full() -> FaultAction:
     """Nothing can be sent."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -181,10 +181,10 @@ def queue_full() -> Play:
     def end(scene: Scene, _axis: str) -> None:
         scene.session.bus.trouble.queue_full = False
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
-def adapter_gone() -> Play:
+def adapter_gone() -> FaultAction:
     """The interface does not exist any more."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -193,10 +193,10 @@ def adapter_gone() -> Play:
     def end(scene: Scene, _axis: str) -> None:
         scene.session.bus.trouble.is_gone = False
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
-def sync_waits(delay_ms: int) -> Play:
+def sync_waits(delay_ms: int) -> FaultAction:
     """SYNC is delayed on its way to the wire."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -205,31 +205,31 @@ def sync_waits(delay_ms: int) -> Play:
     def end(scene: Scene, _axis: str) -> None:
         scene.session.bus.trouble.sync_delay_ns = 0
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
 # --- time -----------------------------------------------------------------------------------------
 
 
-def held(duration_ms: int) -> Play:
+def held(duration_ms: int) -> FaultAction:
     """The core is halted while the world and the core's clock continue."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.session.bus.hold(duration_ms * MS)
 
-    return Play(begin, nothing)
+    return FaultAction(begin, nothing)
 
 
-def suspended(duration_ms: int) -> Play:
+def suspended(duration_ms: int) -> FaultAction:
     """The machine is suspended: the core and its monotonic clock stop, the world continues."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.session.bus.pause(duration_ms * MS)
 
-    return Play(begin, nothing)
+    return FaultAction(begin, nothing)
 
 
-def clock_set(by_ns: int) -> Play:
+def clock_set(by_ns: int) -> FaultAction:
     """The wall clock is set; it is corrected when the fault ends."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -238,13 +238,13 @@ def clock_set(by_ns: int) -> Play:
     def end(scene: Scene, _axis: str) -> None:
         scene.session.clock.utc_stepped_ns -= by_ns
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
 # --- the gateway ----------------------------------------------------------------------------------
 
 
-def gateway_silent() -> Play:
+def gateway_silent() -> FaultAction:
     """The gateway sends no state: dead, stalled, or its session lost; afterwards it sends again."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -253,10 +253,10 @@ def gateway_silent() -> Play:
     def end(scene: Scene, _axis: str) -> None:
         scene.session.gateway.silent = False
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
-def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> Play:
+def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> FaultAction:
     """The core receives a gateway state different from the one sent."""
 
     def begin(scene: Scene, _axis: str) -> None:
@@ -265,7 +265,7 @@ def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> Play:
     def end(scene: Scene, _axis: str) -> None:
         scene.session.gateway.change = None
 
-    return Play(begin, end)
+    return FaultAction(begin, end)
 
 
 FLOOD_COUNT: Final = 100
@@ -276,15 +276,15 @@ _ENABLE: Final = Request(id=4711, kind=RequestKind.ENABLE)
 
 def flood(sent: list[GatewayState]) -> list[GatewayState]:
     """Each gateway state is repeated a hundred times."""
-    return [level for level in sent for _ in range(FLOOD_COUNT)]
+    return [gateway_state for gateway_state in sent for _ in range(FLOOD_COUNT)]
 
 
 def foreign(sent: list[GatewayState]) -> list[GatewayState]:
     """States of a second gateway arrive, which belong to another core and request to enable it."""
     return [
-        level
+        gateway_state
         for own in sent
-        for level in (
+        for gateway_state in (
             own,
             changed(
                 own,
@@ -311,7 +311,7 @@ def lower_stop_count(sent: list[GatewayState]) -> list[GatewayState]:
     return [changed(own, stop_count=own.stop_count - 1) for own in sent]
 
 
-def nothing_asked(sent: list[GatewayState]) -> list[GatewayState]:
+def no_requests(sent: list[GatewayState]) -> list[GatewayState]:
     """No request and no lease: the gateway only signals that it is alive."""
     return [changed(own, request=Request(), setpoints=(), lease=0) for own in sent]
 
@@ -330,20 +330,20 @@ def nan_setpoint(sent: list[GatewayState]) -> list[GatewayState]:
 # --- its process ----------------------------------------------------------------------------------
 
 
-def terminated() -> Play:
+def terminated() -> FaultAction:
     """SIGTERM to the core."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.asked_to_end = True
 
-    return Play(begin, nothing)
+    return FaultAction(begin, nothing)
 
 
-def killed() -> Play:
+def killed() -> FaultAction:
     """SIGKILL to the core: it executes nothing any more, not even its shutdown."""
 
     def begin(scene: Scene, _axis: str) -> None:
         scene.session.bus.trouble.is_gone = True
         raise KilledError
 
-    return Play(begin, nothing)
+    return FaultAction(begin, nothing)

@@ -5,11 +5,11 @@ from typing import Final, NamedTuple
 
 from analysis import markdown
 from daemon.ipc.record import Mode
-from gaitd_lab.fault_matrix.cell import Found
+from gaitd_lab.fault_matrix.cell import CellResult
+from gaitd_lab.fault_matrix.evaluation import broken
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS
 from gaitd_lab.fault_matrix.expected import ROWS, Law
 from gaitd_lab.fault_matrix.faults import FAULTS
-from gaitd_lab.fault_matrix.judgement import broken
 from gaitd_lab.fault_matrix.modes import COLUMNS
 
 PAGE: Final = "fault_matrix.md"
@@ -53,19 +53,19 @@ of them break a law today (last section).
 - Where both axes do the same, the larger numbers of the two are given; else each has its line.
 - Categories: S2 the core brakes and holds, S1 quick stop by the drives, S0 no voltage. A cause of
   one axis' feedback is S0 for it and S1 for the other.
-- Every cell is held to the laws at the head of `gaitd_lab/fault_matrix/judgement.py`: nothing is
+- Every cell is held to the laws at the head of `gaitd_lab/fault_matrix/evaluation.py`: nothing is
   enabled again when the fault has gone, both axes are told between the same two SYNCs, the cause
   is right, the leg comes to rest inside its mechanical stops, what need not stop goes on.
 """
 
 
-def page(found: Sequence[Found]) -> str:
+def page(results: Sequence[CellResult]) -> str:
     """Return the whole page."""
-    bad = [(one, reasons) for one in found if (reasons := broken(one))]
-    cells = {(one.fault, one.mode, one.axis): one for one in found}
-    seed = found[0].seed if found else 0
+    bad = [(one, reasons) for one in results if (reasons := broken(one))]
+    cells = {(one.fault, one.mode, one.axis): one for one in results}
+    seed = results[0].seed if results else 0
     return markdown.page(
-        _HEAD.format(seed=seed, count=len(found), open_count=len(bad)),
+        _HEAD.format(seed=seed, count=len(results), open_count=len(bad)),
         *(_table(table, cells) for table in TABLES),
         _columns(),
         _rows(),
@@ -74,7 +74,7 @@ def page(found: Sequence[Found]) -> str:
     )
 
 
-def entry(cells: Sequence[Found]) -> str:
+def entry(cells: Sequence[CellResult]) -> str:
     """Describe one fault in one mode: once, if it was the same on both axes."""
     if not cells:
         return "not played"
@@ -83,11 +83,11 @@ def entry(cells: Sequence[Found]) -> str:
     return "<br>".join(f"{one.axis.rpartition('/')[2]}: {_entry([one])}" for one in cells)
 
 
-def _kind(one: Found) -> tuple[object, ...]:
+def _kind(one: CellResult) -> tuple[object, ...]:
     return (one.stopped, one.causes[:1], one.category, one.final_mode, _mark([one]))
 
 
-def _entry(cells: Sequence[Found]) -> str:
+def _entry(cells: Sequence[CellResult]) -> str:
     one = cells[0]
     ended = "" if one.exit_code is None else f", exit {one.exit_code}"
     cause = one.causes[0] if one.causes else ""
@@ -102,7 +102,7 @@ def _entry(cells: Sequence[Found]) -> str:
     return f"{what} · {_reaction(cells)} · {_moved(cells)}{ended}{_mark(cells)}"
 
 
-def _reaction(cells: Sequence[Found]) -> str:
+def _reaction(cells: Sequence[CellResult]) -> str:
     told = [one.told_cycles for one in cells if one.told_cycles is not None]
     left = [one.left_cycles for one in cells if one.left_cycles is not None]
     if left and (not told or max(left) < max(told)):
@@ -110,13 +110,13 @@ def _reaction(cells: Sequence[Found]) -> str:
     return f"{max(told):g}" if told else "none"
 
 
-def _moved(cells: Sequence[Found]) -> str:
+def _moved(cells: Sequence[CellResult]) -> str:
     hip, slide = max(one.hip_deg for one in cells), max(one.slide_mm for one in cells)
     rest = "" if all(one.rest_cycles is not None for one in cells) else ", no rest"
     return f"{hip:.1f}°, {slide:.0f} mm{rest}"
 
 
-def _mark(cells: Sequence[Found]) -> str:
+def _mark(cells: Sequence[CellResult]) -> str:
     return " **open**" if any(broken(one) for one in cells) else ""
 
 
@@ -124,7 +124,7 @@ def _section(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     return f"## {title}\n\n{markdown.table(head, rows)}"
 
 
-def _table(table: Table, cells: Mapping[tuple[str, str, str], Found]) -> str:
+def _table(table: Table, cells: Mapping[tuple[str, str, str], CellResult]) -> str:
     rows = [
         [f"`{fault}`", *(_both(fault, column, cells) for column in table.columns)]
         for fault in FAULTS
@@ -132,7 +132,7 @@ def _table(table: Table, cells: Mapping[tuple[str, str, str], Found]) -> str:
     return _section(table.title, ["fault", *table.columns], rows)
 
 
-def _both(fault: str, column: str, cells: Mapping[tuple[str, str, str], Found]) -> str:
+def _both(fault: str, column: str, cells: Mapping[tuple[str, str, str], CellResult]) -> str:
     """The entry of a fault in a mode, on both axes."""
     return entry([one for (name, mode, _), one in cells.items() if (name, mode) == (fault, column)])
 
@@ -172,12 +172,12 @@ def _exceptions() -> str:
     return _section("Where it is not the row's usual one", head, rows)
 
 
-def _open(bad: Sequence[tuple[Found, list[str]]]) -> str:
+def _open(bad: Sequence[tuple[CellResult, list[str]]]) -> str:
     lines = [f"- `{command(one)}`: {'; '.join(reasons)}" for one, reasons in bad]
     return "\n".join(("## Open", "", *(lines or ["Every cell keeps every law."])))
 
 
-def command(one: Found) -> str:
+def command(one: CellResult) -> str:
     """Return the command that runs one cell again."""
     axis = f" --axis {one.axis}" if one.axis else ""
     return f"gaitd matrix --fault {one.fault} --mode {one.mode}{axis} --seed {one.seed}"

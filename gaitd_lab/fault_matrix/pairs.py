@@ -19,7 +19,7 @@ from gaitd_lab.fault_matrix.cell import Cell
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS, law
 from gaitd_lab.fault_matrix.expected import LOST, ROWS, Law, Resting
 from gaitd_lab.fault_matrix.faults import FAMILIES, FAULTS
-from gaitd_lab.fault_matrix.kinds import Fault, Play, Scene, nothing
+from gaitd_lab.fault_matrix.kinds import Fault, FaultAction, Scene, nothing
 from gaitd_lab.fault_matrix.modes import COLUMNS
 from gaitd_lab.fault_matrix.watch import AXES, CYCLE_NS
 
@@ -98,7 +98,7 @@ def fault_named(name: str) -> Fault:
     return Fault(
         name,
         f"{first.text}; then {second.text}",
-        Play(lambda scene, axis: _begin(parts, scene, axis), nothing),
+        FaultAction(lambda scene, axis: _begin(parts, scene, axis), nothing),
         of_an_axis=first.of_an_axis or second.of_an_axis,
         lasts_s=max(first.lasts_s, offset_s + second.lasts_s),
     )

@@ -18,7 +18,7 @@ from typing import Final
 
 import msgspec
 
-from gaitd_lab.fault_matrix.cell import Cell, Found, play
+from gaitd_lab.fault_matrix.cell import Cell, CellResult, play_cell
 from gaitd_lab.fault_matrix.faults import FAULTS
 from gaitd_lab.fault_matrix.kinds import Fault
 from gaitd_lab.fault_matrix.modes import COLUMNS, Column
@@ -50,15 +50,15 @@ def _axes(fault: Fault) -> tuple[str, ...]:
 
 def parts(wanted: Sequence[Cell]) -> list[list[Cell]]:
     """Split the cells of each column into parts of a few minutes' simulated time."""
-    found: list[list[Cell]] = []
+    results: list[list[Cell]] = []
     for mode in dict.fromkeys(cell.mode for cell in wanted):
         of_mode = [cell for cell in wanted if cell.mode == mode]
         count = -(-len(of_mode) // PART_COUNT)
-        found += [of_mode[number::count] for number in range(count)]
-    return found
+        results += [of_mode[number::count] for number in range(count)]
+    return results
 
 
-def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[list[Found]]:
+def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[list[CellResult]]:
     """Run all cells, `jobs` columns at a time; yields the results of each finished part."""
     work = parts(wanted)
     spawn = multiprocessing.get_context("spawn")
@@ -68,18 +68,18 @@ def run(config: Path, wanted: Sequence[Cell], seed: int, jobs: int) -> Iterator[
             yield done.result()
 
 
-def play_part(config: Path, part: Sequence[Cell], seed: int) -> list[Found]:
+def play_part(config: Path, part: Sequence[Cell], seed: int) -> list[CellResult]:
     """Run cells of one column, from one session."""
     column = COLUMNS[part[0].mode]
     session = matrix_session(config, column.variant, seed)
     column.begin(session)
     begun_ns = session.world_ns
     gc.freeze()
-    found: list[Found] = []
+    results: list[CellResult] = []
     for delay_s, cell in sorted((_delay_s(cell, column, seed), cell) for cell in part):
         session.run((begun_ns - session.world_ns) * 1e-9 + delay_s)
-        found.append(_forked(session, column, cell, seed))
-    return found
+        results.append(_forked(session, column, cell, seed))
+    return results
 
 
 def _delay_s(cell: Cell, column: Column, seed: int) -> float:
@@ -87,7 +87,7 @@ def _delay_s(cell: Cell, column: Column, seed: int) -> float:
     return random.Random(f"{seed}/{'/'.join(cell)}").uniform(0.0, column.window_s)
 
 
-def _forked(session: LockstepSession, column: Column, cell: Cell, seed: int) -> Found:
+def _forked(session: LockstepSession, column: Column, cell: Cell, seed: int) -> CellResult:
     """Run one cell in a fork of this process."""
     reader, writer = os.pipe()
     child = os.fork()
@@ -96,11 +96,11 @@ def _forked(session: LockstepSession, column: Column, cell: Cell, seed: int) -> 
         _play_and_exit(session, column, cell, seed, writer)
     os.close(writer)
     with open(reader, "rb") as pipe:  # noqa: PTH123 - a descriptor, not a path
-        said = pipe.read()
+        output = pipe.read()
     os.waitpid(child, 0)
-    if not said:
+    if not output:
         return _unknown(cell, seed, f"the cell died or took more than {CELL_MAX_S} s")
-    return msgspec.json.decode(said, type=Found)
+    return msgspec.json.decode(output, type=CellResult)
 
 
 def _play_and_exit(
@@ -108,18 +108,18 @@ def _play_and_exit(
 ) -> None:
     """Run one cell and exit in every case. A fork must not continue as a copy of its parent."""
     signal.alarm(CELL_MAX_S)
-    found: Found | None = None
+    results: CellResult | None = None
     try:
-        found = play(session, column, fault_named(cell.fault), cell.axis, seed)
+        results = play_cell(session, column, fault_named(cell.fault), cell.axis, seed)
     finally:
-        said = found or _unknown(cell, seed, traceback.format_exc())
+        output = results or _unknown(cell, seed, traceback.format_exc())
         with open(writer, "wb") as pipe:
-            pipe.write(msgspec.json.encode(said))
+            pipe.write(msgspec.json.encode(output))
         os._exit(0)
 
 
-def _unknown(cell: Cell, seed: int, trouble: str) -> Found:
-    return Found(
+def _unknown(cell: Cell, seed: int, trouble: str) -> CellResult:
+    return CellResult(
         fault=cell.fault,
         mode=cell.mode,
         axis=cell.axis,

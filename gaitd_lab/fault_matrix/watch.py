@@ -44,14 +44,14 @@ class Watch:
         self._plant = session.machine.trainers[LEG]
         self._nodes = [session.machine.world.node(axis) for axis in AXES]
         self.samples: list[Sample] = []
-        self._look()
+        self._sample()
 
-    def _look(self) -> None:
+    def _sample(self) -> None:
         truth = self._plant.truth()
         hip, slide = (node.drive.state for node in self._nodes)
         now_ns = self._session.world_ns
         self.samples.append(Sample(now_ns, truth.position, truth.velocity, (hip, slide)))
-        self._session.bus.at(now_ns + SAMPLE_NS, self._look)
+        self._session.bus.at(now_ns + SAMPLE_NS, self._sample)
 
 
 class Motion(NamedTuple):
@@ -98,7 +98,7 @@ def outside(samples: Sequence[Sample], low: Pair, high: Pair) -> Pair:
     return hip, slide
 
 
-def enabled_anew(samples: Sequence[Sample]) -> tuple[str, ...]:
+def enabled_again(samples: Sequence[Sample]) -> tuple[str, ...]:
     """Drives that newly entered operation enabled."""
     return tuple(
         axis
@@ -126,7 +126,7 @@ def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, 
     return hip, slide
 
 
-class Told(NamedTuple):
+class StopFrames(NamedTuple):
     """Time at which each drive was commanded to stop, on the wire: world time; None: it was not."""
 
     hip_ns: int | None
@@ -135,9 +135,9 @@ class Told(NamedTuple):
     """True if between the same two SYNCs."""
 
 
-def told(
+def stop_frames(
     sent: Sequence[Frame], nodes: Sequence[int], begun_ns: int, stopped_ns: int | None
-) -> Told:
+) -> StopFrames:
     """Find the frames that stop.
 
     Args:
@@ -147,14 +147,14 @@ def told(
         stopped_ns: SYNC of the first record of a stop: commands after it brake, also those that
             leave a drive enabled (S2); None: there was no such record.
     """
-    found: list[tuple[int, int] | None] = []
+    results: list[tuple[int, int] | None] = []
     for node in nodes:
         enabled = _enabled_before(sent, node, begun_ns)
         stops = _stops(sent, node, begun_ns, stopped_ns if enabled else None)
-        found.append(next(stops, None) if enabled else None)
-    hip, slide = found
-    syncs = {one[1] for one in found if one is not None}
-    return Told(
+        results.append(next(stops, None) if enabled else None)
+    hip, slide = results
+    syncs = {one[1] for one in results if one is not None}
+    return StopFrames(
         None if hip is None else hip[0], None if slide is None else slide[0], len(syncs) <= 1
     )
 

@@ -51,18 +51,18 @@ class AssistWatch:
     _unleased_count: int = 0
     _torque_count: int = 0
 
-    def core_gone(self) -> None:
+    def core_ended(self) -> None:
         """Reset: another core restarts the cycle count."""
         self._lease, self._cycle, self._good_cycle = 0, 0, -(10**9)
         self._without_count = self._unleased_count = self._torque_count = 0
         self._seqs.clear()
 
-    def tells(self, level: GatewayState) -> None:
+    def gateway_state_sent(self, gateway_state: GatewayState) -> None:
         """Process a gateway state on its way to the core."""
-        if level.lease != self._lease:
-            self._lease, self._good_cycle = level.lease, -(10**9)
+        if gateway_state.lease != self._lease:
+            self._lease, self._good_cycle = gateway_state.lease, -(10**9)
             self._seqs.clear()
-        for setpoint in level.setpoints:
+        for setpoint in gateway_state.setpoints:
             if self._is_good(setpoint):
                 self._seqs[setpoint.leg] = setpoint.seq
                 self._good_cycle = max(self._good_cycle, setpoint.for_cycle)
@@ -80,7 +80,7 @@ class AssistWatch:
             and setpoint.for_cycle <= self._cycle + 1
         )
 
-    def hear(self, record: CycleRecord) -> Iterator[tuple[str, str]]:
+    def receive(self, record: CycleRecord) -> Iterator[tuple[str, str]]:
         """Check a record; yields the violated rule and a text."""
         bounds = self.bounds
         self._cycle = record.cycle
@@ -90,14 +90,14 @@ class AssistWatch:
         self.checked["assist outlives its lease"] += 1
         self.checked["assist beyond its limit"] += 1
         for leg in record.assist.legs:
-            yield from self._judge(leg.assist)
+            yield from self._check(leg.assist)
         self._torque_count = self._torque_count + 1 if record.mode == Mode.TORQUE else 0
         waited = min(self._without_count, self._torque_count)
         without = max(waited - bounds.first_cycles, self._unleased_count)
         if min(without, self._torque_count) > MARGIN_CYCLES:
             yield "assist outlives its lease", f"mode torque, {without} cycles after it"
 
-    def _judge(self, assist: tuple[float, float]) -> Iterator[tuple[str, str]]:
+    def _check(self, assist: tuple[float, float]) -> Iterator[tuple[str, str]]:
         said = f"{assist[0]:.4g} N m, {assist[1]:.4g} N"
         if not all(map(math.isfinite, assist)) or any(
             abs(one) > most + NEGLIGIBLE

@@ -48,7 +48,7 @@ class RandomController:
 
     def __init__(
         self,
-        dice: random.Random,
+        rng: random.Random,
         legs: Sequence[str],
         most_si: tuple[float, float],
         sent: Counter[str],
@@ -57,50 +57,50 @@ class RandomController:
         self.dead_since_ns: int | None = None
         """Time of its death; the gateway forwards its last setpoint until the lease is over."""
         self._sent = sent
-        self._dice = dice
+        self._rng = rng
         self._legs = tuple(legs)
         self._most_si = most_si
-        self._wish = self._draw_wish()
+        self._assist = self._draw_assist()
         self._seq = 0
-        self._said: tuple[Setpoint, ...] = ()
+        self._sent_setpoints: tuple[Setpoint, ...] = ()
 
     def __call__(self, record: CycleRecord) -> tuple[Setpoint, ...]:
         """Return the newest setpoint of each leg, which the gateway forwards."""
         if self.dead_since_ns is None:
             self._seq += 1
-            if self._dice.random() < CHANGES_PER_CYCLE:
-                self._wish = self._draw_wish()
-            self._said = tuple(self._setpoint(record, leg) for leg in self._legs)
-        return self._said
+            if self._rng.random() < CHANGES_PER_CYCLE:
+                self._assist = self._draw_assist()
+            self._sent_setpoints = tuple(self._setpoint(record, leg) for leg in self._legs)
+        return self._sent_setpoints
 
-    def _draw_wish(self) -> tuple[float, float, float]:
-        dice = self._dice
-        if dice.random() < NEUTRAL_RATIO:
+    def _draw_assist(self) -> tuple[float, float, float]:
+        rng = self._rng
+        if rng.random() < NEUTRAL_RATIO:
             return 0.0, 0.0, 1.0
         # Mostly small values, sometimes the whole allowed range.
-        hip_nm, slide_n = (most * dice.uniform(-1.0, 1.0) ** 3 for most in self._most_si)
-        return hip_nm, slide_n, dice.choice((1.0, 1.0, dice.random()))
+        hip_nm, slide_n = (most * rng.uniform(-1.0, 1.0) ** 3 for most in self._most_si)
+        return hip_nm, slide_n, rng.choice((1.0, 1.0, rng.random()))
 
     def _setpoint(self, record: CycleRecord, leg: str) -> Setpoint:
         hip_nm, slide_n, stiffness_ratio = (
-            self._wish if record.mode in ASSISTED else (0.0, 0.0, 1.0)
+            self._assist if record.mode in ASSISTED else (0.0, 0.0, 1.0)
         )
         good = Setpoint(self.lease, self._seq, record.cycle, hip_nm, slide_n, leg, stiffness_ratio)
-        if self._dice.random() < GOOD_RATIO:
+        if self._rng.random() < GOOD_RATIO:
             self._sent["good"] += 1
             return good
-        wrong = self._dice.choice(tuple(Wrong))
+        wrong = self._rng.choice(tuple(Wrong))
         self._sent[wrong.value] += 1
-        return self._spoilt(good, wrong)
+        return self._falsified(good, wrong)
 
-    def _spoilt(self, good: Setpoint, wrong: Wrong) -> Setpoint:
-        dice = self._dice
+    def _falsified(self, good: Setpoint, wrong: Wrong) -> Setpoint:
+        rng = self._rng
         if wrong is Wrong.NOT_FINITE:
-            odd = dice.choice((math.nan, math.inf, -math.inf))
-            which = dice.choice(("hip_assist_nm", "slide_assist_n", "stiffness_ratio"))
+            odd = rng.choice((math.nan, math.inf, -math.inf))
+            which = rng.choice(("hip_assist_nm", "slide_assist_n", "stiffness_ratio"))
             return replace(good, **{which: odd})
         if wrong is Wrong.OUT_OF_RANGE:
-            hip_nm = dice.choice((-1, 1)) * self._most_si[0] * dice.choice((1.001, 3.0, 1e300))
-            beyond = dice.choice(({"hip_assist_nm": hip_nm}, {"stiffness_ratio": 1.5}))
+            hip_nm = rng.choice((-1, 1)) * self._most_si[0] * rng.choice((1.001, 3.0, 1e300))
+            beyond = rng.choice(({"hip_assist_nm": hip_nm}, {"stiffness_ratio": 1.5}))
             return replace(good, **beyond)
         return _CHANGED[wrong](good)

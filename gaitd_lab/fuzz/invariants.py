@@ -14,7 +14,7 @@ checker also knows the requests of the session. The rules, by the names that a v
 4. Left enabled in silence: a drive to which nothing was sent for 1016h and a margin is not enabled
    any more.
 5. Stops apart, stop not done, enabled still: `stops.py`.
-6. Beyond the limit: a joint is not more than a margin beyond its hard limit (`beyond.py`).
+6. Beyond the limit: a joint is not more than a margin beyond its hard limit (`position_limits.py`).
 7. Torque jumps: 6071h changes by no more than limits.toml's rate times the time between two
    commands, while the drive is commanded to enable in cyclic torque. The first torque is the one
    that holds the leg at its true pose, within FIRST_TORQUE_OFF_MAX, unless a fault made the drive
@@ -44,9 +44,9 @@ from daemon.ipc.record import (
     StopCategory,
 )
 from gaitd_lab.fuzz.assisted import AssistWatch
-from gaitd_lab.fuzz.beyond import BEFORE_S, BLINDING, beyond_limit
+from gaitd_lab.fuzz.position_limits import BEFORE_S, BLINDING, outside_limit
 from gaitd_lab.fuzz.stops import StopWatch
-from gaitd_lab.fuzz.watched import Violation, WatchedDrive
+from gaitd_lab.fuzz.watched_drive import Violation, WatchedDrive
 from sim_drives.cia402.power_state import POWER_STAGE_ON, PowerState
 from sim_drives.plant.truth import Pair, Truth
 from sim_drives.settings import FaultKind
@@ -57,14 +57,14 @@ NMT_ID: Final = 0x000
 RPDO1, RPDO2 = 0x200, 0x300
 CYCLIC_TORQUE: Final = 10
 ENABLE_MASK, ENABLE_VALUE = 0x008F, 0x000F
-NMT_TAKES_AWAY: Final = frozenset({0x02, 0x80, 0x81, 0x82})
+NMT_DISABLING: Final = frozenset({0x02, 0x80, 0x81, 0x82})
 """Stop, pre-operational, both resets: the drive leaves operational, and stops."""
 ALONE: Final = frozenset({Mode.REFERENCE, Mode.COMMISSION})
-NO_DEBT: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
+WITHOUT_RESET: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
 """Verdicts not stored over a restart: none, a normal end, and a drive that reappears by itself."""
 BROUGHT_UP: Final = frozenset({m for m in Mode if m.active} | {Mode.READY})
 
-PATIENCE_S: Final = 15.0
+TIMEOUT_S: Final = 15.0
 """Time limit of an answer: the longest request, gait from an unfavourable pose, takes seconds."""
 SILENCE_MARGIN_S: Final = 0.02
 EFFORT_FLOOR: Final = (0.5, 5.0)
@@ -88,7 +88,7 @@ class _Before(NamedTuple):
     alone: bool
     needs_reset: bool
     inherited: bool
-    reset_asked: bool
+    reset_requested: bool
 
 
 @dataclass
@@ -115,16 +115,16 @@ class Watch:
     """True if DISABLE or RESET was requested since the last ENABLE."""
     _over: bool = False
     """Its value at that ENABLE: the previous enabled time may end after it."""
-    _debt: bool = False
+    _unreset_stop: bool = False
     """True if the core, ending now, would leave a stop that only RESET clears."""
     _inherited: bool = False
     """True if an earlier core has left such a stop, without a RESET request since."""
-    _spoken_ns: int = 0
-    _asked: dict[int, "_Before"] = field(default_factory=dict)
+    _last_frame_ns: int = 0
+    _requests: dict[int, "_Before"] = field(default_factory=dict)
     _answers: dict[int, Outcome] = field(default_factory=dict)
     _waiting_s: float = 0.0
     _latched: StopCategory = StopCategory.NONE
-    _reset_asked: bool = False
+    _reset_requested: bool = False
     _left_fault: bool = False
     """True if fault was left since the RESET request."""
     _seq: int | None = None
@@ -132,11 +132,11 @@ class Watch:
 
     # --- actions of the session -----------------------------------------------------------------
 
-    def asks(self, number: int, kind: RequestKind, wanted: ModeRequest) -> None:
+    def request_sent(self, number: int, kind: RequestKind, wanted: ModeRequest) -> None:
         """Note a request that is sent."""
-        self._asked[number] = _Before(
+        self._requests[number] = _Before(
             *(kind, self._permitted, self._alone),
-            *(self._needs_reset, self._inherited, self._reset_asked),
+            *(self._needs_reset, self._inherited, self._reset_requested),
         )
         self._waiting_s = 0.0
         if kind == RequestKind.RESET:
@@ -144,7 +144,7 @@ class Watch:
         if kind in {RequestKind.DISABLE, RequestKind.RESET}:
             self._orderly = True
             self._needs_reset = self._needs_reset and kind != RequestKind.RESET
-            self._reset_asked = self._reset_asked or kind == RequestKind.RESET
+            self._reset_requested = self._reset_requested or kind == RequestKind.RESET
             self._inherited = self._inherited and kind != RequestKind.RESET
         enables = kind == RequestKind.ENABLE
         alone = kind == RequestKind.MODE and wanted.mode in ALONE
@@ -157,10 +157,10 @@ class Watch:
         self._over = self._orderly
         self._permitted, self._orderly, self._alone = True, False, alone
 
-    def asks_to_stop(self) -> None:
+    def requests_stop(self) -> None:
         """Note that the stop count rises, and a core receives it."""
         self._permitted = False
-        self.stops.asked()
+        self.stops.stop_requested()
 
     def injects(self, kind: FaultKind, name: str, until_ns: int) -> None:
         """Note that a fault begins."""
@@ -171,24 +171,24 @@ class Watch:
                 if kind in DELAYING:
                     drive.delayed_ns = max(drive.delayed_ns, until_ns)
 
-    def core_gone(self) -> None:
+    def core_ended(self) -> None:
         """Note that the process has ended: a new one enables nothing without a request."""
         self._permitted = False
-        self._needs_reset = self._inherited = self._debt
-        self.assist.core_gone()
-        self._asked.clear()
+        self._needs_reset = self._inherited = self._unreset_stop
+        self.assist.core_ended()
+        self._requests.clear()
         self._answers.clear()
         self._seq = None
         self._latched = StopCategory.NONE
         for drive in self.drives.values():
-            if drive.told_to_enable:
-                drive.told_until_ns = self.now_ns
-            drive.told_to_enable, drive.torque_told = False, None
-        self.stops.core_gone()
+            if drive.commanded_enable:
+                drive.commanded_until_ns = self.now_ns
+            drive.commanded_enable, drive.commanded_torque = False, None
+        self.stops.core_ended()
 
-    def tells(self, level: GatewayState) -> None:
+    def gateway_state_sent(self, gateway_state: GatewayState) -> None:
         """Note a gateway state sent to the core."""
-        self.assist.tells(level)
+        self.assist.gateway_state_sent(gateway_state)
 
     # --- the wire -------------------------------------------------------------------------------
 
@@ -196,38 +196,38 @@ class Watch:
         """Check a frame of the master."""
         self.now_ns = time_ns
         if can_id == SYNC_ID:
-            self._spoken_ns = time_ns
-            self._judge("stops apart", self.stops.sync())
-        elif can_id == NMT_ID and data[0] in NMT_TAKES_AWAY:
+            self._last_frame_ns = time_ns
+            self._add_violations("stops apart", self.stops.sync())
+        elif can_id == NMT_ID and data[0] in NMT_DISABLING:
             for drive in self.drives.values():
                 if data[1] in {0, drive.rules.node_id}:
-                    self._tell(drive, enable=False)
+                    self._command_enable(drive, enable=False)
         elif can_id - RPDO1 in self.drives:
-            self._take_controlword(self.drives[can_id - RPDO1], data)
+            self._check_enable(self.drives[can_id - RPDO1], data)
         elif can_id - RPDO2 in self.drives:
-            self._take_torque(self.drives[can_id - RPDO2], data)
+            self._check_torque_step(self.drives[can_id - RPDO2], data)
         elif can_id & 0x780 == 0x700:
-            self._spoken_ns = time_ns
+            self._last_frame_ns = time_ns
 
-    def _take_controlword(self, drive: WatchedDrive, data: bytes) -> None:
+    def _check_enable(self, drive: WatchedDrive, data: bytes) -> None:
         self.checked["enables unasked"] += 1
         controlword = int.from_bytes(data[:2], "little")
-        drive.mode_told = int.from_bytes(data[2:3], "little", signed=True)
+        drive.commanded_mode = int.from_bytes(data[2:3], "little", signed=True)
         enable = controlword & ENABLE_MASK == ENABLE_VALUE
-        if enable and not drive.told_to_enable and not self._permitted:
+        if enable and not drive.commanded_enable and not self._permitted:
             self._break("enables unasked", f"{drive.rules.name} is sent {controlword:04X}h")
-        self._tell(drive, enable=enable)
+        self._command_enable(drive, enable=enable)
 
-    def _tell(self, drive: WatchedDrive, *, enable: bool) -> None:
-        stops = drive.told_to_enable and not enable
-        drive.begins = (drive.begins or not drive.told_to_enable) and enable
+    def _command_enable(self, drive: WatchedDrive, *, enable: bool) -> None:
+        stops = drive.commanded_enable and not enable
+        drive.begins = (drive.begins or not drive.commanded_enable) and enable
         if stops:
-            drive.told_until_ns = self.now_ns
-        drive.told_to_enable = enable
-        self._debt = self._debt or enable
-        self.stops.told(drive, enable=enable)
+            drive.commanded_until_ns = self.now_ns
+        drive.commanded_enable = enable
+        self._unreset_stop = self._unreset_stop or enable
+        self.stops.enable_commanded(drive, enable=enable)
         if not enable:
-            drive.torque_told = None
+            drive.commanded_torque = None
         if stops:
             # Just after ENABLE this may be the end of the previous time: a late DISABLE.
             if not self._over or self.now_ns - self._permitted_ns > ENABLED_STILL_NS:
@@ -236,21 +236,21 @@ class Watch:
             if not self._alone:
                 self.stops.begins(self.drives.values())
 
-    def _judge(self, rule: str, found: Iterable[tuple[str, str]]) -> None:
+    def _add_violations(self, rule: str, found: Iterable[tuple[str, str]]) -> None:
         self.checked[rule] += 1
         for broken, what in found:
             self._break(broken, what)
 
-    def _take_torque(self, drive: WatchedDrive, data: bytes) -> None:
-        begins, drive.begins = drive.begins, drive.begins and not drive.told_to_enable
-        if not (drive.told_to_enable and drive.mode_told == CYCLIC_TORQUE):
-            drive.torque_told = None
+    def _check_torque_step(self, drive: WatchedDrive, data: bytes) -> None:
+        begins, drive.begins = drive.begins, drive.begins and not drive.commanded_enable
+        if not (drive.commanded_enable and drive.commanded_mode == CYCLIC_TORQUE):
+            drive.commanded_torque = None
             return
         self.checked["torque jumps"] += 1
-        count, before = int.from_bytes(data, "little", signed=True), drive.torque_told
+        count, before = int.from_bytes(data, "little", signed=True), drive.commanded_torque
         count_si = drive.rules.effort_per_count_si
         if before is not None:
-            span_s = max((self.now_ns - drive.told_ns) / NS_PER_S, self.period_s)
+            span_s = max((self.now_ns - drive.commanded_ns) / NS_PER_S, self.period_s)
             step_si = abs(count - before) * count_si
             most_si = drive.rules.rate_si_per_s * span_s * 1.01 + 2 * count_si
             if step_si > most_si:
@@ -263,46 +263,48 @@ class Watch:
             if off_si > most_si:
                 what = f"begins {off_si:.4g} from what holds it, {drive.load_si:.4g}; {most_si:.4g}"
                 self._break("torque jumps", f"{drive.rules.name} {what}")
-        drive.torque_told, drive.told_ns = count, self.now_ns
+        drive.commanded_torque, drive.commanded_ns = count, self.now_ns
 
     # --- the truth ------------------------------------------------------------------------------
 
-    def see(self, now_ns: int, truths: dict[str, Truth]) -> None:
+    def check_truth(self, now_ns: int, truths: dict[str, Truth]) -> None:
         """Check the true state of drives and plants; called about every 10 ms."""
         self.now_ns = now_ns
         for drive in self.drives.values():
             state = drive.node.drive.state
-            self._see_power(drive, state)
+            self._check_power(drive, state)
             truth = truths[drive.rules.leg]
-            self._see_torque(drive, state, truth)
+            self._check_torque_off(drive, state, truth)
             drive.load_si = self.load_of(truth.position)[drive.rules.axis]
             drive.state = state
             if state not in POWER_STAGE_ON:
                 drive.unpowered_ns = now_ns
         for drive in self.drives.values():
             of_leg = [one for one in self.drives.values() if one.rules.leg == drive.rules.leg]
-            found = beyond_limit(drive, of_leg, truths[drive.rules.leg], now_ns)
-            self._judge("beyond the limit", found)
+            found = outside_limit(drive, of_leg, truths[drive.rules.leg], now_ns)
+            self._add_violations("beyond the limit", found)
 
-    def _see_power(self, drive: WatchedDrive, state: PowerState) -> None:
+    def _check_power(self, drive: WatchedDrive, state: PowerState) -> None:
         self.checked["powered unasked"] += 1
         enabled = state is PowerState.OPERATION_ENABLED
         began = enabled and drive.state is not PowerState.OPERATION_ENABLED
         grace_s = ENABLING_GRACE_S
         if self.now_ns < drive.delayed_ns:
             grace_s += 1.0
-        since_ns = max(self._permitted_ns, drive.told_until_ns)
+        since_ns = max(self._permitted_ns, drive.commanded_until_ns)
         lately = self.now_ns - since_ns < grace_s * NS_PER_S
-        if began and not (self._permitted or lately or drive.told_to_enable):
+        if began and not (self._permitted or lately or drive.commanded_enable):
             self._break("powered unasked", f"{drive.rules.name} is enabled")
-        self._judge("enabled still", self.stops.see(drive, self.now_ns, enabled=enabled))
+        self._add_violations(
+            "enabled still", self.stops.check_truth(drive, self.now_ns, enabled=enabled)
+        )
         self.checked["left enabled in silence"] += 1
-        silent_s = (self.now_ns - self._spoken_ns) / NS_PER_S
+        silent_s = (self.now_ns - self._last_frame_ns) / NS_PER_S
         if enabled and silent_s > self.detection_s + SILENCE_MARGIN_S:
             what = f"{drive.rules.name} after {silent_s * 1e3:.0f} ms"
             self._break("left enabled in silence", what)
 
-    def _see_torque(self, drive: WatchedDrive, state: PowerState, truth: Truth) -> None:
+    def _check_torque_off(self, drive: WatchedDrive, state: PowerState, truth: Truth) -> None:
         self.checked["torque without power"] += 1
         off = state not in POWER_STAGE_ON
         axis = drive.rules.axis
@@ -313,50 +315,54 @@ class Watch:
 
     # --- the core's outputs ---------------------------------------------------------------------
 
-    def hear(self, record: CycleRecord) -> None:
+    def receive(self, record: CycleRecord) -> None:
         """Check a record of the running core."""
         self.checked["records"] += 1
         if self._seq is not None and record.seq != self._seq + 1:
             self._break("records", f"{record.seq} comes after {self._seq}")
         self._seq = record.seq
-        self._hear_debt(record)
-        self._hear_verdict(record)
-        self._hear_answer(record)
-        self._judge("stop not done", self.stops.hear(record))
-        for rule, what in self.assist.hear(record):
+        self._update_unreset_stop(record)
+        self._check_verdict(record)
+        self._check_answer(record)
+        self._add_violations("stop not done", self.stops.receive(record))
+        for rule, what in self.assist.receive(record):
             self._break(rule, what)
 
-    def _hear_debt(self, record: CycleRecord) -> None:
+    def _update_unreset_stop(self, record: CycleRecord) -> None:
         """Update the unreset stop, before `_latched` is updated by this record."""
         mode, cause = record.mode, record.verdict.cause
         if self._inherited and mode in BROUGHT_UP:
             self._break("verdict milder", f"{mode.name.lower()}, and an earlier core owes a reset")
         stopped = mode in {Mode.STOPPING, Mode.FAULT}
-        if stopped and cause not in NO_DEBT:
-            self._debt = True
+        if stopped and cause not in WITHOUT_RESET:
+            self._unreset_stop = True
         elif mode == Mode.READY or (mode == Mode.FAULT and cause == Cause.SHUTDOWN):
-            self._debt = False
+            self._unreset_stop = False
         elif self._latched > StopCategory.NONE and not stopped:
-            self._debt = mode.active
+            self._unreset_stop = mode.active
 
-    def _hear_verdict(self, record: CycleRecord) -> None:
+    def _check_verdict(self, record: CycleRecord) -> None:
         self.checked["verdict milder"] += 1
         before, now = self._latched, record.verdict.category
         stopped = record.mode in {Mode.STOPPING, Mode.FAULT}
-        if before > StopCategory.NONE and not self._reset_asked and (now < before or not stopped):
+        if (
+            before > StopCategory.NONE
+            and not self._reset_requested
+            and (now < before or not stopped)
+        ):
             what = f"{before.name} becomes {now.name} in {record.mode.name.lower()}"
             self._break("verdict milder", what)
         if not stopped:
             self._latched, self._left_fault = StopCategory.NONE, True
             return
         if now > StopCategory.NONE and before == StopCategory.NONE:
-            self._needs_reset, self._reset_asked = True, False
+            self._needs_reset, self._reset_requested = True, False
         self._latched = now
 
-    def _hear_answer(self, record: CycleRecord) -> None:
+    def _check_answer(self, record: CycleRecord) -> None:
         result = record.request
-        asked = self._asked.get(result.id)
-        if asked is None:
+        request = self._requests.get(result.id)
+        if request is None:
             return
         self.checked["answers"] += 1
         before = self._answers.get(result.id)
@@ -366,9 +372,9 @@ class Watch:
             return
         if before is None:
             self._answers[result.id] = result.outcome
-            self._take_answer(asked, result.outcome)
+            self._record_answer(request, result.outcome)
 
-    def _take_answer(self, before: "_Before", outcome: Outcome) -> None:
+    def _record_answer(self, before: "_Before", outcome: Outcome) -> None:
         self.answered[f"{before.kind.name.lower()} {outcome.name.lower()}"] += 1
         if outcome != Outcome.REFUSED:
             return
@@ -378,16 +384,16 @@ class Watch:
         if before.kind == RequestKind.RESET and not self._left_fault:
             self._needs_reset = self._needs_reset or before.needs_reset
             self._inherited = self._inherited or before.inherited
-            self._reset_asked = self._reset_asked and before.reset_asked
+            self._reset_requested = self._reset_requested and before.reset_requested
 
     def waits(self, span_s: float, number: int) -> None:
         """Check the time of a pending request; core and gateway are alive."""
         if number in self._answers:
             return
         self._waiting_s += span_s
-        if self._waiting_s > PATIENCE_S:
-            kind = self._asked[number].kind.name.lower()
-            self._break("answers", f"{kind}, request {number}, has none after {PATIENCE_S:g} s")
+        if self._waiting_s > TIMEOUT_S:
+            kind = self._requests[number].kind.name.lower()
+            self._break("answers", f"{kind}, request {number}, has none after {TIMEOUT_S:g} s")
             self._waiting_s = -math.inf
 
     def outcome(self, number: int) -> Outcome:

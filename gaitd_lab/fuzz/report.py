@@ -21,7 +21,7 @@ def rerun(broken: Broken) -> str:
     return f"gaitd fuzz --seed {broken.seed} --minutes {seconds / 60:g}"
 
 
-def told(broken: Broken) -> str:
+def description(broken: Broken) -> str:
     """Describe a violation, the events before it, and how to reproduce it."""
     lines = (
         f"VIOLATION with seed {broken.seed} ({broken.variant}): {broken.violation}",
@@ -51,7 +51,7 @@ def page(tally: Tally, command: str) -> str:
         f"{tally.cycle_count} cycles, {tally.stolen_count} frames lost on the way. "
         f"Violations: **{len(tally.broken) or 'none'}**.",
         *(_section(title, counts) for title, counts in _counts(tally)),
-        *(f"```\n{told(broken)}\n```" for broken in tally.broken),
+        *(f"```\n{description(broken)}\n```" for broken in tally.broken),
     )
 
 

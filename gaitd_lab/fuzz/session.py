@@ -21,15 +21,15 @@ from daemon.ipc.record import CycleRecord, Mode, Outcome, StopCategory
 from drives.cia402.torque import count_nm
 from drives.cia402.units import expected_base
 from drives.errors import BringUpRefused
-from gaitd_lab.fuzz.asker import Asker
 from gaitd_lab.fuzz.assisted import AssistBounds, AssistWatch
-from gaitd_lab.fuzz.chances import Action, Chances, Kind
 from gaitd_lab.fuzz.controller import RandomController
+from gaitd_lab.fuzz.event_generator import Action, EventGenerator, Kind
 from gaitd_lab.fuzz.invariants import Watch
+from gaitd_lab.fuzz.lossy_world import LossyWorld
+from gaitd_lab.fuzz.restartable_gateway import RestartableGateway
 from gaitd_lab.fuzz.stops import OBEY_CYCLES, STEPS, StopWatch
 from gaitd_lab.fuzz.tally import Broken, Tally
-from gaitd_lab.fuzz.tap import Tap
-from gaitd_lab.fuzz.watched import AxisRules, WatchedDrive
+from gaitd_lab.fuzz.watched_drive import AxisRules, WatchedDrive
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.virtual_machine import virtual_machine
 from observer.mechanism.mechanism import gravity
@@ -67,16 +67,18 @@ class RandomSession:
         self._seed = seed
         self._variant = variant
         self._duration_s = duration_s
-        dice = random.Random(f"{seed}/happens")
+        rng = random.Random(f"{seed}/happens")
         self._machine: Machine = virtual_machine(settings.file, seed=seed)
         self._watch = _watch(settings, self._machine)
-        self._tap = Tap(self._machine.world, random.Random(f"{seed}/thief"), self._watch.sent)
-        self._chances = _chances(settings, self._machine, dice)
+        self._tap = LossyWorld(
+            self._machine.world, random.Random(f"{seed}/thief"), self._watch.sent
+        )
+        self._events = _chances(settings, self._machine, rng)
         self._controller_dice = random.Random(f"{seed}/controller")
         self._controller: RandomController | None = None
         """The newest controller that has held the lease."""
         self._survival_dice = random.Random(f"{seed}/survival")
-        self._asker = Asker(self._watch.tells)
+        self._gateway = RestartableGateway(self._watch.gateway_state_sent)
         self._core_count = 0
         self._session = self._start(PersistentState())
         self._dead_until_ns: int | None = None
@@ -93,9 +95,9 @@ class RandomSession:
         """Run the whole session, or up to the first violation."""
         end_ns = round(self._duration_s * NS_PER_S)
         while self._tap.now_ns < end_ns and not self._watch.violations:
-            self._happen()
+            self._next_event()
             self._turn()
-            self._look()
+            self._check_state()
         return self._finish()
 
     # --- one turn -------------------------------------------------------------------------------
@@ -106,38 +108,38 @@ class RandomSession:
             self._tap.world.advance_to(now_ns + PERIOD_NS)
             if self._tap.now_ns >= self._dead_until_ns:
                 self._dead_until_ns = None
-                self._session = self._start(self._session.notebook.notes)
+                self._session = self._start(self._session.state_file.persistent)
             return
         ending = self._ending_until_ns is not None
         try:
             self._session.loop.turn(shutdown=ending)
             if ending and (self._session.loop.may_end() or now_ns > (self._ending_until_ns or 0)):
                 self._session.loop.leave()
-                self._gone(0.5)
+                self._core_ended(0.5)
         except BringUpRefused as refused:
-            self._note(f"refused: {refused}")
+            self._add_to_trace(f"refused: {refused}")
             self.tally.events["core ended: drives refused"] += 1
-            self._gone(2.0)
+            self._core_ended(2.0)
         except OUR_BUGS as bug:
             self._watch.breaks("our own bug", f"{type(bug).__name__}: {bug}")
 
-    def _look(self) -> None:
+    def _check_state(self) -> None:
         """Check drives, plant and the newest records in their present state."""
-        self._watch.see(
+        self._watch.check_truth(
             self._tap.now_ns,
             {name: trainer.truth() for name, trainer in self._machine.trainers.items()},
         )
         if self._dead_until_ns is None:
-            self._hear()
+            self._check_records()
         self._session.bus.sent.clear()
 
-    def _hear(self) -> None:
-        asker = self._asker
-        for record in asker.fresh():
-            self._watch.hear(record)
+    def _check_records(self) -> None:
+        gateway = self._gateway
+        for record in gateway.fresh():
+            self._watch.receive(record)
             self._count(record)
-        if asker.number and not asker.silent:
-            self._watch.waits(PERIOD_NS / NS_PER_S, asker.number)
+        if gateway.number and not gateway.silent:
+            self._watch.waits(PERIOD_NS / NS_PER_S, gateway.number)
 
     def _count(self, record: CycleRecord) -> None:
         tally, verdict = self.tally, record.verdict
@@ -154,19 +156,19 @@ class RandomSession:
 
     # --- events ---------------------------------------------------------------------------------
 
-    def _happen(self) -> None:
+    def _next_event(self) -> None:
         now_ns = self._tap.now_ns
-        self._asker.silent = now_ns < self._silent_until_ns
+        self._gateway.silent = now_ns < self._silent_until_ns
         self._end_stale_lease(now_ns)
         if now_ns >= self._loss_until_ns:
             self._tap.loss_ratio = 0.0
         if now_ns < self._next_ns or self._dead_until_ns is not None:
             return
-        self._next_ns = now_ns + round(self._chances.pause_s() * NS_PER_S)
-        records = self._asker.records
+        self._next_ns = now_ns + round(self._events.pause_s() * NS_PER_S)
+        records = self._gateway.records
         mode = records[-1].mode if records else Mode.OFF
-        action = self._chances.next(mode, lease_held=self._asker.lease != 0)
-        self._note(str(action))
+        action = self._events.next(mode, lease_held=self._gateway.lease != 0)
+        self._add_to_trace(str(action))
         self._do(action)
 
     def _do(self, action: Action) -> None:
@@ -176,11 +178,11 @@ class RandomSession:
             tally.events[action.kind.value] += 1
         match action.kind:
             case Kind.REQUEST:
-                self._ask(action)
+                self._request(action)
             case Kind.STOP:
                 self._stop()
             case Kind.STOP_AND_REQUEST:
-                self._ask(action)
+                self._request(action)
                 self._stop()
             case Kind.FAULT:
                 self._break_something(action)
@@ -194,34 +196,34 @@ class RandomSession:
                 self._silent_until_ns = until_ns
             case Kind.GATEWAY_RESTART:
                 self._silent_until_ns = until_ns
-                self._asker.begin_anew()
+                self._gateway.restart()
             case Kind.LEASE:
-                self._lend()
+                self._grant_lease()
             case Kind.LEASE_ENDED:
-                self._asker.end_lease()
+                self._gateway.end_lease()
             case Kind.CONTROLLER_DEAD:
                 if self._controller is not None:
                     self._controller.dead_since_ns = now_ns
             case Kind.CORE_KILLED:
-                self._gone(action.duration_s)
+                self._core_ended(action.duration_s)
             case Kind.CORE_ENDED:
                 self._ending_until_ns = now_ns + round(ENDING_S * NS_PER_S)
             case Kind.NOTHING:
                 return
 
-    def _ask(self, action: Action) -> None:
+    def _request(self, action: Action) -> None:
         """Send one request at a time, like the gateway."""
-        asker = self._asker
-        outstanding = asker.number and self._watch.outcome(asker.number) == Outcome.PENDING
-        if outstanding or asker.silent or not asker.records:
+        gateway = self._gateway
+        outstanding = gateway.number and self._watch.outcome(gateway.number) == Outcome.PENDING
+        if outstanding or gateway.silent or not gateway.records:
             return
-        asker.ask(action.request, action.wanted)
-        self._watch.asks(asker.number, action.request, action.wanted)
+        gateway.request(action.request, action.wanted)
+        self._watch.request_sent(gateway.number, action.request, action.wanted)
 
-    def _lend(self) -> None:
+    def _grant_lease(self) -> None:
         """Give the lease to one holder at a time."""
-        asker = self._asker
-        if asker.lease or asker.silent:
+        gateway = self._gateway
+        if gateway.lease or gateway.silent:
             return
         limits = self._settings.limits
         most_si = limits.hip.assist_max_nm, limits.slide.assist_max_n
@@ -229,21 +231,21 @@ class RandomSession:
         self._controller = RandomController(
             self._controller_dice, legs, most_si, self.tally.setpoints
         )
-        self._controller.lease = asker.lend(self._controller)
+        self._controller.lease = gateway.grant_lease(self._controller)
 
     def _end_stale_lease(self, now_ns: int) -> None:
         """End an expired lease like the gateway: repeated setpoints do not renew it."""
-        controller, asker = self._controller, self._asker
-        if controller is None or controller.dead_since_ns is None or asker.silent:
+        controller, gateway = self._controller, self._gateway
+        if controller is None or controller.dead_since_ns is None or gateway.silent:
             return
         expired = now_ns - controller.dead_since_ns > self._settings.trainer.lease.duration_ms * MS
-        if expired and asker.lease == controller.lease:
-            asker.end_lease()
+        if expired and gateway.lease == controller.lease:
+            gateway.end_lease()
 
     def _stop(self) -> None:
-        self._asker.stop()
-        if not self._asker.silent:
-            self._watch.asks_to_stop()
+        self._gateway.stop()
+        if not self._gateway.silent:
+            self._watch.requests_stop()
 
     def _break_something(self, action: Action) -> None:
         order = action.fault
@@ -254,32 +256,32 @@ class RandomSession:
         until_ns = self._tap.now_ns + round((order.duration_s or 0.0) * NS_PER_S)
         self._watch.injects(order.kind, order.drive, until_ns)
 
-    def _gone(self, for_s: float) -> None:
+    def _core_ended(self, for_s: float) -> None:
         """The core's process has ended."""
         self._dead_until_ns = self._tap.now_ns + round(for_s * NS_PER_S)
         self._ending_until_ns = None
-        self._watch.core_gone()
+        self._watch.core_ended()
 
-    def _start(self, notes: PersistentState) -> LockstepSession:
+    def _start(self, persistent: PersistentState) -> LockstepSession:
         """Start a core; the gateway of the previous one continues, or is restarted as well."""
         self._core_count += 1
         boot_id = f"core {self._core_count}"
         if self._survival_dice.random() > GATEWAY_SURVIVES_RATIO:
-            self._asker = Asker(self._watch.tells)
-        self._asker.expect(boot_id)
+            self._gateway = RestartableGateway(self._watch.gateway_state_sent)
+        self._gateway.expect(boot_id)
         self._controller = None
         return LockstepSession(
             self._settings,
             self._machine,
             world=self._tap,
-            notes=notes,
-            gateway=self._asker,
+            persistent=persistent,
+            gateway=self._gateway,
             boot_id=boot_id,
         )
 
     # --- the end ----------------------------------------------------------------------------------
 
-    def _note(self, text: str) -> None:
+    def _add_to_trace(self, text: str) -> None:
         self._trace.append(f"{self._tap.now_ns / NS_PER_S:10.3f}  -- {text}")
 
     def _finish(self) -> Tally:
@@ -313,10 +315,10 @@ def _number(value: float | None) -> str:
     return "-" if value is None else f"{value:.3f}"
 
 
-def _chances(settings: Settings, machine: Machine, dice: random.Random) -> Chances:
+def _chances(settings: Settings, machine: Machine, rng: random.Random) -> EventGenerator:
     programmes = {name for trainer in machine.trainers.values() for name in trainer.programmes}
-    return Chances(
-        dice,
+    return EventGenerator(
+        rng,
         machine.world.drives,
         sorted(programmes),
         sorted(settings.trainer.excite),

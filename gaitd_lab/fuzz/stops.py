@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from daemon.ipc.record import CycleRecord
-from gaitd_lab.fuzz.watched import WatchedDrive
+from gaitd_lab.fuzz.watched_drive import WatchedDrive
 
-HEARD_CYCLES: Final = 3
+RECEIVED_CYCLES: Final = 3
 """Cycles from the stop count to the record of the cycle that has read it."""
 STEPS: Final = 3
 """Quick stop, disable voltage, NMT stop: each is given some cycles to take effect."""
@@ -30,22 +30,22 @@ class StopWatch:
     enabled_still_s: float
     _apart: dict[int, str] = field(default_factory=dict[int, str])
     """Drives still commanded to enable while another one was stopped since the last SYNC."""
-    _heard_count: int | None = None
+    _received_count: int | None = None
     """Records since the stop request; None: none is pending."""
 
-    def asked(self) -> None:
+    def stop_requested(self) -> None:
         """Note that the stop count rises, and a core receives it."""
-        if self._heard_count is None:
-            self._heard_count = 0
+        if self._received_count is None:
+            self._received_count = 0
 
-    def told(self, drive: WatchedDrive, *, enable: bool) -> None:
+    def enable_commanded(self, drive: WatchedDrive, *, enable: bool) -> None:
         """Note that a drive's enable command begins or ends."""
         if not enable:
             self._apart.pop(drive.rules.node_id, None)
 
     def begins(self, others: Iterable[WatchedDrive]) -> None:
         """Note that one drive was stopped; the given drives are the others."""
-        self._apart.update({d.rules.node_id: d.rules.name for d in others if d.told_to_enable})
+        self._apart.update({d.rules.node_id: d.rules.name for d in others if d.commanded_enable})
 
     def sync(self) -> Iterator[tuple[str, str]]:
         """Check rule 1 at a SYNC."""
@@ -54,29 +54,31 @@ class StopWatch:
             yield "stops apart", f"{names} still told to enable at the next SYNC"
             self._apart.clear()
 
-    def hear(self, record: CycleRecord) -> Iterator[tuple[str, str]]:
+    def receive(self, record: CycleRecord) -> Iterator[tuple[str, str]]:
         """Check rule 2 on a record."""
-        if self._heard_count is None:
+        if self._received_count is None:
             return
         if not record.mode.active:
-            self._heard_count = None
+            self._received_count = None
             return
-        self._heard_count += 1
-        if self._heard_count > HEARD_CYCLES:
-            yield "stop not done", f"{record.mode.name.lower()} after {self._heard_count} cycles"
-            self._heard_count = None
+        self._received_count += 1
+        if self._received_count > RECEIVED_CYCLES:
+            yield "stop not done", f"{record.mode.name.lower()} after {self._received_count} cycles"
+            self._received_count = None
 
-    def see(self, drive: WatchedDrive, now_ns: int, *, enabled: bool) -> Iterator[tuple[str, str]]:
+    def check_truth(
+        self, drive: WatchedDrive, now_ns: int, *, enabled: bool
+    ) -> Iterator[tuple[str, str]]:
         """Check rule 3 on a drive's true state."""
-        told_s = (now_ns - drive.told_until_ns) * 1e-9
+        told_s = (now_ns - drive.commanded_until_ns) * 1e-9
         late_s = self.enabled_still_s + (1.0 if now_ns < drive.delayed_ns else 0.0)
-        if not enabled or drive.told_to_enable or drive.told_until_ns < 0:
-            drive.enabled_still_told = False
-        elif told_s > late_s and not drive.enabled_still_told:
-            drive.enabled_still_told = True
+        if not enabled or drive.commanded_enable or drive.commanded_until_ns < 0:
+            drive.late_disable_reported = False
+        elif told_s > late_s and not drive.late_disable_reported:
+            drive.late_disable_reported = True
             yield "enabled still", f"{drive.rules.name}, {told_s * 1e3:.0f} ms after its last word"
 
-    def core_gone(self) -> None:
+    def core_ended(self) -> None:
         """Clear a pending stop: the core that should execute it has ended."""
-        self._heard_count = None
+        self._received_count = None
         self._apart.clear()

@@ -7,17 +7,17 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from gaitd_lab.soak.play import Soaked
-from gaitd_lab.soak.witness import Judged
+from gaitd_lab.soak.record_monitor import Classification
+from gaitd_lab.soak.run import Soaked
 
 SIZE_IN: Final = (10.0, 9.0)
 S_PER_MIN: Final = 60.0
 LEAST_US, MOST_US = 1.0, 30_000.0
 COLOURS: Final = {"sim": "tab:gray", "core": "tab:blue", "gateway": "tab:orange"}
 MARKS: Final = {
-    Judged.EXPECTED: ("o", "tab:green"),
-    Judged.UNEXPECTED: ("X", "tab:red"),
-    Judged.MISSED: ("D", "tab:purple"),
+    Classification.EXPECTED: ("o", "tab:green"),
+    Classification.UNEXPECTED: ("X", "tab:red"),
+    Classification.MISSED: ("D", "tab:purple"),
 }
 
 
@@ -70,7 +70,7 @@ def _stops(axes: Axes, found: Soaked) -> None:
         minutes = [stop.time_s / S_PER_MIN for stop in shown]
         rows = [causes.index(stop.cause) for stop in shown]
         axes.scatter(minutes, rows, marker=mark, color=colour, s=22, label=judged.value)
-    deaths = [time_s for time_s, one in found.happenings if one.doer.value == "SIGKILL"]
+    deaths = [time_s for time_s, one in found.happenings if one.actor.value == "SIGKILL"]
     for time_s in deaths:
         axes.axvline(time_s / S_PER_MIN, color="tab:red", linewidth=0.6, alpha=0.5)
     axes.set_yticks(range(len(causes)), labels=causes, fontsize=8)

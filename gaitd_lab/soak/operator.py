@@ -39,7 +39,7 @@ class Operator:
     def __init__(self, walk: Callable[[], dict[str, Any]]) -> None:
         """`walk` draws the arguments of each exercise."""
         self._walk = walk
-        self._asked: str | None = None
+        self._requested: str | None = None
         self._not_before_s = 0.0
         self._mode: Mode | None = None
         self._unreferenced = False
@@ -48,23 +48,23 @@ class Operator:
 
     def next(self, now: Situation) -> Ask | None:
         """Return the next request, if any."""
-        if self._asked is not None:
+        if self._requested is not None:
             if now.outcome is None:
                 return None
-            self._note(now)
+            self._update(now)
         if now.mode != self._mode:
             self._mode, self._not_before_s = now.mode, now.now_s + REST_S
         if now.now_s < self._not_before_s or not now.clear:
             return None
         wanted = self._wanted(now.mode)
-        self._asked = wanted.name if wanted else None
+        self._requested = wanted.name if wanted else None
         return wanted
 
-    def _note(self, now: Situation) -> None:
+    def _update(self, now: Situation) -> None:
         reason = f": {now.reason}" if now.outcome != "done" and now.reason else ""
-        self.outcomes[f"{self._asked} {now.outcome}{reason}"] += 1
+        self.outcomes[f"{self._requested} {now.outcome}{reason}"] += 1
         self._unreferenced = now.outcome == "refused" and not now.referenced
-        self._asked = None
+        self._requested = None
         self._not_before_s = now.now_s + (REST_S if now.outcome == "done" else AGAIN_S)
 
     def _wanted(self, mode: Mode | None) -> Ask | None:

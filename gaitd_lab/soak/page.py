@@ -11,8 +11,8 @@ import numpy as np
 from analysis import markdown
 from gaitd_lab.soak import memory
 from gaitd_lab.soak.memory import Life
-from gaitd_lab.soak.play import Soaked
-from gaitd_lab.soak.witness import Judged, Lost, Stop
+from gaitd_lab.soak.record_monitor import Classification, Lost, Stop
+from gaitd_lab.soak.run import Soaked
 
 CORE_MAX_MB: Final = 200.0
 GATEWAY_MAX_MB: Final = 120.0
@@ -21,7 +21,7 @@ MOST_MB: Final = {"core": CORE_MAX_MB, "gateway": GATEWAY_MAX_MB}
 """Limit of the design, section 6."""
 QUANTILES: Final = (0.5, 0.9, 0.99, 0.999, 0.9999, 1.0)
 S_PER_MIN: Final = 60.0
-WRONG: Final = (Judged.UNEXPECTED, Judged.MISSED)
+WRONG: Final = (Classification.UNEXPECTED, Classification.MISSED)
 
 
 def lives(found: Soaked) -> list[Life]:
@@ -47,7 +47,7 @@ def failures(found: Soaked) -> list[str]:
     return said
 
 
-def _of(found: Soaked, *judged: Judged) -> list[Stop]:
+def _of(found: Soaked, *judged: Classification) -> list[Stop]:
     return [stop for stop in found.tally.stops if stop.judged in judged]
 
 
@@ -166,9 +166,10 @@ def _growth(life: Life) -> str:
 
 _HOW: Final = """\
 Real processes on a simulated bus: `gaitd sim`, `gaitd core`, `gaitd gateway`, {in_time}. The leg
-walks; every few seconds something goes wrong, drawn from a seed (`gaitd_lab/soak/happenings.py`);
-an operator resets, enables and asks for gait again, over Zenoh as `gaitd reset` does. Processes are
-killed in the first fifth only, so that memory is told of processes that live on.
+walks; every few seconds something goes wrong, drawn from a seed
+(`gaitd_lab/soak/fault_generator.py`); an operator resets, enables and asks for gait again, over
+Zenoh as `gaitd reset` does. Processes are killed in the first fifth only, so that memory is told of
+processes that live on.
 
 A stop is *expected* if the fault matrix ([fault_matrix.md](fault_matrix.md)) names its cause for
 what went wrong. Every other stop is *unexpected*, whatever the computer did meanwhile, and fails

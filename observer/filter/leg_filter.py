@@ -50,7 +50,7 @@ from observer.filter.leg_model import (
     substeps_for,
 )
 from observer.filter.leg_noise import (
-    note_lean,
+    add_lean,
     rest_from_the_start,
     set_measurement_noise,
     set_process_noise,
@@ -64,7 +64,7 @@ from observer.filter.status import (
     Status,
     Validity,
 )
-from observer.filter.validity import distrust_split, judge
+from observer.filter.validity import determine, mark_split_unknown
 from observer.jit import inline, kernel
 from observer.mechanism.friction import STANDSTILL_GATE, FrictionParameters, gate
 from observer.mechanism.parameters import LegParameters
@@ -178,7 +178,7 @@ def advance(
     if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
     _report(memory, out)
-    return judge(model, memory, dt_s, status)
+    return determine(model, memory, dt_s, status)
 
 
 @inline
@@ -291,7 +291,7 @@ def _measure(
     if not nis <= gate_nis:
         return _reject(model, m, picks, count, dt_s)
     for j in range(count):
-        note_lean(m, picks[j], j)
+        add_lean(m, picks[j], j)
     correct(
         m.mean,
         m.root,
@@ -338,7 +338,7 @@ def _reject(
         if largest > PUSH_MAX:
             m.push[0] = m.push[1] = 0.0
         else:
-            _distrust_pushed(model, m, picks, count)
+            _mark_pushed(model, m, picks, count)
     too_many = m.gated_cycles > GATED_MAX_IN_A_ROW
     if too_many and count == 2 and may_start(model.leg, m.measured[0], m.measured[1]):
         restart(m, m.measured[0], m.measured[1], True)
@@ -346,14 +346,14 @@ def _reject(
 
 
 @inline
-def _distrust_pushed(model: LegModel, m: LegMemory, picks: NDArray[np.int64], count: int) -> None:
+def _mark_pushed(model: LegModel, m: LegMemory, picks: NDArray[np.int64], count: int) -> None:
     """Mark the split of the pushed axes as unreliable."""
     for j in range(count):
         variance = 0.0
         for k in range(j + 1):
             variance += m.innovation_root[j, k] * m.innovation_root[j, k]
         if m.innovation[j] * m.innovation[j] > PUSHED_SIGMAS * PUSHED_SIGMAS * variance:
-            distrust_split(model.hip if picks[j] == 0 else model.slide, m, picks[j])
+            mark_split_unknown(model.hip if picks[j] == 0 else model.slide, m, picks[j])
 
 
 @inline

@@ -154,7 +154,7 @@ def set_measurement_noise(measurement_std: Vector, sample_jitter_s: float, m: Le
 
 
 @inline
-def note_lean(m: LegMemory, state: int, row: int) -> None:
+def add_lean(m: LegMemory, state: int, row: int) -> None:
     """Add the innovation in this row of the measurement to its axis' running mean."""
     variance = 0.0
     for k in range(row + 1):

@@ -12,7 +12,6 @@ observable, the split only in motion.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -96,8 +95,7 @@ CALLER_BITS: Final = (
 """Status bits that only the caller of `step` can know, in the order of its arguments."""
 
 
-@dataclass(frozen=True, slots=True)
-class LegEstimate:
+class LegEstimate(NamedTuple):
     """Estimate of one leg after one cycle. Numbers of a BAD axis must not be used.
 
     `innovation` and `nis` are NaN for missing measurements; before the first pose all numbers are.
@@ -206,7 +204,8 @@ class LegObserver:
         bits = self._always
         if late or unreferenced or artificial or input_saturated or near_limit:
             bits |= _caller_bits(late, unreferenced, artificial, input_saturated, near_limit)
-        setup = self.setup if effort_std == (0.0, 0.0) else _rippled(self.setup, effort_std)
+        rippled = effort_std != (0.0, 0.0)
+        setup = _rippled(self.setup, effort_std) if rippled else self.setup
         status, level_hip, level_slide = advance(
             *setup,
             self._memory,
@@ -219,7 +218,8 @@ class LegObserver:
             bits.value,
             self._out,
         )
-        _widen(self._out, effort_std)
+        if rippled:
+            _widen(self._out, effort_std)
         values = self._out.tolist()
         return LegEstimate(
             tuple(values[:OUT_STD]),
@@ -236,7 +236,7 @@ class LegObserver:
 
     @property
     def buffers(self) -> tuple[Any, Vector]:
-        """Memory and points after the last cycle, for `smoother.remember`."""
+        """Memory and points after the last cycle, for `smoother.store`."""
         return self._memory, self._points
 
     def warm_up(self) -> None:

@@ -49,7 +49,7 @@ BAD: Final = Validity.BAD.value
 
 
 @inline
-def judge(model: LegModel, memory: LegMemory, dt_s: float, status: int) -> tuple[int, int, int]:
+def determine(model: LegModel, memory: LegMemory, dt_s: float, status: int) -> tuple[int, int, int]:
     """Determine all status bits and the validity of each axis."""
     leg = model.leg
     at = pose(leg, memory.mean[0], memory.mean[1])
@@ -84,7 +84,7 @@ def _count_rest(f: FrictionParameters, memory: LegMemory, axis: int, dt_s: float
     if resting:
         memory.rest_s[axis] += passed_s
         if memory.rest_s[axis] > REST_MAX_S:
-            distrust_split(f, memory, axis)
+            mark_split_unknown(f, memory, axis)
     else:
         memory.rest_s[axis] = 0.0
         memory.settle_s[axis] = max(memory.settle_s[axis] - passed_s, 0.0)
@@ -92,7 +92,7 @@ def _count_rest(f: FrictionParameters, memory: LegMemory, axis: int, dt_s: float
 
 
 @inline
-def distrust_split(f: FrictionParameters, memory: LegMemory, axis: int) -> None:
+def mark_split_unknown(f: FrictionParameters, memory: LegMemory, axis: int) -> None:
     """Mark friction as unknown: only motion for some T1 makes the split valid again."""
     memory.settle_s[axis] = SETTLE_TIME_CONSTANTS * f.time_constant_s
 

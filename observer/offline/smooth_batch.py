@@ -16,18 +16,18 @@ from observer.filter.leg_observer import Setup
 from observer.jit import kernel
 from observer.offline.batch import BatchEstimates, Columns, prepared, split_up
 from observer.smoother import (
+    CYCLE_DATA_COUNT,
     LAG,
-    NOTE_COUNT,
     RING_SIZE,
     SMOOTH_COVARIANCE,
+    SMOOTH_CYCLE_DATA,
     SMOOTH_NET,
     SMOOTH_NET_STD,
-    SMOOTH_NOTES,
     SMOOTH_SIZE,
     SMOOTH_STD,
     WORK_SIZE,
-    remember,
     smoothed,
+    store,
 )
 
 Vector = NDArray[np.float64]
@@ -73,7 +73,7 @@ def run_smoothed(
         std=smooth[:, SMOOTH_STD:SMOOTH_COVARIANCE],
         covariance=smooth[:, SMOOTH_COVARIANCE:SMOOTH_NET],
         net=smooth[:, SMOOTH_NET:SMOOTH_NET_STD],
-        net_std=smooth[:, SMOOTH_NET_STD:SMOOTH_NOTES],
+        net_std=smooth[:, SMOOTH_NET_STD:SMOOTH_CYCLE_DATA],
     )
 
 
@@ -99,7 +99,7 @@ def _run(
     smooth: Matrix,
     begin: int,
 ) -> None:
-    notes = np.zeros(NOTE_COUNT)
+    cycle_data = np.zeros(CYCLE_DATA_COUNT)
     for row in range(steps_s.size):
         status, level_hip, level_slide = advance(
             leg,
@@ -122,6 +122,6 @@ def _run(
         flags[row, 0] = status
         flags[row, 1] = level_hip
         flags[row, 2] = level_slide
-        remember(ring, memory, points, notes, work)
+        store(ring, memory, points, cycle_data, work)
         if begin + row >= LAG:
             smoothed(ring, LAG, smooth[begin + row - LAG], work)

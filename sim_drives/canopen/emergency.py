@@ -63,9 +63,9 @@ class Errors:
         self._active: dict[int, _Active] = {}
         self._free_at_ns = 0
         self._history_max = dictionary.subindices(Object.ERROR_HISTORY)[-1]
-        dictionary.guard(Object.ERROR_HISTORY, self._judge_history)
-        dictionary.guard_reading(Object.ERROR_HISTORY, self._judge_reading)
-        dictionary.guard(Object.EMCY_COB_ID, self._judge_cob_id)
+        dictionary.guard(Object.ERROR_HISTORY, self._check_history)
+        dictionary.guard_reading(Object.ERROR_HISTORY, self._check_reading)
+        dictionary.guard(Object.EMCY_COB_ID, self._check_cob_id)
         dictionary.watch(Object.ERROR_HISTORY, lambda _: self._empty_history())
 
     @property
@@ -91,8 +91,8 @@ class Errors:
             known.latched |= latched
             return
         self._active[code] = _Active(latched)
-        self._remember(code)
-        self._show()
+        self._store(code)
+        self._update_objects()
         self._send(code)
 
     def repeat(self, code: int) -> None:
@@ -118,20 +118,20 @@ class Errors:
             self._end(set(latched))
         return True
 
-    def forget(self) -> None:
+    def reset_all(self) -> None:
         """Clear everything at power-on: no active error, no EMCY pending, 1003h empty."""
         self._active.clear()
         self._free_at_ns = 0
         self._empty_history()
-        self._show()
+        self._update_objects()
 
     def _end(self, codes: set[int]) -> None:
         for code in codes:
             del self._active[code]
-        self._show()
+        self._update_objects()
         self._send(NO_ERROR)
 
-    def _show(self) -> None:
+    def _update_objects(self) -> None:
         register = 0
         for code in self._active:
             register |= register_bit(code) | (GENERIC_BIT if self._generic_bit else 0)
@@ -149,7 +149,7 @@ class Errors:
         self._free_at_ns = at_ns + inhibit_steps * _INHIBIT_STEP_NS
         self._line.send(Frame(self.can_id, data), delay_ns=at_ns - self._line.now_ns)
 
-    def _remember(self, code: int) -> None:
+    def _store(self, code: int) -> None:
         count = min(self._dictionary.value(Object.ERROR_HISTORY, 0) + 1, self._history_max)
         for slot in range(count, 1, -1):
             older = self._dictionary.value(Object.ERROR_HISTORY, slot - 1)
@@ -161,15 +161,15 @@ class Errors:
         for slot in range(self._history_max + 1):
             self._dictionary.put(Object.ERROR_HISTORY, slot, 0)
 
-    def _judge_history(self, subindex: int, value: int) -> None:
+    def _check_history(self, subindex: int, value: int) -> None:
         if subindex == 0 and value != 0:
             raise SdoAbortError(AbortCode.RANGE)
 
-    def _judge_reading(self, subindex: int) -> None:
+    def _check_reading(self, subindex: int) -> None:
         if subindex > self._dictionary.value(Object.ERROR_HISTORY, 0):
             raise SdoAbortError(AbortCode.NO_DATA)
 
-    def _judge_cob_id(self, _: int, value: int) -> None:
+    def _check_cob_id(self, _: int, value: int) -> None:
         now = self._dictionary.value(Object.EMCY_COB_ID)
         moves = not now & INVALID and can_id_of(value) != can_id_of(now)
         if moves or value & (EXTENDED_BITS | FLAG_30) or is_restricted(can_id_of(value)):

@@ -82,15 +82,15 @@ class HeartbeatConsumer:
         self._on_back = on_back
         self._lost: set[int] = set()
         self._slots = range(1, dictionary.value(Object.HEARTBEAT_CONSUMER, 0) + 1)
-        dictionary.guard(Object.HEARTBEAT_CONSUMER, self._judge)
-        dictionary.watch(Object.HEARTBEAT_CONSUMER, self._forget)
+        dictionary.guard(Object.HEARTBEAT_CONSUMER, self._check)
+        dictionary.watch(Object.HEARTBEAT_CONSUMER, self._reset)
 
     def restart(self) -> None:
         """Clear all watches: each node is watched again from its first heartbeat."""
         for slot in self._slots:
-            self._forget(slot)
+            self._reset(slot)
 
-    def heard(self, node_id: int, state: int) -> None:
+    def received(self, node_id: int, state: int) -> None:
         """Process a heartbeat or a boot-up message of another node."""
         if state == NmtState.INITIALISING:
             return
@@ -99,18 +99,18 @@ class HeartbeatConsumer:
             if watched_id == node_id and timeout_ns:
                 self._watch(slot, timeout_ns)
 
-    def _forget(self, slot: int) -> None:
+    def _reset(self, slot: int) -> None:
         self._timers.cancel((Object.HEARTBEAT_CONSUMER, slot))
-        self._found(slot)
+        self._restored(slot)
 
-    def _found(self, slot: int) -> None:
+    def _restored(self, slot: int) -> None:
         if slot in self._lost:
             self._lost.remove(slot)
             if not self._lost:
                 self._on_back()
 
     def _watch(self, slot: int, timeout_ns: int) -> None:
-        self._found(slot)
+        self._restored(slot)
         at_ns = self._line.now_ns + timeout_ns
         self._timers.start((Object.HEARTBEAT_CONSUMER, slot), at_ns, lambda: self._lose(slot))
 
@@ -122,7 +122,7 @@ class HeartbeatConsumer:
         value = self._dictionary.value(Object.HEARTBEAT_CONSUMER, slot)
         return value >> 16 & 0x7F, (value & 0xFFFF) * MILLISECOND
 
-    def _judge(self, subindex: int, value: int) -> None:
+    def _check(self, subindex: int, value: int) -> None:
         node_id = value >> 16 & 0x7F
         others = (slot for slot in self._slots if slot != subindex)
         if node_id and value & 0xFFFF and node_id in {self._slot(slot)[0] for slot in others}:

@@ -44,7 +44,7 @@ class Channel:
         self._settings: Settings | None = None
         objects.install_guards()
         for index in (objects.parameters, objects.mapping):
-            objects.dictionary.watch(index, lambda _: self.forget())
+            objects.dictionary.watch(index, lambda _: self.invalidate())
 
     @property
     def number(self) -> int:
@@ -58,7 +58,7 @@ class Channel:
             self._settings = self._read()
         return self._settings
 
-    def forget(self) -> None:
+    def invalidate(self) -> None:
         """Drop the cached configuration: parameters have changed."""
         self._settings = None
         self._written(self._objects.number)

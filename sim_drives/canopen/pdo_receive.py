@@ -36,7 +36,7 @@ class _Complaint:
         self._report = report
         self._slots: set[int] = set()
 
-    def say(self, slot: int, *, wrong: bool) -> None:
+    def report(self, slot: int, *, wrong: bool) -> None:
         before = bool(self._slots)
         self._slots = self._slots | {slot} if wrong else self._slots - {slot}
         if bool(self._slots) != before:
@@ -63,7 +63,7 @@ class ReceivePdos:
         `apply` receives the values of all PDOs that act now; `report` an error code and whether the
         error is present; `on_timeout` whether PDOs are missing.
         """
-        self._channels = channels(dictionary, Direction.RECEIVE, self._forget, locked=locked)
+        self._channels = channels(dictionary, Direction.RECEIVE, self._reset_slot, locked=locked)
         self._line = line
         self._timers = timers
         self._sync = sync
@@ -77,20 +77,20 @@ class ReceivePdos:
         """Drop all state after parameters have been restored."""
         self.leave_operational()
         for channel in self._channels:
-            channel.forget()
+            channel.invalidate()
 
     def leave_operational(self) -> None:
         """End the errors and drop waiting data (rule 4)."""
         for slot in range(PDO_COUNT):
-            self._forget(slot)
+            self._reset_slot(slot)
 
-    def _forget(self, slot: int) -> None:
+    def _reset_slot(self, slot: int) -> None:
         self._waiting[slot] = []
         self._timers.cancel((Direction.RECEIVE, slot))
         for complaint in (self._too_short, self._too_long, self._missing):
-            complaint.say(slot, wrong=False)
+            complaint.report(slot, wrong=False)
 
-    def forget_waiting(self) -> None:
+    def drop_waiting(self) -> None:
         """Drop the data that waits for a SYNC."""
         self._waiting = [[] for _ in range(PDO_COUNT)]
 
@@ -99,16 +99,16 @@ class ReceivePdos:
         for slot, channel in enumerate(self._channels):
             settings = channel.settings
             if settings.valid and settings.can_id == frame.can_id:
-                self._take(slot, settings, frame.data)
+                self._receive(slot, settings, frame.data)
 
-    def _take(self, slot: int, settings: Settings, data: bytes) -> None:
+    def _receive(self, slot: int, settings: Settings, data: bytes) -> None:
         if settings.synchronous and not self._sync.within_window():
             return
         size = settings.layout.packing.size
-        self._too_short.say(slot, wrong=len(data) < size)
+        self._too_short.report(slot, wrong=len(data) < size)
         if len(data) < size:
             return
-        self._too_long.say(slot, wrong=len(data) > size)
+        self._too_long.report(slot, wrong=len(data) > size)
         self._watch(slot, settings)
         values = _values(settings.layout, data[:size])
         if settings.synchronous:
@@ -117,15 +117,15 @@ class ReceivePdos:
             self._apply(_controlword_last(values))
 
     def _watch(self, slot: int, settings: Settings) -> None:
-        self._missing.say(slot, wrong=False)
+        self._missing.report(slot, wrong=False)
         if settings.event_timer_ns:
             name, at_ns = (Direction.RECEIVE, slot), self._line.now_ns + settings.event_timer_ns
-            self._timers.start(name, at_ns, lambda: self._missing.say(slot, wrong=True))
+            self._timers.start(name, at_ns, lambda: self._missing.report(slot, wrong=True))
 
     def sync(self) -> None:
         """Apply the data received since the last SYNC (rule 2)."""
         values = [value for waiting in self._waiting for value in waiting]
-        self.forget_waiting()
+        self.drop_waiting()
         if values:
             self._apply(_controlword_last(values))
 

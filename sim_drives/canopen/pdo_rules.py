@@ -102,12 +102,12 @@ class PdoObjects:
 
     def install_guards(self) -> None:
         """Install the rules as guards of the dictionary."""
-        self.dictionary.guard(self.parameters, self._judge_parameter)
-        self.dictionary.guard(self.mapping, self._judge_mapping)
+        self.dictionary.guard(self.parameters, self._check_parameter)
+        self.dictionary.guard(self.mapping, self._check_mapping)
 
-    def _judge_parameter(self, subindex: int, value: int) -> None:
+    def _check_parameter(self, subindex: int, value: int) -> None:
         if subindex == SUB_COB_ID:
-            self._judge_cob_id(value)
+            self._check_cob_id(value)
         if subindex in (SUB_INHIBIT, SUB_SYNC_START) and self._is_locked(subindex, value):
             raise SdoAbortError(AbortCode.RANGE)
         if (subindex == SUB_TYPE and value in UNSUPPORTED_TYPES) or (
@@ -118,7 +118,7 @@ class PdoObjects:
     def _is_locked(self, subindex: int, value: int) -> bool:
         return self.valid and value != self.dictionary.value(self.parameters, subindex)
 
-    def _judge_cob_id(self, value: int) -> None:
+    def _check_cob_id(self, value: int) -> None:
         stays_valid = not value & INVALID
         can_id = can_id_of(value)
         if self.valid and can_id != self.can_id:
@@ -138,15 +138,15 @@ class PdoObjects:
         reserved = can_id in NOT_FOR_PDOS or is_restricted(can_id)
         return not reserved and self.dictionary.value(self.mapping, 0) > 0
 
-    def _judge_mapping(self, subindex: int, value: int) -> None:
+    def _check_mapping(self, subindex: int, value: int) -> None:
         if self.valid or (subindex and self.dictionary.value(self.mapping, 0)):
             raise SdoAbortError(AbortCode.UNSUPPORTED_ACCESS)
         if subindex:
-            self._judge_entry(value)
+            self._check_entry(value)
         else:
-            self._judge_count(value)
+            self._check_count_entry(value)
 
-    def _judge_entry(self, value: int) -> None:
+    def _check_entry(self, value: int) -> None:
         if value == 0:
             return
         entry = self.dictionary.entry(*_mapped_address(value))
@@ -155,7 +155,7 @@ class PdoObjects:
         if not mappable or entry.size_bytes * 8 != _mapped_bits(value):
             raise SdoAbortError(AbortCode.NOT_MAPPABLE)
 
-    def _judge_count(self, count: int) -> None:
+    def _check_count_entry(self, count: int) -> None:
         entries = [self.dictionary.value(self.mapping, slot) for slot in range(1, count + 1)]
         if not all(entries):
             raise SdoAbortError(AbortCode.NOT_MAPPABLE)

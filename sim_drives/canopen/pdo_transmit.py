@@ -54,7 +54,7 @@ class TransmitPdos:
         """Drop all state after parameters have been restored."""
         self.leave_operational()
         for channel in self._channels:
-            channel.forget()
+            channel.invalidate()
 
     def enter_operational(self) -> None:
         """Start counting SYNCs and send the event-driven PDOs (rules 1 and 2)."""
@@ -63,7 +63,7 @@ class TransmitPdos:
         self._counting = [not channel.settings.sync_start for channel in self._channels]
         self._sent = [None] * PDO_COUNT
         self._free_at_ns = [0] * PDO_COUNT
-        self.look_for_changes()
+        self.send_changes()
 
     def leave_operational(self) -> None:
         """Stop sending."""
@@ -87,7 +87,7 @@ class TransmitPdos:
         for slot, delay_ns in zip(due, self._delays_ns(len(due)), strict=True):
             if self._sync.within_window(delay_ns):
                 self._transmit(slot, delay_ns)
-        self.look_for_changes()
+        self.send_changes()
 
     def _due_at_sync(self, slot: int) -> bool:
         channel = self._channels[slot]
@@ -106,7 +106,7 @@ class TransmitPdos:
         self._syncs[slot] = 0
         return True
 
-    def look_for_changes(self) -> None:
+    def send_changes(self) -> None:
         """Send event-driven PDOs whose data differs from what was sent last."""
         for slot, channel in enumerate(self._channels):
             settings = channel.settings
@@ -118,7 +118,7 @@ class TransmitPdos:
             self._transmit(slot, 0)
         else:
             name = (Direction.TRANSMIT, "inhibit", slot)
-            self._timers.start(name, self._free_at_ns[slot], self.look_for_changes)
+            self._timers.start(name, self._free_at_ns[slot], self.send_changes)
 
     def _transmit(self, slot: int, delay_ns: int) -> None:
         channel, now_ns = self._channels[slot], self._line.now_ns

@@ -56,7 +56,7 @@ class Storage:
         self._to_deliver: set[int] = set()
         """Sub-indices of 1011h that the next reset applies."""
         for index, signature in ((Object.STORE, SAVE_SIGNATURE), (Object.RESTORE, LOAD_SIGNATURE)):
-            dictionary.guard(index, lambda _, value, s=signature: self._judge(value, s))
+            dictionary.guard(index, lambda _, value, s=signature: self._check(value, s))
         dictionary.watch(Object.STORE, self._save)
         dictionary.watch(Object.RESTORE, self._load_delivered)
 
@@ -72,7 +72,7 @@ class Storage:
         """Replace the drive by one delivered with this value; acts from the next reset on."""
         self._commissioned[address] = value
 
-    def _judge(self, value: int, signature: int) -> None:
+    def _check(self, value: int, signature: int) -> None:
         if self._powered():
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         if value != signature:

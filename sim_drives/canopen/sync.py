@@ -45,8 +45,8 @@ class SyncConsumer:
         self._last_ns: int | None = None
         self.counter = 0
         """Counter of the last SYNC; 0 without counter."""
-        dictionary.guard(Object.SYNC_COB_ID, self._judge_cob_id)
-        dictionary.guard(Object.SYNC_COUNTER, self._judge_overflow)
+        dictionary.guard(Object.SYNC_COB_ID, self._check_cob_id)
+        dictionary.guard(Object.SYNC_COUNTER, self._check_overflow)
         dictionary.watch(Object.SYNC_PERIOD, lambda _: timers.cancel(SyncConsumer))
 
     def reset(self) -> None:
@@ -86,11 +86,11 @@ class SyncConsumer:
     def _object(self, index: int) -> int:
         return self._dictionary.value_or(index, 0, 0)
 
-    def _judge_cob_id(self, _: int, value: int) -> None:
+    def _check_cob_id(self, _: int, value: int) -> None:
         if value & (EXTENDED_BITS | FLAG_30) or is_restricted(can_id_of(value)):
             raise SdoAbortError(AbortCode.RANGE)
 
-    def _judge_overflow(self, _: int, value: int) -> None:
+    def _check_overflow(self, _: int, value: int) -> None:
         if self._object(Object.SYNC_PERIOD):
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         if value == 1 or value > COUNTER_MAX:

@@ -104,17 +104,17 @@ class Drive:
         self._statusword = Statusword(dictionary, line, timers, period_ns)
         dictionary.watch(Object.CONTROLWORD, lambda _: self._controlword_written())
         if self._personality.refuses_misplaced_controlword:
-            dictionary.guard(Object.CONTROLWORD, lambda _, value: self._judge_controlword(value))
+            dictionary.guard(Object.CONTROLWORD, lambda _, value: self._check_controlword(value))
         guard_option_codes(dictionary, self._personality)
         for index in (Object.POLARITY, *UNIT_RATIOS):
-            dictionary.guard(index, lambda _, value, i=index: self._judge_units(i, value))
+            dictionary.guard(index, lambda _, value, i=index: self._check_units(i, value))
 
     # --- power and connection -----------------------------------------------------------------
 
     def power_on(self) -> None:
         """Execute transition 0 and, after the self-test, 1."""
         self._controlword_prev = 0
-        self._errors.forget()
+        self._errors.reset_all()
         self._motion.power_on()
         self.measurement.power_on(self._line.now_ns)
         self._enter(PowerState.NOT_READY_TO_SWITCH_ON)
@@ -156,7 +156,7 @@ class Drive:
 
     def left_operational(self) -> None:
         """Apply the second half of rule 5."""
-        self._motion.forget_targets()
+        self._motion.clear_targets()
         reaction = AbortConnection(self._dictionary.value(Object.ABORT_CONNECTION))
         if self.state not in (PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE):
             return
@@ -166,19 +166,19 @@ class Drive:
         else:
             self._abort_connection(reaction)
 
-    def pdo_came(self) -> None:
+    def pdos_applied(self) -> None:
         """Note that RPDOs have been applied."""
         if self._personality.misses_targets:
-            self.targets.pdo_came(self._motion.interpolation_s)
+            self.targets.pdos_applied(self._motion.interpolation_s)
 
     def _wants_targets(self) -> bool:
-        return self.state is PowerState.OPERATION_ENABLED and self._motion.follows_positions
+        return self.state is PowerState.OPERATION_ENABLED and self._motion.is_following_positions
 
     def _abort_connection(self, reaction: AbortConnection) -> None:
         if reaction is AbortConnection.DISABLE_VOLTAGE:
-            self._obey(Command.DISABLE_VOLTAGE)
+            self._execute(Command.DISABLE_VOLTAGE)
         elif reaction is AbortConnection.QUICK_STOP:
-            self._obey(Command.QUICK_STOP)
+            self._execute(Command.QUICK_STOP)
 
     # --- faults -------------------------------------------------------------------------------
 
@@ -211,34 +211,34 @@ class Drive:
             self._reset_fault()
         command = command_of(controlword)
         if command is not None:
-            self._hear(command)
+            self._receive(command)
         enabled = self.state is PowerState.OPERATION_ENABLED
         self._motion.controlword_written(controlword, enabled=enabled)
 
-    def _judge_controlword(self, controlword: int) -> None:
+    def _check_controlword(self, controlword: int) -> None:
         """Check a controlword by rule 6, before it is stored."""
         if (self.state, command_of(controlword)) in MISPLACED:
             self._errors.begin(MISPLACED_CODE, latched=False)
             raise SdoAbortError(AbortCode.RANGE)
         self._errors.cause_gone(MISPLACED_CODE)
 
-    def _judge_units(self, index: int, value: int) -> None:
+    def _check_units(self, index: int, value: int) -> None:
         """Check the units by rule 7."""
         if self.state in POWER_STAGE_ON:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         if index == Object.POLARITY and value & ~(POSITION_POLARITY | VELOCITY_POLARITY):
             raise SdoAbortError(AbortCode.RANGE)
 
-    def _hear(self, command: Command) -> None:
+    def _receive(self, command: Command) -> None:
         """Execute a controlword, on a slow drive later; a pending command is not repeated."""
         if not self.slower_by_ns:
-            self._obey(command)
+            self._execute(command)
         elif command is not self._waiting_for or not self._timers.running(Command):
             self._waiting_for = command
             at_ns = self._line.now_ns + self.slower_by_ns
-            self._timers.start(Command, at_ns, lambda: self._obey(command))
+            self._timers.start(Command, at_ns, lambda: self._execute(command))
 
-    def _obey(self, command: Command) -> None:
+    def _execute(self, command: Command) -> None:
         row = TRANSITIONS.get((self.state, command))
         if row is not None:
             self._pass(row, command)
@@ -307,7 +307,7 @@ class Drive:
             for code in self._supervision.errors(flags):
                 self._fault_once(code)
         else:
-            self._supervision.forget(flags)
+            self._supervision.reset(flags)
         return flags
 
     @property
@@ -341,9 +341,9 @@ class Drive:
         self._show(flags)
 
     def _show(self, flags: AxisFlag) -> None:
-        self.measurement.show_inputs()
+        self.measurement.update_inputs()
         self._show_demand()
-        self._statusword.show(self._status_bits(flags))
+        self._statusword.set(self._status_bits(flags))
 
     def _order(self) -> AxisActuation:
         if self.state not in POWER_STAGE_ON or not self.measurement.sto_released:

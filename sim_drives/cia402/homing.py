@@ -205,7 +205,7 @@ class Homing:
         self._turned = False
         self._ends_ns = self._line.now_ns + self._time_ns
         self.progress = Progress.SEARCHING
-        reading = self._measurement.look()
+        reading = self._measurement.read()
         self._begin_watch(reading)
         if not self._searches:
             self._attain(reading.counts)
@@ -214,9 +214,9 @@ class Homing:
     def interrupt(self) -> None:
         """Interrupt homing (rule 7); a reference already set stays."""
         if self.moves:
-            self.forget()
+            self.reset()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Reset to "not started" when homing mode is entered again."""
         self._timers.cancel(Homing)
         self._searches = []
@@ -236,24 +236,24 @@ class Homing:
             self._timers.start(Homing, self._line.now_ns + POLL_NS, self._poll)
 
     def _poll(self) -> None:
-        reading = self._measurement.look()
+        reading = self._measurement.read()
         if self._searches:
-            self._look_for_event(reading)
+            self._check_event(reading)
         elif self._measurement.flags() & AxisFlag.STANDSTILL:
             self._arrive()
         self._reading = reading
         self._poll_again()
 
-    def _look_for_event(self, reading: Reading) -> None:
+    def _check_event(self, reading: Reading) -> None:
         search = self._searches[0]
-        found_counts = self._found(search, reading)
+        found_counts = self._event_counts(search, reading)
         if found_counts is not None:
             self._next_search(found_counts, reading)
         elif self._turns_round(search):
             self._turned = True
             self._searches[0] = search._replace(direction=-search.direction)
             self._begin_watch(reading)
-        elif self._hopeless(search, reading):
+        elif self._has_failed(search, reading):
             self._searches = []
             self.progress = Progress.FAILING
 
@@ -288,7 +288,7 @@ class Homing:
 
     # --- events -------------------------------------------------------------------------------
 
-    def _found(self, search: Search, reading: Reading) -> int | None:
+    def _event_counts(self, search: Search, reading: Reading) -> int | None:
         """Return the encoder counts of the search's event once it has happened."""
         match search.until:
             case Until.INDEX:
@@ -327,7 +327,7 @@ class Homing:
         ahead = POSITIVE_SWITCH if direction > 0 else NEGATIVE_SWITCH
         return bool(self._measurement.inputs() & ahead)
 
-    def _hopeless(self, search: Search, reading: Reading) -> bool:
+    def _has_failed(self, search: Search, reading: Reading) -> bool:
         """Return whether the search has failed (rule 6)."""
         if self._line.now_ns >= self._ends_ns:
             return True

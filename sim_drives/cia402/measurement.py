@@ -89,15 +89,15 @@ class Measurement:
         self._counts = round(self._scaling.counts(sample.position_si))
         self._origin_counts = 0 if self._absolute else self._counts
         self.referenced = self._absolute
-        self._show(sample, now_ns)
+        self._update(sample, now_ns)
 
     def home(self, reference_counts: int, reads: int) -> None:
         """Move the origin so that 6064h is `reads` where the encoder has `reference_counts`."""
         self._origin_counts = reference_counts - round(self._scaling.units_counts(reads))
         self.referenced = True
-        self._show_position()
+        self._update_position()
 
-    def look(self) -> Reading:
+    def read(self) -> Reading:
         """Sample without updating any object."""
         sample = self._axis.sample()
         if not self.encoder_frozen:
@@ -110,7 +110,7 @@ class Measurement:
         sample = self._axis.sample()
         if not self.encoder_frozen:
             self._counts = round(self._scaling.counts(sample.position_si))
-        self._show(sample, now_ns)
+        self._update(sample, now_ns)
         self._glitch_seen = True
         if self._glitch_over:
             self._glitch_counts = 0
@@ -134,7 +134,7 @@ class Measurement:
         """The plant's present flags of the axis."""
         return self._axis.flags()
 
-    def show_inputs(self) -> None:
+    def update_inputs(self) -> None:
         """Update 60FDh."""
         self._dictionary.put(Object.INPUTS, 0, self.inputs())
 
@@ -165,24 +165,24 @@ class Measurement:
         at_positive = bool(flags & positive) or self.switch_held > 0
         return NEGATIVE_SWITCH * at_negative | POSITIVE_SWITCH * at_positive
 
-    def _show(self, sample: AxisSample, now_ns: int) -> None:
+    def _update(self, sample: AxisSample, now_ns: int) -> None:
         put = self._dictionary.put
         current_a = self._scaling.motor_current_a(sample.current_a)
         current_ma = round(current_a * 1e3)
-        self._show_position()
+        self._update_position()
         put(Object.VELOCITY, 0, round(self._scaling.speed_raw(sample.velocity_si)))
         put(Object.TORQUE, 0, _int16(current_ma * 1e-3 * self._scaling.factors.permille_per_a))
-        self._show_current(current_ma, now_ns)
+        self._update_current(current_ma, now_ns)
         step_degc = self._personality.temperature_step_degc
         put(*self._personality.temperature_address, _int16(sample.temperature_degc / step_degc))
         if TIMESTAMP in self._dictionary:
             put(*TIMESTAMP, now_ns // 1000 % 2**32)
 
-    def _show_position(self) -> None:
+    def _update_position(self) -> None:
         counts = self._counts + self._glitch_counts - self._origin_counts
         self._dictionary.put(Object.POSITION, 0, wrap_int32(self._scaling.position_units(counts)))
 
-    def _show_current(self, current_ma: int, now_ns: int) -> None:
+    def _update_current(self, current_ma: int, now_ns: int) -> None:
         if (Object.EPOS4_CURRENT, 2) in self._dictionary:
             self._average(current_ma, now_ns)
             self._dictionary.put(Object.EPOS4_CURRENT, 1, round(self._average_ma))

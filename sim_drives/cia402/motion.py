@@ -78,10 +78,10 @@ class Motion:
         self.homing = Homing(settings, dictionary, scaling, measurement, line, timers)
         self.mode = Mode.NONE
         self._requested = Mode.NONE
-        dictionary.guard(Object.MODE, self._judge_mode)
+        dictionary.guard(Object.MODE, self._check_mode)
         dictionary.watch(Object.MODE, lambda _: self._request_mode())
-        dictionary.guard(Object.HOMING_METHOD, self._judge_homing_method)
-        dictionary.guard(Object.POSITION_LIMITS, self._judge_position_limit)
+        dictionary.guard(Object.HOMING_METHOD, self._check_homing_method)
+        dictionary.guard(Object.POSITION_LIMITS, self._check_position_limit)
         for target in TARGETS.values():
             dictionary.watch(target, lambda _, target=target: self._written.add(target))
 
@@ -91,7 +91,7 @@ class Motion:
         self._bit_4_prev = False
         self._switch(Mode.NONE)
 
-    def forget_targets(self) -> None:
+    def clear_targets(self) -> None:
         """Clear the commanded values: the node has left operational (rule 2)."""
         self._written.clear()
 
@@ -102,18 +102,18 @@ class Motion:
         return self._scaling.factors.interpolation_s if is_set else 0.0
 
     @property
-    def follows_positions(self) -> bool:
+    def is_following_positions(self) -> bool:
         """True if cyclic position has a target, and no halt."""
         return self.mode is Mode.CYCLIC_SYNC_POSITION and self.follows
 
     # --- modes --------------------------------------------------------------------------------
 
-    def _judge_mode(self, _: int, value: int) -> None:
+    def _check_mode(self, _: int, value: int) -> None:
         supported = self._dictionary.value(Object.SUPPORTED_MODES)
         if value != Mode.NONE and (value < 0 or not supported >> (value - 1) & 1):
             raise SdoAbortError(AbortCode.RANGE)
 
-    def _judge_homing_method(self, _: int, value: int) -> None:
+    def _check_homing_method(self, _: int, value: int) -> None:
         if value not in self.homing.methods:
             raise SdoAbortError(AbortCode.RANGE)
 
@@ -128,7 +128,7 @@ class Motion:
 
     def _switch(self, mode: Mode) -> None:
         self.mode = mode
-        self.homing.forget()
+        self.homing.reset()
         self._dictionary.put(Object.MODE_DISPLAY, 0, mode)
 
     # --- homing and halt ----------------------------------------------------------------------
@@ -161,7 +161,7 @@ class Motion:
             return self.ramp(HALT_OPTION[self._dictionary.value_or(Object.HALT, 0, 1)].ramp)
         if self.mode is Mode.CYCLIC_SYNC_TORQUE:
             return self._actuation(Actuation.TORQUE)
-        if self.follows_positions:
+        if self.is_following_positions:
             return self._position_order()
         if self.mode is Mode.CYCLIC_SYNC_VELOCITY and self.follows:
             return self._velocity_order()
@@ -267,7 +267,7 @@ class Motion:
         value = self._dictionary.value
         return value(Object.POSITION_LIMITS, 1), value(Object.POSITION_LIMITS, 2)
 
-    def _judge_position_limit(self, subindex: int, value: int) -> None:
+    def _check_position_limit(self, subindex: int, value: int) -> None:
         lower, upper = self._limits()
         crossed = (subindex == 1 and value > upper) or (subindex == 2 and value < lower)
         if crossed:
@@ -286,6 +286,6 @@ class Motion:
         """True if the position, or in cyclic position mode its target, lies outside 607Dh."""
         lower, upper = self._limits()
         positions = [self._measurement.position_counts]
-        if self.follows_positions:
+        if self.is_following_positions:
             positions.append(self._dictionary.value(Object.TARGET_POSITION))
         return not all(lower <= position <= upper for position in positions)

@@ -181,10 +181,10 @@ def guard_option_codes(dictionary: ObjectDictionary, personality: Personality) -
         Object.ABORT_CONNECTION: frozenset(AbortConnection),
     }
     for index, legal in legal_codes.items():
-        dictionary.guard(index, lambda _, value, legal=legal: _judge_option(value, legal))
+        dictionary.guard(index, lambda _, value, legal=legal: _check_option(value, legal))
 
 
-def _judge_option(value: int, legal: frozenset[int]) -> None:
+def _check_option(value: int, legal: frozenset[int]) -> None:
     if value not in legal:
         raise SdoAbortError(AbortCode.RANGE)
 

@@ -22,7 +22,7 @@ class Statusword:
         self._period_ns = period_ns
         self._word = 0
 
-    def show(self, word: int) -> None:
+    def set(self, word: int) -> None:
         """Set the present statusword."""
         self._word = word
         if not self._period_ns:

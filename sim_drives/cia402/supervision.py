@@ -33,7 +33,7 @@ class Supervision:
         self._measurement = measurement
         self._switches_prev = 0
 
-    def forget(self, flags: AxisFlag) -> None:
+    def reset(self, flags: AxisFlag) -> None:
         """Reset while not enabled: no error, and a switch closed now is ignored later."""
         self._switches_prev = self._measurement.switches(flags)
 

@@ -11,7 +11,7 @@ from typing import Final
 from sim_drives.canopen.line import Line
 from sim_drives.canopen.timers import Timers
 
-TARGET_PATIENCE: Final = 1.5
+TARGET_TIMEOUT: Final = 1.5
 """Time limit in interpolation periods."""
 
 
@@ -24,10 +24,10 @@ class TargetWatch:
         self._wanted = wanted
         self.on_missed: Callable[[], None] = lambda: None
 
-    def pdo_came(self, interpolation_s: float) -> None:
+    def pdos_applied(self, interpolation_s: float) -> None:
         """Restart the monitor with the present 60C2h: RPDOs have been applied."""
         if interpolation_s and self._wanted():
-            at_ns = self._line.now_ns + round(TARGET_PATIENCE * interpolation_s * 1e9)
+            at_ns = self._line.now_ns + round(TARGET_TIMEOUT * interpolation_s * 1e9)
             self._timers.start(TargetWatch, at_ns, self._miss)
 
     def _miss(self) -> None:

@@ -69,10 +69,10 @@ class BusServer:
         """Let `receive` also return when another descriptor is readable."""
         self._poller.register(descriptor, select.POLLIN)
 
-    def receive(self, patience_s: float) -> list[tuple[Connection, wire.ToServer]]:
+    def receive(self, timeout_s: float) -> list[tuple[Connection, wire.ToServer]]:
         """Return the messages of the clients; waits up to the timeout for one."""
         said: list[tuple[Connection, wire.ToServer]] = []
-        for descriptor, events in self._poller.poll(max(patience_s, 0.0) * 1e3):
+        for descriptor, events in self._poller.poll(max(timeout_s, 0.0) * 1e3):
             if descriptor == self._listening.fileno():
                 self._accept()
                 continue
@@ -146,7 +146,7 @@ class BusServer:
         """Send a client the reason and disconnect it."""
         print(f"gaitd sim: {connection.name} is disconnected: {why}", file=sys.stderr, flush=True)
         with contextlib.suppress(OSError):
-            connection.end.send(wire.pack_told(why, refused=True))
+            connection.end.send(wire.pack_reply(why, refused=True))
         self.drop(connection)
 
     def drop(self, connection: Connection) -> None:

@@ -77,7 +77,7 @@ class _Wait:
     until_ns: int
     """End of the wait, in the seat's time."""
     for_frame: bool
-    looked: bool = False
+    is_checked: bool = False
     """True once earlier messages were processed: from then on time may pass."""
 
 
@@ -211,7 +211,7 @@ class Conductor:
 
     # --- time ---------------------------------------------------------------------------------
 
-    def ask(self, seat: Seat, until_ns: int, *, for_frame: bool) -> None:
+    def start_wait(self, seat: Seat, until_ns: int, *, for_frame: bool) -> None:
         """Let a seat wait until an instant of its clock, or until the first frame."""
         if for_frame or until_ns >= seat.now_ns or seat.busy_until_ns > self.now_ns:
             seat.wait = _Wait(until_ns, for_frame)
@@ -249,7 +249,7 @@ class Conductor:
         """Return how far, in its own time, a seat's wait lets time pass in one step."""
         if not wait.for_frame:
             return wait.until_ns
-        if not wait.looked or seat.waiting:
+        if not wait.is_checked or seat.waiting:
             return seat.now_ns
         return min(max(self._next_ns() - seat.behind_ns, seat.now_ns), wait.until_ns)
 
@@ -259,7 +259,7 @@ class Conductor:
         if wait is None:
             return False
         if wait.for_frame and not seat.waiting and seat.now_ns < wait.until_ns:
-            wait.looked = True
+            wait.is_checked = True
             return False
         seat.wait = None
         seat.owes_cost = bool(seat.waiting)
@@ -318,7 +318,7 @@ class DirectLink:
 
     def wait(self, until_ns: int, *, for_frame: bool) -> None:
         """As `Link.wait`."""
-        self._conductor.ask(self._seat, until_ns, for_frame=for_frame)
+        self._conductor.start_wait(self._seat, until_ns, for_frame=for_frame)
         while self._seat.wait is not None:
             self._conductor.step()
 

@@ -46,11 +46,11 @@ from simtime.wire import Role
 NS_PER_S: Final = 1_000_000_000
 AHEAD_MAX_NS: Final = 10_000_000
 BEHIND_MAX_NS: Final = 20_000_000
-LOOK_S: Final = 0.02
+CHECK_S: Final = 0.02
 """Interval between checks of a process that is waited for."""
-STOPPED_LOOKS: Final = 3
+STOPPED_CHECKS: Final = 3
 """Tolerance: a signal to a process group reaches its members, this process included, in turn."""
-HUNG_LOOKS: Final = 500
+HUNG_CHECKS: Final = 500
 """10 s, counted in checks of this process: a stall of the whole computer counts as one."""
 IDLE_STEP_NS: Final = 5_000_000
 """Time step while no seat is in step."""
@@ -84,9 +84,9 @@ class _Client:
     connection: Connection
     role: Role
     seat: Seat
-    looks: int = 0
+    checks: int = 0
     """Consecutive checks while it was waited for."""
-    stopped_looks: int = 0
+    stopped_checks: int = 0
     """Consecutive checks at which its process was stopped."""
     is_stopped: bool = False
     """True if it is not waited for because of its state."""
@@ -163,7 +163,7 @@ class TimeServer:
         self.control: ControlSocket | None = None
         """The command socket, if there is one."""
         self._on_silence, self._sync_count = on_silence, sync_count
-        self._noted = (sync_count(), world.now_ns + SYNC_SILENCE_NS)
+        self._recorded = (sync_count(), world.now_ns + SYNC_SILENCE_NS)
         self._clients: dict[Connection, _Client] = {}
         self._holding: set[Connection] = set()
         self._begins_held = begins_held
@@ -193,8 +193,8 @@ class TimeServer:
         while not should_end():
             if self.control is not None:
                 self.control.serve()
-            patience_s = self._patience_s()
-            messages = self._server.receive(patience_s)
+            timeout_s = self._timeout_s()
+            messages = self._server.receive(timeout_s)
             for connection, message in messages:
                 client = self._clients.get(connection)
                 if client is not None or isinstance(message, wire.Hello):
@@ -204,11 +204,11 @@ class TimeServer:
 
     # --- whether time may pass ----------------------------------------------------------------
 
-    def _patience_s(self) -> float:
+    def _timeout_s(self) -> float:
         """Return how long to wait for a message."""
         if self._is_held() or self._conductor.missing() is not None:
-            return LOOK_S
-        return min(self._pace.pause_s(self.now_ns, self._ratio()), LOOK_S)
+            return CHECK_S
+        return min(self._pace.pause_s(self.now_ns, self._ratio()), CHECK_S)
 
     def _may_pass(self, *, is_quiet: bool) -> bool:
         for client in self._clients.values():
@@ -217,7 +217,7 @@ class TimeServer:
         missing = self._conductor.missing()
         if missing is not None:
             if is_quiet:
-                self._look_at(missing)
+                self._check_seat(missing)
             return False
         self._end_runs()
         return not self._is_held() and self._pace.pause_s(self.now_ns, self._ratio()) == 0
@@ -233,18 +233,18 @@ class TimeServer:
             return self._pace.ratio
         return min(self._pace.ratio, 1.0) or 1.0
 
-    def _look_at(self, seat: Seat) -> None:
+    def _check_seat(self, seat: Seat) -> None:
         """Check whether the process that time waits for can answer."""
         client = next(one for one in self._clients.values() if one.seat is seat)
         state = process_state(client.connection.pid)
-        client.looks = 0 if state == IN_A_DEBUGGER else client.looks + 1
-        client.stopped_looks = client.stopped_looks + 1 if state == STOPPED else 0
-        client.is_stopped = client.stopped_looks >= STOPPED_LOOKS
-        seat.is_excused = client.is_stopped or client.looks > HUNG_LOOKS
+        client.checks = 0 if state == IN_A_DEBUGGER else client.checks + 1
+        client.stopped_checks = client.stopped_checks + 1 if state == STOPPED else 0
+        client.is_stopped = client.stopped_checks >= STOPPED_CHECKS
+        seat.is_excused = client.is_stopped or client.checks > HUNG_CHECKS
         if seat.is_excused:
             self._pace.anchor(self.now_ns)
-        if client.looks > HUNG_LOOKS:
-            name, hung_s = client.connection.name, HUNG_LOOKS * LOOK_S
+        if client.checks > HUNG_CHECKS:
+            name, hung_s = client.connection.name, HUNG_CHECKS * CHECK_S
             print(
                 f"gaitd sim: {name}: no request for {hung_s:g} s; time continues without it",
                 file=sys.stderr,
@@ -253,7 +253,7 @@ class TimeServer:
 
     @staticmethod
     def _expect(client: _Client) -> None:
-        client.looks, client.stopped_looks = 0, 0
+        client.checks, client.stopped_checks = 0, 0
         client.is_stopped = client.seat.is_excused = False
 
     # --- time passes --------------------------------------------------------------------------
@@ -269,10 +269,10 @@ class TimeServer:
                 self._grant(client)
             elif client.role in {Role.LISTENER, Role.HAND}:
                 self._hand_over(client)
-        self._note_silence()
+        self._record_silence()
 
     def _grant(self, client: _Client) -> None:
-        client.looks = 0
+        client.checks = 0
         self._hand_over(client)
         self._server.send(client.connection, wire.pack_grant(self.now_ns))
 
@@ -285,15 +285,15 @@ class TimeServer:
     def _end_runs(self) -> None:
         for run in [one for one in self._runs if self.now_ns >= one.until_ns]:
             self._runs.remove(run)
-            self._server.send(run.client.connection, wire.pack_told("", refused=False))
+            self._server.send(run.client.connection, wire.pack_reply("", refused=False))
             self._pace.anchor(self.now_ns)
 
-    def _note_silence(self) -> None:
-        count, noted_ns = self._noted
+    def _record_silence(self) -> None:
+        count, noted_ns = self._recorded
         if self._sync_count() != count:
-            self._noted = (self._sync_count(), self.now_ns + SYNC_SILENCE_NS)
+            self._recorded = (self._sync_count(), self.now_ns + SYNC_SILENCE_NS)
         elif self._on_silence is not None and self.now_ns >= noted_ns + QUIET_ROW_NS:
-            self._noted = (count, self.now_ns)
+            self._recorded = (count, self.now_ns)
             self._on_silence(count)
 
     # --- messages -----------------------------------------------------------------------------
@@ -307,9 +307,9 @@ class TimeServer:
             case wire.Send(_, frames) if client:
                 self._conductor.send(client.seat, frames)
                 self._page.write(self.now_ns)
-                self._tell_listeners()
+                self._update_listeners()
             case wire.Wait(until_ns, for_frame) if client:
-                self._ask(client, until_ns, for_frame=for_frame)
+                self._wait_for_seat(client, until_ns, for_frame=for_frame)
             case wire.Hand(line) if client:
                 self._command(client, line)
             case _:
@@ -338,16 +338,16 @@ class TimeServer:
             self._runs = [run for run in self._runs if run.client is not client]
             self._pace.anchor(self.now_ns)
 
-    def _ask(self, client: _Client, until_ns: int, *, for_frame: bool) -> None:
+    def _wait_for_seat(self, client: _Client, until_ns: int, *, for_frame: bool) -> None:
         if client.seat.wait is not None:
             self._server.refuse(client.connection, "it already waits: one WAIT, one GRANT")
             return
-        self._conductor.ask(client.seat, until_ns, for_frame=for_frame)
+        self._conductor.start_wait(client.seat, until_ns, for_frame=for_frame)
         self._page.write(self.now_ns)
         if client.seat.wait is None:
             self._grant(client)
 
-    def _tell_listeners(self) -> None:
+    def _update_listeners(self) -> None:
         for client in tuple(self._clients.values()):
             if client.role in {Role.LISTENER, Role.HAND}:
                 self._hand_over(client)
@@ -394,9 +394,9 @@ class TimeServer:
                 case _:
                     said = self.command(line)
         except FaultCommandError as error:
-            self._server.send(client.connection, wire.pack_told(str(error), refused=True))
+            self._server.send(client.connection, wire.pack_reply(str(error), refused=True))
             return
-        self._server.send(client.connection, wire.pack_told(said, refused=False))
+        self._server.send(client.connection, wire.pack_reply(said, refused=False))
 
     def _set_pace(self, text: str) -> str:
         try:

@@ -136,7 +136,7 @@ class ServedBus:
             said, refused = self._obey(line), False
         except FaultCommandError as error:
             said, refused = str(error), True
-        self._server.send(connection, wire.pack_told(said, refused=refused))
+        self._server.send(connection, wire.pack_reply(said, refused=refused))
 
     def _hand_out(self, sender: Connection | None, frames: Sequence[BusFrame]) -> None:
         for connection in self._server.connections:
@@ -203,7 +203,7 @@ class RealTime:
         self._bus = bus
         self._control = control
         self._on_silence = on_silence
-        self._noted_ns = now_ns() + SYNC_SILENCE_NS
+        self._recorded_ns = now_ns() + SYNC_SILENCE_NS
         self._arrivals = Arrivals() if isinstance(bus, STAMPING) else None
         self._behind_ns = BEHIND_NS if isinstance(bus, ON_ITS_WAY) else 0
         self.dropped = 0
@@ -223,30 +223,30 @@ class RealTime:
         while not should_end():
             if self._control is not None:
                 self._control.serve()
-            self._take_all(0.0)
+            self._receive_all(0.0)
             self._send(self._world.advance_to(self._until_ns()))
-            self._note_silence()
-            self._take_all(self._patience_s())
+            self._record_silence()
+            self._receive_all(self._timeout_s())
 
     def _until_ns(self) -> int:
         """Return the time before which no more frames can arrive; events are not delayed."""
         now, world = now_ns(), self._world
         return max(world.now_ns, min(now, max(now - self._behind_ns, world.next_event_ns())))
 
-    def _take_all(self, patience_s: float) -> None:
-        """Return the received frames, waiting up to `patience_s` for the first."""
-        message = self._receive(patience_s)
+    def _receive_all(self, timeout_s: float) -> None:
+        """Return the received frames, waiting up to `timeout_s` for the first."""
+        message = self._receive(timeout_s)
         while message is not None:
             self._take(message)
             message = self._receive(0.0)
 
-    def _patience_s(self) -> float:
+    def _timeout_s(self) -> float:
         now = now_ns()
         return max(0, min(self._world.next_event_ns(), now + SLICE_NS) - now) / NS_PER_S
 
-    def _note_silence(self) -> None:
-        if self._on_silence is not None and self._world.now_ns >= self._noted_ns + QUIET_ROW_NS:
-            self._noted_ns = self._world.now_ns
+    def _record_silence(self) -> None:
+        if self._on_silence is not None and self._world.now_ns >= self._recorded_ns + QUIET_ROW_NS:
+            self._recorded_ns = self._world.now_ns
             self._on_silence(self._world.sync_count)
 
     def _take(self, message: can.Message) -> None:
@@ -254,7 +254,7 @@ class RealTime:
         odd = message.is_extended_id or message.is_remote_frame or message.is_error_frame
         if not odd:
             if message.arbitration_id == SYNC_ID:
-                self._noted_ns = self._world.now_ns + SYNC_SILENCE_NS
+                self._recorded_ns = self._world.now_ns + SYNC_SILENCE_NS
             self._world.receive(Frame(message.arbitration_id, bytes(message.data)))
 
     def _arrival_ns(self, message: can.Message) -> int:
@@ -264,9 +264,9 @@ class RealTime:
             return now
         return self._arrivals.time_of_ns(int(stamp_ns), self._world.now_ns, now, time.time_ns())
 
-    def _receive(self, patience_s: float) -> can.Message | None:
+    def _receive(self, timeout_s: float) -> can.Message | None:
         try:
-            return self._bus.recv(patience_s)
+            return self._bus.recv(timeout_s)
         except (OSError, can.CanError) as error:
             raise BusLostError(f"{self._bus.channel_info}: {error}") from error
 

@@ -14,7 +14,7 @@ from analysis.calibration.likelihood import Likelihood, scores
 from analysis.calibration.motion import prepare
 from analysis.calibration.quantities import QUANTITIES, SIZE, frame_of
 from analysis.calibration.session import Calibration, calibrate, middle_of
-from analysis.calibration.verdict import disturbance, something_else
+from analysis.calibration.verdict import disturbance, other_effect
 from analysis.recording import RecordingError, recording
 from analysis.replay import Source
 from observer.filter.status import Status
@@ -154,7 +154,7 @@ def test_somebody_who_pushes_is_no_friction(pushed, shipped):
     _, made = shipped
     motion = prepare([pushed.recording])
 
-    said = something_else(disturbance(made.robot, motion, np.zeros(2)), made.fit.natural, motion)
+    said = other_effect(disturbance(made.robot, motion, np.zeros(2)), made.fit.natural, motion)
 
     assert "empty, undisturbed machine" in said
 

@@ -105,7 +105,7 @@ def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_p
         return fit._End(free, 0.0, 1)
 
     monkeypatch.setattr(fit, "_walk", stays)
-    monkeypatch.setattr(fit, "_untold", lambda *_: {})
+    monkeypatch.setattr(fit, "_unidentified", lambda *_: {})
     monkeypatch.setattr(fit, "robust_covariance", lambda _each, fisher, _rows: 0.0 * fisher)
     recorded = write_csv(run, tmp_path / "run.csv")
     robot = tmp_path / "robot.toml"

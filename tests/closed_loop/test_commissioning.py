@@ -48,7 +48,7 @@ def proof(configs):
         sign_test(session, axis)
         asked(session, axis, witnessed=True)
     session.run(0.1)
-    return session.notebook.notes
+    return session.state_file.persistent
 
 
 def asked(session, axis, *, witnessed=False):
@@ -97,7 +97,7 @@ def test_an_axis_that_moves_with_its_torque_and_was_watched_is_proven_and_says_s
     session.run(0.1)
 
     assert session.record.drives[0].sign_proven
-    proof = session.notebook.notes.of(HIP).proof
+    proof = session.state_file.persistent.axis(HIP).proof
     assert proof is not None
     assert proof.moved_forth_si > 0.03 > -0.03 > proof.moved_back_si
 
@@ -233,7 +233,7 @@ def test_the_configuration_of_a_real_trainer_asks_for_proven_signs_and_a_stored_
 
 def begun_and_not_moving(session):
     """Asked for, and the drives are not up again yet."""
-    session.gateway.ask(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
+    session.gateway.request(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
     session.run_until(lambda record: record.mode == Mode.OFF, within_s=5)
 
 
@@ -272,7 +272,7 @@ def test_a_stop_together_with_the_request_refuses_it(session):
     since = len(session.records)
     session.gateway.stop()
 
-    session.gateway.ask(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
+    session.gateway.request(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
     never_enabled(session, since)
 
 

@@ -12,7 +12,7 @@ from gaitd_lab.lockstep import LockstepSession
 
 
 def notes_of(session: LockstepSession) -> PersistentState:
-    return session.notebook.notes
+    return session.state_file.persistent
 
 
 def up(session: LockstepSession) -> LockstepSession:
@@ -52,7 +52,7 @@ def test_a_core_that_is_killed_as_it_stops_has_left_the_verdict(session, line):
     verdict = session.record.verdict
 
     # The machine has been without power meanwhile: nothing but the notes remembers.
-    again = up(new_session(notes=notes_of(session)))
+    again = up(new_session(persistent=notes_of(session)))
 
     assert verdict.cause in {CAUSES[line], Cause.DRIVE_FAULT}
     assert again.record.mode == Mode.FAULT
@@ -76,7 +76,7 @@ def test_beside_drives_that_still_hold_the_leg_the_latched_stop_is_what_is_shown
 
 
 def test_a_latched_stop_enables_nothing_and_a_reset_takes_it_away_from_the_file_too(session):
-    session = new_session(notes=notes_of(stopped(session, "stop")))
+    session = new_session(persistent=notes_of(stopped(session, "stop")))
     again = up(session)
 
     assert again.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
@@ -86,22 +86,22 @@ def test_a_latched_stop_enables_nothing_and_a_reset_takes_it_away_from_the_file_
     again.request(RequestKind.DISABLE)
     again.run(0.1)
 
-    third = up(new_session(notes=notes_of(session)))
+    third = up(new_session(persistent=notes_of(session)))
     assert third.record.mode == Mode.READY
 
 
 def test_a_second_restart_without_a_reset_is_latched_as_before(session):
-    first = new_session(notes=notes_of(stopped(session, "hand_switch_open * 0.3")))
+    first = new_session(persistent=notes_of(stopped(session, "hand_switch_open * 0.3")))
     up(first)
 
-    second = up(new_session(notes=notes_of(first)))
+    second = up(new_session(persistent=notes_of(first)))
 
     assert second.record.mode == Mode.FAULT
     assert second.record.verdict.cause == Cause.HAND_SWITCH_OPEN
 
 
 def test_drives_that_are_not_there_at_the_restart_do_not_make_it_forget(session):
-    session = new_session(notes=notes_of(stopped(session, "stop")))
+    session = new_session(persistent=notes_of(stopped(session, "stop")))
     session.command("unplugged right/hip 3")
     session.run(2.5)
     assert session.record.mode in {Mode.OFF, Mode.BRINGING_UP}
@@ -113,7 +113,7 @@ def test_an_orderly_shutdown_in_motion_latches_nothing(session):
     session.shut_down()
 
     assert notes_of(session).latched is None
-    assert up(new_session(notes=notes_of(session))).record.mode == Mode.READY
+    assert up(new_session(persistent=notes_of(session))).record.mode == Mode.READY
 
 
 def test_an_orderly_shutdown_of_a_stopped_machine_keeps_its_stop(session):
@@ -121,7 +121,7 @@ def test_an_orderly_shutdown_of_a_stopped_machine_keeps_its_stop(session):
     session.run(1.0)
     session.shut_down()
 
-    again = up(new_session(notes=notes_of(session)))
+    again = up(new_session(persistent=notes_of(session)))
 
     assert again.record.verdict.cause == Cause.HAND_SWITCH_OPEN
 
@@ -132,13 +132,13 @@ def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(
 ):
     session = warm_ready if moment == "enabling" else warm_gait
     if moment == "enabling":
-        session.gateway.ask(RequestKind.ENABLE)
+        session.gateway.request(RequestKind.ENABLE)
         session.run(0.1)
     elif moment == "braking to switch off":
-        session.gateway.ask(RequestKind.DISABLE)
+        session.gateway.request(RequestKind.DISABLE)
         session.run_until(lambda record: record.mode == Mode.STOPPING, within_s=2)
 
-    again = up(new_session(notes=notes_of(session)))
+    again = up(new_session(persistent=notes_of(session)))
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
@@ -155,7 +155,7 @@ def test_after_a_power_cut_the_older_page_is_not_clean_either(session, tmp_path)
     StateFile(tmp_path).write(notes_of(session))
     (tmp_path / NAME).write_bytes(page)
 
-    again = up(new_session(notes=StateFile(tmp_path).notes))
+    again = up(new_session(persistent=StateFile(tmp_path).persistent))
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
@@ -167,10 +167,10 @@ def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(session, tmp_pa
     StateFile(tmp_path).write(notes_of(session))
     page = (tmp_path / NAME).read_bytes()
     (tmp_path / NAME).write_bytes(page[:kept] + b"\0" * (len(page) - kept))
-    notes = StateFile(tmp_path).notes
-    assert notes == UNREADABLE
+    persistent = StateFile(tmp_path).persistent
+    assert persistent == UNREADABLE
 
-    again = new_session(changed_configs(tmp_path), notes)
+    again = new_session(changed_configs(tmp_path), persistent)
     up(again)
 
     assert again.record.mode == Mode.FAULT
@@ -181,12 +181,12 @@ def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(session, tmp_pa
 
 
 def test_a_cause_of_another_version_is_latched_all_the_same(session):
-    notes = notes_of(stopped(session, "stop"))
-    latched = notes.latched
+    persistent = notes_of(stopped(session, "stop"))
+    latched = persistent.latched
     assert latched is not None
     text = latched.__class__(latched.category, "METEORITE", utc_ns=latched.utc_ns)
 
-    again = up(new_session(notes=PersistentState(latched=text)))
+    again = up(new_session(persistent=PersistentState(latched=text)))
 
     assert again.record.mode == Mode.FAULT
     assert again.record.verdict.cause == Cause.LAST_END_UNKNOWN
@@ -208,15 +208,15 @@ def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why(session):
 def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_it(
     session, monkeypatch
 ):
-    monkeypatch.setattr(daily_test, "NOTE_NS", 1_000_000_000)
+    monkeypatch.setattr(daily_test, "STORE_NS", 1_000_000_000)
     modes_written = []
-    write = session.notebook.write
+    write = session.state_file.write
 
-    def note(notes):
+    def note(persistent):
         modes_written.append(session.core.mode)
-        write(notes)
+        write(persistent)
 
-    session.notebook.write = note
+    session.state_file.write = note
     session.run(3)
     assert modes_written == []
 

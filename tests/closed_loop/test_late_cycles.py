@@ -17,8 +17,8 @@ def late_where(session, is_so, until_ms):
     """From now on, work that ends so long after the SYNC of each cycle whose record is so."""
     step, bus = cycle.step, session.bus
 
-    def slow(core, frames, levels, tick):
-        outgoing, record = step(core, frames, levels, tick)
+    def slow(core, frames, gateway_states, tick):
+        outgoing, record = step(core, frames, gateway_states, tick)
         if is_so(record):
             bus.let_pass(tick.sync_ns + round(until_ms * MS))
         return outgoing, record

@@ -286,7 +286,7 @@ def test_a_reset_that_one_drive_does_not_answer_leaves_no_other_one_with_power(w
     warm_hold.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
     assert "QUICK_STOP_ACTIVE" in power_states(warm_hold)
 
-    warm_hold.gateway.ask(RequestKind.RESET)
+    warm_hold.gateway.request(RequestKind.RESET)
     warm_hold.run(4)
 
     assert warm_hold.record.mode == Mode.OFF
@@ -298,7 +298,7 @@ def test_a_reset_that_one_drive_does_not_answer_leaves_no_other_one_with_power(w
 def test_a_shutdown_in_the_cycle_of_a_reset_waits_until_the_reset_has_switched_off(warm_hold):
     warm_hold.gateway.stop()
     warm_hold.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    warm_hold.gateway.ask(RequestKind.RESET)
+    warm_hold.gateway.request(RequestKind.RESET)
     while warm_hold.record.mode == Mode.FAULT:
         warm_hold.loop.turn()
     assert power_states(warm_hold) == {"QUICK_STOP_ACTIVE"}

@@ -15,7 +15,7 @@ import pytest
 from daemon.core.runtime import realtime
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES
 from daemon.ipc.record import Mode, RequestKind
-from drives.canopen import bus_load
+from drives.bringup import bus_load
 from gaitd_lab.lockstep import LockstepSession
 
 CYCLES = 500

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 from sessions import changed_configs, new_session, single_axis_run
 
-from daemon.core.modes.persistent_state import AxisNote, PersistentState
+from daemon.core.modes.persistent_state import PersistentState, StoredAxis
 from daemon.core.steps.single_axis import moves_origin
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
@@ -175,22 +175,22 @@ def test_an_axis_without_a_homing_in_its_file_is_refused(tmp_path):
 
 def left_at(hip_rad, slide_m):
     return PersistentState(
-        axes={HIP: AxisNote(position_si=hip_rad), SLIDE: AxisNote(position_si=slide_m)}
+        axes={HIP: StoredAxis(position_si=hip_rad), SLIDE: StoredAxis(position_si=slide_m)}
     )
 
 
 def test_an_absolute_encoder_is_believed_where_the_axis_was_left(tmp_path):
-    notes = left_at(math.radians(13.98) + 0.01, 0.5905 - 0.005)
+    persistent = left_at(math.radians(13.98) + 0.01, 0.5905 - 0.005)
 
-    session = new_session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+    session = new_session(changed_configs(tmp_path, *STRICT), persistent).until_ready()
 
     assert referenced(session) == [True, True]
 
 
 def test_an_absolute_encoder_that_disagrees_with_the_stored_pose_is_not_believed(tmp_path):
-    notes = left_at(math.radians(13.98) - 0.0628, 0.5905)
+    persistent = left_at(math.radians(13.98) - 0.0628, 0.5905)
 
-    session = new_session(changed_configs(tmp_path, *STRICT), notes).until_ready()
+    session = new_session(changed_configs(tmp_path, *STRICT), persistent).until_ready()
 
     assert referenced(session) == [False, True]
     told = [event for record in session.records for event in record.events]
@@ -218,32 +218,32 @@ def test_a_damaged_pose_is_not_believed_where_a_missing_one_would_be(tmp_path):
 
 
 def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_driven(warm_hold):
-    before = warm_hold.notebook.notes.of(HIP).position_si
+    before = warm_hold.state_file.persistent.axis(HIP).position_si
     warm_hold.run(2.0)
-    assert warm_hold.notebook.notes.of(HIP).position_si == before
+    assert warm_hold.state_file.persistent.axis(HIP).position_si == before
 
     warm_hold.request(RequestKind.DISABLE)
     warm_hold.run(4.0)
 
-    stored, there = warm_hold.notebook.notes, warm_hold.record.drives
-    assert stored.of(HIP).position_si == pytest.approx(there[0].position_si, abs=2e-4)
-    assert stored.of(SLIDE).position_si == pytest.approx(there[1].position_si, abs=2e-4)
+    stored, there = warm_hold.state_file.persistent, warm_hold.record.drives
+    assert stored.axis(HIP).position_si == pytest.approx(there[0].position_si, abs=2e-4)
+    assert stored.axis(SLIDE).position_si == pytest.approx(there[1].position_si, abs=2e-4)
 
 
 def test_an_unreferenced_axis_stores_no_pose(incremental):
     incremental.run(3.0)
 
-    assert incremental.notebook.notes.axes == {}
+    assert incremental.state_file.persistent.axes == {}
 
 
 def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_where(session):
     session.shut_down()
 
-    last, notes = session.truth.rows[-1], session.notebook.notes
+    last, persistent = session.truth.rows[-1], session.state_file.persistent
     assert abs(last.hip_velocity_rad_per_s) < 0.1
     assert abs(last.slide_velocity_m_per_s) < 0.06
-    assert notes.of(HIP).position_si == pytest.approx(last.hip_angle_rad, abs=0.002)
-    assert notes.of(SLIDE).position_si == pytest.approx(last.slide_position_m, abs=0.002)
+    assert persistent.axis(HIP).position_si == pytest.approx(last.hip_angle_rad, abs=0.002)
+    assert persistent.axis(SLIDE).position_si == pytest.approx(last.slide_position_m, abs=0.002)
 
 
 def test_a_drive_that_cannot_home_is_brought_up_as_before_and_the_request_refused(tmp_path):
@@ -262,13 +262,13 @@ def test_a_drive_that_cannot_home_is_brought_up_as_before_and_the_request_refuse
 def test_an_encoder_that_jumps_at_rest_is_not_believed_and_its_pose_not_stored(tmp_path):
     session = new_session(changed_configs(tmp_path, *STRICT[:2])).until_ready()
     session.run(1.5)
-    before = session.notebook.notes.of(HIP).position_si
+    before = session.state_file.persistent.axis(HIP).position_si
 
     session.command("encoder_glitch right/hip 60 5000")
     session.run(3.0)
 
     assert referenced(session) == [False, True]
-    assert session.notebook.notes.of(HIP).position_si == before
+    assert session.state_file.persistent.axis(HIP).position_si == before
     told = [event for record in session.records for event in record.events]
     assert told.count("right/hip: not referenced any more, its encoder jumped") == 1
     assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
@@ -283,9 +283,9 @@ def test_of_a_damaged_file_nothing_is_believed_until_it_is_found_anew(tmp_path):
     session.run(1.5)
 
     assert referenced(session) == [True, False]
-    notes = session.notebook.notes
-    assert notes.of(HIP).position_si is not None
-    assert referenced(new_session(lenient, notes).until_ready())[1] is False
+    persistent = session.state_file.persistent
+    assert persistent.axis(HIP).position_si is not None
+    assert referenced(new_session(lenient, persistent).until_ready())[1] is False
 
 
 def test_a_homing_faster_than_its_search_has_run_away_and_is_stopped(tmp_path):

@@ -8,7 +8,7 @@ from sessions import changed_configs, elsewhere, new_session
 from daemon.core.modes.table import TRANSITIONS, event_of
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from gaitd_lab.lockstep import LockstepSession
-from gaitd_lab.mode_page import ASKS
+from gaitd_lab.mode_page import REQUESTS
 
 EMPTY = (
     ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
@@ -65,7 +65,7 @@ def asked(kind: RequestKind, wanted: ModeRequest, session: LockstepSession):
 
 def test_a_request_is_answered_with_done_or_why_not(warm_mode):
     mode, session = warm_mode
-    for name, (kind, wanted) in ASKS.items():
+    for name, (kind, wanted) in REQUESTS.items():
         answer, events = elsewhere(session, partial(asked, kind, wanted))
 
         if (mode, event_of(kind, wanted)) not in TRANSITIONS:
@@ -81,20 +81,23 @@ def test_a_request_is_answered_with_done_or_why_not(warm_mode):
 def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then():
     """Bring-up takes many cycles in one turn of the loop: it hears and answers meanwhile."""
     session = new_session()
-    gateway, waiting, answers = session.gateway, list(ASKS.values()), []
+    gateway, waiting, answers = session.gateway, list(REQUESTS.values()), []
 
     def ask_the_next(record):
         if record.mode != Mode.BRINGING_UP:
             return
-        if len(waiting) + len(answers) < len(ASKS) and gateway.outcome().outcome != Outcome.PENDING:
+        if (
+            len(waiting) + len(answers) < len(REQUESTS)
+            and gateway.outcome().outcome != Outcome.PENDING
+        ):
             answers.append(gateway.outcome())
-        if waiting and len(waiting) + len(answers) == len(ASKS):
-            gateway.ask(*waiting.pop())
+        if waiting and len(waiting) + len(answers) == len(REQUESTS):
+            gateway.request(*waiting.pop())
 
     gateway._on_record = ask_the_next
     session.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
-    assert len(answers) == len(ASKS)
+    assert len(answers) == len(REQUESTS)
     assert {answer.outcome for answer in answers} == {Outcome.REFUSED}
     assert all("not possible in mode bringing_up" in answer.reason for answer in answers)
 
@@ -123,7 +126,7 @@ def test_a_mode_that_nobody_can_ask_for_is_refused_by_name(warm_ready, mode):
 def test_a_request_made_long_ago_is_refused_with_both_cycles(warm_ready):
     warm_ready.run(1.0)
     gateway = warm_ready.gateway
-    gateway.ask(RequestKind.ENABLE)
+    gateway.request(RequestKind.ENABLE)
     gateway._request = type(gateway._request)(gateway._request.id, RequestKind.ENABLE, 1)
 
     warm_ready.run(0.1)

@@ -106,10 +106,10 @@ def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(warm_day)
 
 
 def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(daily, warm_seen):
-    notes = disabled(warm_seen)
+    persistent = disabled(warm_seen)
 
-    enabled(new_session(daily, notes).until_ready())
-    later = new_session(daily, notes)
+    enabled(new_session(daily, persistent).until_ready())
+    later = new_session(daily, persistent)
     later.clock.utc_stepped_ns = 21 * HOUR_NS
     later.until_ready()
 
@@ -130,7 +130,7 @@ def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested,
     if guidance == "position":
         session = put_to_test(enabled(seen_to_act(new_session(position_guidance(tmp_path, DAILY)))))
 
-    note = session.notebook.notes.self_test
+    note = session.state_file.persistent.self_test
     assert note is not None
     assert note.passed
     assert set(note.axes) == {"right/hip", "right/slide"}
@@ -202,7 +202,7 @@ def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, 
     assert record.verdict.drive == axis
     assert words in record.verdict.detail
     assert any(f"{axis}: self-test {words}" in event for event in events(session))
-    note = session.notebook.notes.self_test
+    note = session.state_file.persistent.self_test
     assert note is not None
     assert not note.passed
 
@@ -235,7 +235,7 @@ def test_both_legs_are_tested_one_after_the_other(tmp_path):
 
     put_to_test(session)
 
-    note = session.notebook.notes.self_test
+    note = session.state_file.persistent.self_test
     assert note is not None
     assert set(note.axes) == {"right/hip", "right/slide", "left/hip", "left/slide"}
     assert note.passed
@@ -247,7 +247,7 @@ def test_both_legs_are_tested_one_after_the_other(tmp_path):
 def disabled(session: LockstepSession) -> PersistentState:
     session.request(RequestKind.DISABLE)
     session.run(0.1)
-    return session.notebook.notes
+    return session.state_file.persistent
 
 
 @pytest.fixture(scope="module")
@@ -261,8 +261,8 @@ def passed(daily, warm_tested) -> tuple[Path, PersistentState]:
     [(1, ""), (19, ""), (21, "the last self-test is older than 20 h"), (-1, "no self-test")],
 )
 def test_it_counts_for_its_hours_and_a_clock_that_goes_back_makes_it_void(passed, hours, due):
-    configs, notes = passed
-    session = new_session(configs, notes)
+    configs, persistent = passed
+    session = new_session(configs, persistent)
     session.clock.utc_stepped_ns = hours * HOUR_NS
 
     later = session.until_ready()
@@ -274,8 +274,8 @@ def test_it_counts_for_its_hours_and_a_clock_that_goes_back_makes_it_void(passed
 def test_a_clock_that_goes_back_while_it_runs_is_told_and_never_makes_a_test_count_for_longer(
     passed,
 ):
-    configs, notes = passed
-    session = new_session(configs, notes)
+    configs, persistent = passed
+    session = new_session(configs, persistent)
     session.clock.utc_stepped_ns = 10 * HOUR_NS
     session.until_ready()
     assert session.core.self_test_due == ""
@@ -288,29 +288,29 @@ def test_a_clock_that_goes_back_while_it_runs_is_told_and_never_makes_a_test_cou
 
 
 def test_a_test_of_another_leg_does_not_count(passed):
-    configs, notes = passed
+    configs, persistent = passed
     text = (configs / "robot.toml").read_text()
     (configs / "robot.toml").write_text(text + "\n# another one\n")
 
-    later = new_session(configs, notes).until_ready()
+    later = new_session(configs, persistent).until_ready()
 
     (configs / "robot.toml").write_text(text)
     assert later.core.self_test_due == "the last self-test was of another robot file"
 
 
 def test_what_was_tested_of_one_drive_does_not_count_for_the_one_in_its_place(passed):
-    configs, notes = passed
+    configs, persistent = passed
     text = (configs / "plant.toml").read_text()
     (configs / "plant.toml").write_text(text.replace("305_000_005", "305_000_099"))
 
-    session = new_session(configs, notes)
+    session = new_session(configs, persistent)
     session.clock.utc_stepped_ns = HOUR_NS
     later = session.until_ready()
 
     (configs / "plant.toml").write_text(text)
     assert later.core.self_test_due == "the last self-test was of another drive"
     # The power came on with the hand switch held: the new drive has seen neither act.
-    assert later.core.inputs_unseen == (
+    assert later.core.inputs_untested == (
         "right/hip hand switch open",
         "right/hip emergency stop (STO) pressed",
     )

@@ -113,7 +113,7 @@ def in_flight(word):
     """Enabling, with this controlword on its way to the hip drive."""
 
     def reach(session):
-        session.gateway.ask(RequestKind.ENABLE)
+        session.gateway.request(RequestKind.ENABLE)
         for _ in range(20):
             session.loop.turn()
             if rpdo1(session.bus.sent, 5)[-1].controlword == word:

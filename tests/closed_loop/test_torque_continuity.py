@@ -33,7 +33,7 @@ def assert_no_jump(session, begun, begun_rows, ended_rows):
 
 def end_by(session, end):
     if end == "disable":
-        session.gateway.ask(RequestKind.DISABLE)
+        session.gateway.request(RequestKind.DISABLE)
     else:
         session.gateway.stop()
     session.run(0.05)

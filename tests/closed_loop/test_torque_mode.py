@@ -196,7 +196,7 @@ def test_torque_begins_only_under_a_lease(session):
 
 
 def test_torque_waits_half_a_second_for_its_first_setpoint(session):
-    session.gateway.lend(lambda _: ())
+    session.gateway.grant_lease(lambda _: ())
     answer = session.request(RequestKind.MODE, TORQUE)
     cycle = session.record.cycle
 
@@ -341,12 +341,12 @@ def test_levels_of_another_core_move_nothing_and_a_lost_one_is_made_good_by_the_
     controller = in_torque(session, constant(hip_nm=8.0))
     session.run(0.3)
     gateway = session.gateway
-    honest = gateway.levels
-    gateway.levels = _losing(honest, 4)
+    honest = gateway.receive
+    gateway.receive = _losing(honest, 4)
     session.run(0.3)
     assert session.record.mode == Mode.TORQUE
 
-    gateway.levels = lambda: [
+    gateway.receive = lambda: [
         msgspec.structs.replace(level, core_boot_id="foreign") for level in honest()
     ]
     held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=1)
@@ -355,11 +355,11 @@ def test_levels_of_another_core_move_nothing_and_a_lost_one_is_made_good_by_the_
     assert "stale" in held.assist.lapse_reason
 
 
-def _losing(levels, count):
+def _losing(gateway_states, count):
     left = [count]
 
     def some():
-        made = levels()
+        made = gateway_states()
         left[0] -= 1
         return made if left[0] < 0 else []
 

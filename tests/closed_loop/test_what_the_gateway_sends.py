@@ -30,13 +30,13 @@ def test_a_name_that_a_refusal_quotes_fits_the_slot_of_its_record(warm_hold, tmp
 
 def heard(session):
     """The levels that the core is sent from now on."""
-    sent, send = [], session.gateway.levels
+    sent, send = [], session.gateway.receive
 
     def levels():
         sent.extend(send())
         return sent[-1:]
 
-    session.gateway.levels = levels
+    session.gateway.receive = levels
     return sent
 
 
@@ -48,20 +48,20 @@ def test_an_executed_enable_that_arrives_again_after_disable_enables_nothing(war
     assert session.request(RequestKind.DISABLE).outcome == Outcome.DONE
     # As young as can be: the id, or the number of the level, alone has to be enough.
     young = replace(enabling.request, for_cycle=session.record.cycle)
-    again, send = replace(enabling, request=young), gateway.levels
+    again, send = replace(enabling, request=young), gateway.receive
     begun = len(session.records)
 
     for place in (slice(None), slice(None, None, -1)):
-        gateway.levels = lambda place=place: [*send(), again][place]
+        gateway.receive = lambda place=place: [*send(), again][place]
         session.run(0.3)
-    gateway.levels = lambda: [again]
+    gateway.receive = lambda: [again]
     session.run(0.3)
 
     assert {record.mode for record in session.records[begun:]} == {Mode.READY}
 
 
 def test_a_request_for_a_cycle_that_has_not_been_is_refused(warm_ready):
-    sent = warm_ready.gateway.levels
+    sent = warm_ready.gateway.receive
 
     def ahead():
         return [
@@ -69,7 +69,7 @@ def test_a_request_for_a_cycle_that_has_not_been_is_refused(warm_ready):
             for one in sent()
         ]
 
-    warm_ready.gateway.levels = ahead
+    warm_ready.gateway.receive = ahead
 
     assert warm_ready.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
     assert warm_ready.record.mode == Mode.READY
@@ -81,7 +81,7 @@ def test_an_enable_that_comes_with_a_stop_is_refused(warm_ready):
     answer = warm_ready.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == "somebody asked to stop at the same time"
+    assert answer.reason == "a stop was requested at the same time"
     assert warm_ready.record.mode == Mode.READY
 
 
@@ -101,9 +101,9 @@ def test_what_a_lost_drive_said_last_of_its_inputs_holds_up_no_reset(warm_hold):
 
 def test_the_outcome_of_a_request_that_was_overtaken_is_not_told_as_the_newest(warm_ready):
     session, gateway = warm_ready, warm_ready.gateway
-    gateway.ask(RequestKind.ENABLE)
+    gateway.request(RequestKind.ENABLE)
     session.run(0.05)
-    gateway.ask(RequestKind.RESET)  # a gateway that knows nothing of the first
+    gateway.request(RequestKind.RESET)  # a gateway that knows nothing of the first
     begun = len(session.records)
 
     session.run_until(lambda record: "enable done" in record.events, within_s=5)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import canopen
 import pytest
-from outside_master import PATIENCE_S, PatientNode, added, eds_of, eventually, reset
+from outside_master import TIMEOUT_S, PatientNode, added, eds_of, eventually, reset
 
 
 def test_canopen_reads_identity_and_names(hip, slide):
@@ -88,7 +88,7 @@ def test_canopen_maps_pdos_and_reads_what_a_sync_brings(hip, network):
     hip.nmt.state = "OPERATIONAL"
 
     network.sync.start(0.02)
-    assert hip.tpdo[1].wait_for_reception(PATIENCE_S) is not None
+    assert hip.tpdo[1].wait_for_reception(TIMEOUT_S) is not None
     network.sync.stop()
 
     assert hip.tpdo[1]["Statusword"].raw & 0x6F == 0x40
@@ -159,7 +159,7 @@ def test_canopen_walks_all_nmt_states_and_the_drive_says_so_itself(hip):
     for state in ("OPERATIONAL", "STOPPED", "OPERATIONAL", "PRE-OPERATIONAL", "STOPPED"):
         hip.nmt.state = state
 
-        assert eventually(lambda state=state: hip.nmt.wait_for_heartbeat(PATIENCE_S) == state)
+        assert eventually(lambda state=state: hip.nmt.wait_for_heartbeat(TIMEOUT_S) == state)
 
 
 def test_a_stopped_drive_answers_no_sdo(hip):
@@ -168,7 +168,7 @@ def test_a_stopped_drive_answers_no_sdo(hip):
     with pytest.raises(canopen.SdoCommunicationError):
         hip.sdo.upload(0x1000, 0)
 
-    hip.sdo.RESPONSE_TIMEOUT = PATIENCE_S
+    hip.sdo.RESPONSE_TIMEOUT = TIMEOUT_S
     hip.nmt.state = "PRE-OPERATIONAL"
 
     assert hip.sdo.upload(0x1000, 0) == bytes.fromhex("92010200")
@@ -224,7 +224,7 @@ def test_canopen_loads_a_whole_configuration_from_a_dcf(network, tmp_path):
         assert found & 0xBFFF_FFFF == value & 0xBFFF_FFFF, section  # bit 30, RTR: the drive's own
     node.nmt.state = "OPERATIONAL"
     network.sync.start(0.01)
-    node.tpdo[1].wait_for_reception(PATIENCE_S)
-    assert node.tpdo[1].wait_for_reception(PATIENCE_S) is not None
+    node.tpdo[1].wait_for_reception(TIMEOUT_S)
+    assert node.tpdo[1].wait_for_reception(TIMEOUT_S) is not None
     assert len(node.tpdo[1].data) == 6
     assert struct.unpack_from("<H", node.tpdo[1].data)[0] & 0x6F == 0x40

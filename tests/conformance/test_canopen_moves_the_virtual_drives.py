@@ -16,7 +16,7 @@ What is wrong in canopen, and what these tests do instead:
 import time
 
 import pytest
-from outside_master import PATIENCE_S, boot_up, eventually
+from outside_master import TIMEOUT_S, boot_up, eventually
 
 SYNC_S = 0.01
 """At least, from one to the next."""
@@ -130,7 +130,7 @@ def test_homing_on_the_present_position_is_done_by_canopen_s_own_helper(drive, m
     drive.sdo[0x607C].raw = 4321
     assert not drive.check_statusword() & REFERENCED
 
-    assert drive.homing(timeout=PATIENCE_S)
+    assert drive.homing(timeout=TIMEOUT_S)
 
     assert abs(position_of(drive) - 4321) < 10
     assert drive.is_homed()
@@ -263,7 +263,7 @@ def test_from_power_on_to_motion_and_back_as_an_outside_master_would_do_it(slide
     slide.sdo[0x605A].raw = 2
     # PDOs, operational
     mapped(slide)
-    assert slide.nmt.wait_for_heartbeat(PATIENCE_S) in ("OPERATIONAL", "PRE-OPERATIONAL")
+    assert slide.nmt.wait_for_heartbeat(TIMEOUT_S) in ("OPERATIONAL", "PRE-OPERATIONAL")
     start = position_of(slide)
     slide.op_mode = "CYCLIC SYNCHRONOUS POSITION"
     target(slide, position=start)
@@ -279,7 +279,7 @@ def test_from_power_on_to_motion_and_back_as_an_outside_master_would_do_it(slide
     slide.controlword = 0x0000
     beat.stop()
     slide.nmt.state = "STOPPED"
-    assert eventually(lambda: slide.nmt.wait_for_heartbeat(PATIENCE_S) == "STOPPED")
+    assert eventually(lambda: slide.nmt.wait_for_heartbeat(TIMEOUT_S) == "STOPPED")
     assert slide.emcy.active == []
 
 

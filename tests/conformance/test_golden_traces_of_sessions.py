@@ -8,9 +8,9 @@ the standards frame by frame before they were fixed; their comments name the cla
 from pathlib import Path
 
 import pytest
-from explained import explained
+from bus_recorder import Wiretap
 from sessions import changed_configs, new_session
-from wiretap import Wiretap
+from trace_comments import explained
 
 from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import PowerState
@@ -37,7 +37,7 @@ def enable():
     in operation enabled alone."""
     session = new_session().until_ready()
     wire = Wiretap(session.machine.world)
-    session.gateway.ask(RequestKind.ENABLE)
+    session.gateway.request(RequestKind.ENABLE)
     session.run_until(all_enabled, within_s=2)
     session.run(SETTLED_S)
     return wire

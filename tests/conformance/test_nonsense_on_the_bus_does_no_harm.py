@@ -12,7 +12,7 @@ import struct
 from itertools import product
 
 import pytest
-from babbler import Babbler, heartbeat, network, process_data
+from random_frames import Babbler, heartbeat, network, process_data
 from sessions import CONFIGS, elmo_drives, generic_drives, new_session
 
 from daemon.config.drive_plan import drive_limits
@@ -207,4 +207,4 @@ def test_frames_that_are_nobody_s_change_nothing(warm_walk):
     fuzz.run(3.0)
 
     assert fuzz.stopped_at is None, fuzz.story()
-    assert fuzz.record.mode == Mode.GAIT
+    assert fuzz.session.record.mode == Mode.GAIT

@@ -22,10 +22,10 @@ from daemon import wire
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
 from daemon.core.modes import latched_stop
-from daemon.core.modes.persistent_state import AxisNote, LatchedNote, PersistentState
+from daemon.core.modes.persistent_state import PersistentState, StoredAxis, StoredVerdict
 from daemon.core.runtime.state_file import StateFile
-from daemon.gateway.requests import ASKS, BadPayloadError, read_ask
-from daemon.gateway.setpoints import Arrival, SetpointDesk
+from daemon.gateway.requests import PAYLOADS, BadPayloadError, decode_payload
+from daemon.gateway.setpoints import Arrival, SetpointStore
 from daemon.ipc import transport
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import (
@@ -36,11 +36,11 @@ from daemon.ipc.record import (
     RequestKind,
     Setpoint,
 )
-from daemon.ipc.ring_clip import kept_file, trimmed
+from daemon.ipc.ring_clip import clip_file, trimmed
 from daemon.ipc.state_file import NAME
-from daemon.ipc.transport import CoreSeam, GatewaySeam, RingError, RingReader
+from daemon.ipc.transport import CoreChannel, GatewayChannel, RingError, RingReader
 from daemon.recorder.audit_file import fields_of
-from daemon.recorder.audit_log import _said
+from daemon.recorder.audit_log import _fields_of_query
 from daemon.recorder.ring_follower import RingFollower
 from daemon.wire.refusals import SetpointRefusal
 from drives.cia402.axis_file import AxisFile
@@ -69,8 +69,8 @@ SETPOINT = (
 QUERY = b'{"client": "display", "for_cycle": 12, "mode": "gait", "cadence_hz": 0.25}'
 NOTES = msgspec.json.encode(
     PersistentState(
-        axes={"right/hip": AxisNote(0.3, 1_700_000_000_000_000_000)},
-        latched=LatchedNote(
+        axes={"right/hip": StoredAxis(0.3, 1_700_000_000_000_000_000)},
+        latched=StoredVerdict(
             "S1", "EMERGENCY", "right/hip", 1.0, 2.0, "x", 1_700_000_000_000_000_000
         ),
     )
@@ -118,15 +118,17 @@ class Kind(NamedTuple):
 
 
 def query(payload: bytes) -> None:
-    for name in (*ASKS, "enable"):
+    for name in (*PAYLOADS, "enable"):
         with contextlib.suppress(BadPayloadError):
-            read_ask(name, payload)
-    said = _said(payload)
+            decode_payload(name, payload)
+    said = _fields_of_query(payload)
     msgspec.json.encode({"kind": "asked", **said})
 
 
 def setpoint(payload: bytes) -> None:
-    assert isinstance(SetpointDesk().take(Arrival("right", payload), ["right"], 7), SetpointRefusal)
+    assert isinstance(
+        SetpointStore().receive(Arrival("right", payload), ["right"], 7), SetpointRefusal
+    )
 
 
 def line(data: bytes) -> None:
@@ -147,21 +149,21 @@ def test_any_bytes_are_a_struct_or_refused(kind):
 
 
 def test_any_datagram_is_a_level_or_counted_and_told_more_and_more_rarely(tmp_path):
-    core, gateway = CoreSeam(tmp_path, HEADER), GatewaySeam(tmp_path)
-    heard, sent, told = 0, 0, []
+    core, gateway = CoreChannel(tmp_path, HEADER), GatewayChannel(tmp_path)
+    present, sent, told = 0, 0, []
 
     for data in (*NASTY, *shaken(LEVEL, COUNT)):
         sent += gateway._datagrams.send(data)
-        levels = core.levels()
-        heard += len(levels)
+        gateway_states = core.receive()
+        present += len(gateway_states)
         told += core.take_notices()
-        for level in levels:
+        for level in gateway_states:
             assert gateway.send(level)  # what was taken can be said again
-            assert len(core.levels()) == 1
+            assert len(core.receive()) == 1
 
     assert sent > COUNT
-    assert heard + core.refused_count == sent
-    assert heard > 100
+    assert present + core.refused_count == sent
+    assert present > 100
     assert 3 <= len(told) <= 4
     assert told[0].startswith("datagrams to the core refused, 1 so far: ")
     core.close()
@@ -182,13 +184,13 @@ def ring_of(path: Path, count: int = 40) -> bytes:
 
 def look(path: Path) -> None:
     """Everything that reads a ring from a disk."""
-    kept_file(path)
+    clip_file(path)
     with contextlib.suppress(RecordingError):
         read_ring(path)
     with contextlib.suppress(RingError), contextlib.closing(RingReader(path)) as ring:
-        trail = RingFollower.of(ring, live=False)
-        assert len(list(trail.advance(100))) <= ring.slot_count
-        for stop in filter(None, (trail.end(),)):
+        follower = RingFollower.starting_at(ring, live=False)
+        assert len(list(follower.advance(100))) <= ring.slot_count
+        for stop in filter(None, (follower.end(),)):
             assert isinstance(stop.utc_ns, int)
         assert len(ring.since(0)) + ring.damaged_count <= ring.slot_count
 
@@ -240,11 +242,11 @@ def test_any_state_file_is_believed_whole_or_latched_as_unreadable(tmp_path):
     huge = NOTES.replace(b"1700000000000000000", b"1" + b"0" * 30)
     for data in (huge, *NASTY, *shaken(NOTES, FILE_COUNT)):
         (tmp_path / NAME).write_bytes(data)
-        notebook = StateFile(tmp_path)
-        latched = notebook.notes.latched
+        state_file = StateFile(tmp_path)
+        latched = state_file.persistent.latched
         assert (latched_stop.verdict_of(latched) is None) == (latched is None)
-        notebook.write(notebook.notes)
-        notebook.close()
+        state_file.write(state_file.persistent)
+        state_file.close()
 
 
 @pytest.mark.parametrize(

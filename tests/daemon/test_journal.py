@@ -28,7 +28,7 @@ def test_what_is_encoded_is_read_back_whatever_the_text_is(fields):
 def test_a_line_has_its_text_priority_identifier_and_fields(journald):
     journal = Journal("gaitd-core", journald.path)
 
-    journal.tell("right/hip is silent", 3, {"GAITD_CAUSE": "drive_silent"})
+    journal.write("right/hip is silent", 3, {"GAITD_CAUSE": "drive_silent"})
 
     assert journald.entries() == [
         {
@@ -44,17 +44,17 @@ def test_a_journal_that_takes_nothing_costs_a_line_and_never_waits(journald):
     journal = Journal("gaitd-core", journald.path)
     sent = 0
     while journal.dropped_count == 0:
-        journal.tell("x" * 1000, 6, {})
+        journal.write("x" * 1000, 6, {})
         sent += 1
 
-    journal.tell("another", 6, {})
+    journal.write("another", 6, {})
     kept = journald.entries()
-    journal.tell("room again", 6, {})
+    journal.write("room again", 6, {})
 
     assert len(kept) == sent - 1
     assert journal.dropped_count == 2
     assert journald.entries()[0]["GAITD_DROPPED"] == "2"
-    journal.tell("and on", 6, {})
+    journal.write("and on", 6, {})
     assert "GAITD_DROPPED" not in journald.entries()[0]
 
 
@@ -62,11 +62,11 @@ def test_a_journal_that_is_started_anew_gets_the_next_line(tmp_path):
     path = tmp_path / "socket"
     with Journald(path) as first:
         journal = Journal("gaitd-core", path)
-        journal.tell("one", 6, {})
+        journal.write("one", 6, {})
         assert len(first.entries()) == 1
-    journal.tell("nobody is there", 6, {})
+    journal.write("nobody is there", 6, {})
     with Journald(path) as second:
-        journal.tell("two", 6, {})
+        journal.write("two", 6, {})
 
         assert [entry["MESSAGE"] for entry in second.entries()] == ["two"]
     assert journal.dropped_count == 1
@@ -75,7 +75,7 @@ def test_a_journal_that_is_started_anew_gets_the_next_line(tmp_path):
 def test_a_text_that_is_too_long_for_a_datagram_is_cut(journald):
     journal = Journal("gaitd-core", journald.path)
 
-    journal.tell("x" * 10_000_000, 3, {})
+    journal.write("x" * 10_000_000, 3, {})
 
     assert len(journald.entries()[0]["MESSAGE"]) == LENGTH_MAX
 
@@ -83,7 +83,7 @@ def test_a_text_that_is_too_long_for_a_datagram_is_cut(journald):
 def test_without_a_journal_nothing_is_sent_and_nothing_is_counted():
     journal = Journal("gaitd-core", None)
 
-    journal.tell("text", 6, {})
+    journal.write("text", 6, {})
 
     assert not journal.is_open
     assert journal.dropped_count == 0

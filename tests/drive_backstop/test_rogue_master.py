@@ -9,7 +9,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rogue import CSP, FAULT, FAULT_REACTION, NODES, OPERATION_ENABLED, QUICK_STOP_ACTIVE, Rogue
+from rogue_master import (
+    CSP,
+    FAULT,
+    FAULT_REACTION,
+    NODES,
+    OPERATION_ENABLED,
+    QUICK_STOP_ACTIVE,
+    Rogue,
+)
 from sessions import CONFIGS, changed_configs, elmo_drives, generic_drives, new_session
 
 FULL = 3000

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from rogue import NODES, Rogue
+from rogue_master import NODES, Rogue
 from sessions import changed_configs, elmo_drives, elsewhere, generic_drives, new_session
 
 from daemon.config.bundle import Settings
@@ -180,5 +180,5 @@ def test_a_drive_that_notices_sooner_may_have_more_torque(epos4_meanings, generi
 def test_drives_that_keep_no_speed_limit_are_refused_with_the_shipped_torque(tmp_path):
     settings = load(elmo_drives(tmp_path) / "demo.toml")
 
-    with pytest.raises(ConfigError, match="keeps no speed limit of its own"):
+    with pytest.raises(ConfigError, match="enforces no speed limit"):
         refuse_runaways(settings, runaway_meanings(settings))

@@ -194,7 +194,7 @@ def test_without_any_acknowledgement_it_is_said_that_nobody_else_is_on_the_bus(f
 
     error = silent(bench)
 
-    assert error.failure is BootFailure.NOBODY_THERE
+    assert error.failure is BootFailure.NO_NODE
     assert "no other node is on the bus" in str(error)
 
 

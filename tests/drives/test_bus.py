@@ -10,7 +10,7 @@ from drives.canopen.bus_state import BusCondition, BusMonitor
 from drives.errors import BusError
 
 RPDO = Frame(0x205, bytes(7))
-PATIENCE_NS = 30_000 * MS
+TIMEOUT_NS = 30_000 * MS
 QUICK_STOP = Frame(0x205, b"\x02\x00\x0a\x00\x00\x00\x00")
 
 
@@ -190,7 +190,7 @@ def test_a_virtual_bus_carries_frames_both_ways():
     theirs = CanBus.open("virtual", "test-both-ways", 1_000_000)
 
     ours.send([Frame(0x080, b"")])
-    got = theirs.receive_until(clock.now_ns() + PATIENCE_NS, clock)
+    got = theirs.receive_until(clock.now_ns() + TIMEOUT_NS, clock)
     theirs.send([Frame(0x185, b"1234567")])
 
     assert [frame[:2] for frame in got] == [(0x080, b"")]
@@ -297,7 +297,7 @@ def test_frames_lost_in_the_controller_are_counted():
 
 def test_every_change_of_the_controller_is_told_once_and_says_what_to_do():
     monitor = BusMonitor()
-    monitor.hear()
+    monitor.frame_received()
     for frame in (error(0x004, 0x08), error(0x004, 0x08), error(0x004, 0x20), error(0x040)):
         monitor.feed(frame)
 
@@ -327,7 +327,7 @@ def test_a_bus_off_that_is_over_before_anybody_looked_is_remembered_until_a_brin
 
     assert monitor.condition is BusCondition.ACTIVE
     assert monitor.has_been_off
-    monitor.forgive()
+    monitor.reset_history()
     assert not monitor.has_been_off
 
 
@@ -339,13 +339,13 @@ def test_a_missing_acknowledgement_is_over_when_anybody_is_heard():
     assert monitor.alone
     assert monitor.no_ack_count == 2
     assert len(monitor.take_notices()) == 1
-    monitor.hear()
+    monitor.frame_received()
     assert not monitor.alone
 
 
 def test_a_transmitter_that_is_passive_before_anything_was_heard_is_alone():
     lonely, troubled = BusMonitor(), BusMonitor()
-    troubled.hear()
+    troubled.frame_received()
 
     for monitor in (lonely, troubled):
         monitor.feed(error(0x004, 0x20))

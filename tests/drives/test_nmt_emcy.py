@@ -36,11 +36,11 @@ def test_our_heartbeat_says_operational():
 def test_a_watch_that_is_not_armed_starts_with_the_first_heartbeat():
     watch = HeartbeatWatch()
 
-    assert not watch.heard
+    assert not watch.is_monitoring
     assert watch.age_ns(10**12) == 0
 
     watch.feed(b"\x7f", 10**12)
-    assert watch.heard
+    assert watch.is_monitoring
     assert watch.age_ns(10**12 + 30 * MS) == 30 * MS
 
 

@@ -8,12 +8,12 @@ import pytest
 
 from daemon.ipc.record import Cause, Mode
 from gaitd_lab.fault_matrix import page, pairs
-from gaitd_lab.fault_matrix.cell import Cell, Found
+from gaitd_lab.fault_matrix.cell import Cell, CellResult
 from gaitd_lab.fault_matrix.emergencies import EMERGENCIES
+from gaitd_lab.fault_matrix.evaluation import broken
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS
 from gaitd_lab.fault_matrix.expected import ROWS
 from gaitd_lab.fault_matrix.faults import FAULTS
-from gaitd_lab.fault_matrix.judgement import broken
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
 from gaitd_lab.fault_matrix.run import cells, parts, play_part, run
 from gaitd_lab.fault_matrix.watch import AXES
@@ -234,7 +234,7 @@ def test_the_same_on_both_axes_is_one_entry_and_another_thing_is_two():
 
 # --- the laws can be broken -----------------------------------------------------------------------
 
-WELL = Found(
+WELL = CellResult(
     fault="silent",
     mode="gait_impedance",
     axis="right/hip",

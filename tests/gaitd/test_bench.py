@@ -157,7 +157,7 @@ def test_a_payload_tells_when_it_was_put_and_is_as_long_as_asked():
 def _delivered(records, beyond_ns, zenoh_ns):
     """A message of each record, that long after the frames were sent."""
     return [
-        whole_service.Came(
+        whole_service.ReceivedMessage(
             record.sync_mono_ns + record.timing.collect_ns + after.timing.work_ns + beyond_ns,
             json.dumps({"cycle": record.cycle}).encode(),
             zenoh_ns,

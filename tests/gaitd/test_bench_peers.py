@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from gaitd_lab.benchmark import bus_times, peer_table, peers, tables
-from gaitd_lab.benchmark.bus_times import Heard, Reaction
+from gaitd_lab.benchmark.bus_times import Reaction, TimedFrame
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ENABLED = b"\x37\x12"
@@ -15,11 +15,11 @@ STOPPING = b"\x17\x12"
 
 def cycle(start_us: float, *, last_tpdo_us: float = 300.0, commands_us: float = 900.0):
     return [
-        Heard(start_us, 0x080, b""),
-        Heard(start_us + 200, 0x185, ENABLED),
-        Heard(start_us + last_tpdo_us, 0x186, ENABLED),
-        Heard(start_us + commands_us - 50, 0x305, b"\0\0"),
-        Heard(start_us + commands_us, 0x306, b"\0\0"),
+        TimedFrame(start_us, 0x080, b""),
+        TimedFrame(start_us + 200, 0x185, ENABLED),
+        TimedFrame(start_us + last_tpdo_us, 0x186, ENABLED),
+        TimedFrame(start_us + commands_us - 50, 0x305, b"\0\0"),
+        TimedFrame(start_us + commands_us, 0x306, b"\0\0"),
     ]
 
 
@@ -54,15 +54,15 @@ def test_a_bus_without_sync_is_no_result():
 
 def test_the_reaction_is_of_the_other_drive_and_only_after_an_error():
     frames = [
-        Heard(0.0, 0x206, b"\x02\x00"),  # before: not counted
-        Heard(10.0, 0x085, b"\0\0\0"),  # no error
-        Heard(20.0, 0x206, b"\x0f\x00"),
-        Heard(100.0, 0x085, b"\x10\x23\x01"),
-        Heard(150.0, 0x205, b"\x02\x00"),  # its own
-        Heard(180.0, 0x206, b"\x0f\x00"),
-        Heard(400.0, 0x206, b"\x02\x00"),
-        Heard(900.0, 0x186, ENABLED),
-        Heard(1900.0, 0x186, STOPPING),
+        TimedFrame(0.0, 0x206, b"\x02\x00"),  # before: not counted
+        TimedFrame(10.0, 0x085, b"\0\0\0"),  # no error
+        TimedFrame(20.0, 0x206, b"\x0f\x00"),
+        TimedFrame(100.0, 0x085, b"\x10\x23\x01"),
+        TimedFrame(150.0, 0x205, b"\x02\x00"),  # its own
+        TimedFrame(180.0, 0x206, b"\x0f\x00"),
+        TimedFrame(400.0, 0x206, b"\x02\x00"),
+        TimedFrame(900.0, 0x186, ENABLED),
+        TimedFrame(1900.0, 0x186, STOPPING),
     ]
 
     assert bus_times.reaction(frames, 0) == Reaction(300.0, 1800.0)
@@ -75,14 +75,14 @@ def test_the_reaction_is_of_the_other_drive_and_only_after_an_error():
     [(0x02, True), (0x00, True), (0x0F, False), (0x06, False), (0x80, False), (0x1F, False)],
 )
 def test_a_quick_stop_is_read_from_its_bits(word, stops):
-    assert bus_times.asks_to_stop(bytes((word, 0))) is stops
+    assert bus_times.requests_stop(bytes((word, 0))) is stops
 
 
 def test_held_means_both_enabled_now():
     frames = cycle(0.0)
 
     assert bus_times.held(frames)
-    assert not bus_times.held([*frames, Heard(1.0, 0x186, STOPPING)])
+    assert not bus_times.held([*frames, TimedFrame(1.0, 0x186, STOPPING)])
     assert not bus_times.held([one for one in frames if one.can_id != 0x186])
 
 

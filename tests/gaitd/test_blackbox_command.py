@@ -40,7 +40,7 @@ def state(tmp_path):
     kept = Kept(
         "hand_switch_open", "right/hip", "let go", 201, at_ns, 1, 300, True, ("sto_active",)
     )
-    ClipStore(tmp_path / FOLDER).keep(header, kept, cut_out(records()))
+    ClipStore(tmp_path / FOLDER).write(header, kept, cut_out(records()))
     with (tmp_path / NAME).open("wb") as file:
         for name in ("enable", "stop"):
             said = {"utc": "2026-01-01T00:00:00.000000Z", "kind": "answered", "name": name}

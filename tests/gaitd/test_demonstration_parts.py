@@ -12,8 +12,8 @@ import pytest
 
 from gaitd.command_line import configs_folder
 from gaitd_lab.demonstration import stage
+from gaitd_lab.demonstration.evaluation import Row, Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import HEARD, TRUE, Track, TruthTail
-from gaitd_lab.demonstration.judgement import Row, Span, judge, pairs
 from gaitd_lab.demonstration.picture import Results, draw
 from gaitd_lab.demonstration.script import Kind
 from gaitd_lab.demonstration.stage import Stage, StageTime, Tempo
@@ -26,7 +26,7 @@ CYCLE_NS = 10_000_000
 
 def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
     """An estimate that is the truth but for a constant, and null at some rows."""
-    heard, true = Track(HEARD), Track(TRUE)
+    traffic, true = Track(HEARD), Track(TRUE)
     for row in range(count):
         time_ns = 1_000_000_000 + row * CYCLE_NS
         hip, slide = 8 * math.sin(row / 40), 40 * math.cos(row / 40)
@@ -37,13 +37,13 @@ def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
         }
         if row in rest:
             values |= {"hip_patient_nm": math.nan, "slide_patient_n": math.nan}
-        heard.add(time_ns, tuple(values[name] for name in HEARD))
-    return heard, true
+        traffic.add(time_ns, tuple(values[name] for name in HEARD))
+    return traffic, true
 
 
 def rows(kind, **changes) -> tuple[Row, ...]:
     span = Span("a span", kind, 0, 10**12)
-    return judge([span], pairs(*tracks(**changes)))
+    return evaluate([span], pairs(*tracks(**changes)))
 
 
 def test_an_estimate_within_its_bounds_passes():
@@ -67,30 +67,30 @@ def test_an_estimate_that_is_hardly_ever_valid_fails_however_good_it_is():
 
 
 def test_nothing_to_judge_is_a_failure():
-    judged = judge([Span("before", Kind.ACTIVE, 0, 1)], pairs(*tracks()))
+    judged = evaluate([Span("before", Kind.ACTIVE, 0, 1)], pairs(*tracks()))
 
     assert not any(row.passed for row in judged)
     assert not Results(pairs(*tracks()), [], [], [], "").passed
 
 
 def test_an_artificial_disturbance_is_what_the_estimate_should_show():
-    heard, true = Track(HEARD), Track(TRUE)
+    traffic, true = Track(HEARD), Track(TRUE)
     true.add(0, (0.0, 0.0, 0.0, 0.0))
     values = dict.fromkeys(HEARD, 0.0) | {"hip_patient_nm": 4.0, "artificial_hip_nm": 4.0}
-    heard.add(0, tuple(values[name] for name in HEARD))
+    traffic.add(0, tuple(values[name] for name in HEARD))
 
-    hip, slide = pairs(heard, true)
+    hip, slide = pairs(traffic, true)
 
     assert hip.wanted.tolist() == [4.0]
     assert slide.wanted.tolist() == [0.0]
 
 
 def test_an_estimate_without_a_truth_of_its_cycle_is_not_judged():
-    heard, true = Track(HEARD), Track(TRUE)
+    traffic, true = Track(HEARD), Track(TRUE)
     true.add(0, (0.0, 0.0, 0.0, 0.0))
-    heard.add(6_000_000, tuple(0.0 for _ in HEARD))
+    traffic.add(6_000_000, tuple(0.0 for _ in HEARD))
 
-    assert np.isnan(pairs(heard, true)[0].wanted).all()
+    assert np.isnan(pairs(traffic, true)[0].wanted).all()
 
 
 def test_the_truth_is_followed_by_whole_lines(tmp_path):
@@ -200,7 +200,7 @@ def test_the_picture_is_drawn_also_of_a_demonstration_that_failed(tmp_path):
     spans = [Span("gait", Kind.ACTIVE, 1_000_000_000, 4_000_000_000)]
     both = pairs(*tracks(rest=range(50, 90)))
 
-    draw(Results(both, spans, judge(spans, both), [], "stopped"), tmp_path / "a.png")
+    draw(Results(both, spans, evaluate(spans, both), [], "stopped"), tmp_path / "a.png")
     draw(Results(pairs(Track(HEARD), Track(TRUE)), [], [], [], "early"), tmp_path / "b.png")
 
     for name in ("a.png", "b.png"):

@@ -11,7 +11,7 @@ from daemon import wire
 from daemon.system.clock import MonotonicClock
 from gaitd.remote import Target
 from gaitd_lab.demonstration.curves import Chart, Curve
-from gaitd_lab.demonstration.feed import HEARD, TRUE, Audience, Track
+from gaitd_lab.demonstration.feed import HEARD, TRUE, Receiver, Track
 from gaitd_lab.demonstration.report import line
 from gaitd_lab.demonstration.script import Kind, Scene
 from gaitd_lab.demonstration.view import Moment, picture
@@ -20,19 +20,19 @@ NOW_NS = 20_000_000_000
 
 
 def tracks(*, silent: bool = False) -> tuple[Track, Track]:
-    heard, true = Track(HEARD), Track(TRUE)
+    traffic, true = Track(HEARD), Track(TRUE)
     for row in range(1600):
         time_ns = NOW_NS - (1600 - row) * 10_000_000
         hip = 8 * math.sin(row / 64)
         true.add(time_ns, (hip, 5 * hip, 6.0, 65.0))
         values = dict.fromkeys(HEARD, 1.0) | {"hip_patient_nm": math.nan if silent else hip}
-        heard.add(time_ns, tuple(values[name] for name in HEARD))
-    return heard, true
+        traffic.add(time_ns, tuple(values[name] for name in HEARD))
+    return traffic, true
 
 
-def moment(heard: Track, true: Track, audience: Audience | None = None) -> Moment:
+def moment(traffic: Track, true: Track, audience: Receiver | None = None) -> Moment:
     scene = Scene("gait, the patient takes part", Kind.ACTIVE, 20.0)
-    return Moment(NOW_NS, 20.0, scene, 5.0, 0.8, audience, heard, true)
+    return Moment(NOW_NS, 20.0, scene, 5.0, 0.8, audience, traffic, true)
 
 
 def health() -> wire.Health:
@@ -100,7 +100,7 @@ def test_before_anything_is_heard_the_view_says_so():
 
 
 def test_the_service_s_own_state_is_shown():
-    audience = Audience(Target((), "trainer"), "right", Track(HEARD), MonotonicClock())
+    audience = Receiver(Target((), "trainer"), "right", Track(HEARD), MonotonicClock())
     audience.health = health()
 
     screen = "\n".join(drawn(moment(*tracks(), audience)))

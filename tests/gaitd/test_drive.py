@@ -36,14 +36,14 @@ from drives.service.dump import (
     write_dcf,
 )
 from drives.service.eds import load_eds
-from drives.service.object_words import ObjectWords
+from drives.service.object_texts import ObjectWords
 from drives.service.parameters import (
     SDO_TIMEOUT_NS,
-    Keeping,
-    KeepingRefusedError,
+    Command,
+    ParameterRefusedError,
     check_bus,
     check_drive,
-    keep,
+    execute,
     reset_node,
 )
 from gaitd_lab.lockstep import WorldBus, WorldClock
@@ -204,7 +204,7 @@ def test_an_object_that_cannot_be_read_differs_with_the_abort_s_text():
 def test_one_request_is_outstanding_at_a_time_and_the_bus_is_left_to_others_in_between():
     desk = Desk()
     times_ns, outstanding = [], []
-    take, send = desk.port._take, desk.bus.send
+    take, send = desk.port._receive, desk.bus.send
 
     def sending(frames):
         outstanding.extend(frames)
@@ -216,7 +216,7 @@ def test_one_request_is_outstanding_at_a_time_and_the_bus_is_left_to_others_in_b
         outstanding.clear()
         take(frame)
 
-    desk.bus.send, desk.port._take = sending, taking
+    desk.bus.send, desk.port._receive = sending, taking
     finished(read_objects(5, readable(eds_of(desk.plan)), desk.port))
 
     gaps_ns = [after - before for before, after in itertools.pairwise(times_ns)]
@@ -386,10 +386,10 @@ def test_a_fresh_drive_holds_its_eds_s_defaults_but_for_the_motor():
 
 
 def witness_of(*frames):
-    witness = BusSniffer()
+    sniffer = BusSniffer()
     for frame in frames:
-        witness.take(frame, 0)
-    return witness
+        sniffer.received(frame, 0)
+    return sniffer
 
 
 @pytest.mark.parametrize(
@@ -402,7 +402,7 @@ def witness_of(*frames):
     ],
 )
 def test_whoever_works_on_the_bus_is_a_reason_to_refuse(frame, said):
-    with pytest.raises(KeepingRefusedError, match=said):
+    with pytest.raises(ParameterRefusedError, match=said):
         check_bus(witness_of(frame), 1)
 
 
@@ -410,7 +410,7 @@ def test_drives_that_only_beat_are_no_reason_to_refuse():
     check_bus(witness_of(Frame(0x705, b"\x7f"), Frame(0x086, bytes(8))), 1)
 
 
-@pytest.mark.parametrize("keeping", Keeping)
+@pytest.mark.parametrize("keeping", Command)
 @pytest.mark.parametrize(
     ("statusword", "state"),
     [
@@ -425,7 +425,7 @@ def test_a_drive_with_power_or_in_no_known_state_is_refused(keeping, statusword,
     desk = Desk()
     desk.node.values[0x6041, 0] = statusword
 
-    with pytest.raises(KeepingRefusedError, match=state):
+    with pytest.raises(ParameterRefusedError, match=state):
         check_drive(desk.plan, keeping, desk.port)
     assert desk.node.written == []
 
@@ -435,15 +435,15 @@ def test_a_drive_without_power_may_be_asked(statusword):
     desk = Desk()
     desk.node.values[0x6041, 0] = statusword
 
-    check_drive(desk.plan, Keeping.STORE, desk.port)
+    check_drive(desk.plan, Command.STORE, desk.port)
 
 
-@pytest.mark.parametrize("keeping", Keeping)
+@pytest.mark.parametrize("keeping", Command)
 def test_a_drive_that_does_not_do_it_on_command_is_refused(keeping):
     desk = Desk()
     desk.node.values[keeping.index, 1] = 2
 
-    with pytest.raises(KeepingRefusedError, match="on command"):
+    with pytest.raises(ParameterRefusedError, match="on command"):
         check_drive(desk.plan, keeping, desk.port)
 
 
@@ -452,16 +452,16 @@ def test_another_drive_than_the_file_describes_is_not_asked():
     desk.node.values[0x1018, 2] = 0x65520000
 
     with pytest.raises(BringUpRefused) as caught:
-        check_drive(desk.plan, Keeping.STORE, desk.port)
+        check_drive(desk.plan, Command.STORE, desk.port)
     assert caught.value.place == "1018h:02"
 
 
-@pytest.mark.parametrize("keeping", Keeping)
+@pytest.mark.parametrize("keeping", Command)
 def test_the_signature_is_written_once_and_a_refusal_carries_the_abort_s_text(keeping):
     desk = Desk(abort_write={(keeping.index, 1): 0x0800_0022})
 
-    with pytest.raises(KeepingRefusedError, match=r"08000022h, .*present device state"):
-        keep(desk.plan, keeping, desk.port)
+    with pytest.raises(ParameterRefusedError, match=r"08000022h, .*present device state"):
+        execute(desk.plan, keeping, desk.port)
 
     writes = [frame.data for frame in desk.bus.sent if frame.data[0] == 0x23]
     assert writes == [struct.pack("<BHB", 0x23, keeping.index, 1) + keeping.signature]
@@ -472,10 +472,10 @@ def test_a_drive_that_takes_seconds_is_waited_for_and_one_that_never_answers_is_
     desk.bus.put(Frame(0x585, bytes.fromhex("6010100100000000")), 3_000 * MS)
     patient = Configurator(desk.bus, desk.clock, SDO_TIMEOUT_NS)
 
-    keep(desk.plan, Keeping.STORE, patient)
+    execute(desk.plan, Command.STORE, patient)
 
     with pytest.raises(DriveSilent, match="it is unknown"):
-        keep(desk.plan, Keeping.STORE, patient)
+        execute(desk.plan, Command.STORE, patient)
 
 
 @pytest.fixture
@@ -491,14 +491,14 @@ def test_what_is_stored_outlives_a_reset_and_what_is_restored_comes_with_one(wor
     hip = plan_for()
     bench.write(0x6065, 0, 1234, 4)
 
-    check_drive(hip, Keeping.STORE, port)
-    keep(hip, Keeping.STORE, port)
+    check_drive(hip, Command.STORE, port)
+    execute(hip, Command.STORE, port)
     finished(reset_node(hip, port))
     assert bench.read(0x6065) == 1234
 
     bench.run_ms(500)
-    check_drive(hip, Keeping.RESTORE, port)
-    keep(hip, Keeping.RESTORE, port)
+    check_drive(hip, Command.RESTORE, port)
+    execute(hip, Command.RESTORE, port)
     assert bench.read(0x6065) == 1234
     finished(reset_node(hip, port))
     assert bench.read(0x6065) == 2000
@@ -547,13 +547,13 @@ def test_a_drive_that_does_not_come_back_after_a_reset_is_told():
     ],
 )
 def test_a_value_is_put_into_words_where_somebody_says_what_it_means(index, sub, value, said):
-    assert said in ObjectWords(plan_for()).of(index, sub, value)
-    assert bool(said) == bool(ObjectWords(plan_for()).of(index, sub, value))
+    assert said in ObjectWords(plan_for()).text_of(index, sub, value)
+    assert bool(said) == bool(ObjectWords(plan_for()).text_of(index, sub, value))
 
 
 def test_a_value_that_bring_up_would_change_is_told_with_what_it_wants():
     words = ObjectWords(plan_for())
 
-    assert words.of(0x6080, 0, 50_000).startswith("bring-up expects ")
-    assert words.of(0x6080, 0, 50_000).endswith("speed limit in rpm")
-    assert words.of(0x6007, 0, 3) == "without its master the drive makes a quick stop"
+    assert words.text_of(0x6080, 0, 50_000).startswith("bring-up expects ")
+    assert words.text_of(0x6080, 0, 50_000).endswith("speed limit in rpm")
+    assert words.text_of(0x6007, 0, 3) == "without its master the drive makes a quick stop"

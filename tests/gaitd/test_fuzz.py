@@ -26,17 +26,17 @@ from daemon.ipc.record import (
     Setpoint,
     StopCategory,
 )
-from gaitd_lab.fuzz.asker import Asker
 from gaitd_lab.fuzz.assisted import AssistBounds, AssistWatch
-from gaitd_lab.fuzz.chances import Chances, Kind
 from gaitd_lab.fuzz.controller import RandomController, Wrong
-from gaitd_lab.fuzz.invariants import NS_PER_S, PATIENCE_S, Watch
-from gaitd_lab.fuzz.report import page, rerun, summary, told
+from gaitd_lab.fuzz.event_generator import EventGenerator, Kind
+from gaitd_lab.fuzz.invariants import NS_PER_S, TIMEOUT_S, Watch
+from gaitd_lab.fuzz.report import description, page, rerun, summary
+from gaitd_lab.fuzz.restartable_gateway import RestartableGateway
 from gaitd_lab.fuzz.series import Played, session, sessions
 from gaitd_lab.fuzz.stops import StopWatch
 from gaitd_lab.fuzz.tally import Broken, Tally
 from gaitd_lab.fuzz.variants import variant_of
-from gaitd_lab.fuzz.watched import AxisRules, WatchedDrive
+from gaitd_lab.fuzz.watched_drive import AxisRules, WatchedDrive
 from sim_drives.cia402.power_state import PowerState
 from sim_drives.settings import FaultKind
 
@@ -58,7 +58,7 @@ play = cache(partial(session, CONFIGS))
 def test_random_commands_and_faults_break_no_invariant(seed, session_s):
     played = play(seed, session_s)
 
-    assert not played.tally.broken, told(played.tally.broken[0])
+    assert not played.tally.broken, description(played.tally.broken[0])
     assert played.tally.simulated_s >= session_s
     assert played.tally.cycle_count > 0.8 * session_s * 100
 
@@ -140,10 +140,10 @@ class Bench:
         truth = SimpleNamespace(
             effort=tuple(self.effort), position=tuple(self.position), patient=tuple(self.patient)
         )
-        self.watch.see(self.now_ns, {"right": truth})  # type: ignore[dict-item]
+        self.watch.check_truth(self.now_ns, {"right": truth})  # type: ignore[dict-item]
 
     def enabled(self) -> "Bench":
-        self.watch.asks(1, RequestKind.ENABLE, ModeRequest())
+        self.watch.request_sent(1, RequestKind.ENABLE, ModeRequest())
         self.both(0x000F)
         self.see(PowerState.OPERATION_ENABLED)
         assert self.broken() == []
@@ -159,7 +159,7 @@ class Bench:
         assist=(0.0, 0.0),
     ) -> None:
         self.seq += gap
-        self.watch.hear(
+        self.watch.receive(
             SimpleNamespace(  # type: ignore[arg-type]
                 seq=self.seq,
                 cycle=self.seq,
@@ -174,7 +174,9 @@ class Bench:
         """The gateway forwards a setpoint for the newest cycle."""
         good = Setpoint(lease=1, seq=self.seq, for_cycle=self.seq, hip_assist_nm=5.0, leg="right")
         setpoint = msgspec.structs.replace(good, **changed)
-        self.watch.tells(GatewayState("boot", self.seq, self.seq, 0, Request(), (setpoint,), lease))
+        self.watch.gateway_state_sent(
+            GatewayState("boot", self.seq, self.seq, 0, Request(), (setpoint,), lease)
+        )
 
     def assisted(self, count: int, mode=Mode.GAIT, **changed: float) -> None:
         """Cycles with assist in force, and a setpoint before each."""
@@ -200,7 +202,7 @@ def test_enabling_again_after_a_stop_needs_reset_and_enable(bench):
     bench.enabled()
     bench.now_ns += NS_PER_S  # just after ENABLE a stop may be the end of the time before
     bench.both(0x000B)
-    bench.watch.asks(2, RequestKind.ENABLE, ModeRequest())
+    bench.watch.request_sent(2, RequestKind.ENABLE, ModeRequest())
     bench.tell(5, 0x000F)
 
     assert bench.broken() == ["enables unasked"]
@@ -208,15 +210,15 @@ def test_enabling_again_after_a_stop_needs_reset_and_enable(bench):
 
 def test_reset_and_enable_make_it_well(bench):
     bench.enabled().both(0x000B)
-    bench.watch.asks(2, RequestKind.RESET, ModeRequest())
-    bench.watch.asks(3, RequestKind.ENABLE, ModeRequest())
+    bench.watch.request_sent(2, RequestKind.RESET, ModeRequest())
+    bench.watch.request_sent(3, RequestKind.ENABLE, ModeRequest())
     bench.both(0x000F)
 
     assert bench.broken() == []
 
 
 def test_enabling_after_the_core_was_killed_is_found(bench):
-    bench.enabled().watch.core_gone()
+    bench.enabled().watch.core_ended()
     bench.both(0x000F)
 
     assert set(bench.broken()) == {"enables unasked"}
@@ -228,15 +230,15 @@ def test_what_a_core_leaves_behind_needs_a_reset_in_the_next_one(bench, left):
         bench.enabled()
     else:
         bench.record(Mode.FAULT, StopCategory.S1, cause=Cause.SPASM)
-    bench.watch.core_gone()
-    bench.watch.asks(2, RequestKind.ENABLE, ModeRequest())
+    bench.watch.core_ended()
+    bench.watch.request_sent(2, RequestKind.ENABLE, ModeRequest())
     bench.tell(5, 0x000F)
     assert bench.broken() == ["enables unasked"]
 
 
 def test_a_new_core_that_forgets_what_was_latched_is_found(bench):
     bench.record(Mode.FAULT, StopCategory.S1, cause=Cause.SPASM)
-    bench.watch.core_gone()
+    bench.watch.core_ended()
     bench.record(Mode.OFF)
     assert bench.broken() == []
     bench.record(Mode.READY)
@@ -251,13 +253,13 @@ def test_what_was_paid_for_needs_no_reset_after_a_restart(bench, paid):
         bench.record(Mode.STOPPING, StopCategory.S1, cause=Cause.SHUTDOWN)
         bench.record(Mode.FAULT, StopCategory.S1, cause=Cause.SHUTDOWN)
     elif paid == "disabled":
-        bench.watch.asks(2, RequestKind.DISABLE, ModeRequest())
+        bench.watch.request_sent(2, RequestKind.DISABLE, ModeRequest())
         bench.record(Mode.READY)
-    bench.watch.core_gone()
+    bench.watch.core_ended()
     if paid == "reset":
-        bench.watch.asks(3, RequestKind.RESET, ModeRequest())
+        bench.watch.request_sent(3, RequestKind.RESET, ModeRequest())
     bench.record(Mode.READY)
-    bench.watch.asks(4, RequestKind.ENABLE, ModeRequest())
+    bench.watch.request_sent(4, RequestKind.ENABLE, ModeRequest())
     bench.both(0x000F)
     assert bench.broken() == []
 
@@ -353,7 +355,7 @@ def test_one_axis_stopped_while_the_other_goes_on_is_found_whichever_is_told_fir
 
 def test_a_preparation_that_is_refused_is_no_leave_to_stop_apart(bench):
     bench.enabled()
-    bench.watch.asks(2, RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis="right/hip"))
+    bench.watch.request_sent(2, RequestKind.MODE, ModeRequest(Mode.REFERENCE, axis="right/hip"))
     bench.record(Mode.HOLD, answer=SimpleNamespace(id=2, outcome=Outcome.REFUSED))
     bench.tell(5, 0x000B)
     bench.tell(6, 0x000F)
@@ -364,7 +366,7 @@ def test_a_preparation_that_is_refused_is_no_leave_to_stop_apart(bench):
 @pytest.mark.parametrize(("cycles", "found"), [(3, []), (4, ["stop not done"])])
 def test_a_stop_that_is_not_done_is_found(bench, cycles, found):
     bench.enabled().record(Mode.GAIT)
-    bench.watch.asks_to_stop()
+    bench.watch.requests_stop()
     for _ in range(cycles):
         bench.record(Mode.GAIT)
     bench.record(Mode.STOPPING, StopCategory.S2, cause=Cause.STOP_REQUESTED)
@@ -384,7 +386,7 @@ def test_a_drive_that_never_obeys_its_last_word_is_found_once(bench, after_s, fo
 def test_a_reset_that_is_refused_pays_no_debt(bench):
     bench.enabled().both(0x000B)
     bench.record(Mode.FAULT, StopCategory.S1, cause=Cause.DRIVE_FAULT)
-    bench.watch.asks(2, RequestKind.RESET, ModeRequest())
+    bench.watch.request_sent(2, RequestKind.RESET, ModeRequest())
     bench.record(
         Mode.FAULT,
         StopCategory.S1,
@@ -392,7 +394,7 @@ def test_a_reset_that_is_refused_pays_no_debt(bench):
         cause=Cause.DRIVE_FAULT,
     )
     bench.record(Mode.READY)
-    bench.watch.asks(3, RequestKind.ENABLE, ModeRequest())
+    bench.watch.request_sent(3, RequestKind.ENABLE, ModeRequest())
     bench.both(0x000F)
     assert bench.broken() == ["verdict milder", "enables unasked", "enables unasked"]
 
@@ -447,7 +449,7 @@ def test_a_joint_that_is_held_where_it_was_pushed_is_well_until_it_goes_farther(
 def test_a_first_torque_far_from_what_holds_the_leg_is_found(bench, torque, found):
     bench.position[0] = 0.4  # 20 N·m, 1000 counts
     bench.see()
-    bench.watch.asks(1, RequestKind.ENABLE, ModeRequest())
+    bench.watch.request_sent(1, RequestKind.ENABLE, ModeRequest())
     bench.tell(5, 0x000F, torque=torque)
 
     assert bench.broken() == found
@@ -456,7 +458,7 @@ def test_a_first_torque_far_from_what_holds_the_leg_is_found(bench, torque, foun
 def test_the_first_torque_behind_a_position_mode_is_not_one_of_a_drive_that_begins(bench):
     bench.position[0] = 0.4
     bench.see()
-    bench.watch.asks(1, RequestKind.ENABLE, ModeRequest())
+    bench.watch.request_sent(1, RequestKind.ENABLE, ModeRequest())
     bench.tell(5, 0x000F, mode=8)
     bench.tell(5, 0x000F, mode=10)
 
@@ -467,15 +469,15 @@ def test_a_first_torque_by_an_encoder_that_lies_is_no_violation(bench):
     bench.position[0] = 0.4
     bench.see()
     bench.watch.injects(FaultKind.ENCODER_GLITCH, "right/hip", bench.now_ns)
-    bench.watch.asks(1, RequestKind.ENABLE, ModeRequest())
+    bench.watch.request_sent(1, RequestKind.ENABLE, ModeRequest())
     bench.tell(5, 0x000F)
 
     assert bench.broken() == []
 
 
 def test_a_stop_and_a_request_in_the_same_cycle_allow_nothing(bench):
-    bench.watch.asks(1, RequestKind.ENABLE, ModeRequest())
-    bench.watch.asks_to_stop()
+    bench.watch.request_sent(1, RequestKind.ENABLE, ModeRequest())
+    bench.watch.requests_stop()
     bench.tell(5, 0x000F)
 
     assert bench.broken() == ["enables unasked"]
@@ -483,15 +485,15 @@ def test_a_stop_and_a_request_in_the_same_cycle_allow_nothing(bench):
 
 def test_a_gateway_that_outlives_a_core_repeats_itself_until_it_hears_the_next_one():
     told: list[GatewayState] = []
-    asker = Asker(told.append)
+    asker = RestartableGateway(told.append)
     asker.expect("first")
     asker.publish(any_record(1))
-    asker.ask(RequestKind.ENABLE)
+    asker.request(RequestKind.ENABLE)
     asker.expect("second")
 
-    (before,) = asker.levels()
+    (before,) = asker.receive()
     asker.publish(any_record(1))
-    (after,) = asker.levels()
+    (after,) = asker.receive()
 
     assert (before.core_boot_id, before.request.kind) == ("first", RequestKind.ENABLE)
     assert (after.core_boot_id, after.request.kind) == ("second", RequestKind.NONE)
@@ -527,15 +529,15 @@ def test_a_missing_record_is_found(bench):
 
 
 def test_a_request_that_is_answered_twice_is_found(bench):
-    bench.watch.asks(1, RequestKind.RESET, ModeRequest())
+    bench.watch.request_sent(1, RequestKind.RESET, ModeRequest())
     bench.record(Mode.READY, answer=RequestResult(1, Outcome.DONE))
     bench.record(Mode.READY, answer=RequestResult(1, Outcome.REFUSED))
     assert bench.broken() == ["answers"]
 
 
 def test_a_request_that_is_never_answered_is_found(bench):
-    bench.watch.asks(1, RequestKind.RESET, ModeRequest())
-    for _ in range(round(PATIENCE_S) + 1):
+    bench.watch.request_sent(1, RequestKind.RESET, ModeRequest())
+    for _ in range(round(TIMEOUT_S) + 1):
         bench.watch.waits(1.0, 1)
     assert bench.broken() == ["answers"]
 
@@ -549,13 +551,13 @@ def test_a_violation_is_told_with_its_last_seconds_and_the_command_to_see_it_aga
 
     assert rerun(broken) == "gaitd fuzz --seed 41 --minutes 1.5"
     for text in ("seed 41", "enables unasked", "one", "two", rerun(broken)):
-        assert text in told(broken)
+        assert text in description(broken)
     assert "Violations: **1**" in page(Tally(broken=[broken]), "gaitd fuzz")
     assert "violations: 1" in summary(Tally(broken=[broken]))
 
 
 def test_every_kind_of_event_has_been_drawn_within_an_hour_of_dice():
-    chances = Chances(random.Random(1), ("right/hip",), ("passive",), ("paper",), 0.5)
+    chances = EventGenerator(random.Random(1), ("right/hip",), ("passive",), ("paper",), 0.5)
     drawn = [chances.next(Mode.GAIT) for _ in range(3000)]
 
     assert {action.kind for action in drawn} == set(Kind)

@@ -9,7 +9,7 @@ from command_line import gaitd
 
 from daemon.core.modes.table import TRANSITIONS
 from daemon.ipc.record import Cause, Mode
-from gaitd_lab.mode_page import ASKS, WELL, diagram, page
+from gaitd_lab.mode_page import REQUESTS, WELL, diagram, page
 
 PROJECT = Path(__file__).parents[2]
 LIMITS = tomllib.loads((PROJECT / "configs/limits.toml").read_text())
@@ -60,7 +60,7 @@ def test_every_cause_stands_there_with_its_category(cause):
 def test_every_request_is_answered_in_every_mode():
     lines = [line for line in PAGE.splitlines() if line.startswith("| ")]
 
-    for name in (*ASKS, "stop"):
+    for name in (*REQUESTS, "stop"):
         row = next(line for line in lines if line.startswith(f"| {name} | ") and "yes" in line)
         assert len(row.split("|")) == 2 + 1 + len(Mode)
     assert WELL.mode == Mode.READY

@@ -11,7 +11,7 @@ from memory_bus import MS, ManualClock, MemoryBus, scripted
 
 from drives.canopen.bus import Frame
 from drives.errors import BusError
-from drives.service.inventory import FindingKind, take_stock
+from drives.service.inventory import FindingKind, inventory_of
 from drives.service.scan import PAUSE_FRAMES, survey
 from drives.service.stations import Expected, ProfileFile, fitting_profile
 from drives.service.vendors import VENDORS, vendor_name
@@ -46,7 +46,7 @@ class Desk:
         return self
 
     def scan(self, expected=EXPECTED, bitrate=MBIT):
-        return take_stock(run(self.bus, self.clock, bitrate), expected)
+        return inventory_of(run(self.bus, self.clock, bitrate), expected)
 
 
 def both(**behaviour):
@@ -81,7 +81,7 @@ def test_names_that_need_segments_are_read_and_the_profile_that_fits_is_named():
     bench.boot()
     bus = WorldBus(bench.world)
 
-    found = take_stock(run(bus, WorldClock(bus)), EXPECTED)
+    found = inventory_of(run(bus, WorldClock(bus)), EXPECTED)
 
     hip = found.stations[0]
     assert (hip.device_name, hip.hardware_version) == ("Virtual EPOS4", "6150h")

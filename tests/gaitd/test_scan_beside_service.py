@@ -11,11 +11,11 @@ from daemon.ipc.record import BusRecord, Mode, ModeRequest, RequestKind
 from drives.bringup.configurator import Configurator
 from drives.bringup.plan import plan
 from drives.canopen.bus import Frame
-from drives.canopen.sniffer import BusSniffer, WitnessedBus
+from drives.canopen.sniffer import BusSniffer, SniffedBus
 from drives.service.dump import read_objects, readable
 from drives.service.eds import load_eds
-from drives.service.inventory import FindingKind, take_stock
-from drives.service.parameters import Keeping, KeepingRefusedError, check_bus, check_drive
+from drives.service.inventory import FindingKind, inventory_of
+from drives.service.parameters import Command, ParameterRefusedError, check_bus, check_drive
 from drives.service.scan import survey
 from drives.service.stations import Expected
 from gaitd_lab.lockstep import WorldClock
@@ -60,8 +60,8 @@ class SecondStation:
         return self.send(frames)
 
     def drain(self):
-        heard, self.heard = self.heard, []
-        return heard
+        traffic, self.heard = self.heard, []
+        return traffic
 
     def receive_until(self, deadline_ns, clock):
         while not self.heard and self.clock.now_ns() < deadline_ns:
@@ -131,7 +131,7 @@ def assert_unchanged(looked_at, alone):
 def test_a_scan_of_a_walking_machine_finds_it_and_changes_no_record(warm_walking, alone):
     station = SecondStation(warm_walking)
 
-    found = take_stock(finished(survey(station, station.clock, MBIT)), expected(warm_walking))
+    found = inventory_of(finished(survey(station, station.clock, MBIT)), expected(warm_walking))
 
     assert [s.power_state for s in found.stations] == ["operation enabled"] * 2
     assert [s.nmt_state for s in found.stations] == ["operational"] * 2
@@ -153,16 +153,16 @@ def test_a_dump_of_a_walking_drive_changes_no_record(warm_walking, alone):
 def test_nothing_is_stored_or_restored_beside_a_service_or_in_a_drive_that_has_power():
     session = new_session().enable()
     station = SecondStation(session)
-    witness = BusSniffer()
-    with closing(WitnessedBus(station, station.clock, witness)) as bus:
+    sniffer = BusSniffer()
+    with closing(SniffedBus(station, station.clock, sniffer)) as bus:
         bus.receive_until(station.clock.now_ns() + 1, station.clock)
         session.run(0.1)
         bus.drain()
     steps = plan(session.settings.drives[0], HIP_LIMITS, CYCLE)
 
-    with pytest.raises(KeepingRefusedError, match="the bus is in use"):
-        check_bus(witness, 1)
-    for keeping in Keeping:
-        with pytest.raises(KeepingRefusedError, match="operation enabled"):
+    with pytest.raises(ParameterRefusedError, match="the bus is in use"):
+        check_bus(sniffer, 1)
+    for keeping in Command:
+        with pytest.raises(ParameterRefusedError, match="operation enabled"):
             check_drive(steps, keeping, Configurator(station, station.clock))
     assert all(frame.data[0] == 0x40 for frame in station.sent)

@@ -16,7 +16,7 @@ from drives.bringup.configurator import Configurator
 from drives.canopen.bus import CanBus
 from drives.service.dump import read_objects, readable
 from drives.service.eds import load_eds
-from drives.service.inventory import FindingKind, take_stock
+from drives.service.inventory import FindingKind, inventory_of
 from drives.service.scan import survey
 from drives.service.stations import Expected
 
@@ -79,7 +79,7 @@ def scan(channel, expected):
     bus = CanBus.open("virtual", channel, MBIT)
     found = finished(survey(bus, MonotonicClock(), MBIT))
     bus.close()
-    return take_stock(found, expected)
+    return inventory_of(found, expected)
 
 
 def finished(steps):
@@ -124,7 +124,7 @@ def test_a_reset_by_another_master_and_the_boot_up_after_it_are_heard(channel):
         steps = survey(bus, MonotonicClock(), MBIT)
         next(steps)
         master.send(can.Message(arbitration_id=0, data=b"\x82\x2a", is_extended_id=False))
-        found = take_stock(finished(steps), Expected())
+        found = inventory_of(finished(steps), Expected())
     bus.close()
 
     assert [f.kind for f in found.findings] == [FindingKind.FOREIGN_MASTER, FindingKind.BOOTED]

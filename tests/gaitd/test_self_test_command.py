@@ -72,7 +72,7 @@ def run(monkeypatch):
 
     def against(*modes):
         service = Service(*modes)
-        monkeypatch.setattr(preparation, "ask", service.ask)
+        monkeypatch.setattr(preparation, "query", service.ask)
         monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
         return CliRunner().invoke(build("self-test"), ["self-test"]), service
 

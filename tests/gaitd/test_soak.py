@@ -6,9 +6,9 @@ from records import record as any_record
 
 from daemon.ipc.record import Cause, CycleRecord, Mode, StopCategory, Verdict
 from gaitd_lab.soak import memory
-from gaitd_lab.soak.happenings import SOURCES, Actor, Chances, Happening
+from gaitd_lab.soak.fault_generator import SOURCES, ActiveFault, Actor, FaultGenerator
 from gaitd_lab.soak.operator import Operator, Situation
-from gaitd_lab.soak.witness import Judged, Witness
+from gaitd_lab.soak.record_monitor import Classification, RecordMonitor
 from sim_drives.faults.script import parse_command
 
 DRIVES = ("right/hip", "right/slide")
@@ -16,12 +16,12 @@ EMERGENCY = Verdict(StopCategory.S1, Cause.EMERGENCY, "right/hip")
 SILENT = Verdict(StopCategory.S1, Cause.DRIVE_SILENT, "right/hip")
 
 
-def drawn(seed: int, count: int = 300, *, deaths: bool = True) -> list[Happening]:
-    chances = Chances(seed, DRIVES)
+def drawn(seed: int, count: int = 300, *, deaths: bool = True) -> list[ActiveFault]:
+    chances = FaultGenerator(seed, DRIVES)
     return [chances.next(deaths=deaths) for _ in range(count)]
 
 
-def named(name: str) -> Happening:
+def named(name: str) -> ActiveFault:
     return next(one for one in drawn(0, 5000) if one.name == name)
 
 
@@ -35,16 +35,16 @@ def walking(*verdicts: Verdict, **changes: object) -> list[CycleRecord]:
     return calm + last
 
 
-def the_stop(records: list[CycleRecord], happening: Happening | None):
-    witness = Witness()
-    witness.hear(records, 1.0, happening)
-    (stop,) = witness.tally.stops
+def the_stop(records: list[CycleRecord], happening: ActiveFault | None):
+    sniffer = RecordMonitor()
+    sniffer.process(records, 1.0, happening)
+    (stop,) = sniffer.tally.stops
     return stop
 
 
 def test_a_seed_draws_the_same_troubles_again_however_often_the_leg_walked_between_them():
-    chances = Chances(7, DRIVES)
-    found: list[Happening] = []
+    chances = FaultGenerator(7, DRIVES)
+    found: list[ActiveFault] = []
     for number in range(100):
         for _ in range(number % 3):
             chances.walk()
@@ -59,22 +59,22 @@ def test_every_trouble_of_the_table_is_drawn_and_the_virtual_drives_know_its_wor
 
     assert {one.name for one in found} == set(SOURCES)
     for one in found:
-        if one.doer is Actor.DRIVE:
+        if one.actor is Actor.DRIVE:
             for line in one.words.splitlines():
                 assert parse_command(line).drive == one.drive
 
 
 def test_no_process_is_killed_once_memory_is_told():
-    assert not [one for one in drawn(1, 2000, deaths=False) if one.doer is Actor.KILL]
+    assert not [one for one in drawn(1, 2000, deaths=False) if one.actor is Actor.KILL]
 
 
 def test_a_stop_is_expected_if_the_matrix_names_its_cause_for_what_went_wrong():
-    assert the_stop(walking(EMERGENCY), named("emcy_2xxx_fault")).judged is Judged.EXPECTED
+    assert the_stop(walking(EMERGENCY), named("emcy_2xxx_fault")).judged is Classification.EXPECTED
 
 
 @pytest.mark.parametrize("happening", [None, named("hand_switch"), named("patient_active")])
 def test_a_stop_that_nothing_explains_is_unexpected(happening):
-    assert the_stop(walking(EMERGENCY), happening).judged is Judged.UNEXPECTED
+    assert the_stop(walking(EMERGENCY), happening).judged is Classification.UNEXPECTED
 
 
 def test_one_unexpected_cause_that_follows_makes_the_stop_unexpected():
@@ -83,7 +83,7 @@ def test_one_unexpected_cause_that_follows_makes_the_stop_unexpected():
     stop = the_stop(walking(EMERGENCY, overrun), named("emcy_2xxx_fault"))
 
     assert stop.causes == [Cause.EMERGENCY, Cause.CYCLE_OVERRUN]
-    assert stop.judged is Judged.UNEXPECTED
+    assert stop.judged is Classification.UNEXPECTED
 
 
 def test_nothing_that_the_computer_did_excuses_a_stop():
@@ -91,8 +91,8 @@ def test_nothing_that_the_computer_did_excuses_a_stop():
     records = walking(SILENT, timing=late)
     missing = tuple(replace(drive, fresh=False) for drive in records[-1].drives)
 
-    assert the_stop(records, None).judged is Judged.UNEXPECTED
-    assert the_stop(walking(SILENT, drives=missing), None).judged is Judged.UNEXPECTED
+    assert the_stop(records, None).judged is Classification.UNEXPECTED
+    assert the_stop(walking(SILENT, drives=missing), None).judged is Classification.UNEXPECTED
 
 
 def test_of_an_unexpected_stop_by_the_observer_it_is_kept_what_it_said():
@@ -103,30 +103,30 @@ def test_of_an_unexpected_stop_by_the_observer_it_is_kept_what_it_said():
 
 
 def test_what_is_lost_is_counted_apart_in_calm_and_in_trouble():
-    witness = Witness()
+    sniffer = RecordMonitor()
     records = walking()
     lost = [
         replace(one, drives=(replace(one.drives[0], fresh=False), one.drives[1]))
         for one in records[:3]
     ]
 
-    witness.hear(lost, 0.0, None)
-    witness.hear(lost[:1], 0.0, named("silent"))
+    sniffer.process(lost, 0.0, None)
+    sniffer.process(lost[:1], 0.0, named("silent"))
 
-    tally = witness.tally.missed["right/hip"]
+    tally = sniffer.tally.missed["right/hip"]
     assert (tally.calm_count, tally.trouble_count) == (3, 1)
-    assert witness.tally.missed["right/slide"].calm_count == 0
+    assert sniffer.tally.missed["right/slide"].calm_count == 0
 
 
 def test_a_core_that_says_nothing_does_not_walk():
-    witness = Witness()
-    witness.hear(walking(), 1.0, None)
-    assert witness.walks
+    sniffer = RecordMonitor()
+    sniffer.process(walking(), 1.0, None)
+    assert sniffer.walks
 
-    witness.hear([], 2.0, None)
+    sniffer.process([], 2.0, None)
 
-    assert not witness.walks
-    assert witness.newest is None
+    assert not sniffer.walks
+    assert sniffer.newest is None
 
 
 def test_the_operator_resets_once_more_where_an_axis_is_not_referenced():

@@ -11,7 +11,7 @@ from observer.drift import (
     asks_for_calibration,
     correlation,
     friction_error,
-    noted,
+    updated,
 )
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Validity
@@ -53,7 +53,7 @@ def drifts(estimates, laws=LAWS):
         for k in range(50, len(estimates.state)):
             if estimates.validity[k, axis] == Validity.OK:
                 speed, patient = estimates.state[k, 2 + axis], estimates.state[k, 6 + axis]
-                drift = noted(drift, law, float(speed), float(patient), 0.01)
+                drift = updated(drift, law, float(speed), float(patient), 0.01)
         found.append(drift)
     return found
 
@@ -105,7 +105,7 @@ def test_a_patient_who_pushes_with_the_motion_looks_like_friction_that_is_too_lo
 def test_rest_and_slow_motion_count_for_nothing():
     drift = Drift()
     for speed in (0.0, HIP.edge, -CERTAIN_EDGES * HIP.edge):
-        drift = noted(drift, HIP, speed, 5.0, 0.01)
+        drift = updated(drift, HIP, speed, 5.0, 0.01)
 
     assert drift == Drift()
     assert math.isnan(correlation(drift))
@@ -116,7 +116,7 @@ def test_rest_and_slow_motion_count_for_nothing():
 def test_motion_in_one_direction_only_tells_nothing():
     drift = Drift()
     for _ in range(1000):
-        drift = noted(drift, HIP, 0.5, -3.0, 0.01)
+        drift = updated(drift, HIP, 0.5, -3.0, 0.01)
 
     assert math.isnan(correlation(drift))
 
@@ -127,7 +127,7 @@ def test_old_motion_is_forgotten():
     def moved(drift, error, seconds):
         for k in range(int(seconds * 100)):
             speed = math.copysign(0.5, math.sin(2 * math.pi * k / 200))
-            drift = noted(drift, HIP, speed, -math.copysign(error, speed), 0.01)
+            drift = updated(drift, HIP, speed, -math.copysign(error, speed), 0.01)
         return drift
 
     drift = moved(Drift(), 1.0, 20.0)

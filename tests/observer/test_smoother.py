@@ -20,16 +20,16 @@ from observer.offline import batch
 from observer.offline.batch import Columns
 from observer.offline.smooth_batch import run_smoothed
 from observer.smoother import (
+    CYCLE_DATA_COUNT,
     LAG,
-    NOTE_COUNT,
     RING_SIZE,
     SMOOTH_COVARIANCE,
     SMOOTH_NET,
     SMOOTH_SIZE,
     SMOOTH_STD,
     WORK_SIZE,
-    remember,
     smoothed,
+    store,
 )
 from tests.observer.trainer import (
     HIP,
@@ -95,8 +95,8 @@ class Linear:
 
     def _remember(self):
         self.filtered.append((self.mean.copy(), self._covariance(self.root)))
-        notes = np.zeros(NOTE_COUNT)
-        remember(self.ring, self.memory, self.points, notes, self.work)
+        notes = np.zeros(CYCLE_DATA_COUNT)
+        store(self.ring, self.memory, self.points, notes, self.work)
 
     def at(self, lag):
         out = np.zeros(SMOOTH_SIZE)
@@ -267,7 +267,7 @@ def test_live_and_offline_give_the_same_bits():
     found = []
     for position, effort, dt_s in zip(recorded.position, recorded.effort, steps_s, strict=True):
         estimate = observer.step(position, effort, dt_s)
-        found.append(smoother.take(estimate, effort, dt_s))
+        found.append(smoother.add(estimate, effort, dt_s))
 
     assert found[:LAG] == [None] * LAG
     live = np.array(found[LAG:])

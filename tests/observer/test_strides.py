@@ -10,12 +10,12 @@ from observer.filter.leg_observer import setup_of
 from observer.filter.status import Status, Validity
 from observer.offline.batch import BatchEstimates, Columns
 from observer.offline.smooth_batch import run_smoothed
-from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_NOTES, SMOOTH_SIZE
+from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_CYCLE_DATA, SMOOTH_SIZE
 from observer.strides import (
     DURATION_MIN_S,
     SWING_RAD,
     StrideCounter,
-    notes_of,
+    cycle_data_of,
     strides_of,
 )
 from tests.observer.trainer import (
@@ -41,7 +41,7 @@ def sample(hip_rad, speed, patient, *, effort=(0.0, 0.0), std=0.0, known=(0, 0),
     row[6:8] = patient
     for state in (6, 7):
         row[SMOOTH_COVARIANCE + state * (state + 1) // 2 + state] = std**2
-    row[SMOOTH_NOTES:] = notes_of(DT, effort, status, known)
+    row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, effort, status, known)
     return row
 
 
@@ -56,7 +56,7 @@ def swing(cadence_hz, seconds, patient=lambda phase: (0.0, 0.0), begin_rad=0.2, 
 
 def counted(samples, baseline=None):
     counter = StrideCounter(baseline)
-    return [done for row in samples if (done := counter.take(row))]
+    return [done for row in samples if (done := counter.add(row))]
 
 
 # --- how many ----------------------------------------------------------------------------------
@@ -156,7 +156,7 @@ def test_the_share_is_that_of_who_works_with_the_motion():
 
     def both(row):
         effort = (2.0 * math.copysign(1, row[2]), 0.0)
-        row[SMOOTH_NOTES:] = notes_of(DT, effort, 1, (0, 0))
+        row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, effort, 1, (0, 0))
         return row
 
     walk = swing(0.25, 16.4, lambda turn: (6.0 * math.copysign(1, math.cos(turn)), 0.0))
@@ -174,7 +174,7 @@ def test_where_next_to_nothing_is_done_nobody_has_a_share():
 def test_what_was_not_known_is_missing_and_said():
     def blind(k, row):
         if 300 <= k % 400 < 400:
-            row[SMOOTH_NOTES:] = notes_of(DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0))
+            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0))
         return row
 
     walk = swing(0.25, 20.4, lambda turn: (8.0 * math.cos(turn), 0.0))
@@ -190,7 +190,7 @@ def test_a_gap_lowers_the_coverage_of_its_stride_alone():
 
     def lost(k, row):
         if 1000 <= k < 1050:
-            row[SMOOTH_NOTES:] = notes_of(DT, (0, 0), Status.PREDICT_ONLY, bad)
+            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), Status.PREDICT_ONLY, bad)
         return row
 
     found = counted(lost(k, row) for k, row in enumerate(swing(0.25, 24.4)))
@@ -206,7 +206,7 @@ def with_a_step(walk, begin, count):
     bad = (Validity.BAD, Validity.BAD)
     for k, row in enumerate(walk):
         if k == begin + count:
-            row[SMOOTH_NOTES:] = notes_of((count + 1) * DT, (0, 0), 1, bad)
+            row[SMOOTH_CYCLE_DATA:] = cycle_data_of((count + 1) * DT, (0, 0), 1, bad)
         if not begin <= k < begin + count:
             yield row
 
@@ -239,7 +239,7 @@ def test_a_gap_changes_the_work_but_not_the_share():
     def half_blind(k, row):
         known = (Validity.SPLIT_UNOBSERVABLE, 0) if k % 200 < 100 else (0, 0)
         effort = (2.0 * math.copysign(1, row[2]), 0.0)
-        row[SMOOTH_NOTES:] = notes_of(DT, effort, 1, known)
+        row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, effort, 1, known)
         return row
 
     walk = swing(0.25, 16.4, lambda turn: (6.0 * math.copysign(1, math.cos(turn)), 0.0))
@@ -254,7 +254,7 @@ def test_a_long_loss_gives_the_stride_up():
 
     def lost(k, row):
         if 1000 <= k < 1150:
-            row[SMOOTH_NOTES:] = notes_of(DT, (0, 0), Status.PREDICT_ONLY, bad)
+            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), Status.PREDICT_ONLY, bad)
         return row
 
     found = counted(lost(k, row) for k, row in enumerate(swing(0.25, 24.4)))
@@ -275,8 +275,8 @@ def test_two_counters_share_nothing():
     found = []
     walk = swing(0.25, 16.4, lambda turn: (8.0 * math.cos(turn), 0.0))
     for mine, yours in zip(walk, swing(0.4, 16.4), strict=True):
-        other.take(yours)
-        if done := one.take(mine):
+        other.add(yours)
+        if done := one.add(mine):
             found.append(done)
 
     assert found == alone
@@ -292,7 +292,7 @@ def passive(turn):
 def as_recording(samples):
     """Samples as a smoothed recording and its columns."""
     rows = np.array(list(samples))
-    notes = rows[:, SMOOTH_NOTES:]
+    notes = rows[:, SMOOTH_CYCLE_DATA:]
     zeros = np.zeros((len(rows), 2))
     smooth = BatchEstimates(
         state=rows[:, :8],
@@ -325,7 +325,7 @@ def test_a_passive_baseline_is_taken_away_by_gait_phase():
 def test_parts_of_the_stride_that_are_never_known_are_bridged():
     def blind(k, row):
         if abs(row[2]) < 0.05:
-            row[SMOOTH_NOTES:] = notes_of(DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0))
+            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0))
         return row
 
     walk = enumerate(swing(0.25, 40.4, passive))

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 import msgspec
 import pytest
+from bus_recorder import Wiretap
 from candump import candump_line
 from sessions import new_session
-from wiretap import Wiretap
 
 from daemon.ipc.record import CycleRecord
 from drives.canopen.bus import Frame
@@ -103,7 +103,7 @@ def compiled_for_any_processor(folder: Path) -> None:
         "PYTHONPATH": str(SUPPORT),
     }
     subprocess.run(
-        [sys.executable, str(SUPPORT / "inside.py"), "warm"], env=environment, check=True
+        [sys.executable, str(SUPPORT / "rig_service.py"), "warm"], env=environment, check=True
     )
     shutil.copytree(CACHE, folder / "numba")
 

@@ -34,7 +34,7 @@ ADMITTED = " --admit-simulated"
 TARGET = Target(("tcp/127.0.0.1:7447",), "trainer")
 CORE, GATEWAY, SIM = "gaitd-core", "gaitd-gateway", "gaitd-sim"
 POLL_S = 0.05
-PATIENCE_S = 90
+TIMEOUT_S = 90
 TRIES = 6
 STEP_TRIES = 2
 GAIT = {"mode": "gait", "cadence_hz": 0.3, "amplitude_ratio": 0.6, "duration_s": 600.0}
@@ -74,7 +74,7 @@ def journal(unit: str) -> str:
     return run("journalctl", "--no-pager", "--output=cat", f"--unit={unit}")
 
 
-def wait(reached: Callable[[], Found], what: str, within_s: float = PATIENCE_S) -> Found:
+def wait(reached: Callable[[], Found], what: str, within_s: float = TIMEOUT_S) -> Found:
     """What it was, once there is anything of it."""
     end_s = time.monotonic() + within_s
     while time.monotonic() < end_s:
@@ -107,7 +107,7 @@ def boot_id() -> str:
 
 
 def ask(name: str, **payload: object) -> dict[str, object]:
-    answer = remote.ask(TARGET, name, {"client": "tester", **payload} if payload else {})
+    answer = remote.query(TARGET, name, {"client": "tester", **payload} if payload else {})
     return json.loads(answer.text) if answer.text else {"outcome": "unanswered"}
 
 
@@ -249,7 +249,7 @@ def reload() -> Seen:
     bring(Mode.READY)
     before = pid(CORE), pid(GATEWAY)
     run("systemctl", "reload", CORE, GATEWAY)
-    said = ("asked to reload: the core", "reloaded: ")
+    said = ("reload requested: the core", "reloaded: ")
     wait(lambda: all(one in journal(GATEWAY) for one in said), "a word of it from each half")
     return {"same_processes": (pid(CORE), pid(GATEWAY)) == before}
 

@@ -8,8 +8,8 @@ import pytest
 from processes import Service, gaitd
 
 from daemon.ipc.record import Cause, Mode
-from daemon.ipc.ring_clip import FOLDER, kept_files
-from daemon.ipc.transport import ASIDE_NAME, RING_NAME
+from daemon.ipc.ring_clip import FOLDER, clip_files
+from daemon.ipc.transport import PREVIOUS_RING_NAME, RING_NAME
 
 
 @pytest.fixture
@@ -23,7 +23,7 @@ def state(service: Service) -> Path:
 
 def kept(service: Service, boot_id: str, *causes: str):
     """The newest file of this core that was kept for one of these, or also for one."""
-    files = [file for file in kept_files(state(service) / FOLDER) if file.kept]
+    files = [file for file in clip_files(state(service) / FOLDER) if file.kept]
     files = [file for file in files if file.core_boot_id == boot_id]
     found = [file for file in files if {file.kept.cause, *file.kept.also} & set(causes)]
     return found[-1] if found else None
@@ -100,14 +100,14 @@ def test_when_both_are_killed_and_the_core_is_back_first_its_ring_is_still_kept(
     last = walking.newest().seq
     walking.start("core")
     walking.wait(lambda: walking.boot_id() not in {boot_id, ""}, 90)
-    assert (walking.folder / "run" / ASIDE_NAME).exists()
+    assert (walking.folder / "run" / PREVIOUS_RING_NAME).exists()
 
     walking.start("gateway")
     walking.wait(lambda: kept(walking, boot_id, "core_ended"), 60)
 
     file = kept(walking, boot_id, "core_ended")
     assert file.kept.last_seq == last
-    walking.wait(lambda: not (walking.folder / "run" / ASIDE_NAME).exists(), 60)
+    walking.wait(lambda: not (walking.folder / "run" / PREVIOUS_RING_NAME).exists(), 60)
 
 
 def test_an_orderly_end_is_kept_before_the_gateway_is_gone(walking):

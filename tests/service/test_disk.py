@@ -12,9 +12,9 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from long_service import PATIENCE_S, LongService
+from fault_observations import Watch
+from long_service import TIMEOUT_S, LongService
 from processes import Service
-from witnesses import Watch
 
 from daemon.ipc.record import Cause, Mode
 from gaitd_lab.processes import GAITD, memory_folder
@@ -190,7 +190,7 @@ def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
     command = [sys.executable, *GAITD, "core", "--config", str(service.config)]
     with FULL.open("w") as full, subprocess.Popen(command, stderr=full) as core:
         try:
-            service.until(lambda record: record.seq > 1, PATIENCE_S)
+            service.until(lambda record: record.seq > 1, TIMEOUT_S)
         finally:
             core.terminate()
 
@@ -221,13 +221,13 @@ def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly
             for place in places:
                 fill(place)
             first = service.newest().seq
-            service.until(lambda record: record.seq > first + WALKED_CYCLES, PATIENCE_S)
+            service.until(lambda record: record.seq > first + WALKED_CYCLES, TIMEOUT_S)
             records = seen.records_since()
             free = [shutil.disk_usage(place).free for place in places]
             answer = service.request("stop")
-            stopped = service.until(lambda record: record.mode == Mode.FAULT, PATIENCE_S)
+            stopped = service.until(lambda record: record.mode == Mode.FAULT, TIMEOUT_S)
         service.parts["core"].terminate()
-        code = service.parts["core"].wait(PATIENCE_S)
+        code = service.parts["core"].wait(TIMEOUT_S)
         lived = service.runs("gateway")
     finally:
         service.end()

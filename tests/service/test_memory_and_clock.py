@@ -8,8 +8,8 @@ import itertools
 import resource
 
 import pytest
-from long_service import ALTERED_CORE, PATIENCE_S
-from witnesses import CONTROLWORDS, Watch
+from fault_observations import CONTROLWORDS, Watch
+from long_service import ALTERED_CORE, TIMEOUT_S
 
 from daemon.ipc.record import Cause, Mode, Verdict
 from drives.signals import PowerState
@@ -39,7 +39,7 @@ def with_altered_core(service):
     if not service.runs("sim"):
         service.start_drives()
     service.start("core", program=ALTERED_CORE)
-    service.wait(lambda: service.boot_id() not in {killed, ""}, PATIENCE_S)
+    service.wait(lambda: service.boot_id() not in {killed, ""}, TIMEOUT_S)
     return service
 
 
@@ -157,9 +157,9 @@ def test_a_core_whose_python_runs_out_of_memory_stops_the_drives_and_ends_with_4
     service = timed.bring(Mode.GAIT)
     with Watch(service) as seen:
         tell(service, "memory")
-        code = service.parts["core"].wait(PATIENCE_S)
-        service.wait(lambda: seen.read_bus() and len(seen.emergencies()) == 2, PATIENCE_S)
-        moved = seen.until_rest(PATIENCE_S)
+        code = service.parts["core"].wait(TIMEOUT_S)
+        service.wait(lambda: seen.read_bus() and len(seen.emergencies()) == 2, TIMEOUT_S)
+        moved = seen.until_rest(TIMEOUT_S)
         words = seen.statuswords()
         status = service.request("status")
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import can
 import pytest
-from babbler import KINDS, controller_error, is_command
 from processes import Service
+from random_frames import KINDS, controller_error, is_command
 
 from daemon.ipc.record import Mode
 from drives.canopen.bus import Frame
@@ -21,7 +21,7 @@ PERIOD_S = 0.01
 BURST_MAX = 9
 """Frames at once; 500 in a second on average."""
 TALK_S = 4.0
-PATIENCE_S = 300.0
+TIMEOUT_S = 300.0
 REFUSED = 3
 ENABLE_BIT = 0x08
 GAIT = ("mode", "gait", "--cadence", "0.25", "--amplitude", "1", "--duration", "600")
@@ -43,7 +43,7 @@ def pytest_generate_tests(metafunc):
     minutes = metafunc.config.option.fuzz_minutes
     seed = 1 if minutes is None else random.SystemRandom().randrange(1_000_000)
     talk_s = TALK_S if minutes is None else minutes * 60
-    limit = pytest.mark.timeout(talk_s + PATIENCE_S)
+    limit = pytest.mark.timeout(talk_s + TIMEOUT_S)
     metafunc.parametrize(("seed", "talk_s"), [pytest.param(seed, talk_s, marks=limit)])
 
 

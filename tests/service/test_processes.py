@@ -5,8 +5,8 @@ import subprocess
 import sys
 
 import pytest
-from long_service import PATIENCE_S
-from witnesses import Watch
+from fault_observations import Watch
+from long_service import TIMEOUT_S
 
 from daemon.ipc.record import Cause, Mode
 from drives.signals import PowerState
@@ -58,9 +58,9 @@ def test_virtual_drives_that_vanish_leave_a_core_that_says_so_and_finds_them_aga
     assert stopped.verdict.cause in {Cause.BUS_DOWN, Cause.DRIVE_SILENT}
 
     walking.start_drives()
-    walking.wait(lambda: walking.request("reset")["outcome"] == "done", PATIENCE_S)
+    walking.wait(lambda: walking.request("reset")["outcome"] == "done", TIMEOUT_S)
 
-    again = walking.until(lambda record: record.mode == Mode.READY, PATIENCE_S)
+    again = walking.until(lambda record: record.mode == Mode.READY, TIMEOUT_S)
     assert again.verdict.cause == Cause.NONE
     fault_table.add(
         "drives and bus gone at once",

@@ -7,9 +7,9 @@ does not matter, whoever it is that speaks again.
 import socket
 
 import pytest
-from long_service import PATIENCE_S, WAITING_GATEWAY
+from fault_observations import Watch
+from long_service import TIMEOUT_S, WAITING_GATEWAY
 from processes import Service
-from witnesses import Watch
 
 from daemon.ipc.record import Cause, Mode
 from daemon.ipc.transport import RING_NAME, RingReader
@@ -49,10 +49,10 @@ def replace_gateway(service, folder):
     before = service.parts["gateway"]
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as supervisor:
         supervisor.bind(str(folder / "notify"))
-        supervisor.settimeout(PATIENCE_S)
+        supervisor.settimeout(TIMEOUT_S)
         notified = {"NOTIFY_SOCKET": str(folder / "notify")}
         after = service.start("gateway", program=WAITING_GATEWAY, environment=notified)
-        service.wait(lambda: service.log("gateway").endswith("gateway waits\n"), PATIENCE_S)
+        service.wait(lambda: service.log("gateway").endswith("gateway waits\n"), TIMEOUT_S)
         with service.held():
             before.kill()
             before.wait()
@@ -60,7 +60,7 @@ def replace_gateway(service, folder):
             after.stdin.write(b"go\n")
             after.stdin.flush()
             assert supervisor.recv(4096) == b"READY=1"
-        service.wait(lambda: service.request("status").get("safety", {}).get("valid"), PATIENCE_S)
+        service.wait(lambda: service.request("status").get("safety", {}).get("valid"), TIMEOUT_S)
 
 
 def test_a_gateway_that_is_back_within_300_ms_is_not_noticed_and_its_commands_count(
@@ -132,7 +132,7 @@ def begin_elsewhere(walking, folder):
     )
     try:
         stranger.start("core")
-        told = stranger.until(lambda record: record.verdict.cause != Cause.NONE, PATIENCE_S)
+        told = stranger.until(lambda record: record.verdict.cause != Cause.NONE, TIMEOUT_S)
         stranger.until(lambda record: record.seq > told.seq + TWO_TRIES_CYCLES)
     finally:
         stranger.end()
@@ -197,7 +197,7 @@ def test_a_ring_that_is_none_is_replaced_by_the_core_and_waited_out_by_the_gatew
     (run / "records.ring").write_bytes(b"rubbish" * 4096)
     service.kill("gateway")
     gateway = service.start("gateway")
-    service.wait(lambda: "records.ring" in service.log("gateway"), PATIENCE_S)
+    service.wait(lambda: "records.ring" in service.log("gateway"), TIMEOUT_S)
 
     (run / "records.ring").unlink()
     service.bring(Mode.READY)
@@ -214,7 +214,7 @@ def test_a_runtime_directory_that_disappears_stops_the_machine_and_kills_nobody(
     run = walking.folder / "run"
     taken = run.rename(run.with_name("taken"))
     try:
-        walking.wait(lambda: ring.since(ring.newest_seq() - 1)[-1].mode == Mode.FAULT, PATIENCE_S)
+        walking.wait(lambda: ring.since(ring.newest_seq() - 1)[-1].mode == Mode.FAULT, TIMEOUT_S)
         status = walking.request("status")
     finally:
         taken.rename(run)

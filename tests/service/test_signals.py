@@ -9,9 +9,9 @@ import itertools
 import signal
 
 import pytest
+from fault_observations import MASTER_HEARTBEAT, SYNC, Watch
 from fault_table import FaultTable
-from long_service import PATIENCE_S
-from witnesses import MASTER_HEARTBEAT, SYNC, Watch
+from long_service import TIMEOUT_S
 
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
 from drives.signals import PowerState
@@ -194,7 +194,7 @@ def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables
     else:
         assert gateway.wait(10) == (0 if number == signal.SIGTERM else -number)
         service.start("gateway")
-    service.wait(lambda: service.newest().gateway_age_cycles < GATEWAY_SILENCE_CYCLES, PATIENCE_S)
+    service.wait(lambda: service.newest().gateway_age_cycles < GATEWAY_SILENCE_CYCLES, TIMEOUT_S)
     cycles_later(service)
     seen.read_bus()
 
@@ -207,7 +207,7 @@ def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables
     newest = service.newest()
     assert newest.mode == Mode.FAULT
     assert {drive.power_state for drive in newest.drives} == {PowerState.OPERATION_ENABLED}
-    assert within(seen.until_rest(PATIENCE_S), mode), seen.moved()
+    assert within(seen.until_rest(TIMEOUT_S), mode), seen.moved()
     assert not seen.emergencies()
     assert not syncs_too_close(records)
     fault_table.add(
@@ -260,8 +260,8 @@ def test_a_core_that_is_killed_leaves_drives_that_stop_and_the_next_core_waits_f
     moved = seen.moved()
     killed = service.boot_id()
     service.start("core")
-    service.wait(lambda: service.boot_id() != killed, PATIENCE_S)
-    again = service.until(lambda one: one.mode in {Mode.READY, Mode.FAULT}, PATIENCE_S)
+    service.wait(lambda: service.boot_id() != killed, TIMEOUT_S)
+    again = service.until(lambda one: one.mode in {Mode.READY, Mode.FAULT}, TIMEOUT_S)
     seen.read_bus()
 
     assert set(seen.emergency_codes().values()) in ({LIFE_GUARD}, {RPDO_TIMEOUT})

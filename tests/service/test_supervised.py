@@ -11,9 +11,9 @@ import threading
 from pathlib import Path
 
 import pytest
-from long_service import PATIENCE_S, LongService
+from long_service import TIMEOUT_S, LongService
 
-from daemon.core.runtime.loop import NOTHING_RELOADED
+from daemon.core.runtime.loop import RELOAD_REFUSED
 from daemon.ipc.record import Cause, Mode
 from drives.signals import PowerState
 from gaitd_lab.processes import memory_folder
@@ -62,7 +62,7 @@ class Supervised(LongService):
         self.start_drives()
         self.start("core", environment={"NOTIFY_SOCKET": str(self.systemd.path)})
         self.start("gateway")
-        self.wait(lambda: "READY=1" in self.systemd.said(), PATIENCE_S)
+        self.wait(lambda: "READY=1" in self.systemd.said(), TIMEOUT_S)
         return self
 
     @property
@@ -71,7 +71,7 @@ class Supervised(LongService):
 
     def beats_more(self, count=BEATS):
         before = self.systemd.beats()
-        self.wait(lambda: self.systemd.beats() >= before + count, PATIENCE_S)
+        self.wait(lambda: self.systemd.beats() >= before + count, TIMEOUT_S)
 
 
 @pytest.fixture(scope="module")
@@ -119,8 +119,8 @@ def test_a_hang_up_ends_neither_process_and_is_answered_by_both(service):
     def texts():
         return [event["text"] for event in service.request("status")["events"]]
 
-    service.wait(lambda: any(NOTHING_RELOADED in text for text in texts()), PATIENCE_S)
-    service.wait(lambda: any(text.startswith("reloaded: ") for text in texts()), PATIENCE_S)
+    service.wait(lambda: any(RELOAD_REFUSED in text for text in texts()), TIMEOUT_S)
+    service.wait(lambda: any(text.startswith("reloaded: ") for text in texts()), TIMEOUT_S)
     assert service.runs("core")
     assert service.runs("gateway")
 
@@ -137,9 +137,9 @@ def test_sigterm_says_stopping_and_at_the_end_what_remains(service):
     service.bring(Mode.READY)
 
     service.kill("core", signal.SIGTERM)
-    assert service.parts["core"].wait(PATIENCE_S) == 0
+    assert service.parts["core"].wait(TIMEOUT_S) == 0
 
-    service.wait(lambda: service.systemd.status().startswith("STATUS=ended"), PATIENCE_S)
+    service.wait(lambda: service.systemd.status().startswith("STATUS=ended"), TIMEOUT_S)
     lines = service.systemd.said()
     assert lines.count("STOPPING=1") == 1
     assert lines[-1].startswith("STATUS=ended: all axes are at rest and without power")

@@ -1,7 +1,7 @@
 """Two legs, four drives, one bus: the shipped example as real processes."""
 
 import pytest
-from long_service import PATIENCE_S, long_lived
+from long_service import TIMEOUT_S, long_lived
 
 from daemon.ipc.record import Mode
 
@@ -37,7 +37,7 @@ def test_both_legs_walk_half_a_stride_apart_and_a_fault_of_one_stops_both(both_l
     assert left[furthest] < (max(left) + min(left)) / 2
 
     service.inject(f"emcy left/slide - {EMERGENCY}")
-    record = service.until(lambda one: one.mode == Mode.FAULT, PATIENCE_S)
+    record = service.until(lambda one: one.mode == Mode.FAULT, TIMEOUT_S)
     service.inject("clear emcy left/slide")
     assert record.verdict.drive == "left/slide"
     assert all(abs(drive.velocity_si or 0.0) < 0.05 for drive in record.drives)

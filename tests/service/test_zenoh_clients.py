@@ -16,9 +16,9 @@ from pathlib import Path
 import pytest
 import zenoh
 from cut_sockets import ESTABLISHED, LISTENING, cut
-from long_service import PATIENCE_S
+from fault_observations import Watch
+from long_service import TIMEOUT_S
 from processes import Service
-from witnesses import Watch
 
 from daemon.ipc.record import Cause, Mode
 from gaitd.remote import client_settings
@@ -109,7 +109,7 @@ def hears(service, session, count=SAMPLES):
     """Until so many samples of the activity have come."""
     came = []
     with session.declare_subscriber("gaitd/trainer/right/activity", came.append):
-        service.wait(lambda: len(came) >= count, PATIENCE_S)
+        service.wait(lambda: len(came) >= count, TIMEOUT_S)
 
 
 def answers(service):
@@ -183,7 +183,7 @@ def come_and_go(service):
         with session_with(service) as session:
             hears(service, session, 1)
             assert list(session.get("gaitd/trainer/control/status"))
-    service.wait(lambda: len(list(folder.iterdir())) <= before, PATIENCE_S)
+    service.wait(lambda: len(list(folder.iterdir())) <= before, TIMEOUT_S)
     return answers(service)
 
 
@@ -259,7 +259,7 @@ def run_out_of_descriptors(service):
             except zenoh.ZError:
                 refused += 1
     resource.prlimit(pid, resource.RLIMIT_NOFILE, limits)
-    service.wait(lambda: answers(service), PATIENCE_S)
+    service.wait(lambda: answers(service), TIMEOUT_S)
     return refused
 
 
@@ -281,7 +281,7 @@ def test_a_client_killed_while_its_request_is_answered_leaves_the_request_and_th
     pid = service.parts["gateway"].pid
     service.wait(lambda: all(not drive.velocity_si for drive in service.newest().drives), 20)
     with plain_client(service, ASKS_AND_WAITS, "enable", "{}") as client:
-        service.until(lambda record: record.mode == Mode.HOLD, PATIENCE_S)
+        service.until(lambda record: record.mode == Mode.HOLD, TIMEOUT_S)
         client.kill()
         client.wait()
     first = service.newest().seq

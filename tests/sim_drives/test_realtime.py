@@ -18,7 +18,7 @@ from sim_drives.time.bus_server import bus_server
 from sim_drives.time.wall_clock import STEADY_NS, Arrivals, RealTime, ServedBus, now_ns, open_bus
 from simtime.page import PageWriter, page_path
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 IDENTITY = bytes.fromhex("4018100100000000")
 ANSWER = bytes.fromhex("43181001fb000000")
 
@@ -63,13 +63,13 @@ def client(served):
         yield bus
 
 
-def ask(bus, can_id, data, answer_id, patience_s=PATIENCE_S):
+def ask(bus, can_id, data, answer_id, timeout_s=TIMEOUT_S):
     bus.send(can.Message(arbitration_id=can_id, data=data, is_extended_id=False))
-    return hear(bus, answer_id, patience_s)
+    return hear(bus, answer_id, timeout_s)
 
 
-def hear(bus, can_id, patience_s=PATIENCE_S):
-    until = time.monotonic() + patience_s
+def hear(bus, can_id, timeout_s=TIMEOUT_S):
+    until = time.monotonic() + timeout_s
     while time.monotonic() < until:
         message = bus.recv(0.1)
         if message is not None and message.arbitration_id == can_id:
@@ -154,7 +154,7 @@ def asking(tmp_path):
         socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender,
     ):
         sender.bind(str(tmp_path / "sender"))
-        sender.settimeout(PATIENCE_S)
+        sender.settimeout(TIMEOUT_S)
 
         def ask(text):
             sender.sendto(text.encode(), str(tmp_path / "control"))

@@ -6,7 +6,7 @@ import pytest
 from records import record
 
 from daemon.core.runtime import in_step
-from daemon.core.runtime.in_step import InStepSeam
+from daemon.core.runtime.in_step import InStepChannel
 from daemon.ipc.record import GatewayState
 from simtime.processes import IN_A_DEBUGGER, STOPPED
 
@@ -31,7 +31,7 @@ class Seam:
     def publish(self, published):
         return True
 
-    def levels(self):
+    def receive(self):
         found, self.found = self.found, []
         return found
 
@@ -41,18 +41,18 @@ def level(cycle):
 
 
 @pytest.mark.parametrize(
-    ("state", "looks", "waited"),
+    ("state", "checks", "waited"),
     [
         (IN_A_DEBUGGER, BREAKPOINT_LOOKS, True),
-        (STOPPED, in_step.STOPPED_LOOKS, False),
+        (STOPPED, in_step.STOPPED_CHECKS, False),
         (HANGS, 5, False),
     ],
 )
 def test_a_silent_gateway_is_waited_for_as_its_process_deserves(
-    tmp_path, monkeypatch, state, looks, waited
+    tmp_path, monkeypatch, state, checks, waited
 ):
-    monkeypatch.setattr(in_step, "LOOK_MS", 1)
-    monkeypatch.setattr(in_step, "PATIENCE_LOOKS", 5)
+    monkeypatch.setattr(in_step, "CHECK_MS", 1)
+    monkeypatch.setattr(in_step, "TIMEOUT_CHECKS", 5)
     seam, looked, said_here = Seam(), [], []
 
     def look(pid):
@@ -63,17 +63,17 @@ def test_a_silent_gateway_is_waited_for_as_its_process_deserves(
 
     monkeypatch.setattr(in_step, "process_state", look)
     (tmp_path / "lock").write_text("4711")
-    held = InStepSeam(
+    held = InStepChannel(
         seam, "boot", tmp_path / "lock", lambda: True, lambda: said_here.append(len(looked))
     )
     seam.found.append(level(1))
-    held.levels()
+    held.receive()
     held.publish(record(10))
 
-    levels = held.levels()
+    levels = held.receive()
 
-    assert looked[:looks] == [4711] * looks
+    assert looked[:checks] == [4711] * checks
     assert [one.for_cycle for one in levels] == ([10] if waited else [])
     assert bool(said_here) == waited
     if not waited:
-        assert len(looked) == looks
+        assert len(looked) == checks

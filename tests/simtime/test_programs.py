@@ -18,7 +18,7 @@ from daemon.ipc.record import Mode
 from daemon.system.clock import PageClock
 from simtime.processes import IN_A_DEBUGGER, process_state
 
-PATIENCE_S = 60
+TIMEOUT_S = 60
 PTRACE_CONT, PTRACE_DETACH, PTRACE_SEIZE, PTRACE_INTERRUPT = 7, 17, 0x4206, 0x4207
 
 
@@ -29,7 +29,7 @@ def service(tmp_path_factory):
     try:
         made.start_drives()
         made.start("core")
-        made.until(lambda record: record.mode == Mode.READY, PATIENCE_S)
+        made.until(lambda record: record.mode == Mode.READY, TIMEOUT_S)
         yield made
     finally:
         made.end()
@@ -40,7 +40,7 @@ def test_a_scan_and_a_logger_of_python_can_work_beside_the_service(service, tmp_
     words = ["-m", "can.logger", "-i", "gaitd", "-c", str(service.folder / "bus"), "-f", str(log)]
     begun = service.newest().seq
     with subprocess.Popen([sys.executable, *words], stdout=subprocess.DEVNULL) as logger:
-        service.wait(lambda: log.exists() and log.stat().st_size > 0, PATIENCE_S)
+        service.wait(lambda: log.exists() and log.stat().st_size > 0, TIMEOUT_S)
         ended = gaitd("scan", "--config", service.config, "--json")
         logger.send_signal(signal.SIGINT)
         logger.wait(10)
@@ -77,7 +77,7 @@ def test_time_waits_for_both_of_two_cores_and_for_one_that_is_left(service, tmp_
     clock = PageClock(service.folder / "bus")
     try:
         core = second.start("core")
-        second.wait(second.newest, PATIENCE_S)
+        second.wait(second.newest, TIMEOUT_S)
         assert service.inject("seats") == "ok: core core"
 
         with in_a_debugger(core.pid):

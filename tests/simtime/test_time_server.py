@@ -232,7 +232,7 @@ def test_seats_compute_at_the_same_time_before_they_answer_for_as_long_as_a_seed
 def test_a_hung_program_is_excused_loudly_and_time_passes_no_faster_than_real(
     served, monkeypatch, capsys
 ):
-    monkeypatch.setattr(time_server, "HUNG_LOOKS", 5)
+    monkeypatch.setattr(time_server, "HUNG_CHECKS", 5)
     hung = served.seat(name="hung")
     core = served.seat()
 

@@ -33,7 +33,7 @@ def test_what_a_seat_says_is_what_the_server_reads(packed, meant):
     [
         (wire.pack_welcome(wire.Welcome(1, 2, True)), wire.Welcome(1, 2, True)),
         (wire.pack_grant(2**62), wire.Grant(2**62)),
-        (wire.pack_told("no", refused=True), wire.Told("no", True)),
+        (wire.pack_reply("no", refused=True), wire.Reply("no", True)),
         (*wire.pack_frames(FRAMES), wire.Frames(FRAMES)),
     ],
 )

@@ -19,7 +19,7 @@ class Controller:
         self.running = True
         """False: it hangs, and the gateway goes on forwarding its last word."""
         self.said: tuple[Setpoint, ...] = ()
-        self.lease = gateway.lend(self)
+        self.lease = gateway.grant_lease(self)
 
     def __call__(self, record: CycleRecord) -> tuple[Setpoint, ...]:
         if self.running:

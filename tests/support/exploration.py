@@ -17,8 +17,8 @@ from itertools import combinations
 from types import SimpleNamespace
 from typing import NamedTuple
 
+from safety_inputs import FEEDBACK, JOINT
 from sessions import CONFIGS
-from situations import FEEDBACK, JOINT
 
 from daemon.core import cycle, inputs
 from daemon.core.exercises.single_axis import HomingRules
@@ -191,7 +191,7 @@ CORE_FIELDS = (
     "reset_settle_cycles",
     "load_settle_cycles",
     "load_checked",
-    "notes",
+    "persistent",
     "single_axis",
     "request",
     "result",
@@ -206,10 +206,10 @@ AXIS_FIELDS = (
     "joint",
     "stop",
     "mode_sent",
-    "seen_off",
+    "shown_unpowered",
     "reached_enabled",
     "unready_cycles",
-    "unasked_cycles",
+    "unexpected_enable_cycles",
 )
 
 
@@ -323,7 +323,7 @@ class Model:
             patient_configured=False,
             signs_must_be_proven=False,
         )
-        core.level_cycle, core.lease = NOW, 7
+        core.gateway_state_cycle, core.lease = NOW, 7
         for axis in core.axes:
             axis.limits = axis.limits._replace(
                 enable_max_cycles=3, static_load_tolerance_si=1e6, tracking_max_si=1e6
@@ -349,7 +349,7 @@ class Model:
         for axis in core.axes:
             for name in AXIS_FIELDS:
                 setattr(axis, name, next(values))
-        core.evidence, core.causes_told, core.events = {}, set(), []
+        core.evidence, core.causes_reported, core.events = {}, set(), []
 
     def read(self, trace: Trace) -> State:
         """The state in which the core is, with all times made short and counted back."""
@@ -362,12 +362,14 @@ class Model:
 
     def _normalise(self) -> None:
         core = self.core
-        verdict, latched = core.verdict, core.notes.latched
+        verdict, latched = core.verdict, core.persistent.latched
         core.verdict = Verdict(verdict.category, verdict.cause, verdict.drive)
         if latched is not None:
-            core.notes = PersistentState(latched=type(latched)(latched.category, latched.cause))
-        elif core.notes != PersistentState():
-            core.notes = PersistentState()
+            core.persistent = PersistentState(
+                latched=type(latched)(latched.category, latched.cause)
+            )
+        elif core.persistent != PersistentState():
+            core.persistent = PersistentState()
         core.load_settle_cycles = min(core.load_settle_cycles, 2)
         if core.request is not None:
             core.request = Request(1, core.request.kind, NOW, core.request.mode)
@@ -392,12 +394,12 @@ class Model:
                     unproven_cycles=min(stop.unproven_cycles, 2),
                 )
             axis.unready_cycles = min(axis.unready_cycles, 5)
-            axis.unasked_cycles = min(axis.unasked_cycles, 3)
+            axis.unexpected_enable_cycles = min(axis.unexpected_enable_cycles, 3)
 
     def _key(self, trace: Trace) -> tuple[object, ...]:
         """What tells two states apart. The axes are alike, unless one of them is moved alone."""
         core, run, request = self.core, self.core.single_axis, self.core.request
-        verdict, latched = core.verdict, core.notes.latched
+        verdict, latched = core.verdict, core.persistent.latched
         axes: tuple[object, ...] = ()
         exercise: tuple[object, ...] = ()
         if core.drives is not None:  # else the next bring-up begins with axes at rest
@@ -434,17 +436,17 @@ class Model:
             return (stop,)
         state, age = feedback.power_state, feedback.sample_age_cycles
         if stop is None:
-            ready = axis.reached_enabled, axis.unready_cycles, axis.unasked_cycles
-            return state, age, axis.seen_off, axis.mode_sent, *ready
+            ready = axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles
+            return state, age, axis.shown_unpowered, axis.mode_sent, *ready
         # A stop goes on whatever was before it, and all states without torque are alike to it.
         rest_cycles = stop.at_rest_cycles if self.core.mode == Mode.STOPPING else 0
         times = NOW - stop.since_cycle, rest_cycles, stop.has_rested, stop.unproven_cycles
-        return OFF if state is ON else state, age, axis.seen_off, stop.step, *times
+        return OFF if state is ON else state, age, axis.shown_unpowered, stop.step, *times
 
     def facts(self, trace: Trace) -> Facts:
         """What the invariants read."""
         core, axes = self.core, self.core.axes
-        latched = core.notes.latched
+        latched = core.persistent.latched
         return Facts(
             core.mode,
             core.verdict,
@@ -625,8 +627,12 @@ class Model:
         elif core.mode == Mode.BRINGING_UP and said is None:
             for axis in core.axes:
                 axis.joint, axis.feedback = Joint(), None
-                axis.reached_enabled, axis.unready_cycles, axis.unasked_cycles = False, 0, 0
-                axis.seen_off, axis.mode_sent = True, OperationMode.CYCLIC_SYNC_TORQUE
+                axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles = (
+                    False,
+                    0,
+                    0,
+                )
+                axis.shown_unpowered, axis.mode_sent = True, OperationMode.CYCLIC_SYNC_TORQUE
             exercises.reset(core)
             supervisor.take_drives(core, DRIVES)
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from witnesses import Moved
+from fault_observations import Moved
 
 HEAD = """# What a process that dies, hangs or runs out of something does to the leg
 

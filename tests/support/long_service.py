@@ -12,10 +12,10 @@ from typing import Self
 from processes import CONFIGS, Service, its_bus
 
 from daemon.ipc.record import CycleRecord, Mode
-from gaitd.testing.trainer import PATIENCE_S, VirtualTrainer, speeds_by_leg
+from gaitd.testing.trainer import TIMEOUT_S, VirtualTrainer, speeds_by_leg
 from gaitd_lab.processes import memory_folder
 
-__all__ = ["ALTERED_CORE", "PATIENCE_S", "WAITING_GATEWAY", "LongService", "long_lived"]
+__all__ = ["ALTERED_CORE", "TIMEOUT_S", "WAITING_GATEWAY", "LongService", "long_lived"]
 
 ALTERED_CORE = (str(Path(__file__).with_name("altered_core.py")),)
 WAITING_GATEWAY = (str(Path(__file__).with_name("waiting_gateway.py")),)

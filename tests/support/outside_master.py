@@ -14,13 +14,13 @@ from drive_bench import CONFIGS, Bench
 
 from sim_drives.time.wall_clock import RealTime
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 """How long an outside master waits for an answer: a busy machine is no fault of the drives."""
 
 
 def eventually(met: Callable[[], object]) -> bool:
     """Whether it comes true while we are patient; it is asked at least once."""
-    end_s = time.monotonic() + PATIENCE_S
+    end_s = time.monotonic() + TIMEOUT_S
     while not met():
         if time.monotonic() > end_s:
             return False
@@ -77,17 +77,17 @@ def on_a_bus(bench: Bench) -> Iterator[tuple[canopen.Network, Station]]:
 class PatientNode(BaseNode402):
     """canopen's CiA 402 master, with more patience than it has by itself."""
 
-    TIMEOUT_RESET_FAULT = PATIENCE_S
-    TIMEOUT_SWITCH_OP_MODE = PATIENCE_S
-    TIMEOUT_SWITCH_STATE_FINAL = PATIENCE_S
-    TIMEOUT_SWITCH_STATE_SINGLE = PATIENCE_S
-    TIMEOUT_CHECK_TPDO = PATIENCE_S
+    TIMEOUT_RESET_FAULT = TIMEOUT_S
+    TIMEOUT_SWITCH_OP_MODE = TIMEOUT_S
+    TIMEOUT_SWITCH_STATE_FINAL = TIMEOUT_S
+    TIMEOUT_SWITCH_STATE_SINGLE = TIMEOUT_S
+    TIMEOUT_CHECK_TPDO = TIMEOUT_S
 
 
 def added(network: canopen.Network, node: PatientNode) -> PatientNode:
     """The node on the network, its SDO client as patient as the rest."""
     network.add_node(node)
-    node.sdo.RESPONSE_TIMEOUT = PATIENCE_S
+    node.sdo.RESPONSE_TIMEOUT = TIMEOUT_S
     return node
 
 
@@ -97,7 +97,7 @@ def boot_up(node: PatientNode) -> Iterator[None]:
     booted = threading.Event()
     node.network.subscribe(0x700 + node.id, lambda _id, data, _time: data[0] or booted.set())
     yield
-    assert booted.wait(PATIENCE_S)
+    assert booted.wait(TIMEOUT_S)
 
 
 def reset(node: PatientNode, command: str) -> None:

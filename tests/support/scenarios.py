@@ -1,7 +1,7 @@
 """What happens to the service in the small world with SocketCAN, and what is kept of it.
 
-Each function is one scenario; `inside.py` calls it by name. Nothing is asserted here but that a
-scenario came to its end: facts, records and candump's lines go into a folder, and tests/rigs/
+Each function is one scenario; `rig_service.py` calls it by name. Nothing is asserted here but that
+a scenario came to its end: facts, records and candump's lines go into a folder, and tests/rigs/
 judges them by name. `candump` is the witness that is not ours.
 """
 
@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from inside import Inside, Report
+from rig_service import Inside, Report
 from usb_adapters import Wire
 
 from daemon.ipc.record import CycleRecord, Mode

@@ -19,14 +19,18 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 AXES = ("hip", "slide")
 
 
-def new_session(configs: Path = CONFIGS, notes: PersistentState | None = None) -> LockstepSession:
+def new_session(
+    configs: Path = CONFIGS, persistent: PersistentState | None = None
+) -> LockstepSession:
     """The service and the machine of a folder's demo.toml, at power-on."""
-    return LockstepSession(load(configs / "demo.toml"), notes=notes)
+    return LockstepSession(load(configs / "demo.toml"), persistent=persistent)
 
 
 def restarted(session: LockstepSession) -> LockstepSession:
     """A new core on the same machine: the one before has ended without its shutdown."""
-    return LockstepSession(session.settings, session.machine, notes=session.notebook.notes)
+    return LockstepSession(
+        session.settings, session.machine, persistent=session.state_file.persistent
+    )
 
 
 def single_axis_run(session: LockstepSession, mode: Mode, axis: str) -> list[CycleRecord]:
@@ -58,11 +62,11 @@ def scores(session: LockstepSession, duration_s: float) -> dict[str, Score]:
     return found
 
 
-def elsewhere(session: Any, play: Callable[[Any], Any]) -> Any:
+def elsewhere(session: Any, plan: Callable[[Any], Any]) -> Any:
     """What this returns of a copy of the session: played in a fork, nothing changes here."""
     context = multiprocessing.get_context("fork")
     reader, writer = context.Pipe(duplex=False)
-    child = context.Process(target=lambda: writer.send(play(session)))
+    child = context.Process(target=lambda: writer.send(plan(session)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads; see forked.py
         child.start()

@@ -24,7 +24,7 @@ class Systemd:
             self.fed_ns.append(self._clock.now_ns())
         return True
 
-    def tell(self, text, priority, fields):
+    def write(self, text, priority, fields):
         self.told.append((text, priority, dict(fields)))
 
     @property

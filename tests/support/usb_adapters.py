@@ -30,7 +30,7 @@ FULL_SPEED = 2
 DEVICE_ID = 0x10001
 """Any but 0."""
 CHUNK = 65536
-PATIENCE_S, POLL_S = 120.0, 0.1
+TIMEOUT_S, POLL_S = 120.0, 0.1
 """Until both are there."""
 
 # --- USB ----------------------------------------------------------------------------------------
@@ -299,7 +299,7 @@ class Wire:
 
 
 def _interface(port: int) -> str:
-    for _ in range(round(PATIENCE_S / POLL_S)):
+    for _ in range(round(TIMEOUT_S / POLL_S)):
         for path in HOST.glob(f"usb*/*-{port + 1}/*:1.0/net/*"):
             return path.name
         time.sleep(POLL_S)

@@ -26,7 +26,7 @@ class Approach:
     end_angles: Pair
     duration_s: float
 
-    def joints(self, leg: LegParameters, elapsed_s: float) -> Pair:
+    def joints(self, leg: tuple[float, ...], elapsed_s: float) -> Pair:
         """Hip angle and slide position after a time: rad, m."""
         part = minimum_jerk(elapsed_s / self.duration_s)
         (h0, k0), (h1, k1) = self.start_angles, self.end_angles

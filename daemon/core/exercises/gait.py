@@ -6,7 +6,7 @@ Each leg walks the same strides with a phase offset. Phases are in strides.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, Self
 
 from daemon.config.settings import Impedance
@@ -17,7 +17,6 @@ from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Refere
 from daemon.core.modes.guards import GuardInputs
 from daemon.core.motion.gait_shape import GaitShape, Pair, gait_angles, joints_of_angles
 from daemon.ipc.record import ModeRequest, Stage
-from observer.mechanism.mechanism import LegParameters
 
 START_CADENCE_RATIO: Final = 0.5
 """Share of the cadence at which the first stride begins."""
@@ -32,7 +31,8 @@ _WALKING: Final = frozenset({Stage.PLAYING, Stage.ENDING})
 class GaitPlan:
     """Constants of one gait of one leg."""
 
-    leg: LegParameters
+    leg: tuple[float, ...]
+    """`LegParameters` as a plain tuple."""
     shape: GaitShape
     impedance: Impedance
     way: Approach
@@ -83,7 +83,7 @@ class Gait(Exercise):
         return [
             cls(
                 plan=GaitPlan(
-                    leg=leg.parameters,
+                    leg=tuple(map(float, leg.parameters)),
                     shape=leg.shape,
                     impedance=gait.impedance,
                     way=way,
@@ -133,20 +133,21 @@ class Gait(Exercise):
 
     def _later(self, dt_s: float) -> Self:
         plan, stage = self.plan, self.stage
-        elapsed_s, strides = self.elapsed_s + dt_s, self.strides
+        elapsed_s = self.elapsed_s + dt_s
+        strides, end_strides = self.strides, self.end_strides
         if stage is Stage.PLAYING or stage is Stage.ENDING:
             strides += dt_s * self._cadence_hz()
         if stage is Stage.ANNOUNCING and elapsed_s >= plan.announce_s:
-            return replace(self, stage=Stage.APPROACHING, elapsed_s=0.0)
-        if stage is Stage.APPROACHING and elapsed_s >= plan.way.duration_s:
-            return replace(self, stage=Stage.PLAYING, elapsed_s=0.0)
-        if stage is Stage.PLAYING and elapsed_s >= plan.duration_s:
-            return replace(
-                self, stage=Stage.ENDING, elapsed_s=0.0, strides=strides, end_strides=strides
-            )
-        if stage is Stage.ENDING and strides >= self.end_strides + 1:
-            return replace(self, stage=Stage.OVER, elapsed_s=0.0, strides=strides)
-        return replace(self, elapsed_s=elapsed_s, strides=strides)
+            stage, elapsed_s = Stage.APPROACHING, 0.0
+        elif stage is Stage.APPROACHING and elapsed_s >= plan.way.duration_s:
+            stage, elapsed_s = Stage.PLAYING, 0.0
+        elif stage is Stage.PLAYING and elapsed_s >= plan.duration_s:
+            stage, elapsed_s, end_strides = Stage.ENDING, 0.0, strides
+        elif stage is Stage.ENDING and strides >= end_strides + 1:
+            stage, elapsed_s = Stage.OVER, 0.0
+        return type(self)(
+            plan=plan, stage=stage, elapsed_s=elapsed_s, strides=strides, end_strides=end_strides
+        )
 
     def pose(self) -> Pair:
         """Hip angle in rad and slide position in m of the reference."""

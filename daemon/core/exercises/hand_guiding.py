@@ -40,7 +40,7 @@ class Guiding(NamedTuple):
     """Spring effort at a hard limit that leads back in."""
 
 
-def guiding_of(rules: Settings) -> tuple[Guiding, Guiding]:
+def guiding_settings(rules: Settings) -> tuple[Guiding, Guiding]:
     """Settings of [hand_guiding] in the trainer file, for hip and slide."""
     return (
         Guiding(
@@ -86,7 +86,7 @@ class HandGuiding(Exercise):
                 start=leg.pose,
                 leg=leg.parameters,
                 limits=leg.limits,
-                guiding=guiding_of(config.hand_guiding),
+                guiding=guiding_settings(config.hand_guiding),
                 stretched_stop_ratio=config.thresholds.singularity_stop_ratio,
                 duration_s=config.hand_guiding.duration_max_s,
             )

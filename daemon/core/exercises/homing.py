@@ -92,5 +92,5 @@ class Homing(SingleAxis):
         """True if this sample is the first that shows home as attained or reached."""
         if not self.begun or feedback.mode_display != OperationMode.HOMING:
             return False
-        shown = homing_state(feedback.statusword)
-        return shown in HOME_FOUND and shown is not self.found
+        state = homing_state(feedback.statusword)
+        return state in HOME_FOUND and state is not self.found

@@ -81,7 +81,7 @@ class Sums(NamedTuple):
     moved_back_si: float = 0.0
 
 
-class Finding(NamedTuple):
+class AxisResult(NamedTuple):
     """The self-test result of one axis."""
 
     name: str
@@ -189,10 +189,10 @@ class SelfTest(Exercise):
         index = 0 if phases[0] is not Phase.DONE else 1
         return f"{self.ways[index].name} {phases[index].value}"
 
-    def findings(self) -> tuple[Finding, Finding]:
+    def results(self) -> tuple[AxisResult, AxisResult]:
         """The results of the finished test, for hip and slide."""
         hip, slide = (
-            _finding(way, sums, self.ratios) for way, sums in zip(self.ways, self.sums, strict=True)
+            _result(way, sums, self.ratios) for way, sums in zip(self.ways, self.sums, strict=True)
         )
         return hip, slide
 
@@ -294,24 +294,24 @@ def _ramped(way: Way, since_s: float) -> Pair:
     return speed_si * (since_s - 0.5 * RAMP_S), speed_si
 
 
-def _finding(way: Way, sums: Sums, ratios: Pair) -> Finding:
+def _result(way: Way, sums: Sums, ratios: Pair) -> AxisResult:
     if not sums.forth_count or not sums.back_count:
-        return Finding(way.name, 0.0, 0.0, 0.0, 0.0, "no sample came while it moved")
+        return AxisResult(way.name, 0.0, 0.0, 0.0, 0.0, "no sample came while it moved")
     forth_si, back_si = sums.forth_si / sums.forth_count, sums.back_si / sums.back_count
     along = math.copysign(1.0, way.distance_si)
     friction_si = along * (forth_si - back_si) / 2
-    found = Finding(
+    result = AxisResult(
         name=way.name,
         friction_si=friction_si,
         friction_ratio=friction_si / way.friction_si,
         load_error_si=(forth_si + back_si) / 2,
         moved_si=sums.moved_forth_si,
     )
-    fault, value, limit = _fault(way, sums, found, ratios)
-    return found._replace(fault=fault, value=value, limit=limit)
+    fault, value, limit = _fault(way, sums, result, ratios)
+    return result._replace(fault=fault, value=value, limit=limit)
 
 
-def _fault(way: Way, sums: Sums, found: Finding, ratios: Pair) -> tuple[str, float, float]:
+def _fault(way: Way, sums: Sums, result: AxisResult, ratios: Pair) -> tuple[str, float, float]:
     """The gravest deviation from the configuration, its value and its limit."""
     for word, moved_si, wanted_si in (
         ("forth", sums.moved_forth_si, way.distance_si),
@@ -319,26 +319,27 @@ def _fault(way: Way, sums: Sums, found: Finding, ratios: Pair) -> tuple[str, flo
     ):
         if not MOVED_RATIO_MIN <= moved_si / wanted_si <= MOVED_RATIO_MAX:
             return f"sign: it did not move {word} as it was guided", moved_si, wanted_si
-    if found.friction_si <= 0:
-        return "sign: its effort acts against its motion", found.friction_si, way.friction_si
-    if abs(found.load_error_si) > way.load_tolerance_si:
-        return "static load: not that of the leg", found.load_error_si, way.load_tolerance_si
+    if result.friction_si <= 0:
+        return "sign: its effort acts against its motion", result.friction_si, way.friction_si
+    if abs(result.load_error_si) > way.load_tolerance_si:
+        return "static load: not that of the leg", result.load_error_si, way.load_tolerance_si
     low_ratio, high_ratio = ratios
-    if found.friction_ratio < low_ratio:
-        return "friction: less than it was", found.friction_ratio, low_ratio
-    if found.friction_ratio > high_ratio:
-        return "friction: more than it was", found.friction_ratio, high_ratio
+    if result.friction_ratio < low_ratio:
+        return "friction: less than it was", result.friction_ratio, low_ratio
+    if result.friction_ratio > high_ratio:
+        return "friction: more than it was", result.friction_ratio, high_ratio
     return "", 0.0, 0.0
 
 
-def result_text(found: Finding) -> str:
+def result_text(result: AxisResult) -> str:
     """One line of text with the results of an axis."""
-    unit = "N·m" if found.name.endswith("hip") else "N"
+    unit = "N·m" if result.name.endswith("hip") else "N"
     numbers = (
-        f"friction {found.friction_si:.3g} {unit} ({found.friction_ratio:.2f} of the configured), "
-        f"load off by {found.load_error_si:.3g} {unit}"
+        f"friction {result.friction_si:.3g} {unit} "
+        f"({result.friction_ratio:.2f} of the configured), "
+        f"load off by {result.load_error_si:.3g} {unit}"
     )
-    return f"{found.name}: self-test {found.fault or 'passed'}: {numbers}"
+    return f"{result.name}: self-test {result.fault or 'passed'}: {numbers}"
 
 
 def distances(rules: Settings) -> Pair:

@@ -20,7 +20,7 @@ class Torque(Exercise):
     def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> str:
         """See `Exercise`."""
         del wanted
-        return "" if now.lease_held else "mode torque needs a lease, and nobody holds one"
+        return "" if now.lease_held else "mode torque needs a lease, and no client holds one"
 
     @classmethod
     def begin(

@@ -19,17 +19,17 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
-from daemon.core.exercises.self_test import Finding
+from daemon.core.exercises.self_test import AxisResult
 from daemon.core.modes.persistent_state import (
-    AxisTestNote,
-    InputsNote,
     PersistentState,
-    SelfTestNote,
+    StoredAxisTest,
+    StoredInputs,
+    StoredSelfTest,
 )
 from drives.signals import Input
 
 NS_PER_HOUR: Final = 3_600_000_000_000
-NOTE_NS: Final = 60_000_000_000
+STORE_NS: Final = 60_000_000_000
 """Interval at which the state file is updated with the time and with unchanged inputs."""
 SLEW_NS: Final = 2_000_000_000
 """Backward step of a disciplined clock that does not count as set back."""
@@ -61,30 +61,30 @@ def check_clock(newest_utc_ns: int, utc_ns: int) -> Clock:
     return Clock(max(newest_utc_ns, utc_ns))
 
 
-def with_inputs(notes: PersistentState, drive: Drive, utc_ns: int) -> PersistentState:
+def with_inputs(persistent: PersistentState, drive: Drive, utc_ns: int) -> PersistentState:
     """Store the state in which the inputs of a drive are (rule 1)."""
     if drive.inputs is None:
-        return notes
-    noted = _inputs_noted(notes, drive)
+        return persistent
+    stored = _stored_inputs(persistent, drive)
     closed = Input.HAND_SWITCH_CLOSED in drive.inputs
     released = Input.STO_RELEASED in drive.inputs
-    seen = replace(
-        noted,
+    updated = replace(
+        stored,
         **{
             "hand_switch_closed_utc_ns" if closed else "hand_switch_open_utc_ns": utc_ns,
             "sto_released_utc_ns" if released else "sto_active_utc_ns": utc_ns,
         },
     )
-    if not _is_news(noted, seen):
-        return notes
-    return replace(notes, inputs={**notes.inputs, drive.axis: seen})
+    if not _has_changed(stored, updated):
+        return persistent
+    return replace(persistent, inputs={**persistent.inputs, drive.axis: updated})
 
 
-def _inputs_noted(notes: PersistentState, drive: Drive) -> InputsNote:
-    noted = notes.inputs.get(drive.axis)
-    if noted is None or _is_other_drive(drive, noted.serial_number):
-        return InputsNote(serial_number=drive.serial_number)
-    return noted
+def _stored_inputs(persistent: PersistentState, drive: Drive) -> StoredInputs:
+    stored = persistent.inputs.get(drive.axis)
+    if stored is None or _is_other_drive(drive, stored.serial_number):
+        return StoredInputs(serial_number=drive.serial_number)
+    return stored
 
 
 def _is_other_drive(drive: Drive, serial_number: int) -> bool:
@@ -92,19 +92,19 @@ def _is_other_drive(drive: Drive, serial_number: int) -> bool:
     return drive.serial_number not in {0, serial_number}
 
 
-def _is_news(noted: InputsNote, seen: InputsNote) -> bool:
+def _has_changed(stored: StoredInputs, updated: StoredInputs) -> bool:
     return any(
-        later - before > NOTE_NS or later < before
-        for before, later in zip(_times(noted), _times(seen), strict=True)
+        later - before > STORE_NS or later < before
+        for before, later in zip(_times(stored), _times(updated), strict=True)
     )
 
 
-def _times(note: InputsNote) -> tuple[int, int, int, int]:
+def _times(stored: StoredInputs) -> tuple[int, int, int, int]:
     return (
-        note.hand_switch_open_utc_ns,
-        note.hand_switch_closed_utc_ns,
-        note.sto_active_utc_ns,
-        note.sto_released_utc_ns,
+        stored.hand_switch_open_utc_ns,
+        stored.hand_switch_closed_utc_ns,
+        stored.sto_active_utc_ns,
+        stored.sto_released_utc_ns,
     )
 
 
@@ -117,37 +117,37 @@ _WORDS: Final = (
 """In the order of `_times`."""
 
 
-def unseen(
-    notes: PersistentState, drives: Sequence[Drive], utc_ns: int, valid_h: float
+def untested(
+    persistent: PersistentState, drives: Sequence[Drive], utc_ns: int, valid_h: float
 ) -> tuple[str, ...]:
     """The states of hand switch and STO that were not observed in time."""
     return tuple(
         f"{drive.axis} {word}"
         for drive in drives
-        for word, seen_ns in zip(_WORDS, _times(_inputs_noted(notes, drive)), strict=True)
+        for word, seen_ns in zip(_WORDS, _times(_stored_inputs(persistent, drive)), strict=True)
         if not counts(seen_ns, utc_ns, valid_h)
     )
 
 
 def due(
-    note: SelfTestNote | None,
+    stored: StoredSelfTest | None,
     drives: Sequence[Drive],
     leg_digest: str,
     utc_ns: int,
     valid_h: float,
 ) -> str:
     """The reason why a self-test must come before any motion; empty if none is due (rule 2)."""
-    if note is None:
+    if stored is None:
         return "no self-test has been passed today"
-    if not note.passed:
+    if not stored.passed:
         return "the last self-test was not passed"
-    if note.leg_digest != leg_digest:
+    if stored.leg_digest != leg_digest:
         return "the last self-test was of another robot file"
-    if not counts(note.utc_ns, utc_ns, valid_h):
+    if not counts(stored.utc_ns, utc_ns, valid_h):
         return f"the last self-test is older than {valid_h:g} h"
-    if any(drive.axis not in note.axes for drive in drives):
+    if any(drive.axis not in stored.axes for drive in drives):
         return "the last self-test was of other axes"
-    if any(_is_other_drive(drive, note.axes[drive.axis].serial_number) for drive in drives):
+    if any(_is_other_drive(drive, stored.axes[drive.axis].serial_number) for drive in drives):
         return "the last self-test was of another drive"
     return ""
 
@@ -158,22 +158,22 @@ def counts(seen_utc_ns: int, utc_ns: int, valid_h: float) -> bool:
     return seen_utc_ns > 0 and -SLEW_NS <= age_ns <= valid_h * NS_PER_HOUR
 
 
-def note_of(
-    found: Sequence[Finding], serial_numbers: Mapping[str, int], leg_digest: str, utc_ns: int
-) -> SelfTestNote:
+def stored_test(
+    results: Sequence[AxisResult], serial_numbers: Mapping[str, int], leg_digest: str, utc_ns: int
+) -> StoredSelfTest:
     """The note of a finished self-test; `serial_numbers` are those of the drives, by axis."""
-    return SelfTestNote(
+    return StoredSelfTest(
         utc_ns=utc_ns,
-        passed=not any(one.fault for one in found),
+        passed=not any(one.fault for one in results),
         leg_digest=leg_digest,
         axes={
-            one.name: AxisTestNote(
+            one.name: StoredAxisTest(
                 one.friction_si,
                 one.friction_ratio,
                 one.load_error_si,
                 one.moved_si,
                 serial_numbers[one.name],
             )
-            for one in found
+            for one in results
         },
     )

@@ -36,7 +36,7 @@ class GuardInputs:
     """Names of the axes whose sign must be proven and is not."""
     lease_held: bool = False
     """A controller holds the lease, according to the gateway."""
-    inputs_unseen: tuple[str, ...] = ()
+    inputs_untested: tuple[str, ...] = ()
     """The states of hand switch and STO still to be observed in the daily test, where required."""
     self_test_due: str = ""
     """The reason why a self-test must come before any motion; empty if none is due."""

@@ -21,7 +21,7 @@ from typing import Final
 
 from msgspec.structs import replace
 
-from daemon.core.modes.persistent_state import LatchedNote
+from daemon.core.modes.persistent_state import StoredVerdict
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict, clipped
 
 DETAIL_BYTES_MAX: Final = 120
@@ -33,31 +33,31 @@ DRIVE_POWERED is not kept because the next bring-up finds a drive that holds the
 
 
 def updated(
-    noted: LatchedNote | None, mode: Mode, verdict: Verdict, utc_ns: int
-) -> LatchedNote | None:
+    stored: StoredVerdict | None, mode: Mode, verdict: Verdict, utc_ns: int
+) -> StoredVerdict | None:
     """The latched verdict that a new core should find if this one ended now."""
     if mode.active:
-        return noted if noted is not None else _running(utc_ns)
+        return stored if stored is not None else _running(utc_ns)
     if mode == Mode.READY:
         return None
     if mode not in {Mode.STOPPING, Mode.FAULT}:
-        return noted
+        return stored
     if verdict.cause not in _NOT_LATCHED:
-        return _note(verdict, noted, utc_ns)
+        return _stored_verdict(verdict, stored, utc_ns)
     ended = mode == Mode.FAULT and verdict.cause == Cause.SHUTDOWN
-    return None if ended else noted
+    return None if ended else stored
 
 
-def _running(utc_ns: int) -> LatchedNote:
+def _running(utc_ns: int) -> StoredVerdict:
     unknown = Verdict(
         StopCategory.S1, Cause.LAST_END_UNKNOWN, detail="it ended while drives were enabled"
     )
-    return _note(unknown, None, utc_ns)
+    return _stored_verdict(unknown, None, utc_ns)
 
 
-def _note(verdict: Verdict, noted: LatchedNote | None, utc_ns: int) -> LatchedNote:
+def _stored_verdict(verdict: Verdict, stored: StoredVerdict | None, utc_ns: int) -> StoredVerdict:
     """The note of a verdict; an equal existing note is kept with its time."""
-    note = LatchedNote(
+    new = StoredVerdict(
         category=verdict.category.name,
         cause=verdict.cause.name,
         drive=verdict.drive,
@@ -66,24 +66,24 @@ def _note(verdict: Verdict, noted: LatchedNote | None, utc_ns: int) -> LatchedNo
         detail=clipped(verdict.detail, DETAIL_BYTES_MAX),
         utc_ns=utc_ns,
     )
-    same = noted is not None and replace(note, utc_ns=noted.utc_ns) == noted
-    return noted if noted is not None and same else note
+    same = stored is not None and replace(new, utc_ns=stored.utc_ns) == stored
+    return stored if stored is not None and same else new
 
 
-def verdict_of(noted: LatchedNote | None) -> Verdict | None:
+def verdict_of(stored: StoredVerdict | None) -> Verdict | None:
     """The verdict from the state file; None if there is none.
 
     An unknown cause, from another version, becomes LAST_END_UNKNOWN, an unknown category S1.
     """
-    if noted is None:
+    if stored is None:
         return None
-    category = StopCategory.__members__.get(noted.category, StopCategory.S1)
-    cause = Cause.__members__.get(noted.cause)
+    category = StopCategory.__members__.get(stored.category, StopCategory.S1)
+    cause = Cause.__members__.get(stored.cause)
     if cause is None:
-        said = f"{noted.cause}, which is of another version"
-        return Verdict(category, Cause.LAST_END_UNKNOWN, noted.drive, detail=said)
-    value, limit = noted.value or 0.0, noted.limit or 0.0
-    return Verdict(category, cause, noted.drive, value, limit, noted.detail)
+        detail = f"{stored.cause}, which is of another version"
+        return Verdict(category, Cause.LAST_END_UNKNOWN, stored.drive, detail=detail)
+    value, limit = stored.value or 0.0, stored.limit or 0.0
+    return Verdict(category, cause, stored.drive, value, limit, stored.detail)
 
 
 def since(utc_ns: int) -> str:

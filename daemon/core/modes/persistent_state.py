@@ -49,7 +49,7 @@ class SignProof(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     utc_ns: Count
 
 
-class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StoredAxis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Persistent state of one axis; SI units at the joint."""
 
     position_si: float | None = None
@@ -57,7 +57,7 @@ class AxisNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     proof: SignProof | None = None
 
 
-class InputsNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StoredInputs(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Times at which the inputs of one drive were last seen in each state, UTC; 0: never."""
 
     hand_switch_open_utc_ns: Count = 0
@@ -68,7 +68,7 @@ class InputsNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Serial number of the drive; 0: it has none."""
 
 
-class AxisTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StoredAxisTest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Findings of a self-test for one axis; SI units at the joint."""
 
     friction_si: float
@@ -79,16 +79,16 @@ class AxisTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Serial number of the drive; 0: it has none."""
 
 
-class SelfTestNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StoredSelfTest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Result of the newest self-test of the whole machine."""
 
     utc_ns: Count
     passed: bool
     leg_digest: str
-    axes: dict[str, AxisTestNote] = {}
+    axes: dict[str, StoredAxisTest] = {}
 
 
-class LatchedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class StoredVerdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A verdict that only a reset removes; category and cause by name."""
 
     category: str
@@ -105,28 +105,28 @@ class LatchedNote(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class PersistentState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The whole persistent state, as stored in the state file; axes by name."""
 
-    axes: dict[str, AxisNote] = {}
+    axes: dict[str, StoredAxis] = {}
     format: str = FORMAT
     damaged: bool = False
     """The file existed and could not be read: missing entries are lost, not new."""
-    latched: LatchedNote | None = None
-    inputs: dict[str, InputsNote] = {}
-    self_test: SelfTestNote | None = None
+    latched: StoredVerdict | None = None
+    inputs: dict[str, StoredInputs] = {}
+    self_test: StoredSelfTest | None = None
     utc_newest_ns: Count = 0
     """Latest UTC time read: a clock that shows an earlier time was set back."""
 
-    def of(self, name: str) -> AxisNote:
+    def axis(self, name: str) -> StoredAxis:
         """The stored state of one axis; an empty note if there is none."""
-        return self.axes.get(name, AxisNote())
+        return self.axes.get(name, StoredAxis())
 
-    def noted(self, name: str, note: AxisNote) -> "PersistentState":
+    def with_axis(self, name: str, stored: StoredAxis) -> "PersistentState":
         """A copy with another note for one axis."""
-        return replace(self, axes={**self.axes, name: note})
+        return replace(self, axes={**self.axes, name: stored})
 
 
 UNREADABLE: Final = PersistentState(
     damaged=True,
-    latched=LatchedNote("S1", "LAST_END_UNKNOWN", detail="the notes of that run cannot be read"),
+    latched=StoredVerdict("S1", "LAST_END_UNKNOWN", detail="the notes of that run cannot be read"),
 )
 """State after an unreadable file: a stop may have been latched, so LAST_END_UNKNOWN is."""
 
@@ -138,10 +138,12 @@ class PoseRules(NamedTuple):
     believed_without_pose: bool
 
 
-def disagreement(notes: PersistentState, name: str, position_si: float, rules: PoseRules) -> str:
+def disagreement(
+    persistent: PersistentState, name: str, position_si: float, rules: PoseRules
+) -> str:
     """The reason why an absolute encoder is not accepted; empty if it is (rules 2 and 3)."""
-    stored_si = notes.of(name).position_si
-    if stored_si is None and notes.damaged:
+    stored_si = persistent.axis(name).position_si
+    if stored_si is None and persistent.damaged:
         return "the stored pose cannot be read"
     if stored_si is None:
         return "" if rules.believed_without_pose else "no pose has been stored yet"
@@ -150,9 +152,9 @@ def disagreement(notes: PersistentState, name: str, position_si: float, rules: P
     return f"its encoder says {position_si:.4g}, it was left at {stored_si:.4g}"
 
 
-def proven(notes: PersistentState, name: str, wiring: Wiring, serial_number: int) -> bool:
+def proven(persistent: PersistentState, name: str, wiring: Wiring, serial_number: int) -> bool:
     """True if the sign of this axis is proven for its present drive and wiring (rule 4)."""
-    proof = notes.of(name).proof
+    proof = persistent.axis(name).proof
     if proof is None:
         return False
     now = (*wiring, serial_number)
@@ -180,16 +182,16 @@ def prove(
 
 
 def with_pose(
-    notes: PersistentState, name: str, position_si: float, utc_ns: int
+    persistent: PersistentState, name: str, position_si: float, utc_ns: int
 ) -> PersistentState:
     """A copy with the present pose of an axis; the same object if the axis has not moved."""
-    note = notes.of(name)
-    stored_si = note.position_si
+    stored = persistent.axis(name)
+    stored_si = stored.position_si
     if stored_si is not None and abs(stored_si - position_si) <= POSE_STEP_SI:
-        return notes
-    return notes.noted(name, replace(note, position_si=position_si, noted_utc_ns=utc_ns))
+        return persistent
+    return persistent.with_axis(name, replace(stored, position_si=position_si, noted_utc_ns=utc_ns))
 
 
-def with_proof(notes: PersistentState, name: str, proof: SignProof) -> PersistentState:
+def with_proof(persistent: PersistentState, name: str, proof: SignProof) -> PersistentState:
     """A copy with the proof of an axis's sign."""
-    return notes.noted(name, replace(notes.of(name), proof=proof))
+    return persistent.with_axis(name, replace(persistent.axis(name), proof=proof))

@@ -58,7 +58,7 @@ class Event(Enum):
     TO_SELF_TEST = "mode self_test"
     TO_REFERENCE = "mode reference"
     TO_COMMISSION = "mode commission"
-    BRING_UP_ANEW = "other limits for the drives"
+    BRING_UP_RESTARTED = "other limits for the drives"
     EXERCISE_OVER = "exercise over"
     LEASE_LAPSED = "assist lapsed"
     """The lease of the assist in force has ended, or its setpoints are stale."""
@@ -75,7 +75,7 @@ TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
     (Mode.BRINGING_UP, Event.DRIVE_FAULTY): Mode.FAULT,
     (Mode.READY, Event.ENABLE): Mode.HOLD,
     (Mode.READY, Event.RESET): Mode.OFF,
-    (Mode.READY, Event.BRING_UP_ANEW): Mode.OFF,
+    (Mode.READY, Event.BRING_UP_RESTARTED): Mode.OFF,
     (Mode.READY, Event.TO_REFERENCE): Mode.REFERENCE,
     (Mode.READY, Event.TO_COMMISSION): Mode.COMMISSION,
     (Mode.READY, Event.DRIVES_LOST): Mode.OFF,
@@ -240,8 +240,8 @@ def _refuse_enable(now: GuardInputs) -> str:
         return f"the sign is not proven: {names}: run `gaitd commission` for each"
     if now.unreferenced:
         return f"not referenced: {', '.join(now.unreferenced)}"
-    if now.inputs_unseen:
-        return f"not seen to act today: {', '.join(now.inputs_unseen)}"
+    if now.inputs_untested:
+        return f"not seen to act today: {', '.join(now.inputs_untested)}"
     if now.unsampled:
         return _not_sampled(now.unsampled)
     if not now.at_rest:

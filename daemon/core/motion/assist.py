@@ -60,7 +60,7 @@ class LegAssist:
     """The lease that `seq` and `accepted` belong to."""
     seq: int = -1
     """`seq` of the newest accepted setpoint."""
-    judged: tuple[int, int, int] | None = None
+    checked: tuple[int, int, int] | None = None
     """Lease, seq and for_cycle of the newest checked setpoint.
 
     Every gateway state repeats the setpoint; it is checked once.
@@ -75,7 +75,7 @@ class LegAssist:
     """Stiffness share in force."""
 
 
-def judge(
+def check_setpoint(
     setpoint: Setpoint,
     last_seq: int,
     limits: tuple[AxisLimits, AxisLimits],
@@ -143,7 +143,7 @@ def wanted_si(setpoint: Setpoint) -> Pair:
     return setpoint.hip_assist_nm, setpoint.slide_assist_n
 
 
-def is_in_force(assist: LegAssist) -> bool:
+def is_active(assist: LegAssist) -> bool:
     """True if a controller adds assist or reduces stiffness; False while assist only fades."""
     asked = assist.accepted is not None and not is_neutral(assist.accepted)
     left = assist.effort_si != (0.0, 0.0) or assist.stiffness_ratio != FULL_STIFFNESS
@@ -190,20 +190,24 @@ def advance(
 
 def _faded(assist: LegAssist, rules: AssistRules) -> LegAssist:
     """Assist after one cycle of the fade, which ends at zero within `fade_cycles`."""
+    if (assist.effort_si, assist.fade_si, assist.stiffness_ratio) == FADED:
+        return assist
     hip_si, slide_si = assist.effort_si
     fade_si = assist.fade_si or (abs(hip_si) / rules.fade_cycles, abs(slide_si) / rules.fade_cycles)
-    effort_si = (_shrunk(hip_si, fade_si[0]), _shrunk(slide_si, fade_si[1]))
+    effort_si = (_reduced(hip_si, fade_si[0]), _reduced(slide_si, fade_si[1]))
     stiffness_ratio = _towards(assist.stiffness_ratio, FULL_STIFFNESS, 1 / rules.fade_cycles)
     return replace(assist, effort_si=effort_si, fade_si=fade_si, stiffness_ratio=stiffness_ratio)
 
 
-def _shrunk(effort_si: float, step_si: float) -> float:
+def _reduced(effort_si: float, step_si: float) -> float:
     # A remainder from rounding after the last step is set to zero.
     left_si = abs(effort_si) - step_si
     return math.copysign(left_si, effort_si) if left_si > NEGLIGIBLE_RATIO * step_si else 0.0
 
 
 NEGLIGIBLE_RATIO = 1e-6
+FADED = ((0.0, 0.0), (0.0, 0.0), FULL_STIFFNESS)
+"""Effort, its decrease and stiffness once nothing is left to fade."""
 
 
 def _towards(value: float, aim: float, step: float) -> float:

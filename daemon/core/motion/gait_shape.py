@@ -65,7 +65,7 @@ def _series(harmonics: tuple[complex, ...], turn: complex) -> float:
     return value.real
 
 
-def joints_of_angles(leg: LegParameters, angles: Pair) -> Pair:
+def joints_of_angles(leg: tuple[float, ...], angles: Pair) -> Pair:
     """Hip angle and slide position for a hip and a knee angle."""
     return angles[0], slide_position_for_knee(leg, angles[0], angles[1])
 

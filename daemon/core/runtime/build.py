@@ -21,7 +21,7 @@ from daemon.core.safety.spasm import SpasmRules, SpasmWatch
 from daemon.core.safety.stop_sequence import StopRules
 from daemon.core.state import Axis, Core, Leg
 from daemon.ipc.transport import RingHeader
-from drives.bringup.plan import CycleSettings, DrivePlan, homing_plan, lonely_plan, plan
+from drives.bringup.plan import CycleSettings, DrivePlan, homing_plan, plan, single_axis_plan
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import axis_scaling, expected_base
 from observer.filter.leg_observer import LegObserver
@@ -64,7 +64,7 @@ class Built:
     cycle: CycleSettings
 
 
-def build(settings: Settings, boot_id: str, notes: PersistentState) -> Built:
+def build(settings: Settings, boot_id: str, persistent: PersistentState) -> Built:
     """Build a core from the configuration and the persistent state of its last run."""
     friction = friction_parameters(settings.robot)
     limits = settings.limits
@@ -81,7 +81,9 @@ def build(settings: Settings, boot_id: str, notes: PersistentState) -> Built:
     config = _core_config(settings.trainer, limits, patient_configured, leg_digest)
     cycle = cycle_settings(settings.trainer.cycle)
     return Built(
-        Core(boot_id=boot_id, config=config, legs=legs, notes=notes), _plans(settings, cycle), cycle
+        Core(boot_id=boot_id, config=config, legs=legs, persistent=persistent),
+        _plans(settings, cycle),
+        cycle,
     )
 
 
@@ -107,7 +109,7 @@ def _plans(settings: Settings, cycle: CycleSettings) -> Plans:
             if drive.axis.homing is not None
         },
         commissioning={
-            drive.name: lonely_plan(
+            drive.name: single_axis_plan(
                 drive, limits[drive.name], cycle, pushed[drive.name].effort_max_si
             )
             for drive in drives

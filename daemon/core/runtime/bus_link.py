@@ -35,7 +35,7 @@ class Line:
         self._clock = clock
         self._bus: Bus | None = None
         self._master_ids = {SYNC_ID, HEARTBEAT_ID + master_node_id}
-        self._foreign_told_count = 0
+        self._foreign_reported_count = 0
         self.sync = SyncProducer(sync_overflow)
         self.bus_state = BusMonitor()
         self.load = LoadMeter(bitrate_bit_per_s)
@@ -72,9 +72,9 @@ class Line:
 
     def port(self, *, requested: bool, meanwhile: Callable[[], None]) -> Configurator:
         """The port of an open bus for bring-up; earlier errors of the controller are cleared."""
-        self.bus_state.forgive()
+        self.bus_state.reset_history()
         if requested:
-            self.bus_state.revive()
+            self.bus_state.assume_restarted()
         return Configurator(
             self._existing(),
             self._clock,
@@ -113,23 +113,23 @@ class Line:
 
     def _count_sent(self, frames: Sequence[Frame], dropped: int) -> None:
         self.dropped_count += dropped
-        self.load.note(frames[: len(frames) - dropped])
+        self.load.add(frames[: len(frames) - dropped])
 
     # --- in ---------------------------------------------------------------------------------
 
     def drain(self) -> list[Frame]:
         """As `Bus.drain`."""
-        return self._heard(self._existing().drain())
+        return self._count_foreign(self._existing().drain())
 
     def receive_until(self, deadline_ns: int) -> list[Frame]:
         """As `Bus.receive_until`."""
-        return self._heard(self._existing().receive_until(deadline_ns, self._clock))
+        return self._count_foreign(self._existing().receive_until(deadline_ns, self._clock))
 
     def take_notices(self) -> list[str]:
         """Notices about the bus for the operator that have not been published yet."""
         notices = self.bus_state.take_notices()
-        if self.foreign_count > 10 * self._foreign_told_count:
-            self._foreign_told_count = self.foreign_count
+        if self.foreign_count > 10 * self._foreign_reported_count:
+            self._foreign_reported_count = self.foreign_count
             notices.append(
                 f"CAN frames of another master, {self.foreign_count} so far: SYNC or our heartbeat"
             )
@@ -151,11 +151,11 @@ class Line:
             load_ratio=self.load.busy_ratio,
         )
 
-    def _heard(self, frames: list[Frame]) -> list[Frame]:
-        self.load.note(frames)
+    def _count_foreign(self, frames: list[Frame]) -> list[Frame]:
+        self.load.add(frames)
         for frame in frames:
             if not frame.is_error:
-                self.bus_state.hear()
+                self.bus_state.frame_received()
                 self.foreign_count += frame.can_id in self._master_ids
         return frames
 

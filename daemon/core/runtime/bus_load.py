@@ -26,7 +26,7 @@ class LoadMeter:
         self.busy_ratio = 0.0
         """Bus load of the last whole second, 0..1."""
 
-    def note(self, frames: Sequence[Frame]) -> None:
+    def add(self, frames: Sequence[Frame]) -> None:
         """Add frames that were on the bus; error frames are left out, their length is unknown."""
         self._waiting += [frame for frame in frames if not frame.is_error]
 

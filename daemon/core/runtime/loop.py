@@ -31,7 +31,7 @@ from daemon.core import cycle
 from daemon.core.runtime import realtime
 from daemon.core.runtime.bus_link import Line
 from daemon.core.runtime.grid import Grid, longest_part
-from daemon.core.runtime.loop_settings import ExitCode, LoopSettings, Seam
+from daemon.core.runtime.loop_settings import ExitCode, IpcChannel, LoopSettings
 from daemon.core.runtime.sync_window import Window
 from daemon.core.runtime.systemd import Supervision
 from daemon.core.safety.joints import is_at_rest
@@ -58,9 +58,9 @@ POWER_OFF_CYCLES: Final = 50
 """Longest time at shutdown until the drives show that they are without power."""
 SETTLE_CYCLES: Final = 150
 """Longest time at shutdown until the leg is at rest; its pose is checked at the next start."""
-BLIND_STOP_CYCLES: Final = 50
-NOTHING_RELOADED: Final = (
-    "asked to reload: the core takes nothing new while it runs. With nobody in the machine: "
+STOP_WITHOUT_FEEDBACK_CYCLES: Final = 50
+RELOAD_REFUSED: Final = (
+    "reload requested: the core changes nothing while it runs. With the machine empty: "
     "systemctl restart gaitd-core"
 )
 """At most EVENT_LENGTH_MAX long. The reason is in docs/running.md."""
@@ -73,13 +73,13 @@ class Loop:
         self,
         core: Core,
         settings: LoopSettings,
-        seam: Seam,
+        ipc: IpcChannel,
         clock: Clock,
         supervision: Supervision,
     ) -> None:
         self._core = core
         self._settings = settings
-        self._seam = seam
+        self._ipc = ipc
         self._clock = clock
         self._supervision = supervision
         self._line = Line(
@@ -100,41 +100,43 @@ class Loop:
         self._stopped: tuple[int, ...] = ()
         """Node ids of the drives to which NMT stop has been sent."""
         self._power_off_cycles = 0
-        self._noted = core.notes
+        self._written = core.persistent
         self.bug: Exception | None = None
         """The exception that ended the loop with ExitCode.BUG."""
 
     def run(
-        self, asked_to_end: Callable[[], bool], asked_to_reload: Callable[[], bool] = lambda: False
+        self,
+        end_requested: Callable[[], bool],
+        reload_requested: Callable[[], bool] = lambda: False,
     ) -> ExitCode:
         """Run until a shutdown request, and then until all axes are at rest and without power.
 
         Args:
-            asked_to_end: read every turn; stays True once a shutdown was requested.
-            asked_to_reload: True once for each request to reload.
+            end_requested: read every turn; stays True once a shutdown was requested.
+            reload_requested: True once for each request to reload.
         """
         code = ExitCode.BUG
         try:
-            code = self._run(asked_to_end, asked_to_reload)
+            code = self._run(end_requested, reload_requested)
         finally:
             self.leave()
             self._supervision.end(self._core, code)
         return code
 
     def _run(
-        self, asked_to_end: Callable[[], bool], asked_to_reload: Callable[[], bool]
+        self, end_requested: Callable[[], bool], reload_requested: Callable[[], bool]
     ) -> ExitCode:
         try:
-            while not (asked_to_end() and self.may_end()):
-                if asked_to_reload():
-                    self._core.report(NOTHING_RELOADED)
-                self.turn(shutdown=asked_to_end())
+            while not (end_requested() and self.may_end()):
+                if reload_requested():
+                    self._core.report(RELOAD_REFUSED)
+                self.turn(shutdown=end_requested())
         except BringUpRefused:
-            self._tell(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
+            self._publish(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
             return ExitCode.REFUSED
         except Exception as bug:  # noqa: BLE001 - the one broad catch: it stops the machine
             self._supervision.begin_end()  # the watchdog is not fed from here on
-            self._stop_blindly()
+            self._stop_without_feedback()
             self.bug = bug
             return ExitCode.BUG
         return ExitCode.ENDED
@@ -157,17 +159,17 @@ class Loop:
         if self._core.mode == Mode.OFF and self._clock.now_ns() >= self._retry_ns:
             self._bring_up()
             realtime.tidy()
-        levels: list[GatewayState] = []
+        gateway_states: list[GatewayState] = []
         try:
             self._await_grid_point()
             self._leave_out_missed()
-            levels = self._hear_levels()
-            record = self._cycle_once(levels)
+            gateway_states = self._receive_gateway_states()
+            record = self._cycle_once(gateway_states)
         except BusError as error:
             self._lose_bus(error)
-            record = cycle.rest(self._core, levels, self._tick(self._clock.now_ns()))
+            record = cycle.rest(self._core, gateway_states, self._tick(self._clock.now_ns()))
         worked_ns = self._clock.now_ns()
-        self._tell(record)
+        self._publish(record)
         self._line.load.count(worked_ns)
         self._timing = replace(self._timing, publish_ns=self._clock.now_ns() - worked_ns)
         self._advance_grid()
@@ -178,7 +180,7 @@ class Loop:
             missed = self._grid.skip_missed()
             if not missed:
                 return
-            self._tell_missed(missed, CyclePart.WAKE_UP)
+            self._count_missed(missed, CyclePart.WAKE_UP)
             self._await_grid_point()
 
     def _await_grid_point(self) -> None:
@@ -194,7 +196,7 @@ class Loop:
             if self._clock.now_ns() >= self._grid.due_ns:
                 return  # SYNC does not wait for a continuously busy bus
 
-    def _cycle_once(self, levels: Sequence[GatewayState]) -> CycleRecord:
+    def _cycle_once(self, gateway_states: Sequence[GatewayState]) -> CycleRecord:
         begun_ns, begun_utc_ns = self._clock.now_ns(), self._clock.utc_ns()
         line, core, window = self._line, self._core, self._window
         window.begin()
@@ -202,7 +204,7 @@ class Loop:
         self._report(line.take_notices())
         if not self._has_drives():
             self._timing = replace(timing, collect_ns=0, work_ns=0)
-            return cycle.rest(core, levels, self._tick(begun_ns))
+            return cycle.rest(core, gateway_states, self._tick(begun_ns))
         dropped_count = line.dropped_count
         frames = self._sync_and_collect(begun_ns)
         collected_ns = self._clock.now_ns()
@@ -210,7 +212,7 @@ class Loop:
         self._timing = replace(timing, collect_ns=collect_ns, answer_ns=window.answer_ns)
         tick = self._tick(begun_ns, begun_utc_ns)
         self._sync_ns = begun_ns
-        outgoing, record = cycle.step(core, frames, levels, tick)
+        outgoing, record = cycle.step(core, frames, gateway_states, tick)
         try:
             if self._has_drives():
                 self._send(outgoing)
@@ -218,7 +220,7 @@ class Loop:
                 self._end_watch()
         except BusError:
             # This cycle's record is published as well; the next record reports the lost bus.
-            self._tell(record)
+            self._publish(record)
             raise
         dropped = line.dropped_count > dropped_count
         self._dropped_in_a_row = self._dropped_in_a_row + 1 if dropped else 0
@@ -272,11 +274,13 @@ class Loop:
             supervisor.fail_bring_up(core, Cause.BUS_DOWN, "", error.what)
             return
         plans = settings.plans.of(core.single_axis)
-        port = self._line.port(requested=core.reset_cycles_left > 0, meanwhile=self._tell_meanwhile)
+        port = self._line.port(
+            requested=core.reset_cycles_left > 0, meanwhile=self._cycle_without_drives
+        )
         for _ in bring_up_core(core, plans, port, settings.cycle):
-            self._tell_meanwhile()
+            self._cycle_without_drives()
         self._retry_ns = self._clock.now_ns() + RETRY_NS
-        self._window.forget()
+        self._window.reset()
         self._stopped = ()
         if core.drives is not None:
             core.drives.bus_state = self._line.bus_state
@@ -284,7 +288,7 @@ class Loop:
             self._line.close()
         self._grid.jump()
 
-    def _tell_meanwhile(self) -> None:
+    def _cycle_without_drives(self) -> None:
         """Run cycles without drives during bring-up: read gateway states and publish records.
 
         This also happens while a drive is silent.
@@ -293,7 +297,9 @@ class Loop:
         if late_ns < 0:
             return
         self._report(self._line.take_notices())
-        self._tell(cycle.rest(self._core, self._hear_levels(), self._tick(self._grid.due_ns)))
+        self._publish(
+            cycle.rest(self._core, self._receive_gateway_states(), self._tick(self._grid.due_ns))
+        )
         if late_ns < self._settings.period_ns:
             self._supervision.feed()
         self._grid.jump()
@@ -323,28 +329,28 @@ class Loop:
             shutdown=self._shutdown,
         )
 
-    def _hear_levels(self) -> list[GatewayState]:
-        levels = self._seam.levels()
-        self._report(self._seam.take_notices())
-        return levels
+    def _receive_gateway_states(self) -> list[GatewayState]:
+        gateway_states = self._ipc.receive()
+        self._report(self._ipc.take_notices())
+        return gateway_states
 
     def _report(self, notices: Sequence[str]) -> None:
         for notice in notices:
             self._core.report(notice)
 
-    def _tell(self, record: CycleRecord) -> None:
-        self._seam.publish(record)
-        self._keep_notes()
-        self._supervision.hear(record)
+    def _publish(self, record: CycleRecord) -> None:
+        self._ipc.publish(record)
+        self._write_state()
+        self._supervision.report(record)
 
     def _advance_grid(self) -> None:
         missed = self._grid.advance()
         if missed == 0:
             self._supervision.feed()
         else:
-            self._tell_missed(missed, longest_part(self._timing, self._settings.window_ns))
+            self._count_missed(missed, longest_part(self._timing, self._settings.window_ns))
 
-    def _tell_missed(self, missed: int, part: CyclePart) -> None:
+    def _count_missed(self, missed: int, part: CyclePart) -> None:
         by_part = list(self._timing.overrun_by_part)
         by_part[part] += missed
         self._timing = replace(
@@ -377,28 +383,28 @@ class Loop:
         at_rest = all(is_at_rest(one.joint, one.limits) for one in core.axes if one.joint.known)
         if not at_rest and self._power_off_cycles <= SETTLE_CYCLES:
             return False
-        self._note_poses()
+        self._store_poses()
         return True
 
-    def _note_poses(self) -> None:
-        persistence.note_poses(self._core, self._clock.utc_ns())
-        self._keep_notes()
+    def _store_poses(self) -> None:
+        persistence.store_poses(self._core, self._clock.utc_ns())
+        self._write_state()
 
-    def _keep_notes(self) -> None:
-        if self._core.notes is not self._noted:
-            self._noted = self._core.notes
-            self._settings.notebook.write(self._noted)
+    def _write_state(self) -> None:
+        if self._core.persistent is not self._written:
+            self._written = self._core.persistent
+            self._settings.state_file.write(self._written)
 
-    def _stop_blindly(self) -> None:
+    def _stop_without_feedback(self) -> None:
         """Send quick stop repeatedly without reading feedback, for the duration of a stop."""
         line, drives, period_ns = self._line, self._core.drives, self._settings.period_ns
         if not line.is_open or drives is None:
             return
-        stops = impedance.blind_stop(self._core)
+        stops = impedance.stop_without_feedback(self._core)
         own = heartbeat_frame(self._settings.master_node_id)
         # If the bus is lost as well, the drives stop by their own detection.
         with suppress(BusError):
-            for _ in range(BLIND_STOP_CYCLES):
+            for _ in range(STOP_WITHOUT_FEEDBACK_CYCLES):
                 next_ns = self._clock.now_ns() + period_ns
                 frames = [line.sync.frame(), own, *drives.frames(stops)]
                 line.send_urgent(frames, next_ns - SEND_MARGIN_NS)

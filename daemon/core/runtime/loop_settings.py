@@ -6,7 +6,7 @@ from enum import IntEnum
 from typing import Protocol
 
 from daemon.core.runtime.build import Plans
-from daemon.core.runtime.state_file import NoteKeeper
+from daemon.core.runtime.state_file import StateStore
 from daemon.ipc.record import CycleRecord, GatewayState
 from drives.bringup.plan import CycleSettings
 from drives.canopen.bus import Bus
@@ -21,14 +21,14 @@ class ExitCode(IntEnum):
     BUG = 4
 
 
-class Seam(Protocol):
-    """Interface of the IPC channel: `daemon.ipc.transport.CoreSeam`, or a list in a test."""
+class IpcChannel(Protocol):
+    """Interface of the IPC channel: `daemon.ipc.transport.CoreChannel`, or a list in a test."""
 
     def publish(self, record: CycleRecord) -> object:
         """Publish a record."""
         ...
 
-    def levels(self) -> list[GatewayState]:
+    def receive(self) -> list[GatewayState]:
         """All gateway states that wait."""
         ...
 
@@ -48,7 +48,7 @@ class Supervisor(Protocol):
 class Log(Protocol):
     """Interface to the journal: `daemon.system.journal.Journal`."""
 
-    def tell(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
+    def write(self, text: str, priority: int, fields: Mapping[str, str]) -> None:
         """Write a line; never waits."""
         ...
 
@@ -68,4 +68,4 @@ class LoopSettings:
     """Computed worst-case bus load."""
     bitrate_bit_per_s: int
     open_bus: Callable[[], Bus]
-    notebook: NoteKeeper
+    state_file: StateStore

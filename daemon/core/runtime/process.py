@@ -18,13 +18,13 @@ from daemon.config.bundle import Settings
 from daemon.config.trainer import SIMULATED
 from daemon.core.runtime import realtime
 from daemon.core.runtime.build import NS_PER_MS, Built, build, ring_header
-from daemon.core.runtime.in_step import InStepSeam
+from daemon.core.runtime.in_step import InStepChannel
 from daemon.core.runtime.loop import Loop
 from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
-from daemon.core.runtime.state_file import NoteKeeper, StateFile
+from daemon.core.runtime.state_file import StateFile, StateStore
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervision
 from daemon.core.runtime.warm_up import warm_up
-from daemon.ipc.transport import CoreSeam, RingHeader
+from daemon.ipc.transport import CoreChannel, RingHeader
 from daemon.system.bus_choice import BusChoice, choose_bus
 from daemon.system.journal import Journal
 from daemon.system.lock import directory_errors, hold
@@ -48,14 +48,14 @@ def _directories(settings: Settings) -> Generator[None]:
         yield
 
 
-def _notebook(settings: Settings) -> StateFile:
+def _state_file(settings: Settings) -> StateFile:
     with directory_errors(settings.file.path, "paths.state", settings.state):
         return StateFile(settings.state)
 
 
-def _seam(settings: Settings, header: RingHeader) -> CoreSeam:
+def _ipc(settings: Settings, header: RingHeader) -> CoreChannel:
     with directory_errors(settings.file.path, "paths.runtime", settings.runtime):
-        return CoreSeam(settings.runtime, header)
+        return CoreChannel(settings.runtime, header)
 
 
 class ShutdownSignals:
@@ -63,9 +63,9 @@ class ShutdownSignals:
 
     def __init__(self) -> None:
         self._end = self._reload = self._waits = False
-        signal.signal(signal.SIGTERM, self._ask_end)
-        signal.signal(signal.SIGINT, self._ask_end)
-        signal.signal(signal.SIGHUP, self._ask_reload)
+        signal.signal(signal.SIGTERM, self._request_end)
+        signal.signal(signal.SIGINT, self._request_end)
+        signal.signal(signal.SIGHUP, self._request_reload)
 
     def wait(self) -> None:
         """Stop exiting at once on a request to end, because drives may move from now on."""
@@ -77,15 +77,15 @@ class ShutdownSignals:
 
     def reload(self) -> bool:
         """True if a reload was requested since the last call."""
-        asked, self._reload = self._reload, False
-        return asked
+        requested, self._reload = self._reload, False
+        return requested
 
-    def _ask_end(self, _signal: int, _frame: FrameType | None) -> None:
+    def _request_end(self, _signal: int, _frame: FrameType | None) -> None:
         self._end = True
         if not self._waits:
             raise SystemExit(int(ExitCode.ENDED))
 
-    def _ask_reload(self, _signal: int, _frame: FrameType | None) -> None:
+    def _request_reload(self, _signal: int, _frame: FrameType | None) -> None:
         self._reload = True
 
 
@@ -103,63 +103,63 @@ def run_core(
     Raises:
         ConfigError: a directory cannot be written, is full, or another core holds it.
     """
-    wishes = ShutdownSignals()
+    signals = ShutdownSignals()
     with _directories(settings):
-        return _run(settings, notify_address, log, wishes, has_watchdog=has_watchdog)
+        return _run(settings, notify_address, log, signals, has_watchdog=has_watchdog)
 
 
 def _run(
     settings: Settings,
     notify_address: str | None,
     log: Journal,
-    wishes: ShutdownSignals,
+    signals: ShutdownSignals,
     *,
     has_watchdog: bool,
 ) -> ExitCode:
     is_simulated = settings.trainer.bus.interface == SIMULATED
     boot_id = uuid.uuid4().hex
-    notebook = _notebook(settings)
-    built = build(settings, boot_id, notebook.notes)
-    warm_up(build(settings, boot_id, notebook.notes))
+    state_file = _state_file(settings)
+    built = build(settings, boot_id, state_file.persistent)
+    warm_up(build(settings, boot_id, state_file.persistent))
     bus = _bus(settings, has_watchdog=has_watchdog)
     clock = bus.clock
     if is_simulated:
         with contextlib.suppress(BusError):  # the loop retries if the server starts later
             bus.open_bus()
     header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
-    core_seam = seam = _seam(settings, header)
+    core_channel = ipc = _ipc(settings, header)
     if is_simulated:
         lock = settings.runtime / "gateway.lock"
-        seam = InStepSeam(core_seam, boot_id, lock, bus.is_in_step, bus.say_here)
+        ipc = InStepChannel(core_channel, boot_id, lock, bus.is_in_step, bus.send_alive)
     supervisor = Notifier(notify_address)
     supervision = Supervision(supervisor, log, settings.trainer.shutdown.effect)
-    grid = loop_settings(settings, built, notebook, bus.open_bus)
-    loop = Loop(built.core, grid, seam, clock, supervision)
+    grid = loop_settings(settings, built, state_file, bus.open_bus)
+    loop = Loop(built.core, grid, ipc, clock, supervision)
     cycle = settings.trainer.cycle
     # In simulated time there are no deadlines, and real-time priority would block other processes.
     is_real = has_watchdog or not is_simulated
     refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus) if is_real else []
     for line in (bus_load_line(settings, built), *refused):
         built.core.report(line)
-        _say(log, line, WARNING if line in refused else INFORMATIONAL)
+        _log(log, line, WARNING if line in refused else INFORMATIONAL)
     try:
-        wishes.wait()
-        code = loop.run(wishes.end, wishes.reload)
+        signals.wait()
+        code = loop.run(signals.end, signals.reload)
     finally:
-        core_seam.close()
-        notebook.close()
+        core_channel.close()
+        state_file.close()
         supervisor.close()
     if loop.bug is not None:
-        _say(log, "".join(traceback.format_exception(loop.bug)), ERROR)
+        _log(log, "".join(traceback.format_exception(loop.bug)), ERROR)
     if code == ExitCode.REFUSED:
-        _say(log, built.core.verdict.detail, ERROR)
+        _log(log, built.core.verdict.detail, ERROR)
     return code
 
 
-def _say(log: Journal, text: str, priority: int) -> None:
+def _log(log: Journal, text: str, priority: int) -> None:
     """Write a line to the log; a log that is full or closed does not affect the core."""
     if log.is_open:
-        log.tell(text, priority, {"GAITD_EVENT": "core"})
+        log.write(text, priority, {"GAITD_EVENT": "core"})
         return
     with contextlib.suppress(OSError):
         print(f"gaitd core: {text}", file=sys.stderr)
@@ -194,7 +194,7 @@ def _bus(settings: Settings, *, has_watchdog: bool) -> BusChoice:
 
 
 def loop_settings(
-    settings: Settings, built: Built, notebook: NoteKeeper, open_bus: Callable[[], Bus]
+    settings: Settings, built: Built, state_file: StateStore, open_bus: Callable[[], Bus]
 ) -> LoopSettings:
     """The settings of the loop from the configuration."""
     cycle, bus = settings.trainer.cycle, settings.trainer.bus
@@ -208,5 +208,5 @@ def loop_settings(
         bus_load_ratio=_bus_load(settings, built).busy_ratio,
         bitrate_bit_per_s=bus.bitrate_bit_per_s,
         open_bus=open_bus,
-        notebook=notebook,
+        state_file=state_file,
     )

@@ -23,13 +23,13 @@ from daemon.core.modes.persistent_state import FORMAT, UNREADABLE, PersistentSta
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.state_file import NAME, SIZE
 
-NOTES: Final = Decoder(msgspec.json.Decoder(PersistentState).decode)
+DECODER: Final = Decoder(msgspec.json.Decoder(PersistentState).decode)
 
 
-class NoteKeeper(Protocol):
+class StateStore(Protocol):
     """Interface of the state file for the loop: `StateFile`, or a list in a test."""
 
-    def write(self, notes: PersistentState) -> None:
+    def write(self, persistent: PersistentState) -> None:
         """Store the persistent state, without waiting."""
         ...
 
@@ -45,22 +45,22 @@ class StateFile:
         """
         state.mkdir(parents=True, exist_ok=True)
         self.path = state / NAME
-        self.notes, new = _read(self.path), not self.path.exists()
+        self.persistent, new = _read(self.path), not self.path.exists()
         with self.path.open("ab") as file:
             # Allocate all blocks now: writing to a hole on a full disk would kill the process.
             os.posix_fallocate(file.fileno(), 0, SIZE)
         with self.path.open("r+b") as file:
             self._map = mmap.mmap(file.fileno(), SIZE)
         if new:
-            self.write(self.notes)
+            self.write(self.persistent)
 
-    def write(self, notes: PersistentState) -> None:
-        """As `NoteKeeper.write`.
+    def write(self, persistent: PersistentState) -> None:
+        """As `StateStore.write`.
 
         Raises:
             ValueError: the state does not fit the page: a programming error.
         """
-        text = msgspec.json.encode(notes)
+        text = msgspec.json.encode(persistent)
         if len(text) >= SIZE:
             raise ValueError(f"axis notes of {len(text)} bytes do not fit {SIZE}")
         self._map[:SIZE] = text.ljust(SIZE - 1) + b"\n"
@@ -75,7 +75,7 @@ def _read(path: Path) -> PersistentState:
     if not path.exists():
         return PersistentState()
     try:
-        notes = NOTES.decode(path.read_bytes().strip(b"\0 \n"))
+        persistent = DECODER.decode(path.read_bytes().strip(b"\0 \n"))
     except RefusedError:
         return UNREADABLE
-    return notes if notes.format == FORMAT else UNREADABLE
+    return persistent if persistent.format == FORMAT else UNREADABLE

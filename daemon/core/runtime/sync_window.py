@@ -32,7 +32,7 @@ class Window:
         """Reset the answer time at the begin of a cycle."""
         self.answer_ns = 0
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Forget the previous window, after a new bring-up."""
         self._was_complete = False
 

@@ -35,7 +35,7 @@ class Supervision:
         self._shutdown_effect = shutdown_effect
         self._is_ready = False
         self._ends = False
-        self._said: tuple[Mode, Cause, str] | None = None
+        self._reported: tuple[Mode, Cause, str] | None = None
         self._status = ""
         self._status_cycle = 0
         self._is_due = True
@@ -44,18 +44,18 @@ class Supervision:
         """Feed the watchdog: a cycle was finished in time."""
         self._supervisor.send("WATCHDOG=1")
 
-    def hear(self, record: CycleRecord) -> None:
+    def report(self, record: CycleRecord) -> None:
         """Report changes in a published record."""
-        said = (record.mode, record.verdict.cause, record.verdict.drive)
-        is_new = said != self._said
+        reported = (record.mode, record.verdict.cause, record.verdict.drive)
+        is_new = reported != self._reported
         if is_new:
-            self._said, self._is_due = said, True
+            self._reported, self._is_due = reported, True
             status = status_line(record.mode, record.verdict, record.progress)
-            self._log.tell(status, priority_of(record), fields_of(record))
+            self._log.write(status, priority_of(record), fields_of(record))
         if self._is_due or record.cycle - self._status_cycle >= PROGRESS_CYCLES:
-            self._tell_status(record)
+            self._send_status(record)
 
-    def _tell_status(self, record: CycleRecord) -> None:
+    def _send_status(self, record: CycleRecord) -> None:
         """Send the status line; if systemd cannot take it, it is sent again in the next cycle."""
         status = status_line(record.mode, record.verdict, record.progress)
         ready = () if self._is_ready else ("READY=1",)
@@ -73,10 +73,10 @@ class Supervision:
     def end(self, core: Core, code: ExitCode) -> None:
         """Report the end of the process and the final state of the drives."""
         self.begin_end()
-        status = one_line(remains(core, code, self._shutdown_effect))
+        status = one_line(final_state_text(core, code, self._shutdown_effect))
         self._supervisor.send(f"STATUS={status}")
         priority = NOTICE if code == ExitCode.ENDED else ERROR
-        self._log.tell(
+        self._log.write(
             status, priority, {"GAITD_EVENT": "ended", "GAITD_EXIT_CODE": str(int(code))}
         )
 
@@ -95,8 +95,8 @@ def status_line(mode: Mode, verdict: Verdict, progress: str) -> str:
     text = progress.removeprefix(f"{name}: ")
     cause = verdict.cause.name.lower()
     where = f" {verdict.drive}" if verdict.drive else ""
-    told = name if text in {"", name.replace("_", " ")} else f"{name}: {text}"
-    return one_line(f"{told} [{cause}{where}]" if verdict.cause != Cause.NONE else told)
+    line = name if text in {"", name.replace("_", " ")} else f"{name}: {text}"
+    return one_line(f"{line} [{cause}{where}]" if verdict.cause != Cause.NONE else line)
 
 
 def priority_of(record: CycleRecord) -> int:
@@ -120,12 +120,12 @@ def fields_of(record: CycleRecord) -> dict[str, str]:
     return fields
 
 
-def remains(core: Core, code: ExitCode, shutdown_effect: str) -> str:
+def final_state_text(core: Core, code: ExitCode, shutdown_effect: str) -> str:
     """Text on the final state after the end: power, brakes, and the effect on the leg."""
     if code == ExitCode.BUG:
         return (
             "ended by a bug of ours: quick stops were sent, and the drives stop by themselves; "
-            f"last seen: {_seen(core)}"
+            f"last seen: {_states(core)}"
         )
     why = f" ({describe(core.verdict)})" if core.verdict.cause != Cause.NONE else ""
     if code == ExitCode.REFUSED:
@@ -135,7 +135,7 @@ def remains(core: Core, code: ExitCode, shutdown_effect: str) -> str:
         return f"ended without the drives: their power {left}{why}"
     powered = [axis for axis in core.axes if _is_powered(axis)]
     if powered or is_silenced(core):
-        return f"ended, but not every drive showed that it is without power: {_seen(core)}{why}"
+        return f"ended, but not every drive showed that it is without power: {_states(core)}{why}"
     braked = [axis.name for axis in core.axes if axis.limits.brake]
     brakes = f", {' and '.join(braked)} on the brake" if braked else ", no axis has a brake"
     return f"ended: all axes are at rest and without power{brakes}. {shutdown_effect}"
@@ -145,7 +145,7 @@ def _is_powered(axis: Axis) -> bool:
     return axis.feedback is None or axis.feedback.power_state not in WITHOUT_POWER
 
 
-def _seen(core: Core) -> str:
+def _states(core: Core) -> str:
     return ", ".join(
         f"{axis.name} "
         + ("unknown" if axis.feedback is None else axis.feedback.power_state.name.lower())

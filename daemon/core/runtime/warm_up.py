@@ -10,6 +10,7 @@ from daemon.core.motion import gait_shape
 from daemon.core.runtime.build import Built
 from daemon.core.safety import inverse_dynamics, stopping_path
 from drives.bringup.bus_load import fill_tables
+from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import ratio_and_load
 
 STEPS = 20
@@ -21,15 +22,17 @@ def warm_up(built: Built) -> None:
     period_s = built.core.config.period_s
     for leg in built.core.legs:
         angles = gait_shape.gait_angles(leg.shape, 0.0, 0.0)
-        pose = gait_shape.joints_of_angles(leg.parameters, angles)
+        gait_shape.joints_of_angles(leg.parameters, angles)
+        pose = gait_shape.joints_of_angles(leg.mechanism, angles)
         gait_shape.angles_of_joints(leg.parameters, pose)
         load = gait_shape.load_at(leg.parameters, pose)
-        ratio_and_load(leg.parameters, *pose)
+        ratio_and_load(leg.mechanism, *pose)
         stopping_path.least_ratio(
-            leg.parameters, pose, (0.0, 0.0), (1.0, 1.0), stopping_path.REACTION_S
+            leg.mechanism, pose, (0.0, 0.0), (1.0, 1.0), stopping_path.REACTION_S
         )
         stopping_path.gradient(leg.parameters, pose)
-        inverse_dynamics.warm_up(leg.parameters, leg.friction)
+        inverse_dynamics.warm_up(leg.mechanism, leg.friction_laws)
+        static_friction_of(leg.friction[0], 0.0)
         leg.observer.reset(np.array(pose))
         for _ in range(STEPS):
             estimate = leg.observer.step(
@@ -40,5 +43,5 @@ def warm_up(built: Built) -> None:
                 unreferenced=False,
                 artificial=False,
             )
-            leg.smoother.take(estimate, load, period_s)
+            leg.smoother.add(estimate, load, period_s)
         leg.strides.warm_up()

@@ -52,9 +52,9 @@ Finding = tuple[Cause, float, float, str]
 """A reason to stop: cause, value, limit, detail."""
 
 
-def worse(latched: Verdict, found: Verdict) -> Verdict:
+def worse(latched: Verdict, verdicts: Verdict) -> Verdict:
     """The harsher of two verdicts; the latched one if they are equal."""
-    return found if found.category > latched.category else latched
+    return verdicts if verdicts.category > latched.category else latched
 
 
 def check(inputs: SafetyInputs) -> tuple[Verdict, ...]:
@@ -63,12 +63,12 @@ def check(inputs: SafetyInputs) -> tuple[Verdict, ...]:
     The harshest verdict is first. Two axes may fail in the same cycle; each is then stopped by its
     own cause.
     """
-    found: dict[str, Verdict] = {}
+    verdicts: dict[str, Verdict] = {}
     for name, (cause, value, limit, detail) in _findings(inputs):
         category = inputs.categories.of(cause)
-        if category > found.get(name, NO_VERDICT).category:
-            found[name] = Verdict(category, cause, name, value, limit, detail)
-    return tuple(sorted(found.values(), key=lambda verdict: -verdict.category))
+        if category > verdicts.get(name, NO_VERDICT).category:
+            verdicts[name] = Verdict(category, cause, name, value, limit, detail)
+    return tuple(sorted(verdicts.values(), key=lambda verdict: -verdict.category))
 
 
 def _findings(inputs: SafetyInputs) -> Iterator[tuple[str, Finding]]:
@@ -184,14 +184,14 @@ def _fault(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     feedback = axis.feedback
     if feedback.in_fault:
         reason = feedback.alarm or feedback.emergency
-        said = f"{reason.code:04X}h {reason.text}" if reason else axis.error_found
+        said = f"{reason.code:04X}h {reason.text}" if reason else axis.bring_up_error
         detail = said or "no EMCY seen"
         yield Cause.DRIVE_FAULT, 0.0, 0.0, detail
     if axis.new_emergency and feedback.alarm is not None:
         yield Cause.EMERGENCY, 0.0, 0.0, f"{feedback.alarm.code:04X}h {feedback.alarm.text}"
 
 
-def _unasked(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _unexpected_enable(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     """Check for a drive that has power without a request by the core.
 
     Power that appears after the drive was off counts at once. A drive that was enabled by the core
@@ -200,12 +200,12 @@ def _unasked(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     state, limit_cycles = axis.feedback.power_state, ENABLE_CYCLES
     if state == PowerState.FAULT_REACTION_ACTIVE:
         limit_cycles = axis.reaction_cycles
-    elif axis.seen_off and state != PowerState.UNKNOWN:
+    elif axis.shown_unpowered and state != PowerState.UNKNOWN:
         limit_cycles = 0
-    if axis.unasked_cycles > limit_cycles:
+    if axis.unexpected_enable_cycles > limit_cycles:
         yield (
             Cause.UNEXPECTED_ENABLE,
-            float(axis.unasked_cycles),
+            float(axis.unexpected_enable_cycles),
             float(limit_cycles),
             "cycles",
         )
@@ -222,14 +222,14 @@ def _power(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     feedback = axis.feedback
     enabled = feedback.power_state == PowerState.OPERATION_ENABLED
     stopping = feedback.power_state == PowerState.QUICK_STOP_ACTIVE
-    patience = axis.limits.enable_max_cycles
-    late = axis.unready_cycles > patience
+    limit_cycles = axis.limits.enable_max_cycles
+    late = axis.unready_cycles > limit_cycles
     if not enabled and (axis.reached_enabled or stopping or late):
         yield Cause.DRIVE_LEFT_ENABLED, 0.0, 0.0, feedback.power_state.name
         return
     if axis.reached_enabled:
-        patience = thresholds.mode_switch_cycles
-    if axis.unready_cycles <= patience:
+        limit_cycles = thresholds.mode_switch_cycles
+    if axis.unready_cycles <= limit_cycles:
         return
     if feedback.mode_display != axis.mode_wanted:
         yield (
@@ -364,13 +364,13 @@ EFFORT_MARGIN_RATIO = 1.1
 """Margin over the effort limit: the command is bounded, but the current loop may overshoot."""
 
 Check = Callable[[AxisInputs, Thresholds], Iterator[Finding]]
-RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault, _unasked, _efforts)
+RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault, _unexpected_enable, _efforts)
 DRIVING_CHECKS: tuple[Check, ...] = (
     _inputs,
     _limit_switches,
     _communication,
     _fault,
-    _unasked,
+    _unexpected_enable,
     _numbers,
     _encoder,
     _directions,

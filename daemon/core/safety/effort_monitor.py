@@ -20,7 +20,7 @@ Without power a drive's effort is zero for any target: then `gap` is the reading
 
 from typing import NamedTuple
 
-from daemon.core.safety.inverse_dynamics import Balance
+from daemon.core.safety.inverse_dynamics import InverseDynamics
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
 
@@ -54,44 +54,45 @@ class EffortWatch(NamedTuple):
     """Measured effort when the joint began to stand still."""
 
 
-def note_sent(watch: EffortWatch, effort_si: float, *, in_force: bool) -> EffortWatch:
-    """The watch after a command; `in_force`: the drive is enabled and shows torque mode."""
-    if not in_force:
+def record_sent(watch: EffortWatch, effort_si: float, *, active: bool) -> EffortWatch:
+    """The watch after a command; `active`: the drive is enabled and shows torque mode."""
+    if not active:
         return watch._replace(sent_si=())
     return watch._replace(sent_si=(*watch.sent_si, effort_si)[-SENT_COUNT:])
 
 
-def look(
+def update(
     watch: EffortWatch,
     joint: Joint,
-    balance: Balance,
+    dynamics: InverseDynamics,
     axis: int,
     limits: AxisLimits,
     *,
     powered: bool,
     free: bool,
-    placed: bool,
+    pose_known: bool,
 ) -> EffortWatch:
     """The watch after this cycle's sample; without a sample it is unchanged.
 
     Args:
         watch: watch of the previous cycle.
         joint: joint of this cycle.
-        balance: inverse dynamics of its leg.
+        dynamics: inverse dynamics of its leg.
         axis: 0 hip, 1 slide.
         limits: limits of this axis.
         powered: the drive's power stage may be on.
         free: no end stop acts on the joint; a rebound from one would look like a sign mismatch.
-        placed: both axes of the leg are referenced; else the inverse dynamics are not valid.
+        pose_known: both axes of the leg are referenced; else the inverse dynamics are not valid.
     """
     if not joint.fresh:
         return watch
     unpowered_cycles = 0 if powered else watch.unpowered_cycles + 1
-    ratio = HELD_RATIO if placed else 0.0
-    held_si = watch.held_si + ratio * (balance.held(axis) - watch.held_si)
+    ratio = HELD_RATIO if pose_known else 0.0
+    held_si = watch.held_si + ratio * (dynamics.held(axis) - watch.held_si)
     gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
-    sign_mismatch_si = _opposed(balance, axis) if powered and free and placed else 0.0
-    return watch._replace(
+    sign_mismatch_si = _sign_mismatch(dynamics, axis) if powered and free and pose_known else 0.0
+    return EffortWatch(
+        sent_si=watch.sent_si,
         unpowered_cycles=unpowered_cycles,
         gap_si=gap_si,
         gap_cycles=watch.gap_cycles + 1 if gap_si > limits.effort_deviation_max_si else 0,
@@ -119,9 +120,9 @@ def _gap(watch: EffortWatch, measured_si: float, unpowered_cycles: int) -> float
     return max(min(watch.sent_si) - measured_si, measured_si - max(watch.sent_si), 0.0)
 
 
-def _opposed(balance: Balance, axis: int) -> float:
-    if not balance.known:
+def _sign_mismatch(dynamics: InverseDynamics, axis: int) -> float:
+    if not dynamics.known:
         return 0.0
-    push_si = balance.effort[axis] - balance.load[axis]
-    motion_si = balance.inertia[axis] + balance.friction[axis]
+    push_si = dynamics.effort[axis] - dynamics.load[axis]
+    motion_si = dynamics.inertia[axis] + dynamics.friction[axis]
     return min(abs(push_si), abs(motion_si)) if push_si * motion_si < 0 else 0.0

@@ -17,7 +17,7 @@ class StrideSum:
         # Running totals: the difference of two is the sum between them.
         self._totals = deque([0.0], STRIDE_MAX_CYCLES + 1)
 
-    def take(self, value: float) -> None:
+    def add(self, value: float) -> None:
         """Add the value of one cycle."""
         self._totals.append(self._totals[-1] + value)
 

@@ -6,7 +6,7 @@ configured: a patient who pushes with the motion looks like low friction (observ
 
 from typing import Final
 
-from observer.drift import Drift, asks_for_calibration, correlation, friction_error, noted
+from observer.drift import Drift, asks_for_calibration, correlation, friction_error, updated
 from observer.filter.leg_observer import LegEstimate
 from observer.filter.status import Status, Validity
 from observer.mechanism.friction import FrictionParameters
@@ -24,7 +24,7 @@ def update(
     """
     if estimate.status & DOUBTFUL or estimate.validity[index] is not Validity.OK:
         return None
-    return noted(drift, law, estimate.state[2 + index], estimate.state[6 + index], dt_s)
+    return updated(drift, law, estimate.state[2 + index], estimate.state[6 + index], dt_s)
 
 
 def advice(drift: Drift, law: FrictionParameters) -> str:

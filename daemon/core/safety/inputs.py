@@ -39,9 +39,9 @@ class AxisInputs:
     """The drive has been enabled, in its mode and following, since this was requested."""
     unready_cycles: int
     """Cycles in a row in which it should be enabled, in its mode and following, and was not."""
-    unasked_cycles: int
+    unexpected_enable_cycles: int
     """Cycles in a row in which it had power, or may have had, without a request by the core."""
-    seen_off: bool
+    shown_unpowered: bool
     """It has been off since power was last requested: power it shows now has another source."""
     reaction_cycles: int
     """Longest duration of its fault reaction."""
@@ -59,7 +59,7 @@ class AxisInputs:
     spasm_cycles: int
     """Duration of a spasm, in which the patient works against the motion; 0: none."""
     spasm_rise_si: float
-    error_found: str = ""
+    bring_up_error: str = ""
     """Error text of the fault that bring-up found in the drive."""
 
 

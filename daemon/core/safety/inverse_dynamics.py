@@ -26,7 +26,7 @@ ROW = 3
 """Number of samples of both axes in a row that the inverse dynamics need."""
 
 
-class Balance(NamedTuple):
+class InverseDynamics(NamedTuple):
     """The terms of (6) for one leg, about the sample before the newest one."""
 
     samples_in_a_row: int = 0
@@ -50,7 +50,7 @@ class Balance(NamedTuple):
         """True if the terms are of the newest cycle; else they are older."""
         return self.samples_in_a_row >= ROW
 
-    def unexplained(self, axis: int) -> float:
+    def residual(self, axis: int) -> float:
         """Residual of one axis: effort beyond motion, load and friction, N·m or N."""
         explained = self.load[axis] + self.inertia[axis] + self.friction[axis]
         return self.effort[axis] - explained
@@ -63,32 +63,31 @@ class Balance(NamedTuple):
         return self.effort[axis] - self.load[axis] - self.coupled[axis]
 
 
-def follow(
-    before: Balance,
-    leg: LegParameters,
-    frictions: tuple[FrictionParameters, FrictionParameters],
+def evaluate(
+    before: InverseDynamics,
+    leg: tuple[float, ...],
+    frictions: tuple[tuple[float, ...], tuple[float, ...]],
     joints: tuple[Joint, Joint],
-) -> Balance:
+) -> InverseDynamics:
     """The inverse dynamics after this cycle's samples.
 
     Args:
         before: result of the previous cycle.
-        leg: mechanism.
-        frictions: friction of hip and slide, eq. (13).
+        leg: `LegParameters` of the mechanism, as a plain tuple.
+        frictions: `FrictionParameters` of hip and slide, eq. (13), as plain tuples.
         joints: hip and slide at this cycle's samples; a missing sample restarts the count.
     """
     hip, slide = joints
     if not (hip.fresh and slide.fresh and hip.elapsed_s > 0 and slide.elapsed_s > 0):
         return before._replace(samples_in_a_row=0)
     count = before.samples_in_a_row + 1
-    new = before._replace(
-        samples_in_a_row=count,
-        position=(hip.position_si, slide.position_si),
-        velocity=(hip.velocity_si, slide.velocity_si),
-        measured=(hip.effort_si, slide.effort_si),
-    )
+    position = hip.position_si, slide.position_si
+    velocity = hip.velocity_si, slide.velocity_si
+    measured = hip.effort_si, slide.effort_si
     if count < ROW:
-        return new
+        return before._replace(
+            samples_in_a_row=count, position=position, velocity=velocity, measured=measured
+        )
     load1, load2, own1, own2, coupled1, coupled2, friction1, friction2 = _terms(
         leg,
         frictions[0],
@@ -99,7 +98,11 @@ def follow(
         (hip.velocity_si - before.velocity[0]) / hip.elapsed_s,
         (slide.velocity_si - before.velocity[1]) / slide.elapsed_s,
     )
-    return new._replace(
+    return InverseDynamics(
+        samples_in_a_row=count,
+        position=position,
+        velocity=velocity,
+        measured=measured,
         effort=(
             0.5 * (before.measured[0] + hip.effort_si),
             0.5 * (before.measured[1] + slide.effort_si),
@@ -111,16 +114,16 @@ def follow(
     )
 
 
-def warm_up(leg: LegParameters, frictions: tuple[FrictionParameters, FrictionParameters]) -> None:
+def warm_up(leg: tuple[float, ...], frictions: tuple[tuple[float, ...], tuple[float, ...]]) -> None:
     """Compile the kernel or load it from the cache, before the first cycle."""
     _terms(leg, frictions[0], frictions[1], 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @kernel
 def _terms(
-    leg: LegParameters,
-    hip_friction: FrictionParameters,
-    slide_friction: FrictionParameters,
+    leg: tuple[float, ...],
+    hip_friction: tuple[float, ...],
+    slide_friction: tuple[float, ...],
     hip: float,
     slide: float,
     hip_speed: float,
@@ -128,7 +131,7 @@ def _terms(
     hip_acceleration: float,
     slide_acceleration: float,
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    d = dynamics(leg, hip, slide, hip_speed, slide_speed, 1.0)
+    d = dynamics(LegParameters(*leg), hip, slide, hip_speed, slide_speed, 1.0)
     return (
         d.bias_hip,
         d.bias_slide,
@@ -136,6 +139,6 @@ def _terms(
         d.m22 * slide_acceleration,
         d.m12 * slide_acceleration,
         d.m12 * hip_acceleration,
-        static_friction(hip_friction, hip_speed),
-        static_friction(slide_friction, slide_speed),
+        static_friction(FrictionParameters(*hip_friction), hip_speed),
+        static_friction(FrictionParameters(*slide_friction), slide_speed),
     )

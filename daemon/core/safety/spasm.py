@@ -40,12 +40,12 @@ class SpasmWatch:
         self.cycles = 0
         """Duration of the spasm in cycles; 0: there is none."""
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Reset the detector: there is no usable estimate, or no guided motion."""
         self._lately.clear()
         self.rise_si, self.cycles = 0.0, 0
 
-    def take(
+    def update(
         self,
         effort_si: float,
         speed_si: float,
@@ -72,12 +72,13 @@ class SpasmWatch:
             self.cycles = self.cycles + 1 if lasting else 0
             return
         self.rise_si = effort_si - before_si
-        grows = self.rise_si * effort_si > 0 and abs(self.rise_si) > rise_max_si
+        if still_cycles >= STILL_CYCLES or abs(self.rise_si) <= rise_max_si:
+            return
         with_motion = any(
             abs(speed) > rest_si and self.rise_si * speed > 0
             for speed in (speed_before_si, wanted_speed_si)
         )
-        if grows and not with_motion and still_cycles < STILL_CYCLES:
+        if self.rise_si * effort_si > 0 and not with_motion:
             self._before_si = before_si
             self.cycles = 1
 

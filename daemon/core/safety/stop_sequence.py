@@ -183,8 +183,8 @@ def _obeyed(
         return True
     if state in _UNPROVEN:
         reacting = state == PowerState.FAULT_REACTION_ACTIVE
-        patience_cycles = rules.reaction_cycles if reacting else rules.obey_cycles
-        return stop.unproven_cycles <= patience_cycles
+        timeout_cycles = rules.reaction_cycles if reacting else rules.obey_cycles
+        return stop.unproven_cycles <= timeout_cycles
     if stop.step >= Step.DISABLE:
         return False
     if stop.step == Step.QUICK_STOP and state == PowerState.OPERATION_ENABLED:

@@ -68,16 +68,21 @@ def ratio_of(cosine_ratio: float) -> float:
 
 @kernel
 def least_ratio(
-    leg: LegParameters, position: Pair, velocity: Pair, decelerations: Pair, reaction_s: float
+    leg: tuple[float, ...],
+    position: Pair,
+    velocity: Pair,
+    decelerations: Pair,
+    reaction_s: float,
 ) -> float:
     """The smallest |sin(psi)| on the way to rest of both axes, each on its own ramp."""
+    parameters = LegParameters(*leg)
     braking_s = max(abs(velocity[0]) / decelerations[0], abs(velocity[1]) / decelerations[1])
     worst = 0.0
     for index in range(POINTS + 1):
         time_s = (reaction_s + braking_s) * index / POINTS
         hip = on_ramp(position[0], velocity[0], decelerations[0], time_s, reaction_s)
         slide = on_ramp(position[1], velocity[1], decelerations[1], time_s, reaction_s)
-        worst = max(worst, abs(cosine(leg, (hip, slide))))
+        worst = max(worst, abs(cosine(parameters, (hip, slide))))
     return ratio_of(worst)
 
 

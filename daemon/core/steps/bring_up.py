@@ -73,7 +73,7 @@ def _take_over(
     core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport], now_ns: int
 ) -> None:
     """Put the drives under control of the core and reset all state of an earlier bring-up."""
-    single_axis.forget_other_drives(core, reports)
+    single_axis.drop_tests_of_other_drives(core, reports)
     sensing.begin(core, plans, reports)
     persistence.check_signs(core)
     targets.reset(core)

@@ -29,7 +29,7 @@ def receive(core: Core, cycle: int) -> None:
     handed_over = {
         leg.name
         for leg in core.legs
-        if leg.assist.lease != core.lease and assist.is_in_force(leg.assist)
+        if leg.assist.lease != core.lease and assist.is_active(leg.assist)
     }
     for leg in core.legs:
         if leg.assist.lease != core.lease:
@@ -46,13 +46,15 @@ def _receive_one(core: Core, setpoint: Setpoint, context: SetpointContext) -> No
     if leg is None:
         core.setpoint_refused_count[SetpointRefusal.UNKNOWN_LEG] += 1
         return
-    judged = (setpoint.lease, setpoint.seq, setpoint.for_cycle)
-    if judged == leg.assist.judged:
+    key = (setpoint.lease, setpoint.seq, setpoint.for_cycle)
+    if key == leg.assist.checked:
         return
     hip, slide = leg.axes
     limits = (hip.limits, slide.limits)
-    refusal = assist.judge(setpoint, leg.assist.seq, limits, context, core.config.assist_rules)
-    leg.assist = replace(leg.assist, judged=judged)
+    refusal = assist.check_setpoint(
+        setpoint, leg.assist.seq, limits, context, core.config.assist_rules
+    )
+    leg.assist = replace(leg.assist, checked=key)
     if refusal == SetpointRefusal.NONE:
         core.setpoint_accepted_count += 1
         leg.assist = replace(leg.assist, seq=setpoint.seq, accepted=setpoint)
@@ -84,18 +86,20 @@ def _lapse_of_torque(core: Core, cycle: int) -> str:
     rules = core.config.assist_rules
     if core.lease != core.torque_lease:
         return LEASE_ENDED
-    heard = [leg.assist.accepted for leg in core.legs if leg.assist.accepted is not None]
-    if not all(assist.is_fresh(one, cycle, rules) for one in heard):
+    accepted = [leg.assist.accepted for leg in core.legs if leg.assist.accepted is not None]
+    if not all(assist.is_fresh(one, cycle, rules) for one in accepted):
         return GROWN_STALE
-    return "no setpoint has come" if not heard and _waited_cycles(core) > rules.start_cycles else ""
+    return (
+        "no setpoint has come" if not accepted and _waited_cycles(core) > rules.start_cycles else ""
+    )
 
 
 def _lapse_of_gait(core: Core, cycle: int) -> str:
     rules = core.config.assist_rules
-    in_force = [leg.assist.accepted for leg in core.legs if assist.is_in_force(leg.assist)]
-    if any(one is None for one in in_force):
+    accepted = [leg.assist.accepted for leg in core.legs if assist.is_active(leg.assist)]
+    if any(one is None for one in accepted):
         return LEASE_ENDED
-    fresh = all(one is not None and assist.is_fresh(one, cycle, rules) for one in in_force)
+    fresh = all(one is not None and assist.is_fresh(one, cycle, rules) for one in accepted)
     return "" if fresh else GROWN_STALE
 
 
@@ -113,10 +117,10 @@ def advance(core: Core, cycle: int) -> None:
 
 def _advance_leg(core: Core, leg: Leg, cycle: int) -> None:
     """Assist is zero at once where no drive is to be enabled."""
-    if not any(wanted.enable_wanted(core, axis) for axis in leg.axes):
+    if not wanted.enable_wanted_of(core, leg):
         leg.assist = replace(leg.assist, effort_si=(0.0, 0.0), fade_si=None)
     hip, slide = leg.axes
-    moved = assist.advance(
+    advanced = assist.advance(
         leg.assist,
         _followed(core, leg, cycle),
         (hip.limits, slide.limits),
@@ -124,13 +128,13 @@ def _advance_leg(core: Core, leg: Leg, cycle: int) -> None:
         core.config.assist_rules,
         core.config.period_s,
     )
-    if moved is None:
+    if advanced is None:
         # NaN makes the command check stop the machine; no further assist is added.
         leg.assist_si = (math.nan, math.nan)
         leg.assist = replace(leg.assist, accepted=None, effort_si=(0.0, 0.0), fade_si=None)
         return
-    leg.assist, leg.assist_si = moved, moved.effort_si
-    leg.stiffness_ratio = moved.stiffness_ratio
+    leg.assist, leg.assist_si = advanced, advanced.effort_si
+    leg.stiffness_ratio = advanced.stiffness_ratio
 
 
 def _followed(core: Core, leg: Leg, cycle: int) -> Setpoint | None:

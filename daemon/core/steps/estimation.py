@@ -44,8 +44,8 @@ def estimate(core: Core, tick: Tick) -> None:
             near_limit=leg.zone.entered,
         )
         _update_drift(core, leg, tick.dt_s)
-        sample = leg.smoother.take(found, leg.effort_used, tick.dt_s)
-        leg.stride = None if sample is None else leg.strides.take(sample)
+        sample = leg.smoother.add(found, leg.effort_used, tick.dt_s)
+        leg.stride = None if sample is None else leg.strides.add(sample)
         leg.stride_count += leg.stride is not None
         bad = Validity.BAD in found.validity
         leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0
@@ -83,8 +83,10 @@ def _update_drift(core: Core, leg: Leg, dt_s: float) -> None:
         if drift is None:
             continue
         axis.drift = drift
-        advice = friction_monitor.advice(drift, leg.friction[index])
-        advised = bool(advice) and not core.config.patient_configured
+        advice = ""
+        if not core.config.patient_configured:
+            advice = friction_monitor.advice(drift, leg.friction[index])
+        advised = bool(advice)
         if advised and not axis.calibration_advised:
             core.report(f"{axis.name}: {advice}")
         axis.calibration_advised = advised

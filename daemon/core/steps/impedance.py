@@ -52,24 +52,24 @@ class Target(NamedTuple):
 
 def command(core: Core, cycle: int) -> list[DriveCommand]:
     """Compute the command to every drive, in the order of the axes."""
-    wishes = [wish for leg in core.legs for wish in _wishes(core, leg)]
+    setpoints = [setpoint for leg in core.legs for setpoint in _setpoints(core, leg)]
     modes = [_mode(core, axis) for axis in core.axes]
-    sent = _bounded(core, wishes, modes, cycle)
+    sent = _bounded(core, setpoints, modes, cycle)
     if sent is None:
         verdict = Verdict(
             core.config.categories.of(Cause.COMMAND_NOT_FINITE),
             Cause.COMMAND_NOT_FINITE,
-            detail=f"wanted {[tuple(wish) for wish in wishes]}",
+            detail=f"wanted {[tuple(setpoint) for setpoint in setpoints]}",
         )
         supervisor.stop(core, verdict, cycle)
         sent = [Target(0.0, axis.position_sent_si) for axis in core.axes]
     for axis, mode, target in zip(core.axes, modes, sent, strict=True):
-        targets.note_sent(axis, mode, *target, core.config.period_s)
+        targets.record_sent(axis, mode, *target, core.config.period_s)
     exercises.has_taken_over(core)
     return [_command(core, axis) for axis in core.axes]
 
 
-def blind_stop(core: Core) -> list[DriveCommand]:
+def stop_without_feedback(core: Core) -> list[DriveCommand]:
     """Quick stop for every drive in its present mode, without any computation that could fail."""
     return [
         DriveCommand(
@@ -90,13 +90,13 @@ def _mode(core: Core, axis: Axis) -> OperationMode:
     return axis.mode_sent if pushing and moving else mode
 
 
-def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
+def _setpoints(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
     """Setpoints of the leg's plan for both axes; no effort where no drive is to be enabled."""
     hip, slide = leg.axes
     if single_axis.moving(core) is not None:
-        return _preparing_wish(core, hip), _preparing_wish(core, slide)
+        return _preparation_setpoint(core, hip), _preparation_setpoint(core, slide)
     reference = leg.reference
-    if reference is None or not any(wanted.enable_wanted(core, axis) for axis in leg.axes):
+    if reference is None or not wanted.enable_wanted_of(core, leg):
         return AxisSetpoint(0.0, hip.joint.position_si, 0.0), AxisSetpoint(
             0.0, slide.joint.position_si, 0.0
         )
@@ -115,7 +115,7 @@ def _wishes(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
     )
 
 
-def _preparing_wish(core: Core, axis: Axis) -> AxisSetpoint:
+def _preparation_setpoint(core: Core, axis: Axis) -> AxisSetpoint:
     return AxisSetpoint(single_axis.target_effort_si(core, axis), axis.joint.position_si, 0.0)
 
 
@@ -151,42 +151,48 @@ def _gains(
 
 
 def _bounded(
-    core: Core, wishes: Sequence[AxisSetpoint], modes: Sequence[OperationMode], cycle: int
+    core: Core, setpoints: Sequence[AxisSetpoint], modes: Sequence[OperationMode], cycle: int
 ) -> list[Target] | None:
     """Bounded targets; None if any value is not finite, even one that its mode does not use."""
-    if not all(math.isfinite(number) for wish in wishes for number in wish):
+    if not all(math.isfinite(number) for setpoint in setpoints for number in setpoint):
         return None
     bounded: list[Target] = []
     taking_over = [leg.takes_over for leg in core.legs for _ in leg.axes]
-    for axis, wish, mode, takes_over in zip(core.axes, wishes, modes, taking_over, strict=True):
+    for axis, setpoint, mode, takes_over in zip(
+        core.axes, setpoints, modes, taking_over, strict=True
+    ):
         pushing = wanted.enable_wanted(core, axis)
         if core.single_axis is not None:
-            target = _prepared(core, axis, wish, pushing=pushing)
+            target = _prepared(core, axis, setpoint, pushing=pushing)
         else:
             leaving = wanted.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
-            ask = targets.Ask(mode, pushing, leaving, core.config.period_s, takes_over)
-            target = _guided(axis, wish, ask, cycle)
+            request = targets.DriveRequest(mode, pushing, leaving, core.config.period_s, takes_over)
+            target = _guided(axis, setpoint, request, cycle)
         if target is None:
             return None
         bounded.append(target)
     return bounded
 
 
-def _prepared(core: Core, axis: Axis, wish: AxisSetpoint, *, pushing: bool) -> Target | None:
+def _prepared(core: Core, axis: Axis, setpoint: AxisSetpoint, *, pushing: bool) -> Target | None:
     """Targets during a homing or sign test: the small effort of that test, present position."""
-    limits = single_axis.limits_in_force(core, axis)
+    limits = single_axis.active_limits(core, axis)
     last_si = axis.effort_sent_si if pushing else 0.0
-    effort_si = bounds.bound(wish.effort_si, last_si, limits, core.config.period_s)
+    effort_si = bounds.bound(setpoint.effort_si, last_si, limits, core.config.period_s)
     if effort_si is None:
         return None
     return Target(effort_si if pushing else 0.0, axis.joint.position_si)
 
 
-def _guided(axis: Axis, wish: AxisSetpoint, ask: targets.Ask, cycle: int) -> Target | None:
-    if ask.pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
-        targets.brake_from_the_target(axis, wish.position_si, wish.velocity_si, ask.dt_s)
-    effort_si = targets.effort(axis, wish.effort_si, ask)
-    position_si = targets.position(axis, wish.position_si, ask)
+def _guided(
+    axis: Axis, setpoint: AxisSetpoint, request: targets.DriveRequest, cycle: int
+) -> Target | None:
+    if request.pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
+        targets.brake_from_the_target(
+            axis, setpoint.position_si, setpoint.velocity_si, request.dt_s
+        )
+    effort_si = targets.effort(axis, setpoint.effort_si, request)
+    position_si = targets.position(axis, setpoint.position_si, request)
     return None if effort_si is None or position_si is None else Target(effort_si, position_si)
 
 

@@ -42,28 +42,31 @@ def clear_energy(core: Core) -> None:
 def _update_leg(core: Core, leg: Leg) -> None:
     hip, slide = leg.axes
     window_cycles = _window(core, leg)
-    leg.balance = inverse_dynamics.follow(
-        leg.balance, leg.parameters, leg.friction, (hip.joint, slide.joint)
+    leg.dynamics = inverse_dynamics.evaluate(
+        leg.dynamics, leg.mechanism, leg.friction_laws, (hip.joint, slide.joint)
     )
+    pose_known = _pose_is_known(core, leg)
     for index, axis in enumerate(leg.axes):
-        axis.watch = effort_monitor.look(
+        axis.watch = effort_monitor.update(
             axis.watch,
             axis.joint,
-            leg.balance,
+            leg.dynamics,
             index,
-            single_axis.limits_in_force(core, axis),
+            single_axis.active_limits(core, axis),
             powered=axis.feedback is not None and axis.feedback.power_state not in TORQUE_FREE,
             free=_free(core, leg, axis),
-            placed=_placed(core, leg),
+            pose_known=pose_known,
         )
         _sum_up(leg, index, window_cycles)
     leg.window_cycles = window_cycles
-    _look_ahead(core, leg)
+    _predict_stop(core, leg)
 
 
-def _placed(core: Core, leg: Leg) -> bool:
+def _pose_is_known(core: Core, leg: Leg) -> bool:
     """True if the pose is known, and with it the effort that the mechanism needs on both axes."""
-    return all(one.referenced and not single_axis.is_homing(core, one) for one in leg.axes)
+    hip, slide = leg.axes
+    homing = single_axis.is_homing(core, hip) or single_axis.is_homing(core, slide)
+    return hip.referenced and slide.referenced and not homing
 
 
 def _free(core: Core, leg: Leg, axis: Axis) -> bool:
@@ -79,20 +82,20 @@ def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
     joint = axis.joint
     if leg.window_cycles != window_cycles:
         axis.energy.clear()
-    axis.energy.take(joint.effort_si * joint.step_si if joint.fresh else 0.0)
+    axis.energy.add(joint.effort_si * joint.step_si if joint.fresh else 0.0)
     exercise = leg.exercise
     if exercise is None or exercise.stride_hz is None or exercise.stage is not Stage.PLAYING:
-        axis.unexplained.clear()
+        axis.residual.clear()
     else:
         # At rest friction can be any value up to its law, so a mean residual has no meaning.
         moving = joint.still_cycles < STILL_CYCLES
-        axis.unexplained.take(leg.balance.unexplained(index) if moving else 0.0)
+        axis.residual.add(leg.dynamics.residual(index) if moving else 0.0)
 
 
-def _look_ahead(core: Core, leg: Leg) -> None:
+def _predict_stop(core: Core, leg: Leg) -> None:
     """Update where both axes come to rest if they brake now; only if both are referenced."""
     hip, slide = leg.axes
-    if not all(axis.joint.known and axis.referenced for axis in leg.axes):
+    if not leg.is_located:
         hip.stopping_end_si, slide.stopping_end_si = hip.joint.position_si, slide.joint.position_si
         leg.stopping_ratio, leg.zone = 1.0, soft_limits.SoftZone()
         return
@@ -106,7 +109,7 @@ def _look_ahead(core: Core, leg: Leg) -> None:
     for axis, at, speed, ramp in zip(leg.axes, position, velocity, ramps, strict=True):
         axis.stopping_end_si = stopping_path.end_of(at, speed, ramp, reaction_s)
     leg.stopping_ratio = stopping_path.least_ratio(
-        leg.parameters, position, velocity, ramps, reaction_s
+        leg.mechanism, position, velocity, ramps, reaction_s
     )
     leg.zone = soft_limits.zone_at(
         (hip.limits, slide.limits), core.config.thresholds, position, leg.singularity_ratio
@@ -128,15 +131,16 @@ def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
 
 
 def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
+    guided_motion = rules_of(core.mode).is_guided_motion
     for index, axis in enumerate(leg.axes):
         # Without guided motion, the person who moves the leg would look like a spasm. A sign
         # mismatch in the raw values has its own check.
-        guided = rules_of(core.mode).is_guided_motion and axis.watch.sign_mismatch_cycles == 0
+        guided = guided_motion and axis.watch.sign_mismatch_cycles == 0
         if estimate.validity[index] is Validity.BAD or not guided:
-            axis.spasm.forget()
+            axis.spasm.reset()
             continue
         limits = axis.limits
-        axis.spasm.take(
+        axis.spasm.update(
             estimate.state[6 + index],
             axis.joint.velocity_si,
             axis.wanted_velocity_si,
@@ -144,13 +148,18 @@ def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
             limits.spasm_rise_si,
             limits.standstill_si_per_s,
         )
-    in_spasm = any(axis.spasm.cycles > 0 for axis in leg.axes)
+    hip, slide = leg.axes
+    in_spasm = hip.spasm.cycles > 0 or slide.spasm.cycles > 0
     leg.spasm_ratio = softened(leg.spasm_ratio, core.config.spasm, in_spasm=in_spasm)
 
 
 def is_saturated(leg: Leg) -> bool:
     """True if the effort sent to a drive is at its configured limit."""
-    return any(abs(axis.effort_sent_si) >= axis.limits.effort_max_si for axis in leg.axes)
+    hip, slide = leg.axes
+    return (
+        abs(hip.effort_sent_si) >= hip.limits.effort_max_si
+        or abs(slide.effort_sent_si) >= slide.limits.effort_max_si
+    )
 
 
 def stride_energy(leg: Leg, axis: Axis) -> float:
@@ -160,7 +169,7 @@ def stride_energy(leg: Leg, axis: Axis) -> float:
 
 def stride_drift(leg: Leg, axis: Axis) -> float:
     """Mean effort residual over the last stride of a gait; 0 before a whole stride."""
-    total = axis.unexplained.over(leg.window_cycles)
+    total = axis.residual.over(leg.window_cycles)
     return 0.0 if total is None else total / leg.window_cycles
 
 
@@ -171,15 +180,15 @@ def _window(core: Core, leg: Leg) -> int:
     return core.config.thresholds.energy_window_cycles
 
 
-def note_commands(core: Core) -> None:
+def store_commands(core: Core) -> None:
     """Store the efforts sent, to compare them with the measured ones later."""
     for axis in core.axes:
         feedback = axis.feedback
-        in_force = (
+        active = (
             feedback is not None
             and feedback.power_state == PowerState.OPERATION_ENABLED
             and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
             and axis.mode_sent == OperationMode.CYCLIC_SYNC_TORQUE
             and wanted.enable_wanted(core, axis)
         )
-        axis.watch = effort_monitor.note_sent(axis.watch, axis.effort_sent_si, in_force=in_force)
+        axis.watch = effort_monitor.record_sent(axis.watch, axis.effort_sent_si, active=active)

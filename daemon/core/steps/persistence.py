@@ -1,7 +1,7 @@
 """What outlives the core: poses, proven signs, the daily test, and a latched stop.
 
-This file is the only writer of `notes` and of what is derived from it. The loop writes the state
-file when `notes` has changed.
+This file is the only writer of `persistent` and of what is derived from it. The loop writes the
+state file when `persistent` has changed.
 """
 
 from msgspec.structs import replace
@@ -15,11 +15,11 @@ from daemon.core.state import Axis, Core
 from daemon.ipc.record import Cause, Mode, Verdict
 
 
-def note_poses(core: Core, utc_ns: int) -> None:
+def store_poses(core: Core, utc_ns: int) -> None:
     """Store the pose of every axis that is referenced and at rest with a sample of this cycle."""
     for axis in core.axes:
         if axis.referenced and axis.joint.fresh and is_at_rest(axis.joint, axis.limits):
-            core.notes = with_pose(core.notes, axis.name, axis.joint.position_si, utc_ns)
+            core.persistent = with_pose(core.persistent, axis.name, axis.joint.position_si, utc_ns)
 
 
 # --- latched stop ---------------------------------------------------------------------------------
@@ -27,16 +27,16 @@ def note_poses(core: Core, utc_ns: int) -> None:
 
 def update_latch(core: Core, utc_ns: int) -> None:
     """Update the latched verdict that a new core would find if this one ended now."""
-    noted = core.notes.latched
-    latched = latched_stop.updated(noted, core.mode, core.verdict, utc_ns)
-    if latched is not noted:
-        core.notes = replace(core.notes, latched=latched)
+    stored = core.persistent.latched
+    latched = latched_stop.updated(stored, core.mode, core.verdict, utc_ns)
+    if latched is not stored:
+        core.persistent = replace(core.persistent, latched=latched)
 
 
 def clear_latch(core: Core) -> None:
     """Remove the latched verdict from the state file."""
-    if core.notes.latched is not None:
-        core.notes = replace(core.notes, latched=None)
+    if core.persistent.latched is not None:
+        core.persistent = replace(core.persistent, latched=None)
 
 
 # --- signs ----------------------------------------------------------------------------------------
@@ -44,14 +44,14 @@ def clear_latch(core: Core) -> None:
 
 def prove_sign(core: Core, axis: Axis, proof: SignProof) -> None:
     """Store the proof of an axis's sign."""
-    core.notes = with_proof(core.notes, axis.name, proof)
+    core.persistent = with_proof(core.persistent, axis.name, proof)
     axis.sign_proven = True
 
 
 def check_signs(core: Core) -> None:
     """Look up the proofs for the drives that have just been brought up."""
     for axis in core.axes:
-        axis.sign_proven = proven(core.notes, axis.name, axis.wiring, axis.serial_number)
+        axis.sign_proven = proven(core.persistent, axis.name, axis.wiring, axis.serial_number)
 
 
 # --- daily test -----------------------------------------------------------------------------------
@@ -64,11 +64,11 @@ def check_day(core: Core, utc_ns: int) -> None:
     drives = _drives(core) if not core.mode.active or rules.required == "daily" else []
     if core.mode in {Mode.READY, Mode.FAULT}:
         for drive in drives:
-            core.notes = daily_test.with_inputs(core.notes, drive, utc_ns)
+            core.persistent = daily_test.with_inputs(core.persistent, drive, utc_ns)
     if rules.required == "daily":
-        core.inputs_unseen = daily_test.unseen(core.notes, drives, utc_ns, rules.valid_h)
+        core.inputs_untested = daily_test.untested(core.persistent, drives, utc_ns, rules.valid_h)
         core.self_test_due = daily_test.due(
-            core.notes.self_test, drives, core.config.leg_digest, utc_ns, rules.valid_h
+            core.persistent.self_test, drives, core.config.leg_digest, utc_ns, rules.valid_h
         )
 
 
@@ -84,33 +84,36 @@ def _drives(core: Core) -> list[Drive]:
 
 
 def _check_clock(core: Core, utc_ns: int) -> None:
-    notes = core.notes
-    clock = daily_test.check_clock(max(core.utc_newest_ns, notes.utc_newest_ns), utc_ns)
+    persistent = core.persistent
+    clock = daily_test.check_clock(max(core.utc_newest_ns, persistent.utc_newest_ns), utc_ns)
     core.utc_newest_ns = clock.newest_utc_ns
     if clock.back_s:
-        if notes.self_test is not None or notes.inputs:
+        if persistent.self_test is not None or persistent.inputs:
             core.report(
                 f"the clock went back by {clock.back_s:.0f} s: what was tested today counts no more"
             )
-        core.notes = replace(notes, self_test=None, inputs={}, utc_newest_ns=utc_ns)
-    elif not core.mode.active and clock.newest_utc_ns - notes.utc_newest_ns > daily_test.NOTE_NS:
-        core.notes = replace(notes, utc_newest_ns=clock.newest_utc_ns)
+        core.persistent = replace(persistent, self_test=None, inputs={}, utc_newest_ns=utc_ns)
+    elif (
+        not core.mode.active
+        and clock.newest_utc_ns - persistent.utc_newest_ns > daily_test.STORE_NS
+    ):
+        core.persistent = replace(persistent, utc_newest_ns=clock.newest_utc_ns)
 
 
-def conclude_self_test(core: Core, utc_ns: int) -> Verdict | None:
+def finish_self_test(core: Core, utc_ns: int) -> Verdict | None:
     """Store and publish the findings of a finished self-test; returns a verdict if it failed."""
-    found = [
-        finding
+    results = [
+        result
         for leg in core.legs
         if isinstance(leg.exercise, SelfTest)
-        for finding in leg.exercise.findings()
+        for result in leg.exercise.results()
     ]
     serial_numbers = {axis.name: axis.serial_number for axis in core.axes}
-    note = daily_test.note_of(found, serial_numbers, core.config.leg_digest, utc_ns)
-    core.notes = replace(core.notes, self_test=note)
-    for one in found:
+    stored = daily_test.stored_test(results, serial_numbers, core.config.leg_digest, utc_ns)
+    core.persistent = replace(core.persistent, self_test=stored)
+    for one in results:
         core.report(result_text(one))
-    failed = next((one for one in found if one.fault), None)
+    failed = next((one for one in results if one.fault), None)
     if failed is None:
         return None
     cause = Cause.SELF_TEST_FAILED

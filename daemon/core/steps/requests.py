@@ -29,9 +29,9 @@ An older request was made for another situation. A request for a future cycle is
 """
 
 
-def receive(core: Core, orders: CommandInputs, cycle: int) -> Request | None:
+def receive(core: Core, command_inputs: CommandInputs, cycle: int) -> Request | None:
     """Check a new request; returns it if it is accepted. `finish` publishes its outcome."""
-    request = orders.request
+    request = command_inputs.request
     if request is None:
         return None
     if core.request is not None:
@@ -40,8 +40,8 @@ def receive(core: Core, orders: CommandInputs, cycle: int) -> Request | None:
     reason = table.refusal(request.kind, request.mode, _guard_inputs(core, cycle))
     if not 0 <= cycle - request.for_cycle <= STALE_REQUEST_CYCLES:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
-    if orders.stop and (request.kind == RequestKind.ENABLE or is_of_single_axis(request)):
-        reason = "somebody asked to stop at the same time"
+    if command_inputs.stop and (request.kind == RequestKind.ENABLE or is_of_single_axis(request)):
+        reason = "a stop was requested at the same time"
     if not reason and request.kind == RequestKind.MODE:
         reason = exercises.refusal(core, request.mode.mode)
     if not reason and is_of_single_axis(request):
@@ -79,7 +79,7 @@ def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
     ]
     return GuardInputs(
         mode=core.mode,
-        gateway_alive=cycle - core.level_cycle <= config.thresholds.gateway_silence_cycles,
+        gateway_alive=cycle - core.gateway_state_cycle <= config.thresholds.gateway_silence_cycles,
         at_rest=all(is_at_rest(axis.joint, axis.limits) for axis in fresh),
         hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
         sto_released=all(Input.STO_RELEASED in one for one in inputs),
@@ -93,7 +93,7 @@ def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
         artificial=frozenset(name for name, one in config.excite.items() if one.artificial),
         patient_configured=config.patient_configured,
         guidance=config.gait.guidance,
-        inputs_unseen=core.inputs_unseen,
+        inputs_untested=core.inputs_untested,
         self_test_due=core.self_test_due,
         unproven=tuple(
             axis.name for axis in core.axes if config.signs_must_be_proven and not axis.sign_proven

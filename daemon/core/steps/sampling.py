@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from daemon.core.state import Leg
+from daemon.core.state import Axis, Leg
 from drives.cia402.torque import TorqueSampling
 from observer.mechanism.mechanism import mass_matrix
 
@@ -22,13 +22,16 @@ MISSED_RATIO: Final = 0.5
 
 def effort_std(leg: Leg) -> tuple[float, float]:
     """Standard deviation of this cycle's efforts about their means over the cycle: N·m, N."""
-    acceleration = [
-        axis.acceleration_sent_si if axis.torque_sampling is not TorqueSampling.FILTERED else 0.0
-        for axis in leg.axes
-    ]
-    placed = leg.singularity_ratio > 0 and all(axis.referenced for axis in leg.axes)
-    if not any(acceleration) or not placed:
+    hip, slide = leg.axes
+    acceleration = _missed_si(hip), _missed_si(slide)
+    pose_known = leg.singularity_ratio > 0 and hip.referenced and slide.referenced
+    if acceleration == (0.0, 0.0) or not pose_known:
         return 0.0, 0.0  # no acceleration was sent, or the pose is not known
-    pose = np.array([axis.joint.position_si for axis in leg.axes])
+    pose = np.array((hip.joint.position_si, slide.joint.position_si))
     hip_nm, slide_n = mass_matrix(leg.parameters, pose) @ np.array(acceleration)
     return MISSED_RATIO * abs(float(hip_nm)), MISSED_RATIO * abs(float(slide_n))
+
+
+def _missed_si(axis: Axis) -> float:
+    """The acceleration sent whose effort the sample can miss; 0 for a drive that filters it."""
+    return 0.0 if axis.torque_sampling is TorqueSampling.FILTERED else axis.acceleration_sent_si

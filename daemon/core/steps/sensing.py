@@ -44,7 +44,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         axis.homed = axis.homed and axis.referenced and not silent
         _count_readiness(core, axis, feedback)
         if feedback.fresh and not feedback.in_fault:
-            axis.error_found = ""
+            axis.bring_up_error = ""
     for leg in core.legs:
         _place(leg)
 
@@ -71,13 +71,15 @@ def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     state = feedback.power_state
     if not wanted.enable_wanted(core, axis):
-        axis.seen_off = axis.seen_off or state in _OFF
-        held = axis.stop is not None and not axis.seen_off
+        axis.shown_unpowered = axis.shown_unpowered or state in _OFF
+        held = axis.stop is not None and not axis.shown_unpowered
         powered = state not in TORQUE_FREE
-        axis.unasked_cycles = axis.unasked_cycles + 1 if powered and not held else 0
+        axis.unexpected_enable_cycles = (
+            axis.unexpected_enable_cycles + 1 if powered and not held else 0
+        )
         axis.reached_enabled, axis.unready_cycles = False, 0
         return
-    axis.seen_off, axis.unasked_cycles = False, 0
+    axis.shown_unpowered, axis.unexpected_enable_cycles = False, 0
     ready = (
         state == PowerState.OPERATION_ENABLED
         and feedback.mode_display == axis.mode_sent
@@ -90,11 +92,11 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
 def _place(leg: Leg) -> None:
     """Compute holding load, singularity ratio and tracking error of a leg from raw encoders."""
     hip, slide = leg.axes
-    if not all(axis.joint.known and axis.referenced for axis in leg.axes):
+    if not leg.is_located:
         leg.singularity_ratio = 1.0
         return
     leg.singularity_ratio, hip_nm, slide_n = ratio_and_load(
-        leg.parameters, hip.joint.position_si, slide.joint.position_si
+        leg.mechanism, hip.joint.position_si, slide.joint.position_si
     )
     if leg.singularity_ratio > 0:
         hip.gravity_si, slide.gravity_si = hip_nm, slide_n
@@ -115,7 +117,7 @@ def peek(core: Core, feedbacks: Sequence[DriveFeedback]) -> None:
         axis.feedback = feedback
 
 
-def clear_news(core: Core) -> None:
+def clear_new_emergencies(core: Core) -> None:
     """Without drives no new sample replaces the last one: each EMCY is recorded once."""
     for axis in core.axes:
         if axis.feedback is not None:
@@ -126,7 +128,7 @@ def alarms_checked(core: Core) -> None:
     """All EMCY alarms up to now have been checked."""
     for axis in core.axes:
         if axis.feedback is not None:
-            axis.emergencies_seen = axis.feedback.alarm_count
+            axis.emergencies_checked = axis.feedback.alarm_count
 
 
 # --- references, bring-up and loss ----------------------------------------------------------------
@@ -161,11 +163,11 @@ def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]
         axis.referenced = not axis.unreferenced_why
         axis.joint = Joint()
         axis.feedback = None
-        axis.reached_enabled, axis.unready_cycles, axis.unasked_cycles = False, 0, 0
-        axis.seen_off = True  # bring-up goes on with no drive that has power
-        axis.emergencies_seen = 0
+        axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles = False, 0, 0
+        axis.shown_unpowered = True  # bring-up goes on with no drive that has power
+        axis.emergencies_checked = 0
         code = report.error_code
-        axis.error_found = f"{code:04X}h {report.error_text}" if code else ""
+        axis.bring_up_error = f"{code:04X}h {report.error_text}" if code else ""
 
 
 def _why_unreferenced(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> str:
@@ -181,4 +183,4 @@ def _why_unreferenced(core: Core, axis: Axis, plan: DrivePlan, report: DriveRepo
     if not report.absolute:
         return "" if report.homed else "home it"
     here_si = position_si(report.position_counts, axis.scaling)
-    return disagreement(core.notes, axis.name, here_si, axis.poses)
+    return disagreement(core.persistent, axis.name, here_si, axis.poses)

@@ -45,7 +45,7 @@ def moves_origin(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:
     return run is not None and run.axis == axis.name and run.moves_origin(feedback)
 
 
-def limits_in_force(core: Core, axis: Axis) -> AxisLimits:
+def active_limits(core: Core, axis: Axis) -> AxisLimits:
     """The limits of an axis in force now; homing, sign test and hand guiding have their own."""
     run = core.single_axis
     if core.mode == Mode.HAND_GUIDING:
@@ -87,7 +87,7 @@ def begin(core: Core, wanted: ModeRequest, cycle: int, utc_ns: int) -> Event | N
         return None
     core.evidence.pop(axis.name, None)
     core.single_axis = exercise.begin(_start(core, axis, cycle))
-    return Event.BRING_UP_ANEW
+    return Event.BRING_UP_RESTARTED
 
 
 def _start(core: Core, axis: Axis, cycle: int) -> AxisStart:
@@ -125,7 +125,7 @@ def drop(core: Core) -> None:
     core.single_axis = None
 
 
-def forget_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
+def drop_tests_of_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
     """Drop the sign tests of axes that have another drive since; before `sensing.begin`."""
     for axis, report in zip(core.axes, reports, strict=True):
         if axis.serial_number != report.serial_number:
@@ -162,7 +162,7 @@ def advance(core: Core, cycle: int) -> Change | None:
 def _begin_or_leave(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> Change | None:
     if run.is_over:
         core.single_axis = None
-        return Change(Event.BRING_UP_ANEW)
+        return Change(Event.BRING_UP_RESTARTED)
     if cycle - run.requested_cycle > BEGIN_CYCLES:
         cancel(core, "the drives and the leg were not ready in time: ask again")
     elif all(_rests(one) for one in core.axes):

@@ -52,12 +52,12 @@ Bus-off is not among them: the operator should check the bus first.
 
 
 def supervise(
-    core: Core, found: Sequence[Verdict], orders: CommandInputs, cycle: int, utc_ns: int
+    core: Core, verdicts: Sequence[Verdict], command_inputs: CommandInputs, cycle: int, utc_ns: int
 ) -> None:
     """Update mode, stops and exercises from this cycle's verdicts, requests and time."""
-    _take_verdicts(core, found, cycle)
+    _take_verdicts(core, verdicts, cycle)
     persistence.check_day(core, utc_ns)
-    _take_request(core, orders, cycle, utc_ns)
+    _take_request(core, command_inputs, cycle, utc_ns)
     _advance(core, cycle, utc_ns)
     _advance_single_axis(core, cycle)
     requests.finish(core)
@@ -65,9 +65,9 @@ def supervise(
     exercises.update_references(core)
 
 
-def rest(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
+def rest(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> None:
     """Answer requests while there are no drives."""
-    _take_request(core, orders, cycle, utc_ns)
+    _take_request(core, command_inputs, cycle, utc_ns)
     requests.finish(core)
     persistence.update_latch(core, utc_ns)
 
@@ -92,10 +92,10 @@ def _enter(core: Core, event: Event) -> None:
 # --- requests -------------------------------------------------------------------------------
 
 
-def _take_request(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) -> None:
-    if orders.stop:
-        single_axis.cancel(core, "somebody asked to stop")
-    request = requests.receive(core, orders, cycle)
+def _take_request(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> None:
+    if command_inputs.stop:
+        single_axis.cancel(core, "a stop was requested")
+    request = requests.receive(core, command_inputs, cycle)
     if request is not None:
         _execute(core, request, cycle, utc_ns)
 
@@ -103,7 +103,7 @@ def _take_request(core: Core, orders: CommandInputs, cycle: int, utc_ns: int) ->
 def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
     if requests.is_of_single_axis(request):
         if single_axis.begin(core, request.mode, cycle, utc_ns) is not None:
-            _bring_up_anew(core)
+            _restart_bring_up(core)
     elif request.kind == RequestKind.ENABLE:
         _enter(core, Event.ENABLE)
         core.verdict = Verdict()
@@ -117,7 +117,7 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         step = Step.HOLD if core.single_axis is None else Step.DISABLE
         for axis in core.axes:
             axis.stop = stop_sequence.begin(step, axis.joint, cycle)
-        single_axis.cancel(core, "somebody asked to disable")
+        single_axis.cancel(core, "disabling was requested")
     elif request.kind == RequestKind.RESET:
         _enter(core, Event.RESET)
         persistence.clear_latch(core)
@@ -132,10 +132,10 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         _enter(core, MODES[request.mode.mode].event)
 
 
-def _bring_up_anew(core: Core) -> None:
+def _restart_bring_up(core: Core) -> None:
     """Drop the drives, so that the loop brings them up again with the limits needed next."""
     core.drives = None
-    _enter(core, Event.BRING_UP_ANEW)
+    _enter(core, Event.BRING_UP_RESTARTED)
     persistence.clear_latch(core)  # called only in READY, where no verdict is latched
 
 
@@ -145,8 +145,8 @@ def _advance_single_axis(core: Core, cycle: int) -> None:
         return
     if change.homed is not None:
         sensing.take_home(change.homed)
-    if change.event is Event.BRING_UP_ANEW:
-        _bring_up_anew(core)
+    if change.event is Event.BRING_UP_RESTARTED:
+        _restart_bring_up(core)
         return
     ended = change.event is Event.EXERCISE_OVER
     if ended:
@@ -162,30 +162,30 @@ def _advance_single_axis(core: Core, cycle: int) -> None:
 # --- verdicts -------------------------------------------------------------------------------
 
 
-def _take_verdicts(core: Core, found: Sequence[Verdict], cycle: int) -> None:
+def _take_verdicts(core: Core, verdicts: Sequence[Verdict], cycle: int) -> None:
     stopping_all = is_driving(core)
-    for verdict in found:
+    for verdict in verdicts:
         # Power that the core did not request is a reason to stop in every mode.
         if stopping_all or verdict.cause == Cause.UNEXPECTED_ENABLE:
             stop(core, verdict, cycle)
-    if found and core.mode == Mode.READY:
-        _take_resting_verdict(core, found[0])
+    if verdicts and core.mode == Mode.READY:
+        _take_resting_verdict(core, verdicts[0])
 
 
-def _take_resting_verdict(core: Core, found: Verdict) -> None:
+def _take_resting_verdict(core: Core, verdict: Verdict) -> None:
     """Apply a verdict in READY: a lost drive leads to a new bring-up, a fault waits for a reset."""
-    if found.cause in LOST_DRIVE or found.cause in _BUS_CAUSES:
-        core.verdict = found
+    if verdict.cause in LOST_DRIVE or verdict.cause in _BUS_CAUSES:
+        core.verdict = verdict
         core.drives = None
         single_axis.drop(core)
         core.reset_cycles_left = 0
         _enter(core, Event.DRIVES_LOST)
     elif core.reset_cycles_left == 0:
-        core.verdict = found
+        core.verdict = verdict
         _enter(core, Event.DRIVE_FAULTY)
     else:
         return
-    core.report(describe(found))
+    core.report(describe(verdict))
 
 
 def stop(core: Core, verdict: Verdict, cycle: int) -> None:
@@ -194,30 +194,30 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         core.verdict = verdict
         core.disabling = False
         core.reset_cycles_left = 0
-        core.causes_told = {(verdict.cause, verdict.drive)}
+        core.causes_reported = {(verdict.cause, verdict.drive)}
         _begin_stop(
             core, cycle, {axis.name: _first_step(core, verdict, axis) for axis in core.axes}
         )
-        _hold_together(core, cycle)
+        _stop_together(core, cycle)
         core.report(f"stop {verdict.category.name}: {describe(verdict)}")
         return
-    if _takes_its_place(core.verdict, verdict):
+    if _replaces(core.verdict, verdict):
         core.verdict = verdict
         core.disabling = False
         core.report(f"stop {verdict.category.name}: {describe(verdict)}")
-    elif (verdict.cause, verdict.drive) not in core.causes_told:
+    elif (verdict.cause, verdict.drive) not in core.causes_reported:
         core.report(f"also: {describe(verdict)}")
-    core.causes_told.add((verdict.cause, verdict.drive))
+    core.causes_reported.add((verdict.cause, verdict.drive))
     for axis in core.axes:
         step = _first_step(core, verdict, axis)
         if axis.stop is None:  # in FAULT without one: its drive had no power
             axis.stop = stop_sequence.begin(step, axis.joint, cycle)
         else:
             axis.stop = stop_sequence.harsher(axis.stop, step, axis.joint, cycle)
-    _hold_together(core, cycle)
+    _stop_together(core, cycle)
 
 
-def _takes_its_place(latched: Verdict, verdict: Verdict) -> bool:
+def _replaces(latched: Verdict, verdict: Verdict) -> bool:
     """True if a new verdict is published and latched in place of the latched one."""
     if verdict.cause == Cause.SHUTDOWN and latched.cause != Cause.NONE:
         # A shutdown must not replace the cause why the machine stopped before.
@@ -227,7 +227,7 @@ def _takes_its_place(latched: Verdict, verdict: Verdict) -> bool:
     return worse(latched, verdict) is verdict or (explains and verdict.drive == latched.drive)
 
 
-def _hold_together(core: Core, cycle: int) -> None:
+def _stop_together(core: Core, cycle: int) -> None:
     """Escalate all axes to quick stop as soon as one has left HOLD: all axes stop together."""
     stops = [axis.stop for axis in core.axes if axis.stop is not None]
     if not any(stop.step > Step.HOLD for stop in stops):
@@ -277,7 +277,7 @@ def _advance(core: Core, cycle: int, utc_ns: int) -> None:
     """Advance exercises, stops and a fault reset by one cycle."""
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
-    _let_lapse(core, cycle)
+    _check_lapse(core, cycle)
     exercises.advance(core, mode_changing=is_mode_changing(core))
     if core.mode.active and exercises.is_over(core):
         _end_exercise(core, cycle, utc_ns)
@@ -287,7 +287,7 @@ def _advance(core: Core, cycle: int, utc_ns: int) -> None:
         _await_reset(core)
 
 
-def _let_lapse(core: Core, cycle: int) -> None:
+def _check_lapse(core: Core, cycle: int) -> None:
     """If assist has lost its lease or its setpoints: brake from where the leg is, and hold."""
     if controllers.lapse(core, cycle):
         exercises.brake_and_hold(core)
@@ -315,7 +315,7 @@ def _settle(core: Core, cycle: int) -> None:
 
 
 def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
-    failed = persistence.conclude_self_test(core, utc_ns) if core.mode == Mode.SELF_TEST else None
+    failed = persistence.finish_self_test(core, utc_ns) if core.mode == Mode.SELF_TEST else None
     if failed is not None:
         stop(core, failed, cycle)
         return
@@ -333,13 +333,13 @@ def _advance_stops(core: Core, cycle: int) -> None:
             before, axis.feedback, axis.joint, axis.limits, rules, cycle
         )
         if axis.stop.step > before.step and axis.stop.disobeyed:
-            _report_disobedience(core, axis, before.step)
-    _hold_together(core, cycle)
+            _report_stop_not_obeyed(core, axis, before.step)
+    _stop_together(core, cycle)
     if core.mode == Mode.STOPPING and _stopped(core, cycle):
         _come_to_rest(core)
 
 
-def _report_disobedience(core: Core, axis: Axis, step: Step) -> None:
+def _report_stop_not_obeyed(core: Core, axis: Axis, step: Step) -> None:
     cause = Cause.STOP_NOT_OBEYED
     speed_si = abs(axis.joint.velocity_si)
     detail = f"after {step.name.lower()}, at {speed_si:.3g} per s"
@@ -426,8 +426,8 @@ def wait_for_reset(core: Core, drive: str, state: str, text: str) -> None:
     _change(core, Event.DRIVE_FAULTY)
     single_axis.drop(core)
     core.reset_cycles_left = 0
-    noted = latched_stop.verdict_of(core.notes.latched)
-    if noted is not None and noted.cause != Cause.LAST_END_UNKNOWN:
+    latched = latched_stop.verdict_of(core.persistent.latched)
+    if latched is not None and latched.cause != Cause.LAST_END_UNKNOWN:
         _take_latch(core)
     core.report(text)
 
@@ -448,11 +448,11 @@ def fail_bring_up(core: Core, cause: Cause, drive: str, detail: str) -> None:
 
 def _take_latch(core: Core) -> bool:
     """Restore a latched verdict after a restart; returns True if there is one."""
-    noted = core.notes.latched
-    verdict = latched_stop.verdict_of(noted)
-    if noted is None or verdict is None:
+    latched = core.persistent.latched
+    verdict = latched_stop.verdict_of(latched)
+    if latched is None or verdict is None:
         return False
     core.verdict = verdict
-    core.causes_told = {(verdict.cause, verdict.drive)}
-    core.report(f"latched since {latched_stop.since(noted.utc_ns)}: {describe(verdict)}")
+    core.causes_reported = {(verdict.cause, verdict.drive)}
+    core.report(f"latched since {latched_stop.since(latched.utc_ns)}: {describe(verdict)}")
     return True

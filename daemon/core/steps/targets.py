@@ -39,7 +39,7 @@ TORQUE: Final = OperationMode.CYCLIC_SYNC_TORQUE
 POSITION: Final = OperationMode.CYCLIC_SYNC_POSITION
 
 
-class Ask(NamedTuple):
+class DriveRequest(NamedTuple):
     """The mode and state requested from one drive together with its targets."""
 
     mode: OperationMode
@@ -54,53 +54,53 @@ class Ask(NamedTuple):
     """A new plan gives the effort from now on: it begins with the last effort sent."""
 
 
-def effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
+def effort(axis: Axis, wanted_si: float, request: DriveRequest) -> float | None:
     """The effort to send, N·m or N; None if a number is not finite.
 
     Args:
         axis: its `effort_offset_si` and `effort_mean_si` are updated.
         wanted_si: effort of guidance.
-        ask: mode and state for this command.
+        request: mode and state for this command.
     """
-    if not ask.pushing:
+    if not request.pushing:
         axis.effort_offset_si, axis.effort_mean_si = 0.0, axis.gravity_si
         return 0.0
-    if _shown(axis) == TORQUE:
-        return _guided_effort(axis, wanted_si, ask)
+    if _displayed_mode(axis) == TORQUE:
+        return _guided_effort(axis, wanted_si, request)
     present_si = axis.joint.effort_si
-    axis.effort_offset_si = present_si - wanted_si if ask.mode == TORQUE else 0.0
-    return bounds.bound(present_si, present_si, axis.limits, ask.dt_s)
+    axis.effort_offset_si = present_si - wanted_si if request.mode == TORQUE else 0.0
+    return bounds.bound(present_si, present_si, axis.limits, request.dt_s)
 
 
-def _guided_effort(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
+def _guided_effort(axis: Axis, wanted_si: float, request: DriveRequest) -> float | None:
     # Before a drive is enabled, its target may step to the effort that will hold the pose.
     last_si = axis.effort_sent_si if axis.reached_enabled else axis.gravity_si
-    before_si = last_si - wanted_si if ask.takes_over else axis.effort_offset_si
-    axis.effort_offset_si = before_si if ask.takes_over else _faded(before_si, ask.dt_s)
-    if ask.leaving and is_at_rest(axis.joint, axis.limits):
-        return bounds.bound(axis.effort_mean_si, last_si, axis.limits, ask.dt_s)
-    sent_si = bounds.bound(wanted_si + axis.effort_offset_si, last_si, axis.limits, ask.dt_s)
+    before_si = last_si - wanted_si if request.takes_over else axis.effort_offset_si
+    axis.effort_offset_si = before_si if request.takes_over else _faded(before_si, request.dt_s)
+    if request.leaving and is_at_rest(axis.joint, axis.limits):
+        return bounds.bound(axis.effort_mean_si, last_si, axis.limits, request.dt_s)
+    sent_si = bounds.bound(wanted_si + axis.effort_offset_si, last_si, axis.limits, request.dt_s)
     if sent_si is not None:
-        axis.effort_mean_si = sent_si + _faded(axis.effort_mean_si - sent_si, ask.dt_s)
+        axis.effort_mean_si = sent_si + _faded(axis.effort_mean_si - sent_si, request.dt_s)
     return sent_si
 
 
-def position(axis: Axis, wanted_si: float, ask: Ask) -> float | None:
+def position(axis: Axis, wanted_si: float, request: DriveRequest) -> float | None:
     """The position to send, rad or m; None if a number is not finite.
 
     Args:
         axis: its `position_offset_si` is updated.
         wanted_si: position of guidance.
-        ask: mode and state for this command.
+        request: mode and state for this command.
     """
-    obeys, asked = _obeys_position(axis), ask.mode == POSITION
-    if obeys and asked and ask.pushing and _follows(axis):
-        axis.position_offset_si = _faded(axis.position_offset_si, ask.dt_s)
+    obeys, requested = _obeys_position(axis), request.mode == POSITION
+    if obeys and requested and request.pushing and _follows(axis):
+        axis.position_offset_si = _faded(axis.position_offset_si, request.dt_s)
         aim_si = wanted_si + axis.position_offset_si
-        return bounds.bound_position(aim_si, axis.position_sent_si, axis.limits, ask.dt_s)
-    seeded = asked and axis.mode_sent == POSITION and _is_enabled(axis)
+        return bounds.bound_position(aim_si, axis.position_sent_si, axis.limits, request.dt_s)
+    seeded = requested and axis.mode_sent == POSITION and _is_enabled(axis)
     sent_si = axis.position_sent_si if obeys or seeded else axis.joint.position_si
-    axis.position_offset_si = sent_si - wanted_si if ask.pushing else 0.0
+    axis.position_offset_si = sent_si - wanted_si if request.pushing else 0.0
     return sent_si
 
 
@@ -128,7 +128,7 @@ def loop_distance(axis: Axis) -> float:
     return 0.0 if rested and state == PowerState.QUICK_STOP_ACTIVE else math.inf
 
 
-def note_sent(
+def record_sent(
     axis: Axis, mode: OperationMode, effort_si: float, position_si: float, dt_s: float
 ) -> None:
     """Store the command of this cycle, with speed and acceleration of a followed target."""
@@ -155,10 +155,10 @@ def _faded(difference_si: float, dt_s: float) -> float:
 
 
 def _obeys_position(axis: Axis) -> bool:
-    return _is_enabled(axis) and _shown(axis) == POSITION
+    return _is_enabled(axis) and _displayed_mode(axis) == POSITION
 
 
-def _shown(axis: Axis) -> int:
+def _displayed_mode(axis: Axis) -> int:
     return axis.feedback.mode_display if axis.feedback is not None else OperationMode.NONE
 
 

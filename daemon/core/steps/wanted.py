@@ -2,7 +2,7 @@
 
 from daemon.core.modes.table import rules_of
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.state import Axis, Core
+from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis
 from daemon.ipc.record import Mode
 from drives.signals import OperationMode
@@ -22,6 +22,12 @@ def enable_wanted(core: Core, axis: Axis) -> bool:
         return axis.stop.step == Step.HOLD
     run = core.single_axis
     return core.mode.active and (run is None or run.axis == axis.name)
+
+
+def enable_wanted_of(core: Core, leg: Leg) -> bool:
+    """True if one of the leg's drives should be enabled."""
+    hip, slide = leg.axes
+    return enable_wanted(core, hip) or enable_wanted(core, slide)
 
 
 def mode_wanted(core: Core, axis: Axis) -> OperationMode:

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec import Meta
 
-from daemon.config.strict import ConfigError, Document, Words, decoded, described, load_toml
+from daemon.config.strict import ConfigError, Document, PlainText, decoded, described, load_toml
 
 
 class Inner(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -84,7 +84,7 @@ def test_a_long_value_is_cut_and_a_path_is_not():
 
     assert len(ConfigError("f", "k", "x" * 500, "less").value) == 60
     assert ConfigError("f", "k", long, "there").value == str(long)
-    assert ConfigError("f", "k", Words("(as it is)"), "").value == "(as it is)"
+    assert ConfigError("f", "k", PlainText("(as it is)"), "").value == "(as it is)"
 
 
 @settings(derandomize=True)

@@ -76,20 +76,20 @@ def written(tree: ast.AST) -> Iterator[str]:
 
 def writers(folder: Path) -> dict[str, set[str]]:
     """The modules that write each field of the state."""
-    found: dict[str, set[str]] = defaultdict(set)
+    verdicts: dict[str, set[str]] = defaultdict(set)
     for path in folder.rglob("*.py"):
         for name in written(ast.parse(path.read_text(encoding="utf-8"))):
             if name in FIELDS:
-                found[name].add(path.relative_to(folder).as_posix())
-    return found
+                verdicts[name].add(path.relative_to(folder).as_posix())
+    return verdicts
 
 
 def test_each_part_of_the_state_is_written_in_one_module() -> None:
     expected = {name: {module} for module, names in WRITERS.items() for name in names.split()}
-    found = writers(FOLDER)
-    found["smoother"] -= {"runtime/warm_up.py"}  # of a core that is discarded
+    verdicts = writers(FOLDER)
+    verdicts["smoother"] -= {"runtime/warm_up.py"}  # of a core that is discarded
 
-    assert dict(found) == expected
+    assert dict(verdicts) == expected
 
 
 @pytest.mark.parametrize(

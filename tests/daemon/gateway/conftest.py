@@ -32,7 +32,7 @@ from daemon.ipc.record import (
     RequestResult,
     Verdict,
 )
-from daemon.ipc.transport import CoreSeam, GatewaySeam, RingHeader
+from daemon.ipc.transport import CoreChannel, GatewayChannel, RingHeader
 from daemon.system.clock import MonotonicClock
 
 MS = 1_000_000
@@ -187,7 +187,7 @@ class ListOutlet:
     def put_event(self, event: wire.Event) -> None:
         self.events.append(event)
 
-    def show_alive(self, alive: bool) -> None:
+    def set_alive(self, alive: bool) -> None:
         self.alive = alive
 
     def on(self, key: str) -> list[Any]:
@@ -213,8 +213,8 @@ class Bench:
         self.runtime = runtime
         self.clock = StillClock()
         self.outlet = ListOutlet()
-        self.core = CoreSeam(runtime, header())
-        self.seam = GatewaySeam(runtime)
+        self.core = CoreChannel(runtime, header())
+        self.seam = GatewayChannel(runtime)
         self.gateway = self.new_gateway()
         self.levels: list[GatewayState] = []
         self.seq = 0
@@ -226,13 +226,13 @@ class Bench:
 
     def replace_core(self, core_boot_id: str) -> None:
         self.core.close()
-        self.core = CoreSeam(self.runtime, header(core_boot_id))
+        self.core = CoreChannel(self.runtime, header(core_boot_id))
         self.seq = 0
 
     def replace_gateway(self) -> None:
         self.seam.close()
         self.outlet = ListOutlet()
-        self.seam = GatewaySeam(self.runtime)
+        self.seam = GatewayChannel(self.runtime)
         self.gateway = self.new_gateway()
 
     def write(self, **changes: Any) -> CycleRecord:
@@ -243,9 +243,9 @@ class Bench:
 
     def turn(self, *asks: Ask, after_ms: int = 10) -> None:
         self.clock.ns += after_ms * MS
-        self.gateway.hurry(self.clock.ns)
+        self.gateway.publish_estimates(self.clock.ns)
         self.gateway.turn(self.clock.ns, asks)
-        self.levels += self.core.levels()
+        self.levels += self.core.receive()
 
     def cycle(self, *asks: Ask, **changes: Any) -> None:
         self.write(**changes)
@@ -279,7 +279,7 @@ class FakeCore:
         self.answers: dict[str, RequestResult] = {}
         self.requests: list[Request] = []
         self.levels: list[GatewayState] = []
-        self._seam = CoreSeam(runtime, header(core_boot_id))
+        self._ipc = CoreChannel(runtime, header(core_boot_id))
         self._stop_count: int | None = None
         self._result = RequestResult()
         self._ended = threading.Event()
@@ -290,11 +290,11 @@ class FakeCore:
         seq, due = 0, time.monotonic()
         while not self._ended.is_set():
             seq += 1
-            for level in self._seam.levels():
+            for level in self._ipc.receive():
                 self.levels.append(level)
                 self._stop_count = level.stop_count
                 self._hear(level.request)
-            self._seam.publish(
+            self._ipc.publish(
                 record(
                     seq,
                     **{
@@ -323,7 +323,7 @@ class FakeCore:
         if not self._ended.is_set():
             self._ended.set()
             self._thread.join()
-            self._seam.close()
+            self._ipc.close()
 
 
 @pytest.fixture

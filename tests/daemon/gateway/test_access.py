@@ -112,8 +112,8 @@ def core(start_core, good, eventually):
 
 
 def test_a_client_cannot_publish_what_the_gateway_tells(good, bad, core, listening, eventually):
-    heard = listening(good)
-    eventually(lambda: heard.count("right/activity"))
+    present = listening(good)
+    eventually(lambda: present.count("right/activity"))
 
     for name in TOLD:
         bad.put(f"{BASE}/{name}", LIE)
@@ -121,10 +121,10 @@ def test_a_client_cannot_publish_what_the_gateway_tells(good, bad, core, listeni
     bad.put(f"{BASE}/**", LIE)
     bad.put("another/program", LIE)
     assert ask(bad, "status")
-    reached = heard.count("right/activity") + TRUTHS
-    eventually(lambda: heard.count("right/activity") >= reached)
+    reached = present.count("right/activity") + TRUTHS
+    eventually(lambda: present.count("right/activity") >= reached)
 
-    assert not [payload for payload in heard.texts() if payload in {LIE, b""}]
+    assert not [payload for payload in present.texts() if payload in {LIE, b""}]
 
 
 def test_a_client_cannot_answer_in_the_gateways_place_nor_hear_what_others_ask(good, bad, core):
@@ -168,8 +168,8 @@ def test_a_client_cannot_keep_the_gateway_alive(good, bad, core, eventually):
 def test_a_client_cannot_hear_the_setpoints_of_another_one_nor_its_lease(
     good, bad, core, listening, eventually
 ):
-    heard = listening(bad)
-    eventually(lambda: heard.count("right/activity"))
+    present = listening(bad)
+    eventually(lambda: present.count("right/activity"))
 
     lease = ask(good, "acquire", client="good", duration_ms=60_000)[0]["lease"]
     setpoint = {
@@ -181,12 +181,12 @@ def test_a_client_cannot_hear_the_setpoints_of_another_one_nor_its_lease(
     }
     good.put(f"{BASE}/right/setpoint", json.dumps(setpoint))
     eventually(lambda: core.levels and core.levels[-1].setpoints)
-    reached = heard.count("right/activity") + TRUTHS
-    eventually(lambda: heard.count("right/activity") >= reached)
+    reached = present.count("right/activity") + TRUTHS
+    eventually(lambda: present.count("right/activity") >= reached)
 
     assert core.levels[-1].lease == lease
-    assert not [name for name, _ in heard.samples if name.endswith("setpoint")]
-    assert not [payload for payload in heard.texts() if str(lease).encode() in payload]
+    assert not [name for name, _ in present.samples if name.endswith("setpoint")]
+    assert not [payload for payload in present.texts() if str(lease).encode() in payload]
 
 
 # --- what everybody can ---------------------------------------------------------------------------

@@ -10,12 +10,12 @@ import pytest
 from records import HEADER
 
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
-from daemon.ipc.ring_clip import FOLDER, KeptFile, kept_files
-from daemon.ipc.transport import ASIDE_NAME, CoreSeam, GatewaySeam, Kept, RingReader
+from daemon.ipc.ring_clip import FOLDER, ClipFile, clip_files
+from daemon.ipc.transport import PREVIOUS_RING_NAME, CoreChannel, GatewayChannel, Kept, RingReader
 from daemon.recorder.black_box import AFTER_NS, BEFORE_NS, BlackBox
 from daemon.recorder.clip_store import ClipStore, surplus
 from daemon.recorder.disk import Disk
-from daemon.recorder.ring_follower import RecordHeader, glance_of
+from daemon.recorder.ring_follower import RecordHeader, header_of
 
 MS = 1_000_000
 PERIOD_NS = 10 * MS
@@ -28,8 +28,8 @@ class Heard:
     cores: list[tuple[str, bool]] = field(default_factory=list)
     glances: list[RecordHeader] = field(default_factory=list)
 
-    def core(self, boot_id, heard):
-        self.cores.append((boot_id, heard))
+    def core(self, boot_id, present):
+        self.cores.append((boot_id, present))
 
     def record(self, glance):
         self.glances.append(glance)
@@ -52,11 +52,11 @@ class Room:
         self.seq = 0
 
     def start_core(self, boot_id="boot-a"):
-        self.core = CoreSeam(self.runtime, header(boot_id))
+        self.core = CoreChannel(self.runtime, header(boot_id))
         self.seq = 0
 
     def start_gateway(self):
-        self.seam = GatewaySeam(self.runtime)
+        self.seam = GatewayChannel(self.runtime)
         self.box = BlackBox(self.runtime, ClipStore(self.folder), self.disk, self.heard)
 
     def write(self, count, **changes):
@@ -79,7 +79,7 @@ class Room:
 
     def files(self):
         self.disk.settle()
-        return kept_files(self.folder)
+        return clip_files(self.folder)
 
     def only(self):
         (file,) = self.files()
@@ -213,7 +213,7 @@ def test_both_died_and_the_core_came_back_first_its_ring_was_put_aside_and_is_ke
     room.core.close()
     room.start_core("boot-b")
     room.write(20, mode=Mode.READY)
-    assert (room.runtime / ASIDE_NAME).exists()
+    assert (room.runtime / PREVIOUS_RING_NAME).exists()
 
     room.start_gateway()
     room.write(100, mode=Mode.READY)
@@ -221,7 +221,7 @@ def test_both_died_and_the_core_came_back_first_its_ring_was_put_aside_and_is_ke
     file = room.only()
     assert file.core_boot_id == "boot-a"
     assert (file.kept.cause, file.kept.last_seq) == ("core_ended", 300)
-    assert not (room.runtime / ASIDE_NAME).exists()
+    assert not (room.runtime / PREVIOUS_RING_NAME).exists()
 
 
 def test_a_stop_while_the_gateway_was_away_is_found_in_the_ring(room):
@@ -253,7 +253,7 @@ def test_a_core_that_is_replaced_at_once_is_kept_from_the_ring_that_was_open(roo
 
     file = room.only()
     assert (file.core_boot_id, file.kept.last_seq) == ("boot-a", 300)
-    assert not (room.runtime / ASIDE_NAME).exists()
+    assert not (room.runtime / PREVIOUS_RING_NAME).exists()
 
 
 def test_a_ring_put_aside_that_could_not_be_kept_stays_for_the_next_gateway(room):
@@ -266,7 +266,7 @@ def test_a_ring_put_aside_that_could_not_be_kept_stays_for_the_next_gateway(room
         room.write(100, mode=Mode.OFF)
         assert room.files() == []
 
-    assert (room.runtime / ASIDE_NAME).exists()
+    assert (room.runtime / PREVIOUS_RING_NAME).exists()
     assert room.disk.failed_count == 1
     room.kill_gateway()
     room.start_gateway()
@@ -286,13 +286,13 @@ def test_a_gateway_that_ends_keeps_what_it_waits_for(room):
 
 
 def test_a_ring_aside_that_nobody_can_read_is_removed(room):
-    (room.runtime / ASIDE_NAME).write_bytes(b"rubbish")
+    (room.runtime / PREVIOUS_RING_NAME).write_bytes(b"rubbish")
     room.start_core()
     room.start_gateway()
     room.write(10)
     room.disk.settle()
 
-    assert not (room.runtime / ASIDE_NAME).exists()
+    assert not (room.runtime / PREVIOUS_RING_NAME).exists()
 
 
 def test_a_full_disk_is_said_once_and_counted_and_said_when_it_is_well_again(room):
@@ -308,7 +308,7 @@ def test_a_full_disk_is_said_once_and_counted_and_said_when_it_is_well_again(roo
         room.write(20)
         stop_once()
         stop_once()
-        said = room.disk.troubles()
+        said = room.disk.errors()
     stop_once()
 
     assert [(one.what, one.reason) for one in said] == [("black box", "No space left on device")]
@@ -322,9 +322,9 @@ def test_a_gateway_that_slept_for_longer_than_the_ring_lasts_goes_on_with_what_i
     room.start_core()
     room.start_gateway()
     room.write(100, mode=Mode.GAIT)
-    seam, room.seam = room.seam, None
+    ipc, room.seam = room.seam, None
     room.write(7000, mode=Mode.GAIT)
-    room.seam = seam
+    room.seam = ipc
     room.write(100, mode=Mode.GAIT)
     room.wait(100)
     room.write(200, mode=Mode.GAIT, verdict=OPEN)
@@ -339,7 +339,7 @@ def test_a_gateway_that_slept_for_longer_than_the_ring_lasts_goes_on_with_what_i
 def test_a_glance_reads_the_first_fields_of_a_record(make_record):
     made = make_record(7, verdict=OPEN, mode=Mode.GAIT)
 
-    seen = glance_of(msgspec.msgpack.encode(made))
+    seen = header_of(msgspec.msgpack.encode(made))
 
     for name in RecordHeader.__struct_fields__:
         assert getattr(seen, name) == getattr(made, name)
@@ -353,7 +353,7 @@ def test_a_glance_reads_the_first_fields_of_a_record(make_record):
 
 def file_of(tmp_path, name, *, active, size=10):
     kept = Kept("cause", "", "", 1, 0, 1, 2, active)
-    return KeptFile.of(tmp_path / name, size, msgspec.structs.replace(header(), kept=kept))
+    return ClipFile.of(tmp_path / name, size, msgspec.structs.replace(header(), kept=kept))
 
 
 def test_what_was_driven_stays_longest_and_the_newest_always(tmp_path):
@@ -383,7 +383,7 @@ def test_a_folder_that_cannot_be_used_is_a_trouble_and_no_error(tmp_path):
     (folder / "1.ring").touch()
 
     with mock.patch.object(type(folder), "is_file", side_effect=PermissionError(13, "no access")):
-        shelf = ClipStore(folder)
+        clips = ClipStore(folder)
 
-    assert str(folder) in shelf.trouble
-    assert not shelf.covers("boot-a", 1)
+    assert str(folder) in clips.trouble
+    assert not clips.covers("boot-a", 1)

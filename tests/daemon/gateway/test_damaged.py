@@ -13,7 +13,7 @@ from records import HEADER, cut_out, record
 from daemon.gateway import requests
 from daemon.ipc import transport
 from daemon.ipc.record import RequestKind
-from daemon.ipc.ring_clip import FOLDER, kept_file, kept_files, trimmed
+from daemon.ipc.ring_clip import FOLDER, clip_file, clip_files, trimmed
 from daemon.recorder.clip_store import ClipStore
 from daemon.recorder.recorder import DiskRecorder
 
@@ -97,7 +97,7 @@ def test_a_bug_in_one_query_fails_that_query_alone_and_is_told(
     bench.cycle()
     with monkeypatch.context() as patch, caplog.at_level(logging.ERROR):
         if where == "read_ask":
-            patch.setattr(requests, "read_ask", broken)
+            patch.setattr(requests, "decode_payload", broken)
         else:
             patch.setattr(asked, "answer", broken)
         bench.cycle(asked)
@@ -163,7 +163,7 @@ def test_one_damaged_byte_in_a_kept_ring_costs_that_ring_and_the_gateway_starts(
     image = bytearray(path.read_bytes())
     image[at_byte] = 0xFF
     path.write_bytes(image)
-    damaged = bool(kept_file(path).trouble)
+    damaged = bool(clip_file(path).trouble)
 
     told = turn(tmp_path)
 
@@ -172,7 +172,7 @@ def test_one_damaged_byte_in_a_kept_ring_costs_that_ring_and_the_gateway_starts(
     assert len(told) == damaged
     assert not damaged or told[0].startswith("black box: 2.ring ")
     assert turn(tmp_path) == []
-    files = kept_files(kept_rings)
+    files = clip_files(kept_rings)
     assert [file.path.name for file in files] == names
     assert [file.core_boot_id for file in (files[0], files[2])] == ["boot-1", "boot-3"]
     assert ClipStore(kept_rings).covers("boot-1", 3)
@@ -190,7 +190,7 @@ def test_a_damaged_ring_that_cannot_be_set_aside_is_told_at_each_start(kept_ring
 
 
 def test_the_ring_that_a_core_left_and_nobody_can_read_is_told(tmp_path):
-    (tmp_path / transport.ASIDE_NAME).write_bytes(b"\xff" * 20_000)
+    (tmp_path / transport.PREVIOUS_RING_NAME).write_bytes(b"\xff" * 20_000)
 
     (told,) = turn(tmp_path)
 
@@ -211,7 +211,7 @@ def test_a_client_whose_name_is_no_line_of_text_is_refused(bench, ask, name, cli
     assert bench.levels[-1].request.kind is RequestKind.NONE
     assert bench.levels[-1].stop_count == (name == "stop")
     assert client not in "".join(event.text for event in bench.outlet.events)
-    assert not bench.gateway.steering.lease
+    assert not bench.gateway.lease_control.lease
 
 
 @pytest.mark.parametrize("client", ["display", "Anzeige für Zuhause", "пульт", "画面 2"])

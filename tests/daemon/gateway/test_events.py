@@ -4,13 +4,13 @@ import msgspec
 import pytest
 
 from daemon import wire
-from daemon.gateway.events import Kind, Priority, happenings
+from daemon.gateway.events import Kind, Priority, new_events
 from daemon.ipc.record import Cause, EmergencyRecord, Mode, StopCategory, Verdict
 from daemon.wire.causes import CAUSE_TEXT
 
 
 def said(before, now):
-    return [(item.kind, item.priority, item.text) for item in happenings(before, now)]
+    return [(item.kind, item.priority, item.text) for item in new_events(before, now)]
 
 
 def test_kinds_and_priorities_are_those_that_the_schema_names():
@@ -56,7 +56,7 @@ def test_a_change_of_a_drive_is_one_event(make_record, make_drive, changes, kind
     now = make_record(2, drives=(make_drive(**changes),))
 
     assert said(before, now) == [(kind, priority, text)]
-    assert happenings(before, now)[0].subject == "right/hip"
+    assert new_events(before, now)[0].subject == "right/hip"
 
 
 def test_a_drive_that_has_not_spoken_has_no_inputs(make_record, make_drive):
@@ -140,7 +140,7 @@ def test_an_emergency_that_is_over_is_an_event(make_record, make_drive):
 def test_every_cause_is_told_with_its_words_and_its_remedy(make_record, cause):
     verdict = Verdict(StopCategory.S1, cause, "right/hip", 2.5, 2.0)
 
-    (stop,) = happenings(make_record(1), make_record(2, verdict=verdict))
+    (stop,) = new_events(make_record(1), make_record(2, verdict=verdict))
 
     assert stop.kind is Kind.STOP
     assert CAUSE_TEXT[cause].title in stop.text
@@ -154,7 +154,7 @@ def test_a_stop_somebody_asked_for_is_a_low_priority_and_a_limit_a_high_one(make
     verdicts = [Verdict(StopCategory.S1, cause) for cause in causes]
 
     priorities = [
-        happenings(make_record(1), make_record(2, verdict=verdict))[0].priority
+        new_events(make_record(1), make_record(2, verdict=verdict))[0].priority
         for verdict in verdicts
     ]
 

@@ -43,7 +43,7 @@ class Running:
         file.write_text(text.replace(old, new))
 
     def hang_up(self):
-        self.reload.ask()
+        self.reload.request()
         return self.reload.turn(self.desk, self.hashes)
 
 

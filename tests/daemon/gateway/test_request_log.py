@@ -21,7 +21,7 @@ from daemon.recorder.audit_file import (
 )
 from daemon.recorder.audit_log import LINES_PER_MINUTE, RequestLog
 from daemon.recorder.disk import Disk
-from daemon.recorder.ring_follower import glance_of
+from daemon.recorder.ring_follower import header_of
 
 MS = 1_000_000
 UTC_NS = 1_760_000_000_123_456_789
@@ -65,7 +65,7 @@ class Book:
         self.log.turn(self.now_ns, UTC_NS + self.now_ns)
 
     def ask(self, name: str, payload: bytes = b"{}", outcome: str = "done", reason: str = ""):
-        (watched,) = self.log.watch([Ask(name, payload)], UTC_NS + self.now_ns)
+        (watched,) = self.log.wrap([Ask(name, payload)], UTC_NS + self.now_ns)
         watched.answer(reply(name, outcome, reason))
 
     def end(self) -> None:
@@ -98,7 +98,7 @@ def test_a_request_is_noted_with_who_what_and_what_became_of_it(book):
 
 
 def test_a_request_that_is_answered_later_has_a_line_of_its_own_before_its_answer(book):
-    (watched,) = book.log.watch([Ask("mode", b'{"mode": "gait", "client": "a"}')], UTC_NS)
+    (watched,) = book.log.wrap([Ask("mode", b'{"mode": "gait", "client": "a"}')], UTC_NS)
     book.turn()
     book.turn()
     watched.answer(reply("mode"))
@@ -111,7 +111,7 @@ def test_a_request_that_is_answered_later_has_a_line_of_its_own_before_its_answe
 
 def test_the_answer_goes_out_before_the_line_is_made(book):
     ask = Ask("stop")
-    (watched,) = book.log.watch([ask], UTC_NS)
+    (watched,) = book.log.wrap([ask], UTC_NS)
     full = mock.patch.object(RequestFile, "add", side_effect=AssertionError)
     with full, pytest.raises(AssertionError):
         watched.answer(reply("stop"))
@@ -124,7 +124,7 @@ def test_what_only_asks_for_knowledge_is_not_noted(book):
 
     for name in ("status", "config", "schema"):
         ask = Ask(name)
-        assert book.log.watch([ask], UTC_NS) == [ask]
+        assert book.log.wrap([ask], UTC_NS) == [ask]
 
     assert len(book.lines()) == before
 
@@ -157,7 +157,7 @@ def test_the_number_of_a_lease_is_not_noted(book):
 def test_mode_and_verdict_follow_as_they_change_and_not_as_they_stay(book, make_record):
     def hear(seq, **changes):
         made = make_record(seq, **changes)
-        book.log.record(glance_of(msgspec.msgpack.encode(made)))
+        book.log.record(header_of(msgspec.msgpack.encode(made)))
 
     opened = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", detail="x")
     book.log.core("boot-a", True)

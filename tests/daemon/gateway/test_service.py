@@ -61,9 +61,9 @@ def test_estimates_leave_first_and_the_rest_of_their_records_with_the_turn(bench
     bench.write()
     bench.write()
 
-    assert bench.gateway.hurry(bench.clock.ns)
+    assert bench.gateway.publish_estimates(bench.clock.ns)
     first = list(bench.outlet.said)
-    assert not bench.gateway.hurry(bench.clock.ns)
+    assert not bench.gateway.publish_estimates(bench.clock.ns)
     bench.turn()
 
     assert [(key, message.cycle) for key, message in first] == [
@@ -78,7 +78,7 @@ def test_estimates_leave_first_and_the_rest_of_their_records_with_the_turn(bench
 def test_health_says_how_long_the_gateway_makes_an_estimate_and_none_where_it_made_none():
     window = HealthWindow()
     for work_ns in (900_000, 100_000, 300_000):
-        window.note_estimate(work_ns)
+        window.add_estimate(work_ns)
 
     assert window.close(Stamp(), 1).gateway_estimate_p50_us == 300
     assert window.close(Stamp(), 2).gateway_estimate_p50_us is None
@@ -89,7 +89,7 @@ def test_the_time_of_an_estimate_is_that_from_the_wake_on(bench):
     for _ in range(150):
         bench.write()
         bench.clock.ns += 10 * MS
-        bench.gateway.hurry(bench.clock.ns - 2 * MS)  # woken 2 ms ago
+        bench.gateway.publish_estimates(bench.clock.ns - 2 * MS)  # woken 2 ms ago
         bench.gateway.turn(bench.clock.ns, ())
 
     assert bench.clock.ns > woken_ns + 1000 * MS

@@ -11,18 +11,18 @@ import pytest
 from daemon.config.settings import Lease
 from daemon.gateway.events import Priority
 from daemon.gateway.lease import LeaseManager
+from daemon.gateway.lease_control import REPORTED_MAX, LeaseControl
 from daemon.gateway.setpoints import (
-    KEPT_COUNT,
+    HOLDER_COUNT,
+    OTHERS_COUNT,
     REARM_NS,
     SETPOINT_SIZE_MAX,
-    STRANGERS_COUNT,
     WAKES_MAX,
     Arrival,
     Batch,
     SetpointBox,
-    SetpointDesk,
+    SetpointStore,
 )
-from daemon.gateway.steering import TOLD_MAX, Steering
 from daemon.ipc.assist_record import AssistRecord
 from daemon.ipc.record import Mode
 from daemon.wire.refusals import SetpointRefusal
@@ -73,34 +73,34 @@ def arrival(leg="right", **changes):
     ],
 )
 def test_a_payload_is_read_strictly_and_what_is_wrong_is_named(data, refusal):
-    desk = SetpointDesk()
+    desk = SetpointStore()
 
-    assert desk.take(Arrival("right", data), LEGS, LEASE) is refusal
+    assert desk.receive(Arrival("right", data), LEGS, LEASE) is refusal
     assert bool(desk.newest) == (refusal is SetpointRefusal.NONE)
 
 
 def test_what_is_refused_leaves_the_one_before_in_place():
-    desk = SetpointDesk()
-    desk.take(arrival(), LEGS, LEASE)
+    desk = SetpointStore()
+    desk.receive(arrival(), LEGS, LEASE)
 
-    assert desk.take(arrival(), LEGS, LEASE) is SetpointRefusal.REPEATED
-    assert desk.take(arrival(seq=4), LEGS, LEASE) is SetpointRefusal.REORDERED
-    assert desk.take(arrival("middle", seq=6), LEGS, LEASE) is SetpointRefusal.UNKNOWN_LEG
+    assert desk.receive(arrival(), LEGS, LEASE) is SetpointRefusal.REPEATED
+    assert desk.receive(arrival(seq=4), LEGS, LEASE) is SetpointRefusal.REORDERED
+    assert desk.receive(arrival("middle", seq=6), LEGS, LEASE) is SetpointRefusal.UNKNOWN_LEG
     assert [one.seq for one in desk.newest] == [5]
 
 
 def test_each_leg_counts_by_itself_and_the_newest_of_each_is_forwarded():
-    desk = SetpointDesk()
+    desk = SetpointStore()
     for seq, leg in ((5, "right"), (1, "left"), (6, "right")):
-        assert desk.take(arrival(leg, seq=seq), LEGS, LEASE) is SetpointRefusal.NONE
+        assert desk.receive(arrival(leg, seq=seq), LEGS, LEASE) is SetpointRefusal.NONE
 
     assert {(one.leg, one.seq) for one in desk.newest} == {("right", 6), ("left", 1)}
 
 
 def test_without_a_lease_nothing_is_forwarded():
-    desk = SetpointDesk()
+    desk = SetpointStore()
 
-    assert desk.take(arrival(), LEGS, 0) is SetpointRefusal.UNLEASED
+    assert desk.receive(arrival(), LEGS, 0) is SetpointRefusal.UNLEASED
     assert not desk.newest
 
 
@@ -127,9 +127,9 @@ def test_the_box_keeps_the_newest_few_and_counts_the_rest(box):
 
     batch = box.drain(0)
 
-    assert len(batch.arrivals) == KEPT_COUNT
+    assert len(batch.arrivals) == HOLDER_COUNT
     assert json.loads(batch.arrivals[-1].payload)["seq"] == 999
-    assert batch.dropped_count == 1000 - KEPT_COUNT
+    assert batch.dropped_count == 1000 - HOLDER_COUNT
     assert box.drain(0) == Batch()
 
 
@@ -146,7 +146,7 @@ def test_strangers_cannot_crowd_out_the_holder_and_do_not_wake_the_loop(box):
     batch = box.drain(0)
 
     assert json.loads(batch.arrivals[0].payload)["seq"] == 7
-    assert len(batch.arrivals) == 1 + STRANGERS_COUNT
+    assert len(batch.arrivals) == 1 + OTHERS_COUNT
     assert not is_readable(box)
 
 
@@ -186,11 +186,11 @@ def test_many_threads_lose_no_count(box):
 @pytest.fixture
 def steering(make_record):
     numbers = itertools.count(1001)
-    made = Steering(
+    made = LeaseControl(
         LeaseManager(Lease(duration_ms=500, duration_max_ms=500), lambda: next(numbers))
     )
-    made.meet(LEGS)
-    made.hear(make_record(1), 0)
+    made.begin_core(LEGS)
+    made.receive_record(make_record(1), 0)
     return made
 
 
@@ -201,7 +201,7 @@ def record_with(make_record, seq, mode=Mode.TORQUE, **assist):
 def test_the_first_refusal_of_each_reason_is_an_event_and_all_are_counted(steering):
     batch = Batch((arrival(), arrival(), Arrival("right", b"{")), dropped_count=50)
 
-    said = steering.take(batch, 0) + steering.take(batch, 1)
+    said = steering.receive_setpoints(batch, 0) + steering.receive_setpoints(batch, 1)
 
     assert [happening.priority for happening in said] == [Priority.LOW] * 3
     assert len({happening.text for happening in said}) == 3
@@ -216,20 +216,20 @@ def test_leases_that_come_and_go_do_not_make_a_flood_of_events(steering):
     said = []
     for turn in range(200):
         granted = steering.leases.acquire("pusher", None, None, turn)
-        said += steering.take(Batch((arrival(),)), turn)
+        said += steering.receive_setpoints(Batch((arrival(),)), turn)
         assert granted.number == steering.lease
         steering.stop()
 
     refusals = [one for one in said if "wrong_lease" in one.text]
-    assert len(refusals) == TOLD_MAX
+    assert len(refusals) == REPORTED_MAX
 
 
 def test_what_the_core_refuses_is_told_too(steering, make_record):
     counts = [0] * len(SetpointRefusal)
-    steering.hear(record_with(make_record, 2, refused_count=tuple(counts)), 0)
+    steering.receive_record(record_with(make_record, 2, refused_count=tuple(counts)), 0)
     counts[SetpointRefusal.STALE] = 3
 
-    said = steering.hear(record_with(make_record, 3, refused_count=tuple(counts)), 0)
+    said = steering.receive_record(record_with(make_record, 3, refused_count=tuple(counts)), 0)
 
     assert [one.text.partition(":")[0] for one in said] == ["setpoint refused, stale"]
 
@@ -237,14 +237,14 @@ def test_what_the_core_refuses_is_told_too(steering, make_record):
 def test_the_lease_lives_on_what_the_core_accepts_and_on_nothing_else(steering, make_record):
     number = steering.leases.acquire("pusher", None, None, 0).number
     for k in range(1, 10):
-        steering.take(Batch((arrival(lease=number, seq=k),)), k * 100 * MS)
-        steering.hear(record_with(make_record, k + 1, accepted_count=k), k * 100 * MS)
+        steering.receive_setpoints(Batch((arrival(lease=number, seq=k),)), k * 100 * MS)
+        steering.receive_record(record_with(make_record, k + 1, accepted_count=k), k * 100 * MS)
         assert not steering.tick(k * 100 * MS)
     assert [one.seq for one in steering.setpoints] == [9]
 
     for k in range(10, 14):
-        steering.take(Batch((arrival(lease=number, seq=k),)), k * 100 * MS)
-        steering.hear(record_with(make_record, k + 1, accepted_count=9), k * 100 * MS)
+        steering.receive_setpoints(Batch((arrival(lease=number, seq=k),)), k * 100 * MS)
+        steering.receive_record(record_with(make_record, k + 1, accepted_count=9), k * 100 * MS)
     (said,) = steering.tick(1400 * MS)
 
     assert "the lease of pusher has ended" in said.text
@@ -253,12 +253,12 @@ def test_the_lease_lives_on_what_the_core_accepts_and_on_nothing_else(steering, 
 
 def test_a_lapse_is_of_medium_priority_and_names_the_holder(steering, make_record):
     steering.leases.acquire("pusher", None, None, 0)
-    steering.hear(record_with(make_record, 2, accepted_count=1), 0)
+    steering.receive_record(record_with(make_record, 2, accepted_count=1), 0)
     lapsed = record_with(
         make_record, 3, Mode.HOLD, accepted_count=1, lapse_count=1, lapse_reason="stale"
     )
 
-    (said,) = steering.hear(lapsed, 0)
+    (said,) = steering.receive_record(lapsed, 0)
 
     assert said.priority is Priority.MEDIUM
     assert "assist of pusher lapsed: stale" in said.text
@@ -269,14 +269,14 @@ def test_a_lapse_is_of_medium_priority_and_names_the_holder(steering, make_recor
 def test_a_machine_that_was_stopped_has_no_holder(steering, make_record, mode):
     steering.leases.acquire("pusher", None, None, 0)
 
-    (said,) = steering.hear(record_with(make_record, 2, mode), 0)
+    (said,) = steering.receive_record(record_with(make_record, 2, mode), 0)
 
     assert "stopped" in said.text
     assert steering.lease == 0
 
 
 def test_a_stop_and_another_core_end_the_lease(steering):
-    for end in (steering.stop, lambda: steering.meet(LEGS)):
+    for end in (steering.stop, lambda: steering.begin_core(LEGS)):
         steering.leases.acquire("pusher", None, None, 0)
         (said,) = end()
         assert "the lease of pusher has ended" in said.text

@@ -25,7 +25,7 @@ def as_json(message: msgspec.Struct) -> dict:
 
 def messages(leg, record) -> list[dict]:
     makers = (translate.estimate, translate.activity, translate.friction)
-    view = translate.look(leg, record, STAMP)
+    view = translate.view_of(leg, record, STAMP)
     return [as_json(make(view, 1)) for make in makers]
 
 
@@ -86,7 +86,7 @@ def test_an_axis_at_rest_costs_one_observable_state(make_leg, make_record):
     assert rank(StatusBit.VALID | resting) == 6
 
 
-@pytest.mark.parametrize("bit", list(translate.NEVER_SHOWN))
+@pytest.mark.parametrize("bit", list(translate.NEVER_PUBLISHED))
 def test_some_status_bits_make_both_axes_bad_whatever_the_record_says(bit, make_leg, make_record):
     for message in messages(make_leg(status=bit | StatusBit.VALID), make_record()):
         assert set(numbers_of("hip", message).values()) == {None}
@@ -140,7 +140,7 @@ def test_no_record_whatever_makes_a_message_with_a_number_that_is_none(
         gait_phase=pair[1],
     )
     makers = (translate.estimate, translate.activity, translate.friction)
-    view = translate.look(leg, make_record(dt_s=pair[0]), STAMP)
+    view = translate.view_of(leg, make_record(dt_s=pair[0]), STAMP)
     for make in makers:
         message = make(view, 1)
         for value in msgspec.structs.asdict(message).values():
@@ -221,8 +221,8 @@ def test_the_estimate_tells_a_controller_what_of_its_assist_is_in_force(make_rec
     some = LegAssistRecord(41, (9.0, 0.0), (math.nan, -3.0), 0.5)
     record = make_record(legs=legs, assist=AssistRecord(legs=(none, some)))
 
-    right, left = (translate.estimate(translate.look(leg, record, STAMP), 1) for leg in legs)
-    before = translate.estimate(translate.look(legs[0], make_record(), STAMP), 1)
+    right, left = (translate.estimate(translate.view_of(leg, record, STAMP), 1) for leg in legs)
+    before = translate.estimate(translate.view_of(legs[0], make_record(), STAMP), 1)
 
     assert (right.assist_hip_nm, right.stiffness_ratio, right.setpoint_seq) == (0.0, 1.0, None)
     assert (left.assist_hip_nm, left.assist_slide_n) == (None, -3.0)

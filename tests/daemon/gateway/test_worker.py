@@ -8,13 +8,13 @@ from msgspec.structs import replace
 from records import HEADER, record
 
 from daemon.ipc.record import Cause, StopCategory, Verdict
-from daemon.ipc.ring_clip import FOLDER, kept_files
-from daemon.ipc.transport import CoreSeam, GatewaySeam
+from daemon.ipc.ring_clip import FOLDER, clip_files
+from daemon.ipc.transport import CoreChannel, GatewayChannel
 from daemon.recorder.audit_file import RequestFile, numbered
 from daemon.recorder.black_box import AFTER_NS
-from daemon.recorder.disk import Disk, Trouble
+from daemon.recorder.disk import Disk, WriteError
 from daemon.recorder.recorder import DiskRecorder
-from daemon.recorder.state_file_sync import NotesDisk
+from daemon.recorder.state_file_sync import StateFileSync
 
 MS = 1_000_000
 OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip")
@@ -30,12 +30,12 @@ def test_a_job_that_fails_as_nobody_thought_of_is_told_once_and_the_next_ones_ar
     done = []
 
     for _ in range(3):
-        disk.ask("request log", broken)
-    disk.ask("black box", lambda: done.append("kept"))
+        disk.submit("request log", broken)
+    disk.submit("black box", lambda: done.append("kept"))
     disk.settle()
-    told = disk.troubles()
-    disk.ask("request log", lambda: done.append("written"))
-    disk.ask("request log", broken)
+    told = disk.errors()
+    disk.submit("request log", lambda: done.append("written"))
+    disk.submit("request log", broken)
     disk.close()
 
     assert done == ["kept", "written"]
@@ -43,7 +43,7 @@ def test_a_job_that_fails_as_nobody_thought_of_is_told_once_and_the_next_ones_ar
     assert [(one.what, one.reason.split(":")[0]) for one in told] == [
         ("request log", "unexpected ValueError")
     ]
-    assert disk.troubles()[0] == Trouble("request log", "")
+    assert disk.errors()[0] == WriteError("request log", "")
 
 
 @pytest.mark.parametrize("name", FOREIGN)
@@ -76,15 +76,15 @@ class Clock:
 def test_a_stop_is_kept_after_the_request_log_has_failed_as_nobody_thought_of(tmp_path):
     clock, state = Clock(), tmp_path / "state"
     keeper = DiskRecorder(state, tmp_path, clock, "0.1.0")
-    core, seam = CoreSeam(tmp_path, HEADER), GatewaySeam(tmp_path)
+    core, ipc = CoreChannel(tmp_path, HEADER), GatewayChannel(tmp_path)
     told = []
 
     def cycles(first, count, **changes):
         for seq in range(first, first + count):
             core.publish(replace(record(seq), **changes))
-            seam.records()
+            ipc.records()
             clock.ns += 10 * MS
-            told.extend(keeper.turn(seam.ring, clock.ns))
+            told.extend(keeper.turn(ipc.ring, clock.ns))
 
     with mock.patch.object(RequestFile, "flush", side_effect=ValueError("nobody knows")):
         cycles(1, 300)
@@ -92,12 +92,12 @@ def test_a_stop_is_kept_after_the_request_log_has_failed_as_nobody_thought_of(tm
     cycles(301, count, verdict=OPEN)
     keeper.close()
     core.close()
-    seam.close()
+    ipc.close()
 
     texts = [one.text for one in told]
     assert texts.count("request log: cannot be written: unexpected ValueError: nobody knows") == 1
     assert "request log: can be written again" in texts
-    assert next(iter(kept_files(state / FOLDER))).kept.cause == "hand_switch_open"
+    assert next(iter(clip_files(state / FOLDER))).kept.cause == "hand_switch_open"
     assert 1 <= keeper.not_kept_count <= 5
 
 
@@ -109,15 +109,15 @@ def test_the_notes_are_looked_at_again_after_what_nobody_thought_of(tmp_path, ca
         mock.patch("daemon.recorder.state_file_sync.PERIOD_S", 0.005),
         mock.patch.object(os, "read", side_effect=[*fails, b"page", *[b"page"] * 10_000]),
     ):
-        disk = NotesDisk(path)
-        while not disk._kept:
+        disk = StateFileSync(path)
+        while not disk._synced:
             disk._over.wait(0.005)
         disk.close()
 
-    assert disk._kept == b"page"
+    assert disk._synced == b"page"
     assert caplog.text.count("not on the disk: unexpected MemoryError") == 1
 
 
 def test_the_end_does_not_wait_for_notes_that_fail_to_the_last(tmp_path):
     with mock.patch.object(os, "open", side_effect=ValueError("nobody knows")):
-        NotesDisk(tmp_path / "axes.json").close()
+        StateFileSync(tmp_path / "axes.json").close()

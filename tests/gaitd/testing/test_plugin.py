@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
-from outsiders import ENVIRONMENT
+from foreign_pytest import ENVIRONMENT
 
 pytest_plugins = ["pytester"]
 
@@ -19,7 +19,7 @@ PROJECT = Path(__file__).parents[3]
 GUIDE = PROJECT / "docs" / "integrating.md"
 EXAMPLE = re.compile(r"<!-- example: (\w+\.py) -->\n```python\n(.*?)```\n<!-- end -->", re.S)
 EXAMPLES = dict(EXAMPLE.findall(GUIDE.read_text()))
-PATIENCE_S = 100
+TIMEOUT_S = 100
 HOME = str(Path.home())
 SHORT = ("-p", "gaitd.testing.plugin", "-p", "no:cacheprovider", "-ra")
 """The plugin by name: this tree's, also where an older one is installed."""
@@ -214,7 +214,7 @@ def test_nothing_runs_on_when_pytest_itself_is_killed(tmp_path):
 
 
 def until(reached, output):
-    end_s = time.monotonic() + PATIENCE_S
+    end_s = time.monotonic() + TIMEOUT_S
     while not reached():
         assert time.monotonic() < end_s, output.read_text()
         time.sleep(0.05)

@@ -1,0 +1,149 @@
+"""Errors of the estimate: each span of the demonstration against its bounds.
+
+Only published valid estimates are evaluated. At rest the split between friction and patient cannot
+be observed, and the service publishes null: that counts as coverage, not as error. The reference is
+the true patient plus the artificial disturbance, which the observer must estimate as one.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.accuracy import Score, nearest, score
+from gaitd_lab.demonstration.feed import Track
+from gaitd_lab.demonstration.script import Kind
+
+MATCH_NS: Final = 5_000_000
+"""Half a cycle: an estimate and a truth further apart belong to different SYNCs."""
+
+
+class Bound(NamedTuple):
+    """Bounds of a span, per axis."""
+
+    hip_rms_nm: float
+    slide_rms_n: float
+    correlation_min: float
+    """-1 disables the bound: a constant truth has no correlation."""
+    covered_min_ratio: float
+    """Required share of cycles with a valid estimate."""
+
+
+BOUNDS: Final = {
+    Kind.PASSIVE: Bound(0.3, 2.0, -1.0, 0.2),
+    Kind.ACTIVE: Bound(0.6, 3.0, 0.98, 0.7),
+    Kind.OPEN_LOOP: Bound(0.6, 3.0, -1.0, 0.4),
+}
+"""The passive span begins with a ramp from rest; the paper's experiment rests at its reversals."""
+
+
+class Span(NamedTuple):
+    """A period of time that is evaluated."""
+
+    title: str
+    kind: Kind
+    begin_ns: int
+    end_ns: int
+
+
+class Row(NamedTuple):
+    """One axis in one span."""
+
+    span: Span
+    axis: str
+    unit: str
+    score: Score
+    rms_bound: float
+    correlation_min: float
+    covered_min_ratio: float
+
+    @property
+    def passed(self) -> bool:
+        """True if everything is within its bound; false without samples."""
+        found = self.score
+        correlated = self.correlation_min <= -1.0 or found.correlation >= self.correlation_min
+        return (
+            found.sample_count > 0
+            and found.rms <= self.rms_bound
+            and correlated
+            and found.covered_ratio >= self.covered_min_ratio
+        )
+
+
+class Pair(NamedTuple):
+    """Estimate and reference of one axis, at the same instants."""
+
+    time_ns: NDArray[np.int64]
+    estimate: NDArray[np.float64]
+    std: NDArray[np.float64]
+    wanted: NDArray[np.float64]
+    friction: NDArray[np.float64]
+    true_friction: NDArray[np.float64]
+
+
+AXES: Final = (("hip", "nm", "N·m"), ("slide", "n", "N"))
+"""Name, suffix of the fields, displayed unit."""
+
+
+def pairs(heard: Track, true: Track, newest: int = 0) -> tuple[Pair, Pair]:
+    """Return hip and slide: estimates with their references; NaN where one is missing.
+
+    Args:
+        heard: track with the columns of HEARD.
+        true: track with the columns of TRUE.
+        newest: number of newest rows of both; 0 means all.
+    """
+    heard_ns, said = heard.arrays(newest)
+    true_ns, truth = true.arrays(newest)
+    index = nearest(heard_ns, true_ns, MATCH_NS)
+    found = np.full((len(index), len(true.columns)), math.nan)
+    found[index >= 0] = truth[index[index >= 0]]
+    return _pair(heard, true, heard_ns, said, found, 0), _pair(
+        heard, true, heard_ns, said, found, 1
+    )
+
+
+def _pair(
+    heard: Track,
+    true: Track,
+    time_ns: NDArray[np.int64],
+    said: NDArray[np.float64],
+    truth: NDArray[np.float64],
+    index: int,
+) -> Pair:
+    axis, suffix, _ = AXES[index]
+    artificial = heard.column(f"artificial_{axis}_{suffix}", said)
+    return Pair(
+        time_ns,
+        heard.column(f"{axis}_patient_{suffix}", said),
+        heard.column(f"{axis}_patient_{suffix}_std", said),
+        true.column(f"{axis}_patient_{suffix}", truth) + np.nan_to_num(artificial),
+        heard.column(f"{axis}_friction_{suffix}", said),
+        true.column(f"{axis}_friction_{suffix}", truth),
+    )
+
+
+def evaluate(spans: Sequence[Span], both: tuple[Pair, Pair]) -> tuple[Row, ...]:
+    """Evaluate both axes in every span that has bounds."""
+    return tuple(
+        _row(span, BOUNDS[span.kind], both[index], index)
+        for span in spans
+        if span.kind in BOUNDS
+        for index in range(len(AXES))
+    )
+
+
+def _row(span: Span, bound: Bound, pair: Pair, index: int) -> Row:
+    inside = (pair.time_ns >= span.begin_ns) & (pair.time_ns < span.end_ns)
+    axis, _, unit = AXES[index]
+    return Row(
+        span,
+        axis,
+        unit,
+        score(pair.estimate[inside], pair.wanted[inside]),
+        (bound.hip_rms_nm, bound.slide_rms_n)[index],
+        bound.correlation_min,
+        bound.covered_min_ratio,
+    )

@@ -1,0 +1,70 @@
+"""A request is done when the drives show that it is, and refused with the drive's reason if not."""
+
+from sessions import new_session
+
+from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from drives.signals import PowerState
+from gaitd_lab.lockstep import LockstepSession
+
+FAULT_RESET = 0x80
+SLIDE_WORDS = 0x206
+"""COB-ID of the RPDO that carries the slide's controlword."""
+
+
+def in_fault() -> LockstepSession:
+    """Stopped by a fault of the slide's drive whose cause lasts."""
+    session = new_session().until_ready()
+    session.command("emcy right/slide - 0x2310")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=1)
+    return session
+
+
+def edges(session: LockstepSession) -> int:
+    words = [frame.data[0] for frame in session.bus.sent if frame.can_id == SLIDE_WORDS]
+    return words.count(FAULT_RESET)
+
+
+def test_a_reset_is_refused_with_the_drives_reason_while_fault_and_cause_persist():
+    session = in_fault()
+
+    answer = session.request(RequestKind.RESET)
+
+    assert answer.outcome == Outcome.REFUSED
+    assert answer.reason == "right/slide: a drive is in fault: 2310h overcurrent"
+    assert session.record.mode == Mode.FAULT
+    assert session.record.verdict.cause == Cause.DRIVE_FAULT
+    assert edges(session) == 1
+    session.command("clear emcy right/slide")
+    assert session.request(RequestKind.RESET).outcome == Outcome.DONE
+    assert edges(session) == 2
+
+
+def test_a_fault_that_comes_back_at_once_is_not_reset():
+    session = in_fault()
+    session.command("clear emcy right/slide")
+    session.gateway.request(RequestKind.RESET)
+    session.run_until(
+        lambda record: (
+            record.mode == Mode.READY
+            and record.drives[1].power_state == PowerState.SWITCH_ON_DISABLED
+        ),
+        within_s=5,
+    )
+    session.run(0.1)
+    session.command("emcy right/slide - 0x3210")
+
+    session.run_until(lambda _: session.gateway.outcome().outcome != Outcome.PENDING, within_s=5)
+
+    answer = session.gateway.outcome()
+    assert answer.outcome == Outcome.REFUSED
+    assert "3210h" in answer.reason
+    assert edges(session) == 1
+
+
+def test_a_disable_is_done_when_the_drives_show_that_they_have_left_operation_enabled():
+    session = new_session().enable()
+
+    assert session.request(RequestKind.DISABLE).outcome == Outcome.DONE
+
+    states = {drive.power_state for drive in session.record.drives}
+    assert states == {PowerState.SWITCH_ON_DISABLED}

@@ -1,0 +1,255 @@
+"""One drive on its way to rest: what it is told, and what happens when it does not obey."""
+
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from safety_inputs import FEEDBACK, JOINT, LIMITS
+
+from daemon.core.safety import stop_sequence
+from daemon.core.safety.stop_sequence import Step, StopRules
+from daemon.ipc.record import Cause, StopCategory, Verdict
+from drives.signals import PowerRequest, PowerState
+
+RULES = StopRules(
+    obey_cycles=3, standstill_cycles=5, ramp_margin_ratio=1.5, period_s=0.01, reaction_cycles=20
+)
+FAST = JOINT._replace(velocity_si=1.0)
+STILL = JOINT._replace(velocity_si=0.0)
+STOPPING_DRIVE = replace(FEEDBACK, power_state=PowerState.QUICK_STOP_ACTIVE)
+OFF = replace(FEEDBACK, power_state=PowerState.SWITCH_ON_DISABLED)
+
+
+def run(stop, feedback, joints, limits=LIMITS):
+    """The stop after one cycle for each joint, the first one cycle after it began."""
+    for cycle, joint in enumerate(joints, stop.since_cycle + 1):
+        stop = stop_sequence.advance(stop, feedback, joint, limits, RULES, cycle)
+    return stop
+
+
+def verdict(cause, category, drive="right/hip"):
+    return Verdict(category, cause, drive)
+
+
+@pytest.mark.parametrize(
+    ("cause", "category", "this", "other"),
+    [
+        (Cause.STOP_REQUESTED, StopCategory.S2, Step.HOLD, Step.HOLD),
+        (Cause.HAND_SWITCH_OPEN, StopCategory.S1, Step.QUICK_STOP, Step.QUICK_STOP),
+        (Cause.STO_ACTIVE, StopCategory.S0, Step.DISABLE, Step.DISABLE),
+        (Cause.ENCODER_JUMP, StopCategory.S0, Step.DISABLE, Step.QUICK_STOP),
+        (Cause.ENCODER_FROZEN, StopCategory.S0, Step.DISABLE, Step.QUICK_STOP),
+        (Cause.UNREFERENCED, StopCategory.S0, Step.DISABLE, Step.QUICK_STOP),
+        (Cause.DRIVE_SILENT, StopCategory.S1, Step.NMT_STOP, Step.QUICK_STOP),
+        (Cause.DRIVE_REBOOTED, StopCategory.S1, Step.NMT_STOP, Step.QUICK_STOP),
+    ],
+)
+def test_a_stop_begins_for_each_axis_as_the_design_fixes_it(cause, category, this, other):
+    assert stop_sequence.first_step(verdict(cause, category), "right/hip") == this
+    assert stop_sequence.first_step(verdict(cause, category), "right/slide") == other
+
+
+@pytest.mark.parametrize("state", [s for s in PowerState if s != PowerState.OPERATION_ENABLED])
+def test_a_stop_that_holds_does_not_enable_a_drive_that_is_not(state):
+    drive = replace(FEEDBACK, power_state=state)
+
+    assert stop_sequence.possible(Step.HOLD, drive) == Step.QUICK_STOP
+    assert stop_sequence.possible(Step.HOLD, None) == Step.QUICK_STOP
+    assert stop_sequence.possible(Step.HOLD, FEEDBACK) == Step.HOLD
+    assert [stop_sequence.possible(step, drive) for step in list(Step)[1:]] == list(Step)[1:]
+
+
+def test_only_a_stop_of_category_2_keeps_a_drive_enabled():
+    assert stop_sequence.request(Step.HOLD) == PowerRequest.ENABLE
+    assert stop_sequence.request(Step.QUICK_STOP) == PowerRequest.QUICK_STOP
+    for step in (Step.DISABLE, Step.NMT_STOP, Step.SILENCE):
+        assert stop_sequence.request(step) == PowerRequest.DISABLE_VOLTAGE
+
+
+def test_a_drive_that_follows_its_ramp_comes_to_rest_where_it_is_held():
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
+    ramp = [JOINT._replace(velocity_si=max(1.0 - 0.2 * k, 0.0)) for k in range(15)]
+
+    stopped = run(begun, STOPPING_DRIVE, ramp)
+
+    assert stopped.step == Step.QUICK_STOP
+    assert stop_sequence.is_resting(stopped, RULES)
+    assert not stopped.disobeyed
+
+
+def test_a_drive_that_stays_enabled_is_disabled_after_three_cycles():
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
+
+    assert run(begun, FEEDBACK, [FAST] * 3).step == Step.QUICK_STOP
+    disobedient = run(begun, FEEDBACK, [FAST] * 4)
+
+    assert disobedient.step == Step.DISABLE
+    assert disobedient.disobeyed
+
+
+def test_a_drive_that_shows_the_state_and_does_not_slow_down_is_disabled():
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
+
+    assert run(begun, STOPPING_DRIVE, [FAST] * 12).step >= Step.DISABLE
+
+
+def test_a_drive_that_its_own_fault_switched_off_may_coast():
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
+    faulty = replace(FEEDBACK, power_state=PowerState.FAULT)
+
+    assert run(begun, faulty, [FAST] * 50).step == Step.QUICK_STOP
+
+
+def test_a_hold_may_take_longer_than_a_ramp_and_no_longer_than_its_grace():
+    begun = stop_sequence.begin(Step.HOLD, FAST, 100)
+
+    assert run(begun, FEEDBACK, [FAST] * stop_sequence.HOLD_GRACE_CYCLES).step == Step.HOLD
+    assert run(begun, FEEDBACK, [FAST] * 2 * stop_sequence.HOLD_GRACE_CYCLES).step > Step.HOLD
+
+
+def test_a_drive_that_stays_powered_is_taken_to_nmt_stop_and_then_to_silence():
+    begun = stop_sequence.begin(Step.DISABLE, FAST, 100)
+
+    assert run(begun, FEEDBACK, [FAST] * 4).step == Step.NMT_STOP
+    assert run(begun, FEEDBACK, [FAST] * 8).step == Step.SILENCE
+    assert run(begun, FEEDBACK, [FAST] * 80).step == Step.SILENCE
+
+
+def test_a_drive_without_power_may_coast():
+    begun = stop_sequence.begin(Step.DISABLE, FAST, 100)
+
+    assert run(begun, OFF, [FAST] * 50).step == Step.DISABLE
+
+
+def test_a_held_drive_that_is_pushed_away_is_disabled():
+    held = run(stop_sequence.begin(Step.QUICK_STOP, STILL, 100), STOPPING_DRIVE, [STILL] * 10)
+    limit = stop_sequence.HELD_SPEED_RATIO * LIMITS.standstill_si_per_s
+    given_way = JOINT._replace(velocity_si=limit)
+    loose = JOINT._replace(velocity_si=limit * 1.01)
+
+    yielding = stop_sequence.advance(held, STOPPING_DRIVE, given_way, LIMITS, RULES, 111)
+    pushed = stop_sequence.advance(held, STOPPING_DRIVE, loose, LIMITS, RULES, 111)
+
+    assert yielding.step == Step.QUICK_STOP
+    assert pushed.step == Step.DISABLE
+
+
+def test_an_axis_with_a_brake_is_switched_off_at_rest_and_one_without_is_held():
+    begun = stop_sequence.begin(Step.QUICK_STOP, STILL, 100)
+
+    assert run(begun, STOPPING_DRIVE, [STILL] * 20).step == Step.QUICK_STOP
+    braked = run(begun, STOPPING_DRIVE, [STILL] * 20, LIMITS._replace(brake=True))
+    assert braked.step >= Step.DISABLE
+
+
+def test_what_was_not_seen_is_neither_obeyed_nor_disobeyed():
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
+    unseen = replace(FEEDBACK, fresh=False)
+
+    assert run(begun, unseen, [FAST] * 20).step == Step.QUICK_STOP
+
+
+TORQUE_FREE = {
+    PowerState.NOT_READY_TO_SWITCH_ON: True,
+    PowerState.SWITCH_ON_DISABLED: True,
+    PowerState.READY_TO_SWITCH_ON: True,
+    PowerState.SWITCHED_ON: True,
+    PowerState.OPERATION_ENABLED: False,
+    PowerState.QUICK_STOP_ACTIVE: False,
+    PowerState.FAULT_REACTION_ACTIVE: False,
+    PowerState.FAULT: True,
+    PowerState.UNKNOWN: False,
+}
+
+
+@pytest.mark.parametrize("step", [Step.QUICK_STOP, Step.DISABLE])
+@pytest.mark.parametrize("state", PowerState)
+def test_only_a_state_without_torque_proves_for_ever_that_a_moving_drive_obeys(state, step):
+    shown = replace(FEEDBACK, power_state=state)
+
+    stopped = run(stop_sequence.begin(step, FAST, 100), shown, [FAST] * 60)
+
+    assert stopped.step == (step if TORQUE_FREE[state] else Step.SILENCE)
+
+
+@pytest.mark.parametrize("begun", [Step.HOLD, Step.QUICK_STOP, Step.DISABLE])
+@pytest.mark.parametrize(
+    ("state", "patience"), [(PowerState.UNKNOWN, 3), (PowerState.FAULT_REACTION_ACTIVE, 20)]
+)
+def test_a_state_that_proves_nothing_is_borne_so_long_and_over_all_steps_no_longer(
+    begun, state, patience
+):
+    shown = replace(FEEDBACK, power_state=state)
+    stop = stop_sequence.begin(begun, FAST, 100)
+
+    assert run(stop, shown, [FAST] * patience).step == begun
+    assert run(stop, shown, [FAST] * (patience + 1)).step == begun + 1
+    # The next steps wait for obedience alone, not for the whole patience again.
+    assert run(stop, shown, [FAST] * (patience + 1 + 4)).step == begun + 2
+    proven = stop_sequence.advance(
+        run(stop, shown, [FAST] * patience), OFF, FAST, LIMITS, RULES, 150
+    )
+    assert run(proven._replace(since_cycle=150), shown, [FAST] * patience).step == begun
+
+
+def test_a_joint_that_is_not_seen_counts_as_neither_at_rest_nor_moving():
+    unseen = STILL._replace(fresh=False)
+    begun = run(stop_sequence.begin(Step.QUICK_STOP, STILL, 100), STOPPING_DRIVE, [STILL] * 2)
+
+    assert run(begun, STOPPING_DRIVE, [unseen] * 30).at_rest_cycles == 2
+    braked = LIMITS._replace(brake=True)
+    assert run(begun, STOPPING_DRIVE, [unseen] * 30, braked).step == Step.QUICK_STOP
+
+
+POWER = st.sampled_from(list(PowerState))
+SPEEDS = st.floats(min_value=-3, max_value=3)
+
+
+@settings(derandomize=True)
+@given(
+    st.sampled_from(list(Step)),
+    st.lists(st.tuples(POWER, SPEEDS, st.booleans(), st.sampled_from(list(Step))), max_size=60),
+)
+def test_a_stop_never_goes_back_a_step(first, story):
+    stop = stop_sequence.begin(first, FAST, 0)
+    for cycle, (power, speed, fresh, step) in enumerate(story, 1):
+        before = stop.step
+        feedback = replace(FEEDBACK, power_state=power, fresh=fresh)
+        joint = JOINT._replace(velocity_si=speed)
+        stop = stop_sequence.harsher(stop, step, joint, cycle)
+        stop = stop_sequence.advance(stop, feedback, joint, LIMITS, RULES, cycle)
+        assert stop.step >= max(before, step)
+
+
+@pytest.mark.parametrize(("ratio", "reached"), [(9.9, Step.QUICK_STOP), (10.1, Step.DISABLE)])
+def test_a_drive_that_has_rested_is_loose_when_it_is_pushed_at_ten_times_standstill(ratio, reached):
+    pushed = STILL._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
+    stop = run(stop_sequence.begin(Step.QUICK_STOP, FAST, 100), STOPPING_DRIVE, [STILL] * 20)
+
+    stop = stop_sequence.advance(stop, STOPPING_DRIVE, pushed, LIMITS, RULES, 121)
+
+    assert stop.step == reached
+
+
+@pytest.mark.parametrize(("ratio", "reached"), [(2.9, Step.QUICK_STOP), (3.1, Step.DISABLE)])
+def test_a_drive_that_has_not_rested_by_the_end_of_its_ramp_may_be_three_times_standstill(
+    ratio, reached
+):
+    slow = STILL._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
+
+    stop = run(stop_sequence.begin(Step.QUICK_STOP, slow, 100), STOPPING_DRIVE, [slow] * 4)
+
+    assert stop.step == reached
+
+
+@pytest.mark.parametrize(
+    ("ratio", "cycles", "reached"),
+    [(9.9, 33, Step.HOLD), (10.1, 4, Step.QUICK_STOP), (3.1, 34, Step.QUICK_STOP)],
+)
+def test_the_core_s_own_hold_has_thirty_cycles_to_settle(ratio, cycles, reached):
+    slow = STILL._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
+
+    stop = run(stop_sequence.begin(Step.HOLD, STILL, 100), FEEDBACK, [slow] * cycles)
+
+    assert stop.step == reached

@@ -1,0 +1,102 @@
+"""Where a leg comes to rest: against the sweep of `gaitd check` and the mechanism itself."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from sessions import CONFIGS
+
+from daemon.config.robot import leg_parameters
+from daemon.core.safety.stopping_path import (
+    POINTS,
+    REACTION_S,
+    cosine,
+    end_of,
+    least_ratio,
+    on_ramp,
+    ratio_of,
+    slide_range,
+)
+from daemon.preflight.load import load
+from observer.mechanism.mechanism import singularity_ratio
+
+LEG = leg_parameters(load(CONFIGS / "demo.toml").robot)
+RAMPS = (15.0, 20.0)
+positions = st.tuples(st.floats(-0.5, 0.9), st.floats(-0.2, 1.2))
+speeds = st.floats(-3.0, 3.0)
+
+
+@settings(derandomize=True, deadline=None)
+@given(position=positions)
+def test_the_ratio_of_a_pose_is_that_of_the_mechanism(position):
+    ours = ratio_of(cosine(LEG, position))
+
+    theirs = float(singularity_ratio(LEG, np.array(position)))
+    assume(theirs > 0.01 or ours == 0.0)
+    assert ours == pytest.approx(theirs, abs=1e-9)
+
+
+@settings(derandomize=True, deadline=None)
+@given(position=st.floats(-1, 1), speed=speeds)
+def test_an_axis_on_its_ramp_goes_on_for_the_reaction_and_then_brakes_to_its_end(position, speed):
+    ramp = 15.0
+    braking_s = abs(speed) / ramp
+
+    assert on_ramp(position, speed, ramp, 0.0, REACTION_S) == position
+    assert on_ramp(position, speed, ramp, REACTION_S, REACTION_S) == pytest.approx(
+        position + speed * REACTION_S
+    )
+    end = end_of(position, speed, ramp, REACTION_S)
+    assert on_ramp(position, speed, ramp, REACTION_S + braking_s, REACTION_S) == pytest.approx(end)
+    assert on_ramp(position, speed, ramp, 10.0, REACTION_S) == pytest.approx(end)
+    # By energy: the ramp takes away just the speed's.
+    assert abs(end - position) - abs(speed) * REACTION_S == pytest.approx(speed**2 / (2 * ramp))
+
+
+@settings(derandomize=True, deadline=None)
+@given(position=positions, velocity=st.tuples(speeds, speeds))
+def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity):
+    whole_s = REACTION_S + max(abs(v) / a for v, a in zip(velocity, RAMPS, strict=True))
+
+    def pose(time_s):
+        times, reactions = (time_s, time_s), (REACTION_S, REACTION_S)
+        return tuple(map(on_ramp, position, velocity, RAMPS, times, reactions))
+
+    way = [pose(whole_s * k / POINTS) for k in range(POINTS + 1)]
+    worst = min(float(singularity_ratio(LEG, np.array(one))) for one in way)
+    assert least_ratio(LEG, position, velocity, RAMPS, REACTION_S) == pytest.approx(worst, abs=0.02)
+
+
+@settings(derandomize=True, deadline=None)
+@given(position=positions, ratio=st.floats(0.05, 0.9))
+def test_the_slides_range_ends_where_the_mechanism_has_just_that_ratio(position, ratio):
+    verdicts = slide_range(LEG, position, ratio)
+    if verdicts is None:
+        return
+    low, high = verdicts
+    present = float(singularity_ratio(LEG, np.array(position)))
+
+    assert (low <= position[1] <= high) == (present >= ratio) or math.isclose(
+        present, ratio, abs_tol=1e-6
+    )
+    for end in (low, high):
+        at_end = float(singularity_ratio(LEG, np.array((position[0], end))))
+        assert at_end == pytest.approx(ratio, abs=1e-6) or at_end > ratio
+
+
+def test_a_stretched_hip_leaves_less_of_the_rail():
+    """The workspace is no box: what the slide may reach depends on the hip."""
+    low_hip, high_hip = math.radians(-10.0), math.radians(35.0)
+
+    stretched = slide_range(LEG, (low_hip, 0.6), 0.15)
+    flexed = slide_range(LEG, (high_hip, 0.6), 0.15)
+
+    assert stretched is not None
+    assert flexed is not None
+    assert abs(stretched[1] - flexed[1]) > 0.05
+
+
+def test_a_hip_that_lifts_the_knee_off_the_rail_leaves_nothing():
+    assert slide_range(LEG, (math.radians(120.0), 0.6), 0.15) is None

@@ -1,0 +1,132 @@
+"""Levels as they come: one, several, none, again, late, out of order, and from somebody else."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from daemon.core.inputs import receive
+from daemon.ipc.record import GatewayState, Outcome, Request, RequestKind, RequestResult, Setpoint
+
+CYCLE = 1000
+ENABLE = Request(8, RequestKind.ENABLE, CYCLE - 1)
+SETPOINT = Setpoint(5, 1, CYCLE - 1, 3.0, 20.0, "right")
+
+
+@pytest.fixture
+def core():
+    """A core that has heard its gateway's level 50, with two stops and request 7 answered."""
+    return SimpleNamespace(
+        boot_id="ours",
+        stop_count=2,
+        gateway_state_seq=50,
+        gateway_state_cycle=CYCLE - 1,
+        setpoints=(),
+        lease=0,
+        result=RequestResult(7, Outcome.DONE),
+    )
+
+
+def level(seq, **changes):
+    told = {"core_boot_id": "ours", "for_cycle": CYCLE - 1, "stop_count": 2, **changes}
+    return GatewayState(seq=seq, **told)
+
+
+def test_a_stop_in_any_datagram_of_a_burst_is_heard(core):
+    for place in range(3):
+        counts = [2 + (number >= place) for number in range(3)]
+        core.stop_count = 2
+        burst = [
+            level(core.gateway_state_seq + 1 + n, stop_count=count)
+            for n, count in enumerate(counts)
+        ]
+
+        assert receive(core, burst, CYCLE).stop
+        assert core.stop_count == 3
+        assert not receive(core, [level(core.gateway_state_seq + 1, stop_count=3)], CYCLE).stop
+
+
+def test_a_stop_in_an_earlier_datagram_is_heard_though_a_later_one_counts_lower(core):
+    assert receive(core, [level(51, stop_count=3), level(52, stop_count=2)], CYCLE).stop
+
+
+def test_the_first_level_of_all_only_tells_where_the_count_is(core):
+    core.stop_count = None
+
+    assert not receive(core, [level(51, stop_count=9)], CYCLE).stop
+    assert core.stop_count == 9
+
+
+def test_the_age_of_a_level_counts_from_the_cycle_that_it_answers(core):
+    receive(core, [level(51, for_cycle=CYCLE - 1)], CYCLE + 40)
+    assert core.gateway_state_cycle == CYCLE - 1
+
+    receive(core, [level(52, for_cycle=CYCLE - 9)], CYCLE + 41)
+    assert core.gateway_state_cycle == CYCLE - 1
+
+
+def test_a_level_for_a_cycle_that_has_not_been_counts_for_nothing_but_a_stop(core):
+    ahead = level(51, for_cycle=CYCLE + 1, request=ENABLE, setpoints=(SETPOINT,), lease=5)
+
+    command_inputs = receive(core, [ahead], CYCLE)
+
+    assert command_inputs == (False, None)
+    assert (core.gateway_state_cycle, core.setpoints, core.lease) == (CYCLE - 1, (), 0)
+    assert receive(core, [level(52, for_cycle=CYCLE + 1, stop_count=3)], CYCLE).stop
+    assert receive(core, [level(51, request=ENABLE)], CYCLE).request == ENABLE
+
+
+def test_the_newest_of_a_burst_counts_and_not_the_last(core):
+    older, newest = level(51, lease=4), level(52, request=ENABLE, setpoints=(SETPOINT,), lease=5)
+
+    command_inputs = receive(core, [newest, older], CYCLE)
+
+    assert command_inputs.request == ENABLE
+    assert (core.setpoints, core.lease) == ((SETPOINT,), 5)
+
+
+def test_a_level_that_comes_again_asks_for_nothing_again(core):
+    sent = level(51, request=ENABLE, setpoints=(SETPOINT,), lease=5)
+    assert receive(core, [sent, sent], CYCLE).request == ENABLE
+    core.result = RequestResult(ENABLE.id, Outcome.DONE)
+    receive(core, [level(52, request=Request(9, RequestKind.DISABLE))], CYCLE)
+    core.result = RequestResult(9, Outcome.DONE)
+
+    command_inputs = receive(core, [sent], CYCLE + 10)
+
+    assert command_inputs == (False, None)
+    assert (core.setpoints, core.lease) == ((), 0)
+
+
+def test_an_older_level_may_stop_and_do_nothing_else(core):
+    older = level(49, stop_count=3, request=ENABLE, setpoints=(SETPOINT,), lease=5)
+
+    command_inputs = receive(core, [older], CYCLE)
+
+    assert command_inputs == (True, None)
+    assert (core.setpoints, core.lease) == ((), 0)
+
+
+def test_an_older_level_does_not_make_the_next_one_a_stop(core):
+    assert not receive(core, [level(49, stop_count=1)], CYCLE).stop
+    assert not receive(core, [level(51, stop_count=2)], CYCLE).stop
+
+
+def test_a_gateway_that_counts_lower_than_is_known_stops_with_its_next_stop(core):
+    assert not receive(core, [level(51, stop_count=0)], CYCLE).stop
+    assert receive(core, [level(52, stop_count=1)], CYCLE).stop
+
+
+@pytest.mark.parametrize("number", [0, 5, 7])
+def test_a_request_that_was_there_before_is_no_new_one(core, number):
+    request = Request(number, RequestKind.ENABLE, CYCLE - 1)
+
+    assert receive(core, [level(51, request=request)], CYCLE).request is None
+
+
+def test_of_another_core_only_a_stop_counts_and_its_numbers_hide_nothing_of_ours(core):
+    foreign = level(10**9, core_boot_id="theirs", request=ENABLE, setpoints=(SETPOINT,), lease=5)
+
+    assert receive(core, [foreign], CYCLE) == (False, None)
+    assert (core.setpoints, core.lease) == ((), 0)
+    assert receive(core, [level(51, request=ENABLE)], CYCLE).request == ENABLE
+    assert receive(core, [level(10**9, core_boot_id="theirs", stop_count=3)], CYCLE).stop

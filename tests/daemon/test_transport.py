@@ -1,0 +1,341 @@
+"""The ring of records and the two datagram sockets, without a core or a gateway."""
+
+import os
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import pytest
+from msgspec import inspect
+from records import HEADER, drive, leg, record
+
+from daemon import wire
+from daemon.core.cycle_record import EVENT_LENGTH_MAX, EVENTS_MAX
+from daemon.gateway.requests import PAYLOADS
+from daemon.ipc import transport
+from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
+from daemon.ipc.record import (
+    TEXT_BYTES_MAX,
+    AxisStrideRecord,
+    Cause,
+    EmergencyRecord,
+    GatewayState,
+    Outcome,
+    RequestResult,
+    StopCategory,
+    StrideRecord,
+    Verdict,
+)
+from daemon.ipc.transport import CoreChannel, GatewayChannel, RingError, RingReader, RingWriter
+from daemon.wire.refusals import SetpointRefusal
+from drives.canopen.emcy import NEWS_COUNT
+from drives.canopen.emcy_codes import CodeMeaning, Reaction, meaning
+
+
+@dataclass
+class Ends:
+    core: CoreChannel
+    gateway: GatewayChannel
+
+
+@pytest.fixture
+def ends(tmp_path: Path):
+    gateway = GatewayChannel(tmp_path)
+    core = CoreChannel(tmp_path, HEADER)
+    yield Ends(core, gateway)
+    core.close()
+    gateway.close()
+
+
+def test_what_the_core_writes_the_gateway_reads_in_order_and_once(ends):
+    for seq in (1, 2, 3):
+        ends.core.publish(record(seq))
+
+    assert [one.seq for one in ends.gateway.records()] == [1, 2, 3]
+    assert ends.gateway.records() == []
+    assert ends.gateway.header == HEADER
+
+
+def test_a_record_survives_the_ring_bit_for_bit(ends):
+    sent = record(1)
+
+    ends.core.publish(sent)
+
+    assert msgspec.msgpack.encode(ends.gateway.records()[0]) == msgspec.msgpack.encode(sent)
+
+
+def test_a_level_reaches_the_core_and_rubbish_is_counted(ends, tmp_path):
+    level = GatewayState("boot", seq=1, for_cycle=7, stop_count=0)
+
+    ends.gateway.send(level)
+    ends.gateway._datagrams.send(b"rubbish")
+
+    assert ends.core.receive() == [level]
+    assert ends.core.refused_count == 1
+
+
+def test_the_ring_keeps_the_newest_records_and_knows_what_is_gone(tmp_path):
+    path = tmp_path / transport.RING_NAME
+    writer = RingWriter(path, HEADER)
+    for seq in range(1, transport.SLOT_COUNT + 11):
+        writer.write(record(seq))
+    writer.close()
+
+    reader = RingReader(path)
+
+    assert reader.newest_seq() == transport.SLOT_COUNT + 10
+    assert reader.read(10) is None
+    assert [one.seq for one in reader.since(0)] == list(range(11, transport.SLOT_COUNT + 11))
+
+
+def test_the_group_may_send_to_the_core_but_not_shorten_what_it_has_mapped(tmp_path):
+    umask = os.umask(0o027)
+    try:
+        core = CoreChannel(tmp_path, HEADER)
+    finally:
+        os.umask(umask)
+
+    modes = {path.name: path.stat().st_mode & 0o777 for path in tmp_path.iterdir()}
+    core.close()
+
+    assert modes == {transport.CORE_SOCKET_NAME: 0o660, transport.RING_NAME: 0o640}
+
+
+def test_a_slot_that_is_being_written_is_not_read(tmp_path):
+    path = tmp_path / transport.RING_NAME
+    writer = RingWriter(path, HEADER)
+    writer.write(record(1))
+    writer.write(record(2))
+    with path.open("r+b") as file:
+        file.seek(transport.HEADER_SIZE + 2 * transport.SLOT_SIZE)
+        file.write(struct.pack("<Q", 0))
+
+    assert [one.seq for one in RingReader(path).since(0)] == [1]
+
+
+def test_the_ring_has_all_its_room_before_the_first_record(tmp_path):
+    writer = RingWriter(tmp_path / transport.RING_NAME, HEADER)
+    found = (tmp_path / transport.RING_NAME).stat()
+    writer.close()
+
+    assert found.st_blocks * 512 >= found.st_size
+    assert found.st_size == transport.HEADER_SIZE + transport.SLOT_COUNT * transport.SLOT_SIZE
+
+
+def test_a_ring_that_finds_no_room_leaves_nothing(tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(transport.os, "posix_fallocate", full)
+
+    with pytest.raises(OSError, match="No space left"):
+        RingWriter(tmp_path / transport.RING_NAME, HEADER)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_ring_outlives_its_writer(tmp_path):
+    core = CoreChannel(tmp_path, HEADER)
+    core.publish(record(1))
+    core.close()
+
+    assert RingReader(tmp_path / transport.RING_NAME).since(0)[0].seq == 1
+
+
+def test_the_gateway_follows_a_core_that_starts_anew_and_reads_it_from_its_beginning(
+    ends, tmp_path
+):
+    ends.core.publish(record(1))
+    ends.gateway.records()
+    ends.core.close()
+    again = CoreChannel(tmp_path, msgspec.structs.replace(HEADER, core_boot_id="second"))
+    for seq in (1, 2):
+        again.publish(record(seq))
+
+    found = ends.gateway.records()
+
+    assert [one.seq for one in found] == [1, 2]
+    assert ends.gateway.header is not None
+    assert ends.gateway.header.core_boot_id == "second"
+    again.close()
+
+
+def test_a_gateway_that_comes_late_begins_with_the_newest_record(tmp_path):
+    core = CoreChannel(tmp_path, HEADER)
+    for seq in range(1, 100):
+        core.publish(record(seq))
+    gateway = GatewayChannel(tmp_path)
+
+    core.publish(record(100))
+
+    assert [one.seq for one in gateway.records()] == [100]
+    core.close()
+    gateway.close()
+
+
+def test_a_core_without_a_gateway_writes_on(tmp_path):
+    core = CoreChannel(tmp_path, HEADER)
+    for seq in range(1, 50):
+        core.publish(record(seq))
+    core.close()
+
+    assert RingReader(tmp_path / transport.RING_NAME).newest_seq() == 49
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"short", "too few"),
+        (b"NOTARING" + bytes(transport.HEADER_SIZE), "begins with"),
+        (
+            struct.pack("<8sIII", transport.MAGIC, 4096, 3000, 4) + bytes(transport.HEADER_SIZE),
+            "shorter",
+        ),
+    ],
+)
+def test_a_file_that_is_no_ring_is_refused_by_name(tmp_path, content, words):
+    path = tmp_path / "some.ring"
+    path.write_bytes(content)
+
+    with pytest.raises(RingError, match=words) as refused:
+        RingReader(path)
+    assert "some.ring" in str(refused.value)
+
+
+LONGEST = "x" * TEXT_BYTES_MAX
+
+
+def longest(table):
+    """The meaning with the most to say."""
+    return max((meaning(code, table) for code in range(0x10000)), key=lambda one: len(one.text))
+
+
+def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
+    said: CodeMeaning = longest("epos4")
+    came = EmergencyRecord(
+        code=0xFFFF,
+        error_register=0xFF,
+        vendor_bytes="ff" * 5,
+        text=said.text,
+        reaction=max((one.value for one in Reaction), key=len),
+        alarm=True,
+        loses_reference=True,
+        repeated=True,
+    )
+    axis = AxisStrideRecord(*[(1.1, 2.2)] * 7, 0.5)
+    pair = (1.1, 2.2)
+    stride = StrideRecord(10**6, 10**18, 1.1, 200, axis, axis, pair, pair, pair, 0xFFFF, True)
+    drives = [
+        msgspec.structs.replace(
+            drive(f"right/slide{n}"),
+            late_count=10**9,
+            emergency_code=0xFFFF,
+            emergency_text=said.text,
+            emergency_count=10**9,
+            emergencies=(came,) * NEWS_COUNT,
+        )
+        for n in range(4)
+    ]
+    own = LegAssistRecord(2**53 - 1, (1.1, 2.2), (1.1, 2.2), 0.3)
+    refused = (2**53,) * len(SetpointRefusal)
+    assist = AssistRecord((own, own), 2**53, refused, 2**53, "its setpoints have grown stale")
+    largest = msgspec.structs.replace(
+        record(10**6),
+        assist=assist,
+        verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, LONGEST),
+        events=("x" * EVENT_LENGTH_MAX,) * EVENTS_MAX,
+        request=RequestResult(2**63 - 1, Outcome.REFUSED, LONGEST),
+        progress=LONGEST,
+        drives=tuple(drives),
+        legs=tuple(msgspec.structs.replace(leg(name), stride=stride) for name in ("right", "left")),
+    )
+    writer = RingWriter(tmp_path / transport.RING_NAME, HEADER)
+
+    writer.write(largest)
+
+    writer.close()
+    read = RingReader(tmp_path / transport.RING_NAME).read(10**6)
+    assert msgspec.msgpack.encode(read) == msgspec.msgpack.encode(largest)
+
+
+@pytest.mark.parametrize("words", ["x" * 7000, "\N{GRINNING FACE}" * 1700, "\ud83d"])
+def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_and_told(
+    ends, words
+):
+    whole = record(1)
+    ends.core.publish(
+        msgspec.structs.replace(
+            whole,
+            verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, detail=words),
+            request=RequestResult(7, Outcome.REFUSED, words),
+            progress=words,
+            events=(words,),
+        )
+    )
+
+    (read,) = ends.gateway.records()
+    told = ends.core.take_notices()
+    assert read.drives == whole.drives
+    assert (read.verdict.cause, read.request.id) == (Cause.BUS_OFF, 7)
+    assert told == ["records were written without their texts, which did not fit, 1 so far"]
+    ends.core.publish(record(2))
+    assert ends.core.take_notices() == []
+
+
+def integers_and_texts(kind, place=""):
+    """Each integer and each text inside a type, as msgspec sees it."""
+    match kind:
+        case inspect.StructType(fields=fields):
+            for field in fields:
+                yield from integers_and_texts(field.type, f"{place}.{field.name}")
+        case inspect.Metadata(type=inner):
+            yield from integers_and_texts(inner, place)
+        case inspect.UnionType(types=kinds):
+            for one in kinds:
+                yield from integers_and_texts(one, place)
+        case inspect.VarTupleType(item_type=item) | inspect.ListType(item_type=item):
+            yield f"{place}[]", kind
+            yield from integers_and_texts(item, place)
+        case inspect.IntType() | inspect.StrType() | inspect.DictType():
+            yield place, kind
+
+
+@pytest.mark.parametrize("kind", [GatewayState, wire.SetpointMessage, wire.Ask, *PAYLOADS.values()])
+def test_what_somebody_else_may_write_has_a_bound(kind):
+    found_in_it = list(integers_and_texts(inspect.type_info(kind)))
+
+    assert len(found_in_it) >= 2
+    for place, found in found_in_it:
+        match found:
+            case inspect.IntType(ge=low, le=high):
+                assert low is not None, place
+                assert high <= 2**63 - 1, place
+            case inspect.StrType(max_length=most) | inspect.VarTupleType(max_length=most):
+                assert most <= 64, place
+            case _:
+                pytest.fail(f"{place} has no bound")
+
+
+class Endless:
+    """A socket whose sender never rests."""
+
+    def recv(self, _size):
+        return msgspec.msgpack.encode(GatewayState("boot", 1, 1, 0))
+
+    def close(self):
+        """Nothing to let go of."""
+
+
+def test_who_sends_without_end_does_not_hold_the_cycle_and_is_told(tmp_path):
+    core = CoreChannel(tmp_path, HEADER)
+    core._datagrams._socket.close()
+    core._datagrams._socket = Endless()
+
+    gateway_states = core.receive()
+
+    assert len(gateway_states) == transport.DRAIN_COUNT_MAX
+    assert core.take_notices() == [
+        "the core received more datagrams than it reads in a cycle, 1 so far"
+    ]
+    core.close()
