@@ -18,8 +18,9 @@ To add, in this order:
     an exercise      its class in core/exercises/ and its row in core/modes/table.py. A mode that is
                      new on the wire first: `Mode` in ipc/record.py, its request in wire/messages.py
     a message field  wire/messages.py, leg_messages.py or health_messages.py; where it is filled,
-                     gateway/translate.py, strides.py or health.py. A value of the core first
-                     becomes the last field of ipc/record.py, filled in core/cycle_record.py
+                     gateway/translate.py, leg_messages.py, strides.py or health.py. A value of the
+                     core first becomes the last field of its struct in ipc/record.py, filled in
+                     core/cycle_record.py
     a request        `ROUTES` in gateway/requests.py and its payload in wire/messages.py; one for
                      the core also `RequestKind` in ipc/record.py and core/steps/requests.py
     a limit          config/limit_settings.py and configs/limits.toml; SI in core/safety/limits.py;

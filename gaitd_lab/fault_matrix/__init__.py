@@ -8,6 +8,6 @@ Reading order:
     expected, exceptions     the expected result of each cell, and the reasons for exceptions
     cell, watch              one cell: started, observed, measured
     run                      all cells: one session for each mode, a fork for each cell
-    judgement                the laws that every cell is checked against
+    evaluation               the laws that every cell is checked against
     page, heat_map           docs/fault_matrix.md and its picture
 """

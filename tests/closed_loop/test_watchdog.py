@@ -226,4 +226,4 @@ def test_a_reload_is_answered_with_an_event_and_changes_nothing(session):
     events = [text for record in session.records for text in record.events]
     assert session.core.config is before
     assert session.record.mode == Mode.GAIT
-    assert len([text for text in events if "takes nothing new while it runs" in text]) == 1
+    assert len([text for text in events if "changes nothing while it runs" in text]) == 1
