@@ -18,7 +18,9 @@ JOBS_MAX = 2
 
 def command(
     config: DemoFile = None,
-    fault: Annotated[list[str] | None, typer.Option(help="only this row; more than once")] = None,
+    fault: Annotated[
+        list[str] | None, typer.Option(help="only this row, or a pair as A+B@3; more than once")
+    ] = None,
     mode: Annotated[list[str] | None, typer.Option(help="only this column; more than once")] = None,
     axis: Annotated[str, typer.Option(help="only this axis: right/hip or right/slide")] = "",
     seed: Annotated[int, typer.Option(min=0, help="of all that is random")] = 1,
@@ -59,10 +61,19 @@ SHOWN_MAX = 200
 def _check_names(faults: list[str], modes: list[str], axis: str) -> None:
     from gaitd_lab.fault_matrix.faults import FAULTS
     from gaitd_lab.fault_matrix.modes import COLUMNS
+    from gaitd_lab.fault_matrix.pairs import parts_of
     from gaitd_lab.fault_matrix.watch import AXES
 
+    def single(name: str) -> str:
+        """One fault of a pair to look up; a pair is known if both of its faults are."""
+        try:
+            pair = parts_of(name)
+        except KeyError:
+            return name
+        return pair.first.name if pair is not None else name
+
     for option, names, known in (
-        ("--fault", faults, tuple(FAULTS)),
+        ("--fault", [single(name) for name in faults], tuple(FAULTS)),
         ("--mode", modes, tuple(COLUMNS)),
         ("--axis", [axis] if axis else [], AXES),
     ):

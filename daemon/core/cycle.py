@@ -65,11 +65,12 @@ def rest(core: Core, gateway_states: Sequence[GatewayState], tick: Tick) -> Cycl
     return cycle_record.record(core, tick)
 
 
-def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
+def react(core: Core, frames: Sequence[Frame], tick: Tick, next_cycle: int) -> list[Frame]:
     """Process frames between two windows and stop all drives at once if one sent an alarm.
 
     Frames are sent only if the stop of an axis became harsher. Otherwise a drive that answers each
-    frame with another EMCY (8220h after its own reset) would cause an endless exchange.
+    frame with another EMCY (8220h after its own reset) would cause an endless exchange. The stop
+    counts from `next_cycle`: after a delay of the core the drives have had no time to obey yet.
     """
     drives = core.drives
     if drives is None or not drives.feed_between(frames, tick.sync_ns):
@@ -83,10 +84,10 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick) -> list[Frame]:
         return []
     before = [axis.stop and axis.stop.step for axis in core.axes]
     for verdict in verdicts:
-        supervisor.stop(core, verdict, tick.cycle)
+        supervisor.stop(core, verdict, next_cycle)
     if before == [axis.stop and axis.stop.step for axis in core.axes]:
         return []
-    return drives.frames(impedance.command(core, tick.cycle))
+    return drives.frames(impedance.command(core, next_cycle))
 
 
 def safety_inputs(core: Core, command_inputs: inputs.CommandInputs, tick: Tick) -> SafetyInputs:

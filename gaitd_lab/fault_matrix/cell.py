@@ -6,6 +6,7 @@ ended with a bug is restarted when the fault is over, as systemd does.
 
 import math
 import random
+from contextlib import suppress
 from itertools import pairwise
 from typing import Final, NamedTuple
 
@@ -174,8 +175,11 @@ class _RunningCell:
         session = self._session
         anew = self._exit_code not in {ExitCode.ENDED, ExitCode.REFUSED}
         until_ns = max(self._gone_ns, session.world_ns) if anew else self._end_ns
+        while session.world_ns < until_ns:
+            session.bus.trouble.is_gone = False
+            with suppress(KilledError):  # of a core that has already ended
+                session.bus.let_pass(until_ns)
         session.bus.trouble.is_gone = False
-        session.bus.let_pass(until_ns)
         if anew:
             self._scene.undo.clear()
             session.restart_core()

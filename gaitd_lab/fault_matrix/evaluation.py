@@ -17,9 +17,9 @@ from typing import Final
 
 from daemon.ipc.record import Cause, Mode, StopCategory
 from gaitd_lab.fault_matrix.cell import CellResult
-from gaitd_lab.fault_matrix.exceptions import law
 from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
+from gaitd_lab.fault_matrix.pairs import law_of
 
 STOP_HIP_DEG: Final = 8.9
 """plant.toml's stop is 3 deg behind the limit. Its spring k is deflected by a patient's weight with
@@ -42,7 +42,7 @@ RESTING_MODES: Final = {
 
 def broken(cell: CellResult) -> list[str]:
     """Return the laws that a cell violates; none for a good cell."""
-    right = law(cell.fault, cell.mode, cell.axis)
+    right = law_of(cell.cell, cell.exit_code)
     column = COLUMNS[cell.mode]
     said = [*_process(cell, right), *_enabling(cell)]
     if column.mode in {Mode.STOPPING, Mode.FAULT}:
@@ -85,7 +85,7 @@ def _causes(cell: CellResult, right: Law) -> Iterator[str]:
 def _stays_stopped(cell: CellResult, right: Law) -> Iterator[str]:
     """Check a machine already stopped: it stays so, and a new cause is an expected one."""
     ended = right.exit_code is not None
-    if cell.final_mode != Mode.FAULT.name and not ended:
+    if cell.final_mode != Mode.FAULT.name and not ended and not _is_without_power(cell):
         yield f"in mode {cell.final_mode}, right is FAULT"
     allowed = {one.name for one in right.causes | right.later} | {
         Cause.STOP_REQUESTED.name,
@@ -127,7 +127,7 @@ def _stopping(cell: CellResult, right: Law) -> Iterator[str]:
     if cell.category not in {one.name for one in right.categories}:
         categories = {one.name for one in right.categories}
         yield f"category {cell.category}, right is {_names(categories)}"
-    if not cell.together:
+    if not (cell.together or right.may_part):
         yield "the axes were not told to stop between the same two SYNCs"
     yield from _reaction(cell, right)
     yield from _place(cell, right)
@@ -135,9 +135,9 @@ def _stopping(cell: CellResult, right: Law) -> Iterator[str]:
 
 def _reaction(cell: CellResult, right: Law) -> Iterator[str]:
     if right.by_drives:
-        if cell.left_cycles is None or cell.left_cycles > DETECTION_CYCLES:
-            seen = cell.left_cycles
-            yield f"the drives stopped after {seen} cycles, right is {DETECTION_CYCLES:g}"
+        most, seen = DETECTION_CYCLES + right.delay_cycles, cell.left_cycles
+        if seen is None or seen > most:
+            yield f"the drives stopped after {seen} cycles, right is {most:g}"
         return
     if cell.told_cycles is None:
         yield "no frame told both drives to stop"
@@ -148,24 +148,28 @@ def _reaction(cell: CellResult, right: Law) -> Iterator[str]:
 def _place(cell: CellResult, right: Law) -> Iterator[str]:
     ended = right.exit_code is not None
     without_power = cell.category == StopCategory.S0.name
-    let_go = without_power and cell.final_mode == Mode.STOPPING.name  # FAULT comes after 3 s
-    if cell.final_mode != Mode.FAULT.name and not ended and not let_go:
+    if cell.final_mode != Mode.FAULT.name and not ended and not _is_without_power(cell):
         yield f"in mode {cell.final_mode} at the end, right is FAULT"
     led = COLUMNS[cell.mode].mode == Mode.HAND_GUIDING
     held = not without_power and not led
     stopped = min((one for one in (cell.told_cycles, cell.left_cycles) if one), default=0.0)
     if held and (cell.rest_cycles is None or cell.rest_cycles - stopped > REST_CYCLES):
         yield f"at rest after {cell.rest_cycles} cycles, right is {REST_CYCLES:g}"
-    if cell.beyond_hip_deg > STOP_HIP_DEG:
+    if cell.beyond_hip_deg > STOP_HIP_DEG * right.beyond_ratio:
         yield (
             f"the hip was {cell.beyond_hip_deg:g} deg beyond its limit,"
             f" {STOP_HIP_DEG:g} is its stop"
         )
-    if cell.beyond_slide_mm > STOP_SLIDE_MM:
+    if cell.beyond_slide_mm > STOP_SLIDE_MM * right.beyond_ratio:
         yield (
             f"the slide was {cell.beyond_slide_mm:g} mm beyond its limit,"
             f" {STOP_SLIDE_MM:g} is its stop"
         )
+
+
+def _is_without_power(cell: CellResult) -> bool:
+    """True if the leg still moves after an S0: FAULT comes after 3 s."""
+    return cell.category == StopCategory.S0.name and cell.final_mode == Mode.STOPPING.name
 
 
 def _names(names: set[str]) -> str:

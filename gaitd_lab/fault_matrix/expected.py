@@ -54,6 +54,12 @@ class Law:
     """Cycles until the frame that stops the last axis; None: it must stop, without a bound."""
     by_drives: bool = False
     """Nothing can be sent: the drives stop by themselves, within DETECTION_CYCLES."""
+    delay_cycles: float = 0.0
+    """Time from the first fault of a pair to the second, by which the drives may stop later."""
+    may_part: bool = False
+    """One drive may stop by itself, by one fault of a pair, before the other one does."""
+    beyond_ratio: float = 1.0
+    """How much farther beyond its limit a joint may be: with two faults nothing may brake it."""
     may_go_on: bool = False
     """True if the fault may be undetectable in this cell; it must stop if it is detected."""
     resting: Resting = Resting.UNTOUCHED

@@ -356,21 +356,22 @@ _NONE: Final = Fault(
     of_an_axis=False,
 )
 
+_ROWS: Final = {
+    "drive": _DRIVE,
+    "emergency": tuple(emergencies()),
+    "bus": _BUS,
+    "sensor": _SENSORS,
+    "mechanics": _MECHANICS,
+    "number": _NUMBERS,
+    "time": _TIME,
+    "gateway": _GATEWAY,
+    "process": _PROCESS,
+}
+FAMILIES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
+    {family: tuple(fault.name for fault in faults) for family, faults in _ROWS.items()}
+)
+"""Names of the faults by family."""
 FAULTS: Final[Mapping[str, Fault]] = MappingProxyType(
-    {
-        fault.name: fault
-        for fault in (
-            _NONE,
-            *_DRIVE,
-            *emergencies(),
-            *_BUS,
-            *_SENSORS,
-            *_MECHANICS,
-            *_NUMBERS,
-            *_TIME,
-            *_GATEWAY,
-            *_PROCESS,
-        )
-    }
+    {fault.name: fault for fault in (_NONE, *(one for row in _ROWS.values() for one in row))}
 )
 """Faults by name, in the order of the pages."""

@@ -19,8 +19,10 @@ from typing import Final
 import msgspec
 
 from gaitd_lab.fault_matrix.cell import Cell, CellResult, play_cell
-from gaitd_lab.fault_matrix.faults import FAULTS, Fault
+from gaitd_lab.fault_matrix.faults import FAULTS
+from gaitd_lab.fault_matrix.kinds import Fault
 from gaitd_lab.fault_matrix.modes import COLUMNS, Column
+from gaitd_lab.fault_matrix.pairs import fault_named
 from gaitd_lab.fault_matrix.session import matrix_session
 from gaitd_lab.fault_matrix.watch import AXES
 from gaitd_lab.lockstep import LockstepSession
@@ -36,7 +38,7 @@ def cells(faults: Sequence[str] = (), modes: Sequence[str] = (), axis: str = "")
     return [
         Cell(fault.name, column, one)
         for column in (modes or COLUMNS)
-        for fault in (FAULTS[name] for name in (faults or FAULTS))
+        for fault in (fault_named(name) for name in (faults or FAULTS))
         for one in _axes(fault)
         if axis in {"", one} or not one
     ]
@@ -108,7 +110,7 @@ def _play_and_exit(
     signal.alarm(CELL_MAX_S)
     results: CellResult | None = None
     try:
-        results = play_cell(session, column, FAULTS[cell.fault], cell.axis, seed)
+        results = play_cell(session, column, fault_named(cell.fault), cell.axis, seed)
     finally:
         output = results or _unknown(cell, seed, traceback.format_exc())
         with open(writer, "wb") as pipe:

@@ -129,7 +129,7 @@ class Seat:
 
     def hold(self, duration_ns: int) -> None:
         """Stop the seat from now on; its clock continues."""
-        self.held_until_ns = self._conductor.now_ns + duration_ns
+        self.held_until_ns = max(self.held_until_ns, self._conductor.now_ns + duration_ns)
 
     def pause(self, duration_ns: int) -> None:
         """Stop the seat and its clock from now on."""

@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from daemon.ipc.record import Cause, Mode
-from gaitd_lab.fault_matrix import page
+from gaitd_lab.fault_matrix import page, pairs
 from gaitd_lab.fault_matrix.cell import Cell, CellResult
 from gaitd_lab.fault_matrix.emergencies import EMERGENCIES
 from gaitd_lab.fault_matrix.evaluation import broken
@@ -50,7 +50,12 @@ def pytest_generate_tests(metafunc):
             pytest.param(part, id=f"{part[0].mode}_{number}", marks=pytest.mark.thorough)
             for number, part in enumerate(parts(cells()))
         ]
-        metafunc.parametrize("part", a_few + every)
+        two = [pytest.param(part, id=f"pairs_{part[0].mode}") for part in parts(pairs.sample(SEED))]
+        all_pairs = [
+            pytest.param(part, id=f"pairs_{part[0].mode}_{number}", marks=pytest.mark.thorough)
+            for number, part in enumerate(parts(pairs.every(SEED)))
+        ]
+        metafunc.parametrize("part", a_few + two + every + all_pairs)
 
 
 @pytest.fixture
@@ -75,6 +80,71 @@ def test_every_fault_is_played_on_both_axes_in_turn_and_at_least_once_with_power
     assert {cell.axis for cell in played} == {"", *AXES}
     with_power = {cell.fault for cell in played if COLUMNS[cell.mode].group is not Group.IDLE}
     assert with_power == set(FAULTS)
+
+
+def test_the_sample_of_pairs_has_each_two_families_each_offset_and_each_mode_together():
+    def families(cell):
+        first, second, *_ = pairs.parts_of(cell.fault)
+        return [
+            next(name for name, faults in pairs.SAMPLE_FAMILIES.items() if fault.name in faults)
+            for fault in (first, second)
+        ]
+
+    played = pairs.sample(SEED)
+    offsets = {cell: pairs.parts_of(cell.fault).offset_cycles for cell in played}
+    together = {frozenset(families(cell)) for cell in played}
+    kinds = set(pairs.SAMPLE_FAMILIES)
+
+    assert together == {frozenset({one, other}) for one in kinds for other in kinds}
+    for values, of in ((pairs.SAMPLE_OFFSETS, offsets.get), (pairs.SAMPLE_MODES, lambda c: c.mode)):
+        assert {(kind, of(cell)) for cell in played for kind in families(cell)} == {
+            (kind, value) for kind in kinds for value in values
+        }
+    assert {(offsets[cell], cell.mode) for cell in played} == {
+        (offset, mode) for offset in pairs.SAMPLE_OFFSETS for mode in pairs.SAMPLE_MODES
+    }
+
+
+def test_all_pairs_have_each_fault_after_each_other_one_at_each_offset_and_in_each_mode():
+    played = pairs.every(SEED)
+    parts_of = [pairs.parts_of(cell.fault) for cell in played]
+    orders = {(one.first.name, one.second.name) for one in parts_of}
+
+    assert len(orders) == len(played)
+    assert {one.offset_cycles for one in parts_of} == set(pairs.OFFSETS)
+    for names in zip(*orders, strict=True):
+        assert set(names) == set(FAULTS) - {"none"}
+    assert {(one.offset_cycles, cell.mode) for one, cell in zip(parts_of, played, strict=True)} == {
+        (offset, mode) for offset in pairs.OFFSETS for mode in COLUMNS
+    }
+
+
+def test_a_pair_must_stop_if_one_of_its_faults_must_and_may_end_with_the_code_of_either():
+    cell = Cell("tpdo_late_2ms+silent@3", "hold", "right/hip")
+    ended = Cell("core_sigterm+silent@0", "hold", "right/hip")
+
+    law = pairs.law_of(cell, None)
+
+    assert law.stops
+    assert Cause.DRIVE_SILENT in law.causes
+    assert law.within_cycles == ROWS["silent"].within_cycles + 3 + pairs.SLACK_CYCLES
+    assert pairs.law_of(ended, None).exit_code == ROWS["core_sigterm"].exit_code
+    with pytest.raises(KeyError):
+        pairs.fault_named("silent+nothing_known@1")
+
+
+def test_an_alarm_during_a_delay_of_the_core_is_a_quick_stop_and_not_at_once_one_not_obeyed(
+    warm_process,
+):
+    late = [
+        Cell(f"overrun_6{relation}emcy_1xxx_told@2", "hold", axis)
+        for relation in (pairs.SAME, pairs.OTHER)
+        for axis in AXES
+    ]
+
+    for one in play_part(DEMO, late, SEED):
+        assert one.category == "S1"
+        assert "STOP_NOT_OBEYED" not in one.causes
 
 
 def test_a_cell_alone_is_played_bit_for_bit_as_among_others(warm_process):

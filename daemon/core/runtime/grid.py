@@ -44,6 +44,11 @@ class Grid:
         """The grid point after the next: the end of the cycle that is due."""
         return self.due_ns + self.period_ns
 
+    @property
+    def next_cycle(self) -> int:
+        """Number of the next grid point that can be met, which is a later one after a delay."""
+        return self.cycle + self._missed()
+
     def advance(self) -> int:
         """Advance to the next grid point that can be met; returns the number of missed ones."""
         self.due_ns += self.period_ns
@@ -55,14 +60,15 @@ class Grid:
 
     def skip_missed(self) -> int:
         """Skip and count missed grid points; returns their number."""
-        late_ns = self._clock.now_ns() - self.due_ns
-        if late_ns <= LATE_MAX_NS:
-            return 0
-        missed = late_ns // self.period_ns + 1
+        missed = self._missed()
         self._jump(missed)
         self.missed_count += missed
         self.missed_in_a_row += missed
         return missed
+
+    def _missed(self) -> int:
+        late_ns = self._clock.now_ns() - self.due_ns
+        return late_ns // self.period_ns + 1 if late_ns > LATE_MAX_NS else 0
 
     def jump(self) -> None:
         """Move to the next grid point from now, without counting misses."""

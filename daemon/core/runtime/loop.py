@@ -189,7 +189,8 @@ class Loop:
             self._clock.sleep_until(self._grid.due_ns)
             return
         while frames := self._line.receive_until(self._grid.due_ns):
-            answer = cycle.react(self._core, frames, self._tick(self._clock.now_ns()))
+            tick = self._tick(self._clock.now_ns())
+            answer = cycle.react(self._core, frames, tick, self._grid.next_cycle)
             if answer:
                 self._line.send_urgent(answer, self._grid.due_ns)
             if self._clock.now_ns() >= self._grid.due_ns:

@@ -1,0 +1,141 @@
+"""Every state of the core's steps, one event and two events at once: the invariants hold."""
+
+from collections.abc import Callable
+from typing import Any
+
+import exploration
+import pytest
+from exploration import SHORT, BrokenError, Search
+
+from daemon.core.modes import table
+from daemon.core.modes.table import Event
+from daemon.core.safety import stop_sequence
+from daemon.core.steps import impedance, supervisor, wanted
+from daemon.ipc.record import Cause, Mode
+from drives.signals import PowerRequest
+
+
+@pytest.fixture(autouse=True)
+def short_times(monkeypatch):
+    for (module, name), cycles in SHORT.items():
+        monkeypatch.setattr(module, name, cycles)
+
+
+def explored(per_class: int, **pairs: Any) -> None:
+    search = Search()
+    search.run(per_class, **pairs)
+    search.check_ends()
+    found = f"{len(search.states)} states, {search.transition_count} transitions"
+    print(f"{found}, {len(search.classes)} classes of states")
+    assert {state.mode for state in search.states.values()} == set(Mode)
+
+
+def test_no_two_events_at_once_break_an_invariant_in_any_class_of_states():
+    explored(2, pairs_per_class=1)
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(7200)
+def test_no_two_events_at_once_break_an_invariant_in_sixty_states_of_each_class():
+    explored(60, pairs_per_class=10, left_out=frozenset())
+
+
+# --- the search can fail --------------------------------------------------------------------------
+
+
+def _without_unexpected_power(core, found, cycle):
+    if wanted.is_driving(core):
+        for verdict in found:
+            supervisor.stop(core, verdict, cycle)
+    if found and core.mode == Mode.READY:
+        supervisor._take_resting_verdict(core, found[0])
+
+
+def _first_verdict_only(core, found, cycle):
+    TAKE_VERDICTS(core, found[-1:], cycle)
+
+
+def _well_at_rest(core):
+    core.disabling = True
+    COME_TO_REST(core)
+
+
+def _milder(stop, step, joint, cycle):
+    return stop_sequence.begin(step, joint, cycle)
+
+
+def _enabled_in_a_stop(core, axis):
+    return PowerRequest.ENABLE if core.mode == Mode.STOPPING else POWER(core, axis)
+
+
+def _kept_apart(core, verdict, axis):
+    return FIRST_STEP(core, verdict, axis) if verdict.drive in {"", axis.name} else 0
+
+
+TAKE_VERDICTS = supervisor._take_verdicts
+COME_TO_REST = supervisor._come_to_rest
+FIRST_STEP = supervisor._first_step
+POWER = impedance._power
+MUTATIONS: dict[str, tuple[object, str, Callable[..., object], str]] = {
+    "axes stop apart": (supervisor, "_stop_together", lambda *_: None, "holds while|still enabled"),
+    "the newest verdict is latched": (supervisor, "_replaces", lambda *_: True, "becomes"),
+    "no verdict takes the place of another": (
+        supervisor,
+        "_replaces",
+        lambda *_: False,
+        "is latched",
+    ),
+    "enable has no guard": (table, "_refuse_enable", lambda _: "", "without a sample"),
+    "unexpected power is no reason to stop": (
+        supervisor,
+        "_take_verdicts",
+        _without_unexpected_power,
+        "has power without a request",
+    ),
+    "only the last verdict counts": (supervisor, "_take_verdicts", _first_verdict_only, "found"),
+    "each stop ends well": (supervisor, "_come_to_rest", _well_at_rest, "without a reset"),
+    "a stop may become milder": (
+        stop_sequence,
+        "harsher",
+        _milder,
+        "goes back|holds while|not stopped by it",
+    ),
+    "a stop does not take power away": (impedance, "_power", _enabled_in_a_stop, "told to enable"),
+    "the other axis only holds": (supervisor, "_first_step", _kept_apart, "not stopped by it"),
+}
+
+
+@pytest.mark.parametrize("mutation", MUTATIONS)
+def test_a_planted_fault_is_found_with_the_way_to_it(mutation, monkeypatch):
+    module, name, planted, said = MUTATIONS[mutation]
+    monkeypatch.setattr(module, name, planted)
+
+    with pytest.raises(BrokenError, match=said) as broken:
+        Search().run(2, pairs_per_class=1)
+
+    assert "\n  off: nothing" in str(broken.value)
+
+
+def test_a_mode_without_its_row_in_the_table_is_found(monkeypatch):
+    rows = {key: mode for key, mode in table.TRANSITIONS.items() if key != (Mode.GAIT, Event.STOP)}
+    monkeypatch.setattr(table, "TRANSITIONS", rows)
+
+    with pytest.raises(BrokenError, match="IllegalTransitionError"):
+        Search().run(2)
+
+
+def test_a_stop_that_never_ends_is_found(monkeypatch):
+    monkeypatch.setattr(supervisor, "_stopped", lambda *_: False)
+    search = Search()
+
+    with pytest.raises(BrokenError, match="no end after a stop"):
+        search.run(1)
+        search.check_ends()
+
+
+def test_a_verdict_of_every_category_is_among_the_events():
+    causes = {event.what for event in exploration.VERDICTS}
+    categories = {Search().model.core.config.categories.of(cause).name for cause in causes}
+
+    assert categories == {"S0", "S1", "S2"}
+    assert Cause.SHUTDOWN in causes
