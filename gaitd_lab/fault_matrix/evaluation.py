@@ -150,17 +150,19 @@ def _place(cell: CellResult, right: Law) -> Iterator[str]:
     without_power = cell.category == StopCategory.S0.name
     if cell.final_mode != Mode.FAULT.name and not ended and not _is_without_power(cell):
         yield f"in mode {cell.final_mode} at the end, right is FAULT"
+    if right.pushed:
+        return
     led = COLUMNS[cell.mode].mode == Mode.HAND_GUIDING
     held = not without_power and not led
     stopped = min((one for one in (cell.told_cycles, cell.left_cycles) if one), default=0.0)
     if held and (cell.rest_cycles is None or cell.rest_cycles - stopped > REST_CYCLES):
         yield f"at rest after {cell.rest_cycles} cycles, right is {REST_CYCLES:g}"
-    if cell.beyond_hip_deg > STOP_HIP_DEG * right.beyond_ratio:
+    if cell.beyond_hip_deg > STOP_HIP_DEG:
         yield (
             f"the hip was {cell.beyond_hip_deg:g} deg beyond its limit,"
             f" {STOP_HIP_DEG:g} is its stop"
         )
-    if cell.beyond_slide_mm > STOP_SLIDE_MM * right.beyond_ratio:
+    if cell.beyond_slide_mm > STOP_SLIDE_MM:
         yield (
             f"the slide was {cell.beyond_slide_mm:g} mm beyond its limit,"
             f" {STOP_SLIDE_MM:g} is its stop"

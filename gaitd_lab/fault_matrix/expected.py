@@ -58,8 +58,8 @@ class Law:
     """Time from the first fault of a pair to the second, by which the drives may stop later."""
     may_part: bool = False
     """One drive may stop by itself, by one fault of a pair, before the other one does."""
-    beyond_ratio: float = 1.0
-    """How much farther beyond its limit a joint may be: with two faults nothing may brake it."""
+    pushed: bool = False
+    """A patient pushes while the other fault of a pair may take the power: no rest, no bound."""
     may_go_on: bool = False
     """True if the fault may be undetectable in this cell; it must stop if it is detected."""
     resting: Resting = Resting.UNTOUCHED

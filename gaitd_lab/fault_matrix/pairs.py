@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 from daemon.ipc.record import Cause
 from gaitd_lab.fault_matrix.cell import Cell
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS, law
-from gaitd_lab.fault_matrix.expected import LOST, ROWS, Law, Resting
+from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, Law, Resting
 from gaitd_lab.fault_matrix.faults import FAMILIES, FAULTS
 from gaitd_lab.fault_matrix.kinds import Fault, FaultAction, Scene, nothing
 from gaitd_lab.fault_matrix.modes import COLUMNS
@@ -49,11 +49,13 @@ REPLACING: Final = (
 )
 """Of two of these the second replaces the first: the end of the core, what the gateway sends."""
 CONSEQUENCES: Final = frozenset(
-    {Cause.STOP_NOT_OBEYED, Cause.DRIVE_FAULT, Cause.EMERGENCY, Cause.DRIVE_LEFT_ENABLED, *LOST}
+    {Cause.DRIVE_FAULT, Cause.EMERGENCY, Cause.DRIVE_LEFT_ENABLED, *LOST}
 )
-"""Causes that a second fault may add to the stop of the first one."""
-BEYOND_RATIO: Final = 1.2
-"""For a joint that a patient pushes into its stop while its drive has lost its power."""
+"""Causes that a second fault may add to the stop of the first one, or by which it comes first."""
+PUSHES: Final = frozenset({"end_stop", "spasm", "voluntary_push"})
+"""Faults in which the patient's effort moves a leg that a drive does not hold any more."""
+DELAYS: Final = frozenset({*FAMILIES["time"], "core_35ms", "core_2s"})
+"""Faults in which the core stands still: how late it then finds the other fault has no bound."""
 SLACK_CYCLES: Final = 6.0
 """Time by which a second fault may delay the detection of the first: it may take its samples."""
 
@@ -143,7 +145,11 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
         _in_any_mode(one.name, law(one.name, cell.mode, axis))
         for one, axis in zip(parts[:2], axes, strict=True)
     )
-    return both((first, second), cell.mode, parts.offset_cycles, exit_code)
+    pair_law = both((first, second), cell.mode, parts.offset_cycles, exit_code)
+    names = {one.name for one in parts[:2]}
+    within_cycles = pair_law.within_cycles if DELAYS.isdisjoint(names) else None
+    pushed = not PUSHES.isdisjoint(names)
+    return replace(pair_law, pushed=pushed, within_cycles=within_cycles)
 
 
 def _in_any_mode(fault: str, right: Law) -> Law:
@@ -165,14 +171,14 @@ def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | 
     return Law(
         stops=bool(stopping),
         causes=frozenset().union(CONSEQUENCES, *(one.causes | one.later for one in stopping)),
-        categories=frozenset().union(*(one.categories for one in stopping)),
+        categories=frozenset({S0, S1}).union(*(one.categories for one in stopping)),
+        later=frozenset({Cause.STOP_NOT_OBEYED}),
         within_cycles=(
             max(one or 0.0 for one in bounds) + offset_cycles + SLACK_CYCLES if bounded else None
         ),
         by_drives=any(one.by_drives for one in laws),
         delay_cycles=float(offset_cycles),
         may_part=any(one.by_drives for one in laws),
-        beyond_ratio=BEYOND_RATIO,
         may_go_on=all(one.may_go_on for one in stopping),
         resting=Resting.UNTOUCHED if untouched else Resting.EITHER,
         ends_in=ends_in | COLUMNS[mode].goes_to if ends_in else ends_in,

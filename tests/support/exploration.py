@@ -783,7 +783,13 @@ def _checked(seen: Seen) -> Iterator[str]:
     )
     if (begins or asks) and not all(after.fresh):
         yield "power is requested without a sample of this cycle of every axis"
-    if (begins or asks) and (seen.found or set(after.shown) & (POWERED | {FAULT, REACTING})):
+    # A drive that has not been seen off since its last enabling word may still execute it.
+    powered = any(
+        off and shown in POWERED
+        for off, shown in zip(before.trace.off_seen, after.shown, strict=True)
+    )
+    faulty = set(after.shown) & {FAULT, REACTING}
+    if (begins or asks) and (seen.found or powered or faulty):
         yield "power is requested in the cycle of a verdict, or of a drive in fault or with power"
     reset = seen.accepted is not None and seen.accepted.kind == RequestKind.RESET
     if seen.driving and seen.found and not reset and not seen.bus_lost:
