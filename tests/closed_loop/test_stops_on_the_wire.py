@@ -213,4 +213,4 @@ def test_an_enable_that_comes_together_with_a_stop_is_refused(warm_ready):
     answer = warm_ready.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "asked to stop" in answer.reason
+    assert "a stop was requested" in answer.reason

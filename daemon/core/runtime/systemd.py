@@ -133,15 +133,15 @@ def final_state_text(core: Core, code: ExitCode, shutdown_effect: str) -> str:
     if core.drives is None:
         left = "was not touched" if core.verdict.cause == Cause.DRIVE_POWERED else "is not known"
         return f"ended without the drives: their power {left}{why}"
-    powered = [axis for axis in core.axes if _is_powered(axis)]
-    if powered or is_silenced(core):
+    held = [axis for axis in core.axes if _may_have_power(axis)]
+    if held or is_silenced(core):
         return f"ended, but not every drive showed that it is without power: {_states(core)}{why}"
     braked = [axis.name for axis in core.axes if axis.limits.brake]
     brakes = f", {' and '.join(braked)} on the brake" if braked else ", no axis has a brake"
     return f"ended: all axes are at rest and without power{brakes}. {shutdown_effect}"
 
 
-def _is_powered(axis: Axis) -> bool:
+def _may_have_power(axis: Axis) -> bool:
     return axis.feedback is None or axis.feedback.power_state not in WITHOUT_POWER
 
 

@@ -68,7 +68,7 @@ def update(
     axis: int,
     limits: AxisLimits,
     *,
-    powered: bool,
+    may_give_torque: bool,
     free: bool,
     pose_known: bool,
 ) -> EffortWatch:
@@ -80,17 +80,19 @@ def update(
         dynamics: inverse dynamics of its leg.
         axis: 0 hip, 1 slide.
         limits: limits of this axis.
-        powered: the drive's power stage may be on.
+        may_give_torque: the drive has not shown a state without torque.
         free: no end stop acts on the joint; a rebound from one would look like a sign mismatch.
         pose_known: both axes of the leg are referenced; else the inverse dynamics are not valid.
     """
     if not joint.fresh:
         return watch
-    unpowered_cycles = 0 if powered else watch.unpowered_cycles + 1
+    unpowered_cycles = 0 if may_give_torque else watch.unpowered_cycles + 1
     ratio = HELD_RATIO if pose_known else 0.0
     held_si = watch.held_si + ratio * (dynamics.held(axis) - watch.held_si)
     gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
-    sign_mismatch_si = _sign_mismatch(dynamics, axis) if powered and free and pose_known else 0.0
+    sign_mismatch_si = (
+        _sign_mismatch(dynamics, axis) if may_give_torque and free and pose_known else 0.0
+    )
     return EffortWatch(
         sent_si=watch.sent_si,
         unpowered_cycles=unpowered_cycles,

@@ -53,7 +53,8 @@ def _update_leg(core: Core, leg: Leg) -> None:
             leg.dynamics,
             index,
             single_axis.active_limits(core, axis),
-            powered=axis.feedback is not None and axis.feedback.power_state not in TORQUE_FREE,
+            may_give_torque=axis.feedback is not None
+            and axis.feedback.power_state not in TORQUE_FREE,
             free=_free(core, leg, axis),
             pose_known=pose_known,
         )

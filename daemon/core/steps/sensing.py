@@ -73,9 +73,9 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     if not wanted.enable_wanted(core, axis):
         axis.shown_unpowered = axis.shown_unpowered or state in _OFF
         held = axis.stop is not None and not axis.shown_unpowered
-        powered = state not in TORQUE_FREE
+        gives_torque = state not in TORQUE_FREE
         axis.unexpected_enable_cycles = (
-            axis.unexpected_enable_cycles + 1 if powered and not held else 0
+            axis.unexpected_enable_cycles + 1 if gives_torque and not held else 0
         )
         axis.reached_enabled, axis.unready_cycles = False, 0
         return

@@ -28,7 +28,7 @@ from observer.mechanism.mechanism import coriolis, damping, gravity, mass_matrix
 ROBOT = load(CONFIGS / "demo.toml").robot
 LEG, FRICTIONS = leg_parameters(ROBOT), friction_parameters(ROBOT)
 DT_S = 0.01
-STILL = {"powered": True, "free": True, "pose_known": True}
+STILL = {"may_give_torque": True, "free": True, "pose_known": True}
 
 
 def joint(position, velocity, effort, **change):
@@ -146,12 +146,12 @@ def test_nothing_is_compared_before_the_command_could_act_or_after_a_break():
 def test_a_drive_without_power_that_shows_an_effort_has_a_wrong_sensor():
     watch = sent(10.0, 10.0, 10.0)
 
-    settling = looked(watch, 10.0, cycles=SETTLE_CYCLES, powered=False)
-    settled = looked(settling, -7.0, powered=False)
+    settling = looked(watch, 10.0, cycles=SETTLE_CYCLES, may_give_torque=False)
+    settled = looked(settling, -7.0, may_give_torque=False)
 
     assert settling.gap_si == 0.0
     assert settled.gap_si == 7.0
-    assert looked(settled, -7.0, powered=True).unpowered_cycles == 0
+    assert looked(settled, -7.0, may_give_torque=True).unpowered_cycles == 0
 
 
 def test_without_a_sample_nothing_counts():
@@ -185,7 +185,9 @@ def test_effort_one_way_and_motion_the_other_is_counted_and_less_than_the_limit_
         assert (watch.sign_mismatch_cycles == 3) == counted
 
 
-@pytest.mark.parametrize("change", [{"powered": False}, {"free": False}, {"pose_known": False}])
+@pytest.mark.parametrize(
+    "change", [{"may_give_torque": False}, {"free": False}, {"pose_known": False}]
+)
 def test_a_joint_without_power_or_place_or_at_its_end_stop_says_nothing_of_signs(change):
     watch = looked(EffortWatch(), balance=opposing(90.0, -90.0), cycles=3, **change)
 
