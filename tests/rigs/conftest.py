@@ -39,7 +39,7 @@ canplayer vcan0=can0 -I session.candump
 sleep 2.5
 kill $measuring
 export NUMBA_CPU_NAME=generic NUMBA_CACHE_DIR=$PWD/numba PYTHONPATH={support}
-python {support}/inside.py $PWD {scenarios}
+python {support}/rig_service.py $PWD {scenarios}
 """
 ON_VCAN = ("service_on_vcan",)
 ON_CONTROLLERS = ("service_on_two_controllers", "service_on_usb_adapters")
