@@ -50,6 +50,8 @@ COMMANDS: Final = {
     "reference": ("preparation", "Home one axis of the empty machine."),
     "mode": ("control", "Choose what the enabled leg does: hold, gait, excite, hand_guiding."),
     "self-test": ("preparation", "The daily test: hand switch, emergency stop, each axis."),
+    "plan": ("plan", "Limits within which a session may request a gait."),
+    "keys": ("keys", "Clients that may connect: issue, list, renew, revoke."),
     "modes": ("modes", "Modes, requests and causes of stops as tables: docs/modes.md."),
 }
 """File of this package and short help of each command, in the order of `gaitd --help`."""

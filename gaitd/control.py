@@ -7,6 +7,7 @@ import typer
 
 from gaitd.remote import (
     ConfigOption,
+    CredentialsOption,
     EndpointOption,
     JsonOption,
     TrainerOption,
@@ -22,9 +23,12 @@ def _command(name: str, documentation: str) -> Callable[..., None]:
         config: ConfigOption = None,
         endpoint: EndpointOption = None,
         trainer: TrainerOption = None,
+        credentials: CredentialsOption = None,
         as_json: JsonOption = False,
     ) -> None:
-        raise typer.Exit(request(find_target(config, endpoint, trainer), name, as_json=as_json))
+        raise typer.Exit(
+            request(find_target(config, endpoint, trainer, credentials), name, as_json=as_json)
+        )
 
     command.__doc__ = documentation
     return command
@@ -47,6 +51,7 @@ def mode(
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
+    credentials: CredentialsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Choose the enabled leg's mode: hold, gait (announced 3 s ahead), excite, hand_guiding."""
@@ -57,5 +62,5 @@ def mode(
         "duration_s": duration,
         "scenario": scenario,
     }
-    target = find_target(config, endpoint, trainer)
+    target = find_target(config, endpoint, trainer, credentials)
     raise typer.Exit(request(target, "mode", payload, as_json=as_json))

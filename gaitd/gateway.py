@@ -28,6 +28,7 @@ def command(
     from daemon.gateway.process import serve, share_one_heap
     from daemon.gateway.reload import Reload
     from daemon.ipc.state_file import NAME
+    from daemon.keys.folder import read_keys
     from daemon.recorder.state_file_sync import StateFileSync
     from daemon.system.clock import MonotonicClock, PageClock
     from daemon.system.journal import SOCKET, Journal, is_journal
@@ -54,7 +55,7 @@ def command(
         closing(StateFileSync(file.state / NAME)),
     ):
         try:
-            serve(
+            while serve(
                 settings.trainer,
                 settings.listen,
                 file.runtime,
@@ -64,7 +65,9 @@ def command(
                 file.trainer.lease,
                 os.environ.get("NOTIFY_SOCKET"),
                 reload,
-            )
+                lambda: None if file.keys is None else read_keys(file.keys),
+            ):
+                print("gaitd gateway: restarts, as requested", file=sys.stderr)
         except zenoh.ZError as error:
             listen = ", ".join(settings.listen)
             print(f"gaitd gateway: cannot listen on {listen}: {error}", file=sys.stderr)

@@ -20,6 +20,7 @@ from gaitd.remote import (
     EXIT_REFUSED,
     Answer,
     ConfigOption,
+    CredentialsOption,
     EndpointOption,
     JsonOption,
     Message,
@@ -89,13 +90,14 @@ def reference(
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
+    credentials: CredentialsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Home one axis by its drive: slowly and with limited torque, in the empty machine.
 
     The service needs the configuration of the empty machine, and the hand switch held.
     """
-    target = find_target(config, endpoint, trainer)
+    target = find_target(config, endpoint, trainer, credentials)
     result = run_axis(target, "reference", axis, "homed", as_json=as_json)
     print(json.dumps({"axis": axis, "homed": result.good}) if as_json else result.text)
     raise typer.Exit(result.exit_code)
@@ -113,6 +115,7 @@ def commission(
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
+    credentials: CredentialsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Push one axis forth and back with a small bounded torque, and prove the sign of its motion.
@@ -120,7 +123,7 @@ def commission(
     For the empty machine with its springs turned down. The encoder must move with the torque, and
     the operator must see the joint move as described. Only then can the drives be enabled.
     """
-    target = find_target(config, endpoint, trainer)
+    target = find_target(config, endpoint, trainer, credentials)
     described = MOTIONS.get(axis.rpartition("/")[2], "it first goes forth, then back")
     if not as_json:
         print(f"Watch the machine: if all is right, {described}.")
@@ -192,10 +195,11 @@ def self_test(
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
+    credentials: CredentialsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run the daily test: hand switch, emergency stop, then each axis moves a little by itself."""
-    target = find_target(config, endpoint, trainer)
+    target = find_target(config, endpoint, trainer, credentials)
 
     def show(text: str) -> None:
         print(text, file=sys.stderr if as_json else sys.stdout, flush=True)

@@ -14,6 +14,8 @@ import typer
 if TYPE_CHECKING:
     import zenoh
 
+    from daemon.keys.credentials import Credentials
+
 Message = TypeVar("Message")
 
 EXIT_DONE: Final = 0
@@ -37,6 +39,14 @@ EndpointOption = Annotated[
 TrainerOption = Annotated[
     str | None, typer.Option(help=f"Name in the keys, without --config {DEFAULT_TRAINER}.")
 ]
+CredentialsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--credentials",
+        help="Folder of `gaitd keys issue`, for a service with keys; replaces --config,"
+        " --endpoint and --trainer.",
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
 
 
@@ -45,6 +55,8 @@ class Target(NamedTuple):
 
     endpoints: tuple[str, ...]
     trainer: str
+    credentials: "Credentials | None" = None
+    """None: for a service without keys."""
 
 
 class Answer(NamedTuple):
@@ -60,12 +72,19 @@ class Answer(NamedTuple):
         return None if self.text is None else msgspec.json.decode(self.text, type=kind)
 
 
-def find_target(config: Path | None, endpoint: str | None, trainer: str | None) -> Target:
+def find_target(
+    config: Path | None, endpoint: str | None, trainer: str | None, credentials: Path | None = None
+) -> Target:
     """Determine the service's address; values of the command line override those of the file.
 
     Raises:
-        ConfigError: the trainer file cannot be used.
+        ConfigError: the trainer file or the folder of credentials cannot be used.
     """
+    if credentials is not None:
+        from daemon.keys.credentials import read_credentials
+
+        found = read_credentials(credentials)
+        return Target(found.file.endpoints, found.file.trainer, found)
     endpoints, name = (DEFAULT_ENDPOINT,), DEFAULT_TRAINER
     if config is not None:
         from daemon.config.trainer import load_trainer
@@ -76,47 +95,53 @@ def find_target(config: Path | None, endpoint: str | None, trainer: str | None) 
     return Target((endpoint,) if endpoint else endpoints, trainer or name)
 
 
-def client_settings(endpoints: tuple[str, ...]) -> dict[str, Any]:
+def client_settings(target: Target) -> dict[str, Any]:
     """Keys of Zenoh's configuration for a client that sends one query and disconnects."""
     return {
         "mode": "client",
-        "connect/endpoints": list(endpoints),
+        "connect/endpoints": list(target.endpoints),
         "connect/timeout_ms": CONNECT_TIMEOUT_MS,
         "connect/exit_on_failure": True,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/tx/lease": 1000,
         "transport/shared_memory/enabled": False,
+        **(target.credentials.settings() if target.credentials else {}),
     }
 
 
-def client_config(endpoints: tuple[str, ...]) -> "zenoh.Config":
+def client_config(target: Target) -> "zenoh.Config":
     """Return Zenoh's configuration of a client."""
     import zenoh
 
     config = zenoh.Config()
-    for key, value in client_settings(endpoints).items():
+    for key, value in client_settings(target).items():
         config.insert_json5(key, json.dumps(value))
     return config
 
 
-def open_client(endpoints: tuple[str, ...]) -> "zenoh.Session":
+def open_client(target: Target) -> "zenoh.Session":
     """Open a session with a service.
 
     Raises:
-        zenoh.ZError: no service listens on the endpoints.
+        zenoh.ZError: no service listens on the endpoints, or it refuses the credentials.
     """
     import zenoh
 
     zenoh.init_log_from_env_or("off")
-    return zenoh.open(client_config(endpoints))
+    return zenoh.open(client_config(target))
 
 
 def selector(target: Target, name: str) -> str:
-    """Return the key of control/NAME."""
+    """Return the key of control/NAME, with the client's name if it has one and the query acts."""
     from daemon import wire
 
-    return wire.key(target.trainer, wire.CONTROL, name)
+    own = (
+        ()
+        if target.credentials is None or name in wire.READING
+        else (target.credentials.file.name,)
+    )
+    return wire.key(target.trainer, wire.CONTROL, name, *own)
 
 
 def json_text(reply: "zenoh.Reply") -> str | None:
@@ -132,14 +157,15 @@ def query(target: Target, name: str, payload: dict[str, Any]) -> Answer:
 
     key, where = selector(target, name), " or ".join(target.endpoints)
     try:
-        session = open_client(target.endpoints)
+        session = open_client(target)
     except zenoh.ZError:
-        return Answer(None, f"no service listens on {where}")
+        return Answer(None, f"no service listens on {where}, or it does not accept these keys")
     with session:
         for reply in session.get(key, payload=json.dumps(payload), timeout=ANSWER_TIMEOUT_S):
             if (text := json_text(reply)) is not None:
                 return Answer(text)
-    return Answer(None, f"no answer to {key} on {where}: another trainer, or it hangs")
+    role = "" if target.credentials is None else ", or the role may not request it"
+    return Answer(None, f"no answer to {key} on {where}: another trainer, or it hangs{role}")
 
 
 def request(

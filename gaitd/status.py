@@ -11,6 +11,7 @@ from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
     ConfigOption,
+    CredentialsOption,
     EndpointOption,
     JsonOption,
     TrainerOption,
@@ -26,10 +27,13 @@ def command(
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
+    credentials: CredentialsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print the state of a running service: mode, verdict, drives, legs, newest events."""
-    answer = query(find_target(config, endpoint, trainer), "status", {"client": "gaitd status"})
+    answer = query(
+        find_target(config, endpoint, trainer, credentials), "status", {"client": "gaitd status"}
+    )
     message = answer.decode(wire.Status)
     if message is None:
         raise typer.Exit(report_silence("status", answer.trouble, as_json=as_json))

@@ -30,7 +30,7 @@ class Requests:
         self.close()
         self._answers = answers = list[Answer]()
         try:
-            self._session = session = open_client(self._target.endpoints)
+            self._session = session = open_client(self._target)
         except zenoh.ZError:
             answers.append(Answer(None, "the service does not accept a client"))
             return

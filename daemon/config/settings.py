@@ -329,7 +329,9 @@ class Zenoh(Table, frozen=True):
     trainer: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
     listen: Annotated[tuple[Locator, ...], Meta(min_length=1)]
     listen_beyond_loopback: bool = False
-    """Only with true may `listen` hold endpoints that other machines can reach."""
+    """Only with true may `listen` hold endpoints that other machines can reach; needs `keys`."""
+    keys: Text | None = None
+    """Folder of `gaitd keys`, relative to this file; absent: every local client may do all."""
 
 
 class Paths(Table, frozen=True):

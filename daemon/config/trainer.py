@@ -33,6 +33,8 @@ class TrainerFile:
     """Directory that survives a restart."""
     sim: Path | None
     """plant.toml of the virtual drives."""
+    keys: Path | None
+    """Folder of `gaitd keys`; None: clients need no keys."""
     channel: str
     """Channel of the bus; an absolute path where the bus is simulated."""
 
@@ -55,6 +57,7 @@ def load_trainer(path: Path) -> TrainerFile:
         runtime=beside(path, trainer.paths.runtime).absolute(),
         state=beside(path, trainer.paths.state).absolute(),
         sim=beside(path, trainer.sim) if trainer.sim is not None else None,
+        keys=beside(path, trainer.zenoh.keys).absolute() if trainer.zenoh.keys else None,
         channel=_channel(path, trainer),
     )
 

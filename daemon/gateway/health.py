@@ -89,7 +89,7 @@ class HealthWindow:
         """Add the time from a wake-up to the first estimate, made but not yet published, in ns."""
         self._estimates_ns.append(work_ns)
 
-    def close(self, stamp: Stamp, seq: int) -> wire.Health:
+    def close(self, stamp: Stamp, seq: int, keys_expiring: tuple[str, ...] = ()) -> wire.Health:
         """Make the message of the last second and begin the next."""
         records, self._records = self._records, []
         wakes_ns, self._wakes_ns = self._wakes_ns, []
@@ -121,6 +121,7 @@ class HealthWindow:
             bus=_bus_health(newest.bus) if newest else None,
             setpoint_accepted_count=newest.assist.accepted_count if newest else None,
             setpoint_refused_count=_refused(self.counters, newest),
+            keys_expiring=keys_expiring,
             assist_lapse_count=newest.assist.lapse_count if newest else None,
         )
 

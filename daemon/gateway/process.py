@@ -15,10 +15,13 @@ from pathlib import Path
 from typing import Final
 
 from daemon.config.settings import Lease
+from daemon.config.strict import ConfigError
+from daemon.gateway.clients import PLAN_FILE, Clients, PlanStore
 from daemon.gateway.reload import Reload
 from daemon.gateway.service import STATE_PERIOD_NS, Gateway
 from daemon.gateway.setpoints import SetpointBox
 from daemon.ipc.transport import GatewayChannel
+from daemon.keys.folder import Keys
 from daemon.recorder.recorder import DiskRecorder
 from daemon.system.clock import AgeClock, MonotonicClock
 from daemon.system.sd_notify import Notifier
@@ -59,16 +62,21 @@ def serve(
     lease: Lease,
     notify_address: str | None,
     reload: Reload,
-) -> None:
+    read_keys: Callable[[], Keys | None],
+) -> bool:
     """Run the gateway until `ended` returns true; it is called at least every 20 ms.
+
+    Returns: whether a client requested a restart, so that changed keys take effect.
 
     Ages of records, leases and setpoints are measured by `clock`. The gateway's own work and the
     interval of notifications to systemd are measured by the computer's monotonic clock.
 
     Raises:
         zenoh.ZError: an endpoint cannot be listened on.
+        ConfigError: the folder of keys cannot be used.
         OSError: the runtime directory does not exist or cannot be written.
     """
+    keys = read_keys()
     # The order of closing matters: the outlet undeclares, then the session closes (an open one
     # would hang the process), and only then mailbox and box, because callbacks use them until then.
     with (
@@ -76,11 +84,23 @@ def serve(
         closing(GatewayChannel(runtime)) as ipc,
         closing(Mailbox()) as mailbox,
         closing(SetpointBox()) as box,
-        closing(open_session(listen, trainer)) as session,
+        closing(open_session(listen, trainer, keys)) as session,
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
         closing(SetpointSubscriber(session, trainer, box)),
         closing(DiskRecorder(state, runtime, clock, version("gaitd"))) as recorder,
-        closing(Gateway(ipc, outlet, clock, trainer, listen, lease)) as gateway,
+        closing(
+            Gateway(
+                ipc,
+                outlet,
+                clock,
+                trainer,
+                listen,
+                lease,
+                Clients(keys),
+                PlanStore(state / PLAN_FILE, recorder.submit),
+                lambda: _trouble(read_keys),
+            )
+        ) as gateway,
     ):
         poller = select.poll()
         poller.register(ipc.fileno(), select.POLLIN)
@@ -89,7 +109,7 @@ def serve(
         _freeze()
         supervisor.send("READY=1")
         wall, notify_ns = MonotonicClock(), 0
-        while not ended():
+        while not (ended() or gateway.restart_requested):
             poller.poll(_POLL_MS)
             woken_ns = wall.now_ns()
             has_put = gateway.publish_estimates(clock.now_ns())
@@ -110,7 +130,19 @@ def serve(
                 status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))
                 supervisor.send("WATCHDOG=1", f"STATUS={status}")
                 notify_ns = resumed_ns + _NOTIFY_NS
+        if gateway.restart_requested:
+            return True
         supervisor.send("STOPPING=1")
+        return False
+
+
+def _trouble(read_keys: Callable[[], Keys | None]) -> str:
+    """Why the folder of keys cannot be used; empty if it can."""
+    try:
+        read_keys()
+    except ConfigError as error:
+        return str(error)
+    return ""
 
 
 def _freeze() -> None:

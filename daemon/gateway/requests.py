@@ -2,6 +2,8 @@
 
     acquire release            the gateway answers at once: `lease.py`
     status config schema       the gateway answers at once
+    plan                       the gateway answers at once: `plan.py`
+    restart                    the gateway answers at once, and ends; refused unless nothing moves
     stop                       counts up at once; answered when a record shows the count
     enable disable reset mode  one of them is outstanding; a second one is refused as busy
 
@@ -33,8 +35,10 @@ from daemon.ipc.record import (
     Mode,
     ModeRequest,
     Outcome,
+    Plan,
     Request,
     RequestKind,
+    Role,
     Setpoint,
 )
 
@@ -46,6 +50,8 @@ class Route(Enum):
     GATEWAY = "gateway"
     STOP = "stop"
     CORE = "core"
+    PLAN = "plan"
+    RESTART = "restart"
 
 
 ROUTES: Final[dict[str, Route]] = {
@@ -59,6 +65,8 @@ ROUTES: Final[dict[str, Route]] = {
     "status": Route.GATEWAY,
     "config": Route.GATEWAY,
     "schema": Route.GATEWAY,
+    "plan": Route.PLAN,
+    "restart": Route.RESTART,
 }
 
 KINDS: Final[dict[str, RequestKind]] = {
@@ -72,6 +80,7 @@ PAYLOADS: Final[dict[str, type[wire.Ask]]] = {
     "mode": wire.ModeAsk,
     "acquire": wire.AcquireAsk,
     "release": wire.ReleaseAsk,
+    "plan": wire.PlanAsk,
 }
 """Payload types of queries that carry more than the client's name."""
 
@@ -193,7 +202,15 @@ class RequestQueue:
         self._core_present = False
         return self._answer_pending(Outcome.PENDING, f"{SILENT}; {OUTCOME_UNKNOWN}")
 
-    def submit(self, ticket: int, name: str, payload: wire.Ask, now_ns: int) -> Answer | None:
+    def submit(
+        self,
+        ticket: int,
+        name: str,
+        payload: wire.Ask,
+        now_ns: int,
+        role: Role = Role.UNRESTRICTED,
+        plan: Plan | None = None,
+    ) -> Answer | None:
         """Accept a request for the core; returns None while its answer is outstanding."""
         if not self._core_present:
             return Answer(ticket, Outcome.REFUSED, SILENT)
@@ -204,7 +221,7 @@ class RequestQueue:
         kind = KINDS[name]
         self._request_id += 1
         for_cycle = self._cycle if payload.for_cycle is None else payload.for_cycle
-        request = Request(self._request_id, kind, for_cycle, mode)
+        request = Request(self._request_id, kind, for_cycle, mode, role, plan)
         self._pending = _Pending(ticket, name, request, now_ns + TIMEOUT_NS[kind])
         return None
 

@@ -15,6 +15,7 @@ import msgspec
 from daemon import wire
 from daemon.config.settings import Lease
 from daemon.gateway import events, requests, translate
+from daemon.gateway.clients import Clients, PlanStore, UnnamedClientError
 from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.lease import LeaseManager
@@ -24,7 +25,7 @@ from daemon.gateway.outlet import Outlet
 from daemon.gateway.presence import SILENCE_NS, Presence
 from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.translate import Stamp
-from daemon.ipc.record import CycleRecord, DriveRecord, Outcome
+from daemon.ipc.record import CycleRecord, DriveRecord, Mode, Outcome, Role
 from daemon.ipc.transport import GatewayChannel, RareNotice, RingError, RingHeader
 from daemon.system.clock import AgeClock
 from daemon.wire.fields import name_of, printable
@@ -46,6 +47,8 @@ class Inquiry(Protocol):
     """A query to control/NAME that waits for its only answer."""
 
     name: str
+    identity: str
+    """Authenticated name of the client, from the key; empty if the key has none."""
     payload: bytes
 
     def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
@@ -71,7 +74,25 @@ class Gateway:
         trainer: str,
         listen: Sequence[str],
         lease: Lease,
+        clients: Clients,
+        plans: PlanStore,
+        check_keys: Callable[[], str],
     ) -> None:
+        """Begin without a core.
+
+        Args:
+            ipc: the channel to the core.
+            outlet: publishes messages.
+            clock: for ages.
+            trainer: TRAINER in the keys.
+            listen: endpoints, for the message `config`.
+            lease: rules of the lease.
+            clients: those that may connect.
+            plans: the released plan.
+            check_keys: reads the folder of keys as the next start will; returns why it cannot.
+        """
+        self._clients, self._plans, self._check_keys = clients, plans, check_keys
+        self.restart_requested = False
         self._ipc, self._outlet, self._clock = ipc, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
@@ -124,7 +145,8 @@ class Gateway:
         if now_ns >= self._second_due_ns:
             self._second_due_ns = _next_due(self._second_due_ns, SECOND_NS, now_ns)
             seq = self._outlet.next_seq(wire.HEALTH)
-            self._outlet.put(self.health.close(self._stamp(), seq), wire.HEALTH)
+            expiring = self._clients.expiring(self._clock.utc_ns())
+            self._outlet.put(self.health.close(self._stamp(), seq, expiring), wire.HEALTH)
 
     def _send_state(self) -> None:
         gateway_state = self._requests.gateway_state(
@@ -282,6 +304,11 @@ class Gateway:
                 inquiry, f"control/{printable(inquiry.name)} is unknown; known are {known}"
             )
             return
+        try:
+            role = self._clients.role(inquiry.name, inquiry.identity)
+        except UnnamedClientError as error:
+            self._reject(inquiry, str(error))
+            return
         self._ticket += 1
         if route is requests.Route.STOP:
             # Counted first, before anything that could fail.
@@ -294,16 +321,23 @@ class Gateway:
                 self._reject(inquiry, str(error))
                 return
             payload = wire.Ask()
+        if role is not Role.UNRESTRICTED:
+            # An authenticated name replaces the claimed one, in events, logs and the lease.
+            claimed = inquiry.identity or f"{payload.client} (claimed)"
+            payload = msgspec.structs.replace(payload, client=claimed)
         self._waiting[self._ticket] = Waiting(inquiry, payload.client)
-        self._route(route, inquiry.name, payload, now_ns)
+        self._route(route, inquiry.name, payload, role, now_ns)
 
-    def _route(self, route: requests.Route, name: str, payload: wire.Ask, now_ns: int) -> None:
+    def _route(
+        self, route: requests.Route, name: str, payload: wire.Ask, role: Role, now_ns: int
+    ) -> None:
         ticket = self._ticket
         match route:
             case requests.Route.STOP:
                 self._publish_now(self.lease_control.stop())
             case requests.Route.CORE:
-                answer = self._requests.submit(ticket, name, payload, now_ns)
+                plan = self._plans.plan
+                answer = self._requests.submit(ticket, name, payload, now_ns, role, plan)
                 if answer is None:
                     self._publish([events.request_sent(name, payload.client)], self._clock.utc_ns())
                 else:
@@ -312,6 +346,23 @@ class Gateway:
                 self._lease(payload, now_ns)
             case requests.Route.GATEWAY:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
+            case requests.Route.PLAN:
+                if isinstance(payload, wire.PlanAsk):
+                    self._publish_now([self._plans.release(payload.plan, payload.client)])
+                self._settle([requests.Answer(ticket, Outcome.DONE, "")])
+            case requests.Route.RESTART:
+                self._settle([self._restart(ticket)])
+
+    def _restart(self, ticket: int) -> requests.Answer:
+        """Refuse a restart that would stop the machine, or after which no gateway could start."""
+        record = self._newest if self._presence.is_present else None
+        reason = ""
+        if record and (record.mode.active or record.mode is Mode.STOPPING):
+            reason = f"in mode {name_of(record.mode)}: it would stop the machine"
+        reason = reason or self._check_keys()
+        self.restart_requested = not reason
+        outcome = Outcome.REFUSED if reason else Outcome.DONE
+        return requests.Answer(ticket, outcome, reason or "the gateway restarts")
 
     def _lease(self, payload: wire.Ask, now_ns: int) -> None:
         """Grant, renew or end the lease; its number is sent only to the client of the query."""
@@ -383,6 +434,7 @@ class Gateway:
             drives=tuple(self._drive_state(drive, seq) for drive in drives),
             legs=tuple(translate.activity(view, seq) for view in views),
             events=tuple(self._events.history)[-STATUS_EVENT_COUNT:],
+            plan=self._plans.limits,
         )
 
     def _configuration(self) -> wire.Configuration:

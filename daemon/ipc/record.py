@@ -151,6 +151,18 @@ class RequestKind(IntEnum):
     MODE = 4
 
 
+class Role(IntEnum):
+    """Role of a client, as its credentials show it; rights in `daemon/wire/roles.py`."""
+
+    UNRESTRICTED = 0
+    """The service has no keys: clients cannot be distinguished."""
+    DISPLAY = 1
+    CONTROLLER = 2
+    SESSION = 3
+    OPERATOR = 4
+    SERVICE = 5
+
+
 class Outcome(IntEnum):
     """Outcome of a request."""
 
@@ -189,6 +201,14 @@ class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
     """For COMMISSION: the operator confirms that the axis moved as described."""
 
 
+class Plan(msgspec.Struct, frozen=True, array_like=True):
+    """Limits of a gait that a session may request, as an operator has released them."""
+
+    cadence_max_hz: float
+    amplitude_max_ratio: float
+    duration_max_s: float
+
+
 class Request(msgspec.Struct, frozen=True, array_like=True):
     """One request of a client; a new id makes it a new request."""
 
@@ -197,6 +217,9 @@ class Request(msgspec.Struct, frozen=True, array_like=True):
     for_cycle: Count = 0
     """The newest cycle known to the client; a request for an old cycle is refused."""
     mode: ModeRequest = ModeRequest()
+    role: Role = Role.UNRESTRICTED
+    plan: Plan | None = None
+    """The released plan; None: none is released."""
 
 
 class Setpoint(msgspec.Struct, frozen=True, array_like=True):

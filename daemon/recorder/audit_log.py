@@ -56,6 +56,7 @@ class Inquiry(Protocol):
     """A query to control/NAME that waits for its only answer, as in the service."""
 
     name: str
+    identity: str
     payload: bytes
 
     def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
@@ -71,6 +72,7 @@ class LoggedQuery:
     log: "RequestLog"
     ticket: int
     name: str
+    identity: str
     payload: bytes
     fields: dict[str, Any]
     turn_ended: bool = False
@@ -192,8 +194,11 @@ class RequestLog:
         if ROUTES.get(inquiry.name) is Route.GATEWAY:
             return inquiry
         self._ticket += 1
-        fields = _fields_of_query(inquiry.payload)
-        query = LoggedQuery(inquiry, self, self._ticket, inquiry.name, inquiry.payload, fields)
+        name, authenticated, payload = inquiry.name, inquiry.identity, inquiry.payload
+        fields = _fields_of_query(payload)
+        if authenticated:
+            fields["client"] = authenticated
+        query = LoggedQuery(inquiry, self, self._ticket, name, authenticated, payload, fields)
         self._open[self._ticket] = query
         return query
 

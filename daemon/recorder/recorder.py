@@ -4,7 +4,7 @@ It reads the ring by itself and wraps the queries on their way to the service, s
 not depend on it; its reports are returned as events.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -42,6 +42,10 @@ class DiskRecorder:
     def not_kept_count(self) -> int:
         """Files and lines that could not be written."""
         return self._disk.failed_count + self._log.lost_count
+
+    def submit(self, what: str, run: Callable[[], None]) -> bool:
+        """Run a job of another part of the gateway in the thread that waits for the disk."""
+        return self._disk.submit(what, run)
 
     def wrap(self, inquiries: Sequence[Inquiry]) -> list[Inquiry]:
         """Wrap queries on their way to the service, so that they are logged."""

@@ -169,6 +169,14 @@ class Reply(Stated, frozen=True, kw_only=True):
     ] = None
 
 
+class PlanLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Limits of a gait that a session may request."""
+
+    cadence_max_hz: Annotated[float, Meta(gt=0, le=2, description="Strides per second.")]
+    amplitude_max_ratio: Annotated[float, Meta(gt=0, le=1, description="Of the full gait.")]
+    duration_max_s: Annotated[float, Meta(gt=0, le=7200, description="Of one gait.")]
+
+
 class Status(Stated, frozen=True, kw_only=True):
     """Answer to status: the present state of the machine and the newest events."""
 
@@ -176,6 +184,9 @@ class Status(Stated, frozen=True, kw_only=True):
     safety: Annotated[Safety, Meta(description="As published now.")]
     drives: Annotated[tuple[DriveState, ...], Meta(description="As published now.")]
     legs: Annotated[tuple[Activity, ...], Meta(description="As published now.")]
+    plan: Annotated[
+        PlanLimits | None, Meta(description="Released limits of a session's gait; null: none.")
+    ]
     events: Annotated[tuple[Event, ...], Meta(description="The newest, oldest first.")]
 
 
@@ -274,6 +285,12 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     ] = False
 
 
+class PlanAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/plan: release a plan for sessions, or withdraw it."""
+
+    plan: Annotated[PlanLimits | None, Meta(description="Null: withdraw it; no gait is allowed.")]
+
+
 class SetpointMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A controller's assist on top of gravity, LEG/setpoint, in mode torque or gait."""
 
@@ -308,6 +325,7 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "mode": ModeAsk,
     "acquire": AcquireAsk,
     "release": ReleaseAsk,
+    "plan": PlanAsk,
     "setpoint": SetpointMessage,
 }
 """NAME in `gaitd.NAME.v2` of each message."""
@@ -320,6 +338,8 @@ HEALTH: Final = "health"
 SAFETY: Final = "safety"
 CONTROL: Final = "control"
 SETPOINT: Final = "setpoint"
+READING: Final = frozenset({"status", "config", "schema"})
+"""Queries that every client may send and that change nothing."""
 
 
 def key(trainer: str, *parts: str) -> str:

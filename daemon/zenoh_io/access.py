@@ -7,24 +7,31 @@ act as gateway or controller for another one: it cannot publish the gateway's me
 its place, hold its token, or receive setpoints and with them the number of the lease.
 
 Rules:
-1. Every client may stop. A new role gets every row for ALL_ROLES.
+1. Every client may stop; with keys also one whose link does not match its entry in the register,
+   for example a remote client's password on a local link, which has no other right.
 2. A subscription may have any key expression, because only outgoing messages are restricted. A
    query may not: a wide key expression would be several requests in one.
 3. No key of an incoming message matches a key of an outgoing one.
-4. Links without a certificate cannot be distinguished: all of them have the role CLIENT.
+4. Without keys (`[zenoh] keys`) links cannot be distinguished: each client is UNRESTRICTED, and
+   requests have the key `control/NAME`.
+5. With keys only the clients of the register can connect, and a request that acts has the key
+   `control/NAME/CLIENT`, which Zenoh allows to that client alone. So the name in the key is
+   authenticated: the gateway takes name and role from it. The link of a remote client must show a
+   password and a certificate with the same name.
 """
 
+from collections.abc import Sequence
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from daemon import wire
-from daemon.gateway.requests import ROUTES, Route
+from daemon.gateway.requests import KINDS, ROUTES, Route
+from daemon.ipc.record import Role
+from daemon.keys.folder import Client
+from daemon.wire.roles import ROLES, Access
 
-
-class Role(Enum):
-    """Roles of clients that Zenoh can distinguish."""
-
-    CLIENT = "client"
+LOCAL_PROTOCOLS: Final = ("tcp", "unixsock-stream")
+REMOTE_PROTOCOLS: Final = ("tls",)
 
 
 class Flow(Enum):
@@ -56,6 +63,8 @@ class Right(NamedTuple):
     messages: frozenset[Message]
     keys: tuple[str, ...]
     """Keys below gaitd/TRAINER/; ANY_KEY matches every key."""
+    by_client: bool = False
+    """With keys of clients, each of these keys ends with /CLIENT."""
 
 
 ANY_KEY: Final = "**"
@@ -69,16 +78,25 @@ PUBLISHED: Final = (
 """Keys that the gateway publishes on."""
 SETPOINTS: Final = (f"*/{wire.SETPOINT}",)
 ALL_ROLES: Final = frozenset(Role)
+QUERYABLES: Final = (f"{wire.CONTROL}/*", f"{wire.CONTROL}/*/*")
 
 
 def _requests(route: Route) -> tuple[str, ...]:
     return tuple(f"{wire.CONTROL}/{name}" for name, taken in ROUTES.items() if taken is route)
 
 
+def _with(access: Access) -> frozenset[Role]:
+    return frozenset(role for role, rules in ROLES.items() if access in rules.access)
+
+
 def _right(
     name: str, roles: frozenset[Role], flow: Flow, messages: set[Message], *keys: str
 ) -> Right:
     return Right(name, roles, flow, frozenset(messages), keys)
+
+
+def _query(name: str, roles: frozenset[Role], *keys: str) -> Right:
+    return Right(name, roles, Flow.IN, frozenset({Message.QUERY}), keys, by_client=True)
 
 
 RIGHTS: Final = (
@@ -90,42 +108,84 @@ RIGHTS: Final = (
     _right("declare liveliness", ALL_ROLES, Flow.OUT, {Message.TOKEN}, wire.ALIVE, HISTORY),
     _right("query history", ALL_ROLES, Flow.IN, {Message.QUERY}, HISTORY),
     _right("stop", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.STOP)),
+    _query("stop by name", ALL_ROLES, *_requests(Route.STOP)),
     _right("query", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.GATEWAY)),
-    _right("lease", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.LEASE)),
-    _right("request", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.CORE)),
-    _right(
-        "declare queryables", ALL_ROLES, Flow.OUT, {Message.QUERYABLE}, f"{wire.CONTROL}/*", HISTORY
+    _query("lease", _with(Access.LEASE), *_requests(Route.LEASE)),
+    *(
+        _query(
+            name,
+            frozenset(role for role, rules in ROLES.items() if kind in rules.kinds),
+            f"{wire.CONTROL}/{name}",
+        )
+        for name, kind in KINDS.items()
     ),
-    _right("answer", ALL_ROLES, Flow.OUT, {Message.REPLY}, f"{wire.CONTROL}/*", wire.EVENTS),
-    _right("send setpoints", ALL_ROLES, Flow.IN, {Message.PUT}, *SETPOINTS),
-    _right("receive setpoints", ALL_ROLES, Flow.OUT, {Message.SUBSCRIBER}, *SETPOINTS),
+    _query("plan", _with(Access.PLAN), *_requests(Route.PLAN)),
+    _query("restart", _with(Access.RESTART), *_requests(Route.RESTART)),
+    _right("declare queryables", ALL_ROLES, Flow.OUT, {Message.QUERYABLE}, *QUERYABLES, HISTORY),
+    _right("answer", ALL_ROLES, Flow.OUT, {Message.REPLY}, *QUERYABLES, wire.EVENTS),
+    _right("send setpoints", _with(Access.LEASE), Flow.IN, {Message.PUT}, *SETPOINTS),
+    _right("receive setpoints", _with(Access.LEASE), Flow.OUT, {Message.SUBSCRIBER}, *SETPOINTS),
 )
 
 
-def access_control(trainer: str) -> dict[str, Any]:
-    """The table in the form of Zenoh's configuration."""
+TO_STOP: Final = frozenset({"stop", "declare queryables", "answer"})
+"""Rows that a stop needs."""
+
+
+def access_control(trainer: str, clients: Sequence[Client] | None) -> dict[str, Any]:
+    """The table in the form of Zenoh's configuration.
+
+    Args:
+        trainer: TRAINER in the keys.
+        clients: those that have keys; None: no keys are configured.
+    """
+    rules: list[dict[str, Any]] = []
+    policies: list[dict[str, Any]] = []
+    who: list[Client | None] = [None, *(clients or ())]
+    for client in who:
+        name = _subject(client)
+        if client is not None:
+            rights = [right for right in RIGHTS if client.role in right.roles]
+        elif clients is None:
+            rights = [right for right in RIGHTS if Role.UNRESTRICTED in right.roles]
+        else:
+            rights = [right for right in RIGHTS if right.name in TO_STOP]
+        own = [(f"{right.name}: {name}", right) for right in rights]
+        rules += [_rule(identifier, right, trainer, client) for identifier, right in own]
+        policies.append({"rules": [identifier for identifier, _ in own], "subjects": [name]})
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [
-            {
-                "id": right.name,
-                "permission": "allow",
-                "flows": [right.flow.value],
-                "messages": sorted(message.value for message in right.messages),
-                "key_exprs": [
-                    key if key == ANY_KEY else wire.key(trainer, key) for key in right.keys
-                ],
-            }
-            for right in RIGHTS
-        ],
-        # A subject without attributes matches every link.
-        "subjects": [{"id": role.value} for role in Role],
-        "policies": [
-            {
-                "rules": [right.name for right in RIGHTS if role in right.roles],
-                "subjects": [role.value],
-            }
-            for role in Role
-        ],
+        "rules": rules,
+        "subjects": [{"id": _subject(client), **_attributes(client)} for client in who],
+        "policies": policies,
+    }
+
+
+def _subject(client: Client | None) -> str:
+    return "any client" if client is None else client.name
+
+
+def _attributes(client: Client | None) -> dict[str, Any]:
+    """A subject without attributes matches every link."""
+    if client is None:
+        return {}
+    if not client.remote:
+        return {"usernames": [client.name], "link_protocols": LOCAL_PROTOCOLS}
+    return {
+        "usernames": [client.name],
+        "cert_common_names": [client.name],
+        "link_protocols": REMOTE_PROTOCOLS,
+    }
+
+
+def _rule(identifier: str, right: Right, trainer: str, client: Client | None) -> dict[str, Any]:
+    end = f"/{client.name}" if right.by_client and client is not None else ""
+    keys = [key if key == ANY_KEY else wire.key(trainer, key + end) for key in right.keys]
+    return {
+        "id": identifier,
+        "permission": "allow",
+        "flows": [right.flow.value],
+        "messages": sorted(message.value for message in right.messages),
+        "key_exprs": keys,
     }

@@ -1,23 +1,28 @@
 """Check of Zenoh endpoints: which of them a program on another machine could reach.
 
 The service listens on loopback or on a Unix socket, unless `zenoh.listen_beyond_loopback` allows
-more. The form of an endpoint is checked by `config/settings.py`.
+more: then clients need keys, and links beyond this machine TLS. The form of an endpoint is checked
+by `config/settings.py`.
 """
 
 import ipaddress
 from collections.abc import Sequence
 from typing import Final
 
-from daemon.config.strict import ConfigError
+from daemon.config.strict import MISSING, ConfigError
 from daemon.config.trainer import TrainerFile
 
 UNIX_SOCKET: Final = "unixsock-stream"
+
+TLS: Final = "tls"
 
 ALLOWED: Final = (
     "a Unix socket or a loopback address such as 127.0.0.1;"
     " anything else only with listen_beyond_loopback = true"
 )
 
+NEEDS_KEYS: Final = "a folder of `gaitd keys`: clients beyond this machine must show who they are"
+NEEDS_TLS: Final = "tls/ with keys, or an address of this machine"
 _EVERYWHERE: Final = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
 
 
@@ -41,6 +46,14 @@ def check(file: TrainerFile) -> TrainerFile:
         ConfigError: an endpoint is reachable from other machines, and the file does not allow it.
     """
     zenoh = file.trainer.zenoh
+    if zenoh.listen_beyond_loopback and zenoh.keys is None:
+        raise ConfigError(file.path, "zenoh.keys", MISSING, NEEDS_KEYS)
+    for index, endpoint in enumerate(zenoh.listen):
+        by_tls = endpoint.startswith(f"{TLS}/")
+        if by_tls and zenoh.keys is None:
+            raise ConfigError(file.path, "zenoh.keys", MISSING, NEEDS_KEYS)
+        if zenoh.keys is not None and not (by_tls or is_local(endpoint)):
+            raise ConfigError(file.path, f"zenoh.listen[{index}]", endpoint, NEEDS_TLS)
     bad = refused(zenoh.listen, beyond_loopback=zenoh.listen_beyond_loopback)
     if bad is not None:
         raise ConfigError(file.path, f"zenoh.listen[{bad[0]}]", bad[1], ALLOWED)

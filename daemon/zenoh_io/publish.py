@@ -22,6 +22,7 @@ from zenoh.ext import (
 from daemon import wire
 from daemon.gateway.events import HISTORY_COUNT
 from daemon.gateway.requests import QUERY_SIZE_MAX
+from daemon.zenoh_io.access import QUERYABLES
 
 WAITING_COUNT_MAX: Final = 64
 """Queries that may wait for the loop; a stop is always accepted."""
@@ -31,12 +32,12 @@ EVENT_HEARTBEAT_S: Final = 1.0
 
 
 class ZenohInquiry:
-    """One query to control/NAME."""
+    """One query to control/NAME, or to control/NAME/CLIENT of a client with keys."""
 
     def __init__(self, query: zenoh.Query) -> None:
         self._query = query
         self._key = str(query.key_expr)
-        self.name = self._key.rpartition("/")[2]
+        self.name, _, self.identity = self._key.partition(f"/{wire.CONTROL}/")[2].partition("/")
         # One byte more than allowed is enough to refuse it, and bounds the memory used.
         self.payload = query.payload.to_bytes()[: QUERY_SIZE_MAX + 1] if query.payload else b""
 
@@ -128,9 +129,9 @@ class ZenohOutlet:
         self._encoder = msgspec.json.Encoder()
         self._token: zenoh.LivelinessToken | None = None
         self._events = self._declare_events()
-        self._queryable = session.declare_queryable(
-            wire.key(trainer, wire.CONTROL, "*"), mailbox.put
-        )
+        self._queryables = [
+            session.declare_queryable(wire.key(trainer, key), mailbox.put) for key in QUERYABLES
+        ]
 
     def next_seq(self, *parts: str) -> int:
         """The next sequence number of a key."""
@@ -162,7 +163,8 @@ class ZenohOutlet:
     def close(self) -> None:
         """Undeclare everything; the session remains open."""
         self.set_alive(False)
-        self._queryable.undeclare()
+        for queryable in self._queryables:
+            queryable.undeclare()
         self._events.undeclare()
         for publisher in self._publishers.values():
             publisher.undeclare()

@@ -10,13 +10,14 @@ from typing import Any, Final
 import msgspec
 import zenoh
 
+from daemon.keys.folder import AUTHORITY, GATEWAY, Keys
 from daemon.zenoh_io.access import access_control
 
 LEASE_MS: Final = 1000
 """Time after which a hung peer is dropped; a subscriber notices a hung gateway as fast."""
 
 
-def session_settings(listen: Sequence[str], trainer: str) -> dict[str, Any]:
+def session_settings(listen: Sequence[str], trainer: str, keys: Keys | None) -> dict[str, Any]:
     """Keys of Zenoh's configuration and their values."""
     return {
         "mode": "peer",
@@ -28,7 +29,7 @@ def session_settings(listen: Sequence[str], trainer: str) -> dict[str, Any]:
         "scouting/gossip/enabled": False,
         "adminspace/enabled": False,
         # Without it any client could publish, answer and receive setpoints as the gateway does.
-        "access_control": access_control(trainer),
+        "access_control": access_control(trainer, keys and keys.register.clients),
         "timestamping/enabled": True,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/keep_alive": 4,
@@ -36,20 +37,38 @@ def session_settings(listen: Sequence[str], trainer: str) -> dict[str, Any]:
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
         # Payloads are small, and a receiver that is descheduled loses shared buffers silently.
         "transport/shared_memory/enabled": False,
+        **({} if keys is None else _authentication(keys)),
     }
 
 
-def open_session(listen: Sequence[str], trainer: str) -> zenoh.Session:
+def _authentication(keys: Keys) -> dict[str, Any]:
+    """A client without a valid password, or on TLS without a valid certificate, is refused."""
+    tls = {
+        "root_ca_certificate": str(keys.certificate(AUTHORITY).resolve()),
+        "enable_mtls": True,
+        "listen_certificate": str(keys.certificate(GATEWAY).resolve()),
+        "listen_private_key": str(keys.key(GATEWAY).resolve()),
+        # A certificate that expires ends no session: it may be that of a training.
+        "close_link_on_expiration": False,
+    }
+    return {
+        "transport/auth/usrpwd": {"dictionary_file": str(keys.passwords.resolve())},
+        "transport/link/tls": tls,
+    }
+
+
+def open_session(listen: Sequence[str], trainer: str, keys: Keys | None) -> zenoh.Session:
     """Open the session; it must be closed explicitly, or the process hangs at exit.
 
     Args:
         listen: its endpoints.
         trainer: TRAINER of the only keys that are allowed.
+        keys: clients that may connect; None: every client that reaches an endpoint.
 
     Raises:
         zenoh.ZError: an endpoint cannot be listened on: in use, no such address, no directory.
     """
     config = zenoh.Config()
-    for key, value in session_settings(listen, trainer).items():
+    for key, value in session_settings(listen, trainer, keys).items():
         config.insert_json5(key, msgspec.json.encode(value).decode())
     return zenoh.open(config)

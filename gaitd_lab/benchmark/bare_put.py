@@ -34,7 +34,7 @@ def stamp_of(payload: bytes) -> int:
 
 def main(endpoint: str, size: int, seconds: float) -> None:
     """Put and sleep alternately until the time is over."""
-    with open_session([endpoint], TRAINER) as session:
+    with open_session([endpoint], TRAINER, None) as session:
         publisher = declare(session, KEY, wire.Estimate, ESTIMATE)
         due_s = time.monotonic()
         end_s = due_s + seconds

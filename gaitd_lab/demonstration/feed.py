@@ -113,7 +113,7 @@ class Receiver:
         if self._session is not None:
             return True
         try:
-            self._session = open_client(self._target.endpoints)
+            self._session = open_client(self._target)
         except zenoh.ZError:
             return False
         self._subscribe(self._session)

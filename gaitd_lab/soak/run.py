@@ -333,7 +333,7 @@ class Flood:
             self._thread = None
 
     def _send(self, duration_s: float) -> None:
-        with open_client(self._target.endpoints) as session:
+        with open_client(self._target) as session:
             name = wire.key(self._target.trainer, self._leg, wire.SETPOINT)
             end_s = time.monotonic() + duration_s
             while time.monotonic() < end_s and not self._over.is_set():

@@ -21,7 +21,7 @@ from long_service import TIMEOUT_S
 from processes import Service
 
 from daemon.ipc.record import Cause, Mode
-from gaitd.remote import client_settings
+from gaitd.remote import Target, client_settings
 
 CONFIGURATION_ERROR = 2
 FLOOD_S = 2.0
@@ -95,7 +95,7 @@ def plain_client(service, program, *arguments):
 @contextlib.contextmanager
 def session_with(service):
     config = zenoh.Config()
-    settings = client_settings((f"tcp/127.0.0.1:{service.zenoh_port}",))
+    settings = client_settings(Target((f"tcp/127.0.0.1:{service.zenoh_port}",), "trainer"))
     for key, value in settings.items():
         config.insert_json5(key, json.dumps(value))
     session = zenoh.open(config)

@@ -2,11 +2,13 @@
 
 import math
 
+from daemon.core.modes.guards import GuardInputs
 from daemon.core.safety.checks import NO_VERDICT, check
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
+from daemon.ipc.record import Mode
 from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import (
     DriveFeedback,
@@ -16,6 +18,22 @@ from drives.signals import (
     PowerState,
 )
 
+ALL_WELL = GuardInputs(
+    mode=Mode.READY,
+    gateway_alive=True,
+    at_rest=True,
+    hand_switch_closed=True,
+    sto_released=True,
+    unreferenced=(),
+    outside=(),
+    drives_powered=True,
+    cadence_max_hz=0.5,
+    scenarios={"paper": 30.0, "friction": 60.0},
+    artificial=frozenset({"paper"}),
+    patient_configured=False,
+    guidance="impedance",
+)
+"""Inputs of the guards of requests."""
 LIMITS = AxisLimits(
     position_min_si=-0.3,
     position_max_si=0.7,

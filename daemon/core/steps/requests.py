@@ -4,7 +4,7 @@ The supervisor executes what is accepted. This file is the only writer of `reque
 """
 
 from daemon.core.inputs import CommandInputs
-from daemon.core.modes import table
+from daemon.core.modes import roles, table
 from daemon.core.modes.guards import GuardInputs
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.stop_sequence import Step
@@ -37,7 +37,8 @@ def receive(core: Core, command_inputs: CommandInputs, cycle: int) -> Request | 
     if core.request is not None:
         core.result = RequestResult(request.id, Outcome.REFUSED, "another request is outstanding")
         return None
-    reason = table.refusal(request.kind, request.mode, _guard_inputs(core, cycle))
+    now = _guard_inputs(core, cycle)
+    reason = roles.refusal(request, now) or table.refusal(request.kind, request.mode, now)
     if not 0 <= cycle - request.for_cycle <= STALE_REQUEST_CYCLES:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
     if command_inputs.stop and (request.kind == RequestKind.ENABLE or is_of_single_axis(request)):

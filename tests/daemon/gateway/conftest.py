@@ -17,6 +17,7 @@ from processes import CONFIGS
 from daemon import wire
 from daemon.config.settings import Lease
 from daemon.config.trainer import load_trainer
+from daemon.gateway.clients import Clients, PlanStore
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
 from daemon.gateway.service import Gateway
@@ -33,6 +34,7 @@ from daemon.ipc.record import (
     Verdict,
 )
 from daemon.ipc.transport import CoreChannel, GatewayChannel, RingHeader
+from daemon.keys.folder import Keys
 from daemon.system.clock import MonotonicClock
 
 MS = 1_000_000
@@ -198,6 +200,7 @@ class ListOutlet:
 class Ask:
     name: str
     payload: bytes = b""
+    identity: str = ""
     replies: list[Any] = field(default_factory=list)
     failed: bool = False
 
@@ -215,13 +218,17 @@ class Bench:
         self.outlet = ListOutlet()
         self.core = CoreChannel(runtime, header())
         self.seam = GatewayChannel(runtime)
+        self.keys: Keys | None = None
+        self.keys_trouble = ""
         self.gateway = self.new_gateway()
         self.levels: list[GatewayState] = []
         self.seq = 0
 
     def new_gateway(self) -> Gateway:
+        plans = PlanStore(self.runtime / "plan.json", lambda _what, run: run() is None)
         return Gateway(
-            self.seam, self.outlet, self.clock, "trainer", ("unixsock-stream//x",), LEASE
+            *(self.seam, self.outlet, self.clock, "trainer", ("unixsock-stream//x",), LEASE),
+            *(Clients(self.keys), plans, lambda: self.keys_trouble),
         )
 
     def replace_core(self, core_boot_id: str) -> None:
@@ -326,6 +333,11 @@ class FakeCore:
             self._ipc.close()
 
 
+@pytest.fixture(scope="session")
+def fake_core() -> type[FakeCore]:
+    return FakeCore
+
+
 @pytest.fixture
 def start_core(runtime: Path) -> Iterator[Callable[..., FakeCore]]:
     cores: list[FakeCore] = []
@@ -361,6 +373,7 @@ def endpoint(runtime: Path) -> Iterator[str]:
             *("trainer", (where,), runtime, runtime / "state"),
             *(MonotonicClock(), ended.is_set, LEASE, None),
             Reload(load_trainer(CONFIGS / "demo.toml"), load_trainer),
+            lambda: None,
         ),
     )
     thread.start()

@@ -35,6 +35,7 @@ def told(tmp_path_factory):
             file.trainer.lease,
             str(tmp_path / "notify"),
             Reload(file, load_trainer),
+            lambda: None,
         )
         words = []
         with contextlib.suppress(BlockingIOError):

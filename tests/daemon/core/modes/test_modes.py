@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import pytest
+from safety_inputs import ALL_WELL
 
-from daemon.core.modes.guards import GuardInputs
 from daemon.core.modes.table import (
     TRANSITIONS,
     Event,
@@ -14,21 +14,6 @@ from daemon.core.modes.table import (
 )
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
-ALL_WELL = GuardInputs(
-    mode=Mode.READY,
-    gateway_alive=True,
-    at_rest=True,
-    hand_switch_closed=True,
-    sto_released=True,
-    unreferenced=(),
-    outside=(),
-    drives_powered=True,
-    cadence_max_hz=0.5,
-    scenarios={"paper": 30.0, "friction": 60.0},
-    artificial=frozenset({"paper"}),
-    patient_configured=False,
-    guidance="impedance",
-)
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=10.0)
 PAPER = ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")
 ACTIVE = [mode for mode in Mode if mode.active]

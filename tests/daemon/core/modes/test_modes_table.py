@@ -4,8 +4,8 @@ from dataclasses import FrozenInstanceError, replace
 
 import msgspec
 import pytest
+from safety_inputs import ALL_WELL
 
-from daemon.core.modes.guards import GuardInputs
 from daemon.core.modes.table import (
     NO_RULES,
     TRANSITIONS,
@@ -16,21 +16,6 @@ from daemon.core.modes.table import (
 )
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
-ALL_WELL = GuardInputs(
-    mode=Mode.READY,
-    gateway_alive=True,
-    at_rest=True,
-    hand_switch_closed=True,
-    sto_released=True,
-    unreferenced=(),
-    outside=(),
-    drives_powered=True,
-    cadence_max_hz=0.5,
-    scenarios={"paper": 30.0, "friction": 60.0},
-    artificial=frozenset({"paper"}),
-    patient_configured=False,
-    guidance="impedance",
-)
 NOTHING_WELL = replace(
     ALL_WELL,
     gateway_alive=False,

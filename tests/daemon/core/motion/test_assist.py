@@ -6,9 +6,8 @@ from dataclasses import replace
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safety_inputs import LIMITS
+from safety_inputs import ALL_WELL, LIMITS
 
-from daemon.core.modes.guards import GuardInputs
 from daemon.core.modes.table import MODES, TRANSITIONS, Event, refusal, rules_of
 from daemon.core.motion.assist import (
     AssistRules,
@@ -89,22 +88,7 @@ def test_what_is_wrong_with_a_setpoint_is_named(changes, desk, refusal):
     ],
 )
 def test_mode_torque_is_given_in_hold_under_a_lease_with_drives_that_go_by_torque(changes, said):
-    well = GuardInputs(
-        mode=Mode.HOLD,
-        gateway_alive=True,
-        at_rest=True,
-        hand_switch_closed=True,
-        sto_released=True,
-        unreferenced=(),
-        outside=(),
-        drives_powered=True,
-        cadence_max_hz=0.5,
-        scenarios={},
-        artificial=frozenset(),
-        patient_configured=True,
-        guidance="impedance",
-        lease_held=True,
-    )
+    well = replace(ALL_WELL, mode=Mode.HOLD, patient_configured=True, lease_held=True)
 
     refused = refusal(RequestKind.MODE, ModeRequest(Mode.TORQUE), replace(well, **changes))
 

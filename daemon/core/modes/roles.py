@@ -1,0 +1,37 @@
+"""Rights of a client's role to a request, checked in the core (table: `daemon/wire/roles.py`)."""
+
+from daemon.core.modes.guards import GuardInputs
+from daemon.ipc.record import Mode, Plan, Request, RequestKind
+from daemon.wire.roles import ROLES
+
+
+def refusal(request: Request, now: GuardInputs) -> str:
+    """The reason why the client's role may not make this request now; empty if it may."""
+    rules, role = ROLES[request.role], request.role.name.lower()
+    if request.kind not in rules.kinds:
+        return f"the role {role} may not request {request.kind.name.lower()}"
+    by_mode = request.kind == RequestKind.MODE
+    mode = request.mode.mode
+    if by_mode and mode not in rules.modes:
+        return f"the role {role} may not request mode {mode.name.lower()}"
+    needs_hand = request.kind == RequestKind.RESET or (by_mode and mode == Mode.HAND_GUIDING)
+    if rules.hand_switch and needs_hand and not now.hand_switch_closed:
+        return f"the hand switch is open: the role {role} needs it held for this"
+    if rules.within_plan and by_mode and mode == Mode.GAIT:
+        return _beyond(request, request.plan)
+    return ""
+
+
+def _beyond(request: Request, plan: Plan | None) -> str:
+    if plan is None:
+        return "no plan is released: an operator releases one with `gaitd plan release`"
+    wanted = request.mode
+    for name, value, limit in (
+        ("cadence_hz", wanted.cadence_hz, plan.cadence_max_hz),
+        ("amplitude_ratio", wanted.amplitude_ratio, plan.amplitude_max_ratio),
+        ("duration_s", wanted.duration_s, plan.duration_max_s),
+    ):
+        # A comparison with NaN is false: only a value within the limit passes.
+        if not value <= limit:
+            return f"{name} = {value:g}, the released plan allows up to {limit:g}"
+    return ""

@@ -1,0 +1,89 @@
+"""Which role may request what, in the core: the matrix is written here by hand."""
+
+from dataclasses import replace
+
+import pytest
+from safety_inputs import ALL_WELL
+
+from daemon.core.modes.roles import refusal
+from daemon.ipc.record import Mode, ModeRequest, Plan, Request, RequestKind, Role
+
+REQUESTABLE = (
+    *(Mode.HOLD, Mode.GAIT, Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST),
+    *(Mode.REFERENCE, Mode.COMMISSION),
+)
+SESSION_MODES = {Mode.HOLD, Mode.GAIT, Mode.HAND_GUIDING, Mode.SELF_TEST}
+EVERY_KIND = {RequestKind.ENABLE, RequestKind.DISABLE, RequestKind.RESET}
+KINDS = {
+    Role.UNRESTRICTED: EVERY_KIND,
+    Role.DISPLAY: set(),
+    Role.CONTROLLER: set(),
+    Role.SESSION: EVERY_KIND,
+    Role.OPERATOR: EVERY_KIND,
+    Role.SERVICE: {RequestKind.DISABLE, RequestKind.RESET},
+}
+MODES = {
+    Role.UNRESTRICTED: set(REQUESTABLE),
+    Role.DISPLAY: set(),
+    Role.CONTROLLER: set(),
+    Role.SESSION: SESSION_MODES,
+    Role.OPERATOR: set(REQUESTABLE),
+    Role.SERVICE: {Mode.REFERENCE, Mode.COMMISSION},
+}
+PLAN = Plan(cadence_max_hz=0.3, amplitude_max_ratio=0.5, duration_max_s=60.0)
+GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.3, amplitude_ratio=0.5, duration_s=60.0)
+HAND_OPEN = replace(ALL_WELL, hand_switch_closed=False)
+
+
+def gait(role, plan=PLAN, **changes):
+    wanted = replace_fields(GAIT, **changes)
+    return Request(1, RequestKind.MODE, mode=wanted, role=role, plan=plan)
+
+
+def replace_fields(struct, **changes):
+    return type(struct)(**{**{f: getattr(struct, f) for f in struct.__struct_fields__}, **changes})
+
+
+@pytest.mark.parametrize("role", Role)
+@pytest.mark.parametrize("kind", sorted(EVERY_KIND))
+def test_requests_without_a_mode(role, kind):
+    refused = refusal(Request(1, kind, role=role), ALL_WELL)
+
+    assert (refused == "") == (kind in KINDS[role])
+    assert not refused or (role.name.lower() in refused and kind.name.lower() in refused)
+
+
+@pytest.mark.parametrize("role", Role)
+@pytest.mark.parametrize("mode", REQUESTABLE)
+def test_requests_of_a_mode(role, mode):
+    request = Request(1, RequestKind.MODE, mode=ModeRequest(mode), role=role, plan=PLAN)
+
+    assert (refusal(request, ALL_WELL) == "") == (mode in MODES[role])
+
+
+@pytest.mark.parametrize("role", [Role.SESSION, Role.OPERATOR, Role.UNRESTRICTED])
+@pytest.mark.parametrize(
+    "request_of",
+    [
+        lambda role: Request(1, RequestKind.RESET, role=role),
+        lambda role: Request(1, RequestKind.MODE, mode=ModeRequest(Mode.HAND_GUIDING), role=role),
+    ],
+)
+def test_a_session_needs_the_hand_switch_for_the_way_out(role, request_of):
+    assert refusal(request_of(role), ALL_WELL) == ""
+    assert ("hand switch" in refusal(request_of(role), HAND_OPEN)) == (role is Role.SESSION)
+
+
+@pytest.mark.parametrize("field", ["cadence_hz", "amplitude_ratio", "duration_s"])
+@pytest.mark.parametrize("factor", [1.001, float("nan"), float("inf")])
+def test_a_session_stays_within_the_released_plan(field, factor):
+    beyond = {field: getattr(GAIT, field) * factor}
+
+    assert refusal(gait(Role.SESSION), ALL_WELL) == ""
+    assert field in refusal(gait(Role.SESSION, **beyond), ALL_WELL)
+    assert refusal(gait(Role.OPERATOR, **beyond), ALL_WELL) == ""
+
+
+def test_without_a_released_plan_a_session_walks_not_at_all():
+    assert "gaitd plan release" in refusal(gait(Role.SESSION, plan=None), ALL_WELL)
+    assert refusal(gait(Role.OPERATOR, plan=None), ALL_WELL) == ""

@@ -1,0 +1,383 @@
+"""The matrix of roles: what each client can do with its keys, over real TCP and TLS.
+
+Expectations are written here by hand, not taken from the table of the product. Nothing is timed: a
+query without a right ends without a reply, and a message that must not arrive is followed by one
+that does, on the same link.
+"""
+
+import contextlib
+import datetime
+import json
+import shutil
+import tempfile
+import threading
+from pathlib import Path
+
+import pytest
+import zenoh
+from processes import CONFIGS
+
+from daemon.config.settings import Lease
+from daemon.config.trainer import load_trainer
+from daemon.gateway.process import serve
+from daemon.gateway.reload import Reload
+from daemon.ipc.record import Mode, Outcome, Plan, Role
+from daemon.keys import issuing
+from daemon.keys.certificates import Pair, new_authority, new_certificate
+from daemon.keys.credentials import read_credentials
+from daemon.keys.folder import read_keys
+from daemon.system.clock import MonotonicClock
+from gaitd.remote import Target, client_settings, selector
+from gaitd_lab.processes import free_port
+
+BASE = "gaitd/trainer"
+LEASE = Lease(duration_ms=500, duration_max_ms=5000)
+NOW = datetime.datetime.now(datetime.UTC)
+YEAR = 365
+ROLES = ("display", "controller", "session", "operator", "service")
+ALL = frozenset(ROLES)
+MAY = {
+    "status": ALL,
+    "config": ALL,
+    "schema": ALL,
+    "acquire": {"controller"},
+    "enable": {"session", "operator"},
+    "disable": {"session", "operator", "service"},
+    "mode": {"session", "operator", "service"},
+    "reset": {"session", "operator", "service"},
+    "plan": {"operator"},
+    "stop": ALL,
+}
+PLAN = {"cadence_max_hz": 0.5, "amplitude_max_ratio": 0.8, "duration_max_s": 600.0}
+PAYLOADS = {"mode": {"mode": "hold"}, "plan": {"plan": PLAN}}
+PUBLISHED = ("right/activity", "right/estimate", "safety", "events", "health", "drives/right/hip")
+LIE = b'{"forged": true}'
+
+
+class Service:
+    """A gateway with keys on two links, and a core that answers everything."""
+
+    def __init__(self, runtime, core):
+        self.folder, self.runtime, self.core = runtime / "keys", runtime, core
+        self.local = f"tcp/127.0.0.1:{free_port()}"
+        self.remote = f"tls/localhost:{free_port()}"
+        self._ended = threading.Event()
+        issuing.init(self.folder, "trainer", [], NOW, YEAR)
+        for role in ROLES:
+            self.issue(f"{role}.desk")
+            self.issue(f"{role}.ward", remote=True)
+        self._thread = threading.Thread(target=self._run)
+        self.restarts = self._waited = 0
+
+    def issue(self, name, *, remote=False, now=NOW, folder=None):
+        endpoint = self.remote if remote else self.local
+        return issuing.issue(
+            folder or self.folder, name, [endpoint], "trainer", now, YEAR, remote=remote
+        )
+
+    def _run(self):
+        while serve(
+            *("trainer", (self.local, self.remote), self.runtime, self.runtime / "state"),
+            *(MonotonicClock(), self._ended.is_set, LEASE, None),
+            Reload(load_trainer(CONFIGS / "demo.toml"), load_trainer),
+            lambda: read_keys(self.folder),
+        ):
+            self.restarts += 1
+
+    def start(self):
+        self._thread.start()
+
+    def wait_for_restart(self, eventually):
+        """Wait until the next gateway listens on both links."""
+        before, self._waited = self._waited, self.restarts
+        eventually(lambda: self.restarts > before)
+        self._waited = self.restarts
+        for name in ("operator.desk", "operator.ward"):
+            eventually(lambda one=name: status_of(self.target(one)))
+
+    def target(self, name):
+        return target_of(self.folder / issuing.ISSUED / name)
+
+    def end(self):
+        self._ended.set()
+        self._thread.join(10)
+
+
+def target_of(bundle):
+    credentials = read_credentials(bundle)
+    return Target(credentials.file.endpoints, "trainer", credentials)
+
+
+@contextlib.contextmanager
+def connected(target, timeout_ms=10_000, **changes):
+    config = zenoh.Config()
+    settings = {**client_settings(target), "connect/timeout_ms": timeout_ms, **changes}
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    with contextlib.closing(zenoh.open(config)) as session:
+        yield session
+
+
+def ask(session, key, timeout=30.0, **payload):
+    """The replies to one query; none if the client has no right to it."""
+    replies = session.get(key, payload=json.dumps(payload), timeout=timeout)
+    return [
+        json.loads((one.ok or one.err).payload.to_bytes()) for one in replies if one.ok or one.err
+    ]
+
+
+@pytest.fixture(scope="module")
+def service(fake_core):
+    with tempfile.TemporaryDirectory() as folder:
+        core = fake_core(Path(folder))
+        for name in ("enable", "disable", "reset", "mode"):
+            core.answer(name, Outcome.DONE)
+        made = Service(Path(folder), core)
+        made.start()
+        yield made
+        made.end()
+        core.end()
+
+
+@pytest.fixture(autouse=True)
+def valid(service, eventually):
+    """Records arrive, and nothing is left of the test before."""
+    service.core.changes.clear()
+    service.core.requests.clear()
+    with connected(service.target("display.desk")) as session:
+        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+
+
+def status_of(target):
+    """The status that a new link gets; empty while the gateway restarts."""
+    try:
+        with connected(target, timeout_ms=500) as session:
+            replies = ask(session, f"{BASE}/control/status", timeout=5.0)
+            return replies[0] if replies else {}
+    except zenoh.ZError:
+        return {}
+
+
+def rights_of(target, role):
+    """Names of the queries that are answered, and whether published messages arrive."""
+    heard, answered = [], set()
+    with connected(target) as session, session.declare_subscriber(f"{BASE}/**", heard.append):
+        for name in MAY:
+            payload = {**PAYLOADS.get(name, {}), "client": "another one"}
+            if ask(session, selector(target, name), **payload):
+                answered.add(name)
+        heard_keys = {str(sample.key_expr) for sample in heard}
+    return answered, heard_keys
+
+
+@pytest.mark.parametrize("place_of_client", ["desk", "ward"])
+@pytest.mark.parametrize("role", ROLES)
+def test_each_role_may_what_its_row_says(service, role, place_of_client):
+    answered, heard = rights_of(service.target(f"{role}.{place_of_client}"), role)
+
+    assert answered == {name for name, roles in MAY.items() if role in roles}
+    assert f"{BASE}/right/activity" in heard
+    roles = {request.role for request in service.core.requests}
+    assert roles == ({Role[role.upper()]} if MAY["reset"] & {role} else set())
+
+
+@pytest.mark.parametrize("place_of_client", ["desk", "ward"])
+@pytest.mark.parametrize("role", ROLES)
+def test_no_client_can_act_as_another_one_as_the_gateway_or_without_a_name(
+    service, role, place_of_client
+):
+    heard, asked = [], []
+    operator = service.target("operator.desk")
+    with (
+        connected(service.target("display.desk")) as present,
+        connected(service.target(f"{role}.{place_of_client}")) as session,
+        present.declare_subscriber("**", lambda sample: heard.append(sample.payload.to_bytes())),
+    ):
+        for name in ("enable", "mode", "plan", "restart"):
+            assert not ask(session, f"{BASE}/control/{name}", **PAYLOADS.get(name, {}))
+            if role != "operator" or place_of_client != "desk":
+                assert not ask(session, selector(operator, name), **PAYLOADS.get(name, {}))
+        for key in PUBLISHED:
+            session.put(f"{BASE}/{key}", LIE)
+        assert ask(session, f"{BASE}/control/status")
+        with session.declare_queryable(f"{BASE}/**", asked.append):
+            assert len(ask(present, f"{BASE}/control/status")) == 1
+            assert ask(present, f"{BASE}/control/stop")[0]["core_boot_id"] == "boot-a"
+
+    assert LIE not in heard
+    assert not asked
+    assert not service.core.requests
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_only_a_controller_reaches_the_core_with_setpoints_and_nobody_hears_its_lease(
+    service, role, eventually
+):
+    controller = service.target("controller.desk")
+    heard = []
+    with (
+        connected(controller) as holder,
+        connected(service.target(f"{role}.ward")) as session,
+        connected(service.target(f"{role}.desk")) as listener,
+        listener.declare_subscriber(f"{BASE}/**", lambda s: heard.append(s.payload.to_bytes())),
+    ):
+        reply = ask(holder, selector(controller, "acquire"), duration_ms=5000, client="forged")[0]
+        status = ask(session, f"{BASE}/control/status")[0]
+        setpoint = {
+            **{"lease": reply["lease"], "seq": 1, "for_cycle": 1},
+            **{"hip_assist_nm": 1.0, "slide_assist_n": 0.0},
+        }
+        session.put(f"{BASE}/right/setpoint", json.dumps(setpoint))
+        assert ask(session, f"{BASE}/control/status")
+        reached = service.core.levels[-1].seq
+        eventually(lambda: service.core.levels[-1].seq > reached + 5)
+        taken = bool(service.core.levels[-1].setpoints)
+        ask(holder, selector(controller, "release"), lease=reply["lease"])
+
+    assert status["safety"]["lease_holder"] == "controller.desk"
+    assert taken == (role == "controller")
+    assert not [payload for payload in heard if str(reply["lease"]).encode() in payload]
+
+
+# --- who does not get in --------------------------------------------------------------------------
+
+
+def refused(bundle):
+    """Whether the gateway refuses the link."""
+    try:
+        with connected(target_of(bundle), timeout_ms=1000):
+            return False
+    except zenoh.ZError:
+        return True
+
+
+def copied(service, tmp_path, name):
+    return shutil.copytree(service.folder / issuing.ISSUED / name, tmp_path / name)
+
+
+def with_pair(bundle, pair):
+    (bundle / "client.pem").write_bytes(pair.certificate)
+    (bundle / "client.key").write_bytes(pair.key)
+    return bundle
+
+
+def authority_of(service):
+    keys = read_keys(service.folder)
+    return Pair(keys.certificate("authority").read_bytes(), keys.key("authority").read_bytes())
+
+
+def test_a_copy_of_the_keys_is_accepted_and_says_that_the_refusals_are_for_their_reasons(
+    service, tmp_path
+):
+    bundle = copied(service, tmp_path, "operator.ward")
+    assert not refused(bundle)
+    fresh = new_certificate(authority_of(service), "operator.ward", NOW, YEAR)
+    assert not refused(with_pair(bundle, fresh))
+
+
+@pytest.mark.parametrize("kind", ["expired", "foreign", "self-signed", "gateway's own"])
+def test_a_bad_certificate_is_refused_also_with_the_right_password(service, tmp_path, kind):
+    bundle = copied(service, tmp_path, "operator.ward")
+    long_ago = NOW - datetime.timedelta(days=2 * YEAR)
+    keys = read_keys(service.folder)
+    pair = {
+        "expired": lambda: new_certificate(authority_of(service), "operator.ward", long_ago, YEAR),
+        "foreign": lambda: new_certificate(
+            new_authority("trainer", NOW), "operator.ward", NOW, YEAR
+        ),
+        "self-signed": lambda: new_authority("operator.ward", NOW),
+        "gateway's own": lambda: Pair(
+            keys.certificate("gateway").read_bytes(), keys.key("gateway").read_bytes()
+        ),
+    }[kind]()
+
+    assert refused(with_pair(bundle, pair))
+
+
+@pytest.mark.parametrize("name", ["operator.desk", "operator.ward"])
+def test_a_wrong_password_is_refused(service, tmp_path, name):
+    bundle = copied(service, tmp_path, name)
+    file = json.loads((bundle / "credentials.json").read_text())
+    (bundle / "credentials.json").write_text(json.dumps({**file, "password": "guessed"}))
+
+    assert refused(bundle)
+
+
+def test_a_remote_password_on_a_local_link_may_stop_and_nothing_else(service, tmp_path):
+    bundle = copied(service, tmp_path, "operator.ward")
+    file = json.loads((bundle / "credentials.json").read_text())
+    stolen = {**file, "is_remote": False, "endpoints": [service.local]}
+    (bundle / "credentials.json").write_text(json.dumps(stolen))
+    target = target_of(bundle)
+
+    with connected(target) as session:
+        assert not ask(session, selector(target, "enable"))
+        assert not ask(session, f"{BASE}/control/status")
+        assert ask(session, f"{BASE}/control/stop")[0]["outcome"] == "done"
+
+
+def test_a_certificate_of_one_client_with_the_name_of_another_may_stop_and_nothing_else(
+    service, tmp_path
+):
+    bundle = copied(service, tmp_path, "operator.ward")
+    for name in ("client.pem", "client.key"):
+        shutil.copy(service.folder / issuing.ISSUED / "display.ward" / name, bundle / name)
+    target = target_of(bundle)
+
+    with connected(target) as session:
+        assert not ask(session, selector(target, "enable"))
+        assert ask(session, f"{BASE}/control/stop")[0]["outcome"] == "done"
+
+
+# --- changes --------------------------------------------------------------------------------------
+
+
+def test_a_revoked_client_is_out_after_the_restart_which_the_machine_in_motion_refuses(
+    service, eventually, tmp_path
+):
+    bundle = service.issue("display.gone", remote=True)
+    bundle_kept = shutil.copytree(bundle, tmp_path / "kept")
+    operator = service.target("operator.desk")
+    service.core.changes["mode"] = Mode.GAIT
+    with connected(operator) as session:
+        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "gait")
+        reply = ask(session, selector(operator, "restart"))[0]
+        assert (reply["outcome"], "in mode gait" in reply["reason"]) == ("refused", True)
+        service.core.changes["mode"] = Mode.READY
+        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
+        (service.folder / "clients.json").rename(service.folder / "aside")
+        reply = ask(session, selector(operator, "restart"))[0]
+        assert (reply["outcome"], "clients.json" in reply["reason"]) == ("refused", True)
+        (service.folder / "aside").rename(service.folder / "clients.json")
+        assert ask(session, selector(operator, "restart"))[0]["outcome"] == "done"
+    service.wait_for_restart(eventually)
+    assert not refused(bundle)
+
+    issuing.revoke(service.folder, "display.gone")
+    with connected(operator) as session:
+        eventually(lambda: ask(session, selector(operator, "restart"))[0]["outcome"] == "done")
+    service.wait_for_restart(eventually)
+
+    assert not bundle.exists()
+    assert refused(bundle_kept)
+    assert not refused(service.folder / issuing.ISSUED / "display.ward")
+
+
+def test_the_released_plan_reaches_the_core_with_a_session_and_outlives_the_gateway(
+    service, eventually
+):
+    operator, session_target = service.target("operator.desk"), service.target("session.desk")
+    service.core.changes["mode"] = Mode.READY
+    gait = {"mode": "gait", "cadence_hz": 0.4, "amplitude_ratio": 0.5, "duration_s": 60.0}
+    with connected(operator) as session:
+        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
+        assert ask(session, selector(operator, "plan"), plan=PLAN)[0]["outcome"] == "done"
+        assert ask(session, selector(operator, "restart"))[0]["outcome"] == "done"
+    service.wait_for_restart(eventually)
+    eventually(lambda: status_of(session_target).get("plan") == PLAN)
+    with connected(session_target) as session:
+        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+        ask(session, selector(session_target, "mode"), **gait)
+
+    assert service.core.requests[-1].plan == Plan(0.5, 0.8, 600.0)
+    assert service.core.requests[-1].role is Role.SESSION
