@@ -17,7 +17,7 @@ COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --gene
 PACKAGES := drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants bench install uninstall purge rigs lock format golden clean
+.PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install uninstall purge rigs lock format golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -94,6 +94,15 @@ purge:  ## the same, with configuration, state and users
 
 rigs:  ## install the packages for the rigs (root, Debian)
 	bash scripts/rigs.sh
+
+sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environment with its licence (CycloneDX)
+	@mkdir -p out
+	$(PYTHON) -m venv out/sbom
+	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
+	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation .
+	$(BIN)/cyclonedx-py environment --gather-license-texts --pyproject pyproject.toml --mc-type application \
+		--output-reproducible --output-file out/sbom.json out/sbom/bin/python
+	rm -rf out/sbom
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --output-file requirements/run.txt

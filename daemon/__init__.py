@@ -4,6 +4,7 @@ Reading order:
     ipc/        what crosses between the processes: records, gateway state, the ring, two sockets
     core/       one cycle of 10 ms, what decides in it, and the loop around it
     gateway/    records into messages, requests and setpoints into gateway state
+    keys/       which clients may connect, and how each proves its name
     zenoh_io/   sessions, publishers and subscribers: the only code that touches Zenoh
     recorder/   the black box around each stop, and the audit log of requests
     wire/       what programs outside rely on: messages, enums, refusals, stop causes, schemas
@@ -23,6 +24,7 @@ To add, in this order:
                      core/cycle_record.py
     a request        `ROUTES` in gateway/requests.py and its payload in wire/messages.py; one for
                      the core also `RequestKind` in ipc/record.py and core/steps/requests.py
+    a role           `Role` in ipc/record.py, its row in wire/roles.py; docs/security.md
     a limit          config/limit_settings.py and configs/limits.toml; SI in core/safety/limits.py;
                      its use in core/safety/checks.py or bounds.py. A rule over several files is in
                      preflight/files.py; a limit in the drive, in config/drive_plan.py

@@ -2,6 +2,7 @@
 
 Reading order: `process.py` (the loop), `service.py` (one turn of it), `leg_messages.py` (estimates,
 published first), `translate.py` (rules of validity), `requests.py` (requests of clients),
+`clients.py` (role of a query's client, released plan),
 `lease.py`, `setpoints.py` and `lease_control.py` (which client may command torque), `presence.py`
 (do records of the core arrive), `events.py`, `emergencies.py`, `strides.py` and `health.py`
 (messages made from records), `outlet.py` (interface for publishing), `reload.py` (SIGHUP),

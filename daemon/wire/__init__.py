@@ -2,7 +2,8 @@
 
 Reading order: `fields.py` (enums as names, types and heads that messages share), `messages.py` (all
 messages, keys and schemas), `leg_messages.py`, `health_messages.py`, `causes.py` with
-`cause_texts.py` (category and text of each stop cause), `refusals.py` (why a setpoint is refused).
+`cause_texts.py` (category and text of each stop cause), `refusals.py` (why a setpoint is refused),
+`roles.py` (what each role of a client may do).
 """
 
 from daemon.wire.fields import (

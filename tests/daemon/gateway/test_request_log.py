@@ -31,6 +31,7 @@ UTC_NS = 1_760_000_000_123_456_789
 class Ask:
     name: str
     payload: bytes = b""
+    identity: str = ""
     replies: list = field(default_factory=list)
 
     def answer(self, message, *, failed=False):
