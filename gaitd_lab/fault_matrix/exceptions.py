@@ -36,7 +36,7 @@ _INTERPOLATION: Final = (
     "cyclic position: each drive watches over its own targets and stops by itself (8250h) when"
     " one does not come in time (60C2h)"
 )
-_NOBODY_GUIDES: Final = (
+_NOT_GUIDED: Final = (
     "nothing guides the leg: a hip that the drive moves slowly the other way looks like one that"
     " the patient moves; the limits of motion hold it, and the daily test finds the sign"
 )
@@ -101,7 +101,7 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
         },
         **{
             (fault, "torque", "right/hip"): replace(
-                _unseen(fault, _NOBODY_GUIDES),
+                _unseen(fault, _NOT_GUIDED),
                 causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
                 within_cycles=None,
             )
@@ -124,12 +124,12 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             ("voluntary_push", mode, ""): replace(
                 stops(Cause.SPASM, Cause.VELOCITY_LIMIT, by=(S1,)),
                 may_go_on=True,
-                why="nobody is in the machine: whoever pushes at it there may stop it",
+                why="the machine is empty: whoever pushes at it there may stop it",
             )
             for mode in ("reference", "commission")
         },
         **{
-            ("spasm", mode, ""): _unseen("spasm", "nobody is in the machine, and little moves")
+            ("spasm", mode, ""): _unseen("spasm", "the machine is empty, and little moves")
             for mode in ("reference", "commission")
         },
         **{

@@ -12,7 +12,7 @@ from daemon.ipc.record import CycleRecord, Mode
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import SYNC_ID, NmtCommand
 from gaitd_lab.lockstep import LockstepSession
-from sim_drives.cia402.power_state import PowerState
+from sim_drives.cia402.power_state import POWER_STAGE_ON, PowerState
 
 CYCLE_NS: Final = 10_000_000
 SAMPLE_NS: Final = 5_000_000
@@ -124,6 +124,18 @@ def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, 
         for number in (0, 1)
     )
     return hip, slide
+
+
+def lost_power(samples: Sequence[Sample]) -> tuple[str, ...]:
+    """Drives whose power stage was on and was switched off."""
+    return tuple(
+        axis
+        for number, axis in enumerate(AXES)
+        if any(
+            before.states[number] in POWER_STAGE_ON and after.states[number] not in POWER_STAGE_ON
+            for before, after in pairwise(samples)
+        )
+    )
 
 
 class StopFrames(NamedTuple):

@@ -46,7 +46,7 @@ VARIANTS: Final = (
     Variant("EPOS4, position", (_POSITION,)),
     Variant("CiA 402, impedance", _GENERIC),
     Variant("Elmo, impedance", _ELMO),
-    Variant("EPOS4, impedance, nobody in it", _EMPTY),
+    Variant("EPOS4, impedance, empty machine", _EMPTY),
 )
 
 
