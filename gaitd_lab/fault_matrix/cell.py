@@ -48,11 +48,11 @@ class CellResult(msgspec.Struct, frozen=True, kw_only=True):
     axis: str
     """Empty for a fault that belongs to no axis."""
     seed: int
-    phase: float
+    phase: float = -1.0
     """Phase of the stride at the fault; -1 if no gait is running."""
-    driven: bool
+    driven: bool = False
     """True if a drive was enabled when the fault began."""
-    stopped: bool
+    stopped: bool = False
     """True if the service or the drives stopped."""
     causes: tuple[str, ...] = ()
     """Each cause latched or reported since the fault, in order."""

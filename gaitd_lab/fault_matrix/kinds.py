@@ -95,14 +95,10 @@ def _while_present(
 def machine(fault: str) -> FaultAction:
     """A fault of the virtual drives: `KIND {} [DURATION [VALUE]]` with the axis in the braces."""
     kind = fault.split(maxsplit=1)[0]
-
-    def begin(scene: Scene, axis: str) -> None:
-        scene.session.command(fault.format(axis))
-
-    def end(scene: Scene, axis: str) -> None:
-        scene.session.command(f"clear {kind} {axis}")
-
-    return FaultAction(begin, end)
+    return FaultAction(
+        lambda scene, axis: scene.session.command(fault.format(axis)),
+        lambda scene, axis: scene.session.command(f"clear {kind} {axis}"),
+    )
 
 
 def patient(programme: str) -> FaultAction:
@@ -203,20 +199,12 @@ def sync_waits(delay_ms: int) -> FaultAction:
 
 def held(duration_ms: int) -> FaultAction:
     """The core is halted while the world and the core's clock continue."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.bus.hold(duration_ms * MS)
-
-    return FaultAction(begin, nothing)
+    return FaultAction(lambda scene, _axis: scene.session.bus.hold(duration_ms * MS), nothing)
 
 
 def suspended(duration_ms: int) -> FaultAction:
     """The machine is suspended: the core and its monotonic clock stop, the world continues."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.bus.pause(duration_ms * MS)
-
-    return FaultAction(begin, nothing)
+    return FaultAction(lambda scene, _axis: scene.session.bus.pause(duration_ms * MS), nothing)
 
 
 def clock_set(by_ns: int) -> FaultAction:

@@ -100,11 +100,21 @@ def outside(samples: Sequence[Sample], low: Pair, high: Pair) -> Pair:
 
 def enabled_again(samples: Sequence[Sample]) -> tuple[str, ...]:
     """Drives that newly entered operation enabled."""
+    return _entered(samples, frozenset({PUSHING}))
+
+
+def lost_power(samples: Sequence[Sample]) -> tuple[str, ...]:
+    """Drives whose power stage was on and was switched off."""
+    return _entered(samples, frozenset(PowerState) - POWER_STAGE_ON)
+
+
+def _entered(samples: Sequence[Sample], states: frozenset[PowerState]) -> tuple[str, ...]:
+    """Drives that entered one of these states from another one."""
     return tuple(
         axis
         for number, axis in enumerate(AXES)
         if any(
-            before.states[number] is not PUSHING and after.states[number] is PUSHING
+            before.states[number] not in states and after.states[number] in states
             for before, after in pairwise(samples)
         )
     )
@@ -124,18 +134,6 @@ def left_enabled(samples: Sequence[Sample], begun_ns: int) -> tuple[int | None, 
         for number in (0, 1)
     )
     return hip, slide
-
-
-def lost_power(samples: Sequence[Sample]) -> tuple[str, ...]:
-    """Drives whose power stage was on and was switched off."""
-    return tuple(
-        axis
-        for number, axis in enumerate(AXES)
-        if any(
-            before.states[number] in POWER_STAGE_ON and after.states[number] not in POWER_STAGE_ON
-            for before, after in pairwise(samples)
-        )
-    )
 
 
 class StopFrames(NamedTuple):
