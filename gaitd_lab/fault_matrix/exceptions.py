@@ -168,6 +168,15 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
                 "core_35ms",
             )
         },
+        **{
+            (fault, "hand_guiding", ""): replace(
+                stops(Cause.OBSERVER_INVALID, by=(S2,), within=60.0),
+                may_go_on=True,
+                why="it does not begin anew near the singularity, nor with a knee bent backwards:"
+                " a leg that is led there for longer is stopped",
+            )
+            for fault in ("observer_diverged", "observer_nan")
+        },
         ("limit_switch", "excite", ""): _late(
             "limit_switch", "an open loop turns round: it stops once it moves on to it"
         ),

@@ -56,6 +56,8 @@ CONSEQUENCES: Final = frozenset(
 """Causes that a second fault may add to the stop of the first one, or by which it comes first."""
 PUSHES: Final = frozenset({"end_stop", "spasm", "voluntary_push"})
 """Faults in which the patient's effort moves a leg that a drive no longer holds."""
+JAMS: Final = frozenset({"blocked_rotor", "brake_stuck"})
+"""Faults that hold a joint: where it stands, they hide what would move it."""
 DELAYS: Final = frozenset({*FAMILIES["time"], "core_35ms", "core_2s"})
 """Faults in which the core stands still: how late it then finds the other fault has no bound."""
 SLACK_CYCLES: Final = 6.0
@@ -151,7 +153,16 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
     names = {one.name for one in parts[:2]}
     within_cycles = pair_law.within_cycles if DELAYS.isdisjoint(names) else None
     pushed = not PUSHES.isdisjoint(names)
-    return replace(pair_law, pushed=pushed, within_cycles=within_cycles)
+    hidden = not parts.on_other_axis and any(
+        one.name in JAMS and its_law.may_go_on
+        for one, its_law in zip(parts[:2], (first, second), strict=True)
+    )
+    return replace(
+        pair_law,
+        within_cycles=within_cycles,
+        pushed=pushed,
+        may_go_on=pair_law.may_go_on or (pushed and hidden),
+    )
 
 
 def _in_any_mode(fault: str, right: Law) -> Law:

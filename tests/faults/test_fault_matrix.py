@@ -153,6 +153,15 @@ def test_a_pair_must_stop_if_one_of_its_faults_must_and_may_end_with_the_code_of
         pairs.fault_named("silent+nothing_known@1")
 
 
+def test_a_jam_hides_a_push_at_the_same_joint_where_it_stands():
+    def may_go_on(fault, mode):
+        return pairs.law_of(Cell(fault, mode, "right/hip"), None).may_go_on
+
+    assert may_go_on("end_stop+brake_stuck@5", "hold")
+    assert not may_go_on("end_stop:brake_stuck@5", "hold")
+    assert not may_go_on("end_stop+brake_stuck@5", "gait_impedance")
+
+
 def test_an_alarm_during_a_delay_of_the_core_is_a_quick_stop_and_not_at_once_one_not_obeyed(
     warm_process,
 ):
