@@ -1,12 +1,15 @@
 """`gaitd doctor`: whether this machine meets gaitd's needs, with a remedy for each lack."""
 
 import json as json_text
+from collections.abc import Iterator
 from typing import Annotated, Final
 
 import typer
 
+from daemon import wire
 from daemon.system.machine.checks import findings
 from daemon.system.machine.finding import Finding, Grade
+from gaitd.remote import ConfigOption, CredentialsOption, Target, find_target, query
 
 MARKS: Final = {
     Grade.GOOD: "[green]✔[/]",
@@ -22,15 +25,42 @@ LEGEND: Final = (
 
 def command(
     json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
+    config: ConfigOption = None,
+    credentials: CredentialsOption = None,
 ) -> None:
-    """Check what this machine can and cannot do for gaitd, and print a remedy for each lack."""
+    """Check what this machine can and cannot do for gaitd, and print a remedy for each lack.
+
+    With --config or --credentials also the clients that are connected to the running service.
+    """
     found = findings()
+    if config is not None or credentials is not None:
+        found = (*found, *_links(find_target(config, None, None, credentials)))
     if json:
         typer.echo(json_text.dumps([_as_object(finding) for finding in found], indent=2))
     else:
         _print(found)
     if any(finding.grade is Grade.BROKEN for finding in found):
         raise typer.Exit(1)
+
+
+def _links(target: Target) -> Iterator[Finding]:
+    """One finding for each live link of a client, and what it matched."""
+    answer = query(target, "config", {"client": "gaitd doctor"})
+    message = answer.decode(wire.Configuration)
+    if message is None:
+        yield Finding("clients", answer.trouble, Grade.MISSING, "start the service")
+        return
+    for link in message.links:
+        where = f"{link.protocol}/{link.address}"
+        if not message.keys:
+            yield Finding("client", f"{where}: unrestricted", Grade.LIMITED, "docs/security.md")
+        elif link.client is not None:
+            yield Finding("client", f"{where}: {link.client}, by certificate", Grade.GOOD)
+        elif link.certificate is None:
+            yield Finding("client", f"{where}: a local client, by its password", Grade.GOOD)
+        else:
+            what = f"{where}: certificate of {link.certificate}, which is not in the register"
+            yield Finding("client", what, Grade.LIMITED, "it may only stop; `gaitd keys list`")
 
 
 def _as_object(finding: Finding) -> dict[str, str]:

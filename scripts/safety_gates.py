@@ -40,6 +40,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "daemon/core/modes/guards.py": (f"{_MODES}/test_modes.py", f"{_MODES}/test_modes_table.py"),
     "daemon/core/modes/latched_stop.py": (f"{_MODES}/test_latched_stop.py",),
     "daemon/core/modes/persistent_state.py": (f"{_MODES}/test_persistent_state.py",),
+    "daemon/core/modes/roles.py": (f"{_MODES}/test_roles.py",),
     "daemon/core/modes/table.py": (f"{_MODES}/test_modes.py", f"{_MODES}/test_modes_table.py"),
     "daemon/core/motion/assist.py": ("daemon/core/motion/test_assist.py",),
     "daemon/core/safety/bounds.py": (
@@ -66,6 +67,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
         *("daemon/core/steps/test_supervisor.py", "daemon/core/steps/test_bring_up.py"),
         _ONE_EVENT,
     ),
+    "daemon/gateway/clients.py": ("daemon/keys/test_keys.py",),
     "daemon/gateway/lease.py": ("daemon/gateway/test_lease.py",),
     "daemon/gateway/lease_control.py": ("daemon/gateway/test_setpoints.py",),
     "daemon/gateway/setpoints.py": ("daemon/gateway/test_setpoints.py",),
@@ -91,6 +93,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
 
 MUTATED: Final = (
     "drives/cia402/power_state.py",
+    "daemon/core/modes/roles.py",
     "daemon/core/modes/table.py",
     "daemon/core/safety/checks.py",
     "daemon/core/safety/bounds.py",

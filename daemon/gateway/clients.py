@@ -62,6 +62,16 @@ class Clients:
             f"control/{name} needs the client's name in its key: control/{name}/ROLE.NAME"
         )
 
+    @property
+    def have_keys(self) -> bool:
+        """True if clients need keys."""
+        return self._names is not None
+
+    def link(self, protocol: str, address: str, certificate: str | None) -> wire.Link:
+        """A live link with the entry that its certificate matched."""
+        name = certificate if certificate in (self._names or ()) else None
+        return wire.Link(protocol=protocol, address=address, certificate=certificate, client=name)
+
     def expiring(self, utc_ns: int) -> tuple[str, ...]:
         """Names whose certificate has ended, or ends within 30 days."""
         day = datetime.datetime.fromtimestamp(utc_ns / 1e9, datetime.UTC).date()

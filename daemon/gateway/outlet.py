@@ -22,6 +22,10 @@ class Outlet(Protocol):
         """Publish an event and keep it for late joiners."""
         ...
 
+    def links(self) -> list[tuple[str, str, str | None]]:
+        """Protocol, address of the client, and common name of its certificate of each live link."""
+        ...
+
     def set_alive(self, alive: bool) -> None:
         """Hold the liveliness token while `alive` is true, else release it."""
         ...

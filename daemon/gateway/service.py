@@ -450,6 +450,8 @@ class Gateway:
             config_hashes=header.config_hashes if header else {},
             robot=header.robot if header else {},
             limits=header.limits if header else {},
+            keys=self._clients.have_keys,
+            links=tuple(self._clients.link(*link) for link in self._outlet.links()),
         )
 
 

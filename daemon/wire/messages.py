@@ -190,6 +190,21 @@ class Status(Stated, frozen=True, kw_only=True):
     events: Annotated[tuple[Event, ...], Meta(description="The newest, oldest first.")]
 
 
+class Link(msgspec.Struct, frozen=True, kw_only=True):
+    """A live link of a client, as the gateway's Zenoh session has it."""
+
+    protocol: Annotated[str, Meta(description="tcp, tls, unixsock-stream, ...")]
+    address: Annotated[str, Meta(description="Of the client.")]
+    certificate: Annotated[str | None, Meta(description="Common name; null without TLS.")]
+    client: Annotated[
+        str | None,
+        Meta(
+            description="Entry of the register that the certificate matched; null: a local link,"
+            " or no entry."
+        ),
+    ]
+
+
 class Configuration(Stated, frozen=True, kw_only=True):
     """Answer to config: the configuration of the service."""
 
@@ -202,6 +217,8 @@ class Configuration(Stated, frozen=True, kw_only=True):
     config_hashes: Annotated[dict[str, str], Meta(description="SHA-256 by file.")]
     robot: Annotated[dict[str, Any], Meta(description="robot.toml as it was read.")]
     limits: Annotated[dict[str, Any], Meta(description="limits.toml as it was read.")]
+    keys: Annotated[bool, Meta(description="Clients need keys.")]
+    links: Annotated[tuple[Link, ...], Meta(description="Live links of clients.")]
 
 
 class Schemas(Stated, frozen=True, kw_only=True):

@@ -151,6 +151,14 @@ class ZenohOutlet:
         """Publish an event and keep it for late joiners."""
         self._events.put(msgspec.json.encode(event))
 
+    def links(self) -> list[tuple[str, str, str | None]]:
+        """See `Outlet`."""
+        found: list[tuple[str, str, str | None]] = []
+        for link in self._session.info.links():
+            protocol, _, address = str(link.dst).partition("/")
+            found.append((protocol, address, link.auth_identifier))
+        return found
+
     def set_alive(self, alive: bool) -> None:
         """Hold the liveliness token while `alive` is true, else release it."""
         if alive and self._token is None:

@@ -10,14 +10,14 @@ def refusal(request: Request, now: GuardInputs) -> str:
     rules, role = ROLES[request.role], request.role.name.lower()
     if request.kind not in rules.kinds:
         return f"the role {role} may not request {request.kind.name.lower()}"
-    by_mode = request.kind == RequestKind.MODE
+    by_mode = request.kind is RequestKind.MODE
     mode = request.mode.mode
     if by_mode and mode not in rules.modes:
         return f"the role {role} may not request mode {mode.name.lower()}"
-    needs_hand = request.kind == RequestKind.RESET or (by_mode and mode == Mode.HAND_GUIDING)
+    needs_hand = request.kind is RequestKind.RESET or (by_mode and mode is Mode.HAND_GUIDING)
     if rules.hand_switch and needs_hand and not now.hand_switch_closed:
         return f"the hand switch is open: the role {role} needs it held for this"
-    if rules.within_plan and by_mode and mode == Mode.GAIT:
+    if rules.within_plan and by_mode and mode is Mode.GAIT:
         return _beyond(request, request.plan)
     return ""
 

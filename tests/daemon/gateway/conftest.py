@@ -189,6 +189,9 @@ class ListOutlet:
     def put_event(self, event: wire.Event) -> None:
         self.events.append(event)
 
+    def links(self) -> list[tuple[str, str, str | None]]:
+        return [("tcp", "127.0.0.1:50000", None)]
+
     def set_alive(self, alive: bool) -> None:
         self.alive = alive
 

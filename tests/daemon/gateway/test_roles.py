@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from command_line import gaitd
 from processes import CONFIGS
 
 from daemon.config.settings import Lease
@@ -237,6 +238,18 @@ def test_only_a_controller_reaches_the_core_with_setpoints_and_nobody_hears_its_
     assert status["safety"]["lease_holder"] == "controller.desk"
     assert taken == (role == "controller")
     assert not [payload for payload in heard if str(reply["lease"]).encode() in payload]
+
+
+def test_doctor_shows_what_each_live_link_matched(service, tmp_path):
+    stranger = copied(service, tmp_path, "operator.ward")
+    with_pair(stranger, new_certificate(authority_of(service), "operator.gone", NOW, YEAR))
+    with connected(service.target("session.ward")), connected(target_of(stranger)):
+        display = service.folder / "issued" / "display.desk"
+        shown = gaitd("doctor", "--json", "--credentials", display).out
+
+    assert "session.ward, by certificate" in shown
+    assert "a local client, by its password" in shown
+    assert "certificate of operator.gone, which is not in the register" in shown
 
 
 # --- who does not get in --------------------------------------------------------------------------

@@ -61,17 +61,29 @@ def test_requests_of_a_mode(role, mode):
     assert (refusal(request, ALL_WELL) == "") == (mode in MODES[role])
 
 
-@pytest.mark.parametrize("role", [Role.SESSION, Role.OPERATOR, Role.UNRESTRICTED])
-@pytest.mark.parametrize(
-    "request_of",
-    [
-        lambda role: Request(1, RequestKind.RESET, role=role),
-        lambda role: Request(1, RequestKind.MODE, mode=ModeRequest(Mode.HAND_GUIDING), role=role),
-    ],
-)
-def test_a_session_needs_the_hand_switch_for_the_way_out(role, request_of):
-    assert refusal(request_of(role), ALL_WELL) == ""
-    assert ("hand switch" in refusal(request_of(role), HAND_OPEN)) == (role is Role.SESSION)
+def requests_of(role, plan=PLAN):
+    """Every request that the role may make when nothing is wrong, by what it asks for."""
+    kinds = {kind: Request(1, kind, role=role, plan=plan) for kind in KINDS[role]}
+    modes = {
+        mode: Request(1, RequestKind.MODE, mode=ModeRequest(mode), role=role, plan=plan)
+        for mode in MODES[role]
+    }
+    return kinds | {mode.name: request for mode, request in modes.items()}
+
+
+@pytest.mark.parametrize("role", Role)
+def test_a_session_alone_needs_the_hand_switch_and_only_for_the_way_out(role):
+    refused = {what for what, request in requests_of(role).items() if refusal(request, HAND_OPEN)}
+
+    assert refused == ({RequestKind.RESET, "HAND_GUIDING"} if role is Role.SESSION else set())
+
+
+@pytest.mark.parametrize("role", Role)
+def test_a_session_alone_needs_a_plan_and_only_for_a_gait(role):
+    requests = requests_of(role, plan=None)
+    refused = {what for what, request in requests.items() if refusal(request, ALL_WELL)}
+
+    assert refused == ({"GAIT"} if role is Role.SESSION else set())
 
 
 @pytest.mark.parametrize("field", ["cadence_hz", "amplitude_ratio", "duration_s"])
@@ -84,6 +96,6 @@ def test_a_session_stays_within_the_released_plan(field, factor):
     assert refusal(gait(Role.OPERATOR, **beyond), ALL_WELL) == ""
 
 
-def test_without_a_released_plan_a_session_walks_not_at_all():
+def test_texts_say_what_to_do():
     assert "gaitd plan release" in refusal(gait(Role.SESSION, plan=None), ALL_WELL)
-    assert refusal(gait(Role.OPERATOR, plan=None), ALL_WELL) == ""
+    assert "hand switch" in refusal(requests_of(Role.SESSION)[RequestKind.RESET], HAND_OPEN)
