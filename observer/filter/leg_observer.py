@@ -28,13 +28,13 @@ from observer.filter.leg_filter import (
     Options,
     advance,
     begin_at_rest,
+    model_of,
 )
 from observer.filter.leg_memory import EFFORTS, LegMemory, may_start, new_memory
-from observer.filter.leg_model import STEP_S, Integrator, LegModel, substeps_needed
+from observer.filter.leg_model import STEP_S, Integrator, substeps_needed
 from observer.filter.states import STATE_COUNT
 from observer.filter.status import START_RATIO_MIN, Status, Validity
 from observer.jit import kernel
-from observer.mechanism import mechanism
 from observer.mechanism.friction import FrictionParameters, smallest_stribeck
 from observer.mechanism.mechanism import WorkspaceError, smallest_inertia
 from observer.mechanism.parameters import LegParameters
@@ -164,7 +164,7 @@ class LegObserver:
         hip, slide = _number(position[0]), _number(position[1])
         if not (math.isfinite(hip) and math.isfinite(slide)):
             raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is not finite")
-        if not _begin_at(*self.setup[:5], self._memory, hip, slide):
+        if not _begin_at(self.setup, self._memory, hip, slide):
             raise PoseError(
                 f"hip {hip:.4f} rad, slide {slide:.4f} m: shank and shoe do not reach each other, "
                 f"are within {START_RATIO_MIN} of the singularity, or the knee is bent backwards; "
@@ -238,14 +238,6 @@ class LegObserver:
     def buffers(self) -> tuple[Any, Vector]:
         """Memory and points after the last cycle, for `smoother.store`."""
         return self._memory, self._points
-
-    def warm_up(self) -> None:
-        """Compile, or load from the cache, the kernels of `step` and `reset`; changes no state."""
-        (memory, points), out = new_memory(), np.zeros(OUT_SIZE)
-        missing = (math.nan, math.nan, math.nan, math.nan)
-        advance(*self.setup, memory, points, *missing, STEP_S, 0, out)
-        _begin_at(*self.setup[:5], memory, math.nan, math.nan)
-        mechanism.warm_up(LegParameters(*self.setup.leg))
 
 
 class Setup(NamedTuple):
@@ -356,27 +348,13 @@ def check_tuning(
 
 
 @kernel
-def _begin_at(
-    leg: tuple[float, ...],
-    friction_hip: tuple[float, ...],
-    friction_slide: tuple[float, ...],
-    coriolis_share: float,
-    options: tuple[float, ...],
-    memory_of: Sequence[LegMemory],
-    hip: float,
-    slide: float,
-) -> bool:
+def _begin_at(setup: Setup, memory_of: Sequence[LegMemory], hip: float, slide: float) -> bool:
     """Start at rest at a pose if it is possible."""
-    model = LegModel(
-        LegParameters(*leg),
-        FrictionParameters(*friction_hip),
-        FrictionParameters(*friction_slide),
-        coriolis_share,
-        0.0,
-    )
+    options = Options(*setup.options)
+    model = model_of(setup.leg, setup.hip, setup.slide, setup.coriolis_share, options)
     possible = may_start(model.leg, hip, slide)
     if possible:
-        begin_at_rest(model, Options(*options), memory_of[0], hip, slide)
+        begin_at_rest(model, options, memory_of[0], hip, slide)
     return possible
 
 

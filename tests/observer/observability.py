@@ -18,7 +18,8 @@ from observer.filter.leg_model import LANES, STEP_S, LegModel, runge_kutta
 from observer.filter.states import FRICTION, PATIENT, POSITION, STATE_COUNT, VELOCITY
 from observer.filter.status import Status
 from observer.jit import kernel
-from observer.mechanism.mechanism import acceleration, mass_matrix
+from observer.mechanism.mechanism import mass_matrix
+from tests.observer.mechanics import acceleration
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
