@@ -164,7 +164,7 @@ class LegObserver:
         hip, slide = _number(position[0]), _number(position[1])
         if not (math.isfinite(hip) and math.isfinite(slide)):
             raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is not finite")
-        if not _begin_at(self.setup, self._memory, hip, slide):
+        if not _begin_at(*self.setup[:5], self._memory, hip, slide):
             raise PoseError(
                 f"hip {hip:.4f} rad, slide {slide:.4f} m: shank and shoe do not reach each other, "
                 f"are within {START_RATIO_MIN} of the singularity, or the knee is bent backwards; "
@@ -348,13 +348,22 @@ def check_tuning(
 
 
 @kernel
-def _begin_at(setup: Setup, memory_of: Sequence[LegMemory], hip: float, slide: float) -> bool:
+def _begin_at(
+    leg: tuple[float, ...],
+    hip: tuple[float, ...],
+    slide: tuple[float, ...],
+    coriolis_share: float,
+    options_of: tuple[float, ...],
+    memory_of: Sequence[LegMemory],
+    hip_rad: float,
+    slide_m: float,
+) -> bool:
     """Start at rest at a pose if it is possible."""
-    options = Options(*setup.options)
-    model = model_of(setup.leg, setup.hip, setup.slide, setup.coriolis_share, options)
-    possible = may_start(model.leg, hip, slide)
+    options = Options(*options_of)
+    model = model_of(leg, hip, slide, coriolis_share, options)
+    possible = may_start(model.leg, hip_rad, slide_m)
     if possible:
-        begin_at_rest(model, options, memory_of[0], hip, slide)
+        begin_at_rest(model, options, memory_of[0], hip_rad, slide_m)
     return possible
 
 
