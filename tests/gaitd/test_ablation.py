@@ -73,8 +73,8 @@ def test_the_choices_reach_the_observer(walk):
     legs = {choice.name: leg_parameters(choice.change(robot)) for choice in CHOICES}
 
     assert not tunings["without Coriolis"].coriolis
-    assert tunings["delay told"].effort_delay_ms == 10.0
-    assert legs["leg told 10 % heavy"].shank_inertia > legs[SHIPPED].shank_inertia
+    assert tunings["delay configured"].effort_delay_ms == 10.0
+    assert legs["leg set 10 % heavy"].shank_inertia > legs[SHIPPED].shank_inertia
     paper = tunings["paper's observer"]
     assert paper.process_std[4] == pytest.approx(10 * paper.process_std[6])
 
