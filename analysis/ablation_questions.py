@@ -5,8 +5,6 @@ from typing import Final, NamedTuple
 from analysis.ablation import GLITCHES, JITTER_NOMINAL, JITTER_TRUE, LATE, RIPPLED
 from analysis.ablation_choices import SHIPPED
 
-PATIENT: Final = "patient's effort while moving"
-AT_REST: Final = "patient's effort at rest"
 REST: Final = "at rest"
 EXCITED: Final = "scenario paper, empty"
 BASIS: Final = "paper, 0.25 Hz, active"
@@ -27,11 +25,11 @@ class Question(NamedTuple):
     title: str
     text: str
     """The finding and its cost; a paragraph."""
-    measure: str
-    """Field of `ablation.Errors`."""
-    measured: str
     situations: tuple[str, ...]
     choices: tuple[str, ...]
+    measure: str = "patient"
+    """Field of `ablation.Errors`."""
+    measured: str = "patient's effort while moving"
 
 
 def _gaits(laws: str, cadences: str, programmes: str) -> tuple[str, ...]:
@@ -50,8 +48,6 @@ QUESTIONS: Final = (
         "Without it a passive patient seems to push at the hip in every swing, four times as hard "
         "at twice the cadence, and 3 sigma no longer cover the truth. It needs no extra computing "
         "time: the two-circle constraint gives it in closed form.",
-        "patient",
-        PATIENT,
         _gaits("paper", "0.25 0.5", "passive active"),
         (SHIPPED, "without Coriolis"),
     ),
@@ -64,10 +60,10 @@ QUESTIONS: Final = (
         "patient who pushes before the joint moves (the paper's scenario) is estimated later, "
         "though within 3 sigma. The paper's noise is best here only with a passive patient; the "
         "section on the paper's tuning shows an active one.",
-        "patient_at_rest",
-        AT_REST,
         (REST, EXCITED, *_gaits("paper_sticking lugre", "0.25", "passive")),
         (SHIPPED, "not gated at rest", "paper's noise"),
+        measure="patient_at_rest",
+        measured="patient's effort at rest",
     ),
     Question(
         "sticking",
@@ -75,8 +71,6 @@ QUESTIONS: Final = (
         "What was assigned to the wrong state at rest is an error in the motion that follows: a "
         "large one where a joint really sticks, and with the gate a small one where it creeps, as "
         "with the paper's law.",
-        "patient",
-        PATIENT,
         (
             EXCITED,
             *_gaits("paper", "0.25", "passive active"),
@@ -91,8 +85,6 @@ QUESTIONS: Final = (
         "less behind an active one, at 0.5 Hz by a third, and on the matched plant its 3 sigma "
         "cover the truth. A passive one costs nothing: the innovations have no bias. Against LuGre "
         "the slide gains nothing, since its error is of structure, not of lag.",
-        "patient",
-        PATIENT,
         (*_gaits("paper lugre", "0.25 0.5", "active"), *_gaits("paper", "0.5", "passive")),
         (SHIPPED, "noise never rises"),
     ),
@@ -103,8 +95,6 @@ QUESTIONS: Final = (
         "it changes fast; two substeps halve that (see the column of friction). Explicit Euler is "
         "not in this table because it is refused: at 10 ms it is unstable with real friction, and "
         "a configuration that names it does not load.",
-        "patient",
-        PATIENT,
         _gaits("paper", "0.25 0.5", "passive active"),
         (SHIPPED, "semi-implicit x2", "semi-implicit x1"),
     ),
@@ -115,8 +105,6 @@ QUESTIONS: Final = (
         "bristles do not. Against LuGre at 0.5 Hz the option `viscous_outside` halves the error "
         "at the slide; against the paper's law it costs several newtons. It is an option because "
         "only the machine can say which. Without a friction model all friction counts as patient.",
-        "patient",
-        PATIENT,
         _gaits("paper lugre", "0.25 0.5", "passive"),
         (SHIPPED, "viscous outside", "no friction model"),
     ),
@@ -126,8 +114,6 @@ QUESTIONS: Final = (
         "It has the smallest error while the patient is passive, because the patient's state "
         "hardly changes: half of an active patient's effort is estimated as friction. The paper's "
         "observer drops the Coriolis torque as well.",
-        "patient",
-        PATIENT,
         _gaits("paper", "0.25 0.5", "passive active"),
         (SHIPPED, "paper's noise", "paper's observer"),
     ),
@@ -140,8 +126,6 @@ QUESTIONS: Final = (
         "without restarts and its sigma is consistent again, at up to twice the error of the "
         "patient and three to six times that of velocity; with a configured jitter that the true "
         "times already remove, the errors rise without a benefit.",
-        "patient",
-        PATIENT,
         (BASIS, JITTER_TRUE, JITTER_NOMINAL),
         (SHIPPED, "jitter configured"),
     ),
@@ -155,8 +139,6 @@ QUESTIONS: Final = (
         "the error stays, because the ripple itself is unknown; with a configured ripple that does "
         "not exist, the slide's error nearly doubles, because the samples of effort get less "
         "weight. Both options are off unless the machine needs them.",
-        "patient",
-        PATIENT,
         (BASIS, LATE, RIPPLED),
         (SHIPPED, "delay configured", "ripple configured"),
     ),
@@ -166,8 +148,6 @@ QUESTIONS: Final = (
         "A wrong sample of 0.01 to 0.3 rad (or m) each second. With `gate_nis = 60` they have no "
         "effect. With the gate at 1000 some pass; the estimate is wrong, and its status shows it: "
         "nearly no sample is OK.",
-        "patient",
-        PATIENT,
         (BASIS, GLITCHES),
         (SHIPPED, "glitch gate open"),
     ),
@@ -182,8 +162,6 @@ WRONG: Final = (
         "of the patient cover next to nothing: sigma describes noise, not a wrong number "
         "in the robot file. Net suffers little from wrong friction, and fully from a wrong leg. "
         "Hence calibration, the friction monitor and the empty run.",
-        "patient",
-        PATIENT,
         (BASIS, *_gaits("paper", "0.5", "passive")),
         (
             SHIPPED,
@@ -200,8 +178,6 @@ WRONG: Final = (
         "near where they were. Halved and doubled, Coulomb friction is 3 and 12 N·m, 32 and 130 "
         "N. The gate at rest costs the more in motion the more friction there is: what is unknown "
         "at rest spans a wider range.",
-        "patient",
-        PATIENT,
         (BASIS, *OTHER_PLANTS),
         (SHIPPED, "not gated at rest"),
     ),
