@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import gaitd
 
-from analysis.ablation import Errors, ablate, errors_of, replayed, spoiled, summary
+from analysis.ablation import Errors, ablate, disturbed, errors_of, replayed, summary
 from analysis.ablation_choices import CHOICES, SHIPPED
 from analysis.ablation_figures import three_digits
 from analysis.ablation_page import write_page
@@ -100,7 +100,7 @@ def test_what_is_not_judged_does_not_count(walk):
 
 
 def test_spoiling_is_the_same_each_time(walk):
-    for one, other in zip(spoiled(walk), spoiled(walk), strict=True):
+    for one, other in zip(disturbed(walk), disturbed(walk), strict=True):
         assert np.array_equal(one.recording.position, other.recording.position, equal_nan=True)
         assert np.array_equal(one.recording.effort, other.recording.effort)
 
