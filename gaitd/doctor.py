@@ -9,7 +9,8 @@ import typer
 from daemon import wire
 from daemon.system.machine.checks import findings
 from daemon.system.machine.finding import Finding, Grade
-from gaitd.remote import ConfigOption, CredentialsOption, Target, find_target, query
+from daemon.zenoh_io.client import Target, query
+from gaitd.remote import ConfigOption, CredentialsOption, find_target
 
 MARKS: Final = {
     Grade.GOOD: "[green]✔[/]",

@@ -14,12 +14,12 @@ from typing import Annotated, Final
 
 import typer
 
-from daemon.config.strict import MISSING, ConfigError
+from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.config.trainer import TrainerFile, load_trainer
 from daemon.keys import issuing
 from daemon.keys.folder import GATEWAY, Keys, read_keys
 from daemon.zenoh_io.endpoints import TLS, to_connect
-from gaitd.command_line import COMMAND_LINE, ConfigFile
+from gaitd.command_line import ConfigFile
 from gaitd.remote import CredentialsOption, JsonOption, find_target, request
 from gaitd.terminal import show
 

@@ -28,7 +28,7 @@ from daemon.keys.certificates import Pair, new_authority, new_certificate
 from daemon.keys.credentials import read_credentials
 from daemon.keys.folder import read_keys
 from daemon.system.clock import MonotonicClock
-from gaitd.remote import Target, client_settings, selector
+from daemon.zenoh_io.client import Target, client_settings
 from gaitd_lab.processes import free_port
 
 BASE = "gaitd/trainer"
@@ -165,7 +165,7 @@ def rights_of(target, role):
     with connected(target) as session, session.declare_subscriber(f"{BASE}/**", heard.append):
         for name in MAY:
             payload = {**PAYLOADS.get(name, {}), "client": "another one"}
-            if ask(session, selector(target, name), **payload):
+            if ask(session, target.control(name), **payload):
                 answered.add(name)
         heard_keys = {str(sample.key_expr) for sample in heard}
     return answered, heard_keys
@@ -197,7 +197,7 @@ def test_no_client_can_act_as_another_one_as_the_gateway_or_without_a_name(
         for name in ("enable", "mode", "plan", "restart"):
             assert not ask(session, f"{BASE}/control/{name}", **PAYLOADS.get(name, {}))
             if role != "operator" or place_of_client != "desk":
-                assert not ask(session, selector(operator, name), **PAYLOADS.get(name, {}))
+                assert not ask(session, operator.control(name), **PAYLOADS.get(name, {}))
         for key in PUBLISHED:
             session.put(f"{BASE}/{key}", LIE)
         assert ask(session, f"{BASE}/control/status")
@@ -222,7 +222,7 @@ def test_only_a_controller_reaches_the_core_with_setpoints_and_nobody_hears_its_
         connected(service.target(f"{role}.desk")) as listener,
         listener.declare_subscriber(f"{BASE}/**", lambda s: heard.append(s.payload.to_bytes())),
     ):
-        reply = ask(holder, selector(controller, "acquire"), duration_ms=5000, client="forged")[0]
+        reply = ask(holder, controller.control("acquire"), duration_ms=5000, client="forged")[0]
         status = ask(session, f"{BASE}/control/status")[0]
         setpoint = {
             **{"lease": reply["lease"], "seq": 1, "for_cycle": 1},
@@ -233,7 +233,7 @@ def test_only_a_controller_reaches_the_core_with_setpoints_and_nobody_hears_its_
         reached = service.core.levels[-1].seq
         eventually(lambda: service.core.levels[-1].seq > reached + 5)
         taken = bool(service.core.levels[-1].setpoints)
-        ask(holder, selector(controller, "release"), lease=reply["lease"])
+        ask(holder, controller.control("release"), lease=reply["lease"])
 
     assert status["safety"]["lease_holder"] == "controller.desk"
     assert taken == (role == "controller")
@@ -324,7 +324,7 @@ def test_a_remote_password_on_a_local_link_may_stop_and_nothing_else(service, tm
     target = target_of(bundle)
 
     with connected(target) as session:
-        assert not ask(session, selector(target, "enable"))
+        assert not ask(session, target.control("enable"))
         assert not ask(session, f"{BASE}/control/status")
         assert ask(session, f"{BASE}/control/stop")[0]["outcome"] == "done"
 
@@ -338,7 +338,7 @@ def test_a_certificate_of_one_client_with_the_name_of_another_may_stop_and_nothi
     target = target_of(bundle)
 
     with connected(target) as session:
-        assert not ask(session, selector(target, "enable"))
+        assert not ask(session, target.control("enable"))
         assert ask(session, f"{BASE}/control/stop")[0]["outcome"] == "done"
 
 
@@ -354,21 +354,21 @@ def test_a_revoked_client_is_out_after_the_restart_which_the_machine_in_motion_r
     service.core.changes["mode"] = Mode.GAIT
     with connected(operator) as session:
         eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "gait")
-        reply = ask(session, selector(operator, "restart"))[0]
+        reply = ask(session, operator.control("restart"))[0]
         assert (reply["outcome"], "in mode gait" in reply["reason"]) == ("refused", True)
         service.core.changes["mode"] = Mode.READY
         eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
         (service.folder / "clients.json").rename(service.folder / "aside")
-        reply = ask(session, selector(operator, "restart"))[0]
+        reply = ask(session, operator.control("restart"))[0]
         assert (reply["outcome"], "clients.json" in reply["reason"]) == ("refused", True)
         (service.folder / "aside").rename(service.folder / "clients.json")
-        assert ask(session, selector(operator, "restart"))[0]["outcome"] == "done"
+        assert ask(session, operator.control("restart"))[0]["outcome"] == "done"
     service.wait_for_restart(eventually)
     assert not refused(bundle)
 
     issuing.revoke(service.folder, "display.gone")
     with connected(operator) as session:
-        eventually(lambda: ask(session, selector(operator, "restart"))[0]["outcome"] == "done")
+        eventually(lambda: ask(session, operator.control("restart"))[0]["outcome"] == "done")
     service.wait_for_restart(eventually)
 
     assert not bundle.exists()
@@ -384,13 +384,13 @@ def test_the_released_plan_reaches_the_core_with_a_session_and_outlives_the_gate
     gait = {"mode": "gait", "cadence_hz": 0.4, "amplitude_ratio": 0.5, "duration_s": 60.0}
     with connected(operator) as session:
         eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
-        assert ask(session, selector(operator, "plan"), plan=PLAN)[0]["outcome"] == "done"
-        assert ask(session, selector(operator, "restart"))[0]["outcome"] == "done"
+        assert ask(session, operator.control("plan"), plan=PLAN)[0]["outcome"] == "done"
+        assert ask(session, operator.control("restart"))[0]["outcome"] == "done"
     service.wait_for_restart(eventually)
     eventually(lambda: status_of(session_target).get("plan") == PLAN)
     with connected(session_target) as session:
         eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
-        ask(session, selector(session_target, "mode"), **gait)
+        ask(session, session_target.control("mode"), **gait)
 
     assert service.core.requests[-1].plan == Plan(0.5, 0.8, 600.0)
     assert service.core.requests[-1].role is Role.SESSION
