@@ -2,6 +2,7 @@
 
 import itertools
 import json
+import os
 import select
 import threading
 
@@ -145,6 +146,11 @@ def test_strangers_cannot_crowd_out_the_holder_and_do_not_wake_the_loop(box):
     assert json.loads(batch.arrivals[0].payload)["seq"] == 7
     assert len(batch.arrivals) == 1 + 4
     assert not is_readable(box)
+
+
+def test_the_descriptor_never_blocks_the_loop_and_stays_in_its_process(box):
+    assert not os.get_blocking(box.fileno())
+    assert not os.get_inheritable(box.fileno())
 
 
 def woken(box, now_ns):
