@@ -182,6 +182,7 @@ def test_after_a_lease_its_number_is_like_any_other(box):
 
     assert not is_readable(box)
     assert len(box.drain(0).arrivals) == 4
+    assert box.drain(0) == Batch()
 
 
 def test_many_threads_lose_no_count(box):
