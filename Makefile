@@ -4,9 +4,6 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Tests of `make quick`: without bus, process and session.
 UNITS := tests/drives tests/daemon
-# Unit tests of the safety files, which alone must reach every branch of them.
-SAFETY_TESTS := $(wildcard tests/drives/test_cia402*.py tests/daemon/core/modes/test_modes*.py \
-	tests/daemon/core/safety/test_safety*.py tests/daemon/core/safety/test_every_limit.py)
 # Processes of pytest: one for each processor, up to 16.
 WORKERS ?= auto --maxprocesses 16
 # Records the CPU-seconds of a step; pytest prints them with its own.
@@ -69,11 +66,10 @@ pytest: $(VENV)/dev.stamp
 	@touch $(STEPS)
 	$(BIN)/pytest -n $(WORKERS) --cpu-seconds=$(STEPS)
 
-coverage: $(VENV)/dev.stamp  ## every branch of the safety files, by their unit tests alone
-	$(STEP) "branch coverage of the safety files" $(BIN)/coverage run -m pytest -q $(SAFETY_TESTS)
-	$(BIN)/coverage report
+coverage: $(VENV)/dev.stamp  ## every branch behind the safety gates, by unit tests alone
+	$(STEP) "branch coverage of the safety gates" $(BIN)/python scripts/safety_gates.py
 
-mutants: coverage  ## mutation testing of the same files; docs/mutants.md explains the survivors
+mutants: coverage  ## mutation testing of files behind the gates; docs/mutants.md has the survivors
 	$(BIN)/python scripts/mutants.py
 
 bench: $(VENV)/dev.stamp  ## the project's benchmarks, as ratios in one run

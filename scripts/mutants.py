@@ -1,4 +1,4 @@
-"""Mutation testing of the safety-critical files: `make mutants`.
+"""Mutation testing of files behind the safety gates (`safety_gates.py`): `make mutants`.
 
 Each mutant is one small change to one file, made in memory and never on disk. A fresh process
 imports it in place of the module and runs the unit tests of that file, one of which must fail.
@@ -47,22 +47,11 @@ from cosmic_ray.operators.provider import OperatorProvider  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import Progress  # noqa: E402
 from rich.table import Table  # noqa: E402
+from safety_gates import MUTATED, UNIT_TESTS, without_compiled_kernels  # noqa: E402
 
-SUBJECTS = {
-    "drives/cia402/power_state.py": ("drives/test_cia402*.py",),
-    "daemon/core/modes/table.py": ("daemon/core/modes/test_modes*.py",),
-    "daemon/core/safety/checks.py": (
-        *("daemon/core/safety/test_safety_checks.py", "daemon/core/safety/test_every_limit.py"),
-        "daemon/core/safety/test_safety.py",
-    ),
-    "daemon/core/safety/bounds.py": (
-        *("daemon/core/safety/test_safety_checks.py", "daemon/core/safety/test_safety.py"),
-        "daemon/core/safety/test_safety_bounds.py",
-    ),
-}
-"""Mutated files, and their unit tests under `tests`, the quick ones first."""
+without_compiled_kernels()
 
-SOURCES = {file: (PROJECT / file).read_text(encoding="utf-8") for file in SUBJECTS}
+SOURCES = {file: (PROJECT / file).read_text(encoding="utf-8") for file in UNIT_TESTS}
 TREES = {file: get_ast(source) for file, source in SOURCES.items()}
 """Parsed once; each process changes its own copy after the fork."""
 
@@ -80,7 +69,7 @@ LEFT_OUT = re.compile(
 
 PRELOADED = (
     *("hypothesis.stateful", "_hypothesis_pytestplugin", "pytest_timeout", "numpy"),
-    *("daemon.ipc.record", "daemon.core.safety.limits"),
+    *("numba", "canopen", "msgspec", "zenoh", "daemon.ipc.record"),
 )
 """Slow imports of the tests, without any module that imports a mutated one."""
 
@@ -225,8 +214,7 @@ def tests_fail(file: str, source: str) -> bool:
     if module_name(file) in sys.modules:
         raise RuntimeError(f"{file} was imported before its mutation")
     sys.meta_path.insert(0, _Mutated(file, source))
-    found = [sorted((PROJECT / "tests").glob(pattern)) for pattern in SUBJECTS[file]]
-    tests = [str(test) for tests in found for test in tests]
+    tests = [str(PROJECT / "tests" / test) for test in UNIT_TESTS[file]]
     options = ["-x", "-q", "-W", "ignore", "-o", f"timeout={TEST_TIMEOUT_S}", "--rootdir=."]
     with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stdout(nowhere):
         code = pytest.main([*options, *tests], plugins=[_Hurried()])
@@ -300,7 +288,7 @@ def main() -> int:
     """Run all mutants; 0 only if the rows of docs/mutants.md match the survivors exactly."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
-        "files", nargs="*", default=list(SUBJECTS), help="of " + ", ".join(SUBJECTS)
+        "files", nargs="*", default=list(MUTATED), help="of " + ", ".join(UNIT_TESTS)
     )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--inside", nargs="*", default=(), help="only what is in these functions")

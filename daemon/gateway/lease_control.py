@@ -20,7 +20,7 @@ STOPPED: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 """Modes in which no lease can be held."""
 REPORTED_MAX: Final = 10
 REPORT_WINDOW_NS: Final = 10_000_000_000
-"""At most TOLD_MAX refusals are published as events in this time; all are counted."""
+"""At most REPORTED_MAX refusals are published as events in this time; all are counted."""
 
 
 class Decision(NamedTuple):

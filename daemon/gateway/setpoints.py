@@ -3,7 +3,7 @@
 A setpoint passes three checks:
 
     SetpointBox     in Zenoh's thread: keeps the newest few, counts the rest, limits wake-ups
-    SetpointDesk    in the loop: size, JSON, schema, leg, lease, order; the newest of each leg
+    SetpointStore   in the loop: size, JSON, schema, leg, lease, order; the newest of each leg
     the core        again lease and order, then age, limits and mode (core/motion/assist.py)
 
 A flood costs a short callback for each message and nothing else. Messages that contain the digits

@@ -214,7 +214,7 @@ def _run(
             write(step, drive.target(port), step.value)
         case StepKind.RANGE:
             write_range(step, drive.target(port))
-        case StepKind.SEED_POSITION:
+        case StepKind.SEED_POSITION:  # pragma: no branch - the last kind
             position_counts = read(_POSITION, drive.target(port))
             write(step, drive.target(port), max(step.value, min(step.second, position_counts)))
     yield from _check_same(drive, port, str(step))

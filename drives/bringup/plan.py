@@ -28,6 +28,7 @@ from typing import Final, NamedTuple
 
 from drives.bringup.steps import ALL_BITS, NO_RTR, SERIAL_NUMBER, Step, StepKind
 from drives.canopen.objects import Object
+from drives.cia402.homing import Homing, HomingObjects
 from drives.cia402.pdo import PdoLayout, layouts
 from drives.cia402.profile import DriveDescription
 from drives.cia402.torque import ObjectRef
@@ -98,12 +99,12 @@ def homing_plan(
     description: DriveDescription, limits: DriveLimits, cycle: CycleSettings
 ) -> DrivePlan:
     """As `plan`, with what homing needs and with the axis file's torque limit for homing."""
-    homing = description.axis.homing
-    if homing is None:
+    objects, homing = description.profile.homing, description.axis.homing
+    if objects is None or homing is None:
         raise ValueError(f"{description.name} has no homing")
     usual = single_axis_plan(description, limits, cycle, homing.effort_max_si)
     seeds = next(n for n, step in enumerate(usual.steps) if step.kind is StepKind.SEED_POSITION)
-    steps = (*usual.steps[:seeds], *_homing(description), *usual.steps[seeds:])
+    steps = (*usual.steps[:seeds], *_homing(description, objects, homing), *usual.steps[seeds:])
     return DrivePlan(description, steps)
 
 
@@ -279,10 +280,9 @@ def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[S
         yield _write("... in ms", index, 2, 8, _MILLISECONDS)
 
 
-def _homing(description: DriveDescription) -> Iterator[Step]:
-    objects, homing = description.profile.homing, description.axis.homing
-    if objects is None or homing is None:
-        return
+def _homing(
+    description: DriveDescription, objects: HomingObjects, homing: Homing
+) -> Iterator[Step]:
     raw = raw_homing(homing, objects.home_sign, description)
     modes, bit = Object.SUPPORTED_MODES, _HOMING_MODE
     yield _word(StepKind.CHECK, "it supports homing", modes, 32, bit, bit)

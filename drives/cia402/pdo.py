@@ -20,7 +20,6 @@ from drives.cia402.torque import ObjectRef
 
 SLOW_SYNC_DIVIDER: Final = 10
 """TPDO3 comes with every tenth SYNC."""
-PDO_BYTES_MAX: Final = 8
 
 _FORMAT: Final = {
     (8, False): "B",
@@ -127,7 +126,5 @@ def _layout(
     number: int, node_id: int, objects: tuple[MappedObject, ...], *, transmit: bool, type_: int = 1
 ) -> PdoLayout:
     codec = struct.Struct("<" + "".join(_FORMAT[item.bits, item.signed] for item in objects))
-    if codec.size > PDO_BYTES_MAX:
-        raise ValueError(f"a PDO holds {PDO_BYTES_MAX} bytes, not {codec.size}")
     can_id = (0x080 if transmit else 0x100) + 0x100 * number + node_id
     return PdoLayout(number, transmit, can_id, type_, objects, codec)

@@ -136,16 +136,14 @@ _NEEDED: Final = {
 
 def count_nm(torque: TorqueObject, base: DriveBase) -> float:
     """Torque at the motor per count, N·m."""
-    match torque.unit:
-        case TorqueUnit.MILLIAMPERE:
-            unit_nm = 1e-3 * base.torque_constant_nm_per_a
-        case TorqueUnit.AMPERE:
-            unit_nm = base.torque_constant_nm_per_a
-        case TorqueUnit.PERMILLE_OF_RATED_CURRENT:
-            unit_nm = 1e-3 * base.rated_current_a * base.torque_constant_nm_per_a
-        case TorqueUnit.PERMILLE_OF_RATED_TORQUE:
-            unit_nm = 1e-3 * base.rated_torque_nm
-    return torque.factor * unit_nm
+    constant_nm_per_a = base.torque_constant_nm_per_a
+    unit_nm = {
+        TorqueUnit.MILLIAMPERE: 1e-3 * constant_nm_per_a,
+        TorqueUnit.AMPERE: constant_nm_per_a,
+        TorqueUnit.PERMILLE_OF_RATED_CURRENT: 1e-3 * base.rated_current_a * constant_nm_per_a,
+        TorqueUnit.PERMILLE_OF_RATED_TORQUE: 1e-3 * base.rated_torque_nm,
+    }
+    return torque.factor * unit_nm[torque.unit]
 
 
 def base_in_words(torque: TorqueObject, base: TorqueBase) -> str:

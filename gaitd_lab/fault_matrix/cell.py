@@ -48,11 +48,11 @@ class CellResult(msgspec.Struct, frozen=True, kw_only=True):
     axis: str
     """Empty for a fault that belongs to no axis."""
     seed: int
-    phase: float
+    phase: float = -1.0
     """Phase of the stride at the fault; -1 if no gait is running."""
-    driven: bool
+    driven: bool = False
     """True if a drive was enabled when the fault began."""
-    stopped: bool
+    stopped: bool = False
     """True if the service or the drives stopped."""
     causes: tuple[str, ...] = ()
     """Each cause latched or reported since the fault, in order."""
@@ -70,6 +70,8 @@ class CellResult(msgspec.Struct, frozen=True, kw_only=True):
     slide_mm: float = 0.0
     together: bool = True
     enabled_anew: tuple[str, ...] = ()
+    lost_power: tuple[str, ...] = ()
+    """Drives that switched their power stage off."""
     active_again: bool = False
     beyond_hip_deg: float = 0.0
     """Largest excess over the limits of limits.toml."""
@@ -227,6 +229,7 @@ class _RunningCell:
             slide_mm=round(moved.slide_mm, 1),
             together=self._together(frames, samples),
             enabled_anew=watch.enabled_again(samples),
+            lost_power=watch.lost_power(samples),
             active_again=_active_again(records),
             beyond_hip_deg=round(math.degrees(beyond[0]), 2),
             beyond_slide_mm=round(beyond[1] * 1e3, 1),

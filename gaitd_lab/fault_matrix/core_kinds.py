@@ -41,11 +41,7 @@ def nan_in_scaling(field_name: str) -> FaultAction:
         one = scene.axis(axis)
         before = one.scaling
         one.scaling = before._replace(**{field_name: NAN})
-
-        def back() -> None:
-            one.scaling = before
-
-        scene.undo.append(back)
+        scene.undo.append(lambda: setattr(one, "scaling", before))
 
     return FaultAction(begin, undo)
 

@@ -30,22 +30,16 @@ WARNING_CODE: Final = 0xFF01
 
 def emergencies() -> Iterator[Fault]:
     """Return two rows for each class, and the warning."""
-    for error_class, (code, text) in EMERGENCIES.items():
-        yield Fault(
-            f"emcy_{error_class:x}xxx_fault",
-            f"EMCY {code:04X}h ({text}), and the drive goes into fault",
-            kinds.machine(f"emcy {{}} - {code:#06x}"),
-            lasts_s=EMERGENCY_LASTS_S,
-        )
-        yield Fault(
-            f"emcy_{error_class:x}xxx_told",
-            f"EMCY {code:04X}h ({text}), and the drive goes on as if nothing were amiss",
-            kinds.machine(f"emcy_warning {{}} - {code:#06x}"),
-            lasts_s=EMERGENCY_LASTS_S,
-        )
-    yield Fault(
+    for error_class, (code, meaning) in EMERGENCIES.items():
+        name, text = f"emcy_{error_class:x}xxx", f"EMCY {code:04X}h ({meaning}), and the drive goes"
+        yield _emergency(f"{name}_fault", f"{text} into fault", f"emcy {{}} - {code:#06x}")
+        yield _emergency(f"{name}_told", f"{text} on as before", f"emcy_warning {{}} - {code:#06x}")
+    yield _emergency(
         "emcy_warning",
         f"EMCY {WARNING_CODE:04X}h, which its maker calls a warning",
-        kinds.machine(f"emcy_warning {{}} - {WARNING_CODE:#06x}"),
-        lasts_s=EMERGENCY_LASTS_S,
+        f"emcy_warning {{}} - {WARNING_CODE:#06x}",
     )
+
+
+def _emergency(name: str, text: str, words: str) -> Fault:
+    return Fault(name, text, kinds.machine(words), lasts_s=EMERGENCY_LASTS_S)

@@ -7,19 +7,20 @@
 3.  The cause is one that is expected for the fault, its category is the required one, and what is
     latched afterwards is the same or a consequence of it.
 4.  The leg comes to rest, unless it has no power or is still guided by hand; and no joint moves
-    farther than its mechanical stop and the stop's deflection.
+    farther than its mechanical stop and the stop's deflection, unless a patient throws a leg of
+    which a drive has lost its power: no speed limit holds for it then (`Law.pushed`).
 5.  A mode that need not stop continues, and nothing is latched.
 6.  No exception leaves the loop except an injected one, and then the loop ends with its exit code.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from typing import Final
 
 from daemon.ipc.record import Cause, Mode, StopCategory
 from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
-from gaitd_lab.fault_matrix.pairs import law_of
+from gaitd_lab.fault_matrix.pairs import law_of, parts_of
 
 STOP_HIP_DEG: Final = 8.9
 """plant.toml's stop is 3 deg behind the limit. Its spring k is deflected by a patient's weight with
@@ -51,7 +52,7 @@ def broken(cell: CellResult) -> list[str]:
         return [*said, *_resting(cell, right)]
     unseen = right.may_go_on and not cell.causes
     if not right.stops or unseen:
-        return [*said, *_continuing(cell, right.ends_in or column.goes_to)]
+        return [*said, *_continuing(cell, right.ends_in or {column.mode, *column.leads_to})]
     return [*said, *_stopping(cell, right)]
 
 
@@ -85,7 +86,8 @@ def _causes(cell: CellResult, right: Law) -> Iterator[str]:
 def _stays_stopped(cell: CellResult, right: Law) -> Iterator[str]:
     """Check a machine already stopped: it stays so, and a new cause is an expected one."""
     ended = right.exit_code is not None
-    if cell.final_mode != Mode.FAULT.name and not ended and not _is_without_power(cell):
+    moves_on = parts_of(cell.fault) is not None and _is_without_power(cell)
+    if cell.final_mode != Mode.FAULT.name and not ended and not moves_on:
         yield f"in mode {cell.final_mode}, right is FAULT"
     allowed = {one.name for one in right.causes | right.later} | {
         Cause.STOP_REQUESTED.name,
@@ -111,7 +113,7 @@ def _resting(cell: CellResult, right: Law) -> Iterator[str]:
         yield "nothing was told"
 
 
-def _continuing(cell: CellResult, goes_to: frozenset[Mode]) -> Iterator[str]:
+def _continuing(cell: CellResult, goes_to: Set[Mode]) -> Iterator[str]:
     if cell.causes:
         yield f"stopped by {cell.causes[0]} ({cell.category}), right is to go on"
     elif cell.final_mode not in {mode.name for mode in goes_to}:
@@ -150,7 +152,7 @@ def _place(cell: CellResult, right: Law) -> Iterator[str]:
     without_power = cell.category == StopCategory.S0.name
     if cell.final_mode != Mode.FAULT.name and not ended and not _is_without_power(cell):
         yield f"in mode {cell.final_mode} at the end, right is FAULT"
-    if right.pushed:
+    if right.pushed and cell.lost_power:
         return
     led = COLUMNS[cell.mode].mode == Mode.HAND_GUIDING
     held = not without_power and not led

@@ -9,12 +9,25 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Final
 
-from daemon.ipc.record import Cause, Mode
-from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, S2, STUCK, Law, stops
+from daemon.ipc.record import Cause, Mode, StopCategory
+from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, S2, Law, stops
 
 
-def _unseen(fault: str, why: str) -> Law:
-    return replace(ROWS[fault], may_go_on=True, why=why)
+def _unseen(fault: str, why: str, *causes: Cause, by: tuple[StopCategory, ...] = ()) -> Law:
+    """It may go on; these causes and categories are right as well."""
+    row = ROWS[fault]
+    return replace(
+        row,
+        causes=row.causes.union(causes),
+        categories=row.categories.union(by),
+        may_go_on=True,
+        why=why,
+    )
+
+
+def _late(fault: str, why: str, *causes: Cause, by: tuple[StopCategory, ...] = ()) -> Law:
+    """The same, and without a bound in time."""
+    return replace(_unseen(fault, why, *causes, by=by), within_cycles=None)
 
 
 _SEEN_IN_MOTION: Final = (
@@ -26,6 +39,8 @@ _SEEN_IN_MOTION: Final = (
     "limit_switch",
 )
 _NO_POWER: Final = "this axis has no power and stands: it shows when it is to move"
+_MOVED_ON: Final = (Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP)
+"""Causes of a joint that moved while its encoder, or its motor, did not show it."""
 _HOMING: Final = (
     "a homing runs against its stop on purpose: what does not move is ended by the drive's own time"
     " limit, and by the current limit of the homing"
@@ -36,7 +51,7 @@ _INTERPOLATION: Final = (
     "cyclic position: each drive watches over its own targets and stops by itself (8250h) when"
     " one does not come in time (60C2h)"
 )
-_NOBODY_GUIDES: Final = (
+_NOT_GUIDED: Final = (
     "nothing guides the leg: a hip that the drive moves slowly the other way looks like one that"
     " the patient moves; the limits of motion hold it, and the daily test finds the sign"
 )
@@ -45,22 +60,13 @@ _AT_REST: Final = "the joint stands: nothing shows, but what it does when it is 
 EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
     {
         **{
-            (fault, "hold", ""): replace(
-                _unseen(fault, _AT_REST),
-                causes=ROWS[fault].causes | {Cause.SPASM},
-                within_cycles=None,
-            )
-            for fault in (
-                "encoder_reversed",
-                "wrong_sign",
-                "blocked_rotor",
-                "brake_stuck",
-            )
+            (fault, "hold", ""): _late(fault, _AT_REST, Cause.SPASM)
+            for fault in ("encoder_reversed", "wrong_sign", "blocked_rotor", "brake_stuck")
         },
-        ("encoder_frozen", "hold", ""): replace(
-            _unseen("encoder_frozen", f"{_AT_REST}; where it was moved meanwhile, its end is seen"),
-            causes=STUCK.causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
-            within_cycles=None,
+        ("encoder_frozen", "hold", ""): _late(
+            "encoder_frozen",
+            f"{_AT_REST}; where it was moved meanwhile, its end is seen",
+            *_MOVED_ON,
         ),
         **{
             (fault, "torque", ""): replace(
@@ -71,27 +77,25 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             for fault in ("zenoh_lost", "nan_setpoint", "gateway_restarted", "gateway_200ms")
         },
         **{
-            (fault, mode, ""): replace(
-                _unseen(fault, "an open loop about g(q) that moves slowly: nothing need show it"),
-                causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
-                within_cycles=None,
+            (fault, mode, ""): _late(
+                fault, "an open loop about g(q) that moves slowly: nothing need show it", *_MOVED_ON
             )
             for mode in ("torque", "hand_guiding")
             for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
         },
         **{
-            (fault, "self_test", ""): replace(
-                _unseen(fault, "an axis stands until its turn has come, and then moves slowly"),
-                causes=ROWS[fault].causes | {Cause.SELF_TEST_FAILED, Cause.VELOCITY_LIMIT},
-                categories=ROWS[fault].categories | {S2},
-                within_cycles=None,
+            (fault, "self_test", ""): _late(
+                fault,
+                "an axis stands until its turn has come, and then moves slowly",
+                Cause.SELF_TEST_FAILED,
+                Cause.VELOCITY_LIMIT,
+                by=(S2,),
             )
             for fault in _SEEN_IN_MOTION
         },
         **{
-            (fault, "hand_guiding", ""): replace(
-                _unseen(fault, "by hand, and slowly: it shows as far as the leg is led"),
-                within_cycles=None,
+            (fault, "hand_guiding", ""): _late(
+                fault, "by hand, and slowly: it shows as far as the leg is led"
             )
             for fault in ("encoder_reversed", "wrong_sign", "spasm")
         },
@@ -100,11 +104,7 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             for fault in ("encoder_reversed", "wrong_sign")
         },
         **{
-            (fault, "torque", "right/hip"): replace(
-                _unseen(fault, _NOBODY_GUIDES),
-                causes=ROWS[fault].causes | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP},
-                within_cycles=None,
-            )
+            (fault, "torque", "right/hip"): _late(fault, _NOT_GUIDED, *_MOVED_ON)
             for fault in ("encoder_reversed", "wrong_sign")
         },
         **{
@@ -124,21 +124,17 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             ("voluntary_push", mode, ""): replace(
                 stops(Cause.SPASM, Cause.VELOCITY_LIMIT, by=(S1,)),
                 may_go_on=True,
-                why="nobody is in the machine: whoever pushes at it there may stop it",
+                why="the machine is empty: whoever pushes at it there may stop it",
             )
             for mode in ("reference", "commission")
         },
         **{
-            ("spasm", mode, ""): _unseen("spasm", "nobody is in the machine, and little moves")
+            ("spasm", mode, ""): _unseen("spasm", "the machine is empty, and little moves")
             for mode in ("reference", "commission")
         },
         **{
             (fault, mode, axis): replace(
-                _unseen(fault, why),
-                causes=ROWS[fault].causes
-                | {Cause.VELOCITY_LIMIT, Cause.ENCODER_JUMP, Cause.SPASM, Cause.SINGULARITY},
-                categories=frozenset({S0, S1, S2}),
-                within_cycles=None,
+                _late(fault, why, *_MOVED_ON, Cause.SPASM, Cause.SINGULARITY, by=(S0, S1, S2)),
                 latches=frozenset(),
             )
             for mode, axis, why in (
@@ -172,16 +168,23 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
                 "core_35ms",
             )
         },
-        ("limit_switch", "excite", ""): replace(
-            _unseen("limit_switch", "an open loop turns round: it stops once it moves on to it"),
-            within_cycles=None,
+        **{
+            (fault, "hand_guiding", ""): replace(
+                stops(Cause.OBSERVER_INVALID, by=(S2,), within=60.0),
+                may_go_on=True,
+                why="it does not begin anew near the singularity, nor with a knee bent backwards:"
+                " a leg that is led there for longer is stopped",
+            )
+            for fault in ("observer_diverged", "observer_nan")
+        },
+        ("limit_switch", "excite", ""): _late(
+            "limit_switch", "an open loop turns round: it stops once it moves on to it"
         ),
         ("limit_switch", "hold", ""): _unseen(
             "limit_switch", "the joint stands: a switch stops what moves on to it, never away"
         ),
-        ("spasm", "excite", ""): replace(
-            _unseen("spasm", "nothing guides the leg: whoever moves it is its motion"),
-            within_cycles=None,
+        ("spasm", "excite", ""): _late(
+            "spasm", "nothing guides the leg: whoever moves it is its motion"
         ),
         ("spasm", "hold", ""): _unseen("spasm", "the pose is held against it, within the limits"),
     }

@@ -34,7 +34,7 @@ class Resting(Enum):
 
     UNTOUCHED = "stays as it is"
     LOST = "off, looked for again and brought up, and nothing enabled"
-    FAULTY = "fault, until somebody resets"
+    FAULTY = "fault, until a reset"
     EITHER = "as it is, off or fault: what was under way decides"
 
 
@@ -59,7 +59,10 @@ class Law:
     may_part: bool = False
     """One drive may stop by itself, by one fault of a pair, before the other one does."""
     pushed: bool = False
-    """A patient pushes while the other fault of a pair may take the power: no rest, no bound."""
+    """A patient pushes while the other fault of a pair may take a drive's power. Where it does, the
+    leg need not rest, and a stop's deflection has no bound: STOP_HIP_DEG and STOP_SLIDE_MM assume
+    the speed limit, and a leg without power is thrown faster than that (seen: 5 m/s).
+    """
     may_go_on: bool = False
     """True if the fault may be undetectable in this cell; it must stop if it is detected."""
     resting: Resting = Resting.UNTOUCHED
@@ -159,7 +162,11 @@ _PUSHED: Final = stops(
 )
 _NOT_FINITE: Final = stops(Cause.COMMAND_NOT_FINITE, within=AT_ONCE)
 _DOUBTFUL_NUMBER: Final = stops(
-    Cause.ENCODER_JUMP, Cause.COMMAND_NOT_FINITE, by=(S0, S1), within=AT_ONCE
+    Cause.ENCODER_JUMP,
+    Cause.COMMAND_NOT_FINITE,
+    by=(S0, S1),
+    within=AT_ONCE,
+    resting=Resting.FAULTY,  # the target follows the joint without power too, and is checked
 )
 _GATEWAY: Final = stops(Cause.GATEWAY_SILENT, by=(S2,), within=33.0)
 _ALONE: Final = replace(
@@ -249,7 +256,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
                 later=tuple(_PUSHED.later),
             ),
             may_go_on=True,
-            why="the drive regulates what its sensor shows: at once nobody can tell it from a"
+            why="the drive regulates what its sensor shows: at once it cannot be told from a"
             " patient's effort; it shows without power, at the next enable, or over a stride",
         ),
         "blocked_rotor": STUCK,
@@ -288,7 +295,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "overrun_1": goes_on("below the count that stops"),
         "overrun_3": goes_on("below the count that stops"),
         "overrun_6": stops(Cause.CYCLE_OVERRUN, within=9.0),
-        "zenoh_lost": goes_on("nobody asks for anything; the gateway lives"),
+        "zenoh_lost": goes_on("no client asks for anything; the gateway lives"),
         "gateway_dead": _GATEWAY,
         "gateway_35ms": goes_on("below the 300 ms that stop"),
         "gateway_200ms": goes_on("below the 300 ms that stop"),

@@ -79,20 +79,26 @@ def undo(scene: Scene, _axis: str) -> None:
         scene.undo.pop()()
 
 
+def _while_present(
+    owner: Callable[[Scene], object], name: str, on: object, off: object
+) -> FaultAction:
+    """A variable of the session has one value during the fault, and another one after it."""
+    return FaultAction(
+        lambda scene, _axis: setattr(owner(scene), name, on),
+        lambda scene, _axis: setattr(owner(scene), name, off),
+    )
+
+
 # --- in the machine -----------------------------------------------------------------------------
 
 
 def machine(fault: str) -> FaultAction:
     """A fault of the virtual drives: `KIND {} [DURATION [VALUE]]` with the axis in the braces."""
     kind = fault.split(maxsplit=1)[0]
-
-    def begin(scene: Scene, axis: str) -> None:
-        scene.session.command(fault.format(axis))
-
-    def end(scene: Scene, axis: str) -> None:
-        scene.session.command(f"clear {kind} {axis}")
-
-    return FaultAction(begin, end)
+    return FaultAction(
+        lambda scene, axis: scene.session.command(fault.format(axis)),
+        lambda scene, axis: scene.session.command(f"clear {kind} {axis}"),
+    )
 
 
 def patient(programme: str) -> FaultAction:
@@ -174,38 +180,18 @@ def reported(frame: Frame, over: Frame | None = None) -> FaultAction:
 
 def queue_full() -> FaultAction:
     """Nothing can be sent."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.bus.trouble.queue_full = True
-
-    def end(scene: Scene, _axis: str) -> None:
-        scene.session.bus.trouble.queue_full = False
-
-    return FaultAction(begin, end)
+    return _while_present(lambda scene: scene.session.bus.trouble, "queue_full", on=True, off=False)
 
 
 def adapter_gone() -> FaultAction:
     """The interface does not exist any more."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.bus.trouble.is_gone = True
-
-    def end(scene: Scene, _axis: str) -> None:
-        scene.session.bus.trouble.is_gone = False
-
-    return FaultAction(begin, end)
+    return _while_present(lambda scene: scene.session.bus.trouble, "is_gone", on=True, off=False)
 
 
 def sync_waits(delay_ms: int) -> FaultAction:
     """SYNC is delayed on its way to the wire."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.bus.trouble.sync_delay_ns = delay_ms * MS
-
-    def end(scene: Scene, _axis: str) -> None:
-        scene.session.bus.trouble.sync_delay_ns = 0
-
-    return FaultAction(begin, end)
+    delay_ns = delay_ms * MS
+    return _while_present(lambda scene: scene.session.bus.trouble, "sync_delay_ns", delay_ns, 0)
 
 
 # --- time -----------------------------------------------------------------------------------------
@@ -213,20 +199,12 @@ def sync_waits(delay_ms: int) -> FaultAction:
 
 def held(duration_ms: int) -> FaultAction:
     """The core is halted while the world and the core's clock continue."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.bus.hold(duration_ms * MS)
-
-    return FaultAction(begin, nothing)
+    return FaultAction(lambda scene, _axis: scene.session.bus.hold(duration_ms * MS), nothing)
 
 
 def suspended(duration_ms: int) -> FaultAction:
     """The machine is suspended: the core and its monotonic clock stop, the world continues."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.bus.pause(duration_ms * MS)
-
-    return FaultAction(begin, nothing)
+    return FaultAction(lambda scene, _axis: scene.session.bus.pause(duration_ms * MS), nothing)
 
 
 def clock_set(by_ns: int) -> FaultAction:
@@ -246,31 +224,17 @@ def clock_set(by_ns: int) -> FaultAction:
 
 def gateway_silent() -> FaultAction:
     """The gateway sends no state: dead, stalled, or its session lost; afterwards it sends again."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.gateway.silent = True
-
-    def end(scene: Scene, _axis: str) -> None:
-        scene.session.gateway.silent = False
-
-    return FaultAction(begin, end)
+    return _while_present(lambda scene: scene.session.gateway, "silent", on=True, off=False)
 
 
 def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> FaultAction:
     """The core receives a gateway state different from the one sent."""
-
-    def begin(scene: Scene, _axis: str) -> None:
-        scene.session.gateway.change = change
-
-    def end(scene: Scene, _axis: str) -> None:
-        scene.session.gateway.change = None
-
-    return FaultAction(begin, end)
+    return _while_present(lambda scene: scene.session.gateway, "change", change, None)
 
 
 FLOOD_COUNT: Final = 100
 """Gateway states in one turn: 10 kHz."""
-FOREIGN: Final = "somebody else's core"
+FOREIGN: Final = "another core"
 _ENABLE: Final = Request(id=4711, kind=RequestKind.ENABLE)
 
 

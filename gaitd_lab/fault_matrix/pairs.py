@@ -47,13 +47,17 @@ REPLACING: Final = (
     frozenset(FAMILIES["gateway"]) - _SILENCES | {"nan_setpoint"},
     _SILENCES,
 )
-"""Of two of these the second replaces the first: the end of the core, what the gateway sends."""
+"""Groups of which two faults cannot be combined, because they set the same thing: the core ends
+once, the gateway sends one kind of state, and it is either silent or not. Such pairs are not run.
+"""
 CONSEQUENCES: Final = frozenset(
     {Cause.DRIVE_FAULT, Cause.EMERGENCY, Cause.DRIVE_LEFT_ENABLED, *LOST}
 )
 """Causes that a second fault may add to the stop of the first one, or by which it comes first."""
 PUSHES: Final = frozenset({"end_stop", "spasm", "voluntary_push"})
-"""Faults in which the patient's effort moves a leg that a drive does not hold any more."""
+"""Faults in which the patient's effort moves a leg that a drive no longer holds."""
+JAMS: Final = frozenset({"blocked_rotor", "brake_stuck"})
+"""Faults that hold a joint: where it stands, they hide what would move it."""
 DELAYS: Final = frozenset({*FAMILIES["time"], "core_35ms", "core_2s"})
 """Faults in which the core stands still: how late it then finds the other fault has no bound."""
 SLACK_CYCLES: Final = 6.0
@@ -149,7 +153,16 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
     names = {one.name for one in parts[:2]}
     within_cycles = pair_law.within_cycles if DELAYS.isdisjoint(names) else None
     pushed = not PUSHES.isdisjoint(names)
-    return replace(pair_law, pushed=pushed, within_cycles=within_cycles)
+    hidden = not parts.on_other_axis and any(
+        one.name in JAMS and its_law.may_go_on
+        for one, its_law in zip(parts[:2], (first, second), strict=True)
+    )
+    return replace(
+        pair_law,
+        within_cycles=within_cycles,
+        pushed=pushed,
+        may_go_on=pair_law.may_go_on or (pushed and hidden),
+    )
 
 
 def _in_any_mode(fault: str, right: Law) -> Law:
@@ -168,6 +181,7 @@ def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | 
     bounded = bool(bounds) and None not in bounds
     ends_in = laws[0].ends_in | laws[1].ends_in
     untouched = all(one.resting is Resting.UNTOUCHED for one in laws)
+    column = COLUMNS[mode]
     return Law(
         stops=bool(stopping),
         causes=frozenset().union(CONSEQUENCES, *(one.causes | one.later for one in stopping)),
@@ -181,7 +195,7 @@ def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | 
         may_part=any(one.by_drives for one in laws),
         may_go_on=all(one.may_go_on for one in stopping),
         resting=Resting.UNTOUCHED if untouched else Resting.EITHER,
-        ends_in=ends_in | COLUMNS[mode].goes_to if ends_in else ends_in,
+        ends_in=ends_in | {column.mode, *column.leads_to} if ends_in else ends_in,
         exit_code=exit_code if exit_code in codes else next(iter(codes), None),
     )
 
@@ -228,7 +242,7 @@ def _row(
     rng: random.Random,
 ) -> dict[str, object]:
     """A row with the pair that is wanted, in which each other value adds most that is missing."""
-    faults = [value for name, value in wanted if name == "fault"]
+    faults = sorted(str(value) for name, value in wanted if name == "fault")
     if len(wanted) == 1:
         faults *= 2  # a kind with itself
     rng.shuffle(faults)

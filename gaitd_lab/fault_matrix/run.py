@@ -119,13 +119,4 @@ def _play_and_exit(
 
 
 def _unknown(cell: Cell, seed: int, trouble: str) -> CellResult:
-    return CellResult(
-        fault=cell.fault,
-        mode=cell.mode,
-        axis=cell.axis,
-        seed=seed,
-        phase=-1.0,
-        driven=False,
-        stopped=False,
-        trouble=trouble,
-    )
+    return CellResult(fault=cell.fault, mode=cell.mode, axis=cell.axis, seed=seed, trouble=trouble)

@@ -12,7 +12,7 @@ from daemon.ipc.record import CycleRecord, Mode
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import SYNC_ID, NmtCommand
 from gaitd_lab.lockstep import LockstepSession
-from sim_drives.cia402.power_state import PowerState
+from sim_drives.cia402.power_state import POWER_STAGE_ON, PowerState
 
 CYCLE_NS: Final = 10_000_000
 SAMPLE_NS: Final = 5_000_000
@@ -100,11 +100,21 @@ def outside(samples: Sequence[Sample], low: Pair, high: Pair) -> Pair:
 
 def enabled_again(samples: Sequence[Sample]) -> tuple[str, ...]:
     """Drives that newly entered operation enabled."""
+    return _entered(samples, frozenset({PUSHING}))
+
+
+def lost_power(samples: Sequence[Sample]) -> tuple[str, ...]:
+    """Drives whose power stage was on and was switched off."""
+    return _entered(samples, frozenset(PowerState) - POWER_STAGE_ON)
+
+
+def _entered(samples: Sequence[Sample], states: frozenset[PowerState]) -> tuple[str, ...]:
+    """Drives that entered one of these states from another one."""
     return tuple(
         axis
         for number, axis in enumerate(AXES)
         if any(
-            before.states[number] is not PUSHING and after.states[number] is PUSHING
+            before.states[number] not in states and after.states[number] in states
             for before, after in pairwise(samples)
         )
     )

@@ -180,7 +180,7 @@ class EventGenerator:
             cadence_hz=self._number(self._cadence_max_hz),
             amplitude_ratio=self._number(1.0),
             duration_s=self._number(20.0),
-            scenario=rng.choice((*self._scenarios, "", "nobody knows this")),
+            scenario=rng.choice((*self._scenarios, "", "unknown")),
             axis=rng.choice((*self._drives, "", "left/knee")),
             witnessed=rng.random() < 0.2,
         )

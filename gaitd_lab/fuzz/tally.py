@@ -1,7 +1,7 @@
 """Counts of events in the sessions."""
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 from gaitd_lab.fuzz.invariants import Violation
 
@@ -43,15 +43,5 @@ class Tally:
 
     def add(self, other: "Tally") -> None:
         """Add the counts of another tally."""
-        self.session_count += other.session_count
-        self.simulated_s += other.simulated_s
-        self.cycle_count += other.cycle_count
-        self.stolen_count += other.stolen_count
-        self.modes += other.modes
-        self.stops += other.stops
-        self.requests += other.requests
-        self.events += other.events
-        self.faults += other.faults
-        self.setpoints += other.setpoints
-        self.checked += other.checked
-        self.broken += other.broken
+        for one in fields(self):
+            setattr(self, one.name, getattr(self, one.name) + getattr(other, one.name))

@@ -5,7 +5,6 @@ edit them.
 """
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -46,7 +45,7 @@ VARIANTS: Final = (
     Variant("EPOS4, position", (_POSITION,)),
     Variant("CiA 402, impedance", _GENERIC),
     Variant("Elmo, impedance", _ELMO),
-    Variant("EPOS4, impedance, nobody in it", _EMPTY),
+    Variant("EPOS4, impedance, empty machine", _EMPTY),
 )
 
 
@@ -68,12 +67,8 @@ def written(variant: Variant, source: Path, folder: Path) -> Path:
     """
     shutil.copytree(source, folder)
     for file, old, new in variant.edits:
-        _replace(folder / file, lambda text, old=old, new=new: text.replace(old, new), old)
+        text = (folder / file).read_text(encoding="utf-8")
+        if old not in text:
+            raise ValueError(f"{file} does not say {old!r}")
+        (folder / file).write_text(text.replace(old, new), encoding="utf-8")
     return folder / TRAINER
-
-
-def _replace(path: Path, edit: Callable[[str], str], old: str) -> None:
-    text = path.read_text(encoding="utf-8")
-    if old not in text:
-        raise ValueError(f"{path.name} does not say {old!r}")
-    path.write_text(edit(text), encoding="utf-8")

@@ -4,12 +4,13 @@ import datetime
 import platform
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import asdict, astuple
 from typing import Any, Final
 
 import numpy as np
 
 from analysis import markdown
-from gaitd_lab.soak import memory
+from daemon.wire.fields import name_of
 from gaitd_lab.soak.memory import Life
 from gaitd_lab.soak.record_monitor import Classification, Lost, Stop
 from gaitd_lab.soak.run import Soaked
@@ -20,13 +21,7 @@ GROWTH_MAX_MB_PER_H: Final = 1.0
 MOST_MB: Final = {"core": CORE_MAX_MB, "gateway": GATEWAY_MAX_MB}
 """Limit of the design, section 6."""
 QUANTILES: Final = (0.5, 0.9, 0.99, 0.999, 0.9999, 1.0)
-S_PER_MIN: Final = 60.0
 WRONG: Final = (Classification.UNEXPECTED, Classification.MISSED)
-
-
-def lives(found: Soaked) -> list[Life]:
-    """Return every process that lived, by part and age."""
-    return [life for name, samples in found.memory.items() for life in memory.lives(name, samples)]
 
 
 def failures(found: Soaked) -> list[str]:
@@ -35,7 +30,7 @@ def failures(found: Soaked) -> list[str]:
     said += [f"{stop.judged.value}: {_told(stop)}" for stop in _of(found, *WRONG)]
     said += [f"ended by itself: {ending.splitlines()[0]}" for ending in found.endings]
     said += [f"gaitd {part} ended with {code}" for part, code in found.exit_codes.items() if code]
-    for life in lives(found):
+    for life in found.lives:
         most_mb = MOST_MB.get(life.name)
         if most_mb is None:
             continue
@@ -52,7 +47,7 @@ def _of(found: Soaked, *judged: Classification) -> list[Stop]:
 
 
 def _told(stop: Stop) -> str:
-    causes = ", ".join(cause.name.lower() for cause in stop.causes)
+    causes = ", ".join(map(name_of, stop.causes))
     where = f" at {stop.drive}" if stop.drive else ""
     during = f" during {stop.happening}" if stop.happening else " with nothing going wrong"
     seen = f" ({stop.evidence})" if stop.evidence else ""
@@ -73,7 +68,6 @@ def summary(found: Soaked) -> str:
 
 
 def _blocks(found: Soaked) -> list[tuple[str, list[tuple[str, str]]]]:
-    failed = failures(found)
     passed = [("passed", "every stop explained, nothing ended, memory within its budget")]
     return [
         ("The soak", _outline(found)),
@@ -84,7 +78,7 @@ def _blocks(found: Soaked) -> list[tuple[str, list[tuple[str, str]]]]:
             _memory(found),
         ),
         ("Requests of the operator", _counted(found.outcomes)),
-        ("Result", [("failed", why) for why in failed] or passed),
+        ("Result", [("failed", why) for why in failures(found)] or passed),
     ]
 
 
@@ -133,7 +127,7 @@ def _lost(found: Soaked) -> list[tuple[str, str]]:
         ("our frames not sent", tally.tx_dropped),
         ("frames that could not be used", tally.protocol_error),
     ]
-    told = [(name, f"{lost.calm_count} / {lost.trouble_count}") for name, lost in rows]
+    told = [(name, " / ".join(map(str, astuple(lost)))) for name, lost in rows]
     return [*told, ("records that this program missed", str(found.record_lost_count))]
 
 
@@ -153,7 +147,7 @@ def _memory(found: Soaked) -> list[tuple[str, str]]:
             f"{life.start_mb:.1f}, {life.warm_mb:.1f}, {life.end_mb:.1f}; {_growth(life)}; "
             f"{life.ring_mb:.0f}",
         )
-        for life in lives(found)
+        for life in found.lives
     ]
 
 
@@ -206,25 +200,15 @@ def plain(found: Soaked) -> dict[str, Any]:
         "lateness_us": dict(
             zip(map(str, QUANTILES), quantiles_us(found.tally.lateness_us), strict=False)
         ),
-        "overrun": [found.tally.overrun.calm_count, found.tally.overrun.trouble_count],
-        "missed": {
-            name: [lost.calm_count, lost.trouble_count] for name, lost in found.tally.missed.items()
-        },
+        "overrun": astuple(found.tally.overrun),
+        "missed": {name: astuple(lost) for name, lost in found.tally.missed.items()},
         "troubles": [[time_s, str(one)] for time_s, one in found.happenings],
         "stops": [
-            {
-                "time_s": stop.time_s,
-                "mode": stop.mode,
-                "category": stop.category,
-                "causes": [cause.name.lower() for cause in stop.causes],
-                "drive": stop.drive,
-                "trouble": stop.happening,
-                "judged": stop.judged.value,
-                "evidence": stop.evidence,
-            }
+            asdict(stop)
+            | {"causes": [name_of(cause) for cause in stop.causes], "judged": stop.judged.value}
             for stop in found.tally.stops
         ],
-        "memory": [life._asdict() for life in lives(found)],
+        "memory": [life._asdict() for life in found.lives],
         "exit_codes": found.exit_codes,
         "endings": found.endings,
         "requests": dict(found.outcomes),

@@ -14,6 +14,7 @@ from gaitd.remote import Target, open_client
 from gaitd_lab.requests import Requests
 from gaitd_lab.soak import memory
 from gaitd_lab.soak.fault_generator import DEATHS_RATIO, ActiveFault, Actor, FaultGenerator
+from gaitd_lab.soak.memory import Life, lives
 from gaitd_lab.soak.operator import Operator, Situation
 from gaitd_lab.soak.record_monitor import RecordMonitor, Tally
 from gaitd_lab.soak.soak_processes import PARTS, RecordTail, SoakProcesses
@@ -52,8 +53,6 @@ class Soaked:
     """True if time was the computer's."""
     wall_s: float
     """Duration of the soak in the computer's time."""
-    cpu_s: float
-    """Processor time of the three processes."""
     outcomes: Counter[str]
     start_count: Counter[str]
     endings: list[str]
@@ -66,6 +65,16 @@ class Soaked:
     """Reason of an early end."""
     flooded_count: int = 0
     processors: int = field(default_factory=lambda: os.cpu_count() or 1)
+
+    @property
+    def lives(self) -> list[Life]:
+        """Every process that lived, by part and age."""
+        return [life for name, samples in self.memory.items() for life in lives(name, samples)]
+
+    @property
+    def cpu_s(self) -> float:
+        """Processor time of the three processes."""
+        return sum(life.cpu_ratio * life.duration_s for life in self.lives)
 
 
 class StuckError(Exception):
@@ -133,7 +142,6 @@ class Soak:
         return self._soaked(passed_s, wall_s, trouble)
 
     def _soaked(self, passed_s: float, wall_s: float, trouble: str) -> Soaked:
-        lives = [life for name in PARTS for life in memory.lives(name, self._memory[name])]
         return Soaked(
             seed=self._seed,
             duration_s=passed_s,
@@ -144,7 +152,6 @@ class Soak:
             memory={name: self._since_begin(life) for name, life in self._memory.items()},
             wall_clock=self._time.is_wall_clock,
             wall_s=wall_s,
-            cpu_s=sum(life.cpu_ratio * life.duration_s for life in lives),
             outcomes=self._operator.outcomes,
             start_count=self._made.start_count,
             endings=self._made.endings,
@@ -257,9 +264,9 @@ class Soak:
             return True
         if self._stopped_s is None and len(self._monitor.tally.stops) > self._stops_before:
             self._stopped_s = now_s
-        by_itself = fault.actor in {Actor.KILL, Actor.HALT, Actor.FLOOD}
         stopped_s = self._stopped_s
-        return not by_itself and stopped_s is not None and now_s > stopped_s + CLEARED_AFTER_S
+        cleared = stopped_s is not None and now_s > stopped_s + CLEARED_AFTER_S
+        return cleared and fault.actor not in BY_PROCESS
 
     def _clear_fault(self) -> None:
         """Undo the fault."""

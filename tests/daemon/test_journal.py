@@ -64,7 +64,7 @@ def test_a_journal_that_is_started_anew_gets_the_next_line(tmp_path):
         journal = Journal("gaitd-core", path)
         journal.write("one", 6, {})
         assert len(first.entries()) == 1
-    journal.write("nobody is there", 6, {})
+    journal.write("no reader", 6, {})
     with Journald(path) as second:
         journal.write("two", 6, {})
 

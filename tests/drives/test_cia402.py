@@ -8,7 +8,9 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from drives.cia402.power_state import (
     STATUS_FOLLOWS,
     STATUS_WARNING,
+    TORQUE_FREE,
     TRANSITIONS,
+    WITHOUT_POWER,
     ResetEdge,
     Sent,
     decode_statusword,
@@ -611,3 +613,16 @@ def test_bits_10_12_and_13_say_how_far_a_homing_is(bits, state):
 def test_an_error_beats_an_attained_home():
     assert homing_state(0x3400) is HomingState.FAILED
     assert homing_state(0x3000) is HomingState.FAILED_MOVING
+
+
+def test_what_proves_that_there_is_no_torque_and_no_power_is_the_standard_s():
+    """CiA 402-2: power may be applied from switched on, the drive function from enabled on."""
+    without_power = {
+        PowerState.NOT_READY_TO_SWITCH_ON,
+        PowerState.SWITCH_ON_DISABLED,
+        PowerState.READY_TO_SWITCH_ON,
+        PowerState.FAULT,
+    }
+
+    assert without_power == WITHOUT_POWER
+    assert without_power | {PowerState.SWITCHED_ON} == TORQUE_FREE

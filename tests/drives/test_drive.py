@@ -1,7 +1,8 @@
+import copy
 import struct
 
 import pytest
-from drive_files import drive
+from drive_files import axis_for, drive, join, table
 
 from drives.canopen.bus import Frame
 from drives.canopen.bus_state import BusCondition
@@ -383,3 +384,32 @@ def test_the_state_that_counts_is_the_one_last_shown():
 
     assert words == [0x06, 0x07, 0x0F, 0x0F]
     assert group.drives[0].controlword == 0x0F
+
+
+# --- drives with less in their PDOs ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("temperature", "error_code", "data", "shown"),
+    [
+        (True, True, struct.pack("<hH", 412, 0x8130), (41.2, 0x8130)),
+        (True, False, struct.pack("<h", -50), (-5.0, 0)),
+        (False, True, struct.pack("<H", 0x8130), (None, 0x8130)),
+    ],
+)
+def test_the_slow_pdo_is_decoded_as_the_drive_has_it(temperature, error_code, data, shown):
+    profile = copy.deepcopy(table("profiles/generic.toml"))
+    profile["pdo"]["error_code"] = error_code
+    if temperature:
+        profile["temperature"] |= {"bits": 16, "signed": True, "degc_per_count": 0.1}
+    else:
+        del profile["temperature"]
+    one = Drive(join(axis_for(profile), profile, "hip"), NOW)
+    group = DriveGroup([one])
+
+    group.feed([Frame(0x380 + one.node_id, data)], NOW)
+    feedback = group.end_of_window(1, NOW)[0]
+
+    assert feedback.temperature_degc == (shown[0] and pytest.approx(shown[0]))
+    assert one.error_code == shown[1]
+    assert feedback.protocol_error_count == 0

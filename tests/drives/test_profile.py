@@ -376,3 +376,39 @@ def test_the_page_about_drives_tells_each_profile_with_its_objects(profile):
     assert f"605Ah = {quick_stop}" in row
     assert ("1400h:05" in row) is kind.pdo.rpdo_timeout
     assert ("1016h" in row) is bool(kind.heartbeat.consumer_entries)
+
+
+@pytest.mark.parametrize(
+    ("changes", "objects", "key"),
+    [
+        ({}, None, "homing"),
+        ({"method": 36}, {}, "homing.method"),
+        ({"method": -4, "stop_current_a": 4.5}, {"current_threshold": None}, "stop_current_a"),
+    ],
+)
+def test_a_homing_that_the_drive_does_not_support_is_refused(changes, objects, key):
+    axis = copy.deepcopy(table("hip_epos4.toml"))
+    profile = copy.deepcopy(table(axis["profile"]))
+    join(axis, profile, "hip")
+    axis["homing"] |= changes
+    for name, value in (objects or {}).items():
+        assert value is None
+        del profile["homing"][name]
+    if objects is None:
+        del profile["homing"]
+
+    with pytest.raises(DescriptionError) as caught:
+        join(axis, profile, "hip")
+
+    assert caught.value.part == "axis"
+    assert key in caught.value.key
+
+
+def test_the_widest_objects_that_a_profile_may_name_fit_a_frame():
+    profile = copy.deepcopy(table("profiles/generic.toml"))
+    for name in ("torque_source", "target_torque", "temperature"):
+        profile[name] |= {"bits": 32}
+
+    pdos = layouts(join(axis_for(profile), profile, "hip").profile, 5)
+
+    assert max(pdo.size for pdo in pdos) == 8

@@ -294,3 +294,16 @@ def test_the_torque_limit_of_a_cia_402_drive_is_in_permille():
     raw = raw_limits(HIP_LIMITS, drive("hip_generic"))
 
     assert raw.torque_raw == math.floor(60.0 / 100 / 0.279 * 1000)
+
+
+@pytest.mark.parametrize(
+    ("rated_torque_raw", "rated_current_raw", "torque_nm", "current_a"),
+    [(None, None, 5.0 * 0.055736, 5.0), (None, 6000, 6.0 * 0.055736, 6.0), (300, None, 0.3, 5.0)],
+)
+def test_what_a_drive_does_not_hold_is_taken_from_the_axis_file(
+    rated_torque_raw, rated_current_raw, torque_nm, current_a
+):
+    base = base_from_raw(drive("hip_generic"), rated_torque_raw, rated_current_raw, None)
+
+    assert base.rated_torque_nm == pytest.approx(torque_nm)
+    assert base.rated_current_a == pytest.approx(current_a)

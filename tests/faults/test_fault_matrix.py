@@ -1,5 +1,8 @@
 """Every fault in every mode on both axes, by default a sample of it; a failure names its cell."""
 
+import os
+import subprocess
+import sys
 from itertools import groupby
 from pathlib import Path
 
@@ -105,6 +108,23 @@ def test_the_sample_of_pairs_has_each_two_families_each_offset_and_each_mode_tog
     }
 
 
+def test_the_sample_of_pairs_is_the_same_in_every_process():
+    """The order of a set of texts depends on the process's hash seed."""
+    program = f"from gaitd_lab.fault_matrix.pairs import sample; print(sample({SEED}))"
+    samples = {
+        subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "PYTHONHASHSEED": hash_seed},
+            capture_output=True,
+            check=True,
+            text=True,
+        ).stdout
+        for hash_seed in ("1", "2")
+    }
+
+    assert samples == {f"{pairs.sample(SEED)}\n"}
+
+
 def test_all_pairs_have_each_fault_after_each_other_one_at_each_offset_and_in_each_mode():
     played = pairs.every(SEED)
     parts_of = [pairs.parts_of(cell.fault) for cell in played]
@@ -131,6 +151,15 @@ def test_a_pair_must_stop_if_one_of_its_faults_must_and_may_end_with_the_code_of
     assert pairs.law_of(ended, None).exit_code == ROWS["core_sigterm"].exit_code
     with pytest.raises(KeyError):
         pairs.fault_named("silent+nothing_known@1")
+
+
+def test_a_jam_hides_a_push_at_the_same_joint_where_it_stands():
+    def may_go_on(fault, mode):
+        return pairs.law_of(Cell(fault, mode, "right/hip"), None).may_go_on
+
+    assert may_go_on("end_stop+brake_stuck@5", "hold")
+    assert not may_go_on("end_stop:brake_stuck@5", "hold")
+    assert not may_go_on("end_stop+brake_stuck@5", "gait_impedance")
 
 
 def test_an_alarm_during_a_delay_of_the_core_is_a_quick_stop_and_not_at_once_one_not_obeyed(
@@ -260,7 +289,34 @@ ONWARDS = msgspec.structs.replace(
 )
 
 
-@pytest.mark.parametrize("well", [WELL, REST, STILL, ONWARDS])
+PUSHED = msgspec.structs.replace(
+    WELL,
+    fault="end_stop:emcy_6xxx_fault@0",
+    axis="right/slide",
+    causes=("EMERGENCY", "SIGN_WRONG"),
+    final_cause="SIGN_WRONG",
+    lost_power=("right/hip",),
+    beyond_hip_deg=12.8,
+    rest_cycles=None,
+)
+"""A patient throws the leg, and the hip's drive is in fault."""
+MOVES_ON = msgspec.structs.replace(
+    STILL, category="S0", final_mode="STOPPING", causes=("STO_ACTIVE",)
+)
+"""A leg without power that has not come to rest yet."""
+
+
+@pytest.mark.parametrize(
+    "well",
+    [
+        WELL,
+        REST,
+        STILL,
+        ONWARDS,
+        PUSHED,
+        msgspec.structs.replace(MOVES_ON, fault="end_stop+sto@3"),
+    ],
+)
 def test_a_good_cell_breaks_no_law(well):
     assert broken(well) == []
 
@@ -291,6 +347,10 @@ def test_a_good_cell_breaks_no_law(well):
         (REST, {"causes": ()}, "nothing was told"),
         (STILL, {"final_mode": "READY"}, "right is FAULT"),
         (STILL, {"causes": ("SPASM",)}, "cause SPASM"),
+        (MOVES_ON, {"fault": "sto"}, "right is FAULT"),
+        (PUSHED, {"lost_power": ()}, "beyond its limit"),
+        (PUSHED, {"lost_power": ()}, "at rest after None"),
+        (PUSHED, {"fault": "emcy_6xxx_fault"}, "beyond its limit"),
     ],
 )
 def test_each_law_can_be_broken_and_says_what_is_wrong(well, changes, said):

@@ -56,7 +56,7 @@ def test_it_serves_its_bus_until_sigterm_and_writes_the_truth_of_every_sync(tmp_
                 bus.send(can.Message(arbitration_id=0x080, is_extended_id=False))
                 traffic = bus.recv(0.05)  # boot-up messages, and no TPDO
                 assert traffic is None or traffic.arbitration_id in (0x705, 0x706)
-        lines = ("help", "patient nobody", "silent right/hip 0.1")
+        lines = ("help", "patient unknown", "silent right/hip 0.1")
         answers = [service.inject(line) for line in lines]
         assert process.end() == 0
 

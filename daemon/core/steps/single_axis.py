@@ -77,7 +77,7 @@ def refusal(core: Core, wanted: ModeRequest, cycle: int) -> str:
 
 
 def begin(core: Core, wanted: ModeRequest, cycle: int, utc_ns: int) -> Event | None:
-    """Start an accepted request; returns BRING_UP_ANEW unless it confirms a sign test."""
+    """Start an accepted request; returns BRING_UP_RESTARTED unless it confirms a sign test."""
     axis = axis_named(core, wanted.axis)
     exercise = MODES[wanted.mode].single_axis
     if axis is None or exercise is None:

@@ -229,12 +229,10 @@ def _replaces(latched: Verdict, verdict: Verdict) -> bool:
 
 def _stop_together(core: Core, cycle: int) -> None:
     """Escalate all axes to quick stop as soon as one has left HOLD: all axes stop together."""
-    stops = [axis.stop for axis in core.axes if axis.stop is not None]
-    if not any(stop.step > Step.HOLD for stop in stops):
-        return
-    for axis in core.axes:
-        if axis.stop is not None:
-            axis.stop = stop_sequence.harsher(axis.stop, Step.QUICK_STOP, axis.joint, cycle)
+    stops = [(axis, axis.stop) for axis in core.axes if axis.stop is not None]
+    if any(stop.step > Step.HOLD for _, stop in stops):
+        for axis, stop in stops:
+            axis.stop = stop_sequence.harsher(stop, Step.QUICK_STOP, axis.joint, cycle)
 
 
 def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
@@ -353,15 +351,13 @@ def _stopped(core: Core, cycle: int) -> bool:
     """True if every axis is at rest, without recent samples, or past the longest stop time."""
     rules = core.config.stop_rules
     age_max = core.config.thresholds.sample_age_max_cycles
-    for axis in core.axes:
-        stopped = axis.stop
-        if stopped is None or axis.feedback is None:
-            continue
-        unseen = axis.feedback.sample_age_cycles > age_max
-        over = cycle - stopped.since_cycle > STOPPING_MAX_CYCLES
-        if not (stop_sequence.is_resting(stopped, rules) or unseen or over):
-            return False
-    return True
+    return all(
+        stop_sequence.is_resting(axis.stop, rules)
+        or axis.feedback.sample_age_cycles > age_max
+        or cycle - axis.stop.since_cycle > STOPPING_MAX_CYCLES
+        for axis in core.axes
+        if axis.stop is not None and axis.feedback is not None
+    )
 
 
 def _come_to_rest(core: Core) -> None:

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from daemon.core.inputs import receive
+from daemon.core.inputs import NO_INPUTS, receive
 from daemon.ipc.record import GatewayState, Outcome, Request, RequestKind, RequestResult, Setpoint
 
 CYCLE = 1000
@@ -130,3 +130,29 @@ def test_of_another_core_only_a_stop_counts_and_its_numbers_hide_nothing_of_ours
     assert (core.setpoints, core.lease) == ((), 0)
     assert receive(core, [level(51, request=ENABLE)], CYCLE).request == ENABLE
     assert receive(core, [level(10**9, core_boot_id="theirs", stop_count=3)], CYCLE).stop
+
+
+def test_without_a_gateway_state_nothing_is_asked_and_nothing_changes(core):
+    before = vars(core).copy()
+
+    assert receive(core, [], CYCLE) == NO_INPUTS == (False, None)
+    assert vars(core) == before
+
+
+def test_a_level_for_this_very_cycle_counts(core):
+    receive(core, [level(51, for_cycle=CYCLE, lease=5)], CYCLE)
+
+    assert (core.gateway_state_cycle, core.lease) == (CYCLE, 5)
+
+
+def test_a_level_with_the_number_of_the_last_one_is_no_newer(core):
+    receive(core, [level(50, lease=5, stop_count=1)], CYCLE)
+
+    assert (core.lease, core.stop_count) == (0, 2)
+
+
+@pytest.mark.parametrize("boot_id", ["", "our", "ourt", "zzz"])
+def test_any_other_name_of_a_core_is_another_core(core, boot_id):
+    receive(core, [level(51, core_boot_id=boot_id, lease=5)], CYCLE)
+
+    assert core.lease == 0

@@ -8,6 +8,7 @@ import threading
 import msgspec
 import pytest
 
+from daemon import wire
 from daemon.config.settings import Lease
 from daemon.gateway.events import Priority
 from daemon.gateway.lease import LeaseManager
@@ -24,7 +25,7 @@ from daemon.gateway.setpoints import (
     SetpointStore,
 )
 from daemon.ipc.assist_record import AssistRecord
-from daemon.ipc.record import Mode
+from daemon.ipc.record import Mode, Outcome
 from daemon.wire.refusals import SetpointRefusal
 
 LEGS = ("right", "left")
@@ -282,3 +283,86 @@ def test_a_stop_and_another_core_end_the_lease(steering):
         assert "the lease of pusher has ended" in said.text
         assert steering.lease == 0
         assert end() == []
+
+
+# --- queries for the lease ------------------------------------------------------------------------
+
+
+def acquire(client="pusher", **more):
+    return wire.AcquireAsk(client=client, **more)
+
+
+def test_a_lease_is_granted_renewed_and_released_by_queries(steering):
+    granted = steering.decide(acquire(), Mode.HOLD, 0)
+    assert (granted.outcome, granted.number) == (Outcome.DONE, 1001)
+    assert (granted.duration_ms, granted.renewed) == (500, False)
+    assert granted.reason == "for 500 ms after this reply and after each accepted setpoint"
+
+    again = steering.decide(acquire(lease=1001, duration_ms=200), Mode.HOLD, 400 * MS)
+    assert (again.number, again.duration_ms, again.renewed) == (1001, 200, True)
+    assert steering.tick(600 * MS - 1) == []
+
+    released = steering.decide(wire.ReleaseAsk(client="pusher", lease=1001), None, 500 * MS)
+    assert (released.outcome, released.number) == (Outcome.DONE, None)
+    assert (steering.lease, steering.leases.holder) == (0, None)
+
+
+@pytest.mark.parametrize(
+    ("client", "mode", "reason"),
+    [
+        ("", Mode.HOLD, "`client` must name the holder"),
+        (wire.UNNAMED_CLIENT, Mode.HOLD, "`client` must name the holder"),
+        ("pusher", None, "no records arrive"),
+        ("pusher", Mode.FAULT, "the machine is stopped"),
+        ("pusher", Mode.STOPPING, "the machine is stopped"),
+        ("pusher", Mode.OFF, ""),
+        ("pusher", Mode.TORQUE, ""),
+    ],
+)
+def test_a_lease_is_refused_without_a_name_a_core_or_a_machine_that_may_move(
+    steering, client, mode, reason
+):
+    decision = steering.decide(acquire(client), mode, 0)
+
+    assert decision.outcome is (Outcome.REFUSED if reason else Outcome.DONE)
+    assert decision.reason.startswith(reason or "for 500 ms")
+    assert bool(steering.lease) == (not reason)
+
+
+def test_a_refused_query_leaves_lease_and_setpoints_as_they_were(steering):
+    number = steering.decide(acquire(), Mode.HOLD, 0).number
+    steering.receive_setpoints(Batch((arrival(lease=number),)), 0)
+
+    for query in (acquire("other"), wire.ReleaseAsk(client="other", lease=number)):
+        decision = steering.decide(query, Mode.HOLD, 1)
+        assert (decision.outcome, decision.number) == (Outcome.REFUSED, None)
+        assert "'pusher' holds the lease" in decision.reason
+
+    assert steering.lease == number
+    assert len(steering.setpoints) == 1
+
+
+def test_setpoints_outlive_a_renewal_and_never_the_lease(steering):
+    number = steering.decide(acquire(), Mode.HOLD, 0).number
+    steering.receive_setpoints(Batch((arrival(lease=number),)), 0)
+    steering.decide(acquire(lease=number), Mode.HOLD, 1)
+    assert len(steering.setpoints) == 1
+
+    steering.decide(wire.ReleaseAsk(client="pusher", lease=number), Mode.HOLD, 2)
+    assert steering.setpoints == ()
+
+
+def test_each_holder_is_told_anew_what_is_refused(steering):
+    for turn in range(2):
+        number = steering.decide(acquire(), Mode.HOLD, turn).number
+        said = [
+            len(steering.receive_setpoints(Batch((arrival(lease=number + 1),)), turn))
+            for _ in range(2)
+        ]
+        assert said == [1, 0]
+        steering.decide(wire.ReleaseAsk(client="pusher", lease=number), Mode.HOLD, turn)
+
+
+def test_another_query_is_a_programming_error(steering):
+    with pytest.raises(TypeError, match="Ask is no request for a lease"):
+        steering.decide(wire.Ask(client="pusher"), Mode.HOLD, 0)

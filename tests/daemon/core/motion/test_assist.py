@@ -191,3 +191,12 @@ def test_assist_and_stiffness_follow_by_their_rates():
 @pytest.mark.parametrize("velocity", [(math.nan, 0.0), (0.0, math.inf)])
 def test_assist_on_a_joint_of_unknown_speed_is_none(velocity):
     assert advance(LegAssist(), setpoint(), BOTH, velocity, RULES, DT_S) is None
+
+
+def test_assist_that_has_faded_stays_as_it_is():
+    faded = after(LegAssist(effort_si=(10.0, -3.0), stiffness_ratio=0.5), None, RULES.fade_cycles)
+    faded = after(faded, setpoint(), 1)
+    faded = after(faded, None, 1)
+
+    assert (faded.effort_si, faded.fade_si, faded.stiffness_ratio) == (REST, REST, 1.0)
+    assert after(faded, None, 1) is faded

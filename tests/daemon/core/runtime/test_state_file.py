@@ -8,8 +8,6 @@ from daemon.core.modes.persistent_state import (
     SignProof,
     StoredAxis,
     StoredVerdict,
-    with_pose,
-    with_proof,
 )
 from daemon.core.runtime.state_file import StateFile
 from daemon.ipc.state_file import NAME, SIZE
@@ -109,19 +107,3 @@ def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):
     StateFile(tmp_path).write(persistent)
 
     assert StateFile(tmp_path).persistent == persistent
-
-
-def test_a_pose_that_has_not_changed_is_no_news():
-    persistent = with_pose(PersistentState(), "right/hip", 0.25, 1)
-
-    assert with_pose(persistent, "right/hip", 0.25005, 2) is persistent
-    assert with_pose(persistent, "right/hip", 0.2502, 2).axis("right/hip").noted_utc_ns == 2
-
-
-def test_a_pose_and_a_proof_do_not_disturb_each_other_or_another_axis():
-    persistent = with_proof(with_pose(PersistentState(), "right/hip", 0.25, 1), "right/hip", PROOF)
-    persistent = with_pose(persistent, "right/slide", 0.5, 1)
-    persistent = with_pose(persistent, "right/hip", 0.3, 2)
-
-    assert persistent.axis("right/hip") == StoredAxis(0.3, 2, PROOF)
-    assert persistent.axis("right/slide").position_si == 0.5

@@ -10,6 +10,7 @@ from safety_inputs import LIMITS
 from sessions import CONFIGS
 
 from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.core.safety import inverse_dynamics
 from daemon.core.safety.effort_monitor import (
     SENT_COUNT,
     SETTLE_CYCLES,
@@ -102,6 +103,21 @@ def test_a_sample_that_is_missing_breaks_the_row():
         verdicts, LEG, FRICTIONS, (joint(0.2, 0.0, 0.0, elapsed_s=0.0), joint(0.5, 0, 0))
     )
     assert not first.known
+
+
+def test_the_warm_up_compiles_what_a_cycle_calls(monkeypatch):
+    calls = []
+
+    def recorded(*arguments):
+        calls.append([type(one) for one in arguments])
+        return (0.0,) * 8
+
+    monkeypatch.setattr(inverse_dynamics, "_terms", recorded)
+    inverse_dynamics.warm_up(LEG, FRICTIONS)
+    balance_of(lambda _: (0.2, 0.5), (0.0, 0.0))
+
+    assert calls
+    assert calls == [calls[0]] * len(calls)
 
 
 # --- efforts --------------------------------------------------------------------------------------

@@ -17,6 +17,7 @@ from daemon.core.safety.stopping_path import (
     least_ratio,
     on_ramp,
     ratio_of,
+    reaction_s,
     slide_range,
 )
 from daemon.preflight.load import load
@@ -100,3 +101,8 @@ def test_a_stretched_hip_leaves_less_of_the_rail():
 
 def test_a_hip_that_lifts_the_knee_off_the_rail_leaves_nothing():
     assert slide_range(LEG, (math.radians(120.0), 0.6), 0.15) is None
+
+
+def test_a_leg_under_assist_goes_on_for_three_cycles_and_else_for_one():
+    assert reaction_s(assisted=True) == pytest.approx(0.03)
+    assert reaction_s(assisted=False) == pytest.approx(0.01)

@@ -7,15 +7,24 @@ import pytest
 from safety_inputs import FEEDBACK, JOINT
 from sessions import CONFIGS
 
+from daemon.core.exercises.single_axis import Result
 from daemon.core.inputs import NO_INPUTS, CommandInputs
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import build
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Core
-from daemon.core.steps import controllers, exercises, impedance, supervisor, wanted
+from daemon.core.steps import (
+    controllers,
+    exercises,
+    impedance,
+    persistence,
+    supervisor,
+    wanted,
+)
 from daemon.ipc.record import (
     Cause,
     Mode,
+    ModeRequest,
     Outcome,
     Request,
     RequestKind,
@@ -24,6 +33,7 @@ from daemon.ipc.record import (
     Verdict,
 )
 from daemon.preflight.load import load
+from drives.cia402.drive import DriveGroup
 from drives.signals import PowerRequest, PowerState
 
 SETTINGS = load(CONFIGS / "demo.toml")
@@ -208,3 +218,148 @@ def test_where_nothing_is_in_force_the_next_holder_is_heard_at_once(bench):
     controllers.receive(core, 100)
 
     assert leg.assist.accepted == core.setpoints[0]
+
+
+# --- load at rest after enabling ------------------------------------------------------------------
+
+
+def settled(bench, cycles):
+    bench.core.load_checked = False
+    for axis in bench.core.axes:
+        axis.joint = axis.joint._replace(effort_si=axis.gravity_si)
+    bench.turn()
+    assert bench.core.mode == Mode.HOLD
+    for _ in range(cycles - 1):
+        bench.turn()
+
+
+def test_the_load_is_compared_after_the_leg_has_been_held_for_its_time(bench):
+    settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
+    assert not bench.core.load_checked
+
+    bench.turn()
+
+    assert bench.core.load_checked
+    assert bench.core.mode == Mode.HOLD
+
+
+def test_the_time_begins_anew_while_a_drive_is_not_enabled(bench):
+    settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
+    bench.core.axes[1].reached_enabled = False
+    bench.turn()
+    bench.core.axes[1].reached_enabled = True
+
+    settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
+    assert not bench.core.load_checked
+    bench.turn()
+    assert bench.core.load_checked
+
+
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("index", [0, 1])
+def test_a_load_that_is_not_that_of_the_model_stops(bench, index, side):
+    settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
+    axis = bench.core.axes[index]
+    tolerance_si = axis.limits.static_load_tolerance_si
+    wrong_si = axis.gravity_si + side * (tolerance_si + 1.0)
+    axis.joint = axis.joint._replace(effort_si=wrong_si)
+
+    bench.turn()
+
+    assert bench.core.mode == Mode.STOPPING
+    verdict = bench.core.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.STATIC_LOAD_WRONG, axis.name)
+    assert verdict.category is bench.core.config.categories.of(Cause.STATIC_LOAD_WRONG)
+    assert (verdict.value, verdict.limit) == (pytest.approx(tolerance_si + 1.0), tolerance_si)
+    assert not bench.core.load_checked
+
+
+def test_a_load_of_just_the_tolerance_is_right(bench):
+    settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
+    axis = bench.core.axes[0]
+    axis.gravity_si = 0.0
+    tolerance_si = axis.limits.static_load_tolerance_si
+    axis.joint = axis.joint._replace(effort_si=-tolerance_si)
+
+    bench.turn()
+
+    assert bench.core.load_checked
+
+
+# --- the end of an exercise -----------------------------------------------------------------------
+
+
+@pytest.fixture
+def over(bench, monkeypatch):
+    """A self-test that is over with the next cycle; a test says with which verdict."""
+    bench.core.mode = Mode.SELF_TEST
+    monkeypatch.setattr(exercises, "is_over", lambda core: core.mode == Mode.SELF_TEST)
+    return lambda failed: monkeypatch.setattr(persistence, "finish_self_test", lambda *_: failed)
+
+
+def test_a_self_test_that_is_passed_ends_in_hold(bench, over):
+    over(None)
+
+    bench.turn()
+
+    assert bench.core.mode == Mode.HOLD
+    assert (bench.core.verdict.cause, bench.steps()) == (Cause.NONE, [])
+
+
+def test_a_self_test_that_fails_stops(bench, over):
+    failed = Verdict(StopCategory.S2, Cause.SELF_TEST_FAILED, "right/hip", 2.0, 1.0, "stiff")
+    over(failed)
+
+    bench.turn()
+
+    assert bench.core.mode == Mode.STOPPING
+    assert bench.core.verdict == failed
+    assert bench.steps() == [Step.HOLD, Step.HOLD]
+
+
+def test_the_end_of_another_exercise_is_no_self_test(bench, monkeypatch):
+    bench.core.mode = Mode.GAIT
+    monkeypatch.setattr(exercises, "is_over", lambda core: core.mode == Mode.GAIT)
+    monkeypatch.setattr(persistence, "finish_self_test", lambda *_: pytest.fail("stored"))
+
+    bench.turn()
+
+    assert bench.core.mode == Mode.HOLD
+
+
+def test_assist_that_has_lost_its_lease_ends_in_hold_where_the_leg_is(bench):
+    core, leg = bench.core, bench.core.legs[0]
+    core.mode, core.torque_lease, core.lease = Mode.TORQUE, FIRST_LEASE, FIRST_LEASE
+    leg.exercise = leg.reference = None
+    bench.turn()
+    assert core.mode == Mode.TORQUE
+
+    core.lease = NEXT_LEASE
+    bench.turn()
+
+    assert core.mode == Mode.HOLD
+    assert core.lapse_count == 1
+    assert leg.exercise is not None
+    assert leg.reference.position == pytest.approx((0.2, 0.2))
+
+
+# --- a test of one axis ---------------------------------------------------------------------------
+
+
+def test_the_confirmation_of_a_sign_test_leaves_the_drives_up(bench):
+    core = bench.core
+    core.mode = Mode.READY
+    core.drives = drives = DriveGroup([])
+    core.axes[0].serial_number = 305
+    core.evidence = {"right/hip": Result("moves", False, (0.1, -0.1), "pushed")}
+    bench.show(PowerState.SWITCH_ON_DISABLED)
+    wanted_mode = ModeRequest(Mode.COMMISSION, axis="right/hip", witnessed=True)
+    request = Request(1, RequestKind.MODE, bench.cycle + 1, wanted_mode)
+
+    bench.turn(command_inputs=CommandInputs(request=request))
+
+    assert core.result.outcome == Outcome.DONE, core.result.reason
+    assert core.mode == Mode.READY
+    assert core.drives is drives
+    assert core.axes[0].sign_proven
+    assert core.persistent.axis("right/hip").proof.moved_forth_si == 0.1

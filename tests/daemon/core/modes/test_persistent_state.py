@@ -1,0 +1,106 @@
+"""The persistent state: poses, proofs of signs, and what they are worth."""
+
+import pytest
+
+from daemon.core.modes.persistent_state import (
+    POSE_STEP_SI,
+    PersistentState,
+    PoseRules,
+    SignProof,
+    StoredAxis,
+    Wiring,
+    disagreement,
+    prove,
+    proven,
+    with_pose,
+    with_proof,
+)
+
+RULES = PoseRules(tolerance_si=0.01, believed_without_pose=False)
+WIRING = Wiring(node_id=5, sign=-1, gear_ratio=100.0, lead_m=None, counts_per_rev=1024)
+PROOF = prove(WIRING, 305, (0.036, -0.035), 7)
+
+
+def at(position_si):
+    return with_pose(PersistentState(), "right/hip", position_si, 1)
+
+
+# --- poses ----------------------------------------------------------------------------------------
+
+
+def test_a_pose_that_has_not_changed_is_no_news():
+    persistent = with_pose(PersistentState(), "right/hip", 0.25, 1)
+
+    assert with_pose(persistent, "right/hip", 0.25 + 0.99 * POSE_STEP_SI, 2) is persistent
+    assert (
+        with_pose(persistent, "right/hip", 0.25 - 1.01 * POSE_STEP_SI, 2)
+        .axis("right/hip")
+        .noted_utc_ns
+        == 2
+    )
+
+
+def test_a_pose_and_a_proof_do_not_disturb_each_other_or_another_axis():
+    persistent = with_proof(with_pose(PersistentState(), "right/hip", 0.25, 1), "right/hip", PROOF)
+    persistent = with_pose(persistent, "right/slide", 0.5, 1)
+    persistent = with_pose(persistent, "right/hip", 0.3, 2)
+
+    assert persistent.axis("right/hip") == StoredAxis(0.3, 2, PROOF)
+    assert persistent.axis("right/slide").position_si == 0.5
+
+
+@pytest.mark.parametrize(("encoder_si", "accepted"), [(0.255, True), (0.245, True), (0.261, False)])
+def test_an_encoder_is_accepted_where_the_axis_was_left(encoder_si, accepted):
+    said = disagreement(at(0.25), "right/hip", encoder_si, RULES)
+
+    assert said == ("" if accepted else "its encoder says 0.261, it was left at 0.25")
+
+
+def test_a_difference_of_just_the_tolerance_is_accepted():
+    assert disagreement(at(0.0), "right/hip", -RULES.tolerance_si, RULES) == ""
+
+
+@pytest.mark.parametrize("damaged", [True, False])
+@pytest.mark.parametrize("believed", [True, False])
+def test_without_a_pose_the_setting_decides_and_a_damaged_file_is_never_believed(damaged, believed):
+    persistent = PersistentState(damaged=damaged)
+
+    said = disagreement(
+        persistent, "right/hip", 0.2, RULES._replace(believed_without_pose=believed)
+    )
+
+    if damaged:
+        assert said == "the stored pose cannot be read"
+    else:
+        assert said == ("" if believed else "no pose has been stored yet")
+
+
+def test_a_pose_stored_after_a_damaged_file_is_used():
+    persistent = with_pose(PersistentState(damaged=True), "right/hip", 0.2, 1)
+
+    assert disagreement(persistent, "right/hip", 0.2, RULES) == ""
+
+
+# --- proofs ---------------------------------------------------------------------------------------
+
+
+def test_a_proof_is_valid_for_its_own_drive_and_wiring():
+    persistent = with_proof(PersistentState(), "right/hip", PROOF)
+
+    assert proven(persistent, "right/hip", WIRING, 305)
+    assert not proven(persistent, "right/slide", WIRING, 305)
+    assert not proven(persistent, "right/hip", WIRING, 306)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"node_id": 6}, {"sign": 1}, {"gear_ratio": 99.0}, {"lead_m": 0.1}, {"counts_per_rev": 2048}],
+)
+def test_any_other_wiring_makes_a_proof_void(change):
+    persistent = with_proof(PersistentState(), "right/hip", PROOF)
+
+    assert not proven(persistent, "right/hip", WIRING._replace(**change), 305)
+
+
+def test_a_proof_keeps_how_far_the_axis_moved_and_when():
+    assert SignProof(5, 305, -1, 100.0, None, 1024, 0.036, -0.035, 7) == PROOF
