@@ -39,7 +39,7 @@ ENCODER_QUANTUM: Final = (1.534e-5, 1.2207e-5)
 """Resolution of the virtual encoders, rad and m: 409 600 counts a turn, 12 288 in 0.15 m."""
 
 JITTER_TRUE: Final = "jitter 1 ms, true times"
-JITTER_NOMINAL: Final = "jitter 1 ms, times of the grid"
+JITTER_NOMINAL: Final = "jitter 1 ms, nominal times"
 LATE: Final = "efforts one cycle late"
 RIPPLED: Final = "ripple on the efforts"
 GLITCHES: Final = "glitches of the encoders"
@@ -146,7 +146,7 @@ def ablate(trial: Trial, choices: Sequence[Choice] = CHOICES) -> dict[tuple[str,
     }
 
 
-def spoiled(trial: Trial) -> tuple[Trial, ...]:
+def disturbed(trial: Trial) -> tuple[Trial, ...]:
     """Variants of a trial with the disturbances of real machines, each under its own name."""
     jittered = with_jitter(trial, JITTER_S, ENCODER_NOISE, ENCODER_QUANTUM, SEED)
     late_cycles = round(1e-3 * DELAY_MS / STEP_S)

@@ -1,11 +1,13 @@
 """Every choice of the observer, as a change of the robot file: the variants of the ablation."""
 
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
 from daemon.config.settings import Robot
+
+Table = TypeVar("Table", bound=msgspec.Struct)
 
 SHIPPED: Final = "as shipped"
 PAPER_FRICTION_FACTOR: Final = 10.0
@@ -45,22 +47,19 @@ def friction_levels(factor: float, viscous_factor: float = 1.0) -> Callable[[Rob
     """Scale Coulomb and breakaway levels, and viscous friction."""
 
     def change(robot: Robot) -> Robot:
-        hip, slide = robot.friction.hip, robot.friction.slide
-        friction = msgspec.structs.replace(
-            robot.friction,
-            hip=msgspec.structs.replace(
-                hip,
-                coulomb_nm=factor * hip.coulomb_nm,
-                stribeck_nm=factor * hip.stribeck_nm,
-                viscous_nm_s_per_rad=viscous_factor * hip.viscous_nm_s_per_rad,
-            ),
-            slide=msgspec.structs.replace(
-                slide,
-                coulomb_n=factor * slide.coulomb_n,
-                stribeck_n=factor * slide.stribeck_n,
-                viscous_n_s_per_m=viscous_factor * slide.viscous_n_s_per_m,
-            ),
+        hip = _scaled(
+            robot.friction.hip,
+            coulomb_nm=factor,
+            stribeck_nm=factor,
+            viscous_nm_s_per_rad=viscous_factor,
         )
+        slide = _scaled(
+            robot.friction.slide,
+            coulomb_n=factor,
+            stribeck_n=factor,
+            viscous_n_s_per_m=viscous_factor,
+        )
+        friction = msgspec.structs.replace(robot.friction, hip=hip, slide=slide)
         return msgspec.structs.replace(robot, friction=friction)
 
     return change
@@ -70,16 +69,17 @@ def _leg_mass(factor: float) -> Callable[[Robot], Robot]:
     """Scale the mass of the patient, or of the machine's links where it is empty."""
 
     def change(robot: Robot) -> Robot:
-        if robot.patient is not None:
-            patient = msgspec.structs.replace(robot.patient, mass_kg=factor * robot.patient.mass_kg)
-            return msgspec.structs.replace(robot, patient=patient)
-        links = {
-            name: msgspec.structs.replace(link, mass_kg=factor * link.mass_kg)
-            for name, link in (("thigh", robot.thigh), ("shank", robot.shank), ("shoe", robot.shoe))
-        }
-        return msgspec.structs.replace(robot, **links)
+        parts = ("thigh", "shank", "shoe") if robot.patient is None else ("patient",)
+        scaled = {name: _scaled(getattr(robot, name), mass_kg=factor) for name in parts}
+        return msgspec.structs.replace(robot, **scaled)
 
     return change
+
+
+def _scaled(table: Table, **factors: float) -> Table:
+    """Multiply keys of a table."""
+    changes = {key: factor * getattr(table, key) for key, factor in factors.items()}
+    return msgspec.structs.replace(table, **changes)
 
 
 def _paper_noise(robot: Robot) -> Robot:
@@ -110,11 +110,11 @@ CHOICES: Final = (
     Choice("paper's noise", _paper_noise),
     Choice("paper's observer", _paper),
     Choice("glitch gate open", _observer(gate_nis=OPEN_GATE_NIS)),
-    Choice("delay told", _observer(effort_delay_ms=DELAY_MS)),
-    Choice("jitter told", _observer(sample_jitter_us=1e6 * JITTER_S)),
-    Choice("ripple told", _observer(ripple_hip_nm=RIPPLE[0], ripple_slide_n=RIPPLE[1])),
-    Choice("friction told 20 % low", friction_levels(0.8)),
-    Choice("friction told 20 % high", friction_levels(1.2)),
-    Choice("leg told 10 % light", _leg_mass(0.9)),
-    Choice("leg told 10 % heavy", _leg_mass(1.1)),
+    Choice("delay configured", _observer(effort_delay_ms=DELAY_MS)),
+    Choice("jitter configured", _observer(sample_jitter_us=1e6 * JITTER_S)),
+    Choice("ripple configured", _observer(ripple_hip_nm=RIPPLE[0], ripple_slide_n=RIPPLE[1])),
+    Choice("friction set 20 % low", friction_levels(0.8)),
+    Choice("friction set 20 % high", friction_levels(1.2)),
+    Choice("leg set 10 % light", _leg_mass(0.9)),
+    Choice("leg set 10 % heavy", _leg_mass(1.1)),
 )

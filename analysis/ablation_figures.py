@@ -31,12 +31,13 @@ BAR_MAX: Final = 0.25
 """Share of a group's width."""
 COVERED: Final = 0.9973
 """Coverage of 3 sigma by a Gaussian."""
-QUANTITIES: Final = (
+COVERAGES: Final = (
     ("patient_covered", "patient, axis OK", ESTIMATE, "o"),
     ("patient_at_rest_covered", "patient, at rest", TRUTH, "D"),
     ("net_covered", "net", GOOD, "s"),
     ("velocity_covered", "velocity", MEASURED, "^"),
 )
+"""Field of `ablation.Errors`, label, colour and marker."""
 
 
 def answered(question: Question, results: Results) -> tuple[list[str], list[str]]:
@@ -82,7 +83,7 @@ def draw_coverage(situations: Sequence[str], results: Results, path: Path) -> No
     for axis, panel in enumerate(panels):
         style(panel, AXES[axis].name)
         panel.axvline(COVERED, color=FAINT, linewidth=1.0, linestyle="--")
-        for place, (field, label, colour, marker) in enumerate(QUANTITIES):
+        for place, (field, label, colour, marker) in enumerate(COVERAGES):
             shares = [getattr(results[one, SHIPPED], field)[axis] for one in situations]
             offset = 0.18 * (place - 1.5)
             panel.plot(

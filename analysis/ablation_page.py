@@ -9,7 +9,13 @@ from typing import Final
 from analysis import markdown
 from analysis.ablation import Errors, Results, Summary
 from analysis.ablation_choices import SHIPPED
-from analysis.ablation_figures import answered, draw_coverage, draw_question, three_digits
+from analysis.ablation_figures import (
+    COVERAGES,
+    answered,
+    draw_coverage,
+    draw_question,
+    three_digits,
+)
 from analysis.ablation_questions import QUESTIONS, REASONS, WRONG, Question
 from analysis.trial import Pair
 
@@ -24,19 +30,6 @@ COLUMNS: Final = (
     ("at rest", "patient_at_rest"),
     ("friction", "friction"),
     ("net", "net"),
-)
-COVERAGES: Final = (
-    ("patient, axis OK", "patient_covered"),
-    ("patient at rest", "patient_at_rest_covered"),
-    ("net", "net_covered"),
-    ("velocity", "velocity_covered"),
-)
-SHARES: Final = (
-    ("3σ patient", "patient_covered"),
-    ("3σ at rest", "patient_at_rest_covered"),
-    ("3σ net", "net_covered"),
-    ("3σ velocity", "velocity_covered"),
-    ("OK share", "ok_share"),
 )
 UNKNOWN_REASON: Final = "not one of the situations that this page explains"
 
@@ -159,15 +152,17 @@ def _section(question: Question, results: Results, level: str) -> Iterator[str]:
     yield f"{level} {question.title}"
     yield _prose(question.text)
     yield f"![{question.title}]({figure_name(question)})"
-    columns = (*(head for head, _ in COLUMNS), "velocity", *(head for head, _ in SHARES), "NIS")
+    heads = (*(head for head, _ in COLUMNS), "velocity")
+    shares_of = (*(f"3σ {label}" for _, label, *_ in COVERAGES), "OK share", "NIS")
     rows: list[list[str]] = []
     for situation in situations:
         for choice in choices:
             errors = results[situation, choice]
-            shares = (pair(getattr(errors, field), 2) for _, field in SHARES)
+            shares = (getattr(errors, field) for field, *_ in COVERAGES)
+            cells = (pair(one, 2) for one in (*shares, errors.ok_share))
             nis = three_digits(errors.nis)
-            rows.append([situation, choice, *_error_cells(errors), *shares, nis])
-    yield markdown.table(("situation", "choice", *columns), rows, text_columns=2)
+            rows.append([situation, choice, *_error_cells(errors), *cells, nis])
+    yield markdown.table(("situation", "choice", *heads, *shares_of), rows, text_columns=2)
 
 
 def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
@@ -184,9 +179,9 @@ def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
     rows: list[list[str]] = []
     for one in summaries:
         errors = results[one.situation, SHIPPED]
-        shares = (pair(getattr(errors, field), 3) for _, field in COVERAGES)
+        shares = (pair(getattr(errors, field), 3) for field, *_ in COVERAGES)
         rows.append([one.situation, *shares, pair(one.rest_count, 0)])
-    head = ("situation", *(head for head, _ in COVERAGES), "samples at rest")
+    head = ("situation", *(label for _, label, *_ in COVERAGES), "samples at rest")
     yield markdown.table(head, rows, text_columns=1)
     yield f"Where it is below {LOW:g}, and why:"
     yield "\n".join(_low(results, summaries)) or "- nowhere."
@@ -196,8 +191,8 @@ def _low(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
     for one in summaries:
         errors = results[one.situation, SHIPPED]
         found = [
-            f"{head} {axis} {share:.3f}{_of_how_many(field, count)}"
-            for head, field in COVERAGES
+            f"{label} {axis} {share:.3f}{_of_how_many(field, count)}"
+            for field, label, *_ in COVERAGES
             for axis, share, count in zip(
                 ("hip", "slide"), getattr(errors, field), one.rest_count, strict=True
             )

@@ -5,8 +5,6 @@ from typing import Final, NamedTuple
 from analysis.ablation import GLITCHES, JITTER_NOMINAL, JITTER_TRUE, LATE, RIPPLED
 from analysis.ablation_choices import SHIPPED
 
-PATIENT: Final = "patient's effort while moving"
-AT_REST: Final = "patient's effort at rest"
 REST: Final = "at rest"
 EXCITED: Final = "scenario paper, empty"
 BASIS: Final = "paper, 0.25 Hz, active"
@@ -27,11 +25,11 @@ class Question(NamedTuple):
     title: str
     text: str
     """The finding and its cost; a paragraph."""
-    measure: str
-    """Field of `ablation.Errors`."""
-    measured: str
     situations: tuple[str, ...]
     choices: tuple[str, ...]
+    measure: str = "patient"
+    """Field of `ablation.Errors`."""
+    measured: str = "patient's effort while moving"
 
 
 def _gaits(laws: str, cadences: str, programmes: str) -> tuple[str, ...]:
@@ -50,33 +48,29 @@ QUESTIONS: Final = (
         "Without it a passive patient seems to push at the hip in every swing, four times as hard "
         "at twice the cadence, and 3 sigma no longer cover the truth. It needs no extra computing "
         "time: the two-circle constraint gives it in closed form.",
-        "patient",
-        PATIENT,
         _gaits("paper", "0.25 0.5", "passive active"),
         (SHIPPED, "without Coriolis"),
     ),
     Question(
         "rest",
-        "Velocity-gated noise: what rests is friction's",
+        "Velocity-gated noise: at rest, changes go to friction",
         "A minute at rest shows the false activity that the gate removes. The gate is for a joint "
         "that sticks (paper_sticking): without it a load that friction holds counts as a patient, "
         "and 3 sigma do not cover that. The price: net and velocity are noisier at rest, and a "
         "patient who pushes before the joint moves (the paper's scenario) is estimated later, "
         "though within 3 sigma. The paper's noise is best here only with a passive patient; the "
         "section on the paper's tuning shows an active one.",
-        "patient_at_rest",
-        AT_REST,
         (REST, EXCITED, *_gaits("paper_sticking lugre", "0.25", "passive")),
         (SHIPPED, "not gated at rest", "paper's noise"),
+        measure="patient_at_rest",
+        measured="patient's effort at rest",
     ),
     Question(
         "sticking",
-        "The same where the joint moves again",
-        "What was put to the wrong one at rest is carried into the motion that follows: much "
-        "where a joint really sticks, and with the gate a little where it creeps, as the paper's "
-        "law does.",
-        "patient",
-        PATIENT,
+        "The same after the joint moves again",
+        "What was assigned to the wrong state at rest is an error in the motion that follows: a "
+        "large one where a joint really sticks, and with the gate a small one where it creeps, as "
+        "with the paper's law.",
         (
             EXCITED,
             *_gaits("paper", "0.25", "passive active"),
@@ -86,25 +80,21 @@ QUESTIONS: Final = (
     ),
     Question(
         "agility",
-        "Patient's noise that rises while innovations lean",
+        "Patient's noise that rises while the innovations have a biased mean",
         "A patient who pushes ever harder is no random walk. With a ratio of 3 the estimate lags "
         "less behind an active one, at 0.5 Hz by a third, and on the matched plant its 3 sigma "
-        "cover the truth. A passive one pays nothing: his innovations do not lean. Against LuGre "
+        "cover the truth. A passive one costs nothing: the innovations have no bias. Against LuGre "
         "the slide gains nothing, since its error is of structure, not of lag.",
-        "patient",
-        PATIENT,
         (*_gaits("paper lugre", "0.25 0.5", "active"), *_gaits("paper", "0.5", "passive")),
         (SHIPPED, "noise never rises"),
     ),
     Question(
         "integrator",
         "Integrator: RK4 with two substeps, or semi-implicit",
-        "Friction is stiff, and the semi-implicit step smears it over 10 ms, most of all where it "
-        "changes fast; two substeps halve that (see the column of friction). Explicit Euler is not "
-        "in this table because it is refused: at 10 ms it is unstable with real friction, and a "
-        "configuration that names it does not load.",
-        "patient",
-        PATIENT,
+        "Friction is stiff, and the semi-implicit step averages it over 10 ms, most of all where "
+        "it changes fast; two substeps halve that (see the column of friction). Explicit Euler is "
+        "not in this table because it is refused: at 10 ms it is unstable with real friction, and "
+        "a configuration that names it does not load.",
         _gaits("paper", "0.25 0.5", "passive active"),
         (SHIPPED, "semi-implicit x2", "semi-implicit x1"),
     ),
@@ -115,8 +105,6 @@ QUESTIONS: Final = (
         "bristles do not. Against LuGre at 0.5 Hz the option `viscous_outside` halves the error "
         "at the slide; against the paper's law it costs several newtons. It is an option because "
         "only the machine can say which. Without a friction model all friction counts as patient.",
-        "patient",
-        PATIENT,
         _gaits("paper lugre", "0.25 0.5", "passive"),
         (SHIPPED, "viscous outside", "no friction model"),
     ),
@@ -126,24 +114,20 @@ QUESTIONS: Final = (
         "It has the smallest error while the patient is passive, because the patient's state "
         "hardly changes: half of an active patient's effort is estimated as friction. The paper's "
         "observer drops the Coriolis torque as well.",
-        "patient",
-        PATIENT,
         _gaits("paper", "0.25 0.5", "passive active"),
         (SHIPPED, "paper's noise", "paper's observer"),
     ),
     Question(
         "time",
-        "Sample times: true, nominal, or nominal with the jitter told",
+        "Sample times: true, nominal, or nominal with the jitter configured",
         "Samples 1 ms (one sigma) off the grid. With their true times nothing is lost. With the "
         "grid's times the filter rejects samples, restarts and reports itself inconsistent by its "
         "NIS: nearly no sample is OK. With the jitter configured (`sample_jitter_us`) it runs "
         "without restarts and its sigma is consistent again, at up to twice the error of the "
         "patient and three to six times that of velocity; with a configured jitter that the true "
         "times already remove, the errors rise without a benefit.",
-        "patient",
-        PATIENT,
         (BASIS, JITTER_TRUE, JITTER_NOMINAL),
-        (SHIPPED, "jitter told"),
+        (SHIPPED, "jitter configured"),
     ),
     Question(
         "effort",
@@ -155,19 +139,15 @@ QUESTIONS: Final = (
         "the error stays, because the ripple itself is unknown; with a configured ripple that does "
         "not exist, the slide's error nearly doubles, because the samples of effort get less "
         "weight. Both options are off unless the machine needs them.",
-        "patient",
-        PATIENT,
         (BASIS, LATE, RIPPLED),
-        (SHIPPED, "delay told", "ripple told"),
+        (SHIPPED, "delay configured", "ripple configured"),
     ),
     Question(
         "glitches",
-        "Glitches of the encoders: gated, or believed",
+        "Glitches of the encoders: rejected, or accepted",
         "A wrong sample of 0.01 to 0.3 rad (or m) each second. With `gate_nis = 60` they have no "
         "effect. With the gate at 1000 some pass; the estimate is wrong, and its status shows it: "
         "nearly no sample is OK.",
-        "patient",
-        PATIENT,
         (BASIS, GLITCHES),
         (SHIPPED, "glitch gate open"),
     ),
@@ -179,18 +159,16 @@ WRONG: Final = (
         "Parameters that are wrong",
         "Friction levels 20 % off are an error of that friction, whatever the filter does; a leg "
         "10 % too heavy is its weight at the hip. At 0.25 Hz neither shows in NIS, and 3 sigma "
-        "of the patient cover next to nothing: sigma tells of noise, not of a wrong number in "
-        "the robot file. Net suffers little from wrong friction, and fully from a wrong leg. Hence "
-        "calibration, the friction monitor and the empty run.",
-        "patient",
-        PATIENT,
+        "of the patient cover next to nothing: sigma describes noise, not a wrong number "
+        "in the robot file. Net suffers little from wrong friction, and fully from a wrong leg. "
+        "Hence calibration, the friction monitor and the empty run.",
         (BASIS, *_gaits("paper", "0.5", "passive")),
         (
             SHIPPED,
-            "friction told 20 % low",
-            "friction told 20 % high",
-            "leg told 10 % light",
-            "leg told 10 % heavy",
+            "friction set 20 % low",
+            "friction set 20 % high",
+            "leg set 10 % light",
+            "leg set 10 % heavy",
         ),
     ),
     Question(
@@ -198,19 +176,17 @@ WRONG: Final = (
         "Other machines and patients, with the robot file right",
         "Nothing in the tuning is for 80 kg and 6 N·m: with the right numbers the errors stay "
         "near where they were. Halved and doubled, Coulomb friction is 3 and 12 N·m, 32 and 130 "
-        "N. The gate at rest costs the more in motion the more friction there is: what it cannot "
-        "know then spans a wider range.",
-        "patient",
-        PATIENT,
+        "N. The gate at rest costs the more in motion the more friction there is: what is unknown "
+        "at rest spans a wider range.",
         (BASIS, *OTHER_PLANTS),
         (SHIPPED, "not gated at rest"),
     ),
 )
 
 REASONS: Final = (
-    ("jitter 1 ms, times of the grid", "the observer is not told of the jitter; told, it covers"),
-    (LATE, "a delay that it does not know; modelled, it covers"),
-    (RIPPLED, "a ripple that it is not told of; told, it covers"),
+    (JITTER_NOMINAL, "the jitter is not configured; with it, sigma covers"),
+    (LATE, "the delay is not configured; with it, sigma covers"),
+    (RIPPLED, "the ripple is not configured; with it, sigma covers"),
     (
         "lugre",
         "bristles are not the observer's friction: an error of structure, which no noise "

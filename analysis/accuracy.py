@@ -83,7 +83,6 @@ def moving(
 
 
 def _correlation(a: Values, b: Values) -> float:
-    spread_a, spread_b = np.std(a), np.std(b)
-    if spread_a == 0 or spread_b == 0:
+    if np.std(a) == 0 or np.std(b) == 0:
         return math.nan
-    return float(np.mean((a - np.mean(a)) / spread_a * ((b - np.mean(b)) / spread_b)))
+    return float(np.corrcoef(a, b)[0, 1])

@@ -93,8 +93,8 @@ def measure(
             f"{recording.source}: the hip is in motion in {counts[0]} rows, the slide in "
             f"{counts[1]}; a delay needs {MOVING_MIN_ROWS} rows of at least one axis"
         )
-    told = _counted(progress, len(COARSE_CYCLES) + len(FINE_CYCLES))
-    innovations = _innovations_by_delay(recording, robot, told)
+    steps = _counted(progress, len(COARSE_CYCLES) + len(FINE_CYCLES))
+    innovations = _innovations_by_delay(recording, robot, steps)
     coarse = {float(cycles): innovations((cycles, cycles)) for cycles in COARSE_CYCLES}
     best = tuple(_best(coarse, moving, axis) for axis in range(2))
     fine = [innovations((best[0] + step, best[1] + step)) for step in FINE_CYCLES]

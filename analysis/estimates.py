@@ -41,29 +41,12 @@ def write_csv(
     Args:
         time_s: shape (n,), as recorded.
         estimates: estimates of the same n rows.
-        path: an existing file is replaced as a whole: a run that ends early leaves it unchanged.
+        path: replaced if it exists.
         progress: called with the share done.
 
     Raises:
         OSError: the file cannot be written.
     """
-    if path.exists() and not path.is_file():  # a pipe, or a terminal
-        _write(time_s, estimates, path, progress)
-        return
-    beside = path.with_name(path.name + ".part")
-    try:
-        _write(time_s, estimates, beside, progress)
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
-
-
-def _write(
-    time_s: NDArray[np.float64],
-    estimates: BatchEstimates,
-    path: Path,
-    progress: Progress | None,
-) -> None:
     count = len(time_s)
     with path.open("w", encoding="ascii", newline="\n") as file:
         file.write(",".join(COLUMNS) + "\n")

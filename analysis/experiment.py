@@ -55,8 +55,6 @@ class Run:
     """Shape (n, 8)."""
     net: Values
     """Shape (n, 2): patient minus friction."""
-    net_std: Values
-    """Shape (n, 2)."""
     nis: Values
     """Shape (n,)."""
     validity: NDArray[np.int64]
@@ -108,8 +106,8 @@ class Row(NamedTuple):
     """Value in `slide_unit`."""
     hip_unit: str
     slide_unit: str
-    target: str
-    met: bool | None
+    target: str = ""
+    met: bool | None = None
     """None: no target, or a run that the target does not apply to."""
 
 

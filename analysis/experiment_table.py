@@ -88,16 +88,14 @@ def cells(row: Row) -> tuple[str, str, str, str]:
 
 def _peak_rows(run: Run, marks: Marks) -> Iterator[Row]:
     found = peak(run, marks)
-    unit = "rad/s"
-    yield Row("velocity peak, true", found and found.true_rad_per_s, None, unit, "", "", None)
-    estimated = found and found.estimated_rad_per_s
-    yield Row("velocity peak, estimated", estimated, None, unit, "", "", None)
+    yield _of_hip("velocity peak, true", found and found.true_rad_per_s, "rad/s")
+    yield _of_hip("velocity peak, estimated", found and found.estimated_rad_per_s, "rad/s")
     percent = found and 100 * found.difference_ratio
     good = None if percent is None else abs(percent) <= PEAK_MAX_PERCENT
-    yield Row("velocity peak, difference", percent, None, "%", "", "within ±2", good)
+    yield _of_hip("velocity peak, difference", percent, "%", "within ±2", good)
     late = found and found.lag_count
     good = None if late is None else abs(late) <= LAG_MAX
-    yield Row("velocity peak, lag", late, None, "samples", "", "≤ 1", good)
+    yield _of_hip("velocity peak, lag", late, "samples", "≤ 1", good)
 
 
 def _motion_rows(run: Run, open_gate: Flags) -> Iterator[Row]:
@@ -109,8 +107,8 @@ def _motion_rows(run: Run, open_gate: Flags) -> Iterator[Row]:
     )
     yield _limited("velocity, rms error", estimated, VELOCITY_MAX, "rad/s", "m/s")
     in_motion = _both(run.state[:, 2:4] - velocity, open_gate)
-    yield Row("velocity, rms error in motion", *in_motion, "rad/s", "m/s", "", None)
-    yield Row("velocity by differences, rms error", *naive, "rad/s", "m/s", "", None)
+    yield Row("velocity, rms error in motion", *in_motion, "rad/s", "m/s")
+    yield Row("velocity by differences, rms error", *naive, "rad/s", "m/s")
     ratios = [
         None if one is None or other is None else other / one
         for one, other in zip(estimated, naive, strict=True)
@@ -127,8 +125,8 @@ def _effort_rows(run: Run, open_gate: Flags, frictions: Frictions, matched: bool
     limits = share * coulomb[0], share * coulomb[1]
     yield _limited("friction, rms error in motion", _both(friction, open_gate), limits, *EFFORT)
     shown = run.validity == Validity.OK
-    yield Row("friction, rms error where shown", *_both(friction, shown), *EFFORT, "", None)
-    yield Row("friction, rms error with rest", *_both(friction), *EFFORT, "", None)
+    yield Row("friction, rms error where shown", *_both(friction, shown), *EFFORT)
+    yield Row("friction, rms error with rest", *_both(friction), *EFFORT)
     size = np.max(np.abs(run.artificial), axis=0) if len(run.time_s) else np.zeros(2)
     limits = (
         float(DISTURBANCE_SHARE[matched] * size[0]),
@@ -136,7 +134,7 @@ def _effort_rows(run: Run, open_gate: Flags, frictions: Frictions, matched: bool
     )
     moving_error = _both(patient, open_gate)
     yield _limited("disturbance, rms error in motion", moving_error, limits, *EFFORT)
-    yield Row("disturbance, rms error where shown", *_both(patient, shown), *EFFORT, "", None)
+    yield Row("disturbance, rms error where shown", *_both(patient, shown), *EFFORT)
     yield Row("disturbance, rms error with rest", *_both(patient), *EFFORT, "flagged", None)
     net = run.net - (run.artificial - run.true_friction)
     limit = NET_MAX if matched else None
@@ -145,30 +143,14 @@ def _effort_rows(run: Run, open_gate: Flags, frictions: Frictions, matched: bool
 
 def _time_rows(run: Run, marks: Marks, open_gate: Flags, setup: Setup) -> Iterator[Row]:
     found = transfer(run, marks, open_gate)
-    yield Row(
-        "step at rest: 90 % after its onset",
-        None,
-        _ms(found and found.reached_s),
-        "",
-        "ms",
-        "",
-        None,
-    )
-    yield Row(
-        "step at rest: motion after its onset",
-        None,
-        _ms(found and found.motion_s),
-        "",
-        "ms",
-        "",
-        None,
-    )
+    yield _of_slide("step at rest: 90 % after its onset", _ms(found and found.reached_s))
+    yield _of_slide("step at rest: motion after its onset", _ms(found and found.motion_s))
     after = _ms(found and found.after_motion_s)
     good = None if after is None else after <= TRANSFER_MAX_MS
-    yield Row("step at rest: 90 % after motion", None, after, "", "ms", "≤ 100", good)
+    yield _of_slide("step at rest: 90 % after motion", after, "≤ 100", good)
     fallen = _ms(fall_s(run, marks))
     good = None if fallen is None else fallen <= FALL_MAX_MS
-    yield Row("step gone in motion: 90 % after", None, fallen, "", "ms", "≤ 60", good)
+    yield _of_slide("step gone in motion: 90 % after", fallen, "≤ 60", good)
     talk = cross_talk(run, marks, setup)
     yield _limited("cross talk from the other axis", talk, CROSS_MAX, *EFFORT)
 
@@ -176,7 +158,7 @@ def _time_rows(run: Run, marks: Marks, open_gate: Flags, setup: Setup) -> Iterat
 def _coverage_rows(run: Run, open_gate: Flags) -> Iterator[Row]:
     nis = run.nis[np.isfinite(run.nis)]
     mean = float(np.mean(nis)) if len(nis) else None
-    yield Row("NIS, mean of both axes", mean, None, "", "", "2 is ideal", None)
+    yield Row("NIS, mean of both axes", mean, None, "", "", "2 is ideal")
     error = run.state[:, 6:8] - run.artificial
     for name, rows_in in (("shown", run.validity == Validity.OK), ("all", np.isfinite(error))):
         inside = [
@@ -185,9 +167,9 @@ def _coverage_rows(run: Run, open_gate: Flags) -> Iterator[Row]:
         ]
         percent = [None if one is None else 100 * one for one in inside]
         title = f"disturbance within 3σ, {name} samples"
-        yield Row(title, percent[0], percent[1], "%", "%", "99.7 if Gaussian", None)
+        yield Row(title, percent[0], percent[1], "%", "%", "99.7 if Gaussian")
     rest = 100 * (1 - open_gate.mean(axis=0)) if len(open_gate) else [None, None]
-    yield Row("time at rest", rest[0], rest[1], "%", "%", "", None)
+    yield Row("time at rest", rest[0], rest[1], "%", "%")
 
 
 def _both(error: np.ndarray, rows_in: Flags | None = None) -> tuple[float | None, float | None]:
@@ -199,6 +181,16 @@ def _both(error: np.ndarray, rows_in: Flags | None = None) -> tuple[float | None
     return hip, slide
 
 
+def _of_hip(
+    name: str, value: float | None, unit: str, target: str = "", met: bool | None = None
+) -> Row:
+    return Row(name, value, None, unit, "", target, met)
+
+
+def _of_slide(name: str, value_ms: float | None, target: str = "", met: bool | None = None) -> Row:
+    return Row(name, None, value_ms, "", "ms", target, met)
+
+
 def _limited(
     name: str,
     values: Sequence[float | None],
@@ -208,7 +200,7 @@ def _limited(
 ) -> Row:
     hip, slide = values
     if limits is None or limits == (0.0, 0.0):
-        return Row(name, hip, slide, hip_unit, slide_unit, "", None)
+        return Row(name, hip, slide, hip_unit, slide_unit)
     target = f"≤ {limits[0]:.3g}, {limits[1]:.3g}"
     pairs = [(v, most) for v, most in zip(values, limits, strict=True) if v is not None]
     good = all(value <= most for value, most in pairs) if pairs else None

@@ -5,7 +5,8 @@ bits again. A ring holds the newest 30 s only, a file of the black box less: its
 a fresh filter, and agrees with the service's estimates once the leg has moved for some seconds.
 """
 
-from collections.abc import Sequence
+from functools import reduce
+from operator import or_
 from pathlib import Path
 from typing import NamedTuple
 
@@ -13,23 +14,15 @@ import msgspec
 import numpy as np
 
 from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
-from analysis.stop_recording import about, stop_of
+from analysis.stop_recording import about, observed, opened, stop_of
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from daemon.ipc.record import CycleRecord
-from daemon.ipc.transport import RingError, RingReader
-from observer.filter.leg_observer import Setup, setup_of
-from observer.filter.status import Status
+from observer.filter.leg_observer import CALLER_BITS, Setup, setup_of
 from observer.offline.batch import BatchEstimates, Columns, run
 from observer.offline.smooth_batch import run_smoothed
 
-CALLER_BITS = int(
-    Status.LATE
-    | Status.UNREFERENCED
-    | Status.ARTIFICIAL
-    | Status.INPUT_SATURATED
-    | Status.NEAR_LIMIT
-)
+NEITHER = "; a recording is a .csv or a ring of records"
+CALLER_MASK = int(reduce(or_, CALLER_BITS))
 """Status bits that are inputs of the observer, not its results."""
 
 
@@ -69,20 +62,8 @@ def legs_of(path: Path) -> tuple[str, ...]:
     """
     if path.suffix.lower() == ".csv":
         return ()
-    ring = _opened(path)
-    try:
+    with opened(path, NEITHER) as ring:
         return tuple(ring.header.leg_names)
-    finally:
-        ring.close()
-
-
-def _opened(path: Path) -> RingReader:
-    try:
-        return RingReader(path)
-    except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror}") from error
-    except RingError as error:
-        raise RecordingError(f"{error}; a recording is a .csv or a ring of records") from error
 
 
 def read_ring(path: Path, leg: str | None = None) -> Source:
@@ -93,42 +74,24 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
     Raises:
         RecordingError: the file is no ring, has no such leg, or no cycle in which the observer ran.
     """
-    ring = _opened(path)
-    try:
+    with opened(path, NEITHER) as ring:
         header, records = ring.header, ring.since(0)
         damaged_count = ring.damaged_count
-    finally:
-        ring.close()
     name = leg or header.leg_names[0]
     if name not in header.leg_names:
         raise RecordingError(f"{path}: has no leg {name}, only {', '.join(header.leg_names)}")
-    rows, bits = _rows(records, header.leg_names.index(name))
-    if not rows:
+    ran = list(observed(records, header.leg_names.index(name)))
+    if not ran:
         raise RecordingError(f"{path}: the observer ran in none of its {len(records)} records")
     try:
         robot = msgspec.convert(header.robot, Robot)
     except msgspec.ValidationError as error:
         raise RecordingError(f"{path}: its robot cannot be used: {error}") from error
     said = about(stop_of(path, header, records, damaged_count))
+    rows = [(time_s, *one.measured, *one.effort_used) for _, time_s, one in ran]
+    bits = [one.status & CALLER_MASK for *_, one in ran]
     made = recording(str(path), np.array(rows, dtype=np.float64))
     return Source(made, robot, name, np.array(bits, dtype=np.int64), said)
-
-
-def _rows(records: Sequence[CycleRecord], leg: int) -> tuple[list[tuple[float, ...]], list[int]]:
-    """Columns as in a CSV, and the caller's bits, of the cycles in which the observer ran."""
-    rows: list[tuple[float, ...]] = []
-    bits: list[int] = []
-    first_ns: int | None = None
-    last_ns = 0
-    for record in records:
-        if len(record.legs) <= leg or record.sync_mono_ns <= last_ns:
-            continue
-        one = record.legs[leg]
-        first_ns = record.sync_mono_ns if first_ns is None else first_ns
-        last_ns = record.sync_mono_ns
-        rows.append(((last_ns - first_ns) * 1e-9, *one.measured, *one.effort_used))
-        bits.append(one.status & CALLER_BITS)
-    return rows, bits
 
 
 def setup_for(robot: Robot) -> Setup:

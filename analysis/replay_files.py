@@ -8,8 +8,13 @@ from typing import NamedTuple
 
 ESTIMATES = ".estimates.csv"
 PICTURE = ".png"
-STRIDES = ".strides.csv"
-STRIDES_PICTURE = ".strides.png"
+OPTIONS = {
+    "--output": ESTIMATES,
+    "--plot": PICTURE,
+    "--strides": ".strides.csv",
+    "--strides-plot": ".strides.png",
+}
+"""Option of each output file, in the order of `Targets`, and the end of its name in a folder."""
 
 
 class FileError(Exception):
@@ -48,21 +53,19 @@ def targets_of(wanted: Wanted, results: Sequence[tuple[Path, str]], many: bool) 
     Raises:
         FileError: several recordings, and an option that is no folder.
     """
-    for option, path in (
-        ("--output", wanted.output),
-        ("--plot", wanted.plot),
-        ("--strides", wanted.strides),
-        ("--strides-plot", wanted.strides_plot),
-    ):
+    for option, path in zip(OPTIONS, wanted, strict=True):
         if many and path is not None and not path.is_dir():
             raise FileError(f"{option} {path}: must be an existing folder for several recordings")
+    output, *others = OPTIONS.values()
     return [
         Targets(
-            _named(wanted.output, recorded, leg, ESTIMATES)
-            or recorded.with_name(_name(recorded, leg, ESTIMATES)),
-            _named(wanted.plot, recorded, leg, PICTURE),
-            _named(wanted.strides, recorded, leg, STRIDES),
-            _named(wanted.strides_plot, recorded, leg, STRIDES_PICTURE),
+            _named(wanted.output, recorded, leg, output)
+            if wanted.output
+            else recorded.with_name(_name(recorded, leg, output)),
+            *(
+                path and _named(path, recorded, leg, suffix)
+                for path, suffix in zip(wanted[1:], others, strict=True)
+            ),
         )
         for recorded, leg in results
     ]
@@ -72,9 +75,7 @@ def _name(recorded: Path, leg: str, suffix: str) -> str:
     return recorded.name + (f".{leg}" if leg else "") + suffix
 
 
-def _named(option: Path | None, recorded: Path, leg: str, suffix: str) -> Path | None:
-    if option is None:
-        return None
+def _named(option: Path, recorded: Path, leg: str, suffix: str) -> Path:
     if option.is_dir():
         return option / _name(recorded, leg, suffix)
     return option.with_name(f"{option.stem}.{leg}{option.suffix}") if leg else option
@@ -88,12 +89,7 @@ def check(targets: Sequence[Targets], inputs: Sequence[Path]) -> None:
     """
     taken: dict[Path, str] = {}
     for one in targets:
-        for option, path in (
-            ("--output", one.output),
-            ("--plot", one.plot),
-            ("--strides", one.strides),
-            ("--strides-plot", one.strides_plot),
-        ):
+        for option, path in zip(OPTIONS, one, strict=True):
             if path is not None:
                 _check_place(option, path, inputs)
                 if path.resolve() in taken:

@@ -5,15 +5,15 @@ newest latched verdict; without one, the last record is used.
 """
 
 import math
-from collections.abc import Sequence
-from contextlib import closing
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 from analysis.recording import RecordingError
-from daemon.ipc.record import Cause, CycleRecord, StopCategory
+from daemon.ipc.record import Cause, CycleRecord, LegRecord, StopCategory
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import Kept, RingError, RingHeader, RingReader
 from daemon.wire.cause_texts import CAUSE_TEXT
@@ -53,20 +53,44 @@ class StopRecording(NamedTuple):
         return self.records[-1].seq - self.records[0].seq + 1 - len(self.records)
 
 
+@contextmanager
+def opened(path: Path, hint: str = "") -> Generator[RingReader]:
+    """Open a ring of records; `hint` is added to the message for a file that is none.
+
+    Raises:
+        RecordingError: the file cannot be read, or is no ring.
+    """
+    try:
+        with closing(RingReader(path)) as ring:
+            yield ring
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from error
+    except RingError as error:
+        raise RecordingError(f"{error}{hint}") from error
+
+
+def observed(
+    records: Iterable[CycleRecord], leg: int
+) -> Iterator[tuple[CycleRecord, float, LegRecord]]:
+    """Yield the cycles in which a leg's observer ran, each with the time since the first, s."""
+    first_ns, last_ns = None, 0
+    for record in records:
+        if len(record.legs) <= leg or record.sync_mono_ns <= last_ns:
+            continue
+        last_ns = record.sync_mono_ns
+        first_ns = last_ns if first_ns is None else first_ns
+        yield record, (last_ns - first_ns) * 1e-9, record.legs[leg]
+
+
 def read_stop(path: Path) -> StopRecording:
     """Read a file of the black box, or the ring of a core.
 
     Raises:
         RecordingError: the file is neither, or holds no record.
     """
-    try:
-        with closing(RingReader(path)) as ring:
-            header, records = ring.header, tuple(ring.since(0))
-            damaged_count = ring.damaged_count
-    except OSError as error:
-        raise RecordingError(f"{path}: {error.strerror}") from error
-    except RingError as error:
-        raise RecordingError(str(error)) from error
+    with opened(path) as ring:
+        header, records = ring.header, tuple(ring.since(0))
+        damaged_count = ring.damaged_count
     if not records:
         damaged = f" that can be read; {damaged_count} are damaged" if damaged_count else ""
         raise RecordingError(f"{path}: holds no record{damaged}")

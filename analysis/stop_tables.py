@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from analysis.recording import COLUMNS
-from analysis.stop_recording import StopRecording, about, remedy_of
+from analysis.stop_recording import StopRecording, about, observed, remedy_of
 from daemon.ipc.record import CycleRecord, DriveRecord
 from daemon.wire.fields import POWER_STATES
 
@@ -137,15 +137,9 @@ def write_csv(recording: StopRecording, leg: str, path: Path) -> int:
 def _rows(recording: StopRecording, leg: str) -> Iterator[tuple[str, ...]]:
     """Rows of the cycles in which the observer ran, as a replay of the ring selects them."""
     index = recording.header.leg_names.index(leg)
-    first_ns, last_ns = None, 0
-    for record in recording.records:
-        if len(record.legs) <= index or record.sync_mono_ns <= last_ns:
-            continue
-        last_ns = record.sync_mono_ns
-        first_ns = last_ns if first_ns is None else first_ns
-        one = record.legs[index]
+    for record, time_s, one in observed(recording.records, index):
         yield (
-            *_cells(((last_ns - first_ns) * 1e-9, *one.measured, *one.effort_used)),
+            *_cells((time_s, *one.measured, *one.effort_used)),
             f"{recording.from_stop_s(record):.6f}",
             record.mode.name.lower(),
             record.verdict.category.name,

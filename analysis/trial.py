@@ -144,17 +144,6 @@ def _means_between(recording: Recording, taken_s: Values) -> Values:
     return means
 
 
-def _with(
-    trial: Trial,
-    time_s: Values | None = None,
-    position: Values | None = None,
-    effort: Values | None = None,
-) -> Trial:
-    old = trial.recording
-    recording = replace(
-        old,
-        time_s=old.time_s if time_s is None else time_s,
-        position=old.position if position is None else position,
-        effort=old.effort if effort is None else effort,
-    )
-    return replace(trial, recording=recording)
+def _with(trial: Trial, **columns: Values) -> Trial:
+    """Replace columns of the recording."""
+    return replace(trial, recording=replace(trial.recording, **columns))

@@ -1,6 +1,6 @@
 """FilterPy's unscented Kalman filter on the observer's model: the cost of a general library.
 
-Its model is either plain Python, as its users write it, or one compiled call for each sigma point.
+Its model is plain Python, as its users write it.
 Spread (n + kappa = 3), noise and substeps are the observer's. The integrator is RK4, because with
 the semi-implicit one FilterPy's covariance stops being positive definite after a few steps.
 """
@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from observer.filter.leg_filter import Options
 from observer.filter.leg_memory import START_STD
 from observer.filter.leg_observer import Setup
-from observer.jit import kernel
-from observer.mechanism.friction import FrictionParameters, friction_rate
-from observer.mechanism.linkage import bounded_acceleration
+from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import GRAVITY, LegParameters
 
 Vector = NDArray[np.float64]
@@ -27,10 +25,10 @@ Floats = list[float]
 Slope = Callable[[Floats], Floats]
 
 
-def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float, *, compiled: bool) -> Matrix:
+def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float) -> Matrix:
     """State after each step, (n - 1, 8); the run begins at rest at the first measurement."""
     torque = np.zeros(2)
-    model = compiled_model(setup, torque) if compiled else python_model(setup, torque)
+    model = python_model(setup, torque)
     points = MerweScaledSigmaPoints(n=8, alpha=1.0, beta=0.0, kappa=-5.0)
     peer = UnscentedKalmanFilter(
         dim_x=8, dim_z=2, dt=dt_s, hx=lambda x: x[:2], fx=model, points=points
@@ -48,44 +46,8 @@ def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float, *, compiled
     return states
 
 
-def compiled_model(setup: Setup, torque: Vector) -> Callable[[Vector, float], Vector]:
-    """Build one step for one point from the observer's own mechanism and friction."""
-    substeps = int(Options(*setup.options).substeps)
-    physics = (setup.leg, setup.hip, setup.slide, setup.coriolis_share)
-    return lambda x, dt_s: _compiled_step(*physics, torque, dt_s, substeps, x)
-
-
-@kernel
-def _compiled_step(leg, hip, slide, coriolis_share, torque, dt_s, substeps, start):
-    h = dt_s / substeps
-    x = start.copy()
-    for _ in range(substeps):
-        k1 = _compiled_slope(leg, hip, slide, coriolis_share, torque, x)
-        k2 = _compiled_slope(leg, hip, slide, coriolis_share, torque, x + 0.5 * h * k1)
-        k3 = _compiled_slope(leg, hip, slide, coriolis_share, torque, x + 0.5 * h * k2)
-        k4 = _compiled_slope(leg, hip, slide, coriolis_share, torque, x + h * k3)
-        x += h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
-    return x
-
-
-@kernel
-def _compiled_slope(leg, hip, slide, coriolis_share, torque, x):
-    dx = np.zeros(8)
-    dx[0], dx[1] = x[2], x[3]
-    dx[2], dx[3], _ = bounded_acceleration(
-        LegParameters(*leg),
-        *(x[0], x[1], x[2], x[3]),
-        torque[0] + x[6] - x[4],
-        torque[1] + x[7] - x[5],
-        coriolis_share,
-    )
-    dx[4] = friction_rate(FrictionParameters(*hip), x[4], x[2])
-    dx[5] = friction_rate(FrictionParameters(*slide), x[5], x[3])
-    return dx
-
-
 def python_model(setup: Setup, torque: Vector) -> Callable[[Vector, float], Vector]:
-    """Build the same step in plain Python, scalar by scalar: small arrays would be slower."""
+    """Build one step for one point, scalar by scalar: small arrays would be slower."""
     leg = LegParameters(*setup.leg)
     hip, slide = FrictionParameters(*setup.hip), FrictionParameters(*setup.slide)
     substeps = int(Options(*setup.options).substeps)

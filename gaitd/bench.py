@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gaitd.command_line import configs_folder
+from daemon.config.shipped import configs_folder
 
 PLAIN_WIDTH = 120
 """Columns of tables that are written to a file."""

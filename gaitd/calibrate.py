@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from daemon.config.strict import COMMAND_LINE, ConfigError
 from gaitd.command_line import errors_in_one_line
-from gaitd.terminal import progress
+from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
     from analysis.calibration.session import Calibration
@@ -38,11 +39,11 @@ def command(
     ] = False,
 ) -> None:
     """Identify friction, springs, inertia and encoder noise, with intervals, from `excite` runs."""
-    from analysis.calibration.robot_file import RobotFileError
     from analysis.recording import RecordingError
+    from daemon.config.edits import EditError
 
     output = output or recorded[0].with_name(recorded[0].name + SUFFIX)
-    with errors_in_one_line(RecordingError, RobotFileError):
+    with errors_in_one_line(RecordingError, EditError):
         if check:
             _check(recorded, robot)
         else:
@@ -63,11 +64,12 @@ def _check(recorded: list[Path], robot_file: Path) -> None:
 def _calibrate(
     recorded: list[Path], robot_file: Path, output: Path, page: Path | None, held_out: list[Path]
 ) -> None:
-    from analysis.calibration.robot_file import RobotFileError, write
+    from analysis.calibration.robot_file import write
     from analysis.calibration.session import calibrate
 
     if output.exists() and output.samefile(robot_file):
-        raise RobotFileError(f"{output}: is the file to begin with; give --output another name")
+        allowed = "another name than the file to begin with"
+        raise ConfigError(COMMAND_LINE, "--output", output, allowed)
     with progress() as stage:
         update = stage("calibrating")
         made = calibrate(
@@ -105,11 +107,10 @@ def _sources(recorded: list[Path]) -> "list[Source]":
 
 def _report(made: "Calibration") -> None:
     from analysis.calibration.advice import advice
-    from analysis.calibration.words import scores_table, values_table
+    from analysis.calibration.page import tables
 
     print(f"recording    {', '.join(made.motion.sources)}: {made.motion.duration_s:.1f} s")
     print(f"mechanism    {made.check}")
-    print(values_table(made))
     for line in advice(made.motion, made.fit.results):
         print(f"to do        {line}")
     if len(made.contact_s):
@@ -118,4 +119,4 @@ def _report(made: "Calibration") -> None:
             f"contact      {share:.0%} of the rows, from {made.contact_s[0]:.0f} s on, not judged: "
             "an end stop, or it was touched"
         )
-    print(scores_table(made))
+    show(tables(made))

@@ -11,9 +11,8 @@ from typing import Annotated, Final
 
 import typer
 
-from daemon.config.strict import MISSING, ConfigError
+from daemon.config.shipped import configs_folder
 
-COMMAND_LINE: Final = "command line"
 EXIT_FAILED: Final = 1
 EXIT_REFUSED: Final = 2
 """Usage, configuration, or a file that cannot be read or written."""
@@ -39,23 +38,6 @@ def errors_in_one_line(*errors: type[Exception], code: int = EXIT_REFUSED) -> Ge
     except OSError as error:
         print(f"{error.filename}: {error.strerror}", file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
-
-
-def configs_folder(option: str, wanted: str) -> Path:
-    """Find the folder of configurations: in the clone, the installation or the current folder.
-
-    Args:
-        option: the option that would have named the file.
-        wanted: the file in that folder.
-
-    Raises:
-        ConfigError: no folder has the file.
-    """
-    ours = Path(__file__).resolve().parent
-    for folder in (ours.parent / "configs", ours / "configs", Path.cwd() / "configs"):
-        if (folder / wanted).exists():
-            return folder
-    raise ConfigError(COMMAND_LINE, option, MISSING, f"a file, as there is no configs/{wanted}")
 
 
 def demo_file(config: Path | None) -> Path:

@@ -42,7 +42,7 @@ def command(
     ] = False,
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; check the errors."""
-    from gaitd.command_line import configs_folder
+    from daemon.config.shipped import configs_folder
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
     from gaitd_lab.demonstration.report import report
@@ -65,15 +65,15 @@ def command(
 
 
 def _refuse(pace: str, *, wall_clock: bool) -> None:
-    from daemon.config.strict import ConfigError
+    from daemon.config.strict import COMMAND_LINE, ConfigError
     from sim_drives.time.server import parse_pace
 
     try:
         parse_pace(pace)
     except ValueError as error:
-        raise ConfigError("command line", "--pace", pace, str(error)) from error
+        raise ConfigError(COMMAND_LINE, "--pace", pace, str(error)) from error
     if wall_clock and pace != "1":
-        raise ConfigError("command line", "--pace", pace, "nothing with --wall-clock")
+        raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --wall-clock")
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import typer
 
-from daemon.config.strict import MISSING, ConfigError
+from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.system.bus_choice import bus_of, opened
 from drives.bringup.configurator import Configurator
 from drives.canopen.sniffer import BusSniffer, SniffedBus
@@ -30,7 +30,7 @@ from drives.service.eds import load_eds
 from drives.service.object_texts import ObjectWords
 from drives.service.parameters import Command
 from drives.service.scan import listen
-from gaitd.command_line import COMMAND_LINE, EXIT_FAILED, ConfigFile
+from gaitd.command_line import EXIT_FAILED, ConfigFile
 from gaitd.terminal import run_with_progress, show
 
 if TYPE_CHECKING:

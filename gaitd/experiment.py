@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from daemon.config.strict import ConfigError
-from gaitd.command_line import COMMAND_LINE, EXIT_FAILED, DemoFile, demo_file, errors_in_one_line
+from daemon.config.strict import COMMAND_LINE, ConfigError
+from gaitd.command_line import EXIT_FAILED, DemoFile, demo_file, errors_in_one_line
 from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -63,11 +63,12 @@ def command(
 def _experiment(machine: "EmptyMachine", seconds: float, output: Path) -> str:
     """Play the scenario, print and draw its results; return the trouble, or an empty text."""
     from analysis.delay import advice, in_words
+    from observer.filter.leg_model import STEP_S
 
     with progress() as begin:
         played = machine.play(SCENARIO, seconds, begin("the paper's scenario", seconds))
         delays = machine.delays(played.run, begin)
-    duration_s = len(played.run.time_s) * machine.step_s
+    duration_s = len(played.run.time_s) * STEP_S
     print(f"scenario     {SCENARIO}: {duration_s:.2f} s of {seconds:g} s, empty machine")
     print(f"plant        friction law {machine.law.value}, seed {machine.seed}")
     if machine.note:

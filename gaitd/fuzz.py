@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from daemon.config.strict import ConfigError
-from gaitd.command_line import COMMAND_LINE, EXIT_FAILED, DemoFile, demo_file
+from daemon.config.strict import COMMAND_LINE, ConfigError
+from gaitd.command_line import EXIT_FAILED, DemoFile, demo_file
 
 
 def command(

@@ -89,14 +89,11 @@ def _run(trainer: Path, wanted: "list[Cell]", seed: int, jobs: int) -> "list[Cel
     from gaitd_lab.fault_matrix.run import run
 
     results: list[CellResult] = []
-    with progress() as stage:
+    with progress(line_every=0.0) as stage:
         update = stage("cells", len(wanted))
         for part in run(trainer, wanted, seed, jobs):
             results += part
-            count = f"{len(results)} of {len(wanted)} cells"
-            update(len(results), count)
-            if not sys.stderr.isatty():
-                print(count, file=sys.stderr)
+            update(len(results), f"{len(results)} of {len(wanted)} cells")
     place = {cell: number for number, cell in enumerate(wanted)}
     return sorted(results, key=lambda one: place[one.cell])
 

@@ -17,8 +17,8 @@ def command(
 ) -> None:
     """Print the modes, the permitted requests, and each stop's remedy for the operator."""
     from daemon.config.limit_settings import Limits
+    from daemon.config.shipped import configs_folder
     from daemon.config.strict import decoded, read_toml
-    from gaitd.command_line import configs_folder
     from gaitd_lab.mode_page import page
 
     limits = decoded(read_toml(configs_folder("configs", "limits.toml") / "limits.toml"), Limits)

@@ -14,19 +14,16 @@ from typing import Annotated, Any, Final, NamedTuple
 import typer
 
 from daemon import wire
+from daemon.zenoh_io.client import Answer, Message, Target, query
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
     EXIT_REFUSED,
-    Answer,
     ConfigOption,
     EndpointOption,
     JsonOption,
-    Message,
-    Target,
     TrainerOption,
     find_target,
-    query,
     request,
 )
 

@@ -7,14 +7,12 @@ service did not report the outcome of the request in time.
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple, TypeVar
+from typing import Annotated, Any, Final
 
 import typer
 
-if TYPE_CHECKING:
-    import zenoh
-
-Message = TypeVar("Message")
+from daemon import wire
+from daemon.zenoh_io.client import Target, query
 
 EXIT_DONE: Final = 0
 EXIT_REFUSED: Final = 1
@@ -22,9 +20,6 @@ EXIT_NO_ANSWER: Final = 4
 
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 DEFAULT_TRAINER: Final = "trainer"
-CONNECT_TIMEOUT_MS: Final = 1000
-ANSWER_TIMEOUT_S: Final = 10.0
-"""Longer than the gateway lets any request wait."""
 
 ConfigOption = Annotated[
     Path | None,
@@ -38,26 +33,6 @@ TrainerOption = Annotated[
     str | None, typer.Option(help=f"Name in the keys, without --config {DEFAULT_TRAINER}.")
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
-
-
-class Target(NamedTuple):
-    """Address of a service: its endpoints, and the TRAINER of its keys."""
-
-    endpoints: tuple[str, ...]
-    trainer: str
-
-
-class Answer(NamedTuple):
-    """A reply as JSON text, or the reason why there is none."""
-
-    text: str | None
-    trouble: str = ""
-
-    def decode(self, kind: type[Message]) -> Message | None:
-        """Return the reply as a message of this kind; None if there is none."""
-        import msgspec
-
-        return None if self.text is None else msgspec.json.decode(self.text, type=kind)
 
 
 def find_target(config: Path | None, endpoint: str | None, trainer: str | None) -> Target:
@@ -76,72 +51,6 @@ def find_target(config: Path | None, endpoint: str | None, trainer: str | None) 
     return Target((endpoint,) if endpoint else endpoints, trainer or name)
 
 
-def client_settings(endpoints: tuple[str, ...]) -> dict[str, Any]:
-    """Keys of Zenoh's configuration for a client that sends one query and disconnects."""
-    return {
-        "mode": "client",
-        "connect/endpoints": list(endpoints),
-        "connect/timeout_ms": CONNECT_TIMEOUT_MS,
-        "connect/exit_on_failure": True,
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-        "transport/link/tx/lease": 1000,
-        "transport/shared_memory/enabled": False,
-    }
-
-
-def client_config(endpoints: tuple[str, ...]) -> "zenoh.Config":
-    """Return Zenoh's configuration of a client."""
-    import zenoh
-
-    config = zenoh.Config()
-    for key, value in client_settings(endpoints).items():
-        config.insert_json5(key, json.dumps(value))
-    return config
-
-
-def open_client(endpoints: tuple[str, ...]) -> "zenoh.Session":
-    """Open a session with a service.
-
-    Raises:
-        zenoh.ZError: no service listens on the endpoints.
-    """
-    import zenoh
-
-    zenoh.init_log_from_env_or("off")
-    return zenoh.open(client_config(endpoints))
-
-
-def selector(target: Target, name: str) -> str:
-    """Return the key of control/NAME."""
-    from daemon import wire
-
-    return wire.key(target.trainer, wire.CONTROL, name)
-
-
-def json_text(reply: "zenoh.Reply") -> str | None:
-    """Return the service's answer; None for Zenoh's own timeout, an error that is not JSON."""
-    sample = reply.ok or reply.err
-    is_json = sample is not None and str(sample.encoding).startswith("application/json")
-    return sample.payload.to_string() if sample is not None and is_json else None
-
-
-def query(target: Target, name: str, payload: dict[str, Any]) -> Answer:
-    """Query control/NAME of a service once."""
-    import zenoh
-
-    key, where = selector(target, name), " or ".join(target.endpoints)
-    try:
-        session = open_client(target.endpoints)
-    except zenoh.ZError:
-        return Answer(None, f"no service listens on {where}")
-    with session:
-        for reply in session.get(key, payload=json.dumps(payload), timeout=ANSWER_TIMEOUT_S):
-            if (text := json_text(reply)) is not None:
-                return Answer(text)
-    return Answer(None, f"no answer to {key} on {where}: another trainer, or it hangs")
-
-
 def request(
     target: Target, name: str, payload: dict[str, Any] | None = None, *, as_json: bool
 ) -> int:
@@ -149,8 +58,6 @@ def request(
 
     Returns: the exit code.
     """
-    from daemon import wire
-
     answer = query(target, name, {"client": f"gaitd {name}", **(payload or {})})
     reply = answer.decode(wire.Reply)
     if reply is None:

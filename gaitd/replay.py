@@ -17,8 +17,8 @@ from analysis.replay_files import (
     check,
     targets_of,
 )
-from daemon.config.strict import MISSING, ConfigError
-from gaitd.command_line import COMMAND_LINE, errors_in_one_line, robot_file
+from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
+from gaitd.command_line import errors_in_one_line, robot_file
 from gaitd.terminal import progress
 
 if TYPE_CHECKING:

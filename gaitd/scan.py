@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
-from daemon.config.strict import MISSING, ConfigError
+from daemon.config.shipped import configs_folder
+from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.system.bus_choice import BusPlace, bus_of, opened
-from gaitd.command_line import COMMAND_LINE, configs_folder
 from gaitd.terminal import Table, run_with_progress, show
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+from gaitd.terminal import progress
 
+if TYPE_CHECKING:
     from gaitd_lab.soak.run import Soaked
 
 PRINT_EVERY_S = 60.0
@@ -32,7 +32,7 @@ def command(
     """
     import json as json_text
 
-    from gaitd.command_line import configs_folder
+    from daemon.config.shipped import configs_folder
     from gaitd_lab.processes import ServiceError, Tempo
     from gaitd_lab.soak.figure import draw
     from gaitd_lab.soak.page import failures, page, plain, summary
@@ -40,15 +40,16 @@ def command(
     from gaitd_lab.soak.soak_processes import soak_processes, warm_up
 
     configs = configs_folder("configs", "demo.toml")
-    with _progress(minutes * 60) as say:
-        say(0.0, "starting once, to compile what is not compiled yet")
+    with progress(PRINT_EVERY_S) as stage:
+        update = stage("starting", minutes * 60)
+        update(0.0, "starting once, to compile what is not compiled yet")
         try:
             warm_up(configs)
         except ServiceError as error:
             print(f"gaitd soak: {error}", file=sys.stderr)
             raise typer.Exit(1) from error
         with soak_processes(configs, Tempo("max", wall_clock)) as made:
-            found: Soaked = Soak(made, seed, minutes * 60, say).run()
+            found: Soaked = Soak(made, seed, minutes * 60, update).run()
     if report is not None:
         report.parent.mkdir(parents=True, exist_ok=True)
         figure = report.with_suffix(".png")
@@ -57,32 +58,3 @@ def command(
         draw(found, figure)
     print(json_text.dumps(plain(found), indent=2) if json else summary(found))
     raise typer.Exit(1 if failures(found) else 0)
-
-
-class _progress:  # noqa: N801 - used as a function
-    """A progress bar on a terminal, else a line a minute; both on stderr."""
-
-    def __init__(self, total_s: float) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-        self._console = Console(stderr=True)
-        columns = (BarColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
-        self._bar = Progress(*columns, console=self._console, transient=True)
-        self._task = self._bar.add_task("starting", total=total_s)
-        self._printed_s = -PRINT_EVERY_S
-
-    def __enter__(self) -> "Callable[[float, str], None]":
-        if self._console.is_terminal:
-            self._bar.start()
-        return self.update
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    def update(self, time_s: float, words: str) -> None:
-        if self._console.is_terminal:
-            self._bar.update(self._task, completed=time_s, description=words)
-        elif time_s >= self._printed_s + PRINT_EVERY_S:
-            self._printed_s = time_s
-            print(f"{time_s:7.0f} s  {words}", file=sys.stderr, flush=True)

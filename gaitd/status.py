@@ -7,6 +7,7 @@ from typing import Final
 import typer
 
 from daemon import wire
+from daemon.zenoh_io.client import query
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
@@ -15,7 +16,6 @@ from gaitd.remote import (
     JsonOption,
     TrainerOption,
     find_target,
-    query,
     report_silence,
 )
 

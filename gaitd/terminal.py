@@ -1,5 +1,6 @@
 """Shared by all commands: tables and progress bars on a terminal, plain text in a pipe."""
 
+import math
 import sys
 from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager
@@ -63,8 +64,11 @@ class Update(Protocol):
 
 
 @contextmanager
-def progress() -> Generator[Callable[..., Update]]:
-    """Progress bar on stderr, shown only on a terminal.
+def progress(line_every: float | None = None) -> Generator[Callable[..., Update]]:
+    """Progress bar on stderr on a terminal; elsewhere nothing, or lines of text.
+
+    Args:
+        line_every: what must be done between two lines; None for no lines.
 
     Yields: a function that begins a stage, `stage(title, total=1.0)`, and returns its `Update`.
     """
@@ -86,9 +90,14 @@ def progress() -> Generator[Callable[..., Update]]:
             for before in bars.task_ids:
                 bars.update(before, visible=False)
             task = bars.add_task(title, total=total)
+            printed = -math.inf
 
             def update(done: float, /, text: str | None = None, total: float | None = None) -> None:
+                nonlocal printed
                 bars.update(task, completed=done, description=text, total=total)
+                if bars.disable and line_every is not None and done >= printed + line_every:
+                    printed = done
+                    print(f"{done:7.0f}  {text}", file=sys.stderr, flush=True)
 
             return update
 

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from analysis.ablation import spoiled
+from analysis.ablation import disturbed
 from analysis.ablation_choices import friction_levels
 from analysis.ablation_questions import BASIS, OTHER_PLANTS, REST
 from analysis.trial import Trial
@@ -71,7 +71,7 @@ def record(plan: Sequence[Planned], progress: Callable[[str], Progress]) -> Iter
         trial = one.record(progress(one.title))
         yield trial
         if one.is_basis:
-            yield from spoiled(trial)
+            yield from disturbed(trial)
 
 
 def _walk(trials: Trials, situation: Situation, duration_s: float) -> Planned:
@@ -93,7 +93,7 @@ def _others(config: Path, trials: Trials) -> Iterator[Planned]:
 
 
 def _active_walk(name: str, trials: Trials) -> Job:
-    return lambda told: trials.gait(Situation(programme=ACTIVE), GAIT_S, told).named(name)
+    return lambda progress: trials.gait(Situation(programme=ACTIVE), GAIT_S, progress).named(name)
 
 
 def _weighing(trials: Trials, mass_kg: float) -> Robot:

@@ -85,11 +85,6 @@ class EmptyMachine:
         return self._plant.seed
 
     @property
-    def step_s(self) -> float:
-        """Period of the service's cycle."""
-        return STEP_S
-
-    @property
     def note(self) -> str:
         """Differences from the configuration; empty if there are none."""
         if self.law is not FrictionLaw.PAPER_STICKING:
@@ -121,7 +116,7 @@ class EmptyMachine:
         scenario: str,
         seconds: float,
         progress: Callable[[float], None],
-        heard: Callable[[CycleRecord], None] | None = None,
+        on_record: Callable[[CycleRecord], None] | None = None,
     ) -> Played:
         """Run from power-on to the end of the scenario.
 
@@ -129,7 +124,7 @@ class EmptyMachine:
             scenario: name of an [excite] table.
             seconds: duration of the scenario.
             progress: receives the simulated seconds of the scenario so far.
-            heard: receives every record, from power-on, as a gateway would.
+            on_record: receives every record, from power-on, as a gateway would.
 
         Raises:
             NotPlayedError: the service refused it, or stopped before.
@@ -141,7 +136,7 @@ class EmptyMachine:
             robot=self._robot,
             truth={self.settings.legs[0].name: truth},
         )
-        session = LockstepSession(self.settings, machine, gateway=Gateway(heard))
+        session = LockstepSession(self.settings, machine, gateway=Gateway(on_record))
         try:
             session.excite(scenario, seconds)
         except RefusedError as error:
@@ -196,7 +191,6 @@ def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:
         state=np.array([leg.state for leg in legs]),
         std=np.array([leg.std for leg in legs]),
         net=np.array([leg.net for leg in legs]),
-        net_std=np.array([leg.net_std for leg in legs]),
         nis=np.array([leg.nis for leg in legs]),
         validity=np.array([leg.validity for leg in legs]),
         status=np.array([leg.status for leg in legs]),

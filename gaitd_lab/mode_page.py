@@ -5,7 +5,7 @@ No fact is repeated in this file: rows, requests, refusals, categories and texts
 calling the guard with inputs in which one thing is wrong.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
@@ -109,28 +109,17 @@ def diagram() -> Iterator[str]:
     yield "stateDiagram-v2"
     yield "    [*] --> off"
     shared = _shared()
-    for line in _edges(
-        (mode, event, to) for (mode, event), to in TRANSITIONS.items() if not mode.active
-    ):
-        yield f"    {line}"
+    yield from _edges("    ", lambda mode, _event, _to: not mode.active)
     yield "    state enabled {"
-    for line in _edges(
-        (mode, event, to) for (mode, event), to in TRANSITIONS.items() if mode.active and to.active
-    ):
-        yield f"        {line}"
+    yield from _edges("        ", lambda mode, _event, to: mode.active and to.active)
     for mode in (Mode.REFERENCE, Mode.COMMISSION):
         yield f"        {_word(mode)}"
     yield "    }"
     for to in dict.fromkeys(shared.values()):
         words = ", ".join(event.value for event, target in shared.items() if target == to)
         yield f"    enabled --> {_word(to)}: {words}"
-    yield from (
-        f"    {line}"
-        for line in _edges(
-            (mode, event, to)
-            for (mode, event), to in TRANSITIONS.items()
-            if mode.active and not to.active and event not in shared
-        )
+    yield from _edges(
+        "    ", lambda mode, event, to: mode.active and not to.active and event not in shared
     )
 
 
@@ -145,13 +134,14 @@ def _shared() -> dict[Event, Mode]:
     }
 
 
-def _edges(rows: Iterable[tuple[Mode, Event, Mode]]) -> Iterator[str]:
-    """One arrow for each pair of modes, with all its events."""
+def _edges(indent: str, wanted: Callable[[Mode, Event, Mode], bool]) -> Iterator[str]:
+    """One arrow for each pair of modes, with all of its wanted events."""
     words: dict[tuple[Mode, Mode], list[str]] = {}
-    for mode, event, to in rows:
-        words.setdefault((mode, to), []).append(event.value)
+    for (mode, event), to in TRANSITIONS.items():
+        if wanted(mode, event, to):
+            words.setdefault((mode, to), []).append(event.value)
     for (mode, to), events in words.items():
-        yield f"{_word(mode)} --> {_word(to)}: {', '.join(events)}"
+        yield f"{indent}{_word(mode)} --> {_word(to)}: {', '.join(events)}"
 
 
 def _transitions() -> Iterator[tuple[str, ...]]:

@@ -19,10 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
 
+from daemon.config.edits import Edits, edit
+from daemon.config.shipped import configs_folder
 from daemon.ipc.transport import RING_NAME
-from gaitd.command_line import configs_folder
-from gaitd.remote import Target
-from gaitd.testing.edits import Edits, edit
+from daemon.zenoh_io.client import Target
 
 SHARED_MEMORY: Final = "/dev/shm"
 SIMULATED: Final = "simulated"

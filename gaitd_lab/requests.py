@@ -6,7 +6,7 @@ from typing import Final
 import zenoh
 
 from daemon import wire
-from gaitd.remote import ANSWER_TIMEOUT_S, Answer, Target, json_text, open_client, selector
+from daemon.zenoh_io.client import ANSWER_TIMEOUT_S, Answer, Target, json_text, open_client
 from gaitd_lab.demonstration.script import Ask
 
 TAKEN_WITHIN_S: Final = 2.0
@@ -44,13 +44,13 @@ class Requests:
             answers.append(Answer(None, "another trainer, or it hangs"))
 
         session.get(
-            selector(self._target, request.name),
+            self._target.control(request.name),
             zenoh.handlers.Callback(take, finish),
             payload=json.dumps({"client": self._client, **request.payload}),
             timeout=ANSWER_TIMEOUT_S,
         )
         for _ in range(2):
-            for _reply in session.get(selector(self._target, "status"), timeout=TAKEN_WITHIN_S):
+            for _reply in session.get(self._target.control("status"), timeout=TAKEN_WITHIN_S):
                 pass
 
     def outcome(self) -> tuple[str | None, str]:

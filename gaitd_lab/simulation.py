@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import can
 
-from daemon.config.strict import ConfigError
+from daemon.config.strict import COMMAND_LINE, ConfigError
 from daemon.config.trainer import SIMULATED, TrainerFile
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.build import Machine
@@ -41,7 +41,6 @@ FIFO_PRIORITY: Final = 40
 WARM_UP_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
 BUS_LOST: Final = 4
-COMMAND_LINE: Final = "command line"
 AXES: Final = ("hip", "slide")
 
 

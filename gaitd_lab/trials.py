@@ -10,6 +10,7 @@ the same configuration give the same bits. Nothing is written to a disk.
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -28,6 +29,7 @@ from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
 from gaitd_lab.lockstep import LockstepSession, RefusedError
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
+from observer.filter.states import STATE_NAMES
 from observer.mechanism.mechanism import gravity
 from sim_drives.plant.settings import FrictionLaw
 from sim_drives.plant.truth import TruthLog, TruthRow
@@ -239,22 +241,9 @@ def _columns(name: str, pairs: list[tuple[CycleRecord, TruthRow]]) -> tuple[Reco
         np.array([leg.measured for leg in legs]),
         np.array([leg.effort_used for leg in legs]),
     )
-    truth = np.array([_state(row) for _, row in pairs])
+    truth = np.array([attrgetter(*STATE_NAMES)(row) for _, row in pairs])
     truth[:, 6:8] += np.nan_to_num(np.array([leg.artificial for leg in legs]))
     return recording, truth
-
-
-def _state(row: TruthRow) -> tuple[float, ...]:
-    return (
-        row.hip_angle_rad,
-        row.slide_position_m,
-        row.hip_velocity_rad_per_s,
-        row.slide_velocity_m_per_s,
-        row.hip_friction_nm,
-        row.slide_friction_n,
-        row.hip_patient_nm,
-        row.slide_patient_n,
-    )
 
 
 def _from_first_to_last(flags: Flags) -> Flags:

@@ -168,11 +168,9 @@ class StrideCounter:
 
     def _restart(self) -> None:
         self._mean_rad = self._last_rad = math.nan
-        self._was_low = self._was_high = False
+        self._completed = 0
+        self._begin()
         self._count = -1
-        self._completed = self._unsampled = 0
-        self._duration_s = self._blind_s = 0.0
-        self._status_bits = 0
 
     def _begin(self) -> None:
         self._count, self._unsampled = 0, 0
@@ -190,20 +188,12 @@ class StrideCounter:
             self._duration_s += dt_s
 
     def _add_row(self, sample: Sequence[float] | Vector, dt_s: float) -> None:
-        known = [
-            sample[SMOOTH_CYCLE_DATA + DATA_VALIDITY + axis] == Validity.OK for axis in range(2)
-        ]
+        data = sample[SMOOTH_CYCLE_DATA:]
+        validity = data[DATA_VALIDITY : DATA_VALIDITY + 2]
         self._duration_s += dt_s
-        bad = (
-            Validity.BAD
-            in sample[SMOOTH_CYCLE_DATA + DATA_VALIDITY : SMOOTH_CYCLE_DATA + DATA_VALIDITY + 2]
-        )
-        self._blind_s = self._blind_s + dt_s if bad else 0.0
-        if (
-            self._count >= ROWS_MAX
-            or self._duration_s > DURATION_MAX_S
-            or self._blind_s > GAP_MAX_S
-        ):
+        self._blind_s = self._blind_s + dt_s if Validity.BAD in validity else 0.0
+        too_long = self._duration_s > DURATION_MAX_S or self._blind_s > GAP_MAX_S
+        if self._count >= ROWS_MAX or too_long:
             self._restart()
             return
         row = self._rows[self._count]
@@ -211,13 +201,13 @@ class StrideCounter:
         for axis in range(2):
             speed, patient = 2 + axis, 6 + axis
             row[SPEED + axis], row[PATIENT + axis] = sample[speed], sample[patient]
-            row[EFFORT + axis] = sample[SMOOTH_CYCLE_DATA + DATA_EFFORT + axis]
-            row[KNOWN + axis] = float(known[axis])
+            row[EFFORT + axis] = data[DATA_EFFORT + axis]
+            row[KNOWN + axis] = float(validity[axis] == Validity.OK)
             row[PATIENT_VARIANCE + axis] = sample[_packed(patient, patient)]
             row[SPEED_VARIANCE + axis] = sample[_packed(speed, speed)]
             row[SHARED + axis] = sample[_packed(patient, speed)]
         self._count += 1
-        self._status_bits |= int(sample[SMOOTH_CYCLE_DATA + DATA_STATUS])
+        self._status_bits |= int(data[DATA_STATUS])
 
     def _complete(self) -> Stride | None:
         self._completed = max(self._count, 0)
@@ -260,10 +250,8 @@ def _packed(row: int, column: int) -> int:
 
 def _axis(figures: Sequence[float], duration_s: float) -> AxisStride:
     share, share_std = _share(figures[W_POS], figures[W_POS_STD], figures[DRIVE])
-    work, work_std = (
-        figures[W_POS] + figures[W_NEG],
-        math.hypot(figures[W_POS_STD], figures[W_NEG_STD]),
-    )
+    work = figures[W_POS] + figures[W_NEG]
+    work_std = math.hypot(figures[W_POS_STD], figures[W_NEG_STD])
     return AxisStride(
         work_positive_j=figures[W_POS],
         work_positive_j_std=figures[W_POS_STD],

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.mechanism import LegParameters
+from observer.mechanism.parameters import LegParameters
 from sim_drives.canopen.dictionary import Entry, read_eds
 from sim_drives.cia402.scaling import effort_per_a
 from sim_drives.faults.script import FaultCommandError, help_text

@@ -44,6 +44,7 @@ PLANTS = (
     Plant("daemon", "pytest", PYTEST),
     Plant("gaitd", "pytest", PYTEST),
     Plant("gaitd", "gaitd.testing.service", "what tests share is for tests, and `gaitd rig`"),
+    Plant("gaitd_lab", "gaitd.remote", "the laboratory knows nothing of the command line"),
     Plant("simtime", "drives.signals", NEUTRAL),
     Plant("daemon.core", "daemon.preflight.acceptance", JUDGEMENT),
 )

@@ -16,9 +16,9 @@ def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
     lines: list[str] = []
     for axis, name in enumerate(AXES):
         shown = [one for one in results if one.quantity.axis == axis and one.exists]
-        untold = [one for one in shown if not one.calibrated]
-        if untold:
-            lines += _of_axis(motion, axis, name, untold)
+        unidentified = [one for one in shown if not one.calibrated]
+        if unidentified:
+            lines += _of_axis(motion, axis, name, unidentified)
         lines += [
             f"the {one.quantity.label} of {one.value:.3g} {one.quantity.unit} is in no number "
             "of the robot file, and the observer takes it for the patient's: remove the drive's "
@@ -29,7 +29,7 @@ def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
     return lines
 
 
-def _of_axis(motion: Motion, axis: int, name: str, untold: list[Result]) -> list[str]:
+def _of_axis(motion: Motion, axis: int, name: str, unidentified: list[Result]) -> list[str]:
     how = extent(motion, axis)
     length, speed = UNITS[axis]
     if not how.enough(axis):
@@ -39,7 +39,7 @@ def _of_axis(motion: Motion, axis: int, name: str, untold: list[Result]) -> list
             f"from this recording; record excite friction_{name}"
         ]
     lines: list[str] = []
-    kinds = " ".join(one.quantity.key for one in untold)
+    kinds = " ".join(one.quantity.key for one in unidentified)
     if "viscous" in kinds or "coulomb" in kinds:
         lines.append(
             f"the {name} was no faster than {how.top_speed_si:.2g} {speed}: for its viscous "

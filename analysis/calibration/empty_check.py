@@ -261,14 +261,18 @@ class _Regression:
         return left
 
     def differences(self, robot: Robot) -> Vector:
+        """Residuals of both axes in Coulomb levels, one after the other."""
+        pairs = zip(self._residuals(robot), self.scales, strict=True)
+        return np.concatenate([rest / scale for rest, scale in pairs])
+
+    def _residuals(self, robot: Robot) -> list[Vector]:
+        """Efforts that the best friction leaves, of each axis: N·m, N; empty if it rests."""
         left = self._left(leg_parameters(robot), robot)
-        parts: list[Vector] = []
-        for axis in range(2):
-            values, base = left[self.rows[axis], axis], self.bases[axis]
-            if len(values):
-                rest = values - base @ (base.T @ values)
-                parts.append(rest / self.scales[axis])
-        return np.concatenate(parts)
+        parts = (left[rows, axis] for axis, rows in enumerate(self.rows))
+        return [
+            values - base @ (base.T @ values) if len(values) else values
+            for values, base in zip(parts, self.bases, strict=True)
+        ]
 
     def misfit(self, robot: Robot) -> float:
         return float(np.sum(self.differences(robot) ** 2))
@@ -281,10 +285,8 @@ class _Regression:
 
     def left_rms(self, robot: Robot) -> tuple[float, float]:
         """Rms residual of the best friction, N·m and N."""
-        left = self._left(leg_parameters(robot), robot)
-        made: list[float] = []
-        for axis in range(2):
-            values, base = left[self.rows[axis], axis], self.bases[axis]
-            rest = values - base @ (base.T @ values) if len(values) else np.zeros(1)
-            made.append(float(np.sqrt(np.mean(rest**2))))
-        return made[0], made[1]
+        hip, slide = (
+            float(np.sqrt(np.mean(rest**2))) if len(rest) else 0.0
+            for rest in self._residuals(robot)
+        )
+        return hip, slide

@@ -231,16 +231,16 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         search = _Search(likelihood, centre, free.copy(), which, progress, known)
         return _walk(search, free[which], steps)
 
-    heard = [walk(_with_encoders(laws[0], factor), noise=True) for factor in START_ENCODERS]
-    heard_free = min(heard, key=lambda end: end.loss).free
+    by_noise = [walk(_with_encoders(laws[0], factor), noise=True) for factor in START_ENCODERS]
+    noise_free = min(by_noise, key=lambda end: end.loss).free
     ends: list[_End] = []
     for law, known in ((laws[0], NOISE + 2), (laws[1], NOISE + 2), (laws[1], SIZE)):
         free = law.copy()
-        free[NOISE:known] = heard_free[NOISE:known]
+        free[NOISE:known] = noise_free[NOISE:known]
         ends.append(walk(best_start(likelihood, free, motion), ends))
     first = min(ends, key=lambda end: end.loss)
-    told, cov = _identified(likelihood, first, reasons, walk)
-    free = told.free
+    identified, cov = _identified(likelihood, first, reasons, walk)
+    free = identified.free
     natural = frame.from_free(free)
     for index in reasons:
         if FOLLOWS.get(index, index) in reasons:
@@ -263,7 +263,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         if end.loss < first.loss + margin and _disagreement(frame, other, results):
             # With the same values fixed as in the best: a flat valley is no second optimum.
             again = walk(other)
-            if again.loss < told.loss + margin:
+            if again.loss < identified.loss + margin:
                 rival = rival or _disagreement(frame, again.free, results)
     loss = likelihood.surprises(free).loss / count
     return Fit(frame, natural, results, loss, sum(end.step_count for end in ends), rival)

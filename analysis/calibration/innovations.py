@@ -19,10 +19,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.filter.leg_model import LegModel
 from observer.jit import kernel
-from observer.mechanism.friction import FrictionParameters, friction_after
+from observer.mechanism.friction import friction_after
 from observer.mechanism.linkage import bounded_acceleration, dynamics
-from observer.mechanism.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -33,39 +33,34 @@ LANES: Final = 8
 
 @kernel
 def _advance(
-    leg: LegParameters,
-    hip: FrictionParameters,
-    slide: FrictionParameters,
-    coriolis_share: float,
-    effort_hip: float,
-    effort_slide: float,
+    model: LegModel,
+    effort: Vector,
     step_s: float,
-    open_hip: float,
-    open_slide: float,
+    rests: NDArray[np.bool_],
     points: Vector,
     rates: Vector,
 ) -> None:
     """Advance all lanes by one substep in place; `rates` keeps accelerations between substeps."""
     half_s = 0.5 * step_s
-    half1_s = half_s * open_hip
-    half2_s = half_s * open_slide
+    half1_s = 0.0 if rests[0] else half_s
+    half2_s = 0.0 if rests[1] else half_s
     # Not LANES: the compiler unrolls a loop of known count, and then does not vectorise it.
     for j in range(points.size // STATES):
         v1 = points[2 * LANES + j]
         v2 = points[3 * LANES + j]
-        f1 = friction_after(hip, points[4 * LANES + j], v1, half1_s)
-        f2 = friction_after(slide, points[5 * LANES + j], v2, half2_s)
+        f1 = friction_after(model.hip, points[4 * LANES + j], v1, half1_s)
+        f2 = friction_after(model.slide, points[5 * LANES + j], v2, half2_s)
         q1 = points[j] + half_s * v1
         q2 = points[LANES + j] + half_s * v2
         a1, a2, _ = bounded_acceleration(
-            leg,
+            model.leg,
             q1,
             q2,
             v1 + half_s * rates[j],
             v2 + half_s * rates[LANES + j],
-            effort_hip - f1,
-            effort_slide - f2,
-            coriolis_share,
+            effort[0] - f1,
+            effort[1] - f2,
+            model.coriolis_share,
         )
         v1 += step_s * a1
         v2 += step_s * a2
@@ -75,14 +70,13 @@ def _advance(
         points[LANES + j] = q2 + half_s * v2
         points[2 * LANES + j] = v1
         points[3 * LANES + j] = v2
-        points[4 * LANES + j] = friction_after(hip, f1, v1, half1_s)
-        points[5 * LANES + j] = friction_after(slide, f2, v2, half2_s)
+        points[4 * LANES + j] = friction_after(model.hip, f1, v1, half1_s)
+        points[5 * LANES + j] = friction_after(model.slide, f2, v2, half2_s)
 
 
 @kernel
 def _begin(
-    leg: LegParameters,
-    coriolis_share: float,
+    model: LegModel,
     noise: Vector,
     start: Vector,
     effort: Vector,
@@ -91,7 +85,7 @@ def _begin(
     cov: Matrix,
 ) -> None:
     """Start at a smoothed position, velocity and acceleration: friction is the residual effort."""
-    d = dynamics(leg, start[0], start[1], start[2], start[3], coriolis_share)
+    d = dynamics(model.leg, start[0], start[1], start[2], start[3], model.coriolis_share)
     for i in range(4):
         mean[i] = start[i]
     mean[4] = effort[0] - d.m11 * start[4] - d.m12 * start[5] - d.bias_hip
@@ -154,10 +148,7 @@ def _correct(mean: Vector, cov: Matrix, axis: int, surprise: float, variance: fl
 
 @kernel
 def _step(
-    leg: LegParameters,
-    hip: FrictionParameters,
-    slide: FrictionParameters,
-    coriolis_share: float,
+    model: LegModel,
     effort: Vector,
     step_s: float,
     substeps: int,
@@ -173,30 +164,13 @@ def _step(
             points[i * LANES + j] = mean[i]
         points[i * LANES + 1 + i] += width[i]
     rates[:] = 0.0
-    open_hip = 0.0 if rests[0] else 1.0
-    open_slide = 0.0 if rests[1] else 1.0
     for _ in range(substeps):
-        _advance(
-            leg,
-            hip,
-            slide,
-            coriolis_share,
-            effort[0],
-            effort[1],
-            step_s / substeps,
-            open_hip,
-            open_slide,
-            points,
-            rates,
-        )
+        _advance(model, effort, step_s / substeps, rests, points, rates)
 
 
 @kernel
 def innovations(
-    leg: LegParameters,
-    hip: FrictionParameters,
-    slide: FrictionParameters,
-    coriolis_share: float,
+    model: LegModel,
     noise: Vector,
     substeps: int,
     spread: Vector,
@@ -226,22 +200,10 @@ def innovations(
         surprise[row, 0] = surprise[row, 1] = np.nan
         variance[row, 0] = variance[row, 1] = np.nan
         if begins[row]:
-            _begin(leg, coriolis_share, noise, starts[row], effort[row], spread, mean, cov)
+            _begin(model, noise, starts[row], effort[row], spread, mean, cov)
             continue
-        _step(
-            leg,
-            hip,
-            slide,
-            coriolis_share,
-            effort[row],
-            steps_s[row],
-            substeps,
-            rests[row],
-            mean,
-            width,
-            points,
-            rates,
-        )
+        step_s, row_effort = steps_s[row], effort[row]
+        _step(model, row_effort, step_s, substeps, rests[row], mean, width, points, rates)
         friction1 = rest_noise[0] if rests[row, 0] else noise[4]
         friction2 = rest_noise[1] if rests[row, 1] else noise[5]
         _predict(mean, cov, noise, friction1, friction2, points, width, work)

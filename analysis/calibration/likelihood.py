@@ -22,7 +22,6 @@ from analysis.calibration.quantities import (
     NOISE,
     SIZE,
     Frame,
-    law_of,
     noise_of,
 )
 
@@ -83,10 +82,7 @@ class Likelihood:
         natural = self.frame.from_free(free)
         motion = self.motion
         innovations(
-            self.frame.leg_of(natural),
-            law_of(natural, 0),
-            law_of(natural, 1),
-            self.frame.coriolis_share,
+            self.frame.model_of(natural),
             noise_of(natural),
             SUBSTEPS,
             SPREAD,

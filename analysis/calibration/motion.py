@@ -98,21 +98,21 @@ def prepare(
             f"{DURATION_MIN_S:g} s are needed, 30 s for each axis are good"
         )
     parts = [_one(one, effort_delay_s) for one in recordings]
-    steps_s = np.concatenate([part[0] for part in parts])
+    steps_s, position, effort, begins, smooth, smooth_effort = map(
+        np.concatenate, zip(*parts, strict=True)
+    )
     time_s = np.cumsum(steps_s)
     block = np.floor(time_s / BLOCK_S).astype(np.int64) % HELD_OUT_OF
-    begins = np.concatenate([part[3] for part in parts])
-    smooth = np.concatenate([part[4] for part in parts])
     return Motion(
         tuple(one.source for one in recordings),
         time_s,
         steps_s,
-        np.concatenate([part[1] for part in parts]),
-        np.concatenate([part[2] for part in parts]),
+        position,
+        effort,
         begins,
         _settled(begins),
         smooth,
-        np.concatenate([part[5] for part in parts]),
+        smooth_effort,
         (block == HELD_OUT_OF - 1) & hold_out,
         maximum_filter1d(np.abs(smooth[:, 2:4]), 2 * REST_MARGIN_ROWS + 1, axis=0) < REST,
     )

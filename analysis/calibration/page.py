@@ -10,6 +10,9 @@ from analysis.calibration.figures import draw_friction, draw_residuals
 from analysis.calibration.fit import Result
 from analysis.calibration.session import Calibration
 
+Table = tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]
+"""Title, column heads, rows of text."""
+
 NAME: Final = "calibration"
 
 
@@ -32,13 +35,21 @@ def write_page(calibration: Calibration, robot_name: str, folder: Path) -> Path:
     return path
 
 
+def tables(calibration: Calibration) -> tuple[Table, Table]:
+    """The quantities, and the scores on held-out data, before and after."""
+    head = ("quantity", "unit", "before", "calibrated", "95 %")
+    rows = tuple(_row(one) for one in calibration.fit.results if one.exists)
+    scores = ("", "before", "after"), tuple(_scores(calibration))
+    return ("Quantities", head, rows), (f"Held out: {calibration.held_out}", *scores)
+
+
 def _parts(calibration: Calibration, robot_name: str) -> Iterator[str]:
     names = ", ".join(f"`{Path(source).name}`" for source in calibration.motion.sources)
     yield "# Calibration of the empty machine"
     yield f"From {names}, {calibration.motion.duration_s:.0f} s, beginning with `{robot_name}`."
     yield f"Mechanism: {calibration.check}."
-    head = ("quantity", "unit", "before", "calibrated", "95 %")
-    yield markdown.table(head, (_row(one) for one in calibration.fit.results if one.exists))
+    values, scores = tables(calibration)
+    yield markdown.table(values[1], values[2])
     todo = advice(calibration.motion, calibration.fit.results)
     if todo:
         yield "What cannot be identified from this recording, and what to record instead:"
@@ -49,7 +60,7 @@ def _parts(calibration: Calibration, robot_name: str) -> Iterator[str]:
         else "another recording"
     )
     yield f"On {held}, which took no part in the fit:"
-    yield markdown.table(("", "before", "after"), _scores(calibration))
+    yield markdown.table(scores[1], scores[2])
     if calibration.fault:
         yield f"**Not to be used:** {calibration.fault}."
     yield f"![friction over velocity]({NAME}_friction.png)"

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
+from observer.filter.leg_model import LegModel
 from observer.mechanism.friction import FrictionParameters, smallest_stribeck
 from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
@@ -195,6 +196,11 @@ class Frame:
             thigh_inertia=self.leg.thigh_inertia + float(more_hip),
             slide_inertia=self.leg.slide_inertia + float(more_slide),
         )
+
+    def model_of(self, natural: Vector) -> LegModel:
+        """The mechanism and both friction laws."""
+        hip, slide = law_of(natural, 0), law_of(natural, 1)
+        return LegModel(self.leg_of(natural), hip, slide, self.coriolis_share)
 
 
 def law_of(natural: Vector, axis: int) -> FrictionParameters:

@@ -4,5 +4,6 @@ Reading order: `settings.py` and `limit_settings.py` (tables of the files), `str
 into its struct, errors that name file, key, value and range), `trainer.py` (the file of `--config`
 and its paths; all that the gateway reads), `baseline.py` (a leg without a patient), `bundle.py`
 (all files of a configuration), `robot.py` and `drive_plan.py` (settings converted for observer and
-drives). Rules over several files are in `daemon/preflight/`.
+drives), `shipped.py` (the configurations that come with the project), `edits.py` (some keys of a
+file changed). Rules over several files are in `daemon/preflight/`.
 """

@@ -5,7 +5,7 @@ import math
 from daemon.config.bundle import Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Cycle
-from daemon.config.strict import ConfigError
+from daemon.config.strict import COMMAND_LINE, ConfigError
 from drives.bringup.plan import CycleSettings, DrivePlan, plan
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import DriveLimits, axis_scaling, expected_base
@@ -65,4 +65,4 @@ def plan_of(name: str, settings: Settings) -> DrivePlan:
             if name in (drive.name, str(drive.node_id)):
                 return plan(drive, limits, cycle_settings(settings.trainer.cycle))
     known = ", ".join(f"{drive.name} (node {drive.node_id})" for drive in settings.drives)
-    raise ConfigError("command line", "NAME", name, f"a drive of {settings.file.path}: {known}")
+    raise ConfigError(COMMAND_LINE, "NAME", name, f"a drive of {settings.file.path}: {known}")

@@ -11,7 +11,7 @@ from daemon.config.settings import Robot, Segment
 from observer.filter.leg_model import integrator_named
 from observer.filter.leg_observer import ObserverTuning
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.mechanism import (
+from observer.mechanism.parameters import (
     Dampers,
     Geometry,
     LegParameters,
@@ -20,7 +20,7 @@ from observer.mechanism.mechanism import (
     Springs,
     with_patient,
 )
-from observer.mechanism.mechanism import leg_parameters as compose
+from observer.mechanism.parameters import leg_parameters as compose
 
 
 def leg_parameters(robot: Robot) -> LegParameters:

@@ -41,6 +41,8 @@ class PlainText(str):
 
 
 MISSING: Final = PlainText("(missing)")
+COMMAND_LINE: Final = "command line"
+"""In place of a file, where an option is refused."""
 
 
 class ConfigError(Exception):

@@ -26,7 +26,7 @@ from observer.drift import NO_DRIFT, Drift
 from observer.filter.leg_observer import LegEstimate, LegObserver
 from observer.leg_smoother import LegSmoother
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.mechanism import LegParameters
+from observer.mechanism.parameters import LegParameters
 from observer.strides import Stride, StrideCounter
 
 

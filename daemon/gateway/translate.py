@@ -318,7 +318,7 @@ def status_names(status: int) -> tuple[str, ...]:
 
 @lru_cache(maxsize=256)
 def _observable_rank(status: int) -> int:
-    """Rank of the observability matrix (equality proven: observer/filter/observability.py)."""
+    """Rank of the observability matrix; tests/observer/test_observability.py compares the two."""
     resting = bool(status & StatusBit.STANDSTILL_HIP) + bool(status & StatusBit.STANDSTILL_SLIDE)
     return STATE_COUNT - resting
 

@@ -31,7 +31,8 @@ from daemon.preflight.workspace import Pair
 from drives.cia402.profile import DriveDescription
 from drives.cia402.torque import count_nm
 from drives.cia402.units import DriveLimits, expected_base, raw_limits
-from observer.mechanism.mechanism import LegParameters, dynamics
+from observer.mechanism.linkage import dynamics
+from observer.mechanism.parameters import LegParameters
 
 PHASES: Final = 120
 """Number of poses over the stride."""

@@ -13,7 +13,8 @@ from daemon.core.motion.gait_shape import load_at
 from daemon.preflight.motion import mean_pose
 from drives.cia402.homing import Homing
 from drives.cia402.profile import DriveDescription
-from observer.mechanism.mechanism import LegParameters, WorkspaceError
+from observer.mechanism.mechanism import WorkspaceError
+from observer.mechanism.parameters import LegParameters
 
 
 def refuse_homing(settings: Settings) -> None:

@@ -25,7 +25,8 @@ from daemon.preflight.workspace import (
     gait_motions,
     sweep_ramps,
 )
-from observer.mechanism.mechanism import LegParameters, WorkspaceError, singularity_ratio
+from observer.mechanism.mechanism import WorkspaceError, singularity_ratio
+from observer.mechanism.parameters import LegParameters
 
 EDGE_POINTS: Final = 61
 GAIT_PHASES: Final = 240

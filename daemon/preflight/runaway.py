@@ -29,7 +29,9 @@ import numpy as np
 from daemon.preflight.workspace import Frictions, Motion, Pair
 from observer.jit import inline, kernel
 from observer.mechanism.friction import FrictionParameters, friction_after
-from observer.mechanism.mechanism import Dynamics, LegParameters, dynamics, singularity_ratio
+from observer.mechanism.linkage import Dynamics, dynamics
+from observer.mechanism.mechanism import singularity_ratio
+from observer.mechanism.parameters import LegParameters
 
 RESPONSE_S: Final = 0.02
 """Time from the end of the silence to braking torque: the drive's own scan, and a velocity loop

@@ -23,7 +23,9 @@ from daemon.config.settings import Gait
 from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles
 from observer.jit import inline, kernel
 from observer.mechanism.friction import FrictionParameters, friction_after, static_friction
-from observer.mechanism.mechanism import LegParameters, dynamics, singularity_ratio
+from observer.mechanism.linkage import dynamics
+from observer.mechanism.mechanism import singularity_ratio
+from observer.mechanism.parameters import LegParameters
 
 Frictions = tuple[FrictionParameters, FrictionParameters]
 Pair = tuple[float, float]

@@ -4,7 +4,7 @@ Measured with eclipse-zenoh 1.10: by default a peer scouts by multicast and list
 interfaces, notices a hung peer after 10 s, and a put may wait for a slow subscriber.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import msgspec
@@ -49,7 +49,12 @@ def open_session(listen: Sequence[str], trainer: str) -> zenoh.Session:
     Raises:
         zenoh.ZError: an endpoint cannot be listened on: in use, no such address, no directory.
     """
+    return zenoh.open(config_of(session_settings(listen, trainer)))
+
+
+def config_of(settings: Mapping[str, object]) -> zenoh.Config:
+    """Return a Zenoh configuration with these keys."""
     config = zenoh.Config()
-    for key, value in session_settings(listen, trainer).items():
+    for key, value in settings.items():
         config.insert_json5(key, msgspec.json.encode(value).decode())
-    return zenoh.open(config)
+    return config

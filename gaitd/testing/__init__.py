@@ -3,7 +3,7 @@
 `plugin.py` has the fixtures (docs/integrating.md describes their use) and is the only file that
 imports pytest. Its parts: `trainer.py` (virtual drives and service, and requests to them) on
 `service.py` (their time and their output; the processes are those of `gaitd_lab/processes.py`);
-`edits.py` (configurations with some keys changed); `vcan.py` (a fresh SocketCAN interface);
+`vcan.py` (a fresh SocketCAN interface);
 `rigs.py` (environments with features that this machine lacks). Nothing of the service imports any
 of it.
 """

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 import pytest
 
 if TYPE_CHECKING:
-    from gaitd.testing.edits import Edits
+    from daemon.config.edits import Edits
     from gaitd.testing.rigs import Rig
     from gaitd.testing.trainer import VirtualTrainer
 

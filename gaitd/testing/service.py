@@ -19,11 +19,11 @@ from typing import Any, Final, Self
 import can
 import msgspec
 
+from daemon.config.edits import Edits
 from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingError, RingReader
 from daemon.system.clock import AgeClock, MonotonicClock, PageClock
-from gaitd import remote
-from gaitd.testing.edits import Edits
+from daemon.zenoh_io.client import query
 from gaitd_lab.processes import ServiceError, ServiceProcesses, Tempo
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
@@ -154,7 +154,7 @@ class Service(ServiceProcesses):
         if self._held_count:
             raise ServiceError(f"control/{name} is asked while time is held: it needs time to pass")
         payload = {"client": "tester", **payload} if payload else {}
-        answer = remote.query(self.target, name, payload)
+        answer = query(self.target, name, payload)
         if answer.text is None:
             return {"outcome": "unanswered", "reason": answer.trouble}
         return msgspec.json.decode(answer.text)

@@ -13,12 +13,13 @@ import contextlib
 import signal
 import tempfile
 import weakref
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, Self
 
+from daemon.config.edits import Edits
 from daemon.ipc.record import CycleRecord, Mode
-from gaitd.testing.edits import Edits
 from gaitd.testing.service import REAL_TIME, Service
 from gaitd_lab.processes import ServiceError, memory_folder
 
@@ -44,27 +45,8 @@ RUNNING: Final["weakref.WeakSet[VirtualTrainer]"] = weakref.WeakSet()
 class VirtualTrainer(Service):
     """Virtual drives, core and gateway, and the requests of a test."""
 
-    def __init__(
-        self,
-        folder: Path,
-        configs: Path | None = None,
-        *,
-        trainer_file: str = "demo.toml",
-        edits: Edits | None = None,
-        pace: float | str = REAL_TIME,
-        wall_clock: bool = False,
-    ) -> None:
-        """As `Service`."""
-        super().__init__(
-            folder,
-            configs,
-            trainer_file=trainer_file,
-            edits=edits,
-            pace=pace,
-            wall_clock=wall_clock,
-        )
-        self._refusal: dict[str, Any] = {}
-        """The last answer to a request, if it was not `done`."""
+    _refusal: Mapping[str, Any] = MappingProxyType({})
+    """The last answer to a request, if it was not `done`."""
 
     # --- from start to end --------------------------------------------------------------------
 

@@ -84,20 +84,20 @@ def _cycles(frames: Sequence[TimedFrame], starts: Sequence[float]) -> list[list[
 
 def _answer_us(cycle: Iterable[TimedFrame]) -> float | None:
     last = {frame.can_id: frame.time_us for frame in cycle}
-    told = [last[can_id] for can_id in ANSWERS if can_id in last]
+    answered = [last[can_id] for can_id in ANSWERS if can_id in last]
     commands = [last.get(can_id) for can_id in TARGETS]
     sent = [time_us for time_us in commands if time_us is not None]
-    if len(sent) < len(TARGETS) or not told:
+    if len(sent) < len(TARGETS) or not answered:
         return None
-    return max(sent) - max(told)
+    return max(sent) - max(answered)
 
 
 class Reaction(NamedTuple):
     """Times from an EMCY of one drive to the command and the reaction of the other one."""
 
-    told_us: float
+    commanded_us: float
     """The controlword commands a quick stop."""
-    obeyed_us: float
+    shown_us: float
     """The statusword shows quick stop active."""
 
 
@@ -110,11 +110,11 @@ def reaction(frames: Sequence[TimedFrame], failing: int) -> Reaction | None:
     begun = _first(frames, 0.0, EMERGENCIES[failing], lambda frame: frame.data[:2] != NO_ERROR)
     if begun is None:
         return None
-    told = _first(frames, begun, CONTROLWORDS[other], lambda frame: requests_stop(frame.data))
-    obeyed = _first(frames, begun, ANSWERS[other], lambda frame: state(frame) == STOPPING)
-    if told is None or obeyed is None:
+    commanded = _first(frames, begun, CONTROLWORDS[other], lambda frame: requests_stop(frame.data))
+    shown = _first(frames, begun, ANSWERS[other], lambda frame: state(frame) == STOPPING)
+    if commanded is None or shown is None:
         return None
-    return Reaction(told - begun, obeyed - begun)
+    return Reaction(commanded - begun, shown - begun)
 
 
 def requests_stop(data: bytes) -> bool:

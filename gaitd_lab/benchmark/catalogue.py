@@ -84,9 +84,9 @@ def _steps(configs: Path) -> Measured:
         return SKIPPED, f"{title}: {SKIPPED}"
     if importlib.util.find_spec("benchmarks") is None:
         sys.path.insert(0, str(root))
-    from gaitd_lab.benchmark import steps
+    from benchmarks.observer_step import measure_all
 
-    result = steps.measure(configs / "robot.toml")
+    result = measure_all(load_toml(configs / "robot.toml", Robot))
     return result, tables.steps(title, result)
 
 

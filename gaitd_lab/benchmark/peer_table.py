@@ -16,12 +16,12 @@ Figure = Callable[[Cell], float]
 NAN: Final = float("nan")
 
 
-def _told_us(cell: Cell) -> float:
-    return statistics.median([one.told_us for one in cell.reactions] or [NAN])
+def _commanded_us(cell: Cell) -> float:
+    return statistics.median([one.commanded_us for one in cell.reactions] or [NAN])
 
 
-def _obeyed_us(cell: Cell) -> float:
-    return max([one.obeyed_us for one in cell.reactions] or [NAN])
+def _shown_us(cell: Cell) -> float:
+    return max([one.shown_us for one in cell.reactions] or [NAN])
 
 
 ROWS: Final[tuple[tuple[str, Figure, str], ...]] = (
@@ -41,8 +41,8 @@ ROWS: Final[tuple[tuple[str, Figure, str], ...]] = (
         "µs",
     ),
     ("one processor", lambda cell: statistics.median(cell.cpu_ratio or [NAN]) * 100, "%"),
-    ("EMCY to the other's quick stop, median", lambda cell: _told_us(cell) / US_PER_MS, "ms"),
-    ("EMCY until the other shows it, worst", lambda cell: _obeyed_us(cell) / US_PER_MS, "ms"),
+    ("EMCY to the other's quick stop, median", lambda cell: _commanded_us(cell) / US_PER_MS, "ms"),
+    ("EMCY until the other shows it, worst", lambda cell: _shown_us(cell) / US_PER_MS, "ms"),
     ("EMCYs without a quick stop", lambda cell: float(cell.unanswered_count), ""),
 )
 """Title, how the figure is found, and its unit."""
@@ -50,18 +50,18 @@ ROWS: Final[tuple[tuple[str, Figure, str], ...]] = (
 
 def ratios(cells: Sequence[Cell]) -> dict[str, dict[str, float]]:
     """Ratio of each figure of each cell to that of the first master under the same load."""
-    told: dict[str, dict[str, float]] = {}
+    found: dict[str, dict[str, float]] = {}
     for loaded in (False, True):
         row = [cell for cell in cells if cell.loaded == loaded]
         base = row[0] if row else None
         for cell in row:
             name = f"{cell.master}, {_load(loaded=loaded)}"
-            told[name] = {
+            found[name] = {
                 what: _ratio(figure(cell), figure(base)) if base else NAN
                 for what, figure, unit in ROWS
                 if unit
             }
-    return told
+    return found
 
 
 def _ratio(value: float, base: float) -> float:

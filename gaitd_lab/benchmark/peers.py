@@ -23,8 +23,8 @@ from typing import Final, NamedTuple
 import can
 
 from daemon import wire
-from gaitd.remote import query
-from gaitd.testing.edits import edit
+from daemon.config.edits import edit
+from daemon.zenoh_io.client import query
 from gaitd_lab.benchmark.burning import burners
 from gaitd_lab.benchmark.bus_times import Reaction, Syncs, TimedFrame, held, reaction, syncs
 from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo, memory_folder

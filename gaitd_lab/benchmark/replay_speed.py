@@ -7,9 +7,11 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from analysis import estimates, recording
+from analysis import estimates
+from analysis.recording import COLUMNS
 from analysis.replay import estimate, read, warm_up
 from daemon.config.settings import Robot
+from gaitd_lab.benchmark.step_times import recording
 
 DURATION_S: Final = 600.0
 RATE_HZ: Final = 100
@@ -53,14 +55,6 @@ def measure(robot: Robot) -> ReplaySpeed:
 
 
 def _write_recording(path: Path) -> None:
-    time_s = np.arange(round(DURATION_S * RATE_HZ)) / RATE_HZ
-    swing = 2 * np.pi * 0.25 * time_s
-    columns = (
-        time_s,
-        0.24 + 0.15 * np.sin(swing),
-        0.59 + 0.12 * np.sin(swing),
-        7.0 * np.cos(swing),
-        75.0 * np.cos(swing),
-    )
-    header = ",".join(recording.COLUMNS)
-    np.savetxt(path, np.column_stack(columns), "%.7f", ",", header=header, comments="")
+    columns = recording(round(DURATION_S * RATE_HZ))
+    rows = np.column_stack((columns.time_s, columns.position, columns.effort))
+    np.savetxt(path, rows, "%.7f", ",", header=",".join(COLUMNS), comments="")

@@ -1,19 +1,17 @@
 """Growth of the observer's cost with recordings and legs in one process, and its allocations."""
 
 import importlib
-import statistics
-import time
 import tracemalloc
 from collections.abc import Callable
+from functools import partial
 from typing import Any, Final, NamedTuple
 
-import numpy as np
 from numba.core.runtime import nrt
 
 from analysis.replay import setup_for
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from observer.filter.leg_model import STEP_S
+from gaitd_lab.benchmark.step_times import Work, recording, step_times_us, walk
 from observer.filter.leg_observer import LegObserver, Setup
 from observer.offline.batch import BatchEstimates, Columns, run
 
@@ -22,8 +20,8 @@ ROWS: Final = 2000
 """Rows of each recording."""
 STEPS: Final = 500
 """Steps of each leg, live."""
-REPEATS: Final = 9
 COUNTED_STEPS: Final = 1000
+FEW_ROWS: Final = 500
 DOUBLE_BYTES: Final = 8
 
 
@@ -67,14 +65,15 @@ class Scaling(NamedTuple):
 
 def measure(robot: Robot) -> Scaling:
     """Measure all numbers of recordings and legs in turn, so that other load affects all alike."""
-    columns = _recording(ROWS)
+    columns = recording(ROWS)
     setup = setup_for(robot)
     legs = [_leg(robot) for _ in range(max(COUNTS))]
-    contests: dict[tuple[str, int], tuple[Callable[[], object], int]] = {}
+    works: dict[tuple[str, int], Work] = {}
+    some = _rows(columns, STEPS)
     for count in COUNTS:
-        contests["recording", count] = (_recordings(setup, columns, count), count * ROWS)
-        contests["leg", count] = (_steps(legs[:count], columns, STEPS), count * STEPS)
-    result = _race(contests)
+        works["recording", count] = (_recordings(setup, columns, count), count * ROWS)
+        works["leg", count] = (partial(walk, legs[:count], some), count * STEPS)
+    result = step_times_us(works)
     growth = tuple(
         Growth(
             count,
@@ -90,7 +89,7 @@ def measure(robot: Robot) -> Scaling:
 
 def memory(leg: LegObserver, columns: Columns) -> Memory:
     """Measure with the recording's rows, of which there are at least 1000."""
-    steps = _steps([leg], columns, COUNTED_STEPS)
+    steps = partial(walk, [leg], _rows(columns, COUNTED_STEPS))
     steps()
     made = run(leg.setup, columns)
     tracemalloc.start()
@@ -118,47 +117,8 @@ def _leg(robot: Robot) -> LegObserver:
     return LegObserver(leg_parameters(robot), hip, slide, observer_tuning(robot))
 
 
-def _recording(rows: int) -> Columns:
-    time_s = np.arange(rows, dtype=np.float64) * STEP_S
-    swing = np.sin(2 * np.pi * 0.25 * time_s)
-    effort = np.cos(1.5 * time_s)
-    return Columns(
-        time_s,
-        np.column_stack((0.24 + 0.15 * swing, 0.59 + 0.12 * swing)),
-        np.column_stack((7.0 * effort, 75.0 * effort)),
-    )
-
-
 def _recordings(setup: Setup, columns: Columns, count: int) -> Callable[[], object]:
     return lambda: [run(setup, columns) for _ in range(count)] and None
-
-
-def _steps(legs: list[LegObserver], columns: Columns, count: int) -> Callable[[], object]:
-    """Step all legs once, then again, as the core's cycle does."""
-    positions, efforts = columns.position[:count], columns.effort[:count]
-
-    def walk() -> None:
-        for leg in legs:
-            leg.reset(positions[0])
-        for position, effort in zip(positions, efforts, strict=True):
-            for leg in legs:
-                leg.step(position, effort, STEP_S)
-
-    return walk
-
-
-def _race(
-    contests: dict[tuple[str, int], tuple[Callable[[], object], int]],
-) -> dict[tuple[str, int], float]:
-    """Median us of a step of each, after one round to warm up."""
-    times: dict[tuple[str, int], list[float]] = {name: [] for name in contests}
-    for number in range(REPEATS + 1):
-        for name, (contest, steps) in contests.items():
-            begun_s = time.perf_counter()
-            contest()
-            if number:
-                times[name].append((time.perf_counter() - begun_s) / steps * 1e6)
-    return {name: statistics.median(values) for name, values in times.items()}
 
 
 def _compiled_allocations(work: Callable[[], object]) -> int:
@@ -177,11 +137,15 @@ def _compiled_allocations(work: Callable[[], object]) -> int:
 
 def _of_more_rows(leg: LegObserver, columns: Columns) -> int:
     """Return the allocations of 1000 more rows, without those of each call."""
-    many = Columns(columns.time_s[:1500], columns.position[:1500], columns.effort[:1500])
-    few = Columns(columns.time_s[:500], columns.position[:500], columns.effort[:500])
-    return _compiled_allocations(lambda: run(leg.setup, many)) - _compiled_allocations(
-        lambda: run(leg.setup, few)
+    many, few = (
+        _compiled_allocations(partial(run, leg.setup, _rows(columns, count)))
+        for count in (FEW_ROWS + COUNTED_STEPS, FEW_ROWS)
     )
+    return many - few
+
+
+def _rows(columns: Columns, count: int) -> Columns:
+    return Columns(columns.time_s[:count], columns.position[:count], columns.effort[:count])
 
 
 def _kept(before: tracemalloc.Snapshot, after: tracemalloc.Snapshot) -> int:

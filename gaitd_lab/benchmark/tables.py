@@ -165,7 +165,7 @@ def _delivery(found: Service) -> Table:
     table = _table("last TPDO to subscriber, by part", "part", "median", "99 %")
     for name, part in (
         ("work of the cycle, to the frames sent", one.work),
-        ("record into the ring, wake-up of the gateway", one.seam),
+        ("record into the ring, wake-up of the gateway", one.ipc),
         ("gateway: record to message", None),
         ("Zenoh: put to callback", one.zenoh),
         ("[bold]last TPDO to subscriber[/]", one.whole),

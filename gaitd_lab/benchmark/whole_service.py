@@ -27,7 +27,7 @@ import zenoh
 
 from daemon import wire
 from daemon.ipc.record import CycleRecord
-from gaitd.remote import open_client
+from daemon.zenoh_io.client import open_client
 from gaitd_lab.benchmark import bare_put
 from gaitd_lab.processes import ServiceError, Tempo, free_port, tied
 from gaitd_lab.soak.memory import sample
@@ -79,7 +79,7 @@ class Delivery(NamedTuple):
     """Work of the core's cycle: decode to frames sent."""
     beyond: Spread
     """All time after the work."""
-    seam: Spread
+    ipc: Spread
     """Record into the ring, the gateway's wake-up, and the encoding of the message."""
     gateway_us: float
     """From the gateway's wake-up to the message, as in `health`; median."""
@@ -142,9 +142,9 @@ def _delivery(made: SoakProcesses, seconds: float) -> tuple[Delivery, int]:
             time.sleep(0.5)
             records += tail.read()
     gateways_us = [
-        told.gateway_estimate_p50_us
-        for told in (msgspec.json.decode(one.payload, type=wire.Health) for one in health)
-        if told.gateway_estimate_p50_us is not None
+        message.gateway_estimate_p50_us
+        for message in (msgspec.json.decode(one.payload, type=wire.Health) for one in health)
+        if message.gateway_estimate_p50_us is not None
     ]
     if not gateways_us:
         raise ServiceError(

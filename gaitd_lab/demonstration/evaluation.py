@@ -87,26 +87,26 @@ AXES: Final = (("hip", "nm", "N·m"), ("slide", "n", "N"))
 """Name, suffix of the fields, displayed unit."""
 
 
-def pairs(heard: Track, true: Track, newest: int = 0) -> tuple[Pair, Pair]:
+def pairs(received: Track, true: Track, newest: int = 0) -> tuple[Pair, Pair]:
     """Return hip and slide: estimates with their references; NaN where one is missing.
 
     Args:
-        heard: track with the columns of HEARD.
+        received: track with the columns of RECEIVED.
         true: track with the columns of TRUE.
         newest: number of newest rows of both; 0 means all.
     """
-    heard_ns, said = heard.arrays(newest)
+    received_ns, said = received.arrays(newest)
     true_ns, truth = true.arrays(newest)
-    index = nearest(heard_ns, true_ns, MATCH_NS)
+    index = nearest(received_ns, true_ns, MATCH_NS)
     found = np.full((len(index), len(true.columns)), math.nan)
     found[index >= 0] = truth[index[index >= 0]]
-    return _pair(heard, true, heard_ns, said, found, 0), _pair(
-        heard, true, heard_ns, said, found, 1
+    return _pair(received, true, received_ns, said, found, 0), _pair(
+        received, true, received_ns, said, found, 1
     )
 
 
 def _pair(
-    heard: Track,
+    received: Track,
     true: Track,
     time_ns: NDArray[np.int64],
     said: NDArray[np.float64],
@@ -114,13 +114,13 @@ def _pair(
     index: int,
 ) -> Pair:
     axis, suffix, _ = AXES[index]
-    artificial = heard.column(f"artificial_{axis}_{suffix}", said)
+    artificial = received.column(f"artificial_{axis}_{suffix}", said)
     return Pair(
         time_ns,
-        heard.column(f"{axis}_patient_{suffix}", said),
-        heard.column(f"{axis}_patient_{suffix}_std", said),
+        received.column(f"{axis}_patient_{suffix}", said),
+        received.column(f"{axis}_patient_{suffix}_std", said),
         true.column(f"{axis}_patient_{suffix}", truth) + np.nan_to_num(artificial),
-        heard.column(f"{axis}_friction_{suffix}", said),
+        received.column(f"{axis}_friction_{suffix}", said),
         true.column(f"{axis}_friction_{suffix}", truth),
     )
 

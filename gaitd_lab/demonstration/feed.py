@@ -18,11 +18,11 @@ import zenoh
 from numpy.typing import NDArray
 
 from daemon import wire
-from gaitd.remote import Target, open_client
+from daemon.zenoh_io.client import Target, open_client
 from gaitd_lab.demonstration.script import Situation
 from sim_drives.plant.truth import TruthRow
 
-HEARD: Final = (
+RECEIVED: Final = (
     *("hip_patient_nm", "slide_patient_n", "hip_patient_nm_std", "slide_patient_n_std"),
     *("hip_friction_nm", "slide_friction_n", "hip_angle_rad", "slide_position_m"),
     *("artificial_hip_nm", "artificial_slide_n"),
@@ -86,13 +86,13 @@ class ActClock(Protocol):
 class Receiver:
     """A plain Zenoh client of one service: subscribes, and stores the received messages."""
 
-    def __init__(self, target: Target, leg: str, heard: Track, clock: ActClock) -> None:
+    def __init__(self, target: Target, leg: str, received: Track, clock: ActClock) -> None:
         """Configure the client; `connect` opens the session.
 
         Args:
             target: address of the service.
             leg: leg whose estimate is stored.
-            heard: receives the columns of HEARD.
+            received: receives the columns of RECEIVED.
             clock: clock of the act.
         """
         self._clock = clock
@@ -104,7 +104,7 @@ class Receiver:
         """The newest messages, each with the monotonic time of its SYNC."""
         self._has_come = threading.Condition()
         self._received_s: float | None = None
-        self._track = heard
+        self._track = received
         self._target, self._leg = target, leg
         self._session: zenoh.Session | None = None
 
@@ -144,7 +144,7 @@ class Receiver:
         estimate = self._estimate_at(now_ns - CYCLE_DONE_NS)
         return Situation(
             now_s=(now_ns - began_ns) * 1e-9,
-            heard_s=None if self._received_s is None else self._received_s - began_ns * 1e-9,
+            received_s=None if self._received_s is None else self._received_s - began_ns * 1e-9,
             mode=safety.mode if safety else None,
             verdict=verdict_text(safety),
             phase_ratio=estimate.gait_phase_ratio if estimate else None,
@@ -187,7 +187,7 @@ class Receiver:
     def _on_estimate(self, sample: zenoh.Sample) -> None:
         message = _message(sample, wire.Estimate)
         values = tuple(
-            math.nan if (value := getattr(message, name)) is None else value for name in HEARD
+            math.nan if (value := getattr(message, name)) is None else value for name in RECEIVED
         )
         sync_ns = self._clock.of_utc_ns(message.sample_time_ns)
         self._track.add(sync_ns, values)

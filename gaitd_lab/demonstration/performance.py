@@ -12,7 +12,7 @@ from typing import Final, Protocol
 
 from daemon import wire
 from gaitd_lab.demonstration.evaluation import Span, evaluate, pairs
-from gaitd_lab.demonstration.feed import HEARD, TRUE, Receiver, Track, TruthTail
+from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track, TruthTail
 from gaitd_lab.demonstration.picture import Results
 from gaitd_lab.demonstration.script import (
     Act,
@@ -66,7 +66,7 @@ class Performance:
         self._configs = configs
         self._plan = plan
         self._screen = screen
-        self._heard, self._true = Track(HEARD), Track(TRUE)
+        self._received, self._true = Track(RECEIVED), Track(TRUE)
         self._spans: list[Span] = []
         self._health: list[wire.Health] = []
         self._scene = _first_scene()
@@ -86,7 +86,7 @@ class Performance:
         except KeyboardInterrupt:
             trouble = "interrupted"
         self._end_span()
-        both = pairs(self._heard, self._true)
+        both = pairs(self._received, self._true)
         rows = evaluate(self._spans, both)
         return Results(both, self._spans, rows, self._health, trouble)
 
@@ -94,38 +94,38 @@ class Performance:
         with stage(self._configs, empty=empty, tempo=self._tempo, begin_ns=self._now_ns) as where:
             tail = TruthTail(where.truth_path, self._true)
             requests = Requests(where.target, CLIENT)
-            audience = Receiver(where.target, where.leg, self._heard, where.time)
+            receiver = Receiver(where.target, where.leg, self._received, where.time)
             self._look_at(where)
             self._begin_scene(_first_scene())
             try:
-                with audience:
-                    self._turns(act, where, audience, tail, requests)
+                with receiver:
+                    self._turns(act, where, receiver, tail, requests)
             except ServiceError as error:
                 if stopped := where.stopped():
                     raise ServiceError(f"{error}; {', '.join(stopped)}") from error
                 raise
             finally:
-                if audience.health is not None and self._tempo.wall_clock:
-                    self._health.append(audience.health)
+                if receiver.health is not None and self._tempo.wall_clock:
+                    self._health.append(receiver.health)
                 requests.close()
                 tail.read()
                 tail.close()
 
     def _turns(
-        self, act: Act, where: Stage, audience: Receiver, tail: TruthTail, requests: Requests
+        self, act: Act, where: Stage, receiver: Receiver, tail: TruthTail, requests: Requests
     ) -> None:
         action = next(act)
         over = False
         while not over:
             self._do(action, where, requests)
             where.check()
-            audience.connect()
+            receiver.connect()
             tail.read()
-            self._screen.show(self._moment(audience, where))
-            where.time.turn(gateway_is_there=audience.is_connected)
+            self._screen.show(self._moment(receiver, where))
+            where.time.turn(gateway_is_there=receiver.is_connected)
             self._look_at(where)
-            audience.catch_up(self._now_ns)
-            now = audience.situation(
+            receiver.catch_up(self._now_ns)
+            now = receiver.situation(
                 self._now_ns, where.time.began_ns or self._now_ns, *requests.outcome()
             )
             action, over = _next(act, now)
@@ -152,15 +152,15 @@ class Performance:
         self._spans.append(span)
         self._scene_since_ns = self._now_ns
 
-    def _moment(self, audience: Receiver, where: Stage) -> Moment:
+    def _moment(self, receiver: Receiver, where: Stage) -> Moment:
         return Moment(
             now_ns=self._now_ns,
             elapsed_s=time.monotonic() - self._began_s,
             scene=self._scene,
             scene_s=(self._now_ns - self._scene_since_ns) * 1e-9,
             speed_ratio=where.time.speed_ratio,
-            audience=audience,
-            heard=self._heard,
+            receiver=receiver,
+            received=self._received,
             true=self._true,
         )
 

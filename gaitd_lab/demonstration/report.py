@@ -23,10 +23,12 @@ PLAIN_WIDTH: Final = 132
 
 def line(moment: Moment) -> str:
     """Return one text line: time, mode, estimate and truth of each axis, lateness, stop."""
-    audience = moment.audience
-    safety = audience.safety if audience else None
+    receiver = moment.receiver
+    safety = receiver.safety if receiver else None
     words = [f"{moment.elapsed_s:6.1f} s", f"{(safety.mode if safety else None) or 'starting':<12}"]
-    for (axis, _, unit), pair in zip(AXES, pairs(moment.heard, moment.true, NEWEST), strict=True):
+    for (axis, _, unit), pair in zip(
+        AXES, pairs(moment.received, moment.true, NEWEST), strict=True
+    ):
         said, wanted, rubs = (_newest(v) for v in (pair.estimate, pair.wanted, pair.friction))
         words.append(f"{axis} patient {said} (true {wanted}) friction {rubs} {unit}")
     if moment.speed_ratio is not None:

@@ -37,7 +37,7 @@ class Situation(NamedTuple):
 
     now_s: float
     """Time since the act began."""
-    heard_s: float | None
+    received_s: float | None
     """Time of the newest message of the service; None before the first."""
     mode: str | None
     verdict: str
@@ -231,6 +231,6 @@ def _look(action: Action) -> Playing:
     now = yield action
     if now.mode in STOPPED and now.verdict:
         raise ServiceError(f"the service stopped: {now.verdict}")
-    if now.heard_s is not None and now.now_s - now.heard_s > SILENCE_MAX_S:
+    if now.received_s is not None and now.now_s - now.received_s > SILENCE_MAX_S:
         raise ServiceError(f"no word from the service for {SILENCE_MAX_S:g} s")
     return now

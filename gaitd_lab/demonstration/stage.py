@@ -5,6 +5,7 @@ only while it waits. With `--wall-clock` time is the computer's. The service is 
 """
 
 import contextlib
+import math
 import shutil
 import tempfile
 import time
@@ -14,15 +15,13 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
-import numpy as np
 
-from daemon.config.robot import leg_parameters
+from daemon.config.edits import Edits
 from daemon.config.settings import Robot
 from daemon.system.clock import PageClock
-from gaitd.testing.edits import Edits
 from gaitd_lab.demonstration.script import READY_WITHIN_S
 from gaitd_lab.processes import ServiceError, ServiceProcesses, Tempo, memory_folder
-from observer.mechanism.mechanism import gravity
+from gaitd_lab.trials import balanced
 from simtime.link import LinkLostError, SocketLink
 from simtime.page import PageWriter, page_path
 from simtime.processes import STOPPED, process_state
@@ -122,7 +121,7 @@ class Stage(ServiceProcesses):
         self, folder: Path, configs: Path, *, empty: bool, tempo: Tempo, begin_ns: int
     ) -> None:
         """Write the configuration of the act; see `stage`."""
-        super().__init__(folder, configs, edits=balanced(configs) if empty else {}, tempo=tempo)
+        super().__init__(folder, configs, edits=_empty_edits(configs) if empty else {}, tempo=tempo)
         self.time = StageTime(self.channel, begin_ns, tempo)
 
     def start_all(self) -> None:
@@ -192,7 +191,7 @@ def stage(
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def balanced(configs: Path) -> Edits:
+def _empty_edits(configs: Path) -> Edits:
     """Return the edits for an empty machine that its springs carry in the start pose.
 
     Springs set for a patient push the empty machine up to its stop, as its file states; an
@@ -201,16 +200,13 @@ def balanced(configs: Path) -> Edits:
     name = "robot_empty.toml"
     robot = msgspec.toml.decode((configs / name).read_text(encoding="utf-8"), type=Robot)
     start = tomllib.loads((configs / "plant.toml").read_text(encoding="utf-8"))["start"]
-    pose = np.array((np.radians(start["hip_deg"]), start["slide_m"]))
-    load = gravity(leg_parameters(robot), pose).tolist()
-    springs = robot.springs
-    hip_rest_rad = springs.hip_rest_rad + load[0] / springs.hip_stiffness_nm_per_rad
-    slide_rest_m = springs.slide_rest_m + load[1] / springs.slide_stiffness_n_per_m
+    pose = math.radians(start["hip_deg"]), start["slide_m"]
+    springs = balanced(robot, pose).springs
     return {
         "demo.toml": {"robot": name},
         "plant.toml": {"robot": name},
         name: {
-            "springs.hip_rest_rad": round(hip_rest_rad, 6),
-            "springs.slide_rest_m": round(slide_rest_m, 6),
+            "springs.hip_rest_rad": round(springs.hip_rest_rad, 6),
+            "springs.slide_rest_m": round(springs.slide_rest_m, 6),
         },
     }

@@ -53,8 +53,8 @@ class Moment(NamedTuple):
     """Time since the scene began."""
     speed_ratio: float | None
     """Ratio of the time to the computer's; None before it is known."""
-    audience: Receiver | None
-    heard: Track
+    receiver: Receiver | None
+    received: Track
     true: Track
 
 
@@ -75,12 +75,12 @@ def _small_picture(moment: Moment) -> Layout:
         Layout(name="curves"),
         Layout(name="below", size=SMALL_EVENTS_SHOWN + 2),
     )
-    both = pairs(moment.heard, moment.true, round(WINDOW_S * RATE_HZ))
+    both = pairs(moment.received, moment.true, round(WINDOW_S * RATE_HZ))
     panels = (Layout(_patient_panel(pair, moment.now_ns, at)) for at, pair in enumerate(both))
     screen["curves"].split_row(*panels)
     screen["below"].split_row(
         Layout(_box(f"error, last {WINDOW_S:.0f} s", _error_table(both, moment)), size=40),
-        Layout(_events(moment.audience, SMALL_EVENTS_SHOWN)),
+        Layout(_events(moment.receiver, SMALL_EVENTS_SHOWN)),
     )
     return screen
 
@@ -93,15 +93,15 @@ def _whole_picture(moment: Moment) -> Layout:
         Layout(name="friction", ratio=2),
         Layout(name="below", size=EVENTS_SHOWN + 2),
     )
-    both = pairs(moment.heard, moment.true, round(WINDOW_S * RATE_HZ))
+    both = pairs(moment.received, moment.true, round(WINDOW_S * RATE_HZ))
     for row, panel in (("curves", _patient_panel), ("friction", _friction_panel)):
         screen[row].split_row(
             *(Layout(panel(pair, moment.now_ns, index)) for index, pair in enumerate(both))
         )
     screen["below"].split_row(
-        Layout(_service(moment.audience), ratio=4),
+        Layout(_service(moment.receiver), ratio=4),
         Layout(_errors(both, moment), ratio=4),
-        Layout(_events(moment.audience, EVENTS_SHOWN), ratio=5),
+        Layout(_events(moment.receiver, EVENTS_SHOWN), ratio=5),
     )
     return screen
 
@@ -110,7 +110,7 @@ def _whole_picture(moment: Moment) -> Layout:
 
 
 def _header(moment: Moment) -> RenderableType:
-    safety = moment.audience.safety if moment.audience else None
+    safety = moment.receiver.safety if moment.receiver else None
     mode = (safety.mode if safety else None) or "starting"
     left = Text.assemble(
         (f" {mode.replace('_', ' ')} ", MODE_STYLE.get(mode, "bold black on yellow3")),
@@ -237,10 +237,10 @@ def _error_table(both: tuple[Pair, Pair], moment: Moment) -> Table:
     return grid
 
 
-def _service(audience: Receiver | None) -> Panel:
-    health = audience.health if audience else None
+def _service(receiver: Receiver | None) -> Panel:
+    health = receiver.health if receiver else None
     grid = _grid("left", "right")
-    if audience is None or health is None:
+    if receiver is None or health is None:
         grid.add_row("[dim]no word yet[/]", "")
         return _box("service", grid)
     bars = "".join(_bar(count) for count in health.lateness_count)
@@ -263,8 +263,8 @@ def _bar(count: int) -> str:
     return BAR[min(1 + round(1.6 * np.log10(count)), len(BAR) - 1)]
 
 
-def _events(audience: Receiver | None, shown: int) -> Panel:
-    newest = list(audience.events)[-shown:] if audience else []
+def _events(receiver: Receiver | None, shown: int) -> Panel:
+    newest = list(receiver.events)[-shown:] if receiver else []
     lines = [
         Text.assemble(
             (f"{datetime.fromtimestamp(event.time_ns * 1e-9, UTC).astimezone():%H:%M:%S} ", "dim"),

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from daemon import wire
-from gaitd.remote import Target, open_client
+from daemon.zenoh_io.client import Target, open_client
 from gaitd_lab.requests import Requests
 from gaitd_lab.soak import memory
 from gaitd_lab.soak.fault_generator import DEATHS_RATIO, ActiveFault, Actor, FaultGenerator

@@ -2,5 +2,5 @@
 
 Reading order: `cdkf.py` (Appendix A, for any model), `states.py`, `leg_model.py` (the model and its
 integrators), `leg_noise.py`, `leg_filter.py` (one cycle, compiled) with `leg_memory.py`,
-`observability.py`, `validity.py` and `status.py`; `leg_observer.py` (samples in, estimates out).
+`validity.py` and `status.py`; `leg_observer.py` (samples in, estimates out).
 """

@@ -148,13 +148,7 @@ def advance(
     `out` (OUT_SIZE): mean, std, covariance, innovation, nis, net and net std.
     """
     options = Options(*options_of)
-    model = LegModel(
-        LegParameters(*leg),
-        FrictionParameters(*hip),
-        FrictionParameters(*slide),
-        coriolis_share,
-        options.viscous_outside,
-    )
+    model = model_of(leg, hip, slide, coriolis_share, options)
     memory = memory_of[0]
     begin_cycle(memory, dt_s)
     usable = take_efforts(memory, effort_hip, effort_slide)
@@ -179,6 +173,24 @@ def advance(
         return status | PREDICT_ONLY_BIT, BAD, BAD
     _report(memory, out)
     return determine(model, memory, dt_s, status)
+
+
+@inline
+def model_of(
+    leg: tuple[float, ...],
+    hip: tuple[float, ...],
+    slide: tuple[float, ...],
+    coriolis_share: float,
+    options: Options,
+) -> LegModel:
+    """Name the parameters that were passed as plain tuples."""
+    return LegModel(
+        LegParameters(*leg),
+        FrictionParameters(*hip),
+        FrictionParameters(*slide),
+        coriolis_share,
+        options.viscous_outside,
+    )
 
 
 @inline

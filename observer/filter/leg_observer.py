@@ -28,13 +28,13 @@ from observer.filter.leg_filter import (
     Options,
     advance,
     begin_at_rest,
+    model_of,
 )
 from observer.filter.leg_memory import EFFORTS, LegMemory, may_start, new_memory
-from observer.filter.leg_model import STEP_S, Integrator, LegModel, substeps_needed
+from observer.filter.leg_model import STEP_S, Integrator, substeps_needed
 from observer.filter.states import STATE_COUNT
 from observer.filter.status import START_RATIO_MIN, Status, Validity
 from observer.jit import kernel
-from observer.mechanism import mechanism
 from observer.mechanism.friction import FrictionParameters, smallest_stribeck
 from observer.mechanism.mechanism import WorkspaceError, smallest_inertia
 from observer.mechanism.parameters import LegParameters
@@ -239,14 +239,6 @@ class LegObserver:
         """Memory and points after the last cycle, for `smoother.store`."""
         return self._memory, self._points
 
-    def warm_up(self) -> None:
-        """Compile, or load from the cache, the kernels of `step` and `reset`; changes no state."""
-        (memory, points), out = new_memory(), np.zeros(OUT_SIZE)
-        missing = (math.nan, math.nan, math.nan, math.nan)
-        advance(*self.setup, memory, points, *missing, STEP_S, 0, out)
-        _begin_at(*self.setup[:5], memory, math.nan, math.nan)
-        mechanism.warm_up(LegParameters(*self.setup.leg))
-
 
 class Setup(NamedTuple):
     """The constant arguments of `leg_filter.advance`, in its order and in its types."""
@@ -358,25 +350,20 @@ def check_tuning(
 @kernel
 def _begin_at(
     leg: tuple[float, ...],
-    friction_hip: tuple[float, ...],
-    friction_slide: tuple[float, ...],
+    hip: tuple[float, ...],
+    slide: tuple[float, ...],
     coriolis_share: float,
-    options: tuple[float, ...],
+    options_of: tuple[float, ...],
     memory_of: Sequence[LegMemory],
-    hip: float,
-    slide: float,
+    hip_rad: float,
+    slide_m: float,
 ) -> bool:
     """Start at rest at a pose if it is possible."""
-    model = LegModel(
-        LegParameters(*leg),
-        FrictionParameters(*friction_hip),
-        FrictionParameters(*friction_slide),
-        coriolis_share,
-        0.0,
-    )
-    possible = may_start(model.leg, hip, slide)
+    options = Options(*options_of)
+    model = model_of(leg, hip, slide, coriolis_share, options)
+    possible = may_start(model.leg, hip_rad, slide_m)
     if possible:
-        begin_at_rest(model, Options(*options), memory_of[0], hip, slide)
+        begin_at_rest(model, options, memory_of[0], hip_rad, slide_m)
     return possible
 
 

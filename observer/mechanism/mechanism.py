@@ -27,86 +27,21 @@ Symbols: p parameters, q (hip angle rad, slide position m), dq their rates; effo
 N m, slide N. Angles in rad, counter-clockwise and flexion positive.
 """
 
-import contextlib
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from observer.jit import inline, kernel
 from observer.mechanism.elementary import cos_sin
-from observer.mechanism.linkage import (
-    Dynamics,
-    Pose,
-    Rates,
-    bounded_acceleration,
-    dynamics,
-    pose,
-    rates,
-)
-from observer.mechanism.parameters import (
-    GRAVITY,
-    SMALLEST_RATIO,
-    BodySegment,
-    Dampers,
-    Geometry,
-    LegParameters,
-    Link,
-    Slide,
-    Springs,
-    leg_parameters,
-    with_patient,
-)
-
-__all__ = [
-    "GRAVITY",
-    "SMALLEST_RATIO",
-    "BodySegment",
-    "Dampers",
-    "Dynamics",
-    "Geometry",
-    "LegParameters",
-    "Link",
-    "Pose",
-    "Rates",
-    "Slide",
-    "Springs",
-    "WorkspaceError",
-    "acceleration",
-    "bounded_acceleration",
-    "closes",
-    "coriolis",
-    "damping",
-    "dynamics",
-    "gravity",
-    "joint_positions",
-    "kinetic_energy",
-    "knee_angle",
-    "leg_parameters",
-    "mass_matrix",
-    "pose",
-    "potential_energy",
-    "rates",
-    "ratio_and_load",
-    "singularity_ratio",
-    "slide_position_for_knee",
-    "smallest_inertia",
-    "warm_up",
-    "with_patient",
-]
+from observer.mechanism.linkage import Dynamics, Pose, dynamics, pose
+from observer.mechanism.parameters import LegParameters
 
 Vector = NDArray[np.float64]
 
 
 class WorkspaceError(ValueError):
     """The circles about knee and slide joint do not meet: no such pose exists."""
-
-
-@kernel
-def closes(p: LegParameters, hip: float, slide: float) -> bool:
-    """True if a pose exists at these coordinates: the circles about knee and slide joint meet."""
-    return pose(p, hip, slide).closes
 
 
 @inline
@@ -130,21 +65,6 @@ def knee_angle(p: LegParameters, q: Vector) -> float:
     at = _closed_pose(p, q)
     cross = at.knee_x * at.shank_y - at.knee_y * at.shank_x
     return -math.atan2(cross, at.knee_x * at.shank_x + at.knee_y * at.shank_y)
-
-
-@kernel
-def joint_positions(p: LegParameters, q: Vector) -> Vector:
-    """Hip, knee, ankle, slide joint in the world, m, shape (4, 2), for drawings.
-
-    Raises:
-        WorkspaceError: no pose exists at q.
-    """
-    at = _closed_pose(p, q)
-    points = np.zeros((4, 2))
-    points[1] = at.knee_x, at.knee_y
-    points[2] = at.knee_x + at.shank_x, at.knee_y + at.shank_y
-    points[3] = points[2, 0] - at.shoe_x, points[2, 1] - at.shoe_y
-    return points
 
 
 @kernel
@@ -212,77 +132,6 @@ def ratio_and_load(leg: tuple[float, ...], hip: float, slide: float) -> tuple[fl
 
 
 @kernel
-def coriolis(p: LegParameters, q: Vector, dq: Vector) -> Vector:
-    """c(q, q'), shape (2,): Coriolis and centrifugal torque N m and force N.
-
-    Raises:
-        WorkspaceError: no pose exists at q.
-    """
-    full = _closed_dynamics(p, q, dq, 1.0)
-    without = _closed_dynamics(p, q, dq, 0.0)
-    return np.array([full.bias_hip - without.bias_hip, full.bias_slide - without.bias_slide])
-
-
-@kernel
-def damping(p: LegParameters, q: Vector, dq: Vector) -> Vector:
-    """C~(q) q', shape (2,): torque N m and force N of the joints' dampers.
-
-    Raises:
-        WorkspaceError: no pose exists at q.
-    """
-    moving = _closed_dynamics(p, q, dq, 0.0)
-    resting = _closed_dynamics(p, q, np.zeros(2), 0.0)
-    return np.array([moving.bias_hip - resting.bias_hip, moving.bias_slide - resting.bias_slide])
-
-
-@kernel
-def acceleration(
-    p: LegParameters, q: Vector, dq: Vector, effort: Vector, friction: Vector, full: bool
-) -> Vector:
-    """Acceleration q'', eq. (6), shape (2,): rad/s^2, m/s^2; without Coriolis unless `full`.
-
-    Raises:
-        WorkspaceError: no pose exists at q.
-    """
-    _closed_pose(p, q)
-    share = 1.0 if full else 0.0
-    a1, a2, _ = bounded_acceleration(
-        p, q[0], q[1], dq[0], dq[1], effort[0] - friction[0], effort[1] - friction[1], share
-    )
-    return np.array([a1, a2])
-
-
-@kernel
-def kinetic_energy(p: LegParameters, q: Vector, dq: Vector) -> float:
-    """T = q' M q' / 2, J.
-
-    Raises:
-        WorkspaceError: no pose exists at q.
-    """
-    d = _closed_dynamics(p, q, dq, 0.0)
-    return 0.5 * (d.m11 * dq[0] * dq[0] + d.m22 * dq[1] * dq[1]) + d.m12 * dq[0] * dq[1]
-
-
-@kernel
-def potential_energy(p: LegParameters, q: Vector) -> float:
-    """V(q) of weights and springs, J; the hip's height is 0; eq. (3).
-
-    Raises:
-        WorkspaceError: no pose exists at q.
-    """
-    at = _closed_pose(p, q)
-    height = p.thigh_moment_re * at.knee_y + p.thigh_moment_im * at.knee_x
-    height += p.shank_moment_re * at.shank_y + p.shank_moment_im * at.shank_x
-    height -= p.shoe_moment_re * at.shoe_y + p.shoe_moment_im * at.shoe_x
-    weight = GRAVITY * height + p.slide_weight_n * q[1]
-    if p.rail_sin != 0.0:
-        weight += p.slide_weight_n / p.rail_sin * p.rail_y_m
-    hip = q[0] - p.hip_rest_rad
-    slide = q[1] - p.slide_rest_m
-    return weight + 0.5 * (p.hip_stiffness * hip * hip + p.slide_stiffness * slide * slide)
-
-
-@kernel
 def smallest_inertia(p: LegParameters, ratio: float) -> tuple[float, float]:
     """Least effective inertia of hip kg m^2 and slide kg where |sin| exceeds `ratio`.
 
@@ -301,29 +150,6 @@ def smallest_inertia(p: LegParameters, ratio: float) -> tuple[float, float]:
                 smallest1 = min(smallest1, determinant / d.m22)
                 smallest2 = min(smallest2, determinant / d.m11)
     return smallest1, smallest2
-
-
-def warm_up(p: LegParameters) -> None:
-    """Compile, or load from the cache, the kernels for callers in Python, before any cycle."""
-    q, zero = np.zeros(2), np.zeros(2)
-    closes(p, 0.0, 0.0)
-    singularity_ratio(p, q)
-    calls: tuple[Callable[[], object], ...] = (
-        lambda: knee_angle(p, q),
-        lambda: joint_positions(p, q),
-        lambda: slide_position_for_knee(p, 0.0, 1.0),
-        lambda: mass_matrix(p, q),
-        lambda: gravity(p, q),
-        lambda: coriolis(p, q, zero),
-        lambda: damping(p, q, zero),
-        lambda: acceleration(p, q, zero, zero, zero, True),
-        lambda: kinetic_energy(p, q, zero),
-        lambda: potential_energy(p, q),
-    )
-    for call in calls:
-        # The kernels compile whether or not this leg can reach the origin.
-        with contextlib.suppress(WorkspaceError):
-            call()
 
 
 @inline

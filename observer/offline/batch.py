@@ -6,7 +6,7 @@ distance from the previous row, so gaps and jitter of a recording have the same 
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from observer.filter.leg_filter import (
 from observer.filter.leg_memory import LegMemory, new_memory
 from observer.filter.leg_model import STEP_S
 from observer.filter.leg_observer import Setup
-from observer.jit import kernel
+from observer.jit import inline, kernel
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -85,31 +85,49 @@ def run(
     Raises:
         ValueError: columns of different lengths.
     """
-    steps_s, position, effort, bits = prepared(columns)
-    count = len(steps_s)
-    numbers = np.empty((count, OUT_SIZE))
-    flags = np.empty((count, 3), dtype=np.int64)
+    rows = prepared(columns)
+    count = len(rows.steps_s)
     memory, points = new_memory()
     for begin in range(0, count, BLOCK_ROWS):
-        block = slice(begin, begin + BLOCK_ROWS)
-        _run(
-            *setup,
-            steps_s[block],
-            position[block],
-            effort[block],
-            bits[block],
-            memory,
-            points,
-            numbers[block],
-            flags[block],
-        )
+        _run(setup, rows.block(begin, BLOCK_ROWS), memory, points)
         if progress is not None:
             progress(min((begin + BLOCK_ROWS) / count, 1.0))
-    return split_up(numbers, flags)
+    return rows.estimates()
 
 
-def prepared(columns: Columns) -> tuple[Vector, Matrix, Matrix, Integers]:
-    """Time steps, positions, efforts and bits as the kernels take them.
+class Rows(NamedTuple):
+    """Inputs and results of n rows as the kernels take them."""
+
+    steps_s: Vector
+    position: Matrix
+    effort: Matrix
+    bits: Integers
+    numbers: Matrix
+    """Shape (n, OUT_SIZE): the results of `advance`."""
+    flags: Integers
+    """Shape (n, 3): status, validity of hip and slide."""
+
+    def block(self, begin: int, count: int) -> "Rows":
+        """Return some rows; their results are written to this object's."""
+        return Rows._make(column[begin : begin + count] for column in self)
+
+    def estimates(self) -> BatchEstimates:
+        """Name the results."""
+        return BatchEstimates(
+            state=self.numbers[:, :OUT_STD],
+            std=self.numbers[:, OUT_STD:OUT_COVARIANCE],
+            covariance=self.numbers[:, OUT_COVARIANCE:OUT_INNOVATION],
+            innovation=self.numbers[:, OUT_INNOVATION:OUT_NIS],
+            nis=self.numbers[:, OUT_NIS],
+            net=self.numbers[:, OUT_NET:OUT_NET_STD],
+            net_std=self.numbers[:, OUT_NET_STD:],
+            status=self.flags[:, 0],
+            validity=self.flags[:, 1:],
+        )
+
+
+def prepared(columns: Columns) -> Rows:
+    """Time steps and inputs of a recording, and room for its results.
 
     Raises:
         ValueError: columns of different lengths.
@@ -128,66 +146,45 @@ def prepared(columns: Columns) -> tuple[Vector, Matrix, Matrix, Integers]:
     with np.errstate(over="ignore", invalid="ignore"):
         steps_s = np.diff(time_s, prepend=time_s[:1])
     steps_s[:1] = STEP_S
-    return (
+    return Rows(
         steps_s,
         np.ascontiguousarray(columns.position, dtype=np.float64),
         np.ascontiguousarray(columns.effort, dtype=np.float64),
         np.ascontiguousarray(bits, dtype=np.int64),
+        np.empty((count, OUT_SIZE)),
+        np.empty((count, 3), dtype=np.int64),
     )
 
 
-def split_up(numbers: Matrix, flags: Integers) -> BatchEstimates:
-    """Name the outputs of `advance`: numbers (n, OUT_SIZE), and status and validity (n, 3)."""
-    return BatchEstimates(
-        state=numbers[:, :OUT_STD],
-        std=numbers[:, OUT_STD:OUT_COVARIANCE],
-        covariance=numbers[:, OUT_COVARIANCE:OUT_INNOVATION],
-        innovation=numbers[:, OUT_INNOVATION:OUT_NIS],
-        nis=numbers[:, OUT_NIS],
-        net=numbers[:, OUT_NET:OUT_NET_STD],
-        net_std=numbers[:, OUT_NET_STD:],
-        status=flags[:, 0],
-        validity=flags[:, 1:],
+@inline
+def advance_by_row(
+    setup: Setup, rows: Rows, row: int, memory: Sequence[LegMemory], points: Vector
+) -> None:
+    """Run one cycle, and write its results to the row."""
+    status, level_hip, level_slide = advance(
+        setup.leg,
+        setup.hip,
+        setup.slide,
+        setup.coriolis_share,
+        setup.options,
+        setup.process_std,
+        setup.measurement_std,
+        memory,
+        points,
+        rows.position[row, 0],
+        rows.position[row, 1],
+        rows.effort[row, 0],
+        rows.effort[row, 1],
+        rows.steps_s[row],
+        rows.bits[row],
+        rows.numbers[row],
     )
+    rows.flags[row, 0] = status
+    rows.flags[row, 1] = level_hip
+    rows.flags[row, 2] = level_slide
 
 
 @kernel
-def _run(
-    leg: tuple[float, ...],
-    hip: tuple[float, ...],
-    slide: tuple[float, ...],
-    coriolis_share: float,
-    options: tuple[float, ...],
-    process_std: Vector,
-    measurement_std: Vector,
-    steps_s: Vector,
-    position: Matrix,
-    effort: Matrix,
-    bits: Integers,
-    memory: Sequence[LegMemory],
-    points: Vector,
-    numbers: Matrix,
-    flags: Integers,
-) -> None:
-    for row in range(steps_s.size):
-        status, level_hip, level_slide = advance(
-            leg,
-            hip,
-            slide,
-            coriolis_share,
-            options,
-            process_std,
-            measurement_std,
-            memory,
-            points,
-            position[row, 0],
-            position[row, 1],
-            effort[row, 0],
-            effort[row, 1],
-            steps_s[row],
-            bits[row],
-            numbers[row],
-        )
-        flags[row, 0] = status
-        flags[row, 1] = level_hip
-        flags[row, 2] = level_slide
+def _run(setup: Setup, rows: Rows, memory: Sequence[LegMemory], points: Vector) -> None:
+    for row in range(rows.steps_s.size):
+        advance_by_row(setup, rows, row, memory, points)

@@ -10,11 +10,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filter.leg_filter import OUT_SIZE, advance
 from observer.filter.leg_memory import LegMemory, new_memory
 from observer.filter.leg_observer import Setup
 from observer.jit import kernel
-from observer.offline.batch import BatchEstimates, Columns, prepared, split_up
+from observer.offline.batch import BatchEstimates, Columns, Rows, advance_by_row, prepared
 from observer.smoother import (
     CYCLE_DATA_COUNT,
     LAG,
@@ -32,7 +31,6 @@ from observer.smoother import (
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 BLOCK_ROWS = 10_000
 
@@ -52,23 +50,20 @@ def run_smoothed(
     Raises:
         ValueError: columns of different lengths.
     """
-    steps_s, position, effort, bits = prepared(columns)
-    count = len(steps_s)
-    numbers, flags = np.empty((count, OUT_SIZE)), np.empty((count, 3), dtype=np.int64)
+    rows = prepared(columns)
+    count = len(rows.steps_s)
     smooth = np.full((count, SMOOTH_SIZE), np.nan)
     memory, points = new_memory()
     ring, work = np.zeros(RING_SIZE), np.zeros(WORK_SIZE)
     for begin in range(0, count, BLOCK_ROWS):
-        block = slice(begin, begin + BLOCK_ROWS)
-        given = (steps_s[block], position[block], effort[block], bits[block])
-        state = (memory, points, ring, work)
-        _run(*setup, *given, *state, numbers[block], flags[block], smooth, begin)
+        block = rows.block(begin, BLOCK_ROWS)
+        _run(setup, block, memory, points, ring, work, smooth, begin)
         if progress is not None:
             progress(min((begin + BLOCK_ROWS) / count, 1.0))
     for lag in range(min(LAG, count)):
         smoothed(ring, lag, smooth[count - 1 - lag], work)
     return replace(
-        split_up(numbers, flags),
+        rows.estimates(),
         state=smooth[:, :SMOOTH_STD],
         std=smooth[:, SMOOTH_STD:SMOOTH_COVARIANCE],
         covariance=smooth[:, SMOOTH_COVARIANCE:SMOOTH_NET],
@@ -79,49 +74,18 @@ def run_smoothed(
 
 @kernel
 def _run(
-    leg: tuple[float, ...],
-    hip: tuple[float, ...],
-    slide: tuple[float, ...],
-    coriolis_share: float,
-    options: tuple[float, ...],
-    process_std: Vector,
-    measurement_std: Vector,
-    steps_s: Vector,
-    position: Matrix,
-    effort: Matrix,
-    bits: Integers,
+    setup: Setup,
+    rows: Rows,
     memory: Sequence[LegMemory],
     points: Vector,
     ring: Vector,
     work: Vector,
-    numbers: Matrix,
-    flags: Integers,
     smooth: Matrix,
     begin: int,
 ) -> None:
     cycle_data = np.zeros(CYCLE_DATA_COUNT)
-    for row in range(steps_s.size):
-        status, level_hip, level_slide = advance(
-            leg,
-            hip,
-            slide,
-            coriolis_share,
-            options,
-            process_std,
-            measurement_std,
-            memory,
-            points,
-            position[row, 0],
-            position[row, 1],
-            effort[row, 0],
-            effort[row, 1],
-            steps_s[row],
-            bits[row],
-            numbers[row],
-        )
-        flags[row, 0] = status
-        flags[row, 1] = level_hip
-        flags[row, 2] = level_slide
+    for row in range(rows.steps_s.size):
+        advance_by_row(setup, rows, row, memory, points)
         store(ring, memory, points, cycle_data, work)
         if begin + row >= LAG:
             smoothed(ring, LAG, smooth[begin + row - LAG], work)

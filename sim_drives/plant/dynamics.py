@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from observer.jit import kernel
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.mechanism import LegParameters, dynamics
+from observer.mechanism.linkage import dynamics
+from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation
 from sim_drives.plant.motor import (
     STOP_NEGATIVE,

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.mechanism import LegParameters, singularity_ratio
+from observer.mechanism.mechanism import singularity_ratio
+from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
 from sim_drives.plant.dynamics import WORK, Constants, State, advance_steps
 from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.jit import kernel
-from observer.mechanism.mechanism import LegParameters, pose
+from observer.mechanism.linkage import pose
+from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.settings import AnkleStop, HipStop, SlideStop
 
 Records = NDArray[np.void]

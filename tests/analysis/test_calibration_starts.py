@@ -23,12 +23,13 @@ from typer.testing import CliRunner
 
 from analysis.calibration import fit
 from analysis.calibration.advice import advice
+from analysis.calibration.page import tables
 from analysis.calibration.session import Calibration, calibrate
-from analysis.calibration.words import values_table
 from analysis.replay import Source, read
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
 from gaitd.__main__ import build
+from gaitd.terminal import plain
 
 SAME_PER_SAMPLE = 0.01
 RECORDED_FALSE_MAX_N = 1.7
@@ -64,7 +65,12 @@ def test_friction_mass_and_a_constant_force_of_a_short_axis_are_found(made):
 
 
 def test_a_machine_without_a_spring_gets_none_and_hears_of_none(made):
-    said = [values_table(made), str(made.check), made.fault, *advice(made.motion, made.fit.results)]
+    said = [
+        plain(tables(made)[0]),
+        str(made.check),
+        made.fault,
+        *advice(made.motion, made.fit.results),
+    ]
 
     assert "spring" not in " ".join(said)
     assert "slide constant effort of -3.2" in " ".join(said)
@@ -163,7 +169,7 @@ def test_every_start_on_a_recorded_axis_ends_at_the_same_optimum(recorded_start,
     assert other.fit.loss_per_sample == pytest.approx(
         recorded.fit.loss_per_sample, abs=SAME_PER_SAMPLE
     )
-    assert "spring" not in " ".join((values_table(other), str(other.check)))
+    assert "spring" not in " ".join((plain(tables(other)[0]), str(other.check)))
 
 
 def test_the_constant_force_of_a_recorded_axis_is_no_false_effort(recorded, request):

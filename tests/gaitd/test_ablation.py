@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from command_line import gaitd
 
-from analysis.ablation import Errors, ablate, errors_of, replayed, spoiled, summary
+from analysis.ablation import Errors, ablate, disturbed, errors_of, replayed, summary
 from analysis.ablation_choices import CHOICES, SHIPPED
 from analysis.ablation_figures import three_digits
 from analysis.ablation_page import write_page
@@ -73,8 +73,8 @@ def test_the_choices_reach_the_observer(walk):
     legs = {choice.name: leg_parameters(choice.change(robot)) for choice in CHOICES}
 
     assert not tunings["without Coriolis"].coriolis
-    assert tunings["delay told"].effort_delay_ms == 10.0
-    assert legs["leg told 10 % heavy"].shank_inertia > legs[SHIPPED].shank_inertia
+    assert tunings["delay configured"].effort_delay_ms == 10.0
+    assert legs["leg set 10 % heavy"].shank_inertia > legs[SHIPPED].shank_inertia
     paper = tunings["paper's observer"]
     assert paper.process_std[4] == pytest.approx(10 * paper.process_std[6])
 
@@ -100,7 +100,7 @@ def test_what_is_not_judged_does_not_count(walk):
 
 
 def test_spoiling_is_the_same_each_time(walk):
-    for one, other in zip(spoiled(walk), spoiled(walk), strict=True):
+    for one, other in zip(disturbed(walk), disturbed(walk), strict=True):
         assert np.array_equal(one.recording.position, other.recording.position, equal_nan=True)
         assert np.array_equal(one.recording.effort, other.recording.effort)
 

@@ -82,7 +82,7 @@ def test_the_gate_takes_the_false_activity_at_rest_away(results):
 
 def test_true_sample_times_lose_nothing_and_nominal_ones_are_noticed(results):
     true, nominal = results[JITTER_TRUE, SHIPPED], results[JITTER_NOMINAL, SHIPPED]
-    told = results[JITTER_NOMINAL, "jitter told"]
+    told = results[JITTER_NOMINAL, "jitter configured"]
 
     assert true.patient == pytest.approx(results[ACTIVE, SHIPPED].patient, rel=0.1)
     assert nominal.patient[0] > 3 * true.patient[0]
@@ -95,11 +95,11 @@ def test_a_delay_that_is_modelled_is_no_error(results):
     clean = results[ACTIVE, SHIPPED].patient
 
     assert results[LATE, SHIPPED].patient[0] > 2 * clean[0]
-    assert results[LATE, "delay told"].patient == pytest.approx(clean, rel=0.1)
+    assert results[LATE, "delay configured"].patient == pytest.approx(clean, rel=0.1)
 
 
 def test_a_ripple_that_is_told_is_covered(results):
-    untold, told = results[RIPPLED, SHIPPED], results[RIPPLED, "ripple told"]
+    untold, told = results[RIPPLED, SHIPPED], results[RIPPLED, "ripple configured"]
 
     assert untold.velocity_covered[1] < 0.95
     assert told.velocity_covered[1] > 0.99
@@ -125,7 +125,7 @@ def test_without_a_friction_model_friction_is_the_patient(trials, results):
     assert results[PASSIVE, "no friction model"].patient[0] > level_nm
 
 
-@pytest.mark.parametrize("name", ["friction told 20 % low", "friction told 20 % high"])
+@pytest.mark.parametrize("name", ["friction set 20 % low", "friction set 20 % high"])
 def test_wrong_friction_is_an_error_of_that_friction_which_net_does_not_have(trials, results, name):
     errors, right = results[PASSIVE, name], results[PASSIVE, SHIPPED]
     wrong_nm = 0.2 * trials[PASSIVE].robot.friction.hip.coulomb_nm

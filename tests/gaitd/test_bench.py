@@ -18,6 +18,7 @@ from gaitd_lab.benchmark import (
     lateness,
     replay_speed,
     scaling,
+    step_times,
     tables,
     whole_service,
 )
@@ -108,7 +109,7 @@ def test_every_number_stands_beside_its_budget():
 def few(monkeypatch):
     monkeypatch.setattr(scaling, "ROWS", 1500)
     monkeypatch.setattr(scaling, "STEPS", 20)
-    monkeypatch.setattr(scaling, "REPEATS", 1)
+    monkeypatch.setattr(step_times, "REPEATS", 1)
 
 
 def test_growth_is_measured_for_every_number_of_legs_against_one(robot, few):
@@ -178,9 +179,9 @@ def test_the_parts_of_a_delivery_are_all_of_it(session):
 
     assert found.work.median_us == pytest.approx(710.0)
     assert found.beyond.median_us == pytest.approx(500.0)
-    assert found.seam.median_us == pytest.approx(180.0)
+    assert found.ipc.median_us == pytest.approx(180.0)
     assert found.zenoh.median_us == pytest.approx(200.0)
-    parts_us = found.work.median_us + found.seam.median_us + found.gateway_us
+    parts_us = found.work.median_us + found.ipc.median_us + found.gateway_us
     assert found.whole.median_us == pytest.approx(parts_us + found.zenoh.median_us)
 
 
@@ -191,8 +192,8 @@ def test_messages_of_no_record_are_no_measurement(session):
 
 def test_the_page_shows_each_part_of_a_delivery_beside_bare_zenoh():
     times = [whole_service.Spread(float(n), 10.0 * n) for n in range(101, 106)]
-    whole, work, beyond, seam, zenoh_part = times
-    delivery = whole_service.Delivery(whole, work, beyond, seam, 333.0, zenoh_part)
+    whole, work, beyond, ipc, zenoh_part = times
+    delivery = whole_service.Delivery(whole, work, beyond, ipc, 333.0, zenoh_part)
     bare = whole_service.Spread(222.0, 2220.0)
     found = whole_service.Service(2.0, 190.0, 50.0, 12.0, delivery, bare, 1.7)
 

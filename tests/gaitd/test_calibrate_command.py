@@ -2,7 +2,8 @@ import pytest
 from command_line import gaitd
 from empty_runs import ROBOT_FILE, empty_run, robot_file, shipped_friction, write_csv
 
-from analysis.calibration.robot_file import RobotFileError, rewritten, write
+from analysis.calibration.robot_file import write
+from daemon.config.edits import EditError
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
 
@@ -38,11 +39,25 @@ def test_only_the_named_numbers_change(tmp_path):
     assert differing == ["coulomb_nm = 5.5  # calibrated from x"]
 
 
-def test_the_input_is_never_overwritten_and_an_unknown_key_is_named():
-    with pytest.raises(RobotFileError, match="another name"):
-        write(ROBOT_FILE, ROBOT_FILE, {})
-    with pytest.raises(RobotFileError, match=r"friction\.knee"):
-        rewritten(ROBOT_FILE.read_text(), {"friction.knee": (1.0, "")})
+def test_the_input_is_never_overwritten(recorded):
+    ran = gaitd("calibrate", recorded, "--robot", ROBOT_FILE, "--output", ROBOT_FILE)
+
+    assert ran.code == 2
+    assert "another name" in ran.err
+
+
+def test_an_unknown_key_is_named(tmp_path):
+    with pytest.raises(EditError, match=r"friction\.knee"):
+        write(ROBOT_FILE, tmp_path / "out.toml", {"friction.knee": (1.0, "")})
+
+
+def test_line_ends_are_kept(tmp_path):
+    given, output = tmp_path / "given.toml", tmp_path / "out.toml"
+    given.write_bytes(ROBOT_FILE.read_bytes().replace(b"\n", b"\r\n"))
+
+    write(given, output, {"friction.hip.coulomb_nm": (5.5, "x")})
+
+    assert output.read_bytes().count(b"\r\n") == given.read_bytes().count(b"\n")
 
 
 def test_check_tells_a_wrong_recline_by_its_exit_code(recorded, tmp_path):

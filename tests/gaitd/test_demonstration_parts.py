@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gaitd.command_line import configs_folder
+from daemon.config.shipped import configs_folder
 from gaitd_lab.demonstration import stage
 from gaitd_lab.demonstration.evaluation import Row, Span, evaluate, pairs
-from gaitd_lab.demonstration.feed import HEARD, TRUE, Track, TruthTail
+from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Track, TruthTail
 from gaitd_lab.demonstration.picture import Results, draw
 from gaitd_lab.demonstration.script import Kind
 from gaitd_lab.demonstration.stage import Stage, StageTime, Tempo
@@ -26,18 +26,18 @@ CYCLE_NS = 10_000_000
 
 def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
     """An estimate that is the truth but for a constant, and null at some rows."""
-    traffic, true = Track(HEARD), Track(TRUE)
+    traffic, true = Track(RECEIVED), Track(TRUE)
     for row in range(count):
         time_ns = 1_000_000_000 + row * CYCLE_NS
         hip, slide = 8 * math.sin(row / 40), 40 * math.cos(row / 40)
         true.add(time_ns + 700_000, (hip, slide, 6.0, 65.0))
-        values = dict.fromkeys(HEARD, 0.0) | {
+        values = dict.fromkeys(RECEIVED, 0.0) | {
             "hip_patient_nm": hip + error_nm,
             "slide_patient_n": slide + error_n,
         }
         if row in rest:
             values |= {"hip_patient_nm": math.nan, "slide_patient_n": math.nan}
-        traffic.add(time_ns, tuple(values[name] for name in HEARD))
+        traffic.add(time_ns, tuple(values[name] for name in RECEIVED))
     return traffic, true
 
 
@@ -74,10 +74,10 @@ def test_nothing_to_judge_is_a_failure():
 
 
 def test_an_artificial_disturbance_is_what_the_estimate_should_show():
-    traffic, true = Track(HEARD), Track(TRUE)
+    traffic, true = Track(RECEIVED), Track(TRUE)
     true.add(0, (0.0, 0.0, 0.0, 0.0))
-    values = dict.fromkeys(HEARD, 0.0) | {"hip_patient_nm": 4.0, "artificial_hip_nm": 4.0}
-    traffic.add(0, tuple(values[name] for name in HEARD))
+    values = dict.fromkeys(RECEIVED, 0.0) | {"hip_patient_nm": 4.0, "artificial_hip_nm": 4.0}
+    traffic.add(0, tuple(values[name] for name in RECEIVED))
 
     hip, slide = pairs(traffic, true)
 
@@ -86,9 +86,9 @@ def test_an_artificial_disturbance_is_what_the_estimate_should_show():
 
 
 def test_an_estimate_without_a_truth_of_its_cycle_is_not_judged():
-    traffic, true = Track(HEARD), Track(TRUE)
+    traffic, true = Track(RECEIVED), Track(TRUE)
     true.add(0, (0.0, 0.0, 0.0, 0.0))
-    traffic.add(6_000_000, tuple(0.0 for _ in HEARD))
+    traffic.add(6_000_000, tuple(0.0 for _ in RECEIVED))
 
     assert np.isnan(pairs(traffic, true)[0].wanted).all()
 
@@ -201,7 +201,7 @@ def test_the_picture_is_drawn_also_of_a_demonstration_that_failed(tmp_path):
     both = pairs(*tracks(rest=range(50, 90)))
 
     draw(Results(both, spans, evaluate(spans, both), [], "stopped"), tmp_path / "a.png")
-    draw(Results(pairs(Track(HEARD), Track(TRUE)), [], [], [], "early"), tmp_path / "b.png")
+    draw(Results(pairs(Track(RECEIVED), Track(TRUE)), [], [], [], "early"), tmp_path / "b.png")
 
     for name in ("a.png", "b.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")

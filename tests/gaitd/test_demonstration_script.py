@@ -49,7 +49,7 @@ class Service:
             self.mode, self.playing_until_s = "hold", None
         return Situation(
             now_s=now_s,
-            heard_s=now_s,
+            received_s=now_s,
             mode=self.mode,
             verdict=self.verdict,
             phase_ratio=0.5 if playing and not self.artificial else None,
@@ -127,7 +127,7 @@ def test_a_stop_ends_the_act_with_its_cause(into):
 def test_a_silent_service_ends_the_act():
     class Silent(Service):
         def situation(self, now_s):
-            return super().situation(now_s)._replace(heard_s=min(now_s, 15.0))
+            return super().situation(now_s)._replace(received_s=min(now_s, 15.0))
 
     with pytest.raises(ServiceError, match="no word from the service"):
         play(gait_act(PLAN), Silent())

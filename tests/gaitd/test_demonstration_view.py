@@ -9,9 +9,9 @@ from rich.text import Text
 
 from daemon import wire
 from daemon.system.clock import MonotonicClock
-from gaitd.remote import Target
+from daemon.zenoh_io.client import Target
 from gaitd_lab.demonstration.curves import Chart, Curve
-from gaitd_lab.demonstration.feed import HEARD, TRUE, Receiver, Track
+from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track
 from gaitd_lab.demonstration.report import line
 from gaitd_lab.demonstration.script import Kind, Scene
 from gaitd_lab.demonstration.view import Moment, picture
@@ -20,19 +20,19 @@ NOW_NS = 20_000_000_000
 
 
 def tracks(*, silent: bool = False) -> tuple[Track, Track]:
-    traffic, true = Track(HEARD), Track(TRUE)
+    traffic, true = Track(RECEIVED), Track(TRUE)
     for row in range(1600):
         time_ns = NOW_NS - (1600 - row) * 10_000_000
         hip = 8 * math.sin(row / 64)
         true.add(time_ns, (hip, 5 * hip, 6.0, 65.0))
-        values = dict.fromkeys(HEARD, 1.0) | {"hip_patient_nm": math.nan if silent else hip}
-        traffic.add(time_ns, tuple(values[name] for name in HEARD))
+        values = dict.fromkeys(RECEIVED, 1.0) | {"hip_patient_nm": math.nan if silent else hip}
+        traffic.add(time_ns, tuple(values[name] for name in RECEIVED))
     return traffic, true
 
 
-def moment(traffic: Track, true: Track, audience: Receiver | None = None) -> Moment:
+def moment(traffic: Track, true: Track, receiver: Receiver | None = None) -> Moment:
     scene = Scene("gait, the patient takes part", Kind.ACTIVE, 20.0)
-    return Moment(NOW_NS, 20.0, scene, 5.0, 0.8, audience, traffic, true)
+    return Moment(NOW_NS, 20.0, scene, 5.0, 0.8, receiver, traffic, true)
 
 
 def health() -> wire.Health:
@@ -93,17 +93,17 @@ def test_the_picture_fits_its_screen(width, height):
 
 
 def test_before_anything_is_heard_the_view_says_so():
-    screen = "\n".join(drawn(moment(Track(HEARD), Track(TRUE))))
+    screen = "\n".join(drawn(moment(Track(RECEIVED), Track(TRUE))))
 
     assert "starting" in screen
     assert "no word yet" in screen
 
 
 def test_the_service_s_own_state_is_shown():
-    audience = Receiver(Target((), "trainer"), "right", Track(HEARD), MonotonicClock())
-    audience.health = health()
+    receiver = Receiver(Target((), "trainer"), "right", Track(RECEIVED), MonotonicClock())
+    receiver.health = health()
 
-    screen = "\n".join(drawn(moment(*tracks(), audience)))
+    screen = "\n".join(drawn(moment(*tracks(), receiver)))
 
     assert "1200 µs" in screen
     assert "overruns" in screen

@@ -10,9 +10,10 @@ from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
 from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.zenoh_io.client import Answer
 from gaitd import preparation
 from gaitd.__main__ import build
-from gaitd.remote import EXIT_REFUSED, Answer
+from gaitd.remote import EXIT_REFUSED
 
 STOP = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, "right/hip", detail="2310h overcurrent")
 

@@ -7,7 +7,7 @@ masses and centres of mass, and the equations of motion from CasADi's derivative
 import casadi as ca
 import numpy as np
 
-from observer.mechanism.mechanism import Dampers, Geometry, Link, Slide, Springs
+from observer.mechanism.parameters import Dampers, Geometry, Link, Slide, Springs
 
 GRAVITY = 9.81
 

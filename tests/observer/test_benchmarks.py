@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import c_anchor, filterpy_peer, observer_step
+from gaitd_lab.benchmark import step_times
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import setup_of
 from observer.offline import batch
@@ -49,20 +50,10 @@ def test_without_a_compiler_the_anchor_says_so(monkeypatch):
     assert c_anchor.build() is None
 
 
-def test_both_models_for_filterpy_are_the_same_model(walk):
-    setup = ungated()
-    few = setup, walk.position[:40], walk.effort[:40], DT
-
-    plain = filterpy_peer.run(*few, compiled=False)
-    compiled = filterpy_peer.run(*few, compiled=True)
-
-    np.testing.assert_allclose(plain, compiled, rtol=0, atol=1e-9)
-
-
 def test_filterpy_estimates_what_the_observer_estimates(walk):
     """Another kind of sigma points, so not the same numbers; the same motion and forces."""
     setup = ungated()
-    peer = filterpy_peer.run(setup, walk.position, walk.effort, DT, compiled=True)
+    peer = filterpy_peer.run(setup, walk.position, walk.effort, DT)
     columns = batch.Columns(np.arange(CYCLES) * DT, walk.position, walk.effort)
     ours = batch.run(setup, columns).state[1:]
 
@@ -76,7 +67,7 @@ def test_filterpy_estimates_what_the_observer_estimates(walk):
 def test_the_benchmark_gives_medians_and_ratios(monkeypatch):
     monkeypatch.setattr(observer_step, "C_STEPS", 50)
     monkeypatch.setattr(observer_step, "PEER_STEPS", 3)
-    monkeypatch.setattr(observer_step, "REPEATS", 1)
+    monkeypatch.setattr(step_times, "REPEATS", 1)
 
     times = observer_step.measure(PATIENT, HIP, SLIDE_FRICTION, TUNING)
 

@@ -10,6 +10,7 @@ from numba import njit
 
 from observer.filter import cdkf
 from observer.jit import kernel
+from tests.observer import general_filter
 
 STEPS = 300
 
@@ -52,8 +53,8 @@ class LinearSystem:
             yield x, P, innovation @ np.linalg.solve(S, innovation)
 
 
-PREDICT = cdkf.time_update(linear_model)
-UPDATE = cdkf.measurement_update(linear_measurement)
+PREDICT = general_filter.time_update(linear_model)
+UPDATE = general_filter.measurement_update(linear_measurement)
 
 
 def filtered(system, predict=PREDICT, update=UPDATE, root=None):
@@ -90,10 +91,15 @@ def test_on_a_linear_system_it_is_the_kalman_filter(seed):
 
 
 def plain_copy(folder: Path, name: str, *changes: tuple[str, str]):
-    """The module's own source, changed and not compiled."""
-    source = Path(cdkf.__file__).read_text()
+    """The source of both modules in one, changed and not compiled."""
+    rest = Path(general_filter.__file__).read_text().partition("# --- the filter")[2]
+    source = f"{Path(cdkf.__file__).read_text()}\nimport numba\n# {rest}"
     plain = (
-        ("from observer.jit import inline", "def inline(function): return function"),
+        (
+            "from observer.jit import inline",
+            "from collections.abc import Callable\n"
+            "from typing import Any\ndef inline(function): return function",
+        ),
         ('numba.njit(error_model="numpy")(function)', "function"),
     )
     for old, new in (*plain, *changes):
@@ -182,7 +188,7 @@ def test_measuring_states_needs_no_sigma_points(picks):
 
 def test_moments_of_a_square_are_exact_for_every_step():
     """y = x^2 of x ~ N(m, s^2): mean m^2 + s^2, variance 4 m^2 s^2 + 2 s^4."""
-    predict = cdkf.time_update(squared)
+    predict = general_filter.time_update(squared)
     for step in (1.2, np.sqrt(3.0), 2.5):
         mean, root = np.array([0.7]), np.array([[0.4]])
 

@@ -568,10 +568,3 @@ def test_two_legs_share_nothing():
         left.step(POSE, (100.0, -300.0), DT)
 
     assert estimate == expected
-
-
-def test_warm_up_changes_nothing():
-    warmed, cold = walked(50)[0], walked(50)[0]
-    warmed.warm_up()
-
-    assert warmed.step(WALK[0][50], WALK[1][50], DT) == cold.step(WALK[0][50], WALK[1][50], DT)

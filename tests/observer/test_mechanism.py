@@ -9,33 +9,35 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from observer.jit import kernel
+from observer.mechanism.linkage import bounded_acceleration, pose, rates
 from observer.mechanism.mechanism import (
-    Dampers,
-    Link,
-    Slide,
-    Springs,
     WorkspaceError,
-    acceleration,
-    bounded_acceleration,
-    closes,
-    coriolis,
-    damping,
     gravity,
-    joint_positions,
-    kinetic_energy,
     knee_angle,
-    leg_parameters,
     mass_matrix,
-    pose,
-    potential_energy,
-    rates,
     ratio_and_load,
     singularity_ratio,
     slide_position_for_knee,
     smallest_inertia,
+)
+from observer.mechanism.parameters import (
+    Dampers,
+    Link,
+    Slide,
+    Springs,
+    leg_parameters,
     with_patient,
 )
 from tests.observer.lagrangian import Reference
+from tests.observer.mechanics import (
+    acceleration,
+    closes,
+    coriolis,
+    damping,
+    joint_positions,
+    kinetic_energy,
+    potential_energy,
+)
 from tests.observer.trainer import (
     DAMPERS,
     EXOSKELETON,

@@ -5,11 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
+from daemon.gateway.translate import _observable_rank as rank_of
 from observer.filter.leg_model import LegModel
 from observer.filter.leg_observer import LegObserver
-from observer.filter.observability import null_vectors, rank, rank_of
 from observer.filter.status import Status
 from observer.mechanism.friction import STANDSTILL_GATE, gate_of, static_friction_of
+from tests.observer.observability import null_vectors, rank
 from tests.observer.trainer import (
     HIP,
     MID_POSE,

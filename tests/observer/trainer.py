@@ -14,17 +14,16 @@ from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import ObserverTuning
 from observer.jit import kernel
 from observer.mechanism.friction import FrictionParameters, friction_after
-from observer.mechanism.mechanism import (
+from observer.mechanism.linkage import bounded_acceleration
+from observer.mechanism.mechanism import gravity, slide_position_for_knee
+from observer.mechanism.parameters import (
     Dampers,
     Geometry,
     LegParameters,
     Link,
     Slide,
     Springs,
-    bounded_acceleration,
-    gravity,
     leg_parameters,
-    slide_position_for_knee,
     with_patient,
 )
 from observer.offline.batch import Columns

@@ -22,8 +22,7 @@ from typing import TypeVar
 
 from daemon.ipc.record import CycleRecord, Mode
 from daemon.ipc.transport import RING_NAME, RingError, RingReader
-from gaitd import remote
-from gaitd.remote import Target
+from daemon.zenoh_io.client import Target, query
 
 RUNTIME = Path("/run/gaitd")
 CONFIG = Path("/etc/gaitd/trainer.toml")
@@ -107,7 +106,7 @@ def boot_id() -> str:
 
 
 def ask(name: str, **payload: object) -> dict[str, object]:
-    answer = remote.query(TARGET, name, {"client": "tester", **payload} if payload else {})
+    answer = query(TARGET, name, {"client": "tester", **payload} if payload else {})
     return json.loads(answer.text) if answer.text else {"outcome": "unanswered"}
 
 

@@ -21,7 +21,7 @@ from long_service import TIMEOUT_S
 from processes import Service
 
 from daemon.ipc.record import Cause, Mode
-from gaitd.remote import client_settings
+from daemon.zenoh_io.client import client_settings
 
 CONFIGURATION_ERROR = 2
 FLOOD_S = 2.0

@@ -20,9 +20,10 @@ from trainers import (
 )
 
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.mechanism import gravity, kinetic_energy, potential_energy
+from observer.mechanism.mechanism import gravity
 from sim_drives.plant.actuation import Actuation, AxisFlag
 from sim_drives.plant.plant import COASTING, HIP, SLIDE
+from tests.observer.mechanics import kinetic_energy, potential_energy
 
 NEARLY_NO_FRICTION = tuple(
     FrictionParameters(*f)._replace(stribeck=1e-6, coulomb=1e-7, viscous=0.0) for f in FRICTIONS

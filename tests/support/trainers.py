@@ -11,7 +11,7 @@ import msgspec
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.mechanism import LegParameters
+from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation, AxisActuation
 from sim_drives.plant.plant import COASTING, HIP, SLIDE, Trainer
 from sim_drives.plant.settings import PlantTables

@@ -10,7 +10,8 @@ from daemon.config.settings import Gait
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import LegStart
 from daemon.core.motion.gait_shape import Pair, angles_of_joints, gait_angles, joints_of_angles
-from observer.mechanism.mechanism import LegParameters, WorkspaceError, singularity_ratio
+from observer.mechanism.mechanism import WorkspaceError, singularity_ratio
+from observer.mechanism.parameters import LegParameters
 
 PEAK_OF_MINIMUM_JERK: Final = 1.875
 """Ratio of peak speed to mean speed of a minimum-jerk motion."""

@@ -19,7 +19,7 @@ from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Refere
 from daemon.core.modes.guards import GuardInputs
 from daemon.core.motion.gait_shape import Pair, gait_angles, joints_of_angles, load_at
 from daemon.ipc.record import ModeRequest, Stage
-from observer.mechanism.mechanism import LegParameters
+from observer.mechanism.parameters import LegParameters
 
 SETTLE_S: Final = 1.0
 """Rest at mid pose before an excitation begins."""

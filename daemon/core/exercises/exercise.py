@@ -25,7 +25,7 @@ from daemon.core.motion.gait_shape import GaitShape, Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import ModeRequest, Stage
 from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.mechanism import LegParameters
+from observer.mechanism.parameters import LegParameters
 
 
 class Reference(NamedTuple):

@@ -22,7 +22,8 @@ from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Refere
 from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import ModeRequest, Stage
-from observer.mechanism.mechanism import LegParameters, singularity_ratio
+from observer.mechanism.mechanism import singularity_ratio
+from observer.mechanism.parameters import LegParameters
 
 STRETCHED_MARGIN_RATIO: Final = 2.0
 """Start of the margin before the stretched pose, as a multiple of the ratio that stops."""

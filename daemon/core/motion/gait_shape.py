@@ -12,12 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from daemon.config.settings import Gait
-from observer.mechanism.mechanism import (
-    LegParameters,
-    gravity,
-    knee_angle,
-    slide_position_for_knee,
-)
+from observer.mechanism.mechanism import gravity, knee_angle, slide_position_for_knee
+from observer.mechanism.parameters import LegParameters
 
 Pair = tuple[float, float]
 """Hip and slide in joint units, or hip and knee in rad where the name says angles."""

@@ -11,7 +11,7 @@ from daemon.core.runtime.build import Built
 from daemon.core.safety import inverse_dynamics, stopping_path
 from drives.bringup.bus_load import fill_tables
 from observer.mechanism.friction import static_friction_of
-from observer.mechanism.mechanism import ratio_and_load
+from observer.mechanism.mechanism import mass_matrix, ratio_and_load, singularity_ratio
 
 STEPS = 20
 
@@ -27,6 +27,8 @@ def warm_up(built: Built) -> None:
         gait_shape.angles_of_joints(leg.parameters, pose)
         load = gait_shape.load_at(leg.parameters, pose)
         ratio_and_load(leg.mechanism, *pose)
+        singularity_ratio(leg.parameters, np.array(pose))
+        mass_matrix(leg.parameters, np.array(pose))
         stopping_path.least_ratio(
             leg.mechanism, pose, (0.0, 0.0), (1.0, 1.0), stopping_path.REACTION_S
         )

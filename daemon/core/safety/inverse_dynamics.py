@@ -17,7 +17,7 @@ from daemon.core.safety.joints import Joint
 from observer.jit import kernel
 from observer.mechanism.friction import FrictionParameters, static_friction
 from observer.mechanism.linkage import dynamics
-from observer.mechanism.mechanism import LegParameters
+from observer.mechanism.parameters import LegParameters
 
 Pair = tuple[float, float]
 """Hip and slide: N·m and N, rad and m."""

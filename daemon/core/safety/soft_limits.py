@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from daemon.core.safety.limits import AxisLimits, Thresholds
 from daemon.core.safety.stopping_path import gradient
-from observer.mechanism.mechanism import LegParameters
+from observer.mechanism.parameters import LegParameters
 
 Pair = tuple[float, float]
 """Hip and slide: rad and m, rad/s and m/s, N·m and N."""

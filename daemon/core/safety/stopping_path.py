@@ -18,7 +18,7 @@ import math
 from typing import Final
 
 from observer.jit import inline, kernel
-from observer.mechanism.mechanism import LegParameters
+from observer.mechanism.parameters import LegParameters
 
 Pair = tuple[float, float]
 """Hip and slide: rad and m, rad/s and m/s, rad/s^2 and m/s^2."""

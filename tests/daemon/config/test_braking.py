@@ -10,7 +10,7 @@ from daemon.preflight.load import ConfigError, load
 from daemon.preflight.motion import decelerations
 from daemon.preflight.report import examine, refuse
 from daemon.preflight.workspace import gait_motions
-from observer.mechanism.mechanism import acceleration
+from tests.observer.mechanics import acceleration
 
 HIP = Change("limits.toml", "rad_per_s2 = 14.8", "rad_per_s2 = 200.0")
 SLIDE = Change("limits.toml", "m_per_s2 = 15.4", "m_per_s2 = 20.0")

@@ -19,7 +19,8 @@ from daemon.preflight.motion import mean_pose
 from daemon.wire.causes import CHOSEN_CATEGORY
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import DEFAULT_TUNING, LegObserver
-from observer.mechanism.mechanism import acceleration, gravity, mass_matrix
+from observer.mechanism.mechanism import gravity, mass_matrix
+from tests.observer.mechanics import acceleration
 
 SHIPPED = ("demo", "vcan", "trainer")
 GENERIC = (

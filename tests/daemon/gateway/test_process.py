@@ -9,7 +9,7 @@ import command_line
 import pytest
 from processes import CONFIGS, gaitd
 
-from gaitd.testing.edits import edit
+from daemon.config.edits import edit
 from gaitd_lab.processes import GAITD, ManagedProcess
 
 realtime = pytest.mark.realtime

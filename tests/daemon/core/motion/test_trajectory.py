@@ -19,7 +19,8 @@ from daemon.core.exercises.gait import Gait, GaitPlan
 from daemon.core.exercises.hold import Hold
 from daemon.core.motion import gait_shape
 from daemon.ipc.record import Stage
-from observer.mechanism.mechanism import closes, singularity_ratio
+from observer.mechanism.mechanism import singularity_ratio
+from tests.observer.mechanics import closes
 
 LEG = leg_parameters(load_toml(CONFIGS / "robot.toml", Robot))
 GAIT = load_toml(CONFIGS / "demo.toml", Trainer).gait

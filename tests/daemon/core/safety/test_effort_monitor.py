@@ -24,7 +24,8 @@ from daemon.core.safety.joints import Joint
 from daemon.core.safety.spasm import STILL_CYCLES, SpasmRules, SpasmWatch, softened
 from daemon.preflight.load import load
 from observer.mechanism.friction import static_friction_of
-from observer.mechanism.mechanism import coriolis, damping, gravity, mass_matrix
+from observer.mechanism.mechanism import gravity, mass_matrix
+from tests.observer.mechanics import coriolis, damping
 
 ROBOT = load(CONFIGS / "demo.toml").robot
 LEG, FRICTIONS = leg_parameters(ROBOT), friction_parameters(ROBOT)

@@ -1,4 +1,4 @@
-"""Copies of configurations with some keys changed; text and comments are kept.
+"""Changes of some keys of a configuration file; the rest of its text and comments is kept.
 
 A key is named by its place, `gait.announce_s`, or `leg.0.name` in the first of the `[[leg]]`
 tables. Its value must be on the key's own line. A TOML reader checks that the file differs in this
@@ -22,7 +22,7 @@ ENTRY: Final = re.compile(r"^(\w+)\s*=")
 
 
 class EditError(Exception):
-    """Test error: a key that cannot be changed as it is named."""
+    """A key that cannot be changed as it is named."""
 
 
 def edit(folder: Path, edits: Edits) -> None:
@@ -37,11 +37,23 @@ def edit(folder: Path, edits: Edits) -> None:
             raise EditError(f"there is no {name} among the configurations to edit")
         text = path.read_text(encoding="utf-8")
         for key, value in values.items():
-            text = _edited(name, text, key, value)
+            text = edited(name, text, key, value)
         path.write_text(text, encoding="utf-8")
 
 
-def _edited(name: str, text: str, key: str, value: Value) -> str:
+def edited(name: str, text: str, key: str, value: Value, comment: str = "") -> str:
+    """Return the text of a file with another value of one key.
+
+    Args:
+        name: the file's, for messages.
+        text: the file's.
+        key: place of the key.
+        value: the new one.
+        comment: replaces the line's own.
+
+    Raises:
+        EditError: there is no such key, or its value is longer than its line.
+    """
     lines = text.split("\n")
     number = _line_of(lines, key)
     if number is None:
@@ -49,15 +61,16 @@ def _edited(name: str, text: str, key: str, value: Value) -> str:
     last = key.rpartition(".")[2]
     plain = value if isinstance(value, bool | int | float | str) else list(value)
     written = json.dumps(plain, ensure_ascii=False)
-    lines[number] = f"{last} = {written}"
+    end = "\r" if lines[number].endswith("\r") else ""
+    lines[number] = f"{last} = {written}{f'  # {comment}' if comment else ''}{end}"
     after = "\n".join(lines)
     wanted = tomllib.loads(text)
     _put(wanted, key.split("."), json.loads(written))
     try:
-        said: dict[str, Any] = tomllib.loads(after)
+        found: dict[str, Any] = tomllib.loads(after)
     except tomllib.TOMLDecodeError:
-        said = {}
-    if said != wanted:
+        found = {}
+    if found != wanted:
         raise EditError(
             f"{name}: the value of {key} does not stand on one line, or {written} cannot"
         )

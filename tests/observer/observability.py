@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from observer.filter.leg_model import LANES, STEP_S, LegModel, runge_kutta
 from observer.filter.states import FRICTION, PATIENT, POSITION, STATE_COUNT, VELOCITY
-from observer.filter.status import Status
 from observer.jit import kernel
-from observer.mechanism.mechanism import acceleration, mass_matrix
+from observer.mechanism.mechanism import mass_matrix
+from tests.observer.mechanics import acceleration
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -31,12 +31,6 @@ STEPS: Final = 8
 SUBSTEPS: Final = 2
 RANK_TOLERANCE: Final = 1e-4
 """Relative to the largest singular value."""
-
-
-def rank_of(status: Status) -> int:
-    """Number of observable states: 8, less one for each axis at rest."""
-    resting = (Status.STANDSTILL_HIP in status) + (Status.STANDSTILL_SLIDE in status)
-    return STATE_COUNT - resting
 
 
 def rank(model: LegModel, state: Vector) -> int:

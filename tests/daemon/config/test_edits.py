@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gaitd.testing.edits import EditError, edit
+from daemon.config.edits import EditError, edit
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 PLAIN = (bool, int, float, str)
