@@ -351,6 +351,7 @@ def test_a_good_cell_breaks_no_law(well):
         (PUSHED, {"lost_power": ()}, "beyond its limit"),
         (PUSHED, {"lost_power": ()}, "at rest after None"),
         (PUSHED, {"fault": "emcy_6xxx_fault"}, "beyond its limit"),
+        (PUSHED, {"causes": ("DRIVE_SILENT",), "category": "S0"}, "category S0, right is S1"),
     ],
 )
 def test_each_law_can_be_broken_and_says_what_is_wrong(well, changes, said):
