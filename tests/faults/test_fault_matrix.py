@@ -149,6 +149,8 @@ def test_a_pair_must_stop_if_one_of_its_faults_must_and_may_end_with_the_code_of
     assert Cause.DRIVE_SILENT in law.causes
     assert law.within_cycles == ROWS["silent"].within_cycles + 3 + pairs.SLACK_CYCLES
     assert pairs.law_of(ended, None).exit_code == ROWS["core_sigterm"].exit_code
+    late = pairs.law_of(Cell("overrun_3+silent@3", "hold", "right/hip"), None)
+    assert late.within_cycles == law.within_cycles + 3
     with pytest.raises(KeyError):
         pairs.fault_named("silent+nothing_known@1")
 
