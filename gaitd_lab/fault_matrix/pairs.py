@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from daemon.ipc.record import Cause
 from gaitd_lab.fault_matrix.cell import Cell
-from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS, law
+from gaitd_lab.fault_matrix.exceptions import law
 from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, Law, Resting
 from gaitd_lab.fault_matrix.faults import FAMILIES, FAULTS
 from gaitd_lab.fault_matrix.kinds import Fault, FaultAction, Scene, nothing
@@ -54,8 +54,8 @@ CONSEQUENCES: Final = frozenset(
     {Cause.DRIVE_FAULT, Cause.EMERGENCY, Cause.DRIVE_LEFT_ENABLED, *LOST}
 )
 """Causes that a second fault may add to the stop of the first one, or by which it comes first."""
-PUSHES: Final = frozenset({"end_stop", "spasm", "voluntary_push"})
-"""Faults in which the patient's effort moves a leg that a drive no longer holds."""
+PUSH: Final = "end_stop"
+"""The fault in which the patient pushes harder than a drive can hold."""
 JAMS: Final = frozenset({"blocked_rotor", "brake_stuck"})
 """Faults that hold a joint: where it stands, they hide what would move it."""
 DELAYS: Final = frozenset(
@@ -152,8 +152,7 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
         return law(*cell)
     axes = _axes(parts, cell.axis)
     first, second = (
-        _in_any_mode(name, law(name, cell.mode, axis))
-        for name, axis in zip(_law_names(parts), axes, strict=True)
+        law(name, cell.mode, axis) for name, axis in zip(_law_names(parts), axes, strict=True)
     )
     pair_law = both((first, second), cell.mode, parts.offset_cycles, exit_code)
     names = {one.name for one in parts[:2]}
@@ -161,7 +160,7 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
     within_cycles = pair_law.within_cycles
     if within_cycles is not None:
         within_cycles += delay_s * NS_PER_S / CYCLE_NS
-    pushed = not PUSHES.isdisjoint(names)
+    pushed = PUSH in names
     hidden = not parts.on_other_axis and any(
         one.name in JAMS and its_law.may_go_on
         for one, its_law in zip(parts[:2], (first, second), strict=True)
@@ -179,14 +178,6 @@ def _law_names(parts: Parts) -> tuple[str, str]:
     first, second = parts.first.name, parts.second.name
     together = ADDING.get(frozenset({first, second}))
     return (first, second) if together is None else (together, together)
-
-
-def _in_any_mode(fault: str, right: Law) -> Law:
-    """A law with the causes of all modes: the other fault may have changed the mode."""
-    others = [ROWS[fault], *(one for key, one in EXCEPTIONS.items() if key[0] == fault)]
-    causes = right.causes.union(*(one.causes | one.later for one in others))
-    categories = right.categories.union(*(one.categories for one in others))
-    return replace(right, causes=causes, categories=categories)
 
 
 def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | None) -> Law:
