@@ -216,6 +216,7 @@ def tests_fail(file: str, source: str) -> bool:
     sys.meta_path.insert(0, _Mutated(file, source))
     tests = [str(PROJECT / "tests" / test) for test in UNIT_TESTS[file]]
     options = ["-x", "-q", "-W", "ignore", "-o", f"timeout={TEST_TIMEOUT_S}", "--rootdir=."]
+    options += ["-p", "no:unraisableexception"]  # it collects garbage, which takes half the time
     with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stdout(nowhere):
         code = pytest.main([*options, *tests], plugins=[_Hurried()])
     if code not in {0, 1, 2}:
@@ -324,7 +325,9 @@ def _watched(results: Iterable[Judged], total_count: int) -> Iterator[Judged]:
                 told = (
                     f"{one.key.file} {one.key.function}\n  - {one.key.before}\n  + {one.key.after}"
                 )
-                progress.console.print(f"survived: {told}", markup=False, highlight=False)
+                progress.console.print(
+                    f"survived: {told}", markup=False, highlight=False, soft_wrap=True
+                )
             progress.update(task, advance=1, description=f"mutants ({survived} survived)")
             if not console.is_terminal and (number % 100 == 0 or number == total_count):
                 print(f"{number}/{total_count} mutants, {survived} survived", flush=True)

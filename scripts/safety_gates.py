@@ -81,7 +81,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "drives/cia402/drive.py": ("drives/test_drive.py",),
     "drives/cia402/homing.py": ("drives/test_profile.py",),
     "drives/cia402/option_codes.py": ("drives/test_option_codes.py",),
-    "drives/cia402/pdo.py": ("drives/test_profile.py", "drives/test_drive.py"),
+    "drives/cia402/pdo.py": ("drives/test_pdo.py", "drives/test_profile.py"),
     "drives/cia402/power_state.py": ("drives/test_cia402.py",),
     "drives/cia402/profile.py": ("drives/test_profile.py",),
     "drives/cia402/torque.py": ("drives/test_torque.py",),

@@ -214,7 +214,7 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: GuardInputs) -> str:
         return _refuse_enable(now)
     if event == Event.RESET:
         return _refuse_reset(now)
-    if kind == RequestKind.DISABLE or wanted.mode == Mode.HOLD:
+    if event in {Event.DISABLE, Event.TO_HOLD}:
         return ""
     rules = MODES[wanted.mode]
     if rules.exercise is None:
@@ -270,13 +270,13 @@ def _not_sampled(axes: Iterable[str]) -> str:
 
 
 def _refuse_reset(now: GuardInputs) -> str:
+    if now.mode == Mode.READY:
+        return ""
     unsampled = [name for name in now.unsampled if name not in now.lost]
-    if now.mode == Mode.FAULT and unsampled:
+    if unsampled:
         return _not_sampled(unsampled)
-    if now.mode == Mode.FAULT and not now.at_rest:
+    if not now.at_rest:
         return "the leg is moving"
-    if now.mode == Mode.FAULT and not now.hand_switch_closed:
+    if not now.hand_switch_closed:
         return "the hand switch is open"
-    if now.mode == Mode.FAULT and not now.sto_released:
-        return "safe torque off is active"
-    return ""
+    return "" if now.sto_released else "safe torque off is active"

@@ -1,5 +1,7 @@
 """The lease: one holder, for a time, by a number that nobody can guess."""
 
+import secrets
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -31,7 +33,8 @@ def test_who_asks_first_holds_it_for_the_configured_time(desk):
 def test_a_second_one_is_refused_and_told_who_holds_it(desk):
     granted = desk.acquire("pusher", None, None, 0)
 
-    for client, number in (("other", None), ("pusher", None), ("other", granted.number)):
+    strangers = (("other", None), ("pusher", None), ("other", granted.number))
+    for client, number in (*strangers, ("zeta", granted.number)):
         with pytest.raises(LeaseRefusedError, match="'pusher' holds the lease"):
             desk.acquire(client, number, None, 1)
     with pytest.raises(LeaseRefusedError, match="'pusher'"):
@@ -76,7 +79,14 @@ def test_a_wanted_duration_is_given_up_to_the_longest(desk, wanted, granted):
 def test_the_holder_alone_can_release_it(desk):
     granted = desk.acquire("pusher", None, None, 0)
 
-    for client, number in (("other", granted.number), ("pusher", granted.number ^ 1)):
+    number = granted.number
+    strangers = (
+        ("other", number),
+        ("zeta", number),
+        ("pusher", number - 1),
+        ("pusher", number + 1),
+    )
+    for client, number in strangers:
         with pytest.raises(LeaseRefusedError, match="'pusher'"):
             desk.release(client, number)
     ended = desk.release("pusher", granted.number)
@@ -107,6 +117,27 @@ def test_numbers_are_drawn_from_all_that_fit_and_are_never_given_twice():
     assert len(set(drawn)) == 2000
     assert all(0 < number < 2**NUMBER_BITS for number in drawn)
     assert sum(number.bit_count() for number in drawn) / 2000 == pytest.approx(26.5, abs=1)
+
+
+def test_a_number_is_forgotten_only_after_ten_thousand_others():
+    script = iter((*range(1, 10_001), 1, 10_001, 1))
+    desk = LeaseManager(RULES, draw=lambda: next(script))
+
+    def given_number():
+        desk.end("test")
+        return desk.acquire("pusher", None, None, 0).number
+
+    assert [given_number() for _ in range(10_000)] == list(range(1, 10_001))
+    assert given_number() == 10_001
+    assert given_number() == 1
+
+
+def test_a_number_is_exact_in_every_reader_and_is_never_none(monkeypatch):
+    bits = []
+    monkeypatch.setattr(secrets, "randbits", lambda count: bits.append(count) or 0)
+
+    assert draw_number() == 1
+    assert bits == [53]
 
 
 STEPS = st.lists(

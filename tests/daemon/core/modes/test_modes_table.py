@@ -67,6 +67,20 @@ def ask(mode, **now):
     return refusal(RequestKind.MODE, wanted, replace(ALL_WELL, mode=Mode.HOLD, **now))
 
 
+FLAGS = {
+    "by_torque": {Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST},
+    "needs_impedance": {Mode.TORQUE},
+    "takes_assist": {Mode.GAIT, Mode.TORQUE},
+    "is_guided_motion": {Mode.GAIT, Mode.SELF_TEST},
+    "needs_self_test": {Mode.GAIT, Mode.TORQUE, Mode.EXCITE},
+}
+
+
+@pytest.mark.parametrize("flag", FLAGS)
+def test_each_rule_holds_in_its_modes_and_in_no_other(flag):
+    assert {mode for mode in Mode if getattr(rules_of(mode), flag)} == FLAGS[flag]
+
+
 @pytest.mark.parametrize("mode", EXERCISES)
 def test_an_exercise_begins_in_hold_alone_and_ends_there_by_itself_and_on_request(mode):
     assert rows_into(mode) == {(Mode.HOLD, EXERCISES[mode])}

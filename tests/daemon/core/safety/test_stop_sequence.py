@@ -253,3 +253,56 @@ def test_the_core_s_own_hold_has_thirty_cycles_to_settle(ratio, cycles, reached)
     stop = run(stop_sequence.begin(Step.HOLD, STILL, 100), FEEDBACK, [slow] * cycles)
 
     assert stop.step == reached
+
+
+@pytest.mark.parametrize("direction", [-1, 1])
+@pytest.mark.parametrize("step", [Step.HOLD, Step.QUICK_STOP])
+def test_the_speed_that_is_allowed_falls_along_the_ramp_to_its_floor(step, direction):
+    """1.5 times the ramp of 20 per s² from a speed of 1, and a multiple of 0.02 per s."""
+    begun = stop_sequence.begin(step, FAST._replace(velocity_si=-direction * 1.0), 100)
+    shown = FEEDBACK if step is Step.HOLD else STOPPING_DRIVE
+    first = 3 + (30 if step is Step.HOLD else 0)
+    for elapsed in range(4, 60):
+        ramp_s = max(elapsed - first, 0) * 0.01
+        floor_ratio = 10 if step is Step.HOLD and elapsed <= first else 3
+        allowed_si = 1.5 * max(1.0 - 20.0 * ramp_s, 0.0) + floor_ratio * 0.02
+        for ratio, obeyed in ((0.999, True), (1.001, False)):
+            joint = JOINT._replace(velocity_si=direction * ratio * allowed_si)
+            stop = stop_sequence.advance(begun, shown, joint, LIMITS, RULES, 100 + elapsed)
+            assert stop.disobeyed is not obeyed
+            assert stop.step == (step if obeyed else step + 1)
+
+
+def test_a_next_step_begins_at_its_cycle_and_speed_and_keeps_what_was_found():
+    stop = stop_sequence.DriveStop(
+        *(Step.QUICK_STOP, 100, 0.3), at_rest_cycles=4, has_rested=True, disobeyed=True
+    )._replace(unproven_cycles=2)
+    joint = JOINT._replace(velocity_si=-0.7)
+
+    for milder in (Step.HOLD, Step.QUICK_STOP):
+        assert stop_sequence.harsher(stop, milder, joint, 120) is stop
+    assert stop_sequence.harsher(stop, Step.NMT_STOP, joint, 120) == stop_sequence.DriveStop(
+        Step.NMT_STOP, 120, 0.7, disobeyed=True, unproven_cycles=2
+    )
+
+
+def test_a_brake_closes_after_standstill_without_any_disobedience():
+    braked = LIMITS._replace(brake=True)
+    begun = stop_sequence.begin(Step.QUICK_STOP, STILL, 100)
+
+    waiting = run(begun, STOPPING_DRIVE, [STILL] * 4, braked)
+    closed = run(begun, STOPPING_DRIVE, [STILL] * 5, braked)
+
+    assert waiting.step == Step.QUICK_STOP
+    assert closed == stop_sequence.DriveStop(Step.DISABLE, 105, 0.0)
+    held = run(stop_sequence.begin(Step.HOLD, STILL, 100), FEEDBACK, [STILL] * 20, braked)
+    assert held.step == Step.HOLD
+
+
+def test_a_motion_begins_the_count_of_standstill_anew():
+    begun = stop_sequence.begin(Step.QUICK_STOP, STILL, 100)
+    slow = STILL._replace(velocity_si=1.5 * LIMITS.standstill_si_per_s)
+
+    stop = run(begun, STOPPING_DRIVE, [STILL, STILL, slow])
+
+    assert (stop.at_rest_cycles, stop.has_rested) == (0, False)
