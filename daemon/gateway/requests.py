@@ -21,7 +21,7 @@ requested before that is sent at once, and again above the core's count when tha
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
@@ -61,13 +61,6 @@ ROUTES: Final[dict[str, Route]] = {
     "schema": Route.GATEWAY,
 }
 
-KINDS: Final[dict[str, RequestKind]] = {
-    "enable": RequestKind.ENABLE,
-    "disable": RequestKind.DISABLE,
-    "reset": RequestKind.RESET,
-    "mode": RequestKind.MODE,
-}
-
 PAYLOADS: Final[dict[str, type[wire.Ask]]] = {
     "mode": wire.ModeAsk,
     "acquire": wire.AcquireAsk,
@@ -99,6 +92,17 @@ STOP_UNCONFIRMED: Final = (
     "no record of the core confirms the stop; if the core has ended, the drives stop by themselves:"
     " use the emergency stop if anything moves"
 )
+
+
+class Inquiry(Protocol):
+    """A query to control/NAME that waits for its only answer."""
+
+    name: str
+    payload: bytes
+
+    def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
+        """Send the reply and finish the query."""
+        ...
 
 
 class Answer(NamedTuple):
@@ -201,7 +205,7 @@ class RequestQueue:
             reason = f"busy: {self._pending.name} has no answer yet"
             return Answer(ticket, Outcome.REFUSED, reason)
         mode = mode_request(payload)
-        kind = KINDS[name]
+        kind = RequestKind[name.upper()]
         self._request_id += 1
         for_cycle = self._cycle if payload.for_cycle is None else payload.for_cycle
         request = Request(self._request_id, kind, for_cycle, mode)

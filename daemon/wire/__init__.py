@@ -5,18 +5,9 @@ messages, keys and schemas), `leg_messages.py`, `health_messages.py`, `causes.py
 `cause_texts.py` (category and text of each stop cause), `refusals.py` (why a setpoint is refused).
 """
 
-from daemon.wire.fields import (
-    Stated,
-)
-from daemon.wire.health_messages import (
-    Health,
-)
-from daemon.wire.leg_messages import (
-    Activity,
-    Estimate,
-    Friction,
-    Stride,
-)
+from daemon.wire.fields import Stated
+from daemon.wire.health_messages import Health
+from daemon.wire.leg_messages import Activity, Estimate, Friction, Stride
 from daemon.wire.messages import (
     ALIVE,
     CONTROL,

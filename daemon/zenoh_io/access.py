@@ -53,12 +53,13 @@ class Right(NamedTuple):
     name: str
     roles: frozenset[Role]
     flow: Flow
-    messages: frozenset[Message]
+    messages: tuple[Message, ...]
     keys: tuple[str, ...]
     """Keys below gaitd/TRAINER/; ANY_KEY matches every key."""
 
 
 ANY_KEY: Final = "**"
+EVERY: Final = (ANY_KEY,)
 HISTORY: Final = f"{wire.EVENTS}/@adv/**"
 """Keys on which Zenoh's advanced publisher offers events to late joiners."""
 PUBLISHED: Final = (
@@ -75,30 +76,21 @@ def _requests(route: Route) -> tuple[str, ...]:
     return tuple(f"{wire.CONTROL}/{name}" for name, taken in ROUTES.items() if taken is route)
 
 
-def _right(
-    name: str, roles: frozenset[Role], flow: Flow, messages: set[Message], *keys: str
-) -> Right:
-    return Right(name, roles, flow, frozenset(messages), keys)
-
-
+_CONTROL: Final = f"{wire.CONTROL}/*"
 RIGHTS: Final = (
-    _right(
-        "subscribe", ALL_ROLES, Flow.IN, {Message.SUBSCRIBER, Message.TOKEN_SUBSCRIBER}, ANY_KEY
-    ),
-    _right("publish", ALL_ROLES, Flow.OUT, {Message.PUT}, *PUBLISHED),
-    _right("query liveliness", ALL_ROLES, Flow.IN, {Message.TOKEN_QUERY}, ANY_KEY),
-    _right("declare liveliness", ALL_ROLES, Flow.OUT, {Message.TOKEN}, wire.ALIVE, HISTORY),
-    _right("query history", ALL_ROLES, Flow.IN, {Message.QUERY}, HISTORY),
-    _right("stop", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.STOP)),
-    _right("query", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.GATEWAY)),
-    _right("lease", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.LEASE)),
-    _right("request", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.CORE)),
-    _right(
-        "declare queryables", ALL_ROLES, Flow.OUT, {Message.QUERYABLE}, f"{wire.CONTROL}/*", HISTORY
-    ),
-    _right("answer", ALL_ROLES, Flow.OUT, {Message.REPLY}, f"{wire.CONTROL}/*", wire.EVENTS),
-    _right("send setpoints", ALL_ROLES, Flow.IN, {Message.PUT}, *SETPOINTS),
-    _right("receive setpoints", ALL_ROLES, Flow.OUT, {Message.SUBSCRIBER}, *SETPOINTS),
+    Right("subscribe", ALL_ROLES, Flow.IN, (Message.SUBSCRIBER, Message.TOKEN_SUBSCRIBER), EVERY),
+    Right("publish", ALL_ROLES, Flow.OUT, (Message.PUT,), PUBLISHED),
+    Right("query liveliness", ALL_ROLES, Flow.IN, (Message.TOKEN_QUERY,), EVERY),
+    Right("declare liveliness", ALL_ROLES, Flow.OUT, (Message.TOKEN,), (wire.ALIVE, HISTORY)),
+    Right("query history", ALL_ROLES, Flow.IN, (Message.QUERY,), (HISTORY,)),
+    Right("stop", ALL_ROLES, Flow.IN, (Message.QUERY,), _requests(Route.STOP)),
+    Right("query", ALL_ROLES, Flow.IN, (Message.QUERY,), _requests(Route.GATEWAY)),
+    Right("lease", ALL_ROLES, Flow.IN, (Message.QUERY,), _requests(Route.LEASE)),
+    Right("request", ALL_ROLES, Flow.IN, (Message.QUERY,), _requests(Route.CORE)),
+    Right("declare queryables", ALL_ROLES, Flow.OUT, (Message.QUERYABLE,), (_CONTROL, HISTORY)),
+    Right("answer", ALL_ROLES, Flow.OUT, (Message.REPLY,), (_CONTROL, wire.EVENTS)),
+    Right("send setpoints", ALL_ROLES, Flow.IN, (Message.PUT,), SETPOINTS),
+    Right("receive setpoints", ALL_ROLES, Flow.OUT, (Message.SUBSCRIBER,), SETPOINTS),
 )
 
 
