@@ -16,7 +16,7 @@ from analysis.recording import RecordingError
 from daemon.ipc.record import Cause, CycleRecord, LegRecord, StopCategory
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import Kept, RingError, RingHeader, RingReader
-from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.cause_texts import CAUSE_TEXT
 
 _ENDS = {
     CORE_SILENT: "no more records from the core: killed, not responding, or shut down",

@@ -14,7 +14,8 @@ from daemon.core.modes.guards import GuardInputs
 from daemon.core.modes.table import TRANSITIONS, Event, event_of, refusal
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
-from daemon.wire.causes import CAUSE_TEXT, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
+from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
 
 HEAD: Final = """# Modes
 

@@ -33,7 +33,7 @@ from sim_drives.time.wall_clock import (
     now_ns,
     open_bus,
 )
-from sim_drives.world import EmptyWorld, World
+from sim_drives.world import World
 from simtime.page import PageWriter, page_path
 
 FIFO_PRIORITY: Final = 40
@@ -129,10 +129,10 @@ class _Part:
             virtual_machine(self.trainer, seed=self.options.seed).world.advance_to(WARM_UP_NS)
         gc.freeze()
 
-    def build(self, start_ns: int) -> World | EmptyWorld:
+    def build(self, start_ns: int) -> World:
         """Switch the virtual machine on; without drives, return an empty world."""
         if self.options.no_drives:
-            return EmptyWorld(start_ns)
+            return World((), seed=0, start_ns=start_ns)
         self._machine = virtual_machine(
             self.trainer,
             seed=self.options.seed,
@@ -299,7 +299,7 @@ def _control(
         raise ConfigError(COMMAND_LINE, "--control", path, allowed) from error
 
 
-def _drives(world: World | EmptyWorld) -> str:
+def _drives(world: World) -> str:
     return f"virtual drives {', '.join(world.drives) or 'none'}"
 
 

@@ -4,7 +4,6 @@ The slave's side of CANopen, written from the standard on raw frames. It shares 
 with `drives/`, so that a mistake on one side does not cancel out on the other. Reading order:
 
     settings, build    the content of plant.toml; the machine built from it
-    frame              a CAN frame, with or without its time
     canopen/           CiA 301: dictionary, SDO, PDO, NMT, heartbeat, emergencies
     cia402/            the drive: power state, motion, homing, measurements, makes
     node               one drive on the bus; `connection`: what it does when its master is lost

@@ -95,6 +95,13 @@ class Connection:
         if not (self._is_fault and FAILURES[code].until_reset):
             self._errors.cause_gone(code)
 
+    def set_failure(self, code: int, present: bool) -> None:
+        """Begin a failure, or end its cause."""
+        if present:
+            self.lost(code)
+        else:
+            self.back(code)
+
     def reset(self) -> None:
         """End every failure: NMT reset communication."""
         for code in FAILURES:

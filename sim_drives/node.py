@@ -9,9 +9,11 @@ follows the standard: sample the actual values (TPDO), then apply what came sinc
 import random
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.dictionary import Entry, ObjectDictionary
 from sim_drives.canopen.emergency import Errors
 from sim_drives.canopen.heartbeat import HEARTBEAT_ID, HeartbeatConsumer, HeartbeatProducer
@@ -34,7 +36,7 @@ from sim_drives.canopen.storage import Storage
 from sim_drives.canopen.sync import SyncConsumer
 from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.cia402.drive import Drive
-from sim_drives.cia402.personality import PERSONALITIES, Personality, commissioned
+from sim_drives.cia402.personality import PERSONALITIES, commissioned
 from sim_drives.cia402.power_state import POWER_STAGE_ON
 from sim_drives.connection import (
     FAILURES,
@@ -42,9 +44,9 @@ from sim_drives.connection import (
     PDO_TIMEOUT_CODE,
     Connection,
 )
-from sim_drives.frame import Frame
 from sim_drives.plant.port import Axis
 from sim_drives.settings import DriveSettings, FaultKind, PersonalityName
+from simtime.frame import Frame
 
 RESET_COMMUNICATION_NS: Final = 5 * MILLISECOND
 MOTOR_DATA: Final = (Object.EPOS4_MOTOR_DATA, Object.RATED_CURRENT, Object.RATED_TORQUE)
@@ -72,9 +74,6 @@ class Disturbance:
     """No frame of the bus reaches the node."""
     bus_off: bool = False
     """No frame passes in either direction, and the node detects it."""
-    motor_sense: int = 1
-    encoder_sense: int = 1
-    """-1: connected with inverted sign."""
     held_by: set[FaultKind] = field(default_factory=set)
     """Cause that keeps the axis from moving."""
 
@@ -120,10 +119,9 @@ class Node:
         self._settings = settings
         self._line = line
         self._rng = rng
-        self._powered = False
-        self._powered_since_ns = 0
+        self._supply_on = False
+        self._on_since_ns = 0
         personality = PERSONALITIES[settings.personality]
-        self._personality: Personality = personality
         dictionary = ObjectDictionary(entries)
         self.dictionary = dictionary
         for address, value in commissioned(settings).items():
@@ -133,52 +131,46 @@ class Node:
             GatedLine(line, lambda: self._allows(Service.EMERGENCY)),
             generic_bit=personality.generic_error_bit,
         )
-        self.drive = Drive(settings, dictionary, axis, line, self.timers, self.errors)
+        context = NodeContext(dictionary, line, self.timers)
+        self.drive = Drive(settings, context, axis, self.errors)
         self.identity = {
             sub: dictionary.value(Object.IDENTITY, sub) for sub in (PRODUCT_CODE, SERIAL_NUMBER)
         }
         """Delivered values of 1018h by sub-index."""
         self._storage = Storage(dictionary, commissioned(settings), lambda: self._power_stage_on)
-        self._server = SdoServer(settings.node_id, dictionary, line, self.timers)
+        self._server = SdoServer(settings.node_id, context)
         self.connection = Connection(
             personality, dictionary, self.drive, self.errors, lambda: self.state, self._enter
         )
         self.drive.targets.on_missed = self.connection.target_missed
-        self._producer, self._consumer = self._build_heartbeats()
-        self._sync = SyncConsumer(dictionary, line, self.timers, self._report)
-        self._tpdos, self._rpdos = self._build_pdos()
-        dictionary.before_upload = self.drive.latch
-        self._guard_objects()
-
-    def _build_heartbeats(self) -> tuple[HeartbeatProducer, HeartbeatConsumer]:
-        parts = self.dictionary, self._line, self.timers
-        return (
-            HeartbeatProducer(self._settings.node_id, *parts, lambda: self.state),
-            HeartbeatConsumer(
-                *parts,
-                lambda: self.connection.lost(HEARTBEAT_LOST_CODE),
-                lambda: self.connection.back(HEARTBEAT_LOST_CODE),
-            ),
+        self._producer = HeartbeatProducer(settings.node_id, context, lambda: self.state)
+        self._consumer = HeartbeatConsumer(
+            context, partial(self.connection.set_failure, HEARTBEAT_LOST_CODE)
         )
-
-    def _build_pdos(self) -> tuple[TransmitPdos, ReceivePdos]:
-        parts = self.dictionary, self._line, self.timers, self._sync
-        locked = self._personality.cob_id_locked_while_valid
-        transmit = TransmitPdos(*parts, self._send_tpdo, self._tpdo_delays_ns, locked=locked)
-        receive = ReceivePdos(*parts, self._apply, self._report, self._rpdo_timeout, locked=locked)
-        return transmit, receive
-
-    def _guard_objects(self) -> None:
+        self._sync = SyncConsumer(context, self.errors.set_warning)
+        locked = personality.cob_id_locked_while_valid
+        self._tpdos = TransmitPdos(
+            context, self._sync, self._send_tpdo, self._tpdo_delays_ns, locked=locked
+        )
+        self._rpdos = ReceivePdos(
+            context,
+            self._sync,
+            self._apply,
+            self.errors.set_warning,
+            partial(self.connection.set_failure, PDO_TIMEOUT_CODE),
+            locked=locked,
+        )
+        dictionary.before_upload = self.drive.latch
         for index in MOTOR_DATA:
-            self.dictionary.guard(index, self._check_motor_data)
-        self.dictionary.watch(Object.EPOS4_MOTOR_DATA, lambda _: self._derive_rated_torque())
+            dictionary.guard(index, self._check_motor_data)
+        dictionary.watch(Object.EPOS4_MOTOR_DATA, lambda _: self._derive_rated_torque())
 
     # --- power and network management ---------------------------------------------------------
 
     def power_on(self) -> None:
         """Power on, also after a loss of power: origin, errors and commanded values are lost."""
-        self._powered = True
-        self._powered_since_ns = self._line.now_ns
+        self._supply_on = True
+        self._on_since_ns = self._line.now_ns
         self.timers.cancel_all()
         self._restart(communication_only=False)
 
@@ -191,7 +183,7 @@ class Node:
 
     def power_off(self) -> None:
         """Lose power: no frames in or out, no torque."""
-        self._powered = False
+        self._supply_on = False
         self.state = NmtState.INITIALISING
         self.timers.cancel_all()
         self.drive.power_off()
@@ -249,10 +241,10 @@ class Node:
 
     def receive(self, frame: Frame) -> None:
         """Process any frame of the bus."""
-        if not self._powered or not self.disturbance.receives:
+        if not self._supply_on or not self.disturbance.receives:
             return
         node_id = self._settings.node_id
-        can_id, data = frame
+        can_id, data = frame.can_id, frame.data
         if can_id == NMT_ID:
             self._network_command(data)
         elif can_id == self._sync.can_id:
@@ -309,7 +301,7 @@ class Node:
 
     def changed(self) -> None:
         """Update the plant's order and the TPDOs after a possible change of the drive's state."""
-        if not self._powered:
+        if not self._supply_on:
             return
         self.drive.update()
         if self._allows(Service.PDO):
@@ -327,7 +319,7 @@ class Node:
         """
         if frame.can_id in self._tpdo_ids and self.state is not NmtState.OPERATIONAL:
             return False
-        return self._powered and self.disturbance.reaches_bus and time_ns >= self._powered_since_ns
+        return self._supply_on and self.disturbance.reaches_bus and time_ns >= self._on_since_ns
 
     def _send_tpdo(self, number: int, frame: Frame, delay_ns: int) -> None:
         self._tpdo_ids.add(frame.can_id)
@@ -344,29 +336,12 @@ class Node:
 
     # --- errors of communication --------------------------------------------------------------
 
-    def _report(self, code: int, wrong: bool) -> None:
-        if wrong:
-            self.errors.begin(code, latched=False)
-        else:
-            self.errors.cause_gone(code)
-
-    def _rpdo_timeout(self, missing: bool) -> None:
-        if missing:
-            self.connection.lost(PDO_TIMEOUT_CODE)
-        else:
-            self.connection.back(PDO_TIMEOUT_CODE)
-
-    def begin_error(self, code: int) -> None:
-        """Begin an external error: a lost connection acts as one, all others are faults."""
+    def set_error(self, code: int, present: bool) -> None:
+        """Begin an error, or end its cause: a lost connection acts as one, others are faults."""
         if code in FAILURES:
-            self.connection.lost(code)
-        else:
+            self.connection.set_failure(code, present)
+        elif present:
             self.drive.fault(code)
-
-    def end_error(self, code: int) -> None:
-        """End the cause of an external error."""
-        if code in FAILURES:
-            self.connection.back(code)
         else:
             self.errors.cause_gone(code)
 

@@ -15,11 +15,11 @@ from sim_drives.canopen.dictionary import Entry
 from sim_drives.canopen.timers import NEVER
 from sim_drives.faults.rules import RULES
 from sim_drives.faults.script import FaultOrder
-from sim_drives.frame import Frame, TimedFrame
 from sim_drives.node import Node
 from sim_drives.plant.actuation import AxisFlag
 from sim_drives.plant.port import Axis, Plant
 from sim_drives.settings import DriveSettings, FaultKind
+from simtime.frame import Frame
 
 NS_PER_S: Final = 1_000_000_000
 
@@ -103,9 +103,9 @@ class OneLeg:
 
     # --- time ---------------------------------------------------------------------------------
 
-    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+    def advance_to(self, time_ns: int) -> list[Frame]:
         """Advance to `time_ns`; return the frames up to and including it, by time."""
-        sent: list[TimedFrame] = []
+        sent: list[Frame] = []
         while True:
             self._advance_plant(min(self._next_deadline_ns(), time_ns))
             sent += self._release()  # before a fault that begins now can delay them
@@ -141,12 +141,12 @@ class OneLeg:
             if node.timers.next_ns() <= self.now_ns:
                 node.run_timers(self.now_ns)
 
-    def _release(self) -> list[TimedFrame]:
-        sent: list[TimedFrame] = []
+    def _release(self) -> list[Frame]:
+        sent: list[Frame] = []
         while self._outbox and self._outbox[0][0] <= self.now_ns:
             time_ns, _, drive, frame = heapq.heappop(self._outbox)
             if self.nodes[drive].reaches_bus(frame, time_ns):
-                sent.append(TimedFrame(time_ns, *frame))
+                sent.append(frame._replace(time_ns=time_ns))
         return sent
 
     # --- faults -------------------------------------------------------------------------------

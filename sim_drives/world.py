@@ -20,35 +20,12 @@ from sim_drives.faults.script import (
     check_value,
     parse_command,
 )
-from sim_drives.frame import Frame, TimedFrame
 from sim_drives.node import Node
 from sim_drives.one_leg import NS_PER_S, Leg, OneLeg
 from sim_drives.settings import FaultSettings
+from simtime.frame import Frame
 
 SYNC_ID: Final = 0x080
-
-
-class EmptyWorld:
-    """A bus without virtual drives, for drives that are not simulated here."""
-
-    drives: tuple[str, ...] = ()
-
-    def __init__(self, start_ns: int) -> None:
-        self.now_ns = start_ns
-        self.sync_count = 0
-
-    def receive(self, frame: Frame) -> None:
-        """Count SYNC."""
-        self.sync_count += frame.can_id == SYNC_ID
-
-    def advance_to(self, time_ns: int) -> list[TimedFrame]:
-        """Advance time without any event."""
-        self.now_ns = time_ns
-        return []
-
-    def next_event_ns(self) -> int:
-        """Return NEVER: there are no events."""
-        return NEVER
 
 
 class World:
@@ -67,7 +44,7 @@ class World:
         """Build the machine and power it on.
 
         Args:
-            legs: their plants are at rest at `start_ns`.
+            legs: their plants are at rest at `start_ns`; none if no drive is simulated here.
             faults: the script; times count from `start_ns`.
             seed: seed of the TPDO latencies; the plants have seeds of their own.
             start_ns: the world's first time.
@@ -115,7 +92,7 @@ class World:
             if self._on_sync is not None:
                 self._on_sync(self._sync_count)
 
-    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+    def advance_to(self, time_ns: int) -> list[Frame]:
         """Advance time; return the drives' frames on the bus up to and including `time_ns`.
 
         Raises:
@@ -129,7 +106,7 @@ class World:
 
     def next_event_ns(self) -> int:
         """Return the time of the next event, or timers.NEVER; the plants may report earlier."""
-        return min(leg.next_event_ns() for leg in self._legs)
+        return min((leg.next_event_ns() for leg in self._legs), default=NEVER)
 
     # --- faults -------------------------------------------------------------------------------
 

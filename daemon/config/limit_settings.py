@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 from msgspec import Meta
 
 from daemon.config.settings import Table
-from daemon.ipc.record import StopCategory
 
 Category = Literal["S2", "S1", "S0"]
+"""Name of a `StopCategory`."""
 
 
 class HipLimits(Table, frozen=True):
@@ -170,10 +170,3 @@ class Limits(Table, frozen=True):
     stop: Stop
     assist: Assist
     stop_category: dict[str, Category]
-
-
-CATEGORIES: dict[str, StopCategory] = {
-    "S2": StopCategory.S2,
-    "S1": StopCategory.S1,
-    "S0": StopCategory.S0,
-}

@@ -1,6 +1,11 @@
-"""Converts robot.toml for the observer: the only place that converts its degrees to radians."""
+"""Converts robot.toml for the observer: the only place that converts its degrees to radians.
+
+Slide, springs, dampers and friction are tables with the observer's numbers in the observer's order.
+"""
 
 import math
+
+from msgspec.structs import astuple
 
 from daemon.config.settings import Robot, Segment
 from observer.filter.leg_model import integrator_named
@@ -24,20 +29,10 @@ def leg_parameters(robot: Robot) -> LegParameters:
     return compose(
         geometry,
         leg_links(robot),
-        Slide(robot.slide.mass_kg, robot.slide.drive_mass_kg),
+        Slide(*astuple(robot.slide)),
         robot.hip.drive_inertia_kg_m2,
-        Springs(
-            robot.springs.hip_stiffness_nm_per_rad,
-            robot.springs.hip_rest_rad,
-            robot.springs.slide_stiffness_n_per_m,
-            robot.springs.slide_rest_m,
-        ),
-        Dampers(
-            robot.dampers.hip_nm_s_per_rad,
-            robot.dampers.knee_nm_s_per_rad,
-            robot.dampers.ankle_nm_s_per_rad,
-            robot.dampers.slide_joint_nm_s_per_rad,
-        ),
+        Springs(*astuple(robot.springs)),
+        Dampers(*astuple(robot.dampers)),
     )
 
 
@@ -68,26 +63,7 @@ def leg_links(robot: Robot) -> tuple[Link, Link, Link]:
 def friction_parameters(robot: Robot) -> tuple[FrictionParameters, FrictionParameters]:
     """Friction of hip (N m, rad/s) and slide (N, m/s)."""
     hip, slide = robot.friction.hip, robot.friction.slide
-    return (
-        FrictionParameters(
-            hip.stribeck_nm,
-            hip.coulomb_nm,
-            hip.viscous_nm_s_per_rad,
-            hip.transition_rad_per_s,
-            hip.peak_rad_per_s,
-            hip.edge_rad_per_s,
-            hip.time_constant_s,
-        ),
-        FrictionParameters(
-            slide.stribeck_n,
-            slide.coulomb_n,
-            slide.viscous_n_s_per_m,
-            slide.transition_m_per_s,
-            slide.peak_m_per_s,
-            slide.edge_m_per_s,
-            slide.time_constant_s,
-        ),
-    )
+    return FrictionParameters(*astuple(hip)), FrictionParameters(*astuple(slide))
 
 
 def observer_tuning(robot: Robot) -> ObserverTuning:

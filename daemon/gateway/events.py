@@ -10,7 +10,6 @@ a line that only names the cause of a new verdict: the event of the verdict has 
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from enum import Enum
 from typing import Final, NamedTuple
 
 from daemon import wire
@@ -25,34 +24,11 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
-from daemon.wire.causes import CAUSE_TEXT
-from daemon.wire.fields import NMT_STATES, name_of
+from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.wire.fields import NMT_STATES, Kind, Priority, name_of
 
 HISTORY_COUNT: Final = 200
 """Number of events kept for late joiners."""
-
-
-class Priority(Enum):
-    """Urgency of an event."""
-
-    HIGH = "high"
-    MEDIUM = "medium"
-    LOW = "low"
-    INFO = "info"
-
-
-class Kind(Enum):
-    """Type of an event."""
-
-    CORE = "core"
-    MODE = "mode"
-    STOP = "stop"
-    REQUEST = "request"
-    DRIVE = "drive"
-    EMERGENCY = "emergency"
-    INPUT = "input"
-    NOTE = "note"
-
 
 REQUESTED: Final = frozenset({Cause.STOP_REQUESTED, Cause.SHUTDOWN})
 """Causes of a stop that was requested."""

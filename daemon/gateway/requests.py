@@ -23,7 +23,7 @@ requested before that is sent at once, and again above the core's count when tha
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, Protocol
 
 import msgspec
 
@@ -69,13 +69,6 @@ ROUTES: Final[dict[str, Route]] = {
     "restart": Route.RESTART,
 }
 
-KINDS: Final[dict[str, RequestKind]] = {
-    "enable": RequestKind.ENABLE,
-    "disable": RequestKind.DISABLE,
-    "reset": RequestKind.RESET,
-    "mode": RequestKind.MODE,
-}
-
 PAYLOADS: Final[dict[str, type[wire.Ask]]] = {
     "mode": wire.ModeAsk,
     "acquire": wire.AcquireAsk,
@@ -108,6 +101,19 @@ STOP_UNCONFIRMED: Final = (
     "no record of the core confirms the stop; if the core has ended, the drives stop by themselves:"
     " use the emergency stop if anything moves"
 )
+
+
+class Inquiry(Protocol):
+    """A query to control/NAME that waits for its only answer."""
+
+    name: str
+    identity: str
+    """Authenticated name of the client, from the key; empty if the key has none."""
+    payload: bytes
+
+    def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
+        """Send the reply and finish the query."""
+        ...
 
 
 class Answer(NamedTuple):
@@ -218,7 +224,7 @@ class RequestQueue:
             reason = f"busy: {self._pending.name} has no answer yet"
             return Answer(ticket, Outcome.REFUSED, reason)
         mode = mode_request(payload)
-        kind = KINDS[name]
+        kind = RequestKind[name.upper()]
         self._request_id += 1
         for_cycle = self._cycle if payload.for_cycle is None else payload.for_cycle
         request = Request(self._request_id, kind, for_cycle, mode, role, plan)

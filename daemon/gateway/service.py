@@ -8,7 +8,7 @@ publish the messages that are due once a second. Nothing here blocks, and the ti
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple
 
 import msgspec
 
@@ -23,6 +23,7 @@ from daemon.gateway.lease_control import LeaseControl
 from daemon.gateway.leg_messages import LegMessages
 from daemon.gateway.outlet import Outlet
 from daemon.gateway.presence import SILENCE_NS, Presence
+from daemon.gateway.requests import Inquiry
 from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.translate import Stamp
 from daemon.ipc.record import CycleRecord, DriveRecord, Mode, Outcome, Role
@@ -41,19 +42,6 @@ _LOG_LEVEL: Final = {
     events.Priority.LOW.value: logging.INFO,
     events.Priority.INFO.value: logging.INFO,
 }
-
-
-class Inquiry(Protocol):
-    """A query to control/NAME that waits for its only answer."""
-
-    name: str
-    identity: str
-    """Authenticated name of the client, from the key; empty if the key has none."""
-    payload: bytes
-
-    def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
-        """Send the reply and finish the query."""
-        ...
 
 
 class Waiting(NamedTuple):
@@ -132,12 +120,12 @@ class Gateway:
         records, self._fresh = self._fresh, []
         self._receive(records, now_ns)
         self.publish_events([events.unread(text) for text in self._ipc.take_notices()])
-        self._publish_now(self.lease_control.receive_setpoints(batch, now_ns))
+        self.publish_events(self.lease_control.receive_setpoints(batch, now_ns))
         # A stop is handled before all other queries.
         for inquiry in sorted(inquiries, key=lambda one: one.name != "stop"):
             self._isolated(inquiry, lambda one=inquiry: self._receive_query(one, now_ns))
         self._settle(self._requests.tick(now_ns))
-        self._publish_now(self.lease_control.tick(now_ns))
+        self.publish_events(self.lease_control.tick(now_ns))
         self._publish_safety(now_ns)
         if records or inquiries or batch.arrivals or now_ns >= self._state_due_ns:
             self._state_due_ns = now_ns + STATE_PERIOD_NS
@@ -156,7 +144,7 @@ class Gateway:
             self.health.counters.gateway_state_dropped_count += 1
 
     def publish_events(self, drafts: Sequence[events.EventDraft]) -> None:
-        """Publish events that do not come from the core."""
+        """Publish events that do not come from a record of the core."""
         if drafts:
             self._publish(drafts, self._clock.utc_ns())
 
@@ -198,13 +186,13 @@ class Gateway:
             for record in records:
                 self._receive_record(record)
             if back:
-                self._publish([events.CORE_BACK], self._clock.utc_ns())
+                self.publish_events([events.CORE_BACK])
             # The newest record holds the outcomes of all stops and of the one request.
             self._settle(self._requests.receive(self._boot_id, records[-1]))
-            self._publish_now(self.lease_control.receive_record(records[-1], now_ns))
+            self.publish_events(self.lease_control.receive_record(records[-1], now_ns))
             self._publish_drives(now_ns)
         elif self._presence.falls_silent(now_ns):
-            self._publish([events.core_lost(SILENCE_NS // 1_000_000)], self._clock.utc_ns())
+            self.publish_events([events.core_lost(SILENCE_NS // 1_000_000)])
             self._settle(self._requests.lose_core())
         self._outlet.set_alive(self._presence.is_present)
 
@@ -212,7 +200,7 @@ class Gateway:
         """Reset what belongs to the previous core: a record of a new core has arrived."""
         self._boot_id = header.core_boot_id
         self._newest = None
-        self._publish_now(self.lease_control.begin_core(header.leg_names))
+        self.publish_events(self.lease_control.begin_core(header.leg_names))
         self.health.core_started()
         self._emergencies.core_started()
 
@@ -260,10 +248,6 @@ class Gateway:
         record = self._newest if self._presence.is_present else None
         limits, holder = header.limits if header else None, self.lease_control.leases.holder
         return translate.safety(record, limits, self._stamp(), seq, holder)
-
-    def _publish_now(self, drafts: Sequence[events.EventDraft]) -> None:
-        if drafts:
-            self._publish(drafts, self._clock.utc_ns())
 
     def _publish(self, drafts: Sequence[events.EventDraft], time_ns: int) -> None:
         record_seq = self._newest.seq if self._newest else 0
@@ -334,12 +318,12 @@ class Gateway:
         ticket = self._ticket
         match route:
             case requests.Route.STOP:
-                self._publish_now(self.lease_control.stop())
+                self.publish_events(self.lease_control.stop())
             case requests.Route.CORE:
                 plan = self._plans.plan
                 answer = self._requests.submit(ticket, name, payload, now_ns, role, plan)
                 if answer is None:
-                    self._publish([events.request_sent(name, payload.client)], self._clock.utc_ns())
+                    self.publish_events([events.request_sent(name, payload.client)])
                 else:
                     self._settle([answer])
             case requests.Route.LEASE:
@@ -348,7 +332,7 @@ class Gateway:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
             case requests.Route.PLAN:
                 if isinstance(payload, wire.PlanAsk):
-                    self._publish_now([self._plans.release(payload.plan, payload.client)])
+                    self.publish_events([self._plans.release(payload.plan, payload.client)])
                 self._settle([requests.Answer(ticket, Outcome.DONE, "")])
             case requests.Route.RESTART:
                 self._settle([self._restart(ticket)])
@@ -373,10 +357,9 @@ class Gateway:
         lease = {"lease": decision.number, "lease_duration_ms": decision.duration_ms}
         inquiry.answer(msgspec.structs.replace(reply, **lease))
         if not decision.renewed:
-            draft = events.request_answered(
-                inquiry.name, client, name_of(decision.outcome), decision.reason
-            )
-            self._publish_now([draft])
+            outcome = name_of(decision.outcome)
+            draft = events.request_answered(inquiry.name, client, outcome, decision.reason)
+            self.publish_events([draft])
 
     def _settle(self, answers: Sequence[requests.Answer]) -> None:
         """Send answers, and publish the outcomes of requests as events."""
@@ -394,7 +377,7 @@ class Gateway:
         inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.reason))
         if not answer.by_core:
             draft = events.request_answered(inquiry.name, waiting.client, outcome, answer.reason)
-            self._publish([draft], self._clock.utc_ns())
+            self.publish_events([draft])
 
     def _reject(self, inquiry: Inquiry, reason: str) -> None:
         inquiry.answer(self._reply(inquiry.name, Outcome.REFUSED, reason), failed=True)

@@ -145,7 +145,7 @@ class SetpointStore:
         if before is not None and read.seq <= before.seq:
             repeated = read.seq == before.seq
             return SetpointRefusal.REPEATED if repeated else SetpointRefusal.REORDERED
-        self._newest[arrival.leg] = _setpoint(read, arrival.leg)
+        self._newest[arrival.leg] = Setpoint(leg=arrival.leg, **msgspec.structs.asdict(read))
         return SetpointRefusal.NONE
 
 
@@ -160,15 +160,3 @@ def _read(payload: bytes) -> wire.SetpointMessage | SetpointRefusal:
 
 
 _DECODER: Final = Decoder(msgspec.json.Decoder(wire.SetpointMessage).decode)
-
-
-def _setpoint(message: wire.SetpointMessage, leg: str) -> Setpoint:
-    return Setpoint(
-        lease=message.lease,
-        seq=message.seq,
-        for_cycle=message.for_cycle,
-        hip_assist_nm=message.hip_assist_nm,
-        slide_assist_n=message.slide_assist_n,
-        leg=leg,
-        stiffness_ratio=message.stiffness_ratio,
-    )

@@ -25,7 +25,7 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
-from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.wire.fields import NMT_STATES, POWER_STATES, StatusBit, Validity, name_of
 
 NEVER_PUBLISHED: Final = (
@@ -246,19 +246,9 @@ def safety(
 ) -> wire.Safety:
     """The message `safety`; without a record all fields are null and `valid` is false."""
     if record is None:
-        return wire.Safety(
-            **head(stamp, seq),
-            valid=False,
-            mode=None,
-            active=None,
-            verdict=None,
-            stage=None,
-            progress=None,
-            lease_holder=None,
-            gateway_age_cycles=None,
-            stop_count=None,
-            limits=None,
-        )
+        unknown: dict[str, Any] = dict.fromkeys(wire.Safety.__struct_fields__)
+        unknown.update(head(stamp, seq), valid=False)
+        return wire.Safety(**unknown)
     return wire.Safety(
         **head(stamp, seq),
         valid=True,

@@ -11,7 +11,6 @@ import msgspec
 
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings
-from daemon.config.limit_settings import CATEGORIES
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.strict import ConfigError
 from daemon.ipc.record import Cause, StopCategory
@@ -22,11 +21,12 @@ from daemon.preflight.homing import refuse_homing
 from daemon.preflight.motion import decelerations, limit_box
 from daemon.preflight.runaway_report import RunawayMeaning, refuse_runaways, runaway_meanings
 from daemon.preflight.workspace import Drift, Extent, StopKind, Sweep
-from daemon.wire.causes import CAUSE_TEXT, FIXED_CATEGORY
+from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.wire.causes import FIXED_CATEGORY
+from daemon.zenoh_io import endpoints
 from drives.bringup.bus_load import bus_load
 
 DRIFT_POSES: Final = 24
-LOOPBACK: Final = ("tcp/127.", "tcp/[::1]", "tcp/localhost:", "unixsock-stream/")
 
 
 class Report(msgspec.Struct, frozen=True):
@@ -145,7 +145,7 @@ def refuse(settings: Settings, report: Report) -> None:
 
 def _stops(settings: Settings) -> list[StopMeaning]:
     chosen = {
-        Cause[name.upper()]: CATEGORIES[text]
+        Cause[name.upper()]: StopCategory[text]
         for name, text in settings.limits.stop_category.items()
     }
     rows = {cause: (category, True) for cause, category in FIXED_CATEGORY.items()}
@@ -261,7 +261,7 @@ def _warnings(settings: Settings, axes: tuple[AxisMeaning, ...], drift: DriftMea
     warnings += [
         f"zenoh.listen: {locator} can be reached from other machines"
         for locator in trainer.zenoh.listen
-        if not locator.startswith(LOOPBACK)
+        if not endpoints.is_local(locator)
     ]
     if drift.reaches_limit:
         warnings.append("without power the leg moves to a position limit: check the springs")

@@ -161,7 +161,7 @@ def sweep_coasting(
     poses: list[Vector] = []
     end_speed = 0.0
     for motion in motions:
-        path = _coasting(leg, frictions[axis], *motion, decelerations, axis)
+        path = coasting_path(leg, frictions[axis], *motion, decelerations, axis)
         outside = np.flatnonzero((path[:, axis] < box.low[axis]) | (path[:, axis] > box.high[axis]))
         if outside.size:
             end_speed = max(end_speed, abs(float(path[outside[0], 2 + axis])))
@@ -170,20 +170,6 @@ def sweep_coasting(
     kind = StopKind.SLIDE_COASTS if axis else StopKind.HIP_COASTS
     speeds = (0.0, end_speed) if axis else (end_speed, 0.0)
     return Sweep(kind, _extent(leg, np.concatenate(poses)), speeds)
-
-
-def coasting_path(
-    leg: LegParameters,
-    friction: FrictionParameters,
-    motion: Motion,
-    decelerations: Pair,
-    axis: int,
-) -> Iterator[Motion]:
-    """Motion of a leg with one coasting axis; ends after COAST_S or where no pose exists."""
-    for hip, slide, hip_speed, slide_speed in _coasting(
-        leg, friction, *motion, decelerations, axis
-    ).tolist():
-        yield Motion((hip, slide), (hip_speed, slide_speed))
 
 
 def drift(leg: LegParameters, frictions: Frictions, start: Pair, box: Box) -> Drift:
@@ -215,7 +201,7 @@ def _ramp_acceleration(speed: float, deceleration: float, time_s: float) -> floa
 
 
 @kernel
-def _coasting(
+def coasting_path(
     leg: LegParameters,
     friction: FrictionParameters,
     start: Pair,

@@ -21,6 +21,7 @@ from typing import Any, Final
 import msgspec
 
 from daemon.ipc.decoding import Decoder, RefusedError
+from daemon.recorder.disk import sync_folder
 
 ANYTHING: Final[Decoder[Any]] = Decoder(msgspec.json.decode)
 """Decoder of JSON of any form."""
@@ -128,11 +129,7 @@ class RequestFile:
             self._number()
         flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
         self._file = os.open(self._path, flags, 0o640)
-        folder = os.open(self._folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
+        sync_folder(self._folder)
 
     def _is_ended(self) -> bool:
         """True if the file is empty or ends with a newline, as it does unless a line is torn."""

@@ -26,12 +26,12 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import msgspec
 
 from daemon import wire
-from daemon.gateway.requests import ROUTES, Route
+from daemon.gateway.requests import ROUTES, Inquiry, Route
 from daemon.ipc.decoding import RefusedError
 from daemon.ipc.record import Verdict
 from daemon.recorder.audit_file import ANYTHING, RequestFile
@@ -50,18 +50,6 @@ DONE: Final = "done"
 REFUSED: Final = "refused"
 UNANSWERED: Final = "unanswered"
 SECRET: Final = "..."
-
-
-class Inquiry(Protocol):
-    """A query to control/NAME that waits for its only answer, as in the service."""
-
-    name: str
-    identity: str
-    payload: bytes
-
-    def answer(self, message: msgspec.Struct, *, failed: bool = False) -> None:
-        """Send the reply and finish the query."""
-        ...
 
 
 @dataclass(slots=True, eq=False)

@@ -23,6 +23,7 @@ from daemon.ipc.ring_clip import (
     trimmed,
 )
 from daemon.ipc.transport import Kept, RingHeader
+from daemon.recorder.disk import sync_folder
 
 FILES_MAX: Final = 60
 BYTES_MAX: Final = 256 * 1024 * 1024
@@ -86,7 +87,7 @@ class ClipStore:
         except OSError:
             part.unlink(missing_ok=True)
             raise
-        _sync_folder(self.folder)
+        sync_folder(self.folder)
         known = tuple(file for file in self._files if file.path != path)
         self._files = (*known, ClipFile.of(path, size, header))
         self._make_room()
@@ -133,12 +134,3 @@ def _write(path: Path, pieces: Iterable[bytes]) -> int:
         return os.fstat(file).st_size
     finally:
         os.close(file)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Sync a new name to the disk."""
-    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(opened)
-    finally:
-        os.close(opened)

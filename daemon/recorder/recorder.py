@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Final
 
 from daemon.gateway.events import EventDraft, Kind, Priority
+from daemon.gateway.requests import Inquiry
 from daemon.ipc.ring_clip import FOLDER
 from daemon.ipc.transport import RingReader
 from daemon.recorder.audit_file import RequestFile
-from daemon.recorder.audit_log import Inquiry, RequestLog
+from daemon.recorder.audit_log import RequestLog
 from daemon.recorder.black_box import BlackBox
 from daemon.recorder.clip_store import ClipStore
 from daemon.recorder.disk import Disk, WriteError

@@ -12,8 +12,8 @@ from simtime.link import Link, LinkLostError
 from simtime.page import PageError, SimulatedTime, page_path
 
 
-class Clock(Protocol):
-    """Clock for the loops of core and gateway."""
+class AgeClock(Protocol):
+    """Clock for ages, without sleeping; simulated time where the bus is simulated."""
 
     def now_ns(self) -> int:
         """Monotonic time in ns."""
@@ -22,6 +22,10 @@ class Clock(Protocol):
     def utc_ns(self) -> int:
         """Wall clock in ns since 1970, for records."""
         ...
+
+
+class Clock(AgeClock, Protocol):
+    """Clock for the loops of core and gateway."""
 
     def sleep_until(self, deadline_ns: int) -> None:
         """Sleep until an absolute monotonic time; return at once if it has passed."""
@@ -47,18 +51,6 @@ class MonotonicClock:
         remaining_ns = deadline_ns - time.monotonic_ns()
         if remaining_ns > 0:
             time.sleep(remaining_ns * 1e-9)
-
-
-class AgeClock(Protocol):
-    """Clock for ages, without sleeping; simulated time where the bus is simulated."""
-
-    def now_ns(self) -> int:
-        """Monotonic time in ns."""
-        ...
-
-    def utc_ns(self) -> int:
-        """Wall clock in ns since 1970, for records."""
-        ...
 
 
 class SimulatedClock:

@@ -6,18 +6,9 @@ messages, keys and schemas), `leg_messages.py`, `health_messages.py`, `causes.py
 `roles.py` (what each role of a client may do).
 """
 
-from daemon.wire.fields import (
-    Stated,
-)
-from daemon.wire.health_messages import (
-    Health,
-)
-from daemon.wire.leg_messages import (
-    Activity,
-    Estimate,
-    Friction,
-    Stride,
-)
+from daemon.wire.fields import Stated
+from daemon.wire.health_messages import Health
+from daemon.wire.leg_messages import Activity, Estimate, Friction, Stride
 from daemon.wire.messages import (
     ALIVE,
     CONTROL,

@@ -8,16 +8,6 @@ table `FIXED_CATEGORY` holds the category for the axis of the cause.
 from typing import Final
 
 from daemon.ipc.record import Cause, StopCategory
-from daemon.wire.cause_texts import CAUSE_TEXT, Blame
-
-__all__ = [
-    "CAUSE_TEXT",
-    "CHOSEN_CATEGORY",
-    "DOUBTFUL_FEEDBACK",
-    "FIXED_CATEGORY",
-    "LOST_DRIVE",
-    "Blame",
-]
 
 FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.ENCODER_FROZEN: StopCategory.S0,

@@ -44,6 +44,28 @@ class Validity(IntEnum):
     """All values of the axis are null."""
 
 
+class Priority(Enum):
+    """Urgency of an event."""
+
+    HIGH = "high"
+    MEDIUM = "medium"
+    LOW = "low"
+    INFO = "info"
+
+
+class Kind(Enum):
+    """Type of an event."""
+
+    CORE = "core"
+    MODE = "mode"
+    STOP = "stop"
+    REQUEST = "request"
+    DRIVE = "drive"
+    EMERGENCY = "emergency"
+    INPUT = "input"
+    NOTE = "note"
+
+
 POWER_STATES: Final = (
     "unknown",
     "not_ready_to_switch_on",
@@ -120,18 +142,10 @@ PriorityName = Annotated[
     str,
     Meta(
         description="As in IEC 60601-1-8: high, medium, low; info is no alarm.",
-        extra_json_schema={"enum": ["high", "medium", "low", "info"]},
+        extra_json_schema=_names(Priority),
     ),
 ]
-KindName = Annotated[
-    str,
-    Meta(
-        description="What sort of event.",
-        extra_json_schema={
-            "enum": ["core", "mode", "stop", "request", "drive", "emergency", "input", "note"]
-        },
-    ),
-]
+KindName = Annotated[str, Meta(description="What sort of event.", extra_json_schema=_names(Kind))]
 Flags = Annotated[
     tuple[Annotated[str, Meta(extra_json_schema=_names(StatusBit))], ...],
     Meta(description="What the observer says about this estimate, by name."),

@@ -27,6 +27,16 @@ from daemon.wire.fields import (
     Std,
 )
 
+FrictionError = Annotated[
+    float | None,
+    Meta(description="Friction above its law, unless a patient pushes along."),
+]
+Artificial = Annotated[
+    float | None, Meta(description="Artificial disturbance: used = measured - this.")
+]
+AssistInForce = Annotated[
+    float | None, Meta(description="A controller's assist in force, bounded; 0: none.")
+]
 DriftCorrelation = Annotated[
     float | None,
     Meta(
@@ -91,22 +101,14 @@ class Estimate(Estimated, frozen=True, kw_only=True):
             description="Drive's force at the slide as the observer used it: over the past cycle."
         ),
     ]
-    artificial_hip_nm: Annotated[
-        float | None, Meta(description="Artificial disturbance: used = measured - this.")
-    ]
-    artificial_slide_n: Annotated[
-        float | None, Meta(description="Artificial disturbance: used = measured - this.")
-    ]
+    artificial_hip_nm: Artificial
+    artificial_slide_n: Artificial
     reference_hip_angle_rad: HipAngle
     reference_slide_position_m: SlidePosition
     gait_phase_ratio: Phase
     dt_s: Annotated[float | None, Meta(description="True time since the SYNC before.")]
-    assist_hip_nm: Annotated[
-        float | None, Meta(description="A controller's assist in force, bounded; 0: none.")
-    ]
-    assist_slide_n: Annotated[
-        float | None, Meta(description="A controller's assist in force, bounded; 0: none.")
-    ]
+    assist_hip_nm: AssistInForce
+    assist_slide_n: AssistInForce
     stiffness_ratio: Annotated[
         float | None, Meta(description="In force, of the guidance's configured stiffness.")
     ]
@@ -148,16 +150,19 @@ class Friction(Estimated, frozen=True, kw_only=True):
     slide_friction_n_std: Std
     hip_drift_correlation: DriftCorrelation
     slide_drift_correlation: DriftCorrelation
-    hip_friction_error_nm: Annotated[
-        float | None,
-        Meta(description="Friction above its law, unless a patient pushes along."),
-    ]
-    slide_friction_error_n: Annotated[
-        float | None,
-        Meta(description="Friction above its law, unless a patient pushes along."),
-    ]
+    hip_friction_error_nm: FrictionError
+    slide_friction_error_n: FrictionError
 
 
+ShareRatio = Annotated[
+    float | None,
+    Meta(description="Patient's positive work over that of patient and drive; null below 0.5 J."),
+]
+WorkAgainst = Annotated[float | None, Meta(description="Work against the motion; not positive.")]
+PeakAlong = Annotated[
+    float | None, Meta(description="Effort along the motion, the largest in size.")
+]
+PeakPower = Annotated[float | None, Meta(description="The largest in size, with its sign.")]
 Coverage = Annotated[
     float,
     Meta(
@@ -185,54 +190,32 @@ class Stride(Sampled, frozen=True, kw_only=True):
     sample_count: Annotated[int, Meta(description="Cycles in the stride.")]
     hip_work_positive_j: Annotated[float | None, Meta(description="Work with the motion.")]
     hip_work_positive_j_std: Std
-    hip_work_negative_j: Annotated[
-        float | None, Meta(description="Work against the motion; not positive.")
-    ]
+    hip_work_negative_j: WorkAgainst
     hip_work_negative_j_std: Std
     hip_assist_mean_nm: Annotated[float | None, Meta(description="Effort along the motion, mean.")]
     hip_assist_mean_nm_std: Std
-    hip_assist_peak_nm: Annotated[
-        float | None, Meta(description="Effort along the motion, the largest in size.")
-    ]
+    hip_assist_peak_nm: PeakAlong
     hip_assist_peak_nm_std: Std
     hip_power_mean_w: Annotated[float | None, Meta(description="Mean over the stride.")]
     hip_power_mean_w_std: Std
-    hip_power_peak_w: Annotated[
-        float | None, Meta(description="The largest in size, with its sign.")
-    ]
+    hip_power_peak_w: PeakPower
     hip_power_peak_w_std: Std
-    hip_share_ratio: Annotated[
-        float | None,
-        Meta(
-            description="Patient's positive work over that of patient and drive; null below 0.5 J."
-        ),
-    ]
+    hip_share_ratio: ShareRatio
     hip_share_ratio_std: Std
     hip_coverage_ratio: Coverage
     slide_work_positive_j: Annotated[float | None, Meta(description="Work with the motion.")]
     slide_work_positive_j_std: Std
-    slide_work_negative_j: Annotated[
-        float | None, Meta(description="Work against the motion; not positive.")
-    ]
+    slide_work_negative_j: WorkAgainst
     slide_work_negative_j_std: Std
     slide_assist_mean_n: Annotated[float | None, Meta(description="Effort along the motion, mean.")]
     slide_assist_mean_n_std: Std
-    slide_assist_peak_n: Annotated[
-        float | None, Meta(description="Effort along the motion, the largest in size.")
-    ]
+    slide_assist_peak_n: PeakAlong
     slide_assist_peak_n_std: Std
     slide_power_mean_w: Annotated[float | None, Meta(description="Mean over the stride.")]
     slide_power_mean_w_std: Std
-    slide_power_peak_w: Annotated[
-        float | None, Meta(description="The largest in size, with its sign.")
-    ]
+    slide_power_peak_w: PeakPower
     slide_power_peak_w_std: Std
-    slide_share_ratio: Annotated[
-        float | None,
-        Meta(
-            description="Patient's positive work over that of patient and drive; null below 0.5 J."
-        ),
-    ]
+    slide_share_ratio: ShareRatio
     slide_share_ratio_std: Std
     slide_coverage_ratio: Coverage
     work_positive_j: Annotated[float | None, Meta(description="Of both axes, with the motion.")]

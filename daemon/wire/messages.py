@@ -232,7 +232,7 @@ class Schemas(Stated, frozen=True, kw_only=True):
 # --- requests in -----------------------------------------------------------------------------
 
 
-UNNAMED_CLIENT: Final = "somebody"
+UNNAMED_CLIENT: Final = "unnamed"
 """Client name of a request that gives none."""
 
 

@@ -25,8 +25,8 @@ from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from daemon import wire
-from daemon.gateway.requests import KINDS, ROUTES, Route
-from daemon.ipc.record import Role
+from daemon.gateway.requests import ROUTES, Route
+from daemon.ipc.record import RequestKind, Role
 from daemon.keys.folder import Client
 from daemon.wire.roles import ROLES, Access
 
@@ -60,7 +60,7 @@ class Right(NamedTuple):
     name: str
     roles: frozenset[Role]
     flow: Flow
-    messages: frozenset[Message]
+    messages: tuple[Message, ...]
     keys: tuple[str, ...]
     """Keys below gaitd/TRAINER/; ANY_KEY matches every key."""
     by_client: bool = False
@@ -68,6 +68,7 @@ class Right(NamedTuple):
 
 
 ANY_KEY: Final = "**"
+EVERY: Final = (ANY_KEY,)
 HISTORY: Final = f"{wire.EVENTS}/@adv/**"
 """Keys on which Zenoh's advanced publisher offers events to late joiners."""
 PUBLISHED: Final = (
@@ -89,42 +90,35 @@ def _with(access: Access) -> frozenset[Role]:
     return frozenset(role for role, rules in ROLES.items() if access in rules.access)
 
 
-def _right(
-    name: str, roles: frozenset[Role], flow: Flow, messages: set[Message], *keys: str
-) -> Right:
-    return Right(name, roles, flow, frozenset(messages), keys)
-
-
 def _query(name: str, roles: frozenset[Role], *keys: str) -> Right:
-    return Right(name, roles, Flow.IN, frozenset({Message.QUERY}), keys, by_client=True)
+    return Right(name, roles, Flow.IN, (Message.QUERY,), keys, by_client=True)
 
 
 RIGHTS: Final = (
-    _right(
-        "subscribe", ALL_ROLES, Flow.IN, {Message.SUBSCRIBER, Message.TOKEN_SUBSCRIBER}, ANY_KEY
-    ),
-    _right("publish", ALL_ROLES, Flow.OUT, {Message.PUT}, *PUBLISHED),
-    _right("query liveliness", ALL_ROLES, Flow.IN, {Message.TOKEN_QUERY}, ANY_KEY),
-    _right("declare liveliness", ALL_ROLES, Flow.OUT, {Message.TOKEN}, wire.ALIVE, HISTORY),
-    _right("query history", ALL_ROLES, Flow.IN, {Message.QUERY}, HISTORY),
-    _right("stop", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.STOP)),
+    Right("subscribe", ALL_ROLES, Flow.IN, (Message.SUBSCRIBER, Message.TOKEN_SUBSCRIBER), EVERY),
+    Right("publish", ALL_ROLES, Flow.OUT, (Message.PUT,), PUBLISHED),
+    Right("query liveliness", ALL_ROLES, Flow.IN, (Message.TOKEN_QUERY,), EVERY),
+    Right("declare liveliness", ALL_ROLES, Flow.OUT, (Message.TOKEN,), (wire.ALIVE, HISTORY)),
+    Right("query history", ALL_ROLES, Flow.IN, (Message.QUERY,), (HISTORY,)),
+    Right("stop", ALL_ROLES, Flow.IN, (Message.QUERY,), _requests(Route.STOP)),
     _query("stop by name", ALL_ROLES, *_requests(Route.STOP)),
-    _right("query", ALL_ROLES, Flow.IN, {Message.QUERY}, *_requests(Route.GATEWAY)),
+    Right("query", ALL_ROLES, Flow.IN, (Message.QUERY,), _requests(Route.GATEWAY)),
     _query("lease", _with(Access.LEASE), *_requests(Route.LEASE)),
     *(
         _query(
-            name,
+            kind.name.lower(),
             frozenset(role for role, rules in ROLES.items() if kind in rules.kinds),
-            f"{wire.CONTROL}/{name}",
+            f"{wire.CONTROL}/{kind.name.lower()}",
         )
-        for name, kind in KINDS.items()
+        for kind in RequestKind
+        if kind is not RequestKind.NONE
     ),
     _query("plan", _with(Access.PLAN), *_requests(Route.PLAN)),
     _query("restart", _with(Access.RESTART), *_requests(Route.RESTART)),
-    _right("declare queryables", ALL_ROLES, Flow.OUT, {Message.QUERYABLE}, *QUERYABLES, HISTORY),
-    _right("answer", ALL_ROLES, Flow.OUT, {Message.REPLY}, *QUERYABLES, wire.EVENTS),
-    _right("send setpoints", _with(Access.LEASE), Flow.IN, {Message.PUT}, *SETPOINTS),
-    _right("receive setpoints", _with(Access.LEASE), Flow.OUT, {Message.SUBSCRIBER}, *SETPOINTS),
+    Right("declare queryables", ALL_ROLES, Flow.OUT, (Message.QUERYABLE,), (*QUERYABLES, HISTORY)),
+    Right("answer", ALL_ROLES, Flow.OUT, (Message.REPLY,), (*QUERYABLES, wire.EVENTS)),
+    Right("send setpoints", _with(Access.LEASE), Flow.IN, (Message.PUT,), SETPOINTS),
+    Right("receive setpoints", _with(Access.LEASE), Flow.OUT, (Message.SUBSCRIBER,), SETPOINTS),
 )
 
 

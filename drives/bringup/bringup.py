@@ -53,7 +53,7 @@ from drives.canopen.emcy_codes import meaning
 from drives.canopen.nmt import NmtCommand, nmt_frame
 from drives.canopen.objects import Object
 from drives.cia402.pdo import PdoLayout, layouts
-from drives.cia402.power_state import WITHOUT_POWER, decode_statusword
+from drives.cia402.power_state import POWER_STAGE_OFF, decode_statusword
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import DriveBase, base_from_raw
 from drives.errors import BootFailure, BringUpRefused, DrivePowered, DriveSilent
@@ -261,14 +261,14 @@ def _without_power(
         return decode_statusword(read(step, one.target(port)))
 
     state_text = state()
-    if state_text in WITHOUT_POWER:
+    if state_text in POWER_STAGE_OFF:
         return
     if not may_switch_off:
         raise DrivePowered(drive.name, state_text.name)
     deadline_ns = port.now_ns() + SWITCH_OFF_TIMEOUT_NS
-    for one in [one for one in may_switch_off if state(one) not in WITHOUT_POWER]:
+    for one in [one for one in may_switch_off if state(one) not in POWER_STAGE_OFF]:
         write(_DISABLE_VOLTAGE, one.target(port), 0)
-    if not (yield from until(port, deadline_ns, str(step), lambda: state() in WITHOUT_POWER)):
+    if not (yield from until(port, deadline_ns, str(step), lambda: state() in POWER_STAGE_OFF)):
         what = f"it stays in {state().name} after disable voltage"
         raise DriveSilent(drive.name, BootFailure.WRONG_STATE, what)
 

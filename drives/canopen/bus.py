@@ -150,8 +150,9 @@ class CanBus:
             elif clock.now_ns() >= deadline_ns:
                 break
             else:
-                frame = self._receive(RETRY_PAUSE_S)
-                self._buffered.extend(() if frame is None else (frame,))
+                message = self._receive_message(RETRY_PAUSE_S)
+                if message is not None:
+                    self._append(self._buffered, message)
         self.dropped_count += len(waiting)
         return len(waiting)
 
@@ -198,13 +199,6 @@ class CanBus:
                 return False
             raise BusError(self._channel, f"cannot send: {_words(error)}") from error
         return True
-
-    def _receive(self, timeout_s: float) -> Frame | None:
-        message = self._receive_message(timeout_s)
-        frames: list[Frame] = []
-        if message is not None:
-            self._append(frames, message)
-        return frames[0] if frames else None
 
     def _receive_message(self, timeout_s: float) -> can.Message | None:
         try:

@@ -70,21 +70,6 @@ _ALONE: Final = (
 class BusMonitor:
     """Decodes every error frame; holds the condition and the counters."""
 
-    __slots__ = (
-        "_has_received",
-        "_notices",
-        "_overflow_reported_count",
-        "alone",
-        "bus_off_count",
-        "condition",
-        "has_been_off",
-        "no_ack_count",
-        "overflow_count",
-        "passive_count",
-        "restart_count",
-        "warning_count",
-    )
-
     def __init__(self) -> None:
         self.condition = BusCondition.ACTIVE
         self.has_been_off = False

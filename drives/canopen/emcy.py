@@ -54,21 +54,6 @@ def is_alarm(emergency: Emergency) -> bool:
 class EmergencyLog:
     """Emergencies of one drive since bring-up."""
 
-    __slots__ = (
-        "_news",
-        "_node_id",
-        "_since_clear",
-        "_table",
-        "alarm",
-        "alarm_count",
-        "cleared_count",
-        "count",
-        "has_alarm",
-        "open",
-        "reference_lost",
-        "ring",
-    )
-
     def __init__(self, node_id: int, table: EmergencyTable) -> None:
         self._node_id = node_id
         self._table: EmergencyTable = table

@@ -51,8 +51,6 @@ class SyncProducer:
     does not advance it. It starts with 1 when the nodes are started.
     """
 
-    __slots__ = ("_frames", "_next")
-
     def __init__(self, overflow_count: int = 0) -> None:
         """`overflow_count` is 1019h: 0 for a SYNC without counter."""
         counted = [Frame(SYNC_ID, bytes((count,))) for count in range(1, overflow_count + 1)]
@@ -72,8 +70,6 @@ class SyncProducer:
 
 class HeartbeatWatch:
     """Heartbeat monitoring of one node. Pure: time is an argument of each call."""
-
-    __slots__ = ("_last_ns", "boot_up_count", "state", "strange_count")
 
     def __init__(self, armed_ns: int | None = None) -> None:
         self._last_ns = armed_ns

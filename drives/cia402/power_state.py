@@ -95,7 +95,7 @@ _REACTING = PowerState.FAULT_REACTION_ACTIVE
 _FAULT = PowerState.FAULT
 
 
-TORQUE_FREE: Final = frozenset(
+CANNOT_EXERT_TORQUE: Final = frozenset(
     {
         PowerState.NOT_READY_TO_SWITCH_ON,
         _OFF,
@@ -104,11 +104,12 @@ TORQUE_FREE: Final = frozenset(
         _FAULT,
     }
 )
-"""States that prove that a drive gives no torque. Operation enabled and quick stop active do give
-some; fault reaction active brakes, for as long as the profile says; unknown proves nothing."""
+"""States that prove that a drive cannot exert torque. Operation enabled and quick stop active do
+exert some; fault reaction active brakes, for as long as the profile says; unknown proves nothing.
+"""
 
 
-WITHOUT_POWER: Final = TORQUE_FREE - {_ON}
+POWER_STAGE_OFF: Final = CANNOT_EXERT_TORQUE - {_ON}
 """States that prove that the power stage is off as well."""
 
 
@@ -142,6 +143,17 @@ TRANSITIONS: Final = (
 )
 """Transitions of the standard (0, power on, is not observable)."""
 
+_TO_ENABLED: Final = {
+    PowerState.UNKNOWN: QUICK_STOP,
+    PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
+    _OFF: SHUTDOWN,
+    _READY: SWITCH_ON,
+    _ON: ENABLE_OPERATION,
+    _ENABLED: ENABLE_OPERATION,
+    _STOPPING: DISABLE_VOLTAGE,
+    _REACTING: DISABLE_VOLTAGE,
+    _FAULT: DISABLE_VOLTAGE,
+}
 _WORDS: Final[dict[PowerRequest, dict[PowerState, int]]] = {
     # Power down, with or without a ramp: from every state by bit 1.
     PowerRequest.DISABLE_VOLTAGE: dict.fromkeys(PowerState, DISABLE_VOLTAGE),
@@ -160,29 +172,9 @@ _WORDS: Final[dict[PowerRequest, dict[PowerState, int]]] = {
         _FAULT: DISABLE_VOLTAGE,
     },
     # 2, 3, 4, then held. Quick stop active: see next_word().
-    PowerRequest.ENABLE: {
-        PowerState.UNKNOWN: QUICK_STOP,
-        PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
-        _OFF: SHUTDOWN,
-        _READY: SWITCH_ON,
-        _ON: ENABLE_OPERATION,
-        _ENABLED: ENABLE_OPERATION,
-        _STOPPING: DISABLE_VOLTAGE,
-        _REACTING: DISABLE_VOLTAGE,
-        _FAULT: DISABLE_VOLTAGE,
-    },
+    PowerRequest.ENABLE: _TO_ENABLED,
     # As ENABLE; in operation enabled bit 4 is high besides, which starts the homing.
-    PowerRequest.HOME: {
-        PowerState.UNKNOWN: QUICK_STOP,
-        PowerState.NOT_READY_TO_SWITCH_ON: DISABLE_VOLTAGE,
-        _OFF: SHUTDOWN,
-        _READY: SWITCH_ON,
-        _ON: ENABLE_OPERATION,
-        _ENABLED: START_HOMING,
-        _STOPPING: DISABLE_VOLTAGE,
-        _REACTING: DISABLE_VOLTAGE,
-        _FAULT: DISABLE_VOLTAGE,
-    },
+    PowerRequest.HOME: _TO_ENABLED | {_ENABLED: START_HOMING},
     # Bit 8 where the drive is enabled; elsewhere the word that keeps it where it is.
     PowerRequest.HALT: {
         PowerState.UNKNOWN: QUICK_STOP,

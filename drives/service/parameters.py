@@ -21,10 +21,9 @@ from drives.bringup.steps import Step, StepKind
 from drives.canopen.nmt import NmtCommand, nmt_frame
 from drives.canopen.objects import Object
 from drives.canopen.sniffer import BusSniffer
-from drives.cia402.power_state import decode_statusword
+from drives.cia402.power_state import POWER_STAGE_OFF, decode_statusword
 from drives.errors import BootFailure, DrivesError, DriveSilent, SdoAborted, SdoGarbled, SdoTimeout
 from drives.service.scan import DEVICE_TYPE, VENDOR, Progress
-from drives.signals import PowerState
 
 SDO_TIMEOUT_NS: Final = 5_000_000_000
 """Limit for the answer to a signature: the drive writes its memory first."""
@@ -34,14 +33,6 @@ BOOT_TIMEOUT_NS: Final = 5_000_000_000
 _SLICE_NS: Final = 50_000_000
 _ON_COMMAND: Final = 1
 _IDENTITY: Final = (DEVICE_TYPE[0], VENDOR[0])
-_WITHOUT_POWER: Final = frozenset(
-    (
-        PowerState.NOT_READY_TO_SWITCH_ON,
-        PowerState.SWITCH_ON_DISABLED,
-        PowerState.READY_TO_SWITCH_ON,
-        PowerState.FAULT,
-    )
-)
 _STATUSWORD: Final = Step(StepKind.REPORT, "statusword", Object.STATUSWORD, bits=16, is_hex=True)
 
 
@@ -70,7 +61,7 @@ def check_bus(sniffer: BusSniffer, master_node_id: int) -> None:
     """Check rule 1.
 
     Raises:
-        KeepingRefusedError: the bus is in use.
+        ParameterRefusedError: the bus is in use.
     """
     foreign_count = sum(traffic.foreign_request_count for traffic in sniffer.nodes.values())
     traffic = {
@@ -90,7 +81,7 @@ def check_drive(plan: DrivePlan, command: Command, port: DrivePort) -> None:
 
     Raises:
         BringUpRefused: it is another drive.
-        KeepingRefusedError: it has power, or does not support it on command.
+        ParameterRefusedError: it has power, or does not support it on command.
         DriveSilent: it does not answer.
         BusError: the bus is down.
     """
@@ -99,7 +90,7 @@ def check_drive(plan: DrivePlan, command: Command, port: DrivePort) -> None:
         if step.kind is StepKind.CHECK and step.index in _IDENTITY:
             examine(step, target)
     state = decode_statusword(read(_STATUSWORD, target))
-    if state not in _WITHOUT_POWER:
+    if state not in POWER_STAGE_OFF:
         words = state.name.lower().replace("_", " ")
         raise ParameterRefusedError(f"it is in {words}: it must not be enabled")
     ways = read(Step(StepKind.REPORT, "ways of storing", command.index, 1, is_hex=True), target)
@@ -112,7 +103,7 @@ def execute(plan: DrivePlan, command: Command, port: DrivePort) -> None:
     """Write the signature. `port` must wait SDO_TIMEOUT_NS for an answer.
 
     Raises:
-        KeepingRefusedError: the drive refuses, with its abort text.
+        ParameterRefusedError: the drive refuses, with its abort text.
         DriveSilent: no answer: the result is unknown.
         BusError: the bus is down.
     """

@@ -7,21 +7,8 @@ from typing import Final, NamedTuple
 from drives.canopen.emcy_codes import EmergencyTable, meaning
 from drives.cia402.power_state import decode_statusword
 from drives.cia402.profile import DriveDescription
-from drives.service.scan import (
-    DEVICE_NAME,
-    DEVICE_TYPE,
-    DRIVE_PROFILE,
-    ERROR_CODE,
-    ERROR_REGISTER,
-    HARDWARE_VERSION,
-    PRODUCT,
-    REVISION,
-    SERIAL,
-    SOFTWARE_VERSION,
-    STATUSWORD,
-    VENDOR,
-    Survey,
-)
+from drives.service import scan
+from drives.service.scan import Survey
 from drives.service.vendors import vendor_name
 
 ANY_VENDOR: Final = "any"
@@ -87,9 +74,9 @@ def station(node_id: int, survey: Survey, expected: Expected) -> Station:
     traffic = survey.sniffer.node(node_id)
     objects = survey.objects.get(node_id, {})
     number = {place: int.from_bytes(data, "little") for place, data in objects.items()}
-    device_type, vendor_id = number.get(DEVICE_TYPE), number.get(VENDOR)
-    statusword, error_code = number.get(STATUSWORD), number.get(ERROR_CODE)
-    name = _text(objects.get(DEVICE_NAME))
+    device_type, vendor_id = number.get(scan.DEVICE_TYPE), number.get(scan.VENDOR)
+    statusword, error_code = number.get(scan.STATUSWORD), number.get(scan.ERROR_CODE)
+    name = _text(objects.get(scan.DEVICE_NAME))
     vendor = "" if vendor_id is None else vendor_name(vendor_id)
     profile_number = None if device_type is None else device_type & 0xFFFF
     drive = expected.drive(node_id)
@@ -102,14 +89,14 @@ def station(node_id: int, survey: Survey, expected: Expected) -> Station:
         profile_number=profile_number,
         vendor_id=vendor_id,
         vendor=vendor,
-        product_code=number.get(PRODUCT),
-        revision=number.get(REVISION),
-        serial=number.get(SERIAL),
+        product_code=number.get(scan.PRODUCT),
+        revision=number.get(scan.REVISION),
+        serial=number.get(scan.SERIAL),
         device_name=name,
-        hardware_version=_text(objects.get(HARDWARE_VERSION)),
-        software_version=_text(objects.get(SOFTWARE_VERSION)),
+        hardware_version=_text(objects.get(scan.HARDWARE_VERSION)),
+        software_version=_text(objects.get(scan.SOFTWARE_VERSION)),
         power_state="" if statusword is None else member_text(decode_statusword(statusword).name),
-        error_register=number.get(ERROR_REGISTER),
+        error_register=number.get(scan.ERROR_REGISTER),
         error_code=error_code,
         error_text=meaning(error_code, expected.error_table(node_id)).text if error_code else "",
         fitting_profile=fitting_profile(vendor, name, profile_number, expected.profiles),
@@ -120,7 +107,7 @@ def fitting_profile(
     vendor: str, device_name: str, profile_number: int | None, profiles: Sequence[ProfileFile]
 ) -> str:
     """Profile for a device, by vendor and name; `NAME?` where the name does not match."""
-    if profile_number != DRIVE_PROFILE:
+    if profile_number != scan.DRIVE_PROFILE:
         return ""
     words = device_name.casefold()
     of_vendor = [

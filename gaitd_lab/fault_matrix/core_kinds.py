@@ -83,9 +83,9 @@ def observer_lost() -> FaultAction:
 
 
 def out_of_memory() -> FaultAction:
-    """One allocation in a cycle fails."""
+    """One allocation fails in the next cycle, also if the core stands still until then."""
 
-    def begin(scene: Scene, _axis: str) -> None:
+    def begin(_scene: Scene, _axis: str) -> None:
         original = cycle_record.record
 
         def failing(*_args: object, **_named: object) -> NoReturn:
@@ -93,9 +93,8 @@ def out_of_memory() -> FaultAction:
             raise MemoryError
 
         cycle_record.record = failing
-        scene.undo.append(lambda: setattr(cycle_record, "record", original))
 
-    return FaultAction(begin, undo)
+    return FaultAction(begin, nothing)
 
 
 # --- files ------------------------------------------------------------------------------------

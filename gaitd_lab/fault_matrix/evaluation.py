@@ -4,8 +4,8 @@
     stays stopped when its fault has ended.
 2.  Both axes are commanded to stop between the same two SYNCs; where nothing can be sent, the
     drives stop by themselves within the time of their own watchdogs.
-3.  The cause is one that is expected for the fault, its category is the required one, and what is
-    latched afterwards is the same or a consequence of it.
+3.  The cause is one that is expected for the fault, its category is the required one, or the one
+    that the design fixes, and what is latched afterwards is the same or a consequence of it.
 4.  The leg comes to rest, unless it has no power or is still guided by hand; and no joint moves
     farther than its mechanical stop and the stop's deflection, unless a patient throws a leg of
     which a drive has lost its power: no speed limit holds for it then (`Law.pushed`).
@@ -17,6 +17,7 @@ from collections.abc import Iterator, Set
 from typing import Final
 
 from daemon.ipc.record import Cause, Mode, StopCategory
+from daemon.wire.causes import FIXED_CATEGORY
 from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
@@ -126,8 +127,9 @@ def _stopping(cell: CellResult, right: Law) -> Iterator[str]:
         yield f"went on in mode {cell.final_mode}, right is a stop by {causes}"
         return
     yield from _causes(cell, right)
-    if cell.category not in {one.name for one in right.categories}:
-        categories = {one.name for one in right.categories}
+    fixed = FIXED_CATEGORY.get(Cause[cell.causes[0]])
+    categories = {one.name for one in right.categories if fixed in {None, one}}
+    if cell.category not in categories:
         yield f"category {cell.category}, right is {_names(categories)}"
     if not (cell.together or right.may_part):
         yield "the axes were not told to stop between the same two SYNCs"

@@ -180,6 +180,9 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
         ("limit_switch", "excite", ""): _late(
             "limit_switch", "an open loop turns round: it stops once it moves on to it"
         ),
+        ("limit_switch", "commission", "right/hip"): _late(
+            "limit_switch", "the joint stands at first: it stops once it moves on to it"
+        ),
         ("limit_switch", "hold", ""): _unseen(
             "limit_switch", "the joint stands: a switch stops what moves on to it, never away"
         ),

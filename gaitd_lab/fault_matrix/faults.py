@@ -99,9 +99,7 @@ _MECHANICS: Final = (
     Fault(
         "deaf_to_quick_stop",
         "the drive shows quick stop, goes on as before, and the hand switch is let go",
-        kinds.together(
-            kinds.machine("ignores_quick_stop {}"), kinds.machine("hand_switch_open {}")
-        ),
+        kinds.machine("ignores_quick_stop {}", "hand_switch_open {}"),
     ),
 )
 

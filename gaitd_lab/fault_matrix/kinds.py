@@ -92,39 +92,28 @@ def _while_present(
 # --- in the machine -----------------------------------------------------------------------------
 
 
-def machine(fault: str) -> FaultAction:
-    """A fault of the virtual drives: `KIND {} [DURATION [VALUE]]` with the axis in the braces."""
-    kind = fault.split(maxsplit=1)[0]
-    return FaultAction(
-        lambda scene, axis: scene.session.command(fault.format(axis)),
-        lambda scene, axis: scene.session.command(f"clear {kind} {axis}"),
-    )
+def machine(*faults: str) -> FaultAction:
+    """Faults of the virtual drives: `KIND {} [DURATION [VALUE]]`, with the axis in the braces."""
+
+    def begin(scene: Scene, axis: str) -> None:
+        for fault in faults:
+            scene.session.command(fault.format(axis))
+
+    def end(scene: Scene, axis: str) -> None:
+        for fault in faults:
+            scene.session.command(f"clear {fault.split(maxsplit=1)[0]} {axis}")
+
+    return FaultAction(begin, end)
 
 
 def patient(programme: str) -> FaultAction:
     """A programme of the patient; `{}` stands for `hip` or `slide`."""
-
-    def begin(scene: Scene, axis: str) -> None:
-        scene.session.command(f"patient {programme.format(axis.rpartition('/')[2])}")
-
-    def end(scene: Scene, _axis: str) -> None:
-        scene.session.command("patient passive")
-
-    return FaultAction(begin, end)
-
-
-def together(*plays: FaultAction) -> FaultAction:
-    """Faults at the same moment."""
-
-    def begin(scene: Scene, axis: str) -> None:
-        for play in plays:
-            play.begin(scene, axis)
-
-    def end(scene: Scene, axis: str) -> None:
-        for play in plays:
-            play.end(scene, axis)
-
-    return FaultAction(begin, end)
+    return FaultAction(
+        lambda scene, axis: scene.session.command(
+            f"patient {programme.format(axis.rpartition('/')[2])}"
+        ),
+        lambda scene, _axis: scene.session.command("patient passive"),
+    )
 
 
 def limit_switch_ahead() -> FaultAction:

@@ -38,24 +38,30 @@ class Group(Enum):
 class Column:
     """One mode of the matrix."""
 
-    name: str
     mode: Mode
-    group: Group
     text: str
     """Title for the page."""
     begin: Step
     """Runs from power-on to the first moment of a fault."""
     window_s: float
     """Time over which the faults are spread."""
+    group: Group = Group.DRIVING
     leads_to: frozenset[Mode] = frozenset()
     """Other modes that it may reach by itself some seconds later, where it drives."""
     variant: Variant = AS_SHIPPED
+    label: str = ""
+    """Its name, where a mode has more than one column."""
     after_s: float = 0.01
     """Time of the cell over which its fault may come: any moment of a cycle."""
     prelude: Step | None = None
     """The last step, executed by each cell."""
     release: Step | None = None
     """Additional action at the end of the fault: absent drives return."""
+
+    @property
+    def name(self) -> str:
+        """Its name on the command line and the pages."""
+        return self.label or self.mode.name.lower()
 
 
 def _nothing(_: LockstepSession) -> None:
@@ -139,114 +145,83 @@ def _fault(session: LockstepSession) -> None:
 
 _ALL: Final = (
     Column(
-        "off",
         Mode.OFF,
-        Group.IDLE,
         "the drives are not there; they come back with the end of the fault",
         _off,
         1.0,
+        group=Group.IDLE,
         release=_plug_in,
     ),
     Column(
-        "bringing_up",
         Mode.BRINGING_UP,
-        Group.IDLE,
         "from power-on: boot-up, identity, limits written and read back",
         _nothing,
         0.0,
+        group=Group.IDLE,
         after_s=0.6,
     ),
     Column(
-        "ready",
-        Mode.READY,
-        Group.IDLE,
-        "brought up, without power",
-        LockstepSession.until_ready,
-        0.5,
+        Mode.READY, "brought up, without power", LockstepSession.until_ready, 0.5, group=Group.IDLE
     ),
+    Column(Mode.HOLD, "enabled, holding the pose; the patient is not quite at rest", _hold, 5.0),
     Column(
-        "hold",
-        Mode.HOLD,
-        Group.DRIVING,
-        "enabled, holding the pose; the patient is not quite at rest",
-        _hold,
-        5.0,
-    ),
-    Column(
-        "gait_impedance",
         Mode.GAIT,
-        Group.DRIVING,
         f"walking at {CADENCE_HZ:g} Hz by impedance; the patient works along",
         _walk,
         STRIDE_S,
+        label="gait_impedance",
     ),
     Column(
-        "gait_position",
         Mode.GAIT,
-        Group.DRIVING,
         f"walking at {CADENCE_HZ:g} Hz by the drives' own loops",
         _walk,
         STRIDE_S,
+        label="gait_position",
         variant=Variant(guidance="position"),
     ),
     Column(
-        "torque",
-        Mode.TORQUE,
-        Group.DRIVING,
-        "a controller with a lease swings the hip by 7 deg, once in 3 s",
-        _torque,
-        3.0,
+        Mode.TORQUE, "a controller with a lease swings the hip by 7 deg, once in 3 s", _torque, 3.0
     ),
     Column(
-        "excite",
         Mode.EXCITE,
-        Group.DRIVING,
         "the paper's open-loop experiment: torque about mid pose",
         _excite,
         5.0,
-        leads_to=frozenset({Mode.HOLD}),  # out of its window it is over
+        leads_to=frozenset({Mode.HOLD}),
     ),
     Column(
-        "hand_guiding",
         Mode.HAND_GUIDING,
-        Group.DRIVING,
         "hand guiding without stiffness: a person leads thigh and foot slowly",
         _hand_guiding,
         3.3,
     ),
     Column(
-        "self_test",
         Mode.SELF_TEST,
-        Group.DRIVING,
         "the test of the day: each axis a little forth and back",
         _self_test,
         3.0,
         leads_to=frozenset({Mode.HOLD}),
     ),
     Column(
-        "reference",
         Mode.REFERENCE,
-        Group.ALONE,
         "the hip is being homed in the empty machine",
         _reference,
         1.0,
+        group=Group.ALONE,
         leads_to=frozenset({Mode.STOPPING, Mode.READY, Mode.OFF, Mode.BRINGING_UP}),
         variant=Variant(empty=True),
     ),
     Column(
-        "commission",
         Mode.COMMISSION,
-        Group.ALONE,
         "the hip's sign is being tested in the empty machine",
         _commission,
         1.0,
+        group=Group.ALONE,
         leads_to=frozenset({Mode.STOPPING, Mode.READY, Mode.OFF, Mode.BRINGING_UP}),
         variant=Variant(empty=True),
     ),
     Column(
-        "stopping",
         Mode.STOPPING,
-        Group.DRIVING,
         "a client has stopped the gait: the core brakes (S2)",
         _walk,
         STRIDE_S,
@@ -254,12 +229,11 @@ _ALL: Final = (
         prelude=_stop,
     ),
     Column(
-        "fault",
         Mode.FAULT,
-        Group.IDLE,
         "after the hand switch was let go while walking: the drives hold, quick stopped",
         _fault,
         1.0,
+        group=Group.IDLE,
     ),
 )
 COLUMNS: Final[Mapping[str, Column]] = MappingProxyType({column.name: column for column in _ALL})

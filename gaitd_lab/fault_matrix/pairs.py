@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 from daemon.ipc.record import Cause
 from gaitd_lab.fault_matrix.cell import Cell
-from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS, law
+from gaitd_lab.fault_matrix.exceptions import law
 from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, Law, Resting
 from gaitd_lab.fault_matrix.faults import FAMILIES, FAULTS
 from gaitd_lab.fault_matrix.kinds import Fault, FaultAction, Scene, nothing
@@ -54,12 +54,18 @@ CONSEQUENCES: Final = frozenset(
     {Cause.DRIVE_FAULT, Cause.EMERGENCY, Cause.DRIVE_LEFT_ENABLED, *LOST}
 )
 """Causes that a second fault may add to the stop of the first one, or by which it comes first."""
-PUSHES: Final = frozenset({"end_stop", "spasm", "voluntary_push"})
-"""Faults in which the patient's effort moves a leg that a drive no longer holds."""
+PUSH: Final = "end_stop"
+"""The fault in which the patient pushes harder than a drive can hold."""
 JAMS: Final = frozenset({"blocked_rotor", "brake_stuck"})
 """Faults that hold a joint: where it stands, they hide what would move it."""
-DELAYS: Final = frozenset({*FAMILIES["time"], "core_35ms", "core_2s"})
-"""Faults in which the core stands still: how late it then finds the other fault has no bound."""
+DELAYS: Final = frozenset(
+    {"suspended", "overrun_1", "overrun_3", "overrun_6", "core_35ms", "core_2s"}
+)
+"""Faults in which the core stands still as long as they last: the other fault is found later."""
+ADDING: Final = MappingProxyType({frozenset({"sync_late_2ms", "tpdo_late_2ms"}): "tpdo_late_6ms"})
+"""Two faults that are harmless alone, and the fault whose law they have together: the delays add,
+and the samples come after the window.
+"""
 SLACK_CYCLES: Final = 6.0
 """Time by which a second fault may delay the detection of the first: it may take its samples."""
 
@@ -146,13 +152,15 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
         return law(*cell)
     axes = _axes(parts, cell.axis)
     first, second = (
-        _in_any_mode(one.name, law(one.name, cell.mode, axis))
-        for one, axis in zip(parts[:2], axes, strict=True)
+        law(name, cell.mode, axis) for name, axis in zip(_law_names(parts), axes, strict=True)
     )
     pair_law = both((first, second), cell.mode, parts.offset_cycles, exit_code)
     names = {one.name for one in parts[:2]}
-    within_cycles = pair_law.within_cycles if DELAYS.isdisjoint(names) else None
-    pushed = not PUSHES.isdisjoint(names)
+    delay_s = sum(one.lasts_s for one in parts[:2] if one.name in DELAYS)
+    within_cycles = pair_law.within_cycles
+    if within_cycles is not None:
+        within_cycles += delay_s * NS_PER_S / CYCLE_NS
+    pushed = PUSH in names
     hidden = not parts.on_other_axis and any(
         one.name in JAMS and its_law.may_go_on
         for one, its_law in zip(parts[:2], (first, second), strict=True)
@@ -165,12 +173,11 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
     )
 
 
-def _in_any_mode(fault: str, right: Law) -> Law:
-    """A law with the causes of all modes: the other fault may have changed the mode."""
-    others = [ROWS[fault], *(one for key, one in EXCEPTIONS.items() if key[0] == fault)]
-    causes = right.causes.union(*(one.causes | one.later for one in others))
-    categories = right.categories.union(*(one.categories for one in others))
-    return replace(right, causes=causes, categories=categories)
+def _law_names(parts: Parts) -> tuple[str, str]:
+    """The faults whose laws hold for a pair."""
+    first, second = parts.first.name, parts.second.name
+    together = ADDING.get(frozenset({first, second}))
+    return (first, second) if together is None else (together, together)
 
 
 def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | None) -> Law:

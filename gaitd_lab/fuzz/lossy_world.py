@@ -10,8 +10,8 @@ import random
 from collections.abc import Callable
 from typing import Final
 
-from sim_drives.frame import Frame, TimedFrame
 from sim_drives.world import World
+from simtime.frame import Frame
 
 Listener = Callable[[int, int, bytes], None]
 """Time in ns, COB-ID, data."""
@@ -42,7 +42,7 @@ class LossyWorld:
         if not self._is_dropped(frame.can_id):
             self.world.receive(frame)
 
-    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+    def advance_to(self, time_ns: int) -> list[Frame]:
         """Return the frames that the drives have sent until then, without the lost ones."""
         frames = self.world.advance_to(time_ns)
         return [frame for frame in frames if not self._is_dropped(frame.can_id)]

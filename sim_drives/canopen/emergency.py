@@ -23,7 +23,7 @@ from sim_drives.canopen.cob_id import EXTENDED_BITS, FLAG_30, INVALID, can_id_of
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
 from sim_drives.canopen.objects import Object
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 NO_ERROR: Final = 0x0000
 _INHIBIT_STEP_NS: Final = 100_000
@@ -108,6 +108,13 @@ class Errors:
         error.present = False
         if not error.latched:
             self._end({code})
+
+    def set_warning(self, code: int, present: bool) -> None:
+        """Begin an error that does not stop the drive, or end its cause."""
+        if present:
+            self.begin(code, latched=False)
+        else:
+            self.cause_gone(code)
 
     def reset(self) -> bool:
         """Reset faults: end all latched errors or none; return whether the reset was granted."""

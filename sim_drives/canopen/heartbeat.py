@@ -13,12 +13,11 @@ from collections.abc import Callable
 from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
-from sim_drives.canopen.dictionary import ObjectDictionary
-from sim_drives.canopen.line import Line
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.nmt import NmtState
 from sim_drives.canopen.objects import Object
-from sim_drives.canopen.timers import MILLISECOND, Timers
-from sim_drives.frame import Frame
+from sim_drives.canopen.timers import MILLISECOND
+from simtime.frame import Frame
 
 HEARTBEAT_ID: Final = 0x700
 
@@ -26,20 +25,11 @@ HEARTBEAT_ID: Final = 0x700
 class HeartbeatProducer:
     """Sends the NMT state byte periodically."""
 
-    def __init__(
-        self,
-        node_id: int,
-        dictionary: ObjectDictionary,
-        line: Line,
-        timers: Timers,
-        state: Callable[[], NmtState],
-    ) -> None:
+    def __init__(self, node_id: int, context: NodeContext, state: Callable[[], NmtState]) -> None:
         self._can_id = HEARTBEAT_ID + node_id
-        self._dictionary = dictionary
-        self._line = line
-        self._timers = timers
+        self._dictionary, self._line, self._timers = context
         self._state = state
-        dictionary.watch(Object.HEARTBEAT_PRODUCER, lambda _: self.restart())
+        self._dictionary.watch(Object.HEARTBEAT_PRODUCER, lambda _: self.restart())
 
     def boot_up(self) -> None:
         """Send the boot-up message."""
@@ -67,23 +57,14 @@ class HeartbeatProducer:
 class HeartbeatConsumer:
     """Watches the nodes that 1016h lists."""
 
-    def __init__(
-        self,
-        dictionary: ObjectDictionary,
-        line: Line,
-        timers: Timers,
-        on_lost: Callable[[], None],
-        on_back: Callable[[], None],
-    ) -> None:
-        self._dictionary = dictionary
-        self._line = line
-        self._timers = timers
-        self._on_lost = on_lost
-        self._on_back = on_back
+    def __init__(self, context: NodeContext, report: Callable[[bool], None]) -> None:
+        """`report` receives whether a watched node is lost."""
+        self._dictionary, self._line, self._timers = context
+        self._report = report
         self._lost: set[int] = set()
-        self._slots = range(1, dictionary.value(Object.HEARTBEAT_CONSUMER, 0) + 1)
-        dictionary.guard(Object.HEARTBEAT_CONSUMER, self._check)
-        dictionary.watch(Object.HEARTBEAT_CONSUMER, self._reset)
+        self._slots = range(1, self._dictionary.value(Object.HEARTBEAT_CONSUMER, 0) + 1)
+        self._dictionary.guard(Object.HEARTBEAT_CONSUMER, self._check)
+        self._dictionary.watch(Object.HEARTBEAT_CONSUMER, self._reset)
 
     def restart(self) -> None:
         """Clear all watches: each node is watched again from its first heartbeat."""
@@ -107,7 +88,7 @@ class HeartbeatConsumer:
         if slot in self._lost:
             self._lost.remove(slot)
             if not self._lost:
-                self._on_back()
+                self._report(False)
 
     def _watch(self, slot: int, timeout_ns: int) -> None:
         self._restored(slot)
@@ -116,7 +97,7 @@ class HeartbeatConsumer:
 
     def _lose(self, slot: int) -> None:
         self._lost.add(slot)
-        self._on_lost()
+        self._report(True)
 
     def _slot(self, slot: int) -> tuple[int, int]:
         value = self._dictionary.value(Object.HEARTBEAT_CONSUMER, slot)

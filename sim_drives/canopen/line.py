@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 
 class Line(Protocol):

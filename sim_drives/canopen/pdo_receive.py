@@ -15,14 +15,12 @@ Rules:
 from collections.abc import Callable
 from typing import Final
 
-from sim_drives.canopen.dictionary import ObjectDictionary
-from sim_drives.canopen.line import Line
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.objects import Object
 from sim_drives.canopen.pdo_channel import Settings, Values, channels
 from sim_drives.canopen.pdo_rules import PDO_COUNT, Direction, Layout
 from sim_drives.canopen.sync import SyncConsumer
-from sim_drives.canopen.timers import Timers
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 SHORT_PDO: Final = 0x8210
 LONG_PDO: Final = 0x8220
@@ -48,9 +46,7 @@ class ReceivePdos:
 
     def __init__(
         self,
-        dictionary: ObjectDictionary,
-        line: Line,
-        timers: Timers,
+        context: NodeContext,
         sync: SyncConsumer,
         apply: Callable[[Values], None],
         report: Callable[[int, bool], None],
@@ -63,9 +59,8 @@ class ReceivePdos:
         `apply` receives the values of all PDOs that act now; `report` an error code and whether the
         error is present; `on_timeout` whether PDOs are missing.
         """
+        dictionary, self._line, self._timers = context
         self._channels = channels(dictionary, Direction.RECEIVE, self._reset_slot, locked=locked)
-        self._line = line
-        self._timers = timers
         self._sync = sync
         self._apply = apply
         self._too_short = _Complaint(lambda wrong: report(SHORT_PDO, wrong))

@@ -13,13 +13,11 @@ Rules:
 
 from collections.abc import Callable
 
-from sim_drives.canopen.dictionary import ObjectDictionary
-from sim_drives.canopen.line import Line
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.pdo_channel import channels
 from sim_drives.canopen.pdo_rules import PDO_COUNT, Direction
 from sim_drives.canopen.sync import SyncConsumer
-from sim_drives.canopen.timers import Timers
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 
 class TransmitPdos:
@@ -27,18 +25,15 @@ class TransmitPdos:
 
     def __init__(
         self,
-        dictionary: ObjectDictionary,
-        line: Line,
-        timers: Timers,
+        context: NodeContext,
         sync: SyncConsumer,
         send: Callable[[int, Frame, int], None],
         delays_ns: Callable[[int], list[int]],
         *,
         locked: bool,
     ) -> None:
+        dictionary, self._line, self._timers = context
         self._channels = channels(dictionary, Direction.TRANSMIT, self._written, locked=locked)
-        self._line = line
-        self._timers = timers
         self._sync = sync
         self._send = send
         """(PDO number from 1, frame, delay in ns)."""

@@ -19,8 +19,8 @@ from types import MappingProxyType
 from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
-from sim_drives.canopen.dictionary import Address, Entry, ObjectDictionary
-from sim_drives.canopen.line import Line
+from sim_drives.canopen.context import NodeContext
+from sim_drives.canopen.dictionary import Address, Entry
 from sim_drives.canopen.sdo_block import (
     BLOCK_SEGMENTS_MAX,
     BLOCK_STEP_MASK,
@@ -36,8 +36,8 @@ from sim_drives.canopen.sdo_segments import (
     SegmentedDownload,
     SegmentedUpload,
 )
-from sim_drives.canopen.timers import MILLISECOND, Timers
-from sim_drives.frame import Frame
+from sim_drives.canopen.timers import MILLISECOND
+from simtime.frame import Frame
 
 SDO_REQUEST_ID: Final = 0x600
 SDO_ANSWER_ID: Final = 0x580
@@ -78,13 +78,9 @@ TRANSFER_OF: Final[Mapping[_Command, type[Transfer]]] = MappingProxyType(
 class SdoServer:
     """Serves one dictionary to one client at a time."""
 
-    def __init__(
-        self, node_id: int, dictionary: ObjectDictionary, line: Line, timers: Timers
-    ) -> None:
+    def __init__(self, node_id: int, context: NodeContext) -> None:
         self._answer_id = SDO_ANSWER_ID + node_id
-        self._dictionary = dictionary
-        self._line = line
-        self._timers = timers
+        self._dictionary, self._line, self._timers = context
         self._address: Address = (0, 0)
         self._transfer: Transfer | None = None
 

@@ -47,11 +47,11 @@ class Storage:
         self,
         dictionary: ObjectDictionary,
         commissioned: Mapping[Address, Value],
-        powered: Callable[[], bool],
+        power_stage_on: Callable[[], bool],
     ) -> None:
         self._dictionary = dictionary
         self._commissioned = dict(commissioned)
-        self._powered = powered
+        self._power_stage_on = power_stage_on
         self._saved: dict[Address, Value] = {}
         self._to_deliver: set[int] = set()
         """Sub-indices of 1011h that the next reset applies."""
@@ -73,7 +73,7 @@ class Storage:
         self._commissioned[address] = value
 
     def _check(self, value: int, signature: int) -> None:
-        if self._powered():
+        if self._power_stage_on():
             raise SdoAbortError(AbortCode.DEVICE_STATE)
         if value != signature:
             raise SdoAbortError(AbortCode.CANNOT_STORE)

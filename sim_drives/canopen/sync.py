@@ -16,10 +16,8 @@ from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.cob_id import EXTENDED_BITS, FLAG_30, can_id_of, is_restricted
-from sim_drives.canopen.dictionary import ObjectDictionary
-from sim_drives.canopen.line import Line
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.objects import Object
-from sim_drives.canopen.timers import Timers
 
 COUNTER_MAX: Final = 240
 SYNC_LENGTH_CODE: Final = 0x8240
@@ -30,24 +28,16 @@ _MICROSECOND: Final = 1000
 class SyncConsumer:
     """The SYNC state of one node."""
 
-    def __init__(
-        self,
-        dictionary: ObjectDictionary,
-        line: Line,
-        timers: Timers,
-        report: Callable[[int, bool], None],
-    ) -> None:
+    def __init__(self, context: NodeContext, report: Callable[[int, bool], None]) -> None:
         """`report` receives an error code and whether the error is present."""
-        self._dictionary = dictionary
-        self._line = line
-        self._timers = timers
+        self._dictionary, self._line, self._timers = context
         self._report = report
         self._last_ns: int | None = None
         self.counter = 0
         """Counter of the last SYNC; 0 without counter."""
-        dictionary.guard(Object.SYNC_COB_ID, self._check_cob_id)
-        dictionary.guard(Object.SYNC_COUNTER, self._check_overflow)
-        dictionary.watch(Object.SYNC_PERIOD, lambda _: timers.cancel(SyncConsumer))
+        self._dictionary.guard(Object.SYNC_COB_ID, self._check_cob_id)
+        self._dictionary.guard(Object.SYNC_COUNTER, self._check_overflow)
+        self._dictionary.watch(Object.SYNC_PERIOD, lambda _: self._timers.cancel(SyncConsumer))
 
     def reset(self) -> None:
         """Start without a received SYNC."""

@@ -20,11 +20,10 @@ Rules in addition to the tables:
 from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
-from sim_drives.canopen.dictionary import ObjectDictionary
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.emergency import Errors
-from sim_drives.canopen.line import Line
 from sim_drives.canopen.objects import Object
-from sim_drives.canopen.timers import MILLISECOND, Timers
+from sim_drives.canopen.timers import MILLISECOND
 from sim_drives.cia402.measurement import Measurement
 from sim_drives.cia402.motion import Mode, Motion
 from sim_drives.cia402.personality import PERSONALITIES, guard_option_codes
@@ -73,35 +72,31 @@ class Drive:
     def __init__(
         self,
         settings: DriveSettings,
-        dictionary: ObjectDictionary,
+        context: NodeContext,
         axis: Axis,
-        line: Line,
-        timers: Timers,
         errors: Errors,
     ) -> None:
         self._settings = settings
         self._personality = PERSONALITIES[settings.personality]
-        self._dictionary = dictionary
+        self._dictionary, self._line, self._timers = context
         self._axis = axis
-        self._line = line
-        self._timers = timers
         self._errors = errors
+        dictionary = self._dictionary
         scaling = Scaling(settings, dictionary)
         self.measurement = Measurement(settings, dictionary, scaling, axis)
-        self._motion = Motion(settings, dictionary, scaling, self.measurement, line, timers)
+        self._motion = Motion(settings, context, scaling, self.measurement)
         self._supervision = Supervision(settings, self._motion, self.measurement)
-        self.targets = TargetWatch(line, timers, self._wants_targets)
+        self.targets = TargetWatch(self._line, self._timers, self._wants_targets)
         self.state = PowerState.NOT_READY_TO_SWITCH_ON
         self._stopping: Stopping | None = None
         self._after_stop: Transition | None = None
-        self._at_rest = False
+        self._arrived = False
         self.ignores_quick_stop = False
         self.slower_by_ns = 0
         self._waiting_for: Command | None = None
         self._controlword_prev = 0
         self._ordered: AxisActuation | None = None
-        period_ns = self._personality.statusword_period_ns
-        self._statusword = Statusword(dictionary, line, timers, period_ns)
+        self._statusword = Statusword(context, self._personality.statusword_period_ns)
         dictionary.watch(Object.CONTROLWORD, lambda _: self._controlword_written())
         if self._personality.refuses_misplaced_controlword:
             dictionary.guard(Object.CONTROLWORD, lambda _, value: self._check_controlword(value))
@@ -273,7 +268,7 @@ class Drive:
         self.state = state
         self._motion.homing.interrupt()
         self._stopping = self._after_stop = None
-        self._at_rest = False
+        self._arrived = False
         self._timers.cancel(PowerState)
 
     def _stop(self, stopping: Stopping, then: Transition) -> None:
@@ -292,7 +287,7 @@ class Drive:
         if stopping is None or then is None:
             return
         if stopping.stays:
-            self._at_rest = True
+            self._arrived = True
         else:
             self._enter(then.target)
 
@@ -301,7 +296,7 @@ class Drive:
     def _watch_plant(self) -> AxisFlag:
         """React to the plant's flags and return them."""
         flags = self._axis.flags()
-        if flags & AxisFlag.STANDSTILL and self._ramping and not self._at_rest:
+        if flags & AxisFlag.STANDSTILL and self._ramping and not self._arrived:
             self._stopped()
         if self.state is PowerState.OPERATION_ENABLED:
             for code in self._supervision.errors(flags):
@@ -369,7 +364,7 @@ class Drive:
         word |= StatusBit.VOLTAGE_ENABLED * self._voltage_enabled()
         word |= StatusBit.WARNING * self._errors.warning
         word |= StatusBit.REFERENCED * self.measurement.referenced
-        word |= StatusBit.TARGET_REACHED * self._at_rest
+        word |= StatusBit.TARGET_REACHED * self._arrived
         word |= StatusBit.FOLLOWING_ERROR * self._errors.active(FOLLOWING_ERROR_CODE)
         if self.state is PowerState.OPERATION_ENABLED:
             word |= self._mode_bits(flags)

@@ -27,10 +27,9 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from sim_drives.canopen.dictionary import ObjectDictionary
-from sim_drives.canopen.line import Line
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.objects import Object
-from sim_drives.canopen.timers import MILLISECOND, Timers
+from sim_drives.canopen.timers import MILLISECOND
 from sim_drives.cia402.measurement import (
     HOME_SWITCH,
     NEGATIVE_SWITCH,
@@ -149,20 +148,16 @@ class Homing:
     def __init__(
         self,
         settings: DriveSettings,
-        dictionary: ObjectDictionary,
+        context: NodeContext,
         scaling: Scaling,
         measurement: Measurement,
-        line: Line,
-        timers: Timers,
     ) -> None:
-        self._dictionary = dictionary
+        self._dictionary, self._line, self._timers = context
         self._scaling = scaling
         self._measurement = measurement
-        self._line = line
-        self._timers = timers
         self._counts_per_rev = settings.counts_per_rev
         self._time_ns = round(settings.homing_time_s * 1e9)
-        stalls = CURRENT_THRESHOLD in dictionary
+        stalls = CURRENT_THRESHOLD in self._dictionary
         self.methods = frozenset(number for number in METHODS if number > 0 or stalls)
         self.progress = Progress.NOT_STARTED
         self._method: tuple[Search, ...] = ()

@@ -21,10 +21,9 @@ from enum import IntEnum
 from typing import Final
 
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
-from sim_drives.canopen.dictionary import ObjectDictionary
-from sim_drives.canopen.line import Line
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.objects import Object
-from sim_drives.canopen.timers import MILLISECOND, Timers
+from sim_drives.canopen.timers import MILLISECOND
 from sim_drives.cia402.homing import Homing, Progress
 from sim_drives.cia402.measurement import Measurement
 from sim_drives.cia402.power_state import HALT_BIT, HALT_OPTION, OPERATION_BIT_4, Ramp
@@ -61,23 +60,20 @@ class Motion:
     def __init__(
         self,
         settings: DriveSettings,
-        dictionary: ObjectDictionary,
+        context: NodeContext,
         scaling: Scaling,
         measurement: Measurement,
-        line: Line,
-        timers: Timers,
     ) -> None:
-        self._dictionary = dictionary
+        self._dictionary, self._line, self._timers = context
         self._scaling = scaling
         self._measurement = measurement
-        self._line = line
-        self._timers = timers
         self._clips = settings.position_limit is PositionLimit.CLIP
         self._written: set[int] = set()
         self._bit_4_prev = False
-        self.homing = Homing(settings, dictionary, scaling, measurement, line, timers)
+        self.homing = Homing(settings, context, scaling, measurement)
         self.mode = Mode.NONE
         self._requested = Mode.NONE
+        dictionary = self._dictionary
         dictionary.guard(Object.MODE, self._check_mode)
         dictionary.watch(Object.MODE, lambda _: self._request_mode())
         dictionary.guard(Object.HOMING_METHOD, self._check_homing_method)

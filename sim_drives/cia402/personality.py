@@ -64,20 +64,20 @@ class SpeedUnit(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Personality:
-    """One column of the table above."""
+    """One column of the table above; the defaults are those of plain CiA 402."""
 
-    speed_unit: SpeedUnit
-    torque_base_nm: float
-    """One unit of 6076h."""
-    torque_counts_current: bool
-    """True if 6071h and 6077h are per mille of the rated current, regardless of 6076h."""
     temperature_address: Address
-    temperature_step_degc: float
-    automatic_enable: bool
-    connection_loss_is_fault: bool
-    cob_id_locked_while_valid: bool
-    generic_error_bit: bool
     sto_error_code: int
+    speed_unit: SpeedUnit = SpeedUnit.COUNTS_PER_S
+    torque_base_nm: float = 1e-3
+    """One unit of 6076h."""
+    torque_counts_current: bool = False
+    """True if 6071h and 6077h are per mille of the rated current, regardless of 6076h."""
+    temperature_step_degc: float = 1.0
+    automatic_enable: bool = False
+    connection_loss_is_fault: bool = False
+    cob_id_locked_while_valid: bool = False
+    generic_error_bit: bool = True
     statusword_period_ns: int = 0
     """Update period of 6041h; 0 is at once."""
     refuses_misplaced_controlword: bool = False
@@ -95,7 +95,6 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
         PersonalityName.EPOS4: Personality(
             speed_unit=SpeedUnit.RPM,
             torque_base_nm=1e-6,
-            torque_counts_current=False,
             temperature_address=(0x3201, 1),
             temperature_step_degc=0.1,
             automatic_enable=True,
@@ -109,15 +108,8 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
             fault_reaction_codes=frozenset({0, 1, 2}),
         ),
         PersonalityName.ELMO_GOLD: Personality(
-            speed_unit=SpeedUnit.COUNTS_PER_S,
-            torque_base_nm=1e-3,
             torque_counts_current=True,
             temperature_address=(0x22A2, 0),
-            temperature_step_degc=1.0,
-            automatic_enable=False,
-            connection_loss_is_fault=False,
-            cob_id_locked_while_valid=False,
-            generic_error_bit=True,
             sto_error_code=0x5441,
             statusword_period_ns=3 * MILLISECOND,
             refuses_misplaced_controlword=True,
@@ -126,16 +118,7 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
             fault_reaction_codes=frozenset({0, 1, 2}),
         ),
         PersonalityName.GENERIC: Personality(
-            speed_unit=SpeedUnit.COUNTS_PER_S,
-            torque_base_nm=1e-3,
-            torque_counts_current=False,
-            temperature_address=(0x2100, 1),
-            temperature_step_degc=1.0,
-            automatic_enable=False,
-            connection_loss_is_fault=False,
-            cob_id_locked_while_valid=False,
-            generic_error_bit=True,
-            sto_error_code=0x9000,
+            temperature_address=(0x2100, 1), sto_error_code=0x9000
         ),
     }
 )

@@ -125,13 +125,22 @@ class Stopping(NamedTuple):
     """605Ah: the drive stays in "quick stop active" after standstill."""
 
 
-QUICK_STOP_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
+HALT_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
     {
-        0: Stopping(Ramp.COAST),
         1: Stopping(Ramp.SLOW),
         2: Stopping(Ramp.QUICK),
         3: Stopping(Ramp.LIMIT),
         4: Stopping(Ramp.LIMIT),
+    }
+)
+"""Values of 605Dh: the drive stays in "operation enabled"."""
+FAULT_REACTION_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
+    {0: Stopping(Ramp.COAST), **HALT_OPTION}
+)
+"""Values of 605Eh."""
+QUICK_STOP_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
+    {
+        **FAULT_REACTION_OPTION,
         5: Stopping(Ramp.SLOW, stays=True),
         6: Stopping(Ramp.QUICK, stays=True),
         7: Stopping(Ramp.LIMIT, stays=True),
@@ -143,25 +152,6 @@ DISABLE_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
     {0: Stopping(Ramp.COAST), 1: Stopping(Ramp.SLOW)}
 )
 """Values of 605Bh (transition 8) and 605Ch (transition 5)."""
-HALT_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
-    {
-        1: Stopping(Ramp.SLOW),
-        2: Stopping(Ramp.QUICK),
-        3: Stopping(Ramp.LIMIT),
-        4: Stopping(Ramp.LIMIT),
-    }
-)
-"""Values of 605Dh: the drive stays in "operation enabled"."""
-FAULT_REACTION_OPTION: Final[Mapping[int, Stopping]] = MappingProxyType(
-    {
-        0: Stopping(Ramp.COAST),
-        1: Stopping(Ramp.SLOW),
-        2: Stopping(Ramp.QUICK),
-        3: Stopping(Ramp.LIMIT),
-        4: Stopping(Ramp.LIMIT),
-    }
-)
-"""Values of 605Eh."""
 
 
 class AbortConnection(IntEnum):

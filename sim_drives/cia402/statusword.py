@@ -4,21 +4,15 @@ Some drives update it in a task of their own every few milliseconds: until then 
 the previous value.
 """
 
-from sim_drives.canopen.dictionary import ObjectDictionary
-from sim_drives.canopen.line import Line
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.objects import Object
-from sim_drives.canopen.timers import Timers
 
 
 class Statusword:
     """One drive's object 6041h; with `period_ns` = 0 it is always the present statusword."""
 
-    def __init__(
-        self, dictionary: ObjectDictionary, line: Line, timers: Timers, period_ns: int
-    ) -> None:
-        self._dictionary = dictionary
-        self._line = line
-        self._timers = timers
+    def __init__(self, context: NodeContext, period_ns: int) -> None:
+        self._dictionary, self._line, self._timers = context
         self._period_ns = period_ns
         self._word = 0
 

@@ -6,6 +6,7 @@ A row describes the fault and the meaning of its value, and holds the function t
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
 from typing import Final
 
@@ -64,7 +65,7 @@ def _leave_bus(node: Node, _: float, on: bool) -> None:
 
 
 def _be_passive(node: Node, _: float, on: bool) -> None:
-    _emergency(node, PASSIVE_CODE, on)
+    node.set_error(PASSIVE_CODE, on)
 
 
 def _refuse_object(node: Node, value: float, on: bool) -> None:
@@ -75,17 +76,11 @@ def _refuse_object(node: Node, value: float, on: bool) -> None:
 
 
 def _emergency(node: Node, value: float, on: bool) -> None:
-    if on:
-        node.begin_error(int(value))
-    else:
-        node.end_error(int(value))
+    node.set_error(int(value), on)
 
 
 def _warn(node: Node, value: float, on: bool) -> None:
-    if on:
-        node.errors.begin(int(value), latched=False)
-    else:
-        node.errors.cause_gone(int(value))
+    node.errors.set_warning(int(value), on)
 
 
 def _reboot(node: Node, _: float, on: bool) -> None:
@@ -145,29 +140,14 @@ def _open_hand_switch(node: Node, _: float, on: bool) -> None:
 
 
 def _turn_motor(node: Node, _: float, on: bool) -> None:
-    node.disturbance.motor_sense = -1 if on else 1
-    _wire(node)
+    node.axis.wire_motor(-1 if on else 1)
 
 
 def _turn_encoder(node: Node, _: float, on: bool) -> None:
-    node.disturbance.encoder_sense = -1 if on else 1
-    _wire(node)
+    node.axis.wire_encoder(-1 if on else 1)
 
 
-def _wire(node: Node) -> None:
-    wiring = node.disturbance
-    node.axis.wire(motor_sense=wiring.motor_sense, encoder_sense=wiring.encoder_sense)
-
-
-def _block_rotor(node: Node, _: float, on: bool) -> None:
-    _hold(node, FaultKind.BLOCKED_ROTOR, on)
-
-
-def _hold_brake(node: Node, _: float, on: bool) -> None:
-    _hold(node, FaultKind.BRAKE_STUCK, on)
-
-
-def _hold(node: Node, cause: FaultKind, on: bool) -> None:
+def _hold(cause: FaultKind, node: Node, _: float, on: bool) -> None:
     held_by = node.disturbance.held_by
     if on:
         held_by.add(cause)
@@ -281,9 +261,11 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             1,
             value_needed=True,
         ),
-        FaultKind.BLOCKED_ROTOR: FaultRule("the joint is jammed", _block_rotor),
+        FaultKind.BLOCKED_ROTOR: FaultRule(
+            "the joint is jammed", partial(_hold, FaultKind.BLOCKED_ROTOR)
+        ),
         FaultKind.BRAKE_STUCK: FaultRule(
-            "the brake does not open: the axis does not move", _hold_brake
+            "the brake does not open: the axis does not move", partial(_hold, FaultKind.BRAKE_STUCK)
         ),
     }
 )

@@ -197,17 +197,17 @@ class Trainer:
         """Block an axis's rotor from outside, or free it. A moving axis stops in one step."""
         self._state.joints[axis]["blocked"] = int(blocked)
 
-    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
-        """Connect motor and encoder: +1 with the right sign, -1 inverted.
+    def wire_motor(self, axis: int, sense: int) -> None:
+        """Connect the motor: +1 with the right sign, -1 inverted."""
+        self._state.loops[axis]["motor_sense"] = sense
 
-        An inverted encoder continues from the last value that it has shown.
-        """
+    def wire_encoder(self, axis: int, sense: int) -> None:
+        """Connect the encoder: +1 with the right sign, -1 inverted from its last value on."""
         loop = self._state.loops[axis]
         position = self._state.joints[axis]["position"]
         seen = loop["encoder_sense"] * position + loop["encoder_shift"]
-        loop["motor_sense"], loop["encoder_sense"] = motor_sense, encoder_sense
-        rightly = encoder_sense > 0
-        loop["encoder_shift"] = 0.0 if rightly else seen - encoder_sense * position
+        loop["encoder_sense"] = sense
+        loop["encoder_shift"] = 0.0 if sense > 0 else seen - sense * position
 
     def offset_current(self, axis: int, offset_a: float) -> None:
         """Add an offset to the current sensor's value, joint sign."""

@@ -28,8 +28,12 @@ class Plant(Protocol):
         """Block the joint, or free it."""
         ...
 
-    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
-        """Connect motor and encoder: +1 with the right sign, -1 inverted."""
+    def wire_motor(self, axis: int, sense: int) -> None:
+        """Connect the motor: +1 with the right sign, -1 inverted."""
+        ...
+
+    def wire_encoder(self, axis: int, sense: int) -> None:
+        """Connect the encoder: +1 with the right sign, -1 inverted."""
         ...
 
     def offset_current(self, axis: int, offset_a: float) -> None:
@@ -59,9 +63,13 @@ class Axis(NamedTuple):
         """As `Plant.block_rotor`."""
         self.plant.block_rotor(self.number, blocked)
 
-    def wire(self, *, motor_sense: int, encoder_sense: int) -> None:
-        """As `Plant.wire`."""
-        self.plant.wire(self.number, motor_sense, encoder_sense)
+    def wire_motor(self, sense: int) -> None:
+        """As `Plant.wire_motor`."""
+        self.plant.wire_motor(self.number, sense)
+
+    def wire_encoder(self, sense: int) -> None:
+        """As `Plant.wire_encoder`."""
+        self.plant.wire_encoder(self.number, sense)
 
     def offset_current(self, offset_a: float) -> None:
         """As `Plant.offset_current`."""

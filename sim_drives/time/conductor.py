@@ -26,8 +26,6 @@ from functools import partial
 from itertools import count
 from typing import Final, Protocol
 
-from sim_drives.frame import Frame as WorldFrame
-from sim_drives.frame import TimedFrame
 from sim_drives.world import SYNC_ID
 from simtime.frame import Frame
 from simtime.link import LinkLostError
@@ -59,11 +57,11 @@ class World(Protocol):
         """Simulated time."""
         ...
 
-    def receive(self, frame: WorldFrame) -> None:
+    def receive(self, frame: Frame) -> None:
         """Deliver a frame of a seat."""
         ...
 
-    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+    def advance_to(self, time_ns: int) -> list[Frame]:
         """Advance time; return the frames of the drives."""
         ...
 
@@ -203,7 +201,7 @@ class Conductor:
     def _deliver(self, seat: Seat, frame: Frame) -> None:
         if seat.keeps_sent:
             seat.sent.append(frame._replace(time_ns=self.now_ns))
-        self.world.receive(WorldFrame(frame.can_id, frame.data))
+        self.world.receive(frame)
         for other in self.seats:
             if other is not seat and not other.trouble.is_off:
                 stamp_ns = other.utc_of_ns(self.now_ns - other.behind_ns)

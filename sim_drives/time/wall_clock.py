@@ -28,11 +28,10 @@ from can.interfaces.virtual import VirtualBus
 from sim_drives.canopen.timers import MILLISECOND
 from sim_drives.control import ControlSocket
 from sim_drives.faults.script import FaultCommandError
-from sim_drives.frame import Frame, TimedFrame
 from sim_drives.time.bus_server import BusServer, Connection
-from sim_drives.world import SYNC_ID, EmptyWorld, World
+from sim_drives.world import SYNC_ID, World
 from simtime import wire
-from simtime.frame import Frame as BusFrame
+from simtime.frame import Frame
 from simtime.page import PageWriter
 
 SLICE_NS: Final = 5 * MILLISECOND
@@ -113,7 +112,7 @@ class ServedBus:
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Send a frame to every client."""
         del timeout
-        frame = BusFrame(msg.arbitration_id, bytes(msg.data), time.time_ns())
+        frame = Frame(msg.arbitration_id, bytes(msg.data), time.time_ns())
         self._hand_out(None, [frame])
 
     def _take(self, connection: Connection, message: wire.ToServer) -> None:
@@ -138,14 +137,14 @@ class ServedBus:
             said, refused = str(error), True
         self._server.send(connection, wire.pack_reply(said, refused=refused))
 
-    def _hand_out(self, sender: Connection | None, frames: Sequence[BusFrame]) -> None:
+    def _hand_out(self, sender: Connection | None, frames: Sequence[Frame]) -> None:
         for connection in self._server.connections:
             hello = connection.hello
             if connection is not sender and hello and hello.role is not wire.Role.HAND:
                 self._server.send_frames(connection, frames)
 
 
-def _message(frame: BusFrame) -> can.Message:
+def _message(frame: Frame) -> can.Message:
     return can.Message(
         timestamp=frame.time_ns * 1e-9,
         arbitration_id=frame.can_id,
@@ -186,7 +185,7 @@ class RealTime:
 
     def __init__(
         self,
-        world: World | EmptyWorld,
+        world: World,
         bus: Station,
         control: ControlSocket | None = None,
         on_silence: Callable[[int], None] | None = None,
@@ -270,7 +269,7 @@ class RealTime:
         except (OSError, can.CanError) as error:
             raise BusLostError(f"{self._bus.channel_info}: {error}") from error
 
-    def _send(self, frames: Sequence[TimedFrame]) -> None:
+    def _send(self, frames: Sequence[Frame]) -> None:
         for frame in frames:
             message = can.Message(
                 arbitration_id=frame.can_id, data=frame.data, is_extended_id=False

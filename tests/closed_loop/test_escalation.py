@@ -5,7 +5,7 @@ from wire import SYNC, change_what_drives_hear
 
 from daemon.core.safety.stop_sequence import Step
 from daemon.ipc.record import Cause, Mode
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 HIP = 5
 NMT = 0x000

@@ -8,7 +8,7 @@ from stopping_faults import FAULTS, LOST, MISMEASURED, MISWIRED, STOP_NOTHING_AL
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from drives.signals import PowerState
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 DRIVES = ("right/hip", "right/slide")
 NOT_PUSHING = {

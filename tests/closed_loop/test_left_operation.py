@@ -17,7 +17,7 @@ from wire import (
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.cia402.power_state import decode_statusword
 from drives.signals import PowerState
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 HIP = 5
 SWITCH_ON_WORD = 0x0007

@@ -9,7 +9,7 @@ from sessions import elsewhere
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import PowerState
-from sim_drives.frame import Frame as WorldFrame
+from simtime.frame import Frame
 
 MS = 1_000_000
 ENABLING = 0b1000
@@ -110,7 +110,7 @@ def test_a_heartbeat_that_comes_back_enables_nothing(session):
 def test_a_drive_that_leaves_operational_by_itself_stops_both_axes(session, command, state):
     altered(session, without(0x085))
 
-    session.machine.world.receive(WorldFrame(0x000, command))
+    session.machine.world.receive(Frame(0x000, command))
     lost = session.run_until(lambda record: not record.mode.active, within_s=1)
     since = len(session.bus.sent)
     session.run(1)

@@ -11,7 +11,7 @@ from daemon.core.modes.persistent_state import PersistentState, StoredAxis
 from daemon.core.steps.single_axis import moves_origin
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 HIP, SLIDE = "right/hip", "right/slide"
 EMPTY = (

@@ -11,7 +11,7 @@ from wire import change_what_drives_hear
 from daemon.ipc.record import Cause, Mode, RequestKind
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
-from sim_drives.frame import Frame as WorldFrame
+from simtime.frame import Frame
 
 MS = 1_000_000
 SYNC = 0x080
@@ -27,7 +27,7 @@ def counted():
     settings = replace(settings, file=replace(settings.file, trainer=trainer))
     session = LockstepSession(settings)
     change_what_drives_hear(
-        session, lambda frame: WorldFrame(SYNC, b"") if frame.can_id == SYNC else frame
+        session, lambda frame: Frame(SYNC, b"") if frame.can_id == SYNC else frame
     )
     return session
 

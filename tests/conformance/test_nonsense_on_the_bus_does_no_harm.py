@@ -20,7 +20,6 @@ from daemon.ipc.record import Mode, RequestKind
 from drives.canopen.bus import Frame
 from drives.cia402.units import axis_scaling, expected_base, permille_to_effort
 from drives.errors import BringUpRefused
-from sim_drives.frame import Frame as WorldFrame
 
 ENABLE_BIT = 0x08
 RATES_HZ = (20, 200, 2000)
@@ -186,7 +185,7 @@ def test_a_drive_that_answers_our_answer_with_an_emcy_is_not_answered_again(warm
     # After its reset the hip has its own mapping again: each RPDO1 of ours is 8220h to it.
     world, bus = warm_walk.machine.world, warm_walk.bus
     for data in (b"\x82\x05", b"\x01\x05"):
-        world.receive(WorldFrame(0x000, data))
+        world.receive(Frame(0x000, data))
     begun = len(bus.sent)
 
     warm_walk.run(0.5)

@@ -5,7 +5,8 @@ import re
 import pytest
 
 from daemon.ipc.record import Cause
-from daemon.wire.causes import CAUSE_TEXT, CHOSEN_CATEGORY, FIXED_CATEGORY, Blame
+from daemon.wire.cause_texts import CAUSE_TEXT, Blame
+from daemon.wire.causes import CHOSEN_CATEGORY, FIXED_CATEGORY
 from gaitd.__main__ import COMMANDS
 
 STOPS = [cause for cause in Cause if cause != Cause.NONE]

@@ -13,7 +13,7 @@ from drives.bringup.plan import plan
 from drives.bringup.steps import StepKind
 from drives.errors import BootFailure
 from gaitd_lab.backstop_page import COMMUNICATION, WRITES, page, rows, source_of
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 MS = 1_000_000
 PAGE = Path(__file__).parents[2] / "docs" / "backstop.md"

@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
 from drives.cia402.power_state import (
+    CANNOT_EXERT_TORQUE,
+    POWER_STAGE_OFF,
     STATUS_FOLLOWS,
     STATUS_WARNING,
-    TORQUE_FREE,
     TRANSITIONS,
-    WITHOUT_POWER,
     ResetEdge,
     Sent,
     decode_statusword,
@@ -624,5 +624,5 @@ def test_what_proves_that_there_is_no_torque_and_no_power_is_the_standard_s():
         PowerState.FAULT,
     }
 
-    assert without_power == WITHOUT_POWER
-    assert without_power | {PowerState.SWITCHED_ON} == TORQUE_FREE
+    assert without_power == POWER_STAGE_OFF
+    assert without_power | {PowerState.SWITCHED_ON} == CANNOT_EXERT_TORQUE

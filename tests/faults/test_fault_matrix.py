@@ -149,6 +149,8 @@ def test_a_pair_must_stop_if_one_of_its_faults_must_and_may_end_with_the_code_of
     assert Cause.DRIVE_SILENT in law.causes
     assert law.within_cycles == ROWS["silent"].within_cycles + 3 + pairs.SLACK_CYCLES
     assert pairs.law_of(ended, None).exit_code == ROWS["core_sigterm"].exit_code
+    late = pairs.law_of(Cell("overrun_3+silent@3", "hold", "right/hip"), None)
+    assert late.within_cycles == law.within_cycles + 3
     with pytest.raises(KeyError):
         pairs.fault_named("silent+nothing_known@1")
 
@@ -351,6 +353,7 @@ def test_a_good_cell_breaks_no_law(well):
         (PUSHED, {"lost_power": ()}, "beyond its limit"),
         (PUSHED, {"lost_power": ()}, "at rest after None"),
         (PUSHED, {"fault": "emcy_6xxx_fault"}, "beyond its limit"),
+        (PUSHED, {"causes": ("DRIVE_SILENT",), "category": "S0"}, "category S0, right is S1"),
     ],
 )
 def test_each_law_can_be_broken_and_says_what_is_wrong(well, changes, said):

@@ -19,7 +19,6 @@ from drives.service.parameters import Command, ParameterRefusedError, check_bus,
 from drives.service.scan import survey
 from drives.service.stations import Expected
 from gaitd_lab.lockstep import WorldClock
-from sim_drives.frame import Frame as WorldFrame
 
 MBIT = 1_000_000
 
@@ -53,7 +52,7 @@ class SecondStation:
     def send(self, frames):
         for frame in frames:
             self.sent.append(frame)
-            self._receive(WorldFrame(frame.can_id, frame.data))
+            self._receive(Frame(frame.can_id, frame.data))
         return 0
 
     def send_urgent(self, frames, deadline_ns, clock):

@@ -9,7 +9,7 @@ from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
-from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.zenoh_io.client import Answer
 from gaitd import preparation
 from gaitd.__main__ import build

@@ -13,9 +13,9 @@ import pytest
 from drive_bench import Bench
 
 from sim_drives.control import control_socket
-from sim_drives.frame import Frame, TimedFrame
 from sim_drives.time.bus_server import bus_server
 from sim_drives.time.wall_clock import STEADY_NS, Arrivals, RealTime, ServedBus, now_ns, open_bus
+from simtime.frame import Frame
 from simtime.page import PageWriter, page_path
 
 TIMEOUT_S = 30.0
@@ -221,7 +221,7 @@ class Recorder:
         self.now_ns, self.sync_count = now_ns, 0
         self.received_ns: list[int] = []
 
-    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+    def advance_to(self, time_ns: int) -> list[Frame]:
         assert time_ns >= self.now_ns
         self.now_ns = time_ns
         return []

@@ -13,11 +13,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
+from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.sdo_block import crc
 from sim_drives.canopen.sdo_server import SdoServer
 from sim_drives.canopen.timers import MILLISECOND, Timers
-from sim_drives.frame import Frame
+from simtime.frame import Frame
 
 LABEL, MEMORY = (0x2000, 0), (0x2010, 0)
 NUMBERS = {(0x1017, 0): 2, (0x6085, 0): 4, (0x605A, 0): 2, (0x6007, 0): 2}
@@ -56,7 +57,7 @@ class AnyOrder(RuleBasedStateMachine):
         self.line, self.timers = OwnLine(), Timers()
         self.entries = {e.address: e for e in entries_of("drives/generic402.eds", 5)}
         self.dictionary = ObjectDictionary(tuple(self.entries.values()))
-        self.server = SdoServer(5, self.dictionary, self.line, self.timers)
+        self.server = SdoServer(5, NodeContext(self.dictionary, self.line, self.timers))
         self.held = {a: self.entries[a].encode(self.entries[a].default) for a in ADDRESSES}
         self.between: list[bytes] = []
 

@@ -7,9 +7,9 @@ from drive_bench import CONFIGS, HIP, MS, SLIDE, Bench, FakePlant, settings
 
 from sim_drives.canopen.dictionary import read_eds
 from sim_drives.canopen.timers import NEVER, Timers
-from sim_drives.frame import Frame
 from sim_drives.one_leg import Leg
 from sim_drives.world import World
+from simtime.frame import Frame
 
 
 def session(seed):

@@ -15,7 +15,6 @@ import pytest
 
 from daemon.system.clock import PageClock
 from sim_drives.faults.script import FaultCommandError
-from sim_drives.frame import TimedFrame
 from sim_drives.time import server as time_server
 from sim_drives.time.bus_server import bus_server
 from sim_drives.time.conductor import COST_MAX_NS, COST_MIN_NS
@@ -46,7 +45,7 @@ class Beating:
         first = self.now_ns // BEAT_NS + 1
         beats = range(first, time_ns // BEAT_NS + 1)
         self.now_ns = time_ns
-        return [TimedFrame(beat * BEAT_NS, 0x705, b"\x05") for beat in beats]
+        return [Frame(0x705, b"\x05", beat * BEAT_NS) for beat in beats]
 
     def next_event_ns(self):
         return (self.now_ns // BEAT_NS + 1) * BEAT_NS

@@ -3,8 +3,6 @@
 from candump import TraceLine
 
 from drives.canopen.bus import Frame
-from sim_drives.frame import Frame as WorldFrame
-from sim_drives.frame import TimedFrame
 from sim_drives.world import World
 
 
@@ -17,11 +15,11 @@ class Wiretap:
         self._receive, self._advance_to = world.receive, world.advance_to
         world.receive, world.advance_to = self._hear_master, self._hear_drives
 
-    def _hear_master(self, frame: WorldFrame) -> None:
+    def _hear_master(self, frame: Frame) -> None:
         self.lines.append(TraceLine(self._world.now_ns, Frame(*frame), sent=True))
         self._receive(frame)
 
-    def _hear_drives(self, time_ns: int) -> list[TimedFrame]:
+    def _hear_drives(self, time_ns: int) -> list[Frame]:
         frames = self._advance_to(time_ns)
         for timed in frames:
             traffic = Frame(timed.can_id, timed.data)

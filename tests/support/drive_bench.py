@@ -10,11 +10,11 @@ from typing import Any
 import msgspec
 
 from sim_drives.canopen.dictionary import Entry, read_eds
-from sim_drives.frame import Frame, TimedFrame
 from sim_drives.one_leg import Leg
 from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
 from sim_drives.settings import DriveSettings, FaultSettings
 from sim_drives.world import World
+from simtime.frame import Frame
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 MS = 1_000_000
@@ -119,7 +119,10 @@ class FakePlant:
     def block_rotor(self, axis: int, blocked: bool) -> None:
         self.blocked[axis] = blocked
 
-    def wire(self, axis: int, motor_sense: int, encoder_sense: int) -> None:
+    def wire_motor(self, axis: int, sense: int) -> None:
+        raise AssertionError("wiring is the real plant's")
+
+    def wire_encoder(self, axis: int, sense: int) -> None:
         raise AssertionError("wiring is the real plant's")
 
     def offset_current(self, axis: int, offset_a: float) -> None:
@@ -187,7 +190,7 @@ class Bench:
         self.plant = FakePlant(start_ns) if plant is None else plant
         leg = Leg("right", self.plant, drives[0], entries[0], drives[1], entries[1])
         self.world = World([leg], faults, seed=seed, start_ns=start_ns)
-        self.trace: list[TimedFrame] = []
+        self.trace: list[Frame] = []
 
     # --- time and frames ---
 
@@ -195,7 +198,7 @@ class Bench:
     def now_ms(self) -> float:
         return self.world.now_ns / MS
 
-    def run_ms(self, duration_ms: float) -> list[TimedFrame]:
+    def run_ms(self, duration_ms: float) -> list[Frame]:
         sent = self.world.advance_to(self.world.now_ns + round(duration_ms * MS))
         self.trace += sent
         return sent
@@ -203,7 +206,7 @@ class Bench:
     def send(self, can_id: int, data: bytes = b"") -> None:
         self.world.receive(Frame(can_id, data))
 
-    def ask(self, can_id: int, data: bytes = b"") -> list[TimedFrame]:
+    def ask(self, can_id: int, data: bytes = b"") -> list[Frame]:
         """Send, and take what is answered at once."""
         self.send(can_id, data)
         return self.run_ms(0)
@@ -297,7 +300,7 @@ class Bench:
         position: int = 0,
         torque: int = 0,
         node_id: int = 5,
-    ) -> list[TimedFrame]:
+    ) -> list[Frame]:
         """One SYNC, its TPDOs, then the RPDOs of this cycle; ends at the next grid point."""
         self.send(0x080)
         sent = self.run_ms(2)

@@ -19,7 +19,7 @@ from memory_bus import scripted
 from third_model import Model, statusword
 
 from drives.cia402.profile import DriveDescription
-from sim_drives.frame import Frame, TimedFrame
+from simtime.frame import Frame
 
 NEVER_NS = 1 << 62
 IDENTITY = (0x29A, 0x00040201, 0x00010000, 77)
@@ -78,7 +78,7 @@ class _Wire(NetworkABC):
 
     def send(self, cob_id, msg):
         if not self.cut:
-            self.world.outbox.append(TimedFrame(self.world.now_ns, cob_id, bytes(msg)))
+            self.world.outbox.append(Frame(cob_id, bytes(msg), self.world.now_ns))
 
     def deliver(self, frame: Frame) -> None:
         listener = self.listeners.get(frame.can_id)
@@ -122,7 +122,7 @@ class DurandWorld:
 
     def __init__(self, descriptions: list[DriveDescription]) -> None:
         self.now_ns = 0
-        self.outbox: list[TimedFrame] = []
+        self.outbox: list[Frame] = []
         self.scheduler = VirtualScheduler()
         set_scheduler(self.scheduler)
         self.drives = [DurandDrive(self, description) for description in descriptions]
@@ -135,7 +135,7 @@ class DurandWorld:
         times = self.scheduler._timestamp_dict.values()
         return NEVER_NS if not times else round(min(times) * 1e9)
 
-    def advance_to(self, time_ns: int) -> list[TimedFrame]:
+    def advance_to(self, time_ns: int) -> list[Frame]:
         while (event_ns := max(self.next_event_ns(), self.now_ns)) <= time_ns:
             self._run_to(event_ns)
         self._run_to(time_ns)

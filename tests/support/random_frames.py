@@ -12,8 +12,6 @@ from typing import Final, NamedTuple
 
 from drives.canopen.bus import Frame
 from gaitd_lab.lockstep import WorldBus
-from sim_drives.frame import Frame as WorldFrame
-from sim_drives.frame import TimedFrame
 from sim_drives.world import World
 
 NODES: Final = (5, 6)
@@ -138,15 +136,15 @@ class Babbler:
         event_ns = self._next_event_ns()
         return event_ns if self._next_ns is None else min(event_ns, self._next_ns)
 
-    def _talk_until(self, time_ns: int) -> list[TimedFrame]:
-        traffic: list[TimedFrame] = []
+    def _talk_until(self, time_ns: int) -> list[Frame]:
+        traffic: list[Frame] = []
         while self._next_ns is not None and self._next_ns <= time_ns:
             traffic += self._advance_to(self._next_ns)
             traffic += self._say(self._rng.choice(self._kinds)(self._rng))
             self._plan()
         return traffic + self._advance_to(time_ns)
 
-    def _say(self, frame: Frame) -> list[TimedFrame]:
+    def _say(self, frame: Frame) -> list[Frame]:
         now_ns = self._world.now_ns
         if is_command(frame):
             return []
@@ -154,5 +152,5 @@ class Babbler:
         if frame.is_error:
             self._bus.seat.waiting.append(frame._replace(time_ns=now_ns))
             return []
-        self._world.receive(WorldFrame(frame.can_id, frame.data))
-        return [TimedFrame(now_ns, frame.can_id, frame.data)]
+        self._world.receive(Frame(frame.can_id, frame.data))
+        return [Frame(frame.can_id, frame.data, now_ns)]

@@ -10,8 +10,8 @@ import struct
 from dataclasses import dataclass, field
 
 from gaitd_lab.lockstep import LockstepSession
-from sim_drives.frame import Frame, TimedFrame
 from sim_drives.plant.truth import Truth
+from simtime.frame import Frame
 
 MS = 1_000_000
 CYCLE_MS = 10
@@ -40,7 +40,7 @@ class Rogue:
 
     session: LockstepSession
     commands: dict[int, Command] = field(init=False)
-    heard: list[TimedFrame] = field(default_factory=list)
+    heard: list[Frame] = field(default_factory=list)
     path: list[Truth] = field(default_factory=list)
     """The plant at each millisecond."""
     shown: list[tuple[int, int]] = field(default_factory=list)

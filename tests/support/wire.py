@@ -6,8 +6,6 @@ from typing import NamedTuple
 
 from drives.canopen.bus import Frame
 from gaitd_lab.lockstep import LockstepSession
-from sim_drives.frame import Frame as WorldFrame
-from sim_drives.frame import TimedFrame
 
 SYNC = 0x080
 NODES = (5, 6)
@@ -61,32 +59,30 @@ def words_by_cycle(frames: list[Frame]) -> list[dict[int, int]]:
 
 
 def change_what_drives_say(
-    session: LockstepSession, change: Callable[[TimedFrame], TimedFrame | None]
+    session: LockstepSession, change: Callable[[Frame], Frame | None]
 ) -> None:
     """Every frame of the drives goes through `change`; None takes it off the bus."""
     world = session.machine.world
     honest = world.advance_to
 
-    def advance_to(time_ns: int) -> list[TimedFrame]:
+    def advance_to(time_ns: int) -> list[Frame]:
         changed = [change(frame) for frame in honest(time_ns)]
         return [frame for frame in changed if frame is not None]
 
     world.advance_to = advance_to
 
 
-def change_what_drives_hear(
-    session: LockstepSession, change: Callable[[WorldFrame], WorldFrame]
-) -> None:
+def change_what_drives_hear(session: LockstepSession, change: Callable[[Frame], Frame]) -> None:
     """Every frame of the master's goes through `change` before the drives get it."""
     world = session.machine.world
     honest = world.receive
     world.receive = lambda frame: honest(change(frame))
 
 
-def without_bit_12(node: int) -> Callable[[TimedFrame], TimedFrame]:
+def without_bit_12(node: int) -> Callable[[Frame], Frame]:
     """The node's TPDO1 with `follows` taken out of its statusword."""
 
-    def change(frame: TimedFrame) -> TimedFrame:
+    def change(frame: Frame) -> Frame:
         if frame.can_id != 0x180 + node:
             return frame
         word = int.from_bytes(frame.data[:2], "little") & ~FOLLOWS
@@ -95,10 +91,10 @@ def without_bit_12(node: int) -> Callable[[TimedFrame], TimedFrame]:
     return change
 
 
-def deaf_to_mode(node: int, mode: int) -> Callable[[WorldFrame], WorldFrame]:
+def deaf_to_mode(node: int, mode: int) -> Callable[[Frame], Frame]:
     """The node's RPDO1 with this mode of operation, whatever the master asked for."""
 
-    def change(frame: WorldFrame) -> WorldFrame:
+    def change(frame: Frame) -> Frame:
         if frame.can_id != 0x200 + node:
             return frame
         data = frame.data[:2] + mode.to_bytes(1, "little", signed=True) + frame.data[3:]

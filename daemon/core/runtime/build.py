@@ -88,31 +88,23 @@ def build(settings: Settings, boot_id: str, persistent: PersistentState) -> Buil
 
 
 def _plans(settings: Settings, cycle: CycleSettings) -> Plans:
-    by_axis = drive_limits(settings.limits)
+    limits = drive_limits(settings.limits)
     pushes = _pushes(settings.trainer.commissioning)
-    limits = {
-        drive.name: bounds
+    axes = [
+        axis
         for leg in settings.legs
-        for drive, bounds in zip((leg.hip, leg.slide), by_axis, strict=True)
-    }
-    pushed = {
-        drive.name: push
-        for leg in settings.legs
-        for drive, push in zip((leg.hip, leg.slide), pushes, strict=True)
-    }
-    drives = settings.drives
+        for axis in zip((leg.hip, leg.slide), limits, pushes, strict=True)
+    ]
     return Plans(
-        usual=tuple(plan(drive, limits[drive.name], cycle) for drive in drives),
+        usual=tuple(plan(drive, bounds, cycle) for drive, bounds, _ in axes),
         homing={
-            drive.name: homing_plan(drive, limits[drive.name], cycle)
-            for drive in drives
+            drive.name: homing_plan(drive, bounds, cycle)
+            for drive, bounds, _ in axes
             if drive.axis.homing is not None
         },
         commissioning={
-            drive.name: single_axis_plan(
-                drive, limits[drive.name], cycle, pushed[drive.name].effort_max_si
-            )
-            for drive in drives
+            drive.name: single_axis_plan(drive, bounds, cycle, push.effort_max_si)
+            for drive, bounds, push in axes
         },
     )
 

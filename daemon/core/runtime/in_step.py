@@ -34,7 +34,7 @@ HOLDER_CHECKS: Final = 50
 
 
 class InStepChannel:
-    """A `Seam` that keeps the core in step with the gateway and the lease holder."""
+    """An IPC channel that keeps the core in step with the gateway and the lease holder."""
 
     def __init__(
         self,

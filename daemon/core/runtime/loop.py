@@ -45,7 +45,7 @@ from daemon.ipc.record import Cause, CycleRecord, GatewayState, Mode
 from daemon.system.clock import Clock
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import NmtCommand, heartbeat_frame, nmt_frame
-from drives.cia402.power_state import TORQUE_FREE
+from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.errors import BringUpRefused, BusError
 
 RETRY_NS: Final = 1_000_000_000
@@ -378,7 +378,7 @@ class Loop:
         supervisor.power_off(core, self._grid.cycle)
         self._power_off_cycles += 1
         states = {axis.feedback.power_state for axis in core.axes if axis.feedback is not None}
-        if states - TORQUE_FREE:
+        if states - CANNOT_EXERT_TORQUE:
             return self._power_off_cycles > POWER_OFF_CYCLES
         at_rest = all(is_at_rest(one.joint, one.limits) for one in core.axes if one.joint.known)
         if not at_rest and self._power_off_cycles <= SETTLE_CYCLES:

@@ -18,7 +18,7 @@ from daemon.core.state import Axis, Core
 from daemon.core.steps.status import describe
 from daemon.core.steps.wanted import is_silenced
 from daemon.ipc.record import Cause, CycleRecord, Mode, Verdict
-from drives.cia402.power_state import WITHOUT_POWER
+from drives.cia402.power_state import POWER_STAGE_OFF
 
 PROGRESS_CYCLES: Final = 500
 """Cycles between two status lines that differ only in their progress."""
@@ -142,7 +142,7 @@ def final_state_text(core: Core, code: ExitCode, shutdown_effect: str) -> str:
 
 
 def _may_have_power(axis: Axis) -> bool:
-    return axis.feedback is None or axis.feedback.power_state not in WITHOUT_POWER
+    return axis.feedback is None or axis.feedback.power_state not in POWER_STAGE_OFF
 
 
 def _states(core: Core) -> str:

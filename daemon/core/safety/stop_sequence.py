@@ -34,7 +34,7 @@ from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import StopCategory, Verdict
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
-from drives.cia402.power_state import TORQUE_FREE
+from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.signals import DriveFeedback, PowerRequest, PowerState
 
 
@@ -178,7 +178,7 @@ def _obeyed(
     cycle: int,
 ) -> bool:
     elapsed_cycles, state = cycle - stop.since_cycle, feedback.power_state
-    if elapsed_cycles <= rules.obey_cycles or state in TORQUE_FREE:
+    if elapsed_cycles <= rules.obey_cycles or state in CANNOT_EXERT_TORQUE:
         # Without power the drive cannot follow a ramp: gravity, springs and patient move the leg.
         return True
     if state in _UNPROVEN:

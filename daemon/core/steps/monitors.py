@@ -14,7 +14,7 @@ from daemon.core.safety.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis, wanted
 from daemon.ipc.record import Stage
-from drives.cia402.power_state import TORQUE_FREE
+from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.signals import OperationMode, PowerState
 from observer.filter.leg_observer import LegEstimate
 from observer.filter.status import Validity
@@ -54,7 +54,7 @@ def _update_leg(core: Core, leg: Leg) -> None:
             index,
             single_axis.active_limits(core, axis),
             may_give_torque=axis.feedback is not None
-            and axis.feedback.power_state not in TORQUE_FREE,
+            and axis.feedback.power_state not in CANNOT_EXERT_TORQUE,
             free=_free(core, leg, axis),
             pose_known=pose_known,
         )

@@ -15,7 +15,7 @@ from daemon.core.steps import single_axis, wanted
 from daemon.core.tick import Tick
 from drives.bringup.bringup import DriveReport
 from drives.bringup.plan import DrivePlan
-from drives.cia402.power_state import TORQUE_FREE
+from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.cia402.units import axis_scaling, position_si
 from drives.signals import DriveFeedback, OperationMode, PowerState
 from observer.mechanism.mechanism import ratio_and_load
@@ -73,7 +73,7 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     if not wanted.enable_wanted(core, axis):
         axis.shown_unpowered = axis.shown_unpowered or state in _OFF
         held = axis.stop is not None and not axis.shown_unpowered
-        gives_torque = state not in TORQUE_FREE
+        gives_torque = state not in CANNOT_EXERT_TORQUE
         axis.unexpected_enable_cycles = (
             axis.unexpected_enable_cycles + 1 if gives_torque and not held else 0
         )

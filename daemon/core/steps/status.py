@@ -3,7 +3,7 @@
 from daemon.core.state import Core
 from daemon.core.steps import exercises
 from daemon.ipc.record import Cause, Mode, Stage, Verdict
-from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.cause_texts import CAUSE_TEXT
 
 
 def stage(core: Core) -> Stage | None:

@@ -6,7 +6,7 @@ import pytest
 from daemon import wire
 from daemon.gateway.events import Kind, Priority, new_events
 from daemon.ipc.record import Cause, EmergencyRecord, Mode, StopCategory, Verdict
-from daemon.wire.causes import CAUSE_TEXT
+from daemon.wire.cause_texts import CAUSE_TEXT
 
 
 def said(before, now):

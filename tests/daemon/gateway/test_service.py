@@ -265,7 +265,7 @@ def test_an_enable_that_the_core_refuses_gets_its_reason(bench, ask):
         ("refused", "STO is active")
     ]
     texts = [event.text for event in bench.outlet.events[-2:]]
-    assert texts == ["enable, asked by somebody", "enable refused: STO is active"]
+    assert texts == ["enable, asked by unnamed", "enable refused: STO is active"]
 
 
 def test_the_gateways_end_answers_who_still_waits(bench, ask):
