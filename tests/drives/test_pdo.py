@@ -2,6 +2,7 @@
 
 import copy
 import struct
+from dataclasses import FrozenInstanceError
 
 import pytest
 from drive_files import axis_for, drive, join, table
@@ -30,6 +31,14 @@ def test_every_pdo_is_where_the_standard_has_it_with_its_objects_in_order(node_i
     ]
 
     assert found == PDOS
+
+
+def test_a_layout_cannot_be_changed():
+    status = layouts(drive("hip_generic").profile, 5).status
+
+    for frozen, name in ((status, "can_id"), (status.objects[0], "bits")):
+        with pytest.raises(FrozenInstanceError):
+            setattr(frozen, name, 0)
 
 
 @pytest.mark.parametrize("bits", [8, 16, 32])

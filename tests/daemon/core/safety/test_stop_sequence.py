@@ -35,6 +35,7 @@ def verdict(cause, category, drive="right/hip"):
 @pytest.mark.parametrize(
     ("cause", "category", "this", "other"),
     [
+        (Cause.STOP_REQUESTED, StopCategory.NONE, Step.HOLD, Step.HOLD),
         (Cause.STOP_REQUESTED, StopCategory.S2, Step.HOLD, Step.HOLD),
         (Cause.HAND_SWITCH_OPEN, StopCategory.S1, Step.QUICK_STOP, Step.QUICK_STOP),
         (Cause.STO_ACTIVE, StopCategory.S0, Step.DISABLE, Step.DISABLE),
@@ -48,6 +49,9 @@ def verdict(cause, category, drive="right/hip"):
 def test_a_stop_begins_for_each_axis_as_the_design_fixes_it(cause, category, this, other):
     assert stop_sequence.first_step(verdict(cause, category), "right/hip") == this
     assert stop_sequence.first_step(verdict(cause, category), "right/slide") == other
+    about_slide = verdict(cause, category, "right/slide")
+    assert stop_sequence.first_step(about_slide, "right/slide") == this
+    assert stop_sequence.first_step(about_slide, "right/hip") == other
 
 
 @pytest.mark.parametrize("state", [s for s in PowerState if s != PowerState.OPERATION_ENABLED])
@@ -297,6 +301,15 @@ def test_a_brake_closes_after_standstill_without_any_disobedience():
     assert closed == stop_sequence.DriveStop(Step.DISABLE, 105, 0.0)
     held = run(stop_sequence.begin(Step.HOLD, STILL, 100), FEEDBACK, [STILL] * 20, braked)
     assert held.step == Step.HOLD
+
+
+@pytest.mark.parametrize("step", [Step.DISABLE, Step.NMT_STOP, Step.SILENCE])
+def test_a_brake_takes_no_further_step_back(step):
+    braked = LIMITS._replace(brake=True)
+
+    stop = run(stop_sequence.begin(step, STILL, 100), OFF, [STILL] * 20, braked)
+
+    assert (stop.step, stop.since_cycle, stop.disobeyed) == (step, 100, False)
 
 
 def test_a_motion_begins_the_count_of_standstill_anew():
