@@ -157,7 +157,11 @@ def _place(cell: CellResult, right: Law) -> Iterator[str]:
     if right.pushed and cell.lost_power:
         return
     led = COLUMNS[cell.mode].mode == Mode.HAND_GUIDING
-    held = not without_power and not led
+    # The second fault of a pair may make an S0 of a stop: its leg then swings without power.
+    swings = parts_of(cell.fault) is not None and any(
+        FIXED_CATEGORY.get(Cause[one]) is StopCategory.S0 for one in cell.causes
+    )
+    held = not without_power and not swings and not led
     stopped = min((one for one in (cell.told_cycles, cell.left_cycles) if one), default=0.0)
     if held and (cell.rest_cycles is None or cell.rest_cycles - stopped > REST_CYCLES):
         yield f"at rest after {cell.rest_cycles} cycles, right is {REST_CYCLES:g}"

@@ -113,9 +113,11 @@ def _play_and_exit(
         results = play_cell(session, column, fault_named(cell.fault), cell.axis, seed)
     finally:
         output = results or _unknown(cell, seed, traceback.format_exc())
-        with open(writer, "wb") as pipe:
-            pipe.write(msgspec.json.encode(output))
-        os._exit(0)
+        try:
+            with open(writer, "wb") as pipe:
+                pipe.write(msgspec.json.encode(output))
+        finally:  # also if the parent has ended, and the pipe with it
+            os._exit(0)
 
 
 def _unknown(cell: Cell, seed: int, trouble: str) -> CellResult:

@@ -317,6 +317,12 @@ MOVES_ON = msgspec.structs.replace(
         ONWARDS,
         PUSHED,
         msgspec.structs.replace(MOVES_ON, fault="end_stop+sto@3"),
+        msgspec.structs.replace(
+            WELL,
+            fault="wrong_sign+drive_bus_off@0",
+            causes=("DRIVE_SILENT", "STOP_NOT_OBEYED"),
+            rest_cycles=None,
+        ),
     ],
 )
 def test_a_good_cell_breaks_no_law(well):
@@ -351,7 +357,7 @@ def test_a_good_cell_breaks_no_law(well):
         (STILL, {"causes": ("SPASM",)}, "cause SPASM"),
         (MOVES_ON, {"fault": "sto"}, "right is FAULT"),
         (PUSHED, {"lost_power": ()}, "beyond its limit"),
-        (PUSHED, {"lost_power": ()}, "at rest after None"),
+        (PUSHED, {"lost_power": (), "causes": ("EMERGENCY",)}, "at rest after None"),
         (PUSHED, {"fault": "emcy_6xxx_fault"}, "beyond its limit"),
         (PUSHED, {"causes": ("DRIVE_SILENT",), "category": "S0"}, "category S0, right is S1"),
     ],

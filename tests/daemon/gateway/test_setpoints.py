@@ -386,3 +386,11 @@ def test_each_holder_is_told_anew_what_is_refused(steering):
 def test_another_query_is_a_programming_error(steering):
     with pytest.raises(TypeError, match="Ask is no request for a lease"):
         steering.decide(wire.Ask(client="pusher"), Mode.HOLD, 0)
+
+
+def test_a_closed_box_leaves_no_descriptor():
+    box = SetpointBox()
+    box.close()
+
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        os.fstat(box.fileno())
