@@ -185,6 +185,18 @@ def test_a_query_that_acts_needs_a_name_of_the_register(folder):
     assert Clients(None).role("enable", "") is Role.UNRESTRICTED
 
 
+def test_a_link_matches_an_entry_only_by_a_certificate_of_the_register(folder):
+    issue(folder, "session.ward", remote=True)
+    clients = Clients(read_keys(folder))
+
+    assert clients.have_keys
+    assert clients.link("tls", "10.0.0.9:5", "session.ward").client == "session.ward"
+    assert clients.link("tls", "10.0.0.9:5", "session.gone").client is None
+    assert clients.link("tcp", "127.0.0.1:5", None).client is None
+    assert not Clients(None).have_keys
+    assert Clients(None).link("tls", "10.0.0.9:5", "session.ward").client is None
+
+
 def test_a_local_password_is_none_on_a_remote_link_and_the_reverse(folder):
     issue(folder, "display.desk")
     issue(folder, "display.ward", remote=True)
