@@ -64,7 +64,7 @@ imports: $(VENV)/dev.stamp
 
 pytest: $(VENV)/dev.stamp
 	@touch $(STEPS)
-	$(BIN)/pytest -n $(WORKERS) --cpu-seconds=$(STEPS)
+	$(BIN)/pytest -n $(WORKERS) --cpu-seconds=$(STEPS) $$($(BIN)/python scripts/safety_gates.py --ignored)
 
 coverage: $(VENV)/dev.stamp  ## every branch behind the safety gates, by unit tests alone
 	$(STEP) "branch coverage of the safety gates" $(BIN)/python scripts/safety_gates.py

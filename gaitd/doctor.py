@@ -51,14 +51,18 @@ def _links(target: Target) -> Iterator[Finding]:
     if message is None:
         yield Finding("clients", answer.trouble, Grade.MISSING, "start the service")
         return
+    for name in message.keys_expiring:
+        what, remedy = f"certificate of {name} ends within 30 days", f"`gaitd keys renew {name}`"
+        yield Finding("keys", what, Grade.LIMITED, remedy)
     for link in message.links:
         where = f"{link.protocol}/{link.address}"
         if not message.keys:
             yield Finding("client", f"{where}: unrestricted", Grade.LIMITED, "docs/security.md")
         elif link.client is not None:
-            yield Finding("client", f"{where}: {link.client}, by certificate", Grade.GOOD)
+            yield Finding("client", f"{where}: certificate of {link.client}", Grade.GOOD)
         elif link.certificate is None:
-            yield Finding("client", f"{where}: a local client, by its password", Grade.GOOD)
+            what = f"{where}: a link on this machine; Zenoh does not tell its name"
+            yield Finding("client", what, Grade.GOOD)
         else:
             what = f"{where}: certificate of {link.certificate}, which is not in the register"
             yield Finding("client", what, Grade.LIMITED, "it may only stop; `gaitd keys list`")

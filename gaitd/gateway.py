@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+import time
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Final
@@ -13,6 +14,7 @@ if TYPE_CHECKING:
     from daemon.config.trainer import TrainerFile
 
 EXIT_CONFIGURATION: Final = 2
+RETRY_S: Final = 1.0
 
 
 def command(
@@ -23,6 +25,7 @@ def command(
 
     import zenoh
 
+    from daemon.config.strict import ConfigError
     from daemon.config.trainer import SIMULATED, load_trainer
     from daemon.gateway import log
     from daemon.gateway.process import serve, share_one_heap
@@ -54,24 +57,36 @@ def command(
         hold(config, "paths.runtime", file.runtime, "gateway"),
         closing(StateFileSync(file.state / NAME)),
     ):
-        try:
-            while serve(
-                settings.trainer,
-                settings.listen,
-                file.runtime,
-                file.state,
-                clock,
-                ending.is_requested,
-                file.trainer.lease,
-                os.environ.get("NOTIFY_SOCKET"),
-                reload,
-                lambda: None if file.keys is None else read_keys(file.keys),
-            ):
-                print("gaitd gateway: restarts, as requested", file=sys.stderr)
-        except zenoh.ZError as error:
-            listen = ", ".join(settings.listen)
-            print(f"gaitd gateway: cannot listen on {listen}: {error}", file=sys.stderr)
-            raise typer.Exit(EXIT_CONFIGURATION) from error
+        restarts = False
+        while True:
+            try:
+                restarts = serve(
+                    settings.trainer,
+                    settings.listen,
+                    file.runtime,
+                    file.state,
+                    clock,
+                    ending.is_requested,
+                    file.trainer.lease,
+                    os.environ.get("NOTIFY_SOCKET"),
+                    reload,
+                    lambda: None if file.keys is None else read_keys(file.keys),
+                )
+            except (zenoh.ZError, ConfigError) as error:
+                listen = ", ".join(settings.listen)
+                what = (
+                    f"cannot listen on {listen}: {error}"
+                    if isinstance(error, zenoh.ZError)
+                    else error
+                )
+                if not restarts:
+                    print(f"gaitd gateway: {what}", file=sys.stderr)
+                    raise typer.Exit(EXIT_CONFIGURATION) from error
+                # It ran before: an end now would take the clients' STOP away for good.
+                print(f"gaitd gateway: {what}; it tries again", file=sys.stderr)
+                time.sleep(RETRY_S)
+            if ending.is_requested() or not restarts:
+                return
 
 
 class _Ending:

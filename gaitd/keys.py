@@ -10,7 +10,7 @@ import json
 import sys
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import typer
 
@@ -19,11 +19,10 @@ from daemon.config.trainer import TrainerFile, load_trainer
 from daemon.keys import issuing
 from daemon.keys.folder import GATEWAY, Keys, read_keys
 from daemon.zenoh_io.endpoints import TLS, to_connect
-from gaitd.command_line import ConfigFile
+from gaitd.command_line import ConfigFile, errors_in_one_line
 from gaitd.remote import CredentialsOption, JsonOption, find_target, request
 from gaitd.terminal import show
 
-EXIT_DONE: Final = 0
 DAYS: Final = 365
 
 
@@ -63,24 +62,42 @@ def command(
     file = load_trainer(config)
     if file.keys is None:
         raise ConfigError(config, "zenoh.keys", MISSING, "a folder, for example keys")
-    now, hosts = datetime.datetime.now(datetime.UTC), host or []
+    if action is Action.APPLY:
+        target = find_target(config, None, None, credentials)
+        raise typer.Exit(request(target, "restart", as_json=as_json))
+    folder = Folder(file, file.keys, datetime.datetime.now(datetime.UTC), host or [], days)
+    with errors_in_one_line():
+        if action is Action.INIT:
+            folder.keys.mkdir(parents=True, exist_ok=True)
+        with issuing.changing(folder.keys):
+            _act(action, folder, name, remote=remote, as_json=as_json)
+
+
+class Folder(NamedTuple):
+    """The folder of keys, and what the command line says of certificates."""
+
+    file: TrainerFile
+    keys: Path
+    now: datetime.datetime
+    hosts: list[str]
+    days: int
+
+
+def _act(action: Action, folder: Folder, name: str | None, *, remote: bool, as_json: bool) -> None:
+    file, keys, now, hosts, days = folder
     match action:
         case Action.INIT:
-            issuing.init(file.keys, file.trainer.zenoh.trainer, hosts, now, days)
-            print(f"{file.keys}: made. No client may connect yet: `gaitd keys issue ROLE.NAME`.")
+            issuing.init(keys, file.trainer.zenoh.trainer, hosts, now, days)
+            print(f"{keys}: made. No client may connect yet: `gaitd keys issue ROLE.NAME`.")
         case Action.ISSUE:
-            _issue(file, file.keys, _given(name), hosts, now, days, remote=remote)
+            _issue(folder, _given(name), remote=remote)
         case Action.RENEW:
-            _renew(file, file.keys, _given(name), hosts, now, days)
+            _renew(folder, _given(name))
         case Action.REVOKE:
-            issuing.revoke(file.keys, _given(name))
+            issuing.revoke(keys, _given(name))
             print(f"{name}: may not connect after the next `gaitd keys apply`.")
-        case Action.LIST:
-            _list(read_keys(file.keys), as_json=as_json)
-        case Action.APPLY:
-            target = find_target(config, None, None, credentials)
-            raise typer.Exit(request(target, "restart", as_json=as_json))
-    raise typer.Exit(EXIT_DONE)
+        case _:
+            _list(read_keys(keys), as_json=as_json)
 
 
 def _given(name: str | None) -> str:
@@ -89,50 +106,49 @@ def _given(name: str | None) -> str:
     return name
 
 
-def _issue(
-    file: TrainerFile,
-    folder: Path,
-    name: str,
-    hosts: list[str],
-    now: datetime.datetime,
-    days: int,
-    *,
-    remote: bool,
-) -> None:
+def _issue(folder: Folder, name: str, *, remote: bool) -> None:
+    file, keys, now, hosts, days = folder
     listen = file.trainer.zenoh.listen
     ours = [one for one in listen if one.startswith(f"{TLS}/") == remote]
     if not ours:
         wanted = "a tls/ endpoint" if remote else "an endpoint of this machine"
         raise ConfigError(file.path, "zenoh.listen", list(listen), wanted)
-    endpoints = [_reachable(one, hosts) if remote else to_connect(one) for one in ours]
-    bundle = issuing.issue(
-        folder, name, endpoints, file.trainer.zenoh.trainer, now, days, remote=remote
-    )
+    known = hosts or list(issuing.remote_hosts(keys)) if remote else []
+    endpoints = [_reachable(one, known) if remote else to_connect(one) for one in ours]
+    trainer = file.trainer.zenoh.trainer
+    bundle = issuing.issue(keys, name, endpoints, trainer, now, days, remote=remote)
     print(f"{bundle}: copy this folder to the client, readable by it alone.")
-    print("It takes effect with `gaitd keys apply`.", file=sys.stderr)
+    print(
+        "It takes effect with `gaitd keys apply`; until then the one before is valid"
+        f" ({bundle.name}.before, if there was one).",
+        file=sys.stderr,
+    )
 
 
 def _reachable(endpoint: str, hosts: list[str]) -> str:
-    """The endpoint with the first given host in place of `every address`."""
-    here = to_connect(endpoint)
-    return (
-        endpoint
-        if here == endpoint or not hosts
-        else f"{TLS}/{hosts[0]}:{endpoint.rpartition(':')[2]}"
-    )
+    """The endpoint for another machine: with the first host in place of `every address`.
+
+    Raises:
+        ConfigError: no host is known.
+    """
+    if to_connect(endpoint) == endpoint:
+        return endpoint
+    if not hosts:
+        allowed = f"a name of this machine for other machines, in place of {endpoint}"
+        raise ConfigError(COMMAND_LINE, "--host", MISSING, allowed)
+    host = f"[{hosts[0]}]" if ":" in hosts[0] else hosts[0]
+    return f"{TLS}/{host}:{endpoint.rpartition(':')[2]}"
 
 
-def _renew(
-    file: TrainerFile, folder: Path, name: str, hosts: list[str], now: datetime.datetime, days: int
-) -> None:
+def _renew(folder: Folder, name: str) -> None:
     if name == GATEWAY:
-        issuing.renew_gateway(folder, hosts, now, days)
+        issuing.renew_gateway(folder.keys, folder.hosts, folder.now, folder.days)
         print("gateway: a new certificate. It takes effect with `gaitd keys apply`.")
         return
-    known = {client.name: client for client in read_keys(folder).register.clients}
+    known = {client.name: client for client in read_keys(folder.keys).register.clients}
     if name not in known:
         raise ConfigError(COMMAND_LINE, "NAME", name, f"one of: gateway, {', '.join(known)}")
-    _issue(file, folder, name, hosts, now, days, remote=known[name].remote)
+    _issue(folder, name, remote=known[name].remote)
 
 
 def _list(keys: Keys, *, as_json: bool) -> None:

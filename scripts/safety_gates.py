@@ -4,6 +4,7 @@ Every file with code in a gated folder has a row in UNIT_TESTS (`tests/test_safe
 tests of all rows together must reach every branch of all files. `scripts/mutants.py` changes the
 files of MUTATED, and runs the tests of one row for each change.
 
+`make test` runs these tests here only; `make test-all` runs them with compiled kernels, too.
 Kernels run as plain Python: what numba compiles is neither traced nor, once cached, changed.
 """
 
@@ -112,6 +113,12 @@ def without_compiled_kernels() -> None:
     os.environ["NUMBA_DISABLE_JIT"] = "1"
 
 
+def ignored() -> str:
+    """Options with which pytest leaves out the files that the gate runs as a whole."""
+    tests = {test for tests in UNIT_TESTS.values() for test in tests}
+    return " ".join(f"--ignore=tests/{test}" for test in sorted(tests) if "::" not in test)
+
+
 def main() -> int:
     """Run the unit tests of all gated files; 0 only if they pass and reach every branch."""
     import coverage  # noqa: PLC0415 - `scripts/mutants.py` needs only the tables
@@ -135,4 +142,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    if sys.argv[1:] == ["--ignored"]:
+        print(ignored())
+    else:
+        sys.exit(main())

@@ -1,6 +1,8 @@
 """Clients of the gateway: the role of each query, the released plan, and dates that end soon."""
 
 import datetime
+import os
+import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -12,19 +14,26 @@ from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.requests import ROUTES, Route
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import Plan, Role
-from daemon.keys.folder import GATEWAY, Keys
-from daemon.wire.roles import role_of
+from daemon.keys.folder import AUTHORITY, GATEWAY, Keys
+from daemon.wire.roles import ROLES, Access, role_of
 
 PLAN_FILE: Final = "plan.json"
 EXPIRES_SOON_DAYS: Final = 30
 OPEN: Final = frozenset({Route.STOP, Route.GATEWAY})
 """Queries that need no name."""
+ACCESS: Final = {
+    Route.LEASE: Access.LEASE,
+    Route.PLAN: Access.PLAN,
+    Route.RESTART: Access.RESTART,
+}
+"""Right that a query needs; the core checks those that it answers."""
+REMEDY: Final = "an operator releases a plan with `gaitd plan release`"
 
 _DECODER: Final = Decoder(msgspec.json.Decoder(wire.PlanLimits).decode)
 
 
-class UnnamedClientError(Exception):
-    """A query that acts came without the name of a client of the register."""
+class ClientRefusedError(Exception):
+    """A query that acts came without a name of the register, or from a role without the right."""
 
 
 class Clients:
@@ -35,32 +44,37 @@ class Clients:
         self._dates: dict[str, str] = {}
         self._names: frozenset[str] | None = None
         if keys is not None:
-            self._names = frozenset(client.name for client in keys.register.clients)
-            self._dates = {c.name: c.expires for c in keys.register.clients if c.expires}
-            self._dates[GATEWAY] = keys.register.gateway_expires
+            register = keys.register
+            self._names = frozenset(client.name for client in register.clients)
+            self._dates = {one.name: one.expires for one in register.clients if one.expires}
+            self._dates[GATEWAY] = register.gateway_expires
+            self._dates[AUTHORITY] = register.authority_expires
 
     def role(self, name: str, client: str) -> Role:
         """The role of a query's client; DISPLAY where the query needs no name.
 
-        Zenoh lets no client use another one's name (`zenoh_io/access.py`). A query that reaches
-        the gateway without a name all the same is refused.
+        Zenoh lets no client use another one's name, and no role send what it may not
+        (`zenoh_io/access.py`). A query that reaches the gateway all the same is refused here.
 
         Args:
             name: NAME of control/NAME.
             client: the name in the query's key; empty if there is none.
 
         Raises:
-            UnnamedClientError: the query acts, and its client is not known.
+            ClientRefusedError: the query acts, and its client is not known or has no right to it.
         """
         if self._names is None:
             return Role.UNRESTRICTED
-        if client in self._names:
-            return role_of(client)
-        if ROUTES[name] in OPEN:
-            return Role.DISPLAY
-        raise UnnamedClientError(
-            f"control/{name} needs the client's name in its key: control/{name}/ROLE.NAME"
-        )
+        route = ROUTES[name]
+        if client not in self._names:
+            if route in OPEN:
+                return Role.DISPLAY
+            key = f"control/{name}"
+            raise ClientRefusedError(f"{key} needs the client's name in its key: {key}/ROLE.NAME")
+        role = role_of(client)
+        if route in ACCESS and ACCESS[route] not in ROLES[role].access:
+            raise ClientRefusedError(f"the role {role.name.lower()} may not request {name}")
+        return role
 
     @property
     def have_keys(self) -> bool:
@@ -68,7 +82,7 @@ class Clients:
         return self._names is not None
 
     def link(self, protocol: str, address: str, certificate: str | None) -> wire.Link:
-        """A live link with the entry that its certificate matched."""
+        """A live link, with the entry of the register that has the name of its certificate."""
         name = certificate if certificate in (self._names or ()) else None
         return wire.Link(protocol=protocol, address=address, certificate=certificate, client=name)
 
@@ -80,16 +94,16 @@ class Clients:
 
 
 class PlanStore:
-    """The released plan, in a file of the state directory. What cannot be read is no plan."""
+    """The released plan, in a file of the state directory. What cannot be trusted is no plan."""
 
     def __init__(self, path: Path, submit: Callable[[str, Callable[[], None]], bool]) -> None:
         """Read the file; `submit` runs a job in the thread that waits for the disk."""
         self._path, self._submit = path, submit
         self.limits: wire.PlanLimits | None = None
         self.trouble = ""
-        """Why the file could not be read; empty if it could, or if there is none."""
+        """Why no plan is released although there is a file; empty otherwise."""
         try:
-            self.limits = _DECODER.decode(path.read_bytes())
+            self.limits = _DECODER.decode(_own(path))
         except FileNotFoundError:
             pass
         except (OSError, RefusedError) as error:
@@ -103,22 +117,68 @@ class PlanStore:
             return None
         return Plan(limits.cadence_max_hz, limits.amplitude_max_ratio, limits.duration_max_s)
 
-    def release(self, limits: wire.PlanLimits | None, client: str) -> EventDraft:
-        """Put a plan in force, or withdraw it, and keep it over a restart."""
-        self.limits = limits
-        self._submit("plan", lambda: self._write(limits))
-        if limits is None:
-            return EventDraft(Priority.INFO, Kind.NOTE, f"the plan is withdrawn by {client}")
-        text = (
-            f"plan released by {client}: up to {limits.cadence_max_hz:g} Hz,"
-            f" amplitude {limits.amplitude_max_ratio:g}, {limits.duration_max_s:g} s"
-        )
-        return EventDraft(Priority.INFO, Kind.NOTE, text)
+    def release(self, limits: wire.PlanLimits | None, client: str) -> tuple[str, EventDraft]:
+        """Put a plan in force, or withdraw it, and keep that over a restart.
 
-    def _write(self, limits: wire.PlanLimits | None) -> None:
+        A withdrawal waits for the disk: a plan must not come back. It is rare, and a gateway that
+        hangs here stops the machine.
+
+        Returns: why it will not outlive a restart, empty if it will; and the event.
+        """
+        self.limits = limits
         if limits is None:
-            self._path.unlink(missing_ok=True)
-            return
-        new = self._path.with_suffix(".new")
-        new.write_bytes(msgspec.json.encode(limits))
-        new.replace(self._path)
+            text, trouble = f"the plan is withdrawn by {client}", _removed(self._path)
+        else:
+            text = (
+                f"plan released by {client}: up to {limits.cadence_max_hz:g} Hz,"
+                f" amplitude {limits.amplitude_max_ratio:g}, {limits.duration_max_s:g} s"
+            )
+            queued = self._submit("plan", lambda: _write(self._path, limits))
+            trouble = "" if queued else "the disk is too slow"
+        if trouble:
+            trouble = f"in force until the gateway's next restart only: {trouble}"
+        return trouble, EventDraft(
+            Priority.INFO, Kind.NOTE, f"{text}; {trouble}" if trouble else text
+        )
+
+
+def _own(path: Path) -> bytes:
+    """The content of a file that only this user could have written.
+
+    Raises:
+        OSError: it cannot be read, or others could have written it.
+    """
+    file = os.open(path, os.O_RDONLY | os.O_NOFOLLOW)
+    try:
+        status = os.fstat(file)
+        if status.st_uid != os.geteuid() or status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            raise PermissionError("another user could have written it")
+        return os.read(file, status.st_size)
+    finally:
+        os.close(file)
+
+
+def _write(path: Path, limits: wire.PlanLimits) -> None:
+    new = path.with_suffix(".new")
+    new.unlink(missing_ok=True)
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    try:
+        os.write(file, msgspec.json.encode(limits))
+        os.fsync(file)
+    finally:
+        os.close(file)
+    new.replace(path)
+
+
+def _removed(path: Path) -> str:
+    """Remove the file for good; why it could not be, empty if it is gone."""
+    try:
+        path.unlink(missing_ok=True)
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""

@@ -51,6 +51,11 @@ class EventDraft(NamedTuple):
     subject: str | None = None
 
 
+def claimed(client: str) -> str:
+    """The name of a client that has keys and did not use them, in events and logs."""
+    return f"{client} (claimed)"
+
+
 CORE_BACK: Final = EventDraft(Priority.LOW, Kind.CORE, "records from the core arrive again")
 
 

@@ -87,7 +87,9 @@ def serve(
         closing(open_session(listen, trainer, keys)) as session,
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
         closing(SetpointSubscriber(session, trainer, box)),
-        closing(DiskRecorder(state, runtime, clock, version("gaitd"))) as recorder,
+        closing(
+            DiskRecorder(state, runtime, clock, version("gaitd"), have_keys=keys is not None)
+        ) as recorder,
         closing(
             Gateway(
                 ipc,
@@ -109,7 +111,7 @@ def serve(
         _freeze()
         supervisor.send("READY=1")
         wall, notify_ns = MonotonicClock(), 0
-        while not (ended() or gateway.restart_requested):
+        while not (ended() or gateway.may_end):
             poller.poll(_POLL_MS)
             woken_ns = wall.now_ns()
             has_put = gateway.publish_estimates(clock.now_ns())
@@ -130,10 +132,9 @@ def serve(
                 status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))
                 supervisor.send("WATCHDOG=1", f"STATUS={status}")
                 notify_ns = resumed_ns + _NOTIFY_NS
-        if gateway.restart_requested:
-            return True
-        supervisor.send("STOPPING=1")
-        return False
+        if not gateway.restart_requested:
+            supervisor.send("STOPPING=1")
+        return gateway.restart_requested
 
 
 def _trouble(read_keys: Callable[[], Keys | None]) -> str:

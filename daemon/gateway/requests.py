@@ -2,8 +2,9 @@
 
     acquire release            the gateway answers at once: `lease.py`
     status config schema       the gateway answers at once
-    plan                       the gateway answers at once: `plan.py`
-    restart                    the gateway answers at once, and ends; refused unless nothing moves
+    plan                       the gateway answers at once: `clients.py`
+    restart                    the gateway answers at once, and starts anew; refused unless nothing
+                               moves and no answer is outstanding
     stop                       counts up at once; answered when a record shows the count
     enable disable reset mode  one of them is outstanding; a second one is refused as busy
 
@@ -235,6 +236,11 @@ class RequestQueue:
         """Count a stop, whatever else is outstanding; the next gateway state carries it."""
         self._stop_count += 1
         self._stops.append(_Stop(ticket, self._stop_count, now_ns + STOP_TIMEOUT_NS))
+
+    @property
+    def is_waiting(self) -> bool:
+        """True if a request or a stop has no answer yet."""
+        return self._pending is not None or bool(self._stops)
 
     def withdraw(self, ticket: int) -> None:
         """Remove the request of a query that has failed; stops are never removed."""

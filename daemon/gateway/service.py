@@ -15,7 +15,7 @@ import msgspec
 from daemon import wire
 from daemon.config.settings import Lease
 from daemon.gateway import events, requests, translate
-from daemon.gateway.clients import Clients, PlanStore, UnnamedClientError
+from daemon.gateway.clients import REMEDY, ClientRefusedError, Clients, PlanStore
 from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.lease import LeaseManager
@@ -35,6 +35,7 @@ STATE_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000
 SECOND_NS: Final = 1_000_000_000
 STATUS_EVENT_COUNT: Final = 20
+RESTARTS: Final = "the gateway restarts"
 
 _LOG_LEVEL: Final = {
     events.Priority.HIGH.value: logging.ERROR,
@@ -102,6 +103,11 @@ class Gateway:
         self._safety_published: tuple[object, ...] | None = None
         self._state_due_ns = self._drives_due_ns = 0
         self._second_due_ns = clock.now_ns() + SECOND_NS
+        if plans.trouble:
+            trouble = events.EventDraft(
+                events.Priority.LOW, events.Kind.NOTE, plans.trouble, REMEDY
+            )
+            self.publish_events([trouble])
 
     def publish_estimates(self, now_ns: int) -> bool:
         """Publish the estimates of new records; the rest of a turn can wait for a millisecond.
@@ -288,15 +294,15 @@ class Gateway:
                 inquiry, f"control/{printable(inquiry.name)} is unknown; known are {known}"
             )
             return
-        try:
-            role = self._clients.role(inquiry.name, inquiry.identity)
-        except UnnamedClientError as error:
-            self._reject(inquiry, str(error))
-            return
         self._ticket += 1
         if route is requests.Route.STOP:
             # Counted first, before anything that could fail.
             self._requests.stop(self._ticket, now_ns)
+        try:
+            role = self._clients.role(inquiry.name, inquiry.identity)
+        except ClientRefusedError as error:
+            self._reject(inquiry, str(error))
+            return
         try:
             payload = requests.decode_payload(inquiry.name, inquiry.payload)
         except requests.BadPayloadError as error:
@@ -305,10 +311,10 @@ class Gateway:
                 self._reject(inquiry, str(error))
                 return
             payload = wire.Ask()
-        if role is not Role.UNRESTRICTED:
-            # An authenticated name replaces the claimed one, in events, logs and the lease.
-            claimed = inquiry.identity or f"{payload.client} (claimed)"
-            payload = msgspec.structs.replace(payload, client=claimed)
+        if self._clients.have_keys:
+            # An authenticated name replaces the claimed one, in events and the lease.
+            name = inquiry.identity or events.claimed(payload.client)
+            payload = msgspec.structs.replace(payload, client=name)
         self._waiting[self._ticket] = Waiting(inquiry, payload.client)
         self._route(route, inquiry.name, payload, role, now_ns)
 
@@ -321,7 +327,10 @@ class Gateway:
                 self.publish_events(self.lease_control.stop())
             case requests.Route.CORE:
                 plan = self._plans.plan
-                answer = self._requests.submit(ticket, name, payload, now_ns, role, plan)
+                if self.restart_requested:
+                    answer = requests.Answer(ticket, Outcome.REFUSED, RESTARTS)
+                else:
+                    answer = self._requests.submit(ticket, name, payload, now_ns, role, plan)
                 if answer is None:
                     self.publish_events([events.request_sent(name, payload.client)])
                 else:
@@ -332,21 +341,31 @@ class Gateway:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
             case requests.Route.PLAN:
                 if isinstance(payload, wire.PlanAsk):
-                    self.publish_events([self._plans.release(payload.plan, payload.client)])
-                self._settle([requests.Answer(ticket, Outcome.DONE, "")])
+                    trouble, draft = self._plans.release(payload.plan, payload.client)
+                    self.publish_events([draft])
+                    outcome = Outcome.REFUSED if trouble else Outcome.DONE
+                    self._settle([requests.Answer(ticket, outcome, trouble)])
             case requests.Route.RESTART:
                 self._settle([self._restart(ticket)])
 
     def _restart(self, ticket: int) -> requests.Answer:
         """Refuse a restart that would stop the machine, or after which no gateway could start."""
-        record = self._newest if self._presence.is_present else None
-        reason = ""
+        record = self._newest  # also of a core that is silent now: it may be moving the machine
         if record and (record.mode.active or record.mode is Mode.STOPPING):
             reason = f"in mode {name_of(record.mode)}: it would stop the machine"
-        reason = reason or self._check_keys()
-        self.restart_requested = not reason
-        outcome = Outcome.REFUSED if reason else Outcome.DONE
-        return requests.Answer(ticket, outcome, reason or "the gateway restarts")
+        elif self._requests.is_waiting:
+            reason = "a request or a stop has no answer yet"
+        else:
+            reason = self._check_keys()
+        if reason:
+            return requests.Answer(ticket, Outcome.REFUSED, reason)
+        self.restart_requested = True
+        return requests.Answer(ticket, Outcome.DONE, RESTARTS)
+
+    @property
+    def may_end(self) -> bool:
+        """True if a restart was requested, and every stop that came since has its answer."""
+        return self.restart_requested and not self._requests.is_waiting
 
     def _lease(self, payload: wire.Ask, now_ns: int) -> None:
         """Grant, renew or end the lease; its number is sent only to the client of the query."""
@@ -434,6 +453,7 @@ class Gateway:
             robot=header.robot if header else {},
             limits=header.limits if header else {},
             keys=self._clients.have_keys,
+            keys_expiring=self._clients.expiring(self._clock.utc_ns()),
             links=tuple(self._clients.link(*link) for link in self._outlet.links()),
         )
 

@@ -16,6 +16,8 @@ from cryptography.hazmat.primitives.serialization import (
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from daemon.config.strict import COMMAND_LINE, ConfigError
+
 AUTHORITY_DAYS: Final = 3650
 EARLIER: Final = datetime.timedelta(days=1)
 """Certificates are valid from a day before, for clocks that are late."""
@@ -49,6 +51,9 @@ def new_certificate(
         now: in UTC.
         days: how long it is valid.
         hosts: names and addresses of a server; empty for a client.
+
+    Raises:
+        ConfigError: a host is neither a name nor an address.
     """
     issuer = x509.load_pem_x509_certificate(authority.certificate)
     issuer_key = load_pem_private_key(authority.key, None)
@@ -66,6 +71,13 @@ def new_certificate(
         names = x509.SubjectAlternativeName([_host(one) for one in hosts])
         builder = builder.add_extension(names, critical=False)
     return _pair(builder.sign(issuer_key, hashes.SHA256()), key)
+
+
+def hosts_of(certificate: bytes) -> tuple[str, ...]:
+    """Names and addresses in a server's certificate, as PEM."""
+    extensions = x509.load_pem_x509_certificate(certificate).extensions
+    names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    return tuple(str(one.value) for one in names)
 
 
 def _builder(
@@ -99,7 +111,11 @@ def _host(host: str) -> x509.GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
+        pass
+    try:
         return x509.DNSName(host)
+    except ValueError as error:
+        raise ConfigError(COMMAND_LINE, "--host", host, "a name in ASCII, or an address") from error
 
 
 def _usage(*, signs_certificates: bool) -> x509.KeyUsage:

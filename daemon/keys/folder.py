@@ -1,16 +1,16 @@
 """The folder of keys, as the gateway reads it at its start.
 
-    clients.json                 who may connect: name, kind of link, dates
-    passwords                    NAME:PASSWORD of each client, as Zenoh reads it
+    clients.json                 who may connect: name, password, kind of link, dates
     gateway.pem  gateway.key     the gateway's certificate
     authority.pem authority.key  the authority that signs certificates; the gateway needs no key
     issued/NAME/                 what a client gets: `credentials.py`
 
 A local client proves its name by a password, which has no date, so a wrong clock locks no local
-client out. A remote client proves it by a certificate and a password. A client that is not in
-`clients.json` cannot connect, whatever certificate it has: that is how one is revoked.
+client out. A remote client needs a certificate of the authority and a password. Who has no password
+of `clients.json` cannot connect, whatever certificate it shows: that is how a client is revoked.
 """
 
+import ssl
 import stat
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
@@ -24,12 +24,9 @@ from daemon.ipc.record import Role
 from daemon.wire.roles import IDENTITY, role_of
 
 CLIENTS: Final = "clients.json"
-PASSWORDS: Final = "passwords"
 GATEWAY: Final = "gateway"
 AUTHORITY: Final = "authority"
 ISSUED: Final = "issued"
-CERTIFICATE_SUFFIX: Final = ".pem"
-KEY_SUFFIX: Final = ".key"
 REMEDY: Final = "`gaitd keys init` makes the folder, `gaitd keys issue` adds a client"
 
 Date = Annotated[str, Meta(pattern=r"^\d{4}-\d{2}-\d{2}$")]
@@ -40,6 +37,7 @@ class Client(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     name: Annotated[str, Meta(pattern=f"^{IDENTITY}$")]
     """ROLE.NAME."""
+    password: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{16,64}$")]
     remote: bool
     """True: by TLS, with a certificate; false: on this machine, by password alone."""
     issued: Date
@@ -55,6 +53,7 @@ class Client(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 class Register(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Content of `clients.json`."""
 
+    authority_expires: Date
     gateway_expires: Date
     clients: tuple[Client, ...] = ()
 
@@ -65,18 +64,13 @@ class Keys(NamedTuple):
     folder: Path
     register: Register
 
-    @property
-    def passwords(self) -> Path:
-        """Zenoh's dictionary of users."""
-        return self.folder / PASSWORDS
-
     def certificate(self, name: str) -> Path:
         """A certificate of this folder: GATEWAY or AUTHORITY."""
-        return self.folder / f"{name}{CERTIFICATE_SUFFIX}"
+        return self.folder / f"{name}.pem"
 
     def key(self, name: str) -> Path:
         """The private key to the certificate of the same name."""
-        return self.folder / f"{name}{KEY_SUFFIX}"
+        return self.folder / f"{name}.key"
 
 
 _DECODER: Final = Decoder(msgspec.json.Decoder(Register).decode)
@@ -86,33 +80,44 @@ def read_keys(folder: Path) -> Keys:
     """Read and check the folder.
 
     Raises:
-        ConfigError: a file is missing, cannot be read, or is readable by others; a name stands
-            twice, or has no password.
+        ConfigError: a file is missing, cannot be read or used, or a secret is readable by others;
+            a name stands twice.
     """
     path = folder / CLIENTS
     try:
-        keys = Keys(folder, _DECODER.decode(_read(path)))
+        keys = Keys(folder, _DECODER.decode(path.read_bytes()))
+    except OSError as error:
+        raise _unusable(path, error) from error
     except RefusedError as error:
         raise ConfigError(path, "", "", f"{error}; {REMEDY}") from error
     names = [client.name for client in keys.register.clients]
     for name in names:
         if names.count(name) > 1:
             raise ConfigError(path, "clients.name", name, "each name once")
-    for secret in (keys.passwords, keys.key(GATEWAY)):
-        _read(secret)
-        if secret.stat().st_mode & (stat.S_IRWXG | stat.S_IRWXO):
-            mode = f"{secret.stat().st_mode & 0o777:04o}"
-            raise ConfigError(secret, "mode", mode, "0600: only its owner may read it")
-    users = [line.partition(":")[0] for line in keys.passwords.read_text("utf-8").splitlines()]
-    if sorted(users) != sorted(names):
-        differing = ", ".join(sorted(set(users) ^ set(names)))
-        raise ConfigError(keys.passwords, "names", differing, f"the same names as in {path.name}")
+    for secret in (path, keys.key(GATEWAY), keys.key(AUTHORITY)):
+        # The authority's key may be kept elsewhere; the others have been read, or will be.
+        mode = secret.stat().st_mode if secret.exists() else 0
+        if mode & (stat.S_IRWXG | stat.S_IRWXO):
+            allowed = "0600: only its owner may read it"
+            raise ConfigError(secret, "mode", f"{mode & 0o777:04o}", allowed)
+    _check_certificates(keys)
     return keys
 
 
-def _read(path: Path) -> bytes:
+def _check_certificates(keys: Keys) -> None:
+    """What OpenSSL cannot load, Zenoh could not either, and the gateway would not start."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    certificate, authority = keys.certificate(GATEWAY), keys.certificate(AUTHORITY)
     try:
-        return path.read_bytes()
+        context.load_cert_chain(certificate, keys.key(GATEWAY))
     except OSError as error:
-        reason = (error.strerror or "cannot be read").lower()
-        raise ConfigError(path, "", "", f"{reason}; {REMEDY}") from error
+        raise _unusable(certificate, error) from error
+    try:
+        context.load_verify_locations(authority)
+    except OSError as error:
+        raise _unusable(authority, error) from error
+
+
+def _unusable(path: Path, error: OSError) -> ConfigError:
+    reason = (error.strerror or str(error) or "cannot be read").lower()
+    return ConfigError(path, "", "", f"{reason}; {REMEDY}")

@@ -1,32 +1,40 @@
 """init, issue, renew and revoke: the only writer of the folder of keys.
 
-A change is written at once. The gateway reads the folder at its start only, so the change takes
-effect with its next restart (`gaitd keys apply`).
+A change is written at once, in one file (`clients.json`), which is replaced as a whole. The gateway
+reads the folder at its start only, so the change takes effect with its next restart (`gaitd keys
+apply`). Until then the credentials before a renewal stay valid; they are kept in `NAME.before`.
 
-Every file is replaced as a whole and readable by its owner alone. Root makes the gateway's user,
-who owns the folder, the owner of the files; the authority's key stays root's.
+Every file is readable by its owner alone. Root makes the gateway's user, who owns the folder, the
+owner of the files; the authority's key stays root's.
 """
 
+import contextlib
 import datetime
+import fcntl
 import os
 import re
 import secrets
 import shutil
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Final
 
 import msgspec
 
-from daemon.config.strict import ConfigError
-from daemon.keys.certificates import Pair, new_authority, new_certificate
+from daemon.config.strict import COMMAND_LINE, ConfigError
+from daemon.keys.certificates import (
+    AUTHORITY_DAYS,
+    Pair,
+    hosts_of,
+    new_authority,
+    new_certificate,
+)
 from daemon.keys.credentials import FILE, CredentialsFile
 from daemon.keys.folder import (
     AUTHORITY,
     CLIENTS,
     GATEWAY,
     ISSUED,
-    PASSWORDS,
     Client,
     Keys,
     Register,
@@ -42,25 +50,39 @@ LOCAL_HOSTS: Final = ("localhost", "127.0.0.1", "::1")
 PASSWORD_BYTES: Final = 24
 
 
+@contextlib.contextmanager
+def changing(folder: Path) -> Generator[None]:
+    """Keep every other command out of the folder meanwhile."""
+    file = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(file)
+
+
 def init(
     folder: Path, trainer: str, hosts: Sequence[str], now: datetime.datetime, days: int
 ) -> Keys:
     """Make a folder with an authority and the gateway's certificate; no client may connect yet.
 
     Raises:
-        ConfigError: the folder has keys already.
+        ConfigError: the folder has keys already, or a host is no name.
     """
     if (folder / CLIENTS).exists():
         raise ConfigError(folder / CLIENTS, "", "", "it exists: init would lock out every client")
+    authority = new_authority(trainer, now)
+    gateway = new_certificate(authority, GATEWAY, now, days, (*LOCAL_HOSTS, *hosts))
     folder.mkdir(parents=True, exist_ok=True)
     folder.chmod(0o700)
-    authority = new_authority(trainer, now)
-    keys = Keys(folder, Register(gateway_expires=_date(now, days)))
-    _write_pair(keys, AUTHORITY, authority, gateways=False)
+    register = Register(
+        authority_expires=_date(now, AUTHORITY_DAYS), gateway_expires=_date(now, days)
+    )
+    keys = Keys(folder, register)
+    _write(keys.key(AUTHORITY), authority.key, gateways=False)
     _write(keys.certificate(AUTHORITY), authority.certificate)
-    gateway = new_certificate(authority, GATEWAY, now, days, (*LOCAL_HOSTS, *hosts))
     _write_pair(keys, GATEWAY, gateway)
-    _write_register(keys, {})
+    _write_register(folder, register)
     return keys
 
 
@@ -74,7 +96,7 @@ def issue(
     *,
     remote: bool,
 ) -> Path:
-    """Issue credentials, or new ones for the same name: the old ones end with the next restart.
+    """Issue credentials, or new ones for the same name.
 
     Args:
         folder: of the keys.
@@ -89,18 +111,22 @@ def issue(
         The folder to copy to the client.
 
     Raises:
-        ConfigError: no such role, or the folder cannot be used.
+        ConfigError: no such role, the folder cannot be used, or the authority ends before.
     """
     if not re.fullmatch(IDENTITY, name):
-        raise ConfigError("command line", "NAME", name, ALLOWED_NAME)
+        raise ConfigError(COMMAND_LINE, "NAME", name, ALLOWED_NAME)
     keys = read_keys(folder)
+    pair, authority = None, b""
+    if remote:
+        signer = _signer(keys, now, days)
+        pair, authority = new_certificate(signer, name, now, days), signer.certificate
     password = secrets.token_urlsafe(PASSWORD_BYTES)
-    expires = _date(now, days) if remote else None
-    client = Client(name=name, remote=remote, issued=f"{now:%Y-%m-%d}", expires=expires)
-    bundle = folder / ISSUED / name
-    shutil.rmtree(bundle, ignore_errors=True)
-    for made in (bundle.parent, bundle):
-        made.mkdir(mode=0o700, exist_ok=True)
+    bundle, before = folder / ISSUED / name, folder / ISSUED / f"{name}.before"
+    bundle.parent.mkdir(mode=0o700, exist_ok=True)
+    if bundle.exists():
+        shutil.rmtree(before, ignore_errors=True)
+        bundle.rename(before)
+    bundle.mkdir(mode=0o700)
     file = CredentialsFile(
         name=name,
         password=password,
@@ -109,31 +135,44 @@ def issue(
         is_remote=remote,
     )
     _write(bundle / FILE, msgspec.json.format(msgspec.json.encode(file)))
-    if remote:
-        authority = Pair(keys.certificate(AUTHORITY).read_bytes(), keys.key(AUTHORITY).read_bytes())
-        pair = new_certificate(authority, name, now, days)
+    if pair is not None:
         of_client = Keys(bundle, keys.register)
         _write_pair(of_client, "client", pair)
-        _write(of_client.certificate(AUTHORITY), authority.certificate)
+        _write(of_client.certificate(AUTHORITY), authority)
+    client = Client(
+        name=name,
+        password=password,
+        remote=remote,
+        issued=f"{now:%Y-%m-%d}",
+        expires=_date(now, days) if remote else None,
+    )
     others = tuple(one for one in keys.register.clients if one.name != name)
-    register = msgspec.structs.replace(keys.register, clients=(*others, client))
-    _write_register(Keys(folder, register), {**_passwords(keys), name: password})
+    _write_register(folder, msgspec.structs.replace(keys.register, clients=(*others, client)))
     return bundle
 
 
-def renew_gateway(folder: Path, hosts: Sequence[str], now: datetime.datetime, days: int) -> None:
-    """Issue a new certificate for the gateway.
+def remote_hosts(folder: Path) -> tuple[str, ...]:
+    """Names and addresses in the gateway's certificate by which other machines reach it.
 
     Raises:
         ConfigError: the folder cannot be used.
     """
+    pem = read_keys(folder).certificate(GATEWAY).read_bytes()
+    return tuple(host for host in hosts_of(pem) if host not in LOCAL_HOSTS)
+
+
+def renew_gateway(folder: Path, hosts: Sequence[str], now: datetime.datetime, days: int) -> None:
+    """Issue a new certificate for the gateway, for these hosts or those of the present one.
+
+    Raises:
+        ConfigError: the folder cannot be used, or the authority ends before.
+    """
     keys = read_keys(folder)
-    authority = Pair(keys.certificate(AUTHORITY).read_bytes(), keys.key(AUTHORITY).read_bytes())
-    _write_pair(
-        keys, GATEWAY, new_certificate(authority, GATEWAY, now, days, (*LOCAL_HOSTS, *hosts))
-    )
+    names = (*LOCAL_HOSTS, *(hosts or remote_hosts(folder)))
+    pair = new_certificate(_signer(keys, now, days), GATEWAY, now, days, names)
+    _write_pair(keys, GATEWAY, pair)
     register = msgspec.structs.replace(keys.register, gateway_expires=_date(now, days))
-    _write_register(Keys(folder, register), _passwords(keys))
+    _write_register(folder, register)
 
 
 def revoke(folder: Path, name: str) -> None:
@@ -146,39 +185,40 @@ def revoke(folder: Path, name: str) -> None:
     left = tuple(one for one in keys.register.clients if one.name != name)
     if len(left) == len(keys.register.clients):
         known = ", ".join(one.name for one in left) or "none is issued"
-        raise ConfigError("command line", "NAME", name, f"one of: {known}")
-    shutil.rmtree(folder / ISSUED / name, ignore_errors=True)
-    passwords = {user: word for user, word in _passwords(keys).items() if user != name}
-    _write_register(Keys(folder, msgspec.structs.replace(keys.register, clients=left)), passwords)
+        raise ConfigError(COMMAND_LINE, "NAME", name, f"one of: {known}")
+    _write_register(folder, msgspec.structs.replace(keys.register, clients=left))
+    for bundle in (name, f"{name}.before"):
+        shutil.rmtree(folder / ISSUED / bundle, ignore_errors=True)
+
+
+def _signer(keys: Keys, now: datetime.datetime, days: int) -> Pair:
+    end = keys.register.authority_expires
+    if _date(now, days) > end:
+        raise ConfigError(COMMAND_LINE, "--days", days, f"an end before the authority's, {end}")
+    key = keys.key(AUTHORITY)
+    if not key.exists():
+        raise ConfigError(key, "", "", "it signs certificates: put it back for this command")
+    return Pair(keys.certificate(AUTHORITY).read_bytes(), key.read_bytes())
 
 
 def _date(now: datetime.datetime, days: int) -> str:
     return f"{now + datetime.timedelta(days=days):%Y-%m-%d}"
 
 
-def _passwords(keys: Keys) -> dict[str, str]:
-    lines = keys.passwords.read_text("utf-8").splitlines()
-    return {line.partition(":")[0]: line.partition(":")[2] for line in lines}
+def _write_register(folder: Path, register: Register) -> None:
+    _write(folder / CLIENTS, msgspec.json.format(msgspec.json.encode(register)))
 
 
-def _write_register(keys: Keys, passwords: dict[str, str]) -> None:
-    # Passwords last: a gateway that starts between the two refuses the folder and says why.
-    data = msgspec.json.format(msgspec.json.encode(keys.register))
-    _write(keys.folder / CLIENTS, data)
-    lines = "".join(f"{name}:{password}\n" for name, password in sorted(passwords.items()))
-    _write(keys.folder / PASSWORDS, lines.encode())
-
-
-def _write_pair(keys: Keys, name: str, pair: Pair, *, gateways: bool = True) -> None:
-    _write(keys.certificate(name), pair.certificate, gateways=gateways)
-    _write(keys.key(name), pair.key, gateways=gateways)
+def _write_pair(keys: Keys, name: str, pair: Pair) -> None:
+    _write(keys.certificate(name), pair.certificate)
+    _write(keys.key(name), pair.key)
 
 
 def _write(path: Path, data: bytes, *, gateways: bool = True) -> None:
     """Replace a file as a whole, readable by its owner alone."""
     new = path.with_name(f".{path.name}.new")
     new.unlink(missing_ok=True)
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
     try:
         os.write(file, data)
         if gateways and os.geteuid() == 0:

@@ -31,6 +31,7 @@ from typing import Any, Final
 import msgspec
 
 from daemon import wire
+from daemon.gateway.events import claimed
 from daemon.gateway.requests import ROUTES, Inquiry, Route
 from daemon.ipc.decoding import RefusedError
 from daemon.ipc.record import Verdict
@@ -84,9 +85,12 @@ class LoggedQuery:
 class RequestLog:
     """Makes the lines of the log; never waits and never raises. The time is an argument."""
 
-    def __init__(self, file: RequestFile, disk: Disk, utc_ns: int, version: str) -> None:
-        """Write the first line of this gateway."""
+    def __init__(
+        self, file: RequestFile, disk: Disk, utc_ns: int, version: str, have_keys: bool = False
+    ) -> None:
+        """Write the first line of this gateway; `have_keys`: names in payloads are only claimed."""
         self._file, self._disk, self._utc_ns = file, disk, utc_ns
+        self._have_keys = have_keys
         self._boot_id, self._cycle = "", 0
         self._newest: RecordHeader | None = None
         self._ticket = 0
@@ -186,6 +190,8 @@ class RequestLog:
         fields = _fields_of_query(payload)
         if authenticated:
             fields["client"] = authenticated
+        elif self._have_keys and fields["client"] is not None:
+            fields["client"] = claimed(fields["client"])
         query = LoggedQuery(inquiry, self, self._ticket, name, authenticated, payload, fields)
         self._open[self._ticket] = query
         return query

@@ -28,14 +28,16 @@ REMEDY: Final = (
 class DiskRecorder:
     """Black box and request log of one state directory, and the thread that writes both."""
 
-    def __init__(self, state: Path, runtime: Path, clock: AgeClock, version: str) -> None:
+    def __init__(
+        self, state: Path, runtime: Path, clock: AgeClock, version: str, *, have_keys: bool = False
+    ) -> None:
         """Open the state directory; one that cannot be used is reported as an event, not raised."""
         self._clock = clock
         self._disk = Disk()
         clips = ClipStore(state / FOLDER)
         self._errors = [WriteError("black box", clips.trouble)] if clips.trouble else []
         self._file = RequestFile(state)
-        self._log = RequestLog(self._file, self._disk, clock.utc_ns(), version)
+        self._log = RequestLog(self._file, self._disk, clock.utc_ns(), version, have_keys)
         self._box = BlackBox(runtime, clips, self._disk, self._log)
         self._damaged = clips.damaged
 

@@ -99,10 +99,12 @@ class Health(Stated, frozen=True, kw_only=True):
         dict[str, int],
         Meta(description="By reason (docs/control_by_others.md); gateway and core together."),
     ]
-    keys_expiring: Annotated[
-        tuple[str, ...],
-        Meta(description="Clients, or `gateway`, whose certificate ends within 30 days."),
-    ]
     assist_lapse_count: Annotated[
         int | None, Meta(description="Times that assist ended for want of a lease or setpoints.")
     ]
+    keys_expiring: Annotated[
+        tuple[str, ...],
+        Meta(
+            description="Clients, `gateway` or `authority`, whose certificate ends within 30 days."
+        ),
+    ] = ()

@@ -186,7 +186,7 @@ class Status(Stated, frozen=True, kw_only=True):
     legs: Annotated[tuple[Activity, ...], Meta(description="As published now.")]
     plan: Annotated[
         PlanLimits | None, Meta(description="Released limits of a session's gait; null: none.")
-    ]
+    ] = None
     events: Annotated[tuple[Event, ...], Meta(description="The newest, oldest first.")]
 
 
@@ -199,7 +199,7 @@ class Link(msgspec.Struct, frozen=True, kw_only=True):
     client: Annotated[
         str | None,
         Meta(
-            description="Entry of the register that the certificate matched; null: a local link,"
+            description="Entry of the register with the certificate's name; null: a local link,"
             " or no entry."
         ),
     ]
@@ -217,8 +217,12 @@ class Configuration(Stated, frozen=True, kw_only=True):
     config_hashes: Annotated[dict[str, str], Meta(description="SHA-256 by file.")]
     robot: Annotated[dict[str, Any], Meta(description="robot.toml as it was read.")]
     limits: Annotated[dict[str, Any], Meta(description="limits.toml as it was read.")]
-    keys: Annotated[bool, Meta(description="Clients need keys.")]
-    links: Annotated[tuple[Link, ...], Meta(description="Live links of clients.")]
+    keys: Annotated[bool, Meta(description="Clients need keys.")] = False
+    keys_expiring: Annotated[
+        tuple[str, ...],
+        Meta(description="Clients, `gateway` or `authority`, whose certificate ends soon."),
+    ] = ()
+    links: Annotated[tuple[Link, ...], Meta(description="Live links of clients.")] = ()
 
 
 class Schemas(Stated, frozen=True, kw_only=True):

@@ -29,9 +29,7 @@ from daemon.gateway.requests import ROUTES, Route
 from daemon.ipc.record import RequestKind, Role
 from daemon.keys.folder import Client
 from daemon.wire.roles import ROLES, Access
-
-LOCAL_PROTOCOLS: Final = ("tcp", "unixsock-stream")
-REMOTE_PROTOCOLS: Final = ("tls",)
+from daemon.zenoh_io.endpoints import LOCAL_PROTOCOLS, TLS
 
 
 class Flow(Enum):
@@ -169,7 +167,7 @@ def _attributes(client: Client | None) -> dict[str, Any]:
     return {
         "usernames": [client.name],
         "cert_common_names": [client.name],
-        "link_protocols": REMOTE_PROTOCOLS,
+        "link_protocols": (TLS,),
     }
 
 

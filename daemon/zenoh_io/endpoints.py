@@ -15,6 +15,8 @@ from daemon.config.trainer import TrainerFile
 UNIX_SOCKET: Final = "unixsock-stream"
 
 TLS: Final = "tls"
+LOCAL_PROTOCOLS: Final = ("tcp", UNIX_SOCKET)
+"""Protocols of clients that prove their name by a password alone."""
 
 ALLOWED: Final = (
     "a Unix socket or a loopback address such as 127.0.0.1;"
@@ -22,7 +24,7 @@ ALLOWED: Final = (
 )
 
 NEEDS_KEYS: Final = "a folder of `gaitd keys`: clients beyond this machine must show who they are"
-NEEDS_TLS: Final = "tls/ with keys, or an address of this machine"
+NEEDS_TLS: Final = "with keys tls/, or tcp/ or unixsock-stream/ of this machine"
 _EVERYWHERE: Final = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
 
 
@@ -52,7 +54,8 @@ def check(file: TrainerFile) -> TrainerFile:
         by_tls = endpoint.startswith(f"{TLS}/")
         if by_tls and zenoh.keys is None:
             raise ConfigError(file.path, "zenoh.keys", MISSING, NEEDS_KEYS)
-        if zenoh.keys is not None and not (by_tls or is_local(endpoint)):
+        by_these = (*LOCAL_PROTOCOLS, TLS) if is_local(endpoint) else (TLS,)
+        if zenoh.keys is not None and endpoint.partition("/")[0] not in by_these:
             raise ConfigError(file.path, f"zenoh.listen[{index}]", endpoint, NEEDS_TLS)
     bad = refused(zenoh.listen, beyond_loopback=zenoh.listen_beyond_loopback)
     if bad is not None:

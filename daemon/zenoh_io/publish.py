@@ -37,7 +37,8 @@ class ZenohInquiry:
     def __init__(self, query: zenoh.Query) -> None:
         self._query = query
         self._key = str(query.key_expr)
-        self.name, _, self.identity = self._key.partition(f"/{wire.CONTROL}/")[2].partition("/")
+        # gaitd/TRAINER/control/NAME or .../NAME/CLIENT; a TRAINER may be called `control`, too.
+        self.name, _, self.identity = self._key.split("/", 3)[-1].partition("/")
         # One byte more than allowed is enough to refuse it, and bounds the memory used.
         self.payload = query.payload.to_bytes()[: QUERY_SIZE_MAX + 1] if query.payload else b""
 

@@ -4,6 +4,8 @@ Measured with eclipse-zenoh 1.10: by default a peer scouts by multicast and list
 interfaces, notices a hung peer after 10 s, and a put may wait for a slow subscriber.
 """
 
+import secrets
+import tempfile
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -37,23 +39,19 @@ def session_settings(listen: Sequence[str], trainer: str, keys: Keys | None) -> 
         "transport/link/tx/queue/congestion_control/drop/wait_before_drop": 0,
         # Payloads are small, and a receiver that is descheduled loses shared buffers silently.
         "transport/shared_memory/enabled": False,
-        **({} if keys is None else _authentication(keys)),
+        **({} if keys is None else {"transport/link/tls": _tls(keys)}),
     }
 
 
-def _authentication(keys: Keys) -> dict[str, Any]:
-    """A client without a valid password, or on TLS without a valid certificate, is refused."""
-    tls = {
+def _tls(keys: Keys) -> dict[str, Any]:
+    """A client without a certificate of the authority is refused on TLS."""
+    return {
         "root_ca_certificate": str(keys.certificate(AUTHORITY).resolve()),
         "enable_mtls": True,
         "listen_certificate": str(keys.certificate(GATEWAY).resolve()),
         "listen_private_key": str(keys.key(GATEWAY).resolve()),
         # A certificate that expires ends no session: it may be that of a training.
         "close_link_on_expiration": False,
-    }
-    return {
-        "transport/auth/usrpwd": {"dictionary_file": str(keys.passwords.resolve())},
-        "transport/link/tls": tls,
     }
 
 
@@ -68,7 +66,17 @@ def open_session(listen: Sequence[str], trainer: str, keys: Keys | None) -> zeno
     Raises:
         zenoh.ZError: an endpoint cannot be listened on: in use, no such address, no directory.
     """
-    return zenoh.open(config_of(session_settings(listen, trainer, keys)))
+    settings = session_settings(listen, trainer, keys)
+    if keys is None:
+        return zenoh.open(config_of(settings))
+    # Zenoh reads its dictionary of users when it opens; the file is readable by its owner alone.
+    with tempfile.NamedTemporaryFile("w", prefix="gaitd-", encoding="ascii") as file:
+        # Without any entry Zenoh would ask for no password.
+        file.write(f"{GATEWAY}:{secrets.token_urlsafe()}\n")
+        file.writelines(f"{one.name}:{one.password}\n" for one in keys.register.clients)
+        file.flush()
+        settings["transport/auth/usrpwd"] = {"dictionary_file": file.name}
+        return zenoh.open(config_of(settings))
 
 
 def config_of(settings: Mapping[str, object]) -> zenoh.Config:

@@ -38,7 +38,7 @@ def receive(core: Core, command_inputs: CommandInputs, cycle: int) -> Request | 
         core.result = RequestResult(request.id, Outcome.REFUSED, "another request is outstanding")
         return None
     now = _guard_inputs(core, cycle)
-    reason = roles.refusal(request, now) or table.refusal(request.kind, request.mode, now)
+    reason = table.refusal(request.kind, request.mode, now) or roles.refusal(request, now)
     if not 0 <= cycle - request.for_cycle <= STALE_REQUEST_CYCLES:
         reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
     if command_inputs.stop and (request.kind == RequestKind.ENABLE or is_of_single_axis(request)):

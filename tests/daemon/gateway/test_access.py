@@ -7,6 +7,7 @@ before one that does, on the same link, so that a client that has the second wou
 import contextlib
 import json
 from pathlib import Path
+from unittest import mock
 
 import pytest
 import zenoh
@@ -15,6 +16,7 @@ from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 from daemon.gateway.requests import ROUTES
 from daemon.ipc.record import Outcome, Role
 from daemon.zenoh_io.access import ANY_KEY, RIGHTS, Flow, Message, access_control
+from daemon.zenoh_io.publish import ZenohInquiry
 
 DOCUMENT = Path(__file__).parents[3] / "docs" / "security.md"
 BASE = "gaitd/trainer"
@@ -211,6 +213,16 @@ def test_everybody_may_ask_stop_listen_and_learn_what_was_before(good, bad, core
     eventually(lambda: "core" in events)
     late.undeclare()
     eventually(lambda: is_alive(bad))
+
+
+@pytest.mark.parametrize("trainer", ["trainer", "control", "stop"])
+def test_a_query_is_understood_whatever_the_trainer_is_called(trainer):
+    query = mock.Mock(key_expr=f"gaitd/{trainer}/control/stop/session.desk", payload=None)
+    bare = mock.Mock(key_expr=f"gaitd/{trainer}/control/stop", payload=None)
+
+    inquiry = ZenohInquiry(query)
+    assert (inquiry.name, inquiry.identity) == ("stop", "session.desk")
+    assert (ZenohInquiry(bare).name, ZenohInquiry(bare).identity) == ("stop", "")
 
 
 # --- the table ------------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ import contextlib
 import datetime
 import json
 import shutil
+import socket
 import tempfile
 import threading
 from pathlib import Path
@@ -47,10 +48,12 @@ MAY = {
     "mode": {"session", "operator", "service"},
     "reset": {"session", "operator", "service"},
     "plan": {"operator"},
+    "restart": {"operator", "service"},
+    "release": {"controller"},
     "stop": ALL,
 }
 PLAN = {"cadence_max_hz": 0.5, "amplitude_max_ratio": 0.8, "duration_max_s": 600.0}
-PAYLOADS = {"mode": {"mode": "hold"}, "plan": {"plan": PLAN}}
+PAYLOADS = {"mode": {"mode": "hold"}, "plan": {"plan": PLAN}, "release": {"lease": 1}}
 PUBLISHED = ("right/activity", "right/estimate", "safety", "events", "health", "drives/right/hip")
 LIE = b'{"forged": true}'
 
@@ -58,13 +61,13 @@ LIE = b'{"forged": true}'
 class Service:
     """A gateway with keys on two links, and a core that answers everything."""
 
-    def __init__(self, runtime, core):
+    def __init__(self, runtime, core, roles=ROLES):
         self.folder, self.runtime, self.core = runtime / "keys", runtime, core
         self.local = f"tcp/127.0.0.1:{free_port()}"
         self.remote = f"tls/localhost:{free_port()}"
         self._ended = threading.Event()
         issuing.init(self.folder, "trainer", [], NOW, YEAR)
-        for role in ROLES:
+        for role in roles:
             self.issue(f"{role}.desk")
             self.issue(f"{role}.ward", remote=True)
         self._thread = threading.Thread(target=self._run)
@@ -144,9 +147,16 @@ def service(fake_core):
 def valid(service, eventually):
     """Records arrive, and nothing is left of the test before."""
     service.core.changes.clear()
+    service.core.changes["mode"] = Mode.HOLD  # in which no restart is granted
     service.core.requests.clear()
     with connected(service.target("display.desk")) as session:
         eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+
+
+def listens(endpoint):
+    host, _, port = endpoint.partition("/")[2].rpartition(":")
+    with socket.socket() as made:
+        return made.connect_ex((host, int(port))) == 0
 
 
 def status_of(target):
@@ -247,9 +257,22 @@ def test_doctor_shows_what_each_live_link_matched(service, tmp_path):
         display = service.folder / "issued" / "display.desk"
         shown = gaitd("doctor", "--json", "--credentials", display).out
 
-    assert "session.ward, by certificate" in shown
-    assert "a local client, by its password" in shown
+    assert "certificate of session.ward" in shown
+    assert "a link on this machine" in shown
     assert "certificate of operator.gone, which is not in the register" in shown
+
+
+def test_the_request_log_marks_a_name_that_is_only_claimed(service, eventually):
+    with connected(service.target("display.desk")) as session:
+        ask(session, f"{BASE}/control/stop", client="operator.desk")
+        ask(session, service.target("display.desk").control("stop"), client="operator.desk")
+    log = service.runtime / "state" / "requests.jsonl"
+
+    def clients():
+        lines = [json.loads(line) for line in log.read_text().splitlines()]
+        return [one["client"] for one in lines if one.get("name") == "stop"]
+
+    eventually(lambda: clients()[-2:] == ["operator.desk (claimed)", "display.desk"])
 
 
 # --- who does not get in --------------------------------------------------------------------------
@@ -307,6 +330,32 @@ def test_a_bad_certificate_is_refused_also_with_the_right_password(service, tmp_
     assert refused(with_pair(bundle, pair))
 
 
+def test_without_credentials_nothing_connects(service, tmp_path):
+    for endpoint in (service.local, service.remote):
+        with pytest.raises(zenoh.ZError), connected(Target((endpoint,), "trainer"), 500):
+            pass
+
+
+def test_without_any_client_in_the_register_nothing_connects_either(eventually):
+    with tempfile.TemporaryDirectory() as folder:
+        empty = Service(Path(folder), None, roles=())
+        empty.start()
+        eventually(lambda: listens(empty.local))
+        with pytest.raises(zenoh.ZError), connected(Target((empty.local,), "trainer"), 500):
+            pass
+        empty.end()
+
+
+@pytest.mark.parametrize("mode", ["peer", "router"])
+def test_a_peer_or_router_has_no_more_rights_than_a_client(service, mode):
+    display = service.target("display.desk")
+    with connected(display, mode=mode) as session:
+        assert not ask(session, f"{BASE}/control/enable")
+        assert not ask(session, service.target("operator.desk").control("enable"))
+        assert ask(session, display.control("stop"))[0]["outcome"] == "done"
+    assert not service.core.requests
+
+
 @pytest.mark.parametrize("name", ["operator.desk", "operator.ward"])
 def test_a_wrong_password_is_refused(service, tmp_path, name):
     bundle = copied(service, tmp_path, name)
@@ -358,10 +407,12 @@ def test_a_revoked_client_is_out_after_the_restart_which_the_machine_in_motion_r
         assert (reply["outcome"], "in mode gait" in reply["reason"]) == ("refused", True)
         service.core.changes["mode"] = Mode.READY
         eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
-        (service.folder / "clients.json").rename(service.folder / "aside")
-        reply = ask(session, operator.control("restart"))[0]
-        assert (reply["outcome"], "clients.json" in reply["reason"]) == ("refused", True)
-        (service.folder / "aside").rename(service.folder / "clients.json")
+        for name in ("clients.json", "gateway.pem", "authority.pem"):
+            text = (service.folder / name).read_text()
+            (service.folder / name).write_text("")
+            reply = ask(session, operator.control("restart"))[0]
+            assert (reply["outcome"], name in reply["reason"]) == ("refused", True)
+            (service.folder / name).write_text(text)
         assert ask(session, operator.control("restart"))[0]["outcome"] == "done"
     service.wait_for_restart(eventually)
     assert not refused(bundle)

@@ -3,13 +3,15 @@
 import datetime
 import json
 import ssl
+from pathlib import Path
+from unittest import mock
 
 import pytest
 from command_line import gaitd
 from config_files import CONFIGS
 
 from daemon.config.strict import ConfigError
-from daemon.gateway.clients import Clients, PlanStore, UnnamedClientError
+from daemon.gateway.clients import ClientRefusedError, Clients, PlanStore
 from daemon.ipc.record import Plan, Role
 from daemon.keys import issuing
 from daemon.keys.credentials import read_credentials
@@ -81,7 +83,7 @@ def test_only_the_owner_may_read_what_is_written(folder):
     issue(folder, "display.desk")
 
     files = [path for path in folder.rglob("*") if path.is_file()]
-    assert {path.name for path in files} >= {"passwords", "gateway.key", "client.key"}
+    assert {path.name for path in files} >= {"clients.json", "gateway.key", "client.key"}
     assert {f"{path.stat().st_mode & 0o777:o}" for path in files} == {"600"}
     assert {
         f"{p.stat().st_mode & 0o777:o}" for p in (folder, *folder.rglob("*")) if p.is_dir()
@@ -94,23 +96,34 @@ def test_each_client_has_a_password_of_its_own_and_a_new_one_when_renewed(folder
     second = read_credentials(issue(folder, "display.desk")).file.password
 
     assert len({first, other, second}) == 3
-    assert folder.joinpath("passwords").read_text().splitlines() == [
-        f"display.desk:{second}",
-        f"session.desk:{other}",
+    assert [(one.name, one.password) for one in read_keys(folder).register.clients] == [
+        ("session.desk", other),
+        ("display.desk", second),
     ]
-    assert [one.name for one in read_keys(folder).register.clients] == [
-        "session.desk",
-        "display.desk",
-    ]
+    assert read_credentials(folder / "issued" / "display.desk.before").file.password == first
 
 
 def test_a_revoked_client_leaves_nothing(folder):
-    bundle = issue(folder, "display.desk")
+    issue(folder, "display.desk")
+    issue(folder, "display.desk")
     issuing.revoke(folder, "display.desk")
 
-    assert not bundle.exists()
-    assert folder.joinpath("passwords").read_text() == ""
+    assert list((folder / "issued").iterdir()) == []
     assert read_keys(folder).register.clients == ()
+
+
+CLIENT = {
+    **{"name": "display.desk", "password": "x" * 32, "remote": False},
+    **{"issued": "2026-11-23", "expires": None},
+}
+
+
+def changed(key, value):
+    def change(folder):
+        file = folder / "clients.json"
+        file.write_text(json.dumps({**json.loads(file.read_text()), key: value}))
+
+    return change
 
 
 def spoiled(name, text):
@@ -120,13 +133,20 @@ def spoiled(name, text):
 @pytest.mark.parametrize(
     ("spoil", "said"),
     [
-        (lambda folder: (folder / "passwords").unlink(), "passwords: no such file"),
         (lambda folder: (folder / "clients.json").unlink(), "clients.json: no such file"),
         (spoiled("clients.json", "{"), "clients.json"),
-        (spoiled("clients.json", '{"gateway_expires": "soon"}'), "gateway_expires"),
-        (spoiled("passwords", "ghost.x:y\n"), "ghost.x"),
+        (lambda folder: (folder / "clients.json").write_bytes(b"\xff\x00"), "clients.json"),
+        (changed("gateway_expires", "soon"), "gateway_expires"),
+        (changed("clients", [{**CLIENT, "password": ""}]), "password"),
+        (changed("clients", [{**CLIENT, "name": "nurse.x"}]), "name"),
+        (changed("clients", [CLIENT, CLIENT]), "each name once"),
+        (spoiled("gateway.pem", ""), r"gateway\.pem"),
+        (spoiled("gateway.key", "no key"), r"gateway\.pem"),
+        (lambda folder: (folder / "gateway.key").unlink(), r"gateway\.pem: no such file"),
+        (spoiled("authority.pem", ""), r"authority\.pem"),
         (lambda folder: (folder / "gateway.key").chmod(0o640), 'mode = "0640"'),
-        (lambda folder: (folder / "passwords").chmod(0o604), 'mode = "0604"'),
+        (lambda folder: (folder / "clients.json").chmod(0o604), 'mode = "0604"'),
+        (lambda folder: (folder / "authority.key").chmod(0o604), 'mode = "0604"'),
     ],
 )
 def test_a_folder_that_cannot_be_used_is_refused_with_file_and_reason(folder, spoil, said):
@@ -145,6 +165,14 @@ def test_a_name_that_is_none_is_refused(folder, name):
         issue(folder, name)
 
 
+def test_no_certificate_outlives_its_authority(folder):
+    later = NOW + datetime.timedelta(days=3400)
+
+    with pytest.raises(ConfigError, match="2036-11-20"):
+        issuing.issue(folder, "display.x", [REMOTE], "trainer", later, 365, remote=True)
+    assert not (folder / "issued" / "display.x").exists()
+
+
 def test_init_does_not_lock_out_the_clients_of_a_folder(folder):
     with pytest.raises(ConfigError, match="it exists"):
         issuing.init(folder, "trainer", [], NOW, 365)
@@ -159,6 +187,7 @@ def test_init_does_not_lock_out_the_clients_of_a_folder(folder):
         ("2026-11-23", ()),
         ("2027-10-25", ("gateway", "session.ward_3")),
         ("2031-01-01", ("gateway", "session.ward_3")),
+        ("2036-11-01", ("authority", "gateway", "session.ward_3")),
         ("1970-01-01", ()),
     ],
 )
@@ -177,10 +206,14 @@ def test_a_query_that_acts_needs_a_name_of_the_register(folder):
     clients = Clients(read_keys(folder))
 
     assert clients.role("enable", "session.desk") is Role.SESSION
+    for name in ("acquire", "plan", "restart"):
+        with pytest.raises(ClientRefusedError, match=f"session may not request {name}"):
+            clients.role(name, "session.desk")
+        assert Clients(None).role(name, "") is Role.UNRESTRICTED
     assert clients.role("status", "") is Role.DISPLAY
     assert clients.role("stop", "") is Role.DISPLAY
     for name in ("", "operator.desk"):
-        with pytest.raises(UnnamedClientError, match=r"control/enable/ROLE\.NAME"):
+        with pytest.raises(ClientRefusedError, match=r"control/enable/ROLE\.NAME"):
             clients.role("enable", name)
     assert Clients(None).role("enable", "") is Role.UNRESTRICTED
 
@@ -223,13 +256,37 @@ def test_the_plan_outlives_its_gateway_and_a_damaged_one_is_none(tmp_path):
     def store():
         return PlanStore(file, lambda _what, run: run() is None)
 
-    assert store().plan is None
-    store().release(LIMITS, "operator.desk")
+    assert (store().plan, store().trouble) == (None, "")
+    assert store().release(LIMITS, "operator.desk")[0] == ""
     assert store().plan == Plan(0.5, 0.8, 600.0)
     file.write_text('{"cadence_max_hz": 9}')
     assert (store().plan, "no plan is released" in store().trouble) == (None, True)
-    store().release(None, "operator.desk")
-    assert not file.exists()
+    assert store().release(None, "operator.desk")[0] == ""
+    assert (store().plan, store().trouble, file.exists()) == (None, "", False)
+
+
+def test_a_plan_that_another_user_could_have_written_is_none(tmp_path):
+    file = tmp_path / "plan.json"
+    PlanStore(file, lambda _what, run: run() is None).release(LIMITS, "operator.desk")
+    file.chmod(0o660)
+    assert "another user" in PlanStore(file, pytest.fail).trouble
+    (tmp_path / "link.json").symlink_to(file)
+    assert "no plan is released" in PlanStore(tmp_path / "link.json", pytest.fail).trouble
+
+
+def test_a_plan_that_the_disk_does_not_take_is_in_force_and_said_so(tmp_path, monkeypatch):
+    store = PlanStore(tmp_path / "plan.json", lambda *_: False)
+    trouble, event = store.release(LIMITS, "operator.desk")
+
+    assert store.plan == Plan(0.5, 0.8, 600.0)
+    assert "next restart only" in trouble
+    assert trouble in event.text
+
+    monkeypatch.setattr(Path, "unlink", mock.Mock(side_effect=OSError(5, "Input/output error")))
+    trouble, _ = store.release(None, "operator.desk")
+
+    assert store.plan is None
+    assert trouble.endswith("Input/output error")
 
 
 # --- the command ----------------------------------------------------------------------------------
@@ -261,10 +318,13 @@ def test_the_command_makes_issues_lists_renews_and_revokes(config, tmp_path):
         ("operator.desk", False, True),
         ("display.ward", True, False),
     ]
+    hosts = issuing.remote_hosts(tmp_path / "keys")
     assert gaitd("keys", "renew", "display.ward", "--config", config).code == 0
     assert gaitd("keys", "renew", "gateway", "--config", config).code == 0
     after = read_credentials(tmp_path / "keys/issued/display.ward")
     assert after.file.password != before.file.password
+    assert after.file.endpoints == before.file.endpoints
+    assert issuing.remote_hosts(tmp_path / "keys") == hosts == ("trainer.lan",)
     assert gaitd("keys", "revoke", "display.ward", "--config", config).code == 0
     assert "display.ward" not in gaitd("keys", "list", "--config", config).out
 
@@ -277,10 +337,15 @@ def test_the_command_makes_issues_lists_renews_and_revokes(config, tmp_path):
         (("revoke", "display.x"), "display.x"),
         (("renew", "display.x"), "display.x"),
         (("init",), "it exists"),
+        (("issue", "display.ward", "--remote"), "--host = (missing)"),
+        (("renew", "gateway", "--host", "tr\xe4ner"), "--host"),
+        (("issue", "display.ward", "--remote", "--host", "x"), "authority.key"),
     ],
 )
 def test_a_wrong_call_is_one_line_with_what_is_allowed(config, words, said):
     gaitd("keys", "init", "--config", config)
+    if said == "authority.key":
+        (config.parent / "keys" / "authority.key").unlink()
 
     refused = gaitd("keys", *words, "--config", config)
 
@@ -288,6 +353,7 @@ def test_a_wrong_call_is_one_line_with_what_is_allowed(config, words, said):
     assert refused.err.startswith("configuration error: ")
     assert said in refused.err
     assert refused.err.count("\n") == 1
+    assert read_keys(config.parent / "keys").register.clients == ()
 
 
 @pytest.mark.parametrize(
@@ -296,6 +362,7 @@ def test_a_wrong_call_is_one_line_with_what_is_allowed(config, words, said):
         ("tls/0.0.0.0:7448", "", "zenoh.keys"),
         ("tls/127.0.0.1:7448", "", "zenoh.keys"),
         ("tcp/0.0.0.0:7448", 'keys = "keys"\n', "zenoh.listen[0]"),
+        ("udp/127.0.0.1:7448", 'keys = "keys"\n', "zenoh.listen[0]"),
     ],
 )
 def test_a_link_beyond_this_machine_needs_keys_and_tls(config, listen, keys, said):
