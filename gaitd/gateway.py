@@ -36,6 +36,7 @@ def command(
     from daemon.system.clock import MonotonicClock, PageClock
     from daemon.system.journal import SOCKET, Journal, is_journal
     from daemon.system.lock import hold
+    from daemon.system.sd_notify import Notifier
     from daemon.zenoh_io import endpoints
 
     def read(path: Path) -> "TrainerFile":
@@ -84,6 +85,8 @@ def command(
                     raise typer.Exit(EXIT_CONFIGURATION) from error
                 # It ran before: an end now would take the clients' STOP away for good.
                 print(f"gaitd gateway: {what}; it tries again", file=sys.stderr)
+                with closing(Notifier(os.environ.get("NOTIFY_SOCKET"))) as supervisor:
+                    supervisor.send("WATCHDOG=1", "STATUS=cannot listen; tries again")
                 time.sleep(RETRY_S)
             if ending.is_requested() or not restarts:
                 return

@@ -3,6 +3,7 @@
 import datetime
 import os
 import stat
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Final
@@ -99,6 +100,7 @@ class PlanStore:
     def __init__(self, path: Path, submit: Callable[[str, Callable[[], None]], bool]) -> None:
         """Read the file; `submit` runs a job in the thread that waits for the disk."""
         self._path, self._submit = path, submit
+        self._lock = threading.Lock()
         self.limits: wire.PlanLimits | None = None
         self.trouble = ""
         """Why no plan is released although there is a file; empty otherwise."""
@@ -127,19 +129,26 @@ class PlanStore:
         """
         self.limits = limits
         if limits is None:
-            text, trouble = f"the plan is withdrawn by {client}", _removed(self._path)
+            with self._lock:
+                text, trouble = f"the plan is withdrawn by {client}", _removed(self._path)
         else:
             text = (
                 f"plan released by {client}: up to {limits.cadence_max_hz:g} Hz,"
                 f" amplitude {limits.amplitude_max_ratio:g}, {limits.duration_max_s:g} s"
             )
-            queued = self._submit("plan", lambda: _write(self._path, limits))
+            queued = self._submit("plan", lambda: self._store(limits))
             trouble = "" if queued else "the disk is too slow"
         if trouble:
             trouble = f"in force until the gateway's next restart only: {trouble}"
         return trouble, EventDraft(
             Priority.INFO, Kind.NOTE, f"{text}; {trouble}" if trouble else text
         )
+
+    def _store(self, limits: wire.PlanLimits) -> None:
+        """Write a plan, in the disk's thread, unless it was replaced or withdrawn meanwhile."""
+        with self._lock:
+            if self.limits is limits:
+                _write(self._path, limits)
 
 
 def _own(path: Path) -> bytes:

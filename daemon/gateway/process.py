@@ -111,7 +111,7 @@ def serve(
         _freeze()
         supervisor.send("READY=1")
         wall, notify_ns = MonotonicClock(), 0
-        while not (ended() or gateway.may_end):
+        while not (ended() or (gateway.may_end and mailbox.is_empty)):
             poller.poll(_POLL_MS)
             woken_ns = wall.now_ns()
             has_put = gateway.publish_estimates(clock.now_ns())

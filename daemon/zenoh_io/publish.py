@@ -75,6 +75,11 @@ class Mailbox:
         self._queue.put(inquiry)
         os.eventfd_write(self._fd, 1)
 
+    @property
+    def is_empty(self) -> bool:
+        """True if no query waits."""
+        return self._queue.empty()
+
     def drain(self) -> list[ZenohInquiry]:
         """Queries that wait now, oldest first; later ones wake the loop again."""
         with contextlib.suppress(BlockingIOError):

@@ -124,7 +124,7 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             ("voluntary_push", mode, ""): replace(
                 stops(Cause.SPASM, Cause.VELOCITY_LIMIT, by=(S1,)),
                 may_go_on=True,
-                why="the machine is empty: whoever pushes at it there may stop it",
+                why="the machine is empty: a push at it there may stop it",
             )
             for mode in ("reference", "commission")
         },
@@ -187,7 +187,7 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             "limit_switch", "the joint stands: a switch stops what moves on to it, never away"
         ),
         ("spasm", "excite", ""): _late(
-            "spasm", "nothing guides the leg: whoever moves it is its motion"
+            "spasm", "nothing guides the leg: a patient who moves it makes its motion"
         ),
         ("spasm", "hold", ""): _unseen("spasm", "the pose is held against it, within the limits"),
     }

@@ -265,6 +265,17 @@ def test_the_plan_outlives_its_gateway_and_a_damaged_one_is_none(tmp_path):
     assert (store().plan, store().trouble, file.exists()) == (None, "", False)
 
 
+def test_a_withdrawn_plan_is_not_written_by_a_disk_that_was_slow(tmp_path):
+    waiting = []
+    store = PlanStore(tmp_path / "plan.json", lambda _what, run: waiting.append(run) is None)
+    store.release(LIMITS, "operator.desk")
+    store.release(None, "operator.desk")
+    for run in waiting:
+        run()
+
+    assert not (tmp_path / "plan.json").exists()
+
+
 def test_a_plan_that_another_user_could_have_written_is_none(tmp_path):
     file = tmp_path / "plan.json"
     PlanStore(file, lambda _what, run: run() is None).release(LIMITS, "operator.desk")
