@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from typing import Annotated, Final
 
 import typer
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.system.machine.checks import findings
 from daemon.system.machine.finding import Finding, Grade
 from daemon.zenoh_io.client import Target, query

@@ -12,8 +12,8 @@ from collections.abc import Callable
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.zenoh_io.client import Answer, Message, Target, query
 from gaitd.remote import (
     EXIT_DONE,

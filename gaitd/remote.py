@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import typer
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.zenoh_io.client import Target, query
 
 EXIT_DONE: Final = 0

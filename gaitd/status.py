@@ -5,8 +5,8 @@ from datetime import UTC, datetime
 from typing import Final
 
 import typer
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.zenoh_io.client import query
 from gaitd.remote import (
     EXIT_DONE,

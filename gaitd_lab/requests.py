@@ -4,8 +4,8 @@ import json
 from typing import Final
 
 import zenoh
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.zenoh_io.client import ANSWER_TIMEOUT_S, Answer, Target, json_text, open_client
 from gaitd_lab.demonstration.script import Ask
 

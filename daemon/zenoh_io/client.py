@@ -5,8 +5,8 @@ from typing import Any, Final, NamedTuple, TypeVar
 
 import msgspec
 import zenoh
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.ipc.decoding import Decoder
 from daemon.keys.credentials import Credentials
 from daemon.zenoh_io.session import config_of

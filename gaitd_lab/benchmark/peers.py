@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import can
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.config.edits import edit
 from daemon.zenoh_io.client import query
 from gaitd_lab.benchmark.burning import burners

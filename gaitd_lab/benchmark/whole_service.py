@@ -24,8 +24,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 import zenoh
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.ipc.record import CycleRecord
 from daemon.zenoh_io.client import Target, open_client
 from gaitd_lab.benchmark import bare_put

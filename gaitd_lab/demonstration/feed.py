@@ -15,9 +15,9 @@ from typing import Final, Protocol, Self, TypeVar
 import msgspec
 import numpy as np
 import zenoh
+from gaitd_client import wire
 from numpy.typing import NDArray
 
-from daemon import wire
 from daemon.zenoh_io.client import Target, open_client
 from gaitd_lab.demonstration.script import Situation
 from sim_drives.plant.truth import TruthRow

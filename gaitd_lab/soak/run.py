@@ -9,7 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-from daemon import wire
+from gaitd_client import wire
+
 from daemon.zenoh_io.client import Target, open_client
 from gaitd_lab.requests import Requests
 from gaitd_lab.soak import memory

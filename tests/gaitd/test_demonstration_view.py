@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 import pytest
+from gaitd_client import wire
 from rich.console import Console
 from rich.text import Text
 
-from daemon import wire
 from daemon.system.clock import MonotonicClock
 from daemon.zenoh_io.client import Target
 from gaitd_lab.demonstration.curves import Chart, Curve

@@ -2,9 +2,9 @@
 
 import msgspec
 import pytest
+from gaitd_client import wire
 from typer.testing import CliRunner
 
-from daemon import wire
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming

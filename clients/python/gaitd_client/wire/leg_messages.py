@@ -9,7 +9,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from daemon.wire.fields import (
+from gaitd_client.wire.fields import (
     Estimated,
     FlagBits,
     Flags,

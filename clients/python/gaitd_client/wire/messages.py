@@ -20,7 +20,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 from msgspec import Meta
 
-from daemon.wire.fields import (
+from gaitd_client.wire.fields import (
     NMT_STATES,
     POWER_STATES,
     CategoryName,
@@ -33,8 +33,8 @@ from daemon.wire.fields import (
     StageName,
     Stated,
 )
-from daemon.wire.health_messages import Health
-from daemon.wire.leg_messages import Activity, Estimate, Friction, Stride
+from gaitd_client.wire.health_messages import Health
+from gaitd_client.wire.leg_messages import Activity, Estimate, Friction, Stride
 
 EXACT_MAX: Final = 2**53 - 1
 """Up to here every JSON reader represents integers exactly."""
