@@ -149,8 +149,8 @@ def valid(service, eventually):
     service.core.changes.clear()
     service.core.changes["mode"] = Mode.HOLD  # in which no restart is granted
     service.core.requests.clear()
-    with connected(service.target("display.desk")) as session:
-        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+    display = service.target("display.desk")
+    eventually(lambda: status_of(display).get("safety", {}).get("valid"))
 
 
 def listens(endpoint):
