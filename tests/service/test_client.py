@@ -10,7 +10,18 @@ import threading
 from pathlib import Path
 
 import pytest
-from gaitd_client import Assist, AsyncTrainer, Kind, Mode, NotValid, SetpointRefusal, Trouble
+from gaitd_client import (
+    Assist,
+    AsyncTrainer,
+    Kind,
+    Mode,
+    NoAnswerError,
+    NoServiceError,
+    NotValid,
+    SetpointRefusal,
+    Trainer,
+    Trouble,
+)
 
 from daemon.ipc import record
 
@@ -69,17 +80,22 @@ def test_the_examples_of_all_roles_work_together(long_service, trainer, capsys):
 
 
 def test_a_lease_says_why_setpoints_are_refused_and_outlives_the_gateway(long_service, trainer):
-    pulls = [1000.0]
+    pulls = [float("nan")]
     refusals = []
     trainer.enable()
     with trainer.lease("test", lambda _: Assist(pulls[0]), on_refusal=refusals.append) as lease:
         trainer.mode(Mode.TORQUE)
         long_service.wait(lambda: refusals, 30)
-        assert refusals[0].reason == SetpointRefusal.OUT_OF_RANGE
-        assert "assist_max_nm" in refusals[0].meaning
-        assert refusals[0].remedy
+        assert refusals[0].reason == SetpointRefusal.NON_FINITE
 
         # The lapse after it has ended mode torque; a lease is kept in every mode that is no stop.
+        pulls[0] = 1000.0
+        long_service.wait(lambda: trainer.status().safety.mode == Mode.HOLD, 30)
+        trainer.mode(Mode.TORQUE)
+        long_service.wait(lambda: refusals[-1].reason == SetpointRefusal.OUT_OF_RANGE, 30)
+        assert "assist_max_nm" in refusals[-1].meaning
+        assert refusals[-1].remedy
+
         pulls[0] = PULL_NM
         long_service.wait(lambda: trainer.status().safety.mode == Mode.HOLD, 30)
         trainer.mode(Mode.TORQUE)
@@ -92,8 +108,19 @@ def test_a_lease_says_why_setpoints_are_refused_and_outlives_the_gateway(long_se
         assert isinstance(estimates.newest(), NotValid)
         assert isinstance(safety.newest(), NotValid)
 
-        long_service.start("gateway")
-        assert next(item for item in estimates if not isinstance(item, NotValid)).leg == "right"
+        with (
+            pytest.raises(NoServiceError, match="no service listens on"),
+            Trainer.of(trainer.target),
+        ):
+            pass
+        early = Trainer(trainer.target.endpoints, clock=trainer.clock, keep_trying=True)
+        with early, early.activity("right") as activity:
+            assert isinstance(activity.newest(), NotValid)
+            with pytest.raises(NoAnswerError, match="not connected"):
+                early.status()
+            long_service.start("gateway")
+            assert next(item for item in estimates if not isinstance(item, NotValid)).cycle
+            assert next(item for item in activity if not isinstance(item, NotValid)).cycle
         long_service.wait(lambda: not lease.is_held and lease.why_not, 30)
         long_service.reset()
         long_service.wait(lambda: lease.is_held, 30)

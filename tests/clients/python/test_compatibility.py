@@ -13,7 +13,7 @@ from gaitd_client.clock import MonotonicClock
 from gaitd_client.connection import decode_answer
 from gaitd_client.stream import Stream, Watch
 
-TRAFFIC = Path(__file__).parents[1] / "traces" / "traffic_v2.jsonl.gz"
+TRAFFIC = Path(__file__).parents[2] / "traces" / "traffic_v2.jsonl.gz"
 KIND = {wire.schema_name(kind): kind for kind in wire.MESSAGES.values()}
 
 
