@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 import zenoh
+from gaitd_client import wire
 from zenoh import CongestionControl, Priority
 from zenoh.ext import (
     AdvancedPublisher,
@@ -19,7 +20,6 @@ from zenoh.ext import (
     declare_advanced_publisher,
 )
 
-from daemon import wire
 from daemon.gateway.events import HISTORY_COUNT
 from daemon.gateway.requests import QUERY_SIZE_MAX
 from daemon.zenoh_io.access import QUERYABLES
