@@ -256,12 +256,6 @@ def run_pytest(file: str, *plugins: object) -> int:
         return int(pytest.main([*options, *tests], plugins=[_Hurried(), *plugins]))
 
 
-def run_on(file: str, source: str) -> int:
-    """Run the tests of a file on this source; to be called once in a process."""
-    sys.meta_path.insert(0, _Mutated(file, source))
-    return run_pytest(file)
-
-
 def key_of(file: str, before: str, after: str) -> Key:
     """Key of a change: the enclosing function, the removed lines, the added lines."""
     old, new = before.splitlines(), after.splitlines()
@@ -346,23 +340,42 @@ class Run(NamedTuple):
     cpu_s: float
 
 
-class _Forks:
-    """Pytest plugin that collects the tests once, and runs some of them in a fork for each mutant.
+class _InForks:
+    """Pytest plugin that forks for each mutant; a hook that returns None lets a fork go on."""
 
-    In a fork, `pytest_runtestloop` returns None: pytest then runs what is in `session.items`.
-    """
-
-    def __init__(self, file: str, specs: Iterable[Spec], report: Callable[[Judged], None]) -> None:
-        self.file, self.specs, self.report = file, specs, report
-        self.path = str(PROJECT / file)
+    def __init__(self, report: Callable[[Judged], None]) -> None:
+        self.report = report
         self.to_parent: Connection | None = None
         """Open in a fork."""
+        self.kills: Counter[str] = Counter()
+        """Mutants that each test has killed."""
+
+    @pytest.hookimpl
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Send the name of the test that kills the mutant."""
+        if report.failed and self.to_parent:
+            self.to_parent.send(report.nodeid)
+
+    def finish(self, judged: Judged, child: int, receive: Connection) -> Judged:
+        """Wait for a fork; a negative code says that it has exceeded a limit."""
+        with contextlib.suppress(EOFError):
+            self.kills[receive.recv()] += 1
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        if code not in {0, 1, 2} and code >= 0:
+            raise RuntimeError(f"the tests of {judged.spec} could not run: pytest says {code}")
+        return judged._replace(outcome=Outcome.KILLED if code else Outcome.SURVIVED, source="")
+
+
+class _AfterCollection(_InForks):
+    """Forks after the tests are collected, and replaces code in each fork."""
+
+    def __init__(self, file: str, specs: Iterable[Spec], report: Callable[[Judged], None]) -> None:
+        super().__init__(report)
+        self.file, self.specs = file, specs
+        self.path = str(PROJECT / file)
         self.fails_unmutated = True
         self._seen: set[Place] = set()
         self._runs: list[Run] = []
-        self._kills: Counter[int] = Counter()
-        """Mutants that a test has killed, by the number of the test."""
-        self._numbers: dict[str, int] = {}
 
     def trace(self, frame: FrameType, event: str, argument: object) -> None:
         """Profiler that collects the code of the file that runs."""
@@ -380,18 +393,11 @@ class _Forks:
         self._runs.append(Run(frozenset(self._seen), time.process_time() - start_s))
         return result
 
-    @pytest.hookimpl
-    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Send the number of the test that kills the mutant."""
-        if report.failed and self.to_parent:
-            self.to_parent.send(self._numbers[report.nodeid])
-
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool | None:
         """Fork for each mutant; in a fork, return None and let pytest run `session.items`."""
         imported = frozenset(self._seen)
         items = list(session.items)
-        self._numbers = {item.nodeid: number for number, item in enumerate(items)}
         receive, send = multiprocessing.Pipe(duplex=False)
         child = os.fork()
         if child == 0:
@@ -418,6 +424,9 @@ class _Forks:
                 chosen: list[int] = []
                 if mutant.outcome is Outcome.UNDECIDED:
                     chosen = self._replace(before, mutant.source, functions, imported, runs)
+                    chosen.sort(
+                        key=lambda one: runs[one].cpu_s / (1 + self.kills[items[one].nodeid])
+                    )
                 send.send((mutant, bool(chosen)))
                 if not chosen:
                     os._exit(0)
@@ -427,9 +436,7 @@ class _Forks:
                 return None
             send.close()
             judged, is_tested = receive.recv()
-            with contextlib.suppress(EOFError):
-                self._kills[receive.recv()] += 1
-            result = _by_exit(judged, child)
+            result = self.finish(judged, child, receive)
             self.report(result if is_tested else judged)
         return True
 
@@ -453,14 +460,44 @@ class _Forks:
                 return []
             for function in functions[place]:
                 function.__code__ = new
-        chosen = [number for number, run in enumerate(runs) if run.places & reached]
-        return sorted(chosen, key=lambda one: runs[one].cpu_s / (1 + self._kills[one]))
+        return [number for number, run in enumerate(runs) if run.places & reached]
 
     @pytest.hookimpl
     def pytest_sessionfinish(self) -> None:
         """Send what the tests do without mutation, in the first fork."""
         if self.to_parent and self.fails_unmutated:
             self.to_parent.send(self._runs)
+
+
+class _BeforeCollection(_InForks):
+    """Forks before the tests are collected, and imports the mutated module in each fork."""
+
+    def __init__(self, undecided: Iterable[Judged], report: Callable[[Judged], None]) -> None:
+        super().__init__(report)
+        self.undecided = undecided
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection(self, session: pytest.Session) -> bool | None:
+        """Fork for each mutant; in a fork, return None and let pytest collect and run the tests."""
+        for one in self.undecided:
+            if module_name(one.spec.file) in sys.modules:
+                raise RuntimeError(f"{one.spec.file} was imported before its mutation")
+            receive, send = multiprocessing.Pipe(duplex=False)
+            child = os.fork()
+            if child == 0:
+                self.to_parent = send
+                limit_cpu(CPU_LIMIT_S)
+                sys.meta_path.insert(0, _Mutated(one.spec.file, one.source))
+                return None
+            send.close()
+            self.report(self.finish(one, child, receive))
+        session.items = []
+        return True
+
+    @pytest.hookimpl
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Run the test first that has killed the most."""
+        items.sort(key=lambda item: -self.kills[item.nodeid])
 
 
 def limit_cpu(limit_s: float) -> None:
@@ -487,9 +524,9 @@ def mutate(spec: Spec) -> Judged:
     return Judged(spec, Outcome.SAME, key) if same else Judged(spec, Outcome.UNDECIDED, key, after)
 
 
-def judge_in_forks(send: Connection, file: str, specs: list[Spec]) -> None:
-    """Process: judge mutants of one file; sends one `Judged` for each."""
-    forks = _Forks(file, specs, send.send)
+def judge_replaced(send: Connection, file: str, specs: list[Spec]) -> None:
+    """Process: judge mutants of one file; some of the results that it sends are undecided."""
+    forks = _AfterCollection(file, specs, send.send)
     sys.setprofile(forks.trace)
     code = run_pytest(file, forks)
     if forks.to_parent:
@@ -500,24 +537,14 @@ def judge_in_forks(send: Connection, file: str, specs: list[Spec]) -> None:
         raise RuntimeError(f"the tests of {file} could not run: pytest says {code}")
 
 
-def judge_imported(send: Connection, undecided: list[Judged]) -> None:
+def judge_imported(send: Connection, file: str, undecided: list[Judged]) -> None:
     """Process: judge mutants by all tests of their file, with the module imported anew for each."""
-    for one in undecided:
-        if module_name(one.spec.file) in sys.modules:
-            raise RuntimeError(f"{one.spec.file} was imported before its mutation")
-        child = os.fork()
-        if child == 0:
-            limit_cpu(CPU_LIMIT_S)
-            os._exit(run_on(one.spec.file, one.source))
-        send.send(_by_exit(one, child))
-
-
-def _by_exit(judged: Judged, child: int) -> Judged:
-    """The result by the end of the process that runs the tests; negative: a limit was exceeded."""
-    code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    if code not in {0, 1, 2} and code >= 0:
-        raise RuntimeError(f"the tests of {judged.spec} could not run: pytest says {code}")
-    return judged._replace(outcome=Outcome.KILLED if code else Outcome.SURVIVED, source="")
+    forks = _BeforeCollection(undecided, send.send)
+    code = run_pytest(file, forks)
+    if forks.to_parent:
+        os._exit(code)
+    if code != pytest.ExitCode.NO_TESTS_COLLECTED:
+        raise RuntimeError(f"the tests of {file} could not run: pytest says {code}")
 
 
 def argued(files: Iterable[str]) -> set[Key]:
@@ -583,12 +610,12 @@ def judge(file: str, specs: list[Spec], jobs: int) -> Iterator[Judged]:
     """Judge the mutants of one file with so many processes; yields the results as they arrive."""
     undecided: list[Judged] = []
     parts = ((file, part) for number in range(jobs) if (part := specs[number::jobs]))
-    for one in in_processes(judge_in_forks, parts):
+    for one in in_processes(judge_replaced, parts):
         if one.outcome is Outcome.UNDECIDED:
             undecided.append(one)
         else:
             yield one
-    parts = ((part,) for number in range(jobs) if (part := undecided[number::jobs]))
+    parts = ((file, part) for number in range(jobs) if (part := undecided[number::jobs]))
     yield from in_processes(judge_imported, parts)
 
 
