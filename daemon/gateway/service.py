@@ -143,9 +143,10 @@ class Gateway:
             self._outlet.put(self.health.close(self._stamp(), seq, expiring), wire.HEALTH)
 
     def _send_state(self) -> None:
-        gateway_state = self._requests.gateway_state(
-            self.lease_control.setpoints, self.lease_control.lease
-        )
+        control = self.lease_control
+        holder = control.leases.holder
+        role = self._clients.role("acquire", holder) if holder else Role.DISPLAY
+        gateway_state = self._requests.gateway_state(control.setpoints, control.lease, role)
         if gateway_state and not self._ipc.send(gateway_state) and self._presence.is_present:
             self.health.counters.gateway_state_dropped_count += 1
 
