@@ -28,6 +28,7 @@ LEASE = Lease(duration_ms=500, duration_max_ms=60_000)
 NOW = datetime.datetime.now(datetime.UTC)
 YEAR = 365
 ROLES = ("display", "controller", "session", "operator", "service")
+CLIENTS = {f"{role}.{place}": place == "ward" for role in ROLES for place in ("desk", "ward")}
 
 
 class HeldClock(MonotonicClock):
@@ -51,20 +52,20 @@ class HeldClock(MonotonicClock):
 class Service:
     """A gateway with keys on two links, or without keys on one, and a core that answers all."""
 
-    def __init__(self, runtime, core, roles=ROLES, *, have_keys=True):
+    def __init__(self, runtime, core, clients=CLIENTS):
+        """`clients`: whether each is remote, by name; None: no client has keys."""
         self.folder, self.runtime, self.core = runtime / "keys", runtime, core
         self.local = f"tcp/127.0.0.1:{free_port()}"
         self.remote = f"tls/localhost:{free_port()}"
-        self.listen = (self.local, self.remote) if have_keys else (self.local,)
-        self.have_keys = have_keys
+        self.have_keys = clients is not None
+        self.listen = (self.local, self.remote) if self.have_keys else (self.local,)
         self._clock = HeldClock()
         self._ended, self._turns_left, self._stands = False, inf, False
         self._changed = threading.Condition()
-        if have_keys:
+        if clients is not None:
             issuing.init(self.folder, "trainer", [], NOW, YEAR)
-            for role in roles:
-                self.issue(f"{role}.desk")
-                self.issue(f"{role}.ward", remote=True)
+            for name, is_remote in clients.items():
+                self.issue(name, remote=is_remote)
         self._thread = threading.Thread(target=self._run)
         self.restarts = self._waited = 0
 
@@ -139,13 +140,13 @@ class Service:
 
 
 @contextlib.contextmanager
-def running(make_core, **settings):
+def running(make_core, clients=CLIENTS):
     """A gateway that runs, and its core, which does what it is asked."""
     with tempfile.TemporaryDirectory() as folder:
         core = make_core(Path(folder))
         for name in ("enable", "disable", "reset", "mode"):
             core.answer(name, Outcome.DONE)
-        made = Service(Path(folder), core, **settings)
+        made = Service(Path(folder), core, clients)
         made.start()
         yield made
         made.end()

@@ -246,7 +246,7 @@ def test_without_credentials_nothing_connects(service, tmp_path):
 
 def test_without_any_client_in_the_register_nothing_connects_either(eventually):
     with tempfile.TemporaryDirectory() as folder:
-        empty = Service(Path(folder), None, roles=())
+        empty = Service(Path(folder), None, clients={})
         empty.start()
         eventually(lambda: listens(empty.local))
         with pytest.raises(zenoh.ZError), connected(Target((empty.local,), "trainer"), 500):
