@@ -14,8 +14,8 @@ import pytest
 import zenoh
 from keyed_gateway import BASE, ROLES, ask, connected, is_alive, running
 
+from daemon import wire
 from daemon.ipc.record import Mode, RequestKind
-from daemon.zenoh_io.client import Target
 
 WAITING_MAX = 64
 """Queries that may wait, and stops of one client."""
@@ -265,3 +265,210 @@ def test_a_recorded_estimate_and_a_recorded_reply_come_from_the_gateway_alone(se
     assert len(heard) == len(set(heard))
     assert len(replies) == 1
     assert json.dumps(replies[0]) != replied[0]
+
+
+# --- peers that scout -----------------------------------------------------------------------------
+
+LIE = b'{"forged": true}'
+SCOUTING = {
+    "mode": "peer",
+    "listen/endpoints": ["tcp/127.0.0.1:0"],
+    "scouting/multicast/enabled": True,
+    "scouting/gossip/enabled": True,
+}
+ANY_KIND = "peer|router|client"
+
+
+def multicast_works():
+    """Whether a datagram to Zenoh's group comes back on this machine."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as end:
+        try:
+            end.bind(("", 0))
+            group = socket.inet_aton("224.0.0.224") + socket.inet_aton("0.0.0.0")
+            end.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+            end.settimeout(10)
+            end.sendto(b"back", ("224.0.0.224", end.getsockname()[1]))
+            return end.recv(16) == b"back"
+        except OSError:
+            return False
+
+
+def opened(**settings):
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return contextlib.closing(zenoh.open(config))
+
+
+@pytest.mark.parametrize("kind", ["open_service", "service"])
+def test_a_peer_that_scouts_finds_another_peer_and_not_the_gateway(kind, request, eventually):
+    service = request.getfixturevalue(kind)
+    if not multicast_works():
+        pytest.skip("this machine has no multicast, so no peer can scout on it")
+    heard, believed, answers = [], [], []
+    with (
+        connected(service.target("display.desk")) as present,
+        present.declare_subscriber("**", lambda sample: believed.append(sample.payload.to_bytes())),
+        opened(**SCOUTING) as attacker,
+        attacker.declare_subscriber(f"{BASE}/**", heard.append),
+        opened(**SCOUTING) as peer,
+    ):
+        scout = zenoh.scout(lambda hello: answers.append(hello.zid), ANY_KIND)
+        eventually(lambda: peer.zid() in attacker.info.peers_zid())
+        eventually(lambda: answers.count(peer.zid()) > 1)
+        scout.stop()
+        for name in ("right/estimate", "right/activity", "safety", "events", "right/setpoint"):
+            attacker.put(f"{BASE}/{name}", LIE)
+        assert not ask(attacker, f"{BASE}/control/status")
+        assert not ask(attacker, f"{BASE}/control/stop")
+        reached = len(believed) + 20
+        eventually(lambda: len(believed) >= reached)
+        gateway = [*present.info.peers_zid()]
+        found = {*answers, *attacker.info.peers_zid(), *attacker.info.routers_zid()}
+
+    assert len(gateway) == 1
+    assert not found & {*gateway}
+    assert not heard
+    assert LIE not in believed
+
+
+@pytest.mark.parametrize("kind", ["open_service", "service"])
+def test_the_gateway_introduces_no_peer_to_another(kind, request, eventually):
+    service = request.getfixturevalue(kind)
+    gossiping = {**SCOUTING, "scouting/multicast/enabled": False}
+    heard = []
+    with (
+        connected(service.target("display.desk"), **gossiping) as one,
+        connected(service.target("operator.desk"), **gossiping) as other,
+        one.declare_subscriber("**", heard.append),
+    ):
+        other.put("another/program", LIE)
+        assert is_alive(other)
+        reached = len(heard) + 20
+        eventually(lambda: len(heard) >= reached)
+        known = {*one.info.peers_zid(), *other.info.peers_zid()}
+        zids = {one.zid(), other.zid()}
+
+    assert len(known) == 1
+    assert not known & zids
+    assert not [sample for sample in heard if sample.payload.to_bytes() == LIE]
+
+
+# --- floods ---------------------------------------------------------------------------------------
+
+FLOOD = 150
+QUERIES = (
+    *("status", "config", "schema", "acquire", "release", "enable", "disable", "mode", "reset"),
+    *("plan", "restart"),
+)
+OWN = {
+    "display": {"status", "config", "schema"},
+    "controller": {"status", "config", "schema", "acquire", "release"},
+    "session": {"status", "config", "schema", "enable", "disable", "mode", "reset"},
+    "operator": {*QUERIES} - {"acquire", "release"},
+    "service": {"status", "config", "schema", "disable", "mode", "reset", "restart"},
+}
+
+
+class Flood:
+    """Queries of a client, and what became of them."""
+
+    def __init__(self, session, target):
+        self.session, self.target = session, target
+        self.sent_count = self.ended_count = 0
+        self.answered = Counter()
+
+    def query(self, name, count=1):
+        self.sent_count += count
+        for _ in range(count):
+            handler = zenoh.handlers.Callback(
+                lambda _reply: self.answered.update([name]), self._end
+            )
+            self.session.get(self.target.control(name), handler, payload="{}", timeout=120.0)
+
+    def _end(self):
+        self.ended_count += 1
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_a_flood_takes_neither_the_lease_nor_the_stop_nor_memory(
+    service, acquired, role, eventually
+):
+    """While the loop is held a flood can only pile up: what is kept of it has a bound."""
+    holder, acquire = acquired
+    key, core = f"{BASE}/right/setpoint", service.core
+    target, display = service.target(f"{role}.ward"), service.target("display.desk")
+    with (
+        connected(target) as attacker,
+        connected(display) as present,
+        contextlib.closing(Refusals(present, eventually)) as refusals,
+    ):
+        lease = acquire()
+        stop_count = core.levels[-1].stop_count
+        flood, stops, bystander = (
+            *(Flood(attacker, target), Flood(attacker, target)),
+            Flood(present, display),
+        )
+        with service.held():
+            for name in QUERIES:
+                flood.query(name, FLOOD)
+            for seq in range(FLOOD):
+                attacker.put(key, setpoint(lease + 1, seq))
+                attacker.put(f"{BASE}/right/estimate", LIE)
+            assert is_alive(attacker)
+            holder.put(key, setpoint(lease, 1))
+            assert is_alive(holder)
+            eventually(lambda: flood.ended_count >= flood.sent_count - WAITING_MAX)
+            assert not flood.answered
+        eventually(lambda: flood.ended_count == flood.sent_count)
+        eventually(lambda: [one.lease for one in core.levels[-1].setpoints] == [lease])
+        assert 0 < flood.answered.total() <= WAITING_MAX
+        assert set(flood.answered) <= OWN[role]
+        assert (core.levels[-1].lease, core.levels[-1].stop_count) == (lease, stop_count)
+        # A controller's setpoints are counted; those of other roles do not even arrive.
+        kept = 4 if role == "controller" else 0
+        expected = {"flood": FLOOD - kept, "wrong_lease": kept} if kept else {}
+        eventually(lambda: refusals.since() == expected)
+
+        with service.held():
+            stops.query("stop", FLOOD)
+            flood.query("status", FLOOD)
+            assert is_alive(attacker)
+            bystander.query("stop")
+            assert is_alive(present)
+            eventually(lambda: stops.ended_count >= FLOOD - WAITING_MAX)
+        eventually(lambda: bystander.answered["stop"])
+        eventually(lambda: stops.ended_count == FLOOD)
+        assert stops.answered["stop"] == WAITING_MAX
+        eventually(lambda: core.levels[-1].stop_count == stop_count + WAITING_MAX + 1)
+        assert core.levels[-1].lease == 0
+
+
+def test_the_schemas_are_made_once_however_many_ask():
+    assert wire.schemas() is wire.schemas()
+
+
+# --- a restart ------------------------------------------------------------------------------------
+
+
+def test_a_stop_that_waits_when_the_gateway_restarts_is_read_before(service, eventually):
+    operator, display, core = (
+        *(service.target("operator.desk"), service.target("display.desk")),
+        service.core,
+    )
+    core.changes["mode"] = Mode.READY
+    with connected(operator) as session, connected(display) as present:
+        eventually(lambda: ask(present, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
+        stop_count, restart = core.levels[-1].stop_count, Flood(session, operator)
+        stop = Flood(present, display)
+        with service.held():
+            restart.query("restart")
+            assert is_alive(session)
+            service.turn()
+            eventually(lambda: restart.answered["restart"])
+            stop.query("stop")
+            assert is_alive(present)
+        eventually(lambda: stop.ended_count)
+        assert stop.answered["stop"] == 1
+        assert core.levels[-1].stop_count == stop_count + 1
+    service.wait_for_restart(eventually)
