@@ -6,7 +6,6 @@ before one that does, on the same link, so that a client that has the second wou
 
 import contextlib
 import json
-from pathlib import Path
 from typing import NamedTuple
 from unittest import mock
 
@@ -21,7 +20,6 @@ from daemon.zenoh_io.access import ANY_KEY, RIGHTS, Flow, Message, access_contro
 from daemon.zenoh_io.client import Target
 from daemon.zenoh_io.publish import ZenohInquiry
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "security.md"
 LIE = b'{"forged": true}'
 TOLD = (
     *(f"right/{name}" for name in ("estimate", "activity", "friction", "stride")),
@@ -244,24 +242,3 @@ def test_what_is_in_no_row_is_denied():
     assert {rule["permission"] for rule in made["rules"]} == {"allow"}
     keys = {key for rule in made["rules"] for key in rule["key_exprs"]}
     assert all(key == ANY_KEY or key.startswith("gaitd/ward_3/") for key in keys)
-
-
-def test_the_document_has_the_table_of_the_code():
-    text = DOCUMENT.read_text().partition("<!-- rights: begin -->\n")[2]
-    rows = [
-        f"| {right.name} | {who(right.roles)} "
-        f"| {'in' if right.flow is Flow.IN else 'out'} "
-        f"| {', '.join(sorted(message.value for message in right.messages))} "
-        f"| {', '.join(keys_in_words(right))} |"
-        for right in RIGHTS
-    ]
-
-    assert text.partition("<!-- rights: end -->")[0].splitlines()[2:] == rows
-
-
-def keys_in_words(right):
-    return [f"`{key}/CLIENT`" if right.by_client else f"`{key}`" for key in right.keys]
-
-
-def who(roles):
-    return "all" if roles == set(Role) else ", ".join(role.name.lower() for role in sorted(roles))

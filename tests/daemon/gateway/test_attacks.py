@@ -310,7 +310,7 @@ def test_a_peer_that_scouts_finds_another_peer_and_not_the_gateway(kind, request
         connected(service.target("display.desk")) as present,
         present.declare_subscriber("**", lambda sample: believed.append(sample.payload.to_bytes())),
         opened(**SCOUTING) as attacker,
-        attacker.declare_subscriber(f"{BASE}/**", heard.append),
+        attacker.declare_subscriber("**", lambda sample: heard.append(sample.payload.to_bytes())),
         opened(**SCOUTING) as peer,
     ):
         scout = zenoh.scout(lambda hello: answers.append(hello.zid), ANY_KIND)
@@ -328,7 +328,7 @@ def test_a_peer_that_scouts_finds_another_peer_and_not_the_gateway(kind, request
 
     assert len(gateway) == 1
     assert not found & {*gateway}
-    assert not heard
+    assert {*heard} <= {LIE}  # its own
     assert LIE not in believed
 
 
@@ -381,9 +381,7 @@ class Flood:
     def query(self, name, count=1):
         self.sent_count += count
         for _ in range(count):
-            handler = zenoh.handlers.Callback(
-                lambda _reply: self.answered.update([name]), self._end
-            )
+            handler = zenoh.handlers.Callback(lambda _: self.answered.update([name]), self._end)
             self.session.get(self.target.control(name), handler, payload="{}", timeout=120.0)
 
     def _end(self):
@@ -405,10 +403,8 @@ def test_a_flood_takes_neither_the_lease_nor_the_stop_nor_memory(
     ):
         lease = acquire()
         stop_count = core.levels[-1].stop_count
-        flood, stops, bystander = (
-            *(Flood(attacker, target), Flood(attacker, target)),
-            Flood(present, display),
-        )
+        flood, stops = Flood(attacker, target), Flood(attacker, target)
+        bystander = Flood(present, display)
         with service.held():
             for name in QUERIES:
                 flood.query(name, FLOOD)
@@ -452,10 +448,8 @@ def test_the_schemas_are_made_once_however_many_ask():
 
 
 def test_a_stop_that_waits_when_the_gateway_restarts_is_read_before(service, eventually):
-    operator, display, core = (
-        *(service.target("operator.desk"), service.target("display.desk")),
-        service.core,
-    )
+    operator, display = service.target("operator.desk"), service.target("display.desk")
+    core = service.core
     core.changes["mode"] = Mode.READY
     with connected(operator) as session, connected(display) as present:
         eventually(lambda: ask(present, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
