@@ -197,7 +197,7 @@ def test_a_gateway_that_knows_no_roles_has_the_least_right_and_may_stop(core):
     assert core.events == [event]
 
     receive(core, [level(54, lease=5)], CYCLE)
-    assert core.lease == 5
+    assert (core.lease, core.events) == (5, [event])
 
 
 @pytest.mark.parametrize("role", Role)

@@ -356,7 +356,7 @@ def test_the_gateway_introduces_no_peer_to_another(kind, request, eventually):
 
 # --- floods ---------------------------------------------------------------------------------------
 
-FLOOD = 150
+FLOOD = 90
 QUERIES = (
     *("status", "config", "schema", "acquire", "release", "enable", "disable", "mode", "reset"),
     *("plan", "restart"),
