@@ -187,5 +187,10 @@ def status_of(target):
 
 
 def is_alive(session):
-    """Whether the gateway holds its token; it has received what this client sent before."""
+    """Whether the gateway holds its token."""
     return [one.ok for one in session.liveliness().get(f"{BASE}/alive", timeout=30.0)]
+
+
+def flush(session):
+    """Wait until the gateway has received what this client sent before."""
+    is_alive(session)  # answered by Zenoh, on the same link and in its order

@@ -12,7 +12,7 @@ from collections import Counter
 
 import pytest
 import zenoh
-from keyed_gateway import BASE, ROLES, ask, connected, is_alive, running
+from keyed_gateway import BASE, ROLES, ask, connected, flush, running
 
 from daemon import wire
 from daemon.ipc.record import Mode, RequestKind
@@ -169,13 +169,20 @@ class Refusals:
 
 
 @pytest.fixture
-def acquired(service):
+def acquired(service, eventually):
     """A controller's session, and what makes it acquire the lease."""
     target = service.target("controller.desk")
     with connected(target) as session:
 
         def acquire():
-            return ask(session, target.control("acquire"), duration_ms=60_000)[0]["lease"]
+            replies = []
+
+            def granted():
+                replies[:] = ask(session, target.control("acquire"), duration_ms=60_000)
+                return replies[0]["lease"]
+
+            eventually(granted)
+            return replies[0]["lease"]
 
         yield session, acquire
 
@@ -198,12 +205,12 @@ def test_a_recorded_setpoint_is_refused_under_its_lease_and_after_it(service, ac
 
         # By Zenoh: a client that may send no setpoints. It is not even counted.
         stranger.put(key, setpoint(lease, 3))
-        assert is_alive(stranger)
+        flush(stranger)
         # By the gateway: the same number, or an older one, whoever sends it.
         for sender in (holder, other):
             sender.put(key, setpoint(lease, 2))
             sender.put(key, setpoint(lease, 1))
-            assert is_alive(sender)
+            flush(sender)
         eventually(lambda: refusals.since() == {"repeated": 2, "reordered": 2})
         assert [one.seq for one in core.levels[-1].setpoints] == [2]
 
@@ -257,7 +264,7 @@ def test_a_recorded_estimate_and_a_recorded_reply_come_from_the_gateway_alone(se
         eventually(lambda: heard)
         replied += [json.dumps(ask(present, status)[0])]
         attacker.put(key, heard[0])
-        assert is_alive(attacker)
+        flush(attacker)
         reached = len(heard) + 20
         eventually(lambda: len(heard) >= reached)
         replies = ask(present, status)
@@ -343,7 +350,7 @@ def test_the_gateway_introduces_no_peer_to_another(kind, request, eventually):
         one.declare_subscriber("**", heard.append),
     ):
         other.put("another/program", LIE)
-        assert is_alive(other)
+        flush(other)
         reached = len(heard) + 20
         eventually(lambda: len(heard) >= reached)
         known = {*one.info.peers_zid(), *other.info.peers_zid()}
@@ -411,9 +418,9 @@ def test_a_flood_takes_neither_the_lease_nor_the_stop_nor_memory(
             for seq in range(FLOOD):
                 attacker.put(key, setpoint(lease + 1, seq))
                 attacker.put(f"{BASE}/right/estimate", LIE)
-            assert is_alive(attacker)
+            flush(attacker)
             holder.put(key, setpoint(lease, 1))
-            assert is_alive(holder)
+            flush(holder)
             eventually(lambda: flood.ended_count >= flood.sent_count - WAITING_MAX)
             assert not flood.answered
         eventually(lambda: flood.ended_count == flood.sent_count)
@@ -429,9 +436,9 @@ def test_a_flood_takes_neither_the_lease_nor_the_stop_nor_memory(
         with service.held():
             stops.query("stop", FLOOD)
             flood.query("status", FLOOD)
-            assert is_alive(attacker)
+            flush(attacker)
             bystander.query("stop")
-            assert is_alive(present)
+            flush(present)
             eventually(lambda: stops.ended_count >= FLOOD - WAITING_MAX)
         eventually(lambda: bystander.answered["stop"])
         eventually(lambda: stops.ended_count == FLOOD)
@@ -457,11 +464,11 @@ def test_a_stop_that_waits_when_the_gateway_restarts_is_read_before(service, eve
         stop = Flood(present, display)
         with service.held():
             restart.query("restart")
-            assert is_alive(session)
+            flush(session)
             service.turn()
             eventually(lambda: restart.answered["restart"])
             stop.query("stop")
-            assert is_alive(present)
+            flush(present)
         eventually(lambda: stop.ended_count)
         assert stop.answered["stop"] == 1
         assert core.levels[-1].stop_count == stop_count + 1
