@@ -10,8 +10,10 @@ WORKERS ?= auto --maxprocesses 16
 STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
-	--no-emit-index-url --no-emit-find-links --no-header pyproject.toml
-PACKAGES := drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
+	--no-emit-index-url --no-emit-find-links --no-emit-package gaitd-client --no-header pyproject.toml
+# The client library, a distribution of its own: installed before gaitd, from this clone.
+CLIENT := clients/python
+PACKAGES := $(CLIENT) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
 .PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install uninstall purge rigs lock format golden clean
@@ -19,10 +21,10 @@ PACKAGES := drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
 
-$(VENV)/run.stamp: requirements/run.txt pyproject.toml
+$(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable .
 	@touch $@
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
@@ -95,7 +97,7 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 	@mkdir -p out
 	$(PYTHON) -m venv out/sbom
 	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
-	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation .
+	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./$(CLIENT) .
 	$(BIN)/cyclonedx-py environment --gather-license-texts --pyproject pyproject.toml --mc-type application \
 		--output-reproducible --output-file out/sbom.json out/sbom/bin/python
 	rm -rf out/sbom

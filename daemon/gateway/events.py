@@ -12,7 +12,10 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Final, NamedTuple
 
-from daemon import wire
+from gaitd_client import wire
+from gaitd_client.wire.fields import NMT_STATES
+from gaitd_client.wire.names import Kind, Priority
+
 from daemon.gateway.translate import Stamp, head, power_state_name
 from daemon.ipc.record import (
     Cause,
@@ -25,7 +28,7 @@ from daemon.ipc.record import (
     Verdict,
 )
 from daemon.wire.cause_texts import CAUSE_TEXT
-from daemon.wire.fields import NMT_STATES, Kind, Priority, name_of
+from daemon.wire.names import name_of
 
 HISTORY_COUNT: Final = 200
 """Number of events kept for late joiners."""

@@ -27,8 +27,8 @@ from enum import Enum
 from typing import Final, NamedTuple, Protocol
 
 import msgspec
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import (
     CycleRecord,

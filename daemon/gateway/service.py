@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, Final, NamedTuple
 
 import msgspec
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.config.settings import Lease
 from daemon.gateway import events, requests, translate
 from daemon.gateway.clients import REMEDY, ClientRefusedError, Clients, PlanStore
@@ -29,7 +29,7 @@ from daemon.gateway.translate import Stamp
 from daemon.ipc.record import CycleRecord, DriveRecord, Mode, Outcome, Role
 from daemon.ipc.transport import GatewayChannel, RareNotice, RingError, RingHeader
 from daemon.system.clock import AgeClock
-from daemon.wire.fields import name_of, printable
+from daemon.wire.names import name_of, printable
 
 STATE_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000

@@ -12,6 +12,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 import zenoh
+from gaitd_client import wire
 from zenoh import CongestionControl, Priority
 from zenoh.ext import (
     AdvancedPublisher,
@@ -20,7 +21,6 @@ from zenoh.ext import (
     declare_advanced_publisher,
 )
 
-from daemon import wire
 from daemon.gateway.events import HISTORY_COUNT
 from daemon.gateway.requests import QUERY_SIZE_MAX
 from daemon.zenoh_io.access import QUERYABLES

@@ -9,6 +9,8 @@ from math import inf
 from pathlib import Path
 
 import zenoh
+from gaitd_client.connection import Target, client_settings
+from gaitd_client.credentials import read_credentials
 from processes import CONFIGS
 
 from daemon.config.settings import Lease
@@ -17,10 +19,8 @@ from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
 from daemon.ipc.record import Outcome
 from daemon.keys import issuing
-from daemon.keys.credentials import read_credentials
 from daemon.keys.folder import read_keys
 from daemon.system.clock import MonotonicClock
-from daemon.zenoh_io.client import Target, client_settings
 from gaitd_lab.processes import free_port
 
 BASE = "gaitd/trainer"

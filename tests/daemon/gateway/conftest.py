@@ -12,9 +12,9 @@ from typing import Any
 import msgspec
 import pytest
 import zenoh
+from gaitd_client import wire
 from processes import CONFIGS
 
-from daemon import wire
 from daemon.config.settings import Lease
 from daemon.config.trainer import load_trainer
 from daemon.gateway.clients import Clients, PlanStore

@@ -12,9 +12,9 @@ from collections import Counter
 
 import pytest
 import zenoh
+from gaitd_client import wire
 from keyed_gateway import BASE, ROLES, ask, connected, flush, running
 
-from daemon import wire
 from daemon.ipc.record import Mode, RequestKind
 
 WAITING_MAX = 64

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 import zenoh
 from command_line import gaitd
+from gaitd_client.connection import Target
 from keyed_gateway import (
     BASE,
     NOW,
@@ -32,7 +33,6 @@ from daemon.ipc.record import Mode, Plan, Role
 from daemon.keys import issuing
 from daemon.keys.certificates import Pair, new_authority, new_certificate
 from daemon.keys.folder import read_keys
-from daemon.zenoh_io.client import Target
 
 ALL = frozenset(ROLES)
 MAY = {
@@ -67,8 +67,8 @@ def valid(service, eventually):
     service.core.changes.clear()
     service.core.changes["mode"] = Mode.HOLD  # in which no restart is granted
     service.core.requests.clear()
-    with connected(service.target("display.desk")) as session:
-        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+    display = service.target("display.desk")
+    eventually(lambda: status_of(display).get("safety", {}).get("valid"))
 
 
 def listens(endpoint):
