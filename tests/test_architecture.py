@@ -14,7 +14,10 @@ LINTER = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
 ]
 
 
-FOLDER = {"gaitd_client": PROJECT / "clients" / "python"}
+FOLDER = {
+    "gaitd_client": PROJECT / "clients" / "python",
+    "gaitd_display": PROJECT / "clients" / "display",
+}
 
 
 class Plant(NamedTuple):
@@ -54,6 +57,7 @@ PLANTS = (
     Plant("daemon.core", "daemon.preflight.acceptance", JUDGEMENT),
     Plant("gaitd_client", "daemon.ipc.record", ALONE),
     Plant("daemon.core", "gaitd_client.stream", MESSAGES),
+    Plant("gaitd_display", "daemon.ipc.record", "the display sees messages alone"),
 )
 
 

@@ -14,6 +14,8 @@ PROJECT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
 CLIENT = PROJECT / "clients" / "python"
 CLIENT_PYPROJECT = tomllib.loads((CLIENT / "pyproject.toml").read_text(encoding="utf-8"))
+DISPLAY = PROJECT / "clients" / "display"
+DISPLAY_PYPROJECT = tomllib.loads((DISPLAY / "pyproject.toml").read_text(encoding="utf-8"))
 CLIENT_NAME = "gaitd-client"
 PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
 
@@ -31,7 +33,7 @@ def test_no_installed_distribution_claims_a_name_of_ours(rival):
         importlib.metadata.distribution(rival)
 
 
-@pytest.mark.parametrize("project", [PYPROJECT, CLIENT_PYPROJECT])
+@pytest.mark.parametrize("project", [PYPROJECT, CLIENT_PYPROJECT, DISPLAY_PYPROJECT])
 def test_the_installed_version_is_the_one_of_the_project_file(project):
     assert importlib.metadata.version(project["project"]["name"]) == project["project"]["version"]
 
@@ -42,6 +44,14 @@ def test_gaitd_needs_the_client_of_this_repository_with_its_dependencies():
     assert f"{CLIENT_NAME}=={CLIENT_PYPROJECT['project']['version']}" in wanted
     assert set(CLIENT_PYPROJECT["project"]["dependencies"]) <= set(wanted)
     assert CLIENT_PYPROJECT["build-system"] == PYPROJECT["build-system"]
+
+
+def test_the_display_needs_the_versions_that_are_pinned_for_it():
+    own = {*PYPROJECT["project"]["dependencies"]}
+    own |= {*PYPROJECT["project"]["optional-dependencies"]["display"]}
+
+    assert set(DISPLAY_PYPROJECT["project"]["dependencies"]) <= own
+    assert DISPLAY_PYPROJECT["build-system"] == PYPROJECT["build-system"]
 
 
 def built(project: Path, folder: Path) -> zipfile.ZipFile:
@@ -72,6 +82,22 @@ def test_the_clients_wheel_holds_its_package_with_types_schemas_and_licence(tmp_
     assert {name for name in names if ".dist-info/" not in name} == files
     licence = next(name for name in names if name.endswith("licenses/LICENSE"))
     assert b"Apache License" in wheel.read(licence)
+
+
+def test_the_displays_wheel_holds_its_pages_and_both_licences(tmp_path):
+    wheel = built(DISPLAY, tmp_path)
+    names = set(wheel.namelist())
+    files = {
+        file.relative_to(DISPLAY).as_posix()
+        for file in (DISPLAY / "gaitd_display").rglob("*")
+        if file.is_file() and file.suffix != ".pyc"
+    }
+
+    assert {"gaitd_display/static/patient.html", "gaitd_display/patient.py"} <= files
+    assert {name for name in names if ".dist-info/" not in name} == files
+    papers = {name.split("licenses/")[-1]: name for name in names if "licenses/" in name}
+    assert b"Apache License" in wheel.read(papers["LICENSE"])
+    assert b"MIT License" in wheel.read(papers["gaitd_display/static/vendor/LICENSE.uPlot"])
 
 
 def test_the_wheel_holds_every_module_and_configuration_and_nothing_but_our_packages(wheel):

@@ -177,6 +177,7 @@ GUIDED = (
     *("sim_drives", "sim_drives/canopen", "sim_drives/cia402", "sim_drives/faults"),
     *("sim_drives/plant", "sim_drives/time"),
     *("clients/python/gaitd_client", "clients/python/gaitd_client/wire"),
+    "clients/display/gaitd_display",
 )
 
 
