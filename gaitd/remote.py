@@ -79,7 +79,7 @@ def client_of(target: Target, command: str) -> Trainer:
 
 
 def as_json_text(message: msgspec.Struct) -> str:
-    """Return a message as the service has sent it."""
+    """Return a message as JSON, with the fields that this version knows."""
     return msgspec.json.encode(message).decode()
 
 
@@ -96,8 +96,9 @@ def request(target: Target, name: str, *, as_json: bool, **arguments: object) ->
     mode = f" (mode {reply.mode})" if reply.mode else ""
     reason = f": {reply.reason}" if reply.reason else ""
     print(as_json_text(reply) if as_json else f"{name} {reply.outcome}{reason}{mode}")
-    codes = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
-    return codes.get(Outcome(reply.outcome), EXIT_NO_ANSWER)
+    # A later version of the service may send another outcome.
+    codes: dict[str, int] = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
+    return codes.get(reply.outcome, EXIT_NO_ANSWER)
 
 
 def report_silence(name: str, trouble: str, *, as_json: bool) -> int:

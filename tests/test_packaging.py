@@ -54,6 +54,14 @@ def test_the_display_needs_the_versions_that_are_pinned_for_it():
     assert DISPLAY_PYPROJECT["build-system"] == PYPROJECT["build-system"]
 
 
+@pytest.mark.parametrize("folder", [CLIENT, DISPLAY])
+def test_a_source_distribution_has_the_licence_itself(folder):
+    licence = folder / "LICENSE"
+
+    assert not licence.is_symlink()
+    assert licence.read_bytes() == (PROJECT / "LICENSE").read_bytes()
+
+
 def built(project: Path, folder: Path) -> zipfile.ZipFile:
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],

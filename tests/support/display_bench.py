@@ -19,7 +19,7 @@ from gaitd_client import (
     Stride,
     wire,
 )
-from gaitd_client.stream import Stream, Watch
+from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream, Watch
 from gaitd_client.wire.messages import Configuration, Judgement, Status
 from msgspec import inspect
 
@@ -100,8 +100,9 @@ class MessageTrainer:
             stream.close()
         self.is_entered = False
 
-    def _stream(self, key, kind, *, cyclic=True, keep=1):
-        watch = Watch(self.clock) if cyclic else self.pulse
+    def _stream(self, key, kind, *, silence_ns=SILENCE_NS, keep=1):
+        cyclic = silence_ns is not None
+        watch = Watch(self.clock, silence_ns) if cyclic else self.pulse
         self.streams[key] = Stream(key, kind, watch, keep=keep, is_cyclic=cyclic)
         return self.streams[key]
 
@@ -118,16 +119,16 @@ class MessageTrainer:
         return self._stream(f"drives/{name}", DriveState)
 
     def stride(self, leg):
-        return self._stream(f"{leg}/stride", Stride, cyclic=False, keep=64)
+        return self._stream(f"{leg}/stride", Stride, silence_ns=None, keep=64)
 
     def safety(self):
-        return self._stream("safety", Safety, cyclic=False)
+        return self._stream("safety", Safety, silence_ns=SECOND_SILENCE_NS)
 
     def health(self):
-        return self._stream("health", wire.Health, cyclic=False)
+        return self._stream("health", wire.Health, silence_ns=SECOND_SILENCE_NS)
 
     def events(self):
-        return self._stream("events", Event, cyclic=False, keep=256)
+        return self._stream("events", Event, silence_ns=None, keep=256)
 
     # --- messages ---------------------------------------------------------------------------
 

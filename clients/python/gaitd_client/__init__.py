@@ -6,7 +6,7 @@ Reading order: `trainer.py` (messages and requests), `stream.py` (what a stream 
 """
 
 from gaitd_client import wire
-from gaitd_client.aio import AsyncTrainer
+from gaitd_client.aio import AsyncLease, AsyncTrainer
 from gaitd_client.clock import Clock, MonotonicClock
 from gaitd_client.connection import Target
 from gaitd_client.credentials import Credentials, read_credentials
@@ -15,6 +15,7 @@ from gaitd_client.errors import (
     CredentialsError,
     NoAnswerError,
     NoServiceError,
+    NotReturnedError,
     RequestRefusedError,
 )
 from gaitd_client.lease import Assist, Law, Lease, Refusal
@@ -51,6 +52,7 @@ __all__ = [
     "REFUSAL_TEXT",
     "Activity",
     "Assist",
+    "AsyncLease",
     "AsyncTrainer",
     "Cause",
     "ClientError",
@@ -70,6 +72,7 @@ __all__ = [
     "MonotonicClock",
     "NoAnswerError",
     "NoServiceError",
+    "NotReturnedError",
     "NotValid",
     "Outcome",
     "PlanLimits",

@@ -1,20 +1,26 @@
 """`AsyncTrainer`: the same for asyncio, with asynchronous iterators and awaited requests."""
 
 import asyncio
-import contextlib
-import sys
-from collections.abc import AsyncGenerator, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager
+from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Final, Self, TypeVar
 
 from gaitd_client import wire
 from gaitd_client.clock import Clock
 from gaitd_client.credentials import Credentials
-from gaitd_client.lease import Law, Lease, OnRefusal
-from gaitd_client.stream import Stream
+from gaitd_client.lease import NS_PER_S, Law, Lease, OnRefusal
+from gaitd_client.stream import POLL_S, Stream
 from gaitd_client.trainer import EVENTS_KEPT, STRIDES_KEPT, Trainer
 from gaitd_client.wire.names import Mode
+
+T = TypeVar("T")
+
+STOPS_MAX: Final = 8
+"""Requests to stop that wait for their answers at the same time."""
 
 
 class AsyncTrainer:
@@ -24,7 +30,9 @@ class AsyncTrainer:
             async for activity in trainer.activity("right"):
                 ...
 
-    A request waits for its answer in a thread; the loop goes on.
+    A request waits for its answer in a thread; the loop goes on. A stop has threads of its own, so
+    that it never waits behind other requests. A task that is cancelled while it enters or leaves
+    ends only after that, so that no connection and no lease is left behind.
     """
 
     def __init__(
@@ -47,10 +55,11 @@ class AsyncTrainer:
             keep_trying=keep_trying,
         )
         """The same trainer without asyncio."""
+        self._stops = ThreadPoolExecutor(STOPS_MAX, thread_name_prefix="stop")
 
     async def __aenter__(self) -> Self:
         """Connect; see `Trainer`."""
-        await asyncio.to_thread(self.sync.__enter__)
+        await _enter(self.sync)
         return self
 
     async def __aexit__(
@@ -60,7 +69,7 @@ class AsyncTrainer:
         traceback: TracebackType | None,
     ) -> None:
         """Close all streams and the connection."""
-        await asyncio.to_thread(self.sync.__exit__, kind, error, traceback)
+        await _exit(self.sync, kind, error, traceback)
 
     @property
     def is_connected(self) -> bool:
@@ -121,7 +130,7 @@ class AsyncTrainer:
 
     async def stop(self) -> wire.Reply:
         """Stop now, in any mode; every role may."""
-        return await asyncio.to_thread(self.sync.stop)
+        return await asyncio.get_running_loop().run_in_executor(self._stops, self.sync.stop)
 
     async def reset(self) -> wire.Reply:
         """Reset a latched stop once its cause is gone."""
@@ -164,8 +173,7 @@ class AsyncTrainer:
 
     # --- assist ---------------------------------------------------------------------------------
 
-    @contextlib.asynccontextmanager
-    async def lease(
+    def lease(
         self,
         name: str,
         law: Law,
@@ -173,13 +181,112 @@ class AsyncTrainer:
         legs: Sequence[str] | None = None,
         duration_ms: int | None = None,
         on_refusal: OnRefusal | None = None,
-    ) -> AsyncGenerator[Lease]:
-        """Hold the lease inside `async with`; the law is called in a thread."""
-        lease = self.sync.lease(
-            name, law, legs=legs, duration_ms=duration_ms, on_refusal=on_refusal
+    ) -> "AsyncLease":
+        """Return the lease to be held by `async with`; the law is called in a thread."""
+        return AsyncLease(
+            self.sync.lease(name, law, legs=legs, duration_ms=duration_ms, on_refusal=on_refusal)
         )
-        await asyncio.to_thread(lease.__enter__)
+
+
+class AsyncLease:
+    """As `Lease`, for `async with`; made by `AsyncTrainer.lease`."""
+
+    def __init__(self, lease: Lease) -> None:
+        """Hold this lease, which is not yet entered."""
+        self.sync = lease
+        """The same lease without asyncio."""
+
+    async def __aenter__(self) -> Self:
+        """Acquire the lease, and start to answer; see `Lease`."""
+        await _enter(self.sync)
+        return self
+
+    async def __aexit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End the answers and release the lease; raise the law's exception."""
+        await _exit(self.sync, kind, error, traceback)
+
+    async def wait(self, duration_s: float | None = None) -> None:
+        """As `Lease.wait`; the loop goes on, and the wait can be cancelled."""
+        clock = self.sync.clock
+        end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * NS_PER_S)
+        while end_ns is None or clock.now_ns() < end_ns:
+            self.sync.wait(0)  # raises what the law has raised
+            await asyncio.sleep(POLL_S)
+        self.sync.wait(0)
+
+    @property
+    def name(self) -> str:
+        """Of this controller."""
+        return self.sync.name
+
+    @property
+    def is_held(self) -> bool:
+        """True if this controller holds the lease and answers, as far as it knows."""
+        return self.sync.is_held
+
+    @property
+    def why_not(self) -> str:
+        """Why the law is not in force; empty if it is."""
+        return self.sync.why_not
+
+    @property
+    def answered_count(self) -> int:
+        """Setpoints sent."""
+        return self.sync.answered_count
+
+    @property
+    def refused_count(self) -> Mapping[str, int]:
+        """Setpoints of the trainer that were refused, by reason; see `Lease`."""
+        return self.sync.refused_count
+
+
+async def _finished(
+    function: Callable[..., T], *arguments: object
+) -> tuple["asyncio.Future[T]", asyncio.CancelledError | None]:
+    """Call the function in a thread and wait for its end, even if this task is cancelled.
+
+    Returns: the outcome, and the cancellation that came meanwhile.
+    """
+    future = asyncio.get_running_loop().run_in_executor(None, partial(function, *arguments))
+    cancelled: asyncio.CancelledError | None = None
+    while not future.done():
         try:
-            yield lease
-        finally:
-            await asyncio.to_thread(lease.__exit__, *sys.exc_info())
+            await asyncio.wait({future})
+        except asyncio.CancelledError as error:
+            cancelled = error
+    return future, cancelled
+
+
+async def _enter(manager: AbstractContextManager[object]) -> None:
+    """Enter in a thread; a cancellation leaves it again."""
+    entering, cancelled = await _finished(manager.__enter__)
+    error = entering.exception()
+    if cancelled is None:
+        entering.result()
+        return
+    if error is None:
+        leaving, _ = await _finished(
+            manager.__exit__, type(cancelled), cancelled, cancelled.__traceback__
+        )
+        error = leaving.exception()
+    if error is not None:
+        cancelled.add_note(f"{type(error).__name__}: {error}")
+    raise cancelled
+
+
+async def _exit(
+    manager: AbstractContextManager[object],
+    kind: type[BaseException] | None,
+    error: BaseException | None,
+    traceback: TracebackType | None,
+) -> None:
+    """Leave in a thread, also if cancelled meanwhile."""
+    leaving, cancelled = await _finished(manager.__exit__, kind, error, traceback)
+    leaving.result()
+    if cancelled is not None:
+        raise cancelled

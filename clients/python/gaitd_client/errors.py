@@ -26,6 +26,10 @@ class NoAnswerError(ClientError):
     """The service did not answer, or with something that is no answer: the outcome is unknown."""
 
 
+class NotReturnedError(ClientError):
+    """A function that was given to this library does not return; its thread is left behind."""
+
+
 class RequestRefusedError(ClientError):
     """The service has refused a request; `reply.reason` is the reason."""
 

@@ -9,28 +9,34 @@ docs/control_by_others.md of gaitd has the rules of the service.
 import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Final, NamedTuple, Self, SupportsFloat, TypeVar
 
 import msgspec
 import zenoh
 from zenoh import CongestionControl, Priority
 
 from gaitd_client import wire
-from gaitd_client.errors import ClientError, RequestRefusedError
-from gaitd_client.stream import POLL_S, NotValid
+from gaitd_client.errors import ClientError, NotReturnedError, RequestRefusedError
+from gaitd_client.stream import POLL_S, NotValid, Stream
 from gaitd_client.wire.names import Mode, Outcome
 from gaitd_client.wire.refusals import REFUSAL_TEXT, SetpointRefusal
 
 if TYPE_CHECKING:
-    from gaitd_client.stream import Stream
     from gaitd_client.trainer import Trainer
+
+T = TypeVar("T", bound=msgspec.Struct)
 
 ASSISTED: Final = frozenset({Mode.TORQUE, Mode.GAIT})
 """Modes in which assist is added."""
 NO_LEASE: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 """Modes in which no lease can be acquired."""
 NS_PER_S: Final = 1_000_000_000
+REQUEST_NEEDED: Final = (
+    "the lease was lost and acquired again: setpoints are neutral until the mode is left and"
+    " requested again"
+)
 
 
 class Assist(NamedTuple):
@@ -63,11 +69,12 @@ class Lease:
     """The right of one controller to send setpoints; made by `Trainer.lease`, held by `with`.
 
     If the lease ends by itself (a stop, a restart of the gateway or of the core), it is acquired
-    again as soon as the service grants it. Assist then starts again only where an operator requests
-    mode torque or gait again.
+    again once the service grants it, estimates arrive, and no call of the law is running. Setpoints
+    are then neutral until the machine was in a mode without assist; so the law is called again only
+    after a new request of mode torque or gait.
 
-    An exception of the law ends the answers, so assist fades and the leg is held; `wait` and the
-    end of `with` raise it.
+    An exception of the law or of `on_refusal`, SystemExit too, ends the answers for all legs, so
+    assist fades and the leg is held; `wait` and the end of `with` raise it.
     """
 
     def __init__(
@@ -80,33 +87,51 @@ class Lease:
         on_refusal: OnRefusal | None,
     ) -> None:
         """See `Trainer.lease`."""
+        if isinstance(legs, str):
+            raise TypeError(f"legs = {legs!r}: a sequence of names is needed, such as [{legs!r}]")
+        self.clock = trainer.clock
+        """The trainer's clock, by which `wait` ends."""
         self._trainer, self._law, self._legs = trainer, law, legs
         self._duration_ms, self._on_refusal = duration_ms, on_refusal
         credentials = trainer.target.credentials
         self.name = name if credentials is None else credentials.file.name
-        self.why_not = ""
-        """Why the lease is not held at present; empty if it is."""
         self.answered_count = 0
         """Setpoints sent."""
         self.refused_count: dict[str, int] = {}
-        """Setpoints of the trainer that were refused since `with`, by reason. The service counts
-        those of all clients together, and reports once a second."""
-        self._number: int | None = None
-        self._acquired: wire.Reply | None = None
+        """Setpoints of the trainer that were refused, by reason. The service counts those of all
+        clients together, and reports once a second; those before its first report after `with`, in
+        the first second, are not counted."""
+        self._grant: wire.Reply | None = None
+        self._not_granted = "`with` was not entered"
+        self._unknown = ""
+        """Why nothing is known about the lease at present."""
+        self._is_request_needed = False
+        self._has_estimate = False
+        """True if an estimate was processed since the lease was granted."""
         self._counts: Mapping[str, int] | None = None
-        self._not_finite_count = 0
-        """Not sent, because JSON has no such number; since the last report."""
+        self._not_finite_count = self._not_finite_reported = 0
+        """Not sent, because JSON has no such number."""
         self._seq = 0
-        self._error: Exception | None = None
+        self._error: BaseException | None = None
         self._is_over = threading.Event()
-        self._lock = threading.Lock()
+        self._law_lock = threading.Lock()
+        """Held while the law is called, and while the lease is acquired again."""
         self._publishers: dict[str, zenoh.Publisher] = {}
-        self._streams: list[Stream[wire.Estimate] | Stream[wire.Safety] | Stream[wire.Health]] = []
+        self._ending = ExitStack()
 
     @property
     def is_held(self) -> bool:
-        """True if this controller holds the lease, as far as it knows."""
-        return self._number is not None
+        """True if this controller holds the lease and answers, as far as it knows."""
+        return self._grant is not None and not self._unknown and not self._is_over.is_set()
+
+    @property
+    def why_not(self) -> str:
+        """Why the law is not in force: no lease, or a new request is needed; empty if it is."""
+        if self._error is not None:
+            return f"ended by {type(self._error).__name__}: {self._error}"
+        if self._grant is None:
+            return self._not_granted
+        return self._unknown or (REQUEST_NEEDED if self._is_request_needed else "")
 
     def __enter__(self) -> Self:
         """Acquire the lease, and start to answer.
@@ -114,25 +139,35 @@ class Lease:
         Raises:
             RequestRefusedError: another client holds it, or the machine is stopped.
             NoAnswerError: the service does not answer.
+            ValueError: `legs` names none, or one that the trainer does not have.
         """
-        legs = self._legs or self._trainer.configuration().leg_names
-        self._acquire()
-        session = self._trainer.connected_session()
-        for leg in legs:
-            self._publishers[leg] = session.declare_publisher(
-                wire.key(self._trainer.target.trainer, leg, wire.SETPOINT),
-                encoding=wire.encoding(wire.SetpointMessage),
-                congestion_control=CongestionControl.DROP,
-                priority=Priority.REAL_TIME,
-                express=True,
-            )
-            estimates = self._trainer.estimate(leg)
-            self._streams.append(estimates)
-            estimates.call(self._answer)
-        safety, health = self._trainer.safety(), self._trainer.health()
-        self._streams += [safety, health]
-        safety.call(self._follow)
-        health.call(self._count)
+        trainer, known = self._trainer, self._trainer.configuration().leg_names
+        legs = known if self._legs is None else tuple(dict.fromkeys(self._legs))
+        if not legs or not set(legs) <= set(known):
+            raise ValueError(f"legs = {legs}: one or more of {known} are allowed")
+        session = trainer.connected_session()
+        with ExitStack() as ending:
+            # Called in the reverse order. Only after `safety` is closed nothing acquires again.
+            ending.callback(self._release)
+            for leg in legs:
+                self._publishers[leg] = session.declare_publisher(
+                    wire.key(trainer.target.trainer, leg, wire.SETPOINT),
+                    encoding=wire.encoding(wire.SetpointMessage),
+                    congestion_control=CongestionControl.DROP,
+                    priority=Priority.REAL_TIME,
+                    express=True,
+                )
+                ending.callback(self._publishers[leg].undeclare)
+            estimates = [self._opened(ending, trainer.estimate(leg), "the law") for leg in legs]
+            health = self._opened(ending, trainer.health(), "on_refusal")
+            safety = self._opened(ending, trainer.safety(), "the request of the lease")
+            ending.callback(self._is_over.set)
+            self._acquire()
+            for stream in estimates:
+                stream.call(self._guarded(self._answer))
+            health.call(self._guarded(self._count))
+            safety.call(self._guarded(self._follow))
+            self._ending = ending.pop_all()
         return self
 
     def __exit__(
@@ -141,26 +176,34 @@ class Lease:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """End the answers and release the lease; raise the law's exception."""
-        self._is_over.set()
-        for stream in self._streams:
-            stream.close()
-        for publisher in self._publishers.values():
-            publisher.undeclare()
-        if self._number is not None:
-            number, self._number = self._number, None
-            # Refused if it has ended by itself in the meantime, which is as good.
-            self._trainer.request("release", client=self.name, lease=number)
-        if self._error is not None and error is None:
-            raise self._error
+        """End the answers and release the lease; raise the law's exception.
+
+        The first exception is raised (of `with`, of the law, of the end); others are its notes.
+
+        Raises:
+            NotReturnedError: the law, or `on_refusal`, does not return.
+        """
+        trouble: BaseException | None = None
+        try:
+            self._ending.close()
+        except BaseException as raised:  # noqa: BLE001 - raised below, or a note of another one
+            trouble = raised
+        law_error = None if self._error is error else self._error
+        first, *others = [one for one in (error, law_error, trouble) if one is not None] or [None]
+        if first is None:
+            return
+        for other in others:
+            first.add_note(f"At the end of the lease: {type(other).__name__}: {other}")
+        if first is not error:
+            raise first
 
     def wait(self, duration_s: float | None = None) -> None:
         """Let the law work for this time, by the trainer's clock; None: until it raises.
 
         Raises:
-            Exception: what the law has raised.
+            BaseException: what the law or `on_refusal` has raised.
         """
-        clock = self._trainer.clock
+        clock = self.clock
         end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * NS_PER_S)
         while end_ns is None or clock.now_ns() < end_ns:
             if self._is_over.wait(POLL_S):
@@ -168,73 +211,127 @@ class Lease:
         if self._error is not None:
             raise self._error
 
+    def _opened(self, ending: ExitStack, stream: Stream[T], function_name: str) -> Stream[T]:
+        def close() -> None:
+            try:
+                stream.close()
+            except NotReturnedError as error:
+                raise NotReturnedError(f"{function_name} does not return: {error}") from error
+
+        ending.callback(close)
+        return stream
+
+    def _release(self) -> None:
+        grant, self._grant, self._not_granted = self._grant, None, "`with` was left"
+        if grant is not None:
+            # Refused if it has ended by itself in the meantime, which is as good.
+            self._trainer.request("release", client=self.name, lease=grant.lease)
+
     # --- in threads of the streams --------------------------------------------------------------
+
+    def _guarded(self, function: Callable[[T | NotValid], None]) -> Callable[[T | NotValid], None]:
+        """Return the function with its exceptions kept for `wait` and the end of `with`."""
+
+        def call(item: T | NotValid) -> None:
+            if self._is_over.is_set():
+                return
+            try:
+                function(item)
+            except BaseException as error:  # noqa: BLE001 - raised by `wait` and the end of `with`
+                if self._error is None:
+                    self._error = error
+                self._is_over.set()
+
+        return call
 
     def _answer(self, estimate: wire.Estimate | NotValid) -> None:
         """Answer one estimate; without one there is nothing to answer, and assist fades."""
-        if isinstance(estimate, NotValid) or self._is_over.is_set():
+        if isinstance(estimate, NotValid):
             return
-        with self._lock:
-            number = self._number
-            if number is None:
+        while not self._law_lock.acquire(timeout=POLL_S):
+            if self._is_over.is_set():
                 return
-            try:
-                assist = self._law(estimate) if estimate.mode in ASSISTED else Assist()
-            except Exception as error:  # noqa: BLE001 - raised by `wait` and at the end of `with`
-                self._error = error
-                self._is_over.set()
-                return
-            if not all(map(math.isfinite, assist)):
-                self._not_finite_count += 1
-                return
-            self._seq += 1
-            setpoint = wire.SetpointMessage(
-                lease=number,
-                seq=self._seq,
-                for_cycle=estimate.cycle,
-                hip_assist_nm=assist.hip_nm,
-                slide_assist_n=assist.slide_n,
-                stiffness_ratio=assist.stiffness_ratio,
-            )
-            self._publishers[estimate.leg].put(msgspec.json.encode(setpoint))
-            self.answered_count += 1
+        try:
+            self._answer_alone(estimate)
+        finally:
+            self._law_lock.release()
+
+    def _answer_alone(self, estimate: wire.Estimate) -> None:
+        is_assisted = estimate.mode in ASSISTED
+        if not is_assisted:
+            self._is_request_needed = False
+        self._has_estimate = True
+        grant = self._grant
+        if grant is None or grant.lease is None:
+            return
+        assist = Assist()
+        if is_assisted and not self._is_request_needed:
+            assist = _checked(self._law(estimate), estimate)
+        if self._is_over.is_set() or self._grant is not grant:
+            return
+        if not all(map(math.isfinite, assist)):
+            self._not_finite_count += 1
+            return
+        self._seq += 1
+        setpoint = wire.SetpointMessage(
+            lease=grant.lease,
+            seq=self._seq,
+            for_cycle=estimate.cycle,
+            hip_assist_nm=assist.hip_nm,
+            slide_assist_n=assist.slide_n,
+            stiffness_ratio=assist.stiffness_ratio,
+        )
+        self._publishers[estimate.leg].put(msgspec.json.encode(setpoint))
+        self.answered_count += 1
 
     def _follow(self, safety: wire.Safety | NotValid) -> None:
         """Notice the end of the lease, and acquire it again."""
-        if isinstance(safety, NotValid) or not safety.valid or self._is_over.is_set():
+        if isinstance(safety, NotValid):
+            self._unknown = f"the service is away: {safety.text}"
             return
-        if self._number is not None and safety.lease_holder != self.name and self._is_newer(safety):
-            self._number = None
-            self.why_not = (
-                f"held by {safety.lease_holder or 'no client'} since cycle {safety.cycle}"
-            )
-        if self._number is None and safety.lease_holder is None and safety.mode not in NO_LEASE:
-            try:
-                self._acquire()
-            except ClientError as error:
-                self.why_not = str(error)
+        self._unknown = "" if safety.valid else "the gateway receives nothing from the core"
+        if not safety.valid:
+            return
+        holder, grant = safety.lease_holder, self._grant
+        if grant is not None and holder != self.name and _is_newer(safety, grant):
+            self._is_request_needed = True
+            self._grant, self._not_granted = None, f"it has ended before cycle {safety.cycle}"
+        if self._grant is None:
+            self._acquire_again(safety)
 
-    def _is_newer(self, safety: wire.Safety) -> bool:
-        """Return whether the message was made after the lease was granted."""
-        granted = self._acquired
-        if granted is None or safety.core_boot_id != granted.core_boot_id:
-            return True
-        return (safety.cycle or 0) > (granted.cycle or 0)
+    def _acquire_again(self, safety: wire.Safety) -> None:
+        if safety.lease_holder is not None:
+            self._not_granted = f"held by {safety.lease_holder}"
+        elif safety.mode in NO_LEASE:
+            self._not_granted = f"mode {safety.mode}: the machine must be reset first"
+        elif not self._law_lock.acquire(timeout=POLL_S):
+            self._not_granted = "the law does not return"
+        else:
+            try:
+                if self._has_estimate:
+                    self._acquire()
+                else:
+                    self._not_granted = "it has ended, and no estimate arrives"
+            except ClientError as error:
+                self._not_granted = str(error)
+            finally:
+                self._law_lock.release()
 
     def _acquire(self) -> None:
         reply = self._trainer.acquire(self.name, self._duration_ms)
         if reply.outcome != Outcome.DONE:
             raise RequestRefusedError(reply)
-        self._acquired, self._number, self.why_not = reply, reply.lease, ""
+        self._has_estimate = False
+        self._grant = reply
 
     def _count(self, health: wire.Health | NotValid) -> None:
         """Report what the service has refused since its last report."""
         if isinstance(health, NotValid):
             return
-        with self._lock:
-            not_finite_count, self._not_finite_count = self._not_finite_count, 0
-        if not_finite_count:
-            self._refuse(SetpointRefusal.NON_FINITE, not_finite_count)
+        not_finite_count = self._not_finite_count
+        if not_finite_count > self._not_finite_reported:
+            self._refuse(SetpointRefusal.NON_FINITE, not_finite_count - self._not_finite_reported)
+            self._not_finite_reported = not_finite_count
         before, self._counts = self._counts, health.setpoint_refused_count
         for reason, count in self._counts.items():
             was = count if before is None else before.get(reason, 0)
@@ -250,3 +347,25 @@ class Lease:
         remedy = text.remedy if text else "see its documentation"
         if self._on_refusal is not None:
             self._on_refusal(Refusal(reason, count, meaning, remedy))
+
+
+def _is_newer(safety: wire.Safety, grant: wire.Reply) -> bool:
+    """Return whether the message was made after the lease was granted."""
+    if safety.core_boot_id != grant.core_boot_id:
+        return True
+    return (safety.cycle or 0) > (grant.cycle or 0)
+
+
+def _checked(assist: object, estimate: wire.Estimate) -> Assist:
+    """Return what the law has returned, with numbers of Python (numpy's cannot be encoded).
+
+    Raises:
+        TypeError: it is no `Assist` of numbers.
+    """
+    where = f"the law has returned for leg {estimate.leg}, cycle {estimate.cycle}"
+    if not isinstance(assist, Assist):
+        raise TypeError(f"{where}: {assist!r}; return an Assist, Assist() is neutral")
+    for name, value in assist._asdict().items():
+        if not isinstance(value, SupportsFloat):
+            raise TypeError(f"{where}: {name} = {value!r}; a number is needed")
+    return Assist(*map(float, assist))

@@ -4,8 +4,8 @@ A stream yields messages, and `NotValid` where there is no message that may be u
 the past is never taken for one of the present:
 
 1. After 200 ms of silence, by the trainer's clock, a stream yields `NotValid` once; `newest`
-   returns it until the next message. Keys with fewer messages (safety, health, events, stride) are
-   silent if the trainer is: `drives/*/*` has ten messages a second.
+   returns it until the next message. For safety and health, which come once a second, it is 1.5 s.
+   Events and strides are silent if the trainer is: `drives/*/*` has ten messages a second.
 2. With `keep=1` a slow consumer gets the newest message only. `dropped_count` counts the others.
 3. A payload that cannot be decoded is a `NotValid`, too, and the stream goes on.
 """
@@ -24,11 +24,16 @@ import msgspec
 
 from gaitd_client import wire
 from gaitd_client.clock import Clock
+from gaitd_client.errors import NotReturnedError
 
 T = TypeVar("T", bound=msgspec.Struct)
 
 SILENCE_NS: Final = 200_000_000
 """Nothing is valid after this time without a message."""
+SECOND_SILENCE_NS: Final = 1_500_000_000
+"""The same for a key with one message a second."""
+JOIN_S: Final = 3.0
+"""Longest wait for a function of `call` at the end: longer than the lease is acquired."""
 POLL_S: Final = 0.02
 """Time of the computer between two looks at the clock while no message arrives."""
 
@@ -37,7 +42,7 @@ class Trouble(Enum):
     """Why there is no message."""
 
     SILENT = "silent"
-    """No message for 200 ms: the service, the core or the connection is away."""
+    """No message for too long: the service, the core or the connection is away."""
     UNREADABLE = "unreadable"
     """A payload that is not the JSON of this message."""
 
@@ -54,9 +59,9 @@ class NotValid:
 class Watch:
     """Finds silence: of one key with a message in each cycle, or of the whole trainer."""
 
-    def __init__(self, clock: Clock) -> None:
-        """Start; without any message there is silence 200 ms later."""
-        self._clock = clock
+    def __init__(self, clock: Clock, silence_ns: int = SILENCE_NS) -> None:
+        """Start; without any message there is silence `silence_ns` later."""
+        self._clock, self.silence_ns = clock, silence_ns
         self._newest_ns = clock.now_ns()
         self.gap_count = 0
         """Silences that have ended; messages before one are of the past."""
@@ -64,14 +69,14 @@ class Watch:
     def beat(self) -> None:
         """Take note of a message."""
         now_ns = self._clock.now_ns()
-        if now_ns - self._newest_ns > SILENCE_NS:
+        if now_ns - self._newest_ns > self.silence_ns:
             self.gap_count += 1
         self._newest_ns = now_ns
 
     @property
     def is_silent(self) -> bool:
         """True if the last message is too old."""
-        return self._clock.now_ns() - self._newest_ns > SILENCE_NS
+        return self._clock.now_ns() - self._newest_ns > self.silence_ns
 
 
 class _Received(NamedTuple):
@@ -144,19 +149,33 @@ class Stream(Generic[T]):
             self._wake()
 
     def close(self) -> None:
-        """End all iterators and calls, and the subscription."""
+        """End all iterators and calls, and the subscription.
+
+        Raises:
+            NotReturnedError: the function of `call` has not returned after 3 s.
+        """
         with self._changed:
             is_first, self._is_closed = not self._is_closed, True
             self._wake()
         if is_first:
             self._on_close()
-        if self._calls is not None and self._calls is not threading.current_thread():
-            self._calls.join()
+        calls = self._calls
+        if calls is None or calls is threading.current_thread():
+            return
+        calls.join(JOIN_S)
+        if calls.is_alive():
+            self._calls = None
+            raise NotReturnedError(
+                f"{self.key}: a call has not returned {JOIN_S:g} s after the end"
+            )
 
     def _wake(self) -> None:
         self._changed.notify_all()
-        for waker in self._wakers:
-            waker()
+        for waker in tuple(self._wakers):
+            try:
+                waker()
+            except RuntimeError:  # its event loop was closed, and the iterator with it
+                self._wakers.remove(waker)
 
     # --- messages out ---------------------------------------------------------------------------
 
@@ -164,7 +183,7 @@ class Stream(Generic[T]):
         """Return the newest message, without waiting; `NotValid` if it is of the past."""
         with self._changed:
             last = self._last
-            if last is None or self._watch.is_silent or last.gap_count != self._watch.gap_count:
+            if last is None or self._is_past:
                 return self._silence()
         return self._decode(last)
 
@@ -201,7 +220,8 @@ class Stream(Generic[T]):
                     yield self._decode(taken) if isinstance(taken, _Received) else taken
         finally:
             with self._changed:
-                self._wakers.remove(waker)
+                if waker in self._wakers:
+                    self._wakers.remove(waker)
 
     def call(self, function: Callable[[T | NotValid], object]) -> None:
         """Call the function with each message or silence, in a thread of this stream.
@@ -218,21 +238,29 @@ class Stream(Generic[T]):
 
     def _take(self) -> _Received | NotValid | None:
         """Return what comes next; None: nothing yet."""
-        is_silent = self._watch.is_silent
-        if is_silent and self._waiting.maxlen == 1:
+        is_past = self._is_past
+        if is_past and self._waiting.maxlen == 1:
             self.dropped_count += len(self._waiting)
             self._waiting.clear()
         if self._waiting:
             self._told_silence = False
             return self._waiting.popleft()
-        if is_silent and not self._told_silence:
+        if is_past and not self._told_silence:
             self._told_silence = True
             return self._silence()
-        self._told_silence = is_silent
+        self._told_silence = is_past
         return None
 
+    @property
+    def _is_past(self) -> bool:
+        """True during a silence, and after it until the next message."""
+        last, watch = self._last, self._watch
+        return watch.is_silent or (last is not None and last.gap_count != watch.gap_count)
+
     def _silence(self) -> NotValid:
-        return NotValid(self.key, Trouble.SILENT, "no message for 200 ms: nothing is known")
+        silence_ms = self._watch.silence_ns // 1_000_000
+        text = f"no message for {silence_ms} ms: nothing is known"
+        return NotValid(self.key, Trouble.SILENT, text)
 
     def _decode(self, received: _Received) -> T | NotValid:
         if received.schema not in {"", self._schema}:

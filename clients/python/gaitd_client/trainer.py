@@ -1,5 +1,6 @@
 """`Trainer`: a running service, as a client sees it. Messages as streams, requests as methods."""
 
+import contextlib
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -22,9 +23,9 @@ from gaitd_client.connection import (
     query,
 )
 from gaitd_client.credentials import Credentials, read_credentials
-from gaitd_client.errors import NoAnswerError, NoServiceError, RequestRefusedError
+from gaitd_client.errors import ClientError, NoAnswerError, NoServiceError, RequestRefusedError
 from gaitd_client.lease import Law, Lease, OnRefusal
-from gaitd_client.stream import Stream, Watch
+from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream, Watch
 from gaitd_client.wire.names import Mode, Outcome
 
 T = TypeVar("T", bound=msgspec.Struct)
@@ -113,7 +114,7 @@ class Trainer:
         """
         self._is_over.clear()
         try:
-            self._session = open_session(self.target)
+            self._connect()
         except NoServiceError:
             if not self._keep_trying:
                 raise
@@ -127,16 +128,18 @@ class Trainer:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close all streams and the connection."""
+        """Close all streams and the connection.
+
+        Raises:
+            NotReturnedError: a function that was given to `Stream.call` does not return.
+        """
         self._is_over.set()
         if self._trying is not None:
             self._trying.join()
-        for stream in tuple(self._streams):
-            stream.close()
-        with self._lock:
-            session, self._session, self._pulse = self._session, None, None
-        if session is not None:
-            session.close()
+        with contextlib.ExitStack() as ending:
+            ending.callback(self._disconnect)
+            for stream in tuple(self._streams):
+                ending.callback(stream.close)
 
     @property
     def is_connected(self) -> bool:
@@ -145,23 +148,39 @@ class Trainer:
 
     def _try(self) -> None:
         while not self._is_over.wait(RETRY_S):
+            with contextlib.suppress(NoServiceError):
+                self._connect()
+                return
+
+    def _connect(self) -> None:
+        """Open the session, and declare all that was made before.
+
+        Raises:
+            NoServiceError: there is none, or it was lost again; all is kept for the next attempt.
+        """
+        session = open_session(self.target)
+        with self._lock:
             try:
-                session = open_session(self.target)
-            except NoServiceError:
-                continue
-            with self._lock:
-                self._session = session
                 for declare in self._pending:
                     declare(session)
-                self._pending.clear()
-            return
+            except zenoh.ZError as error:
+                session.close()
+                raise NoServiceError(f"{self.target}: the connection was lost: {error}") from error
+            self._pending.clear()
+            self._session = session
+
+    def _disconnect(self) -> None:
+        with self._lock:
+            session, self._session, self._pulse = self._session, None, None
+            self._pending.clear()
+        if session is not None:
+            session.close()
 
     def _when_connected(self, declare: Callable[[zenoh.Session], object]) -> None:
-        with self._lock:
-            if self._session is None:
-                self._pending.append(declare)
-            else:
-                declare(self._session)
+        if self._session is None:
+            self._pending.append(declare)
+        else:
+            declare(self._session)
 
     def connected_session(self) -> zenoh.Session:
         """Return the Zenoh session, for what this class does not offer.
@@ -181,6 +200,10 @@ class Trainer:
         Args:
             leg: right or left.
             keep: messages that may wait for the consumer; 1: the newest only.
+
+        Raises:
+            ClientError: `with` was left; so for every stream. A stream made before `with` is silent
+                until then.
         """
         return self._stream(wire.Estimate, leg, "estimate", keep=keep)
 
@@ -198,15 +221,15 @@ class Trainer:
 
     def stride(self, leg: str, *, keep: int = STRIDES_KEPT) -> Stream[wire.Stride]:
         """The figures of one leg's strides, each at its end."""
-        return self._stream(wire.Stride, leg, "stride", keep=keep, is_cyclic=False)
+        return self._stream(wire.Stride, leg, "stride", keep=keep, silence_ns=None)
 
     def safety(self, *, keep: int = 1) -> Stream[wire.Safety]:
         """Mode, verdict and lease, on change and once a second."""
-        return self._stream(wire.Safety, wire.SAFETY, keep=keep, is_cyclic=False)
+        return self._stream(wire.Safety, wire.SAFETY, keep=keep, silence_ns=SECOND_SILENCE_NS)
 
     def health(self, *, keep: int = 1) -> Stream[wire.Health]:
         """State of the service itself, once a second."""
-        return self._stream(wire.Health, wire.HEALTH, keep=keep, is_cyclic=False)
+        return self._stream(wire.Health, wire.HEALTH, keep=keep, silence_ns=SECOND_SILENCE_NS)
 
     def events(self, *, history_count: int = 50, keep: int = EVENTS_KEPT) -> Stream[wire.Event]:
         """Events: first those of the past, then each as it happens.
@@ -218,7 +241,7 @@ class Trainer:
             keep: messages that may wait for the consumer.
         """
         return self._stream(
-            wire.Event, wire.EVENTS, keep=keep, is_cyclic=False, history_count=history_count
+            wire.Event, wire.EVENTS, keep=keep, silence_ns=None, history_count=history_count
         )
 
     def _stream(
@@ -226,56 +249,58 @@ class Trainer:
         kind: type[T],
         *parts: str,
         keep: int,
-        is_cyclic: bool = True,
+        silence_ns: int | None = SILENCE_NS,
         history_count: int | None = None,
     ) -> Stream[T]:
-        subscribers: list[Any] = []
+        subscriber: Any = None
 
         def close() -> None:
             with self._lock:
                 self._streams.remove(stream)
                 if declare in self._pending:
                     self._pending.remove(declare)
-            for subscriber in subscribers:
-                subscriber.undeclare()
+                made = subscriber
+            if made is not None:
+                made.undeclare()
 
         def take(sample: zenoh.Sample) -> None:
             stream.receive(sample.payload.to_bytes(), str(sample.encoding).partition(";")[2])
 
         def declare(session: zenoh.Session) -> None:
+            nonlocal subscriber
             if history_count is None:
-                subscribers.append(session.declare_subscriber(stream.key, take))
+                subscriber = session.declare_subscriber(stream.key, take)
                 return
             history = HistoryConfig(detect_late_publishers=True, max_samples=history_count)
             recovery = RecoveryConfig(heartbeat=True, periodic_queries=None)
-            subscribers.append(
-                declare_advanced_subscriber(
-                    session, stream.key, take, history=history, recovery=recovery
-                )
+            subscriber = declare_advanced_subscriber(
+                session, stream.key, take, history=history, recovery=recovery
             )
 
-        watch = Watch(self.clock) if is_cyclic else self._trainers_watch()
         key = wire.key(self.target.trainer, *parts)
-        stream = Stream(key, kind, watch, keep=keep, is_cyclic=is_cyclic, on_close=close)
         with self._lock:
+            if self._is_over.is_set():
+                raise ClientError(f"{key}: `with` of the trainer was left; enter it again")
+            is_cyclic = silence_ns is not None
+            watch = Watch(self.clock, silence_ns) if is_cyclic else self._trainers_watch()
+            stream = Stream(key, kind, watch, keep=keep, is_cyclic=is_cyclic, on_close=close)
+            self._when_connected(declare)
             self._streams.append(stream)
-        self._when_connected(declare)
         return stream
 
     def _trainers_watch(self) -> Watch:
         """Return the watch that finds silence of the whole trainer."""
-        with self._lock:
-            if self._pulse is None:
-                self._pulse = pulse = Watch(self.clock)
-                key = wire.key(self.target.trainer, "drives", "*", "*")
+        if self._pulse is None:
+            self._pulse = pulse = Watch(self.clock)
+            key = wire.key(self.target.trainer, "drives", "*", "*")
 
-                def declare(session: zenoh.Session) -> None:
-                    self._pulse_subscriber = session.declare_subscriber(
-                        key, lambda _sample: pulse.beat()
-                    )
+            def declare(session: zenoh.Session) -> None:
+                self._pulse_subscriber = session.declare_subscriber(
+                    key, lambda _sample: pulse.beat()
+                )
 
-                self._when_connected(declare)
-            return self._pulse
+            self._when_connected(declare)
+        return self._pulse
 
     # --- requests -------------------------------------------------------------------------------
 

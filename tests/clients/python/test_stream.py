@@ -6,7 +6,7 @@ import threading
 import msgspec
 import pytest
 from gaitd_client import NotValid, Trouble, wire
-from gaitd_client.stream import Stream, Watch
+from gaitd_client.stream import SECOND_SILENCE_NS, Stream, Watch
 
 KEY = "gaitd/trainer/right/friction"
 MS = 1_000_000
@@ -129,8 +129,20 @@ def test_a_rare_message_is_of_the_past_once_the_trainer_was_silent(clock):
     trainer.beat()  # the trainer is back, and this value is not known to be true any more
 
     assert short(stream.newest()) == Trouble.SILENT
+    # So does an iterator that was busy meanwhile: the value that waited is dropped.
+    assert (taken(stream, 1), stream.dropped_count) == ([Trouble.SILENT], 1)
     stream.receive(payload(2))
     assert short(stream.newest()) == 2
+    assert taken(stream, 1) == [2]
+
+
+def test_a_key_with_one_message_a_second_is_silent_after_one_and_a_half(clock):
+    stream = Stream(KEY, wire.Friction, Watch(clock, SECOND_SILENCE_NS))
+    stream.receive(payload(1))
+    clock.ms += 1_500
+    assert short(stream.newest()) == 1
+    clock.ms += 1
+    assert stream.newest().text == "no message for 1500 ms: nothing is known"
 
 
 @pytest.mark.parametrize(
@@ -182,3 +194,19 @@ def test_asyncio_waits_for_a_message_from_another_thread(stream, clock):
         return got
 
     assert asyncio.run(consume()) == [1, Trouble.SILENT]
+
+
+def test_an_event_loop_that_was_closed_does_not_stop_the_stream(clock):
+    closed = []
+    stream = Stream(KEY, wire.Friction, Watch(clock), on_close=lambda: closed.append(True))
+    loop = asyncio.new_event_loop()
+    iterator = aiter(stream)
+    waiting = loop.create_task(anext(iterator))
+    loop.run_until_complete(asyncio.sleep(0))
+    loop.close()
+
+    stream.receive(payload(1))
+    assert taken(stream, 1) == [1]
+    stream.close()
+    assert closed == [True]
+    waiting._log_destroy_pending = False

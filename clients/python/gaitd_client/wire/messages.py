@@ -3,8 +3,8 @@
 A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
 `application/json;gaitd.NAME.v2`. The rules for all of them:
 
-1. A number that is not valid is `null`, never 0 and never NaN. Silence of more than 200 ms means
-   the same for all values of the key.
+1. A number that is not valid is `null`, never 0 and never NaN. Silence of more than 200 ms (1.5 s
+   of `safety` and `health`) means the same for all values of the key.
 2. Names of fields end in their unit; `_std` is the standard deviation of the field before it.
 3. Modes, stages, causes and states are lower-case names, stop categories `S0` to `S2`.
 4. A later version may add fields and names: a reader ignores what it does not know. Incoming
