@@ -56,6 +56,7 @@ def test_a_setpoint_of_the_holder_that_is_new_and_small_counts():
         ({"seq": 3}, {}, SetpointRefusal.REORDERED),
         ({"for_cycle": 90}, {}, SetpointRefusal.NONE),
         ({"for_cycle": 89}, {}, SetpointRefusal.STALE),
+        ({"for_cycle": 3}, {}, SetpointRefusal.STALE),
         ({"for_cycle": 100}, {}, SetpointRefusal.NONE),
         ({"for_cycle": 101}, {}, SetpointRefusal.AHEAD),
         ({"hip_assist_nm": math.nan}, {}, SetpointRefusal.NON_FINITE),
