@@ -81,6 +81,7 @@ def test_the_mechanisms_margin_lies_between_its_soft_and_its_stop_ratio(ratio, d
 def test_outside_of_all_margins_guidance_gets_just_what_it_wants():
     wanted = (math.pi, -math.e)
 
+    assert SoftZone() == ((0.0, 0.0), 0.0)
     assert slowed(SoftZone(), LEG, LIMITS, MIDDLE, (1.0, 1.0), LOAD, wanted) == wanted
 
 
@@ -138,17 +139,16 @@ def test_a_depth_is_the_share_of_the_margin_and_negative_at_the_lower_end(positi
 def test_what_leads_out_is_reduced_and_motion_out_is_damped_by_the_depth(
     axis, depth, speed, push, left
 ):
-    limits = (ROUND._replace(soft_damping_si=1.0), OTHER._replace(soft_damping_si=1.0))
-    zone = SoftZone(pair(axis, depth))
+    def with_damping(damping_si):
+        limits = [ROUND._replace(soft_damping_si=64.0), OTHER._replace(soft_damping_si=64.0)]
+        limits[axis] = limits[axis]._replace(soft_damping_si=damping_si)
+        wanted = added(LOAD, pair(axis, push))
+        zone = SoftZone(pair(axis, depth))
+        return slowed(zone, LEG, tuple(limits), MIDDLE, pair(axis, speed), LOAD, wanted)
 
-    wanted = added(LOAD, pair(axis, push))
-    total = slowed(zone, LEG, limits, MIDDLE, pair(axis, speed), LOAD, wanted)
-
-    assert total == added(LOAD, pair(axis, left))
-    double = (limits[0]._replace(soft_damping_si=2.0), limits[1]._replace(soft_damping_si=2.0))
-    more = slowed(zone, LEG, double, MIDDLE, pair(axis, speed), LOAD, wanted)
-    damped = depth * speed > 0
-    assert more == added(total, pair(axis, -abs(depth) * speed if damped else 0.0))
+    assert with_damping(1.0) == added(LOAD, pair(axis, left))
+    more = -abs(depth) * speed if depth * speed > 0 else 0.0
+    assert with_damping(2.0) == added(LOAD, pair(axis, left + more))
 
 
 @pytest.mark.parametrize(
