@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from gaitd_client.wire.refusals import REFUSAL_TEXT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safety_inputs import ALL_WELL, LIMITS
@@ -19,7 +20,7 @@ from daemon.core.motion.assist import (
     is_neutral,
 )
 from daemon.ipc.record import Mode, ModeRequest, RequestKind, Setpoint
-from daemon.wire.refusals import REFUSAL_TEXT, SetpointRefusal
+from daemon.wire.refusals import SetpointRefusal
 
 BOTH = (LIMITS, LIMITS)
 RULES = AssistRules(age_max_cycles=10, start_cycles=50, fade_cycles=20, stiffness_step_ratio=0.01)
