@@ -186,6 +186,12 @@ def status_of(target):
         return {}
 
 
+def is_valid(session):
+    """Whether records arrive; a gateway that has just begun to listen answers no query yet."""
+    replies = ask(session, f"{BASE}/control/status")
+    return replies and replies[0]["safety"]["valid"]
+
+
 def is_alive(session):
     """Whether the gateway holds its token."""
     return [one.ok for one in session.liveliness().get(f"{BASE}/alive", timeout=30.0)]

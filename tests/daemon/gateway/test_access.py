@@ -12,7 +12,7 @@ from unittest import mock
 import pytest
 import zenoh
 from gaitd_client.connection import Target
-from keyed_gateway import BASE, Service, ask, connected, flush, is_alive, running
+from keyed_gateway import BASE, Service, ask, connected, flush, is_alive, is_valid, running
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from daemon.gateway.requests import ROUTES
@@ -134,7 +134,7 @@ def test_a_client_that_listens_to_everything_learns_no_setpoint_no_lease_and_no_
     asked = []
     core = scene.service.core
     with connected(scene.victim) as victim, connected(scene.attacker, mode=mode) as attacker:
-        eventually(lambda: ask(victim, f"{BASE}/control/status")[0]["safety"]["valid"])
+        eventually(lambda: is_valid(victim))
         present = listening(attacker)
         queryables = [
             attacker.declare_queryable(key, asked.append) for key in (f"{BASE}/control/**", "**")
@@ -173,7 +173,7 @@ def test_without_keys_everybody_may_ask_stop_listen_and_learn_what_was_before(
     events = []
 
     with connected(scene.attacker, mode=mode) as session:
-        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+        eventually(lambda: is_valid(session))
         for name in ("enable", "disable", "reset", "mode", "acquire", "stop"):
             replies = ask(session, f"{BASE}/control/{name}", **payloads.get(name, {}))
             assert [reply["outcome"] for reply in replies] == ["done"]

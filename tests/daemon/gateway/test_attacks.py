@@ -13,7 +13,7 @@ from collections import Counter
 import pytest
 import zenoh
 from gaitd_client import wire
-from keyed_gateway import BASE, ROLES, ask, connected, flush, running
+from keyed_gateway import BASE, ROLES, ask, connected, flush, is_valid, running
 
 from daemon.ipc.record import Mode, RequestKind
 
@@ -41,7 +41,7 @@ def valid(eventually):
         service.core.changes["mode"] = Mode.HOLD  # in which no restart is granted
         service.core.requests.clear()
         with connected(service.target("display.desk")) as session:
-            eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+            eventually(lambda: is_valid(session))
         return service
 
     return wait

@@ -24,6 +24,7 @@ from keyed_gateway import (
     Service,
     ask,
     connected,
+    is_valid,
     running,
     status_of,
     target_of,
@@ -348,7 +349,7 @@ def test_the_released_plan_reaches_the_core_with_a_session_and_outlives_the_gate
     service.wait_for_restart(eventually)
     eventually(lambda: status_of(session_target).get("plan") == PLAN)
     with connected(session_target) as session:
-        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+        eventually(lambda: is_valid(session))
         ask(session, session_target.control("mode"), **gait)
 
     assert service.core.requests[-1].plan == Plan(0.5, 0.8, 600.0)
