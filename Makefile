@@ -10,8 +10,11 @@ WORKERS ?= auto --maxprocesses 16
 STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
-	--no-emit-index-url --no-emit-find-links --no-header pyproject.toml
-PACKAGES := drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
+	--no-emit-index-url --no-emit-find-links --no-emit-package gaitd-client --no-header pyproject.toml
+# The client library, a distribution of its own: installed before gaitd, from this clone.
+CLIENT := clients/python
+DISPLAY := clients/display
+PACKAGES := $(CLIENT) $(DISPLAY) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
 .PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install uninstall purge rigs lock format golden clean
@@ -19,14 +22,15 @@ PACKAGES := drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
 
-$(VENV)/run.stamp: requirements/run.txt pyproject.toml
+$(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable .
 	@touch $@
 
-$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
+$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY)
 	@touch $@
 
 demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
@@ -37,14 +41,14 @@ quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 
 test: clean-steps check coverage pytest  ## all that a contributor must pass; prints its CPU-seconds
 
-test-rigs: $(VENV)/dev.stamp  ## SocketCAN and systemd (after `make rigs`, root)
-	$(BIN)/pytest -m "rig_vcan or rig_systemd" --rigs=required
+test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
+	$(BIN)/pytest -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
 
 test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime
 
 test-all: check coverage  ## at night: whole fault matrix, long fuzz, statistics, ablation, mutants
-	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd"
+	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd and not rig_browser"
 	$(BIN)/python scripts/mutants.py
 
 check: lint types imports  ## static checks: lint, types, import contracts
@@ -95,14 +99,15 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 	@mkdir -p out
 	$(PYTHON) -m venv out/sbom
 	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
-	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation .
+	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./$(CLIENT) .
 	$(BIN)/cyclonedx-py environment --gather-license-texts --pyproject pyproject.toml --mc-type application \
 		--output-reproducible --output-file out/sbom.json out/sbom/bin/python
 	rm -rf out/sbom
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --output-file requirements/run.txt
-	$(COMPILE) --extra build --extra dev --output-file requirements/dev.txt
+	$(COMPILE) --extra build --extra dev --extra display --output-file requirements/dev.txt
+	$(COMPILE) --extra build --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
 golden: $(VENV)/dev.stamp  ## write the golden traces of sessions anew; read the difference

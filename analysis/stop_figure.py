@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from gaitd_client.wire.fields import POWER_STATES
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
@@ -28,7 +29,7 @@ from analysis.drawing import (
 )
 from analysis.stop_recording import StopRecording, cause_text, known, utc_text
 from daemon.ipc.record import CycleRecord, DriveRecord, StopCategory
-from daemon.wire.fields import POWER_STATES, Validity
+from daemon.wire.names import Validity
 
 _PATIENT: Final = 6
 """Index into the observer's states: hip, then slide."""

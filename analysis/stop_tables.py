@@ -8,10 +8,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
+from gaitd_client.wire.fields import POWER_STATES
+
 from analysis.recording import COLUMNS
 from analysis.stop_recording import StopRecording, about, observed, remedy_of
 from daemon.ipc.record import CycleRecord, DriveRecord
-from daemon.wire.fields import POWER_STATES
 
 Table = tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]
 """Title, column heads, rows of text."""

@@ -173,7 +173,7 @@ def _show(
 
 def _requests(state: Path, newest: int, *, as_json: bool) -> None:
     from daemon.recorder.audit_file import fields_of, lines_of
-    from daemon.wire.fields import printable
+    from daemon.wire.names import printable
 
     lines = lines_of(state)[-newest:]
     if as_json:

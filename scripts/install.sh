@@ -49,7 +49,7 @@ environment() {
     say "making $target, with all pinned dependencies"
     "$PYTHON" -m venv "$DESTDIR$target"
     "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
-    "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation .
+    "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/python .
     if ! live; then
         # Staged for another path: pip has written the present path into the scripts.
         grep -rlIZ "$DESTDIR$target" "$DESTDIR$target/bin" "$DESTDIR$target/pyvenv.cfg" | xargs -0 sed -i "s#$DESTDIR$target#$target#g"

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.requests import ROUTES, Route
 from daemon.ipc.decoding import Decoder, RefusedError

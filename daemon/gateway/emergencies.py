@@ -3,7 +3,8 @@
 from collections import deque
 from typing import Final
 
-from daemon import wire
+from gaitd_client import wire
+
 from daemon.ipc.record import CycleRecord, EmergencyRecord
 
 RING_COUNT: Final = 32

@@ -11,13 +11,13 @@ from statistics import median
 from typing import Final
 
 import msgspec
+from gaitd_client import wire
+from gaitd_client.wire.health_messages import BusHealth, DriveHealth
 
-from daemon import wire
 from daemon.gateway.translate import Stamp, finite, head
 from daemon.ipc.cycle_timing import CyclePart
 from daemon.ipc.record import BusRecord, CycleRecord, DriveRecord
-from daemon.wire.fields import name_of
-from daemon.wire.health_messages import BusHealth, DriveHealth
+from daemon.wire.names import name_of
 from daemon.wire.refusals import SetpointRefusal
 
 LATENESS_BOUND_US: Final = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)

@@ -8,13 +8,15 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from daemon import wire
+from gaitd_client import wire
+from gaitd_client.wire.refusals import REFUSAL_TEXT
+
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.lease import Ended, LeaseManager, LeaseRefusedError
 from daemon.gateway.setpoints import Batch, SetpointStore
 from daemon.ipc.record import CycleRecord, Mode, Outcome, Setpoint
-from daemon.wire.fields import name_of
-from daemon.wire.refusals import REFUSAL_TEXT, SetpointRefusal
+from daemon.wire.names import name_of
+from daemon.wire.refusals import SetpointRefusal
 
 STOPPED: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 """Modes in which no lease can be held."""
@@ -168,7 +170,7 @@ class LeaseControl:
             return []
         self._reported.add(reason)
         self._reported_ns.append(now_ns)
-        text = REFUSAL_TEXT[reason]
+        text = REFUSAL_TEXT[name_of(reason)]
         holder = f"; {self.leases.holder} holds the lease" if self.lease else ""
         drafts = f"setpoint refused, {name_of(reason)}: {text.meaning}{holder}"
         return [EventDraft(Priority.LOW, Kind.REQUEST, drafts, text.remedy)]

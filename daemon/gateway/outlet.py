@@ -3,8 +3,7 @@
 from typing import Protocol
 
 import msgspec
-
-from daemon import wire
+from gaitd_client import wire
 
 
 class Outlet(Protocol):

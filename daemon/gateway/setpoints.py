@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 import msgspec
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import Setpoint
 from daemon.wire.refusals import SetpointRefusal

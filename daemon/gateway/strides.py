@@ -2,7 +2,8 @@
 
 from typing import Any, Final
 
-from daemon import wire
+from gaitd_client import wire
+
 from daemon.gateway.translate import View, finite, status_names
 from daemon.ipc.record import AxisStrideRecord, StrideRecord
 

@@ -16,7 +16,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
-from daemon import wire
+from gaitd_client import wire
+from gaitd_client.wire.fields import NMT_STATES, POWER_STATES
+
 from daemon.ipc.record import (
     STATE_COUNT,
     CycleRecord,
@@ -26,7 +28,7 @@ from daemon.ipc.record import (
     Verdict,
 )
 from daemon.wire.cause_texts import CAUSE_TEXT
-from daemon.wire.fields import NMT_STATES, POWER_STATES, StatusBit, Validity, name_of
+from daemon.wire.names import StatusBit, Validity, name_of
 
 NEVER_PUBLISHED: Final = (
     StatusBit.UNREFERENCED

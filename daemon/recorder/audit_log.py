@@ -29,8 +29,8 @@ from datetime import UTC, datetime
 from typing import Any, Final
 
 import msgspec
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.gateway.events import claimed
 from daemon.gateway.requests import ROUTES, Inquiry, Route
 from daemon.ipc.decoding import RefusedError
@@ -38,7 +38,7 @@ from daemon.ipc.record import Verdict
 from daemon.recorder.audit_file import ANYTHING, RequestFile
 from daemon.recorder.disk import Disk
 from daemon.recorder.ring_follower import RecordHeader, identity
-from daemon.wire.fields import name_of
+from daemon.wire.names import name_of
 
 LINES_PER_MINUTE: Final = 20
 MINUTE_NS: Final = 60_000_000_000

@@ -15,7 +15,7 @@ from daemon.ipc.decoding import Count, Decoder, RefusedError
 from daemon.ipc.record import Mode, StopCategory, Verdict, clipped
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import RingReader
-from daemon.wire.fields import name_of
+from daemon.wire.names import name_of
 
 
 class RecordHeader(msgspec.Struct, frozen=True, array_like=True):

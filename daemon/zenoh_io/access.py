@@ -24,7 +24,8 @@ from collections.abc import Sequence
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
-from daemon import wire
+from gaitd_client import wire
+
 from daemon.gateway.requests import ROUTES, Route
 from daemon.ipc.record import RequestKind, Role
 from daemon.keys.folder import Client

@@ -1,8 +1,8 @@
 """Subscriber for setpoints: Zenoh's threads put them into a box that the loop drains."""
 
 import zenoh
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.gateway.setpoints import SETPOINT_SIZE_MAX, SetpointBox
 
 TOO_LARGE = b" " * (SETPOINT_SIZE_MAX + 1)

@@ -11,7 +11,8 @@ import sys
 import time
 from typing import Final
 
-from daemon import wire
+from gaitd_client import wire
+
 from daemon.zenoh_io.publish import ESTIMATE, declare
 from daemon.zenoh_io.session import open_session
 

@@ -10,7 +10,8 @@ import time
 from pathlib import Path
 from typing import Final, Protocol
 
-from daemon import wire
+from gaitd_client import wire
+
 from gaitd_lab.demonstration.evaluation import Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track, TruthTail
 from gaitd_lab.demonstration.picture import Results

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
+from gaitd_client import wire
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import StrMethodFormatter
@@ -27,7 +28,6 @@ from analysis.drawing import (
     style,
     x_label,
 )
-from daemon import wire
 from gaitd_lab.demonstration.evaluation import AXES, BOUNDS, Pair, Row, Span
 from gaitd_lab.demonstration.script import Kind
 

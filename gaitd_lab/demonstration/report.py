@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from gaitd_client import wire
 from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from daemon import wire
 from gaitd_lab.demonstration.evaluation import AXES, Row, pairs
 from gaitd_lab.demonstration.feed import verdict_text
 from gaitd_lab.demonstration.picture import Results

@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
+from gaitd_client import wire
 from rich import box
 from rich.console import Group, RenderableType
 from rich.layout import Layout
@@ -12,7 +13,6 @@ from rich.table import Table
 from rich.text import Text
 
 from analysis.accuracy import score
-from daemon import wire
 from gaitd_lab.demonstration.curves import Chart, Curve, Values
 from gaitd_lab.demonstration.evaluation import AXES, BOUNDS, Pair, pairs
 from gaitd_lab.demonstration.feed import Receiver, Track, verdict_text

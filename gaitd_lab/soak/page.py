@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from analysis import markdown
-from daemon.wire.fields import name_of
+from daemon.wire.names import name_of
 from gaitd_lab.soak.memory import Life
 from gaitd_lab.soak.record_monitor import Classification, Lost, Stop
 from gaitd_lab.soak.run import Soaked

@@ -13,7 +13,7 @@ from typing import Final
 
 from daemon.core.safety.checks import OBSERVER_BAD_MAX_CYCLES
 from daemon.ipc.record import Cause, CycleRecord, DriveRecord, Mode, StopCategory
-from daemon.wire.fields import name_of
+from daemon.wire.names import name_of
 from gaitd_lab.soak.fault_generator import ActiveFault
 from observer.filter.status import NIS_WINDOW_SAMPLES, Status
 

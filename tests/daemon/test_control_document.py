@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from daemon.wire.fields import name_of
-from daemon.wire.refusals import REFUSAL_TEXT
+from gaitd_client.wire.refusals import REFUSAL_TEXT
+
+from daemon.wire.names import name_of
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 

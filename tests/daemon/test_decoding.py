@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 import msgspec
 import pytest
+from gaitd_client import wire
 from records import HEADER, cut_out, record
 
 from analysis.recording import COLUMNS, RecordingError, read_csv
 from analysis.replay import read_ring
 from analysis.stop_recording import about, read_stop
-from daemon import wire
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
 from daemon.core.modes import latched_stop

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from gaitd_client import wire
 from msgspec import inspect
 from records import HEADER, drive, leg, record
 
-from daemon import wire
 from daemon.core.cycle_record import EVENT_LENGTH_MAX, EVENTS_MAX
 from daemon.gateway.requests import PAYLOADS
 from daemon.ipc import transport

@@ -5,11 +5,12 @@ from enum import IntFlag
 
 import msgspec
 import pytest
+from gaitd_client import wire
+from gaitd_client.wire.fields import NMT_STATES, POWER_STATES
 
-from daemon import wire
 from daemon.gateway.translate import COVARIANCE_COUNT
 from daemon.ipc.record import STATE_COUNT
-from daemon.wire.fields import NMT_STATES, POWER_STATES, StatusBit, Validity
+from daemon.wire.names import StatusBit, Validity
 from drives.signals import NmtState, PowerState
 from observer.filter import status
 

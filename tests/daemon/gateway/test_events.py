@@ -2,8 +2,8 @@
 
 import msgspec
 import pytest
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.gateway.events import Kind, Priority, new_events
 from daemon.ipc.record import Cause, EmergencyRecord, Mode, StopCategory, Verdict
 from daemon.wire.cause_texts import CAUSE_TEXT

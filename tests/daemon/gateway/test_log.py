@@ -4,9 +4,9 @@ import logging
 import shlex
 
 import pytest
+from gaitd_client import wire
 from journald import Journald
 
-from daemon import wire
 from daemon.gateway import log
 from daemon.system.journal import Journal
 

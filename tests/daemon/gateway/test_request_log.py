@@ -8,8 +8,8 @@ from unittest import mock
 
 import msgspec
 import pytest
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
 from daemon.recorder.audit_file import (
     LINES_WAITING_MAX,

@@ -1,10 +1,10 @@
 """Requests and stops: what the level says, and that every query gets exactly one answer."""
 
 import pytest
+from gaitd_client import wire
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon import wire
 from daemon.gateway.requests import STOP_TIMEOUT_NS, TIMEOUT_NS, RequestQueue
 from daemon.ipc.record import Mode, Outcome, RequestKind, RequestResult, Setpoint
 

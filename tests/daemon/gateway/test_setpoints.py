@@ -8,8 +8,8 @@ import threading
 
 import msgspec
 import pytest
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.config.settings import Lease
 from daemon.gateway.events import Priority
 from daemon.gateway.lease import LeaseManager

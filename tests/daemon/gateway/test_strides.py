@@ -2,10 +2,10 @@
 
 import msgspec
 import pytest
+from gaitd_client import wire
 
-from daemon import wire
 from daemon.ipc.record import AxisStrideRecord, StrideRecord
-from daemon.wire.fields import StatusBit
+from daemon.wire.names import StatusBit
 
 
 def axis(**changes) -> AxisStrideRecord:

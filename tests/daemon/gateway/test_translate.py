@@ -13,7 +13,7 @@ from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
 from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
 from daemon.ipc.record import Cause, StopCategory, Verdict
-from daemon.wire.fields import StatusBit, Validity
+from daemon.wire.names import StatusBit, Validity
 
 STAMP = Stamp("boot-a", 7, 1_760_000_000_070_000_000)
 OK, SPLIT, BAD = Validity.OK, Validity.SPLIT_UNOBSERVABLE, Validity.BAD

@@ -1,70 +1,25 @@
-"""Shared fields of the wire contract: enums as names, and the types and heads of messages.
+"""Shared fields of the messages: states of the drives, and the types and heads of messages.
 
-`status` and `validity` are enums of the observer; they are defined here once more, because a client
-does not import the observer (a test compares the two). The descriptions here are part of the JSON
-Schemas of `messages.py`.
+The descriptions here are part of the JSON Schemas of `messages.py`.
 """
 
-from enum import Enum, IntEnum, IntFlag
+from enum import StrEnum
 from typing import Annotated, Any, Final
 
 import msgspec
 from msgspec import Meta
 
-from daemon.ipc.record import Cause, Mode, Outcome, Stage, StopCategory
-
-
-class StatusBit(IntFlag):
-    """Status bits of the observer's estimate: `status` in each message that holds an estimate."""
-
-    VALID = 1 << 0
-    WARM_UP = 1 << 1
-    PREDICT_ONLY = 1 << 2
-    GATED = 1 << 3
-    STANDSTILL_HIP = 1 << 4
-    STANDSTILL_SLIDE = 1 << 5
-    NEAR_SINGULAR = 1 << 6
-    OUT_OF_WORKSPACE = 1 << 7
-    LATE = 1 << 8
-    INCONSISTENT = 1 << 9
-    UNREFERENCED = 1 << 10
-    ARTIFICIAL = 1 << 11
-    INPUT_SATURATED = 1 << 12
-    NEAR_LIMIT = 1 << 13
-    UNCALIBRATED = 1 << 14
-
-
-class Validity(IntEnum):
-    """Validity of one axis' estimate."""
-
-    OK = 0
-    SPLIT_UNOBSERVABLE = 1
-    """At rest only patient minus friction is observable: both are null, the net value is given."""
-    BAD = 2
-    """All values of the axis are null."""
-
-
-class Priority(Enum):
-    """Urgency of an event."""
-
-    HIGH = "high"
-    MEDIUM = "medium"
-    LOW = "low"
-    INFO = "info"
-
-
-class Kind(Enum):
-    """Type of an event."""
-
-    CORE = "core"
-    MODE = "mode"
-    STOP = "stop"
-    REQUEST = "request"
-    DRIVE = "drive"
-    EMERGENCY = "emergency"
-    INPUT = "input"
-    NOTE = "note"
-
+from gaitd_client.wire.names import (
+    Cause,
+    Kind,
+    Mode,
+    Outcome,
+    Priority,
+    Stage,
+    StatusBit,
+    StopCategory,
+    Validity,
+)
 
 POWER_STATES: Final = (
     "unknown",
@@ -89,18 +44,8 @@ NMT_STATES: Final = {
 """CiA 301 NMT states, by the byte of the heartbeat."""
 
 
-def name_of(member: Enum) -> str:
-    """The name of a mode, cause, outcome or status bit on the wire."""
-    return member.name.lower()
-
-
-def printable(text: str) -> str:
-    """The text with line breaks and control characters as escapes, for one line of output."""
-    return "".join(one if one.isprintable() else ascii(one)[1:-1] for one in text)
-
-
-def _names(kind: type[Enum]) -> dict[str, Any]:
-    return {"enum": [name_of(member) for member in kind]}
+def _names(kind: type[StrEnum]) -> dict[str, Any]:
+    return {"enum": [member.value for member in kind]}
 
 
 ModeName = Annotated[str, Meta(description="Mode of the service.", extra_json_schema=_names(Mode))]
@@ -120,7 +65,7 @@ CategoryName = Annotated[
     str,
     Meta(
         description="Stop category: S2 brake and hold, S1 quick stop, S0 voltage off, or none.",
-        extra_json_schema={"enum": ["none", *(c.name for c in StopCategory if c)]},
+        extra_json_schema=_names(StopCategory),
     ),
 ]
 OutcomeName = Annotated[

@@ -15,12 +15,15 @@ cycle), `health_messages.py` (state of the service), then the other messages out
 and schemas.
 """
 
+import json
+from functools import cache
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta
 
-from daemon.wire.fields import (
+from gaitd_client.wire.fields import (
     NMT_STATES,
     POWER_STATES,
     CategoryName,
@@ -33,8 +36,8 @@ from daemon.wire.fields import (
     StageName,
     Stated,
 )
-from daemon.wire.health_messages import Health
-from daemon.wire.leg_messages import Activity, Estimate, Friction, Stride
+from gaitd_client.wire.health_messages import Health
+from gaitd_client.wire.leg_messages import Activity, Estimate, Friction, Stride
 
 EXACT_MAX: Final = 2**53 - 1
 """Up to here every JSON reader represents integers exactly."""
@@ -353,6 +356,9 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
 
 NAME_OF: Final = {kind: name for name, kind in MESSAGES.items()}
 
+SCHEMAS_FOLDER: Final = Path(__file__).parent / "schemas"
+"""The JSON Schemas as files, made by `python -m gaitd_client.wire`."""
+
 ALIVE: Final = "alive"
 EVENTS: Final = "events"
 HEALTH: Final = "health"
@@ -387,6 +393,15 @@ def schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
     return {**root, "$defs": definitions} if definitions else root
 
 
+def schema_texts() -> dict[str, str]:
+    """JSON Schemas as the files of this package, by file name; a test compares the two."""
+    return {
+        f"{name}.json": json.dumps(one, indent=1, ensure_ascii=False) + "\n"
+        for name, one in schemas().items()
+    }
+
+
+@cache
 def schemas() -> dict[str, dict[str, Any]]:
-    """JSON Schema of every message by its full name."""
+    """JSON Schema of every message by its full name; made once, because that takes 30 ms."""
     return {schema_name(kind): schema(kind) for kind in MESSAGES.values()}

@@ -9,8 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 
-from daemon.config.strict import ConfigError
-from daemon.ipc.decoding import Decoder, RefusedError
+from gaitd_client.errors import CredentialsError
 
 FILE: Final = "credentials.json"
 
@@ -47,20 +46,17 @@ class Credentials(NamedTuple):
         return {"transport/auth/usrpwd": user, "transport/link/tls": tls}
 
 
-_DECODER: Final = Decoder(msgspec.json.Decoder(CredentialsFile).decode)
-
-
 def read_credentials(folder: Path) -> Credentials:
     """Read the folder that `gaitd keys issue` made.
 
     Raises:
-        ConfigError: it cannot be read, or is none.
+        CredentialsError: it cannot be read, or is none.
     """
     path = folder / FILE
     try:
-        return Credentials(folder, _DECODER.decode(path.read_bytes()))
+        return Credentials(folder, msgspec.json.decode(path.read_bytes(), type=CredentialsFile))
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
-        raise ConfigError(path, "", "", f"{reason}; `gaitd keys issue` makes it") from error
-    except RefusedError as error:
-        raise ConfigError(path, "", "", str(error)) from error
+        raise CredentialsError(path, f"{reason}; `gaitd keys issue` makes it") from error
+    except (ValueError, RecursionError) as error:
+        raise CredentialsError(path, f"{error}; `gaitd keys issue` makes it") from error

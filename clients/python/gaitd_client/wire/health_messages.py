@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from daemon.wire.fields import Stated
+from gaitd_client.wire.fields import Stated
 
 
 class DriveHealth(msgspec.Struct, frozen=True, kw_only=True):

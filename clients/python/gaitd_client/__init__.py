@@ -1,0 +1,94 @@
+"""Client of gaitd, the drive service of a home gait trainer.
+
+Reading order: `trainer.py` (messages and requests), `stream.py` (what a stream yields, silence),
+`lease.py` (assist under a lease), `aio.py` (asyncio), `wire/` (the messages), `connection.py` and
+`credentials.py` (the Zenoh session), `clock.py`, `errors.py`.
+"""
+
+from gaitd_client import wire
+from gaitd_client.aio import AsyncTrainer
+from gaitd_client.clock import Clock, MonotonicClock
+from gaitd_client.connection import Target
+from gaitd_client.credentials import Credentials, read_credentials
+from gaitd_client.errors import (
+    ClientError,
+    CredentialsError,
+    NoAnswerError,
+    NoServiceError,
+    RequestRefusedError,
+)
+from gaitd_client.lease import Assist, Law, Lease, Refusal
+from gaitd_client.stream import NotValid, Stream, Trouble
+from gaitd_client.trainer import Trainer
+from gaitd_client.wire import (
+    Activity,
+    Configuration,
+    DriveState,
+    Estimate,
+    Event,
+    Friction,
+    Health,
+    PlanLimits,
+    Reply,
+    Safety,
+    Status,
+    Stride,
+)
+from gaitd_client.wire.names import (
+    Cause,
+    Kind,
+    Mode,
+    Outcome,
+    Priority,
+    Stage,
+    StatusBit,
+    StopCategory,
+    Validity,
+)
+from gaitd_client.wire.refusals import REFUSAL_TEXT, SetpointRefusal
+
+__all__ = [
+    "REFUSAL_TEXT",
+    "Activity",
+    "Assist",
+    "AsyncTrainer",
+    "Cause",
+    "ClientError",
+    "Clock",
+    "Configuration",
+    "Credentials",
+    "CredentialsError",
+    "DriveState",
+    "Estimate",
+    "Event",
+    "Friction",
+    "Health",
+    "Kind",
+    "Law",
+    "Lease",
+    "Mode",
+    "MonotonicClock",
+    "NoAnswerError",
+    "NoServiceError",
+    "NotValid",
+    "Outcome",
+    "PlanLimits",
+    "Priority",
+    "Refusal",
+    "Reply",
+    "RequestRefusedError",
+    "Safety",
+    "SetpointRefusal",
+    "Stage",
+    "Status",
+    "StatusBit",
+    "StopCategory",
+    "Stream",
+    "Stride",
+    "Target",
+    "Trainer",
+    "Trouble",
+    "Validity",
+    "read_credentials",
+    "wire",
+]

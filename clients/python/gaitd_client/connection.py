@@ -1,0 +1,133 @@
+"""Connection to a service: its address, the settings of the Zenoh session, and one query on it."""
+
+from collections.abc import Mapping
+from typing import Any, Final, NamedTuple, TypeVar
+
+import msgspec
+import zenoh
+
+from gaitd_client import wire
+from gaitd_client.credentials import Credentials
+from gaitd_client.errors import NoAnswerError, NoServiceError
+
+Message = TypeVar("Message", bound=msgspec.Struct)
+
+CONNECT_TIMEOUT_MS: Final = 1000
+ANSWER_TIMEOUT_S: Final = 10.0
+"""Longer than the gateway lets any request wait."""
+RECONNECT: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
+"""Zenoh connects again by itself after the gateway was away."""
+DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+DEFAULT_TRAINER: Final = "trainer"
+
+
+class Target(NamedTuple):
+    """Address of a service: its endpoints, and the TRAINER of its keys."""
+
+    endpoints: tuple[str, ...] = (DEFAULT_ENDPOINT,)
+    trainer: str = DEFAULT_TRAINER
+    credentials: Credentials | None = None
+    """None: for a service without keys."""
+
+    def control(self, name: str) -> str:
+        """Return the key of control/NAME, with the client's name if it has one and it acts."""
+        key = wire.key(self.trainer, wire.CONTROL, name)
+        if self.credentials is None or name in wire.READING:
+            return key
+        return f"{key}/{self.credentials.file.name}"
+
+    def __str__(self) -> str:
+        return f"{self.trainer} on {' or '.join(self.endpoints)}"
+
+
+def client_settings(target: Target) -> dict[str, Any]:
+    """Keys of Zenoh's configuration of a client, and their values."""
+    return {
+        "mode": "client",
+        "connect/endpoints": list(target.endpoints),
+        "connect/timeout_ms": CONNECT_TIMEOUT_MS,
+        "connect/exit_on_failure": True,
+        "connect/retry": RECONNECT,
+        # Two programs that find each other would exchange messages without the gateway.
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "transport/link/tx/lease": 1000,
+        "transport/shared_memory/enabled": False,
+        **(target.credentials.settings() if target.credentials else {}),
+    }
+
+
+def open_session(target: Target) -> zenoh.Session:
+    """Open a session with a service; it must be closed, or the process hangs at its end.
+
+    Raises:
+        NoServiceError: no service listens on the endpoints, or it refuses the credentials.
+    """
+    zenoh.init_log_from_env_or("off")
+    try:
+        return zenoh.open(config_of(client_settings(target)))
+    except zenoh.ZError as error:
+        where = " or ".join(target.endpoints)
+        raise NoServiceError(
+            f"no service listens on {where}, or it does not accept these keys"
+        ) from error
+
+
+def config_of(settings: Mapping[str, object]) -> zenoh.Config:
+    """Return a Zenoh configuration with these keys."""
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, msgspec.json.encode(value).decode())
+    return config
+
+
+def json_of(reply: zenoh.Reply) -> bytes | None:
+    """Return the service's answer; None for Zenoh's own timeout, an error that is not JSON."""
+    sample = reply.ok or reply.err
+    is_json = sample is not None and str(sample.encoding).startswith("application/json")
+    return sample.payload.to_bytes() if sample is not None and is_json else None
+
+
+def query(
+    session: zenoh.Session,
+    target: Target,
+    name: str,
+    payload: bytes,
+    timeout_s: float = ANSWER_TIMEOUT_S,
+) -> bytes:
+    """Query control/NAME with a JSON payload, and wait for the JSON of the answer.
+
+    Raises:
+        NoAnswerError: none came in time.
+    """
+    key = target.control(name)
+    try:
+        replies = session.get(key, payload=payload, timeout=timeout_s)
+        answers = [data for reply in replies if (data := json_of(reply)) is not None]
+    except zenoh.ZError as error:
+        raise NoAnswerError(f"{key}: {error}") from error
+    if not answers:
+        role = "" if target.credentials is None else ", or the role may not request it"
+        where = " or ".join(target.endpoints)
+        raise NoAnswerError(f"no answer to {key} on {where}: another trainer, or it hangs{role}")
+    return answers[0]
+
+
+def decode_answer(data: bytes, kind: type[Message], name: str) -> Message:
+    """Return the answer as a message of this kind.
+
+    Raises:
+        NoAnswerError: it is none; with the reason of the service, if it refused the query.
+    """
+    try:
+        return msgspec.json.decode(data, type=kind)
+    except (ValueError, RecursionError) as error:
+        reason = _refusal(data) or f"the answer is no {wire.schema_name(kind)} ({error})"
+        raise NoAnswerError(f"{name}: {reason}") from error
+
+
+def _refusal(data: bytes) -> str:
+    try:
+        return msgspec.json.decode(data, type=wire.Reply).reason
+    except (ValueError, RecursionError):
+        return ""

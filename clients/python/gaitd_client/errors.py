@@ -1,0 +1,35 @@
+"""Errors of the client; each message names what, where, and what to do next."""
+
+from pathlib import Path
+
+from gaitd_client.wire import Reply
+
+
+class ClientError(Exception):
+    """Base of all errors of this library."""
+
+
+class CredentialsError(ClientError):
+    """A file of credentials cannot be used: `path`, and why."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        """Make the message of both."""
+        super().__init__(f"{path}: {reason}")
+        self.path, self.reason = path, reason
+
+
+class NoServiceError(ClientError):
+    """No service listens on the endpoint, or it does not accept these credentials."""
+
+
+class NoAnswerError(ClientError):
+    """The service did not answer, or with something that is no answer: the outcome is unknown."""
+
+
+class RequestRefusedError(ClientError):
+    """The service has refused a request; `reply.reason` is the reason."""
+
+    def __init__(self, reply: Reply) -> None:
+        """Take the message from the reply."""
+        super().__init__(f"{reply.request}: {reply.reason}")
+        self.reply = reply

@@ -1,0 +1,409 @@
+"""`Trainer`: a running service, as a client sees it. Messages as streams, requests as methods."""
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Final, Self, TypeVar
+
+import msgspec
+import zenoh
+from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
+
+from gaitd_client import wire
+from gaitd_client.clock import Clock, MonotonicClock
+from gaitd_client.connection import (
+    ANSWER_TIMEOUT_S,
+    DEFAULT_ENDPOINT,
+    DEFAULT_TRAINER,
+    Target,
+    decode_answer,
+    open_session,
+    query,
+)
+from gaitd_client.credentials import Credentials, read_credentials
+from gaitd_client.errors import NoAnswerError, NoServiceError, RequestRefusedError
+from gaitd_client.lease import Law, Lease, OnRefusal
+from gaitd_client.stream import Stream, Watch
+from gaitd_client.wire.names import Mode, Outcome
+
+T = TypeVar("T", bound=msgspec.Struct)
+
+ACQUIRE_TIMEOUT_S: Final = 2.0
+"""Shorter than others: the lease is requested again."""
+RETRY_S: Final = 1.0
+"""Time between two attempts of `keep_trying`."""
+EVENTS_KEPT: Final = 256
+STRIDES_KEPT: Final = 64
+
+Subscribe = Callable[[zenoh.Session], Callable[[], object]]
+"""Declares a subscriber; returns what undeclares it."""
+
+
+class Trainer:
+    """A service; use it as a context manager.
+
+        with Trainer("tcp/127.0.0.1:7447") as trainer:
+            for activity in trainer.activity("right"):
+                ...
+
+    All methods may be called from several threads. After the gateway was away the connection comes
+    back by itself, and the streams go on.
+    """
+
+    def __init__(
+        self,
+        endpoint: str | Sequence[str] | None = None,
+        credentials: Credentials | Path | str | None = None,
+        *,
+        trainer: str | None = None,
+        client: str = wire.UNNAMED_CLIENT,
+        clock: Clock | None = None,
+        keep_trying: bool = False,
+    ) -> None:
+        """Choose a service; the connection is made by `with`.
+
+        Args:
+            endpoint: Zenoh endpoint, or several of the same service; None: those of the
+                credentials, or tcp/127.0.0.1:7447.
+            credentials: folder of `gaitd keys issue`; None: the service has no keys.
+            trainer: TRAINER of the keys; None: that of the credentials, or `trainer`.
+            client: name in events, one line of at most 64 characters. With credentials their name
+                replaces it.
+            clock: measures silence; None: the computer's clock.
+            keep_trying: `with` does not fail if the service is away; until it is there streams
+                are silent, and requests are not answered.
+
+        Raises:
+            CredentialsError: the folder cannot be used.
+        """
+        if isinstance(credentials, str | Path):
+            credentials = read_credentials(Path(credentials))
+        if endpoint is None:
+            endpoints = credentials.file.endpoints if credentials else (DEFAULT_ENDPOINT,)
+        else:
+            endpoints = (endpoint,) if isinstance(endpoint, str) else tuple(endpoint)
+        name = trainer or (credentials.file.trainer if credentials else DEFAULT_TRAINER)
+        self.target = Target(endpoints, name, credentials)
+        self.client = client if credentials is None else credentials.file.name
+        """Name of this client in events and as holder of the lease."""
+        self.clock: Clock = clock or MonotonicClock()
+        self._keep_trying = keep_trying
+        self._session: zenoh.Session | None = None
+        self._pulse: Watch | None = None
+        self._pulse_subscriber: zenoh.Subscriber[None] | None = None
+        self._streams: list[Stream[Any]] = []
+        self._pending: list[Callable[[zenoh.Session], object]] = []
+        self._lock = threading.RLock()
+        self._is_over = threading.Event()
+        self._trying: threading.Thread | None = None
+
+    @classmethod
+    def of(cls, target: Target, *, client: str = wire.UNNAMED_CLIENT) -> Self:
+        """Make one for a known address."""
+        return cls(target.endpoints, target.credentials, trainer=target.trainer, client=client)
+
+    # --- connection -----------------------------------------------------------------------------
+
+    def __enter__(self) -> Self:
+        """Connect.
+
+        Raises:
+            NoServiceError: no service listens, or it does not accept the credentials.
+        """
+        self._is_over.clear()
+        try:
+            self._session = open_session(self.target)
+        except NoServiceError:
+            if not self._keep_trying:
+                raise
+            self._trying = threading.Thread(target=self._try, name=f"{self.target}", daemon=True)
+            self._trying.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close all streams and the connection."""
+        self._is_over.set()
+        if self._trying is not None:
+            self._trying.join()
+        for stream in tuple(self._streams):
+            stream.close()
+        with self._lock:
+            session, self._session, self._pulse = self._session, None, None
+        if session is not None:
+            session.close()
+
+    @property
+    def is_connected(self) -> bool:
+        """True once the service has accepted a connection; streams tell whether it is there now."""
+        return self._session is not None
+
+    def _try(self) -> None:
+        while not self._is_over.wait(RETRY_S):
+            try:
+                session = open_session(self.target)
+            except NoServiceError:
+                continue
+            with self._lock:
+                self._session = session
+                for declare in self._pending:
+                    declare(session)
+                self._pending.clear()
+            return
+
+    def _when_connected(self, declare: Callable[[zenoh.Session], object]) -> None:
+        with self._lock:
+            if self._session is None:
+                self._pending.append(declare)
+            else:
+                declare(self._session)
+
+    def connected_session(self) -> zenoh.Session:
+        """Return the Zenoh session, for what this class does not offer.
+
+        Raises:
+            NoAnswerError: there is no connection yet, or `with` was left.
+        """
+        if self._session is None:
+            raise NoAnswerError(f"{self.target}: not connected; use `with`, and wait for a message")
+        return self._session
+
+    # --- messages -------------------------------------------------------------------------------
+
+    def estimate(self, leg: str, *, keep: int = 1) -> Stream[wire.Estimate]:
+        """The observer's estimate of one leg, every cycle of 10 ms.
+
+        Args:
+            leg: right or left.
+            keep: messages that may wait for the consumer; 1: the newest only.
+        """
+        return self._stream(wire.Estimate, leg, "estimate", keep=keep)
+
+    def activity(self, leg: str, *, keep: int = 1) -> Stream[wire.Activity]:
+        """The patient's activity in one leg, every cycle; as `estimate`."""
+        return self._stream(wire.Activity, leg, "activity", keep=keep)
+
+    def friction(self, leg: str, *, keep: int = 1) -> Stream[wire.Friction]:
+        """Friction of one leg's axes, every cycle; as `estimate`."""
+        return self._stream(wire.Friction, leg, "friction", keep=keep)
+
+    def drive(self, name: str, *, keep: int = 1) -> Stream[wire.DriveState]:
+        """One drive, LEG/AXIS, ten times a second; as `estimate`."""
+        return self._stream(wire.DriveState, "drives", *name.split("/"), keep=keep)
+
+    def stride(self, leg: str, *, keep: int = STRIDES_KEPT) -> Stream[wire.Stride]:
+        """The figures of one leg's strides, each at its end."""
+        return self._stream(wire.Stride, leg, "stride", keep=keep, is_cyclic=False)
+
+    def safety(self, *, keep: int = 1) -> Stream[wire.Safety]:
+        """Mode, verdict and lease, on change and once a second."""
+        return self._stream(wire.Safety, wire.SAFETY, keep=keep, is_cyclic=False)
+
+    def health(self, *, keep: int = 1) -> Stream[wire.Health]:
+        """State of the service itself, once a second."""
+        return self._stream(wire.Health, wire.HEALTH, keep=keep, is_cyclic=False)
+
+    def events(self, *, history_count: int = 50, keep: int = EVENTS_KEPT) -> Stream[wire.Event]:
+        """Events: first those of the past, then each as it happens.
+
+        After a loss of the connection an event may come twice, with the same `id`.
+
+        Args:
+            history_count: number of events of the past.
+            keep: messages that may wait for the consumer.
+        """
+        return self._stream(
+            wire.Event, wire.EVENTS, keep=keep, is_cyclic=False, history_count=history_count
+        )
+
+    def _stream(
+        self,
+        kind: type[T],
+        *parts: str,
+        keep: int,
+        is_cyclic: bool = True,
+        history_count: int | None = None,
+    ) -> Stream[T]:
+        subscribers: list[Any] = []
+
+        def close() -> None:
+            with self._lock:
+                self._streams.remove(stream)
+                if declare in self._pending:
+                    self._pending.remove(declare)
+            for subscriber in subscribers:
+                subscriber.undeclare()
+
+        def take(sample: zenoh.Sample) -> None:
+            stream.receive(sample.payload.to_bytes(), str(sample.encoding).partition(";")[2])
+
+        def declare(session: zenoh.Session) -> None:
+            if history_count is None:
+                subscribers.append(session.declare_subscriber(stream.key, take))
+                return
+            history = HistoryConfig(detect_late_publishers=True, max_samples=history_count)
+            recovery = RecoveryConfig(heartbeat=True, periodic_queries=None)
+            subscribers.append(
+                declare_advanced_subscriber(
+                    session, stream.key, take, history=history, recovery=recovery
+                )
+            )
+
+        watch = Watch(self.clock) if is_cyclic else self._trainers_watch()
+        key = wire.key(self.target.trainer, *parts)
+        stream = Stream(key, kind, watch, keep=keep, is_cyclic=is_cyclic, on_close=close)
+        with self._lock:
+            self._streams.append(stream)
+        self._when_connected(declare)
+        return stream
+
+    def _trainers_watch(self) -> Watch:
+        """Return the watch that finds silence of the whole trainer."""
+        with self._lock:
+            if self._pulse is None:
+                self._pulse = pulse = Watch(self.clock)
+                key = wire.key(self.target.trainer, "drives", "*", "*")
+
+                def declare(session: zenoh.Session) -> None:
+                    self._pulse_subscriber = session.declare_subscriber(
+                        key, lambda _sample: pulse.beat()
+                    )
+
+                self._when_connected(declare)
+            return self._pulse
+
+    # --- requests -------------------------------------------------------------------------------
+
+    def status(self) -> wire.Status:
+        """Return the present state of the machine, and the newest events.
+
+        Raises:
+            NoAnswerError: none came; so for every request.
+        """
+        return self._ask("status", {}, wire.Status, ANSWER_TIMEOUT_S)
+
+    def configuration(self) -> wire.Configuration:
+        """Return the configuration of the service: its legs, drives, limits."""
+        return self._ask("config", {}, wire.Configuration, ANSWER_TIMEOUT_S)
+
+    def enable(self) -> wire.Reply:
+        """Let the service enable its drives; it then holds the pose.
+
+        Raises:
+            RequestRefusedError: with the reason; so for every request but status and configuration.
+        """
+        return self._done("enable")
+
+    def disable(self) -> wire.Reply:
+        """Stop in an orderly way, and switch the drives off."""
+        return self._done("disable")
+
+    def stop(self) -> wire.Reply:
+        """Stop now, in any mode; every role may. This does not replace the emergency stop."""
+        return self._done("stop")
+
+    def reset(self) -> wire.Reply:
+        """Reset a latched stop once its cause is gone; nothing is enabled by it."""
+        return self._done("reset")
+
+    def mode(
+        self,
+        mode: Mode | str,
+        *,
+        cadence_hz: float = 0.0,
+        amplitude_ratio: float = 0.0,
+        duration_s: float = 0.0,
+        scenario: str = "",
+        axis: str = "",
+        witnessed: bool = False,
+    ) -> wire.Reply:
+        """Go to another mode of the enabled machine.
+
+        Args:
+            mode: hold, gait, torque, excite, hand_guiding, self_test, reference or commission.
+            cadence_hz: strides per second, for gait.
+            amplitude_ratio: 0..1 of the full gait, for gait.
+            duration_s: mandatory for gait and excite.
+            scenario: name in the configuration, for excite.
+            axis: LEG/AXIS, for reference and commission.
+            witnessed: a person confirms that the axis moved as described, for commission.
+        """
+        return self._done(
+            "mode",
+            mode=mode,
+            cadence_hz=cadence_hz,
+            amplitude_ratio=amplitude_ratio,
+            duration_s=duration_s,
+            scenario=scenario,
+            axis=axis,
+            witnessed=witnessed,
+        )
+
+    def release_plan(self, limits: wire.PlanLimits) -> wire.Reply:
+        """Release the limits within which a session may request a gait; for an operator."""
+        return self._done("plan", plan=limits)
+
+    def withdraw_plan(self) -> wire.Reply:
+        """Withdraw the released limits: a session may not request a gait any more."""
+        return self._done("plan", plan=None)
+
+    def restart_gateway(self) -> wire.Reply:
+        """Restart the gateway, so that changed keys take effect."""
+        return self._done("restart")
+
+    def request(self, name: str, **arguments: object) -> wire.Reply:
+        """Send control/NAME with these arguments and return the reply, also a refusal.
+
+        Raises:
+            NoAnswerError: none came.
+        """
+        return self._ask(name, arguments, wire.Reply, ANSWER_TIMEOUT_S)
+
+    def acquire(self, client: str, duration_ms: int | None = None) -> wire.Reply:
+        """Request the lease; `lease` does this, and keeps it."""
+        arguments = {"client": client, "duration_ms": duration_ms}
+        return self._ask("acquire", arguments, wire.Reply, ACQUIRE_TIMEOUT_S)
+
+    def _ask(
+        self, name: str, arguments: Mapping[str, object], kind: type[T], timeout_s: float
+    ) -> T:
+        payload = msgspec.json.encode({"client": self.client, **arguments})
+        session = self.connected_session()
+        return decode_answer(query(session, self.target, name, payload, timeout_s), kind, name)
+
+    def _done(self, name: str, **arguments: object) -> wire.Reply:
+        reply = self.request(name, **arguments)
+        if reply.outcome == Outcome.REFUSED:
+            raise RequestRefusedError(reply)
+        if reply.outcome != Outcome.DONE:
+            reason = reply.reason or "the outcome is unknown"
+            raise NoAnswerError(f"{name}: {reply.outcome}, {reason}; see `status`")
+        return reply
+
+    # --- assist ---------------------------------------------------------------------------------
+
+    def lease(
+        self,
+        name: str,
+        law: Law,
+        *,
+        legs: Sequence[str] | None = None,
+        duration_ms: int | None = None,
+        on_refusal: OnRefusal | None = None,
+    ) -> Lease:
+        """Return the lease to be held by `with`; inside, `law` answers each estimate.
+
+        Args:
+            name: of this controller, in events and as holder of the lease. With credentials their
+                name replaces it.
+            law: computes the assist for one estimate; see `Lease`.
+            legs: whose estimates are answered; None: all of the trainer.
+            duration_ms: of the lease without an accepted setpoint; None: as configured.
+            on_refusal: called with each reason for which setpoints were refused.
+        """
+        return Lease(self, name, law, legs, duration_ms, on_refusal)

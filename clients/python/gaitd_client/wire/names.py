@@ -1,0 +1,175 @@
+"""Names on the wire, as enums whose members are the strings of the messages.
+
+A field of a message is a plain string, because a later version of the service may send a name that
+this client does not know. So compare (`estimate.mode == Mode.TORQUE`), and expect other names.
+"""
+
+from enum import StrEnum, auto
+
+
+class Mode(StrEnum):
+    """Mode of the service. From HOLD on the drives move or hold the legs."""
+
+    OFF = auto()
+    BRINGING_UP = auto()
+    READY = auto()
+    STOPPING = auto()
+    FAULT = auto()
+    HOLD = auto()
+    GAIT = auto()
+    TORQUE = auto()
+    EXCITE = auto()
+    REFERENCE = auto()
+    """One axis homes; the others have no power."""
+    COMMISSION = auto()
+    """The sign of one axis is being proven; the others have no power."""
+    HAND_GUIDING = auto()
+    """No stiffness; the drives carry the load and damp the motion."""
+    SELF_TEST = auto()
+    """Each axis in turn moves a little and back."""
+
+
+class Stage(StrEnum):
+    """Progress of an exercise; a stage may be left out, and the order never reverses."""
+
+    PREPARING = auto()
+    """Nothing moves: drives are brought up, enabled, or change their mode of operation."""
+    ANNOUNCING = auto()
+    """Nothing moves yet; the person in the machine is warned."""
+    APPROACHING = auto()
+    """The leg is moved to the pose in which the exercise begins."""
+    PLAYING = auto()
+    """The requested exercise runs."""
+    ENDING = auto()
+    """The leg comes to the pose, or to rest, in which the exercise ends."""
+    OVER = auto()
+
+
+class StopCategory(StrEnum):
+    """Way of stopping, in rising severity."""
+
+    NONE = "none"
+    S2 = "S2"
+    """Assist fades; brake and hold position with the drives enabled."""
+    S1 = "S1"
+    """Quick stop of both axes, held in quick stop active (or brake, then off)."""
+    S0 = "S0"
+    """Disable voltage."""
+
+
+class Cause(StrEnum):
+    """Cause of a stop or of a refused start; `Judgement` has its text and remedy."""
+
+    NONE = auto()
+    # requested
+    STOP_REQUESTED = auto()
+    SHUTDOWN = auto()
+    # the gateway and the core
+    GATEWAY_SILENT = auto()
+    CYCLE_OVERRUN = auto()
+    COMMAND_NOT_FINITE = auto()
+    LAST_END_UNKNOWN = auto()
+    # the emergency means of the patient and of a person nearby
+    HAND_SWITCH_OPEN = auto()
+    STO_ACTIVE = auto()
+    # a drive and its bus
+    BUS_DOWN = auto()
+    DRIVE_SILENT = auto()
+    HEARTBEAT_LOST = auto()
+    DRIVE_REBOOTED = auto()
+    DRIVE_NOT_OPERATIONAL = auto()
+    DRIVE_FAULT = auto()
+    EMERGENCY = auto()
+    DRIVE_LEFT_ENABLED = auto()
+    MODE_NOT_SHOWN = auto()
+    NOT_FOLLOWING = auto()
+    BRING_UP_FAILED = auto()
+    BUS_OFF = auto()
+    TRANSMIT_QUEUE_FULL = auto()
+    DRIVE_POWERED = auto()
+    UNEXPECTED_ENABLE = auto()
+    # a drive's report about the joint
+    ENCODER_FROZEN = auto()
+    ENCODER_JUMP = auto()
+    UNREFERENCED = auto()
+    SIGN_WRONG = auto()
+    EFFORT_DEVIATION = auto()
+    # limits at the joint, from raw drive values
+    POSITION_LIMIT = auto()
+    VELOCITY_LIMIT = auto()
+    EFFORT_LIMIT = auto()
+    POWER_LIMIT = auto()
+    TRACKING_LIMIT = auto()
+    TEMPERATURE_LIMIT = auto()
+    SINGULARITY = auto()
+    LIMIT_SWITCH = auto()
+    ENERGY_LIMIT = auto()
+    STOPPING_PATH = auto()
+    # the estimate: it may add stops, never remove one
+    OBSERVER_INVALID = auto()
+    STATIC_LOAD_WRONG = auto()
+    SPASM = auto()
+    SELF_TEST_FAILED = auto()
+    # escalation
+    STOP_NOT_OBEYED = auto()
+
+
+class Outcome(StrEnum):
+    """Outcome of a request."""
+
+    PENDING = auto()
+    """Not answered in time: the result is unknown."""
+    DONE = auto()
+    REFUSED = auto()
+
+
+class StatusBit(StrEnum):
+    """What the observer says about an estimate: `status` in each message that holds one."""
+
+    VALID = auto()
+    WARM_UP = auto()
+    PREDICT_ONLY = auto()
+    GATED = auto()
+    STANDSTILL_HIP = auto()
+    STANDSTILL_SLIDE = auto()
+    NEAR_SINGULAR = auto()
+    OUT_OF_WORKSPACE = auto()
+    LATE = auto()
+    INCONSISTENT = auto()
+    UNREFERENCED = auto()
+    ARTIFICIAL = auto()
+    INPUT_SATURATED = auto()
+    NEAR_LIMIT = auto()
+    UNCALIBRATED = auto()
+
+
+class Validity(StrEnum):
+    """Validity of one axis' estimate."""
+
+    OK = auto()
+    SPLIT_UNOBSERVABLE = auto()
+    """At rest only patient minus friction is observable: both are null, the net value is given."""
+    BAD = auto()
+    """All values of the axis are null."""
+
+
+class Priority(StrEnum):
+    """Urgency of an event."""
+
+    HIGH = "high"
+    MEDIUM = "medium"
+    LOW = "low"
+    INFO = "info"
+
+
+class Kind(StrEnum):
+    """Type of an event."""
+
+    CORE = "core"
+    MODE = "mode"
+    STOP = "stop"
+    REQUEST = "request"
+    DRIVE = "drive"
+    EMERGENCY = "emergency"
+    INPUT = "input"
+    NOTE = "note"
