@@ -125,7 +125,7 @@ _AT_REST_ROW: Final[Mapping[Event, Phase | None]] = {
     Event.END: Phase.FINISHED,
 }
 _ACTIVE_ROW: Final[Mapping[Event, Phase | None]] = {
-    **dict.fromkeys(Event, Phase.PAUSED),
+    **dict.fromkeys(set(Event) - {Event.START}, Phase.PAUSED),
     Event.SILENT: Phase.NO_SIGNAL,
     Event.STOPPED: Phase.STOPPED,
     Event.END: Phase.FINISHED,
@@ -346,6 +346,9 @@ def step(state: State, inputs: Inputs, now_s: float) -> tuple[State, Request | N
     Returns: the state after, and the request to be sent.
     """
     before = state
+    if inputs.button is Button.START and Event.START not in TABLE[state.phase]:
+        # It was pressed while it was not offered; what ends a block now must not begin the next.
+        inputs = inputs._replace(button=None)
     state = _with_strides(state, inputs.strides)
     for find in (_trainer_event, _button_event, _answer_event, _time_event):
         event = find(state, inputs, now_s)

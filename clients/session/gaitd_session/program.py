@@ -159,9 +159,7 @@ def run(
     history_file: HistoryFile = None,
 ) -> None:
     """Run a session in this terminal."""
-    for ends in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ends, signal.default_int_handler)
-    with _errors_in_one_line():
+    with _errors_in_one_line(), _signals_like_ctrl_c():
         profile = read_profile(profile_file)
         history = open_history(_history_file(profile_file, history_file))
         try:
@@ -174,6 +172,18 @@ def run(
         finally:
             if history.store is not None:
                 history.store.close()
+
+
+@contextmanager
+def _signals_like_ctrl_c() -> Generator[None]:
+    """Let SIGTERM and a closed terminal end the session in order, with the drives off."""
+    ends = (signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(end, signal.default_int_handler) for end in ends]
+    try:
+        yield
+    finally:
+        for end, handler in zip(ends, before, strict=True):
+            signal.signal(end, handler)
 
 
 def _check_legs(trainer: Trainer, profile: Profile, file: Path) -> None:

@@ -62,6 +62,7 @@ FLUSH_S: Final = 2.0
 SELF_TEST_VALID_NS: Final = 20 * 3_600_000_000_000
 """As `self_test.valid_h` of the shipped service, which refuses a gait where its own is due."""
 INTERRUPTED_PHASES: Final = frozenset({Phase.PAUSED, Phase.STOPPED, Phase.NO_SIGNAL})
+STRONGEST_FIRST: Final = (Button.END, Button.PAUSE, Button.START)
 AXES: Final = ("hip", "slide")
 
 
@@ -163,7 +164,7 @@ class Session:
             before = replace(before, self_test_due=not 0 <= age_ns <= SELF_TEST_VALID_NS)
         inputs = Inputs(
             trainer,
-            self._buttons.popleft() if self._buttons else None,
+            self._pressed(),
             self._answer(),
             [StrideShare(stride.leg, valid_share(stride)) for stride in strides],
         )
@@ -197,6 +198,16 @@ class Session:
             reason=f"{verdict.text}: {verdict.remedy}" if verdict.text else "",
             hand_switch_held=all(drive.hand_switch_closed is True for drive in known),
         )
+
+    def _pressed(self) -> Button | None:
+        """Return the strongest of the buttons pressed since the last step.
+
+        The others are dropped: a START that waits would begin a motion later.
+        """
+        pressed: set[Button] = set()
+        while self._buttons:
+            pressed.add(self._buttons.popleft())
+        return next((button for button in STRONGEST_FIRST if button in pressed), None)
 
     def _new_strides(self) -> list[Stride]:
         strides: list[Stride] = []

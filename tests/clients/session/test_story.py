@@ -1,13 +1,15 @@
-"""A whole session in simulated time, with the service and its virtual drives."""
+"""A session in simulated time, with the service and its virtual drives."""
 
+import csv
 import time
 
 import pytest
 from gaitd_client import Trainer
-from gaitd_session import Advice, Button, Phase, Session, open_history
+from gaitd_session import Advice, Button, Phase, Session, Store, open_history
+from gaitd_session.export import export
 from training import profile
 
-from daemon.ipc.record import Cause, Mode
+from daemon.ipc.record import Mode
 
 QUICK = {
     "demo.toml": {
@@ -17,39 +19,84 @@ QUICK = {
         "self_test.required": "daily",
     }
 }
+FOLLOWED_S = 60.0
 
 
 class Patient:
-    """Presses START wherever the view offers it, and notes the phases that a display shows."""
+    """Does what the view says, and notes the phases that a display has shown."""
 
-    def __init__(self, session, trainer):
-        self.session, self.trainer = session, trainer
-        self.views = []
+    def __init__(self, session, virtual):
+        self.session, self.virtual = session, virtual
+        self.phases = []
+        self.view = session.view()
+        self.actions = {
+            Advice.PRESS_START: lambda: session.press(Button.START),
+            Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: lambda: self.act("sto_open * 0.3"),
+            Advice.LET_GO_AND_HOLD_HAND_SWITCH: lambda: self.act("hand_switch_open * 0.3"),
+            Advice.CALL_FOR_HELP: self.helped,
+        }
 
-    def until(self, reached, within_s=90.0, presses=True):
-        end_ns = self.trainer.clock.now_ns() + within_s * 1e9
-        while self.trainer.clock.now_ns() < end_ns:
-            view = self.session.view()
-            if not self.views or self.views[-1].phase is not view.phase:
-                self.views.append(view)
-            if reached(view):
-                return view
-            if presses and view.buttons[:1] == (Button.START,):
-                self.session.press(Button.START)
-            time.sleep(0.02)
-        raise AssertionError(f"not reached: {view}")
+    def act(self, fault):
+        self.virtual.tell(fault)
+        self.virtual.run(0.5)
+        self.session.press(Button.START)
+
+    def helped(self):
+        """What a display offers after a stop."""
+        self.virtual.reset()
+
+    def until(self, reached):
+        end_ns = self.virtual.clock.now_ns() + FOLLOWED_S * 1e9
+        while self.virtual.clock.now_ns() < end_ns:
+            self.view = self.session.view()
+            if self.phases[-1:] != [self.view.phase]:
+                self.phases.append(self.view.phase)
+            if reached(self.view):
+                return
+            self.actions.get(self.view.advice, lambda: None)()
+            time.sleep(0.1)
+        raise AssertionError(f"not reached: {self.view}, after {self.phases}")
 
 
 @pytest.mark.virtual_trainer(QUICK)
-def test_a_session_from_the_first_press_to_the_end_with_a_stop_in_it(virtual_trainer, tmp_path):
-    history = open_history(tmp_path / "history.sqlite")
+def test_a_patient_who_does_as_told_passes_the_daily_test_walks_is_stopped_and_goes_on(
+    virtual_trainer, tmp_path
+):
+    file = tmp_path / "history.sqlite"
+    history = open_history(file)
     clock = virtual_trainer.clock
     with (
         Trainer(virtual_trainer.endpoint, clock=clock) as trainer,
         Session(trainer, profile(), history, clock) as session,
     ):
         patient = Patient(session, virtual_trainer)
-        patient.until(lambda view: view.phase is Phase.FINISHED, 200)
-    for view in patient.views:
-        print(view)
-    print(history.store.summaries(profile().id), history.store.strides(profile().id))
+        patient.until(lambda view: view.phase is Phase.WALKING and 0 < view.block_left_s < 8)
+        assert Phase.SELF_TEST in patient.phases
+        virtual_trainer.stop()
+        patient.until(lambda view: view.phase is Phase.STOPPED)
+        assert "a person or a client requested a stop" in patient.view.reason
+        virtual_trainer.reset()
+        patient.until(lambda view: view.phase is Phase.PAUSED)
+        assert patient.view.block_left_s < 8
+        patient.until(lambda view: view.phase is Phase.REST)
+        assert patient.view.block.number == 2
+        session.press(Button.END)
+        patient.until(lambda view: not view.buttons)
+        assert (patient.view.phase, patient.view.history_trouble) == (Phase.FINISHED, "")
+        assert virtual_trainer.mode == Mode.READY
+    history.store.close()
+
+    with Store(file, is_writer=False) as store:
+        (summary,) = store.summaries(profile().id)
+        strides = store.strides(profile().id)
+        assert store.self_test_utc_ns(profile().id) > summary.begun_utc_ns
+        assert 0.1 <= store.middles(profile().id)["right"] <= 0.6
+    assert summary.end == "ended"
+    assert 10.0 <= summary.walked_s < 16.0
+    assert summary.stride_count == len(strides) >= 3
+    assert summary.interruption_count >= 1
+    export(strides, tmp_path / "strides.csv")
+    with (tmp_path / "strides.csv").open(encoding="utf-8") as opened:
+        rows = list(csv.DictReader(opened))
+    assert {row["kind"] for row in rows} == {"warm_up"}
+    assert all(1.5 < float(row["duration_s"]) < 6.0 for row in rows)
