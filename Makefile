@@ -13,7 +13,8 @@ COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --gene
 	--no-emit-index-url --no-emit-find-links --no-emit-package gaitd-client --no-header pyproject.toml
 # The client library, a distribution of its own: installed before gaitd, from this clone.
 CLIENT := clients/python
-PACKAGES := $(CLIENT) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
+DISPLAY := clients/display
+PACKAGES := $(CLIENT) $(DISPLAY) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
 .PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install uninstall purge rigs lock format golden clean
@@ -27,8 +28,9 @@ $(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable .
 	@touch $@
 
-$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
+$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY)
 	@touch $@
 
 demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
@@ -39,14 +41,14 @@ quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 
 test: clean-steps check coverage pytest  ## all that a contributor must pass; prints its CPU-seconds
 
-test-rigs: $(VENV)/dev.stamp  ## SocketCAN and systemd (after `make rigs`, root)
-	$(BIN)/pytest -m "rig_vcan or rig_systemd" --rigs=required
+test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
+	$(BIN)/pytest -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
 
 test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime
 
 test-all: check coverage  ## at night: whole fault matrix, long fuzz, statistics, ablation, mutants
-	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd"
+	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd and not rig_browser"
 	$(BIN)/python scripts/mutants.py
 
 check: lint types imports  ## static checks: lint, types, import contracts
@@ -104,7 +106,8 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --output-file requirements/run.txt
-	$(COMPILE) --extra build --extra dev --output-file requirements/dev.txt
+	$(COMPILE) --extra build --extra dev --extra display --output-file requirements/dev.txt
+	$(COMPILE) --extra build --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
 golden: $(VENV)/dev.stamp  ## write the golden traces of sessions anew; read the difference

@@ -7,23 +7,28 @@ Reading order:
     keys/       which clients may connect, and how each proves its name
     zenoh_io/   sessions, publishers and subscribers: the only code that touches Zenoh
     recorder/   the black box around each stop, and the audit log of requests
-    wire/       what programs outside rely on: messages, enums, refusals, stop causes, schemas
+    wire/       what core and gateway both know of the wire: stop causes, refusals, roles, names.
+                The messages are in clients/python/gaitd_client/wire
     config/     TOML files into frozen structs
     preflight/  what is refused before anything starts, and the report of `gaitd check`
     system/     clocks, journal, sd_notify, the lock of a directory, the choice of a bus
 
 To add, in this order:
-    a stop cause     `Cause` in ipc/record.py; its category in wire/causes.py (fixed) or
-                     `[stop_category]` of limits.toml (chosen); its text in wire/cause_texts.py;
+    a stop cause     `Cause` in ipc/record.py and in gaitd_client/wire/names.py; its category in
+                     wire/causes.py (fixed) or `[stop_category]` of limits.toml (chosen); its text
+                     in wire/cause_texts.py;
                      where it is detected, usually core/safety/checks.py; `gaitd modes`
     an exercise      its class in core/exercises/ and its row in core/modes/table.py. A mode that is
-                     new on the wire first: `Mode` in ipc/record.py, its request in wire/messages.py
-    a message field  wire/messages.py, leg_messages.py or health_messages.py; where it is filled,
+                     new on the wire first: `Mode` in ipc/record.py and in
+                     gaitd_client/wire/names.py, its request in gaitd_client/wire/messages.py
+    a message field  gaitd_client/wire/messages.py, leg_messages.py or health_messages.py, then
+                     `python -m gaitd_client.wire`; where it is filled,
                      gateway/translate.py, leg_messages.py, strides.py or health.py. A value of the
                      core first becomes the last field of its struct in ipc/record.py, filled in
                      core/cycle_record.py
-    a request        `ROUTES` in gateway/requests.py and its payload in wire/messages.py; one for
-                     the core also `RequestKind` in ipc/record.py and core/steps/requests.py
+    a request        `ROUTES` in gateway/requests.py and its payload in
+                     gaitd_client/wire/messages.py; one for the core also `RequestKind` in
+                     ipc/record.py and core/steps/requests.py
     a role           `Role` in ipc/record.py, its row in wire/roles.py; docs/security.md
     a limit          config/limit_settings.py and configs/limits.toml; SI in core/safety/limits.py;
                      its use in core/safety/checks.py or bounds.py. A rule over several files is in

@@ -55,7 +55,7 @@ def mode(
     as_json: JsonOption = False,
 ) -> None:
     """Choose the enabled leg's mode: hold, gait (announced 3 s ahead), excite, hand_guiding."""
-    payload = {
+    arguments = {
         "mode": name,
         "cadence_hz": cadence,
         "amplitude_ratio": amplitude,
@@ -63,4 +63,4 @@ def mode(
         "scenario": scenario,
     }
     target = find_target(config, endpoint, trainer, credentials)
-    raise typer.Exit(request(target, "mode", payload, as_json=as_json))
+    raise typer.Exit(request(target, "mode", as_json=as_json, **arguments))

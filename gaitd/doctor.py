@@ -5,12 +5,11 @@ from collections.abc import Iterator
 from typing import Annotated, Final
 
 import typer
-from gaitd_client import wire
+from gaitd_client import ClientError, Target
 
 from daemon.system.machine.checks import findings
 from daemon.system.machine.finding import Finding, Grade
-from daemon.zenoh_io.client import Target, query
-from gaitd.remote import ConfigOption, CredentialsOption, find_target
+from gaitd.remote import ConfigOption, CredentialsOption, client_of, find_target
 
 MARKS: Final = {
     Grade.GOOD: "[green]✔[/]",
@@ -46,10 +45,11 @@ def command(
 
 def _links(target: Target) -> Iterator[Finding]:
     """One finding for each live link of a client, and what it matched."""
-    answer = query(target, "config", {"client": "gaitd doctor"})
-    message = answer.decode(wire.Configuration)
-    if message is None:
-        yield Finding("clients", answer.trouble, Grade.MISSING, "start the service")
+    try:
+        with client_of(target, "doctor") as service:
+            message = service.configuration()
+    except ClientError as error:
+        yield Finding("clients", str(error), Grade.MISSING, "start the service")
         return
     for name in message.keys_expiring:
         what, remedy = f"certificate of {name} ends within 30 days", f"`gaitd keys renew {name}`"

@@ -41,5 +41,5 @@ def command(
         "duration_max_s": duration,
     }
     target = find_target(config, endpoint, trainer, credentials)
-    payload = {"plan": limits if action is Action.RELEASE else None}
-    raise typer.Exit(request(target, "plan", payload, as_json=as_json))
+    plan = limits if action is Action.RELEASE else None
+    raise typer.Exit(request(target, "plan", as_json=as_json, plan=plan))

@@ -9,12 +9,11 @@ import json
 import sys
 import time
 from collections.abc import Callable
-from typing import Annotated, Any, Final, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 import typer
-from gaitd_client import wire
+from gaitd_client import ClientError, Outcome, Target, Trainer, wire
 
-from daemon.zenoh_io.client import Answer, Message, Target, query
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
@@ -24,6 +23,7 @@ from gaitd.remote import (
     EndpointOption,
     JsonOption,
     TrainerOption,
+    client_of,
     find_target,
     request,
 )
@@ -45,7 +45,6 @@ HOMING_POLL_S: Final = 0.25
 POLL_S: Final = 0.5
 STEP_MAX_S: Final = 120.0
 """Time for each step of the self-test that the operator does."""
-CLIENT: Final = "gaitd self-test"
 PASSED: Final = "self-test passed"
 RESULT: Final = ": self-test "
 UNTESTED: Final = "not seen to act today: "
@@ -62,8 +61,8 @@ PROMPTS: Final = (
 """Prompt for the operator, by a part of the reason with which the service refuses to enable."""
 
 
-class NoAnswerError(Exception):
-    """The service does not answer."""
+class NoRecordsError(ClientError):
+    """The service answers, but it has no records of the core."""
 
 
 class AxisResult(NamedTuple):
@@ -134,8 +133,8 @@ def commission(
             seen = typer.confirm(f"Did you see that {described}?")
     if not seen:
         raise typer.Exit(EXIT_REFUSED)
-    payload = {"mode": "commission", "axis": axis, "witnessed": True}
-    raise typer.Exit(request(target, "mode", payload, as_json=as_json))
+    code = request(target, "mode", as_json=as_json, mode="commission", axis=axis, witnessed=True)
+    raise typer.Exit(code)
 
 
 def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> AxisResult:
@@ -158,19 +157,20 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
 
     before, settled, progress = None, 0, ""
     try:
-        before = _ids(_status(target, "gaitd"))
-        code = request(target, "mode", {"mode": mode, "axis": axis}, as_json=as_json)
-        if code != EXIT_DONE:
-            raise typer.Exit(code)
-        for _ in range(round(HOMING_MAX_S / HOMING_POLL_S)):
-            time.sleep(HOMING_POLL_S)
-            status = _valid_status(target, "gaitd")
-            progress = _show_progress(status, progress, show)
-            settled = settled + 1 if status.safety.mode in SETTLED_MODES else 0
-            if settled > SETTLED_POLLS:
-                return _axis_result(status, axis, good, before)
+        with client_of(target, mode) as trainer:
+            before = _ids(trainer.status())
+            code = request(target, "mode", as_json=as_json, mode=mode, axis=axis)
+            if code != EXIT_DONE:
+                raise typer.Exit(code)
+            for _ in range(round(HOMING_MAX_S / HOMING_POLL_S)):
+                time.sleep(HOMING_POLL_S)
+                status = _valid_status(trainer)
+                progress = _show_progress(status, progress, show)
+                settled = settled + 1 if status.safety.mode in SETTLED_MODES else 0
+                if settled > SETTLED_POLLS:
+                    return _axis_result(status, axis, good, before)
         print(f"{axis}: it did not end within {HOMING_MAX_S:g} s", file=sys.stderr)
-    except NoAnswerError:
+    except ClientError:
         what = mode if before is None else axis
         print(f"{what}: the service does not answer; look at it before you go on", file=sys.stderr)
     raise typer.Exit(EXIT_NO_ANSWER)
@@ -202,8 +202,9 @@ def self_test(
         print(text, file=sys.stderr if as_json else sys.stdout, flush=True)
 
     try:
-        passed, lines = run_self_test(target, show)
-    except NoAnswerError as error:
+        with client_of(target, "self-test") as service:
+            passed, lines = run_self_test(service, show)
+    except ClientError as error:
         print(f"self-test: {error}", file=sys.stderr)
         raise typer.Exit(EXIT_NO_ANSWER) from error
     if as_json:
@@ -213,7 +214,7 @@ def self_test(
     raise typer.Exit(EXIT_DONE if passed else EXIT_REFUSED)
 
 
-def run_self_test(target: Target, show: Print) -> tuple[bool, list[str]]:
+def run_self_test(trainer: Trainer, show: Print) -> tuple[bool, list[str]]:
     """Run all steps; return whether the test passed, and the service's event texts about it.
 
     The steps follow from the service's refusals: until the service has seen hand switch and
@@ -221,41 +222,41 @@ def run_self_test(target: Target, show: Print) -> tuple[bool, list[str]]:
     requested, but never reset: a latched stop is shown with its remedy, and the test ends.
 
     Raises:
-        NoAnswerError: the service does not answer.
+        ClientError: the service does not answer.
     """
-    reason = "" if _valid_status(target).safety.mode == "hold" else _enable(target, show)
+    reason = "" if _valid_status(trainer).safety.mode == "hold" else _enable(trainer, show)
     if reason:
         show(reason)
         return False, [reason]
     show("Now each axis moves a little, forth and back. Lie relaxed, and hold the hand switch.")
-    before = _ids(_valid_status(target))
-    reply = _reply(target, "mode", {"mode": "self_test"})
-    if reply.outcome != "done":
+    before = _ids(_valid_status(trainer))
+    reply = trainer.request("mode", mode="self_test")
+    if reply.outcome != Outcome.DONE:
         show(f"refused: {reply.reason}")
         return False, [reply.reason]
     progress = ""
     for _ in range(round(STEP_MAX_S / POLL_S)):
         time.sleep(POLL_S)
-        status = _valid_status(target)
+        status = _valid_status(trainer)
         progress = _show_progress(status, progress, show)
         if status.safety.mode != "self_test":
             return _test_result(status, before, show)
     return False, []
 
 
-def _enable(target: Target, show: Print) -> str:
+def _enable(trainer: Trainer, show: Print) -> str:
     """Request enable until nothing is missing; prompt the operator for the missing steps.
 
     Returns: the reason why it is not enabled; empty if it is.
     """
     last_text = ""
     for _ in range(round(STEP_MAX_S / POLL_S)):
-        safety = _valid_status(target).safety
+        safety = _valid_status(trainer).safety
         if safety.mode != "ready":
             # Another client's request, or a stop: an enable request now would be outside this test.
             return stop_text(safety) or f"not possible in mode {safety.mode}"
-        reply = _reply(target, "enable", {})
-        if reply.outcome == "done":
+        reply = trainer.request("enable")
+        if reply.outcome == Outcome.DONE:
             return ""
         text = prompt(reply.reason)
         if text != last_text:
@@ -310,23 +311,8 @@ def _new_texts(status: wire.Status, before: set[str]) -> list[str]:
     return [event.text for event in status.events if event.id not in before]
 
 
-def _status(target: Target, client: str = CLIENT) -> wire.Status:
-    return _message(query(target, "status", {"client": client}), wire.Status)
-
-
-def _valid_status(target: Target, client: str = CLIENT) -> wire.Status:
-    status = _status(target, client)
+def _valid_status(trainer: Trainer) -> wire.Status:
+    status = trainer.status()
     if not status.safety.valid:
-        raise NoAnswerError("no records arrive from the core; look at the machine")
+        raise NoRecordsError("no records arrive from the core; look at the machine")
     return status
-
-
-def _reply(target: Target, name: str, payload: dict[str, Any]) -> wire.Reply:
-    return _message(query(target, name, {"client": CLIENT, **payload}), wire.Reply)
-
-
-def _message(answer: Answer, kind: type[Message]) -> Message:
-    message = answer.decode(kind)
-    if message is None:
-        raise NoAnswerError(answer.trouble)
-    return message

@@ -7,19 +7,25 @@ service did not report the outcome of the request in time.
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
+import msgspec
 import typer
-from gaitd_client import wire
+from gaitd_client import (
+    ClientError,
+    CredentialsError,
+    Outcome,
+    Target,
+    Trainer,
+    read_credentials,
+)
+from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
 
-from daemon.zenoh_io.client import Target, query
+from daemon.config.strict import ConfigError
 
 EXIT_DONE: Final = 0
 EXIT_REFUSED: Final = 1
 EXIT_NO_ANSWER: Final = 4
-
-DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
-DEFAULT_TRAINER: Final = "trainer"
 
 ConfigOption = Annotated[
     Path | None,
@@ -52,9 +58,10 @@ def find_target(
         ConfigError: the trainer file or the folder of credentials cannot be used.
     """
     if credentials is not None:
-        from daemon.keys.credentials import read_credentials
-
-        found = read_credentials(credentials)
+        try:
+            found = read_credentials(credentials)
+        except CredentialsError as error:
+            raise ConfigError(error.path, "", "", error.reason) from error
         return Target(found.file.endpoints, found.file.trainer, found)
     endpoints, name = (DEFAULT_ENDPOINT,), DEFAULT_TRAINER
     if config is not None:
@@ -66,21 +73,31 @@ def find_target(
     return Target((endpoint,) if endpoint else endpoints, trainer or name)
 
 
-def request(
-    target: Target, name: str, payload: dict[str, Any] | None = None, *, as_json: bool
-) -> int:
+def client_of(target: Target, command: str) -> Trainer:
+    """Return the client of a command, named after it in events."""
+    return Trainer.of(target, client=f"gaitd {command}")
+
+
+def as_json_text(message: msgspec.Struct) -> str:
+    """Return a message as the service has sent it."""
+    return msgspec.json.encode(message).decode()
+
+
+def request(target: Target, name: str, *, as_json: bool, **arguments: object) -> int:
     """Request enable, disable, stop, reset or mode; print the outcome.
 
     Returns: the exit code.
     """
-    answer = query(target, name, {"client": f"gaitd {name}", **(payload or {})})
-    reply = answer.decode(wire.Reply)
-    if reply is None:
-        return report_silence(name, answer.trouble, as_json=as_json)
+    try:
+        with client_of(target, name) as trainer:
+            reply = trainer.request(name, **arguments)
+    except ClientError as error:
+        return report_silence(name, str(error), as_json=as_json)
     mode = f" (mode {reply.mode})" if reply.mode else ""
     reason = f": {reply.reason}" if reply.reason else ""
-    print(answer.text if as_json else f"{name} {reply.outcome}{reason}{mode}")
-    return {"done": EXIT_DONE, "refused": EXIT_REFUSED}.get(reply.outcome, EXIT_NO_ANSWER)
+    print(as_json_text(reply) if as_json else f"{name} {reply.outcome}{reason}{mode}")
+    codes = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
+    return codes.get(Outcome(reply.outcome), EXIT_NO_ANSWER)
 
 
 def report_silence(name: str, trouble: str, *, as_json: bool) -> int:

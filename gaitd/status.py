@@ -5,9 +5,8 @@ from datetime import UTC, datetime
 from typing import Final
 
 import typer
-from gaitd_client import wire
+from gaitd_client import ClientError, wire
 
-from daemon.zenoh_io.client import query
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
@@ -16,6 +15,8 @@ from gaitd.remote import (
     EndpointOption,
     JsonOption,
     TrainerOption,
+    as_json_text,
+    client_of,
     find_target,
     report_silence,
 )
@@ -31,13 +32,12 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Print the state of a running service: mode, verdict, drives, legs, newest events."""
-    answer = query(
-        find_target(config, endpoint, trainer, credentials), "status", {"client": "gaitd status"}
-    )
-    message = answer.decode(wire.Status)
-    if message is None:
-        raise typer.Exit(report_silence("status", answer.trouble, as_json=as_json))
-    print(answer.text if as_json else "\n".join(lines(message)))
+    try:
+        with client_of(find_target(config, endpoint, trainer, credentials), "status") as service:
+            message = service.status()
+    except ClientError as error:
+        raise typer.Exit(report_silence("status", str(error), as_json=as_json)) from error
+    print(as_json_text(message) if as_json else "\n".join(lines(message)))
     raise typer.Exit(EXIT_DONE if message.safety.valid else EXIT_NO_ANSWER)
 
 

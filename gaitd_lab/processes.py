@@ -19,10 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Self
 
+from gaitd_client.connection import Target
+
 from daemon.config.edits import Edits, edit
 from daemon.config.shipped import configs_folder
 from daemon.ipc.transport import RING_NAME
-from daemon.zenoh_io.client import Target
 
 SHARED_MEMORY: Final = "/dev/shm"
 SIMULATED: Final = "simulated"

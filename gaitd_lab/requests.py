@@ -5,11 +5,19 @@ from typing import Final
 
 import zenoh
 from gaitd_client import wire
+from gaitd_client.connection import (
+    ANSWER_TIMEOUT_S,
+    Target,
+    decode_answer,
+    json_of,
+    open_session,
+)
+from gaitd_client.errors import NoAnswerError, NoServiceError
 
-from daemon.zenoh_io.client import ANSWER_TIMEOUT_S, Answer, Target, json_text, open_client
 from gaitd_lab.demonstration.script import Ask
 
 TAKEN_WITHIN_S: Final = 2.0
+UNANSWERED: Final = "unanswered"
 
 
 class Requests:
@@ -19,7 +27,8 @@ class Requests:
         """Start without a request; `client` is the client name in the requests."""
         self._target, self._client = target, client
         self._session: zenoh.Session | None = None
-        self._answers: list[Answer] = []
+        self._answers: list[tuple[str, str]] = []
+        """Outcome and reason of the request; the first one counts."""
 
     def send(self, request: Ask) -> None:
         """Send a request; the outcome of an earlier one is dropped.
@@ -28,20 +37,20 @@ class Requests:
         ones have been answered. The core therefore takes it with the next cycle, on each run.
         """
         self.close()
-        self._answers = answers = list[Answer]()
+        self._answers = answers = list[tuple[str, str]]()
         try:
-            self._session = session = open_client(self._target)
-        except zenoh.ZError:
-            answers.append(Answer(None, "the service does not accept a client"))
+            self._session = session = open_session(self._target)
+        except NoServiceError:
+            answers.append((UNANSWERED, "the service does not accept a client"))
             return
 
         def take(reply: zenoh.Reply) -> None:
-            text = json_text(reply)
-            if text is not None:
-                answers.append(Answer(text))
+            data = json_of(reply)
+            if data is not None:
+                answers.append(_outcome(data, request.name))
 
         def finish() -> None:
-            answers.append(Answer(None, "another trainer, or it hangs"))
+            answers.append((UNANSWERED, "another trainer, or it hangs"))
 
         session.get(
             self._target.control(request.name),
@@ -55,15 +64,18 @@ class Requests:
 
     def outcome(self) -> tuple[str | None, str]:
         """Return outcome and reason; None until the answer."""
-        if not self._answers:
-            return None, ""
-        reply = self._answers[0].decode(wire.Reply)
-        if reply is None:
-            return "unanswered", self._answers[0].trouble
-        return reply.outcome, reply.reason
+        return self._answers[0] if self._answers else (None, "")
 
     def close(self) -> None:
         """Close the session; a pending answer is not waited for."""
         if self._session is not None:
             self._session.close()
             self._session = None
+
+
+def _outcome(data: bytes, name: str) -> tuple[str, str]:
+    try:
+        reply = decode_answer(data, wire.Reply, name)
+    except NoAnswerError as error:
+        return UNANSWERED, str(error)
+    return reply.outcome, reply.reason

@@ -14,6 +14,12 @@ LINTER = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
 ]
 
 
+FOLDER = {
+    "gaitd_client": PROJECT / "clients" / "python",
+    "gaitd_display": PROJECT / "clients" / "display",
+}
+
+
 class Plant(NamedTuple):
     package: str
     imported: str
@@ -25,6 +31,8 @@ PHYSICS = "the virtual drives share physics with the observer, and nothing else 
 PYTEST = "pytest is not needed to run gaitd: only the plugin that it ships imports it"
 NEUTRAL = "simulated time is neutral ground: it imports nothing of ours"
 JUDGEMENT = "commands ask whether a configuration is good; nothing that they start does"
+ALONE = "the client library is complete without gaitd"
+MESSAGES = "messages are for gateway and clients, not for what moves the machine"
 PLANTS = (
     Plant("drives", "daemon.ipc.record", "drives and observer know nothing of ours"),
     Plant("observer", "drives.signals", "drives and observer never see each other"),
@@ -47,12 +55,15 @@ PLANTS = (
     Plant("gaitd_lab", "gaitd.remote", "the laboratory knows nothing of the command line"),
     Plant("simtime", "drives.signals", NEUTRAL),
     Plant("daemon.core", "daemon.preflight.acceptance", JUDGEMENT),
+    Plant("gaitd_client", "daemon.ipc.record", ALONE),
+    Plant("daemon.core", "gaitd_client.stream", MESSAGES),
+    Plant("gaitd_display", "daemon.ipc.record", "the display sees messages alone"),
 )
 
 
 def test_each_planted_import_breaks_its_contract(tmp_path):
     for package in LINTER["root_packages"]:
-        shutil.copytree(PROJECT / package, tmp_path / package)
+        shutil.copytree(FOLDER.get(package, PROJECT) / package, tmp_path / package)
     shutil.copy(PROJECT / "pyproject.toml", tmp_path)
     for number, plant in enumerate(PLANTS):
         file = tmp_path / plant.package.replace(".", "/") / f"planted_{number}.py"

@@ -12,6 +12,11 @@ import pytest
 
 PROJECT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
+CLIENT = PROJECT / "clients" / "python"
+CLIENT_PYPROJECT = tomllib.loads((CLIENT / "pyproject.toml").read_text(encoding="utf-8"))
+DISPLAY = PROJECT / "clients" / "display"
+DISPLAY_PYPROJECT = tomllib.loads((DISPLAY / "pyproject.toml").read_text(encoding="utf-8"))
+CLIENT_NAME = "gaitd-client"
 PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
 
 
@@ -28,20 +33,71 @@ def test_no_installed_distribution_claims_a_name_of_ours(rival):
         importlib.metadata.distribution(rival)
 
 
-def test_the_installed_version_is_the_one_of_the_project_file():
-    assert importlib.metadata.version("gaitd") == PYPROJECT["project"]["version"]
+@pytest.mark.parametrize("project", [PYPROJECT, CLIENT_PYPROJECT, DISPLAY_PYPROJECT])
+def test_the_installed_version_is_the_one_of_the_project_file(project):
+    assert importlib.metadata.version(project["project"]["name"]) == project["project"]["version"]
+
+
+def test_gaitd_needs_the_client_of_this_repository_with_its_dependencies():
+    wanted = PYPROJECT["project"]["dependencies"]
+
+    assert f"{CLIENT_NAME}=={CLIENT_PYPROJECT['project']['version']}" in wanted
+    assert set(CLIENT_PYPROJECT["project"]["dependencies"]) <= set(wanted)
+    assert CLIENT_PYPROJECT["build-system"] == PYPROJECT["build-system"]
+
+
+def test_the_display_needs_the_versions_that_are_pinned_for_it():
+    own = {*PYPROJECT["project"]["dependencies"]}
+    own |= {*PYPROJECT["project"]["optional-dependencies"]["display"]}
+
+    assert set(DISPLAY_PYPROJECT["project"]["dependencies"]) <= own
+    assert DISPLAY_PYPROJECT["build-system"] == PYPROJECT["build-system"]
+
+
+def built(project: Path, folder: Path) -> zipfile.ZipFile:
+    subprocess.run(
+        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
+        cwd=project,
+        check=True,
+        capture_output=True,
+    )
+    return zipfile.ZipFile(next(folder.glob("*.whl")))
 
 
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> zipfile.ZipFile:
-    folder = tmp_path_factory.mktemp("wheel")
-    subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
-        cwd=PROJECT,
-        check=True,
-        capture_output=True,
-    )
-    return zipfile.ZipFile(next(folder.glob("gaitd-*.whl")))
+    return built(PROJECT, tmp_path_factory.mktemp("wheel"))
+
+
+def test_the_clients_wheel_holds_its_package_with_types_schemas_and_licence(tmp_path):
+    wheel = built(CLIENT, tmp_path)
+    names = set(wheel.namelist())
+    files = {
+        file.relative_to(CLIENT).as_posix()
+        for file in (CLIENT / "gaitd_client").rglob("*")
+        if file.is_file() and file.suffix != ".pyc"
+    }
+
+    assert {"gaitd_client/py.typed", "gaitd_client/wire/schemas/gaitd.estimate.v2.json"} <= files
+    assert {name for name in names if ".dist-info/" not in name} == files
+    licence = next(name for name in names if name.endswith("licenses/LICENSE"))
+    assert b"Apache License" in wheel.read(licence)
+
+
+def test_the_displays_wheel_holds_its_pages_and_both_licences(tmp_path):
+    wheel = built(DISPLAY, tmp_path)
+    names = set(wheel.namelist())
+    files = {
+        file.relative_to(DISPLAY).as_posix()
+        for file in (DISPLAY / "gaitd_display").rglob("*")
+        if file.is_file() and file.suffix != ".pyc"
+    }
+
+    assert {"gaitd_display/static/patient.html", "gaitd_display/patient.py"} <= files
+    assert {name for name in names if ".dist-info/" not in name} == files
+    papers = {name.split("licenses/")[-1]: name for name in names if "licenses/" in name}
+    assert b"Apache License" in wheel.read(papers["LICENSE"])
+    assert b"MIT License" in wheel.read(papers["gaitd_display/static/vendor/LICENSE.uPlot"])
 
 
 def test_the_wheel_holds_every_module_and_configuration_and_nothing_but_our_packages(wheel):
@@ -87,6 +143,8 @@ def test_every_dependency_is_pinned_at_a_version_that_the_project_allows():
         wanted += extra
 
     for requirement in wanted:
+        if requirement.startswith(CLIENT_NAME):
+            continue  # of this repository, in no lock file
         name = requirement.split("=")[0].split(">")[0].strip().lower()
         assert f"\n{name}==" in f"\n{locked}", requirement
         if "==" in requirement:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parent.parent
 THIS = "tests/test_style.py"
-PACKAGES = ("drives", "observer", "daemon", "sim_drives", "simtime", "gaitd", "analysis")
+PACKAGES = ("drives", "observer", "daemon", "sim_drives", "simtime", "gaitd", "analysis", "clients")
 
 UNITS = set(
     """
@@ -148,6 +148,8 @@ BROAD = {
     "daemon/core/runtime/loop.py",
     # What one query does to us is not done to who asks next; told, logged and answered.
     "daemon/gateway/service.py",
+    # What a controller's law raises, raised again in the program's own thread.
+    "clients/python/gaitd_client/lease.py",
     # A thread that waits for a disk goes on with its next job; told and logged.
     "daemon/recorder/worker.py",
 }
@@ -174,6 +176,8 @@ GUIDED = (
     *("observer", "observer/filter", "observer/mechanism", "observer/offline"),
     *("sim_drives", "sim_drives/canopen", "sim_drives/cia402", "sim_drives/faults"),
     *("sim_drives/plant", "sim_drives/time"),
+    *("clients/python/gaitd_client", "clients/python/gaitd_client/wire"),
+    "clients/display/gaitd_display",
 )
 
 

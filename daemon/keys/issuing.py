@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
+from gaitd_client.credentials import FILE, CredentialsFile
 
 from daemon.config.strict import COMMAND_LINE, ConfigError
 from daemon.keys.certificates import (
@@ -29,7 +30,6 @@ from daemon.keys.certificates import (
     new_authority,
     new_certificate,
 )
-from daemon.keys.credentials import FILE, CredentialsFile
 from daemon.keys.folder import (
     AUTHORITY,
     CLIENTS,

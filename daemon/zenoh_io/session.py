@@ -6,11 +6,11 @@ interfaces, notices a hung peer after 10 s, and a put may wait for a slow subscr
 
 import secrets
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
-import msgspec
 import zenoh
+from gaitd_client.connection import config_of
 
 from daemon.keys.folder import AUTHORITY, GATEWAY, Keys
 from daemon.zenoh_io.access import access_control
@@ -77,11 +77,3 @@ def open_session(listen: Sequence[str], trainer: str, keys: Keys | None) -> zeno
         file.flush()
         settings["transport/auth/usrpwd"] = {"dictionary_file": file.name}
         return zenoh.open(config_of(settings))
-
-
-def config_of(settings: Mapping[str, object]) -> zenoh.Config:
-    """Return a Zenoh configuration with these keys."""
-    config = zenoh.Config()
-    for key, value in settings.items():
-        config.insert_json5(key, msgspec.json.encode(value).decode())
-    return config

@@ -18,12 +18,13 @@ from typing import Any, Final, Self
 
 import can
 import msgspec
+from gaitd_client import ClientError, Trainer
+from gaitd_client.connection import open_session, query
 
 from daemon.config.edits import Edits
 from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingError, RingReader
 from daemon.system.clock import AgeClock, MonotonicClock, PageClock
-from daemon.zenoh_io.client import query
 from gaitd_lab.processes import ServiceError, ServiceProcesses, Tempo
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
@@ -153,11 +154,17 @@ class Service(ServiceProcesses):
         """
         if self._held_count:
             raise ServiceError(f"control/{name} is asked while time is held: it needs time to pass")
-        payload = {"client": "tester", **payload} if payload else {}
-        answer = query(self.target, name, payload)
-        if answer.text is None:
-            return {"outcome": "unanswered", "reason": answer.trouble}
-        return msgspec.json.decode(answer.text)
+        data = msgspec.json.encode({"client": "tester", **payload} if payload else {})
+        try:
+            with open_session(self.target) as session:
+                return msgspec.json.decode(query(session, self.target, name, data))
+        except ClientError as error:
+            return {"outcome": "unanswered", "reason": str(error)}
+
+    def client(self, name: str = "tester") -> Trainer:
+        """Return a client of this service, whose silence is of this service's time."""
+        target = self.target
+        return Trainer(target.endpoints, trainer=target.trainer, client=name, clock=self.clock)
 
     # --- time ---------------------------------------------------------------------------------
 

@@ -21,10 +21,9 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import can
-from gaitd_client import wire
+from gaitd_client import ClientError, Mode, Trainer
 
 from daemon.config.edits import edit
-from daemon.zenoh_io.client import query
 from gaitd_lab.benchmark.burning import burners
 from gaitd_lab.benchmark.bus_times import Reaction, Syncs, TimedFrame, held, reaction, syncs
 from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo, memory_folder
@@ -239,10 +238,12 @@ def _subject(master: Master, made: SoakProcesses) -> Generator[Subject]:
 
 def _operate(made: SoakProcesses) -> None:
     """Send the operator's next request towards hold."""
-    status = query(made.target, "status", {}).decode(wire.Status)
-    name = {"fault": "reset", "ready": "enable"}.get((status and status.safety.mode) or "")
-    if name is not None:
-        query(made.target, name, {"client": "gaitd bench"})
+    with contextlib.suppress(ClientError), Trainer.of(made.target, client="gaitd bench") as trainer:
+        mode = trainer.status().safety.mode
+        if mode == Mode.FAULT:
+            trainer.request("reset")
+        elif mode == Mode.READY:
+            trainer.request("enable")
 
 
 class Listener:

@@ -25,9 +25,9 @@ from typing import Final, NamedTuple
 import msgspec
 import zenoh
 from gaitd_client import wire
+from gaitd_client.connection import Target, open_session
 
 from daemon.ipc.record import CycleRecord
-from daemon.zenoh_io.client import Target, open_client
 from gaitd_lab.benchmark import bare_put
 from gaitd_lab.processes import ServiceError, Tempo, free_port, tied
 from gaitd_lab.soak.memory import sample
@@ -133,7 +133,7 @@ def _delivery(made: SoakProcesses, seconds: float) -> tuple[Delivery, int]:
     records: list[CycleRecord] = []
     tail = RecordTail(made.ring_path)
     tail.read()
-    with open_client(made.target) as session:
+    with open_session(made.target) as session:
         trainer = made.target.trainer
         _subscribe(session, wire.key(trainer, made.leg, "estimate"), came)
         _subscribe(session, wire.key(trainer, wire.HEALTH), health)
@@ -206,7 +206,7 @@ def bare_puts(size: int, seconds: float) -> Spread:
     came: list[ReceivedMessage] = []
     with subprocess.Popen(tied(*words)) as putting:
         time.sleep(CONNECT_S)
-        with open_client(Target((endpoint,), bare_put.TRAINER)) as session:
+        with open_session(Target((endpoint,), bare_put.TRAINER)) as session:
             _subscribe(session, bare_put.KEY, came)
             putting.wait()
     if not came:

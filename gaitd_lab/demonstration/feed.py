@@ -16,9 +16,10 @@ import msgspec
 import numpy as np
 import zenoh
 from gaitd_client import wire
+from gaitd_client.connection import Target, open_session
+from gaitd_client.errors import NoServiceError
 from numpy.typing import NDArray
 
-from daemon.zenoh_io.client import Target, open_client
 from gaitd_lab.demonstration.script import Situation
 from sim_drives.plant.truth import TruthRow
 
@@ -113,8 +114,8 @@ class Receiver:
         if self._session is not None:
             return True
         try:
-            self._session = open_client(self._target)
-        except zenoh.ZError:
+            self._session = open_session(self._target)
+        except NoServiceError:
             return False
         self._subscribe(self._session)
         return True

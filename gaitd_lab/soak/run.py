@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gaitd_client import wire
+from gaitd_client.connection import Target, open_session
 
-from daemon.zenoh_io.client import Target, open_client
 from gaitd_lab.requests import Requests
 from gaitd_lab.soak import memory
 from gaitd_lab.soak.fault_generator import DEATHS_RATIO, ActiveFault, Actor, FaultGenerator
@@ -341,7 +341,7 @@ class Flood:
             self._thread = None
 
     def _send(self, duration_s: float) -> None:
-        with open_client(self._target) as session:
+        with open_session(self._target) as session:
             name = wire.key(self._target.trainer, self._leg, wire.SETPOINT)
             end_s = time.monotonic() + duration_s
             while time.monotonic() < end_s and not self._over.is_set():

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 from gaitd_client import wire
+from gaitd_client.connection import Target
 from rich.console import Console
 from rich.text import Text
 
 from daemon.system.clock import MonotonicClock
-from daemon.zenoh_io.client import Target
 from gaitd_lab.demonstration.curves import Chart, Curve
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track
 from gaitd_lab.demonstration.report import line

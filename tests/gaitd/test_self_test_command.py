@@ -1,6 +1,5 @@
 """`gaitd self-test` against a service that keeps count of what it is asked."""
 
-import msgspec
 import pytest
 from gaitd_client import wire
 from typer.testing import CliRunner
@@ -10,7 +9,6 @@ from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
 from daemon.wire.cause_texts import CAUSE_TEXT
-from daemon.zenoh_io.client import Answer
 from gaitd import preparation
 from gaitd.__main__ import build
 from gaitd.remote import EXIT_REFUSED
@@ -25,18 +23,21 @@ class Service:
         self.modes = list(modes)
         self.asked = []
 
-    def ask(self, _target, name, _payload):
-        mode = self.modes[0]
-        if name == "status":
-            return Answer(msgspec.json.encode(self.status(mode)).decode())
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def request(self, name, **_):
         self.asked.append(name)
         del self.modes[: len(self.modes) > 1]
-        reply = wire.Reply(
+        return wire.Reply(
             **self.head(), request=name, outcome="refused", reason="not yet", mode=None
         )
-        return Answer(msgspec.json.encode(reply).decode())
 
-    def status(self, mode):
+    def status(self):
+        mode = self.modes[0]
         verdict = STOP if mode == Mode.FAULT else Verdict()
         safety = translate.safety(record(mode, verdict), None, Stamp(), 1)
         return wire.Status(**self.head(), version="1", safety=safety, drives=(), legs=(), events=())
@@ -73,7 +74,7 @@ def run(monkeypatch):
 
     def against(*modes):
         service = Service(*modes)
-        monkeypatch.setattr(preparation, "query", service.ask)
+        monkeypatch.setattr(preparation, "client_of", lambda *_: service)
         monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
         return CliRunner().invoke(build("self-test"), ["self-test"]), service
 

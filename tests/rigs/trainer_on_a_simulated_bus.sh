@@ -7,7 +7,7 @@ python=/usr/bin/$minor
 [ -x $python ] || python=/opt/python/bin/python3
 $python -m venv --without-pip /opt/gaitd-here
 ln -s /opt/gaitd-here /opt/gaitd
-printf '/opt/source\n/opt/packages\n' > /opt/gaitd/lib/$minor/site-packages/here.pth
+printf '/opt/source\n/opt/source/clients/python\n/opt/packages\n' > /opt/gaitd/lib/$minor/site-packages/here.pth
 printf '#!/opt/gaitd/bin/python\nfrom gaitd.__main__ import main\nmain()\n' > /opt/gaitd/bin/gaitd
 chmod 755 /opt/gaitd/bin/gaitd
 

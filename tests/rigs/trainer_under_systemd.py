@@ -20,9 +20,12 @@ from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
+from gaitd_client import ClientError
+from gaitd_client.connection import Target, open_session, query
+
 from daemon.ipc.record import CycleRecord, Mode
 from daemon.ipc.transport import RING_NAME, RingError, RingReader
-from daemon.zenoh_io.client import Target, query
 
 RUNTIME = Path("/run/gaitd")
 CONFIG = Path("/etc/gaitd/trainer.toml")
@@ -106,8 +109,12 @@ def boot_id() -> str:
 
 
 def ask(name: str, **payload: object) -> dict[str, object]:
-    answer = query(TARGET, name, {"client": "tester", **payload} if payload else {})
-    return json.loads(answer.text) if answer.text else {"outcome": "unanswered"}
+    data = msgspec.json.encode({"client": "tester", **payload} if payload else {})
+    try:
+        with open_session(TARGET) as session:
+            return json.loads(query(session, TARGET, name, data))
+    except ClientError:
+        return {"outcome": "unanswered"}
 
 
 def done(name: str, **payload: object) -> bool:

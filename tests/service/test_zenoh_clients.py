@@ -17,11 +17,11 @@ import pytest
 import zenoh
 from cut_sockets import ESTABLISHED, LISTENING, cut
 from fault_observations import Watch
+from gaitd_client.connection import Target, client_settings
 from long_service import TIMEOUT_S
 from processes import Service
 
 from daemon.ipc.record import Cause, Mode
-from daemon.zenoh_io.client import Target, client_settings
 
 CONFIGURATION_ERROR = 2
 FLOOD_S = 2.0

@@ -2,7 +2,7 @@
 
 Reading order: `trainer.py` (messages and requests), `stream.py` (what a stream yields, silence),
 `lease.py` (assist under a lease), `aio.py` (asyncio), `wire/` (the messages), `connection.py` and
-`credentials.py` (the Zenoh session).
+`credentials.py` (the Zenoh session), `clock.py`, `errors.py`.
 """
 
 from gaitd_client import wire

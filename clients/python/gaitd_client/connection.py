@@ -1,5 +1,6 @@
 """Connection to a service: its address, the settings of the Zenoh session, and one query on it."""
 
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple, TypeVar
 
 import msgspec
@@ -63,16 +64,21 @@ def open_session(target: Target) -> zenoh.Session:
         NoServiceError: no service listens on the endpoints, or it refuses the credentials.
     """
     zenoh.init_log_from_env_or("off")
-    config = zenoh.Config()
-    for key, value in client_settings(target).items():
-        config.insert_json5(key, msgspec.json.encode(value).decode())
     try:
-        return zenoh.open(config)
+        return zenoh.open(config_of(client_settings(target)))
     except zenoh.ZError as error:
         where = " or ".join(target.endpoints)
         raise NoServiceError(
             f"no service listens on {where}, or it does not accept these keys"
         ) from error
+
+
+def config_of(settings: Mapping[str, object]) -> zenoh.Config:
+    """Return a Zenoh configuration with these keys."""
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, msgspec.json.encode(value).decode())
+    return config
 
 
 def json_of(reply: zenoh.Reply) -> bytes | None:
@@ -86,18 +92,17 @@ def query(
     session: zenoh.Session,
     target: Target,
     name: str,
-    ask: wire.Ask,
-    kind: type[Message],
+    payload: bytes,
     timeout_s: float = ANSWER_TIMEOUT_S,
-) -> Message:
-    """Query control/NAME and wait for the answer.
+) -> bytes:
+    """Query control/NAME with a JSON payload, and wait for the JSON of the answer.
 
     Raises:
-        NoAnswerError: none came in time, or it is no message of this kind.
+        NoAnswerError: none came in time.
     """
     key = target.control(name)
     try:
-        replies = session.get(key, payload=msgspec.json.encode(ask), timeout=timeout_s)
+        replies = session.get(key, payload=payload, timeout=timeout_s)
         answers = [data for reply in replies if (data := json_of(reply)) is not None]
     except zenoh.ZError as error:
         raise NoAnswerError(f"{key}: {error}") from error
@@ -105,10 +110,10 @@ def query(
         role = "" if target.credentials is None else ", or the role may not request it"
         where = " or ".join(target.endpoints)
         raise NoAnswerError(f"no answer to {key} on {where}: another trainer, or it hangs{role}")
-    return decode_answer(answers[0], kind, key)
+    return answers[0]
 
 
-def decode_answer(data: bytes, kind: type[Message], key: str) -> Message:
+def decode_answer(data: bytes, kind: type[Message], name: str) -> Message:
     """Return the answer as a message of this kind.
 
     Raises:
@@ -118,7 +123,7 @@ def decode_answer(data: bytes, kind: type[Message], key: str) -> Message:
         return msgspec.json.decode(data, type=kind)
     except (ValueError, RecursionError) as error:
         reason = _refusal(data) or f"the answer is no {wire.schema_name(kind)} ({error})"
-        raise NoAnswerError(f"{key}: {reason}") from error
+        raise NoAnswerError(f"{name}: {reason}") from error
 
 
 def _refusal(data: bytes) -> str:

@@ -30,7 +30,6 @@ ASSISTED: Final = frozenset({Mode.TORQUE, Mode.GAIT})
 """Modes in which assist is added."""
 NO_LEASE: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 """Modes in which no lease can be acquired."""
-ACQUIRE_TIMEOUT_S: Final = 2.0
 NS_PER_S: Final = 1_000_000_000
 
 
@@ -147,10 +146,9 @@ class Lease:
         for publisher in self._publishers.values():
             publisher.undeclare()
         if self._number is not None:
-            ask = wire.ReleaseAsk(client=self.name, lease=self._number)
-            self._number = None
+            number, self._number = self._number, None
             # Refused if it has ended by itself in the meantime, which is as good.
-            self._trainer.request("release", ask)
+            self._trainer.request("release", client=self.name, lease=number)
         if self._error is not None and error is None:
             raise self._error
 
@@ -222,8 +220,7 @@ class Lease:
         return (safety.cycle or 0) > (granted.cycle or 0)
 
     def _acquire(self) -> None:
-        ask = wire.AcquireAsk(client=self.name, duration_ms=self._duration_ms)
-        reply = self._trainer.ask("acquire", ask, wire.Reply, ACQUIRE_TIMEOUT_S)
+        reply = self._trainer.acquire(self.name, self._duration_ms)
         if reply.outcome != Outcome.DONE:
             raise RequestRefusedError(reply)
         self._acquired, self._number, self.why_not = reply, reply.lease, ""

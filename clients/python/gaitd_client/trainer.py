@@ -1,7 +1,7 @@
 """`Trainer`: a running service, as a client sees it. Messages as streams, requests as methods."""
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
@@ -17,6 +17,7 @@ from gaitd_client.connection import (
     DEFAULT_ENDPOINT,
     DEFAULT_TRAINER,
     Target,
+    decode_answer,
     open_session,
     query,
 )
@@ -28,6 +29,8 @@ from gaitd_client.wire.names import Mode, Outcome
 
 T = TypeVar("T", bound=msgspec.Struct)
 
+ACQUIRE_TIMEOUT_S: Final = 2.0
+"""Shorter than others: the lease is requested again."""
 RETRY_S: Final = 1.0
 """Time between two attempts of `keep_trying`."""
 EVENTS_KEPT: Final = 256
@@ -282,11 +285,11 @@ class Trainer:
         Raises:
             NoAnswerError: none came; so for every request.
         """
-        return self.ask("status", wire.Ask(client=self.client), wire.Status)
+        return self._ask("status", {}, wire.Status, ANSWER_TIMEOUT_S)
 
     def configuration(self) -> wire.Configuration:
         """Return the configuration of the service: its legs, drives, limits."""
-        return self.ask("config", wire.Ask(client=self.client), wire.Configuration)
+        return self._ask("config", {}, wire.Configuration, ANSWER_TIMEOUT_S)
 
     def enable(self) -> wire.Reply:
         """Let the service enable its drives; it then holds the pose.
@@ -294,19 +297,19 @@ class Trainer:
         Raises:
             RequestRefusedError: with the reason; so for every request but status and configuration.
         """
-        return self._done("enable", wire.Ask(client=self.client))
+        return self._done("enable")
 
     def disable(self) -> wire.Reply:
         """Stop in an orderly way, and switch the drives off."""
-        return self._done("disable", wire.Ask(client=self.client))
+        return self._done("disable")
 
     def stop(self) -> wire.Reply:
         """Stop now, in any mode; every role may. This does not replace the emergency stop."""
-        return self._done("stop", wire.Ask(client=self.client))
+        return self._done("stop")
 
     def reset(self) -> wire.Reply:
         """Reset a latched stop once its cause is gone; nothing is enabled by it."""
-        return self._done("reset", wire.Ask(client=self.client))
+        return self._done("reset")
 
     def mode(
         self,
@@ -329,60 +332,52 @@ class Trainer:
             scenario: name in the configuration, for excite.
             axis: LEG/AXIS, for reference and commission.
             witnessed: a person confirms that the axis moved as described, for commission.
-
-        Raises:
-            msgspec.ValidationError: an argument is out of its range.
         """
-        ask = {
-            "client": self.client,
-            "mode": str(mode),
-            "cadence_hz": cadence_hz,
-            "amplitude_ratio": amplitude_ratio,
-            "duration_s": duration_s,
-            "scenario": scenario,
-            "axis": axis,
-            "witnessed": witnessed,
-        }
-        return self._done("mode", msgspec.convert(ask, wire.ModeAsk))
+        return self._done(
+            "mode",
+            mode=mode,
+            cadence_hz=cadence_hz,
+            amplitude_ratio=amplitude_ratio,
+            duration_s=duration_s,
+            scenario=scenario,
+            axis=axis,
+            witnessed=witnessed,
+        )
 
     def release_plan(self, limits: wire.PlanLimits) -> wire.Reply:
         """Release the limits within which a session may request a gait; for an operator."""
-        return self._done("plan", wire.PlanAsk(client=self.client, plan=limits))
+        return self._done("plan", plan=limits)
 
     def withdraw_plan(self) -> wire.Reply:
         """Withdraw the released limits: a session may not request a gait any more."""
-        return self._done("plan", wire.PlanAsk(client=self.client, plan=None))
+        return self._done("plan", plan=None)
 
     def restart_gateway(self) -> wire.Reply:
         """Restart the gateway, so that changed keys take effect."""
-        return self._done("restart", wire.Ask(client=self.client))
+        return self._done("restart")
 
-    def request(self, name: str, ask: wire.Ask) -> wire.Reply:
-        """Send control/NAME and return the reply, also a refusal.
+    def request(self, name: str, **arguments: object) -> wire.Reply:
+        """Send control/NAME with these arguments and return the reply, also a refusal.
 
         Raises:
             NoAnswerError: none came.
         """
-        return self.ask(name, ask, wire.Reply)
+        return self._ask(name, arguments, wire.Reply, ANSWER_TIMEOUT_S)
 
-    def ask(
-        self, name: str, ask: wire.Ask, kind: type[T], timeout_s: float = ANSWER_TIMEOUT_S
+    def acquire(self, client: str, duration_ms: int | None = None) -> wire.Reply:
+        """Request the lease; `lease` does this, and keeps it."""
+        arguments = {"client": client, "duration_ms": duration_ms}
+        return self._ask("acquire", arguments, wire.Reply, ACQUIRE_TIMEOUT_S)
+
+    def _ask(
+        self, name: str, arguments: Mapping[str, object], kind: type[T], timeout_s: float
     ) -> T:
-        """Query control/NAME; return the answer.
+        payload = msgspec.json.encode({"client": self.client, **arguments})
+        session = self.connected_session()
+        return decode_answer(query(session, self.target, name, payload, timeout_s), kind, name)
 
-        Args:
-            name: NAME.
-            ask: its payload.
-            kind: type of the answer.
-            timeout_s: of the computer's time.
-
-        Raises:
-            NoAnswerError: none came, or it is of another type.
-        """
-        return query(self.connected_session(), self.target, name, ask, kind, timeout_s)
-
-    def _done(self, name: str, ask: wire.Ask) -> wire.Reply:
-        reply = self.request(name, ask)
+    def _done(self, name: str, **arguments: object) -> wire.Reply:
+        reply = self.request(name, **arguments)
         if reply.outcome == Outcome.REFUSED:
             raise RequestRefusedError(reply)
         if reply.outcome != Outcome.DONE:

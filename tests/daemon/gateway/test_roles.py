@@ -17,6 +17,8 @@ from pathlib import Path
 import pytest
 import zenoh
 from command_line import gaitd
+from gaitd_client.connection import Target, client_settings
+from gaitd_client.credentials import read_credentials
 from processes import CONFIGS
 
 from daemon.config.settings import Lease
@@ -26,10 +28,8 @@ from daemon.gateway.reload import Reload
 from daemon.ipc.record import Mode, Outcome, Plan, Role
 from daemon.keys import issuing
 from daemon.keys.certificates import Pair, new_authority, new_certificate
-from daemon.keys.credentials import read_credentials
 from daemon.keys.folder import read_keys
 from daemon.system.clock import MonotonicClock
-from daemon.zenoh_io.client import Target, client_settings
 from gaitd_lab.processes import free_port
 
 BASE = "gaitd/trainer"
@@ -149,8 +149,8 @@ def valid(service, eventually):
     service.core.changes.clear()
     service.core.changes["mode"] = Mode.HOLD  # in which no restart is granted
     service.core.requests.clear()
-    with connected(service.target("display.desk")) as session:
-        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+    display = service.target("display.desk")
+    eventually(lambda: status_of(display).get("safety", {}).get("valid"))
 
 
 def listens(endpoint):

@@ -9,13 +9,13 @@ from unittest import mock
 import pytest
 from command_line import gaitd
 from config_files import CONFIGS
+from gaitd_client.credentials import read_credentials
 from gaitd_client.wire import PlanLimits
 
 from daemon.config.strict import ConfigError
 from daemon.gateway.clients import ClientRefusedError, Clients, PlanStore
 from daemon.ipc.record import Plan, Role
 from daemon.keys import issuing
-from daemon.keys.credentials import read_credentials
 from daemon.keys.folder import read_keys
 from daemon.zenoh_io.access import access_control
 

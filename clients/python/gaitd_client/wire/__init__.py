@@ -2,7 +2,7 @@
 
 Reading order: `names.py` (enums), `fields.py` (types and heads that messages share), `messages.py`
 (all messages, keys and schemas), `leg_messages.py`, `health_messages.py`, `refusals.py` (why a
-setpoint is refused). `schemas/` has the JSON Schemas as files.
+setpoint is refused). `schemas/` has the JSON Schemas as files, which `__main__.py` writes.
 """
 
 from gaitd_client.wire.fields import Stated

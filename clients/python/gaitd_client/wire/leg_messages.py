@@ -1,8 +1,7 @@
 """Messages about one leg: estimate, activity and friction in every cycle, and each stride.
 
-Part of the wire contract; `daemon/wire/messages.py` holds the rest and lists them all. Conventions
-are those of `daemon/wire/fields.py`: every number with its standard deviation, null for what is not
-valid.
+Part of the wire contract; `messages.py` holds the rest and lists them all. Conventions are those of
+`fields.py`: every number with its standard deviation, null for what is not valid.
 """
 
 from typing import Annotated

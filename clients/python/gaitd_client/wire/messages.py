@@ -15,6 +15,8 @@ cycle), `health_messages.py` (state of the service), then the other messages out
 and schemas.
 """
 
+import json
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
@@ -353,6 +355,9 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
 
 NAME_OF: Final = {kind: name for name, kind in MESSAGES.items()}
 
+SCHEMAS_FOLDER: Final = Path(__file__).parent / "schemas"
+"""The JSON Schemas as files, made by `python -m gaitd_client.wire`."""
+
 ALIVE: Final = "alive"
 EVENTS: Final = "events"
 HEALTH: Final = "health"
@@ -385,6 +390,14 @@ def schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
     root: dict[str, Any] = definitions.pop(kind.__name__)
     root["$id"] = schema_name(kind)
     return {**root, "$defs": definitions} if definitions else root
+
+
+def schema_texts() -> dict[str, str]:
+    """JSON Schemas as the files of this package, by file name; a test compares the two."""
+    return {
+        f"{name}.json": json.dumps(one, indent=1, ensure_ascii=False) + "\n"
+        for name, one in schemas().items()
+    }
 
 
 def schemas() -> dict[str, dict[str, Any]]:

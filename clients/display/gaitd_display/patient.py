@@ -1,0 +1,165 @@
+"""The patient's server: role `session`, no login. It listens on loopback for the screen beside it.
+
+Beyond loopback it shows the page and stops; the way out is offered on the machine's own screen
+only, because without login everyone who reaches the page could press its buttons.
+"""
+
+import asyncio
+import contextlib
+import secrets
+from collections.abc import AsyncGenerator, Callable
+from typing import Final
+
+import msgspec
+from gaitd_client import Configuration, NoAnswerError, NotValid, Reply, Stride, Trainer
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket
+
+from gaitd_display.feed import Feed
+from gaitd_display.patient_view import PatientState, PatientView, dot
+from gaitd_display.settings import PatientSettings
+from gaitd_display.way_out import Action
+from gaitd_display.web import (
+    STATIC,
+    Answer,
+    Served,
+    Stops,
+    ask,
+    connected,
+    json,
+    live,
+    make_app,
+    small_body,
+    working,
+)
+
+AXES: Final = ("hip", "slide")
+CONFIGURATION_POLL_S: Final = 1.0
+
+
+class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a button's request."""
+
+    action: Action
+
+
+class PatientServer:
+    """Connects messages, view and requests."""
+
+    def __init__(self, settings: PatientSettings, trainer: Trainer) -> None:
+        """Prepare.
+
+        Args:
+            settings: of this server.
+            trainer: not yet entered.
+
+        Raises:
+            SettingsError: the check of the way out cannot be used.
+        """
+        self._settings, self._trainer = settings, trainer
+        self.state = PatientState(settings, secrets.token_hex(4))
+        self.feed = Feed(self._view)
+        self._stops = Stops(trainer)
+        self._read: Callable[[], PatientView]
+        self._action: Action | None = None
+        self._asking = asyncio.Lock()
+        self._loop: asyncio.AbstractEventLoop
+        self.app: ASGIApp = make_app(
+            settings.web,
+            Served(
+                STATIC / "patient.html",
+                [
+                    Route("/page.json", self._page),
+                    Route("/act", self._act, methods=["POST"]),
+                ],
+                self._live,
+            ),
+            self._stops,
+            self._lifespan,
+        )
+
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
+        self._loop = asyncio.get_running_loop()
+        async with connected(self._trainer):
+            self._subscribe()
+            async with working(self.feed.run(), self._follow_configuration()):
+                yield
+        self._stops.close()
+
+    def _subscribe(self) -> None:
+        trainer = self._trainer
+        legs = [bar.leg for bar in self._settings.bar]
+        activities = {leg: trainer.activity(leg) for leg in legs}
+        drives = [trainer.drive(f"{leg}/{axis}") for leg in legs for axis in AXES]
+        safety = trainer.safety()
+
+        def read() -> PatientView:
+            return self.state.take(
+                [(leg, stream.newest()) for leg, stream in activities.items()],
+                safety.newest(),
+                [stream.newest() for stream in drives],
+            )
+
+        self._read = read
+        for leg in legs:
+            trainer.stride(leg).call(self._take_stride)
+
+    def _take_stride(self, stride: Stride | NotValid) -> None:
+        """Take a stride, in a thread of its stream."""
+        if isinstance(stride, Stride):
+            self._loop.call_soon_threadsafe(self.feed.add, dot(stride))
+
+    def _view(self) -> PatientView:
+        view = self._read()
+        self._action = view.action
+        return view
+
+    async def _follow_configuration(self) -> None:
+        """Read the configuration of each new core; the way out depends on it."""
+        known: str | None = None
+        while True:
+            boot_id = self.state.boot_id
+            if boot_id is not None and boot_id != known:
+                self.state.configuration = await asyncio.to_thread(self._configuration)
+                known = boot_id if self.state.configuration is not None else None
+            await asyncio.sleep(CONFIGURATION_POLL_S)
+
+    def _configuration(self) -> Configuration | None:
+        try:
+            return self._trainer.configuration()
+        except NoAnswerError:
+            return None
+
+    async def _page(self, _request: Request) -> Response:
+        return json(self._settings.page)
+
+    async def _live(self, socket: WebSocket) -> None:
+        await live(socket, self.feed)
+
+    async def _act(self, request: Request) -> Response:
+        try:
+            action = msgspec.json.decode(await small_body(request), type=Wish).action
+        except ValueError as error:
+            return json(Answer("refused", str(error)), 400)
+        if action != self._action:
+            return json(Answer("refused", f"{action} is not offered at present"), 409)
+        if self._asking.locked():
+            return json(Answer("refused", "another request has no answer yet"), 409)
+        async with self._asking:
+            return await ask(lambda: self._request(action))
+
+    def _request(self, action: Action) -> Reply:
+        """Send the request of a button, in a thread."""
+        trainer = self._trainer
+        if action is Action.RESET:
+            reply = trainer.reset()
+            self.state.way_out.reset_is_done()
+            return reply
+        if action is Action.ENABLE:
+            return trainer.enable()
+        return trainer.mode(action)

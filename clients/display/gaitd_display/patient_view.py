@@ -1,0 +1,226 @@
+"""All that the patient's page shows, computed from the newest messages; the page only paints it."""
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import msgspec
+from gaitd_client import (
+    Activity,
+    Cause,
+    Configuration,
+    DriveState,
+    Mode,
+    NotValid,
+    Safety,
+    Stage,
+    Stride,
+)
+
+from gaitd_display.cause_texts import INSTRUCTIONS, patient_text
+from gaitd_display.feedback import BarView, LegFeedback, Result
+from gaitd_display.settings import PatientSettings
+from gaitd_display.texts import Text, Word
+from gaitd_display.way_out import ACTION, Action, Pose, Release, Step, WayOut
+
+STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
+UNPOWERED_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
+STAGE_WORDS: Final[Mapping[str | None, Word]] = {
+    Stage.PREPARING: Word.WAIT,
+    Stage.ANNOUNCING: Word.SOON,
+    Stage.APPROACHING: Word.TO_START,
+    Stage.ENDING: Word.ENDING,
+    Stage.OVER: Word.ENDING,
+}
+MODE_WORDS: Final[Mapping[str, Word]] = {
+    Mode.OFF: Word.WAIT,
+    Mode.BRINGING_UP: Word.WAIT,
+    Mode.READY: Word.READY,
+    Mode.HOLD: Word.REST,
+    Mode.STOPPING: Word.STOPPING,
+    Mode.FAULT: Word.STOPPED,
+    Mode.GAIT: Word.GO_ON,
+    Mode.TORQUE: Word.GO_ON,
+    Mode.HAND_GUIDING: Word.GUIDE,
+    Mode.SELF_TEST: Word.SELF_TEST,
+}
+TRAINING: Final = frozenset({Mode.GAIT, Mode.TORQUE})
+RESULT_WORDS: Final = {
+    Result.BELOW: Word.STRONGER,
+    Result.ABOVE: Word.GENTLY,
+    Result.WITHIN: Word.GOOD,
+    Result.UNKNOWN: Word.GO_ON,
+}
+WORST_FIRST: Final = (Result.BELOW, Result.ABOVE, Result.WITHIN, Result.UNKNOWN)
+"""With two legs the first of these that a leg has gives the word."""
+
+
+class Said(msgspec.Struct, frozen=True):
+    """A text in both languages, as the page gets it."""
+
+    en: str
+    de: str
+
+
+class StopView(msgspec.Struct, frozen=True):
+    """The latched stop, in plain words."""
+
+    cause: str
+    happened: Said
+    instructions: tuple[Said, ...]
+
+
+class Dot(msgspec.Struct, frozen=True, tag="dot", tag_field="kind"):
+    """One stride: sent once, as it ends."""
+
+    leg: str
+    number: int
+    boot: str
+    """A stride with the same leg, number and boot is the same."""
+    share_ratio: float | None
+    work_j: float | None
+
+
+class PatientView(msgspec.Struct, frozen=True):
+    """One frame of the patient's page."""
+
+    word: Word
+    mode: str | None
+    bars: tuple[BarView, ...]
+    stop: StopView | None
+    step: Step
+    action: Action | None
+    alarm: str | None
+    """Sounds until it is acknowledged; another text is another alarm. None: none."""
+
+
+def dot(stride: Stride) -> Dot:
+    """Return what the page shows of a stride."""
+    return Dot(
+        stride.leg,
+        stride.number,
+        stride.core_boot_id,
+        stride.share_ratio,
+        stride.work_positive_j,
+    )
+
+
+def said(text: Text) -> Said:
+    """Return a text as it is sent."""
+    return Said(text.en, text.de)
+
+
+class PatientState:
+    """The newest messages, and what follows from them."""
+
+    def __init__(self, settings: PatientSettings, run_id: str) -> None:
+        """Start without a message.
+
+        Args:
+            settings: of this server.
+            run_id: differs with each start of the server, so that an alarm is never one of before.
+
+        Raises:
+            SettingsError: the check of the way out cannot be used.
+        """
+        self._legs = {bar.leg: LegFeedback(bar) for bar in settings.bar}
+        self._release = Release(settings.way_out)
+        self._may_request = settings.web.is_loopback
+        self._silent = dict.fromkeys(self._legs, True)
+        self._safety: Safety | None = None
+        self._drives: dict[str, DriveState] = {}
+        self._was_active = False
+        self._run_id, self._alarm_count, self._alarm_about = run_id, 0, ""
+        self.configuration: Configuration | None = None
+        self.way_out = WayOut()
+
+    def take(
+        self,
+        activities: Iterable[tuple[str, Activity | NotValid]],
+        safety: Safety | NotValid,
+        drives: Iterable[DriveState | NotValid],
+    ) -> PatientView:
+        """Take the newest messages; return the frame."""
+        for leg, activity in activities:
+            self._legs[leg].take(activity)
+            self._silent[leg] = isinstance(activity, NotValid)
+        self._safety = safety if isinstance(safety, Safety) and safety.valid else None
+        self._drives = {drive.name: drive for drive in drives if isinstance(drive, DriveState)}
+        word = self._word()
+        is_silent = word is Word.NO_SIGNAL
+        mode = None if self._safety is None or is_silent else self._safety.mode
+        step = Step.NONE if is_silent else self._step(mode)
+        return PatientView(
+            word=word,
+            mode=mode,
+            bars=tuple(leg.view() for leg in self._legs.values()),
+            stop=None if is_silent else self._stop(),
+            step=step,
+            action=ACTION.get(step),
+            alarm=self._alarm(word, mode),
+        )
+
+    @property
+    def boot_id(self) -> str | None:
+        """Of the running core; None: unknown."""
+        return None if self._safety is None else self._safety.core_boot_id
+
+    def _cause(self) -> str:
+        verdict = None if self._safety is None else self._safety.verdict
+        return Cause.NONE if verdict is None else verdict.cause
+
+    def _word(self) -> Word:
+        if self._safety is None or all(self._silent.values()):
+            return Word.NO_SIGNAL
+        mode, stage = self._safety.mode, self._safety.stage
+        if mode in TRAINING and stage == Stage.PLAYING:
+            return self._result_word()
+        if stage in STAGE_WORDS and mode not in STOPPED_MODES:
+            return STAGE_WORDS[stage]
+        return MODE_WORDS.get(mode or "", Word.SERVICE)
+
+    def _result_word(self) -> Word:
+        results = {leg.result for leg in self._legs.values()}
+        return RESULT_WORDS[next(result for result in WORST_FIRST if result in results)]
+
+    def _stop(self) -> StopView | None:
+        cause = self._cause()
+        if cause == Cause.NONE:
+            return None
+        text = patient_text(cause)
+        advice = () if text.advice is None else (text.advice,)
+        instructions = (*INSTRUCTIONS[text.situation], *advice)
+        return StopView(cause, said(text.happened), tuple(map(said, instructions)))
+
+    def _step(self, mode: str | None) -> Step:
+        if not self._may_request:
+            return Step.HELP if mode == Mode.FAULT else Step.NONE
+        why_not = self._release.why_not(self._cause(), self.configuration, self._poses())
+        held = bool(self._drives) and all(
+            drive.hand_switch_closed is True for drive in self._drives.values()
+        )
+        return self.way_out.step(mode, why_not, is_switch_held=held)
+
+    def _poses(self) -> tuple[Pose | None, ...]:
+        return tuple(map(self._pose, self._legs))
+
+    def _pose(self, leg: str) -> Pose | None:
+        hip, slide = self._position(f"{leg}/hip"), self._position(f"{leg}/slide")
+        return None if hip is None or slide is None else Pose(hip, slide)
+
+    def _position(self, name: str) -> float | None:
+        drive = self._drives.get(name)
+        return drive.position_si if drive is not None and drive.fresh else None
+
+    def _alarm(self, word: Word, mode: str | None) -> str | None:
+        """An alarm sounds after a stop, and if the signal is lost while the drives were enabled."""
+        about = ""
+        if word is Word.NO_SIGNAL:
+            about = word.value if self._was_active else ""
+        else:
+            self._was_active = bool(self._safety and self._safety.active)
+            if mode in STOPPED_MODES and self._cause() != Cause.NONE:
+                about = self._cause()
+        if about and about != self._alarm_about:
+            self._alarm_count += 1
+        self._alarm_about = about
+        return f"{self._run_id}-{self._alarm_count}" if about else None

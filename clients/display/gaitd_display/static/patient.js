@@ -1,0 +1,185 @@
+// The patient's page: paints what the server has computed; decides nothing but whether the server is there.
+import { Alarm, Live, Words, bindStop, byId, post, setText } from "./common.js";
+
+const DOTS_MAX = 30;
+const LOWEST = -0.25; // lower end of the bar
+const TROUBLE_MS = 6000;
+const AGES_MAX = 4096;
+
+// One shape for each word, so that nothing depends on colour: [path, colour].
+const UP = ["M50 5L95 60H70V95H30V60H5Z", "#d55e00"];
+const DOWN = ["M50 95L95 40H70V5H30V40H5Z", "#e69f00"];
+const TICK = ["M5 55L20 38L40 58L80 12L96 28L40 90Z", "#009e73"];
+const BARS = ["M15 10H40V90H15ZM60 10H85V90H60Z", "#0072b2"];
+const CLOCK = ["M20 5H80V15L58 50L80 85V95H20V85L42 50L20 15Z", "#0072b2"];
+const CIRCLE = ["M50 8A42 42 0 1 1 49.9 8ZM50 24A26 26 0 1 0 50.1 24Z", "#0072b2"];
+const SIGN = ["M30 3H70L97 30V70L70 97H30L3 70V30Z", "#d55e00"];
+const WARNING = ["M50 4L98 92H2ZM45 32V64H55V32ZM45 70V82H55V70Z", "#111"];
+const RIGHT = ["M5 35H55V10L97 50L55 90V65H5Z", "#0072b2"];
+const HAND = ["M20 50L50 10L80 50H62V90H38V50Z M5 92H95V98H5Z", "#0072b2"];
+const NO_WAVE = ["M5 45H30L40 20L60 80L70 55H95V65H76L60 98L40 42L36 55H5ZM8 5L14 0L95 92L89 98Z", "#111"];
+const UNPLUGGED = ["M5 5L20 0L100 85L88 97ZM10 60H35V70H10ZM45 55A20 20 0 0 1 45 95ZM95 30H70V20H95ZM62 40A18 18 0 0 1 62 5Z", "#fff"];
+const SHAPES = {
+  no_connection: UNPLUGGED, no_signal: NO_WAVE, stopped: SIGN, stopping: SIGN, wait: CLOCK, ready: CIRCLE, rest: BARS,
+  soon: WARNING, to_start: RIGHT, go_on: RIGHT, stronger: UP, good: TICK, gently: DOWN, ending: BARS, guide: HAND,
+  self_test: CLOCK, service: CLOCK,
+};
+
+const page = await (await fetch("/page.json")).json();
+const words = await Words.load(page.language);
+const alarm = new Alarm(byId("sound"));
+const bars = new Map();
+let dots = [];
+let trouble = "";
+let isAsking = false;
+let dotsAreNew = true;
+const painted = (window.painted = { frames: 0, ages: [], items: 0, hiddenPaints: 0 }); // read by `gaitd bench` and the tests
+
+const live = new Live(
+  (items) => {
+    painted.items += items.length;
+    dots = [...dots, ...items].slice(-DOTS_MAX);
+    dotsAreNew ||= items.length > 0;
+  },
+  () => { dots = []; dotsAreNew = true; },
+);
+
+function barOf(leg) {
+  if (bars.has(leg)) return bars.get(leg);
+  const figure = document.createElement("figure");
+  figure.className = "bar";
+  figure.innerHTML = '<figcaption></figcaption><div class="track"><div class="fill"></div><div class="zero"></div>' +
+    '<div class="band"><span></span></div><div class="peak"></div><div class="dash"><span>–</span></div></div>';
+  byId("bars").append(figure);
+  const part = (name) => figure.querySelector(name);
+  bars.set(leg, { figure, name: part("figcaption"), fill: part(".fill"), zero: part(".zero"), band: part(".band"),
+    target: part(".band span"), peak: part(".peak"), dash: part(".dash"), track: part(".track") });
+  return bars.get(leg);
+}
+
+const percent = (ratio) => `${((ratio - LOWEST) / (1 - LOWEST)) * 100}%`;
+
+function paintBar(view, isKnown) {
+  const bar = barOf(view.leg);
+  const value = isKnown ? view.value_ratio : null;
+  setText(bar.name, words.of(view.leg));
+  setText(bar.target, words.of("target"));
+  bar.track.setAttribute("role", "img");
+  bar.track.setAttribute("aria-label", `${words.of(view.leg)}: ${value === null ? words.of("not_known") : `${Math.round(value * 100)} %`}`);
+  bar.zero.style.bottom = percent(0);
+  bar.band.style.bottom = percent(view.target_low_ratio);
+  bar.band.style.height = `${((view.target_high_ratio - view.target_low_ratio) / (1 - LOWEST)) * 100}%`;
+  bar.figure.classList.toggle("invalid", value === null);
+  bar.figure.classList.toggle("against", value !== null && value < 0);
+  bar.dash.hidden = value !== null;
+  bar.fill.hidden = value === null;
+  bar.peak.hidden = value === null || view.peak_ratio === null;
+  if (value === null) return;
+  bar.fill.style.bottom = percent(Math.min(0, value));
+  bar.fill.style.height = `${(Math.abs(value) / (1 - LOWEST)) * 100}%`;
+  if (view.peak_ratio !== null) bar.peak.style.top = `${100 - parseFloat(percent(view.peak_ratio))}%`;
+}
+
+function paintDots() {
+  const { clientWidth: width, clientHeight: height } = byId("dots");
+  const size = `${width} ${height}`;
+  if (!dotsAreNew && byId("dots").dataset.size === size) return;
+  dotsAreNew = false;
+  byId("dots").dataset.size = size;
+  byId("dots").setAttribute("viewBox", `0 0 ${size}`);
+  const most = Math.max(1, ...dots.map((dot) => dot.work_j ?? 0));
+  const rowOf = (share) => height - 24 - (height - 48) * share;
+  const shapes = [`<line class="half" x1="0" x2="${width}" y1="${rowOf(0.5)}" y2="${rowOf(0.5)}"/>`];
+  for (const [index, dot] of dots.entries()) {
+    const x = 24 + (index * (width - 48)) / (DOTS_MAX - 1);
+    if (dot.share_ratio === null) {
+      shapes.push(`<line class="unknown" x1="${x - 8}" x2="${x + 8}" y1="${rowOf(0)}" y2="${rowOf(0)}"/>`);
+      continue;
+    }
+    const y = rowOf(Math.min(1, Math.max(0, dot.share_ratio)));
+    const radius = 6 + (10 * Math.max(0, dot.work_j ?? 0)) / most;
+    shapes.push(dot.leg === "right"
+      ? `<circle class="right" cx="${x}" cy="${y}" r="${radius}"/>`
+      : `<rect class="left" x="${x - radius}" y="${y - radius}" width="${2 * radius}" height="${2 * radius}"/>`);
+  }
+  byId("dots").innerHTML = shapes.join("");
+}
+
+function paintStop(view, word) {
+  const isShown = (word === "stopped" || word === "stopping" || view.step !== "none") && (view.stop !== null || view.step !== "none");
+  byId("stopped").hidden = !isShown;
+  if (!isShown) return;
+  setText(byId("stopword"), words.of(`word.${word}`));
+  setText(byId("happened"), view.stop ? words.said(view.stop.happened) : words.of(`line.${word}`));
+  const list = byId("instructions");
+  const texts = view.stop ? view.stop.instructions.map((text) => words.said(text)) : [];
+  if (list.dataset.shown !== texts.join("\n")) {
+    list.dataset.shown = texts.join("\n");
+    list.replaceChildren(...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  }
+  const isAlone = view.step !== "help" && view.step !== "none";
+  byId("way").hidden = !isAlone;
+  if (isAlone) setText(byId("waytext"), words.of(`way.${view.step}`));
+  const action = byId("action");
+  action.hidden = view.action === null;
+  action.disabled = isAsking;
+  if (view.action !== null) {
+    setText(action, words.of(`act.${view.action}`));
+    action.dataset.action = view.action;
+  }
+  byId("help").hidden = word === "stopping";
+  byId("unstrap").hidden = word === "stopping" || (isAlone && view.step !== "guide");
+  setText(byId("helptext"), words.said(page.help));
+  setText(byId("unstraptext"), words.said(page.unstrap));
+}
+
+let paintedWord = "";
+function paint() {
+  requestAnimationFrame(paint);
+  const isConnected = live.isConnected();
+  const view = live.frame;
+  const word = isConnected && view ? view.word : "no_connection";
+  const isKnown = isConnected && word !== "no_signal";
+  if (word !== paintedWord) {
+    paintedWord = document.body.dataset.word = word;
+    byId("shape").setAttribute("d", SHAPES[word][0]);
+    byId("shape").setAttribute("fill", SHAPES[word][1]);
+    byId("shape").setAttribute("fill-rule", "evenodd");
+  }
+  setText(byId("word"), words.of(`word.${word}`));
+  setText(byId("line"), words.of(`line.${word}`));
+  if (!view) return;
+  for (const bar of view.bars) paintBar(bar, isKnown);
+  paintDots();
+  if (isConnected) alarm.set(view.alarm);
+  paintStop(isConnected ? view : { stop: null, step: "none", action: null }, word);
+  setText(byId("trouble"), trouble);
+  byId("trouble").hidden = trouble === "";
+  byId("quiet").hidden = !alarm.isSounding();
+  painted.frames += 1;
+  const sampled = isKnown ? view.bars[0].sample_time_ms : null;
+  if (sampled !== null && sampled !== painted.newest) {
+    painted.newest = sampled;
+    painted.ages.push(Date.now() - sampled);
+    if (painted.ages.length > AGES_MAX) painted.ages.shift();
+  }
+}
+
+let troubleTimer = 0;
+function tell(text) {
+  trouble = text;
+  clearTimeout(troubleTimer);
+  if (text) troubleTimer = setTimeout(() => { trouble = ""; }, TROUBLE_MS);
+}
+
+bindStop(byId("stop"), (state) => tell({ sent: words.of("stop_sent"), failed: words.of("stop_failed"), done: "" }[state]));
+byId("language").addEventListener("click", () => words.toggle());
+byId("quiet").addEventListener("click", () => alarm.acknowledge());
+byId("action").addEventListener("click", async (event) => {
+  isAsking = true;
+  const answer = await post("/act", { action: event.target.dataset.action });
+  isAsking = false;
+  if (answer.outcome === "refused") tell(`${words.of("refused")}: ${answer.reason}`);
+  else if (answer.outcome !== "done") tell(words.of("no_answer"));
+});
+paint();

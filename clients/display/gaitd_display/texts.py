@@ -1,0 +1,201 @@
+"""Every word of the pages, in English and German; causes of a stop are in `cause_texts.py`.
+
+The page gets both languages, so that its button changes the language without a reload.
+"""
+
+from collections.abc import Mapping
+from enum import StrEnum, auto
+from typing import Final, NamedTuple
+
+
+class Text(NamedTuple):
+    """One text in both languages."""
+
+    en: str
+    de: str
+
+
+class Word(StrEnum):
+    """The large word of the patient's page."""
+
+    NO_CONNECTION = auto()
+    NO_SIGNAL = auto()
+    STOPPED = auto()
+    STOPPING = auto()
+    WAIT = auto()
+    READY = auto()
+    REST = auto()
+    SOON = auto()
+    TO_START = auto()
+    GO_ON = auto()
+    STRONGER = auto()
+    GOOD = auto()
+    GENTLY = auto()
+    ENDING = auto()
+    GUIDE = auto()
+    SELF_TEST = auto()
+    SERVICE = auto()
+
+
+WORDS: Final[Mapping[Word, Text]] = {
+    Word.NO_CONNECTION: Text("No connection", "Keine Verbindung"),
+    Word.NO_SIGNAL: Text("No signal", "Kein Signal"),
+    Word.STOPPED: Text("Stopped", "Angehalten"),
+    Word.STOPPING: Text("Stopping", "Hält an"),
+    Word.WAIT: Text("Please wait", "Bitte warten"),
+    Word.READY: Text("Ready", "Bereit"),
+    Word.REST: Text("Rest", "Pause"),
+    Word.SOON: Text("Moving soon", "Gleich geht es los"),
+    Word.TO_START: Text("Moving to the start", "Fährt zum Anfang"),
+    Word.GO_ON: Text("Go along", "Mitgehen"),
+    Word.STRONGER: Text("Stronger", "Kräftiger"),
+    Word.GOOD: Text("Good", "Gut"),
+    Word.GENTLY: Text("Gently", "Sanfter"),
+    Word.ENDING: Text("Coming to rest", "Kommt zur Ruhe"),
+    Word.GUIDE: Text("Move your leg", "Bein bewegen"),
+    Word.SELF_TEST: Text("Machine test", "Maschinentest"),
+    Word.SERVICE: Text("In service", "In Wartung"),
+}
+"""Texts by word."""
+
+EXPLAINED: Final[Mapping[Word, Text]] = {
+    Word.NO_CONNECTION: Text(
+        "This screen has lost its computer. STOP on this screen does not work now. "
+        "To stop: release the hand switch, or press the emergency stop.",
+        "Dieser Bildschirm hat keinen Kontakt zu seinem Rechner. STOPP auf diesem Bildschirm wirkt "
+        "jetzt nicht. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
+    ),
+    Word.NO_SIGNAL: Text(
+        "The trainer sends nothing. To stop: release the hand switch, or press the emergency stop.",
+        "Der Trainer sendet nichts. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
+    ),
+    Word.STOPPING: Text("Lie still.", "Ruhig liegen bleiben."),
+    Word.WAIT: Text("Nothing moves.", "Nichts bewegt sich."),
+    Word.READY: Text("The drives are off.", "Die Antriebe sind aus."),
+    Word.REST: Text("Your leg is held.", "Ihr Bein wird gehalten."),
+    Word.SOON: Text(
+        "Hold the hand switch. Your leg will move in a moment.",
+        "Handschalter halten. Ihr Bein bewegt sich gleich.",
+    ),
+    Word.TO_START: Text(
+        "Your leg moves slowly to its first position.",
+        "Ihr Bein fährt langsam in die Anfangsstellung.",
+    ),
+    Word.GO_ON: Text("Move with the machine.", "Mit der Maschine mitgehen."),
+    Word.STRONGER: Text("Help a little more.", "Etwas mehr mithelfen."),
+    Word.GOOD: Text("Just right.", "Genau richtig."),
+    Word.GENTLY: Text("Use a little less strength.", "Etwas weniger Kraft."),
+    Word.ENDING: Text("The movement ends.", "Die Bewegung endet."),
+    Word.GUIDE: Text(
+        "You can move the leg by hand. Hold the hand switch.",
+        "Das Bein lässt sich von Hand bewegen. Handschalter halten.",
+    ),
+    Word.SELF_TEST: Text("Stay relaxed.", "Locker bleiben."),
+    Word.SERVICE: Text("Not for training.", "Kein Training."),
+}
+"""The line below the word; STOPPED has the text of its cause instead."""
+
+LABELS: Final[Mapping[str, Text]] = {
+    "patient_title": Text("Your training", "Ihr Training"),
+    "therapist_title": Text("Therapist", "Therapie"),
+    "language": Text("Deutsch", "English"),
+    "stop": Text("STOP", "STOPP"),
+    "stop_note": Text("Not the emergency stop", "Kein Not-Halt"),
+    "stop_sent": Text("Stop requested", "Halt angefordert"),
+    "stop_failed": Text(
+        "STOP did not arrive. Release the hand switch, or press the emergency stop.",
+        "STOPP kam nicht an. Handschalter loslassen oder Not-Halt drücken.",
+    ),
+    "right": Text("Right", "Rechts"),
+    "left": Text("Left", "Links"),
+    "target": Text("Target", "Ziel"),
+    "not_known": Text("not known", "nicht bekannt"),
+    "strides": Text("Your share of each step", "Ihr Anteil an jedem Schritt"),
+    "all": Text("all", "ganz"),
+    "none": Text("none", "nichts"),
+    "bigger": Text("A bigger dot: more work", "Größerer Punkt: mehr Arbeit"),
+    "do_now": Text("Do this now", "Das jetzt tun"),
+    "help": Text("Call for help", "Hilfe rufen"),
+    "unstrap": Text("To get out of the straps", "Aus den Gurten kommen"),
+    "quiet": Text("Alarm off", "Alarm aus"),
+    "sound_off": Text("Touch here to allow sound", "Hier tippen: Ton erlauben"),
+    "refused": Text("The trainer has refused", "Der Trainer hat abgelehnt"),
+    "no_answer": Text("The trainer did not answer", "Der Trainer hat nicht geantwortet"),
+    "login": Text("Log in", "Anmelden"),
+    "logout": Text("Log out", "Abmelden"),
+    "password": Text("Password", "Kennwort"),
+    "wrong_password": Text("Wrong password.", "Falsches Kennwort."),
+    "locked": Text("Too many attempts. Wait a minute.", "Zu viele Versuche. Eine Minute warten."),
+    "mode": Text("Mode", "Betriebsart"),
+    "cause": Text("Cause of the stop", "Ursache des Halts"),
+    "remedy": Text("What to do", "Was zu tun ist"),
+    "torque": Text("Hip torque, N·m", "Hüftmoment, N·m"),
+    "force": Text("Slide force, N", "Schlittenkraft, N"),
+    "patient": Text("Patient", "Patient"),
+    "friction": Text("Friction", "Reibung"),
+    "net": Text("Net", "Netto"),
+    "validity": Text("Validity", "Gültigkeit"),
+    "health": Text("Bus and cycle", "Bus und Zyklus"),
+    "events": Text("Events", "Ereignisse"),
+    "stride_table": Text("Strides", "Schritte"),
+    "number": Text("No.", "Nr."),
+    "share": Text("Share", "Anteil"),
+    "work": Text("Work, J", "Arbeit, J"),
+    "cadence": Text("Cadence, 1/s", "Kadenz, 1/s"),
+    "plan": Text("Release of a plan", "Freigabe eines Plans"),
+    "plan_now": Text("Released now", "Jetzt freigegeben"),
+    "no_plan": Text("None: a session may not start a gait", "Keiner: kein Gang durch Sitzung"),
+    "cadence_max": Text("Cadence at most, 1/s", "Kadenz höchstens, 1/s"),
+    "amplitude_max": Text("Amplitude at most, 0 to 1", "Amplitude höchstens, 0 bis 1"),
+    "duration_max": Text("Duration at most, s", "Dauer höchstens, s"),
+    "release": Text("Release", "Freigeben"),
+    "withdraw": Text("Withdraw", "Zurückziehen"),
+    "enable": Text("Enable", "Einschalten"),
+    "disable": Text("Disable", "Ausschalten"),
+    "reset": Text("Reset", "Rücksetzen"),
+    "hold": Text("Hold", "Halten"),
+    "hand_guiding": Text("Hand guiding", "Handführung"),
+    "self_test": Text("Self-test", "Selbsttest"),
+    "done": Text("Done", "Erledigt"),
+    "way.switch": Text(
+        "To get out: press the hand switch and keep it pressed.",
+        "Um herauszukommen: Handschalter drücken und gedrückt halten.",
+    ),
+    "way.reset": Text(
+        "Keep the hand switch pressed. With step 1 the drives let go of your leg.",
+        "Handschalter gedrückt halten. Mit Schritt 1 lassen die Antriebe Ihr Bein los.",
+    ),
+    "way.wait": Text("Please wait.", "Bitte warten."),
+    "way.enable": Text(
+        "Keep the hand switch pressed. With step 2 the drives hold your leg again.",
+        "Handschalter gedrückt halten. Mit Schritt 2 halten die Antriebe Ihr Bein wieder.",
+    ),
+    "way.guide": Text(
+        "Your leg is held. With step 3 you can move it by hand.",
+        "Ihr Bein wird gehalten. Mit Schritt 3 lässt es sich von Hand bewegen.",
+    ),
+    "way.guiding": Text(
+        "Move your leg to where you can get out. Then press step 4.",
+        "Das Bein dorthin bewegen, wo Sie herauskommen. Dann Schritt 4 drücken.",
+    ),
+    "act.reset": Text("1 Let go", "1 Loslassen"),
+    "act.enable": Text("2 Hold the leg", "2 Bein halten"),
+    "act.hand_guiding": Text("3 Move by hand", "3 Von Hand bewegen"),
+    "act.hold": Text("4 Hold here", "4 Hier halten"),
+    "no_connection": WORDS[Word.NO_CONNECTION],
+    "no_signal": WORDS[Word.NO_SIGNAL],
+}
+"""All other texts, by the key that pages name in `data-text`."""
+
+
+def page_texts() -> dict[str, dict[str, str]]:
+    """All texts by language and key; words are `word.NAME`, their lines `line.NAME`."""
+    keyed = {
+        **LABELS,
+        **{f"word.{word}": text for word, text in WORDS.items()},
+        **{f"line.{word}": text for word, text in EXPLAINED.items()},
+    }
+    return {
+        "en": {key: text.en for key, text in keyed.items()},
+        "de": {key: text.de for key, text in keyed.items()},
+    }

@@ -1,0 +1,239 @@
+"""The way out of a latched stop, for a patient who is alone.
+
+RESET takes the drives' hold from the leg; until ENABLE it has no power and drifts. `gaitd check`
+computes how far and how fast, for the worst pose of the gait. So RESET is offered only if
+
+1. the cause needs no look at the machine first (`ALONE`). After all others a drive, a sensor, the
+   program or the configured leg is in doubt, and hand guiding relies on each of them;
+2. the check is of the configuration that the service runs, by the hashes of all files;
+3. every axis has a brake, or both drift less than the file of the server allows, and reach no
+   position limit;
+4. the leg is inside the area of the gait, for which the drift was computed;
+5. the hand switch is held. The core checks that again for a client of role `session`.
+
+Each of RESET, ENABLE and HAND_GUIDING is a button of its own: no request includes the next one.
+Otherwise the page says how to call for help, and how to get out of the straps.
+"""
+
+import math
+from enum import StrEnum, auto
+from pathlib import Path
+from typing import Any, Final
+
+import msgspec
+from gaitd_client import Cause, Configuration, Mode
+
+from gaitd_display.settings import SettingsError, WayOutRules
+
+ALONE: Final = frozenset(
+    {
+        Cause.STOP_REQUESTED,
+        Cause.HAND_SWITCH_OPEN,
+        Cause.GATEWAY_SILENT,
+        Cause.VELOCITY_LIMIT,
+        Cause.POWER_LIMIT,
+        Cause.ENERGY_LIMIT,
+        Cause.TRACKING_LIMIT,
+        Cause.STOPPING_PATH,
+        Cause.SPASM,
+        Cause.TEMPERATURE_LIMIT,
+    }
+)
+"""Causes of the person or of the motion, after which drives, sensors and model are not in doubt."""
+
+
+class WhyNot(StrEnum):
+    """Why the page does not offer RESET."""
+
+    NOT_CONFIGURED = auto()
+    """The file of the server has no table `way_out`."""
+    CAUSE = auto()
+    OTHER_CONFIGURATION = auto()
+    """The check is of other files than the service runs, or the service has not said which."""
+    DRIFT = auto()
+    POSE = auto()
+    """The leg is outside the area of the gait, or its pose is unknown."""
+
+
+class Step(StrEnum):
+    """Where the patient is on the way out."""
+
+    NONE = auto()
+    HELP = auto()
+    """Not alone: call for help."""
+    SWITCH = auto()
+    """The hand switch must be held before anything is offered."""
+    RESET = auto()
+    WAIT = auto()
+    ENABLE = auto()
+    GUIDE = auto()
+    """The leg is held: hand guiding can begin, or the straps be opened."""
+    GUIDING = auto()
+    """The leg moves by hand; it can be held where it is."""
+
+
+class Action(StrEnum):
+    """Request of a button."""
+
+    RESET = auto()
+    ENABLE = auto()
+    HAND_GUIDING = auto()
+    HOLD = auto()
+
+
+ACTION: Final = {
+    Step.RESET: Action.RESET,
+    Step.ENABLE: Action.ENABLE,
+    Step.GUIDE: Action.HAND_GUIDING,
+    Step.GUIDING: Action.HOLD,
+}
+"""The one request that a step offers; the server refuses every other."""
+
+
+class Drift(msgspec.Struct, frozen=True):
+    """The part of `gaitd check --json` on a leg without power: the worst over the gait's poses."""
+
+    hip_moved_deg: float
+    slide_moved_m: float
+    reaches_limit: bool
+
+
+class Area(msgspec.Struct, frozen=True):
+    """Extent of the leg's motion in one kind of stop."""
+
+    hip_deg: tuple[float, float]
+    slide_m: tuple[float, float]
+
+
+class Check(msgspec.Struct, frozen=True):
+    """What is read of the output of `gaitd check --json`."""
+
+    drift: Drift
+    sweeps: tuple[Area, ...]
+    """First: the gait, with both axes on their ramps."""
+    sha256: dict[str, str]
+
+
+class Pose(msgspec.Struct, frozen=True):
+    """Measured pose of one leg."""
+
+    hip_angle_rad: float
+    slide_position_m: float
+
+
+def read_check(path: Path) -> Check:
+    """Read the output of `gaitd check --json`.
+
+    Raises:
+        SettingsError: it cannot be read, or is none.
+    """
+    try:
+        check = msgspec.json.decode(path.read_bytes(), type=Check)
+    except OSError as error:
+        reason = (error.strerror or "cannot be read").lower()
+        raise SettingsError(f"{path}: {reason}; `gaitd check --json` writes it") from error
+    except ValueError as error:
+        raise SettingsError(f"{path}: {error}; `gaitd check --json` writes it") from error
+    if not check.sweeps:
+        raise SettingsError(f"{path}: sweeps is empty; `gaitd check --json` writes it")
+    return check
+
+
+class Release:
+    """Decides whether a person alone may release the leg."""
+
+    def __init__(self, rules: WayOutRules | None) -> None:
+        """Read the check once.
+
+        Raises:
+            SettingsError: the file of the check cannot be used.
+        """
+        self._rules = rules
+        self._check = None if rules is None else read_check(rules.check)
+
+    def why_not(
+        self, cause: str, configuration: Configuration | None, poses: tuple[Pose | None, ...]
+    ) -> WhyNot | None:
+        """Return the first reason against it; None: RESET may be offered.
+
+        Args:
+            cause: of the latched stop.
+            configuration: of the running service; None: unknown.
+            poses: one for each leg; None: not measured.
+        """
+        if self._rules is None or self._check is None:
+            return WhyNot.NOT_CONFIGURED
+        if cause not in ALONE:
+            return WhyNot.CAUSE
+        if configuration is None or sorted(configuration.config_hashes.values()) != sorted(
+            self._check.sha256.values()
+        ):
+            return WhyNot.OTHER_CONFIGURATION
+        if not self._is_harmless(configuration.limits):
+            return WhyNot.DRIFT
+        return None if poses and all(map(self._is_inside, poses)) else WhyNot.POSE
+
+    def _is_harmless(self, limits: dict[str, Any]) -> bool:
+        if all(limits.get(axis, {}).get("brake") is True for axis in ("hip", "slide")):
+            return True
+        assert self._check is not None  # noqa: S101 - invariant: rules and check come together
+        assert self._rules is not None  # noqa: S101 - as above
+        drift = self._check.drift
+        return (
+            drift.hip_moved_deg <= self._rules.hip_drift_max_deg
+            and drift.slide_moved_m <= self._rules.slide_drift_max_m
+            and not drift.reaches_limit
+        )
+
+    def _is_inside(self, pose: Pose | None) -> bool:
+        if pose is None or self._check is None:
+            return False
+        area = self._check.sweeps[0]
+        return (
+            area.hip_deg[0] <= math.degrees(pose.hip_angle_rad) <= area.hip_deg[1]
+            and area.slide_m[0] <= pose.slide_position_m <= area.slide_m[1]
+        )
+
+
+_RESETTING: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
+
+
+class WayOut:
+    """The step of the way out, from what the service publishes."""
+
+    def __init__(self) -> None:
+        """Start off the way."""
+        self._is_on_way = self._has_left_fault = False
+
+    def reset_is_done(self) -> None:
+        """Take note that this page's RESET was executed: the way out has begun."""
+        self._is_on_way, self._has_left_fault = True, False
+
+    def step(self, mode: str | None, why_not: WhyNot | None, *, is_switch_held: bool) -> Step:
+        """Return the present step.
+
+        Args:
+            mode: of the service; None: unknown.
+            why_not: see `Release.why_not`; counts in FAULT.
+            is_switch_held: every drive reads the hand switch as closed.
+        """
+        if mode == Mode.FAULT:
+            if self._is_on_way and not self._has_left_fault:
+                return Step.WAIT
+            self._is_on_way = False
+            if why_not is not None:
+                return Step.HELP
+            return Step.RESET if is_switch_held else Step.SWITCH
+        if not self._is_on_way:
+            return Step.NONE
+        self._has_left_fault = True
+        if mode is None or mode in _RESETTING:
+            return Step.WAIT
+        if mode == Mode.READY:
+            return Step.ENABLE if is_switch_held else Step.SWITCH
+        if mode == Mode.HOLD:
+            return Step.GUIDE
+        if mode == Mode.HAND_GUIDING:
+            return Step.GUIDING
+        self._is_on_way = False
+        return Step.NONE

@@ -1,0 +1,281 @@
+"""What both servers share: headers, origin, the WebSocket of a page, STOP, and the run.
+
+Every answer has a content security policy that allows nothing but this server's own files. A
+request that changes something needs an `Origin` of this server: a page of another site in the same
+browser cannot stop or release a leg. STOP needs no login.
+"""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import anyio
+import msgspec
+import uvicorn
+from gaitd_client import ClientError, Reply, RequestRefusedError, Trainer
+from starlette.applications import Starlette
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from gaitd_display.feed import Feed, PageQueue, TooManyPagesError
+from gaitd_display.settings import Web
+from gaitd_display.texts import page_texts
+
+STATIC: Final = Path(__file__).resolve().parent / "static"
+BODY_MAX_BYTES: Final = 4096
+STOPS_MAX: Final = 8
+"""Stops that may wait for their answer; each has a thread, so that no other request delays one."""
+PING_S: Final = 2.0
+TRY_LATER: Final = 1013
+FORBIDDEN: Final = 4403
+FORBIDDEN_ORIGIN: Final = "forbidden: the page is not of this server"
+HEADERS: Final[Mapping[str, str]] = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
+        "connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=()",
+    "Cache-Control": "no-store",
+}
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """Answer to a button."""
+
+    outcome: str
+    """done, refused, or no_answer: the outcome is unknown."""
+    reason: str = ""
+
+
+class Guard:
+    """Refuses other hosts and origins before anything else, and adds the headers."""
+
+    def __init__(self, app: ASGIApp, web: Web) -> None:
+        """Guard the application."""
+        self._app, self._origins = app, web.allowed_origins
+        self._hosts = {origin.partition("://")[2] for origin in self._origins}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle a connection."""
+        if scope["type"] not in {"http", "websocket"}:
+            await self._app(scope, receive, send)
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(HEADERS)
+            await send(message)
+
+        if self._is_ours(scope):
+            await self._app(scope, receive, with_headers)
+        elif scope["type"] == "http":
+            refusal = PlainTextResponse(FORBIDDEN_ORIGIN, 403)
+            await refusal(scope, receive, with_headers)
+        else:
+            # Refused before it is accepted: the browser gets 403.
+            await WebSocket(scope, receive, send).close(FORBIDDEN)
+
+    def _is_ours(self, scope: Scope) -> bool:
+        headers = Headers(scope=scope)
+        if headers.get("host") not in self._hosts:
+            return False  # also what another name for this address would allow (DNS rebinding)
+        is_reading = scope["type"] == "http" and scope["method"] in {"GET", "HEAD"}
+        return is_reading or headers.get("origin") in self._origins
+
+
+async def small_body(request: Request) -> bytes:
+    """Return the body of a request.
+
+    Raises:
+        ValueError: it is longer than any of ours.
+    """
+    body = b""
+    async for part in request.stream():
+        body += part
+        if len(body) > BODY_MAX_BYTES:
+            raise ValueError(f"more than {BODY_MAX_BYTES} bytes")
+    return body
+
+
+def json(answer: msgspec.Struct | Mapping[str, Any], status: int = 200) -> Response:
+    """Return a response with JSON."""
+    return Response(msgspec.json.encode(answer), status, media_type="application/json")
+
+
+async def ask(request: Callable[[], Reply], threads: Executor | None = None) -> Response:
+    """Send a request to the service in a thread; return its outcome.
+
+    Args:
+        request: sends it and waits.
+        threads: where; None: those of the loop.
+    """
+    loop = asyncio.get_running_loop()
+    try:
+        reply = await loop.run_in_executor(threads, request)
+    except RequestRefusedError as error:
+        return json(Answer("refused", error.reply.reason), 409)
+    except ClientError as error:
+        return json(Answer("no_answer", str(error)), 504)
+    return json(Answer(str(reply.outcome), reply.reason))
+
+
+class Stops:
+    """STOP of all pages, in threads of its own."""
+
+    def __init__(self, trainer: Trainer) -> None:
+        """Use the trainer."""
+        self._trainer = trainer
+        self._threads = ThreadPoolExecutor(STOPS_MAX, thread_name_prefix="stop")
+        self._waiting_count = 0
+
+    async def stop(self, _request: Request) -> Response:
+        """Stop now."""
+        if self._waiting_count >= STOPS_MAX:
+            return json(Answer("no_answer", f"{STOPS_MAX} stops wait for their answer"), 504)
+        self._waiting_count += 1
+        try:
+            return await ask(self._trainer.stop, self._threads)
+        finally:
+            self._waiting_count -= 1
+
+    def close(self) -> None:
+        """End the threads."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
+
+
+async def live(
+    socket: WebSocket, feed: Feed, until: Callable[[], Awaitable[object]] | None = None
+) -> None:
+    """Serve the WebSocket of one page until either side ends, or `until` does."""
+    try:
+        page = feed.join()
+    except TooManyPagesError:
+        await socket.close(TRY_LATER)
+        return
+    ends = [lambda: _send(socket, page), lambda: _receive(socket, page)]
+    try:
+        await socket.accept()
+        async with anyio.create_task_group() as group:
+
+            async def run(end: Callable[[], Awaitable[object]]) -> None:
+                await end()
+                group.cancel_scope.cancel()
+
+            for end in (*ends, *(() if until is None else (until,))):
+                group.start_soon(run, end)
+    finally:
+        feed.leave(page)
+    with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has closed it
+        await socket.close()
+
+
+async def _send(socket: WebSocket, page: PageQueue) -> None:
+    with contextlib.suppress(WebSocketDisconnect):
+        while True:
+            await socket.send_text(await page.next())
+
+
+async def _receive(socket: WebSocket, page: PageQueue) -> None:
+    """Take acknowledgements. Anything else ends the connection: it is not our page."""
+    with contextlib.suppress(WebSocketDisconnect, ValueError, KeyError):
+        while True:
+            page.acknowledge(int(await socket.receive_text()))
+
+
+class Served(NamedTuple):
+    """What a server adds to the shared routes."""
+
+    page: Path
+    routes: Sequence[BaseRoute]
+    live: Callable[[WebSocket], Awaitable[None]]
+
+
+@contextlib.asynccontextmanager
+async def connected(trainer: Trainer) -> AsyncGenerator[None]:
+    """Be connected to the trainer; a first try that fails goes on in its thread."""
+    await asyncio.to_thread(trainer.__enter__)
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(trainer.__exit__, None, None, None)
+
+
+@contextlib.asynccontextmanager
+async def working(*works: Coroutine[Any, Any, object]) -> AsyncGenerator[None]:
+    """Run the works until the server ends."""
+    tasks = [asyncio.create_task(work) for work in works]
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+
+def make_app(
+    web: Web,
+    served: Served,
+    stops: Stops,
+    lifespan: Callable[[Starlette], contextlib.AbstractAsyncContextManager[None]],
+) -> ASGIApp:
+    """Return the application of a server."""
+
+    async def page(_request: Request) -> Response:
+        return FileResponse(served.page)
+
+    async def texts(_request: Request) -> Response:
+        return json(page_texts())
+
+    async def alive(_request: Request) -> Response:
+        return PlainTextResponse("ok")
+
+    app = Starlette(
+        routes=[
+            Route("/", page),
+            Route("/texts.json", texts),
+            Route("/alive", alive),
+            Route("/stop", stops.stop, methods=["POST"]),
+            WebSocketRoute("/live", served.live),
+            *served.routes,
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ],
+        exception_handlers={ClientDisconnect: _gone},
+        lifespan=lifespan,
+    )
+    return Guard(app, web)
+
+
+async def _gone(_request: Request, _error: Exception) -> Response:
+    return PlainTextResponse("the page has gone", 400)
+
+
+def serve(app: ASGIApp, web: Web) -> None:
+    """Serve until SIGTERM or SIGINT."""
+    uvicorn.run(
+        app,
+        host=web.host,
+        port=web.port,
+        ssl_certfile=web.certificate,
+        ssl_keyfile=web.key,
+        ws="websockets-sansio",
+        ws_max_size=BODY_MAX_BYTES,
+        ws_ping_interval=PING_S,
+        ws_ping_timeout=PING_S,
+        timeout_graceful_shutdown=1,
+        server_header=False,
+        access_log=False,
+        log_level="warning",
+        proxy_headers=False,
+    )

@@ -1,0 +1,82 @@
+"""The client library stands alone: its names, its schemas, and no need for gaitd."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from gaitd_client import wire
+from gaitd_client.wire import names, refusals
+from gaitd_client.wire.messages import SCHEMAS_FOLDER, schema_texts
+
+from daemon.ipc import record
+from daemon.wire.names import StatusBit, Validity, name_of
+from daemon.wire.refusals import SetpointRefusal
+
+CLIENT = Path(__file__).parents[2] / "clients" / "python"
+
+ALONE = """
+import sys
+
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in BLOCKED:
+            raise ImportError(f"{name} is no dependency of gaitd-client")
+
+BLOCKED = {"daemon", "gaitd", "gaitd_lab", "drives", "observer", "sim_drives", "simtime",
+           "analysis", "numpy", "scipy", "numba", "typer", "rich", "can", "canopen", "cryptography"}
+sys.meta_path.insert(0, Blocker())
+import gaitd_client
+from gaitd_client import NoServiceError, Trainer, wire
+from gaitd_client.connection import decode_answer
+reply = b'{"seq":1,"core_boot_id":null,"cycle":null,"sample_time_ns":null,"request":"stop",' \\
+        b'"outcome":"done","reason":"","mode":null}'
+print(decode_answer(reply, wire.Reply, "stop").outcome)
+try:
+    with Trainer("tcp/127.0.0.1:1"):
+        pass
+except NoServiceError as error:
+    print(error)
+"""
+
+
+def test_it_works_where_nothing_else_of_ours_is_installed():
+    ran = subprocess.run(
+        [sys.executable, "-I", "-c", ALONE], capture_output=True, text=True, check=False
+    )
+
+    assert ran.stderr == ""
+    outcome, trouble = ran.stdout.splitlines()
+    assert outcome == "done"
+    assert trouble.startswith("no service listens on tcp/127.0.0.1:1")
+
+
+@pytest.mark.parametrize(
+    ("ours", "clients"),
+    [
+        (record.Mode, names.Mode),
+        (record.Stage, names.Stage),
+        (record.Cause, names.Cause),
+        (record.Outcome, names.Outcome),
+        (StatusBit, names.StatusBit),
+        (Validity, names.Validity),
+    ],
+)
+def test_the_names_of_the_client_are_those_of_the_core(ours, clients):
+    assert {name_of(member) for member in ours} == {member.value for member in clients}
+
+
+def test_stop_categories_and_refusals_have_the_same_names():
+    categories = {one.name if one else "none" for one in record.StopCategory}
+    reasons = {name_of(one) for one in SetpointRefusal if one}
+
+    assert categories == {one.value for one in names.StopCategory}
+    assert reasons == {one.value for one in refusals.SetpointRefusal}
+    assert reasons == set(refusals.REFUSAL_TEXT)
+
+
+def test_the_schemas_in_the_package_are_those_of_the_types():
+    files = {file.name: file.read_text(encoding="utf-8") for file in SCHEMAS_FOLDER.iterdir()}
+
+    assert set(files) == {f"{name}.json" for name in wire.schemas()}
+    assert files == schema_texts(), "`python -m gaitd_client.wire` writes them anew"

@@ -1,0 +1,255 @@
+"""The patient's server over HTTP and WebSocket: what a page gets, and who may ask for what."""
+
+import asyncio
+import json
+import threading
+
+import display_bench as bench
+import pytest
+from gaitd_client import Cause, Mode, Stage
+from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed, TooManyPagesError
+from gaitd_display.patient import PatientServer
+from gaitd_display.patient_view import Dot
+from gaitd_display.settings import PatientSettings
+from gaitd_display.web import BODY_MAX_BYTES, STATIC
+from starlette.testclient import TestClient
+from starlette.websockets import WebSocketDisconnect
+
+OURS = {"origin": bench.ORIGIN, "host": bench.ORIGIN.partition("://")[2]}
+FOREIGN = {**OURS, "origin": "http://evil.example"}
+
+
+@pytest.fixture
+def trainer():
+    return bench.MessageTrainer()
+
+
+@pytest.fixture
+def client(tmp_path, trainer):
+    table = bench.patient_table(tmp_path)
+    server = PatientServer(bench.settings_of(tmp_path, table, PatientSettings), trainer)
+    with TestClient(server.app, base_url=bench.ORIGIN) as client:
+        client.server = server
+        yield client
+
+
+class Page:
+    """The browser's side of the WebSocket."""
+
+    def __init__(self, socket):
+        self.socket = socket
+        self.items = []
+
+    def frame(self):
+        frame = self.socket.receive_json()
+        self.socket.send_text(str(frame["seq"]))
+        self.items += frame["items"]
+        return frame["now"]
+
+    def until(self, condition):
+        for _ in range(2000):
+            if condition(now := self.frame()):
+                return now
+        raise AssertionError(f"it did not come: {now}")
+
+
+@pytest.fixture
+def page(client):
+    with client.websocket_connect("/live", headers=OURS) as socket:
+        yield Page(socket)
+
+
+# --- what a page gets ---------------------------------------------------------------------------
+
+
+def test_a_page_follows_the_trainer_and_gets_each_stride_once(client, trainer, page):
+    assert page.frame()["word"] == "no_signal"
+    trainer.cycles(Mode.GAIT, stage=Stage.PLAYING, power_w=4.0, phase=0.1)
+    trainer.step(1, 0.5, 3.0)
+    trainer.step(2, None, None)
+
+    now = page.until(lambda now: now["word"] == "go_on" and len(page.items) == 2)
+
+    assert now["bars"][0]["value_ratio"] == 0.5
+    assert [item["share_ratio"] for item in page.items] == [0.5, None]
+    with client.websocket_connect("/live", headers=OURS) as later:
+        second = Page(later)
+        second.frame()
+        assert second.items == page.items  # a page that comes later gets those of the past
+
+
+def test_every_file_is_our_own_and_nothing_else_may_be_loaded(client):
+    answer = client.get("/")
+    rules = answer.headers["content-security-policy"]
+
+    assert "default-src 'none'" in rules
+    assert "unsafe" not in rules
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    for file in STATIC.rglob("*.*"):
+        text = file.read_text(encoding="utf-8")
+        served = client.get(f"/static/{file.relative_to(STATIC).as_posix()}")
+        assert served.status_code == 200
+        assert served.headers["content-security-policy"] == rules
+        if "vendor" not in file.parts:
+            assert "https://" not in text
+            assert "http://" not in text.replace("http://www.w3.org/2000/svg", "")
+        if file.suffix == ".html":
+            assert "<script>" not in text
+            assert " style=" not in text
+            assert "onclick" not in text
+    assert client.get("/static/../settings.py").status_code == 404
+
+
+def test_texts_and_the_page_s_own_words_are_served(client):
+    assert client.get("/texts.json").json()["de"]["stop"] == "STOPP"
+    assert client.get("/page.json").json() == bench.PAGE
+
+
+# --- who may ask for what -----------------------------------------------------------------------
+
+
+def test_stop_needs_no_login_and_says_whether_it_arrived(client, trainer):
+    assert client.post("/stop", headers=OURS, json={}).json()["outcome"] == "done"
+    trainer.silent = True
+    unanswered = client.post("/stop", headers=OURS, json={})
+
+    assert trainer.requests == [("stop",)]
+    assert (unanswered.status_code, unanswered.json()["outcome"]) == (504, "no_answer")
+
+
+@pytest.mark.parametrize(
+    "headers", [{"host": OURS["host"]}, FOREIGN, {**OURS, "host": "evil.example"}]
+)
+def test_a_page_of_another_site_can_neither_request_nor_watch(client, trainer, headers):
+    for path in ("/stop", "/act"):
+        assert client.post(path, headers=headers, json={"action": "reset"}).status_code == 403
+    with (
+        pytest.raises(WebSocketDisconnect),
+        client.websocket_connect("/live", headers=headers),
+    ):
+        pass
+    assert trainer.requests == []
+
+
+def test_another_name_of_this_address_is_refused(client):
+    assert client.get("/", headers={"host": "evil.example"}).status_code == 403
+
+
+def act(client, action):
+    answer = client.post("/act", headers=OURS, json={"action": action})
+    return answer.status_code, answer.json()["outcome"]
+
+
+def test_only_the_request_that_the_page_offers_is_sent(client, trainer, page):
+    trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
+    page.until(lambda now: now["word"] == "stopped")
+    for action in ("enable", "hand_guiding", "hold"):
+        assert act(client, action) == (409, "refused")
+    assert act(client, "gait") == (400, "refused")
+    big = b" " * (BODY_MAX_BYTES + 1)
+    assert client.post("/act", headers=OURS, content=big).status_code == 400
+    assert trainer.requests == []
+
+    for mode, action in (
+        (Mode.FAULT, "reset"),
+        (Mode.READY, "enable"),
+        (Mode.HOLD, "hand_guiding"),
+        (Mode.HAND_GUIDING, "hold"),
+    ):
+        cause = Cause.SPASM if mode is Mode.FAULT else Cause.NONE
+
+        def offered(now, action=action, mode=mode, cause=cause):
+            trainer.cycles(mode, cause=cause)
+            return now["action"] == action
+
+        page.until(offered)
+        assert act(client, action) == (200, "done")
+    assert [name for name, *_ in trainer.requests] == ["reset", "enable", "mode", "mode"]
+
+
+def test_a_refusal_of_the_service_is_passed_on_with_its_reason(client, trainer, page):
+    def offered(now):
+        trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
+        return now["action"] == "reset"
+
+    page.until(offered)
+    trainer.refusal = "the hand switch is open"
+    answer = client.post("/act", headers=OURS, json={"action": "reset"})
+
+    assert answer.status_code == 409
+    assert answer.json() == {"outcome": "refused", "reason": "the hand switch is open"}
+
+
+def test_stops_have_threads_of_their_own(client, trainer, page):
+    """A request that waits for its answer does not delay a stop."""
+    going_on, asked = threading.Event(), threading.Event()
+
+    def slow():
+        asked.set()
+        assert going_on.wait(30)
+        return bench.filled(bench.Reply, request="reset", outcome="done")
+
+    def offered(now):
+        trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
+        return now["action"] == "reset"
+
+    trainer.reset = slow
+    page.until(offered)
+    waiting = threading.Thread(target=act, args=(client, "reset"))
+    waiting.start()
+    assert asked.wait(30)
+    try:
+        assert act(client, "reset") == (409, "refused")
+        assert client.post("/stop", headers=OURS, json={}).json()["outcome"] == "done"
+    finally:
+        going_on.set()
+        waiting.join()
+
+
+# --- the queue of a page ------------------------------------------------------------------------
+
+
+def test_a_page_that_does_not_read_gets_the_present_and_costs_no_memory():
+    async def story():
+        views = iter(range(10_000_000))
+        feed = Feed(lambda: bench.filled(Dot, number=next(views)))
+        page = feed.join()
+        for number in range(WINDOW):
+            feed.tick()
+            assert json.loads(await page.next())["now"]["number"] == number
+        feed.tick()
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(page.next(), 0)
+        for number in range(100_000):
+            feed.tick()
+            feed.add(bench.filled(Dot, number=number))
+        page.acknowledge(WINDOW)
+        frame = json.loads(await page.next())
+
+        assert frame["now"]["number"] == WINDOW + 100_000  # the newest, and no burst before it
+        assert [item["number"] for item in frame["items"]] == list(
+            range(100_000 - ITEMS_MAX, 100_000)
+        )
+        with pytest.raises(ValueError, match="frame"):
+            page.acknowledge(WINDOW + 100)
+
+    asyncio.run(story())
+
+
+def test_more_pages_than_there_is_room_for_are_refused(client):
+    feed = Feed(lambda: bench.filled(Dot))
+    pages = [feed.join() for _ in range(PAGES_MAX)]
+    with pytest.raises(TooManyPagesError):
+        feed.join()
+    feed.leave(pages[0])
+    feed.join()
+
+
+def test_a_page_that_sends_anything_else_is_closed_and_one_that_goes_is_forgotten(client, page):
+    page.frame()
+    assert client.server.feed.page_count == 1
+    page.socket.send_text("hello")
+    with pytest.raises(WebSocketDisconnect):
+        for _ in range(100):
+            page.socket.receive_json()
+    assert client.server.feed.page_count == 0

@@ -1,0 +1,280 @@
+"""A trainer of messages alone for the display: real streams of the client, at a manual clock."""
+
+import copy
+import json
+from functools import cache
+from pathlib import Path
+
+import msgspec
+from gaitd_client import (
+    Activity,
+    Cause,
+    DriveState,
+    Event,
+    Mode,
+    NoAnswerError,
+    Reply,
+    RequestRefusedError,
+    Safety,
+    Stride,
+    wire,
+)
+from gaitd_client.stream import Stream, Watch
+from gaitd_client.wire.messages import Configuration, Judgement, Status
+from msgspec import inspect
+
+HASHES = {"trainer.toml": "0a", "robot.toml": "0b"}
+CHECK = {
+    "drift": {"hip_moved_deg": 0.4, "slide_moved_m": 0.004, "reaches_limit": False},
+    "sweeps": [{"hip_deg": [-10.0, 32.0], "slide_m": [0.04, 0.93]}],
+    "sha256": HASHES,
+}
+PAGE = {
+    "language": "en",
+    "help": {"en": "Telephone: press 1.", "de": "Telefon: Taste 1."},
+    "unstrap": {"en": "Open the foot strap first.", "de": "Zuerst den Fußgurt öffnen."},
+}
+ORIGIN = "http://127.0.0.1:8080"
+
+
+class Clock:
+    def __init__(self):
+        self.ns = 0
+
+    def now_ns(self):
+        return self.ns
+
+
+EMPTY = {
+    inspect.StrType: "",
+    inspect.IntType: 0,
+    inspect.FloatType: 0.0,
+    inspect.BoolType: False,
+    inspect.VarTupleType: (),
+    inspect.DictType: {},
+}
+
+
+def _empty(kind):
+    """The least value of a type; None where that is allowed."""
+    while isinstance(kind, inspect.Metadata):
+        kind = kind.type
+    return None if isinstance(kind, inspect.UnionType) else EMPTY[type(kind)]
+
+
+@cache
+def _empty_fields(kind):
+    fields = inspect.type_info(kind).fields
+    return {field.name: _empty(field.type) for field in fields if field.required}
+
+
+def filled(kind, **given):
+    """A message with these fields; all others are as empty as their types allow."""
+    return msgspec.convert({**_empty_fields(kind), **given}, kind)
+
+
+def verdict(cause, category="S1"):
+    return filled(
+        Judgement, cause=cause, category=category, text="the text", remedy="first: the remedy"
+    )
+
+
+class MessageTrainer:
+    """What the servers use of `gaitd_client.Trainer`."""
+
+    def __init__(self, legs=("right",)):
+        self.legs, self.clock, self.requests = legs, Clock(), []
+        self.refusal = self.silent = None
+        self.pulse = Watch(self.clock)
+        self.streams = {}
+        self.cycle, self.plan = 0, None
+        self.brakes = False
+        self.is_entered = False
+
+    def __enter__(self):
+        self.is_entered = True
+        return self
+
+    def __exit__(self, *_error):
+        for stream in self.streams.values():
+            stream.close()
+        self.is_entered = False
+
+    def _stream(self, key, kind, *, cyclic=True, keep=1):
+        watch = Watch(self.clock) if cyclic else self.pulse
+        self.streams[key] = Stream(key, kind, watch, keep=keep, is_cyclic=cyclic)
+        return self.streams[key]
+
+    def activity(self, leg):
+        return self._stream(f"{leg}/activity", Activity)
+
+    def friction(self, leg):
+        return self._stream(f"{leg}/friction", wire.Friction)
+
+    def estimate(self, leg):
+        return self._stream(f"{leg}/estimate", wire.Estimate)
+
+    def drive(self, name):
+        return self._stream(f"drives/{name}", DriveState)
+
+    def stride(self, leg):
+        return self._stream(f"{leg}/stride", Stride, cyclic=False, keep=64)
+
+    def safety(self):
+        return self._stream("safety", Safety, cyclic=False)
+
+    def health(self):
+        return self._stream("health", wire.Health, cyclic=False)
+
+    def events(self):
+        return self._stream("events", Event, cyclic=False, keep=256)
+
+    # --- messages ---------------------------------------------------------------------------
+
+    def send(self, key, message):
+        if key.startswith("drives/"):
+            self.pulse.beat()
+        if key in self.streams:
+            self.streams[key].receive(msgspec.json.encode(message))
+
+    def cycles(
+        self,
+        mode,
+        *,
+        stage=None,
+        cause=Cause.NONE,
+        power_w=None,
+        phase=None,
+        switch=True,
+        pose=(0.2, 0.4),
+        validity="ok",
+        count=1,
+    ):
+        """Cycles of 10 ms, each with the messages of its kind."""
+        for _ in range(count):
+            self.clock.ns += 10_000_000
+            self.cycle += 1
+            head = {"core_boot_id": "boot", "cycle": self.cycle, "mode": str(mode)}
+            for leg in self.legs:
+                given = {"leg": leg, "patient_power_w": power_w, "gait_phase_ratio": phase}
+                given |= {"hip_validity": validity, "slide_validity": validity}
+                if validity == "ok" and power_w is not None:
+                    given |= {"hip_patient_nm": 2 * power_w, "hip_patient_nm_std": 0.4}
+                given |= {"hip_net_nm": -1.5, "hip_net_nm_std": 0.3}
+                self.send(f"{leg}/activity", filled(Activity, **head, **given))
+                for axis, position in zip(("hip", "slide"), pose, strict=True):
+                    drive = {"name": f"{leg}/{axis}", "position_si": position, "fresh": True}
+                    drive |= {"hand_switch_closed": switch, "sto_released": True}
+                    head_of_drive = {"core_boot_id": "boot", "cycle": self.cycle}
+                    self.send(f"drives/{leg}/{axis}", filled(DriveState, **head_of_drive, **drive))
+            active = mode not in {Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.FAULT}
+            self.send(
+                "safety",
+                filled(
+                    Safety,
+                    valid=True,
+                    core_boot_id="boot",
+                    cycle=self.cycle,
+                    mode=str(mode),
+                    active=active,
+                    stage=stage,
+                    progress="",
+                    verdict=verdict(str(cause), "none" if cause == Cause.NONE else "S1"),
+                ),
+            )
+
+    def step(self, number, share, work, leg="right"):
+        given = {"leg": leg, "number": number, "core_boot_id": "boot", "mode": "gait"}
+        self.send(f"{leg}/stride", filled(Stride, share_ratio=share, work_positive_j=work, **given))
+
+    # --- requests ---------------------------------------------------------------------------
+
+    def _reply(self, name, *given):
+        if self.silent:
+            raise NoAnswerError("no answer")
+        self.requests.append((name, *given))
+        outcome = "refused" if self.refusal else "done"
+        reply = filled(Reply, request=name, outcome=outcome, reason=self.refusal or "")
+        if self.refusal:
+            raise RequestRefusedError(reply)
+        return reply
+
+    def stop(self):
+        return self._reply("stop")
+
+    def reset(self):
+        return self._reply("reset")
+
+    def enable(self):
+        return self._reply("enable")
+
+    def disable(self):
+        return self._reply("disable")
+
+    def mode(self, mode, **given):
+        return self._reply("mode", str(mode), *given.values())
+
+    def release_plan(self, limits):
+        self.plan = limits
+        return self._reply("plan", limits)
+
+    def withdraw_plan(self):
+        self.plan = None
+        return self._reply("plan", None)
+
+    def configuration(self):
+        brake = {"brake": self.brakes}
+        return filled(
+            Configuration,
+            config_hashes=HASHES,
+            limits={"hip": brake, "slide": brake},
+            robot={},
+            leg_names=list(self.legs),
+        )
+
+    def status(self):
+        safety = filled(Safety, valid=False)
+        return filled(Status, safety=safety, plan=self.plan)
+
+
+def write_check(folder: Path, **drift) -> Path:
+    path = folder / "check.json"
+    path.write_text(json.dumps({**CHECK, "drift": {**CHECK["drift"], **drift}}), encoding="utf-8")
+    return path
+
+
+def patient_table(folder: Path, *, legs=("right",), way_out=True, **drift):
+    """The content of a patient's file."""
+    bars = [{"leg": leg, "target_low_w": 2.0, "target_high_w": 5.0, "full_w": 8.0} for leg in legs]
+    table = {
+        "web": {"host": "127.0.0.1", "port": 8080},
+        "trainer": {},
+        "page": copy.deepcopy(PAGE),
+        "bar": bars,
+    }
+    if way_out:
+        check = str(write_check(folder, **drift))
+        table["way_out"] = {"check": check, "hip_drift_max_deg": 1.0, "slide_drift_max_m": 0.01}
+    return table
+
+
+def settings_of(folder: Path, table, kind):
+    """Read through the file, as the command does."""
+    from gaitd_display.settings import read_settings
+
+    path = folder / f"{kind.__name__}.toml"
+    path.write_text(toml(table), encoding="utf-8")
+    return read_settings(path, kind)
+
+
+def toml(table) -> str:
+    """The table as TOML, one inline value for each key."""
+    return "".join(f"{key} = {_inline(value)}\n" for key, value in table.items())
+
+
+def _inline(value) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_inline(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_inline, value)) + "]"
+    return json.dumps(value, ensure_ascii=False)
