@@ -14,7 +14,9 @@ Rules:
 5. In PAUSED, REST and FINISHED the drives are off, so the patient may let go of the hand switch.
    DISABLE is requested on the way there, and again until the drives are off. Drives that another
    client has enabled later are left alone until the patient presses PAUSE.
-6. A stop is left when the trainer is ready again; a session never requests RESET.
+6. A stop is left when the trainer is ready again. Where no drive has power, START requests RESET,
+   which then takes nothing from the leg; the daily press of the emergency stop ends like that.
+   Where drives hold the leg, a session never requests RESET: the leg might drift.
 7. NO_SIGNAL and STOPPED return to the phase at rest that was left, or to PAUSED. PAUSE and END are
    accepted in them, and take effect when they are over.
 8. The session is finished after the last block, or by END.
@@ -161,7 +163,11 @@ TABLE: Final[Mapping[Phase, Mapping[Event, Phase | None]]] = MappingProxyType(
             Event.HOLDING: Phase.ANNOUNCED,
         },
         Phase.WALKING: {**_ACTIVE_ROW, Event.MOVING: Phase.WALKING},
-        Phase.STOPPED: {Event.SILENT: Phase.NO_SIGNAL, Event.READY: RETURN},
+        Phase.STOPPED: {
+            Event.SILENT: Phase.NO_SIGNAL,
+            Event.READY: RETURN,
+            Event.START: Phase.STOPPED,
+        },
         Phase.NO_SIGNAL: {
             Event.STOPPED: Phase.STOPPED,
             Event.RESTARTED: RETURN,
@@ -195,6 +201,7 @@ class RequestKind(StrEnum):
     DISABLE = auto()
     SELF_TEST = auto()
     GAIT = auto()
+    RESET = auto()
 
 
 class Request(NamedTuple):
@@ -228,6 +235,8 @@ class TrainerState(NamedTuple):
     """A `Cause`."""
     reason: str
     """Text and remedy of the cause; empty without one."""
+    has_power: bool
+    """A drive may exert torque, or its power state is not known."""
     hand_switch_held: bool
     """Every drive reads the hand switch as closed."""
 
@@ -298,6 +307,8 @@ class State:
     off_since_s: float | None = None
     """Since when the drives are wanted off (rule 5); None: they are not."""
     off_requested_s: float = -math.inf
+    wants_reset: bool = False
+    """RESET is requested in this step."""
     reason: str = ""
     """Why the last START or block has failed; text of the service."""
 
@@ -346,18 +357,19 @@ def step(state: State, inputs: Inputs, now_s: float) -> tuple[State, Request | N
     Returns: the state after, and the request to be sent.
     """
     before = state
-    if inputs.button is Button.START and Event.START not in TABLE[state.phase]:
-        # It was pressed while it was not offered; what ends a block now must not begin the next.
-        inputs = inputs._replace(button=None)
     state = _with_strides(state, inputs.strides)
-    for find in (_trainer_event, _button_event, _answer_event, _time_event):
-        event = find(state, inputs, now_s)
-        if event is not None:
-            state = _after(state, event, inputs, now_s)
+    state = _found(state, _trainer_event(state, inputs, now_s), inputs, now_s)
+    if inputs.button is Button.START and state.phase is not before.phase:
+        # What it meant when it was pressed is over: it must not mean something else now.
+        inputs = inputs._replace(button=None)
+    for find in (_button_event, _answer_event, _time_event):
+        state = _found(state, find(state, inputs, now_s), inputs, now_s)
     state = _playing(state, inputs.trainer, now_s)
     if inputs.answer is not None and inputs.answer.number == state.request_number:
         # What the request has done may be seen a moment later.
         off_since_s = None if state.off_since_s is None else now_s
+        if state.pending is RequestKind.RESET:
+            state = replace(state, reason=inputs.answer.failure)
         state = replace(state, pending=None, off_since_s=off_since_s)
     return _request(before, state, inputs.trainer, now_s)
 
@@ -390,13 +402,16 @@ def _trainer_event(state: State, inputs: Inputs, _now_s: float) -> Event | None:
 
 def may_start(state: State, trainer: TrainerState | None, now_s: float) -> bool:
     """Return whether START would be accepted now."""
-    return (
-        Event.START in TABLE[state.phase]
-        and trainer is not None
-        and trainer.mode == Mode.READY
-        and trainer.hand_switch_held
-        and now_s >= state.rest_until_s
-    )
+    if trainer is None or not trainer.hand_switch_held or Event.START not in TABLE[state.phase]:
+        return False
+    if state.phase is Phase.STOPPED:
+        return may_reset(trainer) and state.pending is None
+    return trainer.mode == Mode.READY and now_s >= state.rest_until_s
+
+
+def may_reset(trainer: TrainerState) -> bool:
+    """Return whether RESET takes nothing from the leg (rule 6)."""
+    return trainer.mode == Mode.FAULT and not trainer.has_power
 
 
 def _button_event(state: State, inputs: Inputs, now_s: float) -> Event | None:
@@ -434,12 +449,18 @@ def _time_event(state: State, _inputs: Inputs, now_s: float) -> Event | None:
 # --- the state after an event -----------------------------------------------------------------
 
 
+def _found(state: State, event: Event | None, inputs: Inputs, now_s: float) -> State:
+    return state if event is None else _after(state, event, inputs, now_s)
+
+
 def _after(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
     if event in {Event.PAUSE, Event.END} and state.phase not in ACTIVE:
         # Rules 5 and 7.
         state = replace(state, may_follow=False, off_since_s=now_s)
         if event is Event.END and state.phase not in AT_REST:
             state = replace(state, returns_to=Phase.FINISHED)
+    if event is Event.START and state.phase is Phase.STOPPED:
+        return replace(state, wants_reset=True)
     row = TABLE[state.phase]
     if event not in row:
         return state
@@ -495,7 +516,7 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
         off_since_s=off_since_s,
         may_follow=was is Phase.WALKING and state.returns_to is Phase.PAUSED,
         boot_id=trainer.boot_id if begins and trainer is not None else state.boot_id,
-        reason="" if begins else state.reason,
+        reason="" if begins or Phase.STOPPED in {was, after} else state.reason,
     )
 
 
@@ -543,14 +564,14 @@ def _playing(state: State, trainer: TrainerState | None, now_s: float) -> State:
 def _request(
     before: State, state: State, trainer: TrainerState | None, now_s: float
 ) -> tuple[State, Request | None]:
-    kind = _wanted(before, state)
+    kind = RequestKind.RESET if state.wants_reset else _wanted(before, state)
     if kind is None:
         state, is_off_wanted = _off(state, trainer, now_s)
         if not is_off_wanted:
             return state, None
         kind = RequestKind.DISABLE
     number = state.request_number + 1
-    state = replace(state, request_number=number, pending=kind)
+    state = replace(state, request_number=number, pending=kind, wants_reset=False)
     block = state.block
     if kind is not RequestKind.GAIT or block is None:
         return state, Request(number, kind)

@@ -63,6 +63,10 @@ SELF_TEST_VALID_NS: Final = 20 * 3_600_000_000_000
 """As `self_test.valid_h` of the shipped service, which refuses a gait where its own is due."""
 INTERRUPTED_PHASES: Final = frozenset({Phase.PAUSED, Phase.STOPPED, Phase.NO_SIGNAL})
 STRONGEST_FIRST: Final = (Button.END, Button.PAUSE, Button.START)
+WITHOUT_POWER: Final = frozenset(
+    {"not_ready_to_switch_on", "switch_on_disabled", "ready_to_switch_on", "fault"}
+)
+"""CiA 402 power states in which a drive exerts no torque."""
 AXES: Final = ("hip", "slide")
 
 
@@ -196,6 +200,7 @@ class Session:
             stage=safety.stage,
             cause=verdict.cause,
             reason=f"{verdict.text}: {verdict.remedy}" if verdict.text else "",
+            has_power=any(drive.power_state not in WITHOUT_POWER for drive in known),
             hand_switch_held=all(drive.hand_switch_closed is True for drive in known),
         )
 
@@ -227,6 +232,8 @@ class Session:
                     self._trainer.enable()
                 case RequestKind.DISABLE:
                     self._trainer.disable()
+                case RequestKind.RESET:
+                    self._trainer.reset()
                 case RequestKind.SELF_TEST:
                     self._trainer.mode(Mode.SELF_TEST)
                 case RequestKind.GAIT:

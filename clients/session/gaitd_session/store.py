@@ -16,7 +16,7 @@ Rules:
 import fcntl
 import sqlite3
 from collections.abc import Generator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Self, TextIO
 
@@ -222,30 +222,22 @@ class Store:
         """
         self.file = file
         self._session: int | None = None
-        self._lock = _locked(file) if is_writer else None
-        try:
-            self._database = self._opened(is_writer)
-        except BaseException:
-            self._unlock()
-            raise
-
-    def _opened(self, is_writer: bool) -> sqlite3.Connection:
-        with _readable_errors(self.file):
-            # A writer's thread is not the one that opens.
-            mode = "rwc" if is_writer else "rw"
-            database = sqlite3.connect(
-                f"{self.file.absolute().as_uri()}?mode={mode}",
-                uri=True,
-                timeout=BUSY_S,
-                isolation_level=None,
-                check_same_thread=False,
-            )
-            try:
-                self._prepare(database, is_writer)
-            except BaseException:
-                database.close()
-                raise
-        return database
+        mode = "rwc" if is_writer else "rw"
+        with ExitStack() as ending:
+            if is_writer:
+                ending.enter_context(_locked(file))
+            with _readable_errors(file):
+                # The thread that writes is not the one that opens.
+                self._database = sqlite3.connect(
+                    f"{file.absolute().as_uri()}?mode={mode}",
+                    uri=True,
+                    timeout=BUSY_S,
+                    isolation_level=None,
+                    check_same_thread=False,
+                )
+                ending.callback(self._database.close)
+                self._prepare(self._database, is_writer)
+            self._ending = ending.pop_all()
 
     def _prepare(self, database: sqlite3.Connection, is_writer: bool) -> None:
         version = _version(database, self.file)
@@ -273,12 +265,7 @@ class Store:
 
     def close(self) -> None:
         """Close the file, and let another writer open it."""
-        self._database.close()
-        self._unlock()
-
-    def _unlock(self) -> None:
-        if self._lock is not None:
-            self._lock.close()
+        self._ending.close()
 
     def __enter__(self) -> Self:
         return self
@@ -478,13 +465,9 @@ def _version(database: sqlite3.Connection, file: Path) -> int:
 
 @contextmanager
 def _transaction(database: sqlite3.Connection) -> Generator[None]:
-    database.execute("BEGIN IMMEDIATE")
-    try:
+    with database:
+        database.execute("BEGIN IMMEDIATE")
         yield
-    except BaseException:
-        database.execute("ROLLBACK")
-        raise
-    database.execute("COMMIT")
 
 
 @contextmanager

@@ -16,6 +16,7 @@ from gaitd_session.machine import (
     Phase,
     State,
     TrainerState,
+    may_reset,
     may_start,
 )
 from gaitd_session.plan import BlockKind
@@ -27,6 +28,7 @@ class Advice(StrEnum):
     WAIT = auto()
     HOLD_HAND_SWITCH = auto()
     PRESS_START = auto()
+    PRESS_START_TO_RESET = auto()
     LIE_STILL = auto()
     WALK = auto()
     REST = auto()
@@ -43,6 +45,10 @@ TEXTS: Final[Mapping[Advice, str]] = {
     Advice.WAIT: "Please wait.",
     Advice.HOLD_HAND_SWITCH: "Hold the hand switch.",
     Advice.PRESS_START: "Hold the hand switch, and press START.",
+    Advice.PRESS_START_TO_RESET: (
+        "The trainer has stopped, without power. Release the emergency stop if it is pressed, hold"
+        " the hand switch, and press START: this resets the stop, and nothing moves."
+    ),
     Advice.LIE_STILL: "The leg is about to move. Hold the hand switch, and lie still.",
     Advice.WALK: "Walk along.",
     Advice.REST: "Rest. You may let go of the hand switch.",
@@ -146,7 +152,7 @@ def view_of(
     rest_s = max(state.rest_until_s - now_s, 0.0) if state.phase is Phase.REST else 0.0
     reason = state.reason
     if state.phase is Phase.STOPPED and trainer is not None:
-        reason = trainer.reason
+        reason = state.reason or trainer.reason
     return View(
         phase=state.phase,
         word=_word(state),
@@ -176,6 +182,8 @@ def _advice(state: State, trainer: TrainerState | None, now_s: float) -> Advice:
     match state.phase:
         case Phase.NO_SIGNAL:
             return Advice.CHECK_CONNECTION
+        case Phase.STOPPED if trainer is not None and may_reset(trainer):
+            return Advice.PRESS_START_TO_RESET
         case Phase.STOPPED:
             return Advice.CALL_FOR_HELP
         case Phase.WALKING:

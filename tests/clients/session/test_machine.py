@@ -32,9 +32,10 @@ MOTION = {RequestKind.SELF_TEST, RequestKind.GAIT}
 TICK_S = 0.05
 
 
-def trainer(mode, stage=None, *, hand=True, cause=Cause.NONE, boot="a"):
+def trainer(mode, stage=None, *, hand=True, cause=Cause.NONE, boot="a", power=None):
     reason = "" if cause == Cause.NONE else "a cause: a remedy"
-    return TrainerState(boot, mode, mode in ENABLED, stage, cause, reason, hand)
+    has_power = mode in ENABLED if power is None else power
+    return TrainerState(boot, mode, mode in ENABLED, stage, cause, reason, has_power, hand)
 
 
 READY = trainer(Mode.READY)
@@ -43,7 +44,8 @@ HOLD = trainer(Mode.HOLD)
 TESTING = trainer(Mode.SELF_TEST, Stage.PLAYING)
 ANNOUNCING = trainer(Mode.GAIT, Stage.ANNOUNCING)
 PLAYING = trainer(Mode.GAIT, Stage.PLAYING)
-FAULT = trainer(Mode.FAULT, cause=Cause.SPASM)
+FAULT = trainer(Mode.FAULT, cause=Cause.SPASM, power=True)
+OFF_BY_STO = trainer(Mode.FAULT, cause=Cause.STO_ACTIVE)
 
 
 class Run:
@@ -100,6 +102,7 @@ SEEN = (
     trainer(Mode.OFF),
     trainer(Mode.STOPPING, cause=Cause.HAND_SWITCH_OPEN),
     FAULT,
+    OFF_BY_STO,
 )
 FAILURES = ("", "no self-test has been passed today: `gaitd self-test`")
 STEPS_S = (TICK_S, SELF_TEST_LATE_S + 1)
@@ -154,7 +157,10 @@ def test_no_state_and_no_input_moves_a_leg_without_hand_switch_and_start():
             assert held
             assert started
             assert inputs.trainer.mode == Mode.READY
-            assert state.phase not in ACTIVE
+            assert state.phase in AT_REST
+        if request is not None and request.kind is RequestKind.RESET:
+            assert (held, started, state.phase) == (True, True, Phase.STOPPED)
+            assert not inputs.trainer.has_power
         if request is not None and request.kind in MOTION:
             assert held
             assert inputs.trainer.mode == Mode.HOLD
@@ -186,7 +192,8 @@ def test_every_event_has_a_row_or_changes_nothing():
         if phase in ACTIVE:
             assert set(row) == set(Event) - {Event.START}
             assert row[Event.OTHER] is row[Event.LET_GO] is row[Event.RESTARTED] is Phase.PAUSED
-        assert (Event.START in row) == (phase in AT_REST - {Phase.FINISHED})
+        starts = AT_REST - {Phase.FINISHED} | {Phase.STOPPED}
+        assert (Event.START in row) == (phase in starts)
     assert set(TABLE) == set(Phase)
 
 
@@ -264,6 +271,21 @@ def test_after_a_stop_only_start_goes_on(cause):
     run.step(READY, Button.START)
 
     assert run.kinds[count:] == [RequestKind.ENABLE]
+
+
+def test_start_resets_a_stop_without_power_and_another_start_goes_on():
+    run = Run().step(OPEN).step(trainer(Mode.FAULT, hand=False, cause=Cause.STO_ACTIVE))
+    assert (run.view.advice, run.view.buttons) == (Advice.PRESS_START_TO_RESET, (Button.END,))
+    run.step(OFF_BY_STO)
+    assert run.view.buttons == (Button.START, Button.END)
+    run.step(OFF_BY_STO, Button.START).step(OFF_BY_STO, failure="safe torque off is active")
+    assert run.view.reason == "safe torque off is active"
+    run.step(OFF_BY_STO, Button.START).step(READY, Button.START)
+    assert run.kinds == [RequestKind.RESET] * 2
+    assert run.state.phase is Phase.WAITING
+    run.step(READY, Button.START)
+
+    assert run.kinds[2:] == [RequestKind.ENABLE]
 
 
 def test_a_block_that_went_on_through_a_lost_signal_is_followed_and_the_gap_does_not_count():

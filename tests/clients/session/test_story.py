@@ -31,19 +31,16 @@ class Patient:
         self.view = session.view()
         self.actions = {
             Advice.PRESS_START: lambda: session.press(Button.START),
+            Advice.PRESS_START_TO_RESET: lambda: session.press(Button.START),
             Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: lambda: self.act("sto_open * 0.3"),
             Advice.LET_GO_AND_HOLD_HAND_SWITCH: lambda: self.act("hand_switch_open * 0.3"),
-            Advice.CALL_FOR_HELP: self.helped,
+            Advice.CALL_FOR_HELP: virtual.reset,
         }
 
     def act(self, fault):
         self.virtual.tell(fault)
         self.virtual.run(0.5)
         self.session.press(Button.START)
-
-    def helped(self):
-        """What a display offers after a stop."""
-        self.virtual.reset()
 
     def until(self, reached):
         end_ns = self.virtual.clock.now_ns() + FOLLOWED_S * 1e9
