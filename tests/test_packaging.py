@@ -98,7 +98,7 @@ def test_the_clients_wheel_holds_its_package_with_types_schemas_and_licence(tmp_
 def test_the_sessions_wheel_holds_its_package_with_types_command_and_licence(tmp_path):
     wheel = built(SESSION, tmp_path)
     names = set(wheel.namelist())
-    files = {f"gaitd_session/{file.name}" for file in (SESSION / "gaitd_session").glob("*.py*")}
+    files = {f"gaitd_session/{file.name}" for file in (SESSION / "gaitd_session").glob("*.*")}
 
     assert "gaitd_session/py.typed" in files
     assert {name for name in names if ".dist-info/" not in name} == files

@@ -42,6 +42,9 @@ rest_s = 3.0
 """
 
 
-def profile() -> Profile:
+SHORT = PROFILE.replace("duration_s = 10.0", "duration_s = 5.0")
+
+
+def profile(text: str = PROFILE) -> Profile:
     """A patient with a warm-up and one block."""
-    return parse_profile(PROFILE, Path("profile.toml"))
+    return parse_profile(text, Path("profile.toml"))

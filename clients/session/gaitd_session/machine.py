@@ -48,7 +48,7 @@ LATE_S: Final = 60.0
 for up to 30 s."""
 SELF_TEST_LATE_S: Final = 240.0
 """Longest self-test: the service waits, then moves each axis of each leg."""
-LEFT_MIN_S: Final = 5.0
+LEFT_MIN_S: Final = 2.0
 """A block with less left is complete."""
 OFF_RETRY_S: Final = 1.0
 OFF_SETTLE_S: Final = 2.0
@@ -598,7 +598,8 @@ def _off(state: State, trainer: TrainerState | None, now_s: float) -> tuple[Stat
     if state.off_since_s is None or trainer is None:
         return state, False
     if trainer.is_enabled:
-        if now_s - state.off_requested_s < OFF_RETRY_S:
+        is_asked = state.pending is RequestKind.DISABLE
+        if is_asked or now_s - state.off_requested_s < OFF_RETRY_S:
             return state, False
         return replace(state, off_requested_s=now_s), True
     is_settled = state.pending is None and now_s - state.off_since_s >= OFF_SETTLE_S

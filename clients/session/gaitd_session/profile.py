@@ -20,7 +20,7 @@ PROFILE_VERSION: Final = 1
 ID_ALPHABET: Final = "abcdefghjkmnpqrstuvwxyz23456789"
 """Without characters that are easily confused when read aloud."""
 ID_LENGTH: Final = 8
-BLOCK_MIN_S: Final = 10.0
+BLOCK_MIN_S: Final = 5.0
 RENDERED_LENGTH_MAX: Final = 60
 
 Cadence = Annotated[float, Meta(gt=0, le=2)]

@@ -260,7 +260,13 @@ class Session:
         """Switch the drives off if this session has enabled them, and write what is left."""
         state = self._state
         if state.phase in ACTIVE or state.off_since_s is not None:
-            self._ask(Request(state.request_number + 1, RequestKind.DISABLE))
+            disable = Request(state.request_number + 1, RequestKind.DISABLE)
+            is_pending = any(not future.done() for future in self._asked)
+            self._ask(disable)
+            self._requests.shutdown()
+            if is_pending:
+                # An ENABLE that was under way may have been granted after the first one.
+                self._ask(disable)
         if self._has_begun and not self._has_ended:
             walked = self._block_rows(state, self._now_s()) if state.phase is Phase.WALKING else []
             self._rows += [*walked, EndRow(self._utc_ns, "left")]

@@ -132,7 +132,7 @@ class View(msgspec.Struct, frozen=True, kw_only=True):
     goal_in_band_ratio: float
     """The goal of a block: `in_band_count` of its valid strides."""
     history_trouble: str
-    """Why the history is not kept; empty if it is."""
+    """What is wrong with the history; empty if nothing is."""
 
 
 def view_of(
@@ -144,7 +144,7 @@ def view_of(
         state: of the session.
         trainer: as the step before has seen it.
         now_s: the time of that step.
-        history_trouble: why the history is not kept; empty if it is.
+        history_trouble: what is wrong with the history; empty if nothing is.
     """
     advice = _advice(state, trainer, now_s)
     number = state.block_index + 1
