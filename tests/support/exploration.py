@@ -17,6 +17,7 @@ from itertools import combinations
 from types import SimpleNamespace
 from typing import NamedTuple
 
+import msgspec
 from safety_inputs import FEEDBACK, JOINT
 from sessions import CONFIGS
 
@@ -45,6 +46,7 @@ from daemon.ipc.record import (
     Request,
     RequestKind,
     RequestResult,
+    Role,
     StopCategory,
     Verdict,
 )
@@ -372,7 +374,7 @@ class Model:
             core.persistent = PersistentState()
         core.load_settle_cycles = min(core.load_settle_cycles, 2)
         if core.request is not None:
-            core.request = Request(1, core.request.kind, NOW, core.request.mode)
+            core.request = msgspec.structs.replace(core.request, id=1, for_cycle=NOW)
             core.result = RequestResult(1)
         else:
             core.result = RequestResult()
@@ -677,7 +679,7 @@ def _orders(events: tuple[Event, ...]) -> inputs.CommandInputs:
     request = next((one.what for one in events if one.kind is Kind.REQUEST), None)
     if request is None:
         return inputs.CommandInputs(stop)
-    return inputs.CommandInputs(stop, Request(2, request[0], NOW, request[1]))
+    return inputs.CommandInputs(stop, Request(2, request[0], NOW, request[1], Role.UNRESTRICTED))
 
 
 def _accepted(core: Core, request: Request | None) -> Request | None:

@@ -20,6 +20,7 @@ from daemon.core.motion.assist import (
     is_neutral,
 )
 from daemon.ipc.record import Mode, ModeRequest, RequestKind, Setpoint
+from daemon.wire.names import name_of
 from daemon.wire.refusals import SetpointRefusal
 
 BOTH = (LIMITS, LIMITS)
@@ -104,7 +105,8 @@ def test_only_assisted_modes_lapse_and_a_lapse_ends_in_hold():
 
 
 def test_every_refusal_has_words_for_who_integrates():
-    assert set(REFUSAL_TEXT) == set(SetpointRefusal) - {SetpointRefusal.NONE}
+    refused = set(SetpointRefusal) - {SetpointRefusal.NONE}
+    assert set(REFUSAL_TEXT) == {name_of(reason) for reason in refused}
     assert [reason.value for reason in SetpointRefusal] == list(range(len(SetpointRefusal)))
 
 
@@ -124,6 +126,18 @@ def test_assist_is_in_force_until_it_fades():
     assert is_active(pushing)
     assert is_active(soft)
     assert not is_active(LegAssist(effort_si=(1.0, 0.0), fade_si=(0.1, 0.1)))
+
+
+def test_before_any_setpoint_nothing_is_in_force():
+    assert LegAssist() == LegAssist(
+        lease=0,
+        seq=-1,
+        checked=None,
+        accepted=None,
+        effort_si=(0.0, 0.0),
+        fade_si=None,
+        stiffness_ratio=1.0,
+    )
 
 
 def after(assist, wanted, cycles, velocity=REST):
@@ -151,6 +165,17 @@ def test_assist_of_any_size_is_gone_after_the_time_of_the_fade_and_only_shrinks(
 
     assert assist.effort_si == REST
     assert assist.stiffness_ratio == pytest.approx(1.0)
+
+
+def test_a_fade_takes_equal_steps_of_effort_and_stiffness():
+    begun = LegAssist(effort_si=(10.0, -4.0), stiffness_ratio=0.5)
+
+    faded = [after(begun, None, cycles) for cycles in (1, 2, 9, 19, 20)]
+
+    assert [one.effort_si[0] for one in faded] == pytest.approx([9.5, 9.0, 5.5, 0.5, 0.0])
+    assert [one.effort_si[1] for one in faded] == pytest.approx([-3.8, -3.6, -2.2, -0.2, 0.0])
+    assert [one.fade_si for one in faded] == [(0.5, 0.2)] * 5
+    assert [one.stiffness_ratio for one in faded] == pytest.approx([0.55, 0.6, 0.95, 1.0, 1.0])
 
 
 def test_a_fade_that_is_broken_off_goes_on_from_where_it_is():

@@ -32,6 +32,10 @@ def measured(*counts, begin=Joint()):  # noqa: B008 - frozen
     return joint
 
 
+def test_before_the_first_sample_nothing_is_known_and_every_number_is_zero():
+    assert Joint() == (False, False, *[0] * (len(Joint._fields) - 2))
+
+
 def test_the_first_sample_gives_a_position_and_no_speed():
     assert measure(Joint(), sample(200, 30), SCALING, 7 * MS) == Joint(
         known=True,

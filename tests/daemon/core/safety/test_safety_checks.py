@@ -481,6 +481,16 @@ def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_fol
     assert verdict_of(axes=[axis]).cause == Cause.MODE_NOT_SHOWN
 
 
+@pytest.mark.parametrize("state", [PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT])
+def test_a_drive_that_fails_on_its_way_to_be_enabled_stops_by_its_fault(state):
+    axis = fed(replace(STARTING, unready_cycles=1), power_state=state)
+    milder = Categories(
+        {cause.name.lower(): "S0" for cause in CHOSEN_CATEGORY} | {"drive_fault": "S1"}
+    )
+
+    assert verdict_of(axes=[axis], categories=milder).cause == Cause.DRIVE_FAULT
+
+
 SOMEBODY_ELSES = replace(AXIS, enable_wanted=False, reached_enabled=False)
 
 
