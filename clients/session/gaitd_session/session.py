@@ -125,6 +125,11 @@ class Session:
         return self._view
 
     def __enter__(self) -> Self:
+        self._subscribe()
+        self._thread.start()
+        return self
+
+    def _subscribe(self) -> None:
         self._safety = self._trainer.safety()
         self._drives: list[Stream[DriveState]] = []
         self._stride_streams: list[Stream[Stride]] = []
@@ -133,8 +138,6 @@ class Session:
             strides = self._trainer.stride(leg)
             strides.call(self._strides.append)
             self._stride_streams.append(strides)
-        self._thread.start()
-        return self
 
     def __exit__(
         self,
