@@ -42,9 +42,6 @@ rest_s = 3.0
 """
 
 
-SHORT = PROFILE.replace("duration_s = 10.0", "duration_s = 5.0")
-
-
-def profile(text: str = PROFILE) -> Profile:
+def profile() -> Profile:
     """A patient with a warm-up and one block."""
-    return parse_profile(text, Path("profile.toml"))
+    return parse_profile(PROFILE, Path("profile.toml"))
