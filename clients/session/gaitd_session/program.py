@@ -94,7 +94,10 @@ rest_s = {rest}
 def _errors_in_one_line() -> Generator[None]:
     try:
         yield
-    except (ProfileError, StoreError, ExportError, SessionError) as error:
+    except (
+        *(ProfileError, StoreError, ExportError, SessionError),
+        terminal.NoTerminalError,
+    ) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
     except ClientError as error:

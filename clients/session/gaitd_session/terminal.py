@@ -1,5 +1,6 @@
 """A session in a terminal: the view as text, three keys as buttons."""
 
+import os
 import select
 import sys
 import termios
@@ -22,7 +23,13 @@ KEYS: Final = {"s": Button.START, "p": Button.PAUSE, "e": Button.END}
 NAMES: Final = {Button.START: "[s] START", Button.PAUSE: "[p] PAUSE", Button.END: "[e] END"}
 KINDS: Final = {BlockKind.WARM_UP: "warm-up", BlockKind.WALKING: "walking"}
 POLL_S: Final = 0.1
+KEYS_MAX: Final = 64
+"""Read at once."""
 SECONDS_PER_MINUTE: Final = 60
+
+
+class NoTerminalError(Exception):
+    """The input is no terminal, so nothing could be pressed."""
 
 
 def run(session: Session) -> View:
@@ -30,6 +37,7 @@ def run(session: Session) -> View:
 
     Raises:
         KeyboardInterrupt: a person ends the program.
+        NoTerminalError: the input is no terminal.
         SessionError: the session has ended by an error.
     """
     with _single_keys(), Live(auto_refresh=False, screen=False) as live:
@@ -82,17 +90,17 @@ def _minutes(duration_s: float) -> str:
 def _pressed(within_s: float) -> str:
     """Return what was typed; empty if nothing was within the time."""
     readable, _, _ = select.select([sys.stdin], [], [], within_s)
-    return sys.stdin.read(1) if readable else ""
+    # Not by `sys.stdin.read`, whose buffer `select` does not see.
+    return os.read(sys.stdin.fileno(), KEYS_MAX).decode(errors="replace") if readable else ""
 
 
 @contextmanager
 def _single_keys() -> Generator[None]:
-    """Read keys without Enter, where the input is a terminal."""
+    """Read keys without Enter."""
     if not sys.stdin.isatty():
-        yield
-        return
+        raise NoTerminalError("the input is no terminal, and keys are the buttons; run it in one")
     before = termios.tcgetattr(sys.stdin)
-    tty.setcbreak(sys.stdin)
+    tty.setcbreak(sys.stdin, termios.TCSANOW)
     try:
         yield
     finally:

@@ -1,11 +1,19 @@
 """The command `gaitd-session`, and what is refused in a profile."""
 
+import io
+import os
+import sys
 from pathlib import Path
 
 import pytest
-from gaitd_session import ProfileError, limits_of, parse_profile, read_profile
+from gaitd_session import Button, Phase, ProfileError, limits_of, parse_profile, read_profile
+from gaitd_session.machine import TrainerState, begin
 from gaitd_session.program import app
 from gaitd_session.store import SessionRow, Store, StrideRow
+from gaitd_session.terminal import NoTerminalError, render, run
+from gaitd_session.view import view_of
+from msgspec.structs import replace
+from rich.console import Console
 from training import PROFILE, profile
 from typer.testing import CliRunner
 
@@ -116,3 +124,48 @@ def test_run_without_a_service_ends_with_3_and_one_line(tmp_path):
     assert ended.exit_code == 3
     assert "no service listens on" in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
+
+
+class Shown:
+    """A session that waits for START, and is over after END."""
+
+    def __init__(self):
+        ready = TrainerState("a", "ready", False, None, "none", "", False, True)
+        self.shown = view_of(begin(profile(), {}, self_test_due=False), ready, 0.0)
+        self.pressed = []
+
+    def view(self):
+        return self.shown
+
+    def press(self, button):
+        self.pressed.append(button)
+        if button is Button.END:
+            self.shown = replace(self.shown, phase=Phase.FINISHED, buttons=())
+
+
+def test_keys_of_the_terminal_are_the_buttons(monkeypatch):
+    master, slave = os.openpty()
+    session = Shown()
+    with os.fdopen(slave, encoding="utf-8") as keys, os.fdopen(master, "wb", buffering=0) as hand:
+        monkeypatch.setattr(sys, "stdin", keys)
+        hand.write(b"xse")
+        assert run(session).phase is Phase.FINISHED
+
+    assert session.pressed == [Button.START, Button.END]
+
+
+def test_the_terminal_shows_block_times_goal_and_keys():
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(render(Shown().view()))
+    shown = console.export_text()
+
+    assert "block 1 of 2 (warm-up): 0:10 left, session 0:24" in shown
+    assert "your share –, target 25% to 35%, reached in 0 of 0 strides" in shown
+    assert "[s] START   [e] END" in shown
+
+
+def test_without_a_terminal_a_session_is_refused():
+    with Path(os.devnull).open() as nothing, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stdin", nothing)
+        with pytest.raises(NoTerminalError):
+            run(Shown())
