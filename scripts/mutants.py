@@ -8,10 +8,9 @@ code 1.
 The mutations are those of Cosmic Ray and of `mutation_operators.py`. Cosmic Ray's own runner starts
 Python and imports everything anew for each mutant, and writes into the work tree. Here one process
 for each file imports and collects its tests once, and forks for each mutant. The fork replaces the
-code of the changed function, and runs the tests that call this function, the likeliest killer
-first. Where the change is outside of a function, or in one that runs while the module or the tests
-are imported, or in one that no test calls, a process imports the changed module anew and runs all
-tests of the file.
+code of the changed function, and runs the tests, those that call this function and the likeliest
+killers first. Where the change is outside of a function, or in one that runs while the module or
+the tests are imported, a process imports the changed module anew.
 """
 
 import argparse
@@ -336,7 +335,7 @@ class Run(NamedTuple):
     """What a test does without mutation."""
 
     places: frozenset[Place]
-    """Code of the file that it runs."""
+    """Code of the file that it runs; what the test of a file caches is run by the first one."""
     cpu_s: float
 
 
@@ -421,18 +420,15 @@ class _AfterCollection(_InForks):
             child = os.fork()
             if child == 0:
                 mutant = mutate(spec)
-                chosen: list[int] = []
+                reached = None
                 if mutant.outcome is Outcome.UNDECIDED:
-                    chosen = self._replace(before, mutant.source, functions, imported, runs)
-                    chosen.sort(
-                        key=lambda one: runs[one].cpu_s / (1 + self.kills[items[one].nodeid])
-                    )
-                send.send((mutant, bool(chosen)))
-                if not chosen:
+                    reached = self._replace(before, mutant.source, functions, imported)
+                send.send((mutant, reached is not None))
+                if reached is None:
                     os._exit(0)
-                limit_cpu(5 + 5 * sum(runs[number].cpu_s for number in chosen))
+                limit_cpu(5 + 5 * sum(run.cpu_s for run in runs))
                 self.to_parent = send
-                session.items[:] = [items[number] for number in chosen]
+                session.items[:] = self._in_order(items, runs, reached)
                 return None
             send.close()
             judged, is_tested = receive.recv()
@@ -446,21 +442,31 @@ class _AfterCollection(_InForks):
         source: str,
         functions: dict[Place, list[FunctionType]],
         imported: frozenset[Place],
-        runs: list[Run],
-    ) -> list[int]:
-        """Replace the code that differs, and return the numbers of the tests that call it."""
+    ) -> set[Place] | None:
+        """Replace the code that differs, and return its places; None where that is not enough."""
         changed = changed_functions(before, compile(source, self.path, "exec"))
-        if changed is None:
-            return []
+        if not changed:
+            return None
         reached: set[Place] = set()
         for old, new in changed:
             place = Place.of(old)
             reached |= places_within(old)
             if reached & imported or old.co_freevars != new.co_freevars or place not in functions:
-                return []
+                return None
             for function in functions[place]:
                 function.__code__ = new
-        return [number for number, run in enumerate(runs) if run.places & reached]
+        return reached
+
+    def _in_order(
+        self, items: list[pytest.Item], runs: list[Run], reached: set[Place]
+    ) -> list[pytest.Item]:
+        """All tests: first those that run what is changed, by kills per CPU-second."""
+
+        def rank(number: int) -> tuple[bool, float]:
+            run, kills = runs[number], self.kills[items[number].nodeid]
+            return not run.places & reached, run.cpu_s / (1 + kills)
+
+        return [items[number] for number in sorted(range(len(items)), key=rank)]
 
     @pytest.hookimpl
     def pytest_sessionfinish(self) -> None:
