@@ -89,16 +89,16 @@ class MessageTrainer:
         self.streams = {}
         self.cycle, self.plan = 0, None
         self.brakes = False
-        self.is_entered = False
+        self.is_connected = False
 
     def __enter__(self):
-        self.is_entered = True
+        self.is_connected = True
         return self
 
     def __exit__(self, *_error):
         for stream in self.streams.values():
             stream.close()
-        self.is_entered = False
+        self.is_connected = False
 
     def _stream(self, key, kind, *, cyclic=True, keep=1):
         watch = Watch(self.clock) if cyclic else self.pulse
@@ -256,6 +256,17 @@ def patient_table(folder: Path, *, legs=("right",), way_out=True, **drift):
         check = str(write_check(folder, **drift))
         table["way_out"] = {"check": check, "hip_drift_max_deg": 1.0, "slide_drift_max_m": 0.01}
     return table
+
+
+def therapist_table(password_hash, *, legs=("right",)):
+    """The content of a therapist's file."""
+    return {
+        "language": "en",
+        "legs": list(legs),
+        "web": {"host": "127.0.0.1", "port": 8080},
+        "trainer": {},
+        "login": {"password_hash": password_hash, "session_max_min": 60},
+    }
 
 
 def settings_of(folder: Path, table, kind):

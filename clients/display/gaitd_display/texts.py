@@ -134,6 +134,7 @@ LABELS: Final[Mapping[str, Text]] = {
     "patient": Text("Patient", "Patient"),
     "friction": Text("Friction", "Reibung"),
     "net": Text("Net", "Netto"),
+    "drive": Text("Drive", "Antrieb"),
     "validity": Text("Validity", "Gültigkeit"),
     "health": Text("Bus and cycle", "Bus und Zyklus"),
     "events": Text("Events", "Ereignisse"),
