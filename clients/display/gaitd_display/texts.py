@@ -45,16 +45,16 @@ WORDS: Final[Mapping[Word, Text]] = {
     Word.WAIT: Text("Please wait", "Bitte warten"),
     Word.READY: Text("Ready", "Bereit"),
     Word.REST: Text("Rest", "Pause"),
-    Word.SOON: Text("Moving soon", "Gleich geht es los"),
-    Word.TO_START: Text("Moving to the start", "Fährt zum Anfang"),
+    Word.SOON: Text("Moving soon", "Gleich los"),
+    Word.TO_START: Text("To the start", "Zum Start"),
     Word.GO_ON: Text("Go along", "Mitgehen"),
-    Word.STRONGER: Text("Stronger", "Kräftiger"),
+    Word.STRONGER: Text("Stronger", "Stärker"),
     Word.GOOD: Text("Good", "Gut"),
     Word.GENTLY: Text("Gently", "Sanfter"),
-    Word.ENDING: Text("Coming to rest", "Kommt zur Ruhe"),
+    Word.ENDING: Text("Ending", "Endet"),
     Word.GUIDE: Text("Move your leg", "Bein bewegen"),
-    Word.SELF_TEST: Text("Machine test", "Maschinentest"),
-    Word.SERVICE: Text("In service", "In Wartung"),
+    Word.SELF_TEST: Text("Self-test", "Selbsttest"),
+    Word.SERVICE: Text("Service", "Wartung"),
 }
 """Texts by word."""
 

@@ -201,7 +201,10 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
                 break
         hip = frame["now"]["legs"][0]["hip"]
         assert hip["patient"] == {"value": 4.0, "std": 0.4}
-        assert hip["friction"] == {"value": None, "std": None}
+        assert hip["friction"] == {"value": 3.0, "std": 0.2}
+        slide = frame["now"]["legs"][0]["slide"]
+        assert slide["friction"] == {"value": None, "std": None}
+        assert (hip["drive"], slide["drive"]) == (5.5, 5.5)
         assert (hip["net"], hip["validity"]) == ({"value": -1.5, "std": 0.3}, "ok")
         assert {item["kind"] for item in items} == {"event", "stride"}
 

@@ -87,10 +87,10 @@ function legOf(leg) {
     ["patient", "friction", "net", "drive", "validity"].map((key) => `<th scope="col" data-text="${key}"></th>`).join("") +
     `</tr></thead><tbody><tr><th scope="row" data-text="torque"></th>${"<td></td>".repeat(5)}</tr>` +
     `<tr><th scope="row" data-text="force"></th>${"<td></td>".repeat(5)}</tr></tbody></table>` +
-    '<p class="legend"><span class="patient" data-text="patient"></span><span class="friction" data-text="friction"></span><span class="net" data-text="net"></span></p>';
+    '<p class="legend"><span class="patient" data-text="patient"></span><span class="friction" data-text="friction"></span><span class="net" data-text="net"></span></p><div class="plots"></div>';
   byId("legs").append(box);
   const rows = [...box.querySelectorAll("tbody tr")].map((row) => [...row.querySelectorAll("td")]);
-  traces.set(leg, { rows, hip: new Trace(box, "N·m"), slide: new Trace(box, "N"), newest: null });
+  traces.set(leg, { rows, hip: new Trace(box.querySelector(".plots"), "N·m"), slide: new Trace(box.querySelector(".plots"), "N"), newest: null });
   words.use(words.language);
   return traces.get(leg);
 }
