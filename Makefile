@@ -17,7 +17,7 @@ DISPLAY := clients/display
 PACKAGES := $(CLIENT) $(DISPLAY) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install uninstall purge rigs lock format golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display uninstall purge rigs lock format golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -93,6 +93,9 @@ format: $(VENV)/dev.stamp  ## format, and fix what the linter can fix
 
 install:  ## install the service on this machine (root, Debian); leaves it stopped. DESTDIR= stages a package
 	DESTDIR=$(DESTDIR) bash scripts/install.sh install
+
+install-display:  ## add the pages of clients/display to an installed service (root, Debian); leaves them stopped
+	DESTDIR=$(DESTDIR) bash scripts/install.sh display
 
 uninstall:  ## remove the service from this machine; keeps configuration and state
 	DESTDIR=$(DESTDIR) bash scripts/install.sh uninstall

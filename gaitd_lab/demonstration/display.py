@@ -39,8 +39,8 @@ full_w = 16.0
 
 
 @contextlib.contextmanager
-def display(target: Target, leg: str, folder: Path, port: int | None) -> Generator[None]:
-    """Serve the page inside the context.
+def display(target: Target, leg: str, folder: Path, port: int | None) -> Generator[int | None]:
+    """Serve the page inside the context; yields the process id, None without a page.
 
     Args:
         target: address of the service.
@@ -52,7 +52,7 @@ def display(target: Target, leg: str, folder: Path, port: int | None) -> Generat
         ServiceError: the package is not installed.
     """
     if port is None:
-        yield
+        yield None
         return
     if importlib.util.find_spec(PACKAGE) is None:
         raise ServiceError("the page needs `pip install ./clients/display`, or `make demo-display`")
@@ -64,6 +64,6 @@ def display(target: Target, leg: str, folder: Path, port: int | None) -> Generat
     words = ("-m", PACKAGE, "patient", "--config", str(file))
     process = ManagedProcess("gaitd-display", words, folder / "display.log")
     try:
-        yield
+        yield process.pid
     finally:
         process.end()

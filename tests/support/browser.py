@@ -198,8 +198,9 @@ class Tab:
         return self.page.evaluate(
             """() => ['html', 'main', '#stopped', '#said', '#word', '#line'].filter((name) => {
                 const it = document.querySelector(name);
-                return it && it.checkVisibility() && (it.scrollHeight > it.clientHeight + 2 ||
-                    it.scrollWidth > it.clientWidth + 2) })"""
+                const isText = ['#word', '#line'].includes(name);
+                return it && it.checkVisibility() && (it.scrollWidth > it.clientWidth + 2 ||
+                    (!isText && it.scrollHeight > it.clientHeight + 2)) })"""
         )
 
 

@@ -108,6 +108,7 @@ function paintDots() {
 function paintStop(view, word) {
   const isShown = (word === "stopped" || word === "stopping" || view.step !== "none") && (view.stop !== null || view.step !== "none");
   byId("stopped").hidden = !isShown;
+  byId("training").hidden = byId("bars").hidden = isShown;
   if (!isShown) return;
   setText(byId("stopword"), words.of(`word.${word}`));
   setText(byId("happened"), view.stop ? words.said(view.stop.happened) : words.of(`line.${word}`));
