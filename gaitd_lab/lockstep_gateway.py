@@ -11,6 +11,7 @@ from daemon.ipc.record import (
     Request,
     RequestKind,
     RequestResult,
+    Role,
     Setpoint,
 )
 
@@ -71,7 +72,7 @@ class Gateway:
             cycle = self.records[-1].cycle
             stop_count, request = self._stop_count, self._request
             sent = self._seq, cycle, stop_count, request, self._setpoints, self.lease
-            states = [GatewayState(self.core_boot_id, *sent)]
+            states = [GatewayState(self.core_boot_id, *sent, Role.UNRESTRICTED)]
         return states if self.change is None else self.change(states)
 
     def take_notices(self) -> list[str]:
@@ -96,7 +97,9 @@ class Gateway:
     def request(self, kind: RequestKind, wanted: ModeRequest | None = None) -> None:
         """Send a request once; the answer comes in the records."""
         cycle = self.records[-1].cycle if self.records else 0
-        self._request = Request(self._request.id + 1, kind, cycle, wanted or ModeRequest())
+        self._request = Request(
+            self._request.id + 1, kind, cycle, wanted or ModeRequest(), Role.UNRESTRICTED
+        )
 
     def stop(self) -> None:
         """Request a stop, in any state."""

@@ -1,40 +1,51 @@
 """Mutation testing of files behind the safety gates (`safety_gates.py`): `make mutants`.
 
-Each mutant is one small change to one file, made in memory and never on disk. A fresh process
-imports it in place of the module and runs the unit tests of that file, one of which must fail.
-`docs/mutants.md` must give a reason for each survivor, row by row. A survivor without a row, and a
-row without a survivor, end the run with exit code 1.
+Each mutant is one small change to one file, made in memory and never on disk. The unit tests of
+that file run on it, and one of them must fail. `docs/mutants.md` must give a reason for each
+survivor, row by row. A survivor without a row, and a row without a survivor, end the run with exit
+code 1.
 
 The mutations are those of Cosmic Ray and of `mutation_operators.py`. Cosmic Ray's own runner starts
-Python and imports everything anew for each mutant, and writes into the work tree. Here each process
-is forked from one that has imported what the tests need, except the mutated module.
+Python and imports everything anew for each mutant, and writes into the work tree. Here one process
+for each file imports and collects its tests once, and forks for each mutant. The fork replaces the
+code of the changed function, and runs the tests, those that call this function and the likeliest
+killers first. Where the change is outside of a function, or in one that runs while the module or
+the tests are imported, a process imports the changed module anew.
 """
 
 import argparse
 import ast
 import contextlib
 import difflib
+import functools
 import gc
+import hashlib
 import importlib
 import importlib.abc
 import importlib.util
+import inspect
 import json
+import math
 import multiprocessing
 import os
 import re
+import resource
 import sys
+import time
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from enum import Enum
+from multiprocessing.connection import Connection, wait
 from pathlib import Path
+from types import CodeType, FrameType, FunctionType
 from typing import NamedTuple
 
 PROJECT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(PROJECT), str(PROJECT / "scripts")]
 sys.dont_write_bytecode = False
 sys.pycache_prefix = str(PROJECT / ".venv" / "pycache")  # otherwise each process compiles the tests
-SURVIVORS = PROJECT / ".venv" / "mutants.json"
-"""Survivors of the last run. `--again` tests only these, while the mutated files stay the same."""
+RESULTS = PROJECT / ".venv" / "mutants"
+"""Results of the last run, a file for each mutated file; `--again` adds to them."""
 EQUIVALENTS = PROJECT / "docs" / "mutants.md"
 
 import hypothesis  # noqa: E402 - after the path
@@ -44,16 +55,15 @@ from cosmic_ray.ast import ast_nodes, get_ast  # noqa: E402
 from cosmic_ray.mutating import MutationVisitor  # noqa: E402
 from cosmic_ray.operators.operator import Operator  # noqa: E402
 from cosmic_ray.operators.provider import OperatorProvider  # noqa: E402
+from parso.tree import NodeOrLeaf  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import Progress  # noqa: E402
 from rich.table import Table  # noqa: E402
-from safety_gates import MUTATED, UNIT_TESTS, without_compiled_kernels  # noqa: E402
+from safety_gates import NOT_MUTATED, UNIT_TESTS, without_compiled_kernels  # noqa: E402
 
 without_compiled_kernels()
 
 SOURCES = {file: (PROJECT / file).read_text(encoding="utf-8") for file in UNIT_TESTS}
-TREES = {file: get_ast(source) for file, source in SOURCES.items()}
-"""Parsed once; each process changes its own copy after the fork."""
 
 LEFT_OUT = re.compile(
     "|".join(
@@ -67,14 +77,23 @@ LEFT_OUT = re.compile(
 )
 """Operators of Cosmic Ray that are not used."""
 
+EQUIVALENT = re.compile(r"\b(slots|frozen|strict)=$")
+"""What is before a place that is not changed.
+
+`slots` costs memory; nothing assigns to what is `frozen`, which the type checker knows; sequences
+that `zip` pairs have equal lengths.
+"""
+
 PRELOADED = (
     *("hypothesis.stateful", "_hypothesis_pytestplugin", "pytest_timeout", "numpy"),
     *("numba", "canopen", "msgspec", "zenoh", "daemon.ipc.record"),
 )
 """Slow imports of the tests, without any module that imports a mutated one."""
 
-TEST_TIMEOUT_S = 60
-"""Limit for one test of a mutant that loops for ever; without one a test takes below a second."""
+TEST_TIMEOUT_S = 300
+"""Limit for a test of a mutant that waits for ever."""
+CPU_LIMIT_S = 60
+"""Limit for all tests of a mutant that loops for ever."""
 
 
 class Outcome(Enum):
@@ -84,6 +103,8 @@ class Outcome(Enum):
     SURVIVED = "survived"
     SAME = "same"
     """The change touches an annotation, a docstring or nothing: Python runs the same code."""
+    UNDECIDED = "undecided"
+    """The code cannot be replaced in a process that has imported it."""
 
 
 class Spec(NamedTuple):
@@ -109,6 +130,8 @@ class Judged(NamedTuple):
     spec: Spec
     outcome: Outcome
     key: Key
+    source: str = ""
+    """The mutated file, while the outcome is undecided."""
 
 
 def module_name(file: str) -> str:
@@ -116,28 +139,40 @@ def module_name(file: str) -> str:
     return file.removesuffix(".py").replace("/", ".")
 
 
-def operator(name: str, file: str) -> Operator:
-    """Create an operator by its name; those of this project read the module to be changed."""
-    ours = getattr(mutation_operators, name, None)
-    if ours is None:
-        return OperatorProvider()[name]()
+@functools.cache
+def tree(file: str) -> NodeOrLeaf:
+    """Syntax tree of a file; each process changes its own copy after the fork."""
+    return get_ast(SOURCES[file])
+
+
+@functools.cache
+def namespace(file: str) -> dict[str, object]:
+    """Execute a file without mutation, and return its names."""
     spec = importlib.util.spec_from_file_location("unmutated", PROJECT / file)
     if spec is None or spec.loader is None:
         raise RuntimeError(f"{file} cannot be imported")
     module = importlib.util.module_from_spec(spec)
     sys.modules["unmutated"] = module  # dataclasses look their module up here
     spec.loader.exec_module(module)
-    return ours(vars(module), SOURCES[file])
+    return vars(module)
+
+
+def operator(name: str, file: str) -> Operator:
+    """Create an operator by its name; those of this project read the module to be changed."""
+    ours = getattr(mutation_operators, name, None)
+    return ours(namespace(file), SOURCES[file]) if ours else OperatorProvider()[name]()
 
 
 def specs_of(file: str, functions: Collection[str]) -> Iterator[Spec]:
     """Every mutation of a file by any operator, or only those in the given functions."""
-    nodes = list(ast_nodes(TREES[file]))
+    nodes, lines = list(ast_nodes(tree(file))), SOURCES[file].splitlines()
     ours = [one.__name__ for one in mutation_operators.OPERATORS]
     for name in [*(n for n in OperatorProvider() if not LEFT_OUT.search(n)), *ours]:
         one = operator(name, file)
         places = [place for node in nodes for place in one.mutation_positions(node)]
-        for number, ((line, _), _) in enumerate(places):
+        for number, ((line, column), _) in enumerate(places):
+            if EQUIVALENT.search(lines[line - 1][:column]):
+                continue
             if not functions or _enclosing(SOURCES[file], line) in functions:
                 yield Spec(file, name, number)
 
@@ -209,19 +244,15 @@ class _Hurried:
         hypothesis.settings.load_profile("mutants")
 
 
-def tests_fail(file: str, source: str) -> bool:
-    """Check whether a unit test fails with this source; to be called once in a process."""
-    if module_name(file) in sys.modules:
-        raise RuntimeError(f"{file} was imported before its mutation")
-    sys.meta_path.insert(0, _Mutated(file, source))
+def run_pytest(file: str, *plugins: object) -> int:
+    """Run the unit tests of a file up to the first that fails, and return pytest's exit code."""
     tests = [str(PROJECT / "tests" / test) for test in UNIT_TESTS[file]]
     options = ["-x", "-q", "-W", "ignore", "-o", f"timeout={TEST_TIMEOUT_S}", "--rootdir=."]
     options += ["-p", "no:unraisableexception"]  # it collects garbage, which takes half the time
+    options += ["--tb=native"]
+    options += ["--assert=plain"]  # its import hook takes `..._test.py` for tests, before ours
     with Path(os.devnull).open("w") as nowhere, contextlib.redirect_stdout(nowhere):
-        code = pytest.main([*options, *tests], plugins=[_Hurried()])
-    if code not in {0, 1, 2}:
-        raise RuntimeError(f"the tests of {file} could not run: pytest says {code!r}")
-    return code != 0
+        return int(pytest.main([*options, *tests], plugins=[_Hurried(), *plugins]))
 
 
 def key_of(file: str, before: str, after: str) -> Key:
@@ -253,26 +284,273 @@ def _enclosing(source: str, line: int) -> str:
     return name
 
 
-def judge(spec: Spec) -> Judged:
-    """Make one mutant and run the tests on it."""
-    gc.freeze()  # objects imported before the fork need no further garbage collection
-    before = SOURCES[spec.file]
+def changed_functions(before: CodeType, after: CodeType) -> list[tuple[CodeType, CodeType]] | None:
+    """Outermost functions that differ; None if code of the module or of a class differs."""
+    if before.co_flags & inspect.CO_OPTIMIZED:
+        return [] if _what_runs(before) == _what_runs(after) else [(before, after)]
+    if _what_runs(before, nested=False) != _what_runs(after, nested=False):
+        return None
+    changed: list[tuple[CodeType, CodeType]] = []
+    for old, new in zip(_nested(before), _nested(after), strict=True):
+        inside = changed_functions(old, new)
+        if inside is None:
+            return None
+        changed += inside
+    return changed
+
+
+def _what_runs(code: CodeType, *, nested: bool = True) -> tuple[object, ...]:
+    """Everything of a code object but its place in the file."""
+    constants = [
+        (_what_runs(one) if nested else None) if isinstance(one, CodeType) else repr(one)
+        for one in code.co_consts
+    ]
+    arguments = (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount)
+    names = (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
+    return code.co_code, constants, code.co_exceptiontable, code.co_flags, arguments, names
+
+
+def _nested(code: CodeType) -> list[CodeType]:
+    return [one for one in code.co_consts if isinstance(one, CodeType)]
+
+
+class Place(NamedTuple):
+    """Identification of a code object in its file."""
+
+    line: int
+    name: str
+
+    @classmethod
+    def of(cls, code: CodeType) -> "Place":
+        """Place of a code object."""
+        return cls(code.co_firstlineno, code.co_qualname)
+
+
+def places_within(code: CodeType) -> set[Place]:
+    """Places of a code object and of everything that is nested in it."""
+    return {Place.of(code)}.union(*(places_within(one) for one in _nested(code)))
+
+
+class Run(NamedTuple):
+    """What a test does without mutation."""
+
+    places: frozenset[Place]
+    """Code of the file that it runs; what the test of a file caches is run by the first one."""
+    cpu_s: float
+
+
+class _InForks:
+    """Pytest plugin that forks for each mutant; a hook that returns None lets a fork go on."""
+
+    def __init__(self, report: Callable[[Judged], None]) -> None:
+        self.report = report
+        self.to_parent: Connection | None = None
+        """Open in a fork."""
+        self.kills: Counter[str] = Counter()
+        """Mutants that each test has killed."""
+
+    @pytest.hookimpl
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Send the name of the test that kills the mutant."""
+        if report.failed and self.to_parent:
+            self.to_parent.send(report.nodeid)
+
+    def finish(self, judged: Judged, child: int, receive: Connection) -> Judged:
+        """Wait for a fork; a negative code says that it has exceeded a limit."""
+        with contextlib.suppress(EOFError):
+            self.kills[receive.recv()] += 1
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        if code not in {0, 1, 2} and code >= 0:
+            raise RuntimeError(f"the tests of {judged.spec} could not run: pytest says {code}")
+        return judged._replace(outcome=Outcome.KILLED if code else Outcome.SURVIVED, source="")
+
+
+class _AfterCollection(_InForks):
+    """Forks after the tests are collected, and replaces code in each fork."""
+
+    def __init__(self, file: str, specs: Iterable[Spec], report: Callable[[Judged], None]) -> None:
+        super().__init__(report)
+        self.file, self.specs = file, specs
+        self.path = str(PROJECT / file)
+        self.fails_unmutated = True
+        self._seen: set[Place] = set()
+        self._runs: list[Run] = []
+
+    def trace(self, frame: FrameType, event: str, argument: object) -> None:
+        """Profiler that collects the code of the file that runs."""
+        del argument
+        if event == "call" and frame.f_code.co_filename == self.path:
+            self._seen.add(Place.of(frame.f_code))
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        """Measure one test, in the fork without mutation."""
+        del item
+        self._seen = set()
+        start_s = time.process_time()
+        result = yield
+        self._runs.append(Run(frozenset(self._seen), time.process_time() - start_s))
+        return result
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_runtestloop(self, session: pytest.Session) -> bool | None:
+        """Fork for each mutant; in a fork, return None and let pytest run `session.items`."""
+        imported = frozenset(self._seen)
+        items = list(session.items)
+        receive, send = multiprocessing.Pipe(duplex=False)
+        child = os.fork()
+        if child == 0:
+            self.to_parent = send
+            return None
+        sys.setprofile(None)
+        send.close()
+        runs: list[Run] = receive.recv()
+        if os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0:
+            return True
+        self.fails_unmutated = False
+        before = compile(SOURCES[self.file], self.path, "exec")
+        functions: dict[Place, list[FunctionType]] = {}
+        for one in gc.get_objects():
+            if type(one) is FunctionType and one.__code__.co_filename == self.path:
+                functions.setdefault(Place.of(one.__code__), []).append(one)
+        namespace(self.file), tree(self.file), bare(self.file)
+        gc.freeze()  # objects from before the fork need no further garbage collection
+        for spec in self.specs:
+            receive, send = multiprocessing.Pipe(duplex=False)
+            child = os.fork()
+            if child == 0:
+                mutant = mutate(spec)
+                reached = None
+                if mutant.outcome is Outcome.UNDECIDED:
+                    reached = self._replace(before, mutant.source, functions, imported)
+                send.send((mutant, reached is not None))
+                if reached is None:
+                    os._exit(0)
+                limit_cpu(5 + 5 * sum(run.cpu_s for run in runs))
+                self.to_parent = send
+                session.items[:] = self._in_order(items, runs, reached)
+                return None
+            send.close()
+            judged, is_tested = receive.recv()
+            result = self.finish(judged, child, receive)
+            self.report(result if is_tested else judged)
+        return True
+
+    def _replace(
+        self,
+        before: CodeType,
+        source: str,
+        functions: dict[Place, list[FunctionType]],
+        imported: frozenset[Place],
+    ) -> set[Place] | None:
+        """Replace the code that differs, and return its places; None where that is not enough."""
+        changed = changed_functions(before, compile(source, self.path, "exec"))
+        if not changed:
+            return None
+        reached: set[Place] = set()
+        for old, new in changed:
+            place = Place.of(old)
+            reached |= places_within(old)
+            if reached & imported or old.co_freevars != new.co_freevars or place not in functions:
+                return None
+            for function in functions[place]:
+                function.__code__ = new
+        return reached
+
+    def _in_order(
+        self, items: list[pytest.Item], runs: list[Run], reached: set[Place]
+    ) -> list[pytest.Item]:
+        """All tests: first those that run what is changed, by kills per CPU-second."""
+
+        def rank(number: int) -> tuple[bool, float]:
+            run, kills = runs[number], self.kills[items[number].nodeid]
+            return not run.places & reached, run.cpu_s / (1 + kills)
+
+        return [items[number] for number in sorted(range(len(items)), key=rank)]
+
+    @pytest.hookimpl
+    def pytest_sessionfinish(self) -> None:
+        """Send what the tests do without mutation, in the first fork."""
+        if self.to_parent and self.fails_unmutated:
+            self.to_parent.send(self._runs)
+
+
+class _BeforeCollection(_InForks):
+    """Forks before the tests are collected, and imports the mutated module in each fork."""
+
+    def __init__(self, undecided: Iterable[Judged], report: Callable[[Judged], None]) -> None:
+        super().__init__(report)
+        self.undecided = undecided
+
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection(self, session: pytest.Session) -> bool | None:
+        """Fork for each mutant; in a fork, return None and let pytest collect and run the tests."""
+        for one in self.undecided:
+            if module_name(one.spec.file) in sys.modules:
+                raise RuntimeError(f"{one.spec.file} was imported before its mutation")
+            receive, send = multiprocessing.Pipe(duplex=False)
+            child = os.fork()
+            if child == 0:
+                self.to_parent = send
+                limit_cpu(CPU_LIMIT_S)
+                sys.meta_path.insert(0, _Mutated(one.spec.file, one.source))
+                return None
+            send.close()
+            self.report(self.finish(one, child, receive))
+        session.items = []
+        return True
+
+    @pytest.hookimpl
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Run the test first that has killed the most."""
+        items.sort(key=lambda item: -self.kills[item.nodeid])
+
+
+def limit_cpu(limit_s: float) -> None:
+    """End this process after so much CPU time, without a dump."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(limit_s), resource.RLIM_INFINITY))
+
+
+@functools.cache
+def bare(file: str) -> str:
+    """Text of what Python runs of a file without mutation."""
+    return what_runs(SOURCES[file])
+
+
+def mutate(spec: Spec) -> Judged:
+    """Make a mutant; to be called once in a process, as it changes the syntax tree."""
     visitor = MutationVisitor(spec.occurrence, operator(spec.operator, spec.file))
-    after = visitor.walk(TREES[spec.file]).get_code()
-    key = key_of(spec.file, before, after)
+    after = visitor.walk(tree(spec.file)).get_code()
+    key = key_of(spec.file, SOURCES[spec.file], after)
     try:
-        same = what_runs(after) == what_runs(before)
+        same = what_runs(after) == bare(spec.file)
     except SyntaxError:
         return Judged(spec, Outcome.KILLED, key)
-    if same:
-        return Judged(spec, Outcome.SAME, key)
-    killed = tests_fail(spec.file, after)
-    return Judged(spec, Outcome.KILLED if killed else Outcome.SURVIVED, key)
+    return Judged(spec, Outcome.SAME, key) if same else Judged(spec, Outcome.UNDECIDED, key, after)
 
 
-def unmutated_fails(file: str) -> bool:
-    """Check whether the tests fail without a mutation: every result would then be worthless."""
-    return tests_fail(file, SOURCES[file])
+def judge_replaced(send: Connection, file: str, specs: list[Spec]) -> None:
+    """Process: judge mutants of one file; some of the results that it sends are undecided."""
+    forks = _AfterCollection(file, specs, send.send)
+    sys.setprofile(forks.trace)
+    code = run_pytest(file, forks)
+    if forks.to_parent:
+        os._exit(code)
+    if forks.fails_unmutated:
+        raise RuntimeError(f"the tests of {file} fail without any mutation")
+    if code:
+        raise RuntimeError(f"the tests of {file} could not run: pytest says {code}")
+
+
+def judge_imported(send: Connection, file: str, undecided: list[Judged]) -> None:
+    """Process: judge mutants by all tests of their file, with the module imported anew for each."""
+    forks = _BeforeCollection(undecided, send.send)
+    code = run_pytest(file, forks)
+    if forks.to_parent:
+        os._exit(code)
+    if code != pytest.ExitCode.NO_TESTS_COLLECTED:
+        raise RuntimeError(f"the tests of {file} could not run: pytest says {code}")
 
 
 def argued(files: Iterable[str]) -> set[Key]:
@@ -285,40 +563,113 @@ def argued(files: Iterable[str]) -> set[Key]:
     return rows
 
 
+def earlier_results(file: str) -> list[Judged]:
+    """Results of earlier runs, if the file has not changed since."""
+    try:
+        header, *lines = results_file(file).read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError:
+        return []
+    if header != fingerprint(file):
+        return []
+    return [
+        Judged(Spec(*spec), Outcome(outcome), Key(*key))
+        for spec, outcome, key in map(json.loads, lines)
+    ]
+
+
+def results_file(file: str) -> Path:
+    """Results for one mutated file: its fingerprint, and a line for each result."""
+    return RESULTS / f"{module_name(file)}.jsonl"
+
+
+def fingerprint(file: str) -> str:
+    """Digest of a file and of the operators: equal ones make the same mutants."""
+    operators = Path(mutation_operators.__file__).read_bytes()
+    return hashlib.sha256(SOURCES[file].encode() + operators).hexdigest()
+
+
+def in_processes(
+    work: Callable[..., None], parts: Iterable[tuple[object, ...]]
+) -> Iterator[Judged]:
+    """Call `work(connection, *part)` in a process for each part; yields what they send."""
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["__main__", *PRELOADED])
+    running: dict[Connection, multiprocessing.process.BaseProcess] = {}
+    for part in parts:
+        receive, send = context.Pipe(duplex=False)
+        process = context.Process(target=work, args=(send, *part))
+        process.start()
+        send.close()
+        running[receive] = process
+    while running:
+        for receive in wait(list(running)):
+            try:
+                yield receive.recv()
+            except EOFError:
+                process = running.pop(receive)
+                process.join()
+                if process.exitcode:
+                    raise SystemExit(process.exitcode) from None  # it has told why
+
+
+def judge(file: str, specs: list[Spec], jobs: int) -> Iterator[Judged]:
+    """Judge the mutants of one file with so many processes; yields the results as they arrive."""
+    undecided: list[Judged] = []
+    parts = ((file, part) for number in range(jobs) if (part := specs[number::jobs]))
+    for one in in_processes(judge_replaced, parts):
+        if one.outcome is Outcome.UNDECIDED:
+            undecided.append(one)
+        else:
+            yield one
+    parts = ((file, part) for number in range(jobs) if (part := undecided[number::jobs]))
+    yield from in_processes(judge_imported, parts)
+
+
+def stored(file: str, results: Iterable[Judged], *, anew: bool) -> Iterator[Judged]:
+    """Write each result to `results_file`, and yield it."""
+    path = results_file(file)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w" if anew else "a", encoding="utf-8") as out:
+        if anew:
+            print(fingerprint(file), file=out)
+        for one in results:
+            print(json.dumps([one.spec, one.outcome.value, one.key]), file=out, flush=True)
+            yield one
+
+
 def main() -> int:
     """Run all mutants; 0 only if the rows of docs/mutants.md match the survivors exactly."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "files", nargs="*", default=list(MUTATED), help="of " + ", ".join(UNIT_TESTS)
-    )
+    usual = [file for file in UNIT_TESTS if file not in NOT_MUTATED]
+    parser.add_argument("files", nargs="*", default=usual, help="of " + ", ".join(UNIT_TESTS))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--inside", nargs="*", default=(), help="only what is in these functions")
-    parser.add_argument("--again", action="store_true", help="only what survived the last time")
+    parser.add_argument(
+        "--again",
+        action="store_true",
+        help="only what survived the last time, or was not reached, while the file is the same",
+    )
     options = parser.parse_args()
     os.chdir(PROJECT)
-    specs = [spec for file in options.files for spec in specs_of(file, options.inside)]
-    if options.again:
-        last = {Spec(*one) for one in json.loads(SURVIVORS.read_text(encoding="utf-8"))}
-        specs = [spec for spec in specs if spec in last]
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["__main__", *PRELOADED])
-    with context.Pool(options.jobs, maxtasksperchild=1) as pool:
-        for file in options.files:
-            if pool.apply(unmutated_fails, [file]):
-                Console().print(f"the tests of {file} fail without any mutation")
-                return 1
-        judged = list(_watched(pool.imap_unordered(judge, specs), len(specs)))
-    survivors = [one.spec for one in judged if one.outcome is Outcome.SURVIVED]
-    SURVIVORS.write_text(json.dumps(survivors), encoding="utf-8")
-    return _report(options.files, judged, whole=not options.again and not options.inside)
+    known: dict[Spec, Judged] = {}
+    for number, file in enumerate(options.files, 1):
+        specs = list(specs_of(file, options.inside))
+        earlier = earlier_results(file) if options.again else []
+        decided = {one.spec: one for one in earlier if one.outcome is not Outcome.SURVIVED}
+        known |= {spec: decided[spec] for spec in specs if spec in decided}
+        specs = [spec for spec in specs if spec not in decided]
+        results = stored(file, judge(file, specs, options.jobs), anew=not earlier)
+        title = f"{number}/{len(options.files)} {file}"
+        known |= {one.spec: one for one in _watched(title, results, len(specs))}
+    return _report(options.files, list(known.values()), whole=not options.inside)
 
 
-def _watched(results: Iterable[Judged], total_count: int) -> Iterator[Judged]:
+def _watched(title: str, results: Iterable[Judged], total_count: int) -> Iterator[Judged]:
     """Yield the results as they arrive, with a progress bar on a terminal, else with lines."""
     console = Console()
     survived = 0
     with Progress(console=console, disable=not console.is_terminal) as progress:
-        task = progress.add_task("mutants", total=total_count)
+        task = progress.add_task(title, total=total_count)
         for number, one in enumerate(results, 1):
             survived += one.outcome is Outcome.SURVIVED
             if one.outcome is Outcome.SURVIVED:
@@ -328,9 +679,9 @@ def _watched(results: Iterable[Judged], total_count: int) -> Iterator[Judged]:
                 progress.console.print(
                     f"survived: {told}", markup=False, highlight=False, soft_wrap=True
                 )
-            progress.update(task, advance=1, description=f"mutants ({survived} survived)")
+            progress.update(task, advance=1, description=f"{title} ({survived} survived)")
             if not console.is_terminal and (number % 100 == 0 or number == total_count):
-                print(f"{number}/{total_count} mutants, {survived} survived", flush=True)
+                print(f"{title}: {number}/{total_count}, {survived} survived", flush=True)
             yield one
 
 

@@ -1,8 +1,8 @@
 """Safety gates: gated files, the unit tests of each, and branch coverage: `make coverage`.
 
 Every file with code in a gated folder has a row in UNIT_TESTS (`tests/test_safety_gates.py`). The
-tests of all rows together must reach every branch of all files. `scripts/mutants.py` changes the
-files of MUTATED, and runs the tests of one row for each change.
+tests of all rows together must reach every branch of all files. `scripts/mutants.py` changes each
+file, except those of NOT_MUTATED, and runs the tests of its row for each change.
 
 `make test` runs these tests here only; `make test-all` runs them with compiled kernels, too.
 Kernels run as plain Python: what numba compiles is neither traced nor, once cached, changed.
@@ -55,9 +55,9 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "daemon/core/safety/inputs.py": _CHECKS,
     "daemon/core/safety/inverse_dynamics.py": (f"{_SAFETY}/test_effort_monitor.py",),
     "daemon/core/safety/joints.py": (f"{_SAFETY}/test_joints.py",),
-    "daemon/core/safety/limits.py": _CHECKS,
+    "daemon/core/safety/limits.py": (f"{_SAFETY}/test_limits.py", *_CHECKS),
     "daemon/core/safety/soft_limits.py": (f"{_SAFETY}/test_soft_limits.py",),
-    "daemon/core/safety/spasm.py": (f"{_SAFETY}/test_effort_monitor.py",),
+    "daemon/core/safety/spasm.py": (f"{_SAFETY}/test_spasm.py",),
     "daemon/core/safety/stop_sequence.py": (f"{_SAFETY}/test_stop_sequence.py",),
     "daemon/core/safety/stopping_path.py": (
         f"{_SAFETY}/test_stopping_path.py",
@@ -92,20 +92,29 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
 }
 """The gated files, and their unit tests under `tests`, the quick ones first."""
 
-MUTATED: Final = (
-    "drives/cia402/power_state.py",
-    "daemon/core/modes/roles.py",
-    "daemon/core/modes/table.py",
-    "daemon/core/safety/checks.py",
-    "daemon/core/safety/bounds.py",
-    "daemon/core/safety/stop_sequence.py",
-    "daemon/core/inputs.py",
-    "daemon/gateway/lease.py",
-    "daemon/gateway/setpoints.py",
-    "daemon/core/modes/guards.py",
-    "drives/cia402/pdo.py",
+NOT_MUTATED: Final = (
+    "daemon/core/safety/inverse_dynamics.py",
+    "daemon/core/safety/stopping_path.py",
+    "daemon/core/steps/bring_up.py",
+    "daemon/core/steps/supervisor.py",
+    "daemon/gateway/clients.py",
+    "daemon/gateway/lease_control.py",
+    "drives/bringup/bringup.py",
+    "drives/bringup/bus_load.py",
+    "drives/bringup/configurator.py",
+    "drives/bringup/objects.py",
+    "drives/bringup/plan.py",
+    "drives/bringup/port.py",
+    "drives/bringup/presence.py",
+    "drives/bringup/steps.py",
+    "drives/cia402/axis_file.py",
+    "drives/cia402/drive.py",
+    "drives/cia402/homing.py",
+    "drives/cia402/option_codes.py",
+    "drives/cia402/profile.py",
+    "drives/cia402/torque.py",
 )
-"""Files whose mutants are all killed or argued in docs/mutants.md; the others are not there yet."""
+"""Files whose survivors are not all argued in docs/mutants.md yet; they run only by name."""
 
 
 def without_compiled_kernels() -> None:

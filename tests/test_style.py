@@ -178,6 +178,7 @@ GUIDED = (
     *("sim_drives/plant", "sim_drives/time"),
     *("clients/python/gaitd_client", "clients/python/gaitd_client/wire"),
     "clients/display/gaitd_display",
+    "clients/session/gaitd_session",
 )
 
 
@@ -191,10 +192,16 @@ def test_a_package_tells_where_each_of_its_files_is_read():
     assert not untold
 
 
+LAZY = {"gaitd/testing/__init__.py"}
+"""pytest imports it at each start, so it imports what it offers when that is used."""
+
+
 def test_an_init_file_holds_its_docstring_and_what_the_package_offers():
     allowed = (ast.Expr, ast.ImportFrom, ast.Assign)
     trees = {
-        name_of(file): ast.parse(text_of(file)) for file in FILES if file.name == "__init__.py"
+        name_of(file): ast.parse(text_of(file))
+        for file in FILES
+        if file.name == "__init__.py" and name_of(file) not in LAZY
     }
 
     assert not [

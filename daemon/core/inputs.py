@@ -10,6 +10,8 @@ Rules:
 5. The known stop count is also lowered by a newer gateway state, so that the next stop of a
    gateway that counts lower has an effect. An older gateway state, or one for another core, can
    only raise it.
+6. A lease counts only if the role of its holder may have one. A gateway of an older version sends
+   no role: its lease is dropped, its setpoints are refused as UNLEASED, and an event says so once.
 """
 
 from collections.abc import Sequence
@@ -17,6 +19,7 @@ from typing import NamedTuple
 
 from daemon.core.state import Core
 from daemon.ipc.record import GatewayState, Request
+from daemon.wire.roles import ROLES, Access
 
 
 class CommandInputs(NamedTuple):
@@ -51,8 +54,21 @@ def receive(core: Core, gateway_states: Sequence[GatewayState], cycle: int) -> C
     if newest is None:
         return CommandInputs(stop)
     core.gateway_state_cycle = max(core.gateway_state_cycle, newest.for_cycle)
-    core.setpoints, core.lease = newest.setpoints, newest.lease
+    core.setpoints = newest.setpoints
+    _receive_lease(core, newest)
     return CommandInputs(stop, newest.request if _is_new(core, newest.request) else None)
+
+
+def _receive_lease(core: Core, newest: GatewayState) -> None:
+    may_hold = Access.LEASE in ROLES[newest.lease_role].access
+    core.lease, dropped = (newest.lease, 0) if may_hold else (0, newest.lease)
+    if dropped and dropped != core.lease_dropped:
+        role = newest.lease_role.name.lower()
+        core.report(
+            f"lease dropped: its holder has the role {role}, which may not hold it;"
+            " if the gateway is older than the core, restart the gateway"
+        )
+    core.lease_dropped = dropped
 
 
 def _is_new(core: Core, request: Request) -> bool:

@@ -195,6 +195,8 @@ class Core:
     """The newest setpoint of each leg in the newest gateway state."""
     lease: int = 0
     """The lease that is held according to the newest gateway state; 0: none."""
+    lease_dropped: int = 0
+    """Lease in the newest gateway state whose holder has no right to it; 0: none."""
     torque_lease: int = 0
     """The lease with which mode TORQUE was entered."""
     setpoint_accepted_count: int = 0

@@ -33,6 +33,10 @@ from daemon.wire.names import name_of
 HISTORY_COUNT: Final = 200
 """Number of events kept for late joiners."""
 
+REQUESTS_MAX: Final = 20
+REQUESTS_WINDOW_NS: Final = 10_000_000_000
+"""At most REQUESTS_MAX events about requests are published in this time."""
+
 REQUESTED: Final = frozenset({Cause.STOP_REQUESTED, Cause.SHUTDOWN})
 """Causes of a stop that was requested."""
 INTERMEDIATE: Final = frozenset(
@@ -107,6 +111,29 @@ def request_answered(name: str, client: str, outcome: str, reason: str) -> Event
     """The event that the gateway has answered a client's request."""
     drafts = f"{name}, asked by {client}: {outcome}"
     return EventDraft(Priority.INFO, Kind.REQUEST, f"{drafts}: {reason}" if reason else drafts)
+
+
+class RequestEvents:
+    """Limits the events about requests: a flood of them must not displace the causes of stops."""
+
+    def __init__(self) -> None:
+        self._begin_ns = self._count = 0
+
+    def due(self, draft: EventDraft) -> list[EventDraft]:
+        """The event, if it is one of the first of this time; the request log has the others."""
+        self._count += 1
+        return [draft] if self._count <= REQUESTS_MAX else []
+
+    def tick(self, now_ns: int) -> list[EventDraft]:
+        """Begin the next time; the event about the requests of the last one that made none."""
+        if now_ns - self._begin_ns < REQUESTS_WINDOW_NS:
+            return []
+        left_out = self._count - REQUESTS_MAX
+        self._begin_ns, self._count = now_ns, 0
+        if left_out <= 0:
+            return []
+        text = f"{left_out} more events about requests in {REQUESTS_WINDOW_NS // 10**9} s"
+        return [EventDraft(Priority.LOW, Kind.REQUEST, text, "see the request log for the client")]
 
 
 class EventLog:

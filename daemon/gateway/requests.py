@@ -215,7 +215,7 @@ class RequestQueue:
         name: str,
         payload: wire.Ask,
         now_ns: int,
-        role: Role = Role.UNRESTRICTED,
+        role: Role = Role.DISPLAY,
         plan: Plan | None = None,
     ) -> Answer | None:
         """Accept a request for the core; returns None while its answer is outstanding."""
@@ -259,13 +259,17 @@ class RequestQueue:
         return answers
 
     def gateway_state(
-        self, setpoints: tuple[Setpoint, ...] = (), lease: int = 0
+        self,
+        setpoints: tuple[Setpoint, ...] = (),
+        lease: int = 0,
+        lease_role: Role = Role.DISPLAY,
     ) -> GatewayState | None:
         """The next gateway state; None before a core is known, unless a stop is requested.
 
         Args:
             setpoints: the newest of each leg.
             lease: the lease that is held; 0: none.
+            lease_role: role of its holder.
         """
         if not self._boot_id and not self._stops:
             return None
@@ -278,6 +282,7 @@ class RequestQueue:
             request=self._pending.request if self._pending else Request(),
             setpoints=setpoints,
             lease=lease,
+            lease_role=lease_role,
         )
 
     def _begin_core(self, core_boot_id: str, record: CycleRecord) -> list[Answer]:

@@ -89,6 +89,7 @@ class Gateway:
         self.lease_control = LeaseControl(LeaseManager(lease))
         self._presence = Presence()
         self._events = events.EventLog()
+        self._request_events = events.RequestEvents()
         self.health = HealthWindow()
         self._legs = LegMessages(outlet, clock, self.health)
         self.health.counters.setpoint_refused_count = self.lease_control.refused_count
@@ -132,6 +133,7 @@ class Gateway:
             self._isolated(inquiry, lambda one=inquiry: self._receive_query(one, now_ns))
         self._settle(self._requests.tick(now_ns))
         self.publish_events(self.lease_control.tick(now_ns))
+        self.publish_events(self._request_events.tick(now_ns))
         self._publish_safety(now_ns)
         if records or inquiries or batch.arrivals or now_ns >= self._state_due_ns:
             self._state_due_ns = now_ns + STATE_PERIOD_NS
@@ -143,9 +145,10 @@ class Gateway:
             self._outlet.put(self.health.close(self._stamp(), seq, expiring), wire.HEALTH)
 
     def _send_state(self) -> None:
-        gateway_state = self._requests.gateway_state(
-            self.lease_control.setpoints, self.lease_control.lease
-        )
+        control = self.lease_control
+        holder = control.leases.holder
+        role = self._clients.role("acquire", holder) if holder else Role.DISPLAY
+        gateway_state = self._requests.gateway_state(control.setpoints, control.lease, role)
         if gateway_state and not self._ipc.send(gateway_state) and self._presence.is_present:
             self.health.counters.gateway_state_dropped_count += 1
 
@@ -153,6 +156,9 @@ class Gateway:
         """Publish events that do not come from a record of the core."""
         if drafts:
             self._publish(drafts, self._clock.utc_ns())
+
+    def _publish_request(self, draft: events.EventDraft) -> None:
+        self.publish_events(self._request_events.due(draft))
 
     @property
     def status(self) -> str:
@@ -332,7 +338,7 @@ class Gateway:
                 else:
                     answer = self._requests.submit(ticket, name, payload, now_ns, role, plan)
                 if answer is None:
-                    self.publish_events([events.request_sent(name, payload.client)])
+                    self._publish_request(events.request_sent(name, payload.client))
                 else:
                     self._settle([answer])
             case requests.Route.LEASE:
@@ -378,7 +384,7 @@ class Gateway:
         if not decision.renewed:
             outcome = name_of(decision.outcome)
             draft = events.request_answered(inquiry.name, client, outcome, decision.reason)
-            self.publish_events([draft])
+            self._publish_request(draft)
 
     def _settle(self, answers: Sequence[requests.Answer]) -> None:
         """Send answers, and publish the outcomes of requests as events."""
@@ -396,7 +402,7 @@ class Gateway:
         inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.reason))
         if not answer.by_core:
             draft = events.request_answered(inquiry.name, waiting.client, outcome, answer.reason)
-            self.publish_events([draft])
+            self._publish_request(draft)
 
     def _reject(self, inquiry: Inquiry, reason: str) -> None:
         inquiry.answer(self._reply(inquiry.name, Outcome.REFUSED, reason), failed=True)

@@ -217,7 +217,8 @@ class Request(msgspec.Struct, frozen=True, array_like=True):
     for_cycle: Count = 0
     """The newest cycle known to the client; a request for an old cycle is refused."""
     mode: ModeRequest = ModeRequest()
-    role: Role = Role.UNRESTRICTED
+    role: Role = Role.DISPLAY
+    """A gateway of an older version sends none: that is the least right."""
     plan: Plan | None = None
     """The released plan; None: none is released."""
 
@@ -249,6 +250,8 @@ class GatewayState(msgspec.Struct, frozen=True, array_like=True):
     """The newest setpoint of each leg."""
     lease: Count = 0
     """Number of the lease that is held now; 0: none."""
+    lease_role: Role = Role.DISPLAY
+    """Role of its holder. A gateway of an older version sends none: that is the least right."""
 
 
 def clipped(text: str, bytes_max: int = TEXT_BYTES_MAX) -> str:

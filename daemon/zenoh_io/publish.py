@@ -6,7 +6,8 @@ of Zenoh, only puts the query into a mailbox that wakes the loop.
 
 import contextlib
 import os
-import queue
+import threading
+from collections import Counter
 from typing import Final, NamedTuple
 
 import msgspec
@@ -25,7 +26,10 @@ from daemon.gateway.requests import QUERY_SIZE_MAX
 from daemon.zenoh_io.access import QUERYABLES
 
 WAITING_COUNT_MAX: Final = 64
-"""Queries that may wait for the loop; a stop is always accepted."""
+"""Queries that may wait for the loop, and as many stops of each client.
+
+A stop is dropped only while so many of the same client wait, so the machine stops in any case.
+"""
 
 EVENT_HEARTBEAT_S: Final = 1.0
 """Interval at which the newest event's number is published, so that subscribers notice a loss."""
@@ -57,7 +61,10 @@ class Mailbox:
     """Queue of queries from Zenoh's threads to the loop."""
 
     def __init__(self) -> None:
-        self._queue: queue.SimpleQueue[ZenohInquiry] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._waiting: list[ZenohInquiry] = []
+        self._counts: Counter[str | None] = Counter()
+        """Waiting stops by client, and all other queries under None."""
         self._fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.dropped_count = 0
 
@@ -68,23 +75,32 @@ class Mailbox:
     def put(self, query: zenoh.Query) -> None:
         """Add a query; called in a thread of Zenoh."""
         inquiry = ZenohInquiry(query)
-        if self._queue.qsize() >= WAITING_COUNT_MAX and inquiry.name != "stop":
-            self.dropped_count += 1
+        counted = inquiry.identity if inquiry.name == "stop" else None
+        with self._lock:
+            has_room = self._counts[counted] < WAITING_COUNT_MAX
+            if has_room:
+                self._counts[counted] += 1
+                self._waiting.append(inquiry)
+            else:
+                self.dropped_count += 1
+        if has_room:
+            os.eventfd_write(self._fd, 1)
+        else:
             query.drop()
-            return
-        self._queue.put(inquiry)
-        os.eventfd_write(self._fd, 1)
 
     @property
     def is_empty(self) -> bool:
         """True if no query waits."""
-        return self._queue.empty()
+        return not self._waiting
 
     def drain(self) -> list[ZenohInquiry]:
         """Queries that wait now, oldest first; later ones wake the loop again."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._fd)
-        return [self._queue.get_nowait() for _ in range(self._queue.qsize())]
+        with self._lock:
+            waiting, self._waiting = self._waiting, []
+            self._counts.clear()
+        return waiting
 
     def close(self) -> None:
         """Close the file descriptor; no callback may run any more."""

@@ -6,4 +6,41 @@ imports pytest. Its parts: `trainer.py` (virtual drives and service, and request
 `vcan.py` (a fresh SocketCAN interface);
 `rigs.py` (environments with features that this machine lacks). Nothing of the service imports any
 of it.
+
+A test of another program imports this package and nothing else of gaitd: the names of `__all__` are
+imported when they are used, because pytest imports this package at each start. `Mode`, `Cause` and
+`Stage` are those of records, as `wait_for` takes them; messages have the names of `gaitd_client`.
 """
+
+import importlib
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from daemon.ipc.record import Cause, CycleRecord, Mode, Stage, StopCategory
+    from gaitd.testing.trainer import VirtualTrainer, virtual_trainer
+    from gaitd_lab.processes import ServiceError
+
+__all__ = [
+    "Cause",
+    "CycleRecord",
+    "Mode",
+    "ServiceError",
+    "Stage",
+    "StopCategory",
+    "VirtualTrainer",
+    "virtual_trainer",
+]
+
+_HOME: Final = {
+    **dict.fromkeys(("Cause", "CycleRecord", "Mode", "Stage", "StopCategory"), "daemon.ipc.record"),
+    **dict.fromkeys(("VirtualTrainer", "virtual_trainer"), "gaitd.testing.trainer"),
+    "ServiceError": "gaitd_lab.processes",
+}
+"""Module of each name."""
+
+
+def __getattr__(name: str) -> object:
+    """Import a name of `__all__` when it is used first."""
+    if name not in _HOME:
+        raise AttributeError(f"gaitd.testing has no {name}; it has {', '.join(__all__)}")
+    return getattr(importlib.import_module(_HOME[name]), name)

@@ -10,7 +10,7 @@ from typing import Final
 from msgspec.structs import replace as changed
 
 from daemon.core.state import Axis, Core
-from daemon.ipc.record import GatewayState, Request, RequestKind, Setpoint
+from daemon.ipc.record import GatewayState, Request, RequestKind, Role, Setpoint
 from drives.canopen.bus import Frame
 from gaitd_lab.lockstep import LockstepSession
 
@@ -224,7 +224,7 @@ def levels(change: Callable[[list[GatewayState]], list[GatewayState]]) -> FaultA
 FLOOD_COUNT: Final = 100
 """Gateway states in one turn: 10 kHz."""
 FOREIGN: Final = "another core"
-_ENABLE: Final = Request(id=4711, kind=RequestKind.ENABLE)
+_ENABLE: Final = Request(id=4711, kind=RequestKind.ENABLE, role=Role.UNRESTRICTED)
 
 
 def flood(sent: list[GatewayState]) -> list[GatewayState]:

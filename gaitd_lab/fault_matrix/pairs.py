@@ -200,6 +200,7 @@ def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | 
         by_drives=any(one.by_drives for one in laws),
         delay_cycles=float(offset_cycles),
         may_part=any(one.by_drives for one in laws),
+        runs_away=any(one.runs_away for one in laws),
         may_go_on=all(one.may_go_on for one in stopping),
         resting=Resting.UNTOUCHED if untouched else Resting.EITHER,
         ends_in=ends_in | {column.mode, *column.leads_to} if ends_in else ends_in,

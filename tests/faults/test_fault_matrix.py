@@ -302,6 +302,27 @@ PUSHED = msgspec.structs.replace(
     rest_cycles=None,
 )
 """A patient throws the leg, and the hip's drive is in fault."""
+OVERPOWERED = msgspec.structs.replace(
+    WELL,
+    fault="end_stop",
+    causes=("EFFORT_DEVIATION", "STOP_NOT_OBEYED"),
+    final_mode="STOPPING",
+    final_cause="STOP_NOT_OBEYED",
+    lost_power=("right/hip",),
+    rest_cycles=None,
+)
+"""A patient pushes harder than the hip's drive can brake, and its stop ends without power."""
+RUNAWAY = msgspec.structs.replace(
+    WELL,
+    fault="encoder_reversed",
+    axis="right/slide",
+    causes=("SIGN_WRONG",),
+    category="S0",
+    final_cause="SIGN_WRONG",
+    lost_power=("right/hip", "right/slide"),
+    beyond_hip_deg=11.15,
+)
+"""The slide's fault reaction brakes by a reversed encoder, and overpowers the hip's drive."""
 MOVES_ON = msgspec.structs.replace(
     STILL, category="S0", final_mode="STOPPING", causes=("STO_ACTIVE",)
 )
@@ -316,6 +337,8 @@ MOVES_ON = msgspec.structs.replace(
         STILL,
         ONWARDS,
         PUSHED,
+        OVERPOWERED,
+        RUNAWAY,
         msgspec.structs.replace(MOVES_ON, fault="end_stop+sto@3"),
         msgspec.structs.replace(
             WELL,
@@ -359,6 +382,11 @@ def test_a_good_cell_breaks_no_law(well):
         (PUSHED, {"lost_power": ()}, "beyond its limit"),
         (PUSHED, {"lost_power": (), "causes": ("EMERGENCY",)}, "at rest after None"),
         (PUSHED, {"fault": "emcy_6xxx_fault"}, "beyond its limit"),
+        (OVERPOWERED, {"lost_power": ()}, "in mode STOPPING"),
+        (OVERPOWERED, {"beyond_hip_deg": 36.1}, "36 is its stop"),
+        (RUNAWAY, {"lost_power": ("right/slide",)}, "8.9 is its stop"),
+        (RUNAWAY, {"beyond_hip_deg": 36.1}, "36 is its stop"),
+        (RUNAWAY, {"beyond_slide_mm": 169.1}, "169 is its stop"),
         (PUSHED, {"causes": ("DRIVE_SILENT",), "category": "S0"}, "category S0, right is S1"),
     ],
 )

@@ -10,6 +10,7 @@ from command_line import gaitd
 from daemon.core.modes.table import TRANSITIONS
 from daemon.ipc.record import Cause, Mode
 from gaitd_lab.mode_page import REQUESTS, WELL, diagram, page
+from gaitd_lab.role_page import with_tables
 
 PROJECT = Path(__file__).parents[2]
 LIMITS = tomllib.loads((PROJECT / "configs/limits.toml").read_text())
@@ -19,6 +20,26 @@ PAGE = page(LIMITS["stop_category"])
 def test_the_page_in_the_docs_is_the_one_of_the_tables():
     """If this fails: `gaitd modes --output docs`, and read what has changed."""
     assert (PROJECT / "docs/modes.md").read_text(encoding="utf-8") == PAGE
+
+
+def test_the_tables_of_roles_in_the_docs_are_those_of_the_code(tmp_path):
+    """If this fails: `gaitd modes --output docs`, and read what has changed."""
+    text = (PROJECT / "docs/security.md").read_text(encoding="utf-8")
+    older = tmp_path / "security.md"
+    place = r"(begin -->\n).*?(\n<!-- \w+: end)"
+    older.write_text(re.sub(place, r"\1older\2", text, flags=re.DOTALL), encoding="utf-8")
+
+    gaitd("modes", "--output", tmp_path)
+
+    assert older.read_text(encoding="utf-8") == text
+
+
+@pytest.mark.parametrize("name", ["roles", "rights"])
+def test_a_page_without_a_place_for_a_table_is_refused(name):
+    text = (PROJECT / "docs/security.md").read_text(encoding="utf-8")
+
+    with pytest.raises(ValueError, match=f"{name}: begin"):
+        with_tables(text.replace(f"<!-- {name}: begin -->", ""))
 
 
 def test_the_command_writes_that_page_and_prints_it_without_a_folder(tmp_path):

@@ -99,8 +99,7 @@ def test_the_controller_of_the_document_steers_and_leaves_a_leg_that_is_held(ben
     said, trouble = client.communicate(timeout=30)
 
     assert client.returncode == 0, trouble
-    assert json.loads(said)["mode"] == "torque"
-    assert json.loads(said)["setpoint_seq"] > 10
+    assert int(said.partition(" setpoints sent")[0]) > 10
     assert steering["safety"]["lease_holder"] == "example controller"
     assert "held by example controller" in screen
     record = bench.service.until(lambda record: record.mode != Mode.TORQUE)

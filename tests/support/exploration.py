@@ -17,6 +17,7 @@ from itertools import combinations
 from types import SimpleNamespace
 from typing import NamedTuple
 
+import msgspec
 from safety_inputs import FEEDBACK, JOINT
 from sessions import CONFIGS
 
@@ -45,6 +46,7 @@ from daemon.ipc.record import (
     Request,
     RequestKind,
     RequestResult,
+    Role,
     StopCategory,
     Verdict,
 )
@@ -293,8 +295,7 @@ def _feedback(node_id: int) -> Callable[..., DriveFeedback]:
         key = state, age, mode, homed
         if key not in made:
             reached = STATUS_TARGET_REACHED | STATUS_HOMING_ATTAINED if homed else 0
-            made[key] = replace(
-                FEEDBACK,
+            made[key] = FEEDBACK._replace(
                 node_id=node_id,
                 power_state=state,
                 statusword=reached,
@@ -372,7 +373,7 @@ class Model:
             core.persistent = PersistentState()
         core.load_settle_cycles = min(core.load_settle_cycles, 2)
         if core.request is not None:
-            core.request = Request(1, core.request.kind, NOW, core.request.mode)
+            core.request = msgspec.structs.replace(core.request, id=1, for_cycle=NOW)
             core.result = RequestResult(1)
         else:
             core.result = RequestResult()
@@ -561,7 +562,7 @@ class Model:
             axis = self.core.axes[number]
             if axis.feedback is None:
                 continue
-            axis.feedback = replace(axis.feedback, power_state=REACTING)
+            axis.feedback = axis.feedback._replace(power_state=REACTING)
             if driving:
                 verdict = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, axis.name)
                 supervisor.stop(self.core, verdict, NOW)
@@ -677,7 +678,7 @@ def _orders(events: tuple[Event, ...]) -> inputs.CommandInputs:
     request = next((one.what for one in events if one.kind is Kind.REQUEST), None)
     if request is None:
         return inputs.CommandInputs(stop)
-    return inputs.CommandInputs(stop, Request(2, request[0], NOW, request[1]))
+    return inputs.CommandInputs(stop, Request(2, request[0], NOW, request[1], Role.UNRESTRICTED))
 
 
 def _accepted(core: Core, request: Request | None) -> Request | None:

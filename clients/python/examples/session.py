@@ -7,13 +7,15 @@ from gaitd_client import Mode, NotValid, Stage, Trainer
 
 def main(trainer: Trainer, duration_s: float) -> None:
     """Play one gait and print its strides; it ends by itself, or by a stop."""
-    plan = trainer.status().plan
+    status = trainer.status()
+    plan = status.plan
     if plan is None:
         print("no plan is released")
         return
     with trainer.stride("right") as strides:
         strides.call(lambda stride: isinstance(stride, NotValid) or print(stride.share_ratio))
-        trainer.enable()
+        if status.safety.mode == Mode.READY:
+            trainer.enable()
         trainer.mode(
             Mode.GAIT,
             cadence_hz=plan.cadence_max_hz,

@@ -94,6 +94,8 @@ class Lease:
         self._number: int | None = None
         self._acquired: wire.Reply | None = None
         self._counts: Mapping[str, int] | None = None
+        self._not_finite_count = 0
+        """Not sent, because JSON has no such number; since the last report."""
         self._seq = 0
         self._error: Exception | None = None
         self._is_over = threading.Event()
@@ -183,7 +185,7 @@ class Lease:
                 self._is_over.set()
                 return
             if not all(map(math.isfinite, assist)):
-                self._refuse(SetpointRefusal.NON_FINITE, 1)
+                self._not_finite_count += 1
                 return
             self._seq += 1
             setpoint = wire.SetpointMessage(
@@ -229,6 +231,10 @@ class Lease:
         """Report what the service has refused since its last report."""
         if isinstance(health, NotValid):
             return
+        with self._lock:
+            not_finite_count, self._not_finite_count = self._not_finite_count, 0
+        if not_finite_count:
+            self._refuse(SetpointRefusal.NON_FINITE, not_finite_count)
         before, self._counts = self._counts, health.setpoint_refused_count
         for reason, count in self._counts.items():
             was = count if before is None else before.get(reason, 0)

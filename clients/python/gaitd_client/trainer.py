@@ -214,7 +214,7 @@ class Trainer:
         After a loss of the connection an event may come twice, with the same `id`.
 
         Args:
-            history_count: number of events of the past.
+            history_count: number of events of the past; 0: none.
             keep: messages that may wait for the consumer.
         """
         return self._stream(
@@ -227,7 +227,7 @@ class Trainer:
         *parts: str,
         keep: int,
         is_cyclic: bool = True,
-        history_count: int | None = None,
+        history_count: int = 0,
     ) -> Stream[T]:
         subscribers: list[Any] = []
 
@@ -243,7 +243,7 @@ class Trainer:
             stream.receive(sample.payload.to_bytes(), str(sample.encoding).partition(";")[2])
 
         def declare(session: zenoh.Session) -> None:
-            if history_count is None:
+            if not history_count:
                 subscribers.append(session.declare_subscriber(stream.key, take))
                 return
             history = HistoryConfig(detect_late_publishers=True, max_samples=history_count)

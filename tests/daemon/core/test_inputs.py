@@ -2,10 +2,21 @@
 
 from types import SimpleNamespace
 
+import msgspec
 import pytest
+from safety_inputs import ALL_WELL
 
 from daemon.core.inputs import NO_INPUTS, receive
-from daemon.ipc.record import GatewayState, Outcome, Request, RequestKind, RequestResult, Setpoint
+from daemon.core.modes.roles import refusal
+from daemon.ipc.record import (
+    GatewayState,
+    Outcome,
+    Request,
+    RequestKind,
+    RequestResult,
+    Role,
+    Setpoint,
+)
 
 CYCLE = 1000
 ENABLE = Request(8, RequestKind.ENABLE, CYCLE - 1)
@@ -15,7 +26,11 @@ SETPOINT = Setpoint(5, 1, CYCLE - 1, 3.0, 20.0, "right")
 @pytest.fixture
 def core():
     """A core that has heard its gateway's level 50, with two stops and request 7 answered."""
+    events = []
     return SimpleNamespace(
+        events=events,
+        report=events.append,
+        lease_dropped=0,
         boot_id="ours",
         stop_count=2,
         gateway_state_seq=50,
@@ -28,6 +43,7 @@ def core():
 
 def level(seq, **changes):
     told = {"core_boot_id": "ours", "for_cycle": CYCLE - 1, "stop_count": 2, **changes}
+    told = {"lease_role": Role.CONTROLLER, **told}
     return GatewayState(seq=seq, **told)
 
 
@@ -156,3 +172,39 @@ def test_any_other_name_of_a_core_is_another_core(core, boot_id):
     receive(core, [level(51, core_boot_id=boot_id, lease=5)], CYCLE)
 
     assert core.lease == 0
+
+
+def older(state):
+    """The same state from a gateway that knows no roles: its arrays end before them."""
+    *fields, request, setpoints, lease, _lease_role = msgspec.msgpack.decode(
+        msgspec.msgpack.encode(state)
+    )
+    data = msgspec.msgpack.encode([*fields, request[:4], setpoints, lease])
+    return msgspec.msgpack.decode(data, type=GatewayState)
+
+
+def test_a_gateway_that_knows_no_roles_has_the_least_right_and_may_stop(core):
+    held = {"request": ENABLE, "setpoints": (SETPOINT,), "lease": 5}
+    told = receive(core, [older(level(51, **held))], CYCLE)
+
+    assert (core.lease, told.stop) == (0, False)
+    assert "display may not request enable" in refusal(told.request, ALL_WELL)
+    (event,) = core.events
+    assert "lease dropped" in event
+    assert "restart the gateway" in event
+    receive(core, [older(level(52, **held))], CYCLE)
+    assert receive(core, [older(level(53, **held, stop_count=3))], CYCLE).stop
+    assert core.events == [event]
+    receive(core, [older(level(54, **(held | {"lease": 4})))], CYCLE)
+    assert core.events == [event, event]
+
+    receive(core, [level(55, lease=5)], CYCLE)
+    assert (core.lease, core.events) == (5, [event, event])
+
+
+@pytest.mark.parametrize("role", Role)
+def test_only_a_role_that_may_hold_the_lease_holds_it_in_the_core(core, role):
+    receive(core, [level(51, lease=5, lease_role=role)], CYCLE)
+
+    assert core.lease == (5 if role in {Role.UNRESTRICTED, Role.CONTROLLER} else 0)
+    assert bool(core.events) == (core.lease == 0)

@@ -32,7 +32,7 @@ WRITERS = {
     "steps/targets.py": """mode_sent effort_sent_si position_sent_si effort_offset_si
         effort_mean_si position_offset_si speed_sent_si acceleration_sent_si""",
     "steps/persistence.py": "persistent utc_newest_ns self_test_due inputs_untested sign_proven",
-    "inputs.py": "gateway_state_seq gateway_state_cycle setpoints lease stop_count",
+    "inputs.py": "gateway_state_seq gateway_state_cycle setpoints lease lease_dropped stop_count",
     "cycle_record.py": "seq events",
 }
 """Fields of the state by the module that writes them. All other fields never change."""

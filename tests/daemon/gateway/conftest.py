@@ -286,6 +286,8 @@ class FakeCore:
 
     def __init__(self, runtime: Path, core_boot_id: str = "boot-a") -> None:
         self.changes: dict[str, Any] = {}
+        self.silent = False
+        """True: no records, as of a core that hangs."""
         self.answers: dict[str, RequestResult] = {}
         self.requests: list[Request] = []
         self.levels: list[GatewayState] = []
@@ -304,19 +306,23 @@ class FakeCore:
                 self.levels.append(level)
                 self._stop_count = level.stop_count
                 self._hear(level.request)
-            self._ipc.publish(
-                record(
-                    seq,
-                    **{
-                        "sync_utc_ns": time.time_ns(),
-                        "stop_count": self._stop_count or 0,
-                        "request": self._result,
-                        **self.changes,
-                    },
-                )
-            )
+            if not self.silent:
+                self._publish(seq)
             due = max(due + 0.01, time.monotonic())
             self._ended.wait(due - time.monotonic())
+
+    def _publish(self, seq: int) -> None:
+        self._ipc.publish(
+            record(
+                seq,
+                **{
+                    "sync_utc_ns": time.time_ns(),
+                    "stop_count": self._stop_count or 0,
+                    "request": self._result,
+                    **self.changes,
+                },
+            )
+        )
 
     def _hear(self, request: Request) -> None:
         if request.id in {0, self._result.id}:

@@ -6,20 +6,20 @@ before one that does, on the same link, so that a client that has the second wou
 
 import contextlib
 import json
-from pathlib import Path
+from typing import NamedTuple
 from unittest import mock
 
 import pytest
 import zenoh
+from gaitd_client.connection import Target
+from keyed_gateway import BASE, Service, ask, connected, flush, is_alive, is_valid, running
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from daemon.gateway.requests import ROUTES
-from daemon.ipc.record import Outcome, Role
+from daemon.ipc.record import Role
 from daemon.zenoh_io.access import ANY_KEY, RIGHTS, Flow, Message, access_control
 from daemon.zenoh_io.publish import ZenohInquiry
 
-DOCUMENT = Path(__file__).parents[3] / "docs" / "security.md"
-BASE = "gaitd/trainer"
 LIE = b'{"forged": true}'
 TOLD = (
     *(f"right/{name}" for name in ("estimate", "activity", "friction", "stride")),
@@ -34,32 +34,6 @@ TOLD = (
 )
 TRUTHS = 20
 """So many messages of the gateway's behind a forged one would have been overtaken by it."""
-
-
-def client(endpoint, mode="client"):
-    config = zenoh.Config()
-    settings = {
-        "mode": mode,
-        "listen/endpoints": [],
-        "connect/endpoints": [endpoint],
-        "connect/timeout_ms": 10_000,
-        "scouting/multicast/enabled": False,
-        "scouting/gossip/enabled": False,
-    }
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    return contextlib.closing(zenoh.open(config))
-
-
-def ask(session, name, **payload):
-    """Every reply to one query, as the asking client sees them."""
-    replies = session.get(f"{BASE}/control/{name}", payload=json.dumps(payload), timeout=30.0)
-    return [json.loads((one.ok or one.err).payload.to_bytes()) for one in replies]
-
-
-def is_alive(session):
-    """Whether the gateway says so; it has had everything that this client sent before."""
-    return [one.ok for one in session.liveliness().get(f"{BASE}/alive", timeout=30.0)]
 
 
 class Heard:
@@ -91,128 +65,129 @@ def listening():
         yield lambda session: stack.enter_context(contextlib.closing(Heard(session)))
 
 
-@pytest.fixture
-def good(endpoint):
-    with client(endpoint) as session:
-        yield session
-
-
-@pytest.fixture(params=["client", "peer", "router"])
-def bad(endpoint, request):
-    with client(endpoint, request.param) as session:
-        yield session
-
-
-@pytest.fixture
-def core(start_core, good, eventually):
-    made = start_core()
-    eventually(lambda: ask(good, "status")[0]["safety"]["valid"])
-    return made
-
-
 # --- what no client can ---------------------------------------------------------------------------
 
 
-def test_a_client_cannot_publish_what_the_gateway_tells(good, bad, core, listening, eventually):
-    present = listening(good)
-    eventually(lambda: present.count("right/activity"))
+class Scene(NamedTuple):
+    """A gateway, the client of a victim, and what an attacker has."""
 
-    for name in TOLD:
-        bad.put(f"{BASE}/{name}", LIE)
-        bad.delete(f"{BASE}/{name}")
-    bad.put(f"{BASE}/**", LIE)
-    bad.put("another/program", LIE)
-    assert ask(bad, "status")
-    reached = present.count("right/activity") + TRUTHS
-    eventually(lambda: present.count("right/activity") >= reached)
-
-    assert not [payload for payload in present.texts() if payload in {LIE, b""}]
+    service: Service
+    victim: Target
+    attacker: Target
 
 
-def test_a_client_cannot_answer_in_the_gateways_place_nor_hear_what_others_ask(good, bad, core):
-    asked = []
+@pytest.fixture(scope="module", params=["no keys", "password", "certificate"])
+def scene(request, fake_core):
+    clients = {"controller.desk": False, "controller.other": request.param == "certificate"}
+    with running(fake_core, clients if request.param != "no keys" else None) as service:
+        yield Scene(service, service.target("controller.desk"), service.target("controller.other"))
+
+
+@pytest.fixture(params=["client", "peer", "router"])
+def mode(request):
+    return request.param
+
+
+def test_a_client_that_forges_what_the_gateway_sends_is_believed_by_none(
+    scene, mode, listening, eventually
+):
+    """Values, answers and the token, one after the other."""
+    asked, changes = [], []
 
     def answer(query):
         asked.append(query.payload.to_bytes() if query.payload else b"")
         query.reply(f"{BASE}/control/status", LIE)
 
-    keys = (f"{BASE}/control/status", f"{BASE}/control/*", f"{BASE}/**", "**")
-    queryables = [bad.declare_queryable(key, answer) for key in keys]
-    assert is_alive(bad)
-    lease = ask(good, "acquire", client="good")[0]["lease"]
+    def changed(sample):
+        changes.append(sample.kind)
 
-    assert [told["core_boot_id"] for told in ask(good, "status", client="good")] == ["boot-a"]
-    assert [told["outcome"] for told in ask(good, "release", client="good", lease=lease)] == [
-        "done"
-    ]
+    with connected(scene.victim) as victim, connected(scene.attacker, mode=mode) as attacker:
+        present = listening(victim)
+        watched = victim.liveliness().declare_subscriber(f"{BASE}/alive", changed, history=True)
+        eventually(lambda: present.count("right/activity") and changes)
+        for name in TOLD:
+            attacker.put(f"{BASE}/{name}", LIE)
+            attacker.delete(f"{BASE}/{name}")
+        attacker.put(f"{BASE}/**", LIE)
+        keys = (f"{BASE}/control/status", f"{BASE}/control/*", f"{BASE}/**", "**")
+        queryables = [attacker.declare_queryable(key, answer) for key in keys]
+        token = attacker.liveliness().declare_token(f"{BASE}/alive")
+        flush(attacker)
+        reached = present.count("right/activity") + TRUTHS
+        eventually(lambda: present.count("right/activity") >= reached)
+        replies = ask(victim, f"{BASE}/control/status")
+        scene.service.core.silent = True
+        eventually(lambda: changes[-1] == zenoh.SampleKind.DELETE)
+        assert not is_alive(victim)
+        scene.service.core.silent = False
+        for declared in (*queryables, token, watched):
+            declared.undeclare()
+
+    assert [reply["core_boot_id"] for reply in replies] == ["boot-a"]
     assert not asked
-    for queryable in queryables:
-        queryable.undeclare()
+    assert not [payload for payload in present.texts() if payload in {LIE, b""}]
 
 
-def test_a_client_cannot_keep_the_gateway_alive(good, bad, core, eventually):
-    changes = []
-    watched = good.liveliness().declare_subscriber(
-        f"{BASE}/alive", lambda sample: changes.append(sample.kind), history=True
-    )
-    eventually(lambda: changes)
-    token = bad.liveliness().declare_token(f"{BASE}/alive")
-    assert ask(bad, "status")
-
-    core.end()
-
-    eventually(lambda: changes[-1] == zenoh.SampleKind.DELETE)
-    assert not is_alive(good)
-    watched.undeclare()
-    token.undeclare()
-
-
-def test_a_client_cannot_hear_the_setpoints_of_another_one_nor_its_lease(
-    good, bad, core, listening, eventually
+def test_a_client_that_listens_to_everything_learns_no_setpoint_no_lease_and_no_request(
+    scene, mode, listening, eventually
 ):
-    present = listening(bad)
-    eventually(lambda: present.count("right/activity"))
+    asked = []
+    core = scene.service.core
+    with connected(scene.victim) as victim, connected(scene.attacker, mode=mode) as attacker:
+        eventually(lambda: is_valid(victim))
+        present = listening(attacker)
+        queryables = [
+            attacker.declare_queryable(key, asked.append) for key in (f"{BASE}/control/**", "**")
+        ]
+        eventually(lambda: present.count("right/activity"))
+        lease = ask(victim, scene.victim.control("acquire"), client="good", duration_ms=60_000)[0][
+            "lease"
+        ]
+        setpoint = {
+            **{"lease": lease, "seq": 1, "for_cycle": 1},
+            **{"hip_assist_nm": 1.0, "slide_assist_n": 0.0},
+        }
+        victim.put(f"{BASE}/right/setpoint", json.dumps(setpoint))
+        victim.put("another/program", LIE)
+        eventually(lambda: core.levels[-1].setpoints and core.levels[-1].lease == lease)
+        reached = present.count("right/activity") + TRUTHS
+        eventually(lambda: present.count("right/activity") >= reached)
+        ask(victim, scene.victim.control("release"), client="good", lease=lease)
+        for declared in queryables:
+            declared.undeclare()
 
-    lease = ask(good, "acquire", client="good", duration_ms=60_000)[0]["lease"]
-    setpoint = {
-        "lease": lease,
-        "seq": 1,
-        "for_cycle": 1,
-        "hip_assist_nm": 1.0,
-        "slide_assist_n": 0.0,
-    }
-    good.put(f"{BASE}/right/setpoint", json.dumps(setpoint))
-    eventually(lambda: core.levels and core.levels[-1].setpoints)
-    reached = present.count("right/activity") + TRUTHS
-    eventually(lambda: present.count("right/activity") >= reached)
-
-    assert core.levels[-1].lease == lease
-    assert not [name for name, _ in present.samples if name.endswith("setpoint")]
+    heard = [name for name, _ in present.samples if name.endswith(("setpoint", "program"))]
+    assert not heard
     assert not [payload for payload in present.texts() if str(lease).encode() in payload]
+    assert not asked
 
 
 # --- what everybody can ---------------------------------------------------------------------------
 
 
-def test_everybody_may_ask_stop_listen_and_learn_what_was_before(good, bad, core, eventually):
-    for name in ("enable", "disable", "reset", "mode"):
-        core.answer(name, Outcome.DONE)
+@pytest.mark.parametrize("scene", ["no keys"], indirect=True)
+def test_without_keys_everybody_may_ask_stop_listen_and_learn_what_was_before(
+    scene, mode, eventually
+):
     payloads = {"mode": {"mode": "hold"}, "acquire": {"client": "bad"}}
-
-    for name in ("enable", "disable", "reset", "mode", "acquire", "stop"):
-        assert [told["outcome"] for told in ask(bad, name, **payloads.get(name, {}))] == ["done"]
-    for name in ("status", "config", "schema"):
-        assert len(ask(bad, name)) == 1
     events = []
-    late = declare_advanced_subscriber(
-        bad,
-        f"{BASE}/events",
-        lambda sample: events.append(json.loads(sample.payload.to_bytes())["kind"]),
-        history=HistoryConfig(detect_late_publishers=True, max_samples=50),
-    )
-    eventually(lambda: "core" in events)
-    late.undeclare()
-    eventually(lambda: is_alive(bad))
+
+    with connected(scene.attacker, mode=mode) as session:
+        eventually(lambda: is_valid(session))
+        for name in ("enable", "disable", "reset", "mode", "acquire", "stop"):
+            replies = ask(session, f"{BASE}/control/{name}", **payloads.get(name, {}))
+            assert [reply["outcome"] for reply in replies] == ["done"]
+        for name in ("status", "config", "schema"):
+            assert len(ask(session, f"{BASE}/control/{name}")) == 1
+        late = declare_advanced_subscriber(
+            session,
+            f"{BASE}/events",
+            lambda sample: events.append(json.loads(sample.payload.to_bytes())["kind"]),
+            history=HistoryConfig(detect_late_publishers=True, max_samples=50),
+        )
+        eventually(lambda: "core" in events)
+        late.undeclare()
+        eventually(lambda: is_alive(session))
 
 
 @pytest.mark.parametrize("trainer", ["trainer", "control", "stop"])
@@ -267,24 +242,3 @@ def test_what_is_in_no_row_is_denied():
     assert {rule["permission"] for rule in made["rules"]} == {"allow"}
     keys = {key for rule in made["rules"] for key in rule["key_exprs"]}
     assert all(key == ANY_KEY or key.startswith("gaitd/ward_3/") for key in keys)
-
-
-def test_the_document_has_the_table_of_the_code():
-    text = DOCUMENT.read_text().partition("<!-- rights: begin -->\n")[2]
-    rows = [
-        f"| {right.name} | {who(right.roles)} "
-        f"| {'in' if right.flow is Flow.IN else 'out'} "
-        f"| {', '.join(sorted(message.value for message in right.messages))} "
-        f"| {', '.join(keys_in_words(right))} |"
-        for right in RIGHTS
-    ]
-
-    assert text.partition("<!-- rights: end -->")[0].splitlines()[2:] == rows
-
-
-def keys_in_words(right):
-    return [f"`{key}/CLIENT`" if right.by_client else f"`{key}`" for key in right.keys]
-
-
-def who(roles):
-    return "all" if roles == set(Role) else ", ".join(role.name.lower() for role in sorted(roles))

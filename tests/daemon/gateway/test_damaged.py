@@ -231,3 +231,18 @@ def test_what_is_wrong_with_a_name_is_said_in_words(bench, ask):
     bench.cycle(query)
 
     assert "Expected `str` without control characters - at `$.client`" in query.replies[0].reason
+
+
+def test_a_flood_of_requests_does_not_displace_the_history_of_events(bench, ask):
+    bench.cycle()
+    bench.turn(after_ms=10_000)
+    for _ in range(10):
+        bench.cycle(*(ask("acquire", b'{"client": "flood"}') for _ in range(60)))
+    before = len(bench.outlet.events)
+    bench.turn(after_ms=10_000)
+    bench.cycle(ask("acquire", b'{"client": "next"}'))
+
+    assert before < 30
+    texts = [event.text for event in bench.outlet.events[before:]]
+    assert "580 more events about requests in 10 s" in texts
+    assert any("asked by next" in text for text in texts)

@@ -5,38 +5,36 @@ query without a right ends without a reply, and a message that must not arrive i
 that does, on the same link.
 """
 
-import contextlib
 import datetime
 import json
 import shutil
 import socket
 import tempfile
-import threading
 from pathlib import Path
 
 import pytest
 import zenoh
 from command_line import gaitd
-from gaitd_client.connection import Target, client_settings
-from gaitd_client.credentials import read_credentials
-from processes import CONFIGS
+from gaitd_client.connection import Target
+from keyed_gateway import (
+    BASE,
+    NOW,
+    ROLES,
+    YEAR,
+    Service,
+    ask,
+    connected,
+    is_valid,
+    running,
+    status_of,
+    target_of,
+)
 
-from daemon.config.settings import Lease
-from daemon.config.trainer import load_trainer
-from daemon.gateway.process import serve
-from daemon.gateway.reload import Reload
-from daemon.ipc.record import Mode, Outcome, Plan, Role
+from daemon.ipc.record import Mode, Plan, Role
 from daemon.keys import issuing
 from daemon.keys.certificates import Pair, new_authority, new_certificate
 from daemon.keys.folder import read_keys
-from daemon.system.clock import MonotonicClock
-from gaitd_lab.processes import free_port
 
-BASE = "gaitd/trainer"
-LEASE = Lease(duration_ms=500, duration_max_ms=5000)
-NOW = datetime.datetime.now(datetime.UTC)
-YEAR = 365
-ROLES = ("display", "controller", "session", "operator", "service")
 ALL = frozenset(ROLES)
 MAY = {
     "status": ALL,
@@ -58,89 +56,10 @@ PUBLISHED = ("right/activity", "right/estimate", "safety", "events", "health", "
 LIE = b'{"forged": true}'
 
 
-class Service:
-    """A gateway with keys on two links, and a core that answers everything."""
-
-    def __init__(self, runtime, core, roles=ROLES):
-        self.folder, self.runtime, self.core = runtime / "keys", runtime, core
-        self.local = f"tcp/127.0.0.1:{free_port()}"
-        self.remote = f"tls/localhost:{free_port()}"
-        self._ended = threading.Event()
-        issuing.init(self.folder, "trainer", [], NOW, YEAR)
-        for role in roles:
-            self.issue(f"{role}.desk")
-            self.issue(f"{role}.ward", remote=True)
-        self._thread = threading.Thread(target=self._run)
-        self.restarts = self._waited = 0
-
-    def issue(self, name, *, remote=False, now=NOW, folder=None):
-        endpoint = self.remote if remote else self.local
-        return issuing.issue(
-            folder or self.folder, name, [endpoint], "trainer", now, YEAR, remote=remote
-        )
-
-    def _run(self):
-        while serve(
-            *("trainer", (self.local, self.remote), self.runtime, self.runtime / "state"),
-            *(MonotonicClock(), self._ended.is_set, LEASE, None),
-            Reload(load_trainer(CONFIGS / "demo.toml"), load_trainer),
-            lambda: read_keys(self.folder),
-        ):
-            self.restarts += 1
-
-    def start(self):
-        self._thread.start()
-
-    def wait_for_restart(self, eventually):
-        """Wait until the next gateway listens on both links."""
-        before, self._waited = self._waited, self.restarts
-        eventually(lambda: self.restarts > before)
-        self._waited = self.restarts
-        for name in ("operator.desk", "operator.ward"):
-            eventually(lambda one=name: status_of(self.target(one)))
-
-    def target(self, name):
-        return target_of(self.folder / issuing.ISSUED / name)
-
-    def end(self):
-        self._ended.set()
-        self._thread.join(10)
-
-
-def target_of(bundle):
-    credentials = read_credentials(bundle)
-    return Target(credentials.file.endpoints, "trainer", credentials)
-
-
-@contextlib.contextmanager
-def connected(target, timeout_ms=10_000, **changes):
-    config = zenoh.Config()
-    settings = {**client_settings(target), "connect/timeout_ms": timeout_ms, **changes}
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    with contextlib.closing(zenoh.open(config)) as session:
-        yield session
-
-
-def ask(session, key, timeout=30.0, **payload):
-    """The replies to one query; none if the client has no right to it."""
-    replies = session.get(key, payload=json.dumps(payload), timeout=timeout)
-    return [
-        json.loads((one.ok or one.err).payload.to_bytes()) for one in replies if one.ok or one.err
-    ]
-
-
 @pytest.fixture(scope="module")
 def service(fake_core):
-    with tempfile.TemporaryDirectory() as folder:
-        core = fake_core(Path(folder))
-        for name in ("enable", "disable", "reset", "mode"):
-            core.answer(name, Outcome.DONE)
-        made = Service(Path(folder), core)
-        made.start()
+    with running(fake_core) as made:
         yield made
-        made.end()
-        core.end()
 
 
 @pytest.fixture(autouse=True)
@@ -157,16 +76,6 @@ def listens(endpoint):
     host, _, port = endpoint.partition("/")[2].rpartition(":")
     with socket.socket() as made:
         return made.connect_ex((host, int(port))) == 0
-
-
-def status_of(target):
-    """The status that a new link gets; empty while the gateway restarts."""
-    try:
-        with connected(target, timeout_ms=500) as session:
-            replies = ask(session, f"{BASE}/control/status", timeout=5.0)
-            return replies[0] if replies else {}
-    except zenoh.ZError:
-        return {}
 
 
 def rights_of(target, role):
@@ -338,7 +247,7 @@ def test_without_credentials_nothing_connects(service, tmp_path):
 
 def test_without_any_client_in_the_register_nothing_connects_either(eventually):
     with tempfile.TemporaryDirectory() as folder:
-        empty = Service(Path(folder), None, roles=())
+        empty = Service(Path(folder), None, clients={})
         empty.start()
         eventually(lambda: listens(empty.local))
         with pytest.raises(zenoh.ZError), connected(Target((empty.local,), "trainer"), 500):
@@ -440,7 +349,7 @@ def test_the_released_plan_reaches_the_core_with_a_session_and_outlives_the_gate
     service.wait_for_restart(eventually)
     eventually(lambda: status_of(session_target).get("plan") == PLAN)
     with connected(session_target) as session:
-        eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["valid"])
+        eventually(lambda: is_valid(session))
         ask(session, session_target.control("mode"), **gait)
 
     assert service.core.requests[-1].plan == Plan(0.5, 0.8, 600.0)

@@ -7,9 +7,6 @@ from msgspec.structs import replace
 
 from daemon.core.exercises.self_test import AxisResult
 from daemon.core.modes.daily_test import (
-    NS_PER_HOUR,
-    SLEW_NS,
-    STORE_NS,
     Clock,
     Drive,
     check_clock,
@@ -28,18 +25,19 @@ from daemon.core.modes.persistent_state import (
 from drives.signals import Input
 
 NOW = 1_700_000_000_000_000_000
+SLEW_NS, STORE_NS = 2_000_000_000, 60_000_000_000
 BOTH = Input.HAND_SWITCH_CLOSED | Input.STO_RELEASED
 HIP = Drive("right/hip", 11, BOTH)
 SLIDE = Drive("right/slide", 12, BOTH)
 VALID_H = 12.0
-VALID_NS = 12 * NS_PER_HOUR
+VALID_NS = 12 * 3_600_000_000_000
 
 
 # --- the clock ------------------------------------------------------------------------------------
 
 
 def test_time_goes_on_and_the_latest_is_kept():
-    assert check_clock(NOW, NOW + 5) == Clock(NOW + 5)
+    assert check_clock(NOW, NOW + 5) == Clock(NOW + 5, back_s=0.0)
     assert check_clock(NOW, NOW) == Clock(NOW)
 
 
@@ -52,6 +50,7 @@ def test_a_clock_that_is_set_back_is_told_by_how_much_and_counts_from_there():
 
     assert check_clock(NOW, early_ns) == Clock(early_ns, pytest.approx(3.0))
     assert check_clock(NOW, NOW - SLEW_NS - 1).back_s > 0
+    assert check_clock(NOW, NOW // 4).back_s == pytest.approx(NOW * 0.75e-9)
 
 
 # --- inputs ---------------------------------------------------------------------------------------
@@ -157,6 +156,7 @@ def test_a_test_that_was_passed_is_valid_for_its_time():
         (None, {}, "no self-test has been passed today"),
         (replace(PASSED, passed=False), {}, "the last self-test was not passed"),
         (PASSED, {"digest": "other"}, "the last self-test was of another robot file"),
+        (PASSED, {"digest": "earlier"}, "the last self-test was of another robot file"),
         (PASSED, {"drives": (HIP, SLIDE)}, "the last self-test was of other axes"),
         (
             PASSED,
@@ -180,6 +180,7 @@ def test_a_result_counts_for_its_time_and_never_from_the_future(age_ns, valid):
 
 def test_what_was_never_seen_does_not_count_however_early_the_clock():
     assert not counts(0, 5, VALID_H)
+    assert not counts(-1, 5, VALID_H)
     assert counts(1, 5, VALID_H)
 
 

@@ -1,13 +1,19 @@
 """The persistent state: poses, proofs of signs, and what they are worth."""
 
+import msgspec
 import pytest
 
 from daemon.core.modes.persistent_state import (
     POSE_STEP_SI,
+    UNREADABLE,
     PersistentState,
     PoseRules,
     SignProof,
     StoredAxis,
+    StoredAxisTest,
+    StoredInputs,
+    StoredSelfTest,
+    StoredVerdict,
     Wiring,
     disagreement,
     prove,
@@ -25,6 +31,61 @@ def at(position_si):
     return with_pose(PersistentState(), "right/hip", position_si, 1)
 
 
+# --- the file -------------------------------------------------------------------------------------
+
+NO_INPUTS = {
+    "hand_switch_open_utc_ns": 0,
+    "hand_switch_closed_utc_ns": 0,
+    "sto_active_utc_ns": 0,
+    "sto_released_utc_ns": 0,
+    "serial_number": 0,
+}
+AXIS_TEST = {"friction_si": 1.0, "friction_ratio": 1.0, "load_error_si": 0.0, "moved_si": 0.1}
+NO_DETAIL = {"drive": "", "value": None, "limit": None, "detail": "", "utc_ns": 0}
+EMPTY = {
+    "axes": {},
+    "format": "gaitd.axes.v1",
+    "damaged": False,
+    "latched": None,
+    "inputs": {},
+    "self_test": None,
+    "utc_newest_ns": 0,
+}
+
+
+@pytest.mark.parametrize(
+    ("stored", "content"),
+    [
+        (StoredAxis(), {"position_si": None, "noted_utc_ns": 0, "proof": None}),
+        (StoredInputs(), NO_INPUTS),
+        (StoredAxisTest(1.0, 1.0, 0.0, 0.1), AXIS_TEST | {"serial_number": 0}),
+        (
+            StoredSelfTest(7, passed=True, leg_digest="leg"),
+            {"utc_ns": 7, "passed": True, "leg_digest": "leg", "axes": {}},
+        ),
+        (StoredVerdict("S1", "SHUTDOWN"), {"category": "S1", "cause": "SHUTDOWN"} | NO_DETAIL),
+        (PersistentState(), EMPTY),
+        (
+            PROOF,
+            WIRING._asdict()
+            | {"serial_number": 305, "moved_forth_si": 0.036, "moved_back_si": -0.035, "utc_ns": 7},
+        ),
+    ],
+)
+def test_what_is_stored_is_read_again_and_a_key_of_another_version_is_refused(stored, content):
+    assert msgspec.to_builtins(stored) == content
+    assert msgspec.convert(content, type(stored)) == stored
+    with pytest.raises(msgspec.ValidationError, match="unknown field"):
+        msgspec.convert({**content, "later": 0}, type(stored))
+
+
+def test_an_unreadable_file_is_damaged_and_latches_a_stop():
+    detail = "the notes of that run cannot be read"
+
+    latched = StoredVerdict("S1", "LAST_END_UNKNOWN", detail=detail)
+    assert PersistentState(damaged=True, latched=latched) == UNREADABLE
+
+
 # --- poses ----------------------------------------------------------------------------------------
 
 
@@ -32,6 +93,7 @@ def test_a_pose_that_has_not_changed_is_no_news():
     persistent = with_pose(PersistentState(), "right/hip", 0.25, 1)
 
     assert with_pose(persistent, "right/hip", 0.25 + 0.99 * POSE_STEP_SI, 2) is persistent
+    assert with_pose(at(0.0), "right/hip", 1e-4, 2) == at(0.0)
     assert (
         with_pose(persistent, "right/hip", 0.25 - 1.01 * POSE_STEP_SI, 2)
         .axis("right/hip")

@@ -20,6 +20,7 @@ from daemon.core.motion.assist import (
     is_neutral,
 )
 from daemon.ipc.record import Mode, ModeRequest, RequestKind, Setpoint
+from daemon.wire.names import name_of
 from daemon.wire.refusals import SetpointRefusal
 
 BOTH = (LIMITS, LIMITS)
@@ -51,10 +52,12 @@ def test_a_setpoint_of_the_holder_that_is_new_and_small_counts():
     [
         ({}, {"lease": 0}, SetpointRefusal.UNLEASED),
         ({"lease": 8}, {}, SetpointRefusal.WRONG_LEASE),
+        ({"lease": 6}, {}, SetpointRefusal.WRONG_LEASE),
         ({"seq": 4}, {}, SetpointRefusal.REPEATED),
         ({"seq": 3}, {}, SetpointRefusal.REORDERED),
         ({"for_cycle": 90}, {}, SetpointRefusal.NONE),
         ({"for_cycle": 89}, {}, SetpointRefusal.STALE),
+        ({"for_cycle": 3}, {}, SetpointRefusal.STALE),
         ({"for_cycle": 100}, {}, SetpointRefusal.NONE),
         ({"for_cycle": 101}, {}, SetpointRefusal.AHEAD),
         ({"hip_assist_nm": math.nan}, {}, SetpointRefusal.NON_FINITE),
@@ -104,13 +107,17 @@ def test_only_assisted_modes_lapse_and_a_lapse_ends_in_hold():
 
 
 def test_every_refusal_has_words_for_who_integrates():
-    assert set(REFUSAL_TEXT) == set(SetpointRefusal) - {SetpointRefusal.NONE}
+    refused = set(SetpointRefusal) - {SetpointRefusal.NONE}
+    assert set(REFUSAL_TEXT) == {name_of(reason) for reason in refused}
     assert [reason.value for reason in SetpointRefusal] == list(range(len(SetpointRefusal)))
 
 
 def test_a_setpoint_that_asks_for_nothing_is_neutral():
     assert is_neutral(setpoint())
-    for changes in ({"hip_assist_nm": 1.0}, {"slide_assist_n": 1.0}, {"stiffness_ratio": 0.99}):
+    for changes in (
+        *({"hip_assist_nm": 1.0}, {"hip_assist_nm": -1.0}),
+        *({"slide_assist_n": 1.0}, {"stiffness_ratio": 0.99}),
+    ):
         assert not is_neutral(setpoint(**changes))
 
 
@@ -122,8 +129,21 @@ def test_assist_is_in_force_until_it_fades():
     assert not is_active(LegAssist(accepted=setpoint()))
     assert is_active(LegAssist(accepted=setpoint(slide_assist_n=1.0)))
     assert is_active(pushing)
+    assert is_active(LegAssist(effort_si=(-1.0, 0.0)))
     assert is_active(soft)
     assert not is_active(LegAssist(effort_si=(1.0, 0.0), fade_si=(0.1, 0.1)))
+
+
+def test_before_any_setpoint_nothing_is_in_force():
+    assert LegAssist() == LegAssist(
+        lease=0,
+        seq=-1,
+        checked=None,
+        accepted=None,
+        effort_si=(0.0, 0.0),
+        fade_si=None,
+        stiffness_ratio=1.0,
+    )
 
 
 def after(assist, wanted, cycles, velocity=REST):
@@ -151,6 +171,17 @@ def test_assist_of_any_size_is_gone_after_the_time_of_the_fade_and_only_shrinks(
 
     assert assist.effort_si == REST
     assert assist.stiffness_ratio == pytest.approx(1.0)
+
+
+def test_a_fade_takes_equal_steps_of_effort_and_stiffness():
+    begun = LegAssist(effort_si=(10.0, -4.0), stiffness_ratio=0.5)
+
+    faded = [after(begun, None, cycles) for cycles in (1, 2, 9, 19, 20)]
+
+    assert [one.effort_si[0] for one in faded] == pytest.approx([9.5, 9.0, 5.5, 0.5, 0.0])
+    assert [one.effort_si[1] for one in faded] == pytest.approx([-3.8, -3.6, -2.2, -0.2, 0.0])
+    assert [one.fade_si for one in faded] == [(0.5, 0.2)] * 5
+    assert [one.stiffness_ratio for one in faded] == pytest.approx([0.55, 0.6, 0.95, 1.0, 1.0])
 
 
 def test_a_fade_that_is_broken_off_goes_on_from_where_it_is():

@@ -1,6 +1,4 @@
-"""What is looked at over more than one cycle: balance, efforts, sums over a stride, spasms."""
-
-import math
+"""What is looked at over more than one cycle: balance, efforts, sums over a stride."""
 
 import numpy as np
 import pytest
@@ -21,7 +19,6 @@ from daemon.core.safety.effort_monitor import (
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycles
 from daemon.core.safety.inverse_dynamics import ROW, InverseDynamics, evaluate
 from daemon.core.safety.joints import Joint
-from daemon.core.safety.spasm import STILL_CYCLES, SpasmRules, SpasmWatch, softened
 from daemon.preflight.load import load
 from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import gravity, mass_matrix
@@ -227,6 +224,69 @@ def test_what_a_joint_held_is_remembered_from_when_it_began_to_stand():
     assert watch.held_si == pytest.approx(30.0, abs=0.1)
 
 
+def test_a_new_watch_has_seen_nothing_and_keeps_the_newest_three_commands():
+    assert EffortWatch() == ((), *[0] * (len(EffortWatch._fields) - 1))
+    assert sent(1.0, 2.0, 3.0, 4.0, 5.0).sent_si == (3.0, 4.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("push", "motion", "mismatch"),
+    [
+        (0.5, -0.25, 0.25),
+        (-0.25, 0.5, 0.25),
+        (0.5, 0.5, 0.0),
+        (-0.5, -0.5, 0.0),
+        (8.0, 0.0, 0.0),
+        (0.0, -8.0, 0.0),
+    ],
+)
+def test_a_mismatch_is_the_smaller_of_push_and_motion_where_their_signs_differ(
+    push, motion, mismatch
+):
+    def of(row=ROW, **change):
+        balance = opposing(push, motion, row)
+        return looked(EffortWatch(), balance=balance, **change).sign_mismatch_si
+
+    assert of() == mismatch
+    assert of(row=ROW - 1) == of(free=False) == of(pose_known=False) == 0.0
+
+
+def test_a_mismatch_of_just_the_limit_is_not_counted():
+    limit = LIMITS.sign_mismatch_effort_min_si
+    watch = looked(EffortWatch(), balance=opposing(limit, -limit))
+
+    assert (watch.sign_mismatch_si, watch.sign_mismatch_cycles) == (limit, 0)
+
+
+def test_a_held_effort_is_a_mean_with_three_tenths_of_the_newest_and_none_without_a_pose():
+    balance = InverseDynamics(effort=(10.0, 0.0))
+    before = EffortWatch(held_si=20.0)
+
+    assert looked(EffortWatch(), balance=balance).held_si == 3.0
+    assert looked(before, balance=balance).held_si == 17.0
+    assert looked(before, balance=balance, pose_known=False).held_si == 20.0
+
+
+@pytest.mark.parametrize(
+    ("still", "effort", "held"),
+    [(0, 7.0, 2.0), (1, 7.0, 2.0), (2, 6.0, 2.0), (4, 6.0, 2.0), (5, 6.0, 2.0), (6, 6.0, 5.0)],
+)
+def test_what_was_before_standstill_is_kept_from_its_own_cycle_on(still, effort, held):
+    before = EffortWatch(held_si=2.0, held_before_still_si=5.0, effort_before_still_si=6.0)
+    balance = InverseDynamics(effort=(2.0, 0.0))
+
+    watch = looked(before, effort=7.0, balance=balance, still=still)
+
+    assert (watch.effort_before_still_si, watch.held_before_still_si) == (effort, held)
+
+
+@pytest.mark.parametrize(("unpowered_cycles", "gap"), [(9, 0.0), (10, 7.0)])
+def test_a_current_has_ten_cycles_to_decay(unpowered_cycles, gap):
+    before = EffortWatch(unpowered_cycles=unpowered_cycles)
+
+    assert looked(before, -7.0, may_give_torque=False).gap_si == gap
+
+
 # --- sums -----------------------------------------------------------------------------------------
 
 
@@ -258,86 +318,8 @@ def test_a_sum_forgets_what_is_older_than_the_slowest_stride():
     assert total.over(STRIDE_MAX_CYCLES + 1) is None
 
 
-@pytest.mark.parametrize(("cadence_hz", "cycles"), [(0.5, 200), (0.3, 333), (0.001, 1000)])
+@pytest.mark.parametrize(
+    ("cadence_hz", "cycles"), [(0.5, 200), (0.3, 333), (0.001, 1000), (100.0, 1), (300.0, 1)]
+)
 def test_a_stride_has_the_cycles_of_its_cadence(cadence_hz, cycles):
     assert stride_cycles(cadence_hz, DT_S) == cycles
-
-
-# --- spasm ----------------------------------------------------------------------------------------
-
-RULES = SpasmRules(10, stiffness_ratio=0.3, softening_ratio=0.1, recovery_ratio=0.005)
-RISE, REST = 14.0, 0.05
-
-
-def lasting(efforts, *, speed=-0.5, wanted=0.0, still=0):
-    """How long a spasm has lasted after these efforts of the patient's, one a cycle."""
-    watch = SpasmWatch(RULES.window_cycles)
-    for effort in efforts:
-        watch.update(effort, speed, wanted, still, RISE, REST)
-    return watch.cycles
-
-
-def ramp(peak, cycles):
-    return [0.0] * 12 + list(np.linspace(0.0, peak, cycles + 1))[1:]
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_fast_rise_against_the_motion_is_a_spasm_and_at_its_limit_it_is_none(sign):
-    assert lasting([sign * e for e in ramp(RISE + 0.01, 10)], speed=-sign) == 1
-    assert lasting([sign * e for e in ramp(RISE, 10)], speed=-sign) == 0
-
-
-def test_a_slow_rise_is_none():
-    assert lasting(ramp(2 * RISE, 30)) == 0
-
-
-@pytest.mark.parametrize("motion", [{"speed": 0.5}, {"speed": -0.5, "wanted": 0.5}])
-def test_a_push_along_with_the_motion_is_none(motion):
-    assert lasting(ramp(2 * RISE, 10), **motion) == 0
-
-
-def test_at_a_turn_of_the_gait_no_effort_is_along_with_the_motion():
-    assert lasting(ramp(2 * RISE, 10), speed=0.9 * REST) > 0
-
-
-def test_an_effort_that_is_let_go_is_no_spasm():
-    assert lasting([2 * RISE] * 12 + ramp(0.0, 1)[12:] + [0.0] * 3, speed=0.5) == 0
-
-
-def test_a_joint_that_gives_no_count_says_nothing_of_a_spasm():
-    assert lasting(ramp(2 * RISE, 10), still=STILL_CYCLES - 1) > 0
-    assert lasting(ramp(2 * RISE, 10), still=STILL_CYCLES) == 0
-
-
-def test_a_spasm_lasts_until_half_of_its_rise_is_gone():
-    risen = ramp(2 * RISE, 10)
-    begun = lasting(risen)
-
-    assert lasting([*risen, *[0.6 * RISE] * 50]) == begun + 50
-    assert lasting([*risen, 0.4 * RISE]) == 0
-    assert lasting([*risen, -2 * RISE]) == 0
-
-
-def test_without_an_estimate_nothing_is_known_of_a_spasm():
-    watch = SpasmWatch(RULES.window_cycles)
-    for effort in ramp(2 * RISE, 10):
-        watch.update(effort, -0.5, 0.0, 0, RISE, REST)
-    watch.reset()
-
-    assert (watch.cycles, watch.rise_si) == (0, 0.0)
-
-
-@settings(derandomize=True)
-@given(st.lists(st.booleans(), min_size=1, max_size=300))
-def test_stiffness_falls_and_comes_back_by_rate_and_never_below_what_is_left_of_it(spasms):
-    ratios = [1.0]
-    for in_spasm in spasms:
-        ratios.append(softened(ratios[-1], RULES, in_spasm=in_spasm))
-
-    for in_spasm, before, now in zip(spasms, ratios, ratios[1:], strict=False):
-        assert RULES.stiffness_ratio <= now <= 1.0
-        if in_spasm:
-            assert before - RULES.softening_ratio - 1e-12 <= now <= before
-        else:
-            assert before <= now <= before + RULES.recovery_ratio + 1e-12
-    assert math.isfinite(ratios[-1])

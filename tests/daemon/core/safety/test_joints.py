@@ -1,7 +1,5 @@
 """Position, speed and standstill of a joint from raw samples."""
 
-from dataclasses import replace
-
 import pytest
 from safety_inputs import FEEDBACK, LIMITS, THRESHOLDS
 
@@ -21,7 +19,7 @@ MS = 1_000_000
 
 
 def sample(counts, torque_raw=0):
-    return replace(FEEDBACK, position_counts=counts, torque_raw=torque_raw)
+    return FEEDBACK._replace(position_counts=counts, torque_raw=torque_raw)
 
 
 def measured(*counts, begin=Joint()):  # noqa: B008 - frozen
@@ -30,6 +28,10 @@ def measured(*counts, begin=Joint()):  # noqa: B008 - frozen
     for count in counts:
         joint = measure(joint, sample(count), SCALING, joint.sample_ns + 10 * MS)
     return joint
+
+
+def test_before_the_first_sample_nothing_is_known_and_every_number_is_zero():
+    assert Joint() == (False, False, *[0] * (len(Joint._fields) - 2))
 
 
 def test_the_first_sample_gives_a_position_and_no_speed():
@@ -61,7 +63,7 @@ def test_the_speed_is_the_step_over_the_measured_time():
 def test_without_a_sample_everything_stays_and_nothing_is_fresh():
     before = measured(200, 150)
 
-    joint = measure(before, replace(sample(0), fresh=False), SCALING, 999 * MS)
+    joint = measure(before, sample(0)._replace(fresh=False), SCALING, 999 * MS)
 
     assert joint == before._replace(fresh=False)
 

@@ -28,6 +28,7 @@ from daemon.ipc.record import (
     Outcome,
     Request,
     RequestKind,
+    Role,
     Setpoint,
     StopCategory,
     Verdict,
@@ -59,7 +60,7 @@ class Bench:
 
     def show(self, state: PowerState, velocity_si: float = 0.0) -> None:
         for axis in self.core.axes:
-            axis.feedback = replace(FEEDBACK, node_id=axis.node_id, power_state=state)
+            axis.feedback = FEEDBACK._replace(node_id=axis.node_id, power_state=state)
             axis.joint = AT_REST._replace(velocity_si=velocity_si)
 
     def turn(self, *verdicts: Verdict, command_inputs: CommandInputs = NO_INPUTS) -> None:
@@ -69,7 +70,8 @@ class Bench:
 
     def ask(self, kind: RequestKind) -> Outcome:
         self._request_id += 1
-        self.turn(command_inputs=CommandInputs(request=Request(self._request_id, kind, self.cycle)))
+        request = Request(self._request_id, kind, self.cycle, role=Role.UNRESTRICTED)
+        self.turn(command_inputs=CommandInputs(request=request))
         return self.core.result.outcome
 
     def until_stopped(self) -> Mode:
@@ -354,7 +356,7 @@ def test_the_confirmation_of_a_sign_test_leaves_the_drives_up(bench):
     core.evidence = {"right/hip": Result("moves", False, (0.1, -0.1), "pushed")}
     bench.show(PowerState.SWITCH_ON_DISABLED)
     wanted_mode = ModeRequest(Mode.COMMISSION, axis="right/hip", witnessed=True)
-    request = Request(1, RequestKind.MODE, bench.cycle + 1, wanted_mode)
+    request = Request(1, RequestKind.MODE, bench.cycle + 1, wanted_mode, Role.UNRESTRICTED)
 
     bench.turn(command_inputs=CommandInputs(request=request))
 

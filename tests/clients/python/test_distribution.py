@@ -13,7 +13,7 @@ from daemon.ipc import record
 from daemon.wire.names import StatusBit, Validity, name_of
 from daemon.wire.refusals import SetpointRefusal
 
-CLIENT = Path(__file__).parents[2] / "clients" / "python"
+CLIENT = Path(__file__).parents[3] / "clients" / "python"
 
 ALONE = """
 import sys

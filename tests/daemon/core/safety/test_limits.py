@@ -1,0 +1,65 @@
+"""Limits of an axis: each number comes from the key of its own meaning."""
+
+import math
+from itertools import count
+
+import pytest
+from msgspec.structs import asdict, replace
+from sessions import CONFIGS
+
+from daemon.core.safety.limits import AxisLimits, hip_limits, slide_limits
+from daemon.preflight.load import load
+
+LIMITS = load(CONFIGS / "demo.toml").limits
+
+
+def numbered(struct, numbers):
+    """The same settings with another number for each key."""
+    values = asdict(struct).items()
+    return replace(
+        struct, **{key: float(next(numbers)) for key, old in values if isinstance(old, float)}
+    )
+
+
+def settings():
+    numbers = count(1)
+    return replace(
+        LIMITS,
+        hip=replace(numbered(LIMITS.hip, numbers), brake=True),
+        slide=replace(numbered(LIMITS.slide, numbers), brake=False),
+        soft_limit=numbered(LIMITS.soft_limit, numbers),
+        spasm=numbered(LIMITS.spasm, numbers),
+        stop=numbered(LIMITS.stop, numbers),
+    )
+
+
+def key_of(field, axis):
+    """The key of limits.toml for a field of `AxisLimits`, without its unit."""
+    of_both = {"soft_damping": f"{axis}_damping", "spasm_rise": f"{axis}_rise"}
+    of_both["standstill"] = f"standstill_{axis}"
+    name = field.removesuffix("_per_s2").removesuffix("_per_s").removesuffix("_si")
+    name = name.removesuffix("_si")
+    effort = "torque" if axis == "hip" else "force"
+    return of_both.get(name, name.replace("effort", effort))
+
+
+@pytest.mark.parametrize(("axis", "made_by"), [("hip", hip_limits), ("slide", slide_limits)])
+def test_each_limit_is_the_setting_of_its_name_in_si_units(axis, made_by):
+    limits = settings()
+    own = {"hip": limits.hip, "slide": limits.slide}[axis]
+    keys = {
+        key: math.radians(value) if key.endswith("_deg") else value
+        for struct in (own, limits.soft_limit, limits.spasm, limits.stop)
+        for key, value in asdict(struct).items()
+        if struct is own or axis in key
+    }
+
+    made = made_by(limits, 0.5)._asdict()
+
+    assert made.pop("breakaway_si") == 0.5
+    assert made.pop("enable_max_cycles") == AxisLimits._field_defaults["enable_max_cycles"] == 25
+    for field, value in made.items():
+        begin = key_of(field, axis)
+        named = [key for key in keys if key == begin or key.startswith(f"{begin}_")]
+        assert len(named) == 1, (field, named)
+        assert value == keys[named[0]], field

@@ -1,0 +1,141 @@
+"""Spasms: what begins one, how long it lasts, and the stiffness in it."""
+
+import numpy as np
+import pytest
+
+from daemon.core.safety.spasm import STILL_CYCLES, SpasmRules, SpasmWatch, softened
+
+RULES = SpasmRules(10, stiffness_ratio=0.3, softening_ratio=0.1, recovery_ratio=0.005)
+RISE, REST = 14.0, 0.05
+
+
+def lasting(efforts, *, speed=-0.5, wanted=0.0, still=0):
+    """How long a spasm has lasted after these efforts of the patient's, one a cycle."""
+    watch = SpasmWatch(RULES.window_cycles)
+    for effort in efforts:
+        watch.update(effort, speed, wanted, still, RISE, REST)
+    return watch.cycles
+
+
+def ramp(peak, cycles):
+    return [0.0] * 12 + list(np.linspace(0.0, peak, cycles + 1))[1:]
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_fast_rise_against_the_motion_is_a_spasm_and_at_its_limit_it_is_none(sign):
+    assert lasting([sign * e for e in ramp(RISE + 0.01, 10)], speed=-sign) == 1
+    assert lasting([sign * e for e in ramp(RISE, 10)], speed=-sign) == 0
+
+
+def test_a_slow_rise_is_none():
+    assert lasting(ramp(2 * RISE, 30)) == 0
+
+
+@pytest.mark.parametrize("motion", [{"speed": 0.5}, {"speed": -0.5, "wanted": 0.5}])
+def test_a_push_along_with_the_motion_is_none(motion):
+    assert lasting(ramp(2 * RISE, 10), **motion) == 0
+
+
+def test_at_a_turn_of_the_gait_no_effort_is_along_with_the_motion():
+    assert lasting(ramp(2 * RISE, 10), speed=0.9 * REST) > 0
+
+
+def test_an_effort_that_is_let_go_is_no_spasm():
+    assert lasting([2 * RISE] * 12 + ramp(0.0, 1)[12:] + [0.0] * 3, speed=0.5) == 0
+
+
+def test_a_joint_that_gives_no_count_says_nothing_of_a_spasm():
+    assert lasting(ramp(2 * RISE, 10), still=STILL_CYCLES - 1) > 0
+    assert lasting(ramp(2 * RISE, 10), still=STILL_CYCLES) == 0
+
+
+def test_a_spasm_lasts_until_half_of_its_rise_is_gone():
+    risen = ramp(2 * RISE, 10)
+    begun = lasting(risen)
+
+    assert lasting([*risen, *[0.6 * RISE] * 50]) == begun + 50
+    assert lasting([*risen, 0.4 * RISE]) == 0
+    assert lasting([*risen, -2 * RISE]) == 0
+
+
+def test_without_an_estimate_nothing_is_known_of_a_spasm():
+    watch = SpasmWatch(RULES.window_cycles)
+    for effort in ramp(2 * RISE, 10):
+        watch.update(effort, -0.5, 0.0, 0, RISE, REST)
+    watch.reset()
+
+    assert (watch.cycles, watch.rise_si) == (0, 0.0)
+
+
+# Binary fractions: sums and products of them are exact, and none is as large as 1.
+WINDOW, SMALL_RISE, SMALL_REST = 3, 0.25, 0.125
+FLAT, BEGUN, LIFTED = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5], [1.0, 1.0, 1.0, 1.5]
+
+
+@pytest.mark.parametrize(
+    ("efforts", "motion", "rise", "cycles"),
+    [
+        ([], (-1.0, 0.0, 0), 0.0, 0),
+        (BEGUN, (-1.0, 0.0, 0), 0.5, 1),
+        # the window is of so many cycles
+        ([0.0, 0.25, 0.25, 0.375], (-1.0, 0.0, 0), 0.375, 1),
+        ([0.0, 0.125, 0.125, 0.125, 0.375], (-1.0, 0.0, 0), 0.25, 0),
+        # a stuck joint
+        (BEGUN, (-1.0, 0.0, 2), 0.5, 1),
+        (BEGUN, (-1.0, 0.0, 3), 0.5, 0),
+        (BEGUN, (-1.0, 0.0, 4), 0.5, 0),
+        # along with the motion, or too slow to be
+        (BEGUN, (0.125, 0.0, 0), 0.5, 1),
+        (BEGUN, (0.25, 0.0, 0), 0.5, 0),
+        (BEGUN, (1.0, 0.0, 0), 0.5, 0),
+        (BEGUN, (-0.25, 0.0, 0), 0.5, 1),
+        (BEGUN, (-1.0, 0.25, 0), 0.5, 0),
+        # an effort against the motion is let go
+        ([-0.625, -0.625, -0.625, -0.125], (-1.0, 0.0, 0), 0.5, 0),
+        # half of the rise is left, counted from the effort before it
+        ([*BEGUN, 0.126], (-1.0, 0.0, 0), 0.5, 2),
+        ([*BEGUN, 0.125], (-1.0, 0.0, 0), 0.5, 0),
+        ([*BEGUN, -0.2], (-1.0, 0.0, 0), 0.5, 0),
+        ([*LIFTED, 1.126], (-1.0, 0.0, 0), 0.5, 2),
+        ([*LIFTED, 1.125], (-1.0, 0.0, 0), 0.5, 0),
+        ([0.0, 0.0, 0.0, 6.0, -3.0], (-1.0, 0.0, 0), 6.0, 0),
+    ],
+)
+def test_what_begins_a_spasm_and_what_ends_it(efforts, motion, rise, cycles):
+    watch = SpasmWatch(WINDOW)
+
+    for effort in efforts:
+        watch.update(effort, *motion, SMALL_RISE, SMALL_REST)
+
+    assert (watch.rise_si, watch.cycles) == (rise, cycles)
+
+
+def test_a_rise_across_a_reset_is_none():
+    watch = SpasmWatch(WINDOW)
+    for effort in FLAT:
+        watch.update(effort, -1.0, 0.0, 0, SMALL_RISE, SMALL_REST)
+    watch.reset()
+
+    watch.update(0.5, -1.0, 0.0, 0, SMALL_RISE, SMALL_REST)
+
+    assert (watch.rise_si, watch.cycles) == (0.0, 0)
+
+
+@pytest.mark.parametrize(
+    ("before", "in_spasm", "after"),
+    [
+        (1.0, True, 0.875),
+        (0.5, True, 0.375),
+        (0.3125, True, 0.25),
+        (0.25, True, 0.25),
+        (0.125, True, 0.125),
+        (0.125, False, 0.1875),
+        (0.5, False, 0.5625),
+        (0.96875, False, 1.0),
+        (1.0, False, 1.0),
+    ],
+)
+def test_stiffness_falls_and_comes_back_by_rate_within_its_limits(before, in_spasm, after):
+    rules = SpasmRules(WINDOW, 0.25, softening_ratio=0.125, recovery_ratio=0.0625)
+
+    assert softened(before, rules, in_spasm=in_spasm) == after

@@ -1,0 +1,146 @@
+"""The client library on a running service: each example as it is printed, and a lease that lasts.
+
+One service for all, in simulated time: which estimate meets which setpoint is decided by the
+computer, so nothing here counts them.
+"""
+
+import asyncio
+import importlib.util
+import threading
+from pathlib import Path
+
+import pytest
+from gaitd_client import (
+    Assist,
+    AsyncTrainer,
+    Kind,
+    Mode,
+    NoAnswerError,
+    NoServiceError,
+    NotValid,
+    SetpointRefusal,
+    Trainer,
+    Trouble,
+)
+
+from daemon.ipc import record
+
+EXAMPLES = Path(__file__).parents[2] / "clients" / "python" / "examples"
+PULL_NM = 3.0
+
+
+def example(name):
+    spec = importlib.util.spec_from_file_location(f"example_{name}", EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def assist_nm(service):
+    newest = service.newest()
+    return newest.assist.legs[0].assist[0] if newest.mode == record.Mode.TORQUE else 0.0
+
+
+@pytest.fixture
+def trainer(long_service):
+    """A client of the warm service, whose machine is ready."""
+    long_service.bring(record.Mode.READY)
+    with long_service.client() as made:
+        yield made
+
+
+def test_the_examples_of_all_roles_work_together(long_service, trainer, capsys):
+    example("service").main(trainer)
+    steering = threading.Thread(target=example("controller").main, args=(trainer, 2.0))
+    steering.start()
+    long_service.wait(lambda: trainer.status().safety.lease_holder is not None, 30)
+    example("operator").main(trainer)
+    long_service.wait(lambda: assist_nm(long_service) > 0.1, 30)
+    long_service.wait(lambda: not steering.is_alive(), 60)
+    long_service.wait(lambda: long_service.mode == record.Mode.HOLD, 30)
+    steering.join()
+    with long_service._fast():
+        example("session").main(trainer, 1.0)
+
+    async def display():
+        target = trainer.target
+        async with AsyncTrainer(target.endpoints, clock=trainer.clock) as shown:
+            await example("display").main(shown, 20)
+
+    asyncio.run(display())
+
+    said = capsys.readouterr().out
+    assert "right/hip: " in said
+    assert "setpoints sent" in said
+    assert "\ntorque\n" in said
+    assert said.count("\nhold\n") == 1
+    assert "hold: patient " in said
+    trainer.events(history_count=0).close()  # Zenoh refuses a history of none
+    first = next(item for item in trainer.events() if not isinstance(item, NotValid))
+    assert (first.seq, first.kind) == (1, Kind.CORE)  # the history comes before anything new
+
+
+def test_a_lease_says_why_setpoints_are_refused_and_outlives_the_gateway(long_service, trainer):
+    pulls = [float("nan")]
+    refusals = []
+    trainer.enable()
+    with trainer.lease("test", lambda _: Assist(pulls[0]), on_refusal=refusals.append) as lease:
+        trainer.mode(Mode.TORQUE)
+        long_service.wait(lambda: refusals, 30)
+        assert refusals[0].reason == SetpointRefusal.NON_FINITE
+
+        # The lapse after it has ended mode torque; a lease is kept in every mode that is no stop.
+        pulls[0] = 1000.0
+        long_service.wait(lambda: trainer.status().safety.mode == Mode.HOLD, 30)
+        trainer.mode(Mode.TORQUE)
+        long_service.wait(lambda: refusals[-1].reason == SetpointRefusal.OUT_OF_RANGE, 30)
+        assert "assist_max_nm" in refusals[-1].meaning
+        assert refusals[-1].remedy
+
+        pulls[0] = PULL_NM
+        long_service.wait(lambda: trainer.status().safety.mode == Mode.HOLD, 30)
+        trainer.mode(Mode.TORQUE)
+        long_service.wait(lambda: assist_nm(long_service) == PULL_NM, 30)
+
+        estimates, safety = trainer.estimate("right"), trainer.safety()
+        long_service.kill("gateway")
+        silence = next(item for item in estimates if isinstance(item, NotValid))
+        assert silence.trouble is Trouble.SILENT
+        assert isinstance(estimates.newest(), NotValid)
+        assert isinstance(safety.newest(), NotValid)
+
+        with (
+            pytest.raises(NoServiceError, match="no service listens on"),
+            Trainer.of(trainer.target),
+        ):
+            pass
+        early = Trainer(trainer.target.endpoints, clock=trainer.clock, keep_trying=True)
+        with early, early.activity("right") as activity:
+            assert isinstance(activity.newest(), NotValid)
+            with pytest.raises(NoAnswerError, match="not connected"):
+                early.status()
+            long_service.start("gateway")
+            assert next(item for item in estimates if not isinstance(item, NotValid)).cycle
+            assert next(item for item in activity if not isinstance(item, NotValid)).cycle
+        long_service.wait(lambda: not lease.is_held and lease.why_not, 30)
+        long_service.reset()
+        long_service.wait(lambda: lease.is_held, 30)
+        assert trainer.status().safety.lease_holder == "test"
+    assert trainer.status().safety.lease_holder is None
+
+
+def test_an_exception_of_the_law_ends_the_assist_and_reaches_the_program(long_service, trainer):
+    def law(estimate):
+        raise ZeroDivisionError(estimate.leg)
+
+    trainer.enable()
+    with (
+        pytest.raises(ZeroDivisionError, match="right"),
+        trainer.lease("test", law) as lease,
+    ):
+        trainer.mode(Mode.TORQUE)
+        lease.wait()
+    held = long_service.wait_for(record.Mode.HOLD)
+
+    assert held.verdict.cause == record.Cause.NONE
+    assert trainer.status().safety.lease_holder is None

@@ -1,0 +1,104 @@
+"""A service with keys, from the start to a stop: who may do what, in simulated time."""
+
+import datetime
+import json
+import tempfile
+from pathlib import Path
+
+import pytest
+from keyed_gateway import target_of
+
+from daemon.ipc.record import Cause, Mode
+from daemon.keys import issuing
+from gaitd.testing.trainer import VirtualTrainer
+from gaitd_lab.processes import free_port, memory_folder
+
+PLAN = {"cadence_max_hz": 0.4, "amplitude_max_ratio": 0.8, "duration_max_s": 300.0}
+CLIENTS = {"operator.desk": False, "session.desk": False, "display.ward": True}
+NOW = datetime.datetime.now(datetime.UTC)
+OLD_S = 1.5
+"""A request that is older than this is refused."""
+
+
+class TrainerWithKeys(VirtualTrainer):
+    """A virtual trainer; each request is made by one of its clients."""
+
+    def __init__(self, folder):
+        tls = f"tls/localhost:{free_port()}"
+        super().__init__(folder, pace="max", edits={"demo.toml": {"gait.announce_s": 0.5}})
+        text = self.config.read_text(encoding="utf-8")
+        local = self.target.endpoints[0]
+        with_keys = f'listen = ["{local}", "{tls}"]\nkeys = "keys"'
+        text = text.replace(f'listen = ["{local}"]', with_keys)
+        self.config.write_text(text, encoding="utf-8")
+        self.keys = self.config.parent / "keys"
+        issuing.init(self.keys, self.trainer, [], NOW, 365)
+        for name, is_remote in CLIENTS.items():
+            endpoints = [tls if is_remote else local]
+            issuing.issue(self.keys, name, endpoints, self.trainer, NOW, 365, remote=is_remote)
+        self.act_as("operator.desk")
+
+    def act_as(self, name):
+        self.target = target_of(self.keys / issuing.ISSUED / name)
+
+    def asked(self):
+        """Name and client of each request in the request log."""
+        lines = (self.folder / "state" / "requests.jsonl").read_text().splitlines()
+        logged = [json.loads(line) for line in lines]
+        return [(one["name"], one["client"]) for one in logged if "client" in one]
+
+
+@pytest.fixture
+def trainer():
+    with (
+        tempfile.TemporaryDirectory(dir=memory_folder()) as folder,
+        TrainerWithKeys(Path(folder)) as made,
+    ):
+        yield made.start_all()
+
+
+def outcome(answer):
+    return answer["outcome"], answer["reason"]
+
+
+def test_a_session_trains_within_its_plan_and_a_display_stops_it(trainer):
+    gait = {"mode": "gait", "cadence_hz": 0.4, "amplitude_ratio": 0.8, "duration_s": 300.0}
+
+    trainer.act_as("session.desk")
+    enabled = trainer.enable()
+    assert outcome(trainer.request("mode", **gait)) == (
+        "refused",
+        "no plan is released: an operator releases one with `gaitd plan release`",
+    )
+    assert trainer.request("plan", plan=PLAN)["outcome"] == "unanswered"
+    trainer.act_as("operator.desk")
+    assert trainer.request("plan", plan=PLAN)["outcome"] == "done"
+
+    trainer.act_as("session.desk")
+    refusals = [
+        trainer.request("mode", **{**gait, "cadence_hz": 0.41}),
+        trainer.request("mode", mode="excite", scenario="open_loop", duration_s=25.0),
+    ]
+    assert [outcome(one) for one in refusals] == [
+        ("refused", "cadence_hz = 0.41, the released plan allows up to 0.4"),
+        ("refused", "the role session may not request mode excite"),
+    ]
+    trainer.run(OLD_S)
+    replayed = trainer.request("mode", **gait, for_cycle=enabled.cycle)
+    assert replayed["outcome"] == "refused"
+    assert f"made for cycle {enabled.cycle}" in replayed["reason"]
+    assert trainer.mode == Mode.HOLD
+    trainer.gait(0.4, 0.8, 300.0)
+
+    trainer.act_as("display.ward")
+    assert trainer.request("disable")["outcome"] == "unanswered"
+    assert trainer.mode == Mode.GAIT
+    stopped = trainer.stop()
+    assert stopped.verdict.cause == Cause.STOP_REQUESTED
+    trainer.act_as("session.desk")
+    assert trainer.request("enable")["outcome"] == "refused"
+    assert {*trainer.asked()} >= {
+        *{("enable", "session.desk"), ("mode", "session.desk")},
+        *{("plan", "operator.desk"), ("stop", "display.ward")},
+    }
+    assert not [name for name, client in trainer.asked() if client == "tester"]
