@@ -40,7 +40,7 @@ class AxisView(msgspec.Struct, frozen=True):
     patient: Number
     friction: Number
     net: Number
-    drive: float | None
+    effort: float | None
     """Torque or force of the drive."""
 
 
@@ -153,7 +153,7 @@ def leg_view(
         if rubbing
         else UNKNOWN,
         net=Number(known.hip_net_nm, known.hip_net_nm_std) if known else UNKNOWN,
-        drive=efforts[0],
+        effort=efforts[0],
     )
     slide = AxisView(
         validity=known.slide_validity if known else None,
@@ -162,7 +162,7 @@ def leg_view(
         if rubbing
         else UNKNOWN,
         net=Number(known.slide_net_n, known.slide_net_n_std) if known else UNKNOWN,
-        drive=efforts[1],
+        effort=efforts[1],
     )
     return LegView(leg, hip, slide, known.sample_time_ns / 1e6 if known else None)
 

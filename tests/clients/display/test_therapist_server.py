@@ -204,7 +204,7 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
         assert hip["friction"] == {"value": 3.0, "std": 0.2}
         slide = frame["now"]["legs"][0]["slide"]
         assert slide["friction"] == {"value": None, "std": None}
-        assert (hip["drive"], slide["drive"]) == (5.5, 5.5)
+        assert (hip["effort"], slide["effort"]) == (5.5, 5.5)
         assert (hip["net"], hip["validity"]) == ({"value": -1.5, "std": 0.3}, "ok")
         assert {item["kind"] for item in items} == {"event", "stride"}
 

@@ -96,7 +96,7 @@ function legOf(leg) {
 }
 
 function paintAxis(cells, axis, digits) {
-  const texts = [number(axis.patient, digits), number(axis.friction, digits), number(axis.net, digits), plain(axis.drive, digits), axis.validity ?? "–"];
+  const texts = [number(axis.patient, digits), number(axis.friction, digits), number(axis.net, digits), plain(axis.effort, digits), axis.validity ?? "–"];
   texts.forEach((text, index) => {
     setText(cells[index], text);
     cells[index].classList.toggle("invalid", text === "–");
@@ -157,7 +157,7 @@ function paint() {
   }
   for (const leg of view.legs) {
     const shown = legOf(leg.leg);
-    const unknown = { patient: { value: null }, friction: { value: null }, net: { value: null }, drive: null, validity: null };
+    const unknown = { patient: { value: null }, friction: { value: null }, net: { value: null }, effort: null, validity: null };
     paintAxis(shown.rows[0], loss ? unknown : leg.hip, 2);
     paintAxis(shown.rows[1], loss ? unknown : leg.slide, 1);
     if (view !== seen && leg.sample_time_ms !== null && leg.sample_time_ms !== shown.newest) {
