@@ -155,6 +155,18 @@ def test_a_pair_must_stop_if_one_of_its_faults_must_and_may_end_with_the_code_of
         pairs.fault_named("silent+nothing_known@1")
 
 
+def test_a_jump_during_a_delay_may_look_like_a_motion_and_must_stop_all_the_same():
+    delayed, lost = (
+        pairs.law_of(Cell(f"{other}+encoder_jump@0", "gait_impedance", "right/slide"), None)
+        for other in ("overrun_3", "tpdo_lost_once")
+    )
+
+    assert Cause.STOPPING_PATH in delayed.causes
+    assert Cause.STOPPING_PATH not in lost.causes
+    assert delayed.stops
+    assert not delayed.may_go_on
+
+
 def test_a_jam_hides_a_push_at_the_same_joint_where_it_stands():
     def may_go_on(fault, mode):
         return pairs.law_of(Cell(fault, mode, "right/hip"), None).may_go_on
