@@ -20,7 +20,7 @@ SESSION := clients/session
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install uninstall purge rigs lock format golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display uninstall purge rigs lock format golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -38,6 +38,14 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.t
 
 demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
 	$(BIN)/gaitd demo
+
+$(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY)
+	@touch $@
+
+demo-display: $(VENV)/display.stamp  ## the same with the patient's page in a browser, http://127.0.0.1:8080
+	$(BIN)/gaitd demo --display
 
 quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)
@@ -91,6 +99,9 @@ format: $(VENV)/dev.stamp  ## format, and fix what the linter can fix
 
 install:  ## install the service on this machine (root, Debian); leaves it stopped. DESTDIR= stages a package
 	DESTDIR=$(DESTDIR) bash scripts/install.sh install
+
+install-display:  ## add the pages of clients/display to an installed service (root, Debian); leaves them stopped
+	DESTDIR=$(DESTDIR) bash scripts/install.sh display
 
 uninstall:  ## remove the service from this machine; keeps configuration and state
 	DESTDIR=$(DESTDIR) bash scripts/install.sh uninstall
