@@ -90,13 +90,13 @@ def test_the_slide_travels_its_lead_per_turn_after_the_gear_against_the_counts()
 
 
 def test_motor_current_becomes_torque_by_torque_constant_and_gear_alone():
-    sample = to_joint(replace(FEEDBACK, torque_raw=1000), scaling("hip_epos4"))
+    sample = to_joint(FEEDBACK._replace(torque_raw=1000), scaling("hip_epos4"))
 
     assert sample.effort_si == pytest.approx(0.055736 * 100)  # 1 A, no efficiency factor
 
 
 def test_motor_current_becomes_force_by_lead_and_sign():
-    sample = to_joint(replace(FEEDBACK, torque_raw=1000), scaling("slide_epos4"))
+    sample = to_joint(FEEDBACK._replace(torque_raw=1000), scaling("slide_epos4"))
 
     assert sample.effort_si == pytest.approx(-0.107746 * 6 * 2 * math.pi / 0.15)
 
@@ -193,7 +193,7 @@ def test_a_sample_is_proportional_to_its_raw_value_and_has_the_sign_of_the_joint
     for name in NAMES:
         s = scaling(name)
 
-        effort = to_joint(replace(FEEDBACK, torque_raw=raw), s).effort_si
+        effort = to_joint(FEEDBACK._replace(torque_raw=raw), s).effort_si
 
         assert effort == pytest.approx(raw * s.effort_per_torque_count_si), name
         assert raw == 0 or (effort > 0) == (raw * s.counts_per_si > 0), name
