@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Tests of `make quick`: without bus, process and session.
 UNITS := tests/drives tests/daemon
+# Compiled tests and modules are kept in __pycache__: otherwise each process compiles them again.
+unexport PYTHONDONTWRITEBYTECODE
 # Processes of pytest: one for each processor, up to 16.
 WORKERS ?= auto --maxprocesses 16
 # Records the CPU-seconds of a step; pytest prints them with its own.
@@ -14,10 +16,11 @@ COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --gene
 # The client library, a distribution of its own: installed before gaitd, from this clone.
 CLIENT := clients/python
 DISPLAY := clients/display
-PACKAGES := $(CLIENT) $(DISPLAY) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
+SESSION := clients/session
+PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install uninstall purge rigs lock format golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display uninstall purge rigs lock format golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -28,18 +31,29 @@ $(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable .
 	@touch $@
 
-$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml
+$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION)
 	@touch $@
 
 demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
 	$(BIN)/gaitd demo
 
+$(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY)
+	@touch $@
+
+demo-display: $(VENV)/display.stamp  ## the same with the patient's page in a browser, http://127.0.0.1:8080
+	$(BIN)/gaitd demo --display
+
 quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)
 
-test: clean-steps check coverage pytest  ## all that a contributor must pass; prints its CPU-seconds
+# The static checks and the gates run side by side; pytest uses all processors by itself.
+test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints its CPU-seconds
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check coverage
+	@$(MAKE) --no-print-directory pytest
 
 test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
 	$(BIN)/pytest -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
@@ -85,6 +99,9 @@ format: $(VENV)/dev.stamp  ## format, and fix what the linter can fix
 
 install:  ## install the service on this machine (root, Debian); leaves it stopped. DESTDIR= stages a package
 	DESTDIR=$(DESTDIR) bash scripts/install.sh install
+
+install-display:  ## add the pages of clients/display to an installed service (root, Debian); leaves them stopped
+	DESTDIR=$(DESTDIR) bash scripts/install.sh display
 
 uninstall:  ## remove the service from this machine; keeps configuration and state
 	DESTDIR=$(DESTDIR) bash scripts/install.sh uninstall

@@ -6,6 +6,7 @@ packs them and only `units.py` converts them. Nothing here knows about legs.
 
 from dataclasses import dataclass
 from enum import Enum, IntEnum, IntFlag
+from typing import NamedTuple
 
 from drives.canopen.emcy_codes import Reaction
 
@@ -96,8 +97,7 @@ class Emergency:
     """The encoder position is no longer reliable."""
 
 
-@dataclass(frozen=True, slots=True)
-class DriveFeedback:
+class DriveFeedback(NamedTuple):
     """State of one drive at the end of this cycle's window."""
 
     node_id: int
@@ -145,8 +145,7 @@ class DriveFeedback:
         return self.power_state in {PowerState.FAULT, PowerState.FAULT_REACTION_ACTIVE}
 
 
-@dataclass(frozen=True, slots=True)
-class DriveCommand:
+class DriveCommand(NamedTuple):
     """Command to one drive at the end of a cycle; it takes effect at the next SYNC."""
 
     power: PowerRequest

@@ -20,10 +20,10 @@ def command(
         list[str] | None, typer.Option(help="one of the benchmarks, by name; may be repeated")
     ] = None,
 ) -> None:
-    """Run the benchmarks: observer step, scaling, cycle, SYNC lateness, replay, service, peers.
+    """Run the benchmarks: observer, scaling, cycle, lateness, replay, service, peers, display.
 
     Names: observer_step, scaling, cycle, lateness, lateness_under_load,
-    replay, service, peers.
+    replay, service, peers, display.
     """
     from rich.console import Console
 

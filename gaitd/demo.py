@@ -22,6 +22,8 @@ SHORTEST_S = 6.0
 PICTURE = Path("out") / "demo.png"
 PRINT_EVERY_S = 1.0
 DRAW_EVERY_S = 0.25
+READ_S = 3.0
+"""Time to read the address before the live view takes the terminal."""
 
 
 def command(
@@ -40,6 +42,12 @@ def command(
     wall_clock: Annotated[
         bool, typer.Option("--wall-clock", help="by the computer's clock: shows its lateness")
     ] = False,
+    display: Annotated[
+        bool, typer.Option("--display", help="also serve the patient's page of clients/display")
+    ] = False,
+    display_port: Annotated[
+        int, typer.Option(min=1, max=65535, help="of that page, on 127.0.0.1")
+    ] = 8080,
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; check the errors."""
     from daemon.config.shipped import configs_folder
@@ -53,10 +61,14 @@ def command(
     signal.signal(signal.SIGTERM, _interrupt)
     _refuse(pace, wall_clock=wall_clock)
     plan, tempo = plan_of(seconds), Tempo(pace, wall_clock)
+    port = display_port if display else None
+    if display:
+        print(f"the patient's page: http://127.0.0.1:{display_port}", flush=True)
+        time.sleep(READ_S)
     if headless or not sys.stdout.isatty():
-        results = Performance(configs, plan, _Lines(), tempo).play()
+        results = Performance(configs, plan, _Lines(), tempo, port).play()
     else:
-        results = _watch(configs, plan, tempo)
+        results = _watch(configs, plan, tempo, port)
     plot.parent.mkdir(parents=True, exist_ok=True)
     draw(results, plot)
     report(results, plan)
@@ -81,7 +93,7 @@ def _interrupt(_signal: int, _frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
+def _watch(configs: Path, plan: "Plan", tempo: "Tempo", display_port: int | None) -> "Results":
     from rich.live import Live
 
     from gaitd_lab.demonstration.performance import Performance
@@ -102,7 +114,7 @@ def _watch(configs: Path, plan: "Plan", tempo: "Tempo") -> "Results":
             def scene(self, scene: "Scene") -> None:
                 """Do nothing: the next picture shows the scene."""
 
-        return Performance(configs, plan, Pictures(), tempo).play()
+        return Performance(configs, plan, Pictures(), tempo, display_port).play()
 
 
 class _Lines:

@@ -3,6 +3,8 @@
 #
 #   install.sh install      environment and files; leaves the service stopped, and disabled as it was
 #   install.sh files        the files alone, for an environment that is at $PREFIX already
+#   install.sh display      the pages of clients/display, into the environment of `install`; also after an upgrade
+#   install.sh display-files   their files alone
 #   install.sh uninstall    removes all but configuration and state
 #   install.sh purge        these, too, and the users
 #
@@ -19,6 +21,7 @@ DOCUMENTS=/usr/share/doc/gaitd
 BASH_COMPLETION=/usr/share/bash-completion/completions/gaitd
 ZSH_COMPLETION=/usr/share/zsh/vendor-completions/_gaitd
 PARTS=(gaitd.target gaitd-core.service gaitd-gateway.service gaitd-sim.service)
+PAGES=(gaitd-patient.service gaitd-therapist.service)
 NO_CAN=10-gaitd-no-can.conf
 WAIT=$UNITS/sys-subsystem-net-devices-can0.device.d
 
@@ -105,6 +108,32 @@ configuration() {
     find "$DESTDIR/etc/gaitd" -type d -exec chmod 755 {} +
 }
 
+display_environment() {
+    [ -x "$DESTDIR$PREFIX/bin/python" ] || refuse "there is no $PREFIX: \`make install\` first"
+    say "adding the pages to $PREFIX, with all pinned dependencies"
+    "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
+    "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/display
+}
+
+display_files() {
+    # Each page's file is readable for its own user alone; an existing one stays, edited or not.
+    local name
+    for name in "${PAGES[@]}"; do
+        put "systemd/$name" "$UNITS/$name"
+    done
+    put systemd/gaitd-display.sysusers /usr/lib/sysusers.d/gaitd-display.conf
+    for name in patient therapist; do
+        [ -e "$DESTDIR/etc/gaitd-display/$name.toml" ] || put "clients/display/configs/$name.toml" "/etc/gaitd-display/$name.toml" 640
+    done
+    if live; then
+        systemd-sysusers gaitd-display.conf
+        for name in patient therapist; do
+            chgrp "gaitd-$name" "/etc/gaitd-display/$name.toml"
+        done
+        ! running || systemctl daemon-reload
+    fi
+}
+
 settle() {
     # Only on the machine itself: users, folders, completion, compiled kernels.
     completion
@@ -141,29 +170,30 @@ uninstall() {
         # The core first: it brings both axes to rest.
         systemctl disable --quiet --now "${PARTS[@]}" 2> /dev/null || true
         systemctl reset-failed "${PARTS[@]}" 2> /dev/null || true
+        systemctl disable --quiet --now "${PAGES[@]}" 2> /dev/null || true
     fi
-    for name in "${PARTS[@]}"; do
+    for name in "${PARTS[@]}" "${PAGES[@]}"; do
         rm -f "$DESTDIR$UNITS/$name"
     done
     rm -f "$DESTDIR$UNITS"/{gaitd-core,gaitd-sim}.service.d/{$NO_CAN,20-gaitd-bus.conf} \
         "$DESTDIR$UNITS/service.d/$NO_CAN" "$DESTDIR$WAIT/10-gaitd-wait.conf" \
         "$DESTDIR$NETWORK"/80-gaitd-can0.{link,network} \
-        "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf \
+        "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf "$DESTDIR/usr/lib/sysusers.d/gaitd-display.conf" \
         "$DESTDIR/usr/bin/gaitd" "$DESTDIR$BASH_COMPLETION" "$DESTDIR$ZSH_COMPLETION"
     for name in "$UNITS"/{gaitd-core.service.d,gaitd-sim.service.d,service.d} "$WAIT"; do
         rmdir --ignore-fail-on-non-empty "$DESTDIR$name" 2> /dev/null || true
     done
     rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR"/var/cache/gaitd{,-sim}
     ! running || systemctl daemon-reload
-    say "gone; /etc/gaitd and /var/lib/gaitd are kept (\`make purge\` removes them)"
+    say "gone; /etc/gaitd, /etc/gaitd-display and /var/lib/gaitd are kept (\`make purge\` removes them)"
 }
 
 purge() {
     uninstall
-    rm -rf "$DESTDIR/etc/gaitd" "$DESTDIR/var/lib/gaitd" "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim}.service.d
+    rm -rf "$DESTDIR/etc/gaitd" "$DESTDIR/etc/gaitd-display" "$DESTDIR/var/lib/gaitd" "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim}.service.d
     if live; then
         local user
-        for user in gaitd-core gaitd-gateway gaitd-sim; do
+        for user in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist; do
             userdel "$user" 2> /dev/null || true
         done
         groupdel gaitd 2> /dev/null || true
@@ -172,9 +202,9 @@ purge() {
     say "configuration, state and users are gone, too"
 }
 
-usage() { sed -n '2,9p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
+usage() { sed -n '2,11p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
 
-case "${1:-}" in install | files | uninstall | purge) ;; *) usage ;; esac
+case "${1:-}" in install | files | display | display-files | uninstall | purge) ;; *) usage ;; esac
 ! live || [ "$(id -u)" -eq 0 ] || refuse "needs root (or DESTDIR=/somewhere to stage a package)"
 case "$1" in
     install)
@@ -185,6 +215,12 @@ case "$1" in
         say "\`gaitd check --config /etc/gaitd/trainer.toml\`, \`gaitd doctor\`, \`systemctl enable --now gaitd.target\`"
         ;;
     files) idle; files ;;
+    display)
+        display_environment
+        display_files
+        say "done; nothing was started or enabled. Next: docs/display.md"
+        ;;
+    display-files) display_files ;;
     uninstall) uninstall ;;
     purge) purge ;;
 esac

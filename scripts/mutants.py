@@ -8,10 +8,9 @@ code 1.
 The mutations are those of Cosmic Ray and of `mutation_operators.py`. Cosmic Ray's own runner starts
 Python and imports everything anew for each mutant, and writes into the work tree. Here one process
 for each file imports and collects its tests once, and forks for each mutant. The fork replaces the
-code of the changed function, and runs the tests that call this function, the likeliest killer
-first. Where the change is outside of a function, or in one that runs while the module or the tests
-are imported, or in one that no test calls, a process imports the changed module anew and runs all
-tests of the file.
+code of the changed function, and runs the tests, those that call this function and the likeliest
+killers first. Where the change is outside of a function, or in one that runs while the module or
+the tests are imported, a process imports the changed module anew.
 """
 
 import argparse
@@ -78,11 +77,11 @@ LEFT_OUT = re.compile(
 )
 """Operators of Cosmic Ray that are not used."""
 
-EQUIVALENT = re.compile(r"\b(slots|frozen|strict)=$")
+EQUIVALENT = re.compile(r"\b(slots|frozen|strict|kw_only)=$")
 """What is before a place that is not changed.
 
 `slots` costs memory; nothing assigns to what is `frozen`, which the type checker knows; sequences
-that `zip` pairs have equal lengths.
+that `zip` pairs have equal lengths; `kw_only` is how arguments are passed.
 """
 
 PRELOADED = (
@@ -93,7 +92,7 @@ PRELOADED = (
 
 TEST_TIMEOUT_S = 300
 """Limit for a test of a mutant that waits for ever."""
-CPU_LIMIT_S = 60
+CPU_LIMIT_S = 30
 """Limit for all tests of a mutant that loops for ever."""
 
 
@@ -336,7 +335,7 @@ class Run(NamedTuple):
     """What a test does without mutation."""
 
     places: frozenset[Place]
-    """Code of the file that it runs."""
+    """Code of the file that it runs; what the test of a file caches is run by the first one."""
     cpu_s: float
 
 
@@ -421,18 +420,15 @@ class _AfterCollection(_InForks):
             child = os.fork()
             if child == 0:
                 mutant = mutate(spec)
-                chosen: list[int] = []
+                reached = None
                 if mutant.outcome is Outcome.UNDECIDED:
-                    chosen = self._replace(before, mutant.source, functions, imported, runs)
-                    chosen.sort(
-                        key=lambda one: runs[one].cpu_s / (1 + self.kills[items[one].nodeid])
-                    )
-                send.send((mutant, bool(chosen)))
-                if not chosen:
+                    reached = self._replace(before, mutant.source, functions, imported)
+                send.send((mutant, reached is not None))
+                if reached is None:
                     os._exit(0)
-                limit_cpu(5 + 5 * sum(runs[number].cpu_s for number in chosen))
+                limit_cpu(3 + 2 * sum(run.cpu_s for run in runs))
                 self.to_parent = send
-                session.items[:] = [items[number] for number in chosen]
+                session.items[:] = self._in_order(items, runs, reached)
                 return None
             send.close()
             judged, is_tested = receive.recv()
@@ -446,21 +442,31 @@ class _AfterCollection(_InForks):
         source: str,
         functions: dict[Place, list[FunctionType]],
         imported: frozenset[Place],
-        runs: list[Run],
-    ) -> list[int]:
-        """Replace the code that differs, and return the numbers of the tests that call it."""
+    ) -> set[Place] | None:
+        """Replace the code that differs, and return its places; None where that is not enough."""
         changed = changed_functions(before, compile(source, self.path, "exec"))
-        if changed is None:
-            return []
+        if not changed:
+            return None
         reached: set[Place] = set()
         for old, new in changed:
             place = Place.of(old)
             reached |= places_within(old)
             if reached & imported or old.co_freevars != new.co_freevars or place not in functions:
-                return []
+                return None
             for function in functions[place]:
                 function.__code__ = new
-        return [number for number, run in enumerate(runs) if run.places & reached]
+        return reached
+
+    def _in_order(
+        self, items: list[pytest.Item], runs: list[Run], reached: set[Place]
+    ) -> list[pytest.Item]:
+        """All tests: first those that run what is changed, by kills per CPU-second."""
+
+        def rank(number: int) -> tuple[bool, float]:
+            run, kills = runs[number], self.kills[items[number].nodeid]
+            return not run.places & reached, run.cpu_s / (1 + kills)
+
+        return [items[number] for number in sorted(range(len(items)), key=rank)]
 
     @pytest.hookimpl
     def pytest_sessionfinish(self) -> None:
@@ -469,16 +475,16 @@ class _AfterCollection(_InForks):
             self.to_parent.send(self._runs)
 
 
-class _BeforeCollection(_InForks):
-    """Forks before the tests are collected, and imports the mutated module in each fork."""
+class _BeforeImport(_InForks):
+    """Forks before any file of the tests is imported, which then import the mutated module."""
 
     def __init__(self, undecided: Iterable[Judged], report: Callable[[Judged], None]) -> None:
         super().__init__(report)
         self.undecided = undecided
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_collection(self, session: pytest.Session) -> bool | None:
-        """Fork for each mutant; in a fork, return None and let pytest collect and run the tests."""
+    def pytest_load_initial_conftests(self) -> None:
+        """Fork for each mutant; a fork returns, and pytest collects and runs the tests."""
         for one in self.undecided:
             if module_name(one.spec.file) in sys.modules:
                 raise RuntimeError(f"{one.spec.file} was imported before its mutation")
@@ -488,11 +494,10 @@ class _BeforeCollection(_InForks):
                 self.to_parent = send
                 limit_cpu(CPU_LIMIT_S)
                 sys.meta_path.insert(0, _Mutated(one.spec.file, one.source))
-                return None
+                return
             send.close()
             self.report(self.finish(one, child, receive))
-        session.items = []
-        return True
+        os._exit(0)
 
     @pytest.hookimpl
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
@@ -539,12 +544,7 @@ def judge_replaced(send: Connection, file: str, specs: list[Spec]) -> None:
 
 def judge_imported(send: Connection, file: str, undecided: list[Judged]) -> None:
     """Process: judge mutants by all tests of their file, with the module imported anew for each."""
-    forks = _BeforeCollection(undecided, send.send)
-    code = run_pytest(file, forks)
-    if forks.to_parent:
-        os._exit(code)
-    if code != pytest.ExitCode.NO_TESTS_COLLECTED:
-        raise RuntimeError(f"the tests of {file} could not run: pytest says {code}")
+    os._exit(run_pytest(file, _BeforeImport(undecided, send.send)))  # of a fork
 
 
 def argued(files: Iterable[str]) -> set[Key]:

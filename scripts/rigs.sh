@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Installs the packages for the rigs: a kernel with SocketCAN under QEMU, and a container with systemd as PID 1.
+# Installs the packages for the rigs: a kernel with SocketCAN under QEMU, a container with systemd as PID 1, Chromium.
 # For Debian on amd64, as root; `make rigs` runs it. Running it again changes nothing.
 set -Eeuo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -9,6 +9,7 @@ PACKAGES=(
     qemu-system-x86 linux-image-amd64 busybox-static   # the virtual machine of rig_vcan, and its kernel
     can-utils kmod iproute2                            # vcan inside it: modprobe, ip, candump, cansend
     systemd systemd-container                          # systemd-nspawn and the systemd of rig_systemd
+    chromium                                           # the pages of rig_browser
 )
 
 step="starting"
@@ -48,7 +49,7 @@ check() {
     step="looking for a kernel in /boot"
     compgen -G '/boot/vmlinuz-*' > /dev/null || refuse "no kernel in /boot after installing linux-image-amd64"
     step="looking for the programs of the rigs"
-    for program in qemu-system-x86_64 busybox systemd-nspawn candump modprobe ip .venv/bin/vng; do
+    for program in chromium qemu-system-x86_64 busybox systemd-nspawn candump modprobe ip .venv/bin/vng; do
         command -v "$program" > /dev/null || refuse "$program is still missing"
     done
 }

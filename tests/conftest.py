@@ -4,8 +4,11 @@ The rigs (SocketCAN, systemd) are the plugin's. `--rigs=required` makes the lack
 it is `--gaitd-rigs` of the plugin by a shorter name.
 """
 
+import importlib.util
+import shutil
 from pathlib import Path
 
+import pytest
 from cpu_seconds import CpuSeconds
 from hypothesis import settings
 
@@ -53,6 +56,23 @@ def pytest_addoption(parser):
         metavar="FILE",
         help="print CPU-seconds by group, with those of earlier steps in FILE (`make test`)",
     )
+
+
+def pytest_runtest_setup(item):
+    """A test in a browser is skipped where there is none, or fails where rigs are required."""
+    if item.get_closest_marker("rig_browser"):
+        lack = "left out" if item.config.option.gaitd_rigs == "none" else browser_lacks()
+        if lack and item.config.option.gaitd_rigs == "required":
+            pytest.fail(f"required, but rig_browser: {lack}", pytrace=False)
+        if lack:
+            pytest.skip(f"rig_browser: {lack}; `make rigs` installs it")
+
+
+def browser_lacks():
+    """What this machine lacks for a test in a browser; None if nothing."""
+    if importlib.util.find_spec("playwright") is None:
+        return "no playwright"
+    return None if shutil.which("chromium") else "no chromium"
 
 
 def pytest_configure(config):

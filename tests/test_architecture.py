@@ -17,6 +17,7 @@ LINTER = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
 FOLDER = {
     "gaitd_client": PROJECT / "clients" / "python",
     "gaitd_display": PROJECT / "clients" / "display",
+    "gaitd_session": PROJECT / "clients" / "session",
 }
 
 
@@ -58,6 +59,7 @@ PLANTS = (
     Plant("gaitd_client", "daemon.ipc.record", ALONE),
     Plant("daemon.core", "gaitd_client.stream", MESSAGES),
     Plant("gaitd_display", "daemon.ipc.record", "the display sees messages alone"),
+    Plant("gaitd_session", "daemon.ipc.record", "a session sees the client library alone"),
 )
 
 

@@ -129,6 +129,27 @@ def test_a_purge_leaves_nothing(machine):
     assert machine.files() == set()
 
 
+def test_the_pages_are_installed_only_when_asked_for_and_keep_their_files(machine):
+    units = "/usr/lib/systemd/system"
+    pages = {f"{units}/gaitd-patient.service", f"{units}/gaitd-therapist.service"}
+    files = {"/etc/gaitd-display/patient.toml", "/etc/gaitd-display/therapist.toml"}
+    assert not (pages | files) & machine.files()
+
+    machine.run("display-files")
+
+    assert pages | files <= machine.files()
+    for name in files:
+        assert (machine / name[1:]).stat().st_mode & 0o777 == 0o640
+    (machine / "etc/gaitd-display/patient.toml").write_text("edited")
+    machine.run("display-files")
+    assert (machine / "etc/gaitd-display/patient.toml").read_text() == "edited"
+    machine.run("uninstall")
+    assert not pages & machine.files()
+    assert files <= machine.files()
+    machine.run("purge")
+    assert machine.files() == set()
+
+
 def test_what_it_cannot_do_is_a_matter_of_usage():
     ended = subprocess.run(
         ["bash", str(INSTALL), "dance"],

@@ -178,6 +178,7 @@ GUIDED = (
     *("sim_drives/plant", "sim_drives/time"),
     *("clients/python/gaitd_client", "clients/python/gaitd_client/wire"),
     "clients/display/gaitd_display",
+    "clients/session/gaitd_session",
 )
 
 

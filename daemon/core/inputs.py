@@ -61,8 +61,7 @@ def receive(core: Core, gateway_states: Sequence[GatewayState], cycle: int) -> C
 
 def _receive_lease(core: Core, newest: GatewayState) -> None:
     may_hold = Access.LEASE in ROLES[newest.lease_role].access
-    core.lease = newest.lease if may_hold else 0
-    dropped = newest.lease - core.lease
+    core.lease, dropped = (newest.lease, 0) if may_hold else (0, newest.lease)
     if dropped and dropped != core.lease_dropped:
         role = newest.lease_role.name.lower()
         core.report(

@@ -14,6 +14,7 @@ from daemon.config.strict import load_toml
 from daemon.preflight.load import load
 from gaitd_lab.benchmark import (
     cycle_parts,
+    display_page,
     lateness,
     peer_table,
     peers,
@@ -73,6 +74,7 @@ def measurements(configs: Path, seconds: float) -> dict[str, Callable[[], Measur
             tables.service,
         ),
         "peers": lambda: _peers(configs, seconds),
+        "display": lambda: _display(configs, seconds),
     }
 
 
@@ -88,6 +90,15 @@ def _steps(configs: Path) -> Measured:
 
     result = measure_all(load_toml(configs / "robot.toml", Robot))
     return result, tables.steps(title, result)
+
+
+def _display(configs: Path, seconds: float) -> Measured:
+    """Measure the patient's page; a text if browser or page is not installed."""
+    title = "the patient's page in headless Chromium"
+    if (lack := display_page.lacks()) is not None:
+        return f"skipped: {lack}", f"{title}: skipped, {lack}; `make rigs` installs what it needs"
+    result = display_page.measure(configs, seconds)
+    return result, tables.display(title, result)
 
 
 def _peers(configs: Path, seconds: float) -> Measured:

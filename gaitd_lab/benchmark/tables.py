@@ -8,6 +8,7 @@ from rich import box
 from rich.table import Table
 
 from gaitd_lab.benchmark.cycle_parts import WHOLE, Part
+from gaitd_lab.benchmark.display_page import Page
 from gaitd_lab.benchmark.lateness import Lateness
 from gaitd_lab.benchmark.replay_speed import ReplaySpeed
 from gaitd_lab.benchmark.scaling import Scaling
@@ -28,6 +29,9 @@ READY_MAX_S: Final = 5.0
 CORE_MAX_MB: Final = 200.0
 GATEWAY_MAX_MB: Final = 120.0
 DELIVERY_MAX: Final = 2.0
+AGE_MEDIAN_MAX_MS: Final = 40.0
+AGE_HIGH_MAX_MS: Final = 100.0
+FRAMES_MIN_HZ: Final = 30.0
 """Budgets of the design, for an idle desktop core."""
 BAR_WIDTH: Final = 30
 
@@ -157,6 +161,28 @@ def service(title: str, found: Service) -> list[Table]:
     table.caption = f"the ring that core and gateway share {found.ring_mb:.0f} MB"
     table.caption_justify = "left"
     return [table, _delivery(found)]
+
+
+def display(title: str, found: Page) -> list[Table]:
+    """Return the table of the patient's page."""
+    table = _table(title, "what", "found", "budget")
+    for what, value, budget, unit in (
+        ("age of a sample when painted, median", found.age_median_ms, AGE_MEDIAN_MAX_MS, "ms"),
+        ("age of a sample when painted, 99 %", found.age_high_ms, AGE_HIGH_MAX_MS, "ms"),
+    ):
+        table.add_row(
+            what, _coloured(f"{value:.1f} {unit}", value <= budget), f"≤ {budget:g} {unit}"
+        )
+    frames = _coloured(f"{found.frames_hz:.1f} /s", found.frames_hz >= FRAMES_MIN_HZ)
+    table.add_row("frames", frames, f"≥ {FRAMES_MIN_HZ:g} /s")
+    table.add_row("different samples painted", f"{found.samples_hz:.1f} /s", "")
+    table.add_row("server, of one processor", f"{100 * found.server_cpu_ratio:.0f} %", "")
+    table.add_row("server, memory", f"{found.server_mb:.0f} MB", "")
+    table.add_row("browser, of one processor", f"{100 * found.browser_cpu_ratio:.0f} %", "")
+    table.add_row(
+        "browser, memory, shared pages counted more than once", f"{found.browser_mb:.0f} MB", ""
+    )
+    return [table]
 
 
 def _delivery(found: Service) -> Table:

@@ -10,14 +10,10 @@ from collections import deque
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Protocol, Self, TypeVar
+from typing import Final, Protocol, Self
 
-import msgspec
 import numpy as np
-import zenoh
-from gaitd_client import wire
-from gaitd_client.connection import Target, open_session
-from gaitd_client.errors import NoServiceError
+from gaitd_client import NoServiceError, NotValid, Target, Trainer, wire
 from numpy.typing import NDArray
 
 from gaitd_lab.demonstration.script import Situation
@@ -38,11 +34,10 @@ FRESH_NS: Final = 500_000_000
 CYCLE_DONE_NS: Final = 20_000_000
 """Largest time from a SYNC to the record of its cycle."""
 ESTIMATES_KEPT: Final = 16
+WAITING_MAX: Final = 1000
+"""All messages are stored, also when time is fast or the computer stalls."""
 
 Values = NDArray[np.float64]
-
-
-Message = TypeVar("Message", bound=msgspec.Struct)
 
 
 class Track:
@@ -85,7 +80,7 @@ class ActClock(Protocol):
 
 
 class Receiver:
-    """A plain Zenoh client of one service: subscribes, and stores the received messages."""
+    """A client like any other: subscribes, and stores the received messages."""
 
     def __init__(self, target: Target, leg: str, received: Track, clock: ActClock) -> None:
         """Configure the client; `connect` opens the session.
@@ -99,31 +94,30 @@ class Receiver:
         self._clock = clock
         self.safety: wire.Safety | None = None
         self.health: wire.Health | None = None
-        self.drives: dict[str, wire.DriveState] = {}
         self.events: deque[wire.Event] = deque(maxlen=EVENTS_KEPT)
         self._estimates: deque[tuple[int, wire.Estimate]] = deque(maxlen=ESTIMATES_KEPT)
         """The newest messages, each with the monotonic time of its SYNC."""
         self._has_come = threading.Condition()
         self._received_s: float | None = None
         self._track = received
-        self._target, self._leg = target, leg
-        self._session: zenoh.Session | None = None
+        self._trainer, self._leg = Trainer.of(target), leg
+        self.is_connected = False
+        """True if the service has accepted the connection."""
 
     def connect(self) -> bool:
         """Try to connect once; False if the service does not listen."""
-        if self._session is not None:
+        if self.is_connected:
             return True
         try:
-            self._session = open_session(self._target)
+            self._trainer.__enter__()
         except NoServiceError:
             return False
-        self._subscribe(self._session)
+        self.is_connected = True
+        self._trainer.estimate(self._leg, keep=WAITING_MAX).call(self._on_estimate)
+        self._trainer.safety(keep=WAITING_MAX).call(self._on_safety)
+        self._trainer.health().call(self._on_health)
+        self._trainer.events(history_count=0).call(self._on_event)
         return True
-
-    @property
-    def is_connected(self) -> bool:
-        """True if the service has accepted the session."""
-        return self._session is not None
 
     def catch_up(self, now_ns: int) -> None:
         """Wait for the estimates of all cycles before `now_ns`, as long as they still arrive."""
@@ -169,24 +163,14 @@ class Receiver:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        # A session that is not closed keeps the process from ending.
-        if self._session is not None:
-            self._session.close()
-            self._session = None
+        # A connection that is not closed keeps the process from ending.
+        if self.is_connected:
+            self._trainer.__exit__(kind, error, traceback)
+            self.is_connected = False
 
-    def _subscribe(self, session: zenoh.Session) -> None:
-        trainer = self._target.trainer
-        for parts, callback in (
-            ((self._leg, "estimate"), self._on_estimate),
-            ((wire.SAFETY,), self._on_safety),
-            ((wire.HEALTH,), self._on_health),
-            ((wire.EVENTS,), self._on_event),
-            (("drives", "**"), self._on_drive),
-        ):
-            session.declare_subscriber(wire.key(trainer, *parts), callback)
-
-    def _on_estimate(self, sample: zenoh.Sample) -> None:
-        message = _message(sample, wire.Estimate)
+    def _on_estimate(self, message: wire.Estimate | NotValid) -> None:
+        if isinstance(message, NotValid):
+            return
         values = tuple(
             math.nan if (value := getattr(message, name)) is None else value for name in RECEIVED
         )
@@ -197,25 +181,20 @@ class Receiver:
             self._estimates.append((sync_ns, message))
             self._has_come.notify_all()
 
-    def _on_safety(self, sample: zenoh.Sample) -> None:
-        message = _message(sample, wire.Safety)
+    def _on_safety(self, message: wire.Safety | NotValid) -> None:
+        if isinstance(message, NotValid):
+            return
         self.safety = message
         if message.valid:
             self._received_s = self._clock.now_ns() * 1e-9
 
-    def _on_health(self, sample: zenoh.Sample) -> None:
-        self.health = _message(sample, wire.Health)
+    def _on_health(self, message: wire.Health | NotValid) -> None:
+        if not isinstance(message, NotValid):
+            self.health = message
 
-    def _on_event(self, sample: zenoh.Sample) -> None:
-        self.events.append(_message(sample, wire.Event))
-
-    def _on_drive(self, sample: zenoh.Sample) -> None:
-        message = _message(sample, wire.DriveState)
-        self.drives[message.name] = message
-
-
-def _message(sample: zenoh.Sample, kind: type[Message]) -> Message:
-    return msgspec.json.decode(sample.payload.to_bytes(), type=kind)
+    def _on_event(self, message: wire.Event | NotValid) -> None:
+        if not isinstance(message, NotValid):
+            self.events.append(message)
 
 
 def verdict_text(safety: wire.Safety | None) -> str:

@@ -12,6 +12,7 @@ from typing import Final, Protocol
 
 from gaitd_client import wire
 
+from gaitd_lab.demonstration.display import display
 from gaitd_lab.demonstration.evaluation import Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track, TruthTail
 from gaitd_lab.demonstration.picture import Results
@@ -60,9 +61,23 @@ class Performance:
     """All acts in sequence, and their results."""
 
     def __init__(
-        self, configs: Path, plan: Plan, screen: Screen, tempo: Tempo | None = None
+        self,
+        configs: Path,
+        plan: Plan,
+        screen: Screen,
+        tempo: Tempo | None = None,
+        display_port: int | None = None,
     ) -> None:
-        """Prepare; `play` begins."""
+        """Prepare; `play` begins.
+
+        Args:
+            configs: folder of the shipped configurations.
+            plan: durations of the parts.
+            screen: the display on the terminal.
+            tempo: pace of time; None: the computer's.
+            display_port: of the patient's page on loopback; None: there is no page.
+        """
+        self._display_port = display_port
         self._tempo = tempo or Tempo()
         self._configs = configs
         self._plan = plan
@@ -98,8 +113,9 @@ class Performance:
             receiver = Receiver(where.target, where.leg, self._received, where.time)
             self._look_at(where)
             self._begin_scene(_first_scene())
+            beside = display(where.target, where.leg, where.folder, self._display_port)
             try:
-                with receiver:
+                with receiver, beside:
                     self._turns(act, where, receiver, tail, requests)
             except ServiceError as error:
                 if stopped := where.stopped():

@@ -6,7 +6,7 @@ The replaced parts of the core are replaced in a fork that ends with its cell.
 from typing import Final, NoReturn
 
 from daemon.core import cycle_record
-from daemon.core.exercises.exercise import Reference
+from daemon.core.exercises.exercise import LegSample, Reference
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.state import Leg
 from daemon.core.steps import exercises
@@ -20,8 +20,8 @@ def nan_in_guidance() -> FaultAction:
         original = exercises.reference_of
         index = 0 if axis.endswith("hip") else 1
 
-        def broken(leg: Leg) -> Reference | None:
-            wanted = original(leg)
+        def broken(leg: Leg, sample: LegSample) -> Reference | None:
+            wanted = original(leg, sample)
             if wanted is None:
                 return None
             position = list(wanted.position)

@@ -7,8 +7,9 @@
 3.  The cause is one that is expected for the fault, its category is the required one, or the one
     that the design fixes, and what is latched afterwards is the same or a consequence of it.
 4.  The leg comes to rest, unless it has no power or is still guided by hand; and no joint moves
-    farther than its mechanical stop and the stop's deflection, unless a patient throws a leg of
-    which a drive has lost its power: no speed limit holds for it then (`Law.pushed`).
+    farther than its mechanical stop and the stop's deflection, which is larger where a patient or a
+    drive throws a leg of which a drive has lost its power: no speed limit holds for it then
+    (`Law.pushed`, `Law.runs_away`).
 5.  A mode that need not stop continues, and nothing is latched.
 6.  No exception leaves the loop except an injected one, and then the loop ends with its exit code.
 """
@@ -22,6 +23,7 @@ from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
 from gaitd_lab.fault_matrix.pairs import law_of, parts_of
+from gaitd_lab.fault_matrix.watch import AXES
 
 STOP_HIP_DEG: Final = 8.9
 """plant.toml's stop is 3 deg behind the limit. Its spring k is deflected by a patient's weight with
@@ -31,6 +33,13 @@ STOP_SLIDE_MM: Final = 96.0
 """Slide travel beyond the limit, by the same equation: 20 mm to the stop, and 76 mm of its spring
 by PUSH_N and 20 kg at the speed limit.
 """
+THROWN_HIP_DEG: Final = 36.0
+"""Where a leg is thrown that the drives do not hold (`Law.pushed`, `Law.runs_away`): 700 N of a
+patient, more than the 480 N of a drive, over 0.95 m of the rail, and the hip's stop takes all of
+it. k x^2 / 2 = 665 J gives 33 deg, behind 3 deg to the stop.
+"""
+THROWN_SLIDE_MM: Final = 169.0
+"""The same energy in the slide's stop: 149 mm, behind 20 mm to the stop."""
 REST_CYCLES: Final = 250.0
 """Time after the stop command, or after the drives' own stop."""
 LOST_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY})
@@ -152,28 +161,27 @@ def _reaction(cell: CellResult, right: Law) -> Iterator[str]:
 def _place(cell: CellResult, right: Law) -> Iterator[str]:
     ended = right.exit_code is not None
     without_power = cell.category == StopCategory.S0.name
-    if cell.final_mode != Mode.FAULT.name and not ended and not _is_without_power(cell):
+    pushed_on = right.pushed and len(cell.lost_power) > 0
+    moves_on = _is_without_power(cell) or (pushed_on and cell.final_mode == Mode.STOPPING.name)
+    if cell.final_mode != Mode.FAULT.name and not ended and not moves_on:
         yield f"in mode {cell.final_mode} at the end, right is FAULT"
-    if right.pushed and cell.lost_power:
-        return
     led = COLUMNS[cell.mode].mode == Mode.HAND_GUIDING
     # The second fault of a pair may make an S0 of a stop: its leg then swings without power.
     swings = parts_of(cell.fault) is not None and any(
         FIXED_CATEGORY.get(Cause[one]) is StopCategory.S0 for one in cell.causes
     )
-    held = not without_power and not swings and not led
+    held = not without_power and not swings and not led and not pushed_on
     stopped = min((one for one in (cell.told_cycles, cell.left_cycles) if one), default=0.0)
     if held and (cell.rest_cycles is None or cell.rest_cycles - stopped > REST_CYCLES):
         yield f"at rest after {cell.rest_cycles} cycles, right is {REST_CYCLES:g}"
-    if cell.beyond_hip_deg > STOP_HIP_DEG:
+    thrown = pushed_on or (right.runs_away and len(cell.lost_power) == len(AXES))
+    hip_deg = THROWN_HIP_DEG if thrown else STOP_HIP_DEG
+    slide_mm = THROWN_SLIDE_MM if thrown else STOP_SLIDE_MM
+    if cell.beyond_hip_deg > hip_deg:
+        yield f"the hip was {cell.beyond_hip_deg:g} deg beyond its limit, {hip_deg:g} is its stop"
+    if cell.beyond_slide_mm > slide_mm:
         yield (
-            f"the hip was {cell.beyond_hip_deg:g} deg beyond its limit,"
-            f" {STOP_HIP_DEG:g} is its stop"
-        )
-    if cell.beyond_slide_mm > STOP_SLIDE_MM:
-        yield (
-            f"the slide was {cell.beyond_slide_mm:g} mm beyond its limit,"
-            f" {STOP_SLIDE_MM:g} is its stop"
+            f"the slide was {cell.beyond_slide_mm:g} mm beyond its limit, {slide_mm:g} is its stop"
         )
 
 

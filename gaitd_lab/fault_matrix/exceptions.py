@@ -55,6 +55,8 @@ _NOT_GUIDED: Final = (
     "nothing guides the leg: a hip that the drive moves slowly the other way looks like one that"
     " the patient moves; the limits of motion hold it, and the daily test finds the sign"
 )
+HALF_STRIDE_CYCLES: Final = 125.0
+"""Half a stride at 0.4 Hz, in which each joint moves through its whole range."""
 _AT_REST: Final = "the joint stands: nothing shows, but what it does when it is free again"
 
 EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
@@ -168,6 +170,19 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
                 "core_35ms",
             )
         },
+        ("overrun_1", "gait_position", ""): replace(
+            stops(Cause.EMERGENCY, Cause.DRIVE_FAULT, *LOST, within=9.0),
+            may_go_on=True,
+            why=f"{_INTERPOLATION}: a SYNC up to 3 ms late is sent, a later one is left out, and"
+            " one missing target is enough; the moment of the delay in its cycle decides",
+        ),
+        ("encoder_frozen", "gait_position", ""): replace(
+            ROWS["encoder_frozen"],
+            causes=ROWS["encoder_frozen"].causes | {Cause.STOPPING_PATH},
+            within_cycles=HALF_STRIDE_CYCLES,
+            why="the drive's own loop goes on: where the joint turns, nothing is lost at once, and"
+            " it shows as far as the reference moves away, or by the other axis",
+        ),
         **{
             (fault, "hand_guiding", ""): replace(
                 stops(Cause.OBSERVER_INVALID, by=(S2,), within=60.0),

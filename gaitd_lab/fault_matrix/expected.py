@@ -59,9 +59,17 @@ class Law:
     may_part: bool = False
     """One drive may stop by itself, by one fault of a pair, before the other one does."""
     pushed: bool = False
-    """A patient pushes while the other fault of a pair may take a drive's power. Where it does, the
-    leg need not rest, and a stop's deflection has no bound: STOP_HIP_DEG and STOP_SLIDE_MM assume
-    the speed limit, and a leg without power is thrown faster than that (seen: 5 m/s).
+    """A patient pushes harder than a drive can hold, so its stop may escalate to no power. Where a
+    drive has lost its power, the leg need not rest, and THROWN_HIP_DEG and THROWN_SLIDE_MM hold in
+    place of the stops' deflection, which assumes the speed limit: a leg without power is thrown
+    faster than that (seen: 5 m/s).
+    """
+    runs_away: bool = False
+    """The encoder that the drive's own fault reaction brakes by is wrong, so it pushes with all its
+    force for as long as the reaction lasts. CiA 402 has no controlword for a drive in that state.
+    The drive of the other axis is overpowered, its speed leaves its ramp, and its stop escalates to
+    no power as for any drive that does not brake. Where both drives have lost their power,
+    THROWN_HIP_DEG and THROWN_SLIDE_MM hold in place of the stops' deflection.
     """
     may_go_on: bool = False
     """True if the fault may be undetectable in this cell; it must stop if it is detected."""
@@ -137,6 +145,7 @@ _WIRED: Final = replace(
         ),
     ),
     latches=_DOUBTFUL | {Cause.STOP_NOT_OBEYED},
+    runs_away=True,
 )
 """The first symptom may be a leg that moves the wrong way, towards a limit; the cause latched in
 the end is implausible feedback, or a drive that did not obey.
@@ -241,7 +250,12 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         ),
         "sync_late_2ms": goes_on("the answers still come inside the window"),
         "sync_late_6ms": _SILENT,
-        "encoder_frozen": STUCK,
+        "encoder_frozen": replace(
+            STUCK,
+            later=STUCK.later | {Cause.ENCODER_JUMP},
+            runs_away=True,
+            why="the end of the fault is a jump, where the joint was moved meanwhile",
+        ),
         "encoder_jump": _JUMP,
         "encoder_jump_once": _JUMP,
         "encoder_reversed": _WIRED,
@@ -261,7 +275,7 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         ),
         "blocked_rotor": STUCK,
         "brake_stuck": STUCK,
-        "end_stop": _PUSHED,
+        "end_stop": replace(_PUSHED, pushed=True),
         "voluntary_push": goes_on("an effort that rises in 0.3 s is meant"),
         "spasm": _PUSHED,
         "limit_switch": stops(Cause.LIMIT_SWITCH, within=AT_ONCE),

@@ -62,6 +62,11 @@ DELAYS: Final = frozenset(
     {"suspended", "overrun_1", "overrun_3", "overrun_6", "core_35ms", "core_2s"}
 )
 """Faults in which the core stands still as long as they last: the other fault is found later."""
+JUMPS: Final = frozenset({"encoder_jump", "encoder_jump_once"})
+WITHIN_REACH: Final = frozenset({Cause.STOPPING_PATH, Cause.VELOCITY_LIMIT})
+"""First causes of a jump during a delay: in the longer time between two samples the joint could
+have come so far, at a speed above its limit. It must stop all the same.
+"""
 ADDING: Final = MappingProxyType({frozenset({"sync_late_2ms", "tpdo_late_2ms"}): "tpdo_late_6ms"})
 """Two faults that are harmless alone, and the fault whose law they have together: the delays add,
 and the samples come after the window.
@@ -160,6 +165,7 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
     within_cycles = pair_law.within_cycles
     if within_cycles is not None:
         within_cycles += delay_s * NS_PER_S / CYCLE_NS
+    unlike_a_jump = WITHIN_REACH if delay_s and names & JUMPS else frozenset[Cause]()
     pushed = PUSH in names
     hidden = not parts.on_other_axis and any(
         one.name in JAMS and its_law.may_go_on
@@ -167,6 +173,7 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
     )
     return replace(
         pair_law,
+        causes=pair_law.causes | unlike_a_jump,
         within_cycles=within_cycles,
         pushed=pushed,
         may_go_on=pair_law.may_go_on or (pushed and hidden),
@@ -200,6 +207,7 @@ def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | 
         by_drives=any(one.by_drives for one in laws),
         delay_cycles=float(offset_cycles),
         may_part=any(one.by_drives for one in laws),
+        runs_away=any(one.runs_away for one in laws),
         may_go_on=all(one.may_go_on for one in stopping),
         resting=Resting.UNTOUCHED if untouched else Resting.EITHER,
         ends_in=ends_in | {column.mode, *column.leads_to} if ends_in else ends_in,

@@ -1,7 +1,6 @@
 """Where an axis is after a start: homed, or where it was left."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -309,6 +308,6 @@ def test_a_home_that_is_shown_during_a_stop_hides_no_motion(incremental):
     incremental.gateway.stop()
     incremental.run(0.02)
     axis = incremental.core.axes[0]
-    shown = replace(axis.feedback, statusword=axis.feedback.statusword | 0x1000)
+    shown = axis.feedback._replace(statusword=axis.feedback.statusword | 0x1000)
 
     assert not moves_origin(incremental.core, axis, shown)

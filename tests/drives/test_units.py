@@ -17,9 +17,13 @@ from drive_files import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drives.cia402.torque import count_nm
+from drives.cia402.homing import Homing
+from drives.cia402.torque import RatedTorqueUnit, count_nm
 from drives.cia402.units import (
     DriveBase,
+    DriveLimits,
+    RawHoming,
+    RawLimits,
     axis_scaling,
     base_from_raw,
     effort_to_permille,
@@ -27,6 +31,7 @@ from drives.cia402.units import (
     permille_to_effort,
     position_si,
     position_to_counts,
+    raw_homing,
     raw_limits,
     to_joint,
 )
@@ -85,13 +90,13 @@ def test_the_slide_travels_its_lead_per_turn_after_the_gear_against_the_counts()
 
 
 def test_motor_current_becomes_torque_by_torque_constant_and_gear_alone():
-    sample = to_joint(replace(FEEDBACK, torque_raw=1000), scaling("hip_epos4"))
+    sample = to_joint(FEEDBACK._replace(torque_raw=1000), scaling("hip_epos4"))
 
     assert sample.effort_si == pytest.approx(0.055736 * 100)  # 1 A, no efficiency factor
 
 
 def test_motor_current_becomes_force_by_lead_and_sign():
-    sample = to_joint(replace(FEEDBACK, torque_raw=1000), scaling("slide_epos4"))
+    sample = to_joint(FEEDBACK._replace(torque_raw=1000), scaling("slide_epos4"))
 
     assert sample.effort_si == pytest.approx(-0.107746 * 6 * 2 * math.pi / 0.15)
 
@@ -188,7 +193,7 @@ def test_a_sample_is_proportional_to_its_raw_value_and_has_the_sign_of_the_joint
     for name in NAMES:
         s = scaling(name)
 
-        effort = to_joint(replace(FEEDBACK, torque_raw=raw), s).effort_si
+        effort = to_joint(FEEDBACK._replace(torque_raw=raw), s).effort_si
 
         assert effort == pytest.approx(raw * s.effort_per_torque_count_si), name
         assert raw == 0 or (effort > 0) == (raw * s.counts_per_si > 0), name
@@ -307,3 +312,132 @@ def test_what_a_drive_does_not_hold_is_taken_from_the_axis_file(
 
     assert base.rated_torque_nm == pytest.approx(torque_nm)
     assert base.rated_current_a == pytest.approx(current_a)
+
+
+# --- by hand --------------------------------------------------------------------------------------
+
+
+def by_hand(sign=-1, *, signed=False, current_limit_a=20.0):
+    """A slide of 4 turns and 4000 counts per m, with 5 N m at 1000 per mille, at 0.25 m."""
+    description, change = drive("slide_generic"), msgspec.structs.replace
+    transmission = change(
+        description.axis.transmission,
+        gear_ratio=2.0,
+        lead_m=0.5,
+        sign=sign,
+        counts_per_rev=1000,
+        offset_m=0.25,
+    )
+    motor = change(
+        description.axis.motor,
+        torque_constant_nm_per_a=0.5,
+        nominal_current_a=10.0,
+        current_limit_a=current_limit_a,
+        rated_torque_raw=5000,
+    )
+    limit = change(description.profile.torque_limit, signed=signed)
+    return replace(
+        description,
+        axis=change(description.axis, transmission=transmission, motor=motor),
+        profile=change(description.profile, torque_limit=limit),
+    )
+
+
+PER_NM = 4 * math.tau
+LIMITS = DriveLimits(0.5, 1.5, 0.5, 2.0 * PER_NM, 0.0025, 2.0)
+RAW = RawLimits(-5000, -1000, 2000, 400, 10, 8000)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_an_offset_is_the_position_at_count_zero(sign):
+    s = axis_scaling(by_hand(sign), expected_base(by_hand(sign)))
+
+    assert position_si(0, s) == 0.25
+    assert position_si(sign * 4000, s) == 1.25
+    assert position_to_counts(1.25, s) == sign * 4000
+    assert position_to_counts(0.25, s) == 0
+    assert effort_to_permille(PER_NM, s) == sign * 200
+
+
+def test_limits_are_these_integers():
+    other_way = RAW._replace(position_min_counts=1000, position_max_counts=5000)
+
+    assert raw_limits(LIMITS, by_hand()) == RAW
+    assert raw_limits(LIMITS, by_hand(1)) == other_way
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"position_min_si": -math.inf}, {"position_max_counts": 2**31 - 1}),
+        ({"position_max_si": math.inf}, {"position_min_counts": 1 - 2**31}),
+        ({"velocity_max_si": 1e-9}, {"speed_raw": 1}),
+        ({"velocity_max_si": 1e9}, {"speed_raw": 2**32 - 1}),
+        # a limit below, a ramp above; a rounding error is neither
+        ({"velocity_max_si": 0.500_2}, {"speed_raw": 2000}),
+        ({"velocity_max_si": 0.499_999_999_9}, {"speed_raw": 2000}),
+        ({"velocity_max_si": 0.499_99}, {"speed_raw": 1999}),
+        ({"quick_stop_deceleration_si_per_s2": 2.000_000_000_1}, {"deceleration_raw": 8000}),
+        ({"quick_stop_deceleration_si_per_s2": 2.000_01}, {"deceleration_raw": 8001}),
+        ({"quick_stop_deceleration_si_per_s2": 1.999_9}, {"deceleration_raw": 8000}),
+        ({"quick_stop_deceleration_si_per_s2": 0.0}, {"deceleration_raw": 1}),
+        ({"quick_stop_deceleration_si_per_s2": 1e9}, {"deceleration_raw": 2**32 - 1}),
+        ({"following_error_si": 0.0}, {"following_error_counts": 1}),
+        ({"following_error_si": 1e9}, {"following_error_counts": 2**32 - 1}),
+        ({"effort_max_si": 0.0}, {"torque_raw": 1}),
+        ({"effort_max_si": 1e9}, {"torque_raw": 2000}),  # 20 A * 0.5 N m/A
+    ],
+)
+def test_a_limit_beyond_what_its_object_holds_is_the_nearest_that_it_holds(change, expected):
+    assert raw_limits(LIMITS._replace(**change), by_hand()) == RAW._replace(**expected)
+
+
+@pytest.mark.parametrize(("signed", "largest"), [(False, 2**16 - 1), (True, 2**15 - 1)])
+def test_a_torque_limit_has_the_bits_of_its_object_without_its_sign(signed, largest):
+    strong = by_hand(signed=signed, current_limit_a=1e9)
+
+    assert raw_limits(LIMITS._replace(effort_max_si=1e12), strong).torque_raw == largest
+
+
+def test_an_effort_and_a_position_beyond_all_bounds_are_the_largest_numbers():
+    narrow, wide = scaling("hip_generic"), scaling(f"hip_{WIDE}")
+
+    for sign in (-1, 1):
+        assert effort_to_permille(sign * 1e300, narrow) == sign * (2**15 - 1)
+        assert effort_to_permille(sign * 1e300, wide) == sign * (2**31 - 1)
+        assert position_to_counts(sign * 1e300, narrow) == sign * (2**31 - 1)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_homing_is_in_whole_units_and_at_least_one(sign):
+    homing = Homing(
+        method=17,
+        home_si=0.75,
+        search_speed_si_per_s=0.0105,
+        zero_speed_si_per_s=0.0025,
+        acceleration_si_per_s2=0.126,
+        effort_max_si=10.0,
+        timeout_s=10.0,
+    )
+    slow = msgspec.structs.replace(
+        homing,
+        search_speed_si_per_s=1e-6,
+        zero_speed_si_per_s=1e-6,
+        acceleration_si_per_s2=1e-6,
+        stop_current_a=1.2345,
+    )
+
+    assert raw_homing(homing, sign, by_hand()) == RawHoming(-2000 * sign, 42, 10, 504, None)
+    assert raw_homing(slow, sign, by_hand()) == RawHoming(-2000 * sign, 1, 1, 1, 1234)
+
+
+def test_a_base_in_newton_is_that_of_a_linear_motor_and_a_constant_is_in_millionths():
+    description, change = by_hand(), msgspec.structs.replace
+    base = change(description.profile.torque_base, rated_torque_unit=RatedTorqueUnit.MILLI_NEWTON)
+    linear = replace(description, profile=change(description.profile, torque_base=base))
+
+    assert base_from_raw(linear, 5000, 7000, 300_000) == pytest.approx(
+        DriveBase(5.0 / PER_NM, 7.0, 0.3)
+    )
+    assert base_from_raw(linear, None, None, None) == DriveBase(5.0, 10.0, 0.5)
+    assert expected_base(description).rated_torque_nm == 5.0

@@ -155,6 +155,18 @@ def test_a_pair_must_stop_if_one_of_its_faults_must_and_may_end_with_the_code_of
         pairs.fault_named("silent+nothing_known@1")
 
 
+def test_a_jump_during_a_delay_may_look_like_a_motion_and_must_stop_all_the_same():
+    delayed, lost = (
+        pairs.law_of(Cell(f"{other}+encoder_jump@0", "gait_impedance", "right/slide"), None)
+        for other in ("overrun_3", "tpdo_lost_once")
+    )
+
+    assert Cause.STOPPING_PATH in delayed.causes
+    assert Cause.STOPPING_PATH not in lost.causes
+    assert delayed.stops
+    assert not delayed.may_go_on
+
+
 def test_a_jam_hides_a_push_at_the_same_joint_where_it_stands():
     def may_go_on(fault, mode):
         return pairs.law_of(Cell(fault, mode, "right/hip"), None).may_go_on
@@ -302,6 +314,27 @@ PUSHED = msgspec.structs.replace(
     rest_cycles=None,
 )
 """A patient throws the leg, and the hip's drive is in fault."""
+OVERPOWERED = msgspec.structs.replace(
+    WELL,
+    fault="end_stop",
+    causes=("EFFORT_DEVIATION", "STOP_NOT_OBEYED"),
+    final_mode="STOPPING",
+    final_cause="STOP_NOT_OBEYED",
+    lost_power=("right/hip",),
+    rest_cycles=None,
+)
+"""A patient pushes harder than the hip's drive can brake, and its stop ends without power."""
+RUNAWAY = msgspec.structs.replace(
+    WELL,
+    fault="encoder_reversed",
+    axis="right/slide",
+    causes=("SIGN_WRONG",),
+    category="S0",
+    final_cause="SIGN_WRONG",
+    lost_power=("right/hip", "right/slide"),
+    beyond_hip_deg=11.15,
+)
+"""The slide's fault reaction brakes by a reversed encoder, and overpowers the hip's drive."""
 MOVES_ON = msgspec.structs.replace(
     STILL, category="S0", final_mode="STOPPING", causes=("STO_ACTIVE",)
 )
@@ -316,6 +349,8 @@ MOVES_ON = msgspec.structs.replace(
         STILL,
         ONWARDS,
         PUSHED,
+        OVERPOWERED,
+        RUNAWAY,
         msgspec.structs.replace(MOVES_ON, fault="end_stop+sto@3"),
         msgspec.structs.replace(
             WELL,
@@ -359,6 +394,11 @@ def test_a_good_cell_breaks_no_law(well):
         (PUSHED, {"lost_power": ()}, "beyond its limit"),
         (PUSHED, {"lost_power": (), "causes": ("EMERGENCY",)}, "at rest after None"),
         (PUSHED, {"fault": "emcy_6xxx_fault"}, "beyond its limit"),
+        (OVERPOWERED, {"lost_power": ()}, "in mode STOPPING"),
+        (OVERPOWERED, {"beyond_hip_deg": 36.1}, "36 is its stop"),
+        (RUNAWAY, {"lost_power": ("right/slide",)}, "8.9 is its stop"),
+        (RUNAWAY, {"beyond_hip_deg": 36.1}, "36 is its stop"),
+        (RUNAWAY, {"beyond_slide_mm": 169.1}, "169 is its stop"),
         (PUSHED, {"causes": ("DRIVE_SILENT",), "category": "S0"}, "category S0, right is S1"),
     ],
 )

@@ -13,7 +13,12 @@ from daemon.ipc.ring_clip import FOLDER
 
 SYSTEMD = Path(__file__).parents[2] / "systemd"
 TRAINER = CONFIGS / "trainer.toml"
-EXPOSURE_MAX = {"gaitd-core": 1.5, "gaitd-gateway": 2.0}
+EXPOSURE_MAX = {
+    "gaitd-core": 1.5,
+    "gaitd-gateway": 2.0,
+    "gaitd-patient": 2.0,
+    "gaitd-therapist": 2.0,
+}
 BINDING = ("Requires", "Requisite", "BindsTo", "PartOf", "Upholds", "PropagatesStopTo", "Conflicts")
 FRAMES_OF_A_CYCLE = 2 * (1 + 2 * 2 + 1)
 """Two legs: SYNC, two RPDOs for each of two drives, heartbeat; and as many that a stop adds."""
@@ -62,7 +67,8 @@ def placed(request, tmp_path):
             shutil.copy(path, tmp_path)
     for path in tmp_path.rglob("*.*"):
         if path.is_file():
-            path.write_text(path.read_text().replace("/opt/gaitd/bin/gaitd", str(program)))
+            text = path.read_text().replace("/opt/gaitd/bin/gaitd-display", str(program))
+            path.write_text(text.replace("/opt/gaitd/bin/gaitd", str(program)))
     return tmp_path
 
 
@@ -105,6 +111,20 @@ def test_only_the_core_and_the_virtual_drives_may_open_a_can_socket():
     everybody = unit("drop-ins/no-can.conf").values("Service", "RestrictAddressFamilies")
     assert everybody == ["~AF_CAN"]
     assert not unit("drop-ins/may-can.conf").options("Service")
+
+
+def test_each_page_has_a_user_of_its_own_loopback_and_no_file_of_the_service():
+    pages = [unit(f"gaitd-{who}.service") for who in ("patient", "therapist")]
+
+    assert pages[0].get("Service", "User") != pages[1].get("Service", "User")
+    for page in pages:
+        assert page.values("Service", "IPAddressAllow") == ["localhost"]
+        assert "AF_CAN" not in page.values("Service", "RestrictAddressFamilies")
+        assert {"-/var/lib/gaitd", "-/run/gaitd", "-/etc/gaitd"} <= set(
+            page.values("Service", "InaccessiblePaths")
+        )
+        assert not page.values("Service", "SupplementaryGroups")
+        assert not [key for key in BINDING if page.values("Unit", key)]
 
 
 def test_no_drop_in_gives_the_core_a_network_or_another_watchdog():
@@ -161,7 +181,8 @@ def test_the_folders_of_the_units_are_those_of_the_trainer_file():
 
 
 def test_every_user_of_a_unit_is_made():
-    made = {line.split()[1] for line in lines_of("gaitd.sysusers")}
+    lines = [*lines_of("gaitd.sysusers"), *lines_of("gaitd-display.sysusers")]
+    made = {line.split()[1] for line in lines}
 
     for path in SYSTEMD.glob("*.service"):
         service = unit(path.name)

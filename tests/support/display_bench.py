@@ -34,7 +34,9 @@ PAGE = {
     "help": {"en": "Telephone: press 1.", "de": "Telefon: Taste 1."},
     "unstrap": {"en": "Open the foot strap first.", "de": "Zuerst den Fußgurt öffnen."},
 }
+BEGAN_NS = 1_800_000_000_000_000_000
 ORIGIN = "http://127.0.0.1:8080"
+OURS = {"origin": ORIGIN, "host": ORIGIN.partition("://")[2]}
 
 
 class Clock:
@@ -79,6 +81,26 @@ def verdict(cause, category="S1"):
     )
 
 
+class Page:
+    """The browser's side of the WebSocket."""
+
+    def __init__(self, socket):
+        self.socket = socket
+        self.items = []
+
+    def frame(self):
+        frame = self.socket.receive_json()
+        self.socket.send_text(str(frame["seq"]))
+        self.items += frame["items"]
+        return frame["now"]
+
+    def until(self, condition):
+        for _ in range(2000):
+            if condition(now := self.frame()):
+                return now
+        raise AssertionError(f"it did not come: {now}")
+
+
 class MessageTrainer:
     """What the servers use of `gaitd_client.Trainer`."""
 
@@ -89,16 +111,16 @@ class MessageTrainer:
         self.streams = {}
         self.cycle, self.plan = 0, None
         self.brakes = False
-        self.is_entered = False
+        self.is_connected = False
 
     def __enter__(self):
-        self.is_entered = True
+        self.is_connected = True
         return self
 
     def __exit__(self, *_error):
         for stream in self.streams.values():
             stream.close()
-        self.is_entered = False
+        self.is_connected = False
 
     def _stream(self, key, kind, *, silence_ns=SILENCE_NS, keep=1):
         cyclic = silence_ns is not None
@@ -156,6 +178,7 @@ class MessageTrainer:
             self.clock.ns += 10_000_000
             self.cycle += 1
             head = {"core_boot_id": "boot", "cycle": self.cycle, "mode": str(mode)}
+            head["sample_time_ns"] = BEGAN_NS + self.clock.ns
             for leg in self.legs:
                 given = {"leg": leg, "patient_power_w": power_w, "gait_phase_ratio": phase}
                 given |= {"hip_validity": validity, "slide_validity": validity}
@@ -163,9 +186,12 @@ class MessageTrainer:
                     given |= {"hip_patient_nm": 2 * power_w, "hip_patient_nm_std": 0.4}
                 given |= {"hip_net_nm": -1.5, "hip_net_nm_std": 0.3}
                 self.send(f"{leg}/activity", filled(Activity, **head, **given))
+                rubbing = {"leg": leg, "hip_friction_nm": 3.0, "hip_friction_nm_std": 0.2}
+                rubbing = {"leg": leg} if validity != "ok" or power_w is None else rubbing
+                self.send(f"{leg}/friction", filled(wire.Friction, **head, **rubbing))
                 for axis, position in zip(("hip", "slide"), pose, strict=True):
                     drive = {"name": f"{leg}/{axis}", "position_si": position, "fresh": True}
-                    drive |= {"hand_switch_closed": switch, "sto_released": True}
+                    drive |= {"hand_switch_closed": switch, "effort_si": 5.5}
                     head_of_drive = {"core_boot_id": "boot", "cycle": self.cycle}
                     self.send(f"drives/{leg}/{axis}", filled(DriveState, **head_of_drive, **drive))
             active = mode not in {Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.FAULT}
@@ -183,6 +209,12 @@ class MessageTrainer:
                     verdict=verdict(str(cause), "none" if cause == Cause.NONE else "S1"),
                 ),
             )
+
+    def speak_of_health(self):
+        self.send(
+            "health",
+            filled(wire.Health, bus_load_ratio=0.31, lateness_max_us=420.0, overrun_count=0),
+        )
 
     def step(self, number, share, work, leg="right"):
         given = {"leg": leg, "number": number, "core_boot_id": "boot", "mode": "gait"}
@@ -257,6 +289,17 @@ def patient_table(folder: Path, *, legs=("right",), way_out=True, **drift):
         check = str(write_check(folder, **drift))
         table["way_out"] = {"check": check, "hip_drift_max_deg": 1.0, "slide_drift_max_m": 0.01}
     return table
+
+
+def therapist_table(password_hash, *, legs=("right",)):
+    """The content of a therapist's file."""
+    return {
+        "language": "en",
+        "legs": list(legs),
+        "web": {"host": "127.0.0.1", "port": 8080},
+        "trainer": {},
+        "login": {"password_hash": password_hash, "session_max_min": 60},
+    }
 
 
 def settings_of(folder: Path, table, kind):

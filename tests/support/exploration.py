@@ -295,8 +295,7 @@ def _feedback(node_id: int) -> Callable[..., DriveFeedback]:
         key = state, age, mode, homed
         if key not in made:
             reached = STATUS_TARGET_REACHED | STATUS_HOMING_ATTAINED if homed else 0
-            made[key] = replace(
-                FEEDBACK,
+            made[key] = FEEDBACK._replace(
                 node_id=node_id,
                 power_state=state,
                 statusword=reached,
@@ -563,7 +562,7 @@ class Model:
             axis = self.core.axes[number]
             if axis.feedback is None:
                 continue
-            axis.feedback = replace(axis.feedback, power_state=REACTING)
+            axis.feedback = axis.feedback._replace(power_state=REACTING)
             if driving:
                 verdict = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, axis.name)
                 supervisor.stop(self.core, verdict, NOW)

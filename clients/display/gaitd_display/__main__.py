@@ -1,38 +1,63 @@
 """The command `gaitd-display`: the two servers, and the hash of a password."""
 
 import argparse
+import getpass
 import sys
 from pathlib import Path
 from typing import Final
 
-from gaitd_client import ClientError, Trainer
+from gaitd_client import ClientError, MonotonicClock, Trainer
 
+from gaitd_display.login import PasswordError, hash_password
 from gaitd_display.patient import PatientServer
-from gaitd_display.settings import Link, PatientSettings, SettingsError, read_settings
+from gaitd_display.settings import (
+    Link,
+    PatientSettings,
+    SettingsError,
+    TherapistSettings,
+    read_settings,
+)
+from gaitd_display.therapist import TherapistServer
 from gaitd_display.web import serve
 
 CONFIGURATION_ERROR: Final = 2
+SERVERS: Final = ("patient", "therapist")
 
 
 def main() -> None:
     """Run the command; exit code 2 for a file that cannot be used."""
     parser = argparse.ArgumentParser(prog="gaitd-display", description=__doc__)
     commands = parser.add_subparsers(dest="command", required=True)
-    for name, text in (("patient", "serve the patient's page"),):
-        command = commands.add_parser(name, help=text)
+    for name in SERVERS:
+        command = commands.add_parser(name, help=f"serve the {name}'s page")
         command.add_argument("--config", type=Path, required=True, metavar="FILE")
+    commands.add_parser("password", help="read a password, print its hash for the file")
     given = parser.parse_args()
     try:
         _run(given.command, given)
-    except (SettingsError, ClientError) as error:
+    except (SettingsError, PasswordError, ClientError) as error:
         print(f"gaitd-display: {error}", file=sys.stderr)
         sys.exit(CONFIGURATION_ERROR)
 
 
 def _run(command: str, given: argparse.Namespace) -> None:
-    settings = read_settings(given.config, PatientSettings)
-    server = PatientServer(settings, trainer_of(settings.trainer, f"gaitd-display {command}"))
-    serve(server.app, settings.web)
+    if command == "password":
+        _print_hash()
+    elif command == "patient":
+        settings = read_settings(given.config, PatientSettings)
+        trainer = trainer_of(settings.trainer, "gaitd-display patient")
+        serve(PatientServer(settings, trainer).app, settings.web)
+    else:
+        settings = read_settings(given.config, TherapistSettings)
+        trainer = trainer_of(settings.trainer, "gaitd-display therapist")
+        serve(TherapistServer(settings, trainer, MonotonicClock()).app, settings.web)
+
+
+def _print_hash() -> None:
+    password = getpass.getpass("password: ")
+    if sys.stdin.isatty() and getpass.getpass("again: ") != password:
+        raise PasswordError("the two are different; nothing was made")
+    print(f'password_hash = "{hash_password(password)}"')
 
 
 def trainer_of(link: Link, client: str) -> Trainer:

@@ -14,7 +14,7 @@ import msgspec
 from gaitd_client import Configuration, NoAnswerError, NotValid, Reply, Stride, Trainer
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import FileResponse, Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
@@ -71,9 +71,9 @@ class PatientServer:
         self.app: ASGIApp = make_app(
             settings.web,
             Served(
-                STATIC / "patient.html",
+                self._page,
                 [
-                    Route("/page.json", self._page),
+                    Route("/page.json", self._page_text),
                     Route("/act", self._act, methods=["POST"]),
                 ],
                 self._live,
@@ -136,6 +136,9 @@ class PatientServer:
             return None
 
     async def _page(self, _request: Request) -> Response:
+        return FileResponse(STATIC / "patient.html")
+
+    async def _page_text(self, _request: Request) -> Response:
         return json(self._settings.page)
 
     async def _live(self, socket: WebSocket) -> None:

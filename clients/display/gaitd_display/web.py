@@ -19,7 +19,7 @@ from gaitd_client import ClientError, Reply, RequestRefusedError, Trainer
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -197,7 +197,7 @@ async def _receive(socket: WebSocket, page: PageQueue) -> None:
 class Served(NamedTuple):
     """What a server adds to the shared routes."""
 
-    page: Path
+    page: Callable[[Request], Awaitable[Response]]
     routes: Sequence[BaseRoute]
     live: Callable[[WebSocket], Awaitable[None]]
 
@@ -232,9 +232,6 @@ def make_app(
 ) -> ASGIApp:
     """Return the application of a server."""
 
-    async def page(_request: Request) -> Response:
-        return FileResponse(served.page)
-
     async def texts(_request: Request) -> Response:
         return json(page_texts())
 
@@ -243,7 +240,7 @@ def make_app(
 
     app = Starlette(
         routes=[
-            Route("/", page),
+            Route("/", served.page),
             Route("/texts.json", texts),
             Route("/alive", alive),
             Route("/stop", stops.stop, methods=["POST"]),

@@ -237,7 +237,7 @@ class Trainer:
         After a loss of the connection an event may come twice, with the same `id`.
 
         Args:
-            history_count: number of events of the past.
+            history_count: number of events of the past; 0: none.
             keep: messages that may wait for the consumer.
         """
         return self._stream(
@@ -250,7 +250,7 @@ class Trainer:
         *parts: str,
         keep: int,
         silence_ns: int | None = SILENCE_NS,
-        history_count: int | None = None,
+        history_count: int = 0,
     ) -> Stream[T]:
         subscriber: Any = None
 
@@ -268,7 +268,7 @@ class Trainer:
 
         def declare(session: zenoh.Session) -> None:
             nonlocal subscriber
-            if history_count is None:
+            if not history_count:
                 subscriber = session.declare_subscriber(stream.key, take)
                 return
             history = HistoryConfig(detect_late_publishers=True, max_samples=history_count)

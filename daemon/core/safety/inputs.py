@@ -1,7 +1,6 @@
 """Safety inputs of one cycle: the state of each axis, each leg, and the service."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from daemon.core.safety.effort_monitor import EffortWatch
@@ -10,8 +9,7 @@ from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
 from drives.signals import DriveFeedback
 
 
-@dataclass(frozen=True, slots=True)
-class AxisInputs:
+class AxisInputs(NamedTuple):
     """Safety inputs of one axis."""
 
     name: str
@@ -63,8 +61,7 @@ class AxisInputs:
     """Error text of the fault that bring-up found in the drive."""
 
 
-@dataclass(frozen=True, slots=True)
-class LegInputs:
+class LegInputs(NamedTuple):
     """Safety inputs of one leg."""
 
     name: str
@@ -76,8 +73,7 @@ class LegInputs:
     """Cycles in a row without a valid estimate while the observer runs."""
 
 
-@dataclass(frozen=True, slots=True)
-class ServiceInputs:
+class ServiceInputs(NamedTuple):
     """Safety inputs of the bus, the gateway and the core itself."""
 
     stop_requested: bool

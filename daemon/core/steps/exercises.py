@@ -3,6 +3,8 @@
 This file is the only writer of `exercise`, `reference` and `takes_over` of a leg.
 """
 
+from collections.abc import Sequence
+
 from daemon.core.exercises.exercise import LegSample, LegStart, Reference
 from daemon.core.exercises.hold import Hold
 from daemon.core.modes.table import rules_of
@@ -32,16 +34,21 @@ def begin(core: Core, wanted: ModeRequest) -> None:
         leg.exercise, leg.takes_over = one, exercise.continues_effort
 
 
-def advance(core: Core, *, mode_changing: bool) -> None:
-    """Advance the exercise of each leg by one cycle, and publish changes of its stage.
+def samples_of(core: Core, *, mode_changing: bool) -> list[LegSample]:
+    """What the exercise of each leg reads in this cycle.
 
     `mode_changing`: a drive has not been sent the mode of operation of the exercise.
     """
-    for leg in core.legs:
+    return [_sample(leg, mode_changing=mode_changing) for leg in core.legs]
+
+
+def advance(core: Core, samples: Sequence[LegSample]) -> None:
+    """Advance the exercise of each leg by one cycle, and publish changes of its stage."""
+    for leg, sample in zip(core.legs, samples, strict=True):
         before = leg.exercise
         if before is None:
             continue
-        after = before.advance(_sample(leg, mode_changing=mode_changing), core.config.period_s)
+        after = before.advance(sample, core.config.period_s)
         leg.exercise = after
         if after.stage is not before.stage and after.stage is not None:
             core.report(f"{leg.name}: {core.mode.name.lower()} {after.stage.name.lower()}")
@@ -73,17 +80,15 @@ def text(core: Core) -> str:
     return first.text()
 
 
-def update_references(core: Core) -> None:
-    """Update the reference of each leg from its exercise."""
-    for leg in core.legs:
-        leg.reference = reference_of(leg)
+def update_references(core: Core, samples: Sequence[LegSample]) -> None:
+    """Update the reference of each leg from its exercise, which may be another one by now."""
+    for leg, sample in zip(core.legs, samples, strict=True):
+        leg.reference = reference_of(leg, sample)
 
 
-def reference_of(leg: Leg) -> Reference | None:
+def reference_of(leg: Leg, sample: LegSample) -> Reference | None:
     """The reference of the leg's exercise in this cycle; None without an exercise."""
-    if leg.exercise is None:
-        return None
-    return leg.exercise.targets(_sample(leg, mode_changing=False))
+    return None if leg.exercise is None else leg.exercise.targets(sample)
 
 
 # --- hold -----------------------------------------------------------------------------------------

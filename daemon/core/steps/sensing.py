@@ -4,7 +4,6 @@ This file is the only writer of these fields of `Axis` and `Leg`.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Final
 
 from daemon.core.modes.persistent_state import disagreement
@@ -121,7 +120,7 @@ def clear_new_emergencies(core: Core) -> None:
     """Without drives no new sample replaces the last one: each EMCY is recorded once."""
     for axis in core.axes:
         if axis.feedback is not None:
-            axis.feedback = replace(axis.feedback, news=())
+            axis.feedback = axis.feedback._replace(news=())
 
 
 def alarms_checked(core: Core) -> None:

@@ -10,6 +10,7 @@ the counters of enabling and reset, and whether there are drives.
 from collections.abc import Sequence
 from typing import Final
 
+from daemon.core.exercises.exercise import LegSample
 from daemon.core.inputs import CommandInputs
 from daemon.core.modes import latched_stop, table
 from daemon.core.modes.table import MODES, Event
@@ -58,11 +59,11 @@ def supervise(
     _take_verdicts(core, verdicts, cycle)
     persistence.check_day(core, utc_ns)
     _take_request(core, command_inputs, cycle, utc_ns)
-    _advance(core, cycle, utc_ns)
+    samples = _advance(core, cycle, utc_ns)
     _advance_single_axis(core, cycle)
     requests.finish(core)
     persistence.update_latch(core, utc_ns)
-    exercises.update_references(core)
+    exercises.update_references(core, samples)
 
 
 def rest(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> None:
@@ -271,18 +272,20 @@ def lose_bus(core: Core, what: str) -> None:
 # --- time -----------------------------------------------------------------------------------
 
 
-def _advance(core: Core, cycle: int, utc_ns: int) -> None:
-    """Advance exercises, stops and a fault reset by one cycle."""
+def _advance(core: Core, cycle: int, utc_ns: int) -> list[LegSample]:
+    """Advance exercises, stops and a fault reset by one cycle; returns what exercises have read."""
     if core.mode == Mode.HOLD and not core.load_checked:
         _settle(core, cycle)
     _check_lapse(core, cycle)
-    exercises.advance(core, mode_changing=is_mode_changing(core))
+    samples = exercises.samples_of(core, mode_changing=is_mode_changing(core))
+    exercises.advance(core, samples)
     if core.mode.active and exercises.is_over(core):
         _end_exercise(core, cycle, utc_ns)
     if core.mode in {Mode.STOPPING, Mode.FAULT}:
         _advance_stops(core, cycle)
     if core.mode == Mode.READY and core.reset_cycles_left > 0:
         _await_reset(core)
+    return samples
 
 
 def _check_lapse(core: Core, cycle: int) -> None:

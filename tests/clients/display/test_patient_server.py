@@ -15,7 +15,7 @@ from gaitd_display.web import BODY_MAX_BYTES, STATIC
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
-OURS = {"origin": bench.ORIGIN, "host": bench.ORIGIN.partition("://")[2]}
+OURS = bench.OURS
 FOREIGN = {**OURS, "origin": "http://evil.example"}
 
 
@@ -33,30 +33,10 @@ def client(tmp_path, trainer):
         yield client
 
 
-class Page:
-    """The browser's side of the WebSocket."""
-
-    def __init__(self, socket):
-        self.socket = socket
-        self.items = []
-
-    def frame(self):
-        frame = self.socket.receive_json()
-        self.socket.send_text(str(frame["seq"]))
-        self.items += frame["items"]
-        return frame["now"]
-
-    def until(self, condition):
-        for _ in range(2000):
-            if condition(now := self.frame()):
-                return now
-        raise AssertionError(f"it did not come: {now}")
-
-
 @pytest.fixture
 def page(client):
     with client.websocket_connect("/live", headers=OURS) as socket:
-        yield Page(socket)
+        yield bench.Page(socket)
 
 
 # --- what a page gets ---------------------------------------------------------------------------
@@ -73,7 +53,7 @@ def test_a_page_follows_the_trainer_and_gets_each_stride_once(client, trainer, p
     assert now["bars"][0]["value_ratio"] == 0.5
     assert [item["share_ratio"] for item in page.items] == [0.5, None]
     with client.websocket_connect("/live", headers=OURS) as later:
-        second = Page(later)
+        second = bench.Page(later)
         second.frame()
         assert second.items == page.items  # a page that comes later gets those of the past
 

@@ -195,9 +195,11 @@ def test_a_gateway_that_knows_no_roles_has_the_least_right_and_may_stop(core):
     receive(core, [older(level(52, **held))], CYCLE)
     assert receive(core, [older(level(53, **held, stop_count=3))], CYCLE).stop
     assert core.events == [event]
+    receive(core, [older(level(54, **(held | {"lease": 4})))], CYCLE)
+    assert core.events == [event, event]
 
-    receive(core, [level(54, lease=5)], CYCLE)
-    assert (core.lease, core.events) == (5, [event])
+    receive(core, [level(55, lease=5)], CYCLE)
+    assert (core.lease, core.events) == (5, [event, event])
 
 
 @pytest.mark.parametrize("role", Role)

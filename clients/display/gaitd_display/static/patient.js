@@ -13,7 +13,7 @@ const TICK = ["M5 55L20 38L40 58L80 12L96 28L40 90Z", "#009e73"];
 const BARS = ["M15 10H40V90H15ZM60 10H85V90H60Z", "#0072b2"];
 const CLOCK = ["M20 5H80V15L58 50L80 85V95H20V85L42 50L20 15Z", "#0072b2"];
 const CIRCLE = ["M50 8A42 42 0 1 1 49.9 8ZM50 24A26 26 0 1 0 50.1 24Z", "#0072b2"];
-const SIGN = ["M30 3H70L97 30V70L70 97H30L3 70V30Z", "#d55e00"];
+const SIGN = ["M30 3H70L97 30V70L70 97H30L3 70V30ZM22 40V60H78V40Z", "#d55e00"];
 const WARNING = ["M50 4L98 92H2ZM45 32V64H55V32ZM45 70V82H55V70Z", "#111"];
 const RIGHT = ["M5 35H55V10L97 50L55 90V65H5Z", "#0072b2"];
 const HAND = ["M20 50L50 10L80 50H62V90H38V50Z M5 92H95V98H5Z", "#0072b2"];
@@ -108,6 +108,7 @@ function paintDots() {
 function paintStop(view, word) {
   const isShown = (word === "stopped" || word === "stopping" || view.step !== "none") && (view.stop !== null || view.step !== "none");
   byId("stopped").hidden = !isShown;
+  byId("training").hidden = byId("bars").hidden = isShown;
   if (!isShown) return;
   setText(byId("stopword"), words.of(`word.${word}`));
   setText(byId("happened"), view.stop ? words.said(view.stop.happened) : words.of(`line.${word}`));
@@ -142,9 +143,11 @@ function paint() {
   const isKnown = isConnected && word !== "no_signal";
   if (word !== paintedWord) {
     paintedWord = document.body.dataset.word = word;
-    byId("shape").setAttribute("d", SHAPES[word][0]);
-    byId("shape").setAttribute("fill", SHAPES[word][1]);
-    byId("shape").setAttribute("fill-rule", "evenodd");
+    for (const shape of [byId("shape"), byId("sign")]) {
+      shape.setAttribute("d", SHAPES[word][0]);
+      shape.setAttribute("fill", SHAPES[word][1]);
+      shape.setAttribute("fill-rule", "evenodd");
+    }
   }
   setText(byId("word"), words.of(`word.${word}`));
   setText(byId("line"), words.of(`line.${word}`));

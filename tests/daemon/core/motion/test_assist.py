@@ -52,10 +52,12 @@ def test_a_setpoint_of_the_holder_that_is_new_and_small_counts():
     [
         ({}, {"lease": 0}, SetpointRefusal.UNLEASED),
         ({"lease": 8}, {}, SetpointRefusal.WRONG_LEASE),
+        ({"lease": 6}, {}, SetpointRefusal.WRONG_LEASE),
         ({"seq": 4}, {}, SetpointRefusal.REPEATED),
         ({"seq": 3}, {}, SetpointRefusal.REORDERED),
         ({"for_cycle": 90}, {}, SetpointRefusal.NONE),
         ({"for_cycle": 89}, {}, SetpointRefusal.STALE),
+        ({"for_cycle": 3}, {}, SetpointRefusal.STALE),
         ({"for_cycle": 100}, {}, SetpointRefusal.NONE),
         ({"for_cycle": 101}, {}, SetpointRefusal.AHEAD),
         ({"hip_assist_nm": math.nan}, {}, SetpointRefusal.NON_FINITE),
@@ -112,7 +114,10 @@ def test_every_refusal_has_words_for_who_integrates():
 
 def test_a_setpoint_that_asks_for_nothing_is_neutral():
     assert is_neutral(setpoint())
-    for changes in ({"hip_assist_nm": 1.0}, {"slide_assist_n": 1.0}, {"stiffness_ratio": 0.99}):
+    for changes in (
+        *({"hip_assist_nm": 1.0}, {"hip_assist_nm": -1.0}),
+        *({"slide_assist_n": 1.0}, {"stiffness_ratio": 0.99}),
+    ):
         assert not is_neutral(setpoint(**changes))
 
 
@@ -124,6 +129,7 @@ def test_assist_is_in_force_until_it_fades():
     assert not is_active(LegAssist(accepted=setpoint()))
     assert is_active(LegAssist(accepted=setpoint(slide_assist_n=1.0)))
     assert is_active(pushing)
+    assert is_active(LegAssist(effort_si=(-1.0, 0.0)))
     assert is_active(soft)
     assert not is_active(LegAssist(effort_si=(1.0, 0.0), fade_si=(0.1, 0.1)))
 

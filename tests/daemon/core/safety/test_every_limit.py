@@ -5,7 +5,6 @@ forgotten is the last test.
 """
 
 import math
-from dataclasses import replace
 
 import pytest
 from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
@@ -23,73 +22,72 @@ from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.ipc.record import Cause
 from drives.signals import Input, PowerState
 
-STANDING = replace(AXIS, joint=JOINT._replace(velocity_si=0.0, effort_si=0.0))
+STANDING = AXIS._replace(joint=JOINT._replace(velocity_si=0.0, effort_si=0.0))
 
 
 def joint(**change):
-    return lambda value: replace(
-        STANDING,
+    return lambda value: STANDING._replace(
         joint=STANDING.joint._replace(**{key: sign * value for key, sign in change.items()}),
     )
 
 
 def axis(name, sign=1):
-    return lambda value: replace(STANDING, **{name: sign * value})
+    return lambda value: STANDING._replace(**{name: sign * value})
 
 
 def feedback(name):
-    return lambda value: replace(AXIS, feedback=replace(FEEDBACK, **{name: value}))
+    return lambda value: AXIS._replace(feedback=FEEDBACK._replace(**{name: value}))
 
 
 def service(name):
-    return lambda value: replace(WELL, **{name: value})
+    return lambda value: WELL._replace(**{name: value})
 
 
 def leg(name):
-    return lambda value: replace(LEG, **{name: value})
+    return lambda value: LEG._replace(**{name: value})
 
 
 def power(value):
-    return replace(AXIS, joint=JOINT._replace(effort_si=40.0, velocity_si=value / 40.0))
+    return AXIS._replace(joint=JOINT._replace(effort_si=40.0, velocity_si=value / 40.0))
 
 
 def speed_lost(value):
     still = JOINT._replace(
         still_cycles=THRESHOLDS.encoder_frozen_cycles, speed_before_still_si=value
     )
-    return replace(AXIS, joint=still._replace(velocity_si=0.0))
+    return AXIS._replace(joint=still._replace(velocity_si=0.0))
 
 
 def held(sign):
     def with_change(value):
         still = JOINT._replace(still_cycles=20, velocity_si=0.0)
-        return replace(AXIS, joint=still, watch=EffortWatch(held_si=sign * value))
+        return AXIS._replace(joint=still, watch=EffortWatch(held_si=sign * value))
 
     return with_change
 
 
 def opposed(cycles):
-    return replace(AXIS, watch=EffortWatch(sign_mismatch_si=25.0, sign_mismatch_cycles=cycles))
+    return AXIS._replace(watch=EffortWatch(sign_mismatch_si=25.0, sign_mismatch_cycles=cycles))
 
 
 def unmet(cycles):
-    return replace(AXIS, watch=EffortWatch(gap_si=9.0, gap_cycles=cycles))
+    return AXIS._replace(watch=EffortWatch(gap_si=9.0, gap_cycles=cycles))
 
 
 def unready(**change):
-    fed = replace(AXIS, feedback=replace(FEEDBACK, **change))
-    return lambda value: replace(fed, unready_cycles=value)
+    fed = AXIS._replace(feedback=FEEDBACK._replace(**change))
+    return lambda value: fed._replace(unready_cycles=value)
 
 
 def starting(value):
-    off = replace(AXIS, feedback=replace(FEEDBACK, power_state=PowerState.SWITCHED_ON))
-    return replace(off, reached_enabled=False, unready_cycles=value)
+    off = AXIS._replace(feedback=FEEDBACK._replace(power_state=PowerState.SWITCHED_ON))
+    return off._replace(reached_enabled=False, unready_cycles=value)
 
 
 def on_switch(value):
     inputs = FEEDBACK.inputs | Input.POSITIVE_LIMIT
     towards = STANDING.joint._replace(velocity_si=value)
-    return replace(AXIS, feedback=replace(FEEDBACK, inputs=inputs), joint=towards)
+    return AXIS._replace(feedback=FEEDBACK._replace(inputs=inputs), joint=towards)
 
 
 L, T = LIMITS, THRESHOLDS
@@ -208,18 +206,18 @@ def test_no_cause_is_left_out_of_the_table():
 def test_a_leg_that_is_out_of_its_range_is_not_called_too_fast_as_well():
     out = STANDING.joint._replace(position_si=L.position_max_si + 0.01)
 
-    assert cause_of(replace(AXIS, joint=out, stopping_end_si=9.0)) == Cause.POSITION_LIMIT
+    assert cause_of(AXIS._replace(joint=out, stopping_end_si=9.0)) == Cause.POSITION_LIMIT
 
 
 def test_an_axis_that_does_not_know_where_it_is_has_no_stopping_path():
-    lost = replace(AXIS, homing=True, stopping_end_si=9.0)
+    lost = AXIS._replace(homing=True, stopping_end_si=9.0)
 
     assert cause_of(lost) == Cause.NONE
 
 
 def test_a_drive_that_shows_torque_without_power_stops_also_at_rest():
-    showing = replace(
-        AXIS, watch=EffortWatch(gap_si=9.0, gap_cycles=T.deviation_cycles, unpowered_cycles=20)
+    showing = AXIS._replace(
+        watch=EffortWatch(gap_si=9.0, gap_cycles=T.deviation_cycles, unpowered_cycles=20)
     )
 
     verdicts = harshest(WELL, [showing], [LEG], THRESHOLDS, CATEGORIES, driving=False)

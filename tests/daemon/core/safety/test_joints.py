@@ -1,7 +1,5 @@
 """Position, speed and standstill of a joint from raw samples."""
 
-from dataclasses import replace
-
 import pytest
 from safety_inputs import FEEDBACK, LIMITS, THRESHOLDS
 
@@ -21,7 +19,7 @@ MS = 1_000_000
 
 
 def sample(counts, torque_raw=0):
-    return replace(FEEDBACK, position_counts=counts, torque_raw=torque_raw)
+    return FEEDBACK._replace(position_counts=counts, torque_raw=torque_raw)
 
 
 def measured(*counts, begin=Joint()):  # noqa: B008 - frozen
@@ -65,7 +63,7 @@ def test_the_speed_is_the_step_over_the_measured_time():
 def test_without_a_sample_everything_stays_and_nothing_is_fresh():
     before = measured(200, 150)
 
-    joint = measure(before, replace(sample(0), fresh=False), SCALING, 999 * MS)
+    joint = measure(before, sample(0)._replace(fresh=False), SCALING, 999 * MS)
 
     assert joint == before._replace(fresh=False)
 

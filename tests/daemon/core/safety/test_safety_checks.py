@@ -1,7 +1,6 @@
 """What a verdict tells, which of several is told, and who is exempt from what and why."""
 
 import math
-from dataclasses import replace
 
 import msgspec
 import pytest
@@ -29,11 +28,11 @@ def told(*, driving=True, **where):
 
 
 def fed(axis=AXIS, **change):
-    return replace(axis, feedback=replace(axis.feedback, **change))
+    return axis._replace(feedback=axis.feedback._replace(**change))
 
 
 def moved(axis=AXIS, **change):
-    return replace(axis, joint=axis.joint._replace(**change))
+    return axis._replace(joint=axis.joint._replace(**change))
 
 
 # --- what a verdict tells -------------------------------------------------------------------------
@@ -54,7 +53,7 @@ def moved(axis=AXIS, **change):
 def test_a_stop_of_the_service_is_told_with_value_limit_and_unit_and_blames_no_drive(
     change, expected
 ):
-    cause, drive, value, limit, detail = told(service=replace(WELL, **change))
+    cause, drive, value, limit, detail = told(service=WELL._replace(**change))
 
     assert (cause, drive, value, limit) == (expected[0], "", expected[1], expected[2])
     assert expected[3] in detail
@@ -104,7 +103,7 @@ def test_what_a_drive_says_is_told_with_value_limit_and_unit(change, expected):
 
 
 def test_a_fault_without_an_emcy_is_told_as_bring_up_found_it():
-    axis = replace(fed(power_state=PowerState.FAULT), bring_up_error="2310h overcurrent")
+    axis = fed(power_state=PowerState.FAULT)._replace(bring_up_error="2310h overcurrent")
 
     assert told(axes=[axis])[-1] == "2310h overcurrent"
     assert told(axes=[fed(axis, emergency=EMERGENCY)])[-1] == "8611h following error"
@@ -133,14 +132,14 @@ def test_what_a_joint_does_is_told_with_value_limit_and_unit(change, expected):
 
 
 def test_the_rest_is_told_too():
-    tracking = replace(AXIS, tracking_si=-0.25)
-    unreferenced = replace(AXIS, referenced=False)
-    unasked = replace(AXIS, enable_wanted=False, unexpected_enable_cycles=26)
-    mode = fed(replace(AXIS, unready_cycles=6), mode_display=OperationMode.CYCLIC_SYNC_POSITION)
-    ignoring = fed(replace(AXIS, unready_cycles=6), following=False)
-    emergency = replace(fed(emergency=EMERGENCY, alarm=EMERGENCY), new_emergency=True)
-    stretched = replace(LEG, singularity_ratio=0.1)
-    blind = replace(LEG, observer_bad_cycles=51)
+    tracking = AXIS._replace(tracking_si=-0.25)
+    unreferenced = AXIS._replace(referenced=False)
+    unasked = AXIS._replace(enable_wanted=False, unexpected_enable_cycles=26)
+    mode = fed(AXIS._replace(unready_cycles=6), mode_display=OperationMode.CYCLIC_SYNC_POSITION)
+    ignoring = fed(AXIS._replace(unready_cycles=6), following=False)
+    emergency = fed(emergency=EMERGENCY, alarm=EMERGENCY)._replace(new_emergency=True)
+    stretched = LEG._replace(singularity_ratio=0.1)
+    blind = LEG._replace(observer_bad_cycles=51)
 
     hip = "right/hip"
     assert told(axes=[tracking]) == (Cause.TRACKING_LIMIT, hip, 0.25, 0.2, "")
@@ -160,7 +159,7 @@ def test_the_rest_is_told_too():
 
 
 def test_a_low_code_of_an_emergency_is_told_in_four_digits():
-    emergency = replace(fed(alarm=LOW_CODE), new_emergency=True)
+    emergency = fed(alarm=LOW_CODE)._replace(new_emergency=True)
 
     assert verdict_of(axes=[emergency]).detail == "0100h something"
 
@@ -204,12 +203,12 @@ def test_speed_lost_at_once_is_told_with_what_a_joint_could_have_lost():
 def standing(**change):
     """A joint without a count for long, under an effort that was 0 when it came to stand."""
     watch = EffortWatch(**{"effort_before_still_si": 10.0, **change})
-    return moved(replace(AXIS, watch=watch), still_cycles=20, velocity_si=0.0)
+    return moved(AXIS._replace(watch=watch), still_cycles=20, velocity_si=0.0)
 
 
 @pytest.mark.parametrize("still_cycles", [0, 1, 4])
 def test_a_joint_that_has_given_a_count_lately_may_have_any_effort(still_cycles):
-    moving = replace(standing(held_si=-30.0), joint=JOINT._replace(still_cycles=still_cycles))
+    moving = standing(held_si=-30.0)._replace(joint=JOINT._replace(still_cycles=still_cycles))
 
     assert verdict_of(axes=[moving]) == NO_VERDICT
 
@@ -223,7 +222,7 @@ def test_a_homing_that_meets_its_stop_loses_its_speed_at_once():
 
 @pytest.mark.parametrize(("cycles", "cause"), [(2, Cause.NONE), (3, Cause.SIGN_WRONG)])
 def test_effort_one_way_and_motion_the_other_counts_from_its_cycles_on(cycles, cause):
-    against = replace(AXIS, watch=EffortWatch(sign_mismatch_si=25.5, sign_mismatch_cycles=cycles))
+    against = AXIS._replace(watch=EffortWatch(sign_mismatch_si=25.5, sign_mismatch_cycles=cycles))
 
     assert THRESHOLDS.sign_mismatch_cycles == 3
     assert verdict_of(axes=[against]).cause == cause
@@ -231,7 +230,7 @@ def test_effort_one_way_and_motion_the_other_counts_from_its_cycles_on(cycles, c
 
 def test_effort_that_was_not_asked_for_counts_from_its_cycles_on():
     last = THRESHOLDS.deviation_cycles
-    gap = [replace(AXIS, watch=EffortWatch(gap_si=9.5, gap_cycles=n)) for n in (last - 1, last)]
+    gap = [AXIS._replace(watch=EffortWatch(gap_si=9.5, gap_cycles=n)) for n in (last - 1, last)]
 
     assert [verdict_of(axes=[axis]).cause for axis in gap] == [Cause.NONE, Cause.EFFORT_DEVIATION]
 
@@ -256,13 +255,13 @@ def test_without_a_sample_nobody_knows_whether_an_encoder_is_frozen():
 def test_the_whole_effort_of_a_drive_that_has_lost_its_joint_counts_and_of_no_other():
     """Where effort is what we command, the load may change it as it likes."""
     loaded = moved(standing(effort_before_still_si=-20.0), effort_si=12.0)
-    held_off = replace(loaded, loop_distance_si=LIMITS.tracking_max_si / 2)
-    held_near = replace(loaded, loop_distance_si=LIMITS.tracking_max_si / 20)
+    held_off = loaded._replace(loop_distance_si=LIMITS.tracking_max_si / 2)
+    held_near = loaded._replace(loop_distance_si=LIMITS.tracking_max_si / 20)
 
     assert verdict_of(axes=[loaded]) == NO_VERDICT
     assert verdict_of(axes=[held_near]) == NO_VERDICT
     assert told(axes=[held_off])[:3] == (Cause.ENCODER_FROZEN, "right/hip", 32.0)
-    both = replace(held_off, watch=held_off.watch._replace(held_si=40.0))
+    both = held_off._replace(watch=held_off.watch._replace(held_si=40.0))
     assert told(axes=[both])[2] == 40.0
 
 
@@ -284,7 +283,7 @@ def test_what_is_no_number_is_a_finding_by_itself(key, cause, words, number):
 
 
 def test_an_encoder_that_lost_its_reference_is_doubted_also_while_it_is_prepared():
-    lost = fed(replace(AXIS, preparing=True), reference_lost=True)
+    lost = fed(AXIS._replace(preparing=True), reference_lost=True)
 
     assert verdict_of(axes=[lost]).cause == Cause.UNREFERENCED
     assert verdict_of(axes=[fed(lost, rebooted=True)]).cause == Cause.DRIVE_REBOOTED
@@ -300,23 +299,23 @@ def test_of_equal_stops_the_one_that_a_person_made_is_told():
 
 
 def test_of_equal_stops_that_of_the_service_is_told_before_that_of_an_axis():
-    requested = replace(WELL, stop_requested=True)
+    requested = WELL._replace(stop_requested=True)
 
     assert verdict_of(requested, axes=[moved(velocity_si=9.0)]).cause == Cause.STOP_REQUESTED
 
 
 def test_of_equal_stops_that_of_the_first_axis_is_told_and_that_of_a_leg_last():
-    first = replace(moved(velocity_si=9.0), name="right/hip")
-    second = replace(moved(velocity_si=9.0), name="right/slide")
-    stretched = replace(LEG, singularity_ratio=0.0)
+    first = moved(velocity_si=9.0)._replace(name="right/hip")
+    second = moved(velocity_si=9.0)._replace(name="right/slide")
+    stretched = LEG._replace(singularity_ratio=0.0)
 
     assert verdict_of(axes=[first, second]).drive == "right/hip"
     assert verdict_of(axes=[second, first], legs=[stretched]).drive == "right/slide"
 
 
 def test_a_finding_of_the_second_axis_or_leg_alone_is_found():
-    second = replace(moved(velocity_si=9.0), name="left/hip")
-    stretched = replace(LEG, name="left", singularity_ratio=0.0)
+    second = moved(velocity_si=9.0)._replace(name="left/hip")
+    stretched = LEG._replace(name="left", singularity_ratio=0.0)
 
     assert verdict_of(axes=[AXIS, second]).drive == "left/hip"
     assert verdict_of(legs=[LEG, stretched]).drive == "left"
@@ -340,12 +339,12 @@ def test_a_drive_is_lost_for_the_first_of_its_reasons(worse_one, milder, cause):
 
 @pytest.mark.parametrize("change", [{"bus_error": "gone"}, {"bus_off": True}])
 def test_a_bus_that_is_gone_counts_at_rest_too(change):
-    assert verdict_of(replace(WELL, **change), driving=False) != NO_VERDICT
+    assert verdict_of(WELL._replace(**change), driving=False) != NO_VERDICT
 
 
 def test_frames_that_cannot_be_sent_count_from_the_third_cycle_on_also_at_rest():
-    assert verdict_of(replace(WELL, tx_dropped_in_a_row=3), driving=False) != NO_VERDICT
-    assert verdict_of(replace(WELL, tx_dropped_in_a_row=2), driving=False) == NO_VERDICT
+    assert verdict_of(WELL._replace(tx_dropped_in_a_row=3), driving=False) != NO_VERDICT
+    assert verdict_of(WELL._replace(tx_dropped_in_a_row=2), driving=False) == NO_VERDICT
 
 
 @pytest.mark.parametrize(
@@ -358,7 +357,7 @@ def test_frames_that_cannot_be_sent_count_from_the_third_cycle_on_also_at_rest()
     ],
 )
 def test_where_nothing_moves_there_is_nothing_of_the_service_to_stop(change):
-    assert verdict_of(replace(WELL, **change), driving=False) == NO_VERDICT
+    assert verdict_of(WELL._replace(**change), driving=False) == NO_VERDICT
 
 
 @pytest.mark.parametrize(
@@ -368,8 +367,8 @@ def test_where_nothing_moves_there_is_nothing_of_the_service_to_stop(change):
         fed(rebooted=True),
         fed(nmt_state=NmtState.STOPPED),
         fed(heartbeat_age_ns=10**9),
-        replace(fed(emergency=EMERGENCY, alarm=EMERGENCY), new_emergency=True),
-        replace(AXIS, enable_wanted=False, unexpected_enable_cycles=26),
+        fed(emergency=EMERGENCY, alarm=EMERGENCY)._replace(new_emergency=True),
+        AXIS._replace(enable_wanted=False, unexpected_enable_cycles=26),
     ],
 )
 def test_a_drive_that_is_lost_faulty_or_enabled_by_others_counts_at_rest_too(axis):
@@ -377,7 +376,7 @@ def test_a_drive_that_is_lost_faulty_or_enabled_by_others_counts_at_rest_too(axi
 
 
 def test_what_the_leg_does_at_rest_is_nobody_s_stop():
-    stretched = replace(LEG, singularity_ratio=0.0, observer_bad_cycles=99)
+    stretched = LEG._replace(singularity_ratio=0.0, observer_bad_cycles=99)
 
     assert verdict_of(axes=[moved(velocity_si=9.0)], legs=[stretched], driving=False) == NO_VERDICT
 
@@ -390,7 +389,7 @@ def test_an_emergency_that_was_judged_stops_nothing_more():
 def test_a_new_alarm_stops_by_its_own_name_whatever_the_drive_said_after_it(driving):
     """It has taken it back, or a warning is what is open now."""
     for later in (None, LOW_CODE):
-        axis = replace(fed(emergency=later, alarm=EMERGENCY), new_emergency=True)
+        axis = fed(emergency=later, alarm=EMERGENCY)._replace(new_emergency=True)
 
         verdicts = told(axes=[axis], driving=driving)
         assert verdicts == (Cause.EMERGENCY, "right/hip", 0.0, 0.0, "8611h following error")
@@ -411,8 +410,8 @@ def test_a_temperature_that_is_not_measured_any_more_is_judged_as_one_beyond_its
 
 
 def test_a_drive_is_taken_for_enabled_by_others_after_a_quarter_of_a_second():
-    asked_lately = replace(AXIS, unexpected_enable_cycles=25)
-    by_others = replace(AXIS, unexpected_enable_cycles=26)
+    asked_lately = AXIS._replace(unexpected_enable_cycles=25)
+    by_others = AXIS._replace(unexpected_enable_cycles=26)
 
     assert verdict_of(axes=[asked_lately]) == NO_VERDICT
     assert verdict_of(axes=[by_others]).cause == Cause.UNEXPECTED_ENABLE
@@ -430,7 +429,7 @@ def test_before_the_first_sample_neither_inputs_nor_joint_are_judged():
 
 # --- enabled, in its mode, following --------------------------------------------------------------
 
-STARTING = replace(AXIS, reached_enabled=False)
+STARTING = AXIS._replace(reached_enabled=False)
 
 
 @pytest.mark.parametrize(
@@ -442,8 +441,8 @@ STARTING = replace(AXIS, reached_enabled=False)
     ],
 )
 def test_a_drive_that_starts_has_a_quarter_of_a_second_to_get_there(change):
-    within = fed(replace(STARTING, unready_cycles=25), **change)
-    beyond = fed(replace(STARTING, unready_cycles=26), **change)
+    within = fed(STARTING._replace(unready_cycles=25), **change)
+    beyond = fed(STARTING._replace(unready_cycles=26), **change)
 
     assert verdict_of(axes=[within]) == NO_VERDICT
     assert verdict_of(axes=[beyond]) != NO_VERDICT
@@ -451,14 +450,14 @@ def test_a_drive_that_starts_has_a_quarter_of_a_second_to_get_there(change):
 
 @pytest.mark.parametrize("power_state", [PowerState.QUICK_STOP_ACTIVE, PowerState.SWITCHED_ON])
 def test_a_drive_that_was_enabled_and_is_no_more_stops_at_once(power_state):
-    axis = fed(replace(AXIS, unready_cycles=0), power_state=power_state)
+    axis = fed(AXIS._replace(unready_cycles=0), power_state=power_state)
 
     assert verdict_of(axes=[axis]).cause == Cause.DRIVE_LEFT_ENABLED
 
 
 def test_a_drive_that_is_not_enabled_is_told_so_and_not_by_its_mode():
     axis = fed(
-        replace(AXIS, unready_cycles=99),
+        AXIS._replace(unready_cycles=99),
         power_state=PowerState.SWITCHED_ON,
         mode_display=OperationMode.CYCLIC_SYNC_POSITION,
         following=False,
@@ -473,7 +472,7 @@ def test_a_drive_that_is_not_enabled_is_told_so_and_not_by_its_mode():
 
 def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_follow():
     axis = fed(
-        replace(AXIS, unready_cycles=6),
+        AXIS._replace(unready_cycles=6),
         mode_display=OperationMode.CYCLIC_SYNC_POSITION,
         following=False,
     )
@@ -483,7 +482,7 @@ def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_fol
 
 @pytest.mark.parametrize("state", [PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT])
 def test_a_drive_that_fails_on_its_way_to_be_enabled_stops_by_its_fault(state):
-    axis = fed(replace(STARTING, unready_cycles=1), power_state=state)
+    axis = fed(STARTING._replace(unready_cycles=1), power_state=state)
     milder = Categories(
         {cause.name.lower(): "S0" for cause in CHOSEN_CATEGORY} | {"drive_fault": "S1"}
     )
@@ -491,7 +490,7 @@ def test_a_drive_that_fails_on_its_way_to_be_enabled_stops_by_its_fault(state):
     assert verdict_of(axes=[axis], categories=milder).cause == Cause.DRIVE_FAULT
 
 
-SOMEBODY_ELSES = replace(AXIS, enable_wanted=False, reached_enabled=False)
+SOMEBODY_ELSES = AXIS._replace(enable_wanted=False, reached_enabled=False)
 
 
 @pytest.mark.parametrize("driving", [True, False])
@@ -509,9 +508,9 @@ SOMEBODY_ELSES = replace(AXIS, enable_wanted=False, reached_enabled=False)
 def test_power_that_appears_stops_at_once_and_power_that_does_not_go_soon(
     state, shown_unpowered, patience, driving
 ):
-    within = fed(replace(SOMEBODY_ELSES, shown_unpowered=shown_unpowered), power_state=state)
-    within = replace(within, unexpected_enable_cycles=patience)
-    beyond = replace(within, unexpected_enable_cycles=patience + 1)
+    within = fed(SOMEBODY_ELSES._replace(shown_unpowered=shown_unpowered), power_state=state)
+    within = within._replace(unexpected_enable_cycles=patience)
+    beyond = within._replace(unexpected_enable_cycles=patience + 1)
 
     assert verdict_of(axes=[within], driving=driving) == NO_VERDICT
     verdicts = told(axes=[beyond], driving=driving)
@@ -528,18 +527,17 @@ def test_a_fault_reaction_that_nobody_asked_for_may_last_as_long_as_its_profile_
     reacting = fed(SOMEBODY_ELSES, power_state=PowerState.FAULT_REACTION_ACTIVE)
 
     for shown_unpowered in (False, True):
-        within = replace(
-            reacting,
+        within = reacting._replace(
             shown_unpowered=shown_unpowered,
             unexpected_enable_cycles=reacting.reaction_cycles,
         )
-        beyond = replace(within, unexpected_enable_cycles=reacting.reaction_cycles + 1)
+        beyond = within._replace(unexpected_enable_cycles=reacting.reaction_cycles + 1)
         assert verdict_of(axes=[within]).cause == Cause.DRIVE_FAULT
         assert verdict_of(axes=[beyond]).cause == Cause.UNEXPECTED_ENABLE
 
 
 def test_nobody_expects_power_who_did_not_ask():
-    axis = replace(AXIS, unready_cycles=99, enable_wanted=False)
+    axis = AXIS._replace(unready_cycles=99, enable_wanted=False)
 
     assert verdict_of(axes=[fed(axis, power_state=PowerState.SWITCHED_ON)]) == NO_VERDICT
 
@@ -549,7 +547,7 @@ def test_nobody_expects_power_who_did_not_ask():
 def test_a_state_that_the_next_controlword_follows_from_is_judged_though_no_sample_is_complete(
     power_state, fresh
 ):
-    axis = replace(AXIS, joint=JOINT._replace(fresh=fresh))
+    axis = AXIS._replace(joint=JOINT._replace(fresh=fresh))
 
     verdicts = told(axes=[fed(axis, fresh=fresh, power_state=power_state)])
 
@@ -559,7 +557,7 @@ def test_a_state_that_the_next_controlword_follows_from_is_judged_though_no_samp
 
 @pytest.mark.parametrize("power_state", PowerState)
 def test_a_drive_on_its_way_to_be_enabled_may_show_every_state_but_quick_stop(power_state):
-    axis = fed(replace(STARTING, unready_cycles=1), power_state=power_state)
+    axis = fed(STARTING._replace(unready_cycles=1), power_state=power_state)
 
     stops = power_state.name.startswith("FAULT") or power_state is PowerState.QUICK_STOP_ACTIVE
     assert (verdict_of(axes=[axis]) != NO_VERDICT) == stops
@@ -573,14 +571,14 @@ def test_a_drive_on_its_way_to_be_enabled_may_show_every_state_but_quick_stop(po
     ],
 )
 def test_any_mode_but_the_one_that_was_asked_for_is_another_one(wanted, shown):
-    axis = fed(replace(AXIS, unready_cycles=6, mode_wanted=wanted), mode_display=shown)
+    axis = fed(AXIS._replace(unready_cycles=6, mode_wanted=wanted), mode_display=shown)
 
     assert verdict_of(axes=[axis]).cause == Cause.MODE_NOT_SHOWN
 
 
 # --- one axis alone -------------------------------------------------------------------------------
 
-HOMING = replace(AXIS, homing=True)
+HOMING = AXIS._replace(homing=True)
 
 
 @pytest.mark.parametrize("position_si", [-9.0, 9.0])
@@ -590,10 +588,10 @@ def test_where_a_joint_is_means_nothing_while_it_homes(position_si):
 
 @pytest.mark.parametrize("position_si", [-9.0, 9.0])
 def test_where_a_joint_is_means_nothing_before_it_is_referenced(position_si):
-    lost = moved(replace(AXIS, referenced=False), position_si=position_si)
+    lost = moved(AXIS._replace(referenced=False), position_si=position_si)
 
     assert verdict_of(axes=[lost]).cause == Cause.UNREFERENCED
-    assert verdict_of(axes=[replace(lost, preparing=True)]) == NO_VERDICT
+    assert verdict_of(axes=[lost._replace(preparing=True)]) == NO_VERDICT
 
 
 def test_a_homing_runs_on_to_its_switch_and_may_stand_there_at_full_torque_and_does_not_follow():
@@ -603,7 +601,7 @@ def test_a_homing_runs_on_to_its_switch_and_may_stand_there_at_full_torque_and_d
         following=False,
     )
 
-    assert verdict_of(axes=[replace(on_switch, unready_cycles=99)]) == NO_VERDICT
+    assert verdict_of(axes=[on_switch._replace(unready_cycles=99)]) == NO_VERDICT
     towards = moved(on_switch, velocity_si=0.5, still_cycles=0)
     assert verdict_of(axes=[towards]) == NO_VERDICT
 
@@ -618,7 +616,7 @@ def test_a_homing_has_its_limits_of_speed_and_effort_all_the_same():
 
 def test_a_drive_that_rebooted_is_lost_and_not_told_to_be_unreferenced():
     """It is the loss that has to be mended; S0 for its axis would let go of what still holds."""
-    axis = fed(replace(AXIS, referenced=False), rebooted=True)
+    axis = fed(AXIS._replace(referenced=False), rebooted=True)
 
     assert verdict_of(axes=[axis]).cause == Cause.DRIVE_REBOOTED
 
@@ -718,41 +716,41 @@ def test_a_verdict_that_nobody_made_is_none():
     ("axis", "expected"),
     [
         (
-            replace(AXIS, watch=EffortWatch(gap_si=9.5, gap_cycles=99)),
+            AXIS._replace(watch=EffortWatch(gap_si=9.5, gap_cycles=99)),
             (Cause.EFFORT_DEVIATION, 9.5, LIMITS.effort_deviation_max_si, "measured from sent"),
         ),
         (
-            replace(AXIS, watch=EffortWatch(gap_si=9.5, gap_cycles=99, unpowered_cycles=1)),
+            AXIS._replace(watch=EffortWatch(gap_si=9.5, gap_cycles=99, unpowered_cycles=1)),
             (Cause.EFFORT_DEVIATION, 9.5, LIMITS.effort_deviation_max_si, "measured without power"),
         ),
         (
-            replace(AXIS, watch=EffortWatch(sign_mismatch_si=25.5, sign_mismatch_cycles=99)),
+            AXIS._replace(watch=EffortWatch(sign_mismatch_si=25.5, sign_mismatch_cycles=99)),
             (
                 *(Cause.SIGN_WRONG, 25.5, LIMITS.sign_mismatch_effort_min_si),
                 "effort one way, motion the other",
             ),
         ),
         (
-            replace(AXIS, stride_drift_si=-99.0),
+            AXIS._replace(stride_drift_si=-99.0),
             (
                 *(Cause.EFFORT_DEVIATION, 99.0, LIMITS.load_deviation_max_si),
                 "mean of a stride from what motion and load ask for",
             ),
         ),
         (
-            replace(AXIS, stride_energy_j=999.0),
+            AXIS._replace(stride_energy_j=999.0),
             (Cause.ENERGY_LIMIT, 999.0, LIMITS.stride_energy_max_j, "J in a stride"),
         ),
         (
-            replace(AXIS, spasm_cycles=99, spasm_rise_si=-33.0),
+            AXIS._replace(spasm_cycles=99, spasm_rise_si=-33.0),
             (Cause.SPASM, 33.0, LIMITS.spasm_rise_si, "rise against the motion"),
         ),
         (
-            replace(AXIS, stopping_end_si=0.8),
+            AXIS._replace(stopping_end_si=0.8),
             (Cause.STOPPING_PATH, 0.8, LIMITS.position_max_si, "comes to rest above"),
         ),
         (
-            replace(AXIS, stopping_end_si=-0.4),
+            AXIS._replace(stopping_end_si=-0.4),
             (Cause.STOPPING_PATH, -0.4, LIMITS.position_min_si, "comes to rest below"),
         ),
     ],
@@ -766,8 +764,8 @@ def test_what_is_watched_over_cycles_and_strides_is_told_with_value_limit_and_me
 
 
 def test_a_leg_that_would_come_to_rest_too_straight_is_told_unless_it_is_so_already():
-    going = replace(LEG, stopping_ratio=0.1)
-    there = replace(going, singularity_ratio=0.12)
+    going = LEG._replace(stopping_ratio=0.1)
+    there = going._replace(singularity_ratio=0.12)
     cause, name, value, limit, detail = told(legs=[going])
 
     assert (cause, name, value, limit) == (Cause.STOPPING_PATH, "right", 0.1, 0.15)
@@ -776,7 +774,7 @@ def test_a_leg_that_would_come_to_rest_too_straight_is_told_unless_it_is_so_alre
 
 
 def test_an_axis_that_is_out_of_its_range_is_told_to_be_there_and_not_to_be_on_its_way():
-    below = moved(replace(AXIS, stopping_end_si=-9.0), position_si=-0.35)
+    below = moved(AXIS._replace(stopping_end_si=-9.0), position_si=-0.35)
 
     assert told(axes=[below])[0] == Cause.POSITION_LIMIT
 
@@ -784,7 +782,7 @@ def test_an_axis_that_is_out_of_its_range_is_told_to_be_there_and_not_to_be_on_i
 @pytest.mark.parametrize("stopping_end_si", [-9.0, 9.0])
 @pytest.mark.parametrize("change", [{"homing": True}, {"joint": JOINT._replace(known=False)}])
 def test_an_axis_without_a_place_has_no_path_to_rest(change, stopping_end_si):
-    nowhere = replace(AXIS, stopping_end_si=stopping_end_si, **change)
+    nowhere = AXIS._replace(stopping_end_si=stopping_end_si, **change)
 
     assert verdict_of(axes=[nowhere]) == NO_VERDICT
 

@@ -10,6 +10,7 @@ from safety_inputs import THRESHOLDS
 from sessions import CONFIGS
 
 from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.core.safety import soft_limits
 from daemon.core.safety.limits import hip_limits, slide_limits
 from daemon.core.safety.soft_limits import SoftZone, slowed, zone_at
 from daemon.core.safety.stopping_path import gradient, slide_range
@@ -80,7 +81,120 @@ def test_the_mechanisms_margin_lies_between_its_soft_and_its_stop_ratio(ratio, d
 def test_outside_of_all_margins_guidance_gets_just_what_it_wants():
     wanted = (math.pi, -math.e)
 
+    assert SoftZone() == ((0.0, 0.0), 0.0)
     assert slowed(SoftZone(), LEG, LIMITS, MIDDLE, (1.0, 1.0), LOAD, wanted) == wanted
+
+
+# Binary fractions: sums and products of them are exact.
+ROUND = LIMITS[0]._replace(
+    position_min_si=-1.0, position_max_si=2.0, soft_margin_si=0.5, soft_damping_si=0.75
+)
+OTHER = ROUND._replace(position_max_si=3.0, soft_margin_si=0.25, soft_damping_si=2.0)
+
+
+@pytest.mark.parametrize(
+    ("position_si", "depths"),
+    [
+        (-3.0, (-1.0, -1.0)),
+        (-1.0, (-1.0, -1.0)),
+        (-0.875, (-0.75, -0.5)),
+        (-0.5, (0.0, 0.0)),
+        (0.5, (0.0, 0.0)),
+        (1.5, (0.0, 0.0)),
+        (1.75, (0.5, 0.0)),
+        (2.0, (1.0, 0.0)),
+        (2.875, (1.0, 0.5)),
+        (9.0, (1.0, 1.0)),
+    ],
+)
+def test_a_depth_is_the_share_of_the_margin_and_negative_at_the_lower_end(position_si, depths):
+    for axis, limits in enumerate((ROUND, OTHER)):
+        pose = (position_si, 0.5) if axis == 0 else (0.5, position_si)
+        both = (limits, ROUND) if axis == 0 else (ROUND, limits)
+
+        zone = zone_at(both, THRESHOLDS, pose, 0.8)
+
+        assert zone == SoftZone(pair(axis, depths[axis]), 0.0)
+        assert zone.entered == (depths[axis] != 0.0)
+
+
+@pytest.mark.parametrize(
+    ("depth", "speed", "push", "left"),
+    [
+        (0.5, 0.0, 8.0, 4.0),
+        (0.5, 0.0, -8.0, -8.0),
+        (-0.25, 0.0, -8.0, -6.0),
+        (-0.25, 0.0, 8.0, 8.0),
+        (0.5, 2.0, 0.0, -1.0),
+        (0.5, -2.0, 0.0, 0.0),
+        (-0.5, -2.0, 0.0, 1.0),
+        (-0.5, 2.0, 0.0, 0.0),
+        (0.25, 0.5, 0.5, 0.25),
+        (0.25, -0.5, 0.5, 0.375),
+        (0.25, 0.5, -0.5, -0.625),
+        (0.25, -0.5, -0.5, -0.5),
+    ],
+)
+@pytest.mark.parametrize("axis", [0, 1])
+def test_what_leads_out_is_reduced_and_motion_out_is_damped_by_the_depth(
+    axis, depth, speed, push, left
+):
+    def with_damping(damping_si):
+        limits = [ROUND._replace(soft_damping_si=64.0), OTHER._replace(soft_damping_si=64.0)]
+        limits[axis] = limits[axis]._replace(soft_damping_si=damping_si)
+        wanted = added(LOAD, pair(axis, push))
+        zone = SoftZone(pair(axis, depth))
+        return slowed(zone, LEG, tuple(limits), MIDDLE, pair(axis, speed), LOAD, wanted)
+
+    assert with_damping(1.0) == added(LOAD, pair(axis, left))
+    more = -abs(depth) * speed if depth * speed > 0 else 0.0
+    assert with_damping(2.0) == added(LOAD, pair(axis, left + more))
+
+
+@pytest.mark.parametrize(
+    ("dampings", "depth", "velocity", "push", "back"),
+    [
+        # inwards is (3, 4): the push leads out by 3, then by the slide, then inwards
+        ((1.0, 2.0), 1.0, (0.0, 0.0), (-17.0, 0.0), 3.0),
+        ((1.0, 2.0), 0.5, (0.0, 0.0), (0.0, -17.0), 1.0),
+        ((1.0, 2.0), 0.5, (0.0, 0.0), (17.0, 0.0), 0.0),
+        ((1.0, 2.0), 1.0, (0.0, 0.0), (-0.5, 0.125), 1.25 / 17.0),
+        # motion, with less than one and more than one of speed
+        ((1.0, 2.0), 0.5, (-17.0, 0.0), (0.0, 0.0), 1.5),
+        ((1.0, 2.0), 0.5, (0.0, -17.0), (0.0, 0.0), 2.0),
+        ((1.0, 2.0), 0.5, (0.0, -0.5), (0.0, 0.0), 1.0 / 17.0),
+        ((1.0, 2.0), 0.5, (17.0, 17.0), (0.0, 0.0), 0.0),
+        # both; one of them inwards takes nothing from the other
+        ((1.0, 2.0), 1.0, (-17.0, 0.0), (-17.0, 0.0), 6.0),
+        ((1.0, 2.0), 1.0, (17.0, 0.0), (-17.0, 0.0), 3.0),
+        ((1.0, 2.0), 1.0, (-17.0, 0.0), (17.0, 0.0), 3.0),
+        # without damping
+        ((0.0, 0.0), 1.0, (0.0, 0.0), (-25.0, 0.0), 3.0),
+        ((0.0, 0.0), 1.0, (0.0, 0.0), (0.0, -25.0), 4.0),
+        ((0.0, 1.0), 1.0, (-9016.0, 0.0), (0.0, 0.0), 3.0),
+        ((1.0, 0.0), 1.0, (0.0, -16009.0), (0.0, 0.0), 4.0),
+    ],
+)
+def test_near_the_singularity_the_part_that_leads_out_comes_back_along_the_gradient(
+    monkeypatch, dampings, depth, velocity, push, back
+):
+    asked = []
+    monkeypatch.setattr(soft_limits, "gradient", lambda *at: asked.append(at) or (3.0, 4.0))
+    limits = tuple(LIMITS[axis]._replace(soft_damping_si=dampings[axis]) for axis in (0, 1))
+
+    zone = SoftZone(mechanism_depth_ratio=depth)
+    total = slowed(zone, LEG, limits, MIDDLE, velocity, LOAD, added(LOAD, push))
+
+    assert zone.entered
+    assert asked == [(LEG, MIDDLE)]
+    expected = added(LOAD, added(push, (3.0 * back, 4.0 * back)))
+    assert total == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_a_leg_in_a_margin_of_one_axis_needs_no_gradient(monkeypatch):
+    monkeypatch.setattr(soft_limits, "gradient", None)
+
+    assert after(at(0, 1, 0.5), (0.0, 0.0), (8.0, 3.0)) == pytest.approx((4.0, 3.0))
 
 
 speeds = st.floats(-3.0, 3.0)

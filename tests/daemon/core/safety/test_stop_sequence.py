@@ -1,7 +1,5 @@
 """One drive on its way to rest: what it is told, and what happens when it does not obey."""
 
-from dataclasses import replace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,8 +15,8 @@ RULES = StopRules(
 )
 FAST = JOINT._replace(velocity_si=1.0)
 STILL = JOINT._replace(velocity_si=0.0)
-STOPPING_DRIVE = replace(FEEDBACK, power_state=PowerState.QUICK_STOP_ACTIVE)
-OFF = replace(FEEDBACK, power_state=PowerState.SWITCH_ON_DISABLED)
+STOPPING_DRIVE = FEEDBACK._replace(power_state=PowerState.QUICK_STOP_ACTIVE)
+OFF = FEEDBACK._replace(power_state=PowerState.SWITCH_ON_DISABLED)
 
 
 def run(stop, feedback, joints, limits=LIMITS):
@@ -56,7 +54,7 @@ def test_a_stop_begins_for_each_axis_as_the_design_fixes_it(cause, category, thi
 
 @pytest.mark.parametrize("state", [s for s in PowerState if s != PowerState.OPERATION_ENABLED])
 def test_a_stop_that_holds_does_not_enable_a_drive_that_is_not(state):
-    drive = replace(FEEDBACK, power_state=state)
+    drive = FEEDBACK._replace(power_state=state)
 
     assert stop_sequence.possible(Step.HOLD, drive) == Step.QUICK_STOP
     assert stop_sequence.possible(Step.HOLD, None) == Step.QUICK_STOP
@@ -100,7 +98,7 @@ def test_a_drive_that_shows_the_state_and_does_not_slow_down_is_disabled():
 
 def test_a_drive_that_its_own_fault_switched_off_may_coast():
     begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
-    faulty = replace(FEEDBACK, power_state=PowerState.FAULT)
+    faulty = FEEDBACK._replace(power_state=PowerState.FAULT)
 
     assert run(begun, faulty, [FAST] * 50).step == Step.QUICK_STOP
 
@@ -149,7 +147,7 @@ def test_an_axis_with_a_brake_is_switched_off_at_rest_and_one_without_is_held():
 
 def test_what_was_not_seen_is_neither_obeyed_nor_disobeyed():
     begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
-    unseen = replace(FEEDBACK, fresh=False)
+    unseen = FEEDBACK._replace(fresh=False)
 
     assert run(begun, unseen, [FAST] * 20).step == Step.QUICK_STOP
 
@@ -170,7 +168,7 @@ TORQUE_FREE = {
 @pytest.mark.parametrize("step", [Step.QUICK_STOP, Step.DISABLE])
 @pytest.mark.parametrize("state", PowerState)
 def test_only_a_state_without_torque_proves_for_ever_that_a_moving_drive_obeys(state, step):
-    shown = replace(FEEDBACK, power_state=state)
+    shown = FEEDBACK._replace(power_state=state)
 
     stopped = run(stop_sequence.begin(step, FAST, 100), shown, [FAST] * 60)
 
@@ -184,7 +182,7 @@ def test_only_a_state_without_torque_proves_for_ever_that_a_moving_drive_obeys(s
 def test_a_state_that_proves_nothing_is_borne_so_long_and_over_all_steps_no_longer(
     begun, state, patience
 ):
-    shown = replace(FEEDBACK, power_state=state)
+    shown = FEEDBACK._replace(power_state=state)
     stop = stop_sequence.begin(begun, FAST, 100)
 
     assert run(stop, shown, [FAST] * patience).step == begun
@@ -219,7 +217,7 @@ def test_a_stop_never_goes_back_a_step(first, story):
     stop = stop_sequence.begin(first, FAST, 0)
     for cycle, (power, speed, fresh, step) in enumerate(story, 1):
         before = stop.step
-        feedback = replace(FEEDBACK, power_state=power, fresh=fresh)
+        feedback = FEEDBACK._replace(power_state=power, fresh=fresh)
         joint = JOINT._replace(velocity_si=speed)
         stop = stop_sequence.harsher(stop, step, joint, cycle)
         stop = stop_sequence.advance(stop, feedback, joint, LIMITS, RULES, cycle)

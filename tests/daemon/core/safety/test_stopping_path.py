@@ -67,7 +67,7 @@ def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity)
 
     way = [pose(whole_s * k / POINTS) for k in range(POINTS + 1)]
     worst = min(float(singularity_ratio(LEG, np.array(one))) for one in way)
-    assert least_ratio(LEG, position, velocity, RAMPS, REACTION_S) == pytest.approx(worst, abs=0.02)
+    assert least_ratio(LEG, position, velocity, RAMPS, REACTION_S) == pytest.approx(worst, abs=1e-6)
 
 
 @settings(derandomize=True, deadline=None)

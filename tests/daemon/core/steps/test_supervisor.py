@@ -60,7 +60,7 @@ class Bench:
 
     def show(self, state: PowerState, velocity_si: float = 0.0) -> None:
         for axis in self.core.axes:
-            axis.feedback = replace(FEEDBACK, node_id=axis.node_id, power_state=state)
+            axis.feedback = FEEDBACK._replace(node_id=axis.node_id, power_state=state)
             axis.joint = AT_REST._replace(velocity_si=velocity_si)
 
     def turn(self, *verdicts: Verdict, command_inputs: CommandInputs = NO_INPUTS) -> None:

@@ -1,7 +1,6 @@
 """The targets of one axis while its mode changes: a row of the table for each test."""
 
 import math
-from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -26,7 +25,7 @@ def axis_that(shows=CST, sent=CST, state=PowerState.OPERATION_ENABLED, following
     """The hip, enabled and at rest at 0.2 rad with 6 N·m, its last targets as that."""
     axis = build(SETTINGS, "test", PersistentState()).core.axes[0]
     axis.joint = AT_REST
-    axis.feedback = replace(FEEDBACK, mode_display=shows, power_state=state, following=following)
+    axis.feedback = FEEDBACK._replace(mode_display=shows, power_state=state, following=following)
     axis.mode_sent = sent
     axis.reached_enabled = True
     axis.effort_sent_si = axis.effort_mean_si = 6.0
@@ -72,7 +71,7 @@ def test_torque_begins_where_it_was_and_fades_to_the_wish(wish_nm):
     axis = axis_that(shows=CSP, sent=CSP)
     sent = [effort(axis, wish_nm, CST)]
     axis.mode_sent = CST
-    axis.feedback = replace(axis.feedback, mode_display=CST)
+    axis.feedback = axis.feedback._replace(mode_display=CST)
 
     for _ in range(300):
         axis.effort_sent_si = sent[-1]
@@ -145,7 +144,7 @@ def test_the_last_target_is_held_while_the_drive_still_goes_by_it(mode, pushing,
 def test_position_begins_where_it_was_and_fades_to_the_wish(wish_rad):
     axis = axis_that(shows=CST, sent=CSP)
     sent = [position(axis, wish_rad, CSP)]
-    axis.feedback = replace(axis.feedback, mode_display=CSP)
+    axis.feedback = axis.feedback._replace(mode_display=CSP)
 
     for _ in range(300):
         axis.position_sent_si = sent[-1]
@@ -192,6 +191,6 @@ def test_speed_and_acceleration_of_the_target_count_where_the_drive_goes_by_it()
 
     assert axis.speed_sent_si == pytest.approx(2.0)
     assert axis.acceleration_sent_si == pytest.approx(100.0)
-    axis.feedback = replace(axis.feedback, mode_display=CST)
+    axis.feedback = axis.feedback._replace(mode_display=CST)
     targets.record_sent(axis, CST, 0.0, 0.3, DT_S)
     assert (axis.speed_sent_si, axis.acceleration_sent_si) == (0.0, 0.0)

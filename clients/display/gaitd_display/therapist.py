@@ -1,0 +1,309 @@
+"""The therapist's server: role `operator`, with a login. STOP works without it."""
+
+import asyncio
+import contextlib
+import secrets
+from collections.abc import AsyncGenerator, Callable
+from enum import StrEnum, auto
+from typing import Annotated, Final
+
+import msgspec
+from gaitd_client import (
+    Clock,
+    Event,
+    Mode,
+    NoAnswerError,
+    NotValid,
+    PlanLimits,
+    Reply,
+    Status,
+    Stride,
+    Trainer,
+)
+from msgspec import Meta
+from starlette.applications import Starlette
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import FileResponse, Response
+from starlette.routing import Route
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket
+
+from gaitd_display.feed import Feed
+from gaitd_display.login import Attempts, Session, Sessions, read_hash
+from gaitd_display.settings import TherapistSettings
+from gaitd_display.therapist_view import (
+    AXES,
+    TherapistState,
+    TherapistView,
+    event_item,
+    leg_view,
+    stride_item,
+)
+from gaitd_display.web import (
+    FORBIDDEN,
+    STATIC,
+    Answer,
+    Served,
+    Stops,
+    ask,
+    connected,
+    json,
+    live,
+    make_app,
+    small_body,
+    working,
+)
+
+COOKIE: Final = "__Host-gaitd"
+CSRF_HEADER: Final = "x-csrf-token"
+PLAN_POLL_S: Final = 2.0
+SESSION_POLL_S: Final = 1.0
+
+
+class Command(StrEnum):
+    """Request of a button without arguments."""
+
+    ENABLE = auto()
+    DISABLE = auto()
+    RESET = auto()
+    HOLD = auto()
+    HAND_GUIDING = auto()
+    SELF_TEST = auto()
+
+
+class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a button's request."""
+
+    command: Command
+
+
+class PlanWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a request that releases a plan; null withdraws it."""
+
+    plan: PlanLimits | None
+
+
+class Password(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a login."""
+
+    password: Annotated[str, Meta(min_length=1, max_length=1000)]
+
+
+class SessionText(msgspec.Struct, frozen=True):
+    """What the page needs of its session."""
+
+    csrf: str
+    language: str
+
+
+class TherapistServer:
+    """Connects messages, view, login and requests."""
+
+    def __init__(self, settings: TherapistSettings, trainer: Trainer, clock: Clock) -> None:
+        """Prepare.
+
+        Args:
+            settings: of this server.
+            trainer: not yet entered.
+            clock: measures attempts and sessions.
+
+        Raises:
+            PasswordError: the hash of the file cannot be used.
+        """
+        self._settings, self._trainer = settings, trainer
+        self._hash = read_hash(settings.login.password_hash)
+        self._attempts = Attempts(clock)
+        self._sessions = Sessions(clock, settings.login.session_max_min)
+        self._checking, self._asking = asyncio.Lock(), asyncio.Lock()
+        self.state = TherapistState(secrets.token_hex(4))
+        self._read: Callable[[], TherapistView]
+        self.feed = Feed(self._view)
+        self._stops = Stops(trainer)
+        self._loop: asyncio.AbstractEventLoop
+        self.app: ASGIApp = make_app(
+            settings.web,
+            Served(
+                self._page,
+                [
+                    Route("/login", self._login, methods=["POST"]),
+                    Route("/logout", self._logout, methods=["POST"]),
+                    Route("/session.json", self._session_text),
+                    Route("/act", self._act, methods=["POST"]),
+                    Route("/plan", self._plan, methods=["POST"]),
+                ],
+                self._live,
+            ),
+            self._stops,
+            self._lifespan,
+        )
+
+    # --- messages -------------------------------------------------------------------------------
+
+    @contextlib.asynccontextmanager
+    async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
+        self._loop = asyncio.get_running_loop()
+        async with connected(self._trainer):
+            self._subscribe()
+            async with working(self.feed.run(), self._follow_plan()):
+                yield
+        self._stops.close()
+
+    def _subscribe(self) -> None:
+        trainer, legs = self._trainer, self._settings.legs
+        streams = [
+            (
+                leg,
+                trainer.activity(leg),
+                trainer.friction(leg),
+                [trainer.drive(f"{leg}/{axis}") for axis in AXES],
+            )
+            for leg in legs
+        ]
+        safety, health = trainer.safety(), trainer.health()
+
+        def read() -> TherapistView:
+            views = tuple(
+                leg_view(
+                    leg, activity.newest(), friction.newest(), [drive.newest() for drive in drives]
+                )
+                for leg, activity, friction, drives in streams
+            )
+            return self.state.view(views, safety.newest(), health.newest())
+
+        self._read = read
+        for leg in legs:
+            trainer.stride(leg).call(self._take_stride)
+        trainer.events().call(self._take_event)
+
+    def _view(self) -> TherapistView:
+        return self._read()
+
+    def _take_stride(self, stride: Stride | NotValid) -> None:
+        """Take a stride, in a thread of its stream."""
+        if isinstance(stride, Stride):
+            self._loop.call_soon_threadsafe(self.feed.add, stride_item(stride))
+
+    def _take_event(self, event: Event | NotValid) -> None:
+        """Take an event, in a thread of its stream."""
+        if isinstance(event, Event):
+            self._loop.call_soon_threadsafe(self.feed.add, event_item(event))
+
+    async def _follow_plan(self) -> None:
+        """Read the released plan, which no message has; also a plan of another operator."""
+        while True:
+            if self._trainer.is_connected and self.feed.page_count:
+                status = await asyncio.to_thread(self._status)
+                self.state.plan = None if status is None else status.plan
+            await asyncio.sleep(PLAN_POLL_S)
+
+    def _status(self) -> Status | None:
+        try:
+            return self._trainer.status()
+        except NoAnswerError:
+            return None
+
+    # --- login ----------------------------------------------------------------------------------
+
+    def _session(self, connection: HTTPConnection) -> Session | None:
+        return self._sessions.of(connection.cookies.get(COOKIE))
+
+    async def _page(self, request: Request) -> Response:
+        name = "therapist.html" if self._session(request) else "login.html"
+        return FileResponse(STATIC / name)
+
+    async def _login(self, request: Request) -> Response:
+        try:
+            password = msgspec.json.decode(await small_body(request), type=Password).password
+        except ValueError as error:
+            return json(Answer("refused", str(error)), 400)
+        async with self._checking:  # one at a time: each takes 32 MB
+            if self._attempts.are_exhausted:
+                return json(Answer("refused", "locked"), 429)
+            self._attempts.fail()
+            if not await asyncio.to_thread(self._hash.fits, password):
+                return json(Answer("refused", "wrong_password"), 401)
+            self._attempts.succeed()
+        answer = json(Answer("done"))
+        answer.set_cookie(
+            COOKIE, self._sessions.begin(), path="/", secure=True, httponly=True, samesite="strict"
+        )
+        return answer
+
+    async def _logout(self, request: Request) -> Response:
+        if (refusal := self._refusal(request)) is not None:
+            return refusal
+        self._sessions.end(request.cookies.get(COOKIE))
+        answer = json(Answer("done"))
+        answer.delete_cookie(COOKIE, path="/", secure=True, httponly=True, samesite="strict")
+        return answer
+
+    async def _session_text(self, request: Request) -> Response:
+        session = self._session(request)
+        language = self._settings.language
+        if session is None:
+            return json(SessionText("", language))
+        return json(SessionText(session.csrf, language))
+
+    def _refusal(self, request: Request) -> Response | None:
+        """Return the refusal of a request without session or CSRF token; None: it may go on."""
+        session = self._session(request)
+        if session is None:
+            return json(Answer("refused", "login"), 401)
+        given = request.headers.get(CSRF_HEADER, "").encode()
+        if not secrets.compare_digest(given, session.csrf.encode()):
+            return json(Answer("refused", "the request is not of the page"), 403)
+        return None
+
+    async def _live(self, socket: WebSocket) -> None:
+        if self._session(socket) is None:
+            await socket.close(FORBIDDEN)
+            return
+
+        async def over() -> None:
+            while self._session(socket) is not None:
+                await asyncio.sleep(SESSION_POLL_S)
+
+        await live(socket, self.feed, over)
+
+    # --- requests -------------------------------------------------------------------------------
+
+    async def _act(self, request: Request) -> Response:
+        if (refusal := self._refusal(request)) is not None:
+            return refusal
+        try:
+            command = msgspec.json.decode(await small_body(request), type=Wish).command
+        except ValueError as error:
+            return json(Answer("refused", str(error)), 400)
+        return await self._ask(lambda: self._request(command))
+
+    async def _plan(self, request: Request) -> Response:
+        if (refusal := self._refusal(request)) is not None:
+            return refusal
+        try:
+            plan = msgspec.json.decode(await small_body(request), type=PlanWish).plan
+        except ValueError as error:
+            return json(Answer("refused", str(error)), 400)
+        trainer = self._trainer
+        answer = await self._ask(
+            trainer.withdraw_plan if plan is None else lambda: trainer.release_plan(plan)
+        )
+        if answer.status_code == 200:
+            self.state.plan = plan
+        return answer
+
+    async def _ask(self, request: Callable[[], Reply]) -> Response:
+        if self._asking.locked():
+            return json(Answer("refused", "another request has no answer yet"), 409)
+        async with self._asking:
+            return await ask(request)
+
+    def _request(self, command: Command) -> Reply:
+        """Send the request of a button, in a thread."""
+        trainer = self._trainer
+        if command is Command.ENABLE:
+            return trainer.enable()
+        if command is Command.DISABLE:
+            return trainer.disable()
+        if command is Command.RESET:
+            return trainer.reset()
+        return trainer.mode(Mode(command))

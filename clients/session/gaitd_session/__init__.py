@@ -1,0 +1,40 @@
+"""A training session of a patient at home, on top of gaitd-client.
+
+Reading order: `profile.py` (what the therapist sets), `plan.py` (the blocks), `machine.py` (the
+state machine, pure, as a table), `goals.py` (the target band), `view.py` (what a display shows),
+`store.py` (the history), `session.py` (a session with a trainer), `export.py`, `program.py` and
+`terminal.py` (the command).
+"""
+
+from gaitd_session.goals import Band
+from gaitd_session.machine import Button, Phase
+from gaitd_session.plan import Block, BlockKind, blocks_of, limits_of
+from gaitd_session.profile import Profile, ProfileError, parse_profile, read_profile
+from gaitd_session.session import Session, SessionError
+from gaitd_session.store import History, SessionSummary, Store, StoreError, open_history
+from gaitd_session.view import Advice, BlockView, LegView, View
+
+__all__ = [
+    "Advice",
+    "Band",
+    "Block",
+    "BlockKind",
+    "BlockView",
+    "Button",
+    "History",
+    "LegView",
+    "Phase",
+    "Profile",
+    "ProfileError",
+    "Session",
+    "SessionError",
+    "SessionSummary",
+    "Store",
+    "StoreError",
+    "View",
+    "blocks_of",
+    "limits_of",
+    "open_history",
+    "parse_profile",
+    "read_profile",
+]

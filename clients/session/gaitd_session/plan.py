@@ -1,0 +1,41 @@
+"""The blocks of a session in their order, and the limits that an operator releases for them."""
+
+from dataclasses import dataclass
+from enum import StrEnum, auto
+
+from gaitd_client import PlanLimits
+
+from gaitd_session.profile import Profile, Walk
+
+
+class BlockKind(StrEnum):
+    """Part of the plan."""
+
+    WARM_UP = auto()
+    WALKING = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One block of the plan."""
+
+    kind: BlockKind
+    walk: Walk
+
+
+def blocks_of(profile: Profile) -> tuple[Block, ...]:
+    """Return warm-up and blocks; never empty."""
+    return (
+        Block(BlockKind.WARM_UP, profile.plan.warm_up),
+        *(Block(BlockKind.WALKING, walk) for walk in profile.plan.block),
+    )
+
+
+def limits_of(profile: Profile) -> PlanLimits:
+    """Return the narrowest limits within which the service grants every gait of the plan."""
+    walks = [block.walk for block in blocks_of(profile)]
+    return PlanLimits(
+        cadence_max_hz=max(walk.cadence_hz for walk in walks),
+        amplitude_max_ratio=max(walk.amplitude_ratio for walk in walks),
+        duration_max_s=max(walk.duration_s for walk in walks),
+    )

@@ -1,0 +1,271 @@
+"""The command `gaitd-session`: new-profile, run, summary, export, erase.
+
+Exit codes: 0 done; 2 a profile, a history or the command line is refused; 3 no service, or another
+trainer than the profile's.
+"""
+
+import datetime
+import signal
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+from gaitd_client import ClientError, MonotonicClock, Trainer
+
+from gaitd_session import terminal
+from gaitd_session.export import ExportError, export
+from gaitd_session.plan import limits_of
+from gaitd_session.profile import (
+    PROFILE_VERSION,
+    Profile,
+    ProfileError,
+    new_id,
+    parse_profile,
+    read_profile,
+)
+from gaitd_session.session import Session, SessionError
+from gaitd_session.store import Store, StoreError, files_aside, open_history
+
+EXIT_REFUSED: Final = 2
+EXIT_NO_SERVICE: Final = 3
+HISTORY: Final = "history.sqlite"
+NS_PER_S: Final = 1_000_000_000
+SECONDS_PER_MINUTE: Final = 60
+
+ProfileFile = Annotated[
+    Path, typer.Option("--profile", help="TOML file of the patient", dir_okay=False)
+]
+HistoryFile = Annotated[
+    Path | None,
+    typer.Option("--history", help=f"by default {HISTORY} beside the profile", dir_okay=False),
+]
+
+app: Final = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="A training session of a patient at home, by a plan of the therapist.",
+)
+
+TEMPLATE: Final = """\
+# Profile of one patient for gaitd-session. The id is random: this file holds no name and no birth
+# date. docs/session.md of gaitd explains every key; nothing has a default.
+version = {version}
+id = "{id}"
+legs = ["{legs}"]
+
+[range]                          # the gaits that are allowed for this patient
+cadence_min_hz = {cadence_min}
+cadence_max_hz = {cadence_max}
+amplitude_min_ratio = {amplitude_min}
+amplitude_max_ratio = {amplitude_max}
+
+[assist]                         # for a controller that reads this file; a session commands none
+hip_max_nm = {hip_max}
+slide_max_n = {slide_max}
+
+[goal]                           # target band of the patient's share of a stride's work
+share_min_ratio = {share_min}    # bounds of the band's middle
+share_max_ratio = {share_max}
+share_start_ratio = {share_min}
+band_width_ratio = 0.1
+challenge_ratio = 0.02           # the band is led so much above what the patient did
+step_max_ratio = 0.05            # and moves by at most so much from a block to the next
+in_band_goal_ratio = 0.6         # goal of a block: so many strides in the band, or above it
+
+[plan.warm_up]
+duration_s = {warm_up}
+cadence_hz = {cadence_min}
+amplitude_ratio = {amplitude_min}
+rest_s = {rest}
+"""
+BLOCK: Final = """
+[[plan.block]]
+duration_s = {duration}
+cadence_hz = {cadence_max}
+amplitude_ratio = {amplitude_max}
+rest_s = {rest}
+"""
+
+
+@contextmanager
+def _errors_in_one_line() -> Generator[None]:
+    try:
+        yield
+    except (
+        *(ProfileError, StoreError, ExportError, SessionError),
+        terminal.NoTerminalError,
+    ) as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+    except ClientError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(EXIT_NO_SERVICE) from error
+    except OSError as error:
+        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+
+
+@app.command("new-profile")
+def new_profile(
+    cadence: Annotated[tuple[float, float], typer.Option(help="Lowest and highest, strides/s.")],
+    amplitude: Annotated[tuple[float, float], typer.Option(help="Smallest and largest, 0 to 1.")],
+    share: Annotated[tuple[float, float], typer.Option(help="Bounds of the target, 0 to 1.")],
+    assist: Annotated[tuple[float, float], typer.Option(help="Cap at hip in N·m, slide in N.")],
+    warm_up: Annotated[float, typer.Option(help="Seconds.")],
+    blocks: Annotated[int, typer.Option(help="Number of blocks after the warm-up.")],
+    duration: Annotated[float, typer.Option(help="Seconds of each block.")],
+    rest: Annotated[float, typer.Option(help="Seconds of rest after each block.")],
+    leg: Annotated[list[str], typer.Option(help="right or left; both for two legs.")],
+    folder: Annotated[Path, typer.Option(help="Where ID.toml is written.", file_okay=False)],
+) -> None:
+    """Write a profile with a random id; edit the file for blocks that differ."""
+    profile_id = new_id()
+    values = {
+        "version": PROFILE_VERSION,
+        "id": profile_id,
+        "legs": '", "'.join(leg),
+        **dict(zip(("cadence_min", "cadence_max"), cadence, strict=True)),
+        **dict(zip(("amplitude_min", "amplitude_max"), amplitude, strict=True)),
+        **dict(zip(("share_min", "share_max"), share, strict=True)),
+        **dict(zip(("hip_max", "slide_max"), assist, strict=True)),
+        "warm_up": warm_up,
+        "duration": duration,
+        "rest": rest,
+    }
+    file = folder / f"{profile_id}.toml"
+    text = TEMPLATE.format_map(values) + BLOCK.format_map(values) * blocks
+    with _errors_in_one_line():
+        profile = parse_profile(text, file)
+        with file.open("x", encoding="utf-8") as opened:
+            opened.write(text)
+    limits = limits_of(profile)
+    print(f"{file}: written. An operator releases its plan with")
+    print(
+        f"gaitd plan release --cadence {limits.cadence_max_hz:g}"
+        f" --amplitude {limits.amplitude_max_ratio:g} --duration {limits.duration_max_s:g}"
+    )
+
+
+@app.command()
+def run(
+    profile_file: ProfileFile,
+    credentials: Annotated[
+        Path | None,
+        typer.Option(help="folder of `gaitd keys issue`, role session", file_okay=False),
+    ] = None,
+    endpoint: Annotated[
+        str | None, typer.Option(help="of the service; by default that of the credentials")
+    ] = None,
+    history_file: HistoryFile = None,
+) -> None:
+    """Run a session in this terminal."""
+    with _errors_in_one_line(), _signals_like_ctrl_c():
+        profile = read_profile(profile_file)
+        history = open_history(_history_file(profile_file, history_file))
+        try:
+            with Trainer(endpoint, credentials, client="gaitd-session") as trainer:
+                _check_legs(trainer, profile, profile_file)
+                with Session(trainer, profile, history, MonotonicClock()) as session:
+                    terminal.run(session)
+        except KeyboardInterrupt:
+            print("The session was left; the drives are off.")
+        finally:
+            if history.store is not None:
+                history.store.close()
+
+
+@contextmanager
+def _signals_like_ctrl_c() -> Generator[None]:
+    """Let SIGTERM and a closed terminal end the session in order, with the drives off."""
+    ends = (signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(end, signal.default_int_handler) for end in ends]
+    try:
+        yield
+    finally:
+        for end, handler in zip(ends, before, strict=True):
+            signal.signal(end, handler)
+
+
+def _check_legs(trainer: Trainer, profile: Profile, file: Path) -> None:
+    """Check that the trainer has the profile's legs.
+
+    Raises:
+        ProfileError: it has not.
+    """
+    there = trainer.configuration().leg_names
+    if not set(profile.legs) <= set(there):
+        raise ProfileError(file, "legs", list(profile.legs), f"this trainer has {', '.join(there)}")
+
+
+@app.command()
+def summary(profile_file: ProfileFile, history_file: HistoryFile = None) -> None:
+    """Print a line for each session of a profile."""
+    with _errors_in_one_line():
+        profile = read_profile(profile_file)
+        with _reading(profile_file, history_file) as store:
+            sessions = store.summaries(profile.id)
+    print("session  begun (UTC)       end          walked  strides  valid  share  interruptions")
+    for one in sessions:
+        begun = datetime.datetime.fromtimestamp(one.begun_utc_ns / NS_PER_S, datetime.UTC)
+        share = "–" if one.mean_share_ratio is None else f"{one.mean_share_ratio:.0%}"
+        minutes, seconds = divmod(round(one.walked_s), SECONDS_PER_MINUTE)
+        print(
+            f"{one.number:7}  {begun:%Y-%m-%d %H:%M}  {one.end or 'goes on':11}"
+            f"  {minutes:3}:{seconds:02}  {one.stride_count:7}  {one.valid_count:5}  {share:>5}"
+            f"  {one.interruption_count:13}"
+        )
+
+
+@app.command("export")
+def export_command(
+    profile_file: ProfileFile,
+    output: Annotated[Path, typer.Option(help=".csv, or .parquet with pyarrow", dir_okay=False)],
+    history_file: HistoryFile = None,
+) -> None:
+    """Write all strides of a profile, one line each."""
+    with _errors_in_one_line():
+        profile = read_profile(profile_file)
+        with _reading(profile_file, history_file) as store:
+            rows = store.strides(profile.id)
+        export(rows, output)
+    print(f"{output}: {len(rows)} strides")
+
+
+@app.command()
+def erase(
+    profile_file: ProfileFile,
+    history_file: HistoryFile = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
+) -> None:
+    """Delete a profile, and everything that the history has of it."""
+    with _errors_in_one_line():
+        profile = read_profile(profile_file)
+        file = _history_file(profile_file, history_file)
+        if not yes:
+            typer.confirm(f"Delete {profile_file} and its sessions in {file}?", abort=True)
+        count = 0
+        if file.exists():
+            with Store(file, is_writer=True) as store:
+                count = store.erase(profile.id)
+        profile_file.unlink()
+    print(f"{profile.id}: {count} sessions and the profile are deleted")
+    for aside in files_aside(file):
+        print(f"{aside} could not be read once, and may hold sessions of this profile: delete it")
+
+
+def _history_file(profile_file: Path, history_file: Path | None) -> Path:
+    return history_file or profile_file.with_name(HISTORY)
+
+
+@contextmanager
+def _reading(profile_file: Path, history_file: Path | None) -> Generator[Store]:
+    with Store(_history_file(profile_file, history_file), is_writer=False) as store:
+        yield store
+
+
+def main() -> None:
+    """Run the command."""
+    app()

@@ -1,0 +1,361 @@
+"""`Session`: one training session with a trainer; the impure shell of `machine.py`.
+
+Threads: this session's, which reads the streams and steps; two for requests, because DISABLE must
+not wait for the answer to another one; one that writes the history, because a disk may take a
+second. None of them is waited for by `press` and `view`.
+"""
+
+import threading
+from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from types import TracebackType
+from typing import Final, Self
+
+from gaitd_client import (
+    ClientError,
+    Clock,
+    DriveState,
+    Mode,
+    NotValid,
+    RequestRefusedError,
+    Stream,
+    Stride,
+    Trainer,
+)
+
+from gaitd_session.goals import valid_share
+from gaitd_session.machine import (
+    ACTIVE,
+    Answer,
+    Button,
+    Inputs,
+    Phase,
+    Request,
+    RequestKind,
+    State,
+    StrideShare,
+    TrainerState,
+    begin,
+    next_middles,
+    step,
+)
+from gaitd_session.profile import Profile
+from gaitd_session.store import (
+    BlockRow,
+    EndRow,
+    GoalRow,
+    History,
+    InterruptionRow,
+    Row,
+    SelfTestRow,
+    SessionRow,
+    StoreError,
+    StrideRow,
+)
+from gaitd_session.view import View, view_of
+
+POLL_S: Final = 0.05
+"""Time of the computer between two steps."""
+FLUSH_S: Final = 2.0
+"""Time between two writes while strides come: what a power cut can lose."""
+SELF_TEST_VALID_NS: Final = 20 * 3_600_000_000_000
+"""As `self_test.valid_h` of the shipped service, which refuses a gait where its own is due."""
+INTERRUPTED_PHASES: Final = frozenset({Phase.PAUSED, Phase.STOPPED, Phase.NO_SIGNAL})
+STRONGEST_FIRST: Final = (Button.END, Button.PAUSE, Button.START)
+WITHOUT_POWER: Final = frozenset(
+    {"not_ready_to_switch_on", "switch_on_disabled", "ready_to_switch_on", "fault"}
+)
+"""CiA 402 power states in which a drive exerts no torque."""
+AXES: Final = ("hip", "slide")
+
+
+class SessionError(Exception):
+    """The session's thread has ended by an error, which is on stderr; the drives are disabled."""
+
+
+class Session:
+    """One session of a plan; use it as a context manager. `press` and `view` never wait."""
+
+    def __init__(self, trainer: Trainer, profile: Profile, history: History, clock: Clock) -> None:
+        """Prepare a session; it begins with `with`.
+
+        Args:
+            trainer: connected, or connecting (`keep_trying`); needs the role session.
+            profile: of the patient.
+            history: of `open_history`. Leaving `with` does not close it.
+            clock: measures the plan's times.
+
+        Raises:
+            StoreError: the history of before cannot be read.
+        """
+        self._trainer, self._profile, self._clock = trainer, profile, clock
+        self._store = store = history.store
+        self._trouble = history.trouble
+        self._tested_utc_ns = 0 if store is None else store.self_test_utc_ns(profile.id)
+        middles = {} if store is None else store.middles(profile.id)
+        self._state = begin(profile, middles, self_test_due=True)
+        self._utc_ns = 0
+        self._buttons: deque[Button] = deque()
+        self._strides: deque[Stride | NotValid] = deque()
+        self._asked: list[Future[Answer]] = []
+        self._written: list[Future[None]] = []
+        self._rows: list[Row] = []
+        self._flushed_s = self._now_s()
+        self._has_begun = self._has_ended = False
+        self._is_over = threading.Event()
+        self._view = view_of(self._state, None, self._now_s(), self._trouble)
+        self._requests = ThreadPoolExecutor(2, "requests")
+        self._writer = ThreadPoolExecutor(1, "history")
+        self._thread = threading.Thread(target=self._run, name="session", daemon=True)
+
+    def press(self, button: Button) -> None:
+        """Press a button; one that is not among the view's does nothing."""
+        self._buttons.append(button)
+
+    def view(self) -> View:
+        """Return what a display shows now.
+
+        Raises:
+            SessionError: the session's thread has ended by an error.
+        """
+        was_started = self._thread.ident is not None
+        if was_started and not self._thread.is_alive() and not self._is_over.is_set():
+            raise SessionError("the session has ended by an error, see stderr; start it again")
+        return self._view
+
+    def __enter__(self) -> Self:
+        self._subscribe()
+        self._thread.start()
+        return self
+
+    def _subscribe(self) -> None:
+        self._safety = self._trainer.safety()
+        self._drives: list[Stream[DriveState]] = []
+        self._stride_streams: list[Stream[Stride]] = []
+        for leg in self._profile.legs:
+            self._drives += [self._trainer.drive(f"{leg}/{axis}") for axis in AXES]
+            strides = self._trainer.stride(leg)
+            strides.call(self._strides.append)
+            self._stride_streams.append(strides)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End the session: disable the drives if it has enabled them, and write what is left."""
+        self._is_over.set()
+        self._thread.join()
+        for stream in (self._safety, *self._drives, *self._stride_streams):
+            stream.close()
+        self._requests.shutdown()
+        self._writer.shutdown()
+        self._check_written()
+
+    # --- in the session's thread ----------------------------------------------------------------
+
+    def _run(self) -> None:
+        try:
+            while not self._is_over.wait(POLL_S):
+                self._advance()
+        finally:
+            self._leave()
+
+    def _advance(self) -> None:
+        now_s = self._now_s()
+        before, trainer, strides = self._state, self._read(), self._new_strides()
+        if before.phase is Phase.WAITING:
+            age_ns = self._utc_ns - self._tested_utc_ns
+            before = replace(before, self_test_due=not 0 <= age_ns <= SELF_TEST_VALID_NS)
+        inputs = Inputs(
+            trainer,
+            self._pressed(),
+            self._answer(),
+            [StrideShare(stride.leg, valid_share(stride)) for stride in strides],
+        )
+        after, request = step(before, inputs, now_s)
+        self._state = after
+        if request is not None:
+            self._asked.append(self._requests.submit(self._ask, request))
+        self._note(before, after, trainer, strides, now_s)
+        self._check_written()
+        self._view = view_of(after, trainer, now_s, self._trouble)
+
+    def _now_s(self) -> float:
+        return self._clock.now_ns() * 1e-9
+
+    def _read(self) -> TrainerState | None:
+        safety = self._safety.newest()
+        drives = [stream.newest() for stream in self._drives]
+        if isinstance(safety, NotValid) or safety.mode is None or safety.verdict is None:
+            return None
+        known = [drive for drive in drives if not isinstance(drive, NotValid)]
+        if len(known) < len(drives):
+            return None
+        self._utc_ns = safety.sample_time_ns or self._utc_ns
+        verdict = safety.verdict
+        return TrainerState(
+            boot_id=safety.core_boot_id or "",
+            mode=safety.mode,
+            is_enabled=bool(safety.active),
+            stage=safety.stage,
+            cause=verdict.cause,
+            reason=f"{verdict.text}: {verdict.remedy}" if verdict.text else "",
+            has_power=any(drive.power_state not in WITHOUT_POWER for drive in known),
+            hand_switch_held=all(drive.hand_switch_closed is True for drive in known),
+        )
+
+    def _pressed(self) -> Button | None:
+        """Return the strongest of the buttons pressed since the last step.
+
+        The others are dropped: a START that waits would begin a motion later.
+        """
+        pressed: set[Button] = set()
+        while self._buttons:
+            pressed.add(self._buttons.popleft())
+        return next((button for button in STRONGEST_FIRST if button in pressed), None)
+
+    def _new_strides(self) -> list[Stride]:
+        strides: list[Stride] = []
+        while self._strides:
+            item = self._strides.popleft()
+            if not isinstance(item, NotValid):
+                strides.append(item)
+        return strides
+
+    # --- requests -------------------------------------------------------------------------------
+
+    def _ask(self, request: Request) -> Answer:
+        """Send a request and wait for its answer; in a thread of its own."""
+        try:
+            match request.kind:
+                case RequestKind.ENABLE:
+                    self._trainer.enable()
+                case RequestKind.DISABLE:
+                    self._trainer.disable()
+                case RequestKind.RESET:
+                    self._trainer.reset()
+                case RequestKind.SELF_TEST:
+                    self._trainer.mode(Mode.SELF_TEST)
+                case RequestKind.GAIT:
+                    self._trainer.mode(
+                        Mode.GAIT,
+                        cadence_hz=request.cadence_hz,
+                        amplitude_ratio=request.amplitude_ratio,
+                        duration_s=request.duration_s,
+                    )
+        except RequestRefusedError as error:
+            return Answer(request.number, error.reply.reason or "refused")
+        except ClientError as error:
+            return Answer(request.number, str(error))
+        return Answer(request.number)
+
+    def _answer(self) -> Answer | None:
+        for future in self._asked:
+            if future.done():
+                self._asked.remove(future)
+                return future.result()
+        return None
+
+    def _leave(self) -> None:
+        """Switch the drives off if this session has enabled them, and write what is left."""
+        state = self._state
+        if state.phase in ACTIVE or state.off_since_s is not None:
+            disable = Request(state.request_number + 1, RequestKind.DISABLE)
+            is_pending = any(not future.done() for future in self._asked)
+            self._ask(disable)
+            self._requests.shutdown()
+            if is_pending:
+                # An ENABLE that was under way may have been granted after the first one.
+                self._ask(disable)
+        if self._has_begun and not self._has_ended:
+            walked = self._block_rows(state, self._now_s()) if state.phase is Phase.WALKING else []
+            self._rows += [*walked, EndRow(self._utc_ns, "left")]
+        self._flush()
+
+    # --- history --------------------------------------------------------------------------------
+
+    def _note(
+        self,
+        before: State,
+        after: State,
+        trainer: TrainerState | None,
+        strides: list[Stride],
+        now_s: float,
+    ) -> None:
+        """Collect the rows of a step, and write them each `FLUSH_S` and where the phase changes."""
+        is_change = after.phase is not before.phase
+        is_due = is_change or now_s - self._flushed_s >= FLUSH_S
+        if before.phase is Phase.WALKING:
+            number = before.block_index + 1
+            self._rows += [_stride_row(stride, number) for stride in strides]
+            if is_due:
+                self._rows += self._block_rows(before, now_s)
+        if is_change:
+            self._rows += self._change_rows(before, after, trainer)
+        if self._rows and is_due:
+            self._flush()
+            self._flushed_s = now_s
+
+    def _change_rows(self, before: State, after: State, trainer: TrainerState | None) -> list[Row]:
+        """Return what a change of the phase adds to the history."""
+        rows: list[Row] = []
+        if after.phase in ACTIVE and not self._has_begun:
+            self._has_begun = True
+            name = self._trainer.target.trainer
+            rows.append(SessionRow(self._profile.id, name, self._utc_ns))
+        if before.self_test_due and not after.self_test_due:
+            self._tested_utc_ns = self._utc_ns
+            rows.append(SelfTestRow(self._profile.id, self._utc_ns))
+        if before.phase in ACTIVE and after.phase in INTERRUPTED_PHASES:
+            reason = after.reason
+            if after.phase is Phase.STOPPED and trainer is not None:
+                reason = trainer.reason
+            rows.append(InterruptionRow(self._utc_ns, after.phase, reason))
+        if after.phase is Phase.FINISHED and self._has_begun and not self._has_ended:
+            self._has_ended = True
+            end = "complete" if after.block is None else "ended"
+            rows.append(EndRow(self._utc_ns, end))
+        return rows
+
+    def _block_rows(self, state: State, now_s: float) -> list[Row]:
+        """Return the present block as far as it was walked, with its goals."""
+        block = state.block
+        if block is None:
+            return []
+        number, walk, after = state.block_index + 1, block.walk, next_middles(state)
+        walked_s = state.block_walked_s(now_s)
+        row = BlockRow(
+            number, block.kind, walk.cadence_hz, walk.amplitude_ratio, walk.duration_s, walked_s
+        )
+        goals = (GoalRow(number, leg.leg, leg.middle_ratio, after[leg.leg]) for leg in state.legs)
+        return [row, *goals]
+
+    def _flush(self) -> None:
+        rows, self._rows = self._rows, []
+        if rows and self._store is not None:
+            self._written.append(self._writer.submit(self._store.write, rows))
+
+    def _check_written(self) -> None:
+        for future in [future for future in self._written if future.done()]:
+            self._written.remove(future)
+            try:
+                future.result()
+            except StoreError as error:
+                self._trouble = str(error)
+
+
+def _stride_row(stride: Stride, block: int) -> StrideRow:
+    return StrideRow(
+        block=block,
+        leg=stride.leg,
+        end_utc_ns=stride.sample_time_ns,
+        duration_s=stride.duration_s,
+        share_ratio=stride.share_ratio,
+        share_ratio_std=stride.share_ratio_std,
+        work_positive_j=stride.work_positive_j,
+        work_negative_j=stride.work_negative_j,
+        is_valid=valid_share(stride) is not None,
+    )

@@ -1,0 +1,245 @@
+"""What a display shows of a session: one word, what to do now, times, goals."""
+
+from collections.abc import Mapping
+from enum import StrEnum, auto
+from typing import Final
+
+import msgspec
+from gaitd_client import Mode
+
+from gaitd_session.goals import band_about
+from gaitd_session.machine import (
+    ACTIVE,
+    AT_REST,
+    Button,
+    LegGoal,
+    Phase,
+    State,
+    TrainerState,
+    may_reset,
+    may_start,
+)
+from gaitd_session.plan import BlockKind
+
+
+class Advice(StrEnum):
+    """What to do now."""
+
+    WAIT = auto()
+    HOLD_HAND_SWITCH = auto()
+    PRESS_START = auto()
+    PRESS_START_TO_RESET = auto()
+    LIE_STILL = auto()
+    WALK = auto()
+    REST = auto()
+    CALL_FOR_HELP = auto()
+    CHECK_CONNECTION = auto()
+    PRESS_EMERGENCY_STOP_AND_RELEASE_IT = auto()
+    RELEASE_EMERGENCY_STOP = auto()
+    LET_GO_AND_HOLD_HAND_SWITCH = auto()
+    TRAINER_IS_USED = auto()
+    DONE = auto()
+
+
+TEXTS: Final[Mapping[Advice, str]] = {
+    Advice.WAIT: "Please wait.",
+    Advice.HOLD_HAND_SWITCH: "Hold the hand switch.",
+    Advice.PRESS_START: "Hold the hand switch, and press START.",
+    Advice.PRESS_START_TO_RESET: (
+        "The trainer has stopped, without power. Release the emergency stop if it is pressed, hold"
+        " the hand switch, and press START: this resets the stop, and nothing moves."
+    ),
+    Advice.LIE_STILL: "The leg is about to move. Hold the hand switch, and lie still.",
+    Advice.WALK: "Walk along.",
+    Advice.REST: "Rest. You may let go of the hand switch.",
+    Advice.CALL_FOR_HELP: "The trainer has stopped. Lie still, and call for help.",
+    Advice.CHECK_CONNECTION: "No signal from the trainer. To stop it, let go of the hand switch.",
+    Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: (
+        "Press the emergency stop, and release it again. Then press START."
+    ),
+    Advice.RELEASE_EMERGENCY_STOP: "Release the emergency stop. Then press START.",
+    Advice.LET_GO_AND_HOLD_HAND_SWITCH: (
+        "Let go of the hand switch, hold it again, and press START."
+    ),
+    Advice.TRAINER_IS_USED: "The trainer is switched on by another program. PAUSE switches it off.",
+    Advice.DONE: "The session is over.",
+}
+REASONS: Final = (
+    ("(STO) pressed", Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT),
+    ("(STO) released", Advice.RELEASE_EMERGENCY_STOP),
+    ("safe torque off", Advice.RELEASE_EMERGENCY_STOP),
+    ("hand switch open", Advice.LET_GO_AND_HOLD_HAND_SWITCH),
+    ("hand switch closed", Advice.LET_GO_AND_HOLD_HAND_SWITCH),
+)
+"""What a patient can do, by a part of the reason with which the service refuses to enable."""
+
+WORDS: Final[Mapping[Phase, str]] = {
+    Phase.WAITING: "Welcome",
+    Phase.ENABLING: "Attention",
+    Phase.ANNOUNCED: "Attention",
+    Phase.STARTING: "Attention",
+    Phase.SELF_TEST: "Test",
+    Phase.WALKING: "Walk",
+    Phase.REST: "Rest",
+    Phase.PAUSED: "Pause",
+    Phase.STOPPED: "Stopped",
+    Phase.NO_SIGNAL: "No signal",
+    Phase.FINISHED: "Done",
+}
+
+
+class BlockView(msgspec.Struct, frozen=True, kw_only=True):
+    """The present or next block."""
+
+    number: int
+    """From 1; the warm-up counts."""
+    count: int
+    kind: BlockKind
+
+
+class LegView(msgspec.Struct, frozen=True, kw_only=True):
+    """Target and strides of one leg; in REST those of the block before."""
+
+    leg: str
+    band_low_ratio: float
+    """Lower end of the target band, of `Stride.share_ratio`."""
+    band_high_ratio: float
+    stride_count: int
+    in_band_count: int
+    """Valid strides at or above the band's lower end."""
+    share_ratio: float | None
+    """Of the last stride; None: there is none, or it is not valid."""
+
+
+class View(msgspec.Struct, frozen=True, kw_only=True):
+    """What a display shows; `msgspec.json.encode` gives its JSON."""
+
+    phase: Phase
+    word: str
+    advice: Advice
+    text: str
+    """English sentence of the advice."""
+    reason: str
+    """Text of the service for a stop or a refusal; empty without one."""
+    buttons: tuple[Button, ...]
+    """Those that do something now; the first one is the large one."""
+    block: BlockView | None
+    block_left_s: float
+    """In REST: the rest that is left."""
+    session_left_s: float
+    """All blocks and rests that are left."""
+    legs: tuple[LegView, ...]
+    goal_in_band_ratio: float
+    """The goal of a block: `in_band_count` of its valid strides."""
+    history_trouble: str
+    """What is wrong with the history; empty if nothing is."""
+
+
+def view_of(
+    state: State, trainer: TrainerState | None, now_s: float, history_trouble: str = ""
+) -> View:
+    """Return what a display shows.
+
+    Args:
+        state: of the session.
+        trainer: as the step before has seen it.
+        now_s: the time of that step.
+        history_trouble: what is wrong with the history; empty if nothing is.
+    """
+    advice = _advice(state, trainer, now_s)
+    number = state.block_index + 1
+    block = state.block
+    rest_s = max(state.rest_until_s - now_s, 0.0) if state.phase is Phase.REST else 0.0
+    reason = state.reason
+    if state.phase is Phase.STOPPED and trainer is not None:
+        reason = state.reason or trainer.reason
+    return View(
+        phase=state.phase,
+        word=_word(state),
+        advice=advice,
+        text=TEXTS[advice],
+        reason=reason,
+        buttons=_buttons(state, trainer, now_s),
+        block=None
+        if block is None
+        else BlockView(number=number, count=len(state.blocks), kind=block.kind),
+        block_left_s=rest_s if state.phase is Phase.REST else state.block_left_s(now_s),
+        session_left_s=rest_s + _blocks_left_s(state, now_s),
+        legs=tuple(_leg(leg, state) for leg in state.legs),
+        goal_in_band_ratio=state.goal.in_band_goal_ratio,
+        history_trouble=history_trouble,
+    )
+
+
+def _word(state: State) -> str:
+    block = state.block
+    if state.phase is Phase.WALKING and block is not None and block.kind is BlockKind.WARM_UP:
+        return "Warm up"
+    return WORDS[state.phase]
+
+
+def _advice(state: State, trainer: TrainerState | None, now_s: float) -> Advice:
+    match state.phase:
+        case Phase.NO_SIGNAL:
+            return Advice.CHECK_CONNECTION
+        case Phase.STOPPED if trainer is not None and may_reset(trainer):
+            return Advice.PRESS_START_TO_RESET
+        case Phase.STOPPED:
+            return Advice.CALL_FOR_HELP
+        case Phase.WALKING:
+            return Advice.WALK
+        case _ if state.phase in ACTIVE:
+            return Advice.LIE_STILL
+        case _ if trainer is not None and trainer.is_enabled:
+            return Advice.TRAINER_IS_USED if state.off_since_s is None else Advice.WAIT
+        case Phase.FINISHED:
+            return Advice.DONE
+        case _:
+            return _advice_at_rest(state, trainer, now_s)
+
+
+def _advice_at_rest(state: State, trainer: TrainerState | None, now_s: float) -> Advice:
+    if now_s < state.rest_until_s:
+        return Advice.REST
+    if trainer is None or trainer.mode != Mode.READY:
+        return Advice.WAIT
+    for words, advice in REASONS:
+        if words in state.reason:
+            return advice
+    return Advice.PRESS_START if trainer.hand_switch_held else Advice.HOLD_HAND_SWITCH
+
+
+def _buttons(state: State, trainer: TrainerState | None, now_s: float) -> tuple[Button, ...]:
+    is_enabled = trainer is not None and trainer.is_enabled
+    does_something = {
+        Button.START: may_start(state, trainer, now_s),
+        Button.PAUSE: state.phase in ACTIVE
+        or (state.phase is Phase.NO_SIGNAL and state.may_follow)
+        or (state.phase in AT_REST and is_enabled),
+        Button.END: Phase.FINISHED not in {state.phase, _phase_after(state)},
+    }
+    return tuple(button for button, does in does_something.items() if does)
+
+
+def _phase_after(state: State) -> Phase:
+    """The phase at rest that follows NO_SIGNAL and STOPPED; else the present one."""
+    return state.phase if state.phase in ACTIVE | AT_REST else state.returns_to
+
+
+def _blocks_left_s(state: State, now_s: float) -> float:
+    """Time of the blocks that are left and of the rests between them."""
+    left = state.blocks[state.block_index :]
+    rests_s = sum(block.walk.rest_s for block in left[:-1])
+    return state.block_left_s(now_s) + sum(block.walk.duration_s for block in left[1:]) + rests_s
+
+
+def _leg(leg: LegGoal, state: State) -> LegView:
+    band = band_about(leg.middle_ratio, state.goal)
+    return LegView(
+        leg=leg.leg,
+        band_low_ratio=band.low_ratio,
+        band_high_ratio=band.high_ratio,
+        stride_count=len(leg.shares),
+        in_band_count=sum(share >= band.low_ratio for share in leg.valid_shares),
+        share_ratio=leg.shares[-1] if leg.shares else None,
+    )

@@ -1,0 +1,147 @@
+"""The patient's page in headless Chromium on a service in real time: age of a sample when painted.
+
+The age is from the core's SYNC, by the computer's time of day, to the turn of the page's animation
+loop that paints it. It contains the cycle, gateway, Zenoh, the display's server and the browser.
+"""
+
+# pyright: reportMissingImports=false
+# Playwright is of the extra `rigs`; the types are checked without it as well.
+
+import importlib.util
+import shutil
+import statistics
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from gaitd_lab.demonstration.display import display
+from gaitd_lab.processes import ServiceError, Tempo, free_port
+from gaitd_lab.soak.memory import sample
+from gaitd_lab.soak.soak_processes import soak_processes, until_ready, warm_up
+
+CHROMIUM: Final = "chromium"
+BROWSER_ARGUMENTS: Final = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+READY_WITHIN_S: Final = 60.0
+LOAD_TRIES: Final = 200
+LOAD_POLL_MS: Final = 100
+HIGH_RATIO: Final = 0.99
+MS_PER_S: Final = 1000
+SETTLE_MS: Final = 3000
+START: Final = "() => { painted.ages.length = 0; painted.frames = 0; }"
+RESULT: Final = "() => ({ ages: painted.ages, frames: painted.frames })"
+
+
+class Page(NamedTuple):
+    """Results of the measurement."""
+
+    age_median_ms: float
+    age_high_ms: float
+    """99 % are not older."""
+    frames_hz: float
+    """Turns of the page's animation loop."""
+    samples_hz: float
+    """Different samples that were painted."""
+    server_cpu_ratio: float
+    """Of one processor."""
+    server_mb: float
+    browser_cpu_ratio: float
+    """All processes of the browser together."""
+    browser_mb: float
+
+
+def lacks() -> str | None:
+    """Return what this machine lacks for the measurement; None if nothing."""
+    for package in ("playwright", "gaitd_display"):
+        if importlib.util.find_spec(package) is None:
+            return f"{package} is not installed"
+    return None if shutil.which(CHROMIUM) else f"{CHROMIUM} is not installed"
+
+
+def measure(configs: Path, seconds: float) -> Page:
+    """Measure the page of a running service for so many seconds.
+
+    Raises:
+        ServiceError: a process ended, or the page did not come.
+    """
+    warm_up(configs)
+    port = free_port()
+    with (
+        soak_processes(configs, Tempo(wall_clock=True)) as made,
+        tempfile.TemporaryDirectory() as folder,
+        display(made.target, made.leg, Path(folder), port) as server_pid,
+    ):
+        until_ready(made, READY_WITHIN_S)
+        if server_pid is None:
+            raise ServiceError("the page's server was not started")
+        return _page(f"http://127.0.0.1:{port}", server_pid, seconds)
+
+
+def _page(address: str, server_pid: int, seconds: float) -> Page:
+    from playwright.sync_api import Error, sync_playwright
+
+    with sync_playwright() as playwright:
+        program = shutil.which(CHROMIUM)
+        before_pids = _pids(CHROMIUM)
+        browser = playwright.chromium.launch(executable_path=program, args=list(BROWSER_ARGUMENTS))
+        try:
+            page = browser.new_page(viewport={"width": 1280, "height": 800})
+            for _ in range(LOAD_TRIES):
+                try:
+                    page.goto(address)
+                    break
+                except Error:
+                    page.wait_for_timeout(LOAD_POLL_MS)
+            page.wait_for_timeout(SETTLE_MS)
+            pids = _pids(CHROMIUM) - before_pids
+            before = _cpu_s((server_pid,)), _cpu_s(pids)
+            page.evaluate(START)
+            page.wait_for_timeout(seconds * MS_PER_S)
+            found: dict[str, Any] = page.evaluate(RESULT)
+            after = _cpu_s((server_pid,)), _cpu_s(pids)
+            memory = _memory_mb((server_pid,)), _memory_mb(pids)
+        finally:
+            browser.close()
+    ages = sorted(found["ages"])
+    if not ages:
+        raise ServiceError("the page painted no sample: has the service messages?")
+    return Page(
+        age_median_ms=statistics.median(ages),
+        age_high_ms=ages[int(HIGH_RATIO * (len(ages) - 1))],
+        frames_hz=found["frames"] / seconds,
+        samples_hz=len(ages) / seconds,
+        server_cpu_ratio=(after[0] - before[0]) / seconds,
+        server_mb=memory[0],
+        browser_cpu_ratio=(after[1] - before[1]) / seconds,
+        browser_mb=memory[1],
+    )
+
+
+def _pids(program: str) -> frozenset[int]:
+    """Processes whose executable has this name."""
+    found = set[int]()
+    for place in Path("/proc").iterdir():
+        if place.name.isdigit():
+            try:
+                name = (place / "comm").read_text().strip()
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+            if name == program:
+                found.add(int(place.name))
+    return frozenset(found)
+
+
+def _cpu_s(pids: Sequence[int] | frozenset[int]) -> float:
+    return sum(one.cpu_s for pid in pids if (one := sample(pid, 0.0)) is not None)
+
+
+def _memory_mb(pids: Sequence[int] | frozenset[int]) -> float:
+    """Resident memory; pages that several processes share count for each."""
+    return sum(one.rss_mb for pid in pids if (one := sample(pid, 0.0)) is not None)

@@ -1,0 +1,69 @@
+"""The patient's page beside a demonstration: a server of `clients/display` as a process.
+
+It is a client like any other, and the demonstration does not depend on it: only its start is
+checked.
+"""
+
+import contextlib
+import importlib.util
+from collections.abc import Generator
+from pathlib import Path
+from typing import Final
+
+from gaitd_client.connection import Target
+
+from gaitd_lab.processes import ManagedProcess, ServiceError
+
+PACKAGE: Final = "gaitd_display"
+SETTINGS: Final = """\
+[web]
+host = "127.0.0.1"
+port = {port}
+
+[trainer]
+endpoint = "{endpoint}"
+trainer = "{trainer}"
+
+[page]
+language = "en"
+help = {{ en = "This is a demonstration.", de = "Dies ist eine Vorführung." }}
+unstrap = {{ en = "There are no straps.", de = "Es gibt keine Gurte." }}
+
+[[bar]]
+leg = "{leg}"
+target_low_w = 3.0
+target_high_w = 12.0
+full_w = 16.0
+"""
+"""The band is that of the scripted patient, who helps in the second half."""
+
+
+@contextlib.contextmanager
+def display(target: Target, leg: str, folder: Path, port: int | None) -> Generator[int | None]:
+    """Serve the page inside the context; yields the process id, None without a page.
+
+    Args:
+        target: address of the service.
+        leg: the leg that is shown.
+        folder: for its file and its log.
+        port: of the page on loopback; None: there is no page.
+
+    Raises:
+        ServiceError: the package is not installed.
+    """
+    if port is None:
+        yield None
+        return
+    if importlib.util.find_spec(PACKAGE) is None:
+        raise ServiceError("the page needs `pip install ./clients/display`, or `make demo-display`")
+    file = folder / "display.toml"
+    file.write_text(
+        SETTINGS.format(port=port, endpoint=target.endpoints[0], trainer=target.trainer, leg=leg),
+        encoding="utf-8",
+    )
+    words = ("-m", PACKAGE, "patient", "--config", str(file))
+    process = ManagedProcess("gaitd-display", words, folder / "display.log")
+    try:
+        yield process.pid
+    finally:
+        process.end()

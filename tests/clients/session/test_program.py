@@ -1,0 +1,171 @@
+"""The command `gaitd-session`, and what is refused in a profile."""
+
+import io
+import os
+import sys
+from pathlib import Path
+
+import pytest
+from gaitd_session import Button, Phase, ProfileError, limits_of, parse_profile, read_profile
+from gaitd_session.machine import TrainerState, begin
+from gaitd_session.program import app
+from gaitd_session.store import SessionRow, Store, StrideRow
+from gaitd_session.terminal import NoTerminalError, render, run
+from gaitd_session.view import view_of
+from msgspec.structs import replace
+from rich.console import Console
+from training import PROFILE, profile
+from typer.testing import CliRunner
+
+OPTIONS = (
+    *("--cadence", "0.25", "0.4", "--amplitude", "0.5", "0.7", "--share", "0.2", "0.6"),
+    *("--assist", "10", "80", "--warm-up", "120", "--blocks", "3", "--duration", "300"),
+    *("--rest", "60", "--leg", "right"),
+)
+
+
+def call(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def new_profile(folder, *options):
+    ended = call("new-profile", *(options or OPTIONS), "--folder", folder)
+    return ended, next(iter(folder.glob("*.toml")), None)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("rest_s = 2.0\n", "", "plan.warm_up.rest_s = (missing): this key is missing"),
+        ("rest_s = 3.0", "rests_s = 3.0", "plan.block[0].rests_s = 3.0: this key is unknown"),
+        (
+            "share_max_ratio = 0.6",
+            "share_max_ratio = 1.6",
+            "goal.share_max_ratio = 1.6: Expected `float` <= 1.0",
+        ),
+        (
+            "share_start_ratio = 0.3",
+            "share_start_ratio = 0.7",
+            "goal.share_start_ratio = 0.7: from 0.1 to 0.6, the therapist's bounds",
+        ),
+        (
+            "amplitude_ratio = 0.6",
+            "amplitude_ratio = 0.9",
+            "plan.block[0].amplitude_ratio = 0.9: from 0.3 to 0.8, the profile's range",
+        ),
+        ("cadence_max_hz = 0.5", "cadence_max_hz = 0.1", "at least range.cadence_min_hz"),
+        ("hip_max_nm = 10.0", "hip_max_nm = nan", "assist.hip_max_nm = nan: a finite number"),
+        ('id = "7f3k9m2q"', 'id = "Erika M."', 'id = "Erika M.": Expected `str` matching'),
+        ('legs = ["right"]', 'legs = ["right", "right"]', "legs = ('right', 'right'): each leg"),
+        ("version = 1", "version = 2", "version = 2: Expected `int` <= 1"),
+        ("version = 1", "version 1", "TOML syntax"),
+    ],
+)
+def test_a_profile_is_refused_with_file_key_value_and_what_is_allowed(old, new, message):
+    assert PROFILE.count(old) == 1
+    with pytest.raises(ProfileError) as refused:
+        parse_profile(PROFILE.replace(old, new), Path("her.toml"))
+
+    assert str(refused.value).startswith("her.toml: ")
+    assert message in str(refused.value)
+
+
+def test_a_new_profile_has_a_random_id_and_prints_the_plan_to_be_released(tmp_path):
+    ended, file = new_profile(tmp_path)
+
+    assert ended.exit_code == 0, ended.output
+    made = read_profile(file)
+    assert file.stem == made.id
+    assert "gaitd plan release --cadence 0.4 --amplitude 0.7 --duration 300" in ended.stdout
+    assert [walk.duration_s for walk in made.plan.block] == [300.0] * 3
+    assert limits_of(made).duration_max_s == 300.0
+
+
+def test_a_new_profile_that_contradicts_itself_is_not_written(tmp_path):
+    ended, file = new_profile(tmp_path, *OPTIONS[:6], "--share", "0.6", "0.2", *OPTIONS[9:])
+
+    assert (ended.exit_code, file) == (2, None)
+    assert "goal.share_max_ratio = 0.2: at least goal.share_min_ratio" in ended.stderr
+
+
+def test_summary_export_and_erase_of_one_profile(tmp_path):
+    file = tmp_path / "her.toml"
+    file.write_text(PROFILE)
+    history = tmp_path / "history.sqlite"
+    with Store(history, is_writer=True) as store:
+        store.write(
+            [
+                SessionRow(profile().id, "trainer", 1_795_000_000_000_000_000),
+                StrideRow(1, "right", 1_795_000_002_000_000_000, 2.0, 0.42, 0.02, 5.0, -1.0, True),
+            ]
+        )
+    (tmp_path / "history.sqlite.aside-1").write_text("unreadable")
+    table = tmp_path / "strides.csv"
+
+    assert "42%" in call("summary", "--profile", file).stdout
+    assert call("export", "--profile", file, "--output", table).exit_code == 0
+    assert "7f3k9m2q,1,1795000000000000000" in table.read_text()
+    assert call("export", "--profile", file, "--output", tmp_path / "a.txt").exit_code == 2
+    erased = call("erase", "--profile", file, "--yes")
+
+    assert erased.exit_code == 0, erased.output
+    assert "1 sessions and the profile are deleted" in erased.stdout
+    assert "history.sqlite.aside-1 could not be read once" in erased.stdout
+    assert not file.exists()
+    assert profile().id.encode() not in history.read_bytes()
+
+
+def test_run_without_a_service_ends_with_3_and_one_line(tmp_path):
+    file = tmp_path / "her.toml"
+    file.write_text(PROFILE)
+
+    ended = call("run", "--profile", file, "--endpoint", f"unixsock-stream/{tmp_path}/none")
+
+    assert ended.exit_code == 3
+    assert "no service listens on" in ended.stderr
+    assert len(ended.stderr.splitlines()) == 1
+
+
+class Shown:
+    """A session that waits for START, and is over after END."""
+
+    def __init__(self):
+        ready = TrainerState("a", "ready", False, None, "none", "", False, True)
+        self.shown = view_of(begin(profile(), {}, self_test_due=False), ready, 0.0)
+        self.pressed = []
+
+    def view(self):
+        return self.shown
+
+    def press(self, button):
+        self.pressed.append(button)
+        if button is Button.END:
+            self.shown = replace(self.shown, phase=Phase.FINISHED, buttons=())
+
+
+def test_keys_of_the_terminal_are_the_buttons(monkeypatch):
+    master, slave = os.openpty()
+    session = Shown()
+    with os.fdopen(slave, encoding="utf-8") as keys, os.fdopen(master, "wb", buffering=0) as hand:
+        monkeypatch.setattr(sys, "stdin", keys)
+        hand.write(b"xse")
+        assert run(session).phase is Phase.FINISHED
+
+    assert session.pressed == [Button.START, Button.END]
+
+
+def test_the_terminal_shows_block_times_goal_and_keys():
+    console = Console(width=100, record=True, file=io.StringIO())
+    console.print(render(Shown().view()))
+    shown = console.export_text()
+
+    assert "block 1 of 2 (warm-up): 0:10 left, session 0:24" in shown
+    assert "your share –, target 25% to 35%, reached in 0 of 0 strides" in shown
+    assert "[s] START   [e] END" in shown
+
+
+def test_without_a_terminal_a_session_is_refused():
+    with Path(os.devnull).open() as nothing, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stdin", nothing)
+        with pytest.raises(NoTerminalError):
+            run(Shown())

@@ -1,0 +1,206 @@
+"""`Session` on a trainer that a test scripts: what a display and the disk do to it."""
+
+import contextlib
+from concurrent.futures import wait
+from types import SimpleNamespace
+
+import pytest
+from gaitd_client import Cause, Mode, NoAnswerError, NotValid, Stage, Trouble
+from gaitd_session import Button, History, Phase, Session, SessionError, open_history
+from gaitd_session.machine import ANNOUNCE_S
+from gaitd_session.session import FLUSH_S, POLL_S
+from gaitd_session.store import StoreError
+from training import profile
+
+HOUR_NS = 3_600_000_000_000
+NONE = NotValid("a key", Trouble.SILENT, "no message")
+
+
+class Stream:
+    def __init__(self, message):
+        self.message = message
+
+    def newest(self):
+        return self.message()
+
+    def call(self, function):
+        self.function = function
+
+    def close(self):
+        pass
+
+
+class Trainer:
+    """Does every request at once; a gait plays at once, and without end."""
+
+    target = SimpleNamespace(trainer="trainer")
+
+    def __init__(self):
+        self.mode_now, self.stage, self.requests = Mode.READY, None, []
+        self.is_silent = self.answers_nothing = False
+        self.utc_ns = 10**18
+
+    def safety(self):
+        return Stream(self._safety)
+
+    def _safety(self):
+        if self.is_silent:
+            return NONE
+        self.utc_ns += 1
+        verdict = SimpleNamespace(cause=Cause.NONE, text="", remedy="")
+        return SimpleNamespace(
+            mode=self.mode_now,
+            verdict=verdict,
+            stage=self.stage,
+            active=self.mode_now != Mode.READY,
+            core_boot_id="a",
+            sample_time_ns=self.utc_ns,
+        )
+
+    def drive(self, _name):
+        held = SimpleNamespace(hand_switch_closed=True, power_state="switch_on_disabled")
+        return Stream(lambda: held)
+
+    def stride(self, _leg):
+        return Stream(lambda: NONE)
+
+    def _done(self, name, mode, stage=None):
+        self.requests.append(name)
+        if self.answers_nothing:
+            raise NoAnswerError("no answer")
+        self.mode_now, self.stage = mode, stage
+
+    def enable(self):
+        self._done("enable", Mode.HOLD)
+
+    def disable(self):
+        self._done("disable", Mode.READY)
+
+    def mode(self, mode, **_):
+        self._done(mode, mode, Stage.PLAYING)
+
+
+class Clock:
+    def __init__(self):
+        self.time_ns = 0
+
+    def now_ns(self):
+        return self.time_ns
+
+
+class Bench:
+    """A session whose steps a test takes; requests and writes are waited for."""
+
+    def __init__(self, history):
+        self.trainer, self.clock = Trainer(), Clock()
+        self.session = Session(self.trainer, profile(), history, self.clock)
+        self.session._subscribe()
+
+    def step(self, *buttons, after_s=POLL_S):
+        for button in buttons:
+            self.session.press(button)
+        self.clock.time_ns += round(after_s * 1e9)
+        self.session._advance()
+        wait([*self.session._asked, *self.session._written])
+        return self.session.view()
+
+    def walk(self):
+        self.step()
+        self.step(Button.START)
+        while self.step(after_s=ANNOUNCE_S / 4).phase is not Phase.WALKING:
+            if self.trainer.mode_now == Mode.SELF_TEST:
+                self.trainer.mode_now = Mode.HOLD if self._tests() else Mode.SELF_TEST
+        return self
+
+    def _tests(self):
+        return self.session.view().phase is Phase.SELF_TEST
+
+
+@pytest.fixture
+def history(tmp_path):
+    opened = open_history(tmp_path / "history.sqlite")
+    with contextlib.closing(opened.store):
+        yield opened
+
+
+def test_a_session_that_is_left_disables_the_drives_and_tells_the_history(history):
+    bench = Bench(history).walk()
+    bench.step(after_s=4.0)
+    bench.session._leave()
+    bench.session._writer.shutdown()
+
+    assert bench.trainer.requests == ["enable", Mode.SELF_TEST, Mode.GAIT, "disable"]
+    (summary,) = history.store.summaries(profile().id)
+    assert (summary.end, summary.walked_s) == ("left", pytest.approx(4.0, abs=0.1))
+    assert history.store.self_test_utc_ns(profile().id) > 10**18
+
+
+def test_a_self_test_of_today_is_not_repeated_by_the_next_session(history):
+    Bench(history).walk()
+    again, tomorrow = Bench(history), Bench(history)
+    again.trainer.utc_ns += 10 * HOUR_NS
+    tomorrow.trainer.utc_ns += 24 * HOUR_NS
+
+    assert again.walk().trainer.requests == ["enable", Mode.GAIT]
+    assert tomorrow.walk().trainer.requests == ["enable", Mode.SELF_TEST, Mode.GAIT]
+
+
+def test_a_block_is_on_the_disk_within_the_time_of_a_flush(history):
+    bench = Bench(history).walk()
+    for _ in range(3):
+        bench.step(after_s=FLUSH_S)
+        (summary,) = history.store.summaries(profile().id)
+        assert summary.walked_s >= bench.session._state.block_walked_s(bench.session._now_s())
+
+
+def test_of_several_presses_the_strongest_counts_and_none_is_kept(history):
+    bench = Bench(history)
+    bench.step()
+    bench.step(Button.START, Button.START, Button.PAUSE, Button.START)
+    for _ in range(5):
+        view = bench.step()
+
+    assert (view.phase, bench.trainer.requests) == (Phase.WAITING, [])
+
+
+def test_a_disk_that_fails_is_shown_and_training_goes_on(history):
+    class Full:
+        def __getattr__(self, name):
+            return getattr(history.store, name)
+
+        def write(self, _rows):
+            raise StoreError("the disk is full")
+
+    bench = Bench(History(Full(), "")).walk()
+
+    view = bench.step()
+    assert (view.phase, view.history_trouble) == (Phase.WALKING, "the disk is full")
+
+
+def test_no_history_at_all_is_no_obstacle():
+    assert Bench(History(None, "no folder")).walk().step().history_trouble == "no folder"
+
+
+def test_a_request_without_an_answer_pauses_and_silence_shows_no_signal(history):
+    bench = Bench(history)
+    bench.step()
+    bench.trainer.answers_nothing = True
+    bench.step(Button.START)
+    view = bench.step()
+    assert (view.phase, view.reason) == (Phase.PAUSED, "no answer")
+    bench.trainer.is_silent = True
+
+    assert bench.step().phase is Phase.NO_SIGNAL
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_error_of_the_program_ends_the_motion_and_is_told_to_the_display(history):
+    bench = Bench(history).walk()
+    session = bench.session
+    session._safety.message = lambda: 1 / 0
+    session._thread.start()
+    session._thread.join()
+
+    assert bench.trainer.requests[-1] == "disable"
+    with pytest.raises(SessionError, match="see stderr"):
+        session.view()

@@ -1,0 +1,115 @@
+"""A session in simulated time, with the service and its virtual drives."""
+
+import csv
+import time
+
+import pytest
+from gaitd_client import Trainer
+from gaitd_session import Advice, Button, Phase, Session, Store, open_history
+from gaitd_session.export import export
+from training import profile
+
+from daemon.ipc.record import Mode
+
+FOLLOWED_S = 60.0
+
+
+def quick(required):
+    """Edits of the configuration: less waiting, and whether the service wants a daily test."""
+    return {
+        "demo.toml": {
+            "gait.announce_s": 0.5,
+            "gait.approach_hip_rad_per_s": 0.4,
+            "gait.approach_slide_m_per_s": 0.3,
+            "self_test.required": required,
+        }
+    }
+
+
+class Patient:
+    """Does what the view says, and notes the phases that a display has shown."""
+
+    def __init__(self, session, virtual):
+        self.session, self.virtual = session, virtual
+        self.phases = []
+        self.view = session.view()
+        self.actions = {
+            Advice.PRESS_START: lambda: session.press(Button.START),
+            Advice.PRESS_START_TO_RESET: lambda: session.press(Button.START),
+            Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: lambda: self.act("sto_open * 0.3"),
+            Advice.LET_GO_AND_HOLD_HAND_SWITCH: lambda: self.act("hand_switch_open * 0.3"),
+            Advice.CALL_FOR_HELP: self.helped,
+        }
+
+    def act(self, fault):
+        self.virtual.tell(fault)
+        self.virtual.run(0.5)
+        self.session.press(Button.START)
+
+    def helped(self):
+        """What a display offers, or a helper does, after a stop that holds the leg."""
+        if self.virtual.mode == Mode.FAULT:
+            self.virtual.reset()
+
+    def until(self, reached):
+        end_ns = self.virtual.clock.now_ns() + FOLLOWED_S * 1e9
+        while self.virtual.clock.now_ns() < end_ns:
+            self.view = self.session.view()
+            if self.phases[-1:] != [self.view.phase]:
+                self.phases.append(self.view.phase)
+            if reached(self.view):
+                return
+            self.actions.get(self.view.advice, lambda: None)()
+            time.sleep(0.1)
+        raise AssertionError(f"not reached: {self.view}, after {self.phases}")
+
+
+@pytest.mark.parametrize(
+    "required",
+    [
+        "never",
+        # Hand switch and emergency stop must be seen to act, which stops the trainer once.
+        pytest.param("daily", marks=pytest.mark.thorough),
+    ],
+)
+def test_a_patient_who_does_as_told_passes_the_test_walks_is_stopped_and_goes_on(
+    virtual_trainers, tmp_path, required
+):
+    virtual_trainer = virtual_trainers(quick(required))
+    file = tmp_path / "history.sqlite"
+    history = open_history(file)
+    clock = virtual_trainer.clock
+    with (
+        Trainer(virtual_trainer.endpoint, clock=clock) as trainer,
+        Session(trainer, profile(), history, clock) as session,
+    ):
+        patient = Patient(session, virtual_trainer)
+        patient.until(lambda view: view.phase is Phase.WALKING and 0 < view.block_left_s < 9)
+        assert Phase.SELF_TEST in patient.phases
+        virtual_trainer.stop()
+        patient.until(lambda view: view.phase is Phase.STOPPED)
+        assert "a person or a client requested a stop" in patient.view.reason
+        patient.until(lambda view: view.phase is Phase.PAUSED)
+        assert 0 < patient.view.block_left_s < 9
+        patient.until(lambda view: view.phase is Phase.REST)
+        assert patient.view.block.number == 2
+        session.press(Button.END)
+        patient.until(lambda view: not view.buttons)
+        assert (patient.view.phase, patient.view.history_trouble) == (Phase.FINISHED, "")
+        virtual_trainer.wait_for(Mode.READY)
+    history.store.close()
+
+    with Store(file, is_writer=False) as store:
+        (summary,) = store.summaries(profile().id)
+        strides = store.strides(profile().id)
+        assert store.self_test_utc_ns(profile().id) > summary.begun_utc_ns
+        assert 0.1 <= store.middles(profile().id)["right"] <= 0.6
+    assert summary.end == "ended"
+    assert 10.0 <= summary.walked_s < 17.0
+    assert summary.stride_count == len(strides) >= 1
+    assert summary.interruption_count >= 1
+    export(strides, tmp_path / "strides.csv")
+    with (tmp_path / "strides.csv").open(encoding="utf-8") as opened:
+        rows = list(csv.DictReader(opened))
+    assert {row["kind"] for row in rows} == {"warm_up"}
+    assert all(1.5 < float(row["duration_s"]) < 6.0 for row in rows)

@@ -1,0 +1,276 @@
+"""The display's pages in headless Chromium: each state, its accessibility, losses, memory.
+
+Screenshots of all states are written to out/display.
+"""
+
+from pathlib import Path
+
+import browser as rig
+import display_bench as bench
+import pytest
+from gaitd_client import Cause, Mode, Stage
+from gaitd_display.login import hash_password
+from gaitd_display.patient import PatientServer
+from gaitd_display.therapist import TherapistServer
+
+pytestmark = pytest.mark.rig_browser
+
+SHOTS = Path(__file__).parents[2] / "out" / "display"
+PASSWORD = "correct horse battery staple"
+READABLE_PX = 32
+HOUR_STRIDES = 1440
+"""Of an hour at 0.4 Hz."""
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with rig.chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def trainer():
+    return bench.MessageTrainer(("right", "left"))
+
+
+@pytest.fixture
+def player(trainer, site):
+    with rig.Player(trainer) as player:
+        yield player
+
+
+@pytest.fixture
+def site(trainer, tmp_path):
+    table = bench.patient_table(tmp_path, legs=trainer.legs)
+    with rig.Site(
+        lambda made: PatientServer(made, trainer), table, tmp_path, rig.KINDS["patient"]
+    ) as site:
+        yield site
+
+
+@pytest.fixture
+def tab(chromium, site, player):
+    tab = rig.Tab(chromium, site, SHOTS)
+    yield tab
+    tab.page.close()
+    assert tab.errors == []
+    assert tab.foreign == []
+
+
+STOPPED = {"mode": Mode.FAULT}
+STATES = {
+    "wait": ("wait", {"mode": Mode.BRINGING_UP, "stage": Stage.PREPARING}),
+    "ready": ("ready", {"mode": Mode.READY}),
+    "rest": ("rest", {"mode": Mode.HOLD}),
+    "soon": ("soon", {"mode": Mode.GAIT, "stage": Stage.ANNOUNCING}),
+    "to_start": ("to_start", {"mode": Mode.GAIT, "stage": Stage.APPROACHING, "power_w": 1.0}),
+    "against": ("go_on", {"mode": Mode.GAIT, "stage": Stage.PLAYING, "power_w": -1.5}),
+    "good": ("good", {"top_w": 3.5}),
+    "stronger": ("stronger", {"top_w": 1.0}),
+    "gently": ("gently", {"top_w": 7.0}),
+    "ending": ("ending", {"mode": Mode.GAIT, "stage": Stage.ENDING}),
+    "self_test": ("self_test", {"mode": Mode.SELF_TEST, "stage": Stage.PLAYING}),
+    "stopping": ("stopping", {"mode": Mode.STOPPING, "cause": Cause.SPASM}),
+    "stopped_switch": ("stopped", {**STOPPED, "cause": Cause.HAND_SWITCH_OPEN, "switch": False}),
+    "stopped_reset": ("stopped", {**STOPPED, "cause": Cause.TRACKING_LIMIT}),
+    "stopped_loose": ("stopped", {**STOPPED, "cause": Cause.ENCODER_FROZEN}),
+    "stopped_danger": ("stopped", {**STOPPED, "cause": Cause.DRIVE_SILENT}),
+}
+
+
+def is_good(tab):
+    assert tab.violations() == []
+    assert tab.small_texts(READABLE_PX) == []
+    assert tab.overflows() == []
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_each_state_is_readable_in_both_languages_and_breaks_no_rule_of_axe(tab, player, name):
+    word, scene = STATES[name]
+    player.play(**scene)
+    tab.word(word)
+
+    for language in ("en", "de"):
+        tab.until(f"document.documentElement.lang === '{language}'")
+        tab.page.wait_for_timeout(100)
+        tab.shot(f"{name}_{language}")
+        is_good(tab)
+        tab.page.click("#language")
+
+
+def test_a_silent_trainer_and_a_dead_server_look_different_and_the_page_recovers(tab, player, site):
+    player.walk(3.5)
+    tab.word("good")
+    player.fall_silent()
+    tab.word("no_signal")
+    tab.shot("no_signal")
+    is_good(tab)
+    assert tab.page.locator(".bar.invalid").count() == 2
+    player.speak()
+    tab.word("good")
+
+    site.end()
+    tab.word("no_connection")
+    tab.shot("no_connection")
+    is_good(tab)
+    site.start()
+    tab.word("good")
+
+
+def test_stop_is_sent_at_the_first_touch_and_a_stop_that_does_not_arrive_is_told(
+    tab, player, trainer, site
+):
+    player.walk(3.5)
+    tab.word("good")
+    tab.page.locator("#stop").dispatch_event("pointerdown")
+    tab.until("document.querySelector('#trouble').hidden")
+    assert ("stop",) in trainer.requests
+    tab.page.focus("#stop")
+    tab.page.keyboard.press("Enter")
+    tab.until("document.querySelector('#trouble').hidden")
+    assert trainer.requests.count(("stop",)) == 2
+
+    trainer.silent = True
+    tab.page.click("#stop")
+    tab.until("document.querySelector('#trouble').textContent.startsWith('STOP did not arrive')")
+    tab.shot("stop_failed")
+    assert tab.violations() == []
+
+
+def test_the_alarm_sounds_until_it_is_acknowledged_and_again_for_the_next_stop(tab, player):
+    tab.page.click("#sound")
+    tab.until("document.querySelector('#sound').hidden")
+    player.play(mode=Mode.FAULT, cause=Cause.SPASM)
+    tab.word("stopped")
+    tab.until("!document.querySelector('#quiet').hidden")
+    tab.page.click("#quiet")
+    tab.until("document.querySelector('#quiet').hidden")
+    player.play(mode=Mode.READY)
+    tab.word("ready")
+    player.play(mode=Mode.FAULT, cause=Cause.SPASM)
+    tab.until("!document.querySelector('#quiet').hidden")
+
+
+def test_the_way_out_is_led_by_buttons(tab, player, trainer):
+    for step, (mode, action) in enumerate(
+        (
+            (Mode.FAULT, "reset"),
+            (Mode.READY, "enable"),
+            (Mode.HOLD, "hand_guiding"),
+            (Mode.HAND_GUIDING, "hold"),
+        )
+    ):
+        player.play(mode=mode, cause=Cause.SPASM if mode is Mode.FAULT else Cause.NONE)
+        tab.until(f"document.querySelector('#action').dataset.action === '{action}'")
+        tab.until("document.querySelector('#action').checkVisibility()")
+        tab.shot(f"way_out_{step + 1}_{action}")
+        is_good(tab)
+        tab.page.click("#action")
+        tab.until("!document.querySelector('#action').disabled")
+    names = [name for name, *_ in trainer.requests]
+    assert names == ["reset", "enable", "mode", "mode"]
+
+
+def test_a_tab_that_was_frozen_gets_the_present_without_a_burst(tab, player, site):
+    player.walk(3.5)
+    tab.word("good")
+    wire = tab.page.context.new_cdp_session(tab.page)
+    wire.send("Page.setWebLifecycleState", {"state": "frozen"})
+    player.play(mode=Mode.READY)
+    page = next(iter(site.server.feed._pages))
+    for _ in range(100):
+        tab.page.wait_for_timeout(20)
+        waiting_count = page._sent_seq - page._received_seq
+    assert waiting_count <= 8
+    wire.send("Page.setWebLifecycleState", {"state": "active"})
+
+    tab.word("ready")
+
+
+def test_the_memory_of_the_page_is_flat_over_the_strides_of_an_hour(tab, player, trainer):
+    wire = tab.page.context.new_cdp_session(tab.page)
+
+    def heap_mb():
+        wire.send("HeapProfiler.collectGarbage")
+        return wire.send("Runtime.getHeapUsage")["usedSize"] / 1e6
+
+    def strides(first, last):
+        for number in range(first, last):
+            for leg in trainer.legs:
+                trainer.step(number, 0.5, 3.0, leg)
+            if number % 16 == 0:
+                tab.page.wait_for_timeout(120)
+
+    player.walk(3.5)
+    strides(0, HOUR_STRIDES // 4)
+    before_mb = heap_mb()
+    strides(HOUR_STRIDES // 4, HOUR_STRIDES)
+    after_mb = heap_mb()
+
+    print(f"heap {before_mb:.2f} MB, {after_mb:.2f} MB at the end")
+    assert after_mb < before_mb + 1.0
+
+
+# --- the therapist's page -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def password_hash():
+    return hash_password(PASSWORD)
+
+
+@pytest.fixture
+def desk(chromium, trainer, tmp_path, password_hash):
+    table = bench.therapist_table(password_hash, legs=trainer.legs)
+    with (
+        rig.Site(
+            lambda made: TherapistServer(made, trainer, trainer.clock),
+            table,
+            tmp_path,
+            rig.KINDS["therapist"],
+        ) as site,
+        rig.Player(trainer) as player,
+    ):
+        tab = rig.Tab(chromium, site, SHOTS, size=(1440, 1000))
+        yield tab, player
+        tab.page.close()
+    assert tab.errors == []
+    assert tab.foreign == []
+
+
+def test_the_therapist_logs_in_sees_all_values_and_releases_a_plan(desk, trainer):
+    tab, player = desk
+    player.walk(3.5)
+    tab.page.fill("#password", "a wrong password")
+    tab.page.click("#login button")
+    tab.until("document.querySelector('#answer').textContent === 'Wrong password.'")
+    tab.shot("login")
+    assert tab.violations() == []
+    tab.page.click("#stop")
+    tab.until("document.querySelector('#answer').textContent === 'Done'")
+    assert trainer.requests == [("stop",)]
+
+    tab.page.fill("#password", PASSWORD)
+    tab.page.click("#login button")
+    tab.until("document.querySelector('#state')?.textContent.includes('gait')")
+    tab.until("document.querySelectorAll('#strides tr').length > 4")
+    tab.shot("therapist")
+    assert tab.violations() == []
+    tab.page.click("#plan button[type=submit]")
+    tab.until("document.querySelector('#plannow').textContent.startsWith('0.3')")
+    assert trainer.plan.duration_max_s == 600
+
+    player.play(mode=Mode.FAULT, cause=Cause.SPASM, validity="split_unobservable")
+    tab.until("!document.querySelector('#verdict').hidden")
+    tab.page.click("#language")
+    tab.page.wait_for_timeout(200)
+    tab.shot("therapist_stopped_de")
+    assert tab.violations() == []
+    assert tab.page.locator("td.invalid").count() >= 4
+    player.fall_silent()
+    tab.until("!document.querySelector('#loss').hidden")
+    tab.shot("therapist_no_signal")
+    assert tab.violations() == []
+    player.speak()
+    tab.page.click("#logout")
+    tab.until("document.querySelector('#password') !== null")

@@ -1,0 +1,207 @@
+"""Headless Chromium on the display's pages, and a player of messages behind them.
+
+The pages and their servers are the real ones, over real sockets; the trainer is messages alone.
+"""
+
+import contextlib
+import math
+import threading
+from pathlib import Path
+
+import display_bench as bench
+import uvicorn
+from gaitd_client import Mode, Stage
+from gaitd_display.settings import PatientSettings, TherapistSettings
+
+from gaitd_lab.processes import free_port
+
+CHROMIUM = "/usr/bin/chromium"
+ARGUMENTS = (
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--no-first-run",
+)
+AXE = Path(__file__).parents[1] / "rigs" / "vendor" / "axe.min.js"
+STRIDE = 60
+PERIOD_S = 0.01
+
+
+class Player:
+    """Sends the messages of a scene, a cycle every 10 ms of the computer's clock."""
+
+    def __init__(self, trainer):
+        self.trainer = trainer
+        self._scene = {"mode": Mode.READY}
+        self._is_over = threading.Event()
+        self._may_send = threading.Event()
+        self._may_send.set()
+        self._thread = threading.Thread(target=self._play)
+        self._count = 0
+
+    def play(self, **scene):
+        self._scene = scene
+
+    def walk(self, top_w):
+        self._scene = {"top_w": top_w}
+
+    def fall_silent(self):
+        self._may_send.clear()
+
+    def speak(self):
+        self._may_send.set()
+
+    def _play(self):
+        while not self._is_over.wait(PERIOD_S):
+            if self._may_send.is_set():
+                self.cycle()
+            else:
+                self.trainer.clock.ns += 10_000_000
+
+    def cycle(self):
+        scene = dict(self._scene)
+        if "top_w" in scene:
+            phase = self._count % STRIDE / STRIDE
+            power_w = scene["top_w"] * math.sin(2 * math.pi * phase) ** 2
+            scene = {"mode": Mode.GAIT, "stage": Stage.PLAYING, "phase": phase, "power_w": power_w}
+            if phase == 0.0:
+                number = self._count // STRIDE
+                for leg in self.trainer.legs:
+                    share = 0.5 + 0.3 * math.sin(number / 4)
+                    self.trainer.step(number, share, 3.0 + number % 5, leg)
+            self.trainer.speak_of_health()
+        self._count += 1
+        self.trainer.cycles(scene.pop("mode"), **scene)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_error):
+        self._is_over.set()
+        self._thread.join()
+
+
+class Site:
+    """A server of the display on a port of its own; it can end and start again."""
+
+    def __init__(self, make_app, table, folder, kind):
+        self.port = free_port()
+        table["web"]["port"] = self.port
+        self._settings = bench.settings_of(folder, table, kind)
+        self._make_app = make_app
+        self.address = f"http://127.0.0.1:{self.port}"
+        self.server = None
+
+    def start(self):
+        made = self._make_app(self._settings)
+        config = uvicorn.Config(
+            made.app,
+            host="127.0.0.1",
+            port=self.port,
+            ws="websockets-sansio",
+            log_level="warning",
+            timeout_graceful_shutdown=1,
+        )
+        self._uvicorn = uvicorn.Server(config)
+        self._thread = threading.Thread(target=self._uvicorn.run)
+        self._thread.start()
+        while not self._uvicorn.started:
+            assert self._thread.is_alive()
+            self._thread.join(0.02)
+        self.server = made
+        return self
+
+    def end(self):
+        self._uvicorn.should_exit = True
+        self._thread.join()
+
+    __enter__ = start
+
+    def __exit__(self, *_error):
+        self.end()
+
+
+@contextlib.contextmanager
+def chromium():
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+class Tab:
+    """One page, with what went wrong in it."""
+
+    def __init__(self, browser, site, shots: Path, size=(1280, 800)):
+        width, height = size
+        self.page = browser.new_page(viewport={"width": width, "height": height})
+        self.errors, self.foreign = [], []
+        self._shots = shots
+        self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+        self.page.on("console", self._console)
+        self.page.on(
+            "request",
+            lambda request: site.address in request.url or self.foreign.append(request.url),
+        )
+        self.page.goto(site.address)
+
+    def _console(self, message):
+        is_expected = "WebSocket connection" in message.text or "status of " in message.text
+        is_expected |= "ERR_CONNECTION_REFUSED" in message.text or "AudioContext" in message.text
+        if message.type in {"error", "warning"} and not is_expected:
+            self.errors.append(message.text)
+
+    def until(self, expression, within_s=20):
+        """Poll: `wait_for_function` needs eval, which our policy forbids."""
+        from playwright.sync_api import Error
+
+        for _ in range(within_s * 50):
+            with contextlib.suppress(Error):  # the page is being loaded
+                if self.page.evaluate(expression):
+                    return
+            self.page.wait_for_timeout(20)
+        raise AssertionError(f"not true in {within_s} s: {expression}")
+
+    def word(self, word):
+        self.until(f"document.body.dataset.word === '{word}'")
+
+    def shot(self, name):
+        self._shots.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=self._shots / f"{name}.png")
+
+    def violations(self):
+        """What axe-core finds; run in the page's isolated world, beside the policy."""
+        self.page.evaluate(AXE.read_text(encoding="utf-8"))
+        found = self.page.evaluate("axe.run(document, {resultTypes: ['violations']})")
+        return [
+            (one["id"], [node["target"] for node in one["nodes"]]) for one in found["violations"]
+        ]
+
+    def small_texts(self, least_px):
+        """Visible texts that are smaller, or cut off."""
+        return self.page.evaluate(
+            """(least) => [...document.querySelectorAll('body *')].filter((element) =>
+                [...element.childNodes].some((node) => node.nodeType === 3 && node.data.trim()) &&
+                element.checkVisibility() && !['SCRIPT', 'STYLE'].includes(element.tagName) &&
+                parseFloat(getComputedStyle(element).fontSize) < least).map((e) => e.outerHTML)""",
+            least_px,
+        )
+
+    def overflows(self):
+        return self.page.evaluate(
+            """() => ['html', 'main', '#stopped', '#said', '#word', '#line'].filter((name) => {
+                const it = document.querySelector(name);
+                const isText = ['#word', '#line'].includes(name);
+                return it && it.checkVisibility() && (it.scrollWidth > it.clientWidth + 2 ||
+                    (!isText && it.scrollHeight > it.clientHeight + 2)) })"""
+        )
+
+
+KINDS = {"patient": PatientSettings, "therapist": TherapistSettings}
