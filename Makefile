@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 # Tests of `make quick`: without bus, process and session.
 UNITS := tests/drives tests/daemon
+# Compiled tests and modules are kept in __pycache__: otherwise each process compiles them again.
+unexport PYTHONDONTWRITEBYTECODE
 # Processes of pytest: one for each processor, up to 16.
 WORKERS ?= auto --maxprocesses 16
 # Records the CPU-seconds of a step; pytest prints them with its own.
@@ -48,7 +50,10 @@ demo-display: $(VENV)/display.stamp  ## the same with the patient's page in a br
 quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)
 
-test: clean-steps check coverage pytest  ## all that a contributor must pass; prints its CPU-seconds
+# The static checks and the gates run side by side; pytest uses all processors by itself.
+test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints its CPU-seconds
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check coverage
+	@$(MAKE) --no-print-directory pytest
 
 test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
 	$(BIN)/pytest -m "rig_vcan or rig_systemd or rig_browser" --rigs=required

@@ -77,11 +77,11 @@ LEFT_OUT = re.compile(
 )
 """Operators of Cosmic Ray that are not used."""
 
-EQUIVALENT = re.compile(r"\b(slots|frozen|strict)=$")
+EQUIVALENT = re.compile(r"\b(slots|frozen|strict|kw_only)=$")
 """What is before a place that is not changed.
 
 `slots` costs memory; nothing assigns to what is `frozen`, which the type checker knows; sequences
-that `zip` pairs have equal lengths.
+that `zip` pairs have equal lengths; `kw_only` is how arguments are passed.
 """
 
 PRELOADED = (
@@ -92,7 +92,7 @@ PRELOADED = (
 
 TEST_TIMEOUT_S = 300
 """Limit for a test of a mutant that waits for ever."""
-CPU_LIMIT_S = 60
+CPU_LIMIT_S = 30
 """Limit for all tests of a mutant that loops for ever."""
 
 
@@ -426,7 +426,7 @@ class _AfterCollection(_InForks):
                 send.send((mutant, reached is not None))
                 if reached is None:
                     os._exit(0)
-                limit_cpu(5 + 5 * sum(run.cpu_s for run in runs))
+                limit_cpu(3 + 2 * sum(run.cpu_s for run in runs))
                 self.to_parent = send
                 session.items[:] = self._in_order(items, runs, reached)
                 return None
@@ -475,16 +475,16 @@ class _AfterCollection(_InForks):
             self.to_parent.send(self._runs)
 
 
-class _BeforeCollection(_InForks):
-    """Forks before the tests are collected, and imports the mutated module in each fork."""
+class _BeforeImport(_InForks):
+    """Forks before any file of the tests is imported, which then import the mutated module."""
 
     def __init__(self, undecided: Iterable[Judged], report: Callable[[Judged], None]) -> None:
         super().__init__(report)
         self.undecided = undecided
 
     @pytest.hookimpl(tryfirst=True)
-    def pytest_collection(self, session: pytest.Session) -> bool | None:
-        """Fork for each mutant; in a fork, return None and let pytest collect and run the tests."""
+    def pytest_load_initial_conftests(self) -> None:
+        """Fork for each mutant; a fork returns, and pytest collects and runs the tests."""
         for one in self.undecided:
             if module_name(one.spec.file) in sys.modules:
                 raise RuntimeError(f"{one.spec.file} was imported before its mutation")
@@ -494,11 +494,10 @@ class _BeforeCollection(_InForks):
                 self.to_parent = send
                 limit_cpu(CPU_LIMIT_S)
                 sys.meta_path.insert(0, _Mutated(one.spec.file, one.source))
-                return None
+                return
             send.close()
             self.report(self.finish(one, child, receive))
-        session.items = []
-        return True
+        os._exit(0)
 
     @pytest.hookimpl
     def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
@@ -545,12 +544,7 @@ def judge_replaced(send: Connection, file: str, specs: list[Spec]) -> None:
 
 def judge_imported(send: Connection, file: str, undecided: list[Judged]) -> None:
     """Process: judge mutants by all tests of their file, with the module imported anew for each."""
-    forks = _BeforeCollection(undecided, send.send)
-    code = run_pytest(file, forks)
-    if forks.to_parent:
-        os._exit(code)
-    if code != pytest.ExitCode.NO_TESTS_COLLECTED:
-        raise RuntimeError(f"the tests of {file} could not run: pytest says {code}")
+    os._exit(run_pytest(file, _BeforeImport(undecided, send.send)))  # of a fork
 
 
 def argued(files: Iterable[str]) -> set[Key]:

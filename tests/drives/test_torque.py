@@ -11,9 +11,11 @@ from drive_files import HIP_LIMITS, PROFILES, axis_for, drive_of, join, table
 
 from drives.cia402.torque import (
     DriveBase,
+    ObjectRef,
     RatedTorqueUnit,
     TorqueBase,
     TorqueObject,
+    TorqueSampling,
     TorqueUnit,
     base_in_words,
     check_bases,
@@ -167,7 +169,7 @@ def test_a_unit_without_the_object_that_it_refers_to_is_refused(unit, missing):
     with pytest.raises(DescriptionError) as caught:
         check_bases({"torque_limit": torque_object(unit, 1.0)}, TorqueBase())
 
-    assert caught.value.key == missing
+    assert (caught.value.part, caught.value.key) == ("profile", missing)
     assert "torque_limit.unit" in caught.value.allowed
 
 
@@ -178,11 +180,48 @@ def test_a_current_needs_no_object_since_the_sheet_has_the_torque_constant(unit)
     assert base_in_words(torque_object(unit, 1.0), TorqueBase()) == "k_t of the axis file"
 
 
-def test_a_rated_torque_and_its_unit_come_together():
-    base = TorqueBase(rated_torque_unit=RatedTorqueUnit.MILLI_NEWTON_METRE)
+RATED_TORQUE = ObjectRef(index=0x6076, sub=0, bits=32, signed=False)
 
-    with pytest.raises(DescriptionError, match="rated_torque_unit"):
+
+@pytest.mark.parametrize(
+    ("base", "unit"),
+    [
+        (TorqueBase(rated_torque=RATED_TORQUE), None),
+        (
+            TorqueBase(rated_torque_unit=RatedTorqueUnit.MILLI_NEWTON_METRE),
+            RatedTorqueUnit.MILLI_NEWTON_METRE,
+        ),
+    ],
+)
+def test_a_rated_torque_and_its_unit_come_together(base, unit):
+    with pytest.raises(DescriptionError) as caught:
         check_bases({}, base)
+
+    said = caught.value
+    assert (said.part, said.key, said.value) == ("profile", "torque_base.rated_torque_unit", unit)
+    assert said.allowed == "given if, and only if, torque_base.rated_torque is"
+
+
+def test_what_a_count_refers_to_is_the_axis_file_s_where_the_drive_has_no_object():
+    torque = torque_object(TorqueUnit.PERMILLE_OF_RATED_TORQUE, 1.0)
+    current = torque_object(TorqueUnit.PERMILLE_OF_RATED_CURRENT, 1.0)
+
+    assert base_in_words(torque, TorqueBase()) == "rated torque of the axis file"
+    assert base_in_words(current, TorqueBase()) == (
+        "rated current of the axis file in milliampere, k_t of the axis file"
+    )
+
+
+def test_an_object_has_an_index_and_a_sub_index_of_the_dictionary_and_no_other_key():
+    given = {"index": 0x1000, "sub": 0, "bits": 16, "signed": True}
+
+    for change in ({}, {"index": 0xFFFF}, {"sub": 254}):
+        assert msgspec.convert(given | change, ObjectRef) == ObjectRef(**(given | change))
+    for change in ({"index": 0xFFF}, {"index": 0x10000}, {"sub": -1}, {"sub": 255}, {"unit": 1}):
+        with pytest.raises(msgspec.ValidationError):
+            msgspec.convert(given | change, ObjectRef)
+    assert TorqueUnit("ampere") is TorqueUnit.AMPERE
+    assert TorqueSampling("filtered") is TorqueSampling.FILTERED
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf, 1001.0])

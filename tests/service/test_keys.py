@@ -25,7 +25,7 @@ class TrainerWithKeys(VirtualTrainer):
 
     def __init__(self, folder):
         tls = f"tls/localhost:{free_port()}"
-        super().__init__(folder, pace="max", edits={"demo.toml": {"gait.announce_s": 0.5}})
+        super().__init__(folder, pace=20.0, edits={"demo.toml": {"gait.announce_s": 0.5}})
         text = self.config.read_text(encoding="utf-8")
         local = self.target.endpoints[0]
         with_keys = f'listen = ["{local}", "{tls}"]\nkeys = "keys"'

@@ -34,7 +34,7 @@ RESTING = {PowerState.SWITCH_ON_DISABLED, PowerState.FAULT, PowerState.QUICK_STO
 @pytest.fixture(
     scope="module",
     params=[
-        pytest.param(("long_service", Mode.HOLD), id="holding"),
+        pytest.param(("long_service", Mode.HOLD), id="holding", marks=pytest.mark.thorough),
         pytest.param(("long_service", Mode.GAIT), id="walking"),
         pytest.param(("timed_service", Mode.GAIT), id="timed", marks=pytest.mark.realtime),
     ],

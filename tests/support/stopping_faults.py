@@ -23,13 +23,3 @@ FAULTS = [
     ("wrong_identity {}", LOST),
     ("brake_stuck {}", STUCK),
 ]
-MISWIRED = ("wrong_sign {}", "encoder_reversed {}")
-MISMEASURED = ("torque_offset {} - 3000",)
-"""Over a whole stride alone: see test_limits_in_motion.py."""
-STOP_NOTHING_ALONE = (
-    "ignores_quick_stop",  # until somebody stops
-    "slow_state",
-    "refuses_object",  # at bring-up
-    "home_switch_stuck",  # at homing
-    "emcy_warning",  # but for a code that the drive's maker does not call a warning
-)

@@ -9,11 +9,12 @@ import threading
 import msgspec
 import pytest
 from gaitd_client import wire
+from gaitd_client.wire.refusals import REFUSAL_TEXT
 
 from daemon.config.settings import Lease
-from daemon.gateway.events import Priority
+from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.lease import LeaseManager
-from daemon.gateway.lease_control import REPORTED_MAX, LeaseControl
+from daemon.gateway.lease_control import REPORTED_MAX, Decision, LeaseControl
 from daemon.gateway.setpoints import (
     Arrival,
     Batch,
@@ -281,7 +282,7 @@ def test_a_lapse_is_of_medium_priority_and_names_the_holder(steering, make_recor
 
     (said,) = steering.receive_record(lapsed, 0)
 
-    assert said.priority is Priority.MEDIUM
+    assert (said.priority, said.kind) == (Priority.MEDIUM, Kind.MODE)
     assert "assist of pusher lapsed: stale" in said.text
     assert said.remedy
 
@@ -305,6 +306,80 @@ def test_a_stop_and_another_core_end_the_lease(steering):
         assert end() == []
 
 
+def test_each_end_of_a_lease_is_one_event_with_its_reason(steering, make_record):
+    stopped = record_with(make_record, 2, Mode.FAULT)
+    for end, why in (
+        (steering.stop, "a stop was requested"),
+        (lambda: steering.begin_core(LEGS), "the core has restarted"),
+        (lambda: steering.receive_record(stopped, 0), "the machine was stopped"),
+    ):
+        steering.leases.acquire("pusher", None, None, 0)
+        text = f"the lease of pusher has ended: {why}"
+
+        assert end() == [EventDraft(Priority.INFO, Kind.REQUEST, text)]
+
+
+def test_a_refusal_says_what_it_is_what_to_do_and_who_holds_the_lease(steering):
+    reason = "setpoint refused, {}: {}".format
+    unleased, wrong = REFUSAL_TEXT["unleased"], REFUSAL_TEXT["wrong_lease"]
+
+    assert steering.receive_setpoints(Batch((arrival(),)), 0) == [
+        EventDraft(
+            Priority.LOW, Kind.REQUEST, reason("unleased", unleased.meaning), unleased.remedy
+        )
+    ]
+    steering.leases.acquire("pusher", None, None, 0)
+    text = reason("wrong_lease", wrong.meaning) + "; pusher holds the lease"
+    assert steering.receive_setpoints(Batch((arrival(),)), 0) == [
+        EventDraft(Priority.LOW, Kind.REQUEST, text, wrong.remedy)
+    ]
+
+
+def test_ten_refusals_in_ten_seconds_are_events(steering):
+    def events(now_ns):
+        steering.leases.acquire("pusher", None, None, now_ns)
+        said = steering.receive_setpoints(Batch((arrival(),)), now_ns)
+        steering.stop()
+        return len(said)
+
+    assert [events(now_ns) for now_ns in range(12)] == [1] * 10 + [0] * 2
+    window_ns = 10_000_000_000
+    later = [events(window_ns + ns) for ns in (-1, 0, 0, 1, 9, 10)]
+    assert later == [0, 1, 0, 1, 1, 1]
+
+
+def test_only_counts_that_rise_from_one_record_to_the_next_of_a_core_are_news(
+    steering, make_record
+):
+    def counted(seq, stale, lapses):
+        counts = [0] * len(SetpointRefusal)
+        counts[SetpointRefusal.STALE] = stale
+        told = {"lapse_count": lapses, "lapse_reason": "stale", "accepted_count": lapses}
+        record = record_with(make_record, seq, refused_count=tuple(counts), **told)
+        return [one.text for one in steering.receive_record(record, 0)]
+
+    assert counted(2, 0, 0) == []
+    lapsed, refused = counted(3, 1, 1)
+    assert lapsed == "assist lapsed: stale; it fades, the leg is braked and held"
+    assert refused.startswith("setpoint refused, stale: ")
+    for seq, stale, lapses in ((4, 1, 1), (5, 0, 0)):
+        steering.leases.acquire("pusher", None, None, 0)
+        steering.stop()  # what was told is forgotten
+        assert counted(seq, stale, lapses) == []
+    steering.begin_core(LEGS)
+    assert counted(6, 9, 9) == []
+
+
+def test_a_new_control_has_refused_and_forwards_nothing():
+    control = LeaseControl(LeaseManager(Lease(duration_ms=500, duration_max_ms=500), int))
+
+    assert (control.lease, control.setpoints, control.refused_count) == (0, (), {})
+    batch = Batch((arrival(),))
+    (said,) = control.receive_setpoints(batch, 0)
+    assert said.text.startswith("setpoint refused, unknown_leg: ")
+    assert Decision(Outcome.DONE, "") == (Outcome.DONE, "", None, None, False)
+
+
 # --- queries for the lease ------------------------------------------------------------------------
 
 
@@ -323,7 +398,7 @@ def test_a_lease_is_granted_renewed_and_released_by_queries(steering):
     assert steering.tick(600 * MS - 1) == []
 
     released = steering.decide(wire.ReleaseAsk(client="pusher", lease=1001), None, 500 * MS)
-    assert (released.outcome, released.number) == (Outcome.DONE, None)
+    assert (released.outcome, released.reason, released.number) == (Outcome.DONE, "", None)
     assert (steering.lease, steering.leases.holder) == (0, None)
 
 
@@ -370,6 +445,22 @@ def test_setpoints_outlive_a_renewal_and_never_the_lease(steering):
 
     steering.decide(wire.ReleaseAsk(client="pusher", lease=number), Mode.HOLD, 2)
     assert steering.setpoints == ()
+
+
+def test_a_core_that_counts_lower_has_accepted_nothing(steering, make_record):
+    steering.decide(acquire(), Mode.HOLD, 0)
+    steering.receive_record(record_with(make_record, 2, accepted_count=1), 0)
+    steering.receive_record(record_with(make_record, 3, accepted_count=0), 400 * MS)
+
+    assert len(steering.tick(500 * MS)) == 1
+
+
+def test_a_new_holder_is_told_also_what_was_refused_before_it(steering):
+    malformed = Batch((Arrival("right", b"{"),))
+
+    assert [len(steering.receive_setpoints(malformed, 0)) for _ in range(2)] == [1, 0]
+    steering.decide(acquire(), Mode.HOLD, 0)
+    assert len(steering.receive_setpoints(malformed, 0)) == 1
 
 
 def test_each_holder_is_told_anew_what_is_refused(steering):

@@ -53,16 +53,18 @@ def balance_of(motion, efforts, count=ROW):
     return verdicts
 
 
-def test_a_balance_has_the_terms_of_the_equation_of_motion_at_its_middle_sample():
+@pytest.mark.parametrize("count", [3, 4, 6])
+def test_a_balance_has_the_terms_of_the_equation_of_motion_at_its_middle_sample(count):
     def motion(time_s):
-        return 0.2 + 0.5 * time_s + 3.0 * time_s**2, 0.5 - 0.4 * time_s + 2.0 * time_s**2
+        return 0.2 + 0.5 * time_s + 3.1 * time_s**2, 0.5 - 0.4 * time_s + 2.3 * time_s**2
 
-    verdicts = balance_of(motion, (30.0, -100.0))
+    verdicts = balance_of(motion, (30.0, -100.0), count)
 
-    middle_s = (ROW - 2) * DT_S
+    middle_s = (count - 2) * DT_S
     q = np.array(motion(middle_s))
-    v = np.array((0.5 + 6.0 * middle_s, -0.4 + 4.0 * middle_s))
-    a = np.array((6.0, 4.0))
+    v = np.array((0.5 + 6.2 * middle_s, -0.4 + 4.6 * middle_s))
+    a = np.array((6.2, 4.6))
+    assert verdicts.samples_in_a_row == count
     inertia = mass_matrix(LEG, q) @ a
     load_ = gravity(LEG, q) + coriolis(LEG, q, v) + damping(LEG, q, v)
     assert verdicts.known
@@ -85,6 +87,18 @@ def test_a_standing_joint_is_balanced_without_its_own_acceleration():
     assert verdicts.held(0) == pytest.approx(30.0 - verdicts.load[0] - coupled, rel=1e-6)
 
 
+def test_two_samples_in_a_row_are_too_few_and_nothing_is_computed_from_them():
+    def motion(time_s):
+        return 0.2 + 0.5 * time_s, 0.5 - 0.4 * time_s
+
+    assert InverseDynamics() == (0, *[(0.0, 0.0)] * (len(InverseDynamics._fields) - 1))
+    for count in (1, 2):
+        few = balance_of(motion, (30.0, -100.0), count)
+        assert not few.known
+        assert (few.samples_in_a_row, few.measured) == (count, (30.0, -100.0))
+        assert (few.position, few.load) == (motion((count - 1) * DT_S), (0.0, 0.0))
+
+
 def test_a_sample_that_is_missing_breaks_the_row():
     def motion(_):
         return 0.2, 0.5
@@ -101,21 +115,26 @@ def test_a_sample_that_is_missing_breaks_the_row():
         verdicts, LEG, FRICTIONS, (joint(0.2, 0.0, 0.0, elapsed_s=0.0), joint(0.5, 0, 0))
     )
     assert not first.known
+    other = evaluate(
+        verdicts, LEG, FRICTIONS, (joint(0.2, 0.0, 0.0), joint(0.5, 0, 0, elapsed_s=0.0))
+    )
+    assert gone.samples_in_a_row == first.samples_in_a_row == other.samples_in_a_row == 0
 
 
 def test_the_warm_up_compiles_what_a_cycle_calls(monkeypatch):
     calls = []
 
     def recorded(*arguments):
-        calls.append([type(one) for one in arguments])
+        calls.append(arguments)
         return (0.0,) * 8
 
     monkeypatch.setattr(inverse_dynamics, "_terms", recorded)
     inverse_dynamics.warm_up(LEG, FRICTIONS)
     balance_of(lambda _: (0.2, 0.5), (0.0, 0.0))
 
-    assert calls
-    assert calls == [calls[0]] * len(calls)
+    first, second = ([type(one) for one in call] for call in calls)
+    assert calls[0] == (LEG, *FRICTIONS, *[0.0] * 6)
+    assert first == second
 
 
 # --- efforts --------------------------------------------------------------------------------------

@@ -62,7 +62,11 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
     for axis in core.axes:
         axis.stop = begin(Step.HOLD, Joint(), 1)
         axis.joint, axis.reached_enabled = Joint(known=True), True
-        axis.effort_sent_si = 5.0
+        axis.effort_sent_si, axis.sign_proven, axis.serial_number = 5.0, True, 99
+    (leg,) = core.legs
+    leg.reference = leg.estimate = object()
+    leg.observer_started, leg.observer_bad_cycles = True, 7
+    core.evidence = {"right/hip": object()}  # of the drive 99, which is another one
 
     assert session.run() is True
 
@@ -72,7 +76,10 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
     assert (core.verdict, core.load_checked, core.progress) == (Verdict(), False, "")
     for axis in core.axes:
         assert (axis.stop, axis.joint, axis.reached_enabled) == (None, Joint(), False)
-        assert axis.effort_sent_si == 0.0
+        assert (axis.effort_sent_si, axis.sign_proven) == (0.0, False)
+    assert (leg.reference, leg.estimate) == (None, None)
+    assert (leg.observer_started, leg.observer_bad_cycles) == (False, 0)
+    assert core.evidence == {}
     assert core.events == ["bring-up begun", "drives are up"]
 
 
