@@ -4,6 +4,9 @@ The age is from the core's SYNC, by the computer's time of day, to the turn of t
 loop that paints it. It contains the cycle, gateway, Zenoh, the display's server and the browser.
 """
 
+# pyright: reportMissingImports=false
+# Playwright is of the extra `rigs`; the types are checked without it as well.
+
 import importlib.util
 import shutil
 import statistics
