@@ -11,7 +11,7 @@ from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed, TooManyPagesE
 from gaitd_display.patient import PatientServer
 from gaitd_display.patient_view import Dot
 from gaitd_display.settings import PatientSettings
-from gaitd_display.web import BODY_MAX_BYTES, STATIC
+from gaitd_display.web import BODY_MAX_BYTES, STATIC, working
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from training import PROFILE
@@ -187,6 +187,19 @@ def test_stops_have_threads_of_their_own(client, trainer, page):
     finally:
         going_on.set()
         waiting.join()
+
+
+def test_an_error_of_the_feed_ends_the_server_so_that_systemd_starts_another(caplog):
+    async def bug():
+        raise KeyError("a bug")
+
+    async def server():
+        async with working(bug()):
+            await asyncio.Event().wait()
+
+    with pytest.raises(RuntimeError, match="stopped before Future completed"):
+        asyncio.run(server())
+    assert "the server ends" in caplog.text
 
 
 # --- the training session -----------------------------------------------------------------------
