@@ -39,9 +39,9 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.t
 demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
 	$(BIN)/gaitd demo
 
-$(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml
+$(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(SESSION) --editable $(DISPLAY)
 	@touch $@
 
 demo-display: $(VENV)/display.stamp  ## the same with the patient's page in a browser, http://127.0.0.1:8080

@@ -112,7 +112,7 @@ display_environment() {
     [ -x "$DESTDIR$PREFIX/bin/python" ] || refuse "there is no $PREFIX: \`make install\` first"
     say "adding the pages to $PREFIX, with all pinned dependencies"
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
-    "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/display
+    "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/session ./clients/display
 }
 
 display_files() {

@@ -90,7 +90,7 @@ PRELOADED = (
 )
 """Slow imports of the tests, without any module that imports a mutated one."""
 
-TEST_TIMEOUT_S = 300
+TEST_TIMEOUT_S = 60
 """Limit for a test of a mutant that waits for ever."""
 CPU_LIMIT_S = 30
 """Limit for all tests of a mutant that loops for ever."""

@@ -52,7 +52,7 @@ def test_gaitd_needs_the_client_of_this_repository_with_its_dependencies():
 
 def test_the_display_needs_the_versions_that_are_pinned_for_it():
     own = {*PYPROJECT["project"]["dependencies"]}
-    own |= {*PYPROJECT["project"]["optional-dependencies"]["display"]}
+    own |= {*PYPROJECT["project"]["optional-dependencies"]["display"], "gaitd-session==0.1.0"}
 
     assert set(DISPLAY_PYPROJECT["project"]["dependencies"]) <= own
     assert DISPLAY_PYPROJECT["build-system"] == PYPROJECT["build-system"]

@@ -31,11 +31,11 @@ unstrap = {{ en = "There are no straps.", de = "Es gibt keine Gurte." }}
 
 [[bar]]
 leg = "{leg}"
-target_low_w = 3.0
-target_high_w = 12.0
-full_w = 16.0
+target_low_w = 12.0
+target_high_w = 36.0
+full_w = 48.0
 """
-"""The band is that of the scripted patient, who helps in the second half."""
+"""The scripted patient is below the band while passive, and above it while active."""
 
 
 @contextlib.contextmanager

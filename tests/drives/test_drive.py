@@ -167,6 +167,11 @@ def test_following_is_bit_12_in_a_cyclic_mode_only(word, mode, following):
     assert feedback.mode_display == mode
 
 
+@pytest.mark.parametrize(("word", "warning"), [(0x1637, False), (0x16B7, True), (0x0080, True)])
+def test_a_warning_is_bit_7(word, warning):
+    assert window(hip(), [status(word), torque()]).warning is warning
+
+
 @pytest.mark.parametrize(
     ("bits", "inputs"),
     [

@@ -12,6 +12,7 @@ from gaitd_client import Cause, Mode, Stage
 from gaitd_display.login import hash_password
 from gaitd_display.patient import PatientServer
 from gaitd_display.therapist import TherapistServer
+from training import PROFILE
 
 pytestmark = pytest.mark.rig_browser
 
@@ -43,7 +44,10 @@ def player(trainer, site):
 def site(trainer, tmp_path):
     table = bench.patient_table(tmp_path, legs=trainer.legs)
     with rig.Site(
-        lambda made: PatientServer(made, trainer), table, tmp_path, rig.KINDS["patient"]
+        lambda made: PatientServer(made, trainer, trainer.clock),
+        table,
+        tmp_path,
+        rig.KINDS["patient"],
     ) as site:
         yield site
 
@@ -209,6 +213,38 @@ def test_the_memory_of_the_page_is_flat_over_the_strides_of_an_hour(tab, player,
 
     print(f"heap {before_mb:.2f} MB, {after_mb:.2f} MB at the end")
     assert after_mb < before_mb + 1.0
+
+
+def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp_path):
+    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
+    table = bench.patient_table(tmp_path, legs=trainer.legs)
+    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    with (
+        rig.Site(
+            lambda made: PatientServer(made, trainer, trainer.clock),
+            table,
+            tmp_path,
+            rig.KINDS["patient"],
+        ) as site,
+        rig.Player(trainer) as player,
+    ):
+        tab = rig.Tab(chromium, site, SHOTS)
+        player.play(mode=Mode.READY)
+        tab.until("document.querySelector('#press1').dataset.button === 'start'")
+        tab.shot("session_start")
+        is_good(tab)
+        tab.page.click("#press1")
+        tab.until("document.querySelector('#press1').dataset.button === 'pause'")
+        player.play(mode=Mode.HOLD)
+        tab.page.wait_for_timeout(300)
+        tab.shot("session_pause")
+        is_good(tab)
+        tab.page.click("#press1")
+        player.play(mode=Mode.READY)
+        tab.until("document.querySelector('#press1').dataset.button === 'start'")
+        tab.page.close()
+    assert ("enable",) in trainer.requests
+    assert ("disable",) in trainer.requests
 
 
 # --- the therapist's page -----------------------------------------------------------------------

@@ -1,9 +1,11 @@
 """A trainer of messages alone for the display: real streams of the client, at a manual clock."""
 
 import copy
+import itertools
 import json
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 from gaitd_client import (
@@ -34,6 +36,7 @@ PAGE = {
     "help": {"en": "Telephone: press 1.", "de": "Telefon: Taste 1."},
     "unstrap": {"en": "Open the foot strap first.", "de": "Zuerst den Fußgurt öffnen."},
 }
+OFF = "switch_on_disabled"
 BEGAN_NS = 1_800_000_000_000_000_000
 ORIGIN = "http://127.0.0.1:8080"
 OURS = {"origin": ORIGIN, "host": ORIGIN.partition("://")[2]}
@@ -104,6 +107,8 @@ class Page:
 class MessageTrainer:
     """What the servers use of `gaitd_client.Trainer`."""
 
+    target = SimpleNamespace(trainer="trainer")
+
     def __init__(self, legs=("right",)):
         self.legs, self.clock, self.requests = legs, Clock(), []
         self.refusal = self.silent = None
@@ -118,15 +123,16 @@ class MessageTrainer:
         return self
 
     def __exit__(self, *_error):
-        for stream in self.streams.values():
+        for stream in itertools.chain(*self.streams.values()):
             stream.close()
         self.is_connected = False
 
     def _stream(self, key, kind, *, silence_ns=SILENCE_NS, keep=1):
         cyclic = silence_ns is not None
         watch = Watch(self.clock, silence_ns) if cyclic else self.pulse
-        self.streams[key] = Stream(key, kind, watch, keep=keep, is_cyclic=cyclic)
-        return self.streams[key]
+        stream = Stream(key, kind, watch, keep=keep, is_cyclic=cyclic)
+        self.streams.setdefault(key, []).append(stream)
+        return stream
 
     def activity(self, leg):
         return self._stream(f"{leg}/activity", Activity)
@@ -157,8 +163,8 @@ class MessageTrainer:
     def send(self, key, message):
         if key.startswith("drives/"):
             self.pulse.beat()
-        if key in self.streams:
-            self.streams[key].receive(msgspec.json.encode(message))
+        for stream in self.streams.get(key, ()):
+            stream.receive(msgspec.json.encode(message))
 
     def cycles(
         self,
@@ -192,6 +198,7 @@ class MessageTrainer:
                 for axis, position in zip(("hip", "slide"), pose, strict=True):
                     drive = {"name": f"{leg}/{axis}", "position_si": position, "fresh": True}
                     drive |= {"hand_switch_closed": switch, "effort_si": 5.5}
+                    drive["power_state"] = "operation_enabled" if mode == Mode.HOLD else OFF
                     head_of_drive = {"core_boot_id": "boot", "cycle": self.cycle}
                     self.send(f"drives/{leg}/{axis}", filled(DriveState, **head_of_drive, **drive))
             active = mode not in {Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.FAULT}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from gaitd_client import ClientError, MonotonicClock, Trainer
+from gaitd_session import ProfileError
 
 from gaitd_display.login import PasswordError, hash_password
 from gaitd_display.patient import PatientServer
@@ -35,7 +36,7 @@ def main() -> None:
     given = parser.parse_args()
     try:
         _run(given.command, given)
-    except (SettingsError, PasswordError, ClientError) as error:
+    except (SettingsError, PasswordError, ProfileError, ClientError) as error:
         print(f"gaitd-display: {error}", file=sys.stderr)
         sys.exit(CONFIGURATION_ERROR)
 
@@ -46,7 +47,7 @@ def _run(command: str, given: argparse.Namespace) -> None:
     elif command == "patient":
         settings = read_settings(given.config, PatientSettings)
         trainer = trainer_of(settings.trainer, "gaitd-display patient")
-        serve(PatientServer(settings, trainer).app, settings.web)
+        serve(PatientServer(settings, trainer, MonotonicClock()).app, settings.web)
     else:
         settings = read_settings(given.config, TherapistSettings)
         trainer = trainer_of(settings.trainer, "gaitd-display therapist")

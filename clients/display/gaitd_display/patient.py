@@ -8,10 +8,10 @@ import asyncio
 import contextlib
 import secrets
 from collections.abc import AsyncGenerator, Callable
-from typing import Final
+from typing import Final, Literal
 
 import msgspec
-from gaitd_client import Configuration, NoAnswerError, NotValid, Reply, Stride, Trainer
+from gaitd_client import Clock, Configuration, NoAnswerError, NotValid, Reply, Stride, Trainer
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
@@ -22,6 +22,7 @@ from starlette.websockets import WebSocket
 from gaitd_display.feed import Feed
 from gaitd_display.patient_view import PatientState, PatientView, dot
 from gaitd_display.settings import PatientSettings
+from gaitd_display.training import Training
 from gaitd_display.way_out import Action
 from gaitd_display.web import (
     STATIC,
@@ -47,25 +48,37 @@ class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     action: Action
 
 
+class Press(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a button of the session."""
+
+    button: Literal["start", "pause", "end"]
+
+
 class PatientServer:
     """Connects messages, view and requests."""
 
-    def __init__(self, settings: PatientSettings, trainer: Trainer) -> None:
+    def __init__(self, settings: PatientSettings, trainer: Trainer, clock: Clock) -> None:
         """Prepare.
 
         Args:
             settings: of this server.
             trainer: not yet entered.
+            clock: measures the times of the session.
 
         Raises:
             SettingsError: the check of the way out cannot be used.
+            ProfileError: the profile of the session cannot be used.
         """
         self._settings, self._trainer = settings, trainer
         self.state = PatientState(settings, secrets.token_hex(4))
         self.feed = Feed(self._view)
         self._stops = Stops(trainer)
+        self._training = None
+        if settings.session is not None:
+            self._training = Training(settings.session, trainer, clock)
         self._read: Callable[[], PatientView]
         self._action: Action | None = None
+        self._buttons: tuple[str, ...] = ()
         self._asking = asyncio.Lock()
         self._loop: asyncio.AbstractEventLoop
         self.app: ASGIApp = make_app(
@@ -75,6 +88,7 @@ class PatientServer:
                 [
                     Route("/page.json", self._page_text),
                     Route("/act", self._act, methods=["POST"]),
+                    Route("/session", self._press, methods=["POST"]),
                 ],
                 self._live,
             ),
@@ -87,9 +101,21 @@ class PatientServer:
         self._loop = asyncio.get_running_loop()
         async with connected(self._trainer):
             self._subscribe()
-            async with working(self.feed.run(), self._follow_configuration()):
+            async with working(self.feed.run(), self._follow_configuration()), self._trained():
                 yield
         self._stops.close()
+
+    @contextlib.asynccontextmanager
+    async def _trained(self) -> AsyncGenerator[None]:
+        """Run the session, if there is one; at its end it switches off what it has switched on."""
+        if self._training is None:
+            yield
+            return
+        await asyncio.to_thread(self._training.begin)
+        try:
+            yield
+        finally:
+            await asyncio.to_thread(self._training.end)
 
     def _subscribe(self) -> None:
         trainer = self._trainer
@@ -117,7 +143,11 @@ class PatientServer:
     def _view(self) -> PatientView:
         view = self._read()
         self._action = view.action
-        return view
+        if self._training is None:
+            return view
+        training = self._training.view(view.mode)
+        self._buttons = training.buttons if training is not None else ()
+        return msgspec.structs.replace(view, training=training)
 
     async def _follow_configuration(self) -> None:
         """Read the configuration of each new core; the way out depends on it."""
@@ -155,6 +185,17 @@ class PatientServer:
             return json(Answer("refused", "another request has no answer yet"), 409)
         async with self._asking:
             return await ask(lambda: self._request(action))
+
+    async def _press(self, request: Request) -> Response:
+        try:
+            button = msgspec.json.decode(await small_body(request), type=Press).button
+        except ValueError as error:
+            return json(Answer("refused", str(error)), 400)
+        if self._training is None or button not in self._buttons:
+            return json(Answer("refused", f"{button} is not offered at present"), 409)
+        async with self._asking:
+            await asyncio.to_thread(self._training.press, button)
+        return json(Answer("done"))
 
     def _request(self, action: Action) -> Reply:
         """Send the request of a button, in a thread."""

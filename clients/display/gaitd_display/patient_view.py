@@ -20,6 +20,7 @@ from gaitd_display.cause_texts import INSTRUCTIONS, patient_text
 from gaitd_display.feedback import BarView, LegFeedback, Result
 from gaitd_display.settings import PatientSettings
 from gaitd_display.texts import Text, Word
+from gaitd_display.training import TrainingView
 from gaitd_display.way_out import ACTION, Action, Pose, Release, Step, WayOut
 
 STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
@@ -91,6 +92,8 @@ class PatientView(msgspec.Struct, frozen=True):
     action: Action | None
     alarm: str | None
     """Sounds until it is acknowledged; another text is another alarm. None: none."""
+    training: TrainingView | None = None
+    """None: this server runs no session."""
 
 
 def dot(stride: Stride) -> Dot:

@@ -113,6 +113,15 @@ class WayOutRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     slide_drift_max_m: Annotated[float, Meta(ge=0, le=0.1)]
 
 
+class SessionFiles(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The patient's profile, and the history of the sessions."""
+
+    profile: Path
+    """File of `gaitd-session new-profile`."""
+    history: Path
+    """SQLite file; made if it does not exist."""
+
+
 class PatientSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The file of the patient's server."""
 
@@ -122,6 +131,8 @@ class PatientSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     bar: Annotated[tuple[Bar, ...], Meta(min_length=1, max_length=2)]
     way_out: WayOutRules | None = None
     """None: the page never offers RESET."""
+    session: SessionFiles | None = None
+    """None: a gait is started by another program."""
 
 
 class Login(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -162,6 +173,11 @@ def read_settings(path: Path, kind: type[File]) -> File:
     _refuse_web(path, settings.web)
     if isinstance(settings, PatientSettings):
         _refuse_bars(path, settings.bar)
+        if settings.session is not None and not settings.web.is_loopback:
+            raise SettingsError(
+                f"{path}: session with web.host = {settings.web.host!r}: a page without login may "
+                "start a training on the machine's own screen only; bind 127.0.0.1"
+            )
     return settings
 
 

@@ -214,8 +214,20 @@ async def connected(trainer: Trainer) -> AsyncGenerator[None]:
 
 @contextlib.asynccontextmanager
 async def working(*works: Coroutine[Any, Any, object]) -> AsyncGenerator[None]:
-    """Run the works until the server ends."""
+    """Run the works until the server ends; an error of one of them ends the server.
+
+    A server without its feed would keep its pages at "no connection"; systemd starts a new one.
+    """
+    loop = asyncio.get_running_loop()
+
+    def ended(task: asyncio.Task[object]) -> None:
+        if not task.cancelled() and (error := task.exception()) is not None:
+            loop.call_exception_handler({"message": "the server ends", "exception": error})
+            loop.stop()
+
     tasks = [asyncio.create_task(work) for work in works]
+    for task in tasks:
+        task.add_done_callback(ended)
     try:
         yield
     finally:

@@ -11,9 +11,10 @@ from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed, TooManyPagesE
 from gaitd_display.patient import PatientServer
 from gaitd_display.patient_view import Dot
 from gaitd_display.settings import PatientSettings
-from gaitd_display.web import BODY_MAX_BYTES, STATIC
+from gaitd_display.web import BODY_MAX_BYTES, STATIC, working
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
+from training import PROFILE
 
 OURS = bench.OURS
 FOREIGN = {**OURS, "origin": "http://evil.example"}
@@ -27,7 +28,9 @@ def trainer():
 @pytest.fixture
 def client(tmp_path, trainer):
     table = bench.patient_table(tmp_path)
-    server = PatientServer(bench.settings_of(tmp_path, table, PatientSettings), trainer)
+    server = PatientServer(
+        bench.settings_of(tmp_path, table, PatientSettings), trainer, trainer.clock
+    )
     with TestClient(server.app, base_url=bench.ORIGIN) as client:
         client.server = server
         yield client
@@ -184,6 +187,69 @@ def test_stops_have_threads_of_their_own(client, trainer, page):
     finally:
         going_on.set()
         waiting.join()
+
+
+def test_an_error_of_the_feed_ends_the_server_so_that_systemd_starts_another(caplog):
+    async def bug():
+        raise KeyError("a bug")
+
+    async def server():
+        async with working(bug()):
+            await asyncio.Event().wait()
+
+    with pytest.raises(RuntimeError, match="stopped before Future completed"):
+        asyncio.run(server())
+    assert "the server ends" in caplog.text
+
+
+# --- the training session -----------------------------------------------------------------------
+
+
+def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_shown_without_one(
+    client, tmp_path, page
+):
+    assert page.frame()["training"] is None
+    assert client.post("/session", headers=OURS, json={"button": "start"}).status_code == 409
+
+    trainer = bench.MessageTrainer()
+    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
+    table = bench.patient_table(tmp_path)
+    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    made = bench.settings_of(tmp_path, table, PatientSettings)
+    server = PatientServer(made, trainer, trainer.clock)
+    with (
+        TestClient(server.app, base_url=bench.ORIGIN) as site,
+        site.websocket_connect("/live", headers=OURS) as socket,
+    ):
+        page = bench.Page(socket)
+
+        def until(condition, **scene):
+            def after_a_cycle(now):
+                trainer.cycles(**scene)
+                return condition(now)
+
+            return page.until(after_a_cycle)
+
+        def press(button):
+            return site.post("/session", headers=OURS, json={"button": button}).status_code
+
+        now = until(
+            lambda now: now["training"]["advice"] == "hold_hand_switch",
+            mode=Mode.READY,
+            switch=False,
+        )
+        assert now["training"]["buttons"] == ["end"]
+        assert press("start") == 409
+        until(lambda now: now["training"]["buttons"][0] == "start", mode=Mode.READY)
+        assert press("pause") == 409
+        assert trainer.requests == []
+
+        assert press("start") == 200
+        until(lambda _: ("enable",) in trainer.requests, mode=Mode.READY)
+        now = until(lambda now: "pause" in now["training"]["buttons"], mode=Mode.HOLD)
+        assert now["training"]["left_s"] == 24.0
+        until(lambda now: now["training"]["buttons"] == [], mode=Mode.FAULT, cause=Cause.SPASM)
+        assert press("start") == 409
 
 
 # --- the queue of a page ------------------------------------------------------------------------

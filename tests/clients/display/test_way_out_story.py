@@ -70,7 +70,9 @@ def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
     table = bench.patient_table(tmp_path)
     written_check(machine.config, tmp_path / "check.json")
     trainer = Trainer(machine.endpoint, trainer=machine.trainer, clock=machine.clock)
-    server = PatientServer(bench.settings_of(tmp_path, table, PatientSettings), trainer)
+    server = PatientServer(
+        bench.settings_of(tmp_path, table, PatientSettings), trainer, trainer.clock
+    )
     machine.gait(cadence_hz=0.3)
     with (
         TestClient(server.app, base_url=bench.ORIGIN) as client,

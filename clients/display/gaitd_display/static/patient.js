@@ -134,6 +134,23 @@ function paintStop(view, word) {
   setText(byId("unstraptext"), words.said(page.unstrap));
 }
 
+// Only if the server runs a session; without one nothing of it is shown.
+function paintTraining(training) {
+  const buttons = training === null ? [] : training.buttons.slice(0, 2);
+  for (const [index, name] of ["press1", "press2"].entries()) {
+    const button = byId(name);
+    button.hidden = index >= buttons.length;
+    button.disabled = isAsking;
+    if (button.hidden) continue;
+    button.dataset.button = buttons[index];
+    setText(button, words.of(`press.${buttons[index]}`));
+  }
+  byId("left").hidden = training === null;
+  if (training !== null) setText(byId("left"), `· ${words.of("time_left")}: ${Math.ceil(training.left_s / 60)}`);
+}
+
+const ADVISED = ["ready", "rest", "wait"]; // words during which the session says what to do
+
 let paintedWord = "";
 function paint() {
   requestAnimationFrame(paint);
@@ -150,8 +167,10 @@ function paint() {
     }
   }
   setText(byId("word"), words.of(`word.${word}`));
-  setText(byId("line"), words.of(`line.${word}`));
+  const training = isConnected && view ? view.training : null;
+  setText(byId("line"), training !== null && ADVISED.includes(word) ? words.of(`advice.${training.advice}`) : words.of(`line.${word}`));
   if (!view) return;
+  paintTraining(training);
   for (const bar of view.bars) paintBar(bar, isKnown);
   paintDots();
   if (isConnected) alarm.set(view.alarm);
@@ -178,11 +197,13 @@ function tell(text) {
 bindStop(byId("stop"), (state) => tell({ sent: words.of("stop_sent"), failed: words.of("stop_failed"), done: "" }[state]));
 byId("language").addEventListener("click", () => words.toggle());
 byId("quiet").addEventListener("click", () => alarm.acknowledge());
-byId("action").addEventListener("click", async (event) => {
+async function request(path, body) {
   isAsking = true;
-  const answer = await post("/act", { action: event.target.dataset.action });
+  const answer = await post(path, body);
   isAsking = false;
   if (answer.outcome === "refused") tell(`${words.of("refused")}: ${answer.reason}`);
   else if (answer.outcome !== "done") tell(words.of("no_answer"));
-});
+}
+byId("action").addEventListener("click", (event) => request("/act", { action: event.target.dataset.action }));
+for (const name of ["press1", "press2"]) byId(name).addEventListener("click", (event) => request("/session", { button: event.target.dataset.button }));
 paint();

@@ -48,8 +48,9 @@ class Trace {
     const sigma = { stroke: "transparent", points: { show: false } };
     const line = (stroke, width, dash) => ({ stroke, width, dash, points: { show: false }, spanGaps: false });
     this.plot = new uPlot({
-      width: 300, height: 190, legend: { show: false }, cursor: { show: false }, axes: axes(label),
-      scales: { x: { time: false } },
+      width: 300, height: 190, legend: { show: false }, cursor: { show: false },
+      axes: [{ ...axes(label)[0], values: (plot, ticks) => ticks.map((tick) => `${Math.round(tick - plot.scales.x.max)} s`) }, axes(label)[1]],
+      scales: { x: { time: false, range: (_, low, high) => [(high ?? TRACE_S) - TRACE_S, high ?? TRACE_S] } },
       bands: [{ series: [2, 3], fill: "rgba(0,114,178,.25)" }],
       series: [{}, line("#0072b2", 3), sigma, sigma, line("#d55e00", 2, [10, 6]), line("#111", 2, [2, 4])],
     }, this.rows, this.element);
