@@ -105,7 +105,8 @@ class Lease:
         self._not_granted = "`with` was not entered"
         self._unknown = ""
         """Why nothing is known about the lease at present."""
-        self._is_request_needed = False
+        self._lost: wire.Safety | None = None
+        """The loss of a lease after which no new request of an assisted mode was seen."""
         self._has_estimate = False
         """True if an estimate was processed since the lease was granted."""
         self._counts: Mapping[str, int] | None = None
@@ -131,7 +132,7 @@ class Lease:
             return f"ended by {type(self._error).__name__}: {self._error}"
         if self._grant is None:
             return self._not_granted
-        return self._unknown or (REQUEST_NEEDED if self._is_request_needed else "")
+        return self._unknown or (REQUEST_NEEDED if self._lost is not None else "")
 
     def __enter__(self) -> Self:
         """Acquire the lease, and start to answer.
@@ -141,6 +142,9 @@ class Lease:
             NoAnswerError: the service does not answer.
             ValueError: `legs` names none, or one that the trainer does not have.
         """
+        # It may be entered again, after a refusal for example.
+        self._error, self._lost, self._counts = None, None, None
+        self._is_over.clear()
         trainer, known = self._trainer, self._trainer.configuration().leg_names
         legs = known if self._legs is None else tuple(dict.fromkeys(self._legs))
         if not legs or not set(legs) <= set(known):
@@ -257,15 +261,16 @@ class Lease:
             self._law_lock.release()
 
     def _answer_alone(self, estimate: wire.Estimate) -> None:
-        is_assisted = estimate.mode in ASSISTED
-        if not is_assisted:
-            self._is_request_needed = False
+        is_assisted, lost = estimate.mode in ASSISTED, self._lost
+        # An estimate that has waited behind a call of the law may be older than the loss.
+        if not is_assisted and lost is not None and _is_newer(estimate, lost):
+            self._lost = None
         self._has_estimate = True
         grant = self._grant
         if grant is None or grant.lease is None:
             return
         assist = Assist()
-        if is_assisted and not self._is_request_needed:
+        if is_assisted and self._lost is None:
             assist = _checked(self._law(estimate), estimate)
         if self._is_over.is_set() or self._grant is not grant:
             return
@@ -294,7 +299,7 @@ class Lease:
             return
         holder, grant = safety.lease_holder, self._grant
         if grant is not None and holder != self.name and _is_newer(safety, grant):
-            self._is_request_needed = True
+            self._lost = safety
             self._grant, self._not_granted = None, f"it has ended before cycle {safety.cycle}"
         if self._grant is None:
             self._acquire_again(safety)
@@ -349,11 +354,11 @@ class Lease:
             self._on_refusal(Refusal(reason, count, meaning, remedy))
 
 
-def _is_newer(safety: wire.Safety, grant: wire.Reply) -> bool:
-    """Return whether the message was made after the lease was granted."""
-    if safety.core_boot_id != grant.core_boot_id:
+def _is_newer(message: wire.Stated, other: wire.Stated) -> bool:
+    """Return whether the message is of a later cycle than the other, or of another core."""
+    if message.core_boot_id != other.core_boot_id:
         return True
-    return (safety.cycle or 0) > (grant.cycle or 0)
+    return (message.cycle or 0) > (other.cycle or 0)
 
 
 def _checked(assist: object, estimate: wire.Estimate) -> Assist:

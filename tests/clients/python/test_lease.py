@@ -232,6 +232,10 @@ def test_after_a_loss_the_law_waits_until_the_mode_is_requested_again(service):
         assert service.estimates("gait") == [0.0, 0.0]
         assert service.setpoints[-1]["lease"] == 2
 
+        service.cycle -= 3  # one of before the loss, which had waited behind a call of the law
+        assert service.estimates("hold") == [0.0, 0.0]
+        assert service.estimates("gait") == [0.0, 0.0]
+        service.cycle += 3
         assert service.estimates("hold") == [0.0, 0.0]
         assert lease.why_not == ""
         assert service.estimates("gait") == [3.0, 3.0]
@@ -313,9 +317,13 @@ def test_what_fails_half_way_through_with_leaves_nothing_behind(service):
     assert (service.is_left, service.number) == (True, 0)
 
     service.declare_error, service.holder = None, "another"
+    refused = lease_of(service)
     with pytest.raises(RequestRefusedError, match="held by another"):
-        lease_of(service).__enter__()
+        refused.__enter__()
     assert (service.is_left, service.released) == (True, [])
+    service.holder = None
+    with refused:  # the same one may be tried again
+        assert service.estimates("torque") == [3.0, 3.0]
 
     for legs in ([], ["middle"]):
         with pytest.raises(ValueError, match=r"one or more of \('right', 'left'\)"):

@@ -199,14 +199,12 @@ def test_asyncio_waits_for_a_message_from_another_thread(stream, clock):
 def test_an_event_loop_that_was_closed_does_not_stop_the_stream(clock):
     closed = []
     stream = Stream(KEY, wire.Friction, Watch(clock), on_close=lambda: closed.append(True))
-    loop = asyncio.new_event_loop()
-    iterator = aiter(stream)
-    waiting = loop.create_task(anext(iterator))
-    loop.run_until_complete(asyncio.sleep(0))
+    loop, items = asyncio.new_event_loop(), aiter(stream)
+    stream.receive(payload(1))
+    assert short(loop.run_until_complete(anext(items))) == 1
     loop.close()
 
-    stream.receive(payload(1))
-    assert taken(stream, 1) == [1]
+    stream.receive(payload(2))
+    assert taken(stream, 1) == [2]
     stream.close()
     assert closed == [True]
-    waiting._log_destroy_pending = False
