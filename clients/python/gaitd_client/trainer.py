@@ -138,7 +138,9 @@ class Trainer:
             self._trying.join()
         with contextlib.ExitStack() as ending:
             ending.callback(self._disconnect)
-            for stream in tuple(self._streams):
+            with self._lock:
+                streams = tuple(self._streams)
+            for stream in streams:
                 ending.callback(stream.close)
 
     @property
