@@ -29,8 +29,8 @@ def guided_to(session, **change):
     """From now on every reference says this."""
     honest = exercises.reference_of
 
-    def reference_of(leg):
-        return honest(leg)._replace(**change)
+    def reference_of(leg, sample):
+        return honest(leg, sample)._replace(**change)
 
     return mock.patch.object(exercises, "reference_of", reference_of)
 
