@@ -428,10 +428,13 @@ def test_a_flood_takes_neither_the_lease_nor_the_stop_nor_memory(
         assert 0 < flood.answered.total() <= WAITING_MAX
         assert set(flood.answered) <= OWN[role]
         assert (core.levels[-1].lease, core.levels[-1].stop_count) == (lease, stop_count)
-        # A controller's setpoints are counted; those of other roles do not even arrive.
-        kept = 4 if role == "controller" else 0
-        expected = {"flood": FLOOD - kept, "wrong_lease": kept} if kept else {}
-        eventually(lambda: refusals.since() == expected)
+        # A controller's setpoints are counted; those of other roles do not even arrive. Four are
+        # kept of all that wait for one turn; what came before the loop was held had its own turns.
+        if role == "controller":
+            eventually(lambda: refusals.since().total() == FLOOD)
+            assert refusals.since()["flood"] > refusals.since()["wrong_lease"] > 0
+        else:
+            assert not refusals.since()
 
         with service.held():
             stops.query("stop", FLOOD)
