@@ -64,6 +64,8 @@ def _empty(kind):
     """The least value of a type; None where that is allowed."""
     while isinstance(kind, inspect.Metadata):
         kind = kind.type
+    if isinstance(kind, inspect.StructType):
+        return _empty_fields(kind.cls)
     return None if isinstance(kind, inspect.UnionType) else EMPTY[type(kind)]
 
 

@@ -2,7 +2,8 @@
 
 import display_bench as bench
 import pytest
-from gaitd_client import Cause, Event, Mode
+from gaitd_client import Cause, Event, Mode, PlanLimits
+from gaitd_display import therapist
 from gaitd_display.login import (
     FAILURES_MAX,
     SESSIONS_MAX,
@@ -222,3 +223,15 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
                 break
         assert frame["now"]["legs"][0]["hip"]["net"] == {"value": None, "std": None}
         assert (frame["now"]["mode"], frame["now"]["verdict"]) == (None, None)
+
+
+def test_a_plan_that_another_operator_released_is_shown(client, trainer, monkeypatch):
+    monkeypatch.setattr(therapist, "PLAN_POLL_S", 0.01)
+    login(client)
+    headers = {**OURS, "cookie": f"{COOKIE}={client.cookies[COOKIE]}"}
+    with client.websocket_connect("/live", headers=headers) as socket:
+        trainer.plan = PlanLimits(cadence_max_hz=0.3, amplitude_max_ratio=0.8, duration_max_s=600)
+        for _, frame in zip(range(2000), frames(client, socket), strict=False):
+            if frame["now"]["plan"] is not None:
+                break
+    assert frame["now"]["plan"]["cadence_max_hz"] == 0.3
