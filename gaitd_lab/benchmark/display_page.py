@@ -50,7 +50,7 @@ class Page(NamedTuple):
     samples_hz: float
     """Different samples that were painted."""
     server_cpu_ratio: float
-    """Of one processor."""
+    """Share of one processor."""
     server_mb: float
     browser_cpu_ratio: float
     """All processes of the browser together."""

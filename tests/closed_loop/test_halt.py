@@ -12,7 +12,7 @@ PERIOD_NS = 10_000_000
 HALT_WORD, ENABLE_WORD = 0x010F, 0x000F
 FOLLOWS, REACHED = 0x1000, 0x0400
 SPEED_COUNTS = 20
-"""Of the target per cycle, in position mode: 0.12 rad/s."""
+"""Step of the target per cycle, in position mode: 0.12 rad/s."""
 CSP, CST = OperationMode.CYCLIC_SYNC_POSITION, OperationMode.CYCLIC_SYNC_TORQUE
 
 

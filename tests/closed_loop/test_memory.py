@@ -19,7 +19,7 @@ from drives.bringup import bus_load
 from gaitd_lab.lockstep import LockstepSession
 
 CYCLES = 500
-"""Of a stretch."""
+"""Cycles of a stretch."""
 WARM_CYCLES = STRIDE_MAX_CYCLES + 200
 """All windows over the last cycles are full: the longest has STRIDE_MAX_CYCLES."""
 TRIES = 4

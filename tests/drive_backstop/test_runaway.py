@@ -26,9 +26,9 @@ LIFE_MS = 700
 core, and `gaitd check` says how far."""
 FULL_PERMILLE = 3000
 SIGN_OF_COUNTS = (1, -1)
-"""Of hip and slide: counts of the slide fall along its positive axis."""
+"""Signs of hip and slide: counts of the slide fall along its positive axis."""
 LEAST_RATIO = {"epos4": 0.6, "generic": 0.25}
-"""Of the bound, that the plant must reach: in 30 ms a drive's response is a large part of it."""
+"""Part of the bound that the plant must reach; a drive's response is a large part of 30 ms."""
 IN_THE_OPEN_N = 1.0
 """A contact force below is none: the leg met no end of the machine."""
 
@@ -39,7 +39,7 @@ class Death:
 
     signs: tuple[int, int]
     cycles: int
-    """Of full torque, before it dies."""
+    """Cycles of full torque before the master dies."""
 
     def __str__(self) -> str:
         hip, slide = ("up" if sign > 0 else "down" for sign in self.signs)

@@ -21,7 +21,7 @@ MAKES = {"epos4": None, "generic": generic_drives, "elmo": elmo_drives}
 NAMES = {"epos4": "EPOS4", "generic": "CiA 402", "elmo": "Elmo Gold"}
 EDS = {"epos4": "epos4", "generic": "generic402", "elmo": "elmo_gold"}
 MUST_HOLD = {0x1016, 0x1029, 0x6007, 0x605A, 0x605B, 0x605C, 0x605E, 0x6065, 0x6066, 0x607D, 0x6085}
-"""Of every make; beside them the torque limit, and what only some have."""
+"""Objects of every make; beside them the torque limit, and what only some have."""
 
 
 def configs_of(make, folder):

@@ -164,7 +164,7 @@ class PatientState:
 
     @property
     def boot_id(self) -> str | None:
-        """Of the running core; None: unknown."""
+        """Boot id of the running core; None: unknown."""
         return None if self._safety is None else self._safety.core_boot_id
 
     def _cause(self) -> str:

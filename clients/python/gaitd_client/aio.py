@@ -221,7 +221,7 @@ class AsyncLease:
 
     @property
     def name(self) -> str:
-        """Of this controller."""
+        """Name of this controller."""
         return self.sync.name
 
     @property

@@ -267,7 +267,7 @@ class LegGoal:
     middle_ratio: float
     """Middle of its target band."""
     shares: tuple[float | None, ...] = ()
-    """Of the strides of the present block, until the next one begins; None: not valid."""
+    """Share of each stride of the present block, until the next one begins; None: not valid."""
 
     @property
     def valid_shares(self) -> list[float]:
@@ -299,9 +299,9 @@ class State:
     rest_until_s: float = 0.0
     """START is not accepted before."""
     boot_id: str = ""
-    """Of the core at START."""
+    """Boot id of the core at START."""
     request_number: int = 0
-    """Of the newest request."""
+    """Number of the newest request."""
     pending: RequestKind | None = None
     """The newest request, while it is not answered."""
     off_since_s: float | None = None

@@ -185,7 +185,7 @@ class SessionSummary(NamedTuple):
     stride_count: int
     valid_count: int
     mean_share_ratio: float | None
-    """Of the valid strides."""
+    """Mean over the valid strides."""
     interruption_count: int
 
 

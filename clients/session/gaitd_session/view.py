@@ -108,7 +108,7 @@ class LegView(msgspec.Struct, frozen=True, kw_only=True):
     in_band_count: int
     """Valid strides at or above the band's lower end."""
     share_ratio: float | None
-    """Of the last stride; None: there is none, or it is not valid."""
+    """Share of the last stride; None: there is none, or it is not valid."""
 
 
 class View(msgspec.Struct, frozen=True, kw_only=True):
