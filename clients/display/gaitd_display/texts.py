@@ -72,8 +72,14 @@ EXPLAINED: Final[Mapping[Word, Text]] = {
         "Der Trainer sendet nichts. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
     ),
     Word.STOPPING: Text("Lie still.", "Ruhig liegen bleiben."),
-    Word.WAIT: Text("Nothing moves.", "Nichts bewegt sich."),
-    Word.READY: Text("The drives are off.", "Die Antriebe sind aus."),
+    Word.WAIT: Text(
+        "The machine gets ready. Your leg may not be held.",
+        "Die Maschine macht sich bereit. Ihr Bein wird vielleicht nicht gehalten.",
+    ),
+    Word.READY: Text(
+        "The drives are off. Your leg is not held.",
+        "Die Antriebe sind aus. Ihr Bein wird nicht gehalten.",
+    ),
     Word.REST: Text("Your leg is held.", "Ihr Bein wird gehalten."),
     Word.SOON: Text(
         "Hold the hand switch. Your leg will move in a moment.",
@@ -168,7 +174,10 @@ LABELS: Final[Mapping[str, Text]] = {
         "Keep the hand switch pressed. With step 1 the drives let go of your leg.",
         "Handschalter gedrückt halten. Mit Schritt 1 lassen die Antriebe Ihr Bein los.",
     ),
-    "way.wait": Text("Please wait.", "Bitte warten."),
+    "way.wait": Text(
+        "Please wait. The drives let go of your leg: it can move.",
+        "Bitte warten. Die Antriebe lassen Ihr Bein los: es kann sich bewegen.",
+    ),
     "way.enable": Text(
         "Keep the hand switch pressed. With step 2 the drives hold your leg again.",
         "Handschalter gedrückt halten. Mit Schritt 2 halten die Antriebe Ihr Bein wieder.",
