@@ -15,7 +15,8 @@ from typing import Final
 import msgspec
 
 TICK_S: Final = 1 / 60
-WINDOW: Final = 8
+WINDOW: Final = 2
+"""Frames that may be on their way to a page: more would be old when they are painted."""
 ITEMS_MAX: Final = 256
 PAGES_MAX: Final = 16
 

@@ -15,7 +15,7 @@ from gaitd_client import Clock, Configuration, NoAnswerError, NotValid, Reply, S
 from gaitd_session import Button
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
@@ -26,7 +26,6 @@ from gaitd_display.settings import PatientSettings
 from gaitd_display.training import Training
 from gaitd_display.way_out import Action
 from gaitd_display.web import (
-    STATIC,
     Answer,
     Served,
     Stops,
@@ -35,6 +34,7 @@ from gaitd_display.web import (
     json,
     live,
     make_app,
+    page,
     small_body,
     working,
 )
@@ -196,7 +196,7 @@ class PatientServer:
             return None
 
     async def _page(self, _request: Request) -> Response:
-        return FileResponse(STATIC / "patient.html")
+        return page("patient", "patient")
 
     async def _page_text(self, _request: Request) -> Response:
         return json(self._settings.page)

@@ -21,6 +21,7 @@ class Word(StrEnum):
     """The large word of the patient's page."""
 
     NO_CONNECTION = auto()
+    TOO_MANY_PAGES = auto()
     NO_SIGNAL = auto()
     STOPPED = auto()
     STOPPING = auto()
@@ -41,6 +42,7 @@ class Word(StrEnum):
 
 WORDS: Final[Mapping[Word, Text]] = {
     Word.NO_CONNECTION: Text("No connection", "Keine Verbindung"),
+    Word.TOO_MANY_PAGES: Text("Too many pages", "Zu viele Seiten"),
     Word.NO_SIGNAL: Text("No signal", "Kein Signal"),
     Word.STOPPED: Text("Stopped", "Angehalten"),
     Word.STOPPING: Text("Stopping", "Hält an"),
@@ -66,6 +68,10 @@ EXPLAINED: Final[Mapping[Word, Text]] = {
         "To stop: release the hand switch, or press the emergency stop.",
         "Dieser Bildschirm hat keinen Kontakt zu seinem Rechner. STOPP auf diesem Bildschirm wirkt "
         "jetzt nicht. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
+    ),
+    Word.TOO_MANY_PAGES: Text(
+        "Too many pages are open. Close one of the others. STOP works.",
+        "Es sind zu viele Seiten offen. Eine der anderen schließen. STOPP wirkt.",
     ),
     Word.NO_SIGNAL: Text(
         "The trainer sends nothing. To stop: release the hand switch, or press the emergency stop.",
@@ -110,6 +116,7 @@ LABELS: Final[Mapping[str, Text]] = {
     "stop": Text("STOP", "STOPP"),
     "stop_note": Text("Not the emergency stop", "Kein Not-Halt"),
     "stop_sent": Text("Stop requested", "Halt angefordert"),
+    "stop_done": Text("STOP has arrived.", "STOPP ist angekommen."),
     "stop_failed": Text(
         "STOP did not arrive. Release the hand switch, or press the emergency stop.",
         "STOPP kam nicht an. Handschalter loslassen oder Not-Halt drücken.",
@@ -199,6 +206,7 @@ LABELS: Final[Mapping[str, Text]] = {
     "press.pause": Text("Pause", "Pause"),
     "press.end": Text("End", "Ende"),
     "no_connection": WORDS[Word.NO_CONNECTION],
+    "too_many_pages": WORDS[Word.TOO_MANY_PAGES],
     "no_signal": WORDS[Word.NO_SIGNAL],
 }
 """All other texts, by the key that pages name in `data-text`."""
@@ -255,6 +263,7 @@ def page_texts() -> dict[str, dict[str, str]]:
         **{f"word.{word}": text for word, text in WORDS.items()},
         **{f"line.{word}": text for word, text in EXPLAINED.items()},
         **{f"advice.{advice}": text for advice, text in ADVICE.items()},
+        "way.start": ADVICE[Advice.PRESS_START_TO_RESET],
     }
     return {
         "en": {key: text.en for key, text in keyed.items()},

@@ -23,7 +23,7 @@ from gaitd_client import (
 from msgspec import Meta
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
@@ -40,8 +40,7 @@ from gaitd_display.therapist_view import (
     stride_item,
 )
 from gaitd_display.web import (
-    FORBIDDEN,
-    STATIC,
+    LOGIN_OVER,
     Answer,
     Served,
     Stops,
@@ -50,6 +49,7 @@ from gaitd_display.web import (
     json,
     live,
     make_app,
+    page,
     small_body,
     working,
 )
@@ -208,8 +208,7 @@ class TherapistServer:
         return self._sessions.of(connection.cookies.get(COOKIE))
 
     async def _page(self, request: Request) -> Response:
-        name = "therapist.html" if self._session(request) else "login.html"
-        return FileResponse(STATIC / name)
+        return page("therapist" if self._session(request) else "login", "therapist")
 
     async def _login(self, request: Request) -> Response:
         try:
@@ -256,7 +255,8 @@ class TherapistServer:
 
     async def _live(self, socket: WebSocket) -> None:
         if self._session(socket) is None:
-            await socket.close(FORBIDDEN)
+            await socket.accept()  # so that the page sees the code
+            await socket.close(LOGIN_OVER)
             return
 
         async def over() -> None:

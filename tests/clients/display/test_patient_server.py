@@ -2,16 +2,17 @@
 
 import asyncio
 import json
+import re
 import threading
 
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, Mode, Stage
-from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed, TooManyPagesError
+from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed
 from gaitd_display.patient import PatientServer
 from gaitd_display.patient_view import Dot
 from gaitd_display.settings import PatientSettings
-from gaitd_display.web import BODY_MAX_BYTES, STATIC, working
+from gaitd_display.web import BODY_MAX_BYTES, STATIC, TRY_LATER, working
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from training import PROFILE
@@ -77,10 +78,20 @@ def test_every_file_is_our_own_and_nothing_else_may_be_loaded(client):
             assert "https://" not in text
             assert "http://" not in text.replace("http://www.w3.org/2000/svg", "")
         if file.suffix == ".html":
-            assert "<script>" not in text
+            assert not re.search(r"<script(?![^>]* src=)", text)
             assert " style=" not in text
             assert "onclick" not in text
-    assert client.get("/static/../settings.py").status_code == 404
+    assert client.get("/static/%2e%2e/settings.py").status_code == 404
+
+
+def test_stop_is_in_the_page_itself_and_bound_before_anything_else(client):
+    text = client.get("/").text
+
+    first, *_ = re.findall(r'<script[^>]*src="([^"]+)"', text)
+    assert first == "/static/stop.js"
+    assert not re.search(r"^import|fetch\((?!\"/stop\")", client.get(first).text, re.MULTILINE)
+    assert re.search(r'<button id="stop".*>STOP<.*Not the emergency stop', text)
+    assert "{{" not in text
 
 
 def test_texts_and_the_page_s_own_words_are_served(client):
@@ -301,13 +312,16 @@ def test_a_page_that_does_not_read_gets_the_present_and_costs_no_memory():
     asyncio.run(story())
 
 
-def test_more_pages_than_there_is_room_for_are_refused(client):
-    feed = Feed(lambda: bench.filled(Dot))
+def test_more_pages_than_there_is_room_for_are_told_so(client):
+    feed = client.server.feed
     pages = [feed.join() for _ in range(PAGES_MAX)]
-    with pytest.raises(TooManyPagesError):
-        feed.join()
+    with client.websocket_connect("/live", headers=OURS) as socket:
+        with pytest.raises(WebSocketDisconnect) as refused:
+            socket.receive_json()
+        assert refused.value.code == TRY_LATER
     feed.leave(pages[0])
-    feed.join()
+    with client.websocket_connect("/live", headers=OURS) as socket:
+        assert bench.Page(socket).frame()["word"] == "no_signal"
 
 
 def test_a_page_that_sends_anything_else_is_closed_and_one_that_goes_is_forgotten(client, page):
