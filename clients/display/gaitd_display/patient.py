@@ -146,7 +146,7 @@ class PatientServer:
         if self._training is None:
             return view
         training = self._training.view(view.mode)
-        self._buttons = training.buttons if training is not None else ()
+        self._buttons = training.buttons
         return msgspec.structs.replace(view, training=training)
 
     async def _follow_configuration(self) -> None:
