@@ -62,7 +62,7 @@ cadence_max_hz = {cadence_max}
 amplitude_min_ratio = {amplitude_min}
 amplitude_max_ratio = {amplitude_max}
 
-[assist]                         # for a controller that reads this file; a session commands none
+[assist]                         # cap of a controller; the core enforces that of the released plan
 hip_max_nm = {hip_max}
 slide_max_n = {slide_max}
 
@@ -146,6 +146,7 @@ def new_profile(
     print(
         f"gaitd plan release --cadence {limits.cadence_max_hz:g}"
         f" --amplitude {limits.amplitude_max_ratio:g} --duration {limits.duration_max_s:g}"
+        f" --hip-assist {limits.hip_assist_max_nm:g} --slide-assist {limits.slide_assist_max_n:g}"
     )
 
 

@@ -173,11 +173,19 @@ class Reply(Stated, frozen=True, kw_only=True):
 
 
 class PlanLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Limits of a gait that a session may request."""
+    """Limits of a gait that a session may request, and of a controller's assist during it."""
 
     cadence_max_hz: Annotated[float, Meta(gt=0, le=2, description="Strides per second.")]
     amplitude_max_ratio: Annotated[float, Meta(gt=0, le=1, description="Of the full gait.")]
     duration_max_s: Annotated[float, Meta(gt=0, le=7200, description="Of one gait.")]
+    hip_assist_max_nm: Annotated[
+        Annotated[float, Meta(ge=0, le=120)] | None,
+        Meta(description="Cap of assist during the gait; null: only that of the configuration."),
+    ] = None
+    slide_assist_max_n: Annotated[
+        Annotated[float, Meta(ge=0, le=1500)] | None,
+        Meta(description="Cap of assist during the gait; null: only that of the configuration."),
+    ] = None
 
 
 class Status(Stated, frozen=True, kw_only=True):
