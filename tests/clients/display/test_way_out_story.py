@@ -132,7 +132,7 @@ def test_the_daily_test_of_hand_switch_and_emergency_stop_is_led_by_the_page(
         Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: "sto_open * 0.5",
         Advice.LET_GO_AND_HOLD_HAND_SWITCH: "hand_switch_open * 0.5",
     }
-    shown = []
+    done, shown = set(), []
     with (
         TestClient(server.app, base_url=bench.ORIGIN) as client,
         client.websocket_connect("/live", headers=bench.OURS) as socket,
@@ -146,13 +146,15 @@ def test_the_daily_test_of_hand_switch_and_emergency_stop_is_led_by_the_page(
                 return False
             if now["stop"] is not None:
                 shown.append((now["step"], now["stop"]["happened"]["en"], now["alarm"]))
-            if training["advice"] in acts:
+            if training["advice"] in acts and training["advice"] not in done:
+                done.add(training["advice"])
                 machine.tell(acts[training["advice"]])
                 machine.run(1.0)
-            if "start" in training["buttons"]:
-                body = {"button": "start"}
-                client.post("/session", headers=bench.OURS, json=body)
+            elif "start" in training["buttons"]:
+                client.post("/session", headers=bench.OURS, json={"button": "start"})
             return now["word"] == "soon" and now["mode"] == Mode.HOLD
 
         page.until(led)
-    assert set(shown) == {("start", "The emergency stop was pressed.", None)}
+    # The first frames of the stop may be older than the drive's next message.
+    assert shown[-1] == ("start", "The emergency stop was pressed.", None)
+    assert {alarm for *_, alarm in shown} == {None}
