@@ -315,7 +315,7 @@ def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp
         wait_for("start")
         look("paused")
         tab.page.click("#end")
-        tab.until("document.querySelector('#more').textContent.startsWith('Walked: 0.0 min')")
+        tab.until("document.querySelector('#more').textContent.startsWith('Walked: 0 min')")
         look("finished")
         tab.page.click("#language")
         look("finished_de")

@@ -159,11 +159,11 @@ for (const name of ["start", "pause", "end"]) {
 
 const ADVISED = ["ready", "rest", "wait"]; // words during which the session says what to do
 
-// Below the advice: what the session has been, or why the last START has failed, in the words of the service.
-function linesOf({ summary, reason }, word) {
+// Below the advice: what the session has been, or why the last START has failed, in the service's words.
+function linesOf({ summary, reason, advice }, word) {
   if (!ADVISED.includes(word)) return [];
-  if (summary === null) return reason === "" ? [] : [reason];
-  const minutes = (summary.walked_s / 60).toFixed(summary.walked_s < 600 ? 1 : 0);
+  if (summary === null) return advice === "try_again_or_call_therapist" ? [reason] : [];
+  const minutes = (summary.walked_s / 60).toLocaleString(words.language, { maximumFractionDigits: 1 });
   return [
     words.of("walked").replace("{minutes}", minutes),
     words.of("reached").replace("{reached}", summary.in_band_count).replace("{all}", summary.valid_count),
@@ -179,7 +179,7 @@ function paintTraining(training, word) {
     button.disabled = isAsking && name === "start"; // what ends a motion waits for nothing
     setText(button, words.of(`press.${name}`));
   }
-  byId("left").hidden = training === null;
+  byId("left").hidden = training === null || training.summary !== null;
   const lines = training === null ? [] : linesOf(training, word);
   byId("more").hidden = lines.length === 0;
   setText(byId("more"), lines.join("\n"));
