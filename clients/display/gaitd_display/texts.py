@@ -172,8 +172,8 @@ LABELS: Final[Mapping[str, Text]] = {
         "Um herauszukommen: Handschalter drücken und gedrückt halten.",
     ),
     "way.reset": Text(
-        "Keep the hand switch pressed. With step 1 the drives let go of your leg.",
-        "Handschalter gedrückt halten. Mit Schritt 1 lassen die Antriebe Ihr Bein los.",
+        "Keep the hand switch pressed. After step 1 the drives do not hold your leg.",
+        "Handschalter gedrückt halten. Nach Schritt 1 halten die Antriebe Ihr Bein nicht.",
     ),
     "way.wait": Text(
         "Please wait. The drives let go of your leg: it can move.",
