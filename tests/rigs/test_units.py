@@ -124,7 +124,9 @@ def test_each_page_has_a_user_of_its_own_loopback_and_no_file_of_the_service():
             page.values("Service", "InaccessiblePaths")
         )
         own = page.get("Service", "User")
-        assert page.values("Service", "SupplementaryGroups") == [own]  # its file; the group is shared
+        assert page.values("Service", "SupplementaryGroups") == [
+            own
+        ]  # its file; the group is shared
         assert not [key for key in BINDING if page.values("Unit", key)]
 
 
