@@ -23,6 +23,7 @@ from gaitd_display.progress import read_progress
 from gaitd_display.settings import SessionFiles, TherapistSettings
 from gaitd_display.therapist import COOKIE, TherapistServer
 from gaitd_display.therapist_view import AXES, PlanState, TherapistState, leg_view
+from gaitd_display.web import LOGIN_OVER
 from gaitd_session.store import BlockRow, SessionRow, Store, StrideRow
 from msgspec.structs import replace
 from starlette.testclient import TestClient
@@ -158,10 +159,11 @@ def test_without_login_or_token_nothing_but_stop_is_possible(client, trainer):
     for path, body in (("/act", {"command": "enable"}), ("/plan", {"plan": None}), ("/logout", {})):
         assert post(client, path, body).status_code == 401
     with (
-        pytest.raises(WebSocketDisconnect),
-        client.websocket_connect("/live", headers=OURS),
+        client.websocket_connect("/live", headers=OURS) as socket,
+        pytest.raises(WebSocketDisconnect) as refused,
     ):
-        pass
+        socket.receive_json()
+    assert refused.value.code == LOGIN_OVER
     login(client)
     for csrf in ("", "wrong", "ü"):
         headers = {**OURS, "x-csrf-token": csrf.encode()}
