@@ -36,6 +36,8 @@ STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
 HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
 """CiA 402 power states in which a drive can hold a leg."""
+INPUT_CYCLES: Final = 20
+"""After so many cycles a drive has shown the input that goes with its fault."""
 BY_EMERGENCY_STOP: Final = frozenset({Cause.DRIVE_FAULT, Cause.EMERGENCY})
 """Causes that the emergency stop has where nothing moves: the drive reports it as a fault."""
 STAGE_WORDS: Final[Mapping[str | None, Word]] = {
@@ -300,5 +302,6 @@ class PatientState:
         stopped = self._stopped_in
         if stopped.is_active or self._training is None:
             return stopped.is_active or self._was_up
-        is_known = all(drive.cycle >= (stopped.cycle or 0) for drive in self._drives.values())
+        known_cycle = (stopped.cycle or 0) + INPUT_CYCLES
+        is_known = all(drive.cycle >= known_cycle for drive in self._drives.values())
         return self._was_up and is_known and not stopped.has_emergency_stop

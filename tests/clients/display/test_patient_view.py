@@ -190,14 +190,17 @@ def test_the_emergency_stop_pressed_as_a_session_advises_is_named_and_sounds_no_
     screen.training = training(Phase.PAUSED, Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT)
     screen.after(Mode.READY)
     screen.training = training(Phase.STOPPED, Advice.PRESS_START_TO_RESET)
-    pressed = screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault", sto=True)
+    assert screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault").alarm is None
+    pressed = screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault", sto=True, count=30)
     released = screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault")
 
     for view in (pressed, released):
         assert (view.step, view.action, view.alarm) == (Step.START, None, None)
         assert view.stop.happened.en == "The emergency stop was pressed."
     screen.after(Mode.READY)
-    assert screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault").alarm is not None
+    assert screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault").alarm is None
+    fault = screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault", count=30)
+    assert fault.alarm is not None
     screen.after(Mode.GAIT, stage=Stage.PLAYING)
     assert screen.after(Mode.STOPPING, cause=Cause.STO_ACTIVE, sto=True).alarm is not None
 
