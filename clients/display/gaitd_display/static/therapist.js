@@ -7,6 +7,7 @@ const PLOT_MS = 50;
 const STRIDES_MAX = 200;
 const EVENTS_MAX = 50;
 const PROGRESS_MS = 15000;
+const DAY_S = 86400;
 const COMMANDS = ["enable", "disable", "hold", "hand_guiding", "self_test", "reset"];
 
 const session = await load("/session.json");
@@ -140,11 +141,13 @@ function paintHealth(health) {
 const assistText = (value, unit) => (value === null ? "–" : `${value} ${unit}`);
 const limitsText = (limits) => `${limits.cadence_max_hz} /s, ${limits.amplitude_max_ratio}, ${limits.duration_max_s} s, ${assistText(limits.hip_assist_max_nm, "N·m")}, ${assistText(limits.slide_assist_max_n, "N")}`;
 
+const dayText = (timeS) => new Date(timeS * 1000).toLocaleDateString(words.language, { day: "numeric", month: "numeric" });
+
 // Profile, plan and history: read again now and then, because a session writes them.
 const shares = new uPlot({
   width: 300, height: 190, legend: { show: false }, cursor: { show: false },
-  axes: [axes("")[0], axes("%")[1]],
-  scales: { x: { range: (_, low, high) => [(low ?? 0) - 43200, (high ?? 86400) + 43200] }, y: { range: [0, 100] } },
+  axes: [{ ...axes("")[0], incrs: [1, 2, 7, 14, 28, 91, 364].map((days) => days * DAY_S), values: (_, ticks) => ticks.map(dayText) }, axes("%")[1]],
+  scales: { x: { range: (_, low, high) => [(low ?? 0) - DAY_S / 2, (high ?? DAY_S) + DAY_S / 2] }, y: { range: [0, 100] } },
   series: [{}, { stroke: "#0072b2", width: 2, points: { show: true, size: 9, fill: "#0072b2" }, spanGaps: false }],
 }, [[], []], byId("shares"));
 let progress = null;
