@@ -167,7 +167,7 @@ LABELS: Final[Mapping[str, Text]] = {
     "rest": Text("Rest, s", "Pause, s"),
     "release_profile": Text("Release the profile's plan", "Plan des Profils freigeben"),
     "begun": Text("Begun", "Beginn"),
-    "walked": Text("Walked, min", "Gegangen, min"),
+    "walked_min": Text("Walked, min", "Gegangen, min"),
     "valid": Text("Valid", "Gültig"),
     "interruptions": Text("Interruptions", "Unterbrechungen"),
     "end": Text("End", "Ende"),
@@ -227,6 +227,11 @@ LABELS: Final[Mapping[str, Text]] = {
     "act.enable": Text("2 Hold the leg", "2 Bein halten"),
     "act.hand_guiding": Text("3 Move by hand", "3 Von Hand bewegen"),
     "act.hold": Text("4 Hold here", "4 Hier halten"),
+    "walked": Text("Walked: {minutes} min", "Gegangen: {minutes} min"),
+    "reached": Text(
+        "Target reached in {reached} of {all} steps", "Ziel erreicht: {reached} von {all} Schritten"
+    ),
+    "not_kept": Text("not recorded", "nicht gespeichert"),
     "time_left": Text("Minutes left", "Minuten übrig"),
     "press.start": Text("Start", "Start"),
     "press.pause": Text("Pause", "Pause"),
