@@ -1,26 +1,21 @@
-"""Every word of the pages, in English and German; causes of a stop are in `cause_texts.py`.
+"""Every word of the pages, in English and German.
 
-The page gets both languages, so that its button changes the language without a reload.
+Causes of a stop are in `cause_texts.py`; what a session advises is in `gaitd_session`. The page
+gets both languages, so that its button changes the language without a reload.
 """
 
 from collections.abc import Mapping
 from enum import StrEnum, auto
-from typing import Final, NamedTuple
+from typing import Final
 
-from gaitd_session import Advice
-
-
-class Text(NamedTuple):
-    """One text in both languages."""
-
-    en: str
-    de: str
+from gaitd_session import ADVICE, Advice, Text
 
 
 class Word(StrEnum):
     """The large word of the patient's page."""
 
     NO_CONNECTION = auto()
+    TOO_MANY_PAGES = auto()
     NO_SIGNAL = auto()
     STOPPED = auto()
     STOPPING = auto()
@@ -41,6 +36,7 @@ class Word(StrEnum):
 
 WORDS: Final[Mapping[Word, Text]] = {
     Word.NO_CONNECTION: Text("No connection", "Keine Verbindung"),
+    Word.TOO_MANY_PAGES: Text("Too many pages", "Zu viele Seiten"),
     Word.NO_SIGNAL: Text("No signal", "Kein Signal"),
     Word.STOPPED: Text("Stopped", "Angehalten"),
     Word.STOPPING: Text("Stopping", "Hält an"),
@@ -67,13 +63,23 @@ EXPLAINED: Final[Mapping[Word, Text]] = {
         "Dieser Bildschirm hat keinen Kontakt zu seinem Rechner. STOPP auf diesem Bildschirm wirkt "
         "jetzt nicht. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
     ),
+    Word.TOO_MANY_PAGES: Text(
+        "Too many pages are open. Close one of the others. STOP works.",
+        "Es sind zu viele Seiten offen. Eine der anderen schließen. STOPP wirkt.",
+    ),
     Word.NO_SIGNAL: Text(
         "The trainer sends nothing. To stop: release the hand switch, or press the emergency stop.",
         "Der Trainer sendet nichts. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
     ),
     Word.STOPPING: Text("Lie still.", "Ruhig liegen bleiben."),
-    Word.WAIT: Text("Nothing moves.", "Nichts bewegt sich."),
-    Word.READY: Text("The drives are off.", "Die Antriebe sind aus."),
+    Word.WAIT: Text(
+        "The machine gets ready. Your leg may not be held.",
+        "Die Maschine macht sich bereit. Ihr Bein wird vielleicht nicht gehalten.",
+    ),
+    Word.READY: Text(
+        "The drives are off. Your leg is not held.",
+        "Die Antriebe sind aus. Ihr Bein wird nicht gehalten.",
+    ),
     Word.REST: Text("Your leg is held.", "Ihr Bein wird gehalten."),
     Word.SOON: Text(
         "Hold the hand switch. Your leg will move in a moment.",
@@ -104,6 +110,7 @@ LABELS: Final[Mapping[str, Text]] = {
     "stop": Text("STOP", "STOPP"),
     "stop_note": Text("Not the emergency stop", "Kein Not-Halt"),
     "stop_sent": Text("Stop requested", "Halt angefordert"),
+    "stop_done": Text("STOP has arrived.", "STOPP ist angekommen."),
     "stop_failed": Text(
         "STOP did not arrive. Release the hand switch, or press the emergency stop.",
         "STOPP kam nicht an. Handschalter loslassen oder Not-Halt drücken.",
@@ -145,12 +152,44 @@ LABELS: Final[Mapping[str, Text]] = {
     "share": Text("Share", "Anteil"),
     "work": Text("Work, J", "Arbeit, J"),
     "cadence": Text("Cadence, 1/s", "Kadenz, 1/s"),
+    "profile": Text("Profile and plan", "Profil und Plan"),
+    "progress": Text("Progress over sessions", "Fortschritt über Sitzungen"),
+    "no_profile": Text(
+        "None: the file of this server has no table [session].",
+        "Keines: die Datei dieses Servers hat keine Tabelle [session].",
+    ),
+    "share_bounds": Text("Bounds of the target share", "Grenzen des Zielanteils"),
+    "block": Text("Block", "Abschnitt"),
+    "block.warm_up": Text("Warm-up", "Aufwärmen"),
+    "block.walking": Text("Walking", "Gehen"),
+    "duration": Text("Time, s", "Dauer, s"),
+    "amplitude": Text("Amplitude", "Amplitude"),
+    "rest": Text("Rest, s", "Pause, s"),
+    "release_profile": Text("Release the profile's plan", "Plan des Profils freigeben"),
+    "begun": Text("Begun", "Beginn"),
+    "walked_min": Text("Walked, min", "Gegangen, min"),
+    "valid": Text("Valid", "Gültig"),
+    "interruptions": Text("Interruptions", "Unterbrechungen"),
+    "end": Text("End", "Ende"),
+    "end.": Text("goes on", "läuft"),
+    "end.complete": Text("complete", "vollständig"),
+    "end.ended": Text("ended", "beendet"),
+    "end.left": Text("program ended", "Programm beendet"),
+    "end.interrupted": Text("cut off", "abgebrochen"),
     "plan": Text("Release of a plan", "Freigabe eines Plans"),
     "plan_now": Text("Released now", "Jetzt freigegeben"),
     "no_plan": Text("None: a session may not start a gait", "Keiner: kein Gang durch Sitzung"),
     "cadence_max": Text("Cadence at most, 1/s", "Kadenz höchstens, 1/s"),
     "amplitude_max": Text("Amplitude at most, 0 to 1", "Amplitude höchstens, 0 bis 1"),
     "duration_max": Text("Duration at most, s", "Dauer höchstens, s"),
+    "hip_assist_max": Text(
+        "Assist at the hip at most, N·m (empty: as configured)",
+        "Hilfe an der Hüfte höchstens, N·m (leer: wie konfiguriert)",
+    ),
+    "slide_assist_max": Text(
+        "Assist at the slide at most, N (empty: as configured)",
+        "Hilfe am Schlitten höchstens, N (leer: wie konfiguriert)",
+    ),
     "release": Text("Release", "Freigeben"),
     "withdraw": Text("Withdraw", "Zurückziehen"),
     "enable": Text("Enable", "Einschalten"),
@@ -165,10 +204,13 @@ LABELS: Final[Mapping[str, Text]] = {
         "Um herauszukommen: Handschalter drücken und gedrückt halten.",
     ),
     "way.reset": Text(
-        "Keep the hand switch pressed. With step 1 the drives let go of your leg.",
-        "Handschalter gedrückt halten. Mit Schritt 1 lassen die Antriebe Ihr Bein los.",
+        "Keep the hand switch pressed. After step 1 the drives do not hold your leg.",
+        "Handschalter gedrückt halten. Nach Schritt 1 halten die Antriebe Ihr Bein nicht.",
     ),
-    "way.wait": Text("Please wait.", "Bitte warten."),
+    "way.wait": Text(
+        "Please wait. The drives let go of your leg: it can move.",
+        "Bitte warten. Die Antriebe lassen Ihr Bein los: es kann sich bewegen.",
+    ),
     "way.enable": Text(
         "Keep the hand switch pressed. With step 2 the drives hold your leg again.",
         "Handschalter gedrückt halten. Mit Schritt 2 halten die Antriebe Ihr Bein wieder.",
@@ -185,58 +227,20 @@ LABELS: Final[Mapping[str, Text]] = {
     "act.enable": Text("2 Hold the leg", "2 Bein halten"),
     "act.hand_guiding": Text("3 Move by hand", "3 Von Hand bewegen"),
     "act.hold": Text("4 Hold here", "4 Hier halten"),
+    "walked": Text("Walked: {minutes} min", "Gegangen: {minutes} min"),
+    "reached": Text(
+        "Target reached in {reached} of {all} steps", "Ziel erreicht: {reached} von {all} Schritten"
+    ),
+    "not_kept": Text("not recorded", "nicht gespeichert"),
     "time_left": Text("Minutes left", "Minuten übrig"),
     "press.start": Text("Start", "Start"),
     "press.pause": Text("Pause", "Pause"),
     "press.end": Text("End", "Ende"),
     "no_connection": WORDS[Word.NO_CONNECTION],
+    "too_many_pages": WORDS[Word.TOO_MANY_PAGES],
     "no_signal": WORDS[Word.NO_SIGNAL],
 }
 """All other texts, by the key that pages name in `data-text`."""
-
-
-ADVICE: Final[Mapping[Advice, Text]] = {
-    Advice.WAIT: Text("Please wait.", "Bitte warten."),
-    Advice.HOLD_HAND_SWITCH: Text("Hold the hand switch.", "Handschalter halten."),
-    Advice.PRESS_START: Text(
-        "Hold the hand switch, and press Start.", "Handschalter halten und Start drücken."
-    ),
-    Advice.PRESS_START_TO_RESET: Text("Call for help.", "Hilfe rufen."),
-    Advice.LIE_STILL: Text(
-        "Your leg is about to move. Hold the hand switch.",
-        "Ihr Bein bewegt sich gleich. Handschalter halten.",
-    ),
-    Advice.WALK: Text("Walk along.", "Mitgehen."),
-    Advice.REST: Text(
-        "Rest. You may let go of the hand switch.",
-        "Pause. Sie dürfen den Handschalter loslassen.",
-    ),
-    Advice.CALL_FOR_HELP: Text("Lie still. Call for help.", "Ruhig liegen. Hilfe rufen."),
-    Advice.CHECK_CONNECTION: Text(
-        "To stop, let go of the hand switch.", "Zum Anhalten den Handschalter loslassen."
-    ),
-    Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: Text(
-        "Press the emergency stop, and release it again. Then press Start.",
-        "Not-Halt drücken und wieder lösen. Dann Start drücken.",
-    ),
-    Advice.RELEASE_EMERGENCY_STOP: Text(
-        "Release the emergency stop. Then press Start.",
-        "Not-Halt lösen. Dann Start drücken.",
-    ),
-    Advice.LET_GO_AND_HOLD_HAND_SWITCH: Text(
-        "Let go of the hand switch, hold it again, and press Start.",
-        "Handschalter loslassen, wieder halten, Start drücken.",
-    ),
-    Advice.TRAINER_IS_USED: Text(
-        "Another program has switched the trainer on. Pause switches it off.",
-        "Ein anderes Programm hat den Trainer eingeschaltet. Pause schaltet ihn aus.",
-    ),
-    Advice.DONE: Text(
-        "The training is over. Start begins another one.",
-        "Das Training ist zu Ende. Start beginnt ein neues.",
-    ),
-}
-"""What a session advises, in place of the line below the word while nothing plays."""
 
 
 def page_texts() -> dict[str, dict[str, str]]:
@@ -246,6 +250,7 @@ def page_texts() -> dict[str, dict[str, str]]:
         **{f"word.{word}": text for word, text in WORDS.items()},
         **{f"line.{word}": text for word, text in EXPLAINED.items()},
         **{f"advice.{advice}": text for advice, text in ADVICE.items()},
+        "way.start": ADVICE[Advice.PRESS_START_TO_RESET],
     }
     return {
         "en": {key: text.en for key, text in keyed.items()},

@@ -3,45 +3,36 @@
 import asyncio
 import contextlib
 import secrets
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from enum import StrEnum, auto
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import msgspec
-from gaitd_client import (
-    Clock,
-    Event,
-    Mode,
-    NoAnswerError,
-    NotValid,
-    PlanLimits,
-    Reply,
-    Status,
-    Stride,
-    Trainer,
-)
+from gaitd_client import Clock, Mode, NoAnswerError, PlanLimits, Reply, Status, Trainer
 from msgspec import Meta
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from gaitd_display.feed import Feed
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
+from gaitd_display.progress import read_progress
 from gaitd_display.settings import TherapistSettings
 from gaitd_display.therapist_view import (
     AXES,
+    UNKNOWN_PLAN,
     TherapistState,
     TherapistView,
     event_item,
     leg_view,
+    plan_view,
     stride_item,
 )
 from gaitd_display.web import (
-    FORBIDDEN,
-    STATIC,
+    LOGIN_OVER,
     Answer,
     Served,
     Stops,
@@ -50,6 +41,7 @@ from gaitd_display.web import (
     json,
     live,
     make_app,
+    page,
     small_body,
     working,
 )
@@ -115,11 +107,11 @@ class TherapistServer:
         self._attempts = Attempts(clock)
         self._sessions = Sessions(clock, settings.login.session_max_min)
         self._checking, self._asking = asyncio.Lock(), asyncio.Lock()
+        self._reading = asyncio.Lock()
         self.state = TherapistState(secrets.token_hex(4))
         self._read: Callable[[], TherapistView]
         self.feed = Feed(self._view)
         self._stops = Stops(trainer)
-        self._loop: asyncio.AbstractEventLoop
         self.app: ASGIApp = make_app(
             settings.web,
             Served(
@@ -130,6 +122,7 @@ class TherapistServer:
                     Route("/session.json", self._session_text),
                     Route("/act", self._act, methods=["POST"]),
                     Route("/plan", self._plan, methods=["POST"]),
+                    Route("/progress.json", self._progress),
                 ],
                 self._live,
             ),
@@ -141,14 +134,14 @@ class TherapistServer:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
-        self._loop = asyncio.get_running_loop()
         async with connected(self._trainer):
-            self._subscribe()
-            async with working(self.feed.run(), self._follow_plan()):
+            works = [self._follow_plan(), *self._subscribe()]
+            async with working(self.feed.run(), *works):
                 yield
         self._stops.close()
 
-    def _subscribe(self) -> None:
+    def _subscribe(self) -> list[Coroutine[Any, Any, None]]:
+        """Make the streams; return the works that send their items."""
         trainer, legs = self._trainer, self._settings.legs
         streams = [
             (
@@ -171,29 +164,21 @@ class TherapistServer:
             return self.state.view(views, safety.newest(), health.newest())
 
         self._read = read
-        for leg in legs:
-            trainer.stride(leg).call(self._take_stride)
-        trainer.events().call(self._take_event)
+        return [
+            *(self.feed.follow(trainer.stride(leg), stride_item) for leg in legs),
+            self.feed.follow(trainer.events(), event_item),
+        ]
 
     def _view(self) -> TherapistView:
         return self._read()
 
-    def _take_stride(self, stride: Stride | NotValid) -> None:
-        """Take a stride, in a thread of its stream."""
-        if isinstance(stride, Stride):
-            self._loop.call_soon_threadsafe(self.feed.add, stride_item(stride))
-
-    def _take_event(self, event: Event | NotValid) -> None:
-        """Take an event, in a thread of its stream."""
-        if isinstance(event, Event):
-            self._loop.call_soon_threadsafe(self.feed.add, event_item(event))
-
     async def _follow_plan(self) -> None:
         """Read the released plan, which no message has; also a plan of another operator."""
         while True:
+            status = None
             if self._trainer.is_connected and self.feed.page_count:
                 status = await asyncio.to_thread(self._status)
-                self.state.plan = None if status is None else status.plan
+            self.state.plan = UNKNOWN_PLAN if status is None else plan_view(status.plan)
             await asyncio.sleep(PLAN_POLL_S)
 
     def _status(self) -> Status | None:
@@ -208,8 +193,7 @@ class TherapistServer:
         return self._sessions.of(connection.cookies.get(COOKIE))
 
     async def _page(self, request: Request) -> Response:
-        name = "therapist.html" if self._session(request) else "login.html"
-        return FileResponse(STATIC / name)
+        return page("therapist" if self._session(request) else "login", "therapist")
 
     async def _login(self, request: Request) -> Response:
         try:
@@ -256,7 +240,8 @@ class TherapistServer:
 
     async def _live(self, socket: WebSocket) -> None:
         if self._session(socket) is None:
-            await socket.close(FORBIDDEN)
+            await socket.accept()  # so that the page sees the code
+            await socket.close(LOGIN_OVER)
             return
 
         async def over() -> None:
@@ -287,9 +272,16 @@ class TherapistServer:
         answer = await self._ask(
             trainer.withdraw_plan if plan is None else lambda: trainer.release_plan(plan)
         )
-        if answer.status_code == 200:
-            self.state.plan = plan
+        # Refused: as before. Not answered: it may be either.
+        if answer.status_code != 409:
+            self.state.plan = plan_view(plan) if answer.status_code == 200 else UNKNOWN_PLAN
         return answer
+
+    async def _progress(self, request: Request) -> Response:
+        if self._session(request) is None:
+            return json(Answer("refused", "login"), 401)
+        async with self._reading:  # one at a time
+            return json(await asyncio.to_thread(read_progress, self._settings.session))
 
     async def _ask(self, request: Callable[[], Reply]) -> Response:
         if self._asking.locked():

@@ -13,13 +13,17 @@ Rules:
    followed again. Time without signal does not count as walked.
 5. In PAUSED, REST and FINISHED the drives are off, so the patient may let go of the hand switch.
    DISABLE is requested on the way there, and again until the drives are off. Drives that another
-   client has enabled later are left alone until the patient presses PAUSE.
+   client has enabled later are left alone until the patient presses PAUSE. Without a signal the
+   drives may be on: DISABLE is then requested as well, except while a block may be followed
+   (rule 4).
 6. A stop is left when the trainer is ready again. Where no drive has power, START requests RESET,
    which then takes nothing from the leg; the daily press of the emergency stop ends like that.
    Where drives hold the leg, a session never requests RESET: the leg might drift.
 7. NO_SIGNAL and STOPPED return to the phase at rest that was left, or to PAUSED. PAUSE and END are
-   accepted in them, and take effect when they are over.
-8. The session is finished after the last block, or by END.
+   accepted in them: without a signal they request DISABLE at once.
+8. A self-test is passed only if the service has said so of each axis. One that another client has
+   ended is not.
+9. The session is finished after the last block, or by END.
 
     WAITING -START-> ENABLING -> ANNOUNCED -> STARTING -> WALKING -> REST -START-> ENABLING ...
                                      ^            |                   `-> FINISHED
@@ -48,6 +52,8 @@ LATE_S: Final = 60.0
 for up to 30 s."""
 SELF_TEST_LATE_S: Final = 240.0
 """Longest self-test: the service waits, then moves each axis of each leg."""
+RESULT_LATE_S: Final = 2.0
+"""Longest time from the end of the self-test to its results, which are other messages."""
 LEFT_MIN_S: Final = 2.0
 """A block with less left is complete."""
 OFF_RETRY_S: Final = 1.0
@@ -55,6 +61,7 @@ OFF_SETTLE_S: Final = 2.0
 """Drives that are off for so long, with no request pending, stay off."""
 SELF_TEST_REFUSAL: Final = "self-test"
 """In the service's reason for refusing a gait while a self-test is due."""
+NOT_PASSED: Final = "the self-test ended without a result: another program has ended it"
 
 
 class Phase(StrEnum):
@@ -104,6 +111,7 @@ class Event(Enum):
     OFF = "mode off, bringing_up, or stopping as requested"
     HOLDING = "mode hold"
     TESTING = "mode self_test, as requested"
+    TESTED = "mode hold after the self-test, which was passed"
     ANNOUNCING = "mode gait, as requested, and nothing moves yet"
     MOVING = "mode gait, as requested"
     OTHER = "another mode, or one that was not requested"
@@ -160,7 +168,8 @@ TABLE: Final[Mapping[Phase, Mapping[Event, Phase | None]]] = MappingProxyType(
         Phase.SELF_TEST: {
             **_ACTIVE_ROW,
             Event.TESTING: Phase.SELF_TEST,
-            Event.HOLDING: Phase.ANNOUNCED,
+            Event.TESTED: Phase.ANNOUNCED,
+            Event.HOLDING: Phase.SELF_TEST,
         },
         Phase.WALKING: {**_ACTIVE_ROW, Event.MOVING: Phase.WALKING},
         Phase.STOPPED: {
@@ -239,6 +248,8 @@ class TrainerState(NamedTuple):
     """A drive may exert torque, or its power state is not known."""
     hand_switch_held: bool
     """Every drive reads the hand switch as closed."""
+    self_test_passed: bool = False
+    """The self-test that was requested last has been passed by each axis of the legs."""
 
 
 class StrideShare(NamedTuple):
@@ -268,11 +279,20 @@ class LegGoal:
     """Middle of its target band."""
     shares: tuple[float | None, ...] = ()
     """Share of each stride of the present block, until the next one begins; None: not valid."""
+    valid_before_count: int = 0
+    """Valid strides of the blocks before."""
+    reached_before_count: int = 0
+    """Those of them that have reached the target."""
 
     @property
     def valid_shares(self) -> list[float]:
         """Shares of the valid strides."""
         return [share for share in self.shares if share is not None]
+
+    def reached_count(self, goal: Goal) -> int:
+        """Valid strides of the present block at or above the lower end of the target band."""
+        low_ratio = band_about(self.middle_ratio, goal).low_ratio
+        return sum(share >= low_ratio for share in self.valid_shares)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -286,6 +306,8 @@ class State:
     phase: Phase = Phase.WAITING
     since_s: float = 0.0
     """When the phase began."""
+    test_ended_s: float | None = None
+    """When mode self_test was left in SELF_TEST; None: not yet."""
     returns_to: Phase = Phase.WAITING
     """Phase at rest after NO_SIGNAL or STOPPED."""
     may_follow: bool = False
@@ -294,6 +316,8 @@ class State:
     """The present or next block; the number of blocks after the last one."""
     walked_s: float = 0.0
     """Time of the present block before its last interruption."""
+    walked_before_s: float = 0.0
+    """Time of the blocks before."""
     playing_since_s: float | None = None
     """When the gait of the block began to play; None: it does not."""
     rest_until_s: float = 0.0
@@ -397,6 +421,8 @@ def _trainer_event(state: State, inputs: Inputs, _now_s: float) -> Event | None:
         return Event.ANNOUNCING if waits else Event.MOVING
     if trainer.mode == Mode.SELF_TEST:
         return Event.TESTING if state.self_test_due else Event.OTHER
+    if state.phase is Phase.SELF_TEST and trainer.mode == Mode.HOLD and trainer.self_test_passed:
+        return Event.TESTED
     return CALM_MODES.get(trainer.mode, Event.OTHER)
 
 
@@ -441,7 +467,9 @@ def _time_event(state: State, _inputs: Inputs, now_s: float) -> Event | None:
         case Phase.ENABLING | Phase.STARTING:
             return Event.LATE if elapsed_s >= LATE_S else None
         case Phase.SELF_TEST:
-            return Event.LATE if elapsed_s >= SELF_TEST_LATE_S else None
+            ended_s = state.test_ended_s
+            has_no_result = ended_s is not None and now_s - ended_s >= RESULT_LATE_S
+            return Event.LATE if has_no_result or elapsed_s >= SELF_TEST_LATE_S else None
         case _:
             return None
 
@@ -466,6 +494,8 @@ def _after(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
         return state
     after = row[event] or state.returns_to
     if after is state.phase:
+        if after is Phase.SELF_TEST and event is Event.HOLDING and state.test_ended_s is None:
+            return replace(state, test_ended_s=now_s)
         return state
     return _entered(_left(state, event, inputs, now_s), after, inputs.trainer, now_s)
 
@@ -473,8 +503,10 @@ def _after(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
 def _left(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
     """What leaving the phase by this event changes."""
     match state.phase:
-        case Phase.SELF_TEST if event is Event.HOLDING:
+        case Phase.SELF_TEST if event is Event.TESTED:
             return replace(state, self_test_due=False)
+        case Phase.SELF_TEST if event is Event.LATE and state.test_ended_s is not None:
+            return replace(state, reason=NOT_PASSED)
         case Phase.WALKING:
             walked_s = state.block_walked_s(now_s)
             state = replace(state, walked_s=walked_s, playing_since_s=None)
@@ -502,7 +534,8 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
     if after is Phase.ENABLING and state.walked_s == 0.0:
         # The strides are those of the block before; a block that goes on keeps its own.
         middles = next_middles(state)
-        state = replace(state, legs=tuple(LegGoal(leg, m) for leg, m in middles.items()))
+        legs = (_next_block(leg, middles[leg.leg], state.goal) for leg in state.legs)
+        state = replace(state, legs=tuple(legs))
     off_since_s = state.off_since_s
     if after in ACTIVE or after is Phase.STOPPED:
         off_since_s = None
@@ -513,6 +546,7 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
         state,
         phase=after,
         since_s=now_s,
+        test_ended_s=None,
         off_since_s=off_since_s,
         may_follow=was is Phase.WALKING and state.returns_to is Phase.PAUSED,
         boot_id=trainer.boot_id if begins and trainer is not None else state.boot_id,
@@ -526,7 +560,17 @@ def _with_block_complete(state: State, now_s: float) -> State:
         state,
         block_index=state.block_index + 1,
         walked_s=0.0,
+        walked_before_s=state.walked_before_s + state.walked_s,
         rest_until_s=now_s + block.walk.rest_s,
+    )
+
+
+def _next_block(leg: LegGoal, middle_ratio: float, goal: Goal) -> LegGoal:
+    return LegGoal(
+        leg.leg,
+        middle_ratio,
+        valid_before_count=leg.valid_before_count + len(leg.valid_shares),
+        reached_before_count=leg.reached_before_count + leg.reached_count(goal),
     )
 
 
@@ -595,9 +639,9 @@ def _wanted(before: State, state: State) -> RequestKind | None:
 
 def _off(state: State, trainer: TrainerState | None, now_s: float) -> tuple[State, bool]:
     """Return whether DISABLE is to be requested now (rule 5)."""
-    if state.off_since_s is None or trainer is None:
+    if state.off_since_s is None or (trainer is None and state.may_follow):
         return state, False
-    if trainer.is_enabled:
+    if trainer is None or trainer.is_enabled:
         is_asked = state.pending is RequestKind.DISABLE
         if is_asked or now_s - state.off_requested_s < OFF_RETRY_S:
             return state, False

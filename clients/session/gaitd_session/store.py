@@ -22,6 +22,9 @@ from typing import Any, Final, NamedTuple, Self, TextIO
 
 APPLICATION_ID: Final = 0x67616974
 """`gait` in the header of the file."""
+MODE: Final = 0o660
+"""Rights of a new file, less the umask. SQLite gives them to log and index, too: a reader of the
+group may create these, and the writer must be able to use them afterwards."""
 BUSY_S: Final = 5.0
 """Longest wait for a reader's lock."""
 
@@ -278,6 +281,9 @@ class Store:
     def write(self, rows: Sequence[Row]) -> None:
         """Commit rows, all or none; after it has returned they survive a power cut.
 
+        Rows belong to the session whose `SessionRow` was written last; after its `EndRow` to none,
+        and are refused.
+
         Raises:
             StoreError: nothing of them was written: the disk is full, or does not work.
         """
@@ -297,6 +303,7 @@ class Store:
                 self._database.execute(
                     "UPDATE session SET ended_utc_ns = ?, end = ? WHERE number = ?", (*row, session)
                 )
+                return None
             case SelfTestRow():
                 self._database.execute("INSERT INTO self_test VALUES (?, ?)", row)
             case _:
@@ -428,6 +435,8 @@ def _set_aside(file: Path) -> Path:
 def _locked(file: Path) -> TextIO:
     try:
         lock = file.with_name(f"{file.name}.lock").open("w")
+        if not file.exists():
+            file.touch(mode=MODE)
     except OSError as error:
         raise StoreError(f"{error.filename}: {error.strerror}; choose another folder") from error
     try:
