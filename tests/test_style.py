@@ -126,6 +126,15 @@ def offences(pattern: str, flags: int = 0) -> list[str]:
     ]
 
 
+def test_a_docstring_can_be_understood_without_the_name_above_it():
+    files = (file for file in tracked_files() if file.suffix == ".py" and name_of(file) != THIS)
+    found = [
+        name_of(file) for file in files if re.search(r'^ *"""Of ', text_of(file), re.MULTILINE)
+    ]
+
+    assert not found, "\n".join(['a docstring begins with "Of":', *found])
+
+
 def test_nothing_is_left_for_later():
     assert not offences(r"\b(TODO|FIXME|XXX)\b")
 

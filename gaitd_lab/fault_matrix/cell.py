@@ -72,6 +72,8 @@ class CellResult(msgspec.Struct, frozen=True, kw_only=True):
     enabled_anew: tuple[str, ...] = ()
     lost_power: tuple[str, ...] = ()
     """Drives that switched their power stage off."""
+    powerless_at_once: tuple[str, ...] = ()
+    """Drives whose first stopping frame switched the power stage off."""
     active_again: bool = False
     beyond_hip_deg: float = 0.0
     """Largest excess over the limits of limits.toml."""
@@ -230,6 +232,7 @@ class _RunningCell:
             together=self._together(frames, samples),
             enabled_anew=watch.enabled_again(samples),
             lost_power=watch.lost_power(samples),
+            powerless_at_once=frames.powerless,
             active_again=_active_again(records),
             beyond_hip_deg=round(math.degrees(beyond[0]), 2),
             beyond_slide_mm=round(beyond[1] * 1e3, 1),

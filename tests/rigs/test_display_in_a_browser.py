@@ -20,7 +20,7 @@ SHOTS = Path(__file__).parents[2] / "out" / "display"
 PASSWORD = "correct horse battery staple"
 READABLE_PX = 32
 HOUR_STRIDES = 1440
-"""Of an hour at 0.4 Hz."""
+"""Strides of an hour at 0.4 Hz."""
 
 
 @pytest.fixture(scope="module")
