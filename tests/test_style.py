@@ -130,8 +130,6 @@ def test_a_docstring_can_be_understood_without_the_name_above_it():
     files = (file for file in tracked_files() if file.suffix == ".py" and name_of(file) != THIS)
     begins = re.compile(r'^ *"""Of ', re.MULTILINE)
     found = [name_of(file) for file in files if begins.search(text_of(file))]
-        name_of(file) for file in files if re.search(r'^ *"""Of ', text_of(file), re.MULTILINE)
-    ]
 
     assert not found, "\n".join(['a docstring begins with "Of":', *found])
 
