@@ -161,18 +161,22 @@ def stop_frames(
         stopped_ns: SYNC of the first record of a stop: commands after it brake, also those that
             leave a drive enabled (S2); None: there was no such record.
     """
-    results: list[_Stop | None] = []
-    for node in nodes:
-        enabled = _enabled_before(sent, node, begun_ns)
-        stops = _stops(sent, node, begun_ns, stopped_ns if enabled else None)
-        results.append(next(stops, None) if enabled else None)
-    hip_ns, slide_ns = (None if one is None else one.time_ns for one in results)
-    found = {axis: one for axis, one in zip(AXES, results, strict=True) if one is not None}
+    stops = [
+        list(_stops(sent, node, begun_ns, stopped_ns))
+        if _enabled_before(sent, node, begun_ns)
+        else []
+        for node in nodes
+    ]
+    hip_ns, slide_ns = (of_axis[0].time_ns if of_axis else None for of_axis in stops)
     return StopFrames(
         hip_ns,
         slide_ns,
-        together=len({one.sync_count for one in found.values()}) <= 1,
-        powerless=tuple(axis for axis, one in found.items() if one.powerless),
+        together=len({of_axis[0].sync_count for of_axis in stops if of_axis}) <= 1,
+        powerless=tuple(
+            axis
+            for axis, of_axis in zip(AXES, stops, strict=True)
+            if of_axis and _is_powerless(of_axis)
+        ),
     )
 
 
@@ -186,19 +190,27 @@ def _enables(frame: Frame) -> bool:
     return frame.data[0] & ENABLE_WORD == ENABLE_WORD
 
 
-def _is_powerless(word: int) -> bool:
-    """Shutdown or disable voltage (CiA 402-2, table 28): all but quick stop and bits 0 to 2 set."""
-    return word & 0b110 != QUICK_STOP and word & 0b111 != 0b111
-
-
 class _Stop(NamedTuple):
     """A frame that stops a drive."""
 
     time_ns: int
     sync_count: int
     """Number of SYNCs before it."""
-    powerless: bool
-    """It switches the power stage off: neither quick stop, nor disable operation, nor NMT stop."""
+    word: int | None
+    """Low byte of the controlword; None: NMT stop."""
+
+
+def _is_powerless(stops: Sequence[_Stop]) -> bool:
+    """True if the first frame is shutdown or disable voltage (CiA 402-2, table 28).
+
+    That is each controlword but quick stop and those with bits 0 to 2 set. It is not in effect
+    where an NMT stop follows before the next SYNC: the drive then stops by itself.
+    """
+    first = stops[0]
+    if any(one.word is None and one.sync_count == first.sync_count for one in stops):
+        return False
+    word = first.word or 0
+    return word & 0b110 != QUICK_STOP and word & 0b111 != 0b111
 
 
 def _stops(
@@ -212,11 +224,11 @@ def _stops(
         if one.time_ns < begun_ns:
             continue
         if one.can_id == 0 and one.data[0] == NmtCommand.STOP and one.data[1] in (0, node):
-            yield _Stop(one.time_ns, sync_count, powerless=False)
+            yield _Stop(one.time_ns, sync_count, None)
         elif one.can_id == 0x200 + node:
             braking = stopped_ns is not None and one.time_ns >= stopped_ns
             if braking or not _enables(one):
-                yield _Stop(one.time_ns, sync_count, _is_powerless(one.data[0]))
+                yield _Stop(one.time_ns, sync_count, one.data[0])
 
 
 def first_stop(records: Sequence[CycleRecord]) -> CycleRecord | None:
