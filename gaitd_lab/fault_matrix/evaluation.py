@@ -207,5 +207,5 @@ def _is_without_power(cell: CellResult) -> bool:
     return cell.category == StopCategory.S0.name and cell.final_mode == Mode.STOPPING.name
 
 
-def _names(names: set[str]) -> str:
+def _names(names: Set[str]) -> str:
     return " or ".join(sorted(names)) or "nothing"
