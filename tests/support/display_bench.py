@@ -157,7 +157,8 @@ class MessageTrainer:
     def health(self):
         return self._stream("health", wire.Health, silence_ns=SECOND_SILENCE_NS)
 
-    def events(self):
+    def events(self, *, history_count=50):
+        assert history_count in {0, 50}
         return self._stream("events", Event, silence_ns=None, keep=256)
 
     # --- messages ---------------------------------------------------------------------------

@@ -7,11 +7,11 @@ only, because without login everyone who reaches the page could press its button
 import asyncio
 import contextlib
 import secrets
-from collections.abc import AsyncGenerator, Callable
-from typing import Final, Literal
+from collections.abc import AsyncGenerator, Callable, Coroutine
+from typing import Any, Final, Literal
 
 import msgspec
-from gaitd_client import Clock, Configuration, NoAnswerError, NotValid, Reply, Stride, Trainer
+from gaitd_client import Clock, Configuration, NoAnswerError, Reply, Trainer
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
@@ -80,7 +80,6 @@ class PatientServer:
         self._action: Action | None = None
         self._buttons: tuple[str, ...] = ()
         self._asking = asyncio.Lock()
-        self._loop: asyncio.AbstractEventLoop
         self.app: ASGIApp = make_app(
             settings.web,
             Served(
@@ -98,10 +97,9 @@ class PatientServer:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
-        self._loop = asyncio.get_running_loop()
         async with connected(self._trainer):
-            self._subscribe()
-            async with working(self.feed.run(), self._follow_configuration()), self._trained():
+            works = [self._follow_configuration(), *self._subscribe()]
+            async with working(self.feed.run(), *works), self._trained():
                 yield
         self._stops.close()
 
@@ -117,7 +115,8 @@ class PatientServer:
         finally:
             await asyncio.to_thread(self._training.end)
 
-    def _subscribe(self) -> None:
+    def _subscribe(self) -> list[Coroutine[Any, Any, None]]:
+        """Make the streams; return the works that send their items."""
         trainer = self._trainer
         legs = [bar.leg for bar in self._settings.bar]
         activities = {leg: trainer.activity(leg) for leg in legs}
@@ -132,13 +131,7 @@ class PatientServer:
             )
 
         self._read = read
-        for leg in legs:
-            trainer.stride(leg).call(self._take_stride)
-
-    def _take_stride(self, stride: Stride | NotValid) -> None:
-        """Take a stride, in a thread of its stream."""
-        if isinstance(stride, Stride):
-            self._loop.call_soon_threadsafe(self.feed.add, dot(stride))
+        return [self.feed.follow(trainer.stride(leg), dot) for leg in legs]
 
     def _view(self) -> PatientView:
         view = self._read()
@@ -146,7 +139,7 @@ class PatientServer:
         if self._training is None:
             return view
         training = self._training.view(view.mode)
-        self._buttons = training.buttons if training is not None else ()
+        self._buttons = training.buttons
         return msgspec.structs.replace(view, training=training)
 
     async def _follow_configuration(self) -> None:

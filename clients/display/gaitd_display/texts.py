@@ -1,20 +1,14 @@
-"""Every word of the pages, in English and German; causes of a stop are in `cause_texts.py`.
+"""Every word of the pages, in English and German.
 
-The page gets both languages, so that its button changes the language without a reload.
+Causes of a stop are in `cause_texts.py`; what a session advises is in `gaitd_session`. The page
+gets both languages, so that its button changes the language without a reload.
 """
 
 from collections.abc import Mapping
 from enum import StrEnum, auto
-from typing import Final, NamedTuple
+from typing import Final
 
-from gaitd_session import Advice
-
-
-class Text(NamedTuple):
-    """One text in both languages."""
-
-    en: str
-    de: str
+from gaitd_session import ADVICE, Text
 
 
 class Word(StrEnum):
@@ -193,50 +187,6 @@ LABELS: Final[Mapping[str, Text]] = {
     "no_signal": WORDS[Word.NO_SIGNAL],
 }
 """All other texts, by the key that pages name in `data-text`."""
-
-
-ADVICE: Final[Mapping[Advice, Text]] = {
-    Advice.WAIT: Text("Please wait.", "Bitte warten."),
-    Advice.HOLD_HAND_SWITCH: Text("Hold the hand switch.", "Handschalter halten."),
-    Advice.PRESS_START: Text(
-        "Hold the hand switch, and press Start.", "Handschalter halten und Start drücken."
-    ),
-    Advice.PRESS_START_TO_RESET: Text("Call for help.", "Hilfe rufen."),
-    Advice.LIE_STILL: Text(
-        "Your leg is about to move. Hold the hand switch.",
-        "Ihr Bein bewegt sich gleich. Handschalter halten.",
-    ),
-    Advice.WALK: Text("Walk along.", "Mitgehen."),
-    Advice.REST: Text(
-        "Rest. You may let go of the hand switch.",
-        "Pause. Sie dürfen den Handschalter loslassen.",
-    ),
-    Advice.CALL_FOR_HELP: Text("Lie still. Call for help.", "Ruhig liegen. Hilfe rufen."),
-    Advice.CHECK_CONNECTION: Text(
-        "To stop, let go of the hand switch.", "Zum Anhalten den Handschalter loslassen."
-    ),
-    Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: Text(
-        "Press the emergency stop, and release it again. Then press Start.",
-        "Not-Halt drücken und wieder lösen. Dann Start drücken.",
-    ),
-    Advice.RELEASE_EMERGENCY_STOP: Text(
-        "Release the emergency stop. Then press Start.",
-        "Not-Halt lösen. Dann Start drücken.",
-    ),
-    Advice.LET_GO_AND_HOLD_HAND_SWITCH: Text(
-        "Let go of the hand switch, hold it again, and press Start.",
-        "Handschalter loslassen, wieder halten, Start drücken.",
-    ),
-    Advice.TRAINER_IS_USED: Text(
-        "Another program has switched the trainer on. Pause switches it off.",
-        "Ein anderes Programm hat den Trainer eingeschaltet. Pause schaltet ihn aus.",
-    ),
-    Advice.DONE: Text(
-        "The training is over. Start begins another one.",
-        "Das Training ist zu Ende. Start beginnt ein neues.",
-    ),
-}
-"""What a session advises, in place of the line below the word while nothing plays."""
 
 
 def page_texts() -> dict[str, dict[str, str]]:

@@ -3,23 +3,12 @@
 import asyncio
 import contextlib
 import secrets
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from enum import StrEnum, auto
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import msgspec
-from gaitd_client import (
-    Clock,
-    Event,
-    Mode,
-    NoAnswerError,
-    NotValid,
-    PlanLimits,
-    Reply,
-    Status,
-    Stride,
-    Trainer,
-)
+from gaitd_client import Clock, Mode, NoAnswerError, PlanLimits, Reply, Status, Trainer
 from msgspec import Meta
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
@@ -119,7 +108,6 @@ class TherapistServer:
         self._read: Callable[[], TherapistView]
         self.feed = Feed(self._view)
         self._stops = Stops(trainer)
-        self._loop: asyncio.AbstractEventLoop
         self.app: ASGIApp = make_app(
             settings.web,
             Served(
@@ -141,14 +129,14 @@ class TherapistServer:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
-        self._loop = asyncio.get_running_loop()
         async with connected(self._trainer):
-            self._subscribe()
-            async with working(self.feed.run(), self._follow_plan()):
+            works = [self._follow_plan(), *self._subscribe()]
+            async with working(self.feed.run(), *works):
                 yield
         self._stops.close()
 
-    def _subscribe(self) -> None:
+    def _subscribe(self) -> list[Coroutine[Any, Any, None]]:
+        """Make the streams; return the works that send their items."""
         trainer, legs = self._trainer, self._settings.legs
         streams = [
             (
@@ -171,22 +159,13 @@ class TherapistServer:
             return self.state.view(views, safety.newest(), health.newest())
 
         self._read = read
-        for leg in legs:
-            trainer.stride(leg).call(self._take_stride)
-        trainer.events().call(self._take_event)
+        return [
+            *(self.feed.follow(trainer.stride(leg), stride_item) for leg in legs),
+            self.feed.follow(trainer.events(), event_item),
+        ]
 
     def _view(self) -> TherapistView:
         return self._read()
-
-    def _take_stride(self, stride: Stride | NotValid) -> None:
-        """Take a stride, in a thread of its stream."""
-        if isinstance(stride, Stride):
-            self._loop.call_soon_threadsafe(self.feed.add, stride_item(stride))
-
-    def _take_event(self, event: Event | NotValid) -> None:
-        """Take an event, in a thread of its stream."""
-        if isinstance(event, Event):
-            self._loop.call_soon_threadsafe(self.feed.add, event_item(event))
 
     async def _follow_plan(self) -> None:
         """Read the released plan, which no message has; also a plan of another operator."""

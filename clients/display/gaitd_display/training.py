@@ -5,12 +5,13 @@ file of the server has a table `session`. After a stop the page offers none of t
 way out is decided in `way_out.py` alone.
 """
 
+import sys
 from collections.abc import Callable
 from typing import Final
 
 import msgspec
 from gaitd_client import Clock, Mode, Trainer
-from gaitd_session import Button, Phase, Session, SessionError, open_history, read_profile
+from gaitd_session import Button, Phase, Session, open_history, read_profile
 
 from gaitd_display.settings import SessionFiles
 
@@ -29,6 +30,10 @@ class TrainingView(msgspec.Struct, frozen=True):
     """All blocks and rests that are left."""
     rest_left_s: float | None
     """None: no rest."""
+    reason: str
+    """Text of the service for a stop or a refusal; empty without one."""
+    is_kept: bool
+    """The history is written."""
 
 
 class Training:
@@ -52,22 +57,24 @@ class Training:
     def end(self) -> None:
         """End the session: it switches the drives off if it has switched them on."""
         self._session.__exit__(None, None, None)
+        if self._session.left_on:
+            print(f"the drives may be on: {self._session.left_on}", file=sys.stderr)
         if self._history.store is not None:
             self._history.store.close()
 
-    def view(self, mode: str | None) -> TrainingView | None:
-        """Return what the page shows; None: the session has ended by an error, printed to stderr.
+    def view(self, mode: str | None) -> TrainingView:
+        """Return what the page shows.
 
         Args:
             mode: of the service; None: unknown, then there is no button.
+
+        Raises:
+            SessionError: the session has ended by an error, printed to stderr.
         """
-        try:
-            view = self._session.view()
-        except SessionError:
-            return None
+        view = self._session.view()
         buttons = tuple(map(str, view.buttons))
-        if view.phase is Phase.FINISHED:
-            buttons = (str(Button.START),)
+        if view.may_be_replaced:
+            buttons = (str(Button.START), *buttons)
         if mode is None or mode in STOPPED_MODES:
             buttons = ()
         return TrainingView(
@@ -78,13 +85,13 @@ class Training:
             block_count=None if view.block is None else view.block.count,
             left_s=view.session_left_s,
             rest_left_s=view.block_left_s if view.phase is Phase.REST else None,
+            reason=view.reason,
+            is_kept=view.is_kept,
         )
 
     def press(self, button: str) -> None:
         """Press a button of the view; waits if another session begins, so call it in a thread."""
-        if self._session.view().phase is Phase.FINISHED:
-            if button != Button.START:
-                return
+        if button == Button.START and self._session.view().may_be_replaced:
             before, self._session = self._session, self._make()
             before.__exit__(None, None, None)
             self._session.__enter__()

@@ -318,7 +318,11 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class PlanAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Payload of a query to control/plan: release a plan for sessions, or withdraw it."""
+    """Payload of a query to control/plan: release a plan for sessions, or withdraw it.
+
+    The outcome is done if that is in force. `reason` then says why it will not outlive a restart of
+    the gateway, if the disk has not taken it.
+    """
 
     plan: Annotated[PlanLimits | None, Meta(description="Null: withdraw it; no gait is allowed.")]
 
