@@ -14,6 +14,7 @@ import typer
 from gaitd_client import (
     ClientError,
     CredentialsError,
+    NoServiceError,
     Outcome,
     Reply,
     Target,
@@ -21,6 +22,7 @@ from gaitd_client import (
     read_credentials,
 )
 from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
+from gaitd_client.trainer import NOT_STOPPED, STOP
 
 from daemon.config.strict import ConfigError
 
@@ -92,6 +94,9 @@ def request(target: Target, name: str, *, as_json: bool, **arguments: object) ->
     try:
         with client_of(target, name) as trainer:
             reply = trainer.request(name, **arguments)
+    except NoServiceError as error:
+        trouble = f"{NOT_STOPPED} ({error})" if name == STOP else str(error)
+        return report_silence(name, trouble, as_json=as_json)
     except ClientError as error:
         return report_silence(name, str(error), as_json=as_json)
     return report_reply(reply, as_json=as_json)

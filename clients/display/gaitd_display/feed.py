@@ -18,7 +18,8 @@ from gaitd_client import NotValid, Stream
 T = TypeVar("T", bound=msgspec.Struct)
 
 TICK_S: Final = 1 / 60
-WINDOW: Final = 8
+WINDOW: Final = 2
+"""Frames that may be on their way to a page: more would be old when they are painted."""
 ITEMS_MAX: Final = 256
 PAGES_MAX: Final = 16
 

@@ -12,7 +12,7 @@ from gaitd_client import Clock, Mode, NoAnswerError, PlanLimits, Reply, Status, 
 from msgspec import Meta
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
@@ -29,8 +29,7 @@ from gaitd_display.therapist_view import (
     stride_item,
 )
 from gaitd_display.web import (
-    FORBIDDEN,
-    STATIC,
+    LOGIN_OVER,
     Answer,
     Served,
     Stops,
@@ -39,6 +38,7 @@ from gaitd_display.web import (
     json,
     live,
     make_app,
+    page,
     small_body,
     working,
 )
@@ -187,8 +187,7 @@ class TherapistServer:
         return self._sessions.of(connection.cookies.get(COOKIE))
 
     async def _page(self, request: Request) -> Response:
-        name = "therapist.html" if self._session(request) else "login.html"
-        return FileResponse(STATIC / name)
+        return page("therapist" if self._session(request) else "login", "therapist")
 
     async def _login(self, request: Request) -> Response:
         try:
@@ -235,7 +234,8 @@ class TherapistServer:
 
     async def _live(self, socket: WebSocket) -> None:
         if self._session(socket) is None:
-            await socket.close(FORBIDDEN)
+            await socket.accept()  # so that the page sees the code
+            await socket.close(LOGIN_OVER)
             return
 
         async def over() -> None:
