@@ -65,13 +65,6 @@ def test_a_fault_does_what_is_right_in_this_mode(part, warm_process):
     assert not wrong, "\n".join(["", *wrong])
 
 
-def test_the_page_has_the_laws_of_today():
-    written = (PROJECT / "docs/fault_matrix.md").read_text(encoding="utf-8")
-
-    for section in page.laws():
-        assert section in written, "stale: write it anew with `gaitd matrix --output docs`"
-
-
 def test_every_fault_is_played_on_both_axes_in_turn_and_at_least_once_with_power_in_the_drives():
     played = sample()
 
