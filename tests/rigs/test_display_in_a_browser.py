@@ -13,6 +13,14 @@ from gaitd_display.feed import PAGES_MAX
 from gaitd_display.login import hash_password
 from gaitd_display.patient import PatientServer
 from gaitd_display.therapist import TherapistServer
+from gaitd_session.store import (
+    BlockRow,
+    EndRow,
+    InterruptionRow,
+    SessionRow,
+    Store,
+    StrideRow,
+)
 from training import PROFILE
 
 pytestmark = pytest.mark.rig_browser
@@ -20,6 +28,8 @@ pytestmark = pytest.mark.rig_browser
 SHOTS = Path(__file__).parents[2] / "out" / "display"
 PASSWORD = "correct horse battery staple"
 READABLE_PX = 32
+DAY_NS = 86_400_000_000_000
+VISIBLE = "{visibilityProperty: true}"
 HOUR_STRIDES = 1440
 """Strides of an hour at 0.4 Hz."""
 
@@ -276,19 +286,48 @@ def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp
         rig.Player(trainer) as player,
     ):
         tab = rig.Tab(chromium, site, SHOTS)
+
+        def look(name):
+            tab.page.wait_for_timeout(300)
+            tab.shot(f"session_{name}")
+            is_good(tab)
+
+        def wait_for(button):
+            tab.until(f"document.querySelector('#{button}').checkVisibility({VISIBLE})")
+
         player.play(mode=Mode.READY)
-        tab.until("document.querySelector('#start').checkVisibility({visibilityProperty: true})")
-        tab.shot("session_start")
-        is_good(tab)
+        wait_for("start")
+        look("start")
+        trainer.refusal = "hand switch and emergency stop (STO) pressed: not seen to act today"
         tab.page.click("#start")
-        tab.until("document.querySelector('#pause').checkVisibility({visibilityProperty: true})")
+        tab.until("document.querySelector('#line').textContent.startsWith('Press the emergency')")
+        look("refused")
+        trainer.refusal = None
+        player.play(mode=Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault", sto=True)
+        tab.word("stopped")
+        wait_for("start")
+        look("reset")
+        player.play(mode=Mode.READY)
+        tab.word("ready")
+        wait_for("start")
+        tab.page.click("#start")
+        wait_for("pause")
         player.play(mode=Mode.HOLD)
-        tab.page.wait_for_timeout(300)
-        tab.shot("session_pause")
-        is_good(tab)
+        look("soon")
+        player.walk(3.5)
+        tab.word("good")
+        look("band")
+        player.play(mode=Mode.HOLD)
+        wait_for("pause")
         tab.page.click("#pause")
         player.play(mode=Mode.READY)
-        tab.until("document.querySelector('#start').checkVisibility({visibilityProperty: true})")
+        wait_for("start")
+        look("paused")
+        tab.page.click("#end")
+        tab.until("document.querySelector('#more').textContent.startsWith('Walked: 0 min')")
+        look("finished")
+        tab.page.click("#language")
+        look("finished_de")
         tab.page.close()
     assert ("enable",) in trainer.requests
     assert ("disable",) in trainer.requests
@@ -302,9 +341,28 @@ def password_hash():
     return hash_password(PASSWORD)
 
 
+def write_history(file):
+    """Six sessions, one a day; the third has no valid stride, the last goes on."""
+    with Store(file, is_writer=True) as store:
+        for day, share in enumerate((0.31, 0.36, None, 0.4, 0.38, 0.45)):
+            begun_ns = bench.BEGAN_NS + day * DAY_NS
+            strides = [
+                StrideRow(1, "right", begun_ns + n, 2.0, share, 0.02, 5.0, -1.0, share is not None)
+                for n in range(120)
+            ]
+            walked = BlockRow(1, "warm_up", 0.5, 0.4, 600.0, 480.0 + 20 * day)
+            store.write([SessionRow("7f3k9m2q", "trainer", begun_ns), *strides, walked])
+            if day < 5:
+                end = "complete" if share else "left"
+                store.write([InterruptionRow(begun_ns, "stopped", "a stop"), EndRow(begun_ns, end)])
+
+
 @pytest.fixture
 def desk(chromium, trainer, tmp_path, password_hash):
     table = bench.therapist_table(password_hash, legs=trainer.legs)
+    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
+    write_history(tmp_path / "history.sqlite")
     with (
         rig.Site(
             lambda made: TherapistServer(made, trainer, trainer.clock),
@@ -341,7 +399,15 @@ def test_the_therapist_logs_in_sees_all_values_and_releases_a_plan(desk, trainer
     assert tab.violations() == []
     tab.page.click("#plan button[type=submit]")
     tab.until("document.querySelector('#plannow').textContent.startsWith('0.3')")
-    assert trainer.plan.duration_max_s == 600
+    assert (trainer.plan.duration_max_s, trainer.plan.hip_assist_max_nm) == (600, None)
+    tab.until("document.querySelectorAll('#sessions tr').length === 6")
+    assert tab.page.locator("#progresstroubles li").count() == 0
+    assert tab.page.locator("#sessions tr:nth-child(4)").inner_text().split("\t")[4] == "–"
+    tab.page.locator("#sessionbox").scroll_into_view_if_needed()
+    tab.shot("therapist_progress")
+    tab.page.click("#releaseprofile")
+    tab.until("document.querySelector('#plannow').textContent.includes('10 N·m, 80 N')")
+    assert trainer.plan.duration_max_s == 12
 
     player.play(mode=Mode.FAULT, cause=Cause.SPASM, validity="split_unobservable")
     tab.until("!document.querySelector('#verdict').hidden")
