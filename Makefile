@@ -6,8 +6,8 @@ BIN := $(VENV)/bin
 UNITS := tests/drives tests/daemon
 # Compiled tests and modules are kept in __pycache__: otherwise each process compiles them again.
 unexport PYTHONDONTWRITEBYTECODE
-# Processes of pytest: one for each processor, up to 16.
-WORKERS ?= auto --maxprocesses 16
+# Processes of pytest: one more than processors, as many tests wait for other processes; up to 16.
+WORKERS ?= $(shell n=$$(nproc); echo $$((n < 15 ? n + 1 : 16)))
 # Records the CPU-seconds of a step; pytest prints them with its own.
 STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
@@ -56,7 +56,7 @@ test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints
 	@$(MAKE) --no-print-directory pytest
 
 test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
-	$(BIN)/pytest -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
+	$(BIN)/pytest -n 2 --dist=loadgroup -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
 
 test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime

@@ -5,6 +5,7 @@ is the argument of `advance`. All random values come from the seed, one stream f
 """
 
 import math
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -275,7 +276,7 @@ class Trainer:
 
     def flags(self, axis: int) -> AxisFlag:
         """Return the present flags of the axis."""
-        return AxisFlag(int(self._state.loops[axis]["flags"]))
+        return _flag(int(self._state.loops[axis]["flags"]))
 
     def truth(self) -> Truth:
         """Return the present true state, including what no drive measures."""
@@ -314,6 +315,12 @@ class Trainer:
         velocity = joint["velocity"] + joint["acceleration"] * ahead_s
         position = joint["position"] + ahead_s * (joint["velocity"] + velocity) * 0.5
         return float(position), float(velocity)
+
+
+@cache
+def _flag(value: int) -> AxisFlag:
+    """The flags of a number; kept, because they are read some thirty times in a cycle."""
+    return AxisFlag(value)
 
 
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -17,7 +17,7 @@ PROJECT = HERE.parents[1]
 PACKAGES = distribution("msgspec").locate_file("")
 PLAY = '/opt/gaitd/bin/python /opt/source/tests/rigs/trainer_under_systemd.py "$PWD/seen.json"'
 TIMEOUT_S = 2400
-"""Of a machine on which much else runs; three minutes on one that is free."""
+"""For a machine on which much else runs; three minutes on one that is free."""
 NOT_FOR_YOU = {"Permission denied", "Read-only file system", "Operation not permitted"}
 NO_SUCH_FAMILY = "Address family not supported by protocol"
 NO_POWER = {"OFF", "BRINGING_UP", "READY", "FAULT"}
