@@ -18,11 +18,11 @@ def test_the_program_walks_a_gait_and_logs_its_strides(long_service, tmp_path):
     settings = parse_settings(SHIPPED.read_text(), tmp_path / "assist.toml")
     with long_service.client("assist") as trainer, long_service.client("operator") as operator:
         answering = threading.Thread(
-            target=run, args=(settings, SHIPPED, trainer), kwargs={"duration_s": 30.0}
+            target=run, args=(settings, SHIPPED, trainer), kwargs={"duration_s": 20.0}
         )
         answering.start()
         long_service.wait(lambda: trainer.status().safety.lease_holder == "gaitd-assist", 30)
-        operator.mode("gait", cadence_hz=0.25, amplitude_ratio=1.0, duration_s=600.0)
+        operator.mode("gait", cadence_hz=0.35, amplitude_ratio=1.0, duration_s=600.0)
         with long_service._fast():
             long_service.wait(lambda: not answering.is_alive(), 60)
         answering.join()
@@ -32,7 +32,7 @@ def test_the_program_walks_a_gait_and_logs_its_strides(long_service, tmp_path):
         msgspec.json.decode(line, type=StrideLine) for line in settings.log.read_text().splitlines()
     ]
     assert [line.number for line in lines] == list(range(lines[0].number, lines[-1].number + 1))
-    assert len(lines) > 2
+    assert len(lines) >= 2
     assert all(line.learned for line in lines)
     assert lines[-1].state["stiffness_ratio"] < lines[0].state["stiffness_ratio"]
     assert (ended.mode, ended.lease_holder) == ("hold", None)  # braked and held: it has left
