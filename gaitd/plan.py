@@ -28,6 +28,12 @@ def command(
     cadence: Annotated[float, typer.Option(help="Highest strides per second.")] = 0.0,
     amplitude: Annotated[float, typer.Option(help="Largest share of the full gait, 0 to 1.")] = 0.0,
     duration: Annotated[float, typer.Option(help="Longest gait in seconds.")] = 0.0,
+    hip_assist: Annotated[
+        float | None, typer.Option(help="Cap of a controller's assist at the hip, in N·m.")
+    ] = None,
+    slide_assist: Annotated[
+        float | None, typer.Option(help="Cap of a controller's assist at the slide, in N.")
+    ] = None,
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
@@ -39,6 +45,8 @@ def command(
         "cadence_max_hz": cadence,
         "amplitude_max_ratio": amplitude,
         "duration_max_s": duration,
+        "hip_assist_max_nm": hip_assist,
+        "slide_assist_max_n": slide_assist,
     }
     target = find_target(config, endpoint, trainer, credentials)
     plan = limits if action is Action.RELEASE else None

@@ -25,6 +25,8 @@ from gaitd.remote import (
     TrainerOption,
     client_of,
     find_target,
+    report_reply,
+    report_silence,
     request,
 )
 
@@ -159,7 +161,7 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
     try:
         with client_of(target, mode) as trainer:
             before = _ids(trainer.status())
-            code = request(target, "mode", as_json=as_json, mode=mode, axis=axis)
+            code = report_reply(trainer.request("mode", mode=mode, axis=axis), as_json=as_json)
             if code != EXIT_DONE:
                 raise typer.Exit(code)
             for _ in range(round(HOMING_MAX_S / HOMING_POLL_S)):
@@ -170,9 +172,9 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
                 if settled > SETTLED_POLLS:
                     return _axis_result(status, axis, good, before)
         print(f"{axis}: it did not end within {HOMING_MAX_S:g} s", file=sys.stderr)
-    except ClientError:
-        what = mode if before is None else axis
-        print(f"{what}: the service does not answer; look at it before you go on", file=sys.stderr)
+    except ClientError as error:
+        moving = "" if before is None else f"; {axis} may be moving: look at it before you go on"
+        report_silence(mode, f"{error}{moving}", as_json=as_json)
     raise typer.Exit(EXIT_NO_ANSWER)
 
 

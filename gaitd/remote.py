@@ -14,12 +14,15 @@ import typer
 from gaitd_client import (
     ClientError,
     CredentialsError,
+    NoServiceError,
     Outcome,
+    Reply,
     Target,
     Trainer,
     read_credentials,
 )
 from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
+from gaitd_client.trainer import NOT_STOPPED, STOP
 
 from daemon.config.strict import ConfigError
 
@@ -91,11 +94,22 @@ def request(target: Target, name: str, *, as_json: bool, **arguments: object) ->
     try:
         with client_of(target, name) as trainer:
             reply = trainer.request(name, **arguments)
+    except NoServiceError as error:
+        trouble = f"{NOT_STOPPED} ({error})" if name == STOP else str(error)
+        return report_silence(name, trouble, as_json=as_json)
     except ClientError as error:
         return report_silence(name, str(error), as_json=as_json)
+    return report_reply(reply, as_json=as_json)
+
+
+def report_reply(reply: Reply, *, as_json: bool) -> int:
+    """Print the outcome of a request.
+
+    Returns: the exit code.
+    """
     mode = f" (mode {reply.mode})" if reply.mode else ""
     reason = f": {reply.reason}" if reply.reason else ""
-    print(as_json_text(reply) if as_json else f"{name} {reply.outcome}{reason}{mode}")
+    print(as_json_text(reply) if as_json else f"{reply.request} {reply.outcome}{reason}{mode}")
     # A later version of the service may send another outcome.
     codes: dict[str, int] = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
     return codes.get(reply.outcome, EXIT_NO_ANSWER)

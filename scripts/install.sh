@@ -32,23 +32,24 @@ live() { [ -z "$DESTDIR" ]; }
 running() { live && [ -d /run/systemd/system ]; }
 
 idle() {
-    # The files of a running service must not change, and no patient may be in the machine.
+    # The files of a running service must not change, and no patient may be in the machine. The pages use them, too.
     local unit
     running || return 0
-    for unit in gaitd-core gaitd-gateway gaitd-sim; do
-        ! systemctl --quiet is-active "$unit" || refuse "$unit runs: \`systemctl stop gaitd.target gaitd-sim\` first"
+    for unit in gaitd-core gaitd-gateway gaitd-sim "${PAGES[@]%.service}"; do
+        ! systemctl --quiet is-active "$unit" || refuse "$unit runs: \`systemctl stop gaitd.target gaitd-sim ${PAGES[*]%.service}\` first"
     done
 }
 
+version() { "$PYTHON" -c 'import tomllib; print(tomllib.load(open("pyproject.toml", "rb"))["project"]["version"])'; }
+
 environment() {
     # Beside the old one, which is removed after the link is changed: one is always complete.
-    local version target base
+    local target base
     "$PYTHON" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || refuse "$PYTHON is older than 3.11"
     "$PYTHON" -c 'import ensurepip, venv' 2> /dev/null || refuse "$PYTHON has no venv: apt-get install python3-venv"
     base=$("$PYTHON" -c 'import sys; print(sys.base_prefix)')
     case "$base/" in /root[/]* | /home[/]*) refuse "$PYTHON lies in $base, which the service may not see: PYTHON=/usr/bin/python3" ;; esac
-    version=$("$PYTHON" -c 'import tomllib; print(tomllib.load(open("pyproject.toml", "rb"))["project"]["version"])')
-    target="$PREFIX-$version-$(date -u +%Y%m%d%H%M%S)"
+    target="$PREFIX-$(version)-$(date -u +%Y%m%d%H%M%S)"
     say "making $target, with all pinned dependencies"
     "$PYTHON" -m venv "$DESTDIR$target"
     "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
@@ -109,7 +110,11 @@ configuration() {
 }
 
 display_environment() {
+    # Pinned for the version of this clone: another one would get other libraries under its service.
+    local installed
     [ -x "$DESTDIR$PREFIX/bin/python" ] || refuse "there is no $PREFIX: \`make install\` first"
+    installed=$("$DESTDIR$PREFIX/bin/python" -c 'from importlib.metadata import version; print(version("gaitd"))')
+    [ "$installed" = "$(version)" ] || refuse "$PREFIX has gaitd $installed, this clone is $(version): \`make install\` from this clone first"
     say "adding the pages to $PREFIX, with all pinned dependencies"
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/session ./clients/display
@@ -185,21 +190,24 @@ uninstall() {
     done
     rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR"/var/cache/gaitd{,-sim}
     ! running || systemctl daemon-reload
-    say "gone; /etc/gaitd, /etc/gaitd-display and /var/lib/gaitd are kept (\`make purge\` removes them)"
+    say "gone; /etc/gaitd, /etc/gaitd-display, /var/lib/gaitd and the history of sessions in /var/lib/gaitd-patient"
+    say "are kept (\`make purge\` removes them)"
 }
 
 purge() {
     uninstall
-    rm -rf "$DESTDIR/etc/gaitd" "$DESTDIR/etc/gaitd-display" "$DESTDIR/var/lib/gaitd" "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim}.service.d
+    rm -rf "$DESTDIR/etc/gaitd" "$DESTDIR/etc/gaitd-display" "$DESTDIR"/var/lib/gaitd{,-patient} \
+        "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim,patient,therapist}.service.d
     if live; then
         local user
         for user in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist; do
             userdel "$user" 2> /dev/null || true
         done
         groupdel gaitd 2> /dev/null || true
+        groupdel gaitd-training 2> /dev/null || true
     fi
     ! running || systemctl daemon-reload
-    say "configuration, state and users are gone, too"
+    say "configuration, state, the history of sessions, credentials and users are gone, too"
 }
 
 usage() { sed -n '2,11p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
@@ -213,14 +221,16 @@ case "$1" in
         files
         say "done; nothing was started or enabled. Next: edit /etc/gaitd/trainer.toml, then"
         say "\`gaitd check --config /etc/gaitd/trainer.toml\`, \`gaitd doctor\`, \`systemctl enable --now gaitd.target\`"
+        [ ! -e "$DESTDIR$UNITS/${PAGES[0]}" ] || say "the pages are not in the new environment: \`make install-display\` again, before they are started"
         ;;
     files) idle; files ;;
     display)
+        idle
         display_environment
         display_files
         say "done; nothing was started or enabled. Next: docs/display.md"
         ;;
-    display-files) display_files ;;
+    display-files) idle; display_files ;;
     uninstall) uninstall ;;
     purge) purge ;;
 esac

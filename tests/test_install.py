@@ -20,16 +20,24 @@ class Staged:
     def __init__(self, root: Path) -> None:
         self.root = root
 
-    def run(self, what: str) -> str:
-        ended = subprocess.run(
+    def ended(self, what: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
             ["bash", str(INSTALL), what],
             env={**os.environ, "DESTDIR": str(self.root)},
             capture_output=True,
             text=True,
             check=False,
         )
+
+    def run(self, what: str) -> str:
+        ended = self.ended(what)
         assert ended.returncode == 0, ended.stdout + ended.stderr
         return ended.stdout
+
+    def refused(self, what: str) -> str:
+        ended = self.ended(what)
+        assert ended.returncode == 1, ended.stdout + ended.stderr
+        return ended.stderr
 
     def __truediv__(self, name: str) -> Path:
         return self.root / name
@@ -143,11 +151,27 @@ def test_the_pages_are_installed_only_when_asked_for_and_keep_their_files(machin
     (machine / "etc/gaitd-display/patient.toml").write_text("edited")
     machine.run("display-files")
     assert (machine / "etc/gaitd-display/patient.toml").read_text() == "edited"
-    machine.run("uninstall")
+    history = machine / "var/lib/gaitd-patient/history.sqlite"
+    history.parent.mkdir(parents=True)
+    history.write_text("of a patient")
+    assert "/var/lib/gaitd-patient are kept" in machine.run("uninstall").replace("\ninstall:", "")
     assert not pages & machine.files()
     assert files <= machine.files()
+    assert history.exists()
     machine.run("purge")
     assert machine.files() == set()
+
+
+def test_the_pages_are_not_added_to_another_version(machine):
+    python = machine / "opt/gaitd/bin/python"
+    python.parent.mkdir(parents=True)
+    python.write_text("#!/bin/sh\necho 0.0.1\n")
+    python.chmod(0o755)
+
+    said = machine.refused("display")
+
+    assert "/opt/gaitd has gaitd 0.0.1, this clone is" in said
+    assert "`make install` from this clone first" in said
 
 
 def test_what_it_cannot_do_is_a_matter_of_usage():

@@ -150,6 +150,8 @@ BROAD = {
     "daemon/gateway/service.py",
     # What a controller's law raises, raised again in the program's own thread.
     "clients/python/gaitd_client/lease.py",
+    # The same for the function of a stream.
+    "clients/python/gaitd_client/stream.py",
     # A thread that waits for a disk goes on with its next job; told and logged.
     "daemon/recorder/worker.py",
 }

@@ -1,5 +1,6 @@
 """The mutable state of the core that is kept from one cycle to the next."""
 
+import math
 from dataclasses import dataclass, field
 
 from daemon.core.core_config import CoreConfig
@@ -199,6 +200,8 @@ class Core:
     """Lease in the newest gateway state whose holder has no right to it; 0: none."""
     torque_lease: int = 0
     """The lease with which mode TORQUE was entered."""
+    assist_cap_si: tuple[float, float] = (math.inf, math.inf)
+    """Cap of assist by the released plan of a session's gait: hip and slide, N·m and N."""
     setpoint_accepted_count: int = 0
     setpoint_refused_count: list[int] = field(default_factory=lambda: [0] * len(SetpointRefusal))
     """Refused setpoints by reason, in the order of `SetpointRefusal`."""

@@ -115,9 +115,7 @@ class PlanStore:
     def plan(self) -> Plan | None:
         """The plan as the core checks it."""
         limits = self.limits
-        if limits is None:
-            return None
-        return Plan(limits.cadence_max_hz, limits.amplitude_max_ratio, limits.duration_max_s)
+        return None if limits is None else Plan(**msgspec.structs.asdict(limits))
 
     def release(self, limits: wire.PlanLimits | None, client: str) -> tuple[str, EventDraft]:
         """Put a plan in force, or withdraw it, and keep that over a restart.
@@ -135,6 +133,7 @@ class PlanStore:
             text = (
                 f"plan released by {client}: up to {limits.cadence_max_hz:g} Hz,"
                 f" amplitude {limits.amplitude_max_ratio:g}, {limits.duration_max_s:g} s"
+                f"{_assist_text(limits)}"
             )
             queued = self._submit("plan", lambda: self._store(limits))
             trouble = "" if queued else "the disk is too slow"
@@ -149,6 +148,11 @@ class PlanStore:
         with self._lock:
             if self.limits is limits:
                 _write(self._path, limits)
+
+
+def _assist_text(limits: wire.PlanLimits) -> str:
+    caps = ((limits.hip_assist_max_nm, "N·m"), (limits.slide_assist_max_n, "N"))
+    return "".join(f", assist {cap:g} {unit}" for cap, unit in caps if cap is not None)
 
 
 def _own(path: Path) -> bytes:

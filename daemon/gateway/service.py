@@ -349,8 +349,7 @@ class Gateway:
                 if isinstance(payload, wire.PlanAsk):
                     trouble, draft = self._plans.release(payload.plan, payload.client)
                     self.publish_events([draft])
-                    outcome = Outcome.REFUSED if trouble else Outcome.DONE
-                    self._settle([requests.Answer(ticket, outcome, trouble)])
+                    self._settle([requests.Answer(ticket, Outcome.DONE, trouble)])
             case requests.Route.RESTART:
                 self._settle([self._restart(ticket)])
 

@@ -207,6 +207,10 @@ class Plan(msgspec.Struct, frozen=True, array_like=True):
     cadence_max_hz: float
     amplitude_max_ratio: float
     duration_max_s: float
+    hip_assist_max_nm: float | None = None
+    """Cap of a controller's assist during the gait; None: only that of limits.toml."""
+    slide_assist_max_n: float | None = None
+    """Cap of a controller's assist during the gait; None: only that of limits.toml."""
 
 
 class Request(msgspec.Struct, frozen=True, array_like=True):

@@ -1,8 +1,9 @@
 """Names of enums on the wire, and the observer's enums once more.
 
 The gateway does not import the observer, and clients do not import the gateway: `StatusBit` and
-`Validity` are the observer's numbers as records hold them, `gaitd_client.wire.names` has the names
-that clients receive. `tests/daemon/test_wire.py` compares all of them.
+`Validity` are the observer's numbers as records hold them, which `tests/daemon/test_wire.py`
+compares. `gaitd_client.wire.names` has the names that clients receive, which
+`tests/clients/python/test_distribution.py` compares.
 """
 
 from enum import Enum, IntEnum, IntFlag

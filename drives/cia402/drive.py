@@ -64,7 +64,6 @@ class Drive:
         """Start from the end of bring-up, `armed_ns`, when the drive was last received."""
         profile = description.profile
         self.description = description
-        self.name = description.name
         self.node_id = description.node_id
         self.heartbeat = HeartbeatWatch(armed_ns)
         self.emergencies = EmergencyLog(self.node_id, profile.emergency_table)

@@ -6,8 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from controllers import Controller, constant
+from msgspec.structs import replace as replace_fields
 
-from daemon.ipc.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode, ModeRequest, Plan, RequestKind, Role
 from daemon.wire.refusals import SetpointRefusal
 
 STIFFNESS_STEP = 0.01
@@ -151,3 +152,29 @@ def test_assist_of_one_holder_is_not_taken_over_by_the_next_one(walking):
     record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
     assert all(one.assist.legs[0].assist[0] >= 0 for one in session.records[-60:])
+
+
+@pytest.mark.parametrize("role", [Role.SESSION, Role.OPERATOR])
+def test_the_released_plan_caps_assist_in_a_gait_that_a_session_has_requested(warm_hold, role):
+    plan = Plan(1.0, 1.0, 600.0, hip_assist_max_nm=4.0)
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=60.0)
+
+    def of_role(states):
+        return [
+            replace_fields(state, request=replace_fields(state.request, role=role, plan=plan))
+            for state in states
+        ]
+
+    warm_hold.gateway.change = of_role
+    controller = Controller(warm_hold.gateway, constant(hip_nm=4.0))
+    warm_hold.execute(RequestKind.MODE, gait)
+    warm_hold.run(0.5)
+    assert warm_hold.record.assist.legs[0].assist[0] == pytest.approx(4.0)
+
+    controller.law = constant(hip_nm=4.1)
+    warm_hold.run(0.2)
+
+    is_session = role is Role.SESSION
+    refused = warm_hold.record.assist.refused_count[SetpointRefusal.OUT_OF_RANGE]
+    assert refused >= 10 if is_session else refused == 0
+    assert warm_hold.record.mode == (Mode.HOLD if is_session else Mode.GAIT)

@@ -54,17 +54,30 @@ def window(group, frames, cycle=1, now=NOW):
 
 
 def test_a_complete_sample_is_fresh_and_decoded():
-    feedback = window(hip(), sample())
+    group = hip()
+    assert not group.feed(sample(), NOW)
+    feedback = group.end_of_window(1, NOW)[0]
 
     assert feedback.fresh
     assert feedback.sample_age_cycles == 0
+    assert feedback.protocol_error_count == 0
     assert (feedback.position_counts, feedback.torque_raw) == (100, 250)
     assert feedback.power_state is PowerState.OPERATION_ENABLED
     assert feedback.inputs == Input.HAND_SWITCH_CLOSED | Input.STO_RELEASED
 
 
+def test_a_drive_that_has_sent_nothing_shows_nothing():
+    feedback = hip().peek(NOW)[0]
+
+    shown = (feedback.statusword, feedback.mode_display, feedback.temperature_degc)
+    assert shown == (0, 0, None)
+    assert (feedback.position_counts, feedback.torque_raw) == (0, 0)
+    assert feedback.sample_age_cycles == 0
+    assert not feedback.rebooted
+
+
 def test_before_the_first_sample_nothing_is_known_and_nothing_looks_young():
-    feedback = window(hip(), [])
+    feedback = window(hip(), [], cycle=8)
 
     assert not feedback.fresh
     assert feedback.sample_age_cycles == 1
@@ -137,16 +150,20 @@ def test_of_two_in_one_window_the_second_is_this_cycle_s():
     assert feedback.late_count == 1
 
 
-@pytest.mark.parametrize("length", [0, 1, 6, 8])
-def test_a_tpdo_of_another_length_than_mapped_is_counted_and_not_used(length):
-    group = hip()
-    bad = Frame(0x185, bytes(range(length)))
+@pytest.mark.parametrize("number", [0, 1])
+@pytest.mark.parametrize("length", [0, 1, 5, 8])
+def test_a_tpdo_of_another_length_than_mapped_is_counted_and_not_used(number, length):
+    group = DriveGroup([Drive(drive("hip_generic"), NOW)])
+    frames = [status(), Frame(0x285, struct.pack("<hI", 250, GOOD_INPUTS))]
+    frames[number] = Frame(frames[number].can_id, bytes(range(length)))
 
-    feedback = window(group, [bad, torque()])
+    assert not group.feed(frames, NOW)
+    feedback = group.end_of_window(1, NOW)[0]
 
     assert not feedback.fresh
     assert feedback.protocol_error_count == 1
-    assert feedback.power_state is PowerState.UNKNOWN
+    assert (feedback.power_state is PowerState.UNKNOWN) is (number == 0)
+    assert (feedback.inputs == Input.NONE) is (number == 1)
 
 
 def test_a_statusword_that_the_standard_does_not_have_is_a_protocol_error():
@@ -158,7 +175,10 @@ def test_a_statusword_that_the_standard_does_not_have_is_a_protocol_error():
 
 @pytest.mark.parametrize(
     ("word", "mode", "following"),
-    [(0x1637, 10, True), (0x1637, 8, True), (0x0637, 10, False), (0x1637, 6, False)],
+    [
+        *((0x1637, 8, True), (0x1637, 9, True), (0x1637, 10, True), (0x1637, 6, False)),
+        *((0x0637, 10, False), (0x2637, 10, False)),
+    ],
 )
 def test_following_is_bit_12_in_a_cyclic_mode_only(word, mode, following):
     feedback = window(hip(), [status(word, mode=mode), torque()])
@@ -186,10 +206,29 @@ def test_inputs_are_the_profile_s_bits_and_no_others(bits, inputs):
     assert window(hip(), [status(), torque(inputs=bits)]).inputs == inputs
 
 
+def test_an_input_whose_name_holds_at_the_low_level_is_read_so():
+    profile = copy.deepcopy(table("profiles/generic.toml"))
+    profile["inputs"]["sto_released"]["level"] = 0
+    group = DriveGroup([Drive(join(axis_for(profile), profile, "hip"), NOW)])
+
+    frames = [Frame(0x285, struct.pack("<hI", 0, bits)) for bits in (0x00010000, GOOD_INPUTS)]
+    told = [window(group, [frame]).inputs & Input.STO_RELEASED for frame in frames]
+
+    assert told == [Input.STO_RELEASED, Input.NONE]
+
+
+def test_noise_on_inputs_without_a_name_fills_no_memory():
+    group = hip()
+
+    group.feed([torque(inputs=GOOD_INPUTS | 1 << bit) for bit in range(2, 16)], NOW)
+
+    assert len(group.drives[0]._decoded_inputs) == 1
+
+
 def test_slow_values_come_when_they_come():
     group = hip()
 
-    group.feed_between([Frame(0x385, struct.pack("<hH", 415, 0x8611))], NOW)
+    assert not group.feed_between([Frame(0x385, struct.pack("<hH", 415, 0x8611))], NOW)
     feedback = window(group, sample())
 
     assert feedback.temperature_degc == pytest.approx(41.5)
@@ -200,6 +239,9 @@ def test_slow_values_come_when_they_come():
 def test_slow_values_are_unknown_once_three_of_them_stayed_away_and_known_again_with_the_next():
     group = hip()
     slow = Frame(0x385, struct.pack("<hH", 415, 0x8611))
+    silent = hip()
+    overdue = [window(silent, sample(), cycle).temperature_overdue for cycle in range(1, 33)]
+    assert overdue == [False] * 30 + [True] * 2
 
     group.feed_between([slow], NOW)
     told = [window(group, sample(), cycle) for cycle in range(1, 33)]
@@ -208,8 +250,10 @@ def test_slow_values_are_unknown_once_three_of_them_stayed_away_and_known_again_
     assert [one.temperature_overdue for one in told] == [False] * 30 + [True] * 2
     assert group.drives[0].error_code == 0
     # Of another length it tells nothing; and windows that were left out do not count.
-    group.feed_between([slow._replace(data=b"\1")], NOW)
-    assert window(group, sample(), 33).temperature_overdue
+    for data in (b"\1", bytes(8)):
+        group.feed_between([slow._replace(data=data)], NOW)
+    missed = window(group, sample(), 33)
+    assert (missed.temperature_overdue, missed.protocol_error_count) == (True, 2)
     group.feed_between([slow], NOW)
     again = window(group, sample(), 500)
     assert (again.temperature_overdue, again.temperature_degc) == (False, pytest.approx(41.5))
@@ -260,10 +304,10 @@ def test_a_node_that_leaves_operational_is_an_alarm():
 def test_a_frame_that_is_no_heartbeat_is_a_protocol_error_and_no_sign_of_life():
     group = hip()
 
-    group.feed([Frame(0x705, b"\x33"), Frame(0x705, b"")], NOW + 50_000_000)
+    group.feed([Frame(0x705, b"\x33"), Frame(0x705, b""), Frame(0x705, b"\x01")], NOW + 50_000_000)
     feedback = group.peek(NOW + 60_000_000)[0]
 
-    assert feedback.protocol_error_count == 2
+    assert feedback.protocol_error_count == 3
     assert feedback.heartbeat_age_ns == 60_000_000
 
 
@@ -323,6 +367,14 @@ def test_it_is_known_when_a_reset_edge_would_be_ignored(name, code, ignored):
     assert only.ignores_reset_edge is ignored
 
 
+def test_a_code_in_the_slow_pdo_says_as_well_that_a_reset_edge_would_be_ignored():
+    group = hip()
+
+    group.feed([Frame(0x385, struct.pack("<hH", 415, 0x8130))], NOW)
+
+    assert group.drives[0].ignores_reset_edge
+
+
 # --- the group ------------------------------------------------------------------------------------
 
 
@@ -345,6 +397,15 @@ def test_bus_off_is_an_alarm():
 
     assert group.feed_between([Frame(0x040, bytes(8), is_error=True)], NOW)
     assert group.bus_state.condition is BusCondition.OFF
+
+
+def test_an_error_frame_is_no_frame_of_a_drive_and_ends_no_batch():
+    group = hip()
+
+    feedback = window(group, [Frame(0x040, bytes(8), is_error=True), *sample()])
+
+    assert feedback.fresh
+    assert group.stray_count == 0
 
 
 # --- commands -------------------------------------------------------------------------------------

@@ -21,8 +21,10 @@ from drive_files import (
 from drives.bringup.plan import plan
 from drives.bringup.steps import StepKind
 from drives.canopen.emcy_codes import EmergencyTable, meaning
+from drives.cia402.axis_file import AxisFile
 from drives.cia402.homing import HomingObjects
 from drives.cia402.pdo import layouts
+from drives.cia402.profile import DecelerationUnit, DriveProfile, Keeps, SpeedUnit
 from drives.errors import DescriptionError
 from drives.service import eds
 
@@ -326,6 +328,148 @@ def test_files_that_cannot_be_true_together_are_refused_by_key(name, part, path,
     assert caught.value.allowed
 
 
+RESUMES = "false where 605Ah is below 5: transition 16 needs a drive that holds"
+ONLY_TARGET = "6071h:00, signed, of 16 or 32 bits: CiA 402 defines no other target"
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "path", "value", "told"),
+    [
+        (
+            *("slide_epos4", "axis", ("transmission", "offset_m"), None),
+            "axis: transmission.offset_m = None: needed for kind = linear",
+        ),
+        (
+            *("hip_epos4", "axis", ("transmission", "lead_m"), 0.1),
+            "axis: transmission.lead_m = 0.1: must be absent for kind = rotary",
+        ),
+        (
+            *("hip_epos4", "axis", ("motor", "torque_constant_raw"), None),
+            "axis: motor.torque_constant_raw = None: the profile has a torque_constant object",
+        ),
+        (
+            *("hip_elmo", "axis", ("motor", "rated_torque_raw"), 279),
+            "axis: motor.rated_torque_raw = 279: the profile has no rated_torque object",
+        ),
+        (
+            *("hip_generic", "profile", ("written", 0, "value"), 2),
+            f"profile: resume_from_quick_stop = True: {RESUMES}",
+        ),
+        (
+            *("hip_epos4", "profile", ("heartbeat", "consumer_entries"), 0),
+            "profile: heartbeat.consumer_entries = 0: at least 1, or pdo.rpdo_timeout: a drive must"
+            " detect the loss of its master",
+        ),
+        *(
+            (
+                *("hip_generic", "profile", ("target_torque", key), value),
+                f"profile: target_torque = '{place}': {ONLY_TARGET}",
+            )
+            for key, value, place in (
+                *(("index", 0x6070, "6070h:00"), ("index", 0x6072, "6072h:00")),
+                *(("sub", 1, "6071h:01"), ("signed", False, "6071h:00"), ("bits", 8, "6071h:00")),
+            )
+        ),
+        *(
+            (
+                *("hip_epos4", "profile", (key, "unit"), "permille_of_rated_torque"),
+                f"profile: torque_base.rated_torque = None: the object that {key}.unit ="
+                " permille_of_rated_torque refers to",
+            )
+            for key in ("torque_source", "torque_limit", "target_torque")
+        ),
+    ],
+)
+def test_a_contradiction_is_told_with_what_would_be_right(name, part, path, value, told):
+    axis, profile = broken(name, part, path, value)
+    if "permille" in told:
+        others = {"torque_source", "torque_limit", "target_torque"} - {path[0]}
+        for other in others:
+            profile[other]["unit"] = "milliampere"
+        del profile["torque_base"]["rated_torque"], profile["torque_base"]["rated_torque_unit"]
+
+    with pytest.raises(DescriptionError) as caught:
+        join(axis, profile, name)
+
+    assert str(caught.value) == told
+
+
+@pytest.mark.parametrize(
+    ("profile", "motor", "key", "fits"),
+    [
+        ("elmo_gold", (0.1, 10.0, {}), "rated_current_raw", range(9900, 10101)),
+        (
+            *("epos4", (0.01, 10.0, {"rated_torque_raw": 100_000, "rated_current_raw": 10_000})),
+            *("torque_constant_raw", range(9900, 10101)),
+        ),
+        (
+            *("generic", (0.0999, 1.0, {"rated_current_raw": 1000})),
+            *("rated_torque_raw", range(99, 101)),
+        ),
+    ],
+)
+def test_a_base_is_within_one_percent_of_the_motor_s(profile, motor, key, fits):
+    kind = table(f"profiles/{profile}.toml")
+    axis = axis_for(kind)
+    constant_nm_per_a, nominal_a, others = motor
+    axis["motor"] |= {
+        "torque_constant_nm_per_a": constant_nm_per_a,
+        "nominal_current_a": nominal_a,
+        "current_limit_a": nominal_a,
+    } | others
+    for raw in (fits[0], fits[-1]):
+        axis["motor"][key] = raw
+        assert getattr(join(axis, kind, "hip").axis.motor, key) == raw
+    for raw in (fits[0] - 1, fits[-1] + 1):
+        axis["motor"][key] = raw
+        with pytest.raises(DescriptionError, match=key):
+            join(axis, kind, "hip")
+
+
+@pytest.mark.parametrize(
+    ("part", "path", "least", "most"),
+    [
+        ("axis", ("node_id",), 1, 127),
+        ("axis", ("identity", "revision"), 0, 0xFFFFFFFF),
+        ("axis", ("motor", "rated_torque_raw"), 1, 0xFFFFFFFF),
+        ("profile", ("inputs", "sto_released", "bit"), 0, 31),
+        ("profile", ("checked", 0, "mask"), 0, 0xFFFFFFFF),
+    ],
+)
+def test_a_number_of_the_files_has_the_range_of_its_object(part, path, least, most):
+    kind = {"axis": AxisFile, "profile": DriveProfile}[part]
+    number = {"axis": 0, "profile": 1}[part]
+    for value in (least, most):
+        msgspec.convert(broken("hip_elmo", part, path, value)[number], kind)
+    for value in (least - 1, most + 1):
+        with pytest.raises(msgspec.ValidationError, match=path[-1]):
+            msgspec.convert(broken("hip_elmo", part, path, value)[number], kind)
+
+
+def test_the_words_of_a_profile_are_these_and_no_others():
+    words = {kind: [one.value for one in kind] for kind in (SpeedUnit, DecelerationUnit, Keeps)}
+
+    assert words == {
+        SpeedUnit: ["rpm", "counts_per_s", "tenth_counts_per_s"],
+        DecelerationUnit: ["rpm_per_s", "counts_per_s2", "ten_counts_per_s2"],
+        Keeps: ["kept", "not_kept", "unknown"],
+    }
+
+
+def test_an_axis_that_does_not_say_how_long_it_takes_to_enable_has_a_quarter_of_a_second():
+    assert drive("hip_epos4").axis.enable_max_ms == 250
+
+
+def test_the_bases_of_torque_are_told_with_their_units():
+    told = [(base.what, base.ref.place) for base in drive("hip_epos4").torque_bases]
+
+    assert told == [
+        ("rated torque in micro_newton_metre", "6076h:00"),
+        ("rated current in milliampere", "3001h:01"),
+        ("torque constant in micro_newton_metre per ampere", "3001h:05"),
+    ]
+
+
 @pytest.mark.parametrize(
     ("part", "path", "value"),
     [
@@ -361,8 +505,11 @@ def test_a_slow_pdo_without_anything_in_it_is_refused():
     axis, profile = broken("hip_generic", "profile", ("temperature",), None)
     profile["pdo"]["error_code"] = False
 
-    with pytest.raises(DescriptionError, match="TPDO3 would be empty"):
+    with pytest.raises(DescriptionError) as caught:
         join(axis, profile, "hip_generic")
+
+    allowed = "true where there is no temperature: TPDO3 would be empty"
+    assert str(caught.value) == f"profile: pdo.error_code = False: {allowed}"
 
 
 @pytest.mark.parametrize("profile", PROFILES)

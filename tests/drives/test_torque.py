@@ -124,15 +124,21 @@ def test_a_rated_force_in_millinewton_is_that_of_a_linear_motor():
     assert permille_to_effort(500, scaling) == pytest.approx(30.0)
 
 
-@pytest.mark.parametrize("change", [{"gear_ratio": 6.0}, {"kind": "rotary"}])
+@pytest.mark.parametrize(
+    "change", [{"gear_ratio": 6.0}, {"gear_ratio": 0.5}, {"kind": "rotary", "gear_ratio": 1.0}]
+)
 def test_a_rated_force_needs_a_linear_motor_without_a_gear(change):
     profile = table("profiles/generic.toml")
     profile["torque_base"]["rated_torque_unit"] = "milli_newton"
     axis = table("hip_generic.toml" if "kind" in change else "slide_generic.toml")
     axis["transmission"] |= change
 
-    with pytest.raises(DescriptionError, match="6076h is a force"):
+    with pytest.raises(DescriptionError) as caught:
         join(axis, profile, "slide")
+
+    kind = axis["transmission"]["kind"]
+    allowed = "linear, with gear_ratio = 1: the profile's 6076h is a force"
+    assert str(caught.value) == f"axis: transmission.kind = {kind!r}: {allowed}"
 
 
 def test_the_drive_s_own_base_counts_and_not_the_file_s():

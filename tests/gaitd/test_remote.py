@@ -1,4 +1,4 @@
-"""Exit codes of a request, also for an outcome that this version does not know."""
+"""Exit codes of a request, also for an outcome that this version does not know; no service."""
 
 import json
 from contextlib import nullcontext
@@ -27,3 +27,13 @@ def test_every_outcome_has_an_exit_code(monkeypatch, capsys, outcome, code):
 
     assert remote.request(Target(), "stop", as_json=True) == code
     assert json.loads(capsys.readouterr().out)["outcome"] == outcome
+
+
+@pytest.mark.parametrize(("name", "is_warned"), [("stop", True), ("enable", False)])
+def test_a_stop_without_a_service_names_the_other_ways_to_stop(capsys, name, is_warned):
+    nowhere = Target(("tcp/127.0.0.1:1",))
+
+    assert remote.request(nowhere, name, as_json=False) == remote.EXIT_NO_ANSWER
+    text = capsys.readouterr().err
+    assert "no service listens on tcp/127.0.0.1:1" in text
+    assert ("may not have stopped" in text and "emergency stop" in text) == is_warned

@@ -1,7 +1,10 @@
-"""`gaitd self-test` against a service that keeps count of what it is asked."""
+"""`gaitd self-test` and `reference` against a service that keeps count of its requests."""
+
+import json
 
 import pytest
-from gaitd_client import wire
+import typer
+from gaitd_client import NoAnswerError, Target, wire
 from typer.testing import CliRunner
 
 from daemon.gateway import translate
@@ -11,7 +14,7 @@ from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCateg
 from daemon.wire.cause_texts import CAUSE_TEXT
 from gaitd import preparation
 from gaitd.__main__ import build
-from gaitd.remote import EXIT_REFUSED
+from gaitd.remote import EXIT_NO_ANSWER, EXIT_REFUSED
 
 STOP = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, "right/hip", detail="2310h overcurrent")
 
@@ -97,3 +100,31 @@ def test_nothing_is_enabled_after_the_service_has_left_ready(run, modes):
 
     assert result.exit_code == EXIT_REFUSED
     assert service.asked == ["enable"] * (len(modes) - 2)
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_service_that_is_lost_while_an_axis_moves_is_reported_with_the_reason(
+    monkeypatch, capsys, as_json
+):
+    class Lost(Service):
+        def request(self, name, **arguments):
+            super().request(name, **arguments)
+            self.modes = []
+            return wire.Reply(**self.head(), request=name, outcome="done", reason="", mode=None)
+
+        def status(self):
+            if not self.modes:
+                raise NoAnswerError("no answer to status: the link is down")
+            return super().status()
+
+    service = Lost(Mode.READY)
+    monkeypatch.setattr(preparation, "client_of", lambda *_: service)
+    monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
+    with pytest.raises(typer.Exit) as ended:
+        preparation.run_axis(Target(), "reference", "right/hip", "homed", as_json=as_json)
+
+    reason = "no answer to status: the link is down; right/hip may be moving: look at it before"
+    output = capsys.readouterr()
+    said = json.loads(output.out.splitlines()[-1])["reason"] if as_json else output.err
+    assert reason in said
+    assert (ended.value.exit_code, service.asked) == (EXIT_NO_ANSWER, ["mode"])

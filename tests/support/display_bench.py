@@ -37,6 +37,7 @@ PAGE = {
     "unstrap": {"en": "Open the foot strap first.", "de": "Zuerst den Fußgurt öffnen."},
 }
 OFF = "switch_on_disabled"
+UNPOWERED = {Mode.OFF, Mode.BRINGING_UP, Mode.READY}
 BEGAN_NS = 1_800_000_000_000_000_000
 ORIGIN = "http://127.0.0.1:8080"
 OURS = {"origin": ORIGIN, "host": ORIGIN.partition("://")[2]}
@@ -157,7 +158,8 @@ class MessageTrainer:
     def health(self):
         return self._stream("health", wire.Health, silence_ns=SECOND_SILENCE_NS)
 
-    def events(self):
+    def events(self, *, history_count=50):
+        assert history_count in {0, 50}
         return self._stream("events", Event, silence_ns=None, keep=256)
 
     # --- messages ---------------------------------------------------------------------------
@@ -177,6 +179,8 @@ class MessageTrainer:
         power_w=None,
         phase=None,
         switch=True,
+        sto=False,
+        power=None,
         pose=(0.2, 0.4),
         validity="ok",
         count=1,
@@ -187,6 +191,7 @@ class MessageTrainer:
             self.cycle += 1
             head = {"core_boot_id": "boot", "cycle": self.cycle, "mode": str(mode)}
             head["sample_time_ns"] = BEGAN_NS + self.clock.ns
+            powered = OFF if mode in UNPOWERED else "operation_enabled"
             for leg in self.legs:
                 given = {"leg": leg, "patient_power_w": power_w, "gait_phase_ratio": phase}
                 given |= {"hip_validity": validity, "slide_validity": validity}
@@ -200,7 +205,7 @@ class MessageTrainer:
                 for axis, position in zip(("hip", "slide"), pose, strict=True):
                     drive = {"name": f"{leg}/{axis}", "position_si": position, "fresh": True}
                     drive |= {"hand_switch_closed": switch, "effort_si": 5.5}
-                    drive["power_state"] = "operation_enabled" if mode == Mode.HOLD else OFF
+                    drive |= {"power_state": power or powered, "sto_released": not sto}
                     head_of_drive = {"core_boot_id": "boot", "cycle": self.cycle}
                     self.send(f"drives/{leg}/{axis}", filled(DriveState, **head_of_drive, **drive))
             active = mode not in {Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.FAULT}

@@ -199,6 +199,7 @@ CORE_FIELDS = (
     "result",
     "lease",
     "torque_lease",
+    "assist_cap_si",
 )
 LEG_FIELDS = ("exercise", "reference", "takes_over")
 AXIS_FIELDS = (

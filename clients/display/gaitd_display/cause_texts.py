@@ -50,7 +50,10 @@ INSTRUCTIONS: Final[Mapping[Situation, tuple[Text, ...]]] = {
         ),
     ),
     Situation.AT_REST: (
-        Text("Nothing moves. Lie still.", "Nichts bewegt sich. Ruhig liegen bleiben."),
+        Text(
+            "Lie still. The machine does not move your leg.",
+            "Ruhig liegen bleiben. Die Maschine bewegt Ihr Bein nicht.",
+        ),
     ),
 }
 """What to do at once, in this order."""

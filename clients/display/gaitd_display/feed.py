@@ -10,12 +10,16 @@ gets the present instead of a burst of the past when it reads again.
 import asyncio
 from collections import deque
 from collections.abc import Callable
-from typing import Final
+from typing import Final, TypeVar
 
 import msgspec
+from gaitd_client import NotValid, Stream
+
+T = TypeVar("T", bound=msgspec.Struct)
 
 TICK_S: Final = 1 / 60
-WINDOW: Final = 8
+WINDOW: Final = 2
+"""Frames that may be on their way to a page: more would be old when they are painted."""
 ITEMS_MAX: Final = 256
 PAGES_MAX: Final = 16
 
@@ -111,6 +115,12 @@ class Feed:
         self._past.append(encoded)
         for page in self._pages:
             page.add(encoded)
+
+    async def follow(self, stream: Stream[T], item_of: Callable[[T], msgspec.Struct]) -> None:
+        """Send an item for each message of a stream, until it is closed."""
+        async for message in stream:
+            if not isinstance(message, NotValid):
+                self.add(item_of(message))
 
     def tick(self) -> None:
         """Offer the present view to all pages."""

@@ -7,14 +7,15 @@ only, because without login everyone who reaches the page could press its button
 import asyncio
 import contextlib
 import secrets
-from collections.abc import AsyncGenerator, Callable
-from typing import Final, Literal
+from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable
+from typing import Any, Final
 
 import msgspec
-from gaitd_client import Clock, Configuration, NoAnswerError, NotValid, Reply, Stride, Trainer
+from gaitd_client import Clock, Configuration, NoAnswerError, NotValid, Reply, Trainer
+from gaitd_session import Button
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
@@ -25,7 +26,6 @@ from gaitd_display.settings import PatientSettings
 from gaitd_display.training import Training
 from gaitd_display.way_out import Action
 from gaitd_display.web import (
-    STATIC,
     Answer,
     Served,
     Stops,
@@ -34,12 +34,15 @@ from gaitd_display.web import (
     json,
     live,
     make_app,
+    page,
     small_body,
     working,
 )
 
 AXES: Final = ("hip", "slide")
 CONFIGURATION_POLL_S: Final = 1.0
+SETTLED_NS: Final = 1_500_000_000
+"""So long a button that begins something is not yet offered, where what it begins has changed."""
 
 
 class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -51,7 +54,27 @@ class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Press(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Body of a button of the session."""
 
-    button: Literal["start", "pause", "end"]
+    button: Button
+
+
+class Offers:
+    """What a press would begin, as long as it has been offered for `SETTLED_NS`.
+
+    A second tap on a button must not be a press of what the page offers next.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        """Start without an offer."""
+        self._clock = clock
+        self._since_ns: dict[str, int] = {}
+
+    def settled(self, offers: Iterable[str]) -> frozenset[str]:
+        """Take the present offers; return those that stand for long enough."""
+        now_ns = self._clock.now_ns()
+        self._since_ns = {offer: self._since_ns.get(offer, now_ns) for offer in offers}
+        return frozenset(
+            offer for offer, since_ns in self._since_ns.items() if now_ns - since_ns >= SETTLED_NS
+        )
 
 
 class PatientServer:
@@ -77,10 +100,10 @@ class PatientServer:
         if settings.session is not None:
             self._training = Training(settings.session, trainer, clock)
         self._read: Callable[[], PatientView]
+        self._offers = Offers(clock)
         self._action: Action | None = None
-        self._buttons: tuple[str, ...] = ()
+        self._buttons: tuple[Button, ...] = ()
         self._asking = asyncio.Lock()
-        self._loop: asyncio.AbstractEventLoop
         self.app: ASGIApp = make_app(
             settings.web,
             Served(
@@ -98,10 +121,9 @@ class PatientServer:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
-        self._loop = asyncio.get_running_loop()
         async with connected(self._trainer):
-            self._subscribe()
-            async with working(self.feed.run(), self._follow_configuration()), self._trained():
+            works = [self._follow_configuration(), *self._subscribe()]
+            async with working(self.feed.run(), *works), self._trained():
                 yield
         self._stops.close()
 
@@ -117,7 +139,8 @@ class PatientServer:
         finally:
             await asyncio.to_thread(self._training.end)
 
-    def _subscribe(self) -> None:
+    def _subscribe(self) -> list[Coroutine[Any, Any, None]]:
+        """Make the streams; return the works that send their items."""
         trainer = self._trainer
         legs = [bar.leg for bar in self._settings.bar]
         activities = {leg: trainer.activity(leg) for leg in legs}
@@ -125,29 +148,29 @@ class PatientServer:
         safety = trainer.safety()
 
         def read() -> PatientView:
+            newest = safety.newest()
+            mode = None if isinstance(newest, NotValid) else newest.mode
             return self.state.take(
                 [(leg, stream.newest()) for leg, stream in activities.items()],
-                safety.newest(),
+                newest,
                 [stream.newest() for stream in drives],
+                None if self._training is None else self._training.view(mode),
             )
 
         self._read = read
-        for leg in legs:
-            trainer.stride(leg).call(self._take_stride)
-
-    def _take_stride(self, stride: Stride | NotValid) -> None:
-        """Take a stride, in a thread of its stream."""
-        if isinstance(stride, Stride):
-            self._loop.call_soon_threadsafe(self.feed.add, dot(stride))
+        return [self.feed.follow(trainer.stride(leg), dot) for leg in legs]
 
     def _view(self) -> PatientView:
         view = self._read()
-        self._action = view.action
-        if self._training is None:
-            return view
-        training = self._training.view(view.mode)
-        self._buttons = training.buttons if training is not None else ()
-        return msgspec.structs.replace(view, training=training)
+        training = view.training
+        buttons = () if training is None or view.mode is None else training.buttons
+        begins = [view.action, *(one for one in buttons if one is Button.START)]
+        settled = self._offers.settled(offer for offer in begins if offer is not None)
+        self._action = view.action if view.action in settled else None
+        self._buttons = tuple(one for one in buttons if one is not Button.START or one in settled)
+        if training is not None:
+            training = msgspec.structs.replace(training, buttons=self._buttons)
+        return msgspec.structs.replace(view, action=self._action, training=training)
 
     async def _follow_configuration(self) -> None:
         """Read the configuration of each new core; the way out depends on it."""
@@ -166,7 +189,7 @@ class PatientServer:
             return None
 
     async def _page(self, _request: Request) -> Response:
-        return FileResponse(STATIC / "patient.html")
+        return page("patient", "patient")
 
     async def _page_text(self, _request: Request) -> Response:
         return json(self._settings.page)
@@ -193,6 +216,12 @@ class PatientServer:
             return json(Answer("refused", str(error)), 400)
         if self._training is None or button not in self._buttons:
             return json(Answer("refused", f"{button} is not offered at present"), 409)
+        if button is not Button.START:
+            # What ends a motion waits for nothing.
+            await asyncio.to_thread(self._training.press, button)
+            return json(Answer("done"))
+        if self._asking.locked():
+            return json(Answer("refused", "another request has no answer yet"), 409)
         async with self._asking:
             await asyncio.to_thread(self._training.press, button)
         return json(Answer("done"))
@@ -201,9 +230,11 @@ class PatientServer:
         """Send the request of a button, in a thread."""
         trainer = self._trainer
         if action is Action.RESET:
-            reply = trainer.reset()
-            self.state.way_out.reset_is_done()
-            return reply
+            self.state.way_out.reset_is_asked()
+            try:
+                return trainer.reset()
+            finally:
+                self.state.way_out.reset_is_answered()
         if action is Action.ENABLE:
             return trainer.enable()
         return trainer.mode(action)

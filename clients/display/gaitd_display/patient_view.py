@@ -1,7 +1,7 @@
 """All that the patient's page shows, computed from the newest messages; the page only paints it."""
 
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 from gaitd_client import (
@@ -16,15 +16,30 @@ from gaitd_client import (
     Stride,
 )
 
-from gaitd_display.cause_texts import INSTRUCTIONS, patient_text
+from gaitd_display.cause_texts import INSTRUCTIONS, Situation, patient_text
 from gaitd_display.feedback import BarView, LegFeedback, Result
 from gaitd_display.settings import PatientSettings
 from gaitd_display.texts import Text, Word
 from gaitd_display.training import TrainingView
-from gaitd_display.way_out import ACTION, Action, Pose, Release, Step, WayOut
+from gaitd_display.way_out import (
+    ACTION,
+    UNPOWERED_MODES,
+    Action,
+    Pose,
+    Release,
+    Step,
+    Stop,
+    WayOut,
+)
 
 STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
-UNPOWERED_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
+RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
+HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
+"""CiA 402 power states in which a drive can hold a leg."""
+INPUT_CYCLES: Final = 20
+"""After so many cycles a drive has shown the input that goes with its fault."""
+BY_EMERGENCY_STOP: Final = frozenset({Cause.DRIVE_FAULT, Cause.EMERGENCY})
+"""Causes that the emergency stop has where nothing moves: the drive reports it as a fault."""
 STAGE_WORDS: Final[Mapping[str | None, Word]] = {
     Stage.PREPARING: Word.WAIT,
     Stage.ANNOUNCING: Word.SOON,
@@ -86,9 +101,12 @@ class PatientView(msgspec.Struct, frozen=True):
 
     word: Word
     mode: str | None
+    active: bool
+    """The drives are enabled, or were when the trainer fell silent."""
     bars: tuple[BarView, ...]
     stop: StopView | None
     step: Step
+    """With a stop, or a step on the way out of one, the page shows these alone."""
     action: Action | None
     alarm: str | None
     """Sounds until it is acknowledged; another text is another alarm. None: none."""
@@ -112,6 +130,17 @@ def said(text: Text) -> Said:
     return Said(text.en, text.de)
 
 
+class _Stopped(NamedTuple):
+    """How the present stop began."""
+
+    cycle: int | None = None
+    """When it was published; None: there is none."""
+    is_active: bool = False
+    """The drives were enabled."""
+    has_emergency_stop: bool = False
+    """A drive has read the emergency stop as pressed since then."""
+
+
 class PatientState:
     """The newest messages, and what follows from them."""
 
@@ -131,7 +160,10 @@ class PatientState:
         self._silent = dict.fromkeys(self._legs, True)
         self._safety: Safety | None = None
         self._drives: dict[str, DriveState] = {}
-        self._was_active = False
+        self._are_holding = False
+        self._training: TrainingView | None = None
+        self._was_active = self._was_up = False
+        self._stopped_in = _Stopped()
         self._run_id, self._alarm_count, self._alarm_about = run_id, 0, ""
         self.configuration: Configuration | None = None
         self.way_out = WayOut()
@@ -141,25 +173,35 @@ class PatientState:
         activities: Iterable[tuple[str, Activity | NotValid]],
         safety: Safety | NotValid,
         drives: Iterable[DriveState | NotValid],
+        training: TrainingView | None = None,
     ) -> PatientView:
-        """Take the newest messages; return the frame."""
+        """Take the newest messages, and what the session says; return the frame."""
+        drives = tuple(drives)
         for leg, activity in activities:
             self._legs[leg].take(activity)
             self._silent[leg] = isinstance(activity, NotValid)
         self._safety = safety if isinstance(safety, Safety) and safety.valid else None
         self._drives = {drive.name: drive for drive in drives if isinstance(drive, DriveState)}
+        self._are_holding = len(self._drives) == len(drives) and all(
+            drive.power_state in HOLDING for drive in self._drives.values()
+        )
+        self._training = training
         word = self._word()
         is_silent = word is Word.NO_SIGNAL
         mode = None if self._safety is None or is_silent else self._safety.mode
+        if not is_silent:
+            self._note(mode)
         step = Step.NONE if is_silent else self._step(mode)
         return PatientView(
             word=word,
             mode=mode,
+            active=self._was_active,
             bars=tuple(leg.view() for leg in self._legs.values()),
             stop=None if is_silent else self._stop(),
             step=step,
             action=ACTION.get(step),
-            alarm=self._alarm(word, mode),
+            alarm=self._alarm(word),
+            training=training,
         )
 
     @property
@@ -175,6 +217,13 @@ class PatientState:
         if self._safety is None or all(self._silent.values()):
             return Word.NO_SIGNAL
         mode, stage = self._safety.mode, self._safety.stage
+        if mode in UNPOWERED_MODES and self._cause() != Cause.NONE:
+            return Word.STOPPED
+        announces = self._training is not None and self._training.announces
+        if (announces and mode in RESTING_MODES) or (
+            mode == Mode.SELF_TEST and stage == Stage.PREPARING
+        ):
+            return Word.SOON
         if mode in TRAINING and stage == Stage.PLAYING:
             return self._result_word()
         if stage in STAGE_WORDS and mode not in STOPPED_MODES:
@@ -189,19 +238,28 @@ class PatientState:
         cause = self._cause()
         if cause == Cause.NONE:
             return None
-        text = patient_text(cause)
+        is_by_hand = self._stopped_in.has_emergency_stop and cause in BY_EMERGENCY_STOP
+        text = patient_text(Cause.STO_ACTIVE if is_by_hand else cause)
         advice = () if text.advice is None else (text.advice,)
-        instructions = (*INSTRUCTIONS[text.situation], *advice)
+        is_loose = text.situation is Situation.HELD and not self._are_holding
+        situation = Situation.LOOSE if is_loose else text.situation
+        instructions = (*INSTRUCTIONS[situation], *advice)
         return StopView(cause, said(text.happened), tuple(map(said, instructions)))
 
     def _step(self, mode: str | None) -> Step:
+        cause = self._cause()
+        is_latched = cause != Cause.NONE
+        if self._training is not None and self._training.is_going:
+            self.way_out.leave()
+        may_start = self._training is not None and self._training.resets
+        why_not = self._release.why_not(cause, self.configuration, self._poses())
         if not self._may_request:
-            return Step.HELP if mode == Mode.FAULT else Step.NONE
-        why_not = self._release.why_not(self._cause(), self.configuration, self._poses())
+            is_at_rest = mode == Mode.FAULT or (is_latched and mode in UNPOWERED_MODES)
+            return Step.HELP if is_at_rest else Step.NONE
         held = bool(self._drives) and all(
             drive.hand_switch_closed is True for drive in self._drives.values()
         )
-        return self.way_out.step(mode, why_not, is_switch_held=held)
+        return self.way_out.step(Stop(mode, is_latched, why_not, held, may_start))
 
     def _poses(self) -> tuple[Pose | None, ...]:
         return tuple(map(self._pose, self._legs))
@@ -214,16 +272,36 @@ class PatientState:
         drive = self._drives.get(name)
         return drive.position_si if drive is not None and drive.fresh else None
 
-    def _alarm(self, word: Word, mode: str | None) -> str | None:
+    def _note(self, mode: str | None) -> None:
+        """Take note of what the alarm and the text of a stop depend on."""
+        safety, cause = self._safety, self._cause()
+        if cause == Cause.NONE:
+            self._stopped_in = _Stopped()
+        elif self._stopped_in.cycle is None:
+            cycle = 0 if safety is None else safety.cycle
+            self._stopped_in = _Stopped(cycle, is_active=self._was_active)
+        if any(drive.sto_released is False for drive in self._drives.values()):
+            self._stopped_in = self._stopped_in._replace(has_emergency_stop=True)
+        self._was_active = bool(safety and safety.active)
+        self._was_up |= mode not in UNPOWERED_MODES
+
+    def _alarm(self, word: Word) -> str | None:
         """An alarm sounds after a stop, and if the signal is lost while the drives were enabled."""
         about = ""
         if word is Word.NO_SIGNAL:
             about = word.value if self._was_active else ""
-        else:
-            self._was_active = bool(self._safety and self._safety.active)
-            if mode in STOPPED_MODES and self._cause() != Cause.NONE:
-                about = self._cause()
+        elif self._cause() != Cause.NONE and (self._is_alarming() or self._alarm_about):
+            about = self._cause()
         if about and about != self._alarm_about:
             self._alarm_count += 1
         self._alarm_about = about
         return f"{self._run_id}-{self._alarm_count}" if about else None
+
+    def _is_alarming(self) -> bool:
+        """False for what a person does before a training: switch on, press the emergency stop."""
+        stopped = self._stopped_in
+        if stopped.is_active or self._training is None:
+            return stopped.is_active or self._was_up
+        known_cycle = (stopped.cycle or 0) + INPUT_CYCLES
+        is_known = all(drive.cycle >= known_cycle for drive in self._drives.values())
+        return self._was_up and is_known and not stopped.has_emergency_stop

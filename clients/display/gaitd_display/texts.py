@@ -1,26 +1,21 @@
-"""Every word of the pages, in English and German; causes of a stop are in `cause_texts.py`.
+"""Every word of the pages, in English and German.
 
-The page gets both languages, so that its button changes the language without a reload.
+Causes of a stop are in `cause_texts.py`; what a session advises is in `gaitd_session`. The page
+gets both languages, so that its button changes the language without a reload.
 """
 
 from collections.abc import Mapping
 from enum import StrEnum, auto
-from typing import Final, NamedTuple
+from typing import Final
 
-from gaitd_session import Advice
-
-
-class Text(NamedTuple):
-    """One text in both languages."""
-
-    en: str
-    de: str
+from gaitd_session import ADVICE, Advice, Text
 
 
 class Word(StrEnum):
     """The large word of the patient's page."""
 
     NO_CONNECTION = auto()
+    TOO_MANY_PAGES = auto()
     NO_SIGNAL = auto()
     STOPPED = auto()
     STOPPING = auto()
@@ -41,6 +36,7 @@ class Word(StrEnum):
 
 WORDS: Final[Mapping[Word, Text]] = {
     Word.NO_CONNECTION: Text("No connection", "Keine Verbindung"),
+    Word.TOO_MANY_PAGES: Text("Too many pages", "Zu viele Seiten"),
     Word.NO_SIGNAL: Text("No signal", "Kein Signal"),
     Word.STOPPED: Text("Stopped", "Angehalten"),
     Word.STOPPING: Text("Stopping", "Hält an"),
@@ -67,13 +63,23 @@ EXPLAINED: Final[Mapping[Word, Text]] = {
         "Dieser Bildschirm hat keinen Kontakt zu seinem Rechner. STOPP auf diesem Bildschirm wirkt "
         "jetzt nicht. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
     ),
+    Word.TOO_MANY_PAGES: Text(
+        "Too many pages are open. Close one of the others. STOP works.",
+        "Es sind zu viele Seiten offen. Eine der anderen schließen. STOPP wirkt.",
+    ),
     Word.NO_SIGNAL: Text(
         "The trainer sends nothing. To stop: release the hand switch, or press the emergency stop.",
         "Der Trainer sendet nichts. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
     ),
     Word.STOPPING: Text("Lie still.", "Ruhig liegen bleiben."),
-    Word.WAIT: Text("Nothing moves.", "Nichts bewegt sich."),
-    Word.READY: Text("The drives are off.", "Die Antriebe sind aus."),
+    Word.WAIT: Text(
+        "The machine gets ready. Your leg may not be held.",
+        "Die Maschine macht sich bereit. Ihr Bein wird vielleicht nicht gehalten.",
+    ),
+    Word.READY: Text(
+        "The drives are off. Your leg is not held.",
+        "Die Antriebe sind aus. Ihr Bein wird nicht gehalten.",
+    ),
     Word.REST: Text("Your leg is held.", "Ihr Bein wird gehalten."),
     Word.SOON: Text(
         "Hold the hand switch. Your leg will move in a moment.",
@@ -104,6 +110,7 @@ LABELS: Final[Mapping[str, Text]] = {
     "stop": Text("STOP", "STOPP"),
     "stop_note": Text("Not the emergency stop", "Kein Not-Halt"),
     "stop_sent": Text("Stop requested", "Halt angefordert"),
+    "stop_done": Text("STOP has arrived.", "STOPP ist angekommen."),
     "stop_failed": Text(
         "STOP did not arrive. Release the hand switch, or press the emergency stop.",
         "STOPP kam nicht an. Handschalter loslassen oder Not-Halt drücken.",
@@ -168,7 +175,10 @@ LABELS: Final[Mapping[str, Text]] = {
         "Keep the hand switch pressed. With step 1 the drives let go of your leg.",
         "Handschalter gedrückt halten. Mit Schritt 1 lassen die Antriebe Ihr Bein los.",
     ),
-    "way.wait": Text("Please wait.", "Bitte warten."),
+    "way.wait": Text(
+        "Please wait. The drives let go of your leg: it can move.",
+        "Bitte warten. Die Antriebe lassen Ihr Bein los: es kann sich bewegen.",
+    ),
     "way.enable": Text(
         "Keep the hand switch pressed. With step 2 the drives hold your leg again.",
         "Handschalter gedrückt halten. Mit Schritt 2 halten die Antriebe Ihr Bein wieder.",
@@ -190,53 +200,10 @@ LABELS: Final[Mapping[str, Text]] = {
     "press.pause": Text("Pause", "Pause"),
     "press.end": Text("End", "Ende"),
     "no_connection": WORDS[Word.NO_CONNECTION],
+    "too_many_pages": WORDS[Word.TOO_MANY_PAGES],
     "no_signal": WORDS[Word.NO_SIGNAL],
 }
 """All other texts, by the key that pages name in `data-text`."""
-
-
-ADVICE: Final[Mapping[Advice, Text]] = {
-    Advice.WAIT: Text("Please wait.", "Bitte warten."),
-    Advice.HOLD_HAND_SWITCH: Text("Hold the hand switch.", "Handschalter halten."),
-    Advice.PRESS_START: Text(
-        "Hold the hand switch, and press Start.", "Handschalter halten und Start drücken."
-    ),
-    Advice.PRESS_START_TO_RESET: Text("Call for help.", "Hilfe rufen."),
-    Advice.LIE_STILL: Text(
-        "Your leg is about to move. Hold the hand switch.",
-        "Ihr Bein bewegt sich gleich. Handschalter halten.",
-    ),
-    Advice.WALK: Text("Walk along.", "Mitgehen."),
-    Advice.REST: Text(
-        "Rest. You may let go of the hand switch.",
-        "Pause. Sie dürfen den Handschalter loslassen.",
-    ),
-    Advice.CALL_FOR_HELP: Text("Lie still. Call for help.", "Ruhig liegen. Hilfe rufen."),
-    Advice.CHECK_CONNECTION: Text(
-        "To stop, let go of the hand switch.", "Zum Anhalten den Handschalter loslassen."
-    ),
-    Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: Text(
-        "Press the emergency stop, and release it again. Then press Start.",
-        "Not-Halt drücken und wieder lösen. Dann Start drücken.",
-    ),
-    Advice.RELEASE_EMERGENCY_STOP: Text(
-        "Release the emergency stop. Then press Start.",
-        "Not-Halt lösen. Dann Start drücken.",
-    ),
-    Advice.LET_GO_AND_HOLD_HAND_SWITCH: Text(
-        "Let go of the hand switch, hold it again, and press Start.",
-        "Handschalter loslassen, wieder halten, Start drücken.",
-    ),
-    Advice.TRAINER_IS_USED: Text(
-        "Another program has switched the trainer on. Pause switches it off.",
-        "Ein anderes Programm hat den Trainer eingeschaltet. Pause schaltet ihn aus.",
-    ),
-    Advice.DONE: Text(
-        "The training is over. Start begins another one.",
-        "Das Training ist zu Ende. Start beginnt ein neues.",
-    ),
-}
-"""What a session advises, in place of the line below the word while nothing plays."""
 
 
 def page_texts() -> dict[str, dict[str, str]]:
@@ -246,6 +213,7 @@ def page_texts() -> dict[str, dict[str, str]]:
         **{f"word.{word}": text for word, text in WORDS.items()},
         **{f"line.{word}": text for word, text in EXPLAINED.items()},
         **{f"advice.{advice}": text for advice, text in ADVICE.items()},
+        "way.start": ADVICE[Advice.PRESS_START_TO_RESET],
     }
     return {
         "en": {key: text.en for key, text in keyed.items()},

@@ -3,27 +3,16 @@
 import asyncio
 import contextlib
 import secrets
-from collections.abc import AsyncGenerator, Callable
+from collections.abc import AsyncGenerator, Callable, Coroutine
 from enum import StrEnum, auto
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import msgspec
-from gaitd_client import (
-    Clock,
-    Event,
-    Mode,
-    NoAnswerError,
-    NotValid,
-    PlanLimits,
-    Reply,
-    Status,
-    Stride,
-    Trainer,
-)
+from gaitd_client import Clock, Mode, NoAnswerError, PlanLimits, Reply, Status, Trainer
 from msgspec import Meta
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
@@ -40,8 +29,7 @@ from gaitd_display.therapist_view import (
     stride_item,
 )
 from gaitd_display.web import (
-    FORBIDDEN,
-    STATIC,
+    LOGIN_OVER,
     Answer,
     Served,
     Stops,
@@ -50,6 +38,7 @@ from gaitd_display.web import (
     json,
     live,
     make_app,
+    page,
     small_body,
     working,
 )
@@ -119,7 +108,6 @@ class TherapistServer:
         self._read: Callable[[], TherapistView]
         self.feed = Feed(self._view)
         self._stops = Stops(trainer)
-        self._loop: asyncio.AbstractEventLoop
         self.app: ASGIApp = make_app(
             settings.web,
             Served(
@@ -141,14 +129,14 @@ class TherapistServer:
 
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
-        self._loop = asyncio.get_running_loop()
         async with connected(self._trainer):
-            self._subscribe()
-            async with working(self.feed.run(), self._follow_plan()):
+            works = [self._follow_plan(), *self._subscribe()]
+            async with working(self.feed.run(), *works):
                 yield
         self._stops.close()
 
-    def _subscribe(self) -> None:
+    def _subscribe(self) -> list[Coroutine[Any, Any, None]]:
+        """Make the streams; return the works that send their items."""
         trainer, legs = self._trainer, self._settings.legs
         streams = [
             (
@@ -171,22 +159,13 @@ class TherapistServer:
             return self.state.view(views, safety.newest(), health.newest())
 
         self._read = read
-        for leg in legs:
-            trainer.stride(leg).call(self._take_stride)
-        trainer.events().call(self._take_event)
+        return [
+            *(self.feed.follow(trainer.stride(leg), stride_item) for leg in legs),
+            self.feed.follow(trainer.events(), event_item),
+        ]
 
     def _view(self) -> TherapistView:
         return self._read()
-
-    def _take_stride(self, stride: Stride | NotValid) -> None:
-        """Take a stride, in a thread of its stream."""
-        if isinstance(stride, Stride):
-            self._loop.call_soon_threadsafe(self.feed.add, stride_item(stride))
-
-    def _take_event(self, event: Event | NotValid) -> None:
-        """Take an event, in a thread of its stream."""
-        if isinstance(event, Event):
-            self._loop.call_soon_threadsafe(self.feed.add, event_item(event))
 
     async def _follow_plan(self) -> None:
         """Read the released plan, which no message has; also a plan of another operator."""
@@ -208,8 +187,7 @@ class TherapistServer:
         return self._sessions.of(connection.cookies.get(COOKIE))
 
     async def _page(self, request: Request) -> Response:
-        name = "therapist.html" if self._session(request) else "login.html"
-        return FileResponse(STATIC / name)
+        return page("therapist" if self._session(request) else "login", "therapist")
 
     async def _login(self, request: Request) -> Response:
         try:
@@ -256,7 +234,8 @@ class TherapistServer:
 
     async def _live(self, socket: WebSocket) -> None:
         if self._session(socket) is None:
-            await socket.close(FORBIDDEN)
+            await socket.accept()  # so that the page sees the code
+            await socket.close(LOGIN_OVER)
             return
 
         async def over() -> None:

@@ -1,34 +1,61 @@
 """The training session on the patient's page: time left, and the buttons START, PAUSE, END.
 
 `gaitd_session` decides; this file passes its view on, and its buttons back. It exists only if the
-file of the server has a table `session`. After a stop the page offers none of these buttons: the
-way out is decided in `way_out.py` alone.
+file of the server has a table `session`. After a stop the page offers START alone, and only where
+no drive has power: START then requests RESET. Every other way out is decided in `way_out.py`.
 """
 
+import sys
 from collections.abc import Callable
 from typing import Final
 
 import msgspec
 from gaitd_client import Clock, Mode, Trainer
-from gaitd_session import Button, Phase, Session, SessionError, open_history, read_profile
+from gaitd_session import Advice, Button, Phase, Session, open_history, read_profile
+from gaitd_session.machine import ACTIVE
 
 from gaitd_display.settings import SessionFiles
 
-STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
+ANNOUNCING: Final = frozenset({Phase.ENABLING, Phase.ANNOUNCED, Phase.STARTING})
+"""Phases of a session in which motion is about to begin."""
+
+
+class Band(msgspec.Struct, frozen=True):
+    """Target band of one leg, for its share of a stride's work."""
+
+    leg: str
+    low_ratio: float
+    high_ratio: float
 
 
 class TrainingView(msgspec.Struct, frozen=True):
     """What the page shows of the session."""
 
-    phase: str
-    advice: str
-    buttons: tuple[str, ...]
-    block_number: int | None
-    block_count: int | None
+    phase: Phase
+    advice: Advice
+    buttons: tuple[Button, ...]
     left_s: float
     """All blocks and rests that are left."""
-    rest_left_s: float | None
-    """None: no rest."""
+    reason: str
+    """Text of the service for a stop or a refusal; empty without one."""
+    is_kept: bool
+    """The history is written."""
+    bands: tuple[Band, ...]
+
+    @property
+    def announces(self) -> bool:
+        """Motion is about to begin."""
+        return self.phase in ANNOUNCING
+
+    @property
+    def is_going(self) -> bool:
+        """A START is in force."""
+        return self.phase in ACTIVE
+
+    @property
+    def resets(self) -> bool:
+        """START requests RESET, because a stop is latched and no drive has power."""
+        return self.advice is Advice.PRESS_START_TO_RESET
 
 
 class Training:
@@ -52,39 +79,43 @@ class Training:
     def end(self) -> None:
         """End the session: it switches the drives off if it has switched them on."""
         self._session.__exit__(None, None, None)
+        if self._session.left_on:
+            print(f"the drives may be on: {self._session.left_on}", file=sys.stderr)
         if self._history.store is not None:
             self._history.store.close()
 
-    def view(self, mode: str | None) -> TrainingView | None:
-        """Return what the page shows; None: the session has ended by an error, printed to stderr.
+    def view(self, mode: str | None) -> TrainingView:
+        """Return what the page shows.
 
         Args:
             mode: of the service; None: unknown, then there is no button.
+
+        Raises:
+            SessionError: the session has ended by an error, printed to stderr.
         """
-        try:
-            view = self._session.view()
-        except SessionError:
-            return None
-        buttons = tuple(map(str, view.buttons))
-        if view.phase is Phase.FINISHED:
-            buttons = (str(Button.START),)
-        if mode is None or mode in STOPPED_MODES:
+        view = self._session.view()
+        buttons = view.buttons
+        if view.may_be_replaced:
+            buttons = (Button.START, *buttons)
+        if mode is None or mode == Mode.STOPPING:
             buttons = ()
+        elif mode == Mode.FAULT:
+            buttons = tuple(button for button in buttons if button is Button.START)
         return TrainingView(
-            phase=str(view.phase),
-            advice=str(view.advice),
+            phase=view.phase,
+            advice=view.advice,
             buttons=buttons,
-            block_number=None if view.block is None else view.block.number,
-            block_count=None if view.block is None else view.block.count,
             left_s=view.session_left_s,
-            rest_left_s=view.block_left_s if view.phase is Phase.REST else None,
+            reason=view.reason,
+            is_kept=view.is_kept,
+            bands=tuple(
+                Band(leg.leg, leg.band_low_ratio, leg.band_high_ratio) for leg in view.legs
+            ),
         )
 
     def press(self, button: str) -> None:
         """Press a button of the view; waits if another session begins, so call it in a thread."""
-        if self._session.view().phase is Phase.FINISHED:
-            if button != Button.START:
-                return
+        if button == Button.START and self._session.view().may_be_replaced:
             before, self._session = self._session, self._make()
             before.__exit__(None, None, None)
             self._session.__enter__()

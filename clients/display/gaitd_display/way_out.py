@@ -18,7 +18,7 @@ Otherwise the page says how to call for help, and how to get out of the straps.
 import math
 from enum import StrEnum, auto
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 from gaitd_client import Cause, Configuration, Mode
@@ -61,6 +61,8 @@ class Step(StrEnum):
     NONE = auto()
     HELP = auto()
     """Not alone: call for help."""
+    START = auto()
+    """No drive has power: START of the session requests RESET, which takes nothing from the leg."""
     SWITCH = auto()
     """The hand switch must be held before anything is offered."""
     RESET = auto()
@@ -195,45 +197,75 @@ class Release:
         )
 
 
-_RESETTING: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
+UNPOWERED_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
+"""Modes without power in the drives, before READY."""
+
+
+class Stop(NamedTuple):
+    """What the service publishes about a stop, and what follows from it."""
+
+    mode: str | None
+    """None: unknown."""
+    is_latched: bool
+    """It has a cause."""
+    why_not: WhyNot | None
+    """See `Release.why_not`; counts in FAULT."""
+    is_switch_held: bool
+    """Every drive reads the hand switch as closed."""
+    may_start: bool
+    """START of the session would request RESET; it does so only where no drive has power."""
 
 
 class WayOut:
-    """The step of the way out, from what the service publishes."""
+    """The step of the way out, from what the service publishes.
+
+    FAULT is left by RESET alone, so the way begins where FAULT is left, whether or not the answer
+    to the request arrives.
+    """
 
     def __init__(self) -> None:
         """Start off the way."""
-        self._is_on_way = self._has_left_fault = False
+        self._is_asked = self._may_begin = self._is_on_way = False
 
-    def reset_is_done(self) -> None:
-        """Take note that this page's RESET was executed: the way out has begun."""
-        self._is_on_way, self._has_left_fault = True, False
+    def reset_is_asked(self) -> None:
+        """Take note that this page requests RESET; until the answer it offers no other."""
+        self._is_asked = True
 
-    def step(self, mode: str | None, why_not: WhyNot | None, *, is_switch_held: bool) -> Step:
-        """Return the present step.
+    def reset_is_answered(self) -> None:
+        """Take note that the answer has come, or is lost."""
+        self._is_asked = False
 
-        Args:
-            mode: of the service; None: unknown.
-            why_not: see `Release.why_not`; counts in FAULT.
-            is_switch_held: every drive reads the hand switch as closed.
-        """
-        if mode == Mode.FAULT:
-            if self._is_on_way and not self._has_left_fault:
-                return Step.WAIT
-            self._is_on_way = False
-            if why_not is not None:
-                return Step.HELP
-            return Step.RESET if is_switch_held else Step.SWITCH
+    def leave(self) -> None:
+        """Take note that the session goes on."""
+        self._may_begin = self._is_on_way = False
+
+    def step(self, stop: Stop) -> Step:
+        """Return the present step."""
+        if stop.mode == Mode.FAULT:
+            self._may_begin, self._is_on_way = stop.why_not is None, False
+            return self._step_in_fault(stop)
+        self._is_on_way |= self._may_begin
+        self._may_begin = False
+        if stop.is_latched and (stop.mode in UNPOWERED_MODES or stop.mode == Mode.READY):
+            return Step.HELP
         if not self._is_on_way:
             return Step.NONE
-        self._has_left_fault = True
-        if mode is None or mode in _RESETTING:
+        if stop.mode in UNPOWERED_MODES:
             return Step.WAIT
-        if mode == Mode.READY:
-            return Step.ENABLE if is_switch_held else Step.SWITCH
-        if mode == Mode.HOLD:
+        if stop.mode == Mode.READY:
+            return Step.ENABLE if stop.is_switch_held else Step.SWITCH
+        if stop.mode == Mode.HOLD:
             return Step.GUIDE
-        if mode == Mode.HAND_GUIDING:
+        if stop.mode == Mode.HAND_GUIDING:
             return Step.GUIDING
         self._is_on_way = False
         return Step.NONE
+
+    def _step_in_fault(self, stop: Stop) -> Step:
+        if self._is_asked:
+            return Step.WAIT
+        if stop.may_start:
+            return Step.START
+        if stop.why_not is not None:
+            return Step.HELP
+        return Step.RESET if stop.is_switch_held else Step.SWITCH

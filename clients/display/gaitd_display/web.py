@@ -19,7 +19,7 @@ from gaitd_client import ClientError, Reply, RequestRefusedError, Trainer
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect, Request
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -34,8 +34,11 @@ BODY_MAX_BYTES: Final = 4096
 STOPS_MAX: Final = 8
 """Stops that may wait for their answer; each has a thread, so that no other request delays one."""
 PING_S: Final = 2.0
+GOING_AWAY: Final = 1001
 TRY_LATER: Final = 1013
 FORBIDDEN: Final = 4403
+LOGIN_OVER: Final = 4401
+"""Codes with which a WebSocket is closed; common.js reads them."""
 FORBIDDEN_ORIGIN: Final = "forbidden: the page is not of this server"
 HEADERS: Final[Mapping[str, str]] = {
     "Content-Security-Policy": (
@@ -109,6 +112,21 @@ async def small_body(request: Request) -> bytes:
     return body
 
 
+def page(name: str, style: str) -> Response:
+    """Return a page: its own part in the frame of all pages, which has STOP.
+
+    Args:
+        name: of `NAME.html`, its own part, and of `NAME.js`.
+        style: of `STYLE.css`.
+    """
+    frame, body = (
+        (STATIC / f"{part}.html").read_text(encoding="utf-8") for part in ("frame", name)
+    )
+    for key, value in (("style", style), ("name", name), ("body", body)):
+        frame = frame.replace(f"{{{{{key}}}}}", value)
+    return HTMLResponse(frame)
+
+
 def json(answer: msgspec.Struct | Mapping[str, Any], status: int = 200) -> Response:
     """Return a response with JSON."""
     return Response(msgspec.json.encode(answer), status, media_type="application/json")
@@ -158,27 +176,36 @@ class Stops:
 async def live(
     socket: WebSocket, feed: Feed, until: Callable[[], Awaitable[object]] | None = None
 ) -> None:
-    """Serve the WebSocket of one page until either side ends, or `until` does."""
+    """Serve the WebSocket of one page until either side ends, or its login, as `until` returns."""
+    await socket.accept()  # also of one that is refused: a page sees the code of an accepted one
     try:
         page = feed.join()
     except TooManyPagesError:
         await socket.close(TRY_LATER)
         return
+    code = GOING_AWAY
     ends = [lambda: _send(socket, page), lambda: _receive(socket, page)]
+    if until is not None:
+
+        async def login_over() -> None:
+            nonlocal code
+            await until()
+            code = LOGIN_OVER
+
+        ends.append(login_over)
     try:
-        await socket.accept()
         async with anyio.create_task_group() as group:
 
             async def run(end: Callable[[], Awaitable[object]]) -> None:
                 await end()
                 group.cancel_scope.cancel()
 
-            for end in (*ends, *(() if until is None else (until,))):
+            for end in ends:
                 group.start_soon(run, end)
     finally:
         feed.leave(page)
     with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # the page has closed it
-        await socket.close()
+        await socket.close(code)
 
 
 async def _send(socket: WebSocket, page: PageQueue) -> None:

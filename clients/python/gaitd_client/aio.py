@@ -30,9 +30,10 @@ class AsyncTrainer:
             async for activity in trainer.activity("right"):
                 ...
 
-    A request waits for its answer in a thread; the loop goes on. A stop has threads of its own, so
-    that it never waits behind other requests. A task that is cancelled while it enters or leaves
-    ends only after that, so that no connection and no lease is left behind.
+    A request waits for its answer in a thread; the loop goes on. A stop, and entering and leaving,
+    have threads of their own, so that they never wait behind other work: the law of a lease is in
+    force until it is left. A task that is cancelled while it enters or leaves ends only after that,
+    so that no connection and no lease is left behind.
     """
 
     def __init__(
@@ -248,11 +249,13 @@ class AsyncLease:
 async def _finished(
     function: Callable[..., T], *arguments: object
 ) -> tuple["asyncio.Future[T]", asyncio.CancelledError | None]:
-    """Call the function in a thread and wait for its end, even if this task is cancelled.
+    """Call the function in a thread of its own and wait for its end, even if cancelled.
 
     Returns: the outcome, and the cancellation that came meanwhile.
     """
-    future = asyncio.get_running_loop().run_in_executor(None, partial(function, *arguments))
+    thread = ThreadPoolExecutor(1, thread_name_prefix="with")
+    future = asyncio.get_running_loop().run_in_executor(thread, partial(function, *arguments))
+    thread.shutdown(wait=False)
     cancelled: asyncio.CancelledError | None = None
     while not future.done():
         try:

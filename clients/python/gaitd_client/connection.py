@@ -1,5 +1,6 @@
 """Connection to a service: its address, the settings of the Zenoh session, and one query on it."""
 
+import re
 from collections.abc import Mapping
 from typing import Any, Final, NamedTuple, TypeVar
 
@@ -19,6 +20,8 @@ RECONNECT: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increa
 """Zenoh connects again by itself after the gateway was away."""
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 DEFAULT_TRAINER: Final = "trainer"
+PLACE_IN_ZENOH: Final = re.compile(r" at \S+\.rs:\d+")
+"""Place in Zenoh's source in the text of its errors."""
 
 
 class Target(NamedTuple):
@@ -69,7 +72,8 @@ def open_session(target: Target) -> zenoh.Session:
     except zenoh.ZError as error:
         where = " or ".join(target.endpoints)
         raise NoServiceError(
-            f"no service listens on {where}, or it does not accept these keys"
+            f"no service listens on {where}, or it does not accept these keys:"
+            f" {PLACE_IN_ZENOH.sub('', str(error))}"
         ) from error
 
 

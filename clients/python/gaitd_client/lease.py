@@ -18,7 +18,12 @@ import zenoh
 from zenoh import CongestionControl, Priority
 
 from gaitd_client import wire
-from gaitd_client.errors import ClientError, NotReturnedError, RequestRefusedError
+from gaitd_client.errors import (
+    ClientError,
+    NoAnswerError,
+    NotReturnedError,
+    RequestRefusedError,
+)
 from gaitd_client.stream import POLL_S, NotValid, Stream
 from gaitd_client.wire.names import Mode, Outcome
 from gaitd_client.wire.refusals import REFUSAL_TEXT, SetpointRefusal
@@ -99,14 +104,16 @@ class Lease:
         """Setpoints sent."""
         self.refused_count: dict[str, int] = {}
         """Setpoints of the trainer that were refused, by reason. The service counts those of all
-        clients together, and reports once a second; those before its first report after `with`, in
-        the first second, are not counted."""
+        clients together, and reports once a second; those before its first report after `with`, or
+        after a restart, in the first second, are not counted."""
         self._grant: wire.Reply | None = None
         self._not_granted = "`with` was not entered"
         self._unknown = ""
         """Why nothing is known about the lease at present."""
         self._lost: wire.Safety | None = None
         """The loss of a lease after which no new request of an assisted mode was seen."""
+        self._loss_lock = threading.Lock()
+        """Held while a loss is noted, or cleared: a later one must not be cleared with it."""
         self._has_estimate = False
         """True if an estimate was processed since the lease was granted."""
         self._counts: Mapping[str, int] | None = None
@@ -139,13 +146,18 @@ class Lease:
 
         Raises:
             RequestRefusedError: another client holds it, or the machine is stopped.
-            NoAnswerError: the service does not answer.
+            NoAnswerError: the service does not answer, or its core was never there.
             ValueError: `legs` names none, or one that the trainer does not have.
         """
         # It may be entered again, after a refusal for example.
         self._error, self._lost, self._counts = None, None, None
         self._is_over.clear()
         trainer, known = self._trainer, self._trainer.configuration().leg_names
+        if not known:
+            raise NoAnswerError(
+                f"{trainer.target}: the gateway has no records of a core yet, so its legs are not"
+                " known; start the core, or look at its log, then enter the lease again"
+            )
         legs = known if self._legs is None else tuple(dict.fromkeys(self._legs))
         if not legs or not set(legs) <= set(known):
             raise ValueError(f"legs = {legs}: one or more of {known} are allowed")
@@ -182,7 +194,8 @@ class Lease:
     ) -> None:
         """End the answers and release the lease; raise the law's exception.
 
-        The first exception is raised (of `with`, of the law, of the end); others are its notes.
+        The first exception is raised (of `with`, of the law, of the end), but KeyboardInterrupt
+        before all others; those are its notes.
 
         Raises:
             NotReturnedError: the law, or `on_refusal`, does not return.
@@ -190,10 +203,12 @@ class Lease:
         trouble: BaseException | None = None
         try:
             self._ending.close()
-        except BaseException as raised:  # noqa: BLE001 - raised below, or a note of another one
-            trouble = raised
+        except BaseException as end_error:  # noqa: BLE001 - raised below, or a note of another one
+            trouble = end_error
         law_error = None if self._error is error else self._error
-        first, *others = [one for one in (error, law_error, trouble) if one is not None] or [None]
+        raised = [one for one in (error, law_error, trouble) if one is not None]
+        raised.sort(key=lambda one: not isinstance(one, KeyboardInterrupt))
+        first, *others = raised or [None]
         if first is None:
             return
         for other in others:
@@ -261,10 +276,12 @@ class Lease:
             self._law_lock.release()
 
     def _answer_alone(self, estimate: wire.Estimate) -> None:
-        is_assisted, lost = estimate.mode in ASSISTED, self._lost
-        # An estimate that has waited behind a call of the law may be older than the loss.
-        if not is_assisted and lost is not None and _is_newer(estimate, lost):
-            self._lost = None
+        is_assisted = estimate.mode in ASSISTED
+        with self._loss_lock:
+            lost = self._lost
+            # An estimate that has waited behind a call of the law may be older than the loss.
+            if not is_assisted and lost is not None and _is_newer(estimate, lost):
+                self._lost = None
         self._has_estimate = True
         grant = self._grant
         if grant is None or grant.lease is None:
@@ -299,7 +316,8 @@ class Lease:
             return
         holder, grant = safety.lease_holder, self._grant
         if grant is not None and holder != self.name and _is_newer(safety, grant):
-            self._lost = safety
+            with self._loss_lock:
+                self._lost = safety
             self._grant, self._not_granted = None, f"it has ended before cycle {safety.cycle}"
         if self._grant is None:
             self._acquire_again(safety)
@@ -340,10 +358,9 @@ class Lease:
         before, self._counts = self._counts, health.setpoint_refused_count
         for reason, count in self._counts.items():
             was = count if before is None else before.get(reason, 0)
-            # A gateway that was restarted counts from 0.
-            new = count - was if count >= was else count
-            if new:
-                self._refuse(reason, new)
+            # Less: the gateway or the core has restarted, and the sum of both is the new base.
+            if count > was:
+                self._refuse(reason, count - was)
 
     def _refuse(self, reason: str, count: int) -> None:
         self.refused_count[reason] = self.refused_count.get(reason, 0) + count

@@ -8,6 +8,7 @@ the past is never taken for one of the present:
    Events and strides are silent if the trainer is: `drives/*/*` has ten messages a second.
 2. With `keep=1` a slow consumer gets the newest message only. `dropped_count` counts the others.
 3. A payload that cannot be decoded is a `NotValid`, too, and the stream goes on.
+4. After an exception of a function of `call` there is only `NotValid`.
 """
 
 import asyncio
@@ -18,7 +19,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from types import TracebackType
-from typing import Final, Generic, NamedTuple, Self, TypeVar
+from typing import Final, Generic, Self, TypeVar
 
 import msgspec
 
@@ -45,6 +46,8 @@ class Trouble(Enum):
     """No message for too long: the service, the core or the connection is away."""
     UNREADABLE = "unreadable"
     """A payload that is not the JSON of this message."""
+    FAILED = "failed"
+    """The function of `call` has raised; nothing is consumed any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,10 +82,13 @@ class Watch:
         return self._clock.now_ns() - self._newest_ns > self.silence_ns
 
 
-class _Received(NamedTuple):
+@dataclass(slots=True)
+class _Received(Generic[T]):
     gap_count: int
     payload: bytes
     schema: str
+    item: T | NotValid | None = None
+    """None until it is decoded."""
 
 
 class Stream(Generic[T]):
@@ -120,13 +126,15 @@ class Stream(Generic[T]):
         self.dropped_count = 0
         """Messages that were replaced by newer ones before they were consumed."""
         self.unreadable_count = 0
-        """Payloads that were consumed and could not be decoded."""
+        """Payloads that could not be decoded, of those that were consumed or read by `newest`."""
         self._watch, self._is_cyclic, self._on_close = watch, is_cyclic, on_close
         self._schema = wire.schema_name(kind)
         self._decoder = msgspec.json.Decoder(kind)
-        self._waiting: deque[_Received] = deque(maxlen=keep)
-        self._last: _Received | None = None
-        self._told_silence = self._is_closed = False
+        self._waiting: deque[_Received[T]] = deque(maxlen=keep)
+        self._last: _Received[T] | None = None
+        self._told_silence = self._told_error = self._is_closed = False
+        self._error: BaseException | None = None
+        """Exception of the function of `call`."""
         self._changed = threading.Condition()
         self._wakers: list[Callable[[], object]] = []
         self._calls: threading.Thread | None = None
@@ -153,6 +161,7 @@ class Stream(Generic[T]):
 
         Raises:
             NotReturnedError: the function of `call` has not returned after 3 s.
+            BaseException: what the function of `call` has raised.
         """
         with self._changed:
             is_first, self._is_closed = not self._is_closed, True
@@ -168,6 +177,8 @@ class Stream(Generic[T]):
             raise NotReturnedError(
                 f"{self.key}: a call has not returned {JOIN_S:g} s after the end"
             )
+        if self._error is not None:
+            raise self._error
 
     def _wake(self) -> None:
         self._changed.notify_all()
@@ -182,10 +193,12 @@ class Stream(Generic[T]):
     def newest(self) -> T | NotValid:
         """Return the newest message, without waiting; `NotValid` if it is of the past."""
         with self._changed:
+            if self._error is not None:
+                return self._failure(self._error)
             last = self._last
             if last is None or self._is_past:
                 return self._silence()
-        return self._decode(last)
+            return self._decode(last)
 
     def __iter__(self) -> Iterator[T | NotValid]:
         """Wait for each message or silence, until the stream is closed."""
@@ -195,7 +208,7 @@ class Stream(Generic[T]):
                     if self._is_closed:
                         return
                     self._changed.wait(POLL_S)
-            yield self._decode(taken) if isinstance(taken, _Received) else taken
+            yield taken
 
     async def __aiter__(self) -> AsyncIterator[T | NotValid]:
         """As the iterator, for asyncio."""
@@ -215,9 +228,11 @@ class Stream(Generic[T]):
                         return
                 if taken is None:
                     with contextlib.suppress(TimeoutError):
-                        await asyncio.wait_for(changed.wait(), POLL_S)
+                        # On Python 3.11 `wait_for` can swallow a cancellation.
+                        async with asyncio.timeout(POLL_S):
+                            await changed.wait()
                 else:
-                    yield self._decode(taken) if isinstance(taken, _Received) else taken
+                    yield taken
         finally:
             with self._changed:
                 if waker in self._wakers:
@@ -226,25 +241,35 @@ class Stream(Generic[T]):
     def call(self, function: Callable[[T | NotValid], object]) -> None:
         """Call the function with each message or silence, in a thread of this stream.
 
-        An exception of the function is printed with its traceback, and ends the calls.
+        An exception of the function is printed with its traceback, and ends the calls. From then on
+        the stream yields `NotValid`, and `close` and the end of the trainer's `with` raise it.
         """
         self._calls = threading.Thread(target=self._call, args=(function,), name=self.key)
         self._calls.daemon = True
         self._calls.start()
 
     def _call(self, function: Callable[[T | NotValid], object]) -> None:
-        for item in self:
-            function(item)
+        try:
+            for item in self:
+                function(item)
+        except BaseException as error:
+            with self._changed:
+                self._error = error
+                self._wake()
+            raise
 
-    def _take(self) -> _Received | NotValid | None:
+    def _take(self) -> T | NotValid | None:
         """Return what comes next; None: nothing yet."""
+        if self._error is not None:
+            was_told, self._told_error = self._told_error, True
+            return None if was_told else self._failure(self._error)
         is_past = self._is_past
         if is_past and self._waiting.maxlen == 1:
             self.dropped_count += len(self._waiting)
             self._waiting.clear()
         if self._waiting:
             self._told_silence = False
-            return self._waiting.popleft()
+            return self._decode(self._waiting.popleft())
         if is_past and not self._told_silence:
             self._told_silence = True
             return self._silence()
@@ -259,10 +284,19 @@ class Stream(Generic[T]):
 
     def _silence(self) -> NotValid:
         silence_ms = self._watch.silence_ns // 1_000_000
-        text = f"no message for {silence_ms} ms: nothing is known"
+        text = f"no message on {self.key} for {silence_ms} ms: nothing is known"
         return NotValid(self.key, Trouble.SILENT, text)
 
-    def _decode(self, received: _Received) -> T | NotValid:
+    def _failure(self, error: BaseException) -> NotValid:
+        text = f"the function of `call` on {self.key} has raised {type(error).__name__}: {error}"
+        return NotValid(self.key, Trouble.FAILED, text)
+
+    def _decode(self, received: _Received[T]) -> T | NotValid:
+        if received.item is None:
+            received.item = self._decoded(received)
+        return received.item
+
+    def _decoded(self, received: _Received[T]) -> T | NotValid:
         if received.schema not in {"", self._schema}:
             return self._unreadable(f"is {received.schema}, this client reads {self._schema}")
         try:

@@ -34,6 +34,16 @@ ACQUIRE_TIMEOUT_S: Final = 2.0
 """Shorter than others: the lease is requested again."""
 RETRY_S: Final = 1.0
 """Time between two attempts of `keep_trying`."""
+STOP: Final = "stop"
+STOP_ANSWER_TIMEOUT_S: Final = 2.0
+"""Longer than a gateway lets a stop wait; without an answer it is sent again."""
+STOP_RETRY_S: Final = 0.1
+"""Time between two attempts to stop, while the link reconnects."""
+NOT_STOPPED: Final = (
+    "the machine may not have stopped: let go of the hand switch, or press the emergency stop"
+)
+LEGS: Final = ("right", "left")
+DRIVES: Final = tuple(f"{leg}/{axis}" for leg in LEGS for axis in ("hip", "slide"))
 EVENTS_KEPT: Final = 256
 STRIDES_KEPT: Final = 64
 
@@ -73,7 +83,7 @@ class Trainer:
                 replaces it.
             clock: measures silence; None: the computer's clock.
             keep_trying: `with` does not fail if the service is away; until it is there streams
-                are silent, and requests are not answered.
+                are silent, and requests are not answered, with the reason in their error.
 
         Raises:
             CredentialsError: the folder cannot be used.
@@ -98,6 +108,8 @@ class Trainer:
         self._lock = threading.RLock()
         self._is_over = threading.Event()
         self._trying: threading.Thread | None = None
+        self._not_connected = "use `with`"
+        """Why there is no session."""
 
     @classmethod
     def of(cls, target: Target, *, client: str = wire.UNNAMED_CLIENT) -> Self:
@@ -115,9 +127,10 @@ class Trainer:
         self._is_over.clear()
         try:
             self._connect()
-        except NoServiceError:
+        except NoServiceError as error:
             if not self._keep_trying:
                 raise
+            self._not_connected = str(error)
             self._trying = threading.Thread(target=self._try, name=f"{self.target}", daemon=True)
             self._trying.start()
         return self
@@ -132,6 +145,7 @@ class Trainer:
 
         Raises:
             NotReturnedError: a function that was given to `Stream.call` does not return.
+            BaseException: what such a function has raised.
         """
         self._is_over.set()
         if self._trying is not None:
@@ -150,8 +164,11 @@ class Trainer:
 
     def _try(self) -> None:
         while not self._is_over.wait(RETRY_S):
-            with contextlib.suppress(NoServiceError):
+            try:
                 self._connect()
+            except NoServiceError as error:
+                self._not_connected = str(error)
+            else:
                 return
 
     def _connect(self) -> None:
@@ -161,19 +178,21 @@ class Trainer:
             NoServiceError: there is none, or it was lost again; all is kept for the next attempt.
         """
         session = open_session(self.target)
-        with self._lock:
+        with self._lock, contextlib.ExitStack() as ending:
+            ending.callback(session.close)
             try:
                 for declare in self._pending:
                     declare(session)
             except zenoh.ZError as error:
-                session.close()
                 raise NoServiceError(f"{self.target}: the connection was lost: {error}") from error
             self._pending.clear()
             self._session = session
+            ending.pop_all()
 
     def _disconnect(self) -> None:
         with self._lock:
             session, self._session, self._pulse = self._session, None, None
+            self._not_connected = "`with` was left"
             self._pending.clear()
         if session is not None:
             session.close()
@@ -188,11 +207,12 @@ class Trainer:
         """Return the Zenoh session, for what this class does not offer.
 
         Raises:
-            NoAnswerError: there is no connection yet, or `with` was left.
+            NoAnswerError: there is no connection yet, with the reason, or `with` was left.
         """
-        if self._session is None:
-            raise NoAnswerError(f"{self.target}: not connected; use `with`, and wait for a message")
-        return self._session
+        session = self._session
+        if session is None:
+            raise NoAnswerError(f"{self.target}: not connected: {self._not_connected}")
+        return session
 
     # --- messages -------------------------------------------------------------------------------
 
@@ -206,24 +226,26 @@ class Trainer:
         Raises:
             ClientError: `with` was left; so for every stream. A stream made before `with` is silent
                 until then.
+            ValueError: another leg; so for every stream of a leg or a drive.
         """
-        return self._stream(wire.Estimate, leg, "estimate", keep=keep)
+        return self._stream_of_leg(wire.Estimate, leg, "estimate", keep=keep)
 
     def activity(self, leg: str, *, keep: int = 1) -> Stream[wire.Activity]:
         """The patient's activity in one leg, every cycle; as `estimate`."""
-        return self._stream(wire.Activity, leg, "activity", keep=keep)
+        return self._stream_of_leg(wire.Activity, leg, "activity", keep=keep)
 
     def friction(self, leg: str, *, keep: int = 1) -> Stream[wire.Friction]:
         """Friction of one leg's axes, every cycle; as `estimate`."""
-        return self._stream(wire.Friction, leg, "friction", keep=keep)
+        return self._stream_of_leg(wire.Friction, leg, "friction", keep=keep)
 
     def drive(self, name: str, *, keep: int = 1) -> Stream[wire.DriveState]:
         """One drive, LEG/AXIS, ten times a second; as `estimate`."""
-        return self._stream(wire.DriveState, "drives", *name.split("/"), keep=keep)
+        key = wire.key(self.target.trainer, "drives", name)
+        return self._stream(wire.DriveState, "drives", _known(key, name, DRIVES), keep=keep)
 
     def stride(self, leg: str, *, keep: int = STRIDES_KEPT) -> Stream[wire.Stride]:
         """The figures of one leg's strides, each at its end."""
-        return self._stream(wire.Stride, leg, "stride", keep=keep, silence_ns=None)
+        return self._stream_of_leg(wire.Stride, leg, "stride", keep=keep, silence_ns=None)
 
     def safety(self, *, keep: int = 1) -> Stream[wire.Safety]:
         """Mode, verdict and lease, on change and once a second."""
@@ -245,6 +267,12 @@ class Trainer:
         return self._stream(
             wire.Event, wire.EVENTS, keep=keep, silence_ns=None, history_count=history_count
         )
+
+    def _stream_of_leg(
+        self, kind: type[T], leg: str, name: str, *, keep: int, silence_ns: int | None = SILENCE_NS
+    ) -> Stream[T]:
+        key = wire.key(self.target.trainer, leg, name)
+        return self._stream(kind, _known(key, leg, LEGS), name, keep=keep, silence_ns=silence_ns)
 
     def _stream(
         self,
@@ -331,8 +359,12 @@ class Trainer:
         return self._done("disable")
 
     def stop(self) -> wire.Reply:
-        """Stop now, in any mode; every role may. This does not replace the emergency stop."""
-        return self._done("stop")
+        """Stop now, in any mode; every role may. This does not replace the emergency stop.
+
+        Raises:
+            NoAnswerError: the machine may not have stopped, although the stop was sent for 10 s.
+        """
+        return self._done(STOP)
 
     def reset(self) -> wire.Reply:
         """Reset a latched stop once its cause is gone; nothing is enabled by it."""
@@ -386,10 +418,22 @@ class Trainer:
     def request(self, name: str, **arguments: object) -> wire.Reply:
         """Send control/NAME with these arguments and return the reply, also a refusal.
 
+        A stop is lost while the link reconnects. So it is sent again, for 10 s or until `with` is
+        left, until it is answered; two stops are as one.
+
         Raises:
             NoAnswerError: none came.
         """
-        return self._ask(name, arguments, wire.Reply, ANSWER_TIMEOUT_S)
+        if name != STOP:
+            return self._ask(name, arguments, wire.Reply, ANSWER_TIMEOUT_S)
+        computer = MonotonicClock()
+        end_ns = computer.now_ns() + round(ANSWER_TIMEOUT_S * 1e9)
+        while True:
+            try:
+                return self._ask(name, arguments, wire.Reply, STOP_ANSWER_TIMEOUT_S)
+            except NoAnswerError as error:
+                if computer.now_ns() >= end_ns or self._is_over.wait(STOP_RETRY_S):
+                    raise NoAnswerError(f"{NOT_STOPPED} ({error})") from error
 
     def acquire(self, client: str, duration_ms: int | None = None) -> wire.Reply:
         """Request the lease; `lease` does this, and keeps it."""
@@ -434,3 +478,14 @@ class Trainer:
             on_refusal: called with each reason for which setpoints were refused.
         """
         return Lease(self, name, law, legs, duration_ms, on_refusal)
+
+
+def _known(key: str, name: str, known: Sequence[str]) -> str:
+    """Return the name of a leg or a drive.
+
+    Raises:
+        ValueError: another name; its key would have no messages, or those of several with `*`.
+    """
+    if name not in known:
+        raise ValueError(f"{key}: {name!r} is none of {', '.join(known)}")
+    return name

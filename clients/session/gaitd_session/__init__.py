@@ -1,9 +1,9 @@
 """A training session of a patient at home, on top of gaitd-client.
 
 Reading order: `profile.py` (what the therapist sets), `plan.py` (the blocks), `machine.py` (the
-state machine, pure, as a table), `goals.py` (the target band), `view.py` (what a display shows),
-`store.py` (the history), `session.py` (a session with a trainer), `export.py`, `program.py` and
-`terminal.py` (the command).
+state machine, pure, as a table), `goals.py` (the target band), `view.py` and `texts.py` (what a
+display shows), `store.py` (the history), `session.py` (a session with a trainer), `export.py`,
+`program.py` and `terminal.py` (the command).
 """
 
 from gaitd_session.goals import Band
@@ -12,9 +12,11 @@ from gaitd_session.plan import Block, BlockKind, blocks_of, limits_of
 from gaitd_session.profile import Profile, ProfileError, parse_profile, read_profile
 from gaitd_session.session import Session, SessionError
 from gaitd_session.store import History, SessionSummary, Store, StoreError, open_history
-from gaitd_session.view import Advice, BlockView, LegView, View
+from gaitd_session.texts import ADVICE, Advice, Text
+from gaitd_session.view import BlockView, LegView, View
 
 __all__ = [
+    "ADVICE",
     "Advice",
     "Band",
     "Block",
@@ -31,6 +33,7 @@ __all__ = [
     "SessionSummary",
     "Store",
     "StoreError",
+    "Text",
     "View",
     "blocks_of",
     "limits_of",

@@ -13,13 +13,17 @@ Rules:
    followed again. Time without signal does not count as walked.
 5. In PAUSED, REST and FINISHED the drives are off, so the patient may let go of the hand switch.
    DISABLE is requested on the way there, and again until the drives are off. Drives that another
-   client has enabled later are left alone until the patient presses PAUSE.
+   client has enabled later are left alone until the patient presses PAUSE. Without a signal the
+   drives may be on: DISABLE is then requested as well, except while a block may be followed
+   (rule 4).
 6. A stop is left when the trainer is ready again. Where no drive has power, START requests RESET,
    which then takes nothing from the leg; the daily press of the emergency stop ends like that.
    Where drives hold the leg, a session never requests RESET: the leg might drift.
 7. NO_SIGNAL and STOPPED return to the phase at rest that was left, or to PAUSED. PAUSE and END are
-   accepted in them, and take effect when they are over.
-8. The session is finished after the last block, or by END.
+   accepted in them: without a signal they request DISABLE at once.
+8. A self-test is passed only if the service has said so of each axis. One that another client has
+   ended is not.
+9. The session is finished after the last block, or by END.
 
     WAITING -START-> ENABLING -> ANNOUNCED -> STARTING -> WALKING -> REST -START-> ENABLING ...
                                      ^            |                   `-> FINISHED
@@ -48,6 +52,8 @@ LATE_S: Final = 60.0
 for up to 30 s."""
 SELF_TEST_LATE_S: Final = 240.0
 """Longest self-test: the service waits, then moves each axis of each leg."""
+RESULT_LATE_S: Final = 2.0
+"""Longest time from the end of the self-test to its results, which are other messages."""
 LEFT_MIN_S: Final = 2.0
 """A block with less left is complete."""
 OFF_RETRY_S: Final = 1.0
@@ -55,6 +61,7 @@ OFF_SETTLE_S: Final = 2.0
 """Drives that are off for so long, with no request pending, stay off."""
 SELF_TEST_REFUSAL: Final = "self-test"
 """In the service's reason for refusing a gait while a self-test is due."""
+NOT_PASSED: Final = "the self-test ended without a result: another program has ended it"
 
 
 class Phase(StrEnum):
@@ -104,6 +111,7 @@ class Event(Enum):
     OFF = "mode off, bringing_up, or stopping as requested"
     HOLDING = "mode hold"
     TESTING = "mode self_test, as requested"
+    TESTED = "mode hold after the self-test, which was passed"
     ANNOUNCING = "mode gait, as requested, and nothing moves yet"
     MOVING = "mode gait, as requested"
     OTHER = "another mode, or one that was not requested"
@@ -160,7 +168,8 @@ TABLE: Final[Mapping[Phase, Mapping[Event, Phase | None]]] = MappingProxyType(
         Phase.SELF_TEST: {
             **_ACTIVE_ROW,
             Event.TESTING: Phase.SELF_TEST,
-            Event.HOLDING: Phase.ANNOUNCED,
+            Event.TESTED: Phase.ANNOUNCED,
+            Event.HOLDING: Phase.SELF_TEST,
         },
         Phase.WALKING: {**_ACTIVE_ROW, Event.MOVING: Phase.WALKING},
         Phase.STOPPED: {
@@ -239,6 +248,8 @@ class TrainerState(NamedTuple):
     """A drive may exert torque, or its power state is not known."""
     hand_switch_held: bool
     """Every drive reads the hand switch as closed."""
+    self_test_passed: bool = False
+    """The self-test that was requested last has been passed by each axis of the legs."""
 
 
 class StrideShare(NamedTuple):
@@ -286,6 +297,8 @@ class State:
     phase: Phase = Phase.WAITING
     since_s: float = 0.0
     """When the phase began."""
+    test_ended_s: float | None = None
+    """When mode self_test was left in SELF_TEST; None: not yet."""
     returns_to: Phase = Phase.WAITING
     """Phase at rest after NO_SIGNAL or STOPPED."""
     may_follow: bool = False
@@ -397,6 +410,8 @@ def _trainer_event(state: State, inputs: Inputs, _now_s: float) -> Event | None:
         return Event.ANNOUNCING if waits else Event.MOVING
     if trainer.mode == Mode.SELF_TEST:
         return Event.TESTING if state.self_test_due else Event.OTHER
+    if state.phase is Phase.SELF_TEST and trainer.mode == Mode.HOLD and trainer.self_test_passed:
+        return Event.TESTED
     return CALM_MODES.get(trainer.mode, Event.OTHER)
 
 
@@ -441,7 +456,9 @@ def _time_event(state: State, _inputs: Inputs, now_s: float) -> Event | None:
         case Phase.ENABLING | Phase.STARTING:
             return Event.LATE if elapsed_s >= LATE_S else None
         case Phase.SELF_TEST:
-            return Event.LATE if elapsed_s >= SELF_TEST_LATE_S else None
+            ended_s = state.test_ended_s
+            has_no_result = ended_s is not None and now_s - ended_s >= RESULT_LATE_S
+            return Event.LATE if has_no_result or elapsed_s >= SELF_TEST_LATE_S else None
         case _:
             return None
 
@@ -466,6 +483,8 @@ def _after(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
         return state
     after = row[event] or state.returns_to
     if after is state.phase:
+        if after is Phase.SELF_TEST and event is Event.HOLDING and state.test_ended_s is None:
+            return replace(state, test_ended_s=now_s)
         return state
     return _entered(_left(state, event, inputs, now_s), after, inputs.trainer, now_s)
 
@@ -473,8 +492,10 @@ def _after(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
 def _left(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
     """What leaving the phase by this event changes."""
     match state.phase:
-        case Phase.SELF_TEST if event is Event.HOLDING:
+        case Phase.SELF_TEST if event is Event.TESTED:
             return replace(state, self_test_due=False)
+        case Phase.SELF_TEST if event is Event.LATE and state.test_ended_s is not None:
+            return replace(state, reason=NOT_PASSED)
         case Phase.WALKING:
             walked_s = state.block_walked_s(now_s)
             state = replace(state, walked_s=walked_s, playing_since_s=None)
@@ -513,6 +534,7 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
         state,
         phase=after,
         since_s=now_s,
+        test_ended_s=None,
         off_since_s=off_since_s,
         may_follow=was is Phase.WALKING and state.returns_to is Phase.PAUSED,
         boot_id=trainer.boot_id if begins and trainer is not None else state.boot_id,
@@ -595,9 +617,9 @@ def _wanted(before: State, state: State) -> RequestKind | None:
 
 def _off(state: State, trainer: TrainerState | None, now_s: float) -> tuple[State, bool]:
     """Return whether DISABLE is to be requested now (rule 5)."""
-    if state.off_since_s is None or trainer is None:
+    if state.off_since_s is None or (trainer is None and state.may_follow):
         return state, False
-    if trainer.is_enabled:
+    if trainer is None or trainer.is_enabled:
         is_asked = state.pending is RequestKind.DISABLE
         if is_asked or now_s - state.off_requested_s < OFF_RETRY_S:
             return state, False

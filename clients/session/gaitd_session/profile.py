@@ -52,7 +52,7 @@ class Range(_Strict, frozen=True, kw_only=True):
 
 
 class AssistCap(_Strict, frozen=True, kw_only=True):
-    """The largest assist. A session commands none: it is for a controller that reads this file."""
+    """Cap of a controller's assist; it is part of the released plan, which the core enforces."""
 
     hip_max_nm: Annotated[float, Meta(ge=0, le=120)]
     slide_max_n: Annotated[float, Meta(ge=0, le=1500)]

@@ -1,7 +1,7 @@
 """The command `gaitd-session`: new-profile, run, summary, export, erase.
 
 Exit codes: 0 done; 2 a profile, a history or the command line is refused; 3 no service, or another
-trainer than the profile's.
+trainer than the profile's; 4 the session was left, and the drives may be on.
 """
 
 import datetime
@@ -31,6 +31,7 @@ from gaitd_session.store import Store, StoreError, files_aside, open_history
 
 EXIT_REFUSED: Final = 2
 EXIT_NO_SERVICE: Final = 3
+EXIT_LEFT_ON: Final = 4
 HISTORY: Final = "history.sqlite"
 NS_PER_S: Final = 1_000_000_000
 SECONDS_PER_MINUTE: Final = 60
@@ -62,7 +63,7 @@ cadence_max_hz = {cadence_max}
 amplitude_min_ratio = {amplitude_min}
 amplitude_max_ratio = {amplitude_max}
 
-[assist]                         # for a controller that reads this file; a session commands none
+[assist]                         # cap of a controller; the core enforces that of the released plan
 hip_max_nm = {hip_max}
 slide_max_n = {slide_max}
 
@@ -90,6 +91,17 @@ rest_s = {rest}
 """
 
 
+class LeftOnError(Exception):
+    """A session was left, and the drives may be on."""
+
+    def __init__(self, reason: str) -> None:
+        """Say what to do; the reason is that of the service, or of the client library."""
+        super().__init__(
+            f"The drives may be on: {reason}. Let go of the hand switch, or press the emergency"
+            " stop; then see `gaitd status`"
+        )
+
+
 @contextmanager
 def _errors_in_one_line() -> Generator[None]:
     try:
@@ -103,6 +115,9 @@ def _errors_in_one_line() -> Generator[None]:
     except ClientError as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_NO_SERVICE) from error
+    except LeftOnError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(EXIT_LEFT_ON) from error
     except OSError as error:
         print(f"{error.filename}: {error.strerror}", file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
@@ -146,6 +161,7 @@ def new_profile(
     print(
         f"gaitd plan release --cadence {limits.cadence_max_hz:g}"
         f" --amplitude {limits.amplitude_max_ratio:g} --duration {limits.duration_max_s:g}"
+        f" --hip-assist {limits.hip_assist_max_nm:g} --slide-assist {limits.slide_assist_max_n:g}"
     )
 
 
@@ -168,13 +184,28 @@ def run(
         try:
             with Trainer(endpoint, credentials, client="gaitd-session") as trainer:
                 _check_legs(trainer, profile, profile_file)
-                with Session(trainer, profile, history, MonotonicClock()) as session:
-                    terminal.run(session)
-        except KeyboardInterrupt:
-            print("The session was left; the drives are off.")
+                session = Session(trainer, profile, history, MonotonicClock())
+                try:
+                    with session:
+                        terminal.run(session)
+                except KeyboardInterrupt:
+                    print("The session was left.")
+                finally:
+                    _check_off(session)
         finally:
             if history.store is not None:
                 history.store.close()
+
+
+def _check_off(session: Session) -> None:
+    """Check that nothing is left on that the session has switched on.
+
+    Raises:
+        LeftOnError: the drives may be on.
+    """
+    if session.left_on:
+        raise LeftOnError(session.left_on)
+    print("What this session had switched on is off.")
 
 
 @contextmanager

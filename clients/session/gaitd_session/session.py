@@ -7,7 +7,7 @@ second. None of them is waited for by `press` and `view`.
 
 import threading
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import replace
 from types import TracebackType
 from typing import Final, Self
@@ -16,6 +16,7 @@ from gaitd_client import (
     ClientError,
     Clock,
     DriveState,
+    Event,
     Mode,
     NotValid,
     RequestRefusedError,
@@ -68,10 +69,17 @@ WITHOUT_POWER: Final = frozenset(
 )
 """CiA 402 power states in which a drive exerts no torque."""
 AXES: Final = ("hip", "slide")
+PASSED: Final = ": self-test passed: "
+"""In the event with which the service tells the result of one axis; its name comes before."""
+LEAVE_S: Final = 8.0
+"""Time of the computer: at its end a session begins no further request to disable after it. The
+last one has its answer 10 s later at most."""
+LEAVE_LOOKS: Final = 4
+"""Looks at the newest message after each, `POLL_S` apart: it may be older than the answer."""
 
 
 class SessionError(Exception):
-    """The session's thread has ended by an error, which is on stderr; the drives are disabled."""
+    """The session's thread has ended by an error, which is on stderr; `left_on` has the drives."""
 
 
 class Session:
@@ -86,25 +94,34 @@ class Session:
             history: of `open_history`. Leaving `with` does not close it.
             clock: measures the plan's times.
 
-        Raises:
-            StoreError: the history of before cannot be read.
+        A history that cannot be read is not used, and the view says so.
         """
         self._trainer, self._profile, self._clock = trainer, profile, clock
-        self._store = store = history.store
-        self._trouble = history.trouble
-        self._tested_utc_ns = 0 if store is None else store.self_test_utc_ns(profile.id)
-        middles = {} if store is None else store.middles(profile.id)
+        self.left_on = ""
+        """After `with`: why the drives may be on; empty: they are off, or were never enabled."""
+        self._store, self._trouble = history
+        self._tested_utc_ns, middles = 0, {}
+        if self._store is not None:
+            try:
+                self._tested_utc_ns = self._store.self_test_utc_ns(profile.id)
+                middles = self._store.middles(profile.id)
+            except StoreError as error:
+                self._store, self._trouble = None, f"{error}; this session is not kept"
+        self._history_trouble = self._trouble
         self._state = begin(profile, middles, self_test_due=True)
+        self._passed: set[str] = set()
         self._utc_ns = 0
         self._buttons: deque[Button] = deque()
         self._strides: deque[Stride | NotValid] = deque()
         self._asked: list[Future[Answer]] = []
-        self._written: list[Future[None]] = []
+        self._writing: Future[None] | None = None
+        self._has_failed = False
+        self._written: list[Row] = []
         self._rows: list[Row] = []
         self._flushed_s = self._now_s()
         self._has_begun = self._has_ended = False
         self._is_over = threading.Event()
-        self._view = view_of(self._state, None, self._now_s(), self._trouble)
+        self._view = self._view_of(None, self._now_s())
         self._requests = ThreadPoolExecutor(2, "requests")
         self._writer = ThreadPoolExecutor(1, "history")
         self._thread = threading.Thread(target=self._run, name="session", daemon=True)
@@ -131,8 +148,11 @@ class Session:
 
     def _subscribe(self) -> None:
         self._safety = self._trainer.safety()
+        self._events = self._trainer.events(history_count=0)
+        self._events.call(self._take_event)
         self._drives: list[Stream[DriveState]] = []
         self._stride_streams: list[Stream[Stride]] = []
+        self._axes = {f"{leg}/{axis}" for leg in self._profile.legs for axis in AXES}
         for leg in self._profile.legs:
             self._drives += [self._trainer.drive(f"{leg}/{axis}") for axis in AXES]
             strides = self._trainer.stride(leg)
@@ -148,11 +168,10 @@ class Session:
         """End the session: disable the drives if it has enabled them, and write what is left."""
         self._is_over.set()
         self._thread.join()
-        for stream in (self._safety, *self._drives, *self._stride_streams):
+        for stream in (self._safety, self._events, *self._drives, *self._stride_streams):
             stream.close()
         self._requests.shutdown()
         self._writer.shutdown()
-        self._check_written()
 
     # --- in the session's thread ----------------------------------------------------------------
 
@@ -178,10 +197,21 @@ class Session:
         after, request = step(before, inputs, now_s)
         self._state = after
         if request is not None:
+            if request.kind is RequestKind.SELF_TEST:
+                self._passed.clear()
             self._asked.append(self._requests.submit(self._ask, request))
-        self._note(before, after, trainer, strides, now_s)
         self._check_written()
-        self._view = view_of(after, trainer, now_s, self._trouble)
+        self._note(before, after, trainer, strides, now_s)
+        self._view = self._view_of(trainer, now_s)
+
+    def _view_of(self, trainer: TrainerState | None, now_s: float) -> View:
+        return view_of(
+            self._state,
+            trainer,
+            now_s,
+            is_kept=self._store is not None and not self._has_failed,
+            history_trouble=self._trouble,
+        )
 
     def _now_s(self) -> float:
         return self._clock.now_ns() * 1e-9
@@ -205,7 +235,13 @@ class Session:
             reason=f"{verdict.text}: {verdict.remedy}" if verdict.text else "",
             has_power=any(drive.power_state not in WITHOUT_POWER for drive in known),
             hand_switch_held=all(drive.hand_switch_closed is True for drive in known),
+            self_test_passed=self._passed >= self._axes,
         )
+
+    def _take_event(self, event: Event | NotValid) -> None:
+        """Take the result of a self-test, in a thread of its stream."""
+        if isinstance(event, Event) and PASSED in event.text:
+            self._passed.add(event.text.partition(PASSED)[0])
 
     def _pressed(self) -> Button | None:
         """Return the strongest of the buttons pressed since the last step.
@@ -263,17 +299,38 @@ class Session:
         """Switch the drives off if this session has enabled them, and write what is left."""
         state = self._state
         if state.phase in ACTIVE or state.off_since_s is not None:
-            disable = Request(state.request_number + 1, RequestKind.DISABLE)
+            is_late = threading.Event()
+            timer = threading.Timer(LEAVE_S, is_late.set)
+            timer.start()
             is_pending = any(not future.done() for future in self._asked)
-            self._ask(disable)
+            self.left_on = self._switch_off(is_late)
             self._requests.shutdown()
             if is_pending:
-                # An ENABLE that was under way may have been granted after the first one.
-                self._ask(disable)
+                # An ENABLE that was under way may have been granted after that.
+                self.left_on = self._switch_off(is_late)
+            timer.cancel()
         if self._has_begun and not self._has_ended:
             walked = self._block_rows(state, self._now_s()) if state.phase is Phase.WALKING else []
             self._rows += [*walked, EndRow(self._utc_ns, "left")]
-        self._flush()
+        for _ in range(2):  # what is being written, then the rest
+            if self._writing is not None:
+                wait([self._writing])
+            self._check_written()
+            self._flush()
+
+    def _switch_off(self, is_late: threading.Event) -> str:
+        """Request DISABLE until the drives are off; return why they may be on, empty if not."""
+        disable = Request(self._state.request_number + 1, RequestKind.DISABLE)
+        while True:
+            failure = self._ask(disable).failure
+            for _ in range(LEAVE_LOOKS):
+                safety = self._safety.newest()
+                is_silent = isinstance(safety, NotValid)
+                if (is_silent and not failure) or (not is_silent and safety.active is False):
+                    return ""
+                is_late.wait(POLL_S)
+            if is_late.is_set():
+                return failure or "the service says that they are on"
 
     # --- history --------------------------------------------------------------------------------
 
@@ -334,17 +391,24 @@ class Session:
         return [row, *goals]
 
     def _flush(self) -> None:
-        rows, self._rows = self._rows, []
-        if rows and self._store is not None:
-            self._written.append(self._writer.submit(self._store.write, rows))
+        """Begin to write the rows, one batch at a time: a later one would lack its session."""
+        if self._store is None:
+            self._rows = []
+        elif self._rows and self._writing is None:
+            self._written, self._rows = self._rows, []
+            self._writing = self._writer.submit(self._store.write, self._written)
 
     def _check_written(self) -> None:
-        for future in [future for future in self._written if future.done()]:
-            self._written.remove(future)
-            try:
-                future.result()
-            except StoreError as error:
-                self._trouble = str(error)
+        """Take note of a batch that is written; one that has failed is written with the next."""
+        if self._writing is None or not self._writing.done():
+            return
+        writing, self._writing = self._writing, None
+        try:
+            writing.result()
+            self._trouble, self._has_failed = self._history_trouble, False
+        except StoreError as error:
+            self._rows = self._written + self._rows
+            self._trouble, self._has_failed = str(error), True
 
 
 def _stride_row(stride: Stride, block: int) -> StrideRow:

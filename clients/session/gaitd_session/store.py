@@ -278,6 +278,9 @@ class Store:
     def write(self, rows: Sequence[Row]) -> None:
         """Commit rows, all or none; after it has returned they survive a power cut.
 
+        Rows belong to the session whose `SessionRow` was written last; after its `EndRow` to none,
+        and are refused.
+
         Raises:
             StoreError: nothing of them was written: the disk is full, or does not work.
         """
@@ -297,6 +300,7 @@ class Store:
                 self._database.execute(
                     "UPDATE session SET ended_utc_ns = ?, end = ? WHERE number = ?", (*row, session)
                 )
+                return None
             case SelfTestRow():
                 self._database.execute("INSERT INTO self_test VALUES (?, ?)", row)
             case _:

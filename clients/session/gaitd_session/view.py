@@ -1,7 +1,6 @@
 """What a display shows of a session: one word, what to do now, times, goals."""
 
 from collections.abc import Mapping
-from enum import StrEnum, auto
 from typing import Final
 
 import msgspec
@@ -20,50 +19,8 @@ from gaitd_session.machine import (
     may_start,
 )
 from gaitd_session.plan import BlockKind
+from gaitd_session.texts import ADVICE, Advice
 
-
-class Advice(StrEnum):
-    """What to do now."""
-
-    WAIT = auto()
-    HOLD_HAND_SWITCH = auto()
-    PRESS_START = auto()
-    PRESS_START_TO_RESET = auto()
-    LIE_STILL = auto()
-    WALK = auto()
-    REST = auto()
-    CALL_FOR_HELP = auto()
-    CHECK_CONNECTION = auto()
-    PRESS_EMERGENCY_STOP_AND_RELEASE_IT = auto()
-    RELEASE_EMERGENCY_STOP = auto()
-    LET_GO_AND_HOLD_HAND_SWITCH = auto()
-    TRAINER_IS_USED = auto()
-    DONE = auto()
-
-
-TEXTS: Final[Mapping[Advice, str]] = {
-    Advice.WAIT: "Please wait.",
-    Advice.HOLD_HAND_SWITCH: "Hold the hand switch.",
-    Advice.PRESS_START: "Hold the hand switch, and press START.",
-    Advice.PRESS_START_TO_RESET: (
-        "The trainer has stopped, without power. Release the emergency stop if it is pressed, hold"
-        " the hand switch, and press START: this resets the stop, and nothing moves."
-    ),
-    Advice.LIE_STILL: "The leg is about to move. Hold the hand switch, and lie still.",
-    Advice.WALK: "Walk along.",
-    Advice.REST: "Rest. You may let go of the hand switch.",
-    Advice.CALL_FOR_HELP: "The trainer has stopped. Lie still, and call for help.",
-    Advice.CHECK_CONNECTION: "No signal from the trainer. To stop it, let go of the hand switch.",
-    Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: (
-        "Press the emergency stop, and release it again. Then press START."
-    ),
-    Advice.RELEASE_EMERGENCY_STOP: "Release the emergency stop. Then press START.",
-    Advice.LET_GO_AND_HOLD_HAND_SWITCH: (
-        "Let go of the hand switch, hold it again, and press START."
-    ),
-    Advice.TRAINER_IS_USED: "The trainer is switched on by another program. PAUSE switches it off.",
-    Advice.DONE: "The session is over.",
-}
 REASONS: Final = (
     ("(STO) pressed", Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT),
     ("(STO) released", Advice.RELEASE_EMERGENCY_STOP),
@@ -118,7 +75,7 @@ class View(msgspec.Struct, frozen=True, kw_only=True):
     word: str
     advice: Advice
     text: str
-    """English sentence of the advice."""
+    """English sentence of the advice; `ADVICE` has both languages."""
     reason: str
     """Text of the service for a stop or a refusal; empty without one."""
     buttons: tuple[Button, ...]
@@ -131,12 +88,21 @@ class View(msgspec.Struct, frozen=True, kw_only=True):
     legs: tuple[LegView, ...]
     goal_in_band_ratio: float
     """The goal of a block: `in_band_count` of its valid strides."""
+    may_be_replaced: bool
+    """The session is finished, and the drives are off as it has requested: another may begin."""
+    is_kept: bool
+    """The history is written, as far as is known."""
     history_trouble: str
     """What is wrong with the history; empty if nothing is."""
 
 
 def view_of(
-    state: State, trainer: TrainerState | None, now_s: float, history_trouble: str = ""
+    state: State,
+    trainer: TrainerState | None,
+    now_s: float,
+    *,
+    is_kept: bool = True,
+    history_trouble: str = "",
 ) -> View:
     """Return what a display shows.
 
@@ -144,6 +110,7 @@ def view_of(
         state: of the session.
         trainer: as the step before has seen it.
         now_s: the time of that step.
+        is_kept: the history is written.
         history_trouble: what is wrong with the history; empty if nothing is.
     """
     advice = _advice(state, trainer, now_s)
@@ -157,7 +124,7 @@ def view_of(
         phase=state.phase,
         word=_word(state),
         advice=advice,
-        text=TEXTS[advice],
+        text=ADVICE[advice].en,
         reason=reason,
         buttons=_buttons(state, trainer, now_s),
         block=None
@@ -167,6 +134,11 @@ def view_of(
         session_left_s=rest_s + _blocks_left_s(state, now_s),
         legs=tuple(_leg(leg, state) for leg in state.legs),
         goal_in_band_ratio=state.goal.in_band_goal_ratio,
+        may_be_replaced=state.phase is Phase.FINISHED
+        and state.off_since_s is None
+        and trainer is not None
+        and trainer.mode == Mode.READY,
+        is_kept=is_kept,
         history_trouble=history_trouble,
     )
 
@@ -206,6 +178,8 @@ def _advice_at_rest(state: State, trainer: TrainerState | None, now_s: float) ->
     for words, advice in REASONS:
         if words in state.reason:
             return advice
+    if state.reason:
+        return Advice.TRY_AGAIN_OR_CALL_THERAPIST
     return Advice.PRESS_START if trainer.hand_switch_held else Advice.HOLD_HAND_SWITCH
 
 

@@ -1,5 +1,7 @@
 """Rights of a client's role to a request, checked in the core (table: `daemon/wire/roles.py`)."""
 
+import math
+
 from daemon.core.modes.guards import GuardInputs
 from daemon.ipc.record import Mode, Plan, Request, RequestKind
 from daemon.wire.roles import ROLES
@@ -35,3 +37,15 @@ def _beyond(request: Request, plan: Plan | None) -> str:
         if not value <= limit:
             return f"{name} = {value:g}, the released plan allows up to {limit:g}"
     return ""
+
+
+def assist_cap_si(request: Request) -> tuple[float, float]:
+    """Return the plan's cap of assist in the requested mode, hip and slide: N·m, N.
+
+    Infinite without a cap: the limits of the configuration hold in any case.
+    """
+    plan = request.plan
+    if plan is None or request.mode.mode is not Mode.GAIT or not ROLES[request.role].within_plan:
+        return math.inf, math.inf
+    hip_nm, slide_n = plan.hip_assist_max_nm, plan.slide_assist_max_n
+    return (math.inf if hip_nm is None else hip_nm, math.inf if slide_n is None else slide_n)

@@ -2,8 +2,9 @@
 
 Rules:
 1. A setpoint is accepted if it belongs to the lease of the newest gateway state, is newer than the
-   last accepted one, refers to a recent cycle, is finite and inside its limits, and if the mode
-   takes assist. Any other setpoint is refused with a reason, once, and changes nothing.
+   last accepted one, refers to a recent cycle, is finite and inside its limits and the cap of the
+   released plan, and if the mode takes assist. Any other setpoint is refused with a reason, once,
+   and changes nothing.
 2. Modes without assist accept a neutral setpoint, which has no effect: so a controller can show
    that it is alive before its mode begins.
 3. Assist in force follows the setpoint within limit, rate and power (`bounds.bound_assist`).
@@ -50,6 +51,8 @@ class SetpointContext(NamedTuple):
     takes_assist: bool
     by_position: bool
     """Guidance is by the drives' own position loops."""
+    cap_si: Pair = (math.inf, math.inf)
+    """Cap by the released plan of a session's gait: hip and slide."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +121,11 @@ def _by_content(
     wanted = wanted_si(setpoint)
     if not all(map(math.isfinite, (*wanted, setpoint.stiffness_ratio))):
         return SetpointRefusal.NON_FINITE
-    inside = all(abs(one) <= of.assist_max_si for one, of in zip(wanted, limits, strict=True))
+    # A comparison with NaN is false: a cap that is not a number refuses all.
+    inside = all(
+        abs(one) <= of.assist_max_si and abs(one) <= cap
+        for one, of, cap in zip(wanted, limits, context.cap_si, strict=True)
+    )
     if not inside or not 0.0 <= setpoint.stiffness_ratio <= FULL_STIFFNESS:
         return SetpointRefusal.OUT_OF_RANGE
     if context.by_position:

@@ -9,12 +9,13 @@ from dataclasses import replace
 
 import msgspec
 
+from daemon.core.modes import roles
 from daemon.core.modes.table import rules_of
 from daemon.core.motion import assist
 from daemon.core.motion.assist import FULL_STIFFNESS, SetpointContext
 from daemon.core.state import Core, Leg
 from daemon.core.steps import wanted
-from daemon.ipc.record import Mode, Setpoint
+from daemon.ipc.record import Mode, Request, Setpoint
 from daemon.wire.refusals import SetpointRefusal
 
 LEASE_ENDED = "its lease has ended"
@@ -24,7 +25,9 @@ GROWN_STALE = "its setpoints have grown stale"
 def receive(core: Core, cycle: int) -> None:
     """Check the setpoints of the newest gateway state; each setpoint is checked once."""
     takes_assist = rules_of(core.mode).takes_assist
-    context = SetpointContext(core.lease, cycle, takes_assist, core.config.by_position)
+    context = SetpointContext(
+        core.lease, cycle, takes_assist, core.config.by_position, core.assist_cap_si
+    )
     # The assist of one lease holder must lapse before another holder may command.
     handed_over = {
         leg.name
@@ -62,8 +65,11 @@ def _receive_one(core: Core, setpoint: Setpoint, context: SetpointContext) -> No
         core.setpoint_refused_count[refusal] += 1
 
 
-def begin_torque(core: Core) -> None:
-    """Enter mode TORQUE without assist, and wait for the first setpoint of this lease."""
+def begin(core: Core, request: Request) -> None:
+    """Enter a mode with the cap of its plan; TORQUE without assist, until a first setpoint."""
+    core.assist_cap_si = roles.assist_cap_si(request)
+    if request.mode.mode != Mode.TORQUE:
+        return
     core.torque_lease = core.lease
     for leg in core.legs:
         leg.assist = replace(leg.assist, accepted=None)

@@ -128,8 +128,7 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         core.reset_cycles_left, core.reset_settle_cycles = RESET_CYCLES, 0
     else:
         exercises.begin(core, request.mode)
-        if request.mode.mode == Mode.TORQUE:
-            controllers.begin_torque(core)
+        controllers.begin(core, request)
         _enter(core, MODES[request.mode.mode].event)
 
 

@@ -2,16 +2,17 @@
 
 import asyncio
 import json
+import re
 import threading
 
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, Mode, Stage
-from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed, TooManyPagesError
+from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed
 from gaitd_display.patient import PatientServer
 from gaitd_display.patient_view import Dot
 from gaitd_display.settings import PatientSettings
-from gaitd_display.web import BODY_MAX_BYTES, STATIC, working
+from gaitd_display.web import BODY_MAX_BYTES, STATIC, TRY_LATER, working
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from training import PROFILE
@@ -77,10 +78,20 @@ def test_every_file_is_our_own_and_nothing_else_may_be_loaded(client):
             assert "https://" not in text
             assert "http://" not in text.replace("http://www.w3.org/2000/svg", "")
         if file.suffix == ".html":
-            assert "<script>" not in text
+            assert not re.search(r"<script(?![^>]* src=)", text)
             assert " style=" not in text
             assert "onclick" not in text
-    assert client.get("/static/../settings.py").status_code == 404
+    assert client.get("/static/%2e%2e/settings.py").status_code == 404
+
+
+def test_stop_is_in_the_page_itself_and_bound_before_anything_else(client):
+    text = client.get("/").text
+
+    first, *_ = re.findall(r'<script[^>]*src="([^"]+)"', text)
+    assert first == "/static/stop.js"
+    assert not re.search(r"^import|fetch\((?!\"/stop\")", client.get(first).text, re.MULTILINE)
+    assert re.search(r'<button id="stop".*>STOP<.*Not the emergency stop', text)
+    assert "{{" not in text
 
 
 def test_texts_and_the_page_s_own_words_are_served(client):
@@ -118,6 +129,16 @@ def test_another_name_of_this_address_is_refused(client):
     assert client.get("/", headers={"host": "evil.example"}).status_code == 403
 
 
+def offered(trainer, page, action="reset", mode=Mode.FAULT, cause=Cause.SPASM):
+    """Wait until the page offers it."""
+
+    def after_some_cycles(now):
+        trainer.cycles(mode, cause=cause, count=20)
+        return now["action"] == action
+
+    page.until(after_some_cycles)
+
+
 def act(client, action):
     answer = client.post("/act", headers=OURS, json={"action": action})
     return answer.status_code, answer.json()["outcome"]
@@ -125,7 +146,9 @@ def act(client, action):
 
 def test_only_the_request_that_the_page_offers_is_sent(client, trainer, page):
     trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
-    page.until(lambda now: now["word"] == "stopped")
+    now = page.until(lambda now: now["step"] == "reset")
+    assert now["action"] is None  # a second tap on the button before is no press of this one
+    assert act(client, "reset") == (409, "refused")
     for action in ("enable", "hand_guiding", "hold"):
         assert act(client, action) == (409, "refused")
     assert act(client, "gait") == (400, "refused")
@@ -141,21 +164,13 @@ def test_only_the_request_that_the_page_offers_is_sent(client, trainer, page):
     ):
         cause = Cause.SPASM if mode is Mode.FAULT else Cause.NONE
 
-        def offered(now, action=action, mode=mode, cause=cause):
-            trainer.cycles(mode, cause=cause)
-            return now["action"] == action
-
-        page.until(offered)
+        offered(trainer, page, action, mode, cause)
         assert act(client, action) == (200, "done")
     assert [name for name, *_ in trainer.requests] == ["reset", "enable", "mode", "mode"]
 
 
 def test_a_refusal_of_the_service_is_passed_on_with_its_reason(client, trainer, page):
-    def offered(now):
-        trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
-        return now["action"] == "reset"
-
-    page.until(offered)
+    offered(trainer, page)
     trainer.refusal = "the hand switch is open"
     answer = client.post("/act", headers=OURS, json={"action": "reset"})
 
@@ -172,12 +187,8 @@ def test_stops_have_threads_of_their_own(client, trainer, page):
         assert going_on.wait(30)
         return bench.filled(bench.Reply, request="reset", outcome="done")
 
-    def offered(now):
-        trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
-        return now["action"] == "reset"
-
     trainer.reset = slow
-    page.until(offered)
+    offered(trainer, page)
     waiting = threading.Thread(target=act, args=(client, "reset"))
     waiting.start()
     assert asked.wait(30)
@@ -224,11 +235,11 @@ def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_sho
         page = bench.Page(socket)
 
         def until(condition, **scene):
-            def after_a_cycle(now):
-                trainer.cycles(**scene)
+            def after_some_cycles(now):
+                trainer.cycles(**scene, count=10)
                 return condition(now)
 
-            return page.until(after_a_cycle)
+            return page.until(after_some_cycles)
 
         def press(button):
             return site.post("/session", headers=OURS, json={"button": button}).status_code
@@ -250,6 +261,25 @@ def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_sho
         assert now["training"]["left_s"] == 24.0
         until(lambda now: now["training"]["buttons"] == [], mode=Mode.FAULT, cause=Cause.SPASM)
         assert press("start") == 409
+
+        # Without power RESET takes nothing from the leg: START requests it.
+        stopped = {"mode": Mode.FAULT, "cause": Cause.DRIVE_FAULT, "power": "fault"}
+        now = until(lambda now: now["training"]["buttons"] == ["start"], **stopped)
+        assert (now["step"], now["action"]) == ("start", None)
+        assert press("start") == 200
+        until(lambda _: ("reset",) in trainer.requests, **stopped)
+
+        # START waits for no other request, and PAUSE is not kept waiting by one.
+        until(lambda now: "start" in now["training"]["buttons"], mode=Mode.READY)
+        trainer.requests.clear()
+        site.portal.call(server._asking.acquire)
+        try:
+            assert press("start") == 409
+            until(lambda now: "pause" in now["training"]["buttons"], mode=Mode.HOLD)
+            assert press("pause") == 200
+            until(lambda _: ("disable",) in trainer.requests, mode=Mode.HOLD)
+        finally:
+            site.portal.call(server._asking.release)
 
 
 # --- the queue of a page ------------------------------------------------------------------------
@@ -282,13 +312,16 @@ def test_a_page_that_does_not_read_gets_the_present_and_costs_no_memory():
     asyncio.run(story())
 
 
-def test_more_pages_than_there_is_room_for_are_refused(client):
-    feed = Feed(lambda: bench.filled(Dot))
+def test_more_pages_than_there_is_room_for_are_told_so(client):
+    feed = client.server.feed
     pages = [feed.join() for _ in range(PAGES_MAX)]
-    with pytest.raises(TooManyPagesError):
-        feed.join()
+    with client.websocket_connect("/live", headers=OURS) as socket:
+        with pytest.raises(WebSocketDisconnect) as refused:
+            socket.receive_json()
+        assert refused.value.code == TRY_LATER
     feed.leave(pages[0])
-    feed.join()
+    with client.websocket_connect("/live", headers=OURS) as socket:
+        assert bench.Page(socket).frame()["word"] == "no_signal"
 
 
 def test_a_page_that_sends_anything_else_is_closed_and_one_that_goes_is_forgotten(client, page):

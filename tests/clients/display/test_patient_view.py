@@ -7,7 +7,9 @@ from gaitd_display.cause_texts import CAUSE_TEXTS, Situation, patient_text
 from gaitd_display.patient_view import PatientState
 from gaitd_display.settings import PatientSettings, SettingsError
 from gaitd_display.texts import EXPLAINED, WORDS, Word, page_texts
+from gaitd_display.training import TrainingView
 from gaitd_display.way_out import ALONE, Step
+from gaitd_session import Advice, Phase
 
 from daemon.wire.cause_texts import CAUSE_TEXT, DANGER, HELD, LOOSE
 
@@ -28,10 +30,12 @@ class Screen:
         axes = [f"{leg}/{axis}" for leg in legs for axis in ("hip", "slide")]
         self._drives = [self.trainer.drive(axis) for axis in axes]
 
+        self.training = None
+
     def look(self):
         activities = [(leg, stream.newest()) for leg, stream in self._activity]
         drives = [stream.newest() for stream in self._drives]
-        return self.state.take(activities, self._safety.newest(), drives)
+        return self.state.take(activities, self._safety.newest(), drives, self.training)
 
     def after(self, mode, **given):
         self.trainer.cycles(mode, **given)
@@ -68,6 +72,7 @@ def screen(tmp_path):
         (Mode.GAIT, Stage.PLAYING, Word.GO_ON),
         (Mode.GAIT, Stage.ENDING, Word.ENDING),
         (Mode.HAND_GUIDING, Stage.PLAYING, Word.GUIDE),
+        (Mode.SELF_TEST, Stage.PREPARING, Word.SOON),
         (Mode.SELF_TEST, Stage.PLAYING, Word.SELF_TEST),
         (Mode.STOPPING, None, Word.STOPPING),
         (Mode.FAULT, None, Word.STOPPED),
@@ -77,6 +82,28 @@ def screen(tmp_path):
 )
 def test_each_mode_and_stage_has_its_word(screen, mode, stage, word):
     assert screen.after(mode, stage=stage).word == word
+
+
+def training(phase, advice=Advice.LIE_STILL):
+    """What the page shows of a session in this phase."""
+    given = {"reason": "", "is_kept": True, "left_s": 60.0, "bands": ()}
+    return TrainingView(phase=phase, advice=advice, buttons=(), **given)
+
+
+@pytest.mark.parametrize(
+    ("phase", "mode", "word"),
+    [
+        (Phase.ENABLING, Mode.READY, Word.SOON),
+        (Phase.ANNOUNCED, Mode.HOLD, Word.SOON),
+        (Phase.STARTING, Mode.HOLD, Word.SOON),
+        (Phase.PAUSED, Mode.HOLD, Word.REST),
+        (Phase.PAUSED, Mode.READY, Word.READY),
+        (Phase.WALKING, Mode.GAIT, Word.GO_ON),
+    ],
+)
+def test_motion_that_a_session_is_about_to_begin_is_announced(screen, phase, mode, word):
+    screen.training = training(phase)
+    assert screen.after(mode, stage=Stage.PLAYING if mode is Mode.GAIT else None).word == word
 
 
 def test_the_word_follows_the_highest_power_of_the_last_whole_stride(screen):
@@ -135,6 +162,49 @@ def test_the_alarm_is_one_for_each_stop_and_sounds_if_the_signal_is_lost_in_moti
     assert screen.look().alarm not in {None, first, second}
 
 
+def test_the_page_says_that_a_leg_is_held_only_while_every_drive_can_hold_it(screen):
+    def instructions(**given):
+        view = screen.after(Mode.FAULT, cause=Cause.SPASM, **given)
+        return " ".join(text.en for text in view.stop.instructions)
+
+    for power in ("operation_enabled", "quick_stop_active"):
+        assert "Your leg is held." in instructions(power=power)
+    for power in ("switch_on_disabled", "fault", "fault_reaction_active"):
+        assert "Your leg may not be held" in instructions(power=power)
+
+
+def test_a_stop_at_rest_is_shown_with_help_and_alarm_unless_the_machine_was_never_up(screen):
+    first = screen.after(Mode.OFF, cause=Cause.BRING_UP_FAILED)
+    assert (first.word, first.step, first.alarm) == (Word.STOPPED, Step.HELP, None)
+    assert first.stop.cause == Cause.BRING_UP_FAILED
+    screen.after(Mode.READY)
+
+    for mode in (Mode.OFF, Mode.BRINGING_UP):
+        view = screen.after(mode, cause=Cause.DRIVE_SILENT)
+        assert (view.word, view.step, view.action) == (Word.STOPPED, Step.HELP, None)
+        assert view.stop.cause == Cause.DRIVE_SILENT
+        assert view.alarm is not None
+
+
+def test_the_emergency_stop_pressed_as_a_session_advises_is_named_and_sounds_no_alarm(screen):
+    screen.training = training(Phase.PAUSED, Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT)
+    screen.after(Mode.READY)
+    screen.training = training(Phase.STOPPED, Advice.PRESS_START_TO_RESET)
+    assert screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault").alarm is None
+    pressed = screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault", sto=True, count=30)
+    released = screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault")
+
+    for view in (pressed, released):
+        assert (view.step, view.action, view.alarm) == (Step.START, None, None)
+        assert view.stop.happened.en == "The emergency stop was pressed."
+    screen.after(Mode.READY)
+    assert screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault").alarm is None
+    fault = screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault", count=30)
+    assert fault.alarm is not None
+    screen.after(Mode.GAIT, stage=Stage.PLAYING)
+    assert screen.after(Mode.STOPPING, cause=Cause.STO_ACTIVE, sto=True).alarm is not None
+
+
 def test_every_cause_has_its_text_in_both_languages_for_the_situation_that_the_service_names():
     situation = {HELD: Situation.HELD, LOOSE: Situation.LOOSE, DANGER: Situation.DANGER}
     for cause, told in CAUSE_TEXT.items():
@@ -166,16 +236,40 @@ def test_the_way_out_is_led_step_by_step_and_only_with_the_hand_switch(screen):
     stopped = {"cause": Cause.SPASM}
     assert screen.after(Mode.FAULT, **stopped, switch=False).step == Step.SWITCH
     assert screen.after(Mode.FAULT, **stopped).action == "reset"
-    screen.state.way_out.reset_is_done()
+    screen.state.way_out.reset_is_asked()
     assert screen.after(Mode.FAULT, **stopped).step == Step.WAIT  # not yet published
     assert screen.after(Mode.OFF).step == Step.WAIT
     assert screen.after(Mode.BRINGING_UP).step == Step.WAIT
+    screen.state.way_out.reset_is_answered()
     assert screen.after(Mode.READY, switch=False).step == Step.SWITCH
     assert screen.after(Mode.READY).action == "enable"
     assert screen.after(Mode.HOLD).action == "hand_guiding"
     assert screen.after(Mode.HAND_GUIDING).action == "hold"
     assert screen.after(Mode.HOLD).step == Step.GUIDE
     assert screen.after(Mode.GAIT, stage=Stage.ANNOUNCING).step == Step.NONE
+    assert screen.after(Mode.HOLD).step == Step.NONE
+
+
+def test_the_way_out_goes_on_without_an_answer_to_reset_and_offers_it_again_if_it_was_lost(screen):
+    screen.after(Mode.FAULT, cause=Cause.SPASM)
+    screen.state.way_out.reset_is_asked()
+    screen.state.way_out.reset_is_answered()
+    assert screen.after(Mode.FAULT, cause=Cause.SPASM).action == "reset"
+    screen.state.way_out.reset_is_asked()
+    assert screen.after(Mode.OFF).step == Step.WAIT
+    screen.state.way_out.reset_is_answered()
+    assert screen.after(Mode.OFF, cause=Cause.BRING_UP_FAILED).step == Step.HELP
+    assert screen.after(Mode.READY).action == "enable"
+
+
+def test_a_session_that_goes_on_ends_the_way_out(screen):
+    screen.after(Mode.FAULT, cause=Cause.SPASM)
+    screen.training = training(Phase.PAUSED, Advice.PRESS_START)
+    assert screen.after(Mode.READY).action == "enable"
+    screen.training = training(Phase.ENABLING)
+    assert screen.after(Mode.READY).step == Step.NONE
+    assert screen.after(Mode.HOLD).step == Step.NONE
+    screen.training = training(Phase.PAUSED)
     assert screen.after(Mode.HOLD).step == Step.NONE
 
 

@@ -15,6 +15,7 @@ from gaitd_display.login import (
 )
 from gaitd_display.settings import TherapistSettings
 from gaitd_display.therapist import COOKIE, TherapistServer
+from gaitd_display.web import LOGIN_OVER
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 
@@ -145,10 +146,11 @@ def test_without_login_or_token_nothing_but_stop_is_possible(client, trainer):
     for path, body in (("/act", {"command": "enable"}), ("/plan", {"plan": None}), ("/logout", {})):
         assert post(client, path, body).status_code == 401
     with (
-        pytest.raises(WebSocketDisconnect),
-        client.websocket_connect("/live", headers=OURS),
+        client.websocket_connect("/live", headers=OURS) as socket,
+        pytest.raises(WebSocketDisconnect) as refused,
     ):
-        pass
+        socket.receive_json()
+    assert refused.value.code == LOGIN_OVER
     login(client)
     for csrf in ("", "wrong", "ü"):
         headers = {**OURS, "x-csrf-token": csrf.encode()}

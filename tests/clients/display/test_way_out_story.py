@@ -2,6 +2,7 @@
 
 The leg moves by the physics of the virtual drives, in simulated time. The gait is 30 % of the
 shipped one, so that the springs carry the leg in every pose: it drifts by less than a degree.
+The last story is the daily test of the emergency stop, after which START leads on.
 """
 
 import re
@@ -14,8 +15,10 @@ from gaitd_client import Mode, Trainer
 from gaitd_display.patient import PatientServer
 from gaitd_display.settings import PatientSettings, WayOutRules
 from gaitd_display.way_out import Pose, Release, WhyNot
+from gaitd_session import Advice
 from processes import CONFIGS
 from starlette.testclient import TestClient
+from training import PROFILE
 
 from daemon.ipc.record import Mode as CoreMode
 from daemon.preflight.acceptance import check_files
@@ -113,3 +116,45 @@ def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
         assert press("hold")["outcome"] == "done"
         machine.wait_for(CoreMode.HOLD)
         assert page.until(lambda now: now["mode"] == Mode.HOLD)["step"] == "guide"
+
+
+def test_the_daily_test_of_hand_switch_and_emergency_stop_is_led_by_the_page(
+    virtual_trainers, tmp_path
+):
+    machine = virtual_trainers({"demo.toml": {"self_test.required": "daily"}})
+    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
+    table = bench.patient_table(tmp_path, way_out=False)
+    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    trainer = Trainer(machine.endpoint, trainer=machine.trainer, clock=machine.clock)
+    settings = bench.settings_of(tmp_path, table, PatientSettings)
+    server = PatientServer(settings, trainer, machine.clock)
+    acts = {
+        Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: "sto_open * 0.5",
+        Advice.LET_GO_AND_HOLD_HAND_SWITCH: "hand_switch_open * 0.5",
+    }
+    done, shown = set(), []
+    with (
+        TestClient(server.app, base_url=bench.ORIGIN) as client,
+        client.websocket_connect("/live", headers=bench.OURS) as socket,
+    ):
+        page = bench.Page(socket)
+
+        def led(now):
+            """Do what the page says, as a patient does."""
+            training = now["training"]
+            if training is None:
+                return False
+            if now["stop"] is not None:
+                shown.append((now["step"], now["stop"]["happened"]["en"], now["alarm"]))
+            if training["advice"] in acts and training["advice"] not in done:
+                done.add(training["advice"])
+                machine.tell(acts[training["advice"]])
+                machine.run(1.0)
+            elif "start" in training["buttons"]:
+                client.post("/session", headers=bench.OURS, json={"button": "start"})
+            return now["word"] == "soon" and now["mode"] == Mode.HOLD
+
+        page.until(led)
+    # The first frames of the stop may be older than the drive's next message.
+    assert shown[-1] == ("start", "The emergency stop was pressed.", None)
+    assert {alarm for *_, alarm in shown} == {None}

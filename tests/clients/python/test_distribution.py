@@ -49,6 +49,8 @@ def test_it_works_where_nothing_else_of_ours_is_installed():
     outcome, trouble = ran.stdout.splitlines()
     assert outcome == "done"
     assert trouble.startswith("no service listens on tcp/127.0.0.1:1")
+    assert "Unable to connect" in trouble
+    assert ".rs" not in trouble
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import threading
 import msgspec
 import pytest
 from gaitd_client import NotValid, Trouble, wire
+from gaitd_client import stream as stream_module
 from gaitd_client.stream import SECOND_SILENCE_NS, Stream, Watch
 
 KEY = "gaitd/trainer/right/friction"
@@ -142,7 +143,7 @@ def test_a_key_with_one_message_a_second_is_silent_after_one_and_a_half(clock):
     clock.ms += 1_500
     assert short(stream.newest()) == 1
     clock.ms += 1
-    assert stream.newest().text == "no message for 1500 ms: nothing is known"
+    assert stream.newest().text == f"no message on {KEY} for 1500 ms: nothing is known"
 
 
 @pytest.mark.parametrize(
@@ -157,6 +158,7 @@ def test_a_key_with_one_message_a_second_is_silent_after_one_and_a_half(clock):
 )
 def test_a_payload_that_cannot_be_read_says_why_and_ends_nothing(stream, data, schema, text):
     stream.receive(data, schema)
+    assert stream.newest() is stream.newest()
     (item,) = [item for _, item in zip(range(1), stream, strict=False)]
 
     assert (item.key, item.trouble) == (KEY, Trouble.UNREADABLE)
@@ -182,6 +184,25 @@ def test_an_iterator_waits_for_another_thread_and_ends_with_the_stream(stream):
     assert list(stream) == []
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_exception_in_a_call_is_raised_at_the_end_and_nothing_is_valid_after_it(stream):
+    is_called = threading.Event()
+
+    def fail(_item):
+        is_called.set()
+        raise ZeroDivisionError("in the function")
+
+    with pytest.raises(ZeroDivisionError), stream:
+        stream.call(fail)
+        stream.receive(payload(1))
+        assert is_called.wait(10)
+    stream.receive(payload(2))
+
+    assert short(stream.newest()) is Trouble.FAILED
+    assert "has raised ZeroDivisionError: in the function" in stream.newest().text
+    assert taken(stream, 2) == [Trouble.FAILED]
+
+
 def test_asyncio_waits_for_a_message_from_another_thread(stream, clock):
     async def consume():
         threading.Timer(0.05, stream.receive, [payload(1)]).start()
@@ -194,6 +215,30 @@ def test_asyncio_waits_for_a_message_from_another_thread(stream, clock):
         return got
 
     assert asyncio.run(consume()) == [1, Trouble.SILENT]
+
+
+@pytest.mark.parametrize("turn_count", range(6))
+def test_a_cancellation_at_the_moment_of_a_message_is_not_lost(stream, monkeypatch, turn_count):
+    monkeypatch.setattr(stream_module, "POLL_S", 60.0)
+
+    async def turns(count):
+        for _ in range(count):
+            await asyncio.sleep(0)
+
+    async def consume():
+        async for _ in stream:
+            pass
+
+    async def cancel():
+        task = asyncio.create_task(consume())
+        await turns(5)
+        stream.receive(payload(1))
+        await turns(turn_count)
+        task.cancel()
+        await turns(10)
+        return task.cancelled()
+
+    assert asyncio.run(cancel())
 
 
 def test_an_event_loop_that_was_closed_does_not_stop_the_stream(clock):

@@ -1,10 +1,22 @@
-"""When a trainer declares its subscribers, before, inside and after `with`; without a service."""
+"""A trainer without a service: when it declares its subscribers, and how often it sends a stop."""
 
 import threading
+from types import SimpleNamespace
 
+import msgspec
 import pytest
 import zenoh
-from gaitd_client import ClientError, NoServiceError, NotValid, Safety, Trainer, trainer
+from display_bench import filled
+from gaitd_client import (
+    ClientError,
+    NoAnswerError,
+    NoServiceError,
+    NotValid,
+    Reply,
+    Safety,
+    Trainer,
+    trainer,
+)
 
 KEY = "gaitd/trainer/safety"
 
@@ -12,6 +24,8 @@ KEY = "gaitd/trainer/safety"
 class Session:
     def __init__(self, error=None):
         self.error, self.declared, self.is_closed = error, {}, False
+        self.answers = []
+        """What each query gets in turn: replies, or an error."""
         self.is_complete = threading.Event()
 
     def declare_subscriber(self, key, take):
@@ -21,6 +35,12 @@ class Session:
         if len(self.declared) == 2:
             self.is_complete.set()
         return Subscriber(self, key)
+
+    def get(self, _key, payload, timeout):
+        answer = self.answers.pop(0)
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     def close(self):
         self.is_closed = True
@@ -48,6 +68,7 @@ def sessions(monkeypatch):
 
     monkeypatch.setattr(trainer, "open_session", open_session)
     monkeypatch.setattr(trainer, "RETRY_S", 0.01)
+    monkeypatch.setattr(trainer, "STOP_RETRY_S", 0.0)
     return given
 
 
@@ -80,6 +101,14 @@ def test_a_session_that_is_lost_while_streams_are_declared_is_opened_again(sessi
         assert good.declared.keys() == {KEY, "gaitd/trainer/health"}
     assert not good.declared
 
+    sessions.append(broken := Session(KeyError("a bug")))
+    early = Trainer()
+    early.safety()
+    early.health()
+    with pytest.raises(KeyError, match="a bug"), early:
+        pass
+    assert broken.is_closed
+
     sessions.append(Session(zenoh.ZError("lost")))
     late = Trainer()
     late.safety()
@@ -104,3 +133,50 @@ def test_a_function_that_does_not_return_does_not_keep_the_session_open(sessions
         assert is_called.wait(10)
     assert session.is_closed
     may_return.set()
+
+
+def test_why_there_is_no_connection_is_said_with_each_request(sessions):
+    made = Trainer(keep_trying=True)
+    with pytest.raises(NoAnswerError, match="not connected: use `with`"):
+        made.status()
+    sessions += [NoServiceError("the certificate has expired")] * 100
+    with made, pytest.raises(NoAnswerError, match="not connected: the certificate has expired"):
+        made.status()
+    with pytest.raises(NoAnswerError, match="not connected: `with` was left"):
+        made.status()
+
+
+def reply_of(request):
+    sample = SimpleNamespace(
+        encoding="application/json",
+        payload=zenoh.ZBytes(msgspec.json.encode(filled(Reply, request=request, outcome="done"))),
+    )
+    return SimpleNamespace(ok=sample, err=None)
+
+
+def test_a_stop_is_sent_until_it_is_answered_and_no_other_request_is(sessions, monkeypatch):
+    sessions.append(session := Session())
+    with Trainer() as made:
+        session.answers = [zenoh.ZError("lost"), [], [reply_of("stop")], []]
+        assert made.stop().request == "stop"
+        with pytest.raises(NoAnswerError):
+            made.enable()
+        assert not session.answers
+
+        monkeypatch.setattr(trainer, "ANSWER_TIMEOUT_S", 0.0)
+        session.answers = [[]]
+        with pytest.raises(
+            NoAnswerError,
+            match=r"may not have stopped: .* hand switch.* emergency stop \(no answer",
+        ):
+            made.stop()
+
+
+def test_the_name_of_a_leg_or_a_drive_is_one_of_the_machine():
+    made = Trainer()
+    for stream_of in (made.estimate, made.activity, made.friction, made.stride):
+        with pytest.raises(ValueError, match=r"gaitd/trainer/\*/.*: '\*' is none of right, left"):
+            stream_of("*")
+    with pytest.raises(ValueError, match=r"drives/right/hop: 'right/hop' is none of right/hip, "):
+        made.drive("right/hop")
+    assert made.drive("left/slide").key == "gaitd/trainer/drives/left/slide"

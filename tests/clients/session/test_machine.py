@@ -11,7 +11,12 @@ from gaitd_session.machine import (
     AT_REST,
     LATE_S,
     LEFT_MIN_S,
+    NOT_PASSED,
+    OFF_RETRY_S,
+    OFF_SETTLE_S,
+    RESULT_LATE_S,
     SELF_TEST_LATE_S,
+    SELF_TEST_REFUSAL,
     TABLE,
     Answer,
     Button,
@@ -24,8 +29,13 @@ from gaitd_session.machine import (
     begin,
     step,
 )
-from gaitd_session.view import Advice, view_of
+from gaitd_session.session import PASSED
+from gaitd_session.texts import Advice
+from gaitd_session.view import REASONS, view_of
 from training import profile
+
+from daemon.core.exercises import self_test
+from daemon.core.modes import daily_test
 
 ENABLED = {Mode.HOLD, Mode.GAIT, Mode.SELF_TEST, Mode.TORQUE, Mode.HAND_GUIDING}
 MOTION = {RequestKind.SELF_TEST, RequestKind.GAIT}
@@ -45,6 +55,7 @@ TESTING = trainer(Mode.SELF_TEST, Stage.PLAYING)
 ANNOUNCING = trainer(Mode.GAIT, Stage.ANNOUNCING)
 PLAYING = trainer(Mode.GAIT, Stage.PLAYING)
 FAULT = trainer(Mode.FAULT, cause=Cause.SPASM, power=True)
+TEST_PASSED = HOLD._replace(self_test_passed=True)
 OFF_BY_STO = trainer(Mode.FAULT, cause=Cause.STO_ACTIVE)
 
 
@@ -91,6 +102,7 @@ SEEN = (
     READY,
     OPEN,
     HOLD,
+    TEST_PASSED,
     trainer(Mode.HOLD, hand=False),
     trainer(Mode.HOLD, boot="b"),
     TESTING,
@@ -122,6 +134,7 @@ def kind_of(state, now_s):
         state.boot_id,
         state.pending,
         state.off_since_s is None,
+        state.test_ended_s is None,
         now_s < state.rest_until_s,
     )
 
@@ -207,7 +220,7 @@ def test_a_whole_session_is_self_test_warm_up_rest_block():
     assert run.view.buttons == (Button.START, Button.END)
     run.step(READY, Button.START).step(HOLD).step(HOLD, after_s=ANNOUNCE_S).step(TESTING)
     assert run.state.phase is Phase.SELF_TEST
-    run.step(HOLD).step(HOLD, after_s=ANNOUNCE_S).step(ANNOUNCING).step(PLAYING)
+    run.step(TEST_PASSED).step(HOLD, after_s=ANNOUNCE_S).step(ANNOUNCING).step(PLAYING)
     assert (run.view.word, run.view.block_left_s) == ("Warm up", 10.0)
     run.step(HOLD, after_s=12.0)
     assert (run.state.phase, run.view.advice) == (Phase.REST, Advice.WAIT)
@@ -218,7 +231,8 @@ def test_a_whole_session_is_self_test_warm_up_rest_block():
     run.walk().step(HOLD, after_s=14.0).step(OPEN)
 
     assert run.state.phase is Phase.FINISHED
-    assert run.view.buttons == ()
+    assert (run.view.buttons, run.view.may_be_replaced) == ((), False)
+    assert run.step(OPEN, after_s=OFF_SETTLE_S).view.may_be_replaced
     first, second = (request for request in run.requests if request.kind is RequestKind.GAIT)
     assert (first.cadence_hz, first.amplitude_ratio, first.duration_s) == (0.5, 0.4, 10.0)
     assert (second.amplitude_ratio, second.duration_s) == (0.6, 12.0)
@@ -313,11 +327,32 @@ def test_after_a_lost_signal_anything_else_is_paused_and_disabled(during, after)
     assert run.kinds[-1] is RequestKind.DISABLE
 
 
-def test_end_without_a_signal_takes_effect_when_it_is_back():
-    run = Run().walk().step(None).step(None, Button.END).step(PLAYING)
+@pytest.mark.parametrize("button", [Button.PAUSE, Button.END])
+def test_a_button_without_a_signal_switches_off_at_once_and_until_it_is_seen(button):
+    run = Run().walk()
+    count = len(run.requests)
+    run.step(None).step(None, after_s=OFF_RETRY_S)
+    assert len(run.requests) == count
+    run.step(None, button)
+    assert run.kinds[count:] == [RequestKind.DISABLE]
+    run.step(None, after_s=OFF_RETRY_S, failure="no answer").step(PLAYING)
 
-    assert run.state.phase is Phase.FINISHED
+    assert run.state.phase is (Phase.PAUSED if button is Button.PAUSE else Phase.FINISHED)
+    assert run.kinds[count:] == [RequestKind.DISABLE] * 2
+
+
+def test_a_self_test_that_another_client_ended_is_still_due():
+    run = Run(self_test_due=True).step(READY).step(READY, Button.START).step(HOLD)
+    run.step(HOLD, after_s=ANNOUNCE_S).step(TESTING).step(HOLD).step(
+        HOLD, after_s=RESULT_LATE_S / 2
+    )
+    assert run.state.phase is Phase.SELF_TEST
+    run.step(HOLD, after_s=RESULT_LATE_S)
+
+    assert (run.state.phase, run.state.self_test_due) == (Phase.PAUSED, True)
     assert run.kinds[-1] is RequestKind.DISABLE
+    assert run.step(READY, after_s=5.0).view.advice is Advice.TRY_AGAIN_OR_CALL_THERAPIST
+    assert run.view.reason == NOT_PASSED
 
 
 def test_a_lost_signal_in_a_rest_changes_nothing_about_it():
@@ -346,7 +381,7 @@ def test_a_gait_that_is_refused_for_want_of_a_self_test_makes_one_due():
         ),
         ("not seen to act today: right/hip hand switch open", Advice.LET_GO_AND_HOLD_HAND_SWITCH),
         ("safe torque off is active", Advice.RELEASE_EMERGENCY_STOP),
-        ("the leg is moving", Advice.PRESS_START),
+        ("the leg is moving", Advice.TRY_AGAIN_OR_CALL_THERAPIST),
     ],
 )
 def test_a_refused_enable_says_what_the_patient_can_do(reason, advice):
@@ -390,3 +425,14 @@ def test_the_band_moves_at_the_next_start_and_a_paused_block_keeps_its_own():
 
     assert (leg.stride_count, leg.share_ratio) == (0, None)
     assert leg.band_low_ratio == pytest.approx(0.30)
+
+
+def test_the_words_that_are_looked_for_are_those_of_the_service():
+    for word in daily_test._WORDS:
+        assert [advice for part, advice in REASONS if part in word]
+    assert SELF_TEST_REFUSAL in daily_test.due(None, [], "", 0, 20.0)
+    passed = self_test.AxisResult("right/hip", 1.0, 1.0, 0.0, 0.1)
+    assert self_test.result_text(passed).startswith(f"right/hip{PASSED}")
+    assert not self_test.result_text(passed._replace(fault="stuck")).startswith(
+        f"right/hip{PASSED}"
+    )

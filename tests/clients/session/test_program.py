@@ -79,6 +79,7 @@ def test_a_new_profile_has_a_random_id_and_prints_the_plan_to_be_released(tmp_pa
     assert "gaitd plan release --cadence 0.4 --amplitude 0.7 --duration 300" in ended.stdout
     assert [walk.duration_s for walk in made.plan.block] == [300.0] * 3
     assert limits_of(made).duration_max_s == 300.0
+    assert (limits_of(made).hip_assist_max_nm, limits_of(made).slide_assist_max_n) == (10.0, 80.0)
 
 
 def test_a_new_profile_that_contradicts_itself_is_not_written(tmp_path):

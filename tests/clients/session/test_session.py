@@ -5,9 +5,12 @@ from concurrent.futures import wait
 from types import SimpleNamespace
 
 import pytest
-from gaitd_client import Cause, Mode, NoAnswerError, NotValid, Stage, Trouble
+from display_bench import filled
+from gaitd_client import Cause, Event, Mode, NoAnswerError, NotValid, Stage, Trouble
 from gaitd_session import Button, History, Phase, Session, SessionError, open_history
+from gaitd_session import session as session_module
 from gaitd_session.machine import ANNOUNCE_S
+from gaitd_session.program import LeftOnError, _check_off
 from gaitd_session.session import FLUSH_S, POLL_S
 from gaitd_session.store import StoreError
 from training import profile
@@ -37,7 +40,8 @@ class Trainer:
 
     def __init__(self):
         self.mode_now, self.stage, self.requests = Mode.READY, None, []
-        self.is_silent = self.answers_nothing = False
+        self.is_silent = self.answers_nothing = self.keeps_drives_on = False
+        self.events_stream = Stream(lambda: NONE)
         self.utc_ns = 10**18
 
     def safety(self):
@@ -61,6 +65,17 @@ class Trainer:
         held = SimpleNamespace(hand_switch_closed=True, power_state="switch_on_disabled")
         return Stream(lambda: held)
 
+    def events(self, *, history_count):
+        assert history_count == 0
+        return self.events_stream
+
+    def passes_self_test(self):
+        for axis in ("hip", "slide"):
+            self.events_stream.function(
+                filled(Event, text=f"right/{axis}: self-test passed: friction 1 N")
+            )
+        self.mode_now = Mode.HOLD
+
     def stride(self, _leg):
         return Stream(lambda: NONE)
 
@@ -74,7 +89,7 @@ class Trainer:
         self._done("enable", Mode.HOLD)
 
     def disable(self):
-        self._done("disable", Mode.READY)
+        self._done("disable", self.mode_now if self.keeps_drives_on else Mode.READY)
 
     def mode(self, mode, **_):
         self._done(mode, mode, Stage.PLAYING)
@@ -101,19 +116,16 @@ class Bench:
             self.session.press(button)
         self.clock.time_ns += round(after_s * 1e9)
         self.session._advance()
-        wait([*self.session._asked, *self.session._written])
+        wait([one for one in (*self.session._asked, self.session._writing) if one is not None])
         return self.session.view()
 
     def walk(self):
         self.step()
         self.step(Button.START)
         while self.step(after_s=ANNOUNCE_S / 4).phase is not Phase.WALKING:
-            if self.trainer.mode_now == Mode.SELF_TEST:
-                self.trainer.mode_now = Mode.HOLD if self._tests() else Mode.SELF_TEST
+            if self.session.view().phase is Phase.SELF_TEST:
+                self.trainer.passes_self_test()
         return self
-
-    def _tests(self):
-        return self.session.view().phase is Phase.SELF_TEST
 
 
 @pytest.fixture
@@ -130,6 +142,7 @@ def test_a_session_that_is_left_disables_the_drives_and_tells_the_history(histor
     bench.session._writer.shutdown()
 
     assert bench.trainer.requests == ["enable", Mode.SELF_TEST, Mode.GAIT, "disable"]
+    assert bench.session.left_on == ""
     (summary,) = history.store.summaries(profile().id)
     assert (summary.end, summary.walked_s) == ("left", pytest.approx(4.0, abs=0.1))
     assert history.store.self_test_utc_ns(profile().id) > 10**18
@@ -163,18 +176,69 @@ def test_of_several_presses_the_strongest_counts_and_none_is_kept(history):
     assert (view.phase, bench.trainer.requests) == (Phase.WAITING, [])
 
 
-def test_a_disk_that_fails_is_shown_and_training_goes_on(history):
+@pytest.mark.parametrize(
+    ("fails", "reason"), [("answers_nothing", "no answer"), ("keeps_drives_on", "they are on")]
+)
+def test_drives_that_could_not_be_switched_off_are_told(history, monkeypatch, fails, reason):
+    monkeypatch.setattr(session_module, "LEAVE_S", 0.0)
+    bench = Bench(history).walk()
+    setattr(bench.trainer, fails, True)
+    bench.session._leave()
+
+    assert reason in bench.session.left_on
+    with pytest.raises(LeftOnError, match="press the emergency stop"):
+        _check_off(bench.session)
+
+
+def test_a_self_test_that_another_client_ended_is_not_written_as_passed(history):
+    bench = Bench(history)
+    bench.step()
+    bench.step(Button.START)
+    while bench.session.view().phase is not Phase.PAUSED:
+        if bench.session.view().phase is Phase.SELF_TEST:
+            bench.trainer.mode_now = Mode.HOLD
+        bench.step(after_s=ANNOUNCE_S / 4)
+
+    assert bench.trainer.requests == ["enable", Mode.SELF_TEST, "disable"]
+    assert history.store.self_test_utc_ns(profile().id) == 0
+
+
+def test_a_disk_that_fails_is_shown_and_loses_nothing_once_it_works(history):
     class Full:
+        is_full = True
+
         def __getattr__(self, name):
             return getattr(history.store, name)
 
-        def write(self, _rows):
-            raise StoreError("the disk is full")
+        def write(self, rows):
+            if self.is_full:
+                raise StoreError("the disk is full")
+            history.store.write(rows)
 
-    bench = Bench(History(Full(), "")).walk()
-
+    with_another = Bench(history).walk()
+    with_another.step(Button.END)
+    store = Full()
+    bench = Bench(History(store, "an old trouble")).walk()
     view = bench.step()
     assert (view.phase, view.history_trouble) == (Phase.WALKING, "the disk is full")
+    store.is_full = False
+    for _ in range(2):
+        bench.step(after_s=FLUSH_S)
+
+    assert bench.step().history_trouble == "an old trouble"
+    first, second = history.store.summaries(profile().id)
+    assert (first.end, second.end) == ("ended", "")
+    assert second.walked_s >= FLUSH_S
+
+
+def test_a_history_that_cannot_be_read_is_no_obstacle():
+    class Damaged:
+        def self_test_utc_ns(self, _profile):
+            raise StoreError("damaged")
+
+    view = Bench(History(Damaged(), "")).walk().step()
+
+    assert view.history_trouble == "damaged; this session is not kept"
 
 
 def test_no_history_at_all_is_no_obstacle():

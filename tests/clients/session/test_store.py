@@ -89,11 +89,13 @@ def test_a_killed_writer_has_kept_every_batch_that_it_acknowledged(tmp_path):
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
-        store = begun(file)
-        for number in range(1_000_000):
-            store.write(batch(number))
-            os.write(writer, b".")
-        os._exit(0)
+        try:
+            store = begun(file)
+            for number in range(1_000_000):
+                store.write(batch(number))
+                os.write(writer, b".")
+        finally:
+            os._exit(1)
     acknowledged = 0
     while acknowledged < 20:
         acknowledged += len(os.read(reader, 4096))
@@ -116,6 +118,10 @@ def test_a_batch_that_fails_is_not_there_in_part_and_the_next_one_is(tmp_path):
         assert state_of(store) == 1
         store.write(batch(1))
 
+        assert state_of(store) == 2
+        store.write([EndRow(2000, "complete")])
+        with pytest.raises(StoreError, match="NOT NULL"):
+            store.write(batch(2))
         assert state_of(store) == 2
 
 

@@ -27,8 +27,8 @@ WRITERS = {
         calibration_advised""",
     "steps/monitors.py": """watch energy residual stopping_end_si spasm dynamics zone
         stopping_ratio spasm_ratio window_cycles""",
-    "steps/controllers.py": """assist assist_si stiffness_ratio torque_lease lapse_count
-        lapse_reason setpoint_accepted_count setpoint_refused_count""",
+    "steps/controllers.py": """assist assist_si stiffness_ratio torque_lease assist_cap_si
+        lapse_count lapse_reason setpoint_accepted_count setpoint_refused_count""",
     "steps/targets.py": """mode_sent effort_sent_si position_sent_si effort_offset_si
         effort_mean_si position_offset_si speed_sent_si acceleration_sent_si""",
     "steps/persistence.py": "persistent utc_newest_ns self_test_due inputs_untested sign_proven",

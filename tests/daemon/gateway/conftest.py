@@ -223,16 +223,20 @@ class Bench:
         self.seam = GatewayChannel(runtime)
         self.keys: Keys | None = None
         self.keys_trouble = ""
+        self.disk_is_slow = False
         self.gateway = self.new_gateway()
         self.levels: list[GatewayState] = []
         self.seq = 0
 
     def new_gateway(self) -> Gateway:
-        plans = PlanStore(self.runtime / "plan.json", lambda _what, run: run() is None)
+        plans = PlanStore(self.runtime / "plan.json", self.submit)
         return Gateway(
             *(self.seam, self.outlet, self.clock, "trainer", ("unixsock-stream//x",), LEASE),
             *(Clients(self.keys), plans, lambda: self.keys_trouble),
         )
+
+    def submit(self, _what: str, run: Callable[[], None]) -> bool:
+        return not self.disk_is_slow and run() is None
 
     def replace_core(self, core_boot_id: str) -> None:
         self.core.close()

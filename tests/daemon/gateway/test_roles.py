@@ -50,7 +50,13 @@ MAY = {
     "release": {"controller"},
     "stop": ALL,
 }
-PLAN = {"cadence_max_hz": 0.5, "amplitude_max_ratio": 0.8, "duration_max_s": 600.0}
+PLAN = {
+    "cadence_max_hz": 0.5,
+    "amplitude_max_ratio": 0.8,
+    "duration_max_s": 600.0,
+    "hip_assist_max_nm": 10.0,
+    "slide_assist_max_n": None,
+}
 PAYLOADS = {"mode": {"mode": "hold"}, "plan": {"plan": PLAN}, "release": {"lease": 1}}
 PUBLISHED = ("right/activity", "right/estimate", "safety", "events", "health", "drives/right/hip")
 LIE = b'{"forged": true}'
@@ -352,5 +358,5 @@ def test_the_released_plan_reaches_the_core_with_a_session_and_outlives_the_gate
         eventually(lambda: is_valid(session))
         ask(session, session_target.control("mode"), **gait)
 
-    assert service.core.requests[-1].plan == Plan(0.5, 0.8, 600.0)
+    assert service.core.requests[-1].plan == Plan(0.5, 0.8, 600.0, 10.0)
     assert service.core.requests[-1].role is Role.SESSION

@@ -252,6 +252,22 @@ def test_a_stop_is_a_stop_whatever_is_sent_along_with_it(bench, ask):
     assert bench.levels[-1].stop_count == 1
 
 
+def test_a_plan_that_the_disk_does_not_take_is_done_with_that_reason(bench, ask):
+    limits = b'{"cadence_max_hz": 0.5, "amplitude_max_ratio": 0.8, "duration_max_s": 600}'
+    released, status = ask("plan", b'{"client": "me", "plan": ' + limits + b"}"), ask("status")
+    bench.disk_is_slow = True
+    bench.cycle(released, status)
+
+    (reply,), (now,) = released.replies, status.replies
+    assert reply.outcome == "done"
+    assert reply.reason == "in force until the gateway's next restart only: the disk is too slow"
+    assert now.plan.cadence_max_hz == 0.5
+    note, outcome = bench.outlet.events[-2:]
+    assert note.text.startswith("plan released by me")
+    assert note.text.endswith(reply.reason)
+    assert outcome.text == f"plan, asked by me: done: {reply.reason}"
+
+
 def test_an_enable_that_the_core_refuses_gets_its_reason(bench, ask):
     enable = ask("enable")
     bench.cycle()

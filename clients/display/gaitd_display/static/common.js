@@ -1,8 +1,10 @@
-// What both pages share: words, the connection, STOP, the alarm.
+// What the pages share: words, the connection, the alarm. STOP is in stop.js.
 
 export const SILENCE_MS = 250; // without a frame: the server, or the way to it, is dead
 const RETRY_MS = 300;
-const STOP_TIMEOUT_MS = 1500;
+const FULL_RETRY_MS = 2000;
+const TOO_MANY_PAGES = 1013; // the server's codes, see web.py
+const LOGIN_OVER = 4401;
 
 export const byId = (id) => document.getElementById(id);
 
@@ -10,11 +12,23 @@ export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
 
+// Retried until it comes; after a second the page says by itself that it has no connection.
+export async function load(path) {
+  for (;;) {
+    try {
+      const answer = await fetch(path);
+      if (answer.ok) return await answer.json();
+    } catch { /* tried again */ }
+    await new Promise((resolve) => setTimeout(resolve, RETRY_MS));
+  }
+}
+
 export class Words {
   static async load(language) {
     const words = new Words();
-    words.all = await (await fetch("/texts.json")).json();
+    words.all = await load("/texts.json");
     words.use(language);
+    byId("unloaded").remove();
     return words;
   }
 
@@ -42,6 +56,7 @@ export class Live {
   constructor(onItems, onRestart) {
     this.frame = null;
     this.heardMs = -Infinity;
+    this.closedBy = "no_connection";
     this.onItems = onItems;
     this.onRestart = onRestart;
     this.open();
@@ -59,12 +74,19 @@ export class Live {
       this.frame = frame.now;
       this.onItems(frame.items);
     };
-    // A server that is suspended keeps the connection and says nothing, so the age counts, too.
-    socket.onclose = () => setTimeout(() => this.open(), RETRY_MS);
+    socket.onclose = ({ code }) => {
+      if (code === LOGIN_OVER) {
+        location.reload(); // to the login page
+        return;
+      }
+      this.closedBy = code === TOO_MANY_PAGES ? "too_many_pages" : "no_connection";
+      setTimeout(() => this.open(), code === TOO_MANY_PAGES ? FULL_RETRY_MS : RETRY_MS);
+    };
   }
 
-  isConnected() {
-    return performance.now() - this.heardMs < SILENCE_MS;
+  // Why nothing comes; "": it does. A suspended server keeps the connection and says nothing, so the age counts, too.
+  loss() {
+    return performance.now() - this.heardMs < SILENCE_MS ? "" : this.closedBy;
   }
 }
 
@@ -80,17 +102,6 @@ export async function post(path, body, timeoutMs = 12000, headers = {}) {
   } catch {
     return { outcome: "no_answer", reason: "" };
   }
-}
-
-// STOP reacts to the first touch. A keyboard's click has detail 0.
-export function bindStop(button, onAnswer) {
-  const stop = async () => {
-    onAnswer("sent");
-    const answer = await post("/stop", {}, STOP_TIMEOUT_MS);
-    onAnswer(answer.outcome === "done" ? "done" : "failed");
-  };
-  button.addEventListener("pointerdown", stop);
-  button.addEventListener("click", (event) => event.detail === 0 && stop());
 }
 
 // Repeated until acknowledged; each new alarm sounds again. Five pulses, then a pause.

@@ -1,11 +1,10 @@
 // The login page; STOP works on it, too.
-import { Words, bindStop, byId, post, setText } from "./common.js";
+import { Words, byId, load, post, setText } from "./common.js";
 
-const session = await (await fetch("/session.json")).json();
+const session = await load("/session.json");
 const words = await Words.load(session.language);
-const tell = (key) => setText(byId("answer"), key === "" ? "" : words.of(key));
+const tell = (key) => setText(byId("answer"), words.of(key));
 
-bindStop(byId("stop"), (state) => tell({ sent: "stop_sent", failed: "stop_failed", done: "done" }[state]));
 byId("language").addEventListener("click", () => words.toggle());
 byId("login").addEventListener("submit", async (event) => {
   event.preventDefault();

@@ -1,9 +1,10 @@
 // The patient's page: paints what the server has computed; decides nothing but whether the server is there.
-import { Alarm, Live, Words, bindStop, byId, post, setText } from "./common.js";
+import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
 
 const DOTS_MAX = 30;
 const LOWEST = -0.25; // lower end of the bar
 const TROUBLE_MS = 6000;
+const LOSS_MS = 700; // of painting without a connection, before the alarm: a page that was hidden paints once
 const AGES_MAX = 4096;
 
 // One shape for each word, so that nothing depends on colour: [path, colour].
@@ -20,12 +21,12 @@ const HAND = ["M20 50L50 10L80 50H62V90H38V50Z M5 92H95V98H5Z", "#0072b2"];
 const NO_WAVE = ["M5 45H30L40 20L60 80L70 55H95V65H76L60 98L40 42L36 55H5ZM8 5L14 0L95 92L89 98Z", "#111"];
 const UNPLUGGED = ["M5 5L20 0L100 85L88 97ZM10 60H35V70H10ZM45 55A20 20 0 0 1 45 95ZM95 30H70V20H95ZM62 40A18 18 0 0 1 62 5Z", "#fff"];
 const SHAPES = {
-  no_connection: UNPLUGGED, no_signal: NO_WAVE, stopped: SIGN, stopping: SIGN, wait: CLOCK, ready: CIRCLE, rest: BARS,
+  no_connection: UNPLUGGED, too_many_pages: WARNING, no_signal: NO_WAVE, stopped: SIGN, stopping: SIGN, wait: CLOCK, ready: CIRCLE, rest: BARS,
   soon: WARNING, to_start: RIGHT, go_on: RIGHT, stronger: UP, good: TICK, gently: DOWN, ending: BARS, guide: HAND,
   self_test: CLOCK, service: CLOCK,
 };
 
-const page = await (await fetch("/page.json")).json();
+const page = await load("/page.json");
 const words = await Words.load(page.language);
 const alarm = new Alarm(byId("sound"));
 const bars = new Map();
@@ -33,7 +34,7 @@ let dots = [];
 let trouble = "";
 let isAsking = false;
 let dotsAreNew = true;
-const painted = (window.painted = { frames: 0, ages: [], items: 0, hiddenPaints: 0 }); // read by `gaitd bench` and the tests
+const painted = (window.painted = { frames: 0, ages: [], items: 0 }); // read by `gaitd bench` and the tests
 
 const live = new Live(
   (items) => {
@@ -80,33 +81,46 @@ function paintBar(view, isKnown) {
   if (view.peak_ratio !== null) bar.peak.style.top = `${100 - parseFloat(percent(view.peak_ratio))}%`;
 }
 
-function paintDots() {
+function markOf(leg, className, x, y, radius) {
+  return leg === "right"
+    ? `<circle class="${className}" cx="${x}" cy="${y}" r="${radius}"/>`
+    : `<rect class="${className}" x="${x - radius}" y="${y - radius}" width="${2 * radius}" height="${2 * radius}"/>`;
+}
+
+// Bands: the target of a session for the share of each leg. The page of two legs marks whose it is.
+function paintDots(bands) {
   const { clientWidth: width, clientHeight: height } = byId("dots");
-  const size = `${width} ${height}`;
-  if (!dotsAreNew && byId("dots").dataset.size === size) return;
+  const shown = `${width} ${height} ${bands.map((band) => Object.values(band))}`;
+  if (!dotsAreNew && byId("dots").dataset.shown === shown) return;
   dotsAreNew = false;
-  byId("dots").dataset.size = size;
-  byId("dots").setAttribute("viewBox", `0 0 ${size}`);
+  byId("dots").dataset.shown = shown;
+  byId("dots").setAttribute("viewBox", `0 0 ${width} ${height}`);
+  byId("bandlegend").hidden = bands.length === 0;
   const most = Math.max(1, ...dots.map((dot) => dot.work_j ?? 0));
   const rowOf = (share) => height - 24 - (height - 48) * share;
-  const shapes = [`<line class="half" x1="0" x2="${width}" y1="${rowOf(0.5)}" y2="${rowOf(0.5)}"/>`];
+  const last = width - 24 - (bands.length > 1 ? 40 : 0);
+  const frames = bands.map((band) => {
+    const [top, bottom] = [rowOf(band.high_ratio), rowOf(band.low_ratio)];
+    const mark = bands.length > 1 ? markOf(band.leg, `${band.leg} whose`, width - 20, (top + bottom) / 2, 10) : "";
+    return `<rect class="share ${band.leg}" x="6" y="${top}" width="${width - 12}" height="${bottom - top}"/>${mark}`;
+  });
+  const shapes = [...frames, `<line class="half" x1="0" x2="${width}" y1="${rowOf(0.5)}" y2="${rowOf(0.5)}"/>`];
   for (const [index, dot] of dots.entries()) {
-    const x = 24 + (index * (width - 48)) / (DOTS_MAX - 1);
-    if (dot.share_ratio === null) {
-      shapes.push(`<line class="unknown" x1="${x - 8}" x2="${x + 8}" y1="${rowOf(0)}" y2="${rowOf(0)}"/>`);
+    const x = 24 + (index * (last - 24)) / (DOTS_MAX - 1);
+    if (dot.share_ratio === null) { // a dash in the middle, as wherever a value is not valid
+      shapes.push(`<rect class="unknown" x="${x - 11}" y="${rowOf(0.5) - 7}" width="22" height="14"/>`);
       continue;
     }
     const y = rowOf(Math.min(1, Math.max(0, dot.share_ratio)));
-    const radius = 6 + (10 * Math.max(0, dot.work_j ?? 0)) / most;
-    shapes.push(dot.leg === "right"
-      ? `<circle class="right" cx="${x}" cy="${y}" r="${radius}"/>`
-      : `<rect class="left" x="${x - radius}" y="${y - radius}" width="${2 * radius}" height="${2 * radius}"/>`);
+    const isKnown = dot.work_j !== null; // without it the mark is hollow
+    const radius = isKnown ? 6 + (10 * Math.max(0, dot.work_j)) / most : 8;
+    shapes.push(markOf(dot.leg, isKnown ? dot.leg : `${dot.leg} hollow`, x, y, radius));
   }
   byId("dots").innerHTML = shapes.join("");
 }
 
 function paintStop(view, word) {
-  const isShown = (word === "stopped" || word === "stopping" || view.step !== "none") && (view.stop !== null || view.step !== "none");
+  const isShown = view.stop !== null || view.step !== "none";
   byId("stopped").hidden = !isShown;
   byId("training").hidden = byId("bars").hidden = isShown;
   if (!isShown) return;
@@ -118,32 +132,39 @@ function paintStop(view, word) {
     list.dataset.shown = texts.join("\n");
     list.replaceChildren(...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
   }
-  const isAlone = view.step !== "help" && view.step !== "none";
+  const isAlone = !["help", "none"].includes(view.step);
   byId("way").hidden = !isAlone;
   if (isAlone) setText(byId("waytext"), words.of(`way.${view.step}`));
   const action = byId("action");
-  action.hidden = view.action === null;
+  action.classList.toggle("absent", view.action === null);
   action.disabled = isAsking;
   if (view.action !== null) {
     setText(action, words.of(`act.${view.action}`));
     action.dataset.action = view.action;
   }
   byId("help").hidden = word === "stopping";
-  byId("unstrap").hidden = word === "stopping" || (isAlone && view.step !== "guide");
+  byId("unstrap").hidden = word === "stopping" || (isAlone && !["guide", "start"].includes(view.step));
   setText(byId("helptext"), words.said(page.help));
   setText(byId("unstraptext"), words.said(page.unstrap));
 }
 
+// Each button has a place of its own, so that none comes to lie under a finger that presses another.
+const presses = new Map();
+for (const name of ["start", "pause", "end"]) {
+  const button = Object.assign(document.createElement("button"), { id: name, type: "button", className: "press absent", hidden: true });
+  button.addEventListener("click", () => request("/session", { button: name }));
+  byId("stop").before(button);
+  presses.set(name, button);
+}
+
 // Only if the server runs a session; without one nothing of it is shown.
 function paintTraining(training) {
-  const buttons = training === null ? [] : training.buttons.slice(0, 2);
-  for (const [index, name] of ["press1", "press2"].entries()) {
-    const button = byId(name);
-    button.hidden = index >= buttons.length;
-    button.disabled = isAsking;
-    if (button.hidden) continue;
-    button.dataset.button = buttons[index];
-    setText(button, words.of(`press.${buttons[index]}`));
+  for (const [name, button] of presses) {
+    button.hidden = training === null;
+    if (training === null) continue;
+    button.classList.toggle("absent", !training.buttons.includes(name));
+    button.disabled = isAsking && name === "start"; // what ends a motion waits for nothing
+    setText(button, words.of(`press.${name}`));
   }
   byId("left").hidden = training === null;
   if (training !== null) setText(byId("left"), `· ${words.of("time_left")}: ${Math.ceil(training.left_s / 60)}`);
@@ -151,12 +172,29 @@ function paintTraining(training) {
 
 const ADVISED = ["ready", "rest", "wait"]; // words during which the session says what to do
 
+// The server counts the alarms; that it is lost itself, while the drives are enabled, is an alarm of the page.
+let lostMs = null;
+let lossCount = 0;
+function paintAlarm(isConnected, view) {
+  if (isConnected) {
+    lostMs = null;
+    alarm.set(view.alarm);
+    return;
+  }
+  if (lostMs === null) {
+    lostMs = performance.now();
+    lossCount += 1;
+  }
+  if (view.active && performance.now() - lostMs > LOSS_MS) alarm.set(`loss-${lossCount}`);
+}
+
 let paintedWord = "";
 function paint() {
   requestAnimationFrame(paint);
-  const isConnected = live.isConnected();
+  const loss = live.loss();
+  const isConnected = loss === "";
   const view = live.frame;
-  const word = isConnected && view ? view.word : "no_connection";
+  const word = isConnected ? view.word : loss;
   const isKnown = isConnected && word !== "no_signal";
   if (word !== paintedWord) {
     paintedWord = document.body.dataset.word = word;
@@ -167,13 +205,13 @@ function paint() {
     }
   }
   setText(byId("word"), words.of(`word.${word}`));
-  const training = isConnected && view ? view.training : null;
+  const training = isConnected ? view.training : null;
   setText(byId("line"), training !== null && ADVISED.includes(word) ? words.of(`advice.${training.advice}`) : words.of(`line.${word}`));
   if (!view) return;
   paintTraining(training);
+  paintAlarm(isConnected, view);
   for (const bar of view.bars) paintBar(bar, isKnown);
-  paintDots();
-  if (isConnected) alarm.set(view.alarm);
+  paintDots(training === null ? [] : training.bands);
   paintStop(isConnected ? view : { stop: null, step: "none", action: null }, word);
   setText(byId("trouble"), trouble);
   byId("trouble").hidden = trouble === "";
@@ -194,7 +232,6 @@ function tell(text) {
   if (text) troubleTimer = setTimeout(() => { trouble = ""; }, TROUBLE_MS);
 }
 
-bindStop(byId("stop"), (state) => tell({ sent: words.of("stop_sent"), failed: words.of("stop_failed"), done: "" }[state]));
 byId("language").addEventListener("click", () => words.toggle());
 byId("quiet").addEventListener("click", () => alarm.acknowledge());
 async function request(path, body) {
@@ -205,5 +242,4 @@ async function request(path, body) {
   else if (answer.outcome !== "done") tell(words.of("no_answer"));
 }
 byId("action").addEventListener("click", (event) => request("/act", { action: event.target.dataset.action }));
-for (const name of ["press1", "press2"]) byId(name).addEventListener("click", (event) => request("/session", { button: event.target.dataset.button }));
 paint();

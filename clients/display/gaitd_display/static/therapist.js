@@ -1,5 +1,5 @@
 // The therapist's page: numbers with their standard deviation, trends, requests.
-import { Alarm, Live, Words, bindStop, byId, post, setText } from "./common.js";
+import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
 
 const TRACE_S = 20;
 const POINTS_MAX = 60 * TRACE_S;
@@ -8,7 +8,7 @@ const STRIDES_MAX = 200;
 const EVENTS_MAX = 50;
 const COMMANDS = ["enable", "disable", "hold", "hand_guiding", "self_test", "reset"];
 
-const session = await (await fetch("/session.json")).json();
+const session = await load("/session.json");
 const words = await Words.load(session.language);
 const alarm = new Alarm(byId("sound"));
 const request = (path, body) => post(path, body, 12000, { "X-CSRF-Token": session.csrf });
@@ -141,13 +141,13 @@ let seen = null;
 function paint() {
   requestAnimationFrame(paint);
   const view = live.frame;
-  const isConnected = live.isConnected();
-  const loss = !isConnected ? "no_connection" : view.is_silent ? "no_signal" : "";
+  const lost = live.loss();
+  const loss = lost || (view.is_silent ? "no_signal" : "");
   byId("loss").hidden = loss === "";
   byId("loss").classList.toggle("silent", loss === "no_signal");
   if (loss) setText(byId("loss"), `${words.of(loss)}. ${words.of(`line.${loss}`)}`);
   if (!view) return;
-  if (isConnected) alarm.set(view.alarm);
+  if (lost === "") alarm.set(view.alarm);
   byId("quiet").hidden = !alarm.isSounding();
   setText(byId("state"), loss ? words.of(loss) : `${words.of("mode")}: ${view.mode} · ${view.progress ?? ""}${view.lease_holder ? ` · ${view.lease_holder}` : ""}`);
   const verdict = loss ? null : view.verdict;
@@ -199,7 +199,6 @@ byId("plan").addEventListener("submit", async (event) => {
   told(await request("/plan", { plan }));
 });
 byId("withdraw").addEventListener("click", async () => told(await request("/plan", { plan: null })));
-bindStop(byId("stop"), (state) => tell({ sent: words.of("stop_sent"), failed: words.of("stop_failed"), done: words.of("done") }[state]));
 byId("language").addEventListener("click", () => { words.toggle(); itemsAreNew = true; });
 byId("quiet").addEventListener("click", () => alarm.acknowledge());
 byId("logout").addEventListener("click", async () => { await request("/logout", {}); location.reload(); });

@@ -173,11 +173,19 @@ class Reply(Stated, frozen=True, kw_only=True):
 
 
 class PlanLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Limits of a gait that a session may request."""
+    """Limits of a gait that a session may request, and of a controller's assist during it."""
 
     cadence_max_hz: Annotated[float, Meta(gt=0, le=2, description="Strides per second.")]
     amplitude_max_ratio: Annotated[float, Meta(gt=0, le=1, description="Of the full gait.")]
     duration_max_s: Annotated[float, Meta(gt=0, le=7200, description="Of one gait.")]
+    hip_assist_max_nm: Annotated[
+        Annotated[float, Meta(ge=0, le=120)] | None,
+        Meta(description="Cap of assist during the gait; null: only that of the configuration."),
+    ] = None
+    slide_assist_max_n: Annotated[
+        Annotated[float, Meta(ge=0, le=1500)] | None,
+        Meta(description="Cap of assist during the gait; null: only that of the configuration."),
+    ] = None
 
 
 class Status(Stated, frozen=True, kw_only=True):
@@ -310,7 +318,11 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class PlanAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Payload of a query to control/plan: release a plan for sessions, or withdraw it."""
+    """Payload of a query to control/plan: release a plan for sessions, or withdraw it.
+
+    The outcome is done if that is in force. `reason` then says why it will not outlive a restart of
+    the gateway, if the disk has not taken it.
+    """
 
     plan: Annotated[PlanLimits | None, Meta(description="Null: withdraw it; no gait is allowed.")]
 

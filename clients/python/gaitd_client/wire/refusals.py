@@ -74,7 +74,8 @@ REFUSAL_TEXT: Final[Mapping[str, RefusalText]] = {
     ),
     SetpointRefusal.OUT_OF_RANGE: RefusalText(
         "assist is beyond `assist_max_nm` or `assist_max_n`, or `stiffness_ratio` is not in 0..1",
-        "limit it to the values that `safety` publishes; a larger value is refused, not limited",
+        "limit it to `limits` of `safety`, and in a session's gait to the caps of `plan` in"
+        " `status`; a larger value is refused, not limited",
     ),
     SetpointRefusal.GUIDANCE_IS_POSITION: RefusalText(
         "with guidance 'position' the drives control the torque, and no assist can be added",

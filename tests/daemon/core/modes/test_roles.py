@@ -1,11 +1,12 @@
 """Which role may request what, in the core: the matrix is written here by hand."""
 
+import math
 from dataclasses import replace
 
 import pytest
 from safety_inputs import ALL_WELL
 
-from daemon.core.modes.roles import refusal
+from daemon.core.modes.roles import assist_cap_si, refusal
 from daemon.ipc.record import Mode, ModeRequest, Plan, Request, RequestKind, Role
 
 REQUESTABLE = (
@@ -30,6 +31,7 @@ MODES = {
     Role.OPERATOR: set(REQUESTABLE),
     Role.SERVICE: {Mode.REFERENCE, Mode.COMMISSION},
 }
+UNCAPPED = (math.inf, math.inf)
 PLAN = Plan(cadence_max_hz=0.3, amplitude_max_ratio=0.5, duration_max_s=60.0)
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.3, amplitude_ratio=0.5, duration_s=60.0)
 HAND_OPEN = replace(ALL_WELL, hand_switch_closed=False)
@@ -99,3 +101,14 @@ def test_a_session_stays_within_the_released_plan(field, factor):
 def test_texts_say_what_to_do():
     assert "gaitd plan release" in refusal(gait(Role.SESSION, plan=None), ALL_WELL)
     assert "hand switch" in refusal(requests_of(Role.SESSION)[RequestKind.RESET], HAND_OPEN)
+
+
+@pytest.mark.parametrize("role", Role)
+def test_the_plan_caps_assist_in_a_gait_of_a_session_alone(role):
+    capped = replace_fields(PLAN, hip_assist_max_nm=0.0, slide_assist_max_n=80.0)
+    is_session = role is Role.SESSION
+
+    assert assist_cap_si(gait(role, capped)) == ((0.0, 80.0) if is_session else UNCAPPED)
+    assert assist_cap_si(gait(role, capped, mode=Mode.HOLD)) == UNCAPPED
+    assert assist_cap_si(gait(role, PLAN)) == UNCAPPED
+    assert assist_cap_si(gait(role, None)) == UNCAPPED

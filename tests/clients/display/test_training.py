@@ -1,0 +1,76 @@
+"""The session behind the patient's page: what its end leaves, and what its errors do."""
+
+import time
+from pathlib import Path
+
+import display_bench as bench
+import pytest
+from gaitd_client import Mode
+from gaitd_display.settings import SessionFiles
+from gaitd_display.training import Training
+from gaitd_session import Advice, SessionError
+from training import PROFILE
+
+
+@pytest.fixture
+def trainer():
+    with bench.MessageTrainer() as made:
+        yield made
+
+
+@pytest.fixture
+def files(tmp_path):
+    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
+    return SessionFiles(profile=tmp_path / "profile.toml", history=tmp_path / "history.sqlite")
+
+
+def until(training, trainer, mode, reached):
+    """The first view that fits, while the trainer sends messages of this mode."""
+    for _ in range(1000):
+        trainer.cycles(mode, count=5)
+        if reached(view := training.view(mode)):
+            return view
+        time.sleep(0.005)  # the session steps by the time of the computer
+    raise AssertionError(f"it did not come: {view}")
+
+
+def test_after_the_end_drives_can_be_switched_off_and_only_then_another_session_begins(
+    files, trainer
+):
+    training = Training(files, trainer, trainer.clock)
+    training.begin()
+    until(training, trainer, Mode.READY, lambda view: "end" in view.buttons)
+    training.press("end")
+    until(training, trainer, Mode.READY, lambda view: view.buttons == ("start",))
+    until(training, trainer, Mode.HOLD, lambda view: view.buttons == ("pause",))
+    training.press("start")
+    assert trainer.requests == []
+
+    training.press("pause")
+    until(training, trainer, Mode.HOLD, lambda _: len(trainer.requests) >= 2)
+    assert set(trainer.requests) == {("disable",)}
+    finished = until(training, trainer, Mode.READY, lambda view: view.buttons == ("start",))
+    assert finished.advice == Advice.DONE
+    training.press("start")
+    again = until(training, trainer, Mode.READY, lambda view: "start" in view.buttons)
+
+    assert again.advice == Advice.PRESS_START
+    training.end()
+
+
+def test_a_session_that_dies_ends_the_server_and_a_history_that_cannot_be_written_is_told(
+    files, trainer, monkeypatch
+):
+    training = Training(
+        SessionFiles(profile=files.profile, history=Path("/none/history.sqlite")),
+        trainer,
+        trainer.clock,
+    )
+    assert not training.view(None).is_kept
+    monkeypatch.setattr(training._session, "_read", lambda: 1 / 0)
+    monkeypatch.setattr("threading.excepthook", lambda _: None)
+    training.begin()
+    training._session._thread.join()
+
+    with pytest.raises(SessionError):
+        training.view(Mode.READY)
