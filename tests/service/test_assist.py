@@ -26,6 +26,7 @@ def test_the_program_walks_a_gait_and_logs_its_strides(long_service, tmp_path):
         with long_service._fast():
             long_service.wait(lambda: not answering.is_alive(), 60)
         answering.join()
+        long_service.wait_for(Mode.HOLD)  # braked and held: it has left while it assisted
         ended = trainer.status().safety
 
     lines = [
@@ -35,4 +36,4 @@ def test_the_program_walks_a_gait_and_logs_its_strides(long_service, tmp_path):
     assert len(lines) >= 2
     assert all(line.learned for line in lines)
     assert lines[-1].state["stiffness_ratio"] < lines[0].state["stiffness_ratio"]
-    assert (ended.mode, ended.lease_holder) == ("hold", None)  # braked and held: it has left
+    assert (ended.mode, ended.lease_holder) == ("hold", None)

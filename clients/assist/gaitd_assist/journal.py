@@ -32,7 +32,7 @@ class Journal:
         Raises:
             OSError: it cannot be written.
         """
-        self._file = self._path.open("ab")
+        self._file = self._path.open("ab", buffering=0)
         return self
 
     def __exit__(
@@ -58,6 +58,8 @@ class Journal:
         Raises:
             OSError: they cannot be written.
         """
-        while self._waiting:
-            self._file.write(msgspec.json.encode(self._waiting.popleft()) + b"\n")
-        self._file.flush()
+        try:
+            while self._waiting:
+                self._file.write(msgspec.json.encode(self._waiting.popleft()) + b"\n")
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, str(self._path)) from error

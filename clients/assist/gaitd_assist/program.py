@@ -79,10 +79,13 @@ def run(settings: Settings, path: Path, trainer: Trainer, duration_s: float | No
         answers = Answers(settings, trainer, journal)
         with trainer.lease(CLIENT, answers, legs=settings.legs, on_refusal=_report) as lease:
             print(f"{CLIENT}: holds the lease for {', '.join(settings.legs)}", flush=True)
-            was = ""
+            was, lost_count = "", 0
             while end_ns is None or clock.now_ns() < end_ns:
                 lease.wait(WRITE_S)
                 journal.write()
+                if journal.lost_count > lost_count:
+                    lost_count = journal.lost_count
+                    print(f"{CLIENT}: {lost_count} lines of the log were lost", file=sys.stderr)
                 if lease.why_not != was:
                     was = lease.why_not
                     print(f"{CLIENT}: {was or 'answers again'}", flush=True)

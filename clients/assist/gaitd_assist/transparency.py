@@ -9,9 +9,11 @@ An energy tank bounds what friction that is wrong can do. Friction certainly tak
 the tank is filled by that and emptied by a v, the power that the law puts in. It holds little, and
 as it empties, the law's share goes to 0. So what the leg gives to the patient is never more than
 what the tank holds at the start.
-Source: Franken, Stramigioli, Misra, Secchi, Macchelli, "Bilateral telemanipulation with time
-delays: a two-layer approach combining passivity and transparency", IEEE Trans. Robot. 27 (2011),
-energy tank with a limit. Differs from it: filled by the friction that is certain.
+Sources: Franken, Stramigioli, Misra, Secchi, Macchelli, "Bilateral telemanipulation with time
+delays: a two-layer approach combining passivity and transparency", IEEE Trans. Robot. 27 (2011):
+energy tank with a limit. Franken, Misra, Stramigioli, "Improved transparency in energy-based
+bilateral telemanipulation", Mechatronics (2011): it may be filled by friction that is
+underestimated. Differs from them: one axis, and no master.
 """
 
 from dataclasses import dataclass

@@ -3,11 +3,12 @@
 import json
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import msgspec
 import pytest
 from assisted import SHIPPED, shipped
-from gaitd_assist import program
+from gaitd_assist import Sample, program
 from gaitd_assist.journal import LINES_KEPT, Journal
 from gaitd_assist.settings import SettingsError, check_caps, parse_settings
 from gaitd_client import Assist, Mode, Stage, Validity, wire
@@ -134,6 +135,17 @@ def test_a_file_that_the_service_would_refuse_is_refused_before():
         check_caps(left, SHIPPED, known)
 
 
+def test_the_law_of_the_readme_is_one():
+    text = (SHIPPED.parents[1] / "README.md").read_text()
+    scope = {"Sample": Sample, "Assist": Assist}
+    exec(text.partition("```python\n")[2].partition("```")[0], scope)
+    leg = shipped().controller()
+    leg.laws.append(scope["Push"]())
+
+    assert hip_nm(leg, [0, 1], reference_hip_angle_rad=0.1) == [2.0, 2.0]
+    assert hip_nm(leg, [2], reference_hip_angle_rad=0.1, gait_phase_ratio=0.6) == [0.0]
+
+
 def test_the_log_is_appended_to_and_counts_what_it_loses(tmp_path):
     leg = shipped().controller()
     hip_nm(leg, range(10))
@@ -147,6 +159,8 @@ def test_the_log_is_appended_to_and_counts_what_it_loses(tmp_path):
             journal.add(line)
 
     assert journal.lost_count == 3
+    with pytest.raises(OSError, match="/dev/full"), Journal(Path("/dev/full")) as full:
+        full.add(line)
     lines = file.read_text().splitlines()
     assert len(lines) == LINES_KEPT + 2
     assert msgspec.json.decode(lines[0], type=type(line)) == line
