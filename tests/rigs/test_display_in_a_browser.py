@@ -20,6 +20,7 @@ pytestmark = pytest.mark.rig_browser
 SHOTS = Path(__file__).parents[2] / "out" / "display"
 PASSWORD = "correct horse battery staple"
 READABLE_PX = 32
+VISIBLE = "{visibilityProperty: true}"
 HOUR_STRIDES = 1440
 """Of an hour at 0.4 Hz."""
 
@@ -276,19 +277,48 @@ def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp
         rig.Player(trainer) as player,
     ):
         tab = rig.Tab(chromium, site, SHOTS)
+
+        def look(name):
+            tab.page.wait_for_timeout(300)
+            tab.shot(f"session_{name}")
+            is_good(tab)
+
+        def wait_for(button):
+            tab.until(f"document.querySelector('#{button}').checkVisibility({VISIBLE})")
+
         player.play(mode=Mode.READY)
-        tab.until("document.querySelector('#start').checkVisibility({visibilityProperty: true})")
-        tab.shot("session_start")
-        is_good(tab)
+        wait_for("start")
+        look("start")
+        trainer.refusal = "hand switch and emergency stop (STO) pressed: not seen to act today"
         tab.page.click("#start")
-        tab.until("document.querySelector('#pause').checkVisibility({visibilityProperty: true})")
+        tab.until("document.querySelector('#line').textContent.startsWith('Press the emergency')")
+        look("refused")
+        trainer.refusal = None
+        player.play(mode=Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault", sto=True)
+        tab.word("stopped")
+        wait_for("start")
+        look("reset")
+        player.play(mode=Mode.READY)
+        tab.word("ready")
+        wait_for("start")
+        tab.page.click("#start")
+        wait_for("pause")
         player.play(mode=Mode.HOLD)
-        tab.page.wait_for_timeout(300)
-        tab.shot("session_pause")
-        is_good(tab)
+        look("soon")
+        player.walk(3.5)
+        tab.word("good")
+        look("band")
+        player.play(mode=Mode.HOLD)
+        wait_for("pause")
         tab.page.click("#pause")
         player.play(mode=Mode.READY)
-        tab.until("document.querySelector('#start').checkVisibility({visibilityProperty: true})")
+        wait_for("start")
+        look("paused")
+        tab.page.click("#end")
+        tab.until("document.querySelector('#more').textContent.startsWith('Walked: 0 min')")
+        look("finished")
+        tab.page.click("#language")
+        look("finished_de")
         tab.page.close()
     assert ("enable",) in trainer.requests
     assert ("disable",) in trainer.requests

@@ -195,6 +195,11 @@ LABELS: Final[Mapping[str, Text]] = {
     "act.enable": Text("2 Hold the leg", "2 Bein halten"),
     "act.hand_guiding": Text("3 Move by hand", "3 Von Hand bewegen"),
     "act.hold": Text("4 Hold here", "4 Hier halten"),
+    "walked": Text("Walked: {minutes} min", "Gegangen: {minutes} min"),
+    "reached": Text(
+        "Target reached in {reached} of {all} steps", "Ziel erreicht: {reached} von {all} Schritten"
+    ),
+    "not_kept": Text("not recorded", "nicht gespeichert"),
     "time_left": Text("Minutes left", "Minuten übrig"),
     "press.start": Text("Start", "Start"),
     "press.pause": Text("Pause", "Pause"),

@@ -11,7 +11,7 @@ from typing import Final
 
 import msgspec
 from gaitd_client import Clock, Mode, Trainer
-from gaitd_session import Advice, Button, Phase, Session, open_history, read_profile
+from gaitd_session import Advice, Button, Phase, Session, View, open_history, read_profile
 from gaitd_session.machine import ACTIVE
 
 from gaitd_display.settings import SessionFiles
@@ -28,6 +28,16 @@ class Band(msgspec.Struct, frozen=True):
     high_ratio: float
 
 
+class Summary(msgspec.Struct, frozen=True):
+    """What a session has been."""
+
+    walked_s: float
+    valid_count: int
+    """Strides of all legs whose share is known."""
+    in_band_count: int
+    """Those of them that have reached the target."""
+
+
 class TrainingView(msgspec.Struct, frozen=True):
     """What the page shows of the session."""
 
@@ -41,6 +51,8 @@ class TrainingView(msgspec.Struct, frozen=True):
     is_kept: bool
     """The history is written."""
     bands: tuple[Band, ...]
+    summary: Summary | None
+    """None: the session is not finished."""
 
     @property
     def announces(self) -> bool:
@@ -111,6 +123,7 @@ class Training:
             bands=tuple(
                 Band(leg.leg, leg.band_low_ratio, leg.band_high_ratio) for leg in view.legs
             ),
+            summary=_summary(view) if view.phase is Phase.FINISHED else None,
         )
 
     def press(self, button: str) -> None:
@@ -121,3 +134,11 @@ class Training:
             self._session.__enter__()
         else:
             self._session.press(Button(button))
+
+
+def _summary(view: View) -> Summary:
+    return Summary(
+        walked_s=view.session_walked_s,
+        valid_count=sum(leg.session_valid_count for leg in view.legs),
+        in_band_count=sum(leg.session_in_band_count for leg in view.legs),
+    )

@@ -279,11 +279,20 @@ class LegGoal:
     """Middle of its target band."""
     shares: tuple[float | None, ...] = ()
     """Share of each stride of the present block, until the next one begins; None: not valid."""
+    valid_before_count: int = 0
+    """Valid strides of the blocks before."""
+    reached_before_count: int = 0
+    """Those of them that have reached the target."""
 
     @property
     def valid_shares(self) -> list[float]:
         """Shares of the valid strides."""
         return [share for share in self.shares if share is not None]
+
+    def reached_count(self, goal: Goal) -> int:
+        """Valid strides of the present block at or above the lower end of the target band."""
+        low_ratio = band_about(self.middle_ratio, goal).low_ratio
+        return sum(share >= low_ratio for share in self.valid_shares)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -307,6 +316,8 @@ class State:
     """The present or next block; the number of blocks after the last one."""
     walked_s: float = 0.0
     """Time of the present block before its last interruption."""
+    walked_before_s: float = 0.0
+    """Time of the blocks before."""
     playing_since_s: float | None = None
     """When the gait of the block began to play; None: it does not."""
     rest_until_s: float = 0.0
@@ -523,7 +534,8 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
     if after is Phase.ENABLING and state.walked_s == 0.0:
         # The strides are those of the block before; a block that goes on keeps its own.
         middles = next_middles(state)
-        state = replace(state, legs=tuple(LegGoal(leg, m) for leg, m in middles.items()))
+        legs = (_next_block(leg, middles[leg.leg], state.goal) for leg in state.legs)
+        state = replace(state, legs=tuple(legs))
     off_since_s = state.off_since_s
     if after in ACTIVE or after is Phase.STOPPED:
         off_since_s = None
@@ -548,7 +560,17 @@ def _with_block_complete(state: State, now_s: float) -> State:
         state,
         block_index=state.block_index + 1,
         walked_s=0.0,
+        walked_before_s=state.walked_before_s + state.walked_s,
         rest_until_s=now_s + block.walk.rest_s,
+    )
+
+
+def _next_block(leg: LegGoal, middle_ratio: float, goal: Goal) -> LegGoal:
+    return LegGoal(
+        leg.leg,
+        middle_ratio,
+        valid_before_count=leg.valid_before_count + len(leg.valid_shares),
+        reached_before_count=leg.reached_before_count + leg.reached_count(goal),
     )
 
 

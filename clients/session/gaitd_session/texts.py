@@ -40,9 +40,9 @@ ADVICE: Final[Mapping[Advice, Text]] = {
     ),
     Advice.PRESS_START_TO_RESET: Text(
         "The drives are off. Release the emergency stop if it is pressed. Hold the hand switch, "
-        "and press Start: this ends the stop, and nothing moves.",
+        "and press Start: this ends the stop, and the machine moves nothing.",
         "Die Antriebe sind aus. Not-Halt lösen, falls gedrückt. Handschalter halten und Start "
-        "drücken: Das beendet den Halt, nichts bewegt sich.",
+        "drücken: Das beendet den Halt, die Maschine bewegt nichts.",
     ),
     Advice.LIE_STILL: Text(
         "Your leg is about to move. Hold the hand switch, and lie still.",

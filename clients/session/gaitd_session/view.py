@@ -64,6 +64,9 @@ class LegView(msgspec.Struct, frozen=True, kw_only=True):
     stride_count: int
     in_band_count: int
     """Valid strides at or above the band's lower end."""
+    session_valid_count: int
+    """Valid strides of all blocks."""
+    session_in_band_count: int
     share_ratio: float | None
     """Share of the last stride; None: there is none, or it is not valid."""
 
@@ -85,6 +88,7 @@ class View(msgspec.Struct, frozen=True, kw_only=True):
     """In REST: the rest that is left."""
     session_left_s: float
     """All blocks and rests that are left."""
+    session_walked_s: float
     legs: tuple[LegView, ...]
     goal_in_band_ratio: float
     """The goal of a block: `in_band_count` of its valid strides."""
@@ -131,6 +135,7 @@ def view_of(
         if block is None
         else BlockView(number=number, count=len(state.blocks), kind=block.kind),
         block_left_s=rest_s if state.phase is Phase.REST else state.block_left_s(now_s),
+        session_walked_s=state.walked_before_s + state.block_walked_s(now_s),
         session_left_s=rest_s + _blocks_left_s(state, now_s),
         legs=tuple(_leg(leg, state) for leg in state.legs),
         goal_in_band_ratio=state.goal.in_band_goal_ratio,
@@ -214,6 +219,8 @@ def _leg(leg: LegGoal, state: State) -> LegView:
         band_low_ratio=band.low_ratio,
         band_high_ratio=band.high_ratio,
         stride_count=len(leg.shares),
-        in_band_count=sum(share >= band.low_ratio for share in leg.valid_shares),
+        in_band_count=leg.reached_count(state.goal),
+        session_valid_count=leg.valid_before_count + len(leg.valid_shares),
+        session_in_band_count=leg.reached_before_count + leg.reached_count(state.goal),
         share_ratio=leg.shares[-1] if leg.shares else None,
     )

@@ -7,7 +7,7 @@ import display_bench as bench
 import pytest
 from gaitd_client import Mode
 from gaitd_display.settings import SessionFiles
-from gaitd_display.training import Training
+from gaitd_display.training import Summary, Training
 from gaitd_session import Advice, SessionError
 from training import PROFILE
 
@@ -51,6 +51,7 @@ def test_after_the_end_drives_can_be_switched_off_and_only_then_another_session_
     assert set(trainer.requests) == {("disable",)}
     finished = until(training, trainer, Mode.READY, lambda view: view.buttons == ("start",))
     assert finished.advice == Advice.DONE
+    assert finished.summary == Summary(walked_s=0.0, valid_count=0, in_band_count=0)
     training.press("start")
     again = until(training, trainer, Mode.READY, lambda view: "start" in view.buttons)
 

@@ -420,11 +420,16 @@ def test_the_band_moves_at_the_next_start_and_a_paused_block_keeps_its_own():
     assert run.view.legs[0].stride_count == 7
     run.step(READY, after_s=12.0)
     assert run.view.legs[0] == leg
+    walked_s = run.view.session_walked_s
     run.step(READY, after_s=3.0).walk()
     leg = run.view.legs[0]
 
     assert (leg.stride_count, leg.share_ratio) == (0, None)
     assert leg.band_low_ratio == pytest.approx(0.30)
+    run.step(PLAYING, strides=shares[:2], after_s=5.0)
+    leg = run.view.legs[0]
+    assert (leg.stride_count, leg.session_valid_count, leg.session_in_band_count) == (2, 7, 7)
+    assert run.view.session_walked_s == pytest.approx(walked_s + 5.0, abs=3 * TICK_S)
 
 
 def test_the_words_that_are_looked_for_are_those_of_the_service():

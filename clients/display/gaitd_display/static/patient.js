@@ -157,8 +157,21 @@ for (const name of ["start", "pause", "end"]) {
   presses.set(name, button);
 }
 
+const ADVISED = ["ready", "rest", "wait"]; // words during which the session says what to do
+
+// Below the advice: what the session has been, or why the last START has failed, in the service's words.
+function linesOf({ summary, reason, advice }, word) {
+  if (!ADVISED.includes(word)) return [];
+  if (summary === null) return advice === "try_again_or_call_therapist" ? [reason] : [];
+  const minutes = (summary.walked_s / 60).toLocaleString(words.language, { maximumFractionDigits: 1 });
+  return [
+    words.of("walked").replace("{minutes}", minutes),
+    words.of("reached").replace("{reached}", summary.in_band_count).replace("{all}", summary.valid_count),
+  ];
+}
+
 // Only if the server runs a session; without one nothing of it is shown.
-function paintTraining(training) {
+function paintTraining(training, word) {
   for (const [name, button] of presses) {
     button.hidden = training === null;
     if (training === null) continue;
@@ -166,11 +179,14 @@ function paintTraining(training) {
     button.disabled = isAsking && name === "start"; // what ends a motion waits for nothing
     setText(button, words.of(`press.${name}`));
   }
-  byId("left").hidden = training === null;
-  if (training !== null) setText(byId("left"), `· ${words.of("time_left")}: ${Math.ceil(training.left_s / 60)}`);
+  byId("left").hidden = training === null || training.summary !== null;
+  const lines = training === null ? [] : linesOf(training, word);
+  byId("more").hidden = lines.length === 0;
+  setText(byId("more"), lines.join("\n"));
+  if (training === null) return;
+  const kept = training.is_kept ? "" : ` · ${words.of("not_kept")}`;
+  setText(byId("left"), `· ${words.of("time_left")}: ${Math.ceil(training.left_s / 60)}${kept}`);
 }
-
-const ADVISED = ["ready", "rest", "wait"]; // words during which the session says what to do
 
 // The server counts the alarms; that it is lost itself, while the drives are enabled, is an alarm of the page.
 let lostMs = null;
@@ -208,7 +224,7 @@ function paint() {
   const training = isConnected ? view.training : null;
   setText(byId("line"), training !== null && ADVISED.includes(word) ? words.of(`advice.${training.advice}`) : words.of(`line.${word}`));
   if (!view) return;
-  paintTraining(training);
+  paintTraining(training, word);
   paintAlarm(isConnected, view);
   for (const bar of view.bars) paintBar(bar, isKnown);
   paintDots(training === null ? [] : training.bands);
