@@ -76,6 +76,8 @@ class LegController:
         self._before: Estimate | None = None
         self._is_playing = False
         self._stride_number: int | None = None
+        self._begin_cycle = 0
+        """First cycle of this gait that was answered."""
         self._sums, self._count = [0.0, 0.0], 0
 
     def answer(self, estimate: Estimate, stage: Stage | str | None) -> Assist:
@@ -89,7 +91,7 @@ class LegController:
         was_playing = self._is_playing
         self._is_playing = estimate.mode == Mode.GAIT and stage == Stage.PLAYING
         if self._is_playing and not was_playing:
-            self._begin_gait()
+            self._begin_gait(estimate.cycle)
         if estimate.mode == Mode.GAIT and not self._is_playing:
             return NEUTRAL
         sample = sample_of(estimate, before)
@@ -116,11 +118,11 @@ class LegController:
         Args:
             stride: the newest one; one that was given before is ignored.
 
-        Returns: the line for the log; None outside of a gait, and for a stride of before it.
+        Returns: the line for the log; None outside of a gait, and for a stride before its answers.
         """
         is_new = stride.number != self._stride_number
         self._stride_number = stride.number
-        if not is_new or not self._is_playing:
+        if not is_new or not self._is_playing or stride.cycle <= self._begin_cycle:
             return None
         errors = self._guidance.errors
         for law in self.laws:
@@ -143,7 +145,8 @@ class LegController:
         self._sums, self._count = [0.0, 0.0], 0
         return line
 
-    def _begin_gait(self) -> None:
+    def _begin_gait(self, cycle: int) -> None:
+        self._begin_cycle = cycle
         self._sums, self._count, self._cadence_hz = [0.0, 0.0], 0, 0.0
         for law in self.laws:
             law.begin_gait()

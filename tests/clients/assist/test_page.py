@@ -1,6 +1,7 @@
 """The figure of docs/assist.md, from walks with several seeds; written with --write-assist."""
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,8 @@ from daemon.ipc.record import Cause, Mode
 
 DOCS = Path(__file__).parents[3] / "docs"
 PICTURE = "assist.png"
-STRIDES = 10
+STRIDES = 8
+PROCESSES = 4
 SEEDS = (1, 2)
 PATIENTS = {
     "passive": lambda: of_ability(0.0),
@@ -23,7 +25,7 @@ PATIENTS = {
     "slacking": Slacking,
     "resisting": lambda: resisting,
     "spastic": lambda: spastic,
-    "tiring": lambda: tiring(20.0),
+    "tiring": lambda: tiring(16.0),
 }
 COLUMNS = {
     "stiffness, share": lambda line: line.state["stiffness_ratio"],
@@ -55,12 +57,18 @@ def test_the_page_shows_its_figure():
 
 
 @pytest.mark.thorough
+@pytest.mark.timeout(1800)
 def test_each_patient_walks_with_each_seed_and_is_drawn(pytestconfig, tmp_path):
     gyms = [Gym(seed=seed) for seed in SEEDS]
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        walks = [
+            [pool.submit(elsewhere, gym, walked(model)) for gym in gyms]
+            for model in PATIENTS.values()
+        ]
     figure = Figure(figsize=(13, 13), layout="constrained")
     panels = figure.subplots(len(PATIENTS), len(COLUMNS), sharex=True, sharey="col")
-    for row, (name, model) in zip(panels, PATIENTS.items(), strict=True):
-        made = np.array([elsewhere(gym, walked(model)) for gym in gyms])
+    for row, name, walk in zip(panels, PATIENTS, walks, strict=True):
+        made = np.array([one.result() for one in walk])
         low, high = made.min(axis=0), made.max(axis=0)
         number = np.arange(1, made.shape[2] + 1)
         for column, panel in enumerate(row):

@@ -144,6 +144,7 @@ def test_a_controller_that_fails_leaves_a_leg_that_is_braked_and_held(warm_gym, 
 
 
 @pytest.mark.thorough
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("seed", range(2, 12))
 def test_with_ten_other_seeds_help_falls_as_the_patient_works(seed):
     gym = Gym(seed=seed)
@@ -167,6 +168,7 @@ def test_with_ten_other_seeds_help_falls_as_the_patient_works(seed):
 
 
 @pytest.mark.thorough
+@pytest.mark.timeout(1800)
 def test_in_twenty_minutes_of_fatigue_help_comes_back_slowly():
     gym = Gym()
     walk = gym.walk(tiring(900.0), 10)

@@ -43,8 +43,8 @@ def estimate(cycle, **values):
     return example(wire.Estimate, cycle=cycle, **given)
 
 
-def stride(number):
-    return example(wire.Stride, number=number)
+def stride(number, cycle=1000):
+    return example(wire.Stride, number=number, cycle=cycle)
 
 
 def hip_nm(leg, cycles, stage=Stage.PLAYING, **values):
@@ -91,7 +91,8 @@ def test_without_a_playing_gait_the_answer_is_neutral_and_the_next_gait_begins_a
 
 def test_a_stride_is_learned_once_and_has_one_line():
     leg = shipped().controller()
-    hip_nm(leg, range(300), reference_hip_angle_rad=0.1)
+    hip_nm(leg, range(100, 400), reference_hip_angle_rad=0.1)
+    assert leg.end_stride(stride(3, cycle=100)) is None  # of before the first answer
     line = leg.end_stride(stride(4))
 
     assert line is not None
