@@ -13,6 +13,14 @@ from gaitd_display.feed import PAGES_MAX
 from gaitd_display.login import hash_password
 from gaitd_display.patient import PatientServer
 from gaitd_display.therapist import TherapistServer
+from gaitd_session.store import (
+    BlockRow,
+    EndRow,
+    InterruptionRow,
+    SessionRow,
+    Store,
+    StrideRow,
+)
 from training import PROFILE
 
 pytestmark = pytest.mark.rig_browser
@@ -20,6 +28,7 @@ pytestmark = pytest.mark.rig_browser
 SHOTS = Path(__file__).parents[2] / "out" / "display"
 PASSWORD = "correct horse battery staple"
 READABLE_PX = 32
+DAY_NS = 86_400_000_000_000
 VISIBLE = "{visibilityProperty: true}"
 HOUR_STRIDES = 1440
 """Of an hour at 0.4 Hz."""
@@ -332,9 +341,28 @@ def password_hash():
     return hash_password(PASSWORD)
 
 
+def write_history(file):
+    """Six sessions, one a day; the third has no valid stride, the last goes on."""
+    with Store(file, is_writer=True) as store:
+        for day, share in enumerate((0.31, 0.36, None, 0.4, 0.38, 0.45)):
+            begun_ns = bench.BEGAN_NS + day * DAY_NS
+            strides = [
+                StrideRow(1, "right", begun_ns + n, 2.0, share, 0.02, 5.0, -1.0, share is not None)
+                for n in range(120)
+            ]
+            walked = BlockRow(1, "warm_up", 0.5, 0.4, 600.0, 480.0 + 20 * day)
+            store.write([SessionRow("7f3k9m2q", "trainer", begun_ns), *strides, walked])
+            if day < 5:
+                end = "complete" if share else "left"
+                store.write([InterruptionRow(begun_ns, "stopped", "a stop"), EndRow(begun_ns, end)])
+
+
 @pytest.fixture
 def desk(chromium, trainer, tmp_path, password_hash):
     table = bench.therapist_table(password_hash, legs=trainer.legs)
+    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
+    write_history(tmp_path / "history.sqlite")
     with (
         rig.Site(
             lambda made: TherapistServer(made, trainer, trainer.clock),
@@ -371,7 +399,15 @@ def test_the_therapist_logs_in_sees_all_values_and_releases_a_plan(desk, trainer
     assert tab.violations() == []
     tab.page.click("#plan button[type=submit]")
     tab.until("document.querySelector('#plannow').textContent.startsWith('0.3')")
-    assert trainer.plan.duration_max_s == 600
+    assert (trainer.plan.duration_max_s, trainer.plan.hip_assist_max_nm) == (600, None)
+    tab.until("document.querySelectorAll('#sessions tr').length === 6")
+    assert tab.page.locator("#progresstroubles li").count() == 0
+    assert tab.page.locator("#sessions tr:nth-child(4)").inner_text().split("\t")[4] == "–"
+    tab.page.locator("#sessionbox").scroll_into_view_if_needed()
+    tab.shot("therapist_progress")
+    tab.page.click("#releaseprofile")
+    tab.until("document.querySelector('#plannow').textContent.includes('10 N·m, 80 N')")
+    assert trainer.plan.duration_max_s == 12
 
     player.play(mode=Mode.FAULT, cause=Cause.SPASM, validity="split_unobservable")
     tab.until("!document.querySelector('#verdict').hidden")

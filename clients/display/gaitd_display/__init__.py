@@ -3,6 +3,7 @@
 Reading order: `settings.py` (the two configuration files), `feed.py` (messages of the trainer and
 the queue of each page), `feedback.py` (bar, peak and word of a leg), `patient_view.py` (all that
 the patient's page shows), `cause_texts.py` and `texts.py` (words in two languages), `way_out.py`
-(out of a latched stop, alone), `training.py` (the session), `therapist_view.py`; then `web.py`
-(headers, origin, WebSocket, STOP), `patient.py`, `login.py`, `therapist.py`, `__main__.py`.
+(out of a latched stop, alone), `training.py` (the session), `alarm.py`, `therapist_view.py`,
+`progress.py` (profile, plan and sessions); then `web.py` (headers, origin, WebSocket, STOP),
+`patient.py`, `login.py`, `therapist.py`, `__main__.py`.
 """

@@ -16,6 +16,7 @@ from gaitd_client import (
     Stride,
 )
 
+from gaitd_display.alarm import Alarm
 from gaitd_display.cause_texts import INSTRUCTIONS, Situation, patient_text
 from gaitd_display.feedback import BarView, LegFeedback, Result
 from gaitd_display.settings import PatientSettings
@@ -164,7 +165,7 @@ class PatientState:
         self._training: TrainingView | None = None
         self._was_active = self._was_up = False
         self._stopped_in = _Stopped()
-        self._run_id, self._alarm_count, self._alarm_about = run_id, 0, ""
+        self._alarm = Alarm(run_id)
         self.configuration: Configuration | None = None
         self.way_out = WayOut()
 
@@ -200,7 +201,7 @@ class PatientState:
             stop=None if is_silent else self._stop(),
             step=step,
             action=ACTION.get(step),
-            alarm=self._alarm(word),
+            alarm=self._alarm.take(self._alarm_about(word)),
             training=training,
         )
 
@@ -285,17 +286,12 @@ class PatientState:
         self._was_active = bool(safety and safety.active)
         self._was_up |= mode not in UNPOWERED_MODES
 
-    def _alarm(self, word: Word) -> str | None:
+    def _alarm_about(self, word: Word) -> str:
         """An alarm sounds after a stop, and if the signal is lost while the drives were enabled."""
-        about = ""
         if word is Word.NO_SIGNAL:
-            about = word.value if self._was_active else ""
-        elif self._cause() != Cause.NONE and (self._is_alarming() or self._alarm_about):
-            about = self._cause()
-        if about and about != self._alarm_about:
-            self._alarm_count += 1
-        self._alarm_about = about
-        return f"{self._run_id}-{self._alarm_count}" if about else None
+            return word.value if self._was_active else ""
+        is_alarming = self._is_alarming() or self._alarm.about
+        return self._cause() if self._cause() != Cause.NONE and is_alarming else ""
 
     def _is_alarming(self) -> bool:
         """False for what a person does before a training: switch on, press the emergency stop."""

@@ -119,7 +119,7 @@ class SessionFiles(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     profile: Path
     """File of `gaitd-session new-profile`."""
     history: Path
-    """SQLite file; made if it does not exist."""
+    """SQLite file of the patient's server, which makes it if it does not exist."""
 
 
 class PatientSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -152,6 +152,8 @@ class TherapistSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     login: Login
     language: Language
     legs: Annotated[tuple[Literal["right", "left"], ...], Meta(min_length=1, max_length=2)]
+    session: SessionFiles | None = None
+    """None: the page shows no profile and no progress."""
 
 
 File = TypeVar("File", PatientSettings, TherapistSettings)

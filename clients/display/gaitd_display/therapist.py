@@ -19,13 +19,16 @@ from starlette.websockets import WebSocket
 
 from gaitd_display.feed import Feed
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
+from gaitd_display.progress import read_progress
 from gaitd_display.settings import TherapistSettings
 from gaitd_display.therapist_view import (
     AXES,
+    UNKNOWN_PLAN,
     TherapistState,
     TherapistView,
     event_item,
     leg_view,
+    plan_view,
     stride_item,
 )
 from gaitd_display.web import (
@@ -104,6 +107,7 @@ class TherapistServer:
         self._attempts = Attempts(clock)
         self._sessions = Sessions(clock, settings.login.session_max_min)
         self._checking, self._asking = asyncio.Lock(), asyncio.Lock()
+        self._reading = asyncio.Lock()
         self.state = TherapistState(secrets.token_hex(4))
         self._read: Callable[[], TherapistView]
         self.feed = Feed(self._view)
@@ -118,6 +122,7 @@ class TherapistServer:
                     Route("/session.json", self._session_text),
                     Route("/act", self._act, methods=["POST"]),
                     Route("/plan", self._plan, methods=["POST"]),
+                    Route("/progress.json", self._progress),
                 ],
                 self._live,
             ),
@@ -170,9 +175,10 @@ class TherapistServer:
     async def _follow_plan(self) -> None:
         """Read the released plan, which no message has; also a plan of another operator."""
         while True:
+            status = None
             if self._trainer.is_connected and self.feed.page_count:
                 status = await asyncio.to_thread(self._status)
-                self.state.plan = None if status is None else status.plan
+            self.state.plan = UNKNOWN_PLAN if status is None else plan_view(status.plan)
             await asyncio.sleep(PLAN_POLL_S)
 
     def _status(self) -> Status | None:
@@ -266,9 +272,16 @@ class TherapistServer:
         answer = await self._ask(
             trainer.withdraw_plan if plan is None else lambda: trainer.release_plan(plan)
         )
-        if answer.status_code == 200:
-            self.state.plan = plan
+        # Refused: as before. Not answered: it may be either.
+        if answer.status_code != 409:
+            self.state.plan = plan_view(plan) if answer.status_code == 200 else UNKNOWN_PLAN
         return answer
+
+    async def _progress(self, request: Request) -> Response:
+        if self._session(request) is None:
+            return json(Answer("refused", "login"), 401)
+        async with self._reading:  # one at a time
+            return json(await asyncio.to_thread(read_progress, self._settings.session))
 
     async def _ask(self, request: Callable[[], Reply]) -> Response:
         if self._asking.locked():

@@ -1,6 +1,7 @@
 """All that the therapist's page shows: numbers with their standard deviation and validity."""
 
 from collections.abc import Iterable
+from enum import StrEnum, auto
 from typing import Final
 
 import msgspec
@@ -18,7 +19,10 @@ from gaitd_client import (
     Stride,
 )
 
+from gaitd_display.alarm import Alarm
+
 AXES: Final = ("hip", "slide")
+SIGNAL_LOST: Final = "no_signal"
 STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 
 
@@ -73,6 +77,31 @@ class HealthView(msgspec.Struct, frozen=True):
     missed_count: int
 
 
+class PlanState(StrEnum):
+    """What is known of the released plan."""
+
+    UNKNOWN = auto()
+    """The service has not said."""
+    NONE = auto()
+    RELEASED = auto()
+
+
+class PlanView(msgspec.Struct, frozen=True):
+    """The released plan."""
+
+    state: PlanState
+    limits: PlanLimits | None = None
+    """Not None if it is released."""
+
+
+UNKNOWN_PLAN: Final = PlanView(PlanState.UNKNOWN)
+
+
+def plan_view(limits: PlanLimits | None) -> PlanView:
+    """Return a plan as the service has told it; None: none is released."""
+    return PlanView(PlanState.NONE if limits is None else PlanState.RELEASED, limits)
+
+
 class TherapistView(msgspec.Struct, frozen=True):
     """One frame of the therapist's page."""
 
@@ -83,7 +112,7 @@ class TherapistView(msgspec.Struct, frozen=True):
     verdict: VerdictView | None
     legs: tuple[LegView, ...]
     health: HealthView | None
-    plan: PlanLimits | None
+    plan: PlanView
     alarm: str | None
 
 
@@ -145,7 +174,10 @@ def leg_view(
     """
     known = activity if isinstance(activity, Activity) else None
     rubbing = friction if isinstance(friction, Friction) else None
-    efforts = [drive.effort_si if isinstance(drive, DriveState) else None for drive in drives]
+    efforts = [
+        drive.effort_si if isinstance(drive, DriveState) and drive.fresh else None
+        for drive in drives
+    ]
     hip = AxisView(
         validity=known.hip_validity if known else None,
         patient=Number(known.hip_patient_nm, known.hip_patient_nm_std) if known else UNKNOWN,
@@ -189,9 +221,8 @@ class TherapistState:
         Args:
             run_id: differs with each start of the server.
         """
-        self._run_id, self._alarm_count, self._alarm_about = run_id, 0, ""
-        self.plan: PlanLimits | None = None
-        """Released plan, as the service has said last."""
+        self._alarm, self._was_active = Alarm(run_id), False
+        self.plan = UNKNOWN_PLAN
 
     def view(
         self,
@@ -200,12 +231,13 @@ class TherapistState:
         health: Health | NotValid,
     ) -> TherapistView:
         """Return the frame."""
-        is_silent = all(leg.hip.validity is None for leg in legs)
-        known = safety if isinstance(safety, Safety) and safety.valid and not is_silent else None
+        known = safety if isinstance(safety, Safety) and safety.valid else None
+        if all(leg.hip.validity is None for leg in legs):
+            known = None
         verdict = known.verdict if known else None
         stopped = verdict if verdict and verdict.cause != Cause.NONE else None
         return TherapistView(
-            is_silent=is_silent,
+            is_silent=known is None,
             mode=known.mode if known else None,
             progress=known.progress if known else None,
             lease_holder=known.lease_holder if known else None,
@@ -214,14 +246,13 @@ class TherapistState:
             else None,
             legs=legs,
             health=health_view(health),
-            plan=self.plan,
-            alarm=self._alarm(stopped.cause if stopped and known else "", known),
+            plan=UNKNOWN_PLAN if known is None else self.plan,
+            alarm=self._alarm.take(self._alarm_about(stopped.cause if stopped else "", known)),
         )
 
-    def _alarm(self, cause: str, known: Safety | None) -> str | None:
-        if known is not None:
-            about = cause if known.mode in STOPPED_MODES else ""
-            if about and about != self._alarm_about:
-                self._alarm_count += 1
-            self._alarm_about = about
-        return f"{self._run_id}-{self._alarm_count}" if self._alarm_about else None
+    def _alarm_about(self, cause: str, known: Safety | None) -> str:
+        """An alarm sounds after a stop, and if the signal is lost while the drives were enabled."""
+        if known is None:
+            return SIGNAL_LOST if self._was_active else self._alarm.about
+        self._was_active = bool(known.active)
+        return cause if known.mode in STOPPED_MODES else ""

@@ -22,6 +22,9 @@ from typing import Any, Final, NamedTuple, Self, TextIO
 
 APPLICATION_ID: Final = 0x67616974
 """`gait` in the header of the file."""
+MODE: Final = 0o660
+"""Rights of a new file, less the umask. SQLite gives them to log and index, too: a reader of the
+group may create these, and the writer must be able to use them afterwards."""
 BUSY_S: Final = 5.0
 """Longest wait for a reader's lock."""
 
@@ -432,6 +435,8 @@ def _set_aside(file: Path) -> Path:
 def _locked(file: Path) -> TextIO:
     try:
         lock = file.with_name(f"{file.name}.lock").open("w")
+        if not file.exists():
+            file.touch(mode=MODE)
     except OSError as error:
         raise StoreError(f"{error.filename}: {error.strerror}; choose another folder") from error
     try:

@@ -1,8 +1,14 @@
 """The therapist's server: login, CSRF, what the page gets and what it may request."""
 
+import os
+import shutil
+import tempfile
+import traceback
+from pathlib import Path
+
 import display_bench as bench
 import pytest
-from gaitd_client import Cause, Event, Mode, PlanLimits
+from gaitd_client import Cause, Event, Mode, NotValid, PlanLimits, Trouble
 from gaitd_display import therapist
 from gaitd_display.login import (
     FAILURES_MAX,
@@ -13,16 +19,23 @@ from gaitd_display.login import (
     hash_password,
     read_hash,
 )
-from gaitd_display.settings import TherapistSettings
+from gaitd_display.progress import read_progress
+from gaitd_display.settings import SessionFiles, TherapistSettings
 from gaitd_display.therapist import COOKIE, TherapistServer
+from gaitd_display.therapist_view import AXES, PlanState, TherapistState, leg_view
 from gaitd_display.web import LOGIN_OVER
+from gaitd_session.store import BlockRow, SessionRow, Store, StrideRow
+from msgspec.structs import replace
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
+from training import PROFILE
 
 PASSWORD = "correct horse battery staple"
 ORIGIN = "https://127.0.0.1:8080"
 OURS = {"origin": ORIGIN, "host": "127.0.0.1:8080"}
 NS_PER_S = 1_000_000_000
+NONE = NotValid("a key", Trouble.SILENT, "no message")
+WRITER, READER, GROUP, FAILED = 64001, 64002, 64003, 255
 
 
 @pytest.fixture(scope="module")
@@ -168,11 +181,15 @@ def test_commands_and_plans_are_sent_and_wrong_ones_are_refused(client, trainer)
     for command in ("enable", "self_test", "hand_guiding", "hold", "disable", "reset"):
         assert post(client, "/act", {"command": command}).json()["outcome"] == "done"
     assert post(client, "/plan", {"plan": plan}).json()["outcome"] == "done"
-    assert client.server.state.plan.cadence_max_hz == 0.3
+    assert client.server.state.plan.limits.cadence_max_hz == 0.3
     assert post(client, "/plan", {"plan": {**plan, "cadence_max_hz": 9}}).status_code == 400
     assert post(client, "/act", {"command": "gait"}).status_code == 400
     assert post(client, "/plan", {"plan": None}).json()["outcome"] == "done"
-    assert client.server.state.plan is None
+    assert client.server.state.plan.state is PlanState.NONE
+    trainer.silent = True
+    assert post(client, "/plan", {"plan": plan}).status_code == 504
+    assert client.server.state.plan.state is PlanState.UNKNOWN
+    trainer.silent = False
 
     names = [name for name, *_ in trainer.requests]
     assert names == ["enable", "mode", "mode", "mode", "disable", "reset", "plan", "plan"]
@@ -232,8 +249,139 @@ def test_a_plan_that_another_operator_released_is_shown(client, trainer, monkeyp
     login(client)
     headers = {**OURS, "cookie": f"{COOKIE}={client.cookies[COOKIE]}"}
     with client.websocket_connect("/live", headers=headers) as socket:
+        shown = frames(client, socket)
+        assert next(shown)["now"]["plan"] == {"state": "unknown", "limits": None}
+
+        def until(state):
+            for _ in range(2000):
+                trainer.cycles(Mode.HOLD)
+                if (now := next(shown)["now"])["plan"]["state"] == state:
+                    return now["plan"]["limits"]
+            raise AssertionError(f"never {state}: {now}")
+
+        assert until("none") is None
         trainer.plan = PlanLimits(cadence_max_hz=0.3, amplitude_max_ratio=0.8, duration_max_s=600)
-        for _, frame in zip(range(2000), frames(client, socket), strict=False):
-            if frame["now"]["plan"] is not None:
-                break
-    assert frame["now"]["plan"]["cadence_max_hz"] == 0.3
+        assert until("released")["cadence_max_hz"] == 0.3
+        trainer.clock.ns += NS_PER_S
+        now = next(frame["now"] for frame in shown if frame["now"]["is_silent"])
+    assert now["plan"] == {"state": "unknown", "limits": None}
+
+
+def test_a_signal_that_is_lost_in_part_is_no_signal_and_an_alarm_if_the_drives_were_on():
+    trainer = bench.MessageTrainer()
+    activity, safety = trainer.activity("right"), trainer.safety()
+    friction, drives = trainer.friction("right"), [trainer.drive(f"right/{one}") for one in AXES]
+    state = TherapistState("run")
+
+    def view(**changes):
+        newest = {"safety": safety.newest(), "drives": [one.newest() for one in drives], **changes}
+        leg = leg_view("right", activity.newest(), friction.newest(), newest["drives"])
+        return state.view((leg,), newest["safety"], NONE)
+
+    trainer.cycles(Mode.HOLD)
+    assert (view().is_silent, view().alarm) == (False, None)
+    lost = view(safety=NONE)
+    assert (lost.is_silent, lost.mode, lost.alarm) == (True, None, "run-1")
+    assert view().alarm is None
+    trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
+    assert view().alarm == view(safety=NONE).alarm == "run-2"
+    stale = [replace(one.newest(), fresh=False) for one in drives]
+    assert view(drives=stale).legs[0].hip.effort is None
+
+
+# --- profile and progress -----------------------------------------------------------------------
+
+
+def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, tmp_path):
+    assert client.get("/progress.json").status_code == 401
+    login(client)
+    assert client.get("/progress.json").json()["is_configured"] is False
+    files = SessionFiles(profile=tmp_path / "profile.toml", history=tmp_path / "history.sqlite")
+    client.server._settings = replace(client.server._settings, session=files)
+
+    def progress():
+        return client.get("/progress.json").json()
+
+    assert "No such file" in progress()["troubles"][0]
+    files.profile.write_text(PROFILE, encoding="utf-8")
+    assert "there is no history yet" in progress()["troubles"][0]
+    assert progress()["profile"]["limits"]["duration_max_s"] == 12.0
+    with Store(files.history, is_writer=True) as store:
+        store.write(
+            [
+                SessionRow("7f3k9m2q", "trainer", 1_795_000_000_000_000_000),
+                BlockRow(1, "warm_up", 0.5, 0.4, 10.0, 9.0),
+                StrideRow(1, "right", 1_795_000_002_000_000_000, 2.0, 0.42, 0.02, 5.0, -1.0, True),
+            ]
+        )
+        (session,) = progress()["sessions"]
+    assert (session["begun_ms"], session["end"]) == (1_795_000_000_000.0, "")
+    assert (session["walked_s"], session["mean_share_ratio"]) == (9.0, 0.42)
+    limits = progress()["profile"]["limits"]
+    assert post(client, "/plan", {"plan": limits}).json()["outcome"] == "done"
+    assert client.server.state.plan.limits.hip_assist_max_nm == 10.0
+
+    files.history.write_bytes(b"no database" * 1000)
+    assert "damaged, or no SQLite file" in progress()["troubles"][0]
+    assert (progress()["sessions"], progress()["profile"]["id"]) == ([], "7f3k9m2q")
+
+
+@pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be two other users")
+def test_another_user_reads_the_history_by_the_shared_group_alone_and_does_not_hinder_the_writer():
+    # Not in pytest's folder, which is for its own user.
+    folder = Path(tempfile.mkdtemp())
+    os.chown(folder, WRITER, GROUP)
+    folder.chmod(0o770)
+    (folder / "profile.toml").write_text(PROFILE, encoding="utf-8")
+    files = SessionFiles(profile=folder / "profile.toml", history=folder / "history.sqlite")
+
+    def read():
+        return len(read_progress(files).sessions)
+
+    def write():
+        with Store(files.history, is_writer=True) as store:
+            store.write([SessionRow("7f3k9m2q", "trainer", 1)])
+            os.write(written, b".")
+            os.read(end, 1)  # the file stays open until the test has read it
+            store.write([SessionRow("7f3k9m2q", "trainer", 2)])
+            return len(store.summaries("7f3k9m2q"))
+
+    is_written, written = os.pipe()
+    end, may_end = os.pipe()
+    try:
+        for count in (1, 3):
+            writer = forked(WRITER, GROUP, write)
+            os.read(is_written, 1)
+            assert result(forked(READER, GROUP, read)) == count
+            os.write(may_end, b".")
+            assert result(writer) == count + 1
+            # The last one to close it is a reader, who has made the log anew.
+            assert result(forked(READER, GROUP, read)) == count + 1
+        stranger = forked(READER, READER, lambda: "Permission denied" in str(read_progress(files)))
+        assert result(stranger) == 1
+    finally:
+        shutil.rmtree(folder)
+        for pipe in (is_written, written, end, may_end):
+            os.close(pipe)
+
+
+def forked(user, group, function):
+    """A process of another user, which ends with the number that the function returns."""
+    child = os.fork()
+    if child == 0:
+        code = FAILED
+        try:
+            os.setgroups([])
+            os.setresgid(group, group, group)
+            os.setresuid(user, user, user)
+            os.umask(0o007)
+            code = int(function())
+        finally:
+            if code == FAILED:
+                os.write(2, traceback.format_exc().encode())
+            os._exit(code)
+    return child
+
+
+def result(child):
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])

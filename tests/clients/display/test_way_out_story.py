@@ -141,6 +141,7 @@ def test_the_daily_test_of_hand_switch_and_emergency_stop_is_led_by_the_page(
 
         def led(now):
             """Do what the page says, as a patient does."""
+            machine.run(0.1)
             training = now["training"]
             if training is None:
                 return False

@@ -6,6 +6,8 @@ const POINTS_MAX = 60 * TRACE_S;
 const PLOT_MS = 50;
 const STRIDES_MAX = 200;
 const EVENTS_MAX = 50;
+const PROGRESS_MS = 15000;
+const DAY_S = 86400;
 const COMMANDS = ["enable", "disable", "hold", "hand_guiding", "self_test", "reset"];
 
 const session = await load("/session.json");
@@ -136,6 +138,52 @@ function paintHealth(health) {
   }));
 }
 
+const assistText = (value, unit) => (value === null ? "–" : `${value} ${unit}`);
+const limitsText = (limits) => `${limits.cadence_max_hz} /s, ${limits.amplitude_max_ratio}, ${limits.duration_max_s} s, ${assistText(limits.hip_assist_max_nm, "N·m")}, ${assistText(limits.slide_assist_max_n, "N")}`;
+
+const dayText = (timeS) => new Date(timeS * 1000).toLocaleDateString(words.language, { day: "numeric", month: "numeric" });
+
+// Profile, plan and history: read again now and then, because a session writes them.
+const shares = new uPlot({
+  width: 300, height: 190, legend: { show: false }, cursor: { show: false },
+  axes: [{ ...axes("")[0], incrs: [1, 2, 7, 14, 28, 91, 364].map((days) => days * DAY_S), values: (_, ticks) => ticks.map(dayText) }, axes("%")[1]],
+  scales: { x: { range: (_, low, high) => [(low ?? 0) - DAY_S / 2, (high ?? DAY_S) + DAY_S / 2] }, y: { range: [0, 100] } },
+  series: [{}, { stroke: "#0072b2", width: 2, points: { show: true, size: 9, fill: "#0072b2" }, spanGaps: false }],
+}, [[], []], byId("shares"));
+let progress = null;
+
+function paintProgress() {
+  if (progress === null) return;
+  const row = (texts) => {
+    const made = document.createElement("tr");
+    made.append(...texts.map((text) => Object.assign(document.createElement("td"), { textContent: text })));
+    return made;
+  };
+  const { profile, sessions, troubles } = progress;
+  byId("progresstroubles").replaceChildren(...troubles.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
+  byId("progressbox").hidden = !progress.is_configured;
+  byId("blocks").hidden = byId("releaseprofile").hidden = profile === null;
+  if (profile === null) {
+    setText(byId("profile"), progress.is_configured ? "–" : words.of("no_profile"));
+    setText(byId("profilelimits"), "");
+  } else {
+    setText(byId("profile"), `${profile.id} · ${profile.legs.map((leg) => words.of(leg)).join(", ")} · ${words.of("share_bounds")}: ${share(profile.share_min_ratio).toFixed(0)} – ${share(profile.share_max_ratio).toFixed(0)} %`);
+    byId("blockrows").replaceChildren(...profile.blocks.map((block) => row([words.of(`block.${block.kind}`), plain(block.duration_s, 0), plain(block.cadence_hz, 2), plain(block.amplitude_ratio, 2), plain(block.rest_s, 0)])));
+    setText(byId("profilelimits"), limitsText(profile.limits));
+  }
+  byId("sessions").replaceChildren(...sessions.slice().reverse().map((one) => row([
+    new Date(one.begun_ms).toLocaleString(words.language, { dateStyle: "short", timeStyle: "short" }), plain(one.walked_s / 60, 1), plain(one.stride_count, 0),
+    plain(one.valid_count, 0), plain(share(one.mean_share_ratio), 0, " %"), plain(one.interruption_count, 0), words.of(`end.${one.end}`)])));
+  shares.setData([sessions.map((one) => one.begun_ms / 1000), sessions.map((one) => share(one.mean_share_ratio))]);
+}
+
+async function readProgress() {
+  const answer = await fetch("/progress.json").catch(() => null); // the loss is shown already
+  if (answer?.ok) progress = await answer.json();
+  paintProgress();
+  setTimeout(readProgress, PROGRESS_MS);
+}
+
 let plottedMs = 0;
 let seen = null;
 function paint() {
@@ -170,15 +218,17 @@ function paint() {
     }
   }
   seen = view;
-  const plan = view.plan;
-  setText(byId("plannow"), plan ? `${plan.cadence_max_hz} /s, ${plan.amplitude_max_ratio}, ${plan.duration_max_s} s` : words.of("no_plan"));
+  const plan = loss ? { state: "unknown" } : view.plan;
+  setText(byId("plannow"), { unknown: "–", none: words.of("no_plan"), released: plan.limits ? limitsText(plan.limits) : "" }[plan.state]);
   paintHealth(loss ? null : view.health);
   const now = performance.now();
   if (now - plottedMs >= PLOT_MS) {
     plottedMs = now;
     paintItems();
     for (const shown of traces.values()) { shown.hip.draw(); shown.slide.draw(); }
-    if (trend.width !== byId("trend").clientWidth) trend.setSize({ width: byId("trend").clientWidth, height: 190 });
+    for (const [plot, box] of [[trend, byId("trend")], [shares, byId("shares")]]) {
+      if (plot.width !== box.clientWidth) plot.setSize({ width: box.clientWidth, height: 190 });
+    }
   }
   painted.frames += 1;
 }
@@ -193,14 +243,17 @@ for (const command of COMMANDS) {
   byId("requests").append(button);
 }
 words.use(words.language);
+const cap = (id) => (byId(id).value === "" ? null : Number(byId(id).value));
 byId("plan").addEventListener("submit", async (event) => {
   event.preventDefault();
-  const plan = { cadence_max_hz: Number(byId("cadence").value), amplitude_max_ratio: Number(byId("amplitude").value), duration_max_s: Number(byId("duration").value) };
+  const plan = { cadence_max_hz: Number(byId("cadence").value), amplitude_max_ratio: Number(byId("amplitude").value), duration_max_s: Number(byId("duration").value), hip_assist_max_nm: cap("hipassist"), slide_assist_max_n: cap("slideassist") };
   told(await request("/plan", { plan }));
 });
+byId("releaseprofile").addEventListener("click", async () => told(await request("/plan", { plan: progress.profile.limits })));
 byId("withdraw").addEventListener("click", async () => told(await request("/plan", { plan: null })));
-byId("language").addEventListener("click", () => { words.toggle(); itemsAreNew = true; });
+byId("language").addEventListener("click", () => { words.toggle(); itemsAreNew = true; paintProgress(); });
 byId("quiet").addEventListener("click", () => alarm.acknowledge());
 byId("logout").addEventListener("click", async () => { await request("/logout", {}); location.reload(); });
-for (const [box, key] of [["stridebox", "stride_table"], ["eventbox", "events"]]) byId(box).setAttribute("aria-label", words.of(key));
+for (const [box, key] of [["stridebox", "stride_table"], ["eventbox", "events"], ["sessionbox", "progress"]]) byId(box).setAttribute("aria-label", words.of(key));
 paint();
+readProgress();
