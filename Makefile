@@ -17,7 +17,8 @@ COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --gene
 CLIENT := clients/python
 DISPLAY := clients/display
 SESSION := clients/session
-PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
+ASSIST := clients/assist
+PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
 .PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display uninstall purge rigs lock format golden clean
@@ -31,9 +32,9 @@ $(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable .
 	@touch $@
 
-$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml
+$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION) --editable $(ASSIST)
 	@touch $@
 
 demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view

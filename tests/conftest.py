@@ -42,6 +42,11 @@ def pytest_addoption(parser):
         help="write docs/process_faults.md anew from what tests/service measure",
     )
     parser.addoption(
+        "--write-assist",
+        action="store_true",
+        help="write the figure of docs/assist.md anew from simulated patients",
+    )
+    parser.addoption(
         "--fuzz-minutes",
         type=float,
         help="let the CAN fuzz run for so many minutes each, instead of some seconds",

@@ -189,6 +189,7 @@ GUIDED = (
     *("clients/python/gaitd_client", "clients/python/gaitd_client/wire"),
     "clients/display/gaitd_display",
     "clients/session/gaitd_session",
+    "clients/assist/gaitd_assist",
 )
 
 
