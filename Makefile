@@ -127,8 +127,8 @@ lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
-golden: $(VENV)/dev.stamp  ## write the golden traces of sessions anew; read the difference
-	$(BIN)/pytest tests/conformance/test_golden_traces_of_sessions.py tests/drive_backstop/test_table.py --write-traces
+golden: $(VENV)/dev.stamp  ## write the golden traces of sessions and plans of bring-up anew; read the difference
+	$(BIN)/pytest tests/conformance/test_golden_traces_of_sessions.py tests/drive_backstop/test_table.py tests/drives/test_plan_golden.py --write-traces
 
 clean:  ## remove the virtual environment and caches
 	rm -rf $(VENV) .ruff_cache .pytest_cache .hypothesis

@@ -200,8 +200,7 @@ class _Bare(ast.NodeTransformer):
         return self.generic_visit(node)
 
     def visit_Expr(self, node: ast.Expr) -> ast.AST | None:
-        alone = isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-        return ast.Pass() if alone else self.generic_visit(node)
+        return ast.Pass() if isinstance(node.value, ast.Constant) else self.generic_visit(node)
 
 
 def what_runs(source: str) -> str:

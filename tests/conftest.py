@@ -32,7 +32,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--write-traces",
         action="store_true",
-        help="write the golden traces of sessions anew (`make golden`)",
+        help="write the golden traces and plans anew (`make golden`)",
     )
     parser.addoption(
         "--write-process-faults",

@@ -28,7 +28,6 @@ ACCESS: Final = {
     Route.RESTART: Access.RESTART,
 }
 """Right that a query needs; the core checks those that it answers."""
-REMEDY: Final = "an operator releases a plan with `gaitd plan release`"
 
 _DECODER: Final = Decoder(msgspec.json.Decoder(wire.PlanLimits).decode)
 
@@ -174,7 +173,8 @@ def _own(path: Path) -> bytes:
 def _write(path: Path, limits: wire.PlanLimits) -> None:
     new = path.with_suffix(".new")
     new.unlink(missing_ok=True)
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    # A link is a file that exists.
+    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     try:
         os.write(file, msgspec.json.encode(limits))
         os.fsync(file)

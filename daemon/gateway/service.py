@@ -15,7 +15,7 @@ from gaitd_client import wire
 
 from daemon.config.settings import Lease
 from daemon.gateway import events, requests, translate
-from daemon.gateway.clients import REMEDY, ClientRefusedError, Clients, PlanStore
+from daemon.gateway.clients import ClientRefusedError, Clients, PlanStore
 from daemon.gateway.emergencies import EmergencyHistory
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.lease import LeaseManager
@@ -106,7 +106,10 @@ class Gateway:
         self._second_due_ns = clock.now_ns() + SECOND_NS
         if plans.trouble:
             trouble = events.EventDraft(
-                events.Priority.LOW, events.Kind.NOTE, plans.trouble, REMEDY
+                events.Priority.LOW,
+                events.Kind.NOTE,
+                plans.trouble,
+                "an operator releases a plan with `gaitd plan release`",
             )
             self.publish_events([trouble])
 

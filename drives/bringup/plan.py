@@ -285,7 +285,8 @@ def _homing(
 ) -> Iterator[Step]:
     raw = raw_homing(homing, objects.home_sign, description)
     modes, bit = Object.SUPPORTED_MODES, _HOMING_MODE
-    yield _word(StepKind.CHECK, "it supports homing", modes, 32, bit, bit)
+    missing = BootFailure.MISSING_MODE
+    yield _word(StepKind.CHECK, "it supports homing", modes, 32, bit, bit, failure=missing)
     speed, speeds = description.profile.velocity_unit.value, Object.HOMING_SPEEDS
     yield _write("homing method", Object.HOMING_METHOD, 0, 8, homing.method)
     yield _write(f"homing: search speed in {speed}", speeds, 1, 32, raw.search_speed_raw)

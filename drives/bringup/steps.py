@@ -86,4 +86,4 @@ class Step:
                 value = f"= {self.value} .. {self.second}"
             case _:
                 value = ""
-        return f"{self.kind.value:<8}{self.place:<10}{value:<26}{self.why}"
+        return f"{self.kind.value:<8}{self.place:<10}{value:<28}{self.why}"

@@ -13,7 +13,7 @@ from drives.canopen.bus_state import BusCondition
 from drives.canopen.emcy_codes import Reaction
 from drives.canopen.nmt import SyncProducer
 from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
-from drives.signals import PowerState
+from drives.signals import NmtState, PowerState
 
 # --- what goes well -------------------------------------------------------------------------------
 
@@ -214,6 +214,24 @@ def test_an_emcy_that_comes_during_bring_up_is_in_the_report():
     assert (came.code, came.error_register) == (0x8130, 0x11)
     assert came.reaction is Reaction.ABORT_CONNECTION
     assert slide.emergencies == ()
+
+
+def test_of_many_emcys_during_bring_up_the_newest_eight_are_in_the_report():
+    bench = Bench()
+    for number in range(10):
+        frame = Frame(0x085, bytes.fromhex("308111") + bytes((number, 0, 0, 0, 0)))
+        bench.bus.put(frame, (10 + number) * MS)
+
+    hip, _ = bench.run()
+
+    assert [came.vendor_bytes[0] for came in hip.emergencies] == list(range(2, 10))
+
+
+def test_a_node_that_was_never_received_has_sent_nothing():
+    traffic = Bench().port.traffic(9)
+
+    assert (traffic.boot_up_count, traffic.heartbeat_count) == (0, 0)
+    assert traffic.nmt_state is NmtState.UNKNOWN
 
 
 def test_a_drive_says_itself_whether_it_is_homed():

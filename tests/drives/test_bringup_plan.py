@@ -11,9 +11,9 @@ from bringup_bench import Bench
 from drive_files import CYCLE, HIP_LIMITS, axis_for, drive, join, table
 
 from drives.bringup.bringup import bring_up
-from drives.bringup.objects import SdoTarget, examine, read
+from drives.bringup.objects import SdoTarget, examine, read, write, write_range
 from drives.bringup.plan import homing_plan, plan
-from drives.bringup.steps import Step, StepKind
+from drives.bringup.steps import ALL_BITS, NO_RTR, Step, StepKind
 from drives.canopen.bus import Frame
 from drives.cia402.units import raw_homing, raw_limits
 from drives.errors import BringUpRefused, SdoAborted
@@ -93,15 +93,19 @@ def test_an_axis_without_homing_has_no_plan_for_it():
 # --- heartbeat ------------------------------------------------------------------------------------
 
 
-def test_a_drive_that_monitors_no_heartbeat_is_not_asked_to():
+@pytest.mark.parametrize(
+    ("entries", "written"),
+    [(0, {}), (1, {1: 0x10064}), (2, {1: 0x10064, 2: 0}), (3, {1: 0x10064, 2: 0, 3: 0})],
+)
+def test_a_drive_monitors_the_master_s_heartbeat_alone_or_none(entries, written):
     profile = copy.deepcopy(table("profiles/generic.toml"))
-    profile["heartbeat"]["consumer_entries"] = 0
+    profile["heartbeat"]["consumer_entries"] = entries
     profile["pdo"]["rpdo_timeout"] = True
     description = join(axis_for(profile), profile, "hip")
 
     values = written_by(plan(description, HIP_LIMITS, CYCLE).steps)
 
-    assert [place for place in values if place[0] == 0x1016] == []
+    assert {sub: value for (index, sub), value in values.items() if index == 0x1016} == written
     assert values[0x1017, 0] == CYCLE.drive_heartbeat_ms
 
 
@@ -143,6 +147,97 @@ def test_an_object_that_a_drive_need_not_have_is_0_where_it_has_none():
     assert examine(WORD, answering(missing)) == 0
     with pytest.raises(BringUpRefused, match="06020000h, no such object"):
         examine(replace(WORD, kind=StepKind.REPORT), answering(missing))
+
+
+# --- what is compared, written and read back ------------------------------------------------------
+
+
+def keeping(values, kept=0xFFFF_FFFF):
+    """A target that stores what is written, but only these bits of it."""
+    written = []
+
+    def port_write(_node_id, index, sub, data):
+        written.append((index, sub, data.hex()))
+        value = int.from_bytes(data, "little") & kept
+        values[index, sub] = value.to_bytes(len(data), "little")
+
+    def port_read(_node_id, index, sub):
+        return values[index, sub]
+
+    return SdoTarget(SimpleNamespace(read=port_read, write=port_write), "right/hip", 5), written
+
+
+BASE = Step(StepKind.COMPARE, "a base", 0x2000, 3, signed=True, value=10_000)
+
+
+@pytest.mark.parametrize("value", [9_900, 10_100])
+def test_a_base_may_be_one_percent_off(value):
+    target, _ = keeping({(0x2000, 3): value.to_bytes(4, "little")})
+
+    assert examine(BASE, target) == value
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [
+        (0, "the drive has no motor data: expected about 10000 (a base)"),
+        *(
+            (value, "more than 1 % from the axis file's 10000 (a base)")
+            for value in (9_899, 10_101, -10_000)
+        ),
+    ],
+)
+def test_a_base_that_is_none_or_another_is_refused_with_both_values(value, reason):
+    target, _ = keeping({(0x2000, 3): value.to_bytes(4, "little", signed=True)})
+
+    with pytest.raises(BringUpRefused) as caught:
+        examine(BASE, target)
+
+    assert (caught.value.value, caught.value.reason) == (str(value), reason)
+
+
+@pytest.mark.parametrize(
+    ("bits", "value", "kept", "mask"),
+    [
+        *((16, -2, 0xFFFF, ALL_BITS), (16, -1, 0xFFFF, ALL_BITS), (8, 0, 0xFF, ALL_BITS)),
+        (32, 0x4000_0185, 0xBFFF_FFFF, ALL_BITS ^ NO_RTR),
+    ],
+)
+def test_what_reads_back_the_same_under_the_mask_is_written(bits, value, kept, mask):
+    target, written = keeping({}, kept)
+
+    write(replace(WORD, kind=StepKind.WRITE, bits=bits, mask=mask), target, value)
+
+    data = value.to_bytes(bits // 8, "little", signed=value < 0)
+    assert written == [(0x2000, 1, data.hex())]
+
+
+@pytest.mark.parametrize("lost", [1, 0x100, 0x8000_0000])
+def test_each_bit_that_does_not_read_back_is_refused(lost):
+    target, _ = keeping({}, ALL_BITS ^ lost)
+    value = 0x8000_0185
+
+    with pytest.raises(BringUpRefused) as caught:
+        write(Step(StepKind.WRITE, "a word", 0x2000, mask=ALL_BITS ^ NO_RTR), target, value)
+
+    reason = f"written, but it reads back {value ^ lost} (a word)"
+    assert (caught.value.value, caught.value.reason) == (str(value), reason)
+
+
+def test_the_maximum_of_a_range_is_in_the_next_sub_index():
+    target, written = keeping({(0x2000, 4): bytes(4)})
+
+    write_range(Step(StepKind.RANGE, "a range", 0x2000, 3, signed=True, value=-1, second=2), target)
+
+    assert written == [(0x2000, 3, "ffffffff"), (0x2000, 4, "02000000")]
+
+
+def test_a_read_that_is_refused_is_told_as_one():
+    with pytest.raises(BringUpRefused) as caught:
+        read(WORD, answering(SdoAborted(0x2000, 1, 0x06010001, "write only")))
+
+    assert (caught.value.value, caught.value.place) == ("(read)", "2000h:01")
+    assert caught.value.reason == "refused with 06010001h, write only (a word)"
 
 
 # --- traffic that is none of ours -----------------------------------------------------------------

@@ -3,25 +3,19 @@
 import datetime
 import json
 import ssl
-from pathlib import Path
-from unittest import mock
 
 import pytest
 from command_line import gaitd
 from config_files import CONFIGS
 from gaitd_client.credentials import read_credentials
-from gaitd_client.wire import PlanLimits
 
 from daemon.config.strict import ConfigError
-from daemon.gateway.clients import ClientRefusedError, Clients, PlanStore
-from daemon.ipc.record import Plan, Role
 from daemon.keys import issuing
 from daemon.keys.folder import read_keys
 from daemon.zenoh_io.access import access_control
 
 NOW = datetime.datetime(2026, 11, 23, tzinfo=datetime.UTC)
 LOCAL, REMOTE = "tcp/127.0.0.1:7447", "tls/trainer.lan:7448"
-LIMITS = PlanLimits(cadence_max_hz=0.5, amplitude_max_ratio=0.8, duration_max_s=600.0)
 
 
 @pytest.fixture
@@ -178,58 +172,6 @@ def test_init_does_not_lock_out_the_clients_of_a_folder(folder):
         issuing.init(folder, "trainer", [], NOW, 365)
 
 
-# --- in the gateway -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("day", "expiring"),
-    [
-        ("2026-11-23", ()),
-        ("2027-10-25", ("gateway", "session.ward_3")),
-        ("2031-01-01", ("gateway", "session.ward_3")),
-        ("2036-11-01", ("authority", "gateway", "session.ward_3")),
-        ("1970-01-01", ()),
-    ],
-)
-def test_certificates_that_end_within_30_days_are_named_and_a_password_never(folder, day, expiring):
-    issue(folder, "display.desk")
-    issue(folder, "session.ward_3", remote=True)
-    at = datetime.datetime.fromisoformat(day).replace(tzinfo=datetime.UTC)
-
-    found = Clients(read_keys(folder)).expiring(round(at.timestamp()) * 10**9)
-
-    assert found == expiring
-
-
-def test_a_query_that_acts_needs_a_name_of_the_register(folder):
-    issue(folder, "session.desk")
-    clients = Clients(read_keys(folder))
-
-    assert clients.role("enable", "session.desk") is Role.SESSION
-    for name in ("acquire", "plan", "restart"):
-        with pytest.raises(ClientRefusedError, match=f"session may not request {name}"):
-            clients.role(name, "session.desk")
-        assert Clients(None).role(name, "") is Role.UNRESTRICTED
-    assert clients.role("status", "") is Role.DISPLAY
-    assert clients.role("stop", "") is Role.DISPLAY
-    for name in ("", "operator.desk"):
-        with pytest.raises(ClientRefusedError, match=r"control/enable/ROLE\.NAME"):
-            clients.role("enable", name)
-    assert Clients(None).role("enable", "") is Role.UNRESTRICTED
-
-
-def test_a_link_matches_an_entry_only_by_a_certificate_of_the_register(folder):
-    issue(folder, "session.ward", remote=True)
-    clients = Clients(read_keys(folder))
-
-    assert clients.have_keys
-    assert clients.link("tls", "10.0.0.9:5", "session.ward").client == "session.ward"
-    assert clients.link("tls", "10.0.0.9:5", "session.gone").client is None
-    assert clients.link("tcp", "127.0.0.1:5", None).client is None
-    assert not Clients(None).have_keys
-    assert Clients(None).link("tls", "10.0.0.9:5", "session.ward").client is None
-
-
 def test_a_local_password_is_none_on_a_remote_link_and_the_reverse(folder):
     issue(folder, "display.desk")
     issue(folder, "display.ward", remote=True)
@@ -248,56 +190,6 @@ def test_a_local_password_is_none_on_a_remote_link_and_the_reverse(folder):
             "link_protocols": ("tls",),
         },
     ]
-
-
-def test_the_plan_outlives_its_gateway_and_a_damaged_one_is_none(tmp_path):
-    file = tmp_path / "plan.json"
-
-    def store():
-        return PlanStore(file, lambda _what, run: run() is None)
-
-    assert (store().plan, store().trouble) == (None, "")
-    assert store().release(LIMITS, "operator.desk")[0] == ""
-    assert store().plan == Plan(0.5, 0.8, 600.0)
-    file.write_text('{"cadence_max_hz": 9}')
-    assert (store().plan, "no plan is released" in store().trouble) == (None, True)
-    assert store().release(None, "operator.desk")[0] == ""
-    assert (store().plan, store().trouble, file.exists()) == (None, "", False)
-
-
-def test_a_withdrawn_plan_is_not_written_by_a_disk_that_was_slow(tmp_path):
-    waiting = []
-    store = PlanStore(tmp_path / "plan.json", lambda _what, run: waiting.append(run) is None)
-    store.release(LIMITS, "operator.desk")
-    store.release(None, "operator.desk")
-    for run in waiting:
-        run()
-
-    assert not (tmp_path / "plan.json").exists()
-
-
-def test_a_plan_that_another_user_could_have_written_is_none(tmp_path):
-    file = tmp_path / "plan.json"
-    PlanStore(file, lambda _what, run: run() is None).release(LIMITS, "operator.desk")
-    file.chmod(0o660)
-    assert "another user" in PlanStore(file, pytest.fail).trouble
-    (tmp_path / "link.json").symlink_to(file)
-    assert "no plan is released" in PlanStore(tmp_path / "link.json", pytest.fail).trouble
-
-
-def test_a_plan_that_the_disk_does_not_take_is_in_force_and_said_so(tmp_path, monkeypatch):
-    store = PlanStore(tmp_path / "plan.json", lambda *_: False)
-    trouble, event = store.release(LIMITS, "operator.desk")
-
-    assert store.plan == Plan(0.5, 0.8, 600.0)
-    assert "next restart only" in trouble
-    assert trouble in event.text
-
-    monkeypatch.setattr(Path, "unlink", mock.Mock(side_effect=OSError(5, "Input/output error")))
-    trouble, _ = store.release(None, "operator.desk")
-
-    assert store.plan is None
-    assert trouble.endswith("Input/output error")
 
 
 # --- the command ----------------------------------------------------------------------------------
