@@ -6,8 +6,8 @@ BIN := $(VENV)/bin
 UNITS := tests/drives tests/daemon
 # Compiled tests and modules are kept in __pycache__: otherwise each process compiles them again.
 unexport PYTHONDONTWRITEBYTECODE
-# Processes of pytest: one for each processor, up to 16.
-WORKERS ?= auto --maxprocesses 16
+# Processes of pytest: one more than processors, as many tests wait for other processes; up to 16.
+WORKERS ?= $(shell n=$$(nproc); echo $$((n < 15 ? n + 1 : 16)))
 # Records the CPU-seconds of a step; pytest prints them with its own.
 STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
@@ -17,7 +17,8 @@ COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --gene
 CLIENT := clients/python
 DISPLAY := clients/display
 SESSION := clients/session
-PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
+ASSIST := clients/assist
+PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
 .PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display uninstall purge rigs lock format golden clean
@@ -31,9 +32,9 @@ $(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable .
 	@touch $@
 
-$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml
+$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION) --editable $(ASSIST)
 	@touch $@
 
 demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
@@ -56,7 +57,7 @@ test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints
 	@$(MAKE) --no-print-directory pytest
 
 test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
-	$(BIN)/pytest -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
+	$(BIN)/pytest -n 2 --dist=loadgroup -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
 
 test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime

@@ -161,10 +161,10 @@ warm() {
     setpriv --reuid=gaitd-core --regid=gaitd --clear-groups env -C / NUMBA_CACHE_DIR=/var/cache/gaitd "$PREFIX/bin/python" -P - << 'WARM' ||
 from pathlib import Path
 from daemon.preflight.load import load
-from daemon.core.modes.persistent_state import Notes
+from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import build
 from daemon.core.runtime.warm_up import warm_up
-warm_up(build(load(Path("/etc/gaitd/trainer.toml")), "", Notes()))
+warm_up(build(load(Path("/etc/gaitd/trainer.toml")), "", PersistentState()))
 WARM
         say "not compiled yet: the first start does it, and takes half a minute longer"
 }
@@ -199,12 +199,13 @@ purge() {
     rm -rf "$DESTDIR/etc/gaitd" "$DESTDIR/etc/gaitd-display" "$DESTDIR"/var/lib/gaitd{,-patient} \
         "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim,patient,therapist}.service.d
     if live; then
-        local user
-        for user in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist; do
-            userdel "$user" 2> /dev/null || true
+        local name
+        for name in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist; do
+            userdel "$name" 2> /dev/null || true
         done
-        groupdel gaitd 2> /dev/null || true
-        groupdel gaitd-training 2> /dev/null || true
+        for name in gaitd gaitd-training gaitd-patient gaitd-therapist; do
+            groupdel "$name" 2> /dev/null || true
+        done
     fi
     ! running || systemctl daemon-reload
     say "configuration, state, the history of sessions, credentials and users are gone, too"

@@ -119,7 +119,7 @@ class OneLeg:
         return min(self._next_deadline_ns(), self._outbox[0][0] if self._outbox else NEVER)
 
     def _next_deadline_ns(self) -> int:
-        timers_ns = min(node.timers.next_ns() for node in self.nodes.values())
+        timers_ns = min([node.timers.next_ns for node in self.nodes.values()])
         return min(timers_ns, self._agenda[0][0] if self._agenda else NEVER)
 
     def _advance_plant(self, time_ns: int) -> None:
@@ -138,7 +138,7 @@ class OneLeg:
             if not order.clear or (running is not None and running.number == number):
                 self.inject(order)
         for node in self.nodes.values():
-            if node.timers.next_ns() <= self.now_ns:
+            if node.timers.next_ns <= self.now_ns:
                 node.run_timers(self.now_ns)
 
     def _release(self) -> list[Frame]:
@@ -146,7 +146,7 @@ class OneLeg:
         while self._outbox and self._outbox[0][0] <= self.now_ns:
             time_ns, _, drive, frame = heapq.heappop(self._outbox)
             if self.nodes[drive].reaches_bus(frame, time_ns):
-                sent.append(frame._replace(time_ns=time_ns))
+                sent.append(Frame(frame.can_id, frame.data, time_ns))
         return sent
 
     # --- faults -------------------------------------------------------------------------------

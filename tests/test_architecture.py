@@ -18,6 +18,7 @@ FOLDER = {
     "gaitd_client": PROJECT / "clients" / "python",
     "gaitd_display": PROJECT / "clients" / "display",
     "gaitd_session": PROJECT / "clients" / "session",
+    "gaitd_assist": PROJECT / "clients" / "assist",
 }
 
 
@@ -60,6 +61,11 @@ PLANTS = (
     Plant("daemon.core", "gaitd_client.stream", MESSAGES),
     Plant("gaitd_display", "daemon.ipc.record", "the display sees messages alone"),
     Plant("gaitd_session", "daemon.ipc.record", "a session sees the client library alone"),
+    Plant(
+        "gaitd_assist",
+        "daemon.ipc.record",
+        "the reference controller sees the client library alone",
+    ),
 )
 
 

@@ -17,6 +17,8 @@ CLIENT_PYPROJECT = tomllib.loads((CLIENT / "pyproject.toml").read_text(encoding=
 DISPLAY = PROJECT / "clients" / "display"
 SESSION = PROJECT / "clients" / "session"
 SESSION_PYPROJECT = tomllib.loads((SESSION / "pyproject.toml").read_text(encoding="utf-8"))
+ASSIST = PROJECT / "clients" / "assist"
+ASSIST_PYPROJECT = tomllib.loads((ASSIST / "pyproject.toml").read_text(encoding="utf-8"))
 DISPLAY_PYPROJECT = tomllib.loads((DISPLAY / "pyproject.toml").read_text(encoding="utf-8"))
 CLIENT_NAME = "gaitd-client"
 PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
@@ -36,7 +38,8 @@ def test_no_installed_distribution_claims_a_name_of_ours(rival):
 
 
 @pytest.mark.parametrize(
-    "project", [PYPROJECT, CLIENT_PYPROJECT, DISPLAY_PYPROJECT, SESSION_PYPROJECT]
+    "project",
+    [PYPROJECT, CLIENT_PYPROJECT, DISPLAY_PYPROJECT, SESSION_PYPROJECT, ASSIST_PYPROJECT],
 )
 def test_the_installed_version_is_the_one_of_the_project_file(project):
     assert importlib.metadata.version(project["project"]["name"]) == project["project"]["version"]
@@ -58,7 +61,7 @@ def test_the_display_needs_the_versions_that_are_pinned_for_it():
     assert DISPLAY_PYPROJECT["build-system"] == PYPROJECT["build-system"]
 
 
-@pytest.mark.parametrize("folder", [CLIENT, DISPLAY, SESSION])
+@pytest.mark.parametrize("folder", [CLIENT, DISPLAY, SESSION, ASSIST])
 def test_a_source_distribution_has_the_licence_itself(folder):
     licence = folder / "LICENSE"
 
@@ -66,11 +69,10 @@ def test_a_source_distribution_has_the_licence_itself(folder):
     assert licence.read_bytes() == (PROJECT / "LICENSE").read_bytes()
 
 
-def test_the_session_needs_nothing_that_gaitd_does_not_pin():
-    assert set(SESSION_PYPROJECT["project"]["dependencies"]) <= {
-        *PYPROJECT["project"]["dependencies"]
-    }
-    assert SESSION_PYPROJECT["build-system"] == PYPROJECT["build-system"]
+@pytest.mark.parametrize("own", [SESSION_PYPROJECT, ASSIST_PYPROJECT])
+def test_a_client_needs_nothing_that_gaitd_does_not_pin(own):
+    assert set(own["project"]["dependencies"]) <= {*PYPROJECT["project"]["dependencies"]}
+    assert own["build-system"] == PYPROJECT["build-system"]
 
 
 def built(project: Path, folder: Path) -> zipfile.ZipFile:
@@ -103,16 +105,18 @@ def test_the_clients_wheel_holds_its_package_with_types_schemas_and_licence(tmp_
     assert b"Apache License" in wheel.read(licence)
 
 
-def test_the_sessions_wheel_holds_its_package_with_types_command_and_licence(tmp_path):
-    wheel = built(SESSION, tmp_path)
+@pytest.mark.parametrize(("folder", "name"), [(SESSION, "session"), (ASSIST, "assist")])
+def test_a_clients_wheel_holds_its_package_with_types_command_and_licence(folder, name, tmp_path):
+    wheel = built(folder, tmp_path)
     names = set(wheel.namelist())
-    files = {f"gaitd_session/{file.name}" for file in (SESSION / "gaitd_session").glob("*.*")}
+    files = {f"gaitd_{name}/{file.name}" for file in (folder / f"gaitd_{name}").glob("*.*")}
 
-    assert "gaitd_session/py.typed" in files
+    assert f"gaitd_{name}/py.typed" in files
     assert {name for name in names if ".dist-info/" not in name} == files
     papers = {name.split(".dist-info/")[-1]: name for name in names}
     assert b"Apache License" in wheel.read(papers["licenses/LICENSE"])
-    assert b"gaitd-session = gaitd_session.program:main" in wheel.read(papers["entry_points.txt"])
+    command = f"gaitd-{name} = gaitd_{name}.program:main"
+    assert command.encode() in wheel.read(papers["entry_points.txt"])
 
 
 def test_the_displays_wheel_holds_its_pages_and_both_licences(tmp_path):

@@ -126,6 +126,14 @@ def offences(pattern: str, flags: int = 0) -> list[str]:
     ]
 
 
+def test_a_docstring_can_be_understood_without_the_name_above_it():
+    files = (file for file in tracked_files() if file.suffix == ".py" and name_of(file) != THIS)
+    begins = re.compile(r'^ *"""Of ', re.MULTILINE)
+    found = [name_of(file) for file in files if begins.search(text_of(file))]
+
+    assert not found, "\n".join(['a docstring begins with "Of":', *found])
+
+
 def test_nothing_is_left_for_later():
     assert not offences(r"\b(TODO|FIXME|XXX)\b")
 
@@ -181,6 +189,7 @@ GUIDED = (
     *("clients/python/gaitd_client", "clients/python/gaitd_client/wire"),
     "clients/display/gaitd_display",
     "clients/session/gaitd_session",
+    "clients/assist/gaitd_assist",
 )
 
 

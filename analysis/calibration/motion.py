@@ -30,7 +30,7 @@ SETTLE_ROWS: Final = 20
 """Time after a start before innovations count."""
 BLOCK_S: Final = 2.0
 HELD_OUT_OF: Final = 4
-"""Of this many blocks in a row the last one is held out."""
+"""One period: of this many blocks in a row the last one is held out."""
 REST: Final = (0.01, 0.004)
 """Smoothed speeds, rad/s and m/s, below which an axis counts as resting."""
 REST_MARGIN_ROWS: Final = 10

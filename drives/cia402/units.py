@@ -32,7 +32,7 @@ _UNITS_PER_COUNT: Final[dict[SpeedUnit | DecelerationUnit, float]] = {
 """Per count/s or count/s²; units that are not listed are rpm or rpm/s."""
 _RPM_PER_REV_PER_S: Final = 60.0
 _FLOAT_SLACK: Final = 1e-6
-"""Of one count: 11999.9999999 counts as 12000 with a rounding error."""
+"""Part of one count: 11999.9999999 counts as 12000 with a rounding error."""
 
 
 class AxisScaling(NamedTuple):

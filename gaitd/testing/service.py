@@ -283,10 +283,11 @@ class Service(ServiceProcesses):
         end_ns = checked_ns + round(within_s * NS_PER_S)
         with self._fast():
             while failed_polls * poll_s < HANG_S:
+                # Before the condition: time may pass fast, or begin anew, while that is checked.
+                now_ns = self.clock.now_ns()
                 with contextlib.suppress(FileNotFoundError, RingError):
                     if reached():
                         return
-                now_ns = self.clock.now_ns()
                 if now_ns >= end_ns:
                     raise ServiceError(f"not reached within {within_s:g} s\n{self.logs()}")
                 failed_polls = failed_polls + 1 if now_ns == checked_ns else 0

@@ -72,6 +72,8 @@ class CellResult(msgspec.Struct, frozen=True, kw_only=True):
     enabled_anew: tuple[str, ...] = ()
     lost_power: tuple[str, ...] = ()
     """Drives that switched their power stage off."""
+    powerless_at_once: tuple[str, ...] = ()
+    """Drives whose first stopping frame switched the power stage off, while they were enabled."""
     active_again: bool = False
     beyond_hip_deg: float = 0.0
     """Largest excess over the limits of limits.toml."""
@@ -230,6 +232,7 @@ class _RunningCell:
             together=self._together(frames, samples),
             enabled_anew=watch.enabled_again(samples),
             lost_power=watch.lost_power(samples),
+            powerless_at_once=self._powerless(frames, samples),
             active_again=_active_again(records),
             beyond_hip_deg=round(math.degrees(beyond[0]), 2),
             beyond_slide_mm=round(beyond[1] * 1e3, 1),
@@ -243,6 +246,17 @@ class _RunningCell:
         if stop is not None and self._mode.active:
             stopped_ns = stop.sync_mono_ns + self._session.bus.behind_ns
         return watch.stop_frames(self._session.bus.sent, nodes, self._begun_ns, stopped_ns)
+
+    def _powerless(self, told: StopFrames, samples: list[watch.Sample]) -> tuple[str, ...]:
+        left_ns = watch.left_enabled(samples, self._begun_ns)
+        return tuple(
+            axis
+            for axis, told_ns, gone_ns in zip(
+                AXES, (told.hip_ns, told.slide_ns), left_ns, strict=True
+            )
+            if axis in told.powerless and told_ns is not None
+            if gone_ns is None or gone_ns >= told_ns
+        )
 
     def _dropped(self, samples: list[watch.Sample]) -> bool:
         """Return whether a drive that was enabled is not any more."""

@@ -9,7 +9,8 @@
 4.  The leg comes to rest, unless it has no power or is still guided by hand; and no joint moves
     farther than its mechanical stop and the stop's deflection, which is larger where a patient or a
     drive throws a leg of which a drive has lost its power: no speed limit holds for it then
-    (`Law.pushed`, `Law.runs_away`).
+    (`Law.pushed`, `Law.runs_away`). A stop begins without power in an S0 alone, and only for the
+    axis of the cause where its feedback is in doubt: any other drive loses it by escalation.
 5.  A mode that need not stop continues, and nothing is latched.
 6.  No exception leaves the loop except an injected one, and then the loop ends with its exit code.
 """
@@ -18,7 +19,7 @@ from collections.abc import Iterator, Set
 from typing import Final
 
 from daemon.ipc.record import Cause, Mode, StopCategory
-from daemon.wire.causes import FIXED_CATEGORY
+from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY
 from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
@@ -142,8 +143,20 @@ def _stopping(cell: CellResult, right: Law) -> Iterator[str]:
         yield f"category {cell.category}, right is {_names(categories)}"
     if not (cell.together or right.may_part):
         yield "the axes were not told to stop between the same two SYNCs"
+    yield from _power(cell, right)
     yield from _reaction(cell, right)
     yield from _place(cell, right)
+
+
+def _power(cell: CellResult, right: Law) -> Iterator[str]:
+    if right.exit_code is not None:  # the next core finds the drives enabled
+        return
+    allowed = set(AXES) if cell.category == StopCategory.S0.name else set[str]()
+    if Cause[cell.causes[0]] in DOUBTFUL_FEEDBACK:
+        allowed &= {cell.drive}
+    beyond = set(cell.powerless_at_once) - allowed
+    if beyond:
+        yield f"without power at once: {_names(beyond)}, right is {_names(allowed)}"
 
 
 def _reaction(cell: CellResult, right: Law) -> Iterator[str]:
@@ -161,15 +174,14 @@ def _reaction(cell: CellResult, right: Law) -> Iterator[str]:
 def _place(cell: CellResult, right: Law) -> Iterator[str]:
     ended = right.exit_code is not None
     without_power = cell.category == StopCategory.S0.name
-    pushed_on = right.pushed and len(cell.lost_power) > 0
+    explained = parts_of(cell.fault) is not None or _had_s0(cell)
+    pushed_on = right.pushed and explained and len(cell.lost_power) > 0
     moves_on = _is_without_power(cell) or (pushed_on and cell.final_mode == Mode.STOPPING.name)
     if cell.final_mode != Mode.FAULT.name and not ended and not moves_on:
         yield f"in mode {cell.final_mode} at the end, right is FAULT"
     led = COLUMNS[cell.mode].mode == Mode.HAND_GUIDING
     # The second fault of a pair may make an S0 of a stop: its leg then swings without power.
-    swings = parts_of(cell.fault) is not None and any(
-        FIXED_CATEGORY.get(Cause[one]) is StopCategory.S0 for one in cell.causes
-    )
+    swings = parts_of(cell.fault) is not None and _had_s0(cell)
     held = not without_power and not swings and not led and not pushed_on
     stopped = min((one for one in (cell.told_cycles, cell.left_cycles) if one), default=0.0)
     if held and (cell.rest_cycles is None or cell.rest_cycles - stopped > REST_CYCLES):
@@ -185,10 +197,15 @@ def _place(cell: CellResult, right: Law) -> Iterator[str]:
         )
 
 
+def _had_s0(cell: CellResult) -> bool:
+    """True if one of its causes demands an S0."""
+    return any(FIXED_CATEGORY.get(Cause[one]) is StopCategory.S0 for one in cell.causes)
+
+
 def _is_without_power(cell: CellResult) -> bool:
     """True if the leg still moves after an S0: FAULT comes after 3 s."""
     return cell.category == StopCategory.S0.name and cell.final_mode == Mode.STOPPING.name
 
 
-def _names(names: set[str]) -> str:
+def _names(names: Set[str]) -> str:
     return " or ".join(sorted(names)) or "nothing"

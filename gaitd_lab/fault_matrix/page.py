@@ -67,11 +67,14 @@ def page(results: Sequence[CellResult]) -> str:
     return markdown.page(
         _HEAD.format(seed=seed, count=len(results), open_count=len(bad)),
         *(_table(table, cells) for table in TABLES),
-        _columns(),
-        _rows(),
-        _exceptions(),
+        *laws(),
         _open(bad),
     )
+
+
+def laws() -> tuple[str, ...]:
+    """Return the sections that follow from the laws alone, without a result."""
+    return _columns(), _rows(), _exceptions()
 
 
 def entry(cells: Sequence[CellResult]) -> str:

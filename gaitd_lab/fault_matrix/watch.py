@@ -19,6 +19,8 @@ SAMPLE_NS: Final = 5_000_000
 REST_NS: Final = 100_000_000
 """Time without motion after which a leg is at rest."""
 ENABLE_WORD: Final = 0x0F
+QUICK_STOP: Final = 0b010
+"""Bits 1 and 2 of the controlword of a quick stop."""
 PUSHING: Final = PowerState.OPERATION_ENABLED
 AXES: Final = ("right/hip", "right/slide")
 LEG: Final = "right"
@@ -143,6 +145,8 @@ class StopFrames(NamedTuple):
     slide_ns: int | None
     together: bool
     """True if between the same two SYNCs."""
+    powerless: tuple[str, ...]
+    """Drives whose first stopping frame switched the power stage off."""
 
 
 def stop_frames(
@@ -157,15 +161,22 @@ def stop_frames(
         stopped_ns: SYNC of the first record of a stop: commands after it brake, also those that
             leave a drive enabled (S2); None: there was no such record.
     """
-    results: list[tuple[int, int] | None] = []
-    for node in nodes:
-        enabled = _enabled_before(sent, node, begun_ns)
-        stops = _stops(sent, node, begun_ns, stopped_ns if enabled else None)
-        results.append(next(stops, None) if enabled else None)
-    hip, slide = results
-    syncs = {one[1] for one in results if one is not None}
+    stops = [
+        list(_stops(sent, node, begun_ns, stopped_ns))
+        if _enabled_before(sent, node, begun_ns)
+        else []
+        for node in nodes
+    ]
+    hip_ns, slide_ns = (of_axis[0].time_ns if of_axis else None for of_axis in stops)
     return StopFrames(
-        None if hip is None else hip[0], None if slide is None else slide[0], len(syncs) <= 1
+        hip_ns,
+        slide_ns,
+        together=len({of_axis[0].sync_count for of_axis in stops if of_axis}) <= 1,
+        powerless=tuple(
+            axis
+            for axis, of_axis in zip(AXES, stops, strict=True)
+            if of_axis and _is_powerless(of_axis)
+        ),
     )
 
 
@@ -179,10 +190,33 @@ def _enables(frame: Frame) -> bool:
     return frame.data[0] & ENABLE_WORD == ENABLE_WORD
 
 
+class _Stop(NamedTuple):
+    """A frame that stops a drive."""
+
+    time_ns: int
+    sync_count: int
+    """Number of SYNCs before it."""
+    word: int | None
+    """Low byte of the controlword; None: NMT stop."""
+
+
+def _is_powerless(stops: Sequence[_Stop]) -> bool:
+    """True if the first frame is shutdown or disable voltage (CiA 402-2, table 28).
+
+    That is each controlword but quick stop and those with bits 0 to 2 set. It is not in effect
+    where an NMT stop follows before the next SYNC: the drive then stops by itself.
+    """
+    first = stops[0]
+    if any(one.word is None and one.sync_count == first.sync_count for one in stops):
+        return False
+    word = first.word or 0
+    return word & 0b110 != QUICK_STOP and word & 0b111 != 0b111
+
+
 def _stops(
     sent: Sequence[Frame], node: int, begun_ns: int, stopped_ns: int | None
-) -> Iterator[tuple[int, int]]:
-    """Time of each frame that stops this node, with the number of SYNCs before it."""
+) -> Iterator[_Stop]:
+    """Each frame that stops this node."""
     sync_count = 0
     for one in sent:
         if one.can_id == SYNC_ID:
@@ -190,11 +224,11 @@ def _stops(
         if one.time_ns < begun_ns:
             continue
         if one.can_id == 0 and one.data[0] == NmtCommand.STOP and one.data[1] in (0, node):
-            yield one.time_ns, sync_count
+            yield _Stop(one.time_ns, sync_count, None)
         elif one.can_id == 0x200 + node:
             braking = stopped_ns is not None and one.time_ns >= stopped_ns
             if braking or not _enables(one):
-                yield one.time_ns, sync_count
+                yield _Stop(one.time_ns, sync_count, one.data[0])
 
 
 def first_stop(records: Sequence[CycleRecord]) -> CycleRecord | None:

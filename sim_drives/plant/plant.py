@@ -5,6 +5,7 @@ is the argument of `advance`. All random values come from the seed, one stream f
 """
 
 import math
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisS
 from sim_drives.plant.dynamics import WORK, Constants, State, advance_steps
 from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order
 from sim_drives.plant.patient import EFFORT, compile_programme, resting_stride
-from sim_drives.plant.settings import Loops, Motor, Motors, PlantTables
+from sim_drives.plant.settings import Loops, Motor, Motors, PlantTables, Programme, Steady
 from sim_drives.plant.stick_slip import JOINT, LAW_CODES, STICKING, Bristles
 from sim_drives.plant.stops import joint_stops, leg_reach
 from sim_drives.plant.truth import Truth
@@ -41,6 +42,12 @@ COASTING: Final = AxisActuation(
     position_max_si=math.inf,
 )
 """The order of a drive at power-on: no torque."""
+
+COMPUTED: Final = Programme(
+    name="computed",
+    effort=(Steady(at_s=0.0, until_s=math.inf, rise_s=0.0, fall_s=0.0, hip_nm=0.0, slide_n=0.0),),
+)
+"""The programme of a patient whose effort is set by `Trainer.exert`."""
 
 
 class PlantError(ValueError):
@@ -221,9 +228,16 @@ class Trainer:
         """
         if name not in self._programmes:
             raise UnknownProgrammeError(name, self.programmes)
-        self._programme, self._repeat_s = compile_programme(self._programmes[name])
-        self._programme_name = name
-        self._programme_start = self._step_index
+        self._start_programme(self._programmes[name])
+
+    def exert(self, hip_nm: float, slide_n: float) -> None:
+        """Set the patient's effort until the next call; replaces the programme.
+
+        For a patient who is computed elsewhere, for example one who reacts to the motion.
+        """
+        if self._programme_name != COMPUTED.name:
+            self._start_programme(COMPUTED)
+        self._programme["peak"] = (hip_nm, slide_n)
 
     def advance(self, to_ns: int) -> int:
         """Advance the plant to `to_ns`, or until a flag newly rises on either axis.
@@ -275,7 +289,7 @@ class Trainer:
 
     def flags(self, axis: int) -> AxisFlag:
         """Return the present flags of the axis."""
-        return AxisFlag(int(self._state.loops[axis]["flags"]))
+        return _flag(int(self._state.loops[axis]["flags"]))
 
     def truth(self) -> Truth:
         """Return the present true state, including what no drive measures."""
@@ -300,6 +314,11 @@ class Trainer:
         """Work done on the mechanism since the start, J: by drives, patient, friction, contact."""
         return {name: float(self._state.work[name][0]) for name in WORK.fields or ()}
 
+    def _start_programme(self, programme: Programme) -> None:
+        self._programme, self._repeat_s = compile_programme(programme)
+        self._programme_name = programme.name
+        self._programme_start = self._step_index
+
     @property
     def _grid_ns(self) -> int:
         return self._start_ns + self._step_index * self._step_ns
@@ -314,6 +333,12 @@ class Trainer:
         velocity = joint["velocity"] + joint["acceleration"] * ahead_s
         position = joint["position"] + ahead_s * (joint["velocity"] + velocity) * 0.5
         return float(position), float(velocity)
+
+
+@cache
+def _flag(value: int) -> AxisFlag:
+    """The flags of a number; kept, because they are read some thirty times in a cycle."""
+    return AxisFlag(value)
 
 
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:

@@ -1,7 +1,5 @@
 """Limits that only motion shows: found with every make of drive, and never without a reason."""
 
-from itertools import cycle
-
 import pytest
 from sessions import (
     changed_configs,
@@ -11,7 +9,7 @@ from sessions import (
     position_guidance,
     reaches_rest_in_fault,
 )
-from stopping_faults import FAULTS
+from stopping_faults import STOPPING, other_axis
 
 from daemon.core.steps import monitors
 from daemon.ipc.record import Cause, Mode
@@ -176,24 +174,19 @@ def blind(session, monkeypatch):
 
 
 OBSERVERS_OWN = {Cause.OBSERVER_INVALID, Cause.SPASM}
-BLIND_FAULTS = [
-    *FAULTS,
-    ("wrong_sign {}", {Cause.SIGN_WRONG}),
-    ("encoder_reversed {}", {Cause.SIGN_WRONG}),
-    ("torque_offset {} - 3000", {Cause.EFFORT_DEVIATION}),
-]
 
 
 @pytest.mark.parametrize(
     ("fault", "causes", "drive"),
     [
-        pytest.param(*fault, drive, id=fault[0].split()[0])
-        for fault, drive in zip(BLIND_FAULTS, cycle(DRIVES), strict=False)
+        pytest.param(command, causes, other_axis(row), id=command.split()[0])
+        for row, command, causes in STOPPING
     ],
 )
 def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
     warm_gait, fault, causes, drive, monkeypatch
 ):
+    """On the axis on which `tests/faults` does not play the fault in `make test`."""
     blind(warm_gait, monkeypatch)
 
     warm_gait.command(fault.format(drive))

@@ -15,7 +15,6 @@ import pytest
 from daemon.core.runtime import realtime
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES
 from daemon.ipc.record import Mode, RequestKind
-from drives.bringup import bus_load
 from gaitd_lab.lockstep import LockstepSession
 
 CYCLES = 500
@@ -91,7 +90,6 @@ def warm_mode(request):
 
 def test_cycles_keep_nothing_and_leave_nothing_that_only_a_collector_can_free(warm_mode):
     quiet = Quiet(warm_mode)
-    bus_load.fill_tables()  # as the core's warm-up does
     quiet.turn(max(100, WARM_CYCLES - len(warm_mode.records)))
 
     def turn_and_tidy():
@@ -123,14 +121,3 @@ def test_where_the_collector_runs_by_itself_nothing_is_done(monkeypatch):
     realtime.tidy()
 
     assert asked == []
-
-
-def test_no_byte_of_a_frame_is_worked_out_for_the_first_time_in_service():
-    bus_load.fill_tables()
-    before = bus_load._stuff.cache_info().currsize
-
-    for byte in range(256):
-        for other in range(0, 256, 5):
-            bus_load.frame_bits_exact(0x185, bytes((byte, other, byte ^ other)))
-
-    assert bus_load._stuff.cache_info().currsize <= before + 8  # headers

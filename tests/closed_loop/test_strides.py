@@ -22,7 +22,7 @@ def strides_of(session, leg=0):
 
 
 def true_work(session, index, stride):
-    """Of the plant's patient with the motion, over the samples of the stride."""
+    """Work of the plant's patient with the motion, over the samples of the stride."""
     records = session.records[index - LAG - stride.sample_count : index - LAG]
     rows = {row.sync_mono_ns: row for row in session.truth.rows}
     truth = [rows[record.sync_mono_ns] for record in records]

@@ -20,7 +20,7 @@ PERIOD_S = 0.01
 
 
 def assert_no_jump(session, begun, begun_rows, ended_rows):
-    """Of what was sent since then, and of what the plant felt since then and until then."""
+    """Neither what was sent since then jumps, nor what the plant felt from then to then."""
     powered = [one for one in session.records[begun:] if one.mode >= Mode.STOPPING]
     rows = session.truth.rows[begun_rows:ended_rows]
     for index, axis in enumerate(session.core.axes):

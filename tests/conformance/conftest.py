@@ -10,7 +10,7 @@ PLAIN = {"personality": "generic", "eds": "drives/generic402.eds"}
 PAST_BOOT_NS = 500_000_000
 ELMO = {"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}
 MAKES = {"generic": PLAIN, "elmo_gold": ELMO}
-"""Of node 6, a slide."""
+"""Files of node 6, a slide."""
 
 
 @pytest.fixture

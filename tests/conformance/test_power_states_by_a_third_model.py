@@ -59,7 +59,7 @@ class PdoDrive:
 
     @property
     def state(self):
-        """Of TPDO1 of one more SYNC, with which no controlword comes."""
+        """State in TPDO1 of one more SYNC, with which no controlword comes."""
         self.bench.forget()
         self.bench.send(0x080)
         self.bench.run_ms(10)

@@ -49,7 +49,7 @@ PROJECT = Path(__file__).parents[2]
 CONFIGS = PROJECT / "configs"
 COUNT = 2000
 FILE_COUNT = 60
-"""Of what is a file: each is written and read."""
+"""Count for files: each is written and read."""
 
 LEVEL = msgspec.msgpack.encode(
     GatewayState(

@@ -1,5 +1,3 @@
-import random
-
 import pytest
 from drive_files import CYCLE, drive
 from hypothesis import given
@@ -147,17 +145,3 @@ def test_the_load_is_the_sum_of_its_streams():
 
     assert load.busy_ratio == pytest.approx(used / 500_000)
     assert len(load.streams) == 2 + 2 * 6
-
-
-def test_after_the_tables_are_filled_no_data_adds_anything_to_them():
-    rng = random.Random(1)
-    for count in range(9):
-        bus_load_module.fill_tables()
-        frame_bits_exact(0x185, bytes(count))  # the header has a table of its own
-        tables = (bus_load_module._crc_of_byte, bus_load_module._stuff)
-        before = [table.cache_info().misses for table in tables]
-
-        for _ in range(50):
-            frame_bits_exact(0x185, rng.randbytes(count))
-
-        assert [table.cache_info().misses for table in tables] == before

@@ -205,7 +205,7 @@ def test_what_the_eds_says_against_a_plan_is_told(tmp_path, key, old, new, words
 
 
 def objections_to_generic(tmp_path, key, old, new):
-    """Of an EDS with one line of one object changed."""
+    """Objections to an EDS with one line of one object changed."""
     text = (FOLDER / "generic402.eds").read_text(encoding="utf-8")
     head, object_, tail = text.partition(f"[{key}]\n")
     body, blank, rest = tail.partition("\n\n")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from stopping_faults import sample
 
 from daemon.ipc.record import Cause, Mode
 from gaitd_lab.fault_matrix import page, pairs
@@ -32,18 +33,6 @@ NOT_IN_OPERATION = {
     FaultKind.SLOW_STATE: "of the power state machine, tests/closed_loop/test_faults.py",
 }
 """Faults of the virtual drives without a row, with where they are tested."""
-
-
-def sample():
-    """Each fault once, modes and axes in turn; where its mode has no power, in the gait as well."""
-    found = []
-    for number, fault in enumerate(sorted(FAULTS)):
-        turn, place = divmod(number, len(COLUMNS))
-        own = list(COLUMNS.values())[place]
-        for mode in [own.name, *["gait_impedance"] * (own.group is Group.IDLE)]:
-            on_each_axis = cells((fault,), (mode,))
-            found.append(on_each_axis[turn % len(on_each_axis)])
-    return found
 
 
 def pytest_generate_tests(metafunc):
@@ -331,7 +320,9 @@ RUNAWAY = msgspec.structs.replace(
     causes=("SIGN_WRONG",),
     category="S0",
     final_cause="SIGN_WRONG",
+    drive="right/slide",
     lost_power=("right/hip", "right/slide"),
+    powerless_at_once=("right/slide",),
     beyond_hip_deg=11.15,
 )
 """The slide's fault reaction brakes by a reversed encoder, and overpowers the hip's drive."""
@@ -395,6 +386,9 @@ def test_a_good_cell_breaks_no_law(well):
         (PUSHED, {"lost_power": (), "causes": ("EMERGENCY",)}, "at rest after None"),
         (PUSHED, {"fault": "emcy_6xxx_fault"}, "beyond its limit"),
         (OVERPOWERED, {"lost_power": ()}, "in mode STOPPING"),
+        (OVERPOWERED, {"causes": ("EFFORT_DEVIATION",)}, "in mode STOPPING"),
+        (WELL, {"powerless_at_once": ("right/hip",)}, "without power at once: right/hip"),
+        (RUNAWAY, {"powerless_at_once": ("right/hip", "right/slide")}, "right is right/slide"),
         (OVERPOWERED, {"beyond_hip_deg": 36.1}, "36 is its stop"),
         (RUNAWAY, {"lost_power": ("right/slide",)}, "8.9 is its stop"),
         (RUNAWAY, {"beyond_hip_deg": 36.1}, "36 is its stop"),

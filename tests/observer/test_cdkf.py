@@ -67,7 +67,7 @@ def filtered(system, predict=PREDICT, update=UPDATE, root=None):
 
 
 def worst_difference(system, predict=PREDICT, update=UPDATE):
-    """Of means (absolute), of covariances (relative) and of NIS (relative)."""
+    """Errors of means (absolute), covariances (relative) and NIS (relative)."""
     worst = np.zeros(3)
     for (x, P, nis), (mean, S, ours) in zip(
         system.joseph(), filtered(system, predict, update), strict=True

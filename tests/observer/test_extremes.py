@@ -31,7 +31,7 @@ LEGS = {
     "110 kg": balanced(with_patient(EXOSKELETON, GEOMETRY, 110.0, 1.9)),
 }
 ROWS = [50_000, pytest.param(250_000, marks=pytest.mark.thorough)]
-"""Of each of the four legs: a million in all."""
+"""Rows of each of the four legs: a million in all."""
 
 
 def rough(leg, rows, seed):

@@ -27,7 +27,7 @@ from drives.canopen.bus import Frame
 SUPPORT = Path(__file__).parents[1] / "support"
 CACHE = Path.home() / ".cache" / "gaitd" / "numba-generic"
 TIMEOUT_S = 2400
-"""Of a machine on which much else runs; two or three minutes on one that is free."""
+"""For a machine on which much else runs; two or three minutes on one that is free."""
 LINE = re.compile(r"\((\d+)\.(\d{6})\) \w+ ([0-9A-F]+)#([0-9A-F]*)")
 SCRIPT = """
 modprobe vcan; modprobe can-raw

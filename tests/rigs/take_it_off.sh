@@ -2,6 +2,9 @@
 systemctl start gaitd-sim gaitd.target
 systemctl enable --quiet gaitd.target
 bash /opt/source/scripts/install.sh files > while_it_runs 2>&1 || true
+systemctl stop gaitd-sim gaitd.target gaitd-core gaitd-gateway
+systemctl start gaitd-therapist
+bash /opt/source/scripts/install.sh files > while_a_page_runs 2>&1 || true
 bash /opt/source/scripts/install.sh uninstall > uninstall
 systemctl show --value --property=LoadState gaitd.target gaitd-core gaitd-gateway > loaded
 ours() {
@@ -13,5 +16,5 @@ ours > left_by_uninstall
 ls /etc/gaitd/trainer.toml /var/lib/gaitd/axes.json /var/lib/gaitd/requests.jsonl > kept
 bash /opt/source/scripts/install.sh purge > purge
 ours > left_by_purge
-getent passwd gaitd-core gaitd-gateway gaitd-sim >> left_by_purge || true
-getent group gaitd >> left_by_purge || true
+getent passwd gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist >> left_by_purge || true
+getent group gaitd gaitd-training gaitd-patient gaitd-therapist >> left_by_purge || true

@@ -31,7 +31,7 @@ READABLE_PX = 32
 DAY_NS = 86_400_000_000_000
 VISIBLE = "{visibilityProperty: true}"
 HOUR_STRIDES = 1440
-"""Of an hour at 0.4 Hz."""
+"""Strides of an hour at 0.4 Hz."""
 
 
 @pytest.fixture(scope="module")

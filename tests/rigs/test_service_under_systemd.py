@@ -17,7 +17,7 @@ PROJECT = HERE.parents[1]
 PACKAGES = distribution("msgspec").locate_file("")
 PLAY = '/opt/gaitd/bin/python /opt/source/tests/rigs/trainer_under_systemd.py "$PWD/seen.json"'
 TIMEOUT_S = 2400
-"""Of a machine on which much else runs; three minutes on one that is free."""
+"""For a machine on which much else runs; three minutes on one that is free."""
 NOT_FOR_YOU = {"Permission denied", "Read-only file system", "Operation not permitted"}
 NO_SUCH_FAMILY = "Address family not supported by protocol"
 NO_POWER = {"OFF", "BRINGING_UP", "READY", "FAULT"}
@@ -79,6 +79,7 @@ def lines(story, name):
 
 def test_an_installation_leaves_everything_stopped_and_disabled(story):
     assert lines(story, "after_install") == ["disabled"] * 4 + ["inactive"] * 4
+    assert "not compiled yet" not in (story / "install").read_text()
 
 
 def test_an_upgrade_keeps_the_configuration_and_lays_its_own_beside_it(story):
@@ -86,7 +87,8 @@ def test_an_upgrade_keeps_the_configuration_and_lays_its_own_beside_it(story):
 
 
 def test_nothing_is_installed_under_a_service_that_runs(story):
-    assert "runs: `systemctl stop gaitd.target" in (story / "while_it_runs").read_text()
+    assert "gaitd-core runs: `systemctl stop gaitd.target" in (story / "while_it_runs").read_text()
+    assert "gaitd-therapist runs: `systemctl stop" in (story / "while_a_page_runs").read_text()
 
 
 def test_an_uninstall_leaves_configuration_state_and_users_alone(story):
@@ -95,11 +97,23 @@ def test_an_uninstall_leaves_configuration_state_and_users_alone(story):
     left = [
         line for line in lines(story, "left_by_uninstall") if not line.startswith("/etc/systemd")
     ]
-    assert left == ["/etc/gaitd", "/var/lib/gaitd"]
+    assert left == ["/etc/gaitd", "/etc/gaitd-display", "/var/lib/gaitd", "/var/lib/gaitd-patient"]
 
 
 def test_a_purge_leaves_nothing(story):
     assert lines(story, "left_by_purge") == []
+
+
+# --- the pages ----------------------------------------------------------------------------------
+
+
+def test_both_pages_answer_and_the_therapist_s_reads_the_history_of_the_patient_s(story):
+    step = seen(story, "pages")
+    assert step["alive"] == {"patient": "ok", "therapist": "ok"}
+    assert step["users"] == {"patient": "gaitd-patient", "therapist": "gaitd-therapist"}
+    assert step["progress"]["troubles"] == []
+    assert step["progress"]["profile"]["id"] == "7f3k9m2q"
+    assert step["results"] == {"patient": "success", "therapist": "success"}
 
 
 # --- started ------------------------------------------------------------------------------------

@@ -7,13 +7,16 @@ python=/usr/bin/$minor
 [ -x $python ] || python=/opt/python/bin/python3
 $python -m venv --without-pip /opt/gaitd-here
 ln -s /opt/gaitd-here /opt/gaitd
-printf '/opt/source\n/opt/source/clients/python\n/opt/packages\n' > /opt/gaitd/lib/$minor/site-packages/here.pth
+printf '/opt/source\n/opt/source/clients/%s\n' python session display > /opt/gaitd/lib/$minor/site-packages/here.pth
+printf '/opt/packages\n' >> /opt/gaitd/lib/$minor/site-packages/here.pth
 printf '#!/opt/gaitd/bin/python\nfrom gaitd.__main__ import main\nmain()\n' > /opt/gaitd/bin/gaitd
-chmod 755 /opt/gaitd/bin/gaitd
+printf '#!/opt/gaitd/bin/python\nfrom gaitd_display.__main__ import main\nmain()\n' > /opt/gaitd/bin/gaitd-display
+chmod 755 /opt/gaitd/bin/gaitd /opt/gaitd/bin/gaitd-display
 
 bash /opt/source/scripts/install.sh files > install
 parts="gaitd.target gaitd-core gaitd-gateway gaitd-sim"
 { systemctl is-enabled $parts; systemctl is-active $parts; } > after_install || true
+bash /opt/source/scripts/install.sh display-files > install_display
 
 # The desk's bus, and virtual drives that have never been commissioned. A quick start of a gait.
 examples=/usr/share/doc/gaitd/examples units=/etc/systemd/system

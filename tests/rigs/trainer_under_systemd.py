@@ -16,6 +16,8 @@ import subprocess
 import sys
 import time
 import traceback
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Generator
 from pathlib import Path
 from typing import TypeVar
@@ -33,6 +35,14 @@ CONTROL = Path("/run/gaitd-sim/control")
 BUS_DROP_IN = Path("/etc/systemd/system/gaitd-core.service.d/20-gaitd-bus.conf")
 SIM_DROP_IN = Path("/etc/systemd/system/gaitd-sim.service.d/60-desk.conf")
 ADMITTED = " --admit-simulated"
+PAGES = {"patient": 8080, "therapist": 8443}
+PAGES_FOLDER = Path("/etc/gaitd-display")
+PASSWORD = "correct horse battery staple"
+SESSION_TABLE = """
+[session]
+profile = "7f3k9m2q.toml"
+history = "/var/lib/gaitd-patient/history.sqlite"
+"""
 TARGET = Target(("tcp/127.0.0.1:7447",), "trainer")
 CORE, GATEWAY, SIM = "gaitd-core", "gaitd-gateway", "gaitd-sim"
 POLL_S = 0.05
@@ -406,6 +416,50 @@ def _changed(drop_in: Path, old: str, new: str) -> Generator[None]:
         run("systemctl", "daemon-reload")
 
 
+def pages() -> Seen:
+    """Both servers as they are shipped, with a profile; the history is that of the patient's."""
+    sys.path.insert(0, "/opt/source/tests/support")
+    from training import PROFILE
+
+    made = subprocess.run(
+        ("/opt/gaitd/bin/gaitd-display", "password"),
+        input=PASSWORD + "\n",
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    profile = PAGES_FOLDER / "7f3k9m2q.toml"
+    profile.write_text(PROFILE)
+    run("chgrp", "gaitd-training", str(profile))
+    profile.chmod(0o640)
+    for name in PAGES:
+        file = PAGES_FOLDER / f"{name}.toml"
+        text = file.read_text().replace('password_hash = "scrypt$"', made.stdout.splitlines()[-1])
+        file.write_text(text + SESSION_TABLE)
+    run("systemctl", "start", *(f"gaitd-{name}" for name in PAGES))
+    alive = {name: wait(lambda name=name: _answer(name, "/alive")[0], name) for name in PAGES}
+    _, cookie = _answer("therapist", "/login", {"password": PASSWORD})
+    progress = json.loads(_answer("therapist", "/progress.json", cookie=cookie)[0])
+    users = {name: shown(f"gaitd-{name}", "User") for name in PAGES}
+    run("systemctl", "stop", *(f"gaitd-{name}" for name in PAGES))
+    results = {name: shown(f"gaitd-{name}", "Result") for name in PAGES}
+    return {"alive": alive, "progress": progress, "users": users, "results": results}
+
+
+def _answer(page: str, path: str, body: Seen | None = None, *, cookie: str = "") -> tuple[str, str]:
+    """Body and cookie of an answer; empty while nothing listens."""
+    origin = f"http://127.0.0.1:{PAGES[page]}"
+    data = None if body is None else json.dumps(body).encode()
+    asked = urllib.request.Request(origin + path, data, {"Origin": origin, "Cookie": cookie})
+    try:
+        with urllib.request.urlopen(asked, timeout=TIMEOUT_S) as answer:
+            return answer.read().decode(), (answer.headers["set-cookie"] or "").partition(";")[0]
+    except urllib.error.HTTPError:
+        raise
+    except urllib.error.URLError:
+        return "", ""
+
+
 UNITS = Path("/usr/lib/systemd/system")
 RUNTIME_UNITS = Path("/run/systemd/system")
 OUT_OF_PROBES = ("ExecStart=", "Type=", "Watchdog", "Restart", "NotifyAccess", "PartOf=", "After=")
@@ -446,7 +500,19 @@ def _probe(name: str, text: str) -> object:
     return json.loads(said[-1]) if said else journal(unit)
 
 
-STEPS = (a_typo, start, probes, reload, silent_drive, walk, gateway_killed, watchdog, killed, stop)
+STEPS = (
+    pages,
+    a_typo,
+    start,
+    probes,
+    reload,
+    silent_drive,
+    walk,
+    gateway_killed,
+    watchdog,
+    killed,
+    stop,
+)
 
 
 def played(step: Callable[[], Seen]) -> Seen:

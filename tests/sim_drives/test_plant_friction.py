@@ -24,7 +24,7 @@ from sim_drives.plant.stick_slip import (
 BRISTLES = (Bristles(2000.0, 44.7), Bristles(1e5, 316.0))
 LAWS = ["paper", "paper_sticking", "lugre"]
 RISE_PER_MS = 5e-5
-"""Of the breakaway load, in one millisecond; ten times as much far below it."""
+"""Part of the breakaway load in one millisecond; ten times as much far below it."""
 
 
 def pushed(plant, push, seconds):

@@ -117,6 +117,20 @@ def test_a_programme_starts_when_it_is_asked_for():
     assert plant.truth().programme == "script"
 
 
+def test_an_effort_from_elsewhere_replaces_the_programme_until_another_one_starts():
+    plant = holding()
+    plant.exert(5.0, -30.0)
+    first = efforts(plant, 0.5)[-1]
+    plant.exert(-2.0, 10.0)
+    second = efforts(plant, 0.5)[-1]
+
+    assert tuple(first) == pytest.approx((5.0, -30.0), rel=1e-3)
+    assert tuple(second) == pytest.approx((-2.0, 10.0), rel=1e-3)
+    assert plant.truth().programme == "computed"
+    plant.patient("passive")
+    assert np.all(np.abs(efforts(plant, 1.0)[-1]) < 1e-6)
+
+
 def test_an_unknown_programme_is_refused_with_the_names_there_are():
     with pytest.raises(UnknownProgrammeError, match="passive, active"):
         trainer().patient("asleep")

@@ -77,8 +77,8 @@ class AnyOrder(RuleBasedStateMachine):
 
     def wait(self, duration_ms):
         end_ns = self.line.now_ns + round(duration_ms * MILLISECOND)
-        while self.timers.next_ns() <= end_ns:
-            self.line.now_ns = self.timers.next_ns()
+        while self.timers.next_ns <= end_ns:
+            self.line.now_ns = self.timers.next_ns
             self.timers.run_due(self.line.now_ns)
         self.line.now_ns = end_ns
 

@@ -42,7 +42,7 @@ class CpuSeconds:
         self._steps = steps
         self._by_item: Counter[str] = Counter()
         self._total_s = 0.0
-        """Of the workers that have ended."""
+        """Sum of the workers that have ended."""
 
     @pytest.hookimpl(wrapper=True, tryfirst=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Generator[None, object, object]:

@@ -45,7 +45,7 @@ def robot_file() -> Robot:
 
 
 def random_friction(seed: int) -> tuple[FrictionParameters, FrictionParameters]:
-    """Of hip and slide, over the range of what such machines have."""
+    """Friction of hip and slide, over the range of what such machines have."""
     rng = np.random.default_rng(seed)
 
     def law(coulomb, viscous, peak, edge):

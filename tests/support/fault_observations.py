@@ -194,11 +194,11 @@ class Watch:
     # --- the ring ---------------------------------------------------------------------------
 
     def records(self) -> list[CycleRecord]:
-        """Of the core that runs now or ran last, since shortly before the fault."""
+        """Records of the core that runs now or ran last, since shortly before the fault."""
         return self._service.records(max(self._seq - 5, 0))
 
     def records_since(self) -> list[CycleRecord]:
-        """Of cycles that began after the fault."""
+        """Records of cycles that began after the fault."""
         return [record for record in self.records() if record.sync_mono_ns >= self.begun_ns]
 
 

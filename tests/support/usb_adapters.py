@@ -94,7 +94,7 @@ class UsbDevice:
         self.near = near
         self._came = b""
         self._wanted: defaultdict[int, deque[tuple[int, int]]] = defaultdict(deque)
-        """Of each endpoint, what the host is ready to take: number and length."""
+        """For each endpoint, what the host is ready to take: number and length."""
         self._said: defaultdict[int, deque[bytes]] = defaultdict(deque)
         self.given: deque[tuple[int, int, bytes]] = deque()
         """Endpoint, number and content of what the host gives, until `accept`."""
@@ -119,7 +119,7 @@ class UsbDevice:
         self._return(number, length)
 
     def _first_size(self) -> int | None:
-        """Of the first request, if all of it is there."""
+        """Length of the first request, if all of it is there."""
         if len(self._came) < SIZE:
             return None
         command, _, _, to_host, _ = HEADER.unpack_from(self._came)

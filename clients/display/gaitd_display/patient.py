@@ -13,6 +13,7 @@ from typing import Any, Final
 import msgspec
 from gaitd_client import Clock, Configuration, NoAnswerError, NotValid, Reply, Trainer
 from gaitd_session import Button
+from gaitd_session.session import AXES
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import Response
@@ -39,7 +40,6 @@ from gaitd_display.web import (
     working,
 )
 
-AXES: Final = ("hip", "slide")
 CONFIGURATION_POLL_S: Final = 1.0
 SETTLED_NS: Final = 1_500_000_000
 """So long a button that begins something is not yet offered, where what it begins has changed."""

@@ -24,6 +24,7 @@ from gaitd_display.texts import Text, Word
 from gaitd_display.training import TrainingView
 from gaitd_display.way_out import (
     ACTION,
+    STOPPED_MODES,
     UNPOWERED_MODES,
     Action,
     Pose,
@@ -33,7 +34,6 @@ from gaitd_display.way_out import (
     WayOut,
 )
 
-STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
 HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
 """CiA 402 power states in which a drive can hold a leg."""
@@ -276,10 +276,12 @@ class PatientState:
     def _note(self, mode: str | None) -> None:
         """Take note of what the alarm and the text of a stop depend on."""
         safety, cause = self._safety, self._cause()
+        cycle = (safety.cycle if safety is not None else None) or 0
+        began_cycle = self._stopped_in.cycle
         if cause == Cause.NONE:
             self._stopped_in = _Stopped()
-        elif self._stopped_in.cycle is None:
-            cycle = 0 if safety is None else safety.cycle
+        elif began_cycle is None or cycle < began_cycle:
+            # The first message of the stop; or of a core that has started again.
             self._stopped_in = _Stopped(cycle, is_active=self._was_active)
         if any(drive.sto_released is False for drive in self._drives.values()):
             self._stopped_in = self._stopped_in._replace(has_emergency_stop=True)

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final
 
 import msgspec
 from gaitd_client import Clock, Mode, NoAnswerError, PlanLimits, Reply, Status, Trainer
+from gaitd_session.session import AXES
 from msgspec import Meta
 from starlette.applications import Starlette
 from starlette.requests import HTTPConnection, Request
@@ -22,7 +23,6 @@ from gaitd_display.login import Attempts, Session, Sessions, read_hash
 from gaitd_display.progress import read_progress
 from gaitd_display.settings import TherapistSettings
 from gaitd_display.therapist_view import (
-    AXES,
     UNKNOWN_PLAN,
     TherapistState,
     TherapistView,

@@ -12,7 +12,6 @@ from gaitd_client import (
     Event,
     Friction,
     Health,
-    Mode,
     NotValid,
     PlanLimits,
     Safety,
@@ -20,10 +19,9 @@ from gaitd_client import (
 )
 
 from gaitd_display.alarm import Alarm
+from gaitd_display.way_out import STOPPED_MODES
 
-AXES: Final = ("hip", "slide")
 SIGNAL_LOST: Final = "no_signal"
-STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 
 
 class Number(msgspec.Struct, frozen=True):

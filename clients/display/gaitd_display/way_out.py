@@ -197,6 +197,7 @@ class Release:
         )
 
 
+STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 UNPOWERED_MODES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
 """Modes without power in the drives, before READY."""
 

@@ -9,7 +9,6 @@ import numpy as np
 from daemon.core.motion import gait_shape
 from daemon.core.runtime.build import Built
 from daemon.core.safety import inverse_dynamics, stopping_path
-from drives.bringup.bus_load import fill_tables
 from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import mass_matrix, ratio_and_load, singularity_ratio
 
@@ -18,7 +17,6 @@ STEPS = 20
 
 def warm_up(built: Built) -> None:
     """Call every kernel once on a core that is discarded afterwards."""
-    fill_tables()
     period_s = built.core.config.period_s
     for leg in built.core.legs:
         angles = gait_shape.gait_angles(leg.shape, 0.0, 0.0)

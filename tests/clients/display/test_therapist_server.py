@@ -22,8 +22,9 @@ from gaitd_display.login import (
 from gaitd_display.progress import read_progress
 from gaitd_display.settings import SessionFiles, TherapistSettings
 from gaitd_display.therapist import COOKIE, TherapistServer
-from gaitd_display.therapist_view import AXES, PlanState, TherapistState, leg_view
+from gaitd_display.therapist_view import PlanState, TherapistState, leg_view
 from gaitd_display.web import LOGIN_OVER
+from gaitd_session.session import AXES
 from gaitd_session.store import BlockRow, SessionRow, Store, StrideRow
 from msgspec.structs import replace
 from starlette.testclient import TestClient

@@ -18,7 +18,7 @@ from daemon.system.clock import MonotonicClock
 from gaitd_lab.processes import free_port
 
 TURNS = 40
-"""Of at most 20 ms: longer than the half second between two words."""
+"""Each takes at most 20 ms: longer than the half second between two words."""
 
 
 @pytest.fixture(scope="module")

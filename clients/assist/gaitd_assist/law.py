@@ -1,0 +1,59 @@
+"""The interface of a law: one leg's newest sample in, its part of the setpoint out."""
+
+from typing import NamedTuple, Protocol
+
+from gaitd_client import Assist
+
+Pair = tuple[float, float]
+"""Hip and slide: rad, rad/s or N·m; m, m/s or N."""
+
+
+class Sample(NamedTuple):
+    """One leg in one cycle, as a law needs it; pairs are hip and slide."""
+
+    dt_s: float
+    """Time since the sample before."""
+    phase_ratio: float | None
+    """Phase 0..1 of the stride; None: no gait plays, for example in mode torque."""
+    cadence_hz: float | None
+    """Strides per second; None: not known in this cycle."""
+    error: Pair
+    """Reference minus estimated pose: rad, m; 0 without a gait."""
+    error_rate: Pair
+    """Its rate of change: rad/s, m/s."""
+    velocity: Pair
+    """Estimated velocity: rad/s, m/s."""
+    friction: tuple[float | None, float | None]
+    """Estimated friction, positive against positive velocity: N·m, N. None: at rest, or not ok."""
+    learns: tuple[bool, bool]
+    """False: a law must not change its memory of this axis now."""
+
+
+class Law(Protocol):
+    """A law of one leg. Its memory is its own; `LegController` decides when it may learn."""
+
+    def begin_gait(self) -> None:
+        """Forget everything: another gait begins."""
+        ...
+
+    def answer(self, sample: Sample, setpoint: Assist) -> Assist:
+        """Return the setpoint with this law's part added.
+
+        Args:
+            sample: the leg now.
+            setpoint: the sum of the laws before this one; the first one gets a neutral setpoint.
+        """
+        ...
+
+    def end_stride(self) -> None:
+        """Learn from the stride that has ended."""
+        ...
+
+    def state(self) -> dict[str, float | list[float]]:
+        """Return the memory for the log, by names that end in their unit."""
+        ...
+
+
+def outside(error: float, dead_band: float) -> float:
+    """Return the part of an error outside of the dead band; 0 within."""
+    return max(error - dead_band, 0.0) + min(error + dead_band, 0.0)

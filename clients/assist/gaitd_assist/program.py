@@ -1,0 +1,129 @@
+"""The command `gaitd-assist run --config FILE`: hold the lease, and answer until it is ended.
+
+It requests no mode: an operator or a session starts the gait. Exit codes: 0 ended by Ctrl-C or
+SIGTERM; 2 the file is refused, or the log cannot be written; 3 no service, or no lease.
+"""
+
+import argparse
+import signal
+import sys
+from pathlib import Path
+from typing import Final
+
+from gaitd_client import (
+    Assist,
+    ClientError,
+    Estimate,
+    NotValid,
+    Refusal,
+    Safety,
+    Stream,
+    Stride,
+    Trainer,
+    read_credentials,
+)
+
+from gaitd_assist.journal import Journal
+from gaitd_assist.leg import LegController
+from gaitd_assist.settings import Settings, SettingsError, check_caps, read_settings
+
+EXIT_REFUSED: Final = 2
+EXIT_NO_SERVICE: Final = 3
+CLIENT: Final = "gaitd-assist"
+WRITE_S: Final = 0.5
+"""Time between two writes of the log."""
+
+
+class Answers:
+    """The law that the lease calls with each estimate of each leg."""
+
+    def __init__(self, settings: Settings, trainer: Trainer, journal: Journal) -> None:
+        """Subscribe to what the laws need besides the estimate."""
+        self._journal = journal
+        self._safety: Stream[Safety] = trainer.safety()
+        self._strides: dict[str, Stream[Stride]] = {}
+        self._legs: dict[str, LegController] = {}
+        for leg in settings.legs:
+            self._strides[leg] = trainer.stride(leg)
+            self._legs[leg] = settings.controller()
+
+    def __call__(self, estimate: Estimate) -> Assist:
+        """Answer one estimate."""
+        safety, leg = self._safety.newest(), self._legs[estimate.leg]
+        setpoint = leg.answer(estimate, None if isinstance(safety, NotValid) else safety.stage)
+        stride = self._strides[estimate.leg].newest()
+        line = None if isinstance(stride, NotValid) else leg.end_stride(stride)
+        if line is not None:
+            self._journal.add(line)
+        return setpoint
+
+
+def run(settings: Settings, path: Path, trainer: Trainer, duration_s: float | None = None) -> None:
+    """Answer the estimates of a connected trainer.
+
+    Args:
+        settings: of the file `path`.
+        path: names the file in errors.
+        trainer: connected.
+        duration_s: by the trainer's clock; None: until KeyboardInterrupt.
+
+    Raises:
+        SettingsError: the file does not fit the service.
+        ClientError: the service does not answer, or grants no lease.
+        OSError: the log cannot be written; the lease is then released.
+    """
+    check_caps(settings, path, trainer.configuration())
+    clock = trainer.clock
+    end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * 1e9)
+    with Journal(settings.log) as journal:
+        answers = Answers(settings, trainer, journal)
+        with trainer.lease(CLIENT, answers, legs=settings.legs, on_refusal=_report) as lease:
+            print(f"{CLIENT}: holds the lease for {', '.join(settings.legs)}", flush=True)
+            was, lost_count = "", 0
+            while end_ns is None or clock.now_ns() < end_ns:
+                lease.wait(WRITE_S)
+                journal.write()
+                if journal.lost_count > lost_count:
+                    lost_count = journal.lost_count
+                    print(f"{CLIENT}: {lost_count} lines of the log were lost", file=sys.stderr)
+                if lease.why_not != was:
+                    was = lease.why_not
+                    print(f"{CLIENT}: {was or 'answers again'}", flush=True)
+
+
+def main() -> None:
+    """Run the command."""
+    parser = argparse.ArgumentParser(prog=CLIENT, description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    command = commands.add_parser("run", help="hold the lease and assist")
+    command.add_argument("--config", type=Path, required=True, metavar="FILE")
+    given = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        settings = read_settings(given.config)
+        link = settings.trainer
+        credentials = None if link.credentials is None else read_credentials(link.credentials)
+        with Trainer(link.endpoint, credentials, trainer=link.trainer, client=CLIENT) as trainer:
+            run(settings, given.config, trainer)
+    except KeyboardInterrupt:
+        print(f"{CLIENT}: ended; the lease is released", flush=True)
+    except SettingsError as error:
+        _fail(str(error), EXIT_REFUSED)
+    except ClientError as error:
+        _fail(str(error), EXIT_NO_SERVICE)
+    except OSError as error:
+        _fail(f"{error.filename}: {error.strerror}; the log must be writable", EXIT_REFUSED)
+
+
+def _report(refusal: Refusal) -> None:
+    refused = f"{refusal.setpoint_count} setpoints refused: {refusal.meaning}; {refusal.remedy}"
+    print(f"{CLIENT}: {refused}", file=sys.stderr, flush=True)
+
+
+def _fail(text: str, code: int) -> None:
+    print(f"{CLIENT}: {text}", file=sys.stderr)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,200 @@
+"""Settings of the controller: one strict TOML file. Every value is a decision, none has a default.
+
+Caps, dead bands and the floor are decided by a therapist for a patient; docs/assist.md says what
+each does. The table [transparency] may be left out: friction is then not fed forward.
+"""
+
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+import msgspec
+from gaitd_client import Configuration
+from msgspec import Meta
+
+from gaitd_assist.guidance import GuidanceRules
+from gaitd_assist.leg import LegController
+from gaitd_assist.phase_assist import PhaseRules
+from gaitd_assist.transparency import TransparencyRules
+
+Ratio = Annotated[float, Meta(ge=0, le=1)]
+Seconds = Annotated[float, Meta(gt=0, le=600)]
+CAPS: Final = (("hip", "hip_max_nm", "assist_max_nm"), ("slide", "slide_max_n", "assist_max_n"))
+
+
+class SettingsError(Exception):
+    """A file cannot be used; the text names file, key, value and what is allowed."""
+
+
+class _Strict(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table of the file: unknown and missing keys are refused."""
+
+
+class Link(_Strict, frozen=True, kw_only=True):
+    """The service; nothing of it has to be given."""
+
+    endpoint: str | None = None
+    """Zenoh endpoint; None: that of the credentials, or tcp/127.0.0.1:7447."""
+    credentials: Path | None = None
+    """Folder of `gaitd keys issue`; None: the service has no keys."""
+    trainer: str | None = None
+
+
+class Cap(_Strict, frozen=True, kw_only=True):
+    """The largest assist, of all laws together."""
+
+    hip_max_nm: Annotated[float, Meta(ge=0, le=120)]
+    slide_max_n: Annotated[float, Meta(ge=0, le=1500)]
+
+
+class DeadBand(_Strict, frozen=True, kw_only=True):
+    """Errors within it are the patient's own: no law learns from them."""
+
+    hip_deg: Annotated[float, Meta(ge=0.5, le=10)]
+    slide_m: Annotated[float, Meta(ge=0.005, le=0.2)]
+
+
+class GuidanceTable(_Strict, frozen=True, kw_only=True):
+    """Stiffness of the guidance, once a stride: `guidance.py`."""
+
+    forgetting_ratio: Annotated[float, Meta(ge=0.5, lt=1)]
+    gain_ratio: Annotated[float, Meta(gt=0, le=2)]
+    floor_ratio: Annotated[float, Meta(ge=0.05, le=1)]
+
+
+class PhaseTable(_Strict, frozen=True, kw_only=True):
+    """Assist over the stride: `phase_assist.py`."""
+
+    basis_count: Annotated[int, Meta(ge=4, le=64)]
+    hip_gain_nm_per_rad: Annotated[float, Meta(ge=0, le=1000)]
+    slide_gain_n_per_m: Annotated[float, Meta(ge=0, le=20000)]
+    learning_s: Seconds
+    lead_s: Annotated[float, Meta(ge=0, le=1)]
+    forgetting_s: Seconds
+
+
+class TransparencyTable(_Strict, frozen=True, kw_only=True):
+    """Friction fed forward: `transparency.py`."""
+
+    feedforward_ratio: Annotated[float, Meta(gt=0, le=0.8)]
+    friction_error_ratio: Annotated[float, Meta(ge=0.2, lt=1)]
+    hip_friction_max_nm: Annotated[float, Meta(gt=0, le=60)]
+    slide_friction_max_n: Annotated[float, Meta(gt=0, le=700)]
+    hip_full_rad_per_s: Annotated[float, Meta(ge=0.05, le=2)]
+    slide_full_m_per_s: Annotated[float, Meta(ge=0.02, le=1)]
+    hip_tank_j: Annotated[float, Meta(gt=0, le=1)]
+    slide_tank_j: Annotated[float, Meta(gt=0, le=5)]
+
+    def rules(self) -> TransparencyRules:
+        """Constants of the law."""
+        return TransparencyRules(
+            friction_max=(self.hip_friction_max_nm, self.slide_friction_max_n),
+            full_speed=(self.hip_full_rad_per_s, self.slide_full_m_per_s),
+            tank_j=(self.hip_tank_j, self.slide_tank_j),
+            feedforward_ratio=self.feedforward_ratio,
+            error_ratio=self.friction_error_ratio,
+        )
+
+
+class Settings(_Strict, frozen=True, kw_only=True):
+    """The file."""
+
+    legs: Annotated[tuple[Annotated[str, Meta(pattern="^(left|right)$")], ...], Meta(min_length=1)]
+    log: Path
+    """JSON lines, one for each stride; appended to."""
+    cadence_max_hz: Annotated[float, Meta(gt=0, le=2)]
+    """Faster gaits are not assisted."""
+    trainer: Link
+    cap: Cap
+    dead_band: DeadBand
+    guidance: GuidanceTable
+    phase: PhaseTable
+    transparency: TransparencyTable | None = None
+
+    def controller(self) -> LegController:
+        """Make the controller of one leg."""
+        cap = self.cap.hip_max_nm, self.cap.slide_max_n
+        dead_band = math.radians(self.dead_band.hip_deg), self.dead_band.slide_m
+        guidance, phase = self.guidance, self.phase
+        return LegController(
+            GuidanceRules(
+                dead_band=dead_band,
+                forgetting_ratio=guidance.forgetting_ratio,
+                gain_ratio=guidance.gain_ratio,
+                floor_ratio=guidance.floor_ratio,
+            ),
+            PhaseRules(
+                dead_band=dead_band,
+                cap=cap,
+                basis_count=phase.basis_count,
+                gain=(phase.hip_gain_nm_per_rad, phase.slide_gain_n_per_m),
+                learning_s=phase.learning_s,
+                lead_s=phase.lead_s,
+                forgetting_s=phase.forgetting_s,
+            ),
+            cap,
+            self.cadence_max_hz,
+            None if self.transparency is None else self.transparency.rules(),
+        )
+
+
+def read_settings(path: Path) -> Settings:
+    """Read a file; relative paths in it are relative to its folder.
+
+    Raises:
+        SettingsError: it cannot be read, or a key is missing, unknown or wrong.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+        raise SettingsError(f"{path}: {reason}; give a readable TOML file") from error
+    return parse_settings(text, path)
+
+
+def parse_settings(text: str, path: Path) -> Settings:
+    """Read a text as the file `path`.
+
+    Raises:
+        SettingsError: a key is missing, unknown or wrong.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{path}: {error}") from error
+    try:
+        return msgspec.convert(table, Settings, dec_hook=lambda _, given: path.parent / str(given))
+    except msgspec.ValidationError as error:
+        raise SettingsError(f"{path}: {_with_value(str(error), table)}") from error
+
+
+def check_caps(settings: Settings, path: Path, configuration: Configuration) -> None:
+    """Compare the file with the service: legs, and assist that would be refused.
+
+    Raises:
+        SettingsError: a leg that the trainer does not have, or a cap above the service's limit.
+    """
+    known = configuration.leg_names
+    if not set(settings.legs) <= set(known):
+        raise SettingsError(f"{path}: legs = {list(settings.legs)}, the trainer has {list(known)}")
+    for axis, key, limit_key in CAPS:
+        value, limit = getattr(settings.cap, key), configuration.limits[axis][limit_key]
+        if value > limit:
+            raise SettingsError(
+                f"{path}: cap.{key} = {value:g}, allowed at most {limit:g}"
+                f" ({axis}.{limit_key} of the service's limits)"
+            )
+
+
+def _with_value(text: str, table: dict[str, Any]) -> str:
+    """Put key and value in front of msgspec's text `Expected ... - at `$.cap.hip_max_nm``."""
+    reason, _, place = text.partition(" - at `$.")
+    keys = place.rstrip("`").split(".")
+    value: Any = table
+    for key in keys:
+        if not isinstance(value, dict) or key not in value:
+            return text
+        value = value[key]
+    shown = "" if isinstance(value, dict) else f" = {value!r}"
+    return f"{'.'.join(keys)}{shown}: {reason}"

@@ -1,0 +1,186 @@
+"""The file of the controller, its log, and the rules of one leg that no patient shows."""
+
+import json
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+import pytest
+from assisted import SHIPPED, shipped
+from gaitd_assist import Sample, program
+from gaitd_assist.journal import LINES_KEPT, Journal
+from gaitd_assist.settings import SettingsError, check_caps, parse_settings
+from gaitd_client import Assist, Mode, Stage, Validity, wire
+
+TRANSPARENCY = """
+[transparency]
+feedforward_ratio = 0.6
+friction_error_ratio = 0.2
+hip_friction_max_nm = 7.0
+slide_friction_max_n = 75.0
+hip_full_rad_per_s = 0.15
+slide_full_m_per_s = 0.06
+hip_tank_j = 0.2
+slide_tank_j = 0.5
+"""
+
+
+def example(kind, **values):
+    """A message with these fields and null, 0 or "" in all others."""
+    empty = {"core_boot_id": "boot", "cycle": 0, "sample_time_ns": 0, "seq": 0, "leg": "right"}
+    names = kind.__struct_fields__
+    return kind(**{name: empty.get(name) for name in names} | values)
+
+
+def estimate(cycle, **values):
+    pose = {"hip_angle_rad": 0.1, "slide_position_m": 0.5, "dt_s": 0.01, "gait_phase_ratio": 0.3}
+    speed = {"hip_velocity_rad_per_s": 1.0, "slide_velocity_m_per_s": 0.5}
+    aim = {"reference_hip_angle_rad": 0.3, "reference_slide_position_m": 0.5}
+    ok = {"hip_validity": Validity.OK, "slide_validity": Validity.OK, "mode": Mode.GAIT}
+    friction = {"hip_friction_nm": 6.0, "slide_friction_n": 70.0}
+    given = pose | speed | aim | ok | friction | values
+    return example(wire.Estimate, cycle=cycle, **given)
+
+
+def stride(number, cycle=1000):
+    return example(wire.Stride, number=number, cycle=cycle)
+
+
+def hip_nm(leg, cycles, stage=Stage.PLAYING, **values):
+    return [leg.answer(estimate(cycle, **values), stage).hip_nm for cycle in cycles]
+
+
+def test_a_leg_learns_only_while_the_gait_plays_and_its_estimate_is_ok():
+    leg = shipped().controller()
+    learned = hip_nm(leg, range(10))
+    assert learned[0] == 0.0  # one estimate alone has no rate
+    assert all(a < b for a, b in pairwise(learned))
+
+    resting = hip_nm(leg, range(10, 15), hip_validity=Validity.SPLIT_UNOBSERVABLE)
+    assert resting == [learned[-1]] * 5
+    assert hip_nm(leg, [15], hip_angle_rad=None) == [0.0]
+    last, after_gap = hip_nm(leg, [16, 30])
+    after_restart = hip_nm(leg, [31], core_boot_id="another")
+    assert [after_gap, *after_restart] == [last] * 2
+
+
+@pytest.mark.parametrize(("cadence_hz", "is_assisted"), [(0.35, True), (0.37, False)])
+def test_a_gait_that_is_too_fast_is_not_assisted(cadence_hz, is_assisted):
+    leg = shipped().controller()
+    answers = [
+        leg.answer(estimate(cycle, gait_phase_ratio=(cycle * cadence_hz / 100) % 1), Stage.PLAYING)
+        for cycle in range(290)
+    ]
+
+    assert (answers[-1] != Assist()) == is_assisted
+
+
+@pytest.mark.parametrize("stage", [None, Stage.ANNOUNCING, Stage.ENDING])
+def test_without_a_playing_gait_the_answer_is_neutral_and_the_next_gait_begins_anew(stage):
+    leg = shipped().controller()
+    hip_nm(leg, range(50))
+    leg.end_stride(stride(1))
+    softened = leg.answer(estimate(50), Stage.PLAYING).stiffness_ratio
+
+    assert leg.answer(estimate(51), stage) == Assist()
+    assert leg.end_stride(stride(2)) is None
+    again = leg.answer(estimate(52), Stage.PLAYING)
+    assert (softened != 1.0, again.stiffness_ratio, again.hip_nm < 0.5) == (False, 1.0, True)
+
+
+def test_a_stride_is_learned_once_and_has_one_line():
+    leg = shipped().controller()
+    hip_nm(leg, range(100, 400), reference_hip_angle_rad=0.1)
+    assert leg.end_stride(stride(3, cycle=100)) is None  # of before the first answer
+    line = leg.end_stride(stride(4))
+
+    assert line is not None
+    assert (line.number, line.learned, line.state["stiffness_ratio"]) == (4, True, 0.85)
+    assert leg.end_stride(stride(4)) is None
+
+
+def test_all_laws_together_stay_within_the_cap_and_in_torque_only_friction_acts():
+    text = SHIPPED.read_text().replace("hip_max_nm = 20.0", "hip_max_nm = 5.0") + TRANSPARENCY
+    leg = parse_settings(text, SHIPPED).controller()
+
+    assert max(hip_nm(leg, range(500))) == 5.0
+    assert leg.end_stride(stride(1)).state["tank_hip_j"] == pytest.approx(0.2)
+    floating = leg.answer(estimate(500, mode=Mode.TORQUE, gait_phase_ratio=None), Stage.PLAYING)
+    assert floating == pytest.approx(Assist(0.6 * 6.0, 0.6 * 70.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "text"),
+    [
+        ("hip_max_nm = 20.0", "hip_max_nm = -1.0", r"cap.hip_max_nm = -1.0: Expected `float` >= 0"),
+        ("floor_ratio = 0.1\n", "", r"guidance: Object missing required field `floor_ratio`"),
+        ("[cap]", "[cap]\nhip = 1.0", r"cap: Object contains unknown field `hip`"),
+        ('legs = ["right"]', "legs = []", r"legs = \[\]: Expected `array` of length >= 1"),
+        ("[cap]", "[cap", "line"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_refused_by_file_key_and_value(old, new, text):
+    with pytest.raises(SettingsError, match=rf"assist.toml: .*{text}"):
+        shipped((old, new))
+
+
+def test_a_file_that_the_service_would_refuse_is_refused_before():
+    limits = {"hip": {"assist_max_nm": 15.0}, "slide": {"assist_max_n": 150.0}}
+    known = example(wire.Configuration, leg_names=("right",), limits=limits)
+
+    with pytest.raises(SettingsError, match=r"cap.hip_max_nm = 20, allowed at most 15"):
+        check_caps(shipped(), SHIPPED, known)
+    left = shipped(('legs = ["right"]', 'legs = ["left"]'))
+    with pytest.raises(SettingsError, match=r"legs = \['left'\], the trainer has \['right'\]"):
+        check_caps(left, SHIPPED, known)
+
+
+def test_the_law_of_the_readme_is_one():
+    text = (SHIPPED.parents[1] / "README.md").read_text()
+    scope = {"Sample": Sample, "Assist": Assist}
+    exec(text.partition("```python\n")[2].partition("```")[0], scope)
+    leg = shipped().controller()
+    leg.laws.append(scope["Push"]())
+
+    assert hip_nm(leg, [0, 1], reference_hip_angle_rad=0.1) == [2.0, 2.0]
+    assert hip_nm(leg, [2], reference_hip_angle_rad=0.1, gait_phase_ratio=0.6) == [0.0]
+
+
+def test_the_log_is_appended_to_and_counts_what_it_loses(tmp_path):
+    leg = shipped().controller()
+    hip_nm(leg, range(10))
+    line = leg.end_stride(stride(1))
+    file = tmp_path / "assist.jsonl"
+    for _ in "ab":
+        with Journal(file) as journal:
+            journal.add(line)
+    with Journal(file) as journal:
+        for _ in range(LINES_KEPT + 3):
+            journal.add(line)
+
+    assert journal.lost_count == 3
+    with pytest.raises(OSError, match="/dev/full"), Journal(Path("/dev/full")) as full:
+        full.add(line)
+    lines = file.read_text().splitlines()
+    assert len(lines) == LINES_KEPT + 2
+    assert msgspec.json.decode(lines[0], type=type(line)) == line
+    assert len(json.loads(lines[0])["state"]["weights_hip_nm"]) == 16
+
+
+def test_the_command_ends_with_code_2_for_a_file_and_3_without_a_service(
+    monkeypatch, tmp_path, capsys
+):
+    def code(path):
+        monkeypatch.setattr(sys, "argv", ["gaitd-assist", "run", "--config", str(path)])
+        with pytest.raises(SystemExit) as ended:
+            program.main()
+        return ended.value.code
+
+    monkeypatch.setattr(program.signal, "signal", lambda *_: None)
+    assert code(tmp_path / "none.toml") == program.EXIT_REFUSED
+    assert "none.toml: No such file" in capsys.readouterr().err
+    away = tmp_path / "away.toml"
+    away.write_text(SHIPPED.read_text().replace("127.0.0.1:7447", "127.0.0.1:1"))
+    assert code(away) == program.EXIT_NO_SERVICE
+    assert "no service listens" in capsys.readouterr().err

@@ -1,0 +1,39 @@
+"""The reference controller's program on a running service, in simulated time."""
+
+import threading
+from pathlib import Path
+
+import msgspec
+from gaitd_assist import StrideLine, parse_settings
+from gaitd_assist.program import run
+
+from daemon.ipc.record import Mode
+
+SHIPPED = Path(__file__).parents[2] / "clients" / "assist" / "configs" / "assist.toml"
+
+
+def test_the_program_walks_a_gait_and_logs_its_strides(long_service, tmp_path):
+    """An operator starts the gait; the program holds the lease and requests nothing."""
+    long_service.bring(Mode.HOLD)
+    settings = parse_settings(SHIPPED.read_text(), tmp_path / "assist.toml")
+    with long_service.client("assist") as trainer, long_service.client("operator") as operator:
+        answering = threading.Thread(
+            target=run, args=(settings, SHIPPED, trainer), kwargs={"duration_s": 20.0}
+        )
+        answering.start()
+        long_service.wait(lambda: trainer.status().safety.lease_holder == "gaitd-assist", 30)
+        operator.mode("gait", cadence_hz=0.35, amplitude_ratio=1.0, duration_s=600.0)
+        with long_service._fast():
+            long_service.wait(lambda: not answering.is_alive(), 60)
+        answering.join()
+        long_service.wait_for(Mode.HOLD)  # braked and held: it has left while it assisted
+        ended = trainer.status().safety
+
+    lines = [
+        msgspec.json.decode(line, type=StrideLine) for line in settings.log.read_text().splitlines()
+    ]
+    assert [line.number for line in lines] == list(range(lines[0].number, lines[-1].number + 1))
+    assert len(lines) >= 2
+    assert all(line.learned for line in lines)
+    assert lines[-1].state["stiffness_ratio"] < lines[0].state["stiffness_ratio"]
+    assert (ended.mode, ended.lease_holder) == ("hold", None)

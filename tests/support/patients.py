@@ -1,0 +1,143 @@
+"""Patients who react to the gait: each returns an effort for the newest record.
+
+A patient knows the gait: `need` is the effort that the reference needs beyond what the drives carry
+(inertia, Coriolis terms, dampers, friction), by inverse dynamics with the machine's own parameters.
+An ability of 1 gives all of it, so that such a patient walks without help.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.settings import Robot
+from daemon.ipc.record import CycleRecord
+from observer.mechanism.linkage import dynamics
+
+DT_S: Final = 0.01
+BINS: Final = 32
+BEGIN_S: Final = 1.0
+"""Time in which a patient's effort rises to its full size; at once it would be a spasm."""
+Effort = tuple[float, float]
+
+
+class Gait(NamedTuple):
+    """What a patient feels of one cycle; arrays are hip and slide."""
+
+    time_s: float
+    phase_ratio: float
+    error: np.ndarray
+    error_rate: np.ndarray
+    need: np.ndarray
+    direction: np.ndarray
+    """-1 to 1: of the reference's velocity."""
+
+
+Model = Callable[[Gait], np.ndarray]
+"""Effort of a patient: N·m and N."""
+
+
+class Patient:
+    """Calls a model with each cycle of a gait; at all other times the patient is passive."""
+
+    def __init__(self, robot: Robot, model: Model, seed: int) -> None:
+        self._leg, self._frictions = leg_parameters(robot), friction_parameters(robot)
+        self._model = model
+        self._noise = np.random.default_rng(seed)
+        self._tremor = np.zeros(2)
+        self._poses: list[np.ndarray] = []
+        self._time_s = 0.0
+        self._last_error = np.zeros(2)
+
+    def become(self, model: Model) -> None:
+        """Go on as another model, whose effort rises from nothing."""
+        self._model, self._time_s = model, 0.0
+
+    def __call__(self, record: CycleRecord) -> Effort:
+        leg = record.legs[0]
+        if leg.gait_phase < 0:
+            self._poses = []
+            return 0.0, 0.0
+        self._time_s += DT_S
+        reference = np.array(leg.reference)
+        self._poses = [*self._poses[-2:], reference]
+        if len(self._poses) < 3:
+            return 0.0, 0.0
+        error = reference - np.array(leg.measured)
+        rate, self._last_error = (error - self._last_error) / DT_S, error
+        need, velocity = self._need()
+        # A person's effort is never the same twice: 0.3 N m and 2 N, some 2 Hz.
+        self._tremor += 0.12 * (self._noise.normal(0.0, (1.2, 8.0)) - self._tremor)
+        felt = Gait(self._time_s, leg.gait_phase, error, rate, need, np.tanh(velocity / 0.1))
+        effort = min(self._time_s / BEGIN_S, 1.0) * self._model(felt) + self._tremor
+        return float(effort[0]), float(effort[1])
+
+    def _need(self) -> tuple[np.ndarray, np.ndarray]:
+        before, middle, now = self._poses
+        velocity = (now - before) / (2 * DT_S)
+        acceleration = (now - 2 * middle + before) / DT_S**2
+        moving = dynamics(self._leg, *middle, *velocity, 1.0)
+        resting = dynamics(self._leg, *middle, 0.0, 0.0, 1.0)
+        # No person turns friction over within 100 ms, so it is smooth here.
+        friction = [
+            of.coulomb * math.tanh(speed / 0.3) + of.viscous * speed
+            for of, speed in zip(self._frictions, velocity, strict=True)
+        ]
+        mass = np.array([[moving.m11, moving.m12], [moving.m12, moving.m22]])
+        bias = (moving.bias_hip - resting.bias_hip, moving.bias_slide - resting.bias_slide)
+        return mass @ acceleration + bias + friction, velocity
+
+
+def of_ability(ability: float) -> Model:
+    """Gives this share of the need, and corrects errors by as much of a soft spring and damper."""
+    spring, damper = np.array([60.0, 800.0]), np.array([6.0, 80.0])
+
+    def model(gait: Gait) -> np.ndarray:
+        return ability * (gait.need + spring * gait.error + damper * gait.error_rate)
+
+    return model
+
+
+def tiring(until_s: float) -> Model:
+    """Able at first, without any strength from `until_s` on."""
+
+    def model(gait: Gait) -> np.ndarray:
+        return of_ability(max(1.0 - gait.time_s / until_s, 0.0))(gait)
+
+    return model
+
+
+def resisting(gait: Gait) -> np.ndarray:
+    """Opposes the motion."""
+    return -np.array([6.0, 30.0]) * gait.direction
+
+
+def spastic(gait: Gait) -> np.ndarray:
+    """Passive, with a catch against the motion in each stride, weaker than the spasm monitor's."""
+    catch = math.exp(-0.5 * ((gait.phase_ratio - 0.3) / 0.04) ** 2)
+    return -np.array([10.0, 50.0]) * catch * gait.direction
+
+
+class Slacking:
+    """Learns from errors and forgets, as people do: less error, less effort.
+
+    Source: Emken 2007, the human's half of the law: u <- f u + g e in each stride, f = 0.9.
+    """
+
+    def __init__(self) -> None:
+        self._effort = np.zeros((BINS, 2))
+        self._sum, self._count, self._bin = np.zeros(2), 0, -1
+
+    def __call__(self, gait: Gait) -> np.ndarray:
+        at = int(gait.phase_ratio * BINS) % BINS
+        if at != self._bin and self._count:
+            mean = self._sum / self._count
+            gain = np.array([13.0, 170.0])
+            self._effort[self._bin] = 0.9 * self._effort[self._bin] + gain * mean
+            self._sum, self._count = np.zeros(2), 0
+        self._bin = at
+        self._sum += gait.error
+        self._count += 1
+        return self._effort[at]
