@@ -256,7 +256,9 @@ class MessageTrainer:
         return self._reply("enable")
 
     def disable(self):
-        return self._reply("disable")
+        reply = self._reply("disable")
+        self.cycles(Mode.READY)
+        return reply
 
     def mode(self, mode, **given):
         return self._reply("mode", str(mode), *given.values())
