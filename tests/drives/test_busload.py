@@ -3,7 +3,8 @@ from drive_files import CYCLE, drive
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drives.bringup.bus_load import bus_load, frame_bits, frame_bits_exact, objection
+from drives.bringup import bus_load as bus_load_module
+from drives.bringup.bus_load import BusLoad, bus_load, frame_bits, frame_bits_exact, objection
 
 DRIVES = (drive("hip_epos4"), drive("slide_epos4"))
 CRC_POLYNOMIAL = 0x4599
@@ -103,6 +104,38 @@ def test_a_burst_that_fills_half_the_cycle_is_refused():
 
     assert words is not None
     assert "9.3" in words
+
+
+def test_a_burst_is_told_in_milliseconds_and_what_just_fits_is_allowed():
+    words = objection(BusLoad(0.4, 0.01999, ()), 0.4, 20)
+
+    assert words == "the frames of one cycle take 19.99 ms on the wire, allowed are 10.00 ms"
+    assert objection(BusLoad(0.4, 0.01, ()), 0.4, 20) is None
+
+
+def test_each_stream_has_its_name_its_size_and_its_rate():
+    cycle = CYCLE._replace(period_ms=3, drive_heartbeat_ms=7, sync_counter=10)
+
+    load = bus_load(DRIVES[:1], cycle, master_heartbeat_ms=13, bitrate_bit_per_s=1_000_000)
+
+    sync_hz = pytest.approx(333.33333)
+    assert load.streams == (
+        ("SYNC", 1, sync_hz, True),
+        ("master heartbeat", 1, pytest.approx(76.923077), False),
+        ("right/hip TPDO1", 7, sync_hz, True),
+        ("right/hip TPDO2", 8, sync_hz, True),
+        ("right/hip TPDO3", 4, pytest.approx(33.333333), True),
+        ("right/hip RPDO1", 7, sync_hz, True),
+        ("right/hip RPDO2", 2, sync_hz, True),
+        ("right/hip heartbeat", 1, pytest.approx(142.857143), False),
+    )
+
+
+def test_a_station_that_sends_every_identifier_fills_no_more_memory_than_256_headers():
+    for can_id in range(0x800):
+        frame_bits_exact(can_id, b"")
+
+    assert bus_load_module._header.cache_info().currsize == 256
 
 
 def test_the_load_is_the_sum_of_its_streams():

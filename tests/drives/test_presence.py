@@ -87,6 +87,16 @@ def test_a_second_answer_that_comes_late_is_refused(after_ms):
     assert caught.value.reason == "one request to node 5 was answered twice"
 
 
+def test_an_answer_without_a_serial_number_is_told_as_one():
+    port = Port()
+    port.read = lambda _node_id, _index, _sub: b""
+
+    with pytest.raises(BringUpRefused) as caught:
+        list(refuse_second_node(SdoTarget(port, "right/hip", 5), 0, "asks"))
+
+    assert caught.value.reason == "0 bytes instead of 4 (serial number)"
+
+
 def test_two_serial_numbers_are_told_the_lower_one_first():
     with pytest.raises(BringUpRefused) as caught:
         list(refuse_second_node(SdoTarget(Port([0x2222, 0x1111]), "right/hip", 5), 0, "asks"))

@@ -10,10 +10,10 @@ from sessions import CONFIGS
 
 from daemon.config.robot import leg_parameters
 from daemon.core.safety.stopping_path import (
-    POINTS,
     REACTION_S,
     cosine,
     end_of,
+    gradient,
     least_ratio,
     on_ramp,
     ratio_of,
@@ -65,7 +65,7 @@ def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity)
         times, reactions = (time_s, time_s), (REACTION_S, REACTION_S)
         return tuple(map(on_ramp, position, velocity, RAMPS, times, reactions))
 
-    way = [pose(whole_s * k / POINTS) for k in range(POINTS + 1)]
+    way = [pose(whole_s * k / 6) for k in range(7)]
     worst = min(float(singularity_ratio(LEG, np.array(one))) for one in way)
     assert least_ratio(LEG, position, velocity, RAMPS, REACTION_S) == pytest.approx(worst, abs=1e-6)
 
@@ -85,6 +85,36 @@ def test_the_slides_range_ends_where_the_mechanism_has_just_that_ratio(position,
     for end in (low, high):
         at_end = float(singularity_ratio(LEG, np.array((position[0], end))))
         assert at_end == pytest.approx(ratio, abs=1e-6) or at_end > ratio
+
+
+UNLIKE = LEG._replace(shank_length_m=0.9, shoe_length_m=0.2)
+"""A leg that does not fold up: the slide joint cannot come as near as opposite to the knee."""
+
+
+@pytest.mark.parametrize("side", [-3.0, 3.0])
+@pytest.mark.parametrize("ratio", [0.1, 0.4])
+def test_a_leg_with_unlike_segments_has_a_range_on_either_side_of_its_knee(side, ratio):
+    found = slide_range(UNLIKE, (0.0, side), ratio)
+    assert found is not None
+
+    for end, inwards in zip(found, (1e-4, -1e-4), strict=True):
+        around = [
+            float(singularity_ratio(UNLIKE, np.array((0.0, end + step))))
+            for step in (-inwards, 0.0, inwards)
+        ]
+        assert around[1] == pytest.approx(ratio, abs=1e-9)
+        assert around[0] < around[1] < around[2]
+
+
+def test_the_gradient_is_that_of_the_ratio_down_to_a_hundredth_and_bounded_below_it():
+    found = slide_range(LEG, (0.0, 0.6), 0.02)
+    assert found is not None
+    low, high = ((0.0, found[1] + step) for step in (-1e-7, 1e-7))
+
+    slope = (ratio_of(cosine(LEG, high)) - ratio_of(cosine(LEG, low))) / 2e-7
+
+    assert gradient(LEG, (0.0, found[1]))[1] == pytest.approx(slope, rel=1e-3)
+    assert gradient(LEG, (0.0, found[1] + 0.1))[1] < 0.0
 
 
 def test_a_stretched_hip_leaves_less_of_the_rail():
