@@ -86,7 +86,7 @@ def test_an_able_patient_is_left_alone(warm_gym):
 
 
 def test_friction_that_is_estimated_wrong_brings_no_assist(warm_lugre_gym):
-    """Of LuGre friction the observer takes several newtons for the patient's."""
+    """The observer takes several newtons of LuGre friction for the patient."""
     is_left_alone(warm_lugre_gym.walk(of_ability(1.0), 4))
 
 
