@@ -35,13 +35,13 @@ class StrideLine(msgspec.Struct, frozen=True, kw_only=True):
     cycle: int
     leg: str
     number: int
-    """Of the stride."""
+    """Number of the stride."""
     learned: bool
     """False: too little of it was known, and the stiffness is unchanged."""
     hip_error_rms_rad: float | None
     slide_error_rms_m: float | None
     share_ratio: float | None
-    """Of the patient, as in the stride's message."""
+    """Share of the patient, as in the message of the stride."""
     assist_mean_nm: float
     """Mean size of the assist of the hip in this stride."""
     assist_mean_n: float
