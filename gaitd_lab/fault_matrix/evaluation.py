@@ -203,8 +203,13 @@ def _had_s0(cell: CellResult) -> bool:
 
 
 def _is_without_power(cell: CellResult) -> bool:
-    """True if the leg still moves after an S0: FAULT comes after 3 s."""
-    return cell.category == StopCategory.S0.name and cell.final_mode == Mode.STOPPING.name
+    """True if the leg still moves after an S0, at first or by escalation: FAULT comes after 3 s."""
+    escalated = len(cell.lost_power) > 0 and (
+        FIXED_CATEGORY.get(Cause[cell.final_cause]) is StopCategory.S0
+    )
+    return cell.final_mode == Mode.STOPPING.name and (
+        escalated or cell.category == StopCategory.S0.name
+    )
 
 
 def _names(names: Set[str]) -> str:
