@@ -640,7 +640,8 @@ def main() -> int:
     parser.add_argument(
         "--again",
         action="store_true",
-        help="only what survived the last time, or was not reached, while the file is the same",
+        help="only what survived the last time, or was not reached, while the file is the same; a"
+        " killed mutant is not tried with tests that have changed: only a whole run is a verdict",
     )
     options = parser.parse_args()
     os.chdir(PROJECT)
