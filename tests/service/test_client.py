@@ -83,6 +83,10 @@ def test_the_examples_of_all_roles_work_together(long_service, trainer, capsys):
 def test_a_lease_says_why_setpoints_are_refused_and_outlives_the_gateway(long_service, trainer):
     pulls = [float("nan")]
     refusals = []
+
+    def refused_for(reason):
+        return [refusal for refusal in refusals if refusal.reason == reason]
+
     trainer.enable()
     with trainer.lease("test", lambda _: Assist(pulls[0]), on_refusal=refusals.append) as lease:
         trainer.mode(Mode.TORQUE)
@@ -93,9 +97,11 @@ def test_a_lease_says_why_setpoints_are_refused_and_outlives_the_gateway(long_se
         pulls[0] = 1000.0
         long_service.wait(lambda: trainer.status().safety.mode == Mode.HOLD, 30)
         trainer.mode(Mode.TORQUE)
-        long_service.wait(lambda: refusals[-1].reason == SetpointRefusal.OUT_OF_RANGE, 30)
-        assert "assist_max_nm" in refusals[-1].meaning
-        assert refusals[-1].remedy
+        # Others may follow it: those of the lapse, and of more setpoints than a fast clock allows.
+        long_service.wait(lambda: refused_for(SetpointRefusal.OUT_OF_RANGE), 30)
+        (first, *_) = refused_for(SetpointRefusal.OUT_OF_RANGE)
+        assert "assist_max_nm" in first.meaning
+        assert first.remedy
 
         pulls[0] = PULL_NM
         long_service.wait(lambda: trainer.status().safety.mode == Mode.HOLD, 30)
