@@ -51,10 +51,13 @@ demo-display: $(VENV)/display.stamp  ## the same with the patient's page in a br
 quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)
 
-# The static checks and the gates run side by side; pytest uses all processors by itself.
+# The static checks and the gates run beside the tests, so that no processor waits; what they say is
+# printed at the end if one of them failed.
+CHECKS := $(VENV)/checks.log
 test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints its CPU-seconds
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check coverage
-	@$(MAKE) --no-print-directory pytest
+	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check coverage > $(CHECKS) 2>&1 & \
+	$(MAKE) --no-print-directory pytest; tests=$$?; \
+	wait $$! || { cat $(CHECKS); exit 1; }; exit $$tests
 
 test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
 	$(BIN)/pytest -n 2 --dist=loadgroup -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
