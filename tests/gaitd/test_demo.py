@@ -118,7 +118,8 @@ def test_an_interrupted_demonstration_ends_its_processes_and_says_so(tmp_path, n
     assert not any(map(lives, processes))
 
 
-@pytest.mark.parametrize("part", ["core", pytest.param("gateway", marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("part", ["core", "gateway"])
 def test_a_part_that_a_signal_has_stopped_ends_the_demonstration_and_is_named(tmp_path, part):
     with walking(tmp_path / "demo.png") as (demo, processes):
         (pid,) = [one for one in processes if runs(one, part)]
