@@ -81,8 +81,10 @@ class Link(Protocol):
 class SocketLink:
     """A seat over the socket of `gaitd sim`.
 
-    Before the seat is taken its time is that of the server's page. When a server has ended, time
-    continues by the computer's clock from its last value; a later server begins no earlier.
+    Before the seat is taken its time is that of the server's page. When a server has ended, or the
+    seat could not be taken, time continues by the computer's clock from its last value: a server
+    may have a page before it listens, and its time stands until the seats are taken. A later server
+    begins no earlier.
     """
 
     def __init__(
@@ -109,7 +111,8 @@ class SocketLink:
         self._socket: socket.socket | None = None
         self._page: SimulatedTime | None = None
         self._is_wall_clock = False
-        self._was_open = False
+        self._is_apart = False
+        """Time continues by the computer's clock, although there is a page."""
         self._now_ns = self._left_ns = time.monotonic_ns()
         """Simulated time of the newest grant; the computer's time of it, without a server."""
         self._utc_ahead_ns = time.time_ns() - self._now_ns
@@ -125,7 +128,7 @@ class SocketLink:
         """As `Link.now_ns`: the page's time, so a stopped process sees how much has passed."""
         if self._is_wall_clock:
             return time.monotonic_ns()
-        if self._page is None or (self._socket is None and self._was_open):
+        if self._page is None or self._is_apart:
             return self._now_ns + time.monotonic_ns() - self._left_ns
         self._now_ns = max(self._now_ns, self._page.now_ns())
         return self._now_ns
@@ -154,12 +157,14 @@ class SocketLink:
             self._page = SimulatedTime(page_path(self._path))
         except (OSError, wire.WireError, PageError) as error:
             made.close()
+            self._leave_page()
             raise LinkLostError(f"`gaitd sim` does not answer there: {error}") from error
         except LinkLostError:
             made.close()
+            self._leave_page()
             raise
         made.settimeout(self._timeout_s)
-        self._socket, self._was_open = made, True
+        self._socket, self._is_apart = made, False
 
     def _welcome(self, data: bytes) -> None:
         if not data:
@@ -193,12 +198,14 @@ class SocketLink:
     def close(self) -> None:
         """Leave the seat; time continues by the computer's clock."""
         if self._socket is not None:
-            now_ns = self.now_ns()
             self._socket.close()
             self._socket = None
-            if self._is_wall_clock:
-                self._is_wall_clock, now_ns = False, time.monotonic_ns()
-            self._now_ns, self._left_ns = now_ns, time.monotonic_ns()
+            self._leave_page()
+
+    def _leave_page(self) -> None:
+        now_ns = self.now_ns()
+        self._is_wall_clock, self._is_apart = False, True
+        self._now_ns, self._left_ns = now_ns, time.monotonic_ns()
 
     # --- frames -------------------------------------------------------------------------------
 

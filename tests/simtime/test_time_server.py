@@ -405,3 +405,20 @@ def test_a_message_before_hello_is_refused(served):
     with contextlib.suppress(LinkLostError):
         link.wait(0, for_frame=False)
     assert not link.is_in_step
+
+
+def test_time_passes_for_a_seat_that_cannot_be_taken_though_that_of_the_page_stands(
+    tmp_path, monkeypatch
+):
+    """Virtual drives that compile have a page some seconds before they listen."""
+    wall_ns = 7_000_000_000
+    monkeypatch.setattr("simtime.link.time.monotonic_ns", lambda: wall_ns)
+    PageWriter(page_path(tmp_path / "bus")).begin(1_000, 0, wall_clock=False)
+    link = SocketLink(tmp_path / "bus", Role.IN_STEP, "core")
+    assert link.now_ns() == 1_000
+
+    with pytest.raises(LinkLostError, match="does not answer"):
+        link.open()
+    wall_ns += 1_500_000_000
+
+    assert link.now_ns() == 1_500_001_000
