@@ -11,6 +11,7 @@ from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 
 from gaitd.__main__ import COMMANDS
+from gaitd_lab.processes import free_port
 
 HEAVY = {"numba", "numpy", "scipy", "zenoh", "can", "canopen", "matplotlib", "plotext"}
 
@@ -78,13 +79,14 @@ def test_a_core_that_a_watchdog_watches_refuses_a_simulated_bus(monkeypatch):
 def test_a_bus_that_cannot_carry_the_frames_is_refused_before_it_is_opened(tmp_path):
     slow = Change("demo.toml", "bitrate_bit_per_s = 1_000_000", "bitrate_bit_per_s = 250_000")
     ours = Change("demo.toml", "/dev/shm/gaitd-demo", f"{tmp_path}/run")
+    port = Change("demo.toml", "127.0.0.1:7447", f"127.0.0.1:{free_port()}")
     words = [
         sys.executable,
         "-m",
         "gaitd",
         "run",
         "--config",
-        changed(copied(tmp_path), slow, ours),
+        changed(copied(tmp_path), slow, ours, port),
     ]
 
     ended = subprocess.run(words, capture_output=True, text=True, check=False)
