@@ -9,7 +9,10 @@ Rules:
    cadence, amplitude or state of the patient.
 4. Above the cadence of the file the answer is neutral, too: in simulation, at 0.5 Hz, assist on top
    of a passive leg made it so fast that the service stopped it before its limits.
-5. What leaves this file is within the caps of the file, so it is never refused for its size.
+5. What leaves this file is within the caps of the file. The program compares them with the limits
+   of the service and of the released plan when it starts, so nothing is refused for its size. A
+   plan with lower caps that is released later makes the core refuse what is above them in the next
+   gait of a session: the leg is then braked and held.
 """
 
 from typing import Final
@@ -153,7 +156,7 @@ class LegController:
 
 
 def sample_of(estimate: Estimate, before: Estimate | None) -> Sample | None:
-    """Return what the laws need of an estimate; None: its pose or velocity is not known.
+    """Return what the laws need of an estimate; None: pose, velocity or time step is not known.
 
     Args:
         estimate: the newest one.
@@ -161,7 +164,7 @@ def sample_of(estimate: Estimate, before: Estimate | None) -> Sample | None:
     """
     at = _pair((estimate.hip_angle_rad, estimate.slide_position_m))
     speed = _pair((estimate.hip_velocity_rad_per_s, estimate.slide_velocity_m_per_s))
-    if at is None or speed is None or estimate.dt_s is None:
+    if at is None or speed is None or estimate.dt_s is None or estimate.dt_s <= 0.0:
         return None
     dt_s, phase_ratio, aim = estimate.dt_s, estimate.gait_phase_ratio, _aim_of(estimate)
     friction = estimate.hip_friction_nm, estimate.slide_friction_n

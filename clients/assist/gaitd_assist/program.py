@@ -72,7 +72,7 @@ def run(settings: Settings, path: Path, trainer: Trainer, duration_s: float | No
         ClientError: the service does not answer, or grants no lease.
         OSError: the log cannot be written; the lease is then released.
     """
-    check_caps(settings, path, trainer.configuration())
+    check_caps(settings, path, trainer.configuration(), trainer.status().plan)
     clock = trainer.clock
     end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * 1e9)
     with Journal(settings.log) as journal:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import msgspec
-from gaitd_client import Configuration
+from gaitd_client import Configuration, PlanLimits
 from msgspec import Meta
 
 from gaitd_assist.guidance import GuidanceRules
@@ -21,6 +21,7 @@ from gaitd_assist.transparency import TransparencyRules
 Ratio = Annotated[float, Meta(ge=0, le=1)]
 Seconds = Annotated[float, Meta(gt=0, le=600)]
 CAPS: Final = (("hip", "hip_max_nm", "assist_max_nm"), ("slide", "slide_max_n", "assist_max_n"))
+"""Axis, key of `[cap]`, key of limits.toml; with `hip_` or `slide_`, key of the plan."""
 
 
 class SettingsError(Exception):
@@ -169,22 +170,37 @@ def parse_settings(text: str, path: Path) -> Settings:
         raise SettingsError(f"{path}: {_with_value(str(error), table)}") from error
 
 
-def check_caps(settings: Settings, path: Path, configuration: Configuration) -> None:
+def check_caps(
+    settings: Settings, path: Path, configuration: Configuration, plan: PlanLimits | None
+) -> None:
     """Compare the file with the service: legs, and assist that would be refused.
 
+    Args:
+        settings: of the file `path`.
+        path: names the file in errors.
+        configuration: of the service.
+        plan: released now; None: none.
+
     Raises:
-        SettingsError: a leg that the trainer does not have, or a cap above the service's limit.
+        SettingsError: a leg that the trainer does not have, or a cap above the limit of the service
+            or of the plan.
     """
     known = configuration.leg_names
     if not set(settings.legs) <= set(known):
         raise SettingsError(f"{path}: legs = {list(settings.legs)}, the trainer has {list(known)}")
     for axis, key, limit_key in CAPS:
-        value, limit = getattr(settings.cap, key), configuration.limits[axis][limit_key]
-        if value > limit:
-            raise SettingsError(
-                f"{path}: cap.{key} = {value:g}, allowed at most {limit:g}"
-                f" ({axis}.{limit_key} of the service's limits)"
-            )
+        value = getattr(settings.cap, key)
+        planned = None if plan is None else getattr(plan, f"{axis}_{limit_key}")
+        allowed = (
+            (configuration.limits[axis][limit_key], "the service's limits"),
+            (planned, "the released plan"),
+        )
+        for limit, source in allowed:
+            if limit is not None and value > limit:
+                raise SettingsError(
+                    f"{path}: cap.{key} = {value:g}, allowed at most {limit:g}"
+                    f" ({axis}.{limit_key} of {source})"
+                )
 
 
 def _with_value(text: str, table: dict[str, Any]) -> str:

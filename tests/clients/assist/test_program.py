@@ -11,7 +11,7 @@ from assisted import SHIPPED, shipped
 from gaitd_assist import Sample, program
 from gaitd_assist.journal import LINES_KEPT, Journal
 from gaitd_assist.settings import SettingsError, check_caps, parse_settings
-from gaitd_client import Assist, Mode, Stage, Validity, wire
+from gaitd_client import Assist, Mode, PlanLimits, Stage, Validity, wire
 
 TRANSPARENCY = """
 [transparency]
@@ -24,6 +24,8 @@ slide_full_m_per_s = 0.06
 hip_tank_j = 0.2
 slide_tank_j = 0.5
 """
+
+PLAN = {"cadence_max_hz": 0.4, "amplitude_max_ratio": 1.0, "duration_max_s": 600.0}
 
 
 def example(kind, **values):
@@ -60,8 +62,9 @@ def test_a_leg_learns_only_while_the_gait_plays_and_its_estimate_is_ok():
     resting = hip_nm(leg, range(10, 15), hip_validity=Validity.SPLIT_UNOBSERVABLE)
     assert resting == [learned[-1]] * 5
     assert hip_nm(leg, [15], hip_angle_rad=None) == [0.0]
-    last, after_gap = hip_nm(leg, [16, 30])
-    after_restart = hip_nm(leg, [31], core_boot_id="another")
+    assert hip_nm(leg, [16], dt_s=0.0) == [0.0]
+    last, after_gap = hip_nm(leg, [17, 31])
+    after_restart = hip_nm(leg, [32], core_boot_id="another")
     assert [after_gap, *after_restart] == [last] * 2
 
 
@@ -130,10 +133,15 @@ def test_a_file_that_the_service_would_refuse_is_refused_before():
     known = example(wire.Configuration, leg_names=("right",), limits=limits)
 
     with pytest.raises(SettingsError, match=r"cap.hip_max_nm = 20, allowed at most 15"):
-        check_caps(shipped(), SHIPPED, known)
+        check_caps(shipped(), SHIPPED, known, None)
     left = shipped(('legs = ["right"]', 'legs = ["left"]'))
     with pytest.raises(SettingsError, match=r"legs = \['left'\], the trainer has \['right'\]"):
-        check_caps(left, SHIPPED, known)
+        check_caps(left, SHIPPED, known, None)
+    weak = shipped(("hip_max_nm = 20.0", "hip_max_nm = 15.0"))
+    check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide_assist_max_n=150.0))
+    of_plan = r"slide_max_n = 150, allowed at most 80 \(slide.assist_max_n of the released plan\)"
+    with pytest.raises(SettingsError, match=of_plan):
+        check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide_assist_max_n=80.0))
 
 
 def test_the_law_of_the_readme_is_one():
