@@ -77,8 +77,8 @@ def serve(
         OSError: the runtime directory does not exist or cannot be written.
     """
     keys = read_keys()
-    # The order of closing matters: the outlet undeclares, then the session closes (an open one
-    # would hang the process), and only then mailbox and box, because callbacks use them until then.
+    # The order of closing matters: outlet and subscriber undeclare and wait for their callbacks,
+    # then the session closes (an open one would hang the process), and then mailbox and box.
     with (
         closing(Notifier(notify_address)) as supervisor,
         closing(GatewayChannel(runtime)) as ipc,
@@ -134,6 +134,10 @@ def serve(
                 notify_ns = resumed_ns + _NOTIFY_NS
         if not gateway.restart_requested:
             supervisor.send("STOPPING=1")
+        # A stop that had arrived counts, also if Zenoh has not called back yet.
+        outlet.end_queries()
+        now_ns = clock.now_ns()
+        gateway.last_turn(now_ns, recorder.wrap(mailbox.drain()), box.drain(now_ns))
         return gateway.restart_requested
 
 

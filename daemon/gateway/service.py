@@ -36,6 +36,7 @@ DRIVES_PERIOD_NS: Final = 100_000_000
 SECOND_NS: Final = 1_000_000_000
 STATUS_EVENT_COUNT: Final = 20
 RESTARTS: Final = "the gateway restarts"
+ENDS: Final = "the gateway ends"
 
 _LOG_LEVEL: Final = {
     events.Priority.HIGH.value: logging.ERROR,
@@ -82,6 +83,7 @@ class Gateway:
         """
         self._clients, self._plans, self._check_keys = clients, plans, check_keys
         self.restart_requested = False
+        self._is_last_turn = False
         self._ipc, self._outlet, self._clock = ipc, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
@@ -147,6 +149,11 @@ class Gateway:
             expiring = self._clients.expiring(self._clock.utc_ns())
             self._outlet.put(self.health.close(self._stamp(), seq, expiring), wire.HEALTH)
 
+    def last_turn(self, now_ns: int, inquiries: Sequence[Inquiry], batch: Batch) -> None:
+        """Read what had arrived when the loop ended: a stop counts, other requests are refused."""
+        self._is_last_turn = True
+        self.turn(now_ns, inquiries, batch)
+
     def _send_state(self) -> None:
         control = self.lease_control
         holder = control.leases.holder
@@ -172,7 +179,7 @@ class Gateway:
     def close(self) -> None:
         """Answer the queries that still wait."""
         for ticket in tuple(self._waiting):
-            answer = requests.Answer(ticket, Outcome.PENDING, "the gateway ends")
+            answer = requests.Answer(ticket, Outcome.PENDING, ENDS)
             self._settle([answer])
 
     # --- records ------------------------------------------------------------------------------
@@ -336,8 +343,9 @@ class Gateway:
                 self.publish_events(self.lease_control.stop())
             case requests.Route.CORE:
                 plan = self._plans.plan
-                if self.restart_requested:
-                    answer = requests.Answer(ticket, Outcome.REFUSED, RESTARTS)
+                if self.restart_requested or self._is_last_turn:
+                    why = RESTARTS if self.restart_requested else ENDS
+                    answer = requests.Answer(ticket, Outcome.REFUSED, why)
                 else:
                     answer = self._requests.submit(ticket, name, payload, now_ns, role, plan)
                 if answer is None:

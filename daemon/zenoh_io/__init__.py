@@ -2,5 +2,6 @@
 
 Reading order: `endpoints.py` (where to listen), `access.py` (access rights), `session.py` (how a
 session is opened), `publish.py` (messages out, queries in), `subscribe.py` (setpoints in),
-`client.py` (the other side: queries to a running service).
+`callbacks.py` (when the last query or setpoint has been received), `client.py` (the other side:
+queries to a running service).
 """

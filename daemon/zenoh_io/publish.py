@@ -24,6 +24,7 @@ from zenoh.ext import (
 from daemon.gateway.events import HISTORY_COUNT
 from daemon.gateway.requests import QUERY_SIZE_MAX
 from daemon.zenoh_io.access import QUERYABLES
+from daemon.zenoh_io.callbacks import Callbacks
 
 WAITING_COUNT_MAX: Final = 64
 """Queries that may wait for the loop, and as many stops of each client.
@@ -151,8 +152,10 @@ class ZenohOutlet:
         self._encoder = msgspec.json.Encoder()
         self._token: zenoh.LivelinessToken | None = None
         self._events = self._declare_events()
+        self._callbacks = [Callbacks(mailbox.put) for _ in QUERYABLES]
         self._queryables = [
-            session.declare_queryable(wire.key(trainer, key), mailbox.put) for key in QUERYABLES
+            session.declare_queryable(wire.key(trainer, key), callbacks.handler)
+            for key, callbacks in zip(QUERYABLES, self._callbacks, strict=True)
         ]
 
     def next_seq(self, *parts: str) -> int:
@@ -190,11 +193,17 @@ class ZenohOutlet:
             self._token.undeclare()
             self._token = None
 
+    def end_queries(self) -> None:
+        """Receive no more queries; those that had arrived are in the mailbox then."""
+        while self._queryables:
+            self._queryables.pop().undeclare()
+        for callbacks in self._callbacks:
+            callbacks.wait()
+
     def close(self) -> None:
         """Undeclare everything; the session remains open."""
         self.set_alive(False)
-        for queryable in self._queryables:
-            queryable.undeclare()
+        self.end_queries()
         self._events.undeclare()
         for publisher in self._publishers.values():
             publisher.undeclare()

@@ -4,6 +4,7 @@ import zenoh
 from gaitd_client import wire
 
 from daemon.gateway.setpoints import SETPOINT_SIZE_MAX, SetpointBox
+from daemon.zenoh_io.callbacks import Callbacks
 
 TOO_LARGE = b" " * (SETPOINT_SIZE_MAX + 1)
 """Placeholder for a payload that is too large to keep."""
@@ -14,9 +15,9 @@ class SetpointSubscriber:
 
     def __init__(self, session: zenoh.Session, trainer: str, box: SetpointBox) -> None:
         self._box = box
-        self._subscriber = session.declare_subscriber(
-            wire.key(trainer, "*", wire.SETPOINT), self._receive
-        )
+        key = wire.key(trainer, "*", wire.SETPOINT)
+        self._callbacks = Callbacks(self._receive)
+        self._subscriber = session.declare_subscriber(key, self._callbacks.handler)
 
     def _receive(self, sample: zenoh.Sample) -> None:
         """Put one message into the box; called in a thread of Zenoh."""
@@ -26,5 +27,6 @@ class SetpointSubscriber:
         self._box.put(leg, payload.to_bytes() if small else TOO_LARGE)
 
     def close(self) -> None:
-        """Undeclare the subscriber; the box remains open."""
+        """Undeclare the subscriber; the box remains open, and nothing is put into it any more."""
         self._subscriber.undeclare()
+        self._callbacks.wait()

@@ -134,8 +134,12 @@ class Service:
             return Target((self.local,), "trainer")
         return target_of(self.folder / issuing.ISSUED / name)
 
-    def end(self):
+    def end_soon(self):
+        """Let the loop end, as SIGTERM does."""
         self._ended = True
+
+    def end(self):
+        self.end_soon()
         self._thread.join(10)
 
 
@@ -148,9 +152,11 @@ def running(make_core, clients=CLIENTS):
             core.answer(name, Outcome.DONE)
         made = Service(Path(folder), core, clients)
         made.start()
-        yield made
-        made.end()
-        core.end()
+        try:
+            yield made
+        finally:
+            made.end()
+            core.end()
 
 
 def target_of(bundle):

@@ -16,6 +16,7 @@ from gaitd_client import wire
 from keyed_gateway import BASE, ROLES, ask, connected, flush, is_valid, running
 
 from daemon.ipc.record import Mode, RequestKind
+from daemon.zenoh_io import publish
 
 WAITING_MAX = 64
 """Queries that may wait, and stops of one client."""
@@ -457,22 +458,40 @@ def test_the_schemas_are_made_once_however_many_ask():
 # --- a restart ------------------------------------------------------------------------------------
 
 
-def test_a_stop_that_waits_when_the_gateway_restarts_is_read_before(service, eventually):
-    operator, display = service.target("operator.desk"), service.target("display.desk")
-    core = service.core
-    core.changes["mode"] = Mode.READY
-    with connected(operator) as session, connected(display) as present:
-        eventually(lambda: ask(present, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
-        stop_count, restart = core.levels[-1].stop_count, Flood(session, operator)
-        stop = Flood(present, display)
+@pytest.mark.parametrize("restarts", [True, False])
+def test_a_stop_that_waits_when_the_gateway_ends_is_read_before(
+    fake_core, eventually, monkeypatch, restarts
+):
+    """Zenoh has received the stop, and calls back only when the loop has ended."""
+    loop_ended, received = threading.Event(), publish.ZenohInquiry
+    end_queries = publish.ZenohOutlet.end_queries
+
+    def receive(query):
+        inquiry = received(query)
+        return inquiry if inquiry.name != "stop" or loop_ended.wait(60) else None
+
+    def end(outlet):
+        loop_ended.set()
+        end_queries(outlet)
+
+    monkeypatch.setattr(publish, "ZenohInquiry", receive)
+    monkeypatch.setattr(publish.ZenohOutlet, "end_queries", end)
+    with running(fake_core) as service, contextlib.ExitStack() as clients:
+        service.core.changes["mode"] = Mode.READY
+        operator, display = service.target("operator.desk"), service.target("display.desk")
+        session, present = (clients.enter_context(connected(one)) for one in (operator, display))
+        eventually(lambda: is_valid(session) and service.core.levels)
+        stop_count = service.core.levels[-1].stop_count
+        requests, stop = Flood(session, operator), Flood(present, display)
         with service.held():
-            restart.query("restart")
-            flush(session)
-            service.turn()
-            eventually(lambda: restart.answered["restart"])
+            if restarts:
+                requests.query("restart")
+                flush(session)
+            else:
+                service.end_soon()
             stop.query("stop")
             flush(present)
-        # Its reply may be lost where the session closes at once; clients then send the stop again.
-        eventually(lambda: stop.ended_count)
-        assert core.levels[-1].stop_count == stop_count + 1
-    service.wait_for_restart(eventually)
+        eventually(lambda: service.core.levels[-1].stop_count == stop_count + 1)
+        eventually(lambda: stop.answered["stop"])
+        if restarts:
+            service.wait_for_restart(eventually)

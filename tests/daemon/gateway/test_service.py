@@ -6,6 +6,7 @@ import msgspec
 
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.presence import SILENCE_NS
+from daemon.gateway.setpoints import NOTHING
 from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import (
@@ -241,6 +242,18 @@ def test_a_stop_is_in_the_level_of_the_same_turn_and_stands_in_the_events(bench,
     bench.cycle(stop_count=1)
     assert [reply.outcome for reply in stop.replies] == ["done"]
     assert "stop, asked by display: done" in bench.outlet.events[-1].text
+
+
+def test_in_the_last_turn_a_stop_counts_and_nothing_else_reaches_the_core(bench, ask):
+    enable, stop = ask("enable"), ask("stop")
+    bench.cycle()
+
+    bench.gateway.last_turn(bench.clock.now_ns(), [enable, stop], NOTHING)
+
+    bench.levels += bench.core.receive()
+    assert bench.levels[-1].stop_count == 1
+    assert bench.levels[-1].request.kind is RequestKind.NONE
+    assert [reply.reason for reply in enable.replies] == ["the gateway ends"]
 
 
 def test_a_stop_is_a_stop_whatever_is_sent_along_with_it(bench, ask):
