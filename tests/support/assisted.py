@@ -71,23 +71,21 @@ class Walk(NamedTuple):
     session: LockstepSession
     controller: Controller
     answers: Answers
+    begin_cycle: int
 
-    def errors(self, strides_count: int) -> np.ndarray:
-        """Reference minus pose in the last strides, rows of rad and m."""
-        records = self.last(strides_count)
+    def errors(self, begin: int = 0) -> np.ndarray:
+        """Reference minus pose after the first `begin` strides, rows of rad and m."""
         return np.array(
-            [np.subtract(one.legs[0].reference, one.legs[0].measured) for one in records]
+            [np.subtract(one.legs[0].reference, one.legs[0].measured) for one in self._from(begin)]
         )
 
-    def assist(self, strides_count: int) -> np.ndarray:
-        """Assist in force in the last strides, rows of N·m and N."""
-        return np.array([one.assist.legs[0].assist for one in self.last(strides_count)])
+    def assist(self, begin: int = 0) -> np.ndarray:
+        """Assist in force after the first `begin` strides, rows of N·m and N."""
+        return np.array([one.assist.legs[0].assist for one in self._from(begin)])
 
-    def last(self, strides_count: int) -> list[CycleRecord]:
-        """Records of the last strides."""
-        lines = self.answers.lines
-        begin = lines[-strides_count - 1].cycle
-        return [one for one in self.session.records if begin < one.cycle <= lines[-1].cycle]
+    def _from(self, begin: int) -> list[CycleRecord]:
+        first = self.answers.lines[begin - 1].cycle if begin else self.begin_cycle
+        return [one for one in self.session.records if first < one.cycle]
 
 
 class Gym:
@@ -129,10 +127,11 @@ class Gym:
     def walk(self, model: Model, strides_count: int, answers: Answers | None = None) -> Walk:
         """Walk this many strides with a patient under the reference controller, or to a stop."""
         answers = answers or Answers(shipped().controller())
+        begin_cycle = self.session.record.cycle
         self.patient.become(model)
         controller = Controller(self.session.gateway, answers)
         self.session.run_until(
             lambda record: len(answers.lines) >= strides_count or record.mode != Mode.GAIT,
             within_s=(strides_count + 4) / self._cadence_hz,
         )
-        return Walk(self.session, controller, answers)
+        return Walk(self.session, controller, answers, begin_cycle)

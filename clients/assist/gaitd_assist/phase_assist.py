@@ -1,15 +1,19 @@
 """Assist over the phase of the stride, learned within it and forgotten: what the patient lacks.
 
     a = sum_m psi_m(phase) w_m
-    dw_m/dt = psi_m / |psi|^2 (gain (dz(e) + lead [e outside] de/dt) / learning - a / forgetting)
+    dw_m/dt = psi_m / |psi|^2 (h gain (dz(e) + lead [e outside] de/dt) / learning - a / forgetting)
+    h = (s - floor) / (1 - floor),  s = stiffness of the guidance
 
 psi are periodic Gaussians, normalised to sum 1; dz is the error outside of the dead band. Factor
 psi / |psi|^2 makes the assist at the present phase change by exactly the term in parentheses. So in
-the long run a = gain forgetting / learning * dz(e): help persists only where an error does.
+the long run a = h gain forgetting / learning * dz(e): help persists only where an error does.
+
+h: assist is learned as far as the leg is guided. An able patient whose strides keep within the dead
+band on the whole, and so lose their guidance, may leave it at a reversal: that is not corrected.
 Source: Wolbrecht, Chan, Reinkensmeyer, Bobrow, "Optimizing compliant, model-based robotic
 assistance to promote neurorehabilitation", IEEE Trans. Neural Syst. Rehabil. Eng. 16 (2008):
 sliding variable from error and error rate, forgetting by -1/tau Y^T (Y Y^T)^-1 Y a. Differs from
-it: the basis is over the phase of the stride instead of the pose, and there is a dead band.
+it: the basis is over the phase of the stride instead of the pose; there is a dead band, and h.
 """
 
 import math
@@ -32,6 +36,8 @@ class PhaseRules:
     """rad, m."""
     cap: Pair
     """Largest assist: N·m, N."""
+    floor_ratio: float
+    """Stiffness at which nothing is learned: that of `GuidanceRules`."""
     basis_count: int
     gain: Pair
     """Assist learned from a unit of error in `learning_s`: N·m/rad, N/m."""
@@ -62,7 +68,7 @@ class PhaseAssist:
         basis = self.basis(sample.phase_ratio)
         for axis, learns in enumerate(sample.learns):
             if learns:
-                self._learn(axis, basis, sample)
+                self._learn(axis, basis, sample, setpoint.stiffness_ratio)
         hip_nm, slide_n = (_dot(basis, weights) for weights in self._weights)
         return setpoint._replace(
             hip_nm=setpoint.hip_nm + hip_nm, slide_n=setpoint.slide_n + slide_n
@@ -87,12 +93,13 @@ class PhaseAssist:
         total = sum(values)
         return [value / total for value in values]
 
-    def _learn(self, axis: int, basis: list[float], sample: Sample) -> None:
+    def _learn(self, axis: int, basis: list[float], sample: Sample, stiffness_ratio: float) -> None:
         rules, weights = self._rules, self._weights[axis]
+        guided_ratio = (stiffness_ratio - rules.floor_ratio) / (1.0 - rules.floor_ratio)
         error = outside(sample.error[axis], rules.dead_band[axis])
         if error != 0.0:
             error += rules.lead_s * sample.error_rate[axis]
-        rate = rules.gain[axis] * error / rules.learning_s
+        rate = rules.gain[axis] * guided_ratio * error / rules.learning_s
         rate -= _dot(basis, weights) / rules.forgetting_s
         step = rate * sample.dt_s / _dot(basis, basis)
         cap = rules.cap[axis]

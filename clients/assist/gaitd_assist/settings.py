@@ -61,7 +61,7 @@ class GuidanceTable(_Strict, frozen=True, kw_only=True):
 
     forgetting_ratio: Annotated[float, Meta(ge=0.5, lt=1)]
     gain_ratio: Annotated[float, Meta(gt=0, le=2)]
-    floor_ratio: Annotated[float, Meta(ge=0.05, le=1)]
+    floor_ratio: Annotated[float, Meta(ge=0.05, lt=1)]
 
 
 class PhaseTable(_Strict, frozen=True, kw_only=True):
@@ -128,6 +128,7 @@ class Settings(_Strict, frozen=True, kw_only=True):
             PhaseRules(
                 dead_band=dead_band,
                 cap=cap,
+                floor_ratio=guidance.floor_ratio,
                 basis_count=phase.basis_count,
                 gain=(phase.hip_gain_nm_per_rad, phase.slide_gain_n_per_m),
                 learning_s=phase.learning_s,

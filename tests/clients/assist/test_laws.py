@@ -14,6 +14,7 @@ GUIDANCE = GuidanceRules(dead_band=BAND, forgetting_ratio=0.8, gain_ratio=0.5, f
 PHASE = PhaseRules(
     dead_band=BAND,
     cap=(20.0, 150.0),
+    floor_ratio=0.1,
     basis_count=16,
     gain=(100.0, 1000.0),
     learning_s=1.0,
@@ -86,6 +87,15 @@ def test_assist_at_a_phase_rises_by_gain_and_error_and_is_forgotten_without():
     for _ in range(500):
         faded = law.answer(AT, Assist())
     assert faded.hip_nm == pytest.approx(risen.hip_nm * math.exp(-1), rel=0.01)
+
+
+@pytest.mark.parametrize(("stiffness_ratio", "learned_share"), [(1, 1), (0.55, 0.5), (0.1, 0)])
+def test_assist_is_learned_as_far_as_the_leg_is_guided(stiffness_ratio, learned_share):
+    law = PhaseAssist(PHASE)
+    guided = Assist(0.0, 0.0, stiffness_ratio)
+
+    setpoint = law.answer(AT._replace(error=(0.05, 0.05)), guided)
+    assert setpoint[:2] == pytest.approx((learned_share * 0.01, learned_share * 0.2))
 
 
 def test_assist_belongs_to_its_phase_across_the_end_of_a_stride():
