@@ -90,13 +90,17 @@ def _end_with_parent() -> None:
 
 
 def _finish(process: subprocess.Popen[bytes], timeout_s: float) -> int:
-    """End a process with SIGTERM, and with SIGKILL after `timeout_s`."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGTERM)
-        try:
-            process.wait(timeout_s)
-        except subprocess.TimeoutExpired:
-            print(f"gaitd: pid {process.pid} did not end and is killed", file=sys.stderr)
-            process.kill()
-            process.wait()
-    return process.returncode
+    """End a process with SIGTERM, and with SIGKILL after `timeout_s`; return its exit code.
+
+    A process that SIGTERM ends before it has a handler has done nothing yet: 0.
+    """
+    if process.poll() is not None:
+        return process.returncode
+    process.send_signal(signal.SIGTERM)
+    try:
+        code = process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        print(f"gaitd: pid {process.pid} did not end and is killed", file=sys.stderr)
+        process.kill()
+        return process.wait()
+    return 0 if code == -signal.SIGTERM else code

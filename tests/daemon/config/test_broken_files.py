@@ -4,6 +4,7 @@ Each row of BROKEN is one small change of the good files and the four things tha
 stderr must then say.
 """
 
+import socket
 import subprocess
 import sys
 from tempfile import TemporaryDirectory
@@ -910,25 +911,39 @@ def test_the_core_starts_with_every_shipped_configuration(monkeypatch, capfd, st
     assert len(started) == 1
 
 
-def test_run_ends_with_the_refusal_of_its_core(tmp_path):
+def run_of(tmp_path, endpoint, *changes):
+    """`gaitd run` of the demonstration's files with these changes, until it ends by itself."""
     with TemporaryDirectory(dir="/dev/shm") as folder:  # the sockets' path must be short
         demo = changed(
             copied(tmp_path),
-            *REFUSED_BY_WHAT_IS_SWEPT["a dead core that runs too far"],
+            *changes,
             Change("demo.toml", '"/dev/shm/gaitd-demo"', f'"{folder}/run"'),
             Change("demo.toml", '"../out/demo/state"', f'"{tmp_path}/state"'),
-            Change("demo.toml", "tcp/127.0.0.1:7447", f"unixsock-stream/{folder}/zenoh.sock"),
+            Change("demo.toml", "tcp/127.0.0.1:7447", endpoint or f"unixsock-stream/{folder}/z"),
         )
-
         run = subprocess.run(
             [sys.executable, "-m", "gaitd", "run", "--config", str(demo)],
             capture_output=True,
             text=True,
             check=False,
         )
+        return demo, run
+
+
+def test_run_ends_with_the_refusal_of_its_core(tmp_path):
+    demo, run = run_of(tmp_path, "", *REFUSED_BY_WHAT_IS_SWEPT["a dead core that runs too far"])
 
     assert run.returncode == 2
     assert run.stderr.startswith(
         f"configuration error: {demo.parent / 'limits.toml'}: hip.torque_max_nm"
     )
     assert run.stderr.count("\n") == 1
+
+
+def test_run_ends_with_a_configuration_error_where_another_program_has_the_port(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        endpoint = f"tcp/127.0.0.1:{other.getsockname()[1]}"
+        _, run = run_of(tmp_path, endpoint)
+
+    assert run.returncode == 2
+    assert f"gaitd gateway: cannot listen on {endpoint}" in run.stderr
