@@ -24,6 +24,7 @@ OPEN: Final = frozenset({Route.STOP, Route.GATEWAY})
 """Queries that need no name."""
 ACCESS: Final = {
     Route.LEASE: Access.LEASE,
+    Route.REPORT: Access.LEASE,
     Route.PLAN: Access.PLAN,
     Route.RESTART: Access.RESTART,
 }

@@ -111,13 +111,21 @@ class LeaseManager:
         Raises:
             LeaseRefusedError: no lease is held, or not by this client with this number.
         """
+        self.check_holder(client, number)
+        self._held = None
+        return Ended(client, "released")
+
+    def check_holder(self, client: str, number: int) -> None:
+        """Check that this client holds the lease.
+
+        Raises:
+            LeaseRefusedError: no lease is held, or not by this client with this number.
+        """
         held = self._held
         if held is None:
             raise LeaseRefusedError("no client holds the lease")
         if number != held.number or client != held.client:
             raise LeaseRefusedError(f"{held.client!r} holds the lease, with another number")
-        self._held = None
-        return Ended(held.client, "released")
 
     def renew(self, now_ns: int) -> None:
         """Renew the lease after an accepted setpoint."""

@@ -126,6 +126,15 @@ class LeaseControl:
         reason = f"for {duration_ms} ms after this reply and after each accepted setpoint"
         return Decision(Outcome.DONE, reason, number, duration_ms, renewed)
 
+    def refuse_report(self, report: wire.ReportAsk) -> str:
+        """Why a state is not published: its client does not hold the lease, or no such leg."""
+        try:
+            self.leases.check_holder(report.client, report.lease)
+        except LeaseRefusedError as error:
+            return str(error)
+        known = ", ".join(self._legs)
+        return "" if report.leg in self._legs else f"leg = {report.leg!r}, the trainer has {known}"
+
     def stop(self) -> list[EventDraft]:
         """End the lease because a client has requested a stop."""
         return self._end("a stop was requested")

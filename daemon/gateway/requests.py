@@ -48,6 +48,7 @@ class Route(Enum):
     """Where a query to control/NAME is answered."""
 
     LEASE = "lease"
+    REPORT = "report"
     GATEWAY = "gateway"
     STOP = "stop"
     CORE = "core"
@@ -58,6 +59,7 @@ class Route(Enum):
 ROUTES: Final[dict[str, Route]] = {
     "acquire": Route.LEASE,
     "release": Route.LEASE,
+    "report": Route.REPORT,
     "enable": Route.CORE,
     "disable": Route.CORE,
     "stop": Route.STOP,
@@ -74,6 +76,7 @@ PAYLOADS: Final[dict[str, type[wire.Ask]]] = {
     "mode": wire.ModeAsk,
     "acquire": wire.AcquireAsk,
     "release": wire.ReleaseAsk,
+    "report": wire.ReportAsk,
     "plan": wire.PlanAsk,
 }
 """Payload types of queries that carry more than the client's name."""

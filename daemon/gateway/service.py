@@ -354,6 +354,9 @@ class Gateway:
                     self._settle([answer])
             case requests.Route.LEASE:
                 self._lease(payload, now_ns)
+            case requests.Route.REPORT:
+                if isinstance(payload, wire.ReportAsk):
+                    self._report(payload)
             case requests.Route.GATEWAY:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
             case requests.Route.PLAN:
@@ -395,6 +398,23 @@ class Gateway:
             outcome = name_of(decision.outcome)
             draft = events.request_answered(inquiry.name, client, outcome, decision.reason)
             self._publish_request(draft)
+
+    def _report(self, report: wire.ReportAsk) -> None:
+        """Publish the state of the lease's holder; it comes with each stride, so it is no event."""
+        inquiry, client = self._waiting.pop(self._ticket)
+        reason = self.lease_control.refuse_report(report)
+        if not reason:
+            parts = (report.leg, wire.CONTROLLER)
+            message = wire.ControllerState(
+                **self._head(*parts),
+                leg=report.leg,
+                client=client,
+                for_cycle=report.for_cycle,
+                values=report.values,
+            )
+            self._outlet.put(message, *parts)
+        outcome = Outcome.REFUSED if reason else Outcome.DONE
+        inquiry.answer(self._reply(inquiry.name, outcome, reason))
 
     def _settle(self, answers: Sequence[requests.Answer]) -> None:
         """Send answers, and publish the outcomes of requests as events."""

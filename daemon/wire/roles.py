@@ -31,7 +31,7 @@ class Access(Enum):
     """What a role may do besides the requests to the core."""
 
     LEASE = "lease"
-    """Acquire and release the lease, and send setpoints."""
+    """Acquire and release the lease, send setpoints, and report a state to be published."""
     PLAN = "plan"
     """Release the plan that limits a session."""
     RESTART = "restart"

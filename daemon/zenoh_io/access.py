@@ -71,7 +71,7 @@ EVERY: Final = (ANY_KEY,)
 HISTORY: Final = f"{wire.EVENTS}/@adv/**"
 """Keys on which Zenoh's advanced publisher offers events to late joiners."""
 PUBLISHED: Final = (
-    *(f"*/{name}" for name in ("estimate", "activity", "friction", "stride")),
+    *(f"*/{name}" for name in ("estimate", "activity", "friction", "stride", wire.CONTROLLER)),
     "drives/*/*",
     *(wire.SAFETY, wire.EVENTS, HISTORY, wire.HEALTH),
 )
@@ -102,7 +102,7 @@ RIGHTS: Final = (
     Right("stop", ALL_ROLES, Flow.IN, (Message.QUERY,), _requests(Route.STOP)),
     _query("stop by name", ALL_ROLES, *_requests(Route.STOP)),
     Right("query", ALL_ROLES, Flow.IN, (Message.QUERY,), _requests(Route.GATEWAY)),
-    _query("lease", _with(Access.LEASE), *_requests(Route.LEASE)),
+    _query("lease", _with(Access.LEASE), *_requests(Route.LEASE), *_requests(Route.REPORT)),
     *(
         _query(
             kind.name.lower(),

@@ -6,17 +6,20 @@ from pathlib import Path
 import msgspec
 from gaitd_assist import StrideLine, parse_settings
 from gaitd_assist.program import run
+from gaitd_client.wire import ControllerState
 
 from daemon.ipc.record import Mode
 
 SHIPPED = Path(__file__).parents[2] / "clients" / "assist" / "configs" / "assist.toml"
 
 
-def test_the_program_walks_a_gait_and_logs_its_strides(long_service, tmp_path):
+def test_the_program_walks_a_gait_and_logs_and_publishes_its_strides(long_service, tmp_path):
     """An operator starts the gait; the program holds the lease and requests nothing."""
     long_service.bring(Mode.HOLD)
     settings = parse_settings(SHIPPED.read_text(), tmp_path / "assist.toml")
     with long_service.client("assist") as trainer, long_service.client("operator") as operator:
+        published = []
+        operator.controller("right").call(published.append)
         answering = threading.Thread(
             target=run, args=(settings, SHIPPED, trainer), kwargs={"duration_s": 20.0}
         )
@@ -37,3 +40,10 @@ def test_the_program_walks_a_gait_and_logs_its_strides(long_service, tmp_path):
     assert all(line.learned for line in lines)
     assert lines[-1].state["stiffness_ratio"] < lines[0].state["stiffness_ratio"]
     assert (ended.mode, ended.lease_holder) == ("hold", None)
+    states = [one for one in published if isinstance(one, ControllerState)]
+    # The one of the last half second is logged alone: the lease has ended.
+    assert len(states) >= len(lines) - 1 >= 1
+    for state, line in zip(states, lines, strict=False):
+        assert (state.client, state.for_cycle) == ("gaitd-assist", line.cycle)
+        assert state.values["stiffness_ratio"] == line.state["stiffness_ratio"]
+        assert state.values["weights_hip_nm"] == tuple(line.state["weights_hip_nm"])

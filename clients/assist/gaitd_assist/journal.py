@@ -52,14 +52,17 @@ class Journal:
         self.lost_count += len(self._waiting) == LINES_KEPT
         self._waiting.append(line)
 
-    def write(self) -> None:
-        """Write all lines that wait.
+    def write(self) -> list[StrideLine]:
+        """Write all lines that wait, and return them.
 
         Raises:
             OSError: they cannot be written.
         """
+        lines: list[StrideLine] = []
         try:
             while self._waiting:
-                self._file.write(msgspec.json.encode(self._waiting.popleft()) + b"\n")
+                lines.append(self._waiting.popleft())
+                self._file.write(msgspec.json.encode(lines[-1]) + b"\n")
         except OSError as error:
             raise OSError(error.errno, error.strerror, str(self._path)) from error
+        return lines

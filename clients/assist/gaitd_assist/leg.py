@@ -28,6 +28,14 @@ from gaitd_assist.transparency import Transparency, TransparencyRules
 GAP_CYCLES: Final = 5
 """More cycles than this between two estimates are a gap: nothing is learned over it."""
 NEUTRAL: Final = Assist()
+REPORTED: Final = (
+    "hip_error_rms_rad",
+    "slide_error_rms_m",
+    "share_ratio",
+    "assist_mean_nm",
+    "assist_mean_n",
+)
+"""Fields of a `StrideLine` that are published, besides its state."""
 
 
 class StrideLine(msgspec.Struct, frozen=True, kw_only=True):
@@ -49,6 +57,10 @@ class StrideLine(msgspec.Struct, frozen=True, kw_only=True):
     """Mean size of the assist of the hip in this stride."""
     assist_mean_n: float
     state: dict[str, float | list[float]]
+
+    def reported(self) -> dict[str, float | list[float] | None]:
+        """Return the values of the line that are published, by name."""
+        return {name: getattr(self, name) for name in REPORTED} | self.state
 
 
 class LegController:

@@ -14,6 +14,7 @@ from gaitd_client import (
     Assist,
     ClientError,
     Estimate,
+    Lease,
     NotValid,
     Refusal,
     Safety,
@@ -24,7 +25,7 @@ from gaitd_client import (
 )
 
 from gaitd_assist.journal import Journal
-from gaitd_assist.leg import LegController
+from gaitd_assist.leg import LegController, StrideLine
 from gaitd_assist.settings import Settings, SettingsError, check_caps, read_settings
 
 EXIT_REFUSED: Final = 2
@@ -82,7 +83,8 @@ def run(settings: Settings, path: Path, trainer: Trainer, duration_s: float | No
             was, lost_count = "", 0
             while end_ns is None or clock.now_ns() < end_ns:
                 lease.wait(WRITE_S)
-                journal.write()
+                for line in journal.write():
+                    _publish(line, lease)
                 if journal.lost_count > lost_count:
                     lost_count = journal.lost_count
                     print(f"{CLIENT}: {lost_count} lines of the log were lost", file=sys.stderr)
@@ -113,6 +115,14 @@ def main() -> None:
         _fail(str(error), EXIT_NO_SERVICE)
     except OSError as error:
         _fail(f"{error.filename}: {error.strerror}; the log must be writable", EXIT_REFUSED)
+
+
+def _publish(line: StrideLine, lease: Lease) -> None:
+    """Publish a stride's state for displays; the gait goes on if that fails."""
+    try:
+        lease.report(line.leg, line.cycle, line.reported())
+    except ClientError as error:
+        print(f"{CLIENT}: stride {line.number} is not published: {error}", file=sys.stderr)
 
 
 def _report(refusal: Refusal) -> None:

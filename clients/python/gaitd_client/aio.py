@@ -99,6 +99,10 @@ class AsyncTrainer:
         """The figures of one leg's strides, each at its end."""
         return self.sync.stride(leg, keep=keep)
 
+    def controller(self, leg: str, *, keep: int = STRIDES_KEPT) -> Stream[wire.ControllerState]:
+        """What the holder of the lease has reported about its laws for one leg."""
+        return self.sync.controller(leg, keep=keep)
+
     def safety(self, *, keep: int = 1) -> Stream[wire.Safety]:
         """Mode, verdict and lease, on change and once a second."""
         return self.sync.safety(keep=keep)

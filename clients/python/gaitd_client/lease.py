@@ -230,6 +230,34 @@ class Lease:
         if self._error is not None:
             raise self._error
 
+    def report(self, leg: str, for_cycle: int, values: Mapping[str, object]) -> None:
+        """Publish the state of this controller for one leg, for displays; once a stride is usual.
+
+        Waits for the service, so do not call it in the law. Without the lease nothing is sent.
+
+        Args:
+            leg: right or left.
+            for_cycle: `cycle` to which the state belongs.
+            values: numbers, None or arrays of up to 64, by names that end in their unit.
+
+        Raises:
+            RequestRefusedError: the lease has ended in the meantime, or a value is not allowed.
+            NoAnswerError: the service does not answer.
+        """
+        grant = self._grant
+        if grant is None:
+            return
+        reply = self._trainer.request(
+            "report",
+            client=self.name,
+            lease=grant.lease,
+            leg=leg,
+            for_cycle=for_cycle,
+            values=values,
+        )
+        if reply.outcome != Outcome.DONE:
+            raise RequestRefusedError(reply)
+
     def _opened(self, ending: ExitStack, stream: Stream[T], function_name: str) -> Stream[T]:
         def close() -> None:
             try:

@@ -247,6 +247,12 @@ class Trainer:
         """The figures of one leg's strides, each at its end."""
         return self._stream_of_leg(wire.Stride, leg, "stride", keep=keep, silence_ns=None)
 
+    def controller(self, leg: str, *, keep: int = STRIDES_KEPT) -> Stream[wire.ControllerState]:
+        """Return what the holder of the lease has reported about its laws for one leg."""
+        return self._stream_of_leg(
+            wire.ControllerState, leg, wire.CONTROLLER, keep=keep, silence_ns=None
+        )
+
     def safety(self, *, keep: int = 1) -> Stream[wire.Safety]:
         """Mode, verdict and lease, on change and once a second."""
         return self._stream(wire.Safety, wire.SAFETY, keep=keep, silence_ns=SECOND_SILENCE_NS)

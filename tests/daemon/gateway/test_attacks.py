@@ -367,13 +367,13 @@ def test_the_gateway_introduces_no_peer_to_another(kind, request, eventually):
 FLOOD = 90
 QUERIES = (
     *("status", "config", "schema", "acquire", "release", "enable", "disable", "mode", "reset"),
-    *("plan", "restart"),
+    *("report", "plan", "restart"),
 )
 OWN = {
     "display": {"status", "config", "schema"},
-    "controller": {"status", "config", "schema", "acquire", "release"},
+    "controller": {"status", "config", "schema", "acquire", "release", "report"},
     "session": {"status", "config", "schema", "enable", "disable", "mode", "reset"},
-    "operator": {*QUERIES} - {"acquire", "release"},
+    "operator": {*QUERIES} - {"acquire", "release", "report"},
     "service": {"status", "config", "schema", "disable", "mode", "reset", "restart"},
 }
 

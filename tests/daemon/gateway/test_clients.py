@@ -50,14 +50,14 @@ def test_certificates_that_end_within_30_days_are_named_and_a_password_never(at,
     assert Clients(None).expiring(round(utc.timestamp()) * 10**9) == ()
 
 
-ACTING = ("acquire", "release", "plan", "restart")
+ACTING = ("acquire", "release", "report", "plan", "restart")
 
 
 @pytest.mark.parametrize(
     ("role", "may"),
     [
         (Role.DISPLAY, ()),
-        (Role.CONTROLLER, ("acquire", "release")),
+        (Role.CONTROLLER, ("acquire", "release", "report")),
         (Role.SESSION, ()),
         (Role.OPERATOR, ("plan", "restart")),
         (Role.SERVICE, ("restart",)),

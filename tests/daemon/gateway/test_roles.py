@@ -48,6 +48,7 @@ MAY = {
     "plan": {"operator"},
     "restart": {"operator", "service"},
     "release": {"controller"},
+    "report": {"controller"},
     "stop": ALL,
 }
 PLAN = {
@@ -57,7 +58,12 @@ PLAN = {
     "hip_assist_max_nm": 10.0,
     "slide_assist_max_n": None,
 }
-PAYLOADS = {"mode": {"mode": "hold"}, "plan": {"plan": PLAN}, "release": {"lease": 1}}
+PAYLOADS = {
+    "mode": {"mode": "hold"},
+    "plan": {"plan": PLAN},
+    "release": {"lease": 1},
+    "report": {"lease": 1, "leg": "right", "values": {}},
+}
 PUBLISHED = ("right/activity", "right/estimate", "safety", "events", "health", "drives/right/hip")
 LIE = b'{"forged": true}'
 

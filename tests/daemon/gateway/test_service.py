@@ -406,3 +406,30 @@ def test_the_newest_emergencies_of_a_drive_are_kept_for_whoever_comes_late(bench
     for _ in range(20):
         bench.cycle()
     assert bench.outlet.on("drives/right/hip")[-1].emergencies == ()
+
+
+def test_the_state_of_the_holder_of_the_lease_is_published_and_of_no_other(bench, ask):
+    bench.cycle()
+    acquired = ask("acquire", b'{"client": "law"}')
+    bench.cycle(acquired)
+    lease = acquired.replies[0].lease
+
+    def report(**changes):
+        values = {"stiffness_ratio": 0.4, "weights_hip_nm": [1.0, None]}
+        payload = {"client": "law", "lease": lease, "leg": "right", "for_cycle": 7}
+        asked = ask("report", msgspec.json.encode(payload | {"values": values} | changes))
+        bench.cycle(asked)
+        return asked.replies[0].outcome, asked.replies[0].reason
+
+    assert report() == ("done", "")
+    assert report(client="other") == ("refused", "'law' holds the lease, with another number")
+    assert report(lease=lease % 2**52 + 1)[0] == "refused"
+    assert report(leg="left") == ("refused", "leg = 'left', the trainer has right")
+    for values in ({"no unit": 1.0}, {"a_nm": [0.0] * 65}, {f"a{i}_nm": 0.0 for i in range(33)}):
+        assert report(values=values)[0] == "refused"
+    bench.cycle(ask("stop"))
+    assert report() == ("refused", "no client holds the lease")
+
+    (published,) = bench.outlet.on("right/controller")
+    assert (published.client, published.for_cycle, published.cycle) == ("law", 7, 3)
+    assert published.values == {"stiffness_ratio": 0.4, "weights_hip_nm": (1.0, None)}

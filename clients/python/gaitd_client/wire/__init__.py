@@ -7,10 +7,11 @@ setpoint is refused). `schemas/` has the JSON Schemas as files, which `__main__.
 
 from gaitd_client.wire.fields import Stated
 from gaitd_client.wire.health_messages import Health
-from gaitd_client.wire.leg_messages import Activity, Estimate, Friction, Stride
+from gaitd_client.wire.leg_messages import Activity, ControllerState, Estimate, Friction, Stride
 from gaitd_client.wire.messages import (
     ALIVE,
     CONTROL,
+    CONTROLLER,
     EVENTS,
     HEALTH,
     MESSAGES,
@@ -32,6 +33,7 @@ from gaitd_client.wire.messages import (
     PlanLimits,
     ReleaseAsk,
     Reply,
+    ReportAsk,
     Safety,
     Schemas,
     SetpointMessage,
@@ -46,6 +48,7 @@ from gaitd_client.wire.messages import (
 __all__ = [
     "ALIVE",
     "CONTROL",
+    "CONTROLLER",
     "EVENTS",
     "HEALTH",
     "MESSAGES",
@@ -58,6 +61,7 @@ __all__ = [
     "Activity",
     "Ask",
     "Configuration",
+    "ControllerState",
     "DriveState",
     "Emergency",
     "Estimate",
@@ -71,6 +75,7 @@ __all__ = [
     "PlanLimits",
     "ReleaseAsk",
     "Reply",
+    "ReportAsk",
     "Safety",
     "Schemas",
     "SetpointMessage",

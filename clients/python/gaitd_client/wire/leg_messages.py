@@ -23,6 +23,7 @@ from gaitd_client.wire.fields import (
     SlideNet,
     SlidePatient,
     SlidePosition,
+    Stated,
     Std,
 )
 
@@ -41,6 +42,17 @@ DriftCorrelation = Annotated[
     Meta(
         description="Patient's effort with the direction of motion, -1..1, over the last 20 s of"
         " motion. Above 0.8 with an empty machine: calibrate."
+    ),
+]
+
+ReportedValues = Annotated[
+    dict[
+        Annotated[str, Meta(pattern="^[a-z][a-z0-9_]{0,47}$")],
+        float | Annotated[tuple[float | None, ...], Meta(max_length=64)] | None,
+    ],
+    Meta(
+        max_length=32,
+        description="By names that end in their unit; arrays are over the stride. Null: not known.",
     ),
 ]
 
@@ -224,3 +236,15 @@ class Stride(Sampled, frozen=True, kw_only=True):
     share_ratio: Annotated[float | None, Meta(description="Of both axes; null below 0.5 J.")]
     share_ratio_std: Std
     baseline_subtracted: Annotated[bool, Meta(description="Of a passive run, per gait phase.")]
+
+
+class ControllerState(Stated, frozen=True, kw_only=True):
+    """State of the controller that holds the lease, as it has reported it; usually each stride.
+
+    The service has checked who reports, and not what.
+    """
+
+    leg: Annotated[str, Meta(description="right or left")]
+    client: Annotated[str, Meta(description="Who holds the lease.")]
+    for_cycle: Annotated[int | None, Meta(description="`cycle` to which the state belongs.")]
+    values: ReportedValues

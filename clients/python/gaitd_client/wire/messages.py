@@ -37,7 +37,14 @@ from gaitd_client.wire.fields import (
     Stated,
 )
 from gaitd_client.wire.health_messages import Health
-from gaitd_client.wire.leg_messages import Activity, Estimate, Friction, Stride
+from gaitd_client.wire.leg_messages import (
+    Activity,
+    ControllerState,
+    Estimate,
+    Friction,
+    ReportedValues,
+    Stride,
+)
 
 EXACT_MAX: Final = 2**53 - 1
 """Up to here every JSON reader represents integers exactly."""
@@ -283,6 +290,17 @@ class ReleaseAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="Number from the reply to acquire.")]
 
 
+class ReportAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/report: publish the state of the lease's holder.
+
+    The service publishes it as `ControllerState`, and reads nothing of it.
+    """
+
+    lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="Number from the reply to acquire.")]
+    leg: Annotated[str, Meta(max_length=16, pattern=ONE_LINE, description="right or left")]
+    values: ReportedValues
+
+
 class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Payload of a query to control/mode."""
 
@@ -349,6 +367,7 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "activity": Activity,
     "friction": Friction,
     "stride": Stride,
+    "controller": ControllerState,
     "drives": DriveState,
     "safety": Safety,
     "events": Event,
@@ -361,6 +380,7 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "mode": ModeAsk,
     "acquire": AcquireAsk,
     "release": ReleaseAsk,
+    "report": ReportAsk,
     "plan": PlanAsk,
     "setpoint": SetpointMessage,
 }
@@ -377,6 +397,7 @@ HEALTH: Final = "health"
 SAFETY: Final = "safety"
 CONTROL: Final = "control"
 SETPOINT: Final = "setpoint"
+CONTROLLER: Final = "controller"
 READING: Final = frozenset({"status", "config", "schema"})
 """Queries that every client may send and that change nothing."""
 
