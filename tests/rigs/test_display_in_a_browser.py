@@ -423,3 +423,18 @@ def test_the_therapist_logs_in_sees_all_values_and_releases_a_plan(desk, trainer
     player.speak()
     tab.page.click("#logout")
     tab.until("document.querySelector('#password') !== null")
+
+
+def test_the_therapist_s_alarm_sounds_for_a_stop_at_rest_and_for_a_server_that_is_lost(desk):
+    tab, player = desk
+    tab.page.fill("#password", PASSWORD)
+    tab.page.click("#login button")
+    tab.until("document.querySelector('#state')?.textContent.includes('ready')")
+    player.play(mode=Mode.OFF, cause=Cause.DRIVE_SILENT)
+    tab.until("!document.querySelector('#quiet').hidden")
+    player.play(mode=Mode.HOLD)
+    tab.until("document.querySelector('#quiet').hidden")
+    tab.site.end()
+    tab.until("!document.querySelector('#quiet').hidden")
+    tab.shot("therapist_no_connection")
+    tab.site.start()

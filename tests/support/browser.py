@@ -142,7 +142,7 @@ class Tab:
     def __init__(self, browser, site, shots: Path, size=(1280, 800)):
         width, height = size
         self.page = browser.new_page(viewport={"width": width, "height": height})
-        self.errors, self.foreign = [], []
+        self.site, self.errors, self.foreign = site, [], []
         self._shots = shots
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
         self.page.on("console", self._console)

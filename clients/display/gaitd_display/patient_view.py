@@ -1,7 +1,7 @@
 """All that the patient's page shows, computed from the newest messages; the page only paints it."""
 
 from collections.abc import Iterable, Mapping
-from typing import Final, NamedTuple
+from typing import Final
 
 import msgspec
 from gaitd_client import (
@@ -16,7 +16,7 @@ from gaitd_client import (
     Stride,
 )
 
-from gaitd_display.alarm import Alarm
+from gaitd_display.alarm import Alarm, cause_of
 from gaitd_display.cause_texts import INSTRUCTIONS, Situation, patient_text
 from gaitd_display.feedback import BarView, LegFeedback, Result
 from gaitd_display.settings import PatientSettings
@@ -37,10 +37,6 @@ from gaitd_display.way_out import (
 RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
 HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
 """CiA 402 power states in which a drive can hold a leg."""
-INPUT_CYCLES: Final = 20
-"""After so many cycles a drive has shown the input that goes with its fault."""
-BY_EMERGENCY_STOP: Final = frozenset({Cause.DRIVE_FAULT, Cause.EMERGENCY})
-"""Causes that the emergency stop has where nothing moves: the drive reports it as a fault."""
 STAGE_WORDS: Final[Mapping[str | None, Word]] = {
     Stage.PREPARING: Word.WAIT,
     Stage.ANNOUNCING: Word.SOON,
@@ -131,17 +127,6 @@ def said(text: Text) -> Said:
     return Said(text.en, text.de)
 
 
-class _Stopped(NamedTuple):
-    """How the present stop began."""
-
-    cycle: int | None = None
-    """When it was published; None: there is none."""
-    is_active: bool = False
-    """The drives were enabled."""
-    has_emergency_stop: bool = False
-    """A drive has read the emergency stop as pressed since then."""
-
-
 class PatientState:
     """The newest messages, and what follows from them."""
 
@@ -163,8 +148,6 @@ class PatientState:
         self._drives: dict[str, DriveState] = {}
         self._are_holding = False
         self._training: TrainingView | None = None
-        self._was_active = self._was_up = False
-        self._stopped_in = _Stopped()
         self._alarm = Alarm(run_id)
         self.configuration: Configuration | None = None
         self.way_out = WayOut()
@@ -190,18 +173,21 @@ class PatientState:
         word = self._word()
         is_silent = word is Word.NO_SIGNAL
         mode = None if self._safety is None or is_silent else self._safety.mode
-        if not is_silent:
-            self._note(mode)
+        alarm = self._alarm.take(
+            None if is_silent else self._safety,
+            self._drives.values(),
+            has_session=training is not None,
+        )
         step = Step.NONE if is_silent else self._step(mode)
         return PatientView(
             word=word,
             mode=mode,
-            active=self._was_active,
+            active=self._alarm.was_active,
             bars=tuple(leg.view() for leg in self._legs.values()),
             stop=None if is_silent else self._stop(),
             step=step,
             action=ACTION.get(step),
-            alarm=self._alarm.take(self._alarm_about(word)),
+            alarm=alarm,
             training=training,
         )
 
@@ -210,15 +196,11 @@ class PatientState:
         """Boot id of the running core; None: unknown."""
         return None if self._safety is None else self._safety.core_boot_id
 
-    def _cause(self) -> str:
-        verdict = None if self._safety is None else self._safety.verdict
-        return Cause.NONE if verdict is None else verdict.cause
-
     def _word(self) -> Word:
         if self._safety is None or all(self._silent.values()):
             return Word.NO_SIGNAL
         mode, stage = self._safety.mode, self._safety.stage
-        if mode in UNPOWERED_MODES and self._cause() != Cause.NONE:
+        if mode in UNPOWERED_MODES and cause_of(self._safety) != Cause.NONE:
             return Word.STOPPED
         announces = self._training is not None and self._training.announces
         if (announces and mode in RESTING_MODES) or (
@@ -236,11 +218,10 @@ class PatientState:
         return RESULT_WORDS[next(result for result in WORST_FIRST if result in results)]
 
     def _stop(self) -> StopView | None:
-        cause = self._cause()
+        cause = cause_of(self._safety)
         if cause == Cause.NONE:
             return None
-        is_by_hand = self._stopped_in.has_emergency_stop and cause in BY_EMERGENCY_STOP
-        text = patient_text(Cause.STO_ACTIVE if is_by_hand else cause)
+        text = patient_text(Cause.STO_ACTIVE if self._alarm.is_by_emergency_stop(cause) else cause)
         advice = () if text.advice is None else (text.advice,)
         is_loose = text.situation is Situation.HELD and not self._are_holding
         situation = Situation.LOOSE if is_loose else text.situation
@@ -248,7 +229,7 @@ class PatientState:
         return StopView(cause, said(text.happened), tuple(map(said, instructions)))
 
     def _step(self, mode: str | None) -> Step:
-        cause = self._cause()
+        cause = cause_of(self._safety)
         is_latched = cause != Cause.NONE
         if self._training is not None and self._training.is_going:
             self.way_out.leave()
@@ -272,34 +253,3 @@ class PatientState:
     def _position(self, name: str) -> float | None:
         drive = self._drives.get(name)
         return drive.position_si if drive is not None and drive.fresh else None
-
-    def _note(self, mode: str | None) -> None:
-        """Take note of what the alarm and the text of a stop depend on."""
-        safety, cause = self._safety, self._cause()
-        cycle = (safety.cycle if safety is not None else None) or 0
-        began_cycle = self._stopped_in.cycle
-        if cause == Cause.NONE:
-            self._stopped_in = _Stopped()
-        elif began_cycle is None or cycle < began_cycle:
-            # The first message of the stop; or of a core that has started again.
-            self._stopped_in = _Stopped(cycle, is_active=self._was_active)
-        if any(drive.sto_released is False for drive in self._drives.values()):
-            self._stopped_in = self._stopped_in._replace(has_emergency_stop=True)
-        self._was_active = bool(safety and safety.active)
-        self._was_up |= mode not in UNPOWERED_MODES
-
-    def _alarm_about(self, word: Word) -> str:
-        """An alarm sounds after a stop, and if the signal is lost while the drives were enabled."""
-        if word is Word.NO_SIGNAL:
-            return word.value if self._was_active else ""
-        is_alarming = self._is_alarming() or self._alarm.about
-        return self._cause() if self._cause() != Cause.NONE and is_alarming else ""
-
-    def _is_alarming(self) -> bool:
-        """False for what a person does before a training: switch on, press the emergency stop."""
-        stopped = self._stopped_in
-        if stopped.is_active or self._training is None:
-            return stopped.is_active or self._was_up
-        known_cycle = (stopped.cycle or 0) + INPUT_CYCLES
-        is_known = all(drive.cycle >= known_cycle for drive in self._drives.values())
-        return self._was_up and is_known and not stopped.has_emergency_stop

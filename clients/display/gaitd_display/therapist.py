@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import itertools
 import secrets
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from enum import StrEnum, auto
@@ -108,7 +109,7 @@ class TherapistServer:
         self._sessions = Sessions(clock, settings.login.session_max_min)
         self._checking, self._asking = asyncio.Lock(), asyncio.Lock()
         self._reading = asyncio.Lock()
-        self.state = TherapistState(secrets.token_hex(4))
+        self.state = TherapistState(secrets.token_hex(4), has_session=settings.session is not None)
         self._read: Callable[[], TherapistView]
         self.feed = Feed(self._view)
         self._stops = Stops(trainer)
@@ -155,13 +156,13 @@ class TherapistServer:
         safety, health = trainer.safety(), trainer.health()
 
         def read() -> TherapistView:
+            newest = [[drive.newest() for drive in drives] for *_, drives in streams]
             views = tuple(
-                leg_view(
-                    leg, activity.newest(), friction.newest(), [drive.newest() for drive in drives]
-                )
-                for leg, activity, friction, drives in streams
+                leg_view(leg, activity.newest(), friction.newest(), drives)
+                for (leg, activity, friction, _), drives in zip(streams, newest, strict=True)
             )
-            return self.state.view(views, safety.newest(), health.newest())
+            drives = itertools.chain(*newest)
+            return self.state.view(views, safety.newest(), health.newest(), drives)
 
         self._read = read
         return [

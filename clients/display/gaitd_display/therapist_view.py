@@ -18,10 +18,7 @@ from gaitd_client import (
     Stride,
 )
 
-from gaitd_display.alarm import Alarm
-from gaitd_display.way_out import STOPPED_MODES
-
-SIGNAL_LOST: Final = "no_signal"
+from gaitd_display.alarm import Alarm, cause_of
 
 
 class Number(msgspec.Struct, frozen=True):
@@ -111,6 +108,8 @@ class TherapistView(msgspec.Struct, frozen=True):
     legs: tuple[LegView, ...]
     health: HealthView | None
     plan: PlanView
+    active: bool
+    """The drives are enabled, or were when the trainer fell silent."""
     alarm: str | None
 
 
@@ -213,13 +212,14 @@ def health_view(health: Health | NotValid) -> HealthView | None:
 class TherapistState:
     """What follows from the newest messages."""
 
-    def __init__(self, run_id: str) -> None:
+    def __init__(self, run_id: str, *, has_session: bool) -> None:
         """Start without a message.
 
         Args:
             run_id: differs with each start of the server.
+            has_session: the patient's server runs a session.
         """
-        self._alarm, self._was_active = Alarm(run_id), False
+        self._alarm, self._has_session = Alarm(run_id), has_session
         self.plan = UNKNOWN_PLAN
 
     def view(
@@ -227,13 +227,16 @@ class TherapistState:
         legs: tuple[LegView, ...],
         safety: Safety | NotValid,
         health: Health | NotValid,
+        drives: Iterable[DriveState | NotValid],
     ) -> TherapistView:
         """Return the frame."""
         known = safety if isinstance(safety, Safety) and safety.valid else None
         if all(leg.hip.validity is None for leg in legs):
             known = None
         verdict = known.verdict if known else None
-        stopped = verdict if verdict and verdict.cause != Cause.NONE else None
+        stopped = verdict if cause_of(known) != Cause.NONE else None
+        spoken = [drive for drive in drives if isinstance(drive, DriveState)]
+        alarm = self._alarm.take(known, spoken, has_session=self._has_session)
         return TherapistView(
             is_silent=known is None,
             mode=known.mode if known else None,
@@ -245,12 +248,6 @@ class TherapistState:
             legs=legs,
             health=health_view(health),
             plan=UNKNOWN_PLAN if known is None else self.plan,
-            alarm=self._alarm.take(self._alarm_about(stopped.cause if stopped else "", known)),
+            active=self._alarm.was_active,
+            alarm=alarm,
         )
-
-    def _alarm_about(self, cause: str, known: Safety | None) -> str:
-        """An alarm sounds after a stop, and if the signal is lost while the drives were enabled."""
-        if known is None:
-            return SIGNAL_LOST if self._was_active else self._alarm.about
-        self._was_active = bool(known.active)
-        return cause if known.mode in STOPPED_MODES else ""

@@ -10,6 +10,7 @@ import display_bench as bench
 import pytest
 from gaitd_client import Cause, Event, Mode, NotValid, PlanLimits, Trouble
 from gaitd_display import therapist
+from gaitd_display.alarm import INPUT_CYCLES
 from gaitd_display.login import (
     FAILURES_MAX,
     SESSIONS_MAX,
@@ -268,17 +269,25 @@ def test_a_plan_that_another_operator_released_is_shown(client, trainer, monkeyp
     assert now["plan"] == {"state": "unknown", "limits": None}
 
 
-def test_a_signal_that_is_lost_in_part_is_no_signal_and_an_alarm_if_the_drives_were_on():
-    trainer = bench.MessageTrainer()
+@pytest.fixture
+def view(trainer):
+    """What the therapist's page shows of the newest messages."""
     activity, safety = trainer.activity("right"), trainer.safety()
     friction, drives = trainer.friction("right"), [trainer.drive(f"right/{one}") for one in AXES]
-    state = TherapistState("run")
+    state = TherapistState("run", has_session=True)
 
     def view(**changes):
         newest = {"safety": safety.newest(), "drives": [one.newest() for one in drives], **changes}
         leg = leg_view("right", activity.newest(), friction.newest(), newest["drives"])
-        return state.view((leg,), newest["safety"], NONE)
+        return state.view((leg,), newest["safety"], NONE, newest["drives"])
 
+    view.drives = drives
+    return view
+
+
+def test_a_signal_that_is_lost_in_part_is_no_signal_and_an_alarm_if_the_drives_were_on(
+    trainer, view
+):
     trainer.cycles(Mode.HOLD)
     assert (view().is_silent, view().alarm) == (False, None)
     lost = view(safety=NONE)
@@ -286,8 +295,24 @@ def test_a_signal_that_is_lost_in_part_is_no_signal_and_an_alarm_if_the_drives_w
     assert view().alarm is None
     trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
     assert view().alarm == view(safety=NONE).alarm == "run-2"
-    stale = [replace(one.newest(), fresh=False) for one in drives]
+    stale = [replace(one.newest(), fresh=False) for one in view.drives]
     assert view(drives=stale).legs[0].hip.effort is None
+
+
+def test_a_stop_at_rest_sounds_as_on_the_patient_s_page(trainer, view):
+    def alarm(mode, cause=Cause.NONE, **given):
+        for _ in range(INPUT_CYCLES + 1):
+            trainer.cycles(mode, cause=cause, **given)
+            shown = view()
+        return shown.alarm
+
+    assert alarm(Mode.OFF, Cause.BRING_UP_FAILED) is None  # the machine was never up
+    assert alarm(Mode.READY) is None
+    for mode in (Mode.OFF, Mode.BRINGING_UP, Mode.READY):
+        assert alarm(mode, Cause.DRIVE_SILENT) is not None, mode
+        assert alarm(Mode.READY) is None
+    # The daily test of a session.
+    assert alarm(Mode.FAULT, Cause.DRIVE_FAULT, power="fault", sto=True) is None
 
 
 # --- profile and progress -----------------------------------------------------------------------

@@ -3,6 +3,8 @@
 export const SILENCE_MS = 250; // without a frame: the server, or the way to it, is dead
 const RETRY_MS = 300;
 const FULL_RETRY_MS = 2000;
+const LOSS_POLL_MS = 100;
+const LOSS_MS = 700; // of looks without a connection, before the alarm: a page that was suspended looks once
 const TOO_MANY_PAGES = 1013; // the server's codes, see web.py
 const LOGIN_OVER = 4401;
 
@@ -53,13 +55,17 @@ export class Words {
 
 // The newest frame, and whether the server is alive. A hidden tab keeps the newest frame only; nothing waits to be painted.
 export class Live {
-  constructor(onItems, onRestart) {
+  constructor(alarm, onItems, onRestart) {
     this.frame = null;
     this.heardMs = -Infinity;
     this.closedBy = "no_connection";
+    this.alarm = alarm;
     this.onItems = onItems;
     this.onRestart = onRestart;
+    this.lostMs = null;
+    this.lossCount = 0;
     this.open();
+    setInterval(() => this.look(), LOSS_POLL_MS);
   }
 
   open() {
@@ -72,6 +78,8 @@ export class Live {
       isFirst = false;
       this.heardMs = performance.now();
       this.frame = frame.now;
+      this.lostMs = null;
+      this.alarm.set(frame.now.alarm); // here, because a hidden tab paints nothing
       this.onItems(frame.items);
     };
     socket.onclose = ({ code }) => {
@@ -87,6 +95,16 @@ export class Live {
   // Why nothing comes; "": it does. A suspended server keeps the connection and says nothing, so the age counts, too.
   loss() {
     return performance.now() - this.heardMs < SILENCE_MS ? "" : this.closedBy;
+  }
+
+  // The server counts the alarms; that it is lost itself, while the drives are enabled, is an alarm of the page.
+  look() {
+    if (this.loss() === "") return;
+    if (this.lostMs === null) {
+      this.lostMs = performance.now();
+      this.lossCount += 1;
+    }
+    if (this.frame?.active && performance.now() - this.lostMs > LOSS_MS) this.alarm.set(`loss-${this.lossCount}`);
   }
 }
 

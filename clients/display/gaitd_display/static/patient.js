@@ -4,7 +4,6 @@ import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
 const DOTS_MAX = 30;
 const LOWEST = -0.25; // lower end of the bar
 const TROUBLE_MS = 6000;
-const LOSS_MS = 700; // of painting without a connection, before the alarm: a page that was hidden paints once
 const AGES_MAX = 4096;
 
 // One shape for each word, so that nothing depends on colour: [path, colour].
@@ -37,6 +36,7 @@ let dotsAreNew = true;
 const painted = (window.painted = { frames: 0, ages: [], items: 0 }); // read by `gaitd bench` and the tests
 
 const live = new Live(
+  alarm,
   (items) => {
     painted.items += items.length;
     dots = [...dots, ...items].slice(-DOTS_MAX);
@@ -188,22 +188,6 @@ function paintTraining(training, word) {
   setText(byId("left"), `· ${words.of("time_left")}: ${Math.ceil(training.left_s / 60)}${kept}`);
 }
 
-// The server counts the alarms; that it is lost itself, while the drives are enabled, is an alarm of the page.
-let lostMs = null;
-let lossCount = 0;
-function paintAlarm(isConnected, view) {
-  if (isConnected) {
-    lostMs = null;
-    alarm.set(view.alarm);
-    return;
-  }
-  if (lostMs === null) {
-    lostMs = performance.now();
-    lossCount += 1;
-  }
-  if (view.active && performance.now() - lostMs > LOSS_MS) alarm.set(`loss-${lossCount}`);
-}
-
 let paintedWord = "";
 function paint() {
   requestAnimationFrame(paint);
@@ -225,7 +209,6 @@ function paint() {
   setText(byId("line"), training !== null && ADVISED.includes(word) ? words.of(`advice.${training.advice}`) : words.of(`line.${word}`));
   if (!view) return;
   paintTraining(training, word);
-  paintAlarm(isConnected, view);
   for (const bar of view.bars) paintBar(bar, isKnown);
   paintDots(training === null ? [] : training.bands);
   paintStop(isConnected ? view : { stop: null, step: "none", action: null }, word);

@@ -22,6 +22,7 @@ const traces = new Map();
 const painted = (window.painted = { frames: 0, items: 0 });
 
 const live = new Live(
+  alarm,
   (items) => {
     painted.items += items.length;
     for (const item of items) {
@@ -195,7 +196,6 @@ function paint() {
   byId("loss").classList.toggle("silent", loss === "no_signal");
   if (loss) setText(byId("loss"), `${words.of(loss)}. ${words.of(`line.${loss}`)}`);
   if (!view) return;
-  if (lost === "") alarm.set(view.alarm);
   byId("quiet").hidden = !alarm.isSounding();
   setText(byId("state"), loss ? words.of(loss) : `${words.of("mode")}: ${view.mode} · ${view.progress ?? ""}${view.lease_holder ? ` · ${view.lease_holder}` : ""}`);
   const verdict = loss ? null : view.verdict;
