@@ -214,9 +214,7 @@ class MessageTrainer:
                 filled(
                     Safety,
                     valid=True,
-                    core_boot_id="boot",
-                    cycle=self.cycle,
-                    mode=str(mode),
+                    **head,
                     active=active,
                     stage=stage,
                     progress="",

@@ -202,11 +202,12 @@ class PatientState:
         mode, stage = self._safety.mode, self._safety.stage
         if mode in UNPOWERED_MODES and cause_of(self._safety) != Cause.NONE:
             return Word.STOPPED
-        announces = self._training is not None and self._training.announces
-        if (announces and mode in RESTING_MODES) or (
-            mode == Mode.SELF_TEST and stage == Stage.PREPARING
-        ):
+        training = self._training
+        announces = training is not None and training.announces and mode in RESTING_MODES
+        if announces or (mode == Mode.SELF_TEST and stage == Stage.PREPARING):
             return Word.SOON
+        if training is not None and training.rests and mode == Mode.READY:
+            return Word.REST
         if mode in TRAINING and stage == Stage.PLAYING:
             return self._result_word()
         if stage in STAGE_WORDS and mode not in STOPPED_MODES:

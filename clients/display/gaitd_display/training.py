@@ -60,6 +60,11 @@ class TrainingView(msgspec.Struct, frozen=True):
         return self.phase in ANNOUNCING
 
     @property
+    def rests(self) -> bool:
+        """A block is over, and another one comes."""
+        return self.phase is Phase.REST
+
+    @property
     def is_going(self) -> bool:
         """A START is in force."""
         return self.phase in ACTIVE

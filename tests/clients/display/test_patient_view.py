@@ -98,10 +98,13 @@ def training(phase, advice=Advice.LIE_STILL):
         (Phase.STARTING, Mode.HOLD, Word.SOON),
         (Phase.PAUSED, Mode.HOLD, Word.REST),
         (Phase.PAUSED, Mode.READY, Word.READY),
+        (Phase.REST, Mode.READY, Word.REST),
         (Phase.WALKING, Mode.GAIT, Word.GO_ON),
     ],
 )
-def test_motion_that_a_session_is_about_to_begin_is_announced(screen, phase, mode, word):
+def test_a_session_announces_motion_that_is_about_to_begin_and_says_when_to_rest(
+    screen, phase, mode, word
+):
     screen.training = training(phase)
     assert screen.after(mode, stage=Stage.PLAYING if mode is Mode.GAIT else None).word == word
 

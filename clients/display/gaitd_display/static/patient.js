@@ -1,7 +1,7 @@
 // The patient's page: paints what the server has computed; decides nothing but whether the server is there.
 import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
 
-const DOTS_MAX = 30;
+const DOTS_MAX = 16; // of both legs: more would cover each other
 const LOWEST = -0.25; // lower end of the bar
 const TROUBLE_MS = 6000;
 const AGES_MAX = 4096;
@@ -50,7 +50,7 @@ function barOf(leg) {
   const figure = document.createElement("figure");
   figure.className = "bar";
   figure.innerHTML = '<figcaption></figcaption><div class="track"><div class="fill"></div><div class="zero"></div>' +
-    '<div class="band"><span></span></div><div class="peak"></div><div class="dash"><span>–</span></div></div>';
+    '<div class="dash"></div><div class="band"><span></span></div><div class="peak"></div></div>';
   byId("bars").append(figure);
   const part = (name) => figure.querySelector(name);
   bars.set(leg, { figure, name: part("figcaption"), fill: part(".fill"), zero: part(".zero"), band: part(".band"),

@@ -2,6 +2,7 @@
 import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
 
 const TRACE_S = 20;
+const TICKS_S = [-15, -10, -5, 0];
 const POINTS_MAX = 60 * TRACE_S;
 const PLOT_MS = 50;
 const STRIDES_MAX = 200;
@@ -52,7 +53,7 @@ class Trace {
     const line = (stroke, width, dash) => ({ stroke, width, dash, points: { show: false }, spanGaps: false });
     this.plot = new uPlot({
       width: 300, height: 190, legend: { show: false }, cursor: { show: false },
-      axes: [{ ...axes(label)[0], values: (plot, ticks) => ticks.map((tick) => `${Math.round(tick - plot.scales.x.max)} s`) }, axes(label)[1]],
+      axes: [{ ...axes(label)[0], splits: (plot) => TICKS_S.map((tick) => plot.scales.x.max + tick), values: () => TICKS_S.map((tick) => `${tick} s`) }, axes(label)[1]],
       scales: { x: { time: false, range: (_, low, high) => [(high ?? TRACE_S) - TRACE_S, high ?? TRACE_S] } },
       bands: [{ series: [2, 3], fill: "rgba(0,114,178,.25)" }],
       series: [{}, line("#0072b2", 3), sigma, sigma, line("#d55e00", 2, [10, 6]), line("#111", 2, [2, 4])],
@@ -197,7 +198,7 @@ function paint() {
   if (loss) setText(byId("loss"), `${words.of(loss)}. ${words.of(`line.${loss}`)}`);
   if (!view) return;
   byId("quiet").hidden = !alarm.isSounding();
-  setText(byId("state"), loss ? words.of(loss) : `${words.of("mode")}: ${view.mode} · ${view.progress ?? ""}${view.lease_holder ? ` · ${view.lease_holder}` : ""}`);
+  setText(byId("state"), loss ? words.of(loss) : [`${words.of("mode")}: ${view.mode}`, view.progress, view.lease_holder].filter(Boolean).join(" · "));
   const verdict = loss ? null : view.verdict;
   byId("verdict").hidden = verdict === null;
   if (verdict) {
