@@ -1,58 +1,26 @@
 """A service with keys, from the start to a stop: who may do what, in simulated time."""
 
-import datetime
-import json
 import tempfile
 from pathlib import Path
 
 import pytest
-from keyed_gateway import target_of
+from keyed_trainer import TrainerWithKeys
 
 from daemon.ipc.record import Cause, Mode
-from daemon.keys import issuing
-from gaitd.testing.trainer import VirtualTrainer
-from gaitd_lab.processes import free_port, memory_folder
+from gaitd_lab.processes import memory_folder
 
 PLAN = {"cadence_max_hz": 0.4, "amplitude_max_ratio": 0.8, "duration_max_s": 300.0}
 CLIENTS = {"operator.desk": False, "session.desk": False, "display.ward": True}
-NOW = datetime.datetime.now(datetime.UTC)
+EDITS = {"demo.toml": {"gait.announce_s": 0.5}}
 OLD_S = 1.5
 """A request that is older than this is refused."""
-
-
-class TrainerWithKeys(VirtualTrainer):
-    """A virtual trainer; each request is made by one of its clients."""
-
-    def __init__(self, folder):
-        tls = f"tls/localhost:{free_port()}"
-        super().__init__(folder, pace=20.0, edits={"demo.toml": {"gait.announce_s": 0.5}})
-        text = self.config.read_text(encoding="utf-8")
-        local = self.target.endpoints[0]
-        with_keys = f'listen = ["{local}", "{tls}"]\nkeys = "keys"'
-        text = text.replace(f'listen = ["{local}"]', with_keys)
-        self.config.write_text(text, encoding="utf-8")
-        self.keys = self.config.parent / "keys"
-        issuing.init(self.keys, self.trainer, [], NOW, 365)
-        for name, is_remote in CLIENTS.items():
-            endpoints = [tls if is_remote else local]
-            issuing.issue(self.keys, name, endpoints, self.trainer, NOW, 365, remote=is_remote)
-        self.act_as("operator.desk")
-
-    def act_as(self, name):
-        self.target = target_of(self.keys / issuing.ISSUED / name)
-
-    def asked(self):
-        """Name and client of each request in the request log."""
-        lines = (self.folder / "state" / "requests.jsonl").read_text().splitlines()
-        logged = [json.loads(line) for line in lines]
-        return [(one["name"], one["client"]) for one in logged if "client" in one]
 
 
 @pytest.fixture
 def trainer():
     with (
         tempfile.TemporaryDirectory(dir=memory_folder()) as folder,
-        TrainerWithKeys(Path(folder)) as made,
+        TrainerWithKeys(Path(folder), CLIENTS, pace=20.0, edits=EDITS) as made,
     ):
         yield made.start_all()
 

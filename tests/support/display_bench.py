@@ -76,7 +76,7 @@ def _empty_fields(kind):
     return {field.name: _empty(field.type) for field in fields if field.required}
 
 
-def filled(kind, **given):
+def filled(kind, /, **given):
     """A message with these fields; all others are as empty as their types allow."""
     return msgspec.convert({**_empty_fields(kind), **given}, kind)
 

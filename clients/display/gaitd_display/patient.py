@@ -11,7 +11,16 @@ from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable
 from typing import Any, Final
 
 import msgspec
-from gaitd_client import Clock, Configuration, NoAnswerError, NotValid, Reply, Trainer
+from gaitd_client import (
+    Clock,
+    Configuration,
+    Event,
+    NoAnswerError,
+    NotValid,
+    Reply,
+    Stream,
+    Trainer,
+)
 from gaitd_session import Button
 from gaitd_session.session import AXES
 from starlette.applications import Starlette
@@ -158,7 +167,15 @@ class PatientServer:
             )
 
         self._read = read
-        return [self.feed.follow(trainer.stride(leg), dot) for leg in legs]
+        return [
+            *(self.feed.follow(trainer.stride(leg), dot) for leg in legs),
+            self._follow_events(trainer.events()),
+        ]
+
+    async def _follow_events(self, events: Stream[Event]) -> None:
+        async for event in events:
+            if not isinstance(event, NotValid):
+                self.state.take_event(event)
 
     def _view(self) -> PatientView:
         view = self._read()

@@ -1,7 +1,7 @@
 """All that the patient's page shows, computed from the newest messages; the page only paints it."""
 
 from collections.abc import Iterable, Mapping
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 from gaitd_client import (
@@ -9,6 +9,8 @@ from gaitd_client import (
     Cause,
     Configuration,
     DriveState,
+    Event,
+    Kind,
     Mode,
     NotValid,
     Safety,
@@ -32,6 +34,7 @@ from gaitd_display.way_out import (
     Step,
     Stop,
     WayOut,
+    WhyNot,
 )
 
 RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
@@ -127,6 +130,14 @@ def said(text: Text) -> Said:
     return Said(text.en, text.de)
 
 
+class _LastStop(NamedTuple):
+    """The newest stop of the trainer's events."""
+
+    boot_id: str | None = None
+    cause: str = Cause.NONE
+    is_reset: bool = False
+
+
 class PatientState:
     """The newest messages, and what follows from them."""
 
@@ -149,8 +160,18 @@ class PatientState:
         self._are_holding = False
         self._training: TrainingView | None = None
         self._alarm = Alarm(run_id)
+        self._last_stop = _LastStop()
         self.configuration: Configuration | None = None
         self.way_out = WayOut()
+
+    def take_event(self, event: Event) -> None:
+        """Take an event: those of the past say which stop was reset before this server's start."""
+        if event.kind != Kind.STOP:
+            return
+        if event.cause is None:
+            self._last_stop = self._last_stop._replace(is_reset=True)
+        else:
+            self._last_stop = _LastStop(event.core_boot_id, event.cause)
 
     def take(
         self,
@@ -235,14 +256,21 @@ class PatientState:
         if self._training is not None and self._training.is_going:
             self.way_out.leave()
         may_start = self._training is not None and self._training.resets
-        why_not = self._release.why_not(cause, self.configuration, self._poses())
+        poses = self._poses()
+        why_not = self._release.why_not(cause, self.configuration, poses)
         if not self._may_request:
             is_at_rest = mode == Mode.FAULT or (is_latched and mode in UNPOWERED_MODES)
             return Step.HELP if is_at_rest else Step.NONE
         held = bool(self._drives) and all(
             drive.hand_switch_closed is True for drive in self._drives.values()
         )
-        return self.way_out.step(Stop(mode, is_latched, why_not, held, may_start))
+        # Where the leg has been led by hand since then does not count.
+        was_reset = self._last_stop.is_reset and self._last_stop.boot_id == self.boot_id
+        was_reset &= self._release.why_not(self._last_stop.cause, self.configuration, poses) in {
+            None,
+            WhyNot.POSE,
+        }
+        return self.way_out.step(Stop(mode, is_latched, why_not, held, may_start, was_reset))
 
     def _poses(self) -> tuple[Pose | None, ...]:
         return tuple(map(self._pose, self._legs))

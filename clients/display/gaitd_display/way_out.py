@@ -215,18 +215,23 @@ class Stop(NamedTuple):
     """Every drive reads the hand switch as closed."""
     may_start: bool
     """START of the session would request RESET; it does so only where no drive has power."""
+    was_reset: bool
+    """By the trainer's events the last stop was one that a person alone may reset, and was reset.
+    """
 
 
 class WayOut:
     """The step of the way out, from what the service publishes.
 
     FAULT is left by RESET alone, so the way begins where FAULT is left, whether or not the answer
-    to the request arrives.
+    to the request arrives. A server that has started behind this takes it from the events.
     """
 
     def __init__(self) -> None:
-        """Start off the way."""
+        """Start off the way, until the events say more."""
         self._is_asked = self._may_begin = self._is_on_way = False
+        self._is_new = True
+        """What was before is known by the events alone."""
 
     def reset_is_asked(self) -> None:
         """Take note that this page requests RESET; until the answer it offers no other."""
@@ -237,30 +242,34 @@ class WayOut:
         self._is_asked = False
 
     def leave(self) -> None:
-        """Take note that the session goes on."""
-        self._may_begin = self._is_on_way = False
+        """Take note that the session goes on, or another motion."""
+        self._may_begin = self._is_on_way = self._is_new = False
 
     def step(self, stop: Stop) -> Step:
         """Return the present step."""
         if stop.mode == Mode.FAULT:
-            self._may_begin, self._is_on_way = stop.why_not is None, False
+            self.leave()
+            self._may_begin = stop.why_not is None
             return self._step_in_fault(stop)
-        self._is_on_way |= self._may_begin
+        self._is_on_way |= self._may_begin or (self._is_new and stop.was_reset)
         self._may_begin = False
         if stop.is_latched and (stop.mode in UNPOWERED_MODES or stop.mode == Mode.READY):
             return Step.HELP
-        if not self._is_on_way:
-            return Step.NONE
+        step = self._step_of_mode(stop)
+        if step is Step.NONE:
+            self.leave()
+        return step if self._is_on_way else Step.NONE
+
+    @staticmethod
+    def _step_of_mode(stop: Stop) -> Step:
+        """Return the step of someone on the way; `Step.NONE`: a motion, which ends it."""
         if stop.mode in UNPOWERED_MODES:
             return Step.WAIT
         if stop.mode == Mode.READY:
             return Step.ENABLE if stop.is_switch_held else Step.SWITCH
         if stop.mode == Mode.HOLD:
             return Step.GUIDE
-        if stop.mode == Mode.HAND_GUIDING:
-            return Step.GUIDING
-        self._is_on_way = False
-        return Step.NONE
+        return Step.GUIDING if stop.mode == Mode.HAND_GUIDING else Step.NONE
 
     def _step_in_fault(self, stop: Stop) -> Step:
         if self._is_asked:

@@ -2,7 +2,7 @@
 
 import display_bench as bench
 import pytest
-from gaitd_client import Cause, Mode, Stage
+from gaitd_client import Cause, Event, Mode, Stage
 from gaitd_display.cause_texts import CAUSE_TEXTS, Situation, patient_text
 from gaitd_display.patient_view import PatientState
 from gaitd_display.settings import PatientSettings, SettingsError
@@ -263,6 +263,33 @@ def test_the_way_out_goes_on_without_an_answer_to_reset_and_offers_it_again_if_i
     screen.state.way_out.reset_is_answered()
     assert screen.after(Mode.OFF, cause=Cause.BRING_UP_FAILED).step == Step.HELP
     assert screen.after(Mode.READY).action == "enable"
+
+
+@pytest.mark.parametrize(
+    ("cause", "boot", "seen", "action"),
+    [
+        (Cause.SPASM, "boot", (), "enable"),
+        (Cause.SPASM, "boot", (Mode.GAIT,), None),
+        (Cause.SPASM, "of the core before", (), None),
+        (Cause.ENCODER_FROZEN, "boot", (), None),
+    ],
+)
+def test_a_server_that_starts_behind_reset_takes_the_step_from_the_events(
+    screen, cause, boot, seen, action
+):
+    for event in ("stop", cause), ("note", None):
+        screen.state.take_event(stop_event(*event, boot))
+    assert screen.after(Mode.READY).action is None
+    for mode in seen:
+        screen.after(mode)
+    screen.state.take_event(stop_event("stop", None, boot))
+    assert screen.after(Mode.READY).action == action
+    assert screen.after(Mode.HAND_GUIDING, pose=(1.5, 0.4)).action == (action and "hold")
+
+
+def stop_event(kind, cause, boot):
+    given = {"id": "1", "text": "text", "priority": "low"}
+    return bench.filled(Event, kind=kind, cause=cause, core_boot_id=boot, **given)
 
 
 def test_a_session_that_goes_on_ends_the_way_out(screen):

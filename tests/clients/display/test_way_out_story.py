@@ -1,27 +1,33 @@
 """The way out of a stop, alone: through the display's server, the gateway and the core.
 
-The leg moves by the physics of the virtual drives, in simulated time. The gait is 30 % of the
-shipped one, so that the springs carry the leg in every pose: it drifts by less than a degree.
-The last story is the daily test of the emergency stop, after which START leads on.
+The leg moves by the physics of the virtual drives, in simulated time. First with keys and a gait
+of 30 % of the shipped one, so that the springs carry the leg in every pose: it drifts by less than
+a degree. Then without keys and as shipped, where the page must not offer RESET; this story begins
+with the daily test of the emergency stop, after which START leads on.
 """
 
+import contextlib
 import re
 import shutil
+import tempfile
+from pathlib import Path
 
 import display_bench as bench
 import msgspec
 import pytest
 from gaitd_client import Mode, Trainer
 from gaitd_display.patient import PatientServer
-from gaitd_display.settings import PatientSettings, WayOutRules
+from gaitd_display.settings import PatientSettings
 from gaitd_display.way_out import Pose, Release, WhyNot
 from gaitd_session import Advice
+from keyed_trainer import TrainerWithKeys
 from processes import CONFIGS
 from starlette.testclient import TestClient
 from training import PROFILE
 
 from daemon.ipc.record import Mode as CoreMode
 from daemon.preflight.acceptance import check_files
+from gaitd_lab.processes import memory_folder
 
 GAIT_RATIO = 0.3
 DRIVES = ("right/hip", "right/slide")
@@ -50,94 +56,98 @@ def written_check(trainer_file, path):
     _, report, refusal = check_files(trainer_file)
     assert refusal is None
     path.write_bytes(msgspec.json.encode(report))
-    return report
 
 
-def test_the_shipped_machine_drifts_too_far_for_a_reset_without_a_second_person(tmp_path):
-    report = written_check(CONFIGS / "demo.toml", tmp_path / "check.json")
-    rules = WayOutRules(
-        check=tmp_path / "check.json", hip_drift_max_deg=1.0, slide_drift_max_m=0.01
-    )
-    configuration = bench.filled(
-        bench.Configuration, config_hashes=report.sha256, limits={}, robot={}, leg_names=["right"]
-    )
-    poses = (Pose(0.24, 0.59),)
-
-    assert Release(rules).why_not("spasm", configuration, poses) is WhyNot.DRIFT
-
-
-def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
-    virtual_trainers, gentle_configs, tmp_path
-):
-    machine = virtual_trainers(configs=gentle_configs)
-    table = bench.patient_table(tmp_path)
-    written_check(machine.config, tmp_path / "check.json")
-    trainer = Trainer(machine.endpoint, trainer=machine.trainer, clock=machine.clock)
-    server = PatientServer(
-        bench.settings_of(tmp_path, table, PatientSettings), trainer, trainer.clock
-    )
-    machine.gait(cadence_hz=0.3)
+@contextlib.contextmanager
+def shown(machine, table, folder, **credentials):
+    """The patient's page of a machine: what its browser gets, and how it posts."""
+    trainer = Trainer(machine.endpoint, trainer=machine.trainer, clock=machine.clock, **credentials)
+    settings = bench.settings_of(folder, table, PatientSettings)
+    server = PatientServer(settings, trainer, machine.clock)
     with (
         TestClient(server.app, base_url=bench.ORIGIN) as client,
         client.websocket_connect("/live", headers=bench.OURS) as socket,
     ):
         page = bench.Page(socket)
-
-        def press(action):
-            page.until(lambda now: now["action"] == action)
-            return client.post("/act", headers=bench.OURS, json={"action": action}).json()
-
-        page.until(lambda now: now["word"] in {"go_on", "stronger", "good", "gently"})
-        assert client.post("/stop", headers=bench.OURS, json={}).json()["outcome"] == "done"
-        machine.wait_for(CoreMode.FAULT)
-        stopped_at = [drive.position_si for drive in machine.newest().drives]
-        for drive in DRIVES:
-            machine.tell(f"hand_switch_open {drive}")
-        page.until(lambda now: now["step"] == "switch")
-        assert client.post("/act", headers=bench.OURS, json={"action": "reset"}).status_code == 409
-        for drive in DRIVES:
-            machine.tell(f"clear hand_switch_open {drive}")
-
-        assert press("reset")["outcome"] == "done"
-        machine.wait_for(CoreMode.READY)
-        page.until(lambda now: now["action"] == "enable")
-        while press("enable")["outcome"] == "refused":  # while the leg sinks into its springs
-            machine.run(0.5)
-        machine.wait_for(CoreMode.HOLD)
-        moved = [
-            abs(drive.position_si - before)
-            for drive, before in zip(machine.newest().drives, stopped_at, strict=True)
-        ]
-        assert moved[0] < 0.0175  # one degree
-        assert moved[1] < 0.01
-        machine.until(machine.stands)
-        assert press("hand_guiding")["outcome"] == "done"
-        machine.wait_for(CoreMode.HAND_GUIDING)
-        assert press("hold")["outcome"] == "done"
-        machine.wait_for(CoreMode.HOLD)
-        assert page.until(lambda now: now["mode"] == Mode.HOLD)["step"] == "guide"
+        page.server, page.settings = server, settings
+        page.post = lambda path, **body: client.post(path, headers=bench.OURS, json=body)
+        yield page
 
 
-def test_the_daily_test_of_hand_switch_and_emergency_stop_is_led_by_the_page(
+def pressed(page, action):
+    page.until(lambda now: now["action"] == action)
+    return page.post("/act", action=action).json()["outcome"]
+
+
+def positions(machine):
+    return [drive.position_si for drive in machine.newest().drives]
+
+
+def moved(machine, since):
+    return [abs(now - then) for now, then in zip(positions(machine), since, strict=True)]
+
+
+def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
+    gentle_configs, tmp_path
+):
+    """With keys, and with a server that starts again behind RESET."""
+    table = bench.patient_table(tmp_path)
+    clients = {"operator.desk": False, "session.patient": False}
+    with (
+        tempfile.TemporaryDirectory(dir=memory_folder()) as folder,
+        TrainerWithKeys(Path(folder), clients, gentle_configs) as machine,
+    ):
+        machine.start_all()
+        written_check(machine.config, tmp_path / "check.json")
+        by_keys = {"credentials": machine.credentials("session.patient")}
+        machine.gait(cadence_hz=0.3)
+        with shown(machine, table, tmp_path, **by_keys) as page:
+            page.until(lambda now: now["word"] in {"go_on", "stronger", "good", "gently"})
+            assert page.post("/stop").json()["outcome"] == "done"
+            machine.wait_for(CoreMode.FAULT)
+            stopped_at = positions(machine)
+            for drive in DRIVES:
+                machine.tell(f"hand_switch_open {drive}")
+            page.until(lambda now: now["step"] == "switch")
+            assert page.post("/act", action="reset").status_code == 409
+            machine.act_as("session.patient")
+            refused = machine.request("reset")
+            assert (refused["outcome"], "hand switch" in refused["reason"]) == ("refused", True)
+            for drive in DRIVES:
+                machine.tell(f"clear hand_switch_open {drive}")
+
+            assert pressed(page, "reset") == "done"
+            machine.wait_for(CoreMode.READY)
+        with shown(machine, table, tmp_path, **by_keys) as page:
+            while pressed(page, "enable") == "refused":  # while the leg sinks into its springs
+                machine.run(0.5)
+            machine.wait_for(CoreMode.HOLD)
+            hip_moved_rad, slide_moved_m = moved(machine, stopped_at)
+            assert hip_moved_rad < 0.0175  # one degree
+            assert slide_moved_m < 0.01
+            machine.until(machine.stands)
+            assert pressed(page, "hand_guiding") == "done"
+            machine.wait_for(CoreMode.HAND_GUIDING)
+            assert pressed(page, "hold") == "done"
+            machine.wait_for(CoreMode.HOLD)
+            assert page.until(lambda now: now["mode"] == Mode.HOLD)["step"] == "guide"
+
+
+def test_the_daily_test_is_led_by_the_page_and_the_shipped_machine_is_not_released_alone(
     virtual_trainers, tmp_path
 ):
+    """Without keys, and with the shipped gait, whose springs do not carry the leg everywhere."""
     machine = virtual_trainers({"demo.toml": {"self_test.required": "daily"}})
     (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
-    table = bench.patient_table(tmp_path, way_out=False)
+    table = bench.patient_table(tmp_path)
     table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
-    trainer = Trainer(machine.endpoint, trainer=machine.trainer, clock=machine.clock)
-    settings = bench.settings_of(tmp_path, table, PatientSettings)
-    server = PatientServer(settings, trainer, machine.clock)
+    written_check(machine.config, tmp_path / "check.json")
     acts = {
         Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: "sto_open * 0.5",
         Advice.LET_GO_AND_HOLD_HAND_SWITCH: "hand_switch_open * 0.5",
     }
-    done, shown = set(), []
-    with (
-        TestClient(server.app, base_url=bench.ORIGIN) as client,
-        client.websocket_connect("/live", headers=bench.OURS) as socket,
-    ):
-        page = bench.Page(socket)
+    done, stops = set(), []
+    with shown(machine, table, tmp_path) as page:
 
         def led(now):
             """Do what the page says, as a patient does."""
@@ -146,16 +156,32 @@ def test_the_daily_test_of_hand_switch_and_emergency_stop_is_led_by_the_page(
             if training is None:
                 return False
             if now["stop"] is not None:
-                shown.append((now["step"], now["stop"]["happened"]["en"], now["alarm"]))
+                stops.append((now["step"], now["stop"]["happened"]["en"], now["alarm"]))
             if training["advice"] in acts and training["advice"] not in done:
                 done.add(training["advice"])
                 machine.tell(acts[training["advice"]])
                 machine.run(1.0)
             elif "start" in training["buttons"]:
-                client.post("/session", headers=bench.OURS, json={"button": "start"})
+                page.post("/session", button="start")
             return now["word"] == "soon" and now["mode"] == Mode.HOLD
 
         page.until(led)
-    # The first frames of the stop may be older than the drive's next message.
-    assert shown[-1] == ("start", "The emergency stop was pressed.", None)
-    assert {alarm for *_, alarm in shown} == {None}
+        # The first frames of the stop may be older than the drive's next message.
+        assert stops[-1] == ("start", "The emergency stop was pressed.", None)
+        assert {alarm for *_, alarm in stops} == {None}
+
+        assert page.post("/stop").json()["outcome"] == "done"
+        machine.wait_for(CoreMode.FAULT)
+        now = page.until(lambda now: now["mode"] == Mode.FAULT and now["step"] != "none")
+        assert (now["step"], now["action"], now["training"]["buttons"]) == ("help", None, [])
+        assert now["stop"]["instructions"][0]["en"] == "Lie still. Your leg is held."
+        assert now["alarm"] is not None
+        assert page.post("/act", action="reset").status_code == 409
+        assert page.post("/session", button="start").status_code == 409
+        release, configuration = Release(page.settings.way_out), page.server.state.configuration
+        poses = (Pose(*positions(machine)),)
+        assert release.why_not("stop_requested", configuration, poses) is WhyNot.DRIFT
+
+        machine.reset()  # by whoever has come to help
+        now = page.until(lambda now: now["mode"] == Mode.READY)
+        assert (now["word"], now["step"], now["action"]) == ("ready", "none", None)
