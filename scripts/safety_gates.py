@@ -28,7 +28,6 @@ _CHECKS = (
     *(f"{_SAFETY}/test_safety_checks.py", f"{_SAFETY}/test_every_limit.py"),
     f"{_SAFETY}/test_safety.py",
 )
-_ONE_EVENT = "daemon/core/steps/test_two_events.py::test_no_event_alone_breaks_an_invariant"
 _BRING_UP = (
     "drives/test_bringup.py",
     "drives/test_boot_failures.py",
@@ -65,8 +64,8 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "daemon/core/steps/bring_up.py": ("daemon/core/steps/test_bring_up.py",),
     "daemon/core/steps/supervisor.py": (
-        *("daemon/core/steps/test_supervisor.py", "daemon/core/steps/test_bring_up.py"),
-        _ONE_EVENT,
+        "daemon/core/steps/test_supervisor_rules.py",
+        "daemon/core/steps/test_supervisor.py",
     ),
     "daemon/gateway/clients.py": ("daemon/gateway/test_clients.py",),
     "daemon/gateway/lease.py": ("daemon/gateway/test_lease.py",),
@@ -110,7 +109,7 @@ def without_compiled_kernels() -> None:
 def ignored() -> str:
     """Options with which pytest leaves out the files that the gate runs as a whole."""
     tests = {test for tests in UNIT_TESTS.values() for test in tests}
-    return " ".join(f"--ignore=tests/{test}" for test in sorted(tests) if "::" not in test)
+    return " ".join(f"--ignore=tests/{test}" for test in sorted(tests))
 
 
 def main() -> int:

@@ -224,7 +224,8 @@ def _replaces(latched: Verdict, verdict: Verdict) -> bool:
         return False
     # The reason why an axis could not obey is more specific than STOP_NOT_OBEYED.
     explains = latched.cause == Cause.STOP_NOT_OBEYED and verdict.cause in DOUBTFUL_FEEDBACK
-    return worse(latched, verdict) is verdict or (explains and verdict.drive == latched.drive)
+    harsher = verdict.category > latched.category
+    return harsher or (explains and verdict.drive == latched.drive)
 
 
 def _stop_together(core: Core, cycle: int) -> None:

@@ -109,6 +109,7 @@ def test_the_plan_caps_assist_in_a_gait_of_a_session_alone(role):
     is_session = role is Role.SESSION
 
     assert assist_cap_si(gait(role, capped)) == ((0.0, 80.0) if is_session else UNCAPPED)
-    assert assist_cap_si(gait(role, capped, mode=Mode.HOLD)) == UNCAPPED
+    for mode in set(REQUESTABLE) - {Mode.GAIT}:
+        assert assist_cap_si(gait(role, capped, mode=mode)) == UNCAPPED
     assert assist_cap_si(gait(role, PLAN)) == UNCAPPED
     assert assist_cap_si(gait(role, None)) == UNCAPPED

@@ -5,22 +5,19 @@ from types import SimpleNamespace
 import pytest
 from bringup_bench import Bench
 from drive_files import CYCLE
+from fresh_core import fresh
 from memory_bus import MS
-from sessions import CONFIGS
 
 from daemon.core.modes import latched_stop
 from daemon.core.modes.persistent_state import PersistentState, StoredVerdict
-from daemon.core.runtime.build import build
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import Step, begin
 from daemon.core.steps import supervisor
 from daemon.core.steps.bring_up import bring_up_core
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
-from daemon.preflight.load import load
 from drives.canopen.bus import Frame
 from drives.errors import BringUpRefused
 
-SETTINGS = load(CONFIGS / "demo.toml")
 JUMPED = StoredVerdict("S0", "ENCODER_JUMP", "right/hip", 2.5, 1.5, utc_ns=7)
 POWERED = 0x1637
 ERROR = bytes.fromhex("3081110000000000")
@@ -31,7 +28,7 @@ class Session:
     """A core in mode OFF, and a bench with its two drives."""
 
     def __init__(self, persistent=PersistentState(), **drives):  # noqa: B008 - frozen
-        self.built = build(SETTINGS, "test", persistent)
+        self.built = fresh(persistent)
         self.core = self.built.core
         self.bench = Bench(**drives)
         self.shown = []

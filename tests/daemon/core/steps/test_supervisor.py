@@ -4,15 +4,11 @@ import math
 from dataclasses import replace
 
 import pytest
-from safety_inputs import FEEDBACK, JOINT
-from sessions import CONFIGS
+from core_bench import JUMPED, MANY_CYCLES, OPENED, Bench
 
 from daemon.core.exercises.single_axis import Result
-from daemon.core.inputs import NO_INPUTS, CommandInputs
-from daemon.core.modes.persistent_state import PersistentState
-from daemon.core.runtime.build import build
+from daemon.core.inputs import CommandInputs
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.state import Core
 from daemon.core.steps import (
     controllers,
     exercises,
@@ -33,56 +29,10 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
-from daemon.preflight.load import load
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerRequest, PowerState
 
-SETTINGS = load(CONFIGS / "demo.toml")
-AT_REST = JOINT._replace(position_si=0.2, velocity_si=0.0, effort_si=0.0)
-OPENED = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip")
-JUMPED = Verdict(StopCategory.S0, Cause.ENCODER_JUMP, "right/hip")
-MANY_CYCLES = 400
-"""Longer than any stop takes."""
 FIRST_LEASE, NEXT_LEASE = 7, 8
-
-
-class Bench:
-    """A core that holds its leg; its drives show what a test says."""
-
-    def __init__(self) -> None:
-        self.core: Core = build(SETTINGS, "test", PersistentState()).core
-        self.core.mode, self.core.load_checked = Mode.HOLD, True
-        self.cycle, self._request_id = 100, 0
-        self.show(PowerState.OPERATION_ENABLED)
-        for axis in self.core.axes:
-            axis.referenced = axis.reached_enabled = True
-        exercises.hold_here(self.core)
-
-    def show(self, state: PowerState, velocity_si: float = 0.0) -> None:
-        for axis in self.core.axes:
-            axis.feedback = FEEDBACK._replace(node_id=axis.node_id, power_state=state)
-            axis.joint = AT_REST._replace(velocity_si=velocity_si)
-
-    def turn(self, *verdicts: Verdict, command_inputs: CommandInputs = NO_INPUTS) -> None:
-        self.cycle += 1
-        self.core.gateway_state_cycle = self.cycle
-        supervisor.supervise(self.core, verdicts, command_inputs, self.cycle, 0)
-
-    def ask(self, kind: RequestKind) -> Outcome:
-        self._request_id += 1
-        request = Request(self._request_id, kind, self.cycle, role=Role.UNRESTRICTED)
-        self.turn(command_inputs=CommandInputs(request=request))
-        return self.core.result.outcome
-
-    def until_stopped(self) -> Mode:
-        for _ in range(MANY_CYCLES):
-            if self.core.mode != Mode.STOPPING:
-                break
-            self.turn()
-        return self.core.mode
-
-    def steps(self) -> list[Step]:
-        return [axis.stop.step for axis in self.core.axes if axis.stop is not None]
 
 
 @pytest.fixture
@@ -358,10 +308,12 @@ def test_the_confirmation_of_a_sign_test_leaves_the_drives_up(bench):
     wanted_mode = ModeRequest(Mode.COMMISSION, axis="right/hip", witnessed=True)
     request = Request(1, RequestKind.MODE, bench.cycle + 1, wanted_mode, Role.UNRESTRICTED)
 
+    bench.utc_ns = 3_600_000_000_000
     bench.turn(command_inputs=CommandInputs(request=request))
 
     assert core.result.outcome == Outcome.DONE, core.result.reason
     assert core.mode == Mode.READY
     assert core.drives is drives
     assert core.axes[0].sign_proven
-    assert core.persistent.axis("right/hip").proof.moved_forth_si == 0.1
+    proof = core.persistent.axis("right/hip").proof
+    assert (proof.moved_forth_si, proof.utc_ns) == (0.1, bench.utc_ns)

@@ -1,0 +1,19 @@
+"""Cores before bring-up: one is built, and each test changes a copy, which costs far less."""
+
+from copy import deepcopy
+from dataclasses import replace
+
+from sessions import CONFIGS
+
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.core.runtime.build import Built, build
+from daemon.preflight.load import load
+
+_BUILT = build(load(CONFIGS / "demo.toml"), "test", PersistentState())
+
+
+def fresh(persistent: PersistentState = _BUILT.core.persistent) -> Built:
+    """A core of the demonstration in mode OFF, and the plans for its bring-up."""
+    core = deepcopy(_BUILT.core)
+    core.persistent = persistent
+    return replace(_BUILT, core=core)
