@@ -6,14 +6,14 @@ memory whose time is simulated. Used of canopen 2.4.1: `SdoClient`, `Network.not
 Workarounds, with their place in canopen:
 
 - A late reply to an earlier request can satisfy the next one (client.py compares the object only
-  in upload): replies of another kind, or for another object, are counted and dropped.
+  in upload): replies of another kind, or for another object, are dropped.
 - A timeout sends an abort for 0000h:00; here it names the object of the transfer.
 - A segmented upload may end before or after the announced length: then there is no value.
 - The default retry would send a request twice; a drive that does not answer once is silent.
 - A segmented transfer has no end while the server goes on: here each transfer has a deadline.
 
 A node has one SDO channel with one transfer at a time. A repeated reply to the same request is
-counted apart from other stray replies: two nodes may be answering.
+counted: two nodes may be answering.
 """
 
 from collections.abc import Callable, Sequence
@@ -216,32 +216,30 @@ class _Client(SdoClient):
         self.RESPONSE_TIMEOUT = 0
         self.network = network
         self._await_reply = await_reply
-        self._pending = False
-        self._object = bytes(3)
-        self._reply = _ABORT
+        self._reply: int | None = None
+        """Command specifier of the reply to the pending request; None: no request is pending."""
+        self._object = b""
+        """Index and sub-index of the transfer, as in its frames."""
         self._given: bytes | None = None
         """Identifies the reply that ended the last request."""
         self.deadline_ns = 0
         self.timed_out = False
-        self.stray_count = 0
-        """Replies that did not belong to the pending request."""
         self.repeat_count = 0
-        """Stray replies that repeat the last accepted one."""
+        """Replies that repeat the last accepted one."""
         network.subscribe(self.tx_cobid, self.on_response)
 
     def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
         reply = bytes(data)
-        if self._pending and self._belongs(reply):
-            self._pending = False
+        if self._belongs(reply):
+            self._reply = None
             self._given = _identity(reply)
             super().on_response(can_id, data, timestamp)
         else:
-            self.stray_count += 1
             self.repeat_count += _identity(reply) == self._given
 
     def upload(self, index: int, subindex: int) -> bytes:
         stream = ReadableStream(self, index, subindex)
-        data = bytes(stream.read() or b"")
+        data = bytes(stream.read())
         if stream.size not in (None, len(data)):
             raise SdoCommunicationError(f"{stream.size} bytes announced, {len(data)} received")
         return data
@@ -251,19 +249,18 @@ class _Client(SdoClient):
         self._reply = _REPLY_TO[request[0] & _COMMAND]
         if self._reply in _WITH_OBJECT:
             self._object = request[1:4]
-        self._pending = True
         return super().request_response(sdo_request)
 
     def read_response(self) -> bytes:
         self._await_reply(self)
-        self._pending = False
+        self._reply = None
         return super().read_response()
 
     def abort(self, abort_code: int = 0x0800_0000) -> None:
         self.send_request(bytes((_ABORT,)) + self._object + abort_code.to_bytes(4, "little"))
 
     def _belongs(self, data: bytes) -> bool:
-        if len(data) != _SDO_BYTES:
+        if self._reply is None or len(data) != _SDO_BYTES:
             return False
         command = data[0] & _COMMAND
         if command not in (self._reply, _ABORT):

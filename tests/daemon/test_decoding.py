@@ -35,6 +35,7 @@ from daemon.ipc.record import (
     Request,
     RequestKind,
     Setpoint,
+    Verdict,
 )
 from daemon.ipc.ring_clip import clip_file, trimmed
 from daemon.ipc.state_file import NAME
@@ -244,7 +245,7 @@ def test_any_state_file_is_believed_whole_or_latched_as_unreadable(tmp_path):
         (tmp_path / NAME).write_bytes(data)
         state_file = StateFile(tmp_path)
         latched = state_file.persistent.latched
-        assert (latched_stop.verdict_of(latched) is None) == (latched is None)
+        assert latched is None or isinstance(latched_stop.verdict_of(latched), Verdict)
         state_file.write(state_file.persistent)
         state_file.close()
 

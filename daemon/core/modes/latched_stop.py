@@ -70,13 +70,11 @@ def _stored_verdict(verdict: Verdict, stored: StoredVerdict | None, utc_ns: int)
     return stored if stored is not None and same else new
 
 
-def verdict_of(stored: StoredVerdict | None) -> Verdict | None:
-    """The verdict from the state file; None if there is none.
+def verdict_of(stored: StoredVerdict) -> Verdict:
+    """The verdict of a note in the state file.
 
     An unknown cause, from another version, becomes LAST_END_UNKNOWN, an unknown category S1.
     """
-    if stored is None:
-        return None
     category = StopCategory.__members__.get(stored.category, StopCategory.S1)
     cause = Cause.__members__.get(stored.cause)
     if cause is None:

@@ -190,18 +190,13 @@ def _take_resting_verdict(core: Core, verdict: Verdict) -> None:
 
 def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     """Stop all drives for this verdict, or escalate a stop that is under way."""
-    if core.mode.active or core.mode == Mode.READY:
-        core.verdict = verdict
-        core.disabling = False
+    first = core.mode.active or core.mode == Mode.READY
+    if first:
+        _enter(core, Event.STOP)
+        exercises.brake(core)
         core.reset_cycles_left = 0
-        core.causes_reported = {(verdict.cause, verdict.drive)}
-        _begin_stop(
-            core, cycle, {axis.name: _first_step(core, verdict, axis) for axis in core.axes}
-        )
-        _stop_together(core, cycle)
-        core.report(f"stop {verdict.category.name}: {describe(verdict)}")
-        return
-    if _replaces(core.verdict, verdict):
+        core.causes_reported = set()
+    if first or _replaces(core.verdict, verdict):
         core.verdict = verdict
         core.disabling = False
         core.report(f"stop {verdict.category.name}: {describe(verdict)}")
@@ -210,11 +205,16 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     core.causes_reported.add((verdict.cause, verdict.drive))
     for axis in core.axes:
         step = _first_step(core, verdict, axis)
-        if axis.stop is None:  # in FAULT without one: its drive had no power
+        if axis.stop is None:  # the first verdict, or in FAULT where its drive had no power
             axis.stop = stop_sequence.begin(step, axis.joint, cycle)
         else:
             axis.stop = stop_sequence.harsher(axis.stop, step, axis.joint, cycle)
     _stop_together(core, cycle)
+
+
+def _verdict(core: Core, cause: Cause, drive: str, detail: str) -> Verdict:
+    """The verdict of a cause that this file finds."""
+    return Verdict(core.config.categories.of(cause), cause, drive, detail=detail)
 
 
 def _replaces(latched: Verdict, verdict: Verdict) -> bool:
@@ -242,16 +242,9 @@ def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
     return step if core.single_axis is None else max(step, Step.QUICK_STOP)
 
 
-def _begin_stop(core: Core, cycle: int, steps: dict[str, Step]) -> None:
-    _enter(core, Event.STOP)
-    exercises.brake(core)
-    for axis in core.axes:
-        axis.stop = stop_sequence.begin(steps[axis.name], axis.joint, cycle)
-
-
 def lose_bus(core: Core, what: str) -> None:
     """Handle a lost bus: enabled drives stop by their own detection; the verdict is published."""
-    verdict = Verdict(core.config.categories.of(Cause.BUS_DOWN), Cause.BUS_DOWN, detail=what)
+    verdict = _verdict(core, Cause.BUS_DOWN, "", what)
     core.report(describe(verdict))
     core.verdict = worse(core.verdict, verdict)
     core.drives = None
@@ -341,10 +334,9 @@ def _advance_stops(core: Core, cycle: int) -> None:
 
 
 def _report_stop_not_obeyed(core: Core, axis: Axis, step: Step) -> None:
-    cause = Cause.STOP_NOT_OBEYED
     speed_si = abs(axis.joint.velocity_si)
     detail = f"after {step.name.lower()}, at {speed_si:.3g} per s"
-    verdict = Verdict(core.config.categories.of(cause), cause, axis.name, detail=detail)
+    verdict = _verdict(core, Cause.STOP_NOT_OBEYED, axis.name, detail)
     core.verdict = worse(core.verdict, verdict)
     core.disabling = False
     core.report(describe(verdict))
@@ -420,13 +412,12 @@ def take_drives(core: Core, drives: DriveGroup) -> None:
 
 def wait_for_reset(core: Core, drive: str, state: str, text: str) -> None:
     """Enter FAULT because a drive still holds the leg; it holds until a reset is requested."""
-    cause = Cause.DRIVE_POWERED
-    core.verdict = Verdict(core.config.categories.of(cause), cause, drive, detail=state)
+    core.verdict = _verdict(core, Cause.DRIVE_POWERED, drive, state)
     _change(core, Event.DRIVE_FAULTY)
     single_axis.drop(core)
     core.reset_cycles_left = 0
-    latched = latched_stop.verdict_of(core.persistent.latched)
-    if latched is not None and latched.cause != Cause.LAST_END_UNKNOWN:
+    latched = core.persistent.latched
+    if latched is not None and latched_stop.verdict_of(latched).cause != Cause.LAST_END_UNKNOWN:
         _take_latch(core)
     core.report(text)
 
@@ -435,7 +426,7 @@ def fail_bring_up(core: Core, cause: Cause, drive: str, detail: str) -> None:
     """Return to OFF with a verdict; an event is published only if the verdict is a new one."""
     if core.mode == Mode.BRINGING_UP:
         _change(core, Event.DRIVES_LOST)
-    verdict = Verdict(core.config.categories.of(cause), cause, drive, detail=detail)
+    verdict = _verdict(core, cause, drive, detail)
     if verdict != core.verdict:
         core.report(f"bring-up failed: {detail}")
     core.verdict = verdict
@@ -448,10 +439,9 @@ def fail_bring_up(core: Core, cause: Cause, drive: str, detail: str) -> None:
 def _take_latch(core: Core) -> bool:
     """Restore a latched verdict after a restart; returns True if there is one."""
     latched = core.persistent.latched
-    verdict = latched_stop.verdict_of(latched)
-    if latched is None or verdict is None:
+    if latched is None:
         return False
-    core.verdict = verdict
+    core.verdict = verdict = latched_stop.verdict_of(latched)
     core.causes_reported = {(verdict.cause, verdict.drive)}
     core.report(f"latched since {latched_stop.since(latched.utc_ns)}: {describe(verdict)}")
     return True

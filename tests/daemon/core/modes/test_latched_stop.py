@@ -65,7 +65,6 @@ def test_a_number_that_is_not_finite_is_stored_as_none_and_a_long_text_is_cut(nu
     assert (stored.value, stored.limit) == (None, None)
     assert len(stored.detail.encode()) == 120
     read = verdict_of(stored)
-    assert read is not None
     assert (read.value, read.limit) == (0.0, 0.0)
 
 
@@ -73,11 +72,10 @@ def test_a_number_that_is_not_finite_is_stored_as_none_and_a_long_text_is_cut(nu
 def test_what_is_stored_is_read_as_the_same_verdict(cause):
     verdict = replace(JUMPED, cause=cause)
 
-    assert verdict_of(updated(None, Mode.FAULT, verdict, 7)) == verdict
+    stored = updated(None, Mode.FAULT, verdict, 7)
 
-
-def test_without_a_note_there_is_no_verdict():
-    assert verdict_of(None) is None
+    assert stored is not None
+    assert verdict_of(stored) == verdict
 
 
 def test_a_cause_or_category_of_another_version_still_stops():

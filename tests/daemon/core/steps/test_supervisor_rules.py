@@ -31,6 +31,8 @@ from daemon.wire.causes import LOST_DRIVE
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerState
 
+HOLD, QUICK, DISABLE, NMT = Step.HOLD, Step.QUICK_STOP, Step.DISABLE, Step.NMT_STOP
+ON, OFF = PowerState.OPERATION_ENABLED, PowerState.SWITCH_ON_DISABLED
 HOUR_NS = 3_600_000_000_000
 NOTED = StoredVerdict("S0", "ENCODER_JUMP", "right/hip", 2.5, 1.5, utc_ns=7)
 ACTIVE = [mode for mode in Mode if mode.active]
@@ -172,7 +174,7 @@ def test_a_reset_drops_drives_latch_verdict_and_homing(bench):
 
     assert (core.mode, core.drives, core.single_axis) == (Mode.OFF, None, None)
     assert (core.verdict, core.persistent.latched) == (Verdict(), None)
-    assert (core.reset_cycles_left, core.reset_settle_cycles) == (supervisor.RESET_CYCLES, 0)
+    assert (core.reset_cycles_left, core.reset_settle_cycles) == (100, 0)
     assert core.events == ["reset requested", "mode fault -> off: reset"]
 
 
@@ -273,17 +275,22 @@ def test_the_first_verdict_stops_whatever_is_under_way(bench, mode):
     ]
 
 
+def test_a_stop_that_an_orderly_shutdown_has_begun_in_ready_goes_on(ready):
+    stops(ready.core, NMT, DISABLE)
+
+    supervisor.stop(ready.core, ENABLED, 123)
+
+    assert [axis.stop[:2] for axis in ready.core.axes] == [(NMT, 50), (DISABLE, 50)]
+
+
 @pytest.mark.parametrize("mode", [Mode.OFF, Mode.BRINGING_UP])
 def test_a_verdict_before_the_drives_are_up_changes_no_mode(bench, mode):
     bench.core.mode = mode
 
+    supervisor._take_verdicts(bench.core, [OPENED], 123)
     supervisor.stop(bench.core, OPENED, 123)
 
     assert bench.core.mode == mode
-
-
-HOLD, QUICK, DISABLE, NMT = Step.HOLD, Step.QUICK_STOP, Step.DISABLE, Step.NMT_STOP
-ON, OFF = PowerState.OPERATION_ENABLED, PowerState.SWITCH_ON_DISABLED
 
 
 @pytest.mark.parametrize(
@@ -320,6 +327,8 @@ def test_the_first_step_of_each_axis(bench, verdict, shown, alone, steps):
         (JUMPED, SHUTDOWN, False),
         (HELD_UP, SHUTDOWN, False),
         (Verdict(), SHUTDOWN, True),
+        (HELD_UP, Verdict(StopCategory.S1, Cause.STOP_REQUESTED), True),
+        (Verdict(StopCategory.S0, Cause.STOP_NOT_OBEYED, "right/slide"), JUMPED, False),
         (NOT_OBEYED, JUMPED, True),
         (NOT_OBEYED, Verdict(StopCategory.S0, Cause.ENCODER_JUMP, "right/slide"), False),
         (NOT_OBEYED, Verdict(StopCategory.S0, Cause.STO_ACTIVE, "right/hip"), False),
@@ -504,17 +513,18 @@ def test_while_the_drives_are_enabled_the_leg_is_held_where_it_is(bench):
 
 
 @pytest.mark.parametrize("effort_si", [10.0, -10.0])
-def test_the_load_at_rest_is_compared_with_the_model(bench, effort_si):
+@pytest.mark.parametrize("before_cycles", [48, 49, 50])
+def test_the_load_at_rest_is_compared_with_the_model(bench, before_cycles, effort_si):
     core = bench.core
-    core.load_checked, core.load_settle_cycles = False, supervisor.LOAD_SETTLE_CYCLES - 1
+    core.load_checked, core.load_settle_cycles = False, before_cycles
     for axis in core.axes:
         axis.joint = axis.joint._replace(effort_si=effort_si)
         axis.gravity_si = effort_si
 
     bench.turn()
 
-    assert core.load_checked
-    assert core.load_settle_cycles == supervisor.LOAD_SETTLE_CYCLES
+    assert core.load_checked is (before_cycles > 48)
+    assert core.load_settle_cycles == before_cycles + 1
 
 
 @pytest.mark.parametrize("checked", [True, False])
@@ -650,9 +660,9 @@ def test_an_axis_without_a_stop_or_without_a_sample_waits_for_the_other_one(benc
 
     assert core.axes[0].stop is None
     assert core.axes[1].stop == begin(QUICK, core.axes[1].joint, 50)
-
-
-LONGEST = supervisor.STOPPING_MAX_CYCLES
+    bench.show(PowerState.QUICK_STOP_ACTIVE)
+    bench.turn()
+    assert core.axes[1].stop.at_rest_cycles == 1
 
 
 @pytest.mark.parametrize(
@@ -661,14 +671,14 @@ LONGEST = supervisor.STOPPING_MAX_CYCLES
         (True, 0, 1, True),
         (False, 0, 1, False),
         (False, 1000, 1, True),
-        (False, 0, LONGEST, False),
-        (False, 0, LONGEST + 1, True),
+        (False, 0, 300, False),
+        (False, 0, 301, True),
     ],
 )
 def test_a_stop_is_over_when_its_axis_rests_is_silent_or_has_had_its_time(
     bench, rested, age_cycles, elapsed_cycles, stopped
 ):
-    core, cycle = bench.core, 1000
+    core, cycle = bench.core, 500
     stops(core, QUICK, QUICK, cycle=cycle - elapsed_cycles)
     enough = core.config.stop_rules.standstill_cycles
     core.axes[0].stop = core.axes[0].stop._replace(at_rest_cycles=enough)
@@ -710,6 +720,7 @@ def test_at_rest_a_disable_leaves_nothing_and_a_verdict_keeps_its_stop(bench):
         (True, False, 0, 0),
         (True, False, 1, 0),
         (True, False, 2, 49),
+        (True, False, 4, 49),
         (True, True, 0, 49),
         (False, False, 0, 49),
     ],
@@ -727,7 +738,7 @@ def test_a_reset_is_over_when_no_drive_has_shown_a_fault_for_a_while(
     ready.turn()
 
     assert core.reset_cycles_left == left
-    expected = supervisor.RESET_SETTLE_CYCLES if fault else max(settling - 1, 0)
+    expected = 20 if fault else max(settling - 1, 0)
     assert core.reset_settle_cycles == expected
 
 
@@ -796,6 +807,7 @@ def test_a_step_of_bring_up_is_shown_until_the_mode_changes(bench):
     [
         (None, Cause.DRIVE_POWERED),
         (NOTED, Cause.ENCODER_JUMP),
+        (StoredVerdict("S2", "GATEWAY_SILENT"), Cause.GATEWAY_SILENT),
         (StoredVerdict("S1", "LAST_END_UNKNOWN"), Cause.DRIVE_POWERED),
     ],
 )
