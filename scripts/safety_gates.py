@@ -71,7 +71,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "daemon/gateway/lease.py": ("daemon/gateway/test_lease.py",),
     "daemon/gateway/lease_control.py": ("daemon/gateway/test_setpoints.py",),
     "daemon/gateway/setpoints.py": ("daemon/gateway/test_setpoints.py",),
-    "drives/bringup/bringup.py": _BRING_UP,
+    "drives/bringup/bringup.py": ("drives/test_bringup_rules.py",),
     "drives/bringup/bus_load.py": ("drives/test_busload.py",),
     "drives/bringup/configurator.py": ("drives/test_configurator.py", "drives/test_sdo_client.py"),
     "drives/bringup/objects.py": _BRING_UP,
