@@ -437,6 +437,21 @@ def test_a_refused_query_leaves_lease_and_setpoints_as_they_were(steering):
     assert len(steering.setpoints) == 1
 
 
+def test_a_state_is_published_for_a_known_leg_of_the_holder_of_the_lease_alone(steering):
+    def refusal(**wrong):
+        asked = {"client": "pusher", "lease": number, "leg": "right", "values": {}} | wrong
+        return steering.refuse_report(wire.ReportAsk(**asked))
+
+    number = LEASE
+    assert refusal() == "no client holds the lease"
+
+    number = steering.decide(acquire(), Mode.HOLD, 0).number
+    assert [refusal(leg=leg) for leg in LEGS] == ["", ""]
+    assert refusal(leg="middle") == "leg = 'middle', the trainer has right, left"
+    other = "'pusher' holds the lease, with another number"
+    assert (refusal(client="other"), refusal(lease=number + 1)) == (other, other)
+
+
 def test_setpoints_outlive_a_renewal_and_never_the_lease(steering):
     number = steering.decide(acquire(), Mode.HOLD, 0).number
     steering.receive_setpoints(Batch((arrival(lease=number),)), 0)
