@@ -21,7 +21,7 @@ ASSIST := clients/assist
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display uninstall purge rigs lock format golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display uninstall purge rigs lock format tables golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -130,6 +130,9 @@ lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --extra dev --extra display --output-file requirements/dev.txt
 	$(COMPILE) --extra build --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
+
+tables: $(VENV)/dev.stamp  ## write the pages that are drawn from tables in the code anew; read the difference
+	$(BIN)/python scripts/tables.py
 
 golden: $(VENV)/dev.stamp  ## write the golden traces of sessions and plans of bring-up anew; read the difference
 	$(BIN)/pytest tests/conformance/test_golden_traces_of_sessions.py tests/drive_backstop/test_table.py tests/drives/test_plan_golden.py --write-traces

@@ -17,7 +17,7 @@ To add, in this order:
     a stop cause     `Cause` in ipc/record.py and in gaitd_client/wire/names.py; its category in
                      wire/causes.py (fixed) or `[stop_category]` of limits.toml (chosen); its text
                      in wire/cause_texts.py;
-                     where it is detected, usually core/safety/checks.py; `gaitd modes`
+                     where it is detected, usually core/safety/checks.py; docs/modes.md
     an exercise      its class in core/exercises/ and its row in core/modes/table.py. A mode that is
                      new on the wire first: `Mode` in ipc/record.py and in
                      gaitd_client/wire/names.py, its request in gaitd_client/wire/messages.py

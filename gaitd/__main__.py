@@ -18,56 +18,65 @@ from daemon.config.strict import ConfigError
 
 EXIT_CONFIGURATION: Final = 2
 
+SERVICE: Final = "Service"
+OPERATOR: Final = "Operator: requests to a running service"
+COMMISSIONING: Final = "Commissioning of the empty machine"
+DRIVES: Final = "Drives on a bus"
+RECORDINGS: Final = "Recordings"
+LABORATORY: Final = "Laboratory: virtual drives, tests, benchmarks"
+
 COMMANDS: Final = {
-    "run": ("run", "The service: core and gateway."),
-    "core": ("core", "The real-time half of the service alone."),
-    "gateway": ("gateway", "The other half: Zenoh, events, black box."),
-    "check": ("check", "Validate a configuration, and print its values at the joint."),
-    "scan": ("scan", "Nodes on a bus, compared with the configuration. Reads only."),
-    "drive": ("drive", "One drive's objects: dump, compare, store, restore."),
-    "sim": ("sim", "The virtual drives of a configuration, in real time."),
-    "demo": ("demo", "Virtual drives, service and a scripted patient, with a live view."),
-    "replay": ("replay", "The observer over a recorded file, as fast as it can."),
-    "blackbox": ("blackbox", "Recordings around each stop, and the log of requests."),
-    "experiment": ("experiment", "The paper's experiment on the empty virtual machine."),
-    "delay": ("delay", "How much later than its row an effort acts, from a recording."),
-    "baseline": ("baseline", "Estimated effort of a passive patient, recorded once."),
-    "ablation": ("ablation", "Every choice of the observer on and off: errors compared."),
-    "calibrate": ("calibrate", "Friction, springs and encoder noise of the empty machine."),
-    "doctor": ("doctor", "What this machine can and cannot do for gaitd."),
-    "consistency": ("consistency", "The observer's sigmas, gaps, rest and drift, checked."),
-    "matrix": ("matrix", "Every fault in every mode on both axes, in lock-step, checked."),
-    "fuzz": ("fuzz", "Random commands and faults in lock-step, with invariants checked."),
-    "rig": ("rig", "Run a command where there is SocketCAN, or systemd."),
-    "soak": ("soak", "An hour of gait by the real processes, with faults drawn from a seed."),
-    "bench": ("bench", "The project's benchmarks."),
-    "status": ("status", "The state of a running service."),
-    "enable": ("control", "Let a running service enable its drives."),
-    "disable": ("control", "Stop in an orderly way and switch the drives off."),
-    "stop": ("control", "Stop now."),
-    "reset": ("control", "Reset a latched stop once its cause is gone."),
-    "commission": ("preparation", "Prove the sign of one axis of the empty machine."),
-    "reference": ("preparation", "Home one axis of the empty machine."),
-    "mode": ("control", "Choose what the enabled leg does: hold, gait, excite, hand_guiding."),
-    "self-test": ("preparation", "The daily test: hand switch, emergency stop, each axis."),
-    "plan": ("plan", "Limits within which a session may request a gait."),
-    "keys": ("keys", "Clients that may connect: issue, list, renew, revoke."),
-    "modes": ("modes", "Modes, requests and causes of stops as tables: docs/modes.md."),
+    "run": ("run", SERVICE, "The service: core and gateway."),
+    "core": ("core", SERVICE, "The real-time half of the service alone."),
+    "gateway": ("gateway", SERVICE, "The other half: Zenoh, events, black box."),
+    "check": ("check", SERVICE, "Validate a configuration, and print its values at the joint."),
+    "doctor": ("doctor", SERVICE, "What this machine can and cannot do for gaitd."),
+    "keys": ("keys", SERVICE, "Clients that may connect: issue, list, renew, revoke."),
+    "schema": ("schema", SERVICE, "The JSON Schema of a message."),
+    "status": ("status", OPERATOR, "The state of a running service."),
+    "watch": ("watch", OPERATOR, "Messages of one key, as they come."),
+    "stop": ("control", OPERATOR, "Stop now."),
+    "enable": ("control", OPERATOR, "Let a running service enable its drives."),
+    "disable": ("control", OPERATOR, "Stop in an orderly way and switch the drives off."),
+    "reset": ("control", OPERATOR, "Reset a latched stop once its cause is gone."),
+    "mode": ("control", OPERATOR, "What the enabled leg does: hold, gait, torque, hand_guiding."),
+    "self-test": ("preparation", OPERATOR, "Daily test: hand switch, emergency stop, each axis."),
+    "plan": ("plan", OPERATOR, "Limits within which a session may request a gait."),
+    "commission": ("preparation", COMMISSIONING, "Prove the sign of one axis."),
+    "reference": ("preparation", COMMISSIONING, "Home one axis."),
+    "scan": ("scan", DRIVES, "Nodes on a bus, compared with the configuration. Reads only."),
+    "drive": ("drive", DRIVES, "One drive's objects: dump, compare, store, restore."),
+    "blackbox": ("blackbox", RECORDINGS, "Recordings around each stop, and the log of requests."),
+    "replay": ("replay", RECORDINGS, "The observer over a recorded file, as fast as it can."),
+    "calibrate": ("calibrate", RECORDINGS, "Friction, springs and encoder noise of the machine."),
+    "baseline": ("baseline", RECORDINGS, "Estimated effort of a passive patient, recorded once."),
+    "delay": ("delay", RECORDINGS, "How much later than its row an effort acts."),
+    "demo": ("demo", LABORATORY, "Virtual drives, service and a patient, with a live view."),
+    "sim": ("sim", LABORATORY, "The virtual drives of a configuration; inject, patient."),
+    "experiment": ("experiment", LABORATORY, "The paper's experiment on the virtual machine."),
+    "ablation": ("ablation", LABORATORY, "Every choice of the observer on and off."),
+    "consistency": ("consistency", LABORATORY, "The observer's sigmas, gaps, rest and drift."),
+    "matrix": ("matrix", LABORATORY, "Every fault in every mode on both axes, in lock-step."),
+    "fuzz": ("fuzz", LABORATORY, "Random commands and faults in lock-step, with invariants."),
+    "soak": ("soak", LABORATORY, "An hour of gait with faults drawn from a seed."),
+    "rig": ("rig", LABORATORY, "Run a command where there is SocketCAN, or systemd."),
+    "bench": ("bench", LABORATORY, "The project's benchmarks."),
 }
-"""File of this package and short help of each command, in the order of `gaitd --help`."""
+"""File of this package, group and short help of each command, in the order of `gaitd --help`."""
 
 
 def build(chosen: str | None) -> typer.Typer:
     """Build the whole command line; only the chosen command is imported, the others are stubs."""
     app = typer.Typer(
         no_args_is_help=True,
+        context_settings={"help_option_names": ["-h", "--help"]},
         pretty_exceptions_enable=False,
         help="Drive service of a home gait trainer.",
     )
     app.callback()(_common)
-    for name, (file, line) in COMMANDS.items():
+    for name, (file, group, line) in COMMANDS.items():
         run = _function(file, name) if name == chosen else _not_chosen
-        app.command(name, short_help=line)(run)
+        app.command(name, short_help=line, rich_help_panel=group)(run)
     return app
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitd.command_line import errors_in_one_line
+from gaitd.command_line import CONFIG_VARIABLE, errors_in_one_line
 from gaitd.terminal import show
 
 if TYPE_CHECKING:
@@ -42,7 +42,10 @@ def command(
         Path | None, typer.Argument(metavar="[FILE]", help="show: a file of the black box, a ring")
     ] = None,
     config: Annotated[
-        Path | None, typer.Option("--config", help="trainer file: names the state directory")
+        Path | None,
+        typer.Option(
+            "--config", envvar=CONFIG_VARIABLE, help="trainer file: names the state directory"
+        ),
     ] = None,
     state: Annotated[
         Path | None, typer.Option(help="a state directory, also a copy of one", file_okay=False)

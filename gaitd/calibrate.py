@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from daemon.config.strict import COMMAND_LINE, ConfigError
-from gaitd.command_line import errors_in_one_line
+from gaitd.command_line import EXIT_FAILED, errors_in_one_line
 from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from analysis.replay import Source
     from daemon.config.settings import Robot
 
-EXIT_NOT_BETTER = 1
 SUFFIX = ".robot.toml"
 
 
@@ -58,7 +57,7 @@ def _check(recorded: list[Path], robot_file: Path) -> None:
     found = check(robot, empty_run(_sources(recorded), robot))
     print(found)
     if not found.well:
-        raise typer.Exit(EXIT_NOT_BETTER)
+        raise typer.Exit(EXIT_FAILED)
 
 
 def _calibrate(
@@ -86,7 +85,10 @@ def _calibrate(
     if made.fault or not made.check.mendable:
         fault = made.fault or "correct the mechanism's numbers first, then calibrate"
         print(f"nothing written: {fault}", file=sys.stderr)
-        raise typer.Exit(EXIT_NOT_BETTER)
+        raise typer.Exit(EXIT_FAILED)
+    if made.needless:
+        print(f"nothing written: keep {robot_file}; {made.needless}")
+        return
     names = ", ".join(path.name for path in recorded)
     write(robot_file, output, made.values(names))
     print(f"written      {output}")

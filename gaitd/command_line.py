@@ -17,8 +17,14 @@ EXIT_FAILED: Final = 1
 EXIT_REFUSED: Final = 2
 """Usage, configuration, or a file that cannot be read or written."""
 
+CONFIG_VARIABLE: Final = "GAITD_CONFIG"
+"""Environment variable in place of --config."""
+
 ConfigFile = Annotated[
-    Path, typer.Option("--config", help="trainer file of the service", dir_okay=False)
+    Path,
+    typer.Option(
+        "--config", envvar=CONFIG_VARIABLE, help="trainer file of the service", dir_okay=False
+    ),
 ]
 DemoFile = Annotated[
     Path | None,
@@ -35,6 +41,8 @@ def errors_in_one_line(*errors: type[Exception], code: int = EXIT_REFUSED) -> Ge
     except errors as error:
         print(error, file=sys.stderr)
         raise typer.Exit(code) from error
+    except BrokenPipeError:
+        raise  # the reader of the output has ended; the command line then ends quietly
     except OSError as error:
         print(f"{error.filename}: {error.strerror}", file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error

@@ -1,9 +1,11 @@
 """`gaitd enable`, `disable`, `stop`, `reset`, `mode`: one request to a running service."""
 
 from collections.abc import Callable
+from enum import StrEnum
 from typing import Annotated
 
 import typer
+from gaitd_client import Mode
 
 from gaitd.remote import (
     ConfigOption,
@@ -14,6 +16,16 @@ from gaitd.remote import (
     find_target,
     request,
 )
+
+
+class Requested(StrEnum):
+    """Modes of `gaitd mode`; `gaitd self-test`, `reference` and `commission` request the others."""
+
+    HOLD = Mode.HOLD
+    GAIT = Mode.GAIT
+    TORQUE = Mode.TORQUE
+    EXCITE = Mode.EXCITE
+    HAND_GUIDING = Mode.HAND_GUIDING
 
 
 def _command(name: str, documentation: str) -> Callable[..., None]:
@@ -43,7 +55,14 @@ reset = _command("reset", "Reset a latched stop once its cause is gone. No drive
 
 
 def mode(
-    name: Annotated[str, typer.Argument(help="hold, gait, excite, hand_guiding or self_test")],
+    name: Annotated[
+        Requested,
+        typer.Argument(
+            help="hold: keep the pose. gait: walk, announced 3 s ahead. torque: assist of the"
+            " client that holds the lease, and nothing else. excite: a motion of the configuration,"
+            " for calibration. hand_guiding: no stiffness; the leg is led by hand."
+        ),
+    ],
     cadence: Annotated[float, typer.Option(help="Strides per second, for gait.")] = 0.0,
     amplitude: Annotated[float, typer.Option(help="0 to 1 of the full gait, for gait.")] = 0.0,
     duration: Annotated[float, typer.Option(help="Seconds, for gait and excite.")] = 0.0,
@@ -54,7 +73,7 @@ def mode(
     credentials: CredentialsOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Choose the enabled leg's mode: hold, gait (announced 3 s ahead), excite, hand_guiding."""
+    """Choose what the enabled leg does."""
     arguments = {
         "mode": name,
         "cadence_hz": cadence,

@@ -3,14 +3,15 @@
 import os
 import sys
 from contextlib import closing
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from gaitd.command_line import ConfigFile
+
 
 def command(
-    config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
+    config: ConfigFile,
     admit_simulated: Annotated[
         bool,
         typer.Option(

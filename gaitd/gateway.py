@@ -6,9 +6,11 @@ import sys
 import time
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Final
 
 import typer
+
+from gaitd.command_line import ConfigFile
 
 if TYPE_CHECKING:
     from daemon.config.trainer import TrainerFile
@@ -18,7 +20,7 @@ RETRY_S: Final = 1.0
 
 
 def command(
-    config: Annotated[Path, typer.Option("--config", help="Trainer file.", dir_okay=False)],
+    config: ConfigFile,
 ) -> None:
     """Run Zenoh, events and requests of the service until SIGTERM; exit code 0."""
     from contextlib import closing

@@ -14,6 +14,7 @@ import typer
 from gaitd_client import (
     ClientError,
     CredentialsError,
+    Mode,
     NoServiceError,
     Outcome,
     Reply,
@@ -25,14 +26,36 @@ from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
 from gaitd_client.trainer import NOT_STOPPED, STOP
 
 from daemon.config.strict import ConfigError
+from gaitd.command_line import CONFIG_VARIABLE
 
 EXIT_DONE: Final = 0
 EXIT_REFUSED: Final = 1
 EXIT_NO_ANSWER: Final = 4
 
+LOOK: Final = "`gaitd status` shows the state of the machine"
+NEXT_BY_REASON: Final = (
+    ("not seen to act today", "`gaitd self-test`"),
+    ("not referenced", "`gaitd reference LEG/AXIS`, in the empty machine"),
+)
+"""What to do after a refusal, by the beginning of its reason."""
+NEXT_IN_MODE: Final[dict[str, str]] = {
+    Mode.OFF: "`gaitd status` shows what the service waits for",
+    Mode.BRINGING_UP: "wait until `gaitd status` shows ready",
+    Mode.STOPPING: "wait until `gaitd status` shows ready or fault",
+    Mode.FAULT: "`gaitd status` shows the cause and its remedy; then `gaitd reset`",
+    Mode.READY: "`gaitd enable`, with the hand switch held and the leg at rest",
+    Mode.REFERENCE: "wait for its end, or `gaitd stop`",
+    Mode.COMMISSION: "wait for its end, or `gaitd stop`",
+}
+"""What to do after any other refusal, by the mode."""
+
 ConfigOption = Annotated[
     Path | None,
-    typer.Option("--config", help="Trainer file of the service, with its endpoint and name."),
+    typer.Option(
+        "--config",
+        envvar=CONFIG_VARIABLE,
+        help="Trainer file of the service, with its endpoint and name.",
+    ),
 ]
 EndpointOption = Annotated[
     str | None,
@@ -103,16 +126,31 @@ def request(target: Target, name: str, *, as_json: bool, **arguments: object) ->
 
 
 def report_reply(reply: Reply, *, as_json: bool) -> int:
-    """Print the outcome of a request.
+    """Print the outcome of a request, and after a refusal the next command.
 
     Returns: the exit code.
     """
     mode = f" (mode {reply.mode})" if reply.mode else ""
     reason = f": {reply.reason}" if reply.reason else ""
-    print(as_json_text(reply) if as_json else f"{reply.request} {reply.outcome}{reason}{mode}")
+    following = next_command(reply)
+    then = f"\nnext: {following}" if following else ""
+    text = f"{reply.request} {reply.outcome}{reason}{mode}{then}"
+    print(as_json_text(reply) if as_json else text)
     # A later version of the service may send another outcome.
     codes: dict[str, int] = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
     return codes.get(reply.outcome, EXIT_NO_ANSWER)
+
+
+def next_command(reply: Reply) -> str:
+    """Return what to do after a refusal; empty for every other outcome."""
+    if reply.outcome != Outcome.REFUSED:
+        return ""
+    if "`gaitd " in reply.reason:  # it names the command itself
+        return ""
+    for beginning, text in NEXT_BY_REASON:
+        if reply.reason.startswith(beginning):
+            return text
+    return NEXT_IN_MODE.get(reply.mode or "", LOOK)
 
 
 def report_silence(name: str, trouble: str, *, as_json: bool) -> int:

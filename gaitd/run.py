@@ -2,19 +2,24 @@
 
 It is a supervisor of a real machine and shares nothing with the processes of tests and benchmarks
 (`gaitd_lab/processes.py`): its output is the terminal's, it restarts the gateway, and if it is
-killed the kernel ends its processes by SIGTERM, so that the core stops the axes.
+killed the kernel ends its processes by SIGTERM, so that the core stops the axes. It prints the
+core's status, for example that it waits for the interface can0, as systemd would show it.
 """
 
+import contextlib
 import ctypes
+import os
 import signal
+import socket
 import subprocess
 import sys
 import time
 from pathlib import Path
 from types import FrameType
-from typing import Annotated
 
 import typer
+
+from gaitd.command_line import ConfigFile
 
 POLL_S = 0.05
 GATEWAY_RESTART_S = 1.0
@@ -24,10 +29,13 @@ GATEWAY_END_S = 5.0
 KILLED = 4
 """Exit code for a core that a signal ended, as for any other internal error."""
 PR_SET_PDEATHSIG = 1
+STATUS = "STATUS="
+"""Beginning of the status line in a message of sd_notify(3)."""
+NOTICE_BYTES = 4096
 
 
 def command(
-    config: Annotated[Path, typer.Option("--config", help="trainer file", dir_okay=False)],
+    config: ConfigFile,
 ) -> None:
     """Run the service: start, supervise and end core and gateway together."""
     raise typer.Exit(_Supervisor(config).run())
@@ -43,6 +51,9 @@ class _Supervisor:
     def __init__(self, config: Path) -> None:
         self._config = config
         self._ending = False
+        self._status = ""
+        self._notices = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
+        self._notices.bind("")  # the kernel chooses a name
         signal.signal(signal.SIGTERM, self._end)
         signal.signal(signal.SIGINT, self._end)
 
@@ -53,6 +64,7 @@ class _Supervisor:
         try:
             while core.poll() is None and not self._ending:
                 time.sleep(POLL_S)
+                self._print_status()
                 if gateway.poll() is None:
                     continue
                 now_s = time.monotonic()
@@ -65,6 +77,7 @@ class _Supervisor:
                     gateway, gateway_ended_s = self._start("gateway"), None
         finally:
             code = _finish(core, CORE_END_S)
+            self._print_status()
             gateway_code = _finish(gateway, GATEWAY_END_S)
         if code:
             return code if code > 0 else KILLED
@@ -74,11 +87,24 @@ class _Supervisor:
         # A session of its own: Ctrl-C reaches the supervisor alone, which ends core and gateway in
         # order.
         arguments = [sys.executable, "-m", "gaitd", part, "--config", str(self._config)]
+        address = os.fsdecode(self._notices.getsockname()).replace("\0", "@")
         return subprocess.Popen(
             arguments,
+            env={**os.environ, "NOTIFY_SOCKET": address} if part == "core" else None,
             start_new_session=True,
             preexec_fn=_end_with_parent,  # noqa: PLW1509 - this process has one thread
         )
+
+    def _print_status(self) -> None:
+        """Print the newest status line of the core if it has changed."""
+        before = self._status
+        with contextlib.suppress(BlockingIOError):
+            while True:
+                for line in self._notices.recv(NOTICE_BYTES).decode().splitlines():
+                    if line.startswith(STATUS):
+                        self._status = line.removeprefix(STATUS)
+        if self._status != before:
+            print(f"gaitd: {self._status}", file=sys.stderr, flush=True)
 
     def _end(self, _signal: int, _frame: FrameType | None) -> None:
         self._ending = True

@@ -14,6 +14,7 @@ import typer
 from daemon.config.shipped import configs_folder
 from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.system.bus_choice import BusPlace, bus_of, opened
+from gaitd.command_line import CONFIG_VARIABLE
 from gaitd.terminal import Table, run_with_progress, show
 
 if TYPE_CHECKING:
@@ -28,7 +29,12 @@ EXIT_DRIVE: Final = 3
 def command(
     config: Annotated[
         Path | None,
-        typer.Option("--config", help="trainer file: its bus, its drives", dir_okay=False),
+        typer.Option(
+            "--config",
+            envvar=CONFIG_VARIABLE,
+            help="trainer file: its bus, its drives",
+            dir_okay=False,
+        ),
     ] = None,
     interface: Annotated[
         str | None, typer.Option(help="without --config: python-can's word, e.g. socketcan")

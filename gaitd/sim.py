@@ -1,15 +1,43 @@
-"""`gaitd sim`: the virtual drives of a configuration on its bus."""
+"""`gaitd sim`: the virtual drives of a configuration on its bus, and commands to them.
 
+    gaitd sim --config FILE                         run them
+    gaitd sim inject LINE --config FILE             a fault, such as `silent right/hip 0.5`; `help`
+    gaitd sim patient NAME --config FILE            what the patient does, such as `active`
+
+On a simulated bus the commands go to the channel of the configuration; on another one to the socket
+of `gaitd sim --control`. Exit codes: 0; 1 the virtual drives refuse it; 2 usage or configuration;
+4 they do not answer.
+"""
+
+import sys
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
-from gaitd.command_line import ConfigFile
+from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
+from gaitd.command_line import EXIT_FAILED, ConfigFile
+
+EXIT_NO_ANSWER: Final = 4
+ANSWERED_WITHIN_S: Final = 10.0
+
+
+class Action(StrEnum):
+    """Subcommand of `gaitd sim`."""
+
+    RUN = "run"
+    INJECT = "inject"
+    PATIENT = "patient"
 
 
 def command(
     config: ConfigFile,
+    action: Annotated[Action, typer.Argument(help="what to do")] = Action.RUN,
+    words: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="[LINE]", help="inject: a command; patient: a programme"),
+    ] = None,
     truth: Annotated[
         Path | None, typer.Option("--truth", help="CSV of what really happens, a row a SYNC")
     ] = None,
@@ -19,7 +47,7 @@ def command(
     ] = False,
     control: Annotated[
         Path | None,
-        typer.Option("--control", help="Unix socket for faults and patient; send it `help`"),
+        typer.Option("--control", help="Unix socket for faults and patient, on any bus"),
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="in place of plant.toml's")] = None,
     duration_s: Annotated[
@@ -47,10 +75,16 @@ def command(
         ),
     ] = None,
 ) -> None:
-    """Run the virtual drives of a configuration until SIGTERM or Ctrl-C."""
+    """Run the virtual drives of a configuration until SIGTERM or Ctrl-C, or send them a command."""
     from daemon.config.trainer import load_trainer
     from gaitd_lab.simulation import Options, run
 
+    line = " ".join(words or ())
+    if action is not Action.RUN:
+        _send(config, control, line if action is Action.INJECT else f"patient {line}".strip())
+        return
+    if line:
+        raise ConfigError(COMMAND_LINE, "LINE", line, "only for inject and patient")
     options = Options(
         truth=truth,
         truth_in_silence=truth_in_silence,
@@ -64,3 +98,45 @@ def command(
         without=tuple(without or ()),
     )
     raise typer.Exit(run(load_trainer(config), options))
+
+
+def _send(config: Path, control: Path | None, line: str) -> None:
+    """Send a command to the virtual drives, and print their answer."""
+    from sim_drives.control import send_command
+
+    try:
+        if control is None:
+            print(_command_on_channel(config, line))
+            return
+        answer = send_command(control, line)
+    except OSError as error:
+        print(f"the virtual drives do not answer: {error}", file=sys.stderr)
+        raise typer.Exit(EXIT_NO_ANSWER) from error
+    refused = answer.startswith("error: ")
+    print(answer.removeprefix("ok: "), file=sys.stderr if refused else sys.stdout)
+    if refused:
+        raise typer.Exit(EXIT_FAILED)
+
+
+def _command_on_channel(config: Path, line: str) -> str:
+    """Send a command over the simulated bus of a configuration; return the answer."""
+    from daemon.config.trainer import SIMULATED, load_trainer
+    from simtime.link import LinkLostError, SocketLink
+    from simtime.wire import Role
+
+    file = load_trainer(config)
+    if file.trainer.bus.interface != SIMULATED:
+        allowed = f"that of `gaitd sim --control`: {config} has no simulated bus"
+        raise ConfigError(COMMAND_LINE, "--control", MISSING, allowed)
+    link = SocketLink(Path(file.channel), Role.HAND, "command", timeout_s=ANSWERED_WITHIN_S)
+    try:
+        link.open()
+        return link.command(line)
+    except LinkLostError as error:
+        print(error, file=sys.stderr)
+        raise typer.Exit(EXIT_NO_ANSWER) from error
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise typer.Exit(EXIT_FAILED) from error
+    finally:
+        link.close()

@@ -19,7 +19,7 @@ from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
 
 HEAD: Final = """# Modes
 
-Written by `gaitd modes --output docs` from the tables that the service itself goes by; a test
+Written by `make tables` from the tables that the service itself goes by; a test
 fails where this page is older than they are. A stop needs no permission, no valid state and no
 working observer: every mode in which a drive is enabled has a row for it.
 """

@@ -12,7 +12,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ from gaitd_client.connection import Target
 from daemon.config.edits import Edits, edit
 from daemon.config.shipped import configs_folder
 from daemon.ipc.transport import RING_NAME
+from sim_drives.control import send_command
 
 SHARED_MEMORY: Final = "/dev/shm"
 SIMULATED: Final = "simulated"
@@ -34,8 +34,6 @@ END_ORDER: Final = ("run", "core", "gateway", "sim")
 END_S: Final = 15.0
 """Longer than the core needs to stop both axes and to switch off power."""
 TAIL_LINES: Final = 40
-OBEYED_WITHIN_S: Final = 10.0
-ANSWER_SIZE_MAX: Final = 8192
 _END_WITH_PARENT: Final = (
     "import ctypes, os, sys; ctypes.CDLL(None).prctl(1, 9); "
     "os.getppid() == int(sys.argv[1]) and os.execv(sys.argv[2], sys.argv[2:])"
@@ -247,17 +245,10 @@ class ServiceProcesses:
         Raises:
             ServiceError: they do not answer.
         """
-        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as end:
-            own = self.folder / f"injector{time.monotonic_ns()}"
-            try:
-                end.bind(str(own))
-                end.settimeout(OBEYED_WITHIN_S)
-                end.sendto(line.encode(), str(self.control_path))
-                return end.recv(ANSWER_SIZE_MAX).decode()
-            except OSError as error:
-                raise ServiceError(f"the virtual drives do not answer: {error}") from error
-            finally:
-                own.unlink(missing_ok=True)
+        try:
+            return send_command(self.control_path, line)
+        except OSError as error:
+            raise ServiceError(f"the virtual drives do not answer: {error}") from error
 
 
 def tied(*words: str) -> list[str]:

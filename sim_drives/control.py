@@ -1,4 +1,4 @@
-"""Commands to running virtual drives: text lines on a Unix datagram socket.
+"""Commands to running virtual drives: text lines on a Unix datagram socket, and their sender.
 
 A datagram is one or more lines. The answer is one datagram, `ok: ...` or `error: ...` for each
 line, sent to the client's address if it has bound one. Sending never blocks.
@@ -13,6 +13,9 @@ from typing import Final
 from sim_drives.faults.script import FaultCommandError
 
 DATAGRAM_BYTES: Final = 4096
+ANSWER_BYTES: Final = 65536
+OBEYED_WITHIN_S: Final = 10.0
+"""Longest wait for an answer, of the computer's time."""
 
 
 class ControlSocket:
@@ -66,3 +69,16 @@ def control_socket(path: Path, obey: Callable[[str], str]) -> Generator[ControlS
             yield ControlSocket(listening, obey)
         finally:
             path.unlink(missing_ok=True)
+
+
+def send_command(path: Path, line: str) -> str:
+    """Send a line to the socket at `path`, and return the answer: `ok: ...` or `error: ...`.
+
+    Raises:
+        OSError: nothing listens there, or no answer comes.
+    """
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+        sender.bind("")  # the kernel chooses an address for the answer
+        sender.settimeout(OBEYED_WITHIN_S)
+        sender.sendto(line.encode(), str(path))
+        return sender.recv(ANSWER_BYTES).decode()

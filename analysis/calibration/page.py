@@ -63,6 +63,8 @@ def _parts(calibration: Calibration, robot_name: str) -> Iterator[str]:
     yield markdown.table(scores[1], scores[2])
     if calibration.fault:
         yield f"**Not to be used:** {calibration.fault}."
+    elif calibration.needless:
+        yield f"**Not needed:** {calibration.needless}."
     yield f"![friction over velocity]({NAME}_friction.png)"
     yield f"![what is left over position and velocity]({NAME}_residuals.png)"
 

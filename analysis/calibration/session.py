@@ -19,8 +19,9 @@ from analysis.calibration.verdict import (
     other_effect,
     score,
     two_optima,
-    why_not_better,
+    why_needless,
     without_contact_rows,
+    worse_axis,
 )
 from analysis.recording import RecordingError
 from analysis.replay import Source
@@ -47,6 +48,8 @@ class Calibration:
     """Data that the scores belong to."""
     fault: str
     """Reason why the result must not be used; empty if it may be."""
+    needless: str
+    """Reason why the file to begin with is as good; empty if the new one is better."""
     contact_s: NDArray[np.float64]
     """Times of excluded rows: a short contact, for instance with an end stop."""
 
@@ -143,10 +146,12 @@ def calibrate(
     after = score(frame, made.natural, judged, rows, judged_seen[1])
     fault = two_optima(made.rival) if made.rival else ""
     fault = fault or other_effect(seen[1], made.natural, motion)
-    fault = fault or why_not_better(before, after, made.natural, judged)
+    needless = why_needless(before, after)
+    if not fault and not needless:
+        fault = worse_axis(before, after, made.natural, judged)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(
-        *(motion, checked, made, new, seen[0], seen[1], before, after, words, fault),
+        *(motion, checked, made, new, seen[0], seen[1], before, after, words, fault, needless),
         motion.time_s[contact],
     )
 

@@ -121,13 +121,18 @@ def two_optima(disagreement: str) -> str:
     )
 
 
-def why_not_better(before: Score, after: Score, natural: Vector, motion: Motion) -> str:
-    """Reason why the new file is no improvement on held-out data; empty if it is one."""
-    if not after.loss_per_sample < before.loss_per_sample:
-        return (
-            "the held-out part is not described better: minus log likelihood per sample "
-            f"{before.loss_per_sample:.3f} before, {after.loss_per_sample:.3f} after"
-        )
+def why_needless(before: Score, after: Score) -> str:
+    """Text that the file describes the held-out data as well; empty if the new one is better."""
+    if after.loss_per_sample < before.loss_per_sample:
+        return ""
+    return (
+        "the file describes the held-out part as well: minus log likelihood per sample "
+        f"{before.loss_per_sample:.3f}, {after.loss_per_sample:.3f} with calibrated values"
+    )
+
+
+def worse_axis(before: Score, after: Score, natural: Vector, motion: Motion) -> str:
+    """Axis that the new file describes worse on held-out data; empty if there is none."""
     pairs = (
         ("hip", before.hip_rms_nm, after.hip_rms_nm, "N·m"),
         ("slide", before.slide_rms_n, after.slide_rms_n, "N"),

@@ -1,5 +1,6 @@
 """The command line as a whole: what there is, what it costs, how a configuration error ends."""
 
+import json
 import os
 import subprocess
 import sys
@@ -9,6 +10,7 @@ import pytest
 from bench_bus import Machine
 from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
+from gaitd_client import wire
 
 from gaitd.__main__ import COMMANDS
 from gaitd_lab.processes import free_port
@@ -39,6 +41,24 @@ def test_every_command_explains_itself(name):
 
     assert ended.code == 0, ended.err
     assert f"{name} [OPTIONS]" in ended.out
+
+
+def test_a_schema_is_printed_by_name_and_an_unknown_one_is_refused(monkeypatch):
+    assert "estimate" in gaitd("schema").out.split()
+    assert json.loads(gaitd("schema", "estimate").out) == wire.schema(wire.Estimate)
+    assert json.loads(gaitd("schema", "gaitd.stride.v2").out)["$id"] == "gaitd.stride.v2"
+    assert (gaitd("schema", "strides").code, "one of" in gaitd("schema", "strides").err) == (
+        2,
+        True,
+    )
+
+
+def test_the_trainer_file_may_be_named_by_the_environment(monkeypatch, tmp_path):
+    monkeypatch.setenv("GAITD_CONFIG", str(tmp_path / "mine.toml"))
+
+    for name in ("check", "status", "scan"):
+        ended = gaitd(name)
+        assert (ended.code, "mine.toml" in ended.err) == (2, True)
 
 
 def test_an_unknown_command_is_a_matter_of_usage_and_the_version_is_told():
@@ -78,7 +98,7 @@ def test_a_core_that_a_watchdog_watches_refuses_a_simulated_bus(monkeypatch):
 
 def test_a_bus_that_cannot_carry_the_frames_is_refused_before_it_is_opened(tmp_path):
     slow = Change("demo.toml", "bitrate_bit_per_s = 1_000_000", "bitrate_bit_per_s = 250_000")
-    ours = Change("demo.toml", "/dev/shm/gaitd-demo", f"{tmp_path}/run")
+    ours = Change("demo.toml", '"/dev/shm/gaitd-demo"', f'"{tmp_path}/run"')
     port = Change("demo.toml", "127.0.0.1:7447", f"127.0.0.1:{free_port()}")
     words = [
         sys.executable,

@@ -1,11 +1,11 @@
 """docs/modes.md is drawn from the table, and says all of it."""
 
 import re
+import runpy
 import tomllib
 from pathlib import Path
 
 import pytest
-from command_line import gaitd
 
 from daemon.core.modes.table import TRANSITIONS
 from daemon.ipc.record import Cause, Mode
@@ -18,20 +18,21 @@ PAGE = page(LIMITS["stop_category"])
 
 
 def test_the_page_in_the_docs_is_the_one_of_the_tables():
-    """If this fails: `gaitd modes --output docs`, and read what has changed."""
+    """If this fails: `make tables`, and read what has changed."""
     assert (PROJECT / "docs/modes.md").read_text(encoding="utf-8") == PAGE
 
 
 def test_the_tables_of_roles_in_the_docs_are_those_of_the_code(tmp_path):
-    """If this fails: `gaitd modes --output docs`, and read what has changed."""
+    """If this fails: `make tables`, and read what has changed."""
     text = (PROJECT / "docs/security.md").read_text(encoding="utf-8")
     older = tmp_path / "security.md"
     place = r"(begin -->\n).*?(\n<!-- \w+: end)"
     older.write_text(re.sub(place, r"\1older\2", text, flags=re.DOTALL), encoding="utf-8")
 
-    gaitd("modes", "--output", tmp_path)
+    runpy.run_path(str(PROJECT / "scripts/tables.py"))["write"](tmp_path)
 
     assert older.read_text(encoding="utf-8") == text
+    assert (tmp_path / "modes.md").read_text(encoding="utf-8") == PAGE
 
 
 @pytest.mark.parametrize("name", ["roles", "rights"])
@@ -40,13 +41,6 @@ def test_a_page_without_a_place_for_a_table_is_refused(name):
 
     with pytest.raises(ValueError, match=f"{name}: begin"):
         with_tables(text.replace(f"<!-- {name}: begin -->", ""))
-
-
-def test_the_command_writes_that_page_and_prints_it_without_a_folder(tmp_path):
-    written, printed = gaitd("modes", "--output", tmp_path), gaitd("modes")
-
-    assert written.code == printed.code == 0
-    assert (tmp_path / "modes.md").read_text(encoding="utf-8") == printed.out == PAGE
 
 
 def drawn():

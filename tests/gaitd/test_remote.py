@@ -5,23 +5,29 @@ from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
-from gaitd_client import Reply, Target
+from gaitd_client import Mode, Reply, Target, Trainer
 
+from daemon.config.strict import ConfigError
 from gaitd import remote
+from gaitd.watch import stream_of
 
 
-@pytest.mark.parametrize(("outcome", "code"), [("done", 0), ("refused", 1), ("of_later", 4)])
-def test_every_outcome_has_an_exit_code(monkeypatch, capsys, outcome, code):
-    reply = Reply(
+def reply_of(request, outcome, reason="", mode=None):
+    return Reply(
         seq=1,
         core_boot_id=None,
         cycle=None,
         sample_time_ns=None,
-        request="stop",
+        request=request,
         outcome=outcome,
-        reason="",
-        mode=None,
+        reason=reason,
+        mode=mode,
     )
+
+
+@pytest.mark.parametrize(("outcome", "code"), [("done", 0), ("refused", 1), ("of_later", 4)])
+def test_every_outcome_has_an_exit_code(monkeypatch, capsys, outcome, code):
+    reply = reply_of("stop", outcome)
     trainer = SimpleNamespace(request=lambda _name: reply)
     monkeypatch.setattr(remote, "client_of", lambda _target, _name: nullcontext(trainer))
 
@@ -37,3 +43,36 @@ def test_a_stop_without_a_service_names_the_other_ways_to_stop(capsys, name, is_
     text = capsys.readouterr().err
     assert "no service listens on tcp/127.0.0.1:1" in text
     assert ("may not have stopped" in text and "emergency stop" in text) == is_warned
+
+
+@pytest.mark.parametrize(
+    ("reason", "mode", "following"),
+    [
+        ("'enable' is not possible in mode fault", Mode.FAULT, "then `gaitd reset`"),
+        ("'mode gait' is not possible in mode ready", Mode.READY, "`gaitd enable`"),
+        ("not seen to act today: right/hip: STO", Mode.READY, "next: `gaitd self-test`"),
+        ("not referenced: right/hip", Mode.READY, "next: `gaitd reference LEG/AXIS`"),
+        ("a client of a later version", None, "`gaitd status`"),
+    ],
+)
+def test_a_refusal_names_the_next_command(capsys, reason, mode, following):
+    refused = reply_of("enable", "refused", reason, mode)
+
+    assert remote.report_reply(refused, as_json=False) == remote.EXIT_REFUSED
+    assert following in capsys.readouterr().out.splitlines()[1]
+
+
+def test_a_reason_that_names_its_command_is_enough(capsys):
+    remote.report_reply(reply_of("enable", "refused", "due: `gaitd self-test`"), as_json=False)
+
+    assert capsys.readouterr().out.count("\n") == 1
+
+
+def test_every_key_of_a_trainer_can_be_watched_and_another_one_is_refused():
+    trainer = Trainer()
+    keys = ["safety", "health", "events", "right/estimate", "left/stride", "drives/right/hip"]
+
+    assert [stream_of(trainer, key).key for key in keys] == [f"gaitd/trainer/{key}" for key in keys]
+    for wrong in ("", "estimate", "middle/estimate", "right/force", "drives/right", "safety/x"):
+        with pytest.raises(ConfigError, match=r"KEY = .*LEG/stride"):
+            stream_of(trainer, wrong)

@@ -58,11 +58,24 @@ def test_it_serves_its_bus_until_sigterm_and_writes_the_truth_of_every_sync(tmp_
                 assert traffic is None or traffic.arbitration_id in (0x705, 0x706)
         lines = ("help", "patient unknown", "silent right/hip 0.1")
         answers = [service.inject(line) for line in lines]
+        addressed = ("--config", service.config)
+        commands = [
+            gaitd("sim", "patient", "active", *addressed),
+            gaitd("sim", "inject", "silent", "right/hip", 0.1, *addressed),
+            gaitd("sim", "inject", "help", "--control", service.control_path, *addressed),
+            gaitd("sim", "patient", "unknown", *addressed),
+            gaitd("sim", "inject", "nonsense", "--control", service.control_path, *addressed),
+        ]
         assert process.end() == 0
 
     assert "encoder_glitch:" in answers[0] and "patient PROGRAMME" in answers[0]
     assert answers[1].startswith("error: ")
     assert answers[2] == "ok: began silent on right/hip"
+    assert [one.code for one in commands] == [0, 0, 0, 1, 1]
+    assert commands[0].out == "patient programme is active\n"
+    assert commands[1].out == "began silent on right/hip\n"
+    assert "encoder_glitch:" in commands[2].out
+    assert all("error: " in one.err and not one.out for one in commands[3:])
     rows = service.truth()
     assert rows[-1]["sync_count"] == "5"
     assert {"time_s", "hip_angle_rad", "slide_patient_n"} <= set(rows[0])
@@ -87,6 +100,18 @@ def test_on_request_the_truth_goes_on_while_no_sync_comes_with_the_count_of_the_
     assert counts == sorted(counts)
     assert counts.count(1) >= 5
     assert times == sorted(times)  # a SYNC may come at the instant of a row in silence
+
+
+def test_a_command_to_virtual_drives_that_do_not_run_is_exit_code_4(configs):
+    for more in ((), ("--control", configs / "nowhere")):
+        ended = gaitd("sim", "inject", "help", "--config", configs / "demo.toml", *more)
+
+        assert (ended.code, ended.out) == (4, "")
+        assert "not answer" in ended.err
+
+
+def test_a_line_is_for_inject_and_patient_only(refused):
+    assert 'LINE = "silent"' in refused("run", "silent")
 
 
 def test_it_ends_by_itself_after_its_duration(sim):

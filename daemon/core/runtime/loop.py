@@ -271,7 +271,7 @@ class Loop:
         try:
             self._line.open()
         except BusError as error:
-            supervisor.fail_bring_up(core, Cause.BUS_DOWN, "", error.what)
+            supervisor.fail_bring_up(core, Cause.BUS_DOWN, "", f"{error.channel}: {error.what}")
             return
         plans = settings.plans.of(core.single_axis)
         port = self._line.port(
@@ -305,7 +305,7 @@ class Loop:
         self._grid.jump()
 
     def _lose_bus(self, error: BusError) -> None:
-        supervisor.lose_bus(self._core, error.what)
+        supervisor.lose_bus(self._core, f"{error.channel}: {error.what}")
         self._retry_ns = self._clock.now_ns() + RETRY_NS
         self._line.close()
 

@@ -29,7 +29,8 @@ STATE: Final = Path("var/lib/gaitd")
 DISK_MIN_MB: Final = 500
 """Space for the black boxes of a hundred stops, and for the request log of a year."""
 WAKEUPS: Final = 200
-WAKEUP_GOOD_MS: Final = 0.5
+WAKEUP_MAX_MS: Final = 4.0
+"""What is left of a cycle of 10 ms: window 4 ms, computing 0.8 ms, frames of both directions."""
 SYSTEMD_MIN: Final = 252
 IMPORTS: Final = {
     "python-can": "can",
@@ -124,9 +125,10 @@ def wake_up() -> Finding:
     late_ms.sort()
     median, worst = statistics.median(late_ms), late_ms[-1]
     found = f"{median:.2f} ms late at the median, {worst:.2f} ms at worst of {WAKEUPS}"
-    if median < WAKEUP_GOOD_MS:
+    if worst < WAKEUP_MAX_MS:
         return Finding("wake-up", found, Grade.GOOD)
-    return Finding("wake-up", found, Grade.LIMITED, "something else runs here; SCHED_FIFO helps")
+    remedy = f"above {WAKEUP_MAX_MS:g} ms a cycle is left out; end other programs, or SCHED_FIFO"
+    return Finding("wake-up", found, Grade.LIMITED, remedy)
 
 
 def socket_can() -> Finding:

@@ -1,0 +1,93 @@
+"""`gaitd watch KEY`: the messages of one key of a running service, as JSON, one to a line.
+
+Ends by Ctrl-C or after --count messages. Silence is reported on stderr. Exit codes as in
+`remote.py`.
+"""
+
+import sys
+from collections.abc import Callable
+from typing import Annotated, Any, Final
+
+import typer
+from gaitd_client import ClientError, NotValid, Stream, Trainer
+
+from daemon.config.strict import COMMAND_LINE, ConfigError
+from gaitd.remote import (
+    EXIT_NO_ANSWER,
+    ConfigOption,
+    CredentialsOption,
+    EndpointOption,
+    TrainerOption,
+    as_json_text,
+    client_of,
+    find_target,
+    report_silence,
+)
+
+OF_TRAINER: Final[dict[str, Callable[[Trainer], Stream[Any]]]] = {
+    "safety": Trainer.safety,
+    "health": Trainer.health,
+    "events": Trainer.events,
+}
+OF_LEG: Final[dict[str, Callable[[Trainer, str], Stream[Any]]]] = {
+    "estimate": Trainer.estimate,
+    "activity": Trainer.activity,
+    "friction": Trainer.friction,
+    "stride": Trainer.stride,
+}
+ALLOWED: Final = (
+    f"one of {', '.join(OF_TRAINER)}, LEG/{', LEG/'.join(OF_LEG)}, drives/LEG/AXIS;"
+    " LEG is right or left, AXIS is hip or slide"
+)
+
+
+def command(
+    key: Annotated[str, typer.Argument(help=f"below gaitd/TRAINER/: {ALLOWED}")],
+    count: Annotated[
+        int, typer.Option(min=0, help="End after so many messages; 0: at Ctrl-C.")
+    ] = 0,
+    config: ConfigOption = None,
+    endpoint: EndpointOption = None,
+    trainer: TrainerOption = None,
+    credentials: CredentialsOption = None,
+) -> None:
+    """Print the messages of one key, one line of JSON each."""
+    target = find_target(config, endpoint, trainer, credentials)
+    try:
+        with client_of(target, "watch") as service:
+            _print(stream_of(service, key), count)
+    except ClientError as error:
+        raise typer.Exit(report_silence("watch", str(error), as_json=False)) from error
+    except KeyboardInterrupt:
+        return
+
+
+def stream_of(service: Trainer, key: str) -> Stream[Any]:
+    """Return the messages of a key.
+
+    Raises:
+        ConfigError: there is no such key.
+    """
+    first, _, rest = key.partition("/")
+    try:
+        if key in OF_TRAINER:
+            return OF_TRAINER[key](service)
+        if first == "drives":
+            return service.drive(rest)
+        return OF_LEG[rest](service, first)
+    except (KeyError, ValueError) as error:
+        raise ConfigError(COMMAND_LINE, "KEY", key, ALLOWED) from error
+
+
+def _print(stream: Stream[Any], count: int) -> None:
+    """Print messages until the count; a service that is silent from the start ends it."""
+    printed_count = 0
+    for message in stream:
+        if not isinstance(message, NotValid):
+            print(as_json_text(message), flush=True)
+            printed_count += 1
+        else:
+            print(f"not valid: {message.text}", file=sys.stderr, flush=True)
+        if count and printed_count >= count:
+            return
+    raise typer.Exit(EXIT_NO_ANSWER)
