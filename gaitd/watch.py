@@ -34,6 +34,7 @@ OF_LEG: Final[dict[str, Callable[[Trainer, str], Stream[Any]]]] = {
     "activity": Trainer.activity,
     "friction": Trainer.friction,
     "stride": Trainer.stride,
+    "controller": Trainer.controller,
 }
 ALLOWED: Final = (
     f"one of {', '.join(OF_TRAINER)}, LEG/{', LEG/'.join(OF_LEG)}, drives/LEG/AXIS;"
