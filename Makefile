@@ -126,9 +126,9 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 	rm -rf out/sbom
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
-	$(COMPILE) --extra build --output-file requirements/run.txt
-	$(COMPILE) --extra build --extra dev --extra display --output-file requirements/dev.txt
-	$(COMPILE) --extra build --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
+	$(COMPILE) --extra build --extra tools --output-file requirements/run.txt
+	$(COMPILE) --extra build --extra tools --extra dev --extra display --output-file requirements/dev.txt
+	$(COMPILE) --extra build --extra tools --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
 tables: $(VENV)/dev.stamp  ## write the pages that are drawn from tables in the code anew; read the difference

@@ -17,6 +17,8 @@ import typer
 from daemon.config.strict import ConfigError
 
 EXIT_CONFIGURATION: Final = 2
+OF_TOOLS: Final = frozenset({"matplotlib", "plotext", "scipy"})
+"""Packages of the extra `tools`, which the service does not need."""
 
 SERVICE: Final = "Service"
 OPERATOR: Final = "Operator: requests to a running service"
@@ -87,6 +89,13 @@ def main() -> None:
         build(chosen)()
     except ConfigError as error:
         print(error.line, file=sys.stderr)
+        sys.exit(EXIT_CONFIGURATION)
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in OF_TOOLS:
+            raise
+        remedy = "pip install ./clients/python '.[tools]' in a clone of gaitd"
+        print(f"gaitd {chosen} needs {package}: {remedy}", file=sys.stderr)
         sys.exit(EXIT_CONFIGURATION)
 
 

@@ -35,7 +35,9 @@ NEUTRAL = "simulated time is neutral ground: it imports nothing of ours"
 JUDGEMENT = "commands ask whether a configuration is good; nothing that they start does"
 ALONE = "the client library is complete without gaitd"
 MESSAGES = "messages are for gateway and clients, not for what moves the machine"
+TOOLS = "the service and the virtual drives need no package of the tools"
 PLANTS = (
+    Plant("observer", "scipy", TOOLS),
     Plant("drives", "daemon.ipc.record", "drives and observer know nothing of ours"),
     Plant("observer", "drives.signals", "drives and observer never see each other"),
     Plant(

@@ -61,6 +61,29 @@ def test_the_trainer_file_may_be_named_by_the_environment(monkeypatch, tmp_path)
         assert (ended.code, "mine.toml" in ended.err) == (2, True)
 
 
+@pytest.mark.parametrize(
+    ("package", "words"),
+    [
+        ("scipy", ("delay", "x.csv")),
+        ("plotext", ("demo",)),
+        ("matplotlib", ("soak",)),
+    ],
+)
+def test_a_command_names_the_extra_that_it_needs(monkeypatch, package, words):
+    """A package that is None in `sys.modules` cannot be found."""
+    for name in [
+        one for one in sys.modules if one.split(".")[0] in {package, "analysis", "gaitd_lab"}
+    ]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, package, None)
+
+    ended = gaitd(*words)
+
+    assert (ended.code, ended.out) == (2, "")
+    assert ended.err.startswith(f"gaitd {words[0]} needs {package}: pip install ")
+    assert ended.err.count("\n") == 1
+
+
 def test_an_unknown_command_is_a_matter_of_usage_and_the_version_is_told():
     ended = gaitd("dance")
 

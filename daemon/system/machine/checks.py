@@ -7,6 +7,7 @@ scheduling class.
 
 import importlib
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import resource
@@ -36,15 +37,14 @@ IMPORTS: Final = {
     "python-can": "can",
     "canopen": "canopen",
     "numpy": "numpy",
-    "scipy": "scipy",
     "numba": "numba",
     "eclipse-zenoh": "zenoh",
     "msgspec": "msgspec",
     "typer": "typer",
     "rich": "rich",
-    "plotext": "plotext",
-    "matplotlib": "matplotlib",
 }
+OF_TOOLS: Final = ("matplotlib", "plotext", "scipy")
+"""Distributions of the extra `tools`, which only some commands need."""
 
 
 def python() -> Finding:
@@ -68,6 +68,10 @@ def packages() -> Finding:
     if broken:
         remedy = "install requirements/run.txt again (`make clean demo`)"
         return Finding("packages", "; ".join(broken), Grade.BROKEN, remedy)
+    missing = [name for name in OF_TOOLS if importlib.util.find_spec(name) is None]
+    if missing:
+        found = f"without {', '.join(missing)}: no calibration, figures and live view"
+        return Finding("packages", found, Grade.MISSING, "the extra `tools`: docs/installation.md")
     return Finding("packages", f"all {len(IMPORTS)} can be imported", Grade.GOOD)
 
 
