@@ -4,12 +4,14 @@ A file of the black box names the stop that it was saved for. In the ring of a c
 newest latched verdict; without one, the last record is used.
 """
 
+import lzma
 import math
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from analysis.recording import RecordingError
@@ -55,14 +57,27 @@ class StopRecording(NamedTuple):
 
 @contextmanager
 def opened(path: Path, hint: str = "") -> Generator[RingReader]:
-    """Open a ring of records; `hint` is added to the message for a file that is none.
+    """Open a ring of records, also compressed (`.ring.xz`).
+
+    Args:
+        path: the file.
+        hint: added to the message for a file that is none.
 
     Raises:
         RecordingError: the file cannot be read, or is no ring.
     """
     try:
+        if path.suffix == ".xz":
+            with TemporaryDirectory(prefix="gaitd-") as folder:
+                plain = Path(folder) / path.stem
+                plain.write_bytes(lzma.decompress(path.read_bytes()))
+                with opened(plain, hint) as ring:
+                    yield ring
+            return
         with closing(RingReader(path)) as ring:
             yield ring
+    except lzma.LZMAError as error:
+        raise RecordingError(f"{path}: is no xz file: {error}") from error
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror}") from error
     except RingError as error:

@@ -1,5 +1,6 @@
 """`gaitd replay`: run the observer over a recorded file, as fast as possible."""
 
+import itertools
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -24,6 +25,8 @@ from gaitd.terminal import progress
 if TYPE_CHECKING:
     from analysis.replay import Source
     from daemon.config.settings import Robot
+    from daemon.ipc.record import CycleRecord
+    from daemon.ipc.transport import RingHeader
     from gaitd.terminal import Update
 
 
@@ -58,13 +61,57 @@ def command(
     baseline: Annotated[
         Path | None, typer.Option(help="of `gaitd baseline`, taken off the stride figures")
     ] = None,
+    publish: Annotated[
+        bool,
+        typer.Option("--publish", help="do not estimate: play the messages of a ring on Zenoh"),
+    ] = False,
+    listen: Annotated[str, typer.Option(help="--publish: endpoint")] = "tcp/127.0.0.1:7447",
+    pace: Annotated[
+        float, typer.Option(min=0.01, max=100, help="--publish: a multiple of real time")
+    ] = 1.0,
+    repeat: Annotated[
+        bool, typer.Option("--repeat", help="--publish: play it until Ctrl-C")
+    ] = False,
 ) -> None:
     """Run the observer over a recorded file: CSV in, CSV of the estimates out."""
     from analysis.recording import RecordingError
 
     with errors_in_one_line(RecordingError, FileError):
+        if publish:
+            _publish(recorded, listen, pace, repeat=repeat)
+            return
         wanted = Wanted(output, plot, strides, strides_plot)
         _replay(recorded, leg, wanted, Given(robot, baseline, smooth))
+
+
+def _publish(recorded: list[Path], listen: str, pace: float, *, repeat: bool) -> None:
+    """Play recordings one after the other; each time as another core, as the cycles begin anew."""
+    import msgspec
+    import zenoh
+
+    from analysis.recording import RecordingError
+    from analysis.stop_recording import opened
+    from daemon.gateway.playback import play
+
+    tapes: list[tuple[RingHeader, list[CycleRecord]]] = []
+    for path in recorded:
+        with opened(path, "; only a ring of records can be published") as ring:
+            tapes.append((ring.header, ring.since(0)))
+        if not tapes[-1][1]:
+            raise RecordingError(f"{path}: has no record")
+    for count in itertools.count(1):
+        for path, (header, records) in zip(recorded, tapes, strict=True):
+            seconds = (records[-1].sync_mono_ns - records[0].sync_mono_ns) * 1e-9 / pace
+            print(f"{path}: gaitd/{header.trainer} on {listen}, {seconds:.0f} s", flush=True)
+            run = msgspec.structs.replace(header, core_boot_id=f"{header.core_boot_id}-{count}")
+            try:
+                play(run, records, (listen,), pace)
+            except zenoh.ZError as error:
+                raise RecordingError(f"--listen {listen}: {error}") from error
+            except KeyboardInterrupt:
+                return
+        if not repeat:
+            return
 
 
 class Given(NamedTuple):

@@ -6,6 +6,6 @@ configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py
 `lockstep_gateway.py` (the real loop against them in one thread), `trials.py`, `excitation.py` and
 `ablation_trials.py` (recordings by lock-step), `fault_matrix/`, `fuzz/` (random sessions),
 `processes.py` (child processes, and those of a whole service), `requests.py`, `demonstration/`,
-`soak/`, `benchmark/`. `mode_page.py` writes docs/modes.md, `role_page.py` the tables of
-docs/security.md, `backstop_page.py` docs/backstop.md.
+`soak/`, `benchmark/`, `sample.py` (the shipped recording). `mode_page.py` writes
+docs/modes.md, `role_page.py` the tables of docs/security.md, `backstop_page.py` docs/backstop.md.
 """

@@ -6,5 +6,6 @@ published first), `translate.py` (rules of validity), `requests.py` (requests of
 `lease.py`, `setpoints.py` and `lease_control.py` (which client may command torque), `presence.py`
 (do records of the core arrive), `events.py`, `emergencies.py`, `strides.py` and `health.py`
 (messages made from records), `outlet.py` (interface for publishing), `reload.py` (SIGHUP),
-`log.py`. Zenoh itself is in `daemon/zenoh_io/`; files on disk are in `daemon/recorder/`.
+`log.py`, `playback.py` (a recording in place of a core: `gaitd replay --publish`). Zenoh itself is
+in `daemon/zenoh_io/`; files on disk are in `daemon/recorder/`.
 """

@@ -8,7 +8,7 @@ publish the messages that are due once a second. Nothing here blocks, and the ti
 
 import logging
 from collections.abc import Callable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 import msgspec
 from gaitd_client import wire
@@ -26,8 +26,8 @@ from daemon.gateway.presence import SILENCE_NS, Presence
 from daemon.gateway.requests import Inquiry
 from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.translate import Stamp
-from daemon.ipc.record import CycleRecord, DriveRecord, Mode, Outcome, Role
-from daemon.ipc.transport import GatewayChannel, RareNotice, RingError, RingHeader
+from daemon.ipc.record import CycleRecord, DriveRecord, GatewayState, Mode, Outcome, Role
+from daemon.ipc.transport import RareNotice, RingError, RingHeader
 from daemon.system.clock import AgeClock
 from daemon.wire.names import name_of, printable
 
@@ -46,6 +46,27 @@ _LOG_LEVEL: Final = {
 }
 
 
+class CoreLink(Protocol):
+    """The part of the channel to the core that the gateway needs: see `GatewayChannel`."""
+
+    @property
+    def header(self) -> RingHeader | None:
+        """Return the header of the core's ring; None: none was found."""
+        ...
+
+    def records(self) -> list[CycleRecord]:
+        """Records since the last call."""
+        ...
+
+    def take_notices(self) -> list[str]:
+        """Texts of what could not be read."""
+        ...
+
+    def send(self, gateway_state: GatewayState) -> bool:
+        """Send a state to the core; False if it could not be sent."""
+        ...
+
+
 class Waiting(NamedTuple):
     """A query whose answer is outstanding, and the name of its client."""
 
@@ -58,7 +79,7 @@ class Gateway:
 
     def __init__(
         self,
-        ipc: GatewayChannel,
+        ipc: CoreLink,
         outlet: Outlet,
         clock: AgeClock,
         trainer: str,
@@ -71,7 +92,7 @@ class Gateway:
         """Begin without a core.
 
         Args:
-            ipc: the channel to the core.
+            ipc: the channel to the core, or a recording (`playback.py`).
             outlet: publishes messages.
             clock: for ages.
             trainer: TRAINER in the keys.

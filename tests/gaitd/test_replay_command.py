@@ -68,10 +68,13 @@ def test_without_an_output_the_estimates_lie_beside_the_recording(recorded, tmp_
         ),
         (["recorded.csv", "recorded.csv"], "is the file of --output too"),
         (["notes.txt"], "a recording is a .csv or a ring of records"),
+        (["notes.txt", "--publish"], "only a ring of records can be published"),
+        (["notes.ring.xz", "--publish"], "notes.ring.xz: is no xz file"),
     ],
 )
 def test_what_cannot_be_used_is_named_and_the_exit_code_is_two(recorded, tmp_path, arguments, said):
     (tmp_path / "notes.txt").write_text("not a recording, but long enough to be looked at\n" * 500)
+    (tmp_path / "notes.ring.xz").write_text("not compressed")
     (tmp_path / "robot.toml").write_bytes((CONFIGS / "robot.toml").read_bytes())
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
 

@@ -4,24 +4,25 @@ import threading
 from pathlib import Path
 
 import msgspec
-from gaitd_assist import StrideLine, parse_settings
-from gaitd_assist.program import run
+from gaitd_assist import StrideLine
 from gaitd_client.wire import ControllerState
+from tutorial import example
 
 from daemon.ipc.record import Mode
 
 SHIPPED = Path(__file__).parents[2] / "clients" / "assist" / "configs" / "assist.toml"
 
 
-def test_the_program_walks_a_gait_and_logs_and_publishes_its_strides(long_service, tmp_path):
+def test_the_tutorials_law_walks_a_gait_and_logs_and_publishes_its_strides(long_service, tmp_path):
     """An operator starts the gait; the program holds the lease and requests nothing."""
     long_service.bring(Mode.HOLD)
-    settings = parse_settings(SHIPPED.read_text(), tmp_path / "assist.toml")
+    file = tmp_path / "assist.toml"
+    file.write_bytes(SHIPPED.read_bytes())
     with long_service.client("assist") as trainer, long_service.client("operator") as operator:
         published = []
         operator.controller("right").call(published.append)
         answering = threading.Thread(
-            target=run, args=(settings, SHIPPED, trainer), kwargs={"duration_s": 20.0}
+            target=example("own_law").main, args=(trainer, file), kwargs={"duration_s": 20.0}
         )
         answering.start()
         long_service.wait(lambda: trainer.status().safety.lease_holder == "gaitd-assist", 30)
@@ -33,7 +34,8 @@ def test_the_program_walks_a_gait_and_logs_and_publishes_its_strides(long_servic
         ended = trainer.status().safety
 
     lines = [
-        msgspec.json.decode(line, type=StrideLine) for line in settings.log.read_text().splitlines()
+        msgspec.json.decode(line, type=StrideLine)
+        for line in (tmp_path / "assist.jsonl").read_text().splitlines()
     ]
     assert [line.number for line in lines] == list(range(lines[0].number, lines[-1].number + 1))
     assert len(lines) >= 2
@@ -47,3 +49,4 @@ def test_the_program_walks_a_gait_and_logs_and_publishes_its_strides(long_servic
         assert (state.client, state.for_cycle) == ("gaitd-assist", line.cycle)
         assert state.values["stiffness_ratio"] == line.state["stiffness_ratio"]
         assert state.values["weights_hip_nm"] == tuple(line.state["weights_hip_nm"])
+        assert state.values["damping_ratio"] == line.state["damping_ratio"]

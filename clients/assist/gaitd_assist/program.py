@@ -7,6 +7,7 @@ SIGTERM; 2 the file is refused, or the log cannot be written; 3 no service, or n
 import argparse
 import signal
 import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -25,6 +26,7 @@ from gaitd_client import (
 )
 
 from gaitd_assist.journal import Journal
+from gaitd_assist.law import Law
 from gaitd_assist.leg import LegController, StrideLine
 from gaitd_assist.settings import Settings, SettingsError, check_caps, read_settings
 
@@ -35,10 +37,15 @@ WRITE_S: Final = 0.5
 """Time between two writes of the log."""
 
 
+MakeLaw = Callable[[], Law]
+
+
 class Answers:
     """The law that the lease calls with each estimate of each leg."""
 
-    def __init__(self, settings: Settings, trainer: Trainer, journal: Journal) -> None:
+    def __init__(
+        self, settings: Settings, trainer: Trainer, journal: Journal, more: Sequence[MakeLaw]
+    ) -> None:
         """Subscribe to what the laws need besides the estimate."""
         self._journal = journal
         self._safety: Stream[Safety] = trainer.safety()
@@ -47,6 +54,7 @@ class Answers:
         for leg in settings.legs:
             self._strides[leg] = trainer.stride(leg)
             self._legs[leg] = settings.controller()
+            self._legs[leg].laws += [make_law() for make_law in more]
 
     def __call__(self, estimate: Estimate) -> Assist:
         """Answer one estimate."""
@@ -59,7 +67,13 @@ class Answers:
         return setpoint
 
 
-def run(settings: Settings, path: Path, trainer: Trainer, duration_s: float | None = None) -> None:
+def run(
+    settings: Settings,
+    path: Path,
+    trainer: Trainer,
+    duration_s: float | None = None,
+    more: Sequence[MakeLaw] = (),
+) -> None:
     """Answer the estimates of a connected trainer.
 
     Args:
@@ -67,6 +81,7 @@ def run(settings: Settings, path: Path, trainer: Trainer, duration_s: float | No
         path: names the file in errors.
         trainer: connected.
         duration_s: by the trainer's clock; None: until KeyboardInterrupt.
+        more: makes further laws for each leg, called after those of this package.
 
     Raises:
         SettingsError: the file does not fit the service.
@@ -77,7 +92,7 @@ def run(settings: Settings, path: Path, trainer: Trainer, duration_s: float | No
     clock = trainer.clock
     end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * 1e9)
     with Journal(settings.log) as journal:
-        answers = Answers(settings, trainer, journal)
+        answers = Answers(settings, trainer, journal, more)
         with trainer.lease(CLIENT, answers, legs=settings.legs, on_refusal=_report) as lease:
             print(f"{CLIENT}: holds the lease for {', '.join(settings.legs)}", flush=True)
             was, lost_count = "", 0

@@ -1,0 +1,119 @@
+"""Recorded records in place of a core: the gateway publishes them as it publishes live ones.
+
+Nothing can be requested of a recording: every query that acts is refused, a stop too.
+"""
+
+from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+from gaitd_client import wire
+
+from daemon.config.settings import Lease
+from daemon.gateway.clients import PLAN_FILE, ClientRefusedError, Clients, PlanStore
+from daemon.gateway.service import Gateway
+from daemon.ipc.record import CycleRecord, GatewayState, Role
+from daemon.ipc.transport import RingHeader
+from daemon.system.clock import AgeClock, MonotonicClock
+from daemon.zenoh_io.publish import Mailbox, ZenohOutlet
+from daemon.zenoh_io.session import open_session
+
+POLL_S: Final = 0.002
+NO_LEASE: Final = Lease(duration_ms=50, duration_max_ms=50)
+"""None is granted."""
+
+
+class Recorded:
+    """Records that become due in the pace of their times; the gateway's `CoreLink`."""
+
+    def __init__(
+        self, header: RingHeader, records: Sequence[CycleRecord], clock: AgeClock, pace: float
+    ) -> None:
+        """Begin now.
+
+        Args:
+            header: of the recording.
+            records: at least one, oldest first.
+            clock: measures the time since now.
+            pace: recorded time in a time of the clock.
+        """
+        self.header: RingHeader | None = header
+        self._waiting, self._clock, self._pace = list(reversed(records)), clock, pace
+        self._begin_ns, self._first_ns = clock.now_ns(), records[0].sync_mono_ns
+
+    @property
+    def is_over(self) -> bool:
+        """True if all records were given."""
+        return not self._waiting
+
+    def records(self) -> list[CycleRecord]:
+        """Return the records that have become due since the last call."""
+        now_ns = self._first_ns + (self._clock.now_ns() - self._begin_ns) * self._pace
+        due: list[CycleRecord] = []
+        while self._waiting and self._waiting[-1].sync_mono_ns <= now_ns:
+            due.append(self._waiting.pop())
+        return due
+
+    def take_notices(self) -> list[str]:
+        """Return none: no core sends any."""
+        return []
+
+    def send(self, gateway_state: GatewayState) -> bool:  # noqa: ARG002 - for a core
+        """Do nothing: there is no core."""
+        return True
+
+
+class Readers(Clients):
+    """Clients of a recording: they may read."""
+
+    def __init__(self) -> None:
+        """All clients that reach the endpoint."""
+        super().__init__(None)
+
+    def role(self, name: str, client: str) -> Role:
+        """See `Clients`.
+
+        Raises:
+            ClientRefusedError: the query acts.
+        """
+        if name in wire.READING:
+            return super().role(name, client)
+        raise ClientRefusedError("a recording is played: nothing can be requested of it")
+
+
+def play(
+    header: RingHeader,
+    records: Sequence[CycleRecord],
+    listen: Sequence[str],
+    pace: float,
+) -> None:
+    """Publish a recording on Zenoh to its end.
+
+    Args:
+        header: of the recording; `trainer` is TRAINER in the keys.
+        records: at least one, oldest first.
+        listen: endpoints.
+        pace: recorded time in real time, above 0.
+
+    Raises:
+        zenoh.ZError: an endpoint cannot be listened on.
+    """
+    clock = MonotonicClock()
+    with (
+        TemporaryDirectory(prefix="gaitd-") as folder,
+        closing(Mailbox()) as mailbox,
+        closing(open_session(listen, header.trainer, None)) as session,
+        closing(ZenohOutlet(session, header.trainer, mailbox)) as outlet,
+    ):
+        source = Recorded(header, records, clock, pace)
+        plans = PlanStore(Path(folder) / PLAN_FILE, lambda _what, _run: False)
+        trainer, readers = header.trainer, Readers()
+        with closing(
+            Gateway(source, outlet, clock, trainer, listen, NO_LEASE, readers, plans, str)
+        ) as gateway:
+            while not source.is_over:
+                clock.sleep_until(clock.now_ns() + round(POLL_S * 1e9))
+                gateway.publish_estimates(clock.now_ns())
+                gateway.turn(clock.now_ns(), mailbox.drain())
