@@ -22,7 +22,7 @@ def test_the_page_in_the_docs_is_the_one_of_the_tables():
     assert (PROJECT / "docs/modes.md").read_text(encoding="utf-8") == PAGE
 
 
-def test_the_tables_of_roles_in_the_docs_are_those_of_the_code(tmp_path):
+def test_generated_pages_and_tables_in_the_docs_are_those_of_the_code(tmp_path):
     """If this fails: `make tables`, and read what has changed."""
     text = (PROJECT / "docs/security.md").read_text(encoding="utf-8")
     older = tmp_path / "security.md"
@@ -32,7 +32,9 @@ def test_the_tables_of_roles_in_the_docs_are_those_of_the_code(tmp_path):
     runpy.run_path(str(PROJECT / "scripts/tables.py"))["write"](tmp_path)
 
     assert older.read_text(encoding="utf-8") == text
-    assert (tmp_path / "modes.md").read_text(encoding="utf-8") == PAGE
+    for page_name in ("modes.md", "messages.md", "configuration.md"):
+        written = (tmp_path / page_name).read_text(encoding="utf-8")
+        assert written == (PROJECT / "docs" / page_name).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", ["roles", "rights"])

@@ -1,0 +1,252 @@
+"""docs/messages.md and docs/configuration.md: every field of a message, every key of a file.
+
+Names, ranges and meanings are those of the types that decode them: a message has its descriptions
+in `Meta`, a table of a file in the texts below its fields. Written by `make tables`.
+"""
+
+import ast
+import inspect
+import re
+import textwrap
+from collections.abc import Iterator
+from functools import cache
+from itertools import pairwise, starmap
+from typing import Final, NamedTuple, cast
+
+import msgspec
+from gaitd_client import wire
+from gaitd_client.wire.messages import NAME_OF
+from msgspec import inspect as types
+
+from analysis import markdown
+from daemon.config.limit_settings import Limits
+from daemon.config.settings import Robot, Trainer
+from daemon.gateway.requests import ROUTES, Route
+from drives.cia402.axis_file import AxisFile
+from drives.cia402.profile import DriveProfile
+
+BOUNDS: Final = (("ge", "≥"), ("gt", ">"), ("le", "≤"), ("lt", "<"))
+
+
+class Key(NamedTuple):
+    """A key on Zenoh."""
+
+    name: str
+    message: str
+    rate: str
+
+
+PUBLISHED: Final = (
+    Key("LEG/estimate", "estimate", "every cycle (100 Hz), real-time priority"),
+    Key("LEG/activity", "activity", "every cycle"),
+    Key("LEG/friction", "friction", "every cycle"),
+    Key("LEG/stride", "stride", "at the end of each stride"),
+    Key("LEG/controller", "controller", "when a controller reports, once a stride"),
+    Key("drives/LEG/AXIS", "drives", "10 Hz"),
+    Key("safety", "safety", "on change, and once a second"),
+    Key("events", "events", "as they happen; the newest are kept for late subscribers"),
+    Key("health", "health", "once a second"),
+)
+FILES: Final[dict[str, type[msgspec.Struct]]] = {
+    "trainer.toml, demo.toml, vcan.toml": Trainer,
+    "robot.toml, robot_empty.toml": Robot,
+    "limits.toml": Limits,
+    "drives/AXIS.toml": AxisFile,
+    "drives/profiles/PROFILE.toml": DriveProfile,
+}
+
+
+# --- messages -------------------------------------------------------------------------------------
+
+
+def messages_page() -> str:
+    """Return docs/messages.md."""
+    parts = [
+        "# Messages on Zenoh",
+        "Written by `make tables` from the types in `clients/python/gaitd_client/wire`."
+        " All keys begin with `gaitd/TRAINER/`, TRAINER is `trainer` unless the trainer file says"
+        " otherwise. LEG is `right` or `left`, AXIS is `hip` or `slide`. Payloads are JSON (UTF-8),"
+        " with the encoding `application/json;gaitd.NAME.v2`. `gaitd schema NAME` prints the JSON"
+        " Schema of a message, `gaitd watch KEY` the messages of a key. A number's unit is the end"
+        " of its name; null is a value that is not valid, and never 0.",
+        "## Published",
+        markdown.table(("key", "message", "when"), (_key_row(key) for key in PUBLISHED)),
+        "A setpoint is the one message that a client publishes, on `LEG/setpoint`"
+        " ([control_by_others.md](control_by_others.md)).",
+        "## Queries",
+        "With keys, a request that acts has the name of the client at its end:"
+        " `control/enable/CLIENT` ([security.md](security.md)).",
+        markdown.table(("key", "payload", "answer"), starmap(_query_row, ROUTES.items())),
+    ]
+    for name, kind in wire.MESSAGES.items():
+        parts += [f"## {name}", inspect.cleandoc(kind.__doc__ or "").replace("\n", " ")]
+        rows = [_field_row(field) for field in _fields(kind)]
+        if rows:
+            parts.append(markdown.table(("field", "type", "meaning"), rows))
+    return markdown.page(*parts)
+
+
+def _key_row(key: Key) -> tuple[str, str, str]:
+    return f"`{key.name}`", f"[{key.message}](#{key.message})", key.rate
+
+
+def _query_row(name: str, route: Route) -> tuple[str, str, str]:
+    answers = route is Route.GATEWAY
+    payload = name if name in wire.MESSAGES and not answers else "ask"
+    answer = name if answers else "reply"
+    return f"`control/{name}`", f"[{payload}](#{payload})", f"[{answer}](#{answer})"
+
+
+def _field_row(field: types.Field) -> tuple[str, str, str]:
+    extra = field.type.extra_json_schema or {} if isinstance(field.type, types.Metadata) else {}
+    return f"`{field.name}`", _type_text(field.type), str(extra.get("description", ""))
+
+
+# --- files ----------------------------------------------------------------------------------------
+
+
+def configuration_page() -> str:
+    """Return docs/configuration.md."""
+    parts = [
+        "# Keys of the configuration",
+        "Written by `make tables` from the types that decode the files. An unknown key, a missing"
+        " one and a value out of its range are refused with file, key, value and range"
+        " (`gaitd check`). A key with a default may be left out; nothing physical and nothing that"
+        " safety rests on has one. A number's unit is the end of its name."
+        " The shipped files in `configs/` have a comment with the source of each value.",
+    ]
+    for file, kind in FILES.items():
+        parts.append(f"## {file}")
+        parts += _tables("", kind)
+    return markdown.page(*parts)
+
+
+def _tables(path: str, kind: type[msgspec.Struct]) -> Iterator[str]:
+    """Yield the table of a struct's own keys, then those of the tables in it."""
+    rows: list[tuple[str, ...]] = []
+    inner: list[tuple[str, type[msgspec.Struct]]] = []
+    texts = _texts(kind)
+    for field in _fields(kind):
+        name = f"{path}.{field.name}".lstrip(".")
+        tables = list(_structs(field.type))
+        if tables:
+            inner += [(f"{name}{_suffix(field.type)}", one) for one in tables]
+            continue
+        rows.append((f"`{field.name}`", _type_text(field.type), _default(field), texts[field.name]))
+    if path:
+        yield f"### [{path}]"
+        yield inspect.cleandoc(kind.__doc__ or "").replace("\n", " ")
+    if rows:
+        yield markdown.table(("key", "type", "default", "meaning"), rows)
+    for name, one in inner:
+        yield from _tables(name, one)
+
+
+def _suffix(kind: types.Type) -> str:
+    bare = _bare(kind)
+    if isinstance(bare, types.DictType):
+        return ".NAME"
+    return "[]" if isinstance(bare, types.VarTupleType | types.ListType) else ""
+
+
+def _structs(kind: types.Type) -> Iterator[type[msgspec.Struct]]:
+    match _bare(kind):
+        case types.StructType(cls=struct):
+            yield struct
+        case types.UnionType(types=members):
+            for member in members:
+                yield from _structs(member)
+        case types.VarTupleType(item_type=item) | types.ListType(item_type=item):
+            yield from _structs(item)
+        case types.DictType(value_type=value):
+            yield from _structs(value)
+        case _:
+            pass
+
+
+def _default(field: types.Field) -> str:
+    if field.required:
+        return ""
+    if field.default is None:
+        return "none"
+    has_value = isinstance(field.default, bool | int | float | str)
+    return f"`{field.default}`" if has_value else "see the file"
+
+
+@cache
+def _texts(kind: type[msgspec.Struct]) -> dict[str, str]:
+    """Texts below the fields of a class, by name; Python keeps them in the source only."""
+    found = dict.fromkeys((field.name for field in _fields(kind)), "")
+    for one in reversed(kind.__mro__):
+        if one.__module__.split(".")[0] not in {"daemon", "drives"}:
+            continue
+        made = cast("ast.ClassDef", ast.parse(textwrap.dedent(inspect.getsource(one))).body[0])
+        for before, node in pairwise(made.body):
+            match before, node:
+                case (
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str() as text)),
+                ):
+                    found[name] = re.sub(r"\s+", " ", text)
+                case _:
+                    pass
+    return found
+
+
+# --- both -----------------------------------------------------------------------------------------
+
+
+def _fields(kind: type[msgspec.Struct]) -> tuple[types.Field, ...]:
+    return cast("types.StructType", types.type_info(kind)).fields
+
+
+def _bare(kind: types.Type) -> types.Type:
+    return _bare(kind.type) if isinstance(kind, types.Metadata) else kind
+
+
+def _type_text(kind: types.Type) -> str:
+    bare = _bare(kind)
+    match bare:
+        case types.UnionType(types=members):
+            return " or ".join(map(_type_text, members))
+        case types.LiteralType(values=values):
+            return ", ".join(f"`{value}`" for value in values)
+        case types.EnumType(cls=enum):
+            return ", ".join(f"`{member.value}`" for member in enum)
+        case types.StructType(cls=struct):
+            name = NAME_OF.get(struct)
+            return f"[{name}](#{name})" if name else _inline(struct)
+        case types.VarTupleType(item_type=item) | types.ListType(item_type=item):
+            return f"array of {_type_text(item)}"
+        case types.TupleType(item_types=items):
+            return f"[{', '.join(map(_type_text, items))}]"
+        case types.DictType(value_type=value):
+            return f"object of {_type_text(value)}"
+        case types.CustomType(cls=custom):
+            return custom.__name__.lower()
+        case _:
+            word = WORDS.get(type(bare), type(bare).__name__.removesuffix("Type").lower())
+            return f"{word}{_range(bare)}"
+
+
+WORDS: Final[dict[type[types.Type], str]] = {
+    types.FloatType: "number",
+    types.IntType: "integer",
+    types.StrType: "text",
+    types.BoolType: "true, false",
+    types.NoneType: "null",
+    types.AnyType: "anything",
+}
+
+
+def _inline(struct: type[msgspec.Struct]) -> str:
+    return "{" + ", ".join(f"`{field.name}`" for field in _fields(struct)) + "}"
+
+
+def _range(kind: types.Type) -> str:
+    bounds = [
+        f"{sign} {value:g}"
+        for name, sign in BOUNDS
+        if (value := getattr(kind, name, None)) is not None
+    ]
+    return f" {', '.join(bounds)}" if bounds else ""
