@@ -1,16 +1,9 @@
 """The patient's server over HTTP and WebSocket: what a page gets, and who may ask for what."""
 
 import asyncio
-import datetime
 import json
 import re
-import ssl
-import subprocess
-import sys
 import threading
-import time
-from urllib.error import URLError
-from urllib.request import urlopen
 
 import display_bench as bench
 import pytest
@@ -23,9 +16,6 @@ from gaitd_display.web import BODY_MAX_BYTES, STATIC, TRY_LATER, working
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from training import PROFILE
-
-from daemon.keys.certificates import new_authority, new_certificate
-from gaitd_lab.processes import free_port
 
 OURS = bench.OURS
 FOREIGN = {**OURS, "origin": "http://evil.example"}
@@ -107,43 +97,6 @@ def test_stop_is_in_the_page_itself_and_bound_before_anything_else(client):
 def test_texts_and_the_page_s_own_words_are_served(client):
     assert client.get("/texts.json").json()["de"]["stop"] == "STOPP"
     assert client.get("/page.json").json() == bench.PAGE
-
-
-def test_the_command_serves_with_tls(tmp_path):
-    now = datetime.datetime.now(datetime.UTC)
-    authority = new_authority("trainer", now)
-    pair = new_certificate(authority, "display", now, 1, ["127.0.0.1"])
-    (tmp_path / "c.pem").write_bytes(pair.certificate)
-    (tmp_path / "k.pem").write_bytes(pair.key)
-    port = free_port()
-    table = bench.patient_table(tmp_path, way_out=False)
-    table["web"] = {"host": "127.0.0.1", "port": port, "certificate": "c.pem", "key": "k.pem"}
-    table["trainer"] = {"endpoint": f"tcp/127.0.0.1:{free_port()}"}
-    bench.settings_of(tmp_path, table, PatientSettings)
-    file = tmp_path / "PatientSettings.toml"
-    trusted = ssl.create_default_context(cadata=authority.certificate.decode())
-    command = [sys.executable, "-m", "gaitd_display", "patient", "--config", str(file)]
-
-    def alive(context):
-        with urlopen(f"https://127.0.0.1:{port}/alive", context=context, timeout=5) as answer:
-            return answer.read()
-
-    process = subprocess.Popen(command)
-    try:
-        while process.poll() is None:
-            try:
-                assert alive(trusted) == b"ok"
-                break
-            except URLError as error:
-                assert isinstance(error.reason, ConnectionRefusedError)
-                time.sleep(0.1)  # the process starts
-        with pytest.raises(URLError, match="CERTIFICATE_VERIFY_FAILED"):
-            alive(ssl.create_default_context())
-        with pytest.raises(OSError, match=r"closed|reset|Remote"):
-            urlopen(f"http://127.0.0.1:{port}/alive", timeout=5)
-    finally:
-        process.terminate()
-        process.wait()
 
 
 # --- who may ask for what -----------------------------------------------------------------------

@@ -1,10 +1,18 @@
 """The therapist's server: login, CSRF, what the page gets and what it may request."""
 
+import datetime
+import json
 import os
 import shutil
+import ssl
+import subprocess
+import sys
 import tempfile
+import time
 import traceback
 from pathlib import Path
+from urllib.error import URLError
+from urllib.request import Request, urlopen
 
 import display_bench as bench
 import pytest
@@ -31,6 +39,10 @@ from msgspec.structs import replace
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from training import PROFILE
+from websockets.sync.client import connect
+
+from daemon.keys.certificates import new_authority, new_certificate
+from gaitd_lab.processes import free_port
 
 PASSWORD = "correct horse battery staple"
 ORIGIN = "https://127.0.0.1:8080"
@@ -72,6 +84,67 @@ def token(client):
 def post(client, path, body, csrf=None):
     headers = {**OURS, "x-csrf-token": token(client) if csrf is None else csrf}
     return client.post(path, headers=headers, json=body)
+
+
+# --- TLS ----------------------------------------------------------------------------------------
+
+
+def test_beyond_loopback_it_serves_with_tls_alone_and_is_refused_without(tmp_path, password_hash):
+    now = datetime.datetime.now(datetime.UTC)
+    authority = new_authority("trainer", now)
+    pair = new_certificate(authority, "display", now, 1, ["127.0.0.1"])
+    (tmp_path / "c.pem").write_bytes(pair.certificate)
+    (tmp_path / "k.pem").write_bytes(pair.key)
+    address = f"127.0.0.1:{free_port()}"
+    origin = f"https://{address}"
+    web = {"host": "0.0.0.0", "port": int(address.partition(":")[2]), "origins": [origin]}
+    table = bench.therapist_table(password_hash)
+    table["trainer"] = {"endpoint": f"tcp/127.0.0.1:{free_port()}"}
+    file = tmp_path / "therapist.toml"
+    command = [sys.executable, "-m", "gaitd_display", "therapist", "--config", str(file)]
+    trusted = ssl.create_default_context(cadata=authority.certificate.decode())
+
+    def request(path, body=None, context=trusted):
+        headers = {"Origin": origin, "Content-Type": "application/json"}
+        asked = Request(f"{origin}{path}", body, headers)
+        with urlopen(asked, context=context, timeout=5) as answer:
+            return answer.headers, answer.read()
+
+    file.write_text(bench.toml({**table, "web": web}), encoding="utf-8")
+    refused = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert (refused.returncode, refused.stderr) == (
+        2,
+        f"gaitd-display: {file}: web.host = '0.0.0.0' can be reached from other machines: give "
+        "web.certificate and web.key, or bind 127.0.0.1\n",
+    )
+    web |= {"certificate": "c.pem", "key": "k.pem"}
+    file.write_text(bench.toml({**table, "web": web}), encoding="utf-8")
+    process = subprocess.Popen(command)
+    try:
+        while process.poll() is None:
+            try:
+                assert b'id="login"' in request("/")[1]
+                break
+            except URLError as error:
+                assert isinstance(error.reason, ConnectionRefusedError)
+                time.sleep(0.1)  # the process starts
+        with pytest.raises(URLError, match="CERTIFICATE_VERIFY_FAILED"):
+            request("/", context=ssl.create_default_context())
+        with pytest.raises(OSError, match=r"closed|reset|Remote"):
+            urlopen(f"http://{address}/", timeout=5)
+        headers, _ = request("/login", b'{"password": "%s"}' % PASSWORD.encode())
+        cookie, *attributes = headers["Set-Cookie"].split("; ")
+        assert "Secure" in attributes
+        with connect(
+            f"wss://{address}/live",
+            ssl=trusted,
+            origin=origin,
+            additional_headers={"Cookie": cookie},
+        ) as socket:
+            assert json.loads(socket.recv())["now"]["is_silent"]
+    finally:
+        process.terminate()
+        process.wait()
 
 
 # --- login --------------------------------------------------------------------------------------
