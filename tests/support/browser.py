@@ -25,6 +25,33 @@ ARGUMENTS = (
     "--no-first-run",
 )
 AXE = Path(__file__).parents[1] / "rigs" / "vendor" / "axe.min.js"
+FEED = """
+const paints = [];
+const atNextFrame = requestAnimationFrame;
+window.requestAnimationFrame = (paint) => (window.isFed ? paints.push(paint) : atNextFrame(paint));
+window.WebSocket = class extends WebSocket {
+  constructor(address) {
+    super(address);
+    window.live = this;
+    this.frames = [];
+    this.addEventListener("message", ({ data }) => this.frames.push(JSON.parse(data)));
+  }
+  send(text) { if (!window.isFed) super.send(text); }
+};
+window.feed = async ({ first, end, scenes, items }) => {
+  window.isFed = true;
+  for (let n = first; n < end; n++) {
+    const frames = scenes[Math.floor(n / 9000) % scenes.length];
+    const fresh = n % 150 === 0 ? items.map((item) => ({ ...item, number: n, id: `${n}` })) : [];
+    live.onmessage({ data: JSON.stringify({ ...frames[n % frames.length], items: fresh }) });
+    if (n % 30 === 0) for (const paint of paints.splice(0)) paint(performance.now());
+    if (n % 900 === 0) await new Promise((goOn) => setTimeout(goOn));
+  }
+};
+"""
+"""Comes before a page's own scripts: `feed` gives frames to the page's handler, instead of the
+server: each scene for 2.5 minutes of 60 frames a second, new items every 2.5 s. It paints twice a
+second."""
 STRIDE = 60
 PERIOD_S = 0.01
 

@@ -127,9 +127,11 @@ export class Alarm {
   constructor(soundButton) {
     this.button = soundButton;
     this.about = this.acknowledged = null;
-    this.burstCount = 0;
     this.audio = new AudioContext();
-    this.audio.onstatechange = () => this.show();
+    this.audio.onstatechange = () => {
+      this.show();
+      this.burst();
+    };
     soundButton.addEventListener("click", () => this.audio.resume());
     addEventListener("pointerdown", () => this.audio.resume());
     setInterval(() => this.burst(), 3000);
@@ -155,8 +157,8 @@ export class Alarm {
   }
 
   burst() {
-    if (!this.isSounding()) return;
-    this.burstCount += 1;
+    // Tones of a browser that does not yet allow sound would all wait for the first touch.
+    if (!this.isSounding() || this.audio.state !== "running") return;
     const start = this.audio.currentTime + 0.02;
     for (const [pulse, frequency] of [660, 880, 660, 880, 1040].entries()) {
       const tone = this.audio.createOscillator();
