@@ -24,6 +24,17 @@ from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.plant.settings import FrictionLaw
 
 SHIPPED: Final = CONFIGS.parent / "clients" / "assist" / "configs" / "assist.toml"
+TRANSPARENCY: Final = """
+[transparency]
+feedforward_ratio = 0.6
+friction_error_ratio = 0.2
+hip_friction_max_nm = 7.0
+slide_friction_max_n = 75.0
+hip_full_rad_per_s = 0.15
+slide_full_m_per_s = 0.06
+hip_tank_j = 0.2
+slide_tank_j = 0.5
+"""
 CADENCE_HZ: Final = 0.3
 DURATION_S: Final = 1800.0
 RAMP_STRIDES: Final = 2.8

@@ -8,7 +8,8 @@ import math
 
 import numpy as np
 import pytest
-from assisted import Answers, Fixed, Gym, shipped
+from assisted import SHIPPED, TRANSPARENCY, Answers, Fixed, Gym, shipped
+from gaitd_assist import parse_settings
 from patients import Slacking, of_ability, resisting, spastic, tiring
 from sessions import elsewhere
 
@@ -152,6 +153,17 @@ def test_a_controller_that_fails_leaves_a_leg_that_is_braked_and_held(warm_gym, 
     assert record.assist.legs[0].assist == (0.0, 0.0)
     assert all(abs(drive.velocity_si) < 0.03 for drive in record.drives)
     assert (record.assist.refused_count[SetpointRefusal.STALE] > 0) == (how == "late")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("ability", [0.0, 1.0])
+def test_friction_fed_forward_on_the_whole_leg_disturbs_no_gait(warm_lugre_gym, ability):
+    settings = parse_settings(SHIPPED.read_text() + TRANSPARENCY, SHIPPED)
+    walk = warm_lugre_gym.walk(of_ability(ability), 4, Answers(settings.controller()))
+
+    goes_on_unrefused(walk)
+    stays_near(walk)
+    assert (np.abs(walk.assist()).max(axis=0) > (3.0, 30.0)).all()
 
 
 @pytest.mark.thorough

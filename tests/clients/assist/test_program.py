@@ -7,23 +7,11 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from assisted import SHIPPED, shipped
+from assisted import SHIPPED, TRANSPARENCY, shipped
 from gaitd_assist import Sample, program
 from gaitd_assist.journal import LINES_KEPT, Journal
 from gaitd_assist.settings import SettingsError, check_caps, parse_settings
 from gaitd_client import Assist, Mode, PlanLimits, Stage, Validity, wire
-
-TRANSPARENCY = """
-[transparency]
-feedforward_ratio = 0.6
-friction_error_ratio = 0.2
-hip_friction_max_nm = 7.0
-slide_friction_max_n = 75.0
-hip_full_rad_per_s = 0.15
-slide_full_m_per_s = 0.06
-hip_tank_j = 0.2
-slide_tank_j = 0.5
-"""
 
 PLAN = {"cadence_max_hz": 0.4, "amplitude_max_ratio": 1.0, "duration_max_s": 600.0}
 
