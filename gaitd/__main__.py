@@ -2,7 +2,7 @@
 
 `gaitd NAME` imports the file of its row and runs the function `command`, or in the file of a family
 the function with the command's name. typer reads the options from its signature.
-In every command a configuration error is one line on stderr and exit code 2.
+In every command each configuration error is one line on stderr, and the exit code is 2.
 """
 
 import importlib
@@ -88,7 +88,7 @@ def main() -> None:
     try:
         build(chosen)()
     except ConfigError as error:
-        print(error.line, file=sys.stderr)
+        print(error.lines, file=sys.stderr)
         sys.exit(EXIT_CONFIGURATION)
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]

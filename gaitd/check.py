@@ -1,5 +1,6 @@
 """`gaitd check`: validate a configuration without a bus, and print its values at the joint."""
 
+import sys
 from typing import Annotated
 
 import typer
@@ -7,23 +8,42 @@ import typer
 from gaitd.command_line import ConfigFile
 from gaitd.terminal import show
 
+EXIT_REFUSED = 2
+
 
 def command(
     config: ConfigFile,
     json: Annotated[bool, typer.Option("--json", help="the report as one JSON object")] = False,
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="the verdict, warnings and errors alone")
+    ] = False,
 ) -> None:
     """Validate all that needs no bus, and print the values at the joint. Exit code 0, or 2."""
     import msgspec
 
+    from daemon.config.strict import ConfigError
     from daemon.preflight.acceptance import check_files
-    from daemon.preflight.report_tables import sections
+    from daemon.preflight.report_tables import sections, verdict
 
-    _, report, refusal = check_files(config)
+    result = check_files(config)
+    report, errors = result.report, result.errors
+    line = verdict(config, len(errors), report)
     if json:
-        print(msgspec.json.encode(report).decode())
+        known = {"verdict": line, "errors": list(map(str, errors))}
+        print(msgspec.json.encode(known | (msgspec.to_builtins(report) or {})).decode())
     else:
-        show(sections(report))
-    if refusal is not None:
-        raise refusal
+        print(line)
+    if report is not None and not json:
+        if quiet:
+            print("".join(f"warning: {warning}\n" for warning in report.warnings), end="")
+        else:
+            print()
+            show(sections(report))
+            print()
+    if errors:
+        sys.stdout.flush()
+        print(ConfigError.combined(errors).lines, file=sys.stderr)
     if not json:
-        print(f"\n{config}: good for one {' and one '.join(report.legs)} leg")
+        print(line)
+    if errors:
+        raise typer.Exit(EXIT_REFUSED)

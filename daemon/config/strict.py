@@ -1,7 +1,8 @@
 """Strict decoding of TOML into structs, with errors that name place, value and allowed range.
 
-msgspec checks the values; this module finds the one value that was refused and describes its place
-and its range. No value is ever defaulted, coerced or ignored.
+msgspec checks the values; this module finds those that were refused and describes their place and
+their range. No value is ever defaulted, coerced or ignored. In place of a table that was refused
+stands `UNREAD`, so that checks which do not need that table still run.
 """
 
 import difflib
@@ -9,9 +10,19 @@ import hashlib
 import math
 import re
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple, TypeVar, cast, get_args, get_origin
+from typing import (
+    Annotated,
+    Any,
+    Final,
+    NamedTuple,
+    Never,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+)
 
 import msgspec
 from msgspec import inspect
@@ -49,8 +60,11 @@ class ConfigError(Exception):
     """The configuration is refused, and the operator has to correct it.
 
     `file`, `key` (dotted), `value` (as it stands in the file) and `allowed` are what is needed to
-    correct it; `key` is empty when the file as a whole is meant.
+    correct it; `key` is empty when the file as a whole is meant. `more` holds the errors that were
+    found together with this one.
     """
+
+    more: tuple["ConfigError", ...] = ()
 
     def __init__(self, file: Path | str, key: str, value: object, allowed: str) -> None:
         self.file = str(file)
@@ -60,10 +74,53 @@ class ConfigError(Exception):
         place = f"{self.file}: {key} = {self.value}" if key else self.file
         super().__init__(f"{place}: {allowed}")
 
+    @classmethod
+    def combined(cls, errors: Sequence["ConfigError"]) -> "ConfigError":
+        """The first of several errors, with the others in `more`."""
+        first, *more = errors
+        first.more = tuple(more)
+        return first
+
     @property
-    def line(self) -> str:
-        """The one line for stderr, the same in every command."""
-        return f"configuration error: {self}"
+    def lines(self) -> str:
+        """One line for each error, for stderr, the same in every command."""
+        return "\n".join(f"configuration error: {error}" for error in (self, *self.more))
+
+
+Errors = Iterator[ConfigError]
+"""What a check finds."""
+
+
+class UnreadError(Exception):
+    """A value was needed of a table or file that was refused; that refusal has its own error."""
+
+
+class _Unread:
+    """In place of a table or file that was refused."""
+
+    def _refuse(self, *_: object) -> Never:
+        raise UnreadError
+
+    __getattr__ = __iter__ = __len__ = __bool__ = __getitem__ = __fspath__ = _refuse
+
+
+UNREAD: Final[Any] = _Unread()
+"""Any use of it raises `UnreadError`."""
+
+
+def is_read(table: msgspec.Struct) -> bool:
+    """True if the whole table was decoded."""
+    return table is not UNREAD and all(
+        value is not UNREAD for value in msgspec.structs.astuple(table)
+    )
+
+
+def unless_unread(compute: Callable[[], T]) -> T:
+    """A value, or `UNREAD` if it would need one."""
+    try:
+        return compute()
+    except UnreadError:
+        return UNREAD
 
 
 class Document(NamedTuple):
@@ -115,10 +172,30 @@ def decoded(document: Document, kind: type[T]) -> T:
     Raises:
         ConfigError: unknown or missing key, wrong type, out of range, not a finite number.
     """
-    fault = _fault(document.table, kind, "")
-    if fault is not None:
-        raise ConfigError(document.path, *fault)
-    return msgspec.convert(document.table, kind)
+    table, errors = decoded_in_part(document, kind)
+    if errors:
+        raise ConfigError.combined(errors)
+    return table
+
+
+def decoded_in_part(document: Document, kind: type[T]) -> tuple[T, list[ConfigError]]:
+    """Convert what can be converted of a document into a struct.
+
+    Returns: the struct with `UNREAD` in place of each refused key or table of the top level, and
+        all errors.
+    """
+    faults = list(_faults(document.table, kind, ""))
+    if not faults:
+        return msgspec.convert(document.table, kind), []
+    refused = {re.split(r"[.\[]", fault.key)[0] for fault in faults}
+    values = {
+        field.name: msgspec.convert(document.table[field.encode_name], field.type)
+        if field.encode_name in document.table and field.encode_name not in refused
+        else UNREAD
+        for field in msgspec.structs.fields(cast("Any", kind))
+        if field.required or field.encode_name in document.table
+    }
+    return kind(**values), [ConfigError(document.path, *fault) for fault in faults]
 
 
 def described(kind: object) -> str:
@@ -174,13 +251,15 @@ def _syntax_error(path: Path, text: str, message: str) -> ConfigError:
     return ConfigError(path, where, PlainText(f"`{content.strip()}`"), f"TOML syntax: {reason}")
 
 
-def _fault(value: object, kind: object, key: str) -> _Fault | None:
-    """The first value below `key` that `kind` does not allow, depth first, in the file's order."""
+def _faults(value: object, kind: object, key: str) -> Iterator[_Fault]:
+    """All values below `key` that `kind` does not allow, depth first, in the file's order."""
+    sound = True
     for inner in _inside(value, _bare(kind), key):
-        fault = inner if isinstance(inner, _Fault) else _fault(*inner)
-        if fault is not None:
-            return fault
-    return None if _allowed(value, kind) else _Fault(key, value, described(kind))
+        for fault in (inner,) if isinstance(inner, _Fault) else _faults(*inner):
+            sound = False
+            yield fault
+    if sound and not _allowed(value, kind):
+        yield _Fault(key, value, described(kind))
 
 
 def _inside(value: object, kind: object, key: str) -> Iterator[_Part | _Fault]:
@@ -203,21 +282,25 @@ def _fields(
     table: dict[str, object], kind: type[msgspec.Struct], key: str
 ) -> Iterator[_Part | _Fault]:
     fields = {field.encode_name: field for field in msgspec.structs.fields(kind)}
+    meant: list[str] = []
     for name, value in table.items():
         if name in fields:
             yield _Part(value, fields[name].type, _dotted(key, name))
         else:
-            yield _Fault(_dotted(key, name), value, _unknown(name, list(fields)))
+            near = _near(name, list(fields))
+            meant += near
+            hint = f" Did you mean `{near[0]}`?" if near else ""
+            allowed = f"unknown key.{hint} Known: {', '.join(fields)}"
+            yield _Fault(_dotted(key, name), value, allowed)
     for name, field in fields.items():
-        if field.required and name not in table:
+        if field.required and name not in table and name not in meant:
             yield _Fault(_dotted(key, name), MISSING, described(field.type))
 
 
-def _unknown(name: str, known: list[str]) -> str:
+def _near(name: str, known: list[str]) -> list[str]:
+    """The key that an unknown one probably means; empty if none is like it."""
     renamed = RENAMED.get(name)
-    near = [renamed] if renamed in known else difflib.get_close_matches(name, known, n=1)
-    hint = f" Did you mean `{near[0]}`?" if near else ""
-    return f"unknown key.{hint} Known: {', '.join(known)}"
+    return [renamed] if renamed in known else difflib.get_close_matches(name, known, n=1)
 
 
 def _allowed(value: object, kind: object) -> bool:

@@ -4,12 +4,20 @@ The gateway reads its configuration here: it shares no code with the drives (ARC
 """
 
 import os
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from daemon.config.settings import Trainer
-from daemon.config.strict import ConfigError, decoded, read_toml
+from daemon.config.settings import Bus, Trainer
+from daemon.config.strict import (
+    ConfigError,
+    UnreadError,
+    decoded_in_part,
+    read_toml,
+    unless_unread,
+)
 
 SIMULATED: Final = "simulated"
 """The interface whose channel is the socket of `gaitd sim`, which controls time."""
@@ -39,27 +47,50 @@ class TrainerFile:
     """Channel of the bus; an absolute path where the bus is simulated."""
 
 
+def has_real_drives(bus: Bus) -> bool:
+    """True unless the drives of a bus are virtual: by its interface or its name, or as declared."""
+    on_vcan = bus.interface == "socketcan" and bus.channel.startswith("vcan")
+    return not (bus.interface in (SIMULATED, "virtual") or on_vcan or bus.virtual_drives)
+
+
 def load_trainer(path: Path) -> TrainerFile:
     """Read the trainer file alone and resolve its paths relative to its own folder.
 
     Raises:
         ConfigError: the file, one of its values, or one of its paths is invalid.
     """
+    file, errors = read_trainer(path)
+    if errors:
+        raise ConfigError.combined(errors)
+    return file
+
+
+def read_trainer(path: Path) -> tuple[TrainerFile, list[ConfigError]]:
+    """As `load_trainer`, with `UNREAD` in place of what was refused, and all errors.
+
+    Raises:
+        ConfigError: the file cannot be read, or its syntax is wrong.
+    """
     document = read_toml(path)
-    trainer = decoded(document, Trainer)
-    _check_paths(path, trainer)
-    return TrainerFile(
+    trainer, errors = decoded_in_part(document, Trainer)
+    file = TrainerFile(
         path=path,
         sha256=document.sha256,
         trainer=trainer,
-        robot=beside(path, trainer.robot),
-        limits=beside(path, trainer.limits),
-        runtime=beside(path, trainer.paths.runtime).absolute(),
-        state=beside(path, trainer.paths.state).absolute(),
-        sim=beside(path, trainer.sim) if trainer.sim is not None else None,
-        keys=beside(path, trainer.zenoh.keys).absolute() if trainer.zenoh.keys else None,
-        channel=_channel(path, trainer),
+        robot=unless_unread(lambda: beside(path, trainer.robot)),
+        limits=unless_unread(lambda: beside(path, trainer.limits)),
+        runtime=unless_unread(lambda: beside(path, trainer.paths.runtime).absolute()),
+        state=unless_unread(lambda: beside(path, trainer.paths.state).absolute()),
+        sim=unless_unread(lambda: None if trainer.sim is None else beside(path, trainer.sim)),
+        keys=unless_unread(
+            lambda: beside(path, trainer.zenoh.keys).absolute() if trainer.zenoh.keys else None
+        ),
+        channel=unless_unread(lambda: _channel(path, trainer)),
     )
+    for check in (_check_channel, _check_paths):
+        with suppress(UnreadError):
+            errors += check(file)
+    return file, errors
 
 
 def beside(file: Path, named: str) -> Path:
@@ -72,26 +103,28 @@ def _channel(path: Path, trainer: Trainer) -> str:
     channel = trainer.bus.channel
     if trainer.bus.interface != SIMULATED:
         return channel
-    absolute = str(beside(path, channel).absolute())
-    if len(os.fsencode(absolute)) > SOCKET_PATH_BYTES_MAX:
+    return str(beside(path, channel).absolute())
+
+
+def _check_channel(file: TrainerFile) -> Iterator[ConfigError]:
+    simulated = file.trainer.bus.interface == SIMULATED
+    if simulated and len(os.fsencode(file.channel)) > SOCKET_PATH_BYTES_MAX:
         allowed = f"the path of a socket, at most {SOCKET_PATH_BYTES_MAX} bytes"
-        raise ConfigError(path, "bus.channel", absolute, allowed)
-    return absolute
+        yield ConfigError(file.path, "bus.channel", file.channel, allowed)
 
 
-def _check_paths(path: Path, trainer: Trainer) -> None:
-    runtime = beside(path, trainer.paths.runtime).absolute()
-    state = beside(path, trainer.paths.state).absolute()
+def _check_paths(file: TrainerFile) -> Iterator[ConfigError]:
+    path, runtime, state = file.path, file.runtime, file.state
     for key, directory in (("paths.runtime", runtime), ("paths.state", state)):
         if directory.exists() and not directory.is_dir():
-            raise ConfigError(path, key, directory, "a directory, or a name that is still free")
+            yield ConfigError(path, key, directory, "a directory, or a name that is still free")
     if state == runtime or runtime in state.parents:
         outside = f"a directory outside {runtime}, which is lost in a restart of the machine"
-        raise ConfigError(path, "paths.state", trainer.paths.state, outside)
+        yield ConfigError(path, "paths.state", file.trainer.paths.state, outside)
     longest = len(os.fsencode(runtime / _LONGEST_SOCKET_NAME))
     if longest > SOCKET_PATH_BYTES_MAX:
         room = SOCKET_PATH_BYTES_MAX - len(_LONGEST_SOCKET_NAME) - 1
         allowed = (
             f"a path of at most {room} bytes, because it holds the sockets of core and gateway"
         )
-        raise ConfigError(path, "paths.runtime", runtime, allowed)
+        yield ConfigError(path, "paths.runtime", runtime, allowed)

@@ -4,44 +4,57 @@ from pathlib import Path
 from typing import NamedTuple
 
 from daemon.config.bundle import Settings
-from daemon.config.strict import ConfigError
-from daemon.preflight.load import load
-from daemon.preflight.report import Report, examine, refuse
+from daemon.config.strict import ConfigError, UnreadError
+from daemon.preflight.files import check_all
+from daemon.preflight.load import read_in_part
+from daemon.preflight.report import Report, examine, refusals
 from daemon.zenoh_io import endpoints
 
 
 class CheckResult(NamedTuple):
-    """A readable set of files: settings, report, and the refusal if there is one."""
+    """A set of files: settings, report, and all errors."""
 
     settings: Settings
-    report: Report
-    refusal: ConfigError | None
-    """Why the service may not start, although a report exists; None if it may."""
+    """Complete if there is a report; else tables in it may be `UNREAD`."""
+    report: Report | None
+    """None where an error leaves no numbers to compute it from."""
+    errors: list[ConfigError]
+    """Why the service may not start; empty if it may."""
 
 
 def check_files(path: Path) -> CheckResult:
     """Read a trainer file and all that it names, and check all that needs no bus.
 
     Raises:
-        ConfigError: the first fault without which no report can be made.
+        ConfigError: the trainer file cannot be read, or its syntax is wrong.
     """
-    settings = load(path)
-    endpoints.check(settings.file)
-    report = examine(settings)
+    settings, errors = read_in_part(path)
+    is_complete = not errors
+    checked = check_all(settings)
+    errors += checked.errors
     try:
-        refuse(settings, report)
+        endpoints.check(settings.file)
     except ConfigError as error:
-        return CheckResult(settings, report, error)
-    return CheckResult(settings, report, None)
+        errors.append(error)
+    except UnreadError:
+        pass
+    report = None
+    if is_complete and checked.can_be_swept:
+        try:
+            report = examine(settings)
+            errors += refusals(settings, report)
+        except ConfigError as error:  # of an EDS
+            errors.append(error)
+    return CheckResult(settings, report, errors)
 
 
 def accepted(path: Path) -> Settings:
     """The settings of a set of files that `gaitd check` accepts.
 
     Raises:
-        ConfigError: the same error as that of `gaitd check`.
+        ConfigError: the same errors as those of `gaitd check`.
     """
     result = check_files(path)
-    if result.refusal is not None:
-        raise result.refusal
+    if result.errors:
+        raise ConfigError.combined(result.errors)
     return result.settings

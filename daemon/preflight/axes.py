@@ -12,7 +12,7 @@ import msgspec
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.settings import Cycle
-from daemon.config.strict import ConfigError
+from daemon.config.strict import ConfigError, Errors
 from drives.bringup.plan import plan
 from drives.cia402.option_codes import in_words, without_torque
 from drives.cia402.profile import DriveDescription, Keeps
@@ -119,12 +119,8 @@ def axis_meanings(settings: Settings) -> tuple[AxisMeaning, ...]:
     )
 
 
-def refuse_axes(settings: Settings, axes: tuple[AxisMeaning, ...]) -> None:
-    """Refuse a drive whose EDS lacks an object that bring-up needs.
-
-    Raises:
-        ConfigError: the first objection, and how many there are.
-    """
+def axis_errors(settings: Settings, axes: tuple[AxisMeaning, ...]) -> Errors:
+    """Drives whose EDS lacks an object that bring-up needs: the first, and how many there are."""
     for axis, (drive, file, _, _) in zip(axes, _drives(settings), strict=True):
         if axis.objections:
             more = len(axis.objections) - 1
@@ -132,7 +128,7 @@ def refuse_axes(settings: Settings, axes: tuple[AxisMeaning, ...]) -> None:
             allowed = (
                 f"a drive with all objects that its profile needs: {axis.objections[0]}{others}"
             )
-            raise ConfigError(file, "eds", drive.axis.eds, allowed)
+            yield ConfigError(file, "eds", drive.axis.eds, allowed)
 
 
 def _drives(settings: Settings) -> Iterator[tuple[DriveDescription, Path, DriveLimits, bool]]:

@@ -24,7 +24,7 @@ import msgspec
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import drive_limits, effort_per_motor_nm
 from daemon.config.robot import leg_parameters
-from daemon.config.strict import ConfigError
+from daemon.config.strict import ConfigError, Errors
 from daemon.preflight import workspace
 from daemon.preflight.motion import decelerations
 from daemon.preflight.workspace import Pair
@@ -98,17 +98,13 @@ def braking_meanings(settings: Settings) -> tuple[BrakingMeaning, ...]:
     return tuple(meaning for leg in settings.legs for meaning in _meanings(settings, leg, brakings))
 
 
-def refuse_braking(settings: Settings, meanings: tuple[BrakingMeaning, ...]) -> None:
-    """Refuse a quick-stop deceleration that the torque limit in a drive cannot give.
-
-    Raises:
-        ConfigError: naming the deceleration, and the one that would pass.
-    """
+def braking_errors(settings: Settings, meanings: tuple[BrakingMeaning, ...]) -> Errors:
+    """Quick-stop decelerations that a drive's torque limit cannot give, with what would pass."""
     for index, meaning in enumerate(meanings):
         if not meaning.is_given:
             key, units = _KEYS[index % 2], _units(meaning)
             value = meaning.deceleration_si_per_s2
-            raise ConfigError(settings.file.limits, key, value, _allowed(meaning, *units))
+            yield ConfigError(settings.file.limits, key, value, _allowed(meaning, *units))
 
 
 def _speeds(velocity: Pair, led: Pair) -> Iterator[Pair]:

@@ -9,13 +9,13 @@ coast when there is no service any more; `gaitd check` warns.
 from typing import Final
 
 from daemon.config.bundle import Settings
-from daemon.config.strict import ConfigError
+from daemon.config.strict import ConfigError, Errors
 from drives.canopen.objects import Object
 from drives.cia402.option_codes import in_words, without_torque
 from drives.cia402.profile import DriveDescription
 
 
-def _axes_without_torque_have_a_brake(settings: Settings) -> None:
+def _axes_without_torque_have_a_brake(settings: Settings) -> Errors:
     limits = settings.limits
     for leg in settings.legs:
         for axis, drive, brake in (
@@ -23,10 +23,10 @@ def _axes_without_torque_have_a_brake(settings: Settings) -> None:
             ("slide", leg.slide, limits.slide.brake),
         ):
             if not brake:
-                _check(settings, axis, drive)
+                yield from _check(settings, axis, drive)
 
 
-def _check(settings: Settings, axis: str, drive: DriveDescription) -> None:
+def _check(settings: Settings, axis: str, drive: DriveDescription) -> Errors:
     for entry, instead in without_torque(drive.profile.written):
         if axis == "slide" and entry.index == Object.ABORT_CONNECTION:
             continue
@@ -34,7 +34,8 @@ def _check(settings: Settings, axis: str, drive: DriveDescription) -> None:
             f"true, or another value in {drive.axis.profile} (it may be {instead}): "
             f"{drive.name} would lose its torque, {in_words(entry)}"
         )
-        raise ConfigError(settings.file.limits, f"{axis}.brake", False, allowed)
+        yield ConfigError(settings.file.limits, f"{axis}.brake", False, allowed)
+        return
 
 
 DRIVE_CHECKS: Final = (_axes_without_torque_have_a_brake,)

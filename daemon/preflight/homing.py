@@ -8,7 +8,7 @@ home and the friction.
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import effort_per_motor_nm
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.strict import ConfigError
+from daemon.config.strict import ConfigError, Errors
 from daemon.core.motion.gait_shape import load_at
 from daemon.preflight.motion import mean_pose
 from drives.cia402.homing import Homing
@@ -17,21 +17,17 @@ from observer.mechanism.mechanism import WorkspaceError
 from observer.mechanism.parameters import LegParameters
 
 
-def refuse_homing(settings: Settings) -> None:
-    """Refuse a homing whose effort does not suffice to reach home.
-
-    Raises:
-        ConfigError: naming the axis file and the key.
-    """
+def homing_errors(settings: Settings) -> Errors:
+    """Homings whose effort does not suffice to reach home, by the axis file and the key."""
     if settings.robot.patient is not None:
         return  # no homing with a patient
     leg = leg_parameters(settings.robot)
     for drives in settings.legs:
         for axis in range(2):
-            _check_axis(settings, leg, drives, axis)
+            yield from _check_axis(settings, leg, drives, axis)
 
 
-def _check_axis(settings: Settings, leg: LegParameters, drives: LegDrives, axis: int) -> None:
+def _check_axis(settings: Settings, leg: LegParameters, drives: LegDrives, axis: int) -> Errors:
     drive, file = ((drives.hip, drives.hip_file), (drives.slide, drives.slide_file))[axis]
     homing = drive.axis.homing
     if homing is None:
@@ -42,12 +38,13 @@ def _check_axis(settings: Settings, leg: LegParameters, drives: LegDrives, axis:
         load_si = abs(load_at(leg, (pose[0], pose[1]))[axis])
     except WorkspaceError as error:
         allowed = f"a position that the leg reaches with its other axis at mid pose: {error}"
-        raise ConfigError(file, "homing.home_si", homing.home_si, allowed) from error
+        yield ConfigError(file, "homing.home_si", homing.home_si, allowed)
+        return
     least_si = load_si + friction_parameters(settings.robot)[axis].stribeck
     for key, value, effort_si in _efforts(homing, drive):
         if effort_si <= least_si:
             allowed = f"more: at home load and friction need {least_si:.1f} of {effort_si:.1f}"
-            raise ConfigError(file, f"homing.{key}", value, allowed)
+            yield ConfigError(file, f"homing.{key}", value, allowed)
 
 
 def _efforts(homing: Homing, drive: DriveDescription) -> list[tuple[str, float, float]]:

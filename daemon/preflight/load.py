@@ -1,24 +1,39 @@
-"""Reads all files of one configuration into one frozen `Settings`, or raises the first fault.
+"""Reads all files of one configuration into one frozen `Settings`, or raises all faults together.
 
 The trainer file names the others; their paths are relative to the file that names them. Each is
 read once, hashed, decoded strictly (`strict.py`), and then all are compared with each other
-(`files.py`). The gateway, which must not import the drives, reads the trainer file alone, with
+(`files.py`). A refused table or file hides no fault of another: the checks that do not need it
+still run. The gateway, which must not import the drives, reads the trainer file alone, with
 `trainer.load_trainer`.
 """
 
 import hashlib
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any, TypeVar
 
 from daemon.config.baseline import load_baseline
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Leg, Robot
-from daemon.config.strict import ConfigError, Document, decoded, load_toml, read_toml
-from daemon.config.trainer import beside, load_trainer
-from daemon.preflight.files import check_together
+from daemon.config.strict import (
+    UNREAD,
+    ConfigError,
+    Document,
+    UnreadError,
+    decoded_in_part,
+    is_read,
+    load_toml,
+    read_toml,
+    unless_unread,
+)
+from daemon.config.trainer import beside, read_trainer
+from daemon.preflight.files import check_all
 from drives.cia402.axis_file import AxisFile
-from drives.cia402.profile import DriveDescription, DriveProfile, describe
-from drives.errors import DescriptionError
+from drives.cia402.profile import DriveDescription, DriveProfile, contradictions
+
+T = TypeVar("T")
 
 __all__ = ["ConfigError", "LegDrives", "Settings", "load", "load_toml", "read_all"]
 
@@ -27,10 +42,12 @@ def load(path: Path) -> Settings:
     """Read a trainer file and all that it names.
 
     Raises:
-        ConfigError: the first problem, by file, key, value and what would be allowed.
+        ConfigError: all problems, by file, key, value and what would be allowed.
     """
-    settings = read_all(path)
-    check_together(settings)
+    settings, errors = read_in_part(path)
+    errors += check_all(settings).errors
+    if errors:
+        raise ConfigError.combined(errors)
     return settings
 
 
@@ -38,26 +55,70 @@ def read_all(path: Path) -> Settings:
     """Read the files of a trainer file, each valid in itself, not yet compared with each other.
 
     Raises:
-        ConfigError: a file cannot be read, or one of its values is not allowed.
+        ConfigError: a file cannot be read, or values in it are not allowed.
     """
-    file = load_trainer(path)
-    reader = _Reader({str(path): file.sha256})
+    settings, errors = read_in_part(path)
+    if errors:
+        raise ConfigError.combined(errors)
+    return settings
+
+
+def read_in_part(path: Path) -> tuple[Settings, list[ConfigError]]:
+    """As `read_all`, with `UNREAD` in place of each refused table or file, and all errors.
+
+    Raises:
+        ConfigError: the trainer file cannot be read, or its syntax is wrong.
+    """
+    file, errors = read_trainer(path)
+    reader = _Reader({str(path): file.sha256}, errors)
     trainer = file.trainer
-    robot = decoded(reader.document(path, "robot", trainer.robot), Robot)
-    limits = decoded(reader.document(path, "limits", trainer.limits), Limits)
-    legs = tuple(
-        _leg(reader, path, f"leg[{index}]", leg, file.robot)
-        for index, leg in enumerate(file.trainer.leg)
-    )
-    return Settings(file=file, robot=robot, limits=limits, legs=legs, hashes=reader.hashes)
+    return Settings(
+        file=file,
+        robot=reader.table(path, "robot", lambda: trainer.robot, Robot),
+        limits=reader.table(path, "limits", lambda: trainer.limits, Limits),
+        legs=unless_unread(
+            lambda: tuple(
+                _leg(reader, path, f"leg[{index}]", leg, file.robot)
+                for index, leg in enumerate(trainer.leg)
+            )
+        ),
+        hashes=reader.hashes,
+    ), errors
 
 
 class _Reader:
-    """Reads files that other files name, each once, and keeps their hashes."""
+    """Reads files that other files name, each once, and keeps their hashes and all errors."""
 
-    def __init__(self, hashes: dict[str, str]) -> None:
+    def __init__(self, hashes: dict[str, str], errors: list[ConfigError]) -> None:
         self.hashes = hashes
+        self.errors = errors
         self._documents: dict[Path, Document] = {}
+        self._tables: dict[Path, Any] = {}
+
+    def table(self, named_in: Path, key: str, name: Callable[[], str], kind: type[T]) -> T:
+        """The contents of a file, or as much of it as can be decoded; `UNREAD` without it."""
+        with self.collected():
+            document = self.document(named_in, key, name())
+            if document.path not in self._tables:
+                self._tables[document.path], errors = decoded_in_part(document, kind)
+                self.errors += errors
+            return self._tables[document.path]
+        return UNREAD
+
+    @contextmanager
+    def collected(self) -> Generator[None]:
+        """Collect an error; what follows in the block is left out, as where a value is unread."""
+        try:
+            yield
+        except ConfigError as error:
+            self.add(error)
+        except UnreadError:
+            pass
+
+    def add(self, error: ConfigError) -> None:
+        """Add an error once, although two drives share the file that is wrong."""
+        if str(error) not in map(str, self.errors):
+            self.errors.append(error)
 
     def document(self, named_in: Path, key: str, name: str) -> Document:
         """The file that `named_in` refers to; if missing, the error is reported for `named_in`."""
@@ -84,8 +145,10 @@ def _existing(named_in: Path, key: str, name: str) -> Path:
 def _leg(reader: _Reader, path: Path, key: str, leg: Leg, robot: Path) -> LegDrives:
     baseline = None
     if leg.baseline is not None:
-        named = reader.hashed(path, f"{key}.baseline", leg.baseline)
-        baseline = load_baseline(named, reader.hashes[str(robot)])
+        with reader.collected():
+            named = reader.hashed(path, f"{key}.baseline", leg.baseline)
+            if str(robot) in reader.hashes:
+                baseline = load_baseline(named, reader.hashes[str(robot)])
     return LegDrives(
         name=leg.name,
         hip=_drive(reader, f"{leg.name}/hip", path, f"{key}.hip", leg.hip),
@@ -97,13 +160,16 @@ def _leg(reader: _Reader, path: Path, key: str, leg: Leg, robot: Path) -> LegDri
 
 
 def _drive(reader: _Reader, name: str, trainer: Path, key: str, file: str) -> DriveDescription:
-    axis_document = reader.document(trainer, key, file)
-    axis = decoded(axis_document, AxisFile)
-    profile_document = reader.document(axis_document.path, "profile", axis.profile)
-    profile = decoded(profile_document, DriveProfile)
-    eds = reader.hashed(axis_document.path, "eds", axis.eds)
-    try:
-        return describe(name, profile, axis, str(eds))
-    except DescriptionError as error:
-        at_fault = profile_document if error.part == "profile" else axis_document
-        raise ConfigError(at_fault.path, error.key, error.value, error.allowed) from error
+    path = beside(trainer, file)
+    axis = reader.table(trainer, key, lambda: file, AxisFile)
+    profile = reader.table(path, "profile", lambda: axis.profile, DriveProfile)
+    eds = ""
+    with reader.collected():
+        eds = str(reader.hashed(path, "eds", axis.eds))
+    if not (is_read(axis) and is_read(profile)):
+        return UNREAD
+    paths = {"axis": path, "profile": beside(path, axis.profile)}
+    errors = contradictions(profile, axis)
+    for error in errors:
+        reader.add(ConfigError(paths[error.part], error.key, error.value, error.allowed))
+    return UNREAD if errors else DriveDescription(name, profile, axis, eds)

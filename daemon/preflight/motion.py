@@ -14,7 +14,7 @@ from daemon.config.bundle import Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Excite, Sinusoid
-from daemon.config.strict import ConfigError, PlainText
+from daemon.config.strict import ConfigError, Errors, PlainText
 from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles, load_at
 from daemon.preflight.workspace import (
     Box,
@@ -64,7 +64,8 @@ def mean_pose(settings: Settings, leg: LegParameters) -> Pair:
     return joints_of_angles(leg, gait_angles(gait_shape(settings.trainer.gait), 0.0, 0.0))
 
 
-def _every_limit_can_be_reached(settings: Settings) -> None:
+def every_limit_can_be_reached(settings: Settings) -> Errors:
+    """Each position limit is one that the mechanism reaches in some pose."""
     leg, box = leg_parameters(settings.robot), limit_box(settings.limits)
     soft_ratio = settings.limits.singularity.soft_ratio
     hips = np.linspace(box.low[0], box.high[0], EDGE_POINTS)
@@ -84,25 +85,28 @@ def _every_limit_can_be_reached(settings: Settings) -> None:
                 f"its limits; here |sin| of shank and shoe is {best:.2f} at best, {soft_ratio:g} "
                 "is needed"
             )
-            raise ConfigError(settings.file.limits, key, value, allowed)
+            yield ConfigError(settings.file.limits, key, value, allowed)
 
 
-def _the_gait_fits(settings: Settings) -> None:
+def the_gait_fits(settings: Settings) -> Errors:
+    """The gait at its highest cadence is possible, inside the limits, and can be stopped."""
     leg, gait = leg_parameters(settings.robot), settings.trainer.gait
     try:
         motions = gait_motions(leg, gait, gait.cadence_max_hz, GAIT_PHASES)
     except WorkspaceError as error:
         allowed = f"a gait that the mechanism of {settings.file.robot} can do: {error}"
-        raise ConfigError(
+        yield ConfigError(
             settings.file.path, "gait.knee_harmonics_deg", gait.knee_harmonics_deg, allowed
-        ) from error
+        )
+        return
     extent = extent_of(leg, [motion.position for motion in motions])
-    _gait_inside_limits(settings, extent)
-    _gait_not_too_fast(settings, motions)
-    _gait_can_be_stopped(settings, leg, motions)
+    errors = [*_gait_inside_limits(settings, extent), *_gait_not_too_fast(settings, motions)]
+    yield from errors
+    if not errors:
+        yield from _gait_can_be_stopped(settings, leg, motions)
 
 
-def _gait_inside_limits(settings: Settings, extent: Extent) -> None:
+def _gait_inside_limits(settings: Settings, extent: Extent) -> Errors:
     box, file = soft_box(settings.limits), settings.file
     spans = (
         ("gait.hip_harmonics_deg", "hip", 180.0 / math.pi, "deg"),
@@ -114,30 +118,30 @@ def _gait_inside_limits(settings: Settings, extent: Extent) -> None:
         if low < least or high > most:
             value = PlainText(f"({name} {low:.4g} to {high:.4g} {unit})")
             allowed = f"{least:.4g} to {most:.4g} {unit}, the limits of {file.limits} less margins"
-            raise ConfigError(file.path, key, value, allowed)
+            yield ConfigError(file.path, key, value, allowed)
     soft_ratio = settings.limits.singularity.soft_ratio
     if extent.least_singularity_ratio < soft_ratio:
         value = PlainText(f"(|sin| of shank and shoe {extent.least_singularity_ratio:.3f})")
         allowed = f">= singularity.soft_ratio = {soft_ratio:g}"
-        raise ConfigError(file.path, "gait.knee_harmonics_deg", value, allowed)
+        yield ConfigError(file.path, "gait.knee_harmonics_deg", value, allowed)
 
 
-def _gait_not_too_fast(settings: Settings, motions: tuple[Motion, ...]) -> None:
+def _gait_not_too_fast(settings: Settings, motions: tuple[Motion, ...]) -> Errors:
     gait, limits = settings.trainer.gait, settings.limits
+    peaks = (max(abs(motion.velocity[axis]) for motion in motions) for axis in (0, 1))
     most = limits.hip.velocity_max_rad_per_s, limits.slide.velocity_max_m_per_s
-    for axis, unit in enumerate(("rad/s", "m/s")):
-        peak = max(abs(motion.velocity[axis]) for motion in motions)
-        if peak > most[axis]:
-            cadence_hz = gait.cadence_max_hz * most[axis] / peak
-            allowed = f"<= {cadence_hz:.3g}, where the leg reaches {most[axis]:g} {unit}"
-            raise ConfigError(
-                settings.file.path, "gait.cadence_max_hz", gait.cadence_max_hz, allowed
-            )
+    share, speed = min(
+        (limit / peak, f"{limit:g} {unit}")
+        for limit, peak, unit in zip(most, peaks, ("rad/s", "m/s"), strict=True)
+    )
+    if share < 1:
+        allowed = f"<= {gait.cadence_max_hz * share:.3g}, where the leg reaches {speed}"
+        yield ConfigError(settings.file.path, "gait.cadence_max_hz", gait.cadence_max_hz, allowed)
 
 
 def _gait_can_be_stopped(
     settings: Settings, leg: LegParameters, motions: tuple[Motion, ...]
-) -> None:
+) -> Errors:
     box, limits = limit_box(settings.limits), settings.limits
     extent = sweep_ramps(leg, motions, decelerations(limits)).extent
     stop_ratio = limits.singularity.stop_ratio
@@ -147,31 +151,32 @@ def _gait_can_be_stopped(
     allowed = (
         f"a cadence whose quick stops stay inside the limits; now they reach {extent_text(extent)}"
     )
-    raise ConfigError(settings.file.path, key, value, allowed)
+    yield ConfigError(settings.file.path, key, value, allowed)
 
 
-def _scenarios_are_well_formed(settings: Settings) -> None:
+def _scenarios_are_well_formed(settings: Settings) -> Errors:
     for name, scenario in settings.trainer.excite.items():
         for part_key in ("torque", "artificial"):
             parts: tuple[Sinusoid, ...] = getattr(scenario, part_key)
             for index, part in enumerate(parts):
                 key = f"excite.{name}.{part_key}[{index}]"
-                _part_is_well_formed(settings, key, part, scenario)
+                yield from _part_is_well_formed(settings, key, part, scenario)
 
 
-def _part_is_well_formed(settings: Settings, key: str, part: Sinusoid, scenario: Excite) -> None:
+def _part_is_well_formed(settings: Settings, key: str, part: Sinusoid, scenario: Excite) -> Errors:
     path = settings.file.path
     if part.end_s <= part.start_s:
-        raise ConfigError(path, f"{key}.end_s", part.end_s, f"> start_s = {part.start_s:g}")
+        yield ConfigError(path, f"{key}.end_s", part.end_s, f"> start_s = {part.start_s:g}")
     if part.start_s >= scenario.duration_max_s:
         allowed = f"< duration_max_s = {scenario.duration_max_s:g}"
-        raise ConfigError(path, f"{key}.start_s", part.start_s, allowed)
+        yield ConfigError(path, f"{key}.start_s", part.start_s, allowed)
     if (part.kind == "sine") != (part.frequency_hz > 0):
         allowed = "> 0 for a sine" if part.kind == "sine" else "0 for a step"
-        raise ConfigError(path, f"{key}.frequency_hz", part.frequency_hz, allowed)
+        yield ConfigError(path, f"{key}.frequency_hz", part.frequency_hz, allowed)
 
 
-def _scenarios_stay_inside(settings: Settings) -> None:
+def scenarios_stay_inside(settings: Settings) -> Errors:
+    """The window of each scenario is inside the position limits."""
     leg, box = leg_parameters(settings.robot), limit_box(settings.limits)
     middle = mean_pose(settings, leg)
     for name, scenario in settings.trainer.excite.items():
@@ -183,10 +188,11 @@ def _scenarios_stay_inside(settings: Settings) -> None:
             room = min(middle[axis] - box.low[axis], box.high[axis] - middle[axis]) * scale
             if value > room:
                 allowed = f"<= {room:.3g}: from the gait's mean pose to the nearest position limit"
-                raise ConfigError(settings.file.path, f"excite.{name}.{key}", value, allowed)
+                yield ConfigError(settings.file.path, f"excite.{name}.{key}", value, allowed)
 
 
-def _scenarios_have_the_effort(settings: Settings) -> None:
+def scenarios_have_the_effort(settings: Settings) -> Errors:
+    """The torque of each scenario fits beside the load of the leg."""
     leg = leg_parameters(settings.robot)
     load = load_at(leg, mean_pose(settings, leg))
     most = settings.limits.hip.torque_max_nm, settings.limits.slide.force_max_n
@@ -199,7 +205,7 @@ def _scenarios_have_the_effort(settings: Settings) -> None:
                 allowed = (
                     f"<= {room:.4g} {unit} beside what holds the leg, or the torque is cut off"
                 )
-                raise ConfigError(settings.file.path, f"excite.{name}.torque", value, allowed)
+                yield ConfigError(settings.file.path, f"excite.{name}.torque", value, allowed)
 
 
 def _peak_effort(parts: tuple[Sinusoid, ...], axis: str) -> float:
@@ -226,9 +232,9 @@ def extent_text(extent: Extent) -> str:
 
 
 MOTION_CHECKS: Final = (
-    _every_limit_can_be_reached,
-    _the_gait_fits,
+    every_limit_can_be_reached,
+    the_gait_fits,
     _scenarios_are_well_formed,
-    _scenarios_stay_inside,
-    _scenarios_have_the_effort,
+    scenarios_stay_inside,
+    scenarios_have_the_effort,
 )

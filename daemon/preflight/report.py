@@ -1,6 +1,6 @@
 """The report of `gaitd check`: the meaning of a configuration's numbers at the joint.
 
-`examine` computes it, without a bus; `refuse` raises where a drive's EDS lacks what bring-up needs
+`examine` computes it, without a bus; `refusals` finds where a drive's EDS lacks what bring-up needs
 (`axes.py`), or where a swept stop of the gait leaves the workspace.
 """
 
@@ -12,14 +12,14 @@ import msgspec
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.strict import ConfigError
+from daemon.config.strict import ConfigError, Errors
 from daemon.ipc.record import Cause, StopCategory
 from daemon.preflight import workspace
-from daemon.preflight.axes import AxisMeaning, axis_meanings, refuse_axes
-from daemon.preflight.braking import BrakingMeaning, braking_meanings, refuse_braking
-from daemon.preflight.homing import refuse_homing
+from daemon.preflight.axes import AxisMeaning, axis_errors, axis_meanings
+from daemon.preflight.braking import BrakingMeaning, braking_errors, braking_meanings
+from daemon.preflight.homing import homing_errors
 from daemon.preflight.motion import decelerations, limit_box
-from daemon.preflight.runaway_report import RunawayMeaning, refuse_runaways, runaway_meanings
+from daemon.preflight.runaway_report import RunawayMeaning, runaway_errors, runaway_meanings
 from daemon.preflight.workspace import Drift, Extent, StopKind, Sweep
 from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.wire.causes import FIXED_CATEGORY
@@ -119,16 +119,20 @@ def examine(settings: Settings) -> Report:
     )
 
 
-def refuse(settings: Settings, report: Report) -> None:
-    """Refuse unsupported objects, ramps without torque, and stops that leave the workspace.
+def refusals(settings: Settings, report: Report) -> Errors:
+    """Unsupported objects, ramps without torque, and stops that leave the workspace."""
+    yield from axis_errors(settings, report.axes)
+    steep = list(braking_errors(settings, report.braking))
+    yield from steep
+    if not steep:  # the sweeps rely on the ramps
+        yield from _sweep_errors(settings, report.sweeps)
+        yield from runaway_errors(settings, report.runaways)
+    yield from homing_errors(settings)
 
-    Raises:
-        ConfigError: naming the object, or the kind of stop and how far it goes.
-    """
-    refuse_axes(settings, report.axes)
-    refuse_braking(settings, report.braking)  # first, because the sweeps below rely on the ramps
+
+def _sweep_errors(settings: Settings, sweeps: tuple[SweepMeaning, ...]) -> Errors:
     stop_ratio = settings.limits.singularity.stop_ratio
-    for sweep in report.sweeps:
+    for sweep in sweeps:
         if not sweep.stays_inside:
             allowed = (
                 "gait, springs and quick-stop ramps that stay inside the limits and above "
@@ -138,9 +142,7 @@ def refuse(settings: Settings, report: Report) -> None:
                 f"|sin| {sweep.least_singularity_ratio:.2f}"
             )
             cadence_hz = settings.trainer.gait.cadence_max_hz
-            raise ConfigError(settings.file.path, "gait.cadence_max_hz", cadence_hz, allowed)
-    refuse_homing(settings)
-    refuse_runaways(settings, report.runaways)
+            yield ConfigError(settings.file.path, "gait.cadence_max_hz", cadence_hz, allowed)
 
 
 def _stops(settings: Settings) -> list[StopMeaning]:

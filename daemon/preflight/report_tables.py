@@ -1,6 +1,7 @@
 """The report of `gaitd check` as tables of text."""
 
 import math
+from pathlib import Path
 from typing import NamedTuple
 
 from daemon.preflight.axes import AxisMeaning, TorqueMeaning
@@ -15,6 +16,20 @@ class Section(NamedTuple):
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+
+
+def verdict(config: Path, errors: int, report: Report | None) -> str:
+    """One line: whether the service would start with these files, and the number of findings."""
+    warnings = "" if report is None else f", {_count(len(report.warnings), 'warning')}"
+    if not errors:
+        legs = " and one ".join(() if report is None else report.legs)
+        return f"{config}: good for one {legs} leg{warnings}"
+    unseen = "; the sweeps of motion wait for their correction" if report is None else ""
+    return f"{config}: REFUSED, {_count(errors, 'error')}{warnings}{unseen}"
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def sections(report: Report) -> tuple[Section, ...]:

@@ -14,7 +14,7 @@ from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import drive_limits
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Cycle
-from daemon.config.strict import ConfigError
+from daemon.config.strict import ConfigError, Errors
 from daemon.preflight import workspace
 from daemon.preflight.runaway import AxisRunaway, Runaway, worst_runaways
 from daemon.preflight.workspace import Pair
@@ -72,18 +72,14 @@ def runaway_meanings(settings: Settings) -> tuple[RunawayMeaning, ...]:
     return tuple(meaning for leg in settings.legs for meaning in _meanings(settings, leg))
 
 
-def refuse_runaways(settings: Settings, meanings: tuple[RunawayMeaning, ...]) -> None:
-    """Refuse a torque limit with which the leg goes beyond max_runaway after the core has ended.
-
-    Raises:
-        ConfigError: naming the torque limit, how far it goes, and what would be allowed.
-    """
+def runaway_errors(settings: Settings, meanings: tuple[RunawayMeaning, ...]) -> Errors:
+    """Torque limits with which the leg goes beyond max_runaway after the core has ended."""
     drives = tuple((leg, axis) for leg in settings.legs for axis in (0, 1))
     for meaning, (leg, axis) in zip(meanings, drives, strict=True):
         if meaning.is_too_far:
             key, value = _torque_limit(settings, axis)
             allowed = _allowed(settings, leg, axis, meaning)
-            raise ConfigError(settings.file.limits, key, value, allowed)
+            yield ConfigError(settings.file.limits, key, value, allowed)
 
 
 def _meanings(settings: Settings, leg: LegDrives) -> Iterator[RunawayMeaning]:

@@ -67,6 +67,9 @@ class Motor(Table, frozen=True, kw_only=True):
     torque_constant_nm_per_a: Annotated[float, Meta(gt=0, le=10)]
     nominal_current_a: Annotated[float, Meta(gt=0, le=200)]
     current_limit_a: Annotated[float, Meta(gt=0, le=400)]
+    peak_current_a: Annotated[float, Meta(gt=0, le=2000)] | None = None
+    """The largest current that the data sheet allows; absent: `gaitd check` warns of a limit that
+    is far above the nominal current."""
     rated_torque_raw: MotorData | None = None
     """The profile's rated_torque object, in the drive's own unit; only where the drive has it."""
     rated_current_raw: MotorData | None = None

@@ -9,6 +9,7 @@ What CiA leaves to the manufacturer must be stated, with `true` or `false`: othe
 object would silently not be written.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Final, Literal, NamedTuple
@@ -248,17 +249,23 @@ def describe(name: str, profile: DriveProfile, axis: AxisFile, eds: str) -> Driv
     Raises:
         DescriptionError: an impossible value in one of the two, or a contradiction between them.
     """
-    check_written(profile.written, halt=profile.optional_objects.halt_option)
-    _check_torque_objects(profile)
-    _check_silence_detection(profile)
-    _check_resume(profile)
-    _check_slow_pdo(profile)
-    _check_inputs(profile)
-    check_transmission(axis.transmission)
-    _check_linear_motor(profile, axis)
-    _check_motor(profile, axis)
-    check_homing(profile.homing, axis.homing)
+    for error in contradictions(profile, axis):
+        raise error
     return DriveDescription(name, profile, axis, eds)
+
+
+def contradictions(profile: DriveProfile, axis: AxisFile) -> list[DescriptionError]:
+    """Impossible values in a profile or an axis file, and contradictions between them.
+
+    The list has the first error of each kind, and is empty for two files that fit.
+    """
+    errors: list[DescriptionError] = []
+    for check in _CHECKS:
+        try:
+            check(profile, axis)
+        except DescriptionError as error:
+            errors.append(error)
+    return errors
 
 
 def _check_torque_objects(profile: DriveProfile) -> None:
@@ -272,6 +279,13 @@ def _check_torque_objects(profile: DriveProfile) -> None:
         "torque_limit": profile.torque_limit,
         "target_torque": target,
     }
+    for key, why in (
+        ("torque_source", "it shows what was commanded, not what the motor gives"),
+        ("torque_limit", "a command limits nothing"),
+    ):
+        if objects[key].index == Object.TARGET_TORQUE:
+            allowed = f"another object than the target torque: {why}"
+            raise DescriptionError("profile", key, objects[key].place, allowed)
     check_bases(objects, profile.torque_base)
 
 
@@ -323,6 +337,9 @@ def _check_motor(profile: DriveProfile, axis: AxisFile) -> None:
     if motor.current_limit_a < motor.nominal_current_a:
         allowed = f"at least nominal_current_a = {motor.nominal_current_a}"
         raise DescriptionError("axis", "motor.current_limit_a", motor.current_limit_a, allowed)
+    if motor.peak_current_a is not None and motor.current_limit_a > motor.peak_current_a:
+        allowed = f"at most peak_current_a = {motor.peak_current_a:g}, the motor's own"
+        raise DescriptionError("axis", "motor.current_limit_a", motor.current_limit_a, allowed)
     base, expected = profile.torque_base, _expected_raw(profile, axis)
     for name, value, has in (
         ("rated_torque", motor.rated_torque_raw, base.rated_torque is not None),
@@ -338,6 +355,14 @@ def _check_motor(profile: DriveProfile, axis: AxisFile) -> None:
             raise DescriptionError("axis", key, value, allowed)
 
 
+def _check_stop_current(_: DriveProfile, axis: AxisFile) -> None:
+    limit_a, homing = axis.motor.current_limit_a, axis.homing
+    if homing is None or homing.stop_current_a is None or homing.stop_current_a < limit_a:
+        return
+    allowed = f"below motor.current_limit_a = {limit_a:g}: the motor never gets it, and pushes on"
+    raise DescriptionError("axis", "homing.stop_current_a", homing.stop_current_a, allowed)
+
+
 def _expected_raw(profile: DriveProfile, axis: AxisFile) -> dict[str, float]:
     """Values of the base objects for this motor, as floats in the objects' own units."""
     motor, unit = axis.motor, profile.torque_base.rated_torque_unit
@@ -349,3 +374,18 @@ def _expected_raw(profile: DriveProfile, axis: AxisFile) -> dict[str, float]:
         "rated_current": motor.nominal_current_a * 1e3,
         "torque_constant": motor.torque_constant_nm_per_a * 1e6,
     }
+
+
+_CHECKS: Final[tuple[Callable[[DriveProfile, AxisFile], None], ...]] = (
+    lambda profile, _: check_written(profile.written, halt=profile.optional_objects.halt_option),
+    lambda profile, _: _check_torque_objects(profile),
+    lambda profile, _: _check_silence_detection(profile),
+    lambda profile, _: _check_resume(profile),
+    lambda profile, _: _check_slow_pdo(profile),
+    lambda profile, _: _check_inputs(profile),
+    lambda _, axis: check_transmission(axis.transmission),
+    _check_linear_motor,
+    _check_motor,
+    lambda profile, axis: check_homing(profile.homing, axis.homing),
+    _check_stop_current,
+)

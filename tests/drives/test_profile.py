@@ -24,7 +24,7 @@ from drives.canopen.emcy_codes import EmergencyTable, meaning
 from drives.cia402.axis_file import AxisFile
 from drives.cia402.homing import HomingObjects
 from drives.cia402.pdo import layouts
-from drives.cia402.profile import DecelerationUnit, DriveProfile, Keeps, SpeedUnit
+from drives.cia402.profile import DecelerationUnit, DriveProfile, Keeps, SpeedUnit, contradictions
 from drives.errors import DescriptionError
 from drives.service import eds
 
@@ -370,6 +370,25 @@ ONLY_TARGET = "6071h:00, signed, of 16 or 32 bits: CiA 402 defines no other targ
                 *(("sub", 1, "6071h:01"), ("signed", False, "6071h:00"), ("bits", 8, "6071h:00")),
             )
         ),
+        (
+            *("hip_generic", "profile", ("torque_source", "index"), 0x6071),
+            "profile: torque_source = '6071h:00': another object than the target torque: it shows"
+            " what was commanded, not what the motor gives",
+        ),
+        (
+            *("hip_generic", "profile", ("torque_limit", "index"), 0x6071),
+            "profile: torque_limit = '6071h:00': another object than the target torque: a command"
+            " limits nothing",
+        ),
+        (
+            *("hip_epos4", "axis", ("motor", "peak_current_a"), 11.5),
+            "axis: motor.current_limit_a = 12.0: at most peak_current_a = 11.5, the motor's own",
+        ),
+        (
+            *("hip_epos4", "axis", ("homing", "stop_current_a"), 12.0),
+            "axis: homing.stop_current_a = 12.0: below motor.current_limit_a = 12: the motor never"
+            " gets it, and pushes on",
+        ),
         *(
             (
                 *("hip_epos4", "profile", (key, "unit"), "permille_of_rated_torque"),
@@ -587,3 +606,24 @@ def test_the_widest_objects_that_a_profile_may_name_fit_a_frame():
     pdos = layouts(join(axis_for(profile), profile, "hip").profile, 5)
 
     assert max(pdo.size for pdo in pdos) == 8
+
+
+@pytest.mark.parametrize(
+    ("part", "path", "value"),
+    [
+        ("axis", ("motor", "peak_current_a"), 12.0),
+        ("axis", ("homing", "stop_current_a"), 11.9),
+        ("axis", ("homing",), None),
+    ],
+)
+def test_currents_up_to_the_motor_s_own_are_accepted(part, path, value):
+    assert join(*broken("hip_epos4", part, path, value), "hip_epos4").node_id == 5
+
+
+def test_all_contradictions_of_two_files_are_found_at_once():
+    axis, profile = broken("hip_epos4", "axis", ("transmission", "lead_m"), 0.1)
+    profile["heartbeat"]["consumer_entries"] = 0
+
+    errors = contradictions(msgspec.convert(profile, DriveProfile), msgspec.convert(axis, AxisFile))
+
+    assert [error.key for error in errors] == ["heartbeat.consumer_entries", "transmission.lead_m"]

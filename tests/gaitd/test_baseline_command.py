@@ -103,4 +103,4 @@ def test_a_baseline_of_another_robot_is_refused_with_its_hash(baseline, tmp_path
 
     with pytest.raises(ConfigError, match="robot_sha256") as refused:
         load(configs / "demo.toml")
-    assert "record it again" in refused.value.line
+    assert "record it again" in refused.value.lines

@@ -53,8 +53,8 @@ def gentle_configs(tmp_path):
 
 def written_check(trainer_file, path):
     """What `gaitd check --json` prints for a file."""
-    _, report, refusal = check_files(trainer_file)
-    assert refusal is None
+    _, report, errors = check_files(trainer_file)
+    assert not errors
     path.write_bytes(msgspec.json.encode(report))
 
 

@@ -687,7 +687,7 @@ MOVING = [
         "cadence_max_hz = 0.9",
         "gait.cadence_max_hz",
         "0.9",
-        "<= 0.8",
+        "<= 0.736, where the leg reaches 3.5 m/s",
     ),
     told_of(
         "demo.toml",
@@ -758,11 +758,11 @@ def test_a_broken_configuration_is_refused_by_file_key_value_and_allowed(tmp_pat
     with pytest.raises(ConfigError) as refused:
         load(demo)
 
-    line = refused.value.line
+    line = refused.value.lines
     assert line.startswith(f"configuration error: {demo.parent / row.file}: {row.key} = ")
     assert row.value in refused.value.value
     assert row.allowed in refused.value.allowed
-    assert "\n" not in line
+    assert line.count("\n") == len(refused.value.more)
 
 
 def test_a_gait_near_the_singularity_is_refused(tmp_path):
@@ -897,8 +897,7 @@ def test_the_core_refuses_what_check_refuses_with_the_same_text(
 
     assert core == checked
     assert core[0] == 2
-    assert core[1].startswith("configuration error: ")
-    assert core[1].count("\n") == 1
+    assert all(line.startswith("configuration error: ") for line in core[1].splitlines())
     assert not started
 
 

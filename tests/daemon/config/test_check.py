@@ -6,8 +6,8 @@ import pytest
 from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 
-from daemon.preflight.load import ConfigError, load
-from daemon.preflight.report import examine, refuse
+from daemon.preflight.load import load
+from daemon.preflight.report import examine, refusals
 from gaitd.terminal import plain, print_tables
 
 EMPTY_WITH_A_PATIENTS_SPRINGS = (
@@ -62,8 +62,8 @@ def test_the_empty_machine_passes_with_its_springs_turned_down(tmp_path):
     settings = load(changed(copied(tmp_path), EMPTY_WITH_A_PATIENTS_SPRINGS[0]))
 
     found = examine(settings)
-    refuse(settings, found)
 
+    assert not list(refusals(settings, found))
     assert not found.drift.reaches_limit
     assert "no patient is configured: for the empty machine alone" in found.warnings
 
@@ -72,13 +72,12 @@ def test_the_empty_machine_is_refused_with_a_patients_springs(tmp_path):
     settings = load(changed(copied(tmp_path), *EMPTY_WITH_A_PATIENTS_SPRINGS))
     found = examine(settings)
 
-    with pytest.raises(ConfigError) as refused:
-        refuse(settings, found)
+    refused = next(refusals(settings, found))
 
-    assert refused.value.file == str(tmp_path / "configs/demo.toml")
-    assert refused.value.key == "gait.cadence_max_hz"
-    assert refused.value.value == "0.5"
-    assert "with hip coasting, slide on its ramp the leg goes to hip" in refused.value.allowed
+    assert refused.file == str(tmp_path / "configs/demo.toml")
+    assert refused.key == "gait.cadence_max_hz"
+    assert refused.value == "0.5"
+    assert "with hip coasting, slide on its ramp the leg goes to hip" in refused.allowed
     assert "without power the leg moves to a position limit: check the springs" in found.warnings
 
 
@@ -126,14 +125,15 @@ def test_the_command_tells_a_program_the_same_in_json():
     assert told["bus"]["load_ratio"] < told["bus"]["load_max_ratio"]
 
 
-def test_the_command_ends_with_2_and_one_line_on_a_broken_configuration(tmp_path):
+def test_the_command_ends_with_2_and_one_line_for_an_error_of_one_value(tmp_path):
     demo = changed(
         copied(tmp_path), Change("limits.toml", "torque_max_nm = 62.0", "torque_max_nm = 300.0")
     )
 
     ended = gaitd("check", "--config", demo)
 
-    assert (ended.code, ended.out) == (2, "")
+    refused = f"{demo}: REFUSED, 1 error; the sweeps of motion wait for their correction\n"
+    assert (ended.code, ended.out) == (2, 2 * refused)
     assert ended.err == (
         f"configuration error: {demo.parent / 'limits.toml'}: hip.torque_max_nm = 300.0: "
         "a number > 0 and <= 120\n"
@@ -148,7 +148,7 @@ def test_the_command_refuses_an_endpoint_that_the_gateway_would_refuse(tmp_path)
 
     ended = gaitd("check", "--config", demo)
 
-    assert (ended.code, ended.out) == (2, "")
+    assert ended.code == 2
     assert "zenoh.listen[" in ended.err
     assert "tcp/192.168.1.5:7447" in ended.err
     assert "listen_beyond_loopback = true" in ended.err
@@ -161,8 +161,11 @@ def test_the_command_shows_the_sweep_that_it_refuses(tmp_path):
 
     assert ended.code == 2
     assert "LEAVES THE WORKSPACE" in ended.out
+    first, *_, last = ended.out.splitlines()
+    assert first == last
+    assert first.startswith(f"{demo}: REFUSED, 2 errors, ")
     assert ended.err.startswith("configuration error: ")
-    assert ended.err.count("\n") == 1
+    assert ended.err.count("\n") == 2
 
 
 def test_a_terminal_gets_tables(capsys):

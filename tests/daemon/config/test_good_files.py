@@ -261,6 +261,6 @@ def test_the_three_trainer_files_share_gait_and_scenarios():
 def test_an_error_is_one_line_with_all_four_parts():
     error = ConfigError("limits.toml", "hip.torque_max_nm", 300.0, "a number <= 120")
 
-    assert error.line == (
+    assert error.lines == (
         "configuration error: limits.toml: hip.torque_max_nm = 300.0: a number <= 120"
     )
