@@ -17,9 +17,11 @@ from daemon.ipc.record import Cause, StopCategory
 from daemon.preflight import workspace
 from daemon.preflight.axes import AxisMeaning, axis_errors, axis_meanings
 from daemon.preflight.braking import BrakingMeaning, braking_errors, braking_meanings
+from daemon.preflight.doubts import doubts
 from daemon.preflight.homing import homing_errors
 from daemon.preflight.motion import decelerations, limit_box
 from daemon.preflight.runaway_report import RunawayMeaning, runaway_errors, runaway_meanings
+from daemon.preflight.stability import LoopMeaning, loop_errors, loop_meanings, loop_warnings
 from daemon.preflight.workspace import Drift, Extent, StopKind, Sweep
 from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.wire.causes import FIXED_CATEGORY
@@ -41,6 +43,7 @@ class Report(msgspec.Struct, frozen=True):
     sweeps: tuple["SweepMeaning", ...]
     drift: "DriftMeaning"
     runaways: tuple[RunawayMeaning, ...]
+    loops: tuple[LoopMeaning, ...]
     bus: "BusMeaning"
     shutdown: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -100,7 +103,7 @@ def examine(settings: Settings) -> Report:
     """Compute the whole report."""
     robot = settings.robot
     drift = _drift(settings)
-    axes = axis_meanings(settings)
+    axes, loops = axis_meanings(settings), loop_meanings(settings)
     patient = robot.patient
     return Report(
         file=str(settings.file.path),
@@ -112,9 +115,14 @@ def examine(settings: Settings) -> Report:
         sweeps=_sweeps(settings),
         drift=drift,
         runaways=runaway_meanings(settings),
+        loops=loops,
         bus=_bus(settings),
         shutdown=_shutdown(settings, drift),
-        warnings=tuple(_warnings(settings, axes, drift)),
+        warnings=(
+            *_warnings(settings, axes, drift),
+            *loop_warnings(loops),
+            *doubts(settings),
+        ),
         sha256=dict(settings.hashes),
     )
 
@@ -128,6 +136,7 @@ def refusals(settings: Settings, report: Report) -> Errors:
         yield from _sweep_errors(settings, report.sweeps)
         yield from runaway_errors(settings, report.runaways)
     yield from homing_errors(settings)
+    yield from loop_errors(report.loops)
 
 
 def _sweep_errors(settings: Settings, sweeps: tuple[SweepMeaning, ...]) -> Errors:

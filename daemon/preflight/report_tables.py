@@ -43,6 +43,7 @@ def sections(report: Report) -> tuple[Section, ...]:
         _sweeps(report),
         _power(report),
         _runaways(report),
+        _loops(report),
         _bus(report),
         _profiles(report),
         Section("SIGTERM", ("what happens",), tuple((line,) for line in report.shutdown)),
@@ -238,6 +239,21 @@ def _runaway(axis: RunawayMeaning) -> tuple[str, ...]:
         f"{axis.max_runaway_si * scale:g} {unit}",
         f"{end}, ends with the leg stretched" if axis.ends_stretched else end,
     )
+
+
+def _loops(report: Report) -> Section:
+    columns = ("loop", "margin", "least for", "at")
+    rows = tuple(
+        (
+            loop.loop,
+            f"{loop.margin_ratio:.2f}" if loop.is_stable else f"{loop.margin_ratio:.2f}, SHAKES",
+            f"the leg {loop.leg}, {loop.key}",
+            f"hip {loop.hip_deg:.0f} deg, slide {loop.slide_m:.2f} m",
+        )
+        for loop in report.loops
+    )
+    title = "Loops over the bus: how many times lighter the leg may be before one shakes"
+    return Section(title, columns, rows)
 
 
 def _bus(report: Report) -> Section:

@@ -111,7 +111,8 @@ class Inside(Service):
         del program
         config = self.config.with_name(f"{part}.toml")
         channel = self.channels.get(part, "vcan0")
-        config.write_text(self.text.replace('"vcan0"', f'"{channel}"'))
+        bench = "" if channel == "vcan0" else "\nvirtual_drives = true"
+        config.write_text(self.text.replace('"vcan0"', f'"{channel}"{bench}'))
         words = [part, "--config", str(config), *arguments]
         self.parts[part] = Forked(words, self.folder / f"{part}.log")
         return self.parts[part]

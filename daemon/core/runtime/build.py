@@ -16,7 +16,7 @@ from daemon.core.exercises.single_axis import HomingRules, PushRules, SingleAxis
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
 from daemon.core.motion.assist import AssistRules
 from daemon.core.motion.gait_shape import gait_shape
-from daemon.core.safety.limits import AxisLimits, Categories, Thresholds, hip_limits, slide_limits
+from daemon.core.safety.limits import AxisLimits, Categories, hip_limits, slide_limits, thresholds
 from daemon.core.safety.spasm import SpasmRules, SpasmWatch
 from daemon.core.safety.stop_sequence import StopRules
 from daemon.core.state import Axis, Core, Leg
@@ -152,25 +152,11 @@ def _core_config(
     trainer: Trainer, limits: Limits, patient_configured: bool, leg_digest: str
 ) -> CoreConfig:
     period_ms = trainer.cycle.period_ms
-    communication, stop = limits.communication, limits.stop
+    stop = limits.stop
     return CoreConfig(
         period_ns=period_ms * NS_PER_MS,
         period_s=period_ms * NS_PER_MS * 1e-9,
-        thresholds=Thresholds(
-            sample_age_max_cycles=communication.sample_age_max_cycles,
-            heartbeat_timeout_ns=communication.heartbeat_timeout_ms * NS_PER_MS,
-            gateway_silence_cycles=communication.gateway_silence_ms // period_ms,
-            overruns_in_a_row=communication.overruns_in_a_row,
-            encoder_frozen_cycles=communication.encoder_frozen_cycles,
-            encoder_jump_ratio=communication.encoder_jump_ratio,
-            singularity_stop_ratio=limits.singularity.stop_ratio,
-            singularity_soft_ratio=limits.singularity.soft_ratio,
-            deviation_cycles=limits.watch.deviation_cycles,
-            sign_mismatch_cycles=limits.watch.sign_mismatch_cycles,
-            energy_window_cycles=limits.watch.energy_window_ms // period_ms,
-            spasm_patience_cycles=limits.spasm.patience_ms // period_ms,
-            mode_switch_cycles=communication.mode_switch_cycles,
-        ),
+        thresholds=thresholds(limits, period_ms),
         categories=Categories(limits.stop_category),
         stop_rules=StopRules(
             obey_cycles=stop.obey_cycles,

@@ -8,6 +8,8 @@ from daemon.config.limit_settings import HipLimits, Limits, SlideLimits
 from daemon.ipc.record import Cause, StopCategory
 from daemon.wire.causes import FIXED_CATEGORY
 
+NS_PER_MS = 1_000_000
+
 
 class AxisLimits(NamedTuple):
     """Limits of one axis in SI units at the joint: rad and N·m, or m and N."""
@@ -135,3 +137,23 @@ class Thresholds(NamedTuple):
     spasm_patience_cycles: int
     mode_switch_cycles: int
     """Longest time until a drive shows a mode and follows in it."""
+
+
+def thresholds(limits: Limits, period_ms: int) -> Thresholds:
+    """Thresholds from limits.toml, with durations in cycles of `period_ms`."""
+    communication = limits.communication
+    return Thresholds(
+        sample_age_max_cycles=communication.sample_age_max_cycles,
+        heartbeat_timeout_ns=communication.heartbeat_timeout_ms * NS_PER_MS,
+        gateway_silence_cycles=communication.gateway_silence_ms // period_ms,
+        overruns_in_a_row=communication.overruns_in_a_row,
+        encoder_frozen_cycles=communication.encoder_frozen_cycles,
+        encoder_jump_ratio=communication.encoder_jump_ratio,
+        singularity_stop_ratio=limits.singularity.stop_ratio,
+        singularity_soft_ratio=limits.singularity.soft_ratio,
+        deviation_cycles=limits.watch.deviation_cycles,
+        sign_mismatch_cycles=limits.watch.sign_mismatch_cycles,
+        energy_window_cycles=limits.watch.energy_window_ms // period_ms,
+        spasm_patience_cycles=limits.spasm.patience_ms // period_ms,
+        mode_switch_cycles=communication.mode_switch_cycles,
+    )

@@ -7,7 +7,7 @@ import pytest
 from msgspec.structs import asdict, replace
 from sessions import CONFIGS
 
-from daemon.core.safety.limits import AxisLimits, hip_limits, slide_limits
+from daemon.core.safety.limits import AxisLimits, Thresholds, hip_limits, slide_limits, thresholds
 from daemon.preflight.load import load
 
 LIMITS = load(CONFIGS / "demo.toml").limits
@@ -63,3 +63,21 @@ def test_each_limit_is_the_setting_of_its_name_in_si_units(axis, made_by):
         named = [key for key in keys if key == begin or key.startswith(f"{begin}_")]
         assert len(named) == 1, (field, named)
         assert value == keys[named[0]], field
+
+
+def test_thresholds_count_in_cycles_and_keep_what_the_file_counts_so():
+    assert thresholds(LIMITS, 10) == Thresholds(
+        sample_age_max_cycles=3,
+        heartbeat_timeout_ns=150_000_000,
+        gateway_silence_cycles=30,
+        overruns_in_a_row=5,
+        encoder_frozen_cycles=10,
+        encoder_jump_ratio=2.0,
+        singularity_stop_ratio=0.15,
+        singularity_soft_ratio=0.3,
+        deviation_cycles=3,
+        sign_mismatch_cycles=3,
+        energy_window_cycles=400,
+        spasm_patience_cycles=40,
+        mode_switch_cycles=5,
+    )

@@ -1,0 +1,270 @@
+"""What `gaitd check` refuses of a machine, and what it warns of: the shipped files with one edit.
+
+Each row of REFUSED and WARNED is an edit and what is then said of it, by file, key and value.
+"""
+
+from typing import NamedTuple
+
+import pytest
+from config_files import CONFIGS, Change, changed, copied
+
+from daemon.preflight.acceptance import check_files
+from daemon.preflight.doubts import doubts
+from daemon.preflight.files import check_all
+from daemon.preflight.load import load, read_in_part
+from daemon.preflight.stability import loop_errors, loop_meanings, loop_warnings
+
+
+class Row(NamedTuple):
+    change: Change
+    file: str
+    key: str
+    value: str
+    words: str
+
+
+def row(file: str, old: str, new: str, key: str, value: str, words: str, *, of: str = "") -> Row:
+    """A row of a change in one file that is told of this file, or `of` another."""
+    return Row(Change(file, old, new), of or file, key, value, words)
+
+
+EPOS4 = "drives/profiles/epos4.toml"
+HIP = "drives/hip_epos4.toml"
+SIGNS = '"proven": a motor connected the wrong way round runs away from the first hold'
+LOST_TURNS = "an encoder that has lost turns is believed"
+LIMIT = "{}: a command limits nothing"
+
+REFUSED = [
+    row(
+        *("trainer.toml", 'signs = "proven"', 'signs = "assumed"'),
+        *("commissioning.signs", '"assumed"', SIGNS),
+    ),
+    row(
+        *("trainer.toml", "pose_tolerance_deg = 1.5", "pose_tolerance_deg = 180.0"),
+        *("reference.pose_tolerance_deg", "180.0", f"< 60, the axis's range; {LOST_TURNS}"),
+    ),
+    row(
+        *("trainer.toml", "pose_tolerance_m = 0.01", "pose_tolerance_m = 0.95"),
+        *("reference.pose_tolerance_m", "0.95", f"< 0.95, the axis's range; {LOST_TURNS}"),
+    ),
+    *(
+        row(
+            *("limits.toml", f'{cause} = "S1"', f'{cause} = "S2"'),
+            *(f"stop_category.{cause}", '"S2"', f"S1 or S0: {why}"),
+        )
+        for cause, why in (
+            ("position_limit", "the joint is where the core's own command should never"),
+            ("velocity_limit", "the core's own command did not keep the speed"),
+            ("effort_limit", "the drive gives more than the core commands"),
+            ("singularity", "near the stretched leg a small force"),
+        )
+    ),
+    row(
+        *(EPOS4, "[torque_source]\nindex = 0x30D1\nsub = 2\nbits = 32"),
+        "[torque_source]\nindex = 0x6071\nsub = 0\nbits = 16",
+        *("torque_source", '"6071h:00"', "it shows what was commanded"),
+    ),
+    row(
+        *(EPOS4, "[torque_limit]\nindex = 0x3001\nsub = 2\nbits = 32"),
+        "[torque_limit]\nindex = 0x6071\nsub = 0\nbits = 16",
+        *("torque_limit", '"6071h:00"', "a command limits nothing"),
+    ),
+    row(
+        *(HIP, "current_limit_a = 12.0", "current_limit_a = 12.0\npeak_current_a = 11.0"),
+        *("motor.current_limit_a", "12.0", "at most peak_current_a = 11"),
+    ),
+    row(
+        *(HIP, "method = 17 ", "stop_current_a = 12.5\nmethod = -4 "),
+        *("homing.stop_current_a", "12.5", "the motor never gets it"),
+    ),
+]
+
+WARNED = [
+    *(
+        row(
+            *(EPOS4, f"factor = 1.0{after}", f"factor = {factor}{after}"),
+            *(f"{name}.factor", factor, f"{place} of right/hip would be {counts}"),
+        )
+        for name, after, factor, place, counts in (
+            ("torque_source", "\nsign = 1", "1000.0", "30D1h:02", "12,"),
+            ("torque_source", "\nsign = 1", "0.001", "30D1h:02", "1.2e+07,"),
+            ("torque_limit", "\n\n[target_torque]", "1000.0", "3001h:02", "12,"),
+            ("target_torque", "\n\n[temperature]", "0.001", "6071h:00", "2.4e+06,"),
+        )
+    ),
+    row(
+        *(EPOS4, 'velocity_unit = "rpm" ', 'velocity_unit = "counts_per_s" '),
+        *("velocity_unit", '"counts_per_s"', "6080h of right/hip would be 17.1 times too wide"),
+    ),
+    row(
+        *("limits.toml", "standstill_hip_rad_per_s = 0.05", "standstill_hip_rad_per_s = 0.41"),
+        *("stop.standstill_hip_rad_per_s", "0.41", "above a tenth of the highest speed, 4:"),
+    ),
+    row(
+        *("limits.toml", "standstill_slide_m_per_s = 0.03", "standstill_slide_m_per_s = 0.36"),
+        *("stop.standstill_slide_m_per_s", "0.36", "above a tenth of the highest speed, 3.5:"),
+    ),
+    row(
+        *("trainer.toml", "hip_damping_nm_s_per_rad = 3.0", "hip_damping_nm_s_per_rad = 0.0"),
+        *("hand_guiding.hip_damping_nm_s_per_rad", "0.0", "nothing but friction slows"),
+    ),
+    row(
+        *("limits.toml", "slide_damping_n_s_per_m = 600.0", "slide_damping_n_s_per_m = 0.0"),
+        *("soft_limit.slide_damping_n_s_per_m", "0.0", "nothing but friction slows"),
+    ),
+    row(
+        *("limits.toml", "force_max_n = 480.0", "force_max_n = 60.0"),
+        *("transmission.gear_ratio", "6.0", "9.03 times the limit of its joint"),
+        of="drives/slide_epos4.toml",
+    ),
+    row(
+        *(HIP, "current_limit_a = 12.0", "current_limit_a = 20.5"),
+        *("motor.current_limit_a", "20.5", "more than 4 times nominal_current_a = 5; give motor."),
+    ),
+    row(
+        *("trainer.toml", 'required = "daily"', 'required = "never"'),
+        *("self_test.required", '"never"', "where a person uses the machine; the next release"),
+    ),
+]
+
+LOOPS = [
+    row(
+        *("trainer.toml", "slide_damping_n_s_per_m = 250.0", "slide_damping_n_s_per_m = 2000.0"),
+        *("hold.slide_damping_n_s_per_m", "2000.0", ">= "),
+    ),
+    row(
+        *("trainer.toml", "hip_damping_nm_s_per_rad = 20.0", "hip_damping_nm_s_per_rad = 0.0"),
+        *("hold.hip_damping_nm_s_per_rad", "0.0", ">= "),
+    ),
+    row(
+        *("trainer.toml", "slide_stiffness_n_per_m = 4000.0", "slide_stiffness_n_per_m = 20000.0"),
+        *("hold.slide_damping_n_s_per_m", "250.0", "none with a stiffness of 20000: "),
+    ),
+    row(
+        *("trainer.toml", "damping_beyond_n_s_per_m = 350.0", "damping_beyond_n_s_per_m = 1500.0"),
+        *("hand_guiding.slide_damping_beyond_n_s_per_m", "1500.0", "<= "),
+    ),
+]
+
+SOFT = [
+    row(
+        *("limits.toml", "slide_damping_n_s_per_m = 600.0", "slide_damping_n_s_per_m = 3000.0"),
+        *("soft_limit.slide_damping_n_s_per_m", "3000.0", "<= "),
+    ),
+    row(
+        *("trainer.toml", "slide_edge_n = 250.0", "slide_edge_n = 500.0"),
+        *("hand_guiding.slide_edge_n", "500.0", "or a wider soft margin"),
+    ),
+]
+
+
+def trainer_with(tmp_path, change):
+    """trainer.toml, whose bus has real drives, with one edit in it or in a file that it names."""
+    return changed(copied(tmp_path), change).with_name("trainer.toml")
+
+
+def ids(rows):
+    return [f"{one.key} = {one.value}" for one in rows]
+
+
+@pytest.mark.parametrize("row", REFUSED, ids=ids(REFUSED))
+def test_what_endangers_a_real_machine_is_refused(tmp_path, row):
+    settings, errors = read_in_part(trainer_with(tmp_path, row.change))
+
+    (error,) = errors + check_all(settings).errors
+
+    assert (error.file, error.key, error.value) == (
+        str(tmp_path / "configs" / row.file),
+        row.key,
+        row.value,
+    )
+    for part in row.words.split("; "):
+        assert part in error.allowed
+
+
+@pytest.mark.parametrize("row", WARNED, ids=ids(WARNED))
+def test_what_is_more_often_a_mistake_is_a_warning(tmp_path, row):
+    settings, _ = read_in_part(trainer_with(tmp_path, row.change))
+
+    said = f"{tmp_path / 'configs' / row.file}: {row.key} = {row.value}: "
+    warning = next(line for line in doubts(settings) if line.startswith(said))
+
+    assert row.words in warning
+
+
+@pytest.mark.parametrize("row", LOOPS, ids=ids(LOOPS))
+def test_gains_with_which_a_loop_shakes_are_refused_with_those_that_do_not(tmp_path, row):
+    meanings = loop_meanings(load(trainer_with(tmp_path, row.change)))
+
+    (error,) = loop_errors(meanings)
+
+    assert (error.file, error.key, error.value) == (
+        str(tmp_path / "configs" / row.file),
+        row.key,
+        row.value,
+    )
+    assert error.allowed.startswith(row.words)
+    assert "below 1 it shakes" in error.allowed
+
+
+@pytest.mark.parametrize("row", SOFT, ids=ids(SOFT))
+def test_a_margin_of_the_range_that_shakes_by_itself_is_a_warning(tmp_path, row):
+    meanings = loop_meanings(load(trainer_with(tmp_path, row.change)))
+
+    warnings = list(loop_warnings(meanings))
+
+    assert not list(loop_errors(meanings))
+    said = f"{tmp_path / 'configs' / row.file}: {row.key} = {row.value}: "
+    assert any(line.startswith(said) and row.words in line for line in warnings)
+
+
+def test_the_values_that_a_refusal_allows_do_not_shake(tmp_path):
+    much = LOOPS[0].change
+    (error,) = loop_errors(loop_meanings(load(trainer_with(tmp_path / "much", much))))
+    least, most = (float(part.split()[-1]) for part in error.allowed.split(":")[0].split(" and "))
+
+    for name, value, stable in (
+        ("least", least, True),
+        ("most", most, True),
+        ("no", most * 1.2, False),
+    ):
+        change = much._replace(new=f"slide_damping_n_s_per_m = {value}")
+        meanings = loop_meanings(load(trainer_with(tmp_path / name, change)))
+        assert (not list(loop_errors(meanings))) == stable
+
+
+@pytest.mark.parametrize("trainer", ["demo", "trainer", "two_legs", "vcan"])
+def test_every_shipped_loop_is_stable_and_one_soft_limit_has_a_small_margin(trainer):
+    meanings = loop_meanings(load(CONFIGS / f"{trainer}.toml"))
+
+    assert min(loop.margin_ratio for loop in meanings) > 1.1
+    assert [loop.loop for loop in meanings if loop.margin_ratio < 1.25] == [
+        "soft limit in hand_guiding"
+    ]
+
+
+def test_virtual_drives_on_a_real_bus_may_be_declared(tmp_path):
+    on_can0 = Change("vcan.toml", '"vcan0"', '"can0"')
+    bench = Change("vcan.toml", '"vcan0"', '"can0"\nvirtual_drives = true')
+
+    undeclared = changed(copied(tmp_path / "real"), on_can0).with_name("vcan.toml")
+    declared = changed(copied(tmp_path / "bench"), bench).with_name("vcan.toml")
+
+    assert [error.key for error in check_all(load_anyway(undeclared)).errors] == [
+        "commissioning.signs",
+        "reference.pose_tolerance_deg",
+        "reference.pose_tolerance_m",
+    ]
+    assert not check_all(load_anyway(declared)).errors
+
+
+def load_anyway(path):
+    return read_in_part(path)[0]
+
+
+def test_the_command_says_what_the_next_release_refuses():
+    report = check_files(CONFIGS / "trainer.toml").report
+
+    assert report is not None
+    (warning,) = (line for line in report.warnings if line.endswith("the next release refuses it"))
+    assert warning.startswith(f"{CONFIGS}/trainer.toml: excite = ")
