@@ -1,6 +1,6 @@
 """Numbers that `gaitd check` accepts and warns of: each is allowed, and is more often a mistake.
 
-The last two, of a machine with real drives, will be refused in the next release.
+Those that end with `NEXT_RELEASE` will be refused then: a trainer that works today may have them.
 """
 
 from collections.abc import Iterator
