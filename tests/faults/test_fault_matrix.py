@@ -186,6 +186,16 @@ def test_an_alarm_during_a_delay_of_the_core_is_a_quick_stop_and_not_at_once_one
         assert "STOP_NOT_OBEYED" not in one.causes
 
 
+def test_a_drive_that_is_silent_since_bring_up_is_not_called_enabled_by_another_master(
+    warm_process,
+):
+    pair = Cell("tpdo_late_6ms:emcy_5xxx_fault@5", "ready", "right/slide")
+
+    ((played,),) = run(DEMO, [pair], SEED, jobs=1)
+
+    assert played.causes == ("DRIVE_SILENT", "DRIVE_FAULT")
+
+
 def test_a_cell_alone_is_played_bit_for_bit_as_among_others(warm_process):
     cell = Cell("hand_switch", "hold", "right/slide")
 

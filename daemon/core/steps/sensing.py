@@ -72,10 +72,11 @@ def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     if not wanted.enable_wanted(core, axis):
         axis.shown_unpowered = axis.shown_unpowered or state in _OFF
         held = axis.stop is not None and not axis.shown_unpowered
-        gives_torque = state not in CANNOT_EXERT_TORQUE
-        axis.unexpected_enable_cycles = (
-            axis.unexpected_enable_cycles + 1 if gives_torque and not held else 0
-        )
+        if held or state in CANNOT_EXERT_TORQUE:
+            axis.unexpected_enable_cycles = 0
+        elif feedback.fresh or state != PowerState.UNKNOWN:
+            # A drive that has shown nothing since bring-up is silent, not enabled by another one.
+            axis.unexpected_enable_cycles += 1
         axis.reached_enabled, axis.unready_cycles = False, 0
         return
     axis.shown_unpowered, axis.unexpected_enable_cycles = False, 0
