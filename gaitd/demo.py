@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from gaitd_lab.processes import Tempo
 
 SHORTEST_S = 6.0
+GAIT_S, TIRING_S = 55.0, 120.0
+"""Movement by default, without and with `--tiring`."""
 PICTURE = Path("out") / "demo.png"
 PRINT_EVERY_S = 1.0
 DRAW_EVERY_S = 0.25
@@ -28,12 +30,13 @@ READ_S = 3.0
 
 def command(
     seconds: Annotated[
-        float,
+        float | None,
         typer.Option(
             min=SHORTEST_S,
-            help="of movement: 25 for the paper's experiment (left out below 40), the rest is gait",
+            help="of movement, 55 by default (120 with --tiring): 25 for the paper's experiment"
+            " (left out below 40), the rest is gait",
         ),
-    ] = 55.0,
+    ] = None,
     headless: Annotated[bool, typer.Option("--headless", help="plain lines, no live view")] = False,
     plot: Annotated[Path, typer.Option(metavar="PNG", help="where the picture goes")] = PICTURE,
     pace: Annotated[
@@ -48,19 +51,27 @@ def command(
     display_port: Annotated[
         int, typer.Option(min=1, max=65535, help="of that page, on 127.0.0.1")
     ] = 8080,
+    tiring: Annotated[
+        bool,
+        typer.Option(
+            "--tiring",
+            help="instead: a patient who tires, without and with help as needed (clients/assist)",
+        ),
+    ] = False,
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; check the errors."""
     from daemon.config.shipped import configs_folder
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
     from gaitd_lab.demonstration.report import report
-    from gaitd_lab.demonstration.script import plan_of
+    from gaitd_lab.demonstration.script import plan_of, tiring_plan
     from gaitd_lab.processes import Tempo
 
     configs = configs_folder("configs", "demo.toml")
     signal.signal(signal.SIGTERM, _interrupt)
-    _refuse(pace, wall_clock=wall_clock)
-    plan, tempo = plan_of(seconds), Tempo(pace, wall_clock)
+    _refuse(pace, wall_clock=wall_clock, tiring=tiring)
+    plan = tiring_plan(seconds or TIRING_S) if tiring else plan_of(seconds or GAIT_S)
+    tempo = Tempo(pace, wall_clock)
     port = display_port if display else None
     if display:
         print(f"the patient's page: http://127.0.0.1:{display_port}", flush=True)
@@ -76,7 +87,7 @@ def command(
     raise typer.Exit(0 if results.passed else 1)
 
 
-def _refuse(pace: str, *, wall_clock: bool) -> None:
+def _refuse(pace: str, *, wall_clock: bool, tiring: bool) -> None:
     from daemon.config.strict import COMMAND_LINE, ConfigError
     from sim_drives.time.server import parse_pace
 
@@ -86,6 +97,9 @@ def _refuse(pace: str, *, wall_clock: bool) -> None:
         raise ConfigError(COMMAND_LINE, "--pace", pace, str(error)) from error
     if wall_clock and pace != "1":
         raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --wall-clock")
+    if tiring and pace != "1":
+        # The controller answers by the computer's time: a setpoint older than 100 ms is refused.
+        raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --tiring")
 
 
 def _interrupt(_signal: int, _frame: FrameType | None) -> None:

@@ -34,9 +34,11 @@ class Bound(NamedTuple):
 BOUNDS: Final = {
     Kind.PASSIVE: Bound(0.3, 2.0, -1.0, 0.2),
     Kind.ACTIVE: Bound(0.6, 3.0, 0.98, 0.7),
+    Kind.TIRING: Bound(0.6, 6.0, 0.9, 0.6),
     Kind.OPEN_LOOP: Bound(0.6, 3.0, -1.0, 0.4),
 }
-"""The passive span begins with a ramp from rest; the paper's experiment rests at its reversals."""
+"""The passive span begins with a ramp from rest; the paper's experiment rests at its reversals.
+The patient who tires pushes with up to 200 N at the slide, five times as much as the active one."""
 
 
 class Span(NamedTuple):

@@ -10,7 +10,7 @@ from collections import deque
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Protocol, Self
+from typing import Final, Protocol, Self, TypeVar
 
 import numpy as np
 from gaitd_client import NoServiceError, NotValid, Target, Trainer, wire
@@ -38,6 +38,7 @@ WAITING_MAX: Final = 1000
 """All messages are stored, also when time is fast or the computer stalls."""
 
 Values = NDArray[np.float64]
+T = TypeVar("T")
 
 
 class Track:
@@ -95,6 +96,9 @@ class Receiver:
         self.safety: wire.Safety | None = None
         self.health: wire.Health | None = None
         self.events: deque[wire.Event] = deque(maxlen=EVENTS_KEPT)
+        self.strides: list[wire.Stride] = []
+        self.helps: list[wire.ControllerState] = []
+        """State of the controller, if there is one, each stride."""
         self._estimates: deque[tuple[int, wire.Estimate]] = deque(maxlen=ESTIMATES_KEPT)
         """The newest messages, each with the monotonic time of its SYNC."""
         self._has_come = threading.Condition()
@@ -116,6 +120,8 @@ class Receiver:
         self._trainer.estimate(self._leg, keep=WAITING_MAX).call(self._on_estimate)
         self._trainer.safety(keep=WAITING_MAX).call(self._on_safety)
         self._trainer.health().call(self._on_health)
+        self._trainer.stride(self._leg).call(lambda one: _keep(one, self.strides))
+        self._trainer.controller(self._leg).call(lambda one: _keep(one, self.helps))
         self._trainer.events(history_count=0).call(self._on_event)
         return True
 
@@ -144,6 +150,7 @@ class Receiver:
             verdict=verdict_text(safety),
             phase_ratio=estimate.gait_phase_ratio if estimate else None,
             artificial=bool(estimate and "artificial" in estimate.status),
+            lease_holder=safety.lease_holder if safety else None,
             outcome=outcome,
             reason=reason,
         )
@@ -195,6 +202,11 @@ class Receiver:
     def _on_event(self, message: wire.Event | NotValid) -> None:
         if not isinstance(message, NotValid):
             self.events.append(message)
+
+
+def _keep(message: T | NotValid, kept: list[T]) -> None:
+    if not isinstance(message, NotValid):
+        kept.append(message)
 
 
 def verdict_text(safety: wire.Safety | None) -> str:

@@ -15,11 +15,13 @@ from gaitd_client import wire
 from gaitd_lab.demonstration.display import display
 from gaitd_lab.demonstration.evaluation import Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track, TruthTail
-from gaitd_lab.demonstration.picture import Results
+from gaitd_lab.demonstration.helper import helper
+from gaitd_lab.demonstration.picture import Results, Walk
 from gaitd_lab.demonstration.script import (
     Act,
     Action,
     Ask,
+    Help,
     Kind,
     Patient,
     Plan,
@@ -27,10 +29,11 @@ from gaitd_lab.demonstration.script import (
     Situation,
     gait_act,
     paper_act,
+    tiring_act,
 )
 from gaitd_lab.demonstration.stage import Stage, stage
 from gaitd_lab.demonstration.view import Moment
-from gaitd_lab.processes import ServiceError, Tempo
+from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo
 from gaitd_lab.requests import Requests
 from observer.jit import is_cached
 
@@ -85,6 +88,8 @@ class Performance:
         self._received, self._true = Track(RECEIVED), Track(TRUE)
         self._spans: list[Span] = []
         self._health: list[wire.Health] = []
+        self._walks: list[Walk] = []
+        self._helper: ManagedProcess | None = None
         self._scene = _first_scene()
         self._scene_since_ns = self._now_ns = time.monotonic_ns()
         self._began_s = time.monotonic()
@@ -93,7 +98,11 @@ class Performance:
         """Play to the end, or to the first error; the results are evaluated in every case."""
         trouble = ""
         try:
-            self._act(gait_act(self._plan), empty=False)
+            if self._plan.tiring_s > 0:
+                for helped in (False, True):
+                    self._act(tiring_act(self._plan, helped=helped), empty=False)
+            else:
+                self._act(gait_act(self._plan), empty=False)
             if self._plan.paper_s > 0:
                 self._act(paper_act(self._plan), empty=True)
         except ServiceError as error:
@@ -104,7 +113,8 @@ class Performance:
         self._end_span()
         both = pairs(self._received, self._true)
         rows = evaluate(self._spans, both)
-        return Results(both, self._spans, rows, self._health, trouble)
+        walks = self._walks if self._plan.tiring_s > 0 else []
+        return Results(both, self._spans, rows, self._health, trouble, walks)
 
     def _act(self, act: Act, *, empty: bool) -> None:
         with stage(self._configs, empty=empty, tempo=self._tempo, begin_ns=self._now_ns) as where:
@@ -122,6 +132,10 @@ class Performance:
                     raise ServiceError(f"{error}; {', '.join(stopped)}") from error
                 raise
             finally:
+                if self._helper is not None:
+                    self._helper.end()
+                    self._helper = None
+                self._walks.append(Walk(receiver.strides, receiver.helps))
                 if receiver.health is not None and self._tempo.wall_clock:
                     self._health.append(receiver.health)
                 requests.close()
@@ -136,6 +150,8 @@ class Performance:
         while not over:
             self._do(action, where, requests)
             where.check()
+            if self._helper is not None:
+                self._helper.check()
             receiver.connect()
             tail.read()
             self._screen.show(self._moment(receiver, where))
@@ -156,6 +172,8 @@ class Performance:
             requests.send(action)
         elif isinstance(action, Patient):
             where.inject(f"patient {action.programme}")
+        elif isinstance(action, Help):
+            self._helper = helper(where.target, where.channel, where.folder)
         elif isinstance(action, Scene):
             self._begin_scene(action)
 

@@ -36,8 +36,17 @@ SHADES: Final = {
     Kind.INTERLUDE: "#f3f4f6",
     Kind.PASSIVE: "#e8f1e4",
     Kind.ACTIVE: "#e4eefb",
+    Kind.TIRING: "#e4eefb",
     Kind.OPEN_LOOP: "#fbf1e0",
 }
+
+
+class Walk(NamedTuple):
+    """Strides of a patient who tires."""
+
+    strides: Sequence[wire.Stride]
+    helps: Sequence[wire.ControllerState]
+    """Empty without help."""
 
 
 class Results(NamedTuple):
@@ -50,6 +59,8 @@ class Results(NamedTuple):
     """The last lateness of each act; only with the computer's clock, simulated time has none."""
     trouble: str
     """Reason of an early end; empty if it was complete."""
+    walks: Sequence[Walk] = ()
+    """Strides of a patient who tires, without help and with it."""
 
     @property
     def passed(self) -> bool:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -12,11 +13,13 @@ from rich.table import Table
 
 from gaitd_lab.demonstration.evaluation import AXES, Row, pairs
 from gaitd_lab.demonstration.feed import verdict_text
-from gaitd_lab.demonstration.picture import Results
+from gaitd_lab.demonstration.picture import Results, Walk
 from gaitd_lab.demonstration.script import Kind, Plan
 from gaitd_lab.demonstration.view import Moment
 
 NEWEST: Final = 12
+SHOWN: Final = ("stiffness_ratio", "assist_mean_nm")
+"""Values of the controller's state in the table."""
 PLAIN_WIDTH: Final = 132
 """Width of a table in a file."""
 
@@ -51,7 +54,9 @@ def report(results: Results, plan: Plan) -> None:
         console.print(_errors(results.rows))
     if results.health:
         console.print(_cycles(results.health))
-    if plan.paper_s == 0:
+    if results.walks:
+        console.print(_help(results.walks))
+    elif plan.paper_s == 0:
         console.print("[dim]The paper's experiment was left out: it wants 40 seconds or more.[/]")
     if results.trouble:
         console.print(f"[bold red]{results.trouble}[/]", highlight=False)
@@ -82,6 +87,26 @@ def _errors(rows: Sequence[Row]) -> Table:
             f"{found.covered_ratio:.0%}",
             f"{row.covered_min_ratio:.0%}",
             "[green]✔[/]" if row.passed else "[red]✘[/]",
+        )
+    return table
+
+
+def _help(walks: Sequence[Walk]) -> Table:
+    """The last strides of the patient who tires, with the newest state of the controller before."""
+    table = Table(box=box.SIMPLE_HEAD, title="a patient who tires", title_justify="left")
+    for name in ("stride", "share", "with help", "guidance", "assist, N·m"):
+        table.add_column(name, justify="right", no_wrap=True)
+    alone, helped = (walk.strides for walk in walks) if len(walks) > 1 else (walks[0].strides, ())
+    states = {state.for_cycle: state.values for walk in walks for state in walk.helps}
+    for number, (one, other) in enumerate(zip_longest(alone, helped), 1):
+        values = {} if other is None else states.get(other.cycle, {})
+        table.add_row(
+            str(number),
+            *(
+                "–" if it is None or it.share_ratio is None else f"{it.share_ratio:.0%}"
+                for it in (one, other)
+            ),
+            *(f"{v:.2f}" if isinstance(v := values.get(name), float) else "–" for name in SHOWN),
         )
     return table
 

@@ -22,6 +22,8 @@ MOTION_WITHIN_S: Final = 40.0
 END_MARGIN_S: Final = 30.0
 """Time limit after an exercise's duration: the last stride and the way to rest."""
 DISABLE_WITHIN_S: Final = 20.0
+HELP_WITHIN_S: Final = 60.0
+"""Time limit for the controller's start, which the computer needs, in simulated time."""
 ENABLE_AT_S: Final = 5.0
 MOVE_AT_S: Final = 8.0
 """Time of the act. Requests are made at fixed instants, seconds after the event they wait for, so
@@ -46,6 +48,8 @@ class Situation(NamedTuple):
     """Phase 0..1 of the stride; None while no gait is running."""
     artificial: bool
     """True during the excitation itself, not during the approach to it."""
+    lease_holder: str | None = None
+    """The controller that holds the lease."""
     outcome: str | None = None
     """Outcome of the last request, for example `refused`; None while it is pending."""
     reason: str = ""
@@ -64,6 +68,10 @@ class Patient(NamedTuple):
     programme: str
 
 
+class Help(NamedTuple):
+    """Starts the reference controller for assistance as needed."""
+
+
 class Kind(Enum):
     """Evaluation of a span of time."""
 
@@ -72,6 +80,8 @@ class Kind(Enum):
     """Motion with a passive patient: all estimated activity is false."""
     ACTIVE = "active"
     """Motion with an active patient."""
+    TIRING = "tiring"
+    """Motion with a patient whose effort fades to nothing."""
     OPEN_LOOP = "open loop"
     """The paper's experiment with its artificial disturbance."""
 
@@ -84,7 +94,7 @@ class Scene(NamedTuple):
     lasting_s: float = 0.0
 
 
-Action = Ask | Patient | Scene | None
+Action = Ask | Patient | Help | Scene | None
 Act = Generator[Action, Situation, None]
 Playing = Generator[Action, Situation, Situation]
 
@@ -101,11 +111,13 @@ class Plan:
     amplitude_ratio: float = 1.0
     scenario: str = "paper"
     programmes: tuple[str, str] = field(default=("passive", "active"))
+    tiring_s: float = 0.0
+    """Gait of a patient who tires, played without help and with it; 0: the other parts."""
 
     @property
     def total_s(self) -> float:
         """Total seconds of movement."""
-        return self.passive_s + self.active_s + self.paper_s
+        return self.passive_s + self.active_s + self.paper_s + 2 * self.tiring_s
 
 
 PAPER_S: Final = 25.0
@@ -122,21 +134,45 @@ def plan_of(seconds: float) -> Plan:
     return Plan(passive_s=gait_s / 3, active_s=gait_s * 2 / 3, paper_s=paper_s)
 
 
+def tiring_plan(seconds: float) -> Plan:
+    """Divide the seconds of movement: half without help, half with it."""
+    return Plan(passive_s=0.0, active_s=0.0, paper_s=0.0, tiring_s=seconds / 2, cadence_hz=0.3)
+
+
+def tiring_act(plan: Plan, *, helped: bool) -> Act:
+    """Gait of a patient who tires, under full guidance alone or with help as needed."""
+    how = "help as needed" if helped else "full guidance"
+    yield from _enabled("trainer and patient are brought up")
+    if helped:
+        yield Help()
+        yield from _until(lambda now: now.lease_holder is not None, "lease", HELP_WITHIN_S)
+    yield from _asked("mode", _gait(plan, plan.tiring_s))
+    yield Scene("gait is announced and approached", Kind.INTERLUDE)
+    yield from _until(lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S)
+    yield Patient("tiring")
+    yield Scene(f"the patient tires, {how}", Kind.TIRING, plan.tiring_s)
+    yield from _until(
+        lambda now: now.phase_ratio is None, "end of the gait", plan.tiring_s + END_MARGIN_S
+    )
+    yield Patient("passive")
+    yield from _disabled()
+
+
+def _gait(plan: Plan, duration_s: float) -> dict[str, Any]:
+    return {
+        "mode": "gait",
+        "cadence_hz": plan.cadence_hz,
+        "amplitude_ratio": plan.amplitude_ratio,
+        "duration_s": duration_s,
+    }
+
+
 def gait_act(plan: Plan) -> Act:
     """Gait with a passive patient, then with an active one."""
     passive, active = plan.programmes
     yield from _enabled("trainer and patient are brought up")
     yield Patient(passive)
-    duration_s = plan.passive_s + plan.active_s
-    yield from _asked(
-        "mode",
-        {
-            "mode": "gait",
-            "cadence_hz": plan.cadence_hz,
-            "amplitude_ratio": plan.amplitude_ratio,
-            "duration_s": duration_s,
-        },
-    )
+    yield from _asked("mode", _gait(plan, plan.passive_s + plan.active_s))
     yield Scene("gait is announced and approached", Kind.INTERLUDE)
     now = yield from _until(
         lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S

@@ -129,3 +129,16 @@ def test_a_part_that_a_signal_has_stopped_ends_the_demonstration_and_is_named(tm
     assert demo.returncode == 1
     assert f"gaitd {part} (pid {pid}) is stopped by a signal" in rest
     assert not any(map(lives, processes))
+
+
+@pytest.mark.realtime
+def test_a_patient_who_tires_gets_help_as_needed(tmp_path):
+    """The controller answers by the computer's clock."""
+    ran = play(tmp_path / "tiring.png", "--tiring", "--seconds", "120")
+
+    assert ran.returncode == 0, ran.stdout
+    table = re.findall(r"^ *(\d+) +\S+ +\S+ +([\d.]+) +([\d.]+)", ran.stdout, re.M)
+    guidance, assist_nm = zip(*((float(one), float(other)) for _, one, other in table), strict=True)
+    assert min(guidance) < 0.6
+    assert guidance[-1] > min(guidance)
+    assert assist_nm[-1] > 5 * assist_nm[0]

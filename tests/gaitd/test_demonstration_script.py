@@ -3,6 +3,7 @@ import pytest
 from gaitd_lab.demonstration.script import (
     PAPER_S,
     Ask,
+    Help,
     Kind,
     Patient,
     Plan,
@@ -11,6 +12,8 @@ from gaitd_lab.demonstration.script import (
     gait_act,
     paper_act,
     plan_of,
+    tiring_act,
+    tiring_plan,
 )
 from gaitd_lab.processes import ServiceError
 
@@ -26,8 +29,11 @@ class Service:
         self.begins_s = 0.0
         self.artificial = False
         self.refuses: str | None = None
+        self.lease_holder: str | None = None
 
     def do(self, action, now_s):
+        if isinstance(action, Help):
+            self.lease_holder = "gaitd-assist"
         if isinstance(action, Ask):
             self.outcome = "refused" if action.name == self.refuses else "done"
             self.reason = "because" if action.name == self.refuses else ""
@@ -54,6 +60,7 @@ class Service:
             verdict=self.verdict,
             phase_ratio=0.5 if playing and not self.artificial else None,
             artificial=playing and self.artificial,
+            lease_holder=self.lease_holder,
             outcome=self.outcome,
             reason=self.reason,
         )
@@ -85,6 +92,27 @@ def test_gait_is_played_without_and_then_with_the_patient():
     spans = {action.kind: at for at, action in did if isinstance(action, Scene)}
     assert programmes[1][0] - spans[Kind.PASSIVE] == pytest.approx(10.0, abs=0.5)
     assert programmes[2][0] - spans[Kind.ACTIVE] == pytest.approx(20.0, abs=0.5)
+
+
+@pytest.mark.parametrize("helped", [False, True])
+def test_a_patient_who_tires_is_helped_only_by_a_controller_that_holds_the_lease(helped):
+    did = play(tiring_act(tiring_plan(60.0), helped=helped), Service())
+
+    order = [action for _, action in did if not isinstance(action, Scene)]
+    assert [one.name for one in order if isinstance(one, Ask)] == ["enable", "mode", "disable"]
+    assert [one.programme for one in order if isinstance(one, Patient)] == ["tiring", "passive"]
+    assert [type(one) for one in order[1:-3]] == ([Help, Ask] if helped else [Ask])
+    spans = [action for _, action in did if isinstance(action, Scene)]
+    assert [one.lasting_s for one in spans if one.kind is Kind.TIRING] == [30.0]
+
+
+def test_without_a_lease_the_gait_with_help_does_not_begin():
+    class Alone(Service):
+        def situation(self, now_s):
+            return super().situation(now_s)._replace(lease_holder=None)
+
+    with pytest.raises(ServiceError, match="no lease within"):
+        play(tiring_act(tiring_plan(60.0), helped=True), Alone())
 
 
 def test_the_paper_s_experiment_is_asked_for_by_name_and_judged_while_it_plays():
