@@ -9,8 +9,10 @@
 4.  The leg comes to rest, unless it has no power or is still guided by hand; and no joint moves
     farther than its mechanical stop and the stop's deflection, which is larger where a patient or a
     drive throws a leg of which a drive has lost its power: no speed limit holds for it then
-    (`Law.pushed`, `Law.runs_away`). A stop begins without power in an S0 alone, and only for the
-    axis of the cause where its feedback is in doubt: any other drive loses it by escalation.
+    (`Law.pushed`, `Law.runs_away`). Nor do rest and speed limit hold where no command reaches a
+    drive that drives the joint on (`Law.unreachable`). A stop begins without power in an S0 alone,
+    and only for the axis of the cause where its feedback is in doubt: any other drive loses it by
+    escalation.
 5.  A mode that need not stop continues, and nothing is latched.
 6.  No exception leaves the loop except an injected one, and then the loop ends with its exit code.
 """
@@ -182,11 +184,12 @@ def _place(cell: CellResult, right: Law) -> Iterator[str]:
     led = COLUMNS[cell.mode].mode == Mode.HAND_GUIDING
     # The second fault of a pair may make an S0 of a stop: its leg then swings without power.
     swings = parts_of(cell.fault) is not None and _had_s0(cell)
-    held = not without_power and not swings and not led and not pushed_on
+    held = not (without_power or swings or led or pushed_on or right.unreachable)
     stopped = min((one for one in (cell.told_cycles, cell.left_cycles) if one), default=0.0)
     if held and (cell.rest_cycles is None or cell.rest_cycles - stopped > REST_CYCLES):
         yield f"at rest after {cell.rest_cycles} cycles, right is {REST_CYCLES:g}"
-    thrown = pushed_on or (right.runs_away and len(cell.lost_power) == len(AXES))
+    runs_away = right.runs_away and len(cell.lost_power) == len(AXES)
+    thrown = pushed_on or runs_away or right.unreachable
     hip_deg = THROWN_HIP_DEG if thrown else STOP_HIP_DEG
     slide_mm = THROWN_SLIDE_MM if thrown else STOP_SLIDE_MM
     if cell.beyond_hip_deg > hip_deg:

@@ -71,6 +71,11 @@ class Law:
     no power as for any drive that does not brake. Where both drives have lost their power,
     THROWN_HIP_DEG and THROWN_SLIDE_MM hold in place of the stops' deflection.
     """
+    unreachable: bool = False
+    """A drive whose motor or encoder is reversed receives no command any more, and its own stop
+    drives the joint on with all its force. No software reaches it, only the emergency stop: the leg
+    need not rest, and THROWN_HIP_DEG and THROWN_SLIDE_MM hold in place of the stops' deflection.
+    """
     may_go_on: bool = False
     """True if the fault may be undetectable in this cell; it must stop if it is detected."""
     resting: Resting = Resting.UNTOUCHED
@@ -134,8 +139,9 @@ _WIRED: Final = replace(
         Cause.POSITION_LIMIT,
         Cause.VELOCITY_LIMIT,
         Cause.SPASM,
+        Cause.EFFORT_DEVIATION,
         by=(S0, S1, S2),
-        within=45.0,
+        within=75.0,
         later=(
             Cause.STOP_NOT_OBEYED,
             Cause.DRIVE_FAULT,
@@ -148,7 +154,8 @@ _WIRED: Final = replace(
     runs_away=True,
 )
 """The first symptom may be a leg that moves the wrong way, towards a limit; the cause latched in
-the end is implausible feedback, or a drive that did not obey.
+the end is implausible feedback, or a drive that did not obey. Over the phases of a gait it shows
+after 4 to 71 cycles: latest just before a stride's end, where the hip's torque is small.
 """
 _JUMP: Final = stops(Cause.ENCODER_JUMP, Cause.UNREFERENCED, by=(S0,), within=AT_ONCE)
 _PUSHED: Final = stops(

@@ -42,8 +42,13 @@ SAMPLE_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 )
 """Values of the sample, which is to be short."""
 _SILENCES: Final = frozenset({"gateway_dead", "gateway_35ms", "gateway_200ms", "gateway_2s"})
+REVERSED: Final = frozenset({"wrong_sign", "encoder_reversed"})
+"""Faults of a drive whose own quick stop drives the joint on."""
+CORE_ENDS: Final = frozenset(name for name, one in ROWS.items() if one.exit_code is not None)
+CUT_OFF: Final = frozenset({"deaf", "unplugged", "drive_bus_off"})
+"""Faults after which a drive receives no command."""
 REPLACING: Final = (
-    frozenset(name for name, one in ROWS.items() if one.exit_code is not None),
+    CORE_ENDS,
     frozenset(FAMILIES["gateway"]) - _SILENCES | {"nan_setpoint"},
     _SILENCES,
 )
@@ -171,8 +176,10 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
         one.name in JAMS and its_law.may_go_on
         for one, its_law in zip(parts[:2], (first, second), strict=True)
     )
+    unheard = CORE_ENDS if parts.on_other_axis else CORE_ENDS | CUT_OFF
     return replace(
         pair_law,
+        unreachable=bool(names & REVERSED and names & unheard),
         causes=pair_law.causes | unlike_a_jump,
         within_cycles=within_cycles,
         pushed=pushed,
