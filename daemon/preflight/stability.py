@@ -49,15 +49,15 @@ from observer.mechanism.parameters import LegParameters
 Vector = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
-HIP_POINTS: Final = 13
-SLIDE_POINTS: Final = 13
+HIP_POINTS: Final = 9
+SLIDE_POINTS: Final = 9
 """Poses over the range of each axis, both ends included: the soft limits damp most there."""
 MARGIN_SMALL: Final = 1.25
 """Below, a warning: a leg lighter by a fifth would shake."""
 MARGIN_MAX: Final = 16.0
 MARGIN_MIN: Final = 1.0 / 16.0
-SEARCH_STEPS: Final = 14
-"""Halvings of the search for a margin: within 0.1 %."""
+SEARCH_STEPS: Final = 10
+"""Halvings of the search for a margin: within 0.5 %."""
 TRIED: Final = np.geomspace(1 / 64, 64, 97)
 """Factors with which an allowed value is looked for, of the refused one."""
 ROUNDING: Final = 1e-6

@@ -8,6 +8,7 @@ import pytest
 from sessions import changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
+from daemon.ipc.record import Mode, ModeRequest, RequestKind, Stage
 from daemon.preflight.stability import Gains, margin_of, poses_of
 
 BEFORE = "[[patient.programme]]                  # pushes against a leg that is held still"
@@ -103,3 +104,31 @@ def test_hold_shakes_where_its_loop_is_unstable_and_not_where_it_is_just_stable(
         assert np.abs(velocity[100:]).max() > SHAKING
     else:
         assert np.abs(velocity[250:]).max() < CALM
+
+
+@pytest.mark.parametrize(("beyond_n_s_per_m", "shakes"), [(1150.0, False), (1500.0, True)])
+def test_a_guided_slide_shakes_where_its_damping_is_unstable_and_not_just_before(
+    tmp_path, beyond_n_s_per_m, shakes
+):
+    lead = PROGRAMME.format(name="lead", until_s=2.0, hip_nm=0.0, slide_n=-60.0)
+    key, slow = "slide_damping_beyond_n_s_per_m", "slide_slow_m_per_s"
+    configs = changed_configs(
+        tmp_path,
+        ("plant.toml", BEFORE, lead + BEFORE),
+        ("demo.toml", f"{key} = 350.0", f"{key} = {beyond_n_s_per_m}"),
+        ("demo.toml", f"{slow} = 0.2", f"{slow} = 0.05"),  # led beyond this speed
+    )
+    smooth_machine(configs)
+    session = new_session(configs).enable()
+    settings = session.settings
+    here = poses_of(settings, "", leg_parameters(settings.robot), (MID_POSE,))
+    margin, _ = margin_of(here, Gains((0.0, 0.0), (33.0, 30.0 + beyond_n_s_per_m)), 0.01)
+    session.execute(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
+    session.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
+
+    session.command("patient lead")
+    session.run(1.8)
+
+    led = [row.slide_velocity_m_per_s for row in session.truth.rows[-90:]]
+    assert 0.8 < margin < 1.0 if shakes else 1.0 < margin < 1.15
+    assert (max(led) - min(led) > 0.1) if shakes else (max(led) - min(led) < 0.06)

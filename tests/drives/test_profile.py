@@ -384,10 +384,13 @@ ONLY_TARGET = "6071h:00, signed, of 16 or 32 bits: CiA 402 defines no other targ
             *("hip_epos4", "axis", ("motor", "peak_current_a"), 11.5),
             "axis: motor.current_limit_a = 12.0: at most peak_current_a = 11.5, the motor's own",
         ),
-        (
-            *("hip_epos4", "axis", ("homing", "stop_current_a"), 12.0),
-            "axis: homing.stop_current_a = 12.0: below motor.current_limit_a = 12: the motor never"
-            " gets it, and pushes on",
+        *(
+            (
+                *("hip_epos4", "axis", ("homing", "stop_current_a"), stop_current_a),
+                f"axis: homing.stop_current_a = {stop_current_a}: below motor.current_limit_a = 12:"
+                " the motor never gets it, and pushes on",
+            )
+            for stop_current_a in (12.0, 12.5)
         ),
         *(
             (
@@ -612,6 +615,7 @@ def test_the_widest_objects_that_a_profile_may_name_fit_a_frame():
     ("part", "path", "value"),
     [
         ("axis", ("motor", "peak_current_a"), 12.0),
+        ("axis", ("motor", "peak_current_a"), 20.0),
         ("axis", ("homing", "stop_current_a"), 11.9),
         ("axis", ("homing",), None),
     ],

@@ -4,13 +4,14 @@ import pickle
 
 import pytest
 
-from daemon.preflight import runaway_report, workspace
+from daemon.preflight import runaway_report, stability, workspace
 
 PURE = (
     (workspace, "sweep_ramps"),
     (workspace, "sweep_coasting"),
     (workspace, "drift"),
     (runaway_report, "worst_runaways"),
+    (stability, "margin_of"),
 )
 known = {}
 
