@@ -65,8 +65,15 @@ def test_each_limit_is_the_setting_of_its_name_in_si_units(axis, made_by):
         assert value == keys[named[0]], field
 
 
-def test_thresholds_count_in_cycles_and_keep_what_the_file_counts_so():
-    assert thresholds(LIMITS, 10) == Thresholds(
+def test_thresholds_count_in_whole_cycles_and_keep_what_the_file_counts_so():
+    begun = replace(
+        LIMITS,
+        communication=replace(LIMITS.communication, gateway_silence_ms=305),
+        watch=replace(LIMITS.watch, energy_window_ms=4005),
+        spasm=replace(LIMITS.spasm, patience_ms=405),
+    )
+
+    assert thresholds(begun, 10) == Thresholds(
         sample_age_max_cycles=3,
         heartbeat_timeout_ns=150_000_000,
         gateway_silence_cycles=30,
