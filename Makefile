@@ -21,7 +21,7 @@ ASSIST := clients/assist
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display uninstall purge rigs lock format tables golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display install-assist uninstall purge rigs lock format tables golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -106,6 +106,9 @@ install:  ## install the service on this machine (root, Debian); leaves it stopp
 
 install-display:  ## add the pages of clients/display to an installed service (root, Debian); leaves them stopped
 	DESTDIR=$(DESTDIR) bash scripts/install.sh display
+
+install-assist:  ## add the controller of clients/assist to an installed service (root, Debian); leaves it stopped
+	DESTDIR=$(DESTDIR) bash scripts/install.sh assist
 
 uninstall:  ## remove the service from this machine; keeps configuration and state
 	DESTDIR=$(DESTDIR) bash scripts/install.sh uninstall

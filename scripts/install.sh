@@ -5,6 +5,8 @@
 #   install.sh files        the files alone, for an environment that is at $PREFIX already
 #   install.sh display      the pages of clients/display, into the environment of `install`; also after an upgrade
 #   install.sh display-files   their files alone
+#   install.sh assist       the reference controller, clients/assist, in the same way
+#   install.sh assist-files    its files alone
 #   install.sh uninstall    removes all but configuration and state
 #   install.sh purge        these, too, and the users
 #
@@ -22,6 +24,7 @@ BASH_COMPLETION=/usr/share/bash-completion/completions/gaitd
 ZSH_COMPLETION=/usr/share/zsh/vendor-completions/_gaitd
 PARTS=(gaitd.target gaitd-core.service gaitd-gateway.service gaitd-sim.service)
 PAGES=(gaitd-patient.service gaitd-therapist.service)
+CLIENTS=("${PAGES[@]}" gaitd-assist.service)
 NO_CAN=10-gaitd-no-can.conf
 WAIT=$UNITS/sys-subsystem-net-devices-can0.device.d
 
@@ -32,11 +35,11 @@ live() { [ -z "$DESTDIR" ]; }
 running() { live && [ -d /run/systemd/system ]; }
 
 idle() {
-    # The files of a running service must not change, and no patient may be in the machine. The pages use them, too.
+    # The files of a running service must not change, and no patient may be in the machine. The clients use them, too.
     local unit
     running || return 0
-    for unit in gaitd-core gaitd-gateway gaitd-sim "${PAGES[@]%.service}"; do
-        ! systemctl --quiet is-active "$unit" || refuse "$unit runs: \`systemctl stop gaitd.target gaitd-sim ${PAGES[*]%.service}\` first"
+    for unit in gaitd-core gaitd-gateway gaitd-sim "${CLIENTS[@]%.service}"; do
+        ! systemctl --quiet is-active "$unit" || refuse "$unit runs: \`systemctl stop gaitd.target gaitd-sim ${CLIENTS[*]%.service}\` first"
     done
 }
 
@@ -109,12 +112,16 @@ configuration() {
     find "$DESTDIR/etc/gaitd" -type d -exec chmod 755 {} +
 }
 
-display_environment() {
+same_version() {
     # Pinned for the version of this clone: another one would get other libraries under its service.
     local installed
     [ -x "$DESTDIR$PREFIX/bin/python" ] || refuse "there is no $PREFIX: \`make install\` first"
     installed=$("$DESTDIR$PREFIX/bin/python" -c 'from importlib.metadata import version; print(version("gaitd"))')
     [ "$installed" = "$(version)" ] || refuse "$PREFIX has gaitd $installed, this clone is $(version): \`make install\` from this clone first"
+}
+
+display_environment() {
+    same_version
     say "adding the pages to $PREFIX, with all pinned dependencies"
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/session ./clients/display
@@ -135,6 +142,29 @@ display_files() {
         for name in patient therapist; do
             chgrp "gaitd-$name" "/etc/gaitd-display/$name.toml"
         done
+        ! running || systemctl daemon-reload
+    fi
+}
+
+assist_environment() {
+    # It needs what the service needs, and no more.
+    same_version
+    say "adding the reference controller to $PREFIX"
+    "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/assist
+}
+
+assist_files() {
+    # An existing file stays, edited or not; a new one has its log where the unit may write.
+    local file=/etc/gaitd-assist/assist.toml
+    put systemd/gaitd-assist.service "$UNITS/gaitd-assist.service"
+    put systemd/gaitd-assist.sysusers /usr/lib/sysusers.d/gaitd-assist.conf
+    if [ ! -e "$DESTDIR$file" ]; then
+        put clients/assist/configs/assist.toml "$file" 640
+        sed -i 's#^log = "#log = "/var/lib/gaitd-assist/#' "$DESTDIR$file"
+    fi
+    if live; then
+        systemd-sysusers gaitd-assist.conf
+        chgrp gaitd-assist "$file"
         ! running || systemctl daemon-reload
     fi
 }
@@ -175,35 +205,35 @@ uninstall() {
         # The core first: it brings both axes to rest.
         systemctl disable --quiet --now "${PARTS[@]}" 2> /dev/null || true
         systemctl reset-failed "${PARTS[@]}" 2> /dev/null || true
-        systemctl disable --quiet --now "${PAGES[@]}" 2> /dev/null || true
+        systemctl disable --quiet --now "${CLIENTS[@]}" 2> /dev/null || true
     fi
-    for name in "${PARTS[@]}" "${PAGES[@]}"; do
+    for name in "${PARTS[@]}" "${CLIENTS[@]}"; do
         rm -f "$DESTDIR$UNITS/$name"
     done
     rm -f "$DESTDIR$UNITS"/{gaitd-core,gaitd-sim}.service.d/{$NO_CAN,20-gaitd-bus.conf} \
         "$DESTDIR$UNITS/service.d/$NO_CAN" "$DESTDIR$WAIT/10-gaitd-wait.conf" \
         "$DESTDIR$NETWORK"/80-gaitd-can0.{link,network} \
-        "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf "$DESTDIR/usr/lib/sysusers.d/gaitd-display.conf" \
+        "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf "$DESTDIR"/usr/lib/sysusers.d/gaitd-{display,assist}.conf \
         "$DESTDIR/usr/bin/gaitd" "$DESTDIR$BASH_COMPLETION" "$DESTDIR$ZSH_COMPLETION"
     for name in "$UNITS"/{gaitd-core.service.d,gaitd-sim.service.d,service.d} "$WAIT"; do
         rmdir --ignore-fail-on-non-empty "$DESTDIR$name" 2> /dev/null || true
     done
     rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR"/var/cache/gaitd{,-sim}
     ! running || systemctl daemon-reload
-    say "gone; /etc/gaitd, /etc/gaitd-display, /var/lib/gaitd and the history of sessions in /var/lib/gaitd-patient"
-    say "are kept (\`make purge\` removes them)"
+    say "gone; /etc/gaitd, /etc/gaitd-display, /etc/gaitd-assist, /var/lib/gaitd, the log in /var/lib/gaitd-assist"
+    say "and the history of sessions in /var/lib/gaitd-patient are kept (\`make purge\` removes them)"
 }
 
 purge() {
     uninstall
-    rm -rf "$DESTDIR/etc/gaitd" "$DESTDIR/etc/gaitd-display" "$DESTDIR"/var/lib/gaitd{,-patient} \
-        "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim,patient,therapist}.service.d
+    rm -rf "$DESTDIR"/etc/gaitd{,-display,-assist} "$DESTDIR"/var/lib/gaitd{,-patient,-assist} \
+        "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim,patient,therapist,assist}.service.d
     if live; then
         local name
-        for name in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist; do
+        for name in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist gaitd-assist; do
             userdel "$name" 2> /dev/null || true
         done
-        for name in gaitd gaitd-training gaitd-patient gaitd-therapist; do
+        for name in gaitd gaitd-training gaitd-patient gaitd-therapist gaitd-assist; do
             groupdel "$name" 2> /dev/null || true
         done
     fi
@@ -211,9 +241,9 @@ purge() {
     say "configuration, state, the history of sessions, credentials and users are gone, too"
 }
 
-usage() { sed -n '2,11p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
+usage() { sed -n '2,13p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
 
-case "${1:-}" in install | files | display | display-files | uninstall | purge) ;; *) usage ;; esac
+case "${1:-}" in install | files | display | display-files | assist | assist-files | uninstall | purge) ;; *) usage ;; esac
 ! live || [ "$(id -u)" -eq 0 ] || refuse "needs root (or DESTDIR=/somewhere to stage a package)"
 case "$1" in
     install)
@@ -223,6 +253,7 @@ case "$1" in
         say "done; nothing was started or enabled. Next: edit /etc/gaitd/trainer.toml, then"
         say "\`gaitd check --config /etc/gaitd/trainer.toml\`, \`gaitd doctor\`, \`systemctl enable --now gaitd.target\`"
         [ ! -e "$DESTDIR$UNITS/${PAGES[0]}" ] || say "the pages are not in the new environment: \`make install-display\` again, before they are started"
+        [ ! -e "$DESTDIR$UNITS/gaitd-assist.service" ] || say "the reference controller is not in the new environment: \`make install-assist\` again, before it is started"
         ;;
     files) idle; files ;;
     display)
@@ -232,6 +263,13 @@ case "$1" in
         say "done; nothing was started or enabled. Next: docs/display.md"
         ;;
     display-files) idle; display_files ;;
+    assist)
+        idle
+        assist_environment
+        assist_files
+        say "done; nothing was started or enabled. Next: docs/assist.md"
+        ;;
+    assist-files) idle; assist_files ;;
     uninstall) uninstall ;;
     purge) purge ;;
 esac

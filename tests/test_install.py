@@ -9,6 +9,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from gaitd_assist import parse_settings
 
 PROJECT = Path(__file__).parents[1]
 INSTALL = PROJECT / "scripts" / "install.sh"
@@ -158,6 +159,26 @@ def test_the_pages_are_installed_only_when_asked_for_and_keep_their_files(machin
     assert not pages & machine.files()
     assert files <= machine.files()
     assert history.exists()
+    machine.run("purge")
+    assert machine.files() == set()
+
+
+def test_the_controller_is_installed_only_when_asked_for_and_keeps_its_file(machine):
+    unit, file = "/usr/lib/systemd/system/gaitd-assist.service", "/etc/gaitd-assist/assist.toml"
+    assert not {unit, file} & machine.files()
+
+    machine.run("assist-files")
+
+    placed = machine / file[1:]
+    assert placed.stat().st_mode & 0o777 == 0o640
+    settings = parse_settings(placed.read_text(), Path(file))
+    assert settings.log == Path("/var/lib/gaitd-assist/assist.jsonl")
+    placed.write_text("edited")
+    machine.run("assist-files")
+    assert placed.read_text() == "edited"
+    machine.run("uninstall")
+    assert unit not in machine.files()
+    assert file in machine.files()
     machine.run("purge")
     assert machine.files() == set()
 

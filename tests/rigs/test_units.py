@@ -18,6 +18,7 @@ EXPOSURE_MAX = {
     "gaitd-gateway": 2.0,
     "gaitd-patient": 2.0,
     "gaitd-therapist": 2.0,
+    "gaitd-assist": 2.0,
 }
 BINDING = ("Requires", "Requisite", "BindsTo", "PartOf", "Upholds", "PropagatesStopTo", "Conflicts")
 FRAMES_OF_A_CYCLE = 2 * (1 + 2 * 2 + 1)
@@ -67,8 +68,10 @@ def placed(request, tmp_path):
             shutil.copy(path, tmp_path)
     for path in tmp_path.rglob("*.*"):
         if path.is_file():
-            text = path.read_text().replace("/opt/gaitd/bin/gaitd-display", str(program))
-            path.write_text(text.replace("/opt/gaitd/bin/gaitd", str(program)))
+            text = path.read_text()
+            for name in ("gaitd-display", "gaitd-assist", "gaitd"):
+                text = text.replace(f"/opt/gaitd/bin/{name}", str(program))
+            path.write_text(text)
     return tmp_path
 
 
@@ -184,8 +187,8 @@ def test_the_folders_of_the_units_are_those_of_the_trainer_file():
 
 
 def test_every_user_of_a_unit_is_made():
-    lines = [*lines_of("gaitd.sysusers"), *lines_of("gaitd-display.sysusers")]
-    made = {line.split()[1] for line in lines}
+    files = [path.name for path in SYSTEMD.glob("*.sysusers")]
+    made = {line.split()[1] for name in files for line in lines_of(name)}
 
     for path in SYSTEMD.glob("*.service"):
         service = unit(path.name)
