@@ -1,13 +1,17 @@
-"""Write the pages and tables of docs/ that are drawn from tables in the code: `make tables`."""
+"""Write what docs/ has from the code (pages, tables, the drawing of the machine): `make tables`."""
 
+import math
 import sys
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parent.parent
 sys.path[:0] = [str(PROJECT)]
 
-from daemon.config.limit_settings import Limits  # noqa: E402 - after the path
-from daemon.config.strict import decoded, read_toml  # noqa: E402
+from analysis.machine_figure import draw  # noqa: E402 - after the path
+from daemon.config.limit_settings import Limits  # noqa: E402
+from daemon.config.robot import leg_parameters  # noqa: E402
+from daemon.config.settings import Robot  # noqa: E402
+from daemon.config.strict import decoded, load_toml, read_toml  # noqa: E402
 from gaitd_lab.mode_page import page  # noqa: E402
 from gaitd_lab.reference_pages import configuration_page, messages_page  # noqa: E402
 from gaitd_lab.role_page import with_tables  # noqa: E402
@@ -25,3 +29,6 @@ def write(folder: Path) -> None:
 
 if __name__ == "__main__":
     write(PROJECT / "docs")
+    robot = load_toml(PROJECT / "configs/robot.toml", Robot)
+    recline_rad = math.radians(robot.geometry.recline_deg)
+    draw(leg_parameters(robot), recline_rad, PROJECT / "docs/machine.png")
