@@ -160,8 +160,11 @@ def test_silence_is_told_within_300_ms_of_the_last_sample(chromium, site, traine
     tab.word("ready")
     tab.page.clock.pause_at(3_600_000)
     tab.page.evaluate(
-        """() => new MutationObserver(() => { window.toldMs = performance.now(); })
-            .observe(document.body, { attributeFilter: ["data-word"] })"""
+        """() => {
+            window.toldMs = performance.now();
+            new MutationObserver(() => { window.toldMs = performance.now(); })
+                .observe(document.body, { attributeFilter: ["data-word"] });
+        }"""
     )
 
     def told_after_ms(word, go_on):
