@@ -2,7 +2,7 @@
 
 canopen's client waits for a queue that a Notifier thread fills. Here the waiting client reads the
 bus itself and passes each frame on, so bring-up needs no thread, and runs the same on a bus in
-memory whose time is simulated. Used of canopen 2.4.1: `SdoClient`, `Network.notify`, abort texts.
+memory whose time is simulated. Used of canopen 2.4.1: `SdoClient`, abort texts.
 Workarounds, with their place in canopen:
 
 - A late reply to an earlier request can satisfy the next one (client.py compares the object only
@@ -17,7 +17,7 @@ counted: two nodes may be answering.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Final, TypeVar
 
 import canopen
 from canopen.sdo.client import ReadableStream, SdoClient
@@ -52,6 +52,9 @@ _REPLY_TO: Final = {0x20: 0x60, 0x40: 0x40, 0x00: 0x20, 0x60: 0x00}
 """Command specifiers (CiA 301 7.2.4.3): download, upload; download segment, upload segment."""
 _WITH_OBJECT: Final = frozenset((0x60, 0x40, _ABORT))
 """Replies whose bytes 1..3 name the object; the same holds for their requests."""
+
+
+_Result = TypeVar("_Result")
 
 
 class Configurator:
@@ -112,16 +115,11 @@ class Configurator:
 
     def write(self, node_id: int, index: int, sub: int, data: bytes) -> None:
         """As `DrivePort.write`."""
-
-        def download(client: _Client) -> bytes:
-            client.download(index, sub, data)
-            return b""
-
-        self._transfer(node_id, index, sub, download)
+        self._transfer(node_id, index, sub, lambda client: client.download(index, sub, data))
 
     def _transfer(
-        self, node_id: int, index: int, sub: int, run: "Callable[[_Client], bytes]"
-    ) -> bytes:
+        self, node_id: int, index: int, sub: int, run: "Callable[[_Client], _Result]"
+    ) -> _Result:
         client = self._client(node_id)
         client.timed_out = False
         client.deadline_ns = self._clock.now_ns() + max(SDO_TRANSFER_NS, self._sdo_timeout_ns)
@@ -162,9 +160,10 @@ class Configurator:
         self.bus_state.assume_restarted()
         service, node_id = frame.can_id & _SERVICE, frame.can_id & _NODE
         if service == _SDO_REPLY_ID:
-            self._network.notify(frame.can_id, bytearray(frame.data), 0.0)
             if node_id in self._clients:
-                self.traffic(node_id).sdo_repeat_count = self._clients[node_id].repeat_count
+                client = self._clients[node_id]
+                client.receive(frame.data)
+                self.traffic(node_id).sdo_repeat_count = client.repeat_count
         elif service == HEARTBEAT_ID:
             self._receive_heartbeat(node_id, frame.data)
         elif service == EMERGENCY_ID and node_id:
@@ -207,6 +206,13 @@ class _Network(canopen.Network):
 class _Client(SdoClient):
     """One node's SDO client, which reads the bus while it waits."""
 
+    deadline_ns: int
+    """End of the transfer, set for each one."""
+    timed_out: bool
+    """The transfer had no reply in time, set for each one."""
+    _object: bytes
+    """Index and sub-index of the transfer, as in its frames."""
+
     def __init__(
         self, node_id: int, network: _Network, await_reply: "Callable[[_Client], None]"
     ) -> None:
@@ -218,22 +224,17 @@ class _Client(SdoClient):
         self._await_reply = await_reply
         self._reply: int | None = None
         """Command specifier of the reply to the pending request; None: no request is pending."""
-        self._object = b""
-        """Index and sub-index of the transfer, as in its frames."""
         self._given: bytes | None = None
         """Identifies the reply that ended the last request."""
-        self.deadline_ns = 0
-        self.timed_out = False
         self.repeat_count = 0
         """Replies that repeat the last accepted one."""
-        network.subscribe(self.tx_cobid, self.on_response)
 
-    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        reply = bytes(data)
+    def receive(self, reply: bytes) -> None:
+        """Take a reply, unless it belongs to another request."""
         if self._belongs(reply):
             self._reply = None
             self._given = _identity(reply)
-            super().on_response(can_id, data, timestamp)
+            self.responses.put(reply)
         else:
             self.repeat_count += _identity(reply) == self._given
 

@@ -52,7 +52,10 @@ def receive(port, *frames):
         (0x700 + NODE, b"\x05", {"heartbeat_count": 1, "nmt_state": NmtState.OPERATIONAL}),
         (0x700 + NODE, b"\x05\x05", {}),
         (0x580 + NODE, b"\x43\x00\x10\x00" + NUMBER, {}),
-        *((service + NODE, b"ab", {}) for service in (0x000, 0x100, 0x200, 0x500, 0x600, 0x680)),
+        *(
+            (service + NODE, b"ab", {})
+            for service in (0x000, 0x100, 0x200, 0x500, 0x600, 0x680, 0x780)
+        ),
     ],
 )
 def test_each_frame_is_counted_for_its_node(can_id, data, counted):
@@ -243,6 +246,21 @@ def test_the_wait_for_a_reply_is_cut_into_slices_and_ends_exactly():
 
     assert [(call_ns - begun_ns) // MS for call_ns in calls] == [10, 20, 25]
     assert clock.now_ns() - begun_ns == 25 * MS
+
+
+def test_a_wait_that_ends_late_is_over():
+    port, _, clock = silent()
+    receive_until = port._bus.receive_until
+
+    def late(deadline_ns, its_clock):
+        frames = receive_until(deadline_ns, its_clock)
+        clock.time_ns += 1
+        return frames
+
+    port._bus.receive_until = late
+
+    with pytest.raises(SdoTimeout):
+        port.read(NODE, 0x1000, 0)
 
 
 def test_a_reply_of_the_last_moment_counts_and_a_later_one_does_not():
