@@ -80,7 +80,6 @@ class Configurator:
         self.bus_state = bus_state or BusMonitor()
         self._meanwhile = meanwhile
         self.foreign_sync_count = 0
-        self._network = _Network(self._send_one)
         self._clients: dict[int, _Client] = {}
         self._traffic: dict[int, NodeTraffic] = {}
         self._watches: dict[int, HeartbeatWatch] = {}
@@ -136,7 +135,7 @@ class Configurator:
     def _client(self, node_id: int) -> "_Client":
         client = self._clients.get(node_id)
         if client is None:
-            client = self._clients[node_id] = _Client(node_id, self._network, self._await_reply)
+            client = self._clients[node_id] = _Client(node_id, self._send_one, self._await_reply)
         return client
 
     def _await_reply(self, client: "_Client") -> None:
@@ -190,19 +189,6 @@ class Configurator:
             traffic.heartbeat_count += 1
 
 
-class _Network(canopen.Network):
-    """canopen's network without a bus of its own: sends through the given bus, never receives."""
-
-    def __init__(self, send: Callable[[Frame], None]) -> None:
-        super().__init__()
-        self._send = send
-
-    def send_message(self, can_id: int, data: bytes, remote: bool = False) -> None:
-        if remote:
-            raise NotImplementedError("no remote frames: some drives have none")
-        self._send(Frame(can_id, bytes(data)))
-
-
 class _Client(SdoClient):
     """One node's SDO client, which reads the bus while it waits."""
 
@@ -210,20 +196,24 @@ class _Client(SdoClient):
     """End of the transfer, set for each one."""
     timed_out: bool
     """The transfer had no reply in time, set for each one."""
+    _reply: int | None
+    """Command specifier of the reply to the last request; None: it has come."""
     _object: bytes
     """Index and sub-index of the transfer, as in its frames."""
 
     def __init__(
-        self, node_id: int, network: _Network, await_reply: "Callable[[_Client], None]"
+        self,
+        node_id: int,
+        send: Callable[[Frame], None],
+        await_reply: "Callable[[_Client], None]",
     ) -> None:
         empty = canopen.ObjectDictionary()
-        super().__init__(_SDO_REQUEST_ID + node_id, _SDO_REPLY_ID + node_id, empty)
+        # Its second argument is for canopen's own reception, which is not used.
+        super().__init__(_SDO_REQUEST_ID + node_id, 0, empty)
         # The reply was received, or the wait is over, before the queue is read.
         self.RESPONSE_TIMEOUT = 0
-        self.network = network
+        self._send = send
         self._await_reply = await_reply
-        self._reply: int | None = None
-        """Command specifier of the reply to the pending request; None: no request is pending."""
         self._given: bytes | None = None
         """Identifies the reply that ended the last request."""
         self.repeat_count = 0
@@ -254,8 +244,10 @@ class _Client(SdoClient):
 
     def read_response(self) -> bytes:
         self._await_reply(self)
-        self._reply = None
         return super().read_response()
+
+    def send_request(self, request: bytes) -> None:
+        self._send(Frame(self.rx_cobid, bytes(request)))
 
     def abort(self, abort_code: int = 0x0800_0000) -> None:
         self.send_request(bytes((_ABORT,)) + self._object + abort_code.to_bytes(4, "little"))

@@ -1,5 +1,6 @@
 """What the port of bring-up sends, counts and waits for, on a bus in memory, frame by frame."""
 
+import queue
 import struct
 from collections import deque
 
@@ -53,7 +54,7 @@ def receive(port, *frames):
         (0x700 + NODE, b"\x05\x05", {}),
         (0x580 + NODE, b"\x43\x00\x10\x00" + NUMBER, {}),
         *(
-            (service + NODE, b"ab", {})
+            (service + NODE, b"\x05", {})
             for service in (0x000, 0x100, 0x200, 0x500, 0x600, 0x680, 0x780)
         ),
     ],
@@ -179,15 +180,6 @@ def test_sync_and_state_of_the_bus_are_the_owner_s_or_new_ones():
     assert port.bus_state.condition is BusCondition.ACTIVE
 
 
-def test_no_remote_frame_is_sent():
-    port, _, _ = silent()
-
-    port._network.send_message(0x605, bytearray(b"ab"))
-    assert port._bus.sent == [Frame(0x605, b"ab")]
-    with pytest.raises(NotImplementedError, match="no remote frames"):
-        port._network.send_message(0x605, b"", remote=True)
-
-
 # --- transfers ------------------------------------------------------------------------------------
 
 
@@ -244,7 +236,7 @@ def test_the_wait_for_a_reply_is_cut_into_slices_and_ends_exactly():
     with pytest.raises(SdoTimeout, match="within 25 ms"):
         port.read(NODE, 0x1000, 0)
 
-    assert [(call_ns - begun_ns) // MS for call_ns in calls] == [10, 20, 25]
+    assert [call_ns - begun_ns for call_ns in calls] == [10 * MS, 20 * MS, 25 * MS]
     assert clock.now_ns() - begun_ns == 25 * MS
 
 
@@ -261,6 +253,29 @@ def test_a_wait_that_ends_late_is_over():
 
     with pytest.raises(SdoTimeout):
         port.read(NODE, 0x1000, 0)
+
+
+def test_canopen_waits_by_no_clock_of_its_own(monkeypatch):
+    timeouts_s, get = [], queue.Queue.get
+
+    def recorded(self, block=True, timeout=None):
+        timeouts_s.append(timeout)
+        return get(self, block, timeout)
+
+    monkeypatch.setattr(queue.Queue, "get", recorded)
+    port, _, _ = client(number)
+    port.read(NODE, 0x1000, 0)
+
+    assert timeouts_s == [0]
+
+
+def test_an_abort_without_a_code_is_a_general_error():
+    port, server, _ = client(number)
+    port.read(NODE, 0x1018, 2)
+
+    port._clients[NODE].abort()
+
+    assert server.aborts == [bytes.fromhex("8018100200000008")]
 
 
 def test_a_reply_of_the_last_moment_counts_and_a_later_one_does_not():
@@ -373,6 +388,27 @@ def test_a_reply_that_repeats_the_one_before_is_counted(again, repeats):
 
     assert port.traffic(NODE).sdo_repeat_count == repeats
     assert port.traffic(OTHER_NODE).sdo_repeat_count == 0
+
+
+def test_two_replies_at_the_same_time_are_one_and_its_repeat():
+    port, _, _ = client(number)
+    port._bus.put(Frame(0x585, b"\x43\x00\x10\x00" + NUMBER), 1 * MS)
+
+    assert port.read(NODE, 0x1000, 0) == NUMBER
+    assert port.traffic(NODE).sdo_repeat_count == 1
+
+
+def test_a_late_reply_to_a_request_that_was_given_up_repeats_none():
+    port, server, _ = client(number)
+    port.read(NODE, 0x1000, 0)
+    server.reply = lambda request: []
+    with pytest.raises(SdoTimeout):
+        port.read(NODE, 0x1000, 0)
+
+    receive(port, Frame(0x585, b"\x43\x00\x10\x00" + NUMBER))
+    assert port.traffic(NODE).sdo_repeat_count == 0
+    server.reply = lambda request: [b"\x4f" + request[1:4] + b"\x07\0\0\0"]
+    assert port.read(NODE, 0x1001, 0) == b"\x07"
 
 
 def test_a_segment_is_repeated_by_its_command_and_toggle_bit():

@@ -34,6 +34,8 @@ class MemoryBus:
         self.sent: list[Frame] = []
         self.coming: list[tuple[int, int, Frame]] = []
         self.count = 0
+        self.idle_count = 0
+        """Waits in a row in which nothing came and no time passed."""
 
     def put(self, frame: Frame, after_ns: int = 0) -> None:
         self.coming.append((self.clock.now_ns() + after_ns, self.count, frame))
@@ -58,10 +60,14 @@ class MemoryBus:
         return [frame for _, _, frame in due]
 
     def receive_until(self, deadline_ns: int, clock: Clock) -> list[Frame]:
+        began_ns = self.clock.now_ns()
         while not (frames := self.drain()) and self.clock.now_ns() < deadline_ns:
             waits = [entry[0] for entry in self.coming]
             waits += [node.next_beat_ns for node in self.nodes if node.next_beat_ns is not None]
             self.clock.time_ns = max(self.clock.now_ns(), min([deadline_ns, *waits]))
+        is_idle = not frames and self.clock.now_ns() == began_ns
+        self.idle_count = self.idle_count + 1 if is_idle else 0
+        assert self.idle_count < 100, "it waits without end: no time passes"
         return frames
 
     def close(self) -> None:
