@@ -33,6 +33,7 @@ Rules:
     switch them off. A drive that does not answer may still receive.
 """
 
+from bisect import bisect_right
 from collections.abc import Generator, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple
@@ -112,15 +113,18 @@ class DriveReport(NamedTuple):
 class _DriveState:
     """One drive during bring-up, and what its steps have read."""
 
+    reset_ns: int
+    boot_up_count: int
+    """Its boot-up messages before the reset, then with those of this boot."""
+    sdo_repeat_count: int
+    """Its repeated SDO replies before the reset."""
+
     def __init__(self, plan: DrivePlan) -> None:
         self.plan = plan
         self.description: DriveDescription = plan.description
         self.name = plan.description.name
         self.node_id = plan.description.node_id
-        self.reset_ns = 0
-        self.boot_up_count = 0
         self.booted = False
-        self.sdo_repeat_count = 0
         self.values: dict[tuple[int, int], int] = {}
 
     def target(self, port: DrivePort) -> SdoTarget:
@@ -180,10 +184,9 @@ def _ordered(drives: Sequence[_DriveState], *, together: bool) -> list[tuple[_Dr
     phased: list[tuple[int, _DriveState, Step]] = []
     for drive in drives:
         steps = drive.plan.steps
-        power = [step.kind for step in steps].index(StepKind.POWER) if together else -1
-        for number, step in enumerate(steps):
-            phase = 1 + (number >= power) + (number > power)
-            phased.append((0 if step.kind is StepKind.RESET else phase, drive, step))
+        power = [step.kind for step in steps].index(StepKind.POWER)
+        starts = (1, power, power + 1) if together else (1,)  # the reset is the first step
+        phased += [(bisect_right(starts, number), drive, step) for number, step in enumerate(steps)]
     return [(drive, step) for _, drive, step in sorted(phased, key=lambda one: one[0])]
 
 

@@ -1,9 +1,10 @@
 """Each rule of bring-up on a port on which time passes only while it waits: when, what, who."""
 
-from collections import deque
+import dataclasses
 
+import msgspec
 import pytest
-from bringup_bench import Bench
+from bringup_bench import START, Bench, silent
 from drive_files import CYCLE, HIP_LIMITS, SLIDE_LIMITS, drive
 from memory_bus import MS, ManualClock
 
@@ -119,13 +120,20 @@ def port():
 
 @pytest.fixture
 def drives():
-    return [bringup._DriveState(one) for one in PLANS]
+    """Two drives of which nothing was received before their reset."""
+    made = [bringup._DriveState(one) for one in PLANS]
+    for one in made:
+        one.boot_up_count = one.sdo_repeat_count = 0
+    return made
 
 
-def failure(steps, kind=DriveSilent):
-    """The error with which steps end; how often they say something before does not matter."""
+def failure(steps, kind=DriveSilent, text=None):
+    """The error with which steps end; how often they say their text before does not matter."""
+    said = set()
     with pytest.raises(kind) as caught:
-        deque(steps, maxlen=0)
+        for one in steps:
+            said.add(one)
+    assert text is None or said <= {text}
     return caught.value
 
 
@@ -161,6 +169,43 @@ def test_the_power_of_all_drives_is_read_after_each_has_been_identified():
     kinds = [step.kind for step in PLANS[0].steps]
 
     assert kinds.index(StepKind.POWER) > kinds.index(StepKind.ALONE)
+
+
+FIRST_OF_KIND = {step.kind: step for step in reversed(PLANS[0].steps) if step.index}
+
+
+@pytest.mark.parametrize("kind", [*FIRST_OF_KIND, StepKind.ALONE])
+def test_each_step_touches_its_object(kind):
+    step = FIRST_OF_KIND.get(kind)
+    place = (0x1018, 4) if step is None else (step.index, step.sub)
+    bench = Bench(hip={"mute": {place}})
+
+    error = silent(bench)
+
+    assert error.drive == "right/hip"
+    assert f"{place[0]:04X}h:{place[1]:02X}" in error.what
+    assert str(step or "alone")[:5] not in {p.text[:5] for p in bench.progress[-1:]}
+
+
+def test_a_drive_that_reboots_or_falls_silent_is_not_started():
+    for misbehaves, kind in (
+        ({"reboot_on_write": (0x6080, 0)}, BootFailure.REBOOTED),
+        ({"no_heartbeat": True}, BootFailure.NO_HEARTBEAT),
+    ):
+        bench = Bench(hip=misbehaves)
+        assert silent(bench).failure is kind
+        assert START not in [data[:1] for data in bench.sent(0)]
+
+
+@pytest.mark.parametrize("may_switch_off", [False, True])
+def test_power_is_switched_off_where_that_was_requested(may_switch_off):
+    bench = Bench(hip={"disabled_statusword": OFF})
+    bench.hip.values[0x6041, 0] = ENABLED
+
+    if may_switch_off:
+        assert bench.run(may_switch_off=True)[0].statusword == OFF
+        return
+    assert failure(bring_up(bench.plans, bench.port, CYCLE), DrivePowered).drive == "right/hip"
 
 
 # --- boot -----------------------------------------------------------------------------------------
@@ -408,6 +453,7 @@ def test_all_drives_are_started_at_once_and_share_the_time_to_become_operational
 
 def test_a_drive_that_does_not_start_is_named(port, drives):
     port.after(30, lambda: port.beats(NmtState.OPERATIONAL, HIP))
+    port.after(40, lambda: port.beats(NmtState.STOPPED, SLIDE))
 
     error = failure(bringup._start(drives, port, CYCLE))
 
@@ -423,7 +469,7 @@ def test_each_drive_that_has_started_must_be_the_same_still(port, drives, number
     drives[number].booted = True
     port.boots((HIP, SLIDE)[number])
 
-    error = failure(bringup._start(drives, port, CYCLE))
+    error = failure(bringup._start(drives, port, CYCLE), text="NMT start")
 
     assert (error.drive, error.failure) == (drives[number].name, BootFailure.REBOOTED)
 
@@ -476,7 +522,7 @@ def test_each_drive_that_has_sent_its_sample_must_be_the_same_still(port, drives
     drives[number].booted = True
     port.boots((HIP, SLIDE)[number])
 
-    error = failure(bringup._first_samples(drives, port, CYCLE))
+    error = failure(bringup._first_samples(drives, port, CYCLE), text="first samples")
 
     assert (error.drive, error.failure) == (drives[number].name, BootFailure.REBOOTED)
 
@@ -516,8 +562,10 @@ def test_another_master_is_found_at_whatever_step_it_begins(text, foreign):
     bench.bus.put(foreign)
     bench.port.wait(bench.clock.now_ns())
 
-    error = failure(steps)
+    with pytest.raises(DriveSilent) as caught:
+        next(steps)
 
+    error = caught.value
     assert (error.drive, error.failure) == ("", BootFailure.FOREIGN_MASTER)
 
 
@@ -568,6 +616,29 @@ def test_a_report_says_what_the_drive_has_shown(kind, torque):
     assert hip.reference_lost
     assert (slide.error_code, slide.error_text, slide.emergencies) == (0, "", ())
     assert (slide.homed, slide.reference_lost) == (False, False)
+
+
+@pytest.mark.parametrize(("statusword", "homed"), [(0x1240, True), (0x2A40, False)])
+def test_the_bit_that_the_profile_names_says_whether_the_drive_is_homed(statusword, homed):
+    bench = Bench()
+    description = bench.plans[0].description
+    profile = msgspec.structs.replace(description.profile, referenced_bit=12)
+    description = dataclasses.replace(description, profile=profile)
+    bench.plans = (plan(description, HIP_LIMITS, CYCLE), bench.plans[1])
+    bench.hip.values[0x6041, 0] = statusword
+
+    hip, _ = bench.run()
+
+    assert hip.homed is homed
+
+
+def test_a_position_of_too_few_bytes_is_refused(port, drives):
+    port.read = lambda *place: b"\0\0"
+    seed = FIRST_OF_KIND[StepKind.SEED_POSITION]
+
+    error = failure(bringup._run(seed, drives[0], (), port, CYCLE), BringUpRefused)
+
+    assert (error.place, error.reason) == ("6064h:00", "2 bytes instead of 4 (position)")
 
 
 @pytest.mark.parametrize("position", [-30_000, -100, 30_000])
