@@ -4,7 +4,7 @@ import dataclasses
 
 import msgspec
 import pytest
-from bringup_bench import START, Bench, silent
+from bringup_bench import START, Bench, refused, silent
 from drive_files import CYCLE, HIP_LIMITS, SLIDE_LIMITS, drive
 from memory_bus import MS, ManualClock
 
@@ -185,6 +185,13 @@ def test_each_step_touches_its_object(kind):
     assert error.drive == "right/hip"
     assert f"{place[0]:04X}h:{place[1]:02X}" in error.what
     assert str(step or "alone")[:5] not in {p.text[:5] for p in bench.progress[-1:]}
+
+
+def test_a_second_node_under_one_number_is_looked_for_before_the_drive_is_configured():
+    bench = Bench(hip={"serials": (0x1111, 0x2222)})
+
+    assert refused(bench).failure is BootFailure.DUPLICATE_NODE
+    assert bench.hip.written == []
 
 
 def test_a_drive_that_reboots_or_falls_silent_is_not_started():
