@@ -262,8 +262,3 @@ def test_what_runs_beside_bring_up_is_called_every_ten_milliseconds_of_waiting()
     waits_ns = {later - before for before, later in pairwise(called_ns)}
     assert len(called_ns) >= 30
     assert max(waits_ns) <= 10_000_000
-
-
-def test_no_remote_frame_is_ever_sent():
-    with pytest.raises(NotImplementedError, match="no remote frames"):
-        Bench().port._network.send_message(0x605, b"", remote=True)
