@@ -136,6 +136,8 @@ class _Loop(NamedTuple):
     numbers: Pair
     gains_with: Callable[[Pair], Gains]
     """The gains of the loop with other numbers."""
+    stiffness_keys: tuple[str, str] | None = None
+    """The numbers that are named where no damping helps."""
 
 
 def loop_meanings(settings: Settings) -> tuple[LoopMeaning, ...]:
@@ -298,7 +300,8 @@ def _guided(name: str, file: str, keys: tuple[str, str], table: Impedance) -> _L
     def with_damping(damping: Pair) -> Gains:
         return Gains(stiffness, damping)
 
-    return _Loop(name, file, keys, numbers, with_damping)
+    stiff = f"{name}.hip_stiffness_nm_per_rad", f"{name}.slide_stiffness_n_per_m"
+    return _Loop(name, file, keys, numbers, with_damping, stiff)
 
 
 def _both(settings: Settings, loop: _Loop) -> Iterator[_Loop]:
@@ -329,6 +332,12 @@ def _meaning(loop: _Loop, legs: tuple[Poses, ...], period_s: float) -> LoopMeani
     )
     at = poses.picked(np.array([index]))
     axis = min((0, 1), key=lambda axis: margin_of(at, _only(gains, axis), period_s)[0])
+    key, value, allowed = loop.keys[axis], loop.numbers[axis], ""
+    if margin < 1.0:
+        allowed = _allowed_damping(loop, legs, axis, period_s)
+        if not allowed and loop.stiffness_keys is not None:
+            key, value = loop.stiffness_keys[axis], gains.stiffness[axis]
+            allowed = _allowed_stiffness(gains, legs, axis, period_s)
     hip_rad, slide_m = poses.position[index].tolist()
     return LoopMeaning(
         loop=loop.name,
@@ -337,9 +346,9 @@ def _meaning(loop: _Loop, legs: tuple[Poses, ...], period_s: float) -> LoopMeani
         hip_deg=math.degrees(hip_rad),
         slide_m=slide_m,
         file=loop.file,
-        key=loop.keys[axis],
-        value=loop.numbers[axis],
-        allowed="" if margin >= 1.0 else _allowed(loop, legs, axis, period_s),
+        key=key,
+        value=value,
+        allowed=allowed,
         bounds_itself=loop.name.startswith(_SOFT),
     )
 
@@ -350,20 +359,34 @@ def _only(gains: Gains, axis: int) -> Gains:
     return Gains(*pairs)
 
 
-def _allowed(loop: _Loop, legs: tuple[Poses, ...], axis: int, period_s: float) -> str:
-    """The values of one number, beside all others, with which the loop does not shake."""
+def _allowed_damping(loop: _Loop, legs: tuple[Poses, ...], axis: int, period_s: float) -> str:
+    """The values of one damping, beside all others, with which the loop does not shake; or ""."""
     stiffness = loop.gains_with(loop.numbers).stiffness[axis]
     start = loop.numbers[axis] or stiffness * period_s
     stable: list[float] = []
     for value in (start * TRIED).tolist():
         numbers = (value, loop.numbers[1]) if axis == 0 else (loop.numbers[0], value)
-        gains = _only(loop.gains_with(numbers), axis)
-        if not any(len(_unstable(poses, gains, period_s)) for poses in legs):
+        if _is_stable(_only(loop.gains_with(numbers), axis), legs, period_s):
             stable.append(value)
     if not stable:
-        return f"none with a stiffness of {stiffness:g}" if stiffness else "less"
+        return "" if stiffness else "less"
     least = f">= {stable[0]:.3g} and " if stiffness else ""
     return f"{least}<= {stable[-1]:.3g}"
+
+
+def _allowed_stiffness(gains: Gains, legs: tuple[Poses, ...], axis: int, period_s: float) -> str:
+    """The stiffness of one axis, beside its damping, with which the loop does not shake."""
+    only = _only(gains, axis)
+    tried = (
+        (ratio * only.stiffness[0], ratio * only.stiffness[1]) for ratio in TRIED[::-1].tolist()
+    )
+    stable = (pair for pair in tried if _is_stable(only._replace(stiffness=pair), legs, period_s))
+    found = next(stable, None)
+    return "less, with another damping" if found is None else f"<= {found[axis]:.3g}"
+
+
+def _is_stable(gains: Gains, legs: tuple[Poses, ...], period_s: float) -> bool:
+    return not any(len(_unstable(poses, gains, period_s)) for poses in legs)
 
 
 def _end_springs(

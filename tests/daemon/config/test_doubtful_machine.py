@@ -138,7 +138,7 @@ LOOPS = [
     ),
     row(
         *("trainer.toml", "slide_stiffness_n_per_m = 4000.0", "slide_stiffness_n_per_m = 20000.0"),
-        *("hold.slide_damping_n_s_per_m", "250.0", "none with a stiffness of 20000: "),
+        *("hold.slide_stiffness_n_per_m", "20000.0", "<= 1"),
     ),
     row(
         *("trainer.toml", "damping_beyond_n_s_per_m = 350.0", "damping_beyond_n_s_per_m = 1500.0"),
