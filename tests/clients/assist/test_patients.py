@@ -94,12 +94,12 @@ def test_a_patient_who_does_half_gets_less_help_than_a_passive_one(warm_gym):
 
 
 def test_an_able_patient_is_left_alone(warm_gym):
-    is_left_alone(warm_gym.walk(of_ability(1.0), 7, soon_at_the_floor()), 0.5)
+    is_left_alone(warm_gym.walk(of_ability(1.0), 6, soon_at_the_floor()), 0.5)
 
 
 def test_friction_that_is_estimated_wrong_brings_no_assist(warm_lugre_gym):
     """The observer takes several newtons of LuGre friction for the patient."""
-    is_left_alone(warm_lugre_gym.walk(of_ability(1.0), 7, soon_at_the_floor()), 0.5)
+    is_left_alone(warm_lugre_gym.walk(of_ability(1.0), 5, soon_at_the_floor()), 0.5)
 
 
 def test_a_resisting_patient_is_guided_and_not_pushed_hard(warm_gym):
