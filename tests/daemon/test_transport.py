@@ -297,7 +297,11 @@ def integers_and_texts(kind, place=""):
         case inspect.VarTupleType(item_type=item) | inspect.ListType(item_type=item):
             yield f"{place}[]", kind
             yield from integers_and_texts(item, place)
-        case inspect.IntType() | inspect.StrType() | inspect.DictType():
+        case inspect.DictType(key_type=key, value_type=value):
+            yield f"{place}{{}}", kind
+            yield from integers_and_texts(key, f"{place} key")
+            yield from integers_and_texts(value, f"{place}[key]")
+        case inspect.IntType() | inspect.StrType():
             yield place, kind
 
 
@@ -311,7 +315,12 @@ def test_what_somebody_else_may_write_has_a_bound(kind):
             case inspect.IntType(ge=low, le=high):
                 assert low is not None, place
                 assert high <= 2**63 - 1, place
-            case inspect.StrType(max_length=most) | inspect.VarTupleType(max_length=most):
+            case (
+                inspect.StrType(max_length=most)
+                | inspect.VarTupleType(max_length=most)
+                | inspect.DictType(max_length=most)
+            ):
+                assert most is not None, place
                 assert most <= 64, place
             case _:
                 pytest.fail(f"{place} has no bound")

@@ -47,7 +47,7 @@ DriftCorrelation = Annotated[
 
 ReportedValues = Annotated[
     dict[
-        Annotated[str, Meta(pattern="^[a-z][a-z0-9_]{0,47}$")],
+        Annotated[str, Meta(max_length=48, pattern="^[a-z][a-z0-9_]*$")],
         float | Annotated[tuple[float | None, ...], Meta(max_length=64)] | None,
     ],
     Meta(
