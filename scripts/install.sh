@@ -203,9 +203,11 @@ uninstall() {
     local name
     if running; then
         # The core first: it brings both axes to rest.
-        systemctl disable --quiet --now "${PARTS[@]}" 2> /dev/null || true
-        systemctl reset-failed "${PARTS[@]}" 2> /dev/null || true
-        systemctl disable --quiet --now "${CLIENTS[@]}" 2> /dev/null || true
+        # One by one: with one that is not installed in the list systemctl would stop none.
+        for name in "${PARTS[@]}" "${CLIENTS[@]}"; do
+            systemctl disable --quiet --now "$name" 2> /dev/null || true
+            systemctl reset-failed "$name" 2> /dev/null || true
+        done
     fi
     for name in "${PARTS[@]}" "${CLIENTS[@]}"; do
         rm -f "$DESTDIR$UNITS/$name"
