@@ -91,9 +91,11 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
         **{
             (fault, "self_test", ""): _late(
                 fault,
-                "an axis stands until its turn has come, and then moves slowly",
+                "an axis stands until its turn has come, and then moves slowly; what holds it may"
+                " look like a spasm",
                 Cause.SELF_TEST_FAILED,
                 Cause.VELOCITY_LIMIT,
+                Cause.SPASM,
                 by=(S2,),
             )
             for fault in _SEEN_IN_MOTION
