@@ -61,6 +61,8 @@ CONSEQUENCES: Final = frozenset(
 """Causes that a second fault may add to the stop of the first one, or by which it comes first."""
 PUSH: Final = "end_stop"
 """The fault in which the patient pushes harder than a drive can hold."""
+OF_PATIENT: Final = frozenset({"end_stop", "voluntary_push", "spasm"})
+"""What the patient does: the second of two replaces the first, which then need not show."""
 JAMS: Final = frozenset({"blocked_rotor", "brake_stuck"})
 """Faults that hold a joint: where it stands, they hide what would move it."""
 DELAYS: Final = frozenset(
@@ -183,7 +185,7 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
         causes=pair_law.causes | unlike_a_jump,
         within_cycles=within_cycles,
         pushed=pushed,
-        may_go_on=pair_law.may_go_on or (pushed and hidden),
+        may_go_on=pair_law.may_go_on or (pushed and hidden) or names <= OF_PATIENT,
     )
 
 
