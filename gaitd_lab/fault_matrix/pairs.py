@@ -61,6 +61,8 @@ CONSEQUENCES: Final = frozenset(
 """Causes that a second fault may add to the stop of the first one, or by which it comes first."""
 PUSH: Final = "end_stop"
 """The fault in which the patient pushes harder than a drive can hold."""
+LOSING: Final = frozenset({"core_35ms", "queue_full_once"})
+"""Two faults that each lose samples, alone fewer than make a drive silent: together they may."""
 OF_PATIENT: Final = frozenset({"end_stop", "voluntary_push", "spasm"})
 """What the patient does: the second of two replaces the first, which then need not show."""
 JAMS: Final = frozenset({"blocked_rotor", "brake_stuck"})
@@ -179,6 +181,8 @@ def law_of(cell: Cell, exit_code: int | None) -> Law:
         for one, its_law in zip(parts[:2], (first, second), strict=True)
     )
     unheard = CORE_ENDS if parts.on_other_axis else CORE_ENDS | CUT_OFF
+    if names >= LOSING:
+        pair_law = replace(pair_law, stops=True, may_go_on=True)
     return replace(
         pair_law,
         unreachable=bool(names & REVERSED and names & unheard),
