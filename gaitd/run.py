@@ -90,7 +90,8 @@ class _Supervisor:
         address = os.fsdecode(self._notices.getsockname()).replace("\0", "@")
         return subprocess.Popen(
             arguments,
-            env={**os.environ, "NOTIFY_SOCKET": address} if part == "core" else None,
+            # A supervisor above this one keeps its own notifications.
+            env={"NOTIFY_SOCKET": address, **os.environ} if part == "core" else None,
             start_new_session=True,
             preexec_fn=_end_with_parent,  # noqa: PLW1509 - this process has one thread
         )
