@@ -40,6 +40,12 @@ window.AudioContext = class extends AudioContext {
 };
 """
 """Counts tones. Chromium takes a look of Playwright for a touch, and may allow sound: here not."""
+NO_MORE_PAINT = """
+const frame = window.requestAnimationFrame.bind(window);
+window.requestAnimationFrame = () => 0;
+new Promise(frame);
+"""
+"""The page asks for no frame any more; evaluated when the one that it had asked for is painted."""
 HOUR_FRAMES = 60 * 3600
 STEP_MS = 10
 
@@ -283,7 +289,7 @@ def test_the_alarm_sounds_in_a_tab_that_paints_nothing_and_for_a_server_that_is_
     tab.page.reload()
     tab.word("ready")
     tab.page.click("#sound")
-    tab.page.evaluate("window.requestAnimationFrame = () => 0")
+    tab.page.evaluate(NO_MORE_PAINT)
     player.play(mode=Mode.FAULT, cause=Cause.SPASM)
     tab.until("tones > 0")
     player.walk(3.5)
