@@ -33,6 +33,9 @@ def command(
         list[Path] | None,
         typer.Option(metavar="FILE", help="judge on this recording; else on a part of IN"),
     ] = None,
+    noise: Annotated[
+        bool, typer.Option("--noise", help="set the observer's process noise, too")
+    ] = False,
     check: Annotated[
         bool, typer.Option("--check", help="only look for a wrong recline, spring or offset")
     ] = False,
@@ -46,7 +49,7 @@ def command(
         if check:
             _check(recorded, robot)
         else:
-            _calibrate(recorded, robot, output, page, held_out or [])
+            _calibrate(recorded, robot, output, page, held_out or [], noise=noise)
 
 
 def _check(recorded: list[Path], robot_file: Path) -> None:
@@ -61,7 +64,13 @@ def _check(recorded: list[Path], robot_file: Path) -> None:
 
 
 def _calibrate(
-    recorded: list[Path], robot_file: Path, output: Path, page: Path | None, held_out: list[Path]
+    recorded: list[Path],
+    robot_file: Path,
+    output: Path,
+    page: Path | None,
+    held_out: list[Path],
+    *,
+    noise: bool,
 ) -> None:
     from analysis.calibration.robot_file import write
     from analysis.calibration.session import calibrate
@@ -76,6 +85,7 @@ def _calibrate(
             _robot(robot_file),
             _sources(held_out),
             lambda misfit, share: update(share, f"calibrating  {misfit}"),
+            with_noise=noise,
         )
     _report(made)
     if page is not None:
@@ -121,4 +131,6 @@ def _report(made: "Calibration") -> None:
             f"contact      {share:.0%} of the rows, from {made.contact_s[0]:.0f} s on, not judged: "
             "an end stop, or it was touched"
         )
+    for key, std in made.process_noise.items():
+        print(f"noise        {key} = {std:.3g}")
     show(tables(made))

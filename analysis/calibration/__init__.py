@@ -2,7 +2,7 @@
 
 Reading order: `motion` (recordings prepared), `innovations` (the filter whose innovations are
 scored), `quantities` (what can be calibrated), `start` (initial values by regression), `likelihood`
-and `fit` (maximum likelihood, intervals, unidentifiable values), `empty_check` (wrong recline,
-spring or offset), `verdict` (before and after on held-out data), `advice`, `robot_file`, `figures`,
-`page`.
+and `fit` (maximum likelihood, intervals, unidentifiable values), `process_noise` (of the observer),
+`empty_check` (wrong recline, spring or offset), `verdict` (before and after on held-out data),
+`advice`, `robot_file`, `figures`, `page`.
 """

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from analysis.calibration.empty_check import Check, check, refuse_wrong_branch
 from analysis.calibration.fit import FOLLOWS, Fit, Progress, fit
 from analysis.calibration.motion import Motion, prepare
+from analysis.calibration.process_noise import process_noise, with_process_noise
 from analysis.calibration.quantities import KEYS, frame_of, labelled
 from analysis.calibration.verdict import (
     Disturbance,
@@ -52,6 +53,8 @@ class Calibration:
     """Reason why the file to begin with is as good; empty if the new one is better."""
     contact_s: NDArray[np.float64]
     """Times of excluded rows: a short contact, for instance with an end stop."""
+    process_noise: Mapping[str, float]
+    """Process noise by key of [observer]; empty if it stays the file's."""
 
     def values(self, source: str) -> Mapping[str, tuple[float, str]]:
         """Values to write, by dotted key, each with its provenance."""
@@ -67,6 +70,8 @@ class Calibration:
             elif one.value != one.before:
                 with_it = labelled(FOLLOWS[index])
                 made[KEYS[index]] = (one.value, f"follows {with_it}, calibrated from {source}")
+        for key, std in self.process_noise.items():
+            made[f"observer.{key}"] = (std, f"calibrated from {source}")
         return made
 
 
@@ -108,6 +113,8 @@ def calibrate(
     robot: Robot,
     held_out: Sequence[Source] = (),
     progress: Progress = lambda _words, _share: None,
+    *,
+    with_noise: bool = False,
 ) -> Calibration:
     """Check the mechanism, fit, and compare with the old file on held-out data.
 
@@ -117,9 +124,10 @@ def calibrate(
         held_out: other recordings to compare on; without them every fourth two seconds are held
             out.
         progress: called with a text and the share done.
+        with_noise: calibrate the observer's process noise, too.
 
     Raises:
-        RecordingError: see `empty_run`.
+        RecordingError: see `empty_run` and `process_noise`.
     """
     motion = empty_run(sources, robot)
     other = empty_run(held_out, robot) if held_out else None
@@ -135,6 +143,8 @@ def calibrate(
     if steep:
         raise RecordingError(steep)
     constants = frame.constants_of(made.natural)
+    noise = process_noise(new, motion, made.natural, constants) if with_noise else {}
+    new = with_process_noise(new, noise)
     seen = [disturbance(one, motion, constants) for one in (robot, new)]
     judged_seen = seen
     if other is not None:
@@ -153,6 +163,7 @@ def calibrate(
     return Calibration(
         *(motion, checked, made, new, seen[0], seen[1], before, after, words, fault, needless),
         motion.time_s[contact],
+        noise,
     )
 
 

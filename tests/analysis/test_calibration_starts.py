@@ -19,13 +19,15 @@ from one_axis import (
     one_axis_file,
     one_axis_run,
 )
+from scipy.stats import chi2, kstest
 from typer.testing import CliRunner
 
 from analysis.calibration import fit
 from analysis.calibration.advice import advice
 from analysis.calibration.page import tables
+from analysis.calibration.process_noise import process_noise, with_process_noise
 from analysis.calibration.session import Calibration, calibrate
-from analysis.replay import Source, read
+from analysis.replay import Source, estimate, read
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
 from gaitd.__main__ import build
@@ -35,6 +37,7 @@ SAME_PER_SAMPLE = 0.01
 RECORDED_FALSE_MAX_N = 1.7
 RECORDED_CONSTANT_N = -3.17
 ENCODERS_M = (2.5e-5, 5e-6)
+SETTLED_ROWS = 50
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +79,23 @@ def test_a_machine_without_a_spring_gets_none_and_hears_of_none(made):
     assert "slide constant effort of -3.2" in " ".join(said)
     assert made.robot.springs == one_axis_file(coulomb_n=1, viscous_n_s_per_m=1, mass_kg=1).springs
     assert not [key for key in made.values("x") if not key or key.startswith("springs")]
+
+
+def test_calibrated_process_noise_gives_nis_its_distribution_on_another_recording(made):
+    """Before it the observer expected ten times more than happens, as on a recorded axis."""
+    constants = made.fit.frame.constants_of(made.fit.natural)
+    other = one_axis_run(seed=2)
+    shifted = replace(other.recording, effort=other.recording.effort - constants)
+    other = other._replace(recording=shifted)
+    noise = process_noise(made.robot, made.motion, made.fit.natural, constants)
+
+    def nis(robot: Robot) -> np.ndarray:
+        return estimate(other, robot).nis[SETTLED_ROWS:]
+
+    assert np.mean(nis(made.robot)) < 0.2
+    calibrated = nis(with_process_noise(made.robot, noise))
+    assert np.mean(calibrated) == pytest.approx(1.0, abs=0.1)
+    assert kstest(calibrated, chi2(1).cdf).statistic < 0.05
 
 
 @pytest.mark.parametrize(

@@ -19,10 +19,12 @@ def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path):
     text = ROBOT_FILE.read_text().replace("coulomb_nm = 6.0", "coulomb_nm = 4.0")
     before.write_text(text)
 
-    ran = gaitd("calibrate", recorded, "--robot", before, "--page", tmp_path)
+    ran = gaitd("calibrate", recorded, "--robot", before, "--page", tmp_path, "--noise")
 
     assert ran.code == 0, ran.err
     after = load_toml(tmp_path / "run.csv.robot.toml", Robot)
+    assert after.observer.process_hip_friction_nm != robot_file().observer.process_hip_friction_nm
+    assert after.observer.process_slide_patient_n == robot_file().observer.process_slide_patient_n
     assert after.friction.hip.coulomb_nm == pytest.approx(6.0, rel=0.02)
     assert after.geometry == robot_file().geometry
     assert before.read_text() == text

@@ -1,0 +1,107 @@
+"""Process noise of the observer, from the innovations of an empty machine.
+
+The maximum of the likelihood contains the noise of effort and friction. In the observer an effort
+of standard deviation f changes the velocity by f dt / inertia in a step, and the position by half
+of that times dt. The filter of the likelihood has no patient; the observer's patient adds to the
+innovations that it expects. One factor on all of this noise makes up for that: with it the
+observer's mean NIS over the fitted rows is the number of axes that moved, as it must be.
+
+The noise of the patient stays the file's: an empty machine says nothing about it.
+"""
+
+import math
+from typing import Final
+
+import msgspec
+import numpy as np
+from scipy.optimize import root_scalar
+
+from analysis.calibration.motion import Motion
+from analysis.calibration.quantities import NOISE, Vector
+from analysis.calibration.start import extent
+from analysis.recording import RecordingError
+from analysis.replay import setup_for
+from daemon.config.robot import leg_parameters
+from daemon.config.settings import Robot
+from observer.filter.leg_model import STEP_S
+from observer.filter.status import Status
+from observer.mechanism.linkage import dynamics
+from observer.offline.batch import Columns, run
+
+KEYS: Final = (
+    (
+        "process_hip_angle_rad",
+        "process_hip_velocity_rad_per_s",
+        "process_hip_friction_nm",
+    ),
+    (
+        "process_slide_position_m",
+        "process_slide_velocity_m_per_s",
+        "process_slide_friction_n",
+    ),
+)
+"""Keys of [observer], by axis."""
+FACTOR_MAX: Final = 30.0
+FACTOR_TOLERANCE: Final = 1e-3
+
+
+def process_noise(
+    robot: Robot, motion: Motion, natural: Vector, constants: Vector
+) -> dict[str, float]:
+    """Return the process noise of each axis that moves, by key of [observer].
+
+    Args:
+        robot: with the calibrated values.
+        motion: the recording that was fitted; the rows held out of it are not used.
+        natural: the calibrated values with the noise of effort and friction.
+        constants: efforts that the robot file cannot hold, shape (2,): N·m and N.
+
+    Raises:
+        RecordingError: no axis moves, or the noise of 30 times the likelihood's is not enough.
+    """
+    axes = [axis for axis in range(2) if extent(motion, axis).enough(axis)]
+    if not axes:
+        raise RecordingError("no axis moved enough to estimate the observer's process noise")
+    position = motion.position.copy()
+    for axis in range(2):
+        if axis not in axes:  # its innovations are 0, so that NIS is that of the other axis
+            position[:, axis] = np.nanmean(position[:, axis])
+    columns = Columns(motion.time_s, position, motion.effort - constants)
+    likely = _likely(robot, motion, natural, axes)
+
+    def surplus(log_factor: float) -> float:
+        scaled = {key: math.exp(log_factor) * std for key, std in likely.items()}
+        made = run(setup_for(with_process_noise(robot, scaled)), columns)
+        rows = ~motion.held_out & motion.settled & np.isfinite(made.nis)
+        return float(np.mean(made.nis[rows & ((made.status & Status.GATED) == 0)])) - len(axes)
+
+    most = math.log(FACTOR_MAX)
+    if surplus(most) > 0.0:
+        raise RecordingError(
+            f"with {FACTOR_MAX:g} times the process noise of the likelihood the observer's mean "
+            f"NIS is still above {len(axes)}: something else than noise acts in this recording"
+        )
+    if surplus(-most) < 0.0:
+        factor = 1.0  # the patient's own noise exceeds it by far
+    else:
+        found = root_scalar(surplus, bracket=(-most, most), xtol=FACTOR_TOLERANCE)
+        factor = math.exp(found.root)
+    return {key: factor * std for key, std in likely.items()}
+
+
+def _likely(robot: Robot, motion: Motion, natural: Vector, axes: list[int]) -> dict[str, float]:
+    """Noise of the likelihood's maximum as that of the observer's states, per STEP_S."""
+    hip_rad, slide_m = np.mean(motion.smooth[:, :2], axis=0).tolist()
+    matrix = dynamics(leg_parameters(robot), hip_rad, slide_m, 0.0, 0.0, 0.0)
+    made: dict[str, float] = {}
+    for axis in axes:
+        effort, friction = natural[NOISE + 2 + axis], natural[NOISE + 4 + axis]
+        velocity = float(effort) * STEP_S / (matrix.m11 if axis == 0 else matrix.m22)
+        values = (0.5 * velocity * STEP_S, velocity, float(friction))
+        made |= dict(zip(KEYS[axis], values, strict=True))
+    return made
+
+
+def with_process_noise(robot: Robot, noise: dict[str, float]) -> Robot:
+    """Return the robot with other process noise, by key of [observer]."""
+    return msgspec.structs.replace(robot, observer=msgspec.structs.replace(robot.observer, **noise))
