@@ -21,7 +21,7 @@ ASSIST := clients/assist
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display install-assist uninstall purge rigs lock format tables golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display install-assist uninstall purge rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -132,10 +132,19 @@ lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --extra tools --output-file requirements/run.txt
 	$(COMPILE) --extra build --extra tools --extra dev --extra display --output-file requirements/dev.txt
 	$(COMPILE) --extra build --extra tools --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
+	$(COMPILE) --extra build --extra tools --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
 tables: $(VENV)/dev.stamp  ## write the pages that are drawn from tables in the code anew; read the difference
 	$(BIN)/python scripts/tables.py
+
+$(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/docs.txt
+	@touch $@
+
+docs: $(VENV)/docs.stamp  ## the site of the documents, out/docs/index.html; names generated pages that are stale
+	$(BIN)/python scripts/pages.py
+	$(BIN)/sphinx-build --quiet --fail-on-warning --nitpicky -c docs -d out/doctrees . out/docs
 
 golden: $(VENV)/dev.stamp  ## write the golden traces of sessions and plans of bring-up anew; read the difference
 	$(BIN)/pytest tests/conformance/test_golden_traces_of_sessions.py tests/drive_backstop/test_table.py tests/drives/test_plan_golden.py --write-traces

@@ -55,6 +55,7 @@ from cosmic_ray.ast import ast_nodes, get_ast  # noqa: E402
 from cosmic_ray.mutating import MutationVisitor  # noqa: E402
 from cosmic_ray.operators.operator import Operator  # noqa: E402
 from cosmic_ray.operators.provider import OperatorProvider  # noqa: E402
+from pages import MUTATED, code_digest  # noqa: E402
 from parso.tree import NodeOrLeaf  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.progress import Progress  # noqa: E402
@@ -549,7 +550,7 @@ def judge_imported(send: Connection, file: str, undecided: list[Judged]) -> None
 def argued(files: Iterable[str]) -> set[Key]:
     """Rows of docs/mutants.md for these files."""
     rows: set[Key] = set()
-    for line in EQUIVALENTS.read_text(encoding="utf-8").splitlines():
+    for line in MUTATED.sub("", EQUIVALENTS.read_text(encoding="utf-8")).splitlines():
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
         if len(cells) == 5 and cells[0].strip("`") in files:
             rows.add(Key(*(cell.replace("\\|", "|").strip("`").strip() for cell in cells[:4])))
@@ -656,7 +657,10 @@ def main() -> int:
         results = stored(file, judge(file, specs, options.jobs), anew=not earlier)
         title = f"{number}/{len(options.files)} {file}"
         known |= {one.spec: one for one in _watched(title, results, len(specs))}
-    return _report(options.files, list(known.values()), whole=not options.inside)
+    judged = list(known.values())
+    if not options.inside and not options.again:
+        write_numbers(options.files, judged)
+    return _report(options.files, judged, whole=not options.inside)
 
 
 def _watched(title: str, results: Iterable[Judged], total_count: int) -> Iterator[Judged]:
@@ -685,11 +689,10 @@ def _report(files: list[str], judged: list[Judged], *, whole: bool) -> int:
     survivors = {one.key for one in judged if one.outcome is Outcome.SURVIVED}
     table = Table("file", "mutants", "killed", "survived", "argued", "not argued")
     for file in files:
-        counts = Counter(one.outcome for one in judged if one.spec.file == file)
-        left = {key for key in survivors if key.file == file}
-        mutants = counts[Outcome.KILLED] + counts[Outcome.SURVIVED]
-        numbers = (mutants, counts[Outcome.KILLED], counts[Outcome.SURVIVED])
-        table.add_row(file, *map(str, (*numbers, len(left & rows), len(left - rows))))
+        mutants, survived, not_argued = numbers(file, judged)
+        argued_count = len({key for key in survivors if key.file == file} & rows)
+        counts = (mutants, mutants - survived, survived, argued_count, not_argued)
+        table.add_row(file, *map(str, counts))
     Console().print(table)
     for key in sorted(survivors - rows):
         print(f"not argued: {key.file} {key.function}\n  - {key.before}\n  + {key.after}")
@@ -697,6 +700,28 @@ def _report(files: list[str], judged: list[Judged], *, whole: bool) -> int:
     for key in sorted(stale):
         print(f"argued in {EQUIVALENTS.name}, and survives no more: {key}")
     return 1 if stale or survivors - rows else 0
+
+
+def numbers(file: str, judged: Iterable[Judged]) -> tuple[int, int, int]:
+    """Mutants of a file that count, survivors, and survivors without a row in docs/mutants.md."""
+    own = [one for one in judged if one.spec.file == file]
+    counts = Counter(one.outcome for one in own)
+    survivors = {one.key for one in own if one.outcome is Outcome.SURVIVED}
+    survived = counts[Outcome.SURVIVED]
+    return counts[Outcome.KILLED] + survived, survived, len(survivors - argued([file]))
+
+
+def write_numbers(files: Iterable[str], judged: Collection[Judged]) -> None:
+    """Write the rows of these files, mutated in full, into the numbers of docs/mutants.md."""
+    text = EQUIVALENTS.read_text(encoding="utf-8")
+    old = list(MUTATED.finditer(text))
+    rows = {row[1]: row[0] for row in old if row[1] in UNIT_TESTS}
+    for file in files:
+        cells = (file, *numbers(file, judged), code_digest(PROJECT / file))
+        rows[file] = f"| {' | '.join(map(str, cells))} |\n"
+    table = "".join(rows[file] for file in sorted(rows))
+    text = text[: old[0].start()] + table + text[old[-1].end() :]
+    EQUIVALENTS.write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

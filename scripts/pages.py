@@ -1,0 +1,233 @@
+"""Pages of docs/ that a command writes, and whether each is what its command would write now.
+
+`make docs` writes the cheap ones anew into a scratch folder: a page that differs ends it with exit
+code 1. What takes minutes or hours is not computed again. docs/sources.json has, for each such
+page, digests of the code and configuration that its last run used; a page with other digests now is
+reported as older than its sources, which says nothing of how much its numbers would change.
+`scripts/pages.py --write PAGE` runs the page's command and then stores the digests.
+"""
+
+import argparse
+import ast
+import functools
+import hashlib
+import json
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final, NamedTuple
+
+PROJECT: Final = Path(__file__).resolve().parent.parent
+DOCS: Final = PROJECT / "docs"
+STORED: Final = DOCS / "sources.json"
+ROOTS: Final = (PROJECT, *sorted((PROJECT / "clients").iterdir()))
+"""Folders of our packages."""
+
+
+class Made(NamedTuple):
+    """How a page or a picture of docs/ is made that takes long."""
+
+    command: str
+    modules: tuple[str, ...]
+    """Modules that the command starts with; with all that they import they are its sources."""
+    files: tuple[str, ...] = ("configs",)
+
+
+READ: Final = (".py", ".toml", ".eds")
+SERVICE: Final = ("gaitd.core", "gaitd.gateway", "gaitd.sim")
+LONG: Final = {
+    "ablation.md": Made("gaitd ablation --output docs", ("gaitd.ablation",)),
+    "assist.png": Made(
+        "pytest tests/clients/assist -m thorough --write-assist",
+        ("gaitd_assist.program", "gaitd_lab.lockstep"),
+        ("configs", "clients/assist/configs", "tests/clients/assist"),
+    ),
+    "consistency.png": Made("gaitd consistency --output docs", ("gaitd.consistency",)),
+    "experiment.md": Made("gaitd experiment --output docs", ("gaitd.experiment",)),
+    "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd.matrix",)),
+    "process_faults.md": Made(
+        "pytest tests/service --write-process-faults",
+        SERVICE,
+        ("configs", "tests/service", "tests/support"),
+    ),
+    "random_hour.md": Made(
+        "gaitd fuzz --seed 8000 --minutes 60 --session-minutes 1 --processes 2 --output docs",
+        ("gaitd.fuzz",),
+    ),
+    "soak.md": Made(
+        "gaitd soak --minutes 60 --seed 1 --report docs/soak.md", ("gaitd.soak", *SERVICE)
+    ),
+}
+COMPARED_BY_A_TEST: Final = {
+    "backstop.md": ("tests/drive_backstop/test_table.py -k page_of_the_docs", "make golden"),
+}
+
+
+@functools.cache
+def code_digest(file: Path) -> str:
+    """Digest of what a file does: of Python the syntax tree without docstrings and comments."""
+    content = file.read_bytes()
+    if file.suffix == ".py":
+        tree = ast.parse(content)
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+                node.body = [one for one in node.body if not _is_text(one)] or [ast.Pass()]
+        content = _written(tree).encode()
+    return hashlib.sha256(content).hexdigest()[:12]
+
+
+def _written(node: object) -> str:
+    """Write a syntax tree; what is empty is left out, because it differs by Python's version."""
+    if isinstance(node, list):
+        return f"[{','.join(map(_written, node))}]"
+    if not isinstance(node, ast.AST):
+        return repr(node)
+    fields = (
+        f"{name}={_written(one)}"
+        for name, one in ast.iter_fields(node)
+        if one is not None and one != []
+    )
+    return f"{type(node).__name__}({','.join(fields)})"
+
+
+def _is_text(node: ast.stmt) -> bool:
+    return (
+        isinstance(node, ast.Expr)
+        and isinstance(node.value, ast.Constant)
+        and isinstance(node.value.value, str)
+    )
+
+
+def sources(made: Made) -> set[Path]:
+    """Every file of ours that the command may read: imported modules, and the named folders."""
+    found: set[Path] = set()
+    left = [file for name in made.modules for file in _files_of(name)]
+    while left:
+        file = left.pop()
+        if file not in found:
+            found.add(file)
+            left += _imported(file)
+    for name in made.files:
+        found |= {one for one in (PROJECT / name).rglob("*") if one.suffix in READ}
+    return found
+
+
+@functools.cache
+def _imported(file: Path) -> tuple[Path, ...]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.Import):
+            names |= {one.name for one in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{one.name}" for one in node.names)}
+    return tuple(one for name in sorted(names) for one in _files_of(name))
+
+
+@functools.cache
+def _files_of(module: str) -> tuple[Path, ...]:
+    """Files that the import of a module of ours runs: its packages' and its own."""
+    parts = module.split(".")
+    root = next((one for one in ROOTS if (one / parts[0] / "__init__.py").is_file()), None)
+    if root is None:
+        return ()
+    packages = (root.joinpath(*parts[:n], "__init__.py") for n in range(1, len(parts) + 1))
+    own = root.joinpath(*parts).with_suffix(".py")
+    return tuple(one for one in (*packages, own) if one.is_file())
+
+
+def digests(files: Iterable[Path]) -> dict[str, str]:
+    """A digest for each folder, of two levels at most."""
+    folders: dict[str, list[str]] = {}
+    for file in sorted(files):
+        place = file.relative_to(PROJECT)
+        line = f"{place} {code_digest(file)}\n"
+        folders.setdefault("/".join(place.parent.parts[:2]), []).append(line)
+    return {
+        folder: hashlib.sha256("".join(lines).encode()).hexdigest()[:12]
+        for folder, lines in folders.items()
+    }
+
+
+def stale() -> Iterator[str]:
+    """Cheap pages that differ from what the code would write now."""
+    with tempfile.TemporaryDirectory() as name:
+        scratch = Path(name)
+        shutil.copytree(DOCS, scratch / "docs")
+        tables = [sys.executable, str(PROJECT / "scripts/tables.py"), str(scratch / "docs")]
+        subprocess.run(tables, check=True)
+        for new in sorted((scratch / "docs").rglob("*")):
+            old = DOCS / new.relative_to(scratch / "docs")
+            if new.is_file() and new.read_bytes() != old.read_bytes():
+                yield f"docs/{old.name}: the code would write another page: make tables"
+    for page, (test, command) in COMPARED_BY_A_TEST.items():
+        pytest = [sys.executable, "-m", "pytest", "-q", "-n0", *shlex.split(test)]
+        if subprocess.run(pytest, check=False, cwd=PROJECT, capture_output=True).returncode:
+            yield f"docs/{page}: the code would write another page: {command}"
+
+
+def older() -> Iterator[str]:
+    """Pages whose command takes long, and whose sources have changed since its last run."""
+    stored = json.loads(STORED.read_text(encoding="utf-8"))
+    for page, made in LONG.items():
+        then, now = stored[page]["sources"], digests(sources(made))
+        every = then | now
+        changed = sorted(one for one in every if then.get(one) != now.get(one))
+        if changed:
+            some = ", ".join(changed[:6]) + ", ..." * (len(changed) > 6)
+            yield (
+                f"docs/{page} of {stored[page]['date']} is older than its sources: {len(changed)}"
+                f" of {len(every)} folders have changed ({some}): scripts/pages.py --write {page}"
+            )
+    yield from older_mutants()
+
+
+MUTATED: Final = re.compile(r"^\| (\S+\.py) \|(?: \d+ \|){3} (\w+) \|\n", re.MULTILINE)
+"""A row of docs/mutants.md with the numbers of a file: the file and its digest at that run."""
+
+
+def older_mutants() -> Iterator[str]:
+    """Rows of docs/mutants.md whose file has changed since it was mutated."""
+    rows = MUTATED.findall((DOCS / "mutants.md").read_text(encoding="utf-8"))
+    changed = [file for file, digest in rows if code_digest(PROJECT / file) != digest]
+    if changed:
+        yield (
+            f"docs/mutants.md: {len(changed)} of {len(rows)} files have changed since their run:"
+            f" scripts/mutants.py {' '.join(changed)}"
+        )
+
+
+def write(page: str) -> None:
+    """Run the command of a page, and store the digests of what it used."""
+    made = LONG[page]
+    used = digests(sources(made))
+    program, *arguments = shlex.split(made.command)
+    subprocess.run([Path(sys.executable).parent / program, *arguments], check=True, cwd=PROJECT)
+    stored = json.loads(STORED.read_text(encoding="utf-8"))
+    stored[page] = {"date": datetime.now(UTC).date().isoformat(), "sources": used}
+    STORED.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+def main() -> int:
+    """Report; 1 if a page differs from what the code would write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--write", metavar="PAGE", choices=LONG, help=", ".join(LONG))
+    page = parser.parse_args().write
+    if page:
+        write(page)
+        return 0
+    for line in older():
+        print(line)
+    found = list(stale())
+    for line in found:
+        print(line, file=sys.stderr)
+    return 1 if found else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
