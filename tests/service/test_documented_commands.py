@@ -1,0 +1,121 @@
+"""Commands of the documents, run as they are printed: requests, drives and recordings of a session.
+
+What is not run here is accepted by the programs (`tests/test_documents.py`), and has its reason in
+ELSEWHERE. A new command that is in neither table fails.
+"""
+
+import collections
+import lzma
+import re
+import shutil
+from typing import Final, NamedTuple
+
+import numpy as np
+import pytest
+from command_line import gaitd
+from documents import PAGES, PROJECT, commands
+
+from daemon.ipc.record import Mode
+from gaitd.testing.trainer import STANDSTILL, speeds_by_leg, virtual_trainer
+
+
+class Run(NamedTuple):
+    """How a command is run in the shared session."""
+
+    begins_in: Mode | None
+    """Mode of the service before it."""
+    codes: tuple[int, ...] = (0,)
+    """Exit codes that are right."""
+
+
+RUN: Final = {
+    r"gaitd check .*": Run(None),
+    r"gaitd scan --config .*": Run(None),
+    r"gaitd drive \S+ (dump|compare).*": Run(None, (0, 1)),  # 1: differs
+    r"gaitd status( --config .*)?": Run(None),
+    r"gaitd enable( --config trainer.toml)?": Run(Mode.READY),
+    r"gaitd mode (hand_guiding|gait .*|excite .*)": Run(Mode.HOLD),
+    r"gaitd self-test": Run(Mode.HOLD),
+    r"gaitd disable": Run(Mode.HOLD),
+    r"gaitd stop": Run(Mode.HOLD),
+    r"gaitd reset": Run(Mode.FAULT),
+    r"gaitd blackbox .*": Run(None),
+    r"gaitd schema .*": Run(None),
+}
+"""Commands that are run, by what they look like."""
+
+ELSEWHERE: Final = {
+    r"make .*|pip .*|python.*|pytest .*|\. .venv.*": "changes the environment, or is a test",
+    r"(sudo|ip|systemctl|journalctl|install) .*": "root, hardware or systemd: tests/rigs",
+    r"gaitd (run|sim) .*": "a service: the sessions of tests/service are these two",
+    r"gaitd doctor.*": "tests/gaitd/test_doctor.py",
+    r"gaitd scan --interface .*": "hardware: tests/gaitd/test_scan.py",
+    r"gaitd drive \S+ (store|restore) .*": "tests/gaitd/test_drive_command.py",
+    r"gaitd (commission|reference) .*": "tests/service/test_one_axis.py, tests/closed_loop",
+    r"gaitd .* --config configs/two_legs.toml": "tests/service/test_two_legs.py",
+    r"gaitd (keys|plan) .*|gaitd .*--credentials .*": "tests/service/test_keys.py",
+    r"gaitd replay .*--publish.*": "tests/daemon/gateway/test_playback.py",
+    r"gaitd replay STOP.ring": "tests/service/test_black_box.py",
+    r"gaitd replay RECORDING .*": "tests/gaitd/test_replay_command.py",
+    r"gaitd baseline .*": "tests/gaitd/test_baseline_command.py",
+    r"gaitd calibrate .*": "minutes: tests/gaitd/test_calibrate_command.py",
+    r"gaitd delay .*": "tests/analysis",
+    r"gaitd (experiment|consistency|ablation|matrix|fuzz|soak) .*": "minutes: tests/gaitd",
+    r"gaitd rig .*": "tests/gaitd/test_rig.py",
+    r"gaitd-session .*": "tests/clients/session/test_program.py",
+    r"gaitd-assist .*": "tests/clients/assist/test_program.py",
+    r"gaitd-display .*": "tests/clients/display",
+}
+"""Commands that are not run here, and why or where else."""
+
+ALL: Final = list(dict.fromkeys(" ".join(one.words) for page in PAGES for one in commands(page)))
+
+
+def row(table, text):
+    """The first row whose pattern is the whole command."""
+    return next((table[pattern] for pattern in table if re.fullmatch(pattern, text)), None)
+
+
+def test_every_command_is_run_or_has_a_reason():
+    assert [text for text in ALL if row(ELSEWHERE, text) is None and row(RUN, text) is None] == []
+    for reason in ELSEWHERE.values():
+        for path in re.findall(r"tests/\S+\w", reason):
+            assert (PROJECT / path).exists()
+
+
+@pytest.fixture(scope="module")
+def session():
+    with virtual_trainer(pace="max") as trainer:
+        folder = trainer.config.parent
+        shutil.copy(trainer.config, folder / "trainer.toml")
+        with lzma.open(PROJECT / "gaitd/sample.ring.xz") as sample:
+            (folder / "STOP.ring").write_bytes(sample.read())
+        yield trainer
+
+
+def wait_for_rest(session):
+    """After a stop the leg sinks into its springs; `enable` is refused while it moves."""
+    speeds = collections.deque(maxlen=50)
+
+    def rests(record):
+        speeds.append(np.max(speeds_by_leg(record), axis=0))
+        return len(speeds) == speeds.maxlen and np.all(np.max(speeds, axis=0) < STANDSTILL)
+
+    session.until(rests)
+
+
+@pytest.mark.parametrize("text", [text for text in ALL if not row(ELSEWHERE, text)])
+def test_a_command_does_what_it_is_for(session, text, monkeypatch):
+    how = row(RUN, text)
+    monkeypatch.setenv("GAITD_CONFIG", "trainer.toml")
+    if how.begins_in is Mode.FAULT:
+        session.bring(Mode.HOLD).stop()
+    elif how.begins_in is not None:
+        session.bring(how.begins_in)
+    if how.begins_in is Mode.READY:
+        wait_for_rest(session)
+    words = re.sub(r"FILE|/etc/gaitd/trainer.toml|configs/demo.toml", "trainer.toml", text).split()
+
+    ended = gaitd(*words[1:], folder=session.config.parent)
+
+    assert ended.code in how.codes, ended.out + ended.err

@@ -1,0 +1,174 @@
+"""What the documents link to exists, and each command in them is one that the programs accept.
+
+Commands that are cheap and harmless are also run, by `tests/service/test_documented_commands.py`.
+"""
+
+import contextlib
+import io
+import re
+import sys
+from pathlib import Path
+from unittest.mock import patch
+from urllib.parse import unquote
+
+import gaitd_assist.program
+import gaitd_display.__main__
+import gaitd_session.program
+import pytest
+import typer
+from documents import PAGES, PROJECT, commands, spans, unmarked, without_code
+from typer._click.exceptions import BadOptionUsage
+
+from gaitd.__main__ import COMMANDS, build
+
+LINK = re.compile(r"!?\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^()\s]+)\)")
+TARGETS = set(re.findall(r"^([a-z-]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
+UNITS = {path.name.partition(".")[0] for path in (PROJECT / "systemd").rglob("gaitd*")}
+
+
+def anchors(page: Path) -> set[str]:
+    """GitHub's names of the headings of a page."""
+    names: dict[str, int] = {}
+    for heading in re.findall(r"^#+ (.+)$", without_code(page.read_text()), re.MULTILINE):
+        name = re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
+        names[name] = names.get(name, -1) + 1
+        if names[name]:
+            names[f"{name}-{names[name]}"] = 0
+    return set(names)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(PROJECT)))
+def test_links_of_a_page_lead_to_files_and_headings(page):
+    for link in LINK.findall(without_code(page.read_text(encoding="utf-8"))):
+        if re.match(r"[a-z]+:", link):
+            continue
+        name, _, anchor = unquote(link).partition("#")
+        target = (page.parent / name).resolve() if name else page
+
+        assert target.is_file(), f"{page.name} links to {link}"
+        assert target.is_relative_to(PROJECT)
+        if anchor:
+            assert anchor in anchors(target), f"{page.name} links to {link}"
+
+
+def test_the_index_leads_to_every_page():
+    index = (PROJECT / "docs/index.md").read_text(encoding="utf-8")
+    linked = {(PROJECT / "docs" / one).resolve() for one in re.findall(r"\]\(([^)#]+)\)", index)}
+
+    assert set(PAGES) - linked == {PROJECT / "docs/index.md"}
+
+
+def test_every_block_of_commands_is_marked_as_one():
+    """```sh, so that the tests below find it; a transcript is ```console, its prompt `$ `."""
+    assert [place for page in PAGES for place in unmarked(page)] == []
+
+
+# --- commands ---------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with what the project has, in which every other file of an example can be made."""
+    folder = tmp_path_factory.mktemp("reader")
+    for one in PROJECT.iterdir():
+        if not one.name.startswith("."):
+            (folder / one.name).symlink_to(one)
+    return folder
+
+
+def make_files(folder, words):
+    """The files that an example calls its own: their names have no folder, or are in capitals."""
+    for word in words:
+        if re.fullmatch(r"[\w*]+(\.\w+)+|[A-Z_]+(\.\w+)?", word):
+            if word == "FOLDER":
+                (folder / word).mkdir(exist_ok=True)
+            else:
+                (folder / word).touch()
+
+
+def accept_typer(command, words, folder):
+    """Refuse as the program would: unknown words, wrong choices, files that do not exist.
+
+    Without a folder, of a sentence: unknown words and options alone.
+    """
+    context = command.make_context(words[0], list(words[1:]), resilient_parsing=True)
+    for name in words[1:]:
+        if not hasattr(command, "commands") or name.startswith("-"):
+            break
+        assert name in command.commands, f"no command {name}"
+        command, words = command.commands[name], words[1:]
+        context = type(context)(command, info_name=name, parent=context)
+    if folder is None:
+        with contextlib.suppress(BadOptionUsage):  # a sentence leaves its value out
+            command.make_parser(context).parse_args(list(words[1:]))
+        return
+    with contextlib.chdir(folder):
+        command.make_context(words[0], list(words[1:]), parent=context.parent)
+
+
+def accept_help(main, words):
+    """Refuse what the help of a program by argparse does not have."""
+    subcommand = words[1:2] if not words[1].startswith("-") else ()
+    out = io.StringIO()
+    with (
+        contextlib.redirect_stdout(out),
+        patch.object(sys, "argv", [words[0], *subcommand, "--help"]),
+        pytest.raises(SystemExit) as ended,
+    ):
+        main()
+    assert ended.value.code in (0, None)
+    for option in [word for word in words if word.startswith("--")]:
+        assert option in out.getvalue()
+
+
+def accept(words, folder):
+    """One branch for each program."""
+    program, *rest = words
+    if program == "gaitd":
+        name = next((word for word in rest if word not in ("--help", "-h", "--version")), "run")
+        assert name in COMMANDS, f"no command {name}"
+        accept_typer(typer.main.get_command(build(name)), words, folder)
+    elif program == "gaitd-session":
+        accept_typer(typer.main.get_command(gaitd_session.program.app), words, folder)
+    elif program == "gaitd-assist":
+        accept_help(gaitd_assist.program.main, words)
+    elif program == "gaitd-display":
+        accept_help(gaitd_display.__main__.main, words)
+    elif program == "make":
+        assert set(filter(lambda word: "=" not in word, rest)) <= TARGETS
+    else:
+        accept_other(program, rest)
+
+
+def accept_other(program, rest):
+    """Programs that are not ours: what they are given of ours exists."""
+    if program in ("systemctl", "journalctl"):
+        named = [word for word in rest if word.startswith("gaitd")]
+        assert {word.partition(".")[0] for word in named} <= UNITS
+        return
+    paths = [word.partition("[")[0] for word in rest if re.match(r"\.?/?[\w-]+/", word)]
+    for path in paths:
+        assert path.startswith("/") or (PROJECT / path).exists(), f"{path} does not exist"
+
+
+ALL = [command for page in PAGES for command in commands(page)]
+
+
+def test_there_are_commands():
+    assert len(ALL) > 80
+
+
+@pytest.mark.parametrize("command", ALL, ids=lambda one: f"{one.place} {one.text}")
+def test_a_command_is_accepted(command, folder):
+    make_files(folder, command.words)
+    accept(command.words, folder)
+
+
+SENTENCES = [page for page in PAGES if page.name != "CHANGELOG.md"]
+"""The changelog names what is gone."""
+
+
+@pytest.mark.parametrize("page", SENTENCES, ids=lambda page: str(page.relative_to(PROJECT)))
+def test_commands_within_sentences_are_there(page):
+    for command in spans(page):
+        accept(command.words, None)
