@@ -58,6 +58,7 @@ COMMANDS: Final = {
     "experiment": ("experiment", LABORATORY, "The paper's experiment on the virtual machine."),
     "ablation": ("ablation", LABORATORY, "Every choice of the observer on and off."),
     "consistency": ("consistency", LABORATORY, "The observer's sigmas, gaps, rest and drift."),
+    "real-data": ("real_data", LABORATORY, "The observer on recordings of real machines."),
     "matrix": ("matrix", LABORATORY, "Every fault in every mode on both axes, in lock-step."),
     "fuzz": ("fuzz", LABORATORY, "Random commands and faults in lock-step, with invariants."),
     "soak": ("soak", LABORATORY, "An hour of gait with faults drawn from a seed."),

@@ -55,7 +55,7 @@ def pytest_addoption(parser):
         "--recordings",
         type=Path,
         metavar="FOLDER",
-        help="run the tests on recordings of real machines; docs/calibration.md says what is there",
+        help="run the tests on recordings of real machines; docs/real_data.md says what is there",
     )
     parser.addoption(
         "--cpu-seconds",

@@ -143,8 +143,6 @@ def calibrate(
     if steep:
         raise RecordingError(steep)
     constants = frame.constants_of(made.natural)
-    noise = process_noise(new, motion, made.natural, constants) if with_noise else {}
-    new = with_process_noise(new, noise)
     seen = [disturbance(one, motion, constants) for one in (robot, new)]
     judged_seen = seen
     if other is not None:
@@ -159,6 +157,13 @@ def calibrate(
     needless = why_needless(before, after)
     if not fault and not needless:
         fault = worse_axis(before, after, made.natural, judged)
+    noise: dict[str, float] = {}
+    if with_noise:
+        # Wider noise means more false effort from the same law, so the law is judged without it.
+        noise = process_noise(new, motion, made.natural, constants)
+        new = with_process_noise(new, noise)
+        widened = disturbance(new, judged, constants)
+        after = score(frame, made.natural, judged, rows, widened)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(
         *(motion, checked, made, new, seen[0], seen[1], before, after, words, fault, needless),

@@ -6,6 +6,7 @@ file says. The recorded axis itself is tested with `--recordings=FOLDER`.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -151,10 +152,15 @@ def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_p
     assert not list(tmp_path.glob("*.robot.toml"))
 
 
+def emps(config) -> Path | None:
+    folder = config.getoption("recordings")
+    return folder and folder / "emps"
+
+
 def pytest_generate_tests(metafunc):
     if "recorded_start" not in metafunc.fixturenames:
         return
-    folder = metafunc.config.getoption("recordings")
+    folder = emps(metafunc.config)
     names = sorted((*folder.glob("robot_*.toml"), *folder.glob("starts/*.toml"))) if folder else []
     params = [
         pytest.param((name, encoder_m), id=f"{name.stem}-{1e6 * encoder_m:g}um")
@@ -173,14 +179,14 @@ def recorded_file(name, encoder_m: float) -> Robot:
 
 @pytest.fixture(scope="module")
 def recorded(request) -> Calibration:
-    folder = request.config.getoption("recordings")
+    folder = emps(request.config)
     if folder is None:
         pytest.skip("needs --recordings=FOLDER")
     return calibrate([read(folder / "clean.csv")], load_toml(folder / "robot_emps.toml", Robot))
 
 
 def test_every_start_on_a_recorded_axis_ends_at_the_same_optimum(recorded_start, recorded, request):
-    folder = request.config.getoption("recordings")
+    folder = emps(request.config)
     other = calibrate([read(folder / "clean.csv")], recorded_file(*recorded_start))
 
     assert not other.fault
@@ -193,7 +199,7 @@ def test_every_start_on_a_recorded_axis_ends_at_the_same_optimum(recorded_start,
 
 
 def test_the_constant_force_of_a_recorded_axis_is_no_false_effort(recorded, request):
-    folder = request.config.getoption("recordings")
+    folder = emps(request.config)
     source = read(folder / "clean.csv")
     effort = source.recording.effort + np.array((0.0, RECORDED_CONSTANT_N))
     shifted = source._replace(recording=replace(source.recording, effort=effort))

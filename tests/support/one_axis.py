@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 from empty_runs import robot_file
 
+from analysis.real_data.emps import one_axis
 from analysis.recording import recording
 from analysis.replay import Source
 from daemon.config.settings import Robot
@@ -35,64 +36,51 @@ def one_axis_file(
     *, coulomb_n: float, viscous_n_s_per_m: float, mass_kg: float, encoder_m: float = 2.5e-5
 ) -> Robot:
     """The robot file of a weightless leg on a heavy slide, with springs of stiffness 0."""
-    robot = robot_file()
-    light = {"mass_kg": 1e-3, "inertia_kg_m2": 1e-5}
-    replace = msgspec.structs.replace
-    return replace(
-        robot,
-        thigh=replace(robot.thigh, **light),
-        shank=replace(robot.shank, **light),
-        shoe=replace(robot.shoe, **light),
-        slide=replace(robot.slide, mass_kg=1e-3, drive_mass_kg=mass_kg),
-        springs=replace(robot.springs, hip_stiffness_nm_per_rad=0.0, slide_stiffness_n_per_m=0.0),
-        dampers=replace(
-            robot.dampers,
-            hip_nm_s_per_rad=0.0,
-            knee_nm_s_per_rad=0.0,
-            ankle_nm_s_per_rad=0.0,
-            slide_joint_nm_s_per_rad=0.0,
-        ),
-        friction=replace(
-            robot.friction,
-            slide=replace(
-                robot.friction.slide,
-                coulomb_n=coulomb_n,
-                stribeck_n=coulomb_n + 0.01 * viscous_n_s_per_m,
-                viscous_n_s_per_m=viscous_n_s_per_m,
-                transition_m_per_s=0.001,
-                peak_m_per_s=0.006,
-                edge_m_per_s=0.004,
-            ),
-        ),
-        observer=replace(robot.observer, measurement_slide_position_m=encoder_m),
+    robot = one_axis(
+        robot_file(), coulomb_n=coulomb_n, viscous_n_s_per_m=viscous_n_s_per_m, mass_kg=mass_kg
     )
+    tuned = msgspec.structs.replace(robot.observer, measurement_slide_position_m=encoder_m)
+    return msgspec.structs.replace(robot, observer=tuned)
 
 
 def one_axis_run(duration_s: float = 25.0, seed: int = 1) -> Source:
     """Moves there and back at several speeds, under a stiff position control."""
     rng = np.random.default_rng(seed)
     count = round(duration_s / (STEP_S * STEPS))
-    ripple = rng.normal(size=(count, STEPS)) * RIPPLE_N * math.sqrt(STEPS)
+    position_m, asked_n = one_axis_samples(count, rng)
+    rows = np.empty((count, 5))
+    rows[:, 0] = np.arange(1, count + 1) * (STEP_S * STEPS)
+    rows[:, 1], rows[:, 3] = HIP_RAD, 0.0
+    rows[:, 2] = position_m[STEPS::STEPS]
+    rows[:, 4] = asked_n.reshape(count, STEPS).mean(axis=1)
+    rows[:, 2] += rng.normal(size=count) * ENCODER_M
+    return Source(recording("one_axis.csv", rows), None, "", None)
+
+
+def one_axis_samples(count, rng, pulses_n=None):
+    """Positions before and after each millisecond of `count` rows, and the forces asked for.
+
+    `pulses_n` is added to what the control asks, and is part of the result.
+    """
+    pulses_n = np.zeros(count * STEPS) if pulses_n is None else pulses_n
+    ripple = rng.normal(size=(count, STEPS)).ravel() * RIPPLE_N * math.sqrt(STEPS)
     position, velocity, friction = SLIDE_M, 0.0, 0.0
     goal, goal_speed, side, moves = SLIDE_M, 0.0, 1.0, 0
     change = ACCELERATION_M_PER_S2 * STEP_S
-    rows = np.empty((count, 5))
-    for row in range(count):
-        asked = 0.0
-        for step in range(STEPS):
-            wanted = side * SPEEDS_M_PER_S[moves % len(SPEEDS_M_PER_S)]
-            goal_speed += max(-change, min(change, wanted - goal_speed))
-            goal += STEP_S * goal_speed
-            if side * (goal - SLIDE_M) > RANGE_M:
-                side, moves = -side, moves + 1
-            force = 16000.0 * (goal - position) + 2500.0 * (goal_speed - velocity)
-            asked += force / STEPS
-            law = COULOMB_N * math.tanh(velocity / TRANSITION_M_PER_S)
-            law += VISCOUS_N_S_PER_M * velocity
-            friction += STEP_S / TIME_CONSTANT_S * (law - friction)
-            acting = force + ripple[row, step] - friction - CONSTANT_N
-            velocity += STEP_S * acting / MASS_KG
-            position += STEP_S * velocity
-        rows[row] = (row + 1) * STEP_S * STEPS, HIP_RAD, position, 0.0, asked
-    rows[:, 2] += rng.normal(size=count) * ENCODER_M
-    return Source(recording("one_axis.csv", rows), None, "", None)
+    positions, asked = np.empty(count * STEPS + 1), np.empty(count * STEPS)
+    positions[0] = position
+    for step, pulse in enumerate(pulses_n):
+        wanted = side * SPEEDS_M_PER_S[moves % len(SPEEDS_M_PER_S)]
+        goal_speed += max(-change, min(change, wanted - goal_speed))
+        goal += STEP_S * goal_speed
+        if side * (goal - SLIDE_M) > RANGE_M:
+            side, moves = -side, moves + 1
+        asked[step] = 16000.0 * (goal - position) + 2500.0 * (goal_speed - velocity) + pulse
+        law = COULOMB_N * math.tanh(velocity / TRANSITION_M_PER_S)
+        law += VISCOUS_N_S_PER_M * velocity
+        friction += STEP_S / TIME_CONSTANT_S * (law - friction)
+        acting = asked[step] + ripple[step] - friction - CONSTANT_N
+        velocity += STEP_S * acting / MASS_KG
+        position += STEP_S * velocity
+        positions[step + 1] = position
+    return positions, asked
