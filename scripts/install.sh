@@ -87,7 +87,7 @@ files() {
     done
     put systemd/gaitd.sysusers /usr/lib/sysusers.d/gaitd.conf
     put systemd/gaitd.tmpfiles /usr/lib/tmpfiles.d/gaitd.conf
-    for name in README.md CHANGELOG.md LICENSE docs/*; do
+    for name in README.md CHANGELOG.md LICENSE docs/*.md docs/*.png; do
         put "$name" "$DOCUMENTS/$name"
     done
     install -d "$DESTDIR/usr/bin"
