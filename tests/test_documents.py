@@ -80,7 +80,7 @@ def make_files(folder, words):
     """The files that an example calls its own: their names have no folder, or are in capitals."""
     for word in words:
         if re.fullmatch(r"[\w*]+(\.\w+)+|[A-Z_]+(\.\w+)?", word):
-            if word == "FOLDER":
+            if word in ("FOLDER", "RECORDINGS"):
                 (folder / word).mkdir(exist_ok=True)
             else:
                 (folder / word).touch()
