@@ -2,7 +2,8 @@
 
 `gaitd NAME` imports the file of its row and runs the function `command`, or in the file of a family
 the function with the command's name. typer reads the options from its signature.
-In every command each configuration error is one line on stderr, and the exit code is 2.
+In every command each configuration error is one line on stderr, and the exit code is 2. With --json
+each error is also a JSON document on stdout.
 """
 
 import importlib
@@ -13,10 +14,11 @@ from importlib.metadata import version
 from typing import Annotated, Final, cast
 
 import typer
+from typer.exceptions import TyperException
 
 from daemon.config.strict import ConfigError
+from gaitd.command_line import EXIT_REFUSED, JSON, CommandError, failure, json_text
 
-EXIT_CONFIGURATION: Final = 2
 OF_TOOLS: Final = frozenset({"matplotlib", "plotext", "scipy"})
 """Packages of the extra `tools`, which the service does not need."""
 
@@ -85,19 +87,37 @@ def build(chosen: str | None) -> typer.Typer:
 
 def main() -> None:
     """Entry point of the `gaitd` script."""
-    chosen = next((word for word in _words()[1:] if word in COMMANDS), None)
+    words = _words()[1:]
+    chosen = next((word for word in words if word in COMMANDS), None)
+    # Behind `--` stand the words of another command, of `gaitd rig`.
+    as_json = JSON in words[: words.index("--") if "--" in words else None]
     try:
-        build(chosen)()
-    except ConfigError as error:
-        print(error.lines, file=sys.stderr)
-        sys.exit(EXIT_CONFIGURATION)
+        # typer prints an error of usage itself, and not as JSON.
+        code = cast("int | None", build(chosen)(standalone_mode=not as_json))
+    except (ConfigError, CommandError) as error:
+        lines = error.lines if isinstance(error, ConfigError) else str(error)
+        code = _fail(lines, failure(error, chosen or ""), as_json=as_json)
+    except TyperException as error:
+        text = error.format_message()
+        help_line = f"gaitd {chosen} --help" if chosen else "gaitd --help"
+        usage = CommandError(text, EXIT_REFUSED, blame="command line", following=help_line)
+        code = _fail(text, failure(usage, chosen or ""), as_json=as_json)
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
         if package not in OF_TOOLS:
             raise
-        remedy = "pip install ./clients/python '.[tools]' in a clone of gaitd"
-        print(f"gaitd {chosen} needs {package}: {remedy}", file=sys.stderr)
-        sys.exit(EXIT_CONFIGURATION)
+        remedy = "pip install ./clients/python '.[tools]'"
+        text = f"gaitd {chosen} needs {package}: {remedy} in a clone of gaitd"
+        lacking = CommandError(text, EXIT_REFUSED, blame=package, following=remedy)
+        code = _fail(text, failure(lacking, chosen or ""), as_json=as_json)
+    sys.exit(code or 0)
+
+
+def _fail(text: str, document: dict[str, object], *, as_json: bool) -> int:
+    print(text, file=sys.stderr)
+    if as_json:
+        print(json_text(document))
+    return cast("int", document["exit_code"])
 
 
 def _words() -> list[str]:

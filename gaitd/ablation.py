@@ -5,7 +5,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitd.command_line import EXIT_FAILED, DemoFile, demo_file, errors_in_one_line
+from gaitd.command_line import (
+    EXIT_FAILED,
+    DemoFile,
+    JsonOption,
+    demo_file,
+    errors_in_one_line,
+    json_on_stdout,
+)
 from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -21,12 +28,13 @@ def command(
     quick: Annotated[
         bool, typer.Option("--quick", help="short trials, matched plant only")
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Record trials on the virtual machine, replay each with every option, print the errors."""
     from analysis.ablation_page import tables, write_page
     from gaitd_lab.trials import TrialError
 
-    with errors_in_one_line(TrialError, code=EXIT_FAILED):
+    with errors_in_one_line(TrialError, code=EXIT_FAILED), json_on_stdout(as_json) as write:
         if output is not None:
             output.mkdir(parents=True, exist_ok=True)
         results, summaries = _results(demo_file(config), quick)
@@ -36,6 +44,11 @@ def command(
             run = f"gaitd ablation{' --quick' if quick else ''} --output {output.name}"
             for path in write_page(output, results, summaries, run):
                 print(f"written      {path}")
+        errors = [
+            {"situation": situation, "choice": choice, "errors": found}
+            for (situation, choice), found in results.items()
+        ]
+        write({"trials": summaries, "results": errors})
 
 
 def _results(config: Path, quick: bool) -> "tuple[Results, list[Summary]]":

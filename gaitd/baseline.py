@@ -1,11 +1,14 @@
 """`gaitd baseline`: estimated torque and force of a passive patient, recorded once."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitd.command_line import Recorded, errors_in_one_line
+from gaitd.command_line import JsonOption, Recorded, errors_in_one_line, json_on_stdout
+
+if TYPE_CHECKING:
+    from observer.baseline import Baseline
 
 
 def command(
@@ -13,15 +16,16 @@ def command(
     robot: Annotated[Path, typer.Option(help="robot.toml that the service runs with")],
     output: Annotated[Path, typer.Option(help="baseline.toml to write")],
     leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Average torque and force by gait phase from a passive run, for `baseline` of a [[leg]]."""
     from analysis.recording import RecordingError
 
-    with errors_in_one_line(RecordingError):
-        _record(recorded, robot, output, leg)
+    with errors_in_one_line(RecordingError), json_on_stdout(as_json) as write:
+        write({**_record(recorded, robot, output, leg)._asdict(), "written": output})
 
 
-def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> None:
+def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> "Baseline":
     from analysis.recording import RecordingError
     from analysis.replay import columns_of, read, setup_for
     from daemon.config.baseline import baseline_text
@@ -43,3 +47,4 @@ def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> 
     print(f"largest      hip {hip:.2f} N·m, slide {slide:.1f} N in {len(baseline.mean)} parts")
     print(f"baseline     {output}")
     print(f'             name it in the trainer file: [[leg]] baseline = "{output.name}"')
+    return baseline

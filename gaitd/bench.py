@@ -1,18 +1,18 @@
 """`gaitd bench`: the project's benchmarks, as ratios in one run, each with its budget."""
 
-import json as json_text
 from typing import Annotated
 
 import typer
 
 from daemon.config.shipped import configs_folder
+from gaitd.command_line import JsonOption, json_on_stdout
 
 PLAIN_WIDTH = 120
 """Columns of tables that are written to a file."""
 
 
 def command(
-    json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
+    as_json: JsonOption = False,
     seconds: Annotated[
         float, typer.Option(min=2, max=25, help="of real time for each measurement on the bus")
     ] = 20.0,
@@ -28,11 +28,10 @@ def command(
     from rich.console import Console
 
     from gaitd_lab.benchmark.catalogue import measurements
-    from gaitd_lab.benchmark.tables import plain
 
-    console = Console(stderr=json)
+    console = Console(stderr=as_json)
     if not console.is_terminal:
-        console = Console(stderr=json, width=PLAIN_WIDTH)
+        console = Console(stderr=as_json, width=PLAIN_WIDTH)
     configs = configs_folder("configs", "demo.toml")
     results: dict[str, object] = {}
     measures = measurements(configs, seconds)
@@ -41,8 +40,8 @@ def command(
             raise typer.BadParameter(f"{name!r} is none of {', '.join(measures)}")
         with console.status(f"measuring: {name}"):
             results[name], table = measures[name]()
-        if not json:
+        if not as_json:
             for one in table if isinstance(table, list) else [table]:
                 console.print(one)
-    if json:
-        print(json_text.dumps({name: plain(result) for name, result in results.items()}, indent=2))
+    with json_on_stdout(as_json) as write:
+        write(results)

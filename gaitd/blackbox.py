@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitd.command_line import CONFIG_VARIABLE, errors_in_one_line
+from gaitd.command_line import CONFIG_VARIABLE, JsonOption, errors_in_one_line, json_on_stdout
 from gaitd.terminal import show
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def command(
     state: Annotated[
         Path | None, typer.Option(help="a state directory, also a copy of one", file_okay=False)
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+    as_json: JsonOption = False,
     export: Annotated[
         Path | None, typer.Option("--csv", help="show: write the recording for `gaitd replay`")
     ] = None,
@@ -154,21 +154,21 @@ def _show(
     for path in (path for path in written if path is not None):
         if path.exists() and path.samefile(file):
             raise RefusedError(f"{path}: is the recording itself; name another file")
-    if as_json:
-        print(msgspec.json.encode({"about": dict(about(stop)), "kept": stop.kept}).decode())
-    else:
+    with json_on_stdout(as_json) as write:
+        write({"about": dict(about(stop)), "kept": msgspec.to_builtins(stop.kept)})
+        if not as_json:
 
-        def events(before: "CycleRecord", now: "CycleRecord") -> "Iterator[tuple[str, str]]":
-            return ((item.priority.value, item.text) for item in new_events(before, now))
+            def events(before: "CycleRecord", now: "CycleRecord") -> "Iterator[tuple[str, str]]":
+                return ((item.priority.value, item.text) for item in new_events(before, now))
 
-        show(tables(stop, events))
-    if export is not None:
-        print(f"\n{write_csv(stop, one, export)} rows of the {one} leg in {export}")
-    if plot is not None:
-        from analysis.stop_figure import draw
+            show(tables(stop, events))
+        if export is not None:
+            print(f"\n{write_csv(stop, one, export)} rows of the {one} leg in {export}")
+        if plot is not None:
+            from analysis.stop_figure import draw
 
-        draw(stop, one, plot)
-        print(f"picture of the {one} leg in {plot}")
+            draw(stop, one, plot)
+            print(f"picture of the {one} leg in {plot}")
 
 
 # --- requests -------------------------------------------------------------------------------------

@@ -1,13 +1,19 @@
 """`gaitd calibrate`: friction, springs and encoder noise from recordings of the empty machine."""
 
-import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from daemon.config.strict import COMMAND_LINE, ConfigError
-from gaitd.command_line import EXIT_FAILED, errors_in_one_line
+from gaitd.command_line import (
+    EXIT_FAILED,
+    CommandError,
+    JsonOption,
+    errors_in_one_line,
+    json_on_stdout,
+)
 from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -39,26 +45,28 @@ def command(
     check: Annotated[
         bool, typer.Option("--check", help="only look for a wrong recline, spring or offset")
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Identify friction, springs, inertia and encoder noise, with intervals, from `excite` runs."""
     from analysis.recording import RecordingError
     from daemon.config.edits import EditError
 
     output = output or recorded[0].with_name(recorded[0].name + SUFFIX)
-    with errors_in_one_line(RecordingError, EditError):
+    with errors_in_one_line(RecordingError, EditError), json_on_stdout(as_json) as write:
         if check:
-            _check(recorded, robot)
+            _check(recorded, robot, write)
         else:
-            _calibrate(recorded, robot, output, page, held_out or [], noise=noise)
+            _calibrate(recorded, robot, output, page, held_out or [], write, noise=noise)
 
 
-def _check(recorded: list[Path], robot_file: Path) -> None:
+def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], None]) -> None:
     from analysis.calibration.empty_check import check
     from analysis.calibration.session import empty_run
 
     robot = _robot(robot_file)
     found = check(robot, empty_run(_sources(recorded), robot))
     print(found)
+    write({"passed": found.well, "mechanism": str(found), "check": found})
     if not found.well:
         raise typer.Exit(EXIT_FAILED)
 
@@ -69,6 +77,7 @@ def _calibrate(
     output: Path,
     page: Path | None,
     held_out: list[Path],
+    write_json: Callable[[object], None],
     *,
     noise: bool,
 ) -> None:
@@ -94,14 +103,34 @@ def _calibrate(
         print(f"page         {write_page(made, robot_file.name, page)}")
     if made.fault or not made.check.mendable:
         fault = made.fault or "correct the mechanism's numbers first, then calibrate"
-        print(f"nothing written: {fault}", file=sys.stderr)
-        raise typer.Exit(EXIT_FAILED)
+        raise CommandError(f"nothing written: {fault}", EXIT_FAILED, blame=recorded[0].name)
     if made.needless:
         print(f"nothing written: keep {robot_file}; {made.needless}")
-        return
-    names = ", ".join(path.name for path in recorded)
-    write(robot_file, output, made.values(names))
-    print(f"written      {output}")
+    else:
+        write(robot_file, output, made.values(", ".join(path.name for path in recorded)))
+        print(f"written      {output}")
+    write_json(
+        {
+            "written": None if made.needless else output,
+            "needless": made.needless,
+            "mechanism": str(made.check),
+            "results": [
+                {
+                    "key": one.quantity.key,
+                    "unit": one.quantity.unit,
+                    "before": one.before,
+                    "value": one.value,
+                    "half_interval": one.half_interval,
+                    "not_identified": one.reason,
+                }
+                for one in made.fit.results
+                if one.exists
+            ],
+            "held_out": made.held_out,
+            "before": made.before,
+            "after": made.after,
+        }
+    )
 
 
 def _robot(path: Path) -> "Robot":

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gaitd.command_line import ConfigFile
+from gaitd.command_line import ConfigFile, JsonOption, failure
 from gaitd.terminal import show
 
 EXIT_REFUSED = 2
@@ -13,7 +13,7 @@ EXIT_REFUSED = 2
 
 def command(
     config: ConfigFile,
-    json: Annotated[bool, typer.Option("--json", help="the report as one JSON object")] = False,
+    json: JsonOption = False,
     quiet: Annotated[
         bool, typer.Option("--quiet", "-q", help="the verdict, warnings and errors alone")
     ] = False,
@@ -29,7 +29,10 @@ def command(
     report, errors = result.report, result.errors
     line = verdict(config, len(errors), report)
     if json:
-        known = {"verdict": line, "errors": list(map(str, errors))}
+        known: dict[str, object] = {"verdict": line, "errors": []}
+        if errors:
+            known |= failure(ConfigError.combined(errors), "check")
+            known["errors"] = list(map(str, errors))
         print(msgspec.json.encode(known | (msgspec.to_builtins(report) or {})).decode())
     else:
         print(line)

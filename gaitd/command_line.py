@@ -3,15 +3,20 @@
 `remote.py` is shared by the clients of a running service, `terminal.py` prints tables and progress.
 """
 
+import json
+import math
 import sys
-from collections.abc import Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, nullcontext, redirect_stdout
+from dataclasses import fields, is_dataclass
+from enum import Enum
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, Final, cast
 
 import typer
 
 from daemon.config.shipped import configs_folder
+from daemon.config.strict import COMMAND_LINE, ConfigError
 
 EXIT_FAILED: Final = 1
 EXIT_REFUSED: Final = 2
@@ -31,21 +36,110 @@ DemoFile = Annotated[
     typer.Option("--config", help="trainer file; by default configs/demo.toml", dir_okay=False),
 ]
 Recorded = Annotated[Path, typer.Argument(metavar="IN", help="a .csv, or a ring of records")]
+JSON: Final = "--json"
+JsonOption = Annotated[
+    bool, typer.Option(JSON, help="the result as one JSON document on stdout, text on stderr")
+]
+JsonLinesOption = Annotated[
+    bool, typer.Option(JSON, help="one JSON document a line on stdout for each event")
+]
+
+
+class CommandError(Exception):
+    """The command ends without its result: one line on stderr, a JSON document with --json."""
+
+    def __init__(self, text: str, code: int, *, blame: str = "", following: str = "") -> None:
+        """`blame` is the file, option or part at fault, `following` the command to give next."""
+        self.code, self.blame, self.following = code, blame, following
+        super().__init__(text)
 
 
 @contextmanager
 def errors_in_one_line(*errors: type[Exception], code: int = EXIT_REFUSED) -> Generator[None]:
-    """End the command with one line on stderr: `code` for `errors`, 2 for an unusable file."""
+    """End the command with `code` for `errors`, with 2 for an unusable file.
+
+    Raises:
+        CommandError: one of them happened.
+    """
     try:
         yield
     except errors as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(code) from error
+        raise CommandError(str(error), code) from error
     except BrokenPipeError:
         raise  # the reader of the output has ended; the command line then ends quietly
     except OSError as error:
-        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
+        file = str(error.filename)
+        raise CommandError(f"{file}: {error.strerror}", EXIT_REFUSED, blame=file) from error
+
+
+@contextmanager
+def json_on_stdout(wanted: bool) -> Generator[Callable[[object], None]]:
+    """With --json, let text go to stderr, and to stdout only what the yielded function is given.
+
+    Each value is one line of JSON. Without --json the function does nothing.
+    """
+    out = sys.stdout
+
+    def write(value: object) -> None:
+        if wanted:
+            print(json_text(value), file=out, flush=True)
+
+    with redirect_stdout(sys.stderr) if wanted else nullcontext():
+        yield write
+
+
+def json_text(value: object) -> str:
+    """A result as JSON: named tuples and dataclasses are objects, not finite numbers null."""
+    return json.dumps(_plain(value), ensure_ascii=False, allow_nan=False)
+
+
+def failure(error: CommandError | ConfigError, command: str) -> dict[str, object]:
+    """An error as it is printed with --json."""
+    if isinstance(error, CommandError):
+        text = str(error)
+        return {
+            "error": text,
+            # The errors of files begin with the file's name.
+            "blame": error.blame or (text.partition(": ")[0] if ": " in text else command),
+            "next": error.following,
+            "exit_code": error.code,
+        }
+    all_of_it = [
+        {"file": one.file, "key": one.key, "value": str(one.value), "allowed": one.allowed}
+        for one in (error, *error.more)
+    ]
+    of_usage = error.file == COMMAND_LINE
+    return {
+        "error": str(error),
+        "blame": f"{error.file}: {error.key}" if error.key else error.file,
+        "next": f"gaitd {command} --help" if of_usage else "gaitd check --config FILE",
+        "exit_code": EXIT_REFUSED,
+        "errors": all_of_it,
+    }
+
+
+def _plain(value: object) -> object:
+    if is_dataclass(value) and not isinstance(value, type):
+        return {one.name: _plain(getattr(value, one.name)) for one in fields(value)}
+    match value:
+        case dict():
+            members = cast("dict[Any, Any]", value)
+            return {str(name): _plain(member) for name, member in members.items()}
+        case tuple() | list():
+            names: tuple[str, ...] | None = getattr(value, "_fields", None)
+            parts = [_plain(member) for member in cast("tuple[Any, ...]", value)]
+            return dict(zip(names, parts, strict=True)) if names else parts
+        case float():
+            return value if math.isfinite(value) else None
+        case Enum():
+            return _plain(value.value)
+        case str() | int() | None:
+            return value
+        case Path():
+            return str(value)
+        case _:
+            # An array or a number of numpy, which no other command imports for this.
+            return _plain(cast("Any", value).tolist())
 
 
 def demo_file(config: Path | None) -> Path:

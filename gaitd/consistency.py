@@ -5,7 +5,13 @@ from typing import Annotated, Final
 
 import typer
 
-from gaitd.command_line import EXIT_FAILED, errors_in_one_line, robot_file
+from gaitd.command_line import (
+    EXIT_FAILED,
+    JsonOption,
+    errors_in_one_line,
+    json_on_stdout,
+    robot_file,
+)
 from gaitd.terminal import progress
 
 RUNS: Final = 200
@@ -22,6 +28,7 @@ def command(
         typer.Option(help="robot.toml; by default configs/robot_empty.toml", dir_okay=False),
     ] = None,
     runs: Annotated[int, typer.Option(min=2, help="of the Monte Carlo")] = RUNS,
+    as_json: JsonOption = False,
 ) -> None:
     """Measure the observer's consistency on a plant whose noise is known; print and draw it.
 
@@ -38,12 +45,25 @@ def command(
     with progress() as stage:
         found = monte_carlo(plant, runs, STEPS, stage("Monte Carlo"))
     rest, lost, drifted = still(plant), gaps(plant), drifting(plant, LEVEL_RATIOS)
-    print(f"robot        {file}")
-    print("\n".join(lines(plant, found, runs, rest, lost, drifted, offsets(plant))))
+    jumps = offsets(plant)
     picture = output / "consistency.png"
-    with errors_in_one_line():
+    passed = found.nees.inside and found.nis.inside and all(max(gap.sigmas) <= 3.0 for gap in lost)
+    with errors_in_one_line(), json_on_stdout(as_json) as write:
+        print(f"robot        {file}")
+        print("\n".join(lines(plant, found, runs, rest, lost, drifted, jumps)))
         output.mkdir(parents=True, exist_ok=True)
         draw(found, rest, lost, drifted, picture)
-    print(f"picture      {picture}")
-    within = all(max(gap.sigmas) <= 3.0 for gap in lost)
-    raise typer.Exit(0 if found.nees.inside and found.nis.inside and within else EXIT_FAILED)
+        print(f"picture      {picture}")
+        write(
+            {
+                "robot": file,
+                "passed": passed,
+                "monte_carlo": found,
+                "patient_rms_at_rest": rest.patient_rms,
+                "gaps": lost,
+                "drift": drifted,
+                "offsets": jumps,
+                "picture": picture,
+            }
+        )
+    raise typer.Exit(0 if passed else EXIT_FAILED)

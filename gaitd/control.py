@@ -7,11 +7,11 @@ from typing import Annotated
 import typer
 from gaitd_client import Mode
 
+from gaitd.command_line import JsonOption
 from gaitd.remote import (
     ConfigOption,
     CredentialsOption,
     EndpointOption,
-    JsonOption,
     TrainerOption,
     find_target,
     request,

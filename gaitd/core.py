@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from gaitd.command_line import ConfigFile
+from gaitd.command_line import ConfigFile, JsonLinesOption, json_on_stdout
 
 
 def command(
@@ -19,6 +19,7 @@ def command(
             help="for rigs: a simulated bus under systemd; its server runs with --wall-clock",
         ),
     ] = False,
+    as_json: JsonLinesOption = False,
 ) -> None:
     """Run the core alone; `gaitd run` starts it together with the gateway."""
     # Set before numpy and scipy are loaded. Each would start threads, and the real-time thread
@@ -41,4 +42,8 @@ def command(
             )
             raise ConfigError(config, "bus.interface", SIMULATED, allowed)
         address = os.environ.get("NOTIFY_SOCKET")
-        raise typer.Exit(run_core(settings, address, log, has_watchdog=has_watchdog))
+        with json_on_stdout(as_json) as write:
+            write({"event": "started", "part": "core", "pid": os.getpid()})
+            code = run_core(settings, address, log, has_watchdog=has_watchdog)
+            write({"event": "ended", "part": "core", "exit_code": code})
+        raise typer.Exit(code)

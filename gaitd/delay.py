@@ -5,7 +5,14 @@ from typing import Annotated
 
 import typer
 
-from gaitd.command_line import EXIT_FAILED, Recorded, errors_in_one_line, robot_file
+from gaitd.command_line import (
+    EXIT_FAILED,
+    JsonOption,
+    Recorded,
+    errors_in_one_line,
+    json_on_stdout,
+    robot_file,
+)
 
 
 def command(
@@ -15,6 +22,7 @@ def command(
         typer.Option(help="robot.toml; by default the ring's own, else configs/robot_empty.toml"),
     ] = None,
     leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Measure the delay of torque and force, and print the values to set in robot.toml.
 
@@ -27,16 +35,18 @@ def command(
     from daemon.config.settings import Robot
     from daemon.config.strict import load_toml
 
-    with errors_in_one_line(RecordingError):
+    with errors_in_one_line(RecordingError), json_on_stdout(as_json) as write:
         source = read(recorded, leg)
         made_by, name = source.robot, f"as the service had it, {source.leg} leg"
         if robot is not None or made_by is None:
             path = robot_file(robot, "robot_empty.toml")
             made_by, name = load_toml(path, Robot), str(path)
         delays = measure(source.recording, made_by)
-    print(f"robot        {name}")
-    for one in delays:
-        print(f"delay        {in_words(one)}")
-    print(f"             {advice(delays)}")
+        print(f"robot        {name}")
+        for one in delays:
+            print(f"delay        {in_words(one)}")
+        print(f"             {advice(delays)}")
+        found = [{**one._asdict(), "known": one.known} for one in delays]
+        write({"robot": name, "delays": found, "advice": advice(delays)})
     if not any(one.known for one in delays):
         raise typer.Exit(EXIT_FAILED)

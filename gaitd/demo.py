@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitd.command_line import JsonOption, json_on_stdout
+
 if TYPE_CHECKING:
     from gaitd_lab.demonstration.picture import Results
     from gaitd_lab.demonstration.script import Plan, Scene
@@ -58,12 +60,13 @@ def command(
             help="instead: a patient who tires, without and with help as needed (clients/assist)",
         ),
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; check the errors."""
     from daemon.config.shipped import configs_folder
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
-    from gaitd_lab.demonstration.report import report
+    from gaitd_lab.demonstration.report import as_object, report
     from gaitd_lab.demonstration.script import plan_of, tiring_plan
     from gaitd_lab.processes import Tempo
 
@@ -73,17 +76,19 @@ def command(
     plan = tiring_plan(seconds or TIRING_S) if tiring else plan_of(seconds or GAIT_S)
     tempo = Tempo(pace, wall_clock)
     port = display_port if display else None
-    if display:
-        print(f"the patient's page: http://127.0.0.1:{display_port}", flush=True)
-        time.sleep(READ_S)
-    if headless or not sys.stdout.isatty():
-        results = Performance(configs, plan, _Lines(), tempo, port).play()
-    else:
-        results = _watch(configs, plan, tempo, port)
-    plot.parent.mkdir(parents=True, exist_ok=True)
-    draw(results, plot)
-    report(results, plan)
-    print(f"picture: {plot.resolve()}")
+    with json_on_stdout(as_json) as write:
+        if display:
+            print(f"the patient's page: http://127.0.0.1:{display_port}", flush=True)
+            time.sleep(READ_S)
+        if headless or as_json or not sys.stdout.isatty():
+            results = Performance(configs, plan, _Lines(), tempo, port).play()
+        else:
+            results = _watch(configs, plan, tempo, port)
+        plot.parent.mkdir(parents=True, exist_ok=True)
+        draw(results, plot)
+        report(results, plan)
+        print(f"picture: {plot.resolve()}")
+        write(as_object(results) | {"picture": plot.resolve()})
     raise typer.Exit(0 if results.passed else 1)
 
 

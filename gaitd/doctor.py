@@ -2,13 +2,14 @@
 
 import json as json_text
 from collections.abc import Iterator
-from typing import Annotated, Final
+from typing import Final
 
 import typer
 from gaitd_client import ClientError, Target
 
 from daemon.system.machine.checks import findings
 from daemon.system.machine.finding import Finding, Grade
+from gaitd.command_line import JsonOption
 from gaitd.remote import ConfigOption, CredentialsOption, client_of, find_target
 
 MARKS: Final = {
@@ -24,7 +25,7 @@ LEGEND: Final = (
 
 
 def command(
-    json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
+    json: JsonOption = False,
     config: ConfigOption = None,
     credentials: CredentialsOption = None,
 ) -> None:

@@ -30,7 +30,7 @@ from drives.service.eds import load_eds
 from drives.service.object_texts import ObjectWords
 from drives.service.parameters import Command
 from drives.service.scan import listen
-from gaitd.command_line import EXIT_FAILED, ConfigFile
+from gaitd.command_line import EXIT_FAILED, CommandError, ConfigFile, JsonOption
 from gaitd.terminal import run_with_progress, show
 
 if TYPE_CHECKING:
@@ -64,6 +64,9 @@ class Action(StrEnum):
     COMPARE = "compare"
     STORE = "store"
     RESTORE = "restore"
+
+
+_SCAN: Final = "gaitd scan --config FILE"
 
 
 class Options(NamedTuple):
@@ -131,7 +134,7 @@ def command(
     ] = None,
     eds: Annotated[bool, typer.Option("--eds", help="compare: with the EDS's defaults")] = False,
     everything: Annotated[bool, typer.Option("--all", help="compare: what is equal too")] = False,
-    json: Annotated[bool, typer.Option("--json", help="dump, compare: one JSON object")] = False,
+    json: JsonOption = False,
     yes: Annotated[
         bool, typer.Option("--yes", help="store, restore: without confirmation")
     ] = False,
@@ -163,8 +166,7 @@ def command(
             else:
                 code = _read(drive, action, options)
     except (BringUpRefused, BusError, DriveSilent) as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_DRIVE) from error
+        raise CommandError(str(error), EXIT_DRIVE, blame=name, following=_SCAN) from error
     raise typer.Exit(code)
 
 

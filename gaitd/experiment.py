@@ -1,6 +1,5 @@
 """`gaitd experiment`: the paper's experiment of Figs. 4 and 5, through virtual drives."""
 
-import sys
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
@@ -8,11 +7,19 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from daemon.config.strict import COMMAND_LINE, ConfigError
-from gaitd.command_line import EXIT_FAILED, DemoFile, demo_file, errors_in_one_line
+from gaitd.command_line import (
+    EXIT_FAILED,
+    CommandError,
+    DemoFile,
+    JsonOption,
+    demo_file,
+    errors_in_one_line,
+    json_on_stdout,
+)
 from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
-    from analysis.experiment import Run
+    from analysis.experiment import Row, Run
     from gaitd_lab.excitation import EmptyMachine
 
 SCENARIO: Final = "paper"
@@ -39,6 +46,7 @@ def command(
         typer.Option(min=SHORTEST_S, help="of the scenario; by default all of it"),
     ] = None,
     config: DemoFile = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Play the paper's scenario on the empty virtual machine; print the numbers, draw the figures.
 
@@ -52,16 +60,25 @@ def command(
     longest_s = machine.longest_s(SCENARIO)
     if seconds is not None and seconds > longest_s:
         raise ConfigError(COMMAND_LINE, "--seconds", seconds, f"at most {longest_s:g}")
-    with errors_in_one_line(NotPlayedError, code=EXIT_FAILED):
+    with (
+        errors_in_one_line(NotPlayedError, code=EXIT_FAILED),
+        json_on_stdout(as_json) as write,
+    ):
         output.mkdir(parents=True, exist_ok=True)
-        trouble = _experiment(machine, seconds or longest_s, output)
+        trouble, table = _experiment(machine, seconds or longest_s, output)
+        if not trouble:
+            write({"law": machine.law, "seed": machine.seed, "rows": table})
     if trouble:
-        print(trouble, file=sys.stderr)
-        raise typer.Exit(EXIT_FAILED)
+        raise CommandError(trouble, EXIT_FAILED)
 
 
-def _experiment(machine: "EmptyMachine", seconds: float, output: Path) -> str:
-    """Play the scenario, print and draw its results; return the trouble, or an empty text."""
+def _experiment(
+    machine: "EmptyMachine", seconds: float, output: Path
+) -> "tuple[str, tuple[Row, ...]]":
+    """Play the scenario, print and draw its results.
+
+    Returns: the trouble, or an empty text; and the rows of the table.
+    """
     from analysis.delay import advice, in_words
     from observer.filter.leg_model import STEP_S
 
@@ -73,8 +90,7 @@ def _experiment(machine: "EmptyMachine", seconds: float, output: Path) -> str:
     print(f"plant        friction law {machine.law.value}, seed {machine.seed}")
     if machine.note:
         print(f"note         {machine.note}")
-    if duration_s >= SHORTEST_S:
-        _print_numbers(machine, played.run)
+    table = _print_numbers(machine, played.run) if duration_s >= SHORTEST_S else ()
     if isinstance(delays, str):
         print(f"delay        not measured: {delays}")
     else:
@@ -83,10 +99,10 @@ def _experiment(machine: "EmptyMachine", seconds: float, output: Path) -> str:
     if duration_s >= SHORTEST_S:
         for picture in _draw(machine, played.run, output):
             print(f"picture      {picture}")
-    return played.trouble
+    return played.trouble, table
 
 
-def _print_numbers(machine: "EmptyMachine", run: "Run") -> None:
+def _print_numbers(machine: "EmptyMachine", run: "Run") -> "tuple[Row, ...]":
     from analysis.experiment import marks
     from analysis.experiment_table import cells, rows
     from analysis.replay import setup_for
@@ -97,6 +113,7 @@ def _print_numbers(machine: "EmptyMachine", run: "Run") -> None:
     matched = machine.law is not FrictionLaw.LUGRE
     table = rows(run, when, machine.frictions, setup, matched=matched)
     show((("", ("", "hip", "slide", "target"), tuple(map(cells, table))),))
+    return table
 
 
 def _draw(machine: "EmptyMachine", run: "Run", output: Path) -> tuple[Path, ...]:

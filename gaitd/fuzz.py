@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from daemon.config.strict import COMMAND_LINE, ConfigError
-from gaitd.command_line import EXIT_FAILED, DemoFile, demo_file
+from gaitd.command_line import EXIT_FAILED, DemoFile, JsonOption, demo_file, json_on_stdout
 
 
 def command(
@@ -19,6 +19,7 @@ def command(
         Path | None, typer.Option(metavar="DIR", help="write random_hour.md there", file_okay=False)
     ] = None,
     config: DemoFile = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Fuzz the service in lock-step until the time is over, or an invariant is broken.
 
@@ -26,7 +27,7 @@ def command(
     with it another make of drives, another guidance, or an empty machine. Exit code 0 only if no
     invariant was broken; otherwise the last seconds and the command that repeats them are printed.
     """
-    from gaitd_lab.fuzz.report import description, page, summary
+    from gaitd_lab.fuzz.report import description, page, rerun, summary
     from gaitd_lab.fuzz.series import sessions
     from gaitd_lab.fuzz.tally import Tally
 
@@ -43,7 +44,10 @@ def command(
             output.mkdir(parents=True, exist_ok=True)
             run = " ".join(("gaitd", *sys.argv[1:]))
             (output / "random_hour.md").write_text(page(tally, run), encoding="utf-8")
-    for broken in tally.broken:
-        print(description(broken))
-    print(summary(tally))
+    with json_on_stdout(as_json) as write:
+        for broken in tally.broken:
+            print(description(broken))
+        print(summary(tally))
+        again = [rerun(broken) for broken in tally.broken]
+        write({"passed": not tally.broken, "again": again, "tally": tally})
     raise typer.Exit(EXIT_FAILED if tally.broken else 0)

@@ -8,9 +8,7 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Final
 
-import typer
-
-from gaitd.command_line import ConfigFile
+from gaitd.command_line import CommandError, ConfigFile, JsonLinesOption
 
 if TYPE_CHECKING:
     from daemon.config.trainer import TrainerFile
@@ -21,6 +19,7 @@ RETRY_S: Final = 1.0
 
 def command(
     config: ConfigFile,
+    as_json: JsonLinesOption = False,
 ) -> None:
     """Run Zenoh, events and requests of the service until SIGTERM; exit code 0."""
     from contextlib import closing
@@ -51,7 +50,7 @@ def command(
     clock = PageClock(Path(file.channel)) if is_simulated else MonotonicClock()
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
     journal = Journal("gaitd-gateway", SOCKET if in_journal else None)
-    log.begin(journal, file.trainer.log.level)
+    log.begin(journal, file.trainer.log.level, sys.stdout if as_json else None)
     zenoh.init_log_from_env_or("error")
     ending, reload = _Ending(), Reload(file, read)
     signal.signal(signal.SIGHUP, reload.request)
@@ -83,8 +82,8 @@ def command(
                     else error
                 )
                 if not restarts:
-                    print(f"gaitd gateway: {what}", file=sys.stderr)
-                    raise typer.Exit(EXIT_CONFIGURATION) from error
+                    text, blame = f"gaitd gateway: {what}", f"{config}: zenoh.listen"
+                    raise CommandError(text, EXIT_CONFIGURATION, blame=blame) from error
                 # It ran before: an end now would take the clients' STOP away for good.
                 print(f"gaitd gateway: {what}; it tries again", file=sys.stderr)
                 with closing(Notifier(os.environ.get("NOTIFY_SOCKET"))) as supervisor:

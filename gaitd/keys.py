@@ -6,8 +6,8 @@ machine is active or stopping.
 """
 
 import datetime
-import json
 import sys
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final, NamedTuple
@@ -19,8 +19,8 @@ from daemon.config.trainer import TrainerFile, load_trainer
 from daemon.keys import issuing
 from daemon.keys.folder import GATEWAY, Keys, read_keys
 from daemon.zenoh_io.endpoints import TLS, to_connect
-from gaitd.command_line import ConfigFile, errors_in_one_line
-from gaitd.remote import CredentialsOption, JsonOption, find_target, request
+from gaitd.command_line import ConfigFile, JsonOption, errors_in_one_line, json_on_stdout
+from gaitd.remote import CredentialsOption, find_target, request
 from gaitd.terminal import show
 
 DAYS: Final = 365
@@ -69,8 +69,8 @@ def command(
     with errors_in_one_line():
         if action is Action.INIT:
             folder.keys.mkdir(parents=True, exist_ok=True)
-        with issuing.changing(folder.keys):
-            _act(action, folder, name, remote=remote, as_json=as_json)
+        with issuing.changing(folder.keys), json_on_stdout(as_json) as write:
+            _act(action, folder, name, write, remote=remote)
 
 
 class Folder(NamedTuple):
@@ -83,7 +83,14 @@ class Folder(NamedTuple):
     days: int
 
 
-def _act(action: Action, folder: Folder, name: str | None, *, remote: bool, as_json: bool) -> None:
+def _act(
+    action: Action,
+    folder: Folder,
+    name: str | None,
+    write: Callable[[object], None],
+    *,
+    remote: bool,
+) -> None:
     file, keys, now, hosts, days = folder
     match action:
         case Action.INIT:
@@ -97,7 +104,9 @@ def _act(action: Action, folder: Folder, name: str | None, *, remote: bool, as_j
             issuing.revoke(keys, _given(name))
             print(f"{name}: may not connect after the next `gaitd keys apply`.")
         case _:
-            _list(read_keys(keys), as_json=as_json)
+            _list(read_keys(keys), write)
+            return
+    write({"action": action, "name": name, "folder": keys, "next": "gaitd keys apply"})
 
 
 def _given(name: str | None) -> str:
@@ -151,15 +160,13 @@ def _renew(folder: Folder, name: str) -> None:
     _issue(folder, name, remote=known[name].remote)
 
 
-def _list(keys: Keys, *, as_json: bool) -> None:
+def _list(keys: Keys, write: Callable[[object], None]) -> None:
     clients = keys.register.clients
-    if as_json:
-        rows = [
-            {"name": c.name, "remote": c.remote, "issued": c.issued, "expires": c.expires}
-            for c in clients
-        ]
-        print(json.dumps({"gateway_expires": keys.register.gateway_expires, "clients": rows}))
-        return
+    objects = [
+        {"name": c.name, "remote": c.remote, "issued": c.issued, "expires": c.expires}
+        for c in clients
+    ]
+    write({"gateway_expires": keys.register.gateway_expires, "clients": objects})
     links = {True: "TLS, certificate and password", False: "this machine, password"}
     rows = [(c.name, links[c.remote], c.issued, c.expires or "never") for c in clients]
     last = (GATEWAY, "", "", keys.register.gateway_expires)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitd.command_line import EXIT_FAILED, DemoFile, demo_file
+from gaitd.command_line import EXIT_FAILED, DemoFile, JsonOption, demo_file, json_text
 from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def command(
         typer.Option(metavar="DIR", help="write page and picture there", file_okay=False),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes at the same time")] = JOBS_MAX,
-    json: Annotated[bool, typer.Option("--json", help="every cell as one JSON object")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Run the cells of the fault matrix. Exit code 0 only if each keeps every law, else 1."""
     from gaitd_lab.fault_matrix.evaluation import broken
@@ -104,9 +104,11 @@ def _print_json(results: "list[CellResult]") -> None:
     from gaitd_lab.fault_matrix.evaluation import broken
     from gaitd_lab.fault_matrix.page import command as again
 
-    for one in results:
-        line = {**msgspec.to_builtins(one), "broken": broken(one), "command": again(one)}
-        print(msgspec.json.encode(line).decode())
+    lines = [
+        {**msgspec.to_builtins(one), "broken": broken(one), "command": again(one)}
+        for one in results
+    ]
+    print(json_text(lines))
 
 
 def _print_cells(results: "list[CellResult]") -> None:

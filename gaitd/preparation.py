@@ -14,6 +14,7 @@ from typing import Annotated, Final, NamedTuple
 import typer
 from gaitd_client import ClientError, Outcome, Target, Trainer, wire
 
+from gaitd.command_line import JsonOption
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
@@ -21,7 +22,6 @@ from gaitd.remote import (
     ConfigOption,
     CredentialsOption,
     EndpointOption,
-    JsonOption,
     TrainerOption,
     client_of,
     find_target,
@@ -171,7 +171,7 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
                 settled = settled + 1 if status.safety.mode in SETTLED_MODES else 0
                 if settled > SETTLED_POLLS:
                     return _axis_result(status, axis, good, before)
-        print(f"{axis}: it did not end within {HOMING_MAX_S:g} s", file=sys.stderr)
+        report_silence(mode, f"{axis}: it did not end within {HOMING_MAX_S:g} s", as_json=as_json)
     except ClientError as error:
         moving = "" if before is None else f"; {axis} may be moving: look at it before you go on"
         report_silence(mode, f"{error}{moving}", as_json=as_json)
@@ -207,7 +207,7 @@ def self_test(
         with client_of(target, "self-test") as service:
             passed, lines = run_self_test(service, show)
     except ClientError as error:
-        print(f"self-test: {error}", file=sys.stderr)
+        report_silence("self-test", str(error), as_json=as_json)
         raise typer.Exit(EXIT_NO_ANSWER) from error
     if as_json:
         print(json.dumps({"passed": passed, "findings": lines}, ensure_ascii=False))

@@ -4,7 +4,6 @@ Exit codes: 0 done; 1 refused, with the reason; 2 configuration or usage; 4 no a
 service did not report the outcome of the request in time.
 """
 
-import json
 import sys
 from pathlib import Path
 from typing import Annotated, Final
@@ -26,7 +25,7 @@ from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
 from gaitd_client.trainer import NOT_STOPPED, STOP
 
 from daemon.config.strict import ConfigError
-from gaitd.command_line import CONFIG_VARIABLE
+from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text
 
 EXIT_DONE: Final = 0
 EXIT_REFUSED: Final = 1
@@ -72,7 +71,6 @@ CredentialsOption = Annotated[
         " --endpoint and --trainer.",
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
 
 
 def find_target(
@@ -135,10 +133,17 @@ def report_reply(reply: Reply, *, as_json: bool) -> int:
     following = next_command(reply)
     then = f"\nnext: {following}" if following else ""
     text = f"{reply.request} {reply.outcome}{reason}{mode}{then}"
-    print(as_json_text(reply) if as_json else text)
     # A later version of the service may send another outcome.
     codes: dict[str, int] = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
-    return codes.get(reply.outcome, EXIT_NO_ANSWER)
+    code = codes.get(reply.outcome, EXIT_NO_ANSWER)
+    if not as_json:
+        print(text)
+    elif code == EXIT_DONE:
+        print(as_json_text(reply))
+    else:
+        refused = CommandError(reply.reason, code, following=following)
+        print(json_text(msgspec.to_builtins(reply) | failure(refused, reply.request)))
+    return code
 
 
 def next_command(reply: Reply) -> str:
@@ -159,7 +164,9 @@ def report_silence(name: str, trouble: str, *, as_json: bool) -> int:
     Returns: the exit code.
     """
     if as_json:
-        print(json.dumps({"request": name, "outcome": "unanswered", "reason": trouble}))
+        silent = CommandError(trouble, EXIT_NO_ANSWER, blame="service", following="gaitd run")
+        known = {"request": name, "outcome": "unanswered", "reason": trouble}
+        print(json_text(known | failure(silent, name)))
     else:
         print(f"{name}: {trouble}", file=sys.stderr)
     return EXIT_NO_ANSWER

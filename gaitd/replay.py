@@ -19,7 +19,7 @@ from analysis.replay_files import (
     targets_of,
 )
 from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
-from gaitd.command_line import errors_in_one_line, robot_file
+from gaitd.command_line import JsonOption, errors_in_one_line, json_on_stdout, robot_file
 from gaitd.terminal import progress
 
 if TYPE_CHECKING:
@@ -72,20 +72,25 @@ def command(
     repeat: Annotated[
         bool, typer.Option("--repeat", help="--publish: play it until Ctrl-C")
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run the observer over a recorded file: CSV in, CSV of the estimates out."""
     from analysis.recording import RecordingError
 
-    with errors_in_one_line(RecordingError, FileError):
+    with errors_in_one_line(RecordingError, FileError), json_on_stdout(as_json) as write:
         if publish:
-            _publish(recorded, listen, pace, repeat=repeat)
+            count = _publish(recorded, listen, pace, repeat=repeat)
+            write({"published_count": count})
             return
         wanted = Wanted(output, plot, strides, strides_plot)
-        _replay(recorded, leg, wanted, Given(robot, baseline, smooth))
+        write(_replay(recorded, leg, wanted, Given(robot, baseline, smooth)))
 
 
-def _publish(recorded: list[Path], listen: str, pace: float, *, repeat: bool) -> None:
-    """Play recordings one after the other; each time as another core, as the cycles begin anew."""
+def _publish(recorded: list[Path], listen: str, pace: float, *, repeat: bool) -> int:
+    """Play recordings one after the other; each time as another core, as the cycles begin anew.
+
+    Returns: how many times they were played.
+    """
     import msgspec
     import zenoh
 
@@ -109,9 +114,10 @@ def _publish(recorded: list[Path], listen: str, pace: float, *, repeat: bool) ->
             except zenoh.ZError as error:
                 raise RecordingError(f"--listen {listen}: {error}") from error
             except KeyboardInterrupt:
-                return
+                return count - 1
         if not repeat:
-            return
+            return count
+    raise AssertionError("the count has no end")
 
 
 class Given(NamedTuple):
@@ -122,8 +128,13 @@ class Given(NamedTuple):
     smooth: bool
 
 
-def _replay(recorded: list[Path], leg: str | None, wanted: Wanted, given: Given) -> None:
-    """Replay all recordings, after reading all: a bad one leaves every file unchanged."""
+def _replay(
+    recorded: list[Path], leg: str | None, wanted: Wanted, given: Given
+) -> list[dict[str, object]]:
+    """Replay all recordings, after reading all: a bad one leaves every file unchanged.
+
+    Returns: what was written from each, and its report.
+    """
     from analysis.replay import legs_of, read
 
     chosen = [
@@ -141,14 +152,28 @@ def _replay(recorded: list[Path], leg: str | None, wanted: Wanted, given: Given)
         sources = [read(path, name, stage("reading")) for path, name, _ in chosen]
         reading_s = (time.perf_counter() - begun_s) / len(chosen)
         with ExitStack() as drafts:
+            reports: list[dict[str, object]] = []
             lines: list[str] = []
             for source, target in zip(sources, targets, strict=True):
                 output, *others = (
                     path and drafts.enter_context(appearing(path)) for path in target
                 )
                 draft = Targets(output or target.output, *others)
-                lines += _one(source, target, draft, given, stage, reading_s)
+                report = list(_one(source, target, draft, given, stage, reading_s))
+                lines += report
+                made = source.recording
+                reports.append(
+                    {
+                        "recording": made.source,
+                        "leg": source.leg,
+                        "row_count": len(made.time_s),
+                        "duration_s": made.duration_s,
+                        "written": target,
+                        "report": report,
+                    }
+                )
     print("\n".join(lines))
+    return reports
 
 
 def _one(

@@ -12,10 +12,11 @@ from typing import IO, TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from gaitd.command_line import EXIT_REFUSED, CommandError, JsonOption, json_on_stdout
+
 if TYPE_CHECKING:
     from gaitd.testing.rigs import Rig
 
-EXIT_LACKING: Final = 2
 EXIT_RIG: Final = 4
 """The environment did not start, or ended before the command."""
 POLL_S: Final = 0.1
@@ -31,6 +32,7 @@ class Name(StrEnum):
 def command(
     name: Annotated[Name, typer.Argument(help="vcan: SocketCAN; systemd: systemd as PID 1")],
     words: Annotated[list[str], typer.Argument(help="command and arguments, behind `--`")],
+    as_json: JsonOption = False,
 ) -> None:
     """Run a command in an environment with what this machine lacks: SocketCAN, or systemd as PID 1.
 
@@ -44,10 +46,15 @@ def command(
     lack = rig.lacks()
     if lack is not None:
         needs = "`make rigs` in a clone of gaitd installs it, as root on Debian"
-        print(f"gaitd rig {name.value}: {lack} ({needs})", file=sys.stderr)
-        raise typer.Exit(EXIT_LACKING)
-    with tempfile.TemporaryDirectory(prefix="gaitd-rig-") as folder:
-        raise typer.Exit(_run(rig, name.value, words, Path(folder)))
+        text = f"gaitd rig {name.value}: {lack} ({needs})"
+        raise CommandError(text, EXIT_REFUSED, blame=name.value, following="make rigs")
+    with (
+        tempfile.TemporaryDirectory(prefix="gaitd-rig-") as folder,
+        json_on_stdout(as_json) as write,
+    ):
+        code = _run(rig, name.value, words, Path(folder))
+        write({"rig": name, "command": words, "exit_code": code})
+    raise typer.Exit(code)
 
 
 def _run(rig: "Rig", name: str, words: list[str], folder: Path) -> int:
@@ -72,8 +79,8 @@ def _run(rig: "Rig", name: str, words: list[str], folder: Path) -> int:
             running.wait()
     over = finished(folder, rig_log.read_text(encoding="utf-8", errors="replace"))
     if over.exit_code < 0:
-        print(f"gaitd rig {name}: it ended before the command\n{over.output}", file=sys.stderr)
-        return EXIT_RIG
+        text = f"gaitd rig {name}: it ended before the command\n{over.output}"
+        raise CommandError(text, EXIT_RIG, blame=name)
     return over.exit_code
 
 

@@ -14,12 +14,12 @@ import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
+from collections.abc import Callable
 from types import FrameType
 
 import typer
 
-from gaitd.command_line import ConfigFile
+from gaitd.command_line import JSON, ConfigFile, JsonLinesOption, json_on_stdout
 
 POLL_S = 0.05
 GATEWAY_RESTART_S = 1.0
@@ -36,9 +36,14 @@ NOTICE_BYTES = 4096
 
 def command(
     config: ConfigFile,
+    as_json: JsonLinesOption = False,
 ) -> None:
     """Run the service: start, supervise and end core and gateway together."""
-    raise typer.Exit(_Supervisor(config).run())
+    with json_on_stdout(as_json) as write:
+        words = ("--config", str(config), *((JSON,) if as_json else ()))
+        code = _Supervisor(words, write).run()
+        write({"event": "ended", "part": "run", "exit_code": code})
+    raise typer.Exit(code)
 
 
 class _Supervisor:
@@ -48,8 +53,9 @@ class _Supervisor:
     no drive again.
     """
 
-    def __init__(self, config: Path) -> None:
-        self._config = config
+    def __init__(self, words: tuple[str, ...], write: Callable[[object], None]) -> None:
+        """`words` are the options of core and gateway; `write` gets the events for programs."""
+        self._words, self._write = words, write
         self._ending = False
         self._status = ""
         self._notices = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
@@ -73,6 +79,8 @@ class _Supervisor:
                     if gateway.returncode == 2:
                         break
                     print(f"gaitd: gateway ended with {gateway.returncode}", file=sys.stderr)
+                    code = gateway.returncode
+                    self._write({"event": "ended", "part": "gateway", "exit_code": code})
                 elif now_s - gateway_ended_s > GATEWAY_RESTART_S:
                     gateway, gateway_ended_s = self._start("gateway"), None
         finally:
@@ -86,7 +94,7 @@ class _Supervisor:
     def _start(self, part: str) -> subprocess.Popen[bytes]:
         # A session of its own: Ctrl-C reaches the supervisor alone, which ends core and gateway in
         # order.
-        arguments = [sys.executable, "-m", "gaitd", part, "--config", str(self._config)]
+        arguments = [sys.executable, "-m", "gaitd", part, *self._words]
         address = os.fsdecode(self._notices.getsockname()).replace("\0", "@")
         return subprocess.Popen(
             arguments,
@@ -106,6 +114,7 @@ class _Supervisor:
                         self._status = line.removeprefix(STATUS)
         if self._status != before:
             print(f"gaitd: {self._status}", file=sys.stderr, flush=True)
+            self._write({"event": "status", "part": "core", "text": self._status})
 
     def _end(self, _signal: int, _frame: FrameType | None) -> None:
         self._ending = True

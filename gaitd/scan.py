@@ -5,7 +5,6 @@ service. Exit codes: 0; 2 usage or configuration; 3 an expected drive is missing
 is another one, or the bus does not work.
 """
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -14,7 +13,7 @@ import typer
 from daemon.config.shipped import configs_folder
 from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.system.bus_choice import BusPlace, bus_of, opened
-from gaitd.command_line import CONFIG_VARIABLE
+from gaitd.command_line import CONFIG_VARIABLE, CommandError, JsonOption
 from gaitd.terminal import Table, run_with_progress, show
 
 if TYPE_CHECKING:
@@ -41,7 +40,7 @@ def command(
     ] = None,
     channel: Annotated[str | None, typer.Option(help="without --config: e.g. can0")] = None,
     bitrate: Annotated[int | None, typer.Option(help="without --config: bit/s")] = None,
-    json: Annotated[bool, typer.Option("--json", help="one JSON object")] = False,
+    json: JsonOption = False,
 ) -> None:
     """List the stations on the bus and compare them with the configuration. Writes no object."""
     from drives.errors import BusError
@@ -52,8 +51,10 @@ def command(
             found = scan(bus, clock, place.bitrate_bit_per_s, expected)
             foreign_count = bus.foreign_count
     except BusError as error:
-        print(f"scan: {error}", file=sys.stderr)
-        raise typer.Exit(EXIT_DRIVE) from error
+        blame = f"{place.interface} {place.channel}"
+        raise CommandError(
+            f"scan: {error}", EXIT_DRIVE, blame=blame, following="gaitd doctor"
+        ) from error
     if json:
         print(as_json(found, foreign_count))
     else:

@@ -7,6 +7,7 @@ import typer
 from gaitd_client import wire
 
 from daemon.config.strict import COMMAND_LINE, ConfigError
+from gaitd.command_line import JsonOption
 
 
 def _names() -> list[str]:
@@ -22,10 +23,11 @@ def command(
             autocompletion=_names,
         ),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Print the JSON Schema of a message on Zenoh."""
     if name is None:
-        print("\n".join(wire.MESSAGES))
+        print(json.dumps(list(wire.MESSAGES)) if as_json else "\n".join(wire.MESSAGES))
         return
     by_name = wire.MESSAGES | {wire.schema_name(kind): kind for kind in wire.MESSAGES.values()}
     if name not in by_name:

@@ -9,7 +9,6 @@ of `gaitd sim --control`. Exit codes: 0; 1 the virtual drives refuse it; 2 usage
 4 they do not answer.
 """
 
-import sys
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final
@@ -17,7 +16,13 @@ from typing import Annotated, Final
 import typer
 
 from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
-from gaitd.command_line import EXIT_FAILED, ConfigFile
+from gaitd.command_line import (
+    EXIT_FAILED,
+    CommandError,
+    ConfigFile,
+    JsonLinesOption,
+    json_on_stdout,
+)
 
 EXIT_NO_ANSWER: Final = 4
 ANSWERED_WITHIN_S: Final = 10.0
@@ -74,6 +79,7 @@ def command(
             "--without", help="a drive, such as right/slide, that another program stands in for"
         ),
     ] = None,
+    as_json: JsonLinesOption = False,
 ) -> None:
     """Run the virtual drives of a configuration until SIGTERM or Ctrl-C, or send them a command."""
     from daemon.config.trainer import load_trainer
@@ -81,7 +87,11 @@ def command(
 
     line = " ".join(words or ())
     if action is not Action.RUN:
-        _send(config, control, line if action is Action.INJECT else f"patient {line}".strip())
+        sent = line if action is Action.INJECT else f"patient {line}".strip()
+        with json_on_stdout(as_json) as write:
+            answer = _answer(config, control, sent)
+            print(answer)
+            write({"sent": sent, "answer": answer})
         return
     if line:
         raise ConfigError(COMMAND_LINE, "LINE", line, "only for inject and patient")
@@ -97,25 +107,40 @@ def command(
         no_drives=no_drives,
         without=tuple(without or ()),
     )
-    raise typer.Exit(run(load_trainer(config), options))
+    with json_on_stdout(as_json) as write:
+
+        def said(text: str) -> None:
+            print(text, flush=True)
+            write({"event": "started", "text": text})
+
+        code = run(load_trainer(config), options, said)
+        write({"event": "ended", "exit_code": code})
+    raise typer.Exit(code)
 
 
-def _send(config: Path, control: Path | None, line: str) -> None:
-    """Send a command to the virtual drives, and print their answer."""
+def _answer(config: Path, control: Path | None, line: str) -> str:
+    """Send a command to the virtual drives, and return their answer."""
     from sim_drives.control import send_command
 
     try:
         if control is None:
-            print(_command_on_channel(config, line))
-            return
+            return _command_on_channel(config, line)
         answer = send_command(control, line)
     except OSError as error:
-        print(f"the virtual drives do not answer: {error}", file=sys.stderr)
-        raise typer.Exit(EXIT_NO_ANSWER) from error
-    refused = answer.startswith("error: ")
-    print(answer.removeprefix("ok: "), file=sys.stderr if refused else sys.stdout)
-    if refused:
-        raise typer.Exit(EXIT_FAILED)
+        raise _no_answer(error) from error
+    if answer.startswith("error: "):
+        raise _refused(answer)
+    return answer.removeprefix("ok: ")
+
+
+def _no_answer(error: Exception) -> CommandError:
+    text = f"the virtual drives do not answer: {error}"
+    blame = "virtual drives"
+    return CommandError(text, EXIT_NO_ANSWER, blame=blame, following="gaitd sim --config FILE")
+
+
+def _refused(text: str) -> CommandError:
+    return CommandError(text, EXIT_FAILED, blame="LINE", following="gaitd sim inject help")
 
 
 def _command_on_channel(config: Path, line: str) -> str:
@@ -133,10 +158,8 @@ def _command_on_channel(config: Path, line: str) -> str:
         link.open()
         return link.command(line)
     except LinkLostError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_NO_ANSWER) from error
+        raise _no_answer(error) from error
     except ValueError as error:
-        print(f"error: {error}", file=sys.stderr)
-        raise typer.Exit(EXIT_FAILED) from error
+        raise _refused(f"error: {error}") from error
     finally:
         link.close()

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from gaitd.command_line import EXIT_FAILED, CommandError, JsonOption, json_on_stdout
 from gaitd.terminal import progress
 
 if TYPE_CHECKING:
@@ -23,15 +24,13 @@ def command(
     wall_clock: Annotated[
         bool, typer.Option("--wall-clock", help="by the computer's clock; on a quiet machine")
     ] = False,
-    json: Annotated[bool, typer.Option("--json", help="print one JSON object")] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run virtual drives, core and gateway in simulated time, with faults, until the time is over.
 
     Exit code 0 only if every stop was expected and none was missing, no process ended by itself,
     gait resumed after every stop, and memory kept to its budget.
     """
-    import json as json_text
-
     from daemon.config.shipped import configs_folder
     from gaitd_lab.processes import ServiceError, Tempo
     from gaitd_lab.soak.figure import draw
@@ -46,8 +45,7 @@ def command(
         try:
             warm_up(configs)
         except ServiceError as error:
-            print(f"gaitd soak: {error}", file=sys.stderr)
-            raise typer.Exit(1) from error
+            raise CommandError(f"gaitd soak: {error}", EXIT_FAILED) from error
         with soak_processes(configs, Tempo("max", wall_clock)) as made:
             found: Soaked = Soak(made, seed, minutes * 60, update).run()
     if report is not None:
@@ -56,5 +54,7 @@ def command(
         told_as = " ".join(("gaitd", *sys.argv[1:]))
         report.write_text(page(found, told_as, figure.name), encoding="utf-8")
         draw(found, figure)
-    print(json_text.dumps(plain(found), indent=2) if json else summary(found))
-    raise typer.Exit(1 if failures(found) else 0)
+    with json_on_stdout(as_json) as write:
+        print(summary(found))
+        write(plain(found))
+    raise typer.Exit(EXIT_FAILED if failures(found) else 0)

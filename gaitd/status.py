@@ -7,13 +7,13 @@ from typing import Final
 import typer
 from gaitd_client import ClientError, wire
 
+from gaitd.command_line import JsonOption
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
     ConfigOption,
     CredentialsOption,
     EndpointOption,
-    JsonOption,
     TrainerOption,
     as_json_text,
     client_of,

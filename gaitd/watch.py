@@ -12,6 +12,7 @@ import typer
 from gaitd_client import ClientError, NotValid, Stream, Trainer
 
 from daemon.config.strict import COMMAND_LINE, ConfigError
+from gaitd.command_line import JsonLinesOption
 from gaitd.remote import (
     EXIT_NO_ANSWER,
     ConfigOption,
@@ -51,14 +52,15 @@ def command(
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
     credentials: CredentialsOption = None,
+    as_json: JsonLinesOption = False,
 ) -> None:
-    """Print the messages of one key, one line of JSON each."""
+    """Print the messages of one key, one line of JSON each; with --json errors, too."""
     target = find_target(config, endpoint, trainer, credentials)
     try:
         with client_of(target, "watch") as service:
             _print(stream_of(service, key), count)
     except ClientError as error:
-        raise typer.Exit(report_silence("watch", str(error), as_json=False)) from error
+        raise typer.Exit(report_silence("watch", str(error), as_json=as_json)) from error
     except KeyboardInterrupt:
         return
 

@@ -59,8 +59,13 @@ class Options(NamedTuple):
     without: tuple[str, ...]
 
 
-def run(trainer: TrainerFile, options: Options) -> int:
+def run(trainer: TrainerFile, options: Options, said: Callable[[str], None]) -> int:
     """Run the virtual drives until SIGTERM, SIGINT or the end of the duration.
+
+    Args:
+        trainer: the configuration.
+        options: of the command line.
+        said: called once, with the drives and their bus, when they are ready.
 
     Returns: the exit code.
 
@@ -75,11 +80,11 @@ def run(trainer: TrainerFile, options: Options) -> int:
         part = _Part(trainer, options, _truth_logs(trainer, options.truth, ending))
         end = _End()
         if in_simulated_time:
-            running = _simulated(part, pace_ratio, ending)
+            running = _simulated(part, pace_ratio, ending, said)
         else:
             with contextlib.suppress(PermissionError):
                 os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
-            running = _by_the_wall(part, ending, is_simulated=is_simulated)
+            running = _by_the_wall(part, ending, said, is_simulated=is_simulated)
         end.at(running, options.duration_s)
         try:
             running.run(end)
@@ -216,7 +221,9 @@ def _truth_logs(
 # --- in simulated time ----------------------------------------------------------------------------
 
 
-def _simulated(part: _Part, pace_ratio: float, ending: contextlib.ExitStack) -> TimeServer:
+def _simulated(
+    part: _Part, pace_ratio: float, ending: contextlib.ExitStack, said: Callable[[str], None]
+) -> TimeServer:
 
     channel = Path(part.trainer.channel)
     part.warm_up()
@@ -236,20 +243,26 @@ def _simulated(part: _Part, pace_ratio: float, ending: contextlib.ExitStack) -> 
         sync_count=lambda: world.sync_count,
     )
     server.control = _control(part.options.control, server.command, ending)
-    print(f"{_drives(world)} on {channel}, in simulated time", flush=True)
+    said(f"{_drives(world)} on {channel}, in simulated time")
     return server
 
 
 # --- by the computer's clock ----------------------------------------------------------------------
 
 
-def _by_the_wall(part: _Part, ending: contextlib.ExitStack, *, is_simulated: bool) -> RealTime:
+def _by_the_wall(
+    part: _Part,
+    ending: contextlib.ExitStack,
+    said: Callable[[str], None],
+    *,
+    is_simulated: bool,
+) -> RealTime:
 
     part.warm_up()
     bus = _served(part, ending) if is_simulated else _opened(part.trainer, ending)
     world = part.build(now_ns())
     listening = _control(part.options.control, part.obey, ending)
-    print(f"{_drives(world)} on {bus.channel_info}", flush=True)
+    said(f"{_drives(world)} on {bus.channel_info}")
     return RealTime(world, bus, listening, part.on_silence)
 
 

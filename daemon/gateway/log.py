@@ -6,7 +6,7 @@ stderr as logfmt: `level="warning" text="..." kind="stop" cause="drive_silent" d
 
 import json
 import logging
-from typing import Final
+from typing import Final, TextIO
 
 from daemon.system.journal import Journal
 
@@ -46,10 +46,18 @@ class Logfmt(logging.Formatter):
 
     def format(self, record: logging.LogRecord) -> str:
         """Format the record as one line, with line breaks escaped."""
-        fields = {"level": record.levelname.lower(), "text": _text(record), **known(record)}
         return " ".join(
-            f"{key}={json.dumps(value, ensure_ascii=False)}" for key, value in fields.items()
+            f"{key}={json.dumps(value, ensure_ascii=False)}"
+            for key, value in _fields(record).items()
         )
+
+
+class JsonLine(logging.Formatter):
+    """Formats a log record as one JSON object, with the fields of logfmt."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Format the record as one line."""
+        return json.dumps({"event": "log", **_fields(record)}, ensure_ascii=False)
 
 
 class JournalHandler(logging.Handler):
@@ -66,6 +74,10 @@ class JournalHandler(logging.Handler):
         self._journal.write(_text(record), priority, fields)
 
 
+def _fields(record: logging.LogRecord) -> dict[str, str]:
+    return {"level": record.levelname.lower(), "text": _text(record), **known(record)}
+
+
 def _text(record: logging.LogRecord) -> str:
     """The message, followed by the traceback if there is one."""
     if record.exc_info is None:
@@ -73,14 +85,21 @@ def _text(record: logging.LogRecord) -> str:
     return f"{record.getMessage()}\n{logging.Formatter().formatException(record.exc_info)}"
 
 
-def begin(journal: Journal, level: str) -> None:
-    """Configure logging: the journal if it is open, else stderr; `level` is a lower-case name."""
+def begin(journal: Journal, level: str, json_out: TextIO | None = None) -> None:
+    """Configure logging: the journal if it is open, else stderr; `level` is a lower-case name.
+
+    With `json_out` each line goes there, too, as a JSON object.
+    """
     if journal.is_open:
         handler: logging.Handler = JournalHandler(journal)
     else:
         handler = logging.StreamHandler()
         handler.setFormatter(Logfmt())
-    logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
+    handlers = [handler]
+    if json_out is not None:
+        handlers.append(logging.StreamHandler(json_out))
+        handlers[-1].setFormatter(JsonLine())
+    logging.basicConfig(level=level.upper(), handlers=handlers, force=True)
 
 
 def set_level(level: str) -> None:

@@ -1,8 +1,6 @@
 """Output tables: each number beside its budget."""
 
-import math
-from dataclasses import fields, is_dataclass
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Final
 
 from rich import box
 from rich.table import Table
@@ -202,18 +200,3 @@ def _delivery(found: Service) -> Table:
         high = f"{part.high_us:.0f} µs" if part else ""
         table.add_row(name, f"{median_us:.0f} µs", high, end_section=part is one.zenoh)
     return table
-
-
-def plain(value: object) -> object:
-    """Convert results for json: named tuples become objects."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
-    if isinstance(value, dict):
-        return {str(name): plain(member) for name, member in cast("dict[Any, Any]", value).items()}
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, tuple | list):
-        names: tuple[str, ...] | None = getattr(value, "_fields", None)
-        members = [plain(member) for member in cast("tuple[Any, ...]", value)]
-        return dict(zip(names, members, strict=True)) if names else members
-    return value

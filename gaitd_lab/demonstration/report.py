@@ -45,6 +45,24 @@ def _newest(values: np.ndarray) -> str:
     return f"{known[-1]:6.1f}" if len(known) else "     –"
 
 
+def as_object(results: Results) -> dict[str, object]:
+    """The table of errors and the result as plain data for a program."""
+    rows = [
+        {
+            "span": row.span.title,
+            "axis": row.axis,
+            "unit": row.unit,
+            "score": row.score,
+            "rms_bound": row.rms_bound,
+            "correlation_min": row.correlation_min,
+            "covered_min_ratio": row.covered_min_ratio,
+            "passed": row.passed,
+        }
+        for row in results.rows
+    ]
+    return {"passed": results.passed, "trouble": results.trouble, "rows": rows}
+
+
 def report(results: Results, plan: Plan) -> None:
     """Print the table of errors, the cycle's statistics, and the result."""
     console = Console()

@@ -12,6 +12,7 @@ from sessions import CONFIGS, new_session
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
 from daemon.core import cycle
+from gaitd.command_line import json_text
 from gaitd_lab.benchmark import (
     bare_put,
     cycle_parts,
@@ -83,7 +84,7 @@ def test_the_speed_of_replay_is_measured_on_a_recording_that_is_valid(robot, mon
 def test_results_become_json_with_their_names():
     part = cycle_parts.Part("observer", 1.0, 2.0, 0.5)
 
-    text = json.dumps(tables.plain((part, part)))
+    text = json_text((part, part))
 
     assert json.loads(text)[0] == {
         "name": "observer",

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from gaitd_lab.benchmark import bus_times, peer_table, peers, tables
+from gaitd.command_line import json_text
+from gaitd_lab.benchmark import bus_times, peer_table, peers
 from gaitd_lab.benchmark.bus_times import Reaction, TimedFrame
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -106,8 +107,8 @@ def test_the_table_has_a_column_for_each_master_and_json_has_the_ratios(cell):
     cells = (cell, peers.Cell("gaitd, plain", loaded=True, trouble="it would not hold"))
 
     shown = peer_table.tables("masters", cells)
-    told = tables.plain({"cells": cells, "ratios": peer_table.ratios(cells)})
+    told = json_text({"cells": cells, "ratios": peer_table.ratios(cells)})
 
     assert len(shown) == 2
     assert "it would not hold" in str(shown[1].caption)
-    assert json.loads(json.dumps(told))["cells"][0]["master"] == "python-canopen, plain"
+    assert json.loads(told)["cells"][0]["master"] == "python-canopen, plain"

@@ -7,14 +7,16 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 from bench_bus import Machine
 from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 from gaitd_client import wire
 
-from gaitd.__main__ import COMMANDS
+from gaitd.__main__ import COMMANDS, build
 from gaitd_lab.processes import free_port
 
+SAMPLE = CONFIGS.parent / "gaitd" / "sample.ring.xz"
 HEAVY = {"numba", "numpy", "scipy", "zenoh", "can", "canopen", "matplotlib", "plotext"}
 
 
@@ -211,3 +213,74 @@ def test_a_shell_completes_commands_and_their_options():
 
     assert {"check", "core", "commission"} <= set(completed("gaitd c", 1))
     assert "--config" in completed("gaitd core --c", 2)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_json_and_an_error_of_usage_is_a_document(name):
+    leaf = typer.main.get_group(build(name)).commands[name]
+    ended = gaitd(name, "--json", "--no-such-option")
+
+    assert any("--json" in option.opts for option in leaf.params)
+    assert ended.code == 2
+    assert json.loads(ended.out) == {
+        "error": "No such option: --no-such-option",
+        "blame": "command line",
+        "next": f"gaitd {name} --help",
+        "exit_code": 2,
+    }
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "blame"),
+    [
+        (("check", "--config", "none.toml"), 2, "none.toml"),
+        (("core", "--config", "none.toml"), 2, "none.toml"),
+        (("gateway", "--config", "none.toml"), 2, "none.toml"),
+        (("sim", "--config", "none.toml"), 2, "none.toml"),
+        (("sim", "inject", "help", "--config", "none.toml"), 2, "none.toml"),
+        (("scan", "--config", "none.toml"), 2, "none.toml"),
+        (("drive", "right/hip", "dump", "--config", "none.toml"), 2, "none.toml"),
+        (("keys", "list", "--config", "none.toml"), 2, "none.toml"),
+        (("blackbox", "show", "none.ring"), 2, "none.ring"),
+        (("replay", "none.csv"), 2, "none.csv"),
+        (("delay", "none.csv"), 2, "none.csv"),
+        (("baseline", "none.csv", "--robot", "none.toml", "--output", "x"), 2, "none.toml"),
+        (("calibrate", "none.csv", "--robot", "none.toml"), 2, "none.csv"),
+        (("demo", "--pace", "fast"), 2, "command line: --pace"),
+        (("experiment", "--seconds", "1e6"), 2, "command line: --seconds"),
+        (("fuzz", "--config", "none.toml"), 2, "command line: --config"),
+        (("ablation", "--config", "none.toml"), 2, "none.toml"),
+        (("consistency", "--robot", "none.toml"), 2, "none.toml"),
+        (("matrix", "--axis", "none"), 2, "command line"),
+        (("schema", "none"), 2, "command line: NAME"),
+        (("watch", "safety", "--endpoint", "tcp/127.0.0.1:9"), 4, "service"),
+        (("status", "--endpoint", "tcp/127.0.0.1:9"), 4, "service"),
+        (("stop", "--endpoint", "tcp/127.0.0.1:9"), 4, "service"),
+    ],
+)
+def test_with_json_an_error_is_one_document_with_its_blame(tmp_path, words, code, blame):
+    ended = gaitd(*words, "--json", folder=tmp_path)
+
+    told = json.loads(ended.out)
+    assert (ended.code, told["exit_code"]) == (code, code)
+    assert told["error"]
+    assert "next" in told
+    assert blame in told["blame"]
+
+
+@pytest.mark.parametrize(
+    ("words", "key"),
+    [
+        (("check", "--config", CONFIGS / "demo.toml"), "verdict"),
+        (("schema", "estimate"), "$id"),
+        (("consistency", "--runs", "2", "--output", "."), "passed"),
+        (("delay", SAMPLE), "robot"),
+        (("replay", SAMPLE, "--output", "estimates.csv"), 0),
+    ],
+    ids=["check", "schema", "consistency", "delay", "replay"],
+)
+def test_with_json_stdout_is_one_document_and_text_goes_to_stderr(tmp_path, words, key):
+    ended = gaitd(*words, "--json", folder=tmp_path)
+
+    told = json.loads(ended.out)
+    assert told[key]
