@@ -5,9 +5,10 @@ Slide, springs, dampers and friction are tables with the observer's numbers in t
 
 import math
 
-from msgspec.structs import astuple
+import msgspec
 
 from daemon.config.settings import Robot, Segment
+from daemon.config.strict import UNREAD, UnreadError
 from observer.filter.leg_model import integrator_named
 from observer.filter.leg_observer import ObserverTuning
 from observer.mechanism.friction import FrictionParameters
@@ -29,10 +30,10 @@ def leg_parameters(robot: Robot) -> LegParameters:
     return compose(
         geometry,
         leg_links(robot),
-        Slide(*astuple(robot.slide)),
+        Slide(*_values(robot.slide)),
         robot.hip.drive_inertia_kg_m2,
-        Springs(*astuple(robot.springs)),
-        Dampers(*astuple(robot.dampers)),
+        Springs(*_values(robot.springs)),
+        Dampers(*_values(robot.dampers)),
     )
 
 
@@ -63,7 +64,7 @@ def leg_links(robot: Robot) -> tuple[Link, Link, Link]:
 def friction_parameters(robot: Robot) -> tuple[FrictionParameters, FrictionParameters]:
     """Friction of hip (N m, rad/s) and slide (N, m/s)."""
     hip, slide = robot.friction.hip, robot.friction.slide
-    return FrictionParameters(*astuple(hip)), FrictionParameters(*astuple(slide))
+    return FrictionParameters(*_values(hip)), FrictionParameters(*_values(slide))
 
 
 def observer_tuning(robot: Robot) -> ObserverTuning:
@@ -102,3 +103,9 @@ def _link(segment: Segment) -> Link:
         math.radians(segment.com_offset_deg),
         segment.inertia_kg_m2,
     )
+
+
+def _values(table: msgspec.Struct) -> tuple[float, ...]:
+    if table is UNREAD:
+        raise UnreadError
+    return msgspec.structs.astuple(table)

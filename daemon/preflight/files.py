@@ -114,6 +114,7 @@ def check_all(settings: Settings) -> Found:
     failed: set[Check] = set()
     for check in (*CHECKS, *ASSIST_CHECKS, *REAL_BUS_CHECKS, *DRIVE_CHECKS, *MOTION_CHECKS):
         if failed.intersection(_RELIES_ON.get(check, ())):
+            failed.add(check)  # for those that rely on it in turn
             continue
         try:
             for error in check(settings):

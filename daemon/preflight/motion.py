@@ -92,6 +92,7 @@ def the_gait_fits(settings: Settings) -> Errors:
     """The gait at its highest cadence is possible, inside the limits, and can be stopped."""
     leg, gait = leg_parameters(settings.robot), settings.trainer.gait
     try:
+        mean_pose(settings, leg)  # which need not be part of the gait
         motions = gait_motions(leg, gait, gait.cadence_max_hz, GAIT_PHASES)
     except WorkspaceError as error:
         allowed = f"a gait that the mechanism of {settings.file.robot} can do: {error}"

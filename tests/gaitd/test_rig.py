@@ -5,6 +5,7 @@ from types import MappingProxyType
 import pytest
 import typer
 
+from gaitd.command_line import CommandError
 from gaitd.rig import Name, command
 from gaitd.testing import rigs
 
@@ -46,20 +47,24 @@ def test_a_command_runs_in_this_folder_after_the_world_is_set_up(
     assert here.writable == (tmp_path,)
 
 
-def test_what_the_machine_lacks_is_one_line_with_the_way_to_have_it(monkeypatch, capsys):
-    assert ran(monkeypatch, Here("no kernel in /boot"), "true") == 2
+def test_what_the_machine_lacks_is_one_line_with_the_way_to_have_it(monkeypatch):
+    with pytest.raises(CommandError) as refused:
+        ran(monkeypatch, Here("no kernel in /boot"), "true")
 
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
+    said = str(refused.value)
+    assert refused.value.code == 2
+    assert "\n" not in said
     assert "gaitd rig vcan: no kernel in /boot" in said
     assert "make rigs" in said
 
 
-def test_a_world_that_does_not_come_to_life_says_its_last_words(monkeypatch, capsys):
+def test_a_world_that_does_not_come_to_life_says_its_last_words(monkeypatch):
     broken = Here(instead=["sh", "-c", "echo no such boot; exit 1"])
 
-    assert ran(monkeypatch, broken, "true") == 4
-    assert "no such boot" in capsys.readouterr().err
+    with pytest.raises(CommandError, match="no such boot") as ended:
+        ran(monkeypatch, broken, "true")
+
+    assert ended.value.code == 4
 
 
 def test_what_python_reads_from_is_there_once_and_never_inside_what_may_be_written(tmp_path):

@@ -1,5 +1,7 @@
 """All errors of a set of files are found in one run, and the file that is wrong is named."""
 
+import re
+
 import pytest
 from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
@@ -95,3 +97,39 @@ def test_quiet_prints_the_verdict_the_warnings_and_nothing_else():
     assert (ended.code, ended.err) == (0, "")
     assert first == last == f"{CONFIGS}/demo.toml: good for one right leg, {len(warnings)} warnings"
     assert all(line.startswith("warning: ") for line in warnings)
+
+
+FIRST_KEY = re.compile(r"^\[+[\w.]+\]+.*\n(?:\s*(?:#.*)?\n)*(\w+)(?= *= )", re.MULTILINE)
+"""The first key of each table."""
+OF_DEMO = (
+    "robot.toml",
+    "limits.toml",
+    "drives/hip_epos4.toml",
+    "drives/slide_epos4.toml",
+    "drives/profiles/epos4.toml",
+)
+
+
+@pytest.mark.parametrize("file", ("demo.toml", *OF_DEMO))
+def test_a_typo_in_a_key_of_any_table_is_named_with_its_file(tmp_path, file):
+    """What needs the table that was refused is left out: no check fails by it."""
+    configs = copied(tmp_path)
+    text = (CONFIGS / file).read_text(encoding="utf-8")
+    for found in FIRST_KEY.finditer(text):
+        typo = f"{text[: found.end()]}x{text[found.end() :]}"
+        (configs / file).write_text(typo, encoding="utf-8")
+
+        errors = check_files(configs / "demo.toml").errors
+
+        named = {(error.file, error.key.rpartition(".")[2]) for error in errors}
+        assert (str(configs / file), f"{found[1]}x") in named
+
+
+@pytest.mark.parametrize("key", ["recline_deg = 60.0", "rail_angle_deg = 60.0"])
+def test_a_mechanism_that_does_not_close_is_an_error_and_no_exception(tmp_path, key):
+    name = key.partition(" ")[0]
+    demo = changed(copied(tmp_path), Change("robot.toml", key, f"{name} = 0.0"))
+
+    keys = {error.key for error in check_files(demo).errors}
+
+    assert "slide.position_max_m" in keys
