@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from gaitd.command_line import errors_in_one_line, robot_file
+from gaitd.command_line import JsonOption, errors_in_one_line, json_on_stdout, robot_file
 from gaitd.terminal import progress, show
 
 
@@ -25,6 +25,7 @@ def command(
     robot: Annotated[
         Path | None, typer.Option(help="robot.toml; by default configs/robot_empty.toml")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Calibrate on one recording of a servo axis, judge on another whose disturbance is known.
 
@@ -38,12 +39,14 @@ def command(
     from daemon.config.strict import load_toml
 
     empty = load_toml(robot_file(robot, "robot_empty.toml"), Robot)
-    with errors_in_one_line(RecordingError):
+    with errors_in_one_line(RecordingError), json_on_stdout(as_json) as write:
         records = read(recordings / "emps")
         with progress() as stage:
             update = stage("calibrating")
             found = compare(records, empty, lambda _, share: update(share))
-        show((("", HEAD, tuple(rows(found))),))
+        table = tuple(rows(found))
+        show((("", HEAD, table),))
+        write([dict(zip(HEAD, row, strict=True)) for row in table])
         if output is not None:
             output.mkdir(parents=True, exist_ok=True)
             run = f"gaitd real-data RECORDINGS --output {output.name}"
