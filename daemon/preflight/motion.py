@@ -132,7 +132,7 @@ def _gait_not_too_fast(settings: Settings, motions: tuple[Motion, ...]) -> Error
     peaks = (max(abs(motion.velocity[axis]) for motion in motions) for axis in (0, 1))
     most = limits.hip.velocity_max_rad_per_s, limits.slide.velocity_max_m_per_s
     share, speed = min(
-        (limit / peak, f"{limit:g} {unit}")
+        (limit / peak if peak else math.inf, f"{limit:g} {unit}")
         for limit, peak, unit in zip(most, peaks, ("rad/s", "m/s"), strict=True)
     )
     if share < 1:

@@ -125,6 +125,16 @@ def test_a_typo_in_a_key_of_any_table_is_named_with_its_file(tmp_path, file):
         assert (str(configs / file), f"{found[1]}x") in named
 
 
+def test_a_gait_in_which_the_hip_rests_is_checked_like_any_other(tmp_path):
+    text = (CONFIGS / "demo.toml").read_text(encoding="utf-8")
+    harmonics = re.search(r"hip_harmonics_deg = \[.*?\n\]", text, re.DOTALL)[0]
+    resting = Change("demo.toml", harmonics, re.sub(r"-?\d+\.\d+", "0.0", harmonics))
+
+    keys = {error.key for error in check_files(changed(copied(tmp_path), resting)).errors}
+
+    assert "gait.cadence_max_hz" not in keys
+
+
 @pytest.mark.parametrize("key", ["recline_deg = 60.0", "rail_angle_deg = 60.0"])
 def test_a_mechanism_that_does_not_close_is_an_error_and_no_exception(tmp_path, key):
     name = key.partition(" ")[0]
