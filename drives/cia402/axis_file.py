@@ -11,6 +11,7 @@ from drives.errors import DescriptionError
 
 NodeId = Annotated[int, Meta(ge=1, le=127)]
 Unsigned32 = Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
+Bit = Annotated[int, Meta(ge=0, le=31)]
 MotorData = Annotated[int, Meta(gt=0, le=0xFFFFFFFF)]
 
 
@@ -78,6 +79,25 @@ class Motor(Table, frozen=True, kw_only=True):
     """The profile's torque_constant object: µN·m/A; only where the drive has it."""
 
 
+class InputBit(Table, frozen=True, kw_only=True):
+    """Position of an input in 60FDh, and the level at which its name holds."""
+
+    bit: Bit
+    level: Literal[0, 1]
+
+
+class Inputs(Table, frozen=True, kw_only=True):
+    """What the bits of 60FDh are wired to. Hand switch and STO are mandatory.
+
+    Good means that both named conditions hold.
+    """
+
+    hand_switch_closed: InputBit
+    sto_released: InputBit
+    negative_limit: InputBit | None = None
+    positive_limit: InputBit | None = None
+
+
 class AxisFile(Table, frozen=True, kw_only=True):
     """One drive of the machine. Paths are relative to this file."""
 
@@ -88,11 +108,32 @@ class AxisFile(Table, frozen=True, kw_only=True):
     transmission: Transmission
     encoder: Encoder
     motor: Motor
+    inputs: Inputs
     homing: Homing | None = None
     """Absent: this axis cannot be homed."""
     enable_max_ms: Annotated[int, Meta(ge=50, le=2000)] = 250
     """Time from a request to enable until the drive is enabled and follows; a brake that opens or a
     DC link that charges during transition 4 takes longer than the state changes themselves."""
+
+
+def check_inputs(inputs: Inputs) -> None:
+    """Check that no two inputs have one bit.
+
+    Raises:
+        DescriptionError: they have.
+    """
+    bits = [
+        entry.bit
+        for entry in (
+            inputs.hand_switch_closed,
+            inputs.sto_released,
+            inputs.negative_limit,
+            inputs.positive_limit,
+        )
+        if entry is not None
+    ]
+    if len(set(bits)) != len(bits):
+        raise DescriptionError("axis", "inputs", bits, "a different bit for each input")
 
 
 def check_transmission(transmission: Transmission) -> None:

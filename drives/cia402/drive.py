@@ -27,6 +27,7 @@ from drives.canopen.bus import Frame
 from drives.canopen.bus_state import BusMonitor
 from drives.canopen.emcy import EMERGENCY_ID, EmergencyLog
 from drives.canopen.nmt import HEARTBEAT_ID, HeartbeatWatch
+from drives.cia402.axis_file import InputBit
 from drives.cia402.pdo import layouts
 from drives.cia402.power_state import (
     STATUS_FOLLOWS,
@@ -35,7 +36,7 @@ from drives.cia402.power_state import (
     decode_statusword,
     next_word,
 )
-from drives.cia402.profile import DriveDescription, InputBit
+from drives.cia402.profile import DriveDescription
 from drives.signals import (
     DriveCommand,
     DriveFeedback,
@@ -315,7 +316,7 @@ class DriveGroup:
 
 
 def _input_bits(description: DriveDescription) -> tuple[tuple[Input, InputBit], ...]:
-    inputs = description.profile.inputs
+    inputs = description.axis.inputs
     named = (
         (Input.HAND_SWITCH_CLOSED, inputs.hand_switch_closed),
         (Input.STO_RELEASED, inputs.sto_released),

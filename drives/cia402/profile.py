@@ -1,9 +1,9 @@
 """The drive profile (`configs/drives/profiles/*.toml`), and both files of a drive joined.
 
 A profile holds a manufacturer's facts: which object holds the torque, in which unit, which one
-limits it, what the input bits mean, which objects there are, which option codes are written. An
-axis file (`axis_file.py`) holds one drive's: node, identity, gear, motor. `describe` joins the two
-into a `DriveDescription` and refuses contradictions. Numbers are CiA 301/402 indices.
+limits it, which objects there are, which option codes are written. An axis file (`axis_file.py`)
+holds one drive's: node, identity, gear, motor, and what its inputs are wired to. `describe` joins
+the two into a `DriveDescription` and refuses contradictions. Numbers are CiA 301/402 indices.
 
 What CiA leaves to the manufacturer must be stated, with `true` or `false`: otherwise a forgotten
 object would silently not be written.
@@ -12,13 +12,13 @@ object would silently not be written.
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from typing import Annotated, Final, Literal, NamedTuple
+from typing import Annotated, Final, NamedTuple
 
 from msgspec import Meta
 
 from drives.canopen.emcy_codes import EmergencyTable
 from drives.canopen.objects import Object
-from drives.cia402.axis_file import AxisFile, check_transmission
+from drives.cia402.axis_file import AxisFile, check_inputs, check_transmission
 from drives.cia402.homing import HomingObjects, check_homing
 from drives.cia402.option_codes import WrittenObject, check_written, holds_after_quick_stop
 from drives.cia402.torque import (
@@ -35,7 +35,6 @@ from drives.errors import DescriptionError
 BASE_TOLERANCE_RATIO: Final = 0.01
 """How far the torque base of a drive may deviate from its file (canopen.md 4.3)."""
 
-Bit = Annotated[int, Meta(ge=0, le=31)]
 Unsigned32 = Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
 
 
@@ -59,22 +58,6 @@ class Temperature(ObjectRef, frozen=True, kw_only=True):
     """The drive's temperature, mapped into TPDO3."""
 
     degc_per_count: Annotated[float, Meta(gt=0, le=10)]
-
-
-class InputBit(Table, frozen=True, kw_only=True):
-    """Position of an input in 60FDh, and the level at which its name holds."""
-
-    bit: Bit
-    level: Literal[0, 1]
-
-
-class Inputs(Table, frozen=True, kw_only=True):
-    """60FDh. Hand switch and STO are mandatory; good means that both named conditions hold."""
-
-    hand_switch_closed: InputBit
-    sto_released: InputBit
-    negative_limit: InputBit | None = None
-    positive_limit: InputBit | None = None
 
 
 class CheckedObject(ObjectRef, frozen=True, kw_only=True):
@@ -178,7 +161,6 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     deceleration_unit: DecelerationUnit
     temperature: Temperature | None = None
     """Absent: no temperature can be mapped, and its limit is not monitored."""
-    inputs: Inputs
     optional_objects: OptionalObjects
     torque_mode: TorqueMode
     pdo: Pdo
@@ -307,22 +289,6 @@ def _check_slow_pdo(profile: DriveProfile) -> None:
         raise DescriptionError("profile", "pdo.error_code", False, allowed)
 
 
-def _check_inputs(profile: DriveProfile) -> None:
-    inputs = profile.inputs
-    bits = [
-        entry.bit
-        for entry in (
-            inputs.hand_switch_closed,
-            inputs.sto_released,
-            inputs.negative_limit,
-            inputs.positive_limit,
-        )
-        if entry is not None
-    ]
-    if len(set(bits)) != len(bits):
-        raise DescriptionError("profile", "inputs", bits, "a different bit for each input")
-
-
 def _check_linear_motor(profile: DriveProfile, axis: AxisFile) -> None:
     transmission = axis.transmission
     if profile.torque_base.rated_torque_unit is not RatedTorqueUnit.MILLI_NEWTON:
@@ -382,7 +348,7 @@ _CHECKS: Final[tuple[Callable[[DriveProfile, AxisFile], None], ...]] = (
     lambda profile, _: _check_silence_detection(profile),
     lambda profile, _: _check_resume(profile),
     lambda profile, _: _check_slow_pdo(profile),
-    lambda profile, _: _check_inputs(profile),
+    lambda _, axis: check_inputs(axis.inputs),
     lambda _, axis: check_transmission(axis.transmission),
     _check_linear_motor,
     _check_motor,

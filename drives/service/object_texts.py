@@ -11,8 +11,8 @@ from drives.bringup.plan import DrivePlan
 from drives.bringup.steps import PDO_OFF, StepKind
 from drives.canopen.emcy_codes import EmergencyTable, meaning
 from drives.canopen.objects import Object
+from drives.cia402.axis_file import InputBit, Inputs
 from drives.cia402.power_state import decode_statusword
-from drives.cia402.profile import DriveProfile, InputBit
 from drives.service.compare import expectations
 from drives.service.dump import Address
 from drives.signals import OperationMode
@@ -35,6 +35,7 @@ class ObjectWords:
 
     def __init__(self, plan: DrivePlan) -> None:
         self._profile = plan.description.profile
+        self._inputs = plan.description.axis.inputs
         self._expected = {one.address: one for one in expectations(plan)}
 
     def text_of(self, index: int, sub: int, value: int) -> str:
@@ -50,7 +51,7 @@ class ObjectWords:
         if (index == Object.ERROR_HISTORY and sub) or (index, sub) == (Object.ERROR_CODE, 0):
             return _error(value & 0xFFFF, self._profile.emergency_table)
         if (index, sub) == (Object.INPUTS, 0):
-            return inputs(value, self._profile)
+            return inputs(value, self._inputs)
         if (index, sub) == (source.index, source.sub):
             return f"torque source in {source.unit.value}"
         return pdo(index, sub, value)
@@ -64,13 +65,13 @@ class ObjectWords:
         return "" if expected.step.kind in _ABOUT_US else expected.step.why
 
 
-def inputs(value: int, profile: DriveProfile) -> str:
-    """60FDh by the profile's names of its bits; conditions that hold are listed."""
+def inputs(value: int, wiring: Inputs) -> str:
+    """60FDh by the axis file's names of its bits; conditions that hold are listed."""
     wired: dict[str, InputBit | None] = {
-        "hand switch closed": profile.inputs.hand_switch_closed,
-        "STO released": profile.inputs.sto_released,
-        "negative limit": profile.inputs.negative_limit,
-        "positive limit": profile.inputs.positive_limit,
+        "hand switch closed": wiring.hand_switch_closed,
+        "STO released": wiring.sto_released,
+        "negative limit": wiring.negative_limit,
+        "positive limit": wiring.positive_limit,
     }
     held = [name for name, bit in wired.items() if bit and value >> bit.bit & 1 == bit.level]
     return ", ".join(held) or "no named input holds"

@@ -202,14 +202,15 @@ def test_a_warning_is_bit_7(word, warning):
         (0xFFFCFFFC, Input.NONE),
     ],
 )
-def test_inputs_are_the_profile_s_bits_and_no_others(bits, inputs):
+def test_inputs_are_the_bits_of_the_axis_file_and_no_others(bits, inputs):
     assert window(hip(), [status(), torque(inputs=bits)]).inputs == inputs
 
 
 def test_an_input_whose_name_holds_at_the_low_level_is_read_so():
     profile = copy.deepcopy(table("profiles/generic.toml"))
-    profile["inputs"]["sto_released"]["level"] = 0
-    group = DriveGroup([Drive(join(axis_for(profile), profile, "hip"), NOW)])
+    axis = axis_for(profile)
+    axis["inputs"]["sto_released"]["level"] = 0
+    group = DriveGroup([Drive(join(axis, profile, "hip"), NOW)])
 
     frames = [Frame(0x285, struct.pack("<hI", 0, bits)) for bits in (0x00010000, GOOD_INPUTS)]
     told = [window(group, [frame]).inputs & Input.STO_RELEASED for frame in frames]

@@ -314,7 +314,7 @@ def test_a_file_that_is_no_eds_is_the_operator_s_matter(path):
         ("hip_elmo", "axis", ("motor", "rated_current_raw"), None, "motor.rated_current_raw"),
         ("hip_elmo", "axis", ("motor", "rated_torque_raw"), 279, "motor.rated_torque_raw"),
         ("hip_epos4", "profile", ("heartbeat", "consumer_entries"), 0, "consumer_entries"),
-        ("hip_epos4", "profile", ("inputs", "sto_released", "bit"), 16, "inputs"),
+        ("hip_epos4", "axis", ("inputs", "sto_released", "bit"), 16, "inputs"),
     ],
 )
 def test_files_that_cannot_be_true_together_are_refused_by_key(name, part, path, value, key):
@@ -454,7 +454,7 @@ def test_a_base_is_within_one_percent_of_the_motor_s(profile, motor, key, fits):
         ("axis", ("node_id",), 1, 127),
         ("axis", ("identity", "revision"), 0, 0xFFFFFFFF),
         ("axis", ("motor", "rated_torque_raw"), 1, 0xFFFFFFFF),
-        ("profile", ("inputs", "sto_released", "bit"), 0, 31),
+        ("axis", ("inputs", "sto_released", "bit"), 0, 31),
         ("profile", ("checked", 0, "mask"), 0, 0xFFFFFFFF),
     ],
 )

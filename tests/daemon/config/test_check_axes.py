@@ -111,7 +111,7 @@ def test_a_temperature_that_cannot_be_read_is_told_and_warned_of(tmp_path):
     configs = copied(tmp_path)
     text = (configs / PROFILE).read_text()
     start = text.index("[temperature]")
-    end = text.index("[inputs]")
+    end = text.index("# Optional objects")
     (configs / PROFILE).write_text(text[:start] + text[end:])
 
     report = examine(load(changed(configs, *GENERIC)))
