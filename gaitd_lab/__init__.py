@@ -7,5 +7,6 @@ configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py
 `ablation_trials.py` (recordings by lock-step), `fault_matrix/`, `fuzz/` (random sessions),
 `processes.py` (child processes, and those of a whole service), `requests.py`, `demonstration/`,
 `soak/`, `benchmark/`, `sample.py` (the shipped recording). `mode_page.py` writes
-docs/modes.md, `role_page.py` the tables of docs/security.md, `backstop_page.py` docs/backstop.md.
+docs/modes.md, `role_page.py` the tables of docs/security.md, `csv_page.py` docs/csv_columns.md,
+`backstop_page.py` docs/backstop.md.
 """

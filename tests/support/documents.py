@@ -18,7 +18,7 @@ PAGES: Final = tuple(
 )
 PROGRAMS: Final = (
     *("gaitd", "gaitd-assist", "gaitd-display", "gaitd-session", "make", "pip", "pytest"),
-    *("python", "python3", "systemctl", "journalctl", "sudo", "ip", "install"),
+    *("python", "python3", "systemctl", "journalctl", "sudo", "ip", "install", "cp"),
 )
 """First words of a line that is a command."""
 BLOCK: Final = re.compile(r"^(`{3,})(\w*)\n(.*?)^\1$", re.MULTILINE | re.DOTALL)

@@ -32,6 +32,7 @@ from daemon.system.sd_notify import Notifier
 from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
 from drives.errors import BusError
+from observer.jit import is_cached
 from simtime.wire import Role
 
 PART: Final = "core"
@@ -120,6 +121,9 @@ def _run(
     boot_id = uuid.uuid4().hex
     state_file = _state_file(settings)
     built = build(settings, boot_id, state_file.persistent)
+    if not is_cached():
+        text = "compiling the observer, once on this machine; a minute or two"
+        _log(log, text, INFORMATIONAL)
     warm_up(build(settings, boot_id, state_file.persistent))
     bus = _bus(settings, has_watchdog=has_watchdog)
     clock = bus.clock
