@@ -1,7 +1,9 @@
 """Clients of the gateway: the role of each query, the released plan, and dates that end soon."""
 
+import contextlib
 import datetime
 import os
+import queue
 import stat
 import threading
 from collections.abc import Callable
@@ -12,10 +14,11 @@ import msgspec
 from gaitd_client import wire
 
 from daemon.gateway.events import EventDraft, Kind, Priority
-from daemon.gateway.requests import ROUTES, Route
+from daemon.gateway.requests import ROUTES, Answer, Route
 from daemon.ipc.decoding import Decoder, RefusedError
-from daemon.ipc.record import Plan, Role
+from daemon.ipc.record import Outcome, Plan, Role
 from daemon.keys.folder import AUTHORITY, GATEWAY, Keys
+from daemon.system.files import remove_file, replace_file
 from daemon.wire.roles import ROLES, Access, role_of
 
 PLAN_FILE: Final = "plan.json"
@@ -29,6 +32,8 @@ ACCESS: Final = {
     Route.RESTART: Access.RESTART,
 }
 """Right that a query needs; the core checks those that it answers."""
+RETURNS: Final = "a plan of before may be in force again after the gateway's next restart"
+LOST: Final = "this plan may not be in force after the gateway's next restart"
 
 _DECODER: Final = Decoder(msgspec.json.Decoder(wire.PlanLimits).decode)
 
@@ -101,6 +106,7 @@ class PlanStore:
         """Read the file; `submit` runs a job in the thread that waits for the disk."""
         self._path, self._submit = path, submit
         self._lock = threading.Lock()
+        self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
         self.limits: wire.PlanLimits | None = None
         self.trouble = ""
         """Why no plan is released although there is a file; empty otherwise."""
@@ -117,37 +123,53 @@ class PlanStore:
         limits = self.limits
         return None if limits is None else Plan(**msgspec.structs.asdict(limits))
 
-    def release(self, limits: wire.PlanLimits | None, client: str) -> tuple[str, EventDraft]:
-        """Put a plan in force, or withdraw it, and keep that over a restart.
+    def release(self, ticket: int, limits: wire.PlanLimits | None, client: str) -> EventDraft:
+        """Put a plan in force, or withdraw it; `answers` has it when the disk's thread has kept it.
 
-        A withdrawal waits for the disk: a plan must not come back. It is rare, and a gateway that
-        hangs here stops the machine.
+        If that thread's queue is full, the disk is waited for here. That is rare, and a gateway
+        that hangs here stops the machine.
 
-        Returns: why it will not outlive a restart, empty if it will; and the event.
+        Returns: the event, with who and what.
         """
         self.limits = limits
+        if not self._submit("plan", lambda: self._keep(ticket, limits)):
+            with contextlib.suppress(OSError):
+                self._keep(ticket, limits)
         if limits is None:
-            with self._lock:
-                text, trouble = f"the plan is withdrawn by {client}", _removed(self._path)
+            text = f"the plan is withdrawn by {client}"
         else:
             text = (
                 f"plan released by {client}: up to {limits.cadence_max_hz:g} Hz,"
                 f" amplitude {limits.amplitude_max_ratio:g}, {limits.duration_max_s:g} s"
                 f"{_assist_text(limits)}"
             )
-            queued = self._submit("plan", lambda: self._store(limits))
-            trouble = "" if queued else "the disk is too slow"
-        if trouble:
-            trouble = f"in force until the gateway's next restart only: {trouble}"
-        return trouble, EventDraft(
-            Priority.INFO, Kind.NOTE, f"{text}; {trouble}" if trouble else text
-        )
+        return EventDraft(Priority.INFO, Kind.NOTE, text)
 
-    def _store(self, limits: wire.PlanLimits) -> None:
-        """Write a plan, in the disk's thread, unless it was replaced or withdrawn meanwhile."""
-        with self._lock:
-            if self.limits is limits:
-                _write(self._path, limits)
+    def answers(self) -> list[Answer]:
+        """Answers since the last call; a reason says what a restart may change."""
+        return [self._answers.get_nowait() for _ in range(self._answers.qsize())]
+
+    def _keep(self, ticket: int, limits: wire.PlanLimits | None) -> None:
+        """Keep a plan over a restart, unless it was replaced or withdrawn meanwhile.
+
+        The plan of before is removed first: it must not come back, whatever fails after that.
+
+        Raises:
+            OSError: the disk is full, or fails; the answer says so, too.
+        """
+        risk = RETURNS
+        try:
+            with self._lock:
+                if self.limits is limits:
+                    remove_file(self._path)
+                    risk = LOST
+                    if limits is not None:
+                        replace_file(self._path, msgspec.json.encode(limits))
+        except OSError as error:
+            reason = f"{risk}: {error.strerror or error}"
+            self._answers.put(Answer(ticket, Outcome.DONE, reason))
+            raise
+        self._answers.put(Answer(ticket, Outcome.DONE, ""))
 
 
 def _assist_text(limits: wire.PlanLimits) -> str:
@@ -169,30 +191,3 @@ def _own(path: Path) -> bytes:
         return os.read(file, status.st_size)
     finally:
         os.close(file)
-
-
-def _write(path: Path, limits: wire.PlanLimits) -> None:
-    new = path.with_suffix(".new")
-    new.unlink(missing_ok=True)
-    # A link is a file that exists.
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    try:
-        os.write(file, msgspec.json.encode(limits))
-        os.fsync(file)
-    finally:
-        os.close(file)
-    new.replace(path)
-
-
-def _removed(path: Path) -> str:
-    """Remove the file for good; why it could not be, empty if it is gone."""
-    try:
-        path.unlink(missing_ok=True)
-        folder = os.open(path.parent, os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
-    except OSError as error:
-        return error.strerror or str(error)
-    return ""

@@ -158,6 +158,7 @@ class Gateway:
         for inquiry in sorted(inquiries, key=lambda one: one.name != "stop"):
             self._isolated(inquiry, lambda one=inquiry: self._receive_query(one, now_ns))
         self._settle(self._requests.tick(now_ns))
+        self._settle(self._plans.answers())
         self.publish_events(self.lease_control.tick(now_ns))
         self.publish_events(self._request_events.tick(now_ns))
         self._publish_safety(now_ns)
@@ -382,9 +383,8 @@ class Gateway:
                 self._waiting.pop(ticket).inquiry.answer(self._information(name))
             case requests.Route.PLAN:
                 if isinstance(payload, wire.PlanAsk):
-                    trouble, draft = self._plans.release(payload.plan, payload.client)
+                    draft = self._plans.release(ticket, payload.plan, payload.client)
                     self.publish_events([draft])
-                    self._settle([requests.Answer(ticket, Outcome.DONE, trouble)])
             case requests.Route.RESTART:
                 self._settle([self._restart(ticket)])
 

@@ -40,6 +40,7 @@ from daemon.keys.folder import (
     Register,
     read_keys,
 )
+from daemon.system.files import replace_file
 from daemon.wire.roles import IDENTITY
 
 ALLOWED_NAME: Final = (
@@ -215,16 +216,7 @@ def _write_pair(keys: Keys, name: str, pair: Pair) -> None:
 
 
 def _write(path: Path, data: bytes, *, gateways: bool = True) -> None:
-    """Replace a file as a whole, readable by its owner alone."""
-    new = path.with_name(f".{path.name}.new")
-    new.unlink(missing_ok=True)
-    file = os.open(new, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
-    try:
-        os.write(file, data)
-        if gateways and os.geteuid() == 0:
-            owner = path.parent.stat()
-            os.fchown(file, owner.st_uid, owner.st_gid)
-        os.fsync(file)
-    finally:
-        os.close(file)
-    new.replace(path)
+    """Replace a file; root makes it the gateway's."""
+    owner = path.parent.stat()
+    is_given = gateways and os.geteuid() == 0
+    replace_file(path, data, (owner.st_uid, owner.st_gid) if is_given else None)

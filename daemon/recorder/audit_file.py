@@ -21,7 +21,7 @@ from typing import Any, Final
 import msgspec
 
 from daemon.ipc.decoding import Decoder, RefusedError
-from daemon.recorder.disk import sync_folder
+from daemon.system.files import sync_folder
 
 ANYTHING: Final[Decoder[Any]] = Decoder(msgspec.json.decode)
 """Decoder of JSON of any form."""

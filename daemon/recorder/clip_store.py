@@ -23,7 +23,7 @@ from daemon.ipc.ring_clip import (
     trimmed,
 )
 from daemon.ipc.transport import Kept, RingHeader
-from daemon.recorder.disk import sync_folder
+from daemon.system.files import sync_folder
 
 FILES_MAX: Final = 60
 BYTES_MAX: Final = 256 * 1024 * 1024

@@ -6,11 +6,9 @@ the next job runs (`worker.py`). The queue is bounded: a disk that hangs loses t
 but uses no more memory.
 """
 
-import os
 import queue
 import threading
 from collections.abc import Callable
-from pathlib import Path
 from typing import Final, NamedTuple
 
 from daemon.recorder.worker import Worker
@@ -18,19 +16,6 @@ from daemon.recorder.worker import Worker
 JOBS_MAX: Final = 64
 END_TIMEOUT_S: Final = 3.0
 """Time that an ending gateway waits for its disk."""
-
-
-def sync_folder(folder: Path) -> None:
-    """Sync a new name in a folder to the disk.
-
-    Raises:
-        OSError: the folder cannot be opened, or the disk fails.
-    """
-    opened = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(opened)
-    finally:
-        os.close(opened)
 
 
 class WriteError(NamedTuple):

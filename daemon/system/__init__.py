@@ -1,6 +1,7 @@
 """Interfaces to the operating system.
 
 Reading order: `clock.py` (wall and simulated clocks), `bus_choice.py` (bus and clock of a
-configuration), `lock.py` (one process of a kind per directory), `journal.py` and `sd_notify.py`
-(systemd), `machine/` (checks for `gaitd doctor`).
+configuration), `lock.py` (one process of a kind per directory), `files.py` (files that
+outlive a power cut), `journal.py` and `sd_notify.py` (systemd), `machine/` (checks for `gaitd
+doctor`).
 """

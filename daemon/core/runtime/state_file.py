@@ -22,6 +22,7 @@ import msgspec
 from daemon.core.modes.persistent_state import FORMAT, UNREADABLE, PersistentState
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.state_file import NAME, SIZE
+from daemon.system.files import sync_folder
 
 DECODER: Final = Decoder(msgspec.json.Decoder(PersistentState).decode)
 
@@ -53,6 +54,7 @@ class StateFile:
             self._map = mmap.mmap(file.fileno(), SIZE)
         if new:
             self.write(self.persistent)
+            sync_folder(state)  # the gateway syncs the content, not the name
 
     def write(self, persistent: PersistentState) -> None:
         """As `StateStore.write`.

@@ -1,5 +1,6 @@
 """The clients of the gateway: roles, dates, and the released plan on the disk."""
 
+import contextlib
 import datetime
 import os
 from pathlib import Path
@@ -11,11 +12,15 @@ from gaitd_client.wire import PlanLimits
 
 from daemon.gateway.clients import PLAN_FILE, ClientRefusedError, Clients, PlanStore
 from daemon.gateway.events import EventDraft, Kind, Priority
-from daemon.ipc.record import Plan, Role
+from daemon.gateway.requests import Answer
+from daemon.ipc.record import Outcome, Plan, Role
 from daemon.keys.folder import Client, Keys, Register
 
 TODAY = "2026-11-23"
 LIMITS = PlanLimits(cadence_max_hz=0.5, amplitude_max_ratio=0.8, duration_max_s=600.0)
+NARROW = PlanLimits(cadence_max_hz=0.1, amplitude_max_ratio=0.2, duration_max_s=60.0)
+RETURNS = "a plan of before may be in force again after the gateway's next restart"
+LOST = "this plan may not be in force after the gateway's next restart"
 RELEASED = "plan released by operator.desk: up to 0.5 Hz, amplitude 0.8, 600 s"
 
 
@@ -115,17 +120,25 @@ def file(tmp_path):
     return tmp_path / PLAN_FILE
 
 
+def release(store, limits, ticket=7):
+    """Release a plan; the reason of the answer."""
+    store.release(ticket, limits, "operator.desk")
+    (answer,) = store.answers()
+    assert answer == Answer(ticket, Outcome.DONE, answer.reason)
+    return answer.reason
+
+
 def test_the_plan_outlives_its_gateway_and_a_damaged_one_is_none(file):
     def store():
         return PlanStore(file, at_once)
 
     assert (store().plan, store().trouble) == (None, "")
-    assert store().release(LIMITS, "operator.desk")[0] == ""
+    assert release(store(), LIMITS) == ""
     assert store().plan == Plan(0.5, 0.8, 600.0)
     file.write_text('{"cadence_max_hz": 9}')
     assert (store().plan, "no plan is released" in store().trouble) == (None, True)
     for _ in range(2):
-        assert store().release(None, "operator.desk")[0] == ""
+        assert release(store(), None) == ""
         assert (store().plan, store().trouble, file.exists()) == (None, "", False)
 
 
@@ -141,33 +154,90 @@ def test_the_plan_outlives_its_gateway_and_a_damaged_one_is_none(file):
     ],
 )
 def test_a_release_and_a_withdrawal_are_events_with_who_and_what(file, limits, text):
-    told = PlanStore(file, at_once).release(limits, "operator.desk")
+    told = PlanStore(file, at_once).release(7, limits, "operator.desk")
 
-    assert told == ("", EventDraft(Priority.INFO, Kind.NOTE, text))
+    assert told == EventDraft(Priority.INFO, Kind.NOTE, text)
 
 
-def test_a_plan_is_on_the_disk_before_it_has_its_name_and_gone_before_it_is_reported(
+def test_the_disk_loses_the_plan_of_before_first_and_has_the_new_one_before_the_answer(
     file, monkeypatch
 ):
     synced = []
 
     def fsync(descriptor):
-        synced.append((Path(f"/proc/self/fd/{descriptor}").readlink().name, file.exists()))
+        name = Path(f"/proc/self/fd/{descriptor}").readlink().name
+        synced.append((name, PlanStore(file, at_once).limits))
 
-    monkeypatch.setattr(os, "fsync", fsync)
-    left_over = file.with_suffix(".new")
+    release(PlanStore(file, at_once), LIMITS)
+    left_over = file.with_name(".plan.json.new")
     left_over.write_text("of a gateway that was killed")
     open_count = len(list(Path("/proc/self/fd").iterdir()))
+    monkeypatch.setattr(os, "fsync", fsync)
 
-    store = PlanStore(file, at_once)
-    store.release(LIMITS, "operator.desk")
+    release(PlanStore(file, at_once), NARROW)
     assert f"{file.stat().st_mode & 0o777:o}" == "600"
-    assert PlanStore(file, at_once).plan == Plan(0.5, 0.8, 600.0)
     assert not left_over.exists()
-    store.release(None, "operator.desk")
+    release(PlanStore(file, at_once), None)
 
-    assert synced == [("plan.new", False), (file.parent.name, False)]
+    folder = file.parent.name
+    released = [(folder, None), (left_over.name, None), (folder, NARROW)]
+    assert synced == [*released, (folder, None)]
     assert len(list(Path("/proc/self/fd").iterdir())) == open_count
+
+
+@pytest.mark.parametrize("limits", [NARROW, None])
+@pytest.mark.parametrize("is_queue_full", [False, True])
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), OSError("no disk")])
+def test_a_plan_of_before_comes_back_only_where_the_answer_says_so(
+    file, limits, is_queue_full, error
+):
+    """Each call of the system in turn fails, and the next gateway starts."""
+    reason = error.strerror or str(error)
+    told = []
+    for failing in range(1, 11):
+        release(PlanStore(file, at_once), LIMITS)
+        store = PlanStore(file, lambda _what, run: not is_queue_full and run() is None)
+        with failing_call(failing, error) as calls, contextlib.suppress(OSError):
+            store.release(7, limits, "operator.desk")
+        (answer,) = store.answers()
+        after = PlanStore(file, at_once).limits
+
+        assert (store.limits, answer.outcome) == (limits, Outcome.DONE)
+        if answer.reason == f"{RETURNS}: {reason}":
+            assert after in {LIMITS, None}
+        elif answer.reason == f"{LOST}: {reason}":
+            assert after in {limits, None}
+        else:
+            assert (answer.reason, after) == ("", limits)
+        told.append(answer.reason.removesuffix(f": {reason}"))
+        if len(calls) < failing:
+            break
+
+    lost = 0 if limits is None else 6  # unlink, open, fsync, rename; open and fsync the folder
+    assert told == [RETURNS] * 3 + [LOST] * lost + [""]
+
+
+@contextlib.contextmanager
+def failing_call(number, error):
+    """The call of that number, of those that change the disk, fails; all calls so far."""
+    calls = []
+
+    def counted(real):
+        def call(*words, **named):
+            calls.append(real)
+            if len(calls) == number:
+                raise error
+            return real(*words, **named)
+
+        return call
+
+    with (
+        mock.patch.object(Path, "unlink", counted(Path.unlink)),
+        mock.patch.object(Path, "replace", counted(Path.replace)),
+        mock.patch.object(os, "open", counted(os.open)),
+        mock.patch.object(os, "fsync", counted(os.fsync)),
+    ):
+        yield calls
 
 
 def test_a_plan_is_written_into_no_file_of_another(file, tmp_path, monkeypatch):
@@ -179,24 +249,25 @@ def test_a_plan_is_written_into_no_file_of_another(file, tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "unlink", unlink)
     with pytest.raises(FileExistsError):
-        PlanStore(file, at_once).release(LIMITS, "operator.desk")
+        PlanStore(file, at_once).release(7, LIMITS, "operator.desk")
 
     assert theirs.read_text() == "theirs"
 
 
 def test_a_withdrawn_plan_is_not_written_by_a_disk_that_was_slow(file):
     waiting = []
-    store = PlanStore(file, lambda _what, run: waiting.append(run) is None)
-    store.release(LIMITS, "operator.desk")
-    store.release(None, "operator.desk")
-    for run in waiting:
-        run()
+    store = PlanStore(file, lambda _what, run: len(waiting) < 1 and waiting.append(run) is None)
+    store.release(7, LIMITS, "operator.desk")
+    assert store.answers() == []
+    store.release(8, None, "operator.desk")
+    waiting[0]()
 
     assert not file.exists()
+    assert [answer.ticket for answer in store.answers()] == [8, 7]
 
 
 def test_a_plan_that_another_user_could_have_written_is_none(file, tmp_path, monkeypatch):
-    PlanStore(file, at_once).release(LIMITS, "operator.desk")
+    release(PlanStore(file, at_once), LIMITS)
     (tmp_path / "link.json").symlink_to(file)
     assert "no plan is released" in PlanStore(tmp_path / "link.json", at_once).trouble
     refused = f"{file}: no plan is released: another user could have written it"
@@ -207,25 +278,3 @@ def test_a_plan_that_another_user_could_have_written_is_none(file, tmp_path, mon
     for mode in (0o620, 0o602):
         file.chmod(mode)
         assert PlanStore(file, at_once).trouble == refused
-
-
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [(OSError(5, "Input/output error"), "Input/output error"), (OSError("no disk"), "no disk")],
-)
-def test_a_plan_that_the_disk_does_not_take_is_in_force_and_said_so(
-    file, monkeypatch, error, reason
-):
-    store = PlanStore(file, lambda *_: False)
-    until = "in force until the gateway's next restart only"
-
-    trouble, event = store.release(LIMITS, "operator.desk")
-    assert store.plan == Plan(0.5, 0.8, 600.0)
-    assert trouble == f"{until}: the disk is too slow"
-    assert event.text == f"{RELEASED}; {trouble}"
-
-    monkeypatch.setattr(Path, "unlink", mock.Mock(side_effect=error))
-    trouble, event = store.release(None, "operator.desk")
-    assert store.plan is None
-    assert trouble == f"{until}: {reason}"
-    assert event.text == f"the plan is withdrawn by operator.desk; {trouble}"

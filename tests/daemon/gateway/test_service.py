@@ -1,9 +1,12 @@
 """The gateway's turns, in simulated time on a real seam."""
 
 import math
+import os
+from unittest import mock
 
 import msgspec
 
+from daemon.gateway.clients import RETURNS
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.presence import SILENCE_NS
 from daemon.gateway.setpoints import NOTHING
@@ -265,7 +268,9 @@ def test_a_stop_is_a_stop_whatever_is_sent_along_with_it(bench, ask):
     assert bench.levels[-1].stop_count == 1
 
 
-def test_a_plan_that_the_disk_does_not_take_is_done_with_that_reason(bench, ask):
+def test_a_plan_that_the_disk_does_not_take_is_done_with_that_reason(bench, ask, monkeypatch):
+    full = mock.Mock(side_effect=OSError(28, "No space left on device"))
+    monkeypatch.setattr(os, "fsync", full)
     limits = b'{"cadence_max_hz": 0.5, "amplitude_max_ratio": 0.8, "duration_max_s": 600}'
     released, status = ask("plan", b'{"client": "me", "plan": ' + limits + b"}"), ask("status")
     bench.disk_is_slow = True
@@ -273,11 +278,10 @@ def test_a_plan_that_the_disk_does_not_take_is_done_with_that_reason(bench, ask)
 
     (reply,), (now,) = released.replies, status.replies
     assert reply.outcome == "done"
-    assert reply.reason == "in force until the gateway's next restart only: the disk is too slow"
+    assert reply.reason == f"{RETURNS}: No space left on device"
     assert now.plan.cadence_max_hz == 0.5
     note, outcome = bench.outlet.events[-2:]
-    assert note.text.startswith("plan released by me")
-    assert note.text.endswith(reply.reason)
+    assert note.text == "plan released by me: up to 0.5 Hz, amplitude 0.8, 600 s"
     assert outcome.text == f"plan, asked by me: done: {reply.reason}"
 
 

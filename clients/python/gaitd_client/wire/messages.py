@@ -338,8 +338,8 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class PlanAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Payload of a query to control/plan: release a plan for sessions, or withdraw it.
 
-    The outcome is done if that is in force. `reason` then says why it will not outlive a restart of
-    the gateway, if the disk has not taken it.
+    It is in force at once; the answer waits for the disk, and its outcome is done. If the disk does
+    not take it, `reason` says what a restart of the gateway may change.
     """
 
     plan: Annotated[PlanLimits | None, Meta(description="Null: withdraw it; no gait is allowed.")]
