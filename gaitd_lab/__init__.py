@@ -3,10 +3,10 @@
 It needs the virtual drives, and nothing of the service imports it. `gaitd.testing` is the part that
 other projects use in their tests. Reading order: `virtual_machine.py` (the virtual drives of a
 configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py` with
-`lockstep_gateway.py` (the real loop against them in one thread), `trials.py`, `excitation.py` and
-`ablation_trials.py` (recordings by lock-step), `fault_matrix/`, `fuzz/` (random sessions),
-`processes.py` (child processes, and those of a whole service), `requests.py`, `demonstration/`,
-`soak/`, `benchmark/`, `sample.py` (the shipped recording). `mode_page.py` writes
+`lockstep_gateway.py` (the real loop against them in one thread), `trials.py`, `excitation.py`,
+`ablation_trials.py` and `measured_patient.py` (recordings by lock-step), `fault_matrix/`, `fuzz/`
+(random sessions), `processes.py` (child processes, and those of a whole service), `requests.py`,
+`demonstration/`, `soak/`, `benchmark/`, `sample.py` (the shipped recording). `mode_page.py` writes
 docs/modes.md, `role_page.py` the tables of docs/security.md, `csv_page.py` docs/csv_columns.md,
 `backstop_page.py` docs/backstop.md.
 """

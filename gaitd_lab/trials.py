@@ -31,7 +31,7 @@ from gaitd_lab.lockstep import LockstepSession, RefusedError
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from observer.filter.states import STATE_NAMES
 from observer.mechanism.mechanism import gravity
-from sim_drives.plant.settings import FrictionLaw
+from sim_drives.plant.settings import FrictionLaw, Programme
 from sim_drives.plant.truth import TruthLog, TruthRow
 
 EMPTY: Final = "robot_empty.toml"
@@ -56,6 +56,8 @@ class Situation(NamedTuple):
     cadence_hz: float = 0.25
     programme: str = "passive"
     """One of plant.toml's [[patient.programme]]."""
+    seed: int | None = None
+    """Seed of noise and delays; plant.toml's own if None."""
 
     @property
     def name(self) -> str:
@@ -70,20 +72,27 @@ class TrialError(Exception):
 class Trials:
     """Records trials on the virtual machine of one configuration."""
 
-    def __init__(self, config: Path, robot: Robot | None = None) -> None:
+    def __init__(
+        self, config: Path, robot: Robot | None = None, programmes: tuple[Programme, ...] = ()
+    ) -> None:
         """Read all files.
 
         Args:
             config: trainer file with a plant.
             robot: replaces the configuration's own, for the plant and for the service: another
                 patient, other friction. See `balanced`.
+            programmes: of the patient, added to those of plant.toml.
 
         Raises:
             ConfigError: in a file, or between the files.
         """
         self._config = config
         self._settings = read_all(config)
-        self._path, self._plant = load_plant(self._settings.file)
+        self._path, plant = load_plant(self._settings.file)
+        patient = msgspec.structs.replace(
+            plant.patient, programme=(*plant.patient.programme, *programmes)
+        )
+        self._plant = msgspec.structs.replace(plant, patient=patient)
         self._robot = robot or self._settings.robot
         limits = _limits_for(self._settings.limits, self._robot)
         self._settings = replace(self._settings, robot=self._robot, limits=limits)
@@ -142,7 +151,11 @@ class Trials:
         plant = msgspec.structs.replace(self._plant, friction=friction, patient=patient)
         truth = TruthLog(None)
         machine = virtual_machine(
-            settings.file, plant=plant, robot=robot, truth={settings.legs[0].name: truth}
+            settings.file,
+            plant=plant,
+            robot=robot,
+            seed=situation.seed,
+            truth={settings.legs[0].name: truth},
         )
         return _Run(name, LockstepSession(settings, machine), truth)
 

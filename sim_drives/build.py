@@ -16,6 +16,8 @@ from sim_drives.cia402.scaling import effort_per_a
 from sim_drives.faults.script import FaultCommandError, help_text
 from sim_drives.one_leg import Leg
 from sim_drives.plant.plant import PlantError, Trainer, UnknownProgrammeError
+from sim_drives.plant.recorded import RecordedError, Values, read_strides
+from sim_drives.plant.settings import Recorded
 from sim_drives.plant.truth import TruthLog
 from sim_drives.settings import DriveSettings, PlantFile
 from sim_drives.world import World
@@ -97,6 +99,7 @@ def build_machine(
         MachineError: names the key of plant.toml, the value, and the allowed values.
     """
     chosen_seed = plant.seed if seed is None else seed
+    recorded = _recorded(plant, folder)
     trainers: dict[str, Trainer] = {}
     legs: list[Leg] = []
     for number, (name, drives) in enumerate(plant.drives.items()):
@@ -105,7 +108,9 @@ def build_machine(
             for axis, drive in (("hip", drives.hip), ("slide", drives.slide))
         ]
         efforts = effort_per_a(drives.hip), effort_per_a(drives.slide)
-        trainers[name] = _trainer(plant, leg, frictions, efforts, chosen_seed + number, start_ns)
+        trainers[name] = _trainer(
+            plant, leg, frictions, efforts, chosen_seed + number, start_ns, recorded
+        )
         legs.append(Leg(name, trainers[name], *parts[0], *parts[1]))
     _check_node_ids(plant)
     logs = truth or {}
@@ -135,13 +140,36 @@ def _trainer(
     efforts: tuple[float, float],
     seed: int,
     start_ns: int,
+    recorded: Mapping[str, Values],
 ) -> Trainer:
     try:
-        return Trainer(plant, leg, frictions, efforts, seed, start_ns)
+        return Trainer(plant, leg, frictions, efforts, seed, start_ns, recorded)
     except UnknownProgrammeError as error:
         raise MachineError("patient.start", plant.patient.start, str(error)) from error
     except PlantError as error:
         raise MachineError("", "", str(error)) from error
+
+
+def _recorded(plant: PlantFile, folder: Path) -> dict[str, Values]:
+    """Read the file of each recorded effort."""
+    made: dict[str, Values] = {}
+    for programme in plant.patient.programme:
+        for effort in programme.effort:
+            if not isinstance(effort, Recorded):
+                continue
+            key = f"patient.programme.{programme.name}.file"
+            try:
+                strides = read_strides(folder / effort.file)
+            except OSError as error:
+                allowed = f"a CSV of strides ({(error.strerror or 'cannot be read').lower()})"
+                raise MachineError(key, effort.file, allowed) from error
+            except RecordedError as error:
+                raise MachineError(key, effort.file, str(error)) from error
+            if effort.slide_n != 0.0 and not strides[:, :, 1].any():
+                allowed = "a file with slide_force_n, because slide_n is not 0"
+                raise MachineError(key, effort.file, allowed)
+            made[effort.file] = strides
+    return made
 
 
 def _entries(drive: DriveSettings, folder: Path, key: str) -> tuple[Entry, ...]:

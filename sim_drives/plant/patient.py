@@ -12,6 +12,7 @@ for grid synchronization of power converters", IEEE Trans. Ind. Electron. 58 (20
 """
 
 import math
+from collections.abc import Mapping
 from enum import IntEnum
 from typing import Final
 
@@ -19,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.jit import kernel
-from sim_drives.plant.settings import Effort, Gait, Programme, Push, Sine, Spasm
+from sim_drives.plant.recorded import SAMPLES, STRIDES_MAX, Values
+from sim_drives.plant.settings import Effort, Gait, Programme, Push, Recorded, Sine, Spasm
 
 Records = NDArray[np.void]
 
@@ -32,6 +34,7 @@ class Wave(IntEnum):
     GAIT = 2
     PUSH = 3
     SPASM = 4
+    RECORDED = 5
 
 
 WAVES: Final[dict[type[Effort], Wave]] = {
@@ -39,6 +42,7 @@ WAVES: Final[dict[type[Effort], Wave]] = {
     Gait: Wave.GAIT,
     Push: Wave.PUSH,
     Spasm: Wave.SPASM,
+    Recorded: Wave.RECORDED,
 }
 
 EFFORT: Final = np.dtype(
@@ -53,6 +57,10 @@ EFFORT: Final = np.dtype(
         ("phase_rad", "f8", (2,)),
         ("rest_speed", "f8", (2,)),  # rad/s, m/s
         ("direction", "f8", (2,)),  # latched at the onset of a spasm; 0: not latched
+        ("stride_count", "i8"),  # of a recorded effort
+        ("stride_index", "i8"),
+        ("theta_rad", "f8"),  # of the last step
+        ("samples", "f8", (STRIDES_MAX, SAMPLES, 2)),
     ]
 )
 """One effort of the running programme."""
@@ -82,11 +90,22 @@ FULL_RAD: Final = math.radians(10.0)
 """Swing amplitude from which an effort over the stride has its full size."""
 
 
-def compile_programme(programme: Programme) -> tuple[Records, float]:
-    """Return the programme in the kernels' form, and its repetition in s (infinite: none)."""
+def compile_programme(
+    programme: Programme, recorded: Mapping[str, Values]
+) -> tuple[Records, float]:
+    """Return the programme in the kernels' form, and its repetition in s (infinite: none).
+
+    Args:
+        programme: of plant.toml.
+        recorded: strides by the file of a recorded effort.
+    """
     table = np.zeros(len(programme.effort), EFFORT)
     for row, effort in zip(table, programme.effort, strict=True):
         _fill(row, effort)
+        if isinstance(effort, Recorded):
+            strides = recorded[effort.file]
+            row["stride_count"] = len(strides)
+            row["samples"][: len(strides)] = strides
     return table, programme.repeat_s or math.inf
 
 
@@ -159,12 +178,39 @@ def _latch_direction(effort: np.void, speed: NDArray[np.float64]) -> None:
 
 
 @kernel
+def _turn_to_stride(effort: np.void, theta_rad: float) -> None:
+    """Take the next recorded stride where the phase passes pi, the last one where it goes back."""
+    turn = theta_rad - effort["theta_rad"]
+    count = effort["stride_count"]
+    if turn < -math.pi:
+        effort["stride_index"] = (effort["stride_index"] + 1) % count
+    if turn > math.pi:
+        effort["stride_index"] = (effort["stride_index"] + count - 1) % count
+    effort["theta_rad"] = theta_rad
+
+
+@kernel
+def _recorded(effort: np.void, axis: int, theta_rad: float) -> float:
+    """Interpolate between samples; the last one is followed by the next stride's first."""
+    at = (theta_rad + math.pi) / (2.0 * math.pi) * SAMPLES
+    first = min(max(int(at), 0), SAMPLES - 1)
+    stride, second = effort["stride_index"], first + 1
+    following = stride
+    if second == SAMPLES:
+        following, second = (stride + 1) % effort["stride_count"], 0
+    before = effort["samples"][stride, first, axis]
+    return before + (at - first) * (effort["samples"][following, second, axis] - before)
+
+
+@kernel
 def _wave(effort: np.void, axis: int, since_s: float, theta_rad: float, speed: float) -> float:
     kind = effort["wave"]
     if kind == Wave.SINE:
         return math.cos(effort["pulsation"] * since_s + effort["phase_rad"][axis])
     if kind == Wave.GAIT:
         return math.cos(effort["pulsation"] * theta_rad + effort["phase_rad"][axis])
+    if kind == Wave.RECORDED:
+        return _recorded(effort, axis, theta_rad)
     if kind == Wave.PUSH:
         ratio = speed / effort["rest_speed"][axis]
         return 1.0 / (1.0 + ratio * ratio)
@@ -184,7 +230,7 @@ def script(
     """Compute the scripted effort of the muscles, `elapsed_s` after the programme began.
 
     Args:
-        programme: efforts, EFFORT records; a spasm's latched direction is written.
+        programme: efforts, EFFORT records; a spasm's direction and the recorded stride are written.
         stride: the oscillator, a STRIDE record.
         elapsed_s: since the programme began or was repeated.
         speed: shape (2,), rad/s and m/s.
@@ -202,7 +248,9 @@ def script(
             continue
         if effort["wave"] == Wave.SPASM:
             _latch_direction(effort, speed)
-        if effort["wave"] == Wave.GAIT:
+        if effort["wave"] == Wave.RECORDED:
+            _turn_to_stride(effort, theta_rad)
+        if effort["wave"] == Wave.GAIT or effort["wave"] == Wave.RECORDED:
             weight *= swing_weight(stride)
         for axis in range(2):
             wave = _wave(effort, axis, since_s, theta_rad, speed[axis])

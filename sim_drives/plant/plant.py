@@ -5,6 +5,7 @@ is the argument of `advance`. All random values come from the seed, one stream f
 """
 
 import math
+from collections.abc import Mapping
 from functools import cache
 from typing import Final
 
@@ -18,6 +19,7 @@ from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisS
 from sim_drives.plant.dynamics import WORK, Constants, State, advance_steps
 from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order
 from sim_drives.plant.patient import EFFORT, compile_programme, resting_stride
+from sim_drives.plant.recorded import Values
 from sim_drives.plant.settings import Loops, Motor, Motors, PlantTables, Programme, Steady
 from sim_drives.plant.stick_slip import JOINT, LAW_CODES, STICKING, Bristles
 from sim_drives.plant.stops import joint_stops, leg_reach
@@ -148,6 +150,7 @@ class Trainer:
         effort_per_a: tuple[float, float],
         seed: int,
         start_ns: int,
+        recorded: Mapping[str, Values] | None = None,
     ) -> None:
         """Build the plant at rest in its start pose, both power stages off.
 
@@ -158,6 +161,7 @@ class Trainer:
             effort_per_a: joint effort per ampere, N·m/A and N/A, positive: k_t gear (2 pi / lead).
             seed: seed of noise and jitter; another leg takes another one.
             start_ns: the time now; the physics grid begins here.
+            recorded: strides (`recorded.read_strides`) by the file of a patient's recorded effort.
 
         Raises:
             PlantError: the tables contradict each other or the robot file.
@@ -174,6 +178,7 @@ class Trainer:
         self._now_ns = start_ns
         self._noise = [np.random.default_rng((seed, axis)) for axis in (HIP, SLIDE)]
         self._programmes = {programme.name: programme for programme in settings.patient.programme}
+        self._recorded = recorded or {}
         self._programme_name = ""
         self._programme = np.zeros(0, EFFORT)
         self._programme_start = 0
@@ -315,7 +320,7 @@ class Trainer:
         return {name: float(self._state.work[name][0]) for name in WORK.fields or ()}
 
     def _start_programme(self, programme: Programme) -> None:
-        self._programme, self._repeat_s = compile_programme(programme)
+        self._programme, self._repeat_s = compile_programme(programme, self._recorded)
         self._programme_name = programme.name
         self._programme_start = self._step_index
 

@@ -220,13 +220,24 @@ class Spasm(Effort, frozen=True, tag_field="kind", tag="spasm"):
     """An effort against the motion at its onset, for all its duration; short `rise_s`."""
 
 
+class Recorded(Effort, frozen=True, tag_field="kind", tag="recorded"):
+    """Measured efforts over the stride, from a file (recorded.py): those of each stride in turn.
+
+    They are scaled: `hip_nm` and `slide_n` are the sizes of the largest ones. As with `Gait` the
+    phase is that of the hip's motion, and the effort is zero while the hip does not swing.
+    """
+
+    file: Annotated[str, Meta(min_length=1)]
+    """Path relative to plant.toml."""
+
+
 class Programme(Table, frozen=True):
     """A programme, started by `gaitd sim`'s command `patient NAME`. No effort: passive patient."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+$")]
     repeat_s: Positive | None = None
     """The programme repeats after this time; without it, it runs once."""
-    effort: tuple[Steady | Sine | Gait | Push | Spasm, ...] = ()
+    effort: tuple[Steady | Sine | Gait | Recorded | Push | Spasm, ...] = ()
 
 
 class Patient(Table, frozen=True):

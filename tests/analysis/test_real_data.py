@@ -9,17 +9,33 @@ from command_line import gaitd
 from one_axis import ENCODER_M, SLIDE_M, one_axis_samples
 from scipy.io import savemat
 from scipy.signal import butter, lfilter
+from sessions import CONFIGS
 
+from analysis.real_data import hip_moment, strides
 from analysis.real_data.classical import Axis, inverse_dynamics, momentum_observer
-from analysis.real_data.comparison import CALIBRATED, INVERSE, MOMENTUM, NOISE, PAPER, PUBLISHED
+from analysis.real_data.comparison import (
+    CALIBRATED,
+    INVERSE,
+    MOMENTUM,
+    NOISE,
+    PAPER,
+    PUBLISHED,
+    compare,
+)
 from analysis.real_data.emps import FILES, read
-from analysis.real_data.page import HEAD
+from analysis.real_data.page import HEAD, write_page
+from daemon.config.settings import Robot
+from daemon.config.strict import load_toml
+from gaitd_lab.measured_patient import NAME, patient
+from gaitd_lab.trials import Situation, Trials
 from observer.mechanism.friction import FrictionParameters
+from sim_drives.plant.recorded import read_strides
 
 GAIN_N_PER_V = 35.15
 PULSE_V = 5.07
 ROWS = 1500
 STEP_S = 0.01
+CONFIG = CONFIGS / "demo.toml"
 
 
 @pytest.fixture(scope="module")
@@ -39,13 +55,28 @@ def recordings(tmp_path_factory):
         if pulses.any():
             made["pulses_N"] = (5 * pulses[:, None]).astype(np.uint8)
         savemat(folder / "emps" / name, made)
+    write_walk(folder)
     return folder
+
+
+def write_walk(folder):
+    """Three strides in the file of the measured hip moment, each stronger than the one before."""
+    phase = np.linspace(0.0, 2.0 * np.pi, 100)
+    swing = np.repeat((20.0 * np.cos(phase))[:, None], 3, axis=1)
+    moment = -np.sin(phase + 0.3)[:, None] * np.array((10.0, 20.0, 30.0))
+    heads = np.array(["knee_angle", "hip_flexion"], dtype=object)
+    tables = [np.stack((np.zeros((100, 3)), one), axis=1) for one in (swing, moment)]
+    angles, moments = ({"all": one, "colheaders": heads} for one in tables)
+    measured = {"Q": {"subject1": {"Qs": angles}}, "Torques": {"subject1": moments}}
+    (folder / "gait_falisse").mkdir()
+    savemat(folder / "gait_falisse" / hip_moment.FILE, {"ExperimentalData": measured})
 
 
 def judged(page):
     """Cells of the page's table by estimator and head, as numbers; NaN for a dash."""
-    lines = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("|")]
-    rows = [cells for cells in lines if len(cells) == len(HEAD) and cells[1][-1:].isdigit()]
+    _, _, below = page.partition(f"| {HEAD[0]} |")
+    table, _, _ = below.partition("\n\n")
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()[2:]]
     return {
         name: dict(zip(HEAD[1:], (float(cell.replace("–", "nan")) for cell in cells), strict=True))
         for name, *cells in rows
@@ -53,10 +84,19 @@ def judged(page):
 
 
 @pytest.fixture(scope="module")
-def found(recordings, tmp_path_factory):
+def output(recordings, tmp_path_factory):
     output = tmp_path_factory.mktemp("page")
-    ran = gaitd("real-data", recordings, "--output", output)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gaitd_lab.measured_patient.SEEDS", 2)
+        patch.setattr("gaitd_lab.measured_patient.GAIT_S", 16.0)
+        patch.setattr("gaitd_lab.measured_patient.CADENCES_HZ", (0.5,))
+        ran = gaitd("real-data", recordings, "--output", output)
     assert ran.code == 0, ran.err
+    return output
+
+
+@pytest.fixture(scope="module")
+def found(output):
     assert {path.name for path in output.iterdir()} == {
         *("real_data.md", "real_data_slide.png", "real_data_speed.png")
     }
@@ -115,6 +155,31 @@ def test_a_classical_estimator_is_its_low_pass_of_the_true_force(method):
     assert made[2:] == pytest.approx(expected, abs=1e-6 * np.abs(patient_n).max())
 
 
+def test_strides_of_a_measured_patient_are_found(output):
+    """The plant's torque has the strength of each stride of the file in turn."""
+    lines = (output / "real_data.md").read_text(encoding="utf-8").splitlines()
+    (row,) = (line.strip("| ").split(" | ") for line in lines if line.startswith("| 0.5 Hz |"))
+    cells = dict(zip(strides.HEAD, row, strict=True))
+    weakest_j, _, strongest_j = cells["true work, J"].split()
+
+    assert cells["seeds"] == "2"
+    assert int(cells["strides"]) >= 6
+    assert float(strongest_j) > 1.5 * float(weakest_j)  # it is counted from another phase on
+    assert abs(float(cells["worst"].split()[0])) < 6.0
+    assert float(cells["correlation"]) > 0.99
+
+
+def test_the_measured_hip_moment_is_written_for_a_patient(recordings, tmp_path):
+    ran = gaitd("real-data", recordings, "--patient", tmp_path / "moment.csv")
+
+    assert ran.code == 0, ran.err
+    made = read_strides(tmp_path / "moment.csv")
+    theta = np.linspace(-np.pi, np.pi, 100, endpoint=False)
+    for stride, size in zip(made, (1 / 3, 2 / 3, 1.0), strict=True):
+        assert stride[:, 0] == pytest.approx(-size * np.sin(theta + 0.3), abs=0.01)
+    assert not made[:, :, 1].any()
+
+
 def test_files_that_are_none_of_the_benchmark_are_refused(recordings, tmp_path):
     folder = tmp_path / "emps"
     folder.mkdir()
@@ -138,16 +203,40 @@ def test_files_that_are_none_of_the_benchmark_are_refused(recordings, tmp_path):
     first.write_bytes(good)
     second.write_bytes(good)
     assert f"{second}: pulses_N is 0 throughout" in refusal()
+    second.write_bytes((recordings / "emps" / FILES[1]).read_bytes())
+    write_walk(tmp_path)
+    savemat(tmp_path / "gait_falisse" / hip_moment.FILE, {"ExperimentalData": {"Q": 1.0}})
+    assert "lacks ExperimentalData.Q.subject1.Qs with the joint hip_flexion" in refusal()
 
 
-def test_on_the_recorded_axis_all_that_was_asked_is_met_while_it_moves(request, tmp_path):
+@pytest.fixture
+def real(request):
     folder = request.config.getoption("recordings")
     if folder is None:
         pytest.skip("needs --recordings=FOLDER")
+    return folder
 
-    ran = gaitd("real-data", folder, "--output", tmp_path)
 
-    assert ran.code == 0, ran.err
+def test_strides_with_the_measured_hip_moment_are_right_within_six_percent(real, tmp_path):
+    file = tmp_path / "moment.csv"
+    hip_moment.write(hip_moment.read(real / "gait_falisse" / hip_moment.FILE), file)
+    trials = Trials(CONFIG, programmes=(patient(file),))
+
+    trial = trials.gait(Situation(cadence_hz=0.5, programme=NAME), 30.0)
+
+    assert not trial.ended
+    found = strides.judged(trial)
+    assert len(found) >= 10
+    for one in found:
+        assert one.work_j == pytest.approx(one.true_work_j, rel=0.06)
+        assert one.share_ratio == pytest.approx(one.true_share_ratio, abs=0.01)
+    assert len({round(one.true_work_j, 2) for one in found[:10]}) > 5
+
+
+def test_on_the_recorded_axis_all_that_was_asked_is_met_while_it_moves(real, tmp_path):
+    robot = load_toml(CONFIGS / "robot_empty.toml", Robot)
+    write_page(tmp_path, compare(read(real / "emps"), robot), "command")
+
     found = judged((tmp_path / "real_data.md").read_text(encoding="utf-8"))
     first = found[PUBLISHED]
     assert first["no pulses, N"] == pytest.approx(2.1, abs=0.05)
