@@ -13,7 +13,8 @@ HIP_NM: Final = 10.0
 """Largest torque: a little more than that of the patient `active`."""
 CADENCES_HZ: Final = (0.25, 0.5)
 SEEDS: Final = 10
-GAIT_S: Final = 30.0
+STRIDES: Final = 15
+"""In a trial; the first two are not judged."""
 DAY_S: Final = 86400.0
 RISE_S: Final = 1.0
 
@@ -44,4 +45,4 @@ def record(
     trials = Trials(config, programmes=(patient(file),))
     for seed in range(1, SEEDS + 1):
         situation = Situation(cadence_hz=cadence_hz, programme=NAME, seed=seed)
-        yield trials.gait(situation, GAIT_S, stage(f"{situation.name}, seed {seed}"))
+        yield trials.gait(situation, STRIDES / cadence_hz, stage(f"{situation.name}, seed {seed}"))

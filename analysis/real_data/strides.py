@@ -97,10 +97,10 @@ that person's. The work and share that the observer finds are judged against the
 {table}
 
 Hip, from the third stride on: work with the motion, then against it. Errors are mean ± standard
-deviation over all strides, and the worst stride. The true share has all samples of a stride, the
-observer's those in which patient and friction can be separated. The last column is the
-correlation of found and true work over the strides. Seeds differ in the noise of the sensors and
-the delays of the drives.
+deviation over all strides, and the worst stride. The truth has all samples of a stride, the
+observer's figures those in which patient and friction can be separated: part of what is missing
+are samples near reversals. The last column is the correlation of found and true work over the
+strides. Seeds differ in the noise of the sensors and the delays of the drives.
 
 `gaitd real-data RECORDINGS --patient moment.csv` writes the file of this patient. In plant.toml
 
@@ -119,8 +119,10 @@ hip_nm = 10.0                          # the largest of the file; it keeps the f
 slide_n = 0.0                          # the same, where the file has slide_force_n
 ```
 
-makes a patient of it, and `gaitd sim patient measured` starts it. The columns are those of
-[recorded.py](../sim_drives/plant/recorded.py).
+makes a patient of it, and `gaitd sim patient measured` starts it. Any CSV file will do that has the
+columns `stride_index` (the same in all rows of a stride), `stride_ratio` (0 to 1 over a stride),
+`hip_angle_rad` (of which only the phase is used), `hip_torque_nm`, and where there is one
+`slide_force_n`: 1 to 16 strides of 20 rows or more.
 """
 
 

@@ -88,7 +88,7 @@ def output(recordings, tmp_path_factory):
     output = tmp_path_factory.mktemp("page")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gaitd_lab.measured_patient.SEEDS", 2)
-        patch.setattr("gaitd_lab.measured_patient.GAIT_S", 16.0)
+        patch.setattr("gaitd_lab.measured_patient.STRIDES", 8)
         patch.setattr("gaitd_lab.measured_patient.CADENCES_HZ", (0.5,))
         ran = gaitd("real-data", recordings, "--output", output)
     assert ran.code == 0, ran.err
