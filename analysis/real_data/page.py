@@ -32,7 +32,9 @@ BEGIN: Final = """# The observer on recordings of real machines
 The other pages judge the observer on the virtual machine, which is ours. This one uses recordings
 of others, which are not part of gaitd. It is written by
 
-    {run}
+```sh
+{run}
+```
 
 ## A servo axis with known pulses
 
