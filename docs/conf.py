@@ -14,6 +14,7 @@ include_patterns = ["*.md", "docs/*.md", "clients/*/README.md"]
 nitpicky = True
 highlight_language = "text"
 html_theme = "furo"
+html_static_path = html_css_files = ["site.css"]
 html_title = "gaitd"
 html_copy_source = html_show_sphinx = False
 myst_heading_anchors = 4  # as on GitHub

@@ -62,9 +62,10 @@ def _compile(function: F, *, forceinline: bool) -> F:
         CONFIG.CACHE_DIR = before
 
 
-def is_cached() -> bool:
-    """True if kernels of the present sources have been compiled before."""
-    return any((_cache_base() / source_key(_OBSERVER)).rglob("*.nbi"))
+def is_cached(*packages: Path) -> bool:
+    """True if kernels of `observer/`, and of each of these, were compiled from these sources."""
+    keys = map(source_key, (_OBSERVER, *packages))
+    return all(any((_cache_base() / key).rglob("*.nbi")) for key in keys)
 
 
 def source_key(root: Path) -> str:

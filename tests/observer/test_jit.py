@@ -160,3 +160,9 @@ def test_old_generations_of_the_cache_are_removed(tmp_path):
     left = sorted(path.name for path in tmp_path.iterdir())
     assert len(left) == jit.DIRECTORIES_KEPT - 1
     assert left[-1] == f"{jit.DIRECTORIES_KEPT + 4:02}"
+
+
+def test_a_package_of_which_nothing_was_compiled_is_not_cached(tmp_path):
+    (tmp_path / "model.py").write_text("NEVER_COMPILED = 1\n")
+
+    assert not jit.is_cached(tmp_path)

@@ -11,6 +11,7 @@ import traceback
 import uuid
 from collections.abc import Callable, Generator
 from importlib.metadata import version
+from pathlib import Path
 from types import FrameType
 from typing import Final
 
@@ -36,6 +37,8 @@ from observer.jit import is_cached
 from simtime.wire import Role
 
 PART: Final = "core"
+
+_DAEMON: Final = Path(__file__).resolve().parents[2]
 
 
 @contextlib.contextmanager
@@ -121,8 +124,8 @@ def _run(
     boot_id = uuid.uuid4().hex
     state_file = _state_file(settings)
     built = build(settings, boot_id, state_file.persistent)
-    if not is_cached():
-        text = "compiling the observer, once on this machine; a minute or two"
+    if not is_cached(_DAEMON):
+        text = "compiling what a cycle computes, once on this machine: a minute or two"
         _log(log, text, INFORMATIONAL)
     warm_up(build(settings, boot_id, state_file.persistent))
     bus = _bus(settings, has_watchdog=has_watchdog)
