@@ -5,7 +5,6 @@ SIGTERM; 2 the file is refused, or the log cannot be written; 3 no service, or n
 """
 
 import argparse
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -24,6 +23,7 @@ from gaitd_client import (
     Trainer,
     read_credentials,
 )
+from gaitd_client.signals import interrupted_once
 
 from gaitd_assist.journal import Journal
 from gaitd_assist.law import Law
@@ -115,13 +115,9 @@ def main() -> None:
     command = commands.add_parser("run", help="hold the lease and assist")
     command.add_argument("--config", type=Path, required=True, metavar="FILE")
     given = parser.parse_args()
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        settings = read_settings(given.config)
-        link = settings.trainer
-        credentials = None if link.credentials is None else read_credentials(link.credentials)
-        with Trainer(link.endpoint, credentials, trainer=link.trainer, client=CLIENT) as trainer:
-            run(settings, given.config, trainer)
+        with interrupted_once():
+            _connect_and_run(given.config)
     except KeyboardInterrupt:
         print(f"{CLIENT}: ended; the lease is released", flush=True)
     except SettingsError as error:
@@ -130,6 +126,14 @@ def main() -> None:
         _fail(str(error), EXIT_NO_SERVICE)
     except OSError as error:
         _fail(f"{error.filename}: {error.strerror}; the log must be writable", EXIT_REFUSED)
+
+
+def _connect_and_run(file: Path) -> None:
+    settings = read_settings(file)
+    link = settings.trainer
+    credentials = None if link.credentials is None else read_credentials(link.credentials)
+    with Trainer(link.endpoint, credentials, trainer=link.trainer, client=CLIENT) as trainer:
+        run(settings, file, trainer)
 
 
 def _publish(line: StrideLine, lease: Lease) -> None:

@@ -7,9 +7,12 @@ browser cannot stop or release a leg. STOP needs no login.
 
 import asyncio
 import contextlib
+import signal
+import sys
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
+from types import FrameType
 from typing import Any, Final, NamedTuple
 
 import anyio
@@ -34,6 +37,7 @@ BODY_MAX_BYTES: Final = 4096
 STOPS_MAX: Final = 8
 """Stops that may wait for their answer; each has a thread, so that no other request delays one."""
 PING_S: Final = 2.0
+EXIT_NOT_STARTED: Final = 3
 GOING_AWAY: Final = 1001
 TRY_LATER: Final = 1013
 FORBIDDEN: Final = 4403
@@ -297,9 +301,18 @@ async def _gone(_request: Request, _error: Exception) -> Response:
     return PlainTextResponse("the page has gone", 400)
 
 
+class Server(uvicorn.Server):
+    """Ends in order whatever comes after the first signal: the session switches its drives off."""
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """End at the first signal."""
+        if not self.should_exit:
+            super().handle_exit(sig, frame)
+
+
 def serve(app: ASGIApp, web: Web) -> None:
-    """Serve until SIGTERM or SIGINT."""
-    uvicorn.run(
+    """Serve until SIGTERM, SIGINT or SIGHUP."""
+    config = uvicorn.Config(
         app,
         host=web.host,
         port=web.port,
@@ -315,3 +328,9 @@ def serve(app: ASGIApp, web: Web) -> None:
         log_level="warning",
         proxy_headers=False,
     )
+    server = Server(config)
+    signal.signal(signal.SIGHUP, server.handle_exit)
+    with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises the signal again at its end
+        server.run()
+    if not server.started:
+        sys.exit(EXIT_NOT_STARTED)

@@ -5,7 +5,6 @@ trainer than the profile's; 4 the session was left, and the drives may be on.
 """
 
 import datetime
-import signal
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from typing import Annotated, Final
 
 import typer
 from gaitd_client import ClientError, MonotonicClock, Trainer
+from gaitd_client.signals import ignore_ends, interrupted_once
 
 from gaitd_session import terminal
 from gaitd_session.export import ExportError, export
@@ -178,7 +178,7 @@ def run(
     history_file: HistoryFile = None,
 ) -> None:
     """Run a session in this terminal."""
-    with _errors_in_one_line(), _signals_like_ctrl_c():
+    with _errors_in_one_line(), interrupted_once():
         profile = read_profile(profile_file)
         history = open_history(_history_file(profile_file, history_file))
         try:
@@ -187,7 +187,7 @@ def run(
                 session = Session(trainer, profile, history, MonotonicClock())
                 try:
                     with session:
-                        terminal.run(session)
+                        _show(session)
                 except KeyboardInterrupt:
                     print("The session was left.")
                 finally:
@@ -195,6 +195,15 @@ def run(
         finally:
             if history.store is not None:
                 history.store.close()
+
+
+def _show(session: Session) -> None:
+    """Show a session; from its end on no signal keeps it from switching the drives off."""
+    try:
+        terminal.run(session)
+    finally:
+        ignore_ends()
+        print("What this session has switched on is being switched off: up to 18 s.", flush=True)
 
 
 def _check_off(session: Session) -> None:
@@ -206,18 +215,6 @@ def _check_off(session: Session) -> None:
     if session.left_on:
         raise LeftOnError(session.left_on)
     print("What this session had switched on is off.")
-
-
-@contextmanager
-def _signals_like_ctrl_c() -> Generator[None]:
-    """Let SIGTERM and a closed terminal end the session in order, with the drives off."""
-    ends = (signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(end, signal.default_int_handler) for end in ends]
-    try:
-        yield
-    finally:
-        for end, handler in zip(ends, before, strict=True):
-            signal.signal(end, handler)
 
 
 def _check_legs(trainer: Trainer, profile: Profile, file: Path) -> None:

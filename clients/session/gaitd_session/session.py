@@ -74,6 +74,7 @@ PASSED: Final = ": self-test passed: "
 LEAVE_S: Final = 8.0
 """Time of the computer: at its end a session begins no further request to disable after it. The
 last one has its answer 10 s later at most."""
+NOT_ENDED: Final = "the session has not ended in order"
 LEAVE_LOOKS: Final = 4
 """Looks at the newest message after each, `POLL_S` apart: it may be older than the answer."""
 
@@ -98,7 +99,7 @@ class Session:
         """
         self._trainer, self._profile, self._clock = trainer, profile, clock
         self.left_on = ""
-        """After `with`: why the drives may be on; empty: they are off, or were never enabled."""
+        """Why the drives may be on; empty after `with`: they are off, or were never enabled."""
         self._store, self._trouble = history
         self._tested_utc_ns, middles = 0, {}
         if self._store is not None:
@@ -143,6 +144,7 @@ class Session:
 
     def __enter__(self) -> Self:
         self._subscribe()
+        self.left_on = NOT_ENDED
         self._thread.start()
         return self
 
@@ -297,18 +299,19 @@ class Session:
 
     def _leave(self) -> None:
         """Switch the drives off if this session has enabled them, and write what is left."""
-        state = self._state
+        state, left_on = self._state, ""
         if state.phase in ACTIVE or state.off_since_s is not None:
             is_late = threading.Event()
             timer = threading.Timer(LEAVE_S, is_late.set)
             timer.start()
             is_pending = any(not future.done() for future in self._asked)
-            self.left_on = self._switch_off(is_late)
+            left_on = self._switch_off(is_late)
             self._requests.shutdown()
             if is_pending:
                 # An ENABLE that was under way may have been granted after that.
-                self.left_on = self._switch_off(is_late)
+                left_on = self._switch_off(is_late)
             timer.cancel()
+        self.left_on = left_on
         if self._has_begun and not self._has_ended:
             walked = self._block_rows(state, self._now_s()) if state.phase is Phase.WALKING else []
             self._rows += [*walked, EndRow(self._utc_ns, "left")]

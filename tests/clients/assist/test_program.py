@@ -173,7 +173,6 @@ def test_the_command_ends_with_code_2_for_a_file_and_3_without_a_service(
             program.main()
         return ended.value.code
 
-    monkeypatch.setattr(program.signal, "signal", lambda *_: None)
     assert code(tmp_path / "none.toml") == program.EXIT_REFUSED
     assert "none.toml: No such file" in capsys.readouterr().err
     away = tmp_path / "away.toml"

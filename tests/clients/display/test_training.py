@@ -1,14 +1,20 @@
 """The session behind the patient's page: what its end leaves, and what its errors do."""
 
+import contextlib
+import signal
+import threading
 import time
 from pathlib import Path
 
 import display_bench as bench
 import pytest
+import uvicorn
 from gaitd_client import Mode
 from gaitd_display.settings import SessionFiles
 from gaitd_display.training import Summary, Training
+from gaitd_display.web import Server
 from gaitd_session import Advice, SessionError
+from starlette.applications import Starlette
 from training import PROFILE
 
 
@@ -75,3 +81,23 @@ def test_a_session_that_dies_ends_the_server_and_a_history_that_cannot_be_writte
 
     with pytest.raises(SessionError):
         training.view(Mode.READY)
+
+
+def test_a_server_that_gets_a_second_signal_still_ends_its_session():
+    ended = []
+
+    @contextlib.asynccontextmanager
+    async def lifespan(_app):
+        yield
+        ended.append("session")
+
+    server = Server(uvicorn.Config(Starlette(lifespan=lifespan), port=0, log_level="warning"))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    while not server.started:
+        time.sleep(0.005)
+    for _ in range(2):
+        server.handle_exit(signal.SIGINT, None)
+    thread.join()
+
+    assert ended == ["session"]

@@ -1,12 +1,23 @@
 """The command `gaitd-session`, and what is refused in a profile."""
 
+import contextlib
 import io
 import os
+import signal
 import sys
 from pathlib import Path
 
 import pytest
-from gaitd_session import Button, Phase, ProfileError, limits_of, parse_profile, read_profile
+from gaitd_client.signals import ENDS
+from gaitd_session import (
+    Button,
+    Phase,
+    ProfileError,
+    limits_of,
+    parse_profile,
+    program,
+    read_profile,
+)
 from gaitd_session.machine import TrainerState, begin
 from gaitd_session.program import app
 from gaitd_session.store import SessionRow, Store, StrideRow
@@ -125,6 +136,44 @@ def test_run_without_a_service_ends_with_3_and_one_line(tmp_path):
     assert ended.exit_code == 3
     assert "no service listens on" in ended.stderr
     assert len(ended.stderr.splitlines()) == 1
+
+
+class Left(contextlib.AbstractContextManager):
+    """A session that a signal ends, and that all of them reach while it leaves."""
+
+    left_on = ""
+
+    def __init__(self, *_, **__):
+        pass
+
+    def configuration(self):
+        return self
+
+    leg_names = ("right",)
+
+    def __exit__(self, *_):
+        for end in ENDS:
+            signal.raise_signal(end)
+        self.left_on = "busy"
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_a_second_signal_does_not_cut_off_the_end_and_drives_that_stay_on_are_code_4(
+    tmp_path, monkeypatch, end
+):
+    (tmp_path / "her.toml").write_text(PROFILE)
+    monkeypatch.setattr(program, "Trainer", Left)
+    monkeypatch.setattr(program, "Session", Left)
+    monkeypatch.setattr(program.terminal, "run", lambda _session: signal.raise_signal(end))
+    before = [signal.getsignal(one) for one in ENDS]
+
+    ended = call("run", "--profile", tmp_path / "her.toml")
+
+    assert ended.exit_code == 4, ended.output
+    assert "is being switched off: up to 18 s" in ended.stdout
+    assert "The session was left." in ended.stdout
+    assert ended.stderr.startswith("The drives may be on: busy.")
+    assert [signal.getsignal(one) for one in ENDS] == before
 
 
 class Shown:

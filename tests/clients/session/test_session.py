@@ -11,7 +11,7 @@ from gaitd_session import Button, History, Phase, Session, SessionError, open_hi
 from gaitd_session import session as session_module
 from gaitd_session.machine import ANNOUNCE_S
 from gaitd_session.program import LeftOnError, _check_off
-from gaitd_session.session import FLUSH_S, POLL_S
+from gaitd_session.session import FLUSH_S, NOT_ENDED, POLL_S
 from gaitd_session.store import StoreError
 from training import profile
 
@@ -146,6 +146,19 @@ def test_a_session_that_is_left_disables_the_drives_and_tells_the_history(histor
     (summary,) = history.store.summaries(profile().id)
     assert (summary.end, summary.walked_s) == ("left", pytest.approx(4.0, abs=0.1))
     assert history.store.self_test_utc_ns(profile().id) > 10**18
+
+
+def test_drives_may_be_on_until_the_session_has_ended_in_order(history, monkeypatch):
+    with Bench(history).session as session:
+        assert session.left_on == NOT_ENDED
+    assert session.left_on == ""
+
+    monkeypatch.setattr("threading.excepthook", lambda _: None)
+    cut = Bench(history).walk().session
+    monkeypatch.setattr(cut, "_switch_off", lambda _: 1 / 0)
+    with cut:
+        pass
+    assert cut.left_on == NOT_ENDED
 
 
 def test_a_self_test_of_today_is_not_repeated_by_the_next_session(history):
