@@ -4,7 +4,8 @@
 code 1. What takes minutes or hours is not computed again. docs/sources.json has, for each such
 page, digests of the code and configuration that its last run used; a page with other digests now is
 reported as older than its sources, which says nothing of how much its numbers would change.
-`scripts/pages.py --write PAGE` runs the page's command and then stores the digests.
+`scripts/pages.py --write PAGE` runs the page's command and then stores the digests; `--made PAGE`
+only stores them, after its command was run by hand on the sources as they are.
 """
 
 import argparse
@@ -204,10 +205,14 @@ def older_mutants() -> Iterator[str]:
 
 def write(page: str) -> None:
     """Run the command of a page, and store the digests of what it used."""
-    made = LONG[page]
-    used = digests(sources(made))
-    program, *arguments = shlex.split(made.command)
+    used = digests(sources(LONG[page]))
+    program, *arguments = shlex.split(LONG[page].command)
     subprocess.run([Path(sys.executable).parent / program, *arguments], check=True, cwd=PROJECT)
+    store(page, used)
+
+
+def store(page: str, used: dict[str, str]) -> None:
+    """Store the digests of what the command of a page used, and the date."""
     stored = json.loads(STORED.read_text(encoding="utf-8"))
     stored[page] = {"date": datetime.now(UTC).date().isoformat(), "sources": used}
     STORED.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n", encoding="utf-8")
@@ -217,9 +222,13 @@ def main() -> int:
     """Report; 1 if a page differs from what the code would write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--write", metavar="PAGE", choices=LONG, help=", ".join(LONG))
-    page = parser.parse_args().write
-    if page:
-        write(page)
+    parser.add_argument("--made", metavar="PAGE", choices=LONG, help="its command has just run")
+    given = parser.parse_args()
+    if given.write:
+        write(given.write)
+    if given.made:
+        store(given.made, digests(sources(LONG[given.made])))
+    if given.write or given.made:
         return 0
     for line in older():
         print(line)

@@ -5,7 +5,9 @@ Commands that are cheap and harmless are also run, by `tests/service/test_docume
 
 import contextlib
 import io
+import json
 import re
+import runpy
 import sys
 from pathlib import Path
 from unittest.mock import patch
@@ -172,3 +174,50 @@ SENTENCES = [page for page in PAGES if page.name != "CHANGELOG.md"]
 def test_commands_within_sentences_are_there(page):
     for command in spans(page):
         accept(command.words, None)
+
+
+# --- pages that a command writes -------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return runpy.run_path(str(PROJECT / "scripts/pages.py"))
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        (
+            '"""Another text."""\n\nLIMIT = 3  # why\n\n\n'
+            'def f():\n    """Now."""\n    return ""\n',
+            True,
+        ),
+        ("LIMIT = 4\n\n\ndef f():\n    return ''\n", False),
+        ("LIMIT = 3\n\n\ndef f():\n    return None\n", False),
+    ],
+)
+def test_sources_are_the_same_while_only_comments_and_docstrings_change(
+    pages, tmp_path, text, same
+):
+    before, after = tmp_path / "before.py", tmp_path / "after.py"
+    before.write_text("LIMIT = 3\n\n\ndef f():\n    return ''\n")
+    after.write_text(text)
+
+    assert (pages["code_digest"](before) == pages["code_digest"](after)) is same
+
+
+def test_what_a_page_is_made_from_is_all_that_its_command_imports(pages):
+    found = pages["sources"](pages["LONG"]["consistency.png"])
+
+    assert PROJECT / "observer/filter/cdkf.py" in found
+    assert PROJECT / "configs/robot_empty.toml" in found
+    assert not [file for file in found if file.is_relative_to(PROJECT / "daemon/gateway")]
+
+
+def test_every_long_page_has_digests_and_every_gated_file_its_row_of_mutants(pages):
+    stored = json.loads((PROJECT / "docs/sources.json").read_text())
+    mutants = (PROJECT / "docs/mutants.md").read_text(encoding="utf-8")
+    gated = runpy.run_path(str(PROJECT / "scripts/safety_gates.py"))["UNIT_TESTS"]
+
+    assert stored.keys() == pages["LONG"].keys()
+    assert {file for file, _ in pages["MUTATED"].findall(mutants)} == gated.keys()
