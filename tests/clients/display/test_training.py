@@ -14,6 +14,7 @@ from gaitd_display.settings import SessionFiles
 from gaitd_display.training import Summary, Training
 from gaitd_display.web import Server
 from gaitd_session import Advice, SessionError
+from gaitd_session.store import SelfTestRow
 from starlette.applications import Starlette
 from training import PROFILE
 
@@ -62,6 +63,31 @@ def test_after_the_end_drives_can_be_switched_off_and_only_then_another_session_
     again = until(training, trainer, Mode.READY, lambda view: "start" in view.buttons)
 
     assert again.advice == Advice.PRESS_START
+    training.end()
+
+
+def test_another_session_knows_what_the_one_before_wrote_last_even_if_that_failed(
+    files, trainer, monkeypatch, capsys
+):
+    training = Training(files, trainer, trainer.clock)
+    training.begin()
+    until(training, trainer, Mode.READY, lambda view: "end" in view.buttons)
+    training.press("end")
+    until(training, trainer, Mode.READY, lambda view: view.buttons == ("start",))
+    before = training._session
+    leave = before.__exit__
+
+    def write_last(*error):
+        leave(*error)
+        training._history.store.write([SelfTestRow(before._profile.id, 7)])
+        raise OSError("the disk is gone")
+
+    monkeypatch.setattr(before, "__exit__", write_last)
+    training.press("start")
+
+    assert training._session is not before
+    assert training._session._tested_utc_ns == 7
+    assert "the disk is gone" in capsys.readouterr().err
     training.end()
 
 
