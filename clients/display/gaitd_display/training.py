@@ -6,7 +6,6 @@ no drive has power: START then requests RESET. Every other way out is decided in
 """
 
 import sys
-import traceback
 from collections.abc import Callable
 from typing import Final
 
@@ -96,18 +95,19 @@ class Training:
 
     def end(self) -> None:
         """End the session: it switches the drives off if it has switched them on."""
-        self._leave()
-        if self._history.store is not None:
-            self._history.store.close()
+        try:
+            self._leave()
+        finally:
+            if self._history.store is not None:
+                self._history.store.close()
 
     def _leave(self) -> None:
-        """End the session; an error in that is told, and another session may begin."""
+        """End the session, and tell whether the drives may be on, also if its end raises."""
         try:
             self._session.__exit__(None, None, None)
-        except Exception:  # noqa: BLE001 - told
-            traceback.print_exc()
-        if self._session.left_on:
-            print(f"the drives may be on: {self._session.left_on}", file=sys.stderr)
+        finally:
+            if self._session.left_on:
+                print(f"the drives may be on: {self._session.left_on}", file=sys.stderr)
 
     def view(self, mode: str | None) -> TrainingView:
         """Return what the page shows.
@@ -142,9 +142,11 @@ class Training:
     def press(self, button: str) -> None:
         """Press a button of the view; waits if another session begins, so call it in a thread."""
         if button == Button.START and self._session.view().may_be_replaced:
-            self._leave()
-            self._session = self._make()  # reads what the one before has written at its end
-            self._session.__enter__()
+            try:
+                self._leave()
+            finally:
+                self._session = self._make()  # reads what the one before has written at its end
+                self._session.__enter__()
         else:
             self._session.press(Button(button))
 
