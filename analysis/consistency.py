@@ -46,6 +46,8 @@ MID_HIP_RAD, MID_KNEE_RAD = math.radians(14.0), math.radians(22.0)
 SETTLE_ROWS: Final = 100
 DOUBTFUL: Final = Status.ARTIFICIAL | Status.NEAR_LIMIT | Status.INPUT_SATURATED
 """Status bits under which an estimate is neither friction nor patient, as in the service."""
+CLEAN_SEED: Final = 11
+"""Seed of the encoders' noise on a motion without process noise."""
 EDGES: Final = Status.OUT_OF_WORKSPACE | Status.NEAR_SINGULAR
 
 
@@ -197,10 +199,10 @@ class Rest(NamedTuple):
     """False patient effort: N m, N."""
 
 
-def still(plant: Plant, seconds: float = 60.0) -> Rest:
+def still(plant: Plant, seconds: float = 60.0, seed: int = 7) -> Rest:
     """Observe the leg at rest in equilibrium, with encoder noise."""
     rows = round(seconds / STEP_S)
-    random = np.random.default_rng(7)
+    random = np.random.default_rng(seed)
     position = np.array(plant.pose) + random.normal(size=(rows, 2)) * plant.tuning.measurement_std
     estimates = observed(plant, position, np.tile(plant.load, (rows, 1)))
     hip, slide = np.sqrt(np.mean(estimates.state[:, 6:8] ** 2, axis=0)).tolist()
@@ -221,10 +223,12 @@ class Gap(NamedTuple):
     """Smallest ratio of the standard deviation at the end to that at the beginning."""
 
 
-def gaps(plant: Plant, durations_s: tuple[float, ...] = (0.1, 0.3, 0.5)) -> list[Gap]:
+def gaps(
+    plant: Plant, durations_s: tuple[float, ...] = (0.1, 0.3, 0.5), seed: int = CLEAN_SEED
+) -> list[Gap]:
     """Test gaps at many places of an excited motion, one at a time."""
     efforts = moving_efforts(plant, 900)
-    truth, position = _clean(plant, efforts)
+    truth, position = _clean(plant, efforts, seed)
     return [_gap(plant, truth, position, efforts, duration_s) for duration_s in durations_s]
 
 
@@ -262,17 +266,19 @@ class Drifted(NamedTuple):
     true_error: tuple[float, float]
 
 
-def drifting(plant: Plant, level_ratios: tuple[float, ...]) -> list[Drifted]:
+def drifting(
+    plant: Plant, level_ratios: tuple[float, ...], seed: int = CLEAN_SEED
+) -> list[Drifted]:
     """Run the drift monitor on an empty machine in motion, for several true friction levels."""
-    return [_drifted(plant, ratio) for ratio in level_ratios]
+    return [_drifted(plant, ratio, seed) for ratio in level_ratios]
 
 
-def _drifted(plant: Plant, ratio: float) -> Drifted:
+def _drifted(plant: Plant, ratio: float, seed: int) -> Drifted:
     hip, slide = (
         f._replace(stribeck=f.stribeck * ratio, coulomb=f.coulomb * ratio) for f in plant.frictions
     )
     efforts = moving_efforts(plant, 2500)
-    _, position = _clean(plant._replace(frictions=(hip, slide)), efforts)
+    _, position = _clean(plant._replace(frictions=(hip, slide)), efforts, seed)
     found = drift_of(observed(plant, position, efforts), plant.frictions, STEP_S)
     return Drifted(
         ratio,
@@ -347,11 +353,11 @@ def observed(plant: Plant, position: Matrix, efforts: Matrix) -> BatchEstimates:
     return batch.run(setup, Columns(time_of(len(position)), position, efforts))
 
 
-def _clean(plant: Plant, efforts: Matrix) -> tuple[Matrix, Matrix]:
+def _clean(plant: Plant, efforts: Matrix, seed: int = CLEAN_SEED) -> tuple[Matrix, Matrix]:
     """Simulate without process noise, in fine steps; samples have encoder noise."""
     start = np.array((*plant.pose, *(0.0,) * 6))
     truth = played(plant, efforts, np.zeros((len(efforts), STATE_COUNT)), start, 20)
-    noise = np.random.default_rng(11).normal(size=(len(efforts), 2))
+    noise = np.random.default_rng(seed).normal(size=(len(efforts), 2))
     return truth, truth[:, :2] + noise * plant.tuning.measurement_std
 
 

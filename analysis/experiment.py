@@ -101,14 +101,11 @@ class Row(NamedTuple):
 
     name: str
     hip: Number
-    """Value in `hip_unit`."""
+    """Value in `hip_unit`; for both axes together, or one only, the other's unit is empty."""
     slide: Number
     """Value in `slide_unit`."""
     hip_unit: str
     slide_unit: str
-    target: str = ""
-    met: bool | None = None
-    """None: no target, or a run that the target does not apply to."""
 
 
 def marks(scenario: Excite) -> Marks:
@@ -232,8 +229,23 @@ def cross_talk(run: Run, marks: Marks, setup: Setup) -> tuple[float | None, floa
     gone = (run.time_s >= marks.offset_s) & (run.time_s < marks.offset_s + CROSS_S)
     spans = gone, run.time_s >= marks.sine_s
     hip, slide = (
-        _largest(whole, _replayed(run, setup, kept), axis, spans[axis])
+        largest(_change(whole, _replayed(run, setup, kept), axis, spans[axis], 6 + axis))
         for axis, kept in enumerate(((1.0, 0.0), (0.0, 1.0)))
+    )
+    return hip, slide
+
+
+def own_effect(run: Run, marks: Marks, setup: Setup) -> tuple[float | None, float | None]:
+    """Compute how an axis' own disturbance changes its estimated friction: rms, N·m and N.
+
+    Method and rows as in `cross_talk`, from the start of the disturbance to the end of the run.
+    """
+    whole = _replayed(run, setup, (1.0, 1.0))
+    hip, slide = (
+        rms(_change(whole, _replayed(run, setup, kept), axis, run.time_s >= begin_s, 4 + axis))
+        for axis, (kept, begin_s) in enumerate(
+            (((0.0, 1.0), marks.sine_s), ((1.0, 0.0), marks.onset_s))
+        )
     )
     return hip, slide
 
@@ -244,10 +256,29 @@ def _replayed(run: Run, setup: Setup, kept: tuple[float, float]) -> BatchEstimat
     return batch.run(setup, Columns(run.time_s, run.measured, seen))
 
 
-def _largest(one: BatchEstimates, other: BatchEstimates, axis: int, span: Flags) -> float | None:
+def _change(
+    one: BatchEstimates, other: BatchEstimates, axis: int, span: Flags, state: int
+) -> Values:
     shown = (one.validity[:, axis] == Validity.OK) & (other.validity[:, axis] == Validity.OK)
-    difference = np.abs(one.state[:, 6 + axis] - other.state[:, 6 + axis])[span & shown]
-    return float(difference.max()) if len(difference) else None
+    return (one.state[:, state] - other.state[:, state])[span & shown]
+
+
+def settled_s(run: Run, axis: int, open_gate: Flags, tolerance: float) -> float | None:
+    """Seconds from an onset of motion until friction's error stays below; median of the onsets."""
+    near = np.abs(run.state[:, 4 + axis] - run.true_friction[:, axis]) <= tolerance
+    onsets = np.flatnonzero(~open_gate[:-1] & open_gate[1:]) + 1
+    lasting = _lasting(near, ONSET_SAMPLES)
+    settled = [
+        run.time_s[lasting[lasting >= onset][0]] - run.time_s[onset]
+        for onset in onsets
+        if open_gate[onset : onset + ONSET_SAMPLES].all() and (lasting >= onset).any()
+    ]
+    return float(np.median(settled)) if settled else None
+
+
+def largest(values: Values) -> float | None:
+    """Largest size; None without values."""
+    return float(np.abs(values).max()) if len(values) else None
 
 
 def rms(values: Values) -> float | None:

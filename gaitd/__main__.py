@@ -58,6 +58,7 @@ COMMANDS: Final = {
     "demo": ("demo", LABORATORY, "Virtual drives, service and a patient, with a live view."),
     "sim": ("sim", LABORATORY, "The virtual drives of a configuration; inject, patient."),
     "experiment": ("experiment", LABORATORY, "The paper's experiment on the virtual machine."),
+    "strides": ("strides", LABORATORY, "Work of strides in gait beside the true one."),
     "ablation": ("ablation", LABORATORY, "Every choice of the observer on and off."),
     "consistency": ("consistency", LABORATORY, "The observer's sigmas, gaps, rest and drift."),
     "real-data": ("real_data", LABORATORY, "The observer on recordings of real machines."),

@@ -19,11 +19,10 @@ from gaitd.command_line import (
 from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
-    from analysis.experiment import Row, Run
-    from gaitd_lab.excitation import EmptyMachine
+    from gaitd_lab.experiment_seeds import Draws
 
-SCENARIO: Final = "paper"
 SHORTEST_S: Final = 1.0
+SEEDS: Final = 10
 
 
 class Law(Enum):
@@ -38,6 +37,9 @@ def command(
     output: Annotated[
         Path, typer.Option(metavar="DIR", help="where the pictures go", file_okay=False)
     ] = Path("out"),
+    seeds: Annotated[int, typer.Option(min=1, help="draws of all noise, from plant.toml's on")] = (
+        SEEDS
+    ),
     law: Annotated[
         Law | None, typer.Option(help="friction of the plant; by default plant.toml's")
     ] = None,
@@ -45,82 +47,82 @@ def command(
         float | None,
         typer.Option(min=SHORTEST_S, help="of the scenario; by default all of it"),
     ] = None,
+    page: Annotated[
+        Path | None,
+        typer.Option(
+            help="play every law, and write the tables into this page (docs/experiment.md)",
+            exists=True,
+            dir_okay=False,
+        ),
+    ] = None,
     config: DemoFile = None,
     as_json: JsonOption = False,
 ) -> None:
     """Play the paper's scenario on the empty virtual machine; print the numbers, draw the figures.
 
-    The machine's clock is simulated: half a minute takes a few seconds. Exit code 0 only if the
-    scenario was played to its end.
+    Numbers are median and range over the seeds; the pictures show the first one. The machine's
+    clock is simulated: half a minute takes a few seconds. Exit code 0 only if every scenario was
+    played to its end and every seed met every target.
     """
+    from analysis.markdown import filled
     from gaitd_lab.excitation import EmptyMachine, NotPlayedError
+    from gaitd_lab.experiment_seeds import PARTS, PLANTS, SCENARIO, draw, with_tables
+    from gaitd_lab.trials import TrialError
     from sim_drives.plant.settings import FrictionLaw
 
-    machine = EmptyMachine(demo_file(config), None if law is None else FrictionLaw(law.value))
-    longest_s = machine.longest_s(SCENARIO)
+    if page is not None and (law or seconds):
+        raise ConfigError(COMMAND_LINE, "--page", page, "neither --law nor --seconds beside it")
+    file = demo_file(config)
+    first = EmptyMachine(file, None if law is None else FrictionLaw(law.value))
+    longest_s = first.longest_s(SCENARIO)
     if seconds is not None and seconds > longest_s:
         raise ConfigError(COMMAND_LINE, "--seconds", seconds, f"at most {longest_s:g}")
+    laws = [first.law] if page is None else list(PLANTS)
     with (
-        errors_in_one_line(NotPlayedError, code=EXIT_FAILED),
+        errors_in_one_line(ValueError),
+        errors_in_one_line(NotPlayedError, TrialError, code=EXIT_FAILED),
         json_on_stdout(as_json) as write,
+        progress() as begin,
     ):
         output.mkdir(parents=True, exist_ok=True)
-        trouble, table = _experiment(machine, seconds or longest_s, output)
-        if not trouble:
-            write({"law": machine.law, "seed": machine.seed, "rows": table})
-    if trouble:
-        raise CommandError(trouble, EXIT_FAILED)
+        if page is not None:
+            filled(page.read_text("utf-8"), dict.fromkeys(PARTS, ""))  # refused before the work
+        drawn: list[Draws] = []
+        for one in laws:
+            machines = [EmptyMachine(file, one, first.seed + number) for number in range(seeds)]
+            drawn.append(draw(machines, seconds or longest_s, begin))
+            _print_numbers(drawn[-1])
+            if drawn[-1].trouble:
+                raise CommandError(drawn[-1].trouble, EXIT_FAILED)
+        for picture in _draw(drawn[0], output):
+            print(f"picture      {picture}")
+        if page is not None:
+            page.write_text(with_tables(page.read_text("utf-8"), drawn, file, begin), "utf-8")
+            print(f"page         {page}")
+        figures = {draws.machine.law.value: draws.figures() for draws in drawn}
+        judged = [one.judged for table in figures.values() for one in table if one.judged]
+        passed = all(one.met for one in judged)
+        write({"seeds": seeds, "passed": passed, "figures": figures})
+    raise typer.Exit(0 if passed else EXIT_FAILED)
 
 
-def _experiment(
-    machine: "EmptyMachine", seconds: float, output: Path
-) -> "tuple[str, tuple[Row, ...]]":
-    """Play the scenario, print and draw its results.
-
-    Returns: the trouble, or an empty text; and the rows of the table.
-    """
-    from analysis.delay import advice, in_words
-    from observer.filter.leg_model import STEP_S
-
-    with progress() as begin:
-        played = machine.play(SCENARIO, seconds, begin("the paper's scenario", seconds))
-        delays = machine.delays(played.run, begin)
-    duration_s = len(played.run.time_s) * STEP_S
-    print(f"scenario     {SCENARIO}: {duration_s:.2f} s of {seconds:g} s, empty machine")
-    print(f"plant        friction law {machine.law.value}, seed {machine.seed}")
+def _print_numbers(draws: "Draws") -> None:
+    machine = draws.machine
+    print(f"plant        friction law {machine.law.value}, {len(draws.rows)} seeds")
     if machine.note:
         print(f"note         {machine.note}")
-    table = _print_numbers(machine, played.run) if duration_s >= SHORTEST_S else ()
-    if isinstance(delays, str):
-        print(f"delay        not measured: {delays}")
-    else:
-        print("".join(f"delay        {in_words(one)}\n" for one in delays), end="")
-        print(f"             {advice(delays)}")
-    if duration_s >= SHORTEST_S:
-        for picture in _draw(machine, played.run, output):
-            print(f"picture      {picture}")
-    return played.trouble, table
+    if draws.rows:
+        cells = tuple(figure.cells() for figure in draws.figures())
+        show((("", ("median (range)", "hip", "slide", "target", ""), cells),))
 
 
-def _print_numbers(machine: "EmptyMachine", run: "Run") -> "tuple[Row, ...]":
-    from analysis.experiment import marks
-    from analysis.experiment_table import cells, rows
-    from analysis.replay import setup_for
-    from sim_drives.plant.settings import FrictionLaw
-
-    when = marks(machine.settings.trainer.excite[SCENARIO])
-    setup = setup_for(machine.settings.robot)
-    matched = machine.law is not FrictionLaw.LUGRE
-    table = rows(run, when, machine.frictions, setup, matched=matched)
-    show((("", ("", "hip", "slide", "target"), tuple(map(cells, table))),))
-    return table
-
-
-def _draw(machine: "EmptyMachine", run: "Run", output: Path) -> tuple[Path, ...]:
+def _draw(draws: "Draws", output: Path) -> tuple[Path, ...]:
     from analysis.accuracy import moving
     from analysis.experiment import marks
     from analysis.experiment_figures import draw_axis, draw_details
+    from gaitd_lab.experiment_seeds import SCENARIO
 
+    machine, run = draws.machine, draws.run
     subtitle = (
         f"scenario {SCENARIO} through CAN frames, empty machine, "
         f"plant friction {machine.law.value}; grey: at rest"

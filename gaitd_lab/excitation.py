@@ -57,8 +57,15 @@ class NotPlayedError(Exception):
 class EmptyMachine:
     """The empty machine of a configuration, whose plant may have another friction law."""
 
-    def __init__(self, config: Path, law: FrictionLaw | None = None) -> None:
+    def __init__(
+        self, config: Path, law: FrictionLaw | None = None, seed: int | None = None
+    ) -> None:
         """Read all files.
+
+        Args:
+            config: trainer file with a plant.
+            law: friction of the plant; None: plant.toml's.
+            seed: of all noise; None: plant.toml's.
 
         Raises:
             ConfigError: in a file, or there is no empty machine beside it.
@@ -69,7 +76,8 @@ class EmptyMachine:
         own = load_toml(beside(path, plant.robot), Robot)
         self._robot = _empty(own, path, plant.robot)
         friction = msgspec.structs.replace(plant.friction, law=law or plant.friction.law)
-        self._plant = msgspec.structs.replace(plant, friction=friction)
+        seed = plant.seed if seed is None else seed
+        self._plant = msgspec.structs.replace(plant, friction=friction, seed=seed)
         if self.law is FrictionLaw.PAPER_STICKING:
             self.settings = _slow_to_doubt_encoders(self.settings)
         check_together(self.settings)

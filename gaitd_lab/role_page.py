@@ -30,14 +30,7 @@ def with_tables(text: str) -> str:
     Raises:
         ValueError: the page has no place for one of them.
     """
-    for name, table in (("roles", _matrix()), ("rights", _rights())):
-        begin, end = f"<!-- {name}: begin -->\n", f"\n<!-- {name}: end -->"
-        before, found, rest = text.partition(begin)
-        _, closed, after = rest.partition(end)
-        if not (found and closed):
-            raise ValueError(f"the page has no lines {begin!r} and {end!r}")
-        text = before + begin + table + end + after
-    return text
+    return markdown.filled(text, {"roles": _matrix(), "rights": _rights()})
 
 
 def _matrix() -> str:

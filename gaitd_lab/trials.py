@@ -73,7 +73,11 @@ class Trials:
     """Records trials on the virtual machine of one configuration."""
 
     def __init__(
-        self, config: Path, robot: Robot | None = None, programmes: tuple[Programme, ...] = ()
+        self,
+        config: Path,
+        robot: Robot | None = None,
+        programmes: tuple[Programme, ...] = (),
+        seed: int | None = None,
     ) -> None:
         """Read all files.
 
@@ -82,6 +86,7 @@ class Trials:
             robot: replaces the configuration's own, for the plant and for the service: another
                 patient, other friction. See `balanced`.
             programmes: of the patient, added to those of plant.toml.
+            seed: of all noise; None: plant.toml's.
 
         Raises:
             ConfigError: in a file, or between the files.
@@ -92,7 +97,8 @@ class Trials:
         patient = msgspec.structs.replace(
             plant.patient, programme=(*plant.patient.programme, *programmes)
         )
-        self._plant = msgspec.structs.replace(plant, patient=patient)
+        seed = plant.seed if seed is None else seed
+        self._plant = msgspec.structs.replace(plant, patient=patient, seed=seed)
         self._robot = robot or self._settings.robot
         limits = _limits_for(self._settings.limits, self._robot)
         self._settings = replace(self._settings, robot=self._robot, limits=limits)

@@ -1,5 +1,6 @@
 """The picture of a demonstration: estimate and truth, their difference, friction, lateness."""
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -28,10 +29,16 @@ from analysis.drawing import (
     style,
     x_label,
 )
-from gaitd_lab.demonstration.evaluation import AXES, BOUNDS, Pair, Row, Span
+from gaitd_lab.demonstration.evaluation import AXES, Pair, Row, Span
 from gaitd_lab.demonstration.script import Kind
 
 QUIET_S: Final = 1.0
+NAME_WIDTH: Final = 12
+GAPS: Final = (
+    "A gap in an estimate: the axis rests, or has just begun to move. Patient and friction "
+    "can then not be told apart, and neither is published.\n"
+    "A gap in all lines: the service is not running, between two parts of the demonstration."
+)
 SHADES: Final = {
     Kind.INTERLUDE: "#f3f4f6",
     Kind.PASSIVE: "#e8f1e4",
@@ -87,6 +94,7 @@ def draw(results: Results, path: Path) -> None:
         fontsize=13,
         color=TEXT if results.passed else BAD,
     )
+    figure.supxlabel(GAPS, x=0.01, ha="left", fontsize=9, color=TEXT)
     figure.savefig(path, dpi=DPI, format="png")
 
 
@@ -127,13 +135,12 @@ def _column(panels: list[Axes], results: Results, pair: Pair, index: int, begin_
     _name_spans(patient, results.spans, begin_ns)
     band(patient, time, estimate - SIGMAS * std, estimate + SIGMAS * std, ESTIMATE, "±3σ")
     line(patient, time, curves.wanted, TRUTH, "truth", 2.2)
-    line(patient, time, estimate, ESTIMATE, "estimate", 1.1)
+    line(patient, time, estimate, ESTIMATE, "estimate, where published", 1.1)
     limit_to(patient, curves.wanted, estimate)
     legend(patient)
 
-    style(error, f"{axis}: estimate − truth", unit)
+    style(error, f"{axis}: estimate − truth, where the estimate is published", unit)
     line(error, time, estimate - curves.wanted, ESTIMATE, "", 0.8)
-    _bounds(error, results.spans, begin_ns, index)
     limit_to(error, estimate - curves.wanted, share=0.99)
 
     style(rubbing, f"{axis}: friction", unit)
@@ -159,28 +166,13 @@ def _name_spans(panel: Axes, spans: Sequence[Span], begin_ns: int) -> None:
             panel.text(
                 (begin_s + end_s) / 2,
                 0.97,
-                span.title.removeprefix("gait, ").removeprefix("the "),
+                textwrap.fill(span.title.removeprefix("gait, ").removeprefix("the "), NAME_WIDTH),
                 transform=panel.get_xaxis_transform(),
                 ha="center",
                 va="top",
                 fontsize=8,
                 color=TEXT,
             )
-
-
-def _bounds(panel: Axes, spans: Sequence[Span], begin_ns: int, index: int) -> None:
-    """Draw each span's rms bound as dashed lines: an error may exceed it, its rms may not."""
-    for span in spans:
-        if span.kind in BOUNDS:
-            bound = BOUNDS[span.kind][index]
-            for level in (-bound, bound):
-                panel.plot(
-                    _seconds(span, begin_ns),
-                    (level, level),
-                    color=GOOD,
-                    linewidth=1,
-                    linestyle="--",
-                )
 
 
 def _lateness(panel: Axes, healths: Sequence[wire.Health]) -> None:

@@ -1,28 +1,38 @@
-"""A picture of the matrix: time from the fault to each cell's stop command, or its stop."""
+"""A picture of the matrix: time from the fault to each cell's stop command, and the way to rest.
 
+The tables of the page have the numbers; here colour alone shows which fault and mode are slow or
+go far. Codes of EMCY that react alike share a row, and faults that never stop have none.
+"""
+
+import re
+import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LogNorm
+from matplotlib.colors import BoundaryNorm, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from analysis.drawing import ESTIMATE, FAINT, GRID, TEXT, save
 from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.faults import FAULTS
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
 
 Measure = Callable[[CellResult], float | None]
+Grid = NDArray[np.float64]
 
-SIZE_IN: Final = (10.0, 17.0)
-INK_RATIO: Final = 0.1
-"""Share of the darkest colour above which a number is white."""
-LEAST_CYCLES: Final = 0.1
-MOST_CYCLES: Final = 200.0
-LEAST_DEG: Final = 0.1
-MOST_DEG: Final = 60.0
+WIDTH_IN: Final = 8.0
+ROW_IN: Final = 0.19
+MARGINS_IN: Final = 3.0
+"""Title, colour bars, names of the modes, and the note below."""
+FONT_PT: Final = 9
+NOTE_WIDTH: Final = 112
+REACTION_CYCLES: Final = (0.0, 1.0, 2.0, 5.0, 10.0, 30.0, 100.0, 200.0)
+WAY_DEG: Final = (0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 60.0)
+COLOURS: Final = LinearSegmentedColormap.from_list("blue", ("#dce9f8", ESTIMATE, "#0b1d38"))
 
 
 def draw(results: Sequence[CellResult], path: Path) -> None:
@@ -32,15 +42,26 @@ def draw(results: Sequence[CellResult], path: Path) -> None:
         OSError: it cannot be written.
     """
     modes = [one.name for one in COLUMNS.values() if one.group is not Group.IDLE]
-    figure = Figure(figsize=SIZE_IN, dpi=110, layout="constrained")
+    stops = {_row(one.fault) for one in results if one.mode in modes and _is_stop(one)}
+    rows = [name for name in dict.fromkeys(map(_row, FAULTS)) if name in stops]
+    figure = Figure(figsize=(WIDTH_IN, MARGINS_IN + ROW_IN * len(rows)), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    reaction = _grid(results, modes, _reaction_cycles)
-    distance = _grid(results, modes, lambda one: one.hip_deg if _is_stop(one) else None)
-    _panel(figure, left, reaction, modes, (LEAST_CYCLES, MOST_CYCLES), "reaction, cycles")
-    _panel(figure, right, distance, modes, (LEAST_DEG, MOST_DEG), "hip moved until rest, deg")
-    left.set_yticks(range(len(FAULTS)), labels=list(FAULTS), fontsize=7)
-    figure.suptitle("The slower axis of each fault and mode; grey: goes on, nothing to stop")
-    figure.savefig(path, format="png")
+    reaction = _grid(results, rows, modes, _reaction_cycles)
+    way = _grid(results, rows, modes, lambda one: one.hip_deg if _is_stop(one) else None)
+    _panel(figure, left, reaction, modes, REACTION_CYCLES, "reaction [cycles of 10 ms]")
+    _panel(figure, right, way, modes, WAY_DEG, "hip moved until rest [deg]")
+    left.set_yticks(range(len(rows)), labels=rows, fontsize=FONT_PT)
+    others = ", ".join(dict.fromkeys(row for row in map(_row, FAULTS) if row not in stops))
+    note = f"Not shown, because they go on in every mode: {others}."
+    figure.supxlabel(
+        textwrap.fill(note, NOTE_WIDTH), x=0.01, ha="left", fontsize=FONT_PT - 1, color=TEXT
+    )
+    save(figure, "The slower axis of each fault and mode; white: goes on", path)
+
+
+def _row(fault: str) -> str:
+    """Row of a fault: EMCY of every code that ends in a fault, or is only sent, share one."""
+    return re.sub(r"^emcy_.xxx_(\w+)$", r"emcy, any code, \1", fault)
 
 
 def _is_stop(one: CellResult) -> bool:
@@ -56,15 +77,14 @@ def _reaction_cycles(one: CellResult) -> float | None:
 
 
 def _grid(
-    results: Sequence[CellResult], modes: Sequence[str], measure: Measure
-) -> NDArray[np.float64]:
-    """Faults by modes; NaN where there is no value."""
-    grid = np.full((len(FAULTS), len(modes)), np.nan)
-    rows = {name: number for number, name in enumerate(FAULTS)}
+    results: Sequence[CellResult], rows: Sequence[str], modes: Sequence[str], measure: Measure
+) -> Grid:
+    """Rows by modes, the largest of each; NaN where there is no value."""
+    grid = np.full((len(rows), len(modes)), np.nan)
     for one in results:
         value = measure(one)
         if one.mode in modes and value is not None:
-            place = rows[one.fault], modes.index(one.mode)
+            place = rows.index(_row(one.fault)), modes.index(one.mode)
             grid[place] = np.fmax(grid[place], value)
     return grid
 
@@ -72,20 +92,21 @@ def _grid(
 def _panel(
     figure: Figure,
     axes: Axes,
-    grid: NDArray[np.float64],
+    grid: Grid,
     modes: Sequence[str],
-    span: tuple[float, float],
+    bounds: Sequence[float],
     title: str,
 ) -> None:
-    axes.set_facecolor("0.88")
-    image = axes.imshow(np.clip(grid, *span), aspect="auto", norm=LogNorm(*span), cmap="viridis_r")
-    axes.set_xticks(range(len(modes)), labels=list(modes), rotation=60, ha="right", fontsize=8)
-    axes.set_title(title, fontsize=10)
-    for row in range(grid.shape[0]):
-        for column in range(grid.shape[1]):
-            value = grid[row, column]
-            if np.isfinite(value):
-                ink = "white" if value > INK_RATIO * span[1] else "black"
-                words = f"{value:.3g}"
-                axes.text(column, row, words, ha="center", va="center", fontsize=5.5, color=ink)
-    figure.colorbar(image, ax=axes, location="top", shrink=0.8, aspect=30, pad=0.005)
+    shown = np.clip(grid, bounds[0], bounds[-1])
+    norm = BoundaryNorm(bounds, COLOURS.N)
+    image = axes.imshow(shown, aspect="auto", norm=norm, cmap=COLOURS)
+    axes.set_xticks(range(len(modes)), labels=modes, rotation=60, ha="right", fontsize=FONT_PT)
+    axes.set_xticks(np.arange(len(modes) + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(len(grid) + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color=GRID, linewidth=0.8)
+    axes.tick_params(which="both", length=0, labelcolor=TEXT)
+    for spine in axes.spines.values():
+        spine.set_color(FAINT)
+    bar = figure.colorbar(image, ax=axes, location="top", shrink=0.95, aspect=25, pad=0.01)
+    bar.set_label(title, fontsize=FONT_PT + 1, color=TEXT, fontweight="bold")
+    bar.ax.tick_params(labelsize=FONT_PT - 1, labelcolor=TEXT, color=FAINT)

@@ -1,0 +1,62 @@
+"""The figures of docs/strides.md: one walk measured, and the table of several seeds."""
+
+import re
+
+import numpy as np
+import pytest
+from command_line import gaitd
+from sessions import CONFIGS
+
+from analysis.replay import setup_for
+from gaitd_lab import gait_accuracy
+from gaitd_lab.gait_accuracy import Case, measure
+from gaitd_lab.trials import Situation, Trials
+from observer.filter.states import PATIENT, VELOCITY
+from observer.offline import smooth_batch
+from observer.offline.batch import Columns
+from observer.strides import strides_of
+
+
+def test_a_walk_is_measured_from_its_second_stride_on():
+    walk = Trials(CONFIGS / "demo.toml").gait(Situation(cadence_hz=0.5, programme="active"), 14.0)
+
+    figures = measure(walk)
+
+    made = walk.recording
+    columns = Columns(made.time_s, made.position, made.effort)
+    strides = strides_of(smooth_batch.run_smoothed(setup_for(walk.robot), columns), columns)[1:]
+    power = np.maximum(walk.truth[:, PATIENT] * walk.truth[:, VELOCITY], 0.0)
+    true_j = np.mean(
+        [0.01 * power[row : row + one.sample_count].sum(axis=0) for row, one in strides], axis=0
+    )
+    names = list(gait_accuracy.UNITS)
+    assert figures[names[2]] == pytest.approx(tuple(true_j), rel=0.01)
+    assert max(map(abs, figures[names[3]])) <= 3.0
+    assert figures[names[1]][0] < 0.5 * figures[names[0]][0]  # the smoother knows what came after
+    assert figures[names[0]][1] < 5.0
+
+
+def test_the_table_of_all_seeds_goes_into_the_page(tmp_path, monkeypatch):
+    figures = [{"filter, rms error": (one, 2.0 * one)} for one in (0.3, 0.1, 0.2)]
+    monkeypatch.setattr(
+        gait_accuracy, "cases", lambda *_: [Case(Situation(programme="active"), figures)]
+    )
+    page = tmp_path / "page.md"
+    page.write_text("<!-- accuracy: begin -->\nold\n<!-- accuracy: end -->\n")
+
+    ran = gaitd("strides", "--page", page)
+
+    assert ran.code == 0, ran.err
+    assert re.search(r"active: filter, rms error +0.2 \(0.1 … 0.3\) N·m", ran.out)
+    assert "| 0.2 (0.1 … 0.3) N·m | 0.4 (0.2 … 0.6) N |" in page.read_text()
+    assert "old" not in page.read_text()
+
+
+def test_a_page_without_a_place_for_the_table_is_refused_before_the_work(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("no place\n")
+
+    ran = gaitd("strides", "--page", page)
+
+    assert ran.code == 2
+    assert "accuracy: begin" in ran.err
