@@ -13,19 +13,17 @@ from analysis.ablation_choices import SHIPPED
 from analysis.ablation_questions import Question
 from analysis.drawing import (
     AXES,
-    BAD,
     ESTIMATE,
     FAINT,
-    FRICTION,
     GOOD,
     MEASURED,
+    OTHER,
+    SERIES,
     TEXT,
-    TRUTH,
     style,
     x_label,
 )
 
-COLOURS: Final = (ESTIMATE, TRUTH, MEASURED, FRICTION, GOOD, BAD)
 DPI: Final = 110
 BAR_MAX: Final = 0.25
 """Share of a group's width."""
@@ -33,7 +31,7 @@ COVERED: Final = 0.9973
 """Coverage of 3 sigma by a Gaussian."""
 COVERAGES: Final = (
     ("patient_covered", "patient, axis OK", ESTIMATE, "o"),
-    ("patient_at_rest_covered", "patient, at rest", TRUTH, "D"),
+    ("patient_at_rest_covered", "patient, at rest", OTHER, "D"),
     ("net_covered", "net", GOOD, "s"),
     ("velocity_covered", "velocity", MEASURED, "^"),
 )
@@ -118,7 +116,7 @@ def _bars(panel: Axes, values: np.ndarray, choices: Sequence[str]) -> None:
     for column, choice in enumerate(choices):
         places = np.arange(len(values)) + (column - (len(choices) - 1) / 2) * width
         heights = values[:, column]
-        panel.bar(places, heights, 0.92 * width, color=COLOURS[column], label=choice)
+        panel.bar(places, heights, 0.92 * width, color=SERIES[column], label=choice)
         for place, height in zip(places, heights, strict=True):
             known = np.isfinite(height)
             panel.annotate(

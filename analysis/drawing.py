@@ -13,13 +13,18 @@ Values = NDArray[np.float64]
 
 ESTIMATE: Final = "#1f5fa8"
 TRUTH: Final = "#e07b00"
+"""What is known to be true, and nothing else."""
 FRICTION: Final = "#7a5230"
 MEASURED: Final = "#6b7280"
 GOOD: Final = "#2e7d32"
 BAD: Final = "#c62828"
+OTHER: Final = "#7b4fa3"
 FAINT: Final = "#9aa3ad"
 GRID: Final = "#e3e6ea"
 TEXT: Final = "#1f2937"
+
+SERIES: Final = (ESTIMATE, OTHER, MEASURED, FRICTION, GOOD, BAD)
+"""Colours of things that are compared, in turn."""
 
 SIGMAS: Final = 3.0
 DPI: Final = 130

@@ -69,7 +69,7 @@ CLAIMS: Final = (
         "(13); Figs. 4d, 5d",
         (_at_most("friction, rms from the static law in motion", 0.2, 0.2, Scale.COULOMB),),
         "most of the distance is the plant's own low-pass, with T1 = 20 ms: the error against the "
-        "true friction is a tenth of it",
+        "true friction is a tenth of it or less",
     ),
     Claim(
         "At rest friction is somewhere within its breakaway level, and keeps its value",
@@ -130,7 +130,7 @@ CLAIMS: Final = (
         "There is no cross talk between the disturbances of hip and slide",
         "(21); Figs. 4e, 5e",
         (_at_most("cross talk from the other axis", 0.25, 2.0),),
-        "see *What is missed*",
+        "why: under What is missed, below",
     ),
     Claim(
         "In gait neither axis rests, so that nothing is lost to friction there",

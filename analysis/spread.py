@@ -34,5 +34,7 @@ def in_words(found: Spread | None, unit: str = "") -> str:
 
 
 def rounded(value: float) -> str:
-    """Format a number with three digits, or whole."""
-    return f"{value:.0f}" if abs(value) >= 100 else f"{value + 0.0:.3g}"
+    """Format a number with three digits, whole, or with at most four decimals."""
+    if abs(value) >= 100:
+        return f"{value:.0f}"
+    return f"{value:.3g}" if abs(value) >= 1e-4 or not value else f"{value:.4f}"

@@ -18,6 +18,7 @@ from analysis.drawing import (
     FRICTION,
     GOOD,
     MEASURED,
+    OTHER,
     TEXT,
     leg_figure,
     legend,
@@ -128,7 +129,7 @@ def _strips(
 def _states(records: Sequence[CycleRecord], name: str) -> tuple[list[str], list[str]]:
     drives = [_drive(record, name) for record in records]
     states = [POWER_STATES[drive.power_state] if drive else "unknown" for drive in drives]
-    colours = {"operation_enabled": GOOD, "fault": BAD, "quick_stop_active": "#e07b00"}
+    colours = {"operation_enabled": GOOD, "fault": BAD, "quick_stop_active": OTHER}
     return states, [colours.get(state, FAINT) for state in states]
 
 

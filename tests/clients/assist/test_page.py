@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from patients import Slacking, of_ability, resisting, spastic, tiring
 from sessions import elsewhere
 
+from analysis.drawing import ESTIMATE, style, x_label
 from daemon.ipc.record import Cause, Mode
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -72,14 +73,14 @@ def test_each_patient_walks_with_each_seed_and_is_drawn(pytestconfig, tmp_path):
         low, high = made.min(axis=0), made.max(axis=0)
         number = np.arange(1, made.shape[2] + 1)
         for column, panel in enumerate(row):
-            panel.fill_between(number, low[column], high[column], color="#0072B2", alpha=0.35)
-            panel.plot(number, np.median(made[:, column], axis=0), color="#0072B2")
-            panel.grid(alpha=0.3)
-        row[0].set_ylabel(name)
+            panel.fill_between(number, low[column], high[column], color=ESTIMATE, alpha=0.35)
+            panel.plot(number, np.median(made[:, column], axis=0), color=ESTIMATE)
+            style(panel)
+        style(row[0], unit=name)
     for panel, title in zip(panels[0], COLUMNS, strict=True):
-        panel.set_title(title)
+        style(panel, title)
     for panel in panels[-1]:
-        panel.set_xlabel("stride")
+        x_label(panel, "stride")
     folder = DOCS if pytestconfig.option.write_assist else tmp_path
     figure.savefig(folder / PICTURE, dpi=80)
 
