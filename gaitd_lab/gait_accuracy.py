@@ -115,7 +115,8 @@ def table(found: Sequence[Case]) -> list[tuple[str, ...]]:
     """Format all figures, a row each: plant, cadence, patient and figure, hip, slide."""
     rows: list[tuple[str, ...]] = []
     for case in found:
-        law, cadence_hz, programme = case.situation
+        law, cadence_hz = case.situation.law, case.situation.cadence_hz
+        programme = case.situation.programme
         for name, units in UNITS.items():
             pairs = [figures[name] for figures in case.figures if name in figures]
             if pairs:
