@@ -207,7 +207,7 @@ def test_sources_are_the_same_while_only_comments_and_docstrings_change(
 
 
 def test_what_a_page_is_made_from_is_all_that_its_command_imports(pages):
-    found = pages["sources"](pages["LONG"]["consistency.png"])
+    found = pages["sources"](pages["LONG"]["consistency.md"])
 
     assert PROJECT / "observer/filter/cdkf.py" in found
     assert PROJECT / "configs/robot_empty.toml" in found
