@@ -69,6 +69,7 @@ LONG: Final = {
     "soak.md": Made(
         "gaitd soak --minutes 60 --seed 1 --report docs/soak.md", ("gaitd.soak", *SERVICE)
     ),
+    "strides.md": Made("gaitd strides --seeds 3 --page docs/strides.md", ("gaitd.strides",)),
 }
 TARGET_MISSED: Final = 1
 """Exit code of a command that has written its page, and found a target missed or a law broken."""
