@@ -33,7 +33,7 @@ from daemon.preflight.motion import (
 )
 from daemon.preflight.real_bus import REAL_BUS_CHECKS
 from daemon.wire.causes import CHOSEN_CATEGORY, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
-from drives.bringup.bus_load import BURST_MAX_RATIO, bus_load
+from drives.bringup.bus_load import bus_load
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import axis_scaling, expected_base
 from observer.filter.leg_model import integrator_named, substeps_needed
@@ -50,6 +50,9 @@ GEAR_SHARE_MAX: Final = 3.0
 """A limit this many times above what the drive can give is the fault of the drive's gear, and a
 smaller excess that of the limit."""
 MOTOR_RPM_MAX: Final = 30_000
+BURST_MAX_RATIO: Final = 0.5
+"""SYNC, TPDOs and RPDOs of one cycle must fit into this part of it, so that late frames still
+fit."""
 SOCKETCAN_NAME: Final = r"[^/\s]{1,15}"
 INTERFACE_NAME: Final = r"[a-z0-9_-]+"
 

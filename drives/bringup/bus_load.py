@@ -24,10 +24,6 @@ from drives.bringup.plan import CycleSettings
 from drives.cia402.pdo import layouts
 from drives.cia402.profile import DriveDescription
 
-BURST_MAX_RATIO: Final = 0.5
-"""SYNC, TPDOs and RPDOs of one cycle must fit into this part of it, so that late frames still
-fit."""
-
 _FIXED_BITS: Final = 47
 _STUFFED_BITS: Final = 34
 _HEADER_BITS: Final = 19
@@ -157,20 +153,6 @@ def bus_load(
     return BusLoad(
         used_bit_per_s / bitrate_bit_per_s, burst_bits / bitrate_bit_per_s, tuple(streams)
     )
-
-
-def objection(load: BusLoad, load_max_ratio: float, period_ms: int) -> str | None:
-    """Return why this bus must not be started, or None."""
-    if load.busy_ratio > load_max_ratio:
-        busy, allowed = load.busy_ratio, load_max_ratio
-        return f"the bus would be busy {busy:.1%} of the time, allowed are {allowed:.0%}"
-    burst_max_s = BURST_MAX_RATIO * period_ms * 1e-3
-    if load.burst_s > burst_max_s:
-        burst, allowed = load.burst_s * 1e3, burst_max_s * 1e3
-        return (
-            f"the frames of one cycle take {burst:.2f} ms on the wire, allowed are {allowed:.2f} ms"
-        )
-    return None
 
 
 def _streams(description: DriveDescription, cycle: CycleSettings, sync_hz: float) -> list[Stream]:

@@ -1,5 +1,6 @@
 """Situations in which nothing is wrong, for tests that make one thing wrong."""
 
+import cmath
 import math
 
 from daemon.core.modes.guards import GuardInputs
@@ -151,3 +152,15 @@ def harshest(service, axes, legs, thresholds, categories, *, driving):
     """The verdict of a cycle that is told."""
     found = check(SafetyInputs(service, axes, legs, thresholds, categories, driving))
     return found[0] if found else NO_VERDICT
+
+
+def slide_ends(leg, hip_rad, ratio):
+    """Nearest and farthest slide position beyond the knee with this singularity ratio, m."""
+    knee = cmath.rect(leg.thigh_length_m, leg.thigh_angle_rad + hip_rad)
+    on_rail = (knee - complex(leg.rail_x_m, leg.rail_y_m)) / complex(leg.rail_cos, leg.rail_sin)
+    u, w = leg.shank_length_m, leg.shoe_length_m
+    swing = 2.0 * u * w * math.sqrt(1.0 - ratio * ratio)
+    return tuple(
+        on_rail.real + math.sqrt(max(u * u + w * w + side * swing - on_rail.imag**2, 0.0))
+        for side in (-1, 1)
+    )

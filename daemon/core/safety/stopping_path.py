@@ -1,4 +1,4 @@
-"""Stopping path: where a leg comes to rest if both drives brake now, and the range of the slide.
+"""Stopping path: where a leg comes to rest if both drives brake now.
 
 The workspace is not a box: shank and shoe must keep an angle to each other, so the slide's range
 depends on the hip angle. With D the distance from knee to slide joint, u the shank, w the shoe,
@@ -107,28 +107,6 @@ def gradient(leg: LegParameters, position: Pair) -> Pair:
 
 SMALLEST_RATIO: Final = 0.01
 """Smallest ratio for the gradient: nearer to the singularity its length has no meaning."""
-
-
-def slide_range(leg: LegParameters, position: Pair, ratio: float) -> Pair | None:
-    """The slide range about the present position with |sin(psi)| >= `ratio` at this hip angle.
-
-    Returns: lowest and highest, m; None where no slide position on this side satisfies it.
-    """
-    angle = leg.thigh_angle_rad + position[0]
-    x = leg.thigh_length_m * math.cos(angle) - leg.rail_x_m
-    y = leg.thigh_length_m * math.sin(angle) - leg.rail_y_m
-    nearest_m = x * leg.rail_cos + y * leg.rail_sin
-    across_m = y * leg.rail_cos - x * leg.rail_sin
-    u, w = leg.shank_length_m, leg.shoe_length_m
-    swing = 2.0 * u * w * math.sqrt(1.0 - ratio * ratio)
-    farthest2 = u * u + w * w + swing - across_m * across_m
-    if farthest2 < 0.0:
-        return None
-    farthest = math.sqrt(farthest2)
-    closest = math.sqrt(max(u * u + w * w - swing - across_m * across_m, 0.0))
-    if position[1] >= nearest_m:
-        return nearest_m + closest, nearest_m + farthest
-    return nearest_m - farthest, nearest_m - closest
 
 
 @inline

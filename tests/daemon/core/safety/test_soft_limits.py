@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safety_inputs import THRESHOLDS
+from safety_inputs import THRESHOLDS, slide_ends
 from sessions import CONFIGS
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.core.safety import soft_limits
 from daemon.core.safety.limits import hip_limits, slide_limits
 from daemon.core.safety.soft_limits import SoftZone, slowed, zone_at
-from daemon.core.safety.stopping_path import gradient, slide_range
+from daemon.core.safety.stopping_path import gradient
 from daemon.preflight.load import load
 from observer.mechanism.mechanism import singularity_ratio
 
@@ -250,9 +250,7 @@ def test_a_small_step_of_pose_speed_or_wish_is_a_small_step_of_effort(
 
 def pose_of(hip, ratio, end):
     """A pose with this singularity ratio, with the shank stretched or folded over the shoe."""
-    verdicts = slide_range(LEG, (hip, 0.6), ratio)
-    assert verdicts is not None
-    return hip, verdicts[end]
+    return hip, slide_ends(LEG, hip, ratio)[end]
 
 
 poses = st.builds(pose_of, st.floats(-0.3, 0.65), st.floats(0.12, 0.9), ends.map(lambda e: e > 0))

@@ -1,11 +1,10 @@
 """Where a leg comes to rest: against the sweep of `gaitd check` and the mechanism itself."""
 
-import math
-
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from safety_inputs import slide_ends
 from sessions import CONFIGS
 
 from daemon.config.robot import leg_parameters
@@ -18,7 +17,6 @@ from daemon.core.safety.stopping_path import (
     on_ramp,
     ratio_of,
     reaction_s,
-    slide_range,
 )
 from daemon.preflight.load import load
 from observer.mechanism.mechanism import singularity_ratio
@@ -70,67 +68,14 @@ def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity)
     assert least_ratio(LEG, position, velocity, RAMPS, REACTION_S) == pytest.approx(worst, abs=1e-6)
 
 
-@settings(derandomize=True, deadline=None)
-@given(position=positions, ratio=st.floats(0.05, 0.9))
-def test_the_slides_range_ends_where_the_mechanism_has_just_that_ratio(position, ratio):
-    verdicts = slide_range(LEG, position, ratio)
-    if verdicts is None:
-        return
-    low, high = verdicts
-    present = float(singularity_ratio(LEG, np.array(position)))
-
-    assert (low <= position[1] <= high) == (present >= ratio) or math.isclose(
-        present, ratio, abs_tol=1e-6
-    )
-    for end in (low, high):
-        at_end = float(singularity_ratio(LEG, np.array((position[0], end))))
-        assert at_end == pytest.approx(ratio, abs=1e-6) or at_end > ratio
-
-
-UNLIKE = LEG._replace(shank_length_m=0.9, shoe_length_m=0.2)
-"""A leg that does not fold up: the slide joint cannot come as near as opposite to the knee."""
-
-
-@pytest.mark.parametrize("side", [-3.0, 3.0])
-@pytest.mark.parametrize("ratio", [0.1, 0.4])
-def test_a_leg_with_unlike_segments_has_a_range_on_either_side_of_its_knee(side, ratio):
-    found = slide_range(UNLIKE, (0.0, side), ratio)
-    assert found is not None
-
-    for end, inwards in zip(found, (1e-4, -1e-4), strict=True):
-        around = [
-            float(singularity_ratio(UNLIKE, np.array((0.0, end + step))))
-            for step in (-inwards, 0.0, inwards)
-        ]
-        assert around[1] == pytest.approx(ratio, abs=1e-9)
-        assert around[0] < around[1] < around[2]
-
-
 def test_the_gradient_is_that_of_the_ratio_down_to_a_hundredth_and_bounded_below_it():
-    found = slide_range(LEG, (0.0, 0.6), 0.02)
-    assert found is not None
-    low, high = ((0.0, found[1] + step) for step in (-1e-7, 1e-7))
+    _, farthest = slide_ends(LEG, 0.0, 0.02)
+    low, high = ((0.0, farthest + step) for step in (-1e-7, 1e-7))
 
     slope = (ratio_of(cosine(LEG, high)) - ratio_of(cosine(LEG, low))) / 2e-7
 
-    assert gradient(LEG, (0.0, found[1]))[1] == pytest.approx(slope, rel=1e-3)
-    assert gradient(LEG, (0.0, found[1] + 0.1))[1] < 0.0
-
-
-def test_a_stretched_hip_leaves_less_of_the_rail():
-    """The workspace is no box: what the slide may reach depends on the hip."""
-    low_hip, high_hip = math.radians(-10.0), math.radians(35.0)
-
-    stretched = slide_range(LEG, (low_hip, 0.6), 0.15)
-    flexed = slide_range(LEG, (high_hip, 0.6), 0.15)
-
-    assert stretched is not None
-    assert flexed is not None
-    assert abs(stretched[1] - flexed[1]) > 0.05
-
-
-def test_a_hip_that_lifts_the_knee_off_the_rail_leaves_nothing():
-    assert slide_range(LEG, (math.radians(120.0), 0.6), 0.15) is None
+    assert gradient(LEG, (0.0, farthest))[1] == pytest.approx(slope, rel=1e-3)
+    assert gradient(LEG, (0.0, farthest + 0.1))[1] < 0.0
 
 
 def test_a_leg_under_assist_goes_on_for_three_cycles_and_else_for_one():
