@@ -12,15 +12,20 @@ with the motion of two cycles ago.
 
 1. M is that of each pose of the workspace, with the configured patient and without one: a lighter
    leg is less stable.
-2. Friction and dampers would help; they are not counted. Limits of torque and of its rate only
-   bound how far a loop shakes.
+2. Friction and dampers would help; they are not counted. Limits of torque and of its rate are not
+   counted either: a motion so large that they act can shake a loop that is stable here. It ends at
+   the limits of position, speed and tracking.
 3. The margin is the number of times that M could be smaller, or D alone.
 4. A soft limit damps motion outwards alone. An oscillation meets it in half of its time, so half of
-   its damping counts. It is taken from `soft_limits.slowed` itself.
+   its damping counts. It is taken from `soft_limits.slowed` itself. Below a margin of 1 a leg
+   without friction that comes in fast goes on to shake with the whole effort.
 5. In hand guiding a spring leads back in at each end of the range. It acts over the soft margin
    alone, and friction may take out what its delay puts in: an oscillation of amplitude A, growth
    rate s and frequency w needs pi/2 m s w A of Coulomb friction, with A half of the soft margin.
    The margin is the number of times that `coulomb` of robot.toml has that.
+
+6. The effort also carries g of q[k], which is 15 ms late: as damping, that is 15 ms of dg/dq. It is
+   left out. Over the shipped workspaces dg/dq is positive definite, and would add to the damping.
 
 A drive's own loops, which guide a gait by position, are not part of this.
 """
@@ -81,14 +86,18 @@ class LoopMeaning(msgspec.Struct, frozen=True):
     """The number at fault if the margin is too small."""
     allowed: str
     """The values of this number alone with which the loop is stable; empty if it is."""
-    bounds_itself: bool
-    """A soft limit or an end spring, which acts in its margin alone: it shakes little, and is a
-    warning."""
+    counts_friction: bool
+    """An end spring of hand guiding (rule 5): below 1 it is a warning."""
 
     @property
     def is_stable(self) -> bool:
         """True if the loop does not shake."""
         return self.margin_ratio >= 1.0
+
+    @property
+    def is_refused(self) -> bool:
+        """True if it shakes the leg, but for an end spring."""
+        return not (self.is_stable or self.counts_friction)
 
 
 class Poses(NamedTuple):
@@ -149,25 +158,34 @@ def loop_meanings(settings: Settings) -> tuple[LoopMeaning, ...]:
 
 
 def loop_errors(meanings: tuple[LoopMeaning, ...]) -> Errors:
-    """Loops that shake the whole leg."""
-    for loop in meanings:
-        if not (loop.is_stable or loop.bounds_itself):
-            yield ConfigError(loop.file, loop.key, loop.value, f"{loop.allowed}: {_why(loop)}")
+    """Loops that shake the leg: of each number the one with the least margin.
+
+    Soft limits only where the loop that they are part of is good.
+    """
+    small = _small(meanings)
+    own = [loop for loop in meanings if loop.is_refused and not _is_of_another(loop, small)]
+    by_margin = sorted(own, key=lambda loop: -loop.margin_ratio)
+    for loop in {(loop.file, loop.key): loop for loop in by_margin}.values():
+        yield ConfigError(loop.file, loop.key, loop.value, f"{loop.allowed}: {_why(loop)}")
 
 
 def loop_warnings(meanings: tuple[LoopMeaning, ...]) -> Iterator[str]:
     """Loops with a small margin; soft limits only where the loop that they are part of is good."""
-    small = {loop.loop for loop in meanings if loop.margin_ratio < MARGIN_SMALL}
+    small = _small(meanings)
     for loop in meanings:
-        is_error = not (loop.is_stable or loop.bounds_itself)
-        if (
-            loop.loop not in small
-            or is_error
-            or loop.loop.removeprefix(_SOFT) in small - {loop.loop}
-        ):
+        if loop.loop not in small or loop.is_refused or _is_of_another(loop, small):
             continue
         allowed = loop.allowed or f"a margin above {MARGIN_SMALL:g}"
         yield str(ConfigError(loop.file, loop.key, loop.value, f"{allowed}: {_why(loop)}"))
+
+
+def _small(meanings: tuple[LoopMeaning, ...]) -> set[str]:
+    return {loop.loop for loop in meanings if loop.margin_ratio < MARGIN_SMALL}
+
+
+def _is_of_another(loop: LoopMeaning, small: set[str]) -> bool:
+    """True for a soft limit in a loop with a small margin of its own: that one is to be mended."""
+    return loop.loop.removeprefix(_SOFT) in small - {loop.loop}
 
 
 def _why(loop: LoopMeaning) -> str:
@@ -349,7 +367,7 @@ def _meaning(loop: _Loop, legs: tuple[Poses, ...], period_s: float) -> LoopMeani
         key=key,
         value=value,
         allowed=allowed,
-        bounds_itself=loop.name.startswith(_SOFT),
+        counts_friction=False,
     )
 
 
@@ -426,7 +444,7 @@ def _end_springs(
             key=f"hand_guiding.{key}",
             value=edge,
             allowed="" if need <= coulomb else f"<= {most:.3g}, or a wider soft margin",
-            bounds_itself=True,
+            counts_friction=True,
         )
 
 

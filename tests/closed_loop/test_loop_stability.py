@@ -1,15 +1,22 @@
 """The loops that `gaitd check` calls stable do not shake, and those that it refuses do."""
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 import pytest
+from config_files import CONFIGS
 from sessions import changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
+from daemon.core.safety.limits import hip_limits, slide_limits, thresholds
+from daemon.core.safety.soft_limits import slowed, zone_at
 from daemon.ipc.record import Mode, ModeRequest, RequestKind, Stage
+from daemon.preflight.load import load
 from daemon.preflight.stability import Gains, margin_of, poses_of
+from observer.mechanism.mechanism import gravity, singularity_ratio
 
 BEFORE = "[[patient.programme]]                  # pushes against a leg that is held still"
 PROGRAMME = """[[patient.programme]]
@@ -132,3 +139,56 @@ def test_a_guided_slide_shakes_where_its_damping_is_unstable_and_not_just_before
     led = [row.slide_velocity_m_per_s for row in session.truth.rows[-90:]]
     assert 0.8 < margin < 1.0 if shakes else 1.0 < margin < 1.15
     assert (max(led) - min(led) > 0.1) if shakes else (max(led) - min(led) < 0.06)
+
+
+SOFT_POSE = (math.radians(-19.9), 0.2375)
+"""Inside the soft margin of the hip, where its axis is lightest."""
+
+
+def effort_in_a_soft_limit(damping_nm_s_per_rad):
+    """Margin, and the largest hip torque 3 to 4 s after coming in fast, without any friction."""
+    settings = load(CONFIGS / "demo.toml")
+    soft = msgspec.structs.replace(
+        settings.limits.soft_limit, hip_damping_nm_s_per_rad=damping_nm_s_per_rad
+    )
+    settings = replace(settings, limits=msgspec.structs.replace(settings.limits, soft_limit=soft))
+    limits, hold = settings.limits, hold_gains(settings.trainer)
+    leg = leg_parameters(msgspec.structs.replace(settings.robot, patient=None))
+    here = poses_of(settings, "", leg, (SOFT_POSE,))
+    margin, _ = margin_of(here, hold._replace(soft_share=(1.0, 1.0)), 0.01)
+    axes = hip_limits(limits, 0.0), slide_limits(limits, 0.0)
+    most = np.array([axis.effort_max_si for axis in axes])
+    rate = np.array([axis.effort_rate_max_si_per_s for axis in axes])
+    bounds = thresholds(limits, 10)
+    position, velocity = np.array(SOFT_POSE), np.array([1.5, 1.5])
+    before, effort, last = position - 0.01 * velocity, np.zeros(2), []
+    for cycle in range(400):
+        speed = (position - before) / 0.01
+        wanted = hold.stiffness * (np.array(SOFT_POSE) - position) - hold.damping * speed
+        zone = zone_at(axes, bounds, tuple(position), float(singularity_ratio(leg, position)))
+        slow = np.array(slowed(zone, leg, axes, position, speed, (0.0, 0.0), wanted))
+        slow = np.clip(np.clip(slow, effort - 0.01 * rate, effort + 0.01 * rate), -most, most)
+        before, acceleration = position, here.inverse_mass[0] @ effort
+        position = position + 0.01 * velocity + 0.5e-4 * acceleration
+        velocity, effort = velocity + 0.01 * acceleration, slow
+        last += [abs(effort[0])] * (cycle >= 300)
+    return margin, max(last) / most[0]
+
+
+def test_a_leg_that_comes_in_fast_shakes_in_a_soft_limit_that_is_unstable_and_not_in_a_stable_one():
+    for damping, shakes in ((90.0, True), (60.0, False)):
+        margin, share = effort_in_a_soft_limit(damping)
+
+        assert (0.85 < margin < 1.0) if shakes else (1.0 < margin < 1.15)
+        assert share > 0.9 if shakes else share < 0.05
+
+
+@pytest.mark.parametrize("patient", [True, False])
+def test_the_late_load_that_the_analysis_leaves_out_damps_the_shipped_leg(patient):
+    settings = load(CONFIGS / "trainer.toml")
+    robot = settings.robot if patient else msgspec.structs.replace(settings.robot, patient=None)
+    leg, step = leg_parameters(robot), 1e-4 * np.eye(2)
+
+    for at in poses_of(settings, "", leg).position:
+        slope = [(gravity(leg, at + one) - gravity(leg, at - one)) / 2e-4 for one in step]
+        assert np.linalg.eigvalsh(np.array(slope)).min() > 0
