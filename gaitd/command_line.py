@@ -5,11 +5,14 @@
 
 import json
 import math
+import os
+import shlex
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import fields, is_dataclass
 from enum import Enum
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Final, cast
 
@@ -112,10 +115,18 @@ def failure(error: CommandError | ConfigError, command: str) -> dict[str, object
     return {
         "error": str(error),
         "blame": f"{error.file}: {error.key}" if error.key else error.file,
-        "next": f"gaitd {command} --help" if of_usage else "gaitd check --config FILE",
+        "next": f"gaitd {command} --help" if of_usage else with_config("gaitd check"),
         "exit_code": EXIT_REFUSED,
         "errors": all_of_it,
     }
+
+
+def with_config(command: str) -> str:
+    """A command to give next, with the trainer file of this command line; empty without one."""
+    words = [part for word in sys.argv[1:] for part in word.split("=", 1)]
+    named = [value for option, value in pairwise(words) if option == "--config"]
+    file = named[-1] if named else os.environ.get(CONFIG_VARIABLE, "")
+    return f"{command} --config {shlex.quote(file)}" if file else ""
 
 
 def _plain(value: object) -> object:

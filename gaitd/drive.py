@@ -30,7 +30,7 @@ from drives.service.eds import load_eds
 from drives.service.object_texts import ObjectWords
 from drives.service.parameters import Command
 from drives.service.scan import listen
-from gaitd.command_line import EXIT_FAILED, CommandError, ConfigFile, JsonOption
+from gaitd.command_line import EXIT_FAILED, CommandError, ConfigFile, JsonOption, with_config
 from gaitd.terminal import run_with_progress, show
 
 if TYPE_CHECKING:
@@ -64,9 +64,6 @@ class Action(StrEnum):
     COMPARE = "compare"
     STORE = "store"
     RESTORE = "restore"
-
-
-_SCAN: Final = "gaitd scan --config FILE"
 
 
 class Options(NamedTuple):
@@ -166,7 +163,8 @@ def command(
             else:
                 code = _read(drive, action, options)
     except (BringUpRefused, BusError, DriveSilent) as error:
-        raise CommandError(str(error), EXIT_DRIVE, blame=name, following=_SCAN) from error
+        scan = with_config("gaitd scan")
+        raise CommandError(str(error), EXIT_DRIVE, blame=name, following=scan) from error
     raise typer.Exit(code)
 
 

@@ -127,16 +127,17 @@ def commission(
         print(f"Watch the machine: if all is right, {described}.")
     result = run_axis(target, "commission", axis, "moves with its torque", as_json=as_json)
     seen = result.good and witnessed
-    if as_json:
-        print(json.dumps({"axis": axis, "moves_with_its_torque": result.good, "witnessed": seen}))
-    else:
+    if not as_json:
         print(result.text)
         if result.good and not witnessed:
             seen = typer.confirm(f"Did you see that {described}?")
+    known = {"axis": axis, "moves_with_its_torque": result.good, "witnessed": seen}
     if not seen:
+        if as_json:
+            print(json.dumps(known))
         raise typer.Exit(EXIT_REFUSED)
-    code = request(target, "mode", as_json=as_json, mode="commission", axis=axis, witnessed=True)
-    raise typer.Exit(code)
+    noted = {"mode": "commission", "axis": axis, "witnessed": True}
+    raise typer.Exit(request(target, "mode", as_json=as_json, known=known, **noted))
 
 
 def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> AxisResult:
@@ -147,7 +148,7 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
         mode: `reference` or `commission`.
         axis: LEG/AXIS.
         good: beginning of the service's event text about the axis in case of success.
-        as_json: print the replies as one JSON object a line, and nothing else.
+        as_json: print nothing but an error, as a JSON document.
 
     Raises:
         Exit: the service refused, does not answer, or the mode did not end in time.
@@ -161,9 +162,11 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
     try:
         with client_of(target, mode) as trainer:
             before = _ids(trainer.status())
-            code = report_reply(trainer.request("mode", mode=mode, axis=axis), as_json=as_json)
-            if code != EXIT_DONE:
-                raise typer.Exit(code)
+            reply = trainer.request("mode", mode=mode, axis=axis)
+            if reply.outcome != Outcome.DONE or not as_json:  # the result is the only document
+                code = report_reply(reply, as_json=as_json)
+                if code != EXIT_DONE:
+                    raise typer.Exit(code)
             for _ in range(round(HOMING_MAX_S / HOMING_POLL_S)):
                 time.sleep(HOMING_POLL_S)
                 status = _valid_status(trainer)

@@ -5,7 +5,9 @@ service did not report the outcome of the request in time.
 """
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Final
 
 import msgspec
@@ -25,7 +27,7 @@ from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
 from gaitd_client.trainer import NOT_STOPPED, STOP
 
 from daemon.config.strict import ConfigError
-from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text
+from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text, with_config
 
 EXIT_DONE: Final = 0
 EXIT_REFUSED: Final = 1
@@ -35,6 +37,7 @@ LOOK: Final = "`gaitd status` shows the state of the machine"
 NEXT_BY_REASON: Final = (
     ("not seen to act today", "`gaitd self-test`"),
     ("not referenced", "`gaitd reference LEG/AXIS`, in the empty machine"),
+    ("one axis alone", "`gaitd run` with a robot file without [patient], once the leg is out"),
 )
 """What to do after a refusal, by the beginning of its reason."""
 NEXT_IN_MODE: Final[dict[str, str]] = {
@@ -107,8 +110,22 @@ def as_json_text(message: msgspec.Struct) -> str:
     return msgspec.json.encode(message).decode()
 
 
-def request(target: Target, name: str, *, as_json: bool, **arguments: object) -> int:
+def request(
+    target: Target,
+    name: str,
+    *,
+    as_json: bool,
+    known: Mapping[str, object] = MappingProxyType({}),
+    **arguments: object,
+) -> int:
     """Request enable, disable, stop, reset or mode; print the outcome.
+
+    Args:
+        target: the service.
+        name: of the request.
+        as_json: print one JSON document.
+        known: printed in the same document.
+        arguments: of the request.
 
     Returns: the exit code.
     """
@@ -120,10 +137,12 @@ def request(target: Target, name: str, *, as_json: bool, **arguments: object) ->
         return report_silence(name, trouble, as_json=as_json)
     except ClientError as error:
         return report_silence(name, str(error), as_json=as_json)
-    return report_reply(reply, as_json=as_json)
+    return report_reply(reply, as_json=as_json, known=known)
 
 
-def report_reply(reply: Reply, *, as_json: bool) -> int:
+def report_reply(
+    reply: Reply, *, as_json: bool, known: Mapping[str, object] = MappingProxyType({})
+) -> int:
     """Print the outcome of a request, and after a refusal the next command.
 
     Returns: the exit code.
@@ -139,10 +158,11 @@ def report_reply(reply: Reply, *, as_json: bool) -> int:
     if not as_json:
         print(text)
     elif code == EXIT_DONE:
-        print(as_json_text(reply))
+        print(json_text({**known, **msgspec.to_builtins(reply)}))
     else:
         refused = CommandError(reply.reason, code, following=following)
-        print(json_text(msgspec.to_builtins(reply) | failure(refused, reply.request)))
+        error = failure(refused, reply.request)
+        print(json_text({**known, **msgspec.to_builtins(reply), **error}))
     return code
 
 
@@ -164,7 +184,8 @@ def report_silence(name: str, trouble: str, *, as_json: bool) -> int:
     Returns: the exit code.
     """
     if as_json:
-        silent = CommandError(trouble, EXIT_NO_ANSWER, blame="service", following="gaitd run")
+        run = with_config("gaitd run") or "gaitd run --help"
+        silent = CommandError(trouble, EXIT_NO_ANSWER, blame="service", following=run)
         known = {"request": name, "outcome": "unanswered", "reason": trouble}
         print(json_text(known | failure(silent, name)))
     else:

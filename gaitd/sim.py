@@ -22,6 +22,7 @@ from gaitd.command_line import (
     ConfigFile,
     JsonLinesOption,
     json_on_stdout,
+    with_config,
 )
 
 EXIT_NO_ANSWER: Final = 4
@@ -135,8 +136,8 @@ def _answer(config: Path, control: Path | None, line: str) -> str:
 
 def _no_answer(error: Exception) -> CommandError:
     text = f"the virtual drives do not answer: {error}"
-    blame = "virtual drives"
-    return CommandError(text, EXIT_NO_ANSWER, blame=blame, following="gaitd sim --config FILE")
+    following = with_config("gaitd sim")
+    return CommandError(text, EXIT_NO_ANSWER, blame="virtual drives", following=following)
 
 
 def _refused(text: str) -> CommandError:

@@ -264,8 +264,12 @@ def test_with_json_an_error_is_one_document_with_its_blame(tmp_path, words, code
     told = json.loads(ended.out)
     assert (ended.code, told["exit_code"]) == (code, code)
     assert told["error"]
-    assert "next" in told
     assert blame in told["blame"]
+    # The next command names this trainer file, and no other placeholder.
+    assert ("--config none.toml" in told["next"]) == (
+        "--config" in words and not told["next"].endswith("--help")
+    )
+    assert "FILE" not in told["next"]
 
 
 @pytest.mark.parametrize(
@@ -284,3 +288,12 @@ def test_with_json_stdout_is_one_document_and_text_goes_to_stderr(tmp_path, word
 
     told = json.loads(ended.out)
     assert told[key]
+
+
+@pytest.mark.parametrize("words", [("--config=my files/none.toml",), ()])
+def test_the_next_command_names_the_trainer_file_as_it_was_given(monkeypatch, tmp_path, words):
+    if not words:
+        monkeypatch.setenv("GAITD_CONFIG", "my files/none.toml")
+    told = json.loads(gaitd("core", *words, "--json", folder=tmp_path).out)
+
+    assert told["next"] == "gaitd check --config 'my files/none.toml'"

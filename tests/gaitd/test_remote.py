@@ -52,6 +52,7 @@ def test_a_stop_without_a_service_names_the_other_ways_to_stop(capsys, name, is_
         ("'mode gait' is not possible in mode ready", Mode.READY, "`gaitd enable`"),
         ("not seen to act today: right/hip: STO", Mode.READY, "next: `gaitd self-test`"),
         ("not referenced: right/hip", Mode.READY, "next: `gaitd reference LEG/AXIS`"),
+        ("one axis alone is moved in the empty machine", Mode.READY, "without [patient]"),
         ("a client of a later version", None, "`gaitd status`"),
     ],
 )

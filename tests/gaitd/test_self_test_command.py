@@ -1,7 +1,8 @@
-"""`gaitd self-test` and `reference` against a service that keeps count of its requests."""
+"""`self-test`, `reference` and `commission` against a service that keeps count of its requests."""
 
 import json
 
+import msgspec
 import pytest
 import typer
 from gaitd_client import NoAnswerError, Target, wire
@@ -12,7 +13,7 @@ from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
 from daemon.wire.cause_texts import CAUSE_TEXT
-from gaitd import preparation
+from gaitd import preparation, remote
 from gaitd.__main__ import build
 from gaitd.remote import EXIT_NO_ANSWER, EXIT_REFUSED
 
@@ -128,3 +129,39 @@ def test_a_service_that_is_lost_while_an_axis_moves_is_reported_with_the_reason(
     said = json.loads(output.out.splitlines()[-1])["reason"] if as_json else output.err
     assert reason in said
     assert (ended.value.exit_code, service.asked) == (EXIT_NO_ANSWER, ["mode"])
+
+
+@pytest.mark.parametrize(
+    ("words", "said", "key"),
+    [
+        (("reference",), "homed at 0.2 rad", "homed"),
+        (("commission", "--witnessed"), "moves with its torque", "moves_with_its_torque"),
+        (("commission",), "moves with its torque", "moves_with_its_torque"),
+    ],
+)
+def test_one_axis_has_one_json_document(monkeypatch, words, said, key):
+    class Moving(Service):
+        def request(self, name, **arguments):
+            super().request(name)
+            return wire.Reply(**self.head(), request=name, outcome="done", reason="", mode=None)
+
+        def status(self):
+            event = wire.Event(
+                **self.head(),
+                **{"id": "1", "time_ns": 1, "priority": "info", "kind": "drive"},
+                **{"text": f"right/hip: {said}", "remedy": "", "cause": None, "subject": None},
+            )
+            events = (event,) if self.asked else ()
+            return msgspec.structs.replace(super().status(), events=events)
+
+    service = Moving(Mode.READY)
+    for module in (preparation, remote):
+        monkeypatch.setattr(module, "client_of", lambda *_: service)
+    monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
+    ran = CliRunner().invoke(build(words[0]), [words[0], "right/hip", *words[1:], "--json"])
+
+    told = json.loads(ran.stdout)
+    assert (told["axis"], told[key]) == ("right/hip", True)
+    unseen = words == ("commission",)
+    assert ran.exit_code == (EXIT_REFUSED if unseen else 0)
+    assert len(service.asked) == (2 if "--witnessed" in words else 1)
