@@ -120,3 +120,4 @@ def test_the_load_is_the_sum_of_its_streams():
     assert load.busy_ratio == pytest.approx(used / 500_000)
     assert load.burst_s == pytest.approx(burst / 500_000)
     assert len(load.streams) == 2 + 2 * 6
+    assert load.streams[0].data_bytes == 0  # SYNC without a counter
