@@ -57,8 +57,12 @@ def step(
 
 
 def rest(core: Core, gateway_states: Sequence[GatewayState], tick: Tick) -> CycleRecord:
-    """Run one cycle without drives: gateway states are read and a record is written."""
-    sensing.clear_new_emergencies(core)
+    """Run one cycle without drives: gateway states are read and a record is written.
+
+    What the lost drives have shown last is not repeated: a record has no value that is not of now.
+    """
+    sensing.forget(core)
+    estimation.reset(core)
     command_inputs = inputs.receive(core, gateway_states, tick.cycle)
     controllers.receive(core, tick.cycle)
     supervisor.rest(core, command_inputs, tick.cycle, tick.sync_utc_ns)

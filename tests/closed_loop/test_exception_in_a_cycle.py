@@ -2,25 +2,32 @@
 
 from unittest import mock
 
+import pytest
 from wire import rpdo1
 
 from daemon.core.runtime.loop import STOP_WITHOUT_FEEDBACK_CYCLES
 from daemon.core.runtime.loop_settings import ExitCode
 from daemon.core.safety import checks
+from daemon.ipc.record import Mode, RequestKind
+from drives.signals import PowerState
 
-ENABLE = 0x0F
+RESET_COMMUNICATION = 0x82
 QUICK_STOP = 0x02
+
+
+def run_into_a_bug(session):
+    """The frames that the core sends, and the code that it ends with."""
+    before = len(session.bus.sent)
+    with mock.patch.object(checks, "check", side_effect=ZeroDivisionError("ours")):
+        code = session.loop.run(lambda: False)
+    return session.bus.sent[before:], code
 
 
 def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(warm_guided_gait, guidance):
     stood = [drive.feedback.position_counts for drive in warm_guided_gait.core.axes]
-    bus = warm_guided_gait.bus
-    before = len(bus.sent)
 
-    with mock.patch.object(checks, "check", side_effect=ZeroDivisionError("ours")):
-        code = warm_guided_gait.loop.run(lambda: False)
+    sent, code = run_into_a_bug(warm_guided_gait)
 
-    sent = bus.sent[before:]
     words = {
         int.from_bytes(frame.data[:2], "little") for frame in sent if frame.can_id in {0x205, 0x206}
     }
@@ -35,3 +42,21 @@ def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(warm_guid
     assert sum(frame.can_id == 0x080 for frame in sent) >= STOP_WITHOUT_FEEDBACK_CYCLES
     assert abs(truth.hip_velocity_rad_per_s) < 0.05
     assert abs(truth.slide_velocity_m_per_s) < 0.05
+
+
+@pytest.mark.parametrize(("with_power", "watched"), [(True, {0x05, 0x06}), (False, set())])
+def test_a_drive_that_holds_the_leg_after_a_stop_keeps_its_watch_on_the_core(
+    warm_gait, with_power, watched
+):
+    session = warm_gait
+    session.gateway.stop() if with_power else session.request(RequestKind.DISABLE)
+    session.until(Mode.FAULT if with_power else Mode.READY)
+    session.run(0.5)
+    shown = {drive.power_state for drive in session.record.drives}
+    assert (PowerState.OPERATION_ENABLED in shown) == with_power
+
+    sent, _ = run_into_a_bug(session)
+
+    nmt = [frame.data for frame in sent if frame.can_id == 0x000]
+    reset = {node for command, node in nmt if command == RESET_COMMUNICATION}
+    assert reset == {0x05, 0x06} - watched

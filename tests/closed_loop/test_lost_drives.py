@@ -4,11 +4,13 @@ Node 5 is the hip, node 6 the slide. The drives are real enough to go on turning
 so only what their frames say may count.
 """
 
+import numpy as np
 import pytest
 from sessions import elsewhere
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.signals import PowerState
+from observer.filter.status import Validity
 from simtime.frame import Frame
 
 MS = 1_000_000
@@ -49,6 +51,54 @@ def nmt(session, since):
 def stops_told(session):
     events = [event for record in session.records for event in record.events]
     return [event for event in events if event.startswith("stop ")]
+
+
+# --- what was seen before the loss ----------------------------------------------------------------
+
+
+WITHOUT_DRIVES = {Mode.OFF, Mode.BRINGING_UP, Mode.FAULT}
+
+
+def lose_the_bus(session):
+    session.bus.trouble.is_gone = True
+
+
+def lose_the_bus_as_a_stride_ends(session):
+    session.run_until(lambda record: record.legs[0].stride is not None, within_s=8.0)
+    lose_the_bus(session)
+
+
+def reset_the_drives(session):
+    session.gateway.request(RequestKind.RESET)
+
+
+def unplug_a_drive(session):
+    session.command("unplugged right/slide 60")
+
+
+@pytest.mark.parametrize(
+    ("walking", "lose"),
+    [
+        (True, lose_the_bus),
+        (True, lose_the_bus_as_a_stride_ends),
+        (False, reset_the_drives),
+        (False, unplug_a_drive),
+    ],
+)
+def test_without_drives_no_record_repeats_what_they_had_shown(warm_gait, warm_ready, walking, lose):
+    session = warm_gait if walking else warm_ready
+    lose(session)
+    session.run(1.0)
+
+    lost = [record for record in session.records[-100:] if record.mode in WITHOUT_DRIVES]
+    assert len(lost) > 20
+    for record in lost[1:]:  # the first may be that of the cycle in which they were lost
+        (leg,) = record.legs
+        assert [drive.power_state for drive in record.drives] == [PowerState.UNKNOWN] * 2
+        assert not any(drive.fresh or drive.hand_switch_closed for drive in record.drives)
+        assert leg.validity == (Validity.BAD, Validity.BAD)
+        assert np.isnan([*leg.state, *leg.measured, *leg.reference, *leg.net]).all()
+        assert (leg.stride, leg.gait_phase) == (None, -1.0)
 
 
 # --- heartbeat ------------------------------------------------------------------------------------
@@ -262,8 +312,11 @@ def test_a_shutdown_with_both_axes_enabled_quick_stops_switches_off_and_lets_go(
     assert set(torques) == {b"\0\0"}
 
 
-@pytest.mark.parametrize("fault", ["silent right/hip", "unplugged right/slide"])
-def test_a_shutdown_ends_also_when_a_drive_does_not_answer(warm_hold, fault):
+@pytest.mark.parametrize(
+    ("fault", "reset"), [("silent right/hip", "8206"), ("unplugged right/slide", "8205")]
+)
+def test_a_shutdown_ends_also_when_a_drive_does_not_answer(warm_hold, fault, reset):
+    """The drive that does not answer may have power: it keeps its watch on the heartbeat."""
     warm_hold.command(fault)
     begun_ns = warm_hold.bus.now_ns
     since = len(warm_hold.bus.sent)
@@ -271,7 +324,7 @@ def test_a_shutdown_ends_also_when_a_drive_does_not_answer(warm_hold, fault):
     warm_hold.shut_down()
 
     assert warm_hold.bus.now_ns - begun_ns < 2000 * MS
-    assert nmt(warm_hold, since)[-2:] == ["8205", "8206"]
+    assert [sent for sent in nmt(warm_hold, since) if sent.startswith("82")] == [reset]
     words = [w for node in (5, 6) for w in controlwords(warm_hold, node, since)[1:]]
     assert not any(word & ENABLING for word in words)
 

@@ -24,6 +24,7 @@ ALL_WELL = GuardInputs(
     gateway_alive=True,
     at_rest=True,
     hand_switch_closed=True,
+    hand_switch_known=True,
     sto_released=True,
     unreferenced=(),
     outside=(),

@@ -18,6 +18,9 @@ class GuardInputs:
     gateway_alive: bool
     at_rest: bool
     hand_switch_closed: bool
+    """Every drive that shows the hand switch shows it closed; True if none shows it."""
+    hand_switch_known: bool
+    """At least one drive shows the hand switch."""
     sto_released: bool
     unreferenced: tuple[str, ...]
     """Names of the axes without a valid position, with the reason."""

@@ -17,6 +17,8 @@ def refusal(request: Request, now: GuardInputs) -> str:
     if by_mode and mode not in rules.modes:
         return f"the role {role} may not request mode {mode.name.lower()}"
     needs_hand = request.kind is RequestKind.RESET or (by_mode and mode is Mode.HAND_GUIDING)
+    if rules.hand_switch and needs_hand and not now.hand_switch_known:
+        return f"no drive shows the hand switch: the role {role} needs it held for this"
     if rules.hand_switch and needs_hand and not now.hand_switch_closed:
         return f"the hand switch is open: the role {role} needs it held for this"
     if rules.within_plan and by_mode and mode is Mode.GAIT:

@@ -36,7 +36,7 @@ from daemon.core.runtime.sync_window import Window
 from daemon.core.runtime.systemd import Supervision
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.state import Core
+from daemon.core.state import Axis, Core
 from daemon.core.steps import impedance, persistence, supervisor, wanted
 from daemon.core.steps.bring_up import bring_up_core
 from daemon.core.tick import Tick
@@ -217,7 +217,7 @@ class Loop:
             if self._has_drives():
                 self._send(outgoing)
             else:
-                self._end_watch()
+                self._end_watch(core.axes)
         except BusError:
             # This cycle's record is published as well; the next record reports the lost bus.
             self._publish(record)
@@ -411,14 +411,21 @@ class Loop:
                 self._clock.sleep_until(next_ns)
 
     def leave(self) -> None:
-        """Reset the drives' communication unless they are enabled, and close the bus."""
-        if self._has_drives() and not self._core.mode.active:
+        """End the watch of the drives that show no power, and close the bus.
+
+        A drive that may have power keeps it: the missing heartbeat is what stops that drive.
+        """
+        core = self._core
+        if self._has_drives() and not core.mode.active:
             with suppress(BusError):
-                self._end_watch()
+                self._end_watch([axis for axis in core.axes if _shows_no_power(axis)])
         self._line.close()
 
-    def _end_watch(self) -> None:
+    def _end_watch(self, axes: Sequence[Axis]) -> None:
         """Send NMT reset communication, so that the missing heartbeat causes no drive fault."""
-        nodes = [axis.node_id for axis in self._core.axes]
-        resets = [nmt_frame(NmtCommand.RESET_COMMUNICATION, node) for node in nodes]
+        resets = [nmt_frame(NmtCommand.RESET_COMMUNICATION, axis.node_id) for axis in axes]
         self._line.send_urgent(resets, self._clock.now_ns() + self._settings.period_ns)
+
+
+def _shows_no_power(axis: Axis) -> bool:
+    return axis.feedback is not None and axis.feedback.power_state in CANNOT_EXERT_TORQUE

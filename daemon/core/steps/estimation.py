@@ -52,9 +52,10 @@ def estimate(core: Core, tick: Tick) -> None:
 
 
 def reset(core: Core) -> None:
-    """No estimate: the drives have just been brought up."""
+    """Neither estimate nor stride nor samples: there are no drives, or they have just come up."""
     for leg in core.legs:
-        leg.estimate = None
+        leg.estimate = leg.stride = None
+        leg.measured = leg.effort_used = (math.nan, math.nan)
         leg.observer_started, leg.observer_bad_cycles = False, 0
 
 

@@ -83,6 +83,7 @@ def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
         gateway_alive=cycle - core.gateway_state_cycle <= config.thresholds.gateway_silence_cycles,
         at_rest=all(is_at_rest(axis.joint, axis.limits) for axis in fresh),
         hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
+        hand_switch_known=bool(inputs),
         sto_released=all(Input.STO_RELEASED in one for one in inputs),
         unreferenced=tuple(
             f"{axis.name} ({axis.unreferenced_why})" for axis in core.axes if not axis.referenced

@@ -117,13 +117,6 @@ def peek(core: Core, feedbacks: Sequence[DriveFeedback]) -> None:
         axis.feedback = feedback
 
 
-def clear_new_emergencies(core: Core) -> None:
-    """Without drives no new sample replaces the last one: each EMCY is recorded once."""
-    for axis in core.axes:
-        if axis.feedback is not None:
-            axis.feedback = axis.feedback._replace(news=())
-
-
 def alarms_checked(core: Core) -> None:
     """All EMCY alarms up to now have been checked."""
     for axis in core.axes:
@@ -146,23 +139,21 @@ def lose_homes(core: Core) -> None:
         axis.homed = False
 
 
-def lose_drives(core: Core) -> None:
-    """The bus is lost: nothing is known of drives and joints any more."""
+def forget(core: Core) -> None:
+    """There are no drives: no state of a drive or a joint is known any more."""
     for axis in core.axes:
         axis.feedback, axis.joint = None, Joint()
-    lose_homes(core)
 
 
 def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]) -> None:
     """Begin with the drives that have just been brought up."""
+    forget(core)
     for axis, plan, report in zip(core.axes, plans, reports, strict=True):
         axis.scaling = axis_scaling(plan.description, report.base)
         axis.serial_number = report.serial_number
         axis.homed = axis.homed and not report.reference_lost
         axis.unreferenced_why = _why_unreferenced(core, axis, plan, report)
         axis.referenced = not axis.unreferenced_why
-        axis.joint = Joint()
-        axis.feedback = None
         axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles = False, 0, 0
         axis.shown_unpowered = True  # bring-up goes on with no drive that has power
         axis.emergencies_checked = 0

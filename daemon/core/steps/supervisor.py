@@ -251,7 +251,9 @@ def lose_bus(core: Core, what: str) -> None:
     core.disabling = False
     single_axis.drop(core)
     core.reset_cycles_left = 0
-    sensing.lose_drives(core)
+    sensing.forget(core)
+    sensing.lose_homes(core)
+    exercises.reset(core)
     for axis in core.axes:
         axis.stop = None
     if core.mode.active:

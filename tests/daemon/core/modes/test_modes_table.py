@@ -21,6 +21,7 @@ NOTHING_WELL = replace(
     gateway_alive=False,
     at_rest=False,
     hand_switch_closed=False,
+    hand_switch_known=True,
     sto_released=False,
     unreferenced=("right/hip",),
     outside=("right/slide",),

@@ -35,6 +35,7 @@ UNCAPPED = (math.inf, math.inf)
 PLAN = Plan(cadence_max_hz=0.3, amplitude_max_ratio=0.5, duration_max_s=60.0)
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.3, amplitude_ratio=0.5, duration_s=60.0)
 HAND_OPEN = replace(ALL_WELL, hand_switch_closed=False)
+HAND_UNKNOWN = replace(ALL_WELL, hand_switch_known=False)
 
 
 def gait(role, plan=PLAN, **changes):
@@ -73,9 +74,10 @@ def requests_of(role, plan=PLAN):
     return kinds | {mode.name: request for mode, request in modes.items()}
 
 
+@pytest.mark.parametrize("hand", [HAND_OPEN, HAND_UNKNOWN])
 @pytest.mark.parametrize("role", Role)
-def test_a_session_alone_needs_the_hand_switch_and_only_for_the_way_out(role):
-    refused = {what for what, request in requests_of(role).items() if refusal(request, HAND_OPEN)}
+def test_a_session_alone_needs_the_hand_switch_and_only_for_the_way_out(role, hand):
+    refused = {what for what, request in requests_of(role).items() if refusal(request, hand)}
 
     assert refused == ({RequestKind.RESET, "HAND_GUIDING"} if role is Role.SESSION else set())
 
