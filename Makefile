@@ -21,7 +21,7 @@ ASSIST := clients/assist
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports pytest coverage mutants sbom bench install install-display install-assist uninstall purge rigs lock format tables docs golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist uninstall purge rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -51,12 +51,12 @@ demo-display: $(VENV)/display.stamp  ## the same with the patient's page in a br
 quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)
 
-# The static checks and the gates run beside the tests, so that no processor waits; what they say is
-# printed at the end if one of them failed.
+# The static checks run while the kernels are compiled, and then the gates beside the tests, so that
+# no processor waits; what they say is printed at the end if one of them failed.
 CHECKS := $(VENV)/checks.log
 test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints its CPU-seconds
-	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check coverage > $(CHECKS) 2>&1 & \
-	$(MAKE) --no-print-directory pytest; tests=$$?; \
+	@$(MAKE) --no-print-directory check coverage > $(CHECKS) 2>&1 & \
+	$(MAKE) --no-print-directory kernels pytest; tests=$$?; \
 	wait $$! || { cat $(CHECKS); exit 1; }; exit $$tests
 
 test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
@@ -87,6 +87,9 @@ imports: $(VENV)/dev.stamp
 pytest: $(VENV)/dev.stamp
 	@touch $(STEPS)
 	$(BIN)/pytest -n $(WORKERS) --cpu-seconds=$(STEPS) $$($(BIN)/python scripts/safety_gates.py --ignored)
+
+kernels: $(VENV)/dev.stamp
+	$(STEP) "kernels" $(BIN)/python scripts/compile_kernels.py
 
 coverage: $(VENV)/dev.stamp  ## every branch behind the safety gates, by unit tests alone
 	$(STEP) "branch coverage of the safety gates" $(BIN)/python scripts/safety_gates.py

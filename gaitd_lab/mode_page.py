@@ -29,6 +29,7 @@ WELL: Final = GuardInputs(
     gateway_alive=True,
     at_rest=True,
     hand_switch_closed=True,
+    hand_switch_known=True,
     sto_released=True,
     unreferenced=(),
     outside=(),

@@ -1,4 +1,4 @@
-"""Compile the kernels that most tests call, before tests in several processes each compile them.
+"""Compile the kernels that most tests call, so that no two processes of tests compile the same.
 
 The compiled code is kept on disk (`observer/jit.py`); a second call takes seconds.
 """
