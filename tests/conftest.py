@@ -4,6 +4,7 @@ The rigs (SocketCAN, systemd) are the plugin's. `--rigs=required` makes the lack
 it is `--gaitd-rigs` of the plugin by a shorter name.
 """
 
+import gc
 import importlib.util
 import shutil
 from pathlib import Path
@@ -21,6 +22,12 @@ RIG_GROUPS = {"rig_vcan": "machine", "rig_systemd": "container", "rig_browser": 
 # How long an example takes says something about the machine, and nothing about the project.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_finish():
+    """What collection has made stays: the garbage collector need not look at it again and again."""
+    gc.freeze()
 
 
 def pytest_addoption(parser):

@@ -7,6 +7,7 @@ does to the session ends with the fork. Set-up and tear-down of fixtures stay in
 fixture must not turn a warm session on; only a test may.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -62,6 +63,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
 def _call_and_exit(item: pytest.Function, writer: int) -> None:
     """Whatever happens, say it and end here: a fork must not go on as a copy of its parent."""
     said = FAILED + LOST.encode()
+    gc.freeze()  # a look at what the parent made would copy its memory
     try:
         said = _called(item)
     finally:
