@@ -230,6 +230,9 @@ def _priority(cause: Cause) -> Priority:
 
 
 def _drive_changes(before: DriveRecord, now: DriveRecord) -> list[EventDraft]:
+    """Nothing of a drive that is not seen: the events of the mode and the bring-up say why."""
+    if not _is_seen(now):
+        return []
     drafts = [*_state_changes(before, now), *_emergency_changes(before, now)]
     if _has_statusword(before) and _has_statusword(now):
         drafts += _input_changes(before, now)
@@ -241,15 +244,21 @@ def _has_statusword(drive: DriveRecord) -> bool:
     return power_state_name(drive.power_state) != "unknown"
 
 
+def _is_seen(drive: DriveRecord) -> bool:
+    """False without drives: the record of a drive has no value then, not even its references."""
+    nmt_state = NMT_STATES.get(drive.nmt_state, "unknown")
+    return nmt_state != "unknown" or _has_statusword(drive)
+
+
 def _state_changes(before: DriveRecord, now: DriveRecord) -> Iterator[EventDraft]:
-    if before.nmt_state != now.nmt_state:
+    if _is_seen(before) and before.nmt_state != now.nmt_state:
         nmt_state = NMT_STATES.get(now.nmt_state, "unknown")
         yield _drive_event(now, Priority.INFO, Kind.DRIVE, f"NMT state {nmt_state}")
     state = power_state_name(now.power_state)
     if before.power_state != now.power_state and state not in INTERMEDIATE:
         priority = Priority.MEDIUM if state == "fault" else Priority.INFO
         yield _drive_event(now, priority, Kind.DRIVE, state.replace("_", " "))
-    if before.referenced != now.referenced:
+    if _is_seen(before) and before.referenced != now.referenced:
         text = "knows its position" if now.referenced else "does not know its position any more"
         priority = Priority.INFO if now.referenced else Priority.MEDIUM
         yield _drive_event(now, priority, Kind.DRIVE, text)

@@ -21,15 +21,10 @@ def drives_of(kind, folder):
 
 
 def wired_the_other_way(folder, name, bit):
-    """A session in which one input is low where it was high, in the profile and on the wire."""
-    configs = changed_configs(
-        folder,
-        (
-            "drives/profiles/epos4.toml",
-            f"{name} = {{ bit = {bit}, level = 1 }}",
-            f"{name} = {{ bit = {bit}, level = 0 }}",
-        ),
-    )
+    """A session in which one input is low where it was high, in the axis files and on the wire."""
+    high, low = (f"{name} = {{ bit = {bit}, level = {level} }}" for level in (1, 0))
+    files = [f"drives/{axis}_epos4.toml" for axis in ("hip", "slide")]
+    configs = changed_configs(folder, *((file, high, low) for file in files))
     session = new_session(configs)
 
     def invert(frame):

@@ -67,6 +67,18 @@ def test_a_drive_that_has_not_spoken_has_no_inputs(make_record, make_drive):
     assert [kind for kind, _, _ in said(before, now)] == [Kind.DRIVE]
 
 
+def test_drives_that_are_gone_for_a_bring_up_are_told_once_when_they_are_back(
+    make_record, make_drive
+):
+    """Lost reference and ended fault are what a record without drives looks like."""
+    faulty = make_drive(emergency_code=0x8130, emergency_count=1)
+    gone = make_drive(power_state=0, nmt_state=0xFF, referenced=False, emergency_code=0)
+    records = [make_record(n, drives=(one,)) for n, one in enumerate([faulty, gone, make_drive()])]
+
+    assert said(records[0], records[1]) == []
+    assert [text for _, _, text in said(records[1], records[2])] == ["right/hip: operation enabled"]
+
+
 def emergency(code, **changes):
     made = EmergencyRecord(
         code=code,
