@@ -74,12 +74,14 @@ def mode(
     as_json: JsonOption = False,
 ) -> None:
     """Choose what the enabled leg does."""
-    arguments = {
-        "mode": name,
-        "cadence_hz": cadence,
-        "amplitude_ratio": amplitude,
-        "duration_s": duration,
-        "scenario": scenario,
-    }
-    target = find_target(config, endpoint, trainer, credentials)
-    raise typer.Exit(request(target, "mode", as_json=as_json, **arguments))
+    code = request(
+        find_target(config, endpoint, trainer, credentials),
+        "mode",
+        as_json=as_json,
+        mode=name,
+        cadence_hz=cadence,
+        amplitude_ratio=amplitude,
+        duration_s=duration,
+        scenario=scenario,
+    )
+    raise typer.Exit(code)
