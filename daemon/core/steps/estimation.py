@@ -55,7 +55,7 @@ def reset(core: Core) -> None:
     """Neither estimate nor stride nor samples: there are no drives, or they have just come up."""
     for leg in core.legs:
         leg.estimate = leg.stride = None
-        leg.measured = leg.effort_used = (math.nan, math.nan)
+        leg.measured, leg.effort_used = (math.nan, math.nan), (0.0, 0.0)
         leg.observer_started, leg.observer_bad_cycles = False, 0
 
 
