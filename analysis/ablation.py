@@ -5,13 +5,15 @@ the truth. Errors are given separately where a joint truly moves, where the obse
 axis OK, and at rest.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from statistics import median
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from analysis.ablation_choices import CHOICES, DELAY_MS, JITTER_S, RIPPLE, Choice
 from analysis.replay import setup_for
+from analysis.spread import spread
 from analysis.trial import (
     Flags,
     Pair,
@@ -98,6 +100,48 @@ Results = Mapping[tuple[str, str], Errors]
 """Errors by situation and choice."""
 
 
+class Ablation(NamedTuple):
+    """Results of several draws of all noise."""
+
+    draws: Sequence[Results]
+    """One for each seed, with the same situations and choices."""
+    medians: Results
+    """Median of each figure over the draws that have it."""
+    summaries: Sequence[Summary]
+    """One for each trial: median of the time, first reason of an early end, all samples at rest."""
+
+
+def over_seeds(draws: Sequence[tuple[Results, Sequence[Summary]]]) -> Ablation:
+    """Put the draws together."""
+    results = [one for one, _ in draws]
+    medians = {cell: _medians([one[cell] for one in results]) for cell in results[0]}
+    trials = zip(*(summaries for _, summaries in draws), strict=True)
+    return Ablation(results, medians, [_summary_of(one) for one in trials])
+
+
+def _medians(errors: Sequence[Errors]) -> Errors:
+    *pairs, nis = zip(*errors, strict=True)
+    columns = (np.transpose(one) for one in pairs)
+    return Errors(*((_median(hip), _median(slide)) for hip, slide in columns), nis=_median(nis))
+
+
+def _median(values: Iterable[float]) -> float:
+    found = spread(values)
+    return float("nan") if found is None else found.value
+
+
+def _summary_of(trials: Sequence[Summary]) -> Summary:
+    """One trial of every draw."""
+    reasons = [one.ended for one in trials if one.ended]
+    hip, slide = (sum(counts) for counts in zip(*(one.rest_count for one in trials), strict=True))
+    return Summary(
+        trials[0].situation,
+        median(one.judged_s for one in trials),
+        f"{reasons[0]}; {len(reasons)} of {len(trials)} seeds" if reasons else "",
+        (hip, slide),
+    )
+
+
 def errors_of(trial: Trial, made: BatchEstimates) -> Errors:
     """Compare the selected rows of a trial with the truth."""
     moving, resting = trial.moving, _resting(trial)
@@ -146,16 +190,16 @@ def ablate(trial: Trial, choices: Sequence[Choice] = CHOICES) -> dict[tuple[str,
     }
 
 
-def disturbed(trial: Trial) -> tuple[Trial, ...]:
+def disturbed(trial: Trial, seed: int = SEED) -> tuple[Trial, ...]:
     """Variants of a trial with the disturbances of real machines, each under its own name."""
-    jittered = with_jitter(trial, JITTER_S, ENCODER_NOISE, ENCODER_QUANTUM, SEED)
+    jittered = with_jitter(trial, JITTER_S, ENCODER_NOISE, ENCODER_QUANTUM, seed)
     late_cycles = round(1e-3 * DELAY_MS / STEP_S)
     return (
         jittered.named(JITTER_TRUE),
         on_the_grid(jittered, trial).named(JITTER_NOMINAL),
         with_late_efforts(trial, late_cycles).named(LATE),
-        with_ripple(trial, RIPPLE, SEED).named(RIPPLED),
-        with_glitches(trial, GLITCH_INTERVAL_S, GLITCH_SIZE, SEED).named(GLITCHES),
+        with_ripple(trial, RIPPLE, seed).named(RIPPLED),
+        with_glitches(trial, GLITCH_INTERVAL_S, GLITCH_SIZE, seed).named(GLITCHES),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.ablation import Results
+from analysis.ablation import Ablation, Results
 from analysis.ablation_choices import SHIPPED
 from analysis.ablation_questions import Question
 from analysis.drawing import (
@@ -45,26 +45,29 @@ def answered(question: Question, results: Results) -> tuple[list[str], list[str]
     return situations, [one for one in question.choices if one in known]
 
 
-def draw_question(question: Question, results: Results, path: Path) -> None:
-    """Draw grouped bars: hip above, slide below, one group for each situation.
+def draw_question(question: Question, found: Ablation, path: Path) -> None:
+    """Draw grouped bars: hip above, slide below, one group for each situation; lines are ranges.
 
     Raises:
         OSError: the file cannot be written.
     """
-    situations, choices = answered(question, results)
+    situations, choices = answered(question, found.medians)
     figure = Figure(figsize=(9.0, 5.6), dpi=DPI, layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     for axis, panel in enumerate(panels):
         name = AXES[axis].name
         style(panel, f"{name}: rms error of the {question.measured}", AXES[axis].effort)
         panel.grid(visible=False, axis="x")
-        values = np.array(
-            [
-                [getattr(results[situation, choice], question.measure)[axis] for choice in choices]
-                for situation in situations
-            ]
+        medians, *draws = (
+            np.array(
+                [
+                    [getattr(one[situation, choice], question.measure)[axis] for choice in choices]
+                    for situation in situations
+                ]
+            )
+            for one in (found.medians, *found.draws)
         )
-        _bars(panel, values, choices)
+        _bars(panel, medians, np.array(draws), choices)
     panels[1].set_xticks(range(len(situations)), [_wrapped(one) for one in situations])
     _save(figure, question.title, panels[0], path)
 
@@ -110,18 +113,20 @@ def _save(figure: Figure, title: str, panel: Axes, path: Path) -> None:
     figure.savefig(path)
 
 
-def _bars(panel: Axes, values: np.ndarray, choices: Sequence[str]) -> None:
-    """Draw one group for each row, one colour for each column, each bar with its number."""
+def _bars(panel: Axes, values: np.ndarray, draws: np.ndarray, choices: Sequence[str]) -> None:
+    """Draw one group for each row, one colour for each column, each bar with range and number."""
+    low, high = np.fmin.reduce(draws), np.fmax.reduce(draws)
     width = min(0.8 / len(choices), BAR_MAX)
     for column, choice in enumerate(choices):
         places = np.arange(len(values)) + (column - (len(choices) - 1) / 2) * width
         heights = values[:, column]
         panel.bar(places, heights, 0.92 * width, color=SERIES[column], label=choice)
-        for place, height in zip(places, heights, strict=True):
+        panel.vlines(places, low[:, column], high[:, column], color=TEXT, linewidth=1.0)
+        for place, height, top in zip(places, heights, high[:, column], strict=True):
             known = np.isfinite(height)
             panel.annotate(
                 three_digits(height),
-                (place, height if known else 0.0),
+                (place, top if known else 0.0),
                 (0, 2),
                 textcoords="offset points",
                 ha="center",

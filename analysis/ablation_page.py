@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from analysis import markdown
-from analysis.ablation import Errors, Results, Summary
+from analysis.ablation import Ablation, Errors, Results, Summary
 from analysis.ablation_choices import SHIPPED
 from analysis.ablation_figures import (
     COVERAGES,
@@ -17,6 +17,8 @@ from analysis.ablation_figures import (
     three_digits,
 )
 from analysis.ablation_questions import QUESTIONS, REASONS, WRONG, Question
+from analysis.drawing import AXES
+from analysis.spread import in_words, spread
 from analysis.trial import Pair
 
 PAGE: Final = "ablation.md"
@@ -34,28 +36,25 @@ COLUMNS: Final = (
 UNKNOWN_REASON: Final = "not one of the situations that this page explains"
 
 
-def write_page(
-    folder: Path, results: Results, summaries: Sequence[Summary], command: str
-) -> list[Path]:
+def write_page(folder: Path, found: Ablation, command: str) -> list[Path]:
     """Write the page and its figures; return their paths.
 
     Args:
         folder: must exist.
-        results: by situation and choice.
-        summaries: of the trials, in the order of recording.
+        found: of every seed.
         command: the command line of the run.
 
     Raises:
         OSError: a file cannot be written.
     """
-    asked = [one for one in (*QUESTIONS, *WRONG) if answered(one, results)[0]]
-    situations = [one.situation for one in summaries]
+    asked = [one for one in (*QUESTIONS, *WRONG) if answered(one, found.medians)[0]]
+    situations = [one.situation for one in found.summaries]
     paths = [folder / PAGE, folder / COVERAGE_FIGURE]
-    draw_coverage(situations, results, paths[1])
+    draw_coverage(situations, found.medians, paths[1])
     for question in asked:
         paths.append(folder / figure_name(question))
-        draw_question(question, results, paths[-1])
-    paths[0].write_text(markdown.page(*_parts(results, summaries, asked, command)), "utf-8")
+        draw_question(question, found, paths[-1])
+    paths[0].write_text(markdown.page(*_parts(found, asked, command)), "utf-8")
     return paths
 
 
@@ -91,11 +90,11 @@ def pair(values: Pair, digits: int | None = None) -> str:
     return " / ".join(map(text, values))
 
 
-def _parts(
-    results: Results, summaries: Sequence[Summary], asked: Sequence[Question], command: str
-) -> Iterator[str]:
-    yield from _introduction(command)
+def _parts(found: Ablation, asked: Sequence[Question], command: str) -> Iterator[str]:
+    results, summaries = found.medians, found.summaries
+    yield from _introduction(command, len(found.draws))
     yield from _overview(results, summaries)
+    yield from _ranges(found)
     wrong = [question for question in asked if question in WRONG]
     for question in asked:
         if question not in wrong:
@@ -107,13 +106,14 @@ def _parts(
         yield from _section(question, results, "###")
 
 
-def _introduction(command: str) -> Iterator[str]:
+def _introduction(command: str, seeds: int) -> Iterator[str]:
     yield "# The observer's choices, each on and off"
     yield _prose(
         f"Made by `{command}`: this page, its tables and its figures. The real loop runs on the "
-        "virtual machine over CAN frames; each situation is recorded once, with what was true "
-        "beside it, and replayed through observers of which one choice is changed. The same "
-        "command gives the same numbers."
+        "virtual machine over CAN frames; each situation is recorded once for each of "
+        f"{seeds} seeds of all noise, with what was true beside it, and replayed through "
+        "observers of which one choice is changed. Each number is the median over the seeds; a "
+        "line on a bar is their range. The same command gives the same numbers."
     )
     yield _prose(
         "All errors are root mean squares of estimate minus truth, **hip in N·m / slide in N**. "
@@ -147,6 +147,25 @@ def _overview(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
         )
 
 
+def _ranges(found: Ablation) -> Iterator[str]:
+    yield f"Median and range over the {len(found.draws)} seeds, as shipped:"
+    measures = (("moving", "patient"), ("OK", "patient_ok"), ("net", "net"))
+    columns = [
+        (f"{head}, {one.name}", field, axis, one.effort)
+        for head, field in measures
+        for axis, one in enumerate(AXES)
+    ]
+    rows: list[list[str]] = []
+    for one in found.summaries:
+        errors = [draw[one.situation, SHIPPED] for draw in found.draws]
+        cells = (
+            in_words(spread(getattr(of, field)[axis] for of in errors), unit)
+            for _, field, axis, unit in columns
+        )
+        rows.append([one.situation, *cells])
+    yield markdown.table(("situation", *(head for head, *_ in columns)), rows, text_columns=1)
+
+
 def _section(question: Question, results: Results, level: str) -> Iterator[str]:
     situations, choices = answered(question, results)
     yield f"{level} {question.title}"
@@ -171,9 +190,10 @@ def _coverage(results: Results, summaries: Sequence[Summary]) -> Iterator[str]:
         "The share of samples at which the truth lies within 3 sigma of the estimate, as shipped; "
         "0.997 if errors were Gaussian and sigma right. Errors last for some samples, so a share "
         "of half a minute is itself known to a percent or so; one at rest often stands on few "
-        "samples of few stops, and the last column says on how many: below a hundred take it, and "
-        "the error at rest in the tables above, as a hint. Above 0.997 sigma is too large: "
-        "process noise allows for a patient who changes all the time, and most do not."
+        "samples of few stops, and the last column says on how many in all seeds: below a "
+        "hundred take it, and the error at rest in the tables above, as a hint. Above 0.997 sigma "
+        "is too large: process noise allows for a patient who changes all the time, and most do "
+        "not."
     )
     yield f"![Coverage]({COVERAGE_FIGURE})"
     rows: list[list[str]] = []

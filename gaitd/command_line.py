@@ -111,11 +111,15 @@ def failure(error: CommandError | ConfigError, command: str) -> dict[str, object
         {"file": one.file, "key": one.key, "value": str(one.value), "allowed": one.allowed}
         for one in (error, *error.more)
     ]
-    of_usage = error.file == COMMAND_LINE
+    following = "gaitd check" if error.following is None else error.following
+    if error.file == COMMAND_LINE:
+        following = f"gaitd {command} --help"
+    elif following:
+        following = with_config(following)
     return {
         "error": str(error),
         "blame": f"{error.file}: {error.key}" if error.key else error.file,
-        "next": f"gaitd {command} --help" if of_usage else with_config("gaitd check"),
+        "next": following,
         "exit_code": EXIT_REFUSED,
         "errors": all_of_it,
     }

@@ -40,7 +40,7 @@ def command(
                 "a real bus: a watchdog goes by the computer's clock "
                 "(a desk has the drop-in bus-simulated.conf)"
             )
-            raise ConfigError(config, "bus.interface", SIMULATED, allowed)
+            raise ConfigError(config, "bus.interface", SIMULATED, allowed, following="")
         address = os.environ.get("NOTIFY_SOCKET")
         with json_on_stdout(as_json) as write:
             write({"event": "started", "part": "core", "pid": os.getpid()})

@@ -257,7 +257,7 @@ def _compare(drive: Drive, options: Options) -> int:
 
 def _unusable(error: DescriptionError) -> ConfigError:
     """Convert an unusable file into a configuration error, since the operator named the file."""
-    return ConfigError(str(error.value), "", "", error.allowed)
+    return ConfigError(str(error.value), "", "", error.allowed, following="")
 
 
 def _meaning(entry: dump.Entry, words: ObjectWords) -> str:

@@ -61,7 +61,8 @@ def command(
     """Keys of clients: display, controller, session, operator and service."""
     file = load_trainer(config)
     if file.keys is None:
-        raise ConfigError(config, "zenoh.keys", MISSING, "a folder, for example keys")
+        allowed = "a folder, for example keys"
+        raise ConfigError(config, "zenoh.keys", MISSING, allowed, following="")
     if action is Action.APPLY:
         target = find_target(config, None, None, credentials)
         raise typer.Exit(request(target, "restart", as_json=as_json))
@@ -121,7 +122,7 @@ def _issue(folder: Folder, name: str, *, remote: bool) -> None:
     ours = [one for one in listen if one.startswith(f"{TLS}/") == remote]
     if not ours:
         wanted = "a tls/ endpoint" if remote else "an endpoint of this machine"
-        raise ConfigError(file.path, "zenoh.listen", list(listen), wanted)
+        raise ConfigError(file.path, "zenoh.listen", list(listen), wanted, following="")
     known = hosts or list(issuing.remote_hosts(keys)) if remote else []
     endpoints = [_reachable(one, known) if remote else to_connect(one) for one in ours]
     trainer = file.trainer.zenoh.trainer

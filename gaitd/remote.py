@@ -88,7 +88,7 @@ def find_target(
         try:
             found = read_credentials(credentials)
         except CredentialsError as error:
-            raise ConfigError(error.path, "", "", error.reason) from error
+            raise ConfigError(error.path, "", "", error.reason, following="") from error
         return Target(found.file.endpoints, found.file.trainer, found)
     endpoints, name = (DEFAULT_ENDPOINT,), DEFAULT_TRAINER
     if config is not None:

@@ -2,8 +2,8 @@
 
 It is a supervisor of a real machine and shares nothing with the processes of tests and benchmarks
 (`gaitd_lab/processes.py`): its output is the terminal's, it restarts the gateway, and if it is
-killed the kernel ends its processes by SIGTERM, so that the core stops the axes. It prints the
-core's status, for example that it waits for the interface can0, as systemd would show it.
+killed the kernel ends its processes by SIGTERM, so that the core stops the axes. It prints that the
+core starts, then the core's status, for example that it waits for can0, as systemd would show it.
 """
 
 import contextlib
@@ -29,6 +29,7 @@ GATEWAY_END_S = 5.0
 KILLED = 4
 """Exit code for a core that a signal ended, as for any other internal error."""
 PR_SET_PDEATHSIG = 1
+STARTING = "starting; the core compiles its cycle on the first start, a minute or two"
 STATUS = "STATUS="
 """Beginning of the status line in a message of sd_notify(3)."""
 NOTICE_BYTES = 4096
@@ -64,6 +65,7 @@ class _Supervisor:
         signal.signal(signal.SIGINT, self._end)
 
     def run(self) -> int:
+        self._show(STARTING)
         core = self._start("core")
         gateway = self._start("gateway")
         gateway_ended_s: float | None = None
@@ -106,15 +108,19 @@ class _Supervisor:
 
     def _print_status(self) -> None:
         """Print the newest status line of the core if it has changed."""
-        before = self._status
+        newest = self._status
         with contextlib.suppress(BlockingIOError):
             while True:
                 for line in self._notices.recv(NOTICE_BYTES).decode().splitlines():
                     if line.startswith(STATUS):
-                        self._status = line.removeprefix(STATUS)
-        if self._status != before:
-            print(f"gaitd: {self._status}", file=sys.stderr, flush=True)
-            self._write({"event": "status", "part": "core", "text": self._status})
+                        newest = line.removeprefix(STATUS)
+        if newest != self._status:
+            self._show(newest)
+
+    def _show(self, status: str) -> None:
+        self._status = status
+        print(f"gaitd: {status}", file=sys.stderr, flush=True)
+        self._write({"event": "status", "part": "core", "text": status})
 
     def _end(self, _signal: int, _frame: FrameType | None) -> None:
         self._ending = True

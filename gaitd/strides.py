@@ -27,12 +27,16 @@ def command(
             help="write the table into this page (docs/strides.md)", exists=True, dir_okay=False
         ),
     ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="PNG", help="draw the strides of an active patient, of one seed"),
+    ] = None,
     config: DemoFile = None,
     as_json: JsonOption = False,
 ) -> None:
     """Walk on the virtual machine, and compare filter, smoother and strides with the truth."""
     from analysis import markdown
-    from gaitd_lab.gait_accuracy import HEAD, cases, table
+    from gaitd_lab.gait_accuracy import HEAD, cases, draw, table
     from gaitd_lab.trials import TrialError
 
     with (
@@ -45,10 +49,14 @@ def command(
             markdown.filled(page.read_text("utf-8"), {PART: ""})  # refused before the work
         found = cases(demo_file(config), range(1, seeds + 1), begin)
         rows = table(found)
-        print(f"median (range) of {seeds} seeds")
-        show((("", HEAD, tuple(rows)),))
+        said = f"median (range) of {seeds} seeds"
+        show(((said, HEAD, tuple(rows)),))
         if page is not None:
             text = page.read_text("utf-8")
-            page.write_text(markdown.filled(text, {PART: markdown.table(HEAD, rows)}), "utf-8")
+            part = f"{said.capitalize()}:\n\n{markdown.table(HEAD, rows)}"
+            page.write_text(markdown.filled(text, {PART: part}), "utf-8")
             print(f"page         {page}")
+        if picture is not None:
+            draw(demo_file(config), picture, begin("picture"))
+            print(f"picture      {picture}")
         write([{"situation": one.situation.name, "figures": one.figures} for one in found])

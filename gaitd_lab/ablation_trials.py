@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 
-from analysis.ablation import disturbed
+from analysis.ablation import SEED, disturbed
 from analysis.ablation_choices import friction_levels
 from analysis.ablation_questions import BASIS, OTHER_PLANTS, REST
 from analysis.trial import Trial
@@ -38,14 +38,15 @@ class Planned(NamedTuple):
     """True if distorted copies of the trial are made."""
 
 
-def planned(config: Path, *, quick: bool) -> list[Planned]:
+def planned(config: Path, *, quick: bool, seed: int | None = None) -> list[Planned]:
     """Return the trials that the ablation records.
 
     Args:
         config: trainer file with a plant.
         quick: three short trials on the matched plant instead of all.
+        seed: of all noise; None: plant.toml's.
     """
-    trials = Trials(config)
+    trials = Trials(config, seed=seed)
     if quick:
         return [
             *(_walk(trials, Situation(cadence_hz=0.5, programme=name), QUICK_S) for name in WALKS),
@@ -56,22 +57,25 @@ def planned(config: Path, *, quick: bool) -> list[Planned]:
         *(_walk(trials, Situation(*one), GAIT_S) for one in gaits),
         Planned("scenario paper", partial(trials.excite, "paper", EXCITE_S)),
         Planned(REST, partial(trials.rest, REST_S)),
-        *_others(config, trials),
+        *_others(config, trials, seed),
     ]
 
 
-def record(plan: Sequence[Planned], progress: Callable[[str], Progress]) -> Iterator[Trial]:
+def record(
+    plan: Sequence[Planned], progress: Callable[[str], Progress], seed: int = SEED
+) -> Iterator[Trial]:
     """Record the trials of a plan in sequence, and the distorted copies of its basis.
 
     Args:
         plan: result of `planned`.
         progress: receives the title of a trial, and returns a callback for its progress.
+        seed: of the distortions.
     """
     for one in plan:
         trial = one.record(progress(one.title))
         yield trial
         if one.is_basis:
-            yield from disturbed(trial)
+            yield from disturbed(trial, seed)
 
 
 def _walk(trials: Trials, situation: Situation, duration_s: float) -> Planned:
@@ -80,7 +84,7 @@ def _walk(trials: Trials, situation: Situation, duration_s: float) -> Planned:
     return Planned(name, partial(trials.gait, situation, duration_s), name == basis)
 
 
-def _others(config: Path, trials: Trials) -> Iterator[Planned]:
+def _others(config: Path, trials: Trials, seed: int | None) -> Iterator[Planned]:
     """Trials with other plants and patients, whose robot file is right."""
     robots = (
         friction_levels(0.5)(trials.robot),
@@ -89,7 +93,7 @@ def _others(config: Path, trials: Trials) -> Iterator[Planned]:
         _weighing(trials, 110.0),
     )
     for name, robot in zip(OTHER_PLANTS, robots, strict=True):
-        yield Planned(name, _active_walk(name, Trials(config, robot)))
+        yield Planned(name, _active_walk(name, Trials(config, robot, seed=seed)))
 
 
 def _active_walk(name: str, trials: Trials) -> Job:

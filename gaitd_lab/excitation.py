@@ -116,7 +116,8 @@ class EmptyMachine:
         known = self.settings.trainer.excite
         if scenario not in known:
             file = self.settings.file.path
-            raise ConfigError(file, "excite", ", ".join(known), f"a table [excite.{scenario}]")
+            allowed = f"a table [excite.{scenario}]"
+            raise ConfigError(file, "excite", ", ".join(known), allowed, following="")
         return known[scenario].duration_max_s
 
     def play(
@@ -226,7 +227,7 @@ def _empty(robot: Robot, file: Path, named: str) -> Robot:
     path = beside(file, named).with_name(EMPTY)
     if not path.is_file():
         allowed = f"a robot without [patient], or {EMPTY} beside it"
-        raise ConfigError(file, "robot", named, allowed)
+        raise ConfigError(file, "robot", named, allowed, following="")
     springs = load_toml(path, Robot).springs
     return msgspec.structs.replace(robot, patient=None, springs=springs)
 

@@ -8,6 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis import stride_figure
 from analysis.experiment import rms
 from analysis.replay import setup_for
 from analysis.spread import in_words, spread
@@ -21,6 +22,7 @@ from observer.strides import Stride, strides_of
 from sim_drives.plant.settings import FrictionLaw
 
 GAIT_S: Final = 30.0
+DRAWN_S: Final = 60.0
 STEADY: Final = 2
 """The first stride begins with the approach, and is not counted."""
 LAWS: Final = {FrictionLaw.PAPER: "the observer's own friction law", FrictionLaw.LUGRE: "bristles"}
@@ -89,6 +91,20 @@ def measure(trial: Trial) -> Figures:
         power = np.maximum(true * trial.truth[:, VELOCITY], 0.0)
         figures |= _works(strides, power, np.diff(made.time_s, append=made.time_s[-1:]))
     return figures
+
+
+def draw(config: Path, path: Path, progress: Callable[[float], None]) -> None:
+    """Draw the strides of an active patient on the machine of a trainer file, with its own seed.
+
+    Raises:
+        TrialError: the service refused the gait.
+        OSError: the file cannot be written.
+    """
+    walk = Trials(config).gait(Situation(programme=ACTIVE), DRAWN_S, progress)
+    made = walk.recording
+    columns = Columns(made.time_s, made.position, made.effort)
+    smooth = smooth_batch.run_smoothed(setup_for(walk.robot), columns)
+    stride_figure.draw(strides_of(smooth, columns), made.time_s, smooth, path)
 
 
 def _works(strides: Sequence[tuple[int, Stride]], power: Values, steps_s: Values) -> Figures:

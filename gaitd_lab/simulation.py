@@ -283,7 +283,9 @@ def _opened(trainer: TrainerFile, ending: contextlib.ExitStack) -> Station:
         )
     except (OSError, ValueError, can.CanError) as error:
         allowed = f"a bus that can be opened as {table.interface} ({_reason(error)})"
-        raise ConfigError(trainer.path, "bus.channel", table.channel, allowed) from error
+        raise ConfigError(
+            trainer.path, "bus.channel", table.channel, allowed, following="gaitd doctor"
+        ) from error
 
 
 # --- both -----------------------------------------------------------------------------------------
@@ -296,7 +298,9 @@ def _channel_errors(trainer: TrainerFile) -> Generator[None]:
         yield
     except OSError as error:
         allowed = f"a path where a socket can be made ({_reason(error)})"
-        raise ConfigError(trainer.path, "bus.channel", trainer.channel, allowed) from error
+        raise ConfigError(
+            trainer.path, "bus.channel", trainer.channel, allowed, following=""
+        ) from error
 
 
 def _control(

@@ -19,7 +19,8 @@ def load_plant(trainer: TrainerFile) -> tuple[Path, PlantFile]:
         ConfigError: the trainer file names none, or it cannot be used.
     """
     if trainer.sim is None:
-        raise ConfigError(trainer.path, "sim", MISSING, "the plant.toml of the virtual drives")
+        allowed = "the plant.toml of the virtual drives"
+        raise ConfigError(trainer.path, "sim", MISSING, allowed, following="")
     return trainer.sim, load_toml(trainer.sim, PlantFile)
 
 

@@ -45,12 +45,19 @@ SERVICE: Final = ("gaitd.core", "gaitd.gateway", "gaitd.sim")
 LONG: Final = {
     "ablation.md": Made("gaitd ablation --output docs", ("gaitd.ablation",)),
     "assist.png": Made(
-        "pytest tests/clients/assist -m thorough --write-assist",
+        "pytest -n0 tests/clients/assist/test_page.py -m thorough --write-assist",
         ("gaitd_assist.program", "gaitd_lab.lockstep"),
         ("configs", "clients/assist/configs", "tests/clients/assist"),
     ),
+    "calibration.md": Made(
+        "python -m gaitd_lab.calibration_example docs/calibration.md",
+        ("gaitd_lab.calibration_example",),
+    ),
     "consistency.md": Made(
         "gaitd consistency --output docs --page docs/consistency.md", ("gaitd.consistency",)
+    ),
+    "demo.png": Made(
+        "gaitd demo --headless --pace max --plot docs/demo.png", ("gaitd.demo", *SERVICE)
     ),
     "experiment.md": Made(
         "gaitd experiment --seeds 10 --output docs --page docs/experiment.md",
@@ -66,11 +73,17 @@ LONG: Final = {
         "gaitd fuzz --seed 8000 --minutes 60 --session-minutes 1 --processes 2 --output docs",
         ("gaitd.fuzz",),
     ),
+    "real_data.md": Made("gaitd real-data RECORDINGS --output docs", ("gaitd.real_data",)),
     "soak.md": Made(
         "gaitd soak --minutes 60 --seed 1 --report docs/soak.md", ("gaitd.soak", *SERVICE)
     ),
-    "strides.md": Made("gaitd strides --seeds 3 --page docs/strides.md", ("gaitd.strides",)),
+    "strides.md": Made(
+        "gaitd strides --page docs/strides.md --picture docs/strides.png", ("gaitd.strides",)
+    ),
 }
+"""Each page with its pictures: `ablation_rest.png` is of `ablation.md`."""
+RECORDINGS: Final = "RECORDINGS"
+"""In a command: the folder of recordings of real machines, which are not part of the project."""
 TARGET_MISSED: Final = 1
 """Exit code of a command that has written its page, and found a target missed or a law broken."""
 COMPARED_BY_A_TEST: Final = {
@@ -211,10 +224,11 @@ def older_mutants() -> Iterator[str]:
         )
 
 
-def write(page: str) -> None:
+def write(page: str, recordings: str) -> None:
     """Run the command of a page, and store the digests of what it used."""
     used = digests(sources(LONG[page]))
-    program, *arguments = shlex.split(LONG[page].command)
+    words = shlex.split(LONG[page].command)
+    program, *arguments = [recordings if word == RECORDINGS else word for word in words]
     ran = subprocess.run(
         [Path(sys.executable).parent / program, *arguments], check=False, cwd=PROJECT
     )
@@ -234,10 +248,13 @@ def main() -> int:
     """Report; 1 if a page differs from what the code would write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--write", metavar="PAGE", choices=LONG, help=", ".join(LONG))
+    parser.add_argument(
+        "--recordings", metavar="FOLDER", default=RECORDINGS, help="for --write real_data.md"
+    )
     parser.add_argument("--made", metavar="PAGE", choices=LONG, help="its command has just run")
     given = parser.parse_args()
     if given.write:
-        write(given.write)
+        write(given.write, given.recordings)
     if given.made:
         store(given.made, digests(sources(LONG[given.made])))
     if given.write or given.made:

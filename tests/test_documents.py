@@ -60,6 +60,21 @@ def test_the_index_leads_to_every_page():
     assert set(PAGES) - linked == {PROJECT / "docs/index.md"}
 
 
+def test_the_index_gives_the_medians_of_the_strides_page():
+    index = (PROJECT / "docs/index.md").read_text(encoding="utf-8")
+    strides = (PROJECT / "docs/strides.md").read_text(encoding="utf-8")
+    figures = "passive: filter", "active: filter", "active: smoother"
+    medians = [
+        median
+        for figure in figures
+        for row in re.findall(rf"own friction law \| 0.25 Hz \| {figure}.*", strides)
+        for median in re.findall(r"\| ([\d.]+) \(.*? (N·m|N) ", row)
+    ]
+
+    assert len(medians) == 2 * len(figures)
+    assert all(f" {number} {unit} " in index for number, unit in medians)
+
+
 def test_every_block_of_commands_is_marked_as_one():
     """```sh, so that the tests below find it; a transcript is ```console, its prompt `$ `."""
     assert [place for page in PAGES for place in unmarked(page)] == []
@@ -212,6 +227,17 @@ def test_what_a_page_is_made_from_is_all_that_its_command_imports(pages):
     assert PROJECT / "observer/filter/cdkf.py" in found
     assert PROJECT / "configs/robot_empty.toml" in found
     assert not [file for file in found if file.is_relative_to(PROJECT / "daemon/gateway")]
+
+
+def test_every_picture_is_made_by_a_command_that_is_known(pages):
+    made = {Path(page).stem for page in pages["LONG"]}
+    others = [
+        picture.name
+        for picture in (PROJECT / "docs").glob("*.png")
+        if not made & {picture.stem, picture.stem.rpartition("_")[0]}
+    ]
+
+    assert others == ["machine.png"]  # `make tables`
 
 
 def test_every_long_page_has_digests_and_every_gated_file_its_row_of_mutants(pages):

@@ -61,13 +61,23 @@ class ConfigError(Exception):
 
     `file`, `key` (dotted), `value` (as it stands in the file) and `allowed` are what is needed to
     correct it; `key` is empty when the file as a whole is meant. `more` holds the errors that were
-    found together with this one.
+    found together with this one. `following` is the command to give next: None for `gaitd check`,
+    which reports the same error; empty where no command helps.
     """
 
     more: tuple["ConfigError", ...] = ()
 
-    def __init__(self, file: Path | str, key: str, value: object, allowed: str) -> None:
+    def __init__(
+        self,
+        file: Path | str,
+        key: str,
+        value: object,
+        allowed: str,
+        *,
+        following: str | None = None,
+    ) -> None:
         self.file = str(file)
+        self.following = following
         self.key = key
         self.value = value if isinstance(value, PlainText) else PlainText(_value_text(value))
         self.allowed = allowed

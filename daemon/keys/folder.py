@@ -89,17 +89,17 @@ def read_keys(folder: Path) -> Keys:
     except OSError as error:
         raise _unusable(path, error) from error
     except RefusedError as error:
-        raise ConfigError(path, "", "", f"{error}; {REMEDY}") from error
+        raise ConfigError(path, "", "", f"{error}; {REMEDY}", following="") from error
     names = [client.name for client in keys.register.clients]
     for name in names:
         if names.count(name) > 1:
-            raise ConfigError(path, "clients.name", name, "each name once")
+            raise ConfigError(path, "clients.name", name, "each name once", following="")
     for secret in (path, keys.key(GATEWAY), keys.key(AUTHORITY)):
         # The authority's key may be kept elsewhere; the others have been read, or will be.
         mode = secret.stat().st_mode if secret.exists() else 0
         if mode & (stat.S_IRWXG | stat.S_IRWXO):
             allowed = "0600: only its owner may read it"
-            raise ConfigError(secret, "mode", f"{mode & 0o777:04o}", allowed)
+            raise ConfigError(secret, "mode", f"{mode & 0o777:04o}", allowed, following="")
     _check_certificates(keys)
     return keys
 
@@ -120,4 +120,4 @@ def _check_certificates(keys: Keys) -> None:
 
 def _unusable(path: Path, error: OSError) -> ConfigError:
     reason = (error.strerror or str(error) or "cannot be read").lower()
-    return ConfigError(path, "", "", f"{reason}; {REMEDY}")
+    return ConfigError(path, "", "", f"{reason}; {REMEDY}", following="")

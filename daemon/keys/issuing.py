@@ -71,7 +71,8 @@ def init(
         ConfigError: the folder has keys already, or a host is no name.
     """
     if (folder / CLIENTS).exists():
-        raise ConfigError(folder / CLIENTS, "", "", "it exists: init would lock out every client")
+        allowed = "it exists: init would lock out every client"
+        raise ConfigError(folder / CLIENTS, "", "", allowed, following="gaitd keys list")
     authority = new_authority(trainer, now)
     gateway = new_certificate(authority, GATEWAY, now, days, (*LOCAL_HOSTS, *hosts))
     folder.mkdir(parents=True, exist_ok=True)
@@ -198,7 +199,8 @@ def _signer(keys: Keys, now: datetime.datetime, days: int) -> Pair:
         raise ConfigError(COMMAND_LINE, "--days", days, f"an end before the authority's, {end}")
     key = keys.key(AUTHORITY)
     if not key.exists():
-        raise ConfigError(key, "", "", "it signs certificates: put it back for this command")
+        allowed = "it signs certificates: put it back for this command"
+        raise ConfigError(key, "", "", allowed, following="")
     return Pair(keys.certificate(AUTHORITY).read_bytes(), key.read_bytes())
 
 

@@ -92,7 +92,10 @@ def opened(place: BusPlace) -> Generator[tuple[CanBus | SimulatedBus, Clock]]:
         bus = choice.open_bus()
     except BusError as error:
         allowed = f"a {interface} bus that is there; this one {error.what}"
-        raise ConfigError(place.named_by, place.key, channel, allowed) from error
+        following = "gaitd sim" if interface == SIMULATED else "gaitd doctor"
+        raise ConfigError(
+            place.named_by, place.key, channel, allowed, following=following
+        ) from error
     try:
         yield bus, choice.clock
     finally:

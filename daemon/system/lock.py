@@ -43,7 +43,7 @@ def hold(config: Path, key: str, directory: Path, part: str) -> Generator[None]:
         with directory_errors(config, key, directory):
             if not _lock(file):
                 allowed = f"a directory of its own: a gaitd {part}{_holder(file)} holds {path}"
-                raise ConfigError(config, key, directory, allowed)
+                raise ConfigError(config, key, directory, allowed, following="gaitd status")
             file.truncate(0)
             file.write(b"%d\n" % os.getpid())
         yield
@@ -61,7 +61,7 @@ def directory_errors(config: Path, key: str, directory: Path) -> Generator[None]
     except OSError as error:
         place = f" ({error.filename})" if error.filename else ""
         allowed = f"a directory that can be written: {error.strerror}{place}"
-        raise ConfigError(config, key, directory, allowed) from error
+        raise ConfigError(config, key, directory, allowed, following="") from error
 
 
 def _lock(file: BinaryIO) -> bool:

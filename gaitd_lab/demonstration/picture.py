@@ -34,10 +34,14 @@ from gaitd_lab.demonstration.script import Kind
 
 QUIET_S: Final = 1.0
 NAME_WIDTH: Final = 12
+NAME_HEIGHT: Final = 0.25
+"""Share of a panel that is kept free for the names above all lines."""
 GAPS: Final = (
     "A gap in an estimate: the axis rests, or has just begun to move. Patient and friction "
     "can then not be told apart, and neither is published.\n"
-    "A gap in all lines: the service is not running, between two parts of the demonstration."
+    "A gap in all lines: the service is not running, between two parts of the demonstration.\n"
+    "One run, with one draw of the noise; docs/strides.md and docs/experiment.md have medians and "
+    "ranges over ten."
 )
 SHADES: Final = {
     Kind.INTERLUDE: "#f3f4f6",
@@ -137,6 +141,8 @@ def _column(panels: list[Axes], results: Results, pair: Pair, index: int, begin_
     line(patient, time, curves.wanted, TRUTH, "truth", 2.2)
     line(patient, time, estimate, ESTIMATE, "estimate, where published", 1.1)
     limit_to(patient, curves.wanted, estimate)
+    low, high = patient.get_ylim()
+    patient.set_ylim(low, low + (high - low) / (1.0 - NAME_HEIGHT))
     legend(patient)
 
     style(error, f"{axis}: estimate − truth, where the estimate is published", unit)

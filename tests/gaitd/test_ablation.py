@@ -1,12 +1,21 @@
 """The ablation: every choice on and off. `test_ablation_claims.py` has what the page claims."""
 
+import json
 import math
 
 import numpy as np
 import pytest
 from command_line import gaitd
 
-from analysis.ablation import Errors, ablate, disturbed, errors_of, replayed, summary
+from analysis.ablation import (
+    Errors,
+    ablate,
+    disturbed,
+    errors_of,
+    over_seeds,
+    replayed,
+    summary,
+)
 from analysis.ablation_choices import CHOICES, SHIPPED
 from analysis.ablation_figures import three_digits
 from analysis.ablation_page import write_page
@@ -117,10 +126,29 @@ def test_the_page_says_on_how_many_samples_at_rest_it_stands(tmp_path, walk, res
     few = summary(walk)._replace(rest_count=(123456, 10))
     low = results[ACTIVE, SHIPPED]._replace(patient_at_rest_covered=(1.0, 0.8))
 
-    page = write_page(tmp_path, {**results, (ACTIVE, SHIPPED): low}, [few], "a command")[0]
+    found = over_seeds([({**results, (ACTIVE, SHIPPED): low}, [few])])
+    page = write_page(tmp_path, found, "a command")[0]
 
     assert "123456 / 10 |" in page.read_text("utf-8")
     assert "slide 0.800 of 10 samples" in page.read_text("utf-8")
+
+
+def test_over_seeds_each_figure_is_the_median_and_the_page_has_the_range(tmp_path, walk, results):
+    shipped, whole = results[ACTIVE, SHIPPED], summary(walk)
+    draws = [
+        ({(ACTIVE, SHIPPED): shipped._replace(patient=(hip, math.nan), nis=hip)}, [one])
+        for hip, one in ((0.3, whole), (0.1, whole._replace(ended="a stop")), (0.2, whole))
+    ]
+
+    found = over_seeds(draws)
+    page = write_page(tmp_path, found, "a command")[0].read_text("utf-8")
+
+    median = found.medians[ACTIVE, SHIPPED]
+    assert (median.patient[0], median.nis, median.net) == (0.2, 0.2, shipped.net)
+    assert np.isnan(median.patient[1])
+    assert found.summaries[0].ended == "a stop; 1 of 3 seeds"
+    assert found.summaries[0].rest_count == tuple(3 * one for one in whole.rest_count)
+    assert f"| {ACTIVE} | 0.2 (0.1 … 0.3) N·m | – |" in page
 
 
 def test_a_number_is_as_precise_as_it_deserves():
@@ -141,11 +169,14 @@ def test_the_command_prints_a_table_for_each_question_and_writes_the_page(
     walk, tmp_path, monkeypatch
 ):
     plan = [Planned(ACTIVE, lambda _: walk)]
-    monkeypatch.setattr("gaitd_lab.ablation_trials.planned", lambda _, *, quick: plan)
+    monkeypatch.setattr("gaitd_lab.ablation_trials.planned", lambda _, *, quick, seed: plan)
 
-    ran = gaitd("ablation", "--quick", "--output", tmp_path)
+    ran = gaitd("ablation", "--quick", "--seeds", 1, "--output", tmp_path, "--json")
 
     assert ran.code == 0, ran.err
     for title in ("Coriolis torque", "without Coriolis"):
-        assert title in ran.out
-    assert "gaitd ablation --quick" in (tmp_path / "ablation.md").read_text("utf-8")
+        assert title in ran.err
+    assert "gaitd ablation --seeds 1 --quick" in (tmp_path / "ablation.md").read_text("utf-8")
+    document = json.loads(ran.out)
+    assert (document["seeds"], document["trials"][0]["situation"]) == (1, ACTIVE)
+    assert {one["choice"] for one in document["results"]} == {one.name for one in CHOICES}

@@ -1,3 +1,5 @@
+import json
+
 import pytest
 from command_line import gaitd
 from empty_runs import ROBOT_FILE, empty_run, robot_file, shipped_friction, write_csv
@@ -19,9 +21,13 @@ def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path):
     text = ROBOT_FILE.read_text().replace("coulomb_nm = 6.0", "coulomb_nm = 4.0")
     before.write_text(text)
 
-    ran = gaitd("calibrate", recorded, "--robot", before, "--page", tmp_path, "--noise")
+    ran = gaitd("calibrate", recorded, "--robot", before, "--page", tmp_path, "--noise", "--json")
 
     assert ran.code == 0, ran.err
+    document = json.loads(ran.out)
+    found = {one["key"]: one["value"] for one in document["results"]}
+    assert document["written"] == str(tmp_path / "run.csv.robot.toml")
+    assert found["friction.hip.coulomb_nm"] == pytest.approx(6.0, rel=0.02)
     after = load_toml(tmp_path / "run.csv.robot.toml", Robot)
     assert after.observer.process_hip_friction_nm != robot_file().observer.process_hip_friction_nm
     assert after.observer.process_slide_patient_n == robot_file().observer.process_slide_patient_n

@@ -1,5 +1,6 @@
 """The demonstration as a person runs it: real processes, simulated time, a real end."""
 
+import json
 import os
 import re
 import signal
@@ -73,17 +74,18 @@ def walking(picture: Path):
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
     picture = tmp_path_factory.mktemp("demo") / "new" / "demo.png"
-    return play(picture, "--pace", "max"), picture
+    return play(picture, "--pace", "max", "--json"), picture
 
 
 def test_the_demonstration_plays_judges_and_draws(played):
     ran, picture = played
 
     assert ran.returncode == 0, ran.stdout + ran.stderr
-    assert "all within bounds, no stop" in ran.stdout
-    assert f"picture: {picture}" in ran.stdout
+    assert "all within bounds, no stop" in ran.stderr
+    assert f"picture: {picture}" in ran.stderr
     assert picture.read_bytes().startswith(b"\x89PNG")
-    assert len(dict(printed_errors(ran.stdout))) == 4, ran.stdout
+    assert len(dict(printed_errors(ran.stderr))) == 4, ran.stderr
+    assert json.loads(ran.stdout)["picture"] == str(picture)
 
 
 @pytest.mark.thorough
@@ -91,7 +93,7 @@ def test_a_second_demonstration_finds_the_same_errors(played, tmp_path):
     again = play(tmp_path / "again.png", "--pace", "max")
 
     assert dict(printed_errors(again.stdout)) == pytest.approx(
-        dict(printed_errors(played[0].stdout)), rel=AGREEMENT_RATIO, abs=ROUNDING
+        dict(printed_errors(played[0].stderr)), rel=AGREEMENT_RATIO, abs=ROUNDING
     )
 
 

@@ -1,9 +1,11 @@
 """`gaitd rig`: a command in another world, its output and its exit code in this one."""
 
+import json
 from types import MappingProxyType
 
 import pytest
 import typer
+from command_line import gaitd
 
 from gaitd.command_line import CommandError
 from gaitd.rig import Name, command
@@ -45,6 +47,15 @@ def test_a_command_runs_in_this_folder_after_the_world_is_set_up(
     assert capfdbinary.readouterr().out.decode() == f"set up\n{tmp_path}\n"
     assert (tmp_path / "written").read_text() == "a  b\n"
     assert here.writable == (tmp_path,)
+
+
+def test_with_json_the_output_of_the_command_goes_to_stderr(monkeypatch, tmp_path):
+    monkeypatch.setattr(rigs, "RIGS", MappingProxyType({"vcan": Here()}))
+
+    ended = gaitd("rig", "vcan", "--json", "--", "echo", "--json", folder=tmp_path)
+
+    assert json.loads(ended.out) == {"rig": "vcan", "command": ["echo", "--json"], "exit_code": 0}
+    assert "set up\n--json\n" in ended.err
 
 
 def test_what_the_machine_lacks_is_one_line_with_the_way_to_have_it(monkeypatch):

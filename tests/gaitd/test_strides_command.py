@@ -41,14 +41,17 @@ def test_the_table_of_all_seeds_goes_into_the_page(tmp_path, monkeypatch):
     monkeypatch.setattr(
         gait_accuracy, "cases", lambda *_: [Case(Situation(programme="active"), figures)]
     )
-    page = tmp_path / "page.md"
+    page, picture = tmp_path / "page.md", tmp_path / "strides.png"
     page.write_text("<!-- accuracy: begin -->\nold\n<!-- accuracy: end -->\n")
+    monkeypatch.setattr(gait_accuracy, "DRAWN_S", 10.0)
 
-    ran = gaitd("strides", "--page", page)
+    ran = gaitd("strides", "--page", page, "--picture", picture)
 
     assert ran.code == 0, ran.err
+    assert picture.read_bytes().startswith(b"\x89PNG")
     assert re.search(r"active: filter, rms error +0.2 \(0.1 … 0.3\) N·m", ran.out)
     assert "| 0.2 (0.1 … 0.3) N·m | 0.4 (0.2 … 0.6) N |" in page.read_text()
+    assert "Median (range) of 10 seeds:" in page.read_text()
     assert "old" not in page.read_text()
 
 

@@ -1,9 +1,11 @@
 """A service with keys, from the start to a stop: who may do what, in simulated time."""
 
+import json
 import tempfile
 from pathlib import Path
 
 import pytest
+from command_line import gaitd
 from keyed_trainer import TrainerWithKeys
 
 from daemon.ipc.record import Cause, Mode
@@ -16,11 +18,22 @@ OLD_S = 1.5
 """A request that is older than this is refused."""
 
 
+class WithJson(TrainerWithKeys):
+    """Core and gateway write a JSON document a line for each event."""
+
+    def start(self, part, *arguments, **given):
+        with_json = ("--json",) if part in {"core", "gateway"} else ()
+        return super().start(part, *arguments, *with_json, **given)
+
+    def documents(self, part):
+        return [json.loads(line) for line in self.log(part).splitlines() if line.startswith("{")]
+
+
 @pytest.fixture
 def trainer():
     with (
         tempfile.TemporaryDirectory(dir=memory_folder()) as folder,
-        TrainerWithKeys(Path(folder), CLIENTS, pace=20.0, edits=EDITS) as made,
+        WithJson(Path(folder), CLIENTS, pace=20.0, edits=EDITS) as made,
     ):
         yield made.start_all()
 
@@ -70,3 +83,15 @@ def test_a_session_trains_within_its_plan_and_a_display_stops_it(trainer):
         *{("plan", "operator.desk"), ("stop", "display.ward")},
     }
     assert not [name for name, client in trainer.asked() if client == "tester"]
+
+    operator = ("--credentials", trainer.credentials("operator.desk"), "--config", trainer.config)
+    applied = json.loads(gaitd("keys", "apply", *operator, "--json").out)
+    assert (applied["request"], applied["outcome"]) == ("restart", "done")
+    trainer.end()
+    started, *_, ended = trainer.documents("core")
+    assert (started["event"], started["part"], started["pid"]) == (
+        *("started", "core"),
+        trainer.parts["core"].pid,
+    )
+    assert ended == {"event": "ended", "part": "core", "exit_code": 0}
+    assert {"stop_requested"} <= {one.get("cause") for one in trainer.documents("gateway")}

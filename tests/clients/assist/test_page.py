@@ -18,7 +18,7 @@ DOCS = Path(__file__).parents[3] / "docs"
 PICTURE = "assist.png"
 STRIDES = 8
 PROCESSES = 4
-SEEDS = (1, 2)
+SEEDS = range(1, 11)
 PATIENTS = {
     "passive": lambda: of_ability(0.0),
     "half able": lambda: of_ability(0.5),
