@@ -40,6 +40,7 @@ RUN: Final = {
     r"gaitd reset": Run(Mode.FAULT),
     r"gaitd blackbox .*": Run(None),
     r"gaitd schema .*": Run(None),
+    r"gaitd watch .* --count 1 .*": Run(None),
 }
 """Commands that are run, by what they look like."""
 
