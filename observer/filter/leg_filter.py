@@ -342,7 +342,7 @@ def _reject(
     """Count the rejection, and decide between a push and an encoder error; return status bits."""
     m.gated_cycles += 1.0
     if m.gated_cycles == 1.0:
-        m.push[0] = m.push[1] = 0.0
+        m.push[0] = m.push[1] = m.pushed[0] = m.pushed[1] = 0.0
         largest = 0.0
         for j in range(count):
             m.push[picks[j]] = 2.0 * math.fabs(m.innovation[j]) / (dt_s * dt_s)
@@ -359,12 +359,13 @@ def _reject(
 
 @inline
 def _mark_pushed(model: LegModel, m: LegMemory, picks: NDArray[np.int64], count: int) -> None:
-    """Mark the split of the pushed axes as unreliable."""
+    """Mark the axes that were pushed themselves; their split is unreliable."""
     for j in range(count):
         variance = 0.0
         for k in range(j + 1):
             variance += m.innovation_root[j, k] * m.innovation_root[j, k]
         if m.innovation[j] * m.innovation[j] > PUSHED_SIGMAS * PUSHED_SIGMAS * variance:
+            m.pushed[picks[j]] = 1.0
             mark_split_unknown(model.hip if picks[j] == 0 else model.slide, m, picks[j])
 
 

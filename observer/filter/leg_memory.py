@@ -67,6 +67,8 @@ class LegMemory(Protocol):
     """Number of consecutive rejected samples."""
     push: Pair
     """Unmodelled acceleration of each axis that would explain the rejected sample."""
+    pushed: Pair
+    """1 for an axis whose own error in the rejected sample is too large for noise."""
     predicted: Pair
     """Cycles since the last correction of each axis."""
     event: float

@@ -5,7 +5,9 @@ Process noise is given per 10 ms and grows with the root of the true time step. 
 - A patient who begins to push, or pushes ever harder, is no random walk: the innovations of that
   axis then have a biased mean. Meanwhile the patient's noise rises with that mean, up to
   `patient_noise_max_ratio`; the estimate lags less, and its sigma stays consistent.
-- After a rejected sample that a push explains, the state's uncertainty matches the push.
+- After a rejected sample that a push explains, the state's uncertainty matches the push. The masses
+  of both axes are coupled, so both may have moved; but a patient's effort is expected only on an
+  axis whose own error is too large for noise. Otherwise a push on one axis is found on both.
 - The current that a drive samples is not its mean over the cycle where its own loops change it each
   millisecond (position mode): that ripple is an unknown effort for one step.
 - A sample that is not taken exactly at its time stamp is uncertain by velocity times jitter.
@@ -89,7 +91,7 @@ def set_process_noise(
             m.noise[2 + axis, 2 + axis] = math.hypot(
                 m.noise[2 + axis, 2 + axis] + push * dt_s, ripple[axis] * dt_s / inertia
             )
-            m.noise[6 + axis, 6 + axis] += PUSH_PATIENT_SHARE * push * inertia
+            m.noise[6 + axis, 6 + axis] += PUSH_PATIENT_SHARE * m.pushed[axis] * push * inertia
     if velocity_gated:
         _gate(model.hip, measurement_std[0], m, 0, dt_s)
         _gate(model.slide, measurement_std[1], m, 1, dt_s)
