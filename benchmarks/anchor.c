@@ -19,6 +19,7 @@ typedef struct {
 
 typedef struct {
     double stribeck, coulomb, viscous, transition, peak, edge, time_constant;
+    double bristle_stiffness, bristle_damping; /* 0: only eq. (11) is written here */
 } Friction;
 
 typedef struct {

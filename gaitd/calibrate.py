@@ -42,6 +42,9 @@ def command(
     noise: Annotated[
         bool, typer.Option("--noise", help="set the observer's process noise, too")
     ] = False,
+    bristles: Annotated[
+        bool, typer.Option("--bristles", help="fit bristles (LuGre) instead of eq. (11)")
+    ] = False,
     check: Annotated[
         bool, typer.Option("--check", help="only look for a wrong recline, spring or offset")
     ] = False,
@@ -56,7 +59,11 @@ def command(
         if check:
             _check(recorded, robot, write)
         else:
-            _calibrate(recorded, robot, output, page, held_out or [], write, noise=noise)
+            _calibrate(
+                *(recorded, robot, output, page, held_out or [], write),
+                noise=noise,
+                bristles=bristles,
+            )
 
 
 def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], None]) -> None:
@@ -80,6 +87,7 @@ def _calibrate(
     write_json: Callable[[object], None],
     *,
     noise: bool,
+    bristles: bool,
 ) -> None:
     from analysis.calibration.robot_file import write
     from analysis.calibration.session import calibrate
@@ -95,6 +103,7 @@ def _calibrate(
             _sources(held_out),
             lambda misfit, share: update(share, f"calibrating  {misfit}"),
             with_noise=noise,
+            bristles=bristles,
         )
     _report(made)
     if page is not None:

@@ -28,9 +28,12 @@ from analysis.calibration.likelihood import (
 )
 from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import (
+    BRISTLES,
     COUNT,
     LAW_SIZE,
     NOISE,
+    OF_LAW_11,
+    PEAK,
     SIZE,
     SPRING_SCALE,
     SPRINGS,
@@ -54,6 +57,10 @@ STEPS_MAX: Final = 40
 START_NOISE: Final = 0.03
 """Initial effort noise over the Coulomb level: larger noise leaves fewer local optima."""
 START_FACTORS: Final = (0.4, 0.63, 1.0, 1.6, 2.5)
+START_LAWS: Final = tuple((v, v, v, time) for v, time in product(START_FACTORS, START_FACTORS))
+"""Factors on transition, peak, edge and time constant."""
+START_BRISTLES: Final = tuple(product((0.4, 1.0, 2.5), (0.1, 0.3, 1.0, 3.0, 10.0), (0.3, 1.0, 3.0)))
+"""Factors on peak, stiffness and damping."""
 START_ENCODERS: Final = (1.0, 30.0, 1 / 30.0)
 """Initial encoder noise over the file's: one that is far too large hides everything else."""
 START_HUMPS: Final = (0.01, 0.2)
@@ -71,7 +78,8 @@ LEVELS: Final = (0, 2, LAW_SIZE, LAW_SIZE + 2, *(SPRINGS + at for at in (0, 2, 3
 """Values in which two such ends must agree: Coulomb, viscous, stiffness and inertia of both
 axes."""
 ROUNDS: Final = 4
-NO_SPRING: Final = "the file has none"
+NONE: Final = "the file has none"
+WITH_BRISTLES: Final = "it has no effect with bristles"
 FOLLOWS: Final = {
     1: 0,
     LAW_SIZE + 1: LAW_SIZE,
@@ -108,7 +116,7 @@ class Result:
     @property
     def exists(self) -> bool:
         """True if the machine has such a part."""
-        return self.reason != NO_SPRING
+        return self.reason not in (NONE, WITH_BRISTLES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -316,17 +324,21 @@ def _identified(
 def best_start(likelihood: Likelihood, free: Vector, motion: Motion) -> Vector:
     """Return free values with the best-fitting speeds and time constants.
 
-    A regression does not identify them, and the file may be wrong. So a grid about the file's
-    values is evaluated with the likelihood, axis by axis.
+    A regression does not identify them or the bristles, and the file may be wrong. So a grid about
+    the file's values is evaluated with the likelihood, axis by axis.
     """
     for axis in range(2):
         if not extent(motion, axis).enough(axis):
             continue
-        at = slice(axis * LAW_SIZE + 3, (axis + 1) * LAW_SIZE)
+        if likelihood.frame.bristled(axis):
+            places, grid = (PEAK, *range(LAW_SIZE)[BRISTLES]), START_BRISTLES
+        else:
+            places, grid = tuple(range(LAW_SIZE)[OF_LAW_11]), START_LAWS
+        at = [axis * LAW_SIZE + place for place in places]
         tried = []
-        for speed, time in product(START_FACTORS, START_FACTORS):
+        for factors in grid:
             trial = free.copy()
-            trial[at] += np.log([speed, speed, speed, time])
+            trial[at] += np.log(factors)
             tried.append(trial)
         free = tried[int(np.nanargmin([likelihood.surprises(trial).loss for trial in tried]))]
     return free
@@ -369,7 +381,11 @@ def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
             for index in (*range(law, law + LAW_SIZE), *range(spring, spring + 3), *noise):
                 reasons[index] = "the axis hardly moved"
         if not frame.sprung(axis):
-            reasons[spring] = NO_SPRING
+            reasons[spring] = NONE
+        if frame.bristled(axis):
+            reasons |= dict.fromkeys((law + 3, law + 5, law + 6), WITH_BRISTLES)
+        else:
+            reasons |= dict.fromkeys(range(law + BRISTLES.start, law + LAW_SIZE), NONE)
     return reasons
 
 

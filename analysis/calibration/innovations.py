@@ -20,8 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.leg_model import LegModel
-from observer.jit import kernel
-from observer.mechanism.friction import friction_after
+from observer.jit import inline, kernel
+from observer.mechanism.friction import (
+    FrictionParameters,
+    bristle_friction,
+    bristles_after,
+    friction_after,
+)
 from observer.mechanism.linkage import bounded_acceleration, dynamics
 
 Vector = NDArray[np.float64]
@@ -48,18 +53,20 @@ def _advance(
     for j in range(points.size // STATES):
         v1 = points[2 * LANES + j]
         v2 = points[3 * LANES + j]
-        f1 = friction_after(model.hip, points[4 * LANES + j], v1, half1_s)
-        f2 = friction_after(model.slide, points[5 * LANES + j], v2, half2_s)
+        f1 = _state_after(model.hip, points[4 * LANES + j], v1, half1_s)
+        f2 = _state_after(model.slide, points[5 * LANES + j], v2, half2_s)
         q1 = points[j] + half_s * v1
         q2 = points[LANES + j] + half_s * v2
+        w1 = v1 + half_s * rates[j]
+        w2 = v2 + half_s * rates[LANES + j]
         a1, a2, _ = bounded_acceleration(
             model.leg,
             q1,
             q2,
-            v1 + half_s * rates[j],
-            v2 + half_s * rates[LANES + j],
-            effort[0] - f1,
-            effort[1] - f2,
+            w1,
+            w2,
+            effort[0] - _acting(model.hip, f1, w1, half1_s),
+            effort[1] - _acting(model.slide, f2, w2, half2_s),
             model.coriolis_share,
         )
         v1 += step_s * a1
@@ -70,8 +77,24 @@ def _advance(
         points[LANES + j] = q2 + half_s * v2
         points[2 * LANES + j] = v1
         points[3 * LANES + j] = v2
-        points[4 * LANES + j] = friction_after(model.hip, f1, v1, half1_s)
-        points[5 * LANES + j] = friction_after(model.slide, f2, v2, half2_s)
+        points[4 * LANES + j] = _state_after(model.hip, f1, v1, half1_s)
+        points[5 * LANES + j] = _state_after(model.slide, f2, v2, half2_s)
+
+
+@inline
+def _state_after(f: FrictionParameters, state: float, velocity: float, dt_s: float) -> float:
+    """Friction state after a part of a substep; of no length for an axis that rests."""
+    if f.bristle_stiffness > 0.0:
+        return bristles_after(f, state, velocity, dt_s)
+    return friction_after(f, state, velocity, dt_s)
+
+
+@inline
+def _acting(f: FrictionParameters, state: float, velocity: float, dt_s: float) -> float:
+    """Friction that acts; of an axis that rests the state alone."""
+    if f.bristle_stiffness > 0.0 and dt_s > 0.0:
+        return bristle_friction(f, state, velocity, dt_s)
+    return state
 
 
 @kernel

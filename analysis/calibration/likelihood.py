@@ -20,6 +20,7 @@ from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import (
     LAW_SIZE,
     NOISE,
+    OF_LAW_11,
     SIZE,
     Frame,
     noise_of,
@@ -128,7 +129,7 @@ def prior_std() -> Vector:
     """Standard deviations of free values about the initial ones, shape (SIZE,)."""
     std = np.full(SIZE, PRIOR_LEVEL)
     for axis in range(2):
-        std[axis * LAW_SIZE + 3 : (axis + 1) * LAW_SIZE] = PRIOR_SPEED
+        std[axis * LAW_SIZE : (axis + 1) * LAW_SIZE][OF_LAW_11] = PRIOR_SPEED
     std[NOISE:] = PRIOR_LEVEL
     return std
 
@@ -136,8 +137,8 @@ def prior_std() -> Vector:
 def bounds(frame: Frame) -> tuple[Vector, Vector]:
     """Least and greatest free values, shape (SIZE,) each; infinite except for the law's shape.
 
-    Another law than ours (bristles) would be fitted by one that is ever steeper at rest, which does
-    not describe motion and which no observer at 10 ms can follow. An unbounded hump is of no use
+    Bristles would be fitted by an eq. (11) that is ever steeper at rest, which does not describe
+    motion and which no observer at 10 ms can follow. An unbounded hump is of no use
     either: behind it the likelihood is rough and has many local optima. A law that is smoother than
     the file's does no harm.
     """

@@ -38,7 +38,10 @@ class Quantity(NamedTuple):
     is_friction: bool = False
 
 
-_LAW: Final = ("coulomb", "stribeck", "viscous", "transition", "peak", "edge", "time constant")
+_LAW: Final = (
+    *("coulomb", "stribeck", "viscous", "transition", "peak", "edge", "time constant"),
+    *("bristle stiffness", "bristle damping"),
+)
 
 
 def _of_axis(axis: int, names: tuple[str, ...], units: tuple[str, ...]) -> list[Quantity]:
@@ -55,16 +58,21 @@ QUANTITIES: Final = (
         (
             *("coulomb_nm", "stribeck_nm", "viscous_nm_s_per_rad", "transition_rad_per_s"),
             *("peak_rad_per_s", "edge_rad_per_s", "time_constant_s"),
+            *("bristle_stiffness_nm_per_rad", "bristle_damping_nm_s_per_rad"),
         ),
-        ("N·m", "N·m", "N·m s/rad", "rad/s", "rad/s", "rad/s", "s"),
+        (
+            *("N·m", "N·m", "N·m s/rad", "rad/s", "rad/s", "rad/s", "s"),
+            *("N·m/rad", "N·m s/rad"),
+        ),
     ),
     *_of_axis(
         1,
         (
             *("coulomb_n", "stribeck_n", "viscous_n_s_per_m", "transition_m_per_s"),
             *("peak_m_per_s", "edge_m_per_s", "time_constant_s"),
+            *("bristle_stiffness_n_per_m", "bristle_damping_n_s_per_m"),
         ),
-        ("N", "N", "N s/m", "m/s", "m/s", "m/s", "s"),
+        ("N", "N", "N s/m", "m/s", "m/s", "m/s", "s", "N/m", "N s/m"),
     ),
     Quantity("springs.hip_stiffness_nm_per_rad", "hip spring stiffness", "N·m/rad", 0),
     Quantity("springs.hip_rest_rad", "hip spring rest", "rad", 0),
@@ -78,6 +86,11 @@ QUANTITIES: Final = (
 """Order of every vector of natural values; NUISANCES more numbers follow."""
 COUNT: Final = len(QUANTITIES)
 LAW_SIZE: Final = len(_LAW)
+OF_LAW_11: Final = slice(3, 7)
+"""Transition, peak, edge and time constant, within a law."""
+PEAK: Final = 4
+BRISTLES: Final = slice(7, LAW_SIZE)
+"""Stiffness and damping, within a law; both 0 without bristles."""
 SPRINGS: Final = 2 * LAW_SIZE
 """Start of the springs and inertias, three for each axis."""
 NOISE: Final = SPRINGS + 6
@@ -132,6 +145,10 @@ class Frame:
         """True if the file gives the axis a spring."""
         return bool(self.natural[SPRINGS + 3 * axis] > 0.0)
 
+    def bristled(self, axis: int) -> bool:
+        """True if the file gives the axis bristles."""
+        return bool(self.natural[axis * LAW_SIZE + BRISTLES.start] > 0.0)
+
     def quantity(self, index: int) -> Quantity:
         """Quantity of a natural value."""
         for axis in range(2):
@@ -173,6 +190,8 @@ class Frame:
             natural[law] = np.exp(free[law])
             f = law_of(natural, axis)
             natural[law.start + 1] = f.stribeck * f.coulomb + smallest_stribeck(f)
+            if not self.bristled(axis):
+                natural[law][BRISTLES] = 0.0
             at = SPRINGS + 3 * axis
             scale = SPRING_SCALE[axis]
             natural[at], natural[at + 1] = 0.0, free[at + 1] * scale[1]

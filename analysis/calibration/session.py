@@ -7,11 +7,13 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.calibration.bristles import not_identified, with_bristles
 from analysis.calibration.empty_check import Check, check, refuse_wrong_branch
 from analysis.calibration.fit import FOLLOWS, Fit, Progress, fit
 from analysis.calibration.motion import Motion, prepare
 from analysis.calibration.process_noise import process_noise, with_process_noise
 from analysis.calibration.quantities import KEYS, frame_of, labelled
+from analysis.calibration.start import extent
 from analysis.calibration.verdict import (
     Disturbance,
     Score,
@@ -26,6 +28,7 @@ from analysis.calibration.verdict import (
 )
 from analysis.recording import RecordingError
 from analysis.replay import Source
+from daemon.config.edits import Value
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.filter.leg_model import integrator_named, substeps_needed
@@ -55,10 +58,14 @@ class Calibration:
     """Times of excluded rows: a short contact, for instance with an end stop."""
     process_noise: Mapping[str, float]
     """Process noise by key of [observer]; empty if it stays the file's."""
+    tuning: Mapping[str, Value]
+    """What the observer needs for bristles, by dotted key; empty if the file has it."""
 
-    def values(self, source: str) -> Mapping[str, tuple[float, str]]:
+    def values(self, source: str) -> Mapping[str, tuple[Value, str]]:
         """Values to write, by dotted key, each with its provenance."""
-        made: dict[str, tuple[float, str]] = {}
+        made: dict[str, tuple[Value, str]] = {
+            key: (value, "bristles need it") for key, value in self.tuning.items()
+        }
         for index, one in enumerate(self.fit.results):
             if not one.quantity.key:
                 continue
@@ -115,6 +122,7 @@ def calibrate(
     progress: Progress = lambda _words, _share: None,
     *,
     with_noise: bool = False,
+    bristles: bool = False,
 ) -> Calibration:
     """Check the mechanism, fit, and compare with the old file on held-out data.
 
@@ -125,6 +133,7 @@ def calibrate(
             out.
         progress: called with a text and the share done.
         with_noise: calibrate the observer's process noise, too.
+        bristles: fit bristles instead of eq. (11) on the axes that move.
 
     Raises:
         RecordingError: see `empty_run` and `process_noise`.
@@ -134,9 +143,13 @@ def calibrate(
     if other is not None:
         motion = _prepared(sources, robot, hold_out=False)
     checked = check(robot, motion)
-    frame = frame_of(robot, middle_of(motion))
+    start, tuning = robot, dict[str, Value]()
+    if bristles:
+        moved = [axis for axis in range(2) if extent(motion, axis).enough(axis)]
+        start, tuning = with_bristles(robot, moved)
+    frame = frame_of(start, middle_of(motion))
     made = fit(frame, motion, progress)
-    new = with_values(robot, made)
+    new = with_values(start, made)
     judged = motion if other is None else other
     rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
     steep = _too_steep(new)
@@ -149,10 +162,12 @@ def calibrate(
         judged_seen = [disturbance(one, other, constants) for one in (robot, new)]
     seen, contact = _quiet(seen, made.natural)
     judged_seen, _ = _quiet(judged_seen, made.natural)
-    old_natural = like_fitted(frame, made.natural)
-    before = score(frame, old_natural, judged, rows, judged_seen[0])
+    old = frame_of(robot, middle_of(motion))
+    old_natural = like_fitted(old, made.natural, motion)
+    before = score(old, old_natural, judged, rows, judged_seen[0])
     after = score(frame, made.natural, judged, rows, judged_seen[1])
-    fault = two_optima(made.rival) if made.rival else ""
+    fault = not_identified(frame, [one.quantity.key for one in made.results if one.calibrated])
+    fault = fault or (two_optima(made.rival) if made.rival else "")
     fault = fault or other_effect(seen[1], made.natural, motion)
     needless = why_needless(before, after)
     if not fault and not needless:
@@ -169,6 +184,7 @@ def calibrate(
         *(motion, checked, made, new, seen[0], seen[1], before, after, words, fault, needless),
         motion.time_s[contact],
         noise,
+        tuning,
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from analysis.calibration.likelihood import Likelihood
 from analysis.calibration.motion import REST, Motion
-from analysis.calibration.quantities import NUISANCES, SPRINGS, Frame
+from analysis.calibration.quantities import LAW_SIZE, NUISANCES, SPRINGS, Frame
 from analysis.calibration.start import extent
 from analysis.replay import setup_for
 from daemon.config.settings import Robot
@@ -29,6 +29,7 @@ GOOD_RATIO: Final = 0.03
 """False effort over the Coulomb level that is negligible."""
 PATIENT_MIN_RATIO: Final = 0.2
 """False effort while moving, over the Coulomb level, that our friction law cannot cause."""
+NOISES: Final = tuple(2.0**power for power in range(-1, 7))
 CONTACT_ROWS: Final = 100
 """A second: rows this much above the others are a contact, for instance with an end stop."""
 CONTACT_RATIO: Final = 5.0
@@ -77,7 +78,7 @@ def without_contact_rows(seen: Disturbance, natural: Vector) -> tuple[Disturbanc
     Returns:
         The disturbance, in which no row of a contact counts as moving, and a flag for each row.
     """
-    coulomb = np.array((natural[0], natural[7]))
+    coulomb = natural[[0, LAW_SIZE]]
     size = np.max(np.where(seen.moving, np.abs(seen.patient) / coulomb, 0.0), axis=1)
     loudness = _windowed(size, CONTACT_ROWS)
     loud = loudness > max(CONTACT_RATIO * float(np.median(loudness)), PATIENT_MIN_RATIO)
@@ -102,14 +103,19 @@ def rms_of(seen: Disturbance, rows: Flags, axis: int) -> float:
     return float(np.sqrt(np.mean(chosen**2))) if len(chosen) else float("nan")
 
 
-def like_fitted(frame: Frame, fitted: Vector) -> Vector:
-    """Replace fitted values that are not written: only the law is compared."""
+def like_fitted(frame: Frame, fitted: Vector, motion: Motion) -> Vector:
+    """Replace fitted values that are not written: only the law is compared.
+
+    A law that explains less needs more noise of effort and friction: of the fitted noise and its
+    multiples the given file gets what serves it best.
+    """
     made = frame.natural.copy()
-    made[-NUISANCES:] = fitted[-NUISANCES:]
     for axis in range(2):
         if not frame.sprung(axis):
             made[SPRINGS + 3 * axis + 1] = fitted[SPRINGS + 3 * axis + 1]
-    return made
+    likelihood = Likelihood(frame, motion, ~motion.held_out)
+    tried = [np.concatenate((made[:-NUISANCES], factor * fitted[-NUISANCES:])) for factor in NOISES]
+    return min(tried, key=lambda one: likelihood.surprises(frame.free(one)).loss)
 
 
 def two_optima(disagreement: str) -> str:
@@ -138,7 +144,7 @@ def worse_axis(before: Score, after: Score, natural: Vector, motion: Motion) -> 
         ("slide", before.slide_rms_n, after.slide_rms_n, "N"),
     )
     for axis, (name, old, new, unit) in enumerate(pairs):
-        allowed = max(WORSE_MAX_RATIO * old, GOOD_RATIO * float(natural[7 * axis]))
+        allowed = max(WORSE_MAX_RATIO * old, GOOD_RATIO * float(natural[LAW_SIZE * axis]))
         if extent(motion, axis).enough(axis) and new > allowed:
             return (
                 f"the {name}'s false effort on held-out data is {new:.3g} {unit}, {old:.3g} before"
@@ -155,7 +161,7 @@ def other_effect(seen: Disturbance, natural: Vector, motion: Motion) -> str:
         motion: the recording.
     """
     for axis, (name, unit) in enumerate((("hip", "N·m"), ("slide", "N"))):
-        coulomb = float(natural[7 * axis])
+        coulomb = float(natural[LAW_SIZE * axis])
         rms = rms_of(seen, np.ones(len(motion.time_s), dtype=np.bool_), axis)
         if extent(motion, axis).enough(axis) and rms > PATIENT_MIN_RATIO * coulomb:
             size = np.abs(np.where(seen.moving[:, axis], seen.patient[:, axis], 0.0))

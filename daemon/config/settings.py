@@ -88,6 +88,9 @@ class HipFriction(Table, frozen=True):
     peak_rad_per_s: Annotated[float, Meta(gt=0, le=2)]
     edge_rad_per_s: Annotated[float, Meta(gt=0, le=2)]
     time_constant_s: Annotated[float, Meta(gt=0, le=1)]
+    bristle_stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
+    """Bristles (LuGre) instead of eq. (11) and (12); 0: none."""
+    bristle_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=1e4)] = 0.0
 
 
 class SlideFriction(Table, frozen=True):
@@ -100,6 +103,9 @@ class SlideFriction(Table, frozen=True):
     peak_m_per_s: Annotated[float, Meta(gt=0, le=2)]
     edge_m_per_s: Annotated[float, Meta(gt=0, le=2)]
     time_constant_s: Annotated[float, Meta(gt=0, le=1)]
+    bristle_stiffness_n_per_m: Annotated[float, Meta(ge=0, le=1e8)] = 0.0
+    """Bristles (LuGre) instead of eq. (11) and (12); 0: none."""
+    bristle_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
 
 
 class Friction(Table, frozen=True):

@@ -66,7 +66,13 @@ from observer.filter.status import (
 )
 from observer.filter.validity import determine, mark_split_unknown
 from observer.jit import inline, kernel
-from observer.mechanism.friction import STANDSTILL_GATE, FrictionParameters, gate
+from observer.mechanism.friction import (
+    STANDSTILL_GATE,
+    FrictionParameters,
+    bristle_friction,
+    bristle_slopes,
+    gate,
+)
 from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
 
@@ -82,9 +88,9 @@ OUT_NET: Final = OUT_NIS + 1
 OUT_NET_STD: Final = OUT_NET + 2
 OUT_SIZE: Final = OUT_NET_STD + 2
 
-PUSH_MAX: Final = 30.0
-"""rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is an encoder
-error."""
+PUSH_MAX: Final = 90.0
+"""rad/s^2, m/s^2: a larger jump is an encoder error. No push or stick-slip accelerates a leg more
+than a third of it, but one that began before the last sample seems three times as large."""
 PUSHED_SIGMAS: Final = 4.0
 """In sigma of a rejected sample: an axis with a smaller error was not pushed itself."""
 WILD_RATE: Final = 100.0
@@ -171,7 +177,7 @@ def advance(
             )
     if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
-    _report(memory, out)
+    _report(model, memory, out)
     return determine(model, memory, dt_s, status)
 
 
@@ -370,28 +376,47 @@ def _mark_pushed(model: LegModel, m: LegMemory, picks: NDArray[np.int64], count:
 
 
 @inline
-def _report(m: LegMemory, out: Vector) -> None:
+def _report(model: LegModel, m: LegMemory, out: Vector) -> None:
     """Write state, standard deviations, covariance and net efforts to `out`.
 
     The uncertainty of the split of a joint at rest is included, wherever it is stored
-    (leg_noise.py).
+    (leg_noise.py). The friction state of an axis with bristles is only their elastic part; all of
+    its friction is written, as it acts in the coming cycle at the estimated velocity.
     """
+    copy_estimate(m.mean, m.root, m.shown_mean, m.shown_root)
+    _add_damping(model.hip, m, 0)
+    _add_damping(model.slide, m, 1)
+    mean, root = m.shown_mean, m.shown_root
     at = OUT_COVARIANCE
     for row in range(N):
-        out[row] = m.mean[row]
+        out[row] = mean[row]
         for column in range(row + 1):
             total = 0.0
             for k in range(column + 1):
-                total += m.root[row, k] * m.root[column, k]
+                total += root[row, k] * root[column, k]
             if column >= 4 and (row - column) % 2 == 0:
                 total += m.split[row % 2]
             out[at] = total
             at += 1
         out[OUT_STD + row] = math.sqrt(out[at - 1])
     for axis in range(2):
-        out[OUT_NET + axis] = m.mean[6 + axis] - m.mean[4 + axis]
+        out[OUT_NET + axis] = mean[6 + axis] - mean[4 + axis]
         total = 0.0
         for k in range(N):
-            difference = m.root[6 + axis, k] - m.root[4 + axis, k]
+            difference = root[6 + axis, k] - root[4 + axis, k]
             total += difference * difference
         out[OUT_NET_STD + axis] = math.sqrt(total)
+
+
+@inline
+def _add_damping(f: FrictionParameters, m: LegMemory, axis: int) -> None:
+    """Replace the elastic part of bristles by the whole friction, in mean and root to report."""
+    if f.bristle_stiffness == 0.0:
+        return
+    elastic, velocity = m.mean[4 + axis], m.mean[2 + axis]
+    m.shown_mean[4 + axis] = bristle_friction(f, elastic, velocity, STEP_S)
+    by_elastic, by_velocity = bristle_slopes(f, elastic, velocity, STEP_S)
+    for k in range(N):
+        m.shown_root[4 + axis, k] = (
+            by_elastic * m.root[4 + axis, k] + by_velocity * m.root[2 + axis, k]
+        )

@@ -90,6 +90,9 @@ class LegMemory(Protocol):
     innovation: Pair
     innovation_root: Annotated[Matrix, (2, 2)]
     gain: Annotated[Matrix, (N, 2)]
+    shown_mean: State
+    shown_root: Root
+    """The estimate to report, with all friction of bristles."""
 
 
 def _field(name: str, hint: object) -> tuple[str, type[np.float64], tuple[int, ...]]:

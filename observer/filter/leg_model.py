@@ -8,6 +8,9 @@ Two maps of one substep:
   velocity held; stable where `friction.stability_number` is below 4;
 - RK4 of the whole.
 
+An axis with bristles has their elastic part as friction state. They need the semi-implicit map: at
+speed they follow within a millisecond, which only the exact solution allows.
+
 Explicit Euler is not usable: at 10 ms it needs F_s'(v) dt / M < 1, and real joints have 3 to 10.
 
 Points lie as in `cdkf.py`. The loops run over all LANES, also those beyond the last point, which
@@ -25,6 +28,9 @@ from observer.filter.states import STATE_COUNT
 from observer.jit import inline, kernel
 from observer.mechanism.friction import (
     FrictionParameters,
+    bristle_friction,
+    bristle_stability_number,
+    bristles_after,
     friction_after,
     friction_rate,
     runge_kutta_growth,
@@ -84,19 +90,25 @@ def substeps_needed(
         integrator: the one in use.
 
     Raises:
-        ValueError: SUBSTEPS_MAX are not enough.
+        ValueError: SUBSTEPS_MAX are not enough, or the integrator cannot follow bristles.
     """
+    if integrator is Integrator.RK4 and hip.bristle_stiffness + slide.bristle_stiffness > 0.0:
+        raise ValueError(
+            "semi_implicit, because bristles follow within a millisecond, too fast for rk4"
+        )
     for substeps in range(1, SUBSTEPS_MAX + 1):
         axes = zip((hip, slide), inertia, strict=True)
         if all(_stable(f, mass, STEP_S / substeps, integrator) for f, mass in axes):
             return substeps
     raise ValueError(
         f"friction is too steep for {SUBSTEPS_MAX} substeps of {integrator.name.lower()}: "
-        "raise transition, edge or time_constant_s"
+        "raise transition, edge or time_constant_s, or lower a bristle_stiffness"
     )
 
 
 def _stable(f: FrictionParameters, inertia: float, dt_s: float, integrator: Integrator) -> bool:
+    if f.bristle_stiffness > 0.0:
+        return bristle_stability_number(f, inertia, dt_s) < STABILITY_LIMIT
     if integrator is Integrator.SEMI_IMPLICIT:
         return stability_number(f, inertia, dt_s) < STABILITY_LIMIT
     return runge_kutta_growth(f, inertia, dt_s) <= GROWTH_LIMIT
@@ -127,22 +139,24 @@ def semi_implicit(
 ) -> int:
     """Advance one substep in place; return the number of points where no pose exists."""
     outside = 0
-    at_once_hip = model.viscous_outside * model.hip.viscous
-    at_once_slide = model.viscous_outside * model.slide.viscous
+    at_once_hip = model.viscous_outside * _viscous_in_state(model.hip)
+    at_once_slide = model.viscous_outside * _viscous_in_state(model.slide)
     # Not LANES: the compiler unrolls a loop of known count, and then does not vectorise it.
     for j in range(points.size // STATE_COUNT):
         velocity_hip = points[2 * LANES + j]
         velocity_slide = points[3 * LANES + j]
         friction_hip = points[4 * LANES + j]
         friction_slide = points[5 * LANES + j]
+        acting_hip = _acting(model.hip, friction_hip, velocity_hip, dt_s)
+        acting_slide = _acting(model.slide, friction_slide, velocity_slide, dt_s)
         a_hip, a_slide, inside = bounded_acceleration(
             model.leg,
             points[j],
             points[LANES + j],
             velocity_hip,
             velocity_slide,
-            effort_hip + points[6 * LANES + j] - friction_hip,
-            effort_slide + points[7 * LANES + j] - friction_slide,
+            effort_hip + points[6 * LANES + j] - acting_hip,
+            effort_slide + points[7 * LANES + j] - acting_slide,
             model.coriolis_share,
         )
         # Positions by the mean velocity: the new one would add an error of dt^2 a / 2.
@@ -154,10 +168,32 @@ def semi_implicit(
         points[3 * LANES + j] = velocity_slide
         friction_hip += at_once_hip * dt_s * a_hip
         friction_slide += at_once_slide * dt_s * a_slide
-        points[4 * LANES + j] = friction_after(model.hip, friction_hip, velocity_hip, dt_s)
-        points[5 * LANES + j] = friction_after(model.slide, friction_slide, velocity_slide, dt_s)
+        points[4 * LANES + j] = _state_after(model.hip, friction_hip, velocity_hip, dt_s)
+        points[5 * LANES + j] = _state_after(model.slide, friction_slide, velocity_slide, dt_s)
         outside += 0 if inside else 1
     return outside
+
+
+@inline
+def _acting(f: FrictionParameters, state: float, velocity: float, dt_s: float) -> float:
+    """Friction that acts during a substep, from the state at its start."""
+    if f.bristle_stiffness > 0.0:
+        return bristle_friction(f, state, velocity, dt_s)
+    return state
+
+
+@inline
+def _state_after(f: FrictionParameters, state: float, velocity: float, dt_s: float) -> float:
+    """Friction state after a substep."""
+    if f.bristle_stiffness > 0.0:
+        return bristles_after(f, state, velocity, dt_s)
+    return friction_after(f, state, velocity, dt_s)
+
+
+@inline
+def _viscous_in_state(f: FrictionParameters) -> float:
+    """Viscous friction within the friction state: none with bristles, where it acts at once."""
+    return 0.0 if f.bristle_stiffness > 0.0 else f.viscous
 
 
 @kernel

@@ -339,7 +339,10 @@ def check_tuning(
                 f"coulomb tanh(peak / transition) + viscous peak = {least:.4g}"
             )
     inertia = smallest_inertia(leg, START_RATIO_MIN)
-    needed = substeps_needed(hip, slide, inertia, tuning.integrator)
+    try:
+        needed = substeps_needed(hip, slide, inertia, tuning.integrator)
+    except ValueError as error:
+        raise TuningError(f"integrator {tuning.integrator.name.lower()}: {error}") from error
     if tuning.substeps < needed:
         raise TuningError(
             f"substeps = {tuning.substeps} of {tuning.integrator.name.lower()}: "

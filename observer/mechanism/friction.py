@@ -8,6 +8,16 @@
 The static law is odd, dissipative (F_s v >= 0) and equals F^ exactly at the peak speed v_p. The
 gate holds the friction state at rest, where it keeps the load; in motion the state follows the law.
 
+An axis may have bristles instead of (11) and (12). Canudas de Wit, Olsson, Astrom, Lischinsky, "A
+new model for control of systems with friction", IEEE Trans. Autom. Control 40 (1995), eq. (2) to
+(4), with the elastic part F = sigma_0 z as the state:
+
+    F' = sigma_0 (v - |v| F / g(v)),    friction = F + sigma_1 / sigma_0 F' + d v
+
+The level g is the static law (13) without its viscous part, at no less than the peak speed: the
+rise of (13) from zero stands for what the bristles do. They yield elastically up to breakaway, and
+after a reversal the friction changes its sign over a distance, not over a time.
+
 Units: hip N m, rad/s; slide N, m/s; the same law for both.
 """
 
@@ -16,7 +26,7 @@ from typing import Final, NamedTuple
 
 from observer.jit import inline, kernel
 from observer.mechanism.elementary import expm1_of_negative, tanh
-from observer.quantities import Effort, Speed, Viscosity
+from observer.quantities import Effort, Speed, Stiffness, Viscosity
 
 SQRT_E: Final = math.exp(0.5)
 SUBSTEPS_MAX: Final = 10
@@ -41,6 +51,10 @@ class FrictionParameters(NamedTuple):
     """v_0 of the gate."""
     time_constant_s: float
     """T1."""
+    bristle_stiffness: Stiffness = 0.0
+    """sigma_0; 0 for eq. (11)."""
+    bristle_damping: Viscosity = 0.0
+    """sigma_1."""
 
 
 @inline
@@ -70,6 +84,43 @@ def friction_after(f: FrictionParameters, friction: float, velocity: float, dt_s
     """F after `dt_s` at constant velocity: the exact solution of eq. (11)."""
     share = -expm1_of_negative(-gate(f, velocity) * dt_s / f.time_constant_s)
     return friction + share * (static_friction(f, velocity) - friction)
+
+
+@inline
+def bristle_level(f: FrictionParameters, velocity: float) -> float:
+    """g(v): the elastic part's limit in steady motion."""
+    speed = max(math.fabs(velocity), f.peak)
+    return static_friction(f, speed) - f.viscous * speed
+
+
+@inline
+def bristles_after(f: FrictionParameters, elastic: float, velocity: float, dt_s: float) -> float:
+    """Elastic part after `dt_s` at constant velocity: the exact solution."""
+    level = bristle_level(f, velocity)
+    share = -expm1_of_negative(-f.bristle_stiffness * math.fabs(velocity) / level * dt_s)
+    return elastic + share * (math.copysign(level, velocity) - elastic)
+
+
+@inline
+def bristle_friction(f: FrictionParameters, elastic: float, velocity: float, dt_s: float) -> float:
+    """Friction with `elastic` at the start of a step of constant velocity.
+
+    The damping is its mean over the step, which stays passive where the bristles follow faster.
+    """
+    change = bristles_after(f, elastic, velocity, dt_s) - elastic
+    return elastic + f.bristle_damping / f.bristle_stiffness * change / dt_s + f.viscous * velocity
+
+
+@inline
+def bristle_slopes(
+    f: FrictionParameters, elastic: float, velocity: float, dt_s: float
+) -> tuple[float, float]:
+    """Derivatives of `bristle_friction` by the elastic part and by the velocity; g is held."""
+    level = bristle_level(f, velocity)
+    left = 1.0 + expm1_of_negative(-f.bristle_stiffness * math.fabs(velocity) / level * dt_s)
+    damping = f.bristle_damping
+    by_elastic = 1.0 - damping / f.bristle_stiffness * (1.0 - left) / dt_s
+    return by_elastic, damping * left * (1.0 - math.copysign(elastic / level, velocity)) + f.viscous
 
 
 @kernel
@@ -119,6 +170,18 @@ def _stability_at(f: FrictionParameters, inertia: float, dt_s: float, speed: flo
     opened = -math.expm1(-((speed / f.edge) ** 2))
     share = -math.expm1(-opened * dt_s / f.time_constant_s)
     return share * (2.0 + static_slope(f, speed) * dt_s / inertia)
+
+
+def bristle_stability_number(f: FrictionParameters, inertia: float, dt_s: float) -> float:
+    """Semi-implicit steps of `dt_s` are stable at rest below 4 (Jury criterion).
+
+    Args:
+        f: an axis with bristles.
+        inertia: least effective inertia of the axis, kg m^2 or kg.
+        dt_s: one substep.
+    """
+    damping = f.bristle_damping + f.viscous
+    return dt_s / inertia * (f.bristle_stiffness * dt_s + 2.0 * damping)
 
 
 def runge_kutta_growth(f: FrictionParameters, inertia: float, dt_s: float) -> float:

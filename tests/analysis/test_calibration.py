@@ -12,13 +12,28 @@ from empty_runs import (
 from analysis.calibration.advice import advice
 from analysis.calibration.likelihood import Likelihood, scores
 from analysis.calibration.motion import prepare
-from analysis.calibration.quantities import QUANTITIES, SIZE, frame_of
+from analysis.calibration.quantities import (
+    LAW_SIZE,
+    NOISE,
+    QUANTITIES,
+    SIZE,
+    SPRINGS,
+    frame_of,
+)
 from analysis.calibration.session import Calibration, calibrate, middle_of
 from analysis.calibration.verdict import disturbance, other_effect
 from analysis.recording import RecordingError, recording
 from analysis.replay import Source
+from daemon.config.robot import friction_parameters
 from observer.filter.status import Status
 from observer.mechanism.friction import FrictionParameters
+from tests.observer.trainer import (
+    HIP_BRISTLES,
+    PROTOTYPE,
+    SLIDE_BRISTLES,
+    encoded,
+    simulate,
+)
 
 DURATION_S = 12.0
 WEAK_NM_PER_RAD = 16.0
@@ -31,7 +46,7 @@ def truth_of(f: FrictionParameters) -> tuple[float, ...]:
 
 def levels(made: Calibration) -> list[list[float]]:
     """Coulomb, Stribeck and viscous friction of hip and slide."""
-    return [[one.value for one in made.fit.results[first : first + 3]] for first in (0, 7)]
+    return [[one.value for one in made.fit.results[first : first + 3]] for first in (0, LAW_SIZE)]
 
 
 @pytest.fixture(scope="module")
@@ -83,17 +98,58 @@ def test_a_start_far_off_a_glitch_and_missing_samples_do_no_harm(shipped):
     assert not made.fault
 
 
+@pytest.fixture(scope="module")
+def bristled():
+    """A machine with bristles instead of eq. (11), moved from sticking to fast."""
+    time_s = np.arange(2000) * 0.01
+    louder = np.where(time_s > 10.0, 1.15, 1.0)[:, None]
+    drive = np.column_stack(
+        (10.2 * np.sin(2 * np.pi * 0.3 * time_s), -97.5 * np.sin(2 * np.pi * 0.2 * time_s))
+    )
+    truth = simulate(PROTOTYPE, len(time_s), drive=drive * louder, lugre=True)
+    made = encoded(truth)
+    values = np.column_stack((made.time_s, made.position, made.effort))
+    return Source(recording("bristles.csv", values), None, "", None)
+
+
+def test_bristles_are_found_from_a_file_that_has_none(bristled):
+    made = calibrate([bristled], robot_file(), bristles=True)
+    found = friction_parameters(made.robot)
+
+    assert not made.fault
+    assert not made.needless
+    assert made.after.loss_per_sample < made.before.loss_per_sample - 0.4
+    assert made.after.hip_rms_nm < 0.5 * made.before.hip_rms_nm
+    for law, truth in zip(found, (HIP_BRISTLES, SLIDE_BRISTLES), strict=True):
+        assert law.coulomb == pytest.approx(truth.coulomb, rel=0.02)
+        assert law.viscous == pytest.approx(truth.viscous, rel=0.05)
+        assert law.bristle_stiffness == pytest.approx(truth.stiffness, rel=0.15)
+        assert law.bristle_damping == pytest.approx(truth.damping, rel=0.4)
+    assert made.tuning == {"observer.integrator": "semi_implicit", "observer.substeps": 10}
+    assert set(made.values("x")) >= {*made.tuning, "friction.hip.bristle_stiffness_nm_per_rad"}
+
+
+def test_bristles_are_needless_for_the_law_of_the_paper(shipped):
+    run, made = shipped
+
+    again = calibrate([run], made.robot, bristles=True)
+
+    assert again.needless or again.fault
+
+
 def test_springs_that_changed_are_found(shipped):
     _, made = shipped
 
-    assert made.fit.results[14].value == pytest.approx(WEAK_NM_PER_RAD, rel=0.02)
+    assert made.fit.results[SPRINGS].value == pytest.approx(WEAK_NM_PER_RAD, rel=0.02)
 
 
 def test_encoder_noise_is_that_of_quantum_and_noise_together(shipped):
     _, made = shipped
 
-    assert made.fit.results[20].value == pytest.approx(np.hypot(1e-4 / 12**0.5, 5e-5), rel=0.1)
-    assert made.fit.results[21].value == pytest.approx(np.hypot(5e-5 / 12**0.5, 2e-5), rel=0.1)
+    assert made.fit.results[NOISE].value == pytest.approx(np.hypot(1e-4 / 12**0.5, 5e-5), rel=0.1)
+    assert made.fit.results[NOISE + 1].value == pytest.approx(
+        np.hypot(5e-5 / 12**0.5, 2e-5), rel=0.1
+    )
 
 
 def test_what_was_not_fitted_gets_better(shipped):
@@ -125,7 +181,9 @@ def test_intervals_of_the_levels_cover_the_truth_about_as_often_as_they_say():
     for seed in range(3):
         made = calibrate([empty_run(shipped_friction(), seed=seed)], robot_file())
         for axis, law in enumerate(shipped_friction()):
-            for one, truth in zip(made.fit.results[7 * axis :], truth_of(law)[:3], strict=False):
+            for one, truth in zip(
+                made.fit.results[LAW_SIZE * axis :], truth_of(law)[:3], strict=False
+            ):
                 covered.append(abs(one.value - truth) <= one.half_interval)
 
     assert np.mean(covered) >= 0.75
@@ -226,12 +284,12 @@ def test_the_gradient_is_the_slope_of_the_likelihood(shipped):
     frame = frame_of(made.robot, middle_of(motion))
     likelihood = Likelihood(frame, motion, ~motion.held_out)
     free = frame.free(made.fit.natural)
-    free[22:] += np.log(30.0)  # louder is smoother
+    free[NOISE + 2 :] += np.log(30.0)  # louder is smoother
     which = np.arange(SIZE)
 
     each, _ = scores(*likelihood.derivatives(free, which))
 
-    for index in (0, 2, 5, 9, 14, 16, 20, 23):
+    for index in (0, 2, 5, LAW_SIZE + 2, SPRINGS, SPRINGS + 2, NOISE, NOISE + 3):
         up, down = free.copy(), free.copy()
         up[index] += 1e-4
         down[index] -= 1e-4

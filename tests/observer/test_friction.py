@@ -204,4 +204,4 @@ def test_runge_kutta_is_unstable_for_steep_friction_in_one_step_and_stable_in_tw
 
 def test_parameters_are_named_tuples_of_floats_as_kernels_want_them():
     assert all(isinstance(value, float) for value in (*HIP, *SLIDE_FRICTION))
-    assert FrictionParameters._fields[-1] == "time_constant_s"
+    assert FrictionParameters._fields[-1] == "bristle_damping"

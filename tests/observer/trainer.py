@@ -124,7 +124,7 @@ class Truth(NamedTuple):
 
 
 @kernel
-def _bristle(b, z, v, dt):
+def bristle_step(b, z, v, dt):
     level = b.coulomb + (b.breakaway - b.coulomb) * math.exp(-((v / b.stribeck_speed) ** 2))
     # z' = v - |v| stiffness / level z, exact for constant v: bristles are stiff
     rate = abs(v) * b.stiffness / level
@@ -180,8 +180,8 @@ def _simulate(
             q1 += dt * v1
             q2 += dt * v2
             if is_lugre:
-                z1, f1 = _bristle(bristles1, z1, v1, dt)
-                z2, f2 = _bristle(bristles2, z2, v2, dt)
+                z1, f1 = bristle_step(bristles1, z1, v1, dt)
+                z2, f2 = bristle_step(bristles2, z2, v2, dt)
             else:
                 f1 = friction_after(hip, f1, v1, dt)
                 f2 = friction_after(slide, f2, v2, dt)
