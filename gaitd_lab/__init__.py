@@ -8,5 +8,6 @@ configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py
 (random sessions), `processes.py` (child processes, and those of a whole service), `requests.py`,
 `demonstration/`, `soak/`, `benchmark/`, `sample.py` (the shipped recording). `mode_page.py` writes
 docs/modes.md, `role_page.py` the tables of docs/security.md, `csv_page.py` docs/csv_columns.md,
-`backstop_page.py` docs/backstop.md.
+`backstop_page.py` docs/backstop.md, `calibration_example.py` the tables of docs/calibration.md;
+`experiment_seeds.py` and `gait_accuracy.py` play the seeds of docs/experiment.md and strides.md.
 """
