@@ -205,13 +205,9 @@ def disturbed(trial: Trial, seed: int = SEED) -> tuple[Trial, ...]:
 
 def _resting(trial: Trial) -> Flags:
     """Mark rows, by axis, in which the joint has not moved for longer than REST_MAX_S."""
-    cycles = round(REST_MAX_S / STEP_S)
-    still = np.zeros(2)
-    resting = np.zeros_like(trial.moving)
-    for row, moves in enumerate(trial.moving):
-        still = np.where(moves, 0, still + 1)
-        resting[row] = still > cycles
-    return resting
+    rows = np.arange(1, len(trial.moving) + 1)[:, None]
+    moved = np.maximum.accumulate(np.where(trial.moving, rows, 0))
+    return rows - moved > round(REST_MAX_S / STEP_S)
 
 
 def _per_axis(summary: Callable[[Values, Flags], float], values: Values, rows: Flags) -> Pair:
