@@ -46,8 +46,6 @@ for the patient avoids overshoot; the velocities' share, 1, corrects the rest.""
 REST_BEGINS_S: Final = 0.07
 REST_COMPLETE_S: Final = 0.12
 """A reversal of gait is over by the first time; the gate acts fully from the second on."""
-REST_FRICTION_FACTOR: Final = 3.0
-"""Factor on friction's noise at rest, where friction follows the load at once."""
 SPLIT_RATIO: Final = 0.4
 """Standard deviation of friction at rest over its breakaway level: anywhere within it."""
 SPLIT_GROWTH_S: Final = 0.1
@@ -119,10 +117,7 @@ def _gate(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: floa
     limit = SPLIT_RATIO * f.stribeck
     room = max(limit * limit - m.split[axis], 0.0)
     m.split[axis] += room * resting * min(dt_s / SPLIT_GROWTH_S, 1.0)
-    of_friction = math.hypot(
-        m.noise[friction, friction] * (1.0 + (REST_FRICTION_FACTOR - 1.0) * resting),
-        m.noise[patient, patient] * resting,
-    )
+    of_friction = math.hypot(m.noise[friction, friction], m.noise[patient, patient] * resting)
     of_patient = m.noise[patient, patient] * (1.0 - resting)
     # The root of diag(of_friction^2, of_patient^2) + split (1, 1)(1, 1)'
     first = math.sqrt(of_friction * of_friction + split)

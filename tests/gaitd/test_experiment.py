@@ -388,7 +388,7 @@ def test_the_delay_of_a_csv_is_printed_with_the_value_to_set(quick, tmp_path):
     ran = gaitd("delay", path)
 
     assert ran.code == 0, ran.err
-    assert "hip: +0.5 ± " in ran.out
+    assert "hip: +0.4 ± " in ran.out
     assert "set effort_delay_ms = 0." in ran.out
 
 
