@@ -124,6 +124,8 @@ def _quantities(draws: Sequence[Drawn], truth: Robot) -> Iterator[tuple[str, ...
     noise = np.median([one.encoder_noise for one in draws], axis=0).tolist()
     for index, quantity in enumerate(QUANTITIES):
         results = [one.calibration.fit.results[index] for one in draws]
+        if not results[0].exists:
+            continue
         of_encoder = len(QUANTITIES) - index <= len(noise)
         true = noise[index - len(QUANTITIES)] if of_encoder else value_of(truth, quantity.key)
         found = [one.value if one.calibrated else None for one in results]

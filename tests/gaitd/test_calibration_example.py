@@ -1,0 +1,51 @@
+"""The tables of docs/calibration.md: a plant with other friction, and what is made of the draws."""
+
+from types import SimpleNamespace
+
+import pytest
+from sessions import CONFIGS
+
+from analysis.calibration.fit import NONE, Result
+from analysis.calibration.quantities import QUANTITIES, value_of
+from analysis.calibration.verdict import Score
+from daemon.config.settings import Robot
+from daemon.config.strict import load_toml
+from gaitd_lab.calibration_example import FILE, TRUE_FILE, Drawn, machine_files, part
+from gaitd_lab.excitation import EmptyMachine
+
+COULOMB = "friction.hip.coulomb_nm"
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory):
+    return machine_files(tmp_path_factory.mktemp("example"))
+
+
+def test_the_plant_has_other_friction_than_the_file_of_the_service(config):
+    machine = EmptyMachine(config)
+
+    assert machine.frictions[0].coulomb == 8.0
+    assert machine.settings.robot.friction.hip.coulomb_nm == 6.0
+    assert load_toml(config.with_name(FILE), Robot) == load_toml(CONFIGS / FILE, Robot)
+    for one in machine.settings.trainer.excite["friction_hip"].torque:
+        assert one.amplitude_si in (pytest.approx(1.4 * 8), pytest.approx(14), pytest.approx(18.2))
+
+
+def drawn(coulomb_nm, after_nm):
+    results = [
+        Result(one, 6.0, coulomb_nm, 0.01, "" if one.key == COULOMB else NONE) for one in QUANTITIES
+    ]
+    scores = {"before": Score(4.0, 2.4, 2.3, 12.5), "after": Score(-9.5, 1.4, after_nm, 1.0)}
+    return Drawn(SimpleNamespace(fit=SimpleNamespace(results=results), **scores), (5e-5, 2e-5))
+
+
+def test_the_table_has_the_error_of_each_draw_as_median_and_range(config):
+    truth = load_toml(config.with_name(TRUE_FILE), Robot)
+    assert value_of(truth, COULOMB) == 8.0
+
+    text = part([drawn(8.08, 0.1), drawn(8.0, 0.3), drawn(7.92, 0.2)], truth)
+
+    assert "Median (range) of 3 seeds:" in text
+    assert "| hip coulomb | N·m | 6 | 8 | 8 | 0.01 | 0 (-1 … 1) % |" in text
+    assert "slide coulomb" not in text  # a part that the machine does not have
+    assert "| false hip torque, N·m rms while moving | 2.3 | 0.2 (0.1 … 0.3) |" in text
