@@ -197,7 +197,7 @@ REASONS: Final = (
         "paper_sticking",
         "a joint that sticks at a reversal breaks away within a sample, faster than T1 of the "
         "model lets friction change; most samples that are not covered lie within 100 ms of that, "
-        "and at 0.5 Hz those at rest are less than a second in all",
+        "and at 0.5 Hz those at rest are less than a second in each draw",
     ),
 )
 """Reason why 3 sigma do not cover, by the beginning of a situation's name."""
