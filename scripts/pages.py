@@ -232,7 +232,7 @@ def write(page: str, recordings: str) -> None:
     ran = subprocess.run(
         [Path(sys.executable).parent / program, *arguments], check=False, cwd=PROJECT
     )
-    if ran.returncode > TARGET_MISSED:
+    if ran.returncode not in (0, TARGET_MISSED):
         sys.exit(ran.returncode)
     store(page, used)
 
