@@ -130,7 +130,6 @@ CLAIMS: Final = (
         "There is no cross talk between the disturbances of hip and slide",
         "(21); Figs. 4e, 5e",
         (_at_most("cross talk from the other axis", 0.25, 2.0),),
-        "why: under What is missed, below",
     ),
     Claim(
         "In gait neither axis rests, so that nothing is lost to friction there",
