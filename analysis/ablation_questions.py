@@ -56,10 +56,10 @@ QUESTIONS: Final = (
         "Velocity-gated noise: at rest, changes go to friction",
         "A minute at rest shows the false activity that the gate removes. The gate is for a joint "
         "that sticks (paper_sticking): without it a load that friction holds counts as a patient, "
-        "and 3 sigma do not cover that. The price: net and velocity are noisier at rest, and a "
-        "patient who pushes before the joint moves (the paper's scenario) is estimated later, "
-        "though within 3 sigma. The paper's noise is best here only with a passive patient; the "
-        "section on the paper's tuning shows an active one.",
+        "and 3 sigma do not cover that. The price: a patient who pushes before the joint moves "
+        "(the paper's scenario) is estimated later, though within 3 sigma. The paper's noise is "
+        "best here only with a passive patient; the section on the paper's tuning shows an active "
+        "one.",
         (REST, EXCITED, *_gaits("paper_sticking lugre", "0.25", "passive")),
         (SHIPPED, "not gated at rest", "paper's noise"),
         measure="patient_at_rest",
