@@ -12,6 +12,7 @@ from analysis.ablation import (
     RIPPLED,
     Errors,
     ablate,
+    over_seeds,
     summary,
 )
 from analysis.ablation_choices import CHOICES, SHIPPED
@@ -165,7 +166,8 @@ def test_samples_at_rest_are_those_that_are_judged_and_have_rested(trials):
 
 
 def test_the_page_states_coverage_and_shows_a_figure_for_each_question(tmp_path, trials, results):
-    written = write_page(tmp_path, results, [summary(one) for one in trials.values()], "a command")
+    found = over_seeds([(results, [summary(one) for one in trials.values()])])
+    written = write_page(tmp_path, found, "a command")
     page = written[0].read_text("utf-8")
     asked = [one for one in (*QUESTIONS, *WRONG) if answered(one, results)[0]]
 
