@@ -36,12 +36,14 @@ def command(
 ) -> None:
     """Walk on the virtual machine, and compare filter, smoother and strides with the truth."""
     from analysis import markdown
+    from analysis.recording import RecordingError
+    from gaitd_lab.excitation import NotPlayedError
     from gaitd_lab.gait_accuracy import HEAD, cases, draw, table
     from gaitd_lab.trials import TrialError
 
     with (
         errors_in_one_line(ValueError),
-        errors_in_one_line(TrialError, code=EXIT_FAILED),
+        errors_in_one_line(TrialError, NotPlayedError, RecordingError, code=EXIT_FAILED),
         json_on_stdout(as_json) as write,
         progress() as begin,
     ):

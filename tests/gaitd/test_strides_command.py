@@ -20,7 +20,7 @@ from observer.strides import strides_of
 def test_a_walk_is_measured_from_its_second_stride_on():
     walk = Trials(CONFIGS / "demo.toml").gait(Situation(cadence_hz=0.5, programme="active"), 14.0)
 
-    figures = measure(walk)
+    figures = measure(walk, walk.robot)
 
     made = walk.recording
     columns = Columns(made.time_s, made.position, made.effort)
@@ -30,8 +30,9 @@ def test_a_walk_is_measured_from_its_second_stride_on():
         [0.01 * power[row : row + one.sample_count].sum(axis=0) for row, one in strides], axis=0
     )
     names = list(gait_accuracy.UNITS)
-    assert figures[names[2]] == pytest.approx(tuple(true_j), rel=0.01)
-    assert max(map(abs, figures[names[3]])) <= 3.0
+    assert figures[names[4]] == pytest.approx(tuple(true_j), rel=0.01)
+    assert max(map(abs, figures[names[5]])) <= 3.0
+    assert min(*figures[names[2]], *figures[names[3]]) >= 98.0
     assert figures[names[1]][0] < 0.5 * figures[names[0]][0]  # the smoother knows what came after
     assert figures[names[0]][1] < 5.0
 
