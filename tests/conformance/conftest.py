@@ -1,13 +1,10 @@
 """The virtual drives in real time on a bus of their own, and python-canopen's network on it."""
 
 import pytest
-from drive_bench import Bench
+from drive_bench import booted_bench
 from outside_master import PatientNode, added, eds_of, on_a_bus
 
-from sim_drives.time.wall_clock import now_ns
-
 PLAIN = {"personality": "generic", "eds": "drives/generic402.eds"}
-PAST_BOOT_NS = 500_000_000
 ELMO = {"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}
 MAKES = {"generic": PLAIN, "elmo_gold": ELMO}
 """Files of node 6, a slide."""
@@ -28,7 +25,7 @@ def _on_a_bus(encoder, make):
     """Node 5 is like an EPOS4, node 6 of another make; no mechanics to speak of."""
     hip = {"encoder": encoder}
     slide = MAKES.get(make, PLAIN) | hip
-    with on_a_bus(Bench(hip=hip, slide=slide, start_ns=now_ns() - PAST_BOOT_NS)) as parts:
+    with on_a_bus(booted_bench(hip=hip, slide=slide)) as parts:
         yield parts
 
 

@@ -10,7 +10,7 @@ import time
 
 import can
 import pytest
-from drive_bench import Bench
+from drive_bench import Bench, booted_bench
 
 from sim_drives.control import control_socket
 from sim_drives.time.bus_server import bus_server
@@ -46,7 +46,7 @@ def on_a_socket(folder):
 def served(request, tmp_path):
     """Interface and channel of a bus with booted drives on it: ours, and another one."""
     with contextlib.ExitStack() as ending:
-        bench = Bench(start_ns=now_ns() - 500_000_000)
+        bench = booted_bench()
         if request.param == "gaitd":
             channel, (bus, _) = str(tmp_path / "bus"), ending.enter_context(on_a_socket(tmp_path))
         else:
@@ -98,7 +98,7 @@ def test_a_client_may_come_back(served):
 def test_a_client_that_was_killed_leaves_no_station_behind(tmp_path):
     with on_a_socket(tmp_path) as (bus, server):
         words = f"import can, os; can.Bus(interface='gaitd', channel='{tmp_path}/bus'); os._exit(9)"
-        with running(Bench(start_ns=now_ns() - 500_000_000), bus):
+        with running(booted_bench(), bus):
             survivor = can.Bus(interface="gaitd", channel=str(tmp_path / "bus"))
             killed = subprocess.run([sys.executable, "-c", words], check=False)
             assert ask(survivor, 0x605, IDENTITY, 0x585) == ANSWER
@@ -109,7 +109,7 @@ def test_a_client_that_was_killed_leaves_no_station_behind(tmp_path):
 
 
 def test_what_is_no_client_is_sent_away_and_harms_nobody(tmp_path, capfd):
-    with on_a_socket(tmp_path) as (bus, _), running(Bench(start_ns=now_ns() - 500_000_000), bus):
+    with on_a_socket(tmp_path) as (bus, _), running(booted_bench(), bus):
         for said in (b"GET / HTTP/1.1\r\n\r\n", b"\x00\xff" * 100):
             with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as stranger:
                 stranger.connect(str(tmp_path / "bus"))

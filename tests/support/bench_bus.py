@@ -5,13 +5,10 @@ import threading
 import uuid
 
 import can
-from drive_bench import Bench
+from drive_bench import booted_bench
 from sessions import changed_configs
 
-from sim_drives.time.wall_clock import RealTime, now_ns
-
-HALF_A_SECOND_NS = 500_000_000
-"""Past boot-up and self-test."""
+from sim_drives.time.wall_clock import RealTime
 
 
 class Machine:
@@ -22,7 +19,7 @@ class Machine:
         demo = ("demo.toml", 'interface = "simulated"', 'interface = "virtual"')
         address = ("demo.toml", "/dev/shm/gaitd-demo.bus", self.channel)
         self.config = changed_configs(folder, demo, address, *changes) / "demo.toml"
-        self.bench = Bench(start_ns=now_ns() - HALF_A_SECOND_NS)
+        self.bench = booted_bench()
 
     @contextlib.contextmanager
     def running(self):

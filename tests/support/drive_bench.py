@@ -13,6 +13,7 @@ from sim_drives.canopen.dictionary import Entry, read_eds
 from sim_drives.one_leg import Leg
 from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
 from sim_drives.settings import DriveSettings, FaultSettings
+from sim_drives.time.wall_clock import now_ns
 from sim_drives.world import World
 from simtime.frame import Frame
 
@@ -325,3 +326,16 @@ class Bench:
         """The bits that name the power state."""
         word = self.statusword(node_id)
         return word & (0x4F if word & 0x4F in (0x00, 0x40, 0x08, 0x0F) else 0x6F)
+
+
+def booted_bench(
+    hip: dict[str, object] | None = None, slide: dict[str, object] | None = None
+) -> Bench:
+    """A bench for `RealTime`: its drives have booted, before anyone can be on a bus with them.
+
+    Their first boot-up messages are on no bus, or a busy machine delivers them after a later one
+    is waited for.
+    """
+    bench = Bench(hip=hip, slide=slide, start_ns=now_ns() - 500 * MS)
+    bench.boot()
+    return bench
