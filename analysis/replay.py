@@ -17,7 +17,7 @@ from analysis.recording import Progress, Recording, RecordingError, read_csv, re
 from analysis.stop_recording import about, observed, opened, stop_of
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
-from observer.filter.leg_observer import CALLER_BITS, Setup, setup_of
+from observer.filter.leg_observer import CALLER_BITS, Setup, check_tuning, setup_of
 from observer.offline.batch import BatchEstimates, Columns, run
 from observer.offline.smooth_batch import run_smoothed
 
@@ -95,9 +95,14 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
 
 
 def setup_for(robot: Robot) -> Setup:
-    """The observer's constant arguments for a robot."""
-    hip, slide = friction_parameters(robot)
-    return setup_of(leg_parameters(robot), hip, slide, observer_tuning(robot))
+    """The observer's constant arguments for a robot.
+
+    Raises:
+        TuningError: the service would not run with it either.
+    """
+    parts = leg_parameters(robot), *friction_parameters(robot), observer_tuning(robot)
+    check_tuning(*parts)
+    return setup_of(*parts)
 
 
 def estimate(source: Source, robot: Robot, progress: Progress | None = None) -> BatchEstimates:

@@ -29,13 +29,13 @@ def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> 
     from analysis.recording import RecordingError
     from analysis.replay import columns_of, read, setup_for
     from daemon.config.baseline import baseline_text
-    from daemon.config.settings import Robot
-    from daemon.config.strict import decoded, read_toml
+    from daemon.config.strict import read_toml
+    from daemon.preflight.robot import decoded_robot
     from observer.baseline import TooFewError, baseline_of
     from observer.offline.smooth_batch import run_smoothed
 
     document = read_toml(robot_file)
-    robot = decoded(document, Robot)
+    robot = decoded_robot(document)
     columns = columns_of(read(recorded, leg))
     try:
         baseline = baseline_of(run_smoothed(setup_for(robot), columns), columns)

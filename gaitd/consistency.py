@@ -49,11 +49,10 @@ def command(
     from analysis.consistency import drifting, gaps, monte_carlo, offsets, plant_of, still
     from analysis.consistency_figure import draw
     from analysis.consistency_text import PARTS, Draws, headline, offset_lines, tables
-    from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
+    from daemon.preflight.robot import load_robot
 
     file = robot_file(robot, "robot_empty.toml")
-    plant = plant_of(load_toml(file, Robot))
+    plant = plant_of(load_robot(file))
     if page is not None:
         with errors_in_one_line(ValueError):  # refused before the work
             markdown.filled(page.read_text("utf-8"), dict.fromkeys(PARTS, ""))

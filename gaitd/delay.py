@@ -32,15 +32,14 @@ def command(
     from analysis.delay import advice, in_words, measure
     from analysis.recording import RecordingError
     from analysis.replay import read
-    from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
+    from daemon.preflight.robot import load_robot
 
     with errors_in_one_line(RecordingError), json_on_stdout(as_json) as write:
         source = read(recorded, leg)
         made_by, name = source.robot, f"as the service had it, {source.leg} leg"
         if robot is not None or made_by is None:
             path = robot_file(robot, "robot_empty.toml")
-            made_by, name = load_toml(path, Robot), str(path)
+            made_by, name = load_robot(path), str(path)
         delays = measure(source.recording, made_by)
         print(f"robot        {name}")
         for one in delays:

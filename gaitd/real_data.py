@@ -65,11 +65,10 @@ def _judge(
     from analysis.real_data import emps, hip_moment, strides
     from analysis.real_data.comparison import compare
     from analysis.real_data.page import HEAD, rows, write_page
-    from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
+    from daemon.preflight.robot import load_robot
     from gaitd_lab.measured_patient import CADENCES_HZ, HIP_NM, record
 
-    robot = load_toml(robot_file, Robot)
+    robot = load_robot(robot_file)
     records, table = emps.read(recordings / "emps"), hip_moment.read(moment)
     with progress() as stage, TemporaryDirectory() as folder:
         update = stage("calibrating")

@@ -240,10 +240,9 @@ def _strides(
 
 def _robot(source: "Source", named: Path | None) -> "tuple[Robot, str]":
     """The robot, and a text of its origin."""
-    from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
+    from daemon.preflight.robot import load_robot
 
     if named is None and source.robot is not None:
         return source.robot, f"as the service had it, {source.leg} leg"
     path = robot_file(named, "robot.toml")
-    return load_toml(path, Robot), str(path)
+    return load_robot(path), str(path)

@@ -4,7 +4,8 @@ Each check is one function that yields a `ConfigError` for each file and key tha
 should change. All checks run, so that one run finds all errors. One is left out where its result
 would only follow from another error: where it needs a table that was refused (`UNREAD`), or where a
 check that it relies on (`_RELIES_ON`) has not passed. Rules that need the mechanism in motion
-are in `motion.py`, rules about the drives in `drives.py`, those of real drives in `real_bus.py`.
+are in `motion.py`, rules about the drives in `drives.py`, those of real drives in `real_bus.py`,
+those of the robot file alone in `robot.py`.
 """
 
 import re
@@ -15,8 +16,7 @@ from typing import Final, NamedTuple
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.limit_settings import HipLimits, SlideLimits
-from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.strict import MISSING, UNREAD, ConfigError, Errors, PlainText, UnreadError
+from daemon.config.strict import MISSING, UNREAD, ConfigError, Errors, UnreadError
 from daemon.ipc.record import Cause
 from daemon.preflight.assist import (
     ASSIST_CHECKS,
@@ -32,14 +32,12 @@ from daemon.preflight.motion import (
     the_gait_fits,
 )
 from daemon.preflight.real_bus import REAL_BUS_CHECKS
+from daemon.preflight.robot import friction_laws_are_laws, the_integrator_is_stable
 from daemon.wire.causes import CHOSEN_CATEGORY, DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
 from drives.bringup.bus_load import bus_load
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import axis_scaling, expected_base
-from observer.filter.leg_model import integrator_named, substeps_needed
 from observer.filter.status import START_RATIO_MIN
-from observer.mechanism.friction import smallest_stribeck
-from observer.mechanism.mechanism import smallest_inertia
 
 MASTER_HEARTBEATS_MISSED: Final = 3
 """A drive must not stop before this many of the master's heartbeats have failed to arrive."""
@@ -344,14 +342,7 @@ def _standstill_is_more_than_noise(settings: Settings) -> Errors:
 
 
 def _friction_laws_are_laws(settings: Settings) -> Errors:
-    tables = settings.robot.friction.hip, settings.robot.friction.slide
-    for axis, table, f in zip(_AXES, tables, friction_parameters(settings.robot), strict=True):
-        least = smallest_stribeck(f)
-        if f.stribeck <= least:
-            key = f"friction.{axis.name}.{axis.stribeck_key}"
-            allowed = f"> {least:.4g}, coulomb tanh(peak / transition) + viscous peak"
-            value = _number(table, axis.stribeck_key)
-            yield ConfigError(settings.file.robot, key, value, allowed)
+    return friction_laws_are_laws(settings.file.robot, settings.robot)
 
 
 def _static_loads_exceed_friction(settings: Settings) -> Errors:
@@ -366,23 +357,8 @@ def _static_loads_exceed_friction(settings: Settings) -> Errors:
 
 
 def _the_integrator_is_stable(settings: Settings) -> Errors:
-    file, observer = settings.file.robot, settings.robot.observer
-    leg = leg_parameters(settings.robot)
-    nearest = min(settings.limits.singularity.stop_ratio, START_RATIO_MIN)
-    inertia = smallest_inertia(leg, nearest)
-    try:
-        least = substeps_needed(
-            *friction_parameters(settings.robot), inertia, integrator_named(observer.integrator)
-        )
-    except ValueError as error:
-        value = PlainText(observer.integrator)
-        yield ConfigError(file, "observer.integrator", value, str(error))
-        return
-    if observer.substeps < least:
-        allowed = (
-            f">= {least} and <= 10: {observer.integrator} with this friction is unstable below"
-        )
-        yield ConfigError(file, "observer.substeps", observer.substeps, allowed)
+    nearest_ratio = min(settings.limits.singularity.stop_ratio, START_RATIO_MIN)
+    return the_integrator_is_stable(settings.file.robot, settings.robot, nearest_ratio)
 
 
 CHECKS: Final = (

@@ -112,6 +112,20 @@ def test_a_typo_in_the_robot_file_is_named_and_nothing_is_written(recorded, tmp_
     assert sorted(path.name for path in tmp_path.iterdir()) == ["recorded.csv", "robot.toml"]
 
 
+def test_a_robot_file_that_the_service_refuses_is_refused(recorded, tmp_path):
+    robot = tmp_path / "robot.toml"
+    text = (CONFIGS / "robot.toml").read_text()
+    given = "bristle_stiffness_n_per_m = 0.0"
+    assert given in text
+    robot.write_text(text.replace(given, "bristle_stiffness_n_per_m = 1e5"))
+
+    ran = gaitd("replay", recorded, "--robot", robot, folder=tmp_path)
+
+    assert ran.code == 2
+    assert f"{robot}: observer.integrator = rk4: semi_implicit" in ran.err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["recorded.csv", "robot.toml"]
+
+
 def test_several_recordings_have_their_results_in_one_folder(recorded, tmp_path, monkeypatch):
     monkeypatch.setattr("analysis.replay_figure.draw", lambda *its: its[-1].touch())
     folder = tmp_path / "results"
