@@ -19,7 +19,6 @@ from gaitd.terminal import progress, show
 if TYPE_CHECKING:
     from analysis.calibration.session import Calibration
     from analysis.replay import Source
-    from daemon.config.settings import Robot
 
 SUFFIX = ".robot.toml"
 
@@ -54,6 +53,16 @@ def command(
     from analysis.recording import RecordingError
     from daemon.config.edits import EditError
 
+    fitting = {
+        "--noise": noise,
+        "--bristles": bristles,
+        "--output": output,
+        "--page": page,
+        "--held-out": held_out and held_out[0],
+    }
+    for option, given in fitting.items():
+        if check and given:
+            raise ConfigError(COMMAND_LINE, option, given, "not with --check, which fits nothing")
     output = output or recorded[0].with_name(recorded[0].name + SUFFIX)
     with errors_in_one_line(RecordingError, EditError), json_on_stdout(as_json) as write:
         if check:
@@ -69,8 +78,9 @@ def command(
 def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], None]) -> None:
     from analysis.calibration.empty_check import check
     from analysis.calibration.session import empty_run
+    from daemon.preflight.robot import load_robot
 
-    robot = _robot(robot_file)
+    robot = load_robot(robot_file)
     found = check(robot, empty_run(_sources(recorded), robot))
     print(found)
     write({"passed": found.well, "mechanism": str(found), "check": found})
@@ -89,17 +99,24 @@ def _calibrate(
     noise: bool,
     bristles: bool,
 ) -> None:
+    from analysis.calibration.bristles import refuse_missing_lines
     from analysis.calibration.robot_file import write
     from analysis.calibration.session import calibrate
+    from daemon.config.strict import read_toml
+    from daemon.preflight.robot import decoded_robot
 
     if output.exists() and output.samefile(robot_file):
         allowed = "another name than the file to begin with"
         raise ConfigError(COMMAND_LINE, "--output", output, allowed)
+    document = read_toml(robot_file)
+    robot = decoded_robot(document)
+    if bristles:
+        refuse_missing_lines(document)
     with progress() as stage:
         update = stage("calibrating")
         made = calibrate(
             _sources(recorded),
-            _robot(robot_file),
+            robot,
             _sources(held_out),
             lambda misfit, share: update(share, f"calibrating  {misfit}"),
             with_noise=noise,
@@ -110,9 +127,9 @@ def _calibrate(
         from analysis.calibration.page import write_page
 
         print(f"page         {write_page(made, robot_file.name, page)}")
-    if made.fault or not made.check.mendable:
-        fault = made.fault or "correct the mechanism's numbers first, then calibrate"
-        raise CommandError(f"nothing written: {fault}", EXIT_FAILED, blame=recorded[0].name)
+    if made.refused:
+        blame = recorded[0].name
+        raise CommandError(f"nothing written: {made.refused}", EXIT_FAILED, blame=blame)
     if made.needless:
         print(f"nothing written: keep {robot_file}; {made.needless}")
     else:
@@ -137,16 +154,10 @@ def _calibrate(
             ],
             "held_out": made.held_out,
             "before": made.before,
+            "eq_11": made.eq_11,
             "after": made.after,
         }
     )
-
-
-def _robot(path: Path) -> "Robot":
-    from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
-
-    return load_toml(path, Robot)
 
 
 def _sources(recorded: list[Path]) -> "list[Source]":

@@ -104,8 +104,8 @@ def _bristled(config: Path, robot: Robot, begin: Callable[[str], Callable[[float
     made = calibrate(
         sources, machine.settings.robot, progress=lambda _, share: progress(share), bristles=True
     )
-    if made.fault:
-        raise RecordingError(made.fault)
+    if made.refused or made.needless:
+        raise RecordingError(made.refused or made.needless)
     replace = msgspec.structs.replace
     found = made.robot.observer
     tuning = replace(robot.observer, integrator=found.integrator, substeps=found.substeps)

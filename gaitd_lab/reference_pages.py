@@ -79,7 +79,7 @@ def messages_page() -> str:
         markdown.table(("key", "payload", "answer"), starmap(_query_row, ROUTES.items())),
     ]
     for name, kind in wire.MESSAGES.items():
-        parts += [f"## {name}", inspect.cleandoc(kind.__doc__ or "").replace("\n", " ")]
+        parts += [f"## {name}", " ".join((kind.__doc__ or "").split())]
         rows = [_field_row(field) for field in _fields(kind)]
         if rows:
             parts.append(markdown.table(("field", "type", "meaning"), rows))
@@ -135,7 +135,7 @@ def _tables(path: str, kind: type[msgspec.Struct]) -> Iterator[str]:
         rows.append((f"`{field.name}`", _type_text(field.type), _default(field), texts[field.name]))
     if path:
         yield f"### [{path}]"
-        yield inspect.cleandoc(kind.__doc__ or "").replace("\n", " ")
+        yield " ".join((kind.__doc__ or "").split())
     if rows:
         yield markdown.table(("key", "type", "default", "meaning"), rows)
     for name, one in inner:

@@ -52,6 +52,11 @@ def _of_axis(motion: Motion, axis: int, name: str, unidentified: list[Result]) -
             f"the {name} reversed{few} {how.reversal_count} times: for the rise and the hump "
             "of its law record more slow reversals through standstill, as in excite open_loop"
         )
+    if "bristle" in kinds:
+        lines.append(
+            f"the {name} reversed {how.reversal_count} times: for its bristles record more "
+            f"reversals from standstill, as in excite friction_{name}"
+        )
     if "spring" in kinds:
         lines.append(
             f"the {name} moved over {how.range_si:.2g} {length}: for its spring record a "

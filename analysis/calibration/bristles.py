@@ -5,10 +5,11 @@ from typing import Final
 
 import msgspec
 
-from analysis.calibration.quantities import AXES, BRISTLES, KEYS, LAW_SIZE, Frame
+from analysis.calibration.quantities import AXES, BRISTLES, KEYS, LAW_SIZE
 from daemon.config.edits import Value
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
+from daemon.config.strict import MISSING, ConfigError, Document
 
 BREAKAWAY: Final = (2e-3, 5e-4)
 """Elastic way up to breakaway where a search begins, rad and m; its grid spans a factor of 100."""
@@ -18,19 +19,38 @@ SUBSTEPS: Final = 10
 """Semi-implicit ones: exact enough for a stride of 0.5 Hz, twice the time of RK4 with two."""
 
 
+def refuse_missing_lines(document: Document) -> None:
+    """Refuse a robot file without the lines that bristles are written to.
+
+    Raises:
+        ConfigError: names each line to add.
+    """
+    errors: list[ConfigError] = []
+    for key in (*_keys(0), *_keys(1)):
+        *path, name = key.split(".")
+        table = document.table
+        for part in path:
+            table = table[part]
+        if name not in table:
+            allowed = f"add a line `{name} = 0.0` to [{'.'.join(path)}], for --bristles to change"
+            errors.append(ConfigError(document.path, key, MISSING, allowed))
+    if errors:
+        raise ConfigError.combined(errors)
+
+
 def with_bristles(robot: Robot, axes: Iterable[int]) -> tuple[Robot, dict[str, Value]]:
-    """Return the robot with bristles where some axes have none, and the changed keys of [observer].
+    """Return the robot with bristles, and the changed keys of [observer].
 
     Args:
         robot: as given.
-        axes: that moved, 0 for the hip and 1 for the slide.
+        axes: without bristles, 0 for the hip and 1 for the slide.
     """
     table = msgspec.to_builtins(robot)
-    for axis, law in enumerate(friction_parameters(robot)):
-        if axis in axes and law.bristle_stiffness == 0.0:
-            stiffness = law.stribeck / BREAKAWAY[axis]
-            for key, value in zip(_keys(axis), (stiffness, DAMPING_S * stiffness), strict=True):
-                table["friction"][AXES[axis]][key.rpartition(".")[2]] = value
+    laws = friction_parameters(robot)
+    for axis in axes:
+        stiffness = laws[axis].stribeck / BREAKAWAY[axis]
+        for key, value in zip(_keys(axis), (stiffness, DAMPING_S * stiffness), strict=True):
+            table["friction"][AXES[axis]][key.rpartition(".")[2]] = value
     tuning: dict[str, Value] = {
         "integrator": "semi_implicit",
         "substeps": max(SUBSTEPS, robot.observer.substeps),
@@ -44,19 +64,19 @@ def with_bristles(robot: Robot, axes: Iterable[int]) -> tuple[Robot, dict[str, V
     return msgspec.convert(table, Robot), changed
 
 
-def not_identified(frame: Frame, calibrated: Iterable[str]) -> str:
+def not_identified(axes: Iterable[int], calibrated: Iterable[str]) -> str:
     """Name bristles that a recording does not identify; empty if there are none.
 
     Args:
-        frame: of the fit.
+        axes: that this calibration gave bristles to.
         calibrated: keys of the quantities that it identified.
     """
     known = set(calibrated)
-    for axis, name in enumerate(AXES):
-        if frame.bristled(axis) and not known.issuperset(_keys(axis)):
+    for axis in axes:
+        if not known.issuperset(_keys(axis)):
             return (
-                f"the {name}'s bristles are not identified by this recording: record more "
-                f"reversals, as in excite friction_{name}, or calibrate without --bristles"
+                f"the {AXES[axis]}'s bristles are not identified by this recording: record more "
+                f"reversals, as in excite friction_{AXES[axis]}, or calibrate without --bristles"
             )
     return ""
 

@@ -11,7 +11,7 @@ from analysis.calibration.quantities import law_of
 from analysis.calibration.session import Calibration
 from analysis.calibration.start import left_over
 from analysis.drawing import AXES, BAD, ESTIMATE, MEASURED, TEXT, legend, limit_to, style, x_label
-from observer.mechanism.friction import static_friction_of
+from observer.mechanism.friction import steady_friction
 
 DPI: Final = 100
 POINTS_MAX: Final = 2000
@@ -31,12 +31,13 @@ def draw_friction(calibration: Calibration, path: Path) -> None:
         top = float(np.quantile(np.abs(speed), 0.999)) * 1.05 + 1e-3
         # Dense about zero, where the law is curved.
         grid = np.linspace(-1, 1, 801) ** 3 * top
+        before = np.array([one.before for one in calibration.fit.results])
         for natural, colour, words in (
-            (calibration.fit.frame.natural, BAD, "before"),
+            (before, BAD, "before"),
             (calibration.fit.natural, ESTIMATE, "fitted"),
         ):
             law = law_of(natural, axis)
-            values = [static_friction_of(law, float(v)) for v in grid]
+            values = [steady_friction(law, float(v)) for v in grid]
             axes.plot(grid, values, color=colour, linewidth=1.5, label=words)
         axes.set_xlim(-top, top)
         limit_to(axes, left[chosen, axis], share=0.995)

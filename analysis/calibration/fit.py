@@ -74,12 +74,15 @@ SAME: Final = 25.0
 """Squared distance from a known end, in standard deviations, at which a search ends."""
 EQUAL_PER_SAMPLE: Final = 0.01
 """Log likelihood: two ends that differ by less explain a recording equally well."""
-LEVELS: Final = (0, 2, LAW_SIZE, LAW_SIZE + 2, *(SPRINGS + at for at in (0, 2, 3, 5)))
-"""Values in which two such ends must agree: Coulomb, viscous, stiffness and inertia of both
-axes."""
+LEVELS: Final = (
+    *(axis * LAW_SIZE + at for axis in range(2) for at in (0, 2, BRISTLES.start)),
+    *(SPRINGS + at for at in (0, 2, 3, 5)),
+)
+"""Values in which two such ends must agree: Coulomb, viscous, stiffness of bristles and spring, and
+inertia of both axes."""
 ROUNDS: Final = 4
 NONE: Final = "the file has none"
-WITH_BRISTLES: Final = "it has no effect with bristles"
+WITH_BRISTLES: Final = "bristles replace the friction that it shapes"
 FOLLOWS: Final = {
     1: 0,
     LAW_SIZE + 1: LAW_SIZE,

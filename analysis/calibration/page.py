@@ -1,6 +1,6 @@
 """Page of a calibration: tables in Markdown and two pictures beside it."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -9,6 +9,7 @@ from analysis.calibration.advice import advice
 from analysis.calibration.figures import draw_friction, draw_residuals
 from analysis.calibration.fit import Result
 from analysis.calibration.session import Calibration
+from analysis.calibration.verdict import Score
 
 Table = tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]
 """Title, column heads, rows of text."""
@@ -39,7 +40,9 @@ def tables(calibration: Calibration) -> tuple[Table, Table]:
     """The quantities, and the scores on held-out data, before and after."""
     head = ("quantity", "unit", "before", "calibrated", "95 %")
     rows = tuple(_row(one) for one in calibration.fit.results if one.exists)
-    scores = ("", "before", "after"), tuple(_scores(calibration))
+    shown = {"before": calibration.before, "eq. (11) fitted": calibration.eq_11}
+    shown = {title: score for title, score in shown.items() if score} | {"after": calibration.after}
+    scores = ("", *shown), tuple(_scores(shown.values()))
     return ("Quantities", head, rows), (f"Held out: {calibration.held_out}", *scores)
 
 
@@ -61,8 +64,8 @@ def _parts(calibration: Calibration, robot_name: str) -> Iterator[str]:
     )
     yield f"On {held}, which took no part in the fit:"
     yield markdown.table(scores[1], scores[2])
-    if calibration.fault:
-        yield f"**Not to be used:** {calibration.fault}."
+    if calibration.refused:
+        yield f"**Not to be used:** {calibration.refused}."
     elif calibration.needless:
         yield f"**Not needed:** {calibration.needless}."
     yield f"![friction over velocity]({NAME}_friction.png)"
@@ -77,12 +80,12 @@ def _row(one: Result) -> tuple[str, ...]:
     return (*head, kept, f"not identified: {one.reason}")
 
 
-def _scores(calibration: Calibration) -> Iterator[tuple[str, ...]]:
+def _scores(scores: Collection[Score]) -> Iterator[tuple[str, ...]]:
     for title, field, digits in (
         ("minus log likelihood per sample", "loss_per_sample", 3),
         ("mean NIS of the observer (2 is ideal)", "nis", 2),
         ("false hip torque, N·m rms while moving", "hip_rms_nm", 3),
         ("false slide force, N rms while moving", "slide_rms_n", 2),
     ):
-        values = (getattr(score, field) for score in (calibration.before, calibration.after))
+        values = (getattr(score, field) for score in scores)
         yield title, *(f"{value:.{digits}f}" for value in values)

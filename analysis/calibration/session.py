@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,13 +13,21 @@ from analysis.calibration.empty_check import Check, check, refuse_wrong_branch
 from analysis.calibration.fit import FOLLOWS, Fit, Progress, fit
 from analysis.calibration.motion import Motion, prepare
 from analysis.calibration.process_noise import process_noise, with_process_noise
-from analysis.calibration.quantities import KEYS, frame_of, labelled
+from analysis.calibration.quantities import (
+    COUNT,
+    KEYS,
+    Frame,
+    frame_of,
+    labelled,
+    natural_values,
+)
 from analysis.calibration.start import extent
 from analysis.calibration.verdict import (
     Disturbance,
     Score,
     disturbance,
     like_fitted,
+    no_better_than_eq_11,
     other_effect,
     score,
     two_optima,
@@ -60,6 +69,15 @@ class Calibration:
     """Process noise by key of [observer]; empty if it stays the file's."""
     tuning: Mapping[str, Value]
     """What the observer needs for bristles, by dotted key; empty if the file has it."""
+    eq_11: Score | None
+    """Score of eq. (11) fitted to the same rows, if axes were given bristles instead."""
+
+    @property
+    def refused(self) -> str:
+        """Reason why nothing may be written; empty if it may be."""
+        if self.fault or self.check.mendable:
+            return self.fault
+        return "correct the mechanism's numbers first, then calibrate"
 
     def values(self, source: str) -> Mapping[str, tuple[Value, str]]:
         """Values to write, by dotted key, each with its provenance."""
@@ -74,7 +92,7 @@ class Calibration:
                     one.value,
                     f"calibrated from {source}, 95 % ± {one.half_interval:.2g}",
                 )
-            elif one.value != one.before:
+            elif index in FOLLOWS and one.value != one.before:
                 with_it = labelled(FOLLOWS[index])
                 made[KEYS[index]] = (one.value, f"follows {with_it}, calibrated from {source}")
         for key, std in self.process_noise.items():
@@ -133,7 +151,8 @@ def calibrate(
             out.
         progress: called with a text and the share done.
         with_noise: calibrate the observer's process noise, too.
-        bristles: fit bristles instead of eq. (11) on the axes that move.
+        bristles: fit bristles instead of eq. (11) on the axes that move and have none, and compare
+            with a fit of eq. (11), too.
 
     Raises:
         RecordingError: see `empty_run` and `process_noise`.
@@ -143,57 +162,88 @@ def calibrate(
     if other is not None:
         motion = _prepared(sources, robot, hold_out=False)
     checked = check(robot, motion)
+    old = frame_of(robot, middle_of(motion))
     start, tuning = robot, dict[str, Value]()
-    if bristles:
-        moved = [axis for axis in range(2) if extent(motion, axis).enough(axis)]
-        start, tuning = with_bristles(robot, moved)
-    frame = frame_of(start, middle_of(motion))
-    made = fit(frame, motion, progress)
+    moved = [axis for axis in range(2) if extent(motion, axis).enough(axis)]
+    given = [axis for axis in moved if bristles and not old.bristled(axis)]
+    if given:
+        start, tuning = with_bristles(robot, given)
+    made = _fit(start, robot, motion, progress)
     new = with_values(start, made)
-    judged = motion if other is None else other
-    rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
     steep = _too_steep(new)
     if steep:
         raise RecordingError(steep)
-    constants = frame.constants_of(made.natural)
-    seen = [disturbance(one, motion, constants) for one in (robot, new)]
-    judged_seen = seen
+    laws = [
+        _Law(robot, old, like_fitted(old, made.natural, motion)),
+        _Law(new, made.frame, made.natural),
+    ]
+    if given:
+        plain = msgspec.structs.replace(start, friction=robot.friction)
+        paper = _fit(plain, robot, motion, progress)
+        laws.append(_Law(with_values(plain, paper), paper.frame, paper.natural))
+    judged = motion if other is None else other
+    rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
+    seen = judged_seen = [one.disturbance(motion) for one in laws]
     if other is not None:
-        judged_seen = [disturbance(one, other, constants) for one in (robot, new)]
+        judged_seen = [one.disturbance(other) for one in laws]
     seen, contact = _quiet(seen, made.natural)
     judged_seen, _ = _quiet(judged_seen, made.natural)
-    old = frame_of(robot, middle_of(motion))
-    old_natural = like_fitted(old, made.natural, motion)
-    before = score(old, old_natural, judged, rows, judged_seen[0])
-    after = score(frame, made.natural, judged, rows, judged_seen[1])
-    fault = not_identified(frame, [one.quantity.key for one in made.results if one.calibrated])
+    before, after, *others = (
+        score(one.frame, one.natural, judged, rows, seen_by)
+        for one, seen_by in zip(laws, judged_seen, strict=True)
+    )
+    eq_11 = others[0] if others else None
+    fault = not_identified(given, [one.quantity.key for one in made.results if one.calibrated])
     fault = fault or (two_optima(made.rival) if made.rival else "")
     fault = fault or other_effect(seen[1], made.natural, motion)
     needless = why_needless(before, after)
     if not fault and not needless:
         fault = worse_axis(before, after, made.natural, judged)
+        if eq_11 is not None and not fault:
+            fault = no_better_than_eq_11(eq_11, after, made.natural, judged)
     noise: dict[str, float] = {}
     if with_noise:
         # Wider noise means more false effort from the same law, so the law is judged without it.
-        noise = process_noise(new, motion, made.natural, constants)
+        noise = process_noise(new, motion, made.natural, made.frame.constants_of(made.natural))
         new = with_process_noise(new, noise)
-        widened = disturbance(new, judged, constants)
-        after = score(frame, made.natural, judged, rows, widened)
+        widened = laws[1]._replace(robot=new).disturbance(judged)
+        after = score(made.frame, made.natural, judged, rows, widened)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(
         *(motion, checked, made, new, seen[0], seen[1], before, after, words, fault, needless),
         motion.time_s[contact],
         noise,
         tuning,
+        eq_11,
     )
+
+
+class _Law(NamedTuple):
+    """A robot file to compare, with the values that only its fit has."""
+
+    robot: Robot
+    frame: Frame
+    natural: NDArray[np.float64]
+
+    def disturbance(self, motion: Motion) -> Disturbance:
+        return disturbance(self.robot, motion, self.frame.constants_of(self.natural))
+
+
+def _fit(start: Robot, given: Robot, motion: Motion, progress: Progress) -> Fit:
+    """Fit from `start`, with the values before those of the given file."""
+    made = fit(frame_of(start, middle_of(motion)), motion, progress)
+    before = natural_values(given).tolist()
+    pairs = zip(made.results, before[:COUNT], strict=True)
+    return replace(made, results=tuple(replace(one, before=value) for one, value in pairs))
 
 
 def _quiet(
     seen: Sequence[Disturbance], natural: NDArray[np.float64]
 ) -> tuple[list[Disturbance], NDArray[np.bool_]]:
-    """Exclude contacts found with the new file, so that both files are scored on the same rows."""
+    """Exclude contacts found with the new file, so that all files are scored on the same rows."""
     after, contact = without_contact_rows(seen[1], natural)
-    return [replace(seen[0], moving=seen[0].moving & ~contact[:, None]), after], contact
+    quiet = [replace(one, moving=one.moving & ~contact[:, None]) for one in seen]
+    return [quiet[0], after, *quiet[2:]], contact
 
 
 def _prepared(sources: Sequence[Source], robot: Robot, *, hold_out: bool = True) -> Motion:

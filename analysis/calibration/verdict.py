@@ -5,11 +5,14 @@ the empty machine is an error, and NIS shows whether the observer's confidence i
 likelihood per sample of the filter without a patient is given as well.
 """
 
+import math
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import minimize
 
 from analysis.calibration.likelihood import Likelihood
 from analysis.calibration.motion import REST, Motion
@@ -29,7 +32,9 @@ GOOD_RATIO: Final = 0.03
 """False effort over the Coulomb level that is negligible."""
 PATIENT_MIN_RATIO: Final = 0.2
 """False effort while moving, over the Coulomb level, that our friction law cannot cause."""
-NOISES: Final = tuple(2.0**power for power in range(-1, 7))
+NOISES: Final = tuple(power * math.log(2.0) for power in range(-2, 16, 2))
+"""Logarithms of the factors on fitted noise between which the noise of a given law is searched."""
+EQ_11: Final = "with a fit of eq. (11)"
 CONTACT_ROWS: Final = 100
 """A second: rows this much above the others are a contact, for instance with an end stop."""
 CONTACT_RATIO: Final = 5.0
@@ -106,16 +111,27 @@ def rms_of(seen: Disturbance, rows: Flags, axis: int) -> float:
 def like_fitted(frame: Frame, fitted: Vector, motion: Motion) -> Vector:
     """Replace fitted values that are not written: only the law is compared.
 
-    A law that explains less needs more noise of effort and friction: of the fitted noise and its
-    multiples the given file gets what serves it best.
+    A law that explains less needs more noise: the given file gets the fitted noise of effort and
+    that of friction, each times the factor with which the fitted rows are most likely.
     """
     made = frame.natural.copy()
     for axis in range(2):
         if not frame.sprung(axis):
             made[SPRINGS + 3 * axis + 1] = fitted[SPRINGS + 3 * axis + 1]
     likelihood = Likelihood(frame, motion, ~motion.held_out)
-    tried = [np.concatenate((made[:-NUISANCES], factor * fitted[-NUISANCES:])) for factor in NOISES]
-    return min(tried, key=lambda one: likelihood.surprises(frame.free(one)).loss)
+
+    def louder(log_factors: ArrayLike) -> Vector:
+        noise = fitted[-NUISANCES:] * np.repeat(np.exp(log_factors), 2)
+        return np.concatenate((made[:-NUISANCES], noise))
+
+    def loss(log_factors: ArrayLike) -> float:
+        found = likelihood.surprises(frame.free(louder(log_factors))).loss
+        return found if math.isfinite(found) else math.inf
+
+    near = np.array(min(product(NOISES, repeat=2), key=loss))
+    simplex = near + math.log(2.0) * np.array(((0, 0), (1, 0), (0, 1)))
+    options = {"initial_simplex": simplex, "xatol": 0.05, "fatol": 0.1}
+    return louder(minimize(loss, near, method="Nelder-Mead", options=options).x)
 
 
 def two_optima(disagreement: str) -> str:
@@ -137,7 +153,9 @@ def why_needless(before: Score, after: Score) -> str:
     )
 
 
-def worse_axis(before: Score, after: Score, natural: Vector, motion: Motion) -> str:
+def worse_axis(
+    before: Score, after: Score, natural: Vector, motion: Motion, words: str = "before"
+) -> str:
     """Axis that the new file describes worse on held-out data; empty if there is none."""
     pairs = (
         ("hip", before.hip_rms_nm, after.hip_rms_nm, "N·m"),
@@ -147,9 +165,21 @@ def worse_axis(before: Score, after: Score, natural: Vector, motion: Motion) -> 
         allowed = max(WORSE_MAX_RATIO * old, GOOD_RATIO * float(natural[LAW_SIZE * axis]))
         if extent(motion, axis).enough(axis) and new > allowed:
             return (
-                f"the {name}'s false effort on held-out data is {new:.3g} {unit}, {old:.3g} before"
+                f"the {name}'s false effort on held-out data is {new:.3g} {unit}, {old:.3g} {words}"
             )
     return ""
+
+
+def no_better_than_eq_11(eq_11: Score, after: Score, natural: Vector, motion: Motion) -> str:
+    """Text that eq. (11), fitted to the same rows, is as good as bristles; empty if it is not."""
+    if after.loss_per_sample < eq_11.loss_per_sample:
+        why = worse_axis(eq_11, after, natural, motion, EQ_11)
+    else:
+        why = (
+            "minus log likelihood per sample on held-out data is "
+            f"{after.loss_per_sample:.3f}, {eq_11.loss_per_sample:.3f} {EQ_11}"
+        )
+    return why and f"{why}: calibrate without --bristles"
 
 
 def other_effect(seen: Disturbance, natural: Vector, motion: Motion) -> str:

@@ -79,7 +79,12 @@ class Dampers(Table, frozen=True):
 
 
 class HipFriction(Table, frozen=True):
-    """Friction law (13) at the hip and its time constant, eq. (11)."""
+    """Friction law (13) at the hip and its time constant, eq. (11).
+
+    With bristles the time constant does not act on friction, and (13) gives their level; the edge
+    still decides what counts as standstill, and the time constant how long after it the split
+    between friction and patient is not valid.
+    """
 
     stribeck_nm: Annotated[float, Meta(gt=0, le=100)]
     coulomb_nm: Annotated[float, Meta(gt=0, le=100)]
@@ -89,12 +94,12 @@ class HipFriction(Table, frozen=True):
     edge_rad_per_s: Annotated[float, Meta(gt=0, le=2)]
     time_constant_s: Annotated[float, Meta(gt=0, le=1)]
     bristle_stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
-    """Bristles (LuGre) instead of eq. (11) and (12); 0: none."""
+    """Bristles (LuGre) instead of eq. (11), with integrator = "semi_implicit"; 0: none."""
     bristle_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=1e4)] = 0.0
 
 
 class SlideFriction(Table, frozen=True):
-    """Friction law (13) at the slide and its time constant, eq. (11)."""
+    """Friction law (13) at the slide and its time constant, eq. (11); bristles as at the hip."""
 
     stribeck_n: Annotated[float, Meta(gt=0, le=1000)]
     coulomb_n: Annotated[float, Meta(gt=0, le=1000)]
@@ -104,7 +109,7 @@ class SlideFriction(Table, frozen=True):
     edge_m_per_s: Annotated[float, Meta(gt=0, le=2)]
     time_constant_s: Annotated[float, Meta(gt=0, le=1)]
     bristle_stiffness_n_per_m: Annotated[float, Meta(ge=0, le=1e8)] = 0.0
-    """Bristles (LuGre) instead of eq. (11) and (12); 0: none."""
+    """Bristles (LuGre) instead of eq. (11), with integrator = "semi_implicit"; 0: none."""
     bristle_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
 
 

@@ -8,9 +8,9 @@
 The static law is odd, dissipative (F_s v >= 0) and equals F^ exactly at the peak speed v_p. The
 gate holds the friction state at rest, where it keeps the load; in motion the state follows the law.
 
-An axis may have bristles instead of (11) and (12). Canudas de Wit, Olsson, Astrom, Lischinsky, "A
-new model for control of systems with friction", IEEE Trans. Autom. Control 40 (1995), eq. (2) to
-(4), with the elastic part F = sigma_0 z as the state:
+An axis may have bristles instead of (11); (12) then only decides what counts as standstill. Canudas
+de Wit, Olsson, Astrom, Lischinsky, "A new model for control of systems with friction", IEEE Trans.
+Autom. Control 40 (1995), eq. (2) to (4), with the elastic part F = sigma_0 z as the state:
 
     F' = sigma_0 (v - |v| F / g(v)),    friction = F + sigma_1 / sigma_0 F' + d v
 
@@ -135,6 +135,13 @@ def gate_of(f: FrictionParameters, velocity: float) -> float:
     return gate(f, velocity)
 
 
+def steady_friction(f: FrictionParameters, velocity: float) -> float:
+    """Friction in steady motion: (13), for an axis with bristles without its rise from zero."""
+    if f.bristle_stiffness == 0.0:
+        return static_friction_of(f, velocity)
+    return math.copysign(bristle_level(f, velocity), velocity) + f.viscous * velocity
+
+
 def smallest_stribeck(f: FrictionParameters) -> float:
     """Lower limit of F^: the rest of the law at the peak speed; below it the hump is inverted."""
     return f.coulomb * math.tanh(f.peak / f.transition) + f.viscous * f.peak
@@ -179,6 +186,9 @@ def bristle_stability_number(f: FrictionParameters, inertia: float, dt_s: float)
         f: an axis with bristles.
         inertia: least effective inertia of the axis, kg m^2 or kg.
         dt_s: one substep.
+
+    Judged at z = 0. Right after a reversal from full slip bristles act up to twice as stiff, so
+    above 2 the acceleration may ring until they have yielded; F stays within the level.
     """
     damping = f.bristle_damping + f.viscous
     return dt_s / inertia * (f.bristle_stiffness * dt_s + 2.0 * damping)

@@ -1,3 +1,5 @@
+from itertools import product
+
 import msgspec
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from empty_runs import (
 )
 
 from analysis.calibration.advice import advice
+from analysis.calibration.bristles import with_bristles
 from analysis.calibration.likelihood import Likelihood, scores
 from analysis.calibration.motion import prepare
 from analysis.calibration.quantities import (
@@ -21,10 +24,11 @@ from analysis.calibration.quantities import (
     frame_of,
 )
 from analysis.calibration.session import Calibration, calibrate, middle_of
-from analysis.calibration.verdict import disturbance, other_effect
+from analysis.calibration.verdict import disturbance, like_fitted, other_effect
 from analysis.recording import RecordingError, recording
 from analysis.replay import Source
 from daemon.config.robot import friction_parameters
+from daemon.config.settings import Robot
 from observer.filter.status import Status
 from observer.mechanism.friction import FrictionParameters
 from tests.observer.trainer import (
@@ -49,9 +53,8 @@ def levels(made: Calibration) -> list[list[float]]:
     return [[one.value for one in made.fit.results[first : first + 3]] for first in (0, LAW_SIZE)]
 
 
-@pytest.fixture(scope="module")
-def shipped():
-    """A machine with one spring weak, a glitch, a hole; a calibration that begins 40 % off."""
+def file_off() -> Robot:
+    """The shipped file, its friction 40 % off."""
     robot = robot_file()
     f = robot.friction
     off = msgspec.structs.replace(
@@ -63,13 +66,19 @@ def shipped():
             f.slide, coulomb_n=95.0, stribeck_n=110.0, viscous_n_s_per_m=33.0, peak_m_per_s=0.03
         ),
     )
-    weak = changed(robot, "springs", hip_stiffness_nm_per_rad=WEAK_NM_PER_RAD)
+    return msgspec.structs.replace(robot, friction=off)
+
+
+@pytest.fixture(scope="module")
+def shipped():
+    """A machine with one spring weak, a glitch, a hole; a calibration that begins 40 % off."""
+    weak = changed(robot_file(), "springs", hip_stiffness_nm_per_rad=WEAK_NM_PER_RAD)
     run = empty_run(shipped_friction(), robot=weak, duration_s=DURATION_S)
     rows = np.column_stack((run.recording.time_s, run.recording.position, run.recording.effort))
     rows[500, 1] += 0.3
     rows[900:903, 2] = np.nan
     run = run._replace(recording=recording("glitch.csv", rows))
-    return run, calibrate([run], msgspec.structs.replace(robot, friction=off))
+    return run, calibrate([run], file_off())
 
 
 @pytest.fixture(scope="module")
@@ -100,11 +109,15 @@ def test_a_start_far_off_a_glitch_and_missing_samples_do_no_harm(shipped):
 
 @pytest.fixture(scope="module")
 def bristled():
+    return bristled_run()
+
+
+def bristled_run(*, slide: bool = True, duration_s: float = 20.0) -> Source:
     """A machine with bristles instead of eq. (11), moved from sticking to fast."""
-    time_s = np.arange(2000) * 0.01
-    louder = np.where(time_s > 10.0, 1.15, 1.0)[:, None]
+    time_s = np.arange(round(duration_s / 0.01)) * 0.01
+    louder = np.where(time_s > duration_s / 2, 1.15, 1.0)[:, None]
     drive = np.column_stack(
-        (10.2 * np.sin(2 * np.pi * 0.3 * time_s), -97.5 * np.sin(2 * np.pi * 0.2 * time_s))
+        (10.2 * np.sin(2 * np.pi * 0.3 * time_s), -97.5 * slide * np.sin(2 * np.pi * 0.2 * time_s))
     )
     truth = simulate(PROTOTYPE, len(time_s), drive=drive * louder, lugre=True)
     made = encoded(truth)
@@ -120,6 +133,10 @@ def test_bristles_are_found_from_a_file_that_has_none(bristled):
     assert not made.needless
     assert made.after.loss_per_sample < made.before.loss_per_sample - 0.4
     assert made.after.hip_rms_nm < 0.5 * made.before.hip_rms_nm
+    assert made.eq_11 is not None
+    assert made.after.loss_per_sample < made.eq_11.loss_per_sample < made.before.loss_per_sample
+    before = {one.quantity.key: one.before for one in made.fit.results}
+    assert before["friction.hip.bristle_stiffness_nm_per_rad"] == 0.0
     for law, truth in zip(found, (HIP_BRISTLES, SLIDE_BRISTLES), strict=True):
         assert law.coulomb == pytest.approx(truth.coulomb, rel=0.02)
         assert law.viscous == pytest.approx(truth.viscous, rel=0.05)
@@ -129,12 +146,44 @@ def test_bristles_are_found_from_a_file_that_has_none(bristled):
     assert set(made.values("x")) >= {*made.tuning, "friction.hip.bristle_stiffness_nm_per_rad"}
 
 
-def test_bristles_are_needless_for_the_law_of_the_paper(shipped):
-    run, made = shipped
+def test_bristles_are_no_better_than_a_fit_of_the_paper_s_law_where_the_plant_has_it(shipped):
+    run, plain = shipped
 
-    again = calibrate([run], made.robot, bristles=True)
+    made = calibrate([run], file_off(), bristles=True)
 
-    assert again.needless or again.fault
+    assert "with a fit of eq. (11): calibrate without --bristles" in made.refused
+    assert made.eq_11 is not None
+    assert made.eq_11.loss_per_sample == pytest.approx(plain.after.loss_per_sample, abs=0.01)
+    assert made.after.loss_per_sample < made.before.loss_per_sample
+
+
+def test_a_file_with_bristles_can_be_calibrated_while_one_axis_rests():
+    given, _ = with_bristles(robot_file(), (0, 1))
+
+    made = calibrate([bristled_run(slide=False, duration_s=12.0)], given)
+
+    found = {one.quantity.key: one for one in made.fit.results}
+    assert not made.refused
+    assert found["friction.hip.bristle_stiffness_nm_per_rad"].value == pytest.approx(
+        HIP_BRISTLES.stiffness, rel=0.15
+    )
+    assert not found["friction.slide.bristle_stiffness_n_per_m"].calibrated
+    assert made.robot.friction.slide == given.friction.slide
+
+
+def test_the_given_law_is_compared_with_the_noise_that_serves_it_best(shipped):
+    _, made = shipped
+    frame = frame_of(file_off(), middle_of(made.motion))
+    likelihood = Likelihood(frame, made.motion, ~made.motion.held_out)
+
+    best = like_fitted(frame, made.fit.natural, made.motion)
+
+    assert best[:NOISE] == pytest.approx(frame.natural[:NOISE])
+    loss = likelihood.surprises(frame.free(best)).loss
+    for effort, friction in product((1 / 8, 0.5, 1.0, 2.0, 8.0), repeat=2):
+        other = best.copy()
+        other[NOISE + 2 :] *= (effort, effort, friction, friction)
+        assert likelihood.surprises(frame.free(other)).loss >= loss - 0.1
 
 
 def test_springs_that_changed_are_found(shipped):

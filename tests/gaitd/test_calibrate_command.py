@@ -78,3 +78,57 @@ def test_check_tells_a_wrong_recline_by_its_exit_code(recorded, tmp_path):
     assert good.code == 0, good.err
     assert bad.code == 1
     assert "recline" in bad.out
+
+
+@pytest.mark.parametrize(
+    ("option", "said"),
+    [
+        (("--bristles",), "--bristles = true"),
+        (("--noise",), "--noise = true"),
+        (("--page", "folder"), "--page"),
+        (("--output", "out.toml"), "--output"),
+        (("--held-out", "other.csv"), "--held-out"),
+    ],
+)
+def test_an_option_that_needs_a_fit_is_refused_with_check(option, said):
+    ran = gaitd("calibrate", "none.csv", "--robot", ROBOT_FILE, "--check", *option)
+
+    assert ran.code == 2
+    assert f"command line: {said}" in ran.err
+    assert "not with --check" in ran.err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        (
+            "bristle_stiffness_n_per_m = 0.0",
+            "",
+            "friction.slide.bristle_stiffness_n_per_m = (missing): "
+            "add a line `bristle_stiffness_n_per_m = 0.0` to [friction.slide]",
+        ),
+        (
+            "bristle_stiffness_nm_per_rad = 0.0",
+            "bristle_stiffness_nm_per_rad = 2e3",
+            "observer.integrator = rk4: semi_implicit",
+        ),
+        (
+            "bristle_damping_nm_s_per_rad = 0.0",
+            "bristle_damping_nm_s_per_rad = 20.0",
+            "friction.hip.bristle_damping_nm_s_per_rad = 20.0: "
+            "0 while bristle_stiffness_nm_per_rad is 0",
+        ),
+    ],
+)
+def test_what_is_wrong_with_the_robot_file_is_said_before_a_recording_is_read(
+    tmp_path, old, new, said
+):
+    robot = tmp_path / "given.toml"
+    text = ROBOT_FILE.read_text()
+    assert old in text
+    robot.write_text(text.replace(old, new))
+
+    ran = gaitd("calibrate", tmp_path / "none.csv", "--robot", robot, "--bristles")
+
+    assert ran.code == 2
+    assert f"{robot}: {said}" in ran.err

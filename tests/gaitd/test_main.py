@@ -248,7 +248,7 @@ def test_every_command_has_json_and_an_error_of_usage_is_a_document(name):
         (("replay", "none.csv"), 2, "none.csv"),
         (("delay", "none.csv"), 2, "none.csv"),
         (("baseline", "none.csv", "--robot", "none.toml", "--output", "x"), 2, "none.toml"),
-        (("calibrate", "none.csv", "--robot", "none.toml"), 2, "none.csv"),
+        (("calibrate", "none.csv", "--robot", "none.toml"), 2, "none.toml"),
         (("demo", "--pace", "fast"), 2, "command line: --pace"),
         (("experiment", "--seconds", "1e6"), 2, "command line: --seconds"),
         (("fuzz", "--config", "none.toml"), 2, "command line: --config"),

@@ -1,12 +1,14 @@
 """The figures of docs/strides.md: one walk measured, and the table of several seeds."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from command_line import gaitd
 from sessions import CONFIGS
 
+from analysis.recording import RecordingError
 from analysis.replay import setup_for
 from gaitd_lab import gait_accuracy
 from gaitd_lab.gait_accuracy import Case, measure
@@ -54,6 +56,22 @@ def test_the_table_of_all_seeds_goes_into_the_page(tmp_path, monkeypatch):
     assert "| 0.2 (0.1 … 0.3) N·m | 0.4 (0.2 … 0.6) N |" in page.read_text()
     assert "Median (range) of 10 seeds:" in page.read_text()
     assert "old" not in page.read_text()
+
+
+@pytest.mark.parametrize(("refused", "needless"), [("two optima", ""), ("", "the file is as good")])
+def test_bristles_that_the_command_would_not_write_are_not_compared(monkeypatch, refused, needless):
+    made = SimpleNamespace(refused=refused, needless=needless)
+    run = SimpleNamespace(time_s=np.zeros(1), measured=np.zeros((1, 2)), exerted=np.zeros((1, 2)))
+    machine = SimpleNamespace(
+        play=lambda *_: SimpleNamespace(run=run, trouble=""),
+        longest_s=lambda _: 1.0,
+        settings=SimpleNamespace(robot=None),
+    )
+    monkeypatch.setattr(gait_accuracy, "EmptyMachine", lambda *_: machine)
+    monkeypatch.setattr(gait_accuracy, "calibrate", lambda *_, **__: made)
+
+    with pytest.raises(RecordingError, match=refused or needless):
+        gait_accuracy.cases(CONFIGS / "demo.toml", [1], lambda _: lambda _: None)
 
 
 def test_a_page_without_a_place_for_the_table_is_refused_before_the_work(tmp_path):

@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from observer.mechanism.friction import (
     FrictionParameters,
+    bristle_friction,
+    bristles_after,
     friction_after,
     friction_rate,
     gate_of,
@@ -17,8 +19,9 @@ from observer.mechanism.friction import (
     stability_number,
     static_friction_of,
     static_slope,
+    steady_friction,
 )
-from tests.observer.trainer import HIP, SLIDE_FRICTION
+from tests.observer.trainer import HIP, HIP_BRISTLES, SLIDE_BRISTLES, SLIDE_FRICTION
 
 AXES = pytest.mark.parametrize("f", [HIP, SLIDE_FRICTION], ids=["hip", "slide"])
 SPEEDS = st.floats(-1e6, 1e6)
@@ -200,6 +203,20 @@ def test_runge_kutta_is_unstable_for_steep_friction_in_one_step_and_stable_in_tw
     assert runge_kutta_growth(f, 1.0, 0.01) > 1.0
     assert runge_kutta_growth(f, 1.0, 0.005) <= 1.0 + 1e-9
     assert runge_kutta_growth(HIP, 1.0, 0.01) <= 1.0 + 1e-9
+
+
+@pytest.mark.parametrize("speed", [-0.3, -0.004, 0.001, 0.08])
+@pytest.mark.parametrize(
+    ("f", "bristles"), [(HIP, HIP_BRISTLES), (SLIDE_FRICTION, SLIDE_BRISTLES)], ids=["hip", "slide"]
+)
+def test_bristles_end_at_the_steady_friction(f, bristles, speed):
+    with_them = f._replace(bristle_stiffness=bristles.stiffness, bristle_damping=bristles.damping)
+    elastic = bristles_after(with_them, 0.0, speed, 100.0)
+
+    ended = bristle_friction(with_them, elastic, speed, 0.01)
+
+    assert steady_friction(with_them, speed) == pytest.approx(ended, rel=1e-9)
+    assert steady_friction(f, speed) == static_friction_of(f, speed)
 
 
 def test_parameters_are_named_tuples_of_floats_as_kernels_want_them():
