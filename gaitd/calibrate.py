@@ -78,9 +78,10 @@ def command(
 def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], None]) -> None:
     from analysis.calibration.empty_check import check
     from analysis.calibration.session import empty_run
-    from daemon.preflight.robot import load_robot
+    from daemon.config.strict import read_toml
+    from daemon.preflight.robot import decoded_robot
 
-    robot = load_robot(robot_file)
+    robot = decoded_robot(read_toml(robot_file), to_calibrate=True)
     found = check(robot, empty_run(_sources(recorded), robot))
     print(found)
     write({"passed": found.well, "mechanism": str(found), "check": found})
@@ -109,7 +110,7 @@ def _calibrate(
         allowed = "another name than the file to begin with"
         raise ConfigError(COMMAND_LINE, "--output", output, allowed)
     document = read_toml(robot_file)
-    robot = decoded_robot(document)
+    robot = decoded_robot(document, to_calibrate=True)
     if bristles:
         refuse_missing_lines(document)
     with progress() as stage:

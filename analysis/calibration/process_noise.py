@@ -20,7 +20,7 @@ from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import NOISE, Vector
 from analysis.calibration.start import extent
 from analysis.recording import RecordingError
-from analysis.replay import setup_for
+from analysis.replay import unchecked_setup
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot
 from observer.filter.leg_model import STEP_S
@@ -71,7 +71,7 @@ def process_noise(
 
     def surplus(log_factor: float) -> float:
         scaled = {key: math.exp(log_factor) * std for key, std in likely.items()}
-        made = run(setup_for(with_process_noise(robot, scaled)), columns)
+        made = run(unchecked_setup(with_process_noise(robot, scaled)), columns)
         rows = ~motion.held_out & motion.settled & np.isfinite(made.nis)
         return float(np.mean(made.nis[rows & ((made.status & Status.GATED) == 0)])) - len(axes)
 

@@ -18,7 +18,7 @@ def recorded(tmp_path):
 
 def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path):
     before = tmp_path / "before.toml"
-    text = ROBOT_FILE.read_text().replace("coulomb_nm = 6.0", "coulomb_nm = 4.0")
+    text = ROBOT_FILE.read_text().replace("coulomb_nm = 6.0", "coulomb_nm = 9.0")  # no hump
     before.write_text(text)
 
     ran = gaitd("calibrate", recorded, "--robot", before, "--page", tmp_path, "--noise", "--json")
