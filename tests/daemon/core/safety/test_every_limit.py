@@ -190,8 +190,9 @@ def test_a_value_at_its_limit_or_just_below_does_not_stop(cause, made_of, limit,
 
 @pytest.mark.parametrize(("cause", "made_of", "limit", "worse", "step"), TABLE, ids=NAMES)
 def test_a_value_just_above_its_limit_stops_and_says_which(cause, made_of, limit, worse, step):
-    # Where a value is made of two numbers, their product may round: the second next is beyond.
-    above = beside(beside(limit, worse, step), worse, step or None)
+    above = beside(limit, worse, step)
+    if step is None:  # of two numbers the product may round: the second next is beyond
+        above = beside(above, worse, step)
 
     assert cause_of(made_of(above)) == cause
 

@@ -72,6 +72,10 @@ def test_a_stop_of_the_service_is_told_with_value_limit_and_unit_and_blames_no_d
         ),
         ({"nmt_state": NmtState.STOPPED}, (Cause.DRIVE_NOT_OPERATIONAL, 0, 0, "STOPPED")),
         (
+            {"nmt_state": NmtState.PRE_OPERATIONAL},
+            (Cause.DRIVE_NOT_OPERATIONAL, 0, 0, "PRE_OPERATIONAL"),
+        ),
+        (
             {"sample_age_cycles": 4},
             (Cause.DRIVE_SILENT, 4, 2, "cycles without a complete sample"),
         ),
@@ -220,21 +224,6 @@ def test_a_homing_that_meets_its_stop_loses_its_speed_at_once():
     )
 
 
-@pytest.mark.parametrize(("cycles", "cause"), [(2, Cause.NONE), (3, Cause.SIGN_WRONG)])
-def test_effort_one_way_and_motion_the_other_counts_from_its_cycles_on(cycles, cause):
-    against = AXIS._replace(watch=EffortWatch(sign_mismatch_si=25.5, sign_mismatch_cycles=cycles))
-
-    assert THRESHOLDS.sign_mismatch_cycles == 3
-    assert verdict_of(axes=[against]).cause == cause
-
-
-def test_effort_that_was_not_asked_for_counts_from_its_cycles_on():
-    last = THRESHOLDS.deviation_cycles
-    gap = [AXIS._replace(watch=EffortWatch(gap_si=9.5, gap_cycles=n)) for n in (last - 1, last)]
-
-    assert [verdict_of(axes=[axis]).cause for axis in gap] == [Cause.NONE, Cause.EFFORT_DEVIATION]
-
-
 def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
     assert told(axes=[standing(held_si=-30.0)]) == (
         Cause.ENCODER_FROZEN,
@@ -277,9 +266,7 @@ def test_what_is_no_number_is_a_finding_by_itself(key, cause, words, number):
     """It would pass every comparison as if it were inside."""
     verdicts = told(axes=[moved(**{key: number})])
 
-    assert verdicts[:2] == (cause, "right/hip")
-    if math.isnan(number):
-        assert verdicts[2:] == (0.0, 0.0, words)
+    assert verdicts == (cause, "right/hip", 0.0, 0.0, words)
 
 
 def test_an_encoder_that_lost_its_reference_is_doubted_also_while_it_is_prepared():
@@ -407,14 +394,6 @@ def test_a_temperature_that_is_not_measured_any_more_is_judged_as_one_beyond_its
     assert told(axes=[unknown])[:4] == (Cause.TEMPERATURE_LIMIT, "right/hip", 0.0, 0.0)
     assert "not measured" in told(axes=[unknown])[4]
     assert verdict_of(axes=[fed(temperature_degc=None)]) == NO_VERDICT
-
-
-def test_a_drive_is_taken_for_enabled_by_others_after_a_quarter_of_a_second():
-    asked_lately = AXIS._replace(unexpected_enable_cycles=25)
-    by_others = AXIS._replace(unexpected_enable_cycles=26)
-
-    assert verdict_of(axes=[asked_lately]) == NO_VERDICT
-    assert verdict_of(axes=[by_others]).cause == Cause.UNEXPECTED_ENABLE
 
 
 def test_before_the_first_sample_neither_inputs_nor_joint_are_judged():
@@ -628,17 +607,18 @@ def test_of_a_first_sample_there_is_no_distance_to_judge():
     assert verdict_of(axes=[moved(step_si=9.0, elapsed_s=0.0)]) == NO_VERDICT
 
 
-def test_speed_lost_at_once_counts_once_and_not_for_ever_after():
-    """Later only effort that changes without a count tells a frozen encoder from a rest."""
-    later = moved(still_cycles=6, velocity_si=0.0, speed_before_still_si=9.0)
-
-    assert verdict_of(axes=[later]) == NO_VERDICT
-
-
 def test_a_frozen_encoder_is_no_other_axis_s_stop_category():
     frozen = moved(still_cycles=5, velocity_si=0.0, speed_before_still_si=9.0)
 
     assert verdict_of(axes=[frozen]).category == StopCategory.S0
+
+
+@pytest.mark.parametrize("still_cycles", [4, 6])
+def test_speed_lost_at_once_counts_in_one_cycle_not_before_and_not_for_ever_after(still_cycles):
+    """Later only effort that changes without a count tells a frozen encoder from a rest."""
+    still = moved(still_cycles=still_cycles, velocity_si=0.0, speed_before_still_si=9.0)
+
+    assert verdict_of(axes=[still]) == NO_VERDICT
 
 
 # --- bounds ---------------------------------------------------------------------------------------
@@ -667,12 +647,6 @@ def test_effort_goes_its_way_by_steps_and_ends_at_its_limit(wanted_si, last_si, 
 
 def test_twice_the_time_allows_twice_the_step():
     assert bound(MAX_SI, 0.0, LIMITS, 0.02) == pytest.approx(2 * STEP_SI)
-
-
-@pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
-def test_an_effort_that_is_not_finite_is_never_sent_nor_made_to_something_else(number):
-    assert bound(number, 0.0, LIMITS, 0.01) is None
-    assert bound(0.0, number, LIMITS, 0.01) is None
 
 
 WAY_SI = LIMITS.velocity_max_si * 0.01
