@@ -18,7 +18,8 @@ CLIENT := clients/python
 DISPLAY := clients/display
 SESSION := clients/session
 ASSIST := clients/assist
-PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
+RECORD := clients/record
+PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
 .PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist uninstall purge rigs lock format tables docs golden clean
@@ -32,9 +33,9 @@ $(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable .
 	@touch $@
 
-$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml
+$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml $(RECORD)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/dev.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION) --editable $(ASSIST)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION) --editable $(ASSIST) --editable $(RECORD)
 	@touch $@
 
 demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
@@ -133,8 +134,9 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --extra tools --output-file requirements/run.txt
-	$(COMPILE) --extra build --extra tools --extra dev --extra display --output-file requirements/dev.txt
+	$(COMPILE) --extra build --extra tools --extra dev --extra display --extra record --output-file requirements/dev.txt
 	$(COMPILE) --extra build --extra tools --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
+	$(COMPILE) --extra build --extra tools --extra record --constraint requirements/dev.txt --output-file requirements/record.txt
 	$(COMPILE) --extra build --extra tools --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 

@@ -1,8 +1,10 @@
 """Replay: the observer over a recording from any source, with the robot of the recording.
 
 The kernel is the service's own, in one compiled loop over all rows, so the same file gives the same
-bits again. A ring holds the newest 30 s only, a file of the black box less: its replay starts with
-a fresh filter, and agrees with the service's estimates once the leg has moved for some seconds.
+bits again. A recording with the start of the observer gives the service's own bits, but for cycles
+in which the service had reason to widen the noise of an effort. A ring holds the newest 30 s only:
+its replay starts with a fresh filter, and agrees with the service's estimates once the leg has
+moved for some seconds.
 """
 
 from functools import reduce
@@ -21,7 +23,7 @@ from observer.filter.leg_observer import CALLER_BITS, Setup, check_tuning, setup
 from observer.offline.batch import BatchEstimates, Columns, run
 from observer.offline.smooth_batch import run_smoothed
 
-NEITHER = "; a recording is a .csv or a ring of records"
+NEITHER = "; a recording is a .csv, a folder of `gaitd record`, or a ring of records"
 CALLER_MASK = int(reduce(or_, CALLER_BITS))
 """Status bits that are inputs of the observer, not its results."""
 
@@ -36,14 +38,16 @@ class Source(NamedTuple):
     caller_bits: np.ndarray | None
     about: tuple[tuple[str, str], ...] = ()
     """Metadata of the file: names and values."""
+    first_step_s: float | None = None
+    """As in `Columns`; known where the recording contains the start of the observer."""
 
 
 def read(path: Path, leg: str | None = None, progress: Progress | None = None) -> Source:
-    """Read a `.csv`, or the black-box ring of a service.
+    """Read a `.csv`, a recording of `gaitd record`, or the black-box ring of a service.
 
     Args:
-        path: the file; any name without `.csv` is read as a ring.
-        leg: a leg of the ring; the first one if None. A CSV has only one.
+        path: the file or folder; any other name is read as a ring.
+        leg: a leg of the recording; the first one if None. A CSV has only one.
         progress: called with the share read.
 
     Raises:
@@ -51,17 +55,38 @@ def read(path: Path, leg: str | None = None, progress: Progress | None = None) -
     """
     if path.suffix.lower() == ".csv":
         return Source(read_csv(path, progress), None, "", None)
+    if is_recorded(path):
+        from analysis import parquet  # noqa: PLC0415 - pyarrow is needed for these files alone
+
+        found = parquet.read(path, leg)
+        return Source(
+            found.recording,
+            found.robot,
+            found.leg,
+            found.status & CALLER_MASK,
+            found.about,
+            found.first_step_s,
+        )
     return read_ring(path, leg)
 
 
+def is_recorded(path: Path) -> bool:
+    """Return whether a name is that of a recording of `gaitd record`, or of a part of one."""
+    return path.is_dir() or path.suffix.lower() in {".parquet", ".mcap", ".part"}
+
+
 def legs_of(path: Path) -> tuple[str, ...]:
-    """List the legs of a ring; empty for a CSV, which has one unnamed leg.
+    """List the legs of a recording; empty for a CSV, which has one unnamed leg.
 
     Raises:
-        RecordingError: the file is neither.
+        RecordingError: the file is none.
     """
     if path.suffix.lower() == ".csv":
         return ()
+    if is_recorded(path):
+        from analysis import parquet  # noqa: PLC0415 - as in `read`
+
+        return tuple(parquet.files_of(path))
     with opened(path, NEITHER) as ring:
         return tuple(ring.header.leg_names)
 
@@ -126,7 +151,8 @@ def estimate_smoothed(
 def columns_of(source: Source) -> Columns:
     """Convert a recording to the observer's input."""
     made = source.recording
-    return Columns(made.time_s, made.position, made.effort, source.caller_bits)
+    bits, step_s = source.caller_bits, source.first_step_s
+    return Columns(made.time_s, made.position, made.effort, bits, step_s)
 
 
 def warm_up(robot: Robot, *, smooth: bool = False) -> None:

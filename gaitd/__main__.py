@@ -19,8 +19,13 @@ from typer.exceptions import TyperException
 from daemon.config.strict import ConfigError
 from gaitd.command_line import EXIT_REFUSED, JSON, CommandError, failure, json_text
 
-OF_TOOLS: Final = frozenset({"matplotlib", "plotext", "scipy"})
-"""Packages of the extra `tools`, which the service does not need."""
+TOOLS: Final = "pip install ./clients/python '.[tools]'"
+RECORDER: Final = "pip install ./clients/python '.[record]' ./clients/record"
+REMEDIES: Final = {
+    **dict.fromkeys(("matplotlib", "plotext", "scipy"), TOOLS),
+    **dict.fromkeys(("gaitd_record", "mcap", "pyarrow"), RECORDER),
+}
+"""Packages that the service does not need, and how each is installed."""
 
 SERVICE: Final = "Service"
 OPERATOR: Final = "Operator: requests to a running service"
@@ -50,6 +55,7 @@ COMMANDS: Final = {
     "reference": ("preparation", COMMISSIONING, "Home one axis."),
     "scan": ("scan", DRIVES, "Nodes on a bus, compared with the configuration. Reads only."),
     "drive": ("drive", DRIVES, "One drive's objects: dump, compare, store, restore."),
+    "record": ("record", RECORDINGS, "Record what a running service publishes."),
     "blackbox": ("blackbox", RECORDINGS, "Recordings around each stop, and the log of requests."),
     "replay": ("replay", RECORDINGS, "The observer over a recorded file, as fast as it can."),
     "calibrate": ("calibrate", RECORDINGS, "Friction, springs and encoder noise of the machine."),
@@ -105,9 +111,9 @@ def main() -> None:
         code = _fail(text, failure(usage, chosen or ""), as_json=as_json)
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
-        if package not in OF_TOOLS:
+        if package not in REMEDIES:
             raise
-        remedy = "pip install ./clients/python '.[tools]'"
+        remedy = REMEDIES[package]
         text = f"gaitd {chosen} needs {package}: {remedy} in a clone of gaitd"
         lacking = CommandError(text, EXIT_REFUSED, blame=package, following=remedy)
         code = _fail(text, failure(lacking, chosen or ""), as_json=as_json)

@@ -15,7 +15,7 @@ def command(
     recorded: Recorded,
     robot: Annotated[Path, typer.Option(help="robot.toml that the service runs with")],
     output: Annotated[Path, typer.Option(help="baseline.toml to write")],
-    leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
+    leg: Annotated[str | None, typer.Option(help="of a recording with two legs")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Average torque and force by gait phase from a passive run, for `baseline` of a [[leg]]."""

@@ -1,7 +1,7 @@
 """`gaitd blackbox`: recordings around each stop, and the log of requests.
 
     gaitd blackbox --config FILE             the files, newest last
-    gaitd blackbox show FILE                 one recording as tables; --csv, --plot
+    gaitd blackbox show FILE                 one stop as tables; --csv, --plot, --recording
     gaitd blackbox requests --config FILE    the request log
 
 None of these needs a running service. Exit codes: 0; 2 usage, configuration, or a file that cannot
@@ -55,18 +55,27 @@ def command(
         Path | None, typer.Option("--csv", help="show: write the recording for `gaitd replay`")
     ] = None,
     plot: Annotated[Path | None, typer.Option(metavar="PNG", help="show: draw it")] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--recording", help="show: write it as `gaitd record` does, with all messages"
+        ),
+    ] = None,
     leg: Annotated[str | None, typer.Option(help="--csv, --plot: by default the first")] = None,
     newest: Annotated[int, typer.Option("--last", min=1, help="requests: so many lines")] = 40,
 ) -> None:
     """Show the recordings around each stop, and which client sent which request."""
     from analysis.recording import RecordingError
+    from daemon.config.strict import COMMAND_LINE, ConfigError
 
+    if folder is not None and folder.exists():
+        raise ConfigError(COMMAND_LINE, "--recording", folder, "a folder that does not exist yet")
     with errors_in_one_line(RecordingError, RefusedError):
         match action:
             case Action.LIST:
                 _list(_state(config, state), as_json=as_json)
             case Action.SHOW:
-                _show(file, leg, (export, plot), as_json=as_json)
+                _show(file, leg, (export, plot, folder), as_json=as_json)
             case Action.REQUESTS:
                 _requests(_state(config, state), newest, as_json=as_json)
 
@@ -136,7 +145,11 @@ def _fields(file: "ClipFile") -> dict[str, object]:
 
 
 def _show(
-    file: Path | None, leg: str | None, written: tuple[Path | None, Path | None], *, as_json: bool
+    file: Path | None,
+    leg: str | None,
+    written: tuple[Path | None, Path | None, Path | None],
+    *,
+    as_json: bool,
 ) -> None:
     import msgspec
 
@@ -150,7 +163,7 @@ def _show(
     one = leg or stop.header.leg_names[0]
     if one not in stop.header.leg_names:
         raise RefusedError(f"{file}: has no leg {one}, only {', '.join(stop.header.leg_names)}")
-    export, plot = written
+    export, plot, folder = written
     for path in (path for path in written if path is not None):
         if path.exists() and path.samefile(file):
             raise RefusedError(f"{path}: is the recording itself; name another file")
@@ -169,6 +182,11 @@ def _show(
 
             draw(stop, one, plot)
             print(f"picture of the {one} leg in {plot}")
+        if folder is not None:
+            from gaitd.ring_export import export as write_recording
+
+            made = write_recording(stop.header, stop.records, folder)
+            print(f"{made.message_count} messages of all legs in {folder}")
 
 
 # --- requests -------------------------------------------------------------------------------------

@@ -25,7 +25,10 @@ SUFFIX = ".robot.toml"
 
 def command(
     recorded: Annotated[
-        list[Path], typer.Argument(metavar="IN...", help="a .csv or a ring of the empty machine")
+        list[Path],
+        typer.Argument(
+            metavar="IN...", help="a .csv, a folder of `gaitd record` or a ring: the empty machine"
+        ),
     ],
     robot: Annotated[Path, typer.Option(help="robot.toml of the empty machine to begin with")],
     output: Annotated[

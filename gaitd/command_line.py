@@ -38,7 +38,10 @@ DemoFile = Annotated[
     Path | None,
     typer.Option("--config", help="trainer file; by default configs/demo.toml", dir_okay=False),
 ]
-Recorded = Annotated[Path, typer.Argument(metavar="IN", help="a .csv, or a ring of records")]
+Recorded = Annotated[
+    Path,
+    typer.Argument(metavar="IN", help="a .csv, a folder of `gaitd record`, or a ring of records"),
+]
 JSON: Final = "--json"
 JsonOption = Annotated[
     bool, typer.Option(JSON, help="the result as one JSON document on stdout, text on stderr")

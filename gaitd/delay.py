@@ -19,9 +19,11 @@ def command(
     recorded: Recorded,
     robot: Annotated[
         Path | None,
-        typer.Option(help="robot.toml; by default the ring's own, else configs/robot_empty.toml"),
+        typer.Option(
+            help="robot.toml; by default the recording's own, else configs/robot_empty.toml"
+        ),
     ] = None,
-    leg: Annotated[str | None, typer.Option(help="of a ring with two legs")] = None,
+    leg: Annotated[str | None, typer.Option(help="of a recording with two legs")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the delay of torque and force, and print the values to set in robot.toml.

@@ -34,12 +34,15 @@ def command(
     recorded: Annotated[
         list[Path],
         typer.Argument(
-            metavar="IN...", help="a .csv, a file of the black box, or a ring of records"
+            metavar="IN...",
+            help="a .csv, a folder of `gaitd record`, a file of the black box, a ring of records",
         ),
     ],
     robot: Annotated[
         Path | None,
-        typer.Option(help="robot.toml; by default the ring's own, for a .csv configs/robot.toml"),
+        typer.Option(
+            help="robot.toml; by default the recording's own, for a .csv configs/robot.toml"
+        ),
     ] = None,
     output: Annotated[
         Path | None,
@@ -48,7 +51,7 @@ def command(
     plot: Annotated[
         Path | None, typer.Option(metavar="PNG", help="draw a picture; or a folder")
     ] = None,
-    leg: Annotated[str | None, typer.Option(help="of a ring; by default all its legs")] = None,
+    leg: Annotated[str | None, typer.Option(help="of a recording; by default all its legs")] = None,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="estimates in the light of the 150 ms after them")
     ] = False,

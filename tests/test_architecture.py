@@ -19,6 +19,7 @@ FOLDER = {
     "gaitd_display": PROJECT / "clients" / "display",
     "gaitd_session": PROJECT / "clients" / "session",
     "gaitd_assist": PROJECT / "clients" / "assist",
+    "gaitd_record": PROJECT / "clients" / "record",
 }
 
 
@@ -62,6 +63,8 @@ PLANTS = (
     Plant("gaitd_client", "daemon.ipc.record", ALONE),
     Plant("daemon.core", "gaitd_client.stream", MESSAGES),
     Plant("gaitd_display", "daemon.ipc.record", "the display sees messages alone"),
+    Plant("gaitd_record", "daemon.ipc.record", "the recorder sees the client library alone"),
+    Plant("daemon.gateway", "pyarrow", "the service needs no package of the recorder"),
     Plant("gaitd_session", "daemon.ipc.record", "a session sees the client library alone"),
     Plant(
         "gaitd_assist",

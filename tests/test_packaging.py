@@ -19,6 +19,8 @@ SESSION = PROJECT / "clients" / "session"
 SESSION_PYPROJECT = tomllib.loads((SESSION / "pyproject.toml").read_text(encoding="utf-8"))
 ASSIST = PROJECT / "clients" / "assist"
 ASSIST_PYPROJECT = tomllib.loads((ASSIST / "pyproject.toml").read_text(encoding="utf-8"))
+RECORD = PROJECT / "clients" / "record"
+RECORD_PYPROJECT = tomllib.loads((RECORD / "pyproject.toml").read_text(encoding="utf-8"))
 DISPLAY_PYPROJECT = tomllib.loads((DISPLAY / "pyproject.toml").read_text(encoding="utf-8"))
 CLIENT_NAME = "gaitd-client"
 PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
@@ -39,7 +41,14 @@ def test_no_installed_distribution_claims_a_name_of_ours(rival):
 
 @pytest.mark.parametrize(
     "project",
-    [PYPROJECT, CLIENT_PYPROJECT, DISPLAY_PYPROJECT, SESSION_PYPROJECT, ASSIST_PYPROJECT],
+    [
+        PYPROJECT,
+        CLIENT_PYPROJECT,
+        DISPLAY_PYPROJECT,
+        SESSION_PYPROJECT,
+        ASSIST_PYPROJECT,
+        RECORD_PYPROJECT,
+    ],
 )
 def test_the_installed_version_is_the_one_of_the_project_file(project):
     assert importlib.metadata.version(project["project"]["name"]) == project["project"]["version"]
@@ -53,15 +62,18 @@ def test_gaitd_needs_the_client_of_this_repository_with_its_dependencies():
     assert CLIENT_PYPROJECT["build-system"] == PYPROJECT["build-system"]
 
 
-def test_the_display_needs_the_versions_that_are_pinned_for_it():
-    own = {*PYPROJECT["project"]["dependencies"]}
-    own |= {*PYPROJECT["project"]["optional-dependencies"]["display"], "gaitd-session==0.1.0"}
+@pytest.mark.parametrize(
+    ("extra", "project"), [("display", DISPLAY_PYPROJECT), ("record", RECORD_PYPROJECT)]
+)
+def test_display_and_recorder_need_the_versions_that_are_pinned_for_them(extra, project):
+    own = {*PYPROJECT["project"]["dependencies"], "gaitd-session==0.1.0"}
+    own |= {*PYPROJECT["project"]["optional-dependencies"][extra]}
 
-    assert set(DISPLAY_PYPROJECT["project"]["dependencies"]) <= own
-    assert DISPLAY_PYPROJECT["build-system"] == PYPROJECT["build-system"]
+    assert set(project["project"]["dependencies"]) <= own
+    assert project["build-system"] == PYPROJECT["build-system"]
 
 
-@pytest.mark.parametrize("folder", [CLIENT, DISPLAY, SESSION, ASSIST])
+@pytest.mark.parametrize("folder", [CLIENT, DISPLAY, SESSION, ASSIST, RECORD])
 def test_a_source_distribution_has_the_licence_itself(folder):
     licence = folder / "LICENSE"
 
@@ -105,7 +117,9 @@ def test_the_clients_wheel_holds_its_package_with_types_schemas_and_licence(tmp_
     assert b"Apache License" in wheel.read(licence)
 
 
-@pytest.mark.parametrize(("folder", "name"), [(SESSION, "session"), (ASSIST, "assist")])
+@pytest.mark.parametrize(
+    ("folder", "name"), [(SESSION, "session"), (ASSIST, "assist"), (RECORD, "record")]
+)
 def test_a_clients_wheel_holds_its_package_with_types_command_and_licence(folder, name, tmp_path):
     wheel = built(folder, tmp_path)
     names = set(wheel.namelist())
@@ -115,6 +129,8 @@ def test_a_clients_wheel_holds_its_package_with_types_command_and_licence(folder
     assert {name for name in names if ".dist-info/" not in name} == files
     papers = {name.split(".dist-info/")[-1]: name for name in names}
     assert b"Apache License" in wheel.read(papers["licenses/LICENSE"])
+    if folder is RECORD:
+        return  # its command is `gaitd record`
     command = f"gaitd-{name} = gaitd_{name}.program:main"
     assert command.encode() in wheel.read(papers["entry_points.txt"])
 

@@ -190,6 +190,7 @@ GUIDED = (
     "clients/display/gaitd_display",
     "clients/session/gaitd_session",
     "clients/assist/gaitd_assist",
+    "clients/record/gaitd_record",
 )
 
 

@@ -13,6 +13,7 @@ from gaitd_client import wire
 
 from daemon.config.settings import Lease
 from daemon.gateway.clients import PLAN_FILE, ClientRefusedError, Clients, PlanStore
+from daemon.gateway.outlet import Outlet
 from daemon.gateway.service import Gateway
 from daemon.ipc.record import CycleRecord, GatewayState, Role
 from daemon.ipc.transport import RingHeader
@@ -81,6 +82,62 @@ class Readers(Clients):
         if name in wire.READING:
             return super().role(name, client)
         raise ClientRefusedError("a recording is played: nothing can be requested of it")
+
+
+class RecordedClock:
+    """The times of the newest record that was published."""
+
+    def __init__(self, record: CycleRecord) -> None:
+        """Begin at a record."""
+        self.record = record
+
+    def now_ns(self) -> int:
+        """Monotonic time of its SYNC."""
+        return self.record.sync_mono_ns
+
+    def utc_ns(self) -> int:
+        """UTC of its SYNC."""
+        return self.record.sync_utc_ns
+
+
+class Given:
+    """Records as they are given, one at a time; the gateway's `CoreLink`."""
+
+    def __init__(self, header: RingHeader) -> None:
+        """Begin without a record."""
+        self.header: RingHeader | None = header
+        self.next: list[CycleRecord] = []
+
+    def records(self) -> list[CycleRecord]:
+        """Return what was given since the last call."""
+        given, self.next = self.next, []
+        return given
+
+    def take_notices(self) -> list[str]:
+        """Return none: no core sends any."""
+        return []
+
+    def send(self, gateway_state: GatewayState) -> bool:  # noqa: ARG002 - for a core
+        """Do nothing: there is no core."""
+        return True
+
+
+def publish_at_once(header: RingHeader, records: Sequence[CycleRecord], outlet: Outlet) -> None:
+    """Give an outlet the messages of all records, as a gateway that is never late publishes them.
+
+    Args:
+        header: of the recording; `trainer` is TRAINER in the keys.
+        records: at least one, oldest first.
+        outlet: takes the messages.
+    """
+    clock, source, trainer = RecordedClock(records[0]), Given(header), header.trainer
+    with TemporaryDirectory(prefix="gaitd-") as folder:
+        plans = PlanStore(Path(folder) / PLAN_FILE, lambda _what, _run: False)
+        gateway = Gateway(source, outlet, clock, trainer, (), NO_LEASE, Readers(), plans, str)
+        for record in records:
+            clock.record, source.next = record, [record]
+            gateway.publish_estimates(clock.now_ns())
+            gateway.turn(clock.now_ns(), ())
 
 
 def play(

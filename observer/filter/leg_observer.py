@@ -164,7 +164,7 @@ class LegObserver:
         hip, slide = _number(position[0]), _number(position[1])
         if not (math.isfinite(hip) and math.isfinite(slide)):
             raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is not finite")
-        if not _begin_at(*self.setup[:5], self._memory, hip, slide):
+        if not begin_at(*self.setup[:5], self._memory, hip, slide):
             raise PoseError(
                 f"hip {hip:.4f} rad, slide {slide:.4f} m: shank and shoe do not reach each other, "
                 f"are within {START_RATIO_MIN} of the singularity, or the knee is bent backwards; "
@@ -351,7 +351,7 @@ def check_tuning(
 
 
 @kernel
-def _begin_at(
+def begin_at(
     leg: tuple[float, ...],
     hip: tuple[float, ...],
     slide: tuple[float, ...],

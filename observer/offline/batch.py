@@ -1,7 +1,8 @@
 """The observer over recorded columns: the live `advance` in one compiled loop, with the same bits.
 
 One row is one cycle. The filter starts at the first complete row; the time step of a row is its
-distance from the previous row, so gaps and jitter of a recording have the same effect as live.
+distance from the previous row in whole nanoseconds, as the service measures it, so gaps and jitter
+of a recording have the same effect as live.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,7 +24,7 @@ from observer.filter.leg_filter import (
 )
 from observer.filter.leg_memory import LegMemory, new_memory
 from observer.filter.leg_model import STEP_S
-from observer.filter.leg_observer import Setup
+from observer.filter.leg_observer import Setup, begin_at
 from observer.jit import inline, kernel
 
 Vector = NDArray[np.float64]
@@ -46,6 +47,9 @@ class Columns:
     """Shape (n, 2): hip torque N m, slide force N that acted from the previous row to this one."""
     caller_bits: Integers | None = None
     """Shape (n,): Status bits known to the caller; none if None."""
+    first_step_s: float | None = None
+    """Measured step of the first row, which is then processed as the service does: the filter is at
+    rest at its pose before. None, or no possible pose: it starts with the first complete row."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,12 +91,20 @@ def run(
     """
     rows = prepared(columns)
     count = len(rows.steps_s)
-    memory, points = new_memory()
+    memory, points = begun_memory(setup, columns)
     for begin in range(0, count, BLOCK_ROWS):
         _run(setup, rows.block(begin, BLOCK_ROWS), memory, points)
         if progress is not None:
             progress(min((begin + BLOCK_ROWS) / count, 1.0))
     return rows.estimates()
+
+
+def begun_memory(setup: Setup, columns: Columns) -> tuple[Sequence[LegMemory], Vector]:
+    """Return the filter's memory and points before the first row."""
+    memory, points = new_memory()
+    if columns.first_step_s is not None and np.isfinite(columns.position[0]).all():
+        begin_at(*setup[:5], memory, *columns.position[0].tolist())
+    return memory, points
 
 
 class Rows(NamedTuple):
@@ -144,8 +156,8 @@ def prepared(columns: Columns) -> Rows:
     time_s = np.asarray(columns.time_s, dtype=np.float64)
     # Infinite times have no step between them; the kernels treat that as a gap.
     with np.errstate(over="ignore", invalid="ignore"):
-        steps_s = np.diff(time_s, prepend=time_s[:1])
-    steps_s[:1] = STEP_S
+        steps_s = np.rint(np.diff(time_s, prepend=time_s[:1]) * 1e9) * 1e-9
+    steps_s[:1] = STEP_S if columns.first_step_s is None else columns.first_step_s
     return Rows(
         steps_s,
         np.ascontiguousarray(columns.position, dtype=np.float64),

@@ -10,10 +10,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filter.leg_memory import LegMemory, new_memory
+from observer.filter.leg_memory import LegMemory
 from observer.filter.leg_observer import Setup
 from observer.jit import kernel
-from observer.offline.batch import BatchEstimates, Columns, Rows, advance_by_row, prepared
+from observer.offline.batch import (
+    BatchEstimates,
+    Columns,
+    Rows,
+    advance_by_row,
+    begun_memory,
+    prepared,
+)
 from observer.smoother import (
     CYCLE_DATA_COUNT,
     LAG,
@@ -53,7 +60,7 @@ def run_smoothed(
     rows = prepared(columns)
     count = len(rows.steps_s)
     smooth = np.full((count, SMOOTH_SIZE), np.nan)
-    memory, points = new_memory()
+    memory, points = begun_memory(setup, columns)
     ring, work = np.zeros(RING_SIZE), np.zeros(WORK_SIZE)
     for begin in range(0, count, BLOCK_ROWS):
         block = rows.block(begin, BLOCK_ROWS)

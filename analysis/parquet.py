@@ -1,0 +1,190 @@
+"""Input of recordings that `gaitd record` has made: the observer's inputs of a leg as Parquet.
+
+A recording is a folder with `LEG.recording.parquet` for each leg, which may also be named alone.
+Columns are those of a recording as CSV, found by name; another Parquet file with them is read, too.
+What `gaitd record` knew of robot, versions and losses is in the file's metadata.
+"""
+
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from analysis.recording import COLUMNS, Recording, RecordingError, recording
+from daemon.config.settings import Robot
+
+Arrow = Any
+"""A type of pyarrow, which has no annotations."""
+
+SUFFIX: Final = ".parquet"
+OF_LEG: Final = f".recording{SUFFIX}"
+MCAP: Final = ".mcap"
+PART: Final = ".part"
+OF_RECORDER: Final = ("status", "dt_s")
+"""Columns of `gaitd record` besides those of a CSV."""
+ABOUT: Final = b"gaitd"
+END: Final = b"gaitd.end"
+LEG: Final = b"gaitd.leg"
+
+
+class Read(NamedTuple):
+    """A leg's recording and what it says of itself."""
+
+    recording: Recording
+    robot: Robot | None
+    """As the service had it; None for a file of another program."""
+    leg: str
+    status: NDArray[np.int64]
+    """Shape (n,): bits of status.Status; 0 for a file of another program."""
+    about: tuple[tuple[str, str], ...]
+    """Names and values."""
+    first_step_s: float | None
+    """Step of the first row, where the service's observer started with it."""
+
+
+class _About(msgspec.Struct, frozen=True):
+    id: str
+    trainer: str
+    core_boot_id: str
+    gaitd_version: str
+    robot: dict[str, Any]
+
+
+class _End(msgspec.Struct, frozen=True):
+    ended: str
+    lost: str
+    stops: str
+
+
+def files_of(path: Path) -> dict[str, Path]:
+    """Return the file of each leg, by the leg's name; empty for a file of another program.
+
+    Raises:
+        RecordingError: it is no recording, or not finished.
+    """
+    if path.suffix == PART:
+        raise RecordingError(
+            f"{path}: is not finished; `gaitd record --finish --output {path.parent}` does that"
+        )
+    if path.is_dir():
+        found = {file.name.removesuffix(OF_LEG): file for file in path.glob(f"*{OF_LEG}")}
+        if not found:
+            raise RecordingError(
+                f"{path}: has no file LEG{OF_LEG}; a folder must be a recording of `gaitd record`"
+            )
+        return dict(sorted(found.items(), reverse=True))
+    if path.suffix.lower() == MCAP:
+        raise RecordingError(f"{path}: has no inputs of the observer; name its folder")
+    if not path.exists():
+        raise RecordingError(f"{path}: No such file or directory")
+    leg = _schema(path).metadata or {}
+    return {leg[LEG].decode(): path} if LEG in leg else {}
+
+
+def read(path: Path, leg: str | None = None) -> Read:
+    """Read one leg; the first one if None.
+
+    Raises:
+        RecordingError: it cannot be used; names file, column, and what is allowed.
+    """
+    files = files_of(path)
+    name = leg or next(iter(files), "")
+    if leg is not None and leg not in files:
+        raise RecordingError(
+            f"{path}: has no leg {leg}, only {', '.join(files) or 'an unnamed one'}"
+        )
+    file = files.get(name, path)
+    schema = _schema(file)
+    about, end = _metadata(file, schema)
+    own = OF_RECORDER if about is not None else ()
+    _check_columns(file, schema, (*COLUMNS, *own))
+    values = _values(file, (*COLUMNS, *own))
+    first, first_step_s, status = 0, None, np.zeros(len(values), dtype=np.int64)
+    if about is not None:
+        status = values[:, len(COLUMNS)].astype(np.int64)
+        first, first_step_s = _start(file, values)
+    return Read(
+        recording(
+            str(file), values[first:, : len(COLUMNS)], lambda row: f"{file}: row {first + row + 1}"
+        ),
+        None if about is None else _robot(file, about),
+        name,
+        status[first:],
+        () if about is None else tuple(_lines(about, end)),
+        first_step_s,
+    )
+
+
+def _schema(file: Path) -> Arrow:
+    try:
+        return pq.read_schema(file)
+    except pa.ArrowInvalid as error:
+        raise RecordingError(f"{file}: is no whole Parquet file: {error}") from error
+    except OSError as error:
+        raise RecordingError(f"{file}: {error.strerror or error}") from error
+
+
+def _check_columns(file: Path, schema: Arrow, wanted: tuple[str, ...]) -> None:
+    missing = [column for column in wanted if column not in schema.names]
+    if missing:
+        raise RecordingError(
+            f"{file}: lacks column {', '.join(missing)}; it has {', '.join(schema.names)}"
+        )
+    for column in wanted:
+        kind = schema.field(column).type
+        if not (pa.types.is_floating(kind) or pa.types.is_integer(kind)):
+            raise RecordingError(f"{file}: column {column} is {kind}, must be a number")
+
+
+def _values(file: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
+    """Return the columns as doubles, NaN where a cell is empty."""
+    try:
+        table = pq.read_table(file, columns=list(columns))
+    except (pa.ArrowInvalid, OSError) as error:
+        raise RecordingError(f"{file}: cannot be read: {error}") from error
+    if len(table) == 0:
+        return np.empty((0, len(columns)))
+    return np.column_stack([table[name].cast(pa.float64()).to_numpy() for name in columns])
+
+
+def _metadata(file: Path, schema: Arrow) -> tuple[_About | None, _End | None]:
+    found = schema.metadata or {}
+    try:
+        about = msgspec.json.decode(found[ABOUT], type=_About) if ABOUT in found else None
+        end = msgspec.json.decode(found[END], type=_End) if END in found else None
+    except ValueError as error:
+        raise RecordingError(f"{file}: its metadata are of another version: {error}") from error
+    return about, end
+
+
+def _robot(file: Path, about: _About) -> Robot:
+    try:
+        return msgspec.convert(about.robot, Robot)
+    except msgspec.ValidationError as error:
+        raise RecordingError(f"{file}: its robot cannot be used: {error}") from error
+
+
+def _start(file: Path, values: NDArray[np.float64]) -> tuple[int, float | None]:
+    """Return the first row in which the observer ran, and its step; None: it ran before."""
+    complete = np.flatnonzero(~np.isnan(values[:, 1:3]).any(axis=1))
+    if not len(complete):
+        raise RecordingError(f"{file}: the observer ran in none of its {len(values)} rows")
+    first = int(complete[0])
+    step_s = float(values[first, -1])
+    return first, step_s if first and np.isfinite(step_s) else None
+
+
+def _lines(about: _About, end: _End | None) -> list[tuple[str, str]]:
+    trainer = f"{about.trainer}, gaitd {about.gaitd_version}, core {about.core_boot_id}"
+    lines = [("recorded", f"{trainer}, id {about.id}")]
+    if end is not None:
+        stops: list[dict[str, str]] = msgspec.json.decode(end.stops)
+        lost: dict[str, int] = msgspec.json.decode(end.lost)
+        lines.append(("ended", end.ended))
+        lines += [("stop", f"{stop['category']} {stop['cause']}") for stop in stops]
+        lines += [("lost", f"{count} messages of {key}") for key, count in sorted(lost.items())]
+    return lines

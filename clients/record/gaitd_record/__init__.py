@@ -1,0 +1,47 @@
+"""Recorder of a gait trainer: messages as MCAP, estimates and the observer's inputs as Parquet.
+
+Reading order: `program.py` (messages in, when a recording begins and ends), `recording.py` (one
+recording while it is made), `leg_table.py` (estimates of a leg), `about.py` (what a recording says
+of itself), `finish.py` (the end, also after a kill), `room.py` (limit of the folder), `errors.py`.
+"""
+
+from gaitd_record.about import About, Head
+from gaitd_record.errors import FullError, RecordError
+from gaitd_record.finish import Finished, finish, leftovers
+from gaitd_record.program import (
+    Begun,
+    Deleted,
+    Event,
+    Listening,
+    Options,
+    Purpose,
+    Received,
+    Recorder,
+    record,
+)
+from gaitd_record.recording import MESSAGES, PART, Recording
+from gaitd_record.room import Room, WhenFull
+
+__all__ = [
+    "MESSAGES",
+    "PART",
+    "About",
+    "Begun",
+    "Deleted",
+    "Event",
+    "Finished",
+    "FullError",
+    "Head",
+    "Listening",
+    "Options",
+    "Purpose",
+    "Received",
+    "RecordError",
+    "Recorder",
+    "Recording",
+    "Room",
+    "WhenFull",
+    "finish",
+    "leftovers",
+    "record",
+]

@@ -1,0 +1,300 @@
+"""Messages of a service into recordings: when one begins, and when it ends.
+
+A recording holds messages of one run of a core: another `core_boot_id` is another recording. It
+begins with the first message of a mode that is wanted, ends when none has been wanted for two
+seconds, and after an hour the next one continues.
+"""
+
+import contextlib
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from datetime import UTC, datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import msgspec
+import zenoh
+from gaitd_client import Mode, MonotonicClock, Trainer, wire
+
+from gaitd_record.about import About, Head
+from gaitd_record.errors import FullError, RecordError
+from gaitd_record.finish import Finished, finish, leftovers
+from gaitd_record.recording import IN_ORDER, PART, Recording
+from gaitd_record.room import Room
+
+SYNC_NS: Final = 500_000_000
+"""Time of the computer between two `sync`: a kill loses at most this, and what `sync` takes."""
+ROOM_NS: Final = 5_000_000_000
+POLL_S: Final = 0.05
+AFTER_NS: Final = 2_000_000_000
+"""Recorded after the last wanted mode: how a stop came to rest."""
+LONGEST_NS: Final = 3_600_000_000_000
+IDLE: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.STOPPING, Mode.FAULT})
+"""Modes in which the drives are not enabled on purpose."""
+
+
+class Purpose(StrEnum):
+    """What is recorded."""
+
+    ALL = "all"
+    TRAINING = "training"
+    """While the drives are enabled on purpose."""
+    CALIBRATION = "calibration"
+    """Each run of mode excite."""
+
+    def wants(self, mode: str | None) -> bool:
+        """Return whether this mode is recorded; None: a message without a mode."""
+        match self:
+            case Purpose.ALL:
+                return True
+            case Purpose.TRAINING:
+                return mode is not None and mode not in IDLE
+            case Purpose.CALIBRATION:
+                return mode == Mode.EXCITE
+
+
+class Options(NamedTuple):
+    """What is recorded, and where."""
+
+    purpose: Purpose
+    room: Room
+
+
+class Received(NamedTuple):
+    """A message as it came."""
+
+    key: str
+    """Below TRAINER."""
+    schema: str
+    """`gaitd.NAME.vN`; empty: unknown."""
+    payload: bytes
+
+
+class Listening(NamedTuple):
+    """From now on every message is received."""
+
+    service: str
+
+
+class Begun(NamedTuple):
+    """A recording has begun."""
+
+    path: Path
+
+
+class Deleted(NamedTuple):
+    """An old recording was deleted, because the folder is full."""
+
+    path: Path
+
+
+Event = Listening | Begun | Finished | Deleted
+
+
+class Recorder:
+    """Makes recordings of messages; use it as a context manager, which ends the last one."""
+
+    def __init__(
+        self,
+        options: Options,
+        configuration: Callable[[], wire.Configuration],
+        report: Callable[[Event], object],
+    ) -> None:
+        """Finish what a kill has left in the folder, and make room.
+
+        Args:
+            options: what is recorded, and where.
+            configuration: asks the service for it.
+            report: called with each event.
+
+        Raises:
+            RecordError: an unfinished recording cannot be finished, or there is no room.
+            OSError: the folder cannot be read or written.
+        """
+        self._options, self._configuration, self._report = options, configuration, report
+        self._decoder = msgspec.json.Decoder(Head)
+        self._recording: Recording | None = None
+        self._wanted_ns = 0
+        self._finishing: list[Future[Finished | None]] = []
+        self._threads = ThreadPoolExecutor(1, thread_name_prefix="finish")
+        options.room.folder.mkdir(parents=True, exist_ok=True)
+        for part in leftovers(options.room.folder):
+            self._report_finished(finish(part))
+        self.make_room()
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+        self._threads.shutdown()
+        self.collect()
+
+    def add(self, received: Received) -> None:
+        """Take a message.
+
+        Raises:
+            RecordError: it is none of gaitd's, or the recording cannot be written.
+            ClientError: the service does not tell its configuration.
+        """
+        try:
+            head = self._decoder.decode(received.payload)
+        except (ValueError, RecursionError) as error:
+            raise RecordError(f"{received.key}: is no message of gaitd: {error}") from error
+        recording, now_ns = self._recording, head.sample_time_ns
+        if head.core_boot_id is not None and now_ns is not None:
+            if self._options.purpose.wants(head.mode):
+                self._wanted_ns = now_ns
+            if recording is not None and self._is_over(recording, head.core_boot_id, now_ns):
+                self.end()
+                recording = None
+            if recording is None and now_ns == self._wanted_ns:
+                recording = self._begin(head.core_boot_id, now_ns)
+        if recording is not None:
+            self._try(recording, lambda: recording.add(*received, head))
+
+    def _is_over(self, recording: Recording, boot_id: str, now_ns: int) -> bool:
+        return (
+            boot_id != recording.about.core_boot_id
+            or now_ns > self._wanted_ns + AFTER_NS
+            or now_ns > recording.about.begun_utc_ns + LONGEST_NS
+        )
+
+    def _begin(self, boot_id: str, now_ns: int) -> Recording:
+        about = About.of(self._configuration(), boot_id, now_ns)
+        path = self._options.room.folder / self._name(about)
+        try:
+            self._recording = Recording(path, about)
+        except OSError as error:
+            raise RecordError(f"{path}: {error.strerror}") from error
+        self._report(Begun(path))
+        return self._recording
+
+    def _name(self, about: About) -> str:
+        if self._options.purpose is Purpose.CALIBRATION:
+            taken = {
+                path.name.removesuffix(PART) for path in self._options.room.folder.glob("excite_*")
+            }
+            return next(
+                name for n in range(1, len(taken) + 2) if (name := f"excite_{n}") not in taken
+            )
+        begun = datetime.fromtimestamp(about.begun_utc_ns // 1_000_000_000, UTC)
+        return f"{begun:%Y%m%dT%H%M%SZ}_{about.id[:8]}"
+
+    def sync(self) -> None:
+        """Bring all messages to the disk.
+
+        Raises:
+            RecordError: the recording cannot be written.
+        """
+        if self._recording is not None:
+            self._try(self._recording, self._recording.sync)
+        self.collect()
+
+    def make_room(self) -> None:
+        """Keep the limit of the folder.
+
+        Raises:
+            FullError: there is no room; the recording has ended.
+        """
+        try:
+            for path in self._options.room.check():
+                self._report(Deleted(path))
+        except FullError as error:
+            self.end(str(error))
+            raise
+
+    def end(self, ended: str = IN_ORDER) -> None:
+        """End the present recording, if there is one.
+
+        Args:
+            ended: why, for readers.
+
+        Raises:
+            RecordError: it cannot be written.
+        """
+        recording, self._recording = self._recording, None
+        if recording is not None:
+            self._try(recording, lambda: recording.close(ended))
+            self._finishing.append(self._threads.submit(finish, recording.part))
+
+    def collect(self) -> None:
+        """Report what was finished since the last call.
+
+        Raises:
+            RecordError: a recording could not be finished.
+        """
+        for done in [one for one in self._finishing if one.done()]:
+            self._finishing.remove(done)
+            try:
+                self._report_finished(done.result())
+            except OSError as error:
+                raise RecordError(f"a recording is not finished: {error}") from error
+
+    def _report_finished(self, finished: Finished | None) -> None:
+        if finished is not None:
+            self._report(finished)
+
+    def _try(self, recording: Recording, action: Callable[[], object]) -> None:
+        """Write; a recording that cannot be written is left as it is.
+
+        Raises:
+            RecordError: it cannot be written.
+        """
+        try:
+            action()
+        except OSError as error:
+            self._recording = None
+            raise RecordError(
+                f"{recording.part}: {error.strerror}; what was written before can be finished"
+            ) from error
+
+
+def record(
+    trainer: Trainer,
+    options: Options,
+    report: Callable[[Event], object],
+    over: threading.Event,
+) -> None:
+    """Record a service until `over` is set.
+
+    Args:
+        trainer: connected.
+        options: what is recorded, and where.
+        report: called with each event.
+        over: set by another thread, or a signal.
+
+    Raises:
+        RecordError: a recording cannot be made; FullError: there is no room.
+        ClientError: there is no connection, or the service does not tell its configuration.
+        OSError: the folder cannot be read or written.
+    """
+    received: queue.SimpleQueue[Received] = queue.SimpleQueue()
+    root = wire.key(trainer.target.trainer, "")
+    computer = MonotonicClock()
+
+    def take(sample: zenoh.Sample) -> None:
+        schema = str(sample.encoding).partition(";")[2]
+        key = str(sample.key_expr).removeprefix(root)
+        received.put(Received(key, schema, sample.payload.to_bytes()))
+
+    with Recorder(options, trainer.configuration, report) as recorder:
+        subscriber = trainer.connected_session().declare_subscriber(f"{root}**", take)
+        report(Listening(str(trainer.target)))
+        synced_ns = checked_ns = computer.now_ns()
+        while not over.is_set():
+            with contextlib.suppress(queue.Empty):
+                recorder.add(received.get(timeout=POLL_S))
+            now_ns = computer.now_ns()
+            if now_ns - synced_ns >= SYNC_NS:
+                synced_ns = now_ns
+                recorder.sync()
+            if now_ns - checked_ns >= ROOM_NS:
+                checked_ns = now_ns
+                recorder.make_room()
+        subscriber.undeclare()
+        while not received.empty():
+            recorder.add(received.get())

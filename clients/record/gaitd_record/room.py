@@ -1,0 +1,74 @@
+"""The limit of a folder of recordings, and what happens at the limit or on a full disk."""
+
+import os
+import shutil
+from enum import StrEnum
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from gaitd_record.errors import FullError
+from gaitd_record.leg_table import STREAM
+from gaitd_record.recording import MESSAGES, PART
+
+BYTES_PER_MB: Final = 1_000_000
+FREE_MIN_MB: Final = 64
+"""Free space of the disk; less is as a full one, so that a recording can still be finished."""
+
+
+class WhenFull(StrEnum):
+    """What happens at the limit."""
+
+    END = "end"
+    """The recording ends; nothing is deleted."""
+    DELETE_OLDEST = "delete-oldest"
+    """Finished recordings are deleted, the oldest first."""
+
+
+class Room(NamedTuple):
+    """Room for recordings."""
+
+    folder: Path
+    limit_mb: int
+    """Size of all recordings in the folder together."""
+    when_full: WhenFull = WhenFull.END
+
+    def check(self) -> list[Path]:
+        """Make room where that is wanted.
+
+        Returns: the recordings that were deleted.
+
+        Raises:
+            FullError: there is none; with its reason.
+        """
+        deleted: list[Path] = []
+        while lack := self._lack():
+            oldest = self._oldest() if self.when_full is WhenFull.DELETE_OLDEST else None
+            if oldest is None:
+                raise FullError(f"{self.folder}: {lack}")
+            shutil.rmtree(oldest)
+            deleted.append(oldest)
+        return deleted
+
+    def _lack(self) -> str:
+        """Return why there is no room; empty: there is."""
+        sizes = {file: file.stat().st_size for file in self.folder.glob("*/*")}
+        # At the end the estimates are on the disk twice for some seconds.
+        twice = sum(size for file, size in sizes.items() if file.suffix == STREAM)
+        total_mb = (sum(sizes.values()) + twice) / BYTES_PER_MB
+        if total_mb > self.limit_mb:
+            return f"its recordings have {total_mb:.0f} MB, allowed are {self.limit_mb} MB"
+        found = os.statvfs(self.folder)
+        free_mb = (found.f_bavail * found.f_frsize - twice) / BYTES_PER_MB
+        if free_mb < FREE_MIN_MB:
+            return (
+                f"its disk has {free_mb:.0f} MB for recordings, at least {FREE_MIN_MB} are needed"
+            )
+        return ""
+
+    def _oldest(self) -> Path | None:
+        finished = (
+            file.parent
+            for file in self.folder.glob(f"*/{MESSAGES}")
+            if not file.parent.name.endswith(PART)
+        )
+        return min(finished, key=lambda path: (path / MESSAGES).stat().st_mtime_ns, default=None)

@@ -1,0 +1,447 @@
+"""Recordings of a virtual trainer: read by others, replayed to the same bits, torn, and bounded."""
+
+import json
+import os
+import random
+import shutil
+import subprocess
+import sys
+
+import msgspec
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from command_line import gaitd
+from gaitd_client import wire
+from gaitd_record import (
+    MESSAGES,
+    PART,
+    Begun,
+    Deleted,
+    Finished,
+    FullError,
+    Options,
+    Purpose,
+    Received,
+    Recorder,
+    Room,
+    WhenFull,
+    finish,
+)
+from mcap.reader import make_reader
+from sessions import CONFIGS, new_session
+
+from analysis.recording import RecordingError, read_csv
+from analysis.replay import estimate, legs_of, read
+from daemon.gateway.playback import publish_at_once
+from daemon.ipc.record import Mode
+from daemon.ipc.transport import RingHeader
+
+ROBOTS = {"calibrate": "robot_empty.toml"}
+SYNC_CYCLES = 50
+"""Half a second, as the recorder's timer."""
+
+
+class Published:
+    """All messages of a session, as a gateway that is never late publishes them."""
+
+    def __init__(self, header, records):
+        self.header, self.messages, self._seqs = header, [], {}
+        publish_at_once(header, records, self)
+
+    def next_seq(self, *parts):
+        self._seqs[parts] = self._seqs.get(parts, 0) + 1
+        return self._seqs[parts]
+
+    def put(self, message, *parts):
+        schema = wire.schema_name(type(message))
+        self.messages.append(Received("/".join(parts), schema, msgspec.json.encode(message)))
+
+    def put_event(self, event):
+        self.put(event, wire.EVENTS)
+
+    def links(self):
+        return []
+
+    def set_alive(self, alive):
+        pass
+
+    def configuration(self):
+        header = self.header
+        return wire.Configuration(
+            seq=1,
+            core_boot_id=header.core_boot_id,
+            cycle=None,
+            sample_time_ns=None,
+            version=header.version,
+            trainer=header.trainer,
+            listen=(),
+            period_ns=header.period_ns,
+            drive_names=header.drive_names,
+            leg_names=header.leg_names,
+            config_hashes=header.config_hashes,
+            robot=header.robot,
+            limits=header.limits,
+        )
+
+    def of(self, key, kind):
+        return [
+            msgspec.json.decode(one.payload, type=kind) for one in self.messages if one.key == key
+        ]
+
+
+@pytest.fixture(scope="module")
+def session():
+    """From power-on: seven strides, a stop in the eighth, at rest."""
+    session = new_session().walk(cadence_hz=0.5, duration_s=16.0)
+    session.gateway.stop()
+    session.until(Mode.FAULT, within_s=5.0)
+    session.run(0.5)
+    return session
+
+
+@pytest.fixture(scope="module")
+def published(session):
+    settings = session.settings
+    header = RingHeader(
+        core_boot_id="boot",
+        start_utc_ns=session.records[0].sync_utc_ns,
+        period_ns=10_000_000,
+        trainer="trainer",
+        drive_names=("right/hip", "right/slide"),
+        leg_names=("right",),
+        config_hashes={str(path): digest for path, digest in settings.hashes.items()},
+        version="0.1.0",
+        robot=msgspec.to_builtins(settings.robot),
+        limits=msgspec.to_builtins(settings.limits),
+    )
+    return Published(header, session.records)
+
+
+def duckdb(query):
+    """What DuckDB answers, in a process of its own: at its end it prints what it leaks."""
+    words = "import sys, json, duckdb; print(json.dumps(duckdb.sql(sys.argv[1]).fetchall()))"
+    asked = [sys.executable, "-c", words, query]
+    return json.loads(subprocess.run(asked, capture_output=True, check=True, text=True).stdout)
+
+
+def recorder(published, folder, purpose=Purpose.ALL, events=None, limit_mb=1000):
+    room = Room(folder, limit_mb)
+    report = [].append if events is None else events.append
+    return Recorder(Options(purpose, room), published.configuration, report)
+
+
+def record(published, folder, purpose=Purpose.ALL):
+    events = []
+    with recorder(published, folder, purpose, events) as made:
+        for one in published.messages:
+            made.add(one)
+    assert [type(event) for event in events] == [Begun, Finished]
+    return events[1]
+
+
+@pytest.fixture(scope="module")
+def whole(published, tmp_path_factory):
+    return record(published, tmp_path_factory.mktemp("whole"))
+
+
+def test_a_replay_of_a_whole_recording_gives_the_published_estimates_bit_for_bit(session, whole):
+    source = read(whole.path)
+
+    replayed = estimate(source, source.robot)
+
+    live = [record.legs[0] for record in session.records][-len(replayed.state) :]
+    assert len(live) > 1500
+    assert legs_of(whole.path) == ("right",)
+    assert source.robot == session.settings.robot
+    assert replayed.state.tobytes() == np.array([leg.state for leg in live]).tobytes()
+    assert replayed.std.tobytes() == np.array([leg.std for leg in live]).tobytes()
+    assert replayed.status.tolist() == [leg.status for leg in live]
+
+
+def test_mcap_has_every_message_but_estimates_as_published_with_its_schema(published, whole):
+    others = [one for one in published.messages if not one.key.endswith("/estimate")]
+    with (whole.path / MESSAGES).open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        told = [
+            (channel.topic, schema.name, message.data)
+            for schema, channel, message in reader.iter_messages(log_time_order=False)
+        ]
+        schemas = reader.get_summary().schemas.values()
+        metadata = {one.name: one.metadata for one in reader.iter_metadata()}
+        (attached,) = reader.iter_attachments()
+
+    assert told == others
+    assert {one.encoding for one in schemas} == {"jsonschema"}
+    assert all(json.loads(one.data)["$id"] == one.name for one in schemas)
+    begin, end = metadata["gaitd"], metadata["gaitd.end"]
+    assert len(begin["id"]) == 16
+    assert json.loads(begin["config_hashes"]) == published.header.config_hashes
+    assert json.loads(attached.data)["robot"] == published.header.robot
+    modes = [change["mode"] for change in json.loads(end["modes"])]
+    assert modes == ["bringing_up", "ready", "hold", "gait", "stopping", "fault"]
+    assert [stop["cause"] for stop in json.loads(end["stops"])] == ["stop_requested"]
+    assert (whole.ended, whole.lost) == ("in order", {})
+    assert whole.message_count == len(published.messages)
+
+
+def test_another_program_reads_estimates_and_exports_a_recording_as_csv(published, whole, tmp_path):
+    fields = "cycle, mode, hip_patient_nm, hip_patient_nm_std, status"
+    rows = duckdb(f"SELECT {fields} FROM '{whole.path}/right.estimates.parquet'")
+    csv = tmp_path / "exported.csv"
+    duckdb(f"COPY (FROM '{whole.path}/right.recording.parquet') TO '{csv}'")
+
+    messages = published.of("right/estimate", wire.Estimate)
+
+    def single(value):
+        return None if value is None else float(np.float32(value))
+
+    assert rows == [
+        [
+            one.cycle,
+            one.mode,
+            single(one.hip_patient_nm),
+            single(one.hip_patient_nm_std),
+            int(one.status_bits, 16),
+        ]
+        for one in messages
+    ]
+    ours, theirs = read(whole.path).recording, read_csv(csv)
+    first = len(theirs.time_s) - len(ours.time_s)
+    for name in ("time_s", "position", "effort"):
+        assert getattr(ours, name).tobytes() == getattr(theirs, name)[first:].tobytes()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("baseline", "--output", "made.txt"),
+        ("delay",),
+        ("calibrate", "--check"),
+        ("replay", "--output", "made.txt"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_command_reads_a_recording_as_it_reads_the_same_rows_as_csv(whole, tmp_path, words):
+    robot, csv, rows = (tmp_path / name for name in ("robot.toml", "same.csv", "same.parquet"))
+    shutil.copy(CONFIGS / ROBOTS.get(words[0], "robot.toml"), robot)
+    table = pq.read_table(whole.path / "right.recording.parquet").replace_schema_metadata()
+    pq.write_table(table.filter(table["hip_angle_rad"].is_valid()), rows)
+    duckdb(f"COPY (FROM '{rows}') TO '{csv}'")
+    written = tmp_path / "made.txt"
+
+    def made(recording):
+        ran = gaitd(words[0], recording, *words[1:], "--robot", robot, folder=tmp_path)
+        told = [line for line in ran.out.splitlines() if "x real time" not in line]
+        text = written.read_text().replace(recording.name, "") if written.exists() else ""
+        return ran.code, "\n".join(told).replace(str(recording), ""), text, ran.err
+
+    by_csv = made(csv)
+
+    assert by_csv[0] in {0, 1}, by_csv[-1]
+    assert made(rows) == by_csv
+    of_service = made(whole.path)
+    if words[0] == "calibrate":
+        assert "was recorded with a patient in the machine" in of_service[-1]
+    else:
+        assert of_service[0] == by_csv[0], of_service[-1]
+
+
+def part_of(published, folder, count):
+    """A recording whose recorder was killed after so many messages, and its files at each sync."""
+    made = recorder(published, folder)
+    sizes = []
+    for index, one in enumerate(published.messages[:count]):
+        made.add(one)
+        if one.key == "right/estimate" and index % SYNC_CYCLES == 0:
+            made.sync()
+            (part,) = folder.glob(f"*{PART}")
+            sizes.append((index + 1, {file.name: file.stat().st_size for file in part.iterdir()}))
+    return part, sizes, made
+
+
+def kept_of(path):
+    """Estimates and other messages of a finished recording, by their keys and numbers."""
+    kept = []
+    with (path / MESSAGES).open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            kept.append((channel.topic, message.data))
+    estimates = path / "right.estimates.parquet"
+    cycles = pq.read_table(estimates)["cycle"].to_pylist() if estimates.exists() else []
+    return cycles, kept
+
+
+def test_whatever_a_kill_or_a_power_cut_leaves_has_all_up_to_the_last_sync(published, tmp_path):
+    """Each file is cut at any byte behind its last sync, and may end in bytes never written."""
+    (tmp_path / "killed").mkdir()
+    part, syncs, _ = part_of(published, tmp_path / "killed", 3000)
+    draw = random.Random(24)
+    for number in range(60):
+        copy = tmp_path / f"{number}{PART}"
+        shutil.copytree(part, copy)
+        count, sizes = draw.choice(syncs)
+        for file in copy.iterdir():
+            end = draw.randint(sizes.get(file.name, 0), file.stat().st_size)
+            content = file.read_bytes()[:end]
+            file.write_bytes(content + draw.choice((b"", bytes(draw.randint(1, 5000)))))
+
+        finished = finish(copy)
+
+        assert finished is not None
+        cycles, others = kept_of(finished.path)
+        before, every = published.messages[:count], published.messages
+        least = [one for one in before if one.key.endswith("/estimate")]
+        assert len(least) <= len(cycles)
+        assert (
+            cycles
+            == [one.cycle for one in published.of("right/estimate", wire.Estimate)][: len(cycles)]
+        )
+        told = [(one.key, one.payload) for one in every if not one.key.endswith("/estimate")]
+        assert count - len(least) <= len(others)
+        assert others == told[: len(others)]
+        assert finished.ended.startswith("torn")
+        assert finished.message_count == len(cycles) + len(others)
+
+
+def test_a_kill_while_a_recording_is_finished_changes_nothing(published, whole, tmp_path):
+    (tmp_path / "killed").mkdir()
+    part, _, _ = part_of(published, tmp_path / "killed", 3000)
+    first = shutil.copytree(part, tmp_path / f"first{PART}")
+    again = shutil.copytree(part, tmp_path / f"again{PART}")
+    assert finish(first) is not None
+    shutil.copy(tmp_path / "first" / MESSAGES, again)  # after this step
+    for name in ("recording", "estimates"):  # and within the next
+        (again / f"right.{name}.parquet.new").write_bytes(b"half")
+
+    assert finish(again) is not None
+
+    assert kept_of(tmp_path / "again") == kept_of(tmp_path / "first")
+    assert {file.name for file in (tmp_path / "again").iterdir()} == {
+        file.name for file in whole.path.iterdir()
+    }
+
+
+def test_a_recorder_that_starts_finishes_what_is_left_and_leaves_what_is_being_made(
+    published, tmp_path
+):
+    part, _, made = part_of(published, tmp_path, 1000)
+    other = tmp_path / f"left{PART}"
+    shutil.copytree(part, other)
+    events = []
+
+    recorder(published, tmp_path, events=events)
+    command = gaitd("record", "--finish", "--output", tmp_path, "--json")
+
+    assert [event.path.name for event in events] == ["left"]
+    assert (command.code, command.out) == (0, "")
+    assert part.exists()
+    made.end()
+    made.__exit__()
+    assert not part.exists()
+
+
+def test_training_and_calibration_have_the_modes_that_they_are_for(published, tmp_path):
+    training = record(published, tmp_path / "training", Purpose.TRAINING)
+    events = []
+    with recorder(published, tmp_path / "calibration", Purpose.CALIBRATION, events) as made:
+        for one in published.messages:
+            made.add(one)
+        for one in published.messages:  # the same, as if it were excited
+            made.add(one._replace(payload=one.payload.replace(b'"gait"', b'"excite"')))
+
+    estimates = pq.read_table(training.path / "right.estimates.parquet")
+    modes = estimates["mode"].to_pylist()
+    assert modes[0] == "hold"
+    assert set(modes) == {"hold", "gait", "stopping", "fault"}
+    assert read(training.path).first_step_s is None
+    assert [event.path.name for event in events] == ["excite_1", "excite_1"]
+
+
+def test_another_core_is_another_recording_and_a_gap_is_a_loss(published, tmp_path):
+    events = []
+    lossy = [one for index, one in enumerate(published.messages) if index % 100 != 50]
+    with recorder(published, tmp_path, events=events) as made:
+        for one in lossy[:2000]:
+            made.add(one)
+        for one in lossy[2000:2100]:
+            made.add(one._replace(payload=one.payload.replace(b'"boot"', b'"reboot"')))
+
+    first, second = (event for event in events if isinstance(event, Finished))
+    assert sum(first.lost.values()) == 20
+    assert first.message_count == 2000
+    assert (second.message_count, second.lost) == (100, {})
+    source = read(first.path)
+    steps_s = np.diff(source.recording.time_s)
+    assert np.all(np.isclose(steps_s % 0.01, 0) | np.isclose(steps_s % 0.01, 0.01))
+    assert steps_s.max() > 0.015
+
+
+@pytest.mark.parametrize("when_full", WhenFull)
+def test_a_full_folder_loses_its_oldest_recording_or_takes_no_other(
+    published, whole, tmp_path, when_full
+):
+    for name in ("old", "older"):
+        shutil.copytree(whole.path, tmp_path / name)
+    for age, name in enumerate(("old", "older")):
+        os.utime(tmp_path / name / MESSAGES, ns=(0, 10**18 - age * 10**15))
+    (tmp_path / "theirs").mkdir()
+    (tmp_path / "theirs" / "notes.txt").write_text("not a recording")
+    events = []
+    room = Room(tmp_path, 3, when_full)
+    made = Recorder(Options(Purpose.ALL, room), published.configuration, events.append)
+    for one in published.messages:
+        made.add(one)
+    made.sync()
+
+    if when_full is WhenFull.DELETE_OLDEST:
+        made.make_room()
+        assert [event.path.name for event in events if isinstance(event, Deleted)] == ["older"]
+    else:
+        with pytest.raises(FullError, match=r"its recordings have \d MB, allowed are 3 MB"):
+            made.make_room()
+        assert (tmp_path / "older").exists()
+    made.__exit__()
+    finished = next(event for event in events if isinstance(event, Finished))
+    assert finished.message_count == len(published.messages)
+    assert ("in order" in finished.ended) is (when_full is WhenFull.DELETE_OLDEST)
+    assert (tmp_path / "theirs").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("made.part", "is not finished; `gaitd record --finish --output"),
+        ("empty", "has no file LEG.recording.parquet"),
+        ("whole/messages.mcap", "has no inputs of the observer; name its folder"),
+        (
+            "whole/right.estimates.parquet",
+            "lacks column hip_torque_nm, slide_force_n, dt_s; it has",
+        ),
+        ("torn.parquet", "is no whole Parquet file"),
+        ("words.parquet", "column hip_angle_rad is string, must be a number"),
+        ("gone.parquet", "No such file"),
+        ("never.parquet", "the observer ran in none of its"),
+    ],
+)
+def test_what_is_no_recording_is_refused_by_name(whole, tmp_path, name, said):
+    shutil.copytree(whole.path, tmp_path / "whole")
+    (tmp_path / "made.part").mkdir()
+    (tmp_path / "empty").mkdir()
+    file = tmp_path / "whole" / "right.recording.parquet"
+    (tmp_path / "torn.parquet").write_bytes(file.read_bytes()[:-100])
+    table = pq.read_table(file)
+    words = table.set_column(1, "hip_angle_rad", pa.array(["0.1"] * len(table)))
+    pq.write_table(words, tmp_path / "words.parquet")
+    pq.write_table(table[:40], tmp_path / "never.parquet")
+
+    ran = gaitd("replay", name, folder=tmp_path)
+
+    assert ran.code == 2
+    assert ran.err.startswith(f"{name}: ")
+    assert said in ran.err
+
+
+def test_a_leg_that_was_not_recorded_is_refused(whole):
+    with pytest.raises(RecordingError, match="has no leg left, only right"):
+        read(whole.path, "left")
