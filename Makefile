@@ -22,7 +22,7 @@ RECORD := clients/record
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist uninstall purge rigs lock format tables docs golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -113,6 +113,9 @@ install-display:  ## add the pages of clients/display to an installed service (r
 
 install-assist:  ## add the controller of clients/assist to an installed service (root, Debian); leaves it stopped
 	DESTDIR=$(DESTDIR) bash scripts/install.sh assist
+
+install-record:  ## add the recorder of clients/record to an installed service (root, Debian); leaves it stopped
+	DESTDIR=$(DESTDIR) bash scripts/install.sh record
 
 uninstall:  ## remove the service from this machine; keeps configuration and state
 	DESTDIR=$(DESTDIR) bash scripts/install.sh uninstall

@@ -7,6 +7,8 @@
 #   install.sh display-files   their files alone
 #   install.sh assist       the reference controller, clients/assist, in the same way
 #   install.sh assist-files    its files alone
+#   install.sh record       the recorder, clients/record, in the same way
+#   install.sh record-files    its files alone
 #   install.sh uninstall    removes all but configuration and state
 #   install.sh purge        these, too, and the users
 #
@@ -24,7 +26,7 @@ BASH_COMPLETION=/usr/share/bash-completion/completions/gaitd
 ZSH_COMPLETION=/usr/share/zsh/vendor-completions/_gaitd
 PARTS=(gaitd.target gaitd-core.service gaitd-gateway.service gaitd-sim.service)
 PAGES=(gaitd-patient.service gaitd-therapist.service)
-CLIENTS=("${PAGES[@]}" gaitd-assist.service)
+CLIENTS=("${PAGES[@]}" gaitd-assist.service gaitd-record.service)
 NO_CAN=10-gaitd-no-can.conf
 WAIT=$UNITS/sys-subsystem-net-devices-can0.device.d
 
@@ -169,6 +171,26 @@ assist_files() {
     fi
 }
 
+record_environment() {
+    same_version
+    say "adding the recorder to $PREFIX, with all pinned dependencies"
+    "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/record.txt
+    "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/record
+}
+
+record_files() {
+    # An existing file stays, edited or not.
+    local file=/etc/gaitd-record/record.env
+    put systemd/gaitd-record.service "$UNITS/gaitd-record.service"
+    put systemd/gaitd-record.sysusers /usr/lib/sysusers.d/gaitd-record.conf
+    [ -e "$DESTDIR$file" ] || put clients/record/configs/record.env "$file" 640
+    if live; then
+        systemd-sysusers gaitd-record.conf
+        chgrp gaitd-record "$file"
+        ! running || systemctl daemon-reload
+    fi
+}
+
 settle() {
     # Only on the machine itself: users, folders, completion, compiled kernels.
     completion
@@ -215,37 +237,37 @@ uninstall() {
     rm -f "$DESTDIR$UNITS"/{gaitd-core,gaitd-sim}.service.d/{$NO_CAN,20-gaitd-bus.conf} \
         "$DESTDIR$UNITS/service.d/$NO_CAN" "$DESTDIR$WAIT/10-gaitd-wait.conf" \
         "$DESTDIR$NETWORK"/80-gaitd-can0.{link,network} \
-        "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf "$DESTDIR"/usr/lib/sysusers.d/gaitd-{display,assist}.conf \
+        "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf "$DESTDIR"/usr/lib/sysusers.d/gaitd-{display,assist,record}.conf \
         "$DESTDIR/usr/bin/gaitd" "$DESTDIR$BASH_COMPLETION" "$DESTDIR$ZSH_COMPLETION"
     for name in "$UNITS"/{gaitd-core.service.d,gaitd-sim.service.d,service.d} "$WAIT"; do
         rmdir --ignore-fail-on-non-empty "$DESTDIR$name" 2> /dev/null || true
     done
     rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR"/var/cache/gaitd{,-sim}
     ! running || systemctl daemon-reload
-    say "gone; /etc/gaitd, /etc/gaitd-display, /etc/gaitd-assist, /var/lib/gaitd, the log in /var/lib/gaitd-assist"
-    say "and the history of sessions in /var/lib/gaitd-patient are kept (\`make purge\` removes them)"
+    say "gone; /etc/gaitd, /etc/gaitd-display, /etc/gaitd-assist, /etc/gaitd-record, /var/lib/gaitd, the log in /var/lib/gaitd-assist,"
+    say "the recordings in /var/lib/gaitd-record and the history of sessions in /var/lib/gaitd-patient are kept (\`make purge\` removes them)"
 }
 
 purge() {
     uninstall
-    rm -rf "$DESTDIR"/etc/gaitd{,-display,-assist} "$DESTDIR"/var/lib/gaitd{,-patient,-assist} \
-        "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim,patient,therapist,assist}.service.d
+    rm -rf "$DESTDIR"/etc/gaitd{,-display,-assist,-record} "$DESTDIR"/var/lib/gaitd{,-patient,-assist,-record} \
+        "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim,patient,therapist,assist,record}.service.d
     if live; then
         local name
-        for name in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist gaitd-assist; do
+        for name in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist gaitd-assist gaitd-record; do
             userdel "$name" 2> /dev/null || true
         done
-        for name in gaitd gaitd-training gaitd-patient gaitd-therapist gaitd-assist; do
+        for name in gaitd gaitd-training gaitd-patient gaitd-therapist gaitd-assist gaitd-record; do
             groupdel "$name" 2> /dev/null || true
         done
     fi
     ! running || systemctl daemon-reload
-    say "configuration, state, the history of sessions, credentials and users are gone, too"
+    say "configuration, state, recordings, the history of sessions, credentials and users are gone, too"
 }
 
-usage() { sed -n '2,13p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
+usage() { sed -n '2,15p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
 
-case "${1:-}" in install | files | display | display-files | assist | assist-files | uninstall | purge) ;; *) usage ;; esac
+case "${1:-}" in install | files | display | display-files | assist | assist-files | record | record-files | uninstall | purge) ;; *) usage ;; esac
 ! live || [ "$(id -u)" -eq 0 ] || refuse "needs root (or DESTDIR=/somewhere to stage a package)"
 case "$1" in
     install)
@@ -256,6 +278,7 @@ case "$1" in
         say "\`gaitd check --config /etc/gaitd/trainer.toml\`, \`gaitd doctor\`, \`systemctl enable --now gaitd.target\`"
         [ ! -e "$DESTDIR$UNITS/${PAGES[0]}" ] || say "the pages are not in the new environment: \`make install-display\` again, before they are started"
         [ ! -e "$DESTDIR$UNITS/gaitd-assist.service" ] || say "the reference controller is not in the new environment: \`make install-assist\` again, before it is started"
+        [ ! -e "$DESTDIR$UNITS/gaitd-record.service" ] || say "the recorder is not in the new environment: \`make install-record\` again, before it is started"
         ;;
     files) idle; files ;;
     display)
@@ -272,6 +295,13 @@ case "$1" in
         say "done; nothing was started or enabled. Next: docs/assist.md"
         ;;
     assist-files) idle; assist_files ;;
+    record)
+        idle
+        record_environment
+        record_files
+        say "done; nothing was started or enabled. Next: docs/recording.md"
+        ;;
+    record-files) idle; record_files ;;
     uninstall) uninstall ;;
     purge) purge ;;
 esac

@@ -4,12 +4,17 @@ The container of `rigs/test_service_under_systemd.py` has the same on a running 
 """
 
 import os
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+import typer
 from gaitd_assist import parse_settings
+from gaitd_record import Purpose, WhenFull
+
+from gaitd.__main__ import build
 
 PROJECT = Path(__file__).parents[1]
 INSTALL = PROJECT / "scripts" / "install.sh"
@@ -179,6 +184,31 @@ def test_the_controller_is_installed_only_when_asked_for_and_keeps_its_file(mach
     machine.run("uninstall")
     assert unit not in machine.files()
     assert file in machine.files()
+    machine.run("purge")
+    assert machine.files() == set()
+
+
+def test_the_recorder_is_installed_only_when_asked_for_and_keeps_its_file_and_recordings(machine):
+    unit, file = "/usr/lib/systemd/system/gaitd-record.service", "/etc/gaitd-record/record.env"
+    assert not {unit, file} & machine.files()
+
+    machine.run("record-files")
+
+    placed, recording = machine / file[1:], machine / "var/lib/gaitd-record/20260101/messages.mcap"
+    assert placed.stat().st_mode & 0o777 == 0o640
+    variable, _, options = placed.read_text().splitlines()[-1].partition("=")
+    leaf = typer.main.get_group(build("record")).commands["record"]
+    given = leaf.make_context("record", shlex.split(options.strip('"'))).params
+    assert variable == "GAITD_RECORD"
+    assert (given["purpose"], given["when_full"]) == (Purpose.TRAINING, WhenFull.DELETE_OLDEST)
+    placed.write_text("edited")
+    machine.run("record-files")
+    assert placed.read_text() == "edited"
+    recording.parent.mkdir(parents=True)
+    recording.touch()
+    assert "/var/lib/gaitd-record" in machine.run("uninstall")
+    assert unit not in machine.files()
+    assert recording.exists()
     machine.run("purge")
     assert machine.files() == set()
 

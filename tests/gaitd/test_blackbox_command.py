@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 from command_line import gaitd
+from mcap.reader import make_reader
 from records import HEADER, cut_out, record
 
 from analysis.recording import read_csv
@@ -105,6 +106,29 @@ def test_the_exported_csv_is_the_recording_bit_for_bit(stop, tmp_path):
     for name in ("time_s", "position", "effort"):
         assert getattr(ours, name).tobytes() == getattr(theirs, name).tobytes()
     assert out.read_text().splitlines()[1].endswith("gait,NONE,none")
+
+
+def test_an_exported_recording_has_what_the_ring_holds(stop, tmp_path):
+    folder = tmp_path / "made"
+
+    ran = gaitd("blackbox", "show", stop, "--recording", folder)
+
+    assert ran.code == 0, ran.err
+    ours, theirs = read(folder), read(stop)
+    for name in ("time_s", "position", "effort"):
+        assert getattr(ours.recording, name).tobytes() == getattr(theirs.recording, name).tobytes()
+    assert ours.caller_bits.tolist() == theirs.caller_bits.tolist()
+    assert ours.robot == theirs.robot
+    with (folder / "messages.mcap").open("rb") as file:
+        reader = make_reader(file)
+        metadata = {one.name: one.metadata for one in reader.iter_metadata()}
+        topics = [channel.topic for _, channel, _ in reader.iter_messages()]
+    (kept,) = json.loads(metadata["gaitd.end"]["stops"])
+    assert (kept["cause"], kept["drive"]) == ("hand_switch_open", "right/hip")
+    assert kept["utc_ns"] == record(201).sync_utc_ns
+    assert topics.count("/right/activity") == 300
+    again = gaitd("blackbox", "show", stop, "--recording", folder)
+    assert (again.code, "does not exist yet" in again.err) == (2, True)
 
 
 def test_the_picture_is_drawn(stop, tmp_path):

@@ -16,5 +16,5 @@ ours > left_by_uninstall
 ls /etc/gaitd/trainer.toml /var/lib/gaitd/axes.json /var/lib/gaitd/requests.jsonl > kept
 bash /opt/source/scripts/install.sh purge > purge
 ours > left_by_purge
-getent passwd gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist gaitd-assist >> left_by_purge || true
-getent group gaitd gaitd-training gaitd-patient gaitd-therapist gaitd-assist >> left_by_purge || true
+getent passwd gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist gaitd-assist gaitd-record >> left_by_purge || true
+getent group gaitd gaitd-training gaitd-patient gaitd-therapist gaitd-assist gaitd-record >> left_by_purge || true

@@ -19,6 +19,7 @@ EXPOSURE_MAX = {
     "gaitd-patient": 2.0,
     "gaitd-therapist": 2.0,
     "gaitd-assist": 2.0,
+    "gaitd-record": 2.0,
 }
 BINDING = ("Requires", "Requisite", "BindsTo", "PartOf", "Upholds", "PropagatesStopTo", "Conflicts")
 FRAMES_OF_A_CYCLE = 2 * (1 + 2 * 2 + 1)

@@ -102,7 +102,7 @@ def test_a_training_is_recorded_from_enable_to_disable_and_replayed(long_service
         told = [
             msgspec.json.decode(message.data, type=wire.Activity)
             for _, channel, message in reader.iter_messages()
-            if channel.topic == "right/activity"
+            if channel.topic == "/right/activity"
         ]
         (attached,) = reader.iter_attachments()
     seen = {one.cycle: one for one in published if not isinstance(one, NotValid)}

@@ -23,7 +23,7 @@ from mcap.writer import Writer
 from gaitd_record.about import CONFIGURATION, END_NAME, NAME, About, Head, Journal
 from gaitd_record.errors import RecordError
 from gaitd_record.leg_table import STREAM, Arrow, batches, write_parquet
-from gaitd_record.recording import CHUNK_BYTES, ESTIMATE, MESSAGES, PART
+from gaitd_record.recording import CHUNK_BYTES, ESTIMATE, MESSAGES, PART, TOPIC
 
 TORN: Final = "torn: the recorder was killed, or the power failed"
 RECORD_BYTES_MAX: Final = 1 << 26
@@ -177,7 +177,7 @@ def _copied(torn: Path, writer: Writer, journal: Journal) -> Iterator[McapRecord
             case Channel() if record.id not in channels:
                 schema_id = schemas[record.schema_id]
                 made = writer.register_channel(record.topic, record.message_encoding, schema_id)
-                channels[record.id] = made, record.topic
+                channels[record.id] = made, record.topic.removeprefix(TOPIC)
             case Message():
                 channel, key = channels[record.channel_id]
                 journal.add(key, msgspec.json.decode(record.data, type=Head))

@@ -238,5 +238,5 @@ class _Clock:
                 is_next = abs(step_ns - grid_ns) < self._period_ns / 2
                 self._time_ns += max(step_ns if is_next else grid_ns, 1)
             self._cycle = cycle
-            times.append(self._time_ns / NS_PER_S)
+            times.append(self._time_ns * 1e-9)
         return times

@@ -24,6 +24,8 @@ MESSAGES: Final = "messages.mcap"
 PART: Final = ".part"
 CHUNK_BYTES: Final = 1 << 20
 JSON: Final = "json"
+TOPIC: Final = "/"
+"""Before a key: viewers know topics with it."""
 SEQUENCE_MAX: Final = 2**32
 """MCAP numbers messages by 32 bits."""
 ESTIMATE: Final = "estimate"
@@ -100,7 +102,7 @@ class Recording:
                 text = msgspec.json.encode(wire.schema(_SCHEMAS[schema]))
                 self._schemas[schema] = self._writer.register_schema(schema, "jsonschema", text)
             self._channels[key, schema] = self._writer.register_channel(
-                key, JSON, self._schemas.get(schema, 0)
+                TOPIC + key, JSON, self._schemas.get(schema, 0)
             )
         return self._channels[key, schema]
 

@@ -38,6 +38,7 @@ from daemon.gateway.playback import publish_at_once
 from daemon.ipc.record import Mode
 from daemon.ipc.transport import RingHeader
 
+PROJECT = CONFIGS.parent
 ROBOTS = {"calibrate": "robot_empty.toml"}
 SYNC_CYCLES = 50
 """Half a second, as the recorder's timer."""
@@ -165,7 +166,7 @@ def test_mcap_has_every_message_but_estimates_as_published_with_its_schema(publi
     with (whole.path / MESSAGES).open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         told = [
-            (channel.topic, schema.name, message.data)
+            (channel.topic[1:], schema.name, message.data)
             for schema, channel, message in reader.iter_messages(log_time_order=False)
         ]
         schemas = reader.get_summary().schemas.values()
@@ -266,7 +267,7 @@ def kept_of(path):
     kept = []
     with (path / MESSAGES).open("rb") as file:
         for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
-            kept.append((channel.topic, message.data))
+            kept.append((channel.topic[1:], message.data))
     estimates = path / "right.estimates.parquet"
     cycles = pq.read_table(estimates)["cycle"].to_pylist() if estimates.exists() else []
     return cycles, kept
@@ -445,3 +446,27 @@ def test_what_is_no_recording_is_refused_by_name(whole, tmp_path, name, said):
 def test_a_leg_that_was_not_recorded_is_refused(whole):
     with pytest.raises(RecordingError, match="has no leg left, only right"):
         read(whole.path, "left")
+
+
+def test_every_path_of_the_viewers_layout_is_a_field_of_a_message(whole):
+    layout = json.loads((PROJECT / "clients" / "record" / "layout.json").read_text())
+    panels = layout["configById"].values()
+    paths = {one["value"] for panel in panels for one in panel.get("paths", ())}
+    paths |= {panel["topicPath"] for panel in panels if "topicPath" in panel}
+    with (whole.path / MESSAGES).open("rb") as file:
+        channels = make_reader(file).get_summary()
+    schemas = {
+        channel.topic: json.loads(channels.schemas[channel.schema_id].data)
+        for channel in channels.channels.values()
+    }
+
+    assert len(paths) > 10
+    for path in paths:
+        topic, *fields = path.split(".")
+        node = schemas[topic]
+        for name in fields:
+            if "$ref" in node or "anyOf" in node:
+                refs = [node, *node.get("anyOf", ())]
+                ref = next(one["$ref"] for one in refs if "$ref" in one)
+                node = schemas[topic]["$defs"][ref.rpartition("/")[2]]
+            node = node["properties"][name]
