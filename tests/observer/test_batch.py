@@ -40,7 +40,7 @@ def live(columns):
     observer = LegObserver(PATIENT, HIP, SLIDE_FRICTION, TUNING)
     before = columns.time_s[0] - 0.01
     for row, now in enumerate(columns.time_s):
-        dt_s = 0.01 if row == 0 else now - before
+        dt_s = 0.01 if row == 0 else round((now - before) * 1e9) * 1e-9
         artificial = bool(columns.caller_bits[row])
         yield observer.step(columns.position[row], columns.effort[row], dt_s, artificial=artificial)
         before = now

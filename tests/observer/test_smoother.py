@@ -262,7 +262,7 @@ def test_live_and_offline_give_the_same_bits():
     smooth = run_smoothed(SETUP, recorded)
     observer = LegObserver(PATIENT, HIP, SLIDE_FRICTION, SHIPPED)
     smoother = LegSmoother(observer)
-    steps_s = np.diff(recorded.time_s, prepend=recorded.time_s[:1])
+    steps_s = np.rint(np.diff(recorded.time_s, prepend=recorded.time_s[:1]) * 1e9) * 1e-9
     steps_s[0] = 0.01
     found = []
     for position, effort, dt_s in zip(recorded.position, recorded.effort, steps_s, strict=True):

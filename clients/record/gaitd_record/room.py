@@ -1,7 +1,9 @@
 """The limit of a folder of recordings, and what happens at the limit or on a full disk."""
 
+import contextlib
 import os
 import shutil
+from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -51,14 +53,14 @@ class Room(NamedTuple):
 
     def _lack(self) -> str:
         """Return why there is no room; empty: there is."""
-        sizes = {file: file.stat().st_size for file in self.folder.glob("*/*")}
+        sizes = {file: found.st_size for file, found in self._files()}
         # At the end the estimates are on the disk twice for some seconds.
         twice = sum(size for file, size in sizes.items() if file.suffix == STREAM)
         total_mb = (sum(sizes.values()) + twice) / BYTES_PER_MB
         if total_mb > self.limit_mb:
             return f"its recordings have {total_mb:.0f} MB, allowed are {self.limit_mb} MB"
-        found = os.statvfs(self.folder)
-        free_mb = (found.f_bavail * found.f_frsize - twice) / BYTES_PER_MB
+        disk = os.statvfs(self.folder)
+        free_mb = (disk.f_bavail * disk.f_frsize - twice) / BYTES_PER_MB
         if free_mb < FREE_MIN_MB:
             return (
                 f"its disk has {free_mb:.0f} MB for recordings, at least {FREE_MIN_MB} are needed"
@@ -66,9 +68,17 @@ class Room(NamedTuple):
         return ""
 
     def _oldest(self) -> Path | None:
-        finished = (
-            file.parent
-            for file in self.folder.glob(f"*/{MESSAGES}")
-            if not file.parent.name.endswith(PART)
-        )
-        return min(finished, key=lambda path: (path / MESSAGES).stat().st_mtime_ns, default=None)
+        finished = {
+            file.parent: found.st_mtime_ns
+            for file, found in self._files()
+            if file.name == MESSAGES and not file.parent.name.endswith(PART)
+        }
+        return min(finished, key=finished.__getitem__, default=None)
+
+    def _files(self) -> Iterator[tuple[Path, os.stat_result]]:
+        """Yield the files of all recordings; one that is being finished changes meanwhile."""
+        for folder, _, names in os.walk(self.folder):
+            for name in names:
+                file = Path(folder) / name
+                with contextlib.suppress(FileNotFoundError):
+                    yield file, file.stat()

@@ -1,8 +1,10 @@
 """Recordings of a virtual trainer: read by others, replayed to the same bits, torn, and bounded."""
 
+import itertools
 import json
 import os
 import random
+import resource
 import shutil
 import subprocess
 import sys
@@ -25,6 +27,7 @@ from gaitd_record import (
     Purpose,
     Received,
     Recorder,
+    RecordError,
     Room,
     WhenFull,
     finish,
@@ -407,6 +410,33 @@ def test_a_full_folder_loses_its_oldest_recording_or_takes_no_other(
     assert finished.message_count == len(published.messages)
     assert ("in order" in finished.ended) is (when_full is WhenFull.DELETE_OLDEST)
     assert (tmp_path / "theirs").exists()
+
+
+def test_a_disk_that_takes_no_more_ends_the_recording_with_a_message(published, tmp_path):
+    """A limit of the size of files is a full disk for the process; both fail in the middle."""
+    made = recorder(published, tmp_path)
+    messages = iter(published.messages)
+    for one in itertools.islice(messages, 1000):
+        made.add(one)
+    made.sync()
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (200_000, before[1]))
+    try:
+        with pytest.raises(RecordError, match=r"\.part: File too large; what was written before"):
+            for one in messages:
+                made.add(one)
+                made.sync()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    made.__exit__()
+    (part,) = tmp_path.glob(f"*{PART}")
+
+    ran = gaitd("record", "--finish", "--output", tmp_path, "--json")
+
+    finished = json.loads(ran.out)
+    assert (ran.code, finished["event"]) == (0, "finished")
+    assert finished["message_count"] >= 1000
+    assert finished["path"] == str(part.with_suffix(""))
 
 
 @pytest.mark.parametrize(
