@@ -52,8 +52,10 @@ GLITCH_SIGMAS: Final = 4.0
 """Limit of an innovation: a glitch or a stick-slip event counts no more."""
 BLOCKS: Final = 8
 """Parts of the recording, each left out once: the spread of the results is the uncertainty."""
-STD_MAX_MS: Final = 2.0
+STD_MAX_MS: Final = 1.0
 """A larger uncertainty means that there is no result."""
+DOUBTFUL_MS: Final = 2.0
+"""Axes that differ more have another cause than one delay; so has a result below minus this."""
 
 
 class Delay(NamedTuple):
@@ -133,12 +135,12 @@ def advice(delays: tuple[Delay, Delay]) -> str:
         return "record `excite` with scenario `delay`: quick efforts on top of a slow motion"
     weights = np.array([1.0 / max(one.std_ms, 0.05) ** 2 for one in known])
     mean_ms = float(np.average([one.delay_ms for one in known], weights=weights))
-    if len(known) == 2 and abs(known[0].delay_ms - known[1].delay_ms) > STD_MAX_MS:
+    if len(known) == 2 and abs(known[0].delay_ms - known[1].delay_ms) > DOUBTFUL_MS:
         return (
             "the axes differ by more than one value can hold: check the torque source and the "
             "mapping of both drives before effort_delay_ms is set"
         )
-    if mean_ms < -STD_MAX_MS:
+    if mean_ms < -DOUBTFUL_MS:
         return (
             "efforts act before their rows: they are recorded too late, which no delay corrects; "
             "check to which row the torque of a SYNC is written"

@@ -28,8 +28,9 @@ from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
-from observer.filter.leg_model import LANES
+from observer.filter.leg_model import LANES, STEP_S
 from observer.jit import inline, kernel
+from observer.mechanism.friction import FrictionParameters, bristle_friction, bristle_slopes
 
 Vector = NDArray[np.float64]
 
@@ -179,10 +180,19 @@ def _solve(root: Vector, row: Vector) -> None:
 
 
 @kernel
-def smoothed(ring: Vector, lag: int, out: Vector, work: Vector) -> bool:
+def smoothed(
+    hip_of: tuple[float, ...],
+    slide_of: tuple[float, ...],
+    ring: Vector,
+    lag: int,
+    out: Vector,
+    work: Vector,
+) -> bool:
     """Smooth the node that is `lag` cycles old by all later nodes; False if there is none.
 
     Args:
+        hip_of: FrictionParameters of the filter, as a plain tuple.
+        slide_of: those of the slide.
         ring: as written by `store`.
         lag: 0..LAG; 0 is the newest, equal to the filter's estimate.
         out: result, (SMOOTH_SIZE).
@@ -199,6 +209,8 @@ def smoothed(ring: Vector, lag: int, out: Vector, work: Vector) -> bool:
         after = ring[((count - 1 - back) % NODES) * NODE_SIZE :]
         before = ring[((count - 2 - back) % NODES) * NODE_SIZE :]
         _step_back(before, after, mean, covariance, work[2 * SQUARE :])
+    _add_damping(FrictionParameters(*hip_of), 0, mean, covariance)
+    _add_damping(FrictionParameters(*slide_of), 1, mean, covariance)
     _write(ring[((count - 1 - lag) % NODES) * NODE_SIZE :], mean, covariance, out)
     return True
 
@@ -240,6 +252,22 @@ def _step_back(
             for k in range(N):
                 total += half[i * N + k] * after[GAIN + j * N + k]
             covariance[i * N + j] = covariance[j * N + i] = total
+
+
+@inline
+def _add_damping(f: FrictionParameters, axis: int, mean: Vector, covariance: Vector) -> None:
+    """Replace the elastic part of bristles by the whole friction, as the filter reports it."""
+    if f.bristle_stiffness == 0.0:
+        return
+    friction, velocity = 4 + axis, 2 + axis
+    by_elastic, by_velocity = bristle_slopes(f, mean[friction], mean[velocity], STEP_S)
+    mean[friction] = bristle_friction(f, mean[friction], mean[velocity], STEP_S)
+    for k in range(N):
+        covariance[friction * N + k] *= by_elastic
+        covariance[friction * N + k] += by_velocity * covariance[velocity * N + k]
+    for k in range(N):
+        covariance[k * N + friction] *= by_elastic
+        covariance[k * N + friction] += by_velocity * covariance[k * N + velocity]
 
 
 @inline

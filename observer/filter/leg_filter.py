@@ -50,6 +50,7 @@ from observer.filter.leg_model import (
     substeps_for,
 )
 from observer.filter.leg_noise import (
+    REST_COMPLETE_S,
     add_lean,
     rest_from_the_start,
     set_measurement_noise,
@@ -88,9 +89,13 @@ OUT_NET: Final = OUT_NIS + 1
 OUT_NET_STD: Final = OUT_NET + 2
 OUT_SIZE: Final = OUT_NET_STD + 2
 
-PUSH_MAX: Final = 90.0
-"""rad/s^2, m/s^2: a larger jump is an encoder error. No push or stick-slip accelerates a leg more
-than a third of it, but one that began before the last sample seems three times as large."""
+PUSH_MAX: Final = 30.0
+"""rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is an encoder
+error."""
+PUSH_BEGUN_RATIO: Final = 3.0
+PUSH_BEGUN_LEAN: Final = 0.15
+"""A push that began before the last sample seems this much larger. That sample then left the mean
+of whitened innovations at least this far on the same side."""
 PUSHED_SIGMAS: Final = 4.0
 """In sigma of a rejected sample: an axis with a smaller error was not pushed itself."""
 WILD_RATE: Final = 100.0
@@ -334,7 +339,7 @@ def _measure(
 @inline
 def _bound_friction(f: FrictionParameters, m: LegMemory, axis: int) -> None:
     """Limit friction at rest to its breakaway level; the rest is assigned to the patient."""
-    if gate(f, m.mean[2 + axis]) < STANDSTILL_GATE:
+    if m.quiet_s[axis] > REST_COMPLETE_S or gate(f, m.mean[2 + axis]) < STANDSTILL_GATE:
         friction = m.mean[4 + axis]
         held = min(max(friction, -f.stribeck), f.stribeck)
         m.mean[4 + axis] = held
@@ -351,8 +356,12 @@ def _reject(
         m.push[0] = m.push[1] = m.pushed[0] = m.pushed[1] = 0.0
         largest = 0.0
         for j in range(count):
-            m.push[picks[j]] = 2.0 * math.fabs(m.innovation[j]) / (dt_s * dt_s)
-            largest = max(largest, m.push[picks[j]])
+            push = 2.0 * math.fabs(m.innovation[j]) / (dt_s * dt_s)
+            m.push[picks[j]] = push
+            begun = m.lean[picks[j]] * m.innovation[j] > PUSH_BEGUN_LEAN * math.fabs(
+                m.innovation[j]
+            )
+            largest = max(largest, push / PUSH_BEGUN_RATIO if begun else push)
         if largest > PUSH_MAX:
             m.push[0] = m.push[1] = 0.0
         else:

@@ -16,6 +16,8 @@ At rest (gate a(v), eq. (12), near 0) only net = patient - friction is observabl
 `velocity_gated`, once a joint has rested for longer than a gait's reversal takes:
 - A change of net is assigned to friction, as in Fig. 5 of the paper: friction holds the load of a
   joint at rest, and a passive patient stays passive.
+- Friction at its breakaway level holds no more. Then a change is the patient's, and the joint may
+  be held by a stiff drive.
 - The share of a load between the two is unknown meanwhile. That uncertainty lies along (1, 1) of
   friction and patient. It is kept apart from the filter's covariance (SPLIT), so that noise cannot
   move one against the other, and is included in reported uncertainties.
@@ -46,6 +48,10 @@ for the patient avoids overshoot; the velocities' share, 1, corrects the rest.""
 REST_BEGINS_S: Final = 0.07
 REST_COMPLETE_S: Final = 0.12
 """A reversal of gait is over by the first time; the gate acts fully from the second on."""
+LEAN_STRONG: Final = 0.6
+REST_FRICTION_RATIO_MAX: Final = 3.0
+"""Friction's noise at rest rises with a mean beyond the first, up to this factor: a drive that
+pulls a joint which sticks changes its load faster than a patient does."""
 SPLIT_RATIO: Final = 0.4
 """Standard deviation of friction at rest over its breakaway level: anywhere within it."""
 SPLIT_GROWTH_S: Final = 0.1
@@ -56,7 +62,11 @@ MOVED_SIGMAS: Final = 5.0
 """A joint moves when it is this long at the gate's edge speed, and this many sigma, off its
 mark."""
 MARK_S: Final = 0.05
-"""Time constant of the mark: motion below half the edge speed counts as rest."""
+SLOW_MARK_S: Final = 0.2
+"""Time constants of both marks: motion below 0.4 and 0.1 times the edge speed counts as rest."""
+CREEP_S: Final = 0.1
+"""A joint creeps when it is off its slow mark for this long. A step that friction holds moves it as
+far, but not on and on."""
 
 
 @inline
@@ -117,7 +127,12 @@ def _gate(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: floa
     limit = SPLIT_RATIO * f.stribeck
     room = max(limit * limit - m.split[axis], 0.0)
     m.split[axis] += room * resting * min(dt_s / SPLIT_GROWTH_S, 1.0)
-    of_friction = math.hypot(m.noise[friction, friction], m.noise[patient, patient] * resting)
+    if math.fabs(m.mean[friction]) >= f.stribeck:
+        resting = 0.0  # friction holds no more
+    surprise = min(max(math.fabs(m.lean[axis]) / LEAN_STRONG, 1.0), REST_FRICTION_RATIO_MAX)
+    of_friction = math.hypot(
+        m.noise[friction, friction], m.noise[patient, patient] * resting * surprise
+    )
     of_patient = m.noise[patient, patient] * (1.0 - resting)
     # The root of diag(of_friction^2, of_patient^2) + split (1, 1)(1, 1)'
     first = math.sqrt(of_friction * of_friction + split)
@@ -131,16 +146,22 @@ def _moves(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: flo
     """True if the joint has certainly moved since the last call.
 
     The check uses samples, not the estimate: a step of torque that friction holds appears there as
-    velocity for some cycles. A sample must leave a mark that follows slowly.
+    velocity for some cycles. A sample must leave a mark that follows slowly; or, for a while, one
+    that follows more slowly still.
     """
     away = m.measured[axis] - m.mark[axis]
     if not math.isfinite(away):
         return False
-    if math.fabs(away) > max(MOVED_S * f.edge, MOVED_SIGMAS * std):
-        m.mark[axis] = m.measured[axis]
+    least = max(MOVED_S * f.edge, MOVED_SIGMAS * std)
+    if math.fabs(away) > least:
+        m.mark[axis] = m.slow_mark[axis] = m.measured[axis]
+        m.creep_s[axis] = 0.0
         return True
+    far = m.measured[axis] - m.slow_mark[axis]
+    m.creep_s[axis] = m.creep_s[axis] + dt_s if math.fabs(far) > least else 0.0
     m.mark[axis] += away * min(dt_s / MARK_S, 1.0)
-    return False
+    m.slow_mark[axis] += far * min(dt_s / SLOW_MARK_S, 1.0)
+    return m.creep_s[axis] > CREEP_S
 
 
 @inline

@@ -120,7 +120,9 @@ def bristle_slopes(
     left = 1.0 + expm1_of_negative(-f.bristle_stiffness * math.fabs(velocity) / level * dt_s)
     damping = f.bristle_damping
     by_elastic = 1.0 - damping / f.bristle_stiffness * (1.0 - left) / dt_s
-    return by_elastic, damping * left * (1.0 - math.copysign(elastic / level, velocity)) + f.viscous
+    return by_elastic, damping * left * (
+        1.0 - math.copysign(1.0, velocity) * elastic / level
+    ) + f.viscous
 
 
 @kernel

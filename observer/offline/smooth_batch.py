@@ -68,7 +68,7 @@ def run_smoothed(
         if progress is not None:
             progress(min((begin + BLOCK_ROWS) / count, 1.0))
     for lag in range(min(LAG, count)):
-        smoothed(ring, lag, smooth[count - 1 - lag], work)
+        smoothed(setup.hip, setup.slide, ring, lag, smooth[count - 1 - lag], work)
     return replace(
         rows.estimates(),
         state=smooth[:, :SMOOTH_STD],
@@ -95,4 +95,4 @@ def _run(
         advance_by_row(setup, rows, row, memory, points)
         store(ring, memory, points, cycle_data, work)
         if begin + row >= LAG:
-            smoothed(ring, LAG, smooth[begin + row - LAG], work)
+            smoothed(setup.hip, setup.slide, ring, LAG, smooth[begin + row - LAG], work)

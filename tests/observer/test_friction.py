@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from observer.mechanism.friction import (
     FrictionParameters,
     bristle_friction,
+    bristle_slopes,
     bristles_after,
     friction_after,
     friction_rate,
@@ -222,3 +223,19 @@ def test_bristles_end_at_the_steady_friction(f, bristles, speed):
 def test_parameters_are_named_tuples_of_floats_as_kernels_want_them():
     assert all(isinstance(value, float) for value in (*HIP, *SLIDE_FRICTION))
     assert FrictionParameters._fields[-1] == "bristle_damping"
+
+
+@pytest.mark.parametrize("velocity", [0.01, -0.01])
+@pytest.mark.parametrize("elastic", [4.0, -4.0])
+def test_slopes_of_bristles_are_their_derivatives(velocity, elastic):
+    f = HIP._replace(bristle_stiffness=2000.0, bristle_damping=20.0)
+    step = 1e-5
+
+    def slope(by_elastic, by_velocity):
+        here = elastic + by_elastic * step, velocity + by_velocity * step
+        there = elastic - by_elastic * step, velocity - by_velocity * step
+        return (bristle_friction(f, *here, 0.01) - bristle_friction(f, *there, 0.01)) / (2 * step)
+
+    assert bristle_slopes(f, elastic, velocity, 0.01) == pytest.approx(
+        (slope(1, 0), slope(0, 1)), rel=1e-6
+    )

@@ -423,7 +423,7 @@ def test_process_noise_grows_with_time():
 # --- gate -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("glitch", [0.01, 0.1, 1.0])
+@pytest.mark.parametrize("glitch", [0.003, 0.01, 0.1, 1.0])
 @pytest.mark.parametrize("axis", [0, 1])
 def test_a_glitch_of_an_encoder_is_gated_and_leaves_no_trace(glitch, axis):
     one, _ = walked()
