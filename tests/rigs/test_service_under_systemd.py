@@ -6,15 +6,13 @@ one step has seen. The bus is `gaitd sim --wall-clock`'s: SocketCAN is the matte
 """
 
 import json
-import sys
-from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
+from whole_machine import whole_machine
 
 HERE = Path(__file__).parent
 PROJECT = HERE.parents[1]
-PACKAGES = distribution("msgspec").locate_file("")
 PLAY = '/opt/gaitd/bin/python /opt/source/tests/rigs/trainer_under_systemd.py "$PWD/seen.json"'
 TIMEOUT_S = 2400
 """For a machine on which much else runs; three minutes on one that is free."""
@@ -23,25 +21,6 @@ NO_SUCH_FAMILY = "Address family not supported by protocol"
 NO_POWER = {"OFF", "BRINGING_UP", "READY", "FAULT"}
 QUICK_STOP_ACTIVE = 6
 pytestmark = [pytest.mark.rig_systemd, pytest.mark.timeout(TIMEOUT_S + 100)]
-
-
-def whole_machine(rig_type):
-    """The rig, with a /usr that can be written; what is written there is gone afterwards.
-
-    The units' users may not see where the project usually lies: it is at /opt/source, too, its
-    packages at /opt/packages and this Python at /opt/python. The network is its own, because what
-    else runs on this computer may listen at the port that the configuration says.
-    """
-
-    class WholeMachine(rig_type):
-        def command(self, script, folder, *also):
-            words = super().command(script, folder, *also)
-            places = {PROJECT: "source", PACKAGES: "packages", sys.base_prefix: "python"}
-            binds = [f"--bind-ro={place}:/opt/{name}" for place, name in places.items()]
-            at = words.index("--boot")
-            return [*words[:at], "--overlay=/usr::/usr", "--private-network", *binds, *words[at:]]
-
-    return WholeMachine()
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from command_line import gaitd
-from gaitd_client import wire
+from gaitd_client import Target, wire
 from gaitd_record import (
     MESSAGES,
     PART,
@@ -23,15 +23,18 @@ from gaitd_record import (
     Deleted,
     Finished,
     FullError,
+    Head,
     Options,
     Purpose,
     Received,
     Recorder,
     RecordError,
+    Recording,
     Room,
     WhenFull,
     finish,
 )
+from gaitd_record import record as run_record
 from mcap.reader import make_reader
 from sessions import CONFIGS, new_session
 
@@ -500,3 +503,67 @@ def test_every_path_of_the_viewers_layout_is_a_field_of_a_message(whole):
                 ref = next(one["$ref"] for one in refs if "$ref" in one)
                 node = schemas[topic]["$defs"][ref.rpartition("/")[2]]
             node = node["properties"][name]
+
+
+class Played:
+    """A trainer, its session and its clock: messages come at their own times."""
+
+    def __init__(self, published):
+        self.published, self.now = published, 0
+        self.target = Target(trainer="trainer")
+        self.configuration = published.configuration
+        self.key = ""
+        self.waiting = [
+            (msgspec.json.decode(one.payload, type=Head).sample_time_ns or 0, one)
+            for one in published.messages[:2000]
+        ]
+
+    def connected_session(self):
+        return self
+
+    def declare_subscriber(self, key, take):
+        self.key, self.take = key, take
+        return self
+
+    def undeclare(self):
+        """The subscriber's."""
+
+    def now_ns(self):
+        """Each look at the clock lets a cycle pass, and its messages arrive."""
+        self.now = max(self.now + 10_000_000, self.waiting[0][0] if self.waiting else 0)
+        while self.waiting and self.waiting[0][0] <= self.now:
+            _, (key, schema, payload) = self.waiting.pop(0)
+            self.take(Sample(f"gaitd/trainer/{key}", f"application/json;{schema}", payload))
+        return self.now
+
+    def is_set(self):
+        return not self.waiting
+
+
+class Sample:
+    def __init__(self, key, encoding, payload):
+        self.key_expr, self.encoding, self.payload = key, encoding, self
+        self.to_bytes = lambda: payload
+
+
+def test_what_came_is_on_the_disk_within_less_than_a_second(published, tmp_path, monkeypatch):
+    played = Played(published)
+    played.take = lambda sample: None
+    synced_ns = []
+    monkeypatch.setattr("gaitd_record.program.MonotonicClock", lambda: played)
+    sync = Recording.sync
+
+    def watched(recording):
+        sync(recording)
+        synced_ns.append(played.now)
+
+    monkeypatch.setattr(Recording, "sync", watched)
+    events = []
+
+    run_record(played, Options(Purpose.ALL, Room(tmp_path, 1000)), events.append, played)
+
+    assert played.key == "gaitd/trainer/**"
+    assert len(synced_ns) > 5
+    assert max(np.diff(synced_ns)) < 600_000_000
+    assert [type(event).__name__ for event in events] == ["Listening", "Begun", "Finished"]
+    assert events[-1].message_count > 1900
