@@ -2,10 +2,13 @@
 
 import json
 import tempfile
+import threading
 from pathlib import Path
 
 import pytest
 from command_line import gaitd
+from gaitd_client import Trainer
+from gaitd_record import Begun, Finished, Options, Purpose, Room, record
 from keyed_trainer import TrainerWithKeys
 
 from daemon.ipc.record import Cause, Mode
@@ -36,6 +39,20 @@ def trainer():
         WithJson(Path(folder), CLIENTS, pace=20.0, edits=EDITS) as made,
     ):
         yield made.start_all()
+
+
+def recorded_by(name, trainer):
+    """Half a second as this client records it."""
+    events, over = [], threading.Event()
+    options = Options(Purpose.TRAINING, Room(trainer.folder / "recordings", 100))
+    with Trainer(credentials=trainer.credentials(name)) as client:
+        recorder = threading.Thread(target=record, args=(client, options, events.append, over))
+        recorder.start()
+        trainer.wait(lambda: any(isinstance(event, Begun) for event in events), 60)
+        trainer.run(0.5)
+        over.set()
+        recorder.join()
+    return [event for event in events if isinstance(event, Finished)]
 
 
 def outcome(answer):
@@ -71,6 +88,8 @@ def test_a_session_trains_within_its_plan_and_a_display_stops_it(trainer):
     assert trainer.mode == Mode.HOLD
     trainer.gait(0.4, 0.8, 300.0)
 
+    (recording,) = recorded_by("display.ward", trainer)
+    assert recording.message_count > 50
     trainer.act_as("display.ward")
     assert trainer.request("disable")["outcome"] == "unanswered"
     assert trainer.mode == Mode.GAIT
