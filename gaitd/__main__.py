@@ -61,6 +61,7 @@ COMMANDS: Final = {
     "calibrate": ("calibrate", RECORDINGS, "Friction, springs and encoder noise of the machine."),
     "baseline": ("baseline", RECORDINGS, "Estimated effort of a passive patient, recorded once."),
     "delay": ("delay", RECORDINGS, "How much later than its row an effort acts."),
+    "import-candump": ("import_candump", RECORDINGS, "A recorded CAN bus as a recording."),
     "demo": ("demo", LABORATORY, "Virtual drives, service and a patient, with a live view."),
     "sim": ("sim", LABORATORY, "The virtual drives of a configuration; inject, patient."),
     "experiment": ("experiment", LABORATORY, "The paper's experiment on the virtual machine."),

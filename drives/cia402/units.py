@@ -157,8 +157,8 @@ def to_joint(feedback: DriveFeedback, scaling: AxisScaling) -> JointSample:
     )
 
 
-def position_si(counts: int, scaling: AxisScaling) -> float:
-    """Joint position of an encoder count, rad or m."""
+def position_si(counts: float, scaling: AxisScaling) -> float:
+    """Joint position of an encoder count, rad or m; NaN of NaN."""
     return counts / scaling.counts_per_si + scaling.offset_si
 
 
