@@ -8,6 +8,7 @@ browser cannot stop or release a leg. STOP needs no login.
 import asyncio
 import contextlib
 import signal
+import socket
 import sys
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -308,6 +309,13 @@ class Server(uvicorn.Server):
         """End at the first signal."""
         if not self.should_exit:
             super().handle_exit(sig, frame)
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Say where the page is, once it can be opened."""
+        await super().startup(sockets)
+        if self.started:
+            scheme = "https" if self.config.is_ssl else "http"
+            print(f"gaitd-display: {scheme}://{self.config.host}:{self.config.port}/", flush=True)
 
 
 def serve(app: ASGIApp, web: Web) -> None:

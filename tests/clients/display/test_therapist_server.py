@@ -8,7 +8,6 @@ import ssl
 import subprocess
 import sys
 import tempfile
-import time
 import traceback
 from pathlib import Path
 from urllib.error import URLError
@@ -119,15 +118,10 @@ def test_beyond_loopback_it_serves_with_tls_alone_and_is_refused_without(tmp_pat
     )
     web |= {"certificate": "c.pem", "key": "k.pem"}
     file.write_text(bench.toml({**table, "web": web}), encoding="utf-8")
-    process = subprocess.Popen(command)
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:
-        while process.poll() is None:
-            try:
-                assert b'id="login"' in request("/")[1]
-                break
-            except URLError as error:
-                assert isinstance(error.reason, ConnectionRefusedError)
-                time.sleep(0.1)  # the process starts
+        assert process.stdout.readline() == f"gaitd-display: https://0.0.0.0:{web['port']}/\n"
+        assert b'id="login"' in request("/")[1]
         with pytest.raises(URLError, match="CERTIFICATE_VERIFY_FAILED"):
             request("/", context=ssl.create_default_context())
         with pytest.raises(OSError, match=r"closed|reset|Remote"):
