@@ -32,6 +32,7 @@ _BRING_UP = (
     "drives/test_bringup.py",
     "drives/test_boot_failures.py",
     "drives/test_bringup_plan.py",
+    "drives/test_bringup_rules.py",
 )
 
 UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {

@@ -10,7 +10,6 @@ from drives.bringup.bringup import bring_up
 from drives.bringup.plan import plan
 from drives.canopen.bus import Frame
 from drives.canopen.bus_state import BusCondition
-from drives.canopen.emcy_codes import Reaction
 from drives.canopen.nmt import SyncProducer
 from drives.errors import BringUpRefused, BusError, DrivePowered, DriveSilent
 from drives.signals import NmtState, PowerState
@@ -72,17 +71,6 @@ def test_a_drive_that_holds_its_joint_goes_on_holding_it_until_somebody_asks(sta
     assert caught.value.drive == "right/slide"
     assert START not in [data[:1] for data in bench.sent(0)]
     assert not bench.touched_power()
-
-
-@pytest.mark.parametrize("statusword", [0x1637, 0x0617])
-def test_a_drive_that_holds_its_joint_is_switched_off_where_that_was_asked_for(statusword):
-    bench = Bench(hip={"disabled_statusword": 0x0240})
-    bench.hip.values[0x6041, 0] = statusword
-
-    hip, _ = bench.run(may_switch_off=True)
-
-    assert hip.power_state is PowerState.SWITCH_ON_DISABLED
-    assert [w for w in bench.hip.written if w[0] == 0x6040] == [(0x6040, 0, 0x0000)]
 
 
 def test_a_drive_that_is_not_switched_off_when_asked_is_named():
@@ -160,15 +148,6 @@ def test_the_target_is_seeded_with_the_position_so_that_a_change_of_mode_finds_n
     assert bench.hip.values[0x6060, 0] == 10
 
 
-def test_a_joint_outside_its_limits_is_seeded_at_the_limit_and_not_refused():
-    bench = Bench()
-    bench.hip.values[0x6064, 0] = 30_000
-
-    bench.run()
-
-    assert bench.hip.values[0x607A, 0] == 19556
-
-
 @pytest.mark.parametrize("old", [(-100_000, -50_000), (50_000, 100_000), (-1, 1)])
 def test_position_limits_move_without_ever_crossing_the_old_ones(old):
     bench = Bench()
@@ -191,31 +170,6 @@ def test_the_base_that_the_drive_holds_is_the_one_that_is_used():
     assert hip.base.rated_torque_nm == pytest.approx(0.280)
 
 
-def test_a_drive_found_in_fault_is_reported_with_its_error_in_words():
-    bench = Bench()
-    bench.hip.values[0x6041, 0] = 0x0218
-    bench.hip.values[0x603F, 0] = 0x8130
-    bench.hip.values[0x1001, 0] = 0x11
-
-    hip, _ = bench.run()
-
-    assert hip.power_state is PowerState.FAULT
-    assert (hip.error_register, hip.error_code) == (0x11, 0x8130)
-    assert "heartbeat" in hip.error_text
-
-
-def test_an_emcy_that_comes_during_bring_up_is_in_the_report():
-    bench = Bench()
-    bench.bus.put(Frame(0x085, bytes.fromhex("3081110000000000")), 10 * MS)
-
-    hip, slide = bench.run()
-
-    (came,) = hip.emergencies
-    assert (came.code, came.error_register) == (0x8130, 0x11)
-    assert came.reaction is Reaction.ABORT_CONNECTION
-    assert slide.emergencies == ()
-
-
 def test_of_many_emcys_during_bring_up_the_newest_eight_are_in_the_report():
     bench = Bench()
     for number in range(10):
@@ -234,16 +188,6 @@ def test_a_node_that_was_never_received_has_sent_nothing():
     assert traffic.nmt_state is NmtState.UNKNOWN
 
 
-def test_a_drive_says_itself_whether_it_is_homed():
-    bench = Bench()
-    bench.hip.values[0x6041, 0] = 0x8240
-
-    hip, slide = bench.run()
-
-    assert (hip.homed, slide.homed) == (True, False)
-    assert hip.absolute
-
-
 def test_no_step_of_bring_up_takes_longer_than_one_silent_transfer():
     bench = Bench(slide={"mute": {(0x6085, 0)}})
     steps = bring_up(bench.plans, bench.port, CYCLE)
@@ -258,17 +202,6 @@ def test_no_step_of_bring_up_takes_longer_than_one_silent_transfer():
                 longest_ns = max(longest_ns, bench.clock.now_ns() - before_ns)
 
     assert longest_ns <= 310 * MS
-
-
-def test_progress_names_drive_step_and_how_far_it_is():
-    bench = Bench()
-
-    bench.run()
-
-    assert any(p.drive == "right/slide" and "607Dh" in p.text for p in bench.progress)
-    done = [p.done_count for p in bench.progress]
-    assert done == sorted(done)
-    assert bench.progress[-1].done_count < bench.progress[-1].total_count
 
 
 def test_an_encoder_error_that_is_found_or_comes_during_bring_up_loses_the_reference():
@@ -297,19 +230,6 @@ def test_a_boot_up_message_from_before_the_reset_is_not_taken_for_the_answer():
     bench.bus.put(Frame(0x705, b"\x00"))
 
     assert "no boot-up message" in str(silent(bench))
-
-
-def test_a_drive_without_power_is_silent_and_named():
-    error = silent(Bench(slide={"dead": True}))
-
-    assert error.drive == "right/slide"
-
-
-def test_a_drive_that_reboots_on_the_way_is_not_started():
-    bench = Bench(hip={"reboot_on_write": (0x6080, 0)})
-
-    assert "rebooted" in str(silent(bench))
-    assert START not in [data[:1] for data in bench.sent(0)]
 
 
 # --- refusals -------------------------------------------------------------------------------------
@@ -380,31 +300,6 @@ def test_tpdos_of_another_length_than_mapped_are_refused():
 
 
 # --- silence --------------------------------------------------------------------------------------
-
-
-def test_a_drive_that_stops_answering_sdo_is_silent_with_the_object_named():
-    error = silent(Bench(hip={"mute": {(0x6065, 0)}}))
-
-    assert "6065h:00" in str(error)
-    assert "300 ms" in str(error)
-
-
-def test_a_drive_whose_heartbeat_never_comes_is_not_started():
-    bench = Bench(hip={"no_heartbeat": True})
-
-    assert "no heartbeat" in str(silent(bench))
-    assert START not in [data[:1] for data in bench.sent(0)]
-
-
-def test_a_drive_that_does_not_become_operational_is_named():
-    assert "OPERATIONAL" in str(silent(Bench(slide={"never_operational": True})))
-
-
-def test_a_drive_that_sends_no_sample_is_named():
-    error = silent(Bench(slide={"without_tpdo": {2}}))
-
-    assert error.drive == "right/slide"
-    assert "no complete sample" in str(error)
 
 
 # --- SDO hazards ----------------------------------------------------------------------------------

@@ -211,6 +211,7 @@ def test_power_is_switched_off_where_that_was_requested(may_switch_off):
 
     if may_switch_off:
         assert bench.run(may_switch_off=True)[0].statusword == OFF
+        assert [w for w in bench.hip.written if w[0] == 0x6040] == [(0x6040, 0, 0x0000)]
         return
     assert failure(bring_up(bench.plans, bench.port, CYCLE), DrivePowered).drive == "right/hip"
 
