@@ -4,11 +4,14 @@ import itertools
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import subprocess
 import sys
 
+import matplotlib
+import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
 import pyarrow as pa
@@ -567,3 +570,19 @@ def test_what_came_is_on_the_disk_within_less_than_a_second(published, tmp_path,
     assert max(np.diff(synced_ns)) < 600_000_000
     assert [type(event).__name__ for event in events] == ["Listening", "Begun", "Finished"]
     assert events[-1].message_count > 1900
+
+
+def test_the_notebook_draws_its_pictures_of_a_recording(whole):
+    matplotlib.use("Agg")
+    notebook = json.loads((PROJECT / "clients" / "record" / "recording.ipynb").read_text())
+    cells = ["".join(one["source"]) for one in notebook["cells"] if one["cell_type"] == "code"]
+    names: dict[str, object] = {}
+    for cell in cells:
+        exec(re.sub(r'Path\("recordings/.*"\)', f"Path({str(whole.path)!r})", cell), names)
+    figures = [plt.figure(number) for number in plt.get_fignums()]
+    plt.close("all")
+
+    lines = [[len(axis.lines) for axis in figure.axes] for figure in figures]
+    assert [len(one) for one in lines] == [3, 2, 1]
+    assert all(count > 0 for one in lines for count in one)
+    assert len(names["strides"]) >= 5
