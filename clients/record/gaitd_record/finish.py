@@ -22,7 +22,7 @@ from mcap.writer import Writer
 
 from gaitd_record.about import CONFIGURATION, END_NAME, NAME, About, Head, Journal
 from gaitd_record.errors import RecordError
-from gaitd_record.leg_table import STREAM, Arrow, batches, write_parquet
+from gaitd_record.leg_table import ENDS, STREAM, Arrow, batches, write_parquet
 from gaitd_record.recording import CHUNK_BYTES, ESTIMATE, MESSAGES, PART, TOPIC
 
 TORN: Final = "torn: the recorder was killed, or the power failed"
@@ -48,7 +48,8 @@ class Finished(NamedTuple):
 
 def leftovers(folder: Path) -> list[Path]:
     """List the unfinished recordings of a folder that are not being made."""
-    return [part for part in sorted(folder.glob(f"*{PART}")) if not _is_locked(part)]
+    parts = sorted(file.parent for file in folder.glob(f"*{PART}/{MESSAGES}"))
+    return [part for part in parts if not _is_locked(part)]
 
 
 def _is_locked(part: Path) -> bool:
@@ -57,8 +58,6 @@ def _is_locked(part: Path) -> bool:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
-    except FileNotFoundError:
-        pass
     return False
 
 
@@ -72,14 +71,12 @@ def finish(part: Path) -> Finished | None:
         OSError: it cannot be read or written, for example on a full disk; then it stays as it is.
     """
     path = part.with_name(part.name.removesuffix(PART))
-    if part == path or not part.is_dir():
-        raise RecordError(f"{part}: is no unfinished recording, which is a folder *{PART}")
+    if part == path or not (part / MESSAGES).is_file():
+        raise RecordError(f"{part}: is no unfinished recording, a folder *{PART} with {MESSAGES}")
     if path.exists():
         raise RecordError(f"{part}: cannot become {path}, which is there already")
     if not _is_whole(part / MESSAGES) and not _mend(part):
-        for file in part.iterdir():
-            file.unlink()
-        part.rmdir()
+        remove(part)
         return None
     about, end = _read(part / MESSAGES)
     for stream in sorted(part.glob(f"*{STREAM}")):
@@ -102,6 +99,20 @@ def finish(part: Path) -> Finished | None:
         int(end["end_utc_ns"]),
         msgspec.json.decode(end["lost"], type=dict[str, int]),
     )
+
+
+def remove(recording: Path) -> None:
+    """Delete a recording; what else lies in its folder stays, and then the folder, too.
+
+    Raises:
+        OSError: it cannot be deleted.
+    """
+    names = (MESSAGES, f"*{STREAM}", *(f"*{end}" for end in ENDS))
+    ours = [*names, *(f"{name}.new" for name in names)]
+    for file in [file for name in ours for file in recording.glob(name)]:
+        file.unlink()
+    if not any(recording.iterdir()):
+        recording.rmdir()
 
 
 def _is_whole(messages: Path) -> bool:

@@ -2,13 +2,13 @@
 
 import contextlib
 import os
-import shutil
 from collections.abc import Iterator
 from enum import StrEnum
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from gaitd_record.errors import FullError
+from gaitd_record.finish import remove
 from gaitd_record.leg_table import STREAM
 from gaitd_record.recording import MESSAGES, PART
 
@@ -47,7 +47,7 @@ class Room(NamedTuple):
             oldest = self._oldest() if self.when_full is WhenFull.DELETE_OLDEST else None
             if oldest is None:
                 raise FullError(f"{self.folder}: {lack}")
-            shutil.rmtree(oldest)
+            remove(oldest)
             deleted.append(oldest)
         return deleted
 
@@ -78,7 +78,7 @@ class Room(NamedTuple):
     def _files(self) -> Iterator[tuple[Path, os.stat_result]]:
         """Yield the files of all recordings; one that is being finished changes meanwhile."""
         for folder, _, names in os.walk(self.folder):
-            for name in names:
+            for name in names if MESSAGES in names else ():
                 file = Path(folder) / name
                 with contextlib.suppress(FileNotFoundError):
                     yield file, file.stat()

@@ -338,6 +338,8 @@ def test_a_recorder_that_starts_finishes_what_is_left_and_leaves_what_is_being_m
     part, _, made = part_of(published, tmp_path, 1000)
     other = tmp_path / f"left{PART}"
     shutil.copytree(part, other)
+    (tmp_path / f"download{PART}").touch()
+    (tmp_path / f"theirs{PART}").mkdir()
     events = []
 
     recorder(published, tmp_path, events=events)
@@ -348,7 +350,7 @@ def test_a_recorder_that_starts_finishes_what_is_left_and_leaves_what_is_being_m
     assert part.exists()
     made.end()
     made.__exit__()
-    assert not part.exists()
+    assert {one.name for one in tmp_path.glob(f"*{PART}")} == {"download.part", "theirs.part"}
 
 
 def test_training_and_calibration_have_the_modes_that_they_are_for(published, tmp_path):
@@ -396,7 +398,8 @@ def test_a_full_folder_loses_its_oldest_recording_or_takes_no_other(
     for age, name in enumerate(("old", "older")):
         os.utime(tmp_path / name / MESSAGES, ns=(0, 10**18 - age * 10**15))
     (tmp_path / "theirs").mkdir()
-    (tmp_path / "theirs" / "notes.txt").write_text("not a recording")
+    (tmp_path / "theirs" / "notes.txt").write_bytes(bytes(4_000_000))
+    (tmp_path / "older" / "notes.txt").write_text("beside a recording")
     events = []
     room = Room(tmp_path, 3, when_full)
     made = Recorder(Options(Purpose.ALL, room), published.configuration, events.append)
@@ -415,7 +418,8 @@ def test_a_full_folder_loses_its_oldest_recording_or_takes_no_other(
     finished = next(event for event in events if isinstance(event, Finished))
     assert finished.message_count == len(published.messages)
     assert ("in order" in finished.ended) is (when_full is WhenFull.DELETE_OLDEST)
-    assert (tmp_path / "theirs").exists()
+    assert (tmp_path / "theirs" / "notes.txt").exists()
+    assert (tmp_path / "older" / "notes.txt").exists()
 
 
 def test_a_disk_that_takes_no_more_ends_the_recording_with_a_message(published, tmp_path):
