@@ -22,7 +22,7 @@ RECORD := clients/record
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge rigs lock format tables docs golden clean
+.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -122,6 +122,9 @@ uninstall:  ## remove the service from this machine; keeps configuration and sta
 
 purge:  ## the same, with configuration, state and users
 	DESTDIR=$(DESTDIR) bash scripts/install.sh purge
+
+deb:  ## out/gaitd_VERSION_ARCHITECTURE.deb of the last commit, for Debian with this machine's Python
+	bash scripts/deb.sh
 
 rigs:  ## install the packages for the rigs (root, Debian)
 	bash scripts/rigs.sh

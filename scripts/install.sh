@@ -24,6 +24,7 @@ NETWORK=/usr/lib/systemd/network
 DOCUMENTS=/usr/share/doc/gaitd
 BASH_COMPLETION=/usr/share/bash-completion/completions/gaitd
 ZSH_COMPLETION=/usr/share/zsh/vendor-completions/_gaitd
+MANUAL=/usr/share/man/man1
 PARTS=(gaitd.target gaitd-core.service gaitd-gateway.service gaitd-sim.service)
 PAGES=(gaitd-patient.service gaitd-therapist.service)
 CLIENTS=("${PAGES[@]}" gaitd-assist.service gaitd-record.service)
@@ -38,11 +39,7 @@ running() { live && [ -d /run/systemd/system ]; }
 
 idle() {
     # The files of a running service must not change, and no patient may be in the machine. The clients use them, too.
-    local unit
-    running || return 0
-    for unit in gaitd-core gaitd-gateway gaitd-sim "${CLIENTS[@]%.service}"; do
-        ! systemctl --quiet is-active "$unit" || refuse "$unit runs: \`systemctl stop gaitd.target gaitd-sim ${CLIENTS[*]%.service}\` first"
-    done
+    ! live || sh deb/preinst upgrade
 }
 
 version() { "$PYTHON" -c 'import tomllib; print(tomllib.load(open("pyproject.toml", "rb"))["project"]["version"])'; }
@@ -54,18 +51,20 @@ environment() {
     "$PYTHON" -c 'import ensurepip, venv' 2> /dev/null || refuse "$PYTHON has no venv: apt-get install python3-venv"
     base=$("$PYTHON" -c 'import sys; print(sys.base_prefix)')
     case "$base/" in /root[/]* | /home[/]*) refuse "$PYTHON lies in $base, which the service may not see: PYTHON=/usr/bin/python3" ;; esac
-    target="$PREFIX-$(version)-$(date -u +%Y%m%d%H%M%S)"
+    target="$PREFIX-$(version)-$(date -u -d "@${SOURCE_DATE_EPOCH:-$(date +%s)}" +%Y%m%d%H%M%S)"
     say "making $target, with all pinned dependencies"
     "$PYTHON" -m venv "$DESTDIR$target"
     "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
     "$DESTDIR$target/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/python .
-    if ! live; then
-        # Staged for another path: pip has written the present path into the scripts.
-        grep -rlIZ "$DESTDIR$target" "$DESTDIR$target/bin" "$DESTDIR$target/pyvenv.cfg" | xargs -0 sed -i "s#$DESTDIR$target#$target#g"
-    fi
-    ln -sfn "$target" "$DESTDIR$PREFIX.new"
+    ln -sfn "$(basename "$target")" "$DESTDIR$PREFIX.new"
     mv -T "$DESTDIR$PREFIX.new" "$DESTDIR$PREFIX"
-    find "$DESTDIR$(dirname "$PREFIX")" -maxdepth 1 -type d -name "$(basename "$PREFIX")-*" ! -path "$DESTDIR$target" -exec rm -rf {} +
+    relocate
+}
+
+relocate() {
+    # Staged for another path: pip has written the present one into the scripts.
+    local target=$DESTDIR$PREFIX
+    live || { grep -rlIZF "$DESTDIR/" "$target/bin/" "$target/pyvenv.cfg" || true; } | xargs -0 --no-run-if-empty sed -i "s#$DESTDIR/#/#g"
 }
 
 files() {
@@ -95,7 +94,18 @@ files() {
     install -d "$DESTDIR/usr/bin"
     ln -sfn "$PREFIX/bin/gaitd" "$DESTDIR/usr/bin/gaitd"
     configuration
-    ! live || settle
+    from_commands
+    ! live || sh deb/postinst configure
+}
+
+from_commands() {
+    # Completion of the shells, and manual pages: what the environment itself says of its commands.
+    local python=$DESTDIR$PREFIX/bin/python
+    [ -x "$python" ] || return 0
+    install -d "$DESTDIR$(dirname "$BASH_COMPLETION")" "$DESTDIR$(dirname "$ZSH_COMPLETION")"
+    _GAITD_COMPLETE=source_bash "$python" "$DESTDIR$PREFIX/bin/gaitd" > "$DESTDIR$BASH_COMPLETION"
+    _GAITD_COMPLETE=source_zsh "$python" "$DESTDIR$PREFIX/bin/gaitd" > "$DESTDIR$ZSH_COMPLETION"
+    "$python" scripts/man_pages.py "$DESTDIR$MANUAL"
 }
 
 configuration() {
@@ -127,10 +137,11 @@ display_environment() {
     say "adding the pages to $PREFIX, with all pinned dependencies"
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/session ./clients/display
+    relocate
 }
 
 display_files() {
-    # Each page's file is readable for its own user alone; an existing one stays, edited or not.
+    # An existing file stays, edited or not.
     local name
     for name in "${PAGES[@]}"; do
         put "systemd/$name" "$UNITS/$name"
@@ -139,13 +150,8 @@ display_files() {
     for name in patient therapist; do
         [ -e "$DESTDIR/etc/gaitd-display/$name.toml" ] || put "clients/display/configs/$name.toml" "/etc/gaitd-display/$name.toml" 640
     done
-    if live; then
-        systemd-sysusers gaitd-display.conf
-        for name in patient therapist; do
-            chgrp "gaitd-$name" "/etc/gaitd-display/$name.toml"
-        done
-        ! running || systemctl daemon-reload
-    fi
+    from_commands
+    ! live || sh deb/postinst client
 }
 
 assist_environment() {
@@ -153,6 +159,7 @@ assist_environment() {
     same_version
     say "adding the reference controller to $PREFIX"
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/assist
+    relocate
 }
 
 assist_files() {
@@ -164,11 +171,7 @@ assist_files() {
         put clients/assist/configs/assist.toml "$file" 640
         sed -i 's#^log = "#log = "/var/lib/gaitd-assist/#' "$DESTDIR$file"
     fi
-    if live; then
-        systemd-sysusers gaitd-assist.conf
-        chgrp gaitd-assist "$file"
-        ! running || systemctl daemon-reload
-    fi
+    ! live || sh deb/postinst client
 }
 
 record_environment() {
@@ -176,6 +179,7 @@ record_environment() {
     say "adding the recorder to $PREFIX, with all pinned dependencies"
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/record.txt
     "$DESTDIR$PREFIX/bin/python" -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./clients/record
+    relocate
 }
 
 record_files() {
@@ -184,41 +188,8 @@ record_files() {
     put systemd/gaitd-record.service "$UNITS/gaitd-record.service"
     put systemd/gaitd-record.sysusers /usr/lib/sysusers.d/gaitd-record.conf
     [ -e "$DESTDIR$file" ] || put clients/record/configs/record.env "$file" 640
-    if live; then
-        systemd-sysusers gaitd-record.conf
-        chgrp gaitd-record "$file"
-        ! running || systemctl daemon-reload
-    fi
-}
-
-settle() {
-    # Only on the machine itself: users, folders, completion, compiled kernels.
-    completion
-    systemd-sysusers gaitd.conf
-    systemd-tmpfiles --create gaitd.conf
-    chgrp -R gaitd /etc/gaitd
-    ! running || systemctl daemon-reload
-    warm
-}
-
-completion() {
-    install -d "$(dirname "$BASH_COMPLETION")" "$(dirname "$ZSH_COMPLETION")"
-    _GAITD_COMPLETE=source_bash "$PREFIX/bin/gaitd" > "$BASH_COMPLETION"
-    _GAITD_COMPLETE=source_zsh "$PREFIX/bin/gaitd" > "$ZSH_COMPLETION"
-}
-
-warm() {
-    # The kernels are compiled once for a version and a processor: now, not at the first start.
-    say "compiling for this processor"
-    setpriv --reuid=gaitd-core --regid=gaitd --clear-groups env -C / NUMBA_CACHE_DIR=/var/cache/gaitd "$PREFIX/bin/python" -P - << 'WARM' ||
-from pathlib import Path
-from daemon.preflight.load import load
-from daemon.core.modes.persistent_state import PersistentState
-from daemon.core.runtime.build import build
-from daemon.core.runtime.warm_up import warm_up
-warm_up(build(load(Path("/etc/gaitd/trainer.toml")), "", PersistentState()))
-WARM
-        say "not compiled yet: the first start does it, and takes half a minute longer"
+    from_commands
+    ! live || sh deb/postinst client
 }
 
 uninstall() {
@@ -238,7 +209,7 @@ uninstall() {
         "$DESTDIR$UNITS/service.d/$NO_CAN" "$DESTDIR$WAIT/10-gaitd-wait.conf" \
         "$DESTDIR$NETWORK"/80-gaitd-can0.{link,network} \
         "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf "$DESTDIR"/usr/lib/sysusers.d/gaitd-{display,assist,record}.conf \
-        "$DESTDIR/usr/bin/gaitd" "$DESTDIR$BASH_COMPLETION" "$DESTDIR$ZSH_COMPLETION"
+        "$DESTDIR/usr/bin/gaitd" "$DESTDIR$BASH_COMPLETION" "$DESTDIR$ZSH_COMPLETION" "$DESTDIR$MANUAL"/gaitd{,-*}.1
     for name in "$UNITS"/{gaitd-core.service.d,gaitd-sim.service.d,service.d} "$WAIT"; do
         rmdir --ignore-fail-on-non-empty "$DESTDIR$name" 2> /dev/null || true
     done
@@ -250,18 +221,7 @@ uninstall() {
 
 purge() {
     uninstall
-    rm -rf "$DESTDIR"/etc/gaitd{,-display,-assist,-record} "$DESTDIR"/var/lib/gaitd{,-patient,-assist,-record} \
-        "$DESTDIR"/etc/systemd/system/gaitd-{core,gateway,sim,patient,therapist,assist,record}.service.d
-    if live; then
-        local name
-        for name in gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist gaitd-assist gaitd-record; do
-            userdel "$name" 2> /dev/null || true
-        done
-        for name in gaitd gaitd-training gaitd-patient gaitd-therapist gaitd-assist gaitd-record; do
-            groupdel "$name" 2> /dev/null || true
-        done
-    fi
-    ! running || systemctl daemon-reload
+    DPKG_ROOT=$DESTDIR sh deb/postrm purge
     say "configuration, state, recordings, the history of sessions, credentials and users are gone, too"
 }
 
@@ -269,6 +229,7 @@ usage() { sed -n '2,15p' "${BASH_SOURCE[0]}" | sed 's/^# \{0,1\}//'; exit 2; }
 
 case "${1:-}" in install | files | display | display-files | assist | assist-files | record | record-files | uninstall | purge) ;; *) usage ;; esac
 ! live || [ "$(id -u)" -eq 0 ] || refuse "needs root (or DESTDIR=/somewhere to stage a package)"
+! live || ! dpkg-query --search "$PREFIX" > /dev/null 2>&1 || refuse "the Debian package gaitd is installed: \`apt-get remove gaitd\` first"
 case "$1" in
     install)
         idle

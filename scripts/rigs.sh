@@ -9,6 +9,7 @@ PACKAGES=(
     qemu-system-x86 linux-image-amd64 busybox-static   # the virtual machine of rig_vcan, and its kernel
     can-utils kmod iproute2                            # vcan inside it: modprobe, ip, candump, cansend
     systemd systemd-container                          # systemd-nspawn and the systemd of rig_systemd
+    python3-venv                                       # the environment that `make deb` makes
     chromium                                           # the pages of rig_browser
 )
 

@@ -2,6 +2,7 @@
 
 import importlib
 import importlib.metadata
+import re
 import subprocess
 import sys
 import tomllib
@@ -200,3 +201,15 @@ def test_every_dependency_is_pinned_at_a_version_that_the_project_allows():
         assert f"\n{name}==" in f"\n{locked}", requirement
         if "==" in requirement:
             assert f"\n{requirement.lower()} " in f"\n{locked}", requirement
+
+
+def test_the_page_of_third_party_software_has_exactly_what_is_pinned_for_the_installed_service():
+    page = (PROJECT / "docs" / "third_party.md").read_text(encoding="utf-8")
+    told = re.findall(r"(?m)^\| ([a-z0-9-]+) \| (\d[^ ]*) \| [^|]+ \| [^|]+ \|", page)
+    locks = [
+        (PROJECT / "requirements" / name).read_text()
+        for name in ("run.txt", "display.txt", "record.txt")
+    ]
+    pinned = re.findall(r"(?m)^([a-z0-9-]+)==(\S+)(?!.*win32)", "\n".join(locks))
+
+    assert sorted(told) == sorted(set(pinned))

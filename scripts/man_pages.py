@@ -1,0 +1,95 @@
+"""Manual pages of `gaitd`, `gaitd-session` and each of their commands, from what --help prints.
+
+`scripts/install.sh` calls this with the Python of an environment: man_pages.py FOLDER. What
+is not in this environment gets no page.
+"""
+
+import importlib
+import importlib.util
+import re
+import sys
+from collections.abc import Iterable, Iterator
+from importlib.metadata import metadata
+from pathlib import Path
+from typing import cast
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+from typer.main import get_command
+
+from gaitd.__main__ import COMMANDS, REMEDIES, build
+
+DOCUMENTS = "/usr/share/doc/gaitd/docs"
+
+
+def pages() -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each page."""
+    # The command line of gaitd is built for one command; the others are stubs in it.
+    programs = [("gaitd", build(None), list(of_gaitd()))]
+    if importlib.util.find_spec("gaitd_session"):
+        app: typer.Typer = importlib.import_module("gaitd_session.program").app
+        programs.append(("gaitd-session", app, [(name, app) for name in group_of(app).commands]))
+    for program, app, commands in programs:
+        group = group_of(app)
+        lines = {name: one.get_short_help_str(200) for name, one in group.commands.items()}
+        yield program, page(program, metadata(program)["Summary"], group, lines)
+        for name, its_app in commands:
+            command = cast("TyperCommand", group_of(its_app).commands[name])
+            yield f"{program}-{name}", page(f"{program} {name}", lines[name], command, {})
+
+
+def of_gaitd() -> Iterator[tuple[str, typer.Typer]]:
+    """Yield each command of gaitd whose packages are in this environment."""
+    for name in COMMANDS:
+        try:
+            yield name, build(name)
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] not in REMEDIES:
+                raise
+
+
+def group_of(app: typer.Typer) -> TyperGroup:
+    """Return the group of an app's commands."""
+    return cast("TyperGroup", get_command(app))
+
+
+def page(words: str, line: str, command: TyperCommand | TyperGroup, of_it: dict[str, str]) -> str:
+    """Return the page of one command; `of_it` are its own commands, each with one line."""
+    name = words.replace(" ", "-")
+    context = typer.Context(command, info_name=words)
+    usage = command.get_usage(context).removeprefix(f"Usage: {words}").strip()
+    described = [one.get_help_record(context) for one in command.get_params(context)]
+    version = metadata("gaitd")["Version"]
+    parts = [
+        f'.TH {name.upper()} 1 "" "gaitd {version}" "gaitd"',
+        f".SH NAME\n{roff(name)} \\- {roff(line.rstrip('.'))}",
+        f".SH SYNOPSIS\n.B {roff(words)}\n{roff(usage)}",
+        ".SH DESCRIPTION\n" + "\n.PP\n".join(map(roff, (command.help or line).split("\n\n"))),
+        heading("COMMANDS", of_it.items()),
+        heading("OPTIONS", [record for record in described if record]),
+        f".SH SEE ALSO\n{DOCUMENTS}/index.md, {DOCUMENTS}/exit_codes.md",
+    ]
+    return "\n".join(filter(None, parts)) + "\n"
+
+
+def heading(title: str, rows: Iterable[tuple[str, str]]) -> str:
+    """Return a section of terms with their explanations; empty without rows."""
+    terms = [f".TP\n.B {roff(term)}\n{roff(text)}" for term, text in rows]
+    return "\n".join([f".SH {title}", *terms]) if terms else ""
+
+
+def roff(text: str) -> str:
+    """Return text as one paragraph that roff takes literally."""
+    one_line = re.sub(r"\s+", " ", text).strip().replace("\\", "\\e").replace("-", "\\-")
+    return f"\\&{one_line}" if one_line.startswith((".", "'")) else one_line
+
+
+def main(folder: Path) -> None:
+    """Write all pages into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in pages():
+        (folder / f"{name}.1").write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
