@@ -22,7 +22,7 @@ RECORD := clients/record
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb rigs lock format tables docs golden clean
+.PHONY: help demo demo-display quick test test-rigs test-package test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
@@ -61,7 +61,10 @@ test: clean-steps $(VENV)/dev.stamp  ## all that a contributor must pass; prints
 	wait $$! || { cat $(CHECKS); exit 1; }; exit $$tests
 
 test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `make rigs`, root)
-	$(BIN)/pytest -n 2 --dist=loadgroup -m "rig_vcan or rig_systemd or rig_browser" --rigs=required
+	$(BIN)/pytest -n 2 --dist=loadgroup -m "(rig_vcan or rig_systemd or rig_browser) and not thorough" --rigs=required
+
+test-package: $(VENV)/dev.stamp  ## the Debian package: built thrice, then installed to purged under systemd (after `make rigs`, root)
+	$(BIN)/pytest -m "rig_systemd and thorough" --rigs=required
 
 test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime

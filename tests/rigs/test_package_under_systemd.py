@@ -17,7 +17,11 @@ PROJECT = HERE.parents[1]
 TIMEOUT_S = 2400
 VERSION = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]["version"]
 SECOND, THIRD = f"{VERSION}.1", f"{VERSION}.2"
-pytestmark = [pytest.mark.rig_systemd, pytest.mark.timeout(2 * TIMEOUT_S)]
+pytestmark = [
+    pytest.mark.rig_systemd,
+    pytest.mark.thorough,  # three builds take as long as all other rigs
+    pytest.mark.timeout(2 * TIMEOUT_S),
+]
 
 
 def run(*words: str, folder: Path) -> str:
