@@ -143,9 +143,10 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --extra tools --output-file requirements/run.txt
-	$(COMPILE) --extra build --extra tools --extra dev --extra display --extra record --output-file requirements/dev.txt
+	$(COMPILE) --extra build --extra tools --extra dev --extra display --extra record --extra fleet --output-file requirements/dev.txt
 	$(COMPILE) --extra build --extra tools --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
 	$(COMPILE) --extra build --extra tools --extra record --constraint requirements/dev.txt --output-file requirements/record.txt
+	$(COMPILE) --extra build --extra tools --extra fleet --constraint requirements/dev.txt --output-file requirements/fleet.txt
 	$(COMPILE) --extra build --extra tools --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 

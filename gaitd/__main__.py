@@ -62,6 +62,7 @@ COMMANDS: Final = {
     "baseline": ("baseline", RECORDINGS, "Estimated effort of a passive patient, recorded once."),
     "delay": ("delay", RECORDINGS, "How much later than its row an effort acts."),
     "import-candump": ("import_candump", RECORDINGS, "A recorded CAN bus as a recording."),
+    "fleet": ("fleet", RECORDINGS, "Many recordings, on this computer or a cluster."),
     "demo": ("demo", LABORATORY, "Virtual drives, service and a patient, with a live view."),
     "sim": ("sim", LABORATORY, "The virtual drives of a configuration; inject, patient."),
     "experiment": ("experiment", LABORATORY, "The paper's experiment on the virtual machine."),

@@ -1,0 +1,208 @@
+"""`gaitd fleet estimate`: the same results from two processes, from a cluster, and after losses."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from command_line import gaitd
+from sessions import CONFIGS
+
+from analysis.estimates import COLUMNS
+from analysis.recording import COLUMNS as INPUTS
+from analysis.replay import estimate, read
+from daemon.preflight.robot import load_robot
+from tests.observer.trainer import PATIENT, encoded, gait, simulate
+
+ROBOT = CONFIGS / "robot.toml"
+CSV_COUNT = 4
+
+
+@pytest.fixture(scope="module")
+def sessions(tmp_path_factory):
+    """Two trainers, two recordings of each, with the same names."""
+    folder = tmp_path_factory.mktemp("sessions")
+    for number in range(CSV_COUNT):
+        time_s = np.arange(1, 201) * 0.01
+        truth = simulate(PATIENT, 200, reference=gait(PATIENT, time_s, 0.2 + 0.05 * number))
+        columns = encoded(truth)
+        table = np.column_stack((columns.time_s, columns.position, columns.effort))
+        file = folder / f"trainer{number // 2}" / f"day{number % 2}.csv"
+        file.parent.mkdir(exist_ok=True)
+        lines = (",".join(map(repr, row)) for row in table.tolist())
+        file.write_text("\n".join((",".join(INPUTS), *lines)) + "\n")
+    return folder
+
+
+def fleet(sessions, output, *more, robot=ROBOT):
+    """The two trainers' folders; the results by file of the recording."""
+    folders = sorted(sessions.iterdir())
+    ended = gaitd(
+        *("fleet", "estimate", *folders, "--robot", robot, "--output", output, "--json"), *more
+    )
+    return ended, {one["session"]: one for one in json.loads(ended.out)}
+
+
+def test_results_are_a_replay_s_bits_and_are_made_once(sessions, tmp_path):
+    output = tmp_path / "out"
+
+    ended, first = fleet(sessions, output, "--workers", 2)
+
+    assert ended.code == 0, ended.err
+    assert len(first) == CSV_COUNT
+    for session, result in first.items():
+        source = read(Path(session))
+        expected = estimate(source, load_robot(ROBOT))
+        table = pq.read_table(result["file"])
+        assert table.column_names == list(COLUMNS)
+        np.testing.assert_array_equal(table["time_s"], source.recording.time_s)
+        np.testing.assert_array_equal(table["hip_patient_nm"], expected.state[:, 6])
+        assert table.schema.metadata[b"gaitd.session"].decode() == session
+    assert len({one["file"] for one in first.values()}) == CSV_COUNT
+
+    again = fleet(sessions, output, "--workers", 1)[1]
+
+    assert all(one["kept"] for one in again.values())
+    other = tmp_path / "robot.toml"
+    other.write_text(ROBOT.read_text() + "\n# another file\n")
+    changed = fleet(sessions, output, "--workers", 1, robot=other)[1]
+    assert not any(one["kept"] for one in changed.values())
+    assert len(list(output.iterdir())) == 2 * CSV_COUNT
+
+
+def test_a_bad_recording_costs_itself(sessions, tmp_path):
+    bad = tmp_path / "bad.csv"
+    bad.write_text("no recording\n")
+
+    ended = gaitd(
+        *("fleet", "estimate", bad, *sorted(sessions.glob("*/day0.csv")), "--workers", 1),
+        *("--robot", ROBOT, "--output", tmp_path / "out"),
+    )
+
+    assert ended.code == 1
+    assert f"{bad}:1: lacks column" in ended.out
+    assert "2 estimated, 0 kept, 1 failed" in ended.out
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "give one of both"),
+        (["--scheduler", "nowhere:x"], "--scheduler: nowhere:x"),
+        (["--robot", "none.toml"], "none.toml"),
+    ],
+)
+def test_what_cannot_be_is_refused(sessions, tmp_path, more, words):
+    ended = gaitd(
+        *("fleet", "estimate", sessions / "trainer0", "--output", tmp_path / "out"),
+        *("--robot", ROBOT, *more),
+    )
+
+    assert ended.code == 2
+    assert words in ended.err
+
+
+# --- losses --------------------------------------------------------------------------------------
+
+
+class Cluster:
+    """A scheduler and two workers of Dask's own commands."""
+
+    def __init__(self, folder):
+        self.file = folder / "scheduler.json"
+        self.scheduler = self._started("scheduler", "--host", "127.0.0.1", "--port", "0")
+        self.workers = [
+            self._started("worker", "--nthreads", "1", "--no-nanny", "--name", name)
+            for name in ("first", "second")
+        ]
+
+    def _started(self, kind, *more):
+        command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", "--no-dashboard"]
+        log = self.file.with_name(f"{kind}.log").open("a")
+        # The modules of these tests are no package of the workers; gaitd is.
+        return subprocess.Popen(
+            [*command, "--scheduler-file", str(self.file), *more],
+            stdout=log,
+            stderr=log,
+            env={**os.environ, "PYTHONPATH": ""},
+        )
+
+    @property
+    def address(self):
+        """Address of the scheduler, once both workers are there."""
+        from distributed import Client
+
+        while not self.file.exists() or not self.file.read_text():
+            assert self.scheduler.poll() is None
+            time.sleep(0.05)
+        with Client(scheduler_file=str(self.file)) as client:
+            client.wait_for_workers(2)
+            return client.scheduler.address
+
+    def end(self):
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    made = Cluster(tmp_path)
+    yield made
+    made.end()
+
+
+def started(sessions, output, address):
+    """The command as its own process, as its connection is lost."""
+    folders = map(str, sorted(sessions.iterdir()))
+    command = [sys.executable, "-m", "gaitd", "fleet", "estimate", *folders]
+    options = ["--robot", str(ROBOT), "--output", str(output), "--scheduler", address]
+    return subprocess.Popen(
+        [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+
+
+def test_a_worker_that_is_killed_costs_no_result(sessions, tmp_path, cluster):
+    address = cluster.address
+    first, _ = cluster.workers
+    first.send_signal(signal.SIGSTOP)  # it takes tasks, and does none
+    process = started(sessions, tmp_path / "out", address)
+    while not list((tmp_path / "out").glob("*.parquet")):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    first.kill()
+
+    out, err = process.communicate()
+
+    assert process.returncode == 0, err
+    assert f"{CSV_COUNT} estimated" in out
+    assert len(list((tmp_path / "out").glob("*.parquet"))) == CSV_COUNT
+
+
+def test_a_lost_scheduler_costs_nothing_that_was_finished(sessions, tmp_path, cluster):
+    address = cluster.address
+    first, second = cluster.workers
+    first.send_signal(signal.SIGSTOP)
+    process = started(sessions, tmp_path / "out", address)
+    while not list((tmp_path / "out").glob("*.parquet")):
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.05)
+    second.send_signal(signal.SIGSTOP)
+    cluster.scheduler.kill()
+
+    out, err = process.communicate()
+
+    finished = len(list((tmp_path / "out").glob("*.parquet")))
+    assert process.returncode == 1, err
+    assert 0 < finished < CSV_COUNT  # the first worker holds some
+    assert "the scheduler was lost; the same call again does what is missing" in out
+    assert "Traceback" not in out
+    again = fleet(sessions, tmp_path / "out", "--workers", 1)[1]
+    assert sum(one["kept"] for one in again.values()) == finished
+    assert not any(one["error"] for one in again.values())
