@@ -141,8 +141,8 @@ def _all(
 def _results(future: "Future[list[Result]]", session: Path) -> "list[Result]":
     from analysis.fleet import Result
 
-    # No error of a recording: those are results. Workers that end three times with the same task, or
-    # that have not this gaitd, cost this recording. A result that was made may be lost on the way.
+    # Not an error of a recording: those are results. Workers that end three times with one task, or
+    # that have another gaitd, cost this recording. A result that was made may be lost on the way.
     try:
         if future.status == "finished":
             return future.result()
