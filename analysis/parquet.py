@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from analysis.recording import COLUMNS, Recording, RecordingError, recording
 from daemon.config.settings import Robot
+from daemon.ipc.decoding import Decoder, RefusedError
 
 Arrow = Any
 """A type of pyarrow, which has no annotations."""
@@ -54,10 +55,29 @@ class _About(msgspec.Struct, frozen=True):
     robot: dict[str, Any]
 
 
+class _Stop(msgspec.Struct, frozen=True):
+    category: str
+    cause: str
+
+
 class _End(msgspec.Struct, frozen=True):
     ended: str
     lost: str
+    """JSON: number of messages by key."""
     stops: str
+    """JSON: list of stops."""
+
+
+class _Ended(NamedTuple):
+    how: str
+    lost: dict[str, int]
+    stops: list[_Stop]
+
+
+_ABOUT: Final = Decoder(msgspec.json.Decoder(_About).decode)
+_END: Final = Decoder(msgspec.json.Decoder(_End).decode)
+_LOST: Final = Decoder(msgspec.json.Decoder(dict[str, int]).decode)
+_STOPS: Final = Decoder(msgspec.json.Decoder(list[_Stop]).decode)
 
 
 def files_of(path: Path) -> dict[str, Path]:
@@ -151,12 +171,16 @@ def _values(file: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
     return np.column_stack([table[name].cast(pa.float64()).to_numpy() for name in columns])
 
 
-def _metadata(file: Path, schema: Arrow) -> tuple[_About | None, _End | None]:
+def _metadata(file: Path, schema: Arrow) -> tuple[_About | None, _Ended | None]:
     found = schema.metadata or {}
     try:
-        about = msgspec.json.decode(found[ABOUT], type=_About) if ABOUT in found else None
-        end = msgspec.json.decode(found[END], type=_End) if END in found else None
-    except ValueError as error:
+        about = _ABOUT.decode(found[ABOUT]) if ABOUT in found else None
+        end = None
+        if END in found:
+            told = _END.decode(found[END])
+            lost, stops = _LOST.decode(told.lost.encode()), _STOPS.decode(told.stops.encode())
+            end = _Ended(told.ended, lost, stops)
+    except RefusedError as error:
         raise RecordingError(f"{file}: its metadata are of another version: {error}") from error
     return about, end
 
@@ -178,13 +202,11 @@ def _start(file: Path, values: NDArray[np.float64]) -> tuple[int, float | None]:
     return first, step_s if first and np.isfinite(step_s) else None
 
 
-def _lines(about: _About, end: _End | None) -> list[tuple[str, str]]:
+def _lines(about: _About, end: _Ended | None) -> list[tuple[str, str]]:
     trainer = f"{about.trainer}, gaitd {about.gaitd_version}, core {about.core_boot_id}"
     lines = [("recorded", f"{trainer}, id {about.id}")]
     if end is not None:
-        stops: list[dict[str, str]] = msgspec.json.decode(end.stops)
-        lost: dict[str, int] = msgspec.json.decode(end.lost)
-        lines.append(("ended", end.ended))
-        lines += [("stop", f"{stop['category']} {stop['cause']}") for stop in stops]
-        lines += [("lost", f"{count} messages of {key}") for key, count in sorted(lost.items())]
+        lines.append(("ended", end.how))
+        lines += [("stop", f"{stop.category} {stop.cause}") for stop in end.stops]
+        lines += [("lost", f"{count} messages of {key}") for key, count in sorted(end.lost.items())]
     return lines

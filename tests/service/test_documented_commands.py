@@ -46,7 +46,11 @@ RUN: Final = {
 
 ELSEWHERE: Final = {
     r"make .*|pip .*|python.*|pytest .*|\. .venv.*": "changes the environment, or is a test",
-    r"(sudo|ip|systemctl|journalctl|install) .*": "root, hardware or systemd: tests/rigs",
+    r"(sudo|ip|systemctl|journalctl|install|candump) .*": "root, hardware or systemd: tests/rigs",
+    r"apt-get .*": "tests/rigs/test_package_under_systemd.py",
+    r"dask .*|gaitd fleet .*": "tests/gaitd/test_fleet.py",
+    r"gaitd import-candump .*": "tests/gaitd/test_import_candump.py",
+    r"gaitd replay walk.csv .*": "tests/gaitd/test_replay_command.py",
     r"gaitd (run|sim) .*": "a service: the sessions of tests/service are these two",
     r"gaitd doctor.*": "tests/gaitd/test_doctor.py",
     r"gaitd scan --interface .*": "hardware: tests/gaitd/test_scan.py",
