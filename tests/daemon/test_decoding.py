@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from gaitd_client import wire
 from records import HEADER, cut_out, record
 
 from analysis.recording import COLUMNS, RecordingError, read_csv
-from analysis.replay import read_ring
+from analysis.replay import read, read_ring
 from analysis.stop_recording import about, read_stop
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError, load_toml
@@ -283,6 +285,24 @@ def test_what_is_refused_is_counted_and_says_why():
             decoder.decode(data)
 
     assert decoder.refused_count == len(NASTY)
+
+
+@pytest.mark.parametrize(
+    "metadata",
+    [
+        {b"gaitd": b"\xff"},
+        {b"gaitd": b"[" * 100_000},
+        {b"gaitd.end": b'{"ended": "torn", "lost": "{", "stops": "[]"}'},
+        {b"gaitd.end": b'{"ended": "torn", "lost": "{}", "stops": "[7]"}'},
+    ],
+)
+def test_metadata_of_a_recording_that_are_nonsense_are_refused_with_the_file(tmp_path, metadata):
+    file = tmp_path / "right.recording.parquet"
+    table = pa.table({name: [0.0, 0.01] for name in COLUMNS})
+    pq.write_table(table.replace_schema_metadata(metadata), file)
+
+    with pytest.raises(RecordingError, match=r"right\.recording\.parquet: its metadata"):
+        read(file)
 
 
 def test_nothing_of_the_service_decodes_but_by_that_one_function():
