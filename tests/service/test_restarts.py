@@ -60,6 +60,7 @@ def replace_gateway(service, folder):
             after.stdin.write(b"go\n")
             after.stdin.flush()
             assert supervisor.recv(4096) == b"READY=1"
+            assert supervisor.recv(4096).startswith(b"WATCHDOG=1")  # its first state is written
         service.wait(lambda: service.request("status").get("safety", {}).get("valid"), TIMEOUT_S)
 
 
