@@ -9,6 +9,7 @@ name.
 
 import hashlib
 import os
+import secrets
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
@@ -26,6 +27,7 @@ from analysis.recording import RecordingError, recording
 from analysis.replay import Source, estimate, legs_of, read
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError
+from daemon.system.files import sync_folder
 from observer.filter.leg_observer import TuningError
 
 RESULTS: Final = "estimates"
@@ -112,7 +114,11 @@ def _run_leg(job: Job, leg: str | None, content: str, cpu_clock_s: Callable[[], 
     name = ".".join((job.session.stem, leg or "leg", content, job.key, RESULTS, "parquet"))
     file = job.output / name
     if file.exists():
-        rows = pq.read_metadata(file).num_rows
+        try:
+            rows = pq.read_metadata(file).num_rows
+        except pa.ArrowInvalid as error:
+            text = f"{file}: is no whole Parquet file; delete it: {error}"
+            return Result(str(job.session), leg or "", 0, 0.0, 0.0, "", text, kept=False)
         return Result(str(job.session), leg or "", rows, 0.0, 0.0, str(file), "", kept=True)
     begin_s = cpu_clock_s()
     try:
@@ -127,9 +133,13 @@ def _run_leg(job: Job, leg: str | None, content: str, cpu_clock_s: Callable[[], 
     told = {"session": str(job.session), "leg": leg or "", "key": job.key}
     table = table.replace_schema_metadata({f"gaitd.{name}": text for name, text in told.items()})
     # Two workers may have the same task after one seemed lost: each has a piece of its own.
-    piece = file.with_name(f"{file.name}.{os.getpid()}{PIECE}")
-    pq.write_table(table, piece, compression="zstd")
+    piece = file.with_name(f"{file.name}.{secrets.token_hex(4)}{PIECE}")
+    with piece.open("wb") as opened:
+        pq.write_table(table, opened, compression="zstd")
+        opened.flush()
+        os.fsync(opened.fileno())
     piece.replace(file)
+    sync_folder(file.parent)
     return Result(
         str(job.session),
         leg or "",

@@ -101,8 +101,8 @@ def files_of(path: Path) -> dict[str, Path]:
         raise RecordingError(f"{path}: has no inputs of the observer; name its folder")
     if not path.exists():
         raise RecordingError(f"{path}: No such file or directory")
-    leg = _schema(path).metadata or {}
-    return {leg[LEG].decode(): path} if LEG in leg else {}
+    metadata = _schema(path).metadata or {}
+    return {metadata[LEG].decode(errors="replace"): path} if LEG in metadata else {}
 
 
 def read(path: Path, leg: str | None = None) -> Read:

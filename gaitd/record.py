@@ -20,14 +20,15 @@ from gaitd_record import (
     Event,
     Finished,
     FullError,
+    Ignored,
     Listening,
     Options,
     Purpose,
     RecordError,
     Room,
+    Unfinished,
     WhenFull,
-    finish,
-    leftovers,
+    finish_leftovers,
     record,
 )
 
@@ -80,9 +81,7 @@ def command(
     room = Room(output, limit_mb, when_full)
     try:
         if only_finish:
-            for part in leftovers(output):
-                done = finish(part)
-                report(done if done is not None else Deleted(part))
+            finish_leftovers(output, report)
             return
         target = find_target(config, endpoint, trainer, credentials)
         with client_of(target, "record") as service, _end_requested() as over:
@@ -127,6 +126,10 @@ def _line(event: Event) -> str:
             return f"begun        {event.path}"
         case Deleted():
             return f"deleted      {event.path}"
+        case Ignored():
+            return f"ignored      {event.key}: is no message of gaitd: {event.reason}"
+        case Unfinished():
+            return f"unfinished   {event.reason}"
         case Finished():
             duration_s = (event.end_utc_ns - event.begun_utc_ns) / 1e9
             lost = sum(event.lost.values())

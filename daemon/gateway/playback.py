@@ -26,7 +26,23 @@ NO_LEASE: Final = Lease(duration_ms=50, duration_max_ms=50)
 """None is granted."""
 
 
-class Recorded:
+class NoCore:
+    """The part of a `CoreLink` that needs a core."""
+
+    def __init__(self, header: RingHeader) -> None:
+        """Begin with the header of a recording."""
+        self.header: RingHeader | None = header
+
+    def take_notices(self) -> list[str]:
+        """Return none: no core sends any."""
+        return []
+
+    def send(self, _gateway_state: GatewayState, /) -> bool:
+        """Do nothing: there is no core."""
+        return True
+
+
+class Recorded(NoCore):
     """Records that become due in the pace of their times; the gateway's `CoreLink`."""
 
     def __init__(
@@ -40,7 +56,7 @@ class Recorded:
             clock: measures the time since now.
             pace: recorded time in a time of the clock.
         """
-        self.header: RingHeader | None = header
+        super().__init__(header)
         self._waiting, self._clock, self._pace = list(reversed(records)), clock, pace
         self._begin_ns, self._first_ns = clock.now_ns(), records[0].sync_mono_ns
 
@@ -56,14 +72,6 @@ class Recorded:
         while self._waiting and self._waiting[-1].sync_mono_ns <= now_ns:
             due.append(self._waiting.pop())
         return due
-
-    def take_notices(self) -> list[str]:
-        """Return none: no core sends any."""
-        return []
-
-    def send(self, gateway_state: GatewayState) -> bool:  # noqa: ARG002 - for a core
-        """Do nothing: there is no core."""
-        return True
 
 
 class Readers(Clients):
@@ -100,26 +108,18 @@ class RecordedClock:
         return self.record.sync_utc_ns
 
 
-class Given:
+class Given(NoCore):
     """Records as they are given, one at a time; the gateway's `CoreLink`."""
 
     def __init__(self, header: RingHeader) -> None:
         """Begin without a record."""
-        self.header: RingHeader | None = header
+        super().__init__(header)
         self.next: list[CycleRecord] = []
 
     def records(self) -> list[CycleRecord]:
         """Return what was given since the last call."""
         given, self.next = self.next, []
         return given
-
-    def take_notices(self) -> list[str]:
-        """Return none: no core sends any."""
-        return []
-
-    def send(self, gateway_state: GatewayState) -> bool:  # noqa: ARG002 - for a core
-        """Do nothing: there is no core."""
-        return True
 
 
 def publish_at_once(header: RingHeader, records: Sequence[CycleRecord], outlet: Outlet) -> None:

@@ -62,7 +62,7 @@ class CoreLink(Protocol):
         """Texts of what could not be read."""
         ...
 
-    def send(self, gateway_state: GatewayState) -> bool:
+    def send(self, gateway_state: GatewayState, /) -> bool:
         """Send a state to the core; False if it could not be sent."""
         ...
 

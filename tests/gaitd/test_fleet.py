@@ -66,9 +66,13 @@ def test_results_are_a_replay_s_bits_and_are_made_once(sessions, tmp_path):
         assert table.schema.metadata[b"gaitd.session"].decode() == session
     assert len({one["file"] for one in first.values()}) == CSV_COUNT
 
-    again = fleet(sessions, output, "--workers", 1)[1]
+    torn = Path(next(iter(first.values()))["file"])
+    torn.write_bytes(torn.read_bytes()[:-100])
+    ended, again = fleet(sessions, output, "--workers", 1)
 
-    assert all(one["kept"] for one in again.values())
+    assert ended.code == 1
+    assert f"{torn}: is no whole Parquet file; delete it" in ended.err
+    assert sum(one["kept"] for one in again.values()) == CSV_COUNT - 1
     other = tmp_path / "robot.toml"
     other.write_text(ROBOT.read_text() + "\n# another file\n")
     changed = fleet(sessions, output, "--workers", 1, robot=other)[1]

@@ -1,6 +1,6 @@
 """The Debian package under a real systemd: `make deb` three times, and one container for all tests.
 
-The first package is of this commit. In the second, a key of a configuration file that nobody edits
+The first package is of this commit. In the second, a key of a configuration file that is not edited
 has another name; in the third, a key of the trainer file that the container has edited.
 `package_under_systemd.sh` installs, upgrades, removes and purges; each test looks at what it saw.
 """
@@ -137,7 +137,7 @@ def test_a_version_whose_check_refuses_the_configuration_leaves_the_old_one_in_p
     assert lines(story, "before") == lines(story, "after_refused")
 
 
-def test_an_upgrade_replaces_what_nobody_edited_and_keeps_the_rest(story):
+def test_an_upgrade_replaces_what_is_not_edited_and_keeps_the_rest(story):
     assert lines(story, "upgraded")[-1] == f"installed {SECOND}"
     assert lines(story, "after_upgrade")[0] == f"gaitd {SECOND}"
     assert lines(story, "after_upgrade")[1].startswith("environments: gaitd")

@@ -7,16 +7,19 @@ of itself), `finish.py` (the end, also after a kill), `room.py` (limit of the fo
 
 from gaitd_record.about import About, Head
 from gaitd_record.errors import FullError, RecordError
-from gaitd_record.finish import Finished, finish, leftovers
+from gaitd_record.finish import Finished, finish
 from gaitd_record.program import (
     Begun,
     Deleted,
     Event,
+    Ignored,
     Listening,
     Options,
     Purpose,
     Received,
     Recorder,
+    Unfinished,
+    finish_leftovers,
     record,
 )
 from gaitd_record.recording import MESSAGES, PART, Recording
@@ -32,6 +35,7 @@ __all__ = [
     "Finished",
     "FullError",
     "Head",
+    "Ignored",
     "Listening",
     "Options",
     "Purpose",
@@ -40,8 +44,9 @@ __all__ = [
     "Recorder",
     "Recording",
     "Room",
+    "Unfinished",
     "WhenFull",
     "finish",
-    "leftovers",
+    "finish_leftovers",
     "record",
 ]

@@ -15,15 +15,20 @@ CONFIGURATION: Final = "configuration.json"
 """Attachment of an MCAP file."""
 UNITS: Final = "SI; the unit of a number is the end of its name; times are UTC in ns since 1970"
 NONE: Final = "none"
+INTEGER_MAX: Final = 2**63 - 1
+"""What MCAP and Parquet can hold."""
+
+
+Count = Annotated[int, Meta(ge=0, le=INTEGER_MAX)]
 
 
 class Head(msgspec.Struct, frozen=True):
     """The fields that are read of every message; others are not looked at."""
 
-    seq: int
+    seq: Count
     core_boot_id: str | None
-    cycle: int | None
-    sample_time_ns: int | None
+    cycle: Count | None
+    sample_time_ns: Count | None
     mode: str | None = None
 
 
@@ -115,7 +120,7 @@ class _Judged(msgspec.Struct, frozen=True):
 
 
 class _Safety(msgspec.Struct, frozen=True):
-    sample_time_ns: int | None
+    sample_time_ns: Count | None
     mode: str | None
     verdict: _Judged | None
 

@@ -67,7 +67,8 @@ def finish(part: Path) -> Finished | None:
     Returns: None if nothing had been recorded; the folder is then removed.
 
     Raises:
-        RecordError: the folder is no unfinished recording, or its name is taken.
+        RecordError: the folder is no unfinished recording, or of another version, or its name is
+            taken.
         OSError: it cannot be read or written, for example on a full disk; then it stays as it is.
     """
     path = part.with_name(part.name.removesuffix(PART))
@@ -133,7 +134,10 @@ def _read(messages: Path) -> tuple[About, dict[str, str]]:
         reader = make_reader(file)
         texts = {one.name: one.metadata for one in reader.iter_metadata()}
         attached = {one.name: one.data for one in reader.iter_attachments()}
-    return About.read(texts[NAME], attached[CONFIGURATION]), texts[END_NAME]
+    try:
+        return About.read(texts[NAME], attached[CONFIGURATION]), texts[END_NAME]
+    except (KeyError, ValueError) as error:
+        raise RecordError(f"{messages}: is of another program or version: {error}") from error
 
 
 def _mend(part: Path) -> bool:

@@ -18,6 +18,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from gaitd_client import StatusBit, wire
 
+from gaitd_record.about import INTEGER_MAX
+
 Arrow = Any
 """A type of pyarrow, which has no annotations."""
 
@@ -56,6 +58,8 @@ FIELDS: Final = {
 }
 """Columns of the stream."""
 SCHEMA: Final = pa.schema(list(FIELDS.items()))
+LARGEST: Final = {"status_bits": 2**32 - 1}
+"""Largest values of the integers that are no int64."""
 ESTIMATED: Final = tuple(
     name for name in FIELDS if name not in {*INPUTS.values(), "status_bits", "dt_s"}
 )
@@ -78,15 +82,16 @@ class LegStream:
         self._file = path.open("xb")
         self._writer = pa.ipc.new_stream(self._file, SCHEMA)
         self._decoder = msgspec.json.Decoder(wire.Estimate)
-        self._rows: list[wire.Estimate] = []
+        self._rows: list[tuple[object, ...]] = []
 
     def add(self, payload: bytes) -> None:
         """Take a message `estimate`.
 
         Raises:
-            msgspec.DecodeError: it is none.
+            ValueError: it is none.
         """
-        self._rows.append(self._decoder.decode(payload))
+        row = self._decoder.decode(payload)
+        self._rows.append(tuple(_cell(row, name) for name in FIELDS))
 
     def sync(self) -> None:
         """Bring all rows to the disk.
@@ -98,7 +103,8 @@ class LegStream:
             return
         rows, self._rows = self._rows, []
         columns = [
-            pa.array([_cell(row, name) for row in rows], kind) for name, kind in FIELDS.items()
+            pa.array(cells, kind)
+            for cells, kind in zip(zip(*rows, strict=True), FIELDS.values(), strict=True)
         ]
         self._writer.write_batch(pa.record_batch(columns, schema=SCHEMA))
         self._file.flush()
@@ -119,7 +125,11 @@ class LegStream:
 
 def _cell(row: wire.Estimate, name: str) -> object:
     value = getattr(row, name)
-    return int(value, 16) if name == "status_bits" else value
+    if name == "status_bits":
+        value = int(value, 16)
+    if isinstance(value, int) and not 0 <= value <= LARGEST.get(name, INTEGER_MAX):
+        raise ValueError(f"{name}: {value} is out of range")
+    return value
 
 
 def batches(path: Path) -> Iterator[Arrow]:

@@ -29,6 +29,10 @@ SYNC_NS: Final = 500_000_000
 """Time of the computer between two `sync`: a kill loses at most this, and what `sync` takes."""
 ROOM_NS: Final = 5_000_000_000
 POLL_S: Final = 0.05
+IGNORED_MAX: Final = 100
+"""Keys whose messages are reported as none of gaitd's."""
+QUEUED_MAX: Final = 100_000
+"""Two minutes of messages, while the disk takes none."""
 AFTER_NS: Final = 2_000_000_000
 """Recorded after the last wanted mode: how a stop came to rest."""
 LONGEST_NS: Final = 3_600_000_000_000
@@ -91,7 +95,21 @@ class Deleted(NamedTuple):
     path: Path
 
 
-Event = Listening | Begun | Finished | Deleted
+class Ignored(NamedTuple):
+    """A message is none of gaitd's; only the first one of a key is reported."""
+
+    key: str
+    reason: str
+
+
+class Unfinished(NamedTuple):
+    """What a kill has left cannot be finished; it stays as it is."""
+
+    path: Path
+    reason: str
+
+
+Event = Listening | Begun | Finished | Deleted | Ignored | Unfinished
 
 
 class Recorder:
@@ -111,18 +129,18 @@ class Recorder:
             report: called with each event.
 
         Raises:
-            RecordError: an unfinished recording cannot be finished, or there is no room.
+            FullError: there is no room.
             OSError: the folder cannot be read or written.
         """
         self._options, self._configuration, self._report = options, configuration, report
         self._decoder = msgspec.json.Decoder(Head)
+        self._ignored: set[str] = set()
         self._recording: Recording | None = None
         self._wanted_ns = 0
         self._finishing: list[Future[Finished | None]] = []
         self._threads = ThreadPoolExecutor(1, thread_name_prefix="finish")
         options.room.folder.mkdir(parents=True, exist_ok=True)
-        for part in leftovers(options.room.folder):
-            self._report_finished(finish(part))
+        finish_leftovers(options.room.folder, report)
         self.make_room()
 
     def __enter__(self) -> "Recorder":
@@ -137,13 +155,17 @@ class Recorder:
         """Take a message.
 
         Raises:
-            RecordError: it is none of gaitd's, or the recording cannot be written.
+            RecordError: the recording cannot be written.
             ClientError: the service does not tell its configuration.
         """
         try:
-            head = self._decoder.decode(received.payload)
+            self._add(received, self._decoder.decode(received.payload))
         except (ValueError, RecursionError) as error:
-            raise RecordError(f"{received.key}: is no message of gaitd: {error}") from error
+            if received.key not in self._ignored and len(self._ignored) < IGNORED_MAX:
+                self._ignored.add(received.key)
+                self._report(Ignored(received.key, str(error)))
+
+    def _add(self, received: Received, head: Head) -> None:
         recording, now_ns = self._recording, head.sample_time_ns
         if head.core_boot_id is not None and now_ns is not None:
             if self._options.purpose.wants(head.mode):
@@ -230,13 +252,11 @@ class Recorder:
         for done in [one for one in self._finishing if one.done()]:
             self._finishing.remove(done)
             try:
-                self._report_finished(done.result())
+                finished = done.result()
             except OSError as error:
                 raise RecordError(f"a recording is not finished: {error}") from error
-
-    def _report_finished(self, finished: Finished | None) -> None:
-        if finished is not None:
-            self._report(finished)
+            if finished is not None:
+                self._report(finished)
 
     def _try(self, recording: Recording, action: Callable[[], object]) -> None:
         """Write; a recording that cannot be written is left as it is.
@@ -251,6 +271,23 @@ class Recorder:
             raise RecordError(
                 f"{recording.part}: {error.strerror}; what was written before can be finished"
             ) from error
+
+
+def finish_leftovers(folder: Path, report: Callable[[Event], object]) -> None:
+    """Finish what kills have left in a folder.
+
+    Args:
+        folder: of recordings.
+        report: called with each one: Finished; Deleted, as it was empty; or Unfinished.
+
+    Raises:
+        OSError: one cannot be read or written, for example on a full disk.
+    """
+    for part in leftovers(folder):
+        try:
+            report(finish(part) or Deleted(part))
+        except RecordError as error:
+            report(Unfinished(part, str(error)))
 
 
 def record(
@@ -272,14 +309,15 @@ def record(
         ClientError: there is no connection, or the service does not tell its configuration.
         OSError: the folder cannot be read or written.
     """
-    received: queue.SimpleQueue[Received] = queue.SimpleQueue()
+    received: queue.Queue[Received] = queue.Queue(QUEUED_MAX)
     root = wire.key(trainer.target.trainer, "")
     computer = MonotonicClock()
 
     def take(sample: zenoh.Sample) -> None:
         schema = str(sample.encoding).partition(";")[2]
         key = str(sample.key_expr).removeprefix(root)
-        received.put(Received(key, schema, sample.payload.to_bytes()))
+        with contextlib.suppress(queue.Full):  # counted as lost by its number
+            received.put_nowait(Received(key, schema, sample.payload.to_bytes()))
 
     with Recorder(options, trainer.configuration, report) as recorder:
         subscriber = trainer.connected_session().declare_subscriber(f"{root}**", take)

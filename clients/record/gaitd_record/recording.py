@@ -4,7 +4,7 @@
     LEG.arrows                estimates of a leg; two Parquet files at the end (`leg_table.py`)
 
 `sync` brings all to the disk: what was added before it survives a kill and a power cut. The folder
-is locked while it is made, so that nobody else finishes it.
+is locked while it is made, so that no other recorder finishes it.
 """
 
 import fcntl
@@ -79,17 +79,21 @@ class Recording:
             head: of the message.
 
         Raises:
+            ValueError: it is none of gaitd's.
             OSError: it cannot be written.
         """
-        self.journal.add(key, head)
         leg, _, name = key.partition("/")
         if name == ESTIMATE and schema == wire.schema_name(wire.Estimate):
+            if leg not in self.about.leg_names:
+                raise ValueError(f"leg {leg!r}: the trainer has {', '.join(self.about.leg_names)}")
             if leg not in self._legs:
                 self._legs[leg] = LegStream(self.part / f"{leg}{STREAM}")
             self._legs[leg].add(payload)
+            self.journal.add(key, head)
             return
         if key == wire.SAFETY:
             self.journal.add_safety(payload)
+        self.journal.add(key, head)
         # A message without a record of a core has the time of the newest that has one.
         utc_ns = head.sample_time_ns or self.journal.end_utc_ns or self.about.begun_utc_ns
         self._writer.add_message(

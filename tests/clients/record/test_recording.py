@@ -27,6 +27,7 @@ from gaitd_record import (
     Finished,
     FullError,
     Head,
+    Ignored,
     Options,
     Purpose,
     Received,
@@ -34,6 +35,7 @@ from gaitd_record import (
     RecordError,
     Recording,
     Room,
+    Unfinished,
     WhenFull,
     finish,
 )
@@ -353,6 +355,74 @@ def test_a_recorder_that_starts_finishes_what_is_left_and_leaves_what_is_being_m
     assert {one.name for one in tmp_path.glob(f"*{PART}")} == {"download.part", "theirs.part"}
 
 
+def test_what_cannot_be_finished_stays_and_ends_no_recorder(published, tmp_path):
+    part, _, made = part_of(published, tmp_path, 1000)
+    made.end()
+    made.__exit__()
+    (finished,) = [one for one in tmp_path.iterdir() if one != part]
+    taken = tmp_path / f"{finished.name}{PART}"
+    shutil.copytree(finished, taken)
+    older = tmp_path / f"older{PART}"
+    shutil.copytree(finished, older)
+    text = (older / MESSAGES).read_bytes()
+    assert text.count(b"recorder_version") == 1
+    (older / MESSAGES).write_bytes(text.replace(b"recorder_version", b"recorder_of_then"))
+    events = []
+
+    with recorder(published, tmp_path, events=events) as again:
+        for one in published.messages[-10:]:
+            again.add(one)
+
+    told = {event.path: event.reason for event in events if isinstance(event, Unfinished)}
+    assert set(told) == {taken, older}
+    assert f"cannot become {finished}, which is there already" in told[taken]
+    assert "is of another program or version" in told[older]
+    assert taken.exists()
+    assert older.exists()
+    assert isinstance(events[-1], Finished)
+
+
+ESTIMATE = "right/estimate"
+
+
+@pytest.mark.parametrize(
+    ("key", "change"),
+    [
+        ("left/estimate", {}),
+        (ESTIMATE, {"status_bits": "f" * 9}),
+        (ESTIMATE, {"status_bits": "none"}),
+        (ESTIMATE, {"cycle": 2**70}),
+        (ESTIMATE, {"cycle": -1}),
+        (ESTIMATE, {"sample_time_ns": 2**63}),
+        (ESTIMATE, {"hip_torque_nm": "much"}),
+        (wire.SAFETY, {"verdict": 1}),
+        ("foreign", {"seq": -1}),
+        ("foreign", None),
+    ],
+)
+def test_a_message_that_is_none_of_gaitd_s_is_reported_and_costs_only_itself(
+    published, tmp_path, key, change
+):
+    like = key if key == wire.SAFETY else ESTIMATE
+    first = next(n for n, one in enumerate(published.messages) if one.key == like)
+    good = published.messages[first]
+    bad = b"[" * 5000
+    if change is not None:
+        bad = msgspec.json.encode(msgspec.json.decode(good.payload) | change)
+    forged = good._replace(key=key, payload=bad)
+    events = []
+
+    with recorder(published, tmp_path, events=events) as made:
+        for one in (*published.messages[: first + 1], forged, forged):
+            made.add(one)
+
+    (ignored,) = [event for event in events if isinstance(event, Ignored)]
+    assert ignored.key == key
+    assert ignored.reason
+    assert events[-1].ended == "in order"
+    assert events[-1].message_count == first + 1
+
+
 def test_training_and_calibration_have_the_modes_that_they_are_for(published, tmp_path):
     training = record(published, tmp_path / "training", Purpose.TRAINING)
     events = []
@@ -463,6 +533,7 @@ def test_a_disk_that_takes_no_more_ends_the_recording_with_a_message(published, 
         ("words.parquet", "column hip_angle_rad is string, must be a number"),
         ("gone.parquet", "No such file"),
         ("never.parquet", "the observer ran in none of its"),
+        ("latin.parquet", "its metadata are of another version"),
     ],
 )
 def test_what_is_no_recording_is_refused_by_name(whole, tmp_path, name, said):
@@ -475,6 +546,8 @@ def test_what_is_no_recording_is_refused_by_name(whole, tmp_path, name, said):
     words = table.set_column(1, "hip_angle_rad", pa.array(["0.1"] * len(table)))
     pq.write_table(words, tmp_path / "words.parquet")
     pq.write_table(table[:40], tmp_path / "never.parquet")
+    latin = table.replace_schema_metadata({b"gaitd.leg": b"gau\xdfe", b"gaitd": b"\xff"})
+    pq.write_table(latin, tmp_path / "latin.parquet")
 
     ran = gaitd("replay", name, folder=tmp_path)
 
