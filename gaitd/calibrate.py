@@ -42,7 +42,10 @@ def command(
         typer.Option(metavar="FILE", help="judge on this recording; else on a part of IN"),
     ] = None,
     noise: Annotated[
-        bool, typer.Option("--noise", help="set the observer's process noise, too")
+        bool,
+        typer.Option(
+            "--noise", help="set the observer's process noise and how wrong the law is, too"
+        ),
     ] = False,
     bristles: Annotated[
         bool, typer.Option("--bristles", help="fit bristles (LuGre) instead of eq. (11)")
@@ -103,8 +106,9 @@ def _calibrate(
     noise: bool,
     bristles: bool,
 ) -> None:
-    from analysis.calibration.bristles import refuse_missing_lines
-    from analysis.calibration.robot_file import write
+    from analysis.calibration.process_noise import LAW_KEYS
+    from analysis.calibration.quantities import BRISTLE_KEYS
+    from analysis.calibration.robot_file import refuse_missing_lines, write
     from analysis.calibration.session import calibrate
     from daemon.config.strict import read_toml
     from daemon.preflight.robot import decoded_robot
@@ -115,7 +119,9 @@ def _calibrate(
     document = read_toml(robot_file)
     robot = decoded_robot(document, to_calibrate=True)
     if bristles:
-        refuse_missing_lines(document)
+        refuse_missing_lines(document, "--bristles", (*BRISTLE_KEYS[0], *BRISTLE_KEYS[1]))
+    if noise:
+        refuse_missing_lines(document, "--noise", (f"observer.{key}" for key in LAW_KEYS))
     with progress() as stage:
         update = stage("calibrating")
         made = calibrate(

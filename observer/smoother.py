@@ -101,7 +101,7 @@ def store(
                 total += memory.root[i, k] * memory.root[j, k]
             node[COVARIANCE + i * N + j] = total
     for i in range(2):
-        node[OPEN_SPLIT + i] = memory.split[i]
+        node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
     for i in range(CYCLE_DATA_COUNT):
         node[CYCLE_DATA + i] = cycle_data[i]
     node[LINKED] = CUT
@@ -272,7 +272,7 @@ def _add_damping(f: FrictionParameters, axis: int, mean: Vector, covariance: Vec
 
 @inline
 def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
-    """Write the result of one node, with the uncertainty of the split of a joint at rest."""
+    """Write the result of one node, with the uncertainty of the split that the filter reports."""
     at = SMOOTH_COVARIANCE
     for row in range(N):
         out[row] = mean[row]

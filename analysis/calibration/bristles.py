@@ -5,11 +5,10 @@ from typing import Final
 
 import msgspec
 
-from analysis.calibration.quantities import AXES, BRISTLES, KEYS, LAW_SIZE
+from analysis.calibration.quantities import AXES, BRISTLE_KEYS
 from daemon.config.edits import Value
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from daemon.config.strict import MISSING, ConfigError, Document
 
 BREAKAWAY: Final = (2e-3, 5e-4)
 """Elastic way up to breakaway where a search begins, rad and m; its grid spans a factor of 100."""
@@ -17,25 +16,6 @@ DAMPING_S: Final = 0.01
 """Damping over stiffness where a search begins."""
 SUBSTEPS: Final = 10
 """Semi-implicit ones: exact enough for a stride of 0.5 Hz, twice the time of RK4 with two."""
-
-
-def refuse_missing_lines(document: Document) -> None:
-    """Refuse a robot file without the lines that bristles are written to.
-
-    Raises:
-        ConfigError: names each line to add.
-    """
-    errors: list[ConfigError] = []
-    for key in (*_keys(0), *_keys(1)):
-        *path, name = key.split(".")
-        table = document.table
-        for part in path:
-            table = table[part]
-        if name not in table:
-            allowed = f"add a line `{name} = 0.0` to [{'.'.join(path)}], for --bristles to change"
-            errors.append(ConfigError(document.path, key, MISSING, allowed))
-    if errors:
-        raise ConfigError.combined(errors)
 
 
 def with_bristles(robot: Robot, axes: Iterable[int]) -> tuple[Robot, dict[str, Value]]:
@@ -49,7 +29,7 @@ def with_bristles(robot: Robot, axes: Iterable[int]) -> tuple[Robot, dict[str, V
     laws = friction_parameters(robot)
     for axis in axes:
         stiffness = laws[axis].stribeck / BREAKAWAY[axis]
-        for key, value in zip(_keys(axis), (stiffness, DAMPING_S * stiffness), strict=True):
+        for key, value in zip(BRISTLE_KEYS[axis], (stiffness, DAMPING_S * stiffness), strict=True):
             table["friction"][AXES[axis]][key.rpartition(".")[2]] = value
     tuning: dict[str, Value] = {
         "integrator": "semi_implicit",
@@ -73,13 +53,9 @@ def not_identified(axes: Iterable[int], calibrated: Iterable[str]) -> str:
     """
     known = set(calibrated)
     for axis in axes:
-        if not known.issuperset(_keys(axis)):
+        if not known.issuperset(BRISTLE_KEYS[axis]):
             return (
                 f"the {AXES[axis]}'s bristles are not identified by this recording: record more "
                 f"reversals, as in excite friction_{AXES[axis]}, or calibrate without --bristles"
             )
     return ""
-
-
-def _keys(axis: int) -> tuple[str, ...]:
-    return KEYS[axis * LAW_SIZE : (axis + 1) * LAW_SIZE][BRISTLES]

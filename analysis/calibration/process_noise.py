@@ -1,4 +1,4 @@
-"""Process noise of the observer, from the innovations of an empty machine.
+"""Noise of the observer, from an empty machine: process noise, and how wrong the law is.
 
 The maximum of the likelihood contains the noise of effort and friction. In the observer an effort
 of standard deviation f changes the velocity by f dt / inertia in a step, and the position by half
@@ -6,25 +6,30 @@ of that times dt. The filter of the likelihood has no patient; the observer's pa
 innovations that it expects. One factor on all of this noise makes up for that: with it the
 observer's mean NIS over the fitted rows is the number of axes that moved, as it must be.
 
+What the law of friction does not explain is small in steady motion and large where the axis
+reverses. The estimated patient, who is not there, shows it: where his error exceeds the observer's
+sigma near reversals, the law is uncertain by the rest (`law_variance`).
+
 The noise of the patient stays the file's: an empty machine says nothing about it.
 """
 
 import math
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 import numpy as np
-from scipy.optimize import root_scalar
+from scipy.optimize import minimize_scalar, root_scalar
 
 from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import NOISE, Vector
 from analysis.calibration.start import extent
 from analysis.recording import RecordingError
 from analysis.replay import unchecked_setup
-from daemon.config.robot import leg_parameters
+from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.filter.leg_model import STEP_S
-from observer.filter.status import Status
+from observer.filter.status import Status, Validity
+from observer.mechanism.friction import law_variance
 from observer.mechanism.linkage import dynamics
 from observer.offline.batch import Columns, run
 
@@ -41,6 +46,9 @@ KEYS: Final = (
     ),
 )
 """Keys of [observer], by axis."""
+LAW_KEYS: Final = ("law_hip_nm", "law_slide_n")
+LAW_ROWS_MIN: Final = 30
+"""Rows near reversals; with fewer the uncertainty of the law stays the file's."""
 FACTOR_MAX: Final = 30.0
 FACTOR_TOLERANCE: Final = 1e-3
 
@@ -59,7 +67,7 @@ def process_noise(
     Raises:
         RecordingError: no axis moves, or the noise of 30 times the likelihood's is not enough.
     """
-    axes = [axis for axis in range(2) if extent(motion, axis).enough(axis)]
+    axes = _moved(motion)
     if not axes:
         raise RecordingError("no axis moved enough to estimate the observer's process noise")
     position = motion.position.copy()
@@ -87,6 +95,44 @@ def process_noise(
         found = root_scalar(surplus, bracket=(-most, most), xtol=FACTOR_TOLERANCE)
         factor = math.exp(found.root)
     return {key: factor * std for key, std in likely.items()}
+
+
+def law_uncertainty(robot: Robot, motion: Motion, constants: Vector) -> dict[str, float]:
+    """Return the uncertainty of the friction law of each axis that moves, by key of [observer].
+
+    Args:
+        robot: with the calibrated values and process noise.
+        motion: the recording that was fitted; the rows held out of it are not used.
+        constants: as for `process_noise`.
+    """
+    certain = with_process_noise(robot, dict.fromkeys(LAW_KEYS, 0.0))
+    columns = Columns(motion.time_s, motion.position, motion.effort - constants)
+    made = run(unchecked_setup(certain), columns)
+    found: dict[str, float] = {}
+    for axis in _moved(motion):
+        law, patient = friction_parameters(robot)[axis], 6 + axis
+        share = np.array([law_variance(law, 1.0, float(v)) for v in motion.velocity[:, axis]])
+        rows = ~motion.held_out & motion.settled & (share > 0.25)
+        rows &= made.validity[:, axis] == Validity.OK
+        if np.count_nonzero(rows) >= LAW_ROWS_MIN:
+            error, std = made.state[rows, patient], made.std[rows, patient]
+            found[LAW_KEYS[axis]] = _likeliest(error, std, share[rows], law.stribeck)
+    return found
+
+
+def _likeliest(error: Vector, std: Vector, share: Vector, most: float) -> float:
+    """Return the u in 0..most with which errors of variance std^2 + share u^2 are most likely."""
+
+    def loss(uncertainty: float) -> float:
+        variance = std**2 + share * uncertainty**2
+        return float(np.sum(np.log(variance) + error**2 / variance))
+
+    made: Any = minimize_scalar(loss, bounds=(0.0, most), method="bounded")
+    return float(made.x) if made.fun < loss(0.0) else 0.0
+
+
+def _moved(motion: Motion) -> list[int]:
+    return [axis for axis in range(2) if extent(motion, axis).enough(axis)]
 
 
 def _likely(robot: Robot, motion: Motion, natural: Vector, axes: list[int]) -> dict[str, float]:

@@ -98,6 +98,8 @@ NUISANCES: Final = 4
 """Effort noise and friction noise, hip and slide: estimated, never written."""
 SIZE: Final = COUNT + NUISANCES
 KEYS: Final = tuple(quantity.key for quantity in QUANTITIES)
+BRISTLE_KEYS: Final = KEYS[:LAW_SIZE][BRISTLES], KEYS[LAW_SIZE:SPRINGS][BRISTLES]
+"""By axis."""
 CONSTANTS: Final = (
     Quantity("", "hip constant effort", "N·m", 0),
     Quantity("", "slide constant effort", "N", 1),

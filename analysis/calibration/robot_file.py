@@ -1,15 +1,34 @@
 """The calibrated robot.toml: the given file with some numbers replaced."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
 from daemon.config.edits import Value, edited
 from daemon.config.settings import Robot
-from daemon.config.strict import Document, decoded
+from daemon.config.strict import MISSING, ConfigError, Document, decoded
 
 DIGITS: Final = 6
+
+
+def refuse_missing_lines(document: Document, option: str, keys: Iterable[str]) -> None:
+    """Refuse a robot file without the lines that a result is written to, before the work.
+
+    Raises:
+        ConfigError: names each line to add.
+    """
+    errors: list[ConfigError] = []
+    for key in keys:
+        *path, name = key.split(".")
+        table = document.table
+        for part in path:
+            table = table[part]
+        if name not in table:
+            allowed = f"add a line `{name} = 0.0` to [{'.'.join(path)}], for {option} to change"
+            errors.append(ConfigError(document.path, key, MISSING, allowed))
+    if errors:
+        raise ConfigError.combined(errors)
 
 
 def write(given: Path, output: Path, values: Mapping[str, tuple[Value, str]]) -> None:

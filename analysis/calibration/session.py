@@ -12,7 +12,11 @@ from analysis.calibration.bristles import not_identified, with_bristles
 from analysis.calibration.empty_check import Check, check, refuse_wrong_branch
 from analysis.calibration.fit import FOLLOWS, Fit, Progress, fit
 from analysis.calibration.motion import Motion, prepare
-from analysis.calibration.process_noise import process_noise, with_process_noise
+from analysis.calibration.process_noise import (
+    law_uncertainty,
+    process_noise,
+    with_process_noise,
+)
 from analysis.calibration.quantities import (
     COUNT,
     KEYS,
@@ -66,7 +70,7 @@ class Calibration:
     contact_s: NDArray[np.float64]
     """Times of excluded rows: a short contact, for instance with an end stop."""
     process_noise: Mapping[str, float]
-    """Process noise by key of [observer]; empty if it stays the file's."""
+    """Noise of process and law by key of [observer]; empty if it stays the file's."""
     tuning: Mapping[str, Value]
     """What the observer needs for bristles, by dotted key; empty if the file has it."""
     eq_11: Score | None
@@ -204,7 +208,9 @@ def calibrate(
     noise: dict[str, float] = {}
     if with_noise:
         # Wider noise means more false effort from the same law, so the law is judged without it.
-        noise = process_noise(new, motion, made.natural, made.frame.constants_of(made.natural))
+        constants = made.frame.constants_of(made.natural)
+        noise = process_noise(new, motion, made.natural, constants)
+        noise |= law_uncertainty(with_process_noise(new, noise), motion, constants)
         new = with_process_noise(new, noise)
         widened = laws[1]._replace(robot=new).disturbance(judged)
         after = score(made.frame, made.natural, judged, rows, widened)

@@ -13,7 +13,7 @@ from scipy.optimize import root_scalar
 
 from analysis.ablation_choices import CHOICES
 from analysis.calibration.fit import Progress
-from analysis.calibration.process_noise import with_process_noise
+from analysis.calibration.process_noise import LAW_KEYS, with_process_noise
 from analysis.calibration.session import Calibration, calibrate
 from analysis.real_data.classical import (
     Axis,
@@ -34,6 +34,7 @@ from observer.smoother import LAG
 PUBLISHED: Final = "gaitd, published parameters, noise of the shipped file"
 CALIBRATED: Final = "gaitd, calibrated"
 NOISE: Final = "gaitd, calibrated with its noise"
+CERTAIN: Final = "the same, the law taken as certain"
 SMOOTHED: Final = "gaitd, calibrated, smoothed (150 ms late)"
 PAPER: Final = "the paper's tuning, calibrated with its noise"
 MOMENTUM: Final = "momentum observer, static friction"
@@ -135,6 +136,7 @@ def _observers(first: Robot, plain: Robot, noisy: Robot) -> dict[str, Run]:
         PUBLISHED: live(first),
         CALIBRATED: live(plain),
         NOISE: live(noisy),
+        CERTAIN: live(with_process_noise(noisy, dict.fromkeys(LAW_KEYS, 0.0))),
         SMOOTHED: smoothed,
         PAPER: live(paper),
     }

@@ -93,6 +93,8 @@ def observer_tuning(robot: Robot) -> ObserverTuning:
         sample_jitter_us=table.sample_jitter_us,
         ripple_hip_nm=table.ripple_hip_nm,
         ripple_slide_n=table.ripple_slide_n,
+        law_hip_nm=table.law_hip_nm,
+        law_slide_n=table.law_slide_n,
     )
 
 

@@ -152,6 +152,10 @@ class ObserverTuning(Table, frozen=True):
     sample_jitter_us: Annotated[float, Meta(ge=0, le=2000)] = 0.0
     ripple_hip_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
     ripple_slide_n: Annotated[float, Meta(ge=0, le=500)] = 0.0
+    law_hip_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
+    """Standard deviation of the friction law near reversals; widens the sigma of friction and
+    patient there, and nothing else."""
+    law_slide_n: Annotated[float, Meta(ge=0, le=500)] = 0.0
 
 
 class Robot(Table, frozen=True):

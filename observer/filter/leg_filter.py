@@ -73,6 +73,7 @@ from observer.mechanism.friction import (
     bristle_friction,
     bristle_slopes,
     gate,
+    law_variance,
 )
 from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
@@ -128,6 +129,8 @@ class Options(NamedTuple):
     sample_jitter_s: float
     ripple_hip: Number
     ripple_slide: Number
+    law_hip: Number
+    law_slide: Number
 
 
 @kernel
@@ -182,7 +185,7 @@ def advance(
             )
     if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
-    _report(model, memory, out)
+    _report(model, options, memory, out)
     return determine(model, memory, dt_s, status)
 
 
@@ -385,13 +388,16 @@ def _mark_pushed(model: LegModel, m: LegMemory, picks: NDArray[np.int64], count:
 
 
 @inline
-def _report(model: LegModel, m: LegMemory, out: Vector) -> None:
+def _report(model: LegModel, options: Options, m: LegMemory, out: Vector) -> None:
     """Write state, standard deviations, covariance and net efforts to `out`.
 
-    The uncertainty of the split of a joint at rest is included, wherever it is stored
-    (leg_noise.py). The friction state of an axis with bristles is only their elastic part; all of
-    its friction is written, as it acts in the coming cycle at the estimated velocity.
+    The uncertainty of the split is included, that of a joint at rest wherever it is stored
+    (leg_noise.py), and that of the friction law. The friction state of an axis with bristles is
+    only their elastic part; all of its friction is written, as it acts in the coming cycle at the
+    estimated velocity.
     """
+    m.law[0] = law_variance(model.hip, options.law_hip, m.mean[2])
+    m.law[1] = law_variance(model.slide, options.law_slide, m.mean[3])
     copy_estimate(m.mean, m.root, m.shown_mean, m.shown_root)
     _add_damping(model.hip, m, 0)
     _add_damping(model.slide, m, 1)
@@ -404,7 +410,7 @@ def _report(model: LegModel, m: LegMemory, out: Vector) -> None:
             for k in range(column + 1):
                 total += root[row, k] * root[column, k]
             if column >= 4 and (row - column) % 2 == 0:
-                total += m.split[row % 2]
+                total += m.split[row % 2] + m.law[row % 2]
             out[at] = total
             at += 1
         out[OUT_STD + row] = math.sqrt(out[at - 1])

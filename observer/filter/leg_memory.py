@@ -97,6 +97,8 @@ class LegMemory(Protocol):
     shown_mean: State
     shown_root: Root
     """The estimate to report, with all friction of bristles."""
+    law: Pair
+    """Variance of the friction law at the speed to report."""
 
 
 def _field(name: str, hint: object) -> tuple[str, type[np.float64], tuple[int, ...]]:

@@ -76,6 +76,9 @@ class ObserverTuning(NamedTuple):
     ripple_hip_nm: float = 0.0
     ripple_slide_n: float = 0.0
     """Standard deviation of the sampled effort about its mean over the step."""
+    law_hip_nm: float = 0.0
+    law_slide_n: float = 0.0
+    """Standard deviation of the friction law near reversals (`law_variance`)."""
 
 
 DEFAULT_TUNING: Final = ObserverTuning(
@@ -270,6 +273,8 @@ def setup_of(
         sample_jitter_s=1e-6 * tuning.sample_jitter_us,
         ripple_hip=float(tuning.ripple_hip_nm),
         ripple_slide=float(tuning.ripple_slide_n),
+        law_hip=float(tuning.law_hip_nm),
+        law_slide=float(tuning.law_slide_n),
     )
     return Setup(
         tuple(map(float, leg)),
@@ -328,6 +333,8 @@ def check_tuning(
         ("sample_jitter_us", tuning.sample_jitter_us, 0.0, math.inf),
         ("ripple_hip_nm", tuning.ripple_hip_nm, 0.0, math.inf),
         ("ripple_slide_n", tuning.ripple_slide_n, 0.0, math.inf),
+        ("law_hip_nm", tuning.law_hip_nm, 0.0, math.inf),
+        ("law_slide_n", tuning.law_slide_n, 0.0, math.inf),
     ):
         if not (math.isfinite(value) and least <= value <= most):
             raise TuningError(f"{name} = {value}: must be a number in {least}..{most}")

@@ -26,7 +26,7 @@ from typing import Final, NamedTuple
 
 from observer.jit import inline, kernel
 from observer.mechanism.elementary import expm1_of_negative, tanh
-from observer.quantities import Effort, Speed, Stiffness, Viscosity
+from observer.quantities import Effort, Number, Speed, Stiffness, Viscosity
 
 SQRT_E: Final = math.exp(0.5)
 SUBSTEPS_MAX: Final = 10
@@ -129,6 +129,18 @@ def bristle_slopes(
 def static_friction_of(f: FrictionParameters, velocity: float) -> float:
     """F_s(v), eq. (13), for callers in Python."""
     return static_friction(f, velocity)
+
+
+@inline
+def law_variance(f: FrictionParameters, std: Number, velocity: float) -> float:
+    """Variance of the law at a velocity, whose part of (13) that is curved is uncertain by `std`.
+
+    A law that is fitted to an axis is wrong by a smooth function of the velocity, most at reversals
+    and hardly where friction is viscous. That error is not noise: it stays the same for many
+    cycles, so the filter cannot learn it from innovations, and it is only reported.
+    """
+    scaled = velocity / (f.transition + f.peak)
+    return (std / (1.0 + scaled * scaled)) ** 2
 
 
 @kernel

@@ -15,6 +15,11 @@ from analysis.calibration.advice import advice
 from analysis.calibration.bristles import with_bristles
 from analysis.calibration.likelihood import Likelihood, scores
 from analysis.calibration.motion import prepare
+from analysis.calibration.process_noise import (
+    law_uncertainty,
+    process_noise,
+    with_process_noise,
+)
 from analysis.calibration.quantities import (
     LAW_SIZE,
     NOISE,
@@ -26,11 +31,13 @@ from analysis.calibration.quantities import (
 from analysis.calibration.session import Calibration, calibrate, middle_of
 from analysis.calibration.verdict import disturbance, like_fitted, other_effect
 from analysis.recording import RecordingError, recording
-from analysis.replay import Source
+from analysis.replay import Source, setup_for
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from observer.filter.status import Status
+from observer.filter.status import Status, Validity
 from observer.mechanism.friction import FrictionParameters
+from observer.offline import batch
+from observer.offline.batch import Columns
 from tests.observer.trainer import (
     HIP_BRISTLES,
     PROTOTYPE,
@@ -184,6 +191,40 @@ def test_the_given_law_is_compared_with_the_noise_that_serves_it_best(shipped):
         other = best.copy()
         other[NOISE + 2 :] *= (effort, effort, friction, friction)
         assert likelihood.surprises(frame.free(other)).loss >= loss - 0.1
+
+
+def test_the_uncertainty_of_a_wrong_law_covers_its_error_on_rows_that_were_held_out(shipped):
+    _, made = shipped
+    motion, constants = made.motion, made.fit.frame.constants_of(made.fit.natural)
+    true = with_process_noise(
+        made.robot, process_noise(made.robot, motion, made.fit.natural, constants)
+    )
+    f = true.friction
+    wrong = msgspec.structs.replace(
+        true,
+        friction=msgspec.structs.replace(
+            f,
+            hip=msgspec.structs.replace(f.hip, stribeck_nm=8.5),
+            slide=msgspec.structs.replace(f.slide, stribeck_n=95.0),
+        ),
+    )
+
+    def covered(robot: Robot, axis: int) -> float:
+        columns = Columns(motion.time_s, motion.position, motion.effort - constants)
+        seen = batch.run(setup_for(robot), columns)
+        law = friction_parameters(robot)[axis]
+        rows = motion.held_out & motion.settled & (seen.validity[:, axis] == Validity.OK)
+        rows &= np.abs(motion.velocity[:, axis]) < law.transition + law.peak
+        patient = 6 + axis
+        return float(np.mean(np.abs(seen.state[rows, patient]) <= 3.0 * seen.std[rows, patient]))
+
+    found = law_uncertainty(wrong, motion, constants)
+    little = law_uncertainty(true, motion, constants)
+
+    for axis, key in enumerate(("law_hip_nm", "law_slide_n")):
+        assert little[key] < 0.1 * found[key]
+        assert covered(wrong, axis) < 0.95
+        assert covered(with_process_noise(wrong, found), axis) > 0.99
 
 
 def test_springs_that_changed_are_found(shipped):

@@ -108,6 +108,11 @@ def test_an_option_that_needs_a_fit_is_refused_with_check(option, said):
             "add a line `bristle_stiffness_n_per_m = 0.0` to [friction.slide]",
         ),
         (
+            "law_slide_n = 0.0",
+            "",
+            "observer.law_slide_n = (missing): add a line `law_slide_n = 0.0` to [observer]",
+        ),
+        (
             "bristle_stiffness_nm_per_rad = 0.0",
             "bristle_stiffness_nm_per_rad = 2e3",
             "observer.integrator = rk4: semi_implicit",
@@ -128,7 +133,7 @@ def test_what_is_wrong_with_the_robot_file_is_said_before_a_recording_is_read(
     assert old in text
     robot.write_text(text.replace(old, new))
 
-    ran = gaitd("calibrate", tmp_path / "none.csv", "--robot", robot, "--bristles")
+    ran = gaitd("calibrate", tmp_path / "none.csv", "--robot", robot, "--bristles", "--noise")
 
     assert ran.code == 2
     assert f"{robot}: {said}" in ran.err

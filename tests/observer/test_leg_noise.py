@@ -398,6 +398,28 @@ def test_what_is_not_known_of_an_effort_is_in_patient_and_net_and_in_nothing_els
             assert variance == pytest.approx(one.std[6 + axis] ** 2)
 
 
+@pytest.mark.parametrize("run", [batch.run, smooth_batch.run_smoothed])
+def test_an_uncertain_law_widens_friction_and_patient_near_reversals_and_nothing_else(run):
+    truth, rows = walking(0.25)
+    columns, size = encoded(truth), (0.7, 9.0)
+    tuning = SHIPPED._replace(law_hip_nm=size[0], law_slide_n=size[1])
+    plain, wider = (
+        run(setup_of(PATIENT, HIP, SLIDE_FRICTION, one), columns) for one in (SHIPPED, tuning)
+    )
+    speed = estimated(PATIENT, truth).state[rows, 2:4]
+
+    for name in ("state", "nis", "net", "net_std", "status", "validity"):
+        np.testing.assert_array_equal(getattr(wider, name), getattr(plain, name))
+    more = wider.std[rows] ** 2 - plain.std[rows] ** 2
+    assert not np.any(more[:, :4])
+    for axis, law in enumerate((HIP, SLIDE_FRICTION)):
+        scaled = speed[:, axis] / (law.transition + law.peak)
+        expected = (size[axis] / (1.0 + scaled**2)) ** 2
+        assert expected.max() > 0.9 * size[axis] ** 2 > 90 * expected.min()
+        np.testing.assert_allclose(more[:, 4 + axis], expected, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(more[:, 6 + axis], expected, rtol=1e-6, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -407,6 +429,8 @@ def test_what_is_not_known_of_an_effort_is_in_patient_and_net_and_in_nothing_els
         ({"sample_jitter_us": math.nan}, "sample_jitter_us = nan"),
         ({"ripple_hip_nm": -0.1}, "ripple_hip_nm = -0.1"),
         ({"ripple_slide_n": math.inf}, "ripple_slide_n = inf"),
+        ({"law_hip_nm": -0.1}, "law_hip_nm = -0.1"),
+        ({"law_slide_n": math.nan}, "law_slide_n = nan"),
     ],
 )
 def test_options_that_cannot_be_are_refused_with_what_is_allowed(change, words):
