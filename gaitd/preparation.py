@@ -9,12 +9,15 @@ import json
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
 import typer
 from gaitd_client import ClientError, Outcome, Target, Trainer, wire
 
-from gaitd.command_line import JsonOption
+from analysis.acceptance.record import Judgement
+from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
+from gaitd.command_line import JsonOption, errors_in_one_line, json_text
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
@@ -30,6 +33,7 @@ from gaitd.remote import (
     request,
 )
 
+GAIT_CADENCE_HZ: Final = 0.25
 AxisName = Annotated[str, typer.Argument(metavar="AXIS", help="LEG/AXIS, for example right/hip")]
 Print = Callable[[str], None]
 
@@ -48,6 +52,7 @@ POLL_S: Final = 0.5
 STEP_MAX_S: Final = 120.0
 """Time for each step of the self-test that the operator does."""
 PASSED: Final = "self-test passed"
+MOVES: Final = "moves with its torque"
 RESULT: Final = ": self-test "
 UNTESTED: Final = "not seen to act today: "
 
@@ -102,7 +107,10 @@ def reference(
 
 
 def commission(
-    axis: AxisName,
+    axis: Annotated[
+        str | None,
+        typer.Argument(metavar="[AXIS]", help="LEG/AXIS, for example right/hip; not with --report"),
+    ] = None,
     witnessed: Annotated[
         bool,
         typer.Option(
@@ -110,6 +118,24 @@ def commission(
             help="I watch, and will see it as described: do not ask. Needed with --json.",
         ),
     ] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            "--report",
+            help="Folder for an acceptance record of each drive, JSON and page: sign, units,"
+            " self-test, stops in gait, settings. Needs --config, on the service's computer.",
+            file_okay=False,
+        ),
+    ] = None,
+    yes: Annotated[
+        bool, typer.Option("--yes", help="With --report: do not ask before each motion.")
+    ] = False,
+    cadence: Annotated[
+        float, typer.Option(help="With --report: strides per second of the gait that is stopped.")
+    ] = GAIT_CADENCE_HZ,
+    amplitude: Annotated[
+        float, typer.Option(help="With --report: its amplitude, 0 to 1 of the full gait.")
+    ] = 1.0,
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
@@ -120,12 +146,25 @@ def commission(
 
     For the empty machine with its springs turned down. The encoder must move with the torque, and
     the operator must see the joint move as described. Only then can the drives be enabled.
+
+    With --report: all axes, and everything else that a first machine should show.
     """
     target = find_target(config, endpoint, trainer, credentials)
+    if report is not None:
+        _refuse("AXIS", axis, "not together with --report", refused=axis is not None)
+        if config is None:
+            raise ConfigError(COMMAND_LINE, "--config", MISSING, "needed with --report")
+        gait = (cadence, amplitude)
+        raise typer.Exit(
+            _report(target, config, gait, report, yes=yes, witnessed=witnessed, as_json=as_json)
+        )
+    _refuse("--yes", yes, "only with --report", refused=yes)
+    if axis is None:
+        raise ConfigError(COMMAND_LINE, "AXIS", MISSING, "LEG/AXIS, or --report FOLDER for all")
     described = MOTIONS.get(axis.rpartition("/")[2], "it first goes forth, then back")
     if not as_json:
         print(f"Watch the machine: if all is right, {described}.")
-    result = run_axis(target, "commission", axis, "moves with its torque", as_json=as_json)
+    result = run_axis(target, "commission", axis, MOVES, as_json=as_json)
     seen = result.good and witnessed
     if not as_json:
         print(result.text)
@@ -138,6 +177,58 @@ def commission(
         raise typer.Exit(EXIT_REFUSED)
     noted = {"mode": "commission", "axis": axis, "witnessed": True}
     raise typer.Exit(request(target, "mode", as_json=as_json, known=known, **noted))
+
+
+def _refuse(option: str, value: object, allowed: str, *, refused: bool) -> None:
+    if refused:
+        raise ConfigError(COMMAND_LINE, option, value, allowed)
+
+
+def _report(
+    target: Target,
+    config: Path,
+    gait: tuple[float, float],
+    folder: Path,
+    *,
+    yes: bool,
+    witnessed: bool,
+    as_json: bool,
+) -> int:
+    """Write the acceptance records; returns the exit code."""
+    from daemon.preflight.load import load
+    from gaitd.acceptance import Gait
+    from gaitd.acceptance_service import TerminalOperator, run_acceptance
+
+    if not (yes or sys.stdin.isatty()):
+        allowed = "to be given where there is no terminal for the confirmations"
+        raise ConfigError(COMMAND_LINE, "--yes", MISSING, allowed)
+    operator = TerminalOperator(agreed=yes, witnessed=witnessed)
+    settings = load(config)
+    try:
+        with errors_in_one_line():
+            written = run_acceptance(target, settings, operator, Gait(*gait), folder)
+    except ClientError as error:
+        return report_silence("commission", str(error), as_json=as_json)
+    results = [
+        {
+            "drive": one.record.drive,
+            "verdict": one.record.judgement.value,
+            **{word.value: one.record.count(word) for word in Judgement},
+            "files": [str(path) for path in one.files],
+        }
+        for one in written
+    ]
+    for one in [] if as_json else written:
+        record = one.record
+        print(f"{record.drive}: {record.judgement.value}: {one.files[1]}")
+        for section in record.sections:
+            for line in section.lines:
+                if line.judgement is Judgement.FAILED:
+                    print(f"  FAILED {line.asked}: {line.measured}; allowed: {line.allowed}")
+    if as_json:
+        print(json_text(results))
+    failed = any(one.record.judgement is Judgement.FAILED for one in written)
+    return EXIT_REFUSED if failed else EXIT_DONE
 
 
 def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> AxisResult:

@@ -5,12 +5,12 @@ from contextlib import closing
 import pytest
 from drive_files import CYCLE, HIP_LIMITS
 from msgspec.structs import replace
+from second_station import SecondStation, finished
 from sessions import changed_configs, new_session
 
 from daemon.ipc.record import BusRecord, Mode, ModeRequest, RequestKind
 from drives.bringup.configurator import Configurator
 from drives.bringup.plan import plan
-from drives.canopen.bus import Frame
 from drives.canopen.sniffer import BusSniffer, SniffedBus
 from drives.service.dump import read_objects, readable
 from drives.service.eds import load_eds
@@ -18,7 +18,6 @@ from drives.service.inventory import FindingKind, inventory_of
 from drives.service.parameters import Command, ParameterRefusedError, check_bus, check_drive
 from drives.service.scan import survey
 from drives.service.stations import Expected
-from gaitd_lab.lockstep import WorldClock
 
 MBIT = 1_000_000
 
@@ -26,49 +25,6 @@ MBIT = 1_000_000
 def what_it_did(session):
     """Its records but for what they count of the bus, on which there is more now."""
     return [replace(record, bus=BusRecord()) for record in session.records]
-
-
-class SecondStation:
-    """One more station on the wire of a lock-step run; while it waits, the service works on."""
-
-    def __init__(self, session):
-        self.session = session
-        self.clock = WorldClock(session.bus)
-        self.heard = []
-        self.sent = []
-        world = session.machine.world
-        self._receive, self._advance = world.receive, world.advance_to
-        world.receive, world.advance_to = self._from_service, self._from_drives
-
-    def _from_service(self, frame):
-        self.heard.append(Frame(frame.can_id, frame.data))
-        self._receive(frame)
-
-    def _from_drives(self, time_ns):
-        frames = self._advance(time_ns)
-        self.heard += [Frame(frame.can_id, frame.data) for frame in frames]
-        return frames
-
-    def send(self, frames):
-        for frame in frames:
-            self.sent.append(frame)
-            self._receive(Frame(frame.can_id, frame.data))
-        return 0
-
-    def send_urgent(self, frames, deadline_ns, clock):
-        return self.send(frames)
-
-    def drain(self):
-        traffic, self.heard = self.heard, []
-        return traffic
-
-    def receive_until(self, deadline_ns, clock):
-        while not self.heard and self.clock.now_ns() < deadline_ns:
-            self.session.loop.turn()
-        return self.drain()
-
-    def close(self):
-        pass
 
 
 NOISE = (
@@ -85,14 +41,6 @@ def walking(configs):
     session.request(RequestKind.MODE, gait)
     session.run(1.0)
     return session
-
-
-def finished(steps):
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 def expected(session):

@@ -1,0 +1,213 @@
+"""A stop of one axis, measured from the raw drive values in the records of the core.
+
+Time 0 is the cycle of the verdict, whose samples are the last before the stop is sent. Speed is the
+difference of two encoder samples, so it is half a cycle old, and a drive acts at the next SYNC: the
+permitted times have the cycles that the core itself gives a drive to obey.
+
+    S1  braking on the quick-stop ramp a: time <= obey + margin v / a,
+        way <= v obey + margin v^2 / 2a, slope of the speed >= a / margin
+    S2  the core's hold: as above, with its longer time to obey, and no slope
+    S0  no torque after the time to obey; the way is not limited, because nothing brakes
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+from gaitd_client.wire.fields import POWER_STATES
+
+from analysis.acceptance.record import Judgement, Line, StopTrace
+from daemon.ipc.record import Cause, CycleRecord, DriveRecord, StopCategory
+
+BEFORE_S: Final = 0.3
+"""Part of a trace before the stop."""
+RAMP_SHARES: Final = (0.15, 0.85)
+"""The slope is fitted while the speed is between these shares of that at the stop."""
+SLOPE_SAMPLES_MIN: Final = 3
+FREE_S: Final = 1.0
+"""Time after an S0 within which the way without power is given."""
+TORQUELESS: Final = frozenset(
+    {"not_ready_to_switch_on", "switch_on_disabled", "ready_to_switch_on", "switched_on", "fault"}
+)
+BRAKING_BY_DRIVE: Final = TORQUELESS | {"quick_stop_active", "fault_reaction_active"}
+
+
+class StopRules(NamedTuple):
+    """What the configuration allows one axis; SI units at the joint."""
+
+    deceleration_si_per_s2: float
+    standstill_si_per_s: float
+    standstill_cycles: int
+    obey_s: float
+    hold_obey_s: float
+    """Of a hold by the core, S2."""
+    margin_ratio: float
+    effort_free_si: float
+    """Largest measured effort that counts as none."""
+    position_unit: str
+    effort_unit: str
+
+
+class MeasuredStop(NamedTuple):
+    """One stop of one axis."""
+
+    category: StopCategory
+    cause: Cause
+    last_cause: Cause
+    """Another one where the stop of this axis has escalated."""
+    speed_si_per_s: float
+    reaction_s: float | None
+    """Until the drive shows that it brakes (S1) or has no torque (S0)."""
+    trace: StopTrace
+
+
+class NoStopError(Exception):
+    """The records hold no stop of this axis."""
+
+
+def measure(records: Sequence[CycleRecord], axis: str, rules: StopRules) -> MeasuredStop:
+    """Measure the first stop in the records.
+
+    Args:
+        records: in order, from before the stop.
+        axis: LEG/AXIS.
+        rules: of this axis.
+
+    Raises:
+        NoStopError: there is none, or no sample of the axis at it.
+    """
+    stopped = next((record for record in records if record.verdict.category), None)
+    if stopped is None:
+        raise NoStopError("no stop was seen")
+    rows = [
+        ((record.sync_mono_ns - stopped.sync_mono_ns) * 1e-9, _drive(record, axis))
+        for record in records
+    ]
+    rows = [row for row in rows if row[0] >= -BEFORE_S]
+    at_stop = _drive(stopped, axis)
+    if at_stop.velocity_si is None or at_stop.position_si is None:
+        raise NoStopError("there was no sample of it when it stopped")
+    after = [row for row in rows if row[0] >= 0]
+    category, last = stopped.verdict.category, records[-1].verdict
+    shown = TORQUELESS if category is StopCategory.S0 else BRAKING_BY_DRIVE
+    rest = _rest(after, rules)
+    trace = StopTrace(
+        title=f"{category.name}, {stopped.verdict.cause.name.lower()}",
+        position_unit=rules.position_unit,
+        effort_unit=rules.effort_unit,
+        time_s=tuple(time_s for time_s, _ in rows),
+        position_si=tuple(drive.position_si for _, drive in rows),
+        velocity_si_per_s=tuple(drive.velocity_si for _, drive in rows),
+        effort_si=tuple(drive.effort_si for _, drive in rows),
+        rest_s=None if rest is None else rest[0],
+        distance_si=None if rest is None else abs(rest[1] - at_stop.position_si),
+    )
+    return MeasuredStop(
+        category=category,
+        cause=stopped.verdict.cause,
+        last_cause=last.cause if last.drive in {"", axis} else stopped.verdict.cause,
+        speed_si_per_s=abs(at_stop.velocity_si),
+        reaction_s=next((t for t, drive in after if _state(drive) in shown), None),
+        trace=trace,
+    )
+
+
+def judge(stop: MeasuredStop, wanted: StopCategory, rules: StopRules) -> Iterator[Line]:
+    """The lines of a stop."""
+    judged = _judgement(stop.category is wanted and stop.last_cause is stop.cause)
+    text = f"{stop.category.name} by {stop.cause.name.lower()}"
+    if stop.last_cause is not stop.cause:
+        text += f", then {stop.last_cause.name.lower()}"
+    yield Line("category of the stop", text, f"{wanted.name}, obeyed by the drive", judged)
+    speed = f"{stop.speed_si_per_s:.3g} {rules.position_unit}/s"
+    yield Line("speed when it began", speed, "any", Judgement.NOTED)
+    if stop.category is not StopCategory.S2:
+        yield _at_most(
+            "until the drive shows that it stops", stop.reaction_s, rules.obey_s, 1e3, "ms"
+        )
+    if stop.category is StopCategory.S0:
+        yield from _without_power(stop, rules)
+        return
+    obey_s = rules.hold_obey_s if stop.category is StopCategory.S2 else rules.obey_s
+    on_ramp_s = rules.margin_ratio * stop.speed_si_per_s / rules.deceleration_si_per_s2
+    yield _at_most("time until rest", stop.trace.rest_s, obey_s + on_ramp_s, 1e3, "ms")
+    yield _at_most(
+        "way until rest",
+        stop.trace.distance_si,
+        stop.speed_si_per_s * (obey_s + 0.5 * on_ramp_s),
+        1.0,
+        rules.position_unit,
+    )
+    if stop.category is StopCategory.S1:
+        yield _slope_line(stop, rules)
+
+
+def _without_power(stop: MeasuredStop, rules: StopRules) -> Iterator[Line]:
+    trace = stop.trace
+    rows = list(zip(trace.time_s, trace.position_si, trace.effort_si, strict=True))
+    efforts = [abs(effort) for t, _, effort in rows if t > rules.obey_s and effort is not None]
+    effort_si = max(efforts, default=None)
+    asked = f"largest {rules.effort_unit} after that"
+    yield _at_most(asked, effort_si, rules.effort_free_si, 1.0, rules.effort_unit)
+    known = [position for t, position, _ in rows if 0 <= t <= FREE_S and position is not None]
+    way = f"{max(abs(one - known[0]) for one in known):.3g} {rules.position_unit}"
+    yield Line(f"way without power in {FREE_S:g} s", way, "nothing brakes it", Judgement.NOTED)
+
+
+def _slope_line(stop: MeasuredStop, rules: StopRules) -> Line:
+    """The slope of the speed, which shows the ramp better than time and way do."""
+    asked = "quick-stop ramp"
+    unit = f"{rules.position_unit}/s²"
+    least = rules.deceleration_si_per_s2 / rules.margin_ratio
+    allowed = f"at least {least:.3g} {unit} ({rules.deceleration_si_per_s2:.3g} is configured)"
+    low, high = (share * stop.speed_si_per_s for share in RAMP_SHARES)
+    rest_s = stop.trace.rest_s
+    rows = [
+        (t, abs(speed))
+        for t, speed in zip(stop.trace.time_s, stop.trace.velocity_si_per_s, strict=True)
+        if t > 0 and speed is not None and low <= abs(speed) <= high
+        if rest_s is None or t <= rest_s
+    ]
+    if len(rows) < SLOPE_SAMPLES_MIN:
+        why = f"too slow for the cycle: {len(rows)} samples on the ramp"
+        return Line(asked, why, allowed, Judgement.NOT_MEASURED)
+    times, speeds = np.array(rows).T
+    slope = -float(np.polyfit(times, speeds, 1)[0])
+    return Line(asked, f"{slope:.3g} {unit}", allowed, _judgement(slope >= least))
+
+
+def _rest(
+    rows: Sequence[tuple[float, DriveRecord]], rules: StopRules
+) -> tuple[float, float] | None:
+    """Time and position of the first of enough cycles at rest; None if there is none."""
+    since: tuple[float, float] | None = None
+    count = 0
+    for time_s, drive in rows:
+        speed, position = drive.velocity_si, drive.position_si
+        if speed is None or position is None or abs(speed) > rules.standstill_si_per_s:
+            since, count = None, 0
+            continue
+        since, count = since or (time_s, position), count + 1
+        if count >= rules.standstill_cycles:
+            return since
+    return None
+
+
+def _at_most(asked: str, value: float | None, limit: float, scale: float, unit: str) -> Line:
+    allowed = f"at most {limit * scale:.3g} {unit}"
+    if value is None:
+        return Line(asked, "not in the time that was recorded", allowed, Judgement.FAILED)
+    measured = f"{value * scale:.3g} {unit}"
+    return Line(asked, measured, allowed, _judgement(value <= limit + 1e-9))
+
+
+def _judgement(good: bool) -> Judgement:
+    return Judgement.PASSED if good else Judgement.FAILED
+
+
+def _drive(record: CycleRecord, axis: str) -> DriveRecord:
+    return next(drive for drive in record.drives if drive.name == axis)
+
+
+def _state(drive: DriveRecord) -> str:
+    return POWER_STATES[drive.power_state]

@@ -1,0 +1,277 @@
+"""`gaitd commission --report` on virtual drives in lock-step: the record finds what is wrong."""
+
+import math
+
+import pytest
+from second_station import SecondStation, finished
+from sessions import changed_configs, new_session
+
+from analysis.acceptance.record import Judgement, read
+from daemon.config.drive_plan import plan_of
+from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
+from drives.bringup.configurator import Configurator
+from drives.errors import BringUpRefused
+from drives.signals import PowerState
+from gaitd.acceptance import LOAD, NOT_SHOWN, Acceptance, Gait, Stops
+from gaitd.acceptance_service import object_sections, write_records
+from gaitd_lab.lockstep import NotReachedError
+
+HIP, SLIDE = "right/hip", "right/slide"
+EMPTY = (
+    ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
+    ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
+    ("demo.toml", 'signs = "assumed"', 'signs = "proven"'),
+)
+BEFORE = "[[patient.programme]]                  # pushes against a leg that is held still"
+LED = """[[patient.programme]]
+name = "{name}"
+
+[[patient.programme.effort]]
+kind = "steady"
+at_s = 0.0
+until_s = 0.6
+rise_s = 0.2
+fall_s = 0.2
+hip_nm = {hip_nm}
+slide_n = {slide_n}
+
+"""
+PROGRAMMES = (
+    LED.format(name="hip", hip_nm=13.0, slide_n=0.0)
+    + LED.format(name="slide", hip_nm=0.0, slide_n=130.0)
+    + BEFORE
+)
+HANDS = ("plant.toml", BEFORE, PROGRAMMES)
+"""What the operator's hands do to a leg without power."""
+GAIT = Gait(0.25, 1.0)
+MILLISECOND = 1_000_000
+BEGUN = "2026-01-01T00:00:00+00:00"
+SECONDS_OF_HANDS = 1.5
+INPUTS = {
+    "NOW let go": "hand_switch_open *",
+    "Hold the hand switch": "clear hand_switch_open *",
+    "NOW press": "sto_open *",
+    "Release the emergency stop": "clear sto_open *",
+}
+
+
+class LockstepBench:
+    """The bench of the procedure, on a lock-step session."""
+
+    def __init__(self, session, turn=None):
+        self.session, self.turn = session, turn
+
+    def request(self, name, **arguments):
+        if name == "stop":
+            self.session.gateway.stop()
+            return ""
+        kind = RequestKind[name.upper()]
+        wanted = (
+            ModeRequest(Mode[arguments.pop("mode").upper()], **arguments) if arguments else None
+        )
+        answer = self.session.request(kind, wanted)
+        return "" if answer.outcome == Outcome.DONE else answer.reason
+
+    def until(self, reached, within_s):
+        try:
+            return self.session.run_until(reached, within_s)
+        except NotReachedError:
+            return None
+
+    def since(self, seq):
+        return [record for record in self.session.records if record.seq > seq]
+
+    def newest(self):
+        return self.session.record if self.session.records else None
+
+    def objects(self, drive, *, is_set_up):
+        station = SecondStation(self.session, self.turn)
+        try:
+            port = Configurator(station, station.clock)
+            plan = plan_of(drive, self.session.settings)
+            return finished(object_sections(plan, port, is_set_up=is_set_up))
+        finally:
+            station.leave()
+
+
+class Hands:
+    """An operator who sees the truth; `later` is a text and a fault that begins with it."""
+
+    def __init__(self, session, later, *, saw):
+        self.session, self.later, self.seen = session, later, saw
+        self.axis, self.held = "", []
+
+    def tell(self, text):
+        for words, command in INPUTS.items():
+            if text.startswith(words):
+                self.session.command(command)
+        if self.later and self.later[0] in text:
+            self.later[1](self.session)
+
+    def agrees(self, text):
+        self.tell(text)
+        return True
+
+    def acts(self, text):
+        if "second" in text:
+            self.session.command(f"patient {self.axis}")
+            self.session.run(SECONDS_OF_HANDS)
+            self.session.command("patient passive")
+        else:
+            self.axis = text.partition(" ")[0].partition("/")[2]
+        row = self.session.truth.rows[-1]
+        self.held.append((row.hip_angle_rad, row.slide_position_m))
+        return True
+
+    def saw(self, text):
+        return self.seen
+
+    def number(self, text):
+        (hip_rad, slide_m), (hip_later_rad, slide_later_m) = self.held[-2:]
+        if self.axis == "hip":
+            return math.degrees(hip_later_rad - hip_rad)
+        return 1e3 * (slide_later_m - slide_m)
+
+
+def accepted(configs, *, begin=lambda _: None, later=(), saw=True):
+    """The procedure on a session, with a fault from the start, or one that begins with a text."""
+    session = new_session(configs).until_ready()
+    begin(session)
+    return run_on(session, later, saw=saw), session
+
+
+def run_on(session, later=(), *, saw=True):
+    hands = Hands(session, later, saw=saw)
+    acceptance = Acceptance(session.settings, LockstepBench(session), hands, GAIT)
+    acceptance.run()
+    return acceptance
+
+
+def found(acceptance, judged, name):
+    return {
+        f"{section.title}: {line.asked}": line.measured
+        for section in acceptance.sections[name]
+        for line in section.lines
+        if line.judgement is judged
+    }
+
+
+def was_enabled(session):
+    return any(
+        drive.power_state == PowerState.OPERATION_ENABLED
+        for record in session.records
+        for drive in record.drives
+    )
+
+
+@pytest.fixture(scope="module")
+def configs(tmp_path_factory):
+    return changed_configs(tmp_path_factory.mktemp("empty"), *EMPTY, HANDS)
+
+
+def test_a_machine_as_configured_passes_all_but_what_is_not_approached(configs, tmp_path):
+    acceptance, session = accepted(configs)
+
+    files = write_records(acceptance, session.settings, BEGUN, "boot", tmp_path)
+
+    not_shown = {f"Limits shown to act: {what}" for what, _ in NOT_SHOWN}
+    for record, (json_file, page_file) in files:
+        assert not found(acceptance, Judgement.FAILED, record.drive)
+        assert set(found(acceptance, Judgement.NOT_MEASURED, record.drive)) == not_shown
+        assert read(json_file) == record
+        text = page_file.read_text()
+        assert text.count("<svg") == len(record.stops) == len(Stops)
+        assert "http" not in text
+    hip = found(acceptance, Judgement.PASSED, HIP)
+    assert hip["Limits shown to act: stop by STO acts"] == "S0 by sto_active"
+    assert found(acceptance, Judgement.NOTED, HIP)["Identity: firmware (100Ah:00)"] == "0170h"
+
+
+def test_an_option_code_that_has_changed_is_found_and_nothing_moves(configs):
+    def changed(session):
+        session.machine.world.node(SLIDE).dictionary.put(0x605E, 0, 0)
+
+    acceptance, session = accepted(configs, begin=changed)
+
+    assert [key[24:29] for key in found(acceptance, Judgement.FAILED, SLIDE)] == ["605Eh"]
+    assert not found(acceptance, Judgement.FAILED, HIP)
+    assert "does not hold" in found(acceptance, Judgement.NOT_MEASURED, HIP)["Sign: sign"]
+    assert not was_enabled(session)
+
+
+def test_another_firmware_than_that_of_the_file_is_found_although_bring_up_refuses_it(tmp_path):
+    other = ("drives/hip_epos4.toml", "revision = 0x01700000", "revision = 0x01730000")
+    session = new_session(changed_configs(tmp_path, *EMPTY, other))
+    with pytest.raises(BringUpRefused, match="wrong revision"):
+        session.run(1.0)  # so the service ends
+    bench = LockstepBench(session, lambda: session.bus.let_pass(session.bus.now_ns + MILLISECOND))
+    acceptance = Acceptance(session.settings, bench, Hands(session, (), saw=True), GAIT)
+
+    acceptance.run(blocked="no service")
+
+    ((asked, measured),) = found(acceptance, Judgement.FAILED, HIP).items()
+    assert asked.startswith("Identity: 1018h:03")
+    assert measured == "01700000h"
+    assert not found(acceptance, Judgement.FAILED, SLIDE)
+    assert found(acceptance, Judgement.NOT_MEASURED, SLIDE)["Self-test: " + LOAD] == "no service"
+
+
+@pytest.mark.parametrize("fault", ["wrong_sign", "encoder_reversed"])
+def test_a_motor_or_an_encoder_the_wrong_way_round_is_found(configs, fault):
+    acceptance, _ = accepted(configs, begin=lambda session: session.command(f"{fault} {SLIDE}"))
+
+    failed = found(acceptance, Judgement.FAILED, SLIDE)
+
+    assert any(asked.startswith("Sign: torque ") for asked in failed)
+    assert all(asked.startswith("Sign: ") for asked in failed)
+    assert "is not proven" in found(acceptance, Judgement.NOT_MEASURED, HIP)["Position: position"]
+
+
+def test_a_sign_of_the_file_that_the_operator_sees_to_be_wrong_is_found(configs):
+    acceptance, _ = accepted(configs, saw=False)
+
+    assert set(found(acceptance, Judgement.FAILED, HIP)) == {"Sign: direction seen by the operator"}
+
+
+def test_twice_the_increments_are_found_by_the_motion_that_the_operator_measured(tmp_path):
+    twice = ("plant.toml", "counts_per_rev = 1024", "counts_per_rev = 2048")
+    acceptance, _ = accepted(changed_configs(tmp_path, *EMPTY, HANDS, twice))
+
+    (measured,) = found(acceptance, Judgement.FAILED, HIP).values()
+
+    assert 1.9 < float(measured.split()[-3]) < 2.1
+
+
+@pytest.mark.parametrize(
+    ("ratio", "where"),
+    [(0.5, "Sign: the service's own judgement"), (2.2, "Self-test: " + LOAD)],
+    ids=["half", "more than twice"],
+)
+def test_a_motor_with_another_torque_than_its_data_is_found(tmp_path, ratio, where):
+    constant = "torque_constant_nm_per_a = "
+    other = ("plant.toml", f"{constant}0.107746", f"{constant}{0.107746 * ratio:.6f}")
+    session = new_session(changed_configs(tmp_path, *EMPTY, HANDS, other))
+    for index, sub, value in ((0x3001, 5, 107746), (0x6076, 0, 646476)):
+        # The drive holds the data of the file.
+        session.machine.world.node(SLIDE).dictionary.put(index, sub, value)
+
+    acceptance = run_on(session.until_ready())
+
+    print(found(acceptance, Judgement.FAILED, SLIDE))
+    print(found(acceptance, Judgement.FAILED, HIP))
+    assert set(found(acceptance, Judgement.FAILED, SLIDE)) == {where}
+
+
+def test_a_quick_stop_that_is_slower_than_the_ramp_read_back_is_found(configs):
+    def slower(session):
+        dictionary = session.machine.world.node(SLIDE).dictionary
+        dictionary.put(0x6085, 0, dictionary.value(0x6085) // 2)
+
+    acceptance, _ = accepted(configs, later=("NOW let go", slower))
+
+    print(found(acceptance, Judgement.FAILED, SLIDE))
+    assert "Stop by the hand switch in gait: quick-stop ramp" in found(
+        acceptance, Judgement.FAILED, SLIDE
+    )
+    assert not found(acceptance, Judgement.FAILED, HIP)
+    assert "Stop by STO in gait: stop by STO" in found(acceptance, Judgement.NOT_MEASURED, HIP)
