@@ -152,8 +152,8 @@ class Acceptance:
         self._axes: Mapping[str, Axis] = {axis.name: axis for axis in core.axes}
         self.sections: dict[str, list[Section]] = {name: [] for name in self._axes}
         self.stops: dict[str, list[StopTrace]] = {name: [] for name in self._axes}
-        self._blocked = ""
-        """Why the machine is not moved any more."""
+        self.blocked = ""
+        """Why the machine is not moved any more, and the rest is not measured."""
         self._shown: dict[str, list[Line]] = {name: [] for name in self._axes}
         """Limits that were shown to act."""
 
@@ -163,15 +163,15 @@ class Acceptance:
         Args:
             blocked: why nothing can be requested; the drives are read all the same.
         """
-        self._blocked = blocked
+        self.blocked = blocked
         if not blocked and self._bench.until(_is_ready, READY_MAX_S) is None:
-            self._blocked = f"the service is not ready: {self._state()}"
-        is_set_up = not self._blocked
+            self.blocked = f"the service is not ready: {self._state()}"
+        is_set_up = not self.blocked
         for name in self._axes:
             self.sections[name] += self._bench.objects(name, is_set_up=is_set_up)
             lines = [line for section in self.sections[name] for line in section.lines]
-            if not self._blocked and any(line.judgement is Judgement.FAILED for line in lines):
-                self._blocked = f"{name} does not hold what bring-up has set"
+            if not self.blocked and any(line.judgement is Judgement.FAILED for line in lines):
+                self.blocked = f"{name} does not hold what bring-up has set"
         for name in self._axes:
             self._step(name, "Sign", self._sign)
         for name in self._axes:
@@ -185,6 +185,11 @@ class Acceptance:
         for name in self._axes:
             lines = (*self._shown[name], *(_not_shown(*one) for one in NOT_SHOWN))
             self.sections[name].append(Section("Limits shown to act", lines))
+        record = self._bench.newest()
+        if record is not None and record.mode is Mode.FAULT:
+            self._operator.tell(
+                f"The machine is left stopped: {self._state()}. Then `gaitd reset`."
+            )
 
     # --- parts of steps -------------------------------------------------------------------------
 
@@ -200,8 +205,8 @@ class Acceptance:
 
     def _must_be_free(self) -> None:
         """Raises NotMeasuredError if the machine is not moved any more."""
-        if self._blocked:
-            raise NotMeasuredError(self._blocked)
+        if self.blocked:
+            raise NotMeasuredError(self.blocked)
 
     def _state(self) -> str:
         """Mode and verdict of the service now."""
@@ -245,7 +250,7 @@ class Acceptance:
 
     def _failed(self, why: str) -> NotMeasuredError:
         """A failure after which the machine is not moved any more."""
-        self._blocked = why
+        self.blocked = why
         return NotMeasuredError(why, Judgement.FAILED)
 
     def _pass(self, duration_s: float) -> None:
@@ -309,7 +314,7 @@ class Acceptance:
         yield from lines
         self._reached(Mode.READY, READY_MAX_S)
         if any(line.judgement is Judgement.FAILED for line in lines):
-            self._blocked = f"the sign of {name} is not proven"
+            self.blocked = f"the sign of {name} is not proven"
             return
         yield self._seen(name, described)
 
@@ -319,7 +324,7 @@ class Acceptance:
         if seen is None:
             return Line(asked, "no operator has seen it", allowed, Judgement.NOT_MEASURED)
         if not seen:
-            self._blocked = f"{name} moved opposite to the description: transmission.sign is wrong"
+            self.blocked = f"{name} moved opposite to the description: transmission.sign is wrong"
             return Line(asked, "it was opposite", allowed, Judgement.FAILED)
         self._must("mode", mode="commission", axis=name, witnessed=True)
         return Line(asked, "as described", allowed, Judgement.PASSED)
@@ -351,7 +356,7 @@ class Acceptance:
             PASSED_OR_FAILED[good],
         )
         if not good:
-            self._blocked = f"the encoder's unit of {name} is not that of its axis file"
+            self.blocked = f"the encoder's unit of {name} is not that of its axis file"
 
     def _held_si(self, name: str, text: str) -> float:
         """Position of an axis once the operator has moved it."""
@@ -378,7 +383,7 @@ class Acceptance:
         text = f"valid, {how}" if valid else "not valid"
         yield Line("position of the joint", text, "valid", PASSED_OR_FAILED[valid])
         if not valid:
-            self._blocked = f"{name} is not referenced"
+            self.blocked = f"{name} is not referenced"
 
     # --- self-test ------------------------------------------------------------------------------
 
@@ -405,7 +410,7 @@ class Acceptance:
             )
             self.sections[name].append(Section("Self-test", (line,)))
         if texts and not all(PASSED in text for text in texts):
-            self._blocked = "the self-test has failed"
+            self.blocked = "the self-test has failed"
 
     def _tested(self) -> list[str]:
         """Event texts of a self-test."""
@@ -454,7 +459,7 @@ class Acceptance:
             judged = PASSED_OR_FAILED[stop.cause is how.cause]
             if any(line.judgement is Judgement.FAILED for line in lines):
                 # The next way of stopping is a harder one; it is tried after this one works only.
-                self._blocked = f"{how.title} of {name} is not as it must be"
+                self.blocked = f"{how.title} of {name} is not as it must be"
         self.sections[name].append(Section(_stop_title(how), lines))
         self._show(name, how, judged, shown)
 

@@ -242,6 +242,8 @@ class Written(NamedTuple):
 
     record: AcceptanceRecord
     files: tuple[Path, Path]
+    blocked: str
+    """Why not all steps were done; empty if they were."""
 
 
 def run_acceptance(
@@ -290,5 +292,5 @@ def write_records(
         write(made, path)
         record = read(path)
         page.write(record, path.with_suffix(".html"))
-        written.append(Written(record, (path, path.with_suffix(".html"))))
+        written.append(Written(record, (path, path.with_suffix(".html")), acceptance.blocked))
     return written

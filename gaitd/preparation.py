@@ -2,7 +2,8 @@
 
 Each requests a mode of a running service, prints the progress, and ends with the mode.
 Exit codes as in `remote.py`; 1 also if the axis was not homed or does not move as it should, if the
-self-test failed, or if the operator did not do a step of it in time.
+self-test failed, if the operator did not do a step of it in time, or if an acceptance has found
+something wrong or was not completed.
 """
 
 import json
@@ -213,6 +214,7 @@ def _report(
         {
             "drive": one.record.drive,
             "verdict": one.record.judgement.value,
+            "blocked": one.blocked,
             **{word.value: one.record.count(word) for word in Judgement},
             "files": [str(path) for path in one.files],
         }
@@ -225,10 +227,13 @@ def _report(
             for line in section.lines:
                 if line.judgement is Judgement.FAILED:
                     print(f"  FAILED {line.asked}: {line.measured}; allowed: {line.allowed}")
+    blocked = written[0].blocked
     if as_json:
         print(json_text(results))
+    elif blocked:
+        print(f"not complete: {blocked}")
     failed = any(one.record.judgement is Judgement.FAILED for one in written)
-    return EXIT_REFUSED if failed else EXIT_DONE
+    return EXIT_REFUSED if failed or blocked else EXIT_DONE
 
 
 def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> AxisResult:

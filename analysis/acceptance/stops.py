@@ -53,8 +53,9 @@ class MeasuredStop(NamedTuple):
 
     category: StopCategory
     cause: Cause
-    last_cause: Cause
-    """Another one where the stop of this axis has escalated."""
+    """Of the most severe verdict: STO is an EMCY, S1, before the next sample shows its contact."""
+    disobeyed: bool
+    """The stop had to be escalated because this axis did not obey."""
     speed_si_per_s: float
     reaction_s: float | None
     """Until the drive shows that it brakes (S1) or has no torque (S0)."""
@@ -88,11 +89,13 @@ def measure(records: Sequence[CycleRecord], axis: str, rules: StopRules) -> Meas
     if at_stop.velocity_si is None or at_stop.position_si is None:
         raise NoStopError("there was no sample of it when it stopped")
     after = [row for row in rows if row[0] >= 0]
-    category, last = stopped.verdict.category, records[-1].verdict
+    last = records[-1].verdict
+    verdict = [one.verdict for one in records if one.verdict.cause is not Cause.STOP_NOT_OBEYED][-1]
+    category = verdict.category
     shown = TORQUELESS if category is StopCategory.S0 else BRAKING_BY_DRIVE
     rest = _rest(after, rules)
     trace = StopTrace(
-        title=f"{category.name}, {stopped.verdict.cause.name.lower()}",
+        title=f"{category.name}, {verdict.cause.name.lower()}",
         position_unit=rules.position_unit,
         effort_unit=rules.effort_unit,
         time_s=tuple(time_s for time_s, _ in rows),
@@ -104,8 +107,8 @@ def measure(records: Sequence[CycleRecord], axis: str, rules: StopRules) -> Meas
     )
     return MeasuredStop(
         category=category,
-        cause=stopped.verdict.cause,
-        last_cause=last.cause if last.drive in {"", axis} else stopped.verdict.cause,
+        cause=verdict.cause,
+        disobeyed=last.cause is Cause.STOP_NOT_OBEYED and last.drive in {"", axis},
         speed_si_per_s=abs(at_stop.velocity_si),
         reaction_s=next((t for t, drive in after if _state(drive) in shown), None),
         trace=trace,
@@ -114,10 +117,10 @@ def measure(records: Sequence[CycleRecord], axis: str, rules: StopRules) -> Meas
 
 def judge(stop: MeasuredStop, wanted: StopCategory, rules: StopRules) -> Iterator[Line]:
     """The lines of a stop."""
-    judged = _judgement(stop.category is wanted and stop.last_cause is stop.cause)
+    judged = _judgement(stop.category is wanted and not stop.disobeyed)
     text = f"{stop.category.name} by {stop.cause.name.lower()}"
-    if stop.last_cause is not stop.cause:
-        text += f", then {stop.last_cause.name.lower()}"
+    if stop.disobeyed:
+        text += ", not obeyed by the drive"
     yield Line("category of the stop", text, f"{wanted.name}, obeyed by the drive", judged)
     speed = f"{stop.speed_si_per_s:.3g} {rules.position_unit}/s"
     yield Line("speed when it began", speed, "any", Judgement.NOTED)

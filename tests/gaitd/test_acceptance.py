@@ -175,7 +175,8 @@ def test_a_machine_as_configured_passes_all_but_what_is_not_approached(configs, 
     files = write_records(acceptance, session.settings, BEGUN, "boot", tmp_path)
 
     not_shown = {f"Limits shown to act: {what}" for what, _ in NOT_SHOWN}
-    for record, (json_file, page_file) in files:
+    for record, (json_file, page_file), blocked in files:
+        assert not blocked
         assert not found(acceptance, Judgement.FAILED, record.drive)
         assert set(found(acceptance, Judgement.NOT_MEASURED, record.drive)) == not_shown
         assert read(json_file) == record

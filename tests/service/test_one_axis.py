@@ -1,16 +1,20 @@
 """`gaitd commission` and `gaitd reference` as people run them, through real processes."""
 
 import json
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
+from subprocess import PIPE
 
 import pytest
 from processes import Service
 from sessions import changed_configs
 
+from analysis.acceptance.record import read
 from daemon.ipc.record import Mode
 from daemon.ipc.state_file import NAME
-from gaitd_lab.processes import memory_folder
+from gaitd_lab.processes import GAITD, memory_folder
 
 
 @pytest.fixture(scope="module")
@@ -60,6 +64,35 @@ def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
     assert not again.drives[1].sign_proven
     kept = json.loads((service.folder / "state" / NAME).read_text())
     assert kept["axes"]["right/hip"]["proof"]["serial_number"] == 305_000_005
+
+
+def test_acceptance_records_are_written_while_the_operator_does_what_is_asked(service, tmp_path):
+    words = ("commission", "--report", str(tmp_path), "--yes", "--witnessed", "--json")
+    command = [sys.executable, *GAITD, *words, "--config", str(service.config)]
+    inputs = {
+        "NOW let go": "hand_switch_open *",
+        "Hold the hand switch": "clear hand_switch_open *",
+        "NOW press": "sto_open *",
+    }
+    said = []
+    # The drives have lost the heartbeat of the core that was killed.
+    service.wait(lambda: service.ask("reset").returncode == 0, 20)
+    service.until(lambda record: record.mode == Mode.READY)
+
+    with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as asked:
+        for line in asked.stderr:
+            said.append(line)
+            for words, order in inputs.items():
+                if line.startswith(words):
+                    service.inject(order)
+        drives = json.loads(asked.stdout.read())
+
+    assert asked.returncode == 0, "".join(said)
+    assert [drive["drive"] for drive in drives] == ["right/hip", "right/slide"]
+    assert all(drive["failed"] == 0 and drive["passed"] > 60 for drive in drives)
+    record = read(tmp_path / "right_slide.json")
+    assert [stop.title.partition(",")[0] for stop in record.stops] == ["S2", "S1", "S0"]
+    assert record.core_boot_id == service.boot_id()
 
 
 def test_a_state_directory_that_cannot_be_written_is_a_configuration_error(tmp_path):
