@@ -5,5 +5,6 @@ box), `estimates.py` (CSV out), `accuracy.py` (an estimate against the truth), `
 `replay_figure.py` (pictures). `delay.py` measures the delay of an effort. `experiment.py`,
 `experiment_table.py` and `experiment_figures.py` are the paper's experiment. `replay_files.py` and
 `replay_report.py` are the files and the text of `gaitd replay`, `stop_recording.py` and
-`stop_tables.py` a stop's recording and its tables.
+`stop_tables.py` a stop's recording and its tables. `acceptance` is the record of a drive's
+acceptance.
 """

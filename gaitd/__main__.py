@@ -51,7 +51,11 @@ COMMANDS: Final = {
     "mode": ("control", OPERATOR, "What the enabled leg does: hold, gait, torque, hand_guiding."),
     "self-test": ("preparation", OPERATOR, "Daily test: hand switch, emergency stop, each axis."),
     "plan": ("plan", OPERATOR, "Limits within which a session may request a gait."),
-    "commission": ("preparation", COMMISSIONING, "Prove the sign of one axis."),
+    "commission": (
+        "preparation",
+        COMMISSIONING,
+        "Prove the sign of one axis; --report: accept each drive.",
+    ),
     "reference": ("preparation", COMMISSIONING, "Home one axis."),
     "scan": ("scan", DRIVES, "Nodes on a bus, compared with the configuration. Reads only."),
     "drive": ("drive", DRIVES, "One drive's objects: dump, compare, store, restore."),

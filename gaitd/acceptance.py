@@ -35,7 +35,7 @@ REST_MAX_S: Final = 20.0
 AFTER_STOP_S: Final = 1.2
 RETRY_S: Final = 0.5
 UNIT_TOLERANCE_RATIO: Final = 0.05
-"""Of a motion that a person has measured with a ruler or a protractor."""
+"""Tolerance of a motion that a person has measured with a ruler or a protractor."""
 STRIDES_WATCHED: Final = 1
 FAST_RATIO: Final = 0.95
 """A stop is asked for at this share of the highest common speed of both axes in a stride."""
@@ -638,6 +638,6 @@ def _bound_line(drives: Sequence[DriveRecord], axis: Axis) -> Line:
     return Line(
         "bound of the torque of the sign test",
         f"{largest_si:.3g} {effort_unit} at most",
-        f"{limit_si:g} {effort_unit}, with {axis.limits.effort_deviation_max_si:g} of noise",
+        f"at most {limit_si:g} {effort_unit}, and {axis.limits.effort_deviation_max_si:g} of noise",
         PASSED_OR_FAILED[largest_si <= limit_si + axis.limits.effort_deviation_max_si],
     )

@@ -40,7 +40,7 @@ class StopRules(NamedTuple):
     standstill_cycles: int
     obey_s: float
     hold_obey_s: float
-    """Of a hold by the core, S2."""
+    """As `obey_s`, for a hold by the core, S2."""
     margin_ratio: float
     effort_free_si: float
     """Largest measured effort that counts as none."""
@@ -53,7 +53,7 @@ class MeasuredStop(NamedTuple):
 
     category: StopCategory
     cause: Cause
-    """Of the most severe verdict: STO is an EMCY, S1, before the next sample shows its contact."""
+    """Cause of the most severe verdict: STO is an EMCY, S1, before the next sample shows its contact."""
     disobeyed: bool
     """The stop had to be escalated because this axis did not obey."""
     speed_si_per_s: float
@@ -150,7 +150,7 @@ def _without_power(stop: MeasuredStop, rules: StopRules) -> Iterator[Line]:
     rows = list(zip(trace.time_s, trace.position_si, trace.effort_si, strict=True))
     efforts = [abs(effort) for t, _, effort in rows if t > rules.obey_s and effort is not None]
     effort_si = max(efforts, default=None)
-    asked = f"largest {rules.effort_unit} after that"
+    asked = "largest effort after that"
     yield _at_most(asked, effort_si, rules.effort_free_si, 1.0, rules.effort_unit)
     known = [position for t, position, _ in rows if 0 <= t <= FREE_S and position is not None]
     way = f"{max(abs(one - known[0]) for one in known):.3g} {rules.position_unit}"

@@ -8,6 +8,7 @@ from sessions import changed_configs, new_session
 
 from analysis.acceptance.record import Judgement, read
 from daemon.config.drive_plan import plan_of
+from daemon.ipc.decoding import RefusedError
 from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
 from drives.bringup.configurator import Configurator
 from drives.errors import BringUpRefused
@@ -183,6 +184,9 @@ def test_a_machine_as_configured_passes_all_but_what_is_not_approached(configs, 
         text = page_file.read_text()
         assert text.count("<svg") == len(record.stops) == len(Stops)
         assert "http" not in text
+    json_file.write_text(json_file.read_text().replace("gaitd.acceptance.v1", "gaitd.other.v1"))
+    with pytest.raises(RefusedError, match=r"right_slide\.json: no record gaitd\.acceptance\.v1"):
+        read(json_file)
     hip = found(acceptance, Judgement.PASSED, HIP)
     assert hip["Limits shown to act: stop by STO acts"] == "S0 by sto_active"
     assert found(acceptance, Judgement.NOTED, HIP)["Identity: firmware (100Ah:00)"] == "0170h"
@@ -258,8 +262,6 @@ def test_a_motor_with_another_torque_than_its_data_is_found(tmp_path, ratio, whe
 
     acceptance = run_on(session.until_ready())
 
-    print(found(acceptance, Judgement.FAILED, SLIDE))
-    print(found(acceptance, Judgement.FAILED, HIP))
     assert set(found(acceptance, Judgement.FAILED, SLIDE)) == {where}
 
 
@@ -270,7 +272,6 @@ def test_a_quick_stop_that_is_slower_than_the_ramp_read_back_is_found(configs):
 
     acceptance, _ = accepted(configs, later=("NOW let go", slower))
 
-    print(found(acceptance, Judgement.FAILED, SLIDE))
     assert "Stop by the hand switch in gait: quick-stop ramp" in found(
         acceptance, Judgement.FAILED, SLIDE
     )
