@@ -53,7 +53,7 @@ class MeasuredStop(NamedTuple):
 
     category: StopCategory
     cause: Cause
-    """Cause of the most severe verdict: STO is an EMCY, S1, before the next sample shows its contact."""
+    """Cause of the most severe verdict: STO is an EMCY, S1, before a sample shows its contact."""
     disobeyed: bool
     """The stop had to be escalated because this axis did not obey."""
     speed_si_per_s: float
