@@ -53,10 +53,6 @@ class LegMemory(Protocol):
     """How long each axis has certainly not moved (leg_noise.py)."""
     mark: Pair
     """Position at which each axis was last detected to move."""
-    slow_mark: Pair
-    """The same, followed more slowly: an axis that creeps leaves it behind."""
-    creep_s: Pair
-    """How long each axis has been away from its slow mark."""
     split: Pair
     """Variance of the share of a load between friction and patient, accumulated at rest."""
     lean: Pair
@@ -164,8 +160,8 @@ def restart(m: LegMemory, hip: float, slide: float, keep_efforts: bool) -> None:
 def _begin(
     m: LegMemory, hip: float, slide: float, std: tuple[float, ...], rest_s: float, keep: bool
 ) -> None:
-    m.mean[0] = m.mark[0] = m.slow_mark[0] = hip
-    m.mean[1] = m.mark[1] = m.slow_mark[1] = slide
+    m.mean[0] = m.mark[0] = hip
+    m.mean[1] = m.mark[1] = slide
     if not keep:
         for i in range(2, N):
             m.mean[i] = 0.0
@@ -175,7 +171,6 @@ def _begin(
     for axis in range(2):
         m.rest_s[axis] = m.quiet_s[axis] = rest_s
         m.settle_s[axis] = m.split[axis] = m.lean[axis] = m.predicted[axis] = 0.0
-        m.creep_s[axis] = 0.0
     m.nis_mean = 2.0
     m.started = 1.0
     m.warm_up_cycles = WARM_UP_CYCLES

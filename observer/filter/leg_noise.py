@@ -21,9 +21,11 @@ At rest (gate a(v), eq. (12), near 0) only net = patient - friction is observabl
 - The share of a load between the two is unknown meanwhile. That uncertainty lies along (1, 1) of
   friction and patient. It is kept apart from the filter's covariance (SPLIT), so that noise cannot
   move one against the other, and is included in reported uncertainties.
-- When the joint certainly moves again, it is added to the covariance: friction must now follow its
-  law within T1, and the filter can correct a wrong assignment within some samples. A joint that
-  really sticks, whose friction was anything up to breakaway, is thus not taken for a patient.
+- Each time that the joint has certainly moved, GIVEN_SHARE of it is added to the covariance, so that
+  the filter can correct a wrong assignment within some samples: a joint that really sticks, whose
+  friction was anything up to breakaway, is not taken for a patient. The rest fades as friction
+  follows its law, eq. (11). All of it at once would let net follow the noise of the encoder.
+- A joint that creeps has moved, too: its friction follows its law, if slowly.
 """
 
 import math
@@ -32,7 +34,7 @@ from typing import Final
 from observer.filter.leg_memory import LegMemory, N, Vector
 from observer.filter.leg_model import STEP_S, LegModel
 from observer.jit import inline
-from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.friction import FrictionParameters, gate
 from observer.mechanism.linkage import dynamics
 
 LEAN_SHARE: Final = 0.1
@@ -49,24 +51,23 @@ REST_BEGINS_S: Final = 0.07
 REST_COMPLETE_S: Final = 0.12
 """A reversal of gait is over by the first time; the gate acts fully from the second on."""
 LEAN_STRONG: Final = 0.6
-REST_FRICTION_RATIO_MAX: Final = 3.0
-"""Friction's noise at rest rises with a mean beyond the first, up to this factor: a drive that
-pulls a joint which sticks changes its load faster than a patient does."""
+REST_FRICTION_RATIO: Final = (0.8, 3.0)
+"""The patient's noise, times this, is friction's at rest: the load of a joint that is held changes
+little; a drive that pulls a joint which sticks changes it faster than a patient does. It rises from
+the first to the second with the mean over LEAN_STRONG."""
 SPLIT_RATIO: Final = 0.4
 """Standard deviation of friction at rest over its breakaway level: anywhere within it."""
 SPLIT_GROWTH_S: Final = 0.1
 RESTING_PATIENT_RATIO: Final = 0.1
 """Factor on the patient's initial uncertainty; the rest of it is in SPLIT."""
-MOVED_S: Final = 0.02
+GIVEN_SHARE: Final = 0.25
+"""Share of the split's variance that one detected motion adds to the covariance."""
+MOVED_S: Final = 0.01
 MOVED_SIGMAS: Final = 5.0
-"""A joint moves when it is this long at the gate's edge speed, and this many sigma, off its
+"""A joint has moved when it is this long at the gate's edge speed, and this many sigma, off its
 mark."""
-MARK_S: Final = 0.05
-SLOW_MARK_S: Final = 0.2
-"""Time constants of both marks: motion below 0.4 and 0.1 times the edge speed counts as rest."""
-CREEP_S: Final = 0.1
-"""A joint creeps when it is off its slow mark for this long. A step that friction holds moves it as
-far, but not on and on."""
+MARK_S: Final = 0.2
+"""Time constant of the mark: motion below 0.05 times the edge speed counts as rest."""
 
 
 @inline
@@ -117,9 +118,13 @@ def _gate(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: floa
     """Gate the noise of friction and patient of one axis by its time at rest."""
     friction, patient = 4 + axis, 6 + axis
     split = 0.0
-    if _moves(f, std, m, axis, dt_s):
-        split = m.split[axis]
-        m.split[axis] = m.quiet_s[axis] = 0.0
+    if _has_moved(f, std, m, axis, dt_s):
+        if m.quiet_s[axis] > 0.0:
+            split = GIVEN_SHARE * m.split[axis]
+            m.split[axis] -= split
+        fade = math.exp(-gate(f, m.mean[2 + axis]) * dt_s / f.time_constant_s)
+        m.split[axis] *= fade * fade
+        m.quiet_s[axis] = 0.0
     else:
         m.quiet_s[axis] += dt_s
     rested = (m.quiet_s[axis] - REST_BEGINS_S) / (REST_COMPLETE_S - REST_BEGINS_S)
@@ -129,9 +134,10 @@ def _gate(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: floa
     m.split[axis] += room * resting * min(dt_s / SPLIT_GROWTH_S, 1.0)
     if math.fabs(m.mean[friction]) >= f.stribeck:
         resting = 0.0  # friction holds no more
-    surprise = min(max(math.fabs(m.lean[axis]) / LEAN_STRONG, 1.0), REST_FRICTION_RATIO_MAX)
+    surprise = math.fabs(m.lean[axis]) / LEAN_STRONG
+    ratio = min(max(surprise, REST_FRICTION_RATIO[0]), REST_FRICTION_RATIO[1])
     of_friction = math.hypot(
-        m.noise[friction, friction], m.noise[patient, patient] * resting * surprise
+        m.noise[friction, friction], m.noise[patient, patient] * resting * ratio
     )
     of_patient = m.noise[patient, patient] * (1.0 - resting)
     # The root of diag(of_friction^2, of_patient^2) + split (1, 1)(1, 1)'
@@ -142,26 +148,20 @@ def _gate(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: floa
 
 
 @inline
-def _moves(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: float) -> bool:
-    """True if the joint has certainly moved since the last call.
+def _has_moved(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: float) -> bool:
+    """True if the joint has certainly moved since the last detection.
 
     The check uses samples, not the estimate: a step of torque that friction holds appears there as
-    velocity for some cycles. A sample must leave a mark that follows slowly; or, for a while, one
-    that follows more slowly still.
+    velocity for some cycles. A sample must leave a mark that follows slowly.
     """
     away = m.measured[axis] - m.mark[axis]
     if not math.isfinite(away):
         return False
-    least = max(MOVED_S * f.edge, MOVED_SIGMAS * std)
-    if math.fabs(away) > least:
-        m.mark[axis] = m.slow_mark[axis] = m.measured[axis]
-        m.creep_s[axis] = 0.0
+    if math.fabs(away) > max(MOVED_S * f.edge, MOVED_SIGMAS * std):
+        m.mark[axis] = m.measured[axis]
         return True
-    far = m.measured[axis] - m.slow_mark[axis]
-    m.creep_s[axis] = m.creep_s[axis] + dt_s if math.fabs(far) > least else 0.0
     m.mark[axis] += away * min(dt_s / MARK_S, 1.0)
-    m.slow_mark[axis] += far * min(dt_s / SLOW_MARK_S, 1.0)
-    return m.creep_s[axis] > CREEP_S
+    return False
 
 
 @inline
