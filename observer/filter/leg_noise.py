@@ -21,10 +21,10 @@ At rest (gate a(v), eq. (12), near 0) only net = patient - friction is observabl
 - The share of a load between the two is unknown meanwhile. That uncertainty lies along (1, 1) of
   friction and patient. It is kept apart from the filter's covariance (SPLIT), so that noise cannot
   move one against the other, and is included in reported uncertainties.
-- Each time that the joint has certainly moved, GIVEN_SHARE of it is added to the covariance, so that
-  the filter can correct a wrong assignment within some samples: a joint that really sticks, whose
-  friction was anything up to breakaway, is not taken for a patient. The rest fades as friction
-  follows its law, eq. (11). All of it at once would let net follow the noise of the encoder.
+- Each time that the joint has certainly moved, GIVEN_SHARE of it is added to the covariance, so
+  that the filter can correct a wrong assignment within some samples: a joint that really sticks,
+  whose friction was anything up to breakaway, is not taken for a patient. The rest fades as
+  friction follows its law, eq. (11). All of it at once would let net follow the encoder's noise.
 - A joint that creeps has moved, too: its friction follows its law, if slowly.
 """
 
