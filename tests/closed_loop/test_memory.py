@@ -23,7 +23,7 @@ WARM_CYCLES = STRIDE_MAX_CYCLES + 200
 """All windows over the last cycles are full: the longest has STRIDE_MAX_CYCLES."""
 TRIES = 4
 CYCLE_BLOCKS = CYCLES // 4
-"""Floats of more or fewer digits in the plant, a list of free frames: one block in ten cycles, not
+"""Floats of more or fewer digits in the plant, a list of free frames: one block in four cycles, not
 in each."""
 BRING_UP_BLOCKS = 100
 
