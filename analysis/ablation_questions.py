@@ -56,10 +56,12 @@ QUESTIONS: Final = (
         "Velocity-gated noise: at rest, changes go to friction",
         "A minute at rest shows the false activity that the gate removes. The gate is for a joint "
         "that sticks (paper_sticking): without it a load that friction holds counts as a patient, "
-        "and 3 sigma do not cover that. The price: a patient who pushes before the joint moves "
-        "(the paper's scenario) is estimated later, though within 3 sigma. The paper's noise is "
-        "best here only with a passive patient; the section on the paper's tuning shows an active "
-        "one.",
+        "and 3 sigma do not cover that. The net effort is as good as without the gate. The price: "
+        "until the joint has moved, a patient who pushes is estimated with a large sigma. Bristles "
+        "(lugre) yield under load, which counts as motion: at rest the gate gains nothing on them, "
+        "and 3 sigma of the hip's patient cover too little, with or without it. The paper's noise "
+        "is best here only with a passive patient; the section on the paper's tuning shows an "
+        "active one.",
         (REST, EXCITED, *_gaits("paper_sticking lugre", "0.25", "passive")),
         (SHIPPED, "not gated at rest", "paper's noise"),
         measure="patient_at_rest",
@@ -69,8 +71,9 @@ QUESTIONS: Final = (
         "sticking",
         "The same after the joint moves again",
         "What was assigned to the wrong state at rest is an error in the motion that follows: a "
-        "large one where a joint really sticks, and with the gate a small one where it creeps, as "
-        "with the paper's law.",
+        "large one where a joint really sticks, and the gate removes most of it at the hip. A "
+        "joint that creeps, as with the paper's law, counts as moving: there the gate costs next to "
+        "nothing.",
         (
             EXCITED,
             *_gaits("paper", "0.25", "passive active"),
@@ -137,7 +140,7 @@ QUESTIONS: Final = (
         "configured delay that does not exist, the error is as large. Ripple of 0.1 N·m and 8 N on "
         "each sample makes sigma too small; with the ripple configured, it covers again. In motion "
         "the error stays, because the ripple itself is unknown; with a configured ripple that does "
-        "not exist, the slide's error nearly doubles, because the samples of effort get less "
+        "not exist, the slide's error more than doubles, because the samples of effort get less "
         "weight. Both options are off unless the machine needs them.",
         (BASIS, LATE, RIPPLED),
         (SHIPPED, "delay configured", "ripple configured"),
@@ -176,8 +179,7 @@ WRONG: Final = (
         "Other machines and patients, with the robot file right",
         "Nothing in the tuning is for 80 kg and 6 N·m: with the right numbers the errors stay "
         "near where they were. Halved and doubled, Coulomb friction is 3 and 12 N·m, 32 and 130 "
-        "N. The gate at rest costs the more in motion the more friction there is: what is unknown "
-        "at rest spans a wider range.",
+        "N. In motion the gate at rest costs next to nothing on any of them.",
         (BASIS, *OTHER_PLANTS),
         (SHIPPED, "not gated at rest"),
     ),

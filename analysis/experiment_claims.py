@@ -103,6 +103,8 @@ CLAIMS: Final = (
         "A step at rest goes to friction, whose process noise is larger there",
         "(15), (17); Fig. 5d, 10 s",
         (_at_least("step at rest: most that friction takes of it", None, 50.0),),
+        "here the slide still creeps, which the observer takes for motion; with ideal sticking "
+        "friction takes all of it",
     ),
     Claim(
         "When the slide moves, friction returns to its value and the disturbance is found",
