@@ -72,8 +72,8 @@ QUESTIONS: Final = (
         "The same after the joint moves again",
         "What was assigned to the wrong state at rest is an error in the motion that follows: a "
         "large one where a joint really sticks, and the gate removes most of it at the hip. A "
-        "joint that creeps, as with the paper's law, counts as moving: there the gate costs next to "
-        "nothing.",
+        "joint that creeps, as with the paper's law, counts as moving: there the gate costs next "
+        "to nothing.",
         (
             EXCITED,
             *_gaits("paper", "0.25", "passive active"),
