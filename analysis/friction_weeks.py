@@ -12,7 +12,6 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Final, NamedTuple
 
-import duckdb
 import pyarrow as pa
 from scipy.stats import t as student
 
@@ -146,6 +145,8 @@ def merge(files: Sequence[Path], output: Path, change_max_ratio: float) -> Merge
     Raises:
         OSError: a table cannot be written.
     """
+    import duckdb  # noqa: PLC0415 - who reads the tables alone does not need it
+
     with duckdb.connect() as database:
         database.execute(_TESTS, {"files": [str(file) for file in files]})
         (count,) = database.execute("SELECT count(*) FROM tests").fetchall()[0]
