@@ -98,7 +98,7 @@ class Made(NamedTuple):
 
     table: Arrow
     duration_s: float
-    """Of the recording."""
+    """Duration of the recording."""
 
 
 def key_of(work: Work, robot_sha256: str) -> str:

@@ -55,9 +55,9 @@ def draw(merged: Merged, path: Path) -> Figure:
 def _draw_leg(
     panel: Axes, weeks: list[Week], leg: tuple[str, str], colour: str | None, beside_days: float
 ) -> None:
-    medians = [one.ratio_median for one in weeks]
-    below = [one.ratio_median - one.ratio_min for one in weeks]
-    above = [one.ratio_max - one.ratio_median for one in weeks]
+    medians = [one.median_ratio for one in weeks]
+    below = [one.median_ratio - one.lowest_ratio for one in weeks]
+    above = [one.highest_ratio - one.median_ratio for one in weeks]
     panel.errorbar(
         np.asarray(date2num([one.week for one in weeks])) + beside_days,
         medians,

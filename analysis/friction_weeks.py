@@ -38,12 +38,12 @@ class Week(NamedTuple):
     week: date
     """Its Monday."""
     test_count: int
-    ratio_median: float
-    ratio_min: float
-    ratio_max: float
-    ratio_mean: float
-    ratio_half_width: float | None
-    """Of the interval of the mean, 95 %; None of one test."""
+    median_ratio: float
+    lowest_ratio: float
+    highest_ratio: float
+    mean_ratio: float
+    half_width_ratio: float | None
+    """Half the interval of the mean, 95 %; None of one test."""
     friction_si: float
     """Median: N·m, N."""
 
@@ -55,14 +55,14 @@ class Trend(NamedTuple):
     leg: str
     axis: str
     test_count: int
-    weeks: float
+    span_weeks: float
     """From the first self-test to the last."""
-    per_week: float | None
+    ratio_per_week: float | None
     """None of too few tests."""
-    per_week_low: float | None
-    per_week_high: float | None
+    low_ratio_per_week: float | None
+    high_ratio_per_week: float | None
     """Interval, 95 %."""
-    change: float | None
+    change_ratio: float | None
     """From the first self-test to the last, by the line."""
     advice: Advice
 
@@ -94,38 +94,41 @@ _WEEKS: Final = """
 CREATE TABLE weeks AS
 WITH grouped AS (
     SELECT trainer, leg, axis, date_trunc('week', begun_utc)::DATE AS week, count(*) AS test_count,
-        median(ratio) AS ratio_median, min(ratio) AS ratio_min, max(ratio) AS ratio_max,
-        avg(ratio) AS ratio_mean, stddev_samp(ratio) AS ratio_std,
+        median(friction_ratio) AS median_ratio, min(friction_ratio) AS lowest_ratio,
+        max(friction_ratio) AS highest_ratio,
+        avg(friction_ratio) AS mean_ratio, stddev_samp(friction_ratio) AS spread_ratio,
         median(friction_si) AS friction_si
     FROM tests WHERE fault = '' GROUP BY trainer, leg, axis, week
 )
-SELECT trainer, leg, axis, week, test_count, ratio_median, ratio_min, ratio_max, ratio_mean,
-    quantile * ratio_std / sqrt(test_count) AS ratio_half_width, friction_si
+SELECT trainer, leg, axis, week, test_count, median_ratio, lowest_ratio, highest_ratio, mean_ratio,
+    quantile * spread_ratio / sqrt(test_count) AS half_width_ratio, friction_si
 FROM grouped LEFT JOIN quantiles ON degrees = test_count - 1 ORDER BY trainer, leg, axis, week
 """
 _TRENDS: Final = """
 CREATE TABLE trends AS
 WITH timed AS (
-    SELECT *, ln(ratio) AS level,
+    SELECT *, ln(friction_ratio) AS level,
         epoch(begun_utc - min(begun_utc) OVER (PARTITION BY trainer, leg, axis)) / 604800 AS at_week
     FROM tests WHERE fault = ''
 ), line AS (
-    SELECT trainer, leg, axis, count(*) AS test_count, max(at_week) AS weeks,
+    SELECT trainer, leg, axis, count(*) AS test_count, max(at_week) AS span_weeks,
         regr_slope(level, at_week) AS slope,
         sqrt(greatest(regr_syy(level, at_week) - slope * regr_sxy(level, at_week), 0)
             / (test_count - 2) / regr_sxx(level, at_week)) AS std_error
     FROM timed GROUP BY trainer, leg, axis
 ), bounded AS (
-    SELECT line.*, test_count >= $tests_min AND weeks > 0 AS enough,
-        CASE WHEN enough THEN exp(slope) - 1 END AS per_week,
-        CASE WHEN enough THEN exp(slope - quantile * std_error) - 1 END AS per_week_low,
-        CASE WHEN enough THEN exp(slope + quantile * std_error) - 1 END AS per_week_high,
-        CASE WHEN enough THEN exp(slope * weeks) - 1 END AS change
+    SELECT line.*, test_count >= $tests_min AND span_weeks > 0 AS enough,
+        CASE WHEN enough THEN exp(slope) - 1 END AS ratio_per_week,
+        CASE WHEN enough THEN exp(slope - quantile * std_error) - 1 END AS low_ratio_per_week,
+        CASE WHEN enough THEN exp(slope + quantile * std_error) - 1 END AS high_ratio_per_week,
+        CASE WHEN enough THEN exp(slope * span_weeks) - 1 END AS change_ratio
     FROM line LEFT JOIN quantiles ON degrees = test_count - 2
 )
-SELECT trainer, leg, axis, test_count, weeks, per_week, per_week_low, per_week_high, change,
+SELECT trainer, leg, axis, test_count, span_weeks, ratio_per_week, low_ratio_per_week,
+    high_ratio_per_week, change_ratio,
     CASE WHEN NOT enough THEN $too_few
-        WHEN per_week_low * per_week_high > 0 AND abs(change) > $change_max THEN $calibrate
+        WHEN low_ratio_per_week * high_ratio_per_week > 0 AND abs(change_ratio) > $change_max
+            THEN $calibrate
         ELSE $none END AS advice
 FROM bounded ORDER BY trainer, leg, axis
 """

@@ -61,7 +61,7 @@ class Stays(NamedTuple):
     trainer: str
     id: str
     duration_s: float
-    """Of the whole recording."""
+    """Duration of the whole recording."""
     found: tuple[Stay, ...]
 
 

@@ -44,9 +44,9 @@ LAGS: Final = 10
 class AxisFriction(NamedTuple):
     """Friction of one axis in one self-test; NaN where there is a fault."""
 
-    ratio: float
+    friction_ratio: float
     """To the friction of the robot file at the same speeds."""
-    ratio_std_error: float
+    std_error_ratio: float
     friction_si: float
     """At the mean speed: N·m, N."""
     speed_si_per_s: float

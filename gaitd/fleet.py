@@ -170,10 +170,10 @@ def _tables(merged: "Merged", change_percent: float) -> "list[Table]":
                     f"{one.leg}/{one.axis}",
                     f"{one.week}",
                     f"{one.test_count}",
-                    f"{one.ratio_median:.3f}",
-                    f"{one.ratio_min:.3f} … {one.ratio_max:.3f}",
-                    f"{one.ratio_mean:.3f}"
-                    + (f" ± {one.ratio_half_width:.3f}" if one.ratio_half_width else ""),
+                    f"{one.median_ratio:.3f}",
+                    f"{one.lowest_ratio:.3f} … {one.highest_ratio:.3f}",
+                    f"{one.mean_ratio:.3f}"
+                    + (f" ± {one.half_width_ratio:.3f}" if one.half_width_ratio else ""),
                     f"{one.friction_si:.3g} {'N·m' if one.axis == 'hip' else 'N'}",
                 )
                 for one in weeks
@@ -187,9 +187,9 @@ def _tables(merged: "Merged", change_percent: float) -> "list[Table]":
                     one.trainer,
                     f"{one.leg}/{one.axis}",
                     f"{one.test_count}",
-                    f"{one.weeks:.1f}",
-                    _percent(one.per_week, one.per_week_low, one.per_week_high),
-                    _percent(one.change),
+                    f"{one.span_weeks:.1f}",
+                    _percent(one.ratio_per_week, one.low_ratio_per_week, one.high_ratio_per_week),
+                    _percent(one.change_ratio),
                     advice[one.advice],
                 )
                 for one in trends

@@ -108,12 +108,12 @@ def test_wear_is_found_within_its_interval_and_bad_files_cost_themselves(
     assert failed == {"torn", "no modes.csv"}
     hip, slide = (one for one in told["trends"] if one["trainer"] == "worn")
     assert hip["axis"] == "hip"
-    assert hip["per_week_low"] < GROWTH - 1 < hip["per_week_high"]
-    assert hip["per_week_high"] - hip["per_week_low"] < 0.02
-    assert hip["change"] == pytest.approx(GROWTH ** (WEEKS - 1) - 1, abs=0.01)
+    assert hip["low_ratio_per_week"] < GROWTH - 1 < hip["high_ratio_per_week"]
+    assert hip["high_ratio_per_week"] - hip["low_ratio_per_week"] < 0.02
+    assert hip["change_ratio"] == pytest.approx(GROWTH ** (WEEKS - 1) - 1, abs=0.01)
     assert hip["advice"] == Advice.CALIBRATE
-    assert slide["per_week_low"] < 0.0 < slide["per_week_high"]
-    assert abs(slide["change"]) < 0.01
+    assert slide["low_ratio_per_week"] < 0.0 < slide["high_ratio_per_week"]
+    assert abs(slide["change_ratio"]) < 0.01
     assert slide["advice"] == Advice.NONE
     assert {one["advice"] for one in told["trends"] if one["trainer"] == "other"} == {
         Advice.TOO_FEW
@@ -122,7 +122,7 @@ def test_wear_is_found_within_its_interval_and_bad_files_cost_themselves(
     assert [one["week"] for one in hips] == ["2025-12-29", "2026-01-05", "2026-01-12", "2026-01-19"]
     assert {one["test_count"] for one in hips} == {1}  # the copy is the same test
     for number, one in enumerate(hips):
-        assert one["ratio_median"] == pytest.approx(GROWTH**number, abs=0.01)
+        assert one["median_ratio"] == pytest.approx(GROWTH**number, abs=0.01)
     assert (tmp_path / "p").read_bytes().startswith(b"\x89PNG")
 
 
@@ -157,7 +157,7 @@ def test_a_wrong_mass_and_a_wrong_spring_are_not_taken_for_friction(recordings):
 
     for right, axis in zip(friction_of(test, robot), friction_of(test, wrong), strict=True):
         assert abs(axis.load_error_si) > 10 * abs(right.load_error_si)
-        assert axis.ratio == pytest.approx(right.ratio, abs=0.02)
+        assert axis.friction_ratio == pytest.approx(right.friction_ratio, abs=0.02)
 
 
 def test_half_a_test_is_not_used(recordings):
@@ -171,7 +171,7 @@ def test_half_a_test_is_not_used(recordings):
 
     assert "and 0 back at speed, fewer than 20" in hip.fault
     assert slide.fault.startswith("0 rows forth and 0 back")
-    assert math.isnan(hip.ratio)
+    assert math.isnan(hip.friction_ratio)
 
 
 @pytest.fixture
@@ -190,7 +190,12 @@ def test_duckdb_merges_as_numpy_and_scipy_do(tmp_path, warm_database):
         for axis in ("hip", "slide"):
             ratio = float(rng.lognormal(0.02 * (begun - begin) / WEEK, 0.03))
             named = {"trainer": trainer, "recording": f"{number}", "leg": "right", "axis": axis}
-            told = {"begun_utc": begun, "ratio": ratio, "friction_si": 6 * ratio, "fault": fault}
+            told = {
+                "begun_utc": begun,
+                "friction_ratio": ratio,
+                "friction_si": 6 * ratio,
+                "fault": fault,
+            }
             rows.append({**named, **told})
             if not fault:
                 monday = (begun - timedelta(days=begun.weekday())).date()
@@ -207,28 +212,28 @@ def test_duckdb_merges_as_numpy_and_scipy_do(tmp_path, warm_database):
     assert any(len(ratios) == 1 for ratios in by_week.values())
     for week, (_, ratios) in zip(merged.weeks, sorted(by_week.items()), strict=True):
         assert week.test_count == len(ratios)
-        assert week.ratio_median == pytest.approx(np.median(ratios))
-        assert (week.ratio_min, week.ratio_max) == (min(ratios), max(ratios))
+        assert week.median_ratio == pytest.approx(np.median(ratios))
+        assert (week.lowest_ratio, week.highest_ratio) == (min(ratios), max(ratios))
         assert week.friction_si == pytest.approx(6 * np.median(ratios))
         if len(ratios) == 1:
-            assert week.ratio_half_width is None
+            assert week.half_width_ratio is None
         else:
             low, high = stats.t.interval(
                 0.95, len(ratios) - 1, loc=np.mean(ratios), scale=stats.sem(ratios)
             )
-            assert week.ratio_mean == pytest.approx((low + high) / 2)
-            assert week.ratio_half_width == pytest.approx((high - low) / 2)
+            assert week.mean_ratio == pytest.approx((low + high) / 2)
+            assert week.half_width_ratio == pytest.approx((high - low) / 2)
     for trend, (named, tests) in zip(merged.trends, sorted(by_axis.items()), strict=True):
         first = min(tests)[0]
         at_week = [(begun - first) / WEEK for begun, _ in tests]
         line = stats.linregress(at_week, [math.log(ratio) for _, ratio in tests])
         around = stats.t.ppf(0.975, len(tests) - 2) * line.stderr
         assert trend[:4] == (*named, len(tests))
-        assert trend.weeks == pytest.approx(max(at_week))
-        assert trend.per_week == pytest.approx(math.expm1(line.slope))
-        assert trend.per_week_low == pytest.approx(math.expm1(line.slope - around))
-        assert trend.per_week_high == pytest.approx(math.expm1(line.slope + around))
-        assert trend.change == pytest.approx(math.expm1(line.slope * max(at_week)))
+        assert trend.span_weeks == pytest.approx(max(at_week))
+        assert trend.ratio_per_week == pytest.approx(math.expm1(line.slope))
+        assert trend.low_ratio_per_week == pytest.approx(math.expm1(line.slope - around))
+        assert trend.high_ratio_per_week == pytest.approx(math.expm1(line.slope + around))
+        assert trend.change_ratio == pytest.approx(math.expm1(line.slope * max(at_week)))
     assert len(merged.unused) == 2 * 9
     written = pq.read_table(tmp_path / "friction_weeks.parquet")
     assert written.num_rows == len(by_week)
@@ -245,4 +250,4 @@ def test_a_trainer_that_does_not_wear_has_no_trend(tmp_path, warm_database):
 
     assert ended.code == 0
     assert {one["advice"] for one in told["trends"]} == {Advice.NONE}
-    assert all(abs(one["change"]) < 0.01 for one in told["trends"])
+    assert all(abs(one["change_ratio"]) < 0.01 for one in told["trends"])
