@@ -57,7 +57,7 @@ class Trend(NamedTuple):
     test_count: int
     span_weeks: float
     """From the first self-test to the last."""
-    ratio_per_week: float | None
+    growth_ratio_per_week: float | None
     """None of too few tests."""
     low_ratio_per_week: float | None
     high_ratio_per_week: float | None
@@ -118,13 +118,13 @@ WITH timed AS (
     FROM timed GROUP BY trainer, leg, axis
 ), bounded AS (
     SELECT line.*, test_count >= $tests_min AND span_weeks > 0 AS enough,
-        CASE WHEN enough THEN exp(slope) - 1 END AS ratio_per_week,
+        CASE WHEN enough THEN exp(slope) - 1 END AS growth_ratio_per_week,
         CASE WHEN enough THEN exp(slope - quantile * std_error) - 1 END AS low_ratio_per_week,
         CASE WHEN enough THEN exp(slope + quantile * std_error) - 1 END AS high_ratio_per_week,
         CASE WHEN enough THEN exp(slope * span_weeks) - 1 END AS change_ratio
     FROM line LEFT JOIN quantiles ON degrees = test_count - 2
 )
-SELECT trainer, leg, axis, test_count, span_weeks, ratio_per_week, low_ratio_per_week,
+SELECT trainer, leg, axis, test_count, span_weeks, growth_ratio_per_week, low_ratio_per_week,
     high_ratio_per_week, change_ratio,
     CASE WHEN NOT enough THEN $too_few
         WHEN low_ratio_per_week * high_ratio_per_week > 0 AND abs(change_ratio) > $change_max

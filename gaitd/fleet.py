@@ -188,7 +188,9 @@ def _tables(merged: "Merged", change_percent: float) -> "list[Table]":
                     f"{one.leg}/{one.axis}",
                     f"{one.test_count}",
                     f"{one.span_weeks:.1f}",
-                    _percent(one.ratio_per_week, one.low_ratio_per_week, one.high_ratio_per_week),
+                    _percent(
+                        one.growth_ratio_per_week, one.low_ratio_per_week, one.high_ratio_per_week
+                    ),
                     _percent(one.change_ratio),
                     advice[one.advice],
                 )

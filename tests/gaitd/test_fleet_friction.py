@@ -230,7 +230,7 @@ def test_duckdb_merges_as_numpy_and_scipy_do(tmp_path, warm_database):
         around = stats.t.ppf(0.975, len(tests) - 2) * line.stderr
         assert trend[:4] == (*named, len(tests))
         assert trend.span_weeks == pytest.approx(max(at_week))
-        assert trend.ratio_per_week == pytest.approx(math.expm1(line.slope))
+        assert trend.growth_ratio_per_week == pytest.approx(math.expm1(line.slope))
         assert trend.low_ratio_per_week == pytest.approx(math.expm1(line.slope - around))
         assert trend.high_ratio_per_week == pytest.approx(math.expm1(line.slope + around))
         assert trend.change_ratio == pytest.approx(math.expm1(line.slope * max(at_week)))
