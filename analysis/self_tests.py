@@ -72,9 +72,9 @@ def friction_of(test: Stay, robot: Robot) -> tuple[AxisFriction, AxisFriction]:
 def warm_up(robot: Robot) -> None:
     """Load the compiled kernels of a process, so that no recording pays for them."""
     time_s = np.linspace(0.01, 2.0, 200)
-    still = Recording("warm-up", time_s, np.full((200, 2), 0.5), np.zeros((200, 2)))
-    friction_of(Stay(0, still), robot)
-    static_friction_of(friction_parameters(robot)[0], 0.1)
+    forth_and_back = np.column_stack([0.5 + 0.1 * np.minimum(time_s, 2.0 - time_s)] * 2)
+    along = np.column_stack([np.where(time_s < 1.0, 1e3, -1e3)] * 2)
+    friction_of(Stay(0, Recording("warm-up", time_s, forth_and_back, along)), robot)
 
 
 def _unused(fault: str, row_count: int = 0) -> AxisFriction:
