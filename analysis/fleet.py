@@ -1,50 +1,76 @@
-"""Many recordings at once: the observer over each with one robot file, on one machine or on many.
+"""Many recordings at once with one robot file, on one machine or on many.
 
 One recording is one task. Its result is one Parquet file for each leg, named by the three things
-that it depends on: the recording's content, the code of the observer, and the robot. So a second
-call does only what is missing, a lost worker costs the task that it had, and a lost scheduler
-nothing that was finished. A file is written beside its place and renamed: no half result has its
-name.
+that it depends on: the recording's content, the code, and the robot. So a second call does only
+what is missing, a lost worker costs the task that it had, and a lost scheduler nothing that was
+finished. A file is written beside its place and renamed: no half result has its name.
 """
 
 import hashlib
 import os
 import secrets
 from collections.abc import Callable
+from datetime import UTC, datetime
+from enum import StrEnum, auto
 from importlib.metadata import version
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from gaitd_client import Mode
 
 import analysis
 import observer
-from analysis import parquet
+from analysis import parquet, replay, self_tests
 from analysis.estimates import COLUMNS
-from analysis.recording import RecordingError, recording
-from analysis.replay import Source, estimate, legs_of, read
+from analysis.recording import RecordingError
+from analysis.replay import estimate, is_recorded, legs_of, read
 from daemon.config.settings import Robot
 from daemon.config.strict import ConfigError
 from daemon.system.files import sync_folder
 from observer.filter.leg_observer import TuningError
 
-RESULTS: Final = "estimates"
+Arrow = Any
+"""A type of pyarrow, which has no annotations."""
+
+
+class Work(StrEnum):
+    """What is made of each recording, and the end of its file's name."""
+
+    ESTIMATES = auto()
+    FRICTION = auto()
+
+
 HASH_DIGITS: Final = 12
-CODE: Final = (
+_COMMON: Final = (
     (observer, "**/*.py"),
     (analysis, "replay.py"),
     (analysis, "recording.py"),
     (analysis, "parquet.py"),
 )
+CODE: Final = {
+    Work.ESTIMATES: _COMMON,
+    Work.FRICTION: (
+        *_COMMON,
+        (analysis, "self_tests.py"),
+        (analysis, "calibration/motion.py"),
+        (analysis, "calibration/start.py"),
+    ),
+}
 """Files on which the bits of a result depend."""
+LIBRARIES: Final = {
+    Work.ESTIMATES: ("numba", "llvmlite", "numpy"),
+    Work.FRICTION: ("numba", "llvmlite", "numpy", "scipy"),
+}
 PIECE: Final = ".piece"
 
 
 class Job(NamedTuple):
-    """One recording, and what its estimates are made with."""
+    """One recording, and what its result is made with."""
 
+    work: Work
     session: Path
     robot: Robot
     key: str
@@ -67,27 +93,32 @@ class Result(NamedTuple):
     """True if an earlier call had made it."""
 
 
-def code_hash() -> str:
-    """Hash of the code, and of the compiler, of which estimates are the result."""
+class Made(NamedTuple):
+    """A result before it is written."""
+
+    table: Arrow
+    duration_s: float
+    """Duration of the recording."""
+
+
+def key_of(work: Work, robot_sha256: str) -> str:
+    """Key of all results that this code makes with the robot file of this hash."""
     digest = hashlib.sha256()
-    for name in ("numba", "llvmlite", "numpy"):
+    for name in LIBRARIES[work]:
         digest.update(f"{name} {version(name)}\0".encode())
-    for package, pattern in CODE:
+    for package, pattern in CODE[work]:
         folder = Path(package.__path__[0])
         for file in sorted(folder.glob(pattern)):
             digest.update(file.relative_to(folder).as_posix().encode() + b"\0")
             digest.update(file.read_bytes() + b"\0")
-    return digest.hexdigest()[:HASH_DIGITS]
+    return f"{digest.hexdigest()[:HASH_DIGITS]}_{robot_sha256[:HASH_DIGITS]}"
 
 
-def key_of(robot_sha256: str) -> str:
-    """Key of all results that this code makes with the robot file of this hash."""
-    return f"{code_hash()}_{robot_sha256[:HASH_DIGITS]}"
-
-
-def content_hash(session: Path) -> str:
-    """Hash of a recording's inputs: another recording of the same name is another task."""
-    files = parquet.files_of(session).values() if session.is_dir() else (session,)
+def content_hash(session: Path, work: Work) -> str:
+    """Hash of what is read of a recording: another one of the same name is another task."""
+    files = list(parquet.files_of(session).values()) if session.is_dir() else [session]
+    if work is Work.FRICTION:
+        files += [parquet.estimated(file) for file in files]
     digest = hashlib.sha256()
     for file in files:
         with file.open("rb") as opened:
@@ -96,22 +127,32 @@ def content_hash(session: Path) -> str:
 
 
 def run_job(job: Job, cpu_clock_s: Callable[[], float]) -> list[Result]:
-    """Estimate all legs of one recording; an error of the recording is a result, too.
+    """Make the result of each leg of one recording; an error of it is a result, too.
 
     Args:
         job: recording, robot, and where the result goes.
         cpu_clock_s: processor time of this process.
     """
     try:
-        legs: tuple[str | None, ...] = legs_of(job.session) or (None,)
-        content = content_hash(job.session)
+        legs = _legs(job)
+        content = content_hash(job.session, job.work)
         return [_run_leg(job, leg, content, cpu_clock_s) for leg in legs]
     except (RecordingError, OSError) as error:
         return [Result(str(job.session), "", 0, 0.0, 0.0, "", str(error), kept=False)]
 
 
+def _legs(job: Job) -> tuple[str | None, ...]:
+    legs = legs_of(job.session)
+    if job.work is Work.FRICTION and not (legs and is_recorded(job.session)):
+        raise RecordingError(
+            f"{job.session}: has no modes, so no self-test can be found in it; "
+            "recordings of `gaitd record` have them"
+        )
+    return legs or (None,)
+
+
 def _run_leg(job: Job, leg: str | None, content: str, cpu_clock_s: Callable[[], float]) -> Result:
-    name = ".".join((job.session.stem, leg or "leg", content, job.key, RESULTS, "parquet"))
+    name = ".".join((job.session.stem, leg or "leg", content, job.key, job.work, "parquet"))
     file = job.output / name
     if file.exists():
         try:
@@ -122,14 +163,9 @@ def _run_leg(job: Job, leg: str | None, content: str, cpu_clock_s: Callable[[], 
         return Result(str(job.session), leg or "", rows, 0.0, 0.0, str(file), "", kept=True)
     begin_s = cpu_clock_s()
     try:
-        source = read(job.session, leg)
-        made = estimate(source, job.robot)
+        table, duration_s = MAKERS[job.work](job.session, leg, job.robot)
     except (RecordingError, ConfigError, TuningError, OSError) as error:
         return Result(str(job.session), leg or "", 0, 0.0, 0.0, "", str(error), kept=False)
-    time_s = source.recording.time_s
-    parts = (time_s, made.state, made.std, made.net, made.nis, made.status)
-    values = np.column_stack(parts)
-    table = pa.table({name: values[:, at] for at, name in enumerate(COLUMNS)})
     told = {"session": str(job.session), "leg": leg or "", "key": job.key}
     table = table.replace_schema_metadata({f"gaitd.{name}": text for name, text in told.items()})
     # Two workers may have the same task after one seemed lost: each has a piece of its own.
@@ -143,8 +179,8 @@ def _run_leg(job: Job, leg: str | None, content: str, cpu_clock_s: Callable[[], 
     return Result(
         str(job.session),
         leg or "",
-        len(time_s),
-        float(time_s[-1] - time_s[0]),
+        len(table),
+        duration_s,
         cpu_clock_s() - begin_s,
         str(file),
         "",
@@ -152,8 +188,52 @@ def _run_leg(job: Job, leg: str | None, content: str, cpu_clock_s: Callable[[], 
     )
 
 
-def warm(robot: Robot) -> None:
+def _estimates(session: Path, leg: str | None, robot: Robot) -> Made:
+    source = read(session, leg)
+    made = estimate(source, robot)
+    parts = (source.recording.time_s, made.state, made.std, made.net, made.nis, made.status)
+    values = np.column_stack(parts)
+    table = pa.table({name: values[:, at] for at, name in enumerate(COLUMNS)})
+    return Made(table, source.recording.duration_s)
+
+
+def _friction(session: Path, leg: str | None, robot: Robot) -> Made:
+    """One row for each axis of each self-test."""
+    stays = parquet.stays_in(session, leg or "", Mode.SELF_TEST)
+    rows = [
+        {
+            "trainer": stays.trainer,
+            "recording": stays.id,
+            "leg": leg,
+            "axis": axis,
+            "begun_utc": datetime.fromtimestamp(test.begun_utc_ns * 1e-9, UTC),
+            **found._asdict(),
+        }
+        for test in stays.found
+        for axis, found in zip(self_tests.AXES, self_tests.friction_of(test, robot), strict=True)
+    ]
+    return Made(pa.Table.from_pylist(rows, FRICTION_SCHEMA), stays.duration_s)
+
+
+FRICTION_SCHEMA: Final = pa.schema(
+    [
+        *((name, pa.string()) for name in ("trainer", "recording", "leg", "axis")),
+        ("begun_utc", pa.timestamp("us")),
+        *(
+            (name, {float: pa.float64(), int: pa.int64(), str: pa.string()}[kind])
+            for name, kind in self_tests.AxisFriction.__annotations__.items()
+        ),
+    ]
+)
+MAKERS: Final[dict[Work, Callable[[Path, str | None, Robot], Made]]] = {
+    Work.ESTIMATES: _estimates,
+    Work.FRICTION: _friction,
+}
+
+
+def warm(work: Work, robot: Robot) -> None:
     """Load the compiled kernels of a process, so that no session pays for them."""
-    rows = np.zeros((3, 5))
-    rows[:, 0] = (0.0, 0.01, 0.02)
-    estimate(Source(recording("warm-up", rows), None, "", None), robot)
+    if work is Work.FRICTION:
+        self_tests.warm_up(robot)
+    else:
+        replay.warm_up(robot)

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from analysis.recording import COLUMNS, Recording, RecordingError, recording
+from analysis.recording import COLUMNS, Place, Recording, RecordingError, recording
 from daemon.config.settings import Robot
 from daemon.ipc.decoding import Decoder, RefusedError
 
@@ -23,6 +23,7 @@ Arrow = Any
 
 SUFFIX: Final = ".parquet"
 OF_LEG: Final = f".recording{SUFFIX}"
+ESTIMATED: Final = f".estimates{SUFFIX}"
 MCAP: Final = ".mcap"
 PART: Final = ".part"
 OF_RECORDER: Final = ("status", "dt_s")
@@ -45,6 +46,23 @@ class Read(NamedTuple):
     """Names and values."""
     first_step_s: float | None
     """Step of the first row, where the service's observer started with it."""
+
+
+class Stay(NamedTuple):
+    """Rows of one leg during a stay of the service in one mode."""
+
+    begun_utc_ns: int
+    recording: Recording
+
+
+class Stays(NamedTuple):
+    """All stays of a recording in one mode."""
+
+    trainer: str
+    id: str
+    duration_s: float
+    """Duration of the whole recording."""
+    found: tuple[Stay, ...]
 
 
 class _About(msgspec.Struct, frozen=True):
@@ -128,15 +146,50 @@ def read(path: Path, leg: str | None = None) -> Read:
         status = values[:, len(COLUMNS)].astype(np.int64)
         first, first_step_s = _start(file, values)
     return Read(
-        recording(
-            str(file), values[first:, : len(COLUMNS)], lambda row: f"{file}: row {first + row + 1}"
-        ),
+        recording(str(file), values[first:, : len(COLUMNS)], _place(file, first)),
         None if about is None else _robot(file, about),
         name,
         status[first:],
         () if about is None else tuple(_lines(about, end)),
         first_step_s,
     )
+
+
+def estimated(inputs: Path) -> Path:
+    """Return the file of estimates beside the inputs of a leg: it has the same rows."""
+    return inputs.with_name(inputs.name.removesuffix(OF_LEG) + ESTIMATED)
+
+
+def stays_in(path: Path, leg: str, mode: str) -> Stays:
+    """Read the rows in which the service was in a mode, of one leg of a recording.
+
+    Args:
+        path: folder or file of `gaitd record`.
+        leg: one of `files_of`.
+        mode: as the message `estimate` names it.
+
+    Raises:
+        RecordingError: it cannot be used; names file, column, and what is allowed.
+    """
+    inputs = files_of(path)[leg]
+    beside = estimated(inputs)
+    about, _ = _metadata(inputs, _schema(inputs))
+    if about is None:
+        raise RecordingError(f"{inputs}: its metadata name no trainer; it is none of gaitd record")
+    told = _table(beside, ("cycle", "mode", "sample_time_ns"))
+    utc_ns = told["sample_time_ns"].to_numpy()
+    is_in = told["mode"].to_numpy() == mode
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], is_in, [False]))))
+    found: list[Stay] = []
+    if len(edges):
+        values, cycles = _values(inputs, COLUMNS), _table(inputs, ("cycle",))["cycle"]
+        if cycles != told["cycle"]:
+            raise RecordingError(f"{beside}: has other cycles than {inputs.name} beside it")
+        for begin, end in zip(edges[0::2].tolist(), edges[1::2].tolist(), strict=True):
+            rows = recording(str(inputs), values[begin:end], _place(inputs, begin))
+            found.append(Stay(int(utc_ns[begin]), rows))
+    duration_s = 1e-9 * float(utc_ns[-1] - utc_ns[0]) if len(utc_ns) else 0.0
+    return Stays(about.trainer, about.id, duration_s, tuple(found))
 
 
 def _schema(file: Path) -> Arrow:
@@ -160,12 +213,23 @@ def _check_columns(file: Path, schema: Arrow, wanted: tuple[str, ...]) -> None:
             raise RecordingError(f"{file}: column {column} is {kind}, must be a number")
 
 
-def _values(file: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
-    """Return the columns as doubles, NaN where a cell is empty."""
+def _table(file: Path, columns: tuple[str, ...]) -> Arrow:
     try:
         table = pq.read_table(file, columns=list(columns))
     except (pa.ArrowInvalid, OSError) as error:
         raise RecordingError(f"{file}: cannot be read: {error}") from error
+    if missing := set(columns) - set(table.column_names):
+        raise RecordingError(f"{file}: lacks column {', '.join(sorted(missing))}")
+    return table
+
+
+def _place(file: Path, first: int) -> Place:
+    return lambda row: f"{file}: row {first + row + 1}"
+
+
+def _values(file: Path, columns: tuple[str, ...]) -> NDArray[np.float64]:
+    """Return the columns as doubles, NaN where a cell is empty."""
+    table = _table(file, columns)
     if len(table) == 0:
         return np.empty((0, len(columns)))
     return np.column_stack([table[name].cast(pa.float64()).to_numpy() for name in columns])

@@ -21,9 +21,11 @@ from gaitd.command_line import EXIT_REFUSED, JSON, CommandError, failure, json_t
 
 TOOLS: Final = "pip install ./clients/python '.[tools]'"
 RECORDER: Final = "pip install ./clients/python '.[record]' ./clients/record"
+FLEET: Final = "pip install ./clients/python '.[fleet,tools]'"
 REMEDIES: Final = {
     **dict.fromkeys(("matplotlib", "plotext", "scipy"), TOOLS),
     **dict.fromkeys(("gaitd_record", "mcap", "pyarrow"), RECORDER),
+    **dict.fromkeys(("distributed", "duckdb"), FLEET),
 }
 """Packages that the service does not need, and how each is installed."""
 

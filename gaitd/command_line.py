@@ -11,6 +11,7 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import fields, is_dataclass
+from datetime import date
 from enum import Enum
 from itertools import pairwise
 from pathlib import Path
@@ -153,7 +154,7 @@ def _plain(value: object) -> object:
             return _plain(value.value)
         case str() | int() | None:
             return value
-        case Path():
+        case Path() | date():
             return str(value)
         case _:
             # An array or a number of numpy, which no other command imports for this.

@@ -1,8 +1,8 @@
-"""`gaitd fleet estimate SESSIONS... --robot FILE`: many recordings, on this machine or a cluster.
+"""`gaitd fleet estimate` and `friction`: many recordings, on this machine or a cluster.
 
 The same call works with the processes of this computer and, with --scheduler, with those of a Dask
 cluster whose workers see the same folders and have the same gaitd. Exit codes: 0; 1 some recordings
-gave no estimates, the others did; 2 usage or configuration.
+gave no result, the others did; 2 usage or configuration.
 """
 
 import os
@@ -24,26 +24,39 @@ from gaitd.command_line import (
     errors_in_one_line,
     json_on_stdout,
 )
-from gaitd.terminal import progress
+from gaitd.terminal import progress, show
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-    from analysis.fleet import Result
+    from analysis.fleet import Result, Work
+    from analysis.friction_weeks import Merged
     from daemon.config.settings import Robot
+    from gaitd.terminal import Table
 
 LOST: Final = "the scheduler was lost; the same call again does what is missing"
 CONNECT_S: Final = 10
+
+
+CHANGE_MAX_PERCENT: Final = 10.0
+WEEKS_SHOWN_MAX: Final = 100
+"""More are printed of those axes only that ask to act."""
 
 
 class Action(StrEnum):
     """Subcommand of `gaitd fleet`."""
 
     ESTIMATE = "estimate"
+    FRICTION = "friction"
 
 
 def command(
-    action: Annotated[Action, typer.Argument(help="what to do with them")],  # noqa: ARG001
+    action: Annotated[
+        Action,
+        typer.Argument(
+            help="estimate: the observer over each; friction: of each self-test in them, by week"
+        ),
+    ],
     sessions: Annotated[
         list[Path], typer.Argument(metavar="SESSIONS...", help="recordings; or folders of them")
     ],
@@ -55,41 +68,143 @@ def command(
     workers: Annotated[
         int | None, typer.Option(min=1, help="processes of this computer; by default one per core")
     ] = None,
+    change: Annotated[
+        float,
+        typer.Option(
+            metavar="PERCENT", min=0.0, help="friction: a larger change asks for a calibration"
+        ),
+    ] = CHANGE_MAX_PERCENT,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="friction: draw it over the weeks")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Run the observer over many recordings; each leg's estimates become one Parquet file.
+    """Make one result of each leg of many recordings, one Parquet file each; friction: merge them.
 
     What is there already, of the same code and robot, is kept.
     """
+    from analysis.fleet import Work
     from analysis.recording import RecordingError
     from daemon.config.strict import read_toml
     from daemon.preflight.robot import decoded_robot
 
+    work = Work.FRICTION if action is Action.FRICTION else Work.ESTIMATES
     with errors_in_one_line(RecordingError), json_on_stdout(as_json) as write:
         if scheduler is not None and workers is not None:
             raise CommandError(
                 "--workers: the scheduler has its own; give one of both", EXIT_REFUSED
             )
+        if plot is not None and work is not Work.FRICTION:
+            raise CommandError("--plot: only of `gaitd fleet friction`", EXIT_REFUSED)
         found = _recordings(sessions)
         document = read_toml(robot)
         made_with = decoded_robot(document)
         output.mkdir(parents=True, exist_ok=True)
-        results = list(_all(found, made_with, document.sha256, output, scheduler, workers))
+        results = list(_all(work, found, made_with, document.sha256, output, scheduler, workers))
         failed = [one for one in results if one.error]
         for one in failed:
             print(one.error)
         made = [one for one in results if not one.error and not one.kept]
         kept = sum(one.kept for one in results)
-        print(f"{len(made)} estimated, {kept} kept, {len(failed)} failed; results in {output}")
+        print(f"{len(made)} made, {kept} kept, {len(failed)} failed; results in {output}")
         if made:
             hours, cpu_s = (
                 sum(one.duration_s for one in made) / 3600,
                 sum(one.cpu_s for one in made),
             )
             print(f"{hours:.3g} h of recordings took {cpu_s:.3g} s of processors")
-        write([one._asdict() for one in results])
+        told = [one._asdict() for one in results]
+        if work is Work.FRICTION:
+            write({"recordings": told, **_friction(results, output, change, plot)})
+        else:
+            write(told)
     if failed:
         raise typer.Exit(EXIT_FAILED)
+
+
+def _friction(
+    results: "list[Result]", output: Path, change_percent: float, plot: Path | None
+) -> dict[str, object]:
+    """Merge and show friction; returns the tables."""
+    from analysis.friction_weeks import merge
+
+    for one in results:
+        if not one.error and not one.rows:
+            print(f"{one.session}: {one.leg}: has no self-test")
+    files = [Path(one.file) for one in results if one.file]
+    if not any(one.rows for one in results):
+        print("no self-test was found")
+        return {"weeks": [], "trends": [], "unused": []}
+    merged = merge(files, output, change_percent / 100)
+    for one in merged.unused:
+        print(f"{one.trainer}: {one.leg}/{one.axis}: {one.begun_utc:%F %R} not used: {one.fault}")
+    show(_tables(merged, change_percent))
+    if plot is not None:
+        from analysis.friction_figure import draw
+
+        draw(merged, plot)
+        print(f"picture      {plot}")
+    return merged._asdict()
+
+
+def _tables(merged: "Merged", change_percent: float) -> "list[Table]":
+    from analysis.friction_weeks import Advice
+
+    trends = sorted(merged.trends, key=lambda one: one.advice is not Advice.CALIBRATE)
+    asking = {one[:3] for one in trends if one.advice is Advice.CALIBRATE}
+    weeks, title = merged.weeks, "friction by week, as ratio to the robot file's"
+    if len(weeks) > WEEKS_SHOWN_MAX:
+        weeks, title = [one for one in weeks if one[:3] in asking], f"{title}; only where to act"
+    advice = {
+        Advice.NONE: "",
+        Advice.CALIBRATE: f"changed by more than {change_percent:g} %: look at it, then calibrate",
+        Advice.TOO_FEW: Advice.TOO_FEW.value,
+    }
+    return [
+        (
+            title,
+            ("trainer", "axis", "week", "tests", "median", "range", "mean, 95 %", "median, SI"),
+            tuple(
+                (
+                    one.trainer,
+                    f"{one.leg}/{one.axis}",
+                    f"{one.week}",
+                    f"{one.test_count}",
+                    f"{one.median_ratio:.3f}",
+                    f"{one.lowest_ratio:.3f} … {one.highest_ratio:.3f}",
+                    f"{one.mean_ratio:.3f}"
+                    + (f" ± {one.half_width_ratio:.3f}" if one.half_width_ratio else ""),
+                    f"{one.friction_si:.3g} {'N·m' if one.axis == 'hip' else 'N'}",
+                )
+                for one in weeks
+            ),
+        ),
+        (
+            "trend over all self-tests",
+            ("trainer", "axis", "tests", "weeks", "% a week, 95 %", "change, %", "advice"),
+            tuple(
+                (
+                    one.trainer,
+                    f"{one.leg}/{one.axis}",
+                    f"{one.test_count}",
+                    f"{one.span_weeks:.1f}",
+                    _percent(
+                        one.growth_ratio_per_week, one.low_ratio_per_week, one.high_ratio_per_week
+                    ),
+                    _percent(one.change_ratio),
+                    advice[one.advice],
+                )
+                for one in trends
+            ),
+        ),
+    ]
+
+
+def _percent(value: float | None, low: float | None = None, high: float | None = None) -> str:
+    if value is None:
+        return ""
+    text = f"{100 * value:+.2f}"
+    return text if low is None or high is None else f"{text} ({100 * low:+.2f} … {100 * high:+.2f})"
 
 
 def _recordings(named: list[Path]) -> list[Path]:
@@ -110,6 +225,7 @@ def _recordings(named: list[Path]) -> list[Path]:
 
 
 def _all(
+    work: "Work",
     sessions: list[Path],
     robot: "Robot",
     digest: str,
@@ -122,15 +238,15 @@ def _all(
 
     from analysis.fleet import Job, key_of, run_job, warm
 
-    key = key_of(digest)
-    jobs = [Job(one.absolute(), robot, key, output.absolute()) for one in sessions]
+    key = key_of(work, digest)
+    jobs = [Job(work, one.absolute(), robot, key, output.absolute()) for one in sessions]
     with (
         _cluster(scheduler, workers or min(os.cpu_count() or 1, len(jobs))) as client,
         progress() as stage,
     ):
         update = stage("recordings", len(jobs))
         if scheduler is None:
-            client.run(warm, robot)
+            client.run(warm, work, robot)
         futures = client.map(run_job, jobs, cpu_clock_s=time.process_time, pure=False)
         sessions_of = {future.key: job.session for future, job in zip(futures, jobs, strict=True)}
         for done, future in enumerate(as_completed(futures), start=1):

@@ -77,7 +77,11 @@ class Motion:
 
 
 def prepare(
-    recordings: Sequence[Recording], *, hold_out: bool = True, effort_delay_s: float = 0.0
+    recordings: Sequence[Recording],
+    *,
+    hold_out: bool = True,
+    effort_delay_s: float = 0.0,
+    duration_min_s: float = DURATION_MIN_S,
 ) -> Motion:
     """Prepare recordings of the same machine.
 
@@ -85,6 +89,7 @@ def prepare(
         recordings: each of at least one row.
         hold_out: hold out every fourth two seconds; otherwise nothing.
         effort_delay_s: delay of an effort relative to its row.
+        duration_min_s: of all of them together.
 
     Raises:
         RecordingError: too short, the wrong rate, or too much missing.
@@ -92,10 +97,10 @@ def prepare(
     for one in recordings:
         _check(one)
     duration_s = sum(one.duration_s for one in recordings)
-    if duration_s < DURATION_MIN_S:
+    if duration_s < duration_min_s:
         raise RecordingError(
             f"{recordings[0].source}: {duration_s:.1f} s are too short to calibrate from; at least "
-            f"{DURATION_MIN_S:g} s are needed, 30 s for each axis are good"
+            f"{duration_min_s:g} s are needed, 30 s for each axis are good"
         )
     parts = [_one(one, effort_delay_s) for one in recordings]
     steps_s, position, effort, begins, smooth, smooth_effort = map(

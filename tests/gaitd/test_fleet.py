@@ -91,7 +91,7 @@ def test_a_bad_recording_costs_itself(sessions, tmp_path):
 
     assert ended.code == 1
     assert f"{bad}:1: lacks column" in ended.out
-    assert "2 estimated, 0 kept, 1 failed" in ended.out
+    assert "2 made, 0 kept, 1 failed" in ended.out
 
 
 @pytest.mark.parametrize(
@@ -185,7 +185,7 @@ def test_a_worker_that_is_killed_costs_no_result(sessions, tmp_path, cluster):
     out, err = process.communicate()
 
     assert process.returncode == 0, err
-    assert f"{CSV_COUNT} estimated" in out
+    assert f"{CSV_COUNT} made" in out
     assert len(list((tmp_path / "out").glob("*.parquet"))) == CSV_COUNT
 
 

@@ -48,7 +48,7 @@ ELSEWHERE: Final = {
     r"make .*|pip .*|python.*|pytest .*|\. .venv.*": "changes the environment, or is a test",
     r"(sudo|ip|systemctl|journalctl|install|candump) .*": "root, hardware or systemd: tests/rigs",
     r"apt-get .*": "tests/rigs/test_package_under_systemd.py",
-    r"dask .*|gaitd fleet .*": "tests/gaitd/test_fleet.py",
+    r"dask .*|gaitd fleet .*": "tests/gaitd/test_fleet.py, test_fleet_friction.py",
     r"gaitd import-candump .*": "tests/gaitd/test_import_candump.py",
     r"gaitd replay walk.csv .*": "tests/gaitd/test_replay_command.py",
     r"gaitd (run|sim) .*": "a service: the sessions of tests/service are these two",

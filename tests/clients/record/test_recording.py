@@ -22,7 +22,6 @@ from gaitd_client import Target, wire
 from gaitd_record import (
     MESSAGES,
     PART,
-    Begun,
     Deleted,
     Finished,
     FullError,
@@ -30,7 +29,6 @@ from gaitd_record import (
     Ignored,
     Options,
     Purpose,
-    Received,
     Recorder,
     RecordError,
     Recording,
@@ -41,66 +39,17 @@ from gaitd_record import (
 )
 from gaitd_record import record as run_record
 from mcap.reader import make_reader
+from recorded_sessions import published_by, record, recorder
 from sessions import CONFIGS, new_session
 
 from analysis.recording import RecordingError, read_csv
 from analysis.replay import estimate, legs_of, read
-from daemon.gateway.playback import publish_at_once
 from daemon.ipc.record import Mode
-from daemon.ipc.transport import RingHeader
 
 PROJECT = CONFIGS.parent
 ROBOTS = {"calibrate": "robot_empty.toml"}
 SYNC_CYCLES = 50
 """Half a second, as the recorder's timer."""
-
-
-class Published:
-    """All messages of a session, as a gateway that is never late publishes them."""
-
-    def __init__(self, header, records):
-        self.header, self.messages, self._seqs = header, [], {}
-        publish_at_once(header, records, self)
-
-    def next_seq(self, *parts):
-        self._seqs[parts] = self._seqs.get(parts, 0) + 1
-        return self._seqs[parts]
-
-    def put(self, message, *parts):
-        schema = wire.schema_name(type(message))
-        self.messages.append(Received("/".join(parts), schema, msgspec.json.encode(message)))
-
-    def put_event(self, event):
-        self.put(event, wire.EVENTS)
-
-    def links(self):
-        return []
-
-    def set_alive(self, alive):
-        pass
-
-    def configuration(self):
-        header = self.header
-        return wire.Configuration(
-            seq=1,
-            core_boot_id=header.core_boot_id,
-            cycle=None,
-            sample_time_ns=None,
-            version=header.version,
-            trainer=header.trainer,
-            listen=(),
-            period_ns=header.period_ns,
-            drive_names=header.drive_names,
-            leg_names=header.leg_names,
-            config_hashes=header.config_hashes,
-            robot=header.robot,
-            limits=header.limits,
-        )
-
-    def of(self, key, kind):
-        return [
-            msgspec.json.decode(one.payload, type=kind) for one in self.messages if one.key == key
-        ]
 
 
 @pytest.fixture(scope="module")
@@ -115,20 +64,7 @@ def session():
 
 @pytest.fixture(scope="module")
 def published(session):
-    settings = session.settings
-    header = RingHeader(
-        core_boot_id="boot",
-        start_utc_ns=session.records[0].sync_utc_ns,
-        period_ns=10_000_000,
-        trainer="trainer",
-        drive_names=("right/hip", "right/slide"),
-        leg_names=("right",),
-        config_hashes={str(path): digest for path, digest in settings.hashes.items()},
-        version="0.1.0",
-        robot=msgspec.to_builtins(settings.robot),
-        limits=msgspec.to_builtins(settings.limits),
-    )
-    return Published(header, session.records)
+    return published_by(session)
 
 
 def duckdb(query):
@@ -136,21 +72,6 @@ def duckdb(query):
     words = "import sys, json, duckdb; print(json.dumps(duckdb.sql(sys.argv[1]).fetchall()))"
     asked = [sys.executable, "-c", words, query]
     return json.loads(subprocess.run(asked, capture_output=True, check=True, text=True).stdout)
-
-
-def recorder(published, folder, purpose=Purpose.ALL, events=None, limit_mb=1000):
-    room = Room(folder, limit_mb)
-    report = [].append if events is None else events.append
-    return Recorder(Options(purpose, room), published.configuration, report)
-
-
-def record(published, folder, purpose=Purpose.ALL):
-    events = []
-    with recorder(published, folder, purpose, events) as made:
-        for one in published.messages:
-            made.add(one)
-    assert [type(event) for event in events] == [Begun, Finished]
-    return events[1]
 
 
 @pytest.fixture(scope="module")
