@@ -30,7 +30,6 @@ from gaitd_record import (
     Ignored,
     Options,
     Purpose,
-    Received,
     Recorder,
     RecordError,
     Recording,
@@ -41,11 +40,11 @@ from gaitd_record import (
 )
 from gaitd_record import record as run_record
 from mcap.reader import make_reader
+from published import Published
 from sessions import CONFIGS, new_session
 
 from analysis.recording import RecordingError, read_csv
 from analysis.replay import estimate, legs_of, read
-from daemon.gateway.playback import publish_at_once
 from daemon.ipc.record import Mode
 from daemon.ipc.transport import RingHeader
 
@@ -53,54 +52,6 @@ PROJECT = CONFIGS.parent
 ROBOTS = {"calibrate": "robot_empty.toml"}
 SYNC_CYCLES = 50
 """Half a second, as the recorder's timer."""
-
-
-class Published:
-    """All messages of a session, as a gateway that is never late publishes them."""
-
-    def __init__(self, header, records):
-        self.header, self.messages, self._seqs = header, [], {}
-        publish_at_once(header, records, self)
-
-    def next_seq(self, *parts):
-        self._seqs[parts] = self._seqs.get(parts, 0) + 1
-        return self._seqs[parts]
-
-    def put(self, message, *parts):
-        schema = wire.schema_name(type(message))
-        self.messages.append(Received("/".join(parts), schema, msgspec.json.encode(message)))
-
-    def put_event(self, event):
-        self.put(event, wire.EVENTS)
-
-    def links(self):
-        return []
-
-    def set_alive(self, alive):
-        pass
-
-    def configuration(self):
-        header = self.header
-        return wire.Configuration(
-            seq=1,
-            core_boot_id=header.core_boot_id,
-            cycle=None,
-            sample_time_ns=None,
-            version=header.version,
-            trainer=header.trainer,
-            listen=(),
-            period_ns=header.period_ns,
-            drive_names=header.drive_names,
-            leg_names=header.leg_names,
-            config_hashes=header.config_hashes,
-            robot=header.robot,
-            limits=header.limits,
-        )
-
-    def of(self, key, kind):
-        return [
-            msgspec.json.decode(one.payload, type=kind) for one in self.messages if one.key == key
-        ]
 
 
 @pytest.fixture(scope="module")
