@@ -4,20 +4,22 @@ At the start it is a configuration error that names the directory, before anythi
 Later nothing waits for a disk: ring and notes have their room since the start.
 """
 
+import itertools
 import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
 from fault_observations import Watch
+from gaitd_client import Event, Health
 from long_service import TIMEOUT_S, LongService
 from processes import Service
+from small_disk import fill
 
 from daemon.ipc.record import Cause, Mode
-from gaitd_lab.processes import GAITD, memory_folder
+from gaitd_lab.processes import GAITD
 
 CONFIGURATION_ERROR = 2
 FULL = Path("/dev/full")
@@ -26,55 +28,6 @@ AS_ANYBODY = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh
 """Without the right of root to write what belongs to others."""
 WALKED_CYCLES = 100
 RING_AND_A_LITTLE = "24m"
-
-
-def mount(place, size, *options):
-    place.mkdir(parents=True, exist_ok=True)
-    settings = ",".join((f"size={size}", *options))
-    made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", settings, "tmpfs", str(place)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if made.returncode != 0:
-        pytest.skip(f"no file system may be mounted here: {made.stderr.strip()}")
-
-
-def unmount(place):
-    subprocess.run(["umount", "--lazy", str(place)], check=True)
-
-
-def fill(place):
-    """Not a byte is left."""
-    with (place / "rubbish").open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(bytes(65536))
-        except OSError:
-            pass
-
-
-@pytest.fixture
-def folder():
-    with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
-        Path(name).chmod(0o755)
-        yield Path(name)
-
-
-@pytest.fixture
-def small(folder):
-    """Makes a tmpfs in the folder: `small("state", "1m", "ro")`."""
-    mounted = []
-
-    def make(name, size, *options):
-        mount(folder / name, size, *options)
-        mounted.append(folder / name)
-        return folder / name
-
-    yield make
-    for place in mounted:
-        unmount(place)
 
 
 def refused(service, part="core"):
@@ -209,12 +162,14 @@ def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
 # --- in operation -----------------------------------------------------------------------------
 
 
-@pytest.mark.realtime
-def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly(
-    folder, small, fault_table
+@pytest.mark.parametrize(
+    "wall_clock", [False, pytest.param(True, marks=pytest.mark.realtime)], ids=["", "by_the_clock"]
+)
+def test_disks_that_fill_up_while_it_walks_change_nothing_but_one_event_and_the_end_is_orderly(
+    folder, small, fault_table, wall_clock
 ):
     places = [small("run", RING_AND_A_LITTLE), small("state", "1m")]
-    service = LongService(folder, wall_clock=True)
+    service = LongService(folder, wall_clock=wall_clock)
     try:
         service.bring(Mode.GAIT)
         with Watch(service) as seen:
@@ -226,6 +181,13 @@ def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly
             free = [shutil.disk_usage(place).free for place in places]
             answer = service.request("stop")
             stopped = service.until(lambda record: record.mode == Mode.FAULT, TIMEOUT_S)
+        with service.client("observer") as trainer:
+            events = (item.text for item in trainer.events() if isinstance(item, Event))
+            failed = next(text for text in events if "cannot be written" in text)
+            (folder / "state" / "rubbish").unlink()
+            service.request("reset")
+            texts = list(itertools.takewhile(lambda text: "written again" not in text, events))
+            health = next(item for item in trainer.health() if isinstance(item, Health))
         service.parts["core"].terminate()
         code = service.parts["core"].wait(TIMEOUT_S)
         lived = service.runs("gateway")
@@ -233,6 +195,9 @@ def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly
         service.end()
 
     assert free == [0, 0]
+    assert "No space left on device" in failed
+    assert failed not in texts
+    assert health.not_kept_count > 0
     assert {record.mode for record in records} == {Mode.GAIT}
     assert {record.verdict.cause for record in records} == {Cause.NONE}
     assert answer["outcome"] == "done"
