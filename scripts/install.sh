@@ -171,6 +171,7 @@ assist_files() {
         put clients/assist/configs/assist.toml "$file" 640
         sed -i 's#^log = "#log = "/var/lib/gaitd-assist/#' "$DESTDIR$file"
     fi
+    from_commands
     ! live || sh deb/postinst client
 }
 

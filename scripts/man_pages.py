@@ -1,17 +1,20 @@
-"""Manual pages of `gaitd`, `gaitd-session` and each of their commands, from what --help prints.
+"""Manual pages of `gaitd`, the programs of clients/ and each of their commands, from their --help.
 
 `scripts/install.sh` calls this with the Python of an environment: man_pages.py FOLDER. What
 is not in this environment gets no page.
 """
 
+import contextlib
 import importlib
 import importlib.util
+import io
 import re
 import sys
 from collections.abc import Iterable, Iterator
 from importlib.metadata import metadata
 from pathlib import Path
 from typing import cast
+from unittest import mock
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -20,6 +23,8 @@ from typer.main import get_command
 from gaitd.__main__ import COMMANDS, REMEDIES, build
 
 DOCUMENTS = "/usr/share/doc/gaitd/docs"
+OF_ARGPARSE = {"gaitd-assist": "gaitd_assist.program", "gaitd-display": "gaitd_display.__main__"}
+"""Programs without typer, and the module of their `main`."""
 
 
 def pages() -> Iterator[tuple[str, str]]:
@@ -36,6 +41,9 @@ def pages() -> Iterator[tuple[str, str]]:
         for name, its_app in commands:
             command = cast("TyperCommand", group_of(its_app).commands[name])
             yield f"{program}-{name}", page(f"{program} {name}", lines[name], command, {})
+    for program, module in OF_ARGPARSE.items():
+        if importlib.util.find_spec(module.partition(".")[0]):
+            yield from pages_of_help(program, module)
 
 
 def of_gaitd() -> Iterator[tuple[str, typer.Typer]]:
@@ -53,23 +61,60 @@ def group_of(app: typer.Typer) -> TyperGroup:
     return cast("TyperGroup", get_command(app))
 
 
+def pages_of_help(program: str, module: str) -> Iterator[tuple[str, str]]:
+    """Yield the pages of a program of argparse; its help is printed as it is."""
+    helps = {program: help_of(program, module)}
+    lines = {program: metadata(program)["Summary"]}
+    for name, line in re.findall(r"^    (\w+) +(.+)$", helps[program], re.MULTILINE):
+        helps[f"{program} {name}"] = help_of(program, module, name)
+        lines[f"{program} {name}"] = line
+    for words, text in helps.items():
+        usage, _, rest = text.removeprefix(f"usage: {words}").partition("\n\n")
+        yield words.replace(" ", "-"), whole(words, lines[words], usage, [block(rest)])
+
+
+def help_of(program: str, module: str, *words: str) -> str:
+    """Return what a program of argparse prints for --help."""
+    printed = io.StringIO()
+    with (
+        mock.patch("sys.argv", [program, *words, "--help"]),
+        contextlib.redirect_stdout(printed),
+        contextlib.suppress(SystemExit),
+    ):
+        importlib.import_module(module).main()
+    return printed.getvalue()
+
+
+def block(text: str) -> str:
+    """Return a description that keeps its lines."""
+    return ".SH DESCRIPTION\n.nf\n" + "\n".join(map(literal, text.splitlines())) + "\n.fi"
+
+
 def page(words: str, line: str, command: TyperCommand | TyperGroup, of_it: dict[str, str]) -> str:
     """Return the page of one command; `of_it` are its own commands, each with one line."""
-    name = words.replace(" ", "-")
     context = typer.Context(command, info_name=words)
     usage = command.get_usage(context).removeprefix(f"Usage: {words}").strip()
     described = [one.get_help_record(context) for one in command.get_params(context)]
-    version = metadata("gaitd")["Version"]
     parts = [
-        f'.TH {name.upper()} 1 "" "gaitd {version}" "gaitd"',
-        f".SH NAME\n{roff(name)} \\- {roff(line.rstrip('.'))}",
-        f".SH SYNOPSIS\n.B {roff(words)}\n{roff(usage)}",
         ".SH DESCRIPTION\n" + "\n.PP\n".join(map(roff, (command.help or line).split("\n\n"))),
         heading("COMMANDS", of_it.items()),
         heading("OPTIONS", [record for record in described if record]),
+    ]
+    return whole(words, line, usage, parts)
+
+
+def whole(words: str, line: str, usage: str, parts: Iterable[str]) -> str:
+    """Return a page with its head and its end."""
+    name = words.replace(" ", "-")
+    version = metadata("gaitd")["Version"]
+    every = [
+        f'.TH {name.upper()} 1 "" "gaitd {version}" "gaitd"',
+        f".SH NAME\n{roff(name)} \\- {roff(line.rstrip('.'))}",
+        f".SH SYNOPSIS\n.B {roff(words)}\n{roff(usage)}",
+        *parts,
         f".SH SEE ALSO\n{DOCUMENTS}/index.md, {DOCUMENTS}/exit_codes.md",
     ]
-    return "\n".join(filter(None, parts)) + "\n"
+    return "\n".join(filter(None, every)) + "\n"
 
 
 def heading(title: str, rows: Iterable[tuple[str, str]]) -> str:
@@ -80,8 +125,13 @@ def heading(title: str, rows: Iterable[tuple[str, str]]) -> str:
 
 def roff(text: str) -> str:
     """Return text as one paragraph that roff takes literally."""
-    one_line = re.sub(r"\s+", " ", text).strip().replace("\\", "\\e").replace("-", "\\-")
-    return f"\\&{one_line}" if one_line.startswith((".", "'")) else one_line
+    return literal(re.sub(r"\s+", " ", text).strip())
+
+
+def literal(line: str) -> str:
+    """Return a line that roff takes literally."""
+    escaped = line.replace("\\", "\\e").replace("-", "\\-")
+    return f"\\&{escaped}" if escaped.startswith((".", "'")) else escaped
 
 
 def main(folder: Path) -> None:

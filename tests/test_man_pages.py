@@ -1,5 +1,6 @@
 """Manual pages are made from the commands."""
 
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -30,8 +31,22 @@ def test_a_page_has_the_arguments_and_options_of_its_command(pages):
     assert ".B \\-\\-output <path>\ndump: to a DCF, which compare can read\n" in page
 
 
+def test_the_programs_of_the_clients_have_pages_too(pages):
+    for program, commands in (
+        ("assist", ["run"]),
+        ("display", ["patient", "therapist", "password"]),
+    ):
+        every = pages[f"gaitd-{program}"]
+        assert {f"gaitd-{program}-{name}" for name in commands} <= set(pages)
+        assert all(re.search(rf"^    {name} +\w", every, re.MULTILINE) for name in commands)
+        assert ".SH NAME\ngaitd\\-" in every
+    page = pages["gaitd-display-patient"]
+    assert "gaitd\\-display\\-patient \\- serve the patient's page\n" in page
+    assert ".B gaitd\\-display patient\n[\\-h] \\-\\-config FILE\n" in page
+
+
 def test_no_line_of_text_is_a_request_of_roff(pages):
-    known = {".TH", ".SH", ".B", ".TP", ".PP"}
+    known = {".TH", ".SH", ".B", ".TP", ".PP", ".nf", ".fi"}
     for page in pages.values():
         assert {line.split()[0] for line in page.splitlines() if line[:1] in (".", "'")} <= known
 

@@ -54,7 +54,7 @@ def test_the_examples_of_all_roles_work_together(long_service, trainer, capsys):
     steering = threading.Thread(target=example("controller").main, args=(trainer, 2.0))
     steering.start()
     long_service.wait(lambda: trainer.status().safety.lease_holder is not None, 30)
-    example("operator").main(trainer)
+    example("operator_role").main(trainer)
     long_service.wait(lambda: assist_nm(long_service) > 0.1, 30)
     long_service.wait(lambda: not steering.is_alive(), 60)
     long_service.wait(lambda: long_service.mode == record.Mode.HOLD, 30)

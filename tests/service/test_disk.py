@@ -8,16 +8,17 @@ import os
 import shutil
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import pytest
 from fault_observations import Watch
+from gaitd_client import Event, Health
 from long_service import TIMEOUT_S, LongService
 from processes import Service
+from small_disk import fill
 
 from daemon.ipc.record import Cause, Mode
-from gaitd_lab.processes import GAITD, memory_folder
+from gaitd_lab.processes import GAITD
 
 CONFIGURATION_ERROR = 2
 FULL = Path("/dev/full")
@@ -26,55 +27,6 @@ AS_ANYBODY = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh
 """Without the right of root to write what belongs to others."""
 WALKED_CYCLES = 100
 RING_AND_A_LITTLE = "24m"
-
-
-def mount(place, size, *options):
-    place.mkdir(parents=True, exist_ok=True)
-    settings = ",".join((f"size={size}", *options))
-    made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", settings, "tmpfs", str(place)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    if made.returncode != 0:
-        pytest.skip(f"no file system may be mounted here: {made.stderr.strip()}")
-
-
-def unmount(place):
-    subprocess.run(["umount", "--lazy", str(place)], check=True)
-
-
-def fill(place):
-    """Not a byte is left."""
-    with (place / "rubbish").open("wb", buffering=0) as file:
-        try:
-            while True:
-                file.write(bytes(65536))
-        except OSError:
-            pass
-
-
-@pytest.fixture
-def folder():
-    with tempfile.TemporaryDirectory(dir=memory_folder()) as name:
-        Path(name).chmod(0o755)
-        yield Path(name)
-
-
-@pytest.fixture
-def small(folder):
-    """Makes a tmpfs in the folder: `small("state", "1m", "ro")`."""
-    mounted = []
-
-    def make(name, size, *options):
-        mount(folder / name, size, *options)
-        mounted.append(folder / name)
-        return folder / name
-
-    yield make
-    for place in mounted:
-        unmount(place)
 
 
 def refused(service, part="core"):
@@ -209,12 +161,20 @@ def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
 # --- in operation -----------------------------------------------------------------------------
 
 
-@pytest.mark.realtime
-def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly(
-    folder, small, fault_table
+@pytest.mark.parametrize(
+    "wall_clock",
+    [
+        pytest.param(False, marks=pytest.mark.thorough),
+        pytest.param(True, marks=pytest.mark.realtime),
+    ],
+    ids=["simulated", "by_the_clock"],
+)
+def test_disks_that_fill_up_while_it_walks_change_nothing_but_one_event_and_the_end_is_orderly(
+    folder, small, fault_table, wall_clock
 ):
-    places = [small("run", RING_AND_A_LITTLE), small("state", "1m")]
-    service = LongService(folder, wall_clock=True)
+    # A file of the black box has some megabytes: the state directory must hold one afterwards.
+    places = [small("run", RING_AND_A_LITTLE), small("state", "24m")]
+    service = LongService(folder, wall_clock=wall_clock)
     try:
         service.bring(Mode.GAIT)
         with Watch(service) as seen:
@@ -226,6 +186,21 @@ def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly
             free = [shutil.disk_usage(place).free for place in places]
             answer = service.request("stop")
             stopped = service.until(lambda record: record.mode == Mode.FAULT, TIMEOUT_S)
+        with service.client("observer") as trainer:
+            items = []
+            trainer.events().call(items.append)
+
+            def told(what):
+                return [
+                    item.text for item in items if isinstance(item, Event) and what in item.text
+                ]
+
+            service.wait(lambda: told("cannot be written"), TIMEOUT_S)
+            (folder / "state" / "rubbish").unlink()
+            service.bring(Mode.HOLD).stop()
+            service.wait(lambda: told("can be written again"), TIMEOUT_S)
+            failed = told("cannot be written")
+            health = next(item for item in trainer.health() if isinstance(item, Health))
         service.parts["core"].terminate()
         code = service.parts["core"].wait(TIMEOUT_S)
         lived = service.runs("gateway")
@@ -233,6 +208,9 @@ def test_disks_that_fill_up_while_it_walks_change_nothing_and_the_end_is_orderly
         service.end()
 
     assert free == [0, 0]
+    assert all("No space left on device" in text for text in failed)
+    assert len(failed) == len(set(failed))
+    assert health.not_kept_count > 0
     assert {record.mode for record in records} == {Mode.GAIT}
     assert {record.verdict.cause for record in records} == {Cause.NONE}
     assert answer["outcome"] == "done"

@@ -10,6 +10,7 @@ from command_line import gaitd
 from gaitd_client import NotValid, wire
 from gaitd_record import MESSAGES, PART, finish
 from mcap.reader import make_reader
+from small_disk import fill
 
 from analysis.replay import estimate, read
 from daemon.ipc.record import Mode
@@ -79,6 +80,38 @@ def test_a_killed_recorder_has_all_that_was_on_the_disk_and_nothing_else(
     assert kept == sorted(set(kept))
     missing = [cycle for cycle in seen if kept[0] <= cycle <= last and cycle not in kept]
     assert len(missing) <= finished["lost"].get("right/estimate", 0)
+
+
+def test_a_full_disk_ends_the_recorder_with_2_and_its_part_is_finished_once_there_is_room(
+    long_service, small, tmp_path
+):
+    disk = small("disk", "80m")
+    long_service.bring(Mode.GAIT)
+    beside = Beside(long_service, disk)
+    long_service.wait(beside.part, 60)
+    begun = long_service.newest().cycle
+    long_service.wait(lambda: long_service.newest().cycle > begun + 100, 60)
+    with long_service.held():
+        last = long_service.newest().cycle
+        long_service.wait(lambda: last in copied(beside.part(), tmp_path / "copy"), 60)
+        fill(disk)
+    long_service.wait(lambda: beside.process.poll() is not None, 60)
+    del long_service.parts["record"]
+    part = beside.part()
+
+    full = gaitd("record", "--finish", "--output", disk)
+    (disk / "rubbish").unlink()
+    freed = gaitd("record", "--finish", "--output", disk, "--json")
+
+    assert beside.process.poll() == 2
+    assert "No space left on device" in beside.process.output()
+    assert full.code == 2
+    assert "No space left on device" in full.err
+    assert "Traceback" not in beside.process.output() + full.err
+    assert (freed.code, json.loads(freed.out)["path"]) == (0, str(part.with_suffix("")))
+    kept = cycles_of(part.with_suffix(""))
+    assert last in kept
+    assert kept == sorted(set(kept))
 
 
 def test_a_training_is_recorded_from_enable_to_disable_and_replayed(long_service, tmp_path):

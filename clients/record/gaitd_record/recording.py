@@ -10,7 +10,7 @@ is locked while it is made, so that no other recorder finishes it.
 import fcntl
 import os
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import msgspec
 from gaitd_client import wire
@@ -103,7 +103,7 @@ class Recording:
     def _channel(self, key: str, schema: str) -> int:
         if (key, schema) not in self._channels:
             if schema not in self._schemas and schema in _SCHEMAS:
-                text = msgspec.json.encode(wire.schema(_SCHEMAS[schema]))
+                text = msgspec.json.encode(_for_viewers(wire.schema(_SCHEMAS[schema])))
                 self._schemas[schema] = self._writer.register_schema(schema, "jsonschema", text)
             self._channels[key, schema] = self._writer.register_channel(
                 TOPIC + key, JSON, self._schemas.get(schema, 0)
@@ -139,3 +139,28 @@ class Recording:
             os.fsync(self._file.fileno())
         finally:
             self._file.close()
+
+
+def _for_viewers(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return a schema in which each field has one type.
+
+    Lichtblick and Foxglove show no message of a schema with `anyOf` or `$ref`. They accept null for
+    a field of any type.
+    """
+    definitions: dict[str, Any] = schema.get("$defs", {})
+
+    def plain(node: dict[str, Any]) -> dict[str, Any]:
+        node = dict(node)
+        for one in node.pop("anyOf", ()):
+            if one != {"type": "null"}:
+                node = {**one, **node}
+        if "$ref" in node:
+            node = {**definitions[node.pop("$ref").rpartition("/")[2]], **node}
+            return plain(node)
+        if "items" in node:
+            node["items"] = plain(node["items"])
+        if "properties" in node:
+            node["properties"] = {name: plain(one) for name, one in node["properties"].items()}
+        return node
+
+    return plain({name: one for name, one in schema.items() if name != "$defs"})

@@ -1,0 +1,172 @@
+"""The view for ROS 2: a gateway plays a recording, a Zenoh router receives, rosbags decodes."""
+
+import importlib.util
+import math
+import subprocess
+import sys
+import tempfile
+import threading
+from collections import defaultdict
+from pathlib import Path
+from typing import Final
+
+import zenoh
+from gaitd_client import Estimate
+from gaitd_client.connection import config_of
+from published import Published
+from rosbags.typesys import Stores, get_typestore
+from zenoh.ext import Int64, z_deserialize
+
+from analysis.stop_recording import opened
+from daemon.gateway.playback import play
+
+ROOT: Final = Path(__file__).parents[3]
+EXAMPLE: Final = ROOT / "clients" / "python" / "examples" / "ros2_view.py"
+ROS: Final = get_typestore(Stores.ROS2_JAZZY)
+WRENCH: Final = (
+    "geometry_msgs::msg::dds_::WrenchStamped_/"
+    "RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77"
+)
+TOPICS: Final = {
+    "joint_states": "sensor_msgs::msg::dds_::JointState_/"
+    "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e",
+    "right_hip/patient": WRENCH,
+    "right_slide/patient": WRENCH,
+    "diagnostics": "diagnostic_msgs::msg::dds_::DiagnosticArray_/"
+    "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
+}
+"""Types and hashes as `ros2 topic info --verbose` prints them, the algorithm is in REP 2016."""
+KINDS: Final = {
+    "joint_states": "sensor_msgs/msg/JointState",
+    "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+}
+OK, WARN, ERROR, STALE = range(4)
+
+
+def example():
+    spec = importlib.util.spec_from_file_location("ros2_view", EXAMPLE)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class Router:
+    """The router of ROS, with a subscriber to all topics of domain 7."""
+
+    def __init__(self, endpoint):
+        self.session = zenoh.open(
+            config_of(
+                {
+                    "mode": "router",
+                    "listen/endpoints": [endpoint],
+                    "scouting/multicast/enabled": False,
+                }
+            )
+        )
+        self.samples = defaultdict(list)
+        self.arrived = threading.Event()
+        self._subscriber = self.session.declare_subscriber("7/**", self._receive)
+
+    def _receive(self, sample):
+        self.samples[str(sample.key_expr)].append(
+            (sample.payload.to_bytes(), sample.attachment.to_bytes())
+        )
+        self.arrived.set()
+
+    def messages(self, topic):
+        kind = KINDS.get(topic, "geometry_msgs/msg/WrenchStamped")
+        sent = list(self.samples[f"7/{topic}/{TOPICS[topic]}"])
+        return [ROS.deserialize_cdr(payload, kind) for payload, _ in sent]
+
+    def levels(self, name):
+        said = [one for array in self.messages("diagnostics") for one in array.status]
+        return {one.level: one.message for one in said if one.name == f"gaitd: {name}"}
+
+    def until(self, condition):
+        while not condition():
+            self.arrived.clear()
+            assert self.arrived.wait(60)
+
+    def tokens(self):
+        return [str(one.ok.key_expr) for one in self.session.liveliness().get("@ros2_lv/7/**")]
+
+
+def stamp_ns(message):
+    return message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+
+
+def test_ros_gets_what_is_valid_in_each_estimate_and_the_reason_for_what_is_not(monkeypatch):
+    view, over = example(), threading.Event()
+    monkeypatch.setattr(view, "PERIOD_S", 0.02)
+    with (
+        tempfile.TemporaryDirectory(prefix="ros") as folder,
+        opened(ROOT / "gaitd" / "sample.ring.xz") as ring,
+    ):
+        gaitd, ros = (f"unixsock-stream/{folder}/{name}" for name in ("gaitd", "ros"))
+        header, records = ring.header, ring.since(0)
+        router = Router(ros)
+        showing = threading.Thread(target=view.main, args=([gaitd, ros, "--domain=7"], over))
+        showing.start()
+        try:
+            while (
+                not {OK, ERROR} <= router.levels("machine").keys()
+                or not {OK, WARN} <= router.levels("right_hip patient").keys()
+                or min(len(router.messages(topic)) for topic in TOPICS) < 50
+            ):
+                play(header, records, (gaitd,), 8.0)
+            router.until(lambda: STALE in router.levels("right_slide drive"))
+            tokens = router.tokens()
+        finally:
+            over.set()
+            showing.join()
+            router.session.close()
+
+    published = Published(header, records).of("right/estimate", Estimate)
+    estimates = {one.sample_time_ns: one for one in published}
+    joints = router.messages("joint_states")
+    for message in joints:
+        one = estimates[stamp_ns(message)]
+        assert message.name == ["right_hip", "right_slide"]
+        assert list(message.position) == [one.hip_angle_rad, one.slide_position_m]
+        assert list(message.velocity) == [one.hip_velocity_rad_per_s, one.slide_velocity_m_per_s]
+        assert list(message.effort) == [one.hip_torque_nm, one.slide_force_n]
+    for message in router.messages("right_hip/patient"):
+        assert message.wrench.torque.z == estimates[stamp_ns(message)].hip_patient_nm
+        assert message.header.frame_id == "right_hip"
+    for message in router.messages("right_slide/patient"):
+        assert message.wrench.force.x == estimates[stamp_ns(message)].slide_patient_n
+    at_rest = {time_ns for time_ns, one in estimates.items() if one.hip_patient_nm is None}
+    assert at_rest & {stamp_ns(message) for message in joints}
+    assert "requested a stop" in router.levels("machine")[ERROR]
+    assert "at rest" in router.levels("right_hip patient")[WARN]
+    assert not math.isnan(sum(message.position.sum() for message in joints))
+
+    for topic, kind in TOPICS.items():
+        sent = [
+            z_deserialize(tuple[Int64, Int64, bytes], zenoh.ZBytes(attachment))
+            for _, attachment in router.samples[f"7/{topic}/{kind}"]
+        ]
+        assert [number for number, _, _ in sent] == list(range(1, len(sent) + 1))
+        assert len({gid for _, _, gid in sent}) == 1
+        assert len(sent[0][2]) == 16
+    zid = tokens[0].split("/")[2]
+    ends = [token.removeprefix(f"@ros2_lv/7/{zid}/0/").partition("/")[2] for token in tokens]
+    assert sorted(ends) == sorted(
+        ["NN/%/%/gaitd"]
+        + [
+            f"MP/%/%/gaitd/%{topic.replace('/', '%')}/{kind}/::,10:,:,:,,"
+            for topic, kind in TOPICS.items()
+        ]
+    )
+
+
+def test_a_router_that_is_not_there_is_named():
+    ended = subprocess.run(
+        [sys.executable, EXAMPLE, "tcp/127.0.0.1:9", "tcp/127.0.0.1:9"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+    assert ended.returncode == 2
+    assert "tcp/127.0.0.1:9: no router of ROS listens there" in ended.stderr
