@@ -16,8 +16,6 @@ Degrees = Annotated[float, Meta(ge=-180, le=180)]
 Harmonic = tuple[Degrees, Degrees]
 Locator = Annotated[str, Meta(pattern=r"^(tcp|udp|tls|quic|ws)/.+:[0-9]+$|^unixsock-stream//.+$")]
 Text = Annotated[str, Meta(min_length=1)]
-DriveName = Annotated[str, Meta(pattern=r"^(right|left)/(hip|slide)$")]
-"""LEG/AXIS."""
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -186,7 +184,7 @@ class Bus(Table, frozen=True):
     channel: Text
     bitrate_bit_per_s: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
     load_max_ratio: Annotated[float, Meta(gt=0, le=0.8)]
-    virtual_drives: bool | tuple[DriveName, ...] = False
+    virtual_drives: bool | tuple[Text, ...] = False
     """Which drives on a bus of the kernel are those of `gaitd sim`: true for all, a bench on which
     nothing moves; or LEG/AXIS of some, beside real ones."""
 

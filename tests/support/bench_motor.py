@@ -13,6 +13,7 @@ from typing import Any
 from config_files import Change, changed, copied
 from durand_slave import DurandWorld
 
+from daemon.preflight.load import load
 from drives.cia402.profile import DriveDescription
 from simtime.frame import Frame
 
@@ -83,6 +84,20 @@ class BenchWorld(DurandWorld):
         driven = self.speed_rad_per_s + torque_nm / INERTIA_KG_M2 * STEP_S
         self.speed_rad_per_s = math.copysign(max(abs(driven) - slowing * STEP_S, 0.0), driven)
         self.position_rad += self.speed_rad_per_s * STEP_S
+
+
+def play(config: Path) -> None:
+    """Be the drive of the bench on the bus of a configuration, by the computer's clock, for ever.
+
+    Only the waiting for frames is that of `gaitd sim`.
+    """
+    from sim_drives.time.wall_clock import RealTime, open_bus
+
+    settings = load(config)
+    table = settings.trainer.bus
+    with open_bus(table.interface, table.channel, table.bitrate_bit_per_s) as bus:
+        print("a drive on the bench", flush=True)
+        RealTime(BenchWorld(settings.drives[0]), bus).run(lambda: False)
 
 
 class OneBus:
