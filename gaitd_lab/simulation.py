@@ -9,7 +9,7 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Final, NamedTuple
@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 import can
 
 from daemon.config.strict import COMMAND_LINE, ConfigError
-from daemon.config.trainer import SIMULATED, TrainerFile
+from daemon.config.trainer import SIMULATED, TrainerFile, drive_names, real_drives
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.build import Machine
 from sim_drives.control import ControlSocket, control_socket
@@ -41,7 +41,6 @@ FIFO_PRIORITY: Final = 40
 WARM_UP_NS: Final = 20_000_000
 NS_PER_S: Final = 1_000_000_000
 BUS_LOST: Final = 4
-AXES: Final = ("hip", "slide")
 
 
 class Options(NamedTuple):
@@ -125,7 +124,7 @@ class _Part:
 
     def __init__(self, trainer: TrainerFile, options: Options, logs: dict[str, TruthLog]) -> None:
         self.trainer, self.options = trainer, options
-        self._logs, self._missing = logs, _missing(trainer, options)
+        self._logs, self._missing = logs, missing_drives(trainer, options.without)
         self._machine: Machine | None = None
 
     def warm_up(self) -> None:
@@ -190,14 +189,24 @@ def _refuse_foreign(trainer: TrainerFile, options: Options, *, in_simulated_time
         refuse("--without", options.without[:1] and options.without[0], "nothing with --no-drives")
 
 
-def _missing(trainer: TrainerFile, options: Options) -> frozenset[str]:
-    """Drives that the virtual machine leaves out, checked against the plant's drives."""
-    legs = load_plant(trainer)[1].drives if options.without else ()
-    known = [f"{leg}/{axis}" for leg in legs for axis in AXES]
-    for name in options.without:
+def missing_drives(trainer: TrainerFile, without: Sequence[str] = ()) -> frozenset[str]:
+    """Drives that the virtual machine leaves out: real ones, and those of the command line.
+
+    Raises:
+        ConfigError: there is no such drive, or all of the configuration are real.
+    """
+    known, real = drive_names(trainer.trainer), real_drives(trainer.trainer)
+    for name in without:
         if name not in known:
             raise ConfigError(COMMAND_LINE, "--without", name, f"one of {', '.join(known)}")
-    return frozenset(options.without)
+    if real == known:
+        allowed = (
+            f"true, or the names of the drives to play on {trainer.channel}: without it all of "
+            "them are real ones, which must have no second node with their number"
+        )
+        declared = trainer.trainer.bus.virtual_drives
+        raise ConfigError(trainer.path, "bus.virtual_drives", declared, allowed, following="")
+    return frozenset((*without, *real))
 
 
 def _truth_logs(

@@ -7,7 +7,12 @@ from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.config.strict import MISSING, ConfigError, load_toml
 from daemon.config.trainer import TrainerFile, beside
+from daemon.preflight.load import read_all
+from drives.cia402.pdo import layouts
+from drives.cia402.profile import DriveDescription
+from drives.cia402.units import axis_scaling, expected_base, position_si
 from sim_drives.build import Machine, MachineError, build_machine
+from sim_drives.one_leg import Outsider
 from sim_drives.plant.truth import TruthLog
 from sim_drives.settings import PlantFile
 
@@ -43,10 +48,11 @@ def virtual_machine(
         seed: replaces plant.toml's own.
         start_ns: the first time of the machine's clock.
         truth: receives the truth at each SYNC, by leg.
-        without: drives, LEG/AXIS, that are not simulated here.
+        without: drives, LEG/AXIS, that are not simulated here; their axes move as the position in
+            their TPDO1 says, in the units of their axis files.
 
     Raises:
-        ConfigError: plant.toml, its robot file, or an EDS.
+        ConfigError: plant.toml, its robot file, or an EDS; with `without` any file of the service.
     """
     path, own = load_plant(trainer)
     plant = plant or own
@@ -60,7 +66,26 @@ def virtual_machine(
             seed=seed,
             start_ns=start_ns,
             truth=truth,
-            without=without,
+            outsiders=_outsiders(trainer, without) if without else {},
         )
     except MachineError as error:
         raise ConfigError(path, error.key, error.value, error.allowed) from error
+
+
+def _outsiders(trainer: TrainerFile, names: Collection[str]) -> dict[str, Outsider]:
+    """Drives on the bus that are not simulated, by their axis files."""
+    period_s = trainer.trainer.cycle.period_ms * 1e-3
+    drives = {drive.name: drive for drive in read_all(trainer.path).drives}
+    return {name: _outsider(drives[name], period_s) for name in names}
+
+
+def _outsider(drive: DriveDescription, period_s: float) -> Outsider:
+    status = layouts(drive.profile, drive.node_id).status
+    scaling = axis_scaling(drive, expected_base(drive))
+
+    def position(data: bytes) -> float | None:
+        if len(data) != status.size:
+            return None
+        return position_si(status.codec.unpack(data)[1], scaling)
+
+    return Outsider(status.can_id, position, period_s)

@@ -5,7 +5,7 @@ robot files.
 """
 
 import configparser
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,13 +14,13 @@ from observer.mechanism.parameters import LegParameters
 from sim_drives.canopen.dictionary import Entry, read_eds
 from sim_drives.cia402.scaling import effort_per_a
 from sim_drives.faults.script import FaultCommandError, help_text
-from sim_drives.one_leg import Leg
+from sim_drives.one_leg import Leg, Outsider
 from sim_drives.plant.plant import PlantError, Trainer, UnknownProgrammeError
 from sim_drives.plant.recorded import RecordedError, Values, read_strides
 from sim_drives.plant.settings import Recorded
 from sim_drives.plant.truth import TruthLog
 from sim_drives.settings import DriveSettings, PlantFile
-from sim_drives.world import World
+from sim_drives.world import NO_OUTSIDERS, World
 
 PATIENT_COMMAND = "patient"
 
@@ -81,7 +81,7 @@ def build_machine(
     seed: int | None = None,
     start_ns: int = 0,
     truth: Mapping[str, TruthLog] | None = None,
-    without: Collection[str] = (),
+    outsiders: Mapping[str, Outsider] = NO_OUTSIDERS,
 ) -> Machine:
     """Build the machine, powered on and at rest in its start pose.
 
@@ -93,7 +93,7 @@ def build_machine(
         seed: seed of all random values; the file's own if None.
         start_ns: the world's first time.
         truth: receives the truth of each SYNC, by leg; legs may be missing.
-        without: drives, LEG/AXIS, that are not simulated here; their axes have no torque.
+        outsiders: drives, LEG/AXIS, that are not simulated here; their axes move as they say.
 
     Raises:
         MachineError: names the key of plant.toml, the value, and the allowed values.
@@ -126,7 +126,7 @@ def build_machine(
             seed=chosen_seed,
             start_ns=start_ns,
             on_sync=record,
-            without=without,
+            outsiders=outsiders,
         )
     except FaultCommandError as error:
         raise MachineError("fault", f"{len(plant.fault)} tables", str(error)) from error

@@ -7,7 +7,7 @@ the outbox. Nothing here reads a clock.
 
 import heapq
 import random
-from collections.abc import Container
+from collections.abc import Callable, Mapping
 from itertools import count
 from typing import Final, NamedTuple
 
@@ -21,7 +21,19 @@ from sim_drives.plant.port import Axis, Plant
 from sim_drives.settings import DriveSettings, FaultKind
 from simtime.frame import Frame
 
+SYNC_ID: Final = 0x080
 NS_PER_S: Final = 1_000_000_000
+
+
+class Outsider(NamedTuple):
+    """A drive on the bus that is not simulated here: its axis moves as its frames say."""
+
+    can_id: int
+    """Its TPDO with the position."""
+    position_si: Callable[[bytes], float | None]
+    """Position of the joint in that frame; None if it holds none."""
+    period_s: float
+    """Of the SYNCs."""
 
 
 class Leg(NamedTuple):
@@ -69,6 +81,8 @@ class OneLeg:
         self._order = count()
         self._outbox: list[tuple[int, int, str, Frame]] = []
         self._agenda: list[tuple[int, int, FaultOrder]] = []
+        self._led: dict[int, tuple[int, Callable[[bytes], float | None]]] = {}
+        self._sync_ns = start_ns
         self._running: dict[tuple[str, FaultKind], _Running] = {}
         parts = (("hip", leg.hip, leg.hip_entries), ("slide", leg.slide, leg.slide_entries))
         self.nodes = {
@@ -84,18 +98,28 @@ class OneLeg:
         }
         self._flags = dict.fromkeys(self.nodes, AxisFlag.NONE)
 
-    def power_on(self, drives: Container[str]) -> None:
-        """Power the drives on; one without power sends nothing, and its axis has no torque."""
-        for name, node in self.nodes.items():
-            if name in drives:
+    def power_on(self, outsiders: Mapping[str, Outsider]) -> None:
+        """Power the drives on; those of `outsiders` stay without power and send nothing."""
+        for number, (name, node) in enumerate(self.nodes.items()):
+            if name not in outsiders:
                 node.power_on()
+                continue
+            self._plant.lead(number, outsiders[name].period_s)
+            self._led[outsiders[name].can_id] = number, outsiders[name].position_si
 
     # --- the bus ------------------------------------------------------------------------------
 
     def receive(self, frame: Frame) -> None:
-        """Deliver a frame to both nodes now."""
+        """Deliver a frame to both nodes now, and an outsider's position to the plant."""
         for node in self.nodes.values():
             node.receive(frame)
+        if frame.can_id == SYNC_ID:
+            self._sync_ns = self.now_ns
+        elif frame.can_id in self._led:
+            axis, position_of = self._led[frame.can_id]
+            position_si = position_of(frame.data)
+            if position_si is not None:
+                self._plant.follow(axis, self._sync_ns, position_si)
 
     def put_on_bus(self, drive: str, frame: Frame, delay_ns: int) -> None:
         """Put a node's frame on the bus `delay_ns` from now."""

@@ -9,7 +9,8 @@ seed and calls give the same frames, bit for bit.
     world.advance_to(t + 1_000_000)   TPDOs with their latency, SDO answers, heartbeats, EMCY
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final
 
 from sim_drives.canopen.timers import NEVER
@@ -21,11 +22,11 @@ from sim_drives.faults.script import (
     parse_command,
 )
 from sim_drives.node import Node
-from sim_drives.one_leg import NS_PER_S, Leg, OneLeg
+from sim_drives.one_leg import NS_PER_S, SYNC_ID, Leg, OneLeg, Outsider
 from sim_drives.settings import FaultSettings
 from simtime.frame import Frame
 
-SYNC_ID: Final = 0x080
+NO_OUTSIDERS: Final[Mapping[str, Outsider]] = MappingProxyType({})
 
 
 class World:
@@ -39,7 +40,7 @@ class World:
         seed: int,
         start_ns: int = 0,
         on_sync: Callable[[int], None] | None = None,
-        without: Collection[str] = (),
+        outsiders: Mapping[str, Outsider] = NO_OUTSIDERS,
     ) -> None:
         """Build the machine and power it on.
 
@@ -49,7 +50,7 @@ class World:
             seed: seed of the TPDO latencies; the plants have seeds of their own.
             start_ns: the world's first time.
             on_sync: called at each SYNC with its number from 1, the plants being at its time.
-            without: these drives, LEG/AXIS, never have power: they are not simulated here.
+            outsiders: the drives, LEG/AXIS, that are not simulated here.
 
         Raises:
             FaultCommandError: the script names a drive that does not exist, or a wrong value.
@@ -58,11 +59,13 @@ class World:
         self._on_sync = on_sync
         self._sync_count = 0
         self._legs = [OneLeg(leg, seed, start_ns) for leg in legs]
-        self._home = {name: leg for leg in self._legs for name in leg.nodes if name not in without}
+        self._home = {
+            name: leg for leg in self._legs for name in leg.nodes if name not in outsiders
+        }
         for fault in faults:
             self._plan(fault)
         for leg in self._legs:
-            leg.power_on(self._home)
+            leg.power_on(outsiders)
 
     @property
     def now_ns(self) -> int:

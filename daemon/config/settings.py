@@ -184,8 +184,9 @@ class Bus(Table, frozen=True):
     channel: Text
     bitrate_bit_per_s: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
     load_max_ratio: Annotated[float, Meta(gt=0, le=0.8)]
-    virtual_drives: bool = False
-    """The drives on a real bus are those of `gaitd sim`: a bench on which nothing moves."""
+    virtual_drives: bool | tuple[Text, ...] = False
+    """Which drives on a bus of the kernel are those of `gaitd sim`: true for all, a bench on which
+    nothing moves; or LEG/AXIS of some, beside real ones."""
 
 
 class Cycle(Table, frozen=True):

@@ -48,9 +48,25 @@ class TrainerFile:
 
 
 def has_real_drives(bus: Bus) -> bool:
-    """True unless the drives of a bus are virtual: by its interface or its name, or as declared."""
+    """True unless all drives of a bus are virtual: as declared, or by its interface or its name."""
+    if isinstance(bus.virtual_drives, tuple):
+        return True
     on_vcan = bus.interface == "socketcan" and bus.channel.startswith("vcan")
     return not (bus.interface in (SIMULATED, "virtual") or on_vcan or bus.virtual_drives)
+
+
+def drive_names(trainer: Trainer) -> tuple[str, ...]:
+    """Names of all drives, LEG/AXIS, leg by leg, hip before slide."""
+    return tuple(f"{leg.name}/{axis}" for leg in trainer.leg for axis in ("hip", "slide"))
+
+
+def real_drives(trainer: Trainer) -> tuple[str, ...]:
+    """Names of the drives that `gaitd sim` does not play on the bus of a configuration."""
+    declared = trainer.bus.virtual_drives
+    virtual = declared if isinstance(declared, tuple) else ()
+    if not has_real_drives(trainer.bus):
+        return ()
+    return tuple(name for name in drive_names(trainer) if name not in virtual)
 
 
 def load_trainer(path: Path) -> TrainerFile:
@@ -87,7 +103,7 @@ def read_trainer(path: Path) -> tuple[TrainerFile, list[ConfigError]]:
         ),
         channel=unless_unread(lambda: _channel(path, trainer)),
     )
-    for check in (_check_channel, _check_paths):
+    for check in (_check_channel, _check_virtual_drives, _check_paths):
         with suppress(UnreadError):
             errors += check(file)
     return file, errors
@@ -111,6 +127,23 @@ def _check_channel(file: TrainerFile) -> Iterator[ConfigError]:
     if simulated and len(os.fsencode(file.channel)) > SOCKET_PATH_BYTES_MAX:
         allowed = f"the path of a socket, at most {SOCKET_PATH_BYTES_MAX} bytes"
         yield ConfigError(file.path, "bus.channel", file.channel, allowed)
+
+
+def _check_virtual_drives(file: TrainerFile) -> Iterator[ConfigError]:
+    names = file.trainer.bus.virtual_drives
+    if not isinstance(names, tuple):
+        return
+    known = drive_names(file.trainer)
+    wrong = [name for name in names if name not in known or names.count(name) > 1]
+    if file.trainer.bus.interface == SIMULATED:
+        allowed = "absent on a simulated bus: `gaitd sim --without DRIVE` leaves out a drive there"
+    elif wrong:
+        allowed = f"some of {', '.join(known)}, each once; not {wrong[0]}"
+    elif not names or len(names) == len(known):
+        allowed = f"some of {', '.join(known)}; true for all, absent for none"
+    else:
+        return
+    yield ConfigError(file.path, "bus.virtual_drives", list(names), allowed)
 
 
 def _check_paths(file: TrainerFile) -> Iterator[ConfigError]:

@@ -1,7 +1,8 @@
 """Checks of a trainer whose bus has real drives, beyond those of any configuration.
 
-A bus is taken as real unless it is simulated, a `vcan`, or declared by `bus.virtual_drives`. What
-the files of the virtual drives leave out is refused there.
+A bus is taken as real unless it is simulated, a `vcan`, or declared by `bus.virtual_drives`; with
+some virtual drives it is real, on a `vcan`, too. What the files of the virtual drives leave out is
+refused there.
 """
 
 from typing import Final

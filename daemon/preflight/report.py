@@ -13,6 +13,7 @@ from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.strict import ConfigError, Errors
+from daemon.config.trainer import drive_names, real_drives
 from daemon.ipc.record import Cause, StopCategory
 from daemon.preflight import workspace
 from daemon.preflight.axes import AxisMeaning, axis_errors, axis_meanings
@@ -97,6 +98,9 @@ class BusMeaning(msgspec.Struct, frozen=True):
     load_max_ratio: float
     burst_ms: float
     window_ms: float
+    real_drives: tuple[str, ...]
+    virtual_drives: tuple[str, ...]
+    """Those that `gaitd sim` plays on this bus."""
 
 
 def examine(settings: Settings) -> Report:
@@ -233,6 +237,7 @@ def _slide_moved(drift: Drift) -> float:
 
 def _bus(settings: Settings) -> BusMeaning:
     trainer = settings.trainer
+    real = real_drives(trainer)
     load = bus_load(
         settings.drives,
         cycle_settings(trainer.cycle),
@@ -247,6 +252,8 @@ def _bus(settings: Settings) -> BusMeaning:
         load_max_ratio=trainer.bus.load_max_ratio,
         burst_ms=load.burst_s * 1e3,
         window_ms=trainer.cycle.window_ms,
+        real_drives=real,
+        virtual_drives=tuple(name for name in drive_names(trainer) if name not in real),
     )
 
 

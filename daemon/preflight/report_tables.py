@@ -260,6 +260,8 @@ def _bus(report: Report) -> Section:
     bus = report.bus
     rows = (
         ("interface", f"{bus.interface} {bus.channel}, {bus.bitrate_bit_per_s} bit/s"),
+        ("real drives", ", ".join(bus.real_drives) or "none"),
+        ("drives of gaitd sim", ", ".join(bus.virtual_drives) or "none"),
         ("load at worst", f"{bus.load_ratio:.1%}, allowed {bus.load_max_ratio:.0%}"),
         ("frames of a cycle", f"{bus.burst_ms:.2f} ms, the window is {bus.window_ms:g} ms"),
     )

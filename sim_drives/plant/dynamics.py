@@ -5,7 +5,7 @@ A step of the physics, order 2 in the smooth forces:
     half a step of position at the old velocity
     forces there: bias (Coriolis, dampers, gravity, springs), motors, patient, stops
     the whole step of velocity, with friction solved at velocity level (stick_slip.py)
-    half a step of position at the new velocity
+    half a step of position at the new velocity; a led axis is where it is led
 
 Velocity-dependent forces take the velocity extrapolated by half a step. Steps lie on a fixed grid,
 so advancing in one go or in pieces gives the same bits.
@@ -22,6 +22,7 @@ from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.linkage import dynamics
 from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation
+from sim_drives.plant.led import led_motion
 from sim_drives.plant.motor import (
     STOP_NEGATIVE,
     STOP_POSITIVE,
@@ -63,6 +64,8 @@ class State(NamedTuple):
     """One record."""
     work: Records
     """One record."""
+    leads: Records
+    """LEAD records (led.py)."""
     patient: NDArray[np.float64]
     """Effort of the script, shape (2,), scratch."""
     speed: NDArray[np.float64]
@@ -155,11 +158,23 @@ def _step(constants: Constants, drives: Records, state: State) -> None:
         joint = joints[axis]
         change = joint["next_velocity"] - joint["velocity"]
         # A collision ends with its step: its acceleration must not be extrapolated.
-        smooth = joint["held"] == 0 and not struck
+        smooth = joint["led"] or (joint["held"] == 0 and not struck)
         joint["acceleration"] = change / step_s if smooth else 0.0
         joint["velocity"] = joint["next_velocity"]
         joint["position"] += 0.5 * step_s * joint["velocity"]
+        if joint["led"]:
+            joint["position"] = joint["led_position"]
         warm(state.loops[axis], drives[axis], step_s)
+
+
+@kernel
+def _lead(state: State, end_s: float) -> None:
+    """Give the led axes the motion that they have at the end of the step, `end_s` since start."""
+    for axis in range(2):
+        joint, lead = state.joints[axis], state.leads[axis]
+        if joint["led"]:
+            position, velocity = led_motion(lead, end_s, joint["position"])
+            joint["led_position"], joint["led_velocity"] = position, velocity
 
 
 @kernel
@@ -199,6 +214,7 @@ def advance_steps(
         if elapsed_s >= repeat_s:
             elapsed_s -= math.floor(elapsed_s / repeat_s) * repeat_s
         _move_patient(constants, state, programme, elapsed_s)
+        _lead(state, (index + 1) * constants.step_s)
         _step(constants, drives, state)
         rose = (state.loops[0]["flags"] & ~before[0]) | (state.loops[1]["flags"] & ~before[1])
         if rose != 0:

@@ -17,6 +17,7 @@ from observer.mechanism.mechanism import singularity_ratio
 from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
 from sim_drives.plant.dynamics import WORK, Constants, State, advance_steps
+from sim_drives.plant.led import LEAD, follow, unled
 from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order
 from sim_drives.plant.patient import EFFORT, compile_programme, resting_stride
 from sim_drives.plant.recorded import Values
@@ -134,6 +135,7 @@ def _start_state(settings: PlantTables, constants: Constants) -> State:
         loops=fresh_loops(),
         stride=resting_stride(pose[HIP]),
         work=np.zeros(1, WORK),
+        leads=np.zeros(2, LEAD),
         patient=np.zeros(2),
         speed=np.zeros(2),
     )
@@ -208,6 +210,22 @@ class Trainer:
     def block_rotor(self, axis: int, blocked: bool) -> None:
         """Block an axis's rotor from outside, or free it. A moving axis stops in one step."""
         self._state.joints[axis]["blocked"] = int(blocked)
+
+    def lead(self, axis: int, period_s: float) -> None:
+        """Move an axis by the positions that `follow` gets, once a cycle; until then it rests."""
+        self._state.leads[axis] = unled(period_s)
+        self._state.joints[axis]["led"] = 1
+
+    def follow(self, axis: int, sampled_ns: int, position: float) -> None:
+        """Take the position of a led axis, sampled by its drive at a SYNC."""
+        stop = self._constants.stops[axis]
+        follow(
+            self._state.leads[axis],
+            (sampled_ns - self._start_ns) * 1e-9,
+            position,
+            float(self._state.joints[axis]["position"]),
+            (stop.low_si, stop.high_si),
+        )
 
     def wire_motor(self, axis: int, sense: int) -> None:
         """Connect the motor: +1 with the right sign, -1 inverted."""

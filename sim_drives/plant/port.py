@@ -28,6 +28,14 @@ class Plant(Protocol):
         """Block the joint, or free it."""
         ...
 
+    def lead(self, axis: int, period_s: float) -> None:
+        """Move an axis by the positions that `follow` gets, once a cycle; until then it rests."""
+        ...
+
+    def follow(self, axis: int, sampled_ns: int, position: float) -> None:
+        """Take the position of a led axis, sampled by its drive at a SYNC."""
+        ...
+
     def wire_motor(self, axis: int, sense: int) -> None:
         """Connect the motor: +1 with the right sign, -1 inverted."""
         ...

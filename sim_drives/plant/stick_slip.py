@@ -14,8 +14,9 @@
                     Stribeck curve is the Gaussian one, not (13).
 
 One step is solved at velocity level: M (v+ - v) = h (load - friction), where for a held axis v+ = 0
-replaces a known friction. The held axes are found iteratively: each axis can be held once and
-released once in a step, so there are at most four changes and one last solution.
+replaces a known friction, and for a led one v+ is given. The held axes are found iteratively: each
+axis can be held once and released once in a step, so there are at most four changes and one last
+solution.
 """
 
 import math
@@ -47,6 +48,9 @@ JOINT: Final = np.dtype(
         ("memory", "f8"),  # F_d of (11), or the bristles' deflection
         ("stuck", "i8"),
         ("blocked", "i8"),  # rotor blocked externally
+        ("led", "i8"),  # moved from outside (led.py), whatever the load
+        ("led_position", "f8"),  # at the end of this step
+        ("led_velocity", "f8"),
         ("patient", "f8"),
         ("friction", "f8"),  # mean of the last step
         ("contact", "f8"),  # end stops and a blocked rotor
@@ -128,9 +132,11 @@ def _solve(joints: Records, m11: float, m12: float, m22: float, step_s: float) -
     a, b = joints[0], joints[1]
     push_a = a["load"] - a["friction"]
     push_b = b["load"] - b["friction"]
-    # the effort that brings a held axis to rest within the step
-    rate_a = -a["velocity"] / step_s
-    rate_b = -b["velocity"] / step_s
+    # the effort that brings a held axis to rest within the step, a led one to its velocity
+    end_a = a["led_velocity"] if a["led"] else 0.0
+    end_b = b["led_velocity"] if b["led"] else 0.0
+    rate_a = (end_a - a["velocity"]) / step_s
+    rate_b = (end_b - b["velocity"]) / step_s
     if a["held"] == 0 and b["held"] == 0:
         determinant = m11 * m22 - m12 * m12
         rate_a = (m22 * push_a - m12 * push_b) / determinant
@@ -139,8 +145,8 @@ def _solve(joints: Records, m11: float, m12: float, m22: float, step_s: float) -
         rate_a = (push_a - m12 * rate_b) / m11
     elif b["held"] == 0:
         rate_b = (push_b - m12 * rate_a) / m22
-    a["next_velocity"] = 0.0 if a["held"] else a["velocity"] + step_s * rate_a
-    b["next_velocity"] = 0.0 if b["held"] else b["velocity"] + step_s * rate_b
+    a["next_velocity"] = end_a if a["held"] else a["velocity"] + step_s * rate_a
+    b["next_velocity"] = end_b if b["held"] else b["velocity"] + step_s * rate_b
     a["reaction"] = a["load"] - m11 * rate_a - m12 * rate_b
     b["reaction"] = b["load"] - m12 * rate_a - m22 * rate_b
 
@@ -148,7 +154,7 @@ def _solve(joints: Records, m11: float, m12: float, m22: float, step_s: float) -
 @kernel
 def _reconsider(law: int, f: FrictionParameters, joint: np.void) -> bool:
     """Release an axis held beyond breakaway, hold one about to reverse; return if any changed."""
-    if law != STICKING or joint["blocked"]:
+    if law != STICKING or joint["blocked"] or joint["led"]:
         return False
     if joint["held"] == 1 and abs(joint["reaction"]) > f.stribeck:
         joint["held"] = 0
@@ -166,13 +172,13 @@ def _reconsider(law: int, f: FrictionParameters, joint: np.void) -> bool:
 
 @kernel
 def _settle(law: int, joint: np.void) -> None:
-    """Store a held axis's reaction: as friction where it sticks, as contact where it is blocked."""
-    if joint["blocked"]:
+    """Store a held axis's reaction: as friction where it sticks, else as contact."""
+    if joint["blocked"] or joint["led"]:
         joint["contact"] += joint["friction"] - joint["reaction"]
     elif joint["held"]:
         joint["friction"] = joint["reaction"]
         joint["memory"] = joint["reaction"]
-    joint["stuck"] = joint["held"] if law == STICKING else 0
+    joint["stuck"] = joint["held"] if law == STICKING and not joint["led"] else 0
 
 
 @kernel
@@ -197,7 +203,7 @@ def slide_or_stick(
     for axis in range(2):
         joint = joints[axis]
         joint["slid"] = 0
-        joint["held"] = 1 if joint["stuck"] == 1 or joint["blocked"] == 1 else 0
+        joint["held"] = 1 if joint["stuck"] == 1 or joint["blocked"] or joint["led"] else 0
         if joint["held"] == 0:
             joint["friction"] = sliding_friction(
                 law, frictions[axis], bristles[axis], joint, step_s

@@ -26,7 +26,7 @@ class Truth:
     effort: Pair
     """Effort of the drives."""
     contact: Pair
-    """Effort of end stops and blocked rotors."""
+    """Effort of end stops, of a blocked rotor, and of what leads an axis of another drive."""
     effort_impulse: Pair
     """Integral of the effort since the start: N·m s, N s."""
     sticking: tuple[bool, bool]

@@ -3,6 +3,8 @@
     python rig_service.py warm                  compile what the service needs (on the host, too)
     python rig_service.py FOLDER SCENARIO ...   run these of `scenarios.py`; results in FOLDER
 
+One part is none of gaitd's: "bench_motor", the real drive beside a virtual one.
+
 In the virtual machine an import of numpy and numba costs half a minute. So the programs that
 people start (`gaitd sim`, `gaitd core`, `gaitd gateway`) are forked from this process and run
 `gaitd`'s own entry point with the words of their command line; from there on they are what they
@@ -72,6 +74,8 @@ class Forked(ManagedProcess):
 
 def _run(words: list[str], log: Path) -> int:
     """What the `gaitd` script does, in a child that inherits nothing but warm code."""
+    import bench_motor
+
     from gaitd.__main__ import main
 
     end = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
@@ -80,6 +84,8 @@ def _run(words: list[str], log: Path) -> int:
         os.dup2(target, number)
     sys.argv = ["gaitd", *words]
     try:
+        if words[0] == "bench_motor":
+            bench_motor.play(Path(words[-1]))
         main()
     except SystemExit as ending:
         return ending.code if isinstance(ending.code, int) else 1
@@ -95,10 +101,10 @@ def _run(words: list[str], log: Path) -> int:
 class Inside(Service):
     """Virtual drives, core and gateway as forks, on an interface of this world."""
 
-    def __init__(self, folder: Path, **channels: str) -> None:
+    def __init__(self, folder: Path, template: Path = CONFIGS / TEMPLATE, **channels: str) -> None:
         """`channels`: of a part that is not on vcan0, such as sim="can1"."""
         folder.mkdir(parents=True)
-        super().__init__(folder, CONFIGS, TEMPLATE)
+        super().__init__(folder, template.parent, template.name)
         self.channels = channels
         text = self.config.read_text()
         text = text.replace("announce_s = 3.0", "announce_s = 0.5")

@@ -14,7 +14,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from rig_service import Inside, Report
+from bench_motor import bench
+from config_files import CONFIGS, Change
+from rig_service import TEMPLATE, Inside, Report
 from usb_adapters import Wire
 
 from daemon.ipc.record import CycleRecord, Mode
@@ -61,9 +63,11 @@ def witnessed(report: Report, name: str, interface: str = "vcan0") -> Iterator[N
 
 
 @contextlib.contextmanager
-def inside(report: Report, name: str, **channels: str) -> Iterator[Inside]:
+def inside(
+    report: Report, name: str, template: Path = CONFIGS / TEMPLATE, **channels: str
+) -> Iterator[Inside]:
     """The service of one scenario; what its parts have said, in `NAME_PART.log` afterwards."""
-    service = Inside(MEMORY / name, **channels)
+    service = Inside(MEMORY / name, template, **channels)
     try:
         yield service
     finally:
@@ -89,10 +93,10 @@ def up(service: Inside) -> None:
     service.until(lambda record: record.mode == Mode.READY)
 
 
-def walking(service: Inside) -> CycleRecord:
+def walking(service: Inside, gait: dict[str, Any] = GAIT) -> CycleRecord:
     """A gait; what stops it on the way is tried again, and told if it goes on."""
     for _ in range(TRIES):
-        for name, wanted in (("enable", {}), ("mode", GAIT)):
+        for name, wanted in (("enable", {}), ("mode", gait)):
             service.wait(lambda n=name, w=wanted: done_or_stopped(service, n, w))
         record = service.until(lambda one: walks(one) or one.mode == Mode.FAULT)
         if walks(record):
@@ -231,6 +235,47 @@ def _end(report: Report, service: Inside) -> None:
         service.kill("core", signal.SIGTERM)
         report["core_exit"] = service.parts["core"].wait()
     report.keep_records("end", service, seq)
+
+
+def bench_on_vcan(report: Report) -> None:
+    """One drive that is not ours beside one of `gaitd sim`: durand's process is the bench's."""
+    template = bench(MEMORY / "bench_files", Change("hil.toml", '"can0"', '"vcan0"'))
+    slow = GAIT | {"cadence_hz": 0.25, "amplitude_ratio": 0.7}
+    with inside(report, "bench", template) as service:
+        service.start("bench_motor")
+        service.wait(lambda: "a drive on the bench" in service.log("bench_motor"))
+        with witnessed(report, "bench_up"):
+            up(service)
+        for drive in ("right/hip", "right/slide"):
+            _proven(service, drive)
+        walking(service, slow)
+        seq = service.newest().seq
+        with witnessed(report, "bench"):
+            cycles(service, 300)
+        report.keep_records("bench", service, seq)
+        report["bench_truth"] = service.truth()
+        seq = service.newest().seq
+        service.request("stop")
+        service.until(lambda record: record.mode == Mode.FAULT)
+        cycles(service, 20)
+        report.keep_records("bench_stop", service, seq)
+        ready_again(service)
+        walking(service, slow)
+        seq = service.newest().seq
+        service.kill("bench_motor")
+        service.until(lambda record: record.mode == Mode.FAULT)
+        cycles(service, 40)
+        report.keep_records("bench_lost", service, seq)
+        report["bench_truth_lost"] = service.truth()[-1]
+        report["bench_core"] = service.log("core")
+
+
+def _proven(service: Inside, drive: str) -> None:
+    """The sign of one axis: measured, then as by a person who has watched it."""
+    service.done("mode", mode="commission", axis=drive)
+    service.until(lambda record: record.mode == Mode.COMMISSION)
+    service.until(lambda record: record.mode == Mode.READY)
+    service.done("mode", mode="commission", axis=drive, witnessed=True)
 
 
 def service_on_two_controllers(report: Report) -> None:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import pytest
 from config_files import CONFIGS, Change, changed, copied
 
+from daemon.config.trainer import read_trainer
 from daemon.preflight.acceptance import check_files
 from daemon.preflight.doubts import doubts
 from daemon.preflight.files import check_all
@@ -233,7 +234,7 @@ def test_the_values_that_a_refusal_allows_do_not_shake(tmp_path):
         assert (not list(loop_errors(meanings))) == stable
 
 
-@pytest.mark.parametrize("trainer", ["demo", "trainer", "two_legs", "vcan"])
+@pytest.mark.parametrize("trainer", ["demo", "hil", "trainer", "two_legs", "vcan"])
 def test_every_shipped_loop_is_stable_and_one_soft_limit_has_a_small_margin(trainer):
     meanings = loop_meanings(load(CONFIGS / f"{trainer}.toml"))
 
@@ -256,6 +257,38 @@ def test_virtual_drives_on_a_real_bus_may_be_declared(tmp_path):
         "reference.pose_tolerance_m",
     ]
     assert not check_all(load_anyway(declared)).errors
+
+
+@pytest.mark.parametrize(
+    ("file", "names", "words"),
+    [
+        ("hil.toml", "[]", "some of right/hip, right/slide; true for all, absent for none"),
+        ("hil.toml", '["right/hip", "right/slide"]', "some of right/hip, right/slide; true for"),
+        ("hil.toml", '["left/slide"]', "each once; not left/slide"),
+        ("hil.toml", '["right/hip", "right/hip"]', "each once; not right/hip"),
+        ("hil.toml", '["slide"]', "some of right/hip, right/slide, each once; not slide"),
+        ("demo.toml", '["right/slide"]', "absent on a simulated bus"),
+    ],
+)
+def test_a_list_of_virtual_drives_that_makes_no_sense_is_refused(tmp_path, file, names, words):
+    configs = copied(tmp_path)
+    old = "load_max_ratio" if file == "demo.toml" else 'virtual_drives = ["right/slide"]'
+    added = "\nload_max_ratio" if file == "demo.toml" else ""
+    changed(configs, Change(file, old, f"virtual_drives = {names}{added}"))
+
+    _, (error,) = read_trainer(configs / file)
+
+    assert error.key == "bus.virtual_drives"
+    assert words in error.allowed
+
+
+def test_a_vcan_with_a_list_of_virtual_drives_has_real_ones(tmp_path):
+    mixed = Change("vcan.toml", '"vcan0"', '"vcan0"\nvirtual_drives = ["right/slide"]')
+    file = changed(copied(tmp_path), mixed).with_name("vcan.toml")
+
+    assert next(iter(check_all(load_anyway(file)).errors)).key == "commissioning.signs"
+    bus = check_files(CONFIGS / "hil.toml").report.bus
+    assert (bus.real_drives, bus.virtual_drives) == (("right/hip",), ("right/slide",))
 
 
 def load_anyway(path):

@@ -1,0 +1,65 @@
+"""A drive that is not ours and a virtual one on one SocketCAN interface, under the whole service.
+
+The drive of the bench is durand's CANopen with a motor of its own, in a process of its own
+(`bench_motor.py`); `gaitd sim` plays the other one, as configs/hil.toml says.
+"""
+
+import numpy as np
+import pytest
+
+from daemon.ipc.record import Cause, Mode
+from drives.signals import PowerState
+
+pytestmark = [pytest.mark.rig_vcan, pytest.mark.timeout(3000)]
+
+
+def paired(world, records, late):
+    """Rows of the truth and the positions of the drives so many cycles before."""
+    rows = {int(row["sync_mono_ns"]): row for row in world.facts["bench_truth"]}
+    for before, record in zip(records, records[late:], strict=False):
+        row = rows.get(record.sync_mono_ns)
+        if row is not None and record.cycle == before.cycle + late:
+            yield row, before
+
+
+def test_both_are_brought_up_and_the_bench_s_is_not_one_of_ours(vcan_world):
+    frames = [one.frame for one in vcan_world.frames("bench_up")]
+    vendor = bytes.fromhex("43181001") + (0x29A).to_bytes(4, "little")
+
+    assert vendor in [frame.data for frame in frames if frame.can_id == 0x585]
+    assert vendor not in [frame.data for frame in frames if frame.can_id == 0x586]
+
+
+def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(vcan_world):
+    records = vcan_world.records("bench")
+    hips = [record.drives[0].position_si for record in records]
+    pairs = list(paired(vcan_world, records, 2))
+
+    assert {record.mode for record in records} == {Mode.GAIT}
+    assert {record.verdict.cause for record in records} == {Cause.NONE}
+    assert np.ptp(hips) > 0.1
+    assert len(pairs) > 200
+    behind = [float(row["hip_angle_rad"]) - one.drives[0].position_si for row, one in pairs]
+    assert np.abs(behind).max() < 2e-3
+    slides = [
+        float(row["slide_position_m"]) - one.drives[1].position_si
+        for row, one in paired(vcan_world, records, 0)
+    ]
+    assert np.abs(slides).max() < 1e-3
+
+
+def test_a_stop_is_of_both(vcan_world):
+    stopped = vcan_world.records("bench_stop")[-1]
+
+    assert (stopped.mode, stopped.verdict.cause) == (Mode.FAULT, Cause.STOP_REQUESTED)
+    assert all(abs(drive.velocity_si) < 0.05 for drive in stopped.drives)
+
+
+def test_the_end_of_the_bench_s_drive_is_a_quick_stop_of_the_virtual_one(vcan_world):
+    stopped = vcan_world.records("bench_lost")[-1]
+
+    assert (stopped.verdict.cause, stopped.verdict.drive) == (Cause.DRIVE_SILENT, "right/hip")
+    assert stopped.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
+    rest = vcan_world.facts["bench_truth_lost"]
+    assert abs(float(rest["slide_velocity_m_per_s"])) < 0.01
+    assert float(rest["hip_velocity_rad_per_s"]) == 0.0
