@@ -19,6 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Final, NamedTuple, Protocol
 
+from gaitd_client import ClientError
 from gaitd_client.trainer import NOT_STOPPED
 
 from analysis.acceptance.record import Judgement, Line, Section, StopTrace
@@ -174,19 +175,15 @@ class Acceptance:
         Args:
             blocked: why nothing can be requested; the drives are read all the same.
         """
+        why = "interrupted"
         try:
             self._all_steps(blocked)
-        except BaseException as error:
-            self.blocked = f"interrupted: {error}" if str(error) else "interrupted by the operator"
-            why = NotMeasuredError(self.blocked)
-            for sections in self.sections.values():
-                sections.append(Section("Interrupted", (_missing("all that follows", why),)))
+            why = ""
+        except ClientError as error:
+            why = f"interrupted: {error}"
             raise
         finally:
-            for name, sections in self.sections.items():
-                lines = (*self._shown[name], *(_not_shown(*one) for one in NOT_SHOWN))
-                sections.append(Section("Limits shown to act", lines))
-            self._leave_stopped()
+            self._end(why)
 
     def _all_steps(self, blocked: str) -> None:
         self.blocked = blocked
@@ -211,7 +208,15 @@ class Acceptance:
             for how in Stops:
                 self._stop((leg.hip.name, leg.slide.name), how.value)
 
-    def _leave_stopped(self) -> None:
+    def _end(self, interrupted: str) -> None:
+        """Complete the sections, and leave the machine stopped."""
+        for name, sections in self.sections.items():
+            if interrupted:
+                self.blocked = interrupted
+                rest = _missing("all that follows", NotMeasuredError(interrupted))
+                sections.append(Section("Interrupted", (rest,)))
+            lines = (*self._shown[name], *(_not_shown(*one) for one in NOT_SHOWN))
+            sections.append(Section("Limits shown to act", lines))
         record = self._bench.newest()
         if record is None:
             return
