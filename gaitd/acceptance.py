@@ -19,6 +19,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Final, NamedTuple, Protocol
 
+from gaitd_client import ClientError
+from gaitd_client.trainer import NOT_STOPPED
+
 from analysis.acceptance.record import Judgement, Line, Section, StopTrace
 from analysis.acceptance.stops import NoStopError, StopRules, judge, measure
 from daemon.config.bundle import Settings
@@ -40,6 +43,11 @@ STRIDES_WATCHED: Final = 1
 FAST_RATIO: Final = 0.95
 """A stop is asked for at this share of the highest common speed of both axes in a stride."""
 GAIT_S: Final = 120.0
+STOP_MAX_S: Final = 10.0
+BOUND_RATIO: Final = 0.98
+"""A command of this share of its bound has reached it."""
+AT_REST: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.FAULT})
+"""Modes in which the service moves nothing and holds nothing."""
 PASSED_OR_FAILED: Final = {True: Judgement.PASSED, False: Judgement.FAILED}
 
 
@@ -125,6 +133,7 @@ class Stops(Enum):
 
 
 LOAD: Final = "load and friction in a slow motion: torque and position fit the robot file"
+BOUND: Final = "bound of the torque of the sign test"
 NOT_SHOWN: Final = (
     ("torque or current limit of the drive", "would need a torque beyond the service's own bound"),
     ("speed limit of the drive (6080h)", "would need a motion at the highest speed"),
@@ -160,18 +169,34 @@ class Acceptance:
     def run(self, blocked: str = "") -> None:
         """Do all steps; each drive then has all sections, measured or not.
 
+        The machine is stopped at the end. So it is if an exception ends the procedure, for instance
+        Ctrl-C; what was measured before is kept, with a line about the rest.
+
         Args:
             blocked: why nothing can be requested; the drives are read all the same.
         """
+        why = "interrupted"
+        try:
+            self._all_steps(blocked)
+            why = ""
+        except ClientError as error:
+            why = f"interrupted: {error}"
+            raise
+        finally:
+            self._end(why)
+
+    def _all_steps(self, blocked: str) -> None:
         self.blocked = blocked
         if not blocked and self._bench.until(_is_ready, READY_MAX_S) is None:
             self.blocked = f"the service is not ready: {self._state()}"
         is_set_up = not self.blocked
         for name in self._axes:
             self.sections[name] += self._bench.objects(name, is_set_up=is_set_up)
-            lines = [line for section in self.sections[name] for line in section.lines]
-            if not self.blocked and any(line.judgement is Judgement.FAILED for line in lines):
+            found = {line.judgement for section in self.sections[name] for line in section.lines}
+            if not self.blocked and Judgement.FAILED in found:
                 self.blocked = f"{name} does not hold what bring-up has set"
+            elif not self.blocked and Judgement.NOT_MEASURED in found:
+                self.blocked = f"the objects of {name} could not be read"
         for name in self._axes:
             self._step(name, "Sign", self._sign)
         for name in self._axes:
@@ -182,11 +207,25 @@ class Acceptance:
         for leg in self._settings.legs:
             for how in Stops:
                 self._stop((leg.hip.name, leg.slide.name), how.value)
-        for name in self._axes:
+
+    def _end(self, interrupted: str) -> None:
+        """Complete the sections, and leave the machine stopped."""
+        for name, sections in self.sections.items():
+            if interrupted:
+                self.blocked = interrupted
+                rest = _missing("all that follows", NotMeasuredError(interrupted))
+                sections.append(Section("Interrupted", (rest,)))
             lines = (*self._shown[name], *(_not_shown(*one) for one in NOT_SHOWN))
-            self.sections[name].append(Section("Limits shown to act", lines))
+            sections.append(Section("Limits shown to act", lines))
         record = self._bench.newest()
-        if record is not None and record.mode is Mode.FAULT:
+        if record is None:
+            return
+        if record.mode not in AT_REST:
+            self._bench.request("stop")
+            record = self._bench.until(lambda one: one.mode in AT_REST, STOP_MAX_S)
+        if record is None:
+            self._operator.tell(f"{self._state()}: {NOT_STOPPED}.")
+        elif record.mode is Mode.FAULT:
             self._operator.tell(
                 f"The machine is left stopped: {self._state()}. Then `gaitd reset`."
             )
@@ -201,7 +240,8 @@ class Acceptance:
             lines.extend(measured(name))  # what came before an exception stays
         except NotMeasuredError as why:
             lines.append(_missing(title.lower(), why))
-        self.sections[name].append(Section(title, tuple(lines)))
+        finally:
+            self.sections[name].append(Section(title, tuple(lines)))
 
     def _must_be_free(self) -> None:
         """Raises NotMeasuredError if the machine is not moved any more."""
@@ -342,7 +382,7 @@ class Acceptance:
         held_si = [self._held_si(name, text) for text in marks]
         moved_si = held_si[1] - held_si[0]
         number = self._operator.number(f"Distance between the marks as you measured it, {typed}")
-        if not number:
+        if not number or not math.isfinite(number):
             raise NotMeasuredError("no distance was measured")
         wanted_si = abs(number) * scale
         ratio = abs(moved_si) / wanted_si
@@ -489,7 +529,9 @@ class Acceptance:
         if how.prompt:
             self._operator.tell(how.prompt)
         else:
-            self._must("stop")
+            reason = self._bench.request("stop")
+            if reason:
+                raise self._failed(f"the stop was refused: {reason}")
         stopped = self._bench.until(lambda record: bool(record.verdict.category), STEP_MAX_S)
         if stopped is None:
             self._bench.request("stop")
@@ -631,13 +673,21 @@ def _torque_lines(drives: Sequence[DriveRecord], axis: Axis) -> Iterator[Line]:
 
 
 def _bound_line(drives: Sequence[DriveRecord], axis: Axis) -> Line:
-    """The bound of the sign test, which is also the drive's limit while it lasts."""
+    """The bound of the sign test, which is also the drive's limit while it lasts.
+
+    Most axes move before they reach it: then nothing has shown it to act.
+    """
     _, effort_unit = units_of(axis.name)
     limit_si = axis.push.effort_max_si
+    wanted_si = max((abs(drive.target_effort_si) for drive in drives), default=0.0)
     largest_si = max((abs(drive.effort_si or 0.0) for drive in drives), default=0.0)
+    judged = PASSED_OR_FAILED[largest_si <= limit_si + axis.limits.effort_deviation_max_si]
+    measured = f"{largest_si:.3g} {effort_unit} at most"
+    if judged is Judgement.PASSED and wanted_si < BOUND_RATIO * limit_si:
+        judged, measured = Judgement.NOT_MEASURED, f"not reached: {measured}"
     return Line(
-        "bound of the torque of the sign test",
-        f"{largest_si:.3g} {effort_unit} at most",
+        BOUND,
+        measured,
         f"at most {limit_si:g} {effort_unit}, and {axis.limits.effort_deviation_max_si:g} of noise",
-        PASSED_OR_FAILED[largest_si <= limit_si + axis.limits.effort_deviation_max_si],
+        judged,
     )

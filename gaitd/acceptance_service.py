@@ -4,22 +4,27 @@ Requests go over Zenoh; the raw values of each cycle come from the ring of the c
 on this computer; objects are read by SDO beside the service, while the drives have no power.
 """
 
+import os
 import sys
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
+from signal import SIGHUP, SIGTERM, default_int_handler, signal
+from tempfile import TemporaryFile
 from typing import Final, NamedTuple
 
 import typer
-from gaitd_client import NoServiceError, Outcome, Target, Trainer
+from gaitd_client import ClientError, NoServiceError, Outcome, Target, Trainer
 
 from analysis.acceptance import page
 from analysis.acceptance.record import AcceptanceRecord, Judgement, Line, Section, read, write
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import plan_of
+from daemon.config.strict import COMMAND_LINE, ConfigError
 from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RING_NAME, RingError, RingReader
 from daemon.system.bus_choice import bus_of, opened
@@ -56,6 +61,8 @@ IDENTITY: Final = frozenset((0x1000, 0x1018, 0x6502))
 FIXED: Final = frozenset(("Identity", "Torque base"))
 """Sections that bring-up only checks."""
 PDOS: Final = range(0x1400, 0x1C00)
+ROOM_BYTES: Final = 2_000_000
+"""Much more than what the files of one drive take."""
 
 
 # --- objects --------------------------------------------------------------------------------------
@@ -115,6 +122,10 @@ def unread(why: str) -> tuple[Section, ...]:
 
 
 # --- the service ----------------------------------------------------------------------------------
+
+
+class CoreRestartedError(ClientError):
+    """The records go on with those of another core, which knows nothing of the steps before."""
 
 
 class ServiceBench:
@@ -181,10 +192,16 @@ class ServiceBench:
             return run_with_progress(object_sections(plan, port, is_set_up=is_set_up))
 
     def _new(self) -> Generator[CycleRecord]:
-        """Records that have come since the last look, of the newest core."""
+        """Records that have come since the last look.
+
+        Raises:
+            CoreRestartedError: they are those of another core.
+        """
         path = self._settings.runtime / RING_NAME
         try:
             if self._ring is None or self._ring.inode != path.stat().st_ino:
+                if self._records:
+                    raise CoreRestartedError("the core was started anew: give the command again")
                 self._ring = RingReader(path)
                 self._seq = self._ring.newest_seq() - 1
             if self._ring.raw(self._seq) is None:  # not looked at for longer than the ring is
@@ -195,6 +212,18 @@ class ServiceBench:
                 yield record
         except (FileNotFoundError, RingError):
             return
+
+    def foreign_files(self) -> str:
+        """Why the files of this command are not those of the service; empty if they are."""
+        self.newest()
+        if self._ring is None:
+            return ""
+        running = set(self._ring.header.config_hashes.values())
+        files = self._settings.hashes.items()
+        changed = sorted(Path(name).name for name, digest in files if digest not in running)
+        if not changed:
+            return ""
+        return f"the service runs with another {', '.join(changed)} than this: restart it"
 
     @property
     def boot_id(self) -> str:
@@ -251,22 +280,57 @@ def run_acceptance(
 ) -> list[Written]:
     """Do the whole procedure, and write a record and a page for each drive.
 
+    They are written whatever ends the procedure.
+
     Raises:
-        ClientError: the service does not answer.
+        ClientError: the service does not answer, or its core was started anew.
+        ConfigError: the folder has records already.
         OSError: a file cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    _prepare(folder, settings)
+    for ending in (SIGTERM, SIGHUP):  # so that the machine is stopped if the terminal is gone, too
+        signal(ending, default_int_handler)
     utc = datetime.now(UTC).isoformat(timespec="seconds")
-    try:
-        with client_of(target, "commission") as trainer:
-            bench = ServiceBench(trainer, settings)
-            acceptance = Acceptance(settings, bench, operator, gait)
-            acceptance.run()
-    except NoServiceError as error:  # its bring-up may have refused a drive: that can be read
-        bench = ServiceBench(None, settings)
+    with ExitStack() as connection:
+        trainer, blocked = None, ""
+        try:
+            trainer = connection.enter_context(client_of(target, "commission"))
+        except NoServiceError as error:  # its bring-up may have refused a drive: that can be read
+            blocked = f"no service: {error}"
+        bench = ServiceBench(trainer, settings)
         acceptance = Acceptance(settings, bench, operator, gait)
-        acceptance.run(blocked=f"no service: {error}")
-    return write_records(acceptance, settings, utc, bench.boot_id, folder)
+        try:
+            acceptance.run(blocked or bench.foreign_files())
+        finally:
+            boot_id = "" if trainer is None else bench.boot_id
+            written = write_records(acceptance, settings, utc, boot_id, folder)
+            for one in written:
+                operator.tell(f"written: {one.files[1]}")
+    return written
+
+
+def _prepare(folder: Path, settings: Settings) -> None:
+    """Make the folder, and refuse one that cannot take the records, before anything moves.
+
+    Raises:
+        ConfigError: it has records already, which are kept.
+        OSError: it cannot be written, or has no room.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for drive in settings.drives:
+        path = _path(folder, drive.name)
+        if path.exists():
+            allowed = f"another folder: {path.name} is in this one, and is not replaced"
+            raise ConfigError(COMMAND_LINE, "--report", folder, allowed)
+    try:
+        with TemporaryFile(dir=folder, buffering=0) as probe:
+            os.posix_fallocate(probe.fileno(), 0, ROOM_BYTES * len(settings.drives))
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(folder)) from error
+
+
+def _path(folder: Path, drive: str) -> Path:
+    return folder / f"{drive.replace('/', '_')}.json"
 
 
 def write_records(
@@ -288,7 +352,7 @@ def write_records(
             sections=tuple(acceptance.sections[drive.name]),
             stops=tuple(acceptance.stops[drive.name]),
         )
-        path = folder / f"{drive.name.replace('/', '_')}.json"
+        path = _path(folder, drive.name)
         write(made, path)
         record = read(path)
         page.write(record, path.with_suffix(".html"))

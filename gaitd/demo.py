@@ -7,7 +7,6 @@ import signal
 import sys
 import time
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -71,7 +70,8 @@ def command(
     from gaitd_lab.processes import Tempo
 
     configs = configs_folder("configs", "demo.toml")
-    signal.signal(signal.SIGTERM, _interrupt)
+    # SIGTERM ends it like Ctrl-C, in order.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     _refuse(pace, wall_clock=wall_clock, tiring=tiring)
     plan = tiring_plan(seconds or TIRING_S) if tiring else plan_of(seconds or GAIT_S)
     tempo = Tempo(pace, wall_clock)
@@ -105,11 +105,6 @@ def _refuse(pace: str, *, wall_clock: bool, tiring: bool) -> None:
     if tiring and pace != "1":
         # The controller answers by the computer's time: a setpoint older than 100 ms is refused.
         raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --tiring")
-
-
-def _interrupt(_signal: int, _frame: FrameType | None) -> None:
-    """Handle SIGTERM like Ctrl-C, so that the demonstration shuts down in order."""
-    raise KeyboardInterrupt
 
 
 def _watch(configs: Path, plan: "Plan", tempo: "Tempo", display_port: int | None) -> "Results":

@@ -196,6 +196,7 @@ def _report(
     as_json: bool,
 ) -> int:
     """Write the acceptance records; returns the exit code."""
+    from daemon.core.exercises.gait import CADENCE_MIN_HZ
     from daemon.preflight.load import load
     from gaitd.acceptance import Gait
     from gaitd.acceptance_service import TerminalOperator, run_acceptance
@@ -205,6 +206,15 @@ def _report(
         raise ConfigError(COMMAND_LINE, "--yes", MISSING, allowed)
     operator = TerminalOperator(agreed=yes, witnessed=witnessed)
     settings = load(config)
+    if settings.robot.patient is not None:
+        allowed = "a robot file without [patient]: axes are accepted in the empty machine"
+        raise ConfigError(config, "robot", settings.trainer.robot, allowed)
+    cadence_hz, amplitude_ratio = gait
+    most_hz = settings.trainer.gait.cadence_max_hz
+    wrong = not CADENCE_MIN_HZ <= cadence_hz <= most_hz
+    _refuse("--cadence", cadence_hz, f"{CADENCE_MIN_HZ:g} to {most_hz:g}", refused=wrong)
+    wrong = not 0 < amplitude_ratio <= 1
+    _refuse("--amplitude", amplitude_ratio, "more than 0, at most 1", refused=wrong)
     try:
         with errors_in_one_line():
             written = run_acceptance(target, settings, operator, Gait(*gait), folder)

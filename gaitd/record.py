@@ -81,6 +81,8 @@ def command(
     room = Room(output, limit_mb, when_full)
     try:
         if only_finish:
+            if not output.is_dir():
+                raise CommandError(f"{output}: no such folder", EXIT_REFUSED, blame=str(output))
             finish_leftovers(output, report)
             return
         target = find_target(config, endpoint, trainer, credentials)

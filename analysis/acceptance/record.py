@@ -56,7 +56,7 @@ class StopTrace(msgspec.Struct, frozen=True):
     rest_s: float | None
     """When the axis came to rest; None: not in these records."""
     distance_si: float | None
-    """From the cycle of the verdict to rest."""
+    """The largest from the position of the verdict, until rest."""
 
 
 class AcceptanceRecord(msgspec.Struct, frozen=True, kw_only=True):

@@ -93,7 +93,7 @@ def measure(records: Sequence[CycleRecord], axis: str, rules: StopRules) -> Meas
     verdict = [one.verdict for one in records if one.verdict.cause is not Cause.STOP_NOT_OBEYED][-1]
     category = verdict.category
     shown = TORQUELESS if category is StopCategory.S0 else BRAKING_BY_DRIVE
-    rest = _rest(after, rules)
+    rest_s = _rest_s(after, rules)
     trace = StopTrace(
         title=f"{category.name}, {verdict.cause.name.lower()}",
         position_unit=rules.position_unit,
@@ -102,8 +102,8 @@ def measure(records: Sequence[CycleRecord], axis: str, rules: StopRules) -> Meas
         position_si=tuple(drive.position_si for _, drive in rows),
         velocity_si_per_s=tuple(drive.velocity_si for _, drive in rows),
         effort_si=tuple(drive.effort_si for _, drive in rows),
-        rest_s=None if rest is None else rest[0],
-        distance_si=None if rest is None else abs(rest[1] - at_stop.position_si),
+        rest_s=rest_s,
+        distance_si=None if rest_s is None else _way_si(after, rest_s, at_stop.position_si),
     )
     return MeasuredStop(
         category=category,
@@ -179,21 +179,28 @@ def _slope_line(stop: MeasuredStop, rules: StopRules) -> Line:
     return Line(asked, f"{slope:.3g} {unit}", allowed, _judgement(slope >= least))
 
 
-def _rest(
-    rows: Sequence[tuple[float, DriveRecord]], rules: StopRules
-) -> tuple[float, float] | None:
-    """Time and position of the first of enough cycles at rest; None if there is none."""
-    since: tuple[float, float] | None = None
+def _rest_s(rows: Sequence[tuple[float, DriveRecord]], rules: StopRules) -> float | None:
+    """Time of the first of enough cycles at rest; None if there is none."""
+    since_s: float | None = None
     count = 0
     for time_s, drive in rows:
-        speed, position = drive.velocity_si, drive.position_si
-        if speed is None or position is None or abs(speed) > rules.standstill_si_per_s:
-            since, count = None, 0
+        speed = drive.velocity_si
+        if speed is None or abs(speed) > rules.standstill_si_per_s:
+            since_s, count = None, 0
             continue
-        since, count = since or (time_s, position), count + 1
+        since_s, count = time_s if since_s is None else since_s, count + 1
         if count >= rules.standstill_cycles:
-            return since
+            return since_s
     return None
+
+
+def _way_si(rows: Sequence[tuple[float, DriveRecord]], rest_s: float, position_si: float) -> float:
+    """The largest distance from a position until rest: a hold comes back part of its way."""
+    return max(
+        abs(drive.position_si - position_si)
+        for time_s, drive in rows
+        if time_s <= rest_s and drive.position_si is not None
+    )
 
 
 def _at_most(asked: str, value: float | None, limit: float, scale: float, unit: str) -> Line:

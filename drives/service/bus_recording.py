@@ -29,6 +29,8 @@ from drives.cia402.units import AxisScaling, axis_scaling, base_from_raw, positi
 TPDO_NUMBERS: Final = (1, 2, 3, 4)
 SYNCHRONOUS_MAX: Final = 240
 """Largest transmission type of a TPDO whose sample is taken at a SYNC."""
+MAPPED_MAX: Final = 64
+"""Most objects of a PDO (CiA 301, 7.5.2.36); a larger count is no mapping."""
 _INVALID: Final = 1 << 31
 """Bit of a PDO's identifier: it does not exist."""
 _IDENTIFIER: Final = 0x7FF
@@ -253,10 +255,12 @@ def _tpdos(station: Station) -> tuple[Tpdo, ...]:
         if count is not None:
             told = [
                 station.values.get((Object.TPDO_MAPPING + number - 1, sub))
-                for sub in range(1, count + 1)
+                for sub in range(1, min(count, MAPPED_MAX) + 1)
             ]
             known = [entry for entry in told if entry is not None]
-            entries = known if len(known) == count else entries
+            entries = known if len(known) == len(told) else entries
+            if count > MAPPED_MAX or not all(entry & 0xFF for entry in entries):
+                entries = []
         if identifier is None:
             identifier = 0x080 + 0x100 * number + station.node_id
         if not entries or identifier & _INVALID:
@@ -352,7 +356,13 @@ def _scaling(station: Station) -> AxisScaling:
     base = description.profile.torque_base
 
     def told(ref: ObjectRef | None, expected: int | None) -> int | None:
-        return expected if ref is None else station.values.get((ref.index, ref.sub), expected)
+        value = expected if ref is None else station.values.get((ref.index, ref.sub), expected)
+        if ref is not None and value == 0:
+            raise RecordedBusError(
+                f"node {station.node_id}: {ref.index:04X}h:{ref.sub:02X} is 0 in the file, so its "
+                "torque has no unit: set up the motor data of the drive, and record again"
+            )
+        return value
 
     return axis_scaling(
         description,

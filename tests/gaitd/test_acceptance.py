@@ -2,19 +2,31 @@
 
 import math
 
+import msgspec
 import pytest
+from command_line import gaitd
+from records import HEADER
+from records import record as cycle_record
 from second_station import SecondStation, finished
-from sessions import changed_configs, new_session
+from sessions import CONFIGS, changed_configs, new_session
 
 from analysis.acceptance.record import Judgement, read
 from daemon.config.drive_plan import plan_of
 from daemon.ipc.decoding import RefusedError
 from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.transport import RING_NAME, RingWriter
+from daemon.preflight.load import load
 from drives.bringup.configurator import Configurator
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
-from gaitd.acceptance import LOAD, NOT_SHOWN, Acceptance, Gait, Stops
-from gaitd.acceptance_service import object_sections, write_records
+from gaitd.acceptance import BOUND, LOAD, NOT_SHOWN, Acceptance, Gait, Stops
+from gaitd.acceptance_service import (
+    CoreRestartedError,
+    ServiceBench,
+    object_sections,
+    unread,
+    write_records,
+)
 from gaitd_lab.lockstep import NotReachedError
 
 HIP, SLIDE = "right/hip", "right/slide"
@@ -165,6 +177,28 @@ def was_enabled(session):
     )
 
 
+def assert_true(stop, name, session):
+    """Time and way until rest are those of the plant, within an encoder's noise and a cycle."""
+    place, speed = {
+        HIP: ("hip_angle_rad", "hip_velocity_rad_per_s"),
+        SLIDE: ("slide_position_m", "slide_velocity_m_per_s"),
+    }[name]
+    cause = stop.title.partition(", ")[2]
+    begin_ns = next(
+        record.sync_mono_ns
+        for record in session.records
+        if record.verdict.category and record.verdict.cause.name.lower() == cause
+    )
+    rest_ns = begin_ns + round(1e9 * stop.rest_s)
+    rows = [row for row in session.truth.rows if begin_ns <= row.sync_mono_ns <= rest_ns]
+    ways = [abs(getattr(row, place) - getattr(rows[0], place)) for row in rows]
+    assert stop.distance_si == pytest.approx(max(ways), abs=1e-3)
+    limits = session.settings.limits.stop
+    standstill = (limits.standstill_hip_rad_per_s, limits.standstill_slide_m_per_s)
+    assert abs(getattr(rows[-1], speed)) < 1.5 * standstill[name == SLIDE]
+    assert abs(getattr(rows[-4], speed)) > 0.5 * standstill[name == SLIDE]
+
+
 @pytest.fixture(scope="module")
 def configs(tmp_path_factory):
     return changed_configs(tmp_path_factory.mktemp("empty"), *EMPTY, HANDS)
@@ -175,7 +209,8 @@ def test_a_machine_as_configured_passes_all_but_what_is_not_approached(configs, 
 
     files = write_records(acceptance, session.settings, BEGUN, "boot", tmp_path)
 
-    not_shown = {f"Limits shown to act: {what}" for what, _ in NOT_SHOWN}
+    # These axes move before the bound of the sign test is reached.
+    not_shown = {f"Limits shown to act: {what}" for what in (BOUND, *dict(NOT_SHOWN))}
     for record, (json_file, page_file), blocked in files:
         assert not blocked
         assert not found(acceptance, Judgement.FAILED, record.drive)
@@ -184,6 +219,8 @@ def test_a_machine_as_configured_passes_all_but_what_is_not_approached(configs, 
         text = page_file.read_text()
         assert text.count("<svg") == len(record.stops) == len(Stops)
         assert "http" not in text
+        for stop in record.stops:
+            assert_true(stop, record.drive, session)
     json_file.write_text(json_file.read_text().replace("gaitd.acceptance.v1", "gaitd.other.v1"))
     with pytest.raises(RefusedError, match=r"right_slide\.json: no record gaitd\.acceptance\.v1"):
         read(json_file)
@@ -277,3 +314,80 @@ def test_a_quick_stop_that_is_slower_than_the_ramp_read_back_is_found(configs):
     )
     assert not found(acceptance, Judgement.FAILED, HIP)
     assert "Stop by STO in gait: stop by STO" in found(acceptance, Judgement.NOT_MEASURED, HIP)
+
+
+def test_an_interrupted_run_stops_the_machine_and_keeps_what_was_measured(configs):
+    session = new_session(configs).until_ready()
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    # Asked while the self-test has left the leg held.
+    hands = Hands(session, ("a stop is requested", interrupt), saw=True)
+    acceptance = Acceptance(session.settings, LockstepBench(session), hands, GAIT)
+    with pytest.raises(KeyboardInterrupt):
+        acceptance.run()
+
+    assert was_enabled(session)
+    assert session.record.mode is Mode.FAULT
+    for name in (HIP, SLIDE):
+        missing = found(acceptance, Judgement.NOT_MEASURED, name)
+        assert missing["Interrupted: all that follows"] == "interrupted"
+        assert "Self-test: " + LOAD in found(acceptance, Judgement.PASSED, name)
+
+
+def test_nothing_moves_if_the_objects_of_a_drive_cannot_be_read(configs):
+    session = new_session(configs).until_ready()
+    bench = LockstepBench(session)
+    bench.objects = lambda _drive, *, is_set_up: unread("no answer")
+
+    acceptance = Acceptance(session.settings, bench, Hands(session, (), saw=True), GAIT)
+    acceptance.run()
+
+    assert acceptance.blocked == "the objects of right/hip could not be read"
+    assert not was_enabled(session)
+
+
+def test_other_files_or_another_core_than_those_of_the_service_are_found(tmp_path):
+    here = ("demo.toml", "/dev/shm/gaitd-demo", f"{tmp_path}/run")  # and the bus beside it
+    settings = load(changed_configs(tmp_path, *EMPTY, here) / "demo.toml")
+    mine, path = dict(settings.hashes), settings.runtime / RING_NAME
+    settings.runtime.mkdir()
+    other = {name: "0" * 64 for name in mine if name.endswith("limits.toml")}
+    bench = ServiceBench(None, settings)
+    writer = RingWriter(path, msgspec.structs.replace(HEADER, config_hashes=mine | other))
+    writer.write(cycle_record(1))
+
+    assert "runs with another limits.toml than this" in bench.foreign_files()
+
+    writer.close()
+    RingWriter(path, msgspec.structs.replace(HEADER, config_hashes=mine)).close()
+    with pytest.raises(CoreRestartedError):
+        bench.newest()
+    assert not ServiceBench(None, settings).foreign_files()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--cadence", "nan"), "--cadence = nan: 0.02 to 0.5"),
+        (("--amplitude", "1.5"), "--amplitude = 1.5: more than 0, at most 1"),
+        ((), "another folder: right_slide.json is in this one, and is not replaced"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_is_asked(configs, tmp_path, words, said):
+    (tmp_path / "right_slide.json").write_text("{}")
+
+    ran = gaitd(
+        *("commission", "--report", tmp_path, "--yes", "--config", configs / "demo.toml"), *words
+    )
+
+    assert ran.code == 2
+    assert said in ran.err
+
+
+def test_a_machine_with_a_patient_is_not_accepted(tmp_path):
+    ran = gaitd("commission", "--report", tmp_path, "--yes", "--config", CONFIGS / "demo.toml")
+
+    assert ran.code == 2
+    assert "a robot file without [patient]" in ran.err

@@ -115,6 +115,11 @@ def foreign(confirmed=True):
                 yield 0x400 + node, torque + struct.pack("<i", 1000 * node + cycle)
 
 
+def mapped(entry):
+    """One object in TPDO1 of the hip."""
+    return (*sdo(HIP, 0x1A00, 1, entry), *sdo(HIP, 0x1A00, 0, 1))
+
+
 def timed(frames):
     return [BusFrame(0.01 * number, *frame) for number, frame in enumerate(frames)]
 
@@ -144,6 +149,9 @@ def test_an_object_that_the_new_mapping_lacks_is_named():
         ([(0x185, bytes(7))], "no SYNC"),
         ([(0x080, b"")], "1 SYNCs, 0 frames of node 5, 0 frames of node 6"),
         ([(0x080, b""), (0x185, bytes(5))], r"TPDO1 of node 5 \(185h\) at 0.010000 s has 5 bytes"),
+        ([*sdo(HIP, 0x1A00, 0, 1 << 31), (0x080, b"")], "6064h:00, the position, is in no TPDO"),
+        ([*mapped(0x60640000), (0x080, b""), (0x185, b"")], "6064h:00, the position, is in no"),
+        ([*foreign(), *sdo(HIP, 0x6076, 0, 0)], "node 5: 6076h:00 is 0 in the file"),
     ],
 )
 def test_frames_that_give_no_recording_are_refused(frames, words):

@@ -96,6 +96,13 @@ def test_an_unknown_command_is_a_matter_of_usage_and_the_version_is_told():
     assert gaitd("--version").out.startswith("gaitd 0.")
 
 
+def test_recordings_are_not_finished_in_a_folder_that_is_not_there(tmp_path):
+    ended = gaitd("record", "--finish", "--output", tmp_path / "recodings")
+
+    assert ended.code == 2
+    assert "recodings: no such folder" in ended.err
+
+
 @pytest.mark.parametrize("command", ["check", "core", "gateway"])
 def test_each_configuration_error_is_one_line_and_exit_code_2_in_every_command(
     tmp_path, monkeypatch, command
