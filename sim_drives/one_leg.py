@@ -33,7 +33,7 @@ class Outsider(NamedTuple):
     position_si: Callable[[bytes], float | None]
     """Position of the joint in that frame; None if it holds none."""
     period_s: float
-    """Of the SYNCs."""
+    """Period of the SYNCs."""
 
 
 class Leg(NamedTuple):

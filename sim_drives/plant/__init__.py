@@ -2,6 +2,7 @@
 
 Reading order: `plant.py`, `dynamics.py` (one compiled loop), `motor.py`, `stick_slip.py` (the
 plant's friction laws), `stops.py`, `patient.py`, `recorded.py` (measured efforts of a patient),
-`settings.py` (the physics tables of plant.toml), `truth.py` (the true state), `port.py` and
-`actuation.py` (the interface to the protocol side).
+`led.py` (an axis that follows a drive on the bus), `settings.py` (the physics tables of
+plant.toml), `truth.py` (the true state), `port.py` and `actuation.py` (the interface to the
+protocol side).
 """

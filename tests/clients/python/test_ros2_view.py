@@ -35,7 +35,7 @@ TOPICS: Final = {
     "diagnostics": "diagnostic_msgs::msg::dds_::DiagnosticArray_/"
     "RIHS01_5a8a36efb05fb25070fa0fb3810290c0e6cd4862b54a8fb975a1ee8dc55a333e",
 }
-"""Types and hashes as `ros2 topic info --verbose` prints them, the algorithm is in REP 2016."""
+"""Type and hash of JointState as `ros2 topic info --verbose` prints them; hashes by REP 2016."""
 KINDS: Final = {
     "joint_states": "sensor_msgs/msg/JointState",
     "diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
