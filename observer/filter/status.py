@@ -25,7 +25,8 @@ class Status(IntFlag):
     LATE = 1 << 8
     """The time step is zero, negative or long, or the caller marked the sample as late."""
     INCONSISTENT = 1 << 9
-    """Windowed NIS beyond its limit, or the filter had to restart."""
+    """Windowed NIS beyond its limit; or the filter restarted, or was out of the workspace, a short
+    time ago."""
     UNREFERENCED = 1 << 10
     ARTIFICIAL = 1 << 11
     """The torque given to the observer contains an artificial disturbance."""

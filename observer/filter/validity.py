@@ -5,6 +5,9 @@ uncalibrated, predicted for too long), SPLIT_UNOBSERVABLE when it has rested for
 or was hit by an unmodelled push, and has not moved for four T1 since; and OK otherwise. A reversal
 of less than 100 ms keeps its split.
 
+The mechanism does not close at a sigma point out of the workspace, so what was corrected there may
+be wrong by far more than its covariance. An axis that comes back is BAD for a warm-up.
+
 Consistency is checked by an upper limit of the mean NIS: a filter with too large a covariance gives
 no wrong number. NIS does not detect a bias either (observer.md, fact 10); other checks must.
 """
@@ -24,6 +27,7 @@ from observer.filter.status import (
     PREDICTED_MAX_CYCLES,
     REST_MAX_S,
     SETTLE_TIME_CONSTANTS,
+    WARM_UP_CYCLES,
     Status,
     Validity,
 )
@@ -57,6 +61,8 @@ def determine(model: LegModel, memory: LegMemory, dt_s: float, status: int) -> t
         status |= OUT_OF_WORKSPACE_BIT
     if -at.delta < NEAR_SINGULAR_RATIO * leg.shank_length_m * leg.shoe_length_m:
         status |= NEAR_SINGULAR_BIT
+    if status & OUT_OF_WORKSPACE_BIT:
+        memory.distrust_cycles = max(memory.distrust_cycles, WARM_UP_CYCLES)
     if memory.nis_mean > NIS_WINDOW_MAX or memory.distrust_cycles > 0.0:
         status |= INCONSISTENT_BIT
     if memory.warm_up_cycles > 0.0:

@@ -12,7 +12,7 @@ from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
 from observer.drift import NO_DRIFT
 from observer.filter.leg_model import STEP_S
-from observer.filter.status import Status
+from observer.filter.status import Status, Validity
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -85,6 +85,23 @@ def test_drift_is_found_in_sign_and_size(empty):
             assert one.friction_error[axis] == pytest.approx(
                 one.true_error[axis], abs=0.01 * empty.frictions[axis].coulomb
             )
+
+
+def test_nothing_wild_is_shown_after_the_workspace_was_left(empty):
+    """Friction 20 % lower than in the file lets each of these reach the straight leg."""
+    lower = tuple(
+        one._replace(stribeck=0.8 * one.stribeck, coulomb=0.8 * one.coulomb)
+        for one in empty.frictions
+    )
+    efforts = consistency.moving_efforts(empty, 360)
+
+    for seed in range(1, 41):
+        _, position = consistency._clean(empty._replace(frictions=lower), efforts, seed)
+        found = consistency.observed(empty, position, efforts)
+        assert np.any(found.status & Status.OUT_OF_WORKSPACE)
+        for axis, most in ((0, 3.0), (1, 40.0)):
+            shown = found.validity[:, axis] == Validity.OK
+            assert np.abs(found.state[shown, 6 + axis]).max() < most, seed
 
 
 def test_an_artificial_disturbance_is_no_drift(empty):
