@@ -96,7 +96,7 @@ class MemoryStateFile:
         self.persistent = persistent
         self.is_full = False
 
-    def write(self, persistent: PersistentState) -> None:
+    def write(self, persistent: PersistentState, now_ns: int) -> None:  # noqa: ARG002
         """As `daemon.core.runtime.state_file.StateStore.write`.
 
         Raises:

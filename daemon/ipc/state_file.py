@@ -8,5 +8,8 @@ from typing import Final
 
 NAME: Final = "axes.json"
 """File name in the state directory."""
-SIZE: Final = 8192
-"""Size in bytes; the unused rest is filled with spaces."""
+PAGE_SIZE: Final = 8192
+"""Size of a page in bytes; the unused rest is filled with spaces."""
+PAGE_COUNT: Final = 2
+SIZE: Final = PAGE_COUNT * PAGE_SIZE
+"""Size of the file in bytes."""

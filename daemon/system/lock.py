@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import BinaryIO, Final
 
 from daemon.config.strict import ConfigError
+from daemon.system.files import make_folder
 
 _HELD: Final = (errno.EAGAIN, errno.EACCES)
 """Error numbers of flock(2) for a lock held by another process; the second on some file systems."""
@@ -37,7 +38,7 @@ def hold(config: Path, key: str, directory: Path, part: str) -> Generator[None]:
     """
     path = directory / f"{part}.lock"
     with directory_errors(config, key, directory):
-        directory.mkdir(parents=True, exist_ok=True)
+        make_folder(directory)
         file = path.open("ab+", buffering=0)
     with file:
         with directory_errors(config, key, directory):

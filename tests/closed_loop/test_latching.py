@@ -148,11 +148,11 @@ def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(
 
 def test_after_a_power_cut_the_older_page_is_not_clean_either(session, tmp_path):
     """The disk has what was written before the stop; the stop never got there."""
-    StateFile(tmp_path).write(notes_of(session))
+    StateFile(tmp_path).write(notes_of(session), 0)
     page = (tmp_path / NAME).read_bytes()
     session.gateway.stop()
     session.run(1.0)
-    StateFile(tmp_path).write(notes_of(session))
+    StateFile(tmp_path).write(notes_of(session), 0)
     (tmp_path / NAME).write_bytes(page)
 
     again = up(new_session(persistent=StateFile(tmp_path).persistent))
@@ -164,7 +164,7 @@ def test_after_a_power_cut_the_older_page_is_not_clean_either(session, tmp_path)
 @pytest.mark.parametrize("kept", [0, 1, 100])
 def test_a_page_that_the_power_cut_tore_is_latched_until_a_reset(session, tmp_path, kept):
     stopped(session, "stop")
-    StateFile(tmp_path).write(notes_of(session))
+    StateFile(tmp_path).write(notes_of(session), 0)
     page = (tmp_path / NAME).read_bytes()
     (tmp_path / NAME).write_bytes(page[:kept] + b"\0" * (len(page) - kept))
     persistent = StateFile(tmp_path).persistent
@@ -212,9 +212,9 @@ def test_nothing_is_written_while_the_drives_are_enabled_but_the_stop_that_ends_
     modes_written = []
     write = session.state_file.write
 
-    def note(persistent):
+    def note(persistent, now_ns):
         modes_written.append(session.core.mode)
-        write(persistent)
+        write(persistent, now_ns)
 
     session.state_file.write = note
     session.run(3)

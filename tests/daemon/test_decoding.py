@@ -248,7 +248,7 @@ def test_any_state_file_is_believed_whole_or_latched_as_unreadable(tmp_path):
         state_file = StateFile(tmp_path)
         latched = state_file.persistent.latched
         assert latched is None or isinstance(latched_stop.verdict_of(latched), Verdict)
-        state_file.write(state_file.persistent)
+        state_file.write(state_file.persistent, 0)
         state_file.close()
 
 

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from operator import itemgetter
 from pathlib import Path
 from subprocess import PIPE
 
@@ -62,7 +63,8 @@ def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
     service.wait(lambda: service.ask("status").returncode == 0, 20)
     assert again.drives[0].sign_proven
     assert not again.drives[1].sign_proven
-    kept = json.loads((service.folder / "state" / NAME).read_text())
+    pages = map(json.loads, (service.folder / "state" / NAME).read_text().splitlines())
+    kept = max(pages, key=itemgetter("number"))["state"]
     assert kept["axes"]["right/hip"]["proof"]["serial_number"] == 305_000_005
 
 

@@ -129,6 +129,10 @@ UNREADABLE: Final = PersistentState(
     latched=StoredVerdict("S1", "LAST_END_UNKNOWN", detail="the notes of that run cannot be read"),
 )
 """State after an unreadable file: a stop may have been latched, so LAST_END_UNKNOWN is."""
+TORN: Final = StoredVerdict(
+    "S1", "LAST_END_UNKNOWN", detail="power failed while its last notes were written: older ones"
+)
+"""Latched beside a torn page of the file, if the page before has no stop."""
 
 
 class PoseRules(NamedTuple):

@@ -393,7 +393,7 @@ class Loop:
     def _write_state(self) -> None:
         if self._core.persistent is not self._written:
             self._written = self._core.persistent
-            self._settings.state_file.write(self._written)
+            self._settings.state_file.write(self._written, self._clock.now_ns())
 
     def _stop_without_feedback(self) -> None:
         """Send quick stop repeatedly without reading feedback, for the duration of a stop."""

@@ -1,6 +1,9 @@
 """The file that keeps poses and proofs across restarts."""
 
 import pytest
+from msgspec.structs import replace
+from power_cuts import check
+from traced_calls import mark
 
 from daemon.core.modes.persistent_state import (
     UNREADABLE,
@@ -10,7 +13,8 @@ from daemon.core.modes.persistent_state import (
     StoredVerdict,
 )
 from daemon.core.runtime.state_file import StateFile
-from daemon.ipc.state_file import NAME, SIZE
+from daemon.ipc.state_file import NAME, PAGE_SIZE, SIZE
+from daemon.recorder.state_file_sync import StateFileSync
 
 PROOF = SignProof(5, 305_000_005, 1, 100.0, None, 1024, 0.036, -0.036, 1)
 NOTES = PersistentState(axes={"right/hip": StoredAxis(0.25, 7, PROOF)})
@@ -19,7 +23,7 @@ NOTES = PersistentState(axes={"right/hip": StoredAxis(0.25, 7, PROOF)})
 def test_what_is_written_is_found_by_the_next_start(tmp_path):
     state_file = StateFile(tmp_path)
     assert state_file.persistent == PersistentState()
-    state_file.write(NOTES)
+    state_file.write(NOTES, 0)
     state_file.close()
 
     assert StateFile(tmp_path).persistent == NOTES
@@ -38,15 +42,15 @@ def test_the_file_has_all_its_room_before_the_first_note(tmp_path, before):
 
 
 def test_what_is_written_survives_a_process_that_never_closes_it(tmp_path):
-    StateFile(tmp_path).write(NOTES)
+    StateFile(tmp_path).write(NOTES, 0)
 
     assert StateFile(tmp_path).persistent == NOTES
 
 
 def test_a_shorter_note_leaves_nothing_of_a_longer_one(tmp_path):
     state_file = StateFile(tmp_path)
-    state_file.write(NOTES)
-    state_file.write(PersistentState())
+    state_file.write(NOTES, 0)
+    state_file.write(PersistentState(), 0)
     state_file.close()
 
     assert StateFile(tmp_path).persistent == PersistentState()
@@ -80,16 +84,18 @@ def test_a_new_file_can_be_read_before_anything_has_happened(tmp_path):
     assert StateFile(tmp_path).persistent == PersistentState()
 
 
-def test_a_file_of_before_stops_were_noted_is_still_read(tmp_path):
+def test_a_file_of_one_page_without_a_checksum_is_still_read(tmp_path):
     """As the service wrote it until then."""
     old = b'{"axes":{"right/hip":{"position_si":0.25,"noted_utc_ns":7,"proof":null}},'
     old += b'"format":"gaitd.axes.v1","damaged":false}'
-    (tmp_path / NAME).write_bytes(old.ljust(SIZE - 1) + b"\n")
+    (tmp_path / NAME).write_bytes(old.ljust(PAGE_SIZE - 1) + b"\n")
 
     persistent = StateFile(tmp_path).persistent
 
     assert persistent == PersistentState(axes={"right/hip": StoredAxis(0.25, 7)})
     assert persistent.latched is None
+    StateFile(tmp_path).write(NOTES, 0)
+    assert StateFile(tmp_path).persistent == NOTES
 
 
 def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):
@@ -104,6 +110,73 @@ def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):
     )
 
     persistent = PersistentState(axes=axes, latched=long)
-    StateFile(tmp_path).write(persistent)
+    StateFile(tmp_path).write(persistent, 0)
 
     assert StateFile(tmp_path).persistent == persistent
+
+
+# --- power cuts -----------------------------------------------------------------------------------
+
+STOP = StoredVerdict("S1", "HAND_SWITCH_OPEN", detail="the hand switch was opened", utc_ns=10**18)
+HISTORY = (
+    # Time of a write in s, its stop, and whether the gateway's thread syncs after it.
+    (0.0, None, False),
+    (0.1, None, True),
+    (1.5, STOP, False),
+    (1.6, STOP, True),
+    (3.0, STOP, False),
+    (3.1, None, False),
+    (3.2, None, True),
+    (4.5, None, False),
+    (4.6, STOP, False),
+    (4.7, STOP, True),
+)
+
+
+def state_of(step: int) -> PersistentState:
+    """All states have the same length, so a mix of their sectors can be JSON."""
+    axes = {
+        name: StoredAxis((step + 1) / 64, 10**18 + step, replace(PROOF, utc_ns=10**18 + step))
+        for name in ("right/hip", "right/slide", "left/hip", "left/slide")
+    }
+    return PersistentState(axes=axes, latched=HISTORY[step][1], utc_newest_ns=10**18 + step)
+
+
+def test_after_a_power_cut_the_notes_are_old_or_new_and_no_stop_is_lost(tmp_path):
+    states = [PersistentState(), *map(state_of, range(len(HISTORY)))]
+
+    def scenario():
+        state_file = StateFile(tmp_path / "state")
+        disk = StateFileSync(state_file.path)
+        disk.close()
+        mark("synced")
+        for step, (time_s, _, is_synced) in enumerate(HISTORY):
+            state_file.write(states[step + 1], int(time_s * 1e9))
+            mark("wrote")
+            if is_synced:
+                disk.sync()
+                mark("synced")
+
+    seen = {"new": 0, "older": 0, "torn": 0, "unreadable": 0}
+
+    def recover(marks):
+        persistent = StateFile(tmp_path / "state").persistent
+        assert StateFile(tmp_path / "state").persistent == persistent
+        begun = marks.count("wrote") + 1
+        if persistent == UNREADABLE:
+            seen["unreadable"] += 1
+            assert not marks
+            return
+        number = [one.axes for one in states].index(persistent.axes)
+        if persistent.damaged:
+            seen["torn"] += 1
+            assert persistent.latched is not None
+            return
+        synced = [at for at, word in enumerate(marks) if word == "synced"]
+        durable = marks[: synced[-1]].count("wrote") if synced else 0
+        assert persistent == states[number]
+        assert durable <= number <= begun
+        seen["new" if number >= begun - 1 else "older"] += 1
+
+    check(tmp_path, scenario, recover, random_count=8)
+    assert all(seen.values()), seen
