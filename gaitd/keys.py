@@ -18,6 +18,7 @@ from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.config.trainer import TrainerFile, load_trainer
 from daemon.keys import issuing
 from daemon.keys.folder import GATEWAY, Keys, read_keys
+from daemon.system.files import make_folder
 from daemon.zenoh_io.endpoints import TLS, to_connect
 from gaitd.command_line import ConfigFile, JsonOption, errors_in_one_line, json_on_stdout
 from gaitd.remote import CredentialsOption, find_target, request
@@ -69,7 +70,7 @@ def command(
     folder = Folder(file, file.keys, datetime.datetime.now(datetime.UTC), host or [], days)
     with errors_in_one_line():
         if action is Action.INIT:
-            folder.keys.mkdir(parents=True, exist_ok=True)
+            make_folder(folder.keys)
         with issuing.changing(folder.keys), json_on_stdout(as_json) as write:
             _act(action, folder, name, write, remote=remote)
 

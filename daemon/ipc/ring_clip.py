@@ -153,10 +153,15 @@ def clip_file(path: Path) -> ClipFile:
 
 
 def clip_files(folder: Path) -> list[ClipFile]:
-    """All files of a black box, oldest first; none if there is no such folder.
+    """All files of a black box, in the order in which they were kept; none without a folder.
 
     Raises:
         OSError: the folder cannot be read.
     """
     named = (*folder.glob(f"*{SUFFIX}"), *folder.glob(f"*{SUFFIX}{DAMAGED_SUFFIX}"))
-    return [clip_file(path) for path in sorted(named) if path.is_file()]
+    return sorted((clip_file(path) for path in named if path.is_file()), key=order_of)
+
+
+def order_of(file: ClipFile) -> tuple[int, str]:
+    """Sorts files by their numbers: a clock without a battery may have been behind."""
+    return (file.kept.number if file.kept else 0, file.path.name)

@@ -83,6 +83,8 @@ class Kept(msgspec.Struct, frozen=True):
     """The drives were enabled on purpose in some of these records."""
     also: tuple[str, ...] = ()
     """Further causes of stops within these records, in their order."""
+    number: Count = 0
+    """Rises from file to file of a folder, whatever the clock showed; 0: unknown."""
 
 
 class RingHeader(msgspec.Struct, frozen=True):

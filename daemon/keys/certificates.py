@@ -41,7 +41,12 @@ def new_authority(trainer: str, now: datetime.datetime) -> Pair:
 
 
 def new_certificate(
-    authority: Pair, name: str, now: datetime.datetime, days: int, hosts: Sequence[str] = ()
+    authority: Pair,
+    name: str,
+    now: datetime.datetime,
+    days: int,
+    hosts: Sequence[str] = (),
+    key_before: bytes | None = None,
 ) -> Pair:
     """A certificate signed by the authority.
 
@@ -51,15 +56,14 @@ def new_certificate(
         now: in UTC.
         days: how long it is valid.
         hosts: names and addresses of a server; empty for a client.
+        key_before: private key that it keeps, as PEM; None: a new one.
 
     Raises:
         ConfigError: a host is neither a name nor an address.
     """
     issuer = x509.load_pem_x509_certificate(authority.certificate)
-    issuer_key = load_pem_private_key(authority.key, None)
-    if not isinstance(issuer_key, ec.EllipticCurvePrivateKey):
-        raise TypeError(f"the authority's key is a {type(issuer_key).__name__}, not of a curve")
-    key = ec.generate_private_key(ec.SECP256R1())
+    issuer_key = _loaded(authority.key)
+    key = _loaded(key_before) if key_before else ec.generate_private_key(ec.SECP256R1())
     builder = _builder(
         _name(name), issuer.subject, key.public_key(), issuer_key.public_key(), now, days
     )
@@ -78,6 +82,13 @@ def hosts_of(certificate: bytes) -> tuple[str, ...]:
     extensions = x509.load_pem_x509_certificate(certificate).extensions
     names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return tuple(str(one.value) for one in names)
+
+
+def _loaded(pem: bytes) -> ec.EllipticCurvePrivateKey:
+    key = load_pem_private_key(pem, None)
+    if not isinstance(key, ec.EllipticCurvePrivateKey):
+        raise TypeError(f"a key is a {type(key).__name__}, not of a curve")
+    return key
 
 
 def _builder(

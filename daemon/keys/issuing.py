@@ -4,6 +4,10 @@ A change is written at once, in one file (`clients.json`), which is replaced as 
 reads the folder at its start only, so the change takes effect with its next restart (`gaitd keys
 apply`). Until then the credentials before a renewal stay valid; they are kept in `NAME.before`.
 
+A power cut leaves the register as it was before the command or after it. A certificate and its key
+are two files: so the gateway's key stays when its certificate is renewed, and what a client gets is
+listed last, in the register. Files of a command that did not come to its end are in no register.
+
 Every file is readable by its owner alone. Root makes the gateway's user, who owns the folder, the
 owner of the files; the authority's key stays root's.
 """
@@ -40,7 +44,7 @@ from daemon.keys.folder import (
     Register,
     read_keys,
 )
-from daemon.system.files import replace_file
+from daemon.system.files import make_folder, replace_file, sync_folder
 from daemon.wire.roles import IDENTITY
 
 ALLOWED_NAME: Final = (
@@ -75,7 +79,7 @@ def init(
         raise ConfigError(folder / CLIENTS, "", "", allowed, following="gaitd keys list")
     authority = new_authority(trainer, now)
     gateway = new_certificate(authority, GATEWAY, now, days, (*LOCAL_HOSTS, *hosts))
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     folder.chmod(0o700)
     register = Register(
         authority_expires=_date(now, AUTHORITY_DAYS), gateway_expires=_date(now, days)
@@ -124,11 +128,12 @@ def issue(
         pair, authority = new_certificate(signer, name, now, days), signer.certificate
     password = secrets.token_urlsafe(PASSWORD_BYTES)
     bundle, before = folder / ISSUED / name, folder / ISSUED / f"{name}.before"
-    bundle.parent.mkdir(mode=0o700, exist_ok=True)
-    if bundle.exists():
+    make_folder(bundle.parent, 0o700)
+    if bundle.exists() and _is_listed(bundle, keys.register):
         shutil.rmtree(before, ignore_errors=True)
         bundle.rename(before)
-    bundle.mkdir(mode=0o700)
+    shutil.rmtree(bundle, ignore_errors=True)
+    make_folder(bundle, 0o700)
     file = CredentialsFile(
         name=name,
         password=password,
@@ -153,6 +158,13 @@ def issue(
     return bundle
 
 
+def _is_listed(bundle: Path, register: Register) -> bool:
+    """True if the credentials are those of the register, and not of a command that was cut off."""
+    file = bundle / FILE
+    text = file.read_bytes() if file.exists() else b""
+    return any(client.password.encode() in text for client in register.clients)
+
+
 def remote_hosts(folder: Path) -> tuple[str, ...]:
     """Names and addresses in the gateway's certificate by which other machines reach it.
 
@@ -164,15 +176,16 @@ def remote_hosts(folder: Path) -> tuple[str, ...]:
 
 
 def renew_gateway(folder: Path, hosts: Sequence[str], now: datetime.datetime, days: int) -> None:
-    """Issue a new certificate for the gateway, for these hosts or those of the present one.
+    """Issue a new certificate for the gateway's key, for these hosts or those of the present one.
 
     Raises:
         ConfigError: the folder cannot be used, or the authority ends before.
     """
     keys = read_keys(folder)
     names = (*LOCAL_HOSTS, *(hosts or remote_hosts(folder)))
-    pair = new_certificate(_signer(keys, now, days), GATEWAY, now, days, names)
-    _write_pair(keys, GATEWAY, pair)
+    key = keys.key(GATEWAY).read_bytes()
+    pair = new_certificate(_signer(keys, now, days), GATEWAY, now, days, names, key)
+    _write(keys.certificate(GATEWAY), pair.certificate)
     register = msgspec.structs.replace(keys.register, gateway_expires=_date(now, days))
     _write_register(folder, register)
 
@@ -191,6 +204,8 @@ def revoke(folder: Path, name: str) -> None:
     _write_register(folder, msgspec.structs.replace(keys.register, clients=left))
     for bundle in (name, f"{name}.before"):
         shutil.rmtree(folder / ISSUED / bundle, ignore_errors=True)
+    if (folder / ISSUED).exists():
+        sync_folder(folder / ISSUED)
 
 
 def _signer(keys: Keys, now: datetime.datetime, days: int) -> Pair:

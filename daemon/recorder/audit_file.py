@@ -21,7 +21,7 @@ from typing import Any, Final
 import msgspec
 
 from daemon.ipc.decoding import Decoder, RefusedError
-from daemon.system.files import sync_folder
+from daemon.system.files import make_folder, sync_folder
 
 ANYTHING: Final[Decoder[Any]] = Decoder(msgspec.json.decode)
 """Decoder of JSON of any form."""
@@ -124,7 +124,7 @@ class RequestFile:
             if now.st_nlink and now.st_size < self._bytes_max:
                 return
             self.close()
-        self._folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self._folder)
         if self._path.exists() and self._path.stat().st_size >= self._bytes_max:
             self._number()
         flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC

@@ -26,6 +26,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any, Final
 
 import msgspec
@@ -35,7 +36,7 @@ from daemon.gateway.events import claimed
 from daemon.gateway.requests import ROUTES, Inquiry, Route
 from daemon.ipc.decoding import RefusedError
 from daemon.ipc.record import Verdict
-from daemon.recorder.audit_file import ANYTHING, RequestFile
+from daemon.recorder.audit_file import ANYTHING, RequestFile, fields_of, files_of
 from daemon.recorder.disk import Disk
 from daemon.recorder.ring_follower import RecordHeader, identity
 from daemon.wire.names import name_of
@@ -86,7 +87,13 @@ class RequestLog:
     """Makes the lines of the log; never waits and never raises. The time is an argument."""
 
     def __init__(
-        self, file: RequestFile, disk: Disk, utc_ns: int, version: str, have_keys: bool = False
+        self,
+        file: RequestFile,
+        disk: Disk,
+        utc_ns: int,
+        version: str,
+        have_keys: bool = False,
+        computer_boot_id: str = "",
     ) -> None:
         """Write the first line of this gateway; `have_keys`: names in payloads are only claimed."""
         self._file, self._disk, self._utc_ns = file, disk, utc_ns
@@ -101,7 +108,7 @@ class RequestLog:
         self._flushing = self._flush_failed = False
         self.lost_count = 0
         self._lost_logged = 0
-        self._write("start", version=version)
+        self._write("start", version=version, computer_boot_id=computer_boot_id)
 
     # --- events to log --------------------------------------------------------------------------
 
@@ -224,6 +231,26 @@ class RequestLog:
         head = {"utc": f"{at:%Y-%m-%dT%H:%M:%S.%fZ}", "kind": kind}
         core = {"core_boot_id": self._boot_id or None, "cycle": self._cycle}
         self._file.add(msgspec.json.encode({**head, **core, **fields}))
+
+
+def unexpected_end(folder: Path, computer_boot_id: str) -> str:
+    """How the gateway before this one ended; empty if in order, or if there was none.
+
+    Raises:
+        OSError: the log cannot be read.
+    """
+    lines = [line for path in files_of(folder)[-1:] for line in path.read_bytes().splitlines()]
+    known = [fields for fields in map(fields_of, lines) if fields is not None]
+    if not lines or (fields_of(lines[-1]) or {}).get("kind") == "end":
+        return ""
+    after = f"after {known[-1].get('utc')}" if known else "at an unknown time"
+    boot_ids = [one.get("computer_boot_id") for one in known if one.get("kind") == "start"]
+    if boot_ids[-1:] == [computer_boot_id]:
+        return f"the gateway was killed {after}: it has written no end"
+    return (
+        f"the computer was started again, and its run before has no end: the power failed {after}, "
+        "or it was reset; a stop of the last seconds and requests of the last second may be missing"
+    )
 
 
 def _fields_of_query(payload: bytes) -> dict[str, Any]:

@@ -20,10 +20,11 @@ from daemon.ipc.ring_clip import (
     ClipWriter,
     clip_files,
     name_of,
+    order_of,
     trimmed,
 )
 from daemon.ipc.transport import Kept, RingHeader
-from daemon.system.files import sync_folder
+from daemon.system.files import make_folder, sync_folder
 
 FILES_MAX: Final = 60
 BYTES_MAX: Final = 256 * 1024 * 1024
@@ -40,11 +41,14 @@ class ClipStore:
         self.folder = folder
         self._files_max, self._bytes_max = files_max, bytes_max
         self._files: tuple[ClipFile, ...] = ()
+        self._number = 0
+        """Number of the newest file."""
         self.trouble = ""
         self.damaged: list[str] = []
         """Files that cannot be read, and whether they were renamed."""
         try:
             self._files = tuple(map(self._checked, clip_files(folder)))
+            self._number = max((file.kept.number for file in self._files if file.kept), default=0)
         except OSError as error:
             self.trouble = f"{folder}: {error.strerror}"
 
@@ -77,7 +81,8 @@ class ClipStore:
         Raises:
             OSError: the disk is full, cannot be written, or fails.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
+        kept = msgspec.structs.replace(kept, number=self._number + 1)
         path = self.folder / name_of(header.core_boot_id, kept)
         header = msgspec.structs.replace(header, kept=kept)
         part = path.with_suffix(PART_SUFFIX)
@@ -88,6 +93,7 @@ class ClipStore:
             part.unlink(missing_ok=True)
             raise
         sync_folder(self.folder)
+        self._number = kept.number
         known = tuple(file for file in self._files if file.path != path)
         self._files = (*known, ClipFile.of(path, size, header))
         self._make_room()
@@ -113,9 +119,9 @@ def surplus(files: Sequence[ClipFile], files_max: int, bytes_max: int) -> list[C
     return gone
 
 
-def _worth(file: ClipFile) -> tuple[bool, str]:
+def _worth(file: ClipFile) -> tuple[bool, int, str]:
     kept = file.kept
-    return (kept is not None and kept.active, file.path.name)
+    return (kept is not None and kept.active, *order_of(file))
 
 
 def _write(path: Path, pieces: Iterable[bytes]) -> int:

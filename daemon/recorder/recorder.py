@@ -13,7 +13,7 @@ from daemon.gateway.requests import Inquiry
 from daemon.ipc.ring_clip import FOLDER
 from daemon.ipc.transport import RingReader
 from daemon.recorder.audit_file import RequestFile
-from daemon.recorder.audit_log import RequestLog
+from daemon.recorder.audit_log import RequestLog, unexpected_end
 from daemon.recorder.black_box import BlackBox
 from daemon.recorder.clip_store import ClipStore
 from daemon.recorder.disk import Disk, WriteError
@@ -25,19 +25,39 @@ REMEDY: Final = (
 )
 
 
+END_REMEDY: Final = (
+    "`gaitd blackbox` and `gaitd blackbox requests` show what was kept; `gaitd doctor` checks the"
+    " clock"
+)
+
+
 class DiskRecorder:
     """Black box and request log of one state directory, and the thread that writes both."""
 
     def __init__(
-        self, state: Path, runtime: Path, clock: AgeClock, version: str, *, have_keys: bool = False
+        self,
+        state: Path,
+        runtime: Path,
+        clock: AgeClock,
+        version: str,
+        *,
+        have_keys: bool = False,
+        computer_boot_id: str = "",
     ) -> None:
         """Open the state directory; one that cannot be used is reported as an event, not raised."""
         self._clock = clock
         self._disk = Disk()
         clips = ClipStore(state / FOLDER)
         self._errors = [WriteError("black box", clips.trouble)] if clips.trouble else []
+        self._unexpected_end = ""
+        try:
+            self._unexpected_end = unexpected_end(state, computer_boot_id)
+        except OSError as error:
+            self._errors.append(WriteError("request log", error.strerror or str(error)))
         self._file = RequestFile(state)
-        self._log = RequestLog(self._file, self._disk, clock.utc_ns(), version, have_keys)
+        self._log = RequestLog(
+            self._file, self._disk, clock.utc_ns(), version, have_keys, computer_boot_id
+        )
         self._box = BlackBox(runtime, clips, self._disk, self._log)
         self._damaged = clips.damaged
 
@@ -60,7 +80,9 @@ class DiskRecorder:
         self._log.turn(now_ns, self._clock.utc_ns())
         errors, self._errors = [*self._errors, *self._disk.errors()], []
         damaged, self._damaged = [*self._damaged, *self._box.damaged()], []
+        ended, self._unexpected_end = self._unexpected_end, ""
         return [
+            *([EventDraft(Priority.LOW, Kind.NOTE, ended, END_REMEDY)] if ended else []),
             *map(_write_error, errors),
             *map(_damaged, damaged),
             *map(_written, self._box.new_files()),

@@ -39,15 +39,15 @@ def remove_file(path: Path) -> None:
     sync_folder(path.parent)
 
 
-def make_folder(folder: Path) -> None:
+def make_folder(folder: Path, mode: int = 0o777) -> None:
     """Make a folder with its parents, unless it is there, and wait until the disk has its name.
 
     Raises:
         OSError: it cannot be made, or the disk fails.
     """
     if not folder.is_dir():
-        make_folder(folder.parent)
-        folder.mkdir(exist_ok=True)
+        make_folder(folder.parent, mode)
+        folder.mkdir(mode, exist_ok=True)
         sync_folder(folder.parent)
 
 

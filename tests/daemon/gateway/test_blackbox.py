@@ -7,10 +7,12 @@ from unittest import mock
 
 import msgspec
 import pytest
+from power_cuts import check
 from records import HEADER
+from traced_calls import mark
 
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
-from daemon.ipc.ring_clip import FOLDER, ClipFile, clip_files
+from daemon.ipc.ring_clip import FOLDER, ClipFile, ClipWriter, clip_files
 from daemon.ipc.transport import PREVIOUS_RING_NAME, CoreChannel, GatewayChannel, Kept, RingReader
 from daemon.recorder.black_box import AFTER_NS, BEFORE_NS, BlackBox
 from daemon.recorder.clip_store import ClipStore, surplus
@@ -387,3 +389,41 @@ def test_a_folder_that_cannot_be_used_is_a_trouble_and_no_error(tmp_path):
 
     assert str(folder) in clips.trouble
     assert not clips.covers("boot-a", 1)
+
+
+def clip(store, stop_utc_ns, seq):
+    """A file of two records, whose stop was at a time that the clock showed."""
+    with contextlib.closing(ClipWriter(2048)) as records:
+        records.add(seq, b"a" * 700)
+        records.add(seq + 1, b"b" * 700)
+        kept = Kept("cause", "", "", seq, stop_utc_ns, seq, seq + 1, False)
+        return store.write(header(), kept, records).name
+
+
+def test_the_newest_file_stays_although_the_clock_has_lost_its_time(tmp_path):
+    day_ns = 86_400_000_000_000
+    for number, day in enumerate((5, 6, 0, 1)):
+        newest = clip(ClipStore(tmp_path, files_max=2), day * day_ns, 10 * number + 1)
+        assert newest in {file.path.name for file in clip_files(tmp_path)}
+
+    assert [file.kept.stop_utc_ns // day_ns for file in clip_files(tmp_path)] == [0, 1]
+
+
+def test_after_a_power_cut_a_file_that_was_kept_is_whole(tmp_path):
+    folder = tmp_path / "state" / FOLDER
+
+    def scenario():
+        store = ClipStore(folder, files_max=2)
+        for seq in (1, 11, 21):
+            clip(store, seq, seq)
+            mark(str(seq))
+
+    def recover(marks):
+        store = ClipStore(folder, files_max=2)
+        assert store.damaged == []
+        assert all(store.covers("boot-a", int(seq)) for seq in marks[-1:])
+        clip(store, 31, 31)
+        assert len(clip_files(folder)) <= 2
+        assert not list(folder.glob("*.part"))
+
+    check(tmp_path, scenario, recover)

@@ -9,6 +9,8 @@ from unittest import mock
 import msgspec
 import pytest
 from gaitd_client import wire
+from power_cuts import check
+from traced_calls import mark
 
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
 from daemon.recorder.audit_file import (
@@ -19,7 +21,7 @@ from daemon.recorder.audit_file import (
     files_of,
     lines_of,
 )
-from daemon.recorder.audit_log import LINES_PER_MINUTE, RequestLog
+from daemon.recorder.audit_log import LINES_PER_MINUTE, RequestLog, unexpected_end
 from daemon.recorder.disk import Disk
 from daemon.recorder.ring_follower import header_of
 
@@ -320,3 +322,49 @@ def test_that_a_lease_was_renewed_is_no_news_and_that_it_was_not_is(book):
     outcomes = [line["outcome"] for line in book.lines() if line.get("name") == "acquire"]
 
     assert outcomes == ["done", "refused"]
+
+
+def test_after_a_power_cut_all_lines_that_were_written_are_there_and_the_next_ones_too(tmp_path):
+    folder = tmp_path / "state"
+
+    def scenario():
+        file = RequestFile(folder, bytes_max=1500, files_max=9)
+        for number in range(12):
+            file.add(b'{"kind":"asked","number":%d,"filled":"%s"}' % (number, b"x" * 600))
+            if number % 3:
+                file.flush()
+                mark(str(number))
+
+    def recover(marks):
+        file = RequestFile(folder, bytes_max=1500, files_max=9)
+        file.add(b'{"kind":"asked","number":99}')
+        file.flush()
+        file.close()
+        found = [fields["number"] for fields in map(fields_of, lines_of(folder)) if fields]
+        assert found == sorted(found)
+        assert {*range(int(marks[-1]) + 1 if marks else 0), 99} <= set(found)
+
+    check(tmp_path, scenario, recover)
+
+
+def test_a_log_without_an_end_says_whether_the_power_failed(tmp_path):
+    def run(computer_boot_id, *, is_ended):
+        said = unexpected_end(tmp_path, computer_boot_id)
+        disk, file = Disk(), RequestFile(tmp_path)
+        log = RequestLog(file, disk, UTC_NS, "0.1.0", False, computer_boot_id)
+        if is_ended:
+            log.close()
+        disk.settle()
+        file.flush()
+        file.close()
+        return said
+
+    assert run("monday", is_ended=True) == ""
+    assert run("monday", is_ended=False) == ""
+    killed = run("monday", is_ended=False)
+    assert "killed after 2025-10-09T08:53:20.123456Z" in killed
+    assert "the power failed after 2025-10-09T" in run("tuesday", is_ended=True)
+    with (tmp_path / NAME).open("ab") as file:
+        file.write(b'{"kind":"e\0\0')
+    assert "the power failed after" in run("wednesday", is_ended=True)
+    assert run("thursday", is_ended=True) == ""

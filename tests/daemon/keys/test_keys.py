@@ -8,6 +8,8 @@ import pytest
 from command_line import gaitd
 from config_files import CONFIGS
 from gaitd_client.credentials import read_credentials
+from power_cuts import check
+from traced_calls import mark
 
 from daemon.config.strict import ConfigError
 from daemon.keys import issuing
@@ -276,3 +278,43 @@ def test_a_link_beyond_this_machine_needs_keys_and_tls(config, listen, keys, sai
 
     assert refused.code == 2
     assert said in refused.err
+
+
+def test_after_a_power_cut_the_keys_are_those_before_a_command_or_after_it(tmp_path):
+    keys = tmp_path / "keys"
+
+    def scenario():
+        issuing.init(keys, "trainer", ["trainer.lan"], NOW, 365)
+        mark("init")
+        issue(keys, "display.desk")
+        mark("issue")
+        issue(keys, "display.desk")
+        mark("renew")
+        issue(keys, "session.ward_3", remote=True)
+        mark("issue remote")
+        issuing.renew_gateway(keys, (), NOW, 100)
+        mark("renew gateway")
+        issuing.revoke(keys, "display.desk")
+        mark("revoke")
+
+    def recover(marks):
+        if not (keys / "clients.json").exists():
+            assert "init" not in marks
+            issuing.init(keys, "trainer", ["trainer.lan"], NOW, 365)
+        register = read_keys(keys).register
+        listed = {client.name: client.password for client in register.clients}
+        bundles = [keys / "issued" / f"{name}{end}" for name in listed for end in ("", ".before")]
+        passwords = {
+            read_credentials(bundle).file.password
+            for bundle in bundles
+            if (bundle / "credentials.json").exists()
+        }
+        assert passwords >= set(listed.values())
+        assert ("display.desk" in listed) >= ("issue" in marks and "renew gateway" not in marks)
+        assert ("session.ward_3" in listed) >= ("issue remote" in marks)
+        assert register.gateway_expires < "2027-06" or "renew gateway" not in marks
+        if "revoke" in marks:
+            assert set(listed) == {"session.ward_3"}
+            assert [path.name for path in (keys / "issued").iterdir()] == ["session.ward_3"]
+
+    check(tmp_path, scenario, recover, random_count=1)
