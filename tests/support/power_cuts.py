@@ -59,9 +59,12 @@ def beside(job: Callable[[], None]) -> int:
     return pid
 
 
+def clips() -> list[str]:
+    return sorted(path.name for path in (DISK / "state" / FOLDER).glob(f"*{SUFFIX}"))
+
+
 def watch(service: Inside) -> None:
     """What the core does and which clips there are, again and again."""
-    folder = DISK / "state" / FOLDER
     while True:
         time.sleep(PULSE_S)
         try:
@@ -72,7 +75,7 @@ def watch(service: Inside) -> None:
             pulse=record.mode.name,
             cause=record.verdict.cause.name,
             utc_ns=record.sync_utc_ns,
-            clips=sorted(path.name for path in folder.glob(f"*{SUFFIX}")),
+            clips=clips(),
         )
 
 
@@ -181,6 +184,8 @@ def _go(service: Inside, phase: str, helpers: list[int]) -> None:
         service.until(walks)
     said(phase=phase)
     if phase == "stop":
+        # The clip of this start's verdict; then what was said is on the disk, and the stop is not.
+        service.wait(clips)
         time.sleep(SETTLED_S)
         asked(service, "stop")
     while True:
