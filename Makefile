@@ -22,10 +22,10 @@ RECORD := clients/record
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-package test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb rigs lock format tables docs golden clean
+.PHONY: help demo demo-display quick test test-rigs test-package test-power-cuts test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb rigs lock format tables docs golden clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-13s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-15s %s\n", $$1, $$2}'
 
 $(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
@@ -66,11 +66,16 @@ test-rigs: $(VENV)/dev.stamp  ## SocketCAN, systemd, pages in a browser (after `
 test-package: $(VENV)/dev.stamp  ## the Debian package: built thrice, then installed to purged under systemd (after `make rigs`, root)
 	$(BIN)/pytest -m "rig_systemd and thorough" --rigs=required
 
+RIGS ?= required
+test-power-cuts: $(VENV)/dev.stamp  ## five kills of a virtual machine with its files on ext4, and the starts after them (after `make rigs`)
+	$(BIN)/pytest -s -m "rig_vcan and thorough" --rigs=$(RIGS)
+
 test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime
 
-test-all: check coverage  ## at night: whole fault matrix, long fuzz, statistics, ablation, mutants
+test-all: check coverage  ## at night: whole fault matrix, long fuzz, statistics, ablation, power cuts, mutants
 	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd and not rig_browser"
+	$(MAKE) --no-print-directory test-power-cuts RIGS=present
 	$(BIN)/python scripts/mutants.py
 
 check: lint types imports  ## static checks: lint, types, import contracts

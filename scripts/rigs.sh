@@ -8,6 +8,7 @@ export DEBIAN_FRONTEND=noninteractive PATH="$PATH:/usr/sbin:/sbin"
 PACKAGES=(
     qemu-system-x86 linux-image-amd64 busybox-static   # the virtual machine of rig_vcan, and its kernel
     can-utils kmod iproute2                            # vcan inside it: modprobe, ip, candump, cansend
+    e2fsprogs                                          # the image of its disk: mkfs.ext4, e2fsck, debugfs
     systemd systemd-container                          # systemd-nspawn and the systemd of rig_systemd
     python3-venv                                       # the environment that `make deb` makes
     chromium                                           # the pages of rig_browser
@@ -50,7 +51,7 @@ check() {
     step="looking for a kernel in /boot"
     compgen -G '/boot/vmlinuz-*' > /dev/null || refuse "no kernel in /boot after installing linux-image-amd64"
     step="looking for the programs of the rigs"
-    for program in chromium qemu-system-x86_64 busybox systemd-nspawn candump modprobe ip .venv/bin/vng; do
+    for program in chromium qemu-system-x86_64 busybox systemd-nspawn candump modprobe ip mkfs.ext4 .venv/bin/vng; do
         command -v "$program" > /dev/null || refuse "$program is still missing"
     done
 }

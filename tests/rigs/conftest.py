@@ -108,6 +108,11 @@ def compiled_for_any_processor(folder: Path) -> None:
     shutil.copytree(CACHE, folder / "numba")
 
 
+@pytest.fixture(scope="session", name="compiled_for_any_processor")
+def _compiled_for_any_processor():
+    return compiled_for_any_processor
+
+
 def with_controllers(rig: Any, *, emulated: bool) -> Any:
     """The rig, with two CAN controllers where it is a virtual machine, or `emulated` wants one."""
 
