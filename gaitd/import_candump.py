@@ -31,6 +31,8 @@ from gaitd.command_line import (
 )
 
 if TYPE_CHECKING:
+    import can
+
     from daemon.config.bundle import LegDrives
 
 FORMATS: Final = (".asc", ".blf", ".csv", ".log", ".trc")
@@ -104,13 +106,14 @@ class FrameFile:
         """Raise FrameFileError where the file cannot be read, with the number of the frame."""
         import can
 
-        self.ignored_count, count, before_s = 0, 0, -math.inf
+        self.ignored_count, count = 0, 0
+        before: can.Message | None = None
         try:
             with can.LogReader(self._path) as reader:
                 for one in reader:
-                    count += 1
-                    _check_order(before_s, one.timestamp)
-                    before_s = one.timestamp
+                    if before is not None and (wrong := _misplaced(before, one)):
+                        raise FrameFileError(f"{self._path}: frame {count + 1}: {wrong}")
+                    count, before = count + 1, one
                     if one.is_extended_id or one.is_remote_frame or one.is_error_frame or one.is_fd:
                         self.ignored_count += 1
                     else:
@@ -125,9 +128,13 @@ class FrameFile:
             ) from error
 
 
-def _check_order(before_s: float, now_s: float) -> None:
-    if now_s < before_s:
-        raise ValueError(f"time goes back to {now_s:.6f} s")
+def _misplaced(before: "can.Message", now: "can.Message") -> str:
+    """Why a frame cannot come after another one; empty if it can."""
+    if now.timestamp < before.timestamp:
+        return f"time goes back to {now.timestamp:.6f} s"
+    if now.channel != before.channel:
+        return f"it is of {now.channel}, the one before of {before.channel}: keep those of one bus"
+    return ""
 
 
 def _write_rows(found: BusRecording, path: Path) -> None:
@@ -142,11 +149,15 @@ def _write_rows(found: BusRecording, path: Path) -> None:
 def _write_trace(frames: FrameFile, found: BusRecording, path: Path) -> None:
     """Lines of `candump -L` with T of the master and R of the drives, from time 0."""
     drives = found.hip.from_drive | found.slide.from_drive
+    directions = dict.fromkeys(found.hip.to_drive | found.slide.to_drive, "T")
+    directions |= dict.fromkeys(drives, "R")
     first_s: float | None = None
     with path.open("w", encoding="utf-8") as file:
         for frame in frames:
+            direction = directions.get(frame.can_id)
+            if direction is None:
+                continue
             first_s = frame.time_s if first_s is None else first_s
-            direction = "R" if frame.can_id in drives else "T"
             data = frame.data.hex().upper()
             stamp = f"({frame.time_s - first_s:.6f})"
             file.write(f"{stamp} can0 {frame.can_id:03X}#{data} {direction}\n")

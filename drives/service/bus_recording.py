@@ -4,12 +4,13 @@ The frames may be those of any CANopen master. Rules:
 
 1.  The SDO traffic of the recording says which objects are in a TPDO, and on which identifier: a
     download counts when the drive has confirmed it, an upload when it is answered (CiA 301,
-    7.2.4.3). An object of 1800h..1803h and 1A00h..1A03h that never appears is as the profile maps
-    it.
+    7.2.4.3), both expedited, with or without their size. An object of 1800h..1803h and
+    1A00h..1A03h that never appears is as the profile maps it.
 2.  What the drive says of its units (6076h and its brothers) counts before the axis file.
 3.  A SYNC begins a row; a sample belongs to the SYNC before it. A drive that does not answer leaves
     NaN. Rows before the first sample of both drives, and after the last one, are left out.
-4.  A TPDO whose length differs from its mapping is an error, not a guess.
+4.  A TPDO whose length differs from its mapping is an error, not a guess. So is a sample from a
+    TPDO that the SDO traffic has made asynchronous: it is of no SYNC.
 """
 
 import math
@@ -18,7 +19,7 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from drives.canopen.emcy import EMERGENCY_ID
-from drives.canopen.nmt import HEARTBEAT_ID, SYNC_ID
+from drives.canopen.nmt import HEARTBEAT_ID, NMT_ID, SYNC_ID
 from drives.canopen.objects import Object
 from drives.canopen.sniffer import SDO_ANSWER_ID, SDO_REQUEST_ID
 from drives.cia402.pdo import POSITION, layouts
@@ -27,6 +28,8 @@ from drives.cia402.torque import ObjectRef
 from drives.cia402.units import AxisScaling, axis_scaling, base_from_raw, position_si
 
 TPDO_NUMBERS: Final = (1, 2, 3, 4)
+RPDO_IDS: Final = (0x200, 0x300, 0x400, 0x500)
+TIME_ID: Final = 0x100
 SYNCHRONOUS_MAX: Final = 240
 """Largest transmission type of a TPDO whose sample is taken at a SYNC."""
 MAPPED_MAX: Final = 64
@@ -38,7 +41,8 @@ _COMMAND: Final = 0xE0
 _DOWNLOAD: Final = 0x20
 _UPLOADED: Final = 0x40
 _DOWNLOADED: Final = 0x60
-_EXPEDITED_WITH_SIZE: Final = 0x03
+_EXPEDITED: Final = 0x02
+"""Some masters leave the size out, and send four bytes (CiA 301, 7.2.4.3.3: s = 0)."""
 _SDO_BYTES: Final = 8
 _COMMUNICATION: Final = (Object.TPDO, Object.TPDO_MAPPING)
 
@@ -91,6 +95,13 @@ class Tpdo(NamedTuple):
     size: int
     of_recording: bool
     """True if the recording says what is in it, False if the profile does."""
+    transmission_type: int
+    """1800h..1803h:02; where the recording has none, the profile's synchronous one."""
+
+    @property
+    def is_synchronous(self) -> bool:
+        """True if its samples are taken at a SYNC."""
+        return self.transmission_type <= SYNCHRONOUS_MAX
 
     def part(self, ref: Place) -> Part | None:
         """Where this object is, if it is mapped here."""
@@ -108,6 +119,8 @@ class Station:
     frame_count: int = 0
     pending: tuple[Place, int] | None = None
     """A download that is not confirmed yet."""
+    tpdo_ids: set[int] = field(default_factory=set[int])
+    """Identifiers that its TPDOs have had."""
     position_counts: float = math.nan
     torque_count: float = math.nan
     """Sample of the present row, raw."""
@@ -121,7 +134,17 @@ class Station:
     def from_drive(self) -> frozenset[int]:
         """Identifiers on which it sends."""
         own = (HEARTBEAT_ID, EMERGENCY_ID, SDO_ANSWER_ID)
-        return frozenset((*(one.can_id for one in self.tpdos), *(i + self.node_id for i in own)))
+        return frozenset((*self.tpdo_ids, *(i + self.node_id for i in own)))
+
+    @property
+    def to_drive(self) -> frozenset[int]:
+        """Identifiers on which it receives: its own, and those of all nodes."""
+        own = (SDO_REQUEST_ID, *RPDO_IDS)
+        moved = (self.values.get((Object.RPDO + number, 1), 0) for number in range(len(RPDO_IDS)))
+        master = self.values.get((Object.HEARTBEAT_CONSUMER, 1), 0) >> 16 & 0x7F
+        everyone = (NMT_ID, SYNC_ID, TIME_ID, HEARTBEAT_ID + master)
+        told = (one & _IDENTIFIER for one in moved if one and not one & _INVALID)
+        return frozenset((*(one + self.node_id for one in own), *told, *everyone))
 
 
 class BusRecording(NamedTuple):
@@ -187,6 +210,7 @@ def _route(station: Station, by_id: dict[int, Callable[[BusFrame], None]]) -> No
     for tpdo in station.tpdos:
         by_id.pop(tpdo.can_id, None)
     station.tpdos = _tpdos(station)
+    station.tpdo_ids.update(one.can_id for one in station.tpdos)
     node = station.node_id
 
     def request(frame: BusFrame) -> None:
@@ -214,7 +238,7 @@ def _take_request(station: Station, data: bytes) -> None:
     if len(data) != _SDO_BYTES or data[0] & _COMMAND != _DOWNLOAD:
         return
     station.pending = None
-    if data[0] & _EXPEDITED_WITH_SIZE == _EXPEDITED_WITH_SIZE:
+    if data[0] & _EXPEDITED:
         station.pending = _place(data), _expedited(data)
 
 
@@ -223,7 +247,7 @@ def _take_answer(station: Station, data: bytes) -> bool:
     if len(data) != _SDO_BYTES:
         return False
     command, told = data[0] & _COMMAND, None
-    if command == _UPLOADED and data[0] & _EXPEDITED_WITH_SIZE == _EXPEDITED_WITH_SIZE:
+    if command == _UPLOADED and data[0] & _EXPEDITED:
         told = _place(data), _expedited(data)
     elif command == _DOWNLOADED and station.pending and station.pending[0] == _place(data):
         told = station.pending
@@ -252,13 +276,15 @@ def _tpdos(station: Station) -> tuple[Tpdo, ...]:
         identifier = station.values.get((Object.TPDO + number - 1, 1))
         count = station.values.get((Object.TPDO_MAPPING + number - 1, 0))
         entries = [] if layout is None else [item.entry for item in layout.objects]
+        is_told = False
         if count is not None:
             told = [
                 station.values.get((Object.TPDO_MAPPING + number - 1, sub))
                 for sub in range(1, min(count, MAPPED_MAX) + 1)
             ]
             known = [entry for entry in told if entry is not None]
-            entries = known if len(known) == len(told) else entries
+            is_told = len(known) == len(told)
+            entries = known if is_told else entries
             if count > MAPPED_MAX or not all(entry & 0xFF for entry in entries):
                 entries = []
         if identifier is None:
@@ -275,7 +301,8 @@ def _tpdos(station: Station) -> tuple[Tpdo, ...]:
                 identifier & _IDENTIFIER,
                 tuple(parts),
                 (first_bit + 7) // 8,
-                of_recording=count is not None,
+                is_told,
+                station.values.get((Object.TPDO + number - 1, 2), 1),
             )
         )
     return tuple(found)
@@ -283,6 +310,8 @@ def _tpdos(station: Station) -> tuple[Tpdo, ...]:
 
 def _take_sample(station: Station, tpdo: Tpdo, frame: BusFrame) -> None:
     station.frame_count += 1
+    if not tpdo.is_synchronous:
+        return
     if len(frame.data) != tpdo.size:
         raise RecordedBusError(
             f"TPDO{tpdo.number} of node {station.node_id} ({tpdo.can_id:03X}h) at "
@@ -300,7 +329,9 @@ def _take_sample(station: Station, tpdo: Tpdo, frame: BusFrame) -> None:
 
 def _mapping(tpdo: Tpdo) -> str:
     names = ", ".join(f"{part.object_index:04X}h:{part.sub:02X}" for part in tpdo.parts)
-    return f"{names} ({'mapped in the file' if tpdo.of_recording else 'mapped by the profile'})"
+    source = "mapped in the file" if tpdo.of_recording else "mapped by the profile"
+    kind = "" if tpdo.is_synchronous else f", transmission type {tpdo.transmission_type}"
+    return f"{names} ({source}{kind})"
 
 
 def _row(sync_s: float, stations: tuple[Station, Station]) -> tuple[float, ...]:
@@ -313,17 +344,17 @@ def _row(sync_s: float, stations: tuple[Station, Station]) -> tuple[float, ...]:
 
 
 def _check_sources(station: Station) -> None:
-    """Position and torque must be in a TPDO."""
+    """Position and torque must be in a synchronous TPDO."""
     source = station.description.profile.torque_source
     for ref, what in (
         ((POSITION.index, POSITION.sub), "the position"),
         ((source.index, source.sub), "the profile's torque_source"),
     ):
-        if not any(tpdo.part(ref) for tpdo in station.tpdos):
+        if not any(tpdo.is_synchronous and tpdo.part(ref) for tpdo in station.tpdos):
             mapped = "; ".join(f"TPDO{one.number}: {_mapping(one)}" for one in station.tpdos)
             raise RecordedBusError(
-                f"node {station.node_id}: {ref[0]:04X}h:{ref[1]:02X}, {what}, is in no TPDO "
-                f"({mapped or 'there is none'})"
+                f"node {station.node_id}: {ref[0]:04X}h:{ref[1]:02X}, {what}, is in no synchronous "
+                f"TPDO ({mapped or 'there is none'})"
             )
 
 

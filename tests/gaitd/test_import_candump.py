@@ -21,6 +21,8 @@ from drives.service.bus_recording import BusFrame, RecordedBusError, read_bus
 TRAINER = CONFIGS / "demo.toml"
 LEG = load(TRAINER).legs[0]
 HIP, SLIDE = 5, 6
+OF_NODE_7 = (0x187, 0x207, 0x587, 0x607, 0x707)
+"""Frames of another node, and to it."""
 
 
 @pytest.fixture(scope="module")
@@ -38,15 +40,16 @@ def dump(walk, tmp_path):
     path = tmp_path / "walk.log"
     with can.Logger(path) as logger:
         for line in walk[1].lines:
-            logger(
-                can.Message(
-                    timestamp=1.7e9 + line.time_ns / 1e9,
-                    arbitration_id=line.frame.can_id,
-                    data=line.frame.data,
-                    is_extended_id=False,
-                    channel="can0",
+            for can_id in (line.frame.can_id, *OF_NODE_7):
+                logger(
+                    can.Message(
+                        timestamp=1.7e9 + line.time_ns / 1e9,
+                        arbitration_id=can_id,
+                        data=line.frame.data,
+                        is_extended_id=False,
+                        channel="can0",
+                    )
                 )
-            )
     return path
 
 
@@ -71,7 +74,7 @@ def test_rows_are_what_the_service_gave_its_observer(walk, dump, tmp_path):
     np.testing.assert_allclose(np.diff(recording.time_s[offset:]), 0.01, atol=2e-6)
 
 
-def test_the_trace_has_every_frame_with_its_direction(walk, dump, tmp_path):
+def test_the_trace_has_every_frame_of_drives_and_master_with_its_direction(walk, dump, tmp_path):
     trace = tmp_path / "trace.log"
 
     ended = gaitd(
@@ -88,9 +91,9 @@ def test_the_trace_has_every_frame_with_its_direction(walk, dump, tmp_path):
 
 
 def sdo(node, index, sub, value, *, confirmed=True):
-    """A download of four bytes, and its answer."""
+    """A download of four bytes, and its answer; an odd sub-index without its size, as allowed."""
     place = struct.pack("<HB", index, sub)
-    yield 0x600 + node, b"\x23" + place + struct.pack("<I", value)
+    yield 0x600 + node, (b"\x22" if sub % 2 else b"\x23") + place + struct.pack("<I", value)
     yield 0x580 + node, (b"\x60" if confirmed else b"\x80") + place + bytes(4)
 
 
@@ -139,7 +142,9 @@ def test_another_master_s_mapping_is_taken_from_its_sdo_traffic():
 
 
 def test_an_object_that_the_new_mapping_lacks_is_named():
-    with pytest.raises(RecordedBusError, match=r"node 5: 6064h:00, the position, is in no TPDO"):
+    with pytest.raises(
+        RecordedBusError, match=r"node 5: 6064h:00, the position, is in no synchronous TPDO"
+    ):
         read_bus(timed(foreign(confirmed=False)), LEG.hip, LEG.slide)
 
 
@@ -149,9 +154,16 @@ def test_an_object_that_the_new_mapping_lacks_is_named():
         ([(0x185, bytes(7))], "no SYNC"),
         ([(0x080, b"")], "1 SYNCs, 0 frames of node 5, 0 frames of node 6"),
         ([(0x080, b""), (0x185, bytes(5))], r"TPDO1 of node 5 \(185h\) at 0.010000 s has 5 bytes"),
-        ([*sdo(HIP, 0x1A00, 0, 1 << 31), (0x080, b"")], "6064h:00, the position, is in no TPDO"),
-        ([*mapped(0x60640000), (0x080, b""), (0x185, b"")], "6064h:00, the position, is in no"),
+        (
+            [*sdo(HIP, 0x1A00, 0, 1 << 31), (0x080, b"")],
+            "6064h:00, the position, is in no synchronous TPDO",
+        ),
+        (
+            [*mapped(0x60640000), (0x080, b""), (0x185, b"")],
+            "6064h:00, the position, is in no sync",
+        ),
         ([*foreign(), *sdo(HIP, 0x6076, 0, 0)], "node 5: 6076h:00 is 0 in the file"),
+        ([*sdo(HIP, 0x1803, 2, 255), *foreign()], "mapped in the file, transmission type 255"),
     ],
 )
 def test_frames_that_give_no_recording_are_refused(frames, words):
@@ -181,7 +193,12 @@ def test_nonsense_on_the_bus_ends_in_rows_or_in_an_error_of_its_own(frames):
     ("name", "text", "words"),
     [
         ("torn.log", "(1.0) can0 080#\n(1.1) can0 18", "torn.log: frame 2"),
-        ("back.log", "(2.0) can0 080#\n(1.0) can0 080#\n", "frame 3: time goes back to 1.000000 s"),
+        ("back.log", "(2.0) can0 080#\n(1.0) can0 080#\n", "frame 2: time goes back to 1.000000 s"),
+        (
+            "two.log",
+            "(1.0) can0 080#\n(1.1) can1 080#\n",
+            "frame 2: it is of can1, the one before of can0",
+        ),
         ("walk.txt", "", "must end in .asc, .blf, .csv, .log, .trc"),
         ("none.log", None, "No such file"),
     ],
