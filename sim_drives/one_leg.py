@@ -16,7 +16,6 @@ from sim_drives.canopen.timers import NEVER
 from sim_drives.faults.rules import RULES
 from sim_drives.faults.script import FaultOrder
 from sim_drives.node import Node
-from sim_drives.plant.actuation import AxisFlag
 from sim_drives.plant.port import Axis, Plant
 from sim_drives.settings import DriveSettings, FaultKind
 from simtime.frame import Frame
@@ -96,7 +95,7 @@ class OneLeg:
             )
             for number, (axis, settings, entries) in enumerate(parts)
         }
-        self._flags = dict.fromkeys(self.nodes, AxisFlag.NONE)
+        self._flags = dict.fromkeys(self.nodes, 0)
 
     def power_on(self, outsiders: Mapping[str, Outsider]) -> None:
         """Power the drives on; those of `outsiders` stay without power and send nothing."""

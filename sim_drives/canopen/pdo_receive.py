@@ -35,8 +35,10 @@ class _Complaint:
         self._slots: set[int] = set()
 
     def report(self, slot: int, *, wrong: bool) -> None:
+        if wrong == (slot in self._slots):
+            return
         before = bool(self._slots)
-        self._slots = self._slots | {slot} if wrong else self._slots - {slot}
+        self._slots ^= {slot}
         if bool(self._slots) != before:
             self._report(wrong)
 

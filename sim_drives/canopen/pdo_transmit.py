@@ -74,7 +74,7 @@ class TransmitPdos:
 
     def sends(self, can_id: int) -> bool:
         """Return whether a TPDO has this identifier."""
-        return any(c.settings.valid and c.settings.can_id == can_id for c in self._channels)
+        return any(c.settings.can_id == can_id and c.settings.valid for c in self._channels)
 
     def sync(self) -> None:
         """Send the TPDOs of this SYNC; process values have been sampled."""

@@ -293,7 +293,7 @@ class Drive:
 
     # --- flags of the plant, and commands to it ---------------------------------------------------
 
-    def _watch_plant(self) -> AxisFlag:
+    def _watch_plant(self) -> int:
         """React to the plant's flags and return them."""
         flags = self._axis.flags()
         if flags & AxisFlag.STANDSTILL and self._ramping and not self._arrived:
@@ -335,7 +335,7 @@ class Drive:
             self._axis.order(order)
         self._show(flags)
 
-    def _show(self, flags: AxisFlag) -> None:
+    def _show(self, flags: int) -> None:
         self.measurement.update_inputs()
         self._show_demand()
         self._statusword.set(self._status_bits(flags))
@@ -359,7 +359,7 @@ class Drive:
 
     # --- statusword ---------------------------------------------------------------------------
 
-    def _status_bits(self, flags: AxisFlag) -> int:
+    def _status_bits(self, flags: int) -> int:
         word = self.state.value | StatusBit.REMOTE
         word |= StatusBit.VOLTAGE_ENABLED * self._voltage_enabled()
         word |= StatusBit.WARNING * self._errors.warning
@@ -373,7 +373,7 @@ class Drive:
     def _voltage_enabled(self) -> bool:
         return self.measurement.sto_released and self.state not in _VOLTAGE_OFF
 
-    def _mode_bits(self, flags: AxisFlag) -> int:
+    def _mode_bits(self, flags: int) -> int:
         limited = flags & (AxisFlag.TARGET_CLIPPED | AxisFlag.SPEED_LIMITED)
         word = StatusBit.INTERNAL_LIMIT * (bool(limited) or self._motion.torque_clipped())
         if self._motion.halted:

@@ -130,7 +130,7 @@ class Measurement:
         if self._glitch_seen:
             self._glitch_counts = 0
 
-    def flags(self) -> AxisFlag:
+    def flags(self) -> int:
         """The plant's present flags of the axis."""
         return self._axis.flags()
 
@@ -156,7 +156,7 @@ class Measurement:
         position_si = self._scaling.position_si(self._counts)
         return self._home_switch.from_si <= position_si <= self._home_switch.to_si
 
-    def switches(self, flags: AxisFlag) -> int:
+    def switches(self, flags: int) -> int:
         """Bits of the limit switches: the joint's end stops in the drive's direction."""
         negative, positive = AxisFlag.END_STOP_NEGATIVE, AxisFlag.END_STOP_POSITIVE
         if self._sign < 0:

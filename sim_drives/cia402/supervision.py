@@ -33,11 +33,11 @@ class Supervision:
         self._measurement = measurement
         self._switches_prev = 0
 
-    def reset(self, flags: AxisFlag) -> None:
+    def reset(self, flags: int) -> None:
         """Reset while not enabled: no error, and a switch closed now is ignored later."""
         self._switches_prev = self._measurement.switches(flags)
 
-    def errors(self, flags: AxisFlag) -> Iterator[int]:
+    def errors(self, flags: int) -> Iterator[int]:
         """Return the codes of the present errors, in "operation enabled"."""
         switches = self._measurement.switches(flags)
         closed = switches & ~self._switches_prev

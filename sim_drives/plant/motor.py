@@ -89,7 +89,7 @@ LOOP: Final = np.dtype(
 )
 """State of one drive's loops."""
 
-# numba has no IntFlag, so the kernels see plain integers.
+# The kernels combine plain integers.
 STANDSTILL: Final = int(AxisFlag.STANDSTILL)
 FOLLOWING_ERROR: Final = int(AxisFlag.FOLLOWING_ERROR)
 TARGET_CLIPPED: Final = int(AxisFlag.TARGET_CLIPPED)

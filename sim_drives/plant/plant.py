@@ -6,7 +6,6 @@ is the argument of `advance`. All random values come from the seed, one stream f
 
 import math
 from collections.abc import Mapping
-from functools import cache
 from typing import Final
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.mechanism import singularity_ratio
 from observer.mechanism.parameters import LegParameters
-from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
+from sim_drives.plant.actuation import Actuation, AxisActuation, AxisSample
 from sim_drives.plant.dynamics import WORK, Constants, State, advance_steps
 from sim_drives.plant.led import LEAD, follow, unled
 from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order
@@ -172,6 +171,7 @@ class Trainer:
         self._settings = settings
         self._constants = _constants(settings, leg, frictions)
         self._state = _start_state(settings, self._constants)
+        self._flags = self._state.loops["flags"]
         self._drives = _drives(settings.motor, settings.loop, effort_per_a)
         self._orders = np.zeros(2, ORDER)
         self._step_ns = settings.step.physics_us * NS_PER_US
@@ -310,9 +310,9 @@ class Trainer:
             temperature_degc=float(self._settings.motor.ambient_degc + loop["warming_k"]),
         )
 
-    def flags(self, axis: int) -> AxisFlag:
-        """Return the present flags of the axis."""
-        return _flag(int(self._state.loops[axis]["flags"]))
+    def flags(self, axis: int) -> int:
+        """Return the present flags of the axis, bits of `AxisFlag`."""
+        return self._flags.item(axis)
 
     def truth(self) -> Truth:
         """Return the present true state, including what no drive measures."""
@@ -356,12 +356,6 @@ class Trainer:
         velocity = joint["velocity"] + joint["acceleration"] * ahead_s
         position = joint["position"] + ahead_s * (joint["velocity"] + velocity) * 0.5
         return float(position), float(velocity)
-
-
-@cache
-def _flag(value: int) -> AxisFlag:
-    """The flags of a number; kept, because they are read some thirty times in a cycle."""
-    return AxisFlag(value)
 
 
 def _pair(values: NDArray[np.float64]) -> tuple[float, float]:

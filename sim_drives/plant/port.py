@@ -2,7 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
-from sim_drives.plant.actuation import AxisActuation, AxisFlag, AxisSample
+from sim_drives.plant.actuation import AxisActuation, AxisSample
 
 
 class Plant(Protocol):
@@ -20,8 +20,8 @@ class Plant(Protocol):
         """Sample the sensors now; draws noise, so call it once per use."""
         ...
 
-    def flags(self, axis: int) -> AxisFlag:
-        """Return the present flags."""
+    def flags(self, axis: int) -> int:
+        """Return the present flags, bits of `AxisFlag`."""
         ...
 
     def block_rotor(self, axis: int, blocked: bool) -> None:
@@ -63,7 +63,7 @@ class Axis(NamedTuple):
         """As `Plant.sample`."""
         return self.plant.sample(self.number)
 
-    def flags(self) -> AxisFlag:
+    def flags(self) -> int:
         """As `Plant.flags`."""
         return self.plant.flags(self.number)
 

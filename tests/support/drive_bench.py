@@ -36,7 +36,7 @@ class FakePlant:
         self.orders: list[AxisActuation | None] = [None, None]
         self.history: list[tuple[int, int, AxisActuation]] = []
         self.blocked = [False, False]
-        self.raised = [AxisFlag.NONE, AxisFlag.NONE]
+        self.raised = [0, 0]
         self._error_s = [0.0, 0.0]
 
     def set_axis(self, axis: int, actuation: AxisActuation) -> None:
@@ -86,7 +86,7 @@ class FakePlant:
             flags |= AxisFlag.STANDSTILL
         self.raised[axis] = flags | self._following(axis, order, step_s)
 
-    def _following(self, axis: int, order: AxisActuation, step_s: float) -> AxisFlag:
+    def _following(self, axis: int, order: AxisActuation, step_s: float) -> int:
         error = abs(order.target_position_si - self.position[axis])
         if order.actuation is not Actuation.POSITION or error <= order.following_error_si:
             self._error_s[axis] = 0.0
@@ -114,7 +114,7 @@ class FakePlant:
             temperature_degc=31.4,
         )
 
-    def flags(self, axis: int) -> AxisFlag:
+    def flags(self, axis: int) -> int:
         return self.raised[axis]
 
     def block_rotor(self, axis: int, blocked: bool) -> None:
