@@ -4,7 +4,7 @@ numba's own cache checks only the file of the compiled function, so after an edi
 a cached filter silently uses the old mechanism. Here the cache directory is named by a hash over
 all sources that a kernel can use: those of `observer/`, those of the package that the decorated
 function lives in, and the versions of the compilers. Another source gives another directory, so no
-entry needs to be invalidated.
+entry needs to be invalidated. What a power cut may have torn is removed (`cache_files.py`).
 
 `kernel` is for functions that are called from Python or are large. `inline` is for the pieces that
 kernels are made of: LLVM puts their bodies into the caller, which lets a loop over sigma points
@@ -14,6 +14,7 @@ Floating point stays as written (no fastmath): the same inputs give the same bit
 gives inf instead of an exception; kernels guard their divisors.
 """
 
+import atexit
 import contextlib
 import hashlib
 import importlib.metadata
@@ -30,12 +31,15 @@ from typing import Any, Final, TypeVar
 import numba
 from numba.core import config as numba_config
 
+from observer import cache_files
+
 F = TypeVar("F", bound=Callable[..., Any])
 
 CONFIG: Final[Any] = numba_config
 """numba's own configuration, whose attributes are created at run time."""
 COMPILERS: Final = ("numba", "llvmlite", "numpy")
 """Packages that compile the kernels; with Python's version they are part of the key."""
+BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 DIRECTORIES_KEPT: Final = 12
 """Number of older cache generations to keep; the rest is removed when a new one begins."""
 
@@ -98,7 +102,25 @@ def _cache_directory(root: Path) -> Path:
     else:
         _forget_old_generations(directory.parent)
         directory.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(PermissionError):  # as above: its owner removes and settles
+        cache_files.remove_unsettled(directory, _boot_id())
+        _USED.add(directory)
     return directory
+
+
+def settle() -> None:
+    """Bring what this process has compiled to the disk; called at its end, too.
+
+    What a full or broken disk does not take is removed after the next start of the computer.
+    """
+    for directory in _USED:
+        with contextlib.suppress(OSError):
+            cache_files.settle(directory, _boot_id())
+
+
+@cache
+def _boot_id() -> str:
+    return BOOT_ID.read_text().strip()
 
 
 @cache
@@ -133,4 +155,6 @@ def _forget_old_generations(base: Path) -> None:
             shutil.rmtree(directory, ignore_errors=True)
 
 
+_USED: Final[set[Path]] = set()
+atexit.register(settle)
 _OBSERVER: Final = Path(__file__).resolve().parent
