@@ -2,11 +2,13 @@
 
 numba writes them without fsync, as pickles without a checksum: after a power cut a file may have
 its name and its size, and zeros or nothing in it. So `settle` brings files to the disk, and notes
-their sizes and times in a file beside them. The first process after a start of the computer calls
-`remove_unsettled`: it removes what is not noted. numba compiles again what is missing.
+their sizes and times in a file beside them. A process that begins to use a cache calls `enter`: it
+removes what is not noted, unless another process uses the same cache; after a power cut none does.
+numba compiles again what is missing.
 """
 
 import contextlib
+import fcntl
 import json
 import os
 from collections.abc import Iterable
@@ -14,59 +16,57 @@ from pathlib import Path
 from typing import Final
 
 NOTES: Final = "settled.json"
+LOCK: Final = "in_use.lock"
 ENDS: Final = (".nbi", ".nbc")
 Files = dict[str, list[int]]
 """Size in bytes and time of change in ns, by path below the folder."""
 
 
-def remove_unsettled(folder: Path, boot_id: str) -> int:
-    """Remove the files that may not be whole; returns their number.
+def enter(folder: Path) -> int:
+    """Remove the files that may not be whole, if this process is the only one here.
 
-    Args:
-        folder: of one cache.
-        boot_id: another one after each start of the computer; what was written since is whole.
+    Returns: a descriptor; while it is open no other process removes anything.
 
     Raises:
-        OSError: they cannot be removed, or the disk fails.
+        OSError: they cannot be removed.
     """
-    noted_boot_id, settled = _notes(folder)
-    if noted_boot_id == boot_id:
-        return 0
-    found = _files(folder)
-    torn = [name for name, stamp in found.items() if settled.get(name) != stamp]
-    for name in torn:
-        (folder / name).unlink(missing_ok=True)
-    _write_notes(folder, boot_id, {n: stamp for n, stamp in found.items() if n not in torn})
-    return len(torn)
+    lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    with contextlib.suppress(BlockingIOError):
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        settled = _notes(folder)
+        for name, stamp in _files(folder).items():
+            if settled.get(name) != stamp:
+                (folder / name).unlink(missing_ok=True)
+    fcntl.flock(lock, fcntl.LOCK_SH)
+    return lock
 
 
-def settle(folder: Path, boot_id: str) -> int:
+def settle(folder: Path) -> int:
     """Bring all files to the disk that are not noted yet; returns their number.
 
     Raises:
         OSError: the disk is full or fails.
     """
-    _, settled = _notes(folder)
+    settled = _notes(folder)
     found = _files(folder)
     new = [folder / name for name, stamp in found.items() if settled.get(name) != stamp]
     if new:
         _sync({*new, *(path.parent for path in new), folder, folder.parent})
-        _write_notes(folder, boot_id, found)
+        _write_notes(folder, found)
     return len(new)
 
 
-def _notes(folder: Path) -> tuple[str, Files]:
-    """Boot id and files as noted; nothing if there are no notes, or torn ones."""
+def _notes(folder: Path) -> Files:
+    """What is noted; nothing if there are no notes, or torn ones."""
     try:
-        notes = json.loads((folder / NOTES).read_bytes())
-        return notes["boot_id"], notes["files"]
-    except (FileNotFoundError, ValueError, KeyError, TypeError):
-        return "", {}
+        return json.loads((folder / NOTES).read_bytes())
+    except (FileNotFoundError, ValueError):
+        return {}
 
 
-def _write_notes(folder: Path, boot_id: str, files: Files) -> None:
+def _write_notes(folder: Path, files: Files) -> None:
     new = folder / f"{NOTES}.{os.getpid()}"  # other processes may do the same
-    new.write_text(json.dumps({"boot_id": boot_id, "files": files}, indent=0))
+    new.write_text(json.dumps(files, indent=0))
     _sync([new])
     new.replace(folder / NOTES)
     _sync([folder])

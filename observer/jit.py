@@ -39,7 +39,6 @@ CONFIG: Final[Any] = numba_config
 """numba's own configuration, whose attributes are created at run time."""
 COMPILERS: Final = ("numba", "llvmlite", "numpy")
 """Packages that compile the kernels; with Python's version they are part of the key."""
-BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 DIRECTORIES_KEPT: Final = 12
 """Number of older cache generations to keep; the rest is removed when a new one begins."""
 
@@ -103,24 +102,18 @@ def _cache_directory(root: Path) -> Path:
         _forget_old_generations(directory.parent)
         directory.mkdir(parents=True, exist_ok=True)
     with contextlib.suppress(PermissionError):  # as above: its owner removes and settles
-        cache_files.remove_unsettled(directory, _boot_id())
-        _USED.add(directory)
+        _USED[directory] = cache_files.enter(directory)
     return directory
 
 
 def settle() -> None:
     """Bring what this process has compiled to the disk; called at its end, too.
 
-    What a full or broken disk does not take is removed after the next start of the computer.
+    What a full or broken disk does not take is compiled again by a later process.
     """
     for directory in _USED:
         with contextlib.suppress(OSError):
-            cache_files.settle(directory, _boot_id())
-
-
-@cache
-def _boot_id() -> str:
-    return BOOT_ID.read_text().strip()
+            cache_files.settle(directory)
 
 
 @cache
@@ -155,6 +148,7 @@ def _forget_old_generations(base: Path) -> None:
             shutil.rmtree(directory, ignore_errors=True)
 
 
-_USED: Final[set[Path]] = set()
+_USED: Final[dict[Path, int]] = {}
+"""Cache directories of this process, each with its lock, which is held until the process ends."""
 atexit.register(settle)
 _OBSERVER: Final = Path(__file__).resolve().parent

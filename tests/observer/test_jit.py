@@ -190,9 +190,9 @@ def test_after_a_power_cut_no_file_of_compiled_kernels_is_torn_and_a_settled_one
 
     def scenario():
         folder.mkdir(parents=True)
-        cache_files.remove_unsettled(folder, "monday")
+        cache_files.enter(folder)
         save(1)
-        cache_files.settle(folder, "monday")
+        cache_files.settle(folder)
         mark("settled")
         save(2)
 
@@ -200,18 +200,22 @@ def test_after_a_power_cut_no_file_of_compiled_kernels_is_torn_and_a_settled_one
         folder.mkdir(parents=True, exist_ok=True)
         for name in cut_off(folder):
             os.utime(folder / name, ns=(0, 0))
-        cache_files.remove_unsettled(folder, "tuesday")
+        lock = cache_files.enter(folder)
         left = {
             str(path.relative_to(folder)): path.read_bytes()
             for path in folder.rglob("*")
             if path.suffix in cache_files.ENDS
         }
+        save(2)
+        os.close(cache_files.enter(folder))  # as another process, which removes nothing now
+        assert (folder / "model_2" / "twice.nbc").exists()
+        os.close(lock)
         assert left.items() <= contents.items()
         assert len(left) == 2 or not (left or marks)
 
     def cut_off(folder):
         """Times are not modelled: those of files that were noted are restored from the notes."""
-        _, noted = cache_files._notes(folder)
+        noted = cache_files._notes(folder)
         for name, (_, time_ns) in noted.items():
             os.utime(folder / name, ns=(time_ns, time_ns))
         return [name for name in contents if name not in noted and (folder / name).exists()]

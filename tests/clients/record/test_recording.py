@@ -258,6 +258,7 @@ def test_a_power_cut_at_any_call_of_the_recorder_loses_nothing_before_the_last_s
         finished = [file.parent for file in folder.glob(f"*/{MESSAGES}")]
         assert not [event for event in events if isinstance(event, Unfinished)]
         assert not [path for path in finished if path.name.endswith(PART)]
+        assert not events or marks[-1:] != (f"{len(messages)}",)
         if not finished:
             assert not marks
             return
