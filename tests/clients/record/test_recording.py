@@ -241,13 +241,13 @@ def test_a_power_cut_at_any_call_of_the_recorder_loses_nothing_before_the_last_s
 ):
     folder = tmp_path / "folder"
     folder.mkdir()
-    messages = published.messages[1000:1080]
+    messages = published.messages[1000:1045]
 
     def scenario():
         with recorder(published, folder) as made:
             for index, one in enumerate(messages):
                 made.add(one)
-                if index % 30 == 29:
+                if index % 20 == 19:
                     made.sync()
                     mark(f"{index + 1}")
         mark(f"{len(messages)}")
