@@ -4,7 +4,7 @@ numba's own cache checks only the file of the compiled function, so after an edi
 a cached filter silently uses the old mechanism. Here the cache directory is named by a hash over
 all sources that a kernel can use: those of `observer/`, those of the package that the decorated
 function lives in, and the versions of the compilers. Another source gives another directory, so no
-entry needs to be invalidated.
+entry needs to be invalidated. What a power cut may have torn is removed (`cache_files.py`).
 
 `kernel` is for functions that are called from Python or are large. `inline` is for the pieces that
 kernels are made of: LLVM puts their bodies into the caller, which lets a loop over sigma points
@@ -14,6 +14,7 @@ Floating point stays as written (no fastmath): the same inputs give the same bit
 gives inf instead of an exception; kernels guard their divisors.
 """
 
+import atexit
 import contextlib
 import hashlib
 import importlib.metadata
@@ -29,6 +30,8 @@ from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import config as numba_config
+
+from observer import cache_files
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -98,7 +101,19 @@ def _cache_directory(root: Path) -> Path:
     else:
         _forget_old_generations(directory.parent)
         directory.mkdir(parents=True, exist_ok=True)
+    with contextlib.suppress(PermissionError):  # as above: its owner removes and settles
+        _USED[directory] = cache_files.enter(directory)
     return directory
+
+
+def settle() -> None:
+    """Bring what this process has compiled to the disk; called at its end, too.
+
+    What a full or broken disk does not take is compiled again by a later process.
+    """
+    for directory in _USED:
+        with contextlib.suppress(OSError):
+            cache_files.settle(directory)
 
 
 @cache
@@ -133,4 +148,7 @@ def _forget_old_generations(base: Path) -> None:
             shutil.rmtree(directory, ignore_errors=True)
 
 
+_USED: Final[dict[Path, int]] = {}
+"""Cache directories of this process, each with its lock, which is held until the process ends."""
+atexit.register(settle)
 _OBSERVER: Final = Path(__file__).resolve().parent

@@ -23,7 +23,7 @@ from daemon.gateway.setpoints import SetpointBox
 from daemon.ipc.transport import GatewayChannel
 from daemon.keys.folder import Keys
 from daemon.recorder.recorder import DiskRecorder
-from daemon.system.clock import AgeClock, MonotonicClock, computer_boot_id
+from daemon.system.clock import AgeClock, MonotonicClock
 from daemon.system.sd_notify import Notifier
 from daemon.zenoh_io.publish import Mailbox, ZenohOutlet
 from daemon.zenoh_io.session import open_session
@@ -88,14 +88,7 @@ def serve(
         closing(ZenohOutlet(session, trainer, mailbox)) as outlet,
         closing(SetpointSubscriber(session, trainer, box)),
         closing(
-            DiskRecorder(
-                state,
-                runtime,
-                clock,
-                version("gaitd"),
-                have_keys=keys is not None,
-                computer_boot_id=computer_boot_id(),
-            )
+            DiskRecorder(state, runtime, clock, version("gaitd"), have_keys=keys is not None)
         ) as recorder,
         closing(
             Gateway(

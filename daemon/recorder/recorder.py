@@ -4,6 +4,7 @@ It reads the ring by itself and wraps the queries on their way to the service, s
 not depend on it; its reports are returned as events.
 """
 
+import uuid
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
@@ -25,6 +26,8 @@ REMEDY: Final = (
 )
 
 
+BOOT_ID: Final = "boot_id"
+"""File in the runtime directory."""
 END_REMEDY: Final = (
     "`gaitd blackbox` and `gaitd blackbox requests` show what was kept; `gaitd doctor` checks the"
     " clock"
@@ -35,21 +38,14 @@ class DiskRecorder:
     """Black box and request log of one state directory, and the thread that writes both."""
 
     def __init__(
-        self,
-        state: Path,
-        runtime: Path,
-        clock: AgeClock,
-        version: str,
-        *,
-        have_keys: bool = False,
-        computer_boot_id: str = "",
+        self, state: Path, runtime: Path, clock: AgeClock, version: str, *, have_keys: bool = False
     ) -> None:
         """Open the state directory; one that cannot be used is reported as an event, not raised."""
         self._clock = clock
         self._disk = Disk()
         clips = ClipStore(state / FOLDER)
         self._errors = [WriteError("black box", clips.trouble)] if clips.trouble else []
-        self._unexpected_end = ""
+        self._unexpected_end, computer_boot_id = "", _boot_id(runtime)
         try:
             self._unexpected_end = unexpected_end(state, computer_boot_id)
         except OSError as error:
@@ -93,6 +89,17 @@ class DiskRecorder:
         self._box.close(self._clock.now_ns())
         self._log.close()
         self._disk.close()
+
+
+def _boot_id(runtime: Path) -> str:
+    """Name of the time since the computer was started; the runtime directory is memory.
+
+    The kernel's own name is in a part of /proc that the service's units hide.
+    """
+    file = runtime / BOOT_ID
+    if not file.exists():
+        file.write_text(uuid.uuid4().hex)
+    return file.read_text()
 
 
 def _write_error(error: WriteError) -> EventDraft:

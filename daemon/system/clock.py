@@ -32,13 +32,7 @@ class Clock(AgeClock, Protocol):
         ...
 
 
-BOOT_ID: Final = Path("/proc/sys/kernel/random/boot_id")
 PAGE_RETRY_NS: Final = 100_000_000
-
-
-def computer_boot_id() -> str:
-    """Name of the time since the computer was started: another one after each start."""
-    return BOOT_ID.read_text().strip()
 
 
 class MonotonicClock:

@@ -9,11 +9,15 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from command_line import gaitd
+from power_cuts import check
 from sessions import CONFIGS
+from traced_calls import mark
 
+from analysis import fleet as results
 from analysis.estimates import COLUMNS
 from analysis.recording import COLUMNS as INPUTS
 from analysis.replay import estimate, read
@@ -78,6 +82,26 @@ def test_results_are_a_replay_s_bits_and_are_made_once(sessions, tmp_path):
     changed = fleet(sessions, output, "--workers", 1, robot=other)[1]
     assert not any(one["kept"] for one in changed.values())
     assert len(list(output.iterdir())) == 2 * CSV_COUNT
+
+
+def test_a_power_cut_leaves_a_whole_result_or_none(sessions, tmp_path, monkeypatch):
+    made = results.Made(pa.table({"net": np.arange(500.0)}), 5.0)
+    monkeypatch.setitem(results.MAKERS, results.Work.ESTIMATES, lambda *_: made)
+    (tmp_path / "out").mkdir()
+    session = sessions / "trainer0" / "day0.csv"
+    job = results.Job(results.Work.ESTIMATES, session, None, "key", tmp_path / "out")
+
+    def scenario():
+        results.run_job(job, float)
+        mark("made")
+
+    def recover(marks):
+        (result,) = results.run_job(job, float)
+        assert (result.rows, result.error) == (500, "")
+        assert result.kept or not marks
+        assert pq.read_table(result.file) == made.table
+
+    check(tmp_path / "out", scenario, recover)
 
 
 def test_a_bad_recording_costs_itself(sessions, tmp_path):

@@ -7,8 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from power_cuts import check
+from traced_calls import mark
 
-from observer import jit
+from observer import cache_files, jit
 
 OBSERVER = Path(jit.__file__).parent
 
@@ -166,3 +168,56 @@ def test_a_package_of_which_nothing_was_compiled_is_not_cached(tmp_path):
     (tmp_path / "model.py").write_text("NEVER_COMPILED = 1\n")
 
     assert not jit.is_cached(tmp_path)
+
+
+def test_after_a_power_cut_no_file_of_compiled_kernels_is_torn_and_a_settled_one_is_there(tmp_path):
+    folder = tmp_path / "cache" / "key"
+    folder.parent.mkdir()
+    contents = {
+        f"model_{number}/twice.{end}": f"{number}{end}".encode() * 600
+        for number in (1, 2)
+        for end in ("nbi", "nbc")
+    }
+
+    def save(number):
+        """As numba does: under another name, renamed, without fsync."""
+        for name, content in contents.items():
+            if name.startswith(f"model_{number}"):
+                path = folder / name
+                path.parent.mkdir(exist_ok=True)
+                path.with_suffix(".tmp").write_bytes(content)
+                path.with_suffix(".tmp").replace(path)
+
+    def scenario():
+        folder.mkdir(parents=True)
+        cache_files.enter(folder)
+        save(1)
+        cache_files.settle(folder)
+        mark("settled")
+        save(2)
+
+    def recover(marks):
+        folder.mkdir(parents=True, exist_ok=True)
+        for name in cut_off(folder):
+            os.utime(folder / name, ns=(0, 0))
+        lock = cache_files.enter(folder)
+        left = {
+            str(path.relative_to(folder)): path.read_bytes()
+            for path in folder.rglob("*")
+            if path.suffix in cache_files.ENDS
+        }
+        save(2)
+        os.close(cache_files.enter(folder))  # as another process, which removes nothing now
+        assert (folder / "model_2" / "twice.nbc").exists()
+        os.close(lock)
+        assert left.items() <= contents.items()
+        assert len(left) == 2 or not (left or marks)
+
+    def cut_off(folder):
+        """Times are not modelled: those of files that were noted are restored from the notes."""
+        noted = cache_files._notes(folder)
+        for name, (_, time_ns) in noted.items():
+            os.utime(folder / name, ns=(time_ns, time_ns))
+        return [name for name in contents if name not in noted and (folder / name).exists()]
+
+    check(tmp_path / "cache", scenario, recover)

@@ -2,7 +2,8 @@
 
 Reading order: `program.py` (messages in, when a recording begins and ends), `recording.py` (one
 recording while it is made), `leg_table.py` (estimates of a leg), `about.py` (what a recording says
-of itself), `finish.py` (the end, also after a kill), `room.py` (limit of the folder), `errors.py`.
+of itself), `finish.py` (the end, also after a kill), `room.py` (limit of the folder), `disk.py`,
+`errors.py`.
 """
 
 from gaitd_record.about import About, Head

@@ -4,6 +4,7 @@ The same for a recording that ended in order and for one whose recorder was kill
 file has no end, and is written anew from what it has. Each step can be done again after a kill.
 """
 
+import contextlib
 import fcntl
 import os
 import struct
@@ -21,8 +22,9 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from gaitd_record.about import CONFIGURATION, END_NAME, NAME, About, Head, Journal
+from gaitd_record.disk import sync_folder
 from gaitd_record.errors import RecordError
-from gaitd_record.leg_table import ENDS, STREAM, Arrow, batches, write_parquet
+from gaitd_record.leg_table import ENDS, NS_PER_S, STREAM, Arrow, batches, write_parquet
 from gaitd_record.recording import CHUNK_BYTES, ESTIMATE, MESSAGES, PART, TOPIC
 
 TORN: Final = "torn: the recorder was killed, or the power failed"
@@ -87,9 +89,11 @@ def finish(part: Path) -> Finished | None:
             b"gaitd.leg": stream.name.removesuffix(STREAM).encode(),
         }
         write_parquet(stream, about.period_ns, metadata)
+        sync_folder(part)  # without the new names on the disk the old file must stay
         stream.unlink()
+    _make_newest(part)
     part.rename(path)
-    _sync_folder(path.parent)
+    sync_folder(path.parent)
     size_bytes = sum(file.stat().st_size for file in path.iterdir())
     return Finished(
         path,
@@ -100,6 +104,17 @@ def finish(part: Path) -> Finished | None:
         int(end["end_utc_ns"]),
         msgspec.json.decode(end["lost"], type=dict[str, int]),
     )
+
+
+def _make_newest(part: Path) -> None:
+    """Let no finished recording seem younger: the clock may have lost its time since."""
+    own = part / MESSAGES
+    time_ns = own.stat().st_mtime_ns
+    for other in part.parent.glob(f"*/{MESSAGES}"):
+        with contextlib.suppress(FileNotFoundError):  # deleted meanwhile, to make room
+            if other.stat().st_mtime_ns > time_ns:
+                time_ns = other.stat().st_mtime_ns + NS_PER_S
+    os.utime(own, ns=(time_ns, time_ns))
 
 
 def remove(recording: Path) -> None:
@@ -179,6 +194,8 @@ def _copied(torn: Path, writer: Writer, journal: Journal) -> Iterator[McapRecord
     channels: dict[int, tuple[int, str]] = {}
     schemas: dict[int, int] = {0: 0}
     for record in _records(torn):
+        if _has_hole(record):
+            return
         match record:
             case Attachment():
                 times = record.create_time, record.log_time
@@ -206,6 +223,20 @@ def _copied(torn: Path, writer: Writer, journal: Journal) -> Iterator[McapRecord
         yield record
 
 
+def _has_hole(record: McapRecord) -> bool:
+    """Return whether bytes are missing in the head, which has no checksum that the reader checks.
+
+    The head is synced before any message is taken: where it is torn nothing has been recorded.
+    """
+    match record:
+        case Attachment():
+            return b"\0" in record.data
+        case Metadata():
+            return "\0" in "".join((*record.metadata, *record.metadata.values()))
+        case _:
+            return False
+
+
 def _records(torn: Path) -> Iterator[McapRecord]:
     try:
         with torn.open("rb") as file:
@@ -219,11 +250,3 @@ def _count(journal: Journal, key: str, batch: Arrow) -> None:
     columns = batch.select(["seq", "cycle", "sample_time_ns"]).to_pydict()
     for seq, cycle, utc_ns in zip(*columns.values(), strict=True):
         journal.add(key, Head(seq, None, cycle, utc_ns))
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

@@ -17,6 +17,7 @@ from gaitd_client import wire
 from mcap.writer import Writer
 
 from gaitd_record.about import CONFIGURATION, END_NAME, NAME, About, Head, Journal
+from gaitd_record.disk import sync_folder
 from gaitd_record.errors import RecordError
 from gaitd_record.leg_table import STREAM, LegStream
 
@@ -67,7 +68,9 @@ class Recording:
         self._channels: dict[tuple[str, str], int] = {}
         self._schemas: dict[str, int] = {}
         self._legs: dict[str, LegStream] = {}
+        self._has_new_names = True
         self.sync()
+        sync_folder(self.part.parent)
 
     def add(self, key: str, schema: str, payload: bytes, head: Head) -> None:
         """Take a message.
@@ -88,6 +91,7 @@ class Recording:
                 raise ValueError(f"leg {leg!r}: the trainer has {', '.join(self.about.leg_names)}")
             if leg not in self._legs:
                 self._legs[leg] = LegStream(self.part / f"{leg}{STREAM}")
+                self._has_new_names = True
             self._legs[leg].add(payload)
             self.journal.add(key, head)
             return
@@ -120,6 +124,9 @@ class Recording:
         os.fdatasync(self._file.fileno())
         for leg in self._legs.values():
             leg.sync()
+        if self._has_new_names:
+            sync_folder(self.part)
+            self._has_new_names = False
 
     def close(self, ended: str = IN_ORDER) -> None:
         """Write the ends of the files; `finish` makes the recording of the folder.

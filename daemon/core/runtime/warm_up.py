@@ -9,6 +9,7 @@ import numpy as np
 from daemon.core.motion import gait_shape
 from daemon.core.runtime.build import Built
 from daemon.core.safety import inverse_dynamics, stopping_path
+from observer.jit import settle
 from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import mass_matrix, ratio_and_load, singularity_ratio
 
@@ -45,3 +46,4 @@ def warm_up(built: Built) -> None:
             )
             leg.smoother.add(estimate, load, period_s)
         leg.strides.warm_up()
+    settle()

@@ -226,6 +226,7 @@ def findings(root: Path = Path("/")) -> tuple[Finding, ...]:
         cores(),
         timing.isolated_cores(root),
         timing.clock_source(root),
+        timing.time_of_day(root),
         timing.timers(resolution_ns),
         timing.governor(root),
         timing.idle_states(root),

@@ -107,6 +107,21 @@ def clock_source(root: Path) -> Finding:
     return Finding("clock source", found, Grade.GOOD)
 
 
+def time_of_day(root: Path) -> Finding:
+    """Check that the time of day is right after a power cut: a clock with a battery, or NTP."""
+    clocks = sorted(path.name for path in root.glob("sys/class/rtc/rtc[0-9]*"))
+    if (root / "run/systemd/timesync/synchronized").exists():
+        return Finding("time of day", "set by NTP", Grade.GOOD)
+    if clocks:
+        found = f"{', '.join(clocks)}; no NTP"
+        return Finding("time of day", found, Grade.GOOD)
+    remedy = (
+        "add a clock with a battery: without one the computer continues with an old time after a"
+        " power cut, and a daily self-test may count for too long, or not at all"
+    )
+    return Finding("time of day", "no clock with a battery, no NTP", Grade.LIMITED, remedy)
+
+
 def timers(resolution_ns: int) -> Finding:
     """Check by the clock's resolution that a sleep can end between two ticks of the kernel."""
     if resolution_ns <= TIMER_RESOLUTION_MAX_NS:

@@ -36,8 +36,10 @@ from gaitd_record import (
 )
 from gaitd_record import record as run_record
 from mcap.reader import make_reader
+from power_cuts import check
 from recorded_sessions import published_by, record, recorder
 from sessions import CONFIGS, new_session
+from traced_calls import mark
 
 from analysis.recording import RecordingError, read_csv
 from analysis.replay import estimate, legs_of, read
@@ -232,6 +234,55 @@ def test_whatever_a_kill_or_a_power_cut_leaves_has_all_up_to_the_last_sync(publi
         assert others == told[: len(others)]
         assert finished.ended.startswith("torn")
         assert finished.message_count == len(cycles) + len(others)
+
+
+def test_a_power_cut_at_any_call_of_the_recorder_loses_nothing_before_the_last_sync(
+    published, tmp_path
+):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    messages = published.messages[1000:1045]
+
+    def scenario():
+        with recorder(published, folder) as made:
+            for index, one in enumerate(messages):
+                made.add(one)
+                if index % 20 == 19:
+                    made.sync()
+                    mark(f"{index + 1}")
+        mark(f"{len(messages)}")
+
+    def recover(marks):
+        events = []
+        recorder(published, folder, events=events)
+        finished = [file.parent for file in folder.glob(f"*/{MESSAGES}")]
+        assert not [event for event in events if isinstance(event, Unfinished)]
+        assert not [path for path in finished if path.name.endswith(PART)]
+        assert not events or marks[-1:] != (f"{len(messages)}",)
+        if not finished:
+            assert not marks
+            return
+        cycles, others = kept_of(finished[0])
+        told = [(one.key, one.payload) for one in messages if not one.key.endswith("/estimate")]
+        assert others == told[: len(others)]
+        assert len(cycles) + len(others) >= (int(marks[-1]) if marks else 0)
+
+    check(folder, scenario, recover, random_count=1)
+
+
+def test_the_newest_recording_stays_although_the_clock_has_lost_its_time(published, tmp_path):
+    paths = []
+    for days in (9, 0, 1):
+        part, _, made = part_of(published, tmp_path / f"from{days}", 60)
+        made.end()
+        made.__exit__()
+        (made_path,) = part.parent.iterdir()
+        moved = made_path.rename(tmp_path / f"{days}{PART}")
+        os.utime(moved / MESSAGES, (days * 86400, days * 86400))
+        paths.append(finish(moved).path)
+
+    newest_last = sorted(paths, key=lambda path: (path / MESSAGES).stat().st_mtime_ns)
+    assert newest_last == paths
 
 
 def test_a_kill_while_a_recording_is_finished_changes_nothing(published, whole, tmp_path):

@@ -20,6 +20,8 @@ from gaitd_session.store import (
     StrideRow,
     open_history,
 )
+from power_cuts import check
+from traced_calls import mark
 
 PROFILE, OTHER = "7f3k9m2q", "zzzzzzzz"
 BATCH_COUNT = 8
@@ -82,6 +84,33 @@ def test_a_power_cut_at_any_length_of_the_log_leaves_whole_batches_and_all_that_
     assert counts[0] == 0
     assert counts[-1] == BATCH_COUNT
     assert counts == sorted(counts)
+
+
+def test_a_power_cut_at_any_call_of_the_writer_loses_no_batch_that_it_acknowledged(tmp_path):
+    """From the first file on, through the end of a session, and the emptying of the log."""
+    file = tmp_path / "folder" / "a.sqlite"
+    file.parent.mkdir()
+
+    def scenario():
+        with begun(file) as store:
+            mark("begun")
+            for number in range(3):
+                store.write(batch(number))
+                mark("batch")
+            store.write([EndRow(9000, "complete")])
+            mark("end")
+
+    def recover(marks):
+        history = open_history(file)
+        assert (history.store is not None, history.trouble) == (True, "")
+        with history.store as store:
+            assert state_of(store) >= marks.count("batch")
+            ends = [one.end for one in store.summaries(PROFILE)]
+            assert ends or "begun" not in marks
+            assert set(ends) <= {"complete", INTERRUPTED}
+            assert "end" not in marks or ends == ["complete"]
+
+    check(tmp_path / "folder", scenario, recover, random_count=1)
 
 
 def test_a_killed_writer_has_kept_every_batch_that_it_acknowledged(tmp_path):

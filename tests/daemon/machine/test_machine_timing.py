@@ -18,6 +18,7 @@ BOARD = {
     "sys/devices/system/cpu/cpu0/cpuidle/state0/disable": "0",
     "sys/devices/system/cpu/isolated": "3",
     "proc/swaps": "Filename\tType\tSize\tUsed\tPriority",
+    "sys/class/rtc/rtc0/name": "rtc-ds3231",
     "etc/systemd/system/gaitd-core.service": ("[Service]\nLimitRTPRIO=60\nLimitMEMLOCK=infinity\n"),
 }
 LAPTOP = {
@@ -36,6 +37,7 @@ LAPTOP = {
     "sys/devices/system/cpu/cpu0/cpuidle/state3/disable": "0",
     "proc/swaps": "Filename Type Size Used Priority\n/swapfile file 2097148 0 -2",
     "lib/systemd/system/gaitd-core.service": "[Service]\nLimitMEMLOCK=64M\n",
+    "run/systemd/timesync/synchronized": "",
 }
 CONTAINER = {
     "proc/version": "Linux version 5.15.0 #1 SMP",
@@ -47,6 +49,7 @@ CHECKS = (
     timing.throttling,
     timing.unit_limits,
     timing.clock_source,
+    timing.time_of_day,
     timing.governor,
     timing.idle_states,
     timing.isolated_cores,
@@ -98,7 +101,8 @@ def test_a_container_does_not_know_and_does_not_claim_to(tmp_path):
     assert found["clock source"].grade is Grade.MISSING
     assert found["limits of the unit"].grade is Grade.MISSING
     assert found["swap"].grade is Grade.GOOD
-    assert limited(found) == {"kernel"}
+    assert limited(found) == {"kernel", "time of day"}
+    assert "add a clock with a battery" in found["time of day"].remedy
 
 
 def test_full_preemption_is_told_and_is_still_no_real_time_kernel(tmp_path):
