@@ -68,7 +68,7 @@ test-package: $(VENV)/dev.stamp  ## the Debian package: built thrice, then insta
 
 RIGS ?= required
 test-power-cuts: $(VENV)/dev.stamp  ## five kills of a virtual machine with its files on ext4, and the starts after them (after `make rigs`)
-	$(BIN)/pytest -s -m "rig_vcan and thorough" --rigs=$(RIGS)
+	$(BIN)/pytest -s -m "rig_vcan and thorough" --rigs=$(RIGS) tests/rigs
 
 test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime

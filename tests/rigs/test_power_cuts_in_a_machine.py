@@ -291,17 +291,17 @@ def test_what_was_answered_is_in_the_log_of_requests(lives):
         begin = max(
             (n for n, one in enumerate(logged) if one and one["kind"] == "start"), default=0
         )
-        found = [
+        found = (
             (one["name"], one["outcome"])
             for one in logged[begin:]
             if one and one["kind"] == "answered"
-        ]
+        )
         settled = [
             (one["asked"], one["outcome"])
             for one in life.said
             if "asked" in one and one["at_s"] < life.end_s - SETTLED_S
         ]
-        assert found[: len(settled)] == settled, life.phase
+        assert all(one in found for one in settled), life.phase  # in this order
 
 
 def test_every_clip_that_was_there_is_whole(lives):
@@ -315,7 +315,7 @@ def test_every_clip_that_was_there_is_whole(lives):
             assert clip.kept is not None
             assert len(ring.since(0)) == clip.kept.last_seq - clip.kept.first_seq + 1
             assert ring.damaged_count == 0
-    assert any(life.pulses[-1]["clips"] for life in lives[:-1])
+    assert any(one["clips"] for life in lives[:-1] for one in life.pulses)
 
 
 def test_what_the_recorder_had_not_finished_is_finished_and_lacks_a_second(lives):
