@@ -497,9 +497,9 @@ class Acceptance:
             self.stops[name].append(stop.trace)
             shown = f"{stop.category.name} by {stop.cause.name.lower()}"
             judged = PASSED_OR_FAILED[stop.cause is how.cause]
-            if any(line.judgement is Judgement.FAILED for line in lines):
-                # The next way of stopping is a harder one; it is tried after this one works only.
-                self.blocked = f"{how.title} of {name} is not as it must be"
+        if Judgement.FAILED in {judged, *(line.judgement for line in lines)}:
+            # The next way of stopping is a harder one; it is tried after this one works only.
+            self.blocked = f"{how.title} of {name} is not as it must be"
         self.sections[name].append(Section(_stop_title(how), lines))
         self._show(name, how, judged, shown)
 
@@ -507,7 +507,7 @@ class Acceptance:
         line = Line(f"{how.title} acts", text, f"a stop by {how.cause.name.lower()}", judged)
         self._shown[name].append(line)
 
-    def _stopped(self, names: tuple[str, str], how: How) -> list[CycleRecord]:
+    def _stopped(self, names: tuple[str, str], how: How) -> Sequence[CycleRecord]:
         """Walk, stop at speed, and wait for rest; the records around the stop."""
         gait = self._gait
         what = how.prompt.removeprefix("NOW ") or "a stop is requested."
@@ -538,7 +538,7 @@ class Acceptance:
             raise self._failed(f"{how.title}: no stop came within {STEP_MAX_S:g} s")
         self._bench.until(lambda record: record.mode is Mode.FAULT, REST_MAX_S)
         self._pass(AFTER_STOP_S)
-        return [record for record in self._bench.since(begun) if record.cycle > begun]
+        return self._bench.since(begun)
 
     def _fast(self, names: tuple[str, str]) -> int:
         """Wait until both axes are as fast together as in the strides before; number of a record.
@@ -623,7 +623,7 @@ def _pushed(word: str, along: float, drives: Sequence[DriveRecord], axis: Axis) 
     moved_si = known[-1] - known[0] if known else 0.0
     effort_si = max((drive.target_effort_si * along for drive in pushed), default=0.0) * along
     least_si = 0.5 * axis.push.motion_si
-    allowed = f"moves along its torque, {axis.push.motion_si:.3g} {unit} or a little more"
+    allowed = f"at least {least_si:.3g} {unit} along its torque"
     measured = f"{effort_si:+.3g} {effort_unit}: {moved_si:+.3g} {unit}"
     if moved_si * along >= least_si:
         judged = Judgement.PASSED

@@ -51,7 +51,13 @@ LISTEN_NS: Final = 500_000_000
 TRIES: Final = 10
 """Attempts to read a drive's objects while the service's bring-up reads them."""
 
-TEXTS: Final = ((0x1008, "device name"), (0x1009, "hardware version"), (0x100A, "firmware"))
+NOTED: Final = (
+    (Object.DEVICE_NAME, 0, "device name"),
+    (Object.HARDWARE_VERSION, 0, "hardware version"),
+    (Object.SOFTWARE_VERSION, 0, "firmware"),
+    (Object.IDENTITY, 4, "serial number"),
+)
+"""What says which drive it was; an axis file may leave its serial number open."""
 COMMANDS: Final = frozenset(
     (Object.CONTROLWORD, Object.MODE, Object.TARGET_TORQUE, Object.TARGET_POSITION)
 )
@@ -71,7 +77,7 @@ ROOM_BYTES: Final = 2_000_000
 def object_sections(
     plan: DrivePlan, port: DrivePort, *, is_set_up: bool
 ) -> Generator[Progress, None, tuple[Section, ...]]:
-    """Read what bring-up writes or checks, and the drive's texts; each object is a line.
+    """Read what bring-up writes or checks, and which drive it is; each object is a line.
 
     Raises:
         SdoTimeout: several objects in a row were not answered.
@@ -80,11 +86,11 @@ def object_sections(
     """
     description = plan.description
     dictionary = load_eds(description.eds, description.node_id)
-    texts = [variable_at(dictionary, index, 0, 32) for index, _ in TEXTS]
+    texts = [variable_at(dictionary, index, sub, 32) for index, sub, _ in NOTED]
     entries = yield from read_objects(description.node_id, texts, port)
     named = [
-        Line(f"{name} ({one.place})", str(one.value or one.trouble), "any", Judgement.NOTED)
-        for (_, name), one in zip(TEXTS, entries, strict=True)
+        Line(f"{name} ({one.place})", one.trouble or str(one.value), "any", Judgement.NOTED)
+        for (*_, name), one in zip(NOTED, entries, strict=True)
     ]
     compared = yield from read_with_plan(plan, dictionary, port)
     found = [one for one in compared if one.index not in COMMANDS]

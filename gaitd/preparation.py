@@ -232,7 +232,8 @@ def _report(
     ]
     for one in [] if as_json else written:
         record = one.record
-        print(f"{record.drive}: {record.judgement.value}: {one.files[1]}")
+        counts = ", ".join(f"{record.count(word)} {word.value}" for word in Judgement)
+        print(f"{record.drive}: {counts}: {one.files[1]}")
         for section in record.sections:
             for line in section.lines:
                 if line.judgement is Judgement.FAILED:

@@ -8,6 +8,9 @@ permitted times have the cycles that the core itself gives a drive to obey.
         way <= v obey + margin v^2 / 2a, slope of the speed >= a / margin
     S2  the core's hold: as above, with its longer time to obey, and no slope
     S0  no torque after the time to obey; the way is not limited, because nothing brakes
+
+v is the largest speed until the time to obey: a person stops a gait at any phase, and near a
+reversal the axis gains speed before the stop acts. An axis that was at rest has shown no braking.
 """
 
 from collections.abc import Iterator, Sequence
@@ -57,6 +60,7 @@ class MeasuredStop(NamedTuple):
     disobeyed: bool
     """The stop had to be escalated because this axis did not obey."""
     speed_si_per_s: float
+    """At the verdict."""
     reaction_s: float | None
     """Until the drive shows that it brakes (S1) or has no torque (S0)."""
     trace: StopTrace
@@ -81,7 +85,7 @@ def measure(records: Sequence[CycleRecord], axis: str, rules: StopRules) -> Meas
     if stopped is None:
         raise NoStopError("no stop was seen")
     rows = [
-        ((record.sync_mono_ns - stopped.sync_mono_ns) * 1e-9, _drive(record, axis))
+        ((record.sync_mono_ns - stopped.sync_mono_ns) / 1e9, _drive(record, axis))
         for record in records
     ]
     rows = [row for row in rows if row[0] >= -BEFORE_S]
@@ -132,17 +136,28 @@ def judge(stop: MeasuredStop, wanted: StopCategory, rules: StopRules) -> Iterato
         yield from _without_power(stop, rules)
         return
     obey_s = rules.hold_obey_s if stop.category is StopCategory.S2 else rules.obey_s
-    on_ramp_s = rules.margin_ratio * stop.speed_si_per_s / rules.deceleration_si_per_s2
+    fastest = _fastest_si_per_s(stop.trace, obey_s)
+    if fastest <= rules.standstill_si_per_s:
+        why = f"it was at rest: at most {fastest:.3g} {rules.position_unit}/s"
+        yield Line("time and way until rest", why, "a stop in motion", Judgement.NOT_MEASURED)
+        return
+    on_ramp_s = rules.margin_ratio * fastest / rules.deceleration_si_per_s2
     yield _at_most("time until rest", stop.trace.rest_s, obey_s + on_ramp_s, 1e3, "ms")
     yield _at_most(
         "way until rest",
         stop.trace.distance_si,
-        stop.speed_si_per_s * (obey_s + 0.5 * on_ramp_s),
+        fastest * (obey_s + 0.5 * on_ramp_s),
         1.0,
         rules.position_unit,
     )
     if stop.category is StopCategory.S1:
         yield _slope_line(stop, rules)
+
+
+def _fastest_si_per_s(trace: StopTrace, obey_s: float) -> float:
+    """The largest speed from the verdict until the axis must obey."""
+    samples = zip(trace.time_s, trace.velocity_si_per_s, strict=True)
+    return max(abs(speed) for t, speed in samples if 0 <= t <= obey_s and speed is not None)
 
 
 def _without_power(stop: MeasuredStop, rules: StopRules) -> Iterator[Line]:

@@ -3,6 +3,7 @@
 Those that end with `NEXT_RELEASE` will be refused then: a trainer that works today may have them.
 """
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -12,7 +13,7 @@ import msgspec
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import drive_limits, effort_per_motor_nm
 from daemon.config.strict import ConfigError, Errors
-from daemon.config.trainer import beside, has_real_drives
+from daemon.config.trainer import beside, has_real_drives, real_drives
 from drives.cia402.profile import DecelerationUnit, DriveDescription, SpeedUnit
 from drives.cia402.torque import count_nm
 from drives.cia402.units import DriveLimits, axis_scaling, expected_base
@@ -38,7 +39,7 @@ _PARTNER: Final = {
 
 def doubts(settings: Settings) -> Iterator[str]:
     """One line for each number that is probably a mistake: file, key, value, and why."""
-    for check in (_drives, _standstill, _zero_damping, _patient_on_a_real_machine):
+    for check in (_drives, _standstill, _zero_damping, _patient_on_a_real_machine, _bench):
         yield from map(str, check(settings))
 
 
@@ -145,3 +146,28 @@ def _patient_on_a_real_machine(settings: Settings) -> Errors:
             f"and is for the empty machine{NEXT_RELEASE}"
         )
         yield ConfigError(file, "excite", dict(trainer.excite), why)
+
+
+def _bench(settings: Settings) -> Errors:
+    """What is right on a bench, and wrong where its file is used for a machine."""
+    trainer, file = settings.trainer, settings.file.path
+    undeclared = msgspec.structs.replace(trainer.bus, virtual_drives=False)
+    if trainer.bus.virtual_drives is True and has_real_drives(undeclared):
+        why = (
+            f"no drive on {trainer.bus.channel} counts as real: signs may be assumed and any pose "
+            "be believed; never with a machine on this bus"
+        )
+        yield ConfigError(file, "bus.virtual_drives", value=True, allowed=why)
+    real = real_drives(trainer)
+    for drive in settings.drives:
+        is_hip = drive.name.endswith("/hip")
+        key = "pose_tolerance_deg" if is_hip else "pose_tolerance_m"
+        turn_si = 1.0 / drive.axis.transmission.revs_per_si
+        turn = math.degrees(turn_si) if is_hip else turn_si
+        value = getattr(trainer.reference, key)
+        if drive.name in real and value >= turn:
+            why = (
+                f"less than {turn:.3g}, a turn of the motor of {drive.name}: with more, an encoder "
+                "that has lost a turn is believed"
+            )
+            yield ConfigError(file, f"reference.{key}", value, why)

@@ -40,7 +40,7 @@ class Expectation(NamedTuple):
             case StepKind.COMPARE:
                 return f"about {self.step.value_text(self.step.value)}"
             case _:
-                return self.step.value_text(self.step.value)
+                return self.value_text(self.step.value)
 
     def is_met(self, value: int) -> bool:
         """True if bring-up would accept the value that was read, or leave it behind."""

@@ -10,10 +10,11 @@ from records import record as cycle_record
 from second_station import SecondStation, finished
 from sessions import CONFIGS, changed_configs, new_session
 
-from analysis.acceptance.record import Judgement, read
+from analysis.acceptance.record import Judgement, StopTrace, read
+from analysis.acceptance.stops import MeasuredStop, StopRules, judge
 from daemon.config.drive_plan import plan_of
 from daemon.ipc.decoding import RefusedError
-from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, StopCategory
 from daemon.ipc.transport import RING_NAME, RingWriter
 from daemon.preflight.load import load
 from drives.bringup.configurator import Configurator
@@ -226,7 +227,16 @@ def test_a_machine_as_configured_passes_all_but_what_is_not_approached(configs, 
         read(json_file)
     hip = found(acceptance, Judgement.PASSED, HIP)
     assert hip["Limits shown to act: stop by STO acts"] == "S0 by sto_active"
-    assert found(acceptance, Judgement.NOTED, HIP)["Identity: firmware (100Ah:00)"] == "0170h"
+    noted = found(acceptance, Judgement.NOTED, HIP)
+    assert noted["Identity: firmware (100Ah:00)"] == "0170h"
+    assert noted["Identity: serial number (1018h:04)"] == "305000005"
+    assert not [
+        (line.asked, line.measured, line.allowed)
+        for section in acceptance.sections[HIP]
+        for line in section.lines
+        if "TPDO" in line.asked and line.judgement is Judgement.PASSED
+        if line.measured != line.allowed and "(bit 31)" not in line.allowed
+    ]
 
 
 def test_an_option_code_that_has_changed_is_found_and_nothing_moves(configs):
@@ -314,6 +324,43 @@ def test_a_quick_stop_that_is_slower_than_the_ramp_read_back_is_found(configs):
     )
     assert not found(acceptance, Judgement.FAILED, HIP)
     assert "Stop by STO in gait: stop by STO" in found(acceptance, Judgement.NOT_MEASURED, HIP)
+
+
+def test_a_stop_by_another_cause_is_not_that_of_the_hand_switch_and_no_harder_one_follows(configs):
+    def fault_instead(session):
+        session.command("clear hand_switch_open *")
+        session.command(f"emcy {SLIDE} - 0x8611")
+
+    acceptance, _ = accepted(configs, later=("NOW let go", fault_instead))
+
+    for name in (HIP, SLIDE):
+        failed = found(acceptance, Judgement.FAILED, name)
+        assert "Limits shown to act: stop by the hand switch acts" in failed
+        assert "Stop by STO in gait: stop by STO" in found(acceptance, Judgement.NOT_MEASURED, name)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "judged"),
+    [
+        # Near a reversal of the gait, 6 rad/s² until the drive acts, then its ramp of 10 rad/s².
+        ((0.06, 0.12, 0.18, 0.24, 0.14, 0.04, 0.0), {Judgement.PASSED}),
+        ((0.06, 0.12, 0.18, 0.24, 0.24, 0.24, 0.24, 0.24, 0.04), {Judgement.FAILED}),
+        ((0.01, 0.02, 0.03, 0.02, 0.01, 0.0, 0.0), {Judgement.NOT_MEASURED}),
+    ],
+    ids=["brakes", "does not brake", "was at rest"],
+)
+def test_a_stop_is_judged_by_the_speed_that_the_axis_had_to_brake(speeds, judged):
+    rules = StopRules(10.0, 0.05, 3, 0.03, 0.3, 1.5, 5.0, "rad", "N·m")
+    times = tuple(0.01 * number for number in range(len(speeds)))
+    rest_s = next(t for t, speed in zip(times, speeds, strict=True) if speed in {0.01, 0.04})
+    trace = StopTrace("", "rad", "N·m", times, speeds, speeds, speeds, rest_s, 0.01 * sum(speeds))
+    stop = MeasuredStop(
+        StopCategory.S1, Cause.HAND_SWITCH_OPEN, False, speeds[0], rest_s / 2, trace
+    )
+
+    lines = list(judge(stop, StopCategory.S1, rules))
+
+    assert {line.judgement for line in lines if " until rest" in line.asked} == judged
 
 
 def test_an_interrupted_run_stops_the_machine_and_keeps_what_was_measured(configs):

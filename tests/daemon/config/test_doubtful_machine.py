@@ -291,6 +291,30 @@ def test_a_vcan_with_a_list_of_virtual_drives_has_real_ones(tmp_path):
     assert (bus.real_drives, bus.virtual_drives) == (("right/hip",), ("right/slide",))
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (Change("hil.toml", "[[leg]]", "[[leg]]"), []),
+        (
+            Change("hil.toml", 'virtual_drives = ["right/slide"]', ""),
+            ["reference.pose_tolerance_m = 0.9: less than 0.025, a turn of the motor of right/sl"],
+        ),
+        (
+            Change("hil.toml", '["right/slide"]', "true"),
+            ["bus.virtual_drives = true: no drive on can0 counts as real"],
+        ),
+    ],
+    ids=["as shipped", "with a real slide", "all declared virtual"],
+)
+def test_a_bench_s_file_that_is_used_for_a_machine_is_warned_of(tmp_path, change, words):
+    path = changed(copied(tmp_path), change).with_name("hil.toml")
+
+    found = [one for one in doubts(load_anyway(path)) if "virtual" in one or "turn of" in one]
+
+    assert len(found) == len(words)
+    assert all(word in line for word, line in zip(words, found, strict=True))
+
+
 def load_anyway(path):
     return read_in_part(path)[0]
 
