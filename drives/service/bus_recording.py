@@ -27,8 +27,6 @@ from drives.cia402.torque import ObjectRef
 from drives.cia402.units import AxisScaling, axis_scaling, base_from_raw, position_si
 
 TPDO_NUMBERS: Final = (1, 2, 3, 4)
-SYNCHRONOUS_MAX: Final = 240
-"""Largest transmission type of a TPDO whose sample is taken at a SYNC."""
 MAPPED_MAX: Final = 64
 """Most objects of a PDO (CiA 301, 7.5.2.36); a larger count is no mapping."""
 _INVALID: Final = 1 << 31
