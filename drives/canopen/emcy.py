@@ -67,8 +67,6 @@ class EmergencyLog:
         """The newest alarm, cleared since or not."""
         self.alarm_count = 0
         """Number of alarms among them."""
-        self.cleared_count = 0
-        """Messages with code 0000h."""
         self.has_alarm = False
         """The last frame is an alarm whose code is new since the last 0000h."""
         self.reference_lost = False
@@ -86,7 +84,6 @@ class EmergencyLog:
         if emergency is None:
             return None
         if emergency.code == 0:
-            self.cleared_count += 1
             self.open = None
             self._since_clear.clear()
         else:

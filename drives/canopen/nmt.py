@@ -95,8 +95,3 @@ class HeartbeatWatch:
     def age_ns(self, now_ns: int) -> int:
         """Time since the last heartbeat, or since monitoring was armed; 0 before either."""
         return 0 if self._last_ns is None else now_ns - self._last_ns
-
-    @property
-    def is_monitoring(self) -> bool:
-        """True if monitoring runs: it was armed, or a heartbeat came."""
-        return self._last_ns is not None

@@ -86,7 +86,6 @@ class RandomSession:
         self._silent_until_ns = 0
         self._loss_until_ns = 0
         self._next_ns = NS_PER_S
-        self._refused_until_ns = 0
         self._last_cause = ""
         self._trace: deque[str] = deque(maxlen=TRACE_LINES)
         self.tally = Tally(session_count=1)

@@ -36,11 +36,9 @@ def test_our_heartbeat_says_operational():
 def test_a_watch_that_is_not_armed_starts_with_the_first_heartbeat():
     watch = HeartbeatWatch()
 
-    assert not watch.is_monitoring
     assert watch.age_ns(10**12) == 0
 
     watch.feed(b"\x7f", 10**12)
-    assert watch.is_monitoring
     assert watch.age_ns(10**12 + 30 * MS) == 30 * MS
 
 
@@ -180,7 +178,7 @@ def test_no_error_clears_the_open_one_and_is_not_counted_as_an_error():
     log.feed(bytes(8), 3)
 
     assert log.open is None
-    assert (log.count, log.cleared_count) == (2, 1)
+    assert log.count == 2
     assert [entry.code for entry in log.ring] == [0x8130, 0x8611]
 
 

@@ -288,7 +288,7 @@ def test_with_json_an_error_is_one_document_with_its_blame(tmp_path, words, code
     [
         (("check", "--config", CONFIGS / "demo.toml"), "verdict"),
         (("schema", "estimate"), "$id"),
-        (("consistency", "--runs", "2", "--output", "."), "passed"),
+        (("consistency", "--runs", "2", "--seeds", "1", "--output", "."), "passed"),
         (("delay", SAMPLE), "robot"),
         (("replay", SAMPLE, "--output", "estimates.csv"), 0),
     ],

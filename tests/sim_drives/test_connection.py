@@ -6,7 +6,6 @@ import pytest
 from drive_bench import GENERIC, Bench
 
 CSP = 8
-DEGREE_COUNTS = 284  # at the joint, about
 
 
 def codes(bench):

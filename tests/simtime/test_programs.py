@@ -19,7 +19,7 @@ from daemon.system.clock import PageClock
 from simtime.processes import IN_A_DEBUGGER, process_state
 
 TIMEOUT_S = 60
-PTRACE_CONT, PTRACE_DETACH, PTRACE_SEIZE, PTRACE_INTERRUPT = 7, 17, 0x4206, 0x4207
+PTRACE_DETACH, PTRACE_SEIZE, PTRACE_INTERRUPT = 17, 0x4206, 0x4207
 
 
 @pytest.fixture(scope="module")

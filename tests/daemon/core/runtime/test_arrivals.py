@@ -1,6 +1,6 @@
 """When frames came, by the kernel's stamps, whatever somebody does to the wall clock meanwhile."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -33,7 +33,6 @@ class WallClock:
 
     at_ns: int
     stepped_ns: int
-    reads_ns: list[int] = field(default_factory=list)
 
     def ahead_ns(self, mono_ns):
         return AHEAD_NS + (self.stepped_ns if mono_ns >= self.at_ns else 0)

@@ -231,9 +231,6 @@ def test_the_design_fixes_categories_that_a_file_cannot_weaken():
     assert weak.of(Cause.TRACKING_LIMIT) == StopCategory.S1
 
 
-ANY_FLOAT = st.floats(allow_nan=True, allow_infinity=True)
-
-
 positions_si = st.floats(-2.0, 2.0)
 inside_si = st.floats(LIMITS.position_min_si, LIMITS.position_max_si)
 
