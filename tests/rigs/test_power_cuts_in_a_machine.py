@@ -17,34 +17,47 @@ import os
 import random
 import shutil
 import signal
+import sqlite3
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import pyarrow.parquet as pq
 import pytest
 from cut_machine import DISK, LAST, PHASES, PROFILE, SETTLED_S
+from gaitd_client.credentials import FILE, CredentialsFile
+from gaitd_record import Event, Unfinished, finish_leftovers
 from gaitd_record.finish import TORN
 from gaitd_record.recording import MESSAGES, PART
 from gaitd_session.store import INTERRUPTED, Store
 from lossy_disk import Cut, LossyDisk
 from mcap.reader import make_reader
 
+from daemon.core.runtime.state_file import StateFile
 from daemon.ipc.ring_clip import FOLDER, clip_files
 from daemon.ipc.transport import RingReader
+from daemon.keys.folder import ISSUED, read_keys
 from daemon.recorder.audit_file import fields_of, lines_of
 from gaitd.testing.rigs import PATH, SocketCan, prepare
 
 SUPPORT = Path(__file__).parents[1] / "support"
 SEED = 20261125
-IMAGE_BYTES = 256 << 20
+IMAGE_BYTES = 128 << 20
+"""The recorder wants 64 MB of it free."""
 LIFE_S = 1200.0
 """For a computer on which much else runs; two minutes on one that is free."""
 POLL_S = 0.1
 KILLED_WITHIN_S = {"starting": 12.0, "ready": 2.0, "hold": 4.0, "gait": 5.0, "stop": 0.8}
 """The machine's time after the begin of the phase; the host's is about ten times as much."""
+CUTS_ELSEWHERE = 10
+OK = ("ok",)
+CREDENTIALS = msgspec.json.Decoder(CredentialsFile)
+UNSEEN_S = 3.0
+"""The host's time between the choice of a moment and the kill."""
 RECORDER_LOSES_S = 1.0
 """docs/recording.md."""
 ENDED = {"finished", "deleted", "unfinished"}
@@ -76,6 +89,8 @@ class Life(NamedTuple):
     """A copy of its files."""
     checked: str
     """What e2fsck finds beyond a journal to replay; empty: nothing."""
+    elsewhere: list[str]
+    """What would have been wrong after cuts at other writes of this life."""
 
     def all(self, name: str) -> list[Any]:
         return [one[name] for one in self.said if name in one]
@@ -160,6 +175,8 @@ def lived(
             f"{phase}: its end\n{words(log, output)}"
         )
         if phase != LAST:
+            # Else each kill would follow what the machine has just said, and so what it has synced.
+            time.sleep(chance.uniform(0.0, UNSEEN_S))
             os.kill(int(pid_file.read_text()), signal.SIGKILL)
             machine.wait(LIFE_S)
     finally:
@@ -167,8 +184,42 @@ def lived(
             os.killpg(machine.pid, signal.SIGKILL)
     said = heard(log)
     log.rename(shared / f"{phase}.log")
+    place = disk.image.with_name(phase)
+    # The files of the first life are only being made.
+    elsewhere = [] if phase in {PHASES[0], LAST} else wrong_elsewhere(disk, place, chance)
     cut = None if phase == LAST else disk.cut(chance)
-    return Life(phase, said, cut, *looked_at(disk.image, disk.image.with_name(phase)))
+    return Life(phase, said, cut, *looked_at(disk.image, place), elsewhere)
+
+
+def wrong_elsewhere(disk: LossyDisk, place: Path, chance: random.Random) -> list[str]:
+    """Cut the power at other writes of this life as well; what cannot be read then."""
+    wrong: list[str] = []
+    count = disk.written_count()
+    for at_write in chance.sample(range(1, count), CUTS_ELSEWHERE):
+        cut = disk.cut(chance, at_write)
+        files, checked = looked_at(disk.image, place.with_name("elsewhere"))
+        wrong += [f"{place.name}, {cut}: {one}" for one in (checked, *unreadable(files)) if one]
+        shutil.rmtree(files)
+    return wrong
+
+
+def unreadable(disk: Path) -> Iterator[str]:
+    """What a start could not read; a gateway's last line may be torn, recordings are finished."""
+    yield from (clip.trouble for clip in clip_files(disk / "state" / FOLDER))
+    for line, after in itertools.pairwise(map(fields_of, lines_of(disk / "state"))):
+        if line is None and (after or {}).get("kind") != "start":
+            yield "a line of the request log"
+    if StateFile(disk / "state").persistent.damaged:
+        yield "the state file"
+    with closing(sqlite3.connect(disk / "sessions.db")) as database:
+        yield from (str(row) for row in database.execute("PRAGMA integrity_check") if row != OK)
+    for client in read_keys(disk / "keys").register.clients:
+        file = disk / "keys" / ISSUED / client.name / FILE
+        if CREDENTIALS.decode(file.read_bytes()).password != client.password:
+            yield f"{file} is of another key"
+    events: list[Event] = []
+    finish_leftovers(disk / "recordings", events.append)
+    yield from (str(event) for event in events if isinstance(event, Unfinished))
 
 
 def words(log: Path, output: Path) -> str:
@@ -243,6 +294,10 @@ def test_the_file_system_is_whole_after_each_kill_and_its_journal_is_replayed(li
         assert life.checked == "", life.phase
     for _, after in pairs(lives):
         assert any("recovery complete" in line for line in after.one("mounted")["mounted"])
+
+
+def test_a_cut_at_any_other_write_leaves_files_that_can_be_read(lives):
+    assert [one for life in lives for one in life.elsewhere] == []
 
 
 def causes_after(life: Life) -> set[str]:

@@ -37,7 +37,7 @@ class Cut(NamedTuple):
     """What a cut has left."""
 
     written_count: int
-    """Writes since the boot."""
+    """Writes and flushes since the boot."""
     unflushed_count: int
     """Those after the last flush."""
     lost_count: int
@@ -67,9 +67,18 @@ class LossyDisk:
             f",log-sector-size={SECTOR} -device virtio-blk-pci,drive=disk"
         )
 
-    def cut(self, chance: random.Random) -> Cut:
-        """The power is cut: make the image of what the disk has then."""
-        writes = list(self._writes())
+    def written_count(self) -> int:
+        """Writes and flushes since the boot."""
+        return sum(1 for _ in self._writes())
+
+    def cut(self, chance: random.Random, at_write: int | None = None) -> Cut:
+        """The power is cut: make the image of what the disk has then.
+
+        Args:
+            chance: chooses what is lost.
+            at_write: so many writes after the boot; None: at the end of the log.
+        """
+        writes = list(self._writes())[:at_write]
         flushed = max((n for n, one in enumerate(writes, 1) if one.flags & FLUSH), default=0)
         # The kill may have torn the last entry.
         last = len(writes) - 1
@@ -78,7 +87,7 @@ class LossyDisk:
             for number in range(flushed, len(writes))
             if number == last or (not writes[number].flags & FUA and chance.random() < 0.5)
         }
-        self._before.replace(self.image)
+        shutil.copyfile(self._before, self.image)
         with self.image.open("r+b") as file:
             for number, one in enumerate(writes):
                 if number not in lost:
