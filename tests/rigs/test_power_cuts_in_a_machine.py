@@ -375,7 +375,7 @@ def test_every_clip_that_was_there_is_whole(lives):
 
 def test_what_the_recorder_had_not_finished_is_finished_and_lacks_a_second(lives):
     for killed, after in pairs(lives):
-        events = after.one("recorder")["recorder"]
+        events = after.all("recorder")[0]
         told = {Path(one["path"]).name: one for one in events if one["event"] in ENDED}
         for part in (killed.disk / "recordings").glob(f"*{PART}"):
             name = part.name.removesuffix(PART)
