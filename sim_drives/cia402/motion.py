@@ -16,7 +16,6 @@ Rules:
 """
 
 import math
-from dataclasses import replace
 from enum import IntEnum
 from typing import Final
 
@@ -167,16 +166,14 @@ class Motion:
 
     def _position_order(self) -> AxisActuation:
         """Order of cyclic position, with the velocity and torque offsets of the master."""
-        return replace(
-            self._actuation(Actuation.POSITION),
+        return self._actuation(Actuation.POSITION)._replace(
             target_velocity_si=self._speed_si(Object.VELOCITY_OFFSET),
             target_effort_si=self._scaling.effort_si(self._dictionary.value(Object.TORQUE_OFFSET)),
         )
 
     def _velocity_order(self) -> AxisActuation:
         """Order of cyclic velocity; the master's targets are the ramp."""
-        return replace(
-            self._actuation(Actuation.VELOCITY),
+        return self._actuation(Actuation.VELOCITY)._replace(
             target_velocity_si=self._speed_si(Object.TARGET_VELOCITY)
             + self._speed_si(Object.VELOCITY_OFFSET),
             target_effort_si=self._scaling.effort_si(self._dictionary.value(Object.TORQUE_OFFSET)),
@@ -196,7 +193,7 @@ class Motion:
         limit_si = order.effort_limit_si
         if travel.current_limit_ma is not None:
             limit_si = min(limit_si, self._scaling.current_si(travel.current_limit_ma))
-        return replace(order, target_velocity_si=velocity_si, effort_limit_si=limit_si)
+        return order._replace(target_velocity_si=velocity_si, effort_limit_si=limit_si)
 
     def coast(self) -> AxisActuation:
         """Return the order for a power stage that is off."""

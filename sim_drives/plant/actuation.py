@@ -7,8 +7,8 @@ rad and N·m for the hip, m and N for the slide, with the joint's sign. Only the
 the motor's, still with the joint's sign.
 """
 
-from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 
 class Actuation(IntEnum):
@@ -50,8 +50,7 @@ class AxisFlag(IntEnum):
     """The speed limit acts on the torque or position order."""
 
 
-@dataclass(frozen=True, slots=True)
-class AxisActuation:
+class AxisActuation(NamedTuple):
     """One axis's order: the drive's mode and the limits in force, joint SI (rad, N·m; m, N)."""
 
     actuation: Actuation
@@ -73,8 +72,7 @@ class AxisActuation:
     """Software limits of the position target; -infinity and infinity when there are none."""
 
 
-@dataclass(frozen=True, slots=True)
-class AxisSample:
+class AxisSample(NamedTuple):
     """Values of the drive's sensors at this instant, before quantisation to counts and mA."""
 
     position_si: float

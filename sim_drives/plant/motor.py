@@ -48,7 +48,7 @@ ORDER: Final = np.dtype(
         ("position_max", "f8"),
     ]
 )
-"""AxisActuation in the kernels' form, joint SI."""
+"""AxisActuation in the kernels' form, field by field in its order, joint SI."""
 
 DRIVE: Final = np.dtype(
     [
@@ -106,23 +106,16 @@ NOT_BEGUN: Final = -1
 """Value of `acting`: the ordered actuation begins at the loops' next tick."""
 
 
-def take_order(row: np.void, loop: np.void, order: AxisActuation) -> None:
-    """Write an order in the kernels' form.
+def take_order(orders: Records, axis: int, loop: np.void, order: AxisActuation) -> None:
+    """Write an axis's order in the kernels' form.
 
     The flags of the previous actuation are cleared at once, so that the standstill of an older
     ramp is never taken for that of a new one.
     """
-    if row["actuation"] != order.actuation:
+    if orders[axis]["actuation"] != order.actuation:
         loop["acting"] = NOT_BEGUN
         loop["flags"] &= STOP_NEGATIVE | STOP_POSITIVE
-    row["actuation"] = order.actuation
-    row["effort"], row["position"] = order.target_effort_si, order.target_position_si
-    row["velocity"] = order.target_velocity_si
-    row["deceleration"], row["interpolation_s"] = order.deceleration_si, order.interpolation_s
-    row["effort_limit"], row["velocity_limit"] = order.effort_limit_si, order.velocity_limit_si
-    row["following_error"] = order.following_error_si
-    row["following_error_time_s"] = order.following_error_time_s
-    row["position_min"], row["position_max"] = order.position_min_si, order.position_max_si
+    orders[axis] = order
 
 
 def fresh_loops() -> Records:

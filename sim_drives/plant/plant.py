@@ -205,7 +205,7 @@ class Trainer:
         Sending the same order again changes nothing; a new position target starts a new line from
         the present set point. Another actuation clears the flags of the last one.
         """
-        take_order(self._orders[axis], self._state.loops[axis], actuation)
+        take_order(self._orders, axis, self._state.loops[axis], actuation)
 
     def block_rotor(self, axis: int, blocked: bool) -> None:
         """Block an axis's rotor from outside, or free it. A moving axis stops in one step."""

@@ -2,7 +2,6 @@
 
 import math
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -79,14 +78,13 @@ def programme(*efforts: dict[str, Any], activation_s: float = 0.0) -> dict[str, 
 
 def order(axis: int, actuation: Actuation, **changes: float) -> AxisActuation:
     """An order with generous limits."""
-    general = replace(
-        COASTING,
+    general = COASTING._replace(
         actuation=actuation,
         effort_limit_si=EFFORT_LIMIT[axis],
         velocity_limit_si=10.0,
         deceleration_si=5.0,
     )
-    return replace(general, **changes)
+    return general._replace(**changes)
 
 
 def torque(plant: Trainer, hip_nm: float, slide_n: float) -> None:

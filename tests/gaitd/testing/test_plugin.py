@@ -58,13 +58,15 @@ OUTCOMES = {
     "test_configured.py": {"passed": 4},
     "test_own_node.py": {"passed": VCAN, "skipped": not VCAN},
 }
+THOROUGH = {"test_configured.py", "test_time.py"}
+"""What the second one uses is tested in this folder's `test_time.py` each time."""
 
 
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=pytest.mark.thorough) if name == "test_configured.py" else name
+        pytest.param(name, marks=pytest.mark.thorough) if name in THOROUGH else name
         for name in EXAMPLES
     ],
 )
