@@ -113,14 +113,6 @@ class Drive:
         """603Fh of the newest TPDO3; 0 where it cannot be mapped."""
         return self._error_code
 
-    @property
-    def ignores_reset_edge(self) -> bool:
-        """True if a fault reset first needs NMT reset communication and bring-up (EPOS4: 8130h)."""
-        emergency = self.emergencies.open
-        codes = {self._error_code, 0 if emergency is None else emergency.code}
-        first = self.description.profile.fault_reset.communication_reset_first
-        return not codes.isdisjoint(first)
-
     def handlers(self) -> dict[int, Handler]:
         """Handlers by identifier of the frames that this drive sends."""
         return {

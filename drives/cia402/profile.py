@@ -137,13 +137,6 @@ class Heartbeat(Table, frozen=True, kw_only=True):
     """Entries of 1016h; the first monitors the master, the others are cleared."""
 
 
-class FaultReset(Table, frozen=True, kw_only=True):
-    """Extra conditions of a fault reset, besides the edge of bit 7."""
-
-    communication_reset_first: tuple[Annotated[int, Meta(ge=0, le=0xFFFF)], ...]
-    """EMCY codes after which the edge is ignored until NMT reset communication."""
-
-
 class DriveProfile(Table, frozen=True, kw_only=True):
     """One type of drive."""
 
@@ -165,7 +158,6 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     torque_mode: TorqueMode
     pdo: Pdo
     heartbeat: Heartbeat
-    fault_reset: FaultReset
     fault_reaction_max_ms: Annotated[int, Meta(ge=10, le=5000)]
     """Longest time from a fault until the drive gives no torque; a stop that waits for the fault
     reaction waits no longer."""

@@ -354,28 +354,6 @@ def test_a_peek_between_windows_is_never_news():
     assert not group.peek(NOW)[0].fresh
 
 
-@pytest.mark.parametrize(
-    ("name", "code", "ignored"),
-    [("hip_epos4", 0x8130, True), ("hip_epos4", 0x8611, False), ("hip_generic", 0x8130, False)],
-)
-def test_it_is_known_when_a_reset_edge_would_be_ignored(name, code, ignored):
-    only = Drive(drive(name), NOW)
-    group = DriveGroup([only])
-    assert not only.ignores_reset_edge
-
-    group.feed([Frame(0x085, struct.pack("<HB5s", code, 0x11, b""))], NOW)
-
-    assert only.ignores_reset_edge is ignored
-
-
-def test_a_code_in_the_slow_pdo_says_as_well_that_a_reset_edge_would_be_ignored():
-    group = hip()
-
-    group.feed([Frame(0x385, struct.pack("<hH", 415, 0x8130))], NOW)
-
-    assert group.drives[0].ignores_reset_edge
-
-
 # --- the group ------------------------------------------------------------------------------------
 
 
