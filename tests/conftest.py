@@ -17,8 +17,6 @@ from hypothesis import settings
 # names it here.
 pytest_plugins = ["gaitd.testing.plugin", "forked"]
 
-RIG_GROUPS = {"rig_vcan": "machine", "rig_systemd": "container", "rig_browser": "container"}
-
 # How long an example takes says something about the machine, and nothing about the project.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
@@ -70,14 +68,6 @@ def pytest_addoption(parser):
         metavar="FILE",
         help="print CPU-seconds by group, with those of earlier steps in FILE (`make test`)",
     )
-
-
-def pytest_collection_modifyitems(items):
-    """With `--dist=loadgroup` one process has the virtual machine, one the container and pages."""
-    for item in items:
-        for rig, group in RIG_GROUPS.items():
-            if item.get_closest_marker(rig):
-                item.add_marker(pytest.mark.xdist_group(group))
 
 
 def pytest_runtest_setup(item):
