@@ -181,9 +181,9 @@ class Recorder:
     def _is_over(self, recording: Recording, boot_id: str, now_ns: int) -> bool:
         return (
             boot_id != recording.about.core_boot_id
-            # The clock of a computer without a battery may be set, forth or back.
+            # A clock without a battery may be set, forth or back. Topics may overtake each other.
             or abs(now_ns - self._wanted_ns) > AFTER_NS
-            or not 0 <= now_ns - recording.about.begun_utc_ns <= LONGEST_NS
+            or not -AFTER_NS <= now_ns - recording.about.begun_utc_ns <= LONGEST_NS
         )
 
     def _begin(self, boot_id: str, now_ns: int) -> Recording:

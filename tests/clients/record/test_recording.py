@@ -20,6 +20,7 @@ from gaitd_client import Target, wire
 from gaitd_record import (
     MESSAGES,
     PART,
+    Begun,
     Deleted,
     Finished,
     FullError,
@@ -459,6 +460,31 @@ def test_a_full_folder_loses_its_oldest_recording_or_takes_no_other(
     assert ("in order" in finished.ended) is (when_full is WhenFull.DELETE_OLDEST)
     assert (tmp_path / "theirs" / "notes.txt").exists()
     assert (tmp_path / "older" / "notes.txt").exists()
+
+
+def test_topics_that_overtake_each_other_begin_one_recording(published, tmp_path):
+    events = []
+    times_ns = [
+        msgspec.json.decode(one.payload, type=Head).sample_time_ns for one in published.messages
+    ]
+    later = next(
+        one
+        for one, time_ns in zip(published.messages, times_ns, strict=True)
+        if (time_ns or 0) > min(filter(None, times_ns))
+    )
+
+    with Recorder(
+        Options(Purpose.ALL, Room(tmp_path, 100, WhenFull.DELETE_OLDEST)),
+        published.configuration,
+        events.append,
+    ) as made:
+        for one in (later, *published.messages):
+            made.add(one)
+
+    assert [type(event) for event in events if isinstance(event, Begun | Finished)] == [
+        Begun,
+        Finished,
+    ]
 
 
 @pytest.mark.parametrize(
