@@ -239,13 +239,19 @@ def unexpected_end(folder: Path, computer_boot_id: str) -> str:
     Raises:
         OSError: the log cannot be read.
     """
-    lines = [line for path in files_of(folder)[-1:] for line in path.read_bytes().splitlines()]
-    known = [fields for fields in map(fields_of, lines) if fields is not None]
+    lines: list[bytes] = []
+    known: list[dict[str, Any]] = []
+    starts: list[dict[str, Any]] = []
+    for path in reversed(files_of(folder)):  # the last start may be in an older, full file
+        lines = [*path.read_bytes().splitlines(), *lines]
+        known = [fields for fields in map(fields_of, lines) if fields is not None]
+        starts = [fields for fields in known if fields.get("kind") == "start"]
+        if starts:
+            break
     if not lines or (fields_of(lines[-1]) or {}).get("kind") == "end":
         return ""
     after = f"after {known[-1].get('utc')}" if known else "at an unknown time"
-    boot_ids = [one.get("computer_boot_id") for one in known if one.get("kind") == "start"]
-    if boot_ids[-1:] == [computer_boot_id]:
+    if starts and starts[-1].get("computer_boot_id") == computer_boot_id:
         return f"the gateway was killed {after}: it has written no end"
     return (
         f"the computer was started again, and its run before has no end: the power failed {after}, "

@@ -361,6 +361,11 @@ def test_a_log_without_an_end_says_whether_the_power_failed(tmp_path):
 
     assert run("monday", is_ended=True) == ""
     assert run("monday", is_ended=False) == ""
+    full = RequestFile(tmp_path, bytes_max=1)  # the last start is in an older file after this
+    full.add(b'{"kind":"answer","utc":"2025-10-09T08:53:20.123456Z"}')
+    full.flush()
+    full.close()
+    assert b"start" not in (tmp_path / NAME).read_bytes()
     killed = run("monday", is_ended=False)
     assert "killed after 2025-10-09T08:53:20.123456Z" in killed
     assert "the power failed after 2025-10-09T" in run("tuesday", is_ended=True)
