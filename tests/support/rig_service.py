@@ -151,11 +151,10 @@ class Report:
         print(f"{time.monotonic():.3f} {name}", flush=True)
         (self.folder / "facts.json").write_text(json.dumps(self.facts))
 
-    def keep_records(self, name: str, service: Service, after_seq: int = 0) -> int:
-        """The records that the ring holds, as msgpack; the sequence number of the last."""
+    def keep_records(self, name: str, service: Service, after_seq: int) -> None:
+        """The records that the ring holds, as msgpack."""
         records = service.records(after_seq)
         (self.folder / f"{name}.records").write_bytes(msgspec.msgpack.encode(records))
-        return records[-1].seq
 
 
 def warm() -> None:
