@@ -49,6 +49,22 @@ def copied(part, folder):
     return cycles_of(finished.path) if (finished.path / "right.estimates.parquet").exists() else []
 
 
+def newest_copied(beside, tmp_path):
+    """The newest cycle of such a copy that has one from now on.
+
+    The recorder's timer is the computer's: it writes while simulated time stands. A message may be
+    lost on its way, so it is not a certain cycle that is waited for.
+    """
+    now, kept = beside.service.newest().cycle, []
+
+    def is_kept():
+        kept[:] = copied(beside.part(), tmp_path / "copy")
+        return kept and kept[-1] >= now
+
+    beside.service.wait(is_kept, 60)
+    return kept[-1]
+
+
 @pytest.mark.parametrize("cycles", [137, 411])
 def test_a_killed_recorder_has_all_that_was_on_the_disk_and_nothing_else(
     long_service, tmp_path, cycles
@@ -62,9 +78,7 @@ def test_a_killed_recorder_has_all_that_was_on_the_disk_and_nothing_else(
         begun = long_service.newest().cycle
         long_service.wait(lambda: long_service.newest().cycle > begun + cycles, 60)
         with long_service.held():
-            last = long_service.newest().cycle
-            # The recorder's timer is the computer's: it writes while simulated time stands.
-            long_service.wait(lambda: last in copied(beside.part(), tmp_path / "copy"), 60)
+            last = newest_copied(beside, tmp_path)
         long_service.wait(lambda: long_service.newest().cycle > last + cycles // 5, 60)
         long_service.kill("record")
         del long_service.parts["record"]
@@ -92,8 +106,7 @@ def test_a_full_disk_ends_the_recorder_with_2_and_its_part_is_finished_once_ther
     begun = long_service.newest().cycle
     long_service.wait(lambda: long_service.newest().cycle > begun + 100, 60)
     with long_service.held():
-        last = long_service.newest().cycle
-        long_service.wait(lambda: last in copied(beside.part(), tmp_path / "copy"), 60)
+        last = newest_copied(beside, tmp_path)
         fill(disk)
     long_service.wait(lambda: beside.process.poll() is not None, 60)
     del long_service.parts["record"]

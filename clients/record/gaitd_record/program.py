@@ -2,7 +2,10 @@
 
 A recording holds messages of one run of a core: another `core_boot_id` is another recording. It
 begins with the first message of a mode that is wanted, ends when none has been wanted for two
-seconds, and after an hour the next one continues.
+seconds, and after an hour, or when the clock was set, the next one continues.
+
+Topics may overtake each other by any time. So times between messages are counted in cycles, and
+only a cycle that is newer than all wanted ones before can begin a recording.
 """
 
 import contextlib
@@ -34,7 +37,8 @@ IGNORED_MAX: Final = 100
 QUEUED_MAX: Final = 100_000
 """Two minutes of messages, while the disk takes none."""
 AFTER_NS: Final = 2_000_000_000
-"""Recorded after the last wanted mode: how a stop came to rest."""
+"""Recorded after the last wanted mode: how a stop came to rest. A clock that differs by more from
+the count of cycles was set; one that NTP slews differs by less in LONGEST_NS."""
 LONGEST_NS: Final = 3_600_000_000_000
 IDLE: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.STOPPING, Mode.FAULT})
 """Modes in which the drives are not enabled on purpose."""
@@ -136,7 +140,12 @@ class Recorder:
         self._decoder = msgspec.json.Decoder(Head)
         self._ignored: set[str] = set()
         self._recording: Recording | None = None
-        self._wanted_ns = 0
+        self._core = ""
+        """The core whose messages are recorded."""
+        self._ended_cores: set[str] = set()
+        """Those before it."""
+        self._wanted_cycle, self._begun_cycle = -1, 0
+        """The newest cycle of the core with a wanted mode; the first one of the recording."""
         self._finishing: list[Future[Finished | None]] = []
         self._threads = ThreadPoolExecutor(1, thread_name_prefix="finish")
         options.room.folder.mkdir(parents=True, exist_ok=True)
@@ -166,35 +175,51 @@ class Recorder:
                 self._report(Ignored(received.key, str(error)))
 
     def _add(self, received: Received, head: Head) -> None:
-        recording, now_ns = self._recording, head.sample_time_ns
-        if head.core_boot_id is not None and now_ns is not None:
-            if self._options.purpose.wants(head.mode):
-                self._wanted_ns = now_ns
-            if recording is not None and self._is_over(recording, head.core_boot_id, now_ns):
-                self.end()
-                recording = None
-            if recording is None and now_ns == self._wanted_ns:
-                recording = self._begin(head.core_boot_id, now_ns)
+        core = head.core_boot_id
+        if core is not None and head.cycle is not None and head.sample_time_ns is not None:
+            self._change(core, head.cycle, head.sample_time_ns, head.mode)
+        recording = self._recording
         if recording is not None:
             self._try(recording, lambda: recording.add(*received, head))
 
-    def _is_over(self, recording: Recording, boot_id: str, now_ns: int) -> bool:
-        return (
-            boot_id != recording.about.core_boot_id
-            # A clock without a battery may be set, forth or back. Topics may overtake each other.
-            or abs(now_ns - self._wanted_ns) > AFTER_NS
-            or not -AFTER_NS <= now_ns - recording.about.begun_utc_ns <= LONGEST_NS
-        )
+    def _change(self, core: str, cycle: int, utc_ns: int, mode: str | None) -> None:
+        """End the present recording, begin the next one, or both, where a message asks for it.
 
-    def _begin(self, boot_id: str, now_ns: int) -> Recording:
-        about = About.of(self._configuration(), boot_id, now_ns)
+        Raises:
+            ValueError: the message is of a core before the present one.
+        """
+        if core in self._ended_cores:
+            raise ValueError("it came after messages of the next core")
+        if core != self._core:
+            self._ended_cores.add(self._core)
+            self._core, self._wanted_cycle = core, -1
+            self.end()
+        is_newly_wanted = self._options.purpose.wants(mode) and cycle > self._wanted_cycle
+        if is_newly_wanted:
+            self._wanted_cycle = cycle
+        recording = self._recording
+        if recording is not None:
+            about = recording.about
+            since_ns = (cycle - self._begun_cycle) * about.period_ns
+            was_set = abs(utc_ns - about.begun_utc_ns - since_ns) > AFTER_NS
+            if (
+                (cycle - self._wanted_cycle) * about.period_ns > AFTER_NS
+                or since_ns > LONGEST_NS
+                or (is_newly_wanted and was_set)
+            ):
+                self.end()
+        if self._recording is None and is_newly_wanted:
+            self._begin(core, utc_ns)
+            self._begun_cycle = cycle
+
+    def _begin(self, core: str, utc_ns: int) -> None:
+        about = About.of(self._configuration(), core, utc_ns)
         path = self._options.room.folder / self._name(about)
         try:
             self._recording = Recording(path, about)
         except OSError as error:
             raise RecordError(f"{path}: {error.strerror}") from error
         self._report(Begun(path))
-        return self._recording
 
     def _name(self, about: About) -> str:
         if self._options.purpose is Purpose.CALIBRATION:

@@ -418,7 +418,9 @@ def test_another_core_is_another_recording_and_a_gap_is_a_loss(published, tmp_pa
             made.add(one)
         for one in lossy[2000:2100]:
             made.add(one._replace(payload=one.payload.replace(b'"boot"', b'"reboot"')))
+        made.add(next(one for one in lossy[2000:] if b'"boot"' in one.payload))
 
+    assert "next core" in next(event.reason for event in events if isinstance(event, Ignored))
     first, second = (event for event in events if isinstance(event, Finished))
     assert sum(first.lost.values()) == 20
     assert first.message_count == 2000
@@ -462,29 +464,41 @@ def test_a_full_folder_loses_its_oldest_recording_or_takes_no_other(
     assert (tmp_path / "older" / "notes.txt").exists()
 
 
-def test_topics_that_overtake_each_other_begin_one_recording(published, tmp_path):
+def changed(one, **fields):
+    return one._replace(payload=msgspec.json.encode(msgspec.json.decode(one.payload) | fields))
+
+
+@pytest.mark.parametrize("purpose", [Purpose.ALL, Purpose.TRAINING])
+def test_messages_that_others_have_overtaken_begin_and_end_no_recording(
+    published, tmp_path, purpose
+):
+    """Each 20th comes three seconds late; some of them after the end of the training."""
+    walked = published.messages[:3000]
+    heads = [msgspec.json.decode(one.payload, type=Head) for one in walked]
+    cycles = [head.cycle or 0 for head in heads]
+    ended_ns = heads[-1].sample_time_ns + 2_500_000_000
+    ended = changed(walked[-1], mode="ready", cycle=cycles[-1] + 250, sample_time_ns=ended_ns)
+    due = [(cycle + (0 if n % 20 else 300), n) for n, cycle in enumerate(cycles)]
     events = []
-    times_ns = [
-        msgspec.json.decode(one.payload, type=Head).sample_time_ns for one in published.messages
-    ]
-    later = next(
-        one
-        for one, time_ns in zip(published.messages, times_ns, strict=True)
-        if (time_ns or 0) > min(filter(None, times_ns))
-    )
 
-    with Recorder(
-        Options(Purpose.ALL, Room(tmp_path, 100, WhenFull.DELETE_OLDEST)),
-        published.configuration,
-        events.append,
-    ) as made:
-        for one in (later, *published.messages):
-            made.add(one)
+    with recorder(published, tmp_path, purpose, events) as made:
+        for _, n in sorted([*due, (cycles[-1] + 250, len(walked))]):
+            made.add([*walked, ended][n])
 
-    assert [type(event) for event in events if isinstance(event, Begun | Finished)] == [
-        Begun,
-        Finished,
-    ]
+    assert [type(event) for event in events if not isinstance(event, Ignored)] == [Begun, Finished]
+
+
+@pytest.mark.parametrize("set_s", [-10, 10])
+def test_a_clock_that_was_set_begins_another_recording(published, tmp_path, set_s):
+    events = []
+    with recorder(published, tmp_path, events=events) as made:
+        for n, one in enumerate(published.messages[:1200]):
+            head = msgspec.json.decode(one.payload, type=Head)
+            is_set = n > 600 and head.sample_time_ns is not None
+            time_ns = head.sample_time_ns + set_s * 1_000_000_000 if is_set else None
+            made.add(changed(one, sample_time_ns=time_ns) if is_set else one)
+
+    assert [type(event) for event in events].count(Begun) == 2
 
 
 @pytest.mark.parametrize(
