@@ -36,7 +36,7 @@ class WithJson(TrainerWithKeys):
 def trainer():
     with (
         tempfile.TemporaryDirectory(dir=memory_folder()) as folder,
-        WithJson(Path(folder), CLIENTS, pace=20.0, edits=EDITS) as made,
+        WithJson(Path(folder), CLIENTS, pace=5.0, edits=EDITS) as made,
     ):
         yield made.start_all()
 

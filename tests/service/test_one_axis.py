@@ -28,7 +28,7 @@ def service():
             ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
             ("demo.toml", 'signs = "assumed"', 'signs = "proven"'),
         )
-        service = Service(folder, configs, pace=20.0)
+        service = Service(folder, configs, pace=5.0)
         try:
             service.start_all()
             service.until(lambda record: record.mode == Mode.READY, 90)

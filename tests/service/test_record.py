@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import time
 
 import msgspec
 import pyarrow.parquet as pq
@@ -16,6 +17,7 @@ from analysis.replay import estimate, read
 from daemon.ipc.record import Mode
 
 KEPT = 200_000
+POLL_S = 0.05
 
 
 class Beside:
@@ -24,6 +26,10 @@ class Beside:
     def __init__(self, service, folder, *words):
         self.service, self.folder = service, folder
         self.process = service.start("record", "--output", str(folder), "--json", *words)
+        # Not `service.wait`: it lets time pass as fast as both processors can.
+        while "listening" not in self.process.output():
+            self.process.check()
+            time.sleep(POLL_S)
 
     def events(self):
         return [json.loads(line) for line in self.process.output().splitlines() if "{" in line]
@@ -133,7 +139,6 @@ def test_a_training_is_recorded_from_enable_to_disable_and_replayed(long_service
     with long_service.client("observer") as trainer:
         published = []
         trainer.activity("right", keep=KEPT).call(published.append)
-        long_service.wait(lambda: "listening" in beside.process.output(), 60)
         long_service.bring(Mode.GAIT)
         long_service.run(3.0)
         long_service.bring(Mode.READY)

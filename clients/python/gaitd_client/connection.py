@@ -13,7 +13,9 @@ from gaitd_client.errors import NoAnswerError, NoServiceError
 
 Message = TypeVar("Message", bound=msgspec.Struct)
 
-CONNECT_TIMEOUT_MS: Final = 1000
+CONNECT_TIMEOUT_MS: Final = 3000
+"""A computer whose processors are busy needs some seconds. A port without a service is tried again
+until then."""
 ANSWER_TIMEOUT_S: Final = 10.0
 """Longer than the gateway lets any request wait."""
 RECONNECT: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
