@@ -202,11 +202,9 @@ class Recorder:
             about = recording.about
             since_ns = (cycle - self._begun_cycle) * about.period_ns
             was_set = abs(utc_ns - about.begun_utc_ns - since_ns) > AFTER_NS
-            if (
-                (cycle - self._wanted_cycle) * about.period_ns > AFTER_NS
-                or since_ns > LONGEST_NS
-                or (is_newly_wanted and was_set)
-            ):
+            is_over = (cycle - self._wanted_cycle) * about.period_ns > AFTER_NS
+            # At a message that begins the next one, so that none is between them.
+            if is_over or (is_newly_wanted and (was_set or since_ns > LONGEST_NS)):
                 self.end()
         if self._recording is None and is_newly_wanted:
             self._begin(core, utc_ns)

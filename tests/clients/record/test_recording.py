@@ -488,17 +488,27 @@ def test_messages_that_others_have_overtaken_begin_and_end_no_recording(
     assert [type(event) for event in events if not isinstance(event, Ignored)] == [Begun, Finished]
 
 
-@pytest.mark.parametrize("set_s", [-10, 10])
-def test_a_clock_that_was_set_begins_another_recording(published, tmp_path, set_s):
-    events = []
-    with recorder(published, tmp_path, events=events) as made:
-        for n, one in enumerate(published.messages[:1200]):
-            head = msgspec.json.decode(one.payload, type=Head)
-            is_set = n > 600 and head.sample_time_ns is not None
-            time_ns = head.sample_time_ns + set_s * 1_000_000_000 if is_set else None
-            made.add(changed(one, sample_time_ns=time_ns) if is_set else one)
+@pytest.mark.parametrize(
+    ("clock_s", "cycles"),
+    [(-10, 0), (10, 0), (3600, 360_000)],
+    ids=["set_back", "set_forth", "an_hour_later"],
+)
+def test_another_recording_continues_without_a_gap(published, tmp_path, clock_s, cycles):
+    def later(one):
+        head = msgspec.json.decode(one.payload, type=Head)
+        if head.cycle is None:
+            return one
+        time_ns = head.sample_time_ns + clock_s * 1_000_000_000
+        return changed(one, sample_time_ns=time_ns, cycle=head.cycle + cycles)
 
-    assert [type(event) for event in events].count(Begun) == 2
+    walked, events = published.messages[:1200], []
+    with recorder(published, tmp_path, events=events) as made:
+        for one in (*walked[:600], *map(later, walked[600:])):
+            made.add(one)
+
+    finished = [event for event in events if isinstance(event, Finished)]
+    assert len(finished) == 2
+    assert sum(one.message_count for one in finished) == len(walked)
 
 
 @pytest.mark.parametrize(
