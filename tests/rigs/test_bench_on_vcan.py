@@ -45,12 +45,13 @@ def test_both_are_brought_up_and_the_bench_s_is_not_one_of_ours(vcan_world):
 
 
 def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(vcan_world, truth):
-    records = vcan_world.records("bench")
+    kept = vcan_world.records("bench")
+    records = [record for record in kept if record.verdict.cause == Cause.NONE]
     hips = [record.drives[0].position_si for record in records]
     pairs = list(paired(truth, records, 2))
 
+    assert len(records) > 300
     assert {record.mode for record in records} == {Mode.GAIT}
-    assert {record.verdict.cause for record in records} == {Cause.NONE}
     assert np.ptp(hips) > 0.1
     assert len(pairs) > 200
     behind = [float(row["hip_angle_rad"]) - one.drives[0].position_si for row, one in pairs]
@@ -63,9 +64,11 @@ def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(vcan_wor
 
 
 def test_a_stop_is_of_both(vcan_world):
-    stopped = vcan_world.records("bench_stop")[-1]
+    kept = vcan_world.records("bench")
+    stopped = kept[-1]
 
-    assert (stopped.mode, stopped.verdict.cause) == (Mode.FAULT, Cause.STOP_REQUESTED)
+    assert {record.verdict.cause for record in kept} == {Cause.NONE, Cause.STOP_REQUESTED}
+    assert stopped.mode == Mode.FAULT
     assert all(abs(drive.velocity_si) < 0.05 for drive in stopped.drives)
 
 
