@@ -51,8 +51,8 @@ class Axis:
     """Longest fault reaction of the drive, in cycles, from its profile."""
     serial_number: int = 0
     referenced: bool = False
-    homed: bool = False
-    """The core has homed the axis in this power cycle of the drive."""
+    followed: bool = False
+    """Referenced, and its drive has neither rebooted nor been silent since."""
     unreferenced_why: str = ""
     sign_proven: bool = False
     joint: Joint = field(default_factory=Joint)

@@ -197,6 +197,48 @@ def test_an_absolute_encoder_that_disagrees_with_the_stored_pose_is_not_believed
     assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
+@pytest.fixture(scope="module", name="warm_strict")
+def _warm_strict(tmp_path_factory):
+    """Absolute encoders as on a real machine, in a gait that has left the stored pose."""
+    configs = changed_configs(tmp_path_factory.mktemp("strict"), *STRICT)
+    session = new_session(configs, left_at(math.radians(13.98), 0.5905))
+    session.walk(cadence_hz=0.4)
+    away_rad = math.radians(13.98 + 10.0)
+    session.run_until(lambda record: record.drives[0].position_si > away_rad, within_s=10.0)
+    return session
+
+
+STOPS = {"requested": Cause.STOP_REQUESTED, "hand_switch": Cause.HAND_SWITCH_OPEN}
+
+
+@pytest.mark.parametrize("stop", STOPS)
+def test_after_a_stop_and_a_reset_an_absolute_encoder_is_still_believed(warm_strict, stop):
+    session = warm_strict
+    session.gateway.stop() if stop == "requested" else session.command("hand_switch_open *")
+    session.until(Mode.FAULT, within_s=5.0)
+    session.run(1.0)
+    assert session.record.verdict.cause == STOPS[stop]
+    if stop == "hand_switch":
+        session.command("clear hand_switch_open *")
+
+    session.execute(RequestKind.RESET)
+    session.until(Mode.READY, within_s=10.0)
+
+    assert referenced(session) == [True, True]
+
+
+def test_a_drive_that_was_silent_meanwhile_is_not_believed_where_it_was_not_left(warm_strict):
+    session = warm_strict
+    session.command("silent right/hip 0.3")
+    session.until(Mode.FAULT, within_s=5.0)
+    session.run(1.0)
+
+    session.execute(RequestKind.RESET)
+    session.until(Mode.READY, within_s=10.0)
+
+    assert referenced(session) == [False, True]
+
+
 @pytest.mark.parametrize(
     "notes", [PersistentState(), PersistentState(damaged=True)], ids=["none", "damaged"]
 )

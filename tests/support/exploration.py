@@ -204,7 +204,7 @@ CORE_FIELDS = (
 LEG_FIELDS = ("exercise", "reference", "takes_over")
 AXIS_FIELDS = (
     "referenced",
-    "homed",
+    "followed",
     "feedback",
     "joint",
     "stop",

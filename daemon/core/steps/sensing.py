@@ -38,9 +38,9 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         if lost and axis.referenced:
             axis.referenced, axis.unreferenced_why = False, lost
             core.report(f"{axis.name}: not referenced any more, {lost}")
-        # A silent drive may have lost its power, and with it its home position.
+        # A silent drive may have lost its power, and with it its position.
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
-        axis.homed = axis.homed and axis.referenced and not silent
+        axis.followed = axis.followed and axis.referenced and not silent
         _count_readiness(core, axis, feedback)
         if feedback.fresh and not feedback.in_fault:
             axis.bring_up_error = ""
@@ -129,14 +129,14 @@ def alarms_checked(core: Core) -> None:
 
 def take_home(axis: Axis) -> None:
     """The axis has been homed: its position is valid."""
-    axis.homed = axis.referenced = True
+    axis.followed = axis.referenced = True
     axis.unreferenced_why = ""
 
 
-def lose_homes(core: Core) -> None:
-    """The state of the drives is unknown: each may have lost its power and its home position."""
+def lose_positions(core: Core) -> None:
+    """The state of the drives is unknown: each may have lost its power and its position."""
     for axis in core.axes:
-        axis.homed = False
+        axis.followed = False
 
 
 def forget(core: Core) -> None:
@@ -151,9 +151,8 @@ def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]
     for axis, plan, report in zip(core.axes, plans, reports, strict=True):
         axis.scaling = axis_scaling(plan.description, report.base)
         axis.serial_number = report.serial_number
-        axis.homed = axis.homed and not report.reference_lost
         axis.unreferenced_why = _why_unreferenced(core, axis, plan, report)
-        axis.referenced = not axis.unreferenced_why
+        axis.referenced = axis.followed = not axis.unreferenced_why
         axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles = False, 0, 0
         axis.shown_unpowered = True  # bring-up goes on with no drive that has power
         axis.emergencies_checked = 0
@@ -164,12 +163,14 @@ def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]
 def _why_unreferenced(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> str:
     """The reason why an axis is not referenced; empty if it is.
 
-    An axis is referenced if it is homed, or if its absolute encoder agrees with the noted pose.
+    An axis is referenced if it was homed, or if its absolute encoder agrees with the stored pose.
+    It stays referenced while it is followed, though the leg has moved since the pose was stored:
+    no pose is stored while drives hold the leg after a stop, until a reset brings them up again.
     """
     if report.reference_lost:
         return "its encoder is in error"
     reports_homed = plan.description.profile.referenced_bit is not None
-    if axis.homed and (report.homed or not reports_homed):
+    if axis.followed and (report.absolute or report.homed or not reports_homed):
         return ""
     if not report.absolute:
         return "" if report.homed else "home it"

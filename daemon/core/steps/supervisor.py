@@ -252,7 +252,7 @@ def lose_bus(core: Core, what: str) -> None:
     single_axis.drop(core)
     core.reset_cycles_left = 0
     sensing.forget(core)
-    sensing.lose_homes(core)
+    sensing.lose_positions(core)
     exercises.reset(core)
     for axis in core.axes:
         axis.stop = None
@@ -435,7 +435,7 @@ def fail_bring_up(core: Core, cause: Cause, drive: str, detail: str) -> None:
     single_axis.drop(core)
     core.reset_cycles_left = 0
     core.progress = ""
-    sensing.lose_homes(core)
+    sensing.lose_positions(core)
 
 
 def _take_latch(core: Core) -> bool:

@@ -135,7 +135,7 @@ def test_a_stop_that_was_latched_before_the_restart_is_fault_after_bring_up():
 
 def test_a_refusal_ends_the_service_and_leaves_the_core_in_off():
     session = Session(hip={"abort_write": {(0x6065, 0): 0x06090030}})
-    session.core.reset_cycles_left, session.core.axes[0].homed = 9, True
+    session.core.reset_cycles_left, session.core.axes[0].followed = 9, True
 
     with pytest.raises(BringUpRefused):
         session.run()
@@ -146,7 +146,7 @@ def test_a_refusal_ends_the_service_and_leaves_the_core_in_off():
     assert core.verdict.category is core.config.categories.of(Cause.BRING_UP_FAILED)
     assert "6065h" in core.verdict.detail
     assert (core.drives, core.reset_cycles_left, core.progress) == (None, 0, "")
-    assert not core.axes[0].homed
+    assert not core.axes[0].followed
     assert len(session.told("bring-up failed: ")) == 1
 
 

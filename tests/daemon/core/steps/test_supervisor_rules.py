@@ -234,7 +234,7 @@ def test_a_homing_that_is_over_switches_off_as_a_disable_does(bench, changed):
     bench.turn()
 
     assert (core.mode, core.disabling) == (Mode.STOPPING, True)
-    assert (hip.homed, hip.referenced, core.axes[1].homed) == (True, True, False)
+    assert (hip.followed, hip.referenced, core.axes[1].followed) == (True, True, False)
     assert [axis.stop for axis in core.axes] == [
         begin(Step.DISABLE, axis.joint, bench.cycle) for axis in core.axes
     ]
@@ -473,7 +473,7 @@ def test_a_lost_bus_leaves_nothing_known_of_the_drives(bench, mode):
     core.mode, core.drives, core.single_axis = mode, DriveGroup([]), Run()
     core.disabling, core.reset_cycles_left = True, 9
     stops(core, QUICK, QUICK)
-    core.axes[0].homed = True
+    core.axes[0].followed = True
 
     supervisor.lose_bus(core, "can0 is down")
 
@@ -483,7 +483,7 @@ def test_a_lost_bus_leaves_nothing_known_of_the_drives(bench, mode):
     assert core.events == [describe(verdict), *told]
     assert (core.drives, core.single_axis) == (None, None)
     assert (core.disabling, core.reset_cycles_left, bench.steps()) == (False, 0, [])
-    assert [(axis.feedback, axis.joint, axis.homed) for axis in core.axes] == [
+    assert [(axis.feedback, axis.joint, axis.followed) for axis in core.axes] == [
         (None, Joint(), False)
     ] * 2
 
@@ -832,10 +832,10 @@ def test_a_bring_up_that_fails_ends_in_off_and_is_told_if_it_is_new(bench, mode)
     core.mode = mode
     for told in (1, 1):
         core.single_axis, core.reset_cycles_left, core.progress = Run(), 9, "12/70"
-        core.axes[1].homed = True
+        core.axes[1].followed = True
         supervisor.fail_bring_up(*failed)
         assert (core.mode, core.single_axis, core.progress) == (Mode.OFF, None, "")
-        assert (core.reset_cycles_left, core.axes[1].homed) == (0, False)
+        assert (core.reset_cycles_left, core.axes[1].followed) == (0, False)
         assert core.verdict == Verdict(
             StopCategory.S1, Cause.DRIVE_SILENT, "right/hip", detail="no answer"
         )
