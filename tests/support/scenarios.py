@@ -250,7 +250,7 @@ def bench_on_vcan(report: Report) -> None:
             _proven(service, drive)
         walking(service, slow)
         seq = service.newest().seq
-        cycles(service, 300)
+        cycles(service, 400)  # a stride
         service.request("stop")
         service.until(lambda record: record.mode == Mode.FAULT)
         cycles(service, 20)
