@@ -463,12 +463,15 @@ def test_a_stop_that_waits_when_the_gateway_ends_is_read_before(
     fake_core, eventually, monkeypatch, restarts
 ):
     """Zenoh has received the stop, and calls back only when the loop has ended."""
-    loop_ended, received = threading.Event(), publish.ZenohInquiry
+    arrived, loop_ended, received = threading.Event(), threading.Event(), publish.ZenohInquiry
     end_queries = publish.ZenohOutlet.end_queries
 
     def receive(query):
         inquiry = received(query)
-        return inquiry if inquiry.name != "stop" or loop_ended.wait(60) else None
+        if inquiry.name == "stop":
+            arrived.set()
+            assert loop_ended.wait(60)
+        return inquiry
 
     def end(outlet):
         loop_ended.set()
@@ -490,7 +493,7 @@ def test_a_stop_that_waits_when_the_gateway_ends_is_read_before(
             else:
                 service.end_soon()
             stop.query("stop")
-            flush(present)
+            assert arrived.wait(60)
         eventually(lambda: service.core.levels[-1].stop_count == stop_count + 1)
         eventually(lambda: stop.answered["stop"])
         if restarts:
