@@ -52,7 +52,7 @@ class Axis:
     serial_number: int = 0
     referenced: bool = False
     followed: bool = False
-    """Referenced, and its drive has neither rebooted nor been silent since."""
+    """Referenced, and since then no reboot or silence of its drive and no doubtful feedback."""
     unreferenced_why: str = ""
     sign_proven: bool = False
     joint: Joint = field(default_factory=Joint)

@@ -227,9 +227,12 @@ def test_after_a_stop_and_a_reset_an_absolute_encoder_is_still_believed(warm_str
     assert referenced(session) == [True, True]
 
 
-def test_a_drive_that_was_silent_meanwhile_is_not_believed_where_it_was_not_left(warm_strict):
+@pytest.mark.parametrize("fault", ["silent right/hip 0.3", "frozen_encoder right/hip 60"])
+def test_an_axis_that_could_not_be_followed_is_not_believed_where_it_was_not_left(
+    warm_strict, fault
+):
     session = warm_strict
-    session.command("silent right/hip 0.3")
+    session.command(fault)
     session.until(Mode.FAULT, within_s=5.0)
     session.run(1.0)
 

@@ -133,6 +133,12 @@ def take_home(axis: Axis) -> None:
     axis.unreferenced_why = ""
 
 
+def doubt(core: Core, name: str) -> None:
+    """Feedback of this axis is doubtful: the next bring-up compares its encoder again."""
+    for axis in core.axes:
+        axis.followed = axis.followed and axis.name != name
+
+
 def lose_positions(core: Core) -> None:
     """The state of the drives is unknown: each may have lost its power and its position."""
     for axis in core.axes:

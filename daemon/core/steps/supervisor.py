@@ -190,6 +190,8 @@ def _take_resting_verdict(core: Core, verdict: Verdict) -> None:
 
 def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     """Stop all drives for this verdict, or escalate a stop that is under way."""
+    if verdict.cause in DOUBTFUL_FEEDBACK:
+        sensing.doubt(core, verdict.drive)
     first = core.mode.active or core.mode == Mode.READY
     if first:
         _enter(core, Event.STOP)
