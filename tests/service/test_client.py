@@ -103,8 +103,9 @@ def test_a_lease_says_why_setpoints_are_refused_and_outlives_the_gateway(long_se
         assert "assist_max_nm" in first.meaning
         assert first.remedy
 
-        pulls[0] = PULL_NM
+        # Not before the lapse: a good setpoint in time would prevent it.
         long_service.wait(lambda: trainer.status().safety.mode == Mode.HOLD, 30)
+        pulls[0] = PULL_NM
         trainer.mode(Mode.TORQUE)
         long_service.wait(lambda: assist_nm(long_service) == PULL_NM, 30)
 
