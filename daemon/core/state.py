@@ -52,7 +52,8 @@ class Axis:
     serial_number: int = 0
     referenced: bool = False
     followed: bool = False
-    """Referenced, and since then no reboot or silence of its drive and no doubtful feedback."""
+    """Referenced, and since then no reboot or silence of its drive, no doubtful feedback, and no
+    homing that has not ended."""
     unreferenced_why: str = ""
     sign_proven: bool = False
     joint: Joint = field(default_factory=Joint)

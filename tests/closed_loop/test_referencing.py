@@ -242,6 +242,25 @@ def test_an_axis_that_could_not_be_followed_is_not_believed_where_it_was_not_lef
     assert referenced(session) == [False, True]
 
 
+def test_an_absolute_encoder_whose_homing_was_stopped_is_not_believed(tmp_path):
+    persistent = left_at(math.radians(13.98), 0.5905)
+    session = new_session(changed_configs(tmp_path, *STRICT, *EMPTY), persistent).until_ready()
+    asked(session, HIP)
+    session.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    away_rad = math.radians(3.0)
+    session.run_until(
+        lambda record: abs(record.drives[0].position_si - math.radians(13.98)) > away_rad,
+        within_s=30,
+    )
+
+    session.gateway.stop()
+    session.until(Mode.FAULT, within_s=5.0)
+    session.execute(RequestKind.RESET)
+    session.until(Mode.READY, within_s=10.0)
+
+    assert referenced(session) == [False, True]
+
+
 @pytest.mark.parametrize(
     "notes", [PersistentState(), PersistentState(damaged=True)], ids=["none", "damaged"]
 )

@@ -142,8 +142,8 @@ class Recorder:
         self._recording: Recording | None = None
         self._core = ""
         """The core whose messages are recorded."""
-        self._ended_cores: set[str] = set()
-        """Those before it."""
+        self._newest_cycles: dict[str, int] = {}
+        """By core."""
         self._wanted_cycle, self._begun_cycle = -1, 0
         """The newest cycle of the core with a wanted mode; the first one of the recording."""
         self._finishing: list[Future[Finished | None]] = []
@@ -186,14 +186,15 @@ class Recorder:
         """End the present recording, begin the next one, or both, where a message asks for it.
 
         Raises:
-            ValueError: the message is of a core before the present one.
+            ValueError: the message is a late one of a core before the present one.
         """
-        if core in self._ended_cores:
-            raise ValueError("it came after messages of the next core")
+        newest = self._newest_cycles.get(core, -1)
         if core != self._core:
-            self._ended_cores.add(self._core)
+            if cycle <= newest:
+                raise ValueError("it came after messages of another core")
             self._core, self._wanted_cycle = core, -1
             self.end()
+        self._newest_cycles[core] = max(newest, cycle)
         is_newly_wanted = self._options.purpose.wants(mode) and cycle > self._wanted_cycle
         if is_newly_wanted:
             self._wanted_cycle = cycle

@@ -2,7 +2,7 @@
 
 Pure: `state_file.py` reads and writes the file. Rules:
 
-1.  The pose is stored while no drive is enabled: at rest, referenced, with a sample of this cycle.
+1.  The pose is stored while no drive is enabled: at rest, followed, with a sample of this cycle.
     The stored pose is that of the last orderly stop, or where the leg was moved by hand afterwards.
 2.  An absolute encoder is accepted if it agrees with that pose, within the tolerance of the
     trainer file. Without a stored pose a setting of the trainer file decides.

@@ -16,9 +16,9 @@ from daemon.ipc.record import Cause, Mode, Verdict
 
 
 def store_poses(core: Core, utc_ns: int) -> None:
-    """Store the pose of every axis that is referenced and at rest with a sample of this cycle."""
+    """Store the pose of every axis that is followed and at rest with a sample of this cycle."""
     for axis in core.axes:
-        if axis.referenced and axis.joint.fresh and is_at_rest(axis.joint, axis.limits):
+        if axis.followed and axis.joint.fresh and is_at_rest(axis.joint, axis.limits):
             core.persistent = with_pose(core.persistent, axis.name, axis.joint.position_si, utc_ns)
 
 

@@ -134,7 +134,10 @@ def take_home(axis: Axis) -> None:
 
 
 def doubt(core: Core, name: str) -> None:
-    """Feedback of this axis is doubtful: the next bring-up compares its encoder again."""
+    """The position of this axis is doubtful: the next bring-up compares its encoder again.
+
+    After doubtful feedback; and from the begin of a homing, which may move the origin and not end.
+    """
     for axis in core.axes:
         axis.followed = axis.followed and axis.name != name
 

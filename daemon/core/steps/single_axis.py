@@ -141,6 +141,8 @@ class Change(NamedTuple):
     event: Event
     text: str = ""
     """Published after it."""
+    homing: Axis | None = None
+    """The axis whose position is doubtful until its homing has ended."""
     homed: Axis | None = None
     """The axis whose position is valid from now on."""
 
@@ -167,7 +169,8 @@ def _begin_or_leave(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> Chan
         cancel(core, "the drives and the leg were not ready in time: ask again")
     elif all(_rests(one) for one in core.axes):
         core.single_axis = run.enabling()
-        return Change(MODES[run.mode].event, f"{axis.name}: {run.title} begun")
+        homing = axis if run.by_drive else None
+        return Change(MODES[run.mode].event, f"{axis.name}: {run.title} begun", homing)
     return None
 
 

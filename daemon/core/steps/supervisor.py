@@ -143,6 +143,8 @@ def _advance_single_axis(core: Core, cycle: int) -> None:
     change = single_axis.advance(core, cycle)
     if change is None:
         return
+    if change.homing is not None:
+        sensing.doubt(core, change.homing.name)
     if change.homed is not None:
         sensing.take_home(change.homed)
     if change.event is Event.BRING_UP_RESTARTED:
@@ -418,6 +420,7 @@ def wait_for_reset(core: Core, drive: str, state: str, text: str) -> None:
     """Enter FAULT because a drive still holds the leg; it holds until a reset is requested."""
     core.verdict = _verdict(core, Cause.DRIVE_POWERED, drive, state)
     _change(core, Event.DRIVE_FAULTY)
+    sensing.lose_positions(core)
     single_axis.drop(core)
     core.reset_cycles_left = 0
     latched = core.persistent.latched

@@ -418,13 +418,16 @@ def test_another_core_is_another_recording_and_a_gap_is_a_loss(published, tmp_pa
             made.add(one)
         for one in lossy[2000:2100]:
             made.add(one._replace(payload=one.payload.replace(b'"boot"', b'"reboot"')))
-        made.add(next(one for one in lossy[2000:] if b'"boot"' in one.payload))
+        made.add(lossy[1990])  # late
+        for one in lossy[2100:2200]:
+            made.add(one)
 
-    assert "next core" in next(event.reason for event in events if isinstance(event, Ignored))
-    first, second = (event for event in events if isinstance(event, Finished))
+    assert "another core" in next(event.reason for event in events if isinstance(event, Ignored))
+    first, second, third = (event for event in events if isinstance(event, Finished))
     assert sum(first.lost.values()) == 20
     assert first.message_count == 2000
     assert (second.message_count, second.lost) == (100, {})
+    assert third.message_count == 100  # a message with another core's id takes nothing from a core
     source = read(first.path)
     steps_s = np.diff(source.recording.time_s)
     assert np.all(np.isclose(steps_s % 0.01, 0) | np.isclose(steps_s % 0.01, 0.01))
@@ -488,23 +491,26 @@ def test_messages_that_others_have_overtaken_begin_and_end_no_recording(
     assert [type(event) for event in events if not isinstance(event, Ignored)] == [Begun, Finished]
 
 
-@pytest.mark.parametrize(
-    ("clock_s", "cycles"),
-    [(-10, 0), (10, 0), (3600, 360_000)],
-    ids=["set_back", "set_forth", "an_hour_later"],
-)
-def test_another_recording_continues_without_a_gap(published, tmp_path, clock_s, cycles):
-    def later(one):
-        head = msgspec.json.decode(one.payload, type=Head)
-        if head.cycle is None:
-            return one
-        time_ns = head.sample_time_ns + clock_s * 1_000_000_000
-        return changed(one, sample_time_ns=time_ns, cycle=head.cycle + cycles)
+@pytest.mark.parametrize("clock_s", [-10, 10, 0], ids=["set_back", "set_forth", "full"])
+def test_another_recording_continues_without_a_gap(published, tmp_path, monkeypatch, clock_s):
+    """The clock is set, or the longest time is over, at a message without a mode."""
+    heads = [msgspec.json.decode(one.payload, type=Head) for one in published.messages]
+    walked = sorted(range(1000, 2200), key=lambda n: (heads[n].cycle, published.messages[n].key))
+    first = next(
+        index
+        for index, n in enumerate(walked)
+        if index > 600 and published.messages[n].key.startswith("drives/")
+    )
+    if not clock_s:
+        longest = heads[walked[first]].cycle - heads[walked[0]].cycle - 1
+        monkeypatch.setattr("gaitd_record.program.LONGEST_NS", longest * 10_000_000)
+    events = []
 
-    walked, events = published.messages[:1200], []
-    with recorder(published, tmp_path, events=events) as made:
-        for one in (*walked[:600], *map(later, walked[600:])):
-            made.add(one)
+    with recorder(published, tmp_path, Purpose.TRAINING, events) as made:
+        for index, n in enumerate(walked):
+            set_ns = clock_s * 1_000_000_000 if index >= first else 0
+            time_ns = heads[n].sample_time_ns + set_ns
+            made.add(changed(published.messages[n], sample_time_ns=time_ns))
 
     finished = [event for event in events if isinstance(event, Finished)]
     assert len(finished) == 2
