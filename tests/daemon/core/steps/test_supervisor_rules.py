@@ -27,7 +27,7 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
-from daemon.wire.causes import LOST_DRIVE
+from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerState
 
@@ -225,6 +225,16 @@ def test_a_homing_begins_when_the_drives_are_up(ready, changed):
     assert ready.steps() == []
 
 
+def test_a_homing_may_move_the_origin_of_its_axis_from_its_begin(ready, changed):
+    hip, slide = ready.core.axes
+    hip.followed = slide.followed = True
+    changed(Change(Event.TO_REFERENCE, homing=hip))
+
+    ready.turn()
+
+    assert (hip.followed, slide.followed) == (False, True)
+
+
 def test_a_homing_that_is_over_switches_off_as_a_disable_does(bench, changed):
     core = bench.core
     core.mode, hip = Mode.REFERENCE, core.axes[0]
@@ -252,6 +262,16 @@ def test_after_a_homing_the_drives_are_brought_up_with_their_usual_limits(ready,
 
 
 # --- verdicts -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("cause", Cause)
+def test_doubtful_feedback_has_the_encoder_of_its_axis_compared_again(bench, cause):
+    hip, slide = bench.core.axes
+    hip.followed = slide.followed = True
+
+    supervisor.stop(bench.core, Verdict(StopCategory.S0, cause, "right/hip"), 123)
+
+    assert (hip.followed, slide.followed) == (cause not in DOUBTFUL_FEEDBACK, True)
 
 
 @pytest.mark.parametrize("mode", [*ACTIVE, Mode.READY])
