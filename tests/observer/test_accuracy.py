@@ -344,14 +344,23 @@ def with_gaps(columns, share, seed=4):
 
 
 def test_a_fifth_of_the_samples_lost_costs_little(matched):
-    """observer.md 3.2: 0.173 -> 0.185 N m."""
-    truth, clean = matched
-    lossy = estimated(PROTOTYPE, truth, columns=with_gaps(encoded(truth), 0.2))
+    """Mean of ten draws of noise and loss; friction 0.040 N m, disturbance 0.177 N m of 0.16.
 
-    assert errors_moving(truth, lossy, slice(6, 8))[0] <= (
-        1.15 * errors_moving(truth, clean, slice(6, 8))[0]
-    )
-    assert np.isfinite(lossy.state).all()
+    observer.md 3.2: disturbance 0.173 -> 0.185 N m. An earlier prototype had friction at 0.043 N m.
+    """
+    truth, clean = matched
+    found = []
+    for seed in range(10):
+        columns = with_gaps(encoded(truth, seed), 0.2, seed + 100)
+        lossy = estimated(PROTOTYPE, truth, columns=columns)
+        found.append(
+            [errors_moving(truth, lossy, states)[0] for states in (slice(4, 6), slice(6, 8))]
+        )
+        assert np.isfinite(lossy.state).all()
+
+    friction, disturbance = np.mean(found, axis=0)
+    assert friction <= 0.043
+    assert disturbance <= 1.15 * errors_moving(truth, clean, slice(6, 8))[0]
 
 
 @pytest.mark.parametrize("cycles", [10, 30])
