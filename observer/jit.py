@@ -3,8 +3,9 @@
 numba's own cache checks only the file of the compiled function, so after an edit of `mechanism.py`
 a cached filter silently uses the old mechanism. Here the cache directory is named by a hash over
 all sources that a kernel can use: those of `observer/`, those of the package that the decorated
-function lives in, and the versions of the compilers. Another source gives another directory, so no
-entry needs to be invalidated. What a power cut may have torn is removed (`cache_files.py`).
+function lives in, their place, because numba uses no kernel of another place, and the versions of
+the compilers. Another source gives another directory, so no entry needs to be invalidated. What a
+power cut may have torn is removed (`cache_files.py`).
 
 `kernel` is for functions that are called from Python or are large. `inline` is for the pieces that
 kernels are made of: LLVM puts their bodies into the caller, which lets a loop over sigma points
@@ -39,7 +40,7 @@ CONFIG: Final[Any] = numba_config
 """numba's own configuration, whose attributes are created at run time."""
 COMPILERS: Final = ("numba", "llvmlite", "numpy")
 """Packages that compile the kernels; with Python's version they are part of the key."""
-DIRECTORIES_KEPT: Final = 12
+DIRECTORIES_KEPT: Final = 32
 """Number of older cache generations to keep; the rest is removed when a new one begins."""
 
 
@@ -78,6 +79,7 @@ def source_key(root: Path) -> str:
         digest.update(f"{name} {importlib.metadata.version(name)}\n".encode())
     digest.update(f"python {platform.python_version()}\n".encode())
     for folder in dict.fromkeys((_OBSERVER, root)):
+        digest.update(f"{folder}\n".encode())
         for path in sorted(folder.rglob("*.py")):
             digest.update(f"{path.relative_to(folder)}\n".encode())
             digest.update(hashlib.sha256(path.read_bytes()).digest())

@@ -170,6 +170,16 @@ def test_a_package_of_which_nothing_was_compiled_is_not_cached(tmp_path):
     assert not jit.is_cached(tmp_path)
 
 
+def test_a_clone_does_not_take_the_kernels_of_another_for_its_own(tmp_path):
+    """numba compiles them again; the message at the start must not say that they are there."""
+    clones = tmp_path / "one", tmp_path / "two"
+    for clone in clones:
+        clone.mkdir()
+        (clone / "model.py").write_text("SAME = 1\n")
+
+    assert jit.source_key(clones[0]) != jit.source_key(clones[1])
+
+
 def test_after_a_power_cut_no_file_of_compiled_kernels_is_torn_and_a_settled_one_is_there(tmp_path):
     folder = tmp_path / "cache" / "key"
     folder.parent.mkdir()
