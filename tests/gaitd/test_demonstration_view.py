@@ -97,6 +97,7 @@ def test_before_anything_is_heard_the_view_says_so():
 
     assert "starting" in screen
     assert "no word yet" in screen
+    assert line(moment(Track(RECEIVED), Track(TRUE))).split()[-1] == "starting"
 
 
 def test_the_service_s_own_state_is_shown():
