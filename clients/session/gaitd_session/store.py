@@ -9,7 +9,9 @@ Rules:
    of it is changed.
 5. Migration: MIGRATIONS[n] leads from version n to n + 1, in one transaction, when a writer opens
    the file. An entry is never edited after a release; a change of the schema is another entry.
-6. Deleted rows are overwritten (secure_delete), and `erase` leaves none in free pages or in the
+6. The file is bounded: a writer that opens one with more than STRIDES_BYTES_MAX deletes strides,
+   those of the oldest session first. Sessions, blocks and goals stay.
+7. Deleted rows are overwritten (secure_delete), and `erase` leaves none in free pages or in the
    write-ahead log.
 """
 
@@ -25,6 +27,8 @@ APPLICATION_ID: Final = 0x67616974
 MODE: Final = 0o660
 """Rights of a new file, less the umask. SQLite gives them to log and index, too: a reader of the
 group may create these, and the writer must be able to use them afterwards."""
+STRIDES_BYTES_MAX: Final = 256_000_000
+"""About 850 hours of walking with two legs."""
 BUSY_S: Final = 5.0
 """Longest wait for a reader's lock."""
 
@@ -265,6 +269,13 @@ class Store:
                 " WHERE end IS NULL",
                 (INTERRUPTED,),
             )
+        while _used_bytes(database) > STRIDES_BYTES_MAX:
+            with _transaction(database):
+                deleted = database.execute(
+                    "DELETE FROM stride WHERE session = (SELECT min(session) FROM stride)"
+                )
+            if not deleted.rowcount:
+                break
 
     def close(self) -> None:
         """Close the file, and let another writer open it."""
@@ -470,6 +481,15 @@ def _version(database: sqlite3.Connection, file: Path) -> int:
     if verdict != "ok":
         raise UnusableFileError(f"{file} is damaged ({verdict})")
     return version
+
+
+def _used_bytes(database: sqlite3.Connection) -> int:
+    """Return the size of the file without its free pages, which later rows will use."""
+    page_count, free_count, page_bytes = (
+        database.execute(f"PRAGMA {name}").fetchone()[0]
+        for name in ("page_count", "freelist_count", "page_size")
+    )
+    return (page_count - free_count) * page_bytes
 
 
 @contextmanager

@@ -217,6 +217,32 @@ def test_a_second_writer_and_a_folder_that_is_not_there_leave_a_session_without_
     assert "No such file" in nowhere.trouble
 
 
+def test_strides_of_the_oldest_sessions_make_room_and_their_sessions_stay(tmp_path, monkeypatch):
+    file = tmp_path / "history.sqlite"
+    per_session = 2000
+    for number in range(6):
+        with begun(file) as store:
+            strides = [batch(number)[0]._replace(end_utc_ns=n) for n in range(per_session)]
+            store.write([*strides, *batch(number)[1:]])
+    before = file.stat().st_size
+
+    monkeypatch.setattr("gaitd_session.store.STRIDES_BYTES_MAX", before * 6 // 10)
+    for _ in range(2):
+        with Store(file, is_writer=True) as store:
+            kept = store.summaries(PROFILE)
+    for _ in range(3):
+        with begun(file) as store:
+            store.write(strides)
+
+    assert [one.stride_count for one in kept] == [0] * 3 + [per_session] * 3
+    assert all(one.walked_s == 2.0 * n for n, one in enumerate(kept))
+    assert file.stat().st_size <= before
+    monkeypatch.setattr("gaitd_session.store.STRIDES_BYTES_MAX", 0)
+    with Store(file, is_writer=True) as store:
+        assert len(store.summaries(PROFILE)) == 9
+        assert store.strides(PROFILE) == []
+
+
 def test_erase_leaves_no_trace_of_a_profile_in_any_file_and_others_whole(tmp_path):
     file = tmp_path / "a.sqlite"
     with begun(file, OTHER) as store:
