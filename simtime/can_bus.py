@@ -4,6 +4,9 @@ Registered by an entry point, so that `can.logger -i gaitd -c PATH`, `can.viewer
 programs can join the bus of `gaitd sim`. By default the program is a listener: it receives all
 frames, may send, and its time-outs use the computer's clock. With `in_step=True` it is a seat that
 simulated time waits for: its time-outs are simulated, and time passes only while it receives.
+
+There is no `fileno`, so python-can's Notifier receives in a thread: of a readable descriptor it
+would take one frame, but a message of the server may hold several.
 """
 
 import select
@@ -55,10 +58,6 @@ class SimulatedCanBus(can.BusABC):
         self._can_protocol = can.CanProtocol.CAN_20
         super().__init__(channel=channel, can_filters=can_filters)
 
-    def fileno(self) -> int:
-        """Return the descriptor for python-can's Notifier."""
-        return self._link.fileno()
-
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Put a frame on the bus.
 
@@ -88,7 +87,7 @@ class SimulatedCanBus(can.BusABC):
             )
             self._link.wait(until_ns, for_frame=True)
         elif select.select([self._link], [], [], timeout)[0]:
-            self._link.receive_waiting()
+            self._link.receive()
         self._frames.extend(self._link.take())
 
     def shutdown(self) -> None:

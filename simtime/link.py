@@ -234,14 +234,13 @@ class SocketLink:
         frames, self._frames = self._frames, []
         return frames
 
-    def receive_waiting(self) -> None:
-        """Read the messages that have come, without waiting; for listeners.
+    def receive(self) -> None:
+        """Read one message; for listeners. Those of a fast server may have no end.
 
         Raises:
             LinkLostError: the server has ended.
         """
-        while select.select([self._existing()], [], [], 0)[0]:
-            self._accept(self._receive_message())
+        self._accept(self._receive_message())
 
     def command(self, line: str) -> str:
         """Send a command of a test, and return its answer.
@@ -260,7 +259,7 @@ class SocketLink:
     def _wait_by_the_wall(self, until_ns: int, *, for_frame: bool) -> None:
         poller = select.poll()
         poller.register(self._existing(), select.POLLIN)
-        self.receive_waiting()
+        self._receive_waiting()
         while not (for_frame and self._frames):
             left_ns = until_ns - time.monotonic_ns()
             if left_ns <= 0:
@@ -268,7 +267,11 @@ class SocketLink:
             if not for_frame:  # frames that arrive meanwhile wait in the socket
                 time.sleep(left_ns * 1e-9)
             elif poller.poll(min(left_ns, _POLL_MAX_NS) * 1e-6):
-                self.receive_waiting()
+                self._receive_waiting()
+
+    def _receive_waiting(self) -> None:
+        while select.select([self._existing()], [], [], 0)[0]:
+            self.receive()
 
     def _accept(self, message: wire.FromServer) -> None:
         match message:

@@ -7,6 +7,7 @@ it is `--gaitd-rigs` of the plugin by a shorter name.
 import gc
 import importlib.util
 import shutil
+import signal
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,9 @@ pytest_plugins = ["gaitd.testing.plugin", "forked"]
 # How long an example takes says something about the machine, and nothing about the project.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
+
+# A shell that runs `make test` in the background has it and all that it starts ignore SIGINT.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(trylast=True)

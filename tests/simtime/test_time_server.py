@@ -1,5 +1,6 @@
 """Time passes while every seat in step waits, and only then: over the socket, in one process."""
 
+import asyncio
 import contextlib
 import os
 import signal
@@ -289,6 +290,23 @@ def test_python_can_joins_as_a_listener_and_as_a_seat_in_step(served):
     with can.Bus(interface="gaitd", channel=str(served.path), in_step=True) as node:
         stamps = [node.recv(1.0).timestamp for _ in range(3)]
     assert stamps[2] - stamps[0] == pytest.approx(2 * BEAT_NS * 1e-9, abs=1e-6)
+
+
+def test_a_notifier_of_python_can_hands_on_all_frames_of_one_message(served):
+    core = served.seat()
+
+    async def received_ids():
+        with can.Bus(interface="gaitd", channel=str(served.path)) as bus:
+            reader = can.AsyncBufferedReader()
+            with can.Notifier(bus, [reader], loop=asyncio.get_running_loop()):
+                core.send([Frame(number, b"") for number in (0x201, 0x202, 0x203)])
+                core.wait(begun_ns(core) + MS, for_frame=False)
+                return [
+                    (await asyncio.wait_for(reader.get_message(), 10)).arbitration_id
+                    for _ in range(3)
+                ]
+
+    assert asyncio.run(received_ids()) == [0x201, 0x202, 0x203]
 
 
 def test_a_second_server_finds_the_bus_taken_and_a_left_over_socket_does_not_matter(served):
