@@ -208,25 +208,6 @@ def _warm_strict(tmp_path_factory):
     return session
 
 
-STOPS = {"requested": Cause.STOP_REQUESTED, "hand_switch": Cause.HAND_SWITCH_OPEN}
-
-
-@pytest.mark.parametrize("stop", STOPS)
-def test_after_a_stop_and_a_reset_an_absolute_encoder_is_still_believed(warm_strict, stop):
-    session = warm_strict
-    session.gateway.stop() if stop == "requested" else session.command("hand_switch_open *")
-    session.until(Mode.FAULT, within_s=5.0)
-    session.run(1.0)
-    assert session.record.verdict.cause == STOPS[stop]
-    if stop == "hand_switch":
-        session.command("clear hand_switch_open *")
-
-    session.execute(RequestKind.RESET)
-    session.until(Mode.READY, within_s=10.0)
-
-    assert referenced(session) == [True, True]
-
-
 @pytest.mark.parametrize("fault", ["silent right/hip 0.3", "frozen_encoder right/hip 60"])
 def test_an_axis_that_could_not_be_followed_is_not_believed_where_it_was_not_left(
     warm_strict, fault

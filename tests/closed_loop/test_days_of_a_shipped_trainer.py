@@ -1,0 +1,123 @@
+"""The first days of a real trainer, with the settings of configs/trainer.toml as they are shipped.
+
+Other tests use demo.toml, whose virtual machine is allowed much that a real one is not: any pose,
+signs that were never proven, no daily test. Here only the bus is another one.
+"""
+
+import math
+
+import pytest
+from msgspec.structs import replace
+from sessions import changed_configs, single_axis_run
+
+from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.preflight.load import load
+from drives.signals import PowerState
+from gaitd_lab.lockstep import LockstepSession
+
+HIP, SLIDE = "right/hip", "right/slide"
+VIRTUAL = (
+    ("trainer.toml", '"socketcan"\nchannel = "can0"', '"simulated"\nchannel = "bus"'),
+    ("trainer.toml", 'limits = "limits.toml"', 'limits = "limits.toml"\nsim = "plant.toml"'),
+)
+EMPTY = (
+    ("trainer.toml", '"robot.toml"', '"robot_empty.toml"'),
+    ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
+)
+START = {HIP: math.radians(13.98), SLIDE: 0.5905}
+"""Where the leg of plant.toml is strapped in."""
+DAY_NS = 86_400_000_000_000
+GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=60.0)
+INPUTS = ("hand_switch_open *", "sto_open *")
+STOPS = {
+    "requested": Cause.STOP_REQUESTED,
+    "emcy right/hip - 0x2310": Cause.EMERGENCY,
+    "hand_switch_open *": Cause.HAND_SWITCH_OPEN,
+    "sto_open *": Cause.STO_ACTIVE,
+}
+
+
+def refused(session, kind, wanted=None):
+    answer = session.request(kind, wanted)
+    assert answer.outcome == Outcome.REFUSED
+    return answer.reason
+
+
+def ready(session):
+    assert session.record.mode == Mode.READY
+    assert session.record.verdict.cause == Cause.NONE
+    assert all(drive.referenced and drive.sign_proven for drive in session.record.drives)
+
+
+@pytest.fixture(scope="module")
+def warm_commissioned(tmp_path_factory):
+    """An engineer has proven and homed both axes of the empty machine, and ended the service."""
+    configs = changed_configs(tmp_path_factory.mktemp("empty"), *VIRTUAL, *EMPTY)
+    session = LockstepSession(load(configs / "trainer.toml")).until_ready()
+    assert "sign is not proven" in refused(session, RequestKind.ENABLE)
+    for axis in (HIP, SLIDE):
+        single_axis_run(session, Mode.COMMISSION, axis)
+        session.execute(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=axis, witnessed=True))
+        single_axis_run(session, Mode.REFERENCE, axis)
+    session.run(0.1)
+    ready(session)
+    session.shut_down()
+    return session.state_file.persistent
+
+
+def prepared(session):
+    """The daily test of hand switch, emergency stop and both axes; then both axes hold."""
+    session.until_ready()
+    ready(session)
+    assert "not seen to act today" in refused(session, RequestKind.ENABLE)
+    for order in INPUTS:
+        session.command(order)
+        session.run(0.3)
+        session.command(f"clear {order}")
+        session.run(0.3)
+    session.execute(RequestKind.RESET)
+    session.until_ready()
+    session.execute(RequestKind.ENABLE)
+    assert "self-test" in refused(session, RequestKind.MODE, GAIT)
+    session.execute(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
+    session.run_until(lambda record: record.mode != Mode.SELF_TEST, within_s=60.0)
+    assert session.record.mode == Mode.HOLD
+
+
+def test_a_trainer_is_commissioned_and_trains_two_days_through_stops_of_every_kind(
+    warm_commissioned, tmp_path
+):
+    settings = load(changed_configs(tmp_path, *VIRTUAL) / "trainer.toml")
+    axes = warm_commissioned.axes
+    left = {name: replace(axes[name], position_si=START[name]) for name in axes}
+    session = LockstepSession(settings, persistent=replace(warm_commissioned, axes=left))
+    session.clock.utc_stepped_ns = DAY_NS
+    prepared(session)
+    for order, cause in STOPS.items():
+        session.execute(RequestKind.MODE, GAIT)
+        session.run_until(lambda record: record.gait_phase >= 0.3, within_s=30.0)
+        session.gateway.stop() if order == "requested" else session.command(order)
+        session.until(Mode.FAULT, within_s=5.0)
+        assert session.record.verdict.cause == cause
+        if order != "requested":
+            session.command("clear " + " ".join(order.split()[:2]))
+        session.run(1.0)
+        session.execute(RequestKind.RESET)
+        session.until_ready()
+        ready(session)
+        session.run(2.0)  # without power the leg sinks into its springs
+        session.execute(RequestKind.ENABLE)
+    session.execute(RequestKind.DISABLE)
+    session.shut_down()
+
+    next_day = LockstepSession(settings, session.machine, persistent=session.state_file.persistent)
+    next_day.clock.utc_stepped_ns = 2 * DAY_NS
+    for axis in (HIP, SLIDE):
+        next_day.command(f"reboot {axis}")
+    prepared(next_day)
+    next_day.execute(RequestKind.MODE, GAIT)
+    next_day.run_until(lambda record: record.gait_phase >= 0.3, within_s=30.0)
+
+    assert next_day.record.mode == Mode.GAIT
+    states = {drive.power_state for drive in next_day.record.drives}
+    assert states == {PowerState.OPERATION_ENABLED}
