@@ -70,7 +70,8 @@ def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
 
 def test_acceptance_records_are_written_while_the_operator_does_what_is_asked(service, tmp_path):
     words = ("commission", "--report", str(tmp_path), "--yes", "--witnessed", "--json")
-    command = [sys.executable, *GAITD, *words, "--config", str(service.config)]
+    gait = ("--cadence", "0.5")
+    command = [sys.executable, *GAITD, *words, *gait, "--config", str(service.config)]
     inputs = {
         "NOW let go": "hand_switch_open *",
         "Hold the hand switch": "clear hand_switch_open *",
