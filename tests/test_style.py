@@ -148,6 +148,13 @@ def test_no_file_names_a_package_registry():
     )
 
 
+def test_every_text_names_its_subject():
+    """Allowed: licences, the Unix user (`User=nobody`, `NOBODY`), a former name in backticks."""
+    found = offences(r"(?<!User=)(?<!`)((?i:somebody|anybody)|[Nn]obody)")
+
+    assert not [one for one in found if "LICENSE" not in one]
+
+
 SWALLOWED = re.compile(r"except:|except (Base)?Exception\b|suppress\((Base)?Exception\)")
 
 

@@ -299,7 +299,7 @@ def pushed():
     return empty_run(shipped_friction(), disturbance=push)
 
 
-def test_somebody_who_pushes_is_no_friction(pushed, shipped):
+def test_a_push_from_outside_is_no_friction(pushed, shipped):
     _, made = shipped
     motion = prepare([pushed.recording])
 
@@ -309,7 +309,7 @@ def test_somebody_who_pushes_is_no_friction(pushed, shipped):
 
 
 @pytest.mark.thorough
-def test_somebody_who_pushes_is_fitted_by_no_friction(pushed):
+def test_a_push_from_outside_is_fitted_by_no_friction(pushed):
     try:
         said = calibrate([pushed], robot_file()).fault
     except RecordingError as error:

@@ -1,4 +1,4 @@
-"""The whole service on a bus in trouble: bus-off, error passive, nobody there, a full queue."""
+"""The whole service on a bus in trouble: bus-off, error passive, no other node, a full queue."""
 
 import pytest
 from sessions import new_session
@@ -20,7 +20,7 @@ NO_ACKNOWLEDGE = Frame(0x020, bytes(8), is_error=True)
 
 
 def put(session, *frames):
-    """Let the controller report this, or somebody else send it, now."""
+    """Let the controller report this, or another node send it, now."""
     session.bus.seat.waiting.extend(frames)
 
 
@@ -60,9 +60,7 @@ def test_bus_off_is_told_once_and_every_axis_counts_as_lost(session):
 
 
 @pytest.mark.parametrize("restarted_after_ms", [0, 5, 300])
-def test_a_controller_that_comes_back_enables_nothing_until_somebody_resets(
-    session, restarted_after_ms
-):
+def test_a_controller_that_comes_back_enables_nothing_before_a_reset(session, restarted_after_ms):
     before = len(session.bus.sent)
     put(session, BUS_OFF)
     session.run(restarted_after_ms * 1e-3)

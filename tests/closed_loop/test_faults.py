@@ -190,7 +190,7 @@ class OtherMaster:
             self.receive(Frame(0x205, word.to_bytes(2, "little") + frame.data[2:]))
 
 
-def test_a_drive_that_somebody_else_enables_is_told_and_latched(warm_ready):
+def test_a_drive_that_another_master_enables_is_told_and_latched(warm_ready):
     OtherMaster(warm_ready.machine.world)
 
     warm_ready.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)

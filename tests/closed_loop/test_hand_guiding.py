@@ -43,7 +43,7 @@ OUT = {
     "thigh_down": (3.0, -14.0, 0.0),
 }
 LED = OUT | {"a_little": (1.5, 0.0, -110.0), "torn": (3.0, 0.0, -450.0)}
-"""Until when somebody leads the leg, and how hard: N·m and N. Breakaway friction is 7 and 75."""
+"""Until when the patient leads the leg, and how hard: N·m and N. Breakaway friction is 7 and 75."""
 
 
 def led(folder: Path, configs: Callable[..., Path]) -> LockstepSession:
@@ -102,13 +102,13 @@ def test_the_leg_can_be_moved_to_the_end_where_one_gets_out_and_stays_there(warm
     assert abs(there[1] - begun[1]) > (0.34 if slide_n else 0.0)
     assert (there[0] - begun[0]) * hip_nm >= 0
     assert (there[1] - begun[1]) * slide_n >= 0
-    # Let go at the very edge, its spring takes it a little back; nobody else moves it.
+    # Let go at the very edge, its spring takes it a little back; nothing else moves it.
     assert later[0] == pytest.approx(there[0], abs=0.02)
     assert later[1] == pytest.approx(there[1], abs=0.01)
 
 
 @pytest.mark.parametrize("for_s", [4.0, pytest.param(20.0, marks=pytest.mark.thorough)])
-def test_a_leg_that_nobody_moves_stays_where_it_is(warm_held, for_s):
+def test_a_leg_that_is_not_pushed_stays_where_it_is(warm_held, for_s):
     session = released(warm_held)
     begun = where(session)
 
@@ -118,7 +118,7 @@ def test_a_leg_that_nobody_moves_stays_where_it_is(warm_held, for_s):
     assert where(session)[1] == pytest.approx(begun[1], abs=0.001)
 
 
-def test_somebody_who_tears_at_the_leg_stops_it_by_the_speed_of_hand_guiding(warm_led):
+def test_a_patient_who_tears_at_the_leg_stops_it_by_the_speed_of_hand_guiding(warm_led):
     session = released(warm_led)
 
     session.command("patient torn")

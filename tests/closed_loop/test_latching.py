@@ -1,4 +1,4 @@
-"""A latched stop stays latched when the core dies, and no run that nobody ended is clean."""
+"""A latched stop stays latched when the core dies, and no run without an orderly end is clean."""
 
 import pytest
 from sessions import changed_configs, new_session, restarted
@@ -127,9 +127,7 @@ def test_an_orderly_shutdown_of_a_stopped_machine_keeps_its_stop(session):
 
 
 @pytest.mark.parametrize("moment", ["enabling", "walking", "braking to switch off"])
-def test_a_run_that_ends_while_drives_are_enabled_is_one_that_nobody_knows(
-    warm_ready, warm_gait, moment
-):
+def test_a_run_that_ends_while_drives_are_enabled_has_an_unknown_end(warm_ready, warm_gait, moment):
     session = warm_ready if moment == "enabling" else warm_gait
     if moment == "enabling":
         session.gateway.request(RequestKind.ENABLE)
@@ -193,7 +191,7 @@ def test_a_cause_of_another_version_is_latched_all_the_same(session):
     assert "METEORITE" in again.record.verdict.detail
 
 
-def test_an_end_of_the_service_while_it_stops_makes_nobody_forget_why(session):
+def test_an_end_of_the_service_while_it_stops_keeps_the_cause(session):
     session.gateway.stop()
     session.run(0.05)
     assert session.record.mode == Mode.STOPPING

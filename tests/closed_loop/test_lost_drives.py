@@ -191,7 +191,7 @@ def test_a_drive_that_reboots_in_operation_is_lost_at_once_and_the_other_axis_is
     )
 
 
-def test_a_drive_that_rebooted_is_not_brought_up_again_until_somebody_asks(session):
+def test_a_drive_that_rebooted_is_not_brought_up_again_before_a_reset(session):
     session.command("reboot right/hip")
     session.run_until(lambda record: not record.mode.active, within_s=1)
     since = len(session.bus.sent)

@@ -55,7 +55,7 @@ class Quiet:
         self.session.truth.rows.clear()
 
     def bring_up_again(self) -> None:
-        """A drive falls silent; somebody resets; it is brought up anew."""
+        """A drive falls silent; a reset is requested; it is brought up anew."""
         session = self.session
         session.command("silent right/hip 0.3")
         session.run_until(lambda record: record.mode != Mode.READY, within_s=5)

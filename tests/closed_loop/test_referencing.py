@@ -340,7 +340,7 @@ def test_a_homing_faster_than_its_search_has_run_away_and_is_stopped(tmp_path):
     session.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
     session.run(0.3)
     fast = Frame(0x605, bytes.fromhex("23996001") + (60).to_bytes(4, "little"))
-    node.receive(fast)  # somebody else writes 6099h:01: 60 rpm, 0.06 rad/s
+    node.receive(fast)  # another SDO client writes 6099h:01: 60 rpm, 0.06 rad/s
     session.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
 
     assert session.record.verdict.cause == Cause.VELOCITY_LIMIT

@@ -116,7 +116,7 @@ def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(warm_mode):
 
 
 @pytest.mark.parametrize("mode", [Mode.OFF, Mode.READY, Mode.FAULT, Mode.STOPPING])
-def test_a_mode_that_nobody_can_ask_for_is_refused_by_name(warm_ready, mode):
+def test_a_mode_that_cannot_be_asked_for_is_refused_by_name(warm_ready, mode):
     answer = warm_ready.request(RequestKind.MODE, ModeRequest(mode))
 
     assert answer.outcome == Outcome.REFUSED

@@ -29,7 +29,7 @@ def controlwords(session, node_id):
     ]
 
 
-def test_nothing_is_enabled_before_somebody_asks(warm_ready):
+def test_nothing_is_enabled_without_a_request(warm_ready):
     warm_ready.run(3)
 
     assert not any(word & ENABLING for node in (5, 6) for _, word in controlwords(warm_ready, node))

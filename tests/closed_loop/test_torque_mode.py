@@ -143,7 +143,7 @@ def test_what_the_impedance_gave_fades_when_torque_begins(session):
     assert slide_n < STEP_N
 
 
-@pytest.mark.parametrize("how", ["it hangs", "its lease is taken", "somebody else holds it"])
+@pytest.mark.parametrize("how", ["it hangs", "its lease is taken", "another client holds it"])
 def test_a_controller_that_is_gone_leaves_a_leg_that_is_braked_and_held(session, how):
     start_rad = session.record.drives[0].position_si
     controller = in_torque(session, towards(start_rad + 0.15, stiffness_nm_per_rad=150.0))

@@ -69,7 +69,7 @@ def quick_stop():
 
 def fault_and_reset():
     """The hip faults (EMCY 2310h) while holding: its own fault reaction; the slide is told to stop
-    at once, before the next SYNC. The cause goes; somebody asks for a reset: the drives are brought
+    at once, before the next SYNC. The cause goes; a client asks for a reset: the drives are brought
     up anew (SDO is left out here, see the boot), then comes one rising edge of bit 7, which ends in
     switch on disabled with EMCY 0000h. Nothing is enabled."""
     session = new_session().enable()

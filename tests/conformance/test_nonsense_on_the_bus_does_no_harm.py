@@ -1,7 +1,7 @@
 """CAN fuzz of the running service, in lock-step: a station that talks nonsense from a seed.
 
 Whatever it says: no exception, no motion out of ready, no torque command beyond the limits, and a
-stop stays until somebody resets. Afterwards the ordinary requests bring the service back, unless a
+stop stays until a reset. Afterwards the ordinary requests bring the service back, unless a
 forged answer in bring-up has ended it with a refusal that names drive and object (exit 3).
 Of all drives at all rates in all modes each pair is played by default. `pytest --fuzz-minutes=N`
 runs it for N simulated minutes with seeds of its own, which are in the names of the tests.
@@ -68,7 +68,7 @@ class Fuzz:
         self.seen = len(self.bus.sent)
         mode = self.session.record.mode
         if self.stopped_at is not None:
-            assert not mode.active, self.story()  # nobody has asked for it
+            assert not mode.active, self.story()  # no mode was requested since
         elif not mode.active and mode != Mode.READY:
             self.stopped_at = self.session.record.cycle
 
@@ -195,7 +195,7 @@ def test_a_drive_that_answers_our_answer_with_an_emcy_is_not_answered_again(warm
     assert warm_walk.record.mode in (Mode.STOPPING, Mode.FAULT)
 
 
-def test_frames_that_are_nobody_s_change_nothing(warm_walk):
+def test_frames_of_other_node_ids_change_nothing(warm_walk):
     fuzz = Fuzz(9, warm_walk)
     ids = [can_id for can_id in range(0x100, 0x780) if can_id & 0x7F not in (0, 1, 5, 6)]
 

@@ -80,7 +80,7 @@ foreign = st.builds(
     st.binary(min_size=3, max_size=3).filter(lambda place: place != OBJECT),
     st.binary(min_size=4, max_size=4),
 )
-"""Whole and right, but for another object: a late answer to somebody's earlier request."""
+"""Whole and right, but for another object: a late answer to an earlier request."""
 truncated = st.binary(max_size=7) | st.builds(lambda cut: expedited(b"\1")[:cut], st.integers(0, 7))
 
 

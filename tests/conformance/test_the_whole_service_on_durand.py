@@ -156,7 +156,7 @@ def test_another_identity_ends_the_service_by_name(service):
     assert [drive.node.nmt.state for drive in service.world.drives] == [127, 127]
 
 
-def test_a_fault_is_reset_by_one_edge_when_somebody_asks(service):
+def test_a_fault_is_reset_by_one_edge_on_request(service):
     service.enable()
     service.hip.fault(0x3210)
     assert service.stopped().drives[0].power_state == PowerState.FAULT

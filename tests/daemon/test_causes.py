@@ -43,7 +43,7 @@ def test_every_command_that_it_names_exists(cause):
 
 
 @pytest.mark.parametrize("cause", STOPS)
-def test_what_a_reset_lets_go_of_is_held_by_somebody(cause):
+def test_what_a_reset_lets_go_of_is_held_by_a_helper(cause):
     """A reset takes the power from the drives: whoever is told to reset was told to support."""
     text = CAUSE_TEXT[cause]
 

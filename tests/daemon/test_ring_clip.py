@@ -163,7 +163,7 @@ def test_a_header_without_slots_is_refused(tmp_path):
         RingReader(path)
 
 
-def test_the_ring_that_stopped_first_stays_aside_until_somebody_takes_it(tmp_path):
+def test_the_ring_that_stopped_first_stays_aside_until_it_is_taken(tmp_path):
     for boot_id in ("first", "second", "third"):
         header = msgspec.structs.replace(HEADER, core_boot_id=boot_id)
         RingWriter(tmp_path / RING_NAME, header).close()

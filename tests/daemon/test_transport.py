@@ -306,7 +306,7 @@ def integers_and_texts(kind, place=""):
 
 
 @pytest.mark.parametrize("kind", [GatewayState, wire.SetpointMessage, wire.Ask, *PAYLOADS.values()])
-def test_what_somebody_else_may_write_has_a_bound(kind):
+def test_what_another_process_may_write_has_a_bound(kind):
     found_in_it = list(integers_and_texts(inspect.type_info(kind)))
 
     assert len(found_in_it) >= 2

@@ -188,7 +188,7 @@ def test_a_drive_that_falls_silent_over_a_setting_fails_its_configuration():
     ],
     ids=["acknowledge error", "protocol error in the acknowledge slot", "transmitter passive"],
 )
-def test_without_any_acknowledgement_it_is_said_that_nobody_else_is_on_the_bus(frame):
+def test_without_any_acknowledgement_it_is_said_that_no_other_node_is_on_the_bus(frame):
     bench = Bench(hip={"dead": True}, slide={"dead": True})
     bench.bus.put(frame, 1 * MS)
 

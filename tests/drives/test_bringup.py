@@ -61,7 +61,7 @@ def test_bring_up_never_enables_and_never_resets_a_fault_whatever_it_finds(statu
 
 
 @pytest.mark.parametrize("statusword", [0x0233, 0x1637, 0x0617, 0x061F])
-def test_a_drive_that_holds_its_joint_goes_on_holding_it_until_somebody_asks(statusword):
+def test_a_drive_that_holds_its_joint_goes_on_holding_it_until_a_reset(statusword):
     bench = Bench()
     bench.slide.values[0x6041, 0] = statusword
 

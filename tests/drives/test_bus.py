@@ -320,7 +320,7 @@ def test_a_storm_of_changes_leaves_a_bounded_number_of_lines():
     assert len(monitor.take_notices()) == 4
 
 
-def test_a_bus_off_that_is_over_before_anybody_looked_is_remembered_until_a_bring_up():
+def test_a_bus_off_that_is_over_before_it_is_read_is_remembered_until_a_bring_up():
     monitor = BusMonitor()
     monitor.feed(error(0x040))
     monitor.feed(error(0x100))
@@ -331,7 +331,7 @@ def test_a_bus_off_that_is_over_before_anybody_looked_is_remembered_until_a_brin
     assert not monitor.has_been_off
 
 
-def test_a_missing_acknowledgement_is_over_when_anybody_is_heard():
+def test_a_missing_acknowledgement_is_over_when_a_node_is_heard():
     monitor = BusMonitor()
     monitor.feed(error(0x020))
     monitor.feed(Frame(0x008, b"\0\0\0\x19\0\0\0\0", is_error=True))

@@ -546,7 +546,7 @@ def test_a_drive_that_does_not_come_back_after_a_reset_is_told():
         (0x2FFF, 0, 7, ""),
     ],
 )
-def test_a_value_is_put_into_words_where_somebody_says_what_it_means(index, sub, value, said):
+def test_a_value_is_put_into_words_where_its_meaning_is_known(index, sub, value, said):
     assert said in ObjectWords(plan_for()).text_of(index, sub, value)
     assert bool(said) == bool(ObjectWords(plan_for()).text_of(index, sub, value))
 

@@ -144,7 +144,7 @@ def test_a_drive_that_is_not_there_ends_with_3(tmp_path):
     assert (compared.err + stored.err).count("\n") == 2
 
 
-def test_a_drive_that_somebody_stopped_is_told_from_one_that_is_gone(machine):
+def test_a_drive_that_another_master_stopped_is_told_from_one_that_is_gone(machine):
     with can.Bus(interface="virtual", channel=machine.channel) as master:
         for can_id, data in ((0x605, bytes.fromhex("2b17100032000000")), (0x000, b"\x02\x05")):
             message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
@@ -155,7 +155,7 @@ def test_a_drive_that_somebody_stopped_is_told_from_one_that_is_gone(machine):
     assert "node 5 is stopped: no SDO in this state" in ended.err
 
 
-def test_nothing_is_stored_where_nobody_can_be_asked(machine):
+def test_nothing_is_stored_without_a_terminal_or_yes(machine):
     ended = gaitd(*told(machine, "right/hip", "store"))
 
     assert ended.code == 2
@@ -192,7 +192,7 @@ def test_another_drive_than_the_file_describes_is_not_stored(tmp_path):
     assert "1018h:02" in ended.err
 
 
-def test_somebody_who_works_on_the_bus_keeps_it_from_storing(machine):
+def test_another_master_on_the_bus_keeps_it_from_storing(machine):
     with can.Bus(interface="virtual", channel=machine.channel) as master:
         beat = can.Message(arbitration_id=0x701, data=b"\x05", is_extended_id=False)
         task = master.send_periodic(beat, 0.02)
@@ -203,7 +203,7 @@ def test_somebody_who_works_on_the_bus_keeps_it_from_storing(machine):
     assert "the master's heartbeat" in ended.err
 
 
-def test_somebody_else_s_transfers_keep_it_from_dumping(machine):
+def test_another_client_s_transfers_keep_it_from_dumping(machine):
     with can.Bus(interface="virtual", channel=machine.channel) as other:
         ask = bytes.fromhex("4000100000000000")
         request = can.Message(arbitration_id=0x605, data=ask, is_extended_id=False)

@@ -193,7 +193,7 @@ def bench() -> Iterator[Bench]:
     yield Bench()
 
 
-def test_an_enabling_controlword_that_nobody_asked_for_is_found(bench):
+def test_an_enabling_controlword_without_a_request_is_found(bench):
     bench.tell(5, 0x000F)
     assert bench.broken() == ["enables unasked"]
 

@@ -50,7 +50,7 @@ def test_without_an_output_the_estimates_lie_beside_the_recording(recorded, tmp_
     ("arguments", "said"),
     [
         (["missing.csv"], "missing.csv: No such file"),
-        (["recorded.csv", "--robot", "nobody.toml"], "nobody.toml"),
+        (["recorded.csv", "--robot", "missing.toml"], "missing.toml"),
         (
             ["recorded.csv", "--output", "no/such/folder/out.csv"],
             "there is no folder no/such/folder",

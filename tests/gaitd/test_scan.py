@@ -116,7 +116,7 @@ def test_a_device_of_another_profile_is_not_asked_for_a_power_state():
     assert found.stations[1].fitting_profile == ""
 
 
-def test_without_a_configuration_nobody_is_missing_and_nobody_is_wrong():
+def test_without_a_configuration_no_node_is_missing_or_wrong():
     found = Desk(*both()).scan(Expected())
 
     assert len(found.stations) == 2
@@ -178,7 +178,7 @@ def test_two_devices_with_one_node_id_are_told_by_their_second_answer():
     assert found.is_wrong
 
 
-def test_answers_to_somebody_else_s_requests_are_no_second_answers():
+def test_answers_to_another_client_s_requests_are_no_second_answers():
     class Busy(MemoryBus):
         def drain(self):
             frames = super().drain()
@@ -203,7 +203,7 @@ def test_a_device_under_the_node_id_of_our_master_is_a_duplicate():
     assert [station.node_id for station in found.stations] == [1, 5, 6]
 
 
-def test_nobody_on_the_bus_costs_no_more_time_than_one_silent_node():
+def test_an_empty_bus_costs_no_more_time_than_one_silent_node():
     desk = Desk()
     begun_ns = desk.clock.now_ns()
 
@@ -233,7 +233,7 @@ class Answering(MemoryBus):
 
 
 @pytest.mark.parametrize("said", [NO_ACK, PASSIVE])
-def test_where_nobody_acknowledges_no_more_is_sent_and_it_is_said(said):
+def test_where_no_node_acknowledges_no_more_is_sent_and_it_is_said(said):
     desk = Desk(bus=type("Alone", (Answering,), {"said": said}))
 
     found = desk.scan()
@@ -307,7 +307,7 @@ def test_a_running_service_is_told_by_its_heartbeat_and_its_sync():
     assert not found.is_wrong
 
 
-def test_sync_and_commands_of_somebody_else_are_told():
+def test_sync_and_commands_of_another_node_are_told():
     desk = Desk(*both()).at_ms((10, 0x080, b""), (20, 0x000, b"\x01\x05"))
 
     texts = [finding.text for finding in desk.scan().findings]
@@ -397,7 +397,7 @@ def test_a_pending_error_is_told_in_the_drive_s_own_words():
     assert found.stations[1].error_text in pending.text
 
 
-def test_frames_that_nobody_explains_are_counted_by_identifier():
+def test_unexplained_frames_are_counted_by_identifier():
     desk = Desk(*both()).at_ms(
         (10, 0x1A5, b"\1"), (11, 0x1A5, b"\2"), (12, 0x6A0, b""), (13, 0x185, b""), (14, 0x100, b"")
     )
@@ -449,7 +449,7 @@ def test_it_leaves_the_bus_to_others_between_two_requests(bitrate):
     assert min(gaps) >= PAUSE_FRAMES * frame_ns
 
 
-def test_where_somebody_else_talks_to_a_node_nothing_in_segments_is_asked_of_it():
+def test_where_another_client_talks_to_a_node_nothing_in_segments_is_asked_of_it():
     names = {b"\x08\x10\x00", b"\x09\x10\x00", b"\x0a\x10\x00"}
     desk = Desk(*both()).at_ms((100, 0x605, bytes.fromhex("2b17100032000000")))
 

@@ -423,7 +423,7 @@ def test_torque_that_is_counted_one_cycle_late_costs_accuracy_and_no_alarm():
     assert not np.any(wrong.status[rows] & Status.INCONSISTENT)
 
 
-def test_an_end_stop_looks_like_a_patient_so_somebody_must_say_near_limit():
+def test_an_end_stop_looks_like_a_patient_so_the_caller_must_say_near_limit():
     """Driven against the lower stop of the slide: its force is what a patient's would be."""
     drive = np.tile((0.0, -250.0), (300, 1))
     truth = simulate(PATIENT, 300, drive=drive, start=(0.3, 0.15))

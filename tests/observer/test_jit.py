@@ -1,4 +1,4 @@
-"""The cache of compiled code: it is used, it is never stale, and it is never somebody else's."""
+"""The cache of compiled code: it is used, never stale, and never another user's or clone's."""
 
 import os
 import shutil
@@ -105,7 +105,7 @@ def test_an_edit_of_the_observer_is_seen_by_kernels_of_other_packages(copy):
 
 @pytest.mark.thorough
 def test_an_edit_of_the_observers_own_model_is_used(copy):
-    """On the moon a leg weighs less, without anybody clearing a cache."""
+    """On the moon a leg weighs less; no cache has to be cleared for it."""
     weigh = (
         "from observer.mechanism.mechanism import gravity\n"
         "import numpy as np\n"

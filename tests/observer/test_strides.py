@@ -163,7 +163,7 @@ def test_the_share_is_that_of_who_works_with_the_motion():
     assert counted(map(both, walk))[-1].hip.share_ratio == pytest.approx(0.75, abs=0.01)
 
 
-def test_where_next_to_nothing_is_done_nobody_has_a_share():
+def test_where_next_to_nothing_is_done_there_is_no_share():
     found = counted(swing(0.25, 16.4))[-1]
 
     assert found.hip.share_ratio is None

@@ -247,7 +247,7 @@ def test_its_cause_is_published_and_stands_in_the_status(story):
     assert "right/hip" in step["status"]
 
 
-def test_the_core_outlives_the_gateway_and_holds_until_somebody_asks(story):
+def test_the_core_outlives_the_gateway_and_holds_until_a_request(story):
     step = seen(story, "gateway_killed")
     assert step["same_core"]
     assert step["mode"] in {"HOLD", "FAULT"}

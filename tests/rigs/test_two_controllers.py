@@ -38,7 +38,7 @@ def test_drives_whose_controller_is_down_are_lost_and_a_reset_finds_them_again(c
 
     assert records[-1].mode == Mode.FAULT
     assert records[-1].verdict.cause in {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST}
-    # The emulation's own: a frame that nobody has heard counts as sent.
+    # The emulation's own: a frame that no other node has heard counts as sent.
     info = controllers_world.facts["controller_alone"]["linkinfo"]["info_data"]
     assert info["state"] == "ERROR-ACTIVE"
     assert records[-1].bus.no_ack_count == 0

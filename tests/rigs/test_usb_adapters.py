@@ -89,7 +89,7 @@ def test_a_lonely_controller_becomes_error_passive_and_goes_no_farther(wire, sil
     assert (one.state, one.errors) == (State.PASSIVE, 128)
 
 
-def test_what_waited_goes_out_once_somebody_listens_and_errors_fade_frame_by_frame(wire):
+def test_what_waited_goes_out_once_another_node_listens_and_errors_fade_frame_by_frame(wire):
     (one, other), (host, heard) = wire
     other.close()
     one.send(b"first")
@@ -275,7 +275,7 @@ def test_a_transceiver_that_breaks_is_bus_off_and_nothing_of_ours_gets_out(contr
 
 
 @rig_test
-def test_bus_off_lasts_until_somebody_restarts_the_controller(controllers_world):
+def test_bus_off_lasts_until_the_controller_is_restarted(controllers_world):
     facts = controllers_world.facts
 
     assert facts["usb_mended"]["linkinfo"]["info_data"]["state"] == "BUS-OFF"

@@ -282,7 +282,7 @@ def walk() -> Seen:
 
 
 def _after_a_death(before: str) -> Seen:
-    """What the next core does, when nobody asks it for anything."""
+    """What the next core does without a request."""
     wait(lambda: boot_id() != before, "another core")
     wait(lambda: newest().mode in {Mode.READY, Mode.FAULT}, "it has settled")
     time.sleep(2)

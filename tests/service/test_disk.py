@@ -1,4 +1,4 @@
-"""Directories that are missing, full, read-only or somebody else's: at the start, and later.
+"""Directories that are missing, full, read-only or another user's: at the start, and later.
 
 At the start it is a configuration error that names the directory, before anything is on the bus.
 Later nothing waits for a disk: ring and notes have their room since the start.
@@ -23,7 +23,7 @@ from gaitd_lab.processes import GAITD
 CONFIGURATION_ERROR = 2
 FULL = Path("/dev/full")
 NOBODY = 65534
-AS_ANYBODY = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all")
+AS_A_USER = ("setpriv", "--bounding-set=-dac_override,-dac_read_search", "--inh-caps=-all")
 """Without the right of root to write what belongs to others."""
 WALKED_CYCLES = 100
 RING_AND_A_LITTLE = "24m"
@@ -88,7 +88,7 @@ def test_a_directory_that_can_only_be_read_is_refused_by_its_key(
     )
 
 
-def test_a_directory_of_somebody_else_is_refused_by_its_key(folder, fault_table):
+def test_a_directory_of_another_user_is_refused_by_its_key(folder, fault_table):
     if not shutil.which("setpriv"):
         pytest.skip("no setpriv, and root may write everywhere")
     service = Service(folder)
@@ -96,7 +96,7 @@ def test_a_directory_of_somebody_else_is_refused_by_its_key(folder, fault_table)
     os.chown(folder / "run", NOBODY, NOBODY)
 
     ended = subprocess.run(
-        [*AS_ANYBODY, sys.executable, *GAITD, "gateway", "--config", str(service.config)],
+        [*AS_A_USER, sys.executable, *GAITD, "gateway", "--config", str(service.config)],
         capture_output=True,
         text=True,
         check=False,
@@ -150,7 +150,7 @@ def test_a_log_on_a_full_disk_keeps_no_core_from_running_and_from_ending_with_0(
     fault_table.add(
         "log of the core on a full disk",
         "start and end",
-        "nobody",
+        "none",
         "none: what it says is in its records, too",
         None,
         "none",
@@ -221,7 +221,7 @@ def test_disks_that_fill_up_while_it_walks_change_nothing_but_one_event_and_the_
     fault_table.add(
         "runtime and state directory fill up",
         "walking",
-        "nobody: ring and notes have their room",
+        "none: ring and notes have their room",
         f"none in {len(records)} cycles; a stop and the orderly end work",
         None,
         "none",

@@ -1,4 +1,4 @@
-"""A controller in its own process: it steers, it dies, and a flood of strangers harms nobody."""
+"""A controller in its own process: it steers, it dies, and a flood from others does no harm."""
 
 import json
 import subprocess

@@ -113,7 +113,7 @@ def test_a_core_that_gets_no_more_memory_walks_on_and_still_stops_when_asked(tim
     fault_table.add(
         "core gets no more address space",
         "walking",
-        "nobody: a cycle needs none",
+        "none: a cycle needs no more memory",
         f"none in {WITHOUT_MEMORY_CYCLES} cycles; a stop is obeyed",
         None,
         "none",

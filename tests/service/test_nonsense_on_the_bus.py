@@ -73,7 +73,7 @@ def message(frame):
 
 
 def judge(service):
-    """Nobody has died of it: a core may only end by refusing a drive, with its reason."""
+    """No process has died of it: a core may only end by refusing a drive, with its reason."""
     assert service.parts["sim"].poll() is None
     assert service.parts["gateway"].poll() is None
     code = service.parts["core"].poll()
@@ -83,7 +83,7 @@ def judge(service):
         assert "Traceback" not in service.log(part), service.log(part)
 
 
-def test_nonsense_in_ready_enables_nothing_moves_nothing_and_kills_nobody(service, talk):
+def test_nonsense_in_ready_enables_nothing_moves_nothing_and_ends_no_process(service, talk):
     service.until(lambda record: record.mode == Mode.READY, 40)
     before = service.truth()[-1]
 
@@ -98,7 +98,7 @@ def test_nonsense_in_ready_enables_nothing_moves_nothing_and_kills_nobody(servic
     assert not any(record.mode.active for record in service.records())
 
 
-def test_nonsense_while_walking_stops_the_machine_and_kills_nobody(service, talk):
+def test_nonsense_while_walking_stops_the_machine_and_ends_no_process(service, talk):
     service.until(lambda record: record.mode == Mode.READY, 40)
     assert service.ask("enable").returncode == 0
     assert service.ask(*GAIT).returncode == 0

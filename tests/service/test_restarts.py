@@ -82,7 +82,7 @@ def test_a_gateway_that_is_back_within_300_ms_is_not_noticed_and_its_commands_co
     fault_table.add(
         "gateway SIGKILL, another one at once",
         "walking",
-        "nobody",
+        "none",
         f"none: silent for {silence_cycles} of {SILENCE_CYCLES} cycles",
         None,
         "none",
@@ -91,7 +91,7 @@ def test_a_gateway_that_is_back_within_300_ms_is_not_noticed_and_its_commands_co
 
 
 @pytest.mark.parametrize("part", ["core", "gateway"])
-def test_a_second_process_beside_the_first_is_refused_by_name_and_disturbs_nobody(
+def test_a_second_process_beside_the_first_is_refused_by_name_and_disturbs_nothing(
     long_service, part, fault_table
 ):
     walking = long_service.bring(Mode.GAIT)
@@ -182,7 +182,7 @@ def test_what_a_kill_leaves_behind_does_not_keep_the_next_ones_from_starting(
     fault_table.add(
         "core and gateway SIGKILL in ready",
         "ready",
-        "nobody has power",
+        "no drive has power",
         "left-over sockets, locks and rings are taken over by the next ones",
         None,
         "none",
@@ -207,7 +207,7 @@ def test_a_ring_that_is_none_is_replaced_by_the_core_and_waited_out_by_the_gatew
     assert service.runs("gateway")
 
 
-def test_a_runtime_directory_that_disappears_stops_the_machine_and_kills_nobody(
+def test_a_runtime_directory_that_disappears_stops_the_machine_and_ends_no_process(
     walking, seen, fault_table
 ):
     ring = RingReader(walking.folder / "run" / RING_NAME)  # as a black box that was opened before

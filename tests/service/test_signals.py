@@ -127,7 +127,7 @@ def test_35_ms_without_one_process_are_survived_without_a_stop_and_without_a_bur
     assert {record.mode for record in records} == {mode}
     assert not syncs_too_close(records)
     assert missed == 0 if part == "gateway" else 0 < missed <= OVERRUNS_IN_A_ROW
-    seen_by = f"core: {missed} grid points left out" if part == "core" else "nobody"
+    seen_by = f"core: {missed} grid points left out" if part == "core" else "none"
     fault_table.add(
         f"{part} SIGSTOP 35 ms", WHILE[mode], seen_by, "none", None, "none", mode.name.lower()
     )

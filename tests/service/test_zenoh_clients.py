@@ -131,7 +131,7 @@ def undisturbed(service, disturb):
     return result, records
 
 
-def told(fault_table, fault, records, what, noticed="nobody"):
+def told(fault_table, fault, records, what, noticed="none"):
     oldest = max(record.gateway_age_cycles for record in records)
     reaction = f"{what}; the gateway's word is {oldest} cycles old at most"
     fault_table.add(fault, "walking", noticed, reaction, None, "none", "gait")
@@ -293,7 +293,7 @@ def test_a_client_killed_while_its_request_is_answered_leaves_the_request_and_th
     fault_table.add(
         "client SIGKILL while enable is answered",
         "ready",
-        "nobody",
+        "none",
         "the request is carried out",
         None,
         "none",
@@ -301,7 +301,7 @@ def test_a_client_killed_while_its_request_is_answered_leaves_the_request_and_th
     )
 
 
-def test_a_port_that_is_in_use_is_a_configuration_error_that_names_it_and_disturbs_nobody(
+def test_a_port_that_is_in_use_is_a_configuration_error_that_names_it_and_disturbs_nothing(
     walking, tmp_path_factory, fault_table
 ):
     stranger = Service(tmp_path_factory.mktemp("stranger"))

@@ -108,7 +108,7 @@ def test_a_client_that_was_killed_leaves_no_station_behind(tmp_path):
         survivor.shutdown()
 
 
-def test_what_is_no_client_is_sent_away_and_harms_nobody(tmp_path, capfd):
+def test_what_is_no_client_is_sent_away_and_does_no_harm(tmp_path, capfd):
     with on_a_socket(tmp_path) as (bus, _), running(booted_bench(), bus):
         for said in (b"GET / HTTP/1.1\r\n\r\n", b"\x00\xff" * 100):
             with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as stranger:
@@ -205,10 +205,10 @@ def test_a_socket_left_by_an_earlier_run_is_replaced_and_a_file_is_not(tmp_path)
         pass
     assert not (tmp_path / "left").exists()
 
-    (tmp_path / "file").write_text("somebody's")
+    (tmp_path / "file").write_text("another program's")
     with pytest.raises(OSError, match="in use"), control_socket(tmp_path / "file", str):
         pass
-    assert (tmp_path / "file").read_text() == "somebody's"
+    assert (tmp_path / "file").read_text() == "another program's"
 
 
 HELD_UP_S = 0.04
@@ -248,13 +248,13 @@ def test_a_sync_that_came_while_the_process_was_held_up_reaches_the_drives_when_
             master.send(
                 can.Message(arbitration_id=0x080, timestamp=time.time(), is_extended_id=False)
             )
-            time.sleep(HELD_UP_S)  # nobody reads, and the world would go on to the present
+            time.sleep(HELD_UP_S)  # nothing is read, and the world would go on to the present
             return len(sent_ns) > 5
 
         loop.run(ended)
 
     late_ns = [came - sent for came, sent in zip(world.received_ns, sent_ns, strict=False)]
-    # Of the first frame of all nobody knows how far the two clocks are apart; and a test that is
+    # At the very first frame it is unknown how far the two clocks are apart; and a test that is
     # itself held up between two readings of a clock says nothing.
     assert min(late_ns[1:]) < HELD_UP_S / 4 * 1e9
 

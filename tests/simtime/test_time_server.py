@@ -353,7 +353,7 @@ def test_a_page_that_is_cut_short_ends_no_reader_and_is_whole_at_the_next_advanc
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b"somebody's notes", "does not begin as a time page does"),
+        (b"another program's notes", "does not begin as a time page does"),
         (MAGIC[:-1] + b"2" + bytes(48), "is a time page of version 2; this gaitd reads 1"),
         (MAGIC, "is cut short: 8 of 56 bytes"),
     ],
@@ -376,16 +376,16 @@ def test_a_page_that_cannot_be_opened_ends_no_program_before_it_asks_for_its_sea
         link.open()
 
 
-def test_a_file_of_somebody_else_in_the_place_of_the_page_is_left_as_it_is(tmp_path):
+def test_a_foreign_file_in_the_place_of_the_page_is_left_as_it_is(tmp_path):
     path = tmp_path / "page"
-    path.write_text("somebody's notes")
+    path.write_text("another program's notes")
 
     with pytest.raises(OSError, match="is no time page, and is not changed"):
         PageWriter(path)
-    assert path.read_text() == "somebody's notes"
+    assert path.read_text() == "another program's notes"
 
 
-def test_by_the_computer_s_clock_a_server_that_hangs_stops_nobody(tmp_path):
+def test_by_the_computer_s_clock_a_server_that_hangs_stops_no_client(tmp_path):
     path = tmp_path / "bus"
     PageWriter(page_path(path)).begin(0, 0, wall_clock=True)
     link = SocketLink(path, Role.IN_STEP, "core", wall_clock_only=True)

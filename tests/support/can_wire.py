@@ -3,7 +3,7 @@
 Errors are counted as ISO 11898-1 (fault confinement) has it:
 
     a transmission fails                                 transmit counter + 8
-    ... because nobody acknowledges, and error passive   unchanged: a lonely node goes no farther
+    ... because no node acknowledges, and error passive  unchanged: a lonely node goes no farther
     a transmission succeeds                              transmit counter - 1
     a counter reaches 96, 128, 256                       warning, error passive, bus-off
 
@@ -97,7 +97,7 @@ class Controller:
                 self._count(8)
 
     def _is_heard(self) -> bool:
-        """Somebody acknowledges: the other one listens, at the same bit rate."""
+        """A frame is acknowledged: the other one listens, at the same bit rate."""
         peer = self.peer
         if peer is None or peer.state is State.BUS_OFF:
             return False

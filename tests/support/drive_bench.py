@@ -331,7 +331,7 @@ class Bench:
 def booted_bench(
     hip: dict[str, object] | None = None, slide: dict[str, object] | None = None
 ) -> Bench:
-    """A bench for `RealTime`: its drives have booted, before anyone can be on a bus with them.
+    """A bench for `RealTime`: its drives have booted, before another node shares a bus with them.
 
     Their first boot-up messages are on no bus, or a busy machine delivers them after a later one
     is waited for.

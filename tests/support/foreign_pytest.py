@@ -1,4 +1,4 @@
-"""What a pytest finds that a test starts for somebody else: none of the options given to ours."""
+"""The environment of a pytest of another project: without the options that ours was given."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""A CAN bus in memory, in lock step: time moves only when somebody waits for a frame.
+"""A CAN bus in memory, in lock step: time moves only when a frame is waited for.
 
 `ScriptedDrive` is a CANopen slave for tests of the master: written from CiA 301 and CiA 402 on raw
 frames, strict about mapping, and ready to misbehave on order. Its dictionary is read from an EDS.

@@ -101,7 +101,7 @@ class Rogue:
         return [begun, *self.path[before:]]
 
     def silence(self, duration_ms: int) -> None:
-        """Nobody sends; the drives and the leg live on."""
+        """The master sends nothing; the drives and the leg go on."""
         for _ in range(duration_ms):
             self.heard += self.world.advance_to(self.world.now_ns + MS)
             self.path.append(self.trainer.truth())

@@ -306,7 +306,7 @@ def _between_controllers(report: Report, service: Inside) -> None:
 
 
 def _other_controller_down(report: Report, service: Inside) -> None:
-    """Nobody is left who could acknowledge; at another bit rate it would be the same."""
+    """No node is left that could acknowledge; at another bit rate it would be the same."""
     seq = service.newest().seq
     shell("ip link set can1 down")
     service.until(lambda record: record.mode == Mode.FAULT)
@@ -370,7 +370,7 @@ def found_again(service: Inside) -> None:
 
 
 def _alone_on_the_wire(report: Report, service: Inside, ours: str, theirs: str) -> None:
-    """The drives' adapter is closed: nobody acknowledges any more."""
+    """The drives' adapter is closed: no node acknowledges any more."""
     seq = service.newest().seq
     shell(f"ip link set {theirs} down")
     service.until(lambda record: record.bus.condition == PASSIVE_CONDITION)
@@ -411,7 +411,7 @@ RESTART_MS = 100
 
 
 def _restarts_by_itself(report: Report, service: Inside, wire: Wire) -> None:
-    """The same with `restart-ms`, as the shipped set-up has it; nobody touches anything."""
+    """The same with `restart-ms`, as the shipped set-up has it; nothing is done by hand."""
     ours, _ = wire.interfaces
     shell(f"ip link set {ours} down")
     set_up(ours, f"restart-ms {RESTART_MS}")

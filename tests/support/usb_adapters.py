@@ -87,7 +87,7 @@ def plug_in(port: int) -> socket.socket:
 
 
 class UsbDevice:
-    """Answers control transfers; keeps the others until somebody has something for them."""
+    """Answers control transfers; keeps the others until there is something for them."""
 
     def __init__(self, near: socket.socket) -> None:
         """At the far end of the socket is a host."""

@@ -344,7 +344,7 @@ TOGETHER = [
         "a number > 0 and <= 1000",
     ),
     broken(
-        "an optional object that nobody thought of",
+        "an optional object that is not mentioned",
         "drives/profiles/epos4.toml",
         "polarity = false",
         "# polarity = false",

@@ -96,7 +96,7 @@ def test_how_a_drive_notices_silence_is_told_with_its_times(epos4, generic):
     assert (generic.axes[0].silence_detection_ms, epos4.axes[0].silence_detection_ms) == (30, 100)
 
 
-def test_a_profile_that_nobody_verified_says_so_with_its_sources(epos4):
+def test_a_profile_that_is_not_verified_says_so_with_its_sources(epos4):
     (section,) = [s for s in sections(epos4) if s.title == "Where the drives' facts come from"]
 
     ((drive, verified, sources),) = section.rows

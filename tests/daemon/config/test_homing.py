@@ -26,7 +26,7 @@ def test_the_shipped_homing_gets_home_in_the_empty_machine(tmp_path):
     assert not list(homing_errors(load(changed(copied(tmp_path), EMPTY))))
 
 
-def test_nobody_is_homed_with_a_patient_so_nothing_is_asked_of_homing_then(tmp_path):
+def test_no_axis_is_homed_with_a_patient_so_nothing_is_asked_of_homing_then(tmp_path):
     weak = Change(HIP, "effort_max_si = 50.0", "effort_max_si = 1.0")
 
     assert not list(homing_errors(load(changed(copied(tmp_path), weak))))

@@ -1,4 +1,4 @@
-"""Levels as they come: one, several, none, again, late, out of order, and from somebody else."""
+"""Levels as they come: one, several, none, again, late, out of order, and for another core."""
 
 from types import SimpleNamespace
 

@@ -368,7 +368,7 @@ def client(endpoint: str) -> zenoh.Session:
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", f'["{endpoint}"]')
-    # A socket has its name a moment before anybody listens behind it.
+    # A socket has its name a moment before the gateway listens behind it.
     config.insert_json5("connect/timeout_ms", "10000")
     config.insert_json5("scouting/multicast/enabled", "false")
     config.insert_json5("timestamping/enabled", "true")

@@ -287,7 +287,7 @@ def test_a_gateway_that_ends_keeps_what_it_waits_for(room):
     assert (room.only().kept.stop_seq, room.only().kept.last_seq) == (301, 320)
 
 
-def test_a_ring_aside_that_nobody_can_read_is_removed(room):
+def test_a_ring_aside_that_cannot_be_read_is_removed(room):
     (room.runtime / PREVIOUS_RING_NAME).write_bytes(b"rubbish")
     room.start_core()
     room.start_gateway()

@@ -189,7 +189,7 @@ def test_a_damaged_ring_that_cannot_be_set_aside_is_told_at_each_start(kept_ring
     assert (kept_rings / "2.ring").exists()
 
 
-def test_the_ring_that_a_core_left_and_nobody_can_read_is_told(tmp_path):
+def test_an_unreadable_ring_that_a_core_left_is_told(tmp_path):
     (tmp_path / transport.PREVIOUS_RING_NAME).write_bytes(b"\xff" * 20_000)
 
     (told,) = turn(tmp_path)

@@ -24,7 +24,7 @@ def test_loopback_and_unix_sockets_are_local(endpoint):
     "endpoint",
     ["tcp/0.0.0.0:7447", "tcp/[::]:7447", "tls/192.168.1.4:7447", "tcp/trainer.local:7447"],
 )
-def test_everything_else_is_refused_unless_somebody_decided_otherwise(endpoint):
+def test_an_endpoint_beyond_loopback_is_refused_unless_it_is_allowed(endpoint):
     listen = ("tcp/127.0.0.1:7447", endpoint)
 
     assert refused(listen, beyond_loopback=False) == (1, endpoint)

@@ -161,7 +161,7 @@ def test_every_cause_is_told_with_its_words_and_its_remedy(make_record, cause):
     assert stop.remedy == CAUSE_TEXT[cause].remedy
 
 
-def test_a_stop_somebody_asked_for_is_a_low_priority_and_a_limit_a_high_one(make_record):
+def test_a_requested_stop_is_a_low_priority_and_a_limit_a_high_one(make_record):
     causes = (Cause.STOP_REQUESTED, Cause.HAND_SWITCH_OPEN, Cause.VELOCITY_LIMIT)
     verdicts = [Verdict(StopCategory.S1, cause) for cause in causes]
 

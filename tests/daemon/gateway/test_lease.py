@@ -1,4 +1,4 @@
-"""The lease: one holder, for a time, by a number that nobody can guess."""
+"""The lease: one holder, for a time, by a number that cannot be guessed."""
 
 import secrets
 

@@ -54,7 +54,7 @@ def running(tmp_path):
     logging.getLogger().setLevel(level)
 
 
-def test_nobody_asked_nothing_is_read(running):
+def test_without_a_request_to_reload_no_file_is_read(running):
     running.path.unlink()
 
     assert running.reload.turn(running.desk, running.hashes) == []

@@ -91,7 +91,7 @@ def test_a_stop_is_in_the_next_level_and_is_answered_when_the_core_has_seen_it(d
     assert [(answer.ticket, answer.outcome) for answer in seen] == [(2, Outcome.DONE)]
 
 
-def test_a_stop_that_nobody_confirms_is_answered_in_half_a_second_and_stays_in_the_level(desk):
+def test_an_unconfirmed_stop_is_answered_in_half_a_second_and_stays_in_the_level(desk):
     desk.stop(1, 0)
 
     answers = desk.tick(STOP_TIMEOUT_NS)

@@ -142,7 +142,7 @@ def test_no_client_can_act_as_another_one_as_the_gateway_or_without_a_name(
 
 
 @pytest.mark.parametrize("role", ROLES)
-def test_only_a_controller_reaches_the_core_with_setpoints_and_nobody_hears_its_lease(
+def test_only_a_controller_reaches_the_core_with_setpoints_and_no_client_hears_its_lease(
     service, role, eventually
 ):
     controller = service.target("controller.desk")

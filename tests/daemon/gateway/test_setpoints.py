@@ -189,7 +189,7 @@ def test_after_a_lease_its_number_is_like_any_other(box):
 def test_many_threads_lose_no_count(box):
     def put():
         for _ in range(2000):
-            box.put("right", b"nobody's")
+            box.put("right", b"no setpoint")
 
     threads = [threading.Thread(target=put) for _ in range(4)]
     for thread in threads:

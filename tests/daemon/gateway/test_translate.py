@@ -68,7 +68,7 @@ def test_nothing_of_a_bad_axis_is_given_and_the_other_one_stays(make_leg, make_r
         assert message.get("covariance") is None
 
 
-def test_friction_says_how_far_it_has_drifted_and_null_while_nobody_can_tell(make_leg, make_record):
+def test_friction_says_how_far_it_has_drifted_and_null_while_it_is_unknown(make_leg, make_record):
     known = make_leg(drift_correlation=(-0.97, float("nan")), friction_error=(0.6, float("nan")))
     _, _, friction = messages(known, make_record())
 

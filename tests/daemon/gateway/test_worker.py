@@ -25,7 +25,7 @@ def broken():
     raise ValueError("invalid literal for int() with base 10: '2026-11-22'")
 
 
-def test_a_job_that_fails_as_nobody_thought_of_is_told_once_and_the_next_ones_are_done():
+def test_a_job_that_fails_unexpectedly_is_told_once_and_the_next_ones_are_done():
     disk = Disk()
     done = []
 
@@ -47,7 +47,7 @@ def test_a_job_that_fails_as_nobody_thought_of_is_told_once_and_the_next_ones_ar
 
 
 @pytest.mark.parametrize("name", FOREIGN)
-def test_a_file_of_somebody_else_in_the_state_folder_is_no_part_of_the_log(tmp_path, name):
+def test_a_foreign_file_in_the_state_folder_is_no_part_of_the_log(tmp_path, name):
     foreign = tmp_path / name
     foreign.write_text("not ours\n")
     log = RequestFile(tmp_path, bytes_max=100, files_max=3)

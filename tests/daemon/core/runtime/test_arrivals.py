@@ -1,4 +1,4 @@
-"""When frames came, by the kernel's stamps, whatever somebody does to the wall clock meanwhile."""
+"""When frames came, by the kernel's stamps, however the wall clock is set meanwhile."""
 
 from dataclasses import dataclass
 
@@ -18,18 +18,18 @@ from drives.canopen.bus import Frame
 
 MS, HOUR_NS = 1_000_000, 3_600_000_000_000
 AHEAD_NS = 1_767_225_600 * 1_000_000_000
-"""What the wall clock is ahead of the monotonic one by, before anybody sets it."""
+"""What the wall clock is ahead of the monotonic one by, before it is stepped."""
 SYNC_NS = 50_000 * MS
 
 
 def pair(mono_ns, ahead_ns=AHEAD_NS, interrupted_ns=0):
-    """Both clocks as read at `mono_ns`, somebody else running in between."""
+    """Both clocks as read at `mono_ns`, another process running in between."""
     return ClockPair(mono_ns, mono_ns + interrupted_ns // 2 + ahead_ns, mono_ns + interrupted_ns)
 
 
 @dataclass
 class WallClock:
-    """Runs with the monotonic clock until somebody sets it, by `stepped_ns` at `at_ns`."""
+    """Runs with the monotonic clock until it is stepped by `stepped_ns` at `at_ns`."""
 
     at_ns: int
     stepped_ns: int
@@ -145,7 +145,7 @@ def test_the_time_of_an_answer_does_not_depend_on_when_it_was_read():
     assert verdicts == {700_000}
 
 
-def test_the_time_of_an_answer_is_not_told_where_the_wall_clock_was_set_or_somebody_interrupted():
+def test_no_time_of_an_answer_is_told_where_the_wall_clock_was_set_or_its_reading_interrupted():
     stamp_ns = SYNC_NS + MS + AHEAD_NS
     stepped = pair(SYNC_NS + 2 * MS, AHEAD_NS - 3 * MS)
     torn = pair(SYNC_NS + 2 * MS, interrupted_ns=2 * KNOWN_WITHIN_NS)

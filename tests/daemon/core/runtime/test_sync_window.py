@@ -107,7 +107,7 @@ def test_the_time_of_the_last_answer_is_told_by_its_stamp_and_not_by_when_it_was
 
 
 def late(wire):
-    """Reading, 3 ms after a frame has come: somebody else had the processor."""
+    """Reading, 3 ms after a frame has come: another process had the processor."""
     read = Wire.receive_until
 
     def receive_until(deadline_ns):

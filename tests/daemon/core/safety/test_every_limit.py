@@ -139,7 +139,7 @@ TABLE = [
     (Cause.SPASM, axis("spasm_cycles"), T.spasm_patience_cycles, UP, ONE),
 ]
 WITHOUT_A_NUMBER = {
-    # somebody's word, a switch, a drive's own message
+    # a request, a switch, a drive's own message
     Cause.STOP_REQUESTED,
     Cause.SHUTDOWN,
     Cause.COMMAND_NOT_FINITE,

@@ -38,7 +38,7 @@ def test_assist_stays_inside_its_limit_and_rate(wanted, last, velocity):
 
 @LAW
 @given(wanted=wishes, last=lasts, velocity=speeds)
-def test_assist_has_no_sign_that_nobody_asked_for(wanted, last, velocity):
+def test_assist_has_no_sign_that_was_not_asked_for(wanted, last, velocity):
     sent = bounded(wanted, last, velocity)
 
     assert min(wanted, last, 0.0) - NEAR <= sent <= max(wanted, last, 0.0) + NEAR

@@ -234,7 +234,7 @@ def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
     )
 
 
-def test_without_a_sample_nobody_knows_whether_an_encoder_is_frozen():
+def test_without_a_sample_no_encoder_counts_as_frozen():
     missing = moved(standing(held_si=-30.0), fresh=False)
     first = moved(standing(held_si=-30.0), elapsed_s=0.0)
 
@@ -362,7 +362,7 @@ def test_a_drive_that_is_lost_faulty_or_enabled_by_others_counts_at_rest_too(axi
     assert verdict_of(axes=[axis], driving=False) != NO_VERDICT
 
 
-def test_what_the_leg_does_at_rest_is_nobody_s_stop():
+def test_what_the_leg_does_at_rest_is_no_reason_to_stop():
     stretched = LEG._replace(singularity_ratio=0.0, observer_bad_cycles=99)
 
     assert verdict_of(axes=[moved(velocity_si=9.0)], legs=[stretched], driving=False) == NO_VERDICT
@@ -469,7 +469,7 @@ def test_a_drive_that_fails_on_its_way_to_be_enabled_stops_by_its_fault(state):
     assert verdict_of(axes=[axis], categories=milder).cause == Cause.DRIVE_FAULT
 
 
-SOMEBODY_ELSES = AXIS._replace(enable_wanted=False, reached_enabled=False)
+UNREQUESTED = AXIS._replace(enable_wanted=False, reached_enabled=False)
 
 
 @pytest.mark.parametrize("driving", [True, False])
@@ -487,7 +487,7 @@ SOMEBODY_ELSES = AXIS._replace(enable_wanted=False, reached_enabled=False)
 def test_power_that_appears_stops_at_once_and_power_that_does_not_go_soon(
     state, shown_unpowered, patience, driving
 ):
-    within = fed(SOMEBODY_ELSES._replace(shown_unpowered=shown_unpowered), power_state=state)
+    within = fed(UNREQUESTED._replace(shown_unpowered=shown_unpowered), power_state=state)
     within = within._replace(unexpected_enable_cycles=patience)
     beyond = within._replace(unexpected_enable_cycles=patience + 1)
 
@@ -502,8 +502,8 @@ def test_power_that_appears_stops_at_once_and_power_that_does_not_go_soon(
     )
 
 
-def test_a_fault_reaction_that_nobody_asked_for_may_last_as_long_as_its_profile_says():
-    reacting = fed(SOMEBODY_ELSES, power_state=PowerState.FAULT_REACTION_ACTIVE)
+def test_a_fault_reaction_without_a_request_for_power_may_last_as_long_as_its_profile_says():
+    reacting = fed(UNREQUESTED, power_state=PowerState.FAULT_REACTION_ACTIVE)
 
     for shown_unpowered in (False, True):
         within = reacting._replace(
@@ -515,7 +515,7 @@ def test_a_fault_reaction_that_nobody_asked_for_may_last_as_long_as_its_profile_
         assert verdict_of(axes=[beyond]).cause == Cause.UNEXPECTED_ENABLE
 
 
-def test_nobody_expects_power_who_did_not_ask():
+def test_without_a_request_no_power_is_expected():
     axis = AXIS._replace(unready_cycles=99, enable_wanted=False)
 
     assert verdict_of(axes=[fed(axis, power_state=PowerState.SWITCHED_ON)]) == NO_VERDICT
@@ -678,7 +678,7 @@ def test_twice_the_time_allows_twice_the_way():
     assert bound_position(9.0, 0.2, LIMITS, 0.02) == pytest.approx(0.2 + 2 * WAY_SI)
 
 
-def test_a_verdict_that_nobody_made_is_none():
+def test_no_verdict_has_no_category_and_no_cause():
     assert msgspec.structs.asdict(NO_VERDICT)["category"] == StopCategory.NONE
     assert NO_VERDICT.cause == Cause.NONE
 

@@ -430,7 +430,7 @@ def test_verdicts_count_while_a_drive_may_have_power(bench, mode, held, stopped)
 
 
 @pytest.mark.parametrize("mode", [Mode.READY, Mode.FAULT])
-def test_power_that_nobody_asked_for_is_a_reason_to_stop_in_every_mode(bench, mode):
+def test_power_without_a_request_is_a_reason_to_stop_in_every_mode(bench, mode):
     bench.core.mode, bench.core.verdict = mode, HELD_UP
 
     bench.turn(OPENED, ENABLED)
