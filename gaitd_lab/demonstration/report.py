@@ -28,7 +28,7 @@ def line(moment: Moment) -> str:
     """Return one text line: time, mode, estimate and truth of each axis, lateness, stop."""
     receiver = moment.receiver
     safety = receiver.safety if receiver else None
-    words = [f"{moment.elapsed_s:6.1f} s", f"{safety.mode if safety else 'starting':<12}"]
+    words = [f"{moment.elapsed_s:6.1f} s", f"{(safety.mode if safety else None) or 'starting':<12}"]
     if not len(moment.received):
         return "  ".join(words).rstrip()
     for (axis, _, unit), pair in zip(
