@@ -46,6 +46,9 @@ GAIT_S: Final = 120.0
 STOP_MAX_S: Final = 10.0
 BOUND_RATIO: Final = 0.98
 """A command of this share of its bound has reached it."""
+RESET: Final = ("reset", Mode.READY)
+ENABLE: Final = ("enable", Mode.HOLD)
+"""A request, and the mode that follows it."""
 AT_REST: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.FAULT})
 """Modes in which the service moves nothing and holds nothing."""
 PASSED_OR_FAILED: Final = {True: Judgement.PASSED, False: Judgement.FAILED}
@@ -296,34 +299,33 @@ class Acceptance:
     def _pass(self, duration_s: float) -> None:
         self._bench.until(lambda _: False, duration_s)
 
-    def _until_done(self, request: str) -> None:
-        """Repeat a request, and prompt the operator, until nothing is missing."""
-        shown = reason = ""
+    def _enabled(self) -> None:
+        """Bring the leg into mode hold from wherever it is, and prompt the operator for what lacks.
+
+        A latched stop is reset. The emergency stop that is pressed to be seen may leave one: some
+        drives report it as a fault also without power.
+
+        Raises:
+            NotMeasuredError: it cannot be; nothing that needs it is tried again.
+        """
+        shown = reason = request = ""
         for _ in range(round(STEP_MAX_S / RETRY_S)):
+            record = self._bench.newest()
+            mode = Mode.OFF if record is None else record.mode
+            if mode is Mode.HOLD:
+                break
+            request, reached = RESET if mode is Mode.FAULT else ENABLE
             reason = self._bench.request(request)
             if not reason:
-                return
+                self._reached(reached, READY_MAX_S)
+                continue
             text = prompt(reason)
             if text != shown:
                 shown = text
                 self._operator.tell(text)
             self._pass(RETRY_S)
-        raise self._failed(f"{request} refused: {reason}")
-
-    def _enabled(self) -> None:
-        """Bring the leg into mode hold from wherever it is; a latched stop is reset.
-
-        Raises:
-            NotMeasuredError: it cannot be; nothing that needs it is tried again.
-        """
-        record = self._bench.newest()
-        if record is not None and record.mode is Mode.FAULT:
-            self._until_done("reset")
-            self._reached(Mode.READY, READY_MAX_S)
-        record = self._bench.newest()
-        if record is None or record.mode is not Mode.HOLD:
-            self._until_done("enable")
-            self._reached(Mode.HOLD, READY_MAX_S)
+        else:
+            raise self._failed(f"{request} refused: {reason}")
         self._pass(1.0)  # the static load is compared after it
         record = self._bench.newest()
         if record is None or record.mode is not Mode.HOLD:

@@ -67,6 +67,7 @@ PROMPTS: Final = (
     ("moving", "Keep the leg still."),
 )
 """Prompt for the operator, by a part of the reason with which the service refuses to enable."""
+AGAIN: Final = "then `gaitd self-test` again: the inputs that were seen to act need not act again"
 
 
 class NoRecordsError(ClientError):
@@ -366,7 +367,9 @@ def _enable(trainer: Trainer, show: Print) -> str:
         safety = _valid_status(trainer).safety
         if safety.mode != "ready":
             # Another client's request, or a stop: an enable request now would be outside this test.
-            return stop_text(safety) or f"not possible in mode {safety.mode}"
+            stopped = stop_text(safety) or f"not possible in mode {safety.mode}"
+            # Some drives report an emergency stop as a fault also without power.
+            return f"{stopped}; {AGAIN}" if last_text else stopped
         reply = trainer.request("enable")
         if reply.outcome == Outcome.DONE:
             return ""

@@ -35,6 +35,7 @@ EMPTY = (
     ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
     ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
     ("demo.toml", 'signs = "assumed"', 'signs = "proven"'),
+    ("demo.toml", 'required = "never"', 'required = "daily"'),
 )
 BEFORE = "[[patient.programme]]                  # pushes against a leg that is held still"
 LED = """[[patient.programme]]
@@ -62,6 +63,8 @@ MILLISECOND = 1_000_000
 BEGUN = "2026-01-01T00:00:00+00:00"
 SECONDS_OF_HANDS = 1.5
 INPUTS = {
+    "Let go of the hand switch": "hand_switch_open * 0.3",
+    "Press the emergency stop": "sto_open * 0.3",
     "NOW let go": "hand_switch_open *",
     "Hold the hand switch": "clear hand_switch_open *",
     "NOW press": "sto_open *",

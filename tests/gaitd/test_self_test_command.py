@@ -93,6 +93,7 @@ def test_a_latched_stop_is_shown_with_its_remedy_and_not_reset(run, modes):
     assert result.exit_code == EXIT_REFUSED
     assert f"right/hip: {text.title} (2310h overcurrent): {text.remedy}" in result.stdout
     assert service.asked == ["enable"] * (len(modes) - 1)
+    assert (preparation.AGAIN in result.stdout) == (len(modes) > 1)
 
 
 @pytest.mark.parametrize("modes", [(Mode.GAIT, Mode.READY), (Mode.READY, Mode.OFF, Mode.READY)])
