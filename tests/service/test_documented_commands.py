@@ -56,6 +56,7 @@ ELSEWHERE: Final = {
     r"gaitd replay walk.csv .*": "tests/gaitd/test_replay_command.py",
     r"gaitd (run|sim) .*": "a service: the sessions of tests/service are these two",
     r"gaitd doctor.*": "tests/gaitd/test_doctor.py",
+    r"gaitd self-test .*": "tests/gaitd/test_self_test_command.py",
     r"gaitd scan --interface .*": "hardware: tests/gaitd/test_scan.py",
     r"gaitd drive \S+ (store|restore) .*": "tests/gaitd/test_drive_command.py",
     r"gaitd (commission|reference) .*": "tests/service/test_one_axis.py, tests/closed_loop",
