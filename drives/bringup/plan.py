@@ -295,6 +295,8 @@ def _homing(
     yield _write(why, Object.HOMING_ACCELERATION, 0, 32, raw.acceleration_raw)
     home, threshold = objects.home, objects.current_threshold
     yield _write("position at home in counts", home.index, home.sub, home.bits, raw.home_raw)
+    for zero in objects.zeros:
+        yield _write("no further shift of the home", zero.index, zero.sub, zero.bits, 0)
     if threshold is not None and raw.stop_current_ma is not None:
         why = "current in mA that means the mechanical stop"
         yield _write(why, threshold.index, threshold.sub, threshold.bits, raw.stop_current_ma)

@@ -22,6 +22,11 @@ class HomingObjects(Table, frozen=True, kw_only=True):
     """+1: 6064h reads this object's value at home; -1: its negative (vendors differ on 607Ch)."""
     current_threshold: ObjectRef | None = None
     """mA; for the methods that detect a mechanical stop."""
+    stall_methods: tuple[Method, ...] = ()
+    """The methods that detect a mechanical stop by `current_threshold`."""
+    zeros: tuple[ObjectRef, ...] = ()
+    """Objects that shift the home further, and are written as 0: an earlier commissioning of the
+    drive may have stored another value in them."""
 
 
 class Homing(Table, frozen=True, kw_only=True):
@@ -55,6 +60,26 @@ def check_homing(objects: HomingObjects | None, homing: Homing | None) -> None:
     if homing.method not in objects.methods:
         allowed = f"one of {', '.join(map(str, objects.methods))}"
         raise DescriptionError("axis", "homing.method", homing.method, allowed)
-    if homing.stop_current_a is not None and objects.current_threshold is None:
-        allowed = "absent: the profile has no homing.current_threshold"
+    detects_stop = homing.method in objects.stall_methods
+    if detects_stop and homing.stop_current_a is None:
+        allowed = f"given: method {homing.method} detects the stop by this current"
+        raise DescriptionError("axis", "homing.stop_current_a", None, allowed)
+    if not detects_stop and homing.stop_current_a is not None:
+        allowed = f"absent: method {homing.method} detects no stop by its current"
         raise DescriptionError("axis", "homing.stop_current_a", homing.stop_current_a, allowed)
+
+
+def check_homing_objects(objects: HomingObjects | None) -> None:
+    """Refuse a profile whose methods and objects of a homing contradict each other.
+
+    Raises:
+        DescriptionError: names key, value and what is allowed.
+    """
+    if objects is None:
+        return
+    if unknown := set(objects.stall_methods) - set(objects.methods):
+        raise DescriptionError("profile", "homing.stall_methods", sorted(unknown), "of `methods`")
+    if bool(objects.stall_methods) != (objects.current_threshold is not None):
+        allowed = "given together with stall_methods"
+        shown = objects.current_threshold and objects.current_threshold.place
+        raise DescriptionError("profile", "homing.current_threshold", shown, allowed)

@@ -19,7 +19,7 @@ from msgspec import Meta
 from drives.canopen.emcy_codes import EmergencyTable
 from drives.canopen.objects import Object
 from drives.cia402.axis_file import AxisFile, check_inputs, check_transmission
-from drives.cia402.homing import HomingObjects, check_homing
+from drives.cia402.homing import HomingObjects, check_homing, check_homing_objects
 from drives.cia402.option_codes import WrittenObject, check_written, holds_after_quick_stop
 from drives.cia402.torque import (
     ObjectRef,
@@ -344,6 +344,7 @@ _CHECKS: Final[tuple[Callable[[DriveProfile, AxisFile], None], ...]] = (
     lambda _, axis: check_transmission(axis.transmission),
     _check_linear_motor,
     _check_motor,
+    lambda profile, _: check_homing_objects(profile.homing),
     lambda profile, axis: check_homing(profile.homing, axis.homing),
     _check_stop_current,
 )

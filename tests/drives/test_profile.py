@@ -46,6 +46,11 @@ def broken(name, part, path, value):
     return axis, profile
 
 
+def at_a_stop(stop_current_a):
+    """Settings of the hip's homing by a mechanical stop."""
+    return table("hip_epos4.toml")["homing"] | {"method": -4, "stop_current_a": stop_current_a}
+
+
 @pytest.mark.parametrize("name", AXES)
 def test_every_drive_file_of_the_project_is_consistent(name):
     description = drive(name)
@@ -386,7 +391,7 @@ ONLY_TARGET = "6071h:00, signed, of 16 or 32 bits: CiA 402 defines no other targ
         ),
         *(
             (
-                *("hip_epos4", "axis", ("homing", "stop_current_a"), stop_current_a),
+                *("hip_epos4", "axis", ("homing",), at_a_stop(stop_current_a)),
                 f"axis: homing.stop_current_a = {stop_current_a}: below motor.current_limit_a = 12:"
                 " the motor never gets it, and pushes on",
             )
@@ -554,10 +559,16 @@ def test_the_page_about_drives_tells_each_profile_with_its_objects(profile):
         ({}, None, "homing", "absent: the profile has no homing"),
         ({"method": 36}, {}, "homing.method", "one of "),
         (
-            {"method": -4, "stop_current_a": 4.5},
-            {"current_threshold": None},
+            {"method": -4},
+            {},
             "homing.stop_current_a",
-            "absent: the profile has no homing.current_threshold",
+            "given: method -4 detects the stop by this current",
+        ),
+        (
+            {"stop_current_a": 4.5},
+            {},
+            "homing.stop_current_a",
+            "absent: method 17 detects no stop by its current",
         ),
     ],
 )
@@ -566,9 +577,6 @@ def test_a_homing_that_the_drive_does_not_support_is_refused(changes, objects, k
     profile = copy.deepcopy(table(axis["profile"]))
     join(axis, profile, "hip")
     axis["homing"] |= changes
-    for name, value in (objects or {}).items():
-        assert value is None
-        del profile["homing"][name]
     if objects is None:
         del profile["homing"]
 
@@ -583,16 +591,32 @@ def test_a_homing_that_the_drive_does_not_support_is_refused(changes, objects, k
 
 def test_a_homing_by_a_switch_needs_no_object_for_a_current():
     profile = copy.deepcopy(table("profiles/epos4.toml"))
-    del profile["homing"]["current_threshold"]
+    del profile["homing"]["current_threshold"], profile["homing"]["stall_methods"]
 
     join(table("hip_epos4.toml"), profile, "hip")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"stall_methods": []}, "homing.current_threshold = '30B2h:00': given together with"),
+        ({"current_threshold": None}, "homing.current_threshold = None: given together with"),
+        ({"stall_methods": [-4, -5, -6]}, r"homing.stall_methods = \[-6, -5\]: of `methods`"),
+    ],
+)
+def test_methods_that_detect_a_stop_and_their_object_go_together(changes, said):
+    profile = copy.deepcopy(table("profiles/epos4.toml"))
+    profile["homing"] |= changes
+
+    with pytest.raises(DescriptionError, match=said):
+        join(table("hip_epos4.toml"), profile, "hip")
 
 
 @pytest.mark.parametrize(
     ("method", "fits"), [(-129, False), (-128, True), (127, True), (128, False)]
 )
 def test_a_homing_method_has_eight_bits(method, fits):
-    objects = table("profiles/epos4.toml")["homing"] | {"methods": [method]}
+    objects = table("profiles/epos4.toml")["homing"] | {"methods": [method], "stall_methods": []}
 
     if fits:
         assert msgspec.convert(objects, HomingObjects).methods == (method,)
@@ -616,7 +640,7 @@ def test_the_widest_objects_that_a_profile_may_name_fit_a_frame():
     [
         ("axis", ("motor", "peak_current_a"), 12.0),
         ("axis", ("motor", "peak_current_a"), 20.0),
-        ("axis", ("homing", "stop_current_a"), 11.9),
+        ("axis", ("homing",), at_a_stop(11.9)),
         ("axis", ("homing",), None),
     ],
 )

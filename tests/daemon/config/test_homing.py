@@ -61,6 +61,7 @@ def test_a_home_that_the_leg_cannot_reach_is_refused(tmp_path):
     ("change", "key", "allowed"),
     [
         (Change(HIP, "method = 17 ", "method = 5 "), "homing.method", "one of -4, -3"),
+        (Change(HIP, "method = 17 ", "method = -4 "), "homing.stop_current_a", "given: method -4"),
         (
             Change("drives/profiles/epos4.toml", "[homing]", "[unused]"),
             "unused",
@@ -73,14 +74,3 @@ def test_a_homing_that_the_drive_does_not_have_is_refused(tmp_path, change, key,
 
     assert error.key == key
     assert allowed in error.allowed
-
-
-def test_a_stop_current_needs_an_object_to_write_it_into(tmp_path):
-    old = "current_threshold = { index = 0x30B2, sub = 0, bits = 16, signed = false }"
-    error = refused(
-        tmp_path,
-        Change("drives/profiles/epos4.toml", old, ""),
-        Change(HIP, "method = 17 ", "stop_current_a = 9.0\nmethod = 17 "),
-    )
-
-    assert error.key == "homing.stop_current_a"
