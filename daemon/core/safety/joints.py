@@ -28,7 +28,7 @@ class Joint(NamedTuple):
     sample_ns: int = 0
     counts: int = 0
     still_cycles: int = 0
-    """Samples in a row within STILL_COUNTS of `still_counts`."""
+    """Samples in a row within `still_counts_max` of `still_counts`."""
     still_counts: int = 0
     """Encoder counts at which the joint began to stand still."""
     speed_before_still_si: float = 0.0
@@ -47,9 +47,24 @@ def is_at_rest(joint: Joint, limits: AxisLimits) -> bool:
 
 STILL_COUNTS = 3
 """Noise of an encoder at rest; a joint that moves leaves this within a few samples."""
+STILL_S = 0.003
+"""The way of this time at the limit of standstill is standstill, however fine the encoder is: a leg
+that is held is never as still as the counts of a fine one."""
 
 
-def measure(previous: Joint, feedback: DriveFeedback, scaling: AxisScaling, sync_ns: int) -> Joint:
+def still_counts_max(scaling: AxisScaling, limits: AxisLimits) -> int:
+    """Encoder counts within which a joint stands still."""
+    way_si = STILL_S * limits.standstill_si_per_s
+    return max(STILL_COUNTS, int(way_si * abs(scaling.counts_per_si)))
+
+
+def measure(
+    previous: Joint,
+    feedback: DriveFeedback,
+    scaling: AxisScaling,
+    limits: AxisLimits,
+    sync_ns: int,
+) -> Joint:
     """The joint after this cycle's window; without a new sample the last one stays, not fresh."""
     if not feedback.fresh:
         return previous._replace(fresh=False)
@@ -66,7 +81,8 @@ def measure(previous: Joint, feedback: DriveFeedback, scaling: AxisScaling, sync
         )
     elapsed_s = (sync_ns - previous.sample_ns) * 1e-9
     step_si = sample.position_si - previous.position_si
-    still = abs(feedback.position_counts - previous.still_counts) <= STILL_COUNTS
+    way_counts = abs(feedback.position_counts - previous.still_counts)
+    still = way_counts <= still_counts_max(scaling, limits)
     began = still and previous.still_cycles == 0
     return Joint(
         known=True,

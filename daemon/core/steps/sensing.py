@@ -33,7 +33,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         # Homing moves the origin of the position: that step must not count as motion.
         moved = single_axis.moves_origin(core, axis, feedback)
         before = Joint() if moved else axis.joint
-        axis.joint = joints.measure(before, feedback, axis.scaling, tick.sync_ns)
+        axis.joint = joints.measure(before, feedback, axis.scaling, axis.limits, tick.sync_ns)
         lost = _reference_lost(core, axis, feedback)
         if lost and axis.referenced:
             axis.referenced, axis.unreferenced_why = False, lost

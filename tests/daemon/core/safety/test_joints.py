@@ -3,7 +3,14 @@
 import pytest
 from safety_inputs import FEEDBACK, LIMITS, THRESHOLDS
 
-from daemon.core.safety.joints import STILL_COUNTS, Joint, is_at_rest, jump_reach_si, measure
+from daemon.core.safety.joints import (
+    STILL_COUNTS,
+    Joint,
+    is_at_rest,
+    jump_reach_si,
+    measure,
+    still_counts_max,
+)
 from drives.cia402.units import AxisScaling
 
 SCALING = AxisScaling(
@@ -26,7 +33,7 @@ def measured(*counts, begin=Joint()):  # noqa: B008 - frozen
     """The joint after samples at equal times."""
     joint = begin
     for count in counts:
-        joint = measure(joint, sample(count), SCALING, joint.sample_ns + 10 * MS)
+        joint = measure(joint, sample(count), SCALING, LIMITS, joint.sample_ns + 10 * MS)
     return joint
 
 
@@ -35,7 +42,7 @@ def test_before_the_first_sample_nothing_is_known_and_every_number_is_zero():
 
 
 def test_the_first_sample_gives_a_position_and_no_speed():
-    assert measure(Joint(), sample(200, 30), SCALING, 7 * MS) == Joint(
+    assert measure(Joint(), sample(200, 30), SCALING, LIMITS, 7 * MS) == Joint(
         known=True,
         fresh=True,
         position_si=0.3,
@@ -47,9 +54,9 @@ def test_the_first_sample_gives_a_position_and_no_speed():
 
 
 def test_the_speed_is_the_step_over_the_measured_time():
-    first = measure(Joint(), sample(200), SCALING, 100 * MS)
+    first = measure(Joint(), sample(200), SCALING, LIMITS, 100 * MS)
 
-    joint = measure(first, sample(150, -20), SCALING, 120 * MS)
+    joint = measure(first, sample(150, -20), SCALING, LIMITS, 120 * MS)
 
     assert (joint.known, joint.fresh) == (True, True)
     assert joint.position_si == pytest.approx(0.35)
@@ -63,7 +70,7 @@ def test_the_speed_is_the_step_over_the_measured_time():
 def test_without_a_sample_everything_stays_and_nothing_is_fresh():
     before = measured(200, 150)
 
-    joint = measure(before, sample(0)._replace(fresh=False), SCALING, 999 * MS)
+    joint = measure(before, sample(0)._replace(fresh=False), SCALING, LIMITS, 999 * MS)
 
     assert joint == before._replace(fresh=False)
 
@@ -76,6 +83,18 @@ def test_noise_around_one_place_is_standstill_and_a_slow_motion_is_not(side):
     assert (noise.still_cycles, noise.still_counts) == (4, 200)
     assert (creeping.still_cycles, creeping.still_counts) == (0, 200 + 4 * side)
     assert measured(204, begin=creeping).still_cycles == (1 if side > 0 else 0)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_standstill_is_as_wide_at_the_joint_with_a_fine_encoder_as_with_a_coarse_one(sign):
+    """LIMITS has standstill below 0.02, so within 0.06e-3."""
+    fine = SCALING._replace(counts_per_si=sign * 1e6)
+
+    assert still_counts_max(SCALING, LIMITS) == STILL_COUNTS
+    assert still_counts_max(fine, LIMITS) == 60
+    joint = measure(Joint(), sample(0), fine, LIMITS, 10 * MS)
+    assert measure(joint, sample(60), fine, LIMITS, 20 * MS).still_cycles == 1
+    assert measure(joint, sample(61), fine, LIMITS, 20 * MS).still_cycles == 0
 
 
 def test_the_speed_before_standstill_is_kept_until_the_joint_has_moved_again():
