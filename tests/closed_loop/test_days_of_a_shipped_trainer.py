@@ -1,7 +1,8 @@
 """The first days of a real trainer, with the settings of configs/trainer.toml as they are shipped.
 
 Other tests use demo.toml, whose virtual machine is allowed much that a real one is not: any pose,
-signs that were never proven, no daily test. Here only the bus is another one.
+signs that were never proven, no daily test. Here only the bus is another one, and the drives
+are mounted the other way round, with their zero elsewhere.
 """
 
 import math
@@ -19,6 +20,19 @@ HIP, SLIDE = "right/hip", "right/slide"
 VIRTUAL = (
     ("trainer.toml", '"socketcan"\nchannel = "can0"', '"simulated"\nchannel = "bus"'),
     ("trainer.toml", 'limits = "limits.toml"', 'limits = "limits.toml"\nsim = "plant.toml"'),
+)
+HIP_FILE, SLIDE_FILE = "drives/hip_epos4.toml", "drives/slide_epos4.toml"
+MIRRORED = (
+    (HIP_FILE, "\nsign = 1", "\nsign = -1"),
+    (HIP_FILE, "offset_rad = 0.0", "offset_rad = 1.3"),
+    (HIP_FILE, "method = 17 ", "method = 18 "),
+    (SLIDE_FILE, "\nsign = -1", "\nsign = 1"),
+    (SLIDE_FILE, "offset_m = 0.0", "offset_m = -0.37"),
+    (SLIDE_FILE, "method = 18 ", "method = 17 "),
+    ("plant.toml", "\nsign = -1", "\nsign = +1"),  # the slide's
+    ("plant.toml", "\nsign = 1", "\nsign = -1"),  # the hip's
+    ("plant.toml", "offset_rad = 0.0", "offset_rad = 1.3"),
+    ("plant.toml", "offset_m = 0.0", "offset_m = -0.37"),
 )
 EMPTY = (
     ("trainer.toml", '"robot.toml"', '"robot_empty.toml"'),
@@ -47,12 +61,16 @@ def ready(session):
     assert session.record.mode == Mode.READY
     assert session.record.verdict.cause == Cause.NONE
     assert all(drive.referenced and drive.sign_proven for drive in session.record.drives)
+    if session.truth.rows:
+        truth, (hip, slide) = session.truth.rows[-1], session.record.drives
+        assert hip.position_si == pytest.approx(truth.hip_angle_rad, abs=2e-3)
+        assert slide.position_si == pytest.approx(truth.slide_position_m, abs=1e-3)
 
 
 @pytest.fixture(scope="module")
 def warm_commissioned(tmp_path_factory):
     """An engineer has proven and homed both axes of the empty machine, and ended the service."""
-    configs = changed_configs(tmp_path_factory.mktemp("empty"), *VIRTUAL, *EMPTY)
+    configs = changed_configs(tmp_path_factory.mktemp("empty"), *VIRTUAL, *MIRRORED, *EMPTY)
     session = LockstepSession(load(configs / "trainer.toml")).until_ready()
     assert "sign is not proven" in refused(session, RequestKind.ENABLE)
     for axis in (HIP, SLIDE):
@@ -87,7 +105,7 @@ def prepared(session):
 def test_a_trainer_is_commissioned_and_trains_two_days_through_stops_of_every_kind(
     warm_commissioned, tmp_path
 ):
-    settings = load(changed_configs(tmp_path, *VIRTUAL) / "trainer.toml")
+    settings = load(changed_configs(tmp_path, *VIRTUAL, *MIRRORED) / "trainer.toml")
     axes = warm_commissioned.axes
     left = {name: replace(axes[name], position_si=START[name]) for name in axes}
     session = LockstepSession(settings, persistent=replace(warm_commissioned, axes=left))
