@@ -295,10 +295,12 @@ class SelfTest(Table, frozen=True):
     hip_motion_deg: Annotated[float, Meta(gt=0.5, le=15)]
     """Motion forth and back, from where the leg is held."""
     hip_speed_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    """At most the motion in rad / 0.4 s, or too little of it is averaged."""
     hip_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
     """Deviation of the mean effort over both ways from g(q); friction cancels in this mean."""
     slide_motion_m: Annotated[float, Meta(gt=0.005, le=0.2)]
     slide_speed_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    """At most the motion / 0.4 s."""
     slide_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
     friction_min_ratio: Annotated[float, Meta(gt=0, lt=1)]
     """Ratio of half the difference of the efforts forth and back to the friction of robot.toml."""

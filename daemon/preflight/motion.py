@@ -1,4 +1,4 @@
-"""Checks of gait, scenarios and limits against the mechanism in motion.
+"""Checks of gait, scenarios, self-test and limits against the mechanism in motion.
 
 Checks as in `files.py`, in the order of MOTION_CHECKS. The sweeps with a coasting axis take longer
 and are in `report.py`.
@@ -15,6 +15,7 @@ from daemon.config.limit_settings import Limits
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Excite, Sinusoid
 from daemon.config.strict import ConfigError, Errors, PlainText
+from daemon.core.exercises import self_test
 from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles, load_at
 from daemon.preflight.workspace import (
     Box,
@@ -222,6 +223,25 @@ def _peak_effort(parts: tuple[Sinusoid, ...], axis: str) -> float:
     )
 
 
+def self_tests_have_samples(settings: Settings) -> Errors:
+    """The self-test moves each axis for long enough to average its effort between the ramps."""
+    rules = settings.trainer.self_test
+    ways = (
+        ("hip_speed_rad_per_s", f"hip_motion_deg = {rules.hip_motion_deg:g}"),
+        ("slide_speed_m_per_s", f"slide_motion_m = {rules.slide_motion_m:g}"),
+    )
+    for (key, motion), speed_si, distance_si in zip(
+        ways, self_test.speeds(rules), self_test.distances(rules), strict=True
+    ):
+        most_si = self_test.speed_max(distance_si)
+        if speed_si > most_si:
+            allowed = (
+                f"at most {most_si:g} with {motion}: a faster motion is over before its effort can "
+                "be averaged"
+            )
+            yield ConfigError(settings.file.path, f"self_test.{key}", speed_si, allowed)
+
+
 def extent_text(extent: Extent) -> str:
     """An extent in words."""
     (hip_low, slide_low), (hip_high, slide_high) = extent.low, extent.high
@@ -238,4 +258,5 @@ MOTION_CHECKS: Final = (
     _scenarios_are_well_formed,
     scenarios_stay_inside,
     scenarios_have_the_effort,
+    self_tests_have_samples,
 )

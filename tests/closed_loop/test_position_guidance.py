@@ -19,7 +19,9 @@ from wire import (
     target_torques,
 )
 
-from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.core.exercises.exercise import BEGIN_MAX_S, NOT_BEGUN
+from daemon.core.steps import impedance
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, Stage
 from drives.cia402.units import position_si
 from drives.signals import OperationMode, PowerState
 
@@ -27,6 +29,7 @@ CSP = OperationMode.CYCLIC_SYNC_POSITION
 CST = OperationMode.CYCLIC_SYNC_TORQUE
 NODES = (5, 6)
 HOLD = ModeRequest(Mode.HOLD)
+EXCITE = ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="open_loop")
 CYCLES_BEHIND = 2
 """A target acts from the next SYNC and is reached at the one after."""
 
@@ -234,9 +237,7 @@ def test_a_mode_that_never_shows_stops_after_five_cycles_and_commands_no_torque(
     told = len(warm_empty_hold.bus.sent)
     cycle = warm_empty_hold.record.cycle
 
-    warm_empty_hold.request(
-        RequestKind.MODE, ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="open_loop")
-    )
+    warm_empty_hold.request(RequestKind.MODE, EXCITE)
     stopped = warm_empty_hold.run_until(lambda record: not record.mode.active, within_s=1)
 
     assert stopped.verdict.cause == Cause.MODE_NOT_SHOWN
@@ -249,6 +250,51 @@ def test_a_mode_that_never_shows_stops_after_five_cycles_and_commands_no_torque(
     assert len({one.target_counts for one in rpdo1(sent, 5)}) == 1
     warm_empty_hold.run(1)
     assert warm_empty_hold.record.legs[0].measured[0] == pytest.approx(held[0], abs=1e-3)
+
+
+@pytest.fixture
+def never_at_rest(monkeypatch):
+    """No axis counts as at rest, and a drive changes its mode only there."""
+    monkeypatch.setattr(impedance, "STILL_CYCLES", 1_000_000)
+    return monkeypatch
+
+
+def test_an_excitation_is_played_in_torque_mode_only(warm_empty_hold, never_at_rest):
+    session = warm_empty_hold
+    session.request(RequestKind.MODE, EXCITE)
+    session.run(8)
+    waited = session.record
+    never_at_rest.undo()
+
+    session.run_until(lambda record: record.stage is Stage.PLAYING, within_s=1)
+    begun = len(session.records)
+    session.run(3)
+
+    assert (waited.mode, waited.stage) == (Mode.EXCITE, Stage.APPROACHING)
+    assert {drive.mode_display for drive in waited.drives} == {CSP}
+    played = session.records[begun - 1 :]
+    assert {record.stage for record in played} == {Stage.PLAYING}
+    assert {drive.mode_display for record in played for drive in record.drives} == {CST}
+    assert np.ptp(measured(played), axis=0).min() > 0.01
+
+
+def test_an_excitation_of_a_leg_that_never_rests_is_over_and_says_why(
+    warm_empty_hold, never_at_rest
+):
+    del never_at_rest
+    session = warm_empty_hold
+    session.request(RequestKind.MODE, EXCITE)
+    begun = len(session.records)
+
+    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=BEGIN_MAX_S + 10)
+    session.run(0.1)
+
+    records = session.records[begun:]
+    told = [event for record in records for event in record.events]
+    assert Stage.PLAYING not in {record.stage for record in records}
+    assert {drive.mode_display for record in records for drive in record.drives} == {CSP}
+    assert f"right: excite over: {NOT_BEGUN}" in told
+    assert session.record.verdict.cause == Cause.NONE
 
 
 # --- what the drives' loops meet ------------------------------------------------------------

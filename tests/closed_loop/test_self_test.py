@@ -141,6 +141,19 @@ def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested,
     assert ask(session, GAIT).outcome == Outcome.DONE
 
 
+def test_a_machine_as_configured_passes_at_the_highest_speeds_that_are_allowed(tmp_path):
+    fastest = (
+        ("demo.toml", "hip_speed_rad_per_s = 0.1 ", "hip_speed_rad_per_s = 0.174 "),
+        ("demo.toml", "slide_speed_m_per_s = 0.05 ", "slide_speed_m_per_s = 0.1 "),
+    )
+    session = put_to_test(new_session(changed_configs(tmp_path, *fastest)).enable())
+
+    note = session.state_file.persistent.self_test
+    assert note is not None
+    assert note.passed
+    assert all(axis.friction_ratio == pytest.approx(1.0, abs=0.2) for axis in note.axes.values())
+
+
 def test_it_moves_one_axis_after_the_other_by_no_more_than_configured(warm_tested):
     session, begun = warm_tested
 

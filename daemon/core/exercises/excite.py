@@ -1,6 +1,6 @@
 """Mode EXCITE: an open-loop scenario about g of mid pose, inside a window of positions.
 
-    approaching (with a rest at mid pose) -> playing -> over
+    approaching (with a rest at mid pose, until the drives are in torque mode) -> playing -> over
 
 The load is g of mid pose throughout: the springs then bring the leg back, as in the paper. With
 g(q) every pose would be in equilibrium, and the leg would drift until it leaves its window.
@@ -94,14 +94,14 @@ class Excite(Exercise):
 
     def advance(self, leg: LegSample, dt_s: float) -> Self:
         """See `Exercise`; it is over after its time, or when an axis has left the window."""
-        elapsed_s = self.elapsed_s + dt_s
-        if self.stage is Stage.APPROACHING and elapsed_s >= self.way.duration_s + SETTLE_S:
-            return replace(self, stage=Stage.PLAYING, elapsed_s=0.0)
-        if self.stage is Stage.PLAYING and (
-            elapsed_s >= self.duration_s or self._left_window(leg.position)
+        later = replace(self, elapsed_s=self.elapsed_s + dt_s)
+        if later.stage is Stage.APPROACHING:
+            return later.begun_in_torque_mode(leg, self.way.duration_s + SETTLE_S)
+        if later.stage is Stage.PLAYING and (
+            later.elapsed_s >= self.duration_s or self._left_window(leg.position)
         ):
-            return replace(self, stage=Stage.OVER, elapsed_s=0.0)
-        return replace(self, elapsed_s=elapsed_s)
+            return replace(later, stage=Stage.OVER, elapsed_s=0.0)
+        return later
 
     def targets(self, leg: LegSample) -> Reference:
         """Guided to mid pose first, then torque only."""

@@ -15,8 +15,8 @@ Rules:
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar, NamedTuple, Self
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final, NamedTuple, Self
 
 from daemon.config.settings import Impedance
 from daemon.core.core_config import CoreConfig
@@ -26,6 +26,10 @@ from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import ModeRequest, Stage
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
+
+BEGIN_MAX_S: Final = 20.0
+"""Longest wait for torque mode: a drive changes to it at rest, and a leg may be kept moving."""
+NOT_BEGUN: Final = f"not begun: no rest in {BEGIN_MAX_S:g} s, which the change to torque mode needs"
 
 
 class Reference(NamedTuple):
@@ -89,6 +93,8 @@ class Exercise(ABC):
     """None: the exercise has no stages and no end."""
     elapsed_s: float = 0.0
     """Time in the stage."""
+    failure: str = ""
+    """The reason why it is over without having begun; empty otherwise."""
 
     @classmethod
     def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> str:
@@ -116,6 +122,19 @@ class Exercise(ABC):
     @abstractmethod
     def targets(self, leg: LegSample) -> Reference:
         """The reference of this cycle."""
+
+    def begun_in_torque_mode(self, leg: LegSample, after_s: float) -> Self:
+        """PLAYING once the stage has lasted for `after_s` and both drives are in torque mode.
+
+        Without torque mode for BEGIN_MAX_S more it is OVER, with NOT_BEGUN as its failure.
+        """
+        if self.elapsed_s < after_s:
+            return self
+        if leg.in_torque_mode:
+            return replace(self, stage=Stage.PLAYING, elapsed_s=0.0)
+        if self.elapsed_s < after_s + BEGIN_MAX_S:
+            return self
+        return replace(self, stage=Stage.OVER, elapsed_s=0.0, failure=NOT_BEGUN)
 
     def text(self) -> str:
         """What happens, for the operator."""

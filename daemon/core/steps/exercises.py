@@ -51,7 +51,8 @@ def advance(core: Core, samples: Sequence[LegSample]) -> None:
         after = before.advance(sample, core.config.period_s)
         leg.exercise = after
         if after.stage is not before.stage and after.stage is not None:
-            core.report(f"{leg.name}: {core.mode.name.lower()} {after.stage.name.lower()}")
+            why = f": {after.failure}" if after.failure else ""
+            core.report(f"{leg.name}: {core.mode.name.lower()} {after.stage.name.lower()}{why}")
             leg.takes_over = leg.takes_over or after.continues_effort_at_stages
 
 

@@ -782,6 +782,35 @@ MOVING = [
         "(slide 495 N)",
         "<= 480 N beside what holds the leg",
     ),
+    *(
+        broken(name, "demo.toml", old, new, f"self_test.{key}", value, allowed)
+        for name, old, new, key, value, allowed in (
+            (
+                "a self-test of the hip that is too fast for its way",
+                "hip_speed_rad_per_s = 0.1 ",
+                "hip_speed_rad_per_s = 0.175 ",
+                "hip_speed_rad_per_s",
+                "0.175",
+                "at most 0.174 with hip_motion_deg = 4",
+            ),
+            (
+                "a self-test of the slide that is too fast for its way",
+                "slide_speed_m_per_s = 0.05 ",
+                "slide_speed_m_per_s = 0.101 ",
+                "slide_speed_m_per_s",
+                "0.101",
+                "at most 0.1 with slide_motion_m = 0.04",
+            ),
+            (
+                "a self-test whose way is too short for its speed",
+                "hip_motion_deg = 4.0 ",
+                "hip_motion_deg = 1.0 ",
+                "hip_speed_rad_per_s",
+                "0.1",
+                "at most 0.043 with hip_motion_deg = 1",
+            ),
+        )
+    ),
 ]
 
 BROKEN = ONE_FILE + TOGETHER + MOVING

@@ -13,10 +13,11 @@ from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot, Sinusoid, Trainer
 from daemon.config.strict import load_toml
 from daemon.core.exercises.approach import Approach, approach, is_clear
-from daemon.core.exercises.excite import Excite
-from daemon.core.exercises.exercise import LegSample
+from daemon.core.exercises.excite import SETTLE_S, Excite
+from daemon.core.exercises.exercise import BEGIN_MAX_S, NOT_BEGUN, LegSample
 from daemon.core.exercises.gait import Gait, GaitPlan
 from daemon.core.exercises.hold import Hold
+from daemon.core.exercises.self_test import AVERAGED_MIN_S, Phase, SelfTest, Way, speed_max
 from daemon.core.motion import gait_shape
 from daemon.ipc.record import Stage
 from observer.mechanism.mechanism import singularity_ratio
@@ -35,6 +36,7 @@ AT_REST = LegSample(
     in_torque_mode=True,
     mode_changing=False,
 )
+IN_POSITION_MODE = AT_REST._replace(in_torque_mode=False)
 
 
 def at(position):
@@ -242,6 +244,33 @@ def test_an_excitation_goes_to_mid_pose_and_settles_before_it_begins():
     assert ref.position == pytest.approx(plan.middle)
 
 
+def test_an_excitation_does_not_begin_before_the_drives_are_in_torque_mode():
+    plan = excite_play()
+    for _ in range(round((plan.way.duration_s + BEGIN_MAX_S) / DT_S)):
+        plan = plan.advance(IN_POSITION_MODE, DT_S)
+    waiting = plan.targets(IN_POSITION_MODE)
+
+    begun = plan.advance(AT_REST, DT_S)
+
+    assert plan.stage == Stage.APPROACHING
+    assert waiting.guided
+    assert waiting.position == pytest.approx(plan.middle)
+    assert (begun.stage, begun.elapsed_s) == (Stage.PLAYING, 0.0)
+
+
+def test_an_excitation_without_torque_mode_is_over_and_says_why():
+    plan = excite_play()
+    cycles = 0
+    while plan.stage == Stage.APPROACHING:
+        plan = plan.advance(IN_POSITION_MODE, DT_S)
+        cycles += 1
+
+    assert cycles * DT_S == pytest.approx(
+        plan.way.duration_s + SETTLE_S + BEGIN_MAX_S, abs=2 * DT_S
+    )
+    assert (plan.stage, plan.failure) == (Stage.OVER, NOT_BEGUN)
+
+
 def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
     plan = excite_play(stage=Stage.PLAYING, elapsed_s=2.2)
 
@@ -277,3 +306,51 @@ def test_an_excitation_is_over_when_its_time_is():
     plan = excite_play(stage=Stage.PLAYING, elapsed_s=4.995)
 
     assert plan.advance(at(plan.middle), DT_S).stage == Stage.OVER
+
+
+def self_test_play(**change):
+    def way(name, distance_si):
+        return Way(name, distance_si, speed_max(abs(distance_si)), 6.0, 8.0)
+
+    plan = SelfTest(
+        start=(0.1, 0.45),
+        ways=(way("right/hip", math.radians(4.0)), way("right/slide", -0.04)),
+        ratios=(0.5, 1.6),
+        wait_s=0.0,
+    )
+    return replace(plan, **change)
+
+
+@pytest.mark.parametrize(
+    ("distance_si", "most_si_per_s"),
+    [(math.radians(4.0), 0.174), (math.radians(1.0), 0.043), (0.04, 0.1), (0.0051, 0.012)],
+)
+def test_the_highest_speed_of_a_self_test_leaves_a_tenth_of_a_second_to_average(
+    distance_si, most_si_per_s
+):
+    assert speed_max(distance_si) == most_si_per_s
+
+
+def test_the_fastest_self_test_has_no_step_and_averages_each_axis_both_ways():
+    told = story(self_test_play())
+    positions = np.array([ref.position for _, ref in told])
+    velocities = np.array([ref.velocity for _, ref in told])
+    samples = [
+        plan.phase(index) for plan, _ in told if plan.stage == Stage.PLAYING for index in (0, 1)
+    ]
+
+    most = np.array([0.174, 0.1])
+    assert (np.abs(np.diff(positions, axis=0)) <= most * DT_S * (1 + 1e-9)).all()
+    assert (np.abs(np.diff(velocities, axis=0)) <= most * DT_S / 0.2 * (1 + 1e-9)).all()
+    for phase in (Phase.FORTH, Phase.BACK):
+        averaged = [one for one in samples if one == (phase, True)]
+        assert len(averaged) >= 2 * (AVERAGED_MIN_S / DT_S - 1)
+
+
+def test_a_self_test_without_torque_mode_is_over_and_both_axes_say_why():
+    plan = self_test_play()
+    while plan.stage == Stage.PREPARING:
+        plan = plan.advance(IN_POSITION_MODE, DT_S)
+
+    assert plan.stage == Stage.OVER
+    assert [result.fault for result in plan.results()] == [NOT_BEGUN, NOT_BEGUN]
