@@ -164,7 +164,7 @@ class Event(Stated, frozen=True, kw_only=True):
 
 
 class Reply(Stated, frozen=True, kw_only=True):
-    """Answer to each request that acts: leases, enable, disable, stop, reset, mode, plan, restart."""
+    """Answer to a request that acts: leases, enable, disable, stop, reset, mode, plan, restart."""
 
     request: Annotated[str, Meta(description="NAME of control/NAME.")]
     outcome: OutcomeName
