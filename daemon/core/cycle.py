@@ -108,13 +108,20 @@ def safety_inputs(core: Core, command_inputs: inputs.CommandInputs, tick: Tick) 
             tx_dropped_in_a_row=tick.tx_dropped_in_a_row,
         ),
         axes=[_axis(core, leg, axis) for leg in core.legs for axis in leg.axes],
-        legs=[
-            LegInputs(leg.name, leg.singularity_ratio, leg.stopping_ratio, leg.observer_bad_cycles)
-            for leg in core.legs
-        ],
+        legs=[_leg(core, leg) for leg in core.legs],
         thresholds=core.config.thresholds,
         categories=core.config.categories,
         driving=is_driving(core),
+    )
+
+
+def _leg(core: Core, leg: Leg) -> LegInputs:
+    return LegInputs(
+        name=leg.name,
+        singularity_ratio=leg.singularity_ratio,
+        stopping_ratio=leg.stopping_ratio,
+        observer_bad_cycles=leg.observer_bad_cycles,
+        seeks_home=any(single_axis.seeks_home(core, axis) for axis in leg.axes),
     )
 
 

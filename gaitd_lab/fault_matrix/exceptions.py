@@ -10,7 +10,7 @@ from types import MappingProxyType
 from typing import Final
 
 from daemon.ipc.record import Cause, Mode, StopCategory
-from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, S2, Law, stops
+from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, S2, Law, goes_on, stops
 
 
 def _unseen(fault: str, why: str, *causes: Cause, by: tuple[StopCategory, ...] = ()) -> Law:
@@ -123,6 +123,10 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             (fault, "reference", "right/hip"): _unseen(fault, _HOMING)
             for fault in ("encoder_frozen", "blocked_rotor", "brake_stuck", "limit_switch")
         },
+        ("observer_nan_stays", "reference", ""): goes_on(
+            "until home is found the pose is in doubt and no estimate counts: the drive's own loops"
+            " move the axis"
+        ),
         **{
             ("nan_guidance", mode, ""): _unseen("nan_guidance", "no plan guides an axis alone")
             for mode in ("reference", "commission")

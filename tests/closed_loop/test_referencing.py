@@ -7,9 +7,10 @@ import pytest
 from sessions import changed_configs, new_session, single_axis_run
 
 from daemon.core.modes.persistent_state import PersistentState, StoredAxis
-from daemon.core.steps.single_axis import moves_origin
+from daemon.core.steps.single_axis import moves_origin, seeks_home
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from drives.signals import OperationMode, PowerState
+from observer.filter.status import Validity
 from simtime.frame import Frame
 
 HIP, SLIDE = "right/hip", "right/slide"
@@ -339,6 +340,93 @@ def test_of_a_damaged_file_nothing_is_believed_until_it_is_found_anew(tmp_path):
     persistent = session.state_file.persistent
     assert persistent.axis(HIP).position_si is not None
     assert referenced(new_session(lenient, persistent).until_ready())[1] is False
+
+
+def off_by(tmp_path, off_rad, *changes):
+    """Both encoders are believed, but the origin of the hip's is off."""
+    off = ("plant.toml", "offset_rad = 0.0", f"offset_rad = {off_rad}")
+    configs = changed_configs(tmp_path, *EMPTY, *STRICT[:2], off, *changes)
+    session = new_session(configs).until_ready()
+    truth = session.truth.rows[-1]
+    assert referenced(session) == [True, True]
+    wrong_rad = session.record.drives[0].position_si - truth.hip_angle_rad
+    assert abs(wrong_rad) == pytest.approx(abs(off_rad), abs=2e-3)
+    return session
+
+
+@pytest.mark.parametrize("off_rad", [0.02, 0.1, -0.1])
+def test_a_hip_whose_origin_is_off_is_homed_without_a_stop_trusted_and_enabled(tmp_path, off_rad):
+    session = off_by(tmp_path, off_rad)
+
+    records = home(session, HIP)
+
+    told = [event for record in records for event in record.events]
+    assert "right/hip: homed" in told
+    assert not [event for event in told if event.startswith(("stop ", "also: "))]
+    session.run(0.5)
+    truth = session.truth.rows[-1]
+    assert referenced(session) == [True, True]
+    assert session.record.drives[0].position_si == pytest.approx(truth.hip_angle_rad, abs=3e-4)
+    assert session.record.legs[0].state[0] == pytest.approx(truth.hip_angle_rad, abs=1e-3)
+    assert Validity.BAD not in session.record.legs[0].validity
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+def test_the_estimate_begins_anew_in_the_cycle_in_which_home_is_found(tmp_path):
+    bent = ("plant.toml", "slide_m = 0.5905", "slide_m = 0.2")
+    session = off_by(tmp_path, 0.1, bent)
+
+    records = home(session, HIP)
+
+    homed = next(i for i, one in enumerate(records) if "right/hip: homed" in one.events)
+    after = [record for record in records[homed:] if record.mode == Mode.STOPPING]
+    assert after
+    for record in after:
+        assert Validity.BAD not in record.legs[0].validity
+        assert record.legs[0].state[0] == pytest.approx(record.drives[0].position_si, abs=2e-3)
+
+
+def test_a_stop_of_a_homing_whose_origin_is_off_names_no_pose_in_doubt(tmp_path):
+    session = off_by(tmp_path, 0.1)
+    begun = len(session.records)
+    leg = session.core.legs[0]
+    asked(session, HIP)
+    session.run_until(lambda _: leg.singularity_ratio < 0.15, within_s=30)
+    assert session.record.mode == Mode.REFERENCE
+
+    session.gateway.stop()
+    session.until(Mode.FAULT, within_s=5.0)
+    session.run(1.0)
+
+    told = [event for record in session.records[begun:] for event in record.events]
+    assert session.record.verdict.cause == Cause.STOP_REQUESTED
+    assert not [event for event in told if event.startswith("also: ")]
+    assert seeks_home(session.core, session.core.axes[0])
+    session.execute(RequestKind.RESET)
+    session.until(Mode.READY, within_s=10.0)
+    assert not seeks_home(session.core, session.core.axes[0])
+
+
+def test_the_pose_of_a_leg_counts_again_from_the_cycle_in_which_its_axis_is_homed(incremental):
+    hip, slide = incremental.core.axes
+    assert not seeks_home(incremental.core, hip)
+    asked(incremental, HIP)
+    incremental.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
+    assert seeks_home(incremental.core, hip)
+    assert not seeks_home(incremental.core, slide)
+
+    incremental.run_until(lambda record: "right/hip: homed" in record.events, within_s=60)
+
+    assert incremental.record.mode == Mode.STOPPING
+    assert not seeks_home(incremental.core, hip)
+
+
+def test_a_sign_test_puts_no_origin_in_doubt(tmp_path):
+    session = new_session(changed_configs(tmp_path, *EMPTY)).until_ready()
+    session.request(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=HIP))
+    session.run_until(lambda record: record.mode == Mode.COMMISSION, within_s=10)
+
+    assert not any(seeks_home(session.core, axis) for axis in session.core.axes)
 
 
 def test_a_homing_faster_than_its_search_has_run_away_and_is_stopped(tmp_path):

@@ -87,7 +87,13 @@ WELL = ServiceInputs(
     bus_error="",
     tx_dropped_in_a_row=0,
 )
-LEG = LegInputs("right", singularity_ratio=0.8, stopping_ratio=0.75, observer_bad_cycles=0)
+LEG = LegInputs(
+    name="right",
+    singularity_ratio=0.8,
+    stopping_ratio=0.75,
+    observer_bad_cycles=0,
+    seeks_home=False,
+)
 FEEDBACK = DriveFeedback(
     node_id=5,
     nmt_state=NmtState.OPERATIONAL,

@@ -383,6 +383,14 @@ DRIVING_CHECKS: tuple[Check, ...] = (
 
 
 def _check_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Finding]:
+    """Check the pose of a leg, and that its estimate is usable.
+
+    Not while an axis seeks its home: both would be judged by the origin that the homing corrects,
+    or is to find. That axis has the limits of its homing then, and all raw checks of both axes stay
+    in force, as at a first homing, when no pose is known.
+    """
+    if leg.seeks_home:
+        return
     if leg.singularity_ratio < thresholds.singularity_stop_ratio:
         yield (
             Cause.SINGULARITY,

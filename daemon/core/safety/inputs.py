@@ -71,6 +71,8 @@ class LegInputs(NamedTuple):
     """The smallest singularity ratio on the way to rest of both axes."""
     observer_bad_cycles: int
     """Cycles in a row without a valid estimate while the observer runs."""
+    seeks_home: bool
+    """An axis of this leg is homed and its home is not found yet: the pose is in doubt."""
 
 
 class ServiceInputs(NamedTuple):

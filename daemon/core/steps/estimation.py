@@ -8,7 +8,7 @@ import math
 
 from daemon.core.safety import friction_monitor
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import monitors
+from daemon.core.steps import monitors, single_axis
 from daemon.core.steps.sampling import effort_std
 from daemon.core.tick import Tick
 from observer.filter.leg_observer import PoseError
@@ -16,8 +16,13 @@ from observer.filter.status import Validity
 
 
 def estimate(core: Core, tick: Tick) -> None:
-    """Feed each leg's observer with this cycle's samples; a missing sample is NaN."""
+    """Feed each leg's observer with this cycle's samples; a missing sample is NaN.
+
+    Where a homing has moved the origin, the observer starts anew: to it the step is no motion.
+    """
     for leg in core.legs:
+        if _origin_moved(core, leg):
+            _reset_leg(leg)
         hip, slide = leg.axes
         exercise = leg.exercise
         leg.artificial = (0.0, 0.0) if exercise is None else exercise.artificial_si
@@ -54,9 +59,20 @@ def estimate(core: Core, tick: Tick) -> None:
 def reset(core: Core) -> None:
     """Neither estimate nor stride nor samples: there are no drives, or they have just come up."""
     for leg in core.legs:
-        leg.estimate = leg.stride = None
-        leg.measured, leg.effort_used = (math.nan, math.nan), (0.0, 0.0)
-        leg.observer_started, leg.observer_bad_cycles = False, 0
+        _reset_leg(leg)
+
+
+def _reset_leg(leg: Leg) -> None:
+    leg.estimate = leg.stride = None
+    leg.measured, leg.effort_used = (math.nan, math.nan), (0.0, 0.0)
+    leg.observer_started, leg.observer_bad_cycles = False, 0
+
+
+def _origin_moved(core: Core, leg: Leg) -> bool:
+    return any(
+        axis.feedback is not None and single_axis.moves_origin(core, axis, axis.feedback)
+        for axis in leg.axes
+    )
 
 
 def _start(leg: Leg) -> bool:

@@ -11,7 +11,7 @@ FAULT as in other modes; the reset after it brings the drives up with their usua
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from daemon.core.exercises.single_axis import AxisSample, AxisStart, SingleAxis
+from daemon.core.exercises.single_axis import AxisSample, AxisStart, SingleAxis, Step
 from daemon.core.modes.persistent_state import prove
 from daemon.core.modes.table import MODES, Event
 from daemon.core.safety.joints import is_at_rest
@@ -37,6 +37,16 @@ def is_homing(core: Core, axis: Axis) -> bool:
     """True if this axis is moved by its drive's own homing."""
     run = core.single_axis
     return run is not None and run.axis == axis.name and run.by_drive
+
+
+def seeks_home(core: Core, axis: Axis) -> bool:
+    """True from the begin of this axis's homing until its home is found: its origin is in doubt.
+
+    After a homing that was stopped or failed, until the drives are brought up again: the drive may
+    have moved the origin.
+    """
+    run = core.single_axis
+    return is_homing(core, axis) and run is not None and run.step is not Step.DONE
 
 
 def moves_origin(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:

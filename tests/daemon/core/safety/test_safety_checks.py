@@ -7,7 +7,7 @@ import pytest
 from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.safety.bounds import bound, bound_assist, bound_position
-from daemon.core.safety.checks import NO_VERDICT
+from daemon.core.safety.checks import NO_VERDICT, OBSERVER_BAD_MAX_CYCLES
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, StopCategory
@@ -563,6 +563,54 @@ HOMING = AXIS._replace(homing=True)
 @pytest.mark.parametrize("position_si", [-9.0, 9.0])
 def test_where_a_joint_is_means_nothing_while_it_homes(position_si):
     assert verdict_of(axes=[moved(HOMING, position_si=position_si)]) == NO_VERDICT
+
+
+IN_DOUBT = [
+    ({"singularity_ratio": 0.0}, Cause.SINGULARITY),
+    ({"stopping_ratio": 0.0}, Cause.STOPPING_PATH),
+    ({"observer_bad_cycles": OBSERVER_BAD_MAX_CYCLES + 1}, Cause.OBSERVER_INVALID),
+]
+
+
+@pytest.mark.parametrize(("doubtful", "cause"), IN_DOUBT)
+def test_a_leg_whose_axis_seeks_its_home_is_not_judged_by_the_pose_in_doubt(doubtful, cause):
+    seeking = LEG._replace(seeks_home=True, **doubtful)
+
+    assert verdict_of(legs=[seeking]) == NO_VERDICT
+    assert verdict_of(legs=[seeking._replace(seeks_home=False)]).cause == cause
+
+
+@pytest.mark.parametrize(("doubtful", "cause"), IN_DOUBT)
+def test_the_other_leg_is_judged_while_an_axis_seeks_its_home(doubtful, cause):
+    seeking = LEG._replace(seeks_home=True, **doubtful)
+    other = LEG._replace(name="left", **doubtful)
+
+    verdict = verdict_of(legs=[seeking, other])
+
+    assert (verdict.cause, verdict.drive) == (cause, "left")
+
+
+@pytest.mark.parametrize(
+    ("axis", "cause"),
+    [
+        (fed(HOMING, sample_age_cycles=3), Cause.DRIVE_SILENT),
+        (fed(HOMING, power_state=PowerState.FAULT), Cause.DRIVE_FAULT),
+        (
+            fed(HOMING, emergency=EMERGENCY, alarm=EMERGENCY)._replace(new_emergency=True),
+            Cause.EMERGENCY,
+        ),
+        (fed(HOMING, inputs=Input.STO_RELEASED), Cause.HAND_SWITCH_OPEN),
+        (fed(HOMING, inputs=Input.HAND_SWITCH_CLOSED), Cause.STO_ACTIVE),
+        (moved(HOMING, velocity_si=3.5, effort_si=0.0), Cause.VELOCITY_LIMIT),
+        (moved(HOMING, effort_si=70.0, velocity_si=0.0), Cause.EFFORT_LIMIT),
+        (moved(HOMING, step_si=0.06), Cause.ENCODER_JUMP),
+        (HOMING._replace(watch=EffortWatch(gap_si=9.0, gap_cycles=3)), Cause.EFFORT_DEVIATION),
+    ],
+)
+def test_an_axis_that_seeks_its_home_is_judged_by_all_that_its_drive_shows(axis, cause):
+    seeking = LEG._replace(seeks_home=True)
+
+    assert verdict_of(axes=[axis], legs=[seeking]).cause == cause
 
 
 @pytest.mark.parametrize("position_si", [-9.0, 9.0])
