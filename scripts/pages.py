@@ -65,7 +65,7 @@ LONG: Final = {
     ),
     "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd.matrix",)),
     "process_faults.md": Made(
-        "pytest tests/service --write-process-faults",
+        "pytest tests/service -m '' --write-process-faults",
         SERVICE,
         ("configs", "tests/service", "tests/support"),
     ),
