@@ -60,7 +60,8 @@ class Supervised(LongService):
 
     def begin(self):
         self.start_drives()
-        self.start("core", environment={"NOTIFY_SOCKET": str(self.systemd.path)})
+        systemd = {"NOTIFY_SOCKET": str(self.systemd.path), "WATCHDOG_USEC": "1000000"}
+        self.start("core", "--admit-simulated", environment=systemd)
         self.start("gateway")
         self.wait(lambda: "READY=1" in self.systemd.said(), TIMEOUT_S)
         return self
