@@ -46,9 +46,8 @@ GAIT_S: Final = 120.0
 STOP_MAX_S: Final = 10.0
 BOUND_RATIO: Final = 0.98
 """A command of this share of its bound has reached it."""
-RESET: Final = ("reset", Mode.READY)
-ENABLE: Final = ("enable", Mode.HOLD)
-"""A request, and the mode that follows it."""
+PRESSED: Final = frozenset({Cause.STO_ACTIVE, Cause.DRIVE_FAULT, Cause.EMERGENCY})
+"""Causes of a stop that an emergency stop without power may leave."""
 AT_REST: Final = frozenset({Mode.OFF, Mode.BRINGING_UP, Mode.READY, Mode.FAULT})
 """Modes in which the service moves nothing and holds nothing."""
 PASSED_OR_FAILED: Final = {True: Judgement.PASSED, False: Judgement.FAILED}
@@ -168,6 +167,8 @@ class Acceptance:
         """Why the machine is not moved any more, and the rest is not measured."""
         self._shown: dict[str, list[Line]] = {name: [] for name in self._axes}
         """Limits that were shown to act."""
+        self._measured: frozenset[Cause] = frozenset()
+        """Causes of the stop that was measured last, which may be reset."""
 
     def run(self, blocked: str = "") -> None:
         """Do all steps; each drive then has all sections, measured or not.
@@ -299,33 +300,66 @@ class Acceptance:
     def _pass(self, duration_s: float) -> None:
         self._bench.until(lambda _: False, duration_s)
 
-    def _enabled(self) -> None:
-        """Bring the leg into mode hold from wherever it is, and prompt the operator for what lacks.
-
-        A latched stop is reset. The emergency stop that is pressed to be seen may leave one: some
-        drives report it as a fault also without power.
+    def _until_done(self, request: str) -> None:
+        """Repeat a request, and prompt the operator, until nothing is missing.
 
         Raises:
-            NotMeasuredError: it cannot be; nothing that needs it is tried again.
+            NotMeasuredError: it is refused for too long, or a stop has come meanwhile.
         """
-        shown = reason = request = ""
+        shown = reason = ""
+        begun = self._seq()
         for _ in range(round(STEP_MAX_S / RETRY_S)):
-            record = self._bench.newest()
-            mode = Mode.OFF if record is None else record.mode
-            if mode is Mode.HOLD:
-                break
-            request, reached = RESET if mode is Mode.FAULT else ENABLE
             reason = self._bench.request(request)
             if not reason:
-                self._reached(reached, READY_MAX_S)
-                continue
+                return
+            begun = self._checked(begun)
             text = prompt(reason)
             if text != shown:
                 shown = text
                 self._operator.tell(text)
             self._pass(RETRY_S)
-        else:
-            raise self._failed(f"{request} refused: {reason}")
+        raise self._failed(f"{request} refused: {reason}")
+
+    def _checked(self, begun: int) -> int:
+        """Check for a stop since a record; return the record from which the next check goes.
+
+        The fault that some drives report where the emergency stop is pressed without power, as the
+        daily check of the inputs asks for, is reset.
+
+        Raises:
+            NotMeasuredError: another stop has come, which the operator has to look at first.
+        """
+        records = self._bench.since(begun - 1)
+        if records[0].mode is Mode.FAULT or records[-1].mode is not Mode.FAULT:
+            return begun
+        was_driving = any(record.mode not in AT_REST for record in records)
+        was_pressed = any(not drive.sto_released for one in records for drive in one.drives)
+        if was_driving or not was_pressed or records[-1].verdict.cause not in PRESSED:
+            raise self._failed(self._state())
+        self._operator.tell(f"{self._state()}: the emergency stop was seen to act; it is reset.")
+        self._reset()
+        return self._seq()
+
+    def _reset(self) -> None:
+        self._until_done("reset")
+        self._reached(Mode.READY, READY_MAX_S)
+
+    def _enabled(self) -> None:
+        """Bring the leg into mode hold, from READY or from the stop that was measured last.
+
+        Raises:
+            NotMeasuredError: it cannot be, or another stop is latched, which the operator has to
+                look at first; nothing that needs it is tried again.
+        """
+        record = self._bench.newest()
+        if record is not None and record.mode is Mode.FAULT:
+            if record.verdict.cause not in self._measured:
+                raise self._failed(self._state())
+            self._reset()
+        record = self._bench.newest()
+        if record is None or record.mode is not Mode.HOLD:
+            self._until_done("enable")
+            self._reached(Mode.HOLD, READY_MAX_S)
         self._pass(1.0)  # the static load is compared after it
         record = self._bench.newest()
         if record is None or record.mode is not Mode.HOLD:
@@ -451,8 +485,11 @@ class Acceptance:
                 else Line(LOAD, mine, allowed, PASSED_OR_FAILED[PASSED in mine])
             )
             self.sections[name].append(Section("Self-test", (line,)))
+        record = self._bench.newest()
         if texts and not all(PASSED in text for text in texts):
             self.blocked = "the self-test has failed"
+        elif record is not None and record.mode is Mode.FAULT:
+            self.blocked = self.blocked or self._state()
 
     def _tested(self) -> list[str]:
         """Event texts of a self-test."""
@@ -486,6 +523,7 @@ class Acceptance:
             return
         for name in names:
             self._measure(records, name, how)
+        self._measured = PRESSED if how is Stops.STO.value else frozenset({how.cause})
 
     def _measure(self, records: Sequence[CycleRecord], name: str, how: How) -> None:
         rules = self._stop_rules(name)
