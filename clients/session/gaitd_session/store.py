@@ -9,8 +9,8 @@ Rules:
    of it is changed.
 5. Migration: MIGRATIONS[n] leads from version n to n + 1, in one transaction, when a writer opens
    the file. An entry is never edited after a release; a change of the schema is another entry.
-6. The file is bounded: a writer that opens one with more than STRIDES_BYTES_MAX deletes strides,
-   those of the oldest session first. Sessions, blocks and goals stay.
+6. The file is bounded: where it has more than STRIDES_BYTES_MAX, a session that begins deletes the
+   strides of the oldest sessions. Sessions, blocks and goals stay.
 7. Deleted rows are overwritten (secure_delete), and `erase` leaves none in free pages or in the
    write-ahead log.
 """
@@ -29,6 +29,8 @@ MODE: Final = 0o660
 group may create these, and the writer must be able to use them afterwards."""
 STRIDES_BYTES_MAX: Final = 256_000_000
 """About 850 hours of walking with two legs."""
+TRIMMED_SESSIONS_MAX: Final = 20
+"""Sessions whose strides are deleted at once, so that a patient never waits for it."""
 BUSY_S: Final = 5.0
 """Longest wait for a reader's lock."""
 
@@ -269,13 +271,6 @@ class Store:
                 " WHERE end IS NULL",
                 (INTERRUPTED,),
             )
-        while _used_bytes(database) > STRIDES_BYTES_MAX:
-            with _transaction(database):
-                deleted = database.execute(
-                    "DELETE FROM stride WHERE session = (SELECT min(session) FROM stride)"
-                )
-            if not deleted.rowcount:
-                break
 
     def close(self) -> None:
         """Close the file, and let another writer open it."""
@@ -307,6 +302,7 @@ class Store:
     def _write(self, session: int | None, row: Row) -> int | None:
         match row:
             case SessionRow():
+                self._make_room()
                 return self._database.execute(
                     "INSERT INTO session (profile, trainer, begun_utc_ns) VALUES (?, ?, ?)", row
                 ).lastrowid
@@ -324,6 +320,14 @@ class Store:
                     (session, *row),
                 )
         return session
+
+    def _make_room(self) -> None:
+        for _ in range(TRIMMED_SESSIONS_MAX):
+            if _used_bytes(self._database) <= STRIDES_BYTES_MAX:
+                return
+            self._database.execute(
+                "DELETE FROM stride WHERE session = (SELECT min(session) FROM stride)"
+            )
 
     def erase(self, profile: str) -> int:
         """Delete all rows of a profile, without a trace in the file; return its sessions.

@@ -220,27 +220,34 @@ def test_a_second_writer_and_a_folder_that_is_not_there_leave_a_session_without_
 def test_strides_of_the_oldest_sessions_make_room_and_their_sessions_stay(tmp_path, monkeypatch):
     file = tmp_path / "history.sqlite"
     per_session = 2000
+
+    def play(store, number):
+        strides = [batch(number)[0]._replace(end_utc_ns=n) for n in range(per_session)]
+        store.write([*strides, *batch(number)[1:]])
+
     for number in range(6):
         with begun(file) as store:
-            strides = [batch(number)[0]._replace(end_utc_ns=n) for n in range(per_session)]
-            store.write([*strides, *batch(number)[1:]])
+            play(store, number)
     before = file.stat().st_size
 
     monkeypatch.setattr("gaitd_session.store.STRIDES_BYTES_MAX", before * 6 // 10)
-    for _ in range(2):
-        with Store(file, is_writer=True) as store:
-            kept = store.summaries(PROFILE)
-    for _ in range(3):
-        with begun(file) as store:
-            store.write(strides)
+    with begun(file) as store:  # one program for many sessions, as the patient's page
+        kept = store.summaries(PROFILE)
+        play(store, 6)
+        for number in (7, 8):
+            store.write([SessionRow(PROFILE, "trainer", 1000)])
+            play(store, number)
 
-    assert [one.stride_count for one in kept] == [0] * 3 + [per_session] * 3
-    assert all(one.walked_s == 2.0 * n for n, one in enumerate(kept))
+    assert [one.stride_count for one in kept] == [0] * 3 + [per_session] * 3 + [0]
+    assert all(one.walked_s == 2.0 * n for n, one in enumerate(kept[:6]))
     assert file.stat().st_size <= before
     monkeypatch.setattr("gaitd_session.store.STRIDES_BYTES_MAX", 0)
+    monkeypatch.setattr("gaitd_session.store.TRIMMED_SESSIONS_MAX", 2)
     with Store(file, is_writer=True) as store:
-        assert len(store.summaries(PROFILE)) == 9
-        assert store.strides(PROFILE) == []
+        held = len(store.strides(PROFILE))
+        assert held >= 3 * per_session
+        store.write([SessionRow(PROFILE, "trainer", 1000)])
+        assert len(store.strides(PROFILE)) == held - 2 * per_session
 
 
 def test_erase_leaves_no_trace_of_a_profile_in_any_file_and_others_whole(tmp_path):
