@@ -35,16 +35,16 @@ ENABLE_CYCLES = 25
 FREEZE_DECELERATION_RATIO = 3.0
 """Multiple of the quick-stop deceleration above which a standstill is an encoder fault."""
 FROZEN_PUSH_RATIO = 3.0
-"""Change of effort without a count, as a multiple of breakaway, that shows a frozen encoder.
+"""Change of effort at standstill, as a multiple of breakaway, that shows a frozen encoder.
 
-Friction hides a change of twice the breakaway, from one sign to the other. A larger change without
-a single count means that the encoder or the joint is stuck. A patient who leans steadily on a held
-leg causes no change, and no fault.
+Standstill is within `still_counts_max`. Friction hides a change of twice the breakaway, from one
+sign to the other. A larger change without motion means that the encoder or the joint is stuck. A
+patient who leans steadily on a held leg causes no change, and no fault.
 """
 HELD_RATIO = 0.1
 """Share of the tracking limit within which a drive's own loops count as holding a joint.
 
-Such a drive may change its effort without a count: it holds against a patient who leans. Where the
+Such a drive may change its effort without motion: it holds against a patient who leans. Where the
 loops leave the joint farther off, they push at their limit without motion.
 """
 
@@ -283,7 +283,7 @@ def _encoder(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
             Cause.ENCODER_FROZEN,
             change_si,
             FROZEN_PUSH_RATIO * limits.breakaway_si,
-            "effort changed without a count of motion",
+            "effort changed, and the joint stood still",
         )
 
 

@@ -60,7 +60,7 @@ class SpasmWatch:
             effort_si: effort of the patient from the observer: N·m or N.
             speed_si: raw joint speed; rad/s or m/s.
             wanted_speed_si: speed of the reference; 0 where nothing is guided.
-            still_cycles: cycles since the last count of the joint.
+            still_cycles: cycles since the joint has moved.
             rise_max_si: threshold of the rise for a spasm.
             rest_si: speed below which the joint counts as at rest.
         """

@@ -29,7 +29,7 @@ from drives.cia402.units import effort_to_permille, position_to_counts
 from drives.signals import DriveCommand, OperationMode, PowerRequest
 
 STILL_CYCLES: Final = 5
-"""Cycles without a new count after which a joint is at rest.
+"""Cycles without motion after which a joint is at rest.
 
 A drive that then begins to hold the position of two cycles ago finds the joint there.
 """

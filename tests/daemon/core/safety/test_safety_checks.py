@@ -230,7 +230,7 @@ def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
         "right/hip",
         30.0,
         3.0 * LIMITS.breakaway_si,
-        "effort changed without a count of motion",
+        "effort changed, and the joint stood still",
     )
 
 
