@@ -167,8 +167,8 @@ class Acceptance:
         """Why the machine is not moved any more, and the rest is not measured."""
         self._shown: dict[str, list[Line]] = {name: [] for name in self._axes}
         """Limits that were shown to act."""
-        self._measured: frozenset[Cause] = frozenset()
-        """Causes of the stop that was measured last, which may be reset."""
+        self._measured = Cause.NONE
+        """Cause of the stop that was measured last, which may be reset."""
 
     def run(self, blocked: str = "") -> None:
         """Do all steps; each drive then has all sections, measured or not.
@@ -353,7 +353,7 @@ class Acceptance:
         """
         record = self._bench.newest()
         if record is not None and record.mode is Mode.FAULT:
-            if record.verdict.cause not in self._measured:
+            if record.verdict.cause is not self._measured:
                 raise self._failed(self._state())
             self._reset()
         record = self._bench.newest()
@@ -523,7 +523,7 @@ class Acceptance:
             return
         for name in names:
             self._measure(records, name, how)
-        self._measured = PRESSED if how is Stops.STO.value else frozenset({how.cause})
+        self._measured = how.cause
 
     def _measure(self, records: Sequence[CycleRecord], name: str, how: How) -> None:
         rules = self._stop_rules(name)

@@ -57,8 +57,9 @@ MOVES: Final = "moves with its torque"
 RESULT: Final = ": self-test "
 UNTESTED: Final = "not seen to act today: "
 
+PRESS: Final = "Press the emergency stop, and release it again."
 PROMPTS: Final = (
-    ("pressed", "Press the emergency stop, and release it again."),
+    ("pressed", PRESS),
     ("released", "Release the emergency stop."),
     ("switch open", "Let go of the hand switch, then hold it again."),
     ("switch closed", "Hold the hand switch."),
@@ -369,7 +370,7 @@ def _enable(trainer: Trainer, show: Print) -> str:
             # Another client's request, or a stop: an enable request now would be outside this test.
             stopped = stop_text(safety) or f"not possible in mode {safety.mode}"
             # Some drives report an emergency stop as a fault also without power.
-            return f"{stopped}; {AGAIN}" if last_text else stopped
+            return f"{stopped}; {AGAIN}" if last_text == PRESS else stopped
         reply = trainer.request("enable")
         if reply.outcome == Outcome.DONE:
             return ""

@@ -23,8 +23,8 @@ STOP = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, "right/hip", detail="2310h ov
 class Service:
     """In one mode after the other, the next one behind each refused request."""
 
-    def __init__(self, *modes):
-        self.modes = list(modes)
+    def __init__(self, *modes, reason="not yet"):
+        self.modes, self.reason = list(modes), reason
         self.asked = []
 
     def __enter__(self):
@@ -37,7 +37,7 @@ class Service:
         self.asked.append(name)
         del self.modes[: len(self.modes) > 1]
         return wire.Reply(
-            **self.head(), request=name, outcome="refused", reason="not yet", mode=None
+            **self.head(), request=name, outcome="refused", reason=self.reason, mode=None
         )
 
     def status(self):
@@ -76,8 +76,8 @@ def record(mode, verdict):
 def run(monkeypatch):
     """The command, before a service in these modes."""
 
-    def against(*modes):
-        service = Service(*modes)
+    def against(*modes, reason="not yet"):
+        service = Service(*modes, reason=reason)
         monkeypatch.setattr(preparation, "client_of", lambda *_: service)
         monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
         return CliRunner().invoke(build("self-test"), ["self-test"]), service
@@ -93,7 +93,16 @@ def test_a_latched_stop_is_shown_with_its_remedy_and_not_reset(run, modes):
     assert result.exit_code == EXIT_REFUSED
     assert f"right/hip: {text.title} (2310h overcurrent): {text.remedy}" in result.stdout
     assert service.asked == ["enable"] * (len(modes) - 1)
-    assert (preparation.AGAIN in result.stdout) == (len(modes) > 1)
+    assert preparation.AGAIN not in result.stdout
+
+
+def test_the_fault_of_an_emergency_stop_that_was_asked_for_says_how_to_go_on(run):
+    unseen = f"{preparation.UNTESTED}right/hip emergency stop (STO) pressed"
+
+    result, service = run(Mode.READY, Mode.FAULT, reason=unseen)
+
+    assert (result.exit_code, service.asked) == (EXIT_REFUSED, ["enable"])
+    assert preparation.AGAIN in result.stdout
 
 
 @pytest.mark.parametrize("modes", [(Mode.GAIT, Mode.READY), (Mode.READY, Mode.OFF, Mode.READY)])

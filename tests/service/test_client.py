@@ -89,14 +89,17 @@ def test_a_lease_says_why_setpoints_are_refused_and_outlives_the_gateway(long_se
         calls.append(estimate.cycle)
         return Assist(pulls[0])
 
+    def is_law_called_in_torque():
+        long_service.wait(lambda: lease.is_held and not lease.why_not, 30)
+        begun = trainer.mode(Mode.TORQUE).cycle
+        long_service.wait(lambda: calls[-1] > begun or lease.why_not, 30)
+        return calls[-1] > begun
+
     def steer():
         """Request torque; a law whose lease was just lost wants the mode to be left first."""
         while True:
-            long_service.wait(lambda: lease.is_held and not lease.why_not, 30)
             with contextlib.suppress(RequestRefusedError):  # the loss is not known here yet
-                begun = trainer.mode(Mode.TORQUE).cycle
-                long_service.wait(lambda: calls[-1] > begun or lease.why_not, 30)  # noqa: B023
-                if calls[-1] > begun:
+                if is_law_called_in_torque():
                     return
                 trainer.mode(Mode.HOLD)
 
