@@ -341,8 +341,13 @@ def _measure(
 
 @inline
 def _bound_friction(f: FrictionParameters, m: LegMemory, axis: int) -> None:
-    """Limit friction at rest to its breakaway level; the rest is assigned to the patient."""
-    if m.quiet_s[axis] > REST_COMPLETE_S or gate(f, m.mean[2 + axis]) < STANDSTILL_GATE:
+    """Limit friction at rest to its breakaway level; the rest is assigned to the patient.
+
+    A joint that the last sample has moved is not at rest, whatever its estimated velocity: its
+    friction follows the law, which corrects a wrong value better than the patient's state does.
+    """
+    slow = gate(f, m.mean[2 + axis]) < STANDSTILL_GATE
+    if m.quiet_s[axis] > REST_COMPLETE_S or (m.quiet_s[axis] > 0.0 and slow):
         friction = m.mean[4 + axis]
         held = min(max(friction, -f.stribeck), f.stribeck)
         m.mean[4 + axis] = held

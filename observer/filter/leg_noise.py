@@ -60,7 +60,7 @@ SPLIT_RATIO: Final = 0.4
 SPLIT_GROWTH_S: Final = 0.1
 RESTING_PATIENT_RATIO: Final = 0.1
 """Factor on the patient's initial uncertainty; the rest of it is in SPLIT."""
-GIVEN_SHARE: Final = 0.25
+GIVEN_SHARE: Final = 0.16
 """Share of the split's variance that one detected motion adds to the covariance."""
 MOVED_S: Final = 0.01
 MOVED_SIGMAS: Final = 5.0

@@ -27,6 +27,7 @@ from tests.observer.trainer import (
     simulate,
 )
 
+SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=3.0)
 HIP_DISTURBANCE, SLIDE_DISTURBANCE = 4.0, 30.0
 SETTLED = 50
 """Rows that a filter may take after its start."""
@@ -37,16 +38,17 @@ def estimated(leg, truth, tuning=TUNING, columns=None, slide=SLIDE_FRICTION, hip
     return batch.run(setup, encoded(truth) if columns is None else columns)
 
 
-def paper_scenario(lugre=False, seconds=30.0):
-    """Figs 4 and 5: hip torque from 2 s, slide force from 0, disturbances from 15 and 10 s."""
+def paper_scenario(lugre=False, seconds=30.0, hip_from=15.0, slide_from=10.0, slide_to=18.0):
+    """Figs 4 and 5: hip torque from 2 s, slide force from 0, disturbances at the given times."""
     cycles = int(seconds * 100)
     time_s = (np.arange(cycles) + 0.5) * 0.01
 
     def held(t):
         """Disturbances as the artificial ones are: constant over each cycle."""
         t = (np.floor(t / 0.01) + 0.5) * 0.01
-        hip = np.where(t > 15.0, HIP_DISTURBANCE * np.sin(2 * np.pi * 0.35 * (t - 15.0)), 0.0)
-        return np.column_stack((hip, np.where((t > 10.0) & (t < 18.0), SLIDE_DISTURBANCE, 0.0)))
+        hip = HIP_DISTURBANCE * np.sin(2 * np.pi * 0.35 * (t - hip_from))
+        slide = np.where((t > slide_from) & (t < slide_to), SLIDE_DISTURBANCE, 0.0)
+        return np.column_stack((np.where(t > hip_from, hip, 0.0), slide))
 
     hip = np.where(time_s < 2.4, 11.0, 10.0 * np.sin(2 * np.pi * 0.3 * time_s))
     hip = np.where(time_s < 2.0, 0.0, hip)
@@ -113,6 +115,25 @@ def test_the_net_effort_is_known_also_at_rest(matched):
     net = truth.state[:, 6:8] - truth.state[:, 4:6]
 
     assert np.all(rms((estimates.net - net)[SETTLED:]) <= (0.2, 2.0))  # 0.15 N m, 1.5 N
+
+
+@pytest.mark.parametrize("lugre", [False, True])
+def test_the_gate_costs_no_net_effort_at_rest_or_in_motion(lugre):
+    """Thirty draws of noise and of the disturbances' times, which meet the leg in any motion."""
+    draws = np.random.default_rng(1)
+    squares = np.zeros((2, 2, 2))  # without and with gate; rest and motion; axis
+    for seed in range(30):
+        hip_from, slide_from, slide_to = draws.uniform((14.0, 7.5, 15.5), (16.0, 12.5, 20.5))
+        truth = paper_scenario(lugre, 30.0, hip_from, slide_from, slide_to)
+        net = truth.state[:, 6:8] - truth.state[:, 4:6]
+        for gated, tuning in enumerate((SHIPPED._replace(velocity_gated=False), SHIPPED)):
+            made = estimated(PROTOTYPE, truth, tuning, encoded(truth, seed))
+            error = (made.net - net)[SETTLED:]
+            for motion, rows in enumerate((~moving(truth)[SETTLED:], moving(truth)[SETTLED:])):
+                squares[gated, motion] += np.sum(np.square(error) * rows, axis=0)
+
+    assert np.all(squares[1] <= squares[0])
+    assert np.all(squares[1].sum(axis=0) <= squares[0].sum(axis=0))
 
 
 def test_innovations_are_as_large_as_the_filter_says(matched):
@@ -202,6 +223,28 @@ def test_a_step_in_motion_is_seen_at_once_and_hardly_on_the_other_axis(
     assert int(np.argmax(response[:, axis] >= 0.9 * size)) + 1 <= rows
     assert response[:, axis].max() <= overshoot * size
     assert np.abs(response[:, 1 - axis]).max() <= cross_talk
+
+
+def test_a_push_while_a_joint_slows_down_is_the_patients_also_with_the_gate():
+    """The estimated velocity is zero before the slide is, and friction seems beyond breakaway.
+
+    To take the excess for the patient at that moment doubles the error of the patient.
+    """
+    drive = np.tile((0.0, -85.5), (140, 1))
+
+    def patient(t):
+        return np.column_stack((0.0 * t, -30.0 * (t > 0.80)))  # at -0.008 m/s
+
+    truth = simulate(PATIENT, 140, drive=drive, patient=patient)
+    worst = np.zeros(2)
+    for seed in range(10):
+        for gated in range(2):
+            tuning = SHIPPED._replace(velocity_gated=gated == 1)
+            made = estimated(PATIENT, truth, tuning, encoded(truth, seed))
+            error = (made.state - truth.state)[83:, 7]
+            worst[gated] = max(worst[gated], rms(error))
+
+    assert worst[1] <= 1.05 * worst[0]  # 6.5 N of 6.6
 
 
 # --- gait -------------------------------------------------------------------------------------
@@ -344,23 +387,23 @@ def with_gaps(columns, share, seed=4):
 
 
 def test_a_fifth_of_the_samples_lost_costs_little(matched):
-    """Mean of ten draws of noise and loss; friction 0.040 N m, disturbance 0.177 N m of 0.16.
+    """Each of ten draws of noise and loss; friction up to 0.038 N m, disturbance 0.15 N m of 0.14.
 
     observer.md 3.2: disturbance 0.173 -> 0.185 N m. An earlier prototype had friction at 0.043 N m.
     """
-    truth, clean = matched
+    truth, _ = matched
+    clean = estimated(PROTOTYPE, truth, SHIPPED)
     found = []
     for seed in range(10):
         columns = with_gaps(encoded(truth, seed), 0.2, seed + 100)
-        lossy = estimated(PROTOTYPE, truth, columns=columns)
+        lossy = estimated(PROTOTYPE, truth, SHIPPED, columns)
         found.append(
             [errors_moving(truth, lossy, states)[0] for states in (slice(4, 6), slice(6, 8))]
         )
         assert np.isfinite(lossy.state).all()
 
-    friction, disturbance = np.mean(found, axis=0)
-    assert friction <= 0.043
-    assert disturbance <= 1.15 * errors_moving(truth, clean, slice(6, 8))[0]
+    assert np.max(found, axis=0)[0] <= 0.043
+    assert np.mean(found, axis=0)[1] <= 1.15 * errors_moving(truth, clean, slice(6, 8))[0]
 
 
 @pytest.mark.parametrize("cycles", [10, 30])
