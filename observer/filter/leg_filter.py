@@ -50,6 +50,7 @@ from observer.filter.leg_model import (
     substeps_for,
 )
 from observer.filter.leg_noise import (
+    LEAN_STRONG,
     REST_COMPLETE_S,
     add_lean,
     rest_from_the_start,
@@ -343,11 +344,12 @@ def _measure(
 def _bound_friction(f: FrictionParameters, m: LegMemory, axis: int) -> None:
     """Limit friction at rest to its breakaway level; the rest is assigned to the patient.
 
-    A joint that the last sample has moved is not at rest, whatever its estimated velocity: its
-    friction follows the law, which corrects a wrong value better than the patient's state does.
+    A joint that the last sample has moved is not at rest where innovations are biased, for then its
+    estimated velocity is wrong: friction follows its law, which corrects a wrong share better.
     """
+    believable = m.quiet_s[axis] > 0.0 or math.fabs(m.lean[axis]) < LEAN_STRONG
     slow = gate(f, m.mean[2 + axis]) < STANDSTILL_GATE
-    if m.quiet_s[axis] > REST_COMPLETE_S or (m.quiet_s[axis] > 0.0 and slow):
+    if m.quiet_s[axis] > REST_COMPLETE_S or (slow and believable):
         friction = m.mean[4 + axis]
         held = min(max(friction, -f.stribeck), f.stribeck)
         m.mean[4 + axis] = held
