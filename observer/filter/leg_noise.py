@@ -61,7 +61,8 @@ SPLIT_GROWTH_S: Final = 0.1
 RESTING_PATIENT_RATIO: Final = 0.1
 """Factor on the patient's initial uncertainty; the rest of it is in SPLIT."""
 GIVEN_SHARE: Final = 0.16
-"""Share of the split's variance that one detected motion adds to the covariance."""
+"""Share of the split's variance that one detected motion adds to the covariance. With more, net
+follows the encoder's noise; with less, a wrong share lasts where a stiffly held joint creeps."""
 MOVED_S: Final = 0.01
 MOVED_SIGMAS: Final = 5.0
 """A joint has moved when it is this long at the gate's edge speed, and this many sigma, off its

@@ -133,7 +133,6 @@ def test_the_gate_costs_no_net_effort_at_rest_or_in_motion(lugre):
                 squares[gated, motion] += np.sum(np.square(error) * rows, axis=0)
 
     assert np.all(squares[1] <= squares[0])
-    assert np.all(squares[1].sum(axis=0) <= squares[0].sum(axis=0))
 
 
 def test_innovations_are_as_large_as_the_filter_says(matched):
@@ -228,7 +227,7 @@ def test_a_step_in_motion_is_seen_at_once_and_hardly_on_the_other_axis(
 def test_a_push_while_a_joint_slows_down_is_the_patients_also_with_the_gate():
     """The estimated velocity is zero before the slide is, and friction seems beyond breakaway.
 
-    To take the excess for the patient at that moment doubles the error of the patient.
+    To take the excess for the patient at that moment makes the patient's error 1.5 times as large.
     """
     drive = np.tile((0.0, -85.5), (140, 1))
 
