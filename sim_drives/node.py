@@ -64,6 +64,8 @@ class Disturbance:
 
     lost_tpdo: int | None = None
     """Number of the TPDO that is lost, or EVERY_TPDO."""
+    all_ones_tpdo: int | None = None
+    """Number of the TPDO whose bytes are all FFh."""
     late_ns: int = 0
     """Synchronous TPDOs are sent this much later."""
     mute: bool = False
@@ -323,6 +325,8 @@ class Node:
 
     def _send_tpdo(self, number: int, frame: Frame, delay_ns: int) -> None:
         self._tpdo_ids.add(frame.can_id)
+        if self.disturbance.all_ones_tpdo == number:
+            frame = Frame(frame.can_id, b"\xff" * len(frame.data))
         if self.disturbance.lost_tpdo not in (number, EVERY_TPDO):
             self._line.send(frame, delay_ns=delay_ns)
 

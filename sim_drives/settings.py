@@ -58,6 +58,7 @@ class FaultKind(Enum):
 
     LOST_TPDO = "lost_tpdo"
     LATE_TPDO = "late_tpdo"
+    TPDO_ALL_ONES = "tpdo_all_ones"
     SILENT = "silent"
     UNPLUGGED = "unplugged"
     BUS_OFF = "bus_off"

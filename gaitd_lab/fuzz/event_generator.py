@@ -79,6 +79,7 @@ _EMCY_CODES: Final = (0x2310, 0x3210, 0x3220, 0x4310, 0x5441, 0x7320, 0x8120, 0x
 _VALUES: Final[Mapping[FaultKind, Callable[[random.Random], float]]] = {
     FaultKind.LOST_TPDO: lambda r: r.randrange(0, 4),
     FaultKind.LATE_TPDO: lambda r: r.uniform(0.5, 25.0),
+    FaultKind.TPDO_ALL_ONES: lambda r: r.randrange(1, 4),
     FaultKind.EMCY: lambda r: r.choice(_EMCY_CODES),
     FaultKind.REFUSES_OBJECT: lambda r: r.choice((0x6065, 0x607D, 0x6085, 0x1016)),
     FaultKind.WRONG_IDENTITY: lambda r: r.choice((0, 0x1234)),

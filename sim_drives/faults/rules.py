@@ -45,6 +45,10 @@ def _delay_tpdo(node: Node, value: float, on: bool) -> None:
     node.disturbance.late_ns = round(value * MILLISECOND) if on else 0
 
 
+def _fill_tpdo(node: Node, value: float, on: bool) -> None:
+    node.disturbance.all_ones_tpdo = int(value) if on else None
+
+
 def _mute(node: Node, _: float, on: bool) -> None:
     node.disturbance.mute = on
 
@@ -168,6 +172,9 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             0.001,
             1000,
             value_needed=True,
+        ),
+        FaultKind.TPDO_ALL_ONES: FaultRule(
+            "every byte of a TPDO is FFh", _fill_tpdo, "TPDO number", 1, 4, value_needed=True
         ),
         FaultKind.SILENT: FaultRule("nothing of the node reaches the bus", _mute),
         FaultKind.UNPLUGGED: FaultRule("cut off from the bus, both ways", _unplug),

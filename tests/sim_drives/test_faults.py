@@ -49,6 +49,20 @@ def test_all_tpdos_can_get_lost(running):
     assert len(running.frames(0x185)) == len(running.frames(0x285)) == 3
 
 
+@pytest.mark.parametrize(("number", "base", "size"), [(1, 0x180, 7), (2, 0x280, 8)])
+def test_the_bytes_of_a_tpdo_can_all_be_ones(running, number, base, size):
+    other = 0x180 + 0x280 - base
+    running.world.command(f"tpdo_all_ones right/hip 0.03 {number}")
+
+    running.cycles(5)
+
+    ones = [data == b"\xff" * size for data in running.frames(base + 5)]
+    assert ones == [True, True, True, False, False]
+    for can_id in (other + 5, base + 6, other + 6):
+        assert not any(set(data) == {0xFF} for data in running.frames(can_id))
+    assert running.read(0x60FD) & 0x3000F == 0x30000  # what the drive knows is as before
+
+
 def test_late_tpdos_come_later_by_what_was_asked(running):
     running.world.command("late_tpdo right/hip - 7")
     at_ms = running.now_ms
@@ -390,7 +404,7 @@ def test_a_refused_object_aborts_its_writes_and_no_others(running):
     running.world.command("refuses_object right/hip - 0x6065")
 
     assert running.write(0x6065, 0, 1000, 4) == 0x08000020
-    assert running.write(0x6066, 0, 1000, 2) == 0
+    assert running.write(0x6084, 0, 1000, 4) == 0
     assert running.read(0x6065) == 2000
     running.world.command("clear refuses_object right/hip")
     assert running.write(0x6065, 0, 1000, 4) == 0
