@@ -3,7 +3,7 @@
 Rules:
 1. The producer sends its NMT state every 1017h milliseconds, from the boot-up message on; 0 is off.
 2. 1016h: bits 16 to 22 name a node, bits 0 to 15 the time in ms; 0 in either switches the entry
-   off. Two entries of the same node: 06040043.
+   off. Two entries of the same node: 06040043; a higher bit: 06090030.
 3. A node is watched from its first heartbeat; a boot-up message does not count as one. A missed
    heartbeat time is one loss; the next heartbeat, or rewriting the entry, ends it and restarts the
    watch.
@@ -104,7 +104,9 @@ class HeartbeatConsumer:
         return value >> 16 & 0x7F, (value & 0xFFFF) * MILLISECOND
 
     def _check(self, subindex: int, value: int) -> None:
-        node_id = value >> 16 & 0x7F
+        if value >> 23:
+            raise SdoAbortError(AbortCode.RANGE)
+        node_id = value >> 16
         others = (slot for slot in self._slots if slot != subindex)
         if node_id and value & 0xFFFF and node_id in {self._slot(slot)[0] for slot in others}:
             raise SdoAbortError(AbortCode.PARAMETER_INCOMPATIBLE)

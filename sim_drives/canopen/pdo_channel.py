@@ -25,6 +25,7 @@ class Settings(NamedTuple):
     """The configuration of one PDO, read from its objects."""
 
     valid: bool
+    """False without a mapped object, too."""
     can_id: int
     type: int
     synchronous: bool
@@ -72,15 +73,16 @@ class Channel:
     def _read(self) -> Settings:
         objects = self._objects
         kind = objects.dictionary.value(objects.parameters, SUB_TYPE)
+        layout = objects.layout()
         return Settings(
-            valid=objects.valid,
+            valid=objects.valid and bool(layout.addresses),
             can_id=objects.can_id,
             type=kind,
             synchronous=kind <= LAST_SYNCHRONOUS_TYPE,
             inhibit_ns=self._optional(SUB_INHIBIT) * _INHIBIT_STEP_NS,
             event_timer_ns=self._optional(SUB_EVENT_TIMER) * MILLISECOND,
             sync_start=self._optional(SUB_SYNC_START),
-            layout=objects.layout(),
+            layout=layout,
         )
 
     def _optional(self, subindex: int) -> int:

@@ -6,11 +6,12 @@ Rules (numbers are SDO abort codes):
 2. An entry names an object that exists (06020000, 06090011), may be mapped in this direction, and
    has the entry's length (06040041).
 3. Together they fit into eight bytes (06040042), and none of the counted ones is empty (06040041).
-4. A COB-ID has no bits 11 to 29; a valid one is not reserved by CiA 301 for another service and
-   needs at least one mapped object (06090030). It does not change while the PDO is valid: 06090030
-   if it stays valid. A drive that locks it answers 06010000 also when the same write makes it
-   invalid; then the old COB-ID has to be written with bit 31 first. No drive here answers remote
-   frames, so a TPDO that allows them (bit 30 = 0) is 06090030.
+4. A COB-ID has no bits 11 to 29; one that becomes valid is not reserved by CiA 301 for another
+   service and needs at least one mapped object (06090030). It does not change while the PDO is
+   valid: 06090030 if it stays valid. A drive that locks it answers 06010000 also when the same
+   write makes it invalid; then the old COB-ID has to be written with bit 31 first. No drive here
+   answers remote frames, so a TPDO that allows them (bit 30 = 0) is 06090030. A PDO that is
+   delivered valid and without a mapped object is neither sent nor received.
 5. Transmission types 241 to 253 are not supported, nor a SYNC start value above 240; inhibit time
    and SYNC start value do not change while the PDO is valid (06090030).
 6. There are no multiplexed PDOs (a count of 254 or 255 is 06090031), so no drive here sends 8230h.
@@ -126,11 +127,12 @@ class PdoObjects:
                 raise SdoAbortError(AbortCode.UNSUPPORTED_ACCESS)
             if stays_valid:
                 raise SdoAbortError(AbortCode.RANGE)
+        becomes_valid = stays_valid and not self.valid
         allows_remote = self.direction is Direction.TRANSMIT and not value & FLAG_30
         if (
             allows_remote
             or value & EXTENDED_BITS
-            or (stays_valid and not self._may_be_valid(can_id))
+            or (becomes_valid and not self._may_be_valid(can_id))
         ):
             raise SdoAbortError(AbortCode.RANGE)
 

@@ -3,11 +3,11 @@
 Rules:
 1. 1010h = "save" keeps parameters for the next reset; 1011h = "load" makes the next reset take the
    delivered ones. Sub-index 1 means all of them, 2 those of communication, 3 those of the device
-   profile, as far as the drive has these. Any other value is 08000020. Both are refused with
-   08000022 while the power stage is on.
+   profile, 4, a maker's own, all of them, as far as the drive has these. Any other value is
+   08000020. Both are refused with 08000022 while the power stage is on.
 2. Reset node restores all, reset communication 1000h to 1FFFh.
 3. Delivered parameters are the EDS's values with the motor data set at commissioning.
-4. Commanded values (controlword, mode, targets) are never saved.
+4. Commanded values (controlword, mode, targets and their offsets) are never saved.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +21,12 @@ from sim_drives.canopen.objects import Object
 SAVE_SIGNATURE: Final = int.from_bytes(b"save", "little")
 LOAD_SIGNATURE: Final = int.from_bytes(b"load", "little")
 AREAS: Final[Mapping[int, range]] = MappingProxyType(
-    {1: range(0x1000, 0x10000), 2: COMMUNICATION_AREA, 3: range(0x6000, 0xA000)}
+    {
+        1: range(0x1000, 0x10000),
+        2: COMMUNICATION_AREA,
+        3: range(0x6000, 0xA000),
+        4: range(0x1000, 0x10000),
+    }
 )
 """Index range that a sub-index of 1010h and 1011h covers."""
 NEVER_KEPT: Final = frozenset(
@@ -33,6 +38,7 @@ NEVER_KEPT: Final = frozenset(
         Object.MODE,
         Object.TARGET_TORQUE,
         Object.TARGET_POSITION,
+        Object.POSITION_OFFSET,
         Object.VELOCITY_OFFSET,
         Object.TORQUE_OFFSET,
         Object.TARGET_VELOCITY,

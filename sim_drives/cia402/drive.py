@@ -14,7 +14,8 @@ Rules in addition to the tables:
    Leaving NMT operational with the power stage on is that command on both.
 6. On some drives a controlword not allowed in the present state is refused, with an EMCY and
    the warning bit until a valid one comes.
-7. 607Eh, 608Fh, 6091h, 6092h, where the drive has them, are locked while the power stage is on.
+7. 607Eh, 608Fh, 6091h, 6092h, where the drive has them, are locked while the power stage is on. The
+   last three are ratios: 0 is 06090030.
 """
 
 from typing import Final
@@ -24,7 +25,7 @@ from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.emergency import Errors
 from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import MILLISECOND
-from sim_drives.cia402.measurement import Measurement
+from sim_drives.cia402.measurement import Measurement, wrap_int32
 from sim_drives.cia402.motion import Mode, Motion
 from sim_drives.cia402.personality import PERSONALITIES, guard_option_codes
 from sim_drives.cia402.power_state import (
@@ -221,7 +222,10 @@ class Drive:
         """Check the units by rule 7."""
         if self.state in POWER_STAGE_ON:
             raise SdoAbortError(AbortCode.DEVICE_STATE)
-        if index == Object.POLARITY and value & ~(POSITION_POLARITY | VELOCITY_POLARITY):
+        if index == Object.POLARITY:
+            if value & ~(POSITION_POLARITY | VELOCITY_POLARITY):
+                raise SdoAbortError(AbortCode.RANGE)
+        elif not value:
             raise SdoAbortError(AbortCode.RANGE)
 
     def _receive(self, command: Command) -> None:
@@ -352,7 +356,7 @@ class Drive:
 
     def _show_demand(self) -> None:
         actual = self.measurement.position_counts
-        demand = self._dictionary.value(Object.TARGET_POSITION) if self._wants_targets() else actual
+        demand = wrap_int32(self._motion.target_position) if self._wants_targets() else actual
         self._dictionary.put(Object.POSITION_DEMAND, 0, demand)
         following = max(-(2**31), min(2**31 - 1, demand - actual))
         self._dictionary.put(Object.FOLLOWING_ERROR, 0, following)

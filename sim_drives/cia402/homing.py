@@ -4,8 +4,8 @@ Rules:
 1. A method is a row of METHODS: searches one after the other, each in one direction at one speed
    until one event. The end of the last search is the reference. A method without searches takes
    the present position.
-2. The reference then reads 607Ch, on an EPOS4-like drive 30B0h + 607Ch, and the axis is referenced.
-   Until the axis has come to rest, homing is attained but its target not reached.
+2. The reference then reads 607Ch, on an EPOS4-like drive 30B0h, and the axis is referenced. Until
+   the axis has come to rest, homing is attained but its target not reached.
 3. Fast is 6099h:1, slow 6099h:2, both with 609Ah. An EPOS4-like drive moves on by 30B1h counts:
    away from the switch or stop that it found, else by its sign; the end of that move reads 30B0h.
 4. INDEX is once per turn of the motor, where the encoder's own count is a multiple of a turn; the
@@ -18,8 +18,11 @@ Rules:
 7. Halt, another mode, and whatever ends "operation enabled" interrupt; a new start is a new rising
    edge of controlword bit 4. No error of homing is a fault.
 
-Sources: CiA 402-2 homing methods as drives' manuals reproduce them; maxon's methods -1 to -4 and
-37 with 30B0h to 30B2h after the EPOS4 Firmware Specification, 3.5.3, as Imcab/EposLibDocs cites it.
+An EPOS4-like drive takes the present position by method 37 alone, the others by 35, too. Only it
+has the stop methods.
+
+Sources: CiA 402-2 homing methods as drives' manuals reproduce them; maxon's fifteen methods with
+30B0h to 30B2h after the EPOS4 Firmware Specification, 3.5.3, as Imcab/EposLibDocs cites it.
 """
 
 from collections.abc import Mapping
@@ -40,7 +43,7 @@ from sim_drives.cia402.measurement import (
 from sim_drives.cia402.power_state import StatusBit
 from sim_drives.cia402.scaling import Scaling
 from sim_drives.plant.actuation import AxisFlag
-from sim_drives.settings import DriveSettings
+from sim_drives.settings import DriveSettings, PersonalityName
 
 POLL_NS: Final = 1 * MILLISECOND
 """Period at which the drive's firmware checks for the event."""
@@ -50,6 +53,7 @@ BLOCKED_NS: Final = 1000 * MILLISECOND
 BLOCKED_RATIO: Final = 0.15
 """An axis that moves less than this share of the set speed within BLOCKED_NS is blocked."""
 INDEX_TURNS: Final = 1.5
+HOME_OFFSET: Final = (Object.HOME_OFFSET, 0)
 HOME_POSITION: Final = (Object.EPOS4_HOME_POSITION, 0)
 MOVE_DISTANCE: Final = (Object.EPOS4_HOME_DISTANCE, 0)
 CURRENT_THRESHOLD: Final = (Object.EPOS4_HOME_CURRENT, 0)
@@ -117,6 +121,9 @@ METHODS: Final[Mapping[int, tuple[Search, ...]]] = MappingProxyType(
 )
 
 
+STALL_METHODS: Final = frozenset(number for number in METHODS if number < 0)
+
+
 class Progress(Enum):
     """Homing progress; the value is the statusword's bits 10, 12 and 13."""
 
@@ -157,8 +164,8 @@ class Homing:
         self._measurement = measurement
         self._counts_per_rev = settings.counts_per_rev
         self._time_ns = round(settings.homing_time_s * 1e9)
-        stalls = CURRENT_THRESHOLD in self._dictionary
-        self.methods = frozenset(number for number in METHODS if number > 0 or stalls)
+        epos4 = settings.personality is PersonalityName.EPOS4
+        self.methods = METHODS.keys() - ({35} if epos4 else STALL_METHODS)
         self.progress = Progress.NOT_STARTED
         self._method: tuple[Search, ...] = ()
         self._searches: list[Search] = []
@@ -194,8 +201,11 @@ class Homing:
         return Travel(search.direction, self._speed_raw(search), threshold)
 
     def start(self) -> None:
-        """Start homing at the rising edge of controlword bit 4."""
-        self._method = METHODS[self._dictionary.value(Object.HOMING_METHOD)]
+        """Start homing at the rising edge of controlword bit 4; method 0, as delivered, is none."""
+        method = self._dictionary.value(Object.HOMING_METHOD)
+        if method not in METHODS:
+            return
+        self._method = METHODS[method]
         self._searches = list(self._method)
         self._turned = False
         self._ends_ns = self._line.now_ns + self._time_ns
@@ -277,9 +287,8 @@ class Homing:
     def _arrive(self) -> None:
         self.progress = COMING_TO_REST[self.progress]
         if self.progress is Progress.DONE:
-            home = self._dictionary.value_or(*HOME_POSITION, 0)
-            reads = self._dictionary.value(Object.HOME_OFFSET) + home
-            self._measurement.home(self._goal_counts, reads)
+            home = HOME_POSITION if HOME_POSITION in self._dictionary else HOME_OFFSET
+            self._measurement.home(self._goal_counts, self._dictionary.value(*home))
 
     # --- events -------------------------------------------------------------------------------
 

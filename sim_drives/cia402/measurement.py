@@ -3,7 +3,7 @@
 Rules:
 1. Position 6064h = encoder counts - origin, as 32 bits that wrap. An absolute encoder has origin
    0 and is referenced. An incremental one takes its power-on position as origin and is not
-   referenced; homing sets the origin so that 6064h reads 607Ch, and references it.
+   referenced; homing sets the origin so that 6064h reads 607Ch or 30B0h, and references it.
 2. Counts and mA are whole numbers: the sensors' values are quantised here.
 3. A frozen encoder repeats its last count; the drive's own loops are not affected. A glitch adds
    counts to the reported value only.

@@ -1,16 +1,19 @@
 """Modes of operation, targets and limits of a drive, and the resulting order to the plant.
 
 Rules:
-1. 6060h takes effect MODE_SWITCH_NS later, in 6061h and in the loops together. A mode that 6502h
-   does not name is refused: 06090030 by SDO, ignored by PDO. 0 is "no mode": the axis holds.
+1. 6060h takes effect MODE_SWITCH_NS later, in 6061h and in the loops together; at power-on at once,
+   as delivered. A mode that 6502h does not name is refused: 06090030 by SDO, ignored by PDO. 0 is
+   "no mode": the axis holds, as it does in profile position.
 2. A cyclic mode follows its target (statusword bit 12) once the target has been written since
    the node became operational. Until then cyclic position and velocity hold, and cyclic torque
-   gives 0. 60B1h adds to the speed of cyclic position and velocity, 60B2h to the torque of all.
+   gives 0. 60B0h adds to the target of cyclic position, 60B1h to the speed of cyclic position and
+   velocity, 60B2h to the torque of all; none of them is a target by itself.
 3. Halt (controlword bit 8, option 605Dh, where absent the slow ramp): slows down and holds, stays
    in "operation enabled", and motion resumes when the bit falls.
 4. Homing begins at the rising edge of controlword bit 4; its rules are in `homing.py`.
 5. Every order carries the limits in force: torque, 6080h, 6065h/6066h, and 607Dh where it clips.
    A minimum of 607Dh above its maximum is refused, in whatever order they are written: 06090036.
+   Both 0 is no limit: makers deliver it so.
 6. Cyclic position reaches each target on a line that takes 60C2h; some drives use that time to
    monitor the targets (`target_monitor.py`).
 """
@@ -32,6 +35,8 @@ from sim_drives.settings import DriveSettings, PositionLimit
 
 MODE_SWITCH_NS: Final = 5 * MILLISECOND
 """Shorter than a SYNC period, longer than any answer to it: 6061h shows it one SYNC later."""
+NO_POSITION_LIMITS: Final = (0, 0)
+"""607Dh as EPOS4 and Nanotec deliver it."""
 HARDEST_DECELERATION_SI: Final = 1e6
 """Deceleration of Ramp.LIMIT: above any joint's ability, so that the torque limit decides."""
 
@@ -40,6 +45,8 @@ class Mode(IntEnum):
     """Values of 6060h and 6061h that the virtual drives support."""
 
     NONE = 0
+    PROFILE_POSITION = 1
+    """Only as delivered: 6502h does not name it."""
     HOMING = 6
     CYCLIC_SYNC_POSITION = 8
     CYCLIC_SYNC_VELOCITY = 9
@@ -81,10 +88,10 @@ class Motion:
             dictionary.watch(target, lambda _, target=target: self._written.add(target))
 
     def power_on(self) -> None:
-        """Reset to no mode and no target."""
+        """Reset to the delivered mode and no target."""
         self._written.clear()
         self._bit_4_prev = False
-        self._switch(Mode.NONE)
+        self._switch(Mode(self._dictionary.value(Object.MODE)))
 
     def clear_targets(self) -> None:
         """Clear the commanded values: the node has left operational (rule 2)."""
@@ -241,19 +248,26 @@ class Motion:
         value = self._dictionary.value
         return value(Object.TARGET_TORQUE) + value(Object.TORQUE_OFFSET)
 
+    @property
+    def target_position(self) -> int:
+        """607Ah with its offset 60B0h."""
+        value = self._dictionary.value
+        return value(Object.TARGET_POSITION) + value(Object.POSITION_OFFSET)
+
     def _target_position_si(self, actuation: Actuation) -> float:
         if actuation is not Actuation.POSITION:
             return 0.0
-        return self._joint(self._dictionary.value(Object.TARGET_POSITION))
+        return self._joint(self.target_position)
 
     def _joint(self, position_units: int) -> float:
         counts = self._scaling.units_counts(position_units)
         return self._scaling.position_si(counts + self._measurement.origin_counts)
 
     def _position_limits_si(self) -> tuple[float, float]:
-        if not self._clips:
+        limits = self._limits()
+        if not self._clips or limits == NO_POSITION_LIMITS:
             return -math.inf, math.inf
-        lower_si, upper_si = sorted(map(self._joint, self._limits()))
+        lower_si, upper_si = sorted(map(self._joint, limits))
         return lower_si, upper_si
 
     def _limits(self) -> tuple[int, int]:
@@ -280,5 +294,6 @@ class Motion:
         lower, upper = self._limits()
         positions = [self._measurement.position_counts]
         if self.is_following_positions:
-            positions.append(self._dictionary.value(Object.TARGET_POSITION))
-        return not all(lower <= position <= upper for position in positions)
+            positions.append(self.target_position)
+        limited = (lower, upper) != NO_POSITION_LIMITS
+        return limited and not all(lower <= position <= upper for position in positions)

@@ -8,6 +8,8 @@
 | torque limit | 3001h:02 in mA | 6072h, 6073h in per mille | 6072h, 6073h in per mille |
 | speeds, decelerations | rpm, rpm/s of the motor | counts/s, counts/s² | counts/s, counts/s² |
 | configurable units | none | 607Eh, 608Fh, 6091h, 6092h | none |
+| home reads | 30B0h | 607Ch | 607Ch |
+| mode at power-on | 1: holds | none | none |
 | temperature | 3201h:01, 0.1 °C | 22A2h, °C | 2100h:01, °C |
 | 0Fh in ready to switch on | transitions 3 and 4 | 3; 4 by the next 0Fh | 3; 4 by the next 0Fh |
 | an invalid controlword | ignored | 06090030, EMCY 6300h, bit 7 | ignored |
@@ -24,9 +26,9 @@
 | CSP without a new target | 8250h after 1.5 times 60C2h | goes on | goes on |
 | 60C2h = 0 | steps of 0.4 ms | 06090032 | a step |
 
-605Bh and 605Ch are 0 and 1, 6007h 0 to 3 everywhere; any other option code is 06090030. Defaults
-and absent objects stand in the EDS files alone. An EPOS4 has 605Dh from firmware 0180h on; the one
-here is 0170h.
+605Bh and 605Ch are 0 and 1, 6007h 0 to 3, 1029h 0 to 2 everywhere; any other code is 06090030.
+Defaults and absent objects stand in the EDS files alone. An EPOS4 has 605Dh from firmware 0180h on;
+the one here is 0170h.
 
 Sources: EPOS4 application facts as collected from public EDS/DCF files and manuals. Elmo: public
 device configuration ipa320/cob_robots, Elmo.dcf, for objects, limits and identity; per mille of the
@@ -123,6 +125,7 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
     }
 )
 
+
 HOMING_MODE_BIT: Final = 1 << 5
 CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 8 | 1 << 9
 """6502h: cyclic synchronous position, velocity and torque."""
@@ -162,6 +165,7 @@ def guard_option_codes(dictionary: ObjectDictionary, personality: Personality) -
         Object.HALT: personality.halt_codes,
         Object.FAULT_REACTION: personality.fault_reaction_codes,
         Object.ABORT_CONNECTION: frozenset(AbortConnection),
+        Object.ERROR_BEHAVIOUR: frozenset({0, 1, 2}),
     }
     for index, legal in legal_codes.items():
         dictionary.guard(index, lambda _, value, legal=legal: _check_option(value, legal))

@@ -124,10 +124,10 @@ def test_a_quick_stop_ends_where_605a_says(drive):
     assert eventually(lambda: drive.check_statusword() and drive.state == ended)
 
 
-@pytest.mark.parametrize("method", [35, 37])
-def test_homing_on_the_present_position_is_done_by_canopen_s_own_helper(drive, method):
-    drive.sdo[0x6098].raw = method
-    drive.sdo[0x607C].raw = 4321
+def test_homing_on_the_present_position_is_done_by_canopen_s_own_helper(drive, make):
+    epos4 = make == "epos4"
+    drive.sdo[0x6098].raw = 37 if epos4 else 35
+    drive.sdo[0x30B0 if epos4 else 0x607C].raw = 4321
     assert not drive.check_statusword() & REFERENCED
 
     assert drive.homing(timeout=TIMEOUT_S)
@@ -137,7 +137,7 @@ def test_homing_on_the_present_position_is_done_by_canopen_s_own_helper(drive, m
     assert drive.op_mode == "HOMING"
 
 
-def test_a_mode_that_6502h_does_not_name_is_not_entered(drive):
+def test_a_mode_that_6502h_does_not_name_is_not_entered(drive, make):
     with pytest.raises(TypeError, match="not suppported"):  # canopen's spelling
         drive.op_mode = "INTERPOLATED POSITION"
 
@@ -146,10 +146,11 @@ def test_a_mode_that_6502h_does_not_name_is_not_entered(drive):
     drive.check_statusword()
     drive.check_statusword()
 
-    assert drive.op_mode == "NO MODE"
+    assert drive.op_mode == ("PROFILED POSITION" if make == "epos4" else "NO MODE")
 
 
 def test_cyclic_position_follows_a_ramp_by_rpdo_at_canopen_s_sync(drive):
+    drive.sdo[0x6065].raw = 2000
     start = position_of(drive)
     drive.op_mode = "CYCLIC SYNCHRONOUS POSITION"
     target(drive, position=start)

@@ -114,6 +114,7 @@ def test_a_controlword_by_rpdo_leads_where_the_table_says(kind, state, word):
 @pytest.mark.parametrize("kind", KINDS)
 def test_fault_reaction_listens_to_no_controlword(kind, word):
     drive = in_state(kind, "operation enabled")
+    drive.bench.write(0x6085, 0, 10_000, 4)
     drive.bench.plant.velocity[0] = 50.0
     drive.bench.world.command("emcy right/hip - 0x2310")
 

@@ -29,12 +29,6 @@ def kind(request):
     return request.param
 
 
-@pytest.fixture(params=[{}, GENERIC], ids=["epos4", "generic"])
-def movable(request):
-    """Those whose EMCY may be moved; Elmo's 1014h is read-only."""
-    return request.param
-
-
 def test_every_record_says_its_highest_subindex(kind):
     bench = booted(kind)
     highest = {}
@@ -104,12 +98,41 @@ def test_what_was_read_may_be_written_back(kind):
         (0x1A00, 9, 0, 4, 0x06090011),
     ],
 )
-def test_each_object_refuses_what_it_cannot_be(movable, index, sub, value, size, code):
-    assert booted(movable).write(index, sub, value, size) == code
+def test_each_object_refuses_what_it_cannot_be(index, sub, value, size, code):
+    assert booted(GENERIC).write(index, sub, value, size) == code
 
 
-def test_an_emergency_that_was_moved_comes_under_its_new_identifier(movable):
-    bench = booted(movable)
+@pytest.mark.parametrize(
+    ("index", "sub", "value", "size", "code"),
+    [
+        (0x1003, 0, 1, 1, 0x06090030),
+        (0x1003, 6, 0, 4, 0x06090011),
+        (0x1005, 0, 0x80, 4, 0x06010002),
+        (0x1009, 0, 0, 4, 0x06020000),
+        (0x100A, 0, 0, 4, 0x06020000),
+        (0x1014, 0, 0x8000_0085, 4, 0x06010002),
+        (0x1015, 0, 100, 2, 0x06020000),
+        (0x1016, 1, 0x0080_0064, 4, 0x06090030),
+        (0x1016, 1, 0x007F_0064, 4, 0),
+        (0x1016, 3, 0, 4, 0x06090011),
+        (0x1020, 1, 0, 4, 0x06020000),
+        (0x1029, 1, 3, 1, 0x06090030),
+        (0x1029, 2, 0, 1, 0x06090011),
+        (0x1400, 5, 0, 2, 0x06090011),
+        (0x1800, 5, 0, 2, 0x06090011),
+        (0x1800, 6, 0, 1, 0x06090011),
+        (0x1A00, 13, 0, 4, 0x06090011),
+        (0x2010, 0, 0, 4, 0x06020000),
+        (0x607C, 0, 0, 4, 0x06020000),
+        (0x6066, 0, 1, 2, 0x06090031),
+    ],
+)
+def test_an_epos4_has_what_its_maker_says_and_no_more(bench, index, sub, value, size, code):
+    assert bench.write(index, sub, value, size) == code
+
+
+def test_an_emergency_that_was_moved_comes_under_its_new_identifier():
+    bench = booted(GENERIC)
     bench.write(0x1014, 0, 0x8000_0085, 4)
     bench.world.command("emcy right/hip 0.01 0x2310")
     bench.run_ms(20)
@@ -186,6 +209,9 @@ def test_two_parts_that_are_saved_one_after_the_other_are_both_kept(generic):
 def test_an_epos4_saves_and_restores_everything_or_nothing(bench):
     for index in (0x1010, 0x1011):
         assert bench.read_abort(index, 2) == 0x06090011
-    changed(bench)
-    bench.write(0x1010, 1, SAVE, 4)
-    assert after_reset(bench) == [True, True]
+    for restored in (1, 4):
+        changed(bench)
+        bench.write(0x1010, 1, SAVE, 4)
+        assert after_reset(bench) == [True, True]
+        assert bench.write(0x1011, restored, LOAD, 4) == 0
+        assert after_reset(bench) == [False, False]

@@ -53,7 +53,7 @@ def test_it_comes_with_the_defaults_of_its_public_configuration(elmo):
         (0x1018, 1): 0x9A,
         (0x1018, 2): 0x30923,
         (0x1018, 3): 0x103F6,
-        (0x1017, 0): 100,
+        (0x1017, 0): 0,
         (0x1029, 1): 1,
         (0x6007, 0): 1,
         (0x605A, 0): 2,
@@ -61,12 +61,12 @@ def test_it_comes_with_the_defaults_of_its_public_configuration(elmo):
         (0x605E, 0): 2,
         (0x60C2, 1): 1,
         (0x1600, 1): 0x60400010,
-        (0x1600, 2): 0x60600008,
-        (0x1602, 1): 0x607A0020,
-        (0x1602, 2): 0x60FF0020,
-        (0x1A00, 3): 0x20410020,
-        (0x1A03, 1): 0x60780010,
-        (0x1800, 2): 1,
+        (0x1800, 2): 255,
+        (0x1A00, 1): 0x60410010,
+        (0x1A03, 0): 0,
+        (0x6065, 0): 0,
+        (0x6085, 0): 2_000_000_000,
+        (0x6098, 0): 0,
     }
 
     assert {address: elmo.read(*address) for address in expected} == expected
@@ -75,16 +75,24 @@ def test_it_comes_with_the_defaults_of_its_public_configuration(elmo):
 
 def test_its_default_mapping_works_without_any_configuration(elmo):
     elmo.nmt(0x01)
-    elmo.forget()
-    elmo.send(0x080)
-    elmo.run_ms(1)
+    elmo.send(0x205, struct.pack("<H", 0x06))
+    elmo.run_ms(4)
 
-    word, mode, stamp_us = struct.unpack("<HbI", elmo.frames(0x185)[0])
-    assert (word & 0x4F, mode) == (SOD, 0)
-    assert stamp_us == pytest.approx(elmo.now_ms * 1000, abs=2000)
-    assert len(elmo.frames(0x385)[0]) == 8
-    assert len(elmo.frames(0x485)[0]) == 2
-    assert elmo.frames(0x285) == []
+    words = [struct.unpack("<H", data)[0] & 0x6F for data in elmo.frames(0x185)]
+    assert words == [SOD, RTSO]
+
+
+def test_pdos_that_are_delivered_valid_and_empty_say_and_do_nothing(elmo):
+    elmo.nmt(0x01)
+    elmo.send(0x305, bytes(8))
+    elmo.cycles(3)
+
+    assert elmo.read(0x1802, 1) == 0x4000_0385
+    assert [elmo.frames(can_id) for can_id in (0x285, 0x385, 0x485, 0x085)] == [[], [], [], []]
+
+
+def test_its_time_stamp_counts_microseconds(elmo):
+    assert elmo.read(0x2041) == pytest.approx(elmo.now_ms * 1000, abs=2000)
 
 
 def test_its_rpdos_have_no_watchdog(elmo):
@@ -206,6 +214,7 @@ def test_position_polarity_turns_positions_and_targets_round_and_leaves_the_join
     assert signed(elmo.read(0x6064)) == -before
 
     elmo.go_operational(torque=0x6078_0010)
+    elmo.write(0x6065, 0, 0xFFFFFFFF, 4)
     elmo.enable(8, -before - 100)
     elmo.cycles(30, 0x0F, 8, -before - 100)
     assert elmo.plant.position[0] == pytest.approx((before + 100) / COUNTS_PER_RAD, abs=1e-4)
@@ -242,6 +251,14 @@ def test_polarity_has_two_bits_and_no_more(elmo):
     assert elmo.write(0x607E, 0, 0x20, 1) == RANGE
 
 
+def test_a_unit_of_zero_is_refused(elmo):
+    for index in (0x608F, 0x6091):
+        for sub in (1, 2):
+            assert elmo.write(index, sub, 0, 4) == RANGE
+    assert elmo.write(0x6092, 1, 0, 4) == RANGE
+    assert elmo.write(0x6092, 2, 0, 4) == 0x06090032
+
+
 # --- stops and losses -------------------------------------------------------------------------
 
 
@@ -259,6 +276,7 @@ def test_a_lost_master_is_a_fault_by_default_and_the_network_state_stays():
     bench = Bench(hip=ELMO)
     bench.boot()
     bench.write(0x1016, 1, 1 << 16 | 100, 4)
+    bench.write(0x1017, 0, 100, 2)
     bench.go_operational(torque=0x6078_0010)
     bench.enable()
     bench.send(0x701, b"\x05")

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from drive_bench import Bench
+from drive_bench import GENERIC, Bench
 from trainers import QUIET, trainer
 
 from sim_drives.plant.actuation import AxisFlag
@@ -15,6 +15,7 @@ HOMING_BITS = 0x3400
 LOWER_STOP_RAD = math.radians(-23.0)
 UPPER_STOP_RAD = math.radians(43.0)
 INCREMENTAL = {"encoder": "incremental"}
+ELMO = {"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}
 
 
 def control(bench, *controlwords, node_id=5):
@@ -132,10 +133,12 @@ def test_a_switch_or_stop_with_index_takes_the_first_index_inside_of_it(method, 
     assert -0.2 < beyond_turns <= 1.0
 
 
-@pytest.mark.parametrize("method", [35, 37])
-def test_the_present_position_becomes_the_home_position_without_motion(method):
-    bench = homing_bench(method)
-    bench.write(0x607C, 0, 1234, 4)
+@pytest.mark.parametrize(
+    ("method", "changes", "home"), [(37, {}, 0x30B0), (35, GENERIC, 0x607C), (37, GENERIC, 0x607C)]
+)
+def test_the_present_position_becomes_the_home_position_without_motion(method, changes, home):
+    bench = homing_bench(method, **changes)
+    assert bench.write(home, 0, 1234, 4) == 0
     there = bench.plant.position[0]
 
     control(bench, 0x1F)
@@ -190,7 +193,7 @@ def test_an_axis_that_counts_backwards_searches_in_its_own_direction():
     assert plant.truth().position[1] == pytest.approx(-0.02, abs=0.01)
 
 
-# --- 30B0h, 30B1h, 607Ch ----------------------------------------------------------------------
+# --- 30B0h, 30B1h -----------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("method", "away"), [(-3, -1), (17, +1)])
@@ -208,6 +211,19 @@ def test_the_axis_moves_on_by_30b1_away_from_what_it_found_and_there_reads_30b0(
     goal_rad = stop_rad + away * 3000 / COUNTS_PER_RAD
     assert origin_rad(bench) + 500 / COUNTS_PER_RAD == pytest.approx(goal_rad, abs=0.02)
     assert position(bench) == pytest.approx(500, abs=200)
+
+
+def test_the_method_that_an_elmo_is_delivered_with_is_no_homing():
+    bench = Bench(hip=INCREMENTAL | ELMO)
+    bench.boot()
+    assert bench.read(0x6098) == 0
+    bench.write(0x6060, 0, 6, 1)
+    for controlword in (0x06, 0x07, 0x0F, 0x1F):
+        bench.run_ms(10)
+        control(bench, controlword)
+    bench.run_ms(50)
+
+    assert bench.statusword() & (HOMING_BITS | 0x8000) == NOT_STARTED
 
 
 def test_a_plain_drive_has_neither_the_stop_methods_nor_their_objects():

@@ -129,13 +129,14 @@ def test_a_limit_switch_that_is_only_reported_is_a_bit_and_no_more(bench):
 def test_an_axis_without_a_reference_is_not_judged_by_its_position_limits():
     bench = Bench(hip={"encoder": "incremental", "position_limit": "fault"})
     bench.boot()
-    bench.write(0x607D, 1, 1000, 4)
     bench.write(0x607D, 2, 2000, 4)
+    bench.write(0x607D, 1, 1000, 4)
     for controlword in (0x06, 0x07, 0x0F):
         bench.write(0x6040, 0, controlword, 2)
     bench.run_ms(50)
     assert bench.state() == 0x27
 
+    bench.write(0x6098, 0, 37, 1)
     bench.write(0x6060, 0, 6, 1)
     bench.run_ms(10)
     bench.write(0x6040, 0, 0x1F, 2)
@@ -198,6 +199,119 @@ def test_the_torque_offset_takes_work_from_the_loops_in_cyclic_position():
     change_nm = bench.plant.truth().effort[0] - held_nm
     assert abs(change_nm) < 2.0  # what friction holds
     assert change_nm - loops_nm == pytest.approx(0.2 * 5.0 * 5.5736, abs=0.1)
+
+
+MAKES = {
+    "epos4": ({}, 0x30D1_0220),
+    "elmo_gold": ({"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"}, 0x6078_0010),
+    "generic": (GENERIC, 0x6077_0010),
+}
+
+
+@pytest.fixture(params=MAKES.values(), ids=MAKES)
+def positioned(request):
+    """A drive of each make in cyclic position, at its target, and where that is."""
+    changes, torque = request.param
+    bench = Bench(hip=changes)
+    bench.boot()
+    bench.write(0x6065, 0, 1000, 4)
+    bench.write(0x6066, 0, 0, 2)
+    bench.go_operational(torque=torque)
+    start = signed(bench.read(0x6064))
+    bench.enable(8, start)
+    return bench, start
+
+
+def test_the_position_offset_adds_to_the_target_in_cyclic_position(positioned):
+    bench, start = positioned
+    assert bench.write(0x60B0, 0, 200, 4) == 0
+    bench.cycles(20, 0x0F, 8, start)
+
+    assert signed(bench.read(0x6064)) == pytest.approx(start + 200, abs=1)
+    assert signed(bench.read(0x607A)) == start
+    assert signed(bench.read(0x6062)) == start + 200
+    bench.write(0x60B0, 0, -200, 4)
+    bench.cycles(20, 0x0F, 8, start)
+    assert signed(bench.read(0x6064)) == pytest.approx(start - 200, abs=1)
+
+
+def test_the_position_offset_is_no_target(positioned):
+    bench, start = positioned
+    bench.cycles(3, 0x00, 8, start)
+    bench.nmt(0x80)
+    bench.nmt(0x01)
+    bench.write(0x60B0, 0, 200, 4)
+    for controlword in (0x00, 0x06, 0x07, 0x0F, 0x0F):
+        bench.write(0x6040, 0, controlword, 2)
+        bench.run_ms(20)
+
+    assert bench.state() == 0x27
+    assert signed(bench.read(0x6064)) == pytest.approx(start, abs=1)
+    assert not bench.statusword() & 0x1000
+
+
+def test_the_following_error_counts_from_the_target_with_its_offset(positioned):
+    bench, start = positioned
+    bench.world.command("blocked_rotor right/hip")
+    bench.write(0x60B0, 0, 900, 4)
+    bench.cycles(4, 0x0F, 8, start)
+    assert bench.state() == 0x27
+    assert signed(bench.read(0x60F4)) == pytest.approx(900, abs=1)
+    bench.write(0x60B0, 0, 1001, 4)
+    bench.cycles(4, 0x0F, 8, start)
+
+    assert bench.read(0x603F) == 0x8611
+
+
+def test_the_position_limit_clips_the_target_with_its_offset(positioned):
+    bench, start = positioned
+    bench.write(0x607D, 2, start + 300, 4)
+    bench.write(0x607D, 1, start - 300, 4)
+    bench.write(0x60B0, 0, 500, 4)
+    bench.cycles(30, 0x0F, 8, start)
+
+    assert signed(bench.read(0x6064)) == pytest.approx(start + 300, abs=1)
+    assert bench.statusword() & 0x0800
+
+
+def test_a_target_with_its_offset_beyond_the_position_limit_can_be_a_fault():
+    bench = Bench(hip={"position_limit": "fault"})
+    bench.boot()
+    bench.go_operational()
+    start = signed(bench.read(0x6064))
+    bench.write(0x607D, 2, start + 300, 4)
+    bench.enable(8, start)
+    bench.write(0x60B0, 0, 301, 4)
+    bench.cycles(4, 0x0F, 8, start)
+
+    assert bench.read(0x603F) == 0x8A82
+
+
+def test_the_position_offset_survives_reset_communication_and_no_power_off(positioned):
+    bench, _ = positioned
+    bench.write(0x60B0, 0, 200, 4)
+    bench.nmt(0x82)
+    bench.run_ms(400)
+    assert bench.read(0x60B0) == 200
+
+    bench.world.command("reboot right/hip")
+    bench.run_ms(400)
+    assert bench.read(0x60B0) == 0
+
+
+def test_position_limits_that_are_both_zero_are_none():
+    for kind in ("clip", "fault"):
+        bench = Bench(hip={"position_limit": kind})
+        bench.boot()
+        assert bench.read(0x607D, 1) == bench.read(0x607D, 2) == 0
+        bench.go_operational()
+        start = signed(bench.read(0x6064))
+        bench.enable(8, start)
+        bench.cycles(30, 0x0F, 8, start + 300)
+
+        assert bench.state() == 0x27
+        assert not bench.statusword() & 0x0800
+        assert signed(bench.read(0x6064)) == pytest.approx(start + 300, abs=1)
 
 
 def test_the_velocity_offset_adds_to_the_speed_in_cyclic_position():

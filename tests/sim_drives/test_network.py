@@ -140,12 +140,15 @@ def test_what_was_saved_survives_a_reset_and_what_is_delivered_comes_back_on_req
 def test_a_mode_and_targets_are_never_saved(bench):
     bench.write(0x6060, 0, 10, 1)
     bench.write(0x6071, 0, 100, 2)
+    bench.write(0x60B0, 0, 100, 4)
+    bench.run_ms(10)
     bench.write(0x1010, 1, SAVE, 4)
 
     bench.nmt(0x81)
     bench.run_ms(400)
 
-    assert (bench.read(0x6060), bench.read(0x6061), bench.read(0x6071)) == (0, 0, 0)
+    delivered = {0x6060: 1, 0x6061: 1, 0x6071: 0, 0x60B0: 0}  # an EPOS4 begins in profile position
+    assert {index: bench.read(index) for index in delivered} == delivered
 
 
 def test_two_watches_of_the_same_node_are_refused(bench):

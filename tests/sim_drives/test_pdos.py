@@ -68,7 +68,7 @@ def test_more_than_eight_bytes_do_not_fit(bench):
 
     assert bench.write(0x1A00, 0, 3, 1) == 0x06040042
     assert bench.write(0x1A00, 0, 2, 1) == 0
-    for count in (9, 254, 255):  # the last two would be multiplexed PDOs
+    for count in (13, 254, 255):  # the last two would be multiplexed PDOs
         assert bench.write(0x1A00, 0, count, 1) == 0x06090031
 
 
@@ -127,11 +127,16 @@ def test_a_tpdo_cannot_allow_the_remote_frames_that_no_drive_here_answers(bench,
         assert drive.write(0x1400, 1, 0x205 | INVALID, 4) == 0
 
 
-def test_an_epos4_boots_with_four_valid_rpdos_that_could_command_it(bench):
+def test_an_epos4_boots_with_its_first_pdos_alone_and_the_first_rpdo_could_command_it(bench):
     bench.nmt(0x01)
-    bench.send(0x505, struct.pack("<Hh", 0x06, 0))
+    for can_id in (0x305, 0x405, 0x505):
+        bench.send(can_id, struct.pack("<Hi", 0x06, 0))
     bench.run_ms(1)
+    assert bench.state() == 0x40
+    assert [bench.read(0x1800 + number, 1) >> 31 for number in range(4)] == [0, 1, 1, 1]
 
+    bench.send(0x205, struct.pack("<H", 0x06))
+    bench.run_ms(1)
     assert bench.state() == 0x21
 
 
@@ -251,7 +256,8 @@ def test_an_event_driven_tpdo_comes_on_change_and_not_sooner_than_its_inhibit_ti
     assert times[-1] - times[-2] >= 1.0
 
 
-def test_an_event_timer_repeats_a_tpdo(bench):
+def test_an_event_timer_repeats_a_tpdo(generic):
+    bench = generic
     bench.write(0x1800, 5, 25, 2)
     bench.nmt(0x01)
 
@@ -361,7 +367,8 @@ def test_an_rpdo_that_is_there_no_more_is_not_missed(generic):
     assert generic.frames(0x085) == []
 
 
-def test_an_event_timer_that_is_written_in_operational_begins_then(bench):
+def test_an_event_timer_that_is_written_in_operational_begins_then(generic):
+    bench = generic
     bench.nmt(0x01)
     bench.run_ms(100)
     bench.forget()

@@ -36,7 +36,7 @@ def test_at_each_sync_the_newest_rpdo_of_each_that_is_long_enough_is_used(frames
     bench = Bench()
     bench.boot()
     bench.go_operational()
-    held = {0x6040: 0, 0x6060: 0, 0x607A: bench.read(0x607A), 0x6071: 0}
+    held = {0x6040: 0, 0x6060: bench.read(0x6060), 0x607A: bench.read(0x607A), 0x6071: 0}
     waiting = {}
 
     for can_id, data in [*frames, (0x080, b"")]:

@@ -210,7 +210,8 @@ def test_the_history_keeps_the_newest_first_and_is_emptied_by_zero(bench):
     assert bench.read_abort(0x1003, 1) == 0x08000024
 
 
-def test_emergencies_keep_their_distance(bench):
+def test_emergencies_keep_their_distance(generic):
+    bench = generic
     bench.write(0x1015, 0, 100, 2)  # 10 ms
     for code in (0x2310, 0x4310, 0x7305):
         bench.world.command(f"emcy right/hip - {code:#x}")
@@ -406,22 +407,39 @@ def test_a_cyclic_mode_follows_only_what_was_commanded(bench):
     assert bench.plant.orders[0].actuation is Actuation.POSITION
 
 
-def test_a_following_error_is_fault_8611_with_its_bit_and_reaction(bench):
+def blocked(bench, torque):
+    """Enabled in cyclic position where it is, with a window of 50 counts, and blocked."""
     bench.write(0x6065, 0, 50, 4)
-    bench.write(0x6066, 0, 20, 2)
-    bench.go_operational()
+    bench.go_operational(torque=torque)
     start = bench.read(0x6064)
     bench.enable(8, start)
     bench.world.command("blocked_rotor right/hip")
     bench.forget()
+    return start
 
-    bench.cycles(2, 0x0F, 8, start + 51)
+
+def test_a_following_error_is_fault_8611_with_its_bit_and_reaction(bench):
+    start = blocked(bench, 0x30D1_0220)
+
+    bench.cycles(4, 0x0F, 8, start + 50)
     assert bench.frames(0x085) == []
-    bench.cycles(3, 0x0F, 8, start + 51)
+    bench.cycles(2, 0x0F, 8, start + 51)  # an EPOS4's 6066h is 0
 
     assert bench.frames(0x085) == [bytes.fromhex("1186200000000000")]
     assert bench.state() == FAULT
     assert bench.statusword() & 0x2000
+
+
+def test_a_following_error_may_last_as_long_as_6066_says(generic):
+    generic.write(0x6066, 0, 20, 2)
+    start = blocked(generic, 0x6077_0010)
+
+    generic.cycles(2, 0x0F, 8, start + 51)
+    assert generic.frames(0x085) == []
+    generic.cycles(3, 0x0F, 8, start + 51)
+
+    assert generic.frames(0x085) == [bytes.fromhex("1186210000000000")]
+    assert generic.state() == FAULT
 
 
 def test_a_window_of_all_ones_watches_nothing(bench):
@@ -502,8 +520,8 @@ def test_an_incremental_encoder_counts_from_power_on_and_is_referenced_by_homing
     assert bench.read(0x6064) == 0
     assert not bench.statusword() & 0x8000
 
-    bench.write(0x607C, 0, 1234, 4)
-    bench.write(0x6098, 0, 35, 1)
+    bench.write(0x30B0, 0, 1234, 4)
+    bench.write(0x6098, 0, 37, 1)
     bench.write(0x6060, 0, 6, 1)
     bench.run_ms(10)
     control(bench, 0x06, 0x07, 0x0F)

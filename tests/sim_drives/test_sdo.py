@@ -60,18 +60,18 @@ def test_the_identity_is_what_the_eds_says_and_the_serial_number_is_the_drives_o
         (0x1018, 9, 0, 4, 0x06090011),
         (0x6041, 0, 0, 2, 0x06010002),
         (0x1018, 1, 0, 4, 0x06010002),
-        (0x6085, 0, 10_000_001, 4, 0x06090031),
+        (0x30B2, 0, 30_001, 2, 0x06090031),
         (0x6085, 0, 0, 4, 0x06090032),
         (0x605A, 0, 2, 2, 0x06090030),
         (0x605A, 0, 7, 2, 0x06090030),
         (0x6007, 0, 4, 2, 0x06090030),
-        (0x60C2, 2, 1, 1, 0x06090031),
+        (0x60C2, 1, 101, 1, 0x06090031),
         (0x6060, 0, 7, 1, 0x06090030),
         (0x6060, 0, 6, 1, 0x06090030),
         (0x6098, 0, 5, 1, 0x06090030),
         (0x1010, 1, 0x12345678, 4, 0x08000020),
         (0x1011, 1, 0x65766173, 4, 0x08000020),
-        (0x1005, 0, 0x40000080, 4, 0x06090030),
+        (0x1005, 0, 0x40000080, 4, 0x06010002),
         (0x1003, 0, 1, 1, 0x06090030),
         (0x6065, 0, 1, 2, 0x06070013),
         (0x6060, 0, 8, 4, 0x06070012),
@@ -98,7 +98,7 @@ def test_a_refused_write_changes_nothing(bench):
 
 def test_the_boundaries_of_a_range_are_allowed(bench):
     assert bench.write(0x6085, 0, 1, 4) == 0
-    assert bench.write(0x6085, 0, 10_000_000, 4) == 0
+    assert bench.write(0x6085, 0, 0xFFFFFFFF, 4) == 0
 
 
 def test_a_string_travels_up_in_segments_of_seven_with_an_alternating_toggle(bench):

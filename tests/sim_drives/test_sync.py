@@ -48,9 +48,9 @@ def codes(bench):
     "cob_id",
     [0x4000_0080, 0x2000_0080, 0x0000_0880, 0x1000_0080, 0x000, 0x07F, 0x101, 0x585, 0x605, 0x705],
 )
-def test_a_drive_is_no_producer_and_takes_no_identifier_of_another_service(bench, cob_id):
-    assert bench.write(0x1005, 0, cob_id, 4) == 0x06090030
-    assert bench.read(0x1005) == 0x80
+def test_a_drive_is_no_producer_and_takes_no_identifier_of_another_service(generic, cob_id):
+    assert generic.write(0x1005, 0, cob_id, 4) == 0x06090030
+    assert generic.read(0x1005) == 0x80
 
 
 def test_another_identifier_for_sync_is_obeyed(mapped):

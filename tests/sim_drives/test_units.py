@@ -124,7 +124,6 @@ def test_limits_reach_the_plant_in_joint_units():
     bench = booted()
     bench.write(0x6080, 0, 3000, 4)
     bench.write(0x6065, 0, 1024, 4)
-    bench.write(0x6066, 0, 40, 2)
     bench.write(0x3001, 2, 8000, 4)
     bench.write(0x60C2, 1, 10, 1)
     bench.write(0x6040, 0, 0x06, 2)
@@ -133,7 +132,7 @@ def test_limits_reach_the_plant_in_joint_units():
 
     assert order.velocity_limit_si == pytest.approx(3000 / 60 * 2 * math.pi / 100)
     assert order.following_error_si == pytest.approx(2 * math.pi / 100)
-    assert order.following_error_time_s == pytest.approx(0.04)
+    assert order.following_error_time_s == 0.0
     assert order.effort_limit_si == pytest.approx(8.0 * HIP_KT * 100)
     assert order.interpolation_s == pytest.approx(0.01)
 
@@ -141,9 +140,11 @@ def test_limits_reach_the_plant_in_joint_units():
 def test_the_hardwares_current_limit_is_above_all_objects(generic):
     generic.write(0x6072, 0, 5000, 2)
     generic.write(0x6073, 0, 5000, 2)
+    generic.write(0x6066, 0, 40, 2)
     generic.write(0x6040, 0, 0x06, 2)
 
     assert generic.plant.orders[0].effort_limit_si == pytest.approx(12 * HIP_KT * 100)
+    assert generic.plant.orders[0].following_error_time_s == pytest.approx(0.04)
 
 
 def test_position_limits_of_an_axis_that_counts_backwards_are_put_in_order(bench):
