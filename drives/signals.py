@@ -79,6 +79,8 @@ class Input(IntFlag):
     STO_RELEASED = 2
     NEGATIVE_LIMIT = 4
     POSITIVE_LIMIT = 8
+    IMPOSSIBLE = 16
+    """Bits of 60FDh that no wiring can produce: none of the others is known then."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +135,7 @@ class DriveFeedback(NamedTuple):
     alarm: Emergency | None = None
     """The newest alarm, also where code 0000h has cleared it since."""
     temperature_overdue: bool = False
-    """The drive has a temperature object, and its TPDO3 is overdue."""
+    """The drive has a temperature object, and it is not measured any more."""
     reference_lost: bool = False
     """An EMCY since bring-up meant that the encoder position is no longer reliable."""
     news: tuple[tuple[Emergency, bool], ...] = ()

@@ -43,7 +43,7 @@ class Row:
         return f"{self.index:04X}h:{self.sub:02X}"
 
 
-WRITES: Final = frozenset({StepKind.WRITE, StepKind.RANGE})
+WRITES: Final = frozenset({StepKind.WRITE, StepKind.CLEAR, StepKind.RANGE})
 COMMUNICATION: Final = frozenset(
     {
         Object.SYNC_WINDOW,
@@ -62,6 +62,7 @@ _POSITION: Final = Source(
 )
 _TORQUE: Final = Source("torque", "[hip] torque_max_nm; [slide] force_max_n")
 _PROFILE: Final = "the profile"
+_CLEARED: Final = "cleared where the drive has it"
 SOURCES: Final[Mapping[int, Source]] = {
     Object.HEARTBEAT_CONSUMER: Source(
         "loss of the master's heartbeat, in ms (low word)", "[cycle] drive_detection_ms"
@@ -85,8 +86,9 @@ SOURCES: Final[Mapping[int, Source]] = {
         "the ramp of a quick stop",
         "[hip] quick_stop_deceleration_rad_per_s2; [slide] quick_stop_deceleration_m_per_s2",
     ),
-    Object.VELOCITY_OFFSET: Source("no velocity offset", _PROFILE),
-    Object.TORQUE_OFFSET: Source("no torque offset", _PROFILE),
+    Object.POSITION_OFFSET: Source("no position offset", _CLEARED),
+    Object.VELOCITY_OFFSET: Source("no velocity offset", _CLEARED),
+    Object.TORQUE_OFFSET: Source("no torque offset", _CLEARED),
     Object.INTERPOLATION_TIME: Source(
         "interpolation time of the target position", "[cycle] period_ms"
     ),

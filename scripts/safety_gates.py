@@ -89,6 +89,8 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "drives/cia402/pdo.py": ("drives/test_pdo.py", "drives/test_profile.py"),
     "drives/cia402/power_state.py": ("drives/test_cia402.py",),
     "drives/cia402/profile.py": ("drives/test_torque.py", "drives/test_profile.py"),
+    "drives/cia402/sources.py": ("drives/test_sources.py", "drives/test_profile.py"),
+    "drives/cia402/temperature.py": ("drives/test_temperature.py",),
     "drives/cia402/torque.py": ("drives/test_torque.py",),
     "drives/cia402/units.py": ("drives/test_units.py", "drives/test_torque.py"),
 }

@@ -36,7 +36,7 @@ from sim_drives.canopen.storage import Storage
 from sim_drives.canopen.sync import SyncConsumer
 from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.cia402.drive import Drive
-from sim_drives.cia402.personality import PERSONALITIES, commissioned
+from sim_drives.cia402.personality import PERSONALITIES, commissioned, rated_torque_unm
 from sim_drives.cia402.power_state import POWER_STAGE_ON
 from sim_drives.connection import (
     FAILURES,
@@ -375,4 +375,4 @@ class Node:
             return
         value = self.dictionary.value
         nominal_ma, constant = (value(Object.EPOS4_MOTOR_DATA, sub) for sub in (1, 5))
-        self.dictionary.put(Object.RATED_TORQUE, 0, nominal_ma * constant // 1000)
+        self.dictionary.put(Object.RATED_TORQUE, 0, rated_torque_unm(nominal_ma, constant))

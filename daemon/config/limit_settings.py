@@ -35,6 +35,8 @@ class HipLimits(Table, frozen=True):
     sign_mismatch_torque_min_nm: Annotated[float, Meta(gt=0, le=60)]
     """Torque beyond the load, against the joint's acceleration, that indicates a wrong sign."""
     tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
+    hold_distance_max_deg: Annotated[float, Meta(gt=0, le=45)]
+    """In place of `tracking_max_deg` in mode hold, half a second after the reference stands."""
     following_error_deg: Annotated[float, Meta(gt=0, le=45)]
     """Limit of the drive's position loop; written into the drive (6065h)."""
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
@@ -69,6 +71,7 @@ class SlideLimits(Table, frozen=True):
     load_deviation_max_n: Annotated[float, Meta(gt=0, le=600)]
     sign_mismatch_force_min_n: Annotated[float, Meta(gt=0, le=600)]
     tracking_max_m: Annotated[float, Meta(gt=0, le=0.5)]
+    hold_distance_max_m: Annotated[float, Meta(gt=0, le=0.5)]
     following_error_m: Annotated[float, Meta(gt=0, le=0.5)]
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
     quick_stop_deceleration_m_per_s2: Annotated[float, Meta(gt=0, le=200)]

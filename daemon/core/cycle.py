@@ -53,7 +53,7 @@ def step(
     controllers.advance(core, tick.cycle)
     commands = impedance.command(core, tick.cycle)
     monitors.store_commands(core)
-    return drives.frames(commands), cycle_record.record(core, tick)
+    return [*drives.frames(commands), *drives.uploads()], cycle_record.record(core, tick)
 
 
 def rest(core: Core, gateway_states: Sequence[GatewayState], tick: Tick) -> CycleRecord:
@@ -138,6 +138,7 @@ def _axis(core: Core, leg: Leg, axis: Axis) -> AxisInputs:
         preparing=core.single_axis is not None,
         homing=single_axis.is_homing(core, axis),
         tracking_si=axis.tracking_si if core.mode != Mode.STOPPING else 0.0,
+        held=leg.held_cycles > sensing.HOLD_SETTLE_CYCLES,
         wanted_velocity_si=axis.wanted_velocity_si,
         counts_sign=1 if axis.scaling.counts_per_si > 0 else -1,
         loop_distance_si=targets.loop_distance(axis),

@@ -55,6 +55,8 @@ class Axis:
     """Referenced, and since then no reboot or silence of its drive, no doubtful feedback, and no
     homing that has not ended."""
     unreferenced_why: str = ""
+    watched: bool = False
+    """Its drive has been neither silent nor rebooted since a bring-up: it is still the same one."""
     sign_proven: bool = False
     joint: Joint = field(default_factory=Joint)
     feedback: DriveFeedback | None = None
@@ -96,6 +98,13 @@ class Axis:
     drift: Drift = NO_DRIFT
     calibration_advised: bool = False
 
+    def is_other_drive(self, serial_number: int) -> bool:
+        """True if a drive that is found now is not certainly the one of before.
+
+        A drive without a serial number (0) cannot be told from another one once it was not watched.
+        """
+        return serial_number != self.serial_number or (serial_number == 0 and not self.watched)
+
 
 @dataclass(slots=True)
 class Leg:
@@ -136,6 +145,8 @@ class Leg:
     stride: Stride | None = None
     """The stride that was completed in this cycle; None if there was none."""
     stride_count: int = 0
+    held_cycles: int = 0
+    """Cycles in a row in which mode HOLD has held a pose that does not change."""
     observer_started: bool = False
     observer_bad_cycles: int = 0
     mechanism: tuple[float, ...] = field(init=False)

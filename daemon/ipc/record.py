@@ -99,6 +99,7 @@ class Cause(IntEnum):
     # the emergency means of the patient and of a person nearby
     HAND_SWITCH_OPEN = 20
     STO_ACTIVE = 21
+    INPUTS_IMPOSSIBLE = 22
     # a drive and its bus
     BUS_DOWN = 30
     DRIVE_SILENT = 31

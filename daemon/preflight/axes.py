@@ -13,7 +13,7 @@ from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.settings import Cycle
 from daemon.config.strict import ConfigError, Errors
-from drives.bringup.plan import plan
+from drives.bringup.plan import homing_plan, plan
 from drives.cia402.option_codes import in_words, without_torque
 from drives.cia402.profile import DriveDescription, Keeps
 from drives.cia402.torque import TorqueObject, TorqueSampling, base_in_words, count_nm
@@ -59,7 +59,10 @@ class AxisMeaning(msgspec.Struct, frozen=True):
     node_id: int
     drive: str
     verified_on_hardware: bool
-    provenance: str
+    sources: tuple[str, ...]
+    """Documents and files, each with the facts of the profile that it states."""
+    open_facts: tuple[str, ...]
+    """Facts of the profile that no public document states: the drive must show them."""
     rotary: bool
     """True: rad and N m; false: m and N. `_si` is in these units."""
     position_per_count: float
@@ -153,7 +156,8 @@ def _meaning(
         node_id=drive.node_id,
         drive=f"{profile.vendor} {profile.family}",
         verified_on_hardware=profile.verified_on_hardware,
-        provenance=" ".join(profile.provenance.split()),
+        sources=tuple(f"{one.what} states {', '.join(one.states)}" for one in profile.sources),
+        open_facts=profile.open_facts,
         rotary=transmission.kind == "rotary",
         position_per_count=1.0 / scaling.counts_per_si,
         effort_per_permille=1.0 / scaling.permille_per_effort_si,
@@ -210,9 +214,13 @@ def _eds_objections(
         dictionary = eds.load_eds(drive.eds, drive.node_id)
     except DescriptionError as error:
         raise ConfigError(file, error.key, error.value, error.allowed) from error
-    steps = plan(drive, limits, cycle_settings(cycle))
+    settings = cycle_settings(cycle)
+    plans = [plan(drive, limits, settings)]
+    if drive.axis.homing is not None:
+        plans.append(homing_plan(drive, limits, settings))
+    found = [line for one in plans for line in eds.objections(one, dictionary)]
     has = drive.profile.optional_objects
-    return tuple(eds.objections(steps, dictionary)), eds.unused(has, dictionary)
+    return tuple(dict.fromkeys(found)), eds.unused(has, dictionary)
 
 
 _TORQUE_MODE = {

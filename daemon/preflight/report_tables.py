@@ -98,9 +98,14 @@ def _origin(axis: AxisMeaning) -> Section:
 
 
 def _profiles(report: Report) -> Section:
-    origins = {axis.drive: (_verified(axis), axis.provenance) for axis in report.axes}
-    rows = tuple((drive, *origin) for drive, origin in origins.items())
-    return Section("Where the drives' facts come from", ("drive", "", "sources"), rows)
+    axes = {axis.drive: axis for axis in report.axes}
+    rows: list[tuple[str, ...]] = []
+    for drive, axis in axes.items():
+        rows.append((drive, _verified(axis)))
+        rows += [("", source) for source in axis.sources]
+        if axis.open_facts:
+            rows.append(("", f"no public document states {', '.join(axis.open_facts)}"))
+    return Section("Where the drives' facts come from", ("drive", "sources"), tuple(rows))
 
 
 def _verified(axis: AxisMeaning) -> str:

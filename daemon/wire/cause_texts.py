@@ -119,6 +119,13 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         f"find out why the emergency stop was pressed, release it; {GO_ON}",
         "have the emergency stop and its wires checked",
     ),
+    Cause.INPUTS_IMPOSSIBLE: CauseText(
+        "a drive shows inputs that no wiring can produce",
+        Blame.DRIVE,
+        HELD,
+        f"switch the drive off and on; {GO_ON}",
+        CALL_TECHNICIAN,
+    ),
     Cause.BUS_DOWN: CauseText(
         "the CAN interface is missing or down",
         Blame.MACHINE,

@@ -21,6 +21,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.HAND_SWITCH_OPEN: StopCategory.S1,
     Cause.SHUTDOWN: StopCategory.S1,
     Cause.STO_ACTIVE: StopCategory.S0,
+    Cause.INPUTS_IMPOSSIBLE: StopCategory.S1,
     Cause.BUS_DOWN: StopCategory.S1,
     Cause.BUS_OFF: StopCategory.S1,
     Cause.UNEXPECTED_ENABLE: StopCategory.S0,

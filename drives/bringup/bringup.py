@@ -28,9 +28,10 @@ Rules:
 7.  Any other node that sends SYNC, or a heartbeat under the master's number, is another master: no
     drive is brought up beside it, and the check is repeated at the next try. The bus is listened
     to before anything is sent.
-8.  Where switching off was requested and a drive does not come up, disable voltage is sent to all
-    drives nevertheless: their resets disabled their heartbeat monitoring, so nothing else would
-    switch them off. A drive that does not answer may still receive.
+8.  Where switching off was requested and a drive does not come up, or whatever else ends the
+    bring-up, disable voltage is sent to all drives nevertheless: their resets disabled their
+    heartbeat monitoring, so nothing else would switch them off. A drive that does not answer may
+    still receive.
 """
 
 from bisect import bisect_right
@@ -38,7 +39,15 @@ from collections.abc import Generator, Sequence
 from contextlib import suppress
 from typing import Final, NamedTuple
 
-from drives.bringup.objects import SdoTarget, examine, read, switch_off, write, write_range
+from drives.bringup.objects import (
+    SdoTarget,
+    clear,
+    examine,
+    read,
+    switch_off,
+    write,
+    write_range,
+)
 from drives.bringup.plan import CycleSettings, DrivePlan
 from drives.bringup.port import DrivePort
 from drives.bringup.presence import (
@@ -57,7 +66,14 @@ from drives.cia402.pdo import PdoLayout, layouts
 from drives.cia402.power_state import POWER_STAGE_OFF, decode_statusword
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import DriveBase, base_from_raw
-from drives.errors import BootFailure, BringUpRefused, DrivePowered, DriveSilent
+from drives.errors import (
+    BootFailure,
+    BringUpRefused,
+    BusError,
+    DrivePowered,
+    DrivesError,
+    DriveSilent,
+)
 from drives.signals import Emergency, NmtState, PowerState
 
 BOOT_TIMEOUT_NS: Final = 2_000_000_000
@@ -157,16 +173,21 @@ def bring_up(
     done_count = 0
     for text in master.listen():
         yield Progress("", text, done_count, total_count)
+    # Also where this program meets what it did not expect, or is closed between two steps.
+    leave_without_power = may_switch_off
     try:
         for drive, step in _ordered(drives, together=may_switch_off):
             for text in _run(step, drive, drives if may_switch_off else (), port, cycle):
                 master.check()
                 yield Progress(drive.name, text, done_count, total_count)
             done_count += 1
-    except (BringUpRefused, DriveSilent):
-        if may_switch_off:
-            _leave_without_power(drives, port)
+        leave_without_power = False
+    except BusError:
+        leave_without_power = False  # no frame reaches a drive
         raise
+    finally:
+        if leave_without_power:
+            _leave_without_power(drives, port)
     for texts in (_start(drives, port, cycle), _first_samples(drives, port, cycle)):
         for text in texts:
             master.check()
@@ -215,6 +236,8 @@ def _run(
             switch_off(step, drive.target(port))
         case StepKind.WRITE:
             write(step, drive.target(port), step.value)
+        case StepKind.CLEAR:
+            clear(step, drive.target(port))
         case StepKind.RANGE:
             write_range(step, drive.target(port))
         case StepKind.SEED_POSITION:  # pragma: no branch - the last kind
@@ -277,9 +300,9 @@ def _without_power(
 
 
 def _leave_without_power(drives: Sequence[_DriveState], port: DrivePort) -> None:
-    """Send disable voltage to all drives (rule 8); refusals and missing answers are ignored."""
+    """Send disable voltage to all drives (rule 8), whatever becomes of it at each of them."""
     for drive in drives:
-        with suppress(BringUpRefused, DriveSilent):
+        with suppress(DrivesError):
             write(_DISABLE_VOLTAGE, drive.target(port), 0)
 
 

@@ -23,6 +23,7 @@ from typing import Final, NamedTuple
 from drives.bringup.plan import CycleSettings
 from drives.cia402.pdo import layouts
 from drives.cia402.profile import DriveDescription
+from drives.cia402.temperature import SLOT_CYCLES
 
 _FIXED_BITS: Final = 47
 _STUFFED_BITS: Final = 34
@@ -162,5 +163,10 @@ def _streams(description: DriveDescription, cycle: CycleSettings, sync_hz: float
         Stream(f"{name} {layout}", layout.size, sync_hz / layout.transmission_type, in_burst=True)
         for layout in pdos
     ]
+    if description.profile.uploaded_temperature is not None:
+        streams += [
+            Stream(f"{name} SDO {part}", 8, sync_hz / SLOT_CYCLES, in_burst=False)
+            for part in ("request", "answer")
+        ]
     heartbeat_hz = 1e3 / cycle.drive_heartbeat_ms
     return [*streams, Stream(f"{name} heartbeat", 1, heartbeat_hz, in_burst=False)]

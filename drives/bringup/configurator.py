@@ -28,6 +28,7 @@ from drives.canopen.bus import Bus, Clock, Frame
 from drives.canopen.bus_state import BusCondition, BusMonitor
 from drives.canopen.emcy import EMERGENCY_ID
 from drives.canopen.nmt import HEARTBEAT_ID, SYNC_ID, HeartbeatWatch, SyncProducer
+from drives.canopen.sdo import SDO_ANSWER_ID, SDO_REQUEST_ID
 from drives.errors import BusError, BusOff, SdoAborted, SdoGarbled, SdoTimeout
 
 SDO_TIMEOUT_NS: Final = 300_000_000
@@ -39,8 +40,6 @@ SLICE_NS: Final = 10_000_000
 SEND_TIMEOUT_NS: Final = 20_000_000
 """How long a full transmit queue may refuse a bring-up frame."""
 
-_SDO_REQUEST_ID: Final = 0x600
-_SDO_REPLY_ID: Final = 0x580
 _SERVICE: Final = 0x780
 _NODE: Final = 0x07F
 _TPDO_SERVICES: Final = frozenset((0x180, 0x280, 0x380, 0x480))
@@ -158,7 +157,7 @@ class Configurator:
         self.bus_state.frame_received()
         self.bus_state.assume_restarted()
         service, node_id = frame.can_id & _SERVICE, frame.can_id & _NODE
-        if service == _SDO_REPLY_ID:
+        if service == SDO_ANSWER_ID:
             if node_id in self._clients:
                 client = self._clients[node_id]
                 client.receive(frame.data)
@@ -209,7 +208,7 @@ class _Client(SdoClient):
     ) -> None:
         empty = canopen.ObjectDictionary()
         # Its second argument is for canopen's own reception, which is not used.
-        super().__init__(_SDO_REQUEST_ID + node_id, 0, empty)
+        super().__init__(SDO_REQUEST_ID + node_id, 0, empty)
         # The reply was received, or the wait is over, before the queue is read.
         self.RESPONSE_TIMEOUT = 0
         self._send = send

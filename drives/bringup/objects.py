@@ -6,7 +6,7 @@ the node is absent, no answer to a setting means that its configuration failed. 
 read back and must be the same under the step's mask.
 """
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from drives.bringup.port import DrivePort
 from drives.bringup.steps import PDO_OFF, Step, StepKind
@@ -19,6 +19,9 @@ from drives.errors import (
     SdoGarbled,
     SdoTimeout,
 )
+
+_NO_SUCH_OBJECT: Final = frozenset((0x0602_0000, 0x0609_0011))
+"""Abort codes of an object and of a sub-index that a drive does not have (CiA 301 7.2.4.3.17)."""
 
 
 class SdoTarget(NamedTuple):
@@ -53,6 +56,16 @@ def switch_off(step: Step, target: SdoTarget) -> None:
         BringUpRefused, DriveSilent: see the head of this file.
     """
     write(step, target, read(step, target) | PDO_OFF)
+
+
+def clear(step: Step, target: SdoTarget) -> None:
+    """Write 0 and read back, where the drive has the object and it holds another value.
+
+    Raises:
+        BringUpRefused, DriveSilent: see the head of this file.
+    """
+    if _read_or_zero(step, target, _NO_SUCH_OBJECT):
+        write(step, target, 0)
 
 
 def write_range(step: Step, target: SdoTarget) -> None:
@@ -109,11 +122,13 @@ def read(step: Step, target: SdoTarget) -> int:
     return int.from_bytes(data[:size], "little", signed=step.signed)
 
 
-def _read_or_zero(step: Step, target: SdoTarget) -> int:
+def _read_or_zero(step: Step, target: SdoTarget, codes: frozenset[int] | None = None) -> int:
+    """Read an object; 0 where the drive aborts, with one of these codes if they are given."""
     try:
         return read(step, target)
     except BringUpRefused as refused:
-        if isinstance(refused.__cause__, SdoAborted):
+        abort = refused.__cause__
+        if isinstance(abort, SdoAborted) and (codes is None or abort.code in codes):
             return 0
         raise
 

@@ -13,6 +13,8 @@
     write    SYNC's counter and window where the drive has them; type, timers, objects of the PDOs
              we use, each switched on last; then limits, option codes, interpolation time,
              heartbeats: defence in depth, all read back
+    clear    what would act beside our commands, where the drive has it: inhibit and event timers,
+             offsets of the targets. No drive has power, so that no joint steps
     range    software position limits: two objects that must not cross on the way
     seed     target at the joint's position (torque 0 and the mode are ordinary writes)
     hear     its heartbeat, in PRE-OPERATIONAL
@@ -41,6 +43,12 @@ _POLARITY_BITS: Final = 0b111 << 5
 _CYCLIC_MODES: Final = 1 << 7 | 1 << 9
 """Bits of 6502h: cyclic synchronous position, cyclic synchronous torque."""
 _HOMING_MODE: Final = 1 << 5
+_OFFSETS: Final = (
+    (Object.POSITION_OFFSET, 32, "position"),
+    (Object.VELOCITY_OFFSET, 32, "velocity"),
+    (Object.TORQUE_OFFSET, 16, "torque"),
+)
+"""Objects of CiA 402-2 that a drive adds to the targets, with their bits."""
 _MILLISECONDS: Final = -3
 """60C2h:02 is a power of ten of a second."""
 
@@ -89,6 +97,7 @@ def plan(description: DriveDescription, limits: DriveLimits, cycle: CycleSetting
         *_settings(description, cycle),
         *_seeds(description, raw_limits(limits, description)),
         *_watches(description, cycle),
+        *_temperature(description),
         _word(StepKind.REPORT, "error register as found", Object.ERROR_REGISTER, 8),
         _word(StepKind.REPORT, "error code as found", Object.ERROR_CODE, 16),
     )
@@ -191,6 +200,10 @@ def _write(why: str, index: int, sub: int, bits: int, value: int, *, is_hex: boo
     return Step(StepKind.WRITE, why, index, sub, bits, signed, value, is_hex=is_hex)
 
 
+def _clear(why: str, index: int, sub: int, bits: int, *, signed: bool = False) -> Step:
+    return Step(StepKind.CLEAR, why, index, sub, bits, signed)
+
+
 def _all_pdos_off(description: DriveDescription) -> Iterator[Step]:
     for number in range(description.profile.pdo.count):
         for index, name in ((Object.RPDO, "RPDO"), (Object.TPDO, "TPDO")):
@@ -211,20 +224,19 @@ def _sync(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]
 def _mapping(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
     pdos = layouts(description.profile, description.node_id)
     for layout in pdos:
-        yield from _mapping_of(layout, description)
+        yield from _mapping_of(layout)
         if layout is pdos.control and description.profile.pdo.rpdo_timeout:
             why = "RPDO1 timeout in ms, after which the drive stops by itself"
             yield _write(why, layout.communication_index, 5, 16, cycle.rpdo_timeout_ms)
         yield _switch_on(layout)
 
 
-def _mapping_of(layout: PdoLayout, description: DriveDescription) -> Iterator[Step]:
-    parameters, has = layout.communication_index, description.profile.pdo
+def _mapping_of(layout: PdoLayout) -> Iterator[Step]:
+    parameters = layout.communication_index
     yield _write(f"{layout} with every n-th SYNC", parameters, 2, 8, layout.transmission_type)
-    if layout.transmit and has.inhibit_time:
-        yield _write(f"{layout} has no inhibit time", parameters, 3, 16, 0)
-    if layout.transmit and has.event_timer:
-        yield _write(f"{layout} has no event timer", parameters, 5, 16, 0)
+    if layout.transmit:
+        yield _clear(f"{layout} has no inhibit time", parameters, 3, 16)
+        yield _clear(f"{layout} has no event timer", parameters, 5, 16)
     objects = layout.mapping_index
     yield _write(f"{layout} emptied", objects, 0, 8, 0)
     for sub, item in enumerate(layout.objects, 1):
@@ -274,6 +286,9 @@ def _limits(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
 def _settings(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:
     for entry in description.profile.written:
         yield _step(StepKind.WRITE, entry, entry.value, entry.why)
+    for index, bits, what in _OFFSETS:
+        why = f"no {what} offset: the target is the whole command"
+        yield _clear(why, index, 0, bits, signed=True)
     if description.profile.optional_objects.interpolation_time:
         index = Object.INTERPOLATION_TIME
         yield _write("interpolation time: the core's cycle", index, 1, 8, cycle.period_ms)
@@ -296,7 +311,7 @@ def _homing(
     home, threshold = objects.home, objects.current_threshold
     yield _write("position at home in counts", home.index, home.sub, home.bits, raw.home_raw)
     for zero in objects.zeros:
-        yield _write("no further shift of the home", zero.index, zero.sub, zero.bits, 0)
+        yield _step(StepKind.CLEAR, zero, 0, "no further shift of the home")
     if threshold is not None and raw.stop_current_ma is not None:
         why = "current in mA that means the mechanical stop"
         yield _write(why, threshold.index, threshold.sub, threshold.bits, raw.stop_current_ma)
@@ -315,6 +330,12 @@ def _seeds(description: DriveDescription, raw: RawLimits) -> Iterator[Step]:
     )
     mode = OperationMode.CYCLIC_SYNC_TORQUE
     yield _write("mode: cyclic synchronous torque", Object.MODE, 0, 8, mode)
+
+
+def _temperature(description: DriveDescription) -> Iterator[Step]:
+    temperature = description.profile.uploaded_temperature
+    if temperature is not None:
+        yield _step(StepKind.REPORT, temperature, 0, "temperature, by SDO in the cycle, too")
 
 
 def _watches(description: DriveDescription, cycle: CycleSettings) -> Iterator[Step]:

@@ -37,6 +37,8 @@ class StepKind(Enum):
     """Read a PDO's identifier and write it back with bit 31: a drive may refuse any other value."""
     WRITE = "write"
     """Write, and read back under `mask`."""
+    CLEAR = "clear"
+    """Write 0, and read back; a drive without the object has nothing to clear."""
     RANGE = "range"
     """Write `value` here and `second` into the next sub-index, never crossing the present
     values."""

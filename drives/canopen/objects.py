@@ -54,6 +54,7 @@ class Object(IntEnum):
     HOMING_METHOD = 0x6098
     HOMING_SPEEDS = 0x6099  # sub 1: search for the switch, 2: search for zero
     HOMING_ACCELERATION = 0x609A
+    POSITION_OFFSET = 0x60B0
     VELOCITY_OFFSET = 0x60B1
     TORQUE_OFFSET = 0x60B2
     INTERPOLATION_TIME = 0x60C2  # sub 1: value, 2: power of ten of a second

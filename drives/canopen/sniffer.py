@@ -8,6 +8,7 @@ traffic over that bus is recorded. Rules:
 3.  Identifiers are counted as they come; `inventory.py` attributes them to their senders.
 """
 
+import struct
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,9 +18,8 @@ from drives.canopen.bus import Bus, Clock, Frame
 from drives.canopen.bus_state import BusCondition, BusMonitor
 from drives.canopen.emcy import EMERGENCY_ID
 from drives.canopen.nmt import HEARTBEAT_ID, NMT_ID, SYNC_ID, HeartbeatWatch
+from drives.canopen.sdo import SDO_ANSWER_ID, SDO_REQUEST_ID
 
-SDO_REQUEST_ID: Final = 0x600
-SDO_ANSWER_ID: Final = 0x580
 EMERGENCIES_KEPT: Final = 4
 
 _SERVICE: Final = 0x780
@@ -44,8 +44,19 @@ class NodeTraffic:
     """Counts by bytes 1..3 of the request: index and sub-index."""
     answers: Counter[bytes] = field(default_factory=Counter[bytes])
     abort_count: int = 0
-    foreign_request_count: int = 0
-    """SDO requests to it from other clients."""
+    foreign_requests: Counter[bytes] = field(default_factory=Counter[bytes])
+    """SDO requests to it from other clients, counted as `requests`; those without an object under
+    no bytes."""
+
+    @property
+    def foreign_request_count(self) -> int:
+        """SDO requests to it from other clients."""
+        return self.foreign_requests.total()
+
+    def foreign_count_besides(self, place: tuple[int, int] | None) -> int:
+        """The same without those for one object, which a service reads in its cycle."""
+        of_service = 0 if place is None else self.foreign_requests[struct.pack("<HB", *place)]
+        return self.foreign_request_count - of_service
 
     @property
     def answered(self) -> bool:
@@ -132,7 +143,7 @@ class BusSniffer:
         elif service == EMERGENCY_ID:
             traffic.emergencies.append(data)
         elif service == SDO_REQUEST_ID:
-            traffic.foreign_request_count += 1
+            traffic.foreign_requests[_object_of(data)] += 1
             _count_request(traffic, data)
         elif data and data[0] & _COMMAND == _ABORT:
             traffic.abort_count += 1
@@ -141,8 +152,14 @@ class BusSniffer:
 
 
 def _count_request(traffic: NodeTraffic, data: bytes) -> None:
-    if data and data[0] & _COMMAND in _INITIATES:
-        traffic.requests[data[1:4]] += 1
+    place = _object_of(data)
+    if place:
+        traffic.requests[place] += 1
+
+
+def _object_of(data: bytes) -> bytes:
+    """Index and sub-index of a request that begins a transfer; no bytes for any other."""
+    return data[1:4] if data and data[0] & _COMMAND in _INITIATES else b""
 
 
 class SniffedBus:

@@ -116,11 +116,11 @@ class AxisFile(Table, frozen=True, kw_only=True):
     DC link that charges during transition 4 takes longer than the state changes themselves."""
 
 
-def check_inputs(inputs: Inputs) -> None:
-    """Check that no two inputs have one bit.
+def check_inputs(inputs: Inputs, always_zero: int) -> None:
+    """Check that no two inputs have one bit, and that the drive can set each bit.
 
     Raises:
-        DescriptionError: they have.
+        DescriptionError: they have, or it cannot.
     """
     bits = [
         entry.bit
@@ -134,6 +134,9 @@ def check_inputs(inputs: Inputs) -> None:
     ]
     if len(set(bits)) != len(bits):
         raise DescriptionError("axis", "inputs", bits, "a different bit for each input")
+    if any(always_zero >> bit & 1 for bit in bits):
+        allowed = f"bits outside the profile's inputs_always_zero = {always_zero:08X}h"
+        raise DescriptionError("axis", "inputs", bits, allowed)
 
 
 def check_transmission(transmission: Transmission) -> None:

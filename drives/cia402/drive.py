@@ -7,6 +7,7 @@ The calls of one cycle on a `DriveGroup`, in order of time:
     feed(frames)           frames received in the window
     end_of_window(cycle)   one DriveFeedback for each drive
     frames(commands)       RPDO1 and RPDO2 of each drive
+    uploads()              after them at most one SDO request
 
 Rules:
 1.  A sample is fresh only if every cyclic TPDO of the drive came inside the window, at its mapped
@@ -17,7 +18,8 @@ Rules:
 3.  A frame of another length than mapped is not used, and counted (what a drive would answer with
     EMCY 8210h or 8220h).
 4.  EMCY, heartbeat, boot-up and TPDO3 count whenever they come.
-5.  Values of TPDO3 are known until three of them are missing in a row.
+5.  Values of TPDO3 are known until three of them are missing in a row. A temperature that no PDO
+    carries is read by SDO (`temperature.py`).
 """
 
 from collections.abc import Callable, Sequence
@@ -27,6 +29,7 @@ from drives.canopen.bus import Frame
 from drives.canopen.bus_state import BusMonitor
 from drives.canopen.emcy import EMERGENCY_ID, EmergencyLog
 from drives.canopen.nmt import HEARTBEAT_ID, HeartbeatWatch
+from drives.canopen.sdo import SDO_ANSWER_ID, SDO_REQUEST_ID
 from drives.cia402.axis_file import InputBit
 from drives.cia402.pdo import layouts
 from drives.cia402.power_state import (
@@ -37,6 +40,7 @@ from drives.cia402.power_state import (
     next_word,
 )
 from drives.cia402.profile import DriveDescription
+from drives.cia402.temperature import TemperatureTurns, TemperatureUpload
 from drives.signals import (
     DriveCommand,
     DriveFeedback,
@@ -70,9 +74,12 @@ class Drive:
         self.emergencies = EmergencyLog(self.node_id, profile.emergency_table)
         self._pdos = layouts(profile, self.node_id)
         self._resume = profile.resume_from_quick_stop
-        self._temperature = profile.temperature
+        uploaded = profile.uploaded_temperature
+        self._temperature = None if uploaded is not None else profile.temperature
+        self.upload = None if uploaded is None else TemperatureUpload(self.node_id, uploaded)
         self._maps_error_code = profile.pdo.error_code
         self._input_bits = _input_bits(description)
+        self._always_zero = profile.inputs_always_zero
         self._input_mask = sum(1 << bit.bit for _, bit in self._input_bits)
         self._decoded_inputs: dict[int, Input] = {}
         self._sent = Sent()
@@ -114,8 +121,17 @@ class Drive:
         return self._error_code
 
     def handlers(self) -> dict[int, Handler]:
-        """Handlers by identifier of the frames that this drive sends."""
-        return {
+        """Handlers by identifier of the frames of this drive, and to its SDO server."""
+        upload = self.upload
+        by_sdo: dict[int, Handler] = (
+            {}
+            if upload is None
+            else {
+                SDO_ANSWER_ID + self.node_id: upload.on_answer,
+                SDO_REQUEST_ID + self.node_id: upload.on_foreign_request,
+            }
+        )
+        return by_sdo | {
             self._pdos.status.can_id: self._on_status,
             self._pdos.torque.can_id: self._on_torque,
             self._pdos.slow.can_id: self._on_slow,
@@ -147,8 +163,7 @@ class Drive:
     def _feedback(
         self, now_ns: int, *, fresh: bool, news: tuple[tuple[Emergency, bool], ...] = ()
     ) -> DriveFeedback:
-        mode = self._mode_display
-        word = self._statusword
+        mode, word, upload = self._mode_display, self._statusword, self.upload
         return DriveFeedback(
             node_id=self.node_id,
             nmt_state=self.heartbeat.state,
@@ -160,7 +175,7 @@ class Drive:
             position_counts=self._position_counts,
             torque_raw=self._torque_raw,
             inputs=self._inputs,
-            temperature_degc=self._temperature_degc,
+            temperature_degc=self._temperature_degc if upload is None else upload.degc,
             fresh=fresh,
             sample_age_cycles=self._last_cycle - (self._sample_cycle or 0),
             late_count=self._late_count,
@@ -171,7 +186,11 @@ class Drive:
             protocol_error_count=self._protocol_error_count,
             alarm_count=self.emergencies.alarm_count,
             alarm=self.emergencies.alarm,
-            temperature_overdue=self._temperature is not None and self._is_slow_overdue(),
+            temperature_overdue=(
+                upload.overdue
+                if upload is not None
+                else self._temperature is not None and self._is_slow_overdue()
+            ),
             reference_lost=self.emergencies.reference_lost,
             news=news,
         )
@@ -211,6 +230,9 @@ class Drive:
             return False
         self._window_torque_raw, bits = self._pdos.torque.codec.unpack(data)
         self._has_torque = True
+        if bits & self._always_zero:
+            self._inputs = Input.IMPOSSIBLE
+            return False
         bits &= self._input_mask
         inputs = self._decoded_inputs.get(bits)
         if inputs is None:
@@ -262,6 +284,8 @@ class DriveGroup:
 
         After a window with a missing TPDO it must not: the first one to arrive may be the late one.
         """
+        uploads = [drive.upload for drive in self.drives if drive.upload is not None]
+        self._turns = TemperatureTurns(uploads)
         self._handlers = {
             can_id: handler for drive in drives for can_id, handler in drive.handlers().items()
         }
@@ -292,6 +316,10 @@ class DriveGroup:
             drive.frames(command) for drive, command in zip(self.drives, commands, strict=True)
         ]
         return [control for control, _ in pairs] + [torque for _, torque in pairs]
+
+    def uploads(self) -> list[Frame]:
+        """At most one SDO request; call once in a cycle, and send it after the commands."""
+        return self._turns.request()
 
     def _feed(self, frames: Sequence[Frame], now_ns: int, in_window: bool) -> bool:
         alarm = False

@@ -25,8 +25,8 @@ class HomingObjects(Table, frozen=True, kw_only=True):
     stall_methods: tuple[Method, ...] = ()
     """The methods that detect a mechanical stop by `current_threshold`."""
     zeros: tuple[ObjectRef, ...] = ()
-    """Objects that shift the home further, and are written as 0: an earlier commissioning of the
-    drive may have stored another value in them."""
+    """Objects that shift the home further, and are cleared where the drive has them: an earlier
+    commissioning may have stored another value in them."""
 
 
 class Homing(Table, frozen=True, kw_only=True):

@@ -106,7 +106,8 @@ class DrivePdos(NamedTuple):
 def layouts(profile: DriveProfile, node_id: int) -> DrivePdos:
     """Compile the PDOs of one drive."""
     source = _mapped(profile.torque_source)
-    slow = [] if profile.temperature is None else [_mapped(profile.temperature)]
+    temperature = profile.temperature
+    slow = [_mapped(temperature)] if temperature is not None and temperature.mapped else []
     if profile.pdo.error_code:
         slow.append(ERROR_CODE)
     return DrivePdos(

@@ -21,6 +21,7 @@ from drives.canopen.objects import Object
 from drives.cia402.axis_file import AxisFile, check_inputs, check_transmission
 from drives.cia402.homing import HomingObjects, check_homing, check_homing_objects
 from drives.cia402.option_codes import WrittenObject, check_written, holds_after_quick_stop
+from drives.cia402.sources import Source, check_sources, open_facts
 from drives.cia402.torque import (
     ObjectRef,
     RatedTorqueUnit,
@@ -55,8 +56,10 @@ class DecelerationUnit(Enum):
 
 
 class Temperature(ObjectRef, frozen=True, kw_only=True):
-    """The drive's temperature, mapped into TPDO3."""
+    """The drive's temperature."""
 
+    mapped: bool
+    """True: TPDO3 carries it. False: the drive cannot map it, and it is read by SDO."""
     degc_per_count: Annotated[float, Meta(gt=0, le=10)]
 
 
@@ -120,10 +123,6 @@ class Pdo(Table, frozen=True, kw_only=True):
 
     count: Annotated[int, Meta(ge=3, le=8)]
     """Number of RPDOs, and of TPDOs; those that the mapping does not use are switched off."""
-    inhibit_time: bool
-    """1800h:03."""
-    event_timer: bool
-    """1800h:05."""
     rpdo_timeout: bool
     """1400h:05: the drive stops by itself when RPDO1 is missing."""
     error_code: bool
@@ -143,8 +142,10 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     vendor: str
     family: str
     verified_on_hardware: bool
-    provenance: Annotated[str, Meta(min_length=20)]
-    """Source of the facts in this file."""
+    sources: tuple[Source, ...]
+    """Public documents and files, each with the facts that it states."""
+    must_show: tuple[str, ...] = ()
+    """Facts that no public document states: `gaitd check` names them."""
     torque_source: TorqueSource
     torque_base: TorqueBase
     torque_limit: TorqueObject
@@ -153,7 +154,7 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     velocity_unit: SpeedUnit
     deceleration_unit: DecelerationUnit
     temperature: Temperature | None = None
-    """Absent: no temperature can be mapped, and its limit is not monitored."""
+    """Absent: no temperature can be read, and its limit is not monitored."""
     optional_objects: OptionalObjects
     torque_mode: TorqueMode
     pdo: Pdo
@@ -166,10 +167,29 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     """Enabling leaves quick stop active by transition 16, so a held load stays held."""
     written: tuple[WrittenObject, ...]
     checked: tuple[CheckedObject, ...] = ()
+    inputs_always_zero: Unsigned32
+    """Bits of 60FDh that no input of the drive can set: a drive that shows one shows no inputs."""
     referenced_bit: Annotated[int, Meta(ge=8, le=15)] | None = None
     """Statusword bit that means: position referenced to home."""
     homing: HomingObjects | None = None
     """Absent: homing is not supported, or not documented."""
+
+    @property
+    def open_facts(self) -> tuple[str, ...]:
+        """The facts that no public document states."""
+        return open_facts(self, self.sources, self.must_show)
+
+    @property
+    def uploaded_temperature(self) -> Temperature | None:
+        """The temperature, where no PDO carries it."""
+        temperature = self.temperature
+        return None if temperature is None or temperature.mapped else temperature
+
+    @property
+    def uploaded_in_cycle(self) -> tuple[int, int] | None:
+        """Index and sub-index of the object that the service reads by SDO in its cycle."""
+        temperature = self.uploaded_temperature
+        return None if temperature is None else (temperature.index, temperature.sub)
 
 
 class BaseObject(NamedTuple):
@@ -276,8 +296,9 @@ def _check_resume(profile: DriveProfile) -> None:
 
 
 def _check_slow_pdo(profile: DriveProfile) -> None:
-    if profile.temperature is None and not profile.pdo.error_code:
-        allowed = "true where there is no temperature: TPDO3 would be empty"
+    mapped = profile.temperature is not None and profile.temperature.mapped
+    if not mapped and not profile.pdo.error_code:
+        allowed = "true where no temperature is mapped: TPDO3 would be empty"
         raise DescriptionError("profile", "pdo.error_code", False, allowed)
 
 
@@ -340,11 +361,12 @@ _CHECKS: Final[tuple[Callable[[DriveProfile, AxisFile], None], ...]] = (
     lambda profile, _: _check_silence_detection(profile),
     lambda profile, _: _check_resume(profile),
     lambda profile, _: _check_slow_pdo(profile),
-    lambda _, axis: check_inputs(axis.inputs),
+    lambda profile, axis: check_inputs(axis.inputs, profile.inputs_always_zero),
     lambda _, axis: check_transmission(axis.transmission),
     _check_linear_motor,
     _check_motor,
     lambda profile, _: check_homing_objects(profile.homing),
     lambda profile, axis: check_homing(profile.homing, axis.homing),
     _check_stop_current,
+    lambda profile, _: check_sources(profile, profile.sources, profile.must_show),
 )

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 from drives.canopen.emcy import EMERGENCY_ID
 from drives.canopen.nmt import HEARTBEAT_ID, NMT_ID, SYNC_ID
 from drives.canopen.objects import Object
-from drives.canopen.sniffer import SDO_ANSWER_ID, SDO_REQUEST_ID
+from drives.canopen.sdo import SDO_ANSWER_ID, SDO_REQUEST_ID
 from drives.cia402.pdo import POSITION, layouts
 from drives.cia402.profile import DriveDescription
 from drives.cia402.torque import ObjectRef

@@ -80,7 +80,14 @@ class Compared:
 
 
 _EXPECTED = frozenset(
-    (StepKind.CHECK, StepKind.COMPARE, StepKind.SWITCH_OFF, StepKind.WRITE, StepKind.RANGE)
+    (
+        StepKind.CHECK,
+        StepKind.COMPARE,
+        StepKind.SWITCH_OFF,
+        StepKind.WRITE,
+        StepKind.CLEAR,
+        StepKind.RANGE,
+    )
 )
 
 
@@ -105,11 +112,20 @@ def _parts(step: Step) -> Iterator[Step]:
         yield step
 
 
+def expected_of(plan: DrivePlan, dictionary: ObjectDictionary) -> tuple[Expectation, ...]:
+    """The expectations for a drive with this EDS: what is only cleared need not be there."""
+    return tuple(
+        one
+        for one in expectations(plan)
+        if one.step.kind is not StepKind.CLEAR or dictionary.get_variable(*one.address) is not None
+    )
+
+
 def read_with_plan(
     plan: DrivePlan, dictionary: ObjectDictionary, port: DrivePort
 ) -> Generator[Progress, None, tuple[Compared, ...]]:
     """Read what a plan expects, and compare; raises as `read_objects`."""
-    wanted = expectations(plan)
+    wanted = expected_of(plan, dictionary)
     variables = [variable_at(dictionary, *one.address, one.step.bits) for one in wanted]
     entries = yield from read_objects(plan.description.node_id, variables, port)
     return with_plan(wanted, {(entry.index, entry.sub): entry for entry in entries})

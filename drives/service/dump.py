@@ -74,10 +74,12 @@ class Entry:
 def check_alone(plan: DrivePlan, traffic: NodeTraffic) -> None:
     """Check that no other SDO client uses the drive: both would break each other's transfers.
 
+    A service that reads the temperature in its cycle waits for this client (temperature.py).
+
     Raises:
         DriveSilent: another client reads or writes the drive's objects now.
     """
-    if traffic.foreign_request_count:
+    if traffic.foreign_count_besides(plan.description.profile.uploaded_in_cycle):
         reason = "another client reads or writes its objects now (a service's bring-up?): try later"
         raise DriveSilent(plan.description.name, BootFailure.FOREIGN_MASTER, reason)
 

@@ -23,7 +23,13 @@ from drives.errors import DescriptionError
 
 _READ: Final = frozenset((StepKind.CHECK, StepKind.COMPARE, StepKind.REPORT))
 _WRITTEN: Final = frozenset(
-    (StepKind.WRITE, StepKind.RANGE, StepKind.SWITCH_OFF, StepKind.SEED_POSITION)
+    (
+        StepKind.WRITE,
+        StepKind.CLEAR,
+        StepKind.RANGE,
+        StepKind.SWITCH_OFF,
+        StepKind.SEED_POSITION,
+    )
 )
 _WITH_VALUE: Final = frozenset((StepKind.WRITE, StepKind.RANGE))
 _RANGE_NOT_JUDGED: Final = frozenset((Object.HEARTBEAT_CONSUMER,))
@@ -96,7 +102,8 @@ def _parts(step: Step) -> tuple[Step, ...]:
 def _objection(step: Step, dictionary: ObjectDictionary) -> str | None:
     variable = dictionary.get_variable(step.index, step.sub)
     if variable is None:
-        return f"{step.place} is not in the EDS ({step.why})"
+        absent_is_well = step.kind is StepKind.CLEAR
+        return None if absent_is_well else f"{step.place} is not in the EDS ({step.why})"
     if len(variable) != step.bits:
         return f"{step.place} has {len(variable)} bits in the EDS, not {step.bits} ({step.why})"
     if step.kind in _WRITTEN and not variable.writable:

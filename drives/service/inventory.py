@@ -142,19 +142,18 @@ def _of_masters(survey: Survey, expected: Expected) -> Iterator[Finding]:
 
 def _of_station(station: Station, survey: Survey, expected: Expected) -> Iterator[Finding]:
     node_id, name = station.node_id, station.drive
-    traffic = survey.sniffer.node(node_id)
+    traffic, drive = survey.sniffer.node(node_id), expected.drive(node_id)
     for kind, text in (
-        *_of_presence(station, survey, traffic),
+        *_of_presence(station, survey, traffic, drive),
         *_of_errors(station, traffic, expected),
     ):
         yield Finding(kind, text, node_id, name)
-    drive = expected.drive(node_id)
     if drive is not None and station.answers and node_id not in survey.fell_silent:
         yield from _of_identity(station, drive)
 
 
 def _of_presence(
-    station: Station, survey: Survey, traffic: NodeTraffic
+    station: Station, survey: Survey, traffic: NodeTraffic, drive: DriveDescription | None
 ) -> Iterator[tuple[FindingKind, str]]:
     if traffic.answered_twice:
         yield FindingKind.DUPLICATE_NODE, "two answers to one request: two devices with one id"
@@ -167,8 +166,9 @@ def _of_presence(
         yield FindingKind.SILENT_NODE, text
     if station.node_id in survey.fell_silent:
         yield FindingKind.FELL_SILENT, "stopped answering during the scan"
-    if traffic.foreign_request_count:
-        text = f"another client sent it {traffic.foreign_request_count} SDO requests"
+    of_service = None if drive is None else drive.profile.uploaded_in_cycle
+    if other_count := traffic.foreign_count_besides(of_service):
+        text = f"another client sent it {other_count} SDO requests"
         yield FindingKind.SDO_CLIENT, text
     if traffic.watch.boot_up_count:
         text = f"booted {traffic.watch.boot_up_count} times during the scan"

@@ -19,9 +19,10 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from drives.bringup.configurator import Configurator
-from drives.canopen.bus import Bus, Clock, Frame
+from drives.canopen.bus import Bus, Clock
 from drives.canopen.objects import Object
-from drives.canopen.sniffer import SDO_REQUEST_ID, BusSniffer, SniffedBus
+from drives.canopen.sdo import upload_request
+from drives.canopen.sniffer import BusSniffer, SniffedBus
 from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
 
 LISTEN_NS: Final = 1_000_000_000
@@ -52,8 +53,6 @@ NUMBERS: Final = (DEVICE_TYPE, ERROR_REGISTER, VENDOR, PRODUCT, REVISION, SERIAL
 DRIVE_NUMBERS: Final = (STATUSWORD, ERROR_CODE)
 NAMES: Final = (DEVICE_NAME, HARDWARE_VERSION, SOFTWARE_VERSION)
 DRIVE_PROFILE: Final = 402
-
-_UPLOAD: Final = 0x40
 
 
 class Progress(NamedTuple):
@@ -122,11 +121,9 @@ def _receive_until(bus: Bus, clock: Clock, until_ns: int) -> None:
 
 
 def _query_all(bus: Bus, clock: Clock, found: Survey, pause_ns: int) -> Steps:
-    index, sub = DEVICE_TYPE
-    request = bytes((_UPLOAD, index & 0xFF, index >> 8, sub, 0, 0, 0, 0))
     for node_id in NODES:
         deadline_ns = clock.now_ns() + SEND_TIMEOUT_NS
-        left = bus.send_urgent((Frame(SDO_REQUEST_ID + node_id, request),), deadline_ns, clock)
+        left = bus.send_urgent((upload_request(node_id, *DEVICE_TYPE),), deadline_ns, clock)
         if left or found.sniffer.is_not_acknowledged:
             found.not_queried.update(range(node_id + 1 - left, NODES.stop))
             return

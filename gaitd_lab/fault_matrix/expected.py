@@ -224,6 +224,8 @@ ROWS: Final[Mapping[str, Law]] = MappingProxyType(
         "deaf": _SILENT,
         "tpdo_lost_once": goes_on("up to three samples in a row are predicted over"),
         "tpdo_lost": _SILENT,
+        "tpdo_ones": stops(Cause.INPUTS_IMPOSSIBLE, within=AT_ONCE, resting=Resting.FAULTY),
+        "position_offset": goes_on("cyclic torque does not use it, and bring-up clears it"),
         "tpdo_late_2ms": goes_on("they come inside the window"),
         "tpdo_late_6ms": _SILENT,
         "rebooted": _SILENT,

@@ -30,6 +30,9 @@ _DRIVE: Final = (
     _drive("deaf", "the drive hears nothing, and still sends", "deaf {}"),
     _drive("tpdo_lost_once", "the TPDOs of one SYNC are lost", "lost_tpdo {} 0.010", lasts_s=0.01),
     _drive("tpdo_lost", "one of the two cyclic TPDOs does not come any more", "lost_tpdo {} - 2"),
+    _drive(
+        "tpdo_ones", "every byte of the TPDO with effort and inputs is FFh", "tpdo_all_ones {} - 2"
+    ),
     _drive("tpdo_late_2ms", "TPDOs come 2 ms later, inside the window", "late_tpdo {} - 2"),
     _drive("tpdo_late_6ms", "TPDOs come 6 ms later, after the window", "late_tpdo {} - 6"),
     _drive(
@@ -75,6 +78,12 @@ _SENSORS: Final = (
     _drive("encoder_reversed", "the encoder counts the wrong way", "encoder_reversed {}"),
     _drive("wrong_sign", "the motor turns the wrong way", "wrong_sign {}"),
     _drive("torque_offset", "the current sensor shows 3 A too much", "torque_offset {} - 3000"),
+)
+
+_LEFTOVERS: Final = (
+    Fault(
+        "position_offset", "2000 counts in 60B0h, the position offset", kinds.left_in(0x60B0, 2000)
+    ),
 )
 
 _MECHANICS: Final = (
@@ -227,7 +236,7 @@ _ROWS: Final = {
     "drive": _DRIVE,
     "emergency": tuple(emergencies()),
     "bus": _BUS,
-    "sensor": _SENSORS,
+    "sensor": (*_SENSORS, *_LEFTOVERS),
     "mechanics": _MECHANICS,
     "number": _NUMBERS,
     "time": _TIME,

@@ -116,6 +116,17 @@ def patient(programme: str) -> FaultAction:
     )
 
 
+def left_in(index: int, value: int) -> FaultAction:
+    """An object of the drive holds this value, as an earlier master may leave it."""
+
+    def put(scene: Scene, axis: str, value: int) -> None:
+        scene.session.machine.world.node(axis).dictionary.put(index, 0, value)
+
+    return FaultAction(
+        lambda scene, axis: put(scene, axis, value), lambda scene, axis: put(scene, axis, 0)
+    )
+
+
 def limit_switch_ahead() -> FaultAction:
     """The limit switch in the joint's direction of motion closes, or either if the joint stands."""
 

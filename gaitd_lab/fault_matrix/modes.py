@@ -165,6 +165,14 @@ _ALL: Final = (
     ),
     Column(Mode.HOLD, "enabled, holding the pose; the patient is not quite at rest", _hold, 5.0),
     Column(
+        Mode.HOLD,
+        "the same, held by the drives' own loops",
+        _hold,
+        5.0,
+        label="hold_position",
+        variant=Variant(guidance="position"),
+    ),
+    Column(
         Mode.GAIT,
         f"walking at {CADENCE_HZ:g} Hz by impedance; the patient works along",
         _walk,

@@ -24,7 +24,10 @@ class Table(NamedTuple):
 
 
 TABLES: Final = (
-    Table("Both axes are enabled", ("hold", "gait_impedance", "gait_position", "torque")),
+    Table(
+        "Both axes are enabled",
+        ("hold", "hold_position", "gait_impedance", "gait_position", "torque"),
+    ),
     Table("Both axes are enabled, otherwise", ("excite", "hand_guiding", "self_test")),
     Table("One axis is enabled alone", ("reference", "commission")),
     Table("Already stopped", ("stopping", "fault")),

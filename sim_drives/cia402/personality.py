@@ -19,7 +19,7 @@
 | COB-ID of a valid PDO | locked: 06010000 | if it stays valid: 06090030 | as Elmo |
 | error register | the class's bit alone | bit 0 beside the class's | as Elmo |
 | STO | 8A88h | 5441h | 9000h, external error |
-| 60FDh bit 3, interlock | STO not released | always 0 | STO not released |
+| 60FDh bit 3, interlock | always 0 | always 0 | STO not released |
 | quick stop, 605Ah | 6 | 0 to 8 | 0 to 8 |
 | halt, 605Dh | none: slow ramp | 1, 2 | 1 to 4 |
 | fault reaction, 605Eh | 0 to 2 | 0 to 2 | 0 to 4 |
@@ -103,6 +103,7 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
             connection_loss_is_fault=True,
             cob_id_locked_while_valid=True,
             generic_error_bit=False,
+            interlock_input=False,
             sto_error_code=0x8A88,
             misses_targets=True,
             smallest_interpolation_s=0.0004,
@@ -126,6 +127,13 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
 )
 
 
+EPOS4_MODULES: Final = (
+    (5.0, 15.0, 0x61500000),
+    (8.0, 30.0, 0x65510000),
+    (15.0, 30.0, 0x65520000),
+)
+"""Nominal current and current limit in A, and 1018h:02, of the Modules 50/5, 50/8 and 50/15, from
+their public EDS and DCF files."""
 HOMING_MODE_BIT: Final = 1 << 5
 CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 8 | 1 << 9
 """6502h: cyclic synchronous position, velocity and torque."""
@@ -143,10 +151,11 @@ def commissioned(settings: DriveSettings) -> dict[Address, Value]:
     if settings.personality is PersonalityName.EPOS4:
         constant_unm_per_a = round(settings.torque_constant_nm_per_a * 1e6)
         return shared | {
+            (Object.IDENTITY, 2): _epos4_module(settings),
             (Object.EPOS4_MOTOR_DATA, 1): nominal_ma,
             (Object.EPOS4_MOTOR_DATA, 2): round(settings.current_limit_a * 1e3),
             (Object.EPOS4_MOTOR_DATA, 5): constant_unm_per_a,
-            (Object.RATED_TORQUE, 0): nominal_ma * constant_unm_per_a // 1000,
+            (Object.RATED_TORQUE, 0): rated_torque_unm(nominal_ma, constant_unm_per_a),
         }
     return shared | {
         (Object.TORQUE_MAX, 0): limit_permille,
@@ -154,6 +163,21 @@ def commissioned(settings: DriveSettings) -> dict[Address, Value]:
         (Object.RATED_CURRENT, 0): nominal_ma,
         (Object.RATED_TORQUE, 0): rated_mnm,
     }
+
+
+def rated_torque_unm(nominal_ma: int, constant_unm_per_a: int) -> int:
+    """Return 6076h of an EPOS4-like drive, rounded as in public DCFs."""
+    return (nominal_ma * constant_unm_per_a + 500) // 1000
+
+
+def _epos4_module(settings: DriveSettings) -> int:
+    """Product code of the smallest EPOS4 Module that gives these currents, else of the largest."""
+    fitting = (
+        code
+        for nominal_a, limit_a, code in EPOS4_MODULES
+        if settings.nominal_current_a <= nominal_a and settings.current_limit_a <= limit_a
+    )
+    return next(fitting, EPOS4_MODULES[-1][2])
 
 
 def guard_option_codes(dictionary: ObjectDictionary, personality: Personality) -> None:

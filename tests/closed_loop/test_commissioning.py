@@ -213,6 +213,62 @@ def test_a_proof_is_of_one_drive_and_one_transmission(proof, tmp_path, change):
     assert "sign is not proven: right/hip:" in refused.reason
 
 
+NAMELESS = tuple(
+    ("plant.toml", f"serial_number = 305_000_00{node}", "serial_number = 0") for node in (5, 6)
+)
+
+
+@pytest.fixture(scope="module")
+def warm_nameless(tmp_path_factory):
+    """Drives without serial numbers; both signs are proven."""
+    configs = changed_configs(tmp_path_factory.mktemp("nameless"), *EMPTY, PROVEN, *NAMELESS)
+    session = new_session(configs).until_ready()
+    for axis in (HIP, SLIDE):
+        sign_test(session, axis)
+        asked(session, axis, witnessed=True)
+    return session, configs
+
+
+def test_drives_without_serial_numbers_are_the_same_ones_while_they_are_watched(warm_nameless):
+    session, _ = warm_nameless
+    session.enable()
+    session.gateway.stop()
+    session.until(Mode.FAULT)
+    session.run(0.5)
+    session.execute(RequestKind.RESET)
+    session.until_ready()
+
+    assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+def test_a_drive_without_a_serial_number_is_another_one_after_a_restart(warm_nameless):
+    session, configs = warm_nameless
+    again = new_session(configs, session.state_file.persistent).until_ready()
+
+    refused = again.request(RequestKind.ENABLE)
+
+    assert refused.outcome == Outcome.REFUSED
+    assert HIP in refused.reason
+    assert SLIDE in refused.reason
+    assert again.state_file.persistent.axis(HIP).proof is None
+
+
+@pytest.mark.parametrize("line", ["reboot right/hip 0.3", "silent right/hip 1"])
+def test_a_drive_without_a_serial_number_is_another_one_after_it_was_out_of_sight(
+    warm_nameless, line
+):
+    session, _ = warm_nameless
+    session.run(0.1)
+    session.command(line)
+    session.run(3.0)
+    session.until_ready()
+
+    refused = session.request(RequestKind.ENABLE)
+
+    assert refused.outcome == Outcome.REFUSED
+    assert HIP in refused.reason
+
+
 def test_notes_that_cannot_be_read_prove_nothing(configs):
     session = new_session(configs, PersistentState(damaged=True)).until_ready()
 

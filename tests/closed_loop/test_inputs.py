@@ -65,6 +65,76 @@ def test_sto_takes_the_power_from_both_drives(warm_walking):
     assert [drive.sto_released for drive in record.drives] == [False, True]
 
 
+def walking(session):
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=60.0)
+    session.execute(RequestKind.MODE, gait)
+    session.run(1.0)
+
+
+def guided_by_hand(session):
+    session.execute(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
+    session.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
+
+
+@pytest.mark.parametrize("axis", ["right/hip", "right/slide"])
+@pytest.mark.parametrize("begin", [lambda _: None, walking, guided_by_hand])
+def test_inputs_that_no_wiring_can_produce_are_a_quick_stop_of_both_drives(
+    warm_guided_hold, begin, axis
+):
+    begin(warm_guided_hold)
+
+    warm_guided_hold.command(f"tpdo_all_ones {axis} - 2")
+    warm_guided_hold.run(0.03)
+
+    record = warm_guided_hold.record
+    assert (record.verdict.cause, record.verdict.drive) == (Cause.INPUTS_IMPOSSIBLE, axis)
+    reaches_rest_in_fault(warm_guided_hold)
+    drive = next(drive for drive in warm_guided_hold.record.drives if drive.name == axis)
+    assert not drive.hand_switch_closed
+    assert not drive.sto_released
+
+
+def test_a_drive_whose_inputs_cannot_be_is_a_fault_before_it_has_power(warm_ready):
+    warm_ready.command("tpdo_all_ones right/hip - 2")
+    warm_ready.run(0.05)
+
+    record = warm_ready.record
+    assert (record.mode, record.verdict.cause) == (Mode.FAULT, Cause.INPUTS_IMPOSSIBLE)
+    stored = warm_ready.core.persistent.inputs.get("right/hip")
+    assert stored is None or not (stored.hand_switch_open_utc_ns or stored.sto_active_utc_ns)
+    warm_ready.command("clear tpdo_all_ones right/hip")
+    warm_ready.execute(RequestKind.RESET)
+    warm_ready.until_ready().enable()
+
+
+def with_effort(raw):
+    return lambda frame: (
+        frame._replace(data=raw.to_bytes(4, "little", signed=True) + frame.data[4:])
+        if frame.can_id == 0x285
+        else frame
+    )
+
+
+@pytest.mark.parametrize("raw", [-(2**31), 2**31 - 1, -1_000_000])
+def test_an_effort_that_no_drive_gives_is_no_effort_and_accuses_no_encoder(warm_guided_hold, raw):
+    change_what_drives_say(warm_guided_hold, with_effort(raw))
+    warm_guided_hold.run(0.03)
+
+    verdict = warm_guided_hold.record.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.EFFORT_DEVIATION, "right/hip")
+
+
+@pytest.mark.parametrize("raw", [-1, 0, 900])
+def test_an_effort_that_stays_the_same_while_the_joint_moves_is_not_measured(
+    warm_position_gait, raw
+):
+    change_what_drives_say(warm_position_gait, with_effort(raw))
+    stopped = warm_position_gait.run_until(lambda record: not record.mode.active, within_s=2.5)
+
+    assert stopped.verdict.drive == "right/hip"
+    assert stopped.verdict.cause == Cause.EFFORT_DEVIATION
+
+
 @pytest.mark.parametrize(
     ("name", "bit", "fault", "cause"),
     [

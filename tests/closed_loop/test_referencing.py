@@ -18,20 +18,15 @@ EMPTY = (
     ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
     ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
 )
-HOME_SHIFT = "={}\nObjectType=0x7\nDataType=0x0004\nAccessType=rw\nDefaultValue={}"
 MOVE = "Home offset move distance"
+HOME_SHIFT = "\nObjectType=0x7\nDataType=0x0004\nAccessType=rw\nDefaultValue="
 INCREMENTAL = (
     ("drives/hip_epos4.toml", "absolute = true", "absolute = false"),
     ("drives/slide_epos4.toml", "absolute = true", "absolute = false"),
     ("plant.toml", 'encoder = "absolute"', 'encoder = "incremental"'),
     ("plant.toml", "slide_m = 0.5905", "slide_m = 0.2"),  # not far from where it is homed
-    # What an earlier commissioning of these drives has stored: 7 and 10 degrees at the hip.
-    (
-        "drives/epos4.eds",
-        HOME_SHIFT.format("Home offset", 0),
-        HOME_SHIFT.format("Home offset", 2000),
-    ),
-    ("drives/epos4.eds", HOME_SHIFT.format(MOVE, 0), HOME_SHIFT.format(MOVE, 3000)),
+    # What an earlier commissioning of these drives has stored: 10 degrees at the hip.
+    ("drives/epos4.eds", MOVE + HOME_SHIFT + "0", MOVE + HOME_SHIFT + "3000"),
 )
 STRICT = (
     ("demo.toml", "pose_tolerance_deg = 180.0", "pose_tolerance_deg = 1.5"),

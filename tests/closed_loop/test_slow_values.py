@@ -3,26 +3,16 @@
 from pathlib import Path
 
 import pytest
-from sessions import changed_configs, new_session
+from sessions import changed_configs, generic_drives, new_session
+from wire import change_what_drives_say
 
-from daemon.ipc.record import Cause, StopCategory
+from daemon.ipc.record import Cause, Mode, StopCategory
 
 CHOSEN = 'temperature_limit = "S2"'
+LOST = "right/hip: its temperature is not measured any more"
 
 
-@pytest.mark.parametrize("category", ["S2", "S1"])
-def test_without_tpdo3_the_temperature_becomes_unknown_and_stops_as_the_file_says(
-    tmp_path: Path, category: str
-):
-    changed = CHOSEN.replace("S2", category)
-    session = new_session(changed_configs(tmp_path, ("limits.toml", CHOSEN, changed))).enable()
-    assert session.record.drives[0].temperature_degc is not None
-
-    session.command("lost_tpdo right/hip - 3")
-    session.run(0.2)
-    assert session.record.verdict.cause == Cause.NONE
-    session.run(0.25)
-
+def stopped_for_the_temperature(session, category):
     record = session.record
     assert record.drives[0].temperature_degc is None
     assert record.drives[1].temperature_degc is not None
@@ -30,9 +20,52 @@ def test_without_tpdo3_the_temperature_becomes_unknown_and_stops_as_the_file_say
     assert record.verdict.category == StopCategory[category]
     assert record.verdict.drive == "right/hip"
     events = [event for one in session.records for event in one.events]
-    assert events.count("right/hip: its temperature is not measured any more") == 1
+    assert events.count(LOST) == 1
+
+
+@pytest.mark.parametrize("category", ["S2", "S1"])
+def test_without_tpdo3_the_temperature_becomes_unknown_and_stops_as_the_file_says(
+    tmp_path: Path, category: str
+):
+    configs = generic_drives(tmp_path)
+    limits = configs / "limits.toml"
+    limits.write_text(limits.read_text().replace(CHOSEN, CHOSEN.replace("S2", category)))
+    session = new_session(configs).enable()
+    assert session.record.drives[0].temperature_degc is not None
+
+    session.command("lost_tpdo right/hip - 3")
+    session.run(0.2)
+    assert session.record.verdict.cause == Cause.NONE
+    session.run(0.25)
+
+    stopped_for_the_temperature(session, category)
 
     session.command("clear lost_tpdo right/hip")
     session.run(0.2)
     assert session.record.drives[0].temperature_degc is not None
     assert session.record.verdict.cause == Cause.TEMPERATURE_LIMIT
+
+
+def test_without_answers_by_sdo_the_temperature_becomes_unknown_and_stops(tmp_path: Path):
+    session = new_session(changed_configs(tmp_path)).enable()
+    session.run(1.0)
+    assert session.record.drives[0].temperature_degc == pytest.approx(25.0)
+    refusing = True
+
+    def refuse(frame):
+        return (
+            frame._replace(data=b"\x80" + frame.data[1:])
+            if refusing and frame.can_id == 0x585
+            else frame
+        )
+
+    change_what_drives_say(session, refuse)
+    session.run(1.0)
+    assert session.record.mode == Mode.HOLD
+    session.run(1.0)
+
+    stopped_for_the_temperature(session, "S2")
+
+    refusing = False
+    session.run(1.0)
+    assert session.record.drives[0].temperature_degc is not None

@@ -116,8 +116,7 @@ def test_a_pdo_is_remapped_in_the_order_that_the_standard_asks_for():
     assert touched == [
         (0x1800, 1, 0xC0000185),
         (0x1800, 2, 1),
-        (0x1800, 3, 0),
-        (0x1800, 5, 0),
+        (0x1800, 3, 0),  # 1 ms as delivered
         (0x1A00, 0, 0),
         (0x1A00, 1, 0x60410010),
         (0x1A00, 2, 0x60640020),
@@ -368,6 +367,60 @@ def with_sync_objects(bench, **flags):
     cycle = CYCLE._replace(sync_counter=10, sync_window_us=8000)
     bench.plans = (plan(description, HIP_LIMITS, cycle), bench.plans[1])
     return bench
+
+
+# --- what an earlier master has left in a drive ---------------------------------------------------
+
+OFFSETS = {(0x60B0, 0): 2000, (0x60B1, 0): -7, (0x60B2, 0): 30}
+"""Added to the targets of position, velocity and torque."""
+
+
+@pytest.mark.parametrize("kind", ["epos4", "generic", "elmo"])
+def test_offsets_of_the_targets_are_cleared_and_read_back(kind):
+    bench = Bench(kind)
+    bench.hip.values |= OFFSETS
+
+    bench.run()
+
+    assert {place: bench.hip.values[place] for place in OFFSETS} == dict.fromkeys(OFFSETS, 0)
+
+
+@pytest.mark.parametrize("kind", ["epos4", "generic", "elmo"])
+@pytest.mark.parametrize("place", OFFSETS)
+def test_an_offset_that_a_drive_keeps_is_refused_by_its_object(kind, place):
+    bench = Bench(kind, hip={"stored": {place: OFFSETS[place]}, "ignore_write": {place}})
+
+    assert refused(bench).place == f"{place[0]:04X}h:00"
+
+
+@pytest.mark.parametrize("code", [0x0602_0000, 0x0609_0011])
+@pytest.mark.parametrize("place", [*OFFSETS, (0x1800, 3), (0x1801, 5)])
+def test_a_drive_without_such_an_object_has_nothing_to_clear(place, code):
+    bench = Bench("generic", hip={"abort_read": {place: code}, "abort_write": {place: code}})
+
+    assert len(bench.run()) == 2
+
+
+def test_an_offset_that_cannot_be_read_for_another_reason_is_refused():
+    bench = Bench(hip={"abort_read": {(0x60B0, 0): 0x0604_0043}})
+
+    error = refused(bench)
+
+    assert (error.drive, error.place) == ("right/hip", "60B0h:00")
+    assert "06040043h" in error.reason
+
+
+def test_nothing_that_would_step_a_joint_is_cleared_while_a_drive_has_power():
+    bench = Bench(hip={"disabled_statusword": 0x0240})
+    bench.hip.values |= {**OFFSETS, (0x6041, 0): 0x1637}
+
+    with pytest.raises(DrivePowered):
+        bench.run()
+    assert bench.hip.values[0x60B0, 0] == 2000
+    bench.run(may_switch_off=True)
+
+    written = [index for index, _, _ in bench.hip.written]
+    assert written.index(0x6040) < min(written.index(index) for index, _ in OFFSETS)
 
 
 def test_counter_and_window_of_sync_are_written_where_the_drive_has_them():

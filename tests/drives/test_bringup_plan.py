@@ -46,8 +46,9 @@ def test_a_homing_is_planned_with_its_own_settings_before_the_targets_are_seeded
         (0x6099, 2): raw.zero_speed_raw,
         (0x609A, 0): raw.acceleration_raw,
         (0x30B0, 0): raw.home_raw,
-        **{(index, 0): 0 for index in (0x30B1, 0x607C)},  # would shift the home further
     }
+    cleared = [step.index for step in added if step.kind is StepKind.CLEAR]
+    assert cleared == [0x30B1, 0x607C]  # would shift the home further
     kinds = [step.kind for step in steps]
     last = max(steps.index(step) for step in added)
     assert last < kinds.index(StepKind.SEED_POSITION)

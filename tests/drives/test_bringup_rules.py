@@ -408,6 +408,49 @@ def test_after_a_failure_nothing_but_a_requested_disable_voltage_is_sent(
         assert words == ([0] if may_switch_off else [])
 
 
+def powered_bench():
+    bench = Bench(
+        hip={"disabled_statusword": OFF, "mute": {(0x6085, 0)}},
+        slide={"disabled_statusword": OFF},
+    )
+    bench.hip.values[0x6041, 0] = bench.slide.values[0x6041, 0] = ENABLED
+    return bench
+
+
+def words_of_power(bench):
+    return [
+        [value for index, _, value in node.written if index == 0x6040]
+        for node in (bench.hip, bench.slide)
+    ]
+
+
+def test_whatever_ends_a_bring_up_after_a_reset_leaves_no_drive_with_power():
+    bench = powered_bench()
+    read = bench.port.read
+
+    def failing(node_id, index, sub):
+        if index == 0x6502:
+            raise ZeroDivisionError("ours")
+        return read(node_id, index, sub)
+
+    bench.port.read = failing
+    with pytest.raises(ZeroDivisionError):
+        bench.run(may_switch_off=True)
+
+    assert words_of_power(bench) == [[0], [0]]
+
+
+def test_a_bring_up_that_is_given_up_between_two_steps_leaves_no_drive_with_power():
+    bench = powered_bench()
+    steps = bring_up(bench.plans, bench.port, CYCLE, may_switch_off=True)
+    while next(steps).done_count < 2:
+        pass
+
+    steps.close()
+
+    assert words_of_power(bench) == [[0], [0]]
+
+
 def test_after_a_failure_of_the_bus_nothing_is_sent():
     bench = Bench()
     bench.bus.put(Frame(0x040, bytes(8), is_error=True), 150 * MS)

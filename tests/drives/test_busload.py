@@ -97,9 +97,11 @@ def test_each_stream_has_its_name_its_size_and_its_rate():
         ("master heartbeat", 1, pytest.approx(76.923077), False),
         ("right/hip TPDO1", 7, sync_hz, True),
         ("right/hip TPDO2", 8, sync_hz, True),
-        ("right/hip TPDO3", 4, pytest.approx(33.333333), True),
+        ("right/hip TPDO3", 2, pytest.approx(33.333333), True),
         ("right/hip RPDO1", 7, sync_hz, True),
         ("right/hip RPDO2", 2, sync_hz, True),
+        ("right/hip SDO request", 8, pytest.approx(13.333333), False),
+        ("right/hip SDO answer", 8, pytest.approx(13.333333), False),
         ("right/hip heartbeat", 1, pytest.approx(142.857143), False),
     )
 
@@ -119,5 +121,5 @@ def test_the_load_is_the_sum_of_its_streams():
 
     assert load.busy_ratio == pytest.approx(used / 500_000)
     assert load.burst_s == pytest.approx(burst / 500_000)
-    assert len(load.streams) == 2 + 2 * 6
+    assert len(load.streams) == 2 + 2 * 8
     assert load.streams[0].data_bytes == 0  # SYNC without a counter

@@ -199,7 +199,9 @@ def test_a_warning_is_bit_7(word, warning):
         (0x00010000, Input.HAND_SWITCH_CLOSED),
         (0x00020000, Input.STO_RELEASED),
         (0x00030003, Input(15)),
-        (0xFFFCFFFC, Input.NONE),
+        (0x1FFC0004, Input.NONE),
+        *((0x00030000 | 1 << bit, Input.IMPOSSIBLE) for bit in [*range(3, 16), 29, 30, 31]),
+        (0xFFFFFFFF, Input.IMPOSSIBLE),
     ],
 )
 def test_inputs_are_the_bits_of_the_axis_file_and_no_others(bits, inputs):
@@ -226,8 +228,16 @@ def test_noise_on_inputs_without_a_name_fills_no_memory():
     assert len(group.drives[0]._decoded_inputs) == 1
 
 
+def mapped():
+    """A drive whose TPDO3 carries temperature and error code."""
+    profile = copy.deepcopy(table("profiles/generic.toml"))
+    profile["temperature"] |= {"degc_per_count": 0.1}
+    profile["torque_source"] |= {"bits": 32}
+    return DriveGroup([Drive(join(axis_for(profile), profile, "hip"), NOW)])
+
+
 def test_slow_values_come_when_they_come():
-    group = hip()
+    group = mapped()
 
     assert not group.feed_between([Frame(0x385, struct.pack("<hH", 415, 0x8611))], NOW)
     feedback = window(group, sample())
@@ -238,9 +248,9 @@ def test_slow_values_come_when_they_come():
 
 
 def test_slow_values_are_unknown_once_three_of_them_stayed_away_and_known_again_with_the_next():
-    group = hip()
+    group = mapped()
     slow = Frame(0x385, struct.pack("<hH", 415, 0x8611))
-    silent = hip()
+    silent = mapped()
     overdue = [window(silent, sample(), cycle).temperature_overdue for cycle in range(1, 33)]
     assert overdue == [False] * 30 + [True] * 2
 

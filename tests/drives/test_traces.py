@@ -53,6 +53,8 @@ def play(name, steps):
                 objects.switch_off(step, target)
             case StepKind.WRITE:
                 objects.write(step, target, step.value)
+            case StepKind.CLEAR:
+                objects.clear(step, target)
             case _:
                 objects.examine(step, target)
     return not bus.lines

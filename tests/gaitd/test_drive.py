@@ -21,7 +21,7 @@ from drives.bringup.steps import StepKind
 from drives.canopen.bus import Frame
 from drives.canopen.sniffer import BusSniffer
 from drives.errors import BringUpRefused, DescriptionError, DriveSilent, SdoTimeout
-from drives.service.compare import expectations, in_hex, with_plan, with_values
+from drives.service.compare import expected_of, in_hex, read_with_plan, with_values
 from drives.service.dump import (
     PAUSE_NS,
     Entry,
@@ -32,7 +32,6 @@ from drives.service.dump import (
     read_objects,
     readable,
     settings,
-    variable_at,
     write_dcf,
 )
 from drives.service.eds import load_eds
@@ -69,10 +68,7 @@ def finished(steps):
 
 
 def compared(a_plan, port):
-    wanted, dictionary = expectations(a_plan), eds_of(a_plan)
-    variables = [variable_at(dictionary, *one.address, one.step.bits) for one in wanted]
-    entries = finished(read_objects(a_plan.description.node_id, variables, port))
-    return with_plan(wanted, {(entry.index, entry.sub): entry for entry in entries})
+    return finished(read_with_plan(a_plan, eds_of(a_plan), port))
 
 
 def differing(a_plan, port):
@@ -137,7 +133,7 @@ def spoiled(expected, before, bits, signed):
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_objects_of_the_plan_that_are_changed_are_the_differences(kind):
     desk = brought_up(kind)
-    plan = expectations(desk.plan)
+    plan = expected_of(desk.plan, eds_of(desk.plan))
 
     for part in (plan[0::3], plan[1::3], plan[2::3]):
         before = dict(desk.node.values)
@@ -165,7 +161,7 @@ def test_a_difference_says_what_was_wanted_what_was_found_and_why():
 
 
 def test_of_a_mapping_it_is_the_last_word_that_counts():
-    wanted = {one.address: one.wanted for one in expectations(plan_for())}
+    wanted = {one.address: one.wanted for one in expected_of(plan_for(), eds_of(plan_for()))}
 
     assert wanted[0x1A00, 0] == "3"
     assert wanted[0x1800, 1] == "00000185h"  # bit 30 is not compared
@@ -175,7 +171,7 @@ def test_of_a_mapping_it_is_the_last_word_that_counts():
 
 
 def test_where_the_joint_is_and_what_is_only_reported_is_not_expected():
-    wanted = {one.address for one in expectations(plan_for())}
+    wanted = {one.address for one in expected_of(plan_for(), eds_of(plan_for()))}
 
     assert not wanted & {(0x607A, 0), (0x603F, 0), (0x1001, 0), (0x6041, 0)}
 
@@ -365,7 +361,7 @@ def test_only_settings_are_compared_with_an_eds_or_a_dump():
     places = {(variable.index, variable.subindex) for variable in settings(dictionary)}
 
     assert (0x6065, 0) in places
-    assert (0x1008, 0) in places
+    assert (0x1005, 0) in places
     assert not places & {(0x6041, 0), (0x6064, 0), (0x603F, 0)}
 
 
@@ -378,8 +374,8 @@ def test_a_fresh_drive_holds_its_eds_s_defaults_but_for_the_motor():
 
     found = with_values(wanted, [e for e in entries if (e.index, e.sub) in wanted], "EDS default")
 
-    assert [one.place for one in found if not one.same] == ["3001h:01", "3001h:05"]
-    assert next(one for one in found if one.place == "3001h:01").found == "5000 (00001388h)"
+    assert [one.place for one in found if not one.same] == ["3001h:05", "6076h:00"]
+    assert next(one for one in found if one.place == "3001h:05").found == "55736 (0000D9B8h)"
 
 
 # --- store and restore ----------------------------------------------------------------------------

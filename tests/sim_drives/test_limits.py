@@ -145,7 +145,8 @@ def test_an_axis_without_a_reference_is_not_judged_by_its_position_limits():
 
 
 def test_the_inputs_show_home_switch_and_interlock():
-    bench = Bench(hip={"home_switch": {"from_si": 0.15, "to_si": 0.25}})
+    plain = {"personality": "generic", "eds": "drives/generic402.eds"}
+    bench = Bench(hip={**plain, "home_switch": {"from_si": 0.15, "to_si": 0.25}})
     bench.boot()
     assert bench.read(0x60FD) & 0x3000C == 0x30004
 

@@ -39,7 +39,7 @@ def test_the_epos4s_rated_torque_is_in_micronewtonmetres_and_follows_from_its_mo
 
     bench.write(0x3001, 5, 107_746, 4)
     bench.write(0x3001, 1, 4760, 4)
-    assert bench.read(0x6076) == 512_870  # 4760 mA x 107746 uNm/A, as in a real DCF
+    assert bench.read(0x6076) == 512_871  # 4760 mA x 107746 uNm/A, rounded, as in a real DCF
 
 
 def test_the_plain_drives_rated_torque_is_in_millinewtonmetres(generic):

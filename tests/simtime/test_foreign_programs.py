@@ -18,7 +18,7 @@ from sim_drives.faults.script import FaultCommandError
 from sim_drives.plant.truth import TruthLog
 
 NODE = 6
-VENDOR, PRODUCT, REVISION, SERIAL = 0xFB, 0x61500000, 0x01700000, 4711
+VENDOR, PRODUCT, REVISION, SERIAL = 0xFB, 0x65510000, 0x01700000, 4711
 
 
 VALUES = {
@@ -87,8 +87,9 @@ class CanopenNode:
         self._network.NOTIFIER_CYCLE = 0.02
         self._network.connect(interface="gaitd", channel=path)
         node = self._network.create_node(NODE, str(FOLDER / "epos4.eds"))
+        node.sdo[0x1018][2].raw = PRODUCT
         node.sdo[0x1018][4].raw = SERIAL
-        node.set_data(0x1008, 0, b"EPOS4 Compact 50/5 CAN")
+        node.set_data(0x1008, 0, b"EPOS4 Module 50/8 CAN")
         self._network.send_message(0x700 + NODE, b"\0")
 
     def close(self):

@@ -56,7 +56,8 @@ def fill(node: MinimalNode, description: DriveDescription) -> None:
                 record[other] = variable(ours.kinds[index, other], ours.values[index, other])
     for number in range(4):
         for index in (0x1400, 0x1800):
-            dictionary[index + number][5] = Variable(DatatypeEnum.UNSIGNED16, "rw", 0)
+            if (index + number, 5) in ours.kinds:
+                dictionary[index + number][5] = Variable(DatatypeEnum.UNSIGNED16, "rw", 0)
     dictionary.write(0x1000, 0, 0x00020192)
     for sub, value in enumerate(IDENTITY, start=1):
         dictionary.write(0x1018, sub, value)

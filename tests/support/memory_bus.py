@@ -81,7 +81,8 @@ class MemoryBus:
 
 @cache
 def objects_of(eds: str, node_id: int) -> dict[tuple[int, int], tuple[int, tuple[int, bool, str]]]:
-    """Default, width, sign and access of each object of an EDS, by a parser of the tests' own."""
+    """Default, width, sign, access and mapping right of each object of an EDS, by a parser of the
+    tests' own."""
     parser = configparser.ConfigParser(interpolation=None)
     parser.optionxform = str  # type: ignore[assignment,method-assign]  # keep the case
     parser.read(eds, encoding="utf-8")
@@ -99,7 +100,8 @@ def objects_of(eds: str, node_id: int) -> dict[tuple[int, int], tuple[int, tuple
             node_id if part.strip() == "$NODEID" else int(part, 0) for part in default.split("+")
         )
         key = (int(name, 16), int(sub or "0", 16))
-        found[key] = value, (WIDTHS[kind], kind in SIGNED, entry["AccessType"])
+        mappable = " mapped" if int(entry.get("PDOMapping", "0") or "0", 0) else ""
+        found[key] = value, (WIDTHS[kind], kind in SIGNED, entry["AccessType"] + mappable)
     return found
 
 
@@ -262,7 +264,8 @@ class ScriptedDrive:
             if self.values[index, 0]:
                 return 0x06010000
             known = self.kinds.get((value >> 16, value >> 8 & 0xFF))
-            return 0 if known and known[0] == value & 0xFF else 0x06040041
+            may = known and known[0] == value & 0xFF and known[2].endswith("mapped")
+            return 0 if may else 0x06040041
         return 0
 
     @staticmethod
@@ -299,5 +302,7 @@ def scripted(description, **behaviour: object) -> ScriptedDrive:
     node = ScriptedDrive(description.eds, description.node_id, **behaviour)
     for base in description.torque_bases:
         node.values[base.ref.index, base.ref.sub] = base.expected_raw
+    node.stored = {(0x1018, 2): description.axis.identity.product_code, **node.stored}
+    node.values |= node.stored
     node.values[0x6041, 0] = 0x0240
     return node

@@ -101,6 +101,7 @@ CAUSE_TEXTS: Final[Mapping[Cause, PatientText]] = {
     Cause.STO_ACTIVE: PatientText(
         Situation.LOOSE, Text("The emergency stop was pressed.", "Der Not-Halt wurde gedrückt.")
     ),
+    Cause.INPUTS_IMPOSSIBLE: PatientText(Situation.HELD, _DEFECT),
     Cause.BUS_DOWN: PatientText(Situation.DANGER, _DEFECT),
     Cause.DRIVE_SILENT: PatientText(Situation.DANGER, _DEFECT),
     Cause.HEARTBEAT_LOST: PatientText(Situation.DANGER, _DEFECT),

@@ -8,7 +8,8 @@ Pure: `state_file.py` reads and writes the file. Rules:
     trainer file. Without a stored pose a setting of the trainer file decides.
 3.  An unreadable file is not treated as a missing file: no encoder is accepted then.
 4.  A proof of a sign is valid for one drive and one transmission: another serial number, node,
-    gear or sign makes it void.
+    gear or sign makes it void. A drive without a serial number cannot be told from another one:
+    proof and daily test of it end as soon as it is not watched, and with the core.
 5.  A stop that was latched when the core ended is latched in the next one (`latched_stop.py`). If
     the file cannot be read, LAST_END_UNKNOWN is latched.
 """
@@ -183,6 +184,19 @@ def prove(
         moved_back_si=moved_si[1],
         utc_ns=utc_ns,
     )
+
+
+def without_tests(persistent: PersistentState, name: str) -> PersistentState:
+    """A copy without proof and daily test of one axis; the same object if there are none."""
+    stored, tested = persistent.axis(name), persistent.self_test
+    if tested is not None and name in tested.axes:
+        persistent = replace(persistent, self_test=None)
+    if name in persistent.inputs:
+        rest = {axis: one for axis, one in persistent.inputs.items() if axis != name}
+        persistent = replace(persistent, inputs=rest)
+    if stored.proof is not None:
+        persistent = persistent.with_axis(name, replace(stored, proof=None))
+    return persistent
 
 
 def with_pose(

@@ -22,7 +22,7 @@ Rules:
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 from typing import Final
 
 from msgspec.structs import replace
@@ -277,8 +277,10 @@ class Loop:
         port = self._line.port(
             requested=core.reset_cycles_left > 0, meanwhile=self._cycle_without_drives
         )
-        for _ in bring_up_core(core, plans, port, settings.cycle):
-            self._cycle_without_drives()
+        # Closed whatever happens meanwhile: it leaves no drive with power then (bringup.py, rule 8)
+        with closing(bring_up_core(core, plans, port, settings.cycle)) as steps:
+            for _ in steps:
+                self._cycle_without_drives()
         self._retry_ns = self._clock.now_ns() + RETRY_NS
         self._window.reset()
         self._stopped = ()

@@ -41,6 +41,12 @@ Standstill is within `still_counts_max`. Friction hides a change of twice the br
 sign to the other. A larger change without motion means that the encoder or the joint is stuck. A
 patient who leans steadily on a held leg causes no change, and no fault.
 """
+EFFORT_POSSIBLE_RATIO = 4.0
+"""Multiple of the effort limit, which the drive keeps itself, above which a value is no
+measurement. Only the observer of an encoder at standstill would take it for an effort."""
+EFFORT_UNCHANGED_CYCLES = 50
+"""Cycles of motion in a row, half a second, in which a measured current cannot stay the same count:
+load, friction and noise change it."""
 HELD_RATIO = 0.1
 """Share of the tracking limit within which a drive's own loops count as holding a joint.
 
@@ -126,8 +132,14 @@ def _check_bus(service: ServiceInputs) -> Iterator[Finding]:
         )
 
 
+def _inputs_shown(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+    """Check that a drive shows inputs that its wiring can produce; in every mode."""
+    if Input.IMPOSSIBLE in axis.feedback.inputs:
+        yield Cause.INPUTS_IMPOSSIBLE, 0.0, 0.0, "bits of 60FDh that are always 0"
+
+
 def _inputs(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
-    if not axis.joint.known:
+    if not axis.joint.known or Input.IMPOSSIBLE in axis.feedback.inputs:
         return
     if Input.HAND_SWITCH_CLOSED not in axis.feedback.inputs:
         yield Cause.HAND_SWITCH_OPEN, 0.0, 1.0, ""
@@ -244,10 +256,19 @@ def _power(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
 
 def _numbers(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     """Check that position and effort are finite: NaN would pass every comparison below."""
+    if not axis.joint.known:
+        return
     if not math.isfinite(axis.joint.position_si):
         yield Cause.ENCODER_JUMP, 0.0, 0.0, "its position is no number"
     if not math.isfinite(axis.joint.effort_si):
         yield Cause.EFFORT_DEVIATION, 0.0, 0.0, "its effort is no number"
+    elif _is_effort_impossible(axis):
+        limit_si = EFFORT_POSSIBLE_RATIO * axis.limits.effort_max_si
+        yield Cause.EFFORT_DEVIATION, abs(axis.joint.effort_si), limit_si, "no drive gives that"
+
+
+def _is_effort_impossible(axis: AxisInputs) -> bool:
+    return abs(axis.joint.effort_si) > EFFORT_POSSIBLE_RATIO * axis.limits.effort_max_si
 
 
 def _encoder(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
@@ -271,7 +292,7 @@ def _encoder(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     ):
         yield Cause.ENCODER_FROZEN, joint.speed_before_still_si, possible_si, "speed lost at once"
         return
-    if axis.loop_distance_si < HELD_RATIO * limits.tracking_max_si:
+    if axis.loop_distance_si < HELD_RATIO * limits.tracking_max_si or _is_effort_impossible(axis):
         return
     watch = axis.watch
     change_si = abs(watch.held_si - watch.held_before_still_si)
@@ -296,6 +317,13 @@ def _efforts(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
             watch.gap_si,
             limits.effort_deviation_max_si,
             "measured without power" if watch.unpowered_cycles else "measured from sent",
+        )
+    if watch.unchanged_cycles >= EFFORT_UNCHANGED_CYCLES:
+        yield (
+            Cause.EFFORT_DEVIATION,
+            float(watch.unchanged_cycles),
+            float(EFFORT_UNCHANGED_CYCLES),
+            "cycles of motion with the same effort",
         )
 
 
@@ -347,25 +375,45 @@ def _limits(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
         return
     temperature_degc = axis.feedback.temperature_degc
     if axis.feedback.temperature_overdue:
-        yield Cause.TEMPERATURE_LIMIT, 0.0, 0.0, "not measured any more: no TPDO3"
+        yield Cause.TEMPERATURE_LIMIT, 0.0, 0.0, "not measured any more"
     if temperature_degc is not None and temperature_degc > limits.temperature_max_degc:
         yield Cause.TEMPERATURE_LIMIT, temperature_degc, limits.temperature_max_degc, "degC"
     for cause, value, limit in (
         (Cause.VELOCITY_LIMIT, abs(joint.velocity_si), limits.velocity_max_si),
         (Cause.EFFORT_LIMIT, abs(joint.effort_si), limits.effort_max_si * EFFORT_MARGIN_RATIO),
         (Cause.POWER_LIMIT, joint.effort_si * joint.velocity_si, limits.power_max_w),
-        (Cause.TRACKING_LIMIT, abs(axis.tracking_si), limits.tracking_max_si),
     ):
         if value > limit:
             yield cause, value, limit, ""
+
+
+def _tracking(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+    """Check that a joint is near its reference, whatever moves it away.
+
+    A drive whose own loops hold a joint elsewhere than it was told does not obey its target, and
+    would not obey that of a stop in which it holds.
+    """
+    limits = axis.limits
+    limit_si = limits.hold_distance_max_si if axis.held else limits.tracking_max_si
+    if axis.held and limit_si < axis.loop_distance_si < math.inf:
+        yield Cause.NOT_FOLLOWING, axis.loop_distance_si, limit_si, "held away from its target"
+    if abs(axis.tracking_si) > limit_si:
+        yield Cause.TRACKING_LIMIT, abs(axis.tracking_si), limit_si, ""
 
 
 EFFORT_MARGIN_RATIO = 1.1
 """Margin over the effort limit: the command is bounded, but the current loop may overshoot."""
 
 Check = Callable[[AxisInputs, Thresholds], Iterator[Finding]]
-RESTING_CHECKS: tuple[Check, ...] = (_communication, _fault, _unexpected_enable, _efforts)
+RESTING_CHECKS: tuple[Check, ...] = (
+    _inputs_shown,
+    _communication,
+    _fault,
+    _unexpected_enable,
+    _efforts,
+)
 DRIVING_CHECKS: tuple[Check, ...] = (
+    _inputs_shown,
     _inputs,
     _limit_switches,
     _communication,
@@ -377,6 +425,7 @@ DRIVING_CHECKS: tuple[Check, ...] = (
     _efforts,
     _positions,
     _limits,
+    _tracking,
     _strides,
     _power,
 )

@@ -1,6 +1,6 @@
 """Monitor of a drive's effort: does it match the command in size and direction?
 
-Three checks, each from raw values only, for each axis in every cycle:
+Four checks, each from raw values only, for each axis in every cycle:
 
 `gap`        In torque mode, compares the measured effort with the sent one. A target is sent in one
              cycle, acts from the next SYNC and is sampled at the one after, so it is compared with
@@ -14,6 +14,9 @@ Three checks, each from raw values only, for each axis in every cycle:
              gap is zero, the leg gets too little effort, and only this mean detects it. A patient
              who pushes steadily through a whole stride looks the same, and the two cannot be
              distinguished: the machine stops in both cases.
+
+`unchanged`  Counts the cycles in which a joint moves and the effort stays exactly the same: it is
+             not measured any more. While a drive's own loops move the joint there is no gap.
 
 Without power a drive's effort is zero for any target: then `gap` is the reading of its sensor.
 """
@@ -43,6 +46,10 @@ class EffortWatch(NamedTuple):
     gap_si: float = 0.0
     gap_cycles: int = 0
     """Cycles in a row in which the gap exceeds its limit."""
+    unchanged_cycles: int = 0
+    """Cycles in a row in which the joint moved under power and the effort did not change."""
+    effort_si: float = 0.0
+    """Measured effort of the last sample."""
     sign_mismatch_si: float = 0.0
     """The smaller of push and motion effort, where their signs differ."""
     sign_mismatch_cycles: int = 0
@@ -98,6 +105,12 @@ def update(
         unpowered_cycles=unpowered_cycles,
         gap_si=gap_si,
         gap_cycles=watch.gap_cycles + 1 if gap_si > limits.effort_deviation_max_si else 0,
+        unchanged_cycles=(
+            watch.unchanged_cycles + 1
+            if may_give_torque and joint.still_cycles == 0 and joint.effort_si == watch.effort_si
+            else 0
+        ),
+        effort_si=joint.effort_si,
         sign_mismatch_si=sign_mismatch_si,
         sign_mismatch_cycles=(
             watch.sign_mismatch_cycles + 1

@@ -23,6 +23,8 @@ class AxisInputs(NamedTuple):
     """The drive moves this axis by itself, up to a mechanical stop, and sets its origin anew."""
     tracking_si: float
     """Distance to the reference; 0 where nothing is tracked."""
+    held: bool
+    """Mode HOLD holds its pose, and has settled: a narrower limit of that distance is in force."""
     wanted_velocity_si: float
     """Velocity of the reference; 0 where nothing is guided."""
     counts_sign: int

@@ -31,6 +31,8 @@ class AxisLimits(NamedTuple):
     """Damping of outward motion at the hard limit, N·m·s/rad or N·s/m."""
     spasm_rise_si: float
     tracking_max_si: float
+    hold_distance_max_si: float
+    """In place of `tracking_max_si` once a leg is held."""
     temperature_max_degc: float
     quick_stop_deceleration_si_per_s2: float
     static_load_tolerance_si: float
@@ -64,6 +66,7 @@ def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
         soft_damping_si=limits.soft_limit.hip_damping_nm_s_per_rad,
         spasm_rise_si=limits.spasm.hip_rise_nm,
         tracking_max_si=math.radians(hip.tracking_max_deg),
+        hold_distance_max_si=math.radians(hip.hold_distance_max_deg),
         temperature_max_degc=hip.temperature_max_degc,
         quick_stop_deceleration_si_per_s2=hip.quick_stop_deceleration_rad_per_s2,
         static_load_tolerance_si=hip.static_load_tolerance_nm,
@@ -95,6 +98,7 @@ def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
         soft_damping_si=limits.soft_limit.slide_damping_n_s_per_m,
         spasm_rise_si=limits.spasm.slide_rise_n,
         tracking_max_si=slide.tracking_max_m,
+        hold_distance_max_si=slide.hold_distance_max_m,
         temperature_max_degc=slide.temperature_max_degc,
         quick_stop_deceleration_si_per_s2=slide.quick_stop_deceleration_m_per_s2,
         static_load_tolerance_si=slide.static_load_tolerance_n,

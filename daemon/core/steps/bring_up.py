@@ -1,6 +1,7 @@
 """Bring-up of the drives from mode OFF to READY, with progress reported step by step."""
 
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import closing
 
 from daemon.core.state import Core
 from daemon.core.steps import (
@@ -59,14 +60,15 @@ def _with_progress(
     core: Core, steps: Generator[Progress, None, tuple[DriveReport, ...]]
 ) -> Generator[Progress, None, tuple[DriveReport, ...]]:
     """Pass the bring-up steps on and write each one into the core's progress line."""
-    while True:
-        try:
-            progress = next(steps)
-        except StopIteration as stop:
-            return stop.value
-        text = f"{progress.done_count}/{progress.total_count} {progress.drive} {progress.text}"
-        supervisor.show_progress(core, text)
-        yield progress
+    with closing(steps):
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as stop:
+                return stop.value
+            text = f"{progress.done_count}/{progress.total_count} {progress.drive} {progress.text}"
+            supervisor.show_progress(core, text)
+            yield progress
 
 
 def _take_over(
@@ -74,6 +76,7 @@ def _take_over(
 ) -> None:
     """Put the drives under control of the core and reset all state of an earlier bring-up."""
     single_axis.drop_tests_of_other_drives(core, reports)
+    persistence.forget_other_drives(core, reports)
     sensing.begin(core, plans, reports)
     persistence.check_signs(core)
     targets.reset(core)

@@ -4,15 +4,25 @@ This file is the only writer of `persistent` and of what is derived from it. The
 state file when `persistent` has changed.
 """
 
+from collections.abc import Sequence
+
 from msgspec.structs import replace
 
 from daemon.core.exercises.self_test import SelfTest, result_text
 from daemon.core.modes import daily_test, latched_stop
 from daemon.core.modes.daily_test import Drive
-from daemon.core.modes.persistent_state import SignProof, proven, with_pose, with_proof
+from daemon.core.modes.persistent_state import (
+    SignProof,
+    proven,
+    with_pose,
+    with_proof,
+    without_tests,
+)
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.state import Axis, Core
 from daemon.ipc.record import Cause, Mode, Verdict
+from drives.bringup.bringup import DriveReport
+from drives.signals import Input
 
 
 def store_poses(core: Core, utc_ns: int) -> None:
@@ -48,6 +58,16 @@ def prove_sign(core: Core, axis: Axis, proof: SignProof) -> None:
     axis.sign_proven = True
 
 
+def forget_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
+    """Forget the tests of drives without a serial number that were out of sight; before `begin`."""
+    for axis, report in zip(core.axes, reports, strict=True):
+        if report.serial_number == 0 and axis.is_other_drive(report.serial_number):
+            kept = without_tests(core.persistent, axis.name)
+            if kept is not core.persistent:
+                core.persistent = kept
+                core.report(f"{axis.name}: its drive has no serial number: test it again")
+
+
 def check_signs(core: Core) -> None:
     """Look up the proofs for the drives that have just been brought up."""
     for axis in core.axes:
@@ -77,7 +97,11 @@ def _drives(core: Core) -> list[Drive]:
         Drive(
             axis.name,
             axis.serial_number,
-            axis.feedback.inputs if axis.feedback is not None and axis.feedback.fresh else None,
+            axis.feedback.inputs
+            if axis.feedback is not None
+            and axis.feedback.fresh
+            and Input.IMPOSSIBLE not in axis.feedback.inputs
+            else None,
         )
         for axis in core.axes
     ]

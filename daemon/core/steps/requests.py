@@ -72,11 +72,14 @@ def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
     config = core.config
     fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
     age_max_cycles = config.thresholds.sample_age_max_cycles
-    # A single lost sample keeps the last inputs; inputs of a lost drive are not used.
+    # A single lost sample keeps the last inputs; those of a lost drive, or that cannot be, are not
+    # used.
     inputs = [
         axis.feedback.inputs
         for axis in core.axes
-        if axis.feedback is not None and axis.feedback.sample_age_cycles <= age_max_cycles
+        if axis.feedback is not None
+        and axis.feedback.sample_age_cycles <= age_max_cycles
+        and Input.IMPOSSIBLE not in axis.feedback.inputs
     ]
     return GuardInputs(
         mode=core.mode,

@@ -12,6 +12,7 @@ from daemon.core.safety.joints import Joint, jump_reach_si
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis, wanted
 from daemon.core.tick import Tick
+from daemon.ipc.record import Mode
 from drives.bringup.bringup import DriveReport
 from drives.bringup.plan import DrivePlan
 from drives.cia402.power_state import CANNOT_EXERT_TORQUE
@@ -23,6 +24,10 @@ _OFF: Final = frozenset(
     {PowerState.NOT_READY_TO_SWITCH_ON, PowerState.SWITCH_ON_DISABLED, PowerState.FAULT}
 )
 """States from which no single controlword enables power, so a delayed controlword cannot either."""
+
+
+HOLD_SETTLE_CYCLES: Final = 50
+"""Time in which a leg that was far from its reference comes to it, as at the end of a gait."""
 
 
 def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
@@ -41,11 +46,13 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         # A silent drive may have lost its power, and with it its position.
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.followed = axis.followed and axis.referenced and not silent
+        axis.watched = axis.watched and not silent and not feedback.rebooted
         _count_readiness(core, axis, feedback)
         if feedback.fresh and not feedback.in_fault:
             axis.bring_up_error = ""
     for leg in core.legs:
         _place(leg)
+        leg.held_cycles = leg.held_cycles + 1 if _is_held(core, leg) else 0
 
 
 def _report_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
@@ -108,6 +115,13 @@ def _place(leg: Leg) -> None:
             axis.wanted_velocity_si = reference.velocity[index]
 
 
+def _is_held(core: Core, leg: Leg) -> bool:
+    """True if mode HOLD holds a pose: both drives are enabled, and the reference stands still."""
+    reference = leg.reference
+    still = reference is not None and reference.guided and reference.velocity == (0.0, 0.0)
+    return core.mode == Mode.HOLD and still and all(axis.reached_enabled for axis in leg.axes)
+
+
 # --- between two windows, and without drives ------------------------------------------------------
 
 
@@ -143,9 +157,9 @@ def doubt(core: Core, name: str) -> None:
 
 
 def lose_positions(core: Core) -> None:
-    """The state of the drives is unknown: each may have lost its power and its position."""
+    """The state of the drives is unknown: each may have lost its power, or be another one."""
     for axis in core.axes:
-        axis.followed = False
+        axis.followed = axis.watched = False
 
 
 def forget(core: Core) -> None:
@@ -162,6 +176,7 @@ def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]
         axis.serial_number = report.serial_number
         axis.unreferenced_why = _why_unreferenced(core, axis, plan, report)
         axis.referenced = axis.followed = not axis.unreferenced_why
+        axis.watched = True
         axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles = False, 0, 0
         axis.shown_unpowered = True  # bring-up goes on with no drive that has power
         axis.emergencies_checked = 0

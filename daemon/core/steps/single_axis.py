@@ -138,7 +138,7 @@ def drop(core: Core) -> None:
 def drop_tests_of_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
     """Drop the sign tests of axes that have another drive since; before `sensing.begin`."""
     for axis, report in zip(core.axes, reports, strict=True):
-        if axis.serial_number != report.serial_number:
+        if axis.is_other_drive(report.serial_number):
             core.evidence.pop(axis.name, None)
 
 

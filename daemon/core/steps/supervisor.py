@@ -114,10 +114,12 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         core.disabling = True
         _enter(core, Event.DISABLE)
         exercises.brake(core)
-        # An axis that is enabled alone is disabled; else both axes hold first.
+        # An axis that is enabled alone is disabled; else both axes hold first. A drive that is not
+        # enabled yet is not enabled in order to hold.
         step = Step.HOLD if core.single_axis is None else Step.DISABLE
         for axis in core.axes:
-            axis.stop = stop_sequence.begin(step, axis.joint, cycle)
+            possible = stop_sequence.possible(step, axis.feedback)
+            axis.stop = stop_sequence.begin(possible, axis.joint, cycle)
         single_axis.cancel(core, "disabling was requested")
     elif request.kind == RequestKind.RESET:
         _enter(core, Event.RESET)

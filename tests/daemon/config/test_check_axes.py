@@ -99,9 +99,10 @@ def test_how_a_drive_notices_silence_is_told_with_its_times(epos4, generic):
 def test_a_profile_that_is_not_verified_says_so_with_its_sources(epos4):
     (section,) = [s for s in sections(epos4) if s.title == "Where the drives' facts come from"]
 
-    ((drive, verified, sources),) = section.rows
+    (drive, verified), *sources, (_, open_facts) = section.rows
     assert (drive, verified) == ("maxon EPOS4", "NOT verified on hardware")
-    assert "3001h:01 x 3001h:05 holds exactly in three DCFs" in sources
+    assert any("EDS of the EPOS4 Module 50/5" in what for _, what in sources)
+    assert "fault_reaction_max_ms" in open_facts
     assert (
         "right/hip: the profile of maxon EPOS4 has not been verified on hardware" in epos4.warnings
     )

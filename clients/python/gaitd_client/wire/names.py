@@ -72,6 +72,7 @@ class Cause(StrEnum):
     # the emergency means of the patient and of a person nearby
     HAND_SWITCH_OPEN = auto()
     STO_ACTIVE = auto()
+    INPUTS_IMPOSSIBLE = auto()
     # a drive and its bus
     BUS_DOWN = auto()
     DRIVE_SILENT = auto()

@@ -145,6 +145,7 @@ WITHOUT_A_NUMBER = {
     Cause.COMMAND_NOT_FINITE,
     Cause.HAND_SWITCH_OPEN,
     Cause.STO_ACTIVE,
+    Cause.INPUTS_IMPOSSIBLE,
     Cause.BUS_DOWN,
     Cause.BUS_OFF,
     Cause.DRIVE_REBOOTED,

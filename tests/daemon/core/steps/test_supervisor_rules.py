@@ -131,6 +131,17 @@ def test_enabling_begins_with_nothing_of_before(ready):
     assert core.events == ["enable requested", "mode ready -> hold: enable"]
 
 
+@pytest.mark.parametrize(
+    "state", [state for state in PowerState if state is not PowerState.OPERATION_ENABLED]
+)
+def test_disabling_enables_no_drive_in_order_to_hold(bench, state):
+    bench.core.axes[0].feedback = bench.core.axes[0].feedback._replace(power_state=state)
+
+    bench.ask(RequestKind.DISABLE)
+
+    assert bench.steps() == [QUICK, QUICK]
+
+
 def test_disabling_brakes_and_holds_both_axes(bench):
     core, (leg,) = bench.core, bench.core.legs
     bench.show(PowerState.OPERATION_ENABLED, velocity_si=0.5)

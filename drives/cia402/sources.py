@@ -1,0 +1,88 @@
+"""What each fact of a drive profile rests on: `[[sources]]` and `must_show`.
+
+A fact is a key of the profile as its file has it: `velocity_unit`, `torque_source.sampling`, and
+for an entry of `written` or `checked` its object, `written.605Ah:00`. A name in `states` or in
+`must_show` is a fact or the begin of some: `torque_source` means all of that table. Of two names
+that fit a fact the longer one counts. Each fact has a source, or is one that the drive must show.
+"""
+
+from collections.abc import Iterable, Iterator
+from typing import Annotated, Final
+
+import msgspec
+from msgspec import Meta
+
+from drives.cia402.torque import ObjectRef, Table
+from drives.errors import DescriptionError
+
+_NO_FACTS: Final = frozenset(("vendor", "family", "verified_on_hardware", "sources", "must_show"))
+
+
+class Source(Table, frozen=True, kw_only=True):
+    """A public document or file, and the facts that it states."""
+
+    what: Annotated[str, Meta(min_length=20)]
+    states: Annotated[tuple[str, ...], Meta(min_length=1)]
+
+
+def facts(profile: msgspec.Struct) -> tuple[str, ...]:
+    """All facts of a profile, by key."""
+    return tuple(key for key, value in _keys(profile, "") if not _is_absent(value))
+
+
+def open_facts(
+    profile: msgspec.Struct, sources: tuple[Source, ...], must_show: tuple[str, ...]
+) -> tuple[str, ...]:
+    """The facts that no public document states, in the order of the profile."""
+    stated = [name for source in sources for name in source.states]
+    return tuple(fact for fact in facts(profile) if _best(fact, must_show) > _best(fact, stated))
+
+
+def check_sources(
+    profile: msgspec.Struct, sources: tuple[Source, ...], must_show: tuple[str, ...]
+) -> None:
+    """Check that each fact has a source or must be shown, and that each name is one of a key.
+
+    Raises:
+        DescriptionError: names the fact, or the name.
+    """
+    keys = dict(_keys(profile, ""))
+    stated = [name for source in sources for name in source.states]
+    for where, names in (("sources", stated), ("must_show", must_show)):
+        for name in names:
+            known = any(
+                _fits(name, key) or (_is_absent(value) and _fits(key, name))
+                for key, value in keys.items()
+            )
+            if not known:
+                raise DescriptionError("profile", where, name, "a key of this profile")
+    for fact in facts(profile):
+        if not _best(fact, [*stated, *must_show]):
+            allowed = "in `states` of a source, or in `must_show` if no public document states it"
+            raise DescriptionError("profile", "sources", fact, allowed)
+
+
+def _keys(table: msgspec.Struct, prefix: str) -> Iterator[tuple[str, object]]:
+    for field in msgspec.structs.fields(table):
+        key, value = prefix + field.encode_name, getattr(table, field.name)
+        if key in _NO_FACTS:
+            continue
+        if isinstance(value, msgspec.Struct):
+            yield from _keys(value, f"{key}.")
+        elif isinstance(value, tuple) and value and isinstance(value[0], ObjectRef):
+            yield from ((f"{key}.{one.place}", one) for one in value)
+        else:
+            yield key, value
+
+
+def _is_absent(value: object) -> bool:
+    return value is None or value == ()
+
+
+def _fits(name: str, key: str) -> bool:
+    return key == name or key.startswith(f"{name}.")
+
+
+def _best(fact: str, names: Iterable[str]) -> int:
+    """Length of the longest name that fits; 0 if none does."""
+    return max((len(name) for name in names if _fits(name, fact)), default=0)

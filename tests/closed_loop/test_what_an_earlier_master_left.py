@@ -1,0 +1,91 @@
+"""Objects that a drive adds to its targets: cleared without power; noticed if they come back."""
+
+import pytest
+from sessions import new_session, reaches_rest_in_fault
+
+from daemon.ipc.record import Cause, Mode, RequestKind
+
+POSITION_OFFSET, VELOCITY_OFFSET, TORQUE_OFFSET = 0x60B0, 0x60B1, 0x60B2
+AXES = ("right/hip", "right/slide")
+
+
+def put(session, axis, index, value):
+    session.machine.world.node(axis).dictionary.put(index, 0, value)
+
+
+def value(session, axis, index):
+    return session.machine.world.node(axis).dictionary.value(index, 0)
+
+
+def moved(session, begun):
+    """Largest distance of both joints from where they were at a row of the truth, rad and m."""
+    rows = session.truth.rows[begun:]
+    hip, slide = rows[0].hip_angle_rad, rows[0].slide_position_m
+    return (
+        max(abs(row.hip_angle_rad - hip) for row in rows),
+        max(abs(row.slide_position_m - slide) for row in rows),
+    )
+
+
+@pytest.mark.parametrize("axis", AXES)
+@pytest.mark.parametrize(
+    ("index", "left"), [(POSITION_OFFSET, 2000), (VELOCITY_OFFSET, 100), (TORQUE_OFFSET, 200)]
+)
+def test_an_offset_of_an_earlier_master_moves_no_joint(position_configs, axis, index, left):
+    session = new_session(position_configs)
+    put(session, axis, index, left)
+    session.until_ready()
+    begun = len(session.truth.rows) - 1
+
+    session.enable()
+    session.run(2.0)
+
+    assert value(session, axis, index) == 0
+    assert session.record.mode == Mode.HOLD
+    hip_rad, slide_m = moved(session, begun)
+    assert hip_rad < 0.005
+    assert slide_m < 0.005
+
+
+def test_an_offset_that_came_during_a_session_is_gone_after_a_reset_without_a_step(
+    warm_position_hold,
+):
+    session = warm_position_hold
+    session.gateway.stop()
+    session.until(Mode.FAULT)
+    session.run(0.5)
+    put(session, "right/hip", POSITION_OFFSET, 40)  # 0.14 deg: below what is noticed
+    session.execute(RequestKind.RESET)
+    session.until(Mode.READY)
+    session.run(2.0)
+    assert value(session, "right/hip", POSITION_OFFSET) == 0
+    begun = len(session.truth.rows) - 1
+
+    session.execute(RequestKind.ENABLE)
+    session.run(1.0)
+
+    assert moved(session, begun)[0] < 0.005
+
+
+@pytest.mark.parametrize(("axis", "counts"), [("right/hip", 2000), ("right/slide", 1200)])
+def test_a_drive_that_holds_elsewhere_than_it_was_told_is_stopped(warm_position_hold, axis, counts):
+    session = warm_position_hold
+    session.run(1.0)
+
+    put(session, axis, POSITION_OFFSET, counts)
+    session.run_until(lambda record: record.mode != Mode.HOLD, within_s=0.5)
+
+    verdict = session.record.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.NOT_FOLLOWING, axis)
+    reaches_rest_in_fault(session)
+
+
+def test_a_leg_that_is_pushed_out_of_its_hold_is_held_where_it_is(warm_hold):
+    session = warm_hold
+    session.run(1.0)
+
+    session.machine.trainers["right"].exert(45.0, 0.0)
+    session.run_until(lambda record: record.mode != Mode.HOLD, within_s=1.0)
+
+    verdict = session.record.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.TRACKING_LIMIT, "right/hip")
