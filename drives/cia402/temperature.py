@@ -89,8 +89,6 @@ class TemperatureTurns:
         self._uploads = tuple(uploads)
         self._turn = 0
         self._cycles_left = SLOT_CYCLES
-        if uploads:
-            uploads[0].begin_turn()
 
     def request(self) -> list[Frame]:
         """The request of this cycle, if there is one; call once in a cycle."""

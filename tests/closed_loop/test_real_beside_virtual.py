@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bench_motor import BenchWorld, OneBus, bench
+from bench_motor import KINDS, BenchWorld, OneBus, bench
 from durand.scheduler import get_scheduler, set_scheduler
 from sessions import single_axis_run
 
@@ -24,8 +24,8 @@ OF_THE_SLIDE = {base + 6 for base in (0x080, 0x180, 0x280, 0x380, 0x580, 0x700)}
 
 
 class Bench(LockstepSession):
-    def __init__(self, folder):
-        settings = accepted(bench(folder))
+    def __init__(self, folder, kind):
+        settings = accepted(bench(folder, kind=kind))
         self.motor = BenchWorld(settings.drives[0])
         log = TruthLog(None)
         machine = virtual_machine(
@@ -45,11 +45,14 @@ class Bench(LockstepSession):
         return self
 
 
-@pytest.fixture(scope="module")
-def walked(tmp_path_factory):
-    """A session from power-on to a stride and a half, and through the loss of the bench's drive."""
+@pytest.fixture(scope="module", params=KINDS)
+def walked(request, tmp_path_factory):
+    """A session from power-on to a stride and a half, and through the loss of the bench's drive.
+
+    The EPOS4 of the bench has no objects but those of its maker's EDS.
+    """
     before = get_scheduler()
-    session = Bench(tmp_path_factory.mktemp("bench"))
+    session = Bench(tmp_path_factory.mktemp("bench"), request.param)
     session.unproven = session.until_ready().request(RequestKind.ENABLE)
     session.proven().enable()
     session.run(0.5)
@@ -86,6 +89,25 @@ def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(walked):
     assert slides == pytest.approx([row.slide_position_m for row in true], abs=3e-4)
     # Two cycles late: the hip of the virtual leg is where the bench's was.
     assert [row.hip_angle_rad for row in true[2:]] == pytest.approx(hips[:-2], abs=2e-4)
+
+
+@pytest.mark.parametrize("place", [(0x1800, 5), (0x1801, 5), (0x1802, 5), (0x607C, 0)])
+def test_the_epos4_of_the_bench_has_no_object_that_its_maker_s_file_lacks(walked, place):
+    has = place[0] in walked.motor.hip.dictionary
+
+    if walked.motor.is_epos4 and place[1] == 0:
+        assert not has
+    elif walked.motor.is_epos4:
+        with pytest.raises(KeyError):
+            walked.motor.hip.dictionary.lookup(*place)
+    else:
+        assert has
+
+
+def test_the_temperature_of_the_bench_s_drive_is_read(walked):
+    records = walked.records[walked.walks_from : walked.walks_to]
+
+    assert {record.drives[0].temperature_degc for record in records} == {0.0}
 
 
 def test_a_bare_motor_is_no_patient(walked):

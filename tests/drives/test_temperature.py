@@ -8,9 +8,9 @@ from drive_files import drive, join, table
 
 from drives.canopen.bus import Frame
 from drives.cia402.drive import Drive, DriveGroup
-from drives.cia402.temperature import MISSED_MAX, QUIET_CYCLES, SLOT_CYCLES
 
 NOW = 5_000_000_000
+SLOT_CYCLES, QUIET_CYCLES, MISSED_MAX = 25, 5, 3
 ASKED = bytes.fromhex("40 01 32 01 00 00 00 00")
 
 
@@ -33,7 +33,7 @@ class Run:
             feedbacks = self.group.end_of_window(self.cycle, NOW)
             for frame in self.group.uploads():
                 self.sent.append((self.cycle, frame))
-                self.group.feed_between(self.answers(frame), NOW)
+                assert not self.group.feed_between(self.answers(frame), NOW)
             self.cycle += 1
         return feedbacks
 
@@ -46,6 +46,34 @@ def test_the_drives_take_turns_and_each_answer_is_its_temperature():
     assert run.sent == [(turn * SLOT_CYCLES, Frame(0x605 + turn % 2, ASKED)) for turn in range(4)]
     assert [one.temperature_degc for one in shown] == [pytest.approx(40.5), pytest.approx(40.6)]
     assert not any(one.temperature_overdue or one.protocol_error_count for one in shown)
+
+
+def test_four_drives_take_their_turns_in_order_and_again():
+    drives = [
+        drive(name) for name in ("hip_epos4", "slide_epos4", "hip_left_epos4", "slide_left_epos4")
+    ]
+    run = Run(DriveGroup([Drive(one, NOW) for one in drives]), lambda _: [])
+
+    run.run(9 * SLOT_CYCLES)
+
+    assert [frame.can_id - 0x600 for _, frame in run.sent] == [5, 6, 7, 8, 5, 6, 7, 8, 5]
+
+
+def test_an_answer_after_its_turn_is_no_answer():
+    run = Run(pair(), lambda _: [])
+    run.run(SLOT_CYCLES + 1)
+
+    run.group.feed_between([answer()], NOW)
+
+    assert run.group.peek(NOW)[0].temperature_degc is None
+
+
+def test_a_second_answer_to_one_request_is_not_taken():
+    run = Run(
+        pair(), lambda asked: [answer(asked.can_id - 0x600), answer(asked.can_id - 0x600, 900)]
+    )
+
+    assert run.run(2)[0].temperature_degc == pytest.approx(41.5)
 
 
 def test_only_one_upload_is_outstanding_however_long_its_answer_takes():
@@ -71,6 +99,8 @@ def test_a_drive_that_does_not_answer_has_no_temperature_after_three_turns_and_t
 
     assert [one.temperature_degc for one in overdue] == [None, pytest.approx(41.5)]
     assert [one.temperature_overdue for one in overdue] == [True, False]
+    still = run.run(4 * SLOT_CYCLES)
+    assert [one.temperature_overdue for one in still] == [True, False]
     silent.clear()
     again = run.run(2 * SLOT_CYCLES)
     assert [one.temperature_overdue for one in again] == [False, False]
@@ -109,7 +139,7 @@ def test_a_request_waits_while_another_client_uses_the_drive():
     foreign = Frame(0x605, bytes.fromhex("40 18 10 01 00 00 00 00"))
     run.run(2 * SLOT_CYCLES)
     for _ in range(10):
-        run.group.feed_between([foreign], NOW)
+        assert not run.group.feed_between([foreign], NOW)
         run.run(1)
     run.run(SLOT_CYCLES - 10)
 

@@ -1,8 +1,8 @@
 """A real hip drive on a bench, as far as a computer can play one: durand's CANopen, a bare motor.
 
 Protocol stack (durand), power states (`third_model.py`) and motor are none of `sim_drives`. The
-numbers are those of hip_generic.toml, worked out by hand. Its own loops are ideal: in cyclic
-position it is where it is told to be, a stop brakes at `BRAKING_RAD_PER_S2`.
+numbers are those of hip_generic.toml and hip_epos4.toml, worked out by hand. Its own loops are
+ideal: in cyclic position it is where it is told to be, a stop brakes at `BRAKING_RAD_PER_S2`.
 """
 
 import math
@@ -19,6 +19,7 @@ from simtime.frame import Frame
 
 COUNTS_PER_RAD = 1024 * 100 / (2 * math.pi)
 NM_PER_PERMILLE = 0.279 * 100 / 1000
+MILLIAMPERE_PER_PERMILLE = 5
 INERTIA_KG_M2 = 0.35
 FRICTION_NM = 2.5
 BRAKING_RAD_PER_S2 = 14.0
@@ -27,8 +28,8 @@ INPUTS = 0x0003_0000
 """60FDh: hand switch closed, STO released."""
 SYNC = 0x080
 TORQUE, POSITION = 10, 8
+KINDS = ("generic", "epos4")
 BENCH = (
-    Change("hil.toml", "drives/hip_bench_epos4.toml", "drives/hip_generic.toml"),
     # durand has no homing: its encoder is absolute, and believed.
     Change("hil.toml", 'without_stored_pose = "home"', 'without_stored_pose = "believe"'),
     Change("hil.toml", "announce_s = 3.0", "announce_s = 0.5"),
@@ -36,9 +37,10 @@ BENCH = (
 )
 
 
-def bench(folder: Path, *more: Change) -> Path:
+def bench(folder: Path, *more: Change, kind: str = "generic") -> Path:
     """A copy of configs/ with durand's drive in hil.toml; returns that file."""
-    return changed(copied(folder), *BENCH, *more).with_name("hil.toml")
+    drive = Change("hil.toml", "drives/hip_bench_epos4.toml", f"drives/hip_{kind}.toml")
+    return changed(copied(folder), drive, *BENCH, *more).with_name("hil.toml")
 
 
 class BenchWorld(DurandWorld):
@@ -47,6 +49,7 @@ class BenchWorld(DurandWorld):
     def __init__(self, hip: DriveDescription, start_rad: float = 0.244) -> None:
         super().__init__([hip])
         self.hip = self.drives[0]
+        self.is_epos4 = hip.profile.family == "EPOS4"
         self.position_rad, self.speed_rad_per_s = start_rad, 0.0
         self._moved_ns = self.now_ns
         self.hip.dictionary.write(0x60FD, 0, INPUTS)
@@ -62,6 +65,8 @@ class BenchWorld(DurandWorld):
         powered = self.hip.model.state == "operation enabled"
         torque = self.hip.dictionary.read(0x6071, 0) if powered else 0
         self.hip.dictionary.write(0x6077, 0, torque)
+        if self.is_epos4:
+            self.hip.dictionary.write(0x30D1, 2, torque * MILLIAMPERE_PER_PERMILLE)
 
     def _run_to(self, time_ns: int) -> None:
         while self._moved_ns + STEP_S * 1e9 <= time_ns:

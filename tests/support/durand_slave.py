@@ -22,7 +22,7 @@ from drives.cia402.profile import DriveDescription
 from simtime.frame import Frame
 
 NEVER_NS = 1 << 62
-IDENTITY = (0x29A, 0x00040201, 0x00010000, 77)
+SERIAL_NUMBER = 77
 REMOTE, VOLTAGE, FOLLOWS = 0x0200, 0x0010, 0x1000
 TYPES = {
     (8, False): DatatypeEnum.UNSIGNED8,
@@ -59,7 +59,9 @@ def fill(node: MinimalNode, description: DriveDescription) -> None:
             if (index + number, 5) in ours.kinds:
                 dictionary[index + number][5] = Variable(DatatypeEnum.UNSIGNED16, "rw", 0)
     dictionary.write(0x1000, 0, 0x00020192)
-    for sub, value in enumerate(IDENTITY, start=1):
+    own = description.axis.identity
+    identity = (own.vendor_id, own.product_code, own.revision, SERIAL_NUMBER)
+    for sub, value in enumerate(identity, start=1):
         dictionary.write(0x1018, sub, value)
 
 
