@@ -106,6 +106,12 @@ def test_each_stream_has_its_name_its_size_and_its_rate():
     )
 
 
+def test_a_drive_whose_temperature_is_mapped_has_no_sdo_in_the_cycle():
+    load = bus_load([drive("hip_generic")], CYCLE, 20, 1_000_000)
+
+    assert not [stream for stream in load.streams if "SDO" in stream.name]
+
+
 def test_a_station_that_sends_every_identifier_fills_no_more_memory_than_256_headers():
     for can_id in range(0x800):
         frame_bits_exact(can_id, b"")

@@ -530,6 +530,29 @@ def test_leaving_quick_stop_by_transition_16_needs_a_drive_that_holds():
     join(axis, profile | {"resume_from_quick_stop": False}, "hip_generic")
 
 
+@pytest.mark.parametrize("name", ["hand_switch_closed", "sto_released", "positive_limit"])
+@pytest.mark.parametrize(("bit", "fits"), [(2, True), (3, False), (15, False), (28, True)])
+def test_an_input_is_at_a_bit_that_the_drive_can_set(name, bit, fits):
+    axis, profile = copy.deepcopy(table("hip_epos4.toml")), table("profiles/epos4.toml")
+    axis["inputs"][name] = {"bit": bit, "level": 1}
+
+    if fits:
+        join(axis, profile, "hip_epos4")
+        return
+    with pytest.raises(DescriptionError) as caught:
+        join(axis, profile, "hip_epos4")
+    assert (caught.value.key, bit in caught.value.value) == ("inputs", True)
+    assert "E000FFF8h" in caught.value.allowed
+
+
+def test_a_temperature_that_is_not_mapped_is_what_the_service_reads_by_sdo():
+    uploaded = {
+        name: drive(f"hip_{name}").profile.uploaded_in_cycle for name in ("epos4", "generic")
+    }
+
+    assert uploaded == {"epos4": (0x3201, 1), "generic": None}
+
+
 def test_a_slow_pdo_without_anything_in_it_is_refused():
     axis, profile = broken("hip_generic", "profile", ("temperature",), None)
     profile["pdo"]["error_code"] = False

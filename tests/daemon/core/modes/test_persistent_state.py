@@ -20,6 +20,7 @@ from daemon.core.modes.persistent_state import (
     proven,
     with_pose,
     with_proof,
+    without_tests,
 )
 
 RULES = PoseRules(tolerance_si=0.01, believed_without_pose=False)
@@ -166,3 +167,27 @@ def test_any_other_wiring_makes_a_proof_void(change):
 
 def test_a_proof_keeps_how_far_the_axis_moved_and_when():
     assert SignProof(5, 305, -1, 100.0, None, 1024, 0.036, -0.035, 7) == PROOF
+
+
+# --- a drive that is another one ------------------------------------------------------------------
+
+TEST = StoredSelfTest(
+    7, passed=True, leg_digest="leg", axes={"right/hip": StoredAxisTest(1, 1, 0, 0.1)}
+)
+WHOLE = PersistentState(
+    axes={"right/hip": StoredAxis(0.2, 5, PROOF), "right/slide": StoredAxis(0.4, 5, PROOF)},
+    inputs={"right/hip": StoredInputs(1, 2, 3, 4), "right/slide": StoredInputs(5, 6, 7, 8)},
+    self_test=TEST,
+)
+
+
+def test_what_was_tested_of_another_drive_is_forgotten_and_nothing_else():
+    kept = without_tests(WHOLE, "right/hip")
+
+    assert kept == PersistentState(
+        axes={"right/hip": StoredAxis(0.2, 5, None), "right/slide": StoredAxis(0.4, 5, PROOF)},
+        inputs={"right/slide": StoredInputs(5, 6, 7, 8)},
+    )
+    assert without_tests(WHOLE, "right/slide").self_test == TEST
+    assert without_tests(kept, "right/hip") is kept
+    assert without_tests(PersistentState(), "right/hip") == PersistentState()

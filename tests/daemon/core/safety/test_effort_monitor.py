@@ -154,6 +154,16 @@ def looked(watch, effort=0.0, balance=InverseDynamics(), cycles=1, still=0, **ch
     return watch
 
 
+def test_an_effort_that_stays_the_same_is_counted_while_the_joint_moves_under_power():
+    moved = looked(looked(EffortWatch(), 3.0), 3.0, cycles=7)
+
+    assert moved.unchanged_cycles == 7
+    assert looked(moved, 3.1).unchanged_cycles == 0
+    assert looked(moved, 3.0, still=1).unchanged_cycles == 0
+    assert looked(moved, 3.0, may_give_torque=False).unchanged_cycles == 0
+    assert looked(EffortWatch(), -0.5).unchanged_cycles == 0
+
+
 @pytest.mark.parametrize("effort", [9.9, 10.0, 30.0, 40.0])
 def test_an_effort_that_was_sent_within_the_last_cycles_is_no_gap(effort):
     gap_si = looked(sent(10.0, 40.0, 20.0), effort).gap_si

@@ -396,6 +396,69 @@ def test_a_temperature_that_is_not_measured_any_more_is_judged_as_one_beyond_its
     assert verdict_of(axes=[fed(temperature_degc=None)]) == NO_VERDICT
 
 
+@pytest.mark.parametrize("driving", [True, False])
+def test_inputs_that_cannot_be_are_told_with_power_and_without_and_hide_no_open_switch(driving):
+    odd = fed(inputs=Input.IMPOSSIBLE)
+
+    told_ = told(axes=[odd], driving=driving)
+
+    assert told_ == (
+        *(Cause.INPUTS_IMPOSSIBLE, "right/hip", 0.0, 0.0),
+        "bits of 60FDh that are always 0",
+    )
+
+
+def test_an_effort_that_no_drive_gives_is_told_as_one_and_accuses_no_encoder():
+    most_si = 4.0 * LIMITS.effort_max_si
+    odd = moved(standing(held_si=-30.0), effort_si=-1.01 * most_si)
+
+    assert told(axes=[odd]) == (
+        *(Cause.EFFORT_DEVIATION, "right/hip", 1.01 * most_si, most_si),
+        "no drive gives that",
+    )
+    at_most = moved(standing(held_si=-30.0), effort_si=-most_si)
+    assert told(axes=[at_most])[0] == Cause.ENCODER_FROZEN
+
+
+@pytest.mark.parametrize(("cycles", "found"), [(49, False), (50, True)])
+def test_an_effort_that_stays_the_same_in_half_a_second_of_motion_is_not_measured(cycles, found):
+    same = AXIS._replace(watch=AXIS.watch._replace(unchanged_cycles=cycles))
+
+    assert (verdict_of(axes=[same]) != NO_VERDICT) is found
+    if found:
+        assert told(axes=[same]) == (
+            *(Cause.EFFORT_DEVIATION, "right/hip", 50.0, 50.0),
+            "cycles of motion with the same effort",
+        )
+
+
+HELD = AXIS._replace(held=True, tracking_si=0.0)
+HOLD_SI = LIMITS.hold_distance_max_si
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_held_joint_has_a_narrower_limit_of_its_distance_to_the_reference(sign):
+    inside = HELD._replace(tracking_si=sign * HOLD_SI)
+    outside = HELD._replace(tracking_si=sign * 1.01 * HOLD_SI)
+
+    assert verdict_of(axes=[inside]) == NO_VERDICT
+    assert told(axes=[outside])[:4] == (Cause.TRACKING_LIMIT, "right/hip", 1.01 * HOLD_SI, HOLD_SI)
+    assert verdict_of(axes=[outside._replace(held=False)]) == NO_VERDICT
+
+
+def test_a_drive_whose_own_loops_hold_a_joint_away_from_its_target_does_not_follow():
+    away = HELD._replace(loop_distance_si=1.01 * HOLD_SI, tracking_si=1.01 * HOLD_SI)
+
+    assert told(axes=[away]) == (
+        *(Cause.NOT_FOLLOWING, "right/hip", 1.01 * HOLD_SI, HOLD_SI),
+        "held away from its target",
+    )
+    assert verdict_of(axes=[HELD._replace(loop_distance_si=HOLD_SI)]) == NO_VERDICT
+    assert verdict_of(axes=[HELD._replace(loop_distance_si=math.inf)]) == NO_VERDICT
+    moving = away._replace(held=False, tracking_si=0.0)
+    assert verdict_of(axes=[moving]) == NO_VERDICT
+
+
 def test_before_the_first_sample_neither_inputs_nor_joint_are_judged():
     nothing_yet = fed(
         moved(known=False, position_si=9.0, velocity_si=99.0, effort_si=999.0),
