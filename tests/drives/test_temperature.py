@@ -119,7 +119,8 @@ def test_a_drive_that_does_not_answer_has_no_temperature_after_three_turns_and_t
 def test_any_other_answer_is_none(wrong):
     run = Run(pair(), lambda _: [wrong])
 
-    run.run(2 * MISSED_MAX * SLOT_CYCLES + 1)
+    assert not run.run(2 * (MISSED_MAX - 1) * SLOT_CYCLES)[0].temperature_overdue
+    run.run(2 * SLOT_CYCLES + 1)
     shown = run.group.peek(NOW)
 
     assert (shown[0].temperature_degc, shown[0].temperature_overdue) == (None, True)
@@ -166,6 +167,13 @@ def test_a_temperature_has_its_width_and_its_sign(bits, signed, start, raw, degc
     shown = run.run(2)
 
     assert shown[0].temperature_degc == pytest.approx(degc)
+
+
+def test_no_frame_of_an_sdo_asks_for_an_immediate_reaction():
+    upload = Drive(drive("hip_epos4"), NOW).upload
+
+    assert upload.on_answer(answer().data, NOW, False) is False
+    assert upload.on_foreign_request(ASKED, NOW, False) is False
 
 
 def test_a_drive_whose_temperature_is_mapped_is_not_asked():
