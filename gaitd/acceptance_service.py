@@ -57,7 +57,9 @@ NOTED: Final = (
     (Object.SOFTWARE_VERSION, 0, "firmware"),
     (Object.IDENTITY, 4, "serial number"),
 )
-"""What says which drive it was; an axis file may leave its serial number open."""
+"""What says which drive it was, where its EDS has it; an axis file may leave its serial number out.
+
+The firmware of an EPOS4 is its revision, 1018h:03, which bring-up checks."""
 COMMANDS: Final = frozenset(
     (Object.CONTROLWORD, Object.MODE, Object.TARGET_TORQUE, Object.TARGET_POSITION)
 )
@@ -86,11 +88,12 @@ def object_sections(
     """
     description = plan.description
     dictionary = load_eds(description.eds, description.node_id)
-    texts = [variable_at(dictionary, index, sub, 32) for index, sub, _ in NOTED]
+    noted = [one for one in NOTED if dictionary.get_variable(*one[:2]) is not None]
+    texts = [variable_at(dictionary, index, sub, 32) for index, sub, _ in noted]
     entries = yield from read_objects(description.node_id, texts, port)
     named = [
         Line(f"{name} ({one.place})", one.trouble or str(one.value), "any", Judgement.NOTED)
-        for (*_, name), one in zip(NOTED, entries, strict=True)
+        for (*_, name), one in zip(noted, entries, strict=True)
     ]
     compared = yield from read_with_plan(plan, dictionary, port)
     found = [one for one in compared if one.index not in COMMANDS]

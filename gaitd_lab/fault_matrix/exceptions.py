@@ -101,6 +101,13 @@ EXCEPTIONS: Final[Mapping[tuple[str, str, str], Law]] = MappingProxyType(
             ("spasm", mode, ""): _unseen("spasm", "the pose is held against it, within the limits")
             for mode in HELD
         },
+        ("torque_offset", "hand_guiding", "right/hip"): _unseen(
+            "torque_offset",
+            "what the sensor shows too much is led away by hand: at the end of the range the"
+            " estimate is not valid",
+            Cause.OBSERVER_INVALID,
+            by=(S2,),
+        ),
         ("position_offset", "hold_position", ""): _OFFSET,
         ("position_offset", "gait_position", "right/slide"): _OFFSET,
         ("position_offset", "gait_position", "right/hip"): replace(

@@ -232,7 +232,10 @@ def test_a_machine_as_configured_passes_all_but_what_is_not_approached(configs, 
     hip = found(acceptance, Judgement.PASSED, HIP)
     assert hip["Limits shown to act: stop by STO acts"] == "S0 by sto_active"
     noted = found(acceptance, Judgement.NOTED, HIP)
-    assert noted["Identity: firmware (100Ah:00)"] == "0170h"
+    assert noted["Identity: device name (1008h:00)"] == "Virtual EPOS4"
+    assert "Identity: firmware (100Ah:00)" not in noted
+    (revision,) = [value for asked, value in hip.items() if asked.startswith("Identity: 1018h:03")]
+    assert revision == "01700000h"
     assert noted["Identity: serial number (1018h:04)"] == "305000005"
     assert not [
         (line.asked, line.measured, line.allowed)
