@@ -73,6 +73,7 @@ COMMANDS: Final = {
     "sim": ("sim", LABORATORY, "The virtual drives of a configuration; inject, patient."),
     "experiment": ("experiment", LABORATORY, "The paper's experiment on the virtual machine."),
     "strides": ("strides", LABORATORY, "Work of strides in gait beside the true one."),
+    "patients": ("patients", LABORATORY, "Patients who work, at each cadence and friction."),
     "ablation": ("ablation", LABORATORY, "Every choice of the observer on and off."),
     "consistency": ("consistency", LABORATORY, "The observer's sigmas, gaps, rest and drift."),
     "real-data": ("real_data", LABORATORY, "The observer on recordings of real machines."),

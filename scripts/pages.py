@@ -64,6 +64,9 @@ LONG: Final = {
         ("gaitd.experiment",),
     ),
     "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd.matrix",)),
+    "patients.md": Made(
+        "gaitd patients --seeds 1 --seconds 20 --page docs/patients.md", ("gaitd.patients",)
+    ),
     "process_faults.md": Made(
         "pytest tests/service -m '' --write-process-faults",
         SERVICE,

@@ -10,6 +10,7 @@ of it.
 A test of another program imports this package and nothing else of gaitd: the names of `__all__` are
 imported when they are used, because pytest imports this package at each start. `Mode`, `Cause` and
 `Stage` are those of records, as `wait_for` takes them; messages have the names of `gaitd_client`.
+Patients who react to the gait are those of `gaitd_lab/patients.py`.
 """
 
 import importlib
@@ -18,22 +19,57 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from daemon.ipc.record import Cause, CycleRecord, Mode, Stage, StopCategory
     from gaitd.testing.trainer import VirtualTrainer, virtual_trainer
+    from gaitd_lab.patients import (
+        Gait,
+        Late,
+        Model,
+        Patient,
+        Slacking,
+        Spasm,
+        clonic,
+        of_ability,
+        resisting,
+        spastic,
+        tiring,
+        trembling,
+        weak,
+    )
     from gaitd_lab.processes import ServiceError
 
 __all__ = [
     "Cause",
     "CycleRecord",
+    "Gait",
+    "Late",
     "Mode",
+    "Model",
+    "Patient",
     "ServiceError",
+    "Slacking",
+    "Spasm",
     "Stage",
     "StopCategory",
     "VirtualTrainer",
+    "clonic",
+    "of_ability",
+    "resisting",
+    "spastic",
+    "tiring",
+    "trembling",
     "virtual_trainer",
+    "weak",
 ]
 
 _HOME: Final = {
     **dict.fromkeys(("Cause", "CycleRecord", "Mode", "Stage", "StopCategory"), "daemon.ipc.record"),
     **dict.fromkeys(("VirtualTrainer", "virtual_trainer"), "gaitd.testing.trainer"),
+    **dict.fromkeys(
+        (
+            *("Gait", "Late", "Model", "Patient", "Slacking", "Spasm", "clonic", "of_ability"),
+            *("resisting", "spastic", "tiring", "trembling", "weak"),
+        ),
+        "gaitd_lab.patients",
+    ),
     "ServiceError": "gaitd_lab.processes",
 }
 """Module of each name."""

@@ -11,7 +11,6 @@ import msgspec
 import numpy as np
 from controllers import NEUTRAL, Controller
 from gaitd_assist import LegController, Settings, StrideLine, parse_settings
-from patients import Model, Patient, of_ability
 from sessions import CONFIGS
 
 from daemon.gateway import strides, translate
@@ -20,6 +19,7 @@ from daemon.preflight.load import load
 from daemon.wire.names import name_of
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway
+from gaitd_lab.patients import Model, Patient, of_ability
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.plant.settings import FrictionLaw
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from assisted import Answers, Gym, shipped
 from matplotlib.figure import Figure
-from patients import Slacking, of_ability, resisting, spastic, tiring
 from sessions import elsewhere
 
 from analysis.drawing import ESTIMATE, style, x_label
 from daemon.ipc.record import Cause, Mode
+from gaitd_lab.patients import Slacking, of_ability, resisting, spastic, tiring
 
 DOCS = Path(__file__).parents[3] / "docs"
 PICTURE = "assist.png"

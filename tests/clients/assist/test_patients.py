@@ -1,6 +1,6 @@
 """The reference controller with patients of each kind, on the real observer and core.
 
-Simulated time, and a plant whose patient reacts to the gait (`tests/support/patients.py`). All with
+Simulated time, and a plant whose patient reacts to the gait (`gaitd_lab/patients.py`). All with
 the settings that are shipped, from full stiffness and no assist.
 """
 
@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from assisted import SHIPPED, TRANSPARENCY, Answers, Fixed, Gym, shipped
 from gaitd_assist import parse_settings
-from patients import Slacking, of_ability, resisting, spastic, tiring
 from sessions import elsewhere
 
 from daemon.ipc.record import Cause, Mode
 from daemon.wire.refusals import SetpointRefusal
+from gaitd_lab.patients import Slacking, of_ability, resisting, spastic, tiring
 from sim_drives.plant.settings import FrictionLaw
 
 CAP = np.array([20.0, 150.0])

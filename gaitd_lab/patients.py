@@ -3,9 +3,20 @@
 A patient knows the gait: `need` is the effort that the reference needs beyond what the drives carry
 (inertia, Coriolis terms, dampers, friction), by inverse dynamics with the machine's own parameters.
 An ability of 1 gives all of it, so that such a patient walks without help.
+
+A model returns the patient's effort, N·m at the hip and N at the slide, positive along the positive
+axis. `Patient` calls it once for each cycle:
+
+    patient = Patient(settings.robot, of_ability(0.5), seed=1)
+    gateway = Gateway(lambda record: trainer.exert(*patient(record)))
+
+The sizes of these efforts are assumed, if no source is given: no measurement of this machine's
+patients is known. The plant's activation (`activation_s` of plant.toml, 40 ms) acts on all of them:
+it passes 62 % of an effort at 5 Hz, and 55 % at 6 Hz.
 """
 
 import math
+from collections import deque
 from collections.abc import Callable
 from typing import Final, NamedTuple
 
@@ -43,6 +54,13 @@ class Patient:
     """Calls a model with each cycle of a gait; at all other times the patient is passive."""
 
     def __init__(self, robot: Robot, model: Model, seed: int) -> None:
+        """Begin at rest.
+
+        Args:
+            robot: the machine that the patient knows.
+            model: effort in gait.
+            seed: of what varies in the effort.
+        """
         self._leg, self._frictions = leg_parameters(robot), friction_parameters(robot)
         self._model = model
         self._noise = np.random.default_rng(seed)
@@ -56,6 +74,7 @@ class Patient:
         self._model, self._time_s = model, 0.0
 
     def __call__(self, record: CycleRecord) -> Effort:
+        """Effort until the next record."""
         leg = record.legs[0]
         if leg.gait_phase < 0:
             self._poses = []
@@ -68,7 +87,7 @@ class Patient:
         error = reference - np.array(leg.measured)
         rate, self._last_error = (error - self._last_error) / DT_S, error
         need, velocity = self._need()
-        # A person's effort is never the same twice: 0.3 N m and 2 N, some 2 Hz.
+        # A person's effort is never the same twice: 0.3 N m and 2 N, some 2 Hz. [A]
         self._tremor += 0.12 * (self._noise.normal(0.0, (1.2, 8.0)) - self._tremor)
         felt = Gait(self._time_s, leg.gait_phase, error, rate, need, np.tanh(velocity / 0.1))
         effort = min(self._time_s / BEGIN_S, 1.0) * self._model(felt) + self._tremor
@@ -78,8 +97,9 @@ class Patient:
         before, middle, now = self._poses
         velocity = (now - before) / (2 * DT_S)
         acceleration = (now - 2 * middle + before) / DT_S**2
-        moving = dynamics(self._leg, *middle, *velocity, 1.0)
-        resting = dynamics(self._leg, *middle, 0.0, 0.0, 1.0)
+        pose = float(middle[0]), float(middle[1])
+        moving = dynamics(self._leg, *pose, float(velocity[0]), float(velocity[1]), 1.0)
+        resting = dynamics(self._leg, *pose, 0.0, 0.0, 1.0)
         # No person turns friction over within 100 ms, so it is smooth here.
         friction = [
             of.coulomb * math.tanh(speed / 0.3) + of.viscous * speed
@@ -91,13 +111,87 @@ class Patient:
 
 
 def of_ability(ability: float) -> Model:
-    """Gives this share of the need, and corrects errors by as much of a soft spring and damper."""
+    """Give this share of the need, and correct errors by as much of a soft spring and damper.
+
+    ability (need + 60 N·m/rad e + 6 N·m·s/rad e'), at the slide 800 N/m and 80 N·s/m.
+    """
     spring, damper = np.array([60.0, 800.0]), np.array([6.0, 80.0])
 
     def model(gait: Gait) -> np.ndarray:
         return ability * (gait.need + spring * gait.error + damper * gait.error_rate)
 
     return model
+
+
+class Late:
+    """Exert everything as another model, later: reaction and activation of a slowed person."""
+
+    def __init__(self, model: Model, delay_s: float = 0.12) -> None:
+        """Delay a model's effort by `delay_s`, rounded to whole cycles; nothing before that."""
+        count = round(delay_s / DT_S)
+        self._model = model
+        self._efforts = deque([np.zeros(2)] * count, maxlen=count + 1)
+
+    def __call__(self, gait: Gait) -> np.ndarray:
+        """Effort of `delay_s` ago."""
+        self._efforts.append(self._model(gait))
+        return self._efforts[0]
+
+
+def weak(model: Model, begin_ratio: float = 0.1, end_ratio: float = 0.3) -> Model:
+    """Lack all effort of another model between two phases of each stride, as after a paresis.
+
+    The effort falls and rises over 0.05 of a stride.
+    """
+    edge_ratio = 0.05
+
+    def weak_model(gait: Gait) -> np.ndarray:
+        inside = min(gait.phase_ratio - begin_ratio, end_ratio - gait.phase_ratio)
+        return model(gait) * min(max(-inside / edge_ratio, 0.0), 1.0)
+
+    return weak_model
+
+
+def trembling(gait: Gait) -> np.ndarray:
+    """Passive, with a tremor of 5 Hz, 3 N·m and 15 N rms.
+
+    Source of the frequency: Deuschl, Bain, Brin, "Consensus statement of the Movement Disorder
+    Society on tremor", Mov. Disord. 13, Suppl. 3 (1998): rest tremor has 4 to 6 Hz.
+    """
+    return math.sqrt(2.0) * np.array([3.0, 15.0]) * math.sin(2.0 * math.pi * 5.0 * gait.time_s)
+
+
+def clonic(gait: Gait) -> np.ndarray:
+    """Passive, with clonus: bursts of 0.7 s every two seconds, 6 Hz, 10 N·m and 50 N.
+
+    Source of the frequency: Boyraz, Uysal, Koc, Sarman, "Clonus: definition, mechanism, treatment",
+    Med. Glas. 12 (2015): 5 to 8 Hz.
+    """
+    within_s = gait.time_s % 2.0
+    wave = math.sin(2.0 * math.pi * 6.0 * within_s) if within_s < 0.7 else 0.0
+    return np.array([10.0, 50.0]) * wave
+
+
+class Spasm:
+    """Passive, with one hard contraction against the motion: 30 N·m and 150 N.
+
+    As the programme `spasm` of plant.toml: it rises in 60 ms, lasts 1.2 s, and falls in 0.8 s.
+    """
+
+    def __init__(self, at_s: float) -> None:
+        """Contract `at_s` after the begin of the gait."""
+        self._at_s = at_s
+        self._direction: np.ndarray | None = None
+
+    def __call__(self, gait: Gait) -> np.ndarray:
+        """Effort of the one contraction, zero before and after it."""
+        since_s = gait.time_s - self._at_s
+        if since_s < 0.0:
+            return np.zeros(2)
+        if self._direction is None:
+            self._direction = np.where(gait.direction < 0.0, -1.0, 1.0)
+        envelope = min(since_s / 0.06, max((2.0 - since_s) / 0.8, 0.0), 1.0)
+        return -np.array([30.0, 150.0]) * envelope * self._direction
 
 
 def tiring(until_s: float) -> Model:
@@ -131,6 +225,7 @@ class Slacking:
         self._sum, self._count, self._bin = np.zeros(2), 0, -1
 
     def __call__(self, gait: Gait) -> np.ndarray:
+        """Effort that was learned for this phase."""
         at = int(gait.phase_ratio * BINS) % BINS
         if at != self._bin and self._count:
             mean = self._sum / self._count
