@@ -20,6 +20,8 @@ AWAY_CYCLES, PERIOD_S = 20, 0.01
 SHOWN_CYCLES = 50
 TWO_TRIES_CYCLES = 200
 NMT, SDO_REQUESTS = 0x000, range(0x600, 0x680)
+TEMPERATURE_READ = bytes.fromhex("4001320100000000")
+"""What the service that runs asks its drives in its cycles."""
 
 
 @pytest.fixture
@@ -110,7 +112,7 @@ def test_a_second_process_beside_the_first_is_refused_by_name_and_disturbs_nothi
     assert {record.verdict.cause for record in records} == {Cause.NONE}
     assert max(record.gateway_age_cycles for record in records) <= SILENCE_CYCLES
     assert records[-1].bus.foreign_master_count == refusals
-    assert not seen.since(NMT, *SDO_REQUESTS)
+    assert not [one for one in seen.since(NMT, *SDO_REQUESTS) if one.data != TEMPERATURE_READ]
     assert walking.request("status")["safety"]["valid"]
     fault_table.add(
         f"a second {part} beside the first",
@@ -151,7 +153,7 @@ def test_a_second_core_with_directories_of_its_own_finds_the_other_master_and_se
     assert told.mode == Mode.OFF
     assert "another master" in told.verdict.detail
     assert {record.verdict.cause for record in records} == {Cause.NONE}
-    assert not seen.since(NMT, *SDO_REQUESTS)
+    assert not [one for one in seen.since(NMT, *SDO_REQUESTS) if one.data != TEMPERATURE_READ]
     fault_table.add(
         "a second core, elsewhere, on the same bus",
         "walking",
