@@ -138,7 +138,7 @@ def _axis(core: Core, leg: Leg, axis: Axis) -> AxisInputs:
         preparing=core.single_axis is not None,
         homing=single_axis.is_homing(core, axis),
         tracking_si=axis.tracking_si if core.mode != Mode.STOPPING else 0.0,
-        held=leg.held_cycles > sensing.HOLD_SETTLE_CYCLES,
+        held=leg.is_held,
         wanted_velocity_si=axis.wanted_velocity_si,
         counts_sign=1 if axis.scaling.counts_per_si > 0 else -1,
         loop_distance_si=targets.loop_distance(axis),

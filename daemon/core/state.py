@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Final
 
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, Reference
@@ -29,6 +30,9 @@ from observer.leg_smoother import LegSmoother
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 from observer.strides import Stride, StrideCounter
+
+HOLD_SETTLE_CYCLES: Final = 50
+"""Time in which a leg that was far from its reference comes to it, as at the end of a gait."""
 
 
 @dataclass(slots=True)
@@ -159,6 +163,11 @@ class Leg:
         hip, slide = self.friction
         self.mechanism = tuple(map(float, self.parameters))
         self.friction_laws = tuple(map(float, hip)), tuple(map(float, slide))
+
+    @property
+    def is_held(self) -> bool:
+        """True if mode HOLD holds a pose, and the hold has settled."""
+        return self.held_cycles > HOLD_SETTLE_CYCLES
 
     @property
     def is_located(self) -> bool:

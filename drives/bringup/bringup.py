@@ -36,7 +36,7 @@ Rules:
 
 from bisect import bisect_right
 from collections.abc import Generator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Final, NamedTuple
 
 from drives.bringup.objects import (
@@ -301,9 +301,14 @@ def _without_power(
 
 def _leave_without_power(drives: Sequence[_DriveState], port: DrivePort) -> None:
     """Send disable voltage to all drives (rule 8), whatever becomes of it at each of them."""
-    for drive in drives:
-        with suppress(DrivesError):
-            write(_DISABLE_VOLTAGE, drive.target(port), 0)
+    with ExitStack() as leaving:
+        for drive in reversed(drives):
+            leaving.callback(_disable_voltage, drive, port)
+
+
+def _disable_voltage(drive: _DriveState, port: DrivePort) -> None:
+    with suppress(DrivesError):  # refusals, and no answer
+        write(_DISABLE_VOLTAGE, drive.target(port), 0)
 
 
 def _await_heartbeat(drive: _DriveState, port: DrivePort, cycle: CycleSettings, text: str) -> Texts:

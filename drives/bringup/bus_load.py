@@ -163,6 +163,7 @@ def _streams(description: DriveDescription, cycle: CycleSettings, sync_hz: float
         Stream(f"{name} {layout}", layout.size, sync_hz / layout.transmission_type, in_burst=True)
         for layout in pdos
     ]
+    # At most: the drives share the turns in which their temperatures are read.
     if description.profile.uploaded_temperature is not None:
         streams += [
             Stream(f"{name} SDO {part}", 8, sync_hz / SLOT_CYCLES, in_burst=False)

@@ -15,6 +15,7 @@ _BYTES: Final = 8
 _UPLOAD: Final = 0x40
 _EXPEDITED: Final = {8: 0x4F, 16: 0x4B, 32: 0x43}
 """First byte of an expedited answer that names its size, by the bits of the object."""
+_WITHOUT_SIZE: Final = 0x42
 
 
 def upload_request(node_id: int, index: int, sub: int) -> Frame:
@@ -24,6 +25,6 @@ def upload_request(node_id: int, index: int, sub: int) -> Frame:
 
 def uploaded(data: bytes, index: int, sub: int, bits: int) -> bytes | None:
     """The value in an answer, `bits` / 8 bytes; None for any other frame than this object's."""
-    if len(data) != _BYTES or data[:4] != struct.pack("<BHB", _EXPEDITED[bits], index, sub):
+    if len(data) != _BYTES or data[0] not in {_EXPEDITED[bits], _WITHOUT_SIZE}:
         return None
-    return data[4 : 4 + bits // 8]
+    return data[4 : 4 + bits // 8] if data[1:4] == struct.pack("<HB", index, sub) else None

@@ -7,8 +7,9 @@ Rules:
 3.  A server serves one client. While another client uses a drive's server, the request waits; the
     service's tools read objects in this way (`drives/service`).
 4.  An answer counts until its turn is over. A turn without one is missed, whatever the reason: no
-    request, no answer, an abort, another length. After MISSED_MAX of them in a row the temperature
-    is not measured. Nothing else follows from it: a drive that is silent is found by its TPDOs.
+    answer, an abort, another length. After MISSED_MAX of them in a row the temperature is not
+    measured; after BLOCKED_MAX in a row in which another client left no room for the request, too.
+    Nothing else follows from it: a drive that is silent is found by its TPDOs.
 
 Source: CiA 301 7.2.4.3.6, SDO upload; a temperature has four bytes at most, so it is expedited.
 """
@@ -24,6 +25,8 @@ SLOT_CYCLES: Final = 25
 QUIET_CYCLES: Final = 5
 """Cycles without a request of another client after which a drive's server is free."""
 MISSED_MAX: Final = 3
+BLOCKED_MAX: Final = 20
+"""Ten seconds with two drives; a dump of all objects of a drive takes two or three."""
 
 
 class TemperatureUpload:
@@ -36,13 +39,13 @@ class TemperatureUpload:
         self._request = upload_request(node_id, temperature.index, temperature.sub)
         self._awaited = False
         self._answered = False
-        self._missed_count = 0
+        self._missed_count = self._blocked_count = 0
         self._quiet_cycles = QUIET_CYCLES
 
     @property
     def overdue(self) -> bool:
         """True if the temperature is not measured (rule 4)."""
-        return self._missed_count >= MISSED_MAX
+        return self._missed_count >= MISSED_MAX or self._blocked_count >= BLOCKED_MAX
 
     def begin_turn(self) -> None:
         """The drive's turn begins."""
@@ -50,8 +53,13 @@ class TemperatureUpload:
 
     def end_turn(self) -> None:
         """The drive's turn is over."""
+        if self._answered:
+            self._missed_count = self._blocked_count = 0
+        elif self._awaited:
+            self._missed_count += 1
+        else:
+            self._blocked_count += 1
         self._awaited = False
-        self._missed_count = 0 if self._answered else self._missed_count + 1
         if self.overdue:
             self.degc = None
 

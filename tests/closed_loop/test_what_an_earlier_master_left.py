@@ -4,6 +4,7 @@ import pytest
 from sessions import new_session, reaches_rest_in_fault
 
 from daemon.ipc.record import Cause, Mode, RequestKind
+from drives.signals import PowerState
 
 POSITION_OFFSET, VELOCITY_OFFSET, TORQUE_OFFSET = 0x60B0, 0x60B1, 0x60B2
 AXES = ("right/hip", "right/slide")
@@ -80,12 +81,24 @@ def test_a_drive_that_holds_elsewhere_than_it_was_told_is_stopped(warm_position_
     reaches_rest_in_fault(session)
 
 
-def test_a_leg_that_is_pushed_out_of_its_hold_is_held_where_it_is(warm_hold):
+@pytest.mark.parametrize("rise_s", [0.0, 1.0])
+@pytest.mark.parametrize(
+    ("axis", "push", "most"),
+    [("right/hip", (40.0, 0.0), 0.16), ("right/slide", (0.0, 280.0), 0.085)],
+)
+def test_a_leg_that_is_pushed_out_of_its_hold_is_not_let_go(warm_hold, axis, push, most, rise_s):
     session = warm_hold
     session.run(1.0)
+    patient = session.machine.trainers["right"]
+    begun = len(session.truth.rows) - 1
 
-    session.machine.trainers["right"].exert(45.0, 0.0)
-    session.run_until(lambda record: record.mode != Mode.HOLD, within_s=1.0)
+    for cycle in range(300):
+        share = min(1.0, (cycle + 1) * 0.01 / rise_s) if rise_s else 1.0
+        patient.exert(share * push[0], share * push[1])
+        session.run(0.01)
 
-    verdict = session.record.verdict
-    assert (verdict.cause, verdict.drive) == (Cause.TRACKING_LIMIT, "right/hip")
+    record = session.record
+    assert (record.verdict.cause, record.verdict.drive) == (Cause.TRACKING_LIMIT, axis)
+    assert record.mode == Mode.FAULT
+    assert {drive.power_state for drive in record.drives} == {PowerState.OPERATION_ENABLED}
+    assert max(moved(session, begun)) < most

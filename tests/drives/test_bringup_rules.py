@@ -440,6 +440,22 @@ def test_whatever_ends_a_bring_up_after_a_reset_leaves_no_drive_with_power():
     assert words_of_power(bench) == [[0], [0]]
 
 
+def test_what_fails_again_while_one_drive_is_switched_off_keeps_no_other_one_with_power():
+    bench = powered_bench()
+    steps = bring_up(bench.plans, bench.port, CYCLE, may_switch_off=True)
+    while next(steps).done_count < 2:
+        pass
+
+    def failing():
+        raise OSError("the disk is full")
+
+    bench.port._meanwhile = failing
+    with pytest.raises(OSError, match="full"):
+        steps.close()
+
+    assert words_of_power(bench) == [[0], [0]]
+
+
 def test_a_bring_up_that_is_given_up_between_two_steps_leaves_no_drive_with_power():
     bench = powered_bench()
     steps = bring_up(bench.plans, bench.port, CYCLE, may_switch_off=True)

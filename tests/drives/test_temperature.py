@@ -113,6 +113,7 @@ def test_a_drive_that_does_not_answer_has_no_temperature_after_three_turns_and_t
         answer(start="4B 01 32 04"),  # another object, as another client asks for
         answer(start="4F 01 32 01"),  # one byte
         answer(start="41 01 32 01"),  # segmented
+        answer(start="42 01 32 04"),  # another object, without a size
         Frame(0x585, bytes.fromhex("4B 01 32 01 9F 01")),  # too short a frame
     ],
 )
@@ -152,6 +153,7 @@ def test_a_request_waits_while_another_client_uses_the_drive():
 @pytest.mark.parametrize(
     ("bits", "signed", "start", "raw", "degc"),
     [
+        (16, True, "42", b"\xf6\xff", -1.0),  # without a size
         (8, True, "4F", b"\xf6", -1.0),
         (16, False, "4B", b"\xff\xff", 6553.5),
         (32, True, "43", b"\x9c\xff\xff\xff", -10.0),
@@ -167,6 +169,20 @@ def test_a_temperature_has_its_width_and_its_sign(bits, signed, start, raw, degc
     shown = run.run(2)
 
     assert shown[0].temperature_degc == pytest.approx(degc)
+
+
+def test_a_client_that_never_leaves_room_ends_the_measurement_after_ten_seconds():
+    run = Run(pair(), lambda asked: [answer(asked.can_id - 0x600)])
+    foreign = Frame(0x605, bytes.fromhex("40 18 10 01 00 00 00 00"))
+    run.run(2 * SLOT_CYCLES)
+    overdue = []
+    for _ in range(42 * SLOT_CYCLES):
+        run.group.feed_between([foreign], NOW)
+        overdue.append(run.run(1)[0].temperature_overdue)
+
+    assert 39 * SLOT_CYCLES <= overdue.index(True) <= 41 * SLOT_CYCLES
+    assert not run.run(1)[1].temperature_overdue
+    assert not run.run(2 * SLOT_CYCLES + 1)[0].temperature_overdue
 
 
 def test_no_frame_of_an_sdo_asks_for_an_immediate_reaction():

@@ -1,6 +1,6 @@
 """Golden numbers: what one drive's raw value is at the motor, by hand, from the rule that is cited.
 
-Rules and their sources stand in the profiles (`provenance`) and in `drives/cia402/torque.py`.
+Rules and their sources stand in the profiles (`sources`) and in `drives/cia402/torque.py`.
 """
 
 import math

@@ -16,7 +16,8 @@ Four checks, each from raw values only, for each axis in every cycle:
              distinguished: the machine stops in both cases.
 
 `unchanged`  Counts the cycles in which a joint moves and the effort stays exactly the same: it is
-             not measured any more. While a drive's own loops move the joint there is no gap.
+             not measured any more. While a drive's own loops move the joint there is no gap. In
+             torque mode a target that stays the same gives an effort that may, too.
 
 Without power a drive's effort is zero for any target: then `gap` is the reading of its sensor.
 """
@@ -107,7 +108,10 @@ def update(
         gap_cycles=watch.gap_cycles + 1 if gap_si > limits.effort_deviation_max_si else 0,
         unchanged_cycles=(
             watch.unchanged_cycles + 1
-            if may_give_torque and joint.still_cycles == 0 and joint.effort_si == watch.effort_si
+            if may_give_torque
+            and joint.still_cycles == 0
+            and joint.effort_si == watch.effort_si
+            and not _is_steady(watch.sent_si)
             else 0
         ),
         effort_si=joint.effort_si,
@@ -125,6 +129,11 @@ def update(
             watch.held_before_still_si if joint.still_cycles > HELD_CYCLES else held_si
         ),
     )
+
+
+def _is_steady(sent_si: tuple[float, ...]) -> bool:
+    """True if the target torque has not changed; without torque mode there is none."""
+    return len(sent_si) > 0 and min(sent_si) == max(sent_si)
 
 
 def _gap(watch: EffortWatch, measured_si: float, unpowered_cycles: int) -> float:

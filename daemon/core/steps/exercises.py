@@ -112,15 +112,20 @@ def end(core: Core) -> None:
 
 
 def brake(core: Core) -> None:
-    """Brake each leg from where it is: a stop does not first move to a reference."""
+    """Brake each leg from where it is: a stop does not first move to a reference.
+
+    A leg that mode HOLD holds stays held at its pose: a person may lean on it, and would fall where
+    the spring that carries them begins anew at the present pose.
+    """
     for leg in core.legs:
-        leg.exercise = Hold.braking(measured(leg), _speeds(leg), _limits(leg))
+        if not leg.is_held:
+            leg.exercise = Hold.braking(measured(leg), _speeds(leg), _limits(leg))
 
 
 def brake_and_hold(core: Core) -> None:
     """Brake each leg from where it is, with the effort that was sent last."""
-    brake(core)
     for leg in core.legs:
+        leg.exercise = Hold.braking(measured(leg), _speeds(leg), _limits(leg))
         leg.takes_over = True
 
 

@@ -26,10 +26,6 @@ _OFF: Final = frozenset(
 """States from which no single controlword enables power, so a delayed controlword cannot either."""
 
 
-HOLD_SETTLE_CYCLES: Final = 50
-"""Time in which a leg that was far from its reference comes to it, as at the end of a gait."""
-
-
 def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     """Update the joints from the drive samples, and check their references and drive states."""
     for axis, feedback in zip(core.axes, feedbacks, strict=True):

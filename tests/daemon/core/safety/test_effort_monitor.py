@@ -164,6 +164,13 @@ def test_an_effort_that_stays_the_same_is_counted_while_the_joint_moves_under_po
     assert looked(EffortWatch(), -0.5).unchanged_cycles == 0
 
 
+@pytest.mark.parametrize(("targets", "count"), [((3.0, 3.0, 3.0), 0), ((3.0, 3.0, 3.1), 4)])
+def test_a_target_torque_that_stays_the_same_may_give_the_same_effort(targets, count):
+    watch = looked(sent(*targets), 3.0)
+
+    assert looked(watch, 3.0, cycles=4).unchanged_cycles == count
+
+
 @pytest.mark.parametrize("effort", [9.9, 10.0, 30.0, 40.0])
 def test_an_effort_that_was_sent_within_the_last_cycles_is_no_gap(effort):
     gap_si = looked(sent(10.0, 40.0, 20.0), effort).gap_si
