@@ -44,6 +44,7 @@ class Gait(NamedTuple):
     need: np.ndarray
     direction: np.ndarray
     """-1 to 1: of the reference's velocity."""
+    pose: np.ndarray
 
 
 Model = Callable[[Gait], np.ndarray]
@@ -89,7 +90,8 @@ class Patient:
         need, velocity = self._need()
         # A person's effort is never the same twice: 0.3 N m and 2 N, some 2 Hz. [A]
         self._tremor += 0.12 * (self._noise.normal(0.0, (1.2, 8.0)) - self._tremor)
-        felt = Gait(self._time_s, leg.gait_phase, error, rate, need, np.tanh(velocity / 0.1))
+        direction = np.tanh(velocity / 0.1)
+        felt = Gait(self._time_s, leg.gait_phase, error, rate, need, direction, reference - error)
         effort = min(self._time_s / BEGIN_S, 1.0) * self._model(felt) + self._tremor
         return float(effort[0]), float(effort[1])
 

@@ -20,6 +20,7 @@ def felt(time_s=5.0, phase_ratio=0.5, error=(0.0, 0.0), direction=(1.0, -1.0)):
         np.zeros(2),
         np.array([8.0, 60.0]),
         np.array(direction),
+        np.array([0.2, 0.6]),
     )
 
 

@@ -48,5 +48,5 @@ def test_the_tutorials_law_walks_a_gait_and_logs_and_publishes_its_strides(long_
     for state, line in zip(states, lines, strict=False):
         assert (state.client, state.for_cycle) == ("gaitd-assist", line.cycle)
         assert state.values["stiffness_ratio"] == line.state["stiffness_ratio"]
-        assert state.values["weights_hip_nm"] == tuple(line.state["weights_hip_nm"])
+        assert state.values["assist_hip_nm"] == tuple(line.state["assist_hip_nm"])
         assert state.values["damping_ratio"] == line.state["damping_ratio"]

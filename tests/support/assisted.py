@@ -4,6 +4,7 @@ Records become the messages that the gateway makes of them, so the controller is
 is given.
 """
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -13,13 +14,14 @@ from controllers import NEUTRAL, Controller
 from gaitd_assist import LegController, Settings, StrideLine, parse_settings
 from sessions import CONFIGS
 
+from daemon.config.settings import Robot
 from daemon.gateway import strides, translate
-from daemon.ipc.record import CycleRecord, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import CycleRecord, Mode, ModeRequest, RequestKind, Setpoint
 from daemon.preflight.load import load
 from daemon.wire.names import name_of
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway
-from gaitd_lab.patients import Model, Patient, of_ability
+from gaitd_lab.patients import DT_S, Model, Patient, of_ability
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.plant.settings import FrictionLaw
 
@@ -76,31 +78,77 @@ class Fixed(Answers):
         return NEUTRAL
 
 
+def of_leg(record: CycleRecord, index: int) -> CycleRecord:
+    """The record as if the trainer had this leg alone."""
+    assist = msgspec.structs.replace(record.assist, legs=(record.assist.legs[index],))
+    drives = record.drives[2 * index : 2 * index + 2]
+    return msgspec.structs.replace(record, legs=(record.legs[index],), drives=drives, assist=assist)
+
+
+class EachLeg(Controller):
+    """A controller with a law for each leg."""
+
+    def setpoint(self, record: CycleRecord, leg: str) -> Setpoint:
+        """For one leg."""
+        index = self.legs.index(leg)
+        self.law = self.each[index]
+        return super().setpoint(of_leg(record, index), leg)
+
+    each: Sequence[Answers]
+
+
 class Walk(NamedTuple):
-    """A gait under a controller, and what it was."""
+    """A gait of one leg under a controller, and what it was."""
 
     session: LockstepSession
     controller: Controller
     answers: Answers
     begin_cycle: int
+    index: int
+    """Of the leg."""
 
     def errors(self, begin: int = 0) -> np.ndarray:
         """Reference minus pose after the first `begin` strides, rows of rad and m."""
         return np.array(
-            [np.subtract(one.legs[0].reference, one.legs[0].measured) for one in self._from(begin)]
+            [
+                np.subtract(one.legs[0].reference, one.legs[0].measured)
+                for one in self.records(begin)
+            ]
         )
 
     def assist(self, begin: int = 0) -> np.ndarray:
         """Assist in force after the first `begin` strides, rows of N·m and N."""
-        return np.array([one.assist.legs[0].assist for one in self._from(begin)])
+        return np.array([one.assist.legs[0].assist for one in self.records(begin)])
 
-    def _from(self, begin: int) -> list[CycleRecord]:
+    def leading_w(self, begin: int = 0) -> tuple[np.ndarray, np.ndarray]:
+        """Mean power of assist and of guidance that brakes a motion ahead of its reference, W.
+
+        Source: the guidance as in `daemon/core/steps/impedance.py`, of the reference in the record.
+        """
+        records = self.records(begin)
+        references = np.array([one.legs[0].reference for one in records])
+        speeds = np.array([[drive.velocity_si for drive in one.drives] for one in records])
+        ratios = np.array([[one.assist.legs[0].stiffness_ratio] for one in records])
+        gains = self.session.settings.trainer.gait.impedance
+        springs = gains.hip_stiffness_nm_per_rad, gains.slide_stiffness_n_per_m
+        dampers = gains.hip_damping_nm_s_per_rad, gains.slide_damping_n_s_per_m
+        errors, rates = self.errors(begin), np.gradient(references, DT_S, axis=0) - speeds
+        guidance = ratios * springs * errors + np.sqrt(ratios) * dampers * rates
+        leads = errors * speeds < 0.0
+        assist_w, guidance_w = (
+            np.where(leads, np.minimum(effort * speeds, 0.0), 0.0).mean(axis=0)
+            for effort in (self.assist(begin), guidance)
+        )
+        return assist_w, guidance_w
+
+    def records(self, begin: int = 0) -> list[CycleRecord]:
+        """Records of this leg after the first `begin` strides."""
         first = self.answers.lines[begin - 1].cycle if begin else self.begin_cycle
-        return [one for one in self.session.records if first < one.cycle]
+        return [of_leg(one, self.index) for one in self.session.records if first < one.cycle]
 
 
 class Gym:
-    """A session in a gait after its ramps, with a passive patient, that a test continues."""
+    """A session in a gait after its ramps, with passive patients, that a test continues."""
 
     def __init__(
         self,
@@ -109,6 +157,7 @@ class Gym:
         cadence_hz: float = CADENCE_HZ,
         law: FrictionLaw = FrictionLaw.PAPER,
         config: Path = CONFIGS / "demo.toml",
+        other: Callable[[Robot], Robot] = lambda robot: robot,
     ) -> None:
         """Bring it up.
 
@@ -117,32 +166,59 @@ class Gym:
             cadence_hz: of the gait.
             law: friction of the plant; the observer has the paper's.
             config: trainer file.
+            other: the plant's own mechanism and friction, made of the observer's.
         """
         settings = load(config)
         _, plant = load_plant(settings.file)
         friction = msgspec.structs.replace(plant.friction, law=law)
         plant = msgspec.structs.replace(plant, friction=friction)
-        machine = virtual_machine(settings.file, plant=plant, seed=seed)
-        trainer = machine.trainers["right"]
-        patient = Patient(settings.robot, of_ability(0.0), seed)
-        gateway = Gateway(lambda record: trainer.exert(*patient(record)))
-        self.patient, self._cadence_hz = patient, cadence_hz
-        self.session = LockstepSession(settings, machine, gateway=gateway).enable()
+        robot = other(settings.robot)
+        machine = virtual_machine(settings.file, plant=plant, robot=robot, seed=seed)
+        self.legs = tuple(leg.name for leg in settings.legs)
+        self.patients = [
+            Patient(robot, of_ability(0.0), seed + index) for index in range(len(self.legs))
+        ]
+
+        def exert(record: CycleRecord) -> None:
+            for index, (leg, patient) in enumerate(zip(self.legs, self.patients, strict=True)):
+                machine.trainers[leg].exert(*patient(of_leg(record, index)))
+
+        self.session = LockstepSession(settings, machine, gateway=Gateway(exert)).enable()
+        self.begin_gait(cadence_hz)
+        self.session.run(RAMP_STRIDES / cadence_hz)
+
+    def begin_gait(self, cadence_hz: float = CADENCE_HZ) -> None:
+        """Run to the first cycle of a gait."""
+        self._cadence_hz = cadence_hz
         gait = ModeRequest(
             Mode.GAIT, cadence_hz=cadence_hz, amplitude_ratio=1.0, duration_s=DURATION_S
         )
         self.session.execute(RequestKind.MODE, gait)
         self.session.run_until(lambda record: record.gait_phase >= 0, within_s=30.0)
-        self.session.run(RAMP_STRIDES / cadence_hz)
 
     def walk(self, model: Model, strides_count: int, answers: Answers | None = None) -> Walk:
         """Walk this many strides with a patient under the reference controller, or to a stop."""
-        answers = answers or Answers(shipped().controller())
-        begin_cycle = self.session.record.cycle
-        self.patient.become(model)
-        controller = Controller(self.session.gateway, answers)
-        self.session.run_until(
-            lambda record: len(answers.lines) >= strides_count or record.mode != Mode.GAIT,
-            within_s=(strides_count + 4) / self._cadence_hz,
-        )
-        return Walk(self.session, controller, answers, begin_cycle)
+        return self.walk_legs([model], strides_count, answers and [answers])[0]
+
+    def walk_legs(
+        self, models: Sequence[Model], strides_count: int, each: Sequence[Answers] | None = None
+    ) -> list[Walk]:
+        """As `walk`, with a model for each leg."""
+        each = each or [Answers(shipped().controller()) for _ in models]
+        begin_cycle, counts = self.session.record.cycle, [len(one.lines) for one in each]
+        for patient, model in zip(self.patients, models, strict=True):
+            patient.become(model)
+        controller = self.session.gateway.controller
+        if not isinstance(controller, EachLeg) or list(controller.each) != list(each):
+            controller = EachLeg(self.session.gateway, each[0], self.legs)
+            controller.each = each
+
+        def walked(record: CycleRecord) -> bool:
+            made = min(len(one.lines) - count for one, count in zip(each, counts, strict=True))
+            return made >= strides_count or record.mode != Mode.GAIT
+
+        self.session.run_until(walked, within_s=(strides_count + 4) / self._cadence_hz)
+        return [
+            Walk(self.session, controller, answers, begin_cycle, index)
+            for index, answers in enumerate(each)
+        ]

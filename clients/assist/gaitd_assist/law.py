@@ -16,7 +16,7 @@ class Sample(NamedTuple):
     phase_ratio: float | None
     """Phase 0..1 of the stride; None: no gait plays, for example in mode torque."""
     cadence_hz: float | None
-    """Strides per second; None: not known in this cycle."""
+    """Strides per second, the newest that is known; None: none is yet."""
     error: Pair
     """Reference minus estimated pose: rad, m; 0 without a gait."""
     error_rate: Pair
@@ -27,13 +27,15 @@ class Sample(NamedTuple):
     """Estimated friction, positive against positive velocity: N·m, N. None: at rest, or not ok."""
     learns: tuple[bool, bool]
     """False: a law must not change its memory of this axis now."""
+    is_cut: tuple[bool, bool] = (False, False)
+    """True: less assist is in force than was asked for, so an error teaches nothing about it."""
 
 
 class Law(Protocol):
     """A law of one leg. Its memory is its own; `LegController` decides when it may learn."""
 
     def begin_gait(self) -> None:
-        """Forget everything: another gait begins."""
+        """Another gait begins."""
         ...
 
     def answer(self, sample: Sample, setpoint: Assist) -> Assist:

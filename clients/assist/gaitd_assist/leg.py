@@ -1,12 +1,13 @@
 """The controller of one leg: its laws, when they may learn, and the line of each stride in the log.
 
 Rules:
-1. A law learns only in mode gait while the stage is `playing`, and an axis only while its estimate
-   is ok. At rest, where patient and friction cannot be separated, assist goes on unchanged.
+1. A law learns only in mode gait while the stage is `playing`, and an axis only while its pose is
+   known. At rest, where patient and friction cannot be separated, it is: a leg that is too weak to
+   move is helped.
 2. Approach, ramp-down and every state that is not known get a neutral setpoint: that is the machine
    without a controller. The service ramps to it.
-3. Each gait begins with full stiffness and no assist: those of the gait before may be for another
-   cadence, amplitude or state of the patient.
+3. Help is kept from block to block. It is forgotten after a restart of the core or a pause of ten
+   minutes, because another patient may lie in the machine.
 4. Above the cadence of the file the answer is neutral, too: in simulation, at 0.5 Hz, assist on top
    of a passive leg made it so fast that the service stopped it before its limits.
 5. What leaves this file is within the caps of the file. The program compares them with the limits
@@ -15,19 +16,25 @@ Rules:
    gait of a session: the leg is then braked and held.
 """
 
+import math
 from typing import Final
 
 import msgspec
 from gaitd_client import Assist, Estimate, Mode, Stage, Stride, Validity
 
-from gaitd_assist.guidance import Guidance, GuidanceRules
 from gaitd_assist.law import Law, Pair, Sample
-from gaitd_assist.phase_assist import PhaseAssist, PhaseRules
+from gaitd_assist.phase_help import HelpRules, PhaseHelp
 from gaitd_assist.transparency import Transparency, TransparencyRules
 
 GAP_CYCLES: Final = 5
 """More cycles than this between two estimates are a gap: nothing is learned over it."""
+MEMORY_CYCLES: Final = 60_000
+"""After a longer pause, ten minutes, another patient may lie in the machine: help is forgotten."""
 NEUTRAL: Final = Assist()
+CUT_RATIO: Final = 0.1
+"""Of the cap: what the service's rate limit keeps back for a moment is less."""
+KNOWN_MIN_RATIO: Final = 0.5
+"""Least share of a stride in which an axis was known; below, it has no error."""
 REPORTED: Final = (
     "hip_error_rms_rad",
     "slide_error_rms_m",
@@ -68,8 +75,7 @@ class LegController:
 
     def __init__(
         self,
-        guidance: GuidanceRules,
-        phase: PhaseRules,
+        rules: HelpRules,
         cap: Pair,
         cadence_max_hz: float,
         transparency: TransparencyRules | None = None,
@@ -77,23 +83,25 @@ class LegController:
         """Begin with full stiffness and without assist.
 
         Args:
-            guidance: constants of the stiffness.
-            phase: constants of the assist over the stride.
+            rules: constants of guidance and assist.
             cap: largest assist of all laws together: N·m, N.
             cadence_max_hz: faster gaits get a neutral setpoint.
             transparency: None: friction is not fed forward.
         """
-        self._guidance, self._cap = Guidance(guidance), cap
-        self.laws: list[Law] = [self._guidance, PhaseAssist(phase)]
+        self._cap, self._help = cap, PhaseHelp(rules)
+        self.laws: list[Law] = [self._help]
         if transparency is not None:
             self.laws.append(Transparency(transparency))
         self._cadence_max_hz, self._cadence_hz = cadence_max_hz, 0.0
         self._before: Estimate | None = None
         self._is_playing = False
+        self._played: Estimate | None = None
+        """The newest estimate of a gait."""
         self._stride_number: int | None = None
         self._begin_cycle = 0
         """First cycle of this gait that was answered."""
-        self._sums, self._count = [0.0, 0.0], 0
+        self._asked: Pair = (0.0, 0.0)
+        self._clear()
 
     def answer(self, estimate: Estimate, stage: Stage | str | None) -> Assist:
         """Return the setpoint for an estimate.
@@ -105,8 +113,10 @@ class LegController:
         before, self._before = self._before, estimate
         was_playing = self._is_playing
         self._is_playing = estimate.mode == Mode.GAIT and stage == Stage.PLAYING
-        if self._is_playing and not was_playing:
-            self._begin_gait(estimate.cycle)
+        if self._is_playing:
+            if not was_playing:
+                self._begin_gait(estimate)
+            self._played = estimate
         if estimate.mode == Mode.GAIT and not self._is_playing:
             return NEUTRAL
         sample = sample_of(estimate, before)
@@ -116,15 +126,20 @@ class LegController:
             self._cadence_hz = sample.cadence_hz
         if self._is_playing and self._cadence_hz > self._cadence_max_hz:
             return NEUTRAL
+        sample = sample._replace(cadence_hz=self._cadence_hz or None, is_cut=self._cut(estimate))
         setpoint = NEUTRAL
         for law in self.laws:
             setpoint = law.answer(sample, setpoint)
         hip_nm, slide_n = (
             min(max(effort, -cap), cap) for effort, cap in zip(setpoint[:2], self._cap, strict=True)
         )
-        self._sums[0] += abs(hip_nm)
-        self._sums[1] += abs(slide_n)
-        self._count += 1
+        self._stride_s += sample.dt_s
+        for axis, effort in enumerate((hip_nm, slide_n)):
+            self._assist[axis] += sample.dt_s * abs(effort)
+            if sample.learns[axis]:
+                self._known_s[axis] += sample.dt_s
+                self._squares[axis] += sample.dt_s * sample.error[axis] ** 2
+        self._asked = hip_nm, slide_n
         return Assist(hip_nm, slide_n, setpoint.stiffness_ratio)
 
     def end_stride(self, stride: Stride) -> StrideLine | None:
@@ -139,32 +154,54 @@ class LegController:
         self._stride_number = stride.number
         if not is_new or not self._is_playing or stride.cycle <= self._begin_cycle:
             return None
-        errors = self._guidance.errors
         for law in self.laws:
             law.end_stride()
-        count = max(self._count, 1)
-        line = StrideLine(
+        errors = [
+            math.sqrt(square / known_s) if known_s > KNOWN_MIN_RATIO * self._stride_s else None
+            for square, known_s in zip(self._squares, self._known_s, strict=True)
+        ]
+        assist = [total / self._stride_s if self._stride_s else 0.0 for total in self._assist]
+        self._clear()
+        return StrideLine(
             sample_time_ns=stride.sample_time_ns,
             core_boot_id=stride.core_boot_id,
             cycle=stride.cycle,
             leg=stride.leg,
             number=stride.number,
-            learned=errors != (None, None),
+            learned=errors != [None, None],
             hip_error_rms_rad=errors[0],
             slide_error_rms_m=errors[1],
             share_ratio=stride.share_ratio,
-            assist_mean_nm=self._sums[0] / count,
-            assist_mean_n=self._sums[1] / count,
+            assist_mean_nm=assist[0],
+            assist_mean_n=assist[1],
             state={name: value for law in self.laws for name, value in law.state().items()},
         )
-        self._sums, self._count = [0.0, 0.0], 0
-        return line
 
-    def _begin_gait(self, cycle: int) -> None:
-        self._begin_cycle = cycle
-        self._sums, self._count, self._cadence_hz = [0.0, 0.0], 0, 0.0
+    def _cut(self, estimate: Estimate) -> tuple[bool, bool]:
+        """Return whether the service gives clearly less than what was asked for last."""
+        hip, slide = (
+            given is not None and abs(asked) - abs(given) > CUT_RATIO * cap
+            for asked, given, cap in zip(
+                self._asked,
+                (estimate.assist_hip_nm, estimate.assist_slide_n),
+                self._cap,
+                strict=True,
+            )
+        )
+        return hip, slide
+
+    def _begin_gait(self, estimate: Estimate) -> None:
+        self._begin_cycle, played = estimate.cycle, self._played
+        if played is None or not _follows(played, estimate, MEMORY_CYCLES):
+            self._help.forget()
+        self._cadence_hz, self._asked = 0.0, (0.0, 0.0)
+        self._clear()
         for law in self.laws:
             law.begin_gait()
+
+    def _clear(self) -> None:
+        self._stride_s = 0.0
+        self._known_s, self._squares, self._assist = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
 
 
 def sample_of(estimate: Estimate, before: Estimate | None) -> Sample | None:
@@ -184,21 +221,21 @@ def sample_of(estimate: Estimate, before: Estimate | None) -> Sample | None:
         zero, no = (0.0, 0.0), (False, False)
         return Sample(dt_s, None, None, zero, zero, speed, friction, no)
     error, rate, cadence_hz = (aim[0] - at[0], aim[1] - at[1]), (0.0, 0.0), None
-    follows = before is not None and _follows(before, estimate)
+    follows = before is not None and _follows(before, estimate, GAP_CYCLES)
     last = _aim_of(before) if before is not None and follows else None
     if before is not None and before.gait_phase_ratio is not None and last is not None:
         dt_s *= estimate.cycle - before.cycle
         cadence_hz = (phase_ratio - before.gait_phase_ratio) % 1.0 / dt_s
         rate = (aim[0] - last[0]) / dt_s - speed[0], (aim[1] - last[1]) / dt_s - speed[1]
-    is_ok = estimate.hip_validity == Validity.OK, estimate.slide_validity == Validity.OK
-    learns = (is_ok[0] and last is not None, is_ok[1] and last is not None)
+    is_known = estimate.hip_validity != Validity.BAD, estimate.slide_validity != Validity.BAD
+    learns = (is_known[0] and last is not None, is_known[1] and last is not None)
     return Sample(dt_s, phase_ratio, cadence_hz, error, rate, speed, friction, learns)
 
 
-def _follows(before: Estimate, estimate: Estimate) -> bool:
-    """Return whether two estimates are of the same gait, with few cycles between them."""
+def _follows(before: Estimate, estimate: Estimate, within_cycles: int) -> bool:
+    """Return whether an estimate comes so soon after one of a gait."""
     same = before.core_boot_id == estimate.core_boot_id and before.gait_phase_ratio is not None
-    return same and 0 < estimate.cycle - before.cycle <= GAP_CYCLES
+    return same and 0 < estimate.cycle - before.cycle <= within_cycles
 
 
 def _aim_of(estimate: Estimate) -> Pair | None:

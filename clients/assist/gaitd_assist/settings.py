@@ -13,9 +13,8 @@ import msgspec
 from gaitd_client import Configuration, PlanLimits
 from msgspec import Meta
 
-from gaitd_assist.guidance import GuidanceRules
 from gaitd_assist.leg import LegController
-from gaitd_assist.phase_assist import PhaseRules
+from gaitd_assist.phase_help import HelpRules
 from gaitd_assist.transparency import TransparencyRules
 
 Ratio = Annotated[float, Meta(ge=0, le=1)]
@@ -56,23 +55,16 @@ class DeadBand(_Strict, frozen=True, kw_only=True):
     slide_m: Annotated[float, Meta(ge=0.005, le=0.2)]
 
 
-class GuidanceTable(_Strict, frozen=True, kw_only=True):
-    """Stiffness of the guidance, once a stride: `guidance.py`."""
+class HelpTable(_Strict, frozen=True, kw_only=True):
+    """Guidance and assist over the stride: `phase_help.py`."""
 
     forgetting_ratio: Annotated[float, Meta(ge=0.5, lt=1)]
-    gain_ratio: Annotated[float, Meta(gt=0, le=2)]
+    release_ratio: Annotated[float, Meta(ge=0.3, lt=1)]
     floor_ratio: Annotated[float, Meta(ge=0.05, lt=1)]
-
-
-class PhaseTable(_Strict, frozen=True, kw_only=True):
-    """Assist over the stride: `phase_assist.py`."""
-
-    basis_count: Annotated[int, Meta(ge=4, le=64)]
+    stiffness_gain_ratio: Annotated[float, Meta(gt=0, le=2)]
     hip_gain_nm_per_rad: Annotated[float, Meta(ge=0, le=1000)]
     slide_gain_n_per_m: Annotated[float, Meta(ge=0, le=20000)]
-    learning_s: Seconds
-    lead_s: Annotated[float, Meta(ge=0, le=1)]
-    forgetting_s: Seconds
+    lead_s: Annotated[float, Meta(ge=0, le=0.5)]
 
 
 class TransparencyTable(_Strict, frozen=True, kw_only=True):
@@ -109,31 +101,23 @@ class Settings(_Strict, frozen=True, kw_only=True):
     trainer: Link
     cap: Cap
     dead_band: DeadBand
-    guidance: GuidanceTable
-    phase: PhaseTable
+    help: HelpTable
     transparency: TransparencyTable | None = None
 
     def controller(self) -> LegController:
         """Make the controller of one leg."""
         cap = self.cap.hip_max_nm, self.cap.slide_max_n
-        dead_band = math.radians(self.dead_band.hip_deg), self.dead_band.slide_m
-        guidance, phase = self.guidance, self.phase
+        help_ = self.help
         return LegController(
-            GuidanceRules(
-                dead_band=dead_band,
-                forgetting_ratio=guidance.forgetting_ratio,
-                gain_ratio=guidance.gain_ratio,
-                floor_ratio=guidance.floor_ratio,
-            ),
-            PhaseRules(
-                dead_band=dead_band,
+            HelpRules(
+                dead_band=(math.radians(self.dead_band.hip_deg), self.dead_band.slide_m),
                 cap=cap,
-                floor_ratio=guidance.floor_ratio,
-                basis_count=phase.basis_count,
-                gain=(phase.hip_gain_nm_per_rad, phase.slide_gain_n_per_m),
-                learning_s=phase.learning_s,
-                lead_s=phase.lead_s,
-                forgetting_s=phase.forgetting_s,
+                forgetting_ratio=help_.forgetting_ratio,
+                release_ratio=help_.release_ratio,
+                stiffness_gain_ratio=help_.stiffness_gain_ratio,
+                floor_ratio=help_.floor_ratio,
+                gain=(help_.hip_gain_nm_per_rad, help_.slide_gain_n_per_m),
+                lead_s=help_.lead_s,
             ),
             cap,
             self.cadence_max_hz,

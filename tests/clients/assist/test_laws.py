@@ -1,25 +1,23 @@
 """Each law alone, with numbers that can be computed by hand."""
 
-import math
+from dataclasses import replace
 
 import pytest
-from gaitd_assist import Guidance, PhaseAssist, Sample, Transparency
-from gaitd_assist.guidance import GuidanceRules
-from gaitd_assist.phase_assist import PhaseRules
+from gaitd_assist import PhaseHelp, Sample, Transparency
+from gaitd_assist.phase_help import ASSISTED, BINS, HelpRules
 from gaitd_assist.transparency import TransparencyRules
 from gaitd_client import Assist
 
 BAND = (0.04, 0.03)
-GUIDANCE = GuidanceRules(dead_band=BAND, forgetting_ratio=0.8, gain_ratio=0.5, floor_ratio=0.1)
-PHASE = PhaseRules(
+HELP = HelpRules(
     dead_band=BAND,
     cap=(20.0, 150.0),
+    forgetting_ratio=0.8,
+    release_ratio=0.5,
+    stiffness_gain_ratio=0.5,
     floor_ratio=0.1,
-    basis_count=16,
     gain=(100.0, 1000.0),
-    learning_s=1.0,
-    lead_s=0.1,
-    forgetting_s=5.0,
+    lead_s=0.0,
 )
 TRANSPARENCY = TransparencyRules(
     friction_max=(7.0, 75.0),
@@ -34,96 +32,156 @@ AT = Sample(
     cadence_hz=0.25,
     error=(0.0, 0.0),
     error_rate=(0.0, 0.0),
-    velocity=(0.0, 0.0),
+    velocity=(1.0, 1.0),
     friction=(None, None),
     learns=(True, True),
 )
-FROZEN = (False, False)
+UNKNOWN = (False, False)
+CYCLES = 400
+"""Of a stride at this cadence."""
 
 
-def strides_of(law, errors, *, learns=(True, True), cycles=10):
-    """The stiffness after each stride of a constant error."""
-    made = []
-    for error in errors:
-        for _ in range(cycles):
-            law.answer(AT._replace(error=error, learns=learns), Assist())
-        law.end_stride()
-        made.append(law.stiffness_ratio)
-    return made
+def walked(strides, error=(0.0, 0.0), law=None, **values):
+    """The law after strides with this error, and the setpoints of the last one."""
+    law = law or PhaseHelp(HELP)
+    for cycle in range(CYCLES * strides + 1):  # the next stride's first cycle ends the last bin
+        sample = AT._replace(phase_ratio=cycle / CYCLES % 1.0, error=error, **values)
+        setpoint = law.answer(sample, Assist())
+    return law, setpoint
 
 
-def test_stiffness_is_forgotten_within_the_dead_band_down_to_the_floor():
-    ratios = strides_of(Guidance(GUIDANCE), [(-0.04, 0.03)] * 20)
-
-    assert ratios[:3] == pytest.approx([0.8, 0.64, 0.512])
-    assert ratios[-1] == 0.1
+def stiffness(law):
+    return law.state()["stiffness_ratio"]
 
 
-def test_stiffness_grows_with_the_error_of_the_worse_axis_up_to_one():
-    law = Guidance(GUIDANCE)
-    strides_of(law, [(0.0, 0.0)] * 3)
-
-    # 0.8 * 0.512 + 0.5 * (0.045 / 0.03 - 1)
-    assert strides_of(law, [(0.0, 0.045)]) == pytest.approx([0.6596])
-    assert strides_of(law, [(1.0, 0.0)]) == [1.0]
-
-
-def test_a_stride_that_is_mostly_unknown_changes_no_stiffness_and_one_axis_is_enough():
-    law = Guidance(GUIDANCE)
-
-    assert strides_of(law, [(0.0, 0.0)] * 3, learns=FROZEN) == [1.0] * 3
-    assert strides_of(law, [(0.0, 9.0)], learns=(True, False)) == pytest.approx([0.8])
+def test_help_fades_faster_the_smaller_the_error_is_down_to_the_floor():
+    assert walked(1)[0].stiffness == pytest.approx([1.0] + [0.5] * (BINS - 1))  # it has begun
+    half, edge = walked(2, (0.02, 0.0))[0], walked(2, (0.04, 0.03))[0]
+    assert half.stiffness[3] == pytest.approx(0.65**2)
+    assert edge.stiffness[3] == pytest.approx(0.8**2)
+    assert walked(20)[0].stiffness == pytest.approx([0.1] * BINS)
 
 
-def test_assist_at_a_phase_rises_by_gain_and_error_and_is_forgotten_without():
-    law = PhaseAssist(PHASE)
-    pushed = AT._replace(error=(0.05, -0.05), error_rate=(0.1, 0.0))
-
-    first = law.answer(pushed, Assist())
-    # 10 ms of 100 N m/rad/s on 0.01 rad beyond the band and 0.1 s of 0.1 rad/s; of 1000 N/m/s
-    assert first[:2] == pytest.approx((0.01 * 100 * 0.02, -0.01 * 1000 * 0.02))
-    for _ in range(300):
-        risen = law.answer(pushed, Assist())
-    for _ in range(500):
-        faded = law.answer(AT, Assist())
-    assert faded.hip_nm == pytest.approx(risen.hip_nm * math.exp(-1), rel=0.01)
+def test_guidance_grows_with_the_error_of_the_worse_axis_up_to_one():
+    law = walked(4)[0]
+    before = law.stiffness[3]
+    walked(1, (0.0, 0.045), law)
+    assert law.stiffness[3] == pytest.approx(0.8 * before + 0.5 * 0.5)
+    walked(2, (1.0, 0.0), law)
+    assert stiffness(law) == 1.0
 
 
-@pytest.mark.parametrize(("stiffness_ratio", "learned_share"), [(1, 1), (0.55, 0.5), (0.1, 0)])
-def test_assist_is_learned_as_far_as_the_leg_is_guided(stiffness_ratio, learned_share):
-    law = PhaseAssist(PHASE)
-    guided = Assist(0.0, 0.0, stiffness_ratio)
+def test_assist_is_learned_beyond_a_wider_band_and_acts_along_the_reference():
+    law, setpoint = walked(1, (0.1, -0.06), velocity=(1.0, -1.0))
+    beyond = 0.1 - ASSISTED * 0.04, 0.06 - ASSISTED * 0.03
+    assert law.assist[0][3] == pytest.approx(100.0 * beyond[0])
+    assert law.assist[1][3] == pytest.approx(1000.0 * beyond[1])
+    walked(1, (0.1, -0.06), law, velocity=(1.0, -1.0))
+    assert law.assist[0][3] == pytest.approx(1.8 * 100.0 * beyond[0])
+    assert (setpoint.hip_nm > 1.0, setpoint.slide_n < -1.0) == (True, True)
 
-    setpoint = law.answer(AT._replace(error=(0.05, 0.05)), guided)
-    assert setpoint[:2] == pytest.approx((learned_share * 0.01, learned_share * 0.2))
-
-
-def test_assist_belongs_to_its_phase_across_the_end_of_a_stride():
-    law = PhaseAssist(PHASE)
-    for _ in range(100):
-        law.answer(AT._replace(phase_ratio=0.99, error=(0.2, 0.0)), Assist())
-
-    def assist_nm(phase_ratio):
-        return law.answer(AT._replace(phase_ratio=phase_ratio, learns=FROZEN), Assist()).hip_nm
-
-    assert assist_nm(0.01) == pytest.approx(assist_nm(0.97), rel=0.05)
-    assert assist_nm(0.5) < 1e-6 * assist_nm(0.99)
+    assert walked(3, (1.1 * 0.04, 1.1 * 0.03))[1][:2] == (0.0, 0.0)
 
 
-def test_assist_is_capped_and_frozen_where_nothing_is_learned_and_gone_with_a_new_gait():
-    law = PhaseAssist(PHASE)
-    for _ in range(20000):
-        capped = law.answer(AT._replace(error=(1.0, -1.0)), Assist())
-    frozen = [law.answer(AT._replace(error=(-1.0, 1.0), learns=FROZEN), Assist()) for _ in "ab"]
+@pytest.mark.parametrize("velocity", [1.0, -1.0])
+def test_a_leg_that_leads_its_reference_gets_no_assist_and_less_guidance(velocity):
+    law, setpoint = walked(3, (-0.1 * velocity, 0.0), velocity=(velocity, 1.0))
+
+    assert setpoint[:2] == (0.0, 0.0)
+    assert law.stiffness[3] == pytest.approx(0.5**3)
+
+
+def test_assist_is_zero_where_the_reference_turns_and_does_not_ask_the_leg():
+    law, _ = walked(3, (0.2, 0.2))
+    turning = AT._replace(error=(0.2, 0.2), error_rate=(0.5, 0.5), velocity=(-0.5, -0.5))
+
+    assert law.answer(turning, Assist())[:2] == (0.0, 0.0)
+    half = law.answer(turning._replace(error_rate=(0.575, 0.5)), Assist()).hip_nm
+    whole = law.answer(turning._replace(error_rate=(0.65, 0.5)), Assist()).hip_nm
+    assert half == pytest.approx(whole / 2)
+
+
+@pytest.mark.parametrize(("lead_s", "bins"), [(0.0, (8, 9)), (0.25, (7, 8))])
+def test_help_belongs_to_its_phase_and_what_comes_later_is_learned_earlier(lead_s, bins):
+    law = PhaseHelp(replace(HELP, lead_s=lead_s))
+    for cycle in range(3 * CYCLES + 1):
+        phase_ratio = cycle / CYCLES % 1.0
+        error = (0.2 if 0.5 <= phase_ratio < 0.625 else 0.0, 0.0)
+        law.answer(AT._replace(phase_ratio=phase_ratio, error=error), Assist())
+
+    assert tuple(at for at, size in enumerate(law.assist[0]) if size > 0.0) == bins
+
+
+def test_guidance_rises_before_the_bin_that_needs_it_as_fast_as_the_service_allows():
+    law, _ = walked(20)
+    law.stiffness[8] = 1.0
+
+    def guided(phase_ratio):
+        at = AT._replace(phase_ratio=phase_ratio, learns=UNKNOWN)
+        return law.answer(at, Assist()).stiffness_ratio
+
+    # A bin lasts 0.25 s, in which 0.8 per second are 0.2.
+    assert [guided((at + 0.5) / BINS) for at in (9, 8, 7, 6, 3)] == pytest.approx(
+        [0.1, 1.0, 0.8, 0.6, 0.1]
+    )
+
+
+def test_a_leg_that_strays_far_is_guided_at_once():
+    law, _ = walked(20)
+
+    def guided(error):
+        return law.answer(AT._replace(error=error), Assist()).stiffness_ratio
+
+    assert guided((0.06, 0.0)) == pytest.approx(0.1)
+    assert guided((0.0, 0.069)) == pytest.approx(0.8)
+    assert guided((0.2, 0.0)) == 1.0
+    assert guided((-0.2, 0.0)) == pytest.approx(0.1)
+
+
+def test_assist_is_capped_and_not_learned_while_it_is_cut():
+    assert walked(40, (1.0, 1.0))[0].assist[0][3] == 20.0
+    law, _ = walked(2, (0.1, 0.1))
+    before = law.assist[0][3]
+    walked(3, (0.2, 0.1), law, is_cut=(True, False))
+    assert law.assist[0][3] < before
+    assert law.assist[1][3] > 1000.0 * 0.06
+
+
+def test_what_is_not_known_teaches_nothing_and_one_axis_is_enough():
+    law, _ = walked(2, (0.1, 0.0))
+    before = law.state()
+    assert walked(2, (9.0, 9.0), law, learns=UNKNOWN)[0].state() == before
+    walked(2, (0.0, 0.0), law, learns=(False, True))
+    assert law.state()["assist_hip_nm"] == before["assist_hip_nm"]
+    assert stiffness(law) < before["stiffness_ratio"]
+
+
+def test_a_ramp_of_the_cadence_teaches_nothing():
+    law = PhaseHelp(HELP)
+    phase = 0.0
+    while phase < 2.0:
+        cadence_hz = 0.125 * (1.0 + phase / 2)
+        phase += 0.01 * cadence_hz
+        sample = AT._replace(phase_ratio=phase % 1.0, cadence_hz=cadence_hz, error=(1.0, 1.0))
+        law.answer(sample, Assist())
+
+    assert law.state() == PhaseHelp(HELP).state()
+
+
+def test_the_help_of_one_gait_goes_on_in_the_next_and_less_of_it_at_a_slower_cadence():
+    law, setpoint = walked(3, (0.1, 0.1))
     law.begin_gait()
+    again = law.answer(AT._replace(phase_ratio=0.0), Assist())
+    slower = law.answer(AT._replace(phase_ratio=0.0, cadence_hz=0.125), Assist())
 
-    assert capped[:2] == pytest.approx((20.0, -150.0), rel=1e-3)
-    assert frozen == [capped, capped]
-    assert law.answer(AT, Assist()) == Assist()
+    assert again == setpoint
+    assert slower[:2] == pytest.approx((setpoint.hip_nm / 4, setpoint.slide_n / 4))
+    law.forget()
+    assert law.state() == PhaseHelp(HELP).state()
 
 
-@pytest.mark.parametrize("law", [Guidance(GUIDANCE), PhaseAssist(PHASE)])
-def test_without_a_gait_these_laws_add_nothing(law):
+def test_without_a_gait_help_adds_nothing():
+    law, _ = walked(3, (0.1, 0.1))
     before = Assist(1.0, 2.0, 0.5)
 
     assert law.answer(AT._replace(phase_ratio=None, error=(1.0, 1.0)), before) == before

@@ -6,22 +6,84 @@ the settings that are shipped, from full stiffness and no assist.
 
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from assisted import SHIPPED, TRANSPARENCY, Answers, Fixed, Gym, shipped
 from gaitd_assist import parse_settings
-from sessions import elsewhere
+from sessions import CONFIGS, elsewhere
 
-from daemon.ipc.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from daemon.wire.refusals import SetpointRefusal
-from gaitd_lab.patients import Slacking, of_ability, resisting, spastic, tiring
+from gaitd_lab.patients import (
+    DT_S,
+    Late,
+    Slacking,
+    of_ability,
+    resisting,
+    spastic,
+    tiring,
+    trembling,
+    weak,
+)
 from sim_drives.plant.settings import FrictionLaw
 
 CAP = np.array([20.0, 150.0])
-NEAR = np.array([math.radians(5.0), 0.075])
-"""5 degrees at the hip, and what that is at the knee."""
+NEAR = np.array([math.radians(4.4), 0.053])
+"""Where a passive patient strayed, who begins a gait under full guidance without assist."""
 LATE_CYCLES = 12
 """More than setpoint_age_max_cycles."""
+SETTLED = 5
+"""Strides until help has settled."""
+
+
+def with_strength(strength):
+    """Able, as far as the strength of each moment allows."""
+    return lambda gait: np.multiply(strength(gait), of_ability(1.0)(gait))
+
+
+def resisting_by_spring(gait):
+    """Draws the leg to the middle of the gait."""
+    return -np.array([30.0, 150.0]) * (gait.pose - np.array([0.244, 0.5905]))
+
+
+class Lazy:
+    """Able, with the strength that the error of the last second asks for."""
+
+    def __init__(self):
+        self._strength = 1.0
+
+    def __call__(self, gait):
+        asked = min(float(np.max(np.abs(gait.error) / (math.radians(2.0), 0.03))), 1.0)
+        self._strength += DT_S * (asked - self._strength)
+        return of_ability(self._strength)(gait)
+
+
+def tires_and_recovers(gait):
+    """Loses its strength from 12 to 18 s, and has it again from 40 to 42 s."""
+    lost = (gait.time_s - 12.0) / 6.0 if gait.time_s < 40.0 else 1.0 - (gait.time_s - 40.0) / 2.0
+    return 1.0 - min(max(lost, 0.0), 1.0)
+
+
+STEADY = {
+    "passive": lambda: of_ability(0.0),
+    "half": lambda: of_ability(0.5),
+    "all": lambda: of_ability(1.0),
+    "1.4": lambda: of_ability(1.4),
+    "late": lambda: Late(of_ability(1.0)),
+    "slacking": Slacking,
+    "lazy": Lazy,
+    "resisting": lambda: resisting,
+    "resisting by spring": lambda: resisting_by_spring,
+    "resisting by half the need": lambda: lambda gait: -0.5 * gait.need,
+    "spasms": lambda: spastic,
+    "tremor": lambda: trembling,
+    "weak at 0.1 to 0.3": lambda: weak(of_ability(1.0), 0.1, 0.3),
+    "weak at 0.55 to 0.75": lambda: weak(of_ability(1.0), 0.55, 0.75),
+    "hip only": lambda: with_strength(lambda _: (1.0, 0.0)),
+    "slide only": lambda: with_strength(lambda _: (0.0, 1.0)),
+}
+PATIENTS = STEADY | {"tiring and recovering": lambda: with_strength(tires_and_recovers)}
 
 
 def controller():
@@ -42,8 +104,9 @@ def stiffness(walk):
     return [line.state["stiffness_ratio"] for line in walk.answers.lines]
 
 
-def assist_nm(walk):
-    return [line.assist_mean_nm for line in walk.answers.lines]
+def helped(walk):
+    """Mean size of the assist of each stride, in caps, shape (strides, 2)."""
+    return np.array([(one.assist_mean_nm, one.assist_mean_n) for one in walk.answers.lines]) / CAP
 
 
 def share(walk):
@@ -58,56 +121,134 @@ def goes_on_unrefused(walk):
 
 
 def stays_near(walk, begin=0):
-    assert (np.abs(walk.errors(begin)).max(axis=0) < NEAR).all()
+    assert (np.abs(walk.errors(begin)).max(axis=0) <= NEAR).all()
 
 
-def is_left_alone(walk, forgetting_ratio):
-    """At most 2 % of the cap at any time, from the first stride to some at the floor."""
+def is_left_alone(walk):
+    """At most 1 % of the cap in the mean and 3 % at its peak, and guided less."""
     goes_on_unrefused(walk)
-    counts = np.arange(1, len(walk.answers.lines) + 1)
-    assert stiffness(walk) == pytest.approx(list(np.maximum(forgetting_ratio**counts, 0.1)))
-    assert stiffness(walk)[-2] == 0.1
-    assert (np.abs(walk.assist()).max(axis=0) <= 0.02 * CAP).all()
+    assist = np.abs(walk.assist())
+    assert (assist.mean(axis=0) <= 0.01 * CAP).all()
+    assert (assist.max(axis=0) <= 0.03 * CAP).all()
+    assert stiffness(walk)[-1] < 0.35
 
 
-def soon_at_the_floor():
-    return Answers(shipped(("forgetting_ratio = 0.85", "forgetting_ratio = 0.5")).controller())
+def does_not_brake_what_leads(walk):
+    assist_w, _ = walk.leading_w()
+    assert (assist_w > -0.05).all()
+
+
+def settles(walk):
+    last = helped(walk)[-3:].mean(axis=0)
+    assert (np.abs(helped(walk)[SETTLED:] - last) <= 0.05).all()
+
+
+def does_not_chatter(walk):
+    """In a stride the assist swings up and down three times at most, also at the cap."""
+    for axis in (0, 1):
+        assist = walk.assist(len(walk.answers.lines) - 1)[:, axis]
+        assert np.abs(np.diff(assist)).sum() <= 6.0 * max(np.abs(assist).max(), 0.03 * CAP[axis])
+
+
+def is_helped_well(walk):
+    goes_on_unrefused(walk)
+    does_not_brake_what_leads(walk)
+    settles(walk)
+    does_not_chatter(walk)
 
 
 def test_a_passive_patient_is_carried_and_stays_near_the_gait(warm_gym):
-    walk = warm_gym.walk(of_ability(0.0), 4)
+    walk = warm_gym.walk(of_ability(0.0), 6)
 
-    goes_on_unrefused(walk)
+    is_helped_well(walk)
     stays_near(walk)
     assert stiffness(walk)[-1] > 0.55
-    assert assist_nm(walk)[-1] > 1.0
-    assert all(np.diff(assist_nm(walk)) > 0)
+    assert helped(walk)[-1, 0] > 0.02
+
+
+@pytest.mark.parametrize("begin", [0.1, 0.55])
+def test_a_patient_with_one_weak_phase_strays_no_farther_than_a_passive_one(warm_gym, begin):
+    walk = warm_gym.walk(weak(of_ability(1.0), begin, begin + 0.2), 9)
+
+    is_helped_well(walk)
+    stays_near(walk)
+    assert stiffness(walk)[-1] < 0.65
+
+
+def test_help_comes_in_the_weak_phase_alone(warm_gym):
+    walk = warm_gym.walk(weak(of_ability(1.0), 0.55, 0.75), 6)
+    phases = np.array([one.legs[0].gait_phase for one in walk.records(5)])
+    assist = np.abs(walk.assist(5)).max(axis=1, initial=0.0)
+
+    assert assist[(phases > 0.5) & (phases < 0.8)].max() > 5.0
+    assert assist[(phases < 0.45) | (phases > 0.9)].max() < 0.5
+
+
+def test_help_comes_at_the_weak_axis_alone(warm_gym):
+    walk = warm_gym.walk(with_strength(lambda _: (0.0, 1.0)), 5)
+
+    hip, slide = helped(walk)[-1]
+    assert (hip > 0.02, slide < 0.003) == (True, True)
 
 
 def test_a_patient_who_does_half_gets_less_help_than_a_passive_one(warm_gym):
-    walk = warm_gym.walk(of_ability(0.5), 4)
+    walk = warm_gym.walk(of_ability(0.5), 6)
 
-    goes_on_unrefused(walk)
+    is_helped_well(walk)
     stays_near(walk)
-    assert 0.4 < stiffness(walk)[-1] < 0.55
-    assert assist_nm(walk)[-1] < 0.3
+    assert 0.25 < stiffness(walk)[-1] < 0.5
+    assert (helped(walk) < 0.005).all()
 
 
 def test_an_able_patient_is_left_alone(warm_gym):
-    is_left_alone(warm_gym.walk(of_ability(1.0), 6, soon_at_the_floor()), 0.5)
+    walk = warm_gym.walk(of_ability(1.0), 7)
+
+    is_left_alone(walk)
 
 
 def test_friction_that_is_estimated_wrong_brings_no_assist(warm_lugre_gym):
     """The observer takes several newtons of LuGre friction for the patient."""
-    is_left_alone(warm_lugre_gym.walk(of_ability(1.0), 5, soon_at_the_floor()), 0.5)
+    is_left_alone(warm_lugre_gym.walk(of_ability(1.0), 7))
 
 
-def test_a_resisting_patient_is_guided_and_not_pushed_hard(warm_gym):
-    walk = warm_gym.walk(resisting, 3)
+def test_a_leg_that_leads_is_not_braked_by_assist(warm_gym):
+    """Guidance brakes it: less, where it fades."""
+    walk = warm_gym.walk(of_ability(1.4), 6)
 
     goes_on_unrefused(walk)
-    assert stiffness(walk)[-1] > 0.85
-    assert (np.abs(walk.assist()).max(axis=0) < 0.6 * CAP).all()
+    does_not_brake_what_leads(walk)
+    assert (walk.leading_w(4)[1] >= walk.leading_w()[1]).all()
+
+
+def test_help_is_remembered_from_block_to_block(warm_gym):
+    answers = Answers(controller())
+    settled = warm_gym.walk(of_ability(0.0), 4, answers)
+    warm_gym.session.execute(RequestKind.MODE, ModeRequest(Mode.HOLD))
+    warm_gym.session.run(8.0)
+    warm_gym.begin_gait()
+    again = warm_gym.walk(of_ability(0.0), 4, answers)
+
+    goes_on_unrefused(again)
+    assert (helped(again)[5:8, 0] > 0.9 * helped(settled)[3, 0]).all()
+
+
+@pytest.mark.parametrize("before", ["passive", "resisting by half the need"])
+def test_help_is_halved_within_four_strides_of_a_recovery(warm_gym, before):
+    answers = Answers(controller())
+    warm_gym.walk(PATIENTS[before](), 5, answers)
+    walk = warm_gym.walk(of_ability(1.0), 5, answers)
+
+    goes_on_unrefused(walk)
+    most = helped(walk)[:5].max(axis=0)
+    assert (helped(walk)[8] <= 0.5 * most).all()
+    does_not_brake_what_leads(walk)
+
+
+def test_a_resisting_patient_is_guided_and_pushed_no_harder_than_the_cap(warm_gym):
+    walk = warm_gym.walk(PATIENTS["resisting by half the need"](), 7)
+
+    is_helped_well(walk)
+    assert (np.abs(walk.assist()).max(axis=0) <= CAP).all()
 
 
 def test_a_catch_in_each_stride_neither_stops_the_gait_nor_is_fought(warm_gym):
@@ -122,22 +263,31 @@ def test_help_comes_back_as_a_patient_tires(warm_gym):
     walk = warm_gym.walk(tiring(12.0), 6)
 
     goes_on_unrefused(walk)
-    assert assist_nm(walk)[0] < 0.1
-    assert assist_nm(walk)[-1] > 1.2
-    assert stiffness(walk)[-1] > 1.2 * 0.85**6
+    assert (helped(walk)[0] < 0.005).all()
+    assert helped(walk)[-1, 0] > 0.02
+    assert stiffness(walk)[-1] > 1.2 * min(stiffness(walk))
     assert (np.abs(walk.errors()).max(axis=0) < 1.35 * NEAR).all()
 
 
 def test_a_slacking_patient_does_more_than_under_fixed_guidance(warm_gym):
     def share_under(kind):
-        return elsewhere(warm_gym, lambda gym: share(gym.walk(Slacking(), 5, kind(controller()))))
+        return elsewhere(warm_gym, lambda gym: share(gym.walk(Slacking(), 8, kind(controller()))))
 
     assert share_under(Answers) > 1.1 * share_under(Fixed)
 
 
+def test_two_legs_are_each_helped_as_they_need():
+    gym = Gym(config=CONFIGS / "two_legs.toml")
+    able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 6)
+
+    is_left_alone(able)
+    is_helped_well(passive)
+    stays_near(passive)
+
+
 @pytest.mark.parametrize("how", ["killed", "frozen", "late"])
 def test_a_controller_that_fails_leaves_a_leg_that_is_braked_and_held(warm_gym, how):
-    session, steering, *_ = warm_gym.walk(of_ability(0.0), 1)
+    session, steering, *_ = warm_gym.walk(of_ability(1.0), 2)
     answer = steering.setpoint
     if how == "killed":
         session.gateway.end_lease()
@@ -166,27 +316,64 @@ def test_friction_fed_forward_on_the_whole_leg_disturbs_no_gait(warm_lugre_gym, 
     assert (np.abs(walk.assist()).max(axis=0) > (3.0, 30.0)).all()
 
 
+def altered(robot, *, mass=1.0, spring=1.0, friction=1.0):
+    """The robot with a leg, springs and friction that the service does not know of."""
+
+    def times(table, ratio, *names):
+        return msgspec.structs.replace(table, **{n: ratio * getattr(table, n) for n in names})
+
+    hip = times(robot.friction.hip, friction, "stribeck_nm", "coulomb_nm", "viscous_nm_s_per_rad")
+    slide = times(robot.friction.slide, friction, "stribeck_n", "coulomb_n", "viscous_n_s_per_m")
+    stiffnesses = "hip_stiffness_nm_per_rad", "slide_stiffness_n_per_m"
+    return msgspec.structs.replace(
+        robot,
+        patient=times(robot.patient, mass, "mass_kg"),
+        springs=times(robot.springs, spring, *stiffnesses),
+        friction=msgspec.structs.replace(robot.friction, hip=hip, slide=slide),
+    )
+
+
+PLANTS = [
+    {},
+    {"mass": 1.15},
+    {"mass": 0.85},
+    {"spring": 1.1},
+    {"spring": 0.9},
+    {"friction": 1.2},
+    {"friction": 0.8},
+]
+
+
+def holds_for(name, walk):
+    does_not_chatter(walk)
+    does_not_brake_what_leads(walk)
+    if name in STEADY:
+        settles(walk)
+    if name == "all":
+        is_left_alone(walk)
+
+
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
-@pytest.mark.parametrize("seed", range(2, 12))
-def test_with_ten_other_seeds_help_falls_as_the_patient_works(seed):
-    gym = Gym(seed=seed)
+@pytest.mark.parametrize("changes", PLANTS, ids=str)
+@pytest.mark.parametrize("seed", range(2, 5))
+def test_each_patient_is_helped_well_on_each_plant(seed, changes):
+    gym = Gym(seed=seed, other=lambda robot: altered(robot, **changes))
+    for name, model in PATIENTS.items():
+        elsewhere(gym, lambda gym, n=name, m=model: holds_for(n, gym.walk(m(), 16)))
 
-    def walked(ability, strides_count):
-        def figures(one):
-            walk = one.walk(of_ability(ability), strides_count)
-            if ability == 1.0:
-                is_left_alone(walk, 0.85)
-            else:
-                goes_on_unrefused(walk)
-                stays_near(walk)
-            return stiffness(walk)[11], assist_nm(walk)[11]
 
-        return elsewhere(gym, figures)
+@pytest.mark.thorough
+@pytest.mark.timeout(1800)
+def test_each_patient_is_helped_well_with_two_legs():
+    gym = Gym(config=CONFIGS / "two_legs.toml")
+    for name, model in PATIENTS.items():
 
-    passive, half, able = walked(0.0, 12), walked(0.5, 12), walked(1.0, 20)
-    assert passive[0] > half[0] > able[0]
-    assert passive[1] > half[1] > able[1]
+        def both(gym, n=name, m=model):
+            for walk in gym.walk_legs([m(), m()], 12):
+                holds_for(n, walk)
+
+        elsewhere(gym, both)
 
 
 @pytest.mark.thorough
