@@ -31,11 +31,11 @@ unstrap = {{ en = "There are no straps.", de = "Es gibt keine Gurte." }}
 
 [[bar]]
 leg = "{leg}"
-target_low_w = 12.0
-target_high_w = 36.0
-full_w = 48.0
+target_low_w = 30.0
+target_high_w = 100.0
+full_w = 120.0
 """
-"""The scripted patient is below the band while passive, and above it while active."""
+"""The scripted patient is below the band while passive, at 5 W, and in it while active, at 55 W."""
 
 
 @contextlib.contextmanager

@@ -105,7 +105,7 @@ class Walk(NamedTuple):
     answers: Answers
     begin_cycle: int
     index: int
-    """Of the leg."""
+    """Place of the leg in the record."""
 
     def errors(self, begin: int = 0) -> np.ndarray:
         """Reference minus pose after the first `begin` strides, rows of rad and m."""

@@ -32,7 +32,7 @@ MEMORY_CYCLES: Final = 60_000
 """After a longer pause, ten minutes, another patient may lie in the machine: help is forgotten."""
 NEUTRAL: Final = Assist()
 CUT_RATIO: Final = 0.1
-"""Of the cap: what the service's rate limit keeps back for a moment is less."""
+"""Share of the cap; what the service's rate limit keeps back for a moment is less."""
 KNOWN_MIN_RATIO: Final = 0.5
 """Least share of a stride in which an axis was known; below, it has no error."""
 REPORTED: Final = (

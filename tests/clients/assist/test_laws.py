@@ -38,7 +38,7 @@ AT = Sample(
 )
 UNKNOWN = (False, False)
 CYCLES = 400
-"""Of a stride at this cadence."""
+"""Cycles of a stride at this cadence."""
 
 
 def walked(strides, error=(0.0, 0.0), law=None, **values):
