@@ -12,7 +12,7 @@ from sessions import elsewhere
 
 from analysis.drawing import ESTIMATE, style, x_label
 from daemon.ipc.record import Cause, Mode
-from gaitd_lab.patients import Slacking, of_ability, resisting, spastic, tiring
+from gaitd_lab.patients import Slacking, of_ability, resisting, spastic, tiring, weak
 
 DOCS = Path(__file__).parents[3] / "docs"
 PICTURE = "assist.png"
@@ -23,6 +23,7 @@ PATIENTS = {
     "passive": lambda: of_ability(0.0),
     "half able": lambda: of_ability(0.5),
     "able": lambda: of_ability(1.0),
+    "weak phase": lambda: weak(of_ability(1.0), 0.55, 0.75),
     "slacking": Slacking,
     "resisting": lambda: resisting,
     "spastic": lambda: spastic,

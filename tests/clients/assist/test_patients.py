@@ -265,7 +265,7 @@ def test_help_comes_back_as_a_patient_tires(warm_gym):
     goes_on_unrefused(walk)
     assert (helped(walk)[0] < 0.005).all()
     assert helped(walk)[-1, 0] > 0.02
-    assert stiffness(walk)[-1] > 1.2 * min(stiffness(walk))
+    assert stiffness(walk)[-1] > 0.5  # of an able patient it is below 0.35
     assert (np.abs(walk.errors()).max(axis=0) < 1.35 * NEAR).all()
 
 
