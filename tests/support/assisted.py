@@ -4,6 +4,7 @@ Records become the messages that the gateway makes of them, so the controller is
 is given.
 """
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -119,6 +120,15 @@ class Walk(NamedTuple):
     def assist(self, begin: int = 0) -> np.ndarray:
         """Assist in force after the first `begin` strides, rows of N·m and N."""
         return np.array([one.assist.legs[0].assist for one in self.records(begin)])
+
+    def peaks(self) -> np.ndarray:
+        """Largest size of the assist in each stride, rows of N·m and N."""
+        ends = [line.cycle for line in self.answers.lines]
+        strides = [[] for _ in ends]
+        for one in self.records():
+            if one.cycle <= ends[-1]:
+                strides[bisect_left(ends, one.cycle)].append(one.assist.legs[0].assist)
+        return np.array([np.abs(assist).max(axis=0) for assist in strides])
 
     def leading_w(self, begin: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Mean power of assist and of guidance that brakes a motion ahead of its reference, W.

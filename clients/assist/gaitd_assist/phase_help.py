@@ -17,8 +17,9 @@ a leg that moves along with its reference, and its sign does not depend on noise
 
 What a bin learns is from the error `lead_s` later. The service lets the stiffness rise by
 `RISE_PER_S`, so guidance rises before the bin that needs it. Nothing is learned from a bin in which
-the cadence rises, as in the ramps of a gait, or that was not known well enough; no more assist
-where the service gives less than what was asked for.
+the cadence rises, as in the ramps of a gait, or that was not known well enough, or of the first
+stride after help begins, because the patient needs time to begin, too; no more assist where the
+service gives less than what was asked for.
 
 Sources: Emken, Benitez, Reinkensmeyer, "Human-robot cooperative movement training: learning a novel
 sensory motor transformation during walking with robotic assistance-as-needed", J. NeuroEng.
@@ -92,6 +93,8 @@ class PhaseHelp:
     def begin_gait(self) -> None:
         """See `Law`: the help of the gait before goes on."""
         self._bin, self._last_hz = -1, 0.0
+        self._ended_count = -1
+        """Bins that have ended in this gait; the first end, at -1, is of none."""
         self._clear()
 
     def answer(self, sample: Sample, setpoint: Assist) -> Assist:
@@ -147,7 +150,8 @@ class PhaseHelp:
 
     def _end_bin(self) -> None:
         last_hz, self._last_hz = self._last_hz, self._strides / (self._dwell_s or 1.0)
-        if self._bin >= 0 and _is_same(self._last_hz, last_hz):
+        self._ended_count += 1
+        if self._ended_count > BINS and _is_same(self._last_hz, last_hz):
             if not _is_same(self._last_hz, self._cadence_hz):
                 # From now on the assist is of this cadence: it goes on as it is.
                 scale, self._cadence_hz = self._scale(self._last_hz), self._last_hz

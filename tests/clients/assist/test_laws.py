@@ -42,9 +42,13 @@ CYCLES = 400
 
 
 def walked(strides, error=(0.0, 0.0), law=None, **values):
-    """The law after strides with this error, and the setpoints of the last one."""
-    law = law or PhaseHelp(HELP)
-    for cycle in range(CYCLES * strides + 1):  # the next stride's first cycle ends the last bin
+    """The law after strides with this error, and the setpoints of the last one.
+
+    A new law walks one before them, which teaches nothing.
+    """
+    first, law = law is None, law or PhaseHelp(HELP)
+    # The next stride's first cycle ends the last bin.
+    for cycle in range(CYCLES * (strides + first) + 1):
         sample = AT._replace(phase_ratio=cycle / CYCLES % 1.0, error=error, **values)
         setpoint = law.answer(sample, Assist())
     return law, setpoint
@@ -55,7 +59,7 @@ def stiffness(law):
 
 
 def test_help_fades_faster_the_smaller_the_error_is_down_to_the_floor():
-    assert walked(1)[0].stiffness == pytest.approx([1.0] + [0.5] * (BINS - 1))  # it has begun
+    assert walked(1)[0].stiffness == pytest.approx([0.5] * BINS)
     half, edge = walked(2, (0.02, 0.0))[0], walked(2, (0.04, 0.03))[0]
     assert half.stiffness[3] == pytest.approx(0.65**2)
     assert edge.stiffness[3] == pytest.approx(0.8**2)
@@ -156,10 +160,18 @@ def test_what_is_not_known_teaches_nothing_and_one_axis_is_enough():
     assert stiffness(law) < before["stiffness_ratio"]
 
 
+def test_the_first_stride_after_help_begins_teaches_nothing():
+    law, _ = walked(2, (0.1, 0.1))
+    before = law.state()
+    law.begin_gait()
+    assert walked(1, (1.0, 1.0), law)[0].state() == before
+    assert walked(1, (1.0, 1.0), law)[0].assist[0][3] > before["assist_hip_nm"][3]
+
+
 def test_a_ramp_of_the_cadence_teaches_nothing():
     law = PhaseHelp(HELP)
     phase = 0.0
-    while phase < 2.0:
+    while phase < 3.0:  # the first stride teaches nothing anyhow
         cadence_hz = 0.125 * (1.0 + phase / 2)
         phase += 0.01 * cadence_hz
         sample = AT._replace(phase_ratio=phase % 1.0, cadence_hz=cadence_hz, error=(1.0, 1.0))

@@ -34,7 +34,7 @@ NEAR = np.array([math.radians(4.4), 0.053])
 LATE_CYCLES = 12
 """More than setpoint_age_max_cycles."""
 SETTLED = 5
-"""Strides until help has settled."""
+"""Strides until the assist has settled; the guidance fades on."""
 
 
 def with_strength(strength):
@@ -71,7 +71,6 @@ STEADY = {
     "all": lambda: of_ability(1.0),
     "1.4": lambda: of_ability(1.4),
     "late": lambda: Late(of_ability(1.0)),
-    "slacking": Slacking,
     "lazy": Lazy,
     "resisting": lambda: resisting,
     "resisting by spring": lambda: resisting_by_spring,
@@ -83,7 +82,10 @@ STEADY = {
     "hip only": lambda: with_strength(lambda _: (1.0, 0.0)),
     "slide only": lambda: with_strength(lambda _: (0.0, 1.0)),
 }
-PATIENTS = STEADY | {"tiring and recovering": lambda: with_strength(tires_and_recovers)}
+PATIENTS = STEADY | {
+    "slacking": Slacking,
+    "tiring and recovering": lambda: with_strength(tires_and_recovers),
+}
 
 
 def controller():
@@ -139,8 +141,10 @@ def does_not_brake_what_leads(walk):
 
 
 def settles(walk):
-    last = helped(walk)[-3:].mean(axis=0)
-    assert (np.abs(helped(walk)[SETTLED:] - last) <= 0.05).all()
+    """The peak of the assist in each stride is within 5 % of the cap of that in the last three."""
+    peaks = walk.peaks() / CAP
+    assert len(peaks) > SETTLED + 3
+    assert (np.abs(peaks[SETTLED:] - peaks[-3:].mean(axis=0)) <= 0.05).all()
 
 
 def does_not_chatter(walk):
@@ -158,7 +162,7 @@ def is_helped_well(walk):
 
 
 def test_a_passive_patient_is_carried_and_stays_near_the_gait(warm_gym):
-    walk = warm_gym.walk(of_ability(0.0), 6)
+    walk = warm_gym.walk(of_ability(0.0), 9)
 
     is_helped_well(walk)
     stays_near(walk)
@@ -192,7 +196,7 @@ def test_help_comes_at_the_weak_axis_alone(warm_gym):
 
 
 def test_a_patient_who_does_half_gets_less_help_than_a_passive_one(warm_gym):
-    walk = warm_gym.walk(of_ability(0.5), 6)
+    walk = warm_gym.walk(of_ability(0.5), 9)
 
     is_helped_well(walk)
     stays_near(walk)
@@ -244,11 +248,12 @@ def test_help_is_halved_within_four_strides_of_a_recovery(warm_gym, before):
     does_not_brake_what_leads(walk)
 
 
-def test_a_resisting_patient_is_guided_and_pushed_no_harder_than_the_cap(warm_gym):
-    walk = warm_gym.walk(PATIENTS["resisting by half the need"](), 7)
+def test_a_resisting_patient_is_guided_and_not_pushed_hard(warm_gym):
+    walk = warm_gym.walk(resisting, 9)
 
     is_helped_well(walk)
-    assert (np.abs(walk.assist()).max(axis=0) <= CAP).all()
+    assert stiffness(walk)[-1] > 0.8
+    assert (np.abs(walk.assist()).max(axis=0) < 0.7 * CAP).all()
 
 
 def test_a_catch_in_each_stride_neither_stops_the_gait_nor_is_fought(warm_gym):
@@ -270,6 +275,8 @@ def test_help_comes_back_as_a_patient_tires(warm_gym):
 
 
 def test_a_slacking_patient_does_more_than_under_fixed_guidance(warm_gym):
+    """After 8 strides, because his effort follows the help by a tenth in each."""
+
     def share_under(kind):
         return elsewhere(warm_gym, lambda gym: share(gym.walk(Slacking(), 8, kind(controller()))))
 
@@ -278,16 +285,24 @@ def test_a_slacking_patient_does_more_than_under_fixed_guidance(warm_gym):
 
 def test_two_legs_are_each_helped_as_they_need():
     gym = Gym(config=CONFIGS / "two_legs.toml")
-    able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 6)
 
-    is_left_alone(able)
-    is_helped_well(passive)
-    stays_near(passive)
+    def able(gym):
+        for walk in gym.walk_legs([of_ability(1.0), of_ability(1.0)], 7):
+            is_left_alone(walk)
+
+    def able_and_passive(gym):
+        able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 9)
+        is_left_alone(able)
+        is_helped_well(passive)
+        stays_near(passive)
+
+    elsewhere(gym, able)
+    elsewhere(gym, able_and_passive)
 
 
 @pytest.mark.parametrize("how", ["killed", "frozen", "late"])
 def test_a_controller_that_fails_leaves_a_leg_that_is_braked_and_held(warm_gym, how):
-    session, steering, *_ = warm_gym.walk(of_ability(1.0), 2)
+    session, steering, *_ = warm_gym.walk(of_ability(0.0), 3)
     answer = steering.setpoint
     if how == "killed":
         session.gateway.end_lease()
@@ -345,6 +360,7 @@ PLANTS = [
 
 
 def holds_for(name, walk):
+    goes_on_unrefused(walk)
     does_not_chatter(walk)
     does_not_brake_what_leads(walk)
     if name in STEADY:
@@ -353,27 +369,34 @@ def holds_for(name, walk):
         is_left_alone(walk)
 
 
+def hold_for_each(gym, strides_count):
+    """Each patient on each leg of the gym; what fails is printed by its fork."""
+    failed = []
+    for name, model in PATIENTS.items():
+
+        def plan(gym, n=name, m=model):
+            for walk in gym.walk_legs([m() for _ in gym.legs], strides_count):
+                holds_for(n, walk)
+
+        try:
+            elsewhere(gym, plan)
+        except EOFError:
+            failed.append(name)
+    assert not failed
+
+
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("changes", PLANTS, ids=str)
 @pytest.mark.parametrize("seed", range(2, 5))
 def test_each_patient_is_helped_well_on_each_plant(seed, changes):
-    gym = Gym(seed=seed, other=lambda robot: altered(robot, **changes))
-    for name, model in PATIENTS.items():
-        elsewhere(gym, lambda gym, n=name, m=model: holds_for(n, gym.walk(m(), 16)))
+    hold_for_each(Gym(seed=seed, other=lambda robot: altered(robot, **changes)), 16)
 
 
 @pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_each_patient_is_helped_well_with_two_legs():
-    gym = Gym(config=CONFIGS / "two_legs.toml")
-    for name, model in PATIENTS.items():
-
-        def both(gym, n=name, m=model):
-            for walk in gym.walk_legs([m(), m()], 12):
-                holds_for(n, walk)
-
-        elsewhere(gym, both)
+    hold_for_each(Gym(config=CONFIGS / "two_legs.toml"), 12)
 
 
 @pytest.mark.thorough

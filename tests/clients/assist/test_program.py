@@ -101,7 +101,7 @@ def test_without_a_playing_gait_the_answer_is_neutral(stage):
 
 def test_a_stride_has_one_line():
     leg = shipped().controller()
-    for cycle in range(100, 400):
+    for cycle in range(100, 800):
         leg.answer(estimate(cycle, reference_hip_angle_rad=0.11 + 0.005 * cycle), Stage.PLAYING)
     assert leg.end_stride(stride(3, cycle=100)) is None  # of before the first answer
     line = leg.end_stride(stride(4))
@@ -116,7 +116,7 @@ def test_a_stride_has_one_line():
 def test_assist_that_is_cut_is_not_learned_any_farther():
     def learned_nm(share):
         leg = shipped().controller()
-        for cycle in range(1400):
+        for cycle in range(1750):
             asked_nm = leg._asked[0]
             leg.answer(estimate(cycle, assist_hip_nm=share * asked_nm), Stage.PLAYING)
         return max(help_of(leg)["assist_hip_nm"])
