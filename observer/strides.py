@@ -306,7 +306,11 @@ def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to:
         part = place - low
         passive = baseline[int(low) % bins, axis]
         passive += part * (baseline[(int(low) + 1) % bins, axis] - passive)
-        patient = rows[k, PATIENT + axis] - passive
+        patient = rows[k, PATIENT + axis]
+        if k > 0 and rows[k - 1, KNOWN + axis] > 0.0:
+            # The effort of a row acts until the next one; speed is that of the row's own moment.
+            patient = 0.5 * (patient + rows[k - 1, PATIENT + axis])
+        patient -= passive
         variance = rows[k, PATIENT_VARIANCE + axis]
         power = patient * speed
         power_variance = speed * speed * variance

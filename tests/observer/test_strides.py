@@ -380,13 +380,13 @@ def true_work(truth, first, stride, sign=1.0):
     return sign * np.sum(np.maximum(sign * power, 0.0), axis=0) * DT
 
 
-def test_work_of_a_stride_is_right_within_two_percent(pushed):
+def test_work_of_a_stride_is_right_within_one_percent(pushed):
     truth, found = pushed
 
     assert len(found) == 7
     for first, stride in found[1:]:
         works = (stride.hip.work_positive_j, stride.slide.work_positive_j)
-        assert works == pytest.approx(true_work(truth, first, stride), rel=0.02)
+        assert works == pytest.approx(true_work(truth, first, stride), rel=0.01)
 
 
 def test_the_true_work_is_within_three_sigma_and_sigma_is_small(pushed):
