@@ -24,6 +24,9 @@ OURS = {0x701, *(base + node for base in (0x200, 0x300) for node in (5, 6))}
 DRIVES = {base + node for base in (0x180, 0x280, 0x380, 0x080, 0x700) for node in (5, 6)}
 TPDOS = {base + node for base in (0x180, 0x280) for node in (5, 6)}
 RPDOS = {base + node for base in (0x200, 0x300) for node in (5, 6)}
+SDOS = {base + node for base in (0x600, 0x580) for node in (5, 6)}
+TEMPERATURE = bytes.fromhex("01 32 01")
+"""3201h:01 as an SDO names it: an EPOS4 cannot map it, so the service reads it in the cycle."""
 HOUR_NS = 3_600_000_000_000
 STEPS_NS = [HOUR_NS, -2 * HOUR_NS, HOUR_NS]
 
@@ -55,7 +58,9 @@ def test_each_sync_is_answered_by_all_tpdos_and_only_then_come_the_commands(vcan
 
 
 def test_nothing_is_on_the_bus_but_our_frames_and_those_of_our_drives(vcan_world):
-    assert {frame.can_id for frame in frames_of(vcan_world, "quiet")} <= {SYNC} | OURS | DRIVES
+    frames = frames_of(vcan_world, "quiet")
+    assert {frame.can_id for frame in frames} <= {SYNC} | OURS | DRIVES | SDOS
+    assert {frame.data[1:4] for frame in frames if frame.can_id in SDOS} == {TEMPERATURE}
     assert vcan_world.records("quiet")[-1].bus.stray_count == 0
 
 
