@@ -6,6 +6,7 @@ from typing import Final
 
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, Reference
+from daemon.core.exercises.hold import Hold
 from daemon.core.exercises.single_axis import HomingRules, PushRules, Result, SingleAxis
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
 from daemon.core.motion.assist import LegAssist
@@ -166,8 +167,11 @@ class Leg:
 
     @property
     def is_held(self) -> bool:
-        """True if mode HOLD holds a pose, and the hold has settled."""
-        return self.held_cycles > HOLD_SETTLE_CYCLES
+        """True if mode HOLD holds a pose, and the hold has settled.
+
+        An exercise that has begun since this cycle's samples were taken holds nothing.
+        """
+        return isinstance(self.exercise, Hold) and self.held_cycles > HOLD_SETTLE_CYCLES
 
     @property
     def is_located(self) -> bool:

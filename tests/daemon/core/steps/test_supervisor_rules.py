@@ -7,12 +7,14 @@ import pytest
 from core_bench import JUMPED, OPENED, Bench
 from fresh_core import fresh
 
+from daemon.core.exercises.hold import Hold
 from daemon.core.inputs import NO_INPUTS, CommandInputs
 from daemon.core.modes import latched_stop, table
 from daemon.core.modes.persistent_state import PersistentState, StoredVerdict
 from daemon.core.modes.table import Event
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import DriveStop, Step, begin
+from daemon.core.state import HOLD_SETTLE_CYCLES
 from daemon.core.steps import controllers, exercises, single_axis, supervisor
 from daemon.core.steps.single_axis import Change
 from daemon.core.steps.status import describe
@@ -525,6 +527,31 @@ def test_a_lost_bus_does_not_replace_a_harsher_verdict(bench):
     supervisor.lose_bus(bench.core, "can0 is down")
 
     assert bench.core.verdict == JUMPED
+
+
+# --- a leg that was held --------------------------------------------------------------------------
+
+
+def test_a_stop_keeps_the_pose_of_a_leg_that_is_held(bench):
+    (leg,) = bench.core.legs
+    leg.held_cycles, held = HOLD_SETTLE_CYCLES + 1, leg.exercise
+
+    supervisor.stop(bench.core, HELD_UP, bench.cycle)
+
+    assert leg.exercise is held
+
+
+def test_a_stop_does_not_keep_a_gait_that_has_begun_in_this_cycle(bench):
+    """As when a drive reports an alarm after the cycle that has taken the request."""
+    core, (leg,) = bench.core, bench.core.legs
+    leg.held_cycles = HOLD_SETTLE_CYCLES + 1
+    exercises.begin(core, ModeRequest(Mode.GAIT, 0.25, 1.0, 60.0))
+    core.mode = Mode.GAIT
+
+    supervisor.stop(core, HELD_UP, bench.cycle)
+
+    assert core.mode == Mode.STOPPING
+    assert isinstance(leg.exercise, Hold)
 
 
 # --- time -----------------------------------------------------------------------------------------
