@@ -28,10 +28,10 @@ Rules:
 7.  Any other node that sends SYNC, or a heartbeat under the master's number, is another master: no
     drive is brought up beside it, and the check is repeated at the next try. The bus is listened
     to before anything is sent.
-8.  Where switching off was requested and a drive does not come up, or whatever else ends the
-    bring-up, disable voltage is sent to all drives nevertheless: their resets disabled their
-    heartbeat monitoring, so nothing else would switch them off. A drive that does not answer may
-    still receive.
+8.  Where switching off was requested and a drive does not come up, or whatever but a lost bus ends
+    the bring-up before its last step, disable voltage is sent to all drives nevertheless: their
+    resets disabled their heartbeat monitoring, so nothing else would switch them off. A drive that
+    does not answer may still receive.
 """
 
 from bisect import bisect_right

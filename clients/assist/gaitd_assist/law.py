@@ -16,7 +16,7 @@ class Sample(NamedTuple):
     phase_ratio: float | None
     """Phase 0..1 of the stride; None: no gait plays, for example in mode torque."""
     cadence_hz: float | None
-    """Strides per second, the newest that is known; None: none is yet."""
+    """Strides per second; None: no gait plays, or this is its first sample after a gap."""
     error: Pair
     """Reference minus estimated pose: rad, m; 0 without a gait."""
     error_rate: Pair

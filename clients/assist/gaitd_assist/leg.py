@@ -5,7 +5,8 @@ Rules:
    known. At rest, where patient and friction cannot be separated, it is: a leg that is too weak to
    move is helped.
 2. Approach, ramp-down and every state that is not known get a neutral setpoint: that is the machine
-   without a controller. The service ramps to it.
+   without a controller. The service ramps to it. So does the first estimate after a gap: without
+   the velocity of the reference, assist would follow the leg.
 3. Help is kept from block to block. It is forgotten after a restart of the core or a pause of ten
    minutes, because another patient may lie in the machine.
 4. Above the cadence of the file the answer is neutral, too: in simulation, at 0.5 Hz, assist on top
@@ -55,7 +56,7 @@ class StrideLine(msgspec.Struct, frozen=True, kw_only=True):
     number: int
     """Number of the stride."""
     learned: bool
-    """False: too little of it was known, and the stiffness is unchanged."""
+    """False: too little of it was known, so it has no errors."""
     hip_error_rms_rad: float | None
     slide_error_rms_m: float | None
     share_ratio: float | None
@@ -92,7 +93,7 @@ class LegController:
         self.laws: list[Law] = [self._help]
         if transparency is not None:
             self.laws.append(Transparency(transparency))
-        self._cadence_max_hz, self._cadence_hz = cadence_max_hz, 0.0
+        self._cadence_max_hz = cadence_max_hz
         self._before: Estimate | None = None
         self._is_playing = False
         self._played: Estimate | None = None
@@ -122,11 +123,10 @@ class LegController:
         sample = sample_of(estimate, before)
         if sample is None:
             return NEUTRAL
-        if sample.cadence_hz is not None:
-            self._cadence_hz = sample.cadence_hz
-        if self._is_playing and self._cadence_hz > self._cadence_max_hz:
+        cadence_hz = sample.cadence_hz
+        if self._is_playing and (not cadence_hz or cadence_hz > self._cadence_max_hz):
             return NEUTRAL
-        sample = sample._replace(cadence_hz=self._cadence_hz or None, is_cut=self._cut(estimate))
+        sample = sample._replace(is_cut=self._cut(estimate))
         setpoint = NEUTRAL
         for law in self.laws:
             setpoint = law.answer(sample, setpoint)
@@ -143,7 +143,7 @@ class LegController:
         return Assist(hip_nm, slide_n, setpoint.stiffness_ratio)
 
     def end_stride(self, stride: Stride) -> StrideLine | None:
-        """Learn from a stride.
+        """Tell the laws that a stride is over.
 
         Args:
             stride: the newest one; one that was given before is ignored.
@@ -194,7 +194,7 @@ class LegController:
         self._begin_cycle, played = estimate.cycle, self._played
         if played is None or not _follows(played, estimate, MEMORY_CYCLES):
             self._help.forget()
-        self._cadence_hz, self._asked = 0.0, (0.0, 0.0)
+        self._asked = 0.0, 0.0
         self._clear()
         for law in self.laws:
             law.begin_gait()

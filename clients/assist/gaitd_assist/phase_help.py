@@ -29,6 +29,7 @@ Trans. Neural Syst. Rehabil. Eng. 16 (2008): assist that is learned and forgotte
 them: both over the phase of the stride; forgetting depends on the error, leads are not errors.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -102,7 +103,8 @@ class PhaseHelp:
         if sample.phase_ratio is None or sample.cadence_hz is None:
             return setpoint
         direction = _direction(sample)
-        felt = int((sample.phase_ratio - self._rules.lead_s * sample.cadence_hz) * BINS) % BINS
+        felt_ratio = sample.phase_ratio - self._rules.lead_s * sample.cadence_hz
+        felt = math.floor(felt_ratio * BINS) % BINS
         if felt != self._bin:
             self._end_bin()
             self._bin = felt

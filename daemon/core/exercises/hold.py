@@ -60,7 +60,9 @@ class Hold(Exercise):
 
 def _on_ramp(start: float, velocity: float, deceleration: float, elapsed_s: float) -> Pair:
     """Position and velocity of one axis after a time of braking."""
-    time_s = min(elapsed_s, abs(velocity) / deceleration)
+    braking_s = abs(velocity) / deceleration
+    time_s = min(elapsed_s, braking_s)
     sign = math.copysign(1.0, velocity)
     position = start + velocity * time_s - 0.5 * sign * deceleration * time_s**2
-    return position, velocity - sign * deceleration * time_s
+    # At the end of the ramp the reference stands: a rest of rounding would be a motion.
+    return position, velocity - sign * deceleration * time_s if time_s < braking_s else 0.0

@@ -21,7 +21,8 @@ from collections.abc import Callable, Iterator
 from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
 from daemon.core.safety.joints import jump_reach_si
 from daemon.core.safety.limits import Thresholds
-from daemon.ipc.record import Cause, Verdict
+from daemon.ipc.record import Cause, StopCategory, Verdict
+from daemon.wire.causes import LOST_DRIVE
 from drives.signals import Input, NmtState, PowerState
 
 NO_VERDICT = Verdict()
@@ -67,14 +68,19 @@ def check(inputs: SafetyInputs) -> tuple[Verdict, ...]:
     """Run all checks; returns the harshest verdict of each axis, each leg and the service.
 
     The harshest verdict is first. Two axes may fail in the same cycle; each is then stopped by its
-    own cause.
+    own cause. Of equally harsh ones a lost drive counts before all others: what its last frames
+    showed stands still, and it gets a stop of its own (`stop_sequence.py`). Else the first counts.
     """
     verdicts: dict[str, Verdict] = {}
     for name, (cause, value, limit, detail) in _findings(inputs):
-        category = inputs.categories.of(cause)
-        if category > verdicts.get(name, NO_VERDICT).category:
-            verdicts[name] = Verdict(category, cause, name, value, limit, detail)
+        verdict = Verdict(inputs.categories.of(cause), cause, name, value, limit, detail)
+        if _rank(verdict) > _rank(verdicts.get(name, NO_VERDICT)):
+            verdicts[name] = verdict
     return tuple(sorted(verdicts.values(), key=lambda verdict: -verdict.category))
+
+
+def _rank(verdict: Verdict) -> tuple[StopCategory, bool]:
+    return verdict.category, verdict.cause in LOST_DRIVE
 
 
 def _findings(inputs: SafetyInputs) -> Iterator[tuple[str, Finding]]:

@@ -112,10 +112,13 @@ def _place(leg: Leg) -> None:
 
 
 def _is_held(core: Core, leg: Leg) -> bool:
-    """True if mode HOLD holds a pose: both drives are enabled, and the reference stands still."""
+    """True if mode HOLD holds a pose: all drives are enabled, and the reference stands still.
+
+    Until then the pose to hold follows the leg (`supervisor.py`).
+    """
     reference = leg.reference
     still = reference is not None and reference.guided and reference.velocity == (0.0, 0.0)
-    return core.mode == Mode.HOLD and still and all(axis.reached_enabled for axis in leg.axes)
+    return core.mode == Mode.HOLD and still and all(axis.reached_enabled for axis in core.axes)
 
 
 # --- between two windows, and without drives ------------------------------------------------------

@@ -105,12 +105,17 @@ def test_assist_is_zero_where_the_reference_turns_and_does_not_ask_the_leg():
     assert half == pytest.approx(whole / 2)
 
 
-@pytest.mark.parametrize(("lead_s", "bins"), [(0.0, (8, 9)), (0.25, (7, 8))])
-def test_help_belongs_to_its_phase_and_what_comes_later_is_learned_earlier(lead_s, bins):
+@pytest.mark.parametrize(
+    ("lead_s", "begin_ratio", "end_ratio", "bins"),
+    [(0.0, 0.5, 0.625, (8, 9)), (0.25, 0.5, 0.625, (7, 8)), (0.25, 0.0, 0.0625, (15,))],
+)
+def test_help_belongs_to_its_phase_and_what_comes_later_is_learned_earlier(
+    lead_s, begin_ratio, end_ratio, bins
+):
     law = PhaseHelp(replace(HELP, lead_s=lead_s))
     for cycle in range(3 * CYCLES + 1):
         phase_ratio = cycle / CYCLES % 1.0
-        error = (0.2 if 0.5 <= phase_ratio < 0.625 else 0.0, 0.0)
+        error = (0.2 if begin_ratio <= phase_ratio < end_ratio else 0.0, 0.0)
         law.answer(AT._replace(phase_ratio=phase_ratio, error=error), Assist())
 
     assert tuple(at for at, size in enumerate(law.assist[0]) if size > 0.0) == bins

@@ -52,6 +52,7 @@ def test_a_leg_learns_only_while_the_gait_plays_and_its_pose_is_known():
     learned = help_of(leg)
     assert max(learned["assist_hip_nm"]) > 1.0
 
+    assert leg.answer(estimate(400), Stage.PLAYING) == Assist()
     assert hip_nm(leg, [386], hip_angle_rad=None) == [0.0]
     assert hip_nm(leg, [387], dt_s=0.0) == [0.0]
     hip_nm(leg, range(388, 600), hip_validity=Validity.BAD, slide_validity=Validity.BAD)
@@ -172,8 +173,8 @@ def test_the_law_of_the_readme_is_one():
     leg = shipped().controller()
     leg.laws.append(scope["Push"]())
 
-    assert hip_nm(leg, [0, 1], reference_hip_angle_rad=0.1) == [2.0, 2.0]
-    assert hip_nm(leg, [2], reference_hip_angle_rad=0.1, gait_phase_ratio=0.6) == [0.0]
+    assert hip_nm(leg, [0, 1, 2], reference_hip_angle_rad=0.1) == [0.0, 2.0, 2.0]
+    assert hip_nm(leg, [3], reference_hip_angle_rad=0.1, gait_phase_ratio=0.6) == [0.0]
 
 
 def test_the_log_is_appended_to_and_counts_what_it_loses(tmp_path):

@@ -408,6 +408,12 @@ def test_inputs_that_cannot_be_are_told_with_power_and_without_and_hide_no_open_
     )
 
 
+@pytest.mark.parametrize("inputs", [Input.IMPOSSIBLE, Input.STO_RELEASED])
+def test_what_the_last_frame_of_a_drive_showed_does_not_hide_that_it_is_lost(inputs):
+    assert told(axes=[fed(inputs=inputs, sample_age_cycles=3)])[0] == Cause.DRIVE_SILENT
+    assert told(axes=[fed(inputs=inputs)])[0] != Cause.DRIVE_SILENT
+
+
 def test_an_effort_that_no_drive_gives_is_told_as_one_and_accuses_no_encoder():
     most_si = 4.0 * LIMITS.effort_max_si
     odd = moved(standing(held_si=-30.0), effort_si=-1.01 * most_si)
