@@ -146,7 +146,7 @@ class ObserverTuning(Table, frozen=True):
     integrator: Literal["semi_implicit", "rk4"]
     substeps: Annotated[int, Meta(ge=1, le=10)]
     gate_nis: Annotated[float, Meta(ge=20, le=1000)]
-    patient_noise_max_ratio: Annotated[float, Meta(ge=1, le=10)] = 1.0
+    patient_noise_max_ratio: Annotated[float, Meta(ge=1, le=30)] = 1.0
     viscous_outside: bool = False
     effort_delay_ms: Annotated[float, Meta(ge=0, le=30)] = 0.0
     sample_jitter_us: Annotated[float, Meta(ge=0, le=2000)] = 0.0

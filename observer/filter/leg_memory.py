@@ -57,6 +57,10 @@ class LegMemory(Protocol):
     """Variance of the share of a load between friction and patient, accumulated at rest."""
     lean: Pair
     """Running mean of each axis' whitened innovations: 0 is white."""
+    whitened: Pair
+    """Last whitened innovation of each axis."""
+    patient_ratio: Pair
+    """Evidence of a working patient, a factor on the patient's noise (leg_noise.py)."""
     nis_mean: float
     started: float
     warm_up_cycles: float
@@ -171,6 +175,7 @@ def _begin(
     for axis in range(2):
         m.rest_s[axis] = m.quiet_s[axis] = rest_s
         m.settle_s[axis] = m.split[axis] = m.lean[axis] = m.predicted[axis] = 0.0
+        m.whitened[axis], m.patient_ratio[axis] = 0.0, 1.0
     m.nis_mean = 2.0
     m.started = 1.0
     m.warm_up_cycles = WARM_UP_CYCLES

@@ -2,9 +2,16 @@
 
 Process noise is given per 10 ms and grows with the root of the true time step. Beyond that:
 
-- A patient who begins to push, or pushes ever harder, is no random walk: the innovations of that
-  axis then have a biased mean. Meanwhile the patient's noise rises with that mean, up to
-  `patient_noise_max_ratio`; the estimate lags less, and its sigma stays consistent.
+- A patient who works is no random walk of a known size. While the filter follows too slowly,
+  innovations that follow each other have the same sign; while it follows too fast, or the encoder
+  is at fault, they have opposite signs. So the patient's noise of an axis follows their product,
+  up to `patient_noise_max_ratio`, to where they are white: the optimal gain, whatever the noise
+  (Mehra, "On the identification of variances and adaptive Kalman filtering", IEEE Trans. Automat.
+  Contr. 15 (1970)). Wrong samples do not raise it: they contradict each other. It falls while
+  innovations are smaller than their sigma: an encoder that is better than its noise in the file
+  gives small ones that agree. Where the drive's effort ripples (below), innovations agree for that
+  reason too, and are no evidence of a patient.
+- A patient who begins to push biases the mean of innovations, which raises the noise at once.
 - After a rejected sample that a push explains, the state's uncertainty matches the push. The masses
   of both axes are coupled, so both may have moved; but a patient's effort is expected only on an
   axis whose own error is too large for noise. Otherwise a push on one axis is found on both.
@@ -41,8 +48,20 @@ LEAN_SHARE: Final = 0.1
 """Weight of a new innovation in the mean of whitened ones: some ten samples."""
 LEAN_USUAL: Final = 0.3
 """One sigma of this mean is 0.23 for white noise; more counts as a change of the patient."""
+LEAN_RATIO_MAX: Final = 3.0
 LEAN_SAMPLE_MAX: Final = 6.0
 """Limit of a single innovation, in sigma."""
+AGREEMENT_GAIN: Final = 0.07
+"""Relative change of the patient's noise per cycle and unit of agreement: some 0.1 s."""
+AGREEMENT_MAX: Final = 4.0
+AGREEMENT_USUAL: Final = 0.02
+"""Agreement at which the noise stays. Above 0 the noise returns when a patient does not work."""
+AGREEMENT_SIZE_MIN: Final = 0.45
+AGREEMENT_OF_SMALL: Final = -0.3
+"""Two innovations whose mean square is below the first count as this agreement."""
+PATIENT_RATIO_MIN: Final = 0.1
+"""Without a patient the evidence falls to this; noise alone, or a wrong sensor, is then some ten
+samples in a row from raising the patient's noise. Less than 1 acts as 1."""
 PUSH_POSITION_SHARE: Final = 1.5
 PUSH_PATIENT_SHARE: Final = 0.5
 """Uncertainty of position and patient after a push: 1 is its own effect within one more cycle. Less
@@ -89,8 +108,11 @@ def set_process_noise(
             m.noise[row, column] = 0.0
         m.noise[row, row] = scale * process_std[row]
     for axis in range(2):
-        lean = math.fabs(m.lean[axis]) / LEAN_USUAL
-        m.noise[6 + axis, 6 + axis] *= min(max(lean, 1.0), patient_noise_max_ratio)
+        most = 1.0 if ripple[axis] > 0.0 else patient_noise_max_ratio
+        m.patient_ratio[axis] = min(max(m.patient_ratio[axis], PATIENT_RATIO_MIN), most)
+        leaning = min(max(math.fabs(m.lean[axis]) / LEAN_USUAL, 1.0), LEAN_RATIO_MAX)
+        ratio = max(m.patient_ratio[axis], 1.0) * leaning
+        m.noise[6 + axis, 6 + axis] *= min(ratio, patient_noise_max_ratio)
     pushed = m.gated_cycles == 1.0
     if pushed or ripple[0] + ripple[1] > 0.0:
         d = dynamics(model.leg, m.mean[0], m.mean[1], 0.0, 0.0, 0.0)
@@ -181,3 +203,11 @@ def add_lean(m: LegMemory, state: int, row: int) -> None:
     sigmas = m.innovation[row] / math.sqrt(variance)
     sigmas = min(max(sigmas, -LEAN_SAMPLE_MAX), LEAN_SAMPLE_MAX)
     m.lean[state] += LEAN_SHARE * (sigmas - m.lean[state])
+    # The product of two innovations, if they agree in size too: a single large one is a glitch.
+    before = m.whitened[state]
+    size = 0.5 * (sigmas * sigmas + before * before)
+    agreement = sigmas * before / max(size / AGREEMENT_MAX, 1.0)
+    if size < AGREEMENT_SIZE_MIN:
+        agreement = AGREEMENT_OF_SMALL
+    m.patient_ratio[state] *= math.exp(AGREEMENT_GAIN * (agreement - AGREEMENT_USUAL))
+    m.whitened[state] = sigmas

@@ -27,7 +27,7 @@ from tests.observer.trainer import (
     simulate,
 )
 
-SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=3.0)
+SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=20.0)
 HIP_DISTURBANCE, SLIDE_DISTURBANCE = 4.0, 30.0
 SETTLED = 50
 """Rows that a filter may take after its start."""

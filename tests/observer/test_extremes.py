@@ -22,7 +22,7 @@ from tests.observer.trainer import (
     with_patient,
 )
 
-SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=3.0)
+SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=20.0)
 STEEP = HIP._replace(transition=0.004, peak=0.02, edge=0.012, time_constant_s=0.005)
 LEGS = {
     "empty": balanced(EXOSKELETON),

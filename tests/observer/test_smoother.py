@@ -43,7 +43,7 @@ from tests.observer.trainer import (
     simulate,
 )
 
-SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=3.0)
+SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=20.0)
 SETUP = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED)
 
 

@@ -28,7 +28,7 @@ from tests.observer.trainer import (
     simulate,
 )
 
-SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=3.0)
+SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=20.0)
 DT = 0.01
 AMPLITUDE = 0.3
 

@@ -206,7 +206,7 @@ def test_the_observer_takes_what_the_robot_file_says():
     assert tuning.measurement_std == DEFAULT_TUNING.measurement_std
     assert (tuning.integrator, tuning.substeps) == (Integrator.RK4, 2)
     assert (tuning.coriolis, tuning.velocity_gated, tuning.gate_nis) == (True, True, 60.0)
-    assert tuning.patient_noise_max_ratio == 3.0
+    assert tuning.patient_noise_max_ratio == 20.0
 
 
 @pytest.mark.parametrize("name", ["robot.toml", "robot_empty.toml"])
