@@ -106,7 +106,7 @@ class Watch(Table, frozen=True):
 
 
 class Spasm(Table, frozen=True):
-    """A fast rise of the patient's estimated effort against the motion: yield, then stop."""
+    """A fast rise of the estimated effort against the motion, beyond work: yield, then stop."""
 
     hip_rise_nm: Annotated[float, Meta(gt=0, le=60)]
     slide_rise_n: Annotated[float, Meta(gt=0, le=600)]

@@ -141,6 +141,8 @@ class Leg:
     """Share of the configured guidance stiffness that a controller requests."""
     spasm_ratio: float = 1.0
     """Share of the guidance stiffness that remains during a spasm."""
+    last_wanted_velocity: tuple[float, float] = (0.0, 0.0)
+    """Velocity of the reference one cycle ago, from which its acceleration follows: rad/s, m/s."""
     singularity_ratio: float = 1.0
     stopping_ratio: float = 1.0
     window_cycles: int = 1

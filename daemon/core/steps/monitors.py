@@ -133,6 +133,7 @@ def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
 
 def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     guided_motion = rules_of(core.mode).is_guided_motion
+    needed_si = _needed(core, leg)
     for index, axis in enumerate(leg.axes):
         # Without guided motion, the person who moves the leg would look like a spasm. A sign
         # mismatch in the raw values has its own check.
@@ -145,6 +146,7 @@ def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
             estimate.state[6 + index],
             axis.joint.velocity_si,
             axis.wanted_velocity_si,
+            needed_si[index],
             axis.joint.still_cycles,
             limits.spasm_rise_si,
             limits.standstill_si_per_s,
@@ -152,6 +154,23 @@ def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     hip, slide = leg.axes
     in_spasm = hip.spasm.cycles > 0 or slide.spasm.cycles > 0
     leg.spasm_ratio = softened(leg.spasm_ratio, core.config.spasm, in_spasm=in_spasm)
+
+
+def _needed(core: Core, leg: Leg) -> tuple[float, float]:
+    """Effort that the motion of the leg's reference needs beyond the load; 0 without one."""
+    hip, slide = leg.axes
+    before = leg.last_wanted_velocity
+    leg.last_wanted_velocity = velocity = hip.wanted_velocity_si, slide.wanted_velocity_si
+    if leg.reference is None or not leg.reference.guided:
+        return 0.0, 0.0
+    period_s = core.config.period_s
+    return inverse_dynamics.needed(
+        leg.mechanism,
+        leg.friction_laws,
+        leg.reference.position,
+        velocity,
+        ((velocity[0] - before[0]) / period_s, (velocity[1] - before[1]) / period_s),
+    )
 
 
 def is_saturated(leg: Leg) -> bool:

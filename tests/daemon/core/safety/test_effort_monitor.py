@@ -17,7 +17,7 @@ from daemon.core.safety.effort_monitor import (
     update,
 )
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycles
-from daemon.core.safety.inverse_dynamics import ROW, InverseDynamics, evaluate
+from daemon.core.safety.inverse_dynamics import ROW, InverseDynamics, evaluate, needed
 from daemon.core.safety.joints import Joint
 from daemon.preflight.load import load
 from observer.mechanism.friction import static_friction_of
@@ -121,20 +121,54 @@ def test_a_sample_that_is_missing_breaks_the_row():
     assert gone.samples_in_a_row == first.samples_in_a_row == other.samples_in_a_row == 0
 
 
+@pytest.mark.parametrize(
+    ("acceleration", "counted"),
+    [
+        ((-20.0, -20.0), (1.0, 0.0)),  # friction brakes the hip, and would add to the slide's need
+        ((20.0, 20.0), (0.0, 1.0)),
+    ],
+)
+def test_a_motion_needs_inertia_coriolis_and_dampers_less_friction(acceleration, counted):
+    q, v, a = np.array((0.2, 0.5)), np.array((0.9, -0.4)), np.array(acceleration)
+
+    effort = needed(LEG, FRICTIONS, tuple(q), tuple(v), acceleration)
+
+    friction = [static_friction_of(of, speed) for of, speed in zip(FRICTIONS, v, strict=True)]
+    expected = mass_matrix(LEG, q) @ a + coriolis(LEG, q, v) + damping(LEG, q, v)
+    assert np.all(np.abs(expected) > np.abs(friction))
+    assert effort == pytest.approx(tuple(expected + np.array(counted) * friction), rel=1e-6)
+
+
+def test_a_motion_that_friction_brakes_enough_needs_nothing_and_rest_neither():
+    q, v = np.array((0.2, 0.5)), np.array((0.9, -0.4))
+    friction = np.array([static_friction_of(of, at) for of, at in zip(FRICTIONS, v, strict=True)])
+    rest = coriolis(LEG, q, v) + damping(LEG, q, v)
+    braking = np.linalg.solve(mass_matrix(LEG, q), -0.5 * friction - rest)
+
+    assert needed(LEG, FRICTIONS, tuple(q), tuple(v), tuple(braking)) == (0.0, 0.0)
+    assert needed(LEG, FRICTIONS, tuple(q), (0.0, 0.0), (0.0, 0.0)) == (0.0, 0.0)
+
+
 def test_the_warm_up_compiles_what_a_cycle_calls(monkeypatch):
-    calls = []
+    calls = {"_terms": [], "_needed": []}
 
-    def recorded(*arguments):
-        calls.append(arguments)
-        return (0.0,) * 8
+    def recorded(name, count):
+        def call(*arguments):
+            calls[name].append(arguments)
+            return (0.0,) * count
 
-    monkeypatch.setattr(inverse_dynamics, "_terms", recorded)
+        monkeypatch.setattr(inverse_dynamics, name, call)
+
+    recorded("_terms", 8)
+    recorded("_needed", 2)
     inverse_dynamics.warm_up(LEG, FRICTIONS)
     balance_of(lambda _: (0.2, 0.5), (0.0, 0.0))
+    needed(LEG, FRICTIONS, (0.2, 0.5), (0.1, 0.1), (1.0, 1.0))
 
-    first, second = ([type(one) for one in call] for call in calls)
-    assert calls[0] == (LEG, *FRICTIONS, *[0.0] * 6)
-    assert first == second
+    for made in calls.values():
+        first, second = ([type(one) for one in call] for call in made)
+        assert made[0] == (LEG, *FRICTIONS, *[0.0] * 6)
+        assert first == second
 
 
 # --- efforts --------------------------------------------------------------------------------------

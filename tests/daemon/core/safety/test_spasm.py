@@ -9,11 +9,11 @@ RULES = SpasmRules(10, stiffness_ratio=0.3, softening_ratio=0.1, recovery_ratio=
 RISE, REST = 14.0, 0.05
 
 
-def lasting(efforts, *, speed=-0.5, wanted=0.0, still=0):
+def lasting(efforts, *, speed=-0.5, wanted=0.0, needed=0.0, still=0):
     """How long a spasm has lasted after these efforts of the patient's, one a cycle."""
     watch = SpasmWatch(RULES.window_cycles)
     for effort in efforts:
-        watch.update(effort, speed, wanted, still, RISE, REST)
+        watch.update(effort, speed, wanted, needed, still, RISE, REST)
     return watch.cycles
 
 
@@ -29,6 +29,68 @@ def test_a_fast_rise_against_the_motion_is_a_spasm_and_at_its_limit_it_is_none(s
 
 def test_a_slow_rise_is_none():
     assert lasting(ramp(2 * RISE, 30)) == 0
+
+
+def practised(share, need=RISE):
+    """A watch after four seconds in which the patient gave this share of a changing need."""
+    watch = SpasmWatch(RULES.window_cycles)
+    for needed in [*need * np.sin(np.linspace(0.0, 2 * np.pi, 400)), *[0.0] * 12]:
+        watch.update(share * needed, 0.0, 0.0, needed, 0, RISE, REST)
+    assert watch.cycles == 0
+    return watch
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("share", "needed", "cycles"),
+    [
+        (1.0, 1.2 * RISE, 0),
+        (1.0, 0.6 * RISE, 1),
+        (1.0, -1.2 * RISE, 1),  # a need along with the motion excuses no effort against it
+        (0.5, 1.2 * RISE, 1),
+        (0.0, 9.0 * RISE, 1),  # a passive patient brakes nothing
+        (-1.0, -9.0 * RISE, 1),  # to resist is no work
+        (1.4, 0.8 * RISE, 0),
+        (3.0, 0.55 * RISE, 1),  # no patient gives three times the need
+    ],
+)
+def test_a_share_of_the_need_that_the_patient_has_given_before_is_work(share, needed, cycles, sign):
+    watch = practised(share)
+
+    for effort in np.linspace(0.0, 1.9 * RISE, 11)[1:]:
+        watch.update(sign * effort, -sign * 0.5, 0.0, sign * needed, 0, RISE, REST)
+
+    assert (watch.cycles > 0) == bool(cycles)
+
+
+def test_a_small_need_teaches_no_share():
+    watch = practised(share=1.0, need=0.05 * RISE)
+
+    for effort in np.linspace(0.0, 1.9 * RISE, 11)[1:]:
+        watch.update(effort, -0.5, 0.0, 1.2 * RISE, 0, RISE, REST)
+
+    assert watch.cycles > 0
+
+
+def test_a_spasm_teaches_no_share_and_a_need_does_not_end_it():
+    watch = practised(share=0.0)
+    for effort in ramp(2 * RISE, 10):
+        watch.update(effort, -0.5, 0.0, 2 * RISE, 0, RISE, REST)
+    begun = watch.cycles
+
+    watch.update(2 * RISE, -0.5, 0.0, 2 * RISE, 0, RISE, REST)
+
+    assert watch.cycles == begun + 1 > 1
+
+
+def test_after_a_reset_no_share_is_known():
+    watch = practised(share=1.0)
+    watch.reset()
+
+    for effort in ramp(1.9 * RISE, 10):
+        watch.update(effort, -0.5, 0.0, 1.2 * RISE, 0, RISE, REST)
+
+    assert watch.cycles > 0
 
 
 @pytest.mark.parametrize("motion", [{"speed": 0.5}, {"speed": -0.5, "wanted": 0.5}])
@@ -61,7 +123,7 @@ def test_a_spasm_lasts_until_half_of_its_rise_is_gone():
 def test_without_an_estimate_nothing_is_known_of_a_spasm():
     watch = SpasmWatch(RULES.window_cycles)
     for effort in ramp(2 * RISE, 10):
-        watch.update(effort, -0.5, 0.0, 0, RISE, REST)
+        watch.update(effort, -0.5, 0.0, 0.0, 0, RISE, REST)
     watch.reset()
 
     assert (watch.cycles, watch.rise_si) == (0, 0.0)
@@ -75,30 +137,32 @@ FLAT, BEGUN, LIFTED = [0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.5], [1.0, 1.0, 1.0, 1.5
 @pytest.mark.parametrize(
     ("efforts", "motion", "rise", "cycles"),
     [
-        ([], (-1.0, 0.0, 0), 0.0, 0),
-        (BEGUN, (-1.0, 0.0, 0), 0.5, 1),
+        ([], (-1.0, 0.0, 0.0, 0), 0.0, 0),
+        (BEGUN, (-1.0, 0.0, 0.0, 0), 0.5, 1),
         # the window is of so many cycles
-        ([0.0, 0.25, 0.25, 0.375], (-1.0, 0.0, 0), 0.375, 1),
-        ([0.0, 0.125, 0.125, 0.125, 0.375], (-1.0, 0.0, 0), 0.25, 0),
+        ([0.0, 0.25, 0.25, 0.375], (-1.0, 0.0, 0.0, 0), 0.375, 1),
+        ([0.0, 0.125, 0.125, 0.125, 0.375], (-1.0, 0.0, 0.0, 0), 0.25, 0),
         # a stuck joint
-        (BEGUN, (-1.0, 0.0, 2), 0.5, 1),
-        (BEGUN, (-1.0, 0.0, 3), 0.5, 0),
-        (BEGUN, (-1.0, 0.0, 4), 0.5, 0),
+        (BEGUN, (-1.0, 0.0, 0.0, 2), 0.5, 1),
+        (BEGUN, (-1.0, 0.0, 0.0, 3), 0.5, 0),
+        (BEGUN, (-1.0, 0.0, 0.0, 4), 0.5, 0),
         # along with the motion, or too slow to be
-        (BEGUN, (0.125, 0.0, 0), 0.5, 1),
-        (BEGUN, (0.25, 0.0, 0), 0.5, 0),
-        (BEGUN, (1.0, 0.0, 0), 0.5, 0),
-        (BEGUN, (-0.25, 0.0, 0), 0.5, 1),
-        (BEGUN, (-1.0, 0.25, 0), 0.5, 0),
+        (BEGUN, (0.125, 0.0, 0.0, 0), 0.5, 1),
+        (BEGUN, (0.25, 0.0, 0.0, 0), 0.5, 0),
+        (BEGUN, (1.0, 0.0, 0.0, 0), 0.5, 0),
+        (BEGUN, (-0.25, 0.0, 0.0, 0), 0.5, 1),
+        (BEGUN, (-1.0, 0.25, 0.0, 0), 0.5, 0),
         # an effort against the motion is let go
-        ([-0.625, -0.625, -0.625, -0.125], (-1.0, 0.0, 0), 0.5, 0),
+        ([-0.625, -0.625, -0.625, -0.125], (-1.0, 0.0, 0.0, 0), 0.5, 0),
+        # an effort that rises to its threshold, from the other side
+        ([-0.25, -0.25, -0.25, 0.25], (-1.0, 0.0, 0.0, 0), 0.5, 0),
         # half of the rise is left, counted from the effort before it
-        ([*BEGUN, 0.126], (-1.0, 0.0, 0), 0.5, 2),
-        ([*BEGUN, 0.125], (-1.0, 0.0, 0), 0.5, 0),
-        ([*BEGUN, -0.2], (-1.0, 0.0, 0), 0.5, 0),
-        ([*LIFTED, 1.126], (-1.0, 0.0, 0), 0.5, 2),
-        ([*LIFTED, 1.125], (-1.0, 0.0, 0), 0.5, 0),
-        ([0.0, 0.0, 0.0, 6.0, -3.0], (-1.0, 0.0, 0), 6.0, 0),
+        ([*BEGUN, 0.126], (-1.0, 0.0, 0.0, 0), 0.5, 2),
+        ([*BEGUN, 0.125], (-1.0, 0.0, 0.0, 0), 0.5, 0),
+        ([*BEGUN, -0.2], (-1.0, 0.0, 0.0, 0), 0.5, 0),
+        ([*LIFTED, 1.126], (-1.0, 0.0, 0.0, 0), 0.5, 2),
+        ([*LIFTED, 1.125], (-1.0, 0.0, 0.0, 0), 0.5, 0),
+        ([0.0, 0.0, 0.0, 6.0, -3.0], (-1.0, 0.0, 0.0, 0), 6.0, 0),
     ],
 )
 def test_what_begins_a_spasm_and_what_ends_it(efforts, motion, rise, cycles):
@@ -113,10 +177,10 @@ def test_what_begins_a_spasm_and_what_ends_it(efforts, motion, rise, cycles):
 def test_a_rise_across_a_reset_is_none():
     watch = SpasmWatch(WINDOW)
     for effort in FLAT:
-        watch.update(effort, -1.0, 0.0, 0, SMALL_RISE, SMALL_REST)
+        watch.update(effort, -1.0, 0.0, 0.0, 0, SMALL_RISE, SMALL_REST)
     watch.reset()
 
-    watch.update(0.5, -1.0, 0.0, 0, SMALL_RISE, SMALL_REST)
+    watch.update(0.5, -1.0, 0.0, 0.0, 0, SMALL_RISE, SMALL_REST)
 
     assert (watch.rise_si, watch.cycles) == (0.0, 0)
 
