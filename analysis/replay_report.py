@@ -71,8 +71,9 @@ def stride_lines(
 ) -> Iterator[str]:
     """Describe the strides, and name the files that have them."""
     yield f"strides      {len(found)} in {' and '.join(str(path) for path in files if path)}"
-    if found:
-        hip_j = sum(stride.hip.work_positive_j for _, stride in found) / len(found)
-        slide_j = sum(stride.slide.work_positive_j for _, stride in found) / len(found)
+    known = [stride for _, stride in found if not math.isnan(stride.work_positive_j)]
+    if known:
+        hip_j = sum(stride.hip.work_positive_j for stride in known) / len(known)
+        slide_j = sum(stride.slide.work_positive_j for stride in known) / len(known)
         work = f"{hip_j:.2f} and {slide_j:.2f} J a stride"
         yield f"             patient's work with the motion: {work}"

@@ -1,6 +1,7 @@
 """Strides of a recording as a CSV table, one row for each."""
 
 import csv
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
@@ -51,6 +52,6 @@ def _row(number: int, begin_s: float, stride: Stride) -> list[float | str | None
 
 
 def _text(value: float | str | None) -> str:
-    if value is None:
+    if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     return f"{value:.9g}" if isinstance(value, float) else str(value)

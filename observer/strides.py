@@ -5,13 +5,19 @@ been lower by SWING_RAD; it counts if it was higher by SWING_RAD in between, and
 that of a stride. So a leg at rest, or one that trembles, makes none.
 
 Samples of a stride are buffered, because gait phase, and with it the passive baseline, is known
-only when the stride is over. Samples of an axis while its split is not observable (at rest, or
-after a push) do not count; power at rest is close to zero, and `coverage_ratio` gives the missing
-share.
+only when the stride is over. What does not count: samples of an axis while its split is not
+observable (at rest, or after a push), samples that were lost or rejected, and longer steps.
+`coverage_ratio` gives the missing share.
 
 Sigma of a figure comes from the smoothed covariance. Errors of neighbouring samples are correlated
 for about CORRELATION_S; a sum over a stride then has the variance sum(sigma^2 dt) 2 CORRELATION_S.
-Errors outside the covariance, of friction or mass parameters, are not included.
+What does not count is missing from a sum with one sign, so sigma also contains all of it: the way
+of the axis meanwhile, times an effort as large as the largest of the stride, or as the estimate of
+that sample, plus the sample's sigma. At rest that is close to zero. Errors outside the covariance,
+of friction or mass parameters, are not included.
+
+A stride with a BAD sample of an axis has no figures of it: numbers of a BAD axis bound nothing, and
+it is the strongest efforts that make an estimate inconsistent.
 """
 
 import math
@@ -38,7 +44,10 @@ DURATION_MAX_S: Final = 15.0
 GAP_MAX_S: Final = 1.0
 """Without an estimate for this long, the stride is discarded."""
 STEP_MAX_S: Final = 0.03
-"""After a longer step, a gap, a crossing divides the gap between the adjacent strides."""
+"""The sample of a longer step, a gap, does not count; a crossing divides it between the strides."""
+SLOW_RATIO: Final = 0.1
+"""Share of the highest speed of a stride below which an effort that does not count has no direction
+either: the axis turns."""
 CORRELATION_S: Final = 0.06
 WORK_MIN_J: Final = 0.5
 """Positive work of patient and drive together; below it no share is given."""
@@ -48,7 +57,7 @@ BASELINE_BINS: Final = 50
 DATA_DT_S, DATA_EFFORT, DATA_STATUS, DATA_VALIDITY = 0, 1, 3, 4
 DT, HIP = 0, 1
 SPEED, PATIENT, EFFORT, KNOWN = 2, 4, 6, 8
-"""Pairs of hip and slide, like the following ones."""
+"""Pairs of hip and slide, like the following ones. KNOWN: 1 counts, 0 does not, -1 is BAD."""
 PATIENT_VARIANCE, SPEED_VARIANCE, SHARED = 10, 12, 14
 """SHARED: covariance of patient and speed."""
 COLUMNS: Final = 16
@@ -64,7 +73,10 @@ FIGURES: Final = 12
 
 
 class AxisStride(NamedTuple):
-    """Figures of the patient on one axis in one stride. Efforts in N m or N."""
+    """Figures of the patient on one axis in one stride. Efforts in N m or N.
+
+    All but `coverage_ratio` are NaN, and shares None, if a sample of the axis was BAD.
+    """
 
     work_positive_j: float
     """Work with the motion."""
@@ -134,7 +146,8 @@ class StrideCounter:
         Args:
             sample: `smoother.smoothed`'s result (SMOOTH_SIZE), with the notes of `cycle_data_of`.
         """
-        dt_s, hip_rad = sample[SMOOTH_CYCLE_DATA + DATA_DT_S], sample[0]
+        dt_s = step_s = sample[SMOOTH_CYCLE_DATA + DATA_DT_S]
+        hip_rad = sample[0]
         if not (math.isfinite(hip_rad) and 0.0 <= dt_s <= GAP_MAX_S):
             self._restart()
             return None
@@ -145,7 +158,7 @@ class StrideCounter:
         self._was_high = self._was_high or hip_rad > self._mean_rad + SWING_RAD
         if begins and dt_s > STEP_MAX_S:
             before_s = dt_s * (self._mean_rad - self._last_rad) / (hip_rad - self._last_rad)
-            self._pass(before_s)
+            self._end_in_gap(sample, before_s)
             dt_s -= before_s
         self._last_rad = hip_rad
         done = self._complete() if begins else None
@@ -154,7 +167,7 @@ class StrideCounter:
             self._begin()
         self._was_low = self._was_low or hip_rad < self._mean_rad - SWING_RAD
         if self._count >= 0:
-            self._add_row(sample, dt_s)
+            self._add_row(sample, dt_s, counts=step_s <= STEP_MAX_S)
         return done
 
     @property
@@ -178,16 +191,13 @@ class StrideCounter:
         self._was_low = self._was_high = False
         self._status_bits = 0
 
-    def _pass(self, dt_s: float) -> None:
-        """Add time without an estimate to the end of the stride."""
-        if 0 <= self._count < ROWS_MAX:
-            self._rows[self._count] = 0.0
-            self._rows[self._count, DT] = dt_s
-            self._count += 1
+    def _end_in_gap(self, sample: Sequence[float] | Vector, dt_s: float) -> None:
+        """Add the part of a gap before the cut; its sample belongs to the next stride."""
+        if self._count >= 0:
+            self._add_row(sample, dt_s, counts=False)
             self._unsampled += 1
-            self._duration_s += dt_s
 
-    def _add_row(self, sample: Sequence[float] | Vector, dt_s: float) -> None:
+    def _add_row(self, sample: Sequence[float] | Vector, dt_s: float, *, counts: bool) -> None:
         data = sample[SMOOTH_CYCLE_DATA:]
         validity = data[DATA_VALIDITY : DATA_VALIDITY + 2]
         self._duration_s += dt_s
@@ -196,18 +206,22 @@ class StrideCounter:
         if self._count >= ROWS_MAX or too_long:
             self._restart()
             return
+        status = int(data[DATA_STATUS])
+        measured = not status & Status.PREDICT_ONLY.value
         row = self._rows[self._count]
         row[DT], row[HIP] = dt_s, sample[0]
         for axis in range(2):
             speed, patient = 2 + axis, 6 + axis
             row[SPEED + axis], row[PATIENT + axis] = sample[speed], sample[patient]
             row[EFFORT + axis] = data[DATA_EFFORT + axis]
-            row[KNOWN + axis] = float(validity[axis] == Validity.OK)
+            row[KNOWN + axis] = float(counts and measured and validity[axis] == Validity.OK)
+            if validity[axis] == Validity.BAD:
+                row[KNOWN + axis] = -1.0
             row[PATIENT_VARIANCE + axis] = sample[_packed(patient, patient)]
             row[SPEED_VARIANCE + axis] = sample[_packed(speed, speed)]
             row[SHARED + axis] = sample[_packed(patient, speed)]
         self._count += 1
-        self._status_bits |= int(data[DATA_STATUS])
+        self._status_bits |= status
 
     def _complete(self) -> Stride | None:
         self._completed = max(self._count, 0)
@@ -273,7 +287,7 @@ def _axis(figures: Sequence[float], duration_s: float) -> AxisStride:
 
 def _share(patient_j: float, patient_j_std: float, drive_j: float) -> tuple[float | None, ...]:
     whole_j = patient_j + drive_j
-    if whole_j < WORK_MIN_J:
+    if math.isnan(whole_j) or whole_j < WORK_MIN_J:
         return None, None
     return patient_j / whole_j, patient_j_std * drive_j / (whole_j * whole_j)
 
@@ -298,7 +312,7 @@ def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to:
         dt_s, speed = rows[k, DT], rows[k, SPEED + axis]
         place = (passed_s + 0.5 * dt_s) / whole_s * bins - 0.5
         passed_s += dt_s
-        if rows[k, KNOWN + axis] == 0.0:
+        if rows[k, KNOWN + axis] <= 0.0:
             continue
         known_s += dt_s
         to[DRIVE] += max(rows[k, EFFORT + axis] * speed, 0.0) * dt_s
@@ -330,7 +344,42 @@ def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to:
     if known_s > 0.0:
         to[MEAN] /= known_s
         to[MEAN_STD] = math.sqrt(effort_variance) / known_s
+    _add_missing(rows, axis, known_s, to)
     to[COVERED] = known_s / whole_s
+
+
+@kernel
+def _add_missing(rows: Matrix, axis: int, known_s: float, to: Vector) -> None:
+    """Add to each sigma what may be in the samples that do not count; NaN if one of them is BAD."""
+    slow = 0.0
+    for k in range(rows.shape[0]):
+        slow = max(slow, SLOW_RATIO * math.fabs(rows[k, SPEED + axis]))
+    work = power_peak = impulse = effort_peak = missing_s = 0.0
+    for k in range(rows.shape[0]):
+        if rows[k, KNOWN + axis] > 0.0:
+            continue
+        if rows[k, KNOWN + axis] < 0.0:
+            for i in range(COVERED):
+                to[i] = math.nan
+            return
+        dt_s, speed = rows[k, DT], math.fabs(rows[k, SPEED + axis])
+        effort = max(math.fabs(rows[k, PATIENT + axis]), math.fabs(to[PEAK]))
+        effort += math.sqrt(max(rows[k, PATIENT_VARIANCE + axis], 0.0))
+        work += effort * speed * dt_s
+        power_peak = max(power_peak, effort * speed)
+        if speed > slow:
+            effort_peak = max(effort_peak, effort)
+            impulse += effort * dt_s
+            missing_s += dt_s
+    to[W_POS_STD] = math.hypot(to[W_POS_STD], work)
+    to[W_NEG_STD] = math.hypot(to[W_NEG_STD], work)
+    effort_peak = max(effort_peak - math.fabs(to[PEAK]), 0.0)
+    to[PEAK_STD] = math.hypot(to[PEAK_STD], effort_peak)
+    power_peak = max(power_peak - math.fabs(to[POWER_PEAK]), 0.0)
+    to[POWER_PEAK_STD] = math.hypot(to[POWER_PEAK_STD], power_peak)
+    if missing_s > 0.0:
+        impulse += math.fabs(to[MEAN]) * missing_s
+        to[MEAN_STD] = math.hypot(to[MEAN_STD], impulse / (known_s + missing_s))
 
 
 def strides_of(

@@ -1,4 +1,7 @@
-"""The message of a completed stride; figures of an axis with too little coverage are null."""
+"""The message of a completed stride; figures of an axis with too little coverage are null.
+
+Figures of an axis with an invalid sample are NaN in the record, and null, too.
+"""
 
 from typing import Any, Final
 

@@ -1,14 +1,16 @@
 """Strides of a recording as a table and as a picture."""
 
 import csv
+import math
 
 import numpy as np
 import pytest
 
 from analysis import stride_figure, stride_table
+from analysis.replay_report import stride_lines
 from observer.filter.leg_observer import setup_of
 from observer.offline.smooth_batch import run_smoothed
-from observer.strides import strides_of
+from observer.strides import AxisStride, strides_of
 from tests.observer.trainer import (
     HIP,
     PATIENT,
@@ -68,3 +70,23 @@ def test_the_picture_is_drawn_for_no_strides_and_for_many(walked, tmp_path, repe
 
     assert len(figure.axes) == 4
     assert path.stat().st_size > 10_000
+
+
+def test_an_axis_without_figures_has_empty_cells_no_bar_and_no_part_in_the_mean(walked, tmp_path):
+    columns, smooth, found = walked
+    figures = (math.nan,) * 12
+    blind = AxisStride(*figures, None, None, 0.98)
+    first, *others = found
+    hurt = first[1]._replace(slide=blind, work_positive_j=math.nan, work_positive_j_std=math.nan)
+    strides = [(first[0], hurt), *others]
+    out = tmp_path / "strides.csv"
+
+    stride_table.write_csv([(0.0, stride) for _, stride in strides], out)
+    stride_figure.draw(strides, columns.time_s, smooth, tmp_path / "strides.png")
+    lines = list(stride_lines(strides, (out, None)))
+
+    row, *_ = csv.DictReader(out.open())
+    assert row["slide_work_positive_j"] == row["slide_share_ratio"] == row["work_positive_j"] == ""
+    assert (row["slide_coverage_ratio"], row["hip_work_positive_j"] == "") == ("0.98", False)
+    mean_j = sum(stride.slide.work_positive_j for _, stride in others) / len(others)
+    assert f" and {mean_j:.2f} J a stride" in lines[-1]

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from gaitd_lab.patients import Gait, clonic
 from observer.baseline import TooFewError, baseline_of
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Status, Validity
@@ -31,6 +32,14 @@ from tests.observer.trainer import (
 SHIPPED = TUNING._replace(velocity_gated=True, patient_noise_max_ratio=20.0)
 DT = 0.01
 AMPLITUDE = 0.3
+FIGURES = (
+    "work_positive_j",
+    "work_negative_j",
+    "assist_mean_si",
+    "assist_peak_si",
+    "power_mean_w",
+    "power_peak_w",
+)
 
 
 def sample(hip_rad, speed, patient, *, effort=(0.0, 0.0), std=0.0, known=(0, 0), status=1):
@@ -249,6 +258,101 @@ def test_a_gap_changes_the_work_but_not_the_share():
     assert stride.hip.share_ratio == pytest.approx(0.75, abs=0.01)
 
 
+def test_an_axis_with_a_bad_sample_has_no_figures_in_its_stride_alone():
+    bad = (Validity.OK, Validity.BAD)
+    push = swing(0.25, 24.4, lambda turn: (8.0 * math.cos(turn), 40.0 * math.cos(turn)))
+
+    def lost(k, row):
+        if k == 1010:
+            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, bad)
+        return row
+
+    found = counted(lost(k, row) for k, row in enumerate(push))
+
+    (hurt,) = [stride for stride in found if math.isnan(stride.work_positive_j)]
+    *figures, coverage_ratio = hurt.slide
+    assert all(figure is None or math.isnan(figure) for figure in figures)
+    assert coverage_ratio == pytest.approx(399 / 400, abs=1e-4)
+    assert math.isnan(hurt.work_negative_j_std)
+    assert hurt.share_ratio is None
+    assert hurt.hip.work_positive_j == pytest.approx(found[-1].hip.work_positive_j, rel=1e-3)
+    assert hurt.hip.coverage_ratio == 1.0
+
+
+@pytest.mark.parametrize(
+    ("lost", "sign", "begin"),
+    [
+        (Status.PREDICT_ONLY, 1.0, 985),
+        (Status.PREDICT_ONLY, -1.0, 1194),
+        (Status.VALID, -1.0, 985),
+        (Status.VALID, 1.0, 1198),
+    ],
+)
+def test_what_a_gap_hides_is_in_each_sigma(lost, sign, begin):
+    """In the gap the patient pushes or brakes once more as hard as else, which is not seen.
+
+    The samples were predicted, or the split was not observable. The gap is within a stride, or over
+    its end and the begin of the next one.
+    """
+    gap, pushes = range(begin, begin + 10), (range(900, 950), range(1300, 1350))
+    known = 0 if lost is Status.PREDICT_ONLY else Validity.SPLIT_UNOBSERVABLE
+
+    def walk(*, seen):
+        for k, row in enumerate(swing(0.25, 24.4)):
+            pushed = any(k in push for push in pushes) or (k in gap and not seen)
+            row[6:8] = sign * np.array((6.0, 30.0)) * pushed * np.sign(row[2:4])
+            if k in gap and seen:
+                row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), lost, (known, known))
+            yield row
+
+    found, true = counted(walk(seen=True)), counted(walk(seen=False))
+
+    off = 0
+    for one, real in zip(found, true, strict=True):
+        for axis, real_axis in ((one.hip, real.hip), (one.slide, real.slide)):
+            for name in FIGURES:
+                error = abs(getattr(axis, name) - getattr(real_axis, name))
+                assert error <= 3.0 * getattr(axis, f"{name}_std") + 1e-9, name
+                off += error > 0.01
+    assert off >= 6
+
+
+def test_a_peak_may_be_among_the_samples_that_do_not_count():
+    """At mid swing the estimate shows 6 N m where 2 is the largest that counts."""
+
+    def walk():
+        for k, row in enumerate(swing(0.25, 24.4, lambda _: (2.0, 0.0))):
+            if 1000 <= k < 1010:
+                row[6] = 6.0
+                known = (Validity.SPLIT_UNOBSERVABLE, 0)
+                row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, known)
+            yield row
+
+    hip = max((stride.hip for stride in counted(walk())), key=lambda one: one.assist_peak_si_std)
+
+    assert (abs(hip.assist_peak_si), hip.assist_peak_si_std) == pytest.approx((2.0, 4.0))
+    speed = AMPLITUDE * 2 * math.pi * 0.25
+    assert abs(hip.power_peak_w) == pytest.approx(2.0 * speed, rel=0.01)
+    assert hip.power_peak_w_std == pytest.approx(4.0 * speed, rel=0.02)
+
+
+def test_the_sample_of_a_longer_step_does_not_count():
+    def walk():
+        for k, row in enumerate(swing(0.25, 24.4, lambda turn: (8.0 * math.cos(turn), 0.0))):
+            if k == 1009:
+                row[SMOOTH_CYCLE_DATA:] = cycle_data_of(10 * DT, (0, 0), 1, (0, 0))
+            if not 1000 <= k < 1009:
+                yield row
+
+    stride = min(counted(walk()), key=lambda one: one.hip.coverage_ratio)
+    whole = counted(swing(0.25, 24.4, lambda turn: (8.0 * math.cos(turn), 0.0)))[-1]
+
+    assert stride.hip.coverage_ratio == pytest.approx(390 / 400, abs=1e-3)
+    missing_j = whole.hip.work_positive_j - stride.hip.work_positive_j
+    assert missing_j == pytest.approx(8.0 * AMPLITUDE * math.pi / 2 * 0.1, rel=0.03)
+    assert stride.hip.work_positive_j_std == pytest.approx(missing_j, rel=0.03)
+
+
 def test_a_long_loss_gives_the_stride_up():
     bad = (Validity.BAD, Validity.BAD)
 
@@ -352,12 +456,14 @@ def test_an_axis_that_is_hardly_known_makes_no_baseline():
 # --- sigma -------------------------------------------------------------------------------------
 
 
-def walked(seed, patient):
+def walked(seed, patient, cadence_hz=0.5, lost=()):
     cycles = 1700
     time_s = np.arange(1, cycles + 1) * DT
-    path = gait(PATIENT, np.maximum(time_s - 1.0, 0.0), 0.5)
+    path = gait(PATIENT, np.maximum(time_s - 1.0, 0.0), cadence_hz)
     truth = simulate(PATIENT, cycles, reference=path, start=path[0], patient=patient)
     columns = encoded(truth, seed)
+    for gap in lost:
+        columns.position[gap] = np.nan
     setup = setup_of(PATIENT, HIP, SLIDE_FRICTION, SHIPPED)
     found = strides_of(run_smoothed(setup, columns), columns)
     return truth, found
@@ -433,3 +539,47 @@ def test_errors_over_many_runs_are_no_larger_than_sigma_says(patient):
     rms = np.sqrt(np.mean(by_axis**2, axis=0))
     assert np.all(rms <= 1.5)
     assert np.all(rms >= 0.05)
+
+
+def in_clonus(t):
+    """The laboratory's patient, without the lag of muscles."""
+    nothing = np.zeros(2)
+    feelings = (Gait(x, 0.0, *4 * (nothing,), pose=nothing) for x in (t - 1.0).tolist())
+    return np.array([clonic(felt) for felt in feelings]) * (t > 1.0)[:, None]
+
+
+def in_spasm(t):
+    """As the plant's programme `spasm`, once, at 9 s."""
+    rise = np.interp(t, [9.0, 9.06, 10.2, 11.0], [0.0, 1.0, 1.0, 0.0])
+    return -rise[:, None] * np.array([30.0, 150.0])
+
+
+@pytest.mark.parametrize(
+    ("patient", "cadence_hz", "count"),
+    [
+        (in_clonus, 0.5, 0),
+        (in_clonus, 0.4, 8),
+        (in_clonus, 0.3, 15),
+        (in_spasm, 0.4, 8),
+        (pushing, 0.5, 3),
+        (pushing, 0.3, 15),
+    ],
+)
+def test_no_published_work_is_farther_from_the_truth_than_three_sigma(patient, cadence_hz, count):
+    """Up to 10 lost samples are predicted, and the estimate stays valid; 15 make it BAD."""
+    random = np.random.default_rng(1)
+    lost = [slice(k, k + count) for k in random.integers(200, 1640, 8 if count < 10 else 2)]
+    truth, found = walked(1, patient, cadence_hz, lost)
+    judged = 0
+    for first, stride in found[1:]:
+        plus_j, minus_j = (true_work(truth, first, stride, sign) for sign in (1.0, -1.0))
+        for index, axis in enumerate((stride.hip, stride.slide)):
+            if math.isnan(axis.work_positive_j):
+                continue
+            judged += 1
+            for figure, std, true_j in (
+                (axis.work_positive_j, axis.work_positive_j_std, plus_j[index]),
+                (axis.work_negative_j, axis.work_negative_j_std, minus_j[index]),
+            ):
+                assert abs(figure - true_j) <= 3.0 * std
+    assert judged >= len(found) - 1

@@ -177,8 +177,8 @@ PeakPower = Annotated[float | None, Meta(description="The largest in size, with 
 Coverage = Annotated[
     float,
     Meta(
-        description="Share of the stride's time in which the patient's effort was known; below 0.5"
-        " the axis' other figures are null."
+        description="Share of the stride's time in which the patient's effort was known; below 0.5,"
+        " or with an invalid sample, the axis' other figures are null."
     ),
 ]
 
