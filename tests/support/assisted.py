@@ -197,11 +197,14 @@ class Gym:
         self.begin_gait(cadence_hz)
         self.session.run(RAMP_STRIDES / cadence_hz)
 
-    def begin_gait(self, cadence_hz: float = CADENCE_HZ) -> None:
+    def begin_gait(self, cadence_hz: float = CADENCE_HZ, amplitude_ratio: float = 1.0) -> None:
         """Run to the first cycle of a gait."""
         self._cadence_hz = cadence_hz
         gait = ModeRequest(
-            Mode.GAIT, cadence_hz=cadence_hz, amplitude_ratio=1.0, duration_s=DURATION_S
+            Mode.GAIT,
+            cadence_hz=cadence_hz,
+            amplitude_ratio=amplitude_ratio,
+            duration_s=DURATION_S,
         )
         self.session.execute(RequestKind.MODE, gait)
         self.session.run_until(lambda record: record.gait_phase >= 0, within_s=30.0)

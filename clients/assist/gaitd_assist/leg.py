@@ -18,6 +18,7 @@ Rules:
 """
 
 import math
+from collections import deque
 from typing import Final
 
 import msgspec
@@ -32,9 +33,13 @@ GAP_CYCLES: Final = 5
 MEMORY_CYCLES: Final = 60_000
 """After a longer pause, ten minutes, another patient may lie in the machine: help is forgotten."""
 NEUTRAL: Final = Assist()
+NO_EFFORT: Final = (0.0, 0.0)
+ANSWER_CYCLES: Final = 10
+"""After that, a setpoint is in force, or too old for the service; the assist may rise to its limit
+in about as much time."""
 CUT_RATIO: Final = 0.1
-"""Share of the cap; what the service's rate limit keeps back for a moment is less."""
-KNOWN_MIN_RATIO: Final = 0.5
+"""Share of the cap by which less than the setpoints of `ANSWER_CYCLES` must be in force."""
+STRIDE_KNOWN_MIN_RATIO: Final = 0.5
 """Least share of a stride in which an axis was known; below, it has no error."""
 REPORTED: Final = (
     "hip_error_rms_rad",
@@ -101,7 +106,8 @@ class LegController:
         self._stride_number: int | None = None
         self._begin_cycle = 0
         """First cycle of this gait that was answered."""
-        self._asked: Pair = (0.0, 0.0)
+        self._asked: deque[Pair] = deque([NO_EFFORT], maxlen=ANSWER_CYCLES)
+        """The newest setpoints."""
         self._clear()
 
     def answer(self, estimate: Estimate, stage: Stage | str | None) -> Assist:
@@ -139,7 +145,7 @@ class LegController:
             if sample.learns[axis]:
                 self._known_s[axis] += sample.dt_s
                 self._squares[axis] += sample.dt_s * sample.error[axis] ** 2
-        self._asked = hip_nm, slide_n
+        self._asked.append((hip_nm, slide_n))
         return Assist(hip_nm, slide_n, setpoint.stiffness_ratio)
 
     def end_stride(self, stride: Stride) -> StrideLine | None:
@@ -157,7 +163,9 @@ class LegController:
         for law in self.laws:
             law.end_stride()
         errors = [
-            math.sqrt(square / known_s) if known_s > KNOWN_MIN_RATIO * self._stride_s else None
+            math.sqrt(square / known_s)
+            if known_s > STRIDE_KNOWN_MIN_RATIO * self._stride_s
+            else None
             for square, known_s in zip(self._squares, self._known_s, strict=True)
         ]
         assist = [total / self._stride_s if self._stride_s else 0.0 for total in self._assist]
@@ -178,11 +186,11 @@ class LegController:
         )
 
     def _cut(self, estimate: Estimate) -> tuple[bool, bool]:
-        """Return whether the service gives clearly less than what was asked for last."""
+        """Return whether clearly less is in force than any of the newest setpoints."""
         hip, slide = (
-            given is not None and abs(asked) - abs(given) > CUT_RATIO * cap
+            given is not None and min(map(abs, asked)) - abs(given) > CUT_RATIO * cap
             for asked, given, cap in zip(
-                self._asked,
+                zip(*self._asked, strict=True),
                 (estimate.assist_hip_nm, estimate.assist_slide_n),
                 self._cap,
                 strict=True,
@@ -194,7 +202,8 @@ class LegController:
         self._begin_cycle, played = estimate.cycle, self._played
         if played is None or not _follows(played, estimate, MEMORY_CYCLES):
             self._help.forget()
-        self._asked = 0.0, 0.0
+        self._asked.clear()
+        self._asked.append(NO_EFFORT)
         self._clear()
         for law in self.laws:
             law.begin_gait()

@@ -2,7 +2,7 @@
 
 A stride has `BINS` bins. Each has a stiffness s of the guidance, which the axes share, and for each
 axis the size m of an assist along the motion of the reference. A pass through a bin has a stray n
-on each axis: the mean error in dead bands, where a leg ahead of its reference has none. After it,
+on each axis: the mean error in dead bands d, where a leg ahead of its reference has none. After it,
 
     s <- clip(kept(n) s + g max(n - 1, 0), floor, 1)             n of the worse axis
     m <- min(kept(n') m + gain d' max(n' - 1, 0), cap)           n' = n / ASSISTED, d' = ASSISTED d
@@ -12,8 +12,10 @@ So help that is not needed goes fast, help that is needed fades by 1 - f against
 shows it, and assist is learned only where full guidance is not enough. Beyond `WALL` the guidance
 stiffens at once, for a patient who loses all strength within a stride.
 
-Assist is m times the direction of the reference, a smooth sign of its velocity. So it never brakes
-a leg that moves along with its reference, and its sign does not depend on noise.
+Assist is m times the direction of the reference's velocity v, which is v in the speed V of the pass
+from which m was learned, from -1 to 1. So it never brakes a leg that moves along with its
+reference, its sign does not depend on noise, and in a slower or smaller gait it is less, in
+proportion. After a pass that is slower than V, m is that share of it.
 
 What a bin learns is from the error `lead_s` later. The service lets the stiffness rise by
 `RISE_PER_S`, so guidance rises before the bin that needs it. Nothing is learned from a bin in which
@@ -44,9 +46,9 @@ WALL: Final = 1.5
 """Stray, in dead bands, from which the guidance stiffens at once; one more, and it is full."""
 RISE_PER_S: Final = 0.8
 """Rise of the stiffness that is counted on; the service's `stiffness_rate_max_ratio_per_s` is 1."""
-FULL_SPEED: Final = (0.15, 0.06)
-"""Speed of the reference from which the assist is whole: rad/s, m/s. At its reversal it is 0."""
-KNOWN_MIN_RATIO: Final = 0.5
+TURNING_SPEED: Final = (0.15, 0.06)
+"""V is at least this, so that assist is 0 where the reference turns: rad/s, m/s."""
+BIN_KNOWN_MIN_RATIO: Final = 0.5
 """Least share of a bin in which an axis was learned from."""
 STEADY_RATIO: Final = 0.005
 """Changes of the cadence that are smaller are noise; in the ramps of a gait they are larger."""
@@ -87,13 +89,15 @@ class PhaseHelp:
         """Full stiffness and no assist: it is another patient."""
         self.stiffness = [FULL] * BINS
         self.assist = [0.0] * BINS, [0.0] * BINS
-        self._cadence_hz = 0.0
-        """At which the help was learned."""
+        self._learned_velocity = [0.0] * BINS, [0.0] * BINS
+        """Mean of the reference's in the pass that the assist was learned from: rad/s, m/s."""
         self.begin_gait()
 
     def begin_gait(self) -> None:
         """See `Law`: the help of the gait before goes on."""
         self._bin, self._last_hz = -1, 0.0
+        self._passed_bin, self._passed_s = -1, 0.0
+        self._passed = [0.0] * BINS, [0.0] * BINS
         self._ended_count = -1
         """Bins that have ended in this gait; the first end, at -1, is of none."""
         self._clear()
@@ -102,33 +106,23 @@ class PhaseHelp:
         """See `Law`: guide and assist at this phase, and learn from the error."""
         if sample.phase_ratio is None or sample.cadence_hz is None:
             return setpoint
-        direction = _direction(sample)
-        felt_ratio = sample.phase_ratio - self._rules.lead_s * sample.cadence_hz
+        phase_ratio = sample.phase_ratio
+        felt_ratio = phase_ratio - self._rules.lead_s * sample.cadence_hz
         felt = math.floor(felt_ratio * BINS) % BINS
         if felt != self._bin:
             self._end_bin()
             self._bin = felt
         self._dwell_s += sample.dt_s
         self._strides += sample.dt_s * sample.cadence_hz
-        farthest = 0.0
-        for axis, learns in enumerate(sample.learns):
-            error, dead_band = sample.error[axis], self._rules.dead_band[axis]
-            stray = abs(error) + min(error * direction[axis], 0.0)
-            farthest = max(farthest, stray / dead_band)
-            if sample.is_cut[axis]:
-                stray = min(stray, dead_band)
-            if learns:
-                self._known_s[axis] += sample.dt_s
-                self._stray[axis] += sample.dt_s * stray
-        scale = self._scale(sample.cadence_hz)
-        hip_nm, slide_n = (
-            scale * along * _between(sizes, sample.phase_ratio)
-            for along, sizes in zip(direction, self.assist, strict=True)
-        )
+        velocities = _reference_velocities(sample)
+        self._pass(int(phase_ratio * BINS) % BINS, velocities, sample.dt_s)
+        farthest_ratio = max(self._feel(axis, sample, velocities[axis]) for axis in (0, 1))
+        hip_nm, slide_n = (self._effort(axis, phase_ratio, velocities[axis]) for axis in (0, 1))
+        guided_ratio = self._guided(phase_ratio, sample.cadence_hz)
         return Assist(
             setpoint.hip_nm + hip_nm,
             setpoint.slide_n + slide_n,
-            min(max(self._guided(sample.phase_ratio, sample.cadence_hz), farthest - WALL), FULL),
+            min(max(guided_ratio, farthest_ratio - WALL), FULL),
         )
 
     def end_stride(self) -> None:
@@ -144,6 +138,31 @@ class PhaseHelp:
             "assist_slide_n": list(slide),
         }
 
+    def _pass(self, at: int, velocities: Pair, dt_s: float) -> None:
+        """Keep the mean velocity of the reference in the newest pass through each bin."""
+        if at != self._passed_bin:
+            self._passed_bin, self._passed_s = at, 0.0
+        self._passed_s += dt_s
+        for passed, velocity in zip(self._passed, velocities, strict=True):
+            passed[at] += (velocity - passed[at]) * dt_s / self._passed_s
+
+    def _feel(self, axis: int, sample: Sample, velocity: float) -> float:
+        """Sum up what this bin teaches; return the stray now, in dead bands."""
+        error = sample.error[axis]
+        ahead = min(error * _clipped(velocity / TURNING_SPEED[axis]), 0.0)
+        stray_ratio = (abs(error) + ahead) / self._rules.dead_band[axis]
+        if sample.learns[axis]:
+            self._known_s[axis] += sample.dt_s
+            self._stray_s[axis] += sample.dt_s * stray_ratio
+            # No windup: more of an assist that is cut would change nothing.
+            lacking_ratio = min(stray_ratio, 1.0) if sample.is_cut[axis] else stray_ratio
+            self._lacking_s[axis] += sample.dt_s * lacking_ratio
+        return stray_ratio
+
+    def _effort(self, axis: int, phase_ratio: float, velocity: float) -> float:
+        learned = _between(self._learned_velocity[axis], phase_ratio)
+        return _between(self.assist[axis], phase_ratio) * _clipped(velocity / _speed(learned, axis))
+
     def _guided(self, phase_ratio: float, cadence_hz: float) -> float:
         """Return what this phase needs, and what the ones to come need now."""
         fall = RISE_PER_S / (BINS * cadence_hz)
@@ -154,59 +173,58 @@ class PhaseHelp:
         last_hz, self._last_hz = self._last_hz, self._strides / (self._dwell_s or 1.0)
         self._ended_count += 1
         if self._ended_count > BINS and _is_same(self._last_hz, last_hz):
-            if not _is_same(self._last_hz, self._cadence_hz):
-                # From now on the assist is of this cadence: it goes on as it is.
-                scale, self._cadence_hz = self._scale(self._last_hz), self._last_hz
-                for sizes in self.assist:
-                    sizes[:] = [scale * size for size in sizes]
             self._learn()
         self._clear()
 
-    def _scale(self, cadence_hz: float) -> float:
-        """Return the share of the assist that a slower gait needs: inertia goes with the square."""
-        return min(cadence_hz / (self._cadence_hz or cadence_hz), 1.0) ** 2
-
     def _learn(self) -> None:
-        rules, at, worst = self._rules, self._bin, None
+        rules, at, strays = self._rules, self._bin, list[float]()
         for axis, known_s in enumerate(self._known_s):
-            if known_s > KNOWN_MIN_RATIO * self._dwell_s:
-                sizes, dead_band = self.assist[axis], rules.dead_band[axis]
-                stray = self._stray[axis] / known_s / dead_band
-                gain = rules.gain[axis] * ASSISTED * dead_band
-                sizes[at] = min(adapted(sizes[at], stray / ASSISTED, rules, gain), rules.cap[axis])
-                worst = max(worst or 0.0, stray)
-        if worst is not None:
-            ratio = adapted(self.stiffness[at], worst, rules, rules.stiffness_gain_ratio)
+            if known_s <= BIN_KNOWN_MIN_RATIO * self._dwell_s:
+                continue
+            strays.append(self._stray_s[axis] / known_s)
+            velocities, velocity = self._learned_velocity[axis], self._passed[axis][at]
+            slowed = min(_speed(velocity, axis) / _speed(velocities[at], axis), 1.0)
+            sizes, gain = self.assist[axis], rules.gain[axis] * ASSISTED * rules.dead_band[axis]
+            lacking_ratio = self._lacking_s[axis] / known_s / ASSISTED
+            size = adapted(slowed * sizes[at], lacking_ratio, rules, gain)
+            sizes[at], velocities[at] = min(size, rules.cap[axis]), velocity
+        if strays:
+            ratio = adapted(self.stiffness[at], max(strays), rules, rules.stiffness_gain_ratio)
             self.stiffness[at] = min(max(ratio, rules.floor_ratio), FULL)
 
     def _clear(self) -> None:
         self._dwell_s = self._strides = 0.0
-        self._known_s, self._stray = [0.0, 0.0], [0.0, 0.0]
+        self._known_s, self._stray_s, self._lacking_s = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
 
 
-def adapted(value: float, stray: float, rules: HelpRules, gain: float) -> float:
+def adapted(value: float, stray_ratio: float, rules: HelpRules, gain: float) -> float:
     """Return a help after a pass: less of it where the leg strays little, more where it does.
 
     Args:
         value: the help before; not negative.
-        stray: of this pass, in dead bands.
+        stray_ratio: of this pass, in dead bands.
         rules: with what is kept.
         gain: of a stray of two dead bands.
     """
-    released = (rules.forgetting_ratio - rules.release_ratio) * max(1.0 - stray, 0.0)
-    return (rules.forgetting_ratio - released) * value + gain * max(stray - 1.0, 0.0)
+    released = (rules.forgetting_ratio - rules.release_ratio) * max(1.0 - stray_ratio, 0.0)
+    return (rules.forgetting_ratio - released) * value + gain * max(stray_ratio - 1.0, 0.0)
 
 
 def _is_same(cadence_hz: float, before_hz: float) -> bool:
     return abs(cadence_hz - before_hz) < STEADY_RATIO * cadence_hz
 
 
-def _direction(sample: Sample) -> Pair:
-    hip, slide = (
-        min(max((rate + velocity) / full, -1.0), 1.0)
-        for rate, velocity, full in zip(sample.error_rate, sample.velocity, FULL_SPEED, strict=True)
-    )
-    return hip, slide
+def _reference_velocities(sample: Sample) -> Pair:
+    (hip, slide), (hip_rate, slide_rate) = sample.velocity, sample.error_rate
+    return hip + hip_rate, slide + slide_rate
+
+
+def _speed(velocity: float, axis: int) -> float:
+    return max(abs(velocity), TURNING_SPEED[axis])
+
+
+def _clipped(share: float) -> float:
+    return min(max(share, -1.0), 1.0)
 
 
 def _between(values: list[float], phase_ratio: float) -> float:

@@ -100,8 +100,8 @@ def test_assist_is_zero_where_the_reference_turns_and_does_not_ask_the_leg():
     turning = AT._replace(error=(0.2, 0.2), error_rate=(0.5, 0.5), velocity=(-0.5, -0.5))
 
     assert law.answer(turning, Assist())[:2] == (0.0, 0.0)
-    half = law.answer(turning._replace(error_rate=(0.575, 0.5)), Assist()).hip_nm
-    whole = law.answer(turning._replace(error_rate=(0.65, 0.5)), Assist()).hip_nm
+    half = law.answer(turning._replace(error_rate=(1.0, 0.5)), Assist()).hip_nm
+    whole = law.answer(turning._replace(error_rate=(1.5, 0.5)), Assist()).hip_nm
     assert half == pytest.approx(whole / 2)
 
 
@@ -156,6 +156,14 @@ def test_assist_is_capped_and_not_learned_while_it_is_cut():
     assert law.assist[1][3] > 1000.0 * 0.06
 
 
+def test_guidance_does_not_fade_where_the_assist_is_cut_and_the_leg_strays():
+    law, _ = walked(3)
+    walked(6, (0.06, 0.0), law, is_cut=(True, False))
+
+    assert stiffness(law) > 0.9
+    assert law.assist[0] == [0.0] * BINS
+
+
 def test_what_is_not_known_teaches_nothing_and_one_axis_is_enough():
     law, _ = walked(2, (0.1, 0.0))
     before = law.state()
@@ -185,16 +193,32 @@ def test_a_ramp_of_the_cadence_teaches_nothing():
     assert law.state() == PhaseHelp(HELP).state()
 
 
-def test_the_help_of_one_gait_goes_on_in_the_next_and_less_of_it_at_a_slower_cadence():
+def test_the_help_of_one_gait_goes_on_in_the_next_and_less_of_it_in_a_slower_or_smaller_one():
     law, setpoint = walked(3, (0.1, 0.1))
     law.begin_gait()
-    again = law.answer(AT._replace(phase_ratio=0.0), Assist())
-    slower = law.answer(AT._replace(phase_ratio=0.0, cadence_hz=0.125), Assist())
 
-    assert again == setpoint
-    assert slower[:2] == pytest.approx((setpoint.hip_nm / 4, setpoint.slide_n / 4))
+    def again(speed):
+        return law.answer(AT._replace(phase_ratio=0.0, velocity=(speed, speed)), Assist())
+
+    assert again(1.0) == again(2.0) == setpoint
+    assert again(0.5)[:2] == pytest.approx((setpoint.hip_nm / 2, setpoint.slide_n / 2))
     law.forget()
     assert law.state() == PhaseHelp(HELP).state()
+
+
+def test_what_a_slower_pass_needs_is_learned_from_what_it_got():
+    law, _ = walked(3, (0.1, 0.1))
+
+    def hip_nm(speed):
+        return law.answer(AT._replace(velocity=(speed, speed), learns=UNKNOWN), Assist()).hip_nm
+
+    edge = (ASSISTED * 0.04, ASSISTED * 0.03)  # nothing is gained, and 0.8 is kept
+    before_nm = hip_nm(0.5)
+    walked(1, edge, law, velocity=(0.5, 0.5))
+    assert hip_nm(0.5) == hip_nm(1.0) == pytest.approx(0.8 * before_nm)
+    assert hip_nm(0.25) == pytest.approx(0.8 * before_nm / 2)
+    walked(1, edge, law)
+    assert hip_nm(1.0) == pytest.approx(0.8**2 * before_nm)
 
 
 def test_without_a_gait_help_adds_nothing():

@@ -224,16 +224,31 @@ def test_a_leg_that_leads_is_not_braked_by_assist(warm_gym):
     assert (walk.leading_w(4)[1] >= walk.leading_w()[1]).all()
 
 
+def next_block(gym, answers, amplitude_ratio):
+    """A passive patient's next four strides, after a pause."""
+    gym.session.execute(RequestKind.MODE, ModeRequest(Mode.HOLD))
+    gym.session.run(8.0)
+    gym.begin_gait(amplitude_ratio=amplitude_ratio)
+    walk = gym.walk(of_ability(0.0), 4, answers)
+    goes_on_unrefused(walk)
+    return walk
+
+
 def test_help_is_remembered_from_block_to_block(warm_gym):
     answers = Answers(controller())
     settled = warm_gym.walk(of_ability(0.0), 4, answers)
-    warm_gym.session.execute(RequestKind.MODE, ModeRequest(Mode.HOLD))
-    warm_gym.session.run(8.0)
-    warm_gym.begin_gait()
-    again = warm_gym.walk(of_ability(0.0), 4, answers)
+    again = next_block(warm_gym, answers, 1.0)
 
-    goes_on_unrefused(again)
     assert (helped(again)[5:8, 0] > 0.9 * helped(settled)[3, 0]).all()
+
+
+def test_help_of_a_large_gait_is_less_in_a_small_one(warm_gym):
+    answers = Answers(controller())
+    large = np.abs(warm_gym.walk(of_ability(0.0), 4, answers).assist()).max(axis=0)
+    small = np.abs(next_block(warm_gym, answers, 0.5).assist()).max(axis=0)
+
+    assert (0.2 * large < small).all()
+    assert (small <= 0.6 * large).all()
 
 
 @pytest.mark.parametrize("before", ["passive", "resisting by half the need"])
