@@ -5,6 +5,7 @@ robot files.
 """
 
 import configparser
+import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 from sim_drives.canopen.dictionary import Entry, read_eds
+from sim_drives.cia402.personality import commissioned
 from sim_drives.cia402.scaling import effort_per_a
 from sim_drives.faults.script import FaultCommandError, help_text
 from sim_drives.one_leg import Leg, Outsider
@@ -176,13 +178,25 @@ def _entries(drive: DriveSettings, folder: Path, key: str) -> tuple[Entry, ...]:
     _check_transmission(drive, key)
     path = folder / drive.eds
     try:
-        return read_eds(path, drive.node_id)
+        entries = read_eds(path, drive.node_id)
     except OSError as error:
         allowed = f"an EDS file ({(error.strerror or 'cannot be read').lower()})"
         raise MachineError(f"{key}.eds", drive.eds, allowed) from error
     except (configparser.Error, ValueError, KeyError) as error:
         reason = str(error).splitlines()[0]
         raise MachineError(f"{key}.eds", drive.eds, f"an EDS file ({reason})") from error
+    known = {entry.address: entry for entry in entries}
+    for (index, sub), value in commissioned(drive).items():
+        place, entry = f"{index:04X}h:{sub:02X}", known.get((index, sub))
+        if entry is None:
+            allowed = f"one whose objects are in {drive.eds}, which has no {place}"
+            raise MachineError(f"{key}.personality", f'"{drive.personality.value}"', allowed)
+        try:
+            entry.encode(value)
+        except struct.error as error:
+            allowed = f"motor data that {place} can hold; this would be {value} there ({error})"
+            raise MachineError(f"{key}.current_limit_a", drive.current_limit_a, allowed) from error
+    return entries
 
 
 def _check_transmission(drive: DriveSettings, key: str) -> None:

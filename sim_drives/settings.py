@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from sim_drives.plant.settings import NonNegative, PlantTables, Positive, Table
+from sim_drives.plant.settings import PlantTables, Table
 
 
 class PersonalityName(Enum):
@@ -32,8 +32,8 @@ class EncoderKind(Enum):
 class HomeSwitch(Table, frozen=True):
     """A switch that is on between two positions of the joint, in rad or m."""
 
-    from_si: float
-    to_si: float
+    from_si: Annotated[float, Meta(ge=-10, le=10)]
+    to_si: Annotated[float, Meta(ge=-10, le=10)]
 
 
 class PositionLimit(Enum):
@@ -100,13 +100,13 @@ class DriveSettings(Table, frozen=True):
     encoder: EncoderKind
     counts_per_rev: Annotated[int, Meta(ge=4, le=10_000_000)]
     """Encoder counts per turn of the motor."""
-    gear_ratio: Annotated[float, Meta(gt=0, le=10_000)]
+    gear_ratio: Annotated[float, Meta(ge=0.01, le=10_000)]
     sign: Literal[1, -1]
     """+1 when positive counts and positive current move the joint in its positive direction."""
-    torque_constant_nm_per_a: Annotated[float, Meta(gt=0, le=100)]
+    torque_constant_nm_per_a: Annotated[float, Meta(ge=1e-3, le=100)]
     """True torque constant of the motor; 3001h:05 is the value configured in the drive."""
-    nominal_current_a: Annotated[float, Meta(gt=0, le=200)]
-    current_limit_a: Annotated[float, Meta(gt=0, le=500)]
+    nominal_current_a: Annotated[float, Meta(ge=0.01, le=200)]
+    current_limit_a: Annotated[float, Meta(ge=0.01, le=500)]
     position_limit: PositionLimit
     limit_switch: LimitSwitch
     tpdo_delay_min_ms: Annotated[float, Meta(ge=0, le=10)]
@@ -116,13 +116,13 @@ class DriveSettings(Table, frozen=True):
     """TPDOs of one SYNC are sent in any order instead of by number."""
     homes: bool = False
     """An absolute encoder can be homed, too, which moves its zero until power is lost."""
-    homing_time_s: Annotated[float, Meta(gt=0, le=3600)] = 60.0
+    homing_time_s: Annotated[float, Meta(ge=0.1, le=3600)] = 60.0
     """A homing that has not ended after this time has failed."""
     home_switch: HomeSwitch | None = None
-    lead_m: Positive | None = None
+    lead_m: Annotated[float, Meta(ge=5e-4, le=2)] | None = None
     """Travel per turn after the gear; makes the axis a linear one."""
-    offset_rad: float | None = None
-    offset_m: float | None = None
+    offset_rad: Annotated[float, Meta(ge=-10, le=10)] | None = None
+    offset_m: Annotated[float, Meta(ge=-10, le=10)] | None = None
     """Joint position at count 0 of an absolute encoder."""
 
 
@@ -136,14 +136,14 @@ class LegDrives(Table, frozen=True):
 class FaultSettings(Table, frozen=True):
     """One `[[fault]]`: kind, drive, time and duration."""
 
-    at_s: NonNegative
+    at_s: Annotated[float, Meta(ge=0, le=1e6)]
     """Time since the virtual drives' start."""
-    drive: Annotated[str, Meta(pattern=r"^(\*|(right|left)/(hip|slide))$")]
+    drive: Annotated[str, Meta(pattern=r"^(\*|(right|left)/(hip|slide))\Z")]
     """LEG/AXIS, or * for every drive."""
     kind: FaultKind
-    duration_s: Positive | None = None
+    duration_s: Annotated[float, Meta(ge=0.001, le=1e6)] | None = None
     """Until cleared by command, if absent. A reboot and a glitch without one are over at once."""
-    value: float = 0.0
+    value: Annotated[float, Meta(ge=-0x80000000, le=0xFFFFFFFF)] = 0.0
     """Value of the fault, depending on its kind: error code, TPDO number, delay in ms, counts."""
 
 

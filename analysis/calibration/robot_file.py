@@ -7,7 +7,7 @@ from typing import Final
 
 from daemon.config.edits import Value, edited
 from daemon.config.settings import Robot
-from daemon.config.strict import MISSING, ConfigError, Document, decoded
+from daemon.config.strict import MISSING, SMALLEST, ConfigError, Document, decoded
 
 DIGITS: Final = 6
 
@@ -47,8 +47,13 @@ def write(given: Path, output: Path, values: Mapping[str, tuple[Value, str]]) ->
     with given.open(encoding="utf-8", newline="") as file:
         text = file.read()
     for key, (value, comment) in values.items():
-        short = float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+        short = _short(value) if isinstance(value, float) else value
         text = edited(given.name, text, key, short, comment)
     decoded(Document(output, "", tomllib.loads(text)), Robot)
     with output.open("w", encoding="utf-8", newline="") as file:
         file.write(text)
+
+
+def _short(value: float) -> float:
+    """A value as the file has it: what is smaller than a file may hold is 0."""
+    return float(f"{value:.{DIGITS}g}") if abs(value) >= SMALLEST else 0.0

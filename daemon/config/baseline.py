@@ -12,11 +12,14 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon.config.settings import Table
-from daemon.config.strict import ConfigError, load_toml
+from daemon.config.strict import SMALLEST, ConfigError, load_toml
 from observer.baseline import Baseline
 from observer.strides import BASELINE_BINS
 
-Bins = Annotated[tuple[float, ...], Meta(min_length=BASELINE_BINS, max_length=BASELINE_BINS)]
+Bins = Annotated[
+    tuple[Annotated[float, Meta(ge=-1500, le=1500)], ...],
+    Meta(min_length=BASELINE_BINS, max_length=BASELINE_BINS),
+]
 
 HEAD: Final = """\
 # Estimated patient effort of a passive patient over the gait phase, from one rise of the hip to
@@ -29,10 +32,10 @@ HEAD: Final = """\
 class BaselineFile(Table, frozen=True):
     """baseline.toml."""
 
-    robot_sha256: Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+    robot_sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
     """Hash of the robot file that it was recorded with."""
-    cadence_hz: Annotated[float, Meta(gt=0, le=2)]
-    stride_count: Annotated[int, Meta(ge=1)]
+    cadence_hz: Annotated[float, Meta(ge=0.01, le=2)]
+    stride_count: Annotated[int, Meta(ge=1, le=1_000_000)]
     hip_nm: Bins
     hip_nm_std: Bins
     slide_n: Bins
@@ -66,6 +69,7 @@ def baseline_text(baseline: Baseline, robot_sha256: str, source: str) -> str:
         f"stride_count = {baseline.stride_count}",
     ]
     lines += [
-        f"{key} = [{', '.join(f'{x:.6g}' for x in values.tolist())}]" for key, values in lists
+        f"{key} = [{', '.join(f'{x if abs(x) >= SMALLEST else 0.0:.6g}' for x in values.tolist())}]"
+        for key, values in lists
     ]
     return HEAD.format(bins=BASELINE_BINS, source=source) + "\n".join(lines) + "\n"

@@ -18,39 +18,39 @@ class HipLimits(Table, frozen=True):
 
     position_min_deg: Annotated[float, Meta(ge=-60, le=120)]
     position_max_deg: Annotated[float, Meta(ge=-60, le=120)]
-    soft_margin_deg: Annotated[float, Meta(gt=0, le=30)]
+    soft_margin_deg: Annotated[float, Meta(ge=0.1, le=30)]
     """Distance from the hard limits at which the allowed speed begins to fall."""
-    velocity_max_rad_per_s: Annotated[float, Meta(gt=0, le=6)]
-    hand_guiding_speed_max_rad_per_s: Annotated[float, Meta(gt=0, le=3)]
+    velocity_max_rad_per_s: Annotated[float, Meta(ge=0.05, le=6)]
+    hand_guiding_speed_max_rad_per_s: Annotated[float, Meta(ge=0.05, le=3)]
     """In mode hand_guiding, where a person moves the leg."""
-    torque_max_nm: Annotated[float, Meta(gt=0, le=120)]
-    torque_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=5000)]
-    power_max_w: Annotated[float, Meta(gt=0, le=500)]
-    stride_energy_max_j: Annotated[float, Meta(gt=0, le=500)]
+    torque_max_nm: Annotated[float, Meta(ge=0.5, le=120)]
+    torque_rate_max_nm_per_s: Annotated[float, Meta(ge=1, le=5000)]
+    power_max_w: Annotated[float, Meta(ge=1, le=500)]
+    stride_energy_max_j: Annotated[float, Meta(ge=0.1, le=500)]
     """Net energy into the leg over one stride, or `watch.energy_window_ms`."""
-    torque_deviation_max_nm: Annotated[float, Meta(gt=0, le=30)]
+    torque_deviation_max_nm: Annotated[float, Meta(ge=0.05, le=30)]
     """Between the torque sent in torque mode and the torque that the drive measures."""
-    load_deviation_max_nm: Annotated[float, Meta(gt=0, le=60)]
+    load_deviation_max_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Drive's torque minus what motion, load and friction require, mean over a stride."""
-    sign_mismatch_torque_min_nm: Annotated[float, Meta(gt=0, le=60)]
+    sign_mismatch_torque_min_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Torque beyond the load, against the joint's acceleration, that indicates a wrong sign."""
-    tracking_max_deg: Annotated[float, Meta(gt=0, le=45)]
-    hold_distance_max_deg: Annotated[float, Meta(gt=0, le=45)]
+    tracking_max_deg: Annotated[float, Meta(ge=0.1, le=45)]
+    hold_distance_max_deg: Annotated[float, Meta(ge=0.1, le=45)]
     """In place of `tracking_max_deg` in mode hold, half a second after the reference stands."""
-    following_error_deg: Annotated[float, Meta(gt=0, le=45)]
+    following_error_deg: Annotated[float, Meta(ge=0.1, le=45)]
     """Limit of the drive's position loop; written into the drive (6065h)."""
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
-    quick_stop_deceleration_rad_per_s2: Annotated[float, Meta(gt=0, le=200)]
+    quick_stop_deceleration_rad_per_s2: Annotated[float, Meta(ge=0.5, le=200)]
     """Written into the drive (6085h), and used for stopping paths."""
-    static_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
+    static_load_tolerance_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Enable is refused when the load at hold differs from g(q) by more."""
-    max_runaway_deg: Annotated[float, Meta(gt=0, le=180)]
+    max_runaway_deg: Annotated[float, Meta(ge=1, le=180)]
     """How far the joint may go after the core has ended, before its drive has stopped it."""
     brake: bool
-    assist_max_nm: Annotated[float, Meta(gt=0, le=60)]
+    assist_max_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Maximum of a controller's setpoint, on top of g(q) and guidance; a larger one is refused."""
-    assist_rate_max_nm_per_s: Annotated[float, Meta(gt=0, le=2000)]
-    assist_power_max_w: Annotated[float, Meta(gt=0, le=250)]
+    assist_rate_max_nm_per_s: Annotated[float, Meta(ge=1, le=2000)]
+    assist_power_max_w: Annotated[float, Meta(ge=0.1, le=250)]
     """Power of the assist alone, along the motion."""
 
 
@@ -59,35 +59,35 @@ class SlideLimits(Table, frozen=True):
 
     position_min_m: Annotated[float, Meta(ge=-1, le=2)]
     position_max_m: Annotated[float, Meta(ge=-1, le=2)]
-    soft_margin_m: Annotated[float, Meta(gt=0, le=0.3)]
-    velocity_max_m_per_s: Annotated[float, Meta(gt=0, le=5)]
-    hand_guiding_speed_max_m_per_s: Annotated[float, Meta(gt=0, le=3)]
+    soft_margin_m: Annotated[float, Meta(ge=0.001, le=0.3)]
+    velocity_max_m_per_s: Annotated[float, Meta(ge=0.02, le=5)]
+    hand_guiding_speed_max_m_per_s: Annotated[float, Meta(ge=0.02, le=3)]
     """In mode hand_guiding, where a person moves the leg."""
-    force_max_n: Annotated[float, Meta(gt=0, le=1500)]
-    force_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=50000)]
-    power_max_w: Annotated[float, Meta(gt=0, le=2000)]
-    stride_energy_max_j: Annotated[float, Meta(gt=0, le=2000)]
-    force_deviation_max_n: Annotated[float, Meta(gt=0, le=300)]
-    load_deviation_max_n: Annotated[float, Meta(gt=0, le=600)]
-    sign_mismatch_force_min_n: Annotated[float, Meta(gt=0, le=600)]
-    tracking_max_m: Annotated[float, Meta(gt=0, le=0.5)]
-    hold_distance_max_m: Annotated[float, Meta(gt=0, le=0.5)]
-    following_error_m: Annotated[float, Meta(gt=0, le=0.5)]
+    force_max_n: Annotated[float, Meta(ge=5, le=1500)]
+    force_rate_max_n_per_s: Annotated[float, Meta(ge=10, le=50000)]
+    power_max_w: Annotated[float, Meta(ge=1, le=2000)]
+    stride_energy_max_j: Annotated[float, Meta(ge=0.1, le=2000)]
+    force_deviation_max_n: Annotated[float, Meta(ge=0.5, le=300)]
+    load_deviation_max_n: Annotated[float, Meta(ge=1, le=600)]
+    sign_mismatch_force_min_n: Annotated[float, Meta(ge=1, le=600)]
+    tracking_max_m: Annotated[float, Meta(ge=0.001, le=0.5)]
+    hold_distance_max_m: Annotated[float, Meta(ge=0.001, le=0.5)]
+    following_error_m: Annotated[float, Meta(ge=0.001, le=0.5)]
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
-    quick_stop_deceleration_m_per_s2: Annotated[float, Meta(gt=0, le=200)]
-    static_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
-    max_runaway_m: Annotated[float, Meta(gt=0, le=2)]
+    quick_stop_deceleration_m_per_s2: Annotated[float, Meta(ge=0.5, le=200)]
+    static_load_tolerance_n: Annotated[float, Meta(ge=1, le=600)]
+    max_runaway_m: Annotated[float, Meta(ge=0.01, le=2)]
     brake: bool
-    assist_max_n: Annotated[float, Meta(gt=0, le=700)]
-    assist_rate_max_n_per_s: Annotated[float, Meta(gt=0, le=20000)]
-    assist_power_max_w: Annotated[float, Meta(gt=0, le=1000)]
+    assist_max_n: Annotated[float, Meta(ge=1, le=700)]
+    assist_rate_max_n_per_s: Annotated[float, Meta(ge=10, le=20000)]
+    assist_power_max_w: Annotated[float, Meta(ge=0.1, le=1000)]
 
 
 class Singularity(Table, frozen=True):
     """Distance to the mechanism's singularity as |sin| of the angle between shank and shoe."""
 
-    soft_ratio: Annotated[float, Meta(gt=0, lt=1)]
-    stop_ratio: Annotated[float, Meta(gt=0, lt=1)]
+    soft_ratio: Annotated[float, Meta(ge=0.01, lt=1)]
+    stop_ratio: Annotated[float, Meta(ge=0.01, lt=1)]
 
 
 class SoftLimit(Table, frozen=True):
@@ -108,8 +108,8 @@ class Watch(Table, frozen=True):
 class Spasm(Table, frozen=True):
     """A fast rise of the estimated effort against the motion, beyond work: yield, then stop."""
 
-    hip_rise_nm: Annotated[float, Meta(gt=0, le=60)]
-    slide_rise_n: Annotated[float, Meta(gt=0, le=600)]
+    hip_rise_nm: Annotated[float, Meta(ge=0.5, le=60)]
+    slide_rise_n: Annotated[float, Meta(ge=5, le=600)]
     rise_window_ms: Annotated[int, Meta(ge=20, le=500)]
     stiffness_ratio: Annotated[float, Meta(ge=0, lt=1)]
     softening_ms: Annotated[int, Meta(ge=20, le=2000)]
@@ -140,8 +140,8 @@ class Stop(Table, frozen=True):
     obey_cycles: Annotated[int, Meta(ge=1, le=20)]
     """Cycles until a drive must show the commanded state."""
     standstill_cycles: Annotated[int, Meta(ge=1, le=100)]
-    standstill_hip_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
-    standstill_slide_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    standstill_hip_rad_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
+    standstill_slide_m_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
     ramp_margin_ratio: Annotated[float, Meta(gt=1, le=5)]
     """A speed of this many times what the quick-stop ramp allows counts as disobeyed."""
     assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
@@ -157,7 +157,7 @@ class Assist(Table, frozen=True):
     """Cycles after that of the answered estimate; then a setpoint is stale, and assist lapses."""
     first_setpoint_cycles: Annotated[int, Meta(ge=5, le=500)]
     """Time that mode torque waits for its first setpoint, in cycles."""
-    stiffness_rate_max_ratio_per_s: Annotated[float, Meta(gt=0, le=10)]
+    stiffness_rate_max_ratio_per_s: Annotated[float, Meta(ge=0.01, le=10)]
 
 
 class Limits(Table, frozen=True):

@@ -9,12 +9,12 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-Positive = Annotated[float, Meta(gt=0)]
-NonNegative = Annotated[float, Meta(ge=0)]
 NodeId = Annotated[int, Meta(ge=1, le=127)]
 Degrees = Annotated[float, Meta(ge=-180, le=180)]
 Harmonic = tuple[Degrees, Degrees]
-Locator = Annotated[str, Meta(pattern=r"^(tcp|udp|tls|quic|ws)/.+:[0-9]+$|^unixsock-stream//.+$")]
+Locator = Annotated[
+    str, Meta(pattern=r"^(tcp|udp|tls|quic|ws)/.+:[0-9]{1,5}\Z|^unixsock-stream//.+\Z")
+]
 Text = Annotated[str, Meta(min_length=1)]
 
 
@@ -86,13 +86,13 @@ class HipFriction(Table, frozen=True):
     between friction and patient is not valid.
     """
 
-    stribeck_nm: Annotated[float, Meta(gt=0, le=100)]
-    coulomb_nm: Annotated[float, Meta(gt=0, le=100)]
+    stribeck_nm: Annotated[float, Meta(ge=0.01, le=100)]
+    coulomb_nm: Annotated[float, Meta(ge=0.01, le=100)]
     viscous_nm_s_per_rad: Annotated[float, Meta(ge=0, le=100)]
-    transition_rad_per_s: Annotated[float, Meta(gt=0, le=1)]
-    peak_rad_per_s: Annotated[float, Meta(gt=0, le=2)]
-    edge_rad_per_s: Annotated[float, Meta(gt=0, le=2)]
-    time_constant_s: Annotated[float, Meta(gt=0, le=1)]
+    transition_rad_per_s: Annotated[float, Meta(ge=1e-4, le=1)]
+    peak_rad_per_s: Annotated[float, Meta(ge=1e-3, le=2)]
+    edge_rad_per_s: Annotated[float, Meta(ge=1e-4, le=2)]
+    time_constant_s: Annotated[float, Meta(ge=1e-4, le=1)]
     bristle_stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
     """Bristles (LuGre) instead of eq. (11), with integrator = "semi_implicit"; 0: none."""
     bristle_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=1e4)] = 0.0
@@ -101,13 +101,13 @@ class HipFriction(Table, frozen=True):
 class SlideFriction(Table, frozen=True):
     """Friction law (13) at the slide and its time constant, eq. (11); bristles as at the hip."""
 
-    stribeck_n: Annotated[float, Meta(gt=0, le=1000)]
-    coulomb_n: Annotated[float, Meta(gt=0, le=1000)]
+    stribeck_n: Annotated[float, Meta(ge=0.1, le=1000)]
+    coulomb_n: Annotated[float, Meta(ge=0.1, le=1000)]
     viscous_n_s_per_m: Annotated[float, Meta(ge=0, le=2000)]
-    transition_m_per_s: Annotated[float, Meta(gt=0, le=1)]
-    peak_m_per_s: Annotated[float, Meta(gt=0, le=2)]
-    edge_m_per_s: Annotated[float, Meta(gt=0, le=2)]
-    time_constant_s: Annotated[float, Meta(gt=0, le=1)]
+    transition_m_per_s: Annotated[float, Meta(ge=1e-4, le=1)]
+    peak_m_per_s: Annotated[float, Meta(ge=1e-3, le=2)]
+    edge_m_per_s: Annotated[float, Meta(ge=1e-4, le=2)]
+    time_constant_s: Annotated[float, Meta(ge=1e-4, le=1)]
     bristle_stiffness_n_per_m: Annotated[float, Meta(ge=0, le=1e8)] = 0.0
     """Bristles (LuGre) instead of eq. (11), with integrator = "semi_implicit"; 0: none."""
     bristle_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1e6)] = 0.0
@@ -130,16 +130,16 @@ class Patient(Table, frozen=True):
 class ObserverTuning(Table, frozen=True):
     """Standard deviations per 10 ms step and of the measurement (observer.md 3.1)."""
 
-    process_hip_angle_rad: Positive
-    process_slide_position_m: Positive
-    process_hip_velocity_rad_per_s: Positive
-    process_slide_velocity_m_per_s: Positive
-    process_hip_friction_nm: Positive
-    process_slide_friction_n: Positive
-    process_hip_patient_nm: Positive
-    process_slide_patient_n: Positive
-    measurement_hip_angle_rad: Positive
-    measurement_slide_position_m: Positive
+    process_hip_angle_rad: Annotated[float, Meta(ge=1e-9, le=0.1)]
+    process_slide_position_m: Annotated[float, Meta(ge=1e-9, le=0.1)]
+    process_hip_velocity_rad_per_s: Annotated[float, Meta(ge=1e-7, le=10)]
+    process_slide_velocity_m_per_s: Annotated[float, Meta(ge=1e-7, le=10)]
+    process_hip_friction_nm: Annotated[float, Meta(ge=1e-5, le=100)]
+    process_slide_friction_n: Annotated[float, Meta(ge=1e-4, le=1000)]
+    process_hip_patient_nm: Annotated[float, Meta(ge=1e-5, le=100)]
+    process_slide_patient_n: Annotated[float, Meta(ge=1e-4, le=1000)]
+    measurement_hip_angle_rad: Annotated[float, Meta(ge=1e-8, le=0.1)]
+    measurement_slide_position_m: Annotated[float, Meta(ge=1e-8, le=0.1)]
     coriolis: bool
     velocity_gated: bool
     """At rest changes are assigned to friction (Fig. 5), and the split is uncertain."""
@@ -183,7 +183,7 @@ class Bus(Table, frozen=True):
     interface: Text
     channel: Text
     bitrate_bit_per_s: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
-    load_max_ratio: Annotated[float, Meta(gt=0, le=0.8)]
+    load_max_ratio: Annotated[float, Meta(ge=0.01, le=0.8)]
     virtual_drives: bool | tuple[Text, ...] = False
     """Which drives on a bus of the kernel are those of `gaitd sim`: true for all, a bench on which
     nothing moves; or LEG/AXIS of some, beside real ones."""
@@ -223,9 +223,9 @@ class Leg(Table, frozen=True):
 class Impedance(Table, frozen=True):
     """Guidance of `gait` and position hold: a spring and a damper about the reference."""
 
-    hip_stiffness_nm_per_rad: Annotated[float, Meta(gt=0, le=1000)]
+    hip_stiffness_nm_per_rad: Annotated[float, Meta(ge=0.1, le=1000)]
     hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=100)]
-    slide_stiffness_n_per_m: Annotated[float, Meta(gt=0, le=20000)]
+    slide_stiffness_n_per_m: Annotated[float, Meta(ge=1, le=20000)]
     slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=2000)]
 
 
@@ -234,10 +234,10 @@ class Gait(Table, frozen=True):
 
     guidance: Literal["impedance", "position"]
     announce_s: Annotated[float, Meta(ge=0.5, le=30)]
-    approach_hip_rad_per_s: Annotated[float, Meta(gt=0, le=1)]
-    approach_slide_m_per_s: Annotated[float, Meta(gt=0, le=1)]
+    approach_hip_rad_per_s: Annotated[float, Meta(ge=0.001, le=1)]
+    approach_slide_m_per_s: Annotated[float, Meta(ge=0.001, le=1)]
     ramp_strides: Annotated[int, Meta(ge=1, le=10)]
-    cadence_max_hz: Annotated[float, Meta(gt=0, le=1)]
+    cadence_max_hz: Annotated[float, Meta(ge=0.01, le=1)]
     hip_mean_deg: Degrees
     hip_harmonics_deg: Annotated[tuple[Harmonic, ...], Meta(min_length=1, max_length=12)]
     knee_mean_deg: Degrees
@@ -253,18 +253,18 @@ class Sinusoid(Table, frozen=True):
 
     axis: Literal["hip", "slide"]
     kind: Literal["sine", "step"]
-    amplitude_si: float
+    amplitude_si: Annotated[float, Meta(ge=-1500, le=1500)]
     frequency_hz: Annotated[float, Meta(ge=0, le=5)]
-    start_s: NonNegative
-    end_s: Positive
+    start_s: Annotated[float, Meta(ge=0, le=600)]
+    end_s: Annotated[float, Meta(ge=0.01, le=600)]
 
 
 class Excite(Table, frozen=True):
     """An open-loop scenario about g(q), with or without an artificial disturbance."""
 
-    hip_window_deg: Annotated[float, Meta(gt=0, le=40)]
-    slide_window_m: Annotated[float, Meta(gt=0, le=0.6)]
-    duration_max_s: Annotated[float, Meta(gt=0, le=600)]
+    hip_window_deg: Annotated[float, Meta(ge=0.1, le=40)]
+    slide_window_m: Annotated[float, Meta(ge=0.001, le=0.6)]
+    duration_max_s: Annotated[float, Meta(ge=0.1, le=600)]
     torque: tuple[Sinusoid, ...]
     artificial: tuple[Sinusoid, ...] = ()
 
@@ -274,15 +274,15 @@ class HandGuiding(Table, frozen=True):
 
     hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
     slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)]
-    hip_slow_rad_per_s: Annotated[float, Meta(gt=0, le=1)]
+    hip_slow_rad_per_s: Annotated[float, Meta(ge=0.001, le=1)]
     """Above this speed, the damping below is added for the excess."""
-    slide_slow_m_per_s: Annotated[float, Meta(gt=0, le=1)]
-    hip_damping_beyond_nm_s_per_rad: Annotated[float, Meta(gt=0, le=60)]
-    slide_damping_beyond_n_s_per_m: Annotated[float, Meta(gt=0, le=1500)]
+    slide_slow_m_per_s: Annotated[float, Meta(ge=0.001, le=1)]
+    hip_damping_beyond_nm_s_per_rad: Annotated[float, Meta(ge=0.01, le=60)]
+    slide_damping_beyond_n_s_per_m: Annotated[float, Meta(ge=0.1, le=1500)]
     hip_edge_nm: Annotated[float, Meta(ge=0, le=100)]
     """Effort that leads back in at a hard limit; it grows from zero over the soft margin."""
     slide_edge_n: Annotated[float, Meta(ge=0, le=1000)]
-    duration_max_s: Annotated[float, Meta(gt=0, le=600)]
+    duration_max_s: Annotated[float, Meta(ge=0.1, le=600)]
     """After this time the leg is held again."""
 
 
@@ -290,19 +290,19 @@ class SelfTest(Table, frozen=True):
     """The daily test: which checks must have passed before a leg is moved."""
 
     required: Literal["daily", "never"]
-    valid_h: Annotated[float, Meta(gt=0, le=48)]
+    valid_h: Annotated[float, Meta(ge=0.01, le=48)]
     """How long hand switch, STO and a passed test remain valid."""
     hip_motion_deg: Annotated[float, Meta(gt=0.5, le=15)]
     """Motion forth and back, from where the leg is held."""
-    hip_speed_rad_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    hip_speed_rad_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
     """At most the motion in rad / 0.4 s, or too little of it is averaged."""
-    hip_load_tolerance_nm: Annotated[float, Meta(gt=0, le=60)]
+    hip_load_tolerance_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Deviation of the mean effort over both ways from g(q); friction cancels in this mean."""
     slide_motion_m: Annotated[float, Meta(gt=0.005, le=0.2)]
-    slide_speed_m_per_s: Annotated[float, Meta(gt=0, le=0.5)]
+    slide_speed_m_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
     """At most the motion / 0.4 s."""
-    slide_load_tolerance_n: Annotated[float, Meta(gt=0, le=600)]
-    friction_min_ratio: Annotated[float, Meta(gt=0, lt=1)]
+    slide_load_tolerance_n: Annotated[float, Meta(ge=1, le=600)]
+    friction_min_ratio: Annotated[float, Meta(ge=0.01, lt=1)]
     """Ratio of half the difference of the efforts forth and back to the friction of robot.toml."""
     friction_max_ratio: Annotated[float, Meta(gt=1, le=10)]
 
@@ -310,9 +310,9 @@ class SelfTest(Table, frozen=True):
 class Reference(Table, frozen=True):
     """Conditions for trusting an absolute encoder after a start (docs/first_start.md)."""
 
-    pose_tolerance_deg: Annotated[float, Meta(gt=0, le=360)]
+    pose_tolerance_deg: Annotated[float, Meta(ge=0.01, le=360)]
     """How far the hip may be from its stored position."""
-    pose_tolerance_m: Annotated[float, Meta(gt=0, le=2)]
+    pose_tolerance_m: Annotated[float, Meta(ge=1e-4, le=2)]
     """How far the slide may be from its stored position."""
     without_stored_pose: Literal["believe", "home"]
     """Whether an absolute encoder is trusted at a first start, when no pose is stored."""
@@ -323,13 +323,13 @@ class Commissioning(Table, frozen=True):
 
     signs: Literal["proven", "assumed"]
     """"proven": an axis whose sign is not proven cannot be enabled."""
-    hip_torque_max_nm: Annotated[float, Meta(gt=0, le=40)]
-    hip_torque_rate_nm_per_s: Annotated[float, Meta(gt=0, le=100)]
-    hip_motion_deg: Annotated[float, Meta(gt=0, le=10)]
+    hip_torque_max_nm: Annotated[float, Meta(ge=0.1, le=40)]
+    hip_torque_rate_nm_per_s: Annotated[float, Meta(ge=0.1, le=100)]
+    hip_motion_deg: Annotated[float, Meta(ge=0.05, le=10)]
     """The torque is removed after this motion."""
-    slide_force_max_n: Annotated[float, Meta(gt=0, le=400)]
-    slide_force_rate_n_per_s: Annotated[float, Meta(gt=0, le=1000)]
-    slide_motion_m: Annotated[float, Meta(gt=0, le=0.1)]
+    slide_force_max_n: Annotated[float, Meta(ge=1, le=400)]
+    slide_force_rate_n_per_s: Annotated[float, Meta(ge=1, le=1000)]
+    slide_motion_m: Annotated[float, Meta(ge=5e-4, le=0.1)]
 
 
 class Lease(Table, frozen=True):
@@ -346,7 +346,7 @@ class Lease(Table, frozen=True):
 class Zenoh(Table, frozen=True):
     """Where the gateway listens: loopback or a Unix socket, unless the file allows more."""
 
-    trainer: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+$")]
+    trainer: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]+\Z")]
     listen: Annotated[tuple[Locator, ...], Meta(min_length=1)]
     listen_beyond_loopback: bool = False
     """Only with true may `listen` hold endpoints that other machines can reach; needs `keys`."""

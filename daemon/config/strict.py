@@ -3,6 +3,9 @@
 msgspec checks the values; this module finds those that were refused and describes their place and
 their range. No value is ever defaulted, coerced or ignored. In place of a table that was refused
 stands `UNREAD`, so that checks which do not need that table still run.
+
+Nothing that a file describes is smaller than `SMALLEST` and different from 0. A number in between
+is a mistake, and a quotient by it has no meaning: it is refused in each key.
 """
 
 import difflib
@@ -33,6 +36,8 @@ T = TypeVar("T")
 
 _VALUE_LENGTH_MAX: Final = 60
 _INTEGER_END: Final = 2**63
+SMALLEST: Final = 1e-9
+"""Size of the smallest number that a file may hold, apart from 0."""
 
 RENAMED: Final = {
     "release": "hand_guiding",
@@ -159,12 +164,21 @@ def read_toml(path: Path) -> Document:
     Raises:
         ConfigError: there is no such file, it is not UTF-8, or its syntax is wrong (line, column).
     """
+    data = read_bytes(path, "TOML file")
+    return Document(path, hashlib.sha256(data).hexdigest(), _parsed(path, data))
+
+
+def read_bytes(path: Path, kind: str) -> bytes:
+    """Read a file that is described as `kind` in an error.
+
+    Raises:
+        ConfigError: it is not there, or cannot be read.
+    """
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
-        raise ConfigError(path, "", "", f"{reason}; a readable TOML file is needed") from error
-    return Document(path, hashlib.sha256(data).hexdigest(), _parsed(path, data))
+        raise ConfigError(path, "", "", f"{reason}; a readable {kind} is needed") from error
 
 
 def load_toml(path: Path, kind: type[T]) -> T:
@@ -269,11 +283,13 @@ def _faults(value: object, kind: object, key: str) -> Iterator[_Fault]:
             sound = False
             yield fault
     if sound and not _allowed(value, kind):
-        yield _Fault(key, value, described(kind))
+        yield _Fault(key, value, described(kind) + _as_well(value))
 
 
 def _inside(value: object, kind: object, key: str) -> Iterator[_Part | _Fault]:
     """The parts of a value one level deeper, with their types and keys."""
+    if isinstance(value, dict):
+        kind = _tagged(cast("dict[str, object]", value), kind)
     origin, arguments = get_origin(kind), get_args(kind)
     if isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         yield from _fields(cast("dict[str, object]", value), kind, key)
@@ -288,6 +304,16 @@ def _inside(value: object, kind: object, key: str) -> Iterator[_Part | _Fault]:
             yield _Part(item, item_kind, f"{key}[{index}]")
 
 
+def _tagged(table: dict[str, object], kind: object) -> object:
+    """The one of several kinds of table that the table's tag names; without one, `kind` itself."""
+    for option in get_args(kind):
+        if isinstance(option, type) and issubclass(option, msgspec.Struct):
+            tag = option.__struct_config__
+            if tag.tag_field is not None and table.get(tag.tag_field) == tag.tag:
+                return option
+    return kind
+
+
 def _fields(
     table: dict[str, object], kind: type[msgspec.Struct], key: str
 ) -> Iterator[_Part | _Fault]:
@@ -297,6 +323,8 @@ def _fields(
         if name in fields:
             yield _Part(value, fields[name].type, _dotted(key, name))
         else:
+            if name == kind.__struct_config__.tag_field:
+                continue
             near = _near(name, list(fields))
             meant += near
             hint = f" Did you mean `{near[0]}`?" if near else ""
@@ -315,13 +343,20 @@ def _near(name: str, known: list[str]) -> list[str]:
 
 def _allowed(value: object, kind: object) -> bool:
     # msgspec lets NaN pass a range, because no comparison with it is true.
-    if isinstance(value, float) and not math.isfinite(value):
+    if _as_well(value) or (isinstance(value, float) and not math.isfinite(value)):
         return False
     try:
         msgspec.convert(value, kind)
     except msgspec.ValidationError:
         return False
     return True
+
+
+def _as_well(value: object) -> str:
+    """What no type of a key says of a value, and is refused in each; empty if it is allowed."""
+    if isinstance(value, float) and abs(value) < SMALLEST and repr(value) != "0.0":
+        return f", and 0 or at least {SMALLEST:g} in size"
+    return ", without the character 0" if isinstance(value, str) and "\0" in value else ""
 
 
 def _bare(kind: object) -> object:

@@ -115,6 +115,14 @@ def beside(file: Path, named: str) -> Path:
     return Path(os.path.normpath(file.parent / named))
 
 
+def is_file(path: Path) -> bool:
+    """True if there is this file; there is none whose name is too long or cannot be looked up."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def _channel(path: Path, trainer: Trainer) -> str:
     channel = trainer.bus.channel
     if trainer.bus.interface != SIMULATED:
@@ -149,7 +157,13 @@ def _check_virtual_drives(file: TrainerFile) -> Iterator[ConfigError]:
 def _check_paths(file: TrainerFile) -> Iterator[ConfigError]:
     path, runtime, state = file.path, file.runtime, file.state
     for key, directory in (("paths.runtime", runtime), ("paths.state", state)):
-        if directory.exists() and not directory.is_dir():
+        try:
+            is_taken = directory.exists() and not directory.is_dir()
+        except OSError as error:
+            allowed = f"the name of a directory ({(error.strerror or 'no name').lower()})"
+            yield ConfigError(path, key, directory, allowed)
+            continue
+        if is_taken:
             yield ConfigError(path, key, directory, "a directory, or a name that is still free")
     if state == runtime or runtime in state.parents:
         outside = f"a directory outside {runtime}, which is lost in a restart of the machine"

@@ -25,10 +25,11 @@ from daemon.config.strict import (
     decoded_in_part,
     is_read,
     load_toml,
+    read_bytes,
     read_toml,
     unless_unread,
 )
-from daemon.config.trainer import beside, read_trainer
+from daemon.config.trainer import beside, is_file, read_trainer
 from daemon.preflight.files import check_all
 from drives.cia402.axis_file import AxisFile
 from drives.cia402.profile import DriveDescription, DriveProfile, contradictions
@@ -131,13 +132,13 @@ class _Reader:
     def hashed(self, named_in: Path, key: str, name: str) -> Path:
         """Hash a file that is parsed elsewhere, and return its path."""
         path = _existing(named_in, key, name)
-        self.hashes[str(path)] = hashlib.sha256(path.read_bytes()).hexdigest()
+        self.hashes[str(path)] = hashlib.sha256(read_bytes(path, "file")).hexdigest()
         return path
 
 
 def _existing(named_in: Path, key: str, name: str) -> Path:
     path = beside(named_in, name)
-    if not path.is_file():
+    if not is_file(path):
         raise ConfigError(named_in, key, name, f"a file that exists; there is no {path}")
     return path
 

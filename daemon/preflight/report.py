@@ -13,7 +13,7 @@ from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.strict import ConfigError, Errors
-from daemon.config.trainer import drive_names, real_drives
+from daemon.config.trainer import drive_names, is_file, real_drives
 from daemon.ipc.record import Cause, StopCategory
 from daemon.preflight import workspace
 from daemon.preflight.axes import AxisMeaning, axis_errors, axis_meanings
@@ -285,6 +285,6 @@ def _warnings(settings: Settings, axes: tuple[AxisMeaning, ...], drift: DriftMea
         warnings.append("without power the leg moves to a position limit: check the springs")
     if settings.robot.patient is None:
         warnings.append("no patient is configured: for the empty machine alone")
-    if settings.file.sim is not None and not settings.file.sim.is_file():
+    if settings.file.sim is not None and not is_file(settings.file.sim):
         warnings.append(f"sim: {settings.file.sim} does not exist, there is nothing to simulate")
     return warnings

@@ -25,6 +25,7 @@ ALLOWED: Final = (
 
 NEEDS_KEYS: Final = "a folder of `gaitd keys`: clients beyond this machine must show who they are"
 NEEDS_TLS: Final = "with keys tls/, or tcp/ or unixsock-stream/ of this machine"
+PORT_MAX: Final = 65_535
 _EVERYWHERE: Final = {"0.0.0.0": "127.0.0.1", "[::]": "[::1]"}
 
 
@@ -45,9 +46,15 @@ def check(file: TrainerFile) -> TrainerFile:
     """Return the same file if all of its endpoints are allowed.
 
     Raises:
-        ConfigError: an endpoint is reachable from other machines, and the file does not allow it.
+        ConfigError: an endpoint is reachable from other machines, and the file does not allow it;
+            or it has a port that no machine has.
     """
     zenoh = file.trainer.zenoh
+    for index, endpoint in enumerate(zenoh.listen):
+        is_socket = endpoint.startswith(f"{UNIX_SOCKET}/")
+        if not (is_socket or 1 <= int(_host_and_port(endpoint)[1]) <= PORT_MAX):
+            allowed = f"a port from 1 to {PORT_MAX}"
+            raise ConfigError(file.path, f"zenoh.listen[{index}]", endpoint, allowed)
     if zenoh.listen_beyond_loopback and zenoh.keys is None:
         raise ConfigError(file.path, "zenoh.keys", MISSING, NEEDS_KEYS)
     for index, endpoint in enumerate(zenoh.listen):

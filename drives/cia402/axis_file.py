@@ -12,7 +12,7 @@ from drives.errors import DescriptionError
 NodeId = Annotated[int, Meta(ge=1, le=127)]
 Unsigned32 = Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
 Bit = Annotated[int, Meta(ge=0, le=31)]
-MotorData = Annotated[int, Meta(gt=0, le=0xFFFFFFFF)]
+MotorData = Annotated[int, Meta(ge=1, le=0xFFFFFFFF)]
 
 
 class Identity(Table, frozen=True, kw_only=True):
@@ -29,9 +29,9 @@ class Transmission(Table, frozen=True, kw_only=True):
     """From the motor to the joint. Losses belong to friction: there is no efficiency factor."""
 
     kind: Literal["rotary", "linear"]
-    gear_ratio: Annotated[float, Meta(gt=0, le=1000)]
+    gear_ratio: Annotated[float, Meta(ge=0.01, le=1000)]
     """Motor revolutions per revolution of the joint, or of the shaft that drives the slide."""
-    lead_m: Annotated[float, Meta(gt=0, le=2)] | None = None
+    lead_m: Annotated[float, Meta(ge=5e-4, le=2)] | None = None
     """Linear: travel per revolution after the gear."""
     sign: Literal[-1, 1]
     """+1: counts grow along the positive axis."""
@@ -65,10 +65,10 @@ class Motor(Table, frozen=True, kw_only=True):
     constant is its force constant in N/A times `lead_m` / 2π.
     """
 
-    torque_constant_nm_per_a: Annotated[float, Meta(gt=0, le=10)]
-    nominal_current_a: Annotated[float, Meta(gt=0, le=200)]
-    current_limit_a: Annotated[float, Meta(gt=0, le=400)]
-    peak_current_a: Annotated[float, Meta(gt=0, le=2000)] | None = None
+    torque_constant_nm_per_a: Annotated[float, Meta(ge=1e-3, le=10)]
+    nominal_current_a: Annotated[float, Meta(ge=0.01, le=200)]
+    current_limit_a: Annotated[float, Meta(ge=0.01, le=400)]
+    peak_current_a: Annotated[float, Meta(ge=0.01, le=2000)] | None = None
     """The largest current that the data sheet allows; absent: `gaitd check` warns of a limit that
     is far above the nominal current."""
     rated_torque_raw: MotorData | None = None

@@ -1,6 +1,6 @@
 """Homing (CiA 402-2, mode 6): what a drive type needs, and the settings of an axis."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from msgspec import Meta
 
@@ -9,6 +9,9 @@ from drives.errors import DescriptionError
 
 Method = Annotated[int, Meta(ge=-128, le=127)]
 """6098h; negative values are vendor-specific."""
+POSITION_BITS: Final = 32
+"""Width of 6064h."""
+MA_PER_A: Final = 1000
 
 
 class HomingObjects(Table, frozen=True, kw_only=True):
@@ -35,16 +38,16 @@ class Homing(Table, frozen=True, kw_only=True):
     method: Method
     home_si: Annotated[float, Meta(ge=-10, le=10)]
     """Joint position at home."""
-    search_speed_si_per_s: Annotated[float, Meta(gt=0, le=1)]
+    search_speed_si_per_s: Annotated[float, Meta(ge=1e-4, le=1)]
     """6099h:01, towards the switch or the stop."""
-    zero_speed_si_per_s: Annotated[float, Meta(gt=0, le=1)]
+    zero_speed_si_per_s: Annotated[float, Meta(ge=1e-4, le=1)]
     """6099h:02, for the final approach."""
-    acceleration_si_per_s2: Annotated[float, Meta(gt=0, le=20)]
-    effort_max_si: Annotated[float, Meta(gt=0, le=1500)]
+    acceleration_si_per_s2: Annotated[float, Meta(ge=1e-3, le=20)]
+    effort_max_si: Annotated[float, Meta(ge=0.1, le=1500)]
     """Written into the drive as its limit for the duration of the homing."""
-    stop_current_a: Annotated[float, Meta(gt=0, le=100)] | None = None
+    stop_current_a: Annotated[float, Meta(ge=0.01, le=100)] | None = None
     """Current that counts as the mechanical stop, for the methods that detect one."""
-    timeout_s: Annotated[float, Meta(gt=0, le=300)]
+    timeout_s: Annotated[float, Meta(ge=0.1, le=300)]
 
 
 def check_homing(objects: HomingObjects | None, homing: Homing | None) -> None:
@@ -67,6 +70,12 @@ def check_homing(objects: HomingObjects | None, homing: Homing | None) -> None:
     if not detects_stop and homing.stop_current_a is not None:
         allowed = f"absent: method {homing.method} detects no stop by its current"
         raise DescriptionError("axis", "homing.stop_current_a", homing.stop_current_a, allowed)
+    threshold = objects.current_threshold
+    if homing.stop_current_a is not None and threshold is not None:
+        most_a = threshold.values[-1] / MA_PER_A
+        if homing.stop_current_a > most_a:
+            allowed = f"at most {most_a:g}: {threshold.place} counts it in mA"
+            raise DescriptionError("axis", "homing.stop_current_a", homing.stop_current_a, allowed)
 
 
 def check_homing_objects(objects: HomingObjects | None) -> None:
@@ -77,6 +86,9 @@ def check_homing_objects(objects: HomingObjects | None) -> None:
     """
     if objects is None:
         return
+    if objects.home.bits < POSITION_BITS or not objects.home.signed:
+        allowed = f"an object of {POSITION_BITS} bits with sign, as the position that it sets"
+        raise DescriptionError("profile", "homing.home", objects.home.place, allowed)
     if unknown := set(objects.stall_methods) - set(objects.methods):
         raise DescriptionError("profile", "homing.stall_methods", sorted(unknown), "of `methods`")
     if bool(objects.stall_methods) != (objects.current_threshold is not None):

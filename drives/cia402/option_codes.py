@@ -13,7 +13,7 @@ from typing import Annotated, Final
 from msgspec import Meta
 
 from drives.canopen.objects import Object
-from drives.cia402.torque import ObjectRef
+from drives.cia402.torque import ObjectRef, Word
 from drives.errors import DescriptionError
 
 _HOW: Final = {
@@ -65,8 +65,8 @@ _WITHOUT_BRAKE: Final[Mapping[int, tuple[Sequence[int], str]]] = {
 class WrittenObject(ObjectRef, frozen=True, kw_only=True):
     """A setting that bring-up writes and reads back, whatever its present value."""
 
-    value: int
-    legal: Annotated[tuple[int, ...], Meta(min_length=1)]
+    value: Word
+    legal: Annotated[tuple[Word, ...], Meta(min_length=1)]
     """Values that this drive accepts; `value` must be one of them."""
     why: Annotated[str, Meta(min_length=5)]
 
@@ -102,6 +102,8 @@ def check_written(written: tuple[WrittenObject, ...], *, halt: bool) -> None:
     for entry in written:
         if entry.value not in entry.legal:
             raise _refused(entry, f"one of {', '.join(map(str, entry.legal))}")
+        if entry.value not in entry.values:
+            raise _refused(entry, entry.values_in_words)
 
 
 def holds_after_quick_stop(written: tuple[WrittenObject, ...]) -> bool:

@@ -29,6 +29,7 @@ from drives.cia402.torque import (
     TorqueBase,
     TorqueObject,
     TorqueSource,
+    Word,
     check_bases,
 )
 from drives.errors import DescriptionError
@@ -60,13 +61,13 @@ class Temperature(ObjectRef, frozen=True, kw_only=True):
 
     mapped: bool
     """True: TPDO3 carries it. False: the drive cannot map it, and it is read by SDO."""
-    degc_per_count: Annotated[float, Meta(gt=0, le=10)]
+    degc_per_count: Annotated[float, Meta(ge=1e-4, le=10)]
 
 
 class CheckedObject(ObjectRef, frozen=True, kw_only=True):
     """An object that must already hold a value, or the drive's numbers are wrong; never written."""
 
-    value: int
+    value: Word
     mask: Unsigned32
     why: Annotated[str, Meta(min_length=5)]
 
@@ -302,6 +303,13 @@ def _check_slow_pdo(profile: DriveProfile) -> None:
         raise DescriptionError("profile", "pdo.error_code", False, allowed)
 
 
+def _check_checked_objects(profile: DriveProfile) -> None:
+    for entry in profile.checked:
+        if entry.value not in entry.values:
+            key = f"checked[{entry.index:04X}h].value"
+            raise DescriptionError("profile", key, entry.value, entry.values_in_words)
+
+
 def _check_linear_motor(profile: DriveProfile, axis: AxisFile) -> None:
     transmission = axis.transmission
     if profile.torque_base.rated_torque_unit is not RatedTorqueUnit.MILLI_NEWTON:
@@ -361,6 +369,7 @@ _CHECKS: Final[tuple[Callable[[DriveProfile, AxisFile], None], ...]] = (
     lambda profile, _: _check_silence_detection(profile),
     lambda profile, _: _check_resume(profile),
     lambda profile, _: _check_slow_pdo(profile),
+    lambda profile, _: _check_checked_objects(profile),
     lambda profile, axis: check_inputs(axis.inputs, profile.inputs_always_zero),
     lambda _, axis: check_transmission(axis.transmission),
     _check_linear_motor,

@@ -26,6 +26,8 @@ from drives.errors import DescriptionError
 
 Index = Annotated[int, Meta(ge=0x1000, le=0xFFFF)]
 Sub = Annotated[int, Meta(ge=0, le=254)]
+Word = Annotated[int, Meta(ge=-0x80000000, le=0xFFFFFFFF)]
+"""A value of an object of up to 32 bits, signed or not."""
 
 
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -85,12 +87,23 @@ class ObjectRef(Table, frozen=True, kw_only=True):
         """`6077h:00`."""
         return f"{self.index:04X}h:{self.sub:02X}"
 
+    @property
+    def values(self) -> range:
+        """All values that the object can hold."""
+        half = 1 << (self.bits - 1)
+        return range(-half, half) if self.signed else range(2 * half)
+
+    @property
+    def values_in_words(self) -> str:
+        """`-128 to 127, which 60FFh:00 can hold`."""
+        return f"{self.values[0]} to {self.values[-1]}, which {self.place} can hold"
+
 
 class TorqueObject(ObjectRef, frozen=True, kw_only=True):
     """An object that measures, limits or commands torque."""
 
     unit: TorqueUnit
-    factor: Annotated[float, Meta(gt=0, le=1000)]
+    factor: Annotated[float, Meta(ge=1e-6, le=1000)]
     """Number of units per count."""
 
 

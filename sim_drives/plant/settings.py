@@ -11,9 +11,6 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-Positive = Annotated[float, Meta(gt=0)]
-NonNegative = Annotated[float, Meta(ge=0)]
-
 
 class FrictionLaw(Enum):
     """The plant's friction law; levels and speeds come from the robot file."""
@@ -48,14 +45,14 @@ class Start(Table, frozen=True):
 class HipBristles(Table, frozen=True):
     """LuGre's bristles at the hip; unused by the paper's law."""
 
-    bristle_stiffness_nm_per_rad: Annotated[float, Meta(gt=0, le=1e5)]
+    bristle_stiffness_nm_per_rad: Annotated[float, Meta(ge=1, le=1e5)]
     bristle_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=1e3)]
 
 
 class SlideBristles(Table, frozen=True):
     """LuGre's bristles at the slide; unused by the paper's law."""
 
-    bristle_stiffness_n_per_m: Annotated[float, Meta(gt=0, le=1e7)]
+    bristle_stiffness_n_per_m: Annotated[float, Meta(ge=10, le=1e7)]
     bristle_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1e4)]
 
 
@@ -72,7 +69,7 @@ class HipStop(Table, frozen=True):
 
     min_deg: Annotated[float, Meta(ge=-90, le=120)]
     max_deg: Annotated[float, Meta(ge=-90, le=120)]
-    stiffness_nm_per_rad: Annotated[float, Meta(gt=0, le=1e5)]
+    stiffness_nm_per_rad: Annotated[float, Meta(ge=1, le=1e5)]
     damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=1e3)]
 
 
@@ -81,7 +78,7 @@ class SlideStop(Table, frozen=True):
 
     min_m: Annotated[float, Meta(ge=-1, le=2)]
     max_m: Annotated[float, Meta(ge=-1, le=2)]
-    stiffness_n_per_m: Annotated[float, Meta(gt=0, le=1e7)]
+    stiffness_n_per_m: Annotated[float, Meta(ge=10, le=1e7)]
     damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1e5)]
 
 
@@ -103,11 +100,11 @@ class Stops(Table, frozen=True):
 class Motor(Table, frozen=True):
     """One motor with its power stage."""
 
-    current_time_constant_s: Annotated[float, Meta(gt=0, le=0.05)]
+    current_time_constant_s: Annotated[float, Meta(ge=1e-6, le=0.05)]
     """Time constant of the closed current loop, a first-order lag."""
-    resistance_ohm: Annotated[float, Meta(gt=0, le=100)]
-    thermal_resistance_k_per_w: Annotated[float, Meta(gt=0, le=100)]
-    thermal_time_constant_s: Annotated[float, Meta(gt=0, le=1e5)]
+    resistance_ohm: Annotated[float, Meta(ge=1e-3, le=100)]
+    thermal_resistance_k_per_w: Annotated[float, Meta(ge=1e-3, le=100)]
+    thermal_time_constant_s: Annotated[float, Meta(ge=0.1, le=1e5)]
 
 
 class Motors(Table, frozen=True):
@@ -121,23 +118,23 @@ class Motors(Table, frozen=True):
 class HipLoop(Table, frozen=True):
     """The hip drive's own position (P) and velocity (PI) loops, in joint units."""
 
-    position_gain_per_s: Annotated[float, Meta(gt=0, le=500)]
-    velocity_gain_nm_s_per_rad: Annotated[float, Meta(gt=0, le=1e4)]
-    velocity_integral_s: Positive
-    position_deadband_rad: NonNegative
+    position_gain_per_s: Annotated[float, Meta(ge=0.01, le=500)]
+    velocity_gain_nm_s_per_rad: Annotated[float, Meta(ge=0.01, le=1e4)]
+    velocity_integral_s: Annotated[float, Meta(ge=1e-3, le=1e3)]
+    position_deadband_rad: Annotated[float, Meta(ge=0, le=0.1)]
     """Position error that the drive cannot detect: one count of its encoder."""
-    standstill_rad_per_s: Positive
+    standstill_rad_per_s: Annotated[float, Meta(ge=1e-5, le=1)]
     """Below this speed a stopped axis is at standstill."""
 
 
 class SlideLoop(Table, frozen=True):
     """The slide drive's own loops, in joint units."""
 
-    position_gain_per_s: Annotated[float, Meta(gt=0, le=500)]
-    velocity_gain_n_s_per_m: Annotated[float, Meta(gt=0, le=1e5)]
-    velocity_integral_s: Positive
-    position_deadband_m: NonNegative
-    standstill_m_per_s: Positive
+    position_gain_per_s: Annotated[float, Meta(ge=0.01, le=500)]
+    velocity_gain_n_s_per_m: Annotated[float, Meta(ge=0.1, le=1e5)]
+    velocity_integral_s: Annotated[float, Meta(ge=1e-3, le=1e3)]
+    position_deadband_m: Annotated[float, Meta(ge=0, le=0.1)]
+    standstill_m_per_s: Annotated[float, Meta(ge=1e-5, le=1)]
 
 
 class Loops(Table, frozen=True):
@@ -150,15 +147,15 @@ class Loops(Table, frozen=True):
 class HipSensor(Table, frozen=True):
     """Noise (standard deviations) before quantisation."""
 
-    position_noise_rad: NonNegative
-    current_noise_a: NonNegative
+    position_noise_rad: Annotated[float, Meta(ge=0, le=0.1)]
+    current_noise_a: Annotated[float, Meta(ge=0, le=10)]
 
 
 class SlideSensor(Table, frozen=True):
     """Noise (standard deviations) before quantisation."""
 
-    position_noise_m: NonNegative
-    current_noise_a: NonNegative
+    position_noise_m: Annotated[float, Meta(ge=0, le=0.1)]
+    current_noise_a: Annotated[float, Meta(ge=0, le=10)]
 
 
 class Sensors(Table, frozen=True):
@@ -176,11 +173,11 @@ class Sensors(Table, frozen=True):
 class Effort(Table, frozen=True):
     """One part of a programme; parts that overlap add up. Positive acts along the positive axis."""
 
-    at_s: NonNegative
+    at_s: Annotated[float, Meta(ge=0, le=1e6)]
     """Time since the programme began."""
-    until_s: Positive
-    rise_s: NonNegative
-    fall_s: NonNegative
+    until_s: Annotated[float, Meta(ge=0.001, le=1e6)]
+    rise_s: Annotated[float, Meta(ge=0, le=1e6)]
+    fall_s: Annotated[float, Meta(ge=0, le=1e6)]
     hip_nm: Annotated[float, Meta(ge=-100, le=100)]
     slide_n: Annotated[float, Meta(ge=-1000, le=1000)]
 
@@ -192,9 +189,9 @@ class Steady(Effort, frozen=True, tag_field="kind", tag="steady"):
 class Sine(Effort, frozen=True, tag_field="kind", tag="sine"):
     """An effort over time: cos(2 pi f t + phase)."""
 
-    frequency_hz: Annotated[float, Meta(gt=0, le=10)]
-    hip_phase_deg: float
-    slide_phase_deg: float
+    frequency_hz: Annotated[float, Meta(ge=0.001, le=10)]
+    hip_phase_deg: Annotated[float, Meta(ge=-360, le=360)]
+    slide_phase_deg: Annotated[float, Meta(ge=-360, le=360)]
 
 
 class Gait(Effort, frozen=True, tag_field="kind", tag="gait"):
@@ -205,15 +202,15 @@ class Gait(Effort, frozen=True, tag_field="kind", tag="gait"):
     """
 
     harmonic: Annotated[int, Meta(ge=1, le=4)]
-    hip_phase_deg: float
-    slide_phase_deg: float
+    hip_phase_deg: Annotated[float, Meta(ge=-360, le=360)]
+    slide_phase_deg: Annotated[float, Meta(ge=-360, le=360)]
 
 
 class Push(Effort, frozen=True, tag_field="kind", tag="push"):
     """A push while the axis stands; it is weaker where the axis moves faster than `rest`."""
 
-    hip_rest_rad_per_s: Positive
-    slide_rest_m_per_s: Positive
+    hip_rest_rad_per_s: Annotated[float, Meta(ge=0.001, le=10)]
+    slide_rest_m_per_s: Annotated[float, Meta(ge=0.001, le=10)]
 
 
 class Spasm(Effort, frozen=True, tag_field="kind", tag="spasm"):
@@ -234,8 +231,8 @@ class Recorded(Effort, frozen=True, tag_field="kind", tag="recorded"):
 class Programme(Table, frozen=True):
     """A programme, started by `gaitd sim`'s command `patient NAME`. No effort: passive patient."""
 
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+$")]
-    repeat_s: Positive | None = None
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9_-]+\Z")]
+    repeat_s: Annotated[float, Meta(ge=0.1, le=1e6)] | None = None
     """The programme repeats after this time; without it, it runs once."""
     effort: tuple[Steady | Sine | Gait | Recorded | Push | Spasm, ...] = ()
 
@@ -244,7 +241,7 @@ class Patient(Table, frozen=True):
     """The patient: muscles with a first-order activation, and programmes to choose from."""
 
     start: str
-    activation_s: NonNegative
+    activation_s: Annotated[float, Meta(ge=0, le=10)]
     """Time constant between the script and the torque; 0 for none."""
     programme: Annotated[tuple[Programme, ...], Meta(min_length=1)]
 
@@ -254,7 +251,7 @@ class PlantTables(Table, frozen=True):
 
     robot: str
     """The plant's own robot file, by path relative to this file."""
-    seed: Annotated[int, Meta(ge=0)]
+    seed: Annotated[int, Meta(ge=0, le=0xFFFFFFFF)]
     step: Step
     start: Start
     friction: PlantFriction

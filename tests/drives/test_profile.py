@@ -637,6 +637,40 @@ def test_methods_that_detect_a_stop_and_their_object_go_together(changes, said):
         join(table("hip_epos4.toml"), profile, "hip")
 
 
+def test_a_current_that_the_object_of_the_threshold_cannot_hold_is_refused():
+    axis, profile = broken("hip_epos4", "axis", ("homing",), at_a_stop(65.6))
+    axis["motor"] |= {"current_limit_a": 90.0}
+
+    with pytest.raises(DescriptionError, match=r"at most 65\.535: 30B2h:00 counts it in mA"):
+        join(axis, profile, "hip")
+
+
+@pytest.mark.parametrize("narrow", [{"bits": 16}, {"signed": False}])
+def test_a_home_has_the_width_of_a_position(narrow):
+    profile = copy.deepcopy(table("profiles/epos4.toml"))
+    profile["homing"]["home"] |= narrow
+
+    with pytest.raises(DescriptionError, match=r"home = '30B0h:00': an object of 32 bits"):
+        join(table("hip_epos4.toml"), profile, "hip")
+
+
+@pytest.mark.parametrize(
+    ("part", "place", "change", "said"),
+    [
+        ("written", 3, {"value": -1, "legal": [-1]}, r"written\[1029h\].value = -1: 0 to 255"),
+        ("written", 3, {"value": 256, "legal": [256]}, r"written\[1029h\].value = 256: 0 to 255"),
+        ("written", 0, {"value": 40_000, "legal": [40_000]}, "-32768 to 32767, which 605Ah:00"),
+        ("checked", 0, {"bits": 16}, r"checked\[60A9h\].value = 11814656: 0 to 65535"),
+    ],
+)
+def test_a_value_that_its_object_cannot_hold_is_refused(part, place, change, said):
+    profile = copy.deepcopy(table("profiles/epos4.toml"))
+    profile[part][place] |= change
+
+    with pytest.raises(DescriptionError, match=said):
+        join(table("hip_epos4.toml"), profile, "hip")
+
+
 @pytest.mark.parametrize(
     ("method", "fits"), [(-129, False), (-128, True), (127, True), (128, False)]
 )

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final
 
 import msgspec
 from gaitd_client import Configuration, PlanLimits
+from gaitd_client.numbers import not_finite
 from msgspec import Meta
 
 from gaitd_assist.leg import LegController
@@ -18,7 +19,6 @@ from gaitd_assist.phase_help import HelpRules
 from gaitd_assist.transparency import TransparencyRules
 
 Ratio = Annotated[float, Meta(ge=0, le=1)]
-Seconds = Annotated[float, Meta(gt=0, le=600)]
 CAPS: Final = (("hip", "hip_max_nm", "assist_max_nm"), ("slide", "slide_max_n", "assist_max_n"))
 """Axis, key of `[cap]`, key of limits.toml; with `hip_` or `slide_`, key of the plan."""
 
@@ -61,7 +61,7 @@ class HelpTable(_Strict, frozen=True, kw_only=True):
     forgetting_ratio: Annotated[float, Meta(ge=0.5, lt=1)]
     release_ratio: Annotated[float, Meta(ge=0.3, lt=1)]
     floor_ratio: Annotated[float, Meta(ge=0.05, lt=1)]
-    stiffness_gain_ratio: Annotated[float, Meta(gt=0, le=2)]
+    stiffness_gain_ratio: Annotated[float, Meta(ge=0.01, le=2)]
     hip_gain_nm_per_rad: Annotated[float, Meta(ge=0, le=1000)]
     slide_gain_n_per_m: Annotated[float, Meta(ge=0, le=20000)]
     lead_s: Annotated[float, Meta(ge=0, le=0.5)]
@@ -70,14 +70,14 @@ class HelpTable(_Strict, frozen=True, kw_only=True):
 class TransparencyTable(_Strict, frozen=True, kw_only=True):
     """Friction fed forward: `transparency.py`."""
 
-    feedforward_ratio: Annotated[float, Meta(gt=0, le=0.8)]
+    feedforward_ratio: Annotated[float, Meta(ge=0.01, le=0.8)]
     friction_error_ratio: Annotated[float, Meta(ge=0.2, lt=1)]
-    hip_friction_max_nm: Annotated[float, Meta(gt=0, le=60)]
-    slide_friction_max_n: Annotated[float, Meta(gt=0, le=700)]
+    hip_friction_max_nm: Annotated[float, Meta(ge=0.01, le=60)]
+    slide_friction_max_n: Annotated[float, Meta(ge=0.1, le=700)]
     hip_full_rad_per_s: Annotated[float, Meta(ge=0.05, le=2)]
     slide_full_m_per_s: Annotated[float, Meta(ge=0.02, le=1)]
-    hip_tank_j: Annotated[float, Meta(gt=0, le=1)]
-    slide_tank_j: Annotated[float, Meta(gt=0, le=5)]
+    hip_tank_j: Annotated[float, Meta(ge=1e-3, le=1)]
+    slide_tank_j: Annotated[float, Meta(ge=1e-3, le=5)]
 
     def rules(self) -> TransparencyRules:
         """Constants of the law."""
@@ -96,7 +96,7 @@ class Settings(_Strict, frozen=True, kw_only=True):
     legs: Annotated[tuple[Annotated[str, Meta(pattern="^(left|right)$")], ...], Meta(min_length=1)]
     log: Path
     """JSON lines, one for each stride; appended to."""
-    cadence_max_hz: Annotated[float, Meta(gt=0, le=2)]
+    cadence_max_hz: Annotated[float, Meta(ge=0.01, le=2)]
     """Faster gaits are not assisted."""
     trainer: Link
     cap: Cap
@@ -147,8 +147,10 @@ def parse_settings(text: str, path: Path) -> Settings:
     """
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also of an integer of thousands of digits
         raise SettingsError(f"{path}: {error}") from error
+    for key, value in not_finite(table):
+        raise SettingsError(f"{path}: {key} = {value}: a finite number is needed")
     try:
         return msgspec.convert(table, Settings, dec_hook=lambda _, given: path.parent / str(given))
     except msgspec.ValidationError as error:

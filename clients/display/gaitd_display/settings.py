@@ -11,6 +11,7 @@ from typing import Annotated, Final, Literal, TypeVar
 
 import msgspec
 from gaitd_client import Credentials, read_credentials
+from gaitd_client.numbers import not_finite
 from msgspec import Meta
 
 LOOPBACK_NAMES: Final = frozenset({"localhost"})
@@ -77,7 +78,7 @@ class Link(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         return None if self.credentials is None else read_credentials(self.credentials)
 
 
-Watts = Annotated[float, Meta(gt=0, le=500)]
+Watts = Annotated[float, Meta(ge=0.1, le=500)]
 
 
 class Bar(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -167,10 +168,12 @@ def read_settings(path: Path, kind: type[File]) -> File:
     """
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
+        for key, value in not_finite(table):
+            raise SettingsError(f"{path}: {key} = {value}: a finite number is needed")
         settings = msgspec.convert(table, kind, dec_hook=lambda _, text: path.parent / str(text))
     except OSError as error:
         raise SettingsError(f"{path}: {(error.strerror or 'cannot be read').lower()}") from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise SettingsError(f"{path}: {error}") from error
     _refuse_web(path, settings.web)
     if isinstance(settings, PatientSettings):

@@ -5,7 +5,6 @@ default. The service enforces its own limits and the released plan; the range he
 found when the file is read, and not while a patient trains.
 """
 
-import math
 import re
 import secrets
 import tomllib
@@ -14,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import msgspec
+from gaitd_client.numbers import not_finite
 from msgspec import Meta
 
 PROFILE_VERSION: Final = 1
@@ -23,9 +23,9 @@ ID_LENGTH: Final = 8
 BLOCK_MIN_S: Final = 5.0
 RENDERED_LENGTH_MAX: Final = 60
 
-Cadence = Annotated[float, Meta(gt=0, le=2)]
+Cadence = Annotated[float, Meta(ge=0.01, le=2)]
 Share = Annotated[float, Meta(ge=0, le=1)]
-PositiveShare = Annotated[float, Meta(gt=0, le=1)]
+PositiveShare = Annotated[float, Meta(ge=0.001, le=1)]
 
 
 class ProfileError(Exception):
@@ -136,12 +136,10 @@ def parse_profile(text: str, file: Path) -> Profile:
     """
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # also of an integer of thousands of digits
         raise ProfileError(file, "", None, f"TOML syntax: {error}") from error
-    for key, value in _numbers(table, ""):
-        # A comparison with NaN is false, so that a range does not refuse it.
-        if not math.isfinite(value):
-            raise ProfileError(file, key, value, "a finite number")
+    for key, value in not_finite(table):
+        raise ProfileError(file, key, value, "a finite number")
     try:
         profile = msgspec.convert(table, Profile)
     except msgspec.ValidationError as error:
@@ -149,20 +147,6 @@ def parse_profile(text: str, file: Path) -> Profile:
     for key, value, allowed in _contradictions(profile):
         raise ProfileError(file, key, value, allowed)
     return profile
-
-
-def _numbers(value: object, key: str) -> Iterator[tuple[str, float]]:
-    match value:
-        case float():
-            yield key, value
-        case dict():
-            for name, inner in value.items():
-                yield from _numbers(inner, f"{key}.{name}" if key else str(name))
-        case list():
-            for index, inner in enumerate(value):
-                yield from _numbers(inner, f"{key}[{index}]")
-        case _:
-            pass
 
 
 def _refused(file: Path, table: dict[str, Any], message: str) -> ProfileError:

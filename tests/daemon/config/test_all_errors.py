@@ -24,7 +24,7 @@ ERRORS = (
         "assist.setpoint_age_max_cycles",
     ),
     (
-        Change("drives/hip_epos4.toml", "gear_ratio = 100.0", "gear_ratio = 0.001"),
+        Change("drives/hip_epos4.toml", "gear_ratio = 100.0", "gear_ratio = 0.02"),
         None,  # not compared: [hip] of limits.toml was refused
     ),
     (Change("demo.toml", "tcp/127.0.0.1:7447", "tcp/192.168.1.5:7447"), "zenoh.listen[0]"),

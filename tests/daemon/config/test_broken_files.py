@@ -108,7 +108,7 @@ ONE_FILE = [
         'torque_max_nm = "62"',
         "hip.torque_max_nm",
         '"62"',
-        "a number > 0 and <= 120",
+        "a number >= 0.5 and <= 120",
     ),
     broken(
         "a number for a switch",
@@ -135,7 +135,7 @@ ONE_FILE = [
         "torque_max_nm = 300.0",
         "hip.torque_max_nm",
         "300.0",
-        "a number > 0 and <= 120",
+        "a number >= 0.5 and <= 120",
     ),
     broken(
         "a negative mass",
@@ -153,7 +153,7 @@ ONE_FILE = [
         "velocity_max_m_per_s = nan",
         "slide.velocity_max_m_per_s",
         "nan",
-        "a number > 0 and <= 5",
+        "a number >= 0.02 and <= 5",
     ),
     broken(
         "infinity",
@@ -162,7 +162,7 @@ ONE_FILE = [
         "duration_max_s = inf",
         "excite.open_loop.duration_max_s",
         "inf",
-        "a number > 0 and <= 600",
+        "a number >= 0.1 and <= 600",
     ),
     broken(
         "not a number inside a list",
@@ -323,7 +323,7 @@ TOGETHER = [
         "sign = 1\n",
         "torque_source.factor",
         "(missing)",
-        "a number > 0 and <= 1000",
+        "a number >= 1e-06 and <= 1000",
     ),
     broken(
         "a factor of nothing",
@@ -332,7 +332,7 @@ TOGETHER = [
         "factor = 0.0\nsign = 1\n",
         "torque_source.factor",
         "0.0",
-        "a number > 0 and <= 1000",
+        "a number >= 1e-06 and <= 1000",
     ),
     broken(
         "a factor that is no number",
@@ -341,7 +341,7 @@ TOGETHER = [
         "factor = nan\nsign = 1\n",
         "torque_source.factor",
         "nan",
-        "a number > 0 and <= 1000",
+        "a number >= 1e-06 and <= 1000",
     ),
     broken(
         "an optional object that is not mentioned",

@@ -136,7 +136,7 @@ def test_the_command_ends_with_2_and_one_line_for_an_error_of_one_value(tmp_path
     assert (ended.code, ended.out) == (2, 2 * refused)
     assert ended.err == (
         f"configuration error: {demo.parent / 'limits.toml'}: hip.torque_max_nm = 300.0: "
-        "a number > 0 and <= 120\n"
+        "a number >= 0.5 and <= 120\n"
     )
 
 

@@ -10,7 +10,15 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec import Meta
 
-from daemon.config.strict import ConfigError, Document, PlainText, decoded, described, load_toml
+from daemon.config.strict import (
+    SMALLEST,
+    ConfigError,
+    Document,
+    PlainText,
+    decoded,
+    described,
+    load_toml,
+)
 
 
 class Inner(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -92,7 +100,7 @@ def test_a_long_value_is_cut_and_a_path_is_not():
 def test_a_number_is_taken_exactly_if_it_is_in_its_range(value):
     table = {"inner": {"speed_rpm": value}}
 
-    if 0 < value <= 10:
+    if SMALLEST <= value <= 10:
         assert decoded(Document(Path("x.toml"), "", table), Outer).inner.speed_rpm == value
     else:
         assert refused(table).key == "inner.speed_rpm"
