@@ -14,6 +14,7 @@ from daemon.config.bundle import Settings
 from daemon.config.drive_plan import drive_limits, effort_per_motor_nm
 from daemon.config.strict import ConfigError, Errors
 from daemon.config.trainer import beside, has_real_drives, real_drives
+from daemon.preflight.thresholds import idle_thresholds
 from drives.cia402.profile import DecelerationUnit, DriveDescription, SpeedUnit
 from drives.cia402.torque import count_nm
 from drives.cia402.units import DriveLimits, axis_scaling, expected_base
@@ -39,7 +40,14 @@ _PARTNER: Final = {
 
 def doubts(settings: Settings) -> Iterator[str]:
     """One line for each number that is probably a mistake: file, key, value, and why."""
-    for check in (_drives, _standstill, _zero_damping, _patient_on_a_real_machine, _bench):
+    for check in (
+        _drives,
+        _standstill,
+        _zero_damping,
+        idle_thresholds,
+        _patient_on_a_real_machine,
+        _bench,
+    ):
         yield from map(str, check(settings))
 
 
