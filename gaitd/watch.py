@@ -1,7 +1,8 @@
 """`gaitd watch KEY`: the messages of one key of a running service, as JSON, one to a line.
 
-Ends by Ctrl-C or after --count messages. Silence is reported on stderr. Exit codes as in
-`remote.py`.
+Ends by Ctrl-C or after --count messages. Silence is reported on stderr. A service that does not
+answer at the start has no such trainer, or none of it runs: that ends the command, too. Exit codes
+as in `remote.py`.
 """
 
 import sys
@@ -58,7 +59,9 @@ def command(
     target = find_target(config, endpoint, trainer, credentials)
     try:
         with client_of(target, "watch") as service:
-            _print(stream_of(service, key), count)
+            stream = stream_of(service, key)
+            service.status()  # a wrong trainer has no messages, without end
+            _print(stream, count)
     except ClientError as error:
         raise typer.Exit(report_silence("watch", str(error), as_json=as_json)) from error
     except KeyboardInterrupt:
@@ -83,7 +86,7 @@ def stream_of(service: Trainer, key: str) -> Stream[Any]:
 
 
 def _print(stream: Stream[Any], count: int) -> None:
-    """Print messages until the count; a service that is silent from the start ends it."""
+    """Print messages until the count, and what is said in their place."""
     printed_count = 0
     for message in stream:
         if not isinstance(message, NotValid):

@@ -30,6 +30,8 @@ class FaultRule:
     value_low: float = 0.0
     value_high: float = 0.0
     value_needed: bool = False
+    is_whole: bool = True
+    """The value is a number of something, and no quantity."""
     momentary: bool = False
     """True if the fault is over at once unless a duration is given."""
 
@@ -171,6 +173,7 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             "delay in ms",
             0.001,
             1000,
+            is_whole=False,
             value_needed=True,
         ),
         FaultKind.TPDO_ALL_ONES: FaultRule(
@@ -193,7 +196,7 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             "a fault with this code; its cause lasts as long as the fault here",
             _emergency,
             "error code",
-            1,
+            0x100,
             0xFFFF,
             value_needed=True,
         ),
@@ -201,7 +204,7 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             "an EMCY with this code, and the drive continues as before; 0000h when it ends",
             _warn,
             "error code",
-            1,
+            0x100,
             0xFFFF,
             value_needed=True,
         ),
@@ -224,6 +227,7 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             "delay in ms",
             0.001,
             60_000,
+            is_whole=False,
             value_needed=True,
         ),
         FaultKind.STO_OPEN: FaultRule("safe torque off becomes active", _open_sto),
@@ -252,6 +256,7 @@ RULES: Final[Mapping[FaultKind, FaultRule]] = MappingProxyType(
             "offset in mA",
             -100_000,
             100_000,
+            is_whole=False,
             value_needed=True,
         ),
         FaultKind.HOME_SWITCH_STUCK: FaultRule(

@@ -6,6 +6,7 @@ and a DURATION_S of `-` means until cleared; or `clear KIND DRIVE`. For example
     silent right/hip 0.5            lost_tpdo * 0.1 2        emcy right/slide - 0x2310
     clear emcy right/slide          reboot right/hip         hand_switch_open *
 
+A duration is decimal and in s, and most values are whole: so a command in another order is refused.
 RULES of `rules.py` has one row for each kind. A new fault of the same kind on the same drive
 replaces the previous one.
 """
@@ -20,6 +21,9 @@ from sim_drives.settings import FaultKind
 EVERY_DRIVE: Final = "*"
 CLEAR: Final = "clear"
 OPEN_END: Final = "-"
+HEX: Final = "0x"
+DURATION_MIN_S: Final = 0.001
+DURATION_MAX_S: Final = 1e6
 COMMAND_FORM: Final = "KIND DRIVE [DURATION_S|- [VALUE]], or: clear KIND DRIVE"
 
 
@@ -88,6 +92,8 @@ def check_value(kind: FaultKind, value: float | None) -> None:
             f"{kind.value}: value {value:g} ({rule.value_text}) is not within "
             f"{rule.value_low:g} to {rule.value_high:g}"
         )
+    elif rule.value_text and rule.is_whole and value % 1:
+        raise FaultCommandError(f"{kind.value}: value {value:g} ({rule.value_text}) is not whole")
 
 
 def _kind(word: str) -> FaultKind:
@@ -100,15 +106,19 @@ def _kind(word: str) -> FaultKind:
 def _duration(word: str) -> float | None:
     if word == OPEN_END:
         return None
+    if word.lower().startswith(HEX):
+        raise FaultCommandError(f"duration {word!r} is no time in s; expected {COMMAND_FORM}")
     duration_s = _number(word, "duration")
-    if duration_s <= 0:
-        raise FaultCommandError(f"duration {word!r} must be above 0 s, or {OPEN_END}")
+    if not DURATION_MIN_S <= duration_s <= DURATION_MAX_S:
+        raise FaultCommandError(
+            f"duration {word!r} must be {DURATION_MIN_S:g} to {DURATION_MAX_S:g} s, or {OPEN_END}"
+        )
     return duration_s
 
 
 def _number(word: str, what: str) -> float:
     try:
-        value = float(int(word, 0)) if word.lower().startswith("0x") else float(word)
+        value = float(int(word, 0)) if word.lower().startswith(HEX) else float(word)
     except ValueError:
         raise FaultCommandError(f"{what} {word!r} is no number") from None
     if not math.isfinite(value):

@@ -5,7 +5,10 @@ from contextlib import nullcontext
 from types import SimpleNamespace
 
 import pytest
+import zenoh
+from command_line import gaitd
 from gaitd_client import Mode, Reply, Target, Trainer
+from gaitd_client.connection import config_of
 
 from daemon.config.strict import ConfigError
 from gaitd import remote
@@ -67,6 +70,17 @@ def test_a_reason_that_names_its_command_is_enough(capsys):
     remote.report_reply(reply_of("enable", "refused", "due: `gaitd self-test`"), as_json=False)
 
     assert capsys.readouterr().out.count("\n") == 1
+
+
+def test_watching_a_trainer_that_is_not_there_ends(tmp_path):
+    endpoint = f"unixsock-stream/{tmp_path}/zenoh"
+    other = {"mode": "router", "listen/endpoints": [endpoint], "scouting/multicast/enabled": False}
+    with zenoh.open(config_of(other)):
+        ended = gaitd("watch", "safety", "--count", 1, "--endpoint", endpoint, "--trainer", "wrong")
+
+    assert (ended.code, ended.out) == (remote.EXIT_NO_ANSWER, "")
+    assert "no answer to gaitd/wrong/control/status" in ended.err
+    assert "another trainer" in ended.err
 
 
 def test_every_key_of_a_trainer_can_be_watched_and_another_one_is_refused():

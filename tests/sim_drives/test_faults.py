@@ -1,7 +1,9 @@
 """Every fault's effect on the bus, by script and by command."""
 
 import math
+import re
 import struct
+from pathlib import Path
 
 import pytest
 from drive_bench import Bench
@@ -10,6 +12,8 @@ from trainers import QUIET, trainer
 from sim_drives.faults.rules import RULES
 from sim_drives.faults.script import FaultCommandError, help_text, parse_command
 from sim_drives.settings import FaultKind, FaultSettings
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 @pytest.fixture
@@ -443,11 +447,15 @@ def test_another_serial_number_alone_is_enough(running):
         ("asleep right/hip", "unknown kind 'asleep'; known: lost_tpdo"),
         ("silent left/hip", "unknown drive 'left/hip'; known: right/hip, right/slide, *"),
         ("silent right/hip soon", "duration 'soon' is no number"),
-        ("silent right/hip -1", "duration '-1' must be above 0"),
+        ("silent right/hip -1", "duration '-1' must be 0.001 to 1e+06 s"),
+        ("silent right/hip 5e-324", "duration '5e-324' must be 0.001"),
+        ("emcy right/slide 0x2310 2", "duration '0x2310' is no time in s; expected KIND DRIVE"),
+        ("emcy right/slide 8976 2", "value 2 (error code) is not within 256 to 65535"),
+        ("lost_tpdo right/slide 2 0.5", "value 0.5 (TPDO number, 0: all) is not whole"),
         ("silent right/hip nan", "is not finite"),
         ("silent right/hip 1 2", "silent has no value"),
         ("emcy right/hip 1", "emcy needs a value: error code"),
-        ("emcy right/hip 1 0x12345", "not within 1 to 65535"),
+        ("emcy right/hip 1 0x12345", "not within 256 to 65535"),
         ("emcy right/hip 1 abc", "value 'abc' is no number"),
         ("lost_tpdo right/hip 1 7", "not within 0 to 4"),
         ("clear silent right/hip 3", "expected KIND DRIVE"),
@@ -455,7 +463,7 @@ def test_another_serial_number_alone_is_enough(running):
     ],
 )
 def test_a_command_that_makes_no_sense_says_why(bench, line, said):
-    with pytest.raises(FaultCommandError, match=said.replace("*", r"\*")):
+    with pytest.raises(FaultCommandError, match=re.escape(said)):
         bench.world.command(line)
 
 
@@ -483,3 +491,13 @@ def test_a_lost_connection_by_command_acts_like_one(generic):
     generic.run_ms(200)
 
     assert generic.frames(0x085)[-1] == bytes(8)
+
+
+def test_the_documents_have_the_form_of_a_fault_and_only_faults_that_are_possible():
+    texts = [page.read_text(encoding="utf-8") for page in DOCS.glob("*.md")]
+    shown = {line for text in texts for line in re.findall(r'inject[( ]"([^"]+)"', text)}
+
+    assert {"help", "silent right/hip 0.5"} <= shown
+    for line in shown - {"help", "clear KIND DRIVE"}:
+        parse_command(line)
+    assert any("`KIND DRIVE [DURATION_S [VALUE]]`" in text for text in texts)
