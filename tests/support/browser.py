@@ -9,9 +9,9 @@ import threading
 from pathlib import Path
 
 import display_bench as bench
-import uvicorn
 from gaitd_client import Mode, Stage
 from gaitd_display.settings import PatientSettings, TherapistSettings
+from gaitd_display.web import Server
 
 from gaitd_lab.processes import free_port
 
@@ -119,20 +119,13 @@ class Site:
         table["web"]["port"] = self.port
         self._settings = bench.settings_of(folder, table, kind)
         self._make_app = make_app
-        self.address = f"http://127.0.0.1:{self.port}"
+        scheme = "https" if self._settings.web.is_tls else "http"
+        self.address = f"{scheme}://127.0.0.1:{self.port}"
         self.server = None
 
     def start(self):
         made = self._make_app(self._settings)
-        config = uvicorn.Config(
-            made.app,
-            host="127.0.0.1",
-            port=self.port,
-            ws="websockets-sansio",
-            log_level="warning",
-            timeout_graceful_shutdown=1,
-        )
-        self._uvicorn = uvicorn.Server(config)
+        self._uvicorn = Server(made.app, self._settings.web)
         self._thread = threading.Thread(target=self._uvicorn.run)
         self._thread.start()
         while not self._uvicorn.started:

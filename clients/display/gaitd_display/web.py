@@ -7,6 +7,7 @@ browser cannot stop or release a leg. STOP needs no login.
 
 import asyncio
 import contextlib
+import functools
 import signal
 import socket
 import sys
@@ -29,6 +30,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from gaitd_display.connections import STOP_PATH, Connections
 from gaitd_display.feed import Feed, PageQueue, TooManyPagesError
 from gaitd_display.settings import Web
 from gaitd_display.texts import page_texts
@@ -38,6 +40,8 @@ BODY_MAX_BYTES: Final = 4096
 STOPS_MAX: Final = 8
 """Stops that may wait for their answer; each has a thread, so that no other request delays one."""
 PING_S: Final = 2.0
+BACKLOG: Final = 128
+"""Connections that may wait to be accepted."""
 EXIT_NOT_STARTED: Final = 3
 GOING_AWAY: Final = 1001
 TRY_LATER: Final = 1013
@@ -287,7 +291,7 @@ def make_app(
             Route("/", served.page),
             Route("/texts.json", texts),
             Route("/alive", alive),
-            Route("/stop", stops.stop, methods=["POST"]),
+            Route(STOP_PATH, stops.stop, methods=["POST"]),
             WebSocketRoute("/live", served.live),
             *served.routes,
             Mount("/static", StaticFiles(directory=STATIC)),
@@ -305,38 +309,86 @@ async def _gone(_request: Request, _error: Exception) -> Response:
 class Server(uvicorn.Server):
     """Ends in order whatever comes after the first signal: the session switches its drives off."""
 
+    def __init__(self, app: ASGIApp, web: Web) -> None:
+        """Bind, so that a port in use is known before anything begins.
+
+        Raises:
+            OSError: the address cannot be bound.
+        """
+        self._connections = Connections(app)
+        self._listeners = _bind(web)
+        self._accepting = contextlib.AsyncExitStack()
+        super().__init__(
+            uvicorn.Config(
+                self._connections,
+                host=web.host,
+                port=web.port,
+                ssl_certfile=web.certificate,
+                ssl_keyfile=web.key,
+                ws="websockets-sansio",
+                ws_max_size=BODY_MAX_BYTES,
+                ws_ping_interval=PING_S,
+                ws_ping_timeout=PING_S,
+                timeout_graceful_shutdown=1,
+                server_header=False,
+                access_log=False,
+                log_level="warning",
+                proxy_headers=False,
+            )
+        )
+
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """End at the first signal."""
         if not self.should_exit:
             super().handle_exit(sig, frame)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Say where the page is, once it can be opened."""
-        await super().startup(sockets)
-        if self.started:
-            scheme = "https" if self.config.is_ssl else "http"
-            print(f"gaitd-display: {scheme}://{self.config.host}:{self.config.port}/", flush=True)
+        """Start without sockets of uvicorn; say where the page is, once it can be opened."""
+        assert sockets is None  # noqa: S101 - invariant: `serve` gives none
+        await super().startup([])
+        config = self.config
+        make: Callable[..., asyncio.Protocol] = config.http_protocol_class
+        protocol = functools.partial(
+            make, config=config, server_state=self.server_state, app_state=self.lifespan.state
+        )
+        for listener in self._listeners:
+            listener.listen(BACKLOG)
+        accept = self._connections.accept(self._listeners, protocol, config.ssl)
+        await self._accepting.enter_async_context(working(accept))
+        scheme = "https" if config.is_ssl else "http"
+        print(f"gaitd-display: {scheme}://{config.host}:{config.port}/", flush=True)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Accept nothing any more, then end what goes on."""
+        await self._accepting.aclose()
+        for listener in self._listeners:
+            listener.close()
+        await super().shutdown(sockets)
+
+
+def _bind(web: Web) -> list[socket.socket]:
+    """Return the bound sockets of an address; a name may have several."""
+    found = socket.getaddrinfo(web.host, web.port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE)
+    bound: list[socket.socket] = []
+    for family, *_, address in found:
+        listener = socket.socket(family, socket.SOCK_STREAM)
+        bound.append(listener)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family is socket.AF_INET6:
+            listener.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        listener.setblocking(False)
+        listener.bind(address)
+    return bound
 
 
 def serve(app: ASGIApp, web: Web) -> None:
     """Serve until SIGTERM, SIGINT or SIGHUP."""
-    config = uvicorn.Config(
-        app,
-        host=web.host,
-        port=web.port,
-        ssl_certfile=web.certificate,
-        ssl_keyfile=web.key,
-        ws="websockets-sansio",
-        ws_max_size=BODY_MAX_BYTES,
-        ws_ping_interval=PING_S,
-        ws_ping_timeout=PING_S,
-        timeout_graceful_shutdown=1,
-        server_header=False,
-        access_log=False,
-        log_level="warning",
-        proxy_headers=False,
-    )
-    server = Server(config)
+    try:
+        server = Server(app, web)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        print(f"gaitd-display: {web.host}:{web.port}: {reason.lower()}", file=sys.stderr)
+        sys.exit(EXIT_NOT_STARTED)
     signal.signal(signal.SIGHUP, server.handle_exit)
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises the signal again at its end
         server.run()

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import display_bench as bench
 import pytest
-import uvicorn
 from gaitd_client import Mode
-from gaitd_display.settings import SessionFiles
+from gaitd_display.settings import SessionFiles, Web
 from gaitd_display.training import Summary, Training
 from gaitd_display.web import Server
 from gaitd_session import Advice, SessionError
@@ -117,7 +116,7 @@ def test_a_server_that_gets_a_second_signal_still_ends_its_session():
         yield
         ended.append("session")
 
-    server = Server(uvicorn.Config(Starlette(lifespan=lifespan), port=0, log_level="warning"))
+    server = Server(Starlette(lifespan=lifespan), Web(host="127.0.0.1", port=0))
     thread = threading.Thread(target=server.run)
     thread.start()
     while not server.started:

@@ -1,0 +1,179 @@
+"""Which connections a server of the display holds, and that STOP finds a place among them."""
+
+import contextlib
+import datetime
+import json
+import resource
+import socket
+import ssl
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import browser as rig
+import display_bench as bench
+import pytest
+from gaitd_display import connections
+from gaitd_display.connections import ADDRESS_MAX, CONNECTIONS_MAX, WAIT_S, overdue, surplus
+from gaitd_display.feed import PAGES_MAX
+from gaitd_display.patient import PatientServer
+from gaitd_display.web import STOPS_MAX
+from websockets.sync.client import connect
+
+from daemon.keys.certificates import new_authority, new_certificate
+
+IDLE_COUNT = 400
+ROOM = 160
+"""Descriptors that the test leaves for the server: the services have 256 in all."""
+FLOOD = """
+import http.client, json, resource, socket, ssl, sys
+most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+port, count, is_tls, origin = int(sys.argv[1]), int(sys.argv[2]), sys.argv[3] == "1", sys.argv[4]
+idle = [socket.create_connection(("127.0.0.1", port), timeout=10) for _ in range(count)]
+if is_tls:
+    stop = http.client.HTTPSConnection(
+        "127.0.0.1", port, timeout=10, context=ssl._create_unverified_context()
+    )
+else:
+    stop = http.client.HTTPConnection("127.0.0.1", port, timeout=10)
+stop.request("POST", "/stop", "{}", {"Origin": origin, "Content-Type": "application/json"})
+print(json.loads(stop.getresponse().read())["outcome"])
+"""
+
+
+def held(address, since_s, **more):
+    return SimpleNamespace(address=address, since_s=since_s, is_asking=False, is_kept=False, **more)
+
+
+def asking(address, since_s, *, is_kept=False):
+    return SimpleNamespace(address=address, since_s=since_s, is_asking=True, is_kept=is_kept)
+
+
+# --- which one is closed ------------------------------------------------------------------------
+
+
+def test_none_is_closed_while_there_is_room():
+    full = [held(f"a{n % 3}", n) for n in range(CONNECTIONS_MAX)]
+    assert surplus(full, "a0") is None
+    assert surplus([held("a", n) for n in range(ADDRESS_MAX)], "a") is None
+
+
+def test_one_address_gives_up_its_own_oldest():
+    mine = [held("other", 0), *(held("a", n + 1) for n in range(ADDRESS_MAX + 1))]
+    assert surplus(mine, "a") is mine[1]
+
+
+def test_when_all_are_too_many_the_address_with_most_gives_one_up():
+    many = [held("many", 100 + n) for n in range(ADDRESS_MAX)]
+    few = [held(f"b{n}", n) for n in range(CONNECTIONS_MAX - ADDRESS_MAX)]
+    assert surplus([*few, *many, held("new", 999)], "new") is many[0]
+
+
+def test_pages_and_stops_are_kept_and_a_request_goes_after_one_that_says_nothing():
+    kept = [asking("a", n, is_kept=True) for n in range(PAGES_MAX + STOPS_MAX)]
+    slow = asking("a", 100)
+    mute = [held("a", 200 + n) for n in range(ADDRESS_MAX - len(kept))]
+    assert surplus([*kept, slow, *mute], "a") is mute[0]
+    requests = [asking("a", 200 + n) for n in range(ADDRESS_MAX - len(kept))]
+    assert surplus([*kept, slow, *requests], "a") is slow
+
+
+def test_there_is_a_place_for_a_stop_beside_all_that_is_kept():
+    assert PAGES_MAX + STOPS_MAX < ADDRESS_MAX < CONNECTIONS_MAX < ROOM
+
+
+def test_one_that_says_nothing_is_overdue_and_one_with_a_request_never():
+    mute, other, busy = held("a", 0.0), held("a", 0.1), asking("a", 0.0)
+    assert overdue([mute, other, busy], WAIT_S) == [mute]
+
+
+# --- over sockets -------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def trainer():
+    return bench.MessageTrainer()
+
+
+@pytest.fixture(params=[False, True], ids=["plain", "tls"])
+def site(request, tmp_path, trainer):
+    table = bench.patient_table(tmp_path)
+    if request.param:
+        now = datetime.datetime.now(datetime.UTC)
+        pair = new_certificate(new_authority("trainer", now), "display", now, 1, ["127.0.0.1"])
+        (tmp_path / "c.pem").write_bytes(pair.certificate)
+        (tmp_path / "k.pem").write_bytes(pair.key)
+        table["web"] |= {"certificate": "c.pem", "key": "k.pem"}
+    with rig.Site(
+        lambda made: PatientServer(made, trainer, trainer.clock),
+        table,
+        tmp_path,
+        rig.KINDS["patient"],
+    ) as site:
+        site.is_tls = request.param
+        yield site
+
+
+@contextlib.contextmanager
+def few_descriptors():
+    """Leave `ROOM` to this process, as the service has them."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    used = max(int(one.name) for one in Path("/proc/self/fd").iterdir())
+    resource.setrlimit(resource.RLIMIT_NOFILE, (used + ROOM, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
+def unverified():
+    context = ssl.create_default_context()
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    return context
+
+
+def test_a_stop_arrives_while_400_connections_say_nothing_and_pages_go_on(
+    site, trainer, monkeypatch
+):
+    monkeypatch.setattr(connections, "WAIT_S", 1000.0)  # it does not wait for them to be closed
+    script = [sys.executable, "-c", FLOOD, str(site.port), str(IDLE_COUNT), str(int(site.is_tls))]
+    tls = {"ssl": unverified()} if site.is_tls else {}
+    live = f"{site.address.replace('http', 'ws', 1)}/live"
+    with few_descriptors(), connect(live, origin=site.address, **tls) as page:
+        page.recv(timeout=10)
+        flood = subprocess.run(
+            [*script, site.address], check=False, capture_output=True, text=True, timeout=60
+        )
+        assert (flood.stdout, flood.stderr) == ("done\n", "")
+        assert trainer.requests == [("stop",)]
+        for _ in range(3):
+            page.send(str(json.loads(page.recv(timeout=10))["seq"]))
+
+
+def test_one_that_says_nothing_is_closed_in_time(site, monkeypatch):
+    for name, value in (("WAIT_S", 0.2), ("LOOK_S", 0.02)):
+        monkeypatch.setattr(connections, name, value)
+    with (
+        socket.create_connection(("127.0.0.1", site.port), timeout=20) as mute,
+        socket.create_connection(("127.0.0.1", site.port), timeout=20) as slow,
+    ):
+        slow.sendall(b"POST /stop HTTP/1.1\r\n")
+        for one in (mute, slow):
+            with contextlib.suppress(ConnectionResetError):
+                while one.recv(1000):
+                    pass
+
+
+def test_a_port_in_use_is_told_before_anything_begins(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        table = bench.patient_table(tmp_path)
+        table["web"]["port"] = port
+        file = tmp_path / "patient.toml"
+        file.write_text(bench.toml(table), encoding="utf-8")
+        command = [sys.executable, "-m", "gaitd_display", "patient", "--config", str(file)]
+        told = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+    assert (told.returncode, told.stdout) == (3, "")
+    assert told.stderr == f"gaitd-display: 127.0.0.1:{port}: address already in use\n"
