@@ -1,7 +1,8 @@
 """Opens the gateway's Zenoh session, with the reason for each setting.
 
 Measured with eclipse-zenoh 1.10: by default a peer scouts by multicast and listens on all
-interfaces, notices a hung peer after 10 s, and a put may wait for a slow subscriber.
+interfaces, notices a hung peer after 10 s, and a put may wait for a slow subscriber. A hundred
+connections that say nothing keep new clients out for 10 s.
 """
 
 import secrets
@@ -17,6 +18,11 @@ from daemon.zenoh_io.access import access_control
 
 LEASE_MS: Final = 1000
 """Time after which a hung peer is dropped; a subscriber notices a hung gateway as fast."""
+ACCEPT_MS: Final = 3000
+"""Time for the handshake of a new link, as long as a client tries it."""
+PENDING_MAX: Final = 512
+"""New links whose handshake is not over; with more, others wait. The service has 1024 descriptors
+(`LimitNOFILE`)."""
 
 
 def session_settings(listen: Sequence[str], trainer: str, keys: Keys | None) -> dict[str, Any]:
@@ -33,6 +39,8 @@ def session_settings(listen: Sequence[str], trainer: str, keys: Keys | None) -> 
         # Without it any client could publish, answer and receive setpoints as the gateway does.
         "access_control": access_control(trainer, keys and keys.register.clients),
         "timestamping/enabled": True,
+        "transport/unicast/accept_timeout": ACCEPT_MS,
+        "transport/unicast/accept_pending": PENDING_MAX,
         "transport/link/tx/lease": LEASE_MS,
         "transport/link/tx/keep_alive": 4,
         # Never wait for a subscriber: what cannot be queued is dropped at once.

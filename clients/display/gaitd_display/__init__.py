@@ -5,5 +5,6 @@ the queue of each page), `feedback.py` (bar, peak and word of a leg), `patient_v
 the patient's page shows), `cause_texts.py` and `texts.py` (words in two languages), `way_out.py`
 (out of a latched stop, alone), `training.py` (the session), `alarm.py`, `therapist_view.py`,
 `progress.py` (profile, plan and sessions); then `connections.py` (which ones a server holds),
-`web.py` (headers, origin, WebSocket, STOP), `patient.py`, `login.py`, `therapist.py`, `__main__.py`.
+`web.py` (headers, origin, WebSocket, STOP), `patient.py`, `login.py`, `therapist.py`,
+`__main__.py`.
 """

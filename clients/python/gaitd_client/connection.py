@@ -74,8 +74,8 @@ def open_session(target: Target) -> zenoh.Session:
     except zenoh.ZError as error:
         where = " or ".join(target.endpoints)
         raise NoServiceError(
-            f"no service listens on {where}, or it does not accept these keys:"
-            f" {PLACE_IN_ZENOH.sub('', str(error))}"
+            f"no service listens on {where}, too many connections wait there, or it does not"
+            f" accept these keys: {PLACE_IN_ZENOH.sub('', str(error))}"
         ) from error
 
 

@@ -12,7 +12,7 @@ from collections import Counter
 
 import pytest
 import zenoh
-from gaitd_client import wire
+from gaitd_client import Trainer, wire
 from keyed_gateway import BASE, ROLES, ask, connected, flush, is_valid, running
 
 from daemon.ipc.record import Mode, RequestKind
@@ -273,6 +273,23 @@ def test_a_recorded_estimate_and_a_recorded_reply_come_from_the_gateway_alone(se
     assert len(heard) == len(set(heard))
     assert len(replies) == 1
     assert json.dumps(replies[0]) != replied[0]
+
+
+# --- connections that say nothing -----------------------------------------------------------------
+
+MUTE_COUNT = 300
+
+
+@pytest.mark.parametrize("kind", ["open_service", "service"])
+def test_300_connections_that_say_nothing_keep_no_new_client_out(kind, request):
+    """A client gives up before Zenoh closes them, if they take all places of new links."""
+    target = request.getfixturevalue(kind).target("operator.desk")
+    port = int(target.endpoints[0].rpartition(":")[2])
+    with contextlib.ExitStack() as mute:
+        for _ in range(MUTE_COUNT):
+            mute.enter_context(socket.create_connection(("127.0.0.1", port), timeout=20))
+        with Trainer(target.endpoints, target.credentials) as operator:
+            assert operator.stop().outcome == "done"
 
 
 # --- peers that scout -----------------------------------------------------------------------------
