@@ -18,6 +18,9 @@ from gaitd_client import NotValid, Stream
 T = TypeVar("T", bound=msgspec.Struct)
 
 TICK_S: Final = 1 / 60
+LATE_S: Final = 0.1
+"""A server that wakes so late has been busy or suspended: it receives first what waits for it, and
+then judges whether the trainer is silent."""
 WINDOW: Final = 2
 """Frames that may be on their way to a page: more would be old when they are painted."""
 ITEMS_MAX: Final = 256
@@ -137,3 +140,5 @@ class Feed:
             now_s = loop.time()
             due_s = max(due_s + TICK_S, now_s)  # a tick that was missed is not caught up
             await asyncio.sleep(due_s - now_s)
+            if loop.time() - due_s > LATE_S:
+                await asyncio.sleep(TICK_S)

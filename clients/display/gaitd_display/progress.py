@@ -61,6 +61,8 @@ class PastSession(msgspec.Struct, frozen=True):
     mean_share_ratio: float | None
     """Mean over the valid strides; None: there is none."""
     interruption_count: int
+    last_interruption: str
+    """Its reason, English, or its phase; empty: there is none."""
 
 
 class Progress(msgspec.Struct, frozen=True):
@@ -131,4 +133,5 @@ def _session(one: SessionSummary) -> PastSession:
         one.valid_count,
         one.mean_share_ratio,
         one.interruption_count,
+        one.last_interruption,
     )

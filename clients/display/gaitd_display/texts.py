@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from enum import StrEnum, auto
 from typing import Final
 
-from gaitd_session import ADVICE, Advice, Text
+from gaitd_session import ADVICE, WHY, Advice, Text
 
 
 class Word(StrEnum):
@@ -250,6 +250,7 @@ def page_texts() -> dict[str, dict[str, str]]:
         **{f"word.{word}": text for word, text in WORDS.items()},
         **{f"line.{word}": text for word, text in EXPLAINED.items()},
         **{f"advice.{advice}": text for advice, text in ADVICE.items()},
+        **{f"why.{why}": text for why, text in WHY.items()},
         "way.start": ADVICE[Advice.PRESS_START_TO_RESET],
     }
     return {

@@ -11,7 +11,16 @@ from typing import Final
 
 import msgspec
 from gaitd_client import Clock, Mode, Trainer
-from gaitd_session import Advice, Button, Phase, Session, View, open_history, read_profile
+from gaitd_session import (
+    Advice,
+    Button,
+    Phase,
+    Session,
+    View,
+    Why,
+    open_history,
+    read_profile,
+)
 from gaitd_session.machine import ACTIVE
 
 from gaitd_display.settings import SessionFiles
@@ -48,6 +57,8 @@ class TrainingView(msgspec.Struct, frozen=True):
     """All blocks and rests that are left."""
     reason: str
     """Text of the service for a stop or a refusal; empty without one."""
+    why: Why | None
+    """What has ended the last START early; None: nothing, or `reason` or a stop says it."""
     is_kept: bool
     """The history is written."""
     bands: tuple[Band, ...]
@@ -132,6 +143,7 @@ class Training:
             buttons=buttons,
             left_s=view.session_left_s,
             reason=view.reason,
+            why=view.why,
             is_kept=view.is_kept,
             bands=tuple(
                 Band(leg.leg, leg.band_low_ratio, leg.band_high_ratio) for leg in view.legs

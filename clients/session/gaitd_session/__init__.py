@@ -12,11 +12,12 @@ from gaitd_session.plan import Block, BlockKind, blocks_of, limits_of
 from gaitd_session.profile import Profile, ProfileError, parse_profile, read_profile
 from gaitd_session.session import Session, SessionError
 from gaitd_session.store import History, SessionSummary, Store, StoreError, open_history
-from gaitd_session.texts import ADVICE, Advice, Text
+from gaitd_session.texts import ADVICE, WHY, Advice, Text, Why
 from gaitd_session.view import BlockView, LegView, View
 
 __all__ = [
     "ADVICE",
+    "WHY",
     "Advice",
     "Band",
     "Block",
@@ -35,6 +36,7 @@ __all__ = [
     "StoreError",
     "Text",
     "View",
+    "Why",
     "blocks_of",
     "limits_of",
     "open_history",

@@ -44,6 +44,7 @@ from gaitd_client import Cause, Mode, Stage
 from gaitd_session.goals import band_about, next_middle
 from gaitd_session.plan import Block, blocks_of
 from gaitd_session.profile import Goal, Profile
+from gaitd_session.texts import Why
 
 ANNOUNCE_S: Final = 3.0
 """Time between the announcement and the request for motion."""
@@ -193,6 +194,23 @@ TABLE: Final[Mapping[Phase, Mapping[Event, Phase | None]]] = MappingProxyType(
 """The phase after an event; without an entry the event changes nothing."""
 
 
+WHY_OF: Final[Mapping[Event, Why]] = {
+    Event.SILENT: Why.NO_SIGNAL,
+    Event.RESTARTED: Why.RESTARTED,
+    Event.LET_GO: Why.HAND_SWITCH,
+    Event.LATE: Why.LATE,
+    **dict.fromkeys(
+        (
+            *(Event.READY, Event.OFF, Event.HOLDING, Event.TESTING, Event.TESTED),
+            *(Event.ANNOUNCING, Event.MOVING, Event.OTHER),
+        ),
+        Why.ENDED_ELSEWHERE,
+    ),
+}
+"""What an event says that ends a START; a stop, a refusal and a button speak for themselves."""
+SILENCE_CYCLES: Final = 20
+"""Cycles in the silence that is no signal, 200 ms."""
+
 CALM_MODES: Final[Mapping[str, Event]] = {
     Mode.READY: Event.READY,
     Mode.OFF: Event.OFF,
@@ -250,6 +268,8 @@ class TrainerState(NamedTuple):
     """Every drive reads the hand switch as closed."""
     self_test_passed: bool = False
     """The self-test that was requested last has been passed by each axis of the legs."""
+    unseen_cycle_count: int = 0
+    """Cycles of the core between these messages and those of the look before."""
 
 
 class StrideShare(NamedTuple):
@@ -335,6 +355,8 @@ class State:
     """RESET is requested in this step."""
     reason: str = ""
     """Why the last START or block has failed; text of the service."""
+    why: Why | None = None
+    """What has ended the last START early; None: nothing has, or `reason` or a stop says it."""
 
     @property
     def block(self) -> Block | None:
@@ -502,11 +524,15 @@ def _after(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
 
 def _left(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
     """What leaving the phase by this event changes."""
+    if state.phase in ACTIVE:
+        state = replace(state, why=WHY_OF.get(event))
+    elif state.why is Why.NO_SIGNAL and went_on(inputs.trainer):
+        state = replace(state, why=Why.LATE_HERE)
     match state.phase:
         case Phase.SELF_TEST if event is Event.TESTED:
             return replace(state, self_test_due=False)
         case Phase.SELF_TEST if event is Event.LATE and state.test_ended_s is not None:
-            return replace(state, reason=NOT_PASSED)
+            return replace(state, reason=NOT_PASSED, why=None)
         case Phase.WALKING:
             walked_s = state.block_walked_s(now_s)
             state = replace(state, walked_s=walked_s, playing_since_s=None)
@@ -519,6 +545,11 @@ def _left(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
         )
         return replace(state, reason=answer.failure, self_test_due=is_due)
     return state
+
+
+def went_on(trainer: TrainerState | None) -> bool:
+    """Return whether the core has gone on during the silence that these messages end."""
+    return trainer is not None and trainer.unseen_cycle_count >= SILENCE_CYCLES
 
 
 def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: float) -> State:
@@ -542,6 +573,7 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
     elif was in ACTIVE:
         off_since_s = now_s
     begins = after is Phase.ENABLING
+    tells = after not in ACTIVE | {Phase.STOPPED, Phase.REST, Phase.FINISHED}
     return replace(
         state,
         phase=after,
@@ -551,6 +583,7 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
         may_follow=was is Phase.WALKING and state.returns_to is Phase.PAUSED,
         boot_id=trainer.boot_id if begins and trainer is not None else state.boot_id,
         reason="" if begins or Phase.STOPPED in {was, after} else state.reason,
+        why=state.why if tells else None,
     )
 
 

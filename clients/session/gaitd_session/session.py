@@ -40,6 +40,7 @@ from gaitd_session.machine import (
     begin,
     next_middles,
     step,
+    went_on,
 )
 from gaitd_session.profile import Profile
 from gaitd_session.store import (
@@ -54,10 +55,16 @@ from gaitd_session.store import (
     StoreError,
     StrideRow,
 )
+from gaitd_session.texts import WHY, Why
 from gaitd_session.view import View, view_of
 
 POLL_S: Final = 0.05
 """Time of the computer between two steps."""
+LATE_LOOK_S: Final = 3 * POLL_S
+"""A look at the streams that comes so late says nothing about a silence: this program was late, and
+messages may wait to be received."""
+LATE_LOOKS_MAX: Final = 3
+"""So many late looks in a row are not counted; then a silence is one."""
 FLUSH_S: Final = 2.0
 """Time between two writes while strides come: what a power cut can lose."""
 SELF_TEST_VALID_NS: Final = 20 * 3_600_000_000_000
@@ -119,7 +126,10 @@ class Session:
         self._has_failed = False
         self._written: list[Row] = []
         self._rows: list[Row] = []
-        self._flushed_s = self._now_s()
+        self._flushed_s = self._looked_s = self._now_s()
+        self._late_look_count = self._cycle = 0
+        self._silent_utc_ns: int | None = None
+        """When the present silence has ended a START; None: there is none, or it has ended none."""
         self._has_begun = self._has_ended = False
         self._is_over = threading.Event()
         self._view = self._view_of(None, self._now_s())
@@ -186,7 +196,10 @@ class Session:
 
     def _advance(self) -> None:
         now_s = self._now_s()
-        before, trainer, strides = self._state, self._read(), self._new_strides()
+        trainer, is_late = self._read(), self._is_late(now_s)
+        if trainer is None and is_late:
+            return
+        before, strides = self._state, self._new_strides()
         if before.phase is Phase.WAITING:
             age_ns = self._utc_ns - self._tested_utc_ns
             before = replace(before, self_test_due=not 0 <= age_ns <= SELF_TEST_VALID_NS)
@@ -205,6 +218,12 @@ class Session:
         self._check_written()
         self._note(before, after, trainer, strides, now_s)
         self._view = self._view_of(trainer, now_s)
+
+    def _is_late(self, now_s: float) -> bool:
+        """Return whether this look is too late to tell a silent trainer from a late program."""
+        is_late, self._looked_s = now_s - self._looked_s > LATE_LOOK_S, now_s
+        self._late_look_count = self._late_look_count + 1 if is_late else 0
+        return 0 < self._late_look_count <= LATE_LOOKS_MAX
 
     def _view_of(self, trainer: TrainerState | None, now_s: float) -> View:
         return view_of(
@@ -227,6 +246,7 @@ class Session:
         if len(known) < len(drives):
             return None
         self._utc_ns = safety.sample_time_ns or self._utc_ns
+        before_cycle, self._cycle = self._cycle, max(drive.cycle for drive in known)
         verdict = safety.verdict
         return TrainerState(
             boot_id=safety.core_boot_id or "",
@@ -238,6 +258,7 @@ class Session:
             has_power=any(drive.power_state not in WITHOUT_POWER for drive in known),
             hand_switch_held=all(drive.hand_switch_closed is True for drive in known),
             self_test_passed=self._passed >= self._axes,
+            unseen_cycle_count=self._cycle - before_cycle,
         )
 
     def _take_event(self, event: Event | NotValid) -> None:
@@ -314,7 +335,8 @@ class Session:
         self.left_on = left_on
         if self._has_begun and not self._has_ended:
             walked = self._block_rows(state, self._now_s()) if state.phase is Phase.WALKING else []
-            self._rows += [*walked, EndRow(self._utc_ns, "left")]
+            silence = self._silence_rows(state, None)
+            self._rows += [*walked, *silence, EndRow(self._utc_ns, "left")]
         for _ in range(2):  # what is being written, then the rest
             if self._writing is not None:
                 wait([self._writing])
@@ -369,16 +391,30 @@ class Session:
         if before.self_test_due and not after.self_test_due:
             self._tested_utc_ns = self._utc_ns
             rows.append(SelfTestRow(self._profile.id, self._utc_ns))
-        if before.phase in ACTIVE and after.phase in INTERRUPTED_PHASES:
+        if before.phase is Phase.NO_SIGNAL:
+            rows += self._silence_rows(before, trainer)
+        if before.phase in ACTIVE and after.phase is Phase.NO_SIGNAL:
+            self._silent_utc_ns = self._utc_ns
+        elif before.phase in ACTIVE and after.phase in INTERRUPTED_PHASES:
             reason = after.reason
             if after.phase is Phase.STOPPED and trainer is not None:
                 reason = trainer.reason
+            elif after.why is not None:
+                reason = WHY[after.why].en
             rows.append(InterruptionRow(self._utc_ns, after.phase, reason))
         if after.phase is Phase.FINISHED and self._has_begun and not self._has_ended:
             self._has_ended = True
             end = "complete" if after.block is None else "ended"
             rows.append(EndRow(self._utc_ns, end))
         return rows
+
+    def _silence_rows(self, before: State, trainer: TrainerState | None) -> list[Row]:
+        """Return the row of a silence at its end, which says what it was."""
+        silent_utc_ns, self._silent_utc_ns = self._silent_utc_ns, None
+        if silent_utc_ns is None:
+            return []
+        why = Why.LATE_HERE if went_on(trainer) else Why.NO_SIGNAL
+        return [InterruptionRow(silent_utc_ns, before.phase, WHY[why].en)]
 
     def _block_rows(self, state: State, now_s: float) -> list[Row]:
         """Return the present block as far as it was walked, with its goals."""

@@ -196,6 +196,8 @@ class SessionSummary(NamedTuple):
     mean_share_ratio: float | None
     """Mean over the valid strides."""
     interruption_count: int
+    last_interruption: str
+    """Its reason, or its phase where it needs none; empty: there is none."""
 
 
 EXPORTED: Final = (
@@ -375,7 +377,9 @@ class Store:
             "SELECT number, begun_utc_ns, coalesce(end, ''),"
             " (SELECT coalesce(sum(walked_s), 0.0) FROM block WHERE session = session.number),"
             " count(leg), coalesce(sum(is_valid), 0), avg(iif(is_valid, share_ratio, NULL)),"
-            " (SELECT count(*) FROM interruption WHERE session = session.number)"
+            " (SELECT count(*) FROM interruption WHERE session = session.number),"
+            " coalesce((SELECT iif(reason = '', phase, reason) FROM interruption"
+            " WHERE session = session.number ORDER BY utc_ns DESC LIMIT 1), '')"
             " FROM session LEFT JOIN stride ON stride.session = number"
             " WHERE profile = ? GROUP BY number ORDER BY number",
             profile,

@@ -17,6 +17,7 @@ from rich.text import Text
 from gaitd_session.machine import Button, Phase
 from gaitd_session.plan import BlockKind
 from gaitd_session.session import Session
+from gaitd_session.texts import WHY
 from gaitd_session.view import LegView, View
 
 KEYS: Final = {"s": Button.START, "p": Button.PAUSE, "e": Button.END}
@@ -59,6 +60,8 @@ def render(view: View) -> Panel:
     ]
     if view.reason:
         lines.append(Text(view.reason, justify="center"))
+    if view.why is not None:
+        lines.append(Text(WHY[view.why].en, justify="center"))
     if view.block is not None:
         kind = KINDS[view.block.kind]
         lines.append(

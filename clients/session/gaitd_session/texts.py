@@ -32,6 +32,47 @@ class Advice(StrEnum):
     DONE = auto()
 
 
+class Why(StrEnum):
+    """What has ended a START early, where no stop and no refusal says it."""
+
+    NO_SIGNAL = auto()
+    """The trainer sent nothing, and its cycles have not gone on."""
+    LATE_HERE = auto()
+    """Nothing came, but the trainer's cycles have gone on."""
+    RESTARTED = auto()
+    HAND_SWITCH = auto()
+    LATE = auto()
+    ENDED_ELSEWHERE = auto()
+
+
+WHY: Final[Mapping[Why, Text]] = {
+    Why.NO_SIGNAL: Text(
+        "Interrupted: the trainer sent nothing for a moment.",
+        "Unterbrochen: Der Trainer hat kurz nichts gesendet.",
+    ),
+    Why.LATE_HERE: Text(
+        "Interrupted: this computer, or its connection, was too slow. The trainer went on.",
+        "Unterbrochen: Dieser Rechner oder seine Verbindung war zu langsam. Der Trainer lief "
+        "weiter.",
+    ),
+    Why.RESTARTED: Text(
+        "Interrupted: the trainer has started again.",
+        "Unterbrochen: Der Trainer ist neu gestartet.",
+    ),
+    Why.HAND_SWITCH: Text(
+        "Interrupted: the hand switch was open.",
+        "Unterbrochen: Der Handschalter war offen.",
+    ),
+    Why.LATE: Text(
+        "Interrupted: the trainer was not ready in time.",
+        "Unterbrochen: Der Trainer war nicht rechtzeitig bereit.",
+    ),
+    Why.ENDED_ELSEWHERE: Text(
+        "Interrupted: the trainer, or another program, has ended the movement.",
+        "Unterbrochen: Der Trainer oder ein anderes Programm hat die Bewegung beendet.",
+    ),
+}
+
 ADVICE: Final[Mapping[Advice, Text]] = {
     Advice.WAIT: Text("Please wait.", "Bitte warten."),
     Advice.HOLD_HAND_SWITCH: Text("Hold the hand switch.", "Handschalter halten."),

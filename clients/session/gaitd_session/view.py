@@ -19,7 +19,7 @@ from gaitd_session.machine import (
     may_start,
 )
 from gaitd_session.plan import BlockKind
-from gaitd_session.texts import ADVICE, Advice
+from gaitd_session.texts import ADVICE, Advice, Why
 
 REASONS: Final = (
     ("(STO) pressed", Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT),
@@ -81,6 +81,8 @@ class View(msgspec.Struct, frozen=True, kw_only=True):
     """English sentence of the advice; `ADVICE` has both languages."""
     reason: str
     """Text of the service for a stop or a refusal; empty without one."""
+    why: Why | None
+    """What has ended the last START early; `WHY` has the sentences. None: nothing, or `reason`."""
     buttons: tuple[Button, ...]
     """Those that do something now; the first one is the large one."""
     block: BlockView | None
@@ -130,6 +132,7 @@ def view_of(
         advice=advice,
         text=ADVICE[advice].en,
         reason=reason,
+        why=state.why,
         buttons=_buttons(state, trainer, now_s),
         block=None
         if block is None

@@ -4,10 +4,12 @@ import asyncio
 import json
 import re
 import threading
+from types import SimpleNamespace
 
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, Mode, Stage
+from gaitd_display import feed as feed_module
 from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed
 from gaitd_display.patient import PatientServer
 from gaitd_display.patient_view import Dot
@@ -259,6 +261,21 @@ def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_sho
         until(lambda _: ("enable",) in trainer.requests, mode=Mode.READY)
         now = until(lambda now: "pause" in now["training"]["buttons"], mode=Mode.HOLD)
         assert now["training"]["left_s"] == 24.0
+
+        # What has ended a START early is told.
+        def fell_silent(now):
+            trainer.clock.ns += 10_000_000
+            return now["training"]["phase"] == "no_signal"
+
+        page.until(fell_silent)
+
+        def is_heard(now):
+            trainer.cycles(Mode.READY)
+            return now["training"]["phase"] == "paused"
+
+        now = page.until(is_heard)
+        assert now["training"]["why"] == "no_signal"
+        assert site.get("/texts.json").json()["de"]["why.no_signal"].startswith("Unterbrochen")
         until(lambda now: now["training"]["buttons"] == [], mode=Mode.FAULT, cause=Cause.SPASM)
         assert press("start") == 409
 
@@ -310,6 +327,27 @@ def test_a_page_that_does_not_read_gets_the_present_and_costs_no_memory():
             page.acknowledge(WINDOW + 100)
 
     asyncio.run(story())
+
+
+def test_a_server_that_wakes_late_receives_before_it_judges_a_silence(monkeypatch):
+    """Else each of its own delays would be a silence of the trainer, and an alarm."""
+    now_s, told, waited = 0.0, [], []
+
+    async def sleep(duration_s):
+        nonlocal now_s
+        waited.append(duration_s)
+        now_s += duration_s + (0.3 if len(waited) == 2 else 0.0)
+        if len(waited) == 5:
+            raise asyncio.CancelledError
+
+    loop = SimpleNamespace(time=lambda: now_s)
+    faked = SimpleNamespace(get_running_loop=lambda: loop, sleep=sleep)
+    monkeypatch.setattr(feed_module, "asyncio", faked)
+    feed = SimpleNamespace(tick=lambda: told.append(len(waited)))
+    with pytest.raises(asyncio.CancelledError):
+        asyncio.run(Feed.run(feed))
+
+    assert told == [0, 1, 3, 4]  # after the second, late one it has waited once more
 
 
 def test_more_pages_than_there_is_room_for_are_told_so(client):

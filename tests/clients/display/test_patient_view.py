@@ -87,7 +87,7 @@ def test_each_mode_and_stage_has_its_word(screen, mode, stage, word):
 def training(phase, advice=Advice.LIE_STILL):
     """What the page shows of a session in this phase."""
     given = {"reason": "", "is_kept": True, "left_s": 60.0, "bands": (), "summary": None}
-    return TrainingView(phase=phase, advice=advice, buttons=(), **given)
+    return TrainingView(phase=phase, advice=advice, buttons=(), why=None, **given)
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from gaitd_session.machine import (
     SELF_TEST_LATE_S,
     SELF_TEST_REFUSAL,
     TABLE,
+    WHY_OF,
     Answer,
     Button,
     Event,
@@ -30,7 +31,7 @@ from gaitd_session.machine import (
     step,
 )
 from gaitd_session.session import PASSED
-from gaitd_session.texts import Advice
+from gaitd_session.texts import WHY, Advice, Why
 from gaitd_session.view import REASONS, view_of
 from training import profile
 
@@ -441,3 +442,12 @@ def test_the_words_that_are_looked_for_are_those_of_the_service():
     assert not self_test.result_text(passed._replace(fault="stuck")).startswith(
         f"right/hip{PASSED}"
     )
+
+
+def test_whatever_ends_a_start_early_is_told_by_a_reason_a_stop_a_refusal_or_a_button():
+    tells_itself = {Event.STOPPED, Event.FAILED}
+    tells_itself |= {Event.PAUSE, Event.END, Event.ANNOUNCE_OVER}
+    for phase in ACTIVE:
+        ends = {event for event, after in TABLE[phase].items() if after not in ACTIVE}
+        assert ends - tells_itself <= set(WHY_OF)
+    assert set(WHY_OF.values()) | {Why.LATE_HERE} == set(Why) == set(WHY)

@@ -7,11 +7,21 @@ from types import SimpleNamespace
 import pytest
 from display_bench import filled
 from gaitd_client import Cause, Event, Mode, NoAnswerError, NotValid, Stage, Trouble
-from gaitd_session import Button, History, Phase, Session, SessionError, open_history
+from gaitd_session import (
+    WHY,
+    Advice,
+    Button,
+    History,
+    Phase,
+    Session,
+    SessionError,
+    Why,
+    open_history,
+)
 from gaitd_session import session as session_module
-from gaitd_session.machine import ANNOUNCE_S
+from gaitd_session.machine import ANNOUNCE_S, OFF_SETTLE_S, SILENCE_CYCLES
 from gaitd_session.program import LeftOnError, _check_off
-from gaitd_session.session import FLUSH_S, NOT_ENDED, POLL_S
+from gaitd_session.session import FLUSH_S, LATE_LOOKS_MAX, NOT_ENDED, POLL_S
 from gaitd_session.store import StoreError
 from training import profile
 
@@ -62,7 +72,8 @@ class Trainer:
         )
 
     def drive(self, _name):
-        held = SimpleNamespace(hand_switch_closed=True, power_state="switch_on_disabled")
+        held = SimpleNamespace(hand_switch_closed=True, power_state="switch_on_disabled", cycle=0)
+        self.held = held
         return Stream(lambda: held)
 
     def events(self, *, history_count):
@@ -268,6 +279,56 @@ def test_a_request_without_an_answer_pauses_and_silence_shows_no_signal(history)
     bench.trainer.is_silent = True
 
     assert bench.step().phase is Phase.NO_SIGNAL
+
+
+def announced(history):
+    bench = Bench(history)
+    bench.step()
+    bench.step(Button.START)
+    assert bench.step().phase is Phase.ANNOUNCED
+    return bench
+
+
+def test_a_look_that_comes_late_is_no_silence_and_a_training_goes_on(history):
+    bench = announced(history)
+    bench.trainer.is_silent = True
+    assert bench.step(after_s=0.3).phase is Phase.ANNOUNCED  # nothing is received yet
+    bench.trainer.is_silent = False
+    assert bench.step().phase is Phase.ANNOUNCED
+
+    bench.trainer.is_silent = True
+    for _ in range(LATE_LOOKS_MAX):
+        assert bench.step(after_s=0.3).phase is Phase.ANNOUNCED
+    assert bench.step(after_s=0.3).phase is Phase.NO_SIGNAL  # a program that is always late
+
+
+@pytest.mark.parametrize(
+    ("cycle_count", "why"), [(1, Why.NO_SIGNAL), (SILENCE_CYCLES, Why.LATE_HERE)]
+)
+def test_a_silence_that_ends_a_start_is_told_with_whose_it_was(history, cycle_count, why):
+    bench = announced(history)
+    bench.trainer.is_silent = True
+    assert bench.step().phase is Phase.NO_SIGNAL
+    bench.trainer.is_silent = False
+    bench.trainer.held.cycle += cycle_count
+    bench.step()
+    view = bench.step(after_s=OFF_SETTLE_S)
+
+    assert (view.phase, view.why, view.advice) == (Phase.PAUSED, why, Advice.PRESS_START)
+    bench.step(after_s=FLUSH_S)
+    (summary,) = history.store.summaries("7f3k9m2q")
+    assert (summary.interruption_count, summary.last_interruption) == (1, WHY[why].en)
+    assert bench.step(Button.START).why is None
+
+
+def test_a_program_that_ends_in_a_silence_writes_it(history):
+    bench = announced(history)
+    bench.trainer.is_silent = True
+    bench.step()
+    bench.session._leave()
+
+    (summary,) = history.store.summaries("7f3k9m2q")
+    assert summary.last_interruption == WHY[Why.NO_SIGNAL].en
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -159,9 +159,10 @@ for (const name of ["start", "pause", "end"]) {
 
 const ADVISED = ["ready", "rest", "wait"]; // words during which the session says what to do
 
-// Below the advice: what the session has been, or why the last START has failed, in the service's words.
-function linesOf({ summary, reason, advice }, word) {
+// Below the advice: what the session has been, or why the last START has ended early or failed, the latter in the service's words.
+function linesOf({ summary, reason, why, advice }, word) {
   if (!ADVISED.includes(word)) return [];
+  if (summary === null && why !== null) return [words.of(`why.${why}`)];
   if (summary === null) return advice === "try_again_or_call_therapist" ? [reason] : [];
   const minutes = (summary.walked_s / 60).toLocaleString(words.language, { maximumFractionDigits: 1 });
   return [

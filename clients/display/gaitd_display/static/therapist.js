@@ -175,7 +175,7 @@ function paintProgress() {
   }
   byId("sessions").replaceChildren(...sessions.slice().reverse().map((one) => row([
     new Date(one.begun_ms).toLocaleString(words.language, { dateStyle: "short", timeStyle: "short" }), plain(one.walked_s / 60, 1), plain(one.stride_count, 0),
-    plain(one.valid_count, 0), plain(share(one.mean_share_ratio), 0, " %"), plain(one.interruption_count, 0), words.of(`end.${one.end}`)])));
+    plain(one.valid_count, 0), plain(share(one.mean_share_ratio), 0, " %"), [plain(one.interruption_count, 0), one.last_interruption].filter(Boolean).join(": "), words.of(`end.${one.end}`)])));
   shares.setData([sessions.map((one) => one.begun_ms / 1000), sessions.map((one) => share(one.mean_share_ratio))]);
 }
 
