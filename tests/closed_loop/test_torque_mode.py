@@ -1,5 +1,6 @@
 """Mode torque: a controller moves the leg under a lease, and whatever ends that ends in hold."""
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 
@@ -425,3 +426,39 @@ def test_a_controller_that_drives_on_to_an_end_does_not_pass_it(session, slide_n
     assert session.record.verdict.cause == Cause.STOPPING_PATH
     at_m = [record.drives[1].position_si for record in records_since(session, torque_cycle)]
     assert min(at_m) > 0.0
+
+
+def creeping(axis, speed_si, push_si, limit_si, gain_si):
+    """A controller that moves one axis at this speed, by a push within its limit."""
+
+    def law(record):
+        wanted_si = push_si + gain_si * (speed_si - (record.drives[axis].velocity_si or 0.0))
+        assist = [0.0, 0.0]
+        assist[axis] = min(max(wanted_si, -limit_si), limit_si)
+        return *assist, 1.0
+
+    return law
+
+
+@pytest.mark.parametrize(
+    ("axis", "law"),
+    [(0, creeping(0, 0.2, 9.0, 19.9, 40.0)), (1, creeping(1, -0.15, -90.0, 105.0, 500.0))],
+    ids=["hip up", "slide down"],
+)
+def test_a_controller_that_creeps_to_an_end_comes_to_rest_in_the_soft_margin(session, axis, law):
+    """It never pushes less; at this speed nothing but the margin would slow the leg."""
+    limits = session.settings.limits
+    hip_rad = math.radians(limits.hip.position_max_deg - limits.hip.soft_margin_deg)
+    slide_m = limits.slide.position_min_m + limits.slide.soft_margin_m
+    in_torque(session, law)
+
+    def inside(record):
+        at_si = record.drives[axis].position_si
+        return at_si > hip_rad if axis == 0 else at_si < slide_m
+
+    session.run_until(inside, within_s=5)
+    session.run(0.5)
+
+    record = session.record
+    assert (record.mode, record.verdict.cause) == (Mode.TORQUE, Cause.NONE)
+    assert abs(record.drives[axis].velocity_si) < 0.05

@@ -1,0 +1,82 @@
+"""A spasm of either axis softens guidance of the whole leg, and what it softened pulls nothing."""
+
+import math
+
+import pytest
+from sessions import changed_configs, new_session
+
+from daemon.config.robot import leg_parameters
+from daemon.ipc.record import Mode, ModeRequest, RequestKind
+from observer.mechanism.mechanism import ratio_and_load
+
+BEFORE = "[[patient.programme]]                  # one hard contraction against the motion"
+SPASM = """[[patient.programme]]
+name = "{axis}_spasm"
+
+[[patient.programme.effort]]
+kind = "spasm"
+at_s = 0.0
+until_s = 2.5
+rise_s = 0.06
+fall_s = 0.8
+hip_nm = {hip_nm}
+slide_n = {slide_n}
+
+"""
+SPASMS = SPASM.format(axis="hip", hip_nm=30.0, slide_n=0.0) + SPASM.format(
+    axis="slide", hip_nm=0.0, slide_n=150.0
+)
+
+
+@pytest.fixture(scope="module")
+def warm_tense_gait(tmp_path_factory):
+    """A gait at 0.25 Hz; each axis of its patient can have a spasm of its own."""
+    folder = tmp_path_factory.mktemp("spasms")
+    session = new_session(changed_configs(folder, ("plant.toml", BEFORE, SPASMS + BEFORE)))
+    return session.walk(duration_s=5.3)
+
+
+def guidance(session, share):
+    """The efforts of guidance with this share of its stiffness in the last cycle but one."""
+    now, later = (record.legs[0] for record in session.records[-2:])
+    speeds = [drive.velocity_si for drive in session.records[-2].drives]
+    robot = tuple(map(float, leg_parameters(session.settings.robot)))
+    _, *load = ratio_and_load(robot, *now.measured)
+    impedance = session.settings.trainer.gait.impedance
+    stiffness = impedance.hip_stiffness_nm_per_rad, impedance.slide_stiffness_n_per_m
+    damping = impedance.hip_damping_nm_s_per_rad, impedance.slide_damping_n_s_per_m
+    return [
+        load[axis]
+        + share * stiffness[axis] * (now.reference[axis] - now.measured[axis])
+        + math.sqrt(share)
+        * damping[axis]
+        * ((later.reference[axis] - now.reference[axis]) / 0.01 - speeds[axis])
+        for axis in (0, 1)
+    ]
+
+
+def sent(session):
+    return [drive.target_effort_si for drive in session.records[-2].drives]
+
+
+@pytest.mark.parametrize("axis", ["hip", "slide"])
+def test_a_spasm_of_one_axis_softens_both_and_a_hold_then_begins_where_the_leg_is(
+    warm_tense_gait, axis
+):
+    session = warm_tense_gait
+    assert sent(session) == pytest.approx(guidance(session, 1.0), abs=0.5)
+
+    session.command(f"patient {axis}_spasm")
+    session.run(0.3)
+
+    soft = session.settings.limits.spasm.stiffness_ratio
+    assert session.record.mode == Mode.GAIT
+    assert sent(session) == pytest.approx(guidance(session, soft), abs=0.5)
+
+    session.gateway.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
+    held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.1).legs[0]
+    before = session.records[-2].legs[0].reference
+    far = 0.04 if axis == "hip" else 0.03
+    place = ("hip", "slide").index(axis)
+    assert abs(before[place] - held.measured[place]) > far
+    assert held.reference == pytest.approx(held.measured, abs=0.005)
