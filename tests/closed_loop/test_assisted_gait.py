@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from controllers import Controller, constant
 from msgspec.structs import replace as replace_fields
+from sessions import elsewhere
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Plan, RequestKind, Role
 from daemon.wire.refusals import SetpointRefusal
 
 STIFFNESS_STEP = 0.01
 """1 per second."""
+GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=60.0)
+HOLD = ModeRequest(Mode.HOLD)
 
 
 @pytest.fixture
@@ -94,6 +97,8 @@ def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_hold
     before, after = next(
         (a, b) for a, b in pairwise(records) if (a.mode, b.mode) == (Mode.GAIT, Mode.HOLD)
     )
+    assert abs(before.legs[0].reference[0] - before.legs[0].measured[0]) > 0.015
+    assert after.legs[0].reference == pytest.approx(after.legs[0].measured, abs=0.005)
     for was, now, small in zip(before.drives, after.drives, (0.5, 5.0), strict=True):
         assert abs(now.target_effort_si - was.target_effort_si) < small
 
@@ -111,6 +116,29 @@ def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(walking,
 
     record = session.record
     assert (record.mode, record.assist.lapse_count) == (Mode.GAIT, 0)
+
+
+def test_a_gait_that_a_person_ends_is_held_where_its_reference_is_unless_it_is_softened(walking):
+    session, controller = walking(constant(hip_nm=10.0))
+    session.run(1)
+
+    def held(one):
+        one.execute(RequestKind.MODE, HOLD)
+        return next(
+            (a.legs[0], b.legs[0])
+            for a, b in pairwise(one.records)
+            if (a.mode, b.mode) == (Mode.GAIT, Mode.HOLD)
+        )
+
+    before, after = elsewhere(session, held)
+    assert abs(before.reference[0] - before.measured[0]) > 0.03
+    assert after.reference == pytest.approx(before.reference, abs=0.015)
+
+    controller.law = constant(stiffness_ratio=0.4)
+    session.run(1)
+    before, after = held(session)
+    assert abs(before.reference[0] - before.measured[0]) > 0.03
+    assert after.reference == pytest.approx(after.measured, abs=0.015)
 
 
 def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
@@ -154,10 +182,9 @@ def test_assist_of_one_holder_is_not_taken_over_by_the_next_one(walking):
     assert all(one.assist.legs[0].assist[0] >= 0 for one in session.records[-60:])
 
 
-@pytest.mark.parametrize("role", [Role.SESSION, Role.OPERATOR])
-def test_the_released_plan_caps_assist_in_a_gait_that_a_session_has_requested(warm_hold, role):
-    plan = Plan(1.0, 1.0, 600.0, hip_assist_max_nm=4.0)
-    gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=60.0)
+def asking_as(gateway, role, cap_nm):
+    """From now on requests come from a client of this role, with a plan that caps the hip."""
+    plan = Plan(1.0, 1.0, 600.0, hip_assist_max_nm=cap_nm)
 
     def of_role(states):
         return [
@@ -165,9 +192,14 @@ def test_the_released_plan_caps_assist_in_a_gait_that_a_session_has_requested(wa
             for state in states
         ]
 
-    warm_hold.gateway.change = of_role
+    gateway.change = of_role
+
+
+@pytest.mark.parametrize("role", [Role.SESSION, Role.OPERATOR])
+def test_the_released_plan_caps_assist_in_a_gait_that_a_session_has_requested(warm_hold, role):
+    asking_as(warm_hold.gateway, role, 4.0)
     controller = Controller(warm_hold.gateway, constant(hip_nm=4.0))
-    warm_hold.execute(RequestKind.MODE, gait)
+    warm_hold.execute(RequestKind.MODE, GAIT)
     warm_hold.run(0.5)
     assert warm_hold.record.assist.legs[0].assist[0] == pytest.approx(4.0)
 
@@ -178,3 +210,21 @@ def test_the_released_plan_caps_assist_in_a_gait_that_a_session_has_requested(wa
     refused = warm_hold.record.assist.refused_count[SetpointRefusal.OUT_OF_RANGE]
     assert refused >= 10 if is_session else refused == 0
     assert warm_hold.record.mode == (Mode.HOLD if is_session else Mode.GAIT)
+
+
+def test_the_cap_is_that_of_the_newest_gait_also_where_it_is_higher_than_before(warm_hold):
+    Controller(warm_hold.gateway, constant(hip_nm=6.0))
+
+    for role, cap_nm, taken_nm in (
+        (Role.SESSION, 4.0, 0.0),
+        (Role.SESSION, 8.0, 6.0),
+        (Role.SESSION, 4.0, 0.0),
+        (Role.OPERATOR, 4.0, 6.0),
+    ):
+        asking_as(warm_hold.gateway, role, cap_nm)
+        warm_hold.execute(RequestKind.MODE, GAIT)
+        warm_hold.run(0.1)
+        assert warm_hold.record.assist.legs[0].assist[0] == pytest.approx(taken_nm)
+        asking_as(warm_hold.gateway, Role.OPERATOR, cap_nm)
+        warm_hold.execute(RequestKind.MODE, HOLD)
+        warm_hold.run(0.3)

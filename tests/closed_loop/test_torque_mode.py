@@ -231,8 +231,10 @@ def test_a_quick_stop_in_torque_is_one_of_both_axes(session):
     session.run(0.1)
     session.command("hand_switch_open right/slide")
 
-    session.run(0.2)
+    stopped = session.run_until(lambda record: record.mode == Mode.STOPPING, within_s=0.1)
+    session.run(0.1)
 
+    assert stopped.assist.legs[0].assist == (0.0, 0.0)
     assert session.record.verdict.cause == Cause.HAND_SWITCH_OPEN
     assert set(words_by_cycle(session.bus.sent)[-1].values()) == {QUICK_STOP_WORD}
     assert session.record.assist.legs[0].assist == (0.0, 0.0)
