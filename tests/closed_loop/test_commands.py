@@ -72,6 +72,21 @@ def test_a_number_that_is_not_finite_is_a_quick_stop_in_the_same_cycle(
     assert warm_guided_hold.record.mode == Mode.FAULT
 
 
+def test_a_number_that_is_not_finite_leaves_the_target_where_it_was_and_takes_the_torque_away(
+    warm_guided_gait,
+):
+    session = warm_guided_gait
+    before = [rpdo1(session.bus.sent, node)[-1].target_counts for node in NODES]
+    sent = len(session.bus.sent)
+
+    with guided_to(session, velocity=(math.nan, 0.0)):
+        session.loop.turn()
+
+    frames = session.bus.sent[sent:]
+    assert [rpdo1(frames, node)[-1].target_counts for node in NODES] == before
+    assert [target_torques(frames, node)[-1] for node in NODES] == [0, 0]
+
+
 def targets_while_enabled(session, since):
     """Target positions of the hip drive in counts, as long as it is told to be enabled."""
     told = rpdo1(session.bus.sent[since:], 5)

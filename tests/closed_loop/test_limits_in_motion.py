@@ -1,5 +1,7 @@
 """Limits that only motion shows: found with every make of drive, and never without a reason."""
 
+import itertools
+
 import pytest
 from sessions import (
     changed_configs,
@@ -10,12 +12,14 @@ from sessions import (
     reaches_rest_in_fault,
 )
 from stopping_faults import STOPPING, other_axis
+from wire import change_what_drives_say
 
 from daemon.core.steps import monitors
-from daemon.ipc.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from observer.filter.status import Status, Validity
 
 DRIVES = ("right/hip", "right/slide")
+HELD = (Mode.HOLD, Cause.NONE)
 
 
 def stopped_by(session, within_s):
@@ -130,6 +134,29 @@ def test_more_energy_in_a_stride_than_allowed_stops(warm_fast_gait):
     stopped = stopped_by(warm_fast_gait, 2.0)
 
     assert (stopped.verdict.cause, stopped.verdict.drive) == (Cause.ENERGY_LIMIT, "right/slide")
+
+
+def test_the_energy_of_the_gait_before_it_is_not_that_of_a_hold(warm_fast_gait):
+    """Two strides of it, which the window of a hold is as long as, are more than one may have."""
+    warm_fast_gait.run(5.5)
+
+    warm_fast_gait.execute(RequestKind.MODE, ModeRequest(Mode.HOLD))
+    warm_fast_gait.run(0.5)
+
+    assert (warm_fast_gait.record.mode, warm_fast_gait.record.verdict.cause) == HELD
+
+
+def test_a_step_of_the_encoder_is_counted_once_also_where_samples_are_lost(warm_fast_gait):
+    """Of three samples two: their cycles add no energy of their own."""
+    samples = itertools.count()
+
+    def lossy(frame):
+        return None if frame.can_id == 0x186 and next(samples) % 3 else frame
+
+    change_what_drives_say(warm_fast_gait, lossy)
+    warm_fast_gait.run(3.0)
+
+    assert warm_fast_gait.record.mode == Mode.GAIT
 
 
 def test_a_leg_that_could_not_stop_inside_its_range_is_stopped_before_it_leaves(warm_fast_gait):

@@ -297,6 +297,50 @@ def test_an_excitation_of_a_leg_that_never_rests_is_over_and_says_why(
     assert session.record.verdict.cause == Cause.NONE
 
 
+def left_in_torque_mode(session):
+    """Mode hold just after an excitation: the moving drives are not yet asked to change."""
+    session.excite("open_loop", 25.0)
+    session.run(4.0)
+    session.execute(RequestKind.MODE, HOLD)
+    return session
+
+
+def test_a_gait_is_announced_for_its_time_after_the_drives_have_changed_their_mode(
+    warm_empty_hold,
+):
+    session = left_in_torque_mode(warm_empty_hold)
+    gait = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=5.0)
+    session.execute(RequestKind.MODE, gait)
+
+    def asked(_):
+        return {rpdo1(session.bus.sent, node)[-1].mode for node in NODES} == {CSP}
+
+    assert not asked(session.record)
+    changed = session.run_until(asked, within_s=2)
+    begun = session.run_until(lambda record: record.stage is Stage.APPROACHING, within_s=4)
+
+    announce_s = session.settings.trainer.gait.announce_s
+    assert changed.stage is Stage.ANNOUNCING
+    assert begun.cycle - changed.cycle >= round(announce_s / 0.01)
+
+
+@pytest.mark.parametrize("quickly", [False, True], ids=["held by the core", "quick stop"])
+def test_a_stop_leaves_the_drives_in_the_mode_in_which_it_finds_them(warm_empty_hold, quickly):
+    session = warm_empty_hold.excite("open_loop", 25.0)
+    session.run(1.7)
+    before = len(session.bus.sent)
+
+    if quickly:
+        session.command("hand_switch_open *")
+    else:
+        session.gateway.stop()
+    session.run(1.5)
+
+    assert session.record.mode == Mode.FAULT
+    told = [one for node in NODES for one in rpdo1(session.bus.sent[before:], node)]
+    assert {one.mode for one in told} == {CST}
+
+
 # --- what the drives' loops meet ------------------------------------------------------------
 
 

@@ -220,6 +220,26 @@ def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, 
     assert not note.passed
 
 
+@pytest.fixture(scope="module")
+def warm_short(tmp_path_factory):
+    """So short a way that a jammed hip is not pushed as hard as at a frozen encoder."""
+    short = ("demo.toml", "hip_motion_deg = 4.0", "hip_motion_deg = 2.5")
+    return new_session(changed_configs(tmp_path_factory.mktemp("short"), short)).enable()
+
+
+@pytest.mark.parametrize(("way", "before"), [("forth", "at rest"), ("back", "turning")])
+def test_a_leg_that_does_not_move_with_its_reference_is_told_with_the_way(warm_short, way, before):
+    ask(warm_short, SELF_TEST)
+    warm_short.run_until(lambda record: record.progress.endswith(f"hip {before}"), within_s=5)
+
+    warm_short.command("blocked_rotor right/hip")
+    stopped = warm_short.run_until(lambda record: record.mode == Mode.STOPPING, within_s=10)
+
+    verdict = stopped.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.SELF_TEST_FAILED, "right/hip")
+    assert verdict.detail == f"sign: it did not move {way} as it was guided"
+
+
 def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
     configs = changed_configs(
         tmp_path, DAILY, ("demo.toml", "friction_max_ratio = 1.6", "friction_max_ratio = 1.001")

@@ -94,6 +94,16 @@ def test_a_bring_up_whose_drive_does_not_answer_is_fed_in_every_cycle():
     assert session.record.verdict.cause == Cause.DRIVE_SILENT
 
 
+def test_a_cycle_of_a_bring_up_that_had_no_time_is_not_fed():
+    session = watched(new_session())
+    session.bus.at(250_000_000, lambda: session.bus.hold(35_000_000))
+
+    session.run(0.01)  # one turn: a whole bring-up, with its records
+
+    assert session.record.mode == Mode.READY
+    assert len(session.systemd.fed_ns) == len(session.records) - 1
+
+
 def test_a_cycle_that_had_no_time_is_not_fed(warm_in_mode):
     session = watched(warm_in_mode)
     begun = session.record
