@@ -38,6 +38,7 @@ from gaitd_lab.patients import (
     trembling,
     weak,
 )
+from gaitd_lab.proven_signs import proven_signs
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from observer.filter.states import PATIENT
 from observer.filter.status import Validity
@@ -168,7 +169,9 @@ def play(config: Path, cell: Cell, duration_s: float) -> Played:
     if cell.patient != PASSIVE:
         patient = Patient(settings.robot, _model(cell.patient), cell.seed)
         gateway = Gateway(lambda record: trainer.exert(*patient(record)))
-    session = LockstepSession(settings, machine, gateway=gateway)
+    session = LockstepSession(
+        settings, machine, gateway=gateway, persistent=proven_signs(settings, machine)
+    )
     gait = ModeRequest(
         Mode.GAIT, cadence_hz=cell.cadence_hz, amplitude_ratio=1.0, duration_s=duration_s + 60.0
     )

@@ -34,6 +34,8 @@ class HipLimits(Table, frozen=True):
     """Drive's torque minus what motion, load and friction require, mean over a stride."""
     sign_mismatch_torque_min_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Torque beyond the load, against the joint's acceleration, that indicates a wrong sign."""
+    patient_torque_max_nm: Annotated[float, Meta(ge=0.1, le=200)]
+    """Largest torque of a patient: a larger one does not explain motion against the drive."""
     tracking_max_deg: Annotated[float, Meta(ge=0.1, le=45)]
     hold_distance_max_deg: Annotated[float, Meta(ge=0.1, le=45)]
     """In place of `tracking_max_deg` in mode hold, half a second after the reference stands."""
@@ -70,6 +72,7 @@ class SlideLimits(Table, frozen=True):
     force_deviation_max_n: Annotated[float, Meta(ge=0.5, le=300)]
     load_deviation_max_n: Annotated[float, Meta(ge=1, le=600)]
     sign_mismatch_force_min_n: Annotated[float, Meta(ge=1, le=600)]
+    patient_force_max_n: Annotated[float, Meta(ge=1, le=1500)]
     tracking_max_m: Annotated[float, Meta(ge=0.001, le=0.5)]
     hold_distance_max_m: Annotated[float, Meta(ge=0.001, le=0.5)]
     following_error_m: Annotated[float, Meta(ge=0.001, le=0.5)]

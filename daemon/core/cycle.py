@@ -150,6 +150,7 @@ def _axis(core: Core, leg: Leg, axis: Axis) -> AxisInputs:
         reaction_cycles=axis.reaction_cycles,
         mode_wanted=axis.mode_sent,
         new_emergency=feedback.alarm_count > axis.emergencies_checked,
+        sign_trusted=axis.sign_trusted,
         watch=axis.watch,
         stride_energy_j=monitors.stride_energy(leg, axis),
         stride_drift_si=monitors.stride_drift(leg, axis),

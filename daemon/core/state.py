@@ -63,6 +63,9 @@ class Axis:
     watched: bool = False
     """Its drive has been neither silent nor rebooted since a bring-up: it is still the same one."""
     sign_proven: bool = False
+    sign_trusted: bool = False
+    """Its sign is proven for a drive with a serial number; its last reboot, silence or doubtful
+    feedback came before the newest test of the sign."""
     joint: Joint = field(default_factory=Joint)
     feedback: DriveFeedback | None = None
     stop: DriveStop | None = None

@@ -122,6 +122,7 @@ class Cause(IntEnum):
     UNREFERENCED = 52
     SIGN_WRONG = 53
     EFFORT_DEVIATION = 54
+    MOVED_AGAINST_DRIVE = 55
     # limits at the joint, from raw drive values
     POSITION_LIMIT = 60
     VELOCITY_LIMIT = 61

@@ -266,6 +266,13 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         GO_ON,
         "have the drive's current measurement checked",
     ),
+    Cause.MOVED_AGAINST_DRIVE: CauseText(
+        "a joint moved against its drive, which held back less than the leg's own force",
+        Blame.PERSON,
+        HELD,
+        f"{GO_ON}, slower: a slower gait needs less force",
+        CALL_OPERATOR,
+    ),
     Cause.POSITION_LIMIT: CauseText(
         "a joint left its range",
         Blame.PERSON,

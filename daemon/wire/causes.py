@@ -14,6 +14,7 @@ FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.ENCODER_JUMP: StopCategory.S0,
     Cause.UNREFERENCED: StopCategory.S0,
     Cause.SIGN_WRONG: StopCategory.S0,
+    Cause.MOVED_AGAINST_DRIVE: StopCategory.S1,
     Cause.DRIVE_SILENT: StopCategory.S1,
     Cause.HEARTBEAT_LOST: StopCategory.S1,
     Cause.DRIVE_REBOOTED: StopCategory.S1,

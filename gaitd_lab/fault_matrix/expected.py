@@ -170,6 +170,7 @@ _PUSHED: Final = stops(
     Cause.LIMIT_SWITCH,
     Cause.EFFORT_DEVIATION,
     Cause.SIGN_WRONG,
+    Cause.MOVED_AGAINST_DRIVE,
     Cause.DRIVE_FAULT,
     Cause.EMERGENCY,
     by=(S0, S1, S2),

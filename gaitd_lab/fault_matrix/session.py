@@ -17,6 +17,7 @@ from daemon.config.trainer import beside
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
 from gaitd_lab.lockstep import LockstepSession
+from gaitd_lab.proven_signs import proven_signs
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.build import Machine
 from sim_drives.plant.settings import Programme, Sine, Steady
@@ -48,14 +49,15 @@ class Variant:
 
 
 def matrix_session(config: Path, variant: Variant, seed: int) -> LockstepSession:
-    """Read all files and build machine and service.
+    """Read all files and build machine and service, whose signs are proven.
 
     Raises:
         ConfigError: in a file, or between the files.
     """
     settings = _varied(read_all(config), config, variant)
     check_together(settings)
-    return LockstepSession(settings, _machine(settings, variant, seed))
+    machine = _machine(settings, variant, seed)
+    return LockstepSession(settings, machine, persistent=proven_signs(settings, machine))
 
 
 def _varied(settings: Settings, config: Path, variant: Variant) -> Settings:

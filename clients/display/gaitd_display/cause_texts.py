@@ -140,6 +140,14 @@ CAUSE_TEXTS: Final[Mapping[Cause, PatientText]] = {
     ),
     Cause.SIGN_WRONG: PatientText(Situation.DANGER, _DEFECT),
     Cause.EFFORT_DEVIATION: PatientText(Situation.HELD, _DEFECT),
+    Cause.MOVED_AGAINST_DRIVE: PatientText(
+        Situation.HELD,
+        Text(
+            "Your leg moved with more force than the machine can guide.",
+            "Ihr Bein bewegte sich mit mehr Kraft, als die Maschine führen kann.",
+        ),
+        Text("A slower pace needs less force.", "Langsamer braucht es weniger Kraft."),
+    ),
     Cause.POSITION_LIMIT: PatientText(
         Situation.HELD,
         Text("Your leg went too far.", "Ihr Bein kam zu weit."),

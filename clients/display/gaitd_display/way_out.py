@@ -36,6 +36,7 @@ ALONE: Final = frozenset(
         Cause.TRACKING_LIMIT,
         Cause.STOPPING_PATH,
         Cause.SPASM,
+        Cause.MOVED_AGAINST_DRIVE,
         Cause.TEMPERATURE_LIMIT,
     }
 )

@@ -10,6 +10,8 @@ Pure: `state_file.py` reads and writes the file. Rules:
 4.  A proof of a sign is valid for one drive and one transmission: another serial number, node,
     gear or sign makes it void. A drive without a serial number cannot be told from another one:
     proof and daily test of it end as soon as it is not watched, and with the core.
+    A reboot, a silence or doubtful feedback of the drive puts it in doubt until the next sign test
+    or self-test: it permits enabling still, but no motion against the drive is a person's by it.
 5.  A stop that was latched when the core ended is latched in the next one (`latched_stop.py`). If
     the file cannot be read, LAST_END_UNKNOWN is latched.
 """
@@ -48,6 +50,8 @@ class SignProof(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     moved_forth_si: float
     moved_back_si: float
     utc_ns: Count
+    doubted: bool = False
+    """Since the newest test its drive has rebooted or was silent, or its feedback was doubtful."""
 
 
 class StoredAxis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -171,6 +175,21 @@ def proven(persistent: PersistentState, name: str, wiring: Wiring, serial_number
         proof.counts_per_rev,
         proof.serial_number,
     )
+
+
+def trusted(persistent: PersistentState, name: str, wiring: Wiring, serial_number: int) -> bool:
+    """True if the sign is proven for a drive with a serial number, and not in doubt (rule 4)."""
+    proof = persistent.axis(name).proof
+    in_doubt = proof is None or proof.doubted or serial_number == 0
+    return not in_doubt and proven(persistent, name, wiring, serial_number)
+
+
+def with_doubt(persistent: PersistentState, name: str, *, doubted: bool) -> PersistentState:
+    """A copy with the proof of an axis put in doubt, or free of it; the same object if it was."""
+    proof = persistent.axis(name).proof
+    if proof is None or proof.doubted == doubted:
+        return persistent
+    return with_proof(persistent, name, replace(proof, doubted=doubted))
 
 
 def prove(

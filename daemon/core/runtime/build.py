@@ -217,6 +217,18 @@ def _leg(
     )
 
 
+def wiring_of(drive: DriveDescription) -> Wiring:
+    """The settings of a drive for which the proof of its sign is valid."""
+    transmission = drive.axis.transmission
+    return Wiring(
+        drive.node_id,
+        transmission.sign,
+        transmission.gear_ratio,
+        transmission.lead_m,
+        transmission.counts_per_rev,
+    )
+
+
 def _axis(
     drive: DriveDescription,
     bounds: AxisLimits,
@@ -225,20 +237,14 @@ def _axis(
     period_ms: int,
     spasm_cycles: int,
 ) -> Axis:
-    homing, transmission = drive.axis.homing, drive.axis.transmission
+    homing = drive.axis.homing
     return Axis(
         name=drive.name,
         node_id=drive.node_id,
         limits=bounds._replace(enable_max_cycles=drive.axis.enable_max_ms // period_ms),
         # The torque base of the drive file is used until bring-up has read that of the drive.
         scaling=axis_scaling(drive, expected_base(drive)),
-        wiring=Wiring(
-            drive.node_id,
-            transmission.sign,
-            transmission.gear_ratio,
-            transmission.lead_m,
-            transmission.counts_per_rev,
-        ),
+        wiring=wiring_of(drive),
         poses=poses,
         push=push,
         homing=homing

@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator
 from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
 from daemon.core.safety.joints import jump_reach_si
 from daemon.core.safety.limits import Thresholds
+from daemon.core.safety.sign_response import RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO
 from daemon.ipc.record import Cause, StopCategory, Verdict
 from daemon.wire.causes import LOST_DRIVE
 from drives.signals import Input, NmtState, PowerState
@@ -48,6 +49,9 @@ measurement. Only the observer of an encoder at standstill would take it for an 
 EFFORT_UNCHANGED_CYCLES = 50
 """Cycles of motion in a row, half a second, in which a measured current cannot stay the same count:
 load, friction and noise change it."""
+AGAINST_DRIVE_MAX_CYCLES = 20
+"""Cycles in a row in which a person may move a leg against its drive, 0.2 s. Patients who give 1.4
+of the need of a gait at 0.5 Hz do so for 7 at a time."""
 HELD_RATIO = 0.1
 """Share of the tracking limit within which a drive's own loops count as holding a joint.
 
@@ -334,14 +338,25 @@ def _efforts(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
 
 
 def _directions(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
+    """Check that a joint moves with its drive's effort, or that a person moves it against that.
+
+    It can be a person only if the drive's sign is trusted, a patient can give such an effort, and
+    the joint's response is not that of a wrong sign (`sign_response.py`). Where the response has
+    the drive's sign, a person may move the leg against the drive for a short time, as one who is
+    ahead of the gait does. All else is a wrong sign.
+    """
     watch, limits = axis.watch, axis.limits
-    if watch.sign_mismatch_cycles >= thresholds.sign_mismatch_cycles:
-        yield (
-            Cause.SIGN_WRONG,
-            watch.sign_mismatch_si,
-            limits.sign_mismatch_effort_min_si,
-            "effort one way, motion the other",
-        )
+    if watch.sign_mismatch_cycles < thresholds.sign_mismatch_cycles:
+        return
+    possible = axis.sign_trusted and abs(watch.patient_si) <= limits.patient_effort_max_si
+    mismatch = watch.sign_mismatch_si, limits.sign_mismatch_effort_min_si
+    if not possible or watch.response_ratio > UNCLEAR_MAX_RATIO:
+        yield Cause.SIGN_WRONG, *mismatch, "effort one way, motion the other"
+    elif (
+        watch.response_ratio >= RIGHT_MAX_RATIO
+        or watch.sign_mismatch_cycles > AGAINST_DRIVE_MAX_CYCLES
+    ):
+        yield Cause.MOVED_AGAINST_DRIVE, *mismatch, "the leg moves, its drive pushes back"
 
 
 def _strides(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:

@@ -8,7 +8,7 @@ Four checks, each from raw values only, for each axis in every cycle:
 `sign_mismatch`
              Beyond the load, the drive pushes one way while the joint accelerates, against its
              friction, the other way. Then motor or encoder are the wrong way round, or a patient is
-             twice as strong as the limit.
+             twice as strong as the limit: `sign_response.py` tells which.
 `drift`      Compares the mean effort over a whole stride of gait with motion, load and friction.
              A current sensor that shows too much closes its drive's own loop on a wrong value: the
              gap is zero, the leg gets too little effort, and only this mean detects it. A patient
@@ -24,6 +24,7 @@ Without power a drive's effort is zero for any target: then `gap` is the reading
 
 from typing import NamedTuple
 
+from daemon.core.safety import sign_response
 from daemon.core.safety.inverse_dynamics import InverseDynamics
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
@@ -54,6 +55,12 @@ class EffortWatch(NamedTuple):
     sign_mismatch_si: float = 0.0
     """The smaller of push and motion effort, where their signs differ."""
     sign_mismatch_cycles: int = 0
+    samples: sign_response.Samples = ()
+    """Push and motion of the last cycles in a row."""
+    patient_si: float = 0.0
+    """Effort of the patient if the drive's sign is right."""
+    response_ratio: float = sign_response.WRONG
+    """Response of the joint in a mismatch that counts: small where it has the drive's sign."""
     held_si: float = 0.0
     """Effort held by friction and patient at standstill: a mean of a few samples."""
     held_before_still_si: float = 0.0
@@ -76,6 +83,7 @@ def update(
     axis: int,
     limits: AxisLimits,
     *,
+    mismatch_cycles: int,
     may_give_torque: bool,
     free: bool,
     pose_known: bool,
@@ -88,6 +96,7 @@ def update(
         dynamics: inverse dynamics of its leg.
         axis: 0 hip, 1 slide.
         limits: limits of this axis.
+        mismatch_cycles: duration from which a sign mismatch counts.
         may_give_torque: the drive has not shown a state without torque.
         free: no end stop acts on the joint; a rebound from one would look like a sign mismatch.
         pose_known: both axes of the leg are referenced; else the inverse dynamics are not valid.
@@ -98,8 +107,16 @@ def update(
     ratio = HELD_RATIO if pose_known else 0.0
     held_si = watch.held_si + ratio * (dynamics.held(axis) - watch.held_si)
     gap_si = _gap(watch, joint.effort_si, unpowered_cycles)
+    judged = may_give_torque and free and pose_known and dynamics.known
+    push_si = dynamics.effort[axis] - dynamics.load[axis]
+    motion_si = dynamics.inertia[axis] + dynamics.friction[axis]
+    samples = sign_response.with_sample(watch.samples, push_si, motion_si) if judged else ()
     sign_mismatch_si = (
-        _sign_mismatch(dynamics, axis) if may_give_torque and free and pose_known else 0.0
+        min(abs(push_si), abs(motion_si)) if judged and push_si * motion_si < 0 else 0.0
+    )
+    mismatch_min_si = limits.sign_mismatch_effort_min_si
+    sign_mismatch_cycles = (
+        watch.sign_mismatch_cycles + 1 if sign_mismatch_si > mismatch_min_si else 0
     )
     return EffortWatch(
         sent_si=watch.sent_si,
@@ -116,10 +133,13 @@ def update(
         ),
         effort_si=joint.effort_si,
         sign_mismatch_si=sign_mismatch_si,
-        sign_mismatch_cycles=(
-            watch.sign_mismatch_cycles + 1
-            if sign_mismatch_si > limits.sign_mismatch_effort_min_si
-            else 0
+        sign_mismatch_cycles=sign_mismatch_cycles,
+        samples=samples,
+        patient_si=motion_si - push_si if judged else 0.0,
+        response_ratio=(
+            sign_response.updated(watch.response_ratio, samples, mismatch_min_si)
+            if sign_mismatch_cycles >= mismatch_cycles
+            else sign_response.WRONG
         ),
         held_si=held_si,
         effort_before_still_si=(
@@ -142,11 +162,3 @@ def _gap(watch: EffortWatch, measured_si: float, unpowered_cycles: int) -> float
     if len(watch.sent_si) < SENT_COUNT:
         return 0.0
     return max(min(watch.sent_si) - measured_si, measured_si - max(watch.sent_si), 0.0)
-
-
-def _sign_mismatch(dynamics: InverseDynamics, axis: int) -> float:
-    if not dynamics.known:
-        return 0.0
-    push_si = dynamics.effort[axis] - dynamics.load[axis]
-    motion_si = dynamics.inertia[axis] + dynamics.friction[axis]
-    return min(abs(push_si), abs(motion_si)) if push_si * motion_si < 0 else 0.0

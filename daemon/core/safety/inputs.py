@@ -48,6 +48,8 @@ class AxisInputs(NamedTuple):
     mode_wanted: int
     new_emergency: bool
     """An EMCY that requires a stop has been received and not checked yet."""
+    sign_trusted: bool
+    """Its sign is proven for its drive, and nothing since has put it in doubt."""
     watch: EffortWatch
     """Monitor of the drive's effort against the commanded one."""
     stride_energy_j: float

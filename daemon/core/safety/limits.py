@@ -27,6 +27,8 @@ class AxisLimits(NamedTuple):
     effort_deviation_max_si: float
     load_deviation_max_si: float
     sign_mismatch_effort_min_si: float
+    patient_effort_max_si: float
+    """Largest effort of a patient that explains a sign mismatch."""
     soft_damping_si: float
     """Damping of outward motion at the hard limit, N·m·s/rad or N·s/m."""
     spasm_rise_si: float
@@ -63,6 +65,7 @@ def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
         effort_deviation_max_si=hip.torque_deviation_max_nm,
         load_deviation_max_si=hip.load_deviation_max_nm,
         sign_mismatch_effort_min_si=hip.sign_mismatch_torque_min_nm,
+        patient_effort_max_si=hip.patient_torque_max_nm,
         soft_damping_si=limits.soft_limit.hip_damping_nm_s_per_rad,
         spasm_rise_si=limits.spasm.hip_rise_nm,
         tracking_max_si=math.radians(hip.tracking_max_deg),
@@ -95,6 +98,7 @@ def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
         effort_deviation_max_si=slide.force_deviation_max_n,
         load_deviation_max_si=slide.load_deviation_max_n,
         sign_mismatch_effort_min_si=slide.sign_mismatch_force_min_n,
+        patient_effort_max_si=slide.patient_force_max_n,
         soft_damping_si=limits.soft_limit.slide_damping_n_s_per_m,
         spasm_rise_si=limits.spasm.slide_rise_n,
         tracking_max_si=slide.tracking_max_m,

@@ -24,6 +24,9 @@ Rules:
     unknown                    obeyed for the same cycles once more
 
    "Its ramp": obeyed as long as the speed falls along the ramp, and a joint at rest stays there.
+7. Where a person has moved the joint against its drive, the sign of the drive has been judged by
+   the joint's response. A drive whose sign is wrong would drive the joint on: the stop escalates in
+   the third cycle unless the speed is below that at its begin.
 """
 
 from enum import IntEnum
@@ -63,6 +66,8 @@ class DriveStop(NamedTuple):
     """The drive has come to rest in this step: it is held, and no longer on a ramp."""
     disobeyed: bool = False
     """The stop had to be escalated because the drive did not obey."""
+    must_slow: bool = False
+    """Its speed must have fallen as soon as a drive has had the time to obey."""
     unproven_cycles: int = 0
     """Cycles in a row in which its state showed neither torque nor the absence of torque."""
 
@@ -116,9 +121,11 @@ def possible(step: Step, feedback: DriveFeedback | None) -> Step:
     return Step.QUICK_STOP if step == Step.HOLD and not enabled else step
 
 
-def begin(step: Step, joint: Joint, cycle: int, *, disobeyed: bool = False) -> DriveStop:
+def begin(
+    step: Step, joint: Joint, cycle: int, *, disobeyed: bool = False, must_slow: bool = False
+) -> DriveStop:
     """Begin the stop of one drive, or its next step."""
-    return DriveStop(step, cycle, abs(joint.velocity_si), disobeyed=disobeyed)
+    return DriveStop(step, cycle, abs(joint.velocity_si), disobeyed=disobeyed, must_slow=must_slow)
 
 
 def harsher(stop: DriveStop, step: Step, joint: Joint, cycle: int) -> DriveStop:
@@ -178,7 +185,8 @@ def _obeyed(
     cycle: int,
 ) -> bool:
     elapsed_cycles, state = cycle - stop.since_cycle, feedback.power_state
-    if elapsed_cycles <= rules.obey_cycles or state in CANNOT_EXERT_TORQUE:
+    grace_cycles = rules.obey_cycles - 1 if stop.must_slow else rules.obey_cycles
+    if elapsed_cycles <= grace_cycles or state in CANNOT_EXERT_TORQUE:
         # Without power the drive cannot follow a ramp: gravity, springs and patient move the leg.
         return True
     if state in _UNPROVEN:
@@ -189,7 +197,12 @@ def _obeyed(
         return False
     if stop.step == Step.QUICK_STOP and state == PowerState.OPERATION_ENABLED:
         return False
-    return abs(joint.velocity_si) <= _allowed_speed_si(stop, limits, rules, elapsed_cycles)
+    speed_si = abs(joint.velocity_si)
+    if stop.must_slow and speed_si > RAMP_FLOOR_RATIO * limits.standstill_si_per_s:
+        return speed_si < stop.start_speed_si and speed_si <= _allowed_speed_si(
+            stop, limits, rules, elapsed_cycles
+        )
+    return speed_si <= _allowed_speed_si(stop, limits, rules, elapsed_cycles)
 
 
 def _allowed_speed_si(

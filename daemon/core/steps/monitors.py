@@ -53,6 +53,7 @@ def _update_leg(core: Core, leg: Leg) -> None:
             leg.dynamics,
             index,
             single_axis.active_limits(core, axis),
+            mismatch_cycles=core.config.thresholds.sign_mismatch_cycles,
             may_give_torque=axis.feedback is not None
             and axis.feedback.power_state not in CANNOT_EXERT_TORQUE,
             free=_free(core, leg, axis),

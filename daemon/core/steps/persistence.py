@@ -14,6 +14,8 @@ from daemon.core.modes.daily_test import Drive
 from daemon.core.modes.persistent_state import (
     SignProof,
     proven,
+    trusted,
+    with_doubt,
     with_pose,
     with_proof,
     without_tests,
@@ -56,6 +58,7 @@ def prove_sign(core: Core, axis: Axis, proof: SignProof) -> None:
     """Store the proof of an axis's sign."""
     core.persistent = with_proof(core.persistent, axis.name, proof)
     axis.sign_proven = True
+    axis.sign_trusted = axis.serial_number != 0
 
 
 def forget_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
@@ -71,7 +74,24 @@ def forget_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
 def check_signs(core: Core) -> None:
     """Look up the proofs for the drives that have just been brought up."""
     for axis in core.axes:
-        axis.sign_proven = proven(core.persistent, axis.name, axis.wiring, axis.serial_number)
+        drive = axis.name, axis.wiring, axis.serial_number
+        axis.sign_proven = proven(core.persistent, *drive)
+        axis.sign_trusted = trusted(core.persistent, *drive)
+
+
+def store_sign_doubts(core: Core) -> None:
+    """Store which proofs are in doubt: a later core does not trust those signs either."""
+    for axis in core.axes:
+        if axis.sign_proven and not axis.sign_trusted:
+            core.persistent = with_doubt(core.persistent, axis.name, doubted=True)
+
+
+def _trust_signs(core: Core) -> None:
+    """Trust all proven signs: each axis has just moved both ways as it was told."""
+    for axis in core.axes:
+        if axis.sign_proven and axis.serial_number != 0:
+            core.persistent = with_doubt(core.persistent, axis.name, doubted=False)
+            axis.sign_trusted = True
 
 
 # --- daily test -----------------------------------------------------------------------------------
@@ -139,6 +159,7 @@ def finish_self_test(core: Core, utc_ns: int) -> Verdict | None:
         core.report(result_text(one))
     failed = next((one for one in results if one.fault), None)
     if failed is None:
+        _trust_signs(core)
         return None
     cause = Cause.SELF_TEST_FAILED
     category = core.config.categories.of(cause)

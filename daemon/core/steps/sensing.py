@@ -43,6 +43,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.followed = axis.followed and axis.referenced and not silent
         axis.watched = axis.watched and not silent and not feedback.rebooted
+        axis.sign_trusted = axis.sign_trusted and axis.watched and not lost
         _count_readiness(core, axis, feedback)
         if feedback.fresh and not feedback.in_fault:
             axis.bring_up_error = ""
@@ -153,6 +154,12 @@ def doubt(core: Core, name: str) -> None:
     """
     for axis in core.axes:
         axis.followed = axis.followed and axis.name != name
+
+
+def doubt_sign(core: Core, name: str) -> None:
+    """After doubtful feedback the sign of this axis explains nothing until it is tested again."""
+    for axis in core.axes:
+        axis.sign_trusted = axis.sign_trusted and axis.name != name
 
 
 def lose_positions(core: Core) -> None:

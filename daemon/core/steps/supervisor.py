@@ -63,6 +63,7 @@ def supervise(
     _advance_single_axis(core, cycle)
     requests.finish(core)
     persistence.update_latch(core, utc_ns)
+    persistence.store_sign_doubts(core)
     exercises.update_references(core, samples)
 
 
@@ -196,6 +197,7 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     """Stop all drives for this verdict, or escalate a stop that is under way."""
     if verdict.cause in DOUBTFUL_FEEDBACK:
         sensing.doubt(core, verdict.drive)
+        sensing.doubt_sign(core, verdict.drive)
     first = core.mode.active or core.mode == Mode.READY
     if first:
         _enter(core, Event.STOP)
@@ -212,7 +214,8 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     for axis in core.axes:
         step = _first_step(core, verdict, axis)
         if axis.stop is None:  # the first verdict, or in FAULT where its drive had no power
-            axis.stop = stop_sequence.begin(step, axis.joint, cycle)
+            judged = verdict.cause == Cause.MOVED_AGAINST_DRIVE and verdict.drive == axis.name
+            axis.stop = stop_sequence.begin(step, axis.joint, cycle, must_slow=judged)
         else:
             axis.stop = stop_sequence.harsher(axis.stop, step, axis.joint, cycle)
     _stop_together(core, cycle)

@@ -95,6 +95,7 @@ class Cause(StrEnum):
     UNREFERENCED = auto()
     SIGN_WRONG = auto()
     EFFORT_DEVIATION = auto()
+    MOVED_AGAINST_DRIVE = auto()
     # limits at the joint, from raw drive values
     POSITION_LIMIT = auto()
     VELOCITY_LIMIT = auto()

@@ -18,6 +18,8 @@ from daemon.core.modes.persistent_state import (
     disagreement,
     prove,
     proven,
+    trusted,
+    with_doubt,
     with_pose,
     with_proof,
     without_tests,
@@ -69,7 +71,13 @@ EMPTY = {
         (
             PROOF,
             WIRING._asdict()
-            | {"serial_number": 305, "moved_forth_si": 0.036, "moved_back_si": -0.035, "utc_ns": 7},
+            | {
+                "serial_number": 305,
+                "moved_forth_si": 0.036,
+                "moved_back_si": -0.035,
+                "utc_ns": 7,
+                "doubted": False,
+            },
         ),
     ],
 )
@@ -163,6 +171,29 @@ def test_any_other_wiring_makes_a_proof_void(change):
     persistent = with_proof(PersistentState(), "right/hip", PROOF)
 
     assert not proven(persistent, "right/hip", WIRING._replace(**change), 305)
+
+
+def test_a_sign_is_trusted_only_by_a_proof_without_doubt_of_a_drive_with_a_serial_number():
+    persistent = with_proof(PersistentState(), "right/hip", PROOF)
+    doubted = with_doubt(persistent, "right/hip", doubted=True)
+    nameless = with_proof(PersistentState(), "right/hip", prove(WIRING, 0, (0.036, -0.035), 7))
+
+    assert trusted(persistent, "right/hip", WIRING, 305)
+    assert not trusted(persistent, "right/hip", WIRING, 306)
+    assert not trusted(persistent, "right/slide", WIRING, 305)
+    assert not trusted(doubted, "right/hip", WIRING, 305)
+    assert proven(doubted, "right/hip", WIRING, 305)
+    assert proven(nameless, "right/hip", WIRING, 0)
+    assert not trusted(nameless, "right/hip", WIRING, 0)
+
+
+def test_a_doubt_goes_with_a_test_and_changes_nothing_where_there_is_no_proof():
+    persistent = with_proof(PersistentState(), "right/hip", PROOF)
+    doubted = with_doubt(persistent, "right/hip", doubted=True)
+
+    assert with_doubt(doubted, "right/hip", doubted=True) is doubted
+    assert with_doubt(doubted, "right/hip", doubted=False) == persistent
+    assert with_doubt(persistent, "right/slide", doubted=True) is persistent
 
 
 def test_a_proof_keeps_how_far_the_axis_moved_and_when():

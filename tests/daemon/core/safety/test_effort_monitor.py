@@ -1,5 +1,7 @@
 """What is looked at over more than one cycle: balance, efforts, sums over a stride."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -19,6 +21,7 @@ from daemon.core.safety.effort_monitor import (
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES, StrideSum, stride_cycles
 from daemon.core.safety.inverse_dynamics import ROW, InverseDynamics, evaluate, needed
 from daemon.core.safety.joints import Joint
+from daemon.core.safety.sign_response import SAMPLES
 from daemon.preflight.load import load
 from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import gravity, mass_matrix
@@ -27,7 +30,7 @@ from tests.observer.mechanics import coriolis, damping
 ROBOT = load(CONFIGS / "demo.toml").robot
 LEG, FRICTIONS = leg_parameters(ROBOT), friction_parameters(ROBOT)
 DT_S = 0.01
-STILL = {"may_give_torque": True, "free": True, "pose_known": True}
+STILL = {"mismatch_cycles": 3, "may_give_torque": True, "free": True, "pose_known": True}
 
 
 def joint(position, velocity, effort, **change):
@@ -269,6 +272,26 @@ def test_effort_one_way_and_motion_the_other_is_counted_and_less_than_the_limit_
         assert (watch.sign_mismatch_cycles == 3) == counted
 
 
+def test_the_response_is_judged_in_a_mismatch_that_counts_and_the_patient_is_what_explains_it():
+    watch = EffortWatch()
+    ratios = []
+    for k in range(SAMPLES + 3):
+        push = 40.0 - 5.0 * k  # beyond the limit, against the motion, from the twelfth sample on
+        watch = looked(watch, balance=opposing(push, push + 70.0))
+        ratios.append(watch.response_ratio)
+
+    assert (watch.sign_mismatch_cycles, watch.patient_si) == (2, 70.0)
+    assert set(ratios) == {math.inf}
+    judged = looked(watch, balance=opposing(-33.0, 37.0))
+    assert judged.response_ratio < 0.01
+    ended = looked(judged, balance=opposing(-19.0, 51.0))
+    assert (ended.sign_mismatch_cycles, ended.response_ratio) == (0, math.inf)
+    gap = looked(judged, balance=opposing(-33.0, 37.0, row=ROW - 1))
+    assert (gap.samples, gap.patient_si, gap.response_ratio) == ((), 0.0, math.inf)
+    jumped = looked(judged, balance=opposing(-33.0, 37.0 + LIMITS.sign_mismatch_effort_min_si + 1))
+    assert jumped.response_ratio == math.inf
+
+
 @pytest.mark.parametrize(
     "change", [{"may_give_torque": False}, {"free": False}, {"pose_known": False}]
 )
@@ -295,7 +318,10 @@ def test_what_a_joint_held_is_remembered_from_when_it_began_to_stand():
 
 
 def test_a_new_watch_has_seen_nothing_and_keeps_the_newest_three_commands():
-    assert EffortWatch() == ((), *[0] * (len(EffortWatch._fields) - 1))
+    new = EffortWatch()
+    assert (new.sent_si, new.samples, new.response_ratio) == ((), (), math.inf)
+    others = set(EffortWatch._fields) - {"sent_si", "samples", "response_ratio"}
+    assert {getattr(new, name) for name in others} == {0}
     assert sent(1.0, 2.0, 3.0, 4.0, 5.0).sent_si == (3.0, 4.0, 5.0)
 
 

@@ -10,6 +10,7 @@ import pytest
 from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.safety.checks import (
+    AGAINST_DRIVE_MAX_CYCLES,
     EFFORT_MARGIN_RATIO,
     ENABLE_CYCLES,
     FREEZE_DECELERATION_RATIO,
@@ -70,6 +71,11 @@ def opposed(cycles):
     return AXIS._replace(watch=EffortWatch(sign_mismatch_si=25.0, sign_mismatch_cycles=cycles))
 
 
+def against_its_drive(cycles):
+    shown = EffortWatch(sign_mismatch_si=25.0, sign_mismatch_cycles=cycles, response_ratio=0.1)
+    return AXIS._replace(watch=shown)
+
+
 def unmet(cycles):
     return AXIS._replace(watch=EffortWatch(gap_si=9.0, gap_cycles=cycles))
 
@@ -116,6 +122,7 @@ TABLE = [
     (Cause.ENCODER_FROZEN, held(1), PUSH_SI, UP, None),
     (Cause.ENCODER_FROZEN, held(-1), PUSH_SI, UP, None),
     (Cause.SIGN_WRONG, opposed, T.sign_mismatch_cycles - 1, UP, ONE),
+    (Cause.MOVED_AGAINST_DRIVE, against_its_drive, AGAINST_DRIVE_MAX_CYCLES, UP, ONE),
     (Cause.EFFORT_DEVIATION, unmet, T.deviation_cycles - 1, UP, ONE),
     (Cause.EFFORT_DEVIATION, axis("stride_drift_si"), L.load_deviation_max_si, UP, None),
     (Cause.EFFORT_DEVIATION, axis("stride_drift_si", -1), L.load_deviation_max_si, UP, None),

@@ -7,9 +7,14 @@ import pytest
 from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.safety.bounds import bound, bound_assist, bound_position
-from daemon.core.safety.checks import NO_VERDICT, OBSERVER_BAD_MAX_CYCLES
+from daemon.core.safety.checks import (
+    AGAINST_DRIVE_MAX_CYCLES,
+    NO_VERDICT,
+    OBSERVER_BAD_MAX_CYCLES,
+)
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.limits import Categories
+from daemon.core.safety.sign_response import RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO
 from daemon.ipc.record import Cause, StopCategory
 from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
@@ -25,6 +30,16 @@ def verdict_of(service=WELL, axes=(AXIS,), legs=(LEG,), *, driving=True, categor
 def told(*, driving=True, **where):
     verdict = verdict_of(**where, driving=driving)
     return verdict.cause, verdict.drive, verdict.value, verdict.limit, verdict.detail
+
+
+def against_its_drive(cycles, response_ratio=0.1, patient_si=60.0):
+    watch = EffortWatch(
+        sign_mismatch_si=25.5,
+        sign_mismatch_cycles=cycles,
+        patient_si=patient_si,
+        response_ratio=response_ratio,
+    )
+    return AXIS._replace(watch=watch)
 
 
 def fed(axis=AXIS, **change):
@@ -822,6 +837,13 @@ def test_no_verdict_has_no_category_and_no_cause():
             ),
         ),
         (
+            against_its_drive(cycles=99),
+            (
+                *(Cause.MOVED_AGAINST_DRIVE, 25.5, LIMITS.sign_mismatch_effort_min_si),
+                "the leg moves, its drive pushes back",
+            ),
+        ),
+        (
             AXIS._replace(stride_drift_si=-99.0),
             (
                 *(Cause.EFFORT_DEVIATION, 99.0, LIMITS.load_deviation_max_si),
@@ -925,3 +947,31 @@ def test_slow_motion_bounds_no_assist(velocity_si):
     assert ASSIST_SI * 0.25 < POWER_W
     for wanted_si in (ASSIST_SI, -ASSIST_SI):
         assert bound_assist(wanted_si, wanted_si, LIMITS, velocity_si, 0.01) == wanted_si
+
+
+# --- motion against the drive ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("axis", "cause"),
+    [
+        (against_its_drive(cycles=3), None),
+        (against_its_drive(cycles=AGAINST_DRIVE_MAX_CYCLES), None),
+        (against_its_drive(cycles=AGAINST_DRIVE_MAX_CYCLES + 1), Cause.MOVED_AGAINST_DRIVE),
+        (against_its_drive(cycles=2, response_ratio=UNCLEAR_MAX_RATIO + 1), None),
+        (against_its_drive(cycles=3, response_ratio=RIGHT_MAX_RATIO), Cause.MOVED_AGAINST_DRIVE),
+        (against_its_drive(cycles=3, response_ratio=UNCLEAR_MAX_RATIO), Cause.MOVED_AGAINST_DRIVE),
+        (against_its_drive(cycles=3, response_ratio=UNCLEAR_MAX_RATIO + 0.1), Cause.SIGN_WRONG),
+        (against_its_drive(cycles=3, patient_si=LIMITS.patient_effort_max_si), None),
+        (against_its_drive(cycles=3, patient_si=-LIMITS.patient_effort_max_si), None),
+        (against_its_drive(cycles=3, patient_si=80.1), Cause.SIGN_WRONG),
+        (against_its_drive(cycles=3, patient_si=-80.1), Cause.SIGN_WRONG),
+        (against_its_drive(cycles=3)._replace(sign_trusted=False), Cause.SIGN_WRONG),
+    ],
+)
+def test_only_a_trusted_sign_and_a_joint_that_answers_its_drive_make_a_mismatch_a_person_s(
+    axis, cause
+):
+    verdict = verdict_of(axes=(axis,))
+
+    assert verdict.cause == (cause or Cause.NONE)

@@ -69,6 +69,34 @@ def test_only_a_stop_of_category_2_keeps_a_drive_enabled():
         assert stop_sequence.request(step) == PowerRequest.DISABLE_VOLTAGE
 
 
+def test_a_drive_whose_sign_was_judged_has_three_cycles_to_slow_down():
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100, must_slow=True)
+    slower = JOINT._replace(velocity_si=-0.99)
+
+    assert run(begun, STOPPING_DRIVE, [FAST] * 2).step == Step.QUICK_STOP
+    assert run(begun, STOPPING_DRIVE, [slower] * 3).step == Step.QUICK_STOP
+    escalated = run(begun, STOPPING_DRIVE, [FAST] * 3)
+    assert (escalated.step, escalated.disobeyed) == (Step.DISABLE, True)
+    usual = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
+    assert run(usual, STOPPING_DRIVE, [FAST] * 3).step == Step.QUICK_STOP
+
+
+@pytest.mark.parametrize("power", [OFF, STOPPING_DRIVE])
+def test_a_drive_whose_sign_was_judged_may_stand_or_be_without_power(power):
+    standing = JOINT._replace(velocity_si=2.0 * LIMITS.standstill_si_per_s)
+    joint = FAST if power is OFF else standing
+    begun = stop_sequence.begin(Step.QUICK_STOP, joint, 100, must_slow=True)
+
+    assert run(begun, power, [joint] * 4).step == Step.QUICK_STOP
+
+
+def test_a_drive_whose_sign_was_judged_is_on_its_ramp_as_any_other():
+    begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100, must_slow=True)
+    too_slowly = JOINT._replace(velocity_si=0.95)
+
+    assert run(begun, STOPPING_DRIVE, [too_slowly] * 8).step == Step.DISABLE
+
+
 def test_a_drive_that_follows_its_ramp_comes_to_rest_where_it_is_held():
     begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
     ramp = [JOINT._replace(velocity_si=max(1.0 - 0.2 * k, 0.0)) for k in range(15)]

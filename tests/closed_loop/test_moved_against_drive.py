@@ -1,0 +1,109 @@
+"""A person who moves the leg against its drive is no wiring fault, and hides none.
+
+`tests/daemon/core/safety/test_sign_response.py` has the rule; `gaitd patients` plays all patients.
+"""
+
+import msgspec
+import pytest
+from sessions import CONFIGS
+
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.ipc.record import Cause, Mode, StopCategory
+from daemon.preflight.load import load
+from drives.signals import PowerState
+from gaitd_lab.lockstep import LockstepSession
+from gaitd_lab.lockstep_gateway import Gateway
+from gaitd_lab.patients import Patient, of_ability
+from gaitd_lab.proven_signs import proven_signs
+from gaitd_lab.virtual_machine import load_plant, virtual_machine
+from sim_drives.plant.settings import FrictionLaw
+
+CADENCE_HZ = 0.5
+SLIDE = "right/slide"
+
+
+def walking(ability, *, proven=True, law=FrictionLaw.PAPER, cadence_hz=CADENCE_HZ, serial=True):
+    """A session in which a patient of this ability has begun to walk."""
+    settings = load(CONFIGS / "demo.toml")
+    _, plant = load_plant(settings.file)
+    plant = msgspec.structs.replace(
+        plant, friction=msgspec.structs.replace(plant.friction, law=law)
+    )
+    if not serial:
+        change = msgspec.structs.replace
+        drives = plant.drives["right"]
+        slide = change(drives.slide, serial_number=0)
+        plant = change(plant, drives={"right": change(drives, slide=slide)})
+    machine = virtual_machine(settings.file, plant=plant, seed=1)
+    trainer = machine.trainers["right"]
+    patient = Patient(settings.robot, of_ability(ability), seed=1)
+    session = LockstepSession(
+        settings,
+        machine,
+        gateway=Gateway(lambda record: trainer.exert(*patient(record))),
+        persistent=proven_signs(settings, machine) if proven else PersistentState(),
+    )
+    return session.walk(cadence_hz=cadence_hz)
+
+
+def stops(session, within_s):
+    """Walk on until a stop."""
+    return session.run_until(lambda record: record.mode != Mode.GAIT, within_s).verdict
+
+
+def test_a_patient_who_gives_more_than_the_need_walks_on():
+    session = walking(1.4)
+
+    session.run(8.0)
+
+    assert session.record.mode == Mode.GAIT
+
+
+@pytest.mark.parametrize("how", [{"proven": False}, {"serial": False}])
+def test_without_a_trusted_sign_the_same_patient_is_stopped_as_a_wrong_sign_is(how):
+    verdict = stops(walking(1.4, **how), within_s=8.0)
+
+    assert (verdict.cause, verdict.drive) == (Cause.SIGN_WRONG, SLIDE)
+    assert verdict.category == StopCategory.S0
+
+
+def test_a_person_is_the_cause_where_the_response_is_unclear_and_both_axes_are_held():
+    session = walking(2.5)
+
+    verdict = stops(session, within_s=8.0)
+    session.run(1.0)
+
+    assert (verdict.cause, verdict.drive) == (Cause.MOVED_AGAINST_DRIVE, SLIDE)
+    assert verdict.category == StopCategory.S1
+    assert session.record.verdict == verdict
+    assert {one.power_state for one in session.record.drives} == {PowerState.QUICK_STOP_ACTIVE}
+    assert session.core.axes[1].sign_trusted
+
+
+@pytest.mark.parametrize("fault", ["wrong_sign", "encoder_reversed"])
+@pytest.mark.parametrize("later_s", [5.0, 5.3, 5.9, 6.2])
+def test_a_real_reversal_is_found_while_a_strong_patient_works(fault, later_s):
+    session = walking(1.4)
+    session.run(later_s)
+    session.command(f"{fault} {SLIDE}")
+    begun = len(session.records)
+
+    verdict = stops(session, within_s=0.3)
+    session.run(0.05)
+
+    assert Cause.SIGN_WRONG in {verdict.cause, session.record.verdict.cause}
+    assert session.record.verdict.category == StopCategory.S0
+    assert len(session.records) - begun < 30
+    assert not session.core.axes[1].sign_trusted
+
+
+def test_a_sign_in_doubt_is_stored_and_a_drive_that_rebooted_is_doubted():
+    session = walking(1.0)
+    assert all(axis.sign_trusted for axis in session.core.axes)
+
+    session.command(f"reboot {SLIDE}")
+    session.run(1.0)
+
+    hip, slide = (session.state_file.persistent.axis(axis.name).proof for axis in session.core.axes)
+    assert (hip.doubted, slide.doubted) == (False, True)
+    assert session.core.axes[0].sign_trusted
