@@ -14,7 +14,9 @@
     and only for the axis of the cause where its feedback is in doubt: any other drive loses it by
     escalation.
 5.  A mode that need not stop continues, and nothing is latched.
-6.  No exception leaves the loop except an injected one, and then the loop ends with its exit code.
+6.  A motor or encoder that is reversed is found no later, and moves the leg no farther, than before
+    a person could explain a mismatch (`reversals.py`).
+7.  No exception leaves the loop except an injected one, and then the loop ends with its exit code.
 """
 
 from collections.abc import Iterator, Set
@@ -22,6 +24,7 @@ from typing import Final
 
 from daemon.ipc.record import Cause, Mode, StopCategory
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY
+from gaitd_lab.fault_matrix import reversals
 from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
@@ -58,7 +61,7 @@ def broken(cell: CellResult) -> list[str]:
     """Return the laws that a cell violates; none for a good cell."""
     right = law_of(cell.cell, cell.exit_code)
     column = COLUMNS[cell.mode]
-    said = [*_process(cell, right), *_enabling(cell)]
+    said = [*_process(cell, right), *_enabling(cell), *reversals.exceeded(cell)]
     if column.mode in {Mode.STOPPING, Mode.FAULT}:
         return [*said, *_stays_stopped(cell, right)]
     if column.group is Group.IDLE:

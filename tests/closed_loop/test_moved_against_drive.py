@@ -8,7 +8,7 @@ import pytest
 from sessions import CONFIGS
 
 from daemon.core.modes.persistent_state import PersistentState
-from daemon.ipc.record import Cause, Mode, StopCategory
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, StopCategory
 from daemon.preflight.load import load
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession
@@ -97,13 +97,34 @@ def test_a_real_reversal_is_found_while_a_strong_patient_works(fault, later_s):
     assert not session.core.axes[1].sign_trusted
 
 
-def test_a_sign_in_doubt_is_stored_and_a_drive_that_rebooted_is_doubted():
-    session = walking(1.0)
-    assert all(axis.sign_trusted for axis in session.core.axes)
+def trust(session):
+    return [axis.sign_trusted for axis in session.core.axes]
+
+
+def doubts(session):
+    """What a later core finds."""
+    stored = session.state_file.persistent
+    return [stored.axis(axis.name).proof.doubted for axis in session.core.axes]
+
+
+def test_a_drive_that_rebooted_is_in_doubt_until_it_is_tested():
+    settings = load(CONFIGS / "demo.toml")
+    machine = virtual_machine(settings.file, seed=1)
+    session = LockstepSession(settings, machine, persistent=proven_signs(settings, machine))
+    session.until_ready()
+    assert trust(session) == [True, True]
 
     session.command(f"reboot {SLIDE}")
-    session.run(1.0)
+    session.run(0.5)
+    assert trust(session) == [True, False]
+    session.until_ready()
+    assert trust(session) == [True, False]
+    assert all(axis.sign_proven for axis in session.core.axes)
 
-    hip, slide = (session.state_file.persistent.axis(axis.name).proof for axis in session.core.axes)
-    assert (hip.doubted, slide.doubted) == (False, True)
-    assert session.core.axes[0].sign_trusted
+    assert doubts(session) == [False, True]
+
+    session.enable().execute(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
+    session.until(Mode.HOLD, within_s=60)
+    session.run(0.1)
+    assert trust(session) == [True, True]
+    assert doubts(session) == [False, False]

@@ -11,7 +11,7 @@ import pytest
 from stopping_faults import sample
 
 from daemon.ipc.record import Cause, Mode
-from gaitd_lab.fault_matrix import page, pairs
+from gaitd_lab.fault_matrix import page, pairs, reversals
 from gaitd_lab.fault_matrix.cell import Cell, CellResult
 from gaitd_lab.fault_matrix.emergencies import EMERGENCIES
 from gaitd_lab.fault_matrix.evaluation import broken
@@ -63,6 +63,33 @@ def test_a_fault_does_what_is_right_in_this_mode(part, warm_process):
         if (reasons := broken(one))
     ]
     assert not wrong, "\n".join(["", *wrong])
+
+
+QUICK_REVERSALS = ("gait_impedance", 2)
+"""Mode and seed of which `make test` plays the reversals."""
+
+
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(
+    ("mode", "seed"),
+    [
+        pytest.param(
+            mode, seed, marks=() if (mode, seed) == QUICK_REVERSALS else pytest.mark.thorough
+        )
+        for mode in sorted({mode for _, mode, _, _ in reversals.bounds()})
+        for seed in range(1, 7)
+    ],
+)
+def test_a_real_reversal_is_found_no_later_and_moves_the_leg_no_farther(mode, seed, warm_process):
+    """With each sign proven, so that a person could be the cause."""
+    (part,) = parts(cells(reversals.FAULTS, (mode,)))
+
+    played = play_part(DEMO, part, seed)
+
+    assert {(one.fault, one.mode, one.axis, one.seed) for one in played} <= set(reversals.bounds())
+    wrong = {page.command(one): reasons for one in played if (reasons := broken(one))}
+    assert not wrong
+    assert not {cause for one in played for cause in one.causes} & {"MOVED_AGAINST_DRIVE"}
 
 
 def test_the_page_has_the_laws_of_today():
@@ -307,6 +334,42 @@ STILL = msgspec.structs.replace(WELL, mode="fault", driven=False, stopped=False)
 ONWARDS = msgspec.structs.replace(
     WELL, fault="tpdo_lost_once", stopped=False, causes=(), category="", final_mode="GAIT"
 )
+
+
+REVERSED = msgspec.structs.replace(
+    WELL,
+    fault="wrong_sign",
+    mode="gait_impedance",
+    axis="right/hip",
+    seed=1,
+    causes=("SIGN_WRONG",),
+    category="S0",
+    final_cause="SIGN_WRONG",
+    drive="right/hip",
+    lost_power=("right/hip",),
+    powerless_at_once=("right/hip",),
+    told_cycles=4.0,
+    hip_deg=2.86,
+    slide_mm=50.4,
+)
+"""What was recorded of this cell."""
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({}, None),
+        ({"seed": 4711, "told_cycles": 40.0}, None),
+        ({"told_cycles": 4.1}, "a reversal told after 4.1 cycles, before it was 4"),
+        ({"told_cycles": None}, "a reversal told after None cycles, before it was 4"),
+        ({"hip_deg": 2.95}, "a reversal moved the hip by 2.95 deg, before 2.86"),
+        ({"slide_mm": 51.0}, "a reversal moved the slide by 51 mm, before 50.4"),
+    ],
+)
+def test_a_reversal_found_later_or_moved_farther_than_recorded_breaks_a_law(change, words):
+    said = broken(msgspec.structs.replace(REVERSED, **change))
+
+    assert [one for one in said if one.startswith("a reversal")] == ([words] if words else [])
 
 
 PUSHED = msgspec.structs.replace(
