@@ -49,6 +49,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
         f"{_SAFETY}/test_safety_bounds.py",
     ),
     "daemon/core/safety/checks.py": _CHECKS,
+    "daemon/core/safety/clonus.py": (f"{_SAFETY}/test_clonus.py",),
     "daemon/core/safety/effort_monitor.py": (f"{_SAFETY}/test_effort_monitor.py",),
     "daemon/core/safety/energy.py": (f"{_SAFETY}/test_effort_monitor.py",),
     "daemon/core/safety/friction_monitor.py": (f"{_SAFETY}/test_friction_monitor.py",),

@@ -123,6 +123,17 @@ class Spasm(Table, frozen=True):
     """How long it may last before the machine stops."""
 
 
+class Clonus(Table, frozen=True):
+    """Effort that swings to and fro at 5 to 8 Hz: guidance softens as in a spasm, then a stop."""
+
+    hip_swing_nm: Annotated[float, Meta(gt=0, le=60)]
+    """Amplitude of the estimated effort from which a half-wave counts."""
+    slide_swing_n: Annotated[float, Meta(gt=0, le=600)]
+    window_ms: Annotated[int, Meta(ge=1000, le=10000)]
+    patience_ms: Annotated[int, Meta(ge=200, le=10000)]
+    """Sum of its time within the window before the machine stops."""
+
+
 class Communication(Table, frozen=True):
     """Limits on missing samples, heartbeats, gateway states and cycles."""
 
@@ -172,6 +183,7 @@ class Limits(Table, frozen=True):
     soft_limit: SoftLimit
     watch: Watch
     spasm: Spasm
+    clonus: Clonus
     communication: Communication
     stop: Stop
     assist: Assist

@@ -43,6 +43,7 @@ def step(
     monitors.update(core)
     estimation.estimate(core, tick)
     monitors.update_spasm(core)
+    monitors.update_clonus(core)
     command_inputs = inputs.receive(core, gateway_states, tick.cycle)
     controllers.receive(core, tick.cycle)
     verdicts = checks.check(safety_inputs(core, command_inputs, tick))
@@ -157,5 +158,7 @@ def _axis(core: Core, leg: Leg, axis: Axis) -> AxisInputs:
         stopping_end_si=axis.stopping_end_si,
         spasm_cycles=axis.spasm.cycles,
         spasm_rise_si=axis.spasm.rise_si,
+        clonus_cycles=axis.clonus.cycles,
+        clonus_swing_si=axis.clonus.swing_si,
         bring_up_error=axis.bring_up_error,
     )

@@ -81,7 +81,7 @@ def _leg_assist(leg: Leg) -> LegAssistRecord:
         seq=leg.assist.seq,
         wanted=(0.0, 0.0) if newest is None else wanted_si(newest),
         assist=leg.assist_si,
-        stiffness_ratio=leg.stiffness_ratio * leg.spasm_ratio,
+        stiffness_ratio=leg.guidance_ratio,
     )
 
 

@@ -11,6 +11,7 @@ from daemon.core.exercises.single_axis import HomingRules, PushRules, Result, Si
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
 from daemon.core.motion.assist import LegAssist
 from daemon.core.motion.gait_shape import GaitShape
+from daemon.core.safety.clonus import ClonusWatch
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.energy import StrideSum
 from daemon.core.safety.inverse_dynamics import InverseDynamics
@@ -52,6 +53,7 @@ class Axis:
     """None: this axis cannot be homed."""
     torque_sampling: TorqueSampling
     spasm: SpasmWatch
+    clonus: ClonusWatch
     reaction_cycles: int
     """Longest fault reaction of the drive, in cycles, from its profile."""
     serial_number: int = 0
@@ -144,6 +146,8 @@ class Leg:
     """Share of the configured guidance stiffness that a controller requests."""
     spasm_ratio: float = 1.0
     """Share of the guidance stiffness that remains during a spasm."""
+    clonus_ratio: float = 1.0
+    """Share of the guidance stiffness that remains during clonus."""
     last_wanted_velocity: tuple[float, float] = (0.0, 0.0)
     """Velocity of the reference one cycle ago, from which its acceleration follows: rad/s, m/s."""
     singularity_ratio: float = 1.0
@@ -169,6 +173,11 @@ class Leg:
         hip, slide = self.friction
         self.mechanism = tuple(map(float, self.parameters))
         self.friction_laws = tuple(map(float, hip)), tuple(map(float, slide))
+
+    @property
+    def guidance_ratio(self) -> float:
+        """Share of the configured guidance stiffness that is in force."""
+        return self.stiffness_ratio * min(self.spasm_ratio, self.clonus_ratio)
 
     @property
     def is_held(self) -> bool:

@@ -139,6 +139,7 @@ class Cause(IntEnum):
     STATIC_LOAD_WRONG = 71
     SPASM = 72
     SELF_TEST_FAILED = 73
+    CLONUS = 74
     # escalation
     STOP_NOT_OBEYED = 80
 

@@ -280,6 +280,10 @@ def _ranges_are_ranges(settings: Settings) -> Errors:
     if singularity.soft_ratio <= singularity.stop_ratio:
         allowed = f"> singularity.stop_ratio = {singularity.stop_ratio:g}"
         yield ConfigError(file, "singularity.soft_ratio", singularity.soft_ratio, allowed)
+    clonus = settings.limits.clonus
+    if clonus.patience_ms >= clonus.window_ms:
+        allowed = f"< clonus.window_ms = {clonus.window_ms}"
+        yield ConfigError(file, "clonus.patience_ms", clonus.patience_ms, allowed)
 
 
 def _efforts_are_within_the_drives(settings: Settings) -> Errors:

@@ -371,6 +371,13 @@ CAUSE_TEXT: Final[dict[Cause, CauseText]] = {
         "read its line in the events; `gaitd reset`, `gaitd self-test`, with the person relaxed",
         CALL_TECHNICIAN,
     ),
+    Cause.CLONUS: CauseText(
+        "clonus: the leg's effort swung to and fro for long",
+        Blame.PERSON,
+        HELD,
+        f"wait until the leg is quiet; {GO_ON}",
+        "end the session and call the physician who prescribed it",
+    ),
     Cause.STOP_NOT_OBEYED: CauseText(
         "a drive did not obey a stop",
         Blame.DRIVE,

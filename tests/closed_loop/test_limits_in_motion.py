@@ -200,7 +200,7 @@ def blind(session, monkeypatch):
     return session
 
 
-OBSERVERS_OWN = {Cause.OBSERVER_INVALID, Cause.SPASM}
+OBSERVERS_OWN = {Cause.OBSERVER_INVALID, Cause.SPASM, Cause.CLONUS}
 
 
 @pytest.mark.parametrize(
@@ -225,7 +225,7 @@ def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
     assert verdict.drive == drive
 
 
-def test_only_a_spasm_and_a_bad_estimate_are_the_observers_own(warm_gait, monkeypatch):
+def test_only_a_spasm_clonus_and_a_bad_estimate_are_the_observers_own(warm_gait, monkeypatch):
     session = blind(warm_gait, monkeypatch)
 
     session.command("patient spasm")

@@ -1,4 +1,4 @@
-"""Patients who work are not taken for a spasm; a spasm of one who works still is one.
+"""Patients who work are not taken for a spasm or clonus; a spasm and clonus still are.
 
 `gaitd patients` plays all of them; these are the cells in which effort against the motion rises
 most within the window of the spasm monitor.
@@ -8,16 +8,30 @@ import numpy as np
 import pytest
 from sessions import CONFIGS
 
-from daemon.ipc.record import Cause, Mode
+from daemon.ipc.record import Cause, Mode, StopCategory
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway
-from gaitd_lab.patients import DT_S, Gait, Patient, Spasm, of_ability
+from gaitd_lab.patients import DT_S, Gait, Model, Patient, Spasm, clonic, of_ability, trembling
 from gaitd_lab.virtual_machine import virtual_machine
 from gaitd_lab.working_patients import Cell, play
 from sim_drives.plant.settings import FrictionLaw
 
 CONFIG = CONFIGS / "demo.toml"
+
+
+def session_of(model: Model) -> LockstepSession:
+    """A session with a patient who reacts to the gait."""
+    settings = load(CONFIG)
+    machine = virtual_machine(settings.file)
+    trainer = machine.trainers[settings.legs[0].name]
+    patient = Patient(settings.robot, model, seed=1)
+    gateway = Gateway(lambda record: trainer.exert(*patient(record)))
+    return LockstepSession(settings, machine, gateway=gateway)
+
+
+def clonus_events(session: LockstepSession) -> list[str]:
+    return [text for record in session.records for text in record.events if "softer" in text]
 
 
 @pytest.mark.parametrize(
@@ -44,12 +58,7 @@ def test_a_spasm_of_a_patient_who_works_stops_within_half_a_second(at_s):
     def model(gait: Gait) -> np.ndarray:
         return half(gait) + spasm(gait)
 
-    settings = load(CONFIG)
-    machine = virtual_machine(settings.file)
-    trainer = machine.trainers[settings.legs[0].name]
-    patient = Patient(settings.robot, model, seed=1)
-    gateway = Gateway(lambda record: trainer.exert(*patient(record)))
-    session = LockstepSession(settings, machine, gateway=gateway).walk(duration_s=at_s - 0.1)
+    session = session_of(model).walk(duration_s=at_s - 0.1)
     walking = session.record.mode == Mode.GAIT
 
     session.run_until(lambda record: record.mode != Mode.GAIT, within_s=0.7)
@@ -58,3 +67,38 @@ def test_a_spasm_of_a_patient_who_works_stops_within_half_a_second(at_s):
     assert session.record.verdict.cause == Cause.SPASM
     strides_s = DT_S * sum(record.gait_phase >= 0 for record in session.records)
     assert strides_s - at_s == pytest.approx(0.48, abs=0.03)
+
+
+def test_clonus_softens_guidance_and_stops_when_its_bursts_sum_up():
+    session = session_of(clonic).walk(duration_s=3.0)
+    leg = session.core.legs[0]
+    after_first_burst = leg.clonus_ratio
+    told = clonus_events(session)
+
+    session.run_until(lambda record: record.mode != Mode.GAIT, within_s=11.0)
+
+    verdict = session.record.verdict
+    assert (verdict.cause, verdict.category) == (Cause.CLONUS, StopCategory.S2)
+    assert after_first_burst < 1.0
+    assert told
+    assert len(clonus_events(session)) <= len(leg.axes)
+    assert (
+        max(axis.clonus.cycles for axis in leg.axes)
+        > session.core.config.thresholds.clonus_patience_cycles
+    )
+
+
+@pytest.mark.parametrize(
+    ("model", "cadence_hz"),
+    [
+        (trembling, 0.25),
+        (of_ability(1.0), 0.5),
+        pytest.param(trembling, 0.5, marks=pytest.mark.thorough),
+        pytest.param(of_ability(1.0), 0.25, marks=pytest.mark.thorough),
+    ],
+)
+def test_a_tremor_and_a_patient_who_works_are_not_taken_for_clonus(model, cadence_hz):
+    session = session_of(model).walk(cadence_hz=cadence_hz, duration_s=8.0)
+
+    assert session.record.mode == Mode.GAIT
+    assert not clonus_events(session)

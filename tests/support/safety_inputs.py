@@ -52,6 +52,7 @@ LIMITS = AxisLimits(
     patient_effort_max_si=80.0,
     soft_damping_si=40.0,
     spasm_rise_si=10.0,
+    clonus_swing_si=5.0,
     tracking_max_si=0.2,
     hold_distance_max_si=0.05,
     temperature_max_degc=80.0,
@@ -77,6 +78,7 @@ THRESHOLDS = Thresholds(
     sign_mismatch_cycles=3,
     energy_window_cycles=400,
     spasm_patience_cycles=30,
+    clonus_patience_cycles=120,
     mode_switch_cycles=5,
 )
 CATEGORIES = Categories({cause.name.lower(): "S1" for cause in CHOSEN_CATEGORY})
@@ -156,6 +158,8 @@ AXIS = AxisInputs(
     stopping_end_si=0.22,
     spasm_cycles=0,
     spasm_rise_si=0.0,
+    clonus_cycles=0,
+    clonus_swing_si=0.0,
 )
 
 

@@ -210,6 +210,11 @@ CAUSE_TEXTS: Final[Mapping[Cause, PatientText]] = {
         Situation.HELD,
         Text("The machine test has failed.", "Der Maschinentest ist fehlgeschlagen."),
     ),
+    Cause.CLONUS: PatientText(
+        Situation.HELD,
+        Text("Your leg was twitching.", "Ihr Bein hat gezuckt."),
+        Text("Wait until it is quiet.", "Warten, bis es ruhig ist."),
+    ),
     Cause.STOP_NOT_OBEYED: PatientText(Situation.DANGER, _DEFECT),
 }
 """Text of every cause but NONE."""

@@ -37,6 +37,7 @@ ALONE: Final = frozenset(
         Cause.STOPPING_PATH,
         Cause.SPASM,
         Cause.MOVED_AGAINST_DRIVE,
+        Cause.CLONUS,
         Cause.TEMPERATURE_LIMIT,
     }
 )

@@ -16,6 +16,7 @@ from daemon.core.exercises.single_axis import HomingRules, PushRules, SingleAxis
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
 from daemon.core.motion.assist import AssistRules
 from daemon.core.motion.gait_shape import gait_shape
+from daemon.core.safety.clonus import ClonusWatch
 from daemon.core.safety.limits import AxisLimits, Categories, hip_limits, slide_limits, thresholds
 from daemon.core.safety.spasm import SpasmRules, SpasmWatch
 from daemon.core.safety.stop_sequence import StopRules
@@ -197,7 +198,6 @@ def _leg(
         parameters, hip_friction, slide_friction, observer_tuning(settings.robot)
     )
     trainer = settings.trainer
-    spasm_cycles = settings.limits.spasm.rise_window_ms // trainer.cycle.period_ms
     rules = tuple(
         zip(bounds, _poses(trainer.reference), _pushes(trainer.commissioning), strict=True)
     )
@@ -206,8 +206,8 @@ def _leg(
         parameters=parameters,
         shape=gait_shape(settings.trainer.gait),
         axes=(
-            _axis(drives.hip, *rules[0], trainer.cycle.period_ms, spasm_cycles),
-            _axis(drives.slide, *rules[1], trainer.cycle.period_ms, spasm_cycles),
+            _axis(drives.hip, *rules[0], trainer.cycle.period_ms, settings.limits),
+            _axis(drives.slide, *rules[1], trainer.cycle.period_ms, settings.limits),
         ),
         observer=observer,
         smoother=LegSmoother(observer),
@@ -235,7 +235,7 @@ def _axis(
     poses: PoseRules,
     push: PushRules,
     period_ms: int,
-    spasm_cycles: int,
+    limits: Limits,
 ) -> Axis:
     homing = drive.axis.homing
     return Axis(
@@ -254,6 +254,7 @@ def _axis(
             round(homing.timeout_s * 1000 / period_ms),
         ),
         torque_sampling=drive.profile.torque_source.sampling,
-        spasm=SpasmWatch(spasm_cycles),
+        spasm=SpasmWatch(limits.spasm.rise_window_ms // period_ms),
+        clonus=ClonusWatch(period_ms, limits.clonus.window_ms),
         reaction_cycles=drive.profile.fault_reaction_max_ms // period_ms,
     )

@@ -5,5 +5,6 @@ of a joint, and standstill), `limits.py` (limits.toml in SI units
 and cycles), `checks.py` (reasons to stop), `stop_sequence.py` (the stop of each drive for a
 verdict, and its escalation), `bounds.py` and `soft_limits.py` (bounds of the commands); then the
 monitors over more than one cycle: `stopping_path.py`, `inverse_dynamics.py`, `effort_monitor.py`,
-`sign_response.py` (a wrong sign, or a person), `friction_monitor.py`, `energy.py`, `spasm.py`.
+`sign_response.py` (a wrong sign, or a person), `friction_monitor.py`, `energy.py`, `spasm.py`,
+`clonus.py`.
 """

@@ -360,7 +360,7 @@ def _directions(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
 
 
 def _strides(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
-    """Check the sums over the last stride, and the duration of a spasm."""
+    """Check the sums over the last stride, and the durations of a spasm and of clonus."""
     limits = axis.limits
     if abs(axis.stride_drift_si) > limits.load_deviation_max_si:
         yield (
@@ -373,6 +373,8 @@ def _strides(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
         yield Cause.ENERGY_LIMIT, axis.stride_energy_j, limits.stride_energy_max_j, "J in a stride"
     if axis.spasm_cycles > thresholds.spasm_patience_cycles:
         yield Cause.SPASM, abs(axis.spasm_rise_si), limits.spasm_rise_si, "rise against the motion"
+    if axis.clonus_cycles > thresholds.clonus_patience_cycles:
+        yield Cause.CLONUS, axis.clonus_swing_si, limits.clonus_swing_si, "swings to and fro"
 
 
 def _positions(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:

@@ -61,6 +61,9 @@ class AxisInputs(NamedTuple):
     spasm_cycles: int
     """Duration of a spasm, in which the patient works against the motion; 0: none."""
     spasm_rise_si: float
+    clonus_cycles: int
+    """Duration of clonus within its window."""
+    clonus_swing_si: float
     bring_up_error: str = ""
     """Error text of the fault that bring-up found in the drive."""
 

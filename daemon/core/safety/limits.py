@@ -32,6 +32,7 @@ class AxisLimits(NamedTuple):
     soft_damping_si: float
     """Damping of outward motion at the hard limit, N·m·s/rad or N·s/m."""
     spasm_rise_si: float
+    clonus_swing_si: float
     tracking_max_si: float
     hold_distance_max_si: float
     """In place of `tracking_max_si` once a leg is held."""
@@ -68,6 +69,7 @@ def hip_limits(limits: Limits, breakaway_nm: float) -> AxisLimits:
         patient_effort_max_si=hip.patient_torque_max_nm,
         soft_damping_si=limits.soft_limit.hip_damping_nm_s_per_rad,
         spasm_rise_si=limits.spasm.hip_rise_nm,
+        clonus_swing_si=limits.clonus.hip_swing_nm,
         tracking_max_si=math.radians(hip.tracking_max_deg),
         hold_distance_max_si=math.radians(hip.hold_distance_max_deg),
         temperature_max_degc=hip.temperature_max_degc,
@@ -101,6 +103,7 @@ def slide_limits(limits: Limits, breakaway_n: float) -> AxisLimits:
         patient_effort_max_si=slide.patient_force_max_n,
         soft_damping_si=limits.soft_limit.slide_damping_n_s_per_m,
         spasm_rise_si=limits.spasm.slide_rise_n,
+        clonus_swing_si=limits.clonus.slide_swing_n,
         tracking_max_si=slide.tracking_max_m,
         hold_distance_max_si=slide.hold_distance_max_m,
         temperature_max_degc=slide.temperature_max_degc,
@@ -143,6 +146,7 @@ class Thresholds(NamedTuple):
     sign_mismatch_cycles: int
     energy_window_cycles: int
     spasm_patience_cycles: int
+    clonus_patience_cycles: int
     mode_switch_cycles: int
     """Longest time until a drive shows a mode and follows in it."""
 
@@ -163,5 +167,6 @@ def thresholds(limits: Limits, period_ms: int) -> Thresholds:
         sign_mismatch_cycles=limits.watch.sign_mismatch_cycles,
         energy_window_cycles=limits.watch.energy_window_ms // period_ms,
         spasm_patience_cycles=limits.spasm.patience_ms // period_ms,
+        clonus_patience_cycles=limits.clonus.patience_ms // period_ms,
         mode_switch_cycles=communication.mode_switch_cycles,
     )

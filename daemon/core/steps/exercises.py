@@ -103,7 +103,7 @@ def end(core: Core) -> None:
     """
     for leg in core.legs:
         reference = leg.reference
-        fully = leg.stiffness_ratio * leg.spasm_ratio == 1.0
+        fully = leg.guidance_ratio == 1.0
         if reference is not None and reference.guided and fully:
             leg.exercise = Hold.braking(reference.position, reference.velocity, _limits(leg))
         else:

@@ -4,9 +4,9 @@ With guidance by impedance (torque mode), the total effort is g(q) + feedforward
 D (dq_ref - dq) + assist, bounded as a whole. Zero effort is not rest: the drives carry the
 mechanism's weight and springs.
 
-A controller or a spasm can reduce the stiffness: K is multiplied by the remaining share and D by
-its square root, so that the damping ratio is constant. Without guidance, in mode TORQUE, the effort
-is g(q) + assist.
+A controller, a spasm or clonus can reduce the stiffness: K is multiplied by the remaining share and
+D by its square root, so that the damping ratio is constant. Without guidance, in mode TORQUE, the
+effort is g(q) + assist.
 
 With guidance by position, the drives' own loops follow the reference in gait and hold; of these
 exercises only an open-loop excitation is in torque mode. The same loops hold and move, so there is
@@ -102,7 +102,7 @@ def _setpoints(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
         )
     config = core.config
     impedance = None if leg.exercise is None else leg.exercise.impedance
-    gains = _gains(impedance or config.hold, leg.stiffness_ratio * leg.spasm_ratio)
+    gains = _gains(impedance or config.hold, leg.guidance_ratio)
     (k0, d0), (k1, d1) = gains
     efforts = (
         _effort(hip, reference, 0, k0, d0) + leg.assist_si[0],

@@ -2,9 +2,9 @@
 
 This file combines `inverse_dynamics.py` (effort that the motion needs), `effort_monitor.py` (effort
 that the drive gives), `energy.py` (sums over a stride), `stopping_path.py` and `soft_limits.py`
-(where the leg would come to rest, and how deep it is in its margins), and `spasm.py` (the only one
-that reads the estimate). `checks.py` checks the results. This file is the only writer of these
-sums and counts.
+(where the leg would come to rest, and how deep it is in its margins), `spasm.py` and `clonus.py`
+(the only ones that read the estimate). `checks.py` checks the results. This file is the only writer
+of these sums and counts.
 """
 
 from daemon.core.modes.table import rules_of
@@ -31,6 +31,13 @@ def update_spasm(core: Core) -> None:
     for leg in core.legs:
         if leg.estimate is not None:
             _update_spasm(core, leg, leg.estimate)
+
+
+def update_clonus(core: Core) -> None:
+    """Look for clonus in the estimate of each leg, and soften guidance while it lasts."""
+    for leg in core.legs:
+        if leg.estimate is not None:
+            _update_clonus(core, leg, leg.estimate)
 
 
 def clear_energy(core: Core) -> None:
@@ -155,6 +162,21 @@ def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     hip, slide = leg.axes
     in_spasm = hip.spasm.cycles > 0 or slide.spasm.cycles > 0
     leg.spasm_ratio = softened(leg.spasm_ratio, core.config.spasm, in_spasm=in_spasm)
+
+
+def _update_clonus(core: Core, leg: Leg, estimate: LegEstimate) -> None:
+    hip, slide = leg.axes
+    guided_motion = rules_of(core.mode).is_guided_motion
+    for index, axis in enumerate(leg.axes):
+        if not guided_motion:
+            axis.clonus.reset()
+            continue
+        bad = estimate.validity[index] is Validity.BAD
+        axis.clonus.update(None if bad else estimate.state[6 + index], axis.limits.clonus_swing_si)
+        if axis.clonus.begins:
+            core.report(f"{axis.name}: clonus, guidance is softer while it lasts")
+    in_clonus = hip.clonus.lasts or slide.clonus.lasts
+    leg.clonus_ratio = softened(leg.clonus_ratio, core.config.spasm, in_spasm=in_clonus)
 
 
 def _needed(core: Core, leg: Leg) -> tuple[float, float]:

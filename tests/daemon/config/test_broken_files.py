@@ -533,6 +533,15 @@ TOGETHER = [
         "> singularity.stop_ratio = 0.15",
     ),
     broken(
+        "a patience with clonus that no window holds",
+        "limits.toml",
+        "patience_ms = 1500",
+        "patience_ms = 10000",
+        "clonus.patience_ms",
+        "10000",
+        "< clonus.window_ms = 10000",
+    ),
+    broken(
         "more torque than the drive has",
         "limits.toml",
         "torque_max_nm = 62.0",

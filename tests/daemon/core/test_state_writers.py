@@ -26,7 +26,7 @@ WRITERS = {
         observer_bad_cycles observer stride stride_count smoother strides drift
         calibration_advised""",
     "steps/monitors.py": """watch energy residual stopping_end_si spasm dynamics zone
-        stopping_ratio spasm_ratio last_wanted_velocity window_cycles""",
+        stopping_ratio spasm_ratio clonus clonus_ratio last_wanted_velocity window_cycles""",
     "steps/controllers.py": """assist assist_si stiffness_ratio torque_lease assist_cap_si
         lapse_count lapse_reason setpoint_accepted_count setpoint_refused_count""",
     "steps/targets.py": """mode_sent effort_sent_si position_sent_si effort_offset_si

@@ -112,6 +112,7 @@ class Cause(StrEnum):
     STATIC_LOAD_WRONG = auto()
     SPASM = auto()
     SELF_TEST_FAILED = auto()
+    CLONUS = auto()
     # escalation
     STOP_NOT_OBEYED = auto()
 

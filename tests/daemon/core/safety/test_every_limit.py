@@ -144,6 +144,7 @@ TABLE = [
     (Cause.LIMIT_SWITCH, on_switch, L.standstill_si_per_s, UP, None),
     (Cause.OBSERVER_INVALID, leg("observer_bad_cycles"), OBSERVER_BAD_MAX_CYCLES, UP, ONE),
     (Cause.SPASM, axis("spasm_cycles"), T.spasm_patience_cycles, UP, ONE),
+    (Cause.CLONUS, axis("clonus_cycles"), T.clonus_patience_cycles, UP, ONE),
 ]
 WITHOUT_A_NUMBER = {
     # a request, a switch, a drive's own message

@@ -29,6 +29,7 @@ def settings():
         slide=replace(numbered(LIMITS.slide, numbers), brake=False),
         soft_limit=numbered(LIMITS.soft_limit, numbers),
         spasm=numbered(LIMITS.spasm, numbers),
+        clonus=numbered(LIMITS.clonus, numbers),
         stop=numbered(LIMITS.stop, numbers),
     )
 
@@ -36,6 +37,7 @@ def settings():
 def key_of(field, axis):
     """The key of limits.toml for a field of `AxisLimits`, without its unit."""
     of_both = {"soft_damping": f"{axis}_damping", "spasm_rise": f"{axis}_rise"}
+    of_both["clonus_swing"] = f"{axis}_swing"
     of_both["standstill"] = f"standstill_{axis}"
     name = field.removesuffix("_per_s2").removesuffix("_per_s").removesuffix("_si")
     name = name.removesuffix("_si")
@@ -49,7 +51,7 @@ def test_each_limit_is_the_setting_of_its_name_in_si_units(axis, made_by):
     own = {"hip": limits.hip, "slide": limits.slide}[axis]
     keys = {
         key: math.radians(value) if key.endswith("_deg") else value
-        for struct in (own, limits.soft_limit, limits.spasm, limits.stop)
+        for struct in (own, limits.soft_limit, limits.spasm, limits.clonus, limits.stop)
         for key, value in asdict(struct).items()
         if struct is own or axis in key
     }
@@ -71,6 +73,7 @@ def test_thresholds_count_in_whole_cycles_and_keep_what_the_file_counts_so():
         communication=replace(LIMITS.communication, gateway_silence_ms=305),
         watch=replace(LIMITS.watch, energy_window_ms=4005),
         spasm=replace(LIMITS.spasm, patience_ms=405),
+        clonus=replace(LIMITS.clonus, patience_ms=1205),
     )
 
     assert thresholds(begun, 10) == Thresholds(
@@ -86,5 +89,6 @@ def test_thresholds_count_in_whole_cycles_and_keep_what_the_file_counts_so():
         sign_mismatch_cycles=3,
         energy_window_cycles=400,
         spasm_patience_cycles=40,
+        clonus_patience_cycles=120,
         mode_switch_cycles=5,
     )

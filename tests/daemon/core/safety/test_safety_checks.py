@@ -859,6 +859,10 @@ def test_no_verdict_has_no_category_and_no_cause():
             (Cause.SPASM, 33.0, LIMITS.spasm_rise_si, "rise against the motion"),
         ),
         (
+            AXIS._replace(clonus_cycles=999, clonus_swing_si=7.0),
+            (Cause.CLONUS, 7.0, LIMITS.clonus_swing_si, "swings to and fro"),
+        ),
+        (
             AXIS._replace(stopping_end_si=0.8),
             (Cause.STOPPING_PATH, 0.8, LIMITS.position_max_si, "comes to rest above"),
         ),
