@@ -22,9 +22,9 @@ from collections import deque
 from daemon.core.safety.energy import StrideSum
 
 HALF_WAVE_MS = 80
-"""Of 6.25 Hz, in the middle of the band."""
+"""Half a period of 6.25 Hz, in the middle of the band."""
 HALF_WAVE_MAX_MS = 100
-"""Of 5 Hz: a swing that comes later follows no other one."""
+"""Half a period of 5 Hz: a swing that comes later follows no other one."""
 HALF_WAVES_MIN = 5
 """Alternating swings that are clonus. Patients who work make up to three in a row."""
 
@@ -53,7 +53,7 @@ class ClonusWatch:
         self.swing_si = 0.0
         """The largest swing of the newest clonus: N·m or N."""
         self.cycles = 0
-        """Cycles of clonus within the window."""
+        """Time in clonus within the window, in cycles."""
         self.begins = False
         """Clonus has been detected in this cycle, and was not before in the window."""
 

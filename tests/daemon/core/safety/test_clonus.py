@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from daemon.core.safety.clonus import HALF_WAVES_MIN, ClonusWatch
+from daemon.core.safety.clonus import ClonusWatch
 
 SWING = 5.0
+HALF_WAVES_MIN = 5
 PERIOD_MS = 10
 WINDOW_MS = 2000
 
@@ -39,12 +40,20 @@ def test_a_voluntary_effort_is_none(hertz, amplitude):
     assert after(wave(hertz, amplitude, 4.0)).cycles == 0
 
 
-def test_a_slow_swing_however_large_alternates_too_slowly():
-    """At 3 Hz each half-wave is above the threshold."""
-    watch = after(wave(3.0, 40.0, 3.0))
+@pytest.mark.parametrize("hertz", [3.0, 4.5])
+def test_a_slow_swing_however_large_alternates_too_slowly(hertz):
+    """Each of its half-waves is above the threshold, and begins 110 ms or more after the last."""
+    watch = after(wave(hertz, 40.0, 3.0))
 
     assert watch.cycles == 0
     assert watch.swing_si > 3.0 * SWING
+
+
+def test_a_swing_needs_all_of_its_160_ms_and_more_than_its_threshold():
+    assert after([0.0] * 8 + [40.0] * 8).swing_si == 0.0
+    assert after([0.0] * 16 + [4.0 * SWING]).swing_si == 0.0
+    assert after([0.0] * 16 + [4.04 * SWING]).swing_si == pytest.approx(1.01 * SWING)
+    assert after([0.0] * 8 + [2.0] + [0.0] * 7 + [-40.0]).swing_si == pytest.approx(11.0)
 
 
 def test_a_steady_effort_and_a_step_are_none():
@@ -57,6 +66,7 @@ def test_it_is_detected_with_its_last_half_wave_that_it_needs_and_its_time_count
     for effort in wave(6.25, 10.0, 1.0):
         watch.update(effort, SWING)
         counted.append(watch.cycles)
+        assert watch.lasts == (watch.cycles > 0)
 
     first = next(k for k, cycles in enumerate(counted) if cycles)
     half_cycles = 8
@@ -121,12 +131,19 @@ def test_swings_before_and_after_an_estimate_that_cannot_be_used_do_not_add_up()
     half = wave(6.25, 10.0, 0.24)
 
     assert after([*half, None, *half]).cycles == 0
+    assert after([40.0] * 17 + [None] + [0.0] * 10).swing_si == 0.0
 
 
 def test_after_a_reset_there_is_nothing():
-    watch = after(wave(6.25, 10.0, 1.0))
+    efforts = wave(6.25, 10.0, 1.0)
+    alone = after(efforts)
+    watch = ClonusWatch(PERIOD_MS, WINDOW_MS)
+    for effort in efforts:
+        watch.update(effort, SWING)
+        if watch.begins:
+            break
 
     watch.reset()
 
     assert (watch.lasts, watch.cycles, watch.swing_si, watch.begins) == (False, 0, 0.0, False)
-    assert after(wave(6.25, 10.0, 0.24), watch).cycles == 0
+    assert after(efforts, watch).cycles == alone.cycles
