@@ -39,7 +39,7 @@ class ClonusWatch:
             period_ms: duration of a cycle.
             window_ms: time over which the duration of clonus is summed up.
         """
-        self._half_cycles = round(HALF_WAVE_MS / period_ms)
+        self._half_cycles = HALF_WAVE_MS // period_ms
         self._longest_cycles = HALF_WAVE_MAX_MS // period_ms
         self._window_cycles = window_ms // period_ms
         self._lately: deque[float] = deque(maxlen=2 * self._half_cycles + 1)
@@ -78,8 +78,8 @@ class ClonusWatch:
         if self._half_waves >= HALF_WAVES_MIN:
             # Its first half-waves belong to it, once there are enough of them.
             clonus_cycles = 1 if lasted else self._run_cycles
-        self.begins = clonus_cycles > 0 and self.cycles == 0
-        if clonus_cycles > 0 or self.cycles > 0:
+        self.begins = bool(clonus_cycles) and not self.cycles
+        if clonus_cycles or self.cycles:
             self._time.add(clonus_cycles)
             self.cycles = round(self._time.so_far(self._window_cycles))
 
@@ -95,9 +95,9 @@ class ClonusWatch:
             self._half_waves = 0
         if abs(swing_si) <= swing_max_si:
             return
-        if self._half_waves == 0:
+        if not self._half_waves:
             self._run_cycles, self.swing_si = 1, 0.0
-        if self._half_waves == 0 or swing_si * self._last_si < 0.0:
+        if not self._half_waves or swing_si * self._last_si < 0.0:
             self._half_waves += 1
             self._since_cycles, self._last_si = 0, swing_si
         self.swing_si = max(self.swing_si, abs(swing_si))
