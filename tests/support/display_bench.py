@@ -183,6 +183,7 @@ class MessageTrainer:
         power=None,
         pose=(0.2, 0.4),
         validity="ok",
+        fresh=True,
         count=1,
     ):
         """Cycles of 10 ms, each with the messages of its kind."""
@@ -203,7 +204,7 @@ class MessageTrainer:
                 rubbing = {"leg": leg} if validity != "ok" or power_w is None else rubbing
                 self.send(f"{leg}/friction", filled(wire.Friction, **head, **rubbing))
                 for axis, position in zip(("hip", "slide"), pose, strict=True):
-                    drive = {"name": f"{leg}/{axis}", "position_si": position, "fresh": True}
+                    drive = {"name": f"{leg}/{axis}", "position_si": position, "fresh": fresh}
                     drive |= {"hand_switch_closed": switch, "effort_si": 5.5}
                     drive |= {"power_state": power or powered, "sto_released": not sto}
                     head_of_drive = {"core_boot_id": "boot", "cycle": self.cycle}

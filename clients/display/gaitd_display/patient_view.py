@@ -17,6 +17,7 @@ from gaitd_client import (
     Stage,
     Stride,
 )
+from gaitd_session.session import WITHOUT_POWER
 
 from gaitd_display.alarm import Alarm, cause_of
 from gaitd_display.cause_texts import INSTRUCTIONS, Situation, patient_text
@@ -33,8 +34,10 @@ from gaitd_display.way_out import (
     Release,
     Step,
     Stop,
+    Unstrap,
     WayOut,
     WhyNot,
+    unstrap_of,
 )
 
 RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
@@ -108,6 +111,7 @@ class PatientView(msgspec.Struct, frozen=True):
     step: Step
     """With a stop, or a step on the way out of one, the page shows these alone."""
     action: Action | None
+    unstrap: Unstrap
     alarm: str | None
     """Sounds until it is acknowledged; another text is another alarm. None: none."""
     training: TrainingView | None = None
@@ -157,7 +161,7 @@ class PatientState:
         self._silent = dict.fromkeys(self._legs, True)
         self._safety: Safety | None = None
         self._drives: dict[str, DriveState] = {}
-        self._are_holding = False
+        self._are_holding, self._may_have_power = False, True
         self._training: TrainingView | None = None
         self._alarm = Alarm(run_id)
         self._last_stop = _LastStop()
@@ -190,6 +194,10 @@ class PatientState:
         self._are_holding = len(self._drives) == len(drives) and all(
             drive.power_state in HOLDING for drive in self._drives.values()
         )
+        self._may_have_power = len(self._drives) < len(drives) or any(
+            not drive.fresh or drive.power_state not in WITHOUT_POWER
+            for drive in self._drives.values()
+        )
         self._training = training
         word = self._word()
         is_silent = word is Word.NO_SIGNAL
@@ -208,6 +216,7 @@ class PatientState:
             stop=None if is_silent else self._stop(),
             step=step,
             action=ACTION.get(step),
+            unstrap=unstrap_of(step, mode, has_power=self._may_have_power),
             alarm=alarm,
             training=training,
         )

@@ -71,9 +71,20 @@ class Step(StrEnum):
     WAIT = auto()
     ENABLE = auto()
     GUIDE = auto()
-    """The leg is held: hand guiding can begin, or the straps be opened."""
+    """The leg is held, and hand guiding can begin."""
     GUIDING = auto()
     """The leg moves by hand; it can be held where it is."""
+
+
+class Unstrap(StrEnum):
+    """How the page tells to get out of the straps."""
+
+    NOT_NOW = auto()
+    """Not at all: the drives brake, or the person is led through other steps first."""
+    BEHIND_EMERGENCY_STOP = auto()
+    """A drive may have power, and is stronger than a person: the emergency stop comes first."""
+    NO_POWER = auto()
+    """No drive has power."""
 
 
 class Action(StrEnum):
@@ -197,6 +208,23 @@ class Release:
             area.hip_deg[0] <= math.degrees(pose.hip_angle_rad) <= area.hip_deg[1]
             and area.slide_m[0] <= pose.slide_position_m <= area.slide_m[1]
         )
+
+
+STRAPS_AT: Final = frozenset({Step.HELP, Step.START, Step.GUIDE})
+"""Steps at which the page tells how to get out of the straps."""
+
+
+def unstrap_of(step: Step, mode: str | None, *, has_power: bool) -> Unstrap:
+    """Return how the page tells to get out of the straps.
+
+    Args:
+        step: of the way out.
+        mode: of the service; None: unknown.
+        has_power: a drive may exert torque, or has not said.
+    """
+    if step not in STRAPS_AT or mode == Mode.STOPPING:
+        return Unstrap.NOT_NOW
+    return Unstrap.BEHIND_EMERGENCY_STOP if has_power else Unstrap.NO_POWER
 
 
 STOPPED_MODES: Final = frozenset({Mode.STOPPING, Mode.FAULT})

@@ -8,7 +8,7 @@ from gaitd_display.patient_view import PatientState
 from gaitd_display.settings import PatientSettings, SettingsError
 from gaitd_display.texts import EXPLAINED, WORDS, Word, page_texts
 from gaitd_display.training import TrainingView
-from gaitd_display.way_out import ALONE, Step
+from gaitd_display.way_out import ALONE, Step, Unstrap
 from gaitd_session import Advice, Phase
 
 from daemon.wire.cause_texts import CAUSE_TEXT, DANGER, HELD, LOOSE
@@ -174,6 +174,25 @@ def test_the_page_says_that_a_leg_is_held_only_while_every_drive_can_hold_it(scr
         assert "Your leg is held." in instructions(power=power)
     for power in ("switch_on_disabled", "fault", "fault_reaction_active"):
         assert "Your leg may not be held" in instructions(power=power)
+
+
+def test_the_straps_are_told_behind_the_emergency_stop_unless_no_drive_has_power(screen):
+    def unstrap(mode=Mode.FAULT, **given):
+        return screen.after(mode, cause=Cause.ENCODER_FROZEN, **given).unstrap
+
+    for power in ("operation_enabled", "quick_stop_active", "fault_reaction_active", "switched_on"):
+        assert unstrap(power=power) is Unstrap.BEHIND_EMERGENCY_STOP
+    for power in ("switch_on_disabled", "fault"):
+        assert unstrap(power=power) is Unstrap.NO_POWER
+    assert unstrap(Mode.STOPPING) is Unstrap.NOT_NOW
+    # A drive that is not fresh, or says nothing, may have power.
+    assert unstrap(power="fault", fresh=False) is Unstrap.BEHIND_EMERGENCY_STOP
+    assert screen.after(Mode.READY).unstrap is Unstrap.NOT_NOW
+    held = screen.after(Mode.FAULT, cause=Cause.SPASM)
+    assert (held.step, held.unstrap) == (Step.RESET, Unstrap.NOT_NOW)
+    screen.after(Mode.READY)
+    held = screen.after(Mode.HOLD)
+    assert (held.step, held.unstrap) == (Step.GUIDE, Unstrap.BEHIND_EMERGENCY_STOP)
 
 
 def test_a_stop_at_rest_is_shown_with_help_and_alarm_unless_the_machine_was_never_up(screen):

@@ -143,7 +143,8 @@ function paintStop(view, word) {
     action.dataset.action = view.action;
   }
   byId("help").hidden = word === "stopping";
-  byId("unstrap").hidden = word === "stopping" || (isAlone && !["guide", "start"].includes(view.step));
+  byId("unstrap").hidden = view.unstrap === "not_now";
+  byId("unstrapfirst").hidden = view.unstrap !== "behind_emergency_stop";
   setText(byId("helptext"), words.said(page.help));
   setText(byId("unstraptext"), words.said(page.unstrap));
 }
@@ -212,7 +213,7 @@ function paint() {
   paintTraining(training, word);
   for (const bar of view.bars) paintBar(bar, isKnown);
   paintDots(training === null ? [] : training.bands);
-  paintStop(isConnected ? view : { stop: null, step: "none", action: null }, word);
+  paintStop(isConnected ? view : { stop: null, step: "none", action: null, unstrap: "not_now" }, word);
   setText(byId("trouble"), trouble);
   byId("trouble").hidden = trouble === "";
   byId("quiet").hidden = !alarm.isSounding();
