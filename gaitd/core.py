@@ -2,7 +2,7 @@
 
 import os
 import sys
-from contextlib import closing
+from contextlib import closing, nullcontext
 from typing import Annotated
 
 import typer
@@ -26,14 +26,19 @@ def command(
     # could wait for one without priority. The largest matrix here is 8 by 24.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
     from daemon.config.strict import ConfigError
-    from daemon.config.trainer import SIMULATED
+    from daemon.config.trainer import SIMULATED, read_trainer
     from daemon.core.runtime.process import run_core
+    from daemon.ipc import starting
     from daemon.preflight.acceptance import accepted
     from daemon.system.journal import SOCKET, Journal, is_journal
 
-    settings = accepted(config)
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
-    with closing(Journal("gaitd-core", SOCKET if in_journal else None)) as log:
+    file, errors = read_trainer(config)
+    with (
+        nullcontext() if errors else starting.said(file.runtime),
+        closing(Journal("gaitd-core", SOCKET if in_journal else None)) as log,
+    ):
+        settings = accepted(config)
         has_watchdog = "WATCHDOG_USEC" in os.environ
         if has_watchdog and settings.trainer.bus.interface == SIMULATED and not admit_simulated:
             allowed = (

@@ -1,18 +1,19 @@
 """`gaitd record`: recordings of a running service as MCAP and Parquet, by `clients/record`.
 
-A client of role `display`. It ends by Ctrl-C or SIGTERM, and then finishes what it records.
-Exit codes: 0; 2 usage, configuration, a folder without room; 4 no answer from the service.
+A client of role `display`. It waits for a service that does not run yet. It ends by Ctrl-C or
+SIGTERM, and then finishes what it records. Exit codes: 0; 2 usage, configuration, a folder without
+room; 4 no answer from the service.
 """
 
 import signal
 import threading
 from collections.abc import Generator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from gaitd_client import ClientError
+from gaitd_client import ClientError, NoServiceError, Target, Trainer
 from gaitd_client.signals import ENDS
 from gaitd_record import (
     Begun,
@@ -41,8 +42,11 @@ from gaitd.remote import (
     client_of,
     find_target,
     report_silence,
+    report_wait,
 )
 
+RETRY_S: Final = 1.0
+"""Time between two attempts to find the service."""
 LIMIT_MB: Final = 20_000
 """About a hundred hours of one leg."""
 
@@ -86,8 +90,11 @@ def command(
             finish_leftovers(output, report)
             return
         target = find_target(config, endpoint, trainer, credentials)
-        with client_of(target, "record") as service, _end_requested() as over:
-            record(service, Options(purpose, room), report, over)
+        with _end_requested() as over, ExitStack() as open_until_the_end:
+            service = _service(target, over, open_until_the_end)
+            if service is not None:
+                service.status()  # a wrong trainer has no messages, without end
+                record(service, Options(purpose, room), report, over)
     except ClientError as error:
         raise typer.Exit(report_silence("record", str(error), as_json=as_json)) from error
     except RecordError as error:
@@ -95,6 +102,20 @@ def command(
     except OSError as error:
         file = str(error.filename or output)
         raise CommandError(f"{file}: {error.strerror}", EXIT_REFUSED, blame=file) from error
+
+
+def _service(target: Target, over: threading.Event, ending: ExitStack) -> Trainer | None:
+    """Connect to the service, and wait for one that does not run yet; None: ended before."""
+    is_reported = False
+    while not over.is_set():
+        try:
+            return ending.enter_context(client_of(target, "record"))
+        except NoServiceError as error:
+            if not is_reported:
+                is_reported = True
+                report_wait(str(error))
+            over.wait(RETRY_S)
+    return None
 
 
 @contextmanager

@@ -77,7 +77,8 @@ def _drive_line(drive: wire.DriveState) -> str:
 def _safety_lines(message: wire.Status) -> Iterator[str]:
     safety = message.safety
     if not safety.valid or safety.verdict is None:
-        yield "mode         unknown: no records arrive from the core"
+        why = safety.progress or "no records arrive from the core"
+        yield f"mode         unknown: {why}"
         return
     yield f"mode         {safety.mode}: {safety.progress}"
     if safety.lease_holder is not None:

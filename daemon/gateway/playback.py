@@ -32,6 +32,7 @@ class NoCore:
     def __init__(self, header: RingHeader) -> None:
         """Begin with the header of a recording."""
         self.header: RingHeader | None = header
+        self.starting = ""
 
     def take_notices(self) -> list[str]:
         """Return none: no core sends any."""

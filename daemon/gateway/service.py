@@ -58,6 +58,11 @@ class CoreLink(Protocol):
         """Records since the last call."""
         ...
 
+    @property
+    def starting(self) -> str:
+        """What a core says while it starts, and writes no records yet; empty if none starts."""
+        ...
+
     def take_notices(self) -> list[str]:
         """Texts of what could not be read."""
         ...
@@ -291,7 +296,10 @@ class Gateway:
         header = self._ipc.header
         record = self._newest if self._presence.is_present else None
         limits, holder = header.limits if header else None, self.lease_control.leases.holder
-        return translate.safety(record, limits, self._stamp(), seq, holder)
+        message = translate.safety(record, limits, self._stamp(), seq, holder)
+        if record is None and self._ipc.starting:
+            return msgspec.structs.replace(message, progress=self._ipc.starting)
+        return message
 
     def _publish(self, drafts: Sequence[events.EventDraft], time_ns: int) -> None:
         record_seq = self._newest.seq if self._newest else 0
@@ -368,6 +376,8 @@ class Gateway:
                 if self.restart_requested or self._is_last_turn:
                     why = RESTARTS if self.restart_requested else ENDS
                     answer = requests.Answer(ticket, Outcome.REFUSED, why)
+                elif not self._presence.is_present and (starts := self._ipc.starting):
+                    answer = requests.Answer(ticket, Outcome.REFUSED, starts)
                 else:
                     answer = self._requests.submit(ticket, name, payload, now_ns, role, plan)
                 if answer is None:
@@ -412,6 +422,8 @@ class Gateway:
         inquiry, client = self._waiting.pop(self._ticket)
         mode = self._newest.mode if self._newest and self._presence.is_present else None
         decision = self.lease_control.decide(payload, mode, now_ns)
+        if mode is None and decision.outcome is Outcome.REFUSED and self._ipc.starting:
+            decision = decision._replace(reason=self._ipc.starting)
         reply = self._reply(inquiry.name, decision.outcome, decision.reason)
         lease = {"lease": decision.number, "lease_duration_ms": decision.duration_ms}
         inquiry.answer(msgspec.structs.replace(reply, **lease))

@@ -3,5 +3,5 @@
 Reading order: `record.py` with `assist_record.py` and `cycle_timing.py` (one cycle; the gateway
 state), `transport.py` (the ring of records in a file, two datagram sockets), `ring_clip.py` (some
 seconds of a ring as a file of the black box), `state_file.py` (name and size of the core's state
-file), `decoding.py` (bytes from outside into structs).
+file), `starting.py` (a core without a ring yet), `decoding.py` (bytes from outside into structs).
 """

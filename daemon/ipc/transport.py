@@ -34,6 +34,7 @@ import msgspec
 from msgspec import Meta
 from msgspec.structs import replace
 
+from daemon.ipc import starting
 from daemon.ipc.decoding import INTEGER_MAX, Count, Decoder, RefusedError
 from daemon.ipc.record import CycleRecord, GatewayState
 
@@ -406,7 +407,7 @@ class GatewayChannel:
 
     def __init__(self, runtime: Path) -> None:
         """Bind the wake socket; the ring is opened when there is one."""
-        self._path = runtime / RING_NAME
+        self._path, self._runtime = runtime / RING_NAME, runtime
         self._datagrams = Datagrams(runtime / GATEWAY_SOCKET_NAME, runtime / CORE_SOCKET_NAME)
         self._encoder = msgspec.msgpack.Encoder()
         self._ring: RingReader | None = None
@@ -423,6 +424,11 @@ class GatewayChannel:
     def header(self) -> RingHeader | None:
         """Header of the ring that is open now, None before the first core."""
         return self._ring.header if self._ring else None
+
+    @property
+    def starting(self) -> str:
+        """What a core says while it starts; empty if none starts."""
+        return starting.starting(self._runtime)
 
     @property
     def ring(self) -> RingReader | None:

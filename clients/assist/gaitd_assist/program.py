@@ -88,6 +88,7 @@ def run(
         ClientError: the service does not answer, or grants no lease.
         OSError: the log cannot be written; the lease is then released.
     """
+    trainer.wait_for_core(lambda why: print(f"{CLIENT}: waits: {why}", flush=True))
     check_caps(settings, path, trainer.configuration(), trainer.status().plan)
     clock = trainer.clock
     end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * 1e9)

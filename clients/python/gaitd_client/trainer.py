@@ -34,6 +34,9 @@ ACQUIRE_TIMEOUT_S: Final = 2.0
 """Shorter than others: the lease is requested again."""
 RETRY_S: Final = 1.0
 """Time between two attempts of `keep_trying`."""
+START_TIMEOUT_NS: Final = 600_000_000_000
+START_RETRY_S: Final = 1.0
+"""Time between two looks at a core that starts."""
 STOP: Final = "stop"
 STOP_ANSWER_TIMEOUT_S: Final = 2.0
 """Longer than a gateway lets a stop wait; without an answer it is sent again."""
@@ -347,6 +350,27 @@ class Trainer:
             NoAnswerError: none came; so for every request.
         """
         return self._ask("status", {}, wire.Status, ANSWER_TIMEOUT_S)
+
+    def wait_for_core(self, report: Callable[[str], object] = lambda _: None) -> None:
+        """Wait while the core starts; where it compiles, that takes a minute or two.
+
+        A core that does not run is not waited for.
+
+        Args:
+            report: called once with what is waited for.
+
+        Raises:
+            NoAnswerError: the service does not answer, or the core has not started after 600 s.
+        """
+        computer = MonotonicClock()
+        end_ns = computer.now_ns() + START_TIMEOUT_NS
+        is_reported = False
+        while not (safety := self.status().safety).valid and safety.progress:
+            if not is_reported:
+                is_reported = True
+                report(safety.progress)
+            if computer.now_ns() >= end_ns or self._is_over.wait(START_RETRY_S):
+                raise NoAnswerError(f"{self.target}: still {safety.progress}")
 
     def configuration(self) -> wire.Configuration:
         """Return the configuration of the service: its legs, drives, limits."""

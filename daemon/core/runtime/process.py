@@ -25,6 +25,7 @@ from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
 from daemon.core.runtime.state_file import StateFile, StateStore
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervision
 from daemon.core.runtime.warm_up import warm_up
+from daemon.ipc import starting
 from daemon.ipc.transport import CoreChannel, RingHeader
 from daemon.system.bus_choice import BusChoice, choose_bus
 from daemon.system.journal import Journal
@@ -151,6 +152,7 @@ def _run(
         _log(log, line, WARNING if line in refused else INFORMATIONAL)
     try:
         signals.wait()
+        starting.begun(settings.runtime)
         code = loop.run(signals.end, signals.reload)
     finally:
         core_channel.close()

@@ -129,7 +129,11 @@ class Safety(Stated, frozen=True, kw_only=True):
     """Safety state of the machine: published on change, and once a second."""
 
     valid: Annotated[
-        bool, Meta(description="False: no records from the core; all that follows is null.")
+        bool,
+        Meta(
+            description="False: no records from the core; all that follows is null, but `progress`"
+            " while the core starts."
+        ),
     ]
     mode: Annotated[ModeName | None, Meta(description="Null when not valid.")]
     active: Annotated[bool | None, Meta(description="The drives are enabled on purpose.")]
