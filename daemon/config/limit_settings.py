@@ -126,9 +126,9 @@ class Spasm(Table, frozen=True):
 class Clonus(Table, frozen=True):
     """Effort that swings to and fro at 5 to 8 Hz: guidance softens as in a spasm, then a stop."""
 
-    hip_swing_nm: Annotated[float, Meta(gt=0, le=60)]
+    hip_swing_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Amplitude of the estimated effort from which a half-wave counts."""
-    slide_swing_n: Annotated[float, Meta(gt=0, le=600)]
+    slide_swing_n: Annotated[float, Meta(ge=1, le=600)]
     window_ms: Annotated[int, Meta(ge=1000, le=10000)]
     patience_ms: Annotated[int, Meta(ge=200, le=10000)]
     """Sum of its time within the window before the machine stops."""

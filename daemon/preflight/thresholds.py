@@ -12,7 +12,7 @@ The bounds, for each axis:
     load in the self-test, wrong     the same without friction, which cancels there
     gap of sent and measured effort  the effort limit
     mean deviation of a stride       what guidance gives up to the tracking limit
-    rise of the patient's effort     the same
+    rise or swing of the patient     the same
     effort against the motion        what the hold gives up to its distance limit
     distance to the reference        the range of the axis
     power                            effort limit times speed limit
@@ -58,6 +58,7 @@ class _Keys(NamedTuple):
     assist_max: str
     assist_rate: str
     rise: str
+    swing: str
     patient: str
     self_test: str
 
@@ -67,13 +68,13 @@ _KEYS: Final = (
         *("hip", "N m", "deg", "torque_max_nm", "torque_deviation_max_nm"),
         *("static_load_tolerance_nm", "load_deviation_max_nm", "sign_mismatch_torque_min_nm"),
         *("torque_rate_max_nm_per_s", "assist_max_nm", "assist_rate_max_nm_per_s"),
-        *("hip_rise_nm", "patient_hip_nm", "hip_load_tolerance_nm"),
+        *("hip_rise_nm", "hip_swing_nm", "patient_hip_nm", "hip_load_tolerance_nm"),
     ),
     _Keys(
         *("slide", "N", "m", "force_max_n", "force_deviation_max_n"),
         *("static_load_tolerance_n", "load_deviation_max_n", "sign_mismatch_force_min_n"),
         *("force_rate_max_n_per_s", "assist_max_n", "assist_rate_max_n_per_s"),
-        *("slide_rise_n", "patient_slide_n", "slide_load_tolerance_n"),
+        *("slide_rise_n", "slide_swing_n", "patient_slide_n", "slide_load_tolerance_n"),
     ),
 )
 
@@ -273,6 +274,7 @@ def _durations(settings: Settings, axes: tuple[_Axis, ...], period_s: float) -> 
 def _patient(settings: Settings, axis: _Axis) -> Iterator[Row]:
     keys, file = axis.keys, settings.file.limits
     yield file, f"spasm.{keys.rise}", axis.limits.spasm_rise_si, axis.guided_si, _guided(axis)
+    yield file, f"clonus.{keys.swing}", axis.limits.clonus_swing_si, axis.guided_si, _guided(axis)
     pushes = getattr(settings.limits.stop, keys.patient)
     if pushes == 0.0:
         why = "no quick stop is compared with a patient who pushes"

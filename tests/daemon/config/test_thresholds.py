@@ -26,6 +26,7 @@ ROWS = [
     ("slide.assist_power_max_w", 180.0, 524.0, 525.0, "assist_max_n at the limit of speed is 525"),
     ("hip.assist_rate_max_nm_per_s", 200.0, 1999.0, 2000.0, "it allows 20 N m, from limit to"),
     ("spasm.hip_rise_nm", 14.0, 52.0, 52.5, "at 52.36 N m of guidance"),
+    ("clonus.hip_swing_nm", 5.0, 52.0, 52.5, "at 52.36 N m of guidance"),
     ("stop.patient_slide_n", 40.0, 0.1, 0.0, "no quick stop is compared with a patient"),
     ("communication.encoder_frozen_cycles", 10, 26, 27, CROSSES),
     ("stop.obey_cycles", 3, 15, 16, "a quick stop of the slide from the highest speed of the gait"),
@@ -41,6 +42,7 @@ BESIDE = {
 }
 """Other changes, without which the range of the key ends below what its quantity can be."""
 BESIDE["spasm.hip_rise_nm"] = BESIDE["hip.load_deviation_max_nm"]
+BESIDE["clonus.hip_swing_nm"] = BESIDE["hip.load_deviation_max_nm"]
 
 
 def warned(tmp_path, *changes):
