@@ -103,7 +103,7 @@ class TorqueObject(ObjectRef, frozen=True, kw_only=True):
     """An object that measures, limits or commands torque."""
 
     unit: TorqueUnit
-    factor: Annotated[float, Meta(ge=1e-6, le=1000)]
+    factor: Annotated[float, Meta(ge=1e-9, le=1000)]
     """Number of units per count."""
 
 

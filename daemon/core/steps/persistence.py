@@ -22,6 +22,7 @@ from daemon.core.modes.persistent_state import (
 )
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.state import Axis, Core
+from daemon.core.steps import sensing
 from daemon.ipc.record import Cause, Mode, Verdict
 from drives.bringup.bringup import DriveReport
 from drives.signals import Input
@@ -58,7 +59,7 @@ def prove_sign(core: Core, axis: Axis, proof: SignProof) -> None:
     """Store the proof of an axis's sign."""
     core.persistent = with_proof(core.persistent, axis.name, proof)
     axis.sign_proven = True
-    axis.sign_trusted = axis.serial_number != 0
+    sensing.trust_sign(axis, trusted=axis.serial_number != 0)
 
 
 def forget_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
@@ -76,7 +77,7 @@ def check_signs(core: Core) -> None:
     for axis in core.axes:
         drive = axis.name, axis.wiring, axis.serial_number
         axis.sign_proven = proven(core.persistent, *drive)
-        axis.sign_trusted = trusted(core.persistent, *drive)
+        sensing.trust_sign(axis, trusted=trusted(core.persistent, *drive))
 
 
 def store_sign_doubts(core: Core) -> None:
@@ -91,7 +92,7 @@ def _trust_signs(core: Core) -> None:
     for axis in core.axes:
         if axis.sign_proven and axis.serial_number != 0:
             core.persistent = with_doubt(core.persistent, axis.name, doubted=False)
-            axis.sign_trusted = True
+            sensing.trust_sign(axis, trusted=True)
 
 
 # --- daily test -----------------------------------------------------------------------------------

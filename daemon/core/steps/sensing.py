@@ -156,6 +156,11 @@ def doubt(core: Core, name: str) -> None:
         axis.followed = axis.followed and axis.name != name
 
 
+def trust_sign(axis: Axis, *, trusted: bool) -> None:
+    """After a bring-up or a test of the sign: whether motion against the drive may be a person."""
+    axis.sign_trusted = trusted
+
+
 def doubt_sign(core: Core, name: str) -> None:
     """After doubtful feedback the sign of this axis explains nothing until it is tested again."""
     for axis in core.axes:

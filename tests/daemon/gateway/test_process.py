@@ -158,7 +158,7 @@ def test_an_endpoint_that_another_machine_could_reach_is_a_configuration_error(
 ):
     monkeypatch.setattr("daemon.gateway.process.share_one_heap", lambda: None)
 
-    refused = command_line.gaitd("gateway", "--config", trainer_file(runtime, "tcp/0.0.0.0:0"))
+    refused = command_line.gaitd("gateway", "--config", trainer_file(runtime, "tcp/0.0.0.0:7447"))
 
     assert refused.code == 2
     assert "zenoh.listen[0]" in refused.err
