@@ -138,11 +138,12 @@ def read(path: Path, leg: str | None = None) -> Read:
     file = files.get(name, path)
     schema = _schema(file)
     about, end = _metadata(file, schema)
-    own = OF_RECORDER if about is not None else ()
+    # Another program may have taken the five columns of a recording, with its metadata.
+    own = OF_RECORDER if about is not None and set(OF_RECORDER) <= set(schema.names) else ()
     _check_columns(file, schema, (*COLUMNS, *own))
     values = _values(file, (*COLUMNS, *own))
     first, first_step_s, status = 0, None, np.zeros(len(values), dtype=np.int64)
-    if about is not None:
+    if own:
         status = values[:, len(COLUMNS)].astype(np.int64)
         first, first_step_s = _start(file, values)
     return Read(

@@ -209,7 +209,7 @@ def _percent(value: float | None, low: float | None = None, high: float | None =
 
 def _recordings(named: list[Path]) -> list[Path]:
     """List the recordings; a folder that is none stands for those in it, by name."""
-    from analysis.parquet import OF_LEG, PART
+    from analysis.parquet import ESTIMATED, OF_LEG, PART, SUFFIX
     from analysis.recording import RecordingError
 
     found: dict[Path, None] = {}
@@ -217,9 +217,15 @@ def _recordings(named: list[Path]) -> list[Path]:
         if not path.is_dir() or any(path.glob(f"*{OF_LEG}")) or path.suffix == PART:
             found[path] = None
             continue
-        inside = [one for one in sorted(path.iterdir()) if one.is_dir() or one.suffix == ".csv"]
+        inside: list[Path] = []
+        for one in sorted(path.iterdir()):
+            is_file = one.suffix.lower() in {".csv", SUFFIX} and not one.name.endswith(ESTIMATED)
+            if one.is_dir() or is_file:
+                inside.append(one)
+            else:
+                print(f"{one}: left out: is no folder, .csv file or {SUFFIX} file of a recording")
         if not inside:
-            raise RecordingError(f"{path}: has no recordings, which are folders or .csv files")
+            raise RecordingError(f"{path}: has no recordings: folders, .csv or {SUFFIX} files")
         found.update(dict.fromkeys(inside))
     return list(found)
 

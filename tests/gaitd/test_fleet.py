@@ -1,13 +1,17 @@
 """`gaitd fleet estimate`: the same results from two processes, from a cluster, and after losses."""
 
+import contextlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
+import duckdb
+import msgspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -22,10 +26,33 @@ from analysis.estimates import COLUMNS
 from analysis.recording import COLUMNS as INPUTS
 from analysis.replay import estimate, read
 from daemon.preflight.robot import load_robot
+from observer.filter.status import Validity
 from tests.observer.trainer import PATIENT, encoded, gait, simulate
 
 ROBOT = CONFIGS / "robot.toml"
 CSV_COUNT = 4
+FLEET_PAGE = CONFIGS.parent / "docs" / "fleet.md"
+
+
+@pytest.fixture(scope="module")
+def five_columns(tmp_path_factory):
+    """The five columns of a recording, taken out of it by pyarrow with its metadata."""
+    about = {
+        "id": "6a3e",
+        "trainer": "t",
+        "core_boot_id": "6450",
+        "gaitd_version": "0",
+        "robot": {},
+    }
+    truth = simulate(PATIENT, 200, reference=gait(PATIENT, np.arange(1, 201) * 0.01, 0.3))
+    columns = encoded(truth)
+    values = np.column_stack((columns.time_s, columns.position, columns.effort))
+    about["robot"] = msgspec.to_builtins(load_robot(ROBOT))
+    whole = pa.table({name: values[:, at] for at, name in enumerate(INPUTS)})
+    metadata = {"gaitd": json.dumps(about), "gaitd.leg": "right"}
+    file = tmp_path_factory.mktemp("five") / "five.parquet"
+    pq.write_table(whole.replace_schema_metadata(metadata), file)
+    return file
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +93,11 @@ def test_results_are_a_replay_s_bits_and_are_made_once(sessions, tmp_path):
         table = pq.read_table(result["file"])
         assert table.column_names == list(COLUMNS)
         np.testing.assert_array_equal(table["time_s"], source.recording.time_s)
-        np.testing.assert_array_equal(table["hip_patient_nm"], expected.state[:, 6])
+        is_split = expected.validity[:, 0] == Validity.OK
+        patient = np.where(is_split, expected.state[:, 6], np.nan)
+        assert table["hip_patient_nm"].null_count == np.count_nonzero(~is_split) > 0
+        np.testing.assert_array_equal(table["hip_patient_nm"].to_numpy(), patient)
+        assert table["status"].to_pylist() == expected.status.tolist()
         assert table.schema.metadata[b"gaitd.session"].decode() == session
     assert len({one["file"] for one in first.values()}) == CSV_COUNT
 
@@ -82,6 +113,35 @@ def test_results_are_a_replay_s_bits_and_are_made_once(sessions, tmp_path):
     changed = fleet(sessions, output, "--workers", 1, robot=other)[1]
     assert not any(one["kept"] for one in changed.values())
     assert len(list(output.iterdir())) == 2 * CSV_COUNT
+
+
+def test_the_sql_of_the_document_works_on_the_results(sessions, tmp_path):
+    _, made = fleet(sessions, tmp_path / "results", "--workers", 1)
+    sql = re.search(r"```sql\n(.*?)```", FLEET_PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
+
+    with contextlib.chdir(tmp_path):
+        rows = duckdb.sql(sql).fetchall()
+
+    assert len(rows) == len(made)
+    assert all(mean_nm > 0 for _, mean_nm in rows)
+
+
+def test_all_files_of_a_folder_are_recordings_or_named(five_columns, tmp_path):
+    mixed = tmp_path / "mixed"
+    mixed.mkdir()
+    table = pq.read_table(five_columns)
+    pq.write_table(table, mixed / "day0.parquet")
+    pq.write_table(table.replace_schema_metadata(None), mixed / "day1.PARQUET")
+    (mixed / "notes.txt").write_text("none")
+
+    ended = gaitd(
+        *("fleet", "estimate", mixed, "--robot", ROBOT, "--output", tmp_path / "out"),
+        *("--workers", 1),
+    )
+
+    assert "2 made, 0 kept, 0 failed" in ended.out
+    assert f"{mixed}/notes.txt: left out" in ended.out
+    assert ended.code == 0
 
 
 def test_a_power_cut_leaves_a_whole_result_or_none(sessions, tmp_path, monkeypatch):

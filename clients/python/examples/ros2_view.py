@@ -15,7 +15,6 @@ import argparse
 import itertools
 import struct
 import threading
-import time
 import uuid
 from collections.abc import Sequence
 from typing import Any, Final
@@ -24,6 +23,7 @@ import numpy as np
 import zenoh
 from gaitd_client import (
     Cause,
+    Clock,
     DriveState,
     Estimate,
     NotValid,
@@ -66,13 +66,38 @@ def header(time_ns: int, frame: str = "") -> object:
     return ros("std_msgs/msg/Header", stamp=stamp, frame_id=frame)
 
 
+class TrainerTime:
+    """UTC of the trainer, the one clock of all stamps: that of its newest message, going on."""
+
+    def __init__(self, clock: Clock) -> None:
+        """Begin without a message: the time is 0."""
+        self._clock, self._ahead_ns = clock, None
+
+    def take(self, sample_time_ns: int | None) -> None:
+        """Take the time of a message that has just come."""
+        if sample_time_ns is not None:
+            self._ahead_ns = sample_time_ns - self._clock.now_ns()
+
+    @property
+    def now_ns(self) -> int:
+        """The time now; 0 before the first message."""
+        return 0 if self._ahead_ns is None else self._clock.now_ns() + self._ahead_ns
+
+
 class Topic:
     """A publisher of the node; its token shows it to `ros2 topic list`."""
 
     def __init__(
-        self, session: zenoh.Session, domain: int, number: int, name: str, kind: str
+        self,
+        session: zenoh.Session,
+        time: TrainerTime,
+        domain: int,
+        number: int,
+        name: str,
+        kind: str,
     ) -> None:
         """Declare it; `number` is its own among the entities of the node."""
+        self._time = time
         package, _, short = kind.split("/")
         typed = f"{package}::msg::dds_::{short}_/{ROS.hash_rihs01(kind)}"
         entity = f"@ros2_lv/{domain}/{session.zid()}/0/{number}/MP/%/%/{NODE}"
@@ -84,7 +109,7 @@ class Topic:
     def publish(self, **fields: object) -> None:
         """Send a message as CDR, with its number, time and sender."""
         self._count += 1
-        attachment = struct.pack("<qqB16s", self._count, time.time_ns(), 16, self._gid)
+        attachment = struct.pack("<qqB16s", self._count, self._time.now_ns, 16, self._gid)
         message = ROS.serialize_cdr(ros(self._kind, **fields), self._kind)
         self._publisher.put(bytes(message), attachment=attachment)
 
@@ -98,10 +123,11 @@ class View:
         """Declare the node, and publish joints and patient from now on."""
         token = f"@ros2_lv/{domain}/{session.zid()}/0/0/NN/%/%/{NODE}"
         self._token = session.liveliness().declare_token(token)
+        self._time = TrainerTime(trainer.clock)
         numbers, names = itertools.count(1), [f"{leg}_{axis}" for leg in legs for axis in AXES]
 
         def topic(name: str, kind: str) -> Topic:
-            return Topic(session, domain, next(numbers), name, kind)
+            return Topic(session, self._time, domain, next(numbers), name, kind)
 
         wrench = "geometry_msgs/msg/WrenchStamped"
         self._joints = {leg: topic("/joint_states", "sensor_msgs/msg/JointState") for leg in legs}
@@ -117,6 +143,7 @@ class View:
         """Publish what is valid in one estimate."""
         if isinstance(item, NotValid):
             return
+        self._time.take(item.sample_time_ns)
         axes = {axis: [getattr(item, name) for name in names] for axis, names in AXES.items()}
         valid = {f"{item.leg}_{axis}": row for axis, row in axes.items() if None not in row}
         if valid:
@@ -148,7 +175,7 @@ class View:
             judged[f"{name} patient"] = judge(self._estimates[leg].newest(), axis)
             judged[f"{name} drive"] = judge(drive.newest())
         self._diagnostics.publish(
-            header=header(time.time_ns()),
+            header=header(self._time.now_ns),
             status=[
                 ros(
                     "diagnostic_msgs/msg/DiagnosticStatus",

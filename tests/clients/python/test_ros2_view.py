@@ -137,6 +137,9 @@ def test_ros_gets_what_is_valid_in_each_estimate_and_the_reason_for_what_is_not(
         assert message.wrench.force.x == estimates[stamp_ns(message)].slide_patient_n
     at_rest = {time_ns for time_ns, one in estimates.items() if one.hip_patient_nm is None}
     assert at_rest & {stamp_ns(message) for message in joints}
+    times_ns = [stamp_ns(one) for one in router.messages("diagnostics") if stamp_ns(one)]
+    assert min(estimates) <= min(times_ns)
+    assert max(times_ns) <= max(estimates) + 60 * 10**9  # and not the time of this computer
     assert "requested a stop" in router.levels("machine")[ERROR]
     assert "at rest" in router.levels("right_hip patient")[WARN]
     assert not math.isnan(sum(message.position.sum() for message in joints))
