@@ -5,7 +5,9 @@ from itertools import pairwise
 
 import pytest
 from sessions import changed_configs, new_session, single_axis_run
+from wire import change_what_drives_say
 
+from daemon.core.cycle import POSE_CYCLES
 from daemon.core.modes.persistent_state import PersistentState, StoredAxis
 from daemon.core.steps.single_axis import moves_origin, seeks_home
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
@@ -293,6 +295,47 @@ def test_a_service_that_is_asked_to_end_waits_for_the_leg_to_rest_and_stores_whe
     assert abs(last.slide_velocity_m_per_s) < 0.06
     assert persistent.axis(HIP).position_si == pytest.approx(last.hip_angle_rad, abs=0.002)
     assert persistent.axis(SLIDE).position_si == pytest.approx(last.slide_position_m, abs=0.002)
+
+
+def test_of_a_leg_that_is_moved_by_hand_only_the_pose_in_which_it_rests_is_stored(warm_ready):
+    session = warm_ready
+    session.run_until(lambda record: record.cycle % POSE_CYCLES == 30, within_s=2)
+    before = session.state_file.persistent
+
+    session.command("patient spasm")  # after half a second, so it moves when a pose is due
+    session.run_until(lambda record: record.cycle % POSE_CYCLES == 2, within_s=2)
+    moved, then = session.record.drives, session.state_file.persistent
+    session.run(4.0)
+
+    for axis, drive, standstill_si in zip((HIP, SLIDE), moved, (0.05, 0.03), strict=True):
+        assert abs(drive.velocity_si) > standstill_si
+        assert then.axis(axis).position_si == before.axis(axis).position_si
+    at_rest = [drive.position_si for drive in session.record.drives]
+    stored = session.state_file.persistent
+    assert [stored.axis(axis).position_si for axis in (HIP, SLIDE)] == pytest.approx(
+        at_rest, abs=1e-3
+    )
+
+
+def test_a_service_that_ends_before_an_axis_has_had_a_sample_stores_no_pose_of_it():
+    same, session = new_session(), new_session()
+    same.loop.turn()  # one turn: a whole bring-up, and a first cycle
+    first_ns = same.record.sync_mono_ns
+
+    def change(frame):
+        return None if frame.can_id == 0x285 and session.bus.now_ns >= first_ns else frame
+
+    change_what_drives_say(session, change)
+    session.loop.turn()
+    assert session.record.mode == Mode.READY
+    assert not session.record.drives[0].fresh
+
+    session.shut_down()
+
+    stored = session.state_file.persistent
+    assert stored.axis(HIP).position_si is None
+    there_m = session.truth.rows[-1].slide_position_m
+    assert stored.axis(SLIDE).position_si == pytest.approx(there_m, abs=0.002)
 
 
 def test_a_drive_that_cannot_home_is_brought_up_as_before_and_the_request_refused(tmp_path):

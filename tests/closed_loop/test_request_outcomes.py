@@ -1,5 +1,6 @@
 """A request is done when the drives show that it is, and refused with the drive's reason if not."""
 
+import pytest
 from sessions import new_session
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
@@ -61,10 +62,13 @@ def test_a_fault_that_comes_back_at_once_is_not_reset():
     assert edges(session) == 1
 
 
-def test_a_disable_is_done_when_the_drives_show_that_they_have_left_operation_enabled():
-    session = new_session().enable()
+@pytest.mark.parametrize("slower", ["right/hip", "right/slide"])
+def test_a_disable_is_done_when_both_drives_show_that_they_have_left_operation_enabled(
+    warm_hold, slower
+):
+    warm_hold.command(f"slow_state {slower} - 100")
 
-    assert session.request(RequestKind.DISABLE).outcome == Outcome.DONE
+    assert warm_hold.request(RequestKind.DISABLE).outcome == Outcome.DONE
 
-    states = {drive.power_state for drive in session.record.drives}
+    states = {drive.power_state for drive in warm_hold.record.drives}
     assert states == {PowerState.SWITCH_ON_DISABLED}

@@ -67,3 +67,26 @@ def test_a_drive_that_was_lost_and_came_back_is_no_obstacle_to_reset(warm_hold, 
     assert lost.cause in {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST}
     assert answer.outcome == Outcome.DONE, answer.reason
     assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
+
+
+def test_a_drive_that_is_lost_in_a_fault_without_a_stop_delays_a_reset_by_as_long_as_it_may_be_late(
+    warm_ready,
+):
+    session = warm_ready
+    session.command("emcy right/slide 0.1 0x2310")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+    session.run(0.3)
+    lose_samples(session, 0)
+    refused_at = []
+
+    for _ in range(10):
+        age_cycles = session.record.drives[0].sample_age_cycles
+        session.gateway.request(RequestKind.RESET)
+        session.loop.turn()
+        if session.record.mode != Mode.FAULT:
+            break
+        refused_at.append(age_cycles + 1)
+        assert "no sample of this cycle: right/hip" in session.gateway.outcome().reason
+
+    longest = session.settings.limits.communication.sample_age_max_cycles
+    assert refused_at == list(range(1, longest + 1))

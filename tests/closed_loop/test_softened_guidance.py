@@ -6,7 +6,7 @@ import pytest
 from sessions import changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
-from daemon.ipc.record import Mode, ModeRequest, RequestKind
+from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from observer.mechanism.mechanism import ratio_and_load
 
 BEFORE = "[[patient.programme]]                  # one hard contraction against the motion"
@@ -23,17 +23,28 @@ hip_nm = {hip_nm}
 slide_n = {slide_n}
 
 """
-SPASMS = SPASM.format(axis="hip", hip_nm=30.0, slide_n=0.0) + SPASM.format(
-    axis="slide", hip_nm=0.0, slide_n=150.0
-)
+LEANS = SPASM.format(axis="hip", hip_nm=22.0, slide_n=0.0).replace("hip_spasm", "leans")
+SPASMS = LEANS.replace('"spasm"', '"steady"') + SPASM.format(axis="hip", hip_nm=30.0, slide_n=0.0)
+SPASMS += SPASM.format(axis="slide", hip_nm=0.0, slide_n=150.0)
 
 
 @pytest.fixture(scope="module")
-def warm_tense_gait(tmp_path_factory):
-    """A gait at 0.25 Hz; each axis of its patient can have a spasm of its own."""
+def tense(tmp_path_factory):
+    """Each axis of the patient can have a spasm of its own; and he can lean, as quickly."""
     folder = tmp_path_factory.mktemp("spasms")
-    session = new_session(changed_configs(folder, ("plant.toml", BEFORE, SPASMS + BEFORE)))
-    return session.walk(duration_s=5.3)
+    return changed_configs(folder, ("plant.toml", BEFORE, SPASMS + BEFORE))
+
+
+@pytest.fixture(scope="module")
+def warm_tense_gait(tense):
+    """A gait at 0.25 Hz."""
+    return new_session(tense).walk(duration_s=5.3)
+
+
+@pytest.fixture(scope="module")
+def warm_tense_hold(tense):
+    """Both axes hold."""
+    return new_session(tense).enable()
 
 
 def guidance(session, share):
@@ -80,3 +91,19 @@ def test_a_spasm_of_one_axis_softens_both_and_a_hold_then_begins_where_the_leg_i
     place = ("hip", "slide").index(axis)
     assert abs(before[place] - held.measured[place]) > far
     assert held.reference == pytest.approx(held.measured, abs=0.005)
+
+
+def test_who_leans_on_a_leg_that_is_held_has_no_spasm(warm_tense_hold):
+    session = warm_tense_hold
+    begun = len(session.records)
+
+    session.command("patient leans")
+    session.run(1.0)
+
+    rise_nm = session.settings.limits.spasm.hip_rise_nm
+    efforts = [record.legs[0].state[6] for record in session.records[begun:]]
+    assert (
+        max(later - before for before, later in zip(efforts[:-10], efforts[10:], strict=True))
+        > rise_nm
+    )
+    assert (session.record.mode, session.record.verdict.cause) == (Mode.HOLD, Cause.NONE)

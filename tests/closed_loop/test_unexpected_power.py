@@ -13,6 +13,7 @@ from wire import SYNC, change_what_drives_hear, change_what_drives_say
 
 from daemon.core.safety.stop_sequence import Step
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.wire.cause_texts import CAUSE_TEXT
 from drives.signals import PowerState
 from simtime.frame import Frame
 
@@ -159,6 +160,34 @@ def test_a_drive_that_a_disable_does_not_switch_off_is_stopped(warm_hold):
 
     assert session.record.verdict.cause == Cause.UNEXPECTED_ENABLE
     assert steps(session)[0] > Step.DISABLE
+
+
+def test_a_drive_that_shows_power_through_a_disable_is_stopped(warm_hold):
+    session = warm_hold
+    show(session, 0x1237)
+
+    session.gateway.request(RequestKind.DISABLE)
+    session.run_until(lambda record: record.mode == Mode.READY, within_s=2)
+    session.run(0.5)
+
+    assert session.gateway.outcome().outcome == Outcome.REFUSED
+    verdict = session.record.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.UNEXPECTED_ENABLE, "right/hip")
+
+
+def test_a_drive_that_another_master_enables_after_a_stop_has_switched_it_off_is_told(warm_hold):
+    session = warm_hold
+    session.command("encoder_glitch right/hip - 3000")
+    session.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
+    assert session.record.drives[0].power_state == PowerState.SWITCH_ON_DISABLED
+
+    take_over(session)
+    session.run(0.5)
+
+    told = [event for record in session.records for event in record.events]
+    title = CAUSE_TEXT[Cause.UNEXPECTED_ENABLE].title
+    assert any(event.startswith(f"also: right/hip: {title}") for event in told)
+    assert NMT_STOP in [frame.data for frame in session.bus.sent if frame.can_id == 0]
 
 
 def test_drives_that_our_own_stop_holds_are_left_as_they_are_also_by_the_next_core(

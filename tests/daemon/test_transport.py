@@ -1,5 +1,6 @@
 """The ring of records and the two datagram sockets, without a core or a gateway."""
 
+import mmap
 import os
 import struct
 from dataclasses import dataclass
@@ -100,6 +101,29 @@ def test_the_group_may_send_to_the_core_but_not_shorten_what_it_has_mapped(tmp_p
     core.close()
 
     assert modes == {transport.CORE_SOCKET_NAME: 0o660, transport.RING_NAME: 0o640}
+
+
+def test_a_record_that_is_overwritten_while_it_is_read_is_not_there(tmp_path, monkeypatch):
+    path = tmp_path / transport.RING_NAME
+    writer = RingWriter(path, HEADER)
+    writer.write(record(1))
+    newer = [record(1 + transport.SLOT_COUNT)]
+
+    class Overtaken(mmap.mmap):
+        """A mapping whose writer comes between the number of a record and its bytes."""
+
+        def __getitem__(self, place):
+            if newer and place.start >= transport.HEADER_SIZE:
+                writer.write(newer.pop())
+            return super().__getitem__(place)
+
+    monkeypatch.setattr(transport.mmap, "mmap", Overtaken)
+    reader = RingReader(path)
+
+    assert reader.read(1) is None
+    assert newer == []
+    assert reader.damaged_count == 0
+    assert reader.read(1 + transport.SLOT_COUNT) is not None
 
 
 def test_a_slot_that_is_being_written_is_not_read(tmp_path):
@@ -281,6 +305,16 @@ def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_a
     assert told == ["records were written without their texts, which did not fit, 1 so far"]
     ends.core.publish(record(2))
     assert ends.core.take_notices() == []
+
+
+def test_a_number_that_has_no_bytes_costs_its_record_and_not_the_core(ends):
+    whole = record(1)
+    beyond = msgspec.structs.replace(whole.drives[0], late_count=2**64)
+    ends.core.publish(msgspec.structs.replace(whole, drives=(beyond, whole.drives[1])))
+    ends.core.publish(record(2))
+
+    assert [one.seq for one in ends.gateway.records()] == [2]
+    assert len(ends.core.take_notices()) == 1
 
 
 def integers_and_texts(kind, place=""):

@@ -7,7 +7,6 @@ from daemon.core.inputs import CommandInputs
 from daemon.core.modes import roles, table
 from daemon.core.modes.guards import GuardInputs
 from daemon.core.safety.joints import is_at_rest
-from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Axis, Core
 from daemon.core.steps import exercises, single_axis
 from daemon.core.steps.status import describe
@@ -113,8 +112,7 @@ def _is_lost(core: Core, axis: Axis) -> bool:
     feedback = axis.feedback
     if core.drives is None or feedback is None:
         return True
-    silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
-    return silent or (axis.stop is not None and axis.stop.step >= Step.NMT_STOP)
+    return feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
 
 
 def _outside(core: Core) -> tuple[str, ...]:

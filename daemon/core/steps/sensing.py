@@ -67,8 +67,7 @@ def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
     if feedback.reference_lost:
         return "its encoder is in error"
     reach_si = jump_reach_si(axis.joint, axis.limits, core.config.thresholds)
-    jumped = axis.joint.elapsed_s > 0 and abs(axis.joint.step_si) > reach_si
-    return "its encoder jumped" if jumped else ""
+    return "its encoder jumped" if abs(axis.joint.step_si) > reach_si else ""
 
 
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
