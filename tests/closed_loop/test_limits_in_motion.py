@@ -147,7 +147,7 @@ def test_the_energy_of_the_gait_before_it_is_not_that_of_a_hold(warm_fast_gait):
 
 
 def test_a_step_of_the_encoder_is_counted_once_also_where_samples_are_lost(warm_fast_gait):
-    """Of three samples two: their cycles add no energy of their own."""
+    """Two of three samples are lost: their cycles add no energy of their own."""
     samples = itertools.count()
 
     def lossy(frame):
