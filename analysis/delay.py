@@ -169,7 +169,7 @@ def _filled(values: Values) -> Values:
 def _innovations_by_delay(
     recording: Recording, robot: Robot, progress: Iterator[None]
 ) -> Callable[[Cycles], Values]:
-    setup = setup_for(_without_delay(robot))
+    setup = setup_for(_compared(robot))
 
     def innovations(cycles: Cycles) -> Values:
         effort = np.column_stack(
@@ -181,8 +181,11 @@ def _innovations_by_delay(
     return innovations
 
 
-def _without_delay(robot: Robot) -> Robot:
-    tuning = msgspec.structs.replace(robot.observer, effort_delay_ms=0.0)
+def _compared(robot: Robot) -> Robot:
+    """The robot whose observer has no delay, and the same noise with each assumed one."""
+    tuning = msgspec.structs.replace(
+        robot.observer, effort_delay_ms=0.0, patient_noise_max_ratio=1.0
+    )
     return msgspec.structs.replace(robot, observer=tuning)
 
 

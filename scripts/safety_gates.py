@@ -50,6 +50,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     ),
     "daemon/core/safety/checks.py": _CHECKS,
     "daemon/core/safety/clonus.py": (f"{_SAFETY}/test_clonus.py",),
+    "daemon/core/safety/sign_response.py": (f"{_SAFETY}/test_sign_response.py",),
     "daemon/core/safety/effort_monitor.py": (f"{_SAFETY}/test_effort_monitor.py",),
     "daemon/core/safety/energy.py": (f"{_SAFETY}/test_effort_monitor.py",),
     "daemon/core/safety/friction_monitor.py": (f"{_SAFETY}/test_friction_monitor.py",),

@@ -264,7 +264,6 @@ def test_every_command_has_json_and_an_error_of_usage_is_a_document(name):
         (("matrix", "--axis", "none"), 2, "command line"),
         (("schema", "none"), 2, "command line: NAME"),
         (("watch", "safety", "--endpoint", "tcp/127.0.0.1:9"), 4, "service"),
-        (("record", "--endpoint", "tcp/127.0.0.1:9"), 4, "service"),
         (("status", "--endpoint", "tcp/127.0.0.1:9"), 4, "service"),
         (("stop", "--endpoint", "tcp/127.0.0.1:9"), 4, "service"),
     ],
