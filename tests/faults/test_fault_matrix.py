@@ -397,6 +397,7 @@ RUNAWAY = msgspec.structs.replace(
     WELL,
     fault="encoder_reversed",
     axis="right/slide",
+    seed=4711,
     causes=("SIGN_WRONG",),
     category="S0",
     final_cause="SIGN_WRONG",
