@@ -14,6 +14,7 @@ import typer
 from gaitd.command_line import JsonOption, json_on_stdout
 
 if TYPE_CHECKING:
+    from gaitd_lab.demonstration.display import EngineerPage
     from gaitd_lab.demonstration.picture import Results
     from gaitd_lab.demonstration.script import Plan, Scene
     from gaitd_lab.demonstration.view import Moment
@@ -52,6 +53,12 @@ def command(
     display_port: Annotated[
         int, typer.Option(min=1, max=65535, help="of that page, on 127.0.0.1")
     ] = 8080,
+    engineer_port: Annotated[
+        int,
+        typer.Option(
+            min=0, max=65535, help="of the engineer's page, or the next free one; 0: no page"
+        ),
+    ] = 8090,
     tiring: Annotated[
         bool,
         typer.Option(
@@ -63,6 +70,7 @@ def command(
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; check the errors."""
     from daemon.config.shipped import configs_folder
+    from gaitd_lab.demonstration.display import find_engineer_page
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
     from gaitd_lab.demonstration.report import as_object, report
@@ -76,14 +84,17 @@ def command(
     plan = tiring_plan(seconds or TIRING_S) if tiring else plan_of(seconds or GAIT_S)
     tempo = Tempo(pace, wall_clock)
     port = display_port if display else None
+    engineer = find_engineer_page(engineer_port) if engineer_port else None
     with json_on_stdout(as_json) as write:
+        if engineer:
+            print(engineer.said, flush=True)
         if display:
             print(f"the patient's page: http://127.0.0.1:{display_port}", flush=True)
             time.sleep(READ_S)
         if headless or as_json or not sys.stdout.isatty():
-            results = Performance(configs, plan, _Lines(), tempo, port).play()
+            results = Performance(configs, plan, _Lines(), tempo, port, engineer).play()
         else:
-            results = _watch(configs, plan, tempo, port)
+            results = _watch(configs, plan, tempo, port, engineer)
         plot.parent.mkdir(parents=True, exist_ok=True)
         draw(results, plot)
         report(results, plan)
@@ -107,7 +118,13 @@ def _refuse(pace: str, *, wall_clock: bool, tiring: bool) -> None:
         raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --tiring")
 
 
-def _watch(configs: Path, plan: "Plan", tempo: "Tempo", display_port: int | None) -> "Results":
+def _watch(
+    configs: Path,
+    plan: "Plan",
+    tempo: "Tempo",
+    display_port: int | None,
+    engineer: "EngineerPage | None",
+) -> "Results":
     from rich.live import Live
 
     from gaitd_lab.demonstration.performance import Performance
@@ -128,7 +145,7 @@ def _watch(configs: Path, plan: "Plan", tempo: "Tempo", display_port: int | None
             def scene(self, scene: "Scene") -> None:
                 """Do nothing: the next picture shows the scene."""
 
-        return Performance(configs, plan, Pictures(), tempo, display_port).play()
+        return Performance(configs, plan, Pictures(), tempo, display_port, engineer).play()
 
 
 class _Lines:

@@ -12,7 +12,7 @@ from typing import Final, Protocol
 
 from gaitd_client import wire
 
-from gaitd_lab.demonstration.display import display
+from gaitd_lab.demonstration.display import EngineerPage, display, engineer_page
 from gaitd_lab.demonstration.evaluation import Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track, TruthTail
 from gaitd_lab.demonstration.helper import helper
@@ -70,6 +70,7 @@ class Performance:
         screen: Screen,
         tempo: Tempo | None = None,
         display_port: int | None = None,
+        engineer: EngineerPage | None = None,
     ) -> None:
         """Prepare; `play` begins.
 
@@ -79,7 +80,9 @@ class Performance:
             screen: the display on the terminal.
             tempo: pace of time; None: the computer's.
             display_port: of the patient's page on loopback; None: there is no page.
+            engineer: the engineer's page; None: there is none.
         """
+        self._engineer = engineer or EngineerPage(None, "")
         self._display_port = display_port
         self._tempo = tempo or Tempo()
         self._configs = configs
@@ -125,7 +128,7 @@ class Performance:
             self._begin_scene(_first_scene())
             beside = display(where.target, where.leg, where.folder, self._display_port)
             try:
-                with receiver, beside:
+                with receiver, beside, engineer_page(where, self._engineer.port):
                     self._turns(act, where, receiver, tail, requests)
             except ServiceError as error:
                 if stopped := where.stopped():
@@ -197,6 +200,7 @@ class Performance:
             receiver=receiver,
             received=self._received,
             true=self._true,
+            address=self._engineer.address,
         )
 
 

@@ -56,6 +56,8 @@ class Moment(NamedTuple):
     receiver: Receiver | None
     received: Track
     true: Track
+    address: str = ""
+    """Address of the engineer's page; empty without one."""
 
 
 def picture(moment: Moment, width: int, height: int) -> Layout:
@@ -127,6 +129,8 @@ def _header(moment: Moment) -> RenderableType:
         Group(line, _second_line(moment, safety)),
         title="[bold]gaitd demo[/]  virtual drives, CAN frames, observer, Zenoh",
         title_align="left",
+        subtitle=f"in a browser: [bold]{moment.address}[/]" if moment.address else None,
+        subtitle_align="right",
         border_style="grey50",
         padding=(0, 1),
     )

@@ -46,7 +46,6 @@ window.requestAnimationFrame = () => 0;
 new Promise(frame);
 """
 """The page asks for no frame any more; evaluated when the one that it had asked for is painted."""
-HOUR_FRAMES = 60 * 3600
 STEP_MS = 10
 
 
@@ -339,44 +338,13 @@ def test_a_page_that_was_suspended_gets_the_present_without_a_burst(tab, player,
     assert site.server.feed._pages == {page}
 
 
-def is_flat_over_an_hour(tab, trainer, scenes):
-    """Feed the frames of an hour; compare heap and nodes after a quarter of it and at the end."""
-    tab.page.add_init_script(rig.FEED)
-    tab.page.reload()
-    recorded = []
-    for scene in scenes:
-        scene()
-        for leg in trainer.legs:
-            trainer.step(1, 0.5, 3.0, leg)
-        tab.until("live.frames.length > 60")
-        recorded.append(tab.page.evaluate("live.frames.splice(0)"))
-    items = [item for frames in recorded for frame in frames for item in frame["items"]]
-    newest = {(item["kind"], item.get("leg")): item for item in items}
-    wire = tab.page.context.new_cdp_session(tab.page)
-
-    def fed(first, end):
-        given = {"scenes": recorded, "items": [*newest.values()], "first": first, "end": end}
-        tab.page.evaluate("feed", given)
-        wire.send("HeapProfiler.collectGarbage")
-        counts = wire.send("Memory.getDOMCounters")
-        heap_mb = wire.send("Runtime.getHeapUsage")["usedSize"] / 1e6
-        return heap_mb, counts["nodes"], counts["jsEventListeners"]
-
-    before_mb, *before = fed(0, HOUR_FRAMES // 4)
-    after_mb, *after = fed(HOUR_FRAMES // 4, HOUR_FRAMES)
-
-    print(f"{before_mb:.2f} MB, {before} nodes and listeners; then {after_mb:.2f} MB, {after}")
-    assert after == before
-    assert after_mb < before_mb + 0.3
-
-
 def test_the_memory_of_the_patient_s_page_is_flat_over_an_hour_of_frames(tab, player, trainer):
     scenes = (
         lambda: player.play(mode=Mode.FAULT, cause=Cause.SPASM),
         lambda: player.play(mode=Mode.READY),
         lambda: player.walk(3.5),
     )
-    is_flat_over_an_hour(tab, trainer, scenes)
+    rig.is_flat_over_an_hour(tab, trainer, scenes)
 
 
 def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp_path):
@@ -567,7 +535,7 @@ def test_the_memory_of_the_therapist_s_page_is_flat_over_an_hour_of_frames(desk,
     login(tab)
     trainer.send("events", bench.filled(Event, id="1", text="an event", kind="note"))
     scenes = (lambda: player.play(mode=Mode.FAULT, cause=Cause.SPASM), lambda: player.walk(3.5))
-    is_flat_over_an_hour(tab, trainer, scenes)
+    rig.is_flat_over_an_hour(tab, trainer, scenes)
 
 
 def test_the_therapist_s_alarm_sounds_for_a_stop_at_rest_and_for_a_server_that_is_lost(desk):

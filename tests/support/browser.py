@@ -10,7 +10,7 @@ from pathlib import Path
 
 import display_bench as bench
 from gaitd_client import Mode, Stage
-from gaitd_display.settings import PatientSettings, TherapistSettings
+from gaitd_display.settings import EngineerSettings, PatientSettings, TherapistSettings
 from gaitd_display.web import Server
 
 from gaitd_lab.processes import free_port
@@ -43,7 +43,9 @@ window.feed = async ({ first, end, scenes, items }) => {
   for (let n = first; n < end; n++) {
     const frames = scenes[Math.floor(n / 9000) % scenes.length];
     const fresh = n % 150 === 0 ? items.map((item) => ({ ...item, number: n, id: `${n}` })) : [];
-    live.onmessage({ data: JSON.stringify({ ...frames[n % frames.length], items: fresh }) });
+    const fed = { ...frames[n % frames.length], items: fresh };
+    window.beforeFed?.(fed, n);
+    live.onmessage({ data: JSON.stringify(fed) });
     if (n % 30 === 0) for (const paint of paints.splice(0)) paint(performance.now());
     if (n % 900 === 0) await new Promise((goOn) => setTimeout(goOn));
   }
@@ -52,6 +54,42 @@ window.feed = async ({ first, end, scenes, items }) => {
 """Comes before a page's own scripts: `feed` gives frames to the page's handler, instead of the
 server: each scene for 2.5 minutes of 60 frames a second, new items every 2.5 s. It paints twice a
 second."""
+MISPLACED = """() => {
+    const isCut = (style) => style.overflow !== 'visible';
+    const found = [];
+    const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+    const range = document.createRange();
+    const pieces = [];
+    while (texts.nextNode()) {
+        const node = texts.currentNode;
+        if (!node.data.trim() || !node.parentElement.checkVisibility()) continue;
+        range.selectNodeContents(node);
+        for (const { left, right, top, bottom } of range.getClientRects()) {
+            // A line's box has room above and below its letters.
+            const room = (bottom - top) * 0.2;
+            pieces.push({ node, left, right, top: top + room, bottom: bottom - room });
+        }
+    }
+    for (const piece of pieces) {
+        const boxes = [{ left: 0, top: 0, right: innerWidth, bottom: innerHeight }];
+        for (let at = piece.node.parentElement; at !== document.body; at = at.parentElement) {
+            if (isCut(getComputedStyle(at))) boxes.push(at.getBoundingClientRect());
+        }
+        const isOut = (box) => piece.left < box.left - 1 || piece.right > box.right + 1 ||
+            piece.top < box.top - 1 || piece.bottom > box.bottom + 1;
+        if (boxes.some(isOut)) found.push(`cut off: ${piece.node.data}`);
+    }
+    pieces.forEach((one, index) => {
+        for (const other of pieces.slice(index + 1)) {
+            if (Math.min(one.right, other.right) - Math.max(one.left, other.left) > 1 &&
+                Math.min(one.bottom, other.bottom) - Math.max(one.top, other.top) > 1) {
+                found.push(`over each other: ${one.node.data} / ${other.node.data}`);
+            }
+        }
+    });
+    return found;
+}"""
+HOUR_FRAMES = 60 * 3600
 STRIDE = 60
 PERIOD_S = 0.01
 
@@ -93,6 +131,8 @@ class Player:
             phase = self._count % STRIDE / STRIDE
             power_w = scene["top_w"] * math.sin(2 * math.pi * phase) ** 2
             scene = {"mode": Mode.GAIT, "stage": Stage.PLAYING, "phase": phase, "power_w": power_w}
+            turn = math.cos(2 * math.pi * phase)
+            scene["pose"] = (0.25 - 0.3 * turn, 0.5 - 0.35 * turn)
             if phase == 0.0:
                 number = self._count // STRIDE
                 for leg in self.trainer.legs:
@@ -214,6 +254,10 @@ class Tab:
             least_px,
         )
 
+    def misplaced_texts(self):
+        """Texts, also of pictures, that are cut off, beyond the page, or over another one."""
+        return self.page.evaluate(MISPLACED)
+
     def overflows(self):
         return self.page.evaluate(
             """() => ['html', 'main', '#stopped', '#said', '#word', '#line'].filter((name) => {
@@ -224,4 +268,40 @@ class Tab:
         )
 
 
-KINDS = {"patient": PatientSettings, "therapist": TherapistSettings}
+def is_flat_over_an_hour(tab, trainer, scenes, nodes_apart=0):
+    """Feed the frames of an hour; compare heap and nodes after a quarter of it and at the end."""
+    tab.page.add_init_script(FEED)
+    tab.page.reload()
+    recorded = []
+    for scene in scenes:
+        scene()
+        for leg in trainer.legs:
+            trainer.step(1, 0.5, 3.0, leg)
+        tab.until("live.frames.length > 60")
+        recorded.append(tab.page.evaluate("live.frames.splice(0)"))
+    items = [item for frames in recorded for frame in frames for item in frame["items"]]
+    newest = {(item["kind"], item.get("leg")): item for item in items}
+    wire = tab.page.context.new_cdp_session(tab.page)
+
+    def fed(first, end):
+        given = {"scenes": recorded, "items": [*newest.values()], "first": first, "end": end}
+        tab.page.evaluate("feed", given)
+        wire.send("HeapProfiler.collectGarbage")
+        counts = wire.send("Memory.getDOMCounters")
+        heap_mb = wire.send("Runtime.getHeapUsage")["usedSize"] / 1e6
+        return heap_mb, counts["nodes"], counts["jsEventListeners"]
+
+    before_mb, *before = fed(0, HOUR_FRAMES // 4)
+    after_mb, *after = fed(HOUR_FRAMES // 4, HOUR_FRAMES)
+
+    print(f"{before_mb:.2f} MB, {before} nodes and listeners; then {after_mb:.2f} MB, {after}")
+    assert abs(after[0] - before[0]) <= nodes_apart
+    assert after[1] == before[1]
+    assert after_mb < before_mb + 0.3
+
+
+KINDS = {
+    "patient": PatientSettings,
+    "therapist": TherapistSettings,
+    "engineer": EngineerSettings,
+}

@@ -3,6 +3,7 @@
 import copy
 import itertools
 import json
+import tomllib
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,6 +26,7 @@ from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream, Watch
 from gaitd_client.wire.messages import Configuration, Judgement, Status
 from msgspec import inspect
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 HASHES = {"trainer.toml": "0a", "robot.toml": "0b"}
 CHECK = {
     "drift": {"hip_moved_deg": 0.4, "slide_moved_m": 0.004, "reaches_limit": False},
@@ -36,6 +38,7 @@ PAGE = {
     "help": {"en": "Telephone: press 1.", "de": "Telefon: Taste 1."},
     "unstrap": {"en": "Open the foot strap first.", "de": "Zuerst den Fußgurt öffnen."},
 }
+ESTIMATED = set(wire.Estimate.__struct_fields__)
 OFF = "switch_on_disabled"
 UNPOWERED = {Mode.OFF, Mode.BRINGING_UP, Mode.READY}
 BEGAN_NS = 1_800_000_000_000_000_000
@@ -200,6 +203,9 @@ class MessageTrainer:
                     given |= {"hip_patient_nm": 2 * power_w, "hip_patient_nm_std": 0.4}
                 given |= {"hip_net_nm": -1.5, "hip_net_nm_std": 0.3}
                 self.send(f"{leg}/activity", filled(Activity, **head, **given))
+                posed = {"hip_angle_rad": pose[0], "slide_position_m": pose[1]}
+                shared = {name: given[name] for name in given if name in ESTIMATED}
+                self.send(f"{leg}/estimate", filled(wire.Estimate, **head, **shared, **posed))
                 rubbing = {"leg": leg, "hip_friction_nm": 3.0, "hip_friction_nm_std": 0.2}
                 rubbing = {"leg": leg} if validity != "ok" or power_w is None else rubbing
                 self.send(f"{leg}/friction", filled(wire.Friction, **head, **rubbing))
@@ -275,14 +281,20 @@ class MessageTrainer:
         return filled(
             Configuration,
             config_hashes=HASHES,
-            limits={"hip": brake, "slide": brake},
-            robot={},
+            limits={"hip": brake, "slide": tables("limits.toml")["slide"] | brake},
+            robot=tables("robot.toml"),
             leg_names=list(self.legs),
         )
 
     def status(self):
         safety = filled(Safety, valid=False)
         return filled(Status, safety=safety, plan=self.plan)
+
+
+@cache
+def tables(name):
+    """A configuration that is shipped."""
+    return tomllib.loads((CONFIGS / name).read_text(encoding="utf-8"))
 
 
 def write_check(folder: Path, **drift) -> Path:
@@ -315,6 +327,11 @@ def therapist_table(password_hash, *, legs=("right",)):
         "trainer": {},
         "login": {"password_hash": password_hash, "session_max_min": 60},
     }
+
+
+def engineer_table(**given):
+    """The content of an engineer's file."""
+    return {**given, "web": {"host": "127.0.0.1", "port": 8080}, "trainer": {}}
 
 
 def settings_of(folder: Path, table, kind):

@@ -1,17 +1,20 @@
-"""The command `gaitd-display`: the two servers, and the hash of a password."""
+"""The command `gaitd-display`: the three servers, and the hash of a password."""
 
 import argparse
 import getpass
 import sys
+import time
 from pathlib import Path
 from typing import Final
 
 from gaitd_client import ClientError, MonotonicClock, Trainer
 from gaitd_session import ProfileError
 
+from gaitd_display.engineer import EngineerServer
 from gaitd_display.login import PasswordError, hash_password
 from gaitd_display.patient import PatientServer
 from gaitd_display.settings import (
+    EngineerSettings,
     Link,
     PatientSettings,
     SettingsError,
@@ -22,7 +25,7 @@ from gaitd_display.therapist import TherapistServer
 from gaitd_display.web import serve
 
 CONFIGURATION_ERROR: Final = 2
-SERVERS: Final = ("patient", "therapist")
+SERVERS: Final = ("patient", "therapist", "engineer")
 
 
 def main() -> None:
@@ -48,10 +51,19 @@ def _run(command: str, given: argparse.Namespace) -> None:
         settings = read_settings(given.config, PatientSettings)
         trainer = trainer_of(settings.trainer, "gaitd-display patient")
         serve(PatientServer(settings, trainer, MonotonicClock()).app, settings.web)
+    elif command == "engineer":
+        settings = read_settings(given.config, EngineerSettings)
+        trainer = trainer_of(settings.trainer, "gaitd-display engineer")
+        serve(EngineerServer(settings, trainer, utc_ahead_ns).app, settings.web)
     else:
         settings = read_settings(given.config, TherapistSettings)
         trainer = trainer_of(settings.trainer, "gaitd-display therapist")
         serve(TherapistServer(settings, trainer, MonotonicClock()).app, settings.web)
+
+
+def utc_ahead_ns() -> int:
+    """Return UTC less monotonic time of this computer."""
+    return time.time_ns() - time.monotonic_ns()
 
 
 def _print_hash() -> None:

@@ -1,4 +1,4 @@
-"""Settings of a server: one strict TOML file for each of the two.
+"""Settings of a server: one strict TOML file for each of the three.
 
 There is no default for a value that a person must decide: the target band, the drift that is
 harmless, how to call for help, and how to get out of the straps.
@@ -157,7 +157,16 @@ class TherapistSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     """None: the page shows no profile and no progress."""
 
 
-File = TypeVar("File", PatientSettings, TherapistSettings)
+class EngineerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The file of the engineer's server."""
+
+    web: Web
+    trainer: Link
+    truth: Path | None = None
+    """File of `gaitd sim --truth`; None: the drives are real, and there is no truth."""
+
+
+File = TypeVar("File", PatientSettings, TherapistSettings, EngineerSettings)
 
 
 def read_settings(path: Path, kind: type[File]) -> File:
@@ -183,6 +192,11 @@ def read_settings(path: Path, kind: type[File]) -> File:
                 f"{path}: session with web.host = {settings.web.host!r}: a page without login may "
                 "start a training on the machine's own screen only; bind 127.0.0.1"
             )
+    if isinstance(settings, EngineerSettings) and not settings.web.is_loopback:
+        raise SettingsError(
+            f"{path}: web.host = {settings.web.host!r}: this page shows a patient's data without "
+            "login; bind 127.0.0.1, and reach it from another machine through a tunnel of SSH"
+        )
     return settings
 
 

@@ -119,6 +119,8 @@ class StrideItem(msgspec.Struct, frozen=True, tag="stride", tag_field="kind"):
     leg: str
     number: int
     boot: str
+    time_ms: float
+    """UTC of its end."""
     cadence_hz: float
     share_ratio: float | None
     share_ratio_std: float | None
@@ -142,6 +144,7 @@ def stride_item(stride: Stride) -> StrideItem:
         stride.leg,
         stride.number,
         stride.core_boot_id,
+        stride.sample_time_ns / 1e6,
         stride.cadence_hz,
         stride.share_ratio,
         stride.share_ratio_std,

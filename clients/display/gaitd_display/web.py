@@ -1,4 +1,4 @@
-"""What both servers share: headers, origin, the WebSocket of a page, STOP, and the run.
+"""What the servers share: headers, origin, the WebSocket of a page, STOP, and the run.
 
 Every answer has a content security policy that allows nothing but this server's own files. A
 request that changes something needs an `Origin` of this server: a page of another site in the same
@@ -52,7 +52,8 @@ FORBIDDEN_ORIGIN: Final = "forbidden: the page is not of this server"
 HEADERS: Final[Mapping[str, str]] = {
     "Content-Security-Policy": (
         "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
-        "connect-src 'self'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+        "font-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'self'; "
+        "frame-ancestors 'none'"
     ),
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
@@ -275,10 +276,10 @@ async def working(*works: Coroutine[Any, Any, object]) -> AsyncGenerator[None]:
 def make_app(
     web: Web,
     served: Served,
-    stops: Stops,
+    stops: Stops | None,
     lifespan: Callable[[Starlette], contextlib.AbstractAsyncContextManager[None]],
 ) -> ASGIApp:
-    """Return the application of a server."""
+    """Return the application of a server; without `stops` its page only reads."""
 
     async def texts(_request: Request) -> Response:
         return json(page_texts())
@@ -291,7 +292,7 @@ def make_app(
             Route("/", served.page),
             Route("/texts.json", texts),
             Route("/alive", alive),
-            Route(STOP_PATH, stops.stop, methods=["POST"]),
+            *([] if stops is None else [Route(STOP_PATH, stops.stop, methods=["POST"])]),
             WebSocketRoute("/live", served.live),
             *served.routes,
             Mount("/static", StaticFiles(directory=STATIC)),

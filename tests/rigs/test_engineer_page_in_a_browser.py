@@ -1,0 +1,290 @@
+"""The engineer's page in headless Chromium: each state and size, losses, truth, contrast.
+
+Screenshots are written to out/display.
+"""
+
+import itertools
+import json
+from pathlib import Path
+
+import browser as rig
+import display_bench as bench
+import pytest
+from gaitd_client import Cause, Event, Mode
+from gaitd_display.engineer import EngineerServer
+
+from sim_drives.plant.truth import TruthRow
+
+pytestmark = pytest.mark.rig_browser
+
+SHOTS = Path(__file__).parents[2] / "out" / "display"
+SIZES = ((1280, 800), (1600, 900), (1920, 1080))
+SCHEMES = ("light", "dark")
+LEGS = (("right",), ("right", "left"))
+AHEAD_NS = bench.BEGAN_NS
+"""UTC of the player's messages less its clock, which stands in for the computer's."""
+LONG = "right/hip: EMCY 0x2310, over-current of the power stage while the leg was braked"
+REMEDY = "Look for a short circuit between motor and drive, then reset the stop; docs/drives.md."
+STOPPED = {"mode": Mode.FAULT, "cause": Cause.HAND_SWITCH_OPEN, "switch": False}
+SCENES = {
+    "walking": {"top_w": 40.0},
+    "at_rest": {"mode": Mode.READY, "validity": "split_unobservable"},
+    "stopped": STOPPED,
+}
+LOOKS = 8
+"""Looks at a leg in motion, over a stride."""
+RATIO = """(pairs) => {
+    const probe = document.body.appendChild(document.createElement("i"));
+    const light = (name) => {
+        probe.style.color = `var(${name})`;
+        const parts = getComputedStyle(probe).color.match(/[0-9.]+/g).slice(0, 3).map((part) => {
+            const value = part / 255;
+            return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+        });
+        return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2] + 0.05;
+    };
+    const ratios = pairs.map(([one, other]) => {
+        const [low, high] = [light(one), light(other)].sort((a, b) => a - b);
+        return high / low;
+    });
+    probe.remove();
+    return ratios;
+}"""
+"""Contrast of colours by their names, WCAG 2.2."""
+TEXTS = ("--ink", "--soft", "--estimate", "--true", "--friction", "--blue-ink", "--vermillion-ink")
+SYMBOLS = ("--estimate", "--true", "--friction", "--edge", "--green", "--vermillion", "--mode")
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    with rig.chromium() as browser:
+        yield browser
+
+
+def served(trainer, folder, **given):
+    return rig.Site(
+        lambda made: EngineerServer(made, trainer, lambda: AHEAD_NS),
+        bench.engineer_table(**given),
+        folder,
+        rig.KINDS["engineer"],
+    )
+
+
+@pytest.fixture(params=LEGS, ids=len)
+def trainer(request):
+    return bench.MessageTrainer(request.param)
+
+
+@pytest.fixture
+def site(trainer, tmp_path):
+    with served(trainer, tmp_path) as site:
+        yield site
+
+
+@pytest.fixture
+def player(trainer, site):
+    with rig.Player(trainer) as player:
+        yield player
+
+
+@pytest.fixture
+def tab(chromium, site, player):
+    tab = rig.Tab(chromium, site, SHOTS, size=SIZES[1])
+    yield tab
+    tab.page.close()
+    assert tab.errors == []
+    assert tab.foreign == []
+
+
+one_leg = pytest.mark.parametrize("trainer", LEGS[:1], indirect=True, ids=len)
+
+
+def speak_of(trainer, number):
+    event = {"id": str(number), "time_ns": AHEAD_NS + trainer.clock.ns}
+    trainer.send("events", bench.filled(Event, **event, text=LONG, remedy=REMEDY, priority="high"))
+
+
+def test_each_state_is_readable_at_each_size_and_in_both_schemes(tab, player, trainer):
+    for number in range(12):
+        speak_of(trainer, number)
+    for name, scene in SCENES.items():
+        player.play(**scene)
+        word = {"walking": "moving", "at_rest": "resting", "stopped": "stopped"}[name]
+        for scheme, (width, height) in itertools.product(SCHEMES, SIZES):
+            tab.page.set_viewport_size({"width": width, "height": height})
+            tab.page.emulate_media(color_scheme=scheme)
+            tab.word(word)
+            tab.until("document.querySelectorAll('#driverows tr').length > 3")
+            for _ in range(LOOKS if name == "walking" else 2):
+                tab.page.wait_for_timeout(80)
+                assert tab.misplaced_texts() == [], (name, scheme, width)
+            tab.shot(f"engineer_{len(trainer.legs)}_{name}_{scheme}_{width}")
+            assert tab.violations() == []
+    assert trainer.requests == []
+
+
+@one_leg
+def test_the_colours_have_contrast_in_both_schemes(tab):
+    for scheme in SCHEMES:
+        tab.page.emulate_media(color_scheme=scheme)
+        texts = [*((name, "--card") for name in TEXTS), ("--on-mode", "--mode")]
+        found = dict(zip(texts, tab.page.evaluate(RATIO, texts), strict=True))
+        assert {pair: ratio for pair, ratio in found.items() if ratio < 4.5} == {}, scheme
+        symbols = [(name, "--card") for name in SYMBOLS]
+        found = dict(zip(symbols, tab.page.evaluate(RATIO, symbols), strict=True))
+        assert {pair: ratio for pair, ratio in found.items() if ratio < 3} == {}, scheme
+
+
+def values(tab):
+    """What the page says as a number; none of it may be 0 where nothing is known."""
+    said = "[...document.querySelectorAll('#readouts dd, .plot .now, #driverows tr, .over.value')]"
+    return tab.page.evaluate(f"{said}.map((element) => element.textContent)")
+
+
+@one_leg
+def test_what_is_not_known_is_a_dash_and_the_page_recovers_by_itself(tab, player, site):
+    player.play(top_w=40.0)
+    tab.word("moving")
+    tab.until("document.querySelector('#power_right').textContent.match(/[0-9]/)")
+    player.play(**SCENES["at_rest"])
+    tab.until("document.querySelector('.plot .now').textContent.startsWith('net −1.5 N·m')")
+    assert tab.page.locator("#power_right").inner_text() == "– W"
+
+    player.fall_silent()
+    tab.word("no_signal")
+    is_silent = "document.querySelector('.plot .now').textContent.startsWith('– N·m')"
+    tab.until(f"{is_silent} && document.querySelector('#share_right').textContent === '– %'")
+    assert [text for text in values(tab) if any(letter.isdigit() for letter in text)] == []
+    assert tab.page.locator("#nopose").is_visible()
+    assert tab.misplaced_texts() == []
+    tab.shot("engineer_no_signal")
+    assert tab.violations() == []
+    player.play(top_w=40.0)
+    player.speak()
+    tab.word("moving")
+
+    site.end()
+    tab.word("no_connection")
+    tab.until(is_silent)
+    tab.shot("engineer_no_connection")
+    assert tab.misplaced_texts() == []
+    site.start()
+    tab.word("moving")
+    tab.until("document.querySelector('#nopose').hidden")
+
+
+PAINTED = """(canvas, name) => {
+    document.body.style.color = `var(${name})`;
+    const colour = getComputedStyle(document.body).color.match(/[0-9]+/g).map(Number);
+    document.body.style.color = "";
+    const { width, height } = canvas;
+    const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
+    let count = 0;
+    for (let at = 0; at < data.length; at += 4) {
+        if (colour.every((part, index) => Math.abs(data[at + index] - part) < 3)) count += 1;
+    }
+    return count;
+}"""
+"""Pixels of a colour."""
+
+
+class Truth:
+    """A file like that of the virtual drives, with a row for each cycle of the player."""
+
+    def __init__(self, path):
+        self._file = path.open("w", encoding="utf-8")
+        self._file.write(",".join(TruthRow._fields) + "\n")
+
+    def add(self, sync_ns, hip_nm):
+        cells = dict.fromkeys(TruthRow._fields, "0") | {"hip_patient_nm": str(hip_nm)}
+        self._file.write(",".join((cells | {"sync_mono_ns": str(sync_ns)}).values()) + "\n")
+        self._file.flush()
+
+    def close(self):
+        self._file.close()
+
+
+@one_leg
+def test_the_truth_of_virtual_drives_is_a_curve_of_its_own_and_absent_without_a_file(
+    chromium, trainer, tmp_path
+):
+    path = tmp_path / "truth.csv"
+    with served(trainer, tmp_path, truth=str(path)) as site, rig.Player(trainer) as player:
+        tab = rig.Tab(chromium, site, SHOTS, size=SIZES[1])
+        player.play(top_w=4.0)
+        tab.word("moving")
+        tab.until("document.querySelector('.plot canvas') !== null")
+        tab.page.wait_for_timeout(500)
+        canvas = tab.page.locator(".plot canvas").first
+        assert not tab.page.locator("#keytrue").is_visible()
+        assert canvas.evaluate(PAINTED, "--true") == 0
+        assert canvas.evaluate(PAINTED, "--estimate") > 50
+
+        truth = Truth(path)
+        play = trainer.cycles
+
+        def with_truth(*words, **named):
+            truth.add(trainer.clock.ns + 10_000_000, 9.5)
+            play(*words, **named)
+
+        trainer.cycles = with_truth
+        tab.until("document.querySelector('.plot .now').textContent.includes('true 9.5')")
+        tab.page.wait_for_timeout(1000)
+        assert tab.page.locator("#keytrue").is_visible()
+        assert tab.page.locator("#sim").is_visible()
+        assert canvas.evaluate(PAINTED, "--true") > 50
+        tab.shot("engineer_truth")
+        trainer.cycles = play
+        tab.until("document.querySelector('#keytrue').hidden")
+        truth.close()
+        assert [error for error in tab.errors if "getImageData" not in error] == []
+        tab.page.close()
+
+
+@one_leg
+def test_a_page_that_is_opened_later_has_the_last_minute(tab, player, trainer, chromium, site):
+    player.play(**SCENES["at_rest"])
+    tab.word("resting")
+    player.play(**STOPPED)
+    tab.word("stopped")
+    player.play(top_w=40.0)
+    tab.word("moving")
+    later = rig.Tab(chromium, site, SHOTS, size=SIZES[0])
+    later.word("moving")
+    shown = "[...document.querySelectorAll('#timeline .seg')].map((one) => one.className.baseVal)"
+    later.until(
+        f"['resting', 'stopped', 'moving'].every((name) => {shown}.includes(`seg ${{name}}`))"
+    )
+    later.page.close()
+    past = json.loads(tab.page.request.get(f"{site.address}/past.json").text())
+    assert set(past["rows"]) == {"right", "left"}
+    assert past["rows"]["left"] == []
+
+
+@one_leg
+def test_the_page_has_no_button_and_its_server_no_request_that_changes_anything(tab, site):
+    assert tab.page.locator("button, input, a, form").count() == 0
+    for path in ("/stop", "/act", "/plan", "/session"):
+        answer = tab.page.request.post(f"{site.address}{path}", headers={"origin": site.address})
+        assert answer.status == 404
+
+
+TIME_GOES_ON = """
+window.beforeFed = (frame, number) => {
+  const time_ms = window.begunMs + number * 1000 / 60;
+  frame.now.time_ms = time_ms;
+  for (const { row } of frame.now.legs) if (row !== null) row[0] = time_ms;
+  if (frame.now.second !== null) frame.now.second.time_ms = 1000 * Math.floor(time_ms / 1000);
+  for (const item of frame.items) item.time_ms = time_ms;
+};
+window.begunMs = 1_800_000_000_000 + 3_600_000;
+"""
+"""The frames that are fed have the times of an hour."""
+
+
+@one_leg
+def test_the_memory_of_the_engineer_s_page_is_flat_over_an_hour_of_frames(tab, player, trainer):
+    tab.page.add_init_script(TIME_GOES_ON)
+    scenes = (lambda: player.play(**STOPPED), lambda: player.play(top_w=40.0))
+    speak_of(trainer, 1)
+    rig.is_flat_over_an_hour(tab, trainer, scenes, nodes_apart=10)  # texts of short segments
