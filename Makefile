@@ -38,7 +38,7 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.t
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION) --editable $(ASSIST) --editable $(RECORD)
 	@touch $@
 
-demo: $(VENV)/run.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view
+demo: $(VENV)/display.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view, the engineer's page
 	$(BIN)/gaitd demo
 
 $(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml

@@ -40,7 +40,7 @@ class Made(NamedTuple):
     files: tuple[str, ...] = ("configs",)
 
 
-READ: Final = (".py", ".toml", ".eds")
+READ: Final = (".py", ".toml", ".eds", ".html", ".css", ".js")
 SERVICE: Final = ("gaitd.core", "gaitd.gateway", "gaitd.sim")
 LONG: Final = {
     "ablation.md": Made("gaitd ablation --output docs", ("gaitd.ablation",)),
@@ -56,8 +56,10 @@ LONG: Final = {
     "consistency.md": Made(
         "gaitd consistency --output docs --page docs/consistency.md", ("gaitd.consistency",)
     ),
-    "demo.png": Made(
-        "gaitd demo --headless --pace max --plot docs/demo.png", ("gaitd.demo", *SERVICE)
+    "engineer.png": Made(
+        "pytest -n0 tests/rigs/test_engineer_page_in_a_browser.py -m thorough --write-engineer",
+        ("gaitd_display.__main__", *SERVICE),
+        ("configs", "clients/display/gaitd_display/static"),
     ),
     "experiment.md": Made(
         "gaitd experiment --seeds 10 --output docs --page docs/experiment.md",

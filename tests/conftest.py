@@ -56,6 +56,11 @@ def pytest_addoption(parser):
         help="write the figure of docs/assist.md anew from simulated patients",
     )
     parser.addoption(
+        "--write-engineer",
+        action="store_true",
+        help="write the picture of the engineer's page in docs/ anew from a running service",
+    )
+    parser.addoption(
         "--fuzz-minutes",
         type=float,
         help="let the CAN fuzz run for so many minutes each, instead of some seconds",

@@ -136,7 +136,7 @@ def test_a_clients_wheel_holds_its_package_with_types_command_and_licence(folder
     assert command.encode() in wheel.read(papers["entry_points.txt"])
 
 
-def test_the_displays_wheel_holds_its_pages_and_both_licences(tmp_path):
+def test_the_displays_wheel_holds_its_pages_and_all_licences(tmp_path):
     wheel = built(DISPLAY, tmp_path)
     names = set(wheel.namelist())
     files = {
@@ -150,6 +150,8 @@ def test_the_displays_wheel_holds_its_pages_and_both_licences(tmp_path):
     papers = {name.split("licenses/")[-1]: name for name in names if "licenses/" in name}
     assert b"Apache License" in wheel.read(papers["LICENSE"])
     assert b"MIT License" in wheel.read(papers["gaitd_display/static/vendor/LICENSE.uPlot"])
+    font = papers["gaitd_display/static/fonts/LICENSE.AtkinsonHyperlegibleNext"]
+    assert b"SIL Open Font License, Version 1.1" in wheel.read(font)
 
 
 def test_the_wheel_holds_every_module_and_configuration_and_nothing_but_our_packages(wheel):

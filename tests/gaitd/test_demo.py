@@ -6,14 +6,19 @@ import re
 import signal
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.request import urlopen
 
 import pytest
+
+from gaitd_lab.processes import free_port
 
 pytestmark = pytest.mark.timeout(400)
 DEMO = [sys.executable, "-m", "gaitd", "demo", "--headless"]
 AT_MOST = [*DEMO, "--pace", "max"]
+NO_PAGE = ("--engineer-port", "0")
 AGREEMENT_RATIO = 0.02
 ROUNDING = 0.0101
 """Two printed numbers of two decimals differ by so much where the errors hardly do."""
@@ -45,7 +50,7 @@ def printed_errors(text: str) -> list[tuple[str, float]]:
 
 def play(picture: Path, *more: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [*DEMO, "--seconds", "15", "--plot", str(picture), *more],
+        [*DEMO, *NO_PAGE, "--seconds", "15", "--plot", str(picture), *more],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         text=True,
@@ -55,9 +60,10 @@ def play(picture: Path, *more: str) -> subprocess.CompletedProcess[str]:
 
 @contextmanager
 def walking(picture: Path):
-    """A demonstration whose gait has been announced, and its processes."""
+    """A demonstration whose gait has been announced, its processes, and its engineer's page."""
+    port = free_port()
     with subprocess.Popen(
-        [*AT_MOST, "--plot", str(picture)],
+        [*AT_MOST, "--plot", str(picture), "--engineer-port", str(port)],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         text=True,
@@ -65,10 +71,11 @@ def walking(picture: Path):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
     ) as demo:
         assert demo.stdout is not None
+        assert demo.stdout.readline() == f"the engineer's page: http://127.0.0.1:{port}/\n"
         for line in demo.stdout:
             if "gait is announced" in line:
                 break
-        yield demo, descendants(demo.pid)
+        yield demo, descendants(demo.pid), f"http://127.0.0.1:{port}"
 
 
 @pytest.fixture(scope="module")
@@ -109,21 +116,45 @@ def test_by_the_wall_clock_the_demonstration_shows_how_late_its_cycles_were(tmp_
     "number", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.thorough)]
 )
 def test_an_interrupted_demonstration_ends_its_processes_and_says_so(tmp_path, number):
-    with walking(tmp_path / "demo.png") as (demo, processes):
+    with walking(tmp_path / "demo.png") as (demo, processes, _):
         demo.send_signal(number)
         rest = demo.stdout.read()
 
     assert demo.returncode == 1
     assert "interrupted" in rest
     assert "Traceback" not in rest
-    assert len(processes) == 4, "virtual drives, service, core, gateway"
+    assert len(processes) == 5, "virtual drives, service, core, gateway, engineer's page"
     assert not any(map(lives, processes))
+
+
+def known_truth(address: str) -> bool:
+    """True if the page has a true effort of the patient at the SYNC of an estimate."""
+    with urlopen(f"{address}/past.json", timeout=10) as answer:
+        past = json.load(answer)
+    at = past["columns"].index("hip_true_nm")
+    return any(row[at] is not None for row in past["rows"]["right"])
+
+
+def test_the_engineers_page_shows_the_demonstration_beside_the_truth_and_may_end(tmp_path):
+    with walking(tmp_path / "demo.png") as (demo, processes, address):
+        with urlopen(address, timeout=10) as answer:
+            assert "<title>gaitd live</title>" in answer.read().decode()
+        end_s = time.monotonic() + 60
+        while not known_truth(address):
+            assert time.monotonic() < end_s
+            time.sleep(0.1)
+        (page,) = [pid for pid in processes if runs(pid, "engineer")]
+        os.kill(page, signal.SIGKILL)
+        time.sleep(1)
+        assert demo.poll() is None
+        demo.send_signal(signal.SIGINT)
+        assert "interrupted" in demo.stdout.read()
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("part", ["core", "gateway"])
 def test_a_part_that_a_signal_has_stopped_ends_the_demonstration_and_is_named(tmp_path, part):
-    with walking(tmp_path / "demo.png") as (demo, processes):
+    with walking(tmp_path / "demo.png") as (demo, processes, _):
         (pid,) = [one for one in processes if runs(one, part)]
         os.kill(pid, signal.SIGSTOP)
         rest = demo.stdout.read()

@@ -1,6 +1,7 @@
 import math
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -11,7 +12,7 @@ import numpy as np
 import pytest
 
 from daemon.config.shipped import configs_folder
-from gaitd_lab.demonstration import stage
+from gaitd_lab.demonstration import display, stage
 from gaitd_lab.demonstration.evaluation import Row, Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Track, TruthTail
 from gaitd_lab.demonstration.picture import Results, draw
@@ -209,3 +210,30 @@ def test_the_picture_is_drawn_also_of_a_demonstration_that_failed(tmp_path):
 
 def test_the_configurations_are_found_beside_the_code():
     assert configs_folder("--config", "demo.toml") == CONFIGS
+
+
+# --- the engineer's page --------------------------------------------------------------------------
+
+
+def test_the_engineers_page_takes_the_next_free_port():
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        port = busy.getsockname()[1]
+        page = display.find_engineer_page(port)
+
+    assert page.port is not None
+    assert page.port > port
+    assert page.said == f"the engineer's page: http://127.0.0.1:{page.port}/"
+
+
+def test_without_a_free_port_or_its_package_there_is_a_sentence_and_no_page(monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        port = busy.getsockname()[1]
+        monkeypatch.setattr(display, "PORTS_TRIED", 1)
+        page = display.find_engineer_page(port)
+    assert (page.port, page.address) == (None, "")
+    assert page.said == f"no engineer's page: ports {port} to {port} are in use"
+
+    monkeypatch.setattr(display, "PACKAGE", "gaitd_of_no_display")
+    page = display.find_engineer_page(port)
+    assert page.port is None
+    assert "`make demo`" in page.said

@@ -75,6 +75,12 @@ def drawn(shown: Moment, width: int = 140, height: int = 44) -> list[str]:
     return Text.from_ansi(captured.get()).plain.splitlines()
 
 
+@pytest.mark.parametrize("size", [(140, 44), (80, 24)])
+def test_the_address_of_the_engineers_page_is_on_the_screen(size):
+    shown = moment(*tracks())._replace(address="http://127.0.0.1:8090/")
+    assert "in a browser: http://127.0.0.1:8090/" in "\n".join(drawn(shown, *size))
+
+
 def test_estimate_and_truth_of_both_axes_are_on_the_screen():
     screen = "\n".join(drawn(moment(*tracks())))
 

@@ -1,6 +1,6 @@
 """The engineer's page in headless Chromium: each state and size, losses, truth, contrast.
 
-Screenshots are written to out/display.
+Screenshots are written to out/display; with --write-engineer that of README to docs/engineer.png.
 """
 
 import itertools
@@ -10,9 +10,11 @@ from pathlib import Path
 import browser as rig
 import display_bench as bench
 import pytest
-from gaitd_client import Cause, Event, Mode
+from gaitd_client import Cause, Event, Mode, Trainer
+from gaitd_display.__main__ import utc_ahead_ns
 from gaitd_display.engineer import EngineerServer
 
+from gaitd.testing.trainer import virtual_trainer
 from sim_drives.plant.truth import TruthRow
 
 pytestmark = pytest.mark.rig_browser
@@ -31,6 +33,9 @@ SCENES = {
     "at_rest": {"mode": Mode.READY, "validity": "split_unobservable"},
     "stopped": STOPPED,
 }
+DOCS = Path(__file__).parents[2] / "docs"
+WALK_MS, STOPPED_MS = 14_000, 3_000
+APART_MAX_NM = 4.0
 LOOKS = 8
 """Looks at a leg in motion, over a stride."""
 RATIO = """(pairs) => {
@@ -288,3 +293,50 @@ def test_the_memory_of_the_engineer_s_page_is_flat_over_an_hour_of_frames(tab, p
     scenes = (lambda: player.play(**STOPPED), lambda: player.play(top_w=40.0))
     speak_of(trainer, 1)
     rig.is_flat_over_an_hour(tab, trainer, scenes, nodes_apart=10)  # texts of short segments
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize(
+    ("file", "shot"), [("demo.toml", "engineer"), ("two_legs.toml", "engineer_two_legs")]
+)
+def test_a_running_service_is_shown_beside_the_truth(chromium, tmp_path, pytestconfig, file, shot):
+    folder = DOCS if pytestconfig.option.write_engineer else SHOTS
+    with virtual_trainer(trainer_file=file, pace=1) as service:
+        table = bench.engineer_table(truth=str(service.truth_path))
+        table["trainer"] = {"endpoint": service.endpoint, "trainer": service.trainer}
+        trainer = Trainer(service.endpoint, trainer=service.trainer)
+        with rig.Site(
+            lambda made: EngineerServer(made, trainer, utc_ahead_ns),
+            table,
+            tmp_path,
+            rig.KINDS["engineer"],
+        ) as site:
+            tab = rig.Tab(chromium, site, folder, size=SIZES[1])
+            tab.page.emulate_media(color_scheme="dark")
+            service.patient("active")
+            service.gait(cadence_hz=0.4, amplitude_ratio=0.8)
+            tab.word("moving")
+            tab.until("!document.querySelector('#keytrue').hidden")
+            tab.page.wait_for_timeout(WALK_MS)
+            service.tell("hand_switch_open *")
+            tab.word("stopped")
+            tab.page.wait_for_timeout(STOPPED_MS)
+            service.tell("clear hand_switch_open *")
+            service.gait(cadence_hz=0.4, amplitude_ratio=0.8)
+            tab.word("moving")
+            tab.page.wait_for_timeout(WALK_MS)
+            past = json.loads(tab.page.request.get(f"{site.address}/past.json").text())
+            tab.until("document.body.dataset.word === 'moving'")
+            tab.shot(shot)
+            assert tab.misplaced_texts() == []
+            assert tab.errors == []
+            tab.page.close()
+
+    for leg in service.table["leg"]:
+        rows = [dict(zip(past["columns"], one, strict=True)) for one in past["rows"][leg["name"]]]
+        both = [(row["hip_patient_nm"], row["hip_true_nm"]) for row in rows]
+        known = [(one, true) for one, true in both if one is not None and true is not None]
+        assert len(known) > 0.5 * len(rows)
+        # Another sample's truth, or none, would be off by the effort's own size, 8 N m.
+        assert max(abs(one - true) for one, true in known) < APART_MAX_NM
