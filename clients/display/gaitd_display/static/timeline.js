@@ -58,7 +58,7 @@ export function paintTimeline(svg, spans, strides, legs, now) {
   const share = (bottom - top) / legs.length;
   for (const [index, leg] of legs.entries()) {
     const base = top + share * (index + 1);
-    text(14, base - (share - 14) / 2 + 4.5, legs.length > 1 ? leg : "share");
+    text(14, base - 0.75 * (share - 14) + 4.5, legs.length > 1 ? leg : "share");
     const full = share - 14;
     for (const part of share > ROOMY_PX ? [0, 0.5, 1] : [0, 1]) {
       const y = Math.round(base - part * full) - 0.5;
