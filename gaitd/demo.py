@@ -14,7 +14,7 @@ import typer
 from gaitd.command_line import JsonOption, json_on_stdout
 
 if TYPE_CHECKING:
-    from gaitd_lab.demonstration.display import EngineerPage
+    from gaitd_lab.demonstration.engineer import EngineerPage
     from gaitd_lab.demonstration.picture import Results
     from gaitd_lab.demonstration.script import Plan, Scene
     from gaitd_lab.demonstration.view import Moment
@@ -70,7 +70,7 @@ def command(
 ) -> None:
     """Play gait without and with the patient, then the paper's experiment; check the errors."""
     from daemon.config.shipped import configs_folder
-    from gaitd_lab.demonstration.display import find_engineer_page
+    from gaitd_lab.demonstration.engineer import find_engineer_page
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
     from gaitd_lab.demonstration.report import as_object, report

@@ -12,7 +12,8 @@ from typing import Final, Protocol
 
 from gaitd_client import wire
 
-from gaitd_lab.demonstration.display import EngineerPage, display, engineer_page
+from gaitd_lab.demonstration.display import display
+from gaitd_lab.demonstration.engineer import EngineerPage, engineer_page
 from gaitd_lab.demonstration.evaluation import Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track, TruthTail
 from gaitd_lab.demonstration.helper import helper

@@ -143,7 +143,7 @@ def test_the_engineers_page_shows_the_demonstration_beside_the_truth_and_may_end
         while not known_truth(address):
             assert time.monotonic() < end_s
             time.sleep(0.1)
-        (page,) = [pid for pid in processes if runs(pid, "engineer")]
+        (page,) = [pid for pid in processes if runs(pid, "gaitd_lab.demonstration.engineer")]
         os.kill(page, signal.SIGKILL)
         time.sleep(1)
         assert demo.poll() is None

@@ -1,3 +1,4 @@
+import itertools
 import math
 import os
 import signal
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 
 from daemon.config.shipped import configs_folder
-from gaitd_lab.demonstration import display, stage
+from gaitd_lab.demonstration import engineer, stage
 from gaitd_lab.demonstration.evaluation import Row, Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Track, TruthTail
 from gaitd_lab.demonstration.picture import Results, draw
@@ -218,7 +219,7 @@ def test_the_configurations_are_found_beside_the_code():
 def test_the_engineers_page_takes_the_next_free_port():
     with socket.create_server(("127.0.0.1", 0)) as busy:
         port = busy.getsockname()[1]
-        page = display.find_engineer_page(port)
+        page = engineer.find_engineer_page(port)
 
     assert page.port is not None
     assert page.port > port
@@ -228,12 +229,27 @@ def test_the_engineers_page_takes_the_next_free_port():
 def test_without_a_free_port_or_its_package_there_is_a_sentence_and_no_page(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as busy:
         port = busy.getsockname()[1]
-        monkeypatch.setattr(display, "PORTS_TRIED", 1)
-        page = display.find_engineer_page(port)
+        monkeypatch.setattr(engineer, "PORTS_TRIED", 1)
+        page = engineer.find_engineer_page(port)
     assert (page.port, page.address) == (None, "")
     assert page.said == f"no engineer's page: ports {port} to {port} are in use"
 
-    monkeypatch.setattr(display, "PACKAGE", "gaitd_of_no_display")
-    page = display.find_engineer_page(port)
+    monkeypatch.setattr(engineer, "PACKAGE", "gaitd_of_no_display")
+    page = engineer.find_engineer_page(port)
     assert page.port is None
     assert "`make demo`" in page.said
+
+
+class Steps:
+    def __init__(self, *steps_ns):
+        self._times_ns = itertools.accumulate(steps_ns)
+
+    def now_ns(self):
+        return next(self._times_ns)
+
+
+def test_its_clock_is_as_slow_as_the_slower_of_two():
+    act = Steps(1000, 5, 0, 50)
+    clock = engineer.SlowerClock(act, Steps(7, 10, 10, 10))
+
+    assert [clock.now_ns() for _ in range(3)] == [5, 5, 15]

@@ -11,7 +11,8 @@ const TRAIL_S = 4;
 const TRAIL_EVERY = 4; // rows
 const GAP_S = 0.5; // in the records' time: what lies between is not known, and is asked for
 const PAST_RETRY_MS = 2000;
-const SLOW_MS = 60; // between two paintings of the curves
+const CURVES_MS = 60; // between two paintings of the curves
+const SLOW_MS = 250; // and of what changes once a second
 const STRIDES_MAX = 200;
 const EVENTS_MAX = 40;
 const AGES_MAX = 10000;
@@ -386,7 +387,7 @@ function paintEvents() {
 }
 addEventListener("resize", () => { areEventsNew = true; });
 
-let slowMs = -Infinity;
+let [curvesMs, slowMs] = [-Infinity, -Infinity];
 function paint() {
   requestAnimationFrame(paint);
   const view = live.frame;
@@ -402,11 +403,13 @@ function paint() {
     painted.ages.push(Date.now() - sampled);
     if (painted.ages.length > AGES_MAX) painted.ages.shift();
   }
-  if (performance.now() - slowMs < SLOW_MS || columns.length === 0) return;
-  slowMs = performance.now();
-  const now = Math.max(spans.at(-1)?.t ?? 0, ...legs.map((leg) => rows.get(leg)?.at(-1)?.t ?? 0));
+  if (performance.now() - curvesMs < CURVES_MS || columns.length === 0) return;
+  curvesMs = performance.now();
   paintReadouts(view, isKnown);
   paintCurves(view, isKnown);
+  if (performance.now() - slowMs < SLOW_MS) return;
+  slowMs = performance.now();
+  const now = Math.max(spans.at(-1)?.t ?? 0, ...legs.map((leg) => rows.get(leg)?.at(-1)?.t ?? 0));
   paintTiming(view, isKnown, now);
   paintTimeline(byId("timeline").firstElementChild, spans, strides, legs, now);
   paintDrives(view, isKnown);
