@@ -176,7 +176,7 @@ function layOutLegs(names) {
       ribbon: (row) => row[`${axis.name}_validity`],
       series: [
         { get: (row) => row[of("friction")], color: "--friction", width: 1.6 },
-        { get: (row) => row[of("patient")], color: "--estimate", width: 3, std: (row) => row[`${of("patient")}_std`] },
+        { get: (row) => row[of("patient")], color: "--estimate-line", width: 3, std: (row) => row[`${of("patient")}_std`] },
         { get: (row) => row[of("true")], color: "--true", width: 2, dash: [7, 5] },
       ],
     });
@@ -198,7 +198,7 @@ const late = new Strip(byId("late"), {
   hasTime: false,
   series: [
     { get: ({ late_max_us: us }) => us && us / 1000, color: "--friction", width: 1.6 },
-    { get: ({ late_p50_us: us }) => us && us / 1000, color: "--estimate", width: 2.4 },
+    { get: ({ late_p50_us: us }) => us && us / 1000, color: "--estimate-line", width: 2.4 },
   ],
 });
 const work = new Strip(byId("work"), {
@@ -208,7 +208,7 @@ const work = new Strip(byId("work"), {
   gutter: 34,
   series: [
     { get: ({ collect_max_us: us }) => us && us / 1000, color: "--friction", width: 1.6 },
-    { get: ({ work_max_us: us }) => us && us / 1000, color: "--estimate", width: 2.4 },
+    { get: ({ work_max_us: us }) => us && us / 1000, color: "--estimate-line", width: 2.4 },
   ],
 });
 
@@ -385,13 +385,18 @@ function paintEvents() {
     }
   }
 }
-addEventListener("resize", () => { areEventsNew = true; });
 
 let [curvesMs, slowMs] = [-Infinity, -Infinity];
+function paintAllNext() {
+  [curvesMs, slowMs, areEventsNew] = [-Infinity, -Infinity, true];
+}
+addEventListener("resize", paintAllNext);
+
 function paint() {
   requestAnimationFrame(paint);
   const view = live.frame;
   const word = wordOf(view, live.loss());
+  if (word !== document.body.dataset.word) paintAllNext(); // nothing that is lost stays for a moment
   paintTop(view, word);
   if (view === null) return;
   const isKnown = SAID[word] === undefined;
