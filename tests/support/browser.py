@@ -90,6 +90,8 @@ MISPLACED = """() => {
     return found;
 }"""
 HOUR_FRAMES = 60 * 3600
+BEGIN_FRAMES = 30
+"""Frames of a scene that may still be of the one before it."""
 STRIDE = 60
 PERIOD_S = 0.01
 
@@ -277,9 +279,10 @@ def is_flat_over_an_hour(tab, trainer, scenes, nodes_apart=0):
         scene()
         for leg in trainer.legs:
             trainer.step(1, 0.5, 3.0, leg)
-        tab.until("live.frames.length > 60")
+        tab.until(f"live.frames.length > {60 + BEGIN_FRAMES}")
         recorded.append(tab.page.evaluate("live.frames.splice(0)"))
     items = [item for frames in recorded for frame in frames for item in frame["items"]]
+    recorded = [frames[BEGIN_FRAMES:] for frames in recorded]
     newest = {(item["kind"], item.get("leg")): item for item in items}
     wire = tab.page.context.new_cdp_session(tab.page)
 

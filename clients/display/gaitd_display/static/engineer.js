@@ -388,9 +388,12 @@ function paintEvents() {
 
 let [curvesMs, slowMs] = [-Infinity, -Infinity];
 function paintAllNext() {
-  [curvesMs, slowMs, areEventsNew] = [-Infinity, -Infinity, true];
+  [curvesMs, slowMs] = [-Infinity, -Infinity];
 }
-addEventListener("resize", paintAllNext);
+addEventListener("resize", () => {
+  areEventsNew = true;
+  paintAllNext();
+});
 
 function paint() {
   requestAnimationFrame(paint);
