@@ -344,7 +344,7 @@ def test_the_memory_of_the_patient_s_page_is_flat_over_an_hour_of_frames(tab, pl
         lambda: player.play(mode=Mode.READY),
         lambda: player.walk(3.5),
     )
-    rig.is_flat_over_an_hour(tab, trainer, scenes)
+    rig.is_flat(tab, trainer, scenes)
 
 
 def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp_path):
@@ -535,7 +535,7 @@ def test_the_memory_of_the_therapist_s_page_is_flat_over_an_hour_of_frames(desk,
     login(tab)
     trainer.send("events", bench.filled(Event, id="1", text="an event", kind="note"))
     scenes = (lambda: player.play(mode=Mode.FAULT, cause=Cause.SPASM), lambda: player.walk(3.5))
-    rig.is_flat_over_an_hour(tab, trainer, scenes)
+    rig.is_flat(tab, trainer, scenes)
 
 
 def test_the_therapist_s_alarm_sounds_for_a_stop_at_rest_and_for_a_server_that_is_lost(desk):

@@ -270,8 +270,8 @@ class Tab:
         )
 
 
-def is_flat_over_an_hour(tab, trainer, scenes, nodes_apart=0):
-    """Feed the frames of an hour; compare heap and nodes after a quarter of it and at the end."""
+def is_flat(tab, trainer, scenes, frame_count=HOUR_FRAMES, nodes_apart=0):
+    """Feed frames, of an hour by default; compare heap and nodes after a quarter of it and at the end."""
     tab.page.add_init_script(FEED)
     tab.page.reload()
     recorded = []
@@ -294,8 +294,8 @@ def is_flat_over_an_hour(tab, trainer, scenes, nodes_apart=0):
         heap_mb = wire.send("Runtime.getHeapUsage")["usedSize"] / 1e6
         return heap_mb, counts["nodes"], counts["jsEventListeners"]
 
-    before_mb, *before = fed(0, HOUR_FRAMES // 4)
-    after_mb, *after = fed(HOUR_FRAMES // 4, HOUR_FRAMES)
+    before_mb, *before = fed(0, frame_count // 4)
+    after_mb, *after = fed(frame_count // 4, frame_count)
 
     print(f"{before_mb:.2f} MB, {before} nodes and listeners; then {after_mb:.2f} MB, {after}")
     assert abs(after[0] - before[0]) <= nodes_apart
