@@ -271,7 +271,7 @@ class Tab:
 
 
 def is_flat(tab, trainer, scenes, frame_count=HOUR_FRAMES, nodes_apart=0):
-    """Feed frames, of an hour by default; compare heap and nodes after a quarter of it and at the end."""
+    """Feed frames, by default of an hour; compare heap and nodes after a quarter and at the end."""
     tab.page.add_init_script(FEED)
     tab.page.reload()
     recorded = []
