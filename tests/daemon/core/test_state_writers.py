@@ -19,8 +19,8 @@ WRITERS = {
     "steps/exercises.py": "exercise reference takes_over",
     "steps/single_axis.py": "single_axis evidence",
     "steps/sensing.py": """feedback joint referenced followed unreferenced_why scaling serial_number
-        watched sign_trusted held_cycles shown_unpowered reached_enabled unready_cycles unexpected_enable_cycles
-        emergencies_checked bring_up_error
+        watched sign_trusted held_cycles shown_unpowered reached_enabled unready_cycles
+        unexpected_enable_cycles emergencies_checked bring_up_error
         gravity_si tracking_si wanted_velocity_si singularity_ratio""",
     "steps/estimation.py": """estimate measured effort_used artificial observer_started
         observer_bad_cycles observer stride stride_count smoother strides drift
