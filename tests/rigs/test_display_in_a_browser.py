@@ -3,6 +3,7 @@
 Screenshots of all states are written to out/display.
 """
 
+import contextlib
 import time
 from pathlib import Path
 
@@ -347,6 +348,99 @@ def test_the_memory_of_the_patient_s_page_is_flat_over_an_hour_of_frames(tab, pl
     rig.is_flat(tab, trainer, scenes)
 
 
+VIEWS = (
+    *(((1280, 800), zoom) for zoom in (1, 1.5, 2, 4)),
+    *(((1920, 1080), zoom) for zoom in (1, 2)),
+    *(((1280, 1024), 4), ((1024, 768), 1), ((1440, 1000), 2)),
+    *(((768, 1024), zoom) for zoom in (1, 2)),
+    *(((390, 844), 1), ((844, 390), 1), ((360, 640), 1), ((320, 568), 1)),
+)
+"""Screens in px, and the zoom of the browser."""
+LOOKS = 30
+
+
+def are_in_reach(tab, *names):
+    """In each view and both languages: `names` are pairs, English and German."""
+    lacks = []
+    for language, column in (("de", 1), ("en", 0)):
+        tab.page.click("#language")
+        tab.until(f"document.documentElement.lang === '{language}'")
+        for (width, height), zoom in VIEWS:
+            size = {"width": round(width / zoom), "height": round(height / zoom)}
+            tab.page.set_viewport_size(size)
+            for _ in range(LOOKS):  # a busy computer may lose the connection for a moment
+                missed = tab.unreachable(*(name[column] for name in names))
+                if not missed:
+                    break
+                tab.page.wait_for_timeout(100)
+            lacks += [(width, height, zoom, language, one) for one in missed]
+        tab.page.set_viewport_size({"width": 1280, "height": 800})
+    assert not lacks, lacks
+
+
+STOP, START, PAUSE, END = ("STOP", "STOPP"), ("Start",) * 2, ("Pause",) * 2, ("End", "Ende")
+STEPS = (
+    (Mode.FAULT, ("1 Let go", "1 Loslassen"), ()),
+    (Mode.READY, ("2 Hold the leg", "2 Bein halten"), (START,)),
+    (Mode.HOLD, ("3 Move by hand", "3 Von Hand bewegen"), (PAUSE,)),
+    (Mode.HAND_GUIDING, ("4 Hold here", "4 Hier halten"), ()),
+)
+
+
+@contextlib.contextmanager
+def session_tab(chromium, trainer, folder):
+    (folder / "profile.toml").write_text(PROFILE, encoding="utf-8")
+    with Store(folder / "history.sqlite", is_writer=True) as store:
+        store.write([SelfTestRow("7f3k9m2q", bench.BEGAN_NS)])
+    table = bench.patient_table(folder, legs=trainer.legs)
+    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    with (
+        rig.Site(
+            lambda made: PatientServer(made, trainer, trainer.clock),
+            table,
+            folder,
+            rig.KINDS["patient"],
+        ) as site,
+        rig.Player(trainer) as player,
+    ):
+        tab = rig.Tab(chromium, site, SHOTS)
+        yield tab, player
+        tab.page.close()
+
+
+def test_stop_and_the_button_of_the_step_are_in_reach_at_every_size_and_zoom(
+    chromium, trainer, tmp_path
+):
+    with session_tab(chromium, trainer, tmp_path) as (tab, player):
+
+        def wait_for(name):
+            tab.page.get_by_role("button", name=name, exact=True).wait_for(timeout=20_000)
+
+        player.play(mode=Mode.READY)
+        wait_for("Start")
+        are_in_reach(tab, STOP, START, END)
+        player.play(mode=Mode.FAULT, cause=Cause.ENCODER_FROZEN)
+        tab.word("stopped")
+        are_in_reach(tab, STOP)
+        for mode, action, beside in STEPS:
+            player.play(mode=mode, cause=Cause.SPASM if mode is Mode.FAULT else Cause.NONE)
+            for name in (action, *beside):
+                wait_for(name[0])
+            are_in_reach(tab, STOP, action, *beside)
+        player.play(mode=Mode.GAIT, stage=Stage.PLAYING)
+        tab.word("go_on")
+        player.play(mode=Mode.READY)
+        tab.word("ready")
+        wait_for("Start")
+        tab.page.get_by_role("button", name="Start", exact=True).click()
+        player.play(mode=Mode.HOLD)
+        wait_for("Pause")
+        are_in_reach(tab, STOP, PAUSE, END)
+        player.fall_silent()
+        tab.word("no_signal")
+        are_in_reach(tab, STOP)
+
+
 def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp_path):
     short = PROFILE.replace("duration_s = 10.0", "duration_s = 5.0")
     (tmp_path / "profile.toml").write_text(short, encoding="utf-8")
@@ -528,6 +622,16 @@ def test_the_therapist_logs_in_sees_all_values_and_releases_a_plan(desk, trainer
     player.speak()
     tab.page.click("#logout")
     tab.until("document.querySelector('#password') !== null")
+
+
+def test_stop_of_the_therapist_s_page_is_in_reach_at_every_size_and_zoom(desk):
+    tab, player = desk
+    are_in_reach(tab, STOP)
+    login(tab)
+    are_in_reach(tab, STOP)
+    player.play(mode=Mode.FAULT, cause=Cause.SPASM)
+    tab.until("!document.querySelector('#verdict').hidden")
+    are_in_reach(tab, STOP)
 
 
 def test_the_memory_of_the_therapist_s_page_is_flat_over_an_hour_of_frames(desk, trainer):

@@ -5,6 +5,7 @@ The pages and their servers are the real ones, over real sockets; the trainer is
 
 import contextlib
 import math
+import re
 import threading
 from pathlib import Path
 
@@ -92,6 +93,18 @@ MISPLACED = """() => {
 HOUR_FRAMES = 60 * 3600
 BEGIN_FRAMES = 30
 """Frames of a scene that may still be of the one before it."""
+IN_REACH = """(button) => {
+    const { left, right, top, bottom, width, height } = button.getBoundingClientRect();
+    const inset = 2 + parseFloat(getComputedStyle(button).borderTopLeftRadius) / 2;
+    const across = [left + inset, (left + right) / 2, right - inset];
+    const down = [top + inset, (top + bottom) / 2, bottom - inset];
+    const isHit = (x, y) => button.contains(document.elementFromPoint(x, y));
+    return left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight &&
+        Math.min(width, height) >= 40 && across.every((x) => down.every((y) => isHit(x, y))) &&
+        button.scrollWidth <= button.clientWidth + 1 &&
+        button.scrollHeight <= button.clientHeight + 1;
+}"""
+"""Whole in the window, not covered at its corners, edges and centre, and no text is cut off."""
 STRIDE = 60
 PERIOD_S = 0.01
 
@@ -259,6 +272,15 @@ class Tab:
     def misplaced_texts(self):
         """Texts, also of pictures, that are cut off, beyond the page, or over another one."""
         return self.page.evaluate(MISPLACED)
+
+    def unreachable(self, *names):
+        """Buttons, by the begin of their name, that are not whole in view, covered, or cut off."""
+        found = []
+        for name in names:
+            button = self.page.get_by_role("button", name=re.compile(f"^{name}"))
+            if button.count() != 1 or not button.evaluate(IN_REACH):
+                found.append(name)
+        return found
 
     def overflows(self):
         return self.page.evaluate(

@@ -126,10 +126,8 @@ LABELS: Final[Mapping[str, Text]] = {
     "do_now": Text("Do this now", "Das jetzt tun"),
     "help": Text("Call for help", "Hilfe rufen"),
     "emergency_stop_first": Text(
-        "First press the emergency stop: the drives are stronger than you. Your leg is then not "
-        "held.",
-        "Zuerst Not-Halt drücken: Die Antriebe sind stärker als Sie. Ihr Bein wird dann nicht "
-        "gehalten.",
+        "First press the emergency stop. Then your leg is not held.",
+        "Zuerst Not-Halt drücken. Dann wird Ihr Bein nicht gehalten.",
     ),
     "unstrap": Text("To get out of the straps", "Aus den Gurten kommen"),
     "quiet": Text("Alarm off", "Alarm aus"),

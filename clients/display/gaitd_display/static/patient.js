@@ -123,6 +123,7 @@ function paintStop(view, word) {
   const isShown = view.stop !== null || view.step !== "none";
   byId("stopped").hidden = !isShown;
   byId("training").hidden = byId("bars").hidden = isShown;
+  action.hidden = view.step === "none" || ["help", "start"].includes(view.step);
   if (!isShown) return;
   setText(byId("stopword"), words.of(`word.${word}`));
   setText(byId("happened"), view.stop ? words.said(view.stop.happened) : words.of(`line.${word}`));
@@ -135,7 +136,6 @@ function paintStop(view, word) {
   const isAlone = !["help", "none"].includes(view.step);
   byId("way").hidden = !isAlone;
   if (isAlone) setText(byId("waytext"), words.of(`way.${view.step}`));
-  const action = byId("action");
   action.classList.toggle("absent", view.action === null);
   action.disabled = isAsking;
   if (view.action !== null) {
@@ -148,6 +148,11 @@ function paintStop(view, word) {
   setText(byId("helptext"), words.said(page.help));
   setText(byId("unstraptext"), words.said(page.unstrap));
 }
+
+// The button of a step: a row of the footer, which nothing covers; what is above may scroll.
+const action = Object.assign(document.createElement("button"), { id: "action", type: "button", hidden: true });
+action.addEventListener("click", () => request("/act", { action: action.dataset.action }));
+byId("stop").parentElement.prepend(action);
 
 // Each button has a place of its own, so that none comes to lie under a finger that presses another.
 const presses = new Map();
@@ -242,5 +247,4 @@ async function request(path, body) {
   if (answer.outcome === "refused") tell(`${words.of("refused")}: ${answer.reason}`);
   else if (answer.outcome !== "done") tell(words.of("no_answer"));
 }
-byId("action").addEventListener("click", (event) => request("/act", { action: event.target.dataset.action }));
 paint();
