@@ -323,7 +323,7 @@ TOGETHER = [
         "sign = 1\n",
         "torque_source.factor",
         "(missing)",
-        "a number >= 1e-06 and <= 1000",
+        "a number >= 1e-09 and <= 1000",
     ),
     broken(
         "a factor of nothing",
@@ -332,7 +332,7 @@ TOGETHER = [
         "factor = 0.0\nsign = 1\n",
         "torque_source.factor",
         "0.0",
-        "a number >= 1e-06 and <= 1000",
+        "a number >= 1e-09 and <= 1000",
     ),
     broken(
         "a factor that is no number",
@@ -341,7 +341,7 @@ TOGETHER = [
         "factor = nan\nsign = 1\n",
         "torque_source.factor",
         "nan",
-        "a number >= 1e-06 and <= 1000",
+        "a number >= 1e-09 and <= 1000",
     ),
     broken(
         "an optional object that is not mentioned",

@@ -63,6 +63,16 @@ def test_a_share_of_the_need_that_the_patient_has_given_before_is_work(share, ne
     assert (watch.cycles > 0) == bool(cycles)
 
 
+def test_a_need_along_with_the_motion_makes_an_effort_no_larger():
+    watch = practised(share=1.0)
+
+    for effort in [-0.95 * RISE] * 11 + [0.95 * RISE]:
+        watch.update(effort, -0.5, 0.0, -3.0 * RISE, 0, RISE, REST)
+
+    assert watch.rise_si > RISE
+    assert watch.cycles == 0
+
+
 def test_a_small_need_teaches_no_share():
     watch = practised(share=1.0, need=0.05 * RISE)
 
@@ -83,14 +93,23 @@ def test_a_spasm_teaches_no_share_and_a_need_does_not_end_it():
     assert watch.cycles == begun + 1 > 1
 
 
-def test_after_a_reset_no_share_is_known():
-    watch = practised(share=1.0)
-    watch.reset()
+@pytest.mark.parametrize("is_reset", [False, True])
+@pytest.mark.parametrize(("needed", "cycles"), [(1.062, 1), (1.063, 0)])
+def test_a_share_is_learned_from_its_first_cycle_and_after_a_reset_as_well(
+    needed, cycles, is_reset
+):
+    """One cycle with effort and need of 4: a share of 0.16 / (0.16 + 0.1**2), or 1 / 1.0625."""
+    watch = SpasmWatch(1)
+    if is_reset:
+        for _ in range(100):
+            watch.update(9.0, 1.0, 0.0, 9.0, 0, 1.0, REST)
+        watch.reset()
+    watch.update(4.0, 1.0, 0.0, 4.0, 0, 1.0, REST)
+    watch.update(0.0, -1.0, 0.0, 0.0, 0, 1.0, REST)
 
-    for effort in ramp(1.9 * RISE, 10):
-        watch.update(effort, -0.5, 0.0, 1.2 * RISE, 0, RISE, REST)
+    watch.update(2.0, -1.0, 0.0, needed, 0, 1.0, REST)
 
-    assert watch.cycles > 0
+    assert watch.cycles == cycles
 
 
 @pytest.mark.parametrize("motion", [{"speed": 0.5}, {"speed": -0.5, "wanted": 0.5}])
