@@ -121,14 +121,18 @@ class Walk(NamedTuple):
         """Assist in force after the first `begin` strides, rows of N·m and N."""
         return np.array([one.assist.legs[0].assist for one in self.records(begin)])
 
-    def peaks(self) -> np.ndarray:
-        """Largest size of the assist in each stride, rows of N·m and N."""
+    def assist_of_strides(self) -> list[np.ndarray]:
+        """Assist in force in each stride, rows of N·m and N."""
         ends = [line.cycle for line in self.answers.lines]
         strides = [[] for _ in ends]
         for one in self.records():
             if one.cycle <= ends[-1]:
                 strides[bisect_left(ends, one.cycle)].append(one.assist.legs[0].assist)
-        return np.array([np.abs(assist).max(axis=0) for assist in strides])
+        return [np.array(assist) for assist in strides]
+
+    def peaks(self) -> np.ndarray:
+        """Largest size of the assist in each stride, rows of N·m and N."""
+        return np.array([np.abs(assist).max(axis=0) for assist in self.assist_of_strides()])
 
     def leading_w(self, begin: int = 0) -> tuple[np.ndarray, np.ndarray]:
         """Mean power of assist and of guidance that brakes a motion ahead of its reference, W.

@@ -5,12 +5,13 @@ axis the size m of an assist along the motion of the reference. A pass through a
 on each axis: the mean error in dead bands d, where a leg ahead of its reference has none. After it,
 
     s <- clip(kept(n) s + g max(n - 1, 0), floor, 1)             n of the worse axis
-    m <- min(kept(n') m + gain d' max(n' - 1, 0), cap)           n' = n / ASSISTED, d' = ASSISTED d
+    m <- min(kept(n') m + s gain d' max(n' - 1, 0), cap)         n' = n / ASSISTED, d' = ASSISTED d
     kept(n) = f - (f - release) max(1 - n, 0)
 
 So help that is not needed goes fast, help that is needed fades by 1 - f against the error that
-shows it, and assist is learned only where full guidance is not enough. Beyond `WALL` the guidance
-stiffens at once, for a patient who loses all strength within a stride.
+shows it, and assist is learned as far as the leg is guided: where guidance has faded, it comes back
+first. Beyond `WALL` the guidance stiffens at once, for a patient who loses all strength within a
+stride.
 
 Assist is m times the direction of the reference's velocity v, which is v in the speed V of the pass
 from which m was learned, from -1 to 1. So it never brakes a leg that moves along with its
@@ -40,8 +41,9 @@ from gaitd_client import Assist
 from gaitd_assist.law import Pair, Sample
 
 BINS: Final = 16
-ASSISTED: Final = 1.2
-"""Dead band of the assist, in that of the guidance."""
+ASSISTED: Final = 1.25
+"""Dead band of the assist, in that of the guidance: with the example's numbers, the stray at which
+full guidance settles, 1 + (1 - f) / g."""
 WALL: Final = 1.5
 """Stray, in dead bands, from which the guidance stiffens at once; one more, and it is full."""
 RISE_PER_S: Final = 0.8
@@ -184,7 +186,8 @@ class PhaseHelp:
             strays.append(self._stray_s[axis] / known_s)
             velocities, velocity = self._learned_velocity[axis], self._passed[axis][at]
             slowed = min(_speed(velocity, axis) / _speed(velocities[at], axis), 1.0)
-            sizes, gain = self.assist[axis], rules.gain[axis] * ASSISTED * rules.dead_band[axis]
+            sizes, band = self.assist[axis], ASSISTED * rules.dead_band[axis]
+            gain = self.stiffness[at] * rules.gain[axis] * band
             lacking_ratio = self._lacking_s[axis] / known_s / ASSISTED
             size = adapted(slowed * sizes[at], lacking_ratio, rules, gain)
             sizes[at], velocities[at] = min(size, rules.cap[axis]), velocity

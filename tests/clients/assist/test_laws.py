@@ -87,6 +87,13 @@ def test_assist_is_learned_beyond_a_wider_band_and_acts_along_the_reference():
     assert walked(3, (1.1 * 0.04, 1.1 * 0.03))[1][:2] == (0.0, 0.0)
 
 
+def test_assist_is_learned_as_far_as_the_leg_is_guided():
+    law, _ = walked(20)
+    walked(1, (0.1, 0.0), law)
+
+    assert law.assist[0][3] == pytest.approx(0.1 * 100.0 * (0.1 - ASSISTED * 0.04))
+
+
 @pytest.mark.parametrize("velocity", [1.0, -1.0])
 def test_a_leg_that_leads_its_reference_gets_no_assist_and_less_guidance(velocity):
     law, setpoint = walked(3, (-0.1 * velocity, 0.0), velocity=(velocity, 1.0))
