@@ -525,7 +525,7 @@ def test_another_recording_continues_without_a_gap(published, tmp_path, monkeypa
         ("whole/messages.mcap", "has no inputs of the observer; name its folder"),
         (
             "whole/right.estimates.parquet",
-            "lacks column hip_torque_nm, slide_force_n, dt_s; it has",
+            "lacks column hip_torque_nm, slide_force_n; it has",
         ),
         ("torn.parquet", "is no whole Parquet file"),
         ("words.parquet", "column hip_angle_rad is string, must be a number"),
