@@ -143,8 +143,10 @@ def _update_spasm(core: Core, leg: Leg, estimate: LegEstimate) -> None:
     guided_motion = rules_of(core.mode).is_guided_motion
     needed_si = _needed(core, leg)
     for index, axis in enumerate(leg.axes):
-        # Without guided motion, the person who moves the leg would look like a spasm.
-        if estimate.validity[index] is Validity.BAD or not guided_motion:
+        # Without guided motion, the person who moves the leg would look like a spasm. A sign
+        # mismatch in the raw values has its own check.
+        guided = guided_motion and axis.watch.sign_mismatch_cycles == 0
+        if estimate.validity[index] is Validity.BAD or not guided:
             axis.spasm.reset()
             continue
         limits = axis.limits
