@@ -12,8 +12,8 @@ Rules, for the last SAMPLES cycles of one axis, from raw values only:
     with its drive's sign, above UNCLEAR_MAX_RATIO it does not, between them nothing is shown.
 2.  Where fewer cycles are known, the answer is that of a wrong sign.
 3.  No patient's effort jumps by the limit of a sign mismatch within JUMP_CYCLES. If a sign reverses
-    during a mismatch, or makes one at once, it jumps by at least twice that limit. So after a jump
-    the answer is that of a wrong sign, whatever the cycles before it show.
+    during a mismatch, or makes one at once, it jumps by at least twice that limit. So after a jump,
+    or a number that is not finite, the answer is that of a wrong sign, whatever the others show.
 4.  An answer with the drive's sign counts until the mismatch ends, or until a jump: by rule 3 no
     sign reverses meanwhile. The push of a drive may stand still then, and show nothing.
 
@@ -53,8 +53,8 @@ def updated(before_ratio: float, samples: Samples, jump_si: float) -> float:
         jump_si: limit of a sign mismatch, N·m or N.
     """
     right_si = [motion_si - push_si for push_si, motion_si in samples]
-    if any(
-        abs(now_si - before_si) > jump_si
+    if not all(
+        abs(now_si - before_si) <= jump_si
         for before_si, now_si in zip(right_si, right_si[JUMP_CYCLES:], strict=False)
     ):
         return WRONG

@@ -88,8 +88,9 @@ class SpasmWatch:
             lasting = risen_si * self.rise_si > 0 and abs(risen_si) > END_RATIO * rise_max_si
             self.cycles = self.cycles + 1 if lasting else 0
             return
-        self._work_si2 += SHARE_GAIN * (effort_si * needed_si - self._work_si2)
-        self._need_si2 += SHARE_GAIN * (needed_si * needed_si - self._need_si2)
+        if math.isfinite(effort_si * needed_si):  # else the share would be lost for good
+            self._work_si2 += SHARE_GAIN * (effort_si * needed_si - self._work_si2)
+            self._need_si2 += SHARE_GAIN * (needed_si * needed_si - self._need_si2)
         self.rise_si = effort_si - before_si
         if still_cycles >= STILL_CYCLES or abs(self.rise_si) <= rise_max_si:
             return
@@ -98,7 +99,7 @@ class SpasmWatch:
             for speed in (speed_before_si, wanted_speed_si)
         )
         sign = math.copysign(1.0, self.rise_si)
-        beyond_si = sign * effort_si - max(sign * share * needed_si, 0.0)
+        beyond_si = sign * effort_si - max(0.0, sign * share * needed_si)
         if beyond_si > rise_max_si and not with_motion:
             self._before_si = before_si
             self.cycles = 1

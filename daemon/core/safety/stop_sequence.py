@@ -85,6 +85,8 @@ class StopRules(NamedTuple):
 
 HELD_SPEED_RATIO = 10.0
 """Speed, as a multiple of standstill, above which a drive at rest counts as not held."""
+SLOWED_CYCLES = 3
+"""Cycles after which a drive whose sign was judged must have slowed its joint (rule 7)."""
 RAMP_FLOOR_RATIO = 3.0
 """Lowest speed bound of the ramp, as a multiple of standstill: encoder noise is no motion.
 
@@ -185,8 +187,9 @@ def _obeyed(
     cycle: int,
 ) -> bool:
     elapsed_cycles, state = cycle - stop.since_cycle, feedback.power_state
-    grace_cycles = rules.obey_cycles - 1 if stop.must_slow else rules.obey_cycles
-    if elapsed_cycles <= grace_cycles or state in CANNOT_EXERT_TORQUE:
+    if state not in CANNOT_EXERT_TORQUE and _goes_on(stop, joint, limits, elapsed_cycles):
+        return False
+    if elapsed_cycles <= rules.obey_cycles or state in CANNOT_EXERT_TORQUE:
         # Without power the drive cannot follow a ramp: gravity, springs and patient move the leg.
         return True
     if state in _UNPROVEN:
@@ -197,12 +200,15 @@ def _obeyed(
         return False
     if stop.step == Step.QUICK_STOP and state == PowerState.OPERATION_ENABLED:
         return False
+    return abs(joint.velocity_si) <= _allowed_speed_si(stop, limits, rules, elapsed_cycles)
+
+
+def _goes_on(stop: DriveStop, joint: Joint, limits: AxisLimits, elapsed_cycles: int) -> bool:
+    """True if the joint moves as fast as at the begin of a stop that must slow it (rule 7)."""
     speed_si = abs(joint.velocity_si)
-    if stop.must_slow and speed_si > RAMP_FLOOR_RATIO * limits.standstill_si_per_s:
-        return speed_si < stop.start_speed_si and speed_si <= _allowed_speed_si(
-            stop, limits, rules, elapsed_cycles
-        )
-    return speed_si <= _allowed_speed_si(stop, limits, rules, elapsed_cycles)
+    judged = stop.must_slow and not stop.has_rested and elapsed_cycles >= SLOWED_CYCLES
+    moves = speed_si > RAMP_FLOOR_RATIO * limits.standstill_si_per_s
+    return judged and moves and speed_si >= stop.start_speed_si
 
 
 def _allowed_speed_si(

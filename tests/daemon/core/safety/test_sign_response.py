@@ -76,6 +76,15 @@ def test_too_few_samples_and_a_joint_without_any_change_show_nothing():
     assert math.isinf(WRONG)
 
 
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("at", [0, 1, SAMPLES - 1])
+def test_a_number_that_is_not_finite_is_no_patient_s(at, value):
+    samples = [(push, push + 70.0) for push in ramp(5.0, -30.0)]
+    samples[at] = (samples[at][0], value)
+
+    assert updated(0.1, tuple(samples), LIMIT_NM) == WRONG
+
+
 def test_only_the_last_samples_count():
     samples = ()
     for k in range(SAMPLES + 3):

@@ -1,5 +1,7 @@
 """Spasms: what begins one, how long it lasts, and the stiffness in it."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -34,7 +36,7 @@ def test_a_slow_rise_is_none():
 def practised(share, need=RISE):
     """A watch after four seconds in which the patient gave this share of a changing need."""
     watch = SpasmWatch(RULES.window_cycles)
-    for needed in [*need * np.sin(np.linspace(0.0, 2 * np.pi, 400)), *[0.0] * 12]:
+    for needed in [*(need * np.sin(np.linspace(0.0, 2 * np.pi, 400))).tolist(), *[0.0] * 12]:
         watch.update(share * needed, 0.0, 0.0, needed, 0, RISE, REST)
     assert watch.cycles == 0
     return watch
@@ -71,6 +73,21 @@ def test_a_need_along_with_the_motion_makes_an_effort_no_larger():
 
     assert watch.rise_si > RISE
     assert watch.cycles == 0
+
+
+@pytest.mark.parametrize("broken", ["effort", "need"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_number_that_is_not_finite_hides_no_spasm_after_it(broken, value):
+    watch = practised(share=1.0)
+    effort, needed = (value, 1.0) if broken == "effort" else (1.0, value)
+    watch.update(effort, 0.0, 0.0, needed, 0, RISE, REST)
+
+    for _ in range(RULES.window_cycles + 1):
+        watch.update(0.0, -0.5, 0.0, 0.0, 0, RISE, REST)
+    for effort in np.linspace(0.0, 1.9 * RISE, 11)[1:].tolist():
+        watch.update(effort, -0.5, 0.0, 0.6 * RISE, 0, RISE, REST)
+
+    assert watch.cycles > 0
 
 
 def test_a_small_need_teaches_no_share():

@@ -19,10 +19,10 @@ STOPPING_DRIVE = FEEDBACK._replace(power_state=PowerState.QUICK_STOP_ACTIVE)
 OFF = FEEDBACK._replace(power_state=PowerState.SWITCH_ON_DISABLED)
 
 
-def run(stop, feedback, joints, limits=LIMITS):
+def run(stop, feedback, joints, limits=LIMITS, rules=RULES):
     """The stop after one cycle for each joint, the first one cycle after it began."""
     for cycle, joint in enumerate(joints, stop.since_cycle + 1):
-        stop = stop_sequence.advance(stop, feedback, joint, limits, RULES, cycle)
+        stop = stop_sequence.advance(stop, feedback, joint, limits, rules, cycle)
     return stop
 
 
@@ -69,16 +69,28 @@ def test_only_a_stop_of_category_2_keeps_a_drive_enabled():
         assert stop_sequence.request(step) == PowerRequest.DISABLE_VOLTAGE
 
 
-def test_a_drive_whose_sign_was_judged_has_three_cycles_to_slow_down():
+@pytest.mark.parametrize("obey_cycles", [3, 20])
+@pytest.mark.parametrize("drive", [STOPPING_DRIVE, FEEDBACK])
+def test_a_drive_whose_sign_was_judged_has_three_cycles_to_slow_down(drive, obey_cycles):
+    rules = RULES._replace(obey_cycles=obey_cycles)
     begun = stop_sequence.begin(Step.QUICK_STOP, FAST, 100, must_slow=True)
     slower = JOINT._replace(velocity_si=-0.99)
 
-    assert run(begun, STOPPING_DRIVE, [FAST] * 2).step == Step.QUICK_STOP
-    assert run(begun, STOPPING_DRIVE, [slower] * 3).step == Step.QUICK_STOP
-    escalated = run(begun, STOPPING_DRIVE, [FAST] * 3)
+    assert run(begun, drive, [FAST] * 2, rules=rules).step == Step.QUICK_STOP
+    assert run(begun, drive, [slower] * 3, rules=rules).step == Step.QUICK_STOP
+    escalated = run(begun, drive, [FAST] * 3, rules=rules)
     assert (escalated.step, escalated.disobeyed) == (Step.DISABLE, True)
     usual = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
-    assert run(usual, STOPPING_DRIVE, [FAST] * 3).step == Step.QUICK_STOP
+    assert run(usual, drive, [FAST] * 3, rules=rules).step == Step.QUICK_STOP
+
+
+def test_after_its_rest_a_drive_whose_sign_was_judged_is_held_as_any_other():
+    slow = JOINT._replace(velocity_si=3.1 * LIMITS.standstill_si_per_s)
+    begun = stop_sequence.begin(Step.QUICK_STOP, slow, 100, must_slow=True)
+
+    stopped = run(begun, STOPPING_DRIVE, [STILL] * 8 + [slow])
+
+    assert (stopped.step, stopped.has_rested) == (Step.QUICK_STOP, True)
 
 
 @pytest.mark.parametrize("power", [OFF, STOPPING_DRIVE])
