@@ -31,7 +31,6 @@ from gaitd.remote import (
     find_target,
     report_reply,
     report_silence,
-    report_wait,
     request,
 )
 
@@ -271,7 +270,6 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
     before, settled, progress = None, 0, ""
     try:
         with client_of(target, mode) as trainer:
-            trainer.wait_for_core(report_wait)
             before = _ids(trainer.status())
             reply = trainer.request("mode", mode=mode, axis=axis)
             if reply.outcome != Outcome.DONE or not as_json:  # the result is the only document
@@ -319,7 +317,6 @@ def self_test(
 
     try:
         with client_of(target, "self-test") as service:
-            service.wait_for_core(report_wait)
             passed, lines = run_self_test(service, show)
     except ClientError as error:
         report_silence("self-test", str(error), as_json=as_json)

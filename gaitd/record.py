@@ -6,6 +6,7 @@ room; 4 no answer from the service.
 """
 
 import signal
+import sys
 import threading
 from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
@@ -42,7 +43,6 @@ from gaitd.remote import (
     client_of,
     find_target,
     report_silence,
-    report_wait,
 )
 
 RETRY_S: Final = 1.0
@@ -113,7 +113,7 @@ def _service(target: Target, over: threading.Event, ending: ExitStack) -> Traine
         except NoServiceError as error:
             if not is_reported:
                 is_reported = True
-                report_wait(str(error))
+                print(f"waiting: {error}", file=sys.stderr, flush=True)
             over.wait(RETRY_S)
     return None
 

@@ -131,8 +131,6 @@ def request(
     """
     try:
         with client_of(target, name) as trainer:
-            if name != STOP:
-                trainer.wait_for_core(report_wait)
             reply = trainer.request(name, **arguments)
     except NoServiceError as error:
         trouble = f"{NOT_STOPPED} ({error})" if name == STOP else str(error)
@@ -140,11 +138,6 @@ def request(
     except ClientError as error:
         return report_silence(name, str(error), as_json=as_json)
     return report_reply(reply, as_json=as_json, known=known)
-
-
-def report_wait(why: str) -> None:
-    """Print what the command waits for."""
-    print(f"waiting: {why}", file=sys.stderr, flush=True)
 
 
 def report_reply(

@@ -355,7 +355,7 @@ def _allowed(value: object, kind: object) -> bool:
 def _as_well(value: object) -> str:
     """What no type of a key says of a value, and is refused in each; empty if it is allowed."""
     if isinstance(value, float) and abs(value) < SMALLEST and repr(value) != "0.0":
-        return f", and 0 or at least {SMALLEST:g} in size"
+        return f", and 0 without a sign or at least {SMALLEST:g} in size"
     return ", without the character 0" if isinstance(value, str) and "\0" in value else ""
 
 

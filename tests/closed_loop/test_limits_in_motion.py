@@ -225,7 +225,7 @@ def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
     assert verdict.drive == drive
 
 
-def test_only_a_spasm_clonus_and_a_bad_estimate_are_the_observers_own(warm_gait, monkeypatch):
+def test_a_spasm_is_the_observers_own(warm_gait, monkeypatch):
     session = blind(warm_gait, monkeypatch)
 
     session.command("patient spasm")

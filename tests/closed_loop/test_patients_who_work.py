@@ -66,26 +66,22 @@ def test_a_spasm_of_a_patient_who_works_stops_within_half_a_second(at_s):
     assert walking
     assert session.record.verdict.cause == Cause.SPASM
     strides_s = DT_S * sum(record.gait_phase >= 0 for record in session.records)
-    assert strides_s - at_s == pytest.approx(0.48, abs=0.03)
+    assert 0.0 < strides_s - at_s <= 0.5
 
 
 def test_clonus_softens_guidance_and_stops_when_its_bursts_sum_up():
-    session = session_of(clonic).walk(duration_s=3.0)
+    session = session_of(clonic).walk(duration_s=3.0)  # its first whole burst is over
     leg = session.core.legs[0]
-    after_first_burst = leg.clonus_ratio
-    told = clonus_events(session)
+    goes_on, softened_ratio, told = session.record.mode, leg.clonus_ratio, clonus_events(session)
 
     session.run_until(lambda record: record.mode != Mode.GAIT, within_s=11.0)
 
     verdict = session.record.verdict
     assert (verdict.cause, verdict.category) == (Cause.CLONUS, StopCategory.S2)
-    assert after_first_burst < 1.0
+    assert goes_on == Mode.GAIT
+    assert softened_ratio < 1.0
     assert told
     assert len(clonus_events(session)) <= len(leg.axes)
-    assert (
-        max(axis.clonus.cycles for axis in leg.axes)
-        > session.core.config.thresholds.clonus_patience_cycles
-    )
 
 
 @pytest.mark.parametrize(

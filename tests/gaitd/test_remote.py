@@ -31,7 +31,7 @@ def reply_of(request, outcome, reason="", mode=None):
 @pytest.mark.parametrize(("outcome", "code"), [("done", 0), ("refused", 1), ("of_later", 4)])
 def test_every_outcome_has_an_exit_code(monkeypatch, capsys, outcome, code):
     reply = reply_of("stop", outcome)
-    trainer = SimpleNamespace(request=lambda _name: reply, wait_for_core=lambda _report: None)
+    trainer = SimpleNamespace(request=lambda _name: reply)
     monkeypatch.setattr(remote, "client_of", lambda _target, _name: nullcontext(trainer))
 
     assert remote.request(Target(), "stop", as_json=True) == code

@@ -23,9 +23,6 @@ STOP = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, "right/hip", detail="2310h ov
 class Service:
     """In one mode after the other, the next one behind each refused request."""
 
-    def wait_for_core(self, _report):
-        """Its core runs."""
-
     def __init__(self, *modes, reason="not yet"):
         self.modes, self.reason = list(modes), reason
         self.asked = []

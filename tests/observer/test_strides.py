@@ -582,4 +582,4 @@ def test_no_published_work_is_farther_from_the_truth_than_three_sigma(patient, c
                 (axis.work_negative_j, axis.work_negative_j_std, minus_j[index]),
             ):
                 assert abs(figure - true_j) <= 3.0 * std
-    assert judged >= len(found) - 1
+    assert judged >= len(found) - 1 > 1

@@ -356,7 +356,9 @@ VIEWS = (
     *(((390, 844), 1), ((844, 390), 1), ((360, 640), 1), ((320, 568), 1)),
 )
 """Screens in px, and the zoom of the browser."""
-LOOKS = 30
+PAINTED_TWICE = (
+    "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+)
 
 
 def are_in_reach(tab, *names):
@@ -368,11 +370,10 @@ def are_in_reach(tab, *names):
         for (width, height), zoom in VIEWS:
             size = {"width": round(width / zoom), "height": round(height / zoom)}
             tab.page.set_viewport_size(size)
-            for _ in range(LOOKS):  # a busy computer may lose the connection for a moment
-                missed = tab.unreachable(*(name[column] for name in names))
-                if not missed:
-                    break
-                tab.page.wait_for_timeout(100)
+            # A busy computer may lose the connection for a moment, and then shows other buttons.
+            tab.until("!['no_connection', 'no_signal'].includes(document.body.dataset.word)")
+            tab.page.evaluate(PAINTED_TWICE)
+            missed = tab.unreachable(*(name[column] for name in names))
             lacks += [(width, height, zoom, language, one) for one in missed]
         tab.page.set_viewport_size({"width": 1280, "height": 800})
     assert not lacks, lacks

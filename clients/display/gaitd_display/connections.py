@@ -1,9 +1,10 @@
 """Which connections a server holds: fewer than it has descriptors, and always one for STOP.
 
 A new connection may be the one that brings STOP, so none is refused. Where it is one too many,
-another one is closed: of the address that has most, the one that has waited longest. Two kinds are
-never closed for that: the WebSocket of a page that gets frames, and a STOP on its way. Their number
-is limited elsewhere (`PAGES_MAX`, `STOPS_MAX`) and is below these limits.
+another one is closed: of the address that has most, the one that has waited longest, and one with a
+request only if all have one. Two kinds are never closed for that: the WebSocket of a page that gets
+frames, and a STOP on its way. Their number is limited elsewhere (`PAGES_MAX`, `STOPS_MAX`) and is
+below these limits.
 
 uvicorn has no limit of its own for a client that connects and says nothing, nor does it count one
 that is still in its TLS handshake. So this file accepts, and passes on to uvicorn's protocol.
@@ -92,7 +93,7 @@ def surplus(connections: Sequence[Connection], address: str) -> Connection | Non
     """Return the connection to be closed after one was accepted; None: there are not too many.
 
     Args:
-        connections: all, with the new one.
+        connections: all, the new one last.
         address: of the new one.
     """
     counts = Counter(one.address for one in connections)
@@ -100,7 +101,7 @@ def surplus(connections: Sequence[Connection], address: str) -> Connection | Non
         if len(connections) <= CONNECTIONS_MAX:
             return None
         address = counts.most_common(1)[0][0]
-    loose = [one for one in connections if not one.is_kept]
+    loose = [one for one in connections[:-1] if not one.is_kept]
     of_address = [one for one in loose if one.address == address]
     return min(of_address or loose, key=lambda one: (one.is_asking, one.since_s), default=None)
 

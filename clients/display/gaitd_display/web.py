@@ -30,7 +30,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from gaitd_display.connections import STOP_PATH, Connections
+from gaitd_display.connections import STOP_PATH, WAIT_S, Connections
 from gaitd_display.feed import Feed, PageQueue, TooManyPagesError
 from gaitd_display.settings import Web
 from gaitd_display.texts import page_texts
@@ -112,13 +112,17 @@ async def small_body(request: Request) -> bytes:
     """Return the body of a request.
 
     Raises:
-        ValueError: it is longer than any of ours.
+        ValueError: it is longer than any of ours, or does not come.
     """
     body = b""
-    async for part in request.stream():
-        body += part
-        if len(body) > BODY_MAX_BYTES:
-            raise ValueError(f"more than {BODY_MAX_BYTES} bytes")
+    try:
+        async with asyncio.timeout(WAIT_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > BODY_MAX_BYTES:
+                    raise ValueError(f"more than {BODY_MAX_BYTES} bytes")
+    except TimeoutError as error:
+        raise ValueError(f"not complete after {WAIT_S:g} s") from error
     return body
 
 

@@ -127,7 +127,9 @@ class Session:
         self._written: list[Row] = []
         self._rows: list[Row] = []
         self._flushed_s = self._looked_s = self._now_s()
-        self._late_look_count = self._cycle = 0
+        self._late_look_count = 0
+        self._seen = "", 0
+        """The core's boot and the cycle of its newest messages."""
         self._silent_utc_ns: int | None = None
         """When the present silence has ended a START; None: there is none, or it has ended none."""
         self._has_begun = self._has_ended = False
@@ -197,7 +199,7 @@ class Session:
     def _advance(self) -> None:
         now_s = self._now_s()
         trainer, is_late = self._read(), self._is_late(now_s)
-        if trainer is None and is_late:
+        if trainer is None and is_late and not self._buttons:
             return
         before, strides = self._state, self._new_strides()
         if before.phase is Phase.WAITING:
@@ -246,10 +248,17 @@ class Session:
         if len(known) < len(drives):
             return None
         self._utc_ns = safety.sample_time_ns or self._utc_ns
-        before_cycle, self._cycle = self._cycle, max(drive.cycle for drive in known)
+        before, self._seen = (
+            self._seen,
+            (
+                safety.core_boot_id or "",
+                max(drive.cycle for drive in known),
+            ),
+        )
+        is_same_core = before[0] == self._seen[0]
         verdict = safety.verdict
         return TrainerState(
-            boot_id=safety.core_boot_id or "",
+            boot_id=self._seen[0],
             mode=safety.mode,
             is_enabled=bool(safety.active),
             stage=safety.stage,
@@ -258,7 +267,7 @@ class Session:
             has_power=any(drive.power_state not in WITHOUT_POWER for drive in known),
             hand_switch_held=all(drive.hand_switch_closed is True for drive in known),
             self_test_passed=self._passed >= self._axes,
-            unseen_cycle_count=self._cycle - before_cycle,
+            unseen_cycle_count=self._seen[1] - before[1] if is_same_core else 0,
         )
 
     def _take_event(self, event: Event | NotValid) -> None:

@@ -1,5 +1,6 @@
 """Which connections a server of the display holds, and that STOP finds a place among them."""
 
+import asyncio
 import contextlib
 import datetime
 import json
@@ -14,11 +15,12 @@ from types import SimpleNamespace
 import browser as rig
 import display_bench as bench
 import pytest
-from gaitd_display import connections
+from gaitd_display import connections, web
 from gaitd_display.connections import ADDRESS_MAX, CONNECTIONS_MAX, WAIT_S, overdue, surplus
 from gaitd_display.feed import PAGES_MAX
 from gaitd_display.patient import PatientServer
 from gaitd_display.web import STOPS_MAX
+from starlette.requests import Request
 from websockets.sync.client import connect
 
 from daemon.keys.certificates import new_authority, new_certificate
@@ -71,6 +73,11 @@ def test_when_all_are_too_many_the_address_with_most_gives_one_up():
     assert surplus([*few, *many, held("new", 999)], "new") is many[0]
 
 
+def test_a_new_one_is_served_where_each_other_has_a_request():
+    asking_all = [asking("a", n) for n in range(ADDRESS_MAX)]
+    assert surplus([*asking_all, held("a", 999)], "a") is asking_all[0]
+
+
 def test_pages_and_stops_are_kept_and_a_request_goes_after_one_that_says_nothing():
     kept = [asking("a", n, is_kept=True) for n in range(PAGES_MAX + STOPS_MAX)]
     slow = asking("a", 100)
@@ -87,6 +94,14 @@ def test_there_is_a_place_for_a_stop_beside_all_that_is_kept():
 def test_one_that_says_nothing_is_overdue_and_one_with_a_request_never():
     mute, other, busy = held("a", 0.0), held("a", 0.1), asking("a", 0.0)
     assert overdue([mute, other, busy], WAIT_S) == [mute]
+
+
+def test_a_body_that_does_not_come_is_refused(monkeypatch):
+    monkeypatch.setattr(web, "WAIT_S", 0.01)
+    request = Request({"type": "http", "method": "POST", "headers": []}, asyncio.Event().wait)
+
+    with pytest.raises(ValueError, match="not complete"):
+        asyncio.run(web.small_body(request))
 
 
 # --- over sockets -------------------------------------------------------------------------------

@@ -52,7 +52,7 @@ class Trainer:
         self.mode_now, self.stage, self.requests = Mode.READY, None, []
         self.is_silent = self.answers_nothing = self.keeps_drives_on = False
         self.events_stream = Stream(lambda: NONE)
-        self.utc_ns = 10**18
+        self.utc_ns, self.boot_id = 10**18, "a"
 
     def safety(self):
         return Stream(self._safety)
@@ -67,7 +67,7 @@ class Trainer:
             verdict=verdict,
             stage=self.stage,
             active=self.mode_now != Mode.READY,
-            core_boot_id="a",
+            core_boot_id=self.boot_id,
             sample_time_ns=self.utc_ns,
         )
 
@@ -302,14 +302,27 @@ def test_a_look_that_comes_late_is_no_silence_and_a_training_goes_on(history):
     assert bench.step(after_s=0.3).phase is Phase.NO_SIGNAL  # a program that is always late
 
 
+def test_a_press_counts_in_a_look_that_comes_late(history):
+    bench = announced(history)
+    bench.trainer.is_silent = True
+
+    assert bench.step(Button.END, after_s=0.3).phase is not Phase.ANNOUNCED
+
+
 @pytest.mark.parametrize(
-    ("cycle_count", "why"), [(1, Why.NO_SIGNAL), (SILENCE_CYCLES, Why.LATE_HERE)]
+    ("boot_id", "cycle_count", "why"),
+    [
+        ("a", 1, Why.NO_SIGNAL),
+        ("a", SILENCE_CYCLES, Why.LATE_HERE),
+        ("b", SILENCE_CYCLES, Why.NO_SIGNAL),  # the core of before has not gone on
+    ],
 )
-def test_a_silence_that_ends_a_start_is_told_with_whose_it_was(history, cycle_count, why):
+def test_a_silence_that_ends_a_start_is_told_with_whose_it_was(history, boot_id, cycle_count, why):
     bench = announced(history)
     bench.trainer.is_silent = True
     assert bench.step().phase is Phase.NO_SIGNAL
     bench.trainer.is_silent = False
+    bench.trainer.boot_id = boot_id
     bench.trainer.held.cycle += cycle_count
     bench.step()
     view = bench.step(after_s=OFF_SETTLE_S)

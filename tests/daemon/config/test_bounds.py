@@ -8,7 +8,7 @@ from config_files import CONFIGS, Change, changed, copied
 from gaitd_assist.settings import Settings as AssistSettings
 from gaitd_assist.settings import SettingsError as AssistError
 from gaitd_assist.settings import read_settings as read_assist
-from gaitd_display.settings import PatientSettings, TherapistSettings
+from gaitd_display.settings import EngineerSettings, PatientSettings, TherapistSettings
 from gaitd_display.settings import SettingsError as DisplayError
 from gaitd_display.settings import read_settings as read_display
 from gaitd_session.profile import Profile
@@ -25,7 +25,7 @@ from sim_drives.settings import PlantFile
 
 FILES = (
     *(Trainer, Limits, Robot, AxisFile, DriveProfile, BaselineFile, PlantFile),
-    *(AssistSettings, PatientSettings, TherapistSettings, Profile),
+    *(AssistSettings, PatientSettings, TherapistSettings, EngineerSettings, Profile),
 )
 
 
@@ -48,15 +48,16 @@ def numbers(info, key):
 
 @pytest.mark.parametrize("kind", FILES, ids=lambda kind: kind.__module__ + "." + kind.__name__)
 def test_every_number_has_two_bounds_and_none_may_be_next_to_nothing(kind):
-    found = dict(numbers(inspect.type_info(kind), ""))
+    found = list(numbers(inspect.type_info(kind), ""))
 
     unbounded = [
         key
-        for key, info in found.items()
+        for key, info in found
         if (info.ge is None and info.gt is None) or (info.le is None and info.lt is None)
     ]
+    assert found
     assert not unbounded
-    assert not [key for key, info in found.items() if info.gt == 0]
+    assert not [key for key, info in found if info.gt == 0]
 
 
 @pytest.mark.parametrize(
@@ -83,7 +84,7 @@ def test_a_number_next_to_nothing_is_refused_also_where_0_is_allowed(file, kind,
         decoded(Document(Path(file), "", whole), kind)
 
     assert refused.value.key == ".".join(place)
-    assert "or at least 1e-09 in size" in refused.value.allowed
+    assert "0 without a sign or at least 1e-09 in size" in refused.value.allowed
 
 
 LONG = "x" * 256
