@@ -4,6 +4,7 @@ Screenshots of all states are written to out/display.
 """
 
 import contextlib
+import re
 import time
 from pathlib import Path
 
@@ -371,7 +372,9 @@ def are_in_reach(tab, *names):
             size = {"width": round(width / zoom), "height": round(height / zoom)}
             tab.page.set_viewport_size(size)
             # A busy computer may lose the connection for a moment, and then shows other buttons.
-            tab.until("!['no_connection', 'no_signal'].includes(document.body.dataset.word)")
+            for name in names:
+                shown = re.compile(f"^{name[column]}")
+                tab.page.get_by_role("button", name=shown).wait_for(timeout=20_000)
             tab.page.evaluate(PAINTED_TWICE)
             missed = tab.unreachable(*(name[column] for name in names))
             lacks += [(width, height, zoom, language, one) for one in missed]
