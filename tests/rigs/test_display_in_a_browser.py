@@ -578,9 +578,7 @@ def desk(chromium, trainer, tmp_path, password_hash):
 def login(tab):
     tab.page.fill("#password", PASSWORD)
     tab.page.click("#login button")
-    tab.until(
-        "document.querySelector('#state') !== null && document.querySelector('#legs') !== null"
-    )
+    tab.until("document.querySelector('#requests button') !== null")  # its script has run
 
 
 def test_the_therapist_logs_in_sees_all_values_and_releases_a_plan(desk, trainer):
