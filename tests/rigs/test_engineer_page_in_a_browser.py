@@ -19,7 +19,6 @@ from sim_drives.plant.truth import TruthRow
 
 pytestmark = pytest.mark.rig_browser
 
-SHOTS = Path(__file__).parents[2] / "out" / "display"
 SIZES = ((1280, 800), (1600, 900), (1920, 1080))
 SCHEMES = ("light", "dark")
 LEGS = (("right",), ("right", "left"))
@@ -94,7 +93,7 @@ def player(trainer, site):
 
 @pytest.fixture
 def tab(chromium, site, player):
-    tab = rig.Tab(chromium, site, SHOTS, size=SIZES[1])
+    tab = rig.Tab(chromium, site, rig.SHOTS, size=SIZES[1])
     yield tab
     tab.page.close()
     assert tab.errors == []
@@ -218,7 +217,7 @@ def test_the_truth_of_virtual_drives_is_a_curve_of_its_own_and_absent_without_a_
 ):
     path = tmp_path / "truth.csv"
     with served(trainer, tmp_path, truth=str(path)) as site, rig.Player(trainer) as player:
-        tab = rig.Tab(chromium, site, SHOTS, size=SIZES[1])
+        tab = rig.Tab(chromium, site, rig.SHOTS, size=SIZES[1])
         player.play(top_w=4.0)
         tab.word("moving")
         tab.until("document.querySelector('.plot canvas') !== null")
@@ -257,7 +256,7 @@ def test_a_page_that_is_opened_later_has_the_last_minute(tab, player, trainer, c
     tab.word("stopped")
     player.play(top_w=40.0)
     tab.word("moving")
-    later = rig.Tab(chromium, site, SHOTS, size=SIZES[0])
+    later = rig.Tab(chromium, site, rig.SHOTS, size=SIZES[0])
     later.word("moving")
     shown = "[...document.querySelectorAll('#timeline .seg')].map((one) => one.className.baseVal)"
     later.until(
@@ -323,7 +322,7 @@ def test_a_running_service_is_shown_beside_the_truth(chromium, tmp_path, pytestc
             tmp_path,
             rig.KINDS["engineer"],
         ) as site:
-            tab = rig.Tab(chromium, site, DOCS if is_for_readme else SHOTS, size=SIZES[1])
+            tab = rig.Tab(chromium, site, DOCS if is_for_readme else rig.SHOTS, size=SIZES[1])
             tab.page.emulate_media(color_scheme="dark")
             service.patient("active")
             service.gait(cadence_hz=0.4, amplitude_ratio=0.8)

@@ -16,6 +16,7 @@ from gaitd_display.web import Server
 
 from gaitd_lab.processes import free_port
 
+SHOTS = Path(__file__).parents[2] / "out" / "display"
 CHROMIUM = "/usr/bin/chromium"
 ARGUMENTS = (
     "--no-sandbox",
@@ -323,6 +324,40 @@ def is_flat(tab, trainer, scenes, frame_count=HOUR_FRAMES, nodes_apart=0):
     assert abs(after[0] - before[0]) <= nodes_apart
     assert after[1] == before[1]
     assert after_mb < before_mb + 0.3
+
+
+STOP = ("STOP", "STOPP")
+VIEWS = (
+    *(((1280, 800), zoom) for zoom in (1, 1.5, 2, 4)),
+    *(((1920, 1080), zoom) for zoom in (1, 2)),
+    *(((1280, 1024), 4), ((1024, 768), 1), ((1440, 1000), 2)),
+    *(((768, 1024), zoom) for zoom in (1, 2)),
+    *(((390, 844), 1), ((844, 390), 1), ((360, 640), 1), ((320, 568), 1)),
+)
+"""Screens in px, and the zoom of the browser."""
+PAINTED_TWICE = (
+    "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
+)
+
+
+def are_in_reach(tab, *names):
+    """In each view and both languages: `names` are pairs, English and German."""
+    lacks = []
+    for language, column in (("de", 1), ("en", 0)):
+        tab.page.click("#language")
+        tab.until(f"document.documentElement.lang === '{language}'")
+        for (width, height), zoom in VIEWS:
+            size = {"width": round(width / zoom), "height": round(height / zoom)}
+            tab.page.set_viewport_size(size)
+            # A busy computer may lose the connection for a moment, and then shows other buttons.
+            for name in names:
+                shown = re.compile(f"^{name[column]}")
+                tab.page.get_by_role("button", name=shown).wait_for(timeout=20_000)
+            tab.page.evaluate(PAINTED_TWICE)
+            missed = tab.unreachable(*(name[column] for name in names))
+            lacks += [(width, height, zoom, language, one) for one in missed]
+        tab.page.set_viewport_size({"width": 1280, "height": 800})
+    assert not lacks, lacks
 
 
 KINDS = {

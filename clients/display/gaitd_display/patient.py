@@ -206,7 +206,7 @@ class PatientServer:
             return None
 
     async def _page(self, _request: Request) -> Response:
-        return page("patient", "patient")
+        return page("patient", "common", "patient")
 
     async def _page_text(self, _request: Request) -> Response:
         return json(self._settings.page)

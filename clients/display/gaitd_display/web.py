@@ -126,17 +126,18 @@ async def small_body(request: Request) -> bytes:
     return body
 
 
-def page(name: str, style: str) -> Response:
+def page(name: str, *styles: str) -> Response:
     """Return a page: its own part in the frame of all pages, which has STOP.
 
     Args:
         name: of `NAME.html`, its own part, and of `NAME.js`.
-        style: of `STYLE.css`.
+        styles: of each `STYLE.css`, in order.
     """
     frame, body = (
         (STATIC / f"{part}.html").read_text(encoding="utf-8") for part in ("frame", name)
     )
-    for key, value in (("style", style), ("name", name), ("body", body)):
+    links = "\n".join(f'<link rel="stylesheet" href="/static/{style}.css">' for style in styles)
+    for key, value in (("styles", links), ("name", name), ("body", body)):
         frame = frame.replace(f"{{{{{key}}}}}", value)
     return HTMLResponse(frame)
 

@@ -1,38 +1,24 @@
-"""The display's pages in headless Chromium: each state, its accessibility, losses, memory.
+"""The patient's page in headless Chromium: each state, its accessibility, losses, memory.
 
 Screenshots of all states are written to out/display.
 """
 
 import contextlib
-import re
 import time
 from pathlib import Path
 
 import browser as rig
 import display_bench as bench
 import pytest
-from gaitd_client import Cause, Event, Mode, Stage
+from gaitd_client import Cause, Mode, Stage
 from gaitd_display.feed import PAGES_MAX, TICK_S
-from gaitd_display.login import hash_password
 from gaitd_display.patient import PatientServer
-from gaitd_display.therapist import TherapistServer
-from gaitd_session.store import (
-    BlockRow,
-    EndRow,
-    InterruptionRow,
-    SelfTestRow,
-    SessionRow,
-    Store,
-    StrideRow,
-)
+from gaitd_session.store import SelfTestRow, Store
 from training import PROFILE
 
 pytestmark = pytest.mark.rig_browser
 
-SHOTS = Path(__file__).parents[2] / "out" / "display"
-PASSWORD = "correct horse battery staple"
 READABLE_PX = 32
-DAY_NS = 86_400_000_000_000
 VISIBLE = "{visibilityProperty: true}"
 TONES = """
 window.tones = 0;
@@ -82,7 +68,7 @@ def site(trainer, tmp_path):
 
 @pytest.fixture
 def tab(chromium, site, player):
-    tab = rig.Tab(chromium, site, SHOTS)
+    tab = rig.Tab(chromium, site, rig.SHOTS)
     yield tab
     tab.page.close()
     assert tab.errors == []
@@ -160,7 +146,7 @@ def test_silence_is_told_within_300_ms_of_the_last_sample(chromium, site, traine
 
     On top come a tick of the server, and a step by which the page's clock is behind.
     """
-    tab = rig.Tab(chromium, site, SHOTS)
+    tab = rig.Tab(chromium, site, rig.SHOTS)
     tab.page.clock.install(time=0)
     tab.page.reload()
     trainer.cycles(Mode.READY)
@@ -252,7 +238,7 @@ def test_stop_works_while_the_rest_of_the_page_cannot_be_loaded(tab, trainer, mi
 def test_one_page_too_many_says_so_and_gets_its_place_later(chromium, tab, site):
     tab.word("ready")
     others = [site.server.feed.join() for _ in range(PAGES_MAX - 1)]
-    later = rig.Tab(chromium, site, SHOTS)
+    later = rig.Tab(chromium, site, rig.SHOTS)
     later.word("too_many_pages")
     later.shot("too_many_pages")
     is_good(later)
@@ -349,40 +335,7 @@ def test_the_memory_of_the_patient_s_page_is_flat_over_an_hour_of_frames(tab, pl
     rig.is_flat(tab, trainer, scenes)
 
 
-VIEWS = (
-    *(((1280, 800), zoom) for zoom in (1, 1.5, 2, 4)),
-    *(((1920, 1080), zoom) for zoom in (1, 2)),
-    *(((1280, 1024), 4), ((1024, 768), 1), ((1440, 1000), 2)),
-    *(((768, 1024), zoom) for zoom in (1, 2)),
-    *(((390, 844), 1), ((844, 390), 1), ((360, 640), 1), ((320, 568), 1)),
-)
-"""Screens in px, and the zoom of the browser."""
-PAINTED_TWICE = (
-    "() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))"
-)
-
-
-def are_in_reach(tab, *names):
-    """In each view and both languages: `names` are pairs, English and German."""
-    lacks = []
-    for language, column in (("de", 1), ("en", 0)):
-        tab.page.click("#language")
-        tab.until(f"document.documentElement.lang === '{language}'")
-        for (width, height), zoom in VIEWS:
-            size = {"width": round(width / zoom), "height": round(height / zoom)}
-            tab.page.set_viewport_size(size)
-            # A busy computer may lose the connection for a moment, and then shows other buttons.
-            for name in names:
-                shown = re.compile(f"^{name[column]}")
-                tab.page.get_by_role("button", name=shown).wait_for(timeout=20_000)
-            tab.page.evaluate(PAINTED_TWICE)
-            missed = tab.unreachable(*(name[column] for name in names))
-            lacks += [(width, height, zoom, language, one) for one in missed]
-        tab.page.set_viewport_size({"width": 1280, "height": 800})
-    assert not lacks, lacks
-
-
-STOP, START, PAUSE, END = ("STOP", "STOPP"), ("Start",) * 2, ("Pause",) * 2, ("End", "Ende")
+START, PAUSE, END = ("Start",) * 2, ("Pause",) * 2, ("End", "Ende")
 STEPS = (
     (Mode.FAULT, ("1 Let go", "1 Loslassen"), ()),
     (Mode.READY, ("2 Hold the leg", "2 Bein halten"), (START,)),
@@ -407,7 +360,7 @@ def session_tab(chromium, trainer, folder):
         ) as site,
         rig.Player(trainer) as player,
     ):
-        tab = rig.Tab(chromium, site, SHOTS)
+        tab = rig.Tab(chromium, site, rig.SHOTS)
         yield tab, player
         tab.page.close()
 
@@ -422,15 +375,15 @@ def test_stop_and_the_button_of_the_step_are_in_reach_at_every_size_and_zoom(
 
         player.play(mode=Mode.READY)
         wait_for("Start")
-        are_in_reach(tab, STOP, START, END)
+        rig.are_in_reach(tab, rig.STOP, START, END)
         player.play(mode=Mode.FAULT, cause=Cause.ENCODER_FROZEN)
         tab.word("stopped")
-        are_in_reach(tab, STOP)
+        rig.are_in_reach(tab, rig.STOP)
         for mode, action, beside in STEPS:
             player.play(mode=mode, cause=Cause.SPASM if mode is Mode.FAULT else Cause.NONE)
             for name in (action, *beside):
                 wait_for(name[0])
-            are_in_reach(tab, STOP, action, *beside)
+            rig.are_in_reach(tab, rig.STOP, action, *beside)
         player.play(mode=Mode.GAIT, stage=Stage.PLAYING)
         tab.word("go_on")
         player.play(mode=Mode.READY)
@@ -439,10 +392,10 @@ def test_stop_and_the_button_of_the_step_are_in_reach_at_every_size_and_zoom(
         tab.page.get_by_role("button", name="Start", exact=True).click()
         player.play(mode=Mode.HOLD)
         wait_for("Pause")
-        are_in_reach(tab, STOP, PAUSE, END)
+        rig.are_in_reach(tab, rig.STOP, PAUSE, END)
         player.fall_silent()
         tab.word("no_signal")
-        are_in_reach(tab, STOP)
+        rig.are_in_reach(tab, rig.STOP)
 
 
 def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp_path):
@@ -461,7 +414,7 @@ def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp
         ) as site,
         rig.Player(trainer) as player,
     ):
-        tab = rig.Tab(chromium, site, SHOTS)
+        tab = rig.Tab(chromium, site, rig.SHOTS)
 
         def look(name):
             tab.page.wait_for_timeout(300)
@@ -527,132 +480,3 @@ def test_the_buttons_of_a_session_are_big_and_beside_stop(chromium, trainer, tmp
         tab.page.click("#language")
         look("finished_de")
         tab.page.close()
-
-
-# --- the therapist's page -----------------------------------------------------------------------
-
-
-@pytest.fixture(scope="module")
-def password_hash():
-    return hash_password(PASSWORD)
-
-
-def write_history(file):
-    """Six sessions, one a day; the third has no valid stride, the last goes on."""
-    with Store(file, is_writer=True) as store:
-        for day, share in enumerate((0.31, 0.36, None, 0.4, 0.38, 0.45)):
-            begun_ns = bench.BEGAN_NS + day * DAY_NS
-            strides = [
-                StrideRow(1, "right", begun_ns + n, 2.0, share, 0.02, 5.0, -1.0, share is not None)
-                for n in range(120)
-            ]
-            walked = BlockRow(1, "warm_up", 0.5, 0.4, 600.0, 480.0 + 20 * day)
-            store.write([SessionRow("7f3k9m2q", "trainer", begun_ns), *strides, walked])
-            if day < 5:
-                end = "complete" if share else "left"
-                store.write([InterruptionRow(begun_ns, "stopped", "a stop"), EndRow(begun_ns, end)])
-
-
-@pytest.fixture
-def desk(chromium, trainer, tmp_path, password_hash):
-    table = bench.therapist_table(password_hash, legs=trainer.legs)
-    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
-    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
-    write_history(tmp_path / "history.sqlite")
-    with (
-        rig.Site(
-            lambda made: TherapistServer(made, trainer, trainer.clock),
-            table,
-            tmp_path,
-            rig.KINDS["therapist"],
-        ) as site,
-        rig.Player(trainer) as player,
-    ):
-        tab = rig.Tab(chromium, site, SHOTS, size=(1440, 1000))
-        yield tab, player
-        tab.page.close()
-    assert tab.errors == []
-    assert tab.foreign == []
-
-
-def login(tab):
-    tab.page.fill("#password", PASSWORD)
-    tab.page.click("#login button")
-    tab.until("document.querySelector('#requests button') !== null")  # its script has run
-
-
-def test_the_therapist_logs_in_sees_all_values_and_releases_a_plan(desk, trainer):
-    tab, player = desk
-    player.walk(3.5)
-    tab.page.fill("#password", "a wrong password")
-    tab.page.click("#login button")
-    tab.until("document.querySelector('#answer').textContent === 'Wrong password.'")
-    tab.shot("login")
-    assert tab.violations() == []
-    tab.page.click("#stop")
-    tab.until("document.querySelector('#stop_done').checkVisibility()")
-    assert trainer.requests == [("stop",)]
-
-    login(tab)
-    tab.until("document.querySelector('#state')?.textContent.includes('gait')")
-    tab.until("document.querySelectorAll('#strides tr').length > 4")
-    tab.shot("therapist")
-    assert tab.violations() == []
-    tab.page.click("#plan button[type=submit]")
-    tab.until("document.querySelector('#plannow').textContent.startsWith('0.3')")
-    assert (trainer.plan.duration_max_s, trainer.plan.hip_assist_max_nm) == (600, None)
-    tab.until("document.querySelectorAll('#sessions tr').length === 6")
-    assert tab.page.locator("#progresstroubles li").count() == 0
-    assert tab.page.locator("#sessions tr:nth-child(4)").inner_text().split("\t")[4] == "–"
-    tab.page.locator("#sessionbox").scroll_into_view_if_needed()
-    tab.shot("therapist_progress")
-    tab.page.click("#releaseprofile")
-    tab.until("document.querySelector('#plannow').textContent.includes('10 N·m, 80 N')")
-    assert trainer.plan.duration_max_s == 12
-
-    player.play(mode=Mode.FAULT, cause=Cause.SPASM, validity="split_unobservable")
-    tab.until("!document.querySelector('#verdict').hidden")
-    tab.page.click("#language")
-    tab.page.wait_for_timeout(200)
-    tab.shot("therapist_stopped_de")
-    assert tab.violations() == []
-    assert tab.page.locator("td.invalid").count() >= 4
-    player.fall_silent()
-    tab.until("!document.querySelector('#loss').hidden")
-    tab.shot("therapist_no_signal")
-    assert tab.violations() == []
-    player.speak()
-    tab.page.click("#logout")
-    tab.until("document.querySelector('#password') !== null")
-
-
-def test_stop_of_the_therapist_s_page_is_in_reach_at_every_size_and_zoom(desk):
-    tab, player = desk
-    are_in_reach(tab, STOP)
-    login(tab)
-    are_in_reach(tab, STOP)
-    player.play(mode=Mode.FAULT, cause=Cause.SPASM)
-    tab.until("!document.querySelector('#verdict').hidden")
-    are_in_reach(tab, STOP)
-
-
-def test_the_memory_of_the_therapist_s_page_is_flat_over_an_hour_of_frames(desk, trainer):
-    tab, player = desk
-    login(tab)
-    trainer.send("events", bench.filled(Event, id="1", text="an event", kind="note"))
-    scenes = (lambda: player.play(mode=Mode.FAULT, cause=Cause.SPASM), lambda: player.walk(3.5))
-    rig.is_flat(tab, trainer, scenes)
-
-
-def test_the_therapist_s_alarm_sounds_for_a_stop_at_rest_and_for_a_server_that_is_lost(desk):
-    tab, player = desk
-    login(tab)
-    tab.until("document.querySelector('#state')?.textContent.includes('ready')")
-    player.play(mode=Mode.OFF, cause=Cause.DRIVE_SILENT)
-    tab.until("!document.querySelector('#quiet').hidden")
-    player.play(mode=Mode.HOLD)
-    tab.until("document.querySelector('#quiet').hidden")
-    tab.site.end()
-    tab.until("!document.querySelector('#quiet').hidden")
-    tab.shot("therapist_no_connection")
-    tab.site.start()
