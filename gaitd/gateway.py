@@ -34,7 +34,8 @@ def command(
     from daemon.ipc.state_file import NAME
     from daemon.keys.folder import read_keys
     from daemon.recorder.state_file_sync import StateFileSync
-    from daemon.system.clock import MonotonicClock, PageClock
+    from daemon.system.bus_choice import simulation
+    from daemon.system.clock import MonotonicClock
     from daemon.system.journal import SOCKET, Journal, is_journal
     from daemon.system.lock import hold
     from daemon.system.sd_notify import Notifier
@@ -47,7 +48,7 @@ def command(
     file = read(config)
     settings = file.trainer.zenoh
     is_simulated = file.trainer.bus.interface == SIMULATED
-    clock = PageClock(Path(file.channel)) if is_simulated else MonotonicClock()
+    clock = simulation(config).page_clock(Path(file.channel)) if is_simulated else MonotonicClock()
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
     journal = Journal("gaitd-gateway", SOCKET if in_journal else None)
     log.begin(journal, file.trainer.log.level, sys.stdout if as_json else None)

@@ -25,13 +25,13 @@ from daemon.ipc.record import (
     RequestResult,
     Stage,
 )
-from daemon.system.clock import SimulatedClock
-from drives.canopen.simulated import SimulatedBus
 from gaitd_lab.lockstep_gateway import BOOT_ID, Gateway
 from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.build import Machine
 from sim_drives.plant.truth import TruthLog
 from sim_drives.time.conductor import UTC_OF_START_NS, Conductor, DirectLink, World
+from simtime.bus import SimulatedBus
+from simtime.clock import SimulatedClock
 
 NS_PER_S: Final = 1_000_000_000
 SETTLE_S: Final = 0.2

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Final
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.dictionary import Entry, ObjectDictionary
@@ -46,7 +47,6 @@ from sim_drives.connection import (
 )
 from sim_drives.plant.port import Axis
 from sim_drives.settings import DriveSettings, FaultKind, PersonalityName
-from simtime.frame import Frame
 
 RESET_COMMUNICATION_NS: Final = 5 * MILLISECOND
 MOTOR_DATA: Final = (Object.EPOS4_MOTOR_DATA, Object.RATED_CURRENT, Object.RATED_TORQUE)

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from itertools import count
 from typing import Final, NamedTuple
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.dictionary import Entry
 from sim_drives.canopen.timers import NEVER
 from sim_drives.faults.rules import RULES
@@ -18,7 +19,6 @@ from sim_drives.faults.script import FaultOrder
 from sim_drives.node import Node
 from sim_drives.plant.port import Axis, Plant
 from sim_drives.settings import DriveSettings, FaultKind
-from simtime.frame import Frame
 
 SYNC_ID: Final = 0x080
 NS_PER_S: Final = 1_000_000_000

@@ -13,6 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Final
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.timers import NEVER
 from sim_drives.faults.script import (
     EVERY_DRIVE,
@@ -24,7 +25,6 @@ from sim_drives.faults.script import (
 from sim_drives.node import Node
 from sim_drives.one_leg import NS_PER_S, SYNC_ID, Leg, OneLeg, Outsider
 from sim_drives.settings import FaultSettings
-from simtime.frame import Frame
 
 NO_OUTSIDERS: Final[Mapping[str, Outsider]] = MappingProxyType({})
 

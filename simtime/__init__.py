@@ -9,7 +9,11 @@ simulated time, and the same frames come at the same instants on a busy computer
     page       the time page: simulated time as a file in memory, for readers
     link       the client side of a seat: in another process over the socket, behind a protocol
     processes  whether a process that is waited for is stopped
+    can_bus    a seat for programs of python-can
+    bus, clock, in_step
+               bus, clocks and channel of a service in simulated time
+    service    what the service finds by its name, for `[bus] interface = "simulated"`
 
-This package is independent: `drives`, `daemon` and `sim_drives` import it, and it imports no other
-package of the project. docs/simulated_bus.md describes the protocol for other programs.
+Nothing that runs on a trainer imports this package. docs/simulated_bus.md describes the protocol
+for other programs.
 """

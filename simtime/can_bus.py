@@ -15,7 +15,7 @@ from pathlib import Path
 
 import can
 
-from simtime.frame import Frame
+from drives.canopen.frame import Frame
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NoReturn, Protocol
 
+from drives.canopen.frame import Frame
 from simtime import wire
-from simtime.frame import Frame
 from simtime.page import PageError, SimulatedTime, page_path
 from simtime.wire import Role
 
@@ -39,6 +39,11 @@ class Link(Protocol):
 
     def utc_ns(self) -> int:
         """Simulated UTC."""
+        ...
+
+    @property
+    def is_in_step(self) -> bool:
+        """True if the seat is taken, and its time simulated."""
         ...
 
     def open(self) -> None:
@@ -139,7 +144,7 @@ class SocketLink:
 
     @property
     def is_in_step(self) -> bool:
-        """True if the seat is taken, and its time simulated."""
+        """As `Link.is_in_step`."""
         return self._socket is not None and not self._is_wall_clock
 
     # --- the seat -----------------------------------------------------------------------------

@@ -29,7 +29,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from enum import IntEnum
 from typing import Final, NamedTuple
 
-from simtime.frame import Frame
+from drives.canopen.frame import Frame
 
 FRAMES_MAX: Final = 512
 MESSAGE_SIZE_MAX: Final = 16384

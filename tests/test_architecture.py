@@ -30,9 +30,9 @@ class Plant(NamedTuple):
 
 
 OFFLINE = "only offline work and the wire contract meet in analysis"
-PHYSICS = "the virtual drives share physics with the observer, and nothing else of ours"
+PHYSICS = "the virtual drives share a frame and physics with the service, and nothing else"
 PYTEST = "pytest is not needed to run gaitd: only the plugin that it ships imports it"
-NEUTRAL = "simulated time is neutral ground: it imports nothing of ours"
+SHIPPED = "the service imports neither commands nor laboratory nor simulated time"
 JUDGEMENT = "commands ask whether a configuration is good; nothing that they start does"
 ALONE = "the client library is complete without gaitd"
 MESSAGES = "messages are for gateway and clients, not for what moves the machine"
@@ -41,9 +41,8 @@ PLANTS = (
     Plant("observer", "scipy", TOOLS),
     Plant("drives", "daemon.ipc.record", "drives and observer know nothing of ours"),
     Plant("observer", "drives.signals", "drives and observer never see each other"),
-    Plant(
-        "daemon.core", "sim_drives.plant.actuation", "production never imports the virtual drives"
-    ),
+    Plant("daemon.core", "sim_drives.plant.actuation", SHIPPED),
+    Plant("drives", "simtime.link", SHIPPED),
     Plant("sim_drives", "observer.filter.cdkf", PHYSICS),
     Plant("sim_drives", "drives.signals", PHYSICS),
     Plant(
@@ -58,7 +57,7 @@ PLANTS = (
     Plant("gaitd", "pytest", PYTEST),
     Plant("gaitd", "gaitd.testing.service", "what tests share is for tests, and `gaitd rig`"),
     Plant("gaitd_lab", "gaitd.remote", "the laboratory knows nothing of the command line"),
-    Plant("simtime", "drives.signals", NEUTRAL),
+    Plant("simtime", "sim_drives.settings", "simulated time knows no virtual drive"),
     Plant("daemon.core", "daemon.preflight.acceptance", JUDGEMENT),
     Plant("gaitd_client", "daemon.ipc.record", ALONE),
     Plant("daemon.core", "gaitd_client.stream", MESSAGES),

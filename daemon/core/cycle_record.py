@@ -62,6 +62,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         bus=tick.bus,
         assist=_assist(core),
         stage=status.stage(core),
+        time_is_simulated=tick.time_is_simulated,
     )
 
 

@@ -26,3 +26,4 @@ class Tick(NamedTuple):
     bus: BusRecord = BusRecord()
     shutdown: bool = False
     """SIGTERM has been received."""
+    time_is_simulated: bool = False

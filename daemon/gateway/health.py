@@ -123,6 +123,7 @@ class HealthWindow:
             setpoint_refused_count=_refused(self.counters, newest),
             keys_expiring=keys_expiring,
             assist_lapse_count=newest.assist.lapse_count if newest else None,
+            time_is_simulated=newest.time_is_simulated if newest else None,
         )
 
     def _drive_health(self, drive: DriveRecord) -> DriveHealth:

@@ -451,3 +451,5 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     assist: AssistRecord = AssistRecord()
     stage: Stage | None = None
     """Stage of the mode's exercise; None when there is none."""
+    time_is_simulated: bool = False
+    """The drives are virtual, and time passes as `gaitd sim` grants it."""

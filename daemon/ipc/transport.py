@@ -28,7 +28,7 @@ import os
 import socket
 import struct
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Protocol
 
 import msgspec
 from msgspec import Meta
@@ -348,6 +348,22 @@ class Datagrams:
         """Close and remove our own socket."""
         self._socket.close()
         self._own.unlink(missing_ok=True)
+
+
+class IpcChannel(Protocol):
+    """The core's end of the IPC channel: `CoreChannel`, or a list in a test."""
+
+    def publish(self, record: CycleRecord) -> object:
+        """Publish a record."""
+        ...
+
+    def receive(self) -> list[GatewayState]:
+        """All gateway states that wait."""
+        ...
+
+    def take_notices(self) -> list[str]:
+        """Notices about the IPC channel for the operator that have not been published yet."""
+        ...
 
 
 class CoreChannel:

@@ -1,6 +1,6 @@
 """Interfaces to the operating system.
 
-Reading order: `clock.py` (wall and simulated clocks), `bus_choice.py` (bus and clock of a
+Reading order: `clock.py` (the clocks of this computer), `bus_choice.py` (bus and clock of a
 configuration), `lock.py` (one process of a kind per directory), `files.py` (files that
 outlive a power cut), `journal.py` and `sd_notify.py` (systemd), `machine/` (checks for `gaitd
 doctor`).

@@ -1,7 +1,7 @@
 """The CAN bus: frames in, frames out. The only file that touches python-can in the cycle.
 
 `Bus` is the interface that everything else uses; `CanBus` is the real one, over python-can's
-socketcan or any other of its interfaces. `simulated.py` is the bus of simulated time.
+socketcan or any other of its own interfaces.
 
 Policy for a full transmit queue (ENOBUFS): frames that `send` cannot place at once are dropped and
 counted, because process data of this cycle are worthless in the next. `send_urgent` (NMT, quick
@@ -21,16 +21,19 @@ from contextlib import contextmanager, suppress
 from typing import Final, Protocol
 
 import can
+from can.interfaces import BACKENDS
 from can.interfaces.socketcan import SocketcanBus
 
+from drives.canopen.frame import Frame
 from drives.errors import BusError
-from simtime.frame import Frame
 
 DRAIN_COUNT_MAX: Final = 512
 """Most frames that one drain takes: a babbling node must not block the cycle."""
 SOCKETCAN: Final = "socketcan"
 RETRY_PAUSE_S: Final = 0.0002
 """Pause between two tries of an urgent frame: at 1 Mbit/s one frame takes about 0.13 ms."""
+
+_OWN_BACKENDS: Final = "can.interfaces."
 
 _QUEUE_FULL: Final = (errno.ENOBUFS, errno.EAGAIN)
 _FAILURES: Final = (can.CanError, OSError, ValueError)
@@ -87,6 +90,13 @@ class Bus(Protocol):
         ...
 
 
+class OpenedBus(Bus, Protocol):
+    """A `Bus` that was opened by its interface and channel."""
+
+    foreign_count: int
+    """Received frames of kinds that no drive sends: extended, remote or CAN FD."""
+
+
 class SteadySocketcan(SocketcanBus):
     """SocketCAN without the wall clock.
 
@@ -110,11 +120,14 @@ class CanBus:
         self.dropped_count = 0
         """Frames that were never sent because the transmit queue was full."""
         self.foreign_count = 0
-        """Received frames of kinds that no drive sends: extended, remote or CAN FD."""
+        """As `OpenedBus.foreign_count`."""
 
     @classmethod
     def open(cls, interface: str, channel: str, bitrate_bit_per_s: int) -> "CanBus":
-        """Open an interface by python-can's names.
+        """Open one of python-can's own interfaces by its name.
+
+        An interface that another installed package has registered is refused: no package that
+        happens to be there gives the service a bus.
 
         The bit rate of a SocketCAN interface is set by the operating system; there it is only used
         for the bus load.
@@ -131,6 +144,8 @@ class CanBus:
         with _failures_as_bus_error(where, _OPEN_FAILURES):
             if interface == SOCKETCAN:
                 bus: can.BusABC = SteadySocketcan(channel)
+            elif not BACKENDS.get(interface, ("",))[0].startswith(_OWN_BACKENDS):
+                raise BusError(where, "cannot be opened: no interface of python-can's own")
             else:
                 bus = can.Bus(interface=interface, channel=channel, bitrate=bitrate_bit_per_s)
         return cls(bus, where)

@@ -24,8 +24,9 @@ from gaitd_client.connection import open_session, query
 from daemon.config.edits import Edits
 from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingError, RingReader
-from daemon.system.clock import AgeClock, MonotonicClock, PageClock
+from daemon.system.clock import AgeClock, MonotonicClock
 from gaitd_lab.processes import ServiceError, ServiceProcesses, Tempo
+from simtime.clock import PageClock
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
 

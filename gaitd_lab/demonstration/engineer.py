@@ -18,8 +18,8 @@ from typing import Final, NamedTuple
 
 from gaitd_client import Clock, MonotonicClock, Trainer
 
-from daemon.system.clock import PageClock
 from gaitd_lab.processes import ManagedProcess, ServiceProcesses
+from simtime.clock import PageClock
 
 PACKAGE: Final = "gaitd_display"
 HOST: Final = "127.0.0.1"

@@ -14,8 +14,8 @@ from typing import Final
 from gaitd_client import Trainer
 from gaitd_client.connection import Target
 
-from daemon.system.clock import PageClock
 from gaitd_lab.processes import ManagedProcess, ServiceError
+from simtime.clock import PageClock
 
 PACKAGE: Final = "gaitd_assist"
 SHIPPED: Final = Path("configs") / "assist.toml"

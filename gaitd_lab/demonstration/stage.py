@@ -18,10 +18,10 @@ import msgspec
 
 from daemon.config.edits import Edits
 from daemon.config.settings import Robot
-from daemon.system.clock import PageClock
 from gaitd_lab.demonstration.script import READY_WITHIN_S
 from gaitd_lab.processes import ServiceError, ServiceProcesses, Tempo, memory_folder
 from gaitd_lab.trials import balanced
+from simtime.clock import PageClock
 from simtime.link import LinkLostError, SocketLink
 from simtime.page import PageWriter, page_path
 from simtime.processes import STOPPED, process_state

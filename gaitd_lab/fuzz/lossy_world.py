@@ -10,8 +10,8 @@ import random
 from collections.abc import Callable
 from typing import Final
 
+from drives.canopen.frame import Frame
 from sim_drives.world import World
-from simtime.frame import Frame
 
 Listener = Callable[[int, int, bytes], None]
 """Time in ns, COB-ID, data."""

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 from typing import Final
 
-from daemon.system.clock import PageClock
+from simtime.clock import PageClock
 from simtime.link import LinkLostError, SocketLink
 from simtime.wire import Role
 

@@ -18,12 +18,12 @@ Rules:
 from dataclasses import dataclass
 from typing import Final
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.cob_id import EXTENDED_BITS, FLAG_30, INVALID, can_id_of, is_restricted
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.line import Line
 from sim_drives.canopen.objects import Object
-from simtime.frame import Frame
 
 NO_ERROR: Final = 0x0000
 _INHIBIT_STEP_NS: Final = 100_000

@@ -12,12 +12,12 @@ Rules:
 from collections.abc import Callable
 from typing import Final
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.nmt import NmtState
 from sim_drives.canopen.objects import Object
 from sim_drives.canopen.timers import MILLISECOND
-from simtime.frame import Frame
 
 HEARTBEAT_ID: Final = 0x700
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Protocol
 
-from simtime.frame import Frame
+from drives.canopen.frame import Frame
 
 
 class Line(Protocol):

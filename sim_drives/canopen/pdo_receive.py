@@ -15,12 +15,12 @@ Rules:
 from collections.abc import Callable
 from typing import Final
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.objects import Object
 from sim_drives.canopen.pdo_channel import Settings, Values, channels
 from sim_drives.canopen.pdo_rules import PDO_COUNT, Direction, Layout
 from sim_drives.canopen.sync import SyncConsumer
-from simtime.frame import Frame
 
 SHORT_PDO: Final = 0x8210
 LONG_PDO: Final = 0x8220

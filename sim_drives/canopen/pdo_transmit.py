@@ -13,11 +13,11 @@ Rules:
 
 from collections.abc import Callable
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.pdo_channel import channels
 from sim_drives.canopen.pdo_rules import PDO_COUNT, Direction
 from sim_drives.canopen.sync import SyncConsumer
-from simtime.frame import Frame
 
 
 class TransmitPdos:

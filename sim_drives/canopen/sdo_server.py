@@ -18,6 +18,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import Final
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.dictionary import Address, Entry
@@ -37,7 +38,6 @@ from sim_drives.canopen.sdo_segments import (
     SegmentedUpload,
 )
 from sim_drives.canopen.timers import MILLISECOND
-from simtime.frame import Frame
 
 SDO_REQUEST_ID: Final = 0x600
 SDO_ANSWER_ID: Final = 0x580

@@ -16,8 +16,8 @@ from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Final
 
+from drives.canopen.frame import Frame
 from simtime import wire
-from simtime.frame import Frame
 
 BACKLOG: Final = 16
 OUTBOX_BYTES_MAX: Final = 64 * 1024 * 1024

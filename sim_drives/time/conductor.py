@@ -26,8 +26,8 @@ from functools import partial
 from itertools import count
 from typing import Final, Protocol
 
+from drives.canopen.frame import Frame
 from sim_drives.world import SYNC_ID
-from simtime.frame import Frame
 from simtime.link import LinkLostError
 
 UTC_OF_START_NS: Final = 1_767_225_600_000_000_000
@@ -293,6 +293,11 @@ class DirectLink:
 
     def __init__(self, conductor: Conductor, seat: Seat) -> None:
         self._conductor, self._seat = conductor, seat
+
+    @property
+    def is_in_step(self) -> bool:
+        """As `Link.is_in_step`: always."""
+        return True
 
     def now_ns(self) -> int:
         """As `Link.now_ns`."""

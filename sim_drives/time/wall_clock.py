@@ -25,13 +25,13 @@ import can
 from can.interfaces.socketcan import SocketcanBus
 from can.interfaces.virtual import VirtualBus
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.timers import MILLISECOND
 from sim_drives.control import ControlSocket
 from sim_drives.faults.script import FaultCommandError
 from sim_drives.time.bus_server import BusServer, Connection
 from sim_drives.world import SYNC_ID, World
 from simtime import wire
-from simtime.frame import Frame
 from simtime.page import PageWriter
 
 SLICE_NS: Final = 5 * MILLISECOND

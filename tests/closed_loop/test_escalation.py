@@ -5,7 +5,7 @@ from wire import SYNC, change_what_drives_hear
 
 from daemon.core.safety.stop_sequence import Step
 from daemon.ipc.record import Cause, Mode
-from simtime.frame import Frame
+from drives.canopen.frame import Frame
 
 HIP = 5
 NMT = 0x000

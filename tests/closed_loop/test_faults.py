@@ -7,8 +7,8 @@ from sessions import reaches_rest_in_fault
 from stopping_faults import LOST
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from drives.canopen.frame import Frame
 from drives.signals import PowerState
-from simtime.frame import Frame
 
 NOT_PUSHING = {
     PowerState.QUICK_STOP_ACTIVE,

@@ -15,9 +15,9 @@ from wire import (
 )
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from drives.canopen.frame import Frame
 from drives.cia402.power_state import decode_statusword
 from drives.signals import PowerState
-from simtime.frame import Frame
 
 HIP = 5
 SWITCH_ON_WORD = 0x0007

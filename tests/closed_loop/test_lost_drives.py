@@ -9,9 +9,9 @@ import pytest
 from sessions import elsewhere
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from drives.canopen.frame import Frame
 from drives.signals import PowerState
 from observer.filter.status import Validity
-from simtime.frame import Frame
 
 MS = 1_000_000
 ENABLING = 0b1000

@@ -11,9 +11,9 @@ from daemon.core.cycle import POSE_CYCLES
 from daemon.core.modes.persistent_state import PersistentState, StoredAxis
 from daemon.core.steps.single_axis import moves_origin, seeks_home
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from drives.canopen.frame import Frame
 from drives.signals import OperationMode, PowerState
 from observer.filter.status import Validity
-from simtime.frame import Frame
 
 HIP, SLIDE = "right/hip", "right/slide"
 EMPTY = (

@@ -10,8 +10,8 @@ from wire import change_what_drives_hear
 
 from daemon.ipc.record import Cause, Mode, RequestKind
 from daemon.preflight.load import load
+from drives.canopen.frame import Frame
 from gaitd_lab.lockstep import LockstepSession
-from simtime.frame import Frame
 
 MS = 1_000_000
 SYNC = 0x080

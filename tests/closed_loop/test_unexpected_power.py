@@ -14,8 +14,8 @@ from wire import SYNC, change_what_drives_hear, change_what_drives_say
 from daemon.core.safety.stop_sequence import Step
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 from daemon.wire.cause_texts import CAUSE_TEXT
+from drives.canopen.frame import Frame
 from drives.signals import PowerState
-from simtime.frame import Frame
 
 HIP = 5
 NMT_STOP = bytes((0x02, HIP))

@@ -11,9 +11,9 @@ from sessions import CONFIGS, elmo_drives, generic_drives, new_session
 from daemon.preflight.load import load
 from drives.bringup.plan import plan
 from drives.bringup.steps import StepKind
+from drives.canopen.frame import Frame
 from drives.errors import BootFailure
 from gaitd_lab.backstop_page import COMMUNICATION, WRITES, page, rows, source_of
-from simtime.frame import Frame
 
 MS = 1_000_000
 PAGE = Path(__file__).parents[2] / "docs" / "backstop.md"

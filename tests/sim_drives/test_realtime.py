@@ -12,10 +12,10 @@ import can
 import pytest
 from drive_bench import Bench, booted_bench
 
+from drives.canopen.frame import Frame
 from sim_drives.control import control_socket
 from sim_drives.time.bus_server import bus_server
 from sim_drives.time.wall_clock import STEADY_NS, Arrivals, RealTime, ServedBus, now_ns, open_bus
-from simtime.frame import Frame
 from simtime.page import PageWriter, page_path
 
 TIMEOUT_S = 30.0

@@ -13,12 +13,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.context import NodeContext
 from sim_drives.canopen.dictionary import ObjectDictionary
 from sim_drives.canopen.sdo_block import crc
 from sim_drives.canopen.sdo_server import SdoServer
 from sim_drives.canopen.timers import MILLISECOND, Timers
-from simtime.frame import Frame
 
 LABEL, MEMORY = (0x2000, 0), (0x2010, 0)
 NUMBERS = {(0x1017, 0): 2, (0x6085, 0): 4, (0x605A, 0): 2, (0x6007, 0): 2}

@@ -5,11 +5,11 @@ import struct
 import pytest
 from drive_bench import CONFIGS, HIP, MS, SLIDE, Bench, FakePlant, settings
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.dictionary import read_eds
 from sim_drives.canopen.timers import NEVER, Timers
 from sim_drives.one_leg import Leg
 from sim_drives.world import World
-from simtime.frame import Frame
 
 
 def session(seed):

@@ -1,13 +1,14 @@
 """The core waits for its gateway: at a breakpoint without end, stopped by a signal not at all."""
 
 import os
+from types import SimpleNamespace
 
 import pytest
 from records import record
 
-from daemon.core.runtime import in_step
-from daemon.core.runtime.in_step import InStepChannel
 from daemon.ipc.record import GatewayState
+from simtime import in_step
+from simtime.in_step import InStepChannel
 from simtime.processes import IN_A_DEBUGGER, STOPPED
 
 BREAKPOINT_LOOKS = 40
@@ -63,9 +64,8 @@ def test_a_silent_gateway_is_waited_for_as_its_process_deserves(
 
     monkeypatch.setattr(in_step, "process_state", look)
     (tmp_path / "lock").write_text("4711")
-    held = InStepChannel(
-        seam, "boot", tmp_path / "lock", lambda: True, lambda: said_here.append(len(looked))
-    )
+    seat = SimpleNamespace(is_in_step=True, send_alive=lambda: said_here.append(len(looked)))
+    held = InStepChannel(seam, "boot", tmp_path / "lock", seat)
     seam.found.append(level(1))
     held.receive()
     held.publish(record(10))

@@ -15,7 +15,7 @@ from command_line import gaitd
 from processes import Service
 
 from daemon.ipc.record import Mode
-from daemon.system.clock import PageClock
+from simtime.clock import PageClock
 from simtime.processes import IN_A_DEBUGGER, process_state
 
 TIMEOUT_S = 60

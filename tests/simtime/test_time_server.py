@@ -14,14 +14,14 @@ from pathlib import Path
 import can
 import pytest
 
-from daemon.system.clock import PageClock
+from drives.canopen.frame import Frame
 from sim_drives.faults.script import FaultCommandError
 from sim_drives.time import server as time_server
 from sim_drives.time.bus_server import bus_server
 from sim_drives.time.conductor import COST_MAX_NS, COST_MIN_NS
 from sim_drives.time.server import AHEAD_MAX_NS, PACE_MAX, TimeServer
 from simtime import wire
-from simtime.frame import Frame
+from simtime.clock import PageClock
 from simtime.link import LinkLostError, SocketLink
 from simtime.page import MAGIC, PageError, PageWriter, SimulatedTime, page_path
 from simtime.processes import STOPPED, process_state

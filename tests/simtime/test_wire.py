@@ -4,8 +4,8 @@ import random
 
 import pytest
 
+from drives.canopen.frame import Frame
 from simtime import wire
-from simtime.frame import Frame
 from simtime.wire import Role, WireError
 
 FRAMES = [

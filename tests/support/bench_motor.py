@@ -14,8 +14,8 @@ from config_files import Change, changed, copied
 from durand_slave import DurandWorld
 
 from daemon.preflight.load import load
+from drives.canopen.frame import Frame
 from drives.cia402.profile import DriveDescription
-from simtime.frame import Frame
 
 COUNTS_PER_RAD = 1024 * 100 / (2 * math.pi)
 NM_PER_PERMILLE = 0.279 * 100 / 1000

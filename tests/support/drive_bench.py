@@ -9,13 +9,13 @@ from typing import Any
 
 import msgspec
 
+from drives.canopen.frame import Frame
 from sim_drives.canopen.dictionary import Entry, read_eds
 from sim_drives.one_leg import Leg
 from sim_drives.plant.actuation import Actuation, AxisActuation, AxisFlag, AxisSample
 from sim_drives.settings import DriveSettings, FaultSettings
 from sim_drives.time.wall_clock import now_ns
 from sim_drives.world import World
-from simtime.frame import Frame
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 MS = 1_000_000

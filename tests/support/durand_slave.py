@@ -18,8 +18,8 @@ from durand.scheduler import VirtualScheduler
 from memory_bus import scripted
 from third_model import Model, statusword
 
+from drives.canopen.frame import Frame
 from drives.cia402.profile import DriveDescription
-from simtime.frame import Frame
 
 NEVER_NS = 1 << 62
 SERIAL_NUMBER = 77

@@ -9,9 +9,9 @@ TPDO1 = 6041h, 6064h, 6061h; everything at SYNC.
 import struct
 from dataclasses import dataclass, field
 
+from drives.canopen.frame import Frame
 from gaitd_lab.lockstep import LockstepSession
 from sim_drives.plant.truth import Truth
-from simtime.frame import Frame
 
 MS = 1_000_000
 CYCLE_MS = 10

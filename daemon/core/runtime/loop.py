@@ -31,7 +31,7 @@ from daemon.core import cycle
 from daemon.core.runtime import realtime
 from daemon.core.runtime.bus_link import Line
 from daemon.core.runtime.grid import Grid, longest_part
-from daemon.core.runtime.loop_settings import ExitCode, IpcChannel, LoopSettings
+from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
 from daemon.core.runtime.sync_window import Window
 from daemon.core.runtime.systemd import Supervision
 from daemon.core.safety.joints import is_at_rest
@@ -42,6 +42,7 @@ from daemon.core.steps.bring_up import bring_up_core
 from daemon.core.tick import Tick
 from daemon.ipc.cycle_timing import CyclePart, CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, GatewayState, Mode
+from daemon.ipc.transport import IpcChannel
 from daemon.system.clock import Clock
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import NmtCommand, heartbeat_frame, nmt_frame
@@ -329,6 +330,7 @@ class Loop:
             bus_load_ratio=self._settings.bus_load_ratio,
             bus=self._line.record(drives.stray_count if drives is not None else 0),
             shutdown=self._shutdown,
+            time_is_simulated=self._clock.is_simulated,
         )
 
     def _receive_gateway_states(self) -> list[GatewayState]:

@@ -7,7 +7,6 @@ from typing import Protocol
 
 from daemon.core.runtime.build import Plans
 from daemon.core.runtime.state_file import StateStore
-from daemon.ipc.record import CycleRecord, GatewayState
 from drives.bringup.plan import CycleSettings
 from drives.canopen.bus import Bus
 
@@ -19,22 +18,6 @@ class ExitCode(IntEnum):
     CONFIGURATION = 2
     REFUSED = 3
     BUG = 4
-
-
-class IpcChannel(Protocol):
-    """Interface of the IPC channel: `daemon.ipc.transport.CoreChannel`, or a list in a test."""
-
-    def publish(self, record: CycleRecord) -> object:
-        """Publish a record."""
-        ...
-
-    def receive(self) -> list[GatewayState]:
-        """All gateway states that wait."""
-        ...
-
-    def take_notices(self) -> list[str]:
-        """Notices about the IPC channel for the operator that have not been published yet."""
-        ...
 
 
 class Supervisor(Protocol):

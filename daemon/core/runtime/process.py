@@ -19,7 +19,6 @@ from daemon.config.bundle import Settings
 from daemon.config.trainer import SIMULATED
 from daemon.core.runtime import realtime
 from daemon.core.runtime.build import NS_PER_MS, Built, build, ring_header
-from daemon.core.runtime.in_step import InStepChannel
 from daemon.core.runtime.loop import Loop
 from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
 from daemon.core.runtime.state_file import StateFile, StateStore
@@ -27,7 +26,7 @@ from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervisi
 from daemon.core.runtime.warm_up import warm_up
 from daemon.ipc import starting
 from daemon.ipc.transport import CoreChannel, RingHeader
-from daemon.system.bus_choice import BusChoice, choose_bus
+from daemon.system.bus_choice import bus_of, choose_bus
 from daemon.system.journal import Journal
 from daemon.system.lock import directory_errors, hold
 from daemon.system.sd_notify import Notifier
@@ -35,7 +34,6 @@ from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
 from drives.errors import BusError
 from observer.jit import is_cached
-from simtime.wire import Role
 
 PART: Final = "core"
 
@@ -122,6 +120,9 @@ def _run(
     has_watchdog: bool,
 ) -> ExitCode:
     is_simulated = settings.trainer.bus.interface == SIMULATED
+    place = bus_of(settings.file)
+    bus = choose_bus(place, name=PART, is_core=True, wall_clock_only=has_watchdog)
+    clock = bus.clock
     boot_id = uuid.uuid4().hex
     state_file = _state_file(settings)
     built = build(settings, boot_id, state_file.persistent)
@@ -129,16 +130,12 @@ def _run(
         text = "compiling what a cycle computes, once on this machine: a minute or two"
         _log(log, text, INFORMATIONAL)
     warm_up(build(settings, boot_id, state_file.persistent))
-    bus = _bus(settings, has_watchdog=has_watchdog)
-    clock = bus.clock
     if is_simulated:
         with contextlib.suppress(BusError):  # the loop retries if the server starts later
             bus.open_bus()
     header = ring_header(settings, boot_id, clock.utc_ns(), version("gaitd"))
-    core_channel = ipc = _ipc(settings, header)
-    if is_simulated:
-        lock = settings.runtime / "gateway.lock"
-        ipc = InStepChannel(core_channel, boot_id, lock, bus.is_in_step, bus.send_alive)
+    core_channel = _ipc(settings, header)
+    ipc = bus.in_step(core_channel, boot_id, settings.runtime / "gateway.lock")
     supervisor = Notifier(notify_address)
     supervision = Supervision(supervisor, log, settings.trainer.shutdown.effect)
     grid = loop_settings(settings, built, state_file, bus.open_bus)
@@ -188,18 +185,6 @@ def _bus_load(settings: Settings, built: Built) -> BusLoad:
     heartbeat_ms = settings.trainer.cycle.master_heartbeat_ms
     rate_bit_per_s = settings.trainer.bus.bitrate_bit_per_s
     return bus_load(settings.drives, built.cycle, heartbeat_ms, rate_bit_per_s)
-
-
-def _bus(settings: Settings, *, has_watchdog: bool) -> BusChoice:
-    bus = settings.trainer.bus
-    return choose_bus(
-        bus.interface,
-        settings.file.channel,
-        bus.bitrate_bit_per_s,
-        role=Role.IN_STEP,
-        name=PART,
-        wall_clock_only=has_watchdog,
-    )
 
 
 def loop_settings(

@@ -108,3 +108,7 @@ class Health(Stated, frozen=True, kw_only=True):
             description="Clients, `gateway` or `authority`, whose certificate ends within 30 days."
         ),
     ] = ()
+    time_is_simulated: Annotated[
+        bool | None,
+        Meta(description="The drives are virtual, and time is granted by `gaitd sim`."),
+    ] = None

@@ -22,7 +22,7 @@ class SimulatedBus:
     def __init__(self, link: Link, channel: str) -> None:
         self._link, self._channel = link, channel
         self.foreign_count = 0
-        """As `CanBus.foreign_count`: always 0, this bus carries no such frame."""
+        """As `OpenedBus.foreign_count`: always 0, this bus carries no such frame."""
 
     def open(self) -> "SimulatedBus":
         """Connect to the simulation.

@@ -12,9 +12,8 @@ simulated time, as in real time.
 """
 
 import select
-from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, Protocol
 
 from daemon.ipc.record import CycleRecord, GatewayState
 from daemon.ipc.transport import CoreChannel
@@ -33,6 +32,19 @@ HOLDER_CHECKS: Final = 50
 """1 s, counted in polls."""
 
 
+class Seat(Protocol):
+    """What the channel needs of `simtime.link.SocketLink`."""
+
+    @property
+    def is_in_step(self) -> bool:
+        """True while time is simulated."""
+        ...
+
+    def send_alive(self) -> None:
+        """Report to the owner of simulated time that this process is not hung."""
+        ...
+
+
 class InStepChannel:
     """An IPC channel that keeps the core in step with the gateway and the lease holder."""
 
@@ -41,8 +53,7 @@ class InStepChannel:
         ipc: CoreChannel,
         boot_id: str,
         gateway_lock: Path,
-        is_in_step: Callable[[], bool],
-        send_alive: Callable[[], None],
+        seat: Seat,
     ) -> None:
         """Wrap an IPC channel.
 
@@ -50,11 +61,10 @@ class InStepChannel:
             ipc: IPC channel to the gateway.
             boot_id: boot id of this core.
             gateway_lock: lock file with the gateway's process id.
-            is_in_step: returns True while time is simulated.
-            send_alive: reports to the owner of simulated time that this process is not hung.
+            seat: of this core.
         """
         self._ipc, self._boot_id = ipc, boot_id
-        self._lock, self._is_in_step, self._send_alive = gateway_lock, is_in_step, send_alive
+        self._lock, self._seat = gateway_lock, seat
         self._poller = select.poll()
         self._poller.register(ipc.fileno(), select.POLLIN)
         self._published_cycle = 0
@@ -75,7 +85,7 @@ class InStepChannel:
         """As `CoreChannel.receive`, once gateway and lease holder have caught up."""
         gateway_states = self._read()
         checks = stopped_checks = 0
-        while self._is_in_step() and self._lags() and checks < TIMEOUT_CHECKS:
+        while self._seat.is_in_step and self._lags() and checks < TIMEOUT_CHECKS:
             if self._poller.poll(CHECK_MS):
                 gateway_states += self._read()
                 continue
@@ -84,7 +94,7 @@ class InStepChannel:
             if stopped_checks >= STOPPED_CHECKS:
                 break
             if state == IN_A_DEBUGGER:
-                self._send_alive()
+                self._seat.send_alive()
                 continue
             checks += 1
             self._holder_expected = self._holder_expected and checks < HOLDER_CHECKS
