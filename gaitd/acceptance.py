@@ -30,7 +30,15 @@ from daemon.core.runtime.build import build
 from daemon.core.safety.stop_sequence import HOLD_GRACE_CYCLES
 from daemon.core.state import Axis
 from daemon.ipc.record import Cause, CycleRecord, DriveRecord, Mode, Stage, StopCategory
-from gaitd.preparation import HOMING_MAX_S, MOTIONS, MOVES, PASSED, RESULT, STEP_MAX_S, prompt
+from gaitd.operator_texts import (
+    HOMING_MAX_S,
+    MOTIONS,
+    MOVES,
+    PASSED,
+    RESULT,
+    STEP_MAX_S,
+    prompt,
+)
 
 READY_MAX_S: Final = 30.0
 BEGIN_MAX_S: Final = 60.0

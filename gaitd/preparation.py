@@ -19,6 +19,16 @@ from gaitd_client import ClientError, Outcome, Target, Trainer, wire
 from analysis.acceptance.record import Judgement
 from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from gaitd.command_line import JsonOption, errors_in_one_line, json_text
+from gaitd.operator_texts import (
+    HOMING_MAX_S,
+    MOTIONS,
+    MOVES,
+    PASSED,
+    PRESS,
+    RESULT,
+    STEP_MAX_S,
+    prompt,
+)
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
@@ -38,36 +48,11 @@ GAIT_CADENCE_HZ: Final = 0.25
 AxisName = Annotated[str, typer.Argument(metavar="AXIS", help="LEG/AXIS, for example right/hip")]
 Print = Callable[[str], None]
 
-MOTIONS: Final = {
-    "hip": "the thigh is first raised towards the trunk (the hip bends), then lowered again",
-    "slide": "the slide first moves so that the knee stretches, then comes back",
-}
-"""Motion of each joint in its positive direction and back, in the axes of robot.toml."""
-HOMING_MAX_S: Final = 360.0
-"""Longer than any homing may take."""
 SETTLED_POLLS: Final = 2
 """Polls in a calm mode before the end counts: between bring-ups the service passes `ready`."""
 SETTLED_MODES: Final = frozenset({"ready", "fault"})
 HOMING_POLL_S: Final = 0.25
 POLL_S: Final = 0.5
-STEP_MAX_S: Final = 120.0
-"""Time for each step of the self-test that the operator does."""
-PASSED: Final = "self-test passed"
-MOVES: Final = "moves with its torque"
-RESULT: Final = ": self-test "
-UNTESTED: Final = "not seen to act today: "
-
-PRESS: Final = "Press the emergency stop, and release it again."
-PROMPTS: Final = (
-    ("pressed", PRESS),
-    ("released", "Release the emergency stop."),
-    ("switch open", "Let go of the hand switch, then hold it again."),
-    ("switch closed", "Hold the hand switch."),
-    ("hand switch is open", "Hold the hand switch."),
-    ("safe torque off", "Release the emergency stop."),
-    ("moving", "Keep the leg still."),
-)
-"""Prompt for the operator, by a part of the reason with which the service refuses to enable."""
 AGAIN: Final = "then `gaitd self-test` again: the inputs that were seen to act need not act again"
 
 
@@ -390,15 +375,6 @@ def stop_text(safety: wire.Safety) -> str:
     where = f"{verdict.drive}: " if verdict.drive else ""
     detail = f" ({verdict.detail})" if verdict.detail else ""
     return f"{where}{verdict.text}{detail}: {verdict.remedy}"
-
-
-def prompt(reason: str) -> str:
-    """Prompt for the operator after a refusal; the service's reason if no prompt matches."""
-    missing = reason.removeprefix(UNTESTED).split(", ") if reason.startswith(UNTESTED) else [reason]
-    for key, text in PROMPTS:
-        if any(key in one for one in missing):
-            return text
-    return f"waiting: {reason}"
 
 
 def _test_result(status: wire.Status, before: set[str], show: Print) -> tuple[bool, list[str]]:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 from analysis import markdown
-from daemon.core.modes.guards import GuardInputs
+from daemon.core.exercises.guards import GuardInputs
 from daemon.core.modes.table import TRANSITIONS, Event, event_of, refusal
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind

@@ -38,7 +38,7 @@ _BRING_UP = (
 UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "daemon/core/inputs.py": ("daemon/core/test_inputs.py",),
     "daemon/core/modes/daily_test.py": (f"{_MODES}/test_daily_test.py",),
-    "daemon/core/modes/guards.py": (f"{_MODES}/test_modes.py", f"{_MODES}/test_modes_table.py"),
+    "daemon/core/exercises/guards.py": (f"{_MODES}/test_modes.py", f"{_MODES}/test_modes_table.py"),
     "daemon/core/modes/latched_stop.py": (f"{_MODES}/test_latched_stop.py",),
     "daemon/core/modes/persistent_state.py": (f"{_MODES}/test_persistent_state.py",),
     "daemon/core/modes/roles.py": (f"{_MODES}/test_roles.py",),

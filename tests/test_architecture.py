@@ -4,9 +4,12 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from graphlib import TopologicalSorter
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
+
+import grimp
 
 PROJECT = Path(__file__).resolve().parent.parent
 LINTER = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))["tool"][
@@ -102,3 +105,11 @@ def test_each_planted_import_breaks_its_contract(tmp_path):
     for number, plant in enumerate(PLANTS):
         chain = f"{plant.package}.planted_{number} -> {plant.imported} (l.3)"
         assert chain in said[plant.contract], plant
+
+
+def test_no_files_import_each_other_in_a_circle():
+    graph = grimp.build_graph(*LINTER["root_packages"], cache_dir=None)
+    imported = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+
+    assert len(imported) > 500
+    TopologicalSorter(imported).prepare()  # raises with the names of a circle

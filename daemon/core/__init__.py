@@ -6,7 +6,7 @@ Reading order:
     core_config     the part of the configuration that the core uses
     inputs          command inputs from the gateway
     safety/         pure: reasons to stop, limits, bounds, the stop sequence
-    modes/          pure: the table of modes and its guards; the persistent state
+    modes/          pure: the table of modes; the persistent state
     exercises/      pure: what the legs do in each mode
     motion/         pure: the shape of the gait, the assist of a controller
     steps/          steps that change the state: supervisor, requests, exercises, targets, monitors

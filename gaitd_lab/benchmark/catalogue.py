@@ -1,11 +1,10 @@
 """All benchmarks by name: each measures, and returns its result and its table."""
 
-import importlib.util
 import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, TypeVar
+from typing import TypeVar
 
 from rich.table import Table
 
@@ -23,12 +22,11 @@ from gaitd_lab.benchmark import (
     tables,
     whole_service,
 )
+from gaitd_lab.peers.observer_step import measure_all
 
 T = TypeVar("T")
 Tables = Table | list[Table] | str
 Measured = tuple[object, Tables]
-
-SKIPPED: Final = "skipped: benchmarks/ is part of the repository, and is not installed"
 
 
 def measurements(configs: Path, seconds: float) -> dict[str, Callable[[], Measured]]:
@@ -79,17 +77,8 @@ def measurements(configs: Path, seconds: float) -> dict[str, Callable[[], Measur
 
 
 def _steps(configs: Path) -> Measured:
-    """Measure the observer's step with `benchmarks/`; a text if that folder is not installed."""
-    title = "the observer's step, against hand-written C and FilterPy"
-    root = Path(__file__).resolve().parents[2]
-    if not (root / "benchmarks" / "observer_step.py").exists():
-        return SKIPPED, f"{title}: {SKIPPED}"
-    if importlib.util.find_spec("benchmarks") is None:
-        sys.path.insert(0, str(root))
-    from benchmarks.observer_step import measure_all
-
     result = measure_all(load_toml(configs / "robot.toml", Robot))
-    return result, tables.steps(title, result)
+    return result, tables.steps("the observer's step, against hand-written C and FilterPy", result)
 
 
 def _display(configs: Path, seconds: float) -> Measured:
@@ -102,10 +91,7 @@ def _display(configs: Path, seconds: float) -> Measured:
 
 
 def _peers(configs: Path, seconds: float) -> Measured:
-    """Measure other CANopen masters with `benchmarks/`; a text if that folder is not installed."""
     title = "masters of the same virtual drives"
-    if not peers.PEER.exists():
-        return SKIPPED, f"{title}: {SKIPPED}"
 
     def show(text: str) -> None:
         print(f"measuring: {text}", file=sys.stderr, flush=True)

@@ -5,7 +5,7 @@ alike. Both masters hold both axes with the same spring and damper. A third stat
 (`bus_times.py`). Processor time is the master process' own, from /proc; for `gaitd core` it is the
 core with its observer, safety and records, while the gateway runs beside it.
 
-The peer is `benchmarks/python_canopen_peer.py`, whose module docstring describes it.
+The peer is `gaitd_lab/peers/python_canopen_peer.py`, whose module docstring describes it.
 """
 
 import contextlib
@@ -30,7 +30,7 @@ from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo, memory_fold
 from gaitd_lab.soak.memory import sample
 from gaitd_lab.soak.soak_processes import SoakProcesses
 
-PEER: Final = Path(__file__).resolve().parents[2] / "benchmarks" / "python_canopen_peer.py"
+PEER: Final = "gaitd_lab.peers.python_canopen_peer"
 STARTED_WITHIN_S: Final = 120.0
 """Time limit: the first start compiles the observer's kernels."""
 HELD_WITHIN_S: Final = 20.0
@@ -226,7 +226,7 @@ def _subject(master: Master, made: SoakProcesses) -> Generator[Subject]:
         yield Subject(core, lambda: _operate(made), retry_s=0.5, start_s=0.0)
         return
     eds = made.config.parent / "drives" / "epos4.eds"
-    arguments = [str(PEER), "--channel", str(made.channel), "--eds", str(eds)]
+    arguments = ["-m", PEER, "--channel", str(made.channel), "--eds", str(eds)]
     arguments += ["--fifo"] if master.realtime else []
     peer = ManagedProcess(master.name, arguments, made.folder / "peer.log")
     try:

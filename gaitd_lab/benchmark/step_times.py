@@ -1,6 +1,6 @@
 """Shared by the benchmarks of the observer: a recording, legs that step through it, and the times.
 
-`benchmarks/` of the repository uses it, too.
+`gaitd_lab/peers` uses it, too.
 """
 
 import statistics

@@ -13,7 +13,7 @@ from gaitd_lab.benchmark.scaling import Scaling
 from gaitd_lab.benchmark.whole_service import Service
 
 if TYPE_CHECKING:
-    from benchmarks.observer_step import StepTimes
+    from gaitd_lab.peers.observer_step import StepTimes
 
 C_RATIO_MAX: Final = 1.0
 FILTERPY_RATIO_MIN: Final = 50.0

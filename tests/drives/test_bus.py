@@ -225,6 +225,13 @@ def test_an_interface_that_is_not_there_is_the_operator_s_or_the_machine_s_matte
         CanBus.open(interface, channel, 1_000_000)
 
 
+def test_no_package_that_happens_to_be_installed_gives_a_bus(tmp_path):
+    assert "gaitd" in can.interfaces.VALID_INTERFACES  # registered by the virtual drives
+
+    with pytest.raises(BusError, match="no interface of python-can's own"):
+        CanBus.open("gaitd", str(tmp_path / "bus"), 1_000_000)
+
+
 # --- the controller's own reports -----------------------------------------------------------------
 
 

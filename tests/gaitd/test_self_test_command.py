@@ -13,7 +13,7 @@ from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
 from daemon.wire.cause_texts import CAUSE_TEXT
-from gaitd import preparation, remote
+from gaitd import operator_texts, preparation, remote
 from gaitd.__main__ import build
 from gaitd.remote import EXIT_NO_ANSWER, EXIT_REFUSED
 
@@ -97,7 +97,7 @@ def test_a_latched_stop_is_shown_with_its_remedy_and_not_reset(run, modes):
 
 
 def test_the_fault_of_an_emergency_stop_that_was_asked_for_says_how_to_go_on(run):
-    unseen = f"{preparation.UNTESTED}right/hip emergency stop (STO) pressed"
+    unseen = f"{operator_texts.UNTESTED}right/hip emergency stop (STO) pressed"
 
     result, service = run(Mode.READY, Mode.FAULT, reason=unseen)
 

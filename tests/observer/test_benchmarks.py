@@ -5,8 +5,8 @@ import shutil
 import numpy as np
 import pytest
 
-from benchmarks import c_anchor, filterpy_peer, observer_step
 from gaitd_lab.benchmark import step_times
+from gaitd_lab.peers import c_anchor, filterpy_peer, observer_step
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import setup_of
 from observer.offline import batch

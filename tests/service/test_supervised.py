@@ -86,8 +86,9 @@ def service():
 
 
 def test_ready_is_said_by_the_core_itself_once_and_records_are_there(service):
-    service.until(lambda record: record.seq > 0)
+    seen = service.until(lambda record: record.seq > 0)
 
+    assert not seen.time_is_simulated
     assert service.systemd.said().count("READY=1") == 1
     assert service.systemd.pids == {service.pid}
 

@@ -3,7 +3,7 @@
 import cmath
 import math
 
-from daemon.core.modes.guards import GuardInputs
+from daemon.core.exercises.guards import GuardInputs
 from daemon.core.safety.checks import NO_VERDICT, check
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs

@@ -11,13 +11,15 @@ import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from types import TracebackType
-from typing import TYPE_CHECKING, Final, NamedTuple, Self, SupportsFloat, TypeVar
+from typing import Final, NamedTuple, Protocol, Self, SupportsFloat, TypeVar
 
 import msgspec
 import zenoh
 from zenoh import CongestionControl, Priority
 
 from gaitd_client import wire
+from gaitd_client.clock import Clock
+from gaitd_client.connection import Target
 from gaitd_client.errors import (
     ClientError,
     NoAnswerError,
@@ -27,9 +29,6 @@ from gaitd_client.errors import (
 from gaitd_client.stream import POLL_S, NotValid, Stream
 from gaitd_client.wire.names import Mode, Outcome
 from gaitd_client.wire.refusals import REFUSAL_TEXT, SetpointRefusal
-
-if TYPE_CHECKING:
-    from gaitd_client.trainer import Trainer
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -70,6 +69,48 @@ Law = Callable[[wire.Estimate], Assist]
 OnRefusal = Callable[[Refusal], object]
 
 
+class Leased(Protocol):
+    """What a lease needs of `gaitd_client.trainer.Trainer`."""
+
+    @property
+    def clock(self) -> Clock:
+        """Clock of this client."""
+        ...
+
+    @property
+    def target(self) -> Target:
+        """Which service."""
+        ...
+
+    def configuration(self) -> wire.Configuration:
+        """Ask for the service's configuration."""
+        ...
+
+    def connected_session(self) -> zenoh.Session:
+        """Return the connection."""
+        ...
+
+    def estimate(self, leg: str) -> Stream[wire.Estimate]:
+        """Open the estimates of a leg."""
+        ...
+
+    def health(self) -> Stream[wire.Health]:
+        """Open the messages on the service itself."""
+        ...
+
+    def safety(self) -> Stream[wire.Safety]:
+        """Open the messages on mode and stops."""
+        ...
+
+    def acquire(self, client: str, duration_ms: int | None) -> wire.Reply:
+        """Request the lease."""
+        ...
+
+    def request(self, name: str, **arguments: object) -> wire.Reply:
+        """Send a request, and wait for its outcome."""
+        ...
+
+
 class Lease:
     """The right of one controller to send setpoints; made by `Trainer.lease`, held by `with`.
 
@@ -84,7 +125,7 @@ class Lease:
 
     def __init__(
         self,
-        trainer: "Trainer",
+        trainer: Leased,
         name: str,
         law: Law,
         legs: Sequence[str] | None,

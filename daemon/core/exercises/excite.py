@@ -16,7 +16,7 @@ from daemon.core.core_config import CoreConfig
 from daemon.core.exercises import approach
 from daemon.core.exercises.approach import Approach
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
-from daemon.core.modes.guards import GuardInputs
+from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import Pair, gait_angles, joints_of_angles, load_at
 from daemon.ipc.record import ModeRequest, Stage
 from observer.mechanism.parameters import LegParameters

@@ -20,7 +20,7 @@ from typing import ClassVar, Final, NamedTuple, Self
 
 from daemon.config.settings import Impedance
 from daemon.core.core_config import CoreConfig
-from daemon.core.modes.guards import GuardInputs
+from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import GaitShape, Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import ModeRequest, Stage

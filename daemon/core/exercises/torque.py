@@ -6,7 +6,7 @@ from typing import Self
 
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
-from daemon.core.modes.guards import GuardInputs
+from daemon.core.exercises.guards import GuardInputs
 from daemon.ipc.record import ModeRequest, Stage
 
 

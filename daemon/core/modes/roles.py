@@ -2,7 +2,7 @@
 
 import math
 
-from daemon.core.modes.guards import GuardInputs
+from daemon.core.exercises.guards import GuardInputs
 from daemon.ipc.record import Mode, Plan, Request, RequestKind
 from daemon.wire.roles import ROLES
 

@@ -27,6 +27,7 @@ from typing import Final, NamedTuple
 from daemon.core.exercises.excite import Excite
 from daemon.core.exercises.exercise import Exercise
 from daemon.core.exercises.gait import Gait
+from daemon.core.exercises.guards import GuardInputs
 from daemon.core.exercises.hand_guiding import HandGuiding
 from daemon.core.exercises.hold import Hold
 from daemon.core.exercises.homing import Homing
@@ -34,7 +35,6 @@ from daemon.core.exercises.self_test import SelfTest
 from daemon.core.exercises.sign_test import SignTest
 from daemon.core.exercises.single_axis import SingleAxis
 from daemon.core.exercises.torque import Torque
-from daemon.core.modes.guards import GuardInputs
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 
 

@@ -3,9 +3,9 @@
 The supervisor executes what is accepted. This file is the only writer of `request` and `result`.
 """
 
+from daemon.core.exercises.guards import GuardInputs
 from daemon.core.inputs import CommandInputs
 from daemon.core.modes import roles, table
-from daemon.core.modes.guards import GuardInputs
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.state import Axis, Core
 from daemon.core.steps import exercises, single_axis

@@ -12,12 +12,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from daemon.core.exercises.single_axis import AxisSample, AxisStart, SingleAxis, Step
-from daemon.core.modes.persistent_state import prove
+from daemon.core.modes.persistent_state import SignProof, prove
 from daemon.core.modes.table import MODES, Event
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.state import Axis, Core
-from daemon.core.steps import persistence
 from daemon.ipc.record import Mode, ModeRequest
 from drives.bringup.bringup import DriveReport
 from drives.cia402.power_state import homing_state
@@ -86,18 +85,24 @@ def refusal(core: Core, wanted: ModeRequest, cycle: int) -> str:
     return exercise.may_begin(_start(core, axis, cycle))
 
 
-def begin(core: Core, wanted: ModeRequest, cycle: int, utc_ns: int) -> Event | None:
-    """Start an accepted request; returns BRING_UP_RESTARTED unless it confirms a sign test."""
+def begin(core: Core, wanted: ModeRequest, cycle: int) -> None:
+    """Start an accepted homing or sign test; the drives must be brought up anew."""
     axis = axis_named(core, wanted.axis)
     exercise = MODES[wanted.mode].single_axis
     if axis is None or exercise is None:
         raise RuntimeError(f"there is no axis {wanted.axis!r}: the request was not refused")
-    if wanted.witnessed:
-        _confirm(core, axis, utc_ns)
-        return None
     core.evidence.pop(axis.name, None)
     core.single_axis = exercise.begin(_start(core, axis, cycle))
-    return Event.BRING_UP_RESTARTED
+
+
+def confirmed(core: Core, wanted: ModeRequest, utc_ns: int) -> tuple[Axis, SignProof]:
+    """The axis of an accepted confirmation, and the proof of its sign that has been witnessed."""
+    axis = axis_named(core, wanted.axis)
+    test = None if axis is None else core.evidence.pop(axis.name, None)
+    if axis is None or test is None or test.moved_si is None:
+        raise RuntimeError(f"{wanted.axis!r} has no sign test: the request was not refused")
+    core.report(f"{axis.name}: its sign is proven, {test.evidence}")
+    return axis, prove(axis.wiring, axis.serial_number, test.moved_si, utc_ns)
 
 
 def _start(core: Core, axis: Axis, cycle: int) -> AxisStart:
@@ -111,15 +116,6 @@ def _start(core: Core, axis: Axis, cycle: int) -> AxisStart:
         cycle=cycle,
         period_s=config.period_s,
     )
-
-
-def _confirm(core: Core, axis: Axis, utc_ns: int) -> None:
-    test = core.evidence.pop(axis.name)
-    if test.moved_si is None:
-        raise RuntimeError(f"{axis.name}: a homing is no evidence of a sign")
-    proof = prove(axis.wiring, axis.serial_number, test.moved_si, utc_ns)
-    persistence.prove_sign(core, axis, proof)
-    core.report(f"{axis.name}: its sign is proven, {test.evidence}")
 
 
 def cancel(core: Core, why: str) -> None:

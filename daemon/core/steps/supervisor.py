@@ -103,9 +103,11 @@ def _take_request(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns:
 
 
 def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
-    if requests.is_of_single_axis(request):
-        if single_axis.begin(core, request.mode, cycle, utc_ns) is not None:
-            _restart_bring_up(core)
+    if requests.is_of_single_axis(request) and request.mode.witnessed:
+        persistence.prove_sign(core, *single_axis.confirmed(core, request.mode, utc_ns))
+    elif requests.is_of_single_axis(request):
+        single_axis.begin(core, request.mode, cycle)
+        _restart_bring_up(core)
     elif request.kind == RequestKind.ENABLE:
         _enter(core, Event.ENABLE)
         core.verdict = Verdict()

@@ -1,18 +1,16 @@
 """One step of the observer against hand-written C and against FilterPy, in one run, as ratios.
 
-This benchmark is not installed: import it as `benchmarks.observer_step` with the repository's root
-on the path, as an editable install has it. Without a C compiler, or without FilterPy, the times
-of that implementation are None.
+Without a C compiler, or without FilterPy, the times of that implementation are None.
 """
 
 import importlib
 import importlib.util
 from dataclasses import dataclass
 
-from benchmarks import c_anchor
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
 from gaitd_lab.benchmark.step_times import Work, recording, step_times_us, walk
+from gaitd_lab.peers import c_anchor
 from observer.filter.leg_model import STEP_S, Integrator
 from observer.filter.leg_observer import LegObserver, ObserverTuning
 from observer.mechanism.friction import FrictionParameters
@@ -75,7 +73,7 @@ def measure(
     if anchor is not None:
         works["c"] = (lambda: anchor(setup, measured, effort, STEP_S), C_STEPS)
     if importlib.util.find_spec("filterpy"):
-        peer = importlib.import_module("benchmarks.filterpy_peer")
+        peer = importlib.import_module("gaitd_lab.peers.filterpy_peer")
         few = (setup, measured[: PEER_STEPS + 1], effort[: PEER_STEPS + 1], STEP_S)
         works["filterpy"] = (lambda: peer.run(*few), PEER_STEPS)
     medians = step_times_us(works)

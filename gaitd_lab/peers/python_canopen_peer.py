@@ -1,6 +1,6 @@
 """A master of the drives according to python-canopen's documentation: the peer of `gaitd core`.
 
-    python benchmarks/python_canopen_peer.py --channel SOCKET --eds epos4.eds [--fifo]
+    python -m gaitd_lab.peers.python_canopen_peer --channel SOCKET --eds epos4.eds [--fifo]
 
 It holds both axes at their initial position by a spring and a damper, as `gaitd core` does in mode
 hold, and reacts to an emergency of one drive with a quick stop of both. It has no observer, no
