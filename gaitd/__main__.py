@@ -79,7 +79,6 @@ COMMANDS: Final = {
     "real-data": ("real_data", LABORATORY, "The observer on recordings of real machines."),
     "matrix": ("matrix", LABORATORY, "Every fault in every mode on both axes, in lock-step."),
     "fuzz": ("fuzz", LABORATORY, "Random commands and faults in lock-step, with invariants."),
-    "soak": ("soak", LABORATORY, "An hour of gait with faults drawn from a seed."),
     "rig": ("rig", LABORATORY, "Run a command where there is SocketCAN, or systemd."),
     "bench": ("bench", LABORATORY, "The project's benchmarks."),
 }

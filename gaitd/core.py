@@ -35,7 +35,7 @@ def command(
     in_journal = is_journal(os.environ.get("JOURNAL_STREAM"), sys.stderr.fileno())
     file, errors = read_trainer(config)
     with (
-        nullcontext() if errors else starting.said(file.runtime),
+        nullcontext(lambda: None) if errors else starting.said(file.runtime) as begun,
         closing(Journal("gaitd-core", SOCKET if in_journal else None)) as log,
     ):
         settings = accepted(config)
@@ -49,6 +49,6 @@ def command(
         address = os.environ.get("NOTIFY_SOCKET")
         with json_on_stdout(as_json) as write:
             write({"event": "started", "part": "core", "pid": os.getpid()})
-            code = run_core(settings, address, log, has_watchdog=has_watchdog)
+            code = run_core(settings, address, log, begun, has_watchdog=has_watchdog)
             write({"event": "ended", "part": "core", "exit_code": code})
         raise typer.Exit(code)

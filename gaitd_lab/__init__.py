@@ -1,4 +1,4 @@
-"""The laboratory: lock-step sessions, fault matrix, random sessions, soak, demonstration, benches.
+"""The laboratory: lock-step sessions, fault matrix, random sessions, demonstration, benches.
 
 It needs the virtual drives, and nothing of the service imports it. `gaitd.testing` is the part that
 other projects use in their tests. Reading order: `virtual_machine.py` (the virtual drives of a
@@ -6,9 +6,9 @@ configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py
 `lockstep_gateway.py` (the real loop against them in one thread), `trials.py`, `excitation.py`,
 `ablation_trials.py` and `measured_patient.py` (recordings by lock-step), `fault_matrix/`, `fuzz/`
 (random sessions), `processes.py` (child processes, and those of a whole service), `requests.py`,
-`demonstration/`, `soak/`, `benchmark/` with `peers/`, `sample.py` (the shipped recording).
-`mode_page.py` writes docs/modes.md, `role_page.py` the tables of docs/security.md, `csv_page.py`
-docs/csv_columns.md, `backstop_page.py` docs/backstop.md, `calibration_example.py` the tables of
-docs/calibration.md; `experiment_seeds.py` and `gait_accuracy.py` play the seeds of
-docs/experiment.md and strides.md.
+`demonstration/`, `timed_service.py`, `process_memory.py`, `benchmark/` with `peers/`, `sample.py`
+(the shipped recording). `mode_page.py` writes docs/modes.md, `role_page.py` the tables of
+docs/security.md, `csv_page.py` docs/csv_columns.md, `backstop_page.py` docs/backstop.md,
+`calibration_example.py` the tables of docs/calibration.md; `experiment_seeds.py` and
+`gait_accuracy.py` play the seeds of docs/experiment.md and strides.md.
 """

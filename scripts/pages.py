@@ -79,9 +79,6 @@ LONG: Final = {
         ("gaitd.fuzz",),
     ),
     "real_data.md": Made("gaitd real-data RECORDINGS --output docs", ("gaitd.real_data",)),
-    "soak.md": Made(
-        "gaitd soak --minutes 60 --seed 1 --report docs/soak.md", ("gaitd.soak", *SERVICE)
-    ),
     "strides.md": Made(
         "gaitd strides --page docs/strides.md --picture docs/strides.png", ("gaitd.strides",)
     ),

@@ -39,16 +39,6 @@ _INTEGER_END: Final = 2**63
 SMALLEST: Final = 1e-9
 """Size of the smallest number that a file may hold, apart from 0."""
 
-RENAMED: Final = {
-    "release": "hand_guiding",
-    "release_speed_max_rad_per_s": "hand_guiding_speed_max_rad_per_s",
-    "release_speed_max_m_per_s": "hand_guiding_speed_max_m_per_s",
-    "opposed_torque_min_nm": "sign_mismatch_torque_min_nm",
-    "opposed_force_min_n": "sign_mismatch_force_min_n",
-    "opposed_cycles": "sign_mismatch_cycles",
-}
-"""Present names of keys in older files, for names too different to be suggested by likeness."""
-
 
 class PlainText(str):
     """Text in place of a value, shown without quotes: `(missing)`."""
@@ -325,7 +315,7 @@ def _fields(
         else:
             if name == kind.__struct_config__.tag_field:
                 continue
-            near = _near(name, list(fields))
+            near = difflib.get_close_matches(name, list(fields), n=1)
             meant += near
             hint = f" Did you mean `{near[0]}`?" if near else ""
             allowed = f"unknown key.{hint} Known: {', '.join(fields)}"
@@ -333,12 +323,6 @@ def _fields(
     for name, field in fields.items():
         if field.required and name not in table and name not in meant:
             yield _Fault(_dotted(key, name), MISSING, described(field.type))
-
-
-def _near(name: str, known: list[str]) -> list[str]:
-    """The key that an unknown one probably means; empty if none is like it."""
-    renamed = RENAMED.get(name)
-    return [renamed] if renamed in known else difflib.get_close_matches(name, known, n=1)
 
 
 def _allowed(value: object, kind: object) -> bool:

@@ -150,7 +150,7 @@ def _refused(counters: Counters, newest: CycleRecord | None) -> dict[str, int]:
 
 
 def _by_part(newest: CycleRecord | None) -> dict[str, int]:
-    """Overruns by part of the cycle; empty parts for a ring of an older core, which has none."""
+    """Overruns by part of the cycle; empty without a record."""
     counts = newest.timing.overrun_by_part if newest else ()
     return {name_of(part): count for part, count in zip(CyclePart, counts, strict=False)}
 

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 from gaitd_lab.demonstration.display import display
+from gaitd_lab.process_memory import sample
 from gaitd_lab.processes import ServiceError, Tempo, free_port
-from gaitd_lab.soak.memory import sample
-from gaitd_lab.soak.soak_processes import soak_processes, until_ready, warm_up
+from gaitd_lab.timed_service import timed_service, until_ready, warm_up
 
 CHROMIUM: Final = "chromium"
 BROWSER_ARGUMENTS: Final = (
@@ -74,7 +74,7 @@ def measure(configs: Path, seconds: float) -> Page:
     warm_up(configs)
     port = free_port()
     with (
-        soak_processes(configs, Tempo(wall_clock=True)) as made,
+        timed_service(configs, Tempo(wall_clock=True)) as made,
         tempfile.TemporaryDirectory() as folder,
         display(made.target, made.leg, Path(folder), port) as server_pid,
     ):

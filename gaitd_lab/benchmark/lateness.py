@@ -10,7 +10,7 @@ from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingReader
 from gaitd_lab.benchmark.burning import burners
 from gaitd_lab.processes import Tempo
-from gaitd_lab.soak.soak_processes import soak_processes, until_ready
+from gaitd_lab.timed_service import timed_service, until_ready
 
 READY_WITHIN_S: Final = 240.0
 SETTLE_S: Final = 2.0
@@ -45,7 +45,7 @@ def measure(configs: Path, duration_s: float, burner_count: int = 0) -> Lateness
     Raises:
         ServiceError: a process ended, or the service was not ready in time.
     """
-    with soak_processes(configs, Tempo(wall_clock=True)) as made:
+    with timed_service(configs, Tempo(wall_clock=True)) as made:
         until_ready(made, READY_WITHIN_S)
         ring = RingReader(made.ring_path)
         with burners(burner_count):

@@ -26,9 +26,9 @@ from gaitd_client import ClientError, Mode, Trainer
 from daemon.config.edits import edit
 from gaitd_lab.benchmark.burning import burners
 from gaitd_lab.benchmark.bus_times import Reaction, Syncs, TimedFrame, held, reaction, syncs
+from gaitd_lab.process_memory import sample
 from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo, memory_folder
-from gaitd_lab.soak.memory import sample
-from gaitd_lab.soak.soak_processes import SoakProcesses
+from gaitd_lab.timed_service import TimedService
 
 PEER: Final = "gaitd_lab.peers.python_canopen_peer"
 STARTED_WITHIN_S: Final = 120.0
@@ -161,7 +161,7 @@ def _measure_stretch(cell: Cell, listener: "Listener", subject: "Subject", secon
     cell.stopped_count += not held(frames)
 
 
-def _measure_reaction(cell: Cell, listener: "Listener", made: SoakProcesses) -> None:
+def _measure_reaction(cell: Cell, listener: "Listener", made: TimedService) -> None:
     listener.listen(0.05)
     made.time.command_drives(EMERGENCY)
     result = reaction(listener.listen(REACTION_S), FAILING)
@@ -205,11 +205,11 @@ class Subject(NamedTuple):
 
 
 @contextlib.contextmanager
-def _drives(configs: Path, *, realtime: bool) -> Generator[SoakProcesses]:
+def _drives(configs: Path, *, realtime: bool) -> Generator[TimedService]:
     """Run virtual drives alone, and write a configuration for a core on their bus."""
     with (
         tempfile.TemporaryDirectory(prefix="gaitd-bench-", dir=memory_folder()) as folder,
-        SoakProcesses(configs, Path(folder), Tempo(wall_clock=True)) as made,
+        TimedService(configs, Path(folder), Tempo(wall_clock=True)) as made,
     ):
         if not realtime:
             edit(made.config.parent, {made.config.name: {"cycle.realtime_priority": 0}})
@@ -219,7 +219,7 @@ def _drives(configs: Path, *, realtime: bool) -> Generator[SoakProcesses]:
 
 
 @contextlib.contextmanager
-def _subject(master: Master, made: SoakProcesses) -> Generator[Subject]:
+def _subject(master: Master, made: TimedService) -> Generator[Subject]:
     if master.ours:
         core = made.start("core")
         made.start("gateway")
@@ -236,7 +236,7 @@ def _subject(master: Master, made: SoakProcesses) -> Generator[Subject]:
         peer.end()
 
 
-def _operate(made: SoakProcesses) -> None:
+def _operate(made: TimedService) -> None:
     """Send the operator's next request towards hold."""
     with contextlib.suppress(ClientError), Trainer.of(made.target, client="gaitd bench") as trainer:
         mode = trainer.status().safety.mode
@@ -272,7 +272,7 @@ class Listener:
 
 
 @contextlib.contextmanager
-def _listening(made: SoakProcesses) -> Generator[Listener]:
+def _listening(made: TimedService) -> Generator[Listener]:
     end_s = time.monotonic() + STARTED_WITHIN_S
     while True:
         try:

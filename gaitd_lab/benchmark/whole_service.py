@@ -29,12 +29,12 @@ from gaitd_client.connection import Target, open_session
 
 from daemon.ipc.record import CycleRecord
 from gaitd_lab.benchmark import bare_put
+from gaitd_lab.process_memory import sample
 from gaitd_lab.processes import ServiceError, Tempo, free_port, tied
-from gaitd_lab.soak.memory import sample
-from gaitd_lab.soak.soak_processes import (
+from gaitd_lab.timed_service import (
     RecordTail,
-    SoakProcesses,
-    soak_processes,
+    TimedService,
+    timed_service,
     until_ready,
     warm_up,
 )
@@ -94,7 +94,7 @@ def measure(configs: Path, seconds: float) -> Service:
         ServiceError: a process ended, or the service was not ready in time.
     """
     warm_up(configs)
-    with soak_processes(configs, Tempo(wall_clock=True)) as made:
+    with timed_service(configs, Tempo(wall_clock=True)) as made:
         ready_s = until_ready(made, READY_WITHIN_S)
         filled_s = time.monotonic() + FILLED_S
         _step_back(made.parts["sim"].pid)
@@ -126,7 +126,7 @@ class ReceivedMessage(NamedTuple):
     """Time since the put, by the wall clock; 0 without a stamp."""
 
 
-def _delivery(made: SoakProcesses, seconds: float) -> tuple[Delivery, int]:
+def _delivery(made: TimedService, seconds: float) -> tuple[Delivery, int]:
     """Measure the estimates of one leg; return also the size of one in bytes."""
     came: list[ReceivedMessage] = []
     health: list[ReceivedMessage] = []

@@ -71,7 +71,7 @@ def test_the_trainer_file_may_be_named_by_the_environment(monkeypatch, tmp_path)
     [
         ("scipy", ("delay", "x.csv")),
         ("plotext", ("demo",)),
-        ("matplotlib", ("soak",)),
+        ("matplotlib", ("strides",)),
     ],
 )
 def test_a_command_names_the_extra_that_it_needs(monkeypatch, package, words):

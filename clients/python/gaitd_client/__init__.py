@@ -14,6 +14,7 @@ from gaitd_client.credentials import Credentials, read_credentials
 from gaitd_client.errors import (
     ClientError,
     CredentialsError,
+    EndpointError,
     NoAnswerError,
     NoServiceError,
     NotReturnedError,
@@ -62,6 +63,7 @@ __all__ = [
     "Credentials",
     "CredentialsError",
     "DriveState",
+    "EndpointError",
     "Estimate",
     "Event",
     "Friction",

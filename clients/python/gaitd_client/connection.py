@@ -9,7 +9,7 @@ import zenoh
 
 from gaitd_client import wire
 from gaitd_client.credentials import Credentials
-from gaitd_client.errors import NoAnswerError, NoServiceError
+from gaitd_client.errors import EndpointError, NoAnswerError, NoServiceError
 
 Message = TypeVar("Message", bound=msgspec.Struct)
 
@@ -22,6 +22,8 @@ RECONNECT: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increa
 """Zenoh connects again by itself after the gateway was away."""
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 DEFAULT_TRAINER: Final = "trainer"
+ENDPOINT: Final = re.compile(r"unixsock-stream/.+|(?:tcp|tls|udp|quic|ws)/.+:(?P<port>[0-9]{1,5})")
+PORT_MAX: Final = 65535
 PLACE_IN_ZENOH: Final = re.compile(r" at \S+\.rs:\d+")
 """Place in Zenoh's source in the text of its errors."""
 
@@ -43,6 +45,22 @@ class Target(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.trainer} on {' or '.join(self.endpoints)}"
+
+
+def checked(endpoints: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the same endpoints, if a service may listen on each.
+
+    Raises:
+        EndpointError: on one of them none can.
+    """
+    for endpoint in endpoints:
+        form = ENDPOINT.fullmatch(endpoint)
+        if form is None or not 0 < int(form["port"] or 1) <= PORT_MAX:
+            raise EndpointError(
+                f"endpoint {endpoint!r}: allowed are tcp/HOST:PORT, tls/HOST:PORT or"
+                f" unixsock-stream/PATH, with a port from 1 to {PORT_MAX}"
+            )
+    return endpoints
 
 
 def client_settings(target: Target) -> dict[str, Any]:

@@ -18,6 +18,10 @@ class CredentialsError(ClientError):
         self.path, self.reason = path, reason
 
 
+class EndpointError(ClientError):
+    """No service can listen on this endpoint."""
+
+
 class NoServiceError(ClientError):
     """No service listens on the endpoint, or it does not accept these credentials."""
 

@@ -18,6 +18,7 @@ from gaitd_client.connection import (
     DEFAULT_ENDPOINT,
     DEFAULT_TRAINER,
     Target,
+    checked,
     decode_answer,
     open_session,
     query,
@@ -90,6 +91,7 @@ class Trainer:
 
         Raises:
             CredentialsError: the folder cannot be used.
+            EndpointError: no service can listen on an endpoint.
         """
         if isinstance(credentials, str | Path):
             credentials = read_credentials(Path(credentials))
@@ -98,7 +100,7 @@ class Trainer:
         else:
             endpoints = (endpoint,) if isinstance(endpoint, str) else tuple(endpoint)
         name = trainer or (credentials.file.trainer if credentials else DEFAULT_TRAINER)
-        self.target = Target(endpoints, name, credentials)
+        self.target = Target(checked(endpoints), name, credentials)
         self.client = client if credentials is None else credentials.file.name
         """Name of this client in events and as holder of the lease."""
         self.clock: Clock = clock or MonotonicClock()

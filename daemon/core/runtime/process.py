@@ -24,7 +24,6 @@ from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
 from daemon.core.runtime.state_file import StateFile, StateStore
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervision
 from daemon.core.runtime.warm_up import warm_up
-from daemon.ipc import starting
 from daemon.ipc.transport import CoreChannel, RingHeader
 from daemon.system.bus_choice import bus_of, choose_bus
 from daemon.system.journal import Journal
@@ -93,7 +92,12 @@ class ShutdownSignals:
 
 
 def run_core(
-    settings: Settings, notify_address: str | None, log: Journal, *, has_watchdog: bool = False
+    settings: Settings,
+    notify_address: str | None,
+    log: Journal,
+    begun: Callable[[], None],
+    *,
+    has_watchdog: bool = False,
 ) -> ExitCode:
     """Run the core until it is requested to end; all axes are at rest and without power then.
 
@@ -101,6 +105,7 @@ def run_core(
         settings: the loaded configuration.
         notify_address: notify socket of systemd.
         log: journal for the core's messages.
+        begun: called when the loop begins.
         has_watchdog: systemd monitors the process by the computer's clock.
 
     Raises:
@@ -108,7 +113,7 @@ def run_core(
     """
     signals = ShutdownSignals()
     with _directories(settings):
-        return _run(settings, notify_address, log, signals, has_watchdog=has_watchdog)
+        return _run(settings, notify_address, log, signals, begun, has_watchdog=has_watchdog)
 
 
 def _run(
@@ -116,6 +121,7 @@ def _run(
     notify_address: str | None,
     log: Journal,
     signals: ShutdownSignals,
+    begun: Callable[[], None],
     *,
     has_watchdog: bool,
 ) -> ExitCode:
@@ -149,7 +155,7 @@ def _run(
         _log(log, line, WARNING if line in refused else INFORMATIONAL)
     try:
         signals.wait()
-        starting.begun(settings.runtime)
+        begun()
         code = loop.run(signals.end, signals.reload)
     finally:
         core_channel.close()

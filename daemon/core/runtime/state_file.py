@@ -141,20 +141,14 @@ def _read(path: Path) -> _Found:
 
 def _page(text: bytes, index: int) -> _Found | None:
     """One page; None if it is empty, torn, or of another version."""
-    number, state = 0, text
     try:
         page = _PAGES.decode(text)
-        number, state = page.number, bytes(page.state)
-        if page.crc32 != _checksum(number, state):
+        if page.crc32 != _checksum(page.number, bytes(page.state)):
             return None
-    except RefusedError:
-        if index:  # the first page may be of a version that had one page without a checksum
-            return None
-    try:
-        persistent = DECODER.decode(state)
+        persistent = DECODER.decode(bytes(page.state))
     except RefusedError:
         return None
-    return _Found(persistent, number, index) if persistent.format == FORMAT else None
+    return _Found(persistent, page.number, index) if persistent.format == FORMAT else None
 
 
 def _checksum(number: int, state: bytes) -> int:

@@ -9,6 +9,7 @@ import zenoh
 from display_bench import filled
 from gaitd_client import (
     ClientError,
+    EndpointError,
     NoAnswerError,
     NoServiceError,
     NotValid,
@@ -180,3 +181,17 @@ def test_the_name_of_a_leg_or_a_drive_is_one_of_the_machine():
     with pytest.raises(ValueError, match=r"drives/right/hop: 'right/hop' is none of right/hip, "):
         made.drive("right/hop")
     assert made.drive("left/slide").key == "gaitd/trainer/drives/left/slide"
+
+
+@pytest.mark.parametrize(
+    "endpoint",
+    ["nonsense", "tcp/127.0.0.1", "tcp/127.0.0.1:0", "tcp/127.0.0.1:65536", "foo/host:7447", ""],
+)
+def test_an_endpoint_on_which_no_service_can_listen_is_refused_at_once(endpoint):
+    with pytest.raises(EndpointError, match=f"^endpoint {endpoint!r}: allowed are tcp/HOST:PORT"):
+        Trainer(endpoint)
+
+
+@pytest.mark.parametrize("endpoint", ["tls/[::1]:7447", "unixsock-stream//run/gaitd/zenoh.sock"])
+def test_other_endpoints_are_not(endpoint):
+    assert Trainer(endpoint).target.endpoints == (endpoint,)

@@ -65,15 +65,6 @@ ONE_FILE = [
         "unknown key. Did you mean `torque_max_nm`?",
     ),
     broken(
-        "a table by its older name",
-        "demo.toml",
-        "[hand_guiding]",
-        "[release]",
-        "release",
-        "{hip_damping_nm_s_per_rad, slide_damping_n_s_per_m, hip_slo…",
-        "unknown key. Did you mean `hand_guiding`?",
-    ),
-    broken(
         "a key too many",
         "demo.toml",
         "window_ms = 4.0",

@@ -53,10 +53,12 @@ def test_a_core_that_was_killed_while_it_started_says_nothing(tmp_path):
     assert starting.starting(tmp_path) == ""
 
 
-@pytest.mark.parametrize("text", ["", "x\ny\n", "99999999999999999999\ny\n"])
-def test_a_file_that_is_none_says_nothing(tmp_path, text):
-    (tmp_path / starting.STARTING_NAME).write_text(text)
-
+def test_a_second_core_that_is_refused_takes_nothing_from_the_first(tmp_path):
+    with starting.said(tmp_path):
+        with starting.said(tmp_path) as begun:
+            assert starting.starting(tmp_path) == starting.COMPILES
+            begun()
+        assert starting.starting(tmp_path) == starting.COMPILES
     assert starting.starting(tmp_path) == ""
 
 

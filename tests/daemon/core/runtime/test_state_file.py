@@ -13,7 +13,7 @@ from daemon.core.modes.persistent_state import (
     StoredVerdict,
 )
 from daemon.core.runtime.state_file import StateFile
-from daemon.ipc.state_file import NAME, PAGE_SIZE, SIZE
+from daemon.ipc.state_file import NAME, SIZE
 from daemon.recorder.state_file_sync import StateFileSync
 
 PROOF = SignProof(5, 305_000_005, 1, 100.0, None, 1024, 0.036, -0.036, 1)
@@ -82,20 +82,6 @@ def test_a_new_file_can_be_read_before_anything_has_happened(tmp_path):
     StateFile(tmp_path)
 
     assert StateFile(tmp_path).persistent == PersistentState()
-
-
-def test_a_file_of_one_page_without_a_checksum_is_still_read(tmp_path):
-    """As the service wrote it until then."""
-    old = b'{"axes":{"right/hip":{"position_si":0.25,"noted_utc_ns":7,"proof":null}},'
-    old += b'"format":"gaitd.axes.v1","damaged":false}'
-    (tmp_path / NAME).write_bytes(old.ljust(PAGE_SIZE - 1) + b"\n")
-
-    persistent = StateFile(tmp_path).persistent
-
-    assert persistent == PersistentState(axes={"right/hip": StoredAxis(0.25, 7)})
-    assert persistent.latched is None
-    StateFile(tmp_path).write(NOTES, 0)
-    assert StateFile(tmp_path).persistent == NOTES
 
 
 def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):

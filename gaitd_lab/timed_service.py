@@ -1,10 +1,8 @@
-"""The processes of a soak: virtual drives, core and gateway, each restarted when required."""
+"""Virtual drives, core and gateway as processes, with control of their time."""
 
 import contextlib
-import signal
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -19,31 +17,93 @@ from gaitd_lab.processes import (
     Tempo,
     memory_folder,
 )
-from gaitd_lab.soak.time_control import TimeControl
-from simtime.processes import STOPPED, process_state
+from simtime.clock import PageClock
+from simtime.link import LinkLostError, SocketLink
+from simtime.wire import Role
 
 PARTS: Final = ("sim", "core", "gateway")
 """Names in the order of their start."""
 _COMPILED_WITHIN_S: Final = 300.0
-_POLL_S: Final = 0.01
-AT_REST: Final = "S"
-"""State of a process that waits, as in proc(5)."""
-_STATE_WITHIN_S: Final = 5.0
-_AXES: Final = ("hip", "slide")
+_POLL_S: Final = 0.02
+SERVED_WITHIN_S: Final = 300.0
+"""Time limit: the first start of the virtual drives compiles their plant."""
 
 
-class SoakProcesses(ServiceProcesses):
-    """All processes of one soak, and its time."""
+class TimeControl:
+    """Controls the time of the virtual drives (`sim_drives/time/server.py`)."""
+
+    def __init__(self, channel: Path, *, wall_clock: bool) -> None:
+        """Time passes by itself until `hold`.
+
+        Args:
+            channel: socket of the virtual drives.
+            wall_clock: time is the computer's.
+        """
+        self._channel, self.is_wall_clock = channel, wall_clock
+        self._link = SocketLink(channel, Role.HAND, "laboratory")
+        self._clock = PageClock(channel)
+
+    def hold(self) -> None:
+        """Hold simulated time from now on, except in `turn`; waits for the virtual drives.
+
+        Raises:
+            LinkLostError: they do not answer.
+        """
+        end_s = time.monotonic() + SERVED_WITHIN_S
+        while True:
+            try:
+                self._link.open()
+                break
+            except LinkLostError:
+                if time.monotonic() > end_s:
+                    raise
+                time.sleep(_POLL_S)
+        if not self.is_wall_clock:
+            self._link.command("hold")
+
+    def now_s(self) -> float:
+        """Time of the core's clock."""
+        return self._clock.now_ns() * 1e-9
+
+    def turn(self, duration_s: float, *, in_haste: bool) -> None:
+        """Let time pass.
+
+        Args:
+            duration_s: the time that passes.
+            in_haste: as fast as it can where it is simulated; else no faster than the computer's,
+                because something that uses the computer's time must keep up.
+
+        Raises:
+            LinkLostError: the virtual drives have ended.
+        """
+        begun_s = time.monotonic()
+        if not self.is_wall_clock:
+            self._link.command(f"run {duration_s:.6f}")
+        if self.is_wall_clock or not in_haste:
+            time.sleep(max(duration_s - (time.monotonic() - begun_s), 0.0))
+
+    def command_drives(self, words: str) -> None:
+        """Send commands to the virtual drives, one a line, at this instant.
+
+        Raises:
+            LinkLostError: they have ended.
+            ValueError: they refuse one.
+        """
+        for line in words.splitlines():
+            self._link.command(line)
+
+    def close(self) -> None:
+        """Let time pass by itself again."""
+        self._link.close()
+
+
+class TimedService(ServiceProcesses):
+    """The processes of one service, and their time."""
 
     def __init__(self, configs: Path, folder: Path, tempo: Tempo) -> None:
         """Prepare; `start` begins."""
         super().__init__(folder, configs, tempo=tempo)
-        self.drives = tuple(f"{leg['name']}/{axis}" for leg in self.table["leg"] for axis in _AXES)
         self.time = TimeControl(self.channel, wall_clock=tempo.wall_clock)
-        self._expected_dead: set[str] = set()
-        self.start_count: Counter[str] = Counter()
-        self.endings: list[str] = []
-        """Unexpected ends of processes, each one line."""
 
     def start(
         self,
@@ -52,41 +112,9 @@ class SoakProcesses(ServiceProcesses):
         program: Sequence[str] = GAITD,
         environment: Mapping[str, str] | None = None,
     ) -> ManagedProcess:
-        """Start one of PARTS, and count it."""
-        self._expected_dead.discard(part)
-        self.start_count[part] += 1
+        """Start one of PARTS."""
         arguments += self.time_arguments if part == "sim" else ()
         return super().start(part, *arguments, program=program, environment=environment)
-
-    def kill(self, part: str, number: int = signal.SIGKILL) -> None:
-        """End a process by a signal, which is expected. `start` starts it again."""
-        self._expected_dead.add(part)
-        super().kill(part, number)
-
-    def halt(self, part: str, *, on: bool) -> None:
-        """Stop a process, or let it continue until it waits again.
-
-        No simulated time passes meanwhile, so a halt has exactly its duration.
-        """
-        process = self.parts[part]
-        process.send_signal(signal.SIGSTOP if on else signal.SIGCONT)
-        wanted, end_s = STOPPED if on else AT_REST, time.monotonic() + _STATE_WITHIN_S
-        while process_state(process.pid) != wanted and time.monotonic() < end_s:
-            if process.poll() is not None:
-                break
-            time.sleep(_POLL_S / 10)
-
-    def restart_ended(self) -> None:
-        """Restart processes that ended unexpectedly, as systemd would, and note their end.
-
-        Not the virtual drives: without them there is no time.
-        """
-        for part in PARTS[1:]:
-            process = self.parts[part]
-            if process.poll() is not None and part not in self._expected_dead:
-                ended = f"gaitd {part} ended with {process.returncode}"
-                self.endings.append(f"{ended}: {process.last_output()}")
-                self.start(part)
 
     def end(self) -> None:
         """End all running processes; simulated time passes by itself meanwhile."""
@@ -95,11 +123,11 @@ class SoakProcesses(ServiceProcesses):
 
 
 @contextlib.contextmanager
-def soak_processes(configs: Path, tempo: Tempo) -> Generator[SoakProcesses]:
+def timed_service(configs: Path, tempo: Tempo) -> Generator[TimedService]:
     """Run virtual drives, core and gateway; they are ended in every case."""
     with (
-        tempfile.TemporaryDirectory(prefix="gaitd-soak-", dir=memory_folder()) as folder,
-        SoakProcesses(configs, Path(folder), tempo) as made,
+        tempfile.TemporaryDirectory(prefix="gaitd-", dir=memory_folder()) as folder,
+        TimedService(configs, Path(folder), tempo) as made,
     ):
         for part in PARTS:
             made.start(part)
@@ -151,7 +179,7 @@ class RecordTail:
         return True
 
 
-def until_ready(made: SoakProcesses, within_s: float) -> float:
+def until_ready(made: TimedService, within_s: float) -> float:
     """Return the seconds from the core's start, which is the call, until it is ready.
 
     Raises:
@@ -173,5 +201,5 @@ def warm_up(configs: Path) -> None:
     Raises:
         ServiceError: as `until_ready`.
     """
-    with soak_processes(configs, Tempo()) as made:
+    with timed_service(configs, Tempo()) as made:
         until_ready(made, _COMPILED_WITHIN_S)

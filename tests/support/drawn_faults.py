@@ -1,4 +1,4 @@
-"""Faults of a soak, drawn from a seed; each named after its row of the fault matrix.
+"""Faults drawn from a seed; each named after its row of the fault matrix.
 
 Not drawn: a drive's refusals at bring-up (another identity, a refused object), because they end
 the core with exit code 3, as required.
@@ -136,7 +136,7 @@ SOURCES: Final[Mapping[str, Source]] = MappingProxyType(
 
 
 class FaultGenerator:
-    """The random generator of one soak."""
+    """The random generator of one run."""
 
     def __init__(self, seed: int, drives: tuple[str, ...]) -> None:
         self._rng = random.Random(f"{seed}/happens")
