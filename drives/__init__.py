@@ -8,9 +8,9 @@ Nothing in this package knows about legs. Reading order:
     service/          for the operator: scan, dump, compare, store, restore
 
 To add, in this order:
-    a drive profile  configs/drives/profiles/NAME.toml by the fields of cia402/profile.py, and an
-                     axis file that names it; EMCY codes in canopen/emcy_codes.py; what it needs
-                     written in bringup/plan.py; a virtual one in sim_drives/cia402/personality.py
+    a drive profile  configs/drives/profiles/NAME.toml by the fields of cia402/profile.py, with its
+                     maker's EMCY codes, and an axis file that names it; what it needs written in
+                     bringup/plan.py; a virtual one in sim_drives/cia402/personality.py
     a homing method  `methods` in [homing] of the drive's profile, checked by cia402/homing.py; new
                      settings also in bringup/plan.py; daemon/preflight/homing.py (is the effort
                      sufficient); `METHODS` in sim_drives/cia402/homing.py

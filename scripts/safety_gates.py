@@ -86,6 +86,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
         *("drives/test_units.py", "drives/test_torque.py", "drives/test_profile.py"),
     ),
     "drives/cia402/drive.py": ("drives/test_drive.py",),
+    "drives/cia402/emergencies.py": ("drives/test_nmt_emcy.py", "drives/test_profile.py"),
     "drives/cia402/homing.py": ("drives/test_profile.py",),
     "drives/cia402/option_codes.py": ("drives/test_option_codes.py",),
     "drives/cia402/pdo.py": ("drives/test_pdo.py", "drives/test_profile.py"),

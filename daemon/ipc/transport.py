@@ -40,7 +40,7 @@ from daemon.ipc.record import CycleRecord, GatewayState
 
 MAGIC: Final = b"GAITDRB1"
 HEADER_SIZE: Final = 16384
-SLOT_SIZE: Final = 6656
+SLOT_SIZE: Final = 6784
 """Size of a slot in bytes: for the largest record, with two legs and all events and emergencies."""
 SLOT_COUNT: Final = 3000
 """30 s of 10 ms."""

@@ -416,9 +416,9 @@ def _report(drive: _DriveState, port: DrivePort) -> DriveReport:
     profile = drive.description.profile
     error_code = drive.values[Object.ERROR_CODE, 0]
     homed_bit = profile.referenced_bit
-    table = profile.emergency_table
-    found = meaning(error_code, table)
-    came = [decode_emergency(data, drive.node_id, table, 0) for data in traffic.emergencies]
+    codes = profile.emergency_codes
+    found = meaning(error_code, codes)
+    came = [decode_emergency(data, drive.node_id, codes, 0) for data in traffic.emergencies]
     emergencies = tuple(one for one in came if one is not None and one.code)
     return DriveReport(
         name=drive.name,

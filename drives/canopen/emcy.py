@@ -15,7 +15,7 @@ import struct
 from collections import deque
 from typing import Final
 
-from drives.canopen.emcy_codes import EmergencyTable, Reaction, meaning
+from drives.canopen.emcy_codes import Codes, Reaction, meaning
 from drives.signals import Emergency
 
 EMERGENCY_ID: Final = 0x080
@@ -26,14 +26,12 @@ NEWS_COUNT: Final = 2
 _LAYOUT: Final = struct.Struct("<HB5s")
 
 
-def decode_emergency(
-    data: bytes, node_id: int, table: EmergencyTable, now_ns: int
-) -> Emergency | None:
+def decode_emergency(data: bytes, node_id: int, codes: Codes, now_ns: int) -> Emergency | None:
     """Decode one EMCY frame; None if it is not eight bytes long."""
     if len(data) != _LAYOUT.size:
         return None
     code, register, vendor_bytes = _LAYOUT.unpack(data)
-    means = meaning(code, table)
+    means = meaning(code, codes)
     return Emergency(
         node_id=node_id,
         code=code,
@@ -54,9 +52,9 @@ def is_alarm(emergency: Emergency) -> bool:
 class EmergencyLog:
     """Emergencies of one drive since bring-up."""
 
-    def __init__(self, node_id: int, table: EmergencyTable) -> None:
+    def __init__(self, node_id: int, codes: Codes) -> None:
         self._node_id = node_id
-        self._table: EmergencyTable = table
+        self._codes = codes
         self.ring: deque[Emergency] = deque(maxlen=RING_COUNT)
         """The newest messages with a code, oldest first."""
         self.open: Emergency | None = None
@@ -80,7 +78,7 @@ class EmergencyLog:
         `has_alarm` is True if it requires a stop that was not required before.
         """
         self.has_alarm = False
-        emergency = decode_emergency(data, self._node_id, self._table, now_ns)
+        emergency = decode_emergency(data, self._node_id, self._codes, now_ns)
         if emergency is None:
             return None
         if emergency.code == 0:

@@ -1,21 +1,18 @@
 """EMCY codes: texts, the drive's own reaction, and whether the position reference is lost.
 
-A profile names one of these tables; codes that are not in it are looked up in the standard's.
-
-    standard  CiA 301 table of error classes and communication codes; CiA 402 codes
-    epos4     reaction classes of its firmware specification as public documents reproduce them
-    elmo      codes of Elmo drives on CAN, and which of them stop the motor: the table of
-              github.com/PyLabRobot/pylabrobot, pylabrobot/paa/kx2 (its KX2 robot has Elmo drives),
-              and Elmo's MAN-CAN301IG chapter 6
-
-The same code may differ between manufacturers (FF10h). The texts are this project's own.
+Here are the standard's: error classes and communication codes of CiA 301, codes of CiA 402. Those
+of a maker are in its profile (`drives/cia402/emergencies.py`), and come first: the same code may
+differ between makers (FF10h). The texts are this project's own.
 """
 
 from collections.abc import Mapping
 from enum import Enum
-from typing import Final, Literal, NamedTuple
+from types import MappingProxyType
+from typing import Final, NamedTuple
 
-EmergencyTable = Literal["standard", "epos4", "elmo"]
+DEVICE_CLASS: Final = 0xFF
+"""High byte of the codes that CiA 301 leaves to the maker."""
+SENSOR_CLASS: Final = 0x73
 
 
 class Reaction(Enum):
@@ -41,8 +38,6 @@ class CodeMeaning(NamedTuple):
 
 _A = Reaction.ABORT_CONNECTION
 _F = Reaction.FAULT_REACTION
-_D = Reaction.SWITCHED_OFF
-_W = Reaction.WARNING
 
 _CLASSES: Final = {
     0x00: "error reset or no error",
@@ -87,7 +82,7 @@ _STANDARD: Final = {
     0x4310: CodeMeaning("motor too hot"),
     0x8110: CodeMeaning("CAN overrun, messages lost", _A),
     0x8120: CodeMeaning("CAN in error passive mode", _A),
-    0x8130: CodeMeaning("life guard or heartbeat error: the master's heartbeat was lost", _A),
+    0x8130: CodeMeaning("life guard or heartbeat: the master's heartbeat was lost", _A),
     0x8140: CodeMeaning("recovered from bus-off", _A),
     0x8150: CodeMeaning("CAN identifier collision", _A),
     0x8210: CodeMeaning("PDO not processed, too short"),
@@ -99,126 +94,19 @@ _STANDARD: Final = {
     0x8612: CodeMeaning("reference limit", _F),
 }
 
-_EPOS4: Final = {
-    0x1000: CodeMeaning("generic error", _D),
-    0x1090: CodeMeaning("firmware incompatible", _D),
-    0x2310: CodeMeaning("overcurrent", _D),
-    0x2320: CodeMeaning("power stage protection", _D),
-    0x3210: CodeMeaning("overvoltage", _D),
-    0x3220: CodeMeaning("undervoltage", _D),
-    0x4210: CodeMeaning("power stage too hot", _D),
-    0x4380: CodeMeaning("motor too hot", _D),
-    0x5113: CodeMeaning("logic supply voltage too low", _D),
-    0x5280: CodeMeaning("hardware defect", _D),
-    0x5281: CodeMeaning("hardware incompatible", _D),
-    0x5282: CodeMeaning("STO card not detected", _D),
-    0x6080: CodeMeaning("extension: does not respond", _D),
-    0x6081: CodeMeaning("extension: watchdog", _A),
-    0x6320: CodeMeaning("software parameter", _F),
-    0x6380: CodeMeaning("stored parameters corrupt", _D),
-    0x7320: CodeMeaning("position sensor: position no longer valid", _D, True),
-    0x7380: CodeMeaning("position sensor: breach or bad signals", _D, True),
-    0x7381: CodeMeaning("position sensor: wrong resolution", _D, True),
-    0x7382: CodeMeaning("position sensor: index not found", _D, True),
-    0x7388: CodeMeaning("Hall sensor", _D, True),
-    0x7389: CodeMeaning("Hall sensor not found", _D, True),
-    0x738A: CodeMeaning("Hall angle detection", _D, True),
-    0x738C: CodeMeaning("SSI sensor", _D, True),
-    0x738D: CodeMeaning("SSI sensor frame", _D, True),
-    0x7390: CodeMeaning("main sensor missing", _D, True),
-    0x7391: CodeMeaning("commutation sensor missing", _D, True),
-    0x7392: CodeMeaning("main sensor counts in the wrong direction", _D, True),
-    0x8110: CodeMeaning("CAN overrun, object lost", _A),
-    0x8111: CodeMeaning("CAN overrun", _A),
-    0x8120: CodeMeaning("CAN passive mode", _A),
-    0x8130: CodeMeaning("CAN heartbeat: the master's heartbeat was lost", _A),
-    0x8150: CodeMeaning("CAN PDO identifier collision", _A),
-    0x81FD: CodeMeaning("CAN bus turned off", _A),
-    0x81FE: CodeMeaning("CAN receive queue overflow", _A),
-    0x81FF: CodeMeaning("CAN transmit queue overflow", _A),
-    0x8210: CodeMeaning("CAN PDO too short", _A),
-    0x8250: CodeMeaning("RPDO timeout: no PDO within the interpolation period", _A),
-    0x8611: CodeMeaning("following error", _F),
-    0x8A80: CodeMeaning("negative limit switch", _F),
-    0x8A81: CodeMeaning("positive limit switch", _F),
-    0x8A82: CodeMeaning("software position limit", _F),
-    0x8A88: CodeMeaning("safe torque off came while enabled", _D, is_sto=True),
-    0x8A8A: CodeMeaning("STO card ready to release", _D),
-    0x8A8B: CodeMeaning("STO card in error or without power", _D),
-    0xFF01: CodeMeaning("system overloaded", _W),
-    0xFF02: CodeMeaning("watchdog: the drive reset itself", _D, True),
-    0xFF0B: CodeMeaning("system peak overloaded", _D),
-    0xFF10: CodeMeaning("controller gains", _F),
-}
-_EPOS4_RANGES: Final = (
-    (0x1080, 0x1088, CodeMeaning("initialisation failed", _D)),
-    (0x5480, 0x5483, CodeMeaning("hardware error", _D)),
-    (0x6180, 0x61F0, CodeMeaning("internal software error", _D)),
-    (0xFF11, 0xFF24, CodeMeaning("auto tuning", _D)),
-)
-
-_ELMO: Final = {
-    0x2340: CodeMeaning("short circuit of motor or wiring", _D),
-    0x3120: CodeMeaning("supply voltage too low", _D),
-    0x3310: CodeMeaning("supply voltage too high", _D),
-    0x4310: CodeMeaning("drive too hot", _D),
-    0x5280: CodeMeaning("ECAM table"),
-    0x5281: CodeMeaning("timing error"),
-    0x5400: CodeMeaning("motor cannot be started"),
-    0x5441: CodeMeaning("stopped by a switch: emergency stop", _D),
-    0x6180: CodeMeaning("processor: stack overflow"),
-    0x6181: CodeMeaning("processor: exception"),
-    0x6200: CodeMeaning("user program aborted"),
-    0x6300: CodeMeaning("object of an RPDO refused"),
-    0x6320: CodeMeaning("start refused: parameters do not agree"),
-    0x7121: CodeMeaning("motor powered but not moving", _D),
-    0x7300: CodeMeaning("resolver or analogue encoder failed", _D, True),
-    0x7380: CodeMeaning("encoder and Hall sensors do not agree", _D, True),
-    0x7381: CodeMeaning("two Hall sensors changed at once", _D, True),
-    0x8110: CodeMeaning("CAN message lost"),
-    0x8130: CodeMeaning("heartbeat: the master's heartbeat was lost", _A),
-    0x8200: CodeMeaning("unknown NMT request"),
-    0x8210: CodeMeaning("RPDO that is not configured"),
-    0x8311: CodeMeaning("peak current exceeded", _D),
-    0x8380: CodeMeaning("electrical zero of the motor not found"),
-    0x8381: CodeMeaning("current offsets cannot be tuned"),
-    0x8480: CodeMeaning("speed tracking error", _D),
-    0x8481: CodeMeaning("speed limit exceeded", _D),
-    0x8611: CodeMeaning("position tracking error", _D),
-    0x8680: CodeMeaning("position limit exceeded", _D),
-    0xFF00: CodeMeaning("motion queue"),
-    0xFF01: CodeMeaning("requested by the user program", _W),
-    0xFF02: CodeMeaning("interpolated motion"),
-    0xFF10: CodeMeaning("motor cannot be started"),
-    0xFF20: CodeMeaning("safe torque off: a safety input is open", _D, is_sto=True),
-}
+Codes = Mapping[int, CodeMeaning]
+"""The codes of a maker; empty: the standard's alone."""
+STANDARD: Final[Codes] = MappingProxyType({})
 
 
-class _Table(NamedTuple):
-    codes: Mapping[int, CodeMeaning]
-    ranges: tuple[tuple[int, int, CodeMeaning], ...] = ()
-
-
-_TABLES: Final[Mapping[EmergencyTable, _Table]] = {
-    "standard": _Table(_STANDARD),
-    "epos4": _Table(_EPOS4, _EPOS4_RANGES),
-    "elmo": _Table(_ELMO),
-}
-
-
-def meaning(code: int, table: EmergencyTable) -> CodeMeaning:
+def meaning(code: int, codes: Codes) -> CodeMeaning:
     """Look up a code for this kind of drive; unknown codes get the standard's error class.
 
-    A 73xxh that is in no table counts as an unreliable encoder.
+    A 73xxh that is not known counts as an unreliable encoder.
     """
-    own = _TABLES[table]
-    if code in own.codes:
-        return own.codes[code]
-    for first, last, found in own.ranges:
-        if first <= code <= last:
-            return found
-    if code in _STANDARD:
-        return _STANDARD[code]
+    found = codes.get(code) or _STANDARD.get(code)
+    if found is not None:
+        return found
     high = code >> 8
     text = _CLASSES.get(high) or _CLASSES.get(high & 0xF0) or "unknown class"
-    return CodeMeaning(text, loses_reference=high == 0x73)
+    return CodeMeaning(text, loses_reference=high == SENSOR_CLASS)

@@ -71,7 +71,7 @@ class Drive:
         self.description = description
         self.node_id = description.node_id
         self.heartbeat = HeartbeatWatch(armed_ns)
-        self.emergencies = EmergencyLog(self.node_id, profile.emergency_table)
+        self.emergencies = EmergencyLog(self.node_id, profile.emergency_codes)
         self._pdos = layouts(profile, self.node_id)
         self._resume = profile.resume_from_quick_stop
         uploaded = profile.uploaded_temperature

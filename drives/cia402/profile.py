@@ -16,9 +16,10 @@ from typing import Annotated, Final, NamedTuple
 
 from msgspec import Meta
 
-from drives.canopen.emcy_codes import EmergencyTable
+from drives.canopen.emcy_codes import Codes
 from drives.canopen.objects import Object
 from drives.cia402.axis_file import AxisFile, check_inputs, check_transmission
+from drives.cia402.emergencies import MakerCode, check_emergencies, codes_of
 from drives.cia402.homing import HomingObjects, check_homing, check_homing_objects
 from drives.cia402.option_codes import WrittenObject, check_written, holds_after_quick_stop
 from drives.cia402.sources import Source, check_sources, open_facts
@@ -163,7 +164,8 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     fault_reaction_max_ms: Annotated[int, Meta(ge=10, le=5000)]
     """Longest time from a fault until the drive gives no torque; a stop that waits for the fault
     reaction waits no longer."""
-    emergency_table: EmergencyTable
+    emergencies: tuple[MakerCode, ...] = ()
+    """EMCY codes of the maker; those of the standard are known."""
     resume_from_quick_stop: bool
     """Enabling leaves quick stop active by transition 16, so a held load stays held."""
     written: tuple[WrittenObject, ...]
@@ -179,6 +181,11 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     def open_facts(self) -> tuple[str, ...]:
         """The facts that no public document states."""
         return open_facts(self, self.sources, self.must_show)
+
+    @property
+    def emergency_codes(self) -> Codes:
+        """The meaning of each EMCY code of the maker."""
+        return codes_of(self.emergencies)
 
     @property
     def uploaded_temperature(self) -> Temperature | None:
@@ -370,6 +377,7 @@ _CHECKS: Final[tuple[Callable[[DriveProfile, AxisFile], None], ...]] = (
     lambda profile, _: _check_resume(profile),
     lambda profile, _: _check_slow_pdo(profile),
     lambda profile, _: _check_checked_objects(profile),
+    lambda profile, _: check_emergencies(profile.emergencies),
     lambda profile, axis: check_inputs(axis.inputs, profile.inputs_always_zero),
     lambda _, axis: check_transmission(axis.transmission),
     _check_linear_motor,

@@ -188,9 +188,9 @@ def _of_errors(
         yield FindingKind.ERROR_PENDING, text
     elif station.error_register:
         yield FindingKind.ERROR_PENDING, f"error register {station.error_register:02X}h, no code"
-    table = expected.error_table(station.node_id)
+    codes = expected.error_codes(station.node_id)
     for data in traffic.emergencies:
-        emergency = decode_emergency(data, station.node_id, table, 0)
+        emergency = decode_emergency(data, station.node_id, codes, 0)
         if emergency is None:
             yield FindingKind.UNEXPLAINED, f"an EMCY of {len(data)} bytes"
         elif emergency.code:

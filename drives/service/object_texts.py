@@ -9,7 +9,7 @@ from typing import Final
 
 from drives.bringup.plan import DrivePlan
 from drives.bringup.steps import PDO_OFF, StepKind
-from drives.canopen.emcy_codes import EmergencyTable, meaning
+from drives.canopen.emcy_codes import Codes, meaning
 from drives.canopen.objects import Object
 from drives.cia402.axis_file import InputBit, Inputs
 from drives.cia402.power_state import decode_statusword
@@ -49,7 +49,7 @@ class ObjectWords:
         if known is not None:
             return known(value)
         if (index == Object.ERROR_HISTORY and sub) or (index, sub) == (Object.ERROR_CODE, 0):
-            return _error(value & 0xFFFF, self._profile.emergency_table)
+            return _error(value & 0xFFFF, self._profile.emergency_codes)
         if (index, sub) == (Object.INPUTS, 0):
             return inputs(value, self._inputs)
         if (index, sub) == (source.index, source.sub):
@@ -93,8 +93,8 @@ def _within(index: int, bases: tuple[int, ...]) -> bool:
     return any(base <= index < base + _PDO_COUNT for base in bases)
 
 
-def _error(code: int, table: EmergencyTable) -> str:
-    return meaning(code, table).text if code else "no error"
+def _error(code: int, codes: Codes) -> str:
+    return meaning(code, codes).text if code else "no error"
 
 
 def _power_state(value: int) -> str:

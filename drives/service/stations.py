@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-from drives.canopen.emcy_codes import EmergencyTable, meaning
+from drives.canopen.emcy_codes import STANDARD, Codes, meaning
 from drives.cia402.power_state import decode_statusword
 from drives.cia402.profile import DriveDescription
 from drives.service import scan
@@ -63,10 +63,10 @@ class Expected(NamedTuple):
         """The drive configured for a node id."""
         return next((drive for drive in self.drives if drive.node_id == node_id), None)
 
-    def error_table(self, node_id: int) -> EmergencyTable:
-        """The table of a node's error codes."""
+    def error_codes(self, node_id: int) -> Codes:
+        """The error codes of a node's maker."""
         drive = self.drive(node_id)
-        return "standard" if drive is None else drive.profile.emergency_table
+        return STANDARD if drive is None else drive.profile.emergency_codes
 
 
 def station(node_id: int, survey: Survey, expected: Expected) -> Station:
@@ -98,7 +98,7 @@ def station(node_id: int, survey: Survey, expected: Expected) -> Station:
         power_state="" if statusword is None else member_text(decode_statusword(statusword).name),
         error_register=number.get(scan.ERROR_REGISTER),
         error_code=error_code,
-        error_text=meaning(error_code, expected.error_table(node_id)).text if error_code else "",
+        error_text=meaning(error_code, expected.error_codes(node_id)).text if error_code else "",
         fitting_profile=fitting_profile(vendor, name, profile_number, expected.profiles),
     )
 

@@ -1,15 +1,20 @@
-from typing import get_args
-
 import canopen
 import pytest
 from canopen.emcy import EmcyError
+from drive_files import drive
 
 from drives.canopen.emcy import EmergencyLog, decode_emergency, is_alarm
-from drives.canopen.emcy_codes import EmergencyTable, Reaction, meaning
+from drives.canopen.emcy_codes import STANDARD, Reaction, meaning
 from drives.canopen.nmt import HeartbeatWatch, NmtCommand, heartbeat_frame, nmt_frame
 from drives.signals import NmtState
 
 MS = 1_000_000
+CODES = {
+    "standard": STANDARD,
+    "epos4": drive("hip_epos4").profile.emergency_codes,
+    "elmo": drive("hip_elmo").profile.emergency_codes,
+}
+"""Meanings of EMCY codes by the shipped profile that has them."""
 
 
 # --- NMT ------------------------------------------------------------------------------------------
@@ -84,13 +89,13 @@ def test_only_a_change_of_state_is_news():
 def test_error_classes_are_those_of_canopen(code):
     theirs = EmcyError(code, 0, b"", 0.0).get_desc().lower()
 
-    assert meaning(code, "standard").text == theirs
+    assert meaning(code, CODES["standard"]).text == theirs
 
 
-@pytest.mark.parametrize("table", get_args(EmergencyTable))
+@pytest.mark.parametrize("table", CODES)
 def test_every_code_means_something(table):
     for code in range(0x10000):
-        assert meaning(code, table).text
+        assert meaning(code, CODES[table]).text
 
 
 @pytest.mark.parametrize(
@@ -108,7 +113,7 @@ def test_every_code_means_something(table):
     ],
 )
 def test_what_an_epos4_does_with_a_code_is_known(code, reaction):
-    assert meaning(code, "epos4").reaction is reaction
+    assert meaning(code, CODES["epos4"]).reaction is reaction
 
 
 @pytest.mark.parametrize(
@@ -122,11 +127,11 @@ def test_what_an_epos4_does_with_a_code_is_known(code, reaction):
     ],
 )
 def test_safe_torque_off_is_told_from_a_defect_by_each_maker_s_own_code(table, code, is_sto):
-    assert meaning(code, table).is_sto is is_sto
+    assert meaning(code, CODES[table]).is_sto is is_sto
 
 
 def test_one_code_may_mean_another_thing_to_another_maker():
-    texts = {meaning(0xFF10, table).text for table in get_args(EmergencyTable)}
+    texts = {meaning(0xFF10, CODES[table]).text for table in CODES}
 
     assert texts == {"device specific", "controller gains", "motor cannot be started"}
 
@@ -142,24 +147,24 @@ def test_one_code_may_mean_another_thing_to_another_maker():
     ],
 )
 def test_what_an_elmo_does_with_a_code_is_known_where_its_table_says_so(code, reaction):
-    assert meaning(code, "elmo").reaction is reaction
+    assert meaning(code, CODES["elmo"]).reaction is reaction
 
 
 def test_an_encoder_that_cannot_be_believed_loses_its_reference():
-    assert meaning(0x7382, "epos4").loses_reference
-    assert meaning(0x7305, "standard").loses_reference
-    assert meaning(0x7380, "elmo").loses_reference
-    assert meaning(0x7305, "elmo").loses_reference
-    assert not meaning(0x8130, "epos4").loses_reference
+    assert meaning(0x7382, CODES["epos4"]).loses_reference
+    assert meaning(0x7305, CODES["standard"]).loses_reference
+    assert meaning(0x7380, CODES["elmo"]).loses_reference
+    assert meaning(0x7305, CODES["elmo"]).loses_reference
+    assert not meaning(0x8130, CODES["epos4"]).loses_reference
 
 
 @pytest.mark.parametrize("length", [0, 3, 7, 9])
 def test_an_emcy_that_has_not_eight_bytes_is_none(length):
-    assert decode_emergency(bytes(length), 5, "epos4", 1) is None
+    assert decode_emergency(bytes(length), 5, CODES["epos4"], 1) is None
 
 
 def test_an_emcy_is_taken_apart_as_the_standard_says():
-    emergency = decode_emergency(bytes.fromhex("30 81 11 01 02 03 04 05"), 5, "epos4", 7)
+    emergency = decode_emergency(bytes.fromhex("30 81 11 01 02 03 04 05"), 5, CODES["epos4"], 7)
 
     assert emergency is not None
     assert (emergency.node_id, emergency.code, emergency.error_register) == (5, 0x8130, 0x11)
@@ -169,7 +174,7 @@ def test_an_emcy_is_taken_apart_as_the_standard_says():
 
 
 def test_no_error_clears_the_open_one_and_is_not_counted_as_an_error():
-    log = EmergencyLog(5, "epos4")
+    log = EmergencyLog(5, CODES["epos4"])
     log.feed(bytes.fromhex("3081110000000000"), 1)
     log.feed(bytes.fromhex("1186210000000000"), 2)
 
@@ -198,28 +203,28 @@ def emcy(code, register=0x01):
 def test_an_emcy_says_what_the_drive_does_by_itself_and_whether_it_knows_its_position(
     code, reaction, loses_reference
 ):
-    emergency = decode_emergency(emcy(code), 5, "epos4", 0)
+    emergency = decode_emergency(emcy(code), 5, CODES["epos4"], 0)
 
     assert emergency is not None
     assert emergency.reaction is reaction
     assert emergency.loses_reference is loses_reference
 
 
-@pytest.mark.parametrize("table", ["standard", "epos4"])
+@pytest.mark.parametrize("table", CODES)
 def test_only_what_is_known_to_be_a_warning_asks_for_no_stop(table):
     warnings = []
     for code in range(0x10000):
-        emergency = decode_emergency(emcy(code), 5, table, 0)
+        emergency = decode_emergency(emcy(code), 5, CODES[table], 0)
         assert emergency is not None
         if code and not is_alarm(emergency):
             warnings.append(code)
 
-    assert all(meaning(code, table).reaction is Reaction.WARNING for code in warnings)
+    assert all(meaning(code, CODES[table]).reaction is Reaction.WARNING for code in warnings)
     assert len(warnings) < 100
 
 
 def test_a_warning_is_counted_and_kept_and_hides_no_alarm():
-    log = EmergencyLog(5, "epos4")
+    log = EmergencyLog(5, CODES["epos4"])
 
     log.feed(emcy(0xFF01), 1)
     first = log.open
@@ -235,7 +240,7 @@ def test_a_warning_is_counted_and_kept_and_hides_no_alarm():
 
 
 def test_an_alarm_that_was_taken_back_is_remembered_and_no_warning_takes_its_place():
-    log = EmergencyLog(5, "epos4")
+    log = EmergencyLog(5, CODES["epos4"])
 
     for code in (0x8611, 0x0000, 0xFF01):
         log.feed(emcy(code), 0)
@@ -248,7 +253,7 @@ def test_an_alarm_that_was_taken_back_is_remembered_and_no_warning_takes_its_pla
 
 
 def test_a_code_that_is_still_open_asks_for_nothing_new():
-    log = EmergencyLog(5, "epos4")
+    log = EmergencyLog(5, CODES["epos4"])
     asked = []
     for code in (0x8611, 0x8611, 0x2310, 0x8611, 0x0000, 0x8611, 0xFF01):
         log.feed(emcy(code), 0)
@@ -258,7 +263,7 @@ def test_a_code_that_is_still_open_asks_for_nothing_new():
 
 
 def test_the_news_of_a_cycle_are_the_newest_and_are_told_once():
-    log = EmergencyLog(5, "epos4")
+    log = EmergencyLog(5, CODES["epos4"])
     for code in (0x1000, 0x8611, 0x2310, 0x8611):
         log.feed(emcy(code), 0)
 
@@ -270,7 +275,7 @@ def test_the_news_of_a_cycle_are_the_newest_and_are_told_once():
 
 
 def test_a_reference_that_is_lost_stays_lost_when_the_error_goes():
-    log = EmergencyLog(5, "epos4")
+    log = EmergencyLog(5, CODES["epos4"])
     log.feed(emcy(0x7388), 0)
     log.feed(emcy(0x0000), 1)
 

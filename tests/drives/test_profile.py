@@ -1,6 +1,5 @@
 import copy
 import re
-from typing import get_args
 
 import msgspec
 import pytest
@@ -20,7 +19,7 @@ from drive_files import (
 
 from drives.bringup.plan import plan
 from drives.bringup.steps import StepKind
-from drives.canopen.emcy_codes import EmergencyTable, meaning
+from drives.canopen.emcy_codes import Reaction, meaning
 from drives.cia402.axis_file import AxisFile
 from drives.cia402.homing import HomingObjects
 from drives.cia402.pdo import layouts
@@ -86,8 +85,7 @@ def test_every_profile_names_its_sources_and_no_one_has_verified_it(profile):
         assert re.search("EDS|DCF", told)
     assert not set(kind.open_facts) & {"torque_limit.index", "target_torque.index"}
     assert "fault_reaction_max_ms" in kind.open_facts
-    assert kind.emergency_table in get_args(EmergencyTable)
-    assert meaning(0x8130, kind.emergency_table).text
+    assert meaning(0x8130, kind.emergency_codes).text
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -510,7 +508,8 @@ def test_the_bases_of_torque_are_told_with_their_units():
         ("profile", ("velocity_unit",), "rad_per_s"),
         ("profile", ("torque_source", "sign"), 0),
         ("profile", ("torque_source", "sampling"), "mean"),
-        ("profile", ("emergency_table",), "parker"),
+        ("profile", ("emergencies",), [{"code": 0x2310, "text": "current", "reaction": "stop"}]),
+        ("profile", ("emergencies",), [{"code": 0, "text": "no error"}]),
     ],
 )
 def test_values_that_no_drive_has_are_refused_by_the_structs(part, path, value):
@@ -714,3 +713,37 @@ def test_all_contradictions_of_two_files_are_found_at_once():
     errors = contradictions(msgspec.convert(profile, DriveProfile), msgspec.convert(axis, AxisFile))
 
     assert [error.key for error in errors] == ["heartbeat.consumer_entries", "transmission.lead_m"]
+
+
+@pytest.mark.parametrize(
+    ("entries", "key"),
+    [
+        ([{"code": 0x2310, "text": "a warning of current", "reaction": "warning"}], "reaction"),
+        ([{"code": 0xFEF0, "last_code": 0xFF10, "text": "x", "reaction": "warning"}], "reaction"),
+        ([{"code": 0x2310, "text": "once"}, {"code": 0x2310, "text": "again"}], "code"),
+        (
+            [{"code": 0x5480, "last_code": 0x5483, "text": "x"}, {"code": 0x5481, "text": "y"}],
+            "code",
+        ),
+        ([{"code": 0x5480, "last_code": 0x5470, "text": "backwards"}], "last_code"),
+        ([{"code": 0x1000, "last_code": 0xF000, "text": "all"}], "last_code"),
+    ],
+)
+def test_a_maker_s_codes_are_each_there_once_and_none_milder_than_the_standard_s(entries, key):
+    axis, profile = broken("hip_epos4", "profile", ("emergencies",), entries)
+
+    with pytest.raises(DescriptionError, match=rf"emergencies\[.*\]\.{key} = "):
+        join(axis, profile, "hip_epos4")
+
+
+def test_a_maker_s_file_adds_a_code_without_any_code_of_ours():
+    entries = [
+        {"code": 0xFF42, "text": "fan slow", "reaction": "warning"},
+        {"code": 0x7342, "text": "resolver", "reaction": "switched_off"},
+    ]
+    axis, profile = broken("hip_epos4", "profile", ("emergencies",), entries)
+    codes = join(axis, profile, "hip_epos4").profile.emergency_codes
+
+    assert meaning(0xFF42, codes) == ("fan slow", Reaction.WARNING, False, False)
+    assert meaning(0x7342, codes) == ("resolver", Reaction.SWITCHED_OFF, True, False)
+    assert meaning(0xFF43, codes).reaction is Reaction.UNKNOWN

@@ -21,7 +21,7 @@ def all_tables():
 
 
 WHOLE = [
-    *("emergency_table", "velocity_unit", "deceleration_unit", "fault_reaction_max_ms"),
+    *("velocity_unit", "deceleration_unit", "fault_reaction_max_ms"),
     *("resume_from_quick_stop", "inputs_always_zero", "torque_source", "torque_base"),
     *("torque_limit", "target_torque", "temperature", "optional_objects", "torque_mode", "pdo"),
     *("heartbeat", "written", "homing"),
