@@ -149,7 +149,6 @@ def test_the_displays_wheel_holds_its_pages_and_all_licences(tmp_path):
     assert {name for name in names if ".dist-info/" not in name} == files
     papers = {name.split("licenses/")[-1]: name for name in names if "licenses/" in name}
     assert b"Apache License" in wheel.read(papers["LICENSE"])
-    assert b"MIT License" in wheel.read(papers["gaitd_display/static/vendor/LICENSE.uPlot"])
     font = papers["gaitd_display/static/fonts/LICENSE.AtkinsonHyperlegibleNext"]
     assert b"SIL Open Font License, Version 1.1" in wheel.read(font)
 

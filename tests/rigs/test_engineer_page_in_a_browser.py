@@ -37,24 +37,6 @@ STOPPED_MS = 2_000
 APART_MAX_NM = 4.0
 LOOKS = 8
 """Looks at a leg in motion, over a stride."""
-RATIO = """(pairs) => {
-    const probe = document.body.appendChild(document.createElement("i"));
-    const light = (name) => {
-        probe.style.color = `var(${name})`;
-        const parts = getComputedStyle(probe).color.match(/[0-9.]+/g).slice(0, 3).map((part) => {
-            const value = part / 255;
-            return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
-        });
-        return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2] + 0.05;
-    };
-    const ratios = pairs.map(([one, other]) => {
-        const [low, high] = [light(one), light(other)].sort((a, b) => a - b);
-        return high / low;
-    });
-    probe.remove();
-    return ratios;
-}"""
-"""Contrast of colours by their names, WCAG 2.2."""
 TEXTS = ("--ink", "--soft", "--estimate", "--true", "--friction", "--blue-ink", "--vermillion-ink")
 SYMBOLS = ("--estimate-line", "--true", "--friction", "--edge", "--green", "--vermillion", "--mode")
 
@@ -132,11 +114,9 @@ def test_the_colours_have_contrast_in_both_schemes(tab):
     for scheme in SCHEMES:
         tab.page.emulate_media(color_scheme=scheme)
         texts = [*((name, "--card") for name in TEXTS), ("--on-mode", "--mode")]
-        found = dict(zip(texts, tab.page.evaluate(RATIO, texts), strict=True))
-        assert {pair: ratio for pair, ratio in found.items() if ratio < 4.5} == {}, scheme
+        assert {pair: ratio for pair, ratio in tab.contrasts(texts) if ratio < 4.5} == {}, scheme
         symbols = [(name, "--card") for name in SYMBOLS]
-        found = dict(zip(symbols, tab.page.evaluate(RATIO, symbols), strict=True))
-        assert {pair: ratio for pair, ratio in found.items() if ratio < 3} == {}, scheme
+        assert {pair: ratio for pair, ratio in tab.contrasts(symbols) if ratio < 3} == {}, scheme
 
 
 def values(tab):

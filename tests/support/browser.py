@@ -65,6 +65,7 @@ MISPLACED = """() => {
     while (texts.nextNode()) {
         const node = texts.currentNode;
         if (!node.data.trim() || !node.parentElement.checkVisibility()) continue;
+        if (node.parentElement.closest('.sr')) continue; // for a screen reader alone
         range.selectNodeContents(node);
         for (const { left, right, top, bottom } of range.getClientRects()) {
             // A line's box has room above and below its letters.
@@ -90,6 +91,23 @@ MISPLACED = """() => {
         }
     });
     return found;
+}"""
+CONTRAST = """(pairs) => {
+    const probe = document.body.appendChild(document.createElement("i"));
+    const light = (name) => {
+        probe.style.color = `var(${name})`;
+        const parts = getComputedStyle(probe).color.match(/[0-9.]+/g).slice(0, 3).map((part) => {
+            const value = part / 255;
+            return value <= 0.04045 ? value / 12.92 : ((value + 0.055) / 1.055) ** 2.4;
+        });
+        return 0.2126 * parts[0] + 0.7152 * parts[1] + 0.0722 * parts[2] + 0.05;
+    };
+    const ratios = pairs.map(([one, other]) => {
+        const [low, high] = [light(one), light(other)].sort((a, b) => a - b);
+        return high / low;
+    });
+    probe.remove();
+    return ratios;
 }"""
 HOUR_FRAMES = 60 * 3600
 BEGIN_FRAMES = 30
@@ -273,6 +291,10 @@ class Tab:
     def misplaced_texts(self):
         """Texts, also of pictures, that are cut off, beyond the page, or over another one."""
         return self.page.evaluate(MISPLACED)
+
+    def contrasts(self, pairs):
+        """Pairs of colours, by their names, with their contrast of WCAG 2.2."""
+        return zip(pairs, self.page.evaluate(CONTRAST, pairs), strict=True)
 
     def unreachable(self, *names):
         """Buttons, by the begin of their name, that are not whole in view, covered, or cut off."""

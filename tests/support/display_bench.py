@@ -143,9 +143,6 @@ class MessageTrainer:
     def activity(self, leg):
         return self._stream(f"{leg}/activity", Activity)
 
-    def friction(self, leg):
-        return self._stream(f"{leg}/friction", wire.Friction)
-
     def estimate(self, leg):
         return self._stream(f"{leg}/estimate", wire.Estimate)
 
@@ -201,17 +198,20 @@ class MessageTrainer:
                 given |= {"hip_validity": validity, "slide_validity": validity}
                 if validity == "ok" and power_w is not None:
                     given |= {"hip_patient_nm": 2 * power_w, "hip_patient_nm_std": 0.4}
+                    given |= {"slide_patient_n": 16 * power_w, "slide_patient_n_std": 5.0}
                 given |= {"hip_net_nm": -1.5, "hip_net_nm_std": 0.3}
+                given |= {"slide_net_n": 12.0, "slide_net_n_std": 3.0}
                 self.send(f"{leg}/activity", filled(Activity, **head, **given))
                 posed = {"hip_angle_rad": pose[0], "slide_position_m": pose[1]}
                 shared = {name: given[name] for name in given if name in ESTIMATED}
+                if validity == "ok" and power_w is not None:
+                    shared |= {"hip_friction_nm": 3.0, "hip_friction_nm_std": 0.2}
+                    shared |= {"slide_friction_n": -40.0, "slide_friction_n_std": 5.0}
                 self.send(f"{leg}/estimate", filled(wire.Estimate, **head, **shared, **posed))
-                rubbing = {"leg": leg, "hip_friction_nm": 3.0, "hip_friction_nm_std": 0.2}
-                rubbing = {"leg": leg} if validity != "ok" or power_w is None else rubbing
-                self.send(f"{leg}/friction", filled(wire.Friction, **head, **rubbing))
                 for axis, position in zip(("hip", "slide"), pose, strict=True):
                     drive = {"name": f"{leg}/{axis}", "position_si": position, "fresh": fresh}
                     drive |= {"hand_switch_closed": switch, "effort_si": 5.5}
+                    drive |= {"referenced": True, "temperature_degc": 41.0}
                     drive |= {"power_state": power or powered, "sto_released": not sto}
                     head_of_drive = {"core_boot_id": "boot", "cycle": self.cycle}
                     self.send(f"drives/{leg}/{axis}", filled(DriveState, **head_of_drive, **drive))

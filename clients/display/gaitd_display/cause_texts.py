@@ -3,7 +3,7 @@
 The words are for a layperson who lies in the machine, alone or not, and reads from three metres:
 one sentence on what has happened, then what to do. `Situation` follows the first instruction of the
 service's own text for the cause; a test compares both. The service's remedies, with commands, are
-for the therapist's page.
+for terminals, and the therapist's page has `stop_texts.py`.
 """
 
 from collections.abc import Mapping
@@ -11,8 +11,7 @@ from enum import StrEnum, auto
 from typing import Final, NamedTuple
 
 from gaitd_client import Cause
-
-from gaitd_display.texts import Text
+from gaitd_session import Text
 
 
 class Situation(StrEnum):

@@ -11,7 +11,6 @@ from typing import Any, Final, Self
 import msgspec
 from gaitd_client import Activity, Cause, DriveState, Estimate, Health, NotValid, Safety
 
-from gaitd_display.therapist_view import VerdictView
 from gaitd_display.truth import TrueEfforts
 
 CURVE_S: Final = 13.0
@@ -54,6 +53,15 @@ class LegNow(msgspec.Struct, frozen=True):
     power_w: float | None
     """Power of the patient, both axes."""
     power_w_std: float | None
+
+
+class VerdictView(msgspec.Struct, frozen=True):
+    """The latched stop, with the service's own texts."""
+
+    category: str
+    cause: str
+    text: str
+    remedy: str
 
 
 class Span(msgspec.Struct, frozen=True):

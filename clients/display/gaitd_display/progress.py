@@ -4,26 +4,47 @@ Profile and history are those of the patient's server, which writes the history;
 only read. A file that is missing or cannot be read is told on the page.
 """
 
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from statistics import fmean
 from typing import Final
 
 import msgspec
 from gaitd_client import PlanLimits
 from gaitd_session import (
+    WHY,
     BlockKind,
+    GoalSummary,
+    Phase,
     ProfileError,
     SessionSummary,
     Store,
     StoreError,
+    Text,
     blocks_of,
     limits_of,
     read_profile,
 )
+from gaitd_session.goals import band_about
+from gaitd_session.profile import Goal
+from gaitd_session.profile import Profile as SessionProfile
 
-from gaitd_display.settings import SessionFiles
+from gaitd_display.event_texts import refusal_text
+from gaitd_display.settings import SessionFiles, Spoken
 
 NS_PER_MS: Final = 1_000_000
 SESSIONS_MAX: Final = 200
 """The newest of so many are shown."""
+REMEDY_MARK: Final = ": first: "
+"""In the reason of a stop: what follows it is the service's remedy, with commands."""
+
+
+PHASES: Final[Mapping[str, Text]] = {
+    Phase.STOPPED: Text("The machine has stopped.", "Das Gerät hat angehalten."),
+    Phase.PAUSED: Text("The patient has paused.", "Der Patient hat pausiert."),
+    Phase.NO_SIGNAL: Text("The trainer was silent.", "Das Gerät hat nichts gesendet."),
+}
+"""What an interruption was that has no reason of its own."""
 
 
 class PlannedBlock(msgspec.Struct, frozen=True):
@@ -36,11 +57,17 @@ class PlannedBlock(msgspec.Struct, frozen=True):
     rest_s: float
 
 
+class Target(msgspec.Struct, frozen=True):
+    """A target band of the patient's share."""
+
+    low_ratio: float
+    high_ratio: float
+
+
 class Profile(msgspec.Struct, frozen=True):
     """The profile, as far as a therapist reviews it here."""
 
     id: str
-    legs: tuple[str, ...]
     share_min_ratio: float
     share_max_ratio: float
     blocks: tuple[PlannedBlock, ...]
@@ -56,13 +83,20 @@ class PastSession(msgspec.Struct, frozen=True):
     end: str
     """complete, ended, left, interrupted; empty: it goes on."""
     walked_s: float
-    stride_count: int
     valid_count: int
+    reached_count: int
+    """Valid strides at or above the lower end of their target band."""
     mean_share_ratio: float | None
     """Mean over the valid strides; None: there is none."""
+    target: Target | None
+    """Mean of the bands of its blocks and legs; None: there is none."""
     interruption_count: int
-    last_interruption: str
-    """Its reason, English, or its phase; empty: there is none."""
+    last_said: Spoken | None
+    """Why the last interruption was; None: there is none, or `last_text` says it."""
+    last_text: str
+    """The same in English, as the service has said it; empty: `last_said`, or there is none."""
+    block: int
+    """Number of its newest block, from 1; 0: none was begun."""
 
 
 class Progress(msgspec.Struct, frozen=True):
@@ -73,8 +107,21 @@ class Progress(msgspec.Struct, frozen=True):
     profile: Profile | None = None
     sessions: tuple[PastSession, ...] = ()
     """Oldest first."""
+    targets: dict[str, Target] = {}
+    """The present target band, by leg."""
+    self_test_ms: float | None = None
+    """When a self-test was passed; None: not known, 0: never."""
     troubles: tuple[str, ...] = ()
     """What could not be read: file, reason, what to do."""
+
+
+class _History(msgspec.Struct, frozen=True):
+    """What is read of the history."""
+
+    sessions: Sequence[SessionSummary] = ()
+    goals: Sequence[GoalSummary] = ()
+    self_test_ms: float | None = None
+    troubles: tuple[str, ...] = ()
 
 
 def read_progress(files: SessionFiles | None) -> Progress:
@@ -85,20 +132,42 @@ def read_progress(files: SessionFiles | None) -> Progress:
         profile = read_profile(files.profile)
     except ProfileError as error:
         return Progress(is_configured=True, troubles=(str(error),))
-    troubles: tuple[str, ...] = ()
-    summaries: list[SessionSummary] = []
+    history = _read_history(files, profile)
+    goals: dict[int, list[GoalSummary]] = defaultdict(list)
+    for goal in history.goals:
+        goals[goal.session].append(goal)
+    return Progress(
+        is_configured=True,
+        profile=_profile(profile),
+        sessions=tuple(
+            _session(one, goals[one.number], profile.goal)
+            for one in history.sessions[-SESSIONS_MAX:]
+        ),
+        targets=present_targets(profile, history.goals),
+        self_test_ms=history.self_test_ms,
+        troubles=history.troubles,
+    )
+
+
+def _read_history(files: SessionFiles, profile: SessionProfile) -> _History:
     try:
-        if files.history.exists():
-            with Store(files.history, is_writer=False) as store:
-                summaries = store.summaries(profile.id)
-        else:
-            troubles = (f"{files.history}: there is no history yet",)
+        if not files.history.exists():
+            return _History(troubles=(f"{files.history}: there is no history yet",))
+        with Store(files.history, is_writer=False) as store:
+            return _History(
+                store.summaries(profile.id),
+                store.goals(profile.id, profile.goal.band_width_ratio / 2),
+                store.self_test_utc_ns(profile.id) / NS_PER_MS,
+            )
     except StoreError as error:
-        troubles = (str(error),)
+        return _History(troubles=(str(error),))
     except OSError as error:
         reason = error.strerror or "cannot be read"
-        troubles = (f"{files.history}: {reason}; give this server's user the right to read it",)
-    goal = profile.goal
+        told = f"{files.history}: {reason}; give this server's user the right to read it"
+        return _History(troubles=(told,))
+
+
+def _profile(profile: SessionProfile) -> Profile:
     blocks = (
         PlannedBlock(
             block.kind,
@@ -109,29 +178,56 @@ def read_progress(files: SessionFiles | None) -> Progress:
         )
         for block in blocks_of(profile)
     )
-    return Progress(
-        is_configured=True,
-        profile=Profile(
-            profile.id,
-            profile.legs,
-            goal.share_min_ratio,
-            goal.share_max_ratio,
-            tuple(blocks),
-            limits_of(profile),
-        ),
-        sessions=tuple(map(_session, summaries[-SESSIONS_MAX:])),
-        troubles=troubles,
+    goal = profile.goal
+    return Profile(
+        profile.id, goal.share_min_ratio, goal.share_max_ratio, tuple(blocks), limits_of(profile)
     )
 
 
-def _session(one: SessionSummary) -> PastSession:
+def present_targets(profile: SessionProfile, goals: Sequence[GoalSummary]) -> dict[str, Target]:
+    """Return the band of each leg now.
+
+    It is that of the newest block while this goes on, then the one that follows from it; before
+    the first session it is that of the profile.
+
+    Args:
+        profile: of the patient.
+        goals: of all sessions, oldest first.
+    """
+    middles = dict.fromkeys(profile.legs, profile.goal.share_start_ratio)
+    for goal in goals:
+        if goal.leg in middles:
+            middles[goal.leg] = goal.middle_ratio if goal.goes_on else goal.next_middle_ratio
+    return {leg: _target(middle, profile.goal) for leg, middle in middles.items()}
+
+
+def _target(middle_ratio: float, goal: Goal) -> Target:
+    band = band_about(middle_ratio, goal)
+    return Target(band.low_ratio, band.high_ratio)
+
+
+def _session(one: SessionSummary, goals: Sequence[GoalSummary], goal: Goal) -> PastSession:
+    said = interruption_text(one.last_interruption)
     return PastSession(
         one.begun_utc_ns / NS_PER_MS,
         one.end,
         one.walked_s,
-        one.stride_count,
         one.valid_count,
+        sum(one.reached_count for one in goals),
         one.mean_share_ratio,
+        _target(fmean(one.middle_ratio for one in goals), goal) if goals else None,
         one.interruption_count,
-        one.last_interruption,
+        None if said is None else Spoken(*said),
+        "" if said else one.last_interruption.partition(REMEDY_MARK)[0],
+        max((one.block for one in goals), default=0),
     )
+
+
+def interruption_text(reason: str) -> Text | None:
+    """Return the reason of an interruption in both languages; None: it is not known here.
+
+    Args:
+        reason: of the history: a sentence of the session or of the service, or a phase.
+    """
+    by_session = {text.en: text for text in WHY.values()} | PHASES
+    return by_session.get(reason) or refusal_text(reason)

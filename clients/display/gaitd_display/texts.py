@@ -1,7 +1,8 @@
 """Every word of the pages, in English and German.
 
-Causes of a stop are in `cause_texts.py`; what a session advises is in `gaitd_session`. The page
-gets both languages, so that its button changes the language without a reload.
+Causes of a stop are in `cause_texts.py`, what the therapist reads in `therapist_texts.py` and
+`stop_texts.py`; what a session advises is in `gaitd_session`. The page gets
+both languages, so that its button changes the language without a reload.
 """
 
 from collections.abc import Mapping
@@ -9,6 +10,9 @@ from enum import StrEnum, auto
 from typing import Final
 
 from gaitd_session import ADVICE, WHY, Advice, Text
+
+from gaitd_display.stop_texts import stop_labels
+from gaitd_display.therapist_texts import THERAPIST_LABELS
 
 
 class Word(StrEnum):
@@ -105,7 +109,6 @@ EXPLAINED: Final[Mapping[Word, Text]] = {
 
 LABELS: Final[Mapping[str, Text]] = {
     "patient_title": Text("Your training", "Ihr Training"),
-    "therapist_title": Text("Therapist", "Therapie"),
     "language": Text("Deutsch", "English"),
     "stop": Text("STOP", "STOPP"),
     "stop_note": Text("Not the emergency stop", "Kein Not-Halt"),
@@ -123,7 +126,6 @@ LABELS: Final[Mapping[str, Text]] = {
     "all": Text("all", "ganz"),
     "none": Text("none", "nichts"),
     "bigger": Text("A bigger dot: more work", "Größerer Punkt: mehr Arbeit"),
-    "do_now": Text("Do this now", "Das jetzt tun"),
     "help": Text("Call for help", "Hilfe rufen"),
     "emergency_stop_first": Text(
         "First press the emergency stop. Then your leg is not held.",
@@ -134,75 +136,6 @@ LABELS: Final[Mapping[str, Text]] = {
     "sound_off": Text("Touch here to allow sound", "Hier tippen: Ton erlauben"),
     "refused": Text("The trainer has refused", "Der Trainer hat abgelehnt"),
     "no_answer": Text("The trainer did not answer", "Der Trainer hat nicht geantwortet"),
-    "login": Text("Log in", "Anmelden"),
-    "logout": Text("Log out", "Abmelden"),
-    "password": Text("Password", "Kennwort"),
-    "wrong_password": Text("Wrong password.", "Falsches Kennwort."),
-    "locked": Text("Too many attempts. Wait a minute.", "Zu viele Versuche. Eine Minute warten."),
-    "mode": Text("Mode", "Betriebsart"),
-    "cause": Text("Cause of the stop", "Ursache des Halts"),
-    "remedy": Text("What to do", "Was zu tun ist"),
-    "torque": Text("Hip torque, N·m", "Hüftmoment, N·m"),
-    "force": Text("Slide force, N", "Schlittenkraft, N"),
-    "patient": Text("Patient", "Patient"),
-    "friction": Text("Friction", "Reibung"),
-    "net": Text("Net", "Netto"),
-    "drive": Text("Drive", "Antrieb"),
-    "validity": Text("Validity", "Gültigkeit"),
-    "health": Text("Bus and cycle", "Bus und Zyklus"),
-    "events": Text("Events", "Ereignisse"),
-    "stride_table": Text("Strides", "Schritte"),
-    "number": Text("No.", "Nr."),
-    "share": Text("Share", "Anteil"),
-    "work": Text("Work, J", "Arbeit, J"),
-    "cadence": Text("Cadence, 1/s", "Kadenz, 1/s"),
-    "profile": Text("Profile and plan", "Profil und Plan"),
-    "progress": Text("Progress over sessions", "Fortschritt über Sitzungen"),
-    "no_profile": Text(
-        "None: the file of this server has no table [session].",
-        "Keines: die Datei dieses Servers hat keine Tabelle [session].",
-    ),
-    "share_bounds": Text("Bounds of the target share", "Grenzen des Zielanteils"),
-    "block": Text("Block", "Abschnitt"),
-    "block.warm_up": Text("Warm-up", "Aufwärmen"),
-    "block.walking": Text("Walking", "Gehen"),
-    "duration": Text("Time, s", "Dauer, s"),
-    "amplitude": Text("Amplitude", "Amplitude"),
-    "rest": Text("Rest, s", "Pause, s"),
-    "release_profile": Text("Release the profile's plan", "Plan des Profils freigeben"),
-    "begun": Text("Begun", "Beginn"),
-    "walked_min": Text("Walked, min", "Gegangen, min"),
-    "valid": Text("Valid", "Gültig"),
-    "interruptions": Text("Interruptions", "Unterbrechungen"),
-    "end": Text("End", "Ende"),
-    "end.": Text("goes on", "läuft"),
-    "end.complete": Text("complete", "vollständig"),
-    "end.ended": Text("ended", "beendet"),
-    "end.left": Text("program ended", "Programm beendet"),
-    "end.interrupted": Text("cut off", "abgebrochen"),
-    "plan": Text("Release of a plan", "Freigabe eines Plans"),
-    "plan_now": Text("Released now", "Jetzt freigegeben"),
-    "no_plan": Text("None: a session may not start a gait", "Keiner: kein Gang durch Sitzung"),
-    "cadence_max": Text("Cadence at most, 1/s", "Kadenz höchstens, 1/s"),
-    "amplitude_max": Text("Amplitude at most, 0 to 1", "Amplitude höchstens, 0 bis 1"),
-    "duration_max": Text("Duration at most, s", "Dauer höchstens, s"),
-    "hip_assist_max": Text(
-        "Assist at the hip at most, N·m (empty: as configured)",
-        "Hilfe an der Hüfte höchstens, N·m (leer: wie konfiguriert)",
-    ),
-    "slide_assist_max": Text(
-        "Assist at the slide at most, N (empty: as configured)",
-        "Hilfe am Schlitten höchstens, N (leer: wie konfiguriert)",
-    ),
-    "release": Text("Release", "Freigeben"),
-    "withdraw": Text("Withdraw", "Zurückziehen"),
-    "enable": Text("Enable", "Einschalten"),
-    "disable": Text("Disable", "Ausschalten"),
-    "reset": Text("Reset", "Rücksetzen"),
-    "hold": Text("Hold", "Halten"),
-    "hand_guiding": Text("Hand guiding", "Handführung"),
-    "self_test": Text("Self-test", "Selbsttest"),
-    "done": Text("Done", "Erledigt"),
     "way.switch": Text(
         "To get out: press the hand switch and keep it pressed.",
         "Um herauszukommen: Handschalter drücken und gedrückt halten.",
@@ -251,6 +184,8 @@ def page_texts() -> dict[str, dict[str, str]]:
     """All texts by language and key; words are `word.NAME`, their lines `line.NAME`."""
     keyed = {
         **LABELS,
+        **THERAPIST_LABELS,
+        **stop_labels(),
         **{f"word.{word}": text for word, text in WORDS.items()},
         **{f"line.{word}": text for word, text in EXPLAINED.items()},
         **{f"advice.{advice}": text for advice, text in ADVICE.items()},

@@ -2,14 +2,22 @@
 
 import asyncio
 import contextlib
-import itertools
 import secrets
 from collections.abc import AsyncGenerator, Callable, Coroutine
-from enum import StrEnum, auto
 from typing import Annotated, Any, Final
 
 import msgspec
-from gaitd_client import Clock, Mode, NoAnswerError, PlanLimits, Reply, Status, Trainer
+from gaitd_client import (
+    Clock,
+    Configuration,
+    Estimate,
+    Mode,
+    NoAnswerError,
+    PlanLimits,
+    Reply,
+    Status,
+    Trainer,
+)
 from gaitd_session.session import AXES
 from msgspec import Meta
 from starlette.applications import Starlette
@@ -19,10 +27,14 @@ from starlette.routing import Route
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
+from gaitd_display.controls import Command
+from gaitd_display.engineer_view import geometry_of
+from gaitd_display.event_texts import refusal_text
 from gaitd_display.feed import Feed
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
+from gaitd_display.plan_ranges import plan_ranges
 from gaitd_display.progress import read_progress
-from gaitd_display.settings import TherapistSettings
+from gaitd_display.settings import Spoken, TherapistSettings
 from gaitd_display.therapist_view import (
     UNKNOWN_PLAN,
     TherapistState,
@@ -49,19 +61,10 @@ from gaitd_display.web import (
 
 COOKIE: Final = "__Host-gaitd"
 CSRF_HEADER: Final = "x-csrf-token"
+STYLES: Final = ("tokens", "figure", "therapist")
 PLAN_POLL_S: Final = 2.0
+CONFIGURATION_POLL_S: Final = 1.0
 SESSION_POLL_S: Final = 1.0
-
-
-class Command(StrEnum):
-    """Request of a button without arguments."""
-
-    ENABLE = auto()
-    DISABLE = auto()
-    RESET = auto()
-    HOLD = auto()
-    HAND_GUIDING = auto()
-    SELF_TEST = auto()
 
 
 class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -111,6 +114,7 @@ class TherapistServer:
         self._reading = asyncio.Lock()
         self.state = TherapistState(secrets.token_hex(4), has_session=settings.session is not None)
         self._read: Callable[[], TherapistView]
+        self._boot_id: str | None = None
         self.feed = Feed(self._view)
         self._stops = Stops(trainer)
         self.app: ASGIApp = make_app(
@@ -136,7 +140,7 @@ class TherapistServer:
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
         async with connected(self._trainer):
-            works = [self._follow_plan(), *self._subscribe()]
+            works = [self._follow_plan(), self._follow_configuration(), *self._subscribe()]
             async with working(self.feed.run(), *works):
                 yield
         self._stops.close()
@@ -144,25 +148,21 @@ class TherapistServer:
     def _subscribe(self) -> list[Coroutine[Any, Any, None]]:
         """Make the streams; return the works that send their items."""
         trainer, legs = self._trainer, self._settings.legs
-        streams = [
-            (
-                leg,
-                trainer.activity(leg),
-                trainer.friction(leg),
-                [trainer.drive(f"{leg}/{axis}") for axis in AXES],
-            )
-            for leg in legs
-        ]
+        streams = [(leg, trainer.estimate(leg), trainer.activity(leg)) for leg in legs]
+        names = [f"{leg}/{axis}" for leg in legs for axis in AXES]
+        drives = {name: trainer.drive(name) for name in names}
         safety, health = trainer.safety(), trainer.health()
 
         def read() -> TherapistView:
-            newest = [[drive.newest() for drive in drives] for *_, drives in streams]
-            views = tuple(
-                leg_view(leg, activity.newest(), friction.newest(), drives)
-                for (leg, activity, friction, _), drives in zip(streams, newest, strict=True)
+            newest = [(leg, estimate.newest(), power.newest()) for leg, estimate, power in streams]
+            spoken = [estimate for _, estimate, _ in newest if isinstance(estimate, Estimate)]
+            self._boot_id = spoken[0].core_boot_id if spoken else None
+            return self.state.view(
+                tuple(leg_view(*one) for one in newest),
+                safety.newest(),
+                health.newest(),
+                {name: drive.newest() for name, drive in drives.items()},
             )
-            drives = itertools.chain(*newest)
-            return self.state.view(views, safety.newest(), health.newest(), drives)
 
         self._read = read
         return [
@@ -182,6 +182,26 @@ class TherapistServer:
             self.state.plan = UNKNOWN_PLAN if status is None else plan_view(status.plan)
             await asyncio.sleep(PLAN_POLL_S)
 
+    async def _follow_configuration(self) -> None:
+        """Read the configuration of each new core: geometry, and what a plan may allow."""
+        read_of: str | None = None
+        while True:
+            boot_id = self._boot_id
+            if boot_id is not None and boot_id != read_of:
+                configuration = await asyncio.to_thread(self._configuration)
+                if configuration is not None:
+                    read_of = boot_id
+                    limits = configuration.limits
+                    self.state.geometry = geometry_of(configuration.robot, limits)
+                    self.state.ranges = plan_ranges(limits)
+            await asyncio.sleep(CONFIGURATION_POLL_S)
+
+    def _configuration(self) -> Configuration | None:
+        try:
+            return self._trainer.configuration()
+        except NoAnswerError:
+            return None
+
     def _status(self) -> Status | None:
         try:
             return self._trainer.status()
@@ -194,7 +214,7 @@ class TherapistServer:
         return self._sessions.of(connection.cookies.get(COOKIE))
 
     async def _page(self, request: Request) -> Response:
-        return page("therapist" if self._session(request) else "login", "therapist")
+        return page("therapist" if self._session(request) else "login", *STYLES)
 
     async def _login(self, request: Request) -> Response:
         try:
@@ -286,9 +306,10 @@ class TherapistServer:
 
     async def _ask(self, request: Callable[[], Reply]) -> Response:
         if self._asking.locked():
-            return json(Answer("refused", "another request has no answer yet"), 409)
+            reason = "another request has no answer yet"
+            return json(Answer("refused", reason, said_refusal(reason)), 409)
         async with self._asking:
-            return await ask(request)
+            return await ask(request, say=said_refusal)
 
     def _request(self, command: Command) -> Reply:
         """Send the request of a button, in a thread."""
@@ -300,3 +321,9 @@ class TherapistServer:
         if command is Command.RESET:
             return trainer.reset()
         return trainer.mode(Mode(command))
+
+
+def said_refusal(reason: str) -> Spoken | None:
+    """Return the reason of a refusal in both languages; None: it is not known here."""
+    text = refusal_text(reason)
+    return None if text is None else Spoken(*text)

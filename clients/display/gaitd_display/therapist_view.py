@@ -1,4 +1,4 @@
-"""All that the therapist's page shows: numbers with their standard deviation and validity."""
+"""All that the therapist's page shows now: numbers with their standard deviation and validity."""
 
 from collections.abc import Iterable
 from enum import StrEnum, auto
@@ -9,16 +9,26 @@ from gaitd_client import (
     Activity,
     Cause,
     DriveState,
+    Estimate,
     Event,
-    Friction,
     Health,
     NotValid,
     PlanLimits,
+    Priority,
     Safety,
     Stride,
 )
+from gaitd_client.wire.names import Kind
+from gaitd_session import Text
+from gaitd_session.session import WITHOUT_POWER
 
 from gaitd_display.alarm import Alarm, cause_of
+from gaitd_display.controls import Control, Situation, controls
+from gaitd_display.engineer_view import DriveView, Geometry, drive_view
+from gaitd_display.event_texts import event_remedy, event_text, subject_text
+from gaitd_display.plan_ranges import Range, plan_ranges
+from gaitd_display.settings import Spoken
+from gaitd_display.stop_texts import stop_key
 
 
 class Number(msgspec.Struct, frozen=True):
@@ -34,32 +44,34 @@ UNKNOWN: Final = Number(None, None)
 class AxisView(msgspec.Struct, frozen=True):
     """One axis: N·m at the hip, N at the slide."""
 
-    validity: str | None
+    validity: str | None = None
     """None: no message."""
-    patient: Number
-    friction: Number
-    net: Number
-    effort: float | None
-    """Torque or force of the drive."""
+    patient: Number = UNKNOWN
+    friction: Number = UNKNOWN
+    net: Number = UNKNOWN
 
 
 class LegView(msgspec.Struct, frozen=True):
-    """One leg."""
+    """One leg; None: not known."""
 
     leg: str
-    hip: AxisView
-    slide: AxisView
-    sample_time_ms: float | None
+    time_ms: float | None = None
     """UTC of the sample, ms since 1970."""
+    hip_angle_rad: float | None = None
+    slide_position_m: float | None = None
+    power_w: float | None = None
+    """Power of the patient, both axes."""
+    hip: AxisView = AxisView()
+    slide: AxisView = AxisView()
 
 
-class VerdictView(msgspec.Struct, frozen=True):
-    """The latched stop, with the service's own texts."""
+class StopView(msgspec.Struct, frozen=True):
+    """The latched stop."""
 
-    category: str
-    cause: str
-    text: str
-    remedy: str
+    key: str
+    """Of its texts, `stop_texts.py`."""
+    subject: Spoken | None
+    """Leg and axis in words; None: of none."""
 
 
 class HealthView(msgspec.Struct, frozen=True):
@@ -102,12 +114,19 @@ class TherapistView(msgspec.Struct, frozen=True):
 
     is_silent: bool
     mode: str | None
-    progress: str | None
+    stage: str | None
     lease_holder: str | None
-    verdict: VerdictView | None
+    stop: StopView | None
     legs: tuple[LegView, ...]
+    controls: tuple[Control, ...]
+    drives: tuple[DriveView, ...]
+    hand_switch_closed: bool | None
+    sto_released: bool | None
     health: HealthView | None
     plan: PlanView
+    geometry: Geometry | None
+    ranges: dict[str, Range]
+    """What a plan may allow, by field."""
     active: bool
     """The drives are enabled, or were when the trainer fell silent."""
     alarm: str | None
@@ -135,11 +154,17 @@ class EventItem(msgspec.Struct, frozen=True, tag="event", tag_field="kind"):
     time_ms: float
     priority: str
     text: str
+    """Of the service, in English."""
     remedy: str
+    said: Spoken | None
+    """The same in both languages; None: the text is not known here."""
+    said_remedy: Spoken | None
+    icon: str
+    """stop, medium, low or info."""
 
 
 def stride_item(stride: Stride) -> StrideItem:
-    """Return what the page shows of a stride."""
+    """Return what a page shows of a stride."""
     return StrideItem(
         stride.leg,
         stride.number,
@@ -154,49 +179,54 @@ def stride_item(stride: Stride) -> StrideItem:
 
 
 def event_item(event: Event) -> EventItem:
-    """Return what the page shows of an event."""
-    return EventItem(event.id, event.time_ns / 1e6, event.priority, event.text, event.remedy)
+    """Return what a page shows of an event."""
+    is_stop = event.kind == Kind.STOP and event.priority != Priority.INFO
+    urgent = {Priority.HIGH: "medium", Priority.MEDIUM: "medium", Priority.LOW: "low"}
+    return EventItem(
+        event.id,
+        event.time_ns / 1e6,
+        event.priority,
+        event.text,
+        event.remedy,
+        _spoken(event_text(event)),
+        _spoken(event_remedy(event)),
+        "stop" if is_stop else urgent.get(Priority(event.priority), "info"),
+    )
 
 
-def leg_view(
-    leg: str,
-    activity: Activity | NotValid,
-    friction: Friction | NotValid,
-    drives: Iterable[DriveState | NotValid],
-) -> LegView:
-    """Return the numbers of one leg.
+def _spoken(text: Text | None) -> Spoken | None:
+    return None if text is None else Spoken(*text)
+
+
+def leg_view(leg: str, estimate: Estimate | NotValid, activity: Activity | NotValid) -> LegView:
+    """Return what the page shows of one leg.
 
     Args:
         leg: right or left.
-        activity: newest message.
-        friction: newest message.
-        drives: of hip and slide.
+        estimate: newest message.
+        activity: newest message, for the power.
     """
-    known = activity if isinstance(activity, Activity) else None
-    rubbing = friction if isinstance(friction, Friction) else None
-    efforts = [
-        drive.effort_si if isinstance(drive, DriveState) and drive.fresh else None
-        for drive in drives
-    ]
-    hip = AxisView(
-        validity=known.hip_validity if known else None,
-        patient=Number(known.hip_patient_nm, known.hip_patient_nm_std) if known else UNKNOWN,
-        friction=Number(rubbing.hip_friction_nm, rubbing.hip_friction_nm_std)
-        if rubbing
-        else UNKNOWN,
-        net=Number(known.hip_net_nm, known.hip_net_nm_std) if known else UNKNOWN,
-        effort=efforts[0],
+    if isinstance(estimate, NotValid):
+        return LegView(leg)
+    return LegView(
+        leg,
+        estimate.sample_time_ns / 1e6,
+        estimate.hip_angle_rad,
+        estimate.slide_position_m,
+        activity.patient_power_w if isinstance(activity, Activity) else None,
+        AxisView(
+            estimate.hip_validity,
+            Number(estimate.hip_patient_nm, estimate.hip_patient_nm_std),
+            Number(estimate.hip_friction_nm, estimate.hip_friction_nm_std),
+            Number(estimate.hip_net_nm, estimate.hip_net_nm_std),
+        ),
+        AxisView(
+            estimate.slide_validity,
+            Number(estimate.slide_patient_n, estimate.slide_patient_n_std),
+            Number(estimate.slide_friction_n, estimate.slide_friction_n_std),
+            Number(estimate.slide_net_n, estimate.slide_net_n_std),
+        ),
     )
-    slide = AxisView(
-        validity=known.slide_validity if known else None,
-        patient=Number(known.slide_patient_n, known.slide_patient_n_std) if known else UNKNOWN,
-        friction=Number(rubbing.slide_friction_n, rubbing.slide_friction_n_std)
-        if rubbing
-        else UNKNOWN,
-        net=Number(known.slide_net_n, known.slide_net_n_std) if known else UNKNOWN,
-        effort=efforts[1],
-    )
-    return LegView(leg, hip, slide, known.sample_time_ns / 1e6 if known else None)
 
 
 def health_view(health: Health | NotValid) -> HealthView | None:
@@ -212,6 +242,14 @@ def health_view(health: Health | NotValid) -> HealthView | None:
     )
 
 
+def all_true(values: Iterable[bool | None]) -> bool | None:
+    """Return False if one is False, True if all are True, else None: not known."""
+    seen = set(values)
+    if False in seen:
+        return False
+    return True if seen == {True} else None
+
+
 class TherapistState:
     """What follows from the newest messages."""
 
@@ -224,33 +262,64 @@ class TherapistState:
         """
         self._alarm, self._has_session = Alarm(run_id), has_session
         self.plan = UNKNOWN_PLAN
+        self.geometry: Geometry | None = None
+        self.ranges = plan_ranges({})
 
     def view(
         self,
         legs: tuple[LegView, ...],
         safety: Safety | NotValid,
         health: Health | NotValid,
-        drives: Iterable[DriveState | NotValid],
+        drives: dict[str, DriveState | NotValid],
     ) -> TherapistView:
-        """Return the frame."""
+        """Return the frame.
+
+        Args:
+            legs: in the order of the file.
+            safety: newest message.
+            health: newest message.
+            drives: newest messages, by name.
+        """
         known = safety if isinstance(safety, Safety) and safety.valid else None
-        if all(leg.hip.validity is None for leg in legs):
+        if all(leg.time_ms is None for leg in legs):
             known = None
-        verdict = known.verdict if known else None
-        stopped = verdict if cause_of(known) != Cause.NONE else None
-        spoken = [drive for drive in drives if isinstance(drive, DriveState)]
+        spoken = [drive for drive in drives.values() if isinstance(drive, DriveState)]
         alarm = self._alarm.take(known, spoken, has_session=self._has_session)
+        views = tuple(
+            drive_view(name, drive) if known else DriveView(name) for name, drive in drives.items()
+        )
+        now = Situation(
+            mode=known.mode if known else None,
+            stage=known.stage if known else None,
+            lease_holder=known.lease_holder if known else None,
+            hand_switch_closed=all_true(drive.hand_switch_closed for drive in views),
+            sto_released=all_true(drive.sto_released for drive in views),
+            has_power=any(drive.power_state not in WITHOUT_POWER for drive in views),
+            knows_position=all(drive.referenced for drive in spoken),
+        )
         return TherapistView(
             is_silent=known is None,
-            mode=known.mode if known else None,
-            progress=known.progress if known else None,
-            lease_holder=known.lease_holder if known else None,
-            verdict=VerdictView(stopped.category, stopped.cause, stopped.text, stopped.remedy)
-            if stopped
-            else None,
+            mode=now.mode,
+            stage=now.stage,
+            lease_holder=now.lease_holder,
+            stop=stop_view(known),
             legs=legs,
+            controls=controls(now),
+            drives=views,
+            hand_switch_closed=now.hand_switch_closed,
+            sto_released=now.sto_released,
             health=health_view(health),
-            plan=UNKNOWN_PLAN if known is None else self.plan,
+            plan=self.plan if known else UNKNOWN_PLAN,
+            geometry=self.geometry,
+            ranges=self.ranges,
             active=self._alarm.was_active,
             alarm=alarm,
         )
+
+
+def stop_view(safety: Safety | None) -> StopView | None:
+    """Return the latched stop; None without one."""
+    verdict = safety.verdict if safety else None
+    if verdict is None or cause_of(safety) == Cause.NONE:
+        return None
+    return StopView(stop_key(verdict.cause), _spoken(subject_text(verdict.drive)))

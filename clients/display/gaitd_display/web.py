@@ -32,7 +32,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gaitd_display.connections import STOP_PATH, WAIT_S, Connections
 from gaitd_display.feed import Feed, PageQueue, TooManyPagesError
-from gaitd_display.settings import Web
+from gaitd_display.settings import Spoken, Web
 from gaitd_display.texts import page_texts
 
 STATIC: Final = Path(__file__).resolve().parent / "static"
@@ -70,6 +70,8 @@ class Answer(msgspec.Struct, frozen=True):
     outcome: str
     """done, refused, or no_answer: the outcome is unknown."""
     reason: str = ""
+    said: Spoken | None = None
+    """The reason in both languages; None: in English alone."""
 
 
 class Guard:
@@ -147,18 +149,24 @@ def json(answer: msgspec.Struct | Mapping[str, Any], status: int = 200) -> Respo
     return Response(msgspec.json.encode(answer), status, media_type="application/json")
 
 
-async def ask(request: Callable[[], Reply], threads: Executor | None = None) -> Response:
+async def ask(
+    request: Callable[[], Reply],
+    threads: Executor | None = None,
+    say: Callable[[str], Spoken | None] = lambda _: None,
+) -> Response:
     """Send a request to the service in a thread; return its outcome.
 
     Args:
         request: sends it and waits.
         threads: where; None: those of the loop.
+        say: returns the reason of a refusal in both languages; None: it is not known.
     """
     loop = asyncio.get_running_loop()
     try:
         reply = await loop.run_in_executor(threads, request)
     except RequestRefusedError as error:
-        return json(Answer("refused", error.reply.reason), 409)
+        reason = error.reply.reason
+        return json(Answer("refused", reason, say(reason)), 409)
     except ClientError as error:
         return json(Answer("no_answer", str(error)), 504)
     return json(Answer(str(reply.outcome), reply.reason))

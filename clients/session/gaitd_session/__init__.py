@@ -11,7 +11,14 @@ from gaitd_session.machine import Button, Phase
 from gaitd_session.plan import Block, BlockKind, blocks_of, limits_of
 from gaitd_session.profile import Profile, ProfileError, parse_profile, read_profile
 from gaitd_session.session import Session, SessionError
-from gaitd_session.store import History, SessionSummary, Store, StoreError, open_history
+from gaitd_session.store import (
+    GoalSummary,
+    History,
+    SessionSummary,
+    Store,
+    StoreError,
+    open_history,
+)
 from gaitd_session.texts import ADVICE, WHY, Advice, Text, Why
 from gaitd_session.view import BlockView, LegView, View
 
@@ -24,6 +31,7 @@ __all__ = [
     "BlockKind",
     "BlockView",
     "Button",
+    "GoalSummary",
     "History",
     "LegView",
     "Phase",

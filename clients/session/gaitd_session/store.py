@@ -200,6 +200,22 @@ class SessionSummary(NamedTuple):
     """Its reason, or its phase where it needs none; empty: there is none."""
 
 
+class GoalSummary(NamedTuple):
+    """Target of a leg in one block, and the strides that have reached it."""
+
+    session: int
+    block: int
+    leg: str
+    middle_ratio: float
+    """Middle of the target band."""
+    next_middle_ratio: float
+    """That for the next block."""
+    goes_on: bool
+    """The session has no end yet, and the block was not walked to its end."""
+    reached_count: int
+    """Valid strides at or above the band's lower end."""
+
+
 EXPORTED: Final = (
     "profile",
     "session",
@@ -386,6 +402,27 @@ class Store:
         )
         return [SessionSummary(*row) for row in rows]
 
+    def goals(self, profile: str, half_width_ratio: float) -> list[GoalSummary]:
+        """Return the targets of all blocks of a profile, oldest first.
+
+        Args:
+            profile: of the patient.
+            half_width_ratio: from the middle of a band to its lower end.
+        """
+        rows = self._read(
+            "SELECT goal.session, goal.block, goal.leg, middle_ratio, next_middle_ratio,"
+            " end IS NULL AND walked_s < planned_s,"
+            " (SELECT count(*) FROM stride WHERE stride.session = goal.session AND is_valid"
+            " AND stride.leg = goal.leg AND stride.block = goal.block"
+            " AND share_ratio >= middle_ratio - ?2)"
+            " FROM goal JOIN session ON session.number = goal.session"
+            " JOIN block ON block.session = goal.session AND block.number = goal.block"
+            " WHERE profile = ?1 ORDER BY goal.session, goal.block, goal.leg",
+            profile,
+            half_width_ratio,
+        )
+        return [GoalSummary(*row) for row in rows]
+
     def strides(self, profile: str) -> list[tuple[Any, ...]]:
         """Return all strides of a profile with the columns `EXPORTED`, in order of time."""
         return self._read(
@@ -400,9 +437,9 @@ class Store:
             profile,
         )
 
-    def _read(self, query: str, profile: str) -> list[tuple[Any, ...]]:
+    def _read(self, query: str, *values: str | float) -> list[tuple[Any, ...]]:
         with _readable_errors(self.file):
-            return self._database.execute(query, (profile,)).fetchall()
+            return self._database.execute(query, values).fetchall()
 
 
 class History(NamedTuple):

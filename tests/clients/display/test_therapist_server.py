@@ -18,6 +18,7 @@ import pytest
 from gaitd_client import Cause, Event, Mode, NotValid, PlanLimits, Trouble
 from gaitd_display import therapist
 from gaitd_display.alarm import INPUT_CYCLES
+from gaitd_display.controls import Does
 from gaitd_display.login import (
     FAILURES_MAX,
     SESSIONS_MAX,
@@ -33,7 +34,15 @@ from gaitd_display.therapist import COOKIE, TherapistServer
 from gaitd_display.therapist_view import PlanState, TherapistState, leg_view
 from gaitd_display.web import LOGIN_OVER
 from gaitd_session.session import AXES
-from gaitd_session.store import BlockRow, SessionRow, Store, StrideRow
+from gaitd_session.store import (
+    BlockRow,
+    GoalRow,
+    InterruptionRow,
+    SelfTestRow,
+    SessionRow,
+    Store,
+    StrideRow,
+)
 from msgspec.structs import replace
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
@@ -263,7 +272,11 @@ def test_commands_and_plans_are_sent_and_wrong_ones_are_refused(client, trainer)
     names = [name for name, *_ in trainer.requests]
     assert names == ["enable", "mode", "mode", "mode", "disable", "reset", "plan", "plan"]
     trainer.refusal = "the leg is moving"
-    assert post(client, "/act", {"command": "enable"}).json()["reason"] == "the leg is moving"
+    refused = post(client, "/act", {"command": "enable"}).json()
+    assert refused["reason"] == "the leg is moving"
+    assert refused["said"]["de"].startswith("Das Bein bewegt sich noch.")
+    trainer.refusal = "a reason of a later version"
+    assert post(client, "/act", {"command": "enable"}).json()["said"] is None
 
 
 # --- what the page gets -------------------------------------------------------------------------
@@ -288,21 +301,24 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
             items += frame["items"]
             if not frame["now"]["is_silent"] and len(items) == 2:
                 break
-        hip = frame["now"]["legs"][0]["hip"]
+        (leg,) = frame["now"]["legs"]
+        hip, slide = leg["hip"], leg["slide"]
         assert hip["patient"] == {"value": 4.0, "std": 0.4}
         assert hip["friction"] == {"value": 3.0, "std": 0.2}
-        slide = frame["now"]["legs"][0]["slide"]
-        assert slide["friction"] == {"value": None, "std": None}
-        assert (hip["effort"], slide["effort"]) == (5.5, 5.5)
         assert (hip["net"], hip["validity"]) == ({"value": -1.5, "std": 0.3}, "ok")
+        assert slide["net"] == {"value": 12.0, "std": 3.0}
+        assert (leg["hip_angle_rad"], leg["slide_position_m"], leg["power_w"]) == (0.2, 0.4, 2.0)
+        assert [one["effort"] for one in frame["now"]["drives"]] == [5.5, 5.5]
         assert {item["kind"] for item in items} == {"event", "stride"}
 
         for _, frame in zip(range(500), frames(client, socket), strict=False):
             trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
-            if frame["now"]["verdict"] is not None:
+            if frame["now"]["stop"] is not None:
                 break
-        assert frame["now"]["verdict"]["cause"] == "spasm"
-        assert "remedy" in frame["now"]["verdict"]["remedy"]
+        assert frame["now"]["stop"] == {"key": "spasm", "subject": None}
+        assert "first.spasm" in client.get("/texts.json").json()["de"]
+        possible = [one for one in frame["now"]["controls"] if one["why_not"] is None]
+        assert possible == [{"command": "reset", "does": "lets_go_until_enabled", "why_not": None}]
         assert frame["now"]["alarm"] is not None
 
         trainer.clock.ns += 300_000_000
@@ -310,7 +326,8 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
             if frame["now"]["is_silent"]:
                 break
         assert frame["now"]["legs"][0]["hip"]["net"] == {"value": None, "std": None}
-        assert (frame["now"]["mode"], frame["now"]["verdict"]) == (None, None)
+        assert (frame["now"]["mode"], frame["now"]["stop"]) == (None, None)
+        assert [one["effort"] for one in frame["now"]["drives"]] == [None, None]
 
 
 def test_a_plan_that_another_operator_released_is_shown(client, trainer, monkeypatch):
@@ -339,14 +356,19 @@ def test_a_plan_that_another_operator_released_is_shown(client, trainer, monkeyp
 @pytest.fixture
 def view(trainer):
     """What the therapist's page shows of the newest messages."""
-    activity, safety = trainer.activity("right"), trainer.safety()
-    friction, drives = trainer.friction("right"), [trainer.drive(f"right/{one}") for one in AXES]
+    estimate, activity, safety = (
+        trainer.estimate("right"),
+        trainer.activity("right"),
+        trainer.safety(),
+    )
+    drives = {name: trainer.drive(name) for name in (f"right/{axis}" for axis in AXES)}
     state = TherapistState("run", has_session=True)
 
     def view(**changes):
-        newest = {"safety": safety.newest(), "drives": [one.newest() for one in drives], **changes}
-        leg = leg_view("right", activity.newest(), friction.newest(), newest["drives"])
-        return state.view((leg,), newest["safety"], NONE, newest["drives"])
+        newest = {name: drive.newest() for name, drive in drives.items()}
+        given = {"safety": safety.newest(), "drives": newest, **changes}
+        leg = leg_view("right", estimate.newest(), activity.newest())
+        return state.view((leg,), given["safety"], NONE, given["drives"])
 
     view.drives = drives
     return view
@@ -362,8 +384,27 @@ def test_a_signal_that_is_lost_in_part_is_no_signal_and_an_alarm_if_the_drives_w
     assert view().alarm is None
     trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
     assert view().alarm == view(safety=NONE).alarm == "run-2"
-    stale = [replace(one.newest(), fresh=False) for one in view.drives]
-    assert view(drives=stale).legs[0].hip.effort is None
+    stale = {name: replace(one.newest(), fresh=False) for name, one in view.drives.items()}
+    assert [drive.effort for drive in view(drives=stale).drives] == [None, None]
+
+
+def test_the_situation_of_the_controls_is_read_of_all_drives(trainer, view):
+    def possible(**given):
+        trainer.cycles(**given)
+        return {one.command: one.does for one in view().controls if one.does is not None}
+
+    assert possible(mode=Mode.READY) == {"enable": Does.HOLDS_THE_LEG}
+    assert possible(mode=Mode.READY, switch=False) == {}
+    unknown = {**{name: one.newest() for name, one in view.drives.items()}, "right/slide": NONE}
+    assert view(drives=unknown).hand_switch_closed is False
+    assert possible(mode=Mode.FAULT, cause=Cause.SPASM) == {"reset": Does.LETS_GO_UNTIL_ENABLED}
+    assert possible(mode=Mode.FAULT, cause=Cause.SPASM, power="fault") == {
+        "reset": Does.CLEARS_THE_STOP
+    }
+    unknown = {**{name: one.newest() for name, one in view.drives.items()}, "right/slide": NONE}
+    assert view(drives=unknown).hand_switch_closed is None
+    reset = next(one for one in view(drives=unknown).controls if one.command == "reset")
+    assert reset.does is Does.LETS_GO_UNTIL_ENABLED  # a drive that is not seen may have power
 
 
 def test_a_stop_at_rest_sounds_as_on_the_patient_s_page(trainer, view):
@@ -399,17 +440,34 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     files.profile.write_text(PROFILE, encoding="utf-8")
     assert "there is no history yet" in progress()["troubles"][0]
     assert progress()["profile"]["limits"]["duration_max_s"] == 12.0
+    assert progress()["targets"] == {"right": {"low_ratio": 0.25, "high_ratio": 0.35}}
+    assert progress()["self_test_ms"] is None
     with Store(files.history, is_writer=True) as store:
         store.write(
             [
                 SessionRow("7f3k9m2q", "trainer", 1_795_000_000_000_000_000),
                 BlockRow(1, "warm_up", 0.5, 0.4, 10.0, 9.0),
-                StrideRow(1, "right", 1_795_000_002_000_000_000, 2.0, 0.42, 0.02, 5.0, -1.0, True),
+                GoalRow(1, "right", 0.4, 0.44),
+                *(
+                    StrideRow(1, "right", end_ns, 2.0, share, 0.02, 5.0, -1.0, share < 0.5)
+                    for end_ns, share in enumerate((0.34, 0.36, 0.5), 1_795_000_002_000_000_000)
+                ),
+                InterruptionRow(1_795_000_001_000_000_000, "paused", ""),
+                SelfTestRow("7f3k9m2q", 1_795_000_000_000_000_000),
             ]
         )
         (session,) = progress()["sessions"]
-    assert (session["begun_ms"], session["end"]) == (1_795_000_000_000.0, "")
-    assert (session["walked_s"], session["mean_share_ratio"]) == (9.0, 0.42)
+    assert (session["begun_ms"], session["end"], session["block"]) == (1_795_000_000_000.0, "", 1)
+    assert (session["walked_s"], session["mean_share_ratio"]) == (9.0, 0.35)
+    assert (session["reached_count"], session["valid_count"]) == (1, 2)
+    assert session["target"]["low_ratio"] == pytest.approx(0.35)
+    assert session["last_said"]["en"] == "The patient has paused."
+    # The block goes on, so its own target holds; afterwards that of the next one.
+    assert progress()["targets"]["right"]["low_ratio"] == pytest.approx(0.35)
+    assert progress()["self_test_ms"] == 1_795_000_000_000.0
+    with Store(files.history, is_writer=True):
+        pass  # it closes the session that was cut off
+    assert progress()["targets"]["right"]["low_ratio"] == pytest.approx(0.39)
     limits = progress()["profile"]["limits"]
     assert post(client, "/plan", {"plan": limits}).json()["outcome"] == "done"
     assert client.server.state.plan.limits.hip_assist_max_nm == 10.0

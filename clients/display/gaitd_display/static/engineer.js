@@ -1,7 +1,7 @@
 // The engineer's page. It reads, and requests nothing but the last minute when it is opened.
 import { byId, Live, load, setText } from "./common.js";
 import { EngineerFigure, sign } from "./engineer_figure.js";
-import { Strip } from "./plot.js";
+import { roomFor, Strip } from "./plot.js";
 import { lookOf, paintTimeline } from "./timeline.js";
 
 const CURVE_S = 12;
@@ -221,12 +221,12 @@ document.fonts.ready.then(() => {
   figure?.layout();
 });
 
-// Two, four times the scale, if a value of the last seconds needs it; never less than one, so that noise stays small.
+// The scale follows the values of the last seconds of both legs.
 function rescale(axis) {
   const keys = ["patient", "true", "friction"].map((name) => `${axis.name}_${name}_${axis.suffix}`);
   let most = 0;
   for (const kept of rows.values()) for (const row of kept) for (const key of keys) most = Math.max(most, Math.abs(row[key] ?? 0));
-  const factor = 2 ** Math.ceil(Math.log2(Math.max(1, most / axis.full)));
+  const factor = roomFor(axis.full, most);
   for (const { strip } of strips.filter((one) => one.axis === axis)) {
     strip.range = [-axis.full * factor, axis.full * factor];
     strip.ticks = axis.ticks.map((tick) => tick * factor);

@@ -3,9 +3,16 @@ import { Words, byId, load, post, setText } from "./common.js";
 
 const session = await load("/session.json");
 const words = await Words.load(session.language);
-const tell = (key) => setText(byId("answer"), words.of(key));
+let told = "";
+const tell = (key) => {
+  told = key;
+  setText(byId("answer"), key && words.of(key));
+};
 
-byId("language").addEventListener("click", () => words.toggle());
+byId("language").addEventListener("click", () => {
+  words.toggle();
+  tell(told);
+});
 byId("login").addEventListener("submit", async (event) => {
   event.preventDefault();
   const answer = await post("/login", { password: byId("password").value });
@@ -13,3 +20,4 @@ byId("login").addEventListener("submit", async (event) => {
   if (answer.outcome === "done") location.reload();
   else tell(answer.outcome === "refused" && ["locked", "wrong_password"].includes(answer.reason) ? answer.reason : "no_answer");
 });
+document.body.dataset.page = "login"; // its script has run

@@ -3,6 +3,9 @@
 
 const RIBBON_PX = 12;
 
+// 1, 2, 4, ...: so many times the full scale has room for the largest value; never less than 1, so that noise stays small.
+export const roomFor = (full, most) => 2 ** Math.ceil(Math.log2(Math.max(1, most / full)));
+
 export class Strip {
   // series: [{ get, color, width, dash, std }]; colours are names of CSS variables. What goes beyond the range is at its edge.
   constructor(canvas, { seconds, range = [-1, 1], ticks = [], series, ribbon = null, gutter = 44, font = 13, hasTime = true }) {

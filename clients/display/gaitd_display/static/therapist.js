@@ -1,260 +1,242 @@
-// The therapist's page: numbers with their standard deviation, trends, requests.
+// The therapist's page: the session now, what can be done, the plan, progress, the machine.
 import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
+import { LegCard } from "./therapist_legs.js";
+import { clock, clockWithSeconds, digits, filled, icon, made, Once, paintIcon } from "./therapist_parts.js";
+import { PlanForm } from "./therapist_plan.js";
+import { ProgressPanel } from "./therapist_progress.js";
+import { lookOf } from "./timeline.js";
 
-const TRACE_S = 20;
-const TICKS_S = [-15, -10, -5, 0];
-const POINTS_MAX = 60 * TRACE_S;
-const PLOT_MS = 50;
 const STRIDES_MAX = 200;
 const EVENTS_MAX = 50;
+const EVENTS_SHOWN = 12;
 const PROGRESS_MS = 15000;
-const DAY_S = 86400;
-const COMMANDS = ["enable", "disable", "hold", "hand_guiding", "self_test", "reset"];
+const SLOW_MS = 250; // between two paintings of what changes once a second
+const NEW_MS = 600; // a button that has just come is not pressed by a second tap
+const LOOKS = { enable: "main", hold: "main", disable: "warn" };
+const NOTHING = { value: null, std: null };
+const NO_AXIS = { validity: null, patient: NOTHING, friction: NOTHING, net: NOTHING };
+const BAD_POWER = ["fault", "fault_reaction_active"];
+const POWERED = ["operation_enabled", "quick_stop_active"];
 
 const session = await load("/session.json");
 const words = await Words.load(session.language);
 const alarm = new Alarm(byId("sound"));
-const request = (path, body) => post(path, body, 12000, { "X-CSRF-Token": session.csrf });
+const painted = (window.painted = { frames: 0, items: 0 }); // read by the tests
 
 let strides = [];
 let events = [];
-let itemsAreNew = true;
-const traces = new Map();
-const painted = (window.painted = { frames: 0, items: 0 });
-
-const live = new Live(
-  alarm,
-  (items) => {
-    painted.items += items.length;
-    for (const item of items) {
-      if (item.kind === "stride") strides.push(item);
-      else events.push(item);
-    }
-    strides = strides.slice(-STRIDES_MAX);
-    events = events.slice(-EVENTS_MAX);
-    itemsAreNew ||= items.length > 0;
-  },
-  () => { strides = []; events = []; itemsAreNew = true; },
-);
-
-function axes(label) {
-  const font = "16px system-ui, sans-serif";
-  return [{ font, stroke: "#111" }, { font, stroke: "#111", label, labelFont: font, size: 70 }];
-}
-
-// A ring of the last seconds for one axis; patient with its sigma, friction, net.
-class Trace {
-  constructor(parent, label) {
-    this.rows = [[], [], [], [], [], []]; // time, patient, upper, lower, friction, net
-    this.element = document.createElement("div");
-    this.element.className = "plot";
-    parent.append(this.element);
-    const sigma = { stroke: "transparent", points: { show: false } };
-    const line = (stroke, width, dash) => ({ stroke, width, dash, points: { show: false }, spanGaps: false });
-    this.plot = new uPlot({
-      width: 300, height: 190, legend: { show: false }, cursor: { show: false },
-      axes: [{ ...axes(label)[0], splits: (plot) => TICKS_S.map((tick) => plot.scales.x.max + tick), values: () => TICKS_S.map((tick) => `${tick} s`) }, axes(label)[1]],
-      scales: { x: { time: false, range: (_, low, high) => [(high ?? TRACE_S) - TRACE_S, high ?? TRACE_S] } },
-      bands: [{ series: [2, 3], fill: "rgba(0,114,178,.25)" }],
-      series: [{}, line("#0072b2", 3), sigma, sigma, line("#d55e00", 2, [10, 6]), line("#111", 2, [2, 4])],
-    }, this.rows, this.element);
-  }
-
-  add(timeS, axis) {
-    const { value, std } = axis.patient;
-    const row = [timeS, value, value === null ? null : value + std, value === null ? null : value - std, axis.friction.value, axis.net.value];
-    this.rows.forEach((column, index) => column.push(row[index]));
-    if (this.rows[0].length > POINTS_MAX) for (const column of this.rows) column.shift();
-  }
-
-  draw() {
-    if (this.plot.width !== this.element.clientWidth) this.plot.setSize({ width: this.element.clientWidth, height: 190 });
-    this.plot.setData(this.rows);
-  }
-}
-
-const share = (ratio) => (ratio === null ? null : 100 * ratio);
-const trend = new uPlot({
-  width: 300, height: 190, legend: { show: false }, cursor: { show: false },
-  axes: [axes("")[0], { ...axes("%")[1] }, { ...axes("J")[1], side: 1, scale: "j", grid: { show: false } }],
-  scales: { x: { time: false }, y: { range: [0, 100] } },
-  series: [{}, { stroke: "#0072b2", width: 0, points: { show: true, size: 9, fill: "#0072b2" } },
-    { scale: "j", stroke: "#d55e00", width: 0, points: { show: true, size: 7, fill: "#fff" } }],
-}, [[], [], []], byId("trend"));
-
-const number = (it, digits) => (it.value === null ? "–" : `${it.value.toFixed(digits)} ± ${it.std === null ? "–" : it.std.toFixed(digits)}`);
-const plain = (value, digits, unit = "") => (value === null || value === undefined ? "–" : `${value.toFixed(digits)}${unit}`);
-
-function legOf(leg) {
-  if (traces.has(leg)) return traces.get(leg);
-  const box = document.createElement("div");
-  box.innerHTML = `<h2 data-text="${leg}"></h2><table><thead><tr><td></td>` +
-    ["patient", "friction", "net", "drive", "validity"].map((key) => `<th scope="col" data-text="${key}"></th>`).join("") +
-    `</tr></thead><tbody><tr><th scope="row" data-text="torque"></th>${"<td></td>".repeat(5)}</tr>` +
-    `<tr><th scope="row" data-text="force"></th>${"<td></td>".repeat(5)}</tr></tbody></table>` +
-    '<p class="legend"><span class="patient" data-text="patient"></span><span class="friction" data-text="friction"></span><span class="net" data-text="net"></span></p><div class="plots"></div>';
-  byId("legs").append(box);
-  const rows = [...box.querySelectorAll("tbody tr")].map((row) => [...row.querySelectorAll("td")]);
-  traces.set(leg, { rows, hip: new Trace(box.querySelector(".plots"), "N·m"), slide: new Trace(box.querySelector(".plots"), "N"), newest: null });
-  words.use(words.language);
-  return traces.get(leg);
-}
-
-function paintAxis(cells, axis, digits) {
-  const texts = [number(axis.patient, digits), number(axis.friction, digits), number(axis.net, digits), plain(axis.effort, digits), axis.validity ?? "–"];
-  texts.forEach((text, index) => {
-    setText(cells[index], text);
-    cells[index].classList.toggle("invalid", text === "–");
-  });
-}
-
-function paintItems() {
-  if (!itemsAreNew) return;
-  itemsAreNew = false;
-  const cell = (text) => Object.assign(document.createElement("td"), { textContent: text });
-  byId("strides").replaceChildren(...strides.slice(-30).reverse().map((stride) => {
-    const row = document.createElement("tr");
-    row.append(cell(`${words.of(stride.leg)} ${stride.number}`), cell(plain(share(stride.share_ratio), 0, " %")),
-      cell(number({ value: stride.work_j, std: stride.work_j_std }, 1)), cell(plain(stride.cadence_hz, 2)));
-    return row;
-  }));
-  byId("events").replaceChildren(...events.slice().reverse().map((event) =>
-    Object.assign(document.createElement("li"), { textContent: `${new Date(event.time_ms).toLocaleTimeString(words.language)} · ${event.priority} · ${event.text}${event.remedy ? ` — ${event.remedy}` : ""}` })));
-  trend.setData([strides.map((_, index) => index + 1), strides.map((stride) => share(stride.share_ratio)), strides.map((stride) => stride.work_j)]);
-}
-
-function paintHealth(health) {
-  const rows = health === null ? [["–", "–"]] : [
-    ["CAN", `${health.bus ?? "–"}, ${plain(share(health.bus_load_ratio), 0, " %")}`],
-    ["SYNC, max", plain(health.lateness_max_us === null ? null : health.lateness_max_us / 1000, 2, " ms")],
-    ["overrun", plain(health.overrun_count, 0)],
-    ["missed", plain(health.missed_count, 0)],
-  ];
-  const text = JSON.stringify(rows);
-  if (byId("health").dataset.shown === text) return;
-  byId("health").dataset.shown = text;
-  byId("health").replaceChildren(...rows.map(([name, value]) => {
-    const row = document.createElement("tr");
-    row.append(Object.assign(document.createElement("th"), { scope: "row", textContent: name }), Object.assign(document.createElement("td"), { textContent: value }));
-    return row;
-  }));
-}
-
-const assistText = (value, unit) => (value === null ? "–" : `${value} ${unit}`);
-const limitsText = (limits) => `${limits.cadence_max_hz} /s, ${limits.amplitude_max_ratio}, ${limits.duration_max_s} s, ${assistText(limits.hip_assist_max_nm, "N·m")}, ${assistText(limits.slide_assist_max_n, "N")}`;
-
-const dayText = (timeS) => new Date(timeS * 1000).toLocaleDateString(words.language, { day: "numeric", month: "numeric" });
-
-// Profile, plan and history: read again now and then, because a session writes them.
-const shares = new uPlot({
-  width: 300, height: 190, legend: { show: false }, cursor: { show: false },
-  axes: [{ ...axes("")[0], incrs: [1, 2, 7, 14, 28, 91, 364].map((days) => days * DAY_S), values: (_, ticks) => ticks.map(dayText) }, axes("%")[1]],
-  scales: { x: { range: (_, low, high) => [(low ?? 0) - DAY_S / 2, (high ?? DAY_S) + DAY_S / 2] }, y: { range: [0, 100] } },
-  series: [{}, { stroke: "#0072b2", width: 2, points: { show: true, size: 9, fill: "#0072b2" }, spanGaps: false }],
-}, [[], []], byId("shares"));
 let progress = null;
+let controlsMs = -Infinity;
+const cards = new Map();
 
-function paintProgress() {
-  if (progress === null) return;
-  const row = (texts) => {
-    const made = document.createElement("tr");
-    made.append(...texts.map((text) => Object.assign(document.createElement("td"), { textContent: text })));
-    return made;
-  };
-  const { profile, sessions, troubles } = progress;
-  byId("progresstroubles").replaceChildren(...troubles.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
-  byId("progressbox").hidden = !progress.is_configured;
-  byId("blocks").hidden = byId("releaseprofile").hidden = profile === null;
-  if (profile === null) {
-    setText(byId("profile"), progress.is_configured ? "–" : words.of("no_profile"));
-    setText(byId("profilelimits"), "");
-  } else {
-    setText(byId("profile"), `${profile.id} · ${profile.legs.map((leg) => words.of(leg)).join(", ")} · ${words.of("share_bounds")}: ${share(profile.share_min_ratio).toFixed(0)} – ${share(profile.share_max_ratio).toFixed(0)} %`);
-    byId("blockrows").replaceChildren(...profile.blocks.map((block) => row([words.of(`block.${block.kind}`), plain(block.duration_s, 0), plain(block.cadence_hz, 2), plain(block.amplitude_ratio, 2), plain(block.rest_s, 0)])));
-    setText(byId("profilelimits"), limitsText(profile.limits));
+function onItems(items) {
+  painted.items += items.length;
+  for (const item of items) {
+    if (item.kind === "stride") strides.push(item);
+    else if (!events.some(({ id }) => id === item.id)) events.push(item);
   }
-  byId("sessions").replaceChildren(...sessions.slice().reverse().map((one) => row([
-    new Date(one.begun_ms).toLocaleString(words.language, { dateStyle: "short", timeStyle: "short" }), plain(one.walked_s / 60, 1), plain(one.stride_count, 0),
-    plain(one.valid_count, 0), plain(share(one.mean_share_ratio), 0, " %"), [plain(one.interruption_count, 0), one.last_interruption].filter(Boolean).join(": "), words.of(`end.${one.end}`)])));
-  shares.setData([sessions.map((one) => one.begun_ms / 1000), sessions.map((one) => share(one.mean_share_ratio))]);
+  events.sort((one, other) => one.time_ms - other.time_ms);
+  strides = strides.slice(-STRIDES_MAX);
+  events = events.slice(-EVENTS_MAX);
+  for (const leg of live.frame.legs) cardOf(leg.leg).take(leg);
+}
+
+const live = new Live(alarm, onItems, () => {
+  [strides, events] = [[], []];
+});
+
+function cardOf(leg) {
+  if (!cards.has(leg)) {
+    cards.set(leg, new LegCard(byId("legs"), leg, words));
+    byId("legs").classList.toggle("two", cards.size > 1);
+  }
+  return cards.get(leg);
+}
+
+// --- requests ----------------------------------------------------------------------------------
+
+let isAsking = false;
+
+// Sends a request and tells its outcome; true: done.
+async function request(path, body) {
+  if (isAsking) return false;
+  isAsking = true;
+  tell(words.of("asking"));
+  const { outcome, reason, said } = await post(path, body, 12000, { "X-CSRF-Token": session.csrf });
+  isAsking = false;
+  if (outcome === "done") tell(words.of("request_done"));
+  else if (outcome === "refused" && said) tell(`${words.of("refused")}. ${words.said(said)}`);
+  else if (outcome === "refused") tell(`${words.of("refused")}: `, reason);
+  else tell(words.of("no_answer"));
+  return outcome === "done";
+}
+
+// english: what the service says itself, where there are no words for it.
+function tell(text, english = "") {
+  byId("answer").replaceChildren(text, ...(english ? [Object.assign(made("span", "", english), { lang: "en" })] : []));
+}
+
+const possible = new Once(([controls, holder]) => {
+  const had = byId("possible").contains(document.activeElement);
+  controlsMs = performance.now();
+  const what = ({ does }) => filled(words.of(`does.${does}`), { name: holder ?? "" });
+  byId("possible").replaceChildren(...controls.filter(({ does }) => does !== null).map((control) => {
+    const { command, does } = control;
+    const look = does === "lets_go_until_enabled" ? "warn" : LOOKS[command] ?? "";
+    const button = Object.assign(made("button", look, made("span", "", words.of(`do.${command}`)), made("small", "", what(control))), { type: "button" });
+    button.addEventListener("click", () => {
+      if (performance.now() - controlsMs > NEW_MS) request("/act", { command });
+    });
+    return button;
+  }));
+  byId("impossible").replaceChildren(...controls.filter(({ does }) => does === null).map(({ command, why_not: why }) =>
+    made("li", "", made("b", "", words.of(`do.${command}`)), made("span", "", words.of(`why_not.${why}`)))));
+  if (had) byId("h-controls").focus(); // the next press of a key must not meet another button
+});
+
+const plan = new PlanForm(words, (limits) => request("/plan", { plan: limits }));
+const history = new ProgressPanel(words);
+
+// --- painting ----------------------------------------------------------------------------------
+
+function paintTop(view, word) {
+  const isKnown = word !== "lost";
+  document.body.dataset.word = live.loss() || word;
+  paintIcon(byId("mode").firstElementChild, word);
+  const name = `mode.${view?.mode}`;
+  const loss = live.loss() || "no_signal";
+  setText(byId("modeword"), isKnown ? words.of(words.of(name) === name ? "mode.other" : name) : words.of(view === null && loss === "no_connection" ? "word.wait" : loss));
+  const stage = isKnown && view.stage !== null && view.stage !== "playing" ? `stage.${view.stage}` : "";
+  setText(byId("stage"), stage && words.of(stage) !== stage ? words.of(stage) : "");
+  const now = progress?.sessions.findLast(({ end }) => end === "") ?? null;
+  const profile = progress?.profile ?? null;
+  const planned_s = profile === null ? 0 : profile.blocks.reduce((sum, block) => sum + block.duration_s, 0);
+  byId("part").hidden = now === null || now.block === 0 || planned_s === 0;
+  if (!byId("part").hidden) {
+    const minutes = (time_s) => digits(time_s / 60, words.language, 0);
+    setText(byId("parttext"), filled(words.of("part"), { part: now.block, all: profile.blocks.length, walked: minutes(now.walked_s), planned: minutes(planned_s) }));
+    byId("partbar").value = Math.min(1, now.walked_s / planned_s);
+    byId("partbar").setAttribute("aria-label", byId("parttext").textContent);
+  }
+  const who = profile === null ? "" : now === null ? filled(words.of("profile_only"), { profile: profile.id }) : filled(words.of("since"), { profile: profile.id, time: clock(now.begun_ms, words.language) });
+  const holder = isKnown && view.lease_holder !== null ? filled(words.of("held_by"), { name: view.lease_holder }) : "";
+  setText(byId("who"), [who, holder].filter(Boolean).join(" · "));
+  byId("quiet").hidden = !alarm.isSounding();
+}
+
+const lost = new Once((loss) => {
+  byId("loss").hidden = loss === "";
+  byId("loss").dataset.kind = loss;
+  if (loss === "") return;
+  setText(byId("losstitle"), words.of(loss));
+  setText(byId("lossline"), words.of(`line.${loss}`));
+});
+
+const stopped = new Once((stop) => {
+  byId("verdict").hidden = stop === null;
+  if (stop === null) return;
+  paintIcon(byId("verdict").firstElementChild, "stopped");
+  setText(byId("cause"), words.of(`stop.${stop.key}`));
+  byId("subject").hidden = stop.subject === null;
+  setText(byId("subject"), stop.subject === null ? "" : words.said(stop.subject));
+  for (const part of ["first", "then", "again"]) setText(byId(part), words.of(`${part}.${stop.key}`));
+});
+
+const row = (...cells) => made("tr", "", ...cells.map((text) => made("td", text === "–" ? "unknown" : "", typeof text === "string" ? made("span", "", text) : text)));
+
+const drives = new Once((list) => byId("drives").replaceChildren(...list.map((drive) => {
+  const { name, power_state: power, effort, temperature_degc: warm } = drive;
+  const [leg, axis] = name.split("/");
+  const isHip = axis === "hip";
+  const look = power === null ? "lost" : BAD_POWER.includes(power) ? "medium" : POWERED.includes(power) ? "ok" : "rest";
+  const state = made("span", "state", icon(look), words.of(`power.${power ?? "unknown"}`));
+  const measured = effort === null ? "–" : `${digits(effort, words.language, isHip ? 1 : 0)} ${isHip ? "N·m" : "N"}`;
+  return row(`${words.of(`side.${leg}`)}, ${words.of(`axis.${axis}`)}`, state, measured, digits(warm, words.language, 0));
+})));
+
+const facts = new Once(([health, handSwitch, sto, tested]) => {
+  const input = (key, value) => (value === null ? "–" : words.of(`${key}.${value}`));
+  const load_percent = health?.bus_load_ratio ?? null;
+  const bus = health?.bus ?? null;
+  const busText = [bus === null ? "" : words.of(`bus.${bus}`), load_percent === null ? "" : filled(words.of("bus_load"), { load: digits(100 * load_percent, words.language, 0) })].filter(Boolean).join(", ");
+  const late = health?.lateness_max_us ?? null;
+  const test = tested === null || tested === undefined ? "–" : tested === 0 ? words.of("never") : new Date(tested).toLocaleString(words.language, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
+  byId("facts").replaceChildren(
+    row(words.of("hand_switch"), input("hand_switch", handSwitch)),
+    row(words.of("emergency_stop"), input("emergency_stop", sto)),
+    row(words.of("self_test_passed"), test),
+    row(words.of("bus"), busText || "–"),
+    row(words.of("late"), late === null ? "–" : `${digits(late / 1000, words.language, 2)} ms`),
+    row(words.of("overruns"), digits(health?.overrun_count, words.language, 0)),
+    row(words.of("missed"), digits(health?.missed_count, words.language, 0)),
+  );
+});
+
+const english = (tag, text) => Object.assign(made(tag, "", text), { lang: "en" });
+const eventList = new Once((list) => byId("eventlist").replaceChildren(...(list.length ? list.map((event) => {
+  const text = event.said === null ? english("p", event.text) : made("p", "", words.said(event.said));
+  if (event.said_remedy !== null) text.append(made("em", "", words.said(event.said_remedy)));
+  else if (event.remedy && event.said === null) text.append(english("em", event.remedy));
+  return made("li", "", icon(event.icon, words.of(`kind.${event.icon}`)), made("time", "", clockWithSeconds(event.time_ms, words.language)), text);
+}) : [made("li", "none", words.of("no_events"))])));
+
+// Nothing is known where nothing comes.
+const unknownLeg = ({ leg }) => ({ leg, time_ms: null, hip_angle_rad: null, slide_position_m: null, power_w: null, hip: NO_AXIS, slide: NO_AXIS });
+const unknownDrive = ({ name }) => ({ name, power_state: null, effort: null, temperature_degc: null });
+
+let slowMs = -Infinity;
+let wasKnown = null;
+function paint() {
+  requestAnimationFrame(paint);
+  const view = live.frame;
+  const loss = view === null && live.closedBy === "no_connection" ? "" : live.loss();
+  const isKnown = view !== null && live.loss() === "" && !view.is_silent;
+  const word = isKnown ? lookOf(view.mode) : "lost";
+  paintTop(view, word);
+  lost.show(view === null ? loss : live.loss() || (view.is_silent ? "no_signal" : ""), words.language);
+  if (view === null) return;
+  const nowMs = performance.now();
+  const isOther = isKnown !== wasKnown; // nothing that is lost stays for a moment
+  wasKnown = isKnown;
+  stopped.show(isKnown ? view.stop : null, words.language);
+  possible.show(isKnown ? [view.controls, view.lease_holder] : [view.controls.map(({ command }) => ({ command, does: null, why_not: "unknown" })), null], words.language);
+  plan.paint(view, isKnown ? view.plan : { state: "unknown", limits: null }, progress?.profile ?? null);
+  for (const leg of view.legs) {
+    const card = cardOf(leg.leg);
+    if (isOther) card.shownMs = card.drawnMs = -Infinity;
+    card.paint(isKnown ? leg : unknownLeg(leg), view.geometry, strides, progress?.targets[leg.leg] ?? null, nowMs);
+  }
+  painted.frames += 1;
+  if (nowMs - slowMs < SLOW_MS && !isOther) return;
+  slowMs = nowMs;
+  drives.show(isKnown ? view.drives : view.drives.map(unknownDrive), words.language);
+  facts.show(isKnown ? [view.health, view.hand_switch_closed, view.sto_released, progress?.self_test_ms] : [null, null, null, progress?.self_test_ms], words.language);
+  eventList.show(events.slice(-EVENTS_SHOWN).reverse(), words.language);
+  history.paint(progress);
 }
 
 async function readProgress() {
   const answer = await fetch("/progress.json").catch(() => null); // the loss is shown already
   if (answer?.ok) progress = await answer.json();
-  paintProgress();
   setTimeout(readProgress, PROGRESS_MS);
 }
 
-let plottedMs = 0;
-let seen = null;
-function paint() {
-  requestAnimationFrame(paint);
-  const view = live.frame;
-  const lost = live.loss();
-  const loss = lost || (view.is_silent ? "no_signal" : "");
-  byId("loss").hidden = loss === "";
-  byId("loss").classList.toggle("silent", loss === "no_signal");
-  if (loss) setText(byId("loss"), `${words.of(loss)}. ${words.of(`line.${loss}`)}`);
-  if (!view) return;
-  byId("quiet").hidden = !alarm.isSounding();
-  setText(byId("state"), loss ? words.of(loss) : [`${words.of("mode")}: ${view.mode}`, view.progress, view.lease_holder].filter(Boolean).join(" · "));
-  const verdict = loss ? null : view.verdict;
-  byId("verdict").hidden = verdict === null;
-  if (verdict) {
-    setText(byId("cause"), `${verdict.category} · ${verdict.cause} · ${verdict.text}`);
-    setText(byId("remedy"), verdict.remedy);
-  }
-  for (const leg of view.legs) {
-    const shown = legOf(leg.leg);
-    const unknown = { patient: { value: null }, friction: { value: null }, net: { value: null }, effort: null, validity: null };
-    paintAxis(shown.rows[0], loss ? unknown : leg.hip, 2);
-    paintAxis(shown.rows[1], loss ? unknown : leg.slide, 1);
-    if (view !== seen && leg.sample_time_ms !== null && leg.sample_time_ms !== shown.newest) {
-      if (shown.newest !== null && leg.sample_time_ms < shown.newest) for (const trace of [shown.hip, shown.slide]) trace.rows.forEach((column) => { column.length = 0; });
-      shown.newest = leg.sample_time_ms;
-      const timeS = (leg.sample_time_ms % 86400000) / 1000;
-      shown.hip.add(timeS, leg.hip);
-      shown.slide.add(timeS, leg.slide);
-    }
-  }
-  seen = view;
-  const plan = loss ? { state: "unknown" } : view.plan;
-  setText(byId("plannow"), { unknown: "–", none: words.of("no_plan"), released: plan.limits ? limitsText(plan.limits) : "" }[plan.state]);
-  paintHealth(loss ? null : view.health);
-  const now = performance.now();
-  if (now - plottedMs >= PLOT_MS) {
-    plottedMs = now;
-    paintItems();
-    for (const shown of traces.values()) { shown.hip.draw(); shown.slide.draw(); }
-    for (const [plot, box] of [[trend, byId("trend")], [shares, byId("shares")]]) {
-      if (plot.width !== box.clientWidth) plot.setSize({ width: box.clientWidth, height: 190 });
-    }
-  }
-  painted.frames += 1;
-}
-
-const tell = (text) => setText(byId("answer"), text);
-const told = (answer) => tell(answer.outcome === "done" ? words.of("done") : answer.outcome === "refused" ? `${words.of("refused")}: ${answer.reason}` : words.of("no_answer"));
-
-for (const command of COMMANDS) {
-  const button = Object.assign(document.createElement("button"), { type: "button" });
-  button.dataset.text = command;
-  button.addEventListener("click", async () => told(await request("/act", { command })));
-  byId("requests").append(button);
-}
-words.use(words.language);
-const cap = (id) => (byId(id).value === "" ? null : Number(byId(id).value));
-byId("plan").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  const plan = { cadence_max_hz: Number(byId("cadence").value), amplitude_max_ratio: Number(byId("amplitude").value), duration_max_s: Number(byId("duration").value), hip_assist_max_nm: cap("hipassist"), slide_assist_max_n: cap("slideassist") };
-  told(await request("/plan", { plan }));
+byId("language").addEventListener("click", () => {
+  words.toggle();
+  for (const card of cards.values()) card.relabel();
+  plan.judge();
+  tell("");
 });
-byId("releaseprofile").addEventListener("click", async () => told(await request("/plan", { plan: progress.profile.limits })));
-byId("withdraw").addEventListener("click", async () => told(await request("/plan", { plan: null })));
-byId("language").addEventListener("click", () => { words.toggle(); itemsAreNew = true; paintProgress(); });
 byId("quiet").addEventListener("click", () => alarm.acknowledge());
-byId("logout").addEventListener("click", async () => { await request("/logout", {}); location.reload(); });
-for (const [box, key] of [["stridebox", "stride_table"], ["eventbox", "events"], ["sessionbox", "progress"]]) byId(box).setAttribute("aria-label", words.of(key));
+byId("logout").addEventListener("click", async () => {
+  await request("/logout", {});
+  location.reload();
+});
+const restyle = () => {
+  for (const card of cards.values()) card.restyle();
+};
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
+document.fonts.ready.then(restyle);
+document.body.dataset.page = "therapist"; // its script has run
 paint();
 readProgress();

@@ -1,0 +1,49 @@
+"""What a plan may allow: the bounds of its fields on the wire, and the caps of the service."""
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import msgspec
+from gaitd_client import PlanLimits
+from msgspec import inspect
+
+CAPS: Final = {
+    "hip_assist_max_nm": ("hip", "assist_max_nm"),
+    "slide_assist_max_n": ("slide", "assist_max_n"),
+}
+"""Table and key in `limits.toml` of the cap that a plan cannot exceed, by field."""
+
+
+class Range(msgspec.Struct, frozen=True):
+    """Allowed values of a field, in its unit."""
+
+    low: float
+    high: float
+    has_low: bool
+    """The lower end is allowed."""
+
+
+def plan_ranges(limits: Mapping[str, Any]) -> dict[str, Range]:
+    """Return the range of each field of `PlanLimits`.
+
+    Args:
+        limits: `limits.toml` of the running service; empty: not known yet.
+    """
+    fields = inspect.type_info(PlanLimits).fields
+    ranges = {field.name: _range(field.type) for field in fields}
+    for name, (axis, key) in CAPS.items():
+        cap = limits.get(axis, {}).get(key)
+        if cap is not None:
+            ranges[name] = msgspec.structs.replace(ranges[name], high=min(cap, ranges[name].high))
+    return ranges
+
+
+def _range(kind: inspect.Type) -> Range:
+    """Return the range of a number, or of a number that may be absent."""
+    if isinstance(kind, inspect.Metadata):
+        return _range(kind.type)
+    if isinstance(kind, inspect.UnionType):
+        return next(_range(one) for one in kind.types if isinstance(one, inspect.FloatType))
+    if not isinstance(kind, inspect.FloatType) or kind.le is None:
+        raise TypeError(f"{kind}: a number with an upper bound is needed")
+    return Range(kind.gt or kind.ge or 0.0, kind.le, has_low=kind.gt is None)
