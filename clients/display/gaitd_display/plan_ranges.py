@@ -17,8 +17,8 @@ CAPS: Final = {
 class Range(msgspec.Struct, frozen=True):
     """Allowed values of a field, in its unit."""
 
-    low: float
-    high: float
+    value_low: float
+    value_high: float
     has_low: bool
     """The lower end is allowed."""
 
@@ -34,7 +34,9 @@ def plan_ranges(limits: Mapping[str, Any]) -> dict[str, Range]:
     for name, (axis, key) in CAPS.items():
         cap = limits.get(axis, {}).get(key)
         if cap is not None:
-            ranges[name] = msgspec.structs.replace(ranges[name], high=min(cap, ranges[name].high))
+            ranges[name] = msgspec.structs.replace(
+                ranges[name], value_high=min(cap, ranges[name].value_high)
+            )
     return ranges
 
 

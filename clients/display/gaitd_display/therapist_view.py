@@ -69,7 +69,7 @@ class StopView(msgspec.Struct, frozen=True):
     """The latched stop."""
 
     key: str
-    """Of its texts, `stop_texts.py`."""
+    """Names its texts in `stop_texts.py`."""
     subject: Spoken | None
     """Leg and axis in words; None: of none."""
 

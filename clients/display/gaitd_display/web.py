@@ -70,8 +70,8 @@ class Answer(msgspec.Struct, frozen=True):
     outcome: str
     """done, refused, or no_answer: the outcome is unknown."""
     reason: str = ""
-    said: Spoken | None = None
-    """The reason in both languages; None: in English alone."""
+    said: Spoken | msgspec.UnsetType | None = msgspec.UNSET
+    """The reason in both languages; None: it is known in English alone."""
 
 
 class Guard:
@@ -152,7 +152,7 @@ def json(answer: msgspec.Struct | Mapping[str, Any], status: int = 200) -> Respo
 async def ask(
     request: Callable[[], Reply],
     threads: Executor | None = None,
-    say: Callable[[str], Spoken | None] = lambda _: None,
+    say: Callable[[str], Spoken | msgspec.UnsetType | None] = lambda _: msgspec.UNSET,
 ) -> Response:
     """Send a request to the service in a thread; return its outcome.
 

@@ -296,3 +296,24 @@ def test_a_stride_is_exported_with_its_block_and_goal(tmp_path):
 
     shown = dict(zip(EXPORTED, stride, strict=True))
     assert (shown["kind"], shown["cadence_hz"], shown["band_middle_ratio"]) == ("warm_up", 0.3, 0.3)
+
+
+def test_the_targets_of_each_block_say_how_often_they_were_reached_and_whether_the_block_goes_on(
+    tmp_path,
+):
+    half_width = 0.05
+    with begun(tmp_path / "a.sqlite") as store:
+        store.write([row for number in range(4) for row in batch(number)])  # shares 0.30 to 0.33
+        store.write([StrideRow(1, "right", 2000, 2.0, 0.24, 0.02, 5.0, -1.0, True)])
+        store.write([StrideRow(1, "right", 2001, 2.0, 0.9, 0.02, 5.0, -1.0, False)])
+        store.write([GoalRow(1, "left", 0.2, 0.2)])
+        left, right = store.goals(PROFILE, half_width)
+        assert (right.session, right.block, right.leg) == (1, 1, "right")
+        assert (right.middle_ratio, right.next_middle_ratio) == (0.3, pytest.approx(0.33))
+        assert (right.reached_count, right.goes_on) == (4, True)
+        assert (left.leg, left.reached_count) == ("left", 0)
+        store.write([BlockRow(1, "warm_up", 0.3, 0.5, 60.0, 60.0)])
+        assert not any(goal.goes_on for goal in store.goals(PROFILE, half_width))
+        store.write([BlockRow(1, "warm_up", 0.3, 0.5, 60.0, 6.0), EndRow(3000, "ended")])
+        assert not any(goal.goes_on for goal in store.goals(PROFILE, half_width))
+        assert store.goals(OTHER, half_width) == []

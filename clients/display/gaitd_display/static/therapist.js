@@ -99,6 +99,24 @@ const history = new ProgressPanel(words);
 
 // --- painting ----------------------------------------------------------------------------------
 
+// How far the session is, as far as the history tells, and who takes part in it.
+const course = new Once(([now, profile, holder]) => {
+  const planned_s = profile === null ? 0 : profile.blocks.reduce((sum, block) => sum + block.duration_s, 0);
+  const isGoing = now !== null && now.block > 0 && planned_s > 0;
+  byId("part").hidden = !isGoing;
+  if (isGoing) {
+    const minutes = (time_s) => digits(time_s / 60, words.language, 0);
+    const text = filled(words.of("part"), { part: now.block, all: profile.blocks.length, walked: minutes(now.walked_s), planned: minutes(planned_s) });
+    setText(byId("parttext"), text);
+    byId("partbar").value = Math.min(1, now.walked_s / planned_s);
+    byId("partbar").setAttribute("aria-label", text);
+  }
+  const since = () => filled(words.of("since"), { profile: profile.id, time: clock(now.begun_ms, words.language) });
+  const whose = profile === null ? "" : now === null ? filled(words.of("profile_only"), { profile: profile.id }) : since();
+  const assist = holder === null ? "" : filled(words.of("held_by"), { name: holder });
+  setText(byId("who"), [whose, assist].filter(Boolean).join(" · "));
+});
+
 function paintTop(view, word) {
   const isKnown = word !== "lost";
   document.body.dataset.word = live.loss() || word;
@@ -109,18 +127,7 @@ function paintTop(view, word) {
   const stage = isKnown && view.stage !== null && view.stage !== "playing" ? `stage.${view.stage}` : "";
   setText(byId("stage"), stage && words.of(stage) !== stage ? words.of(stage) : "");
   const now = progress?.sessions.findLast(({ end }) => end === "") ?? null;
-  const profile = progress?.profile ?? null;
-  const planned_s = profile === null ? 0 : profile.blocks.reduce((sum, block) => sum + block.duration_s, 0);
-  byId("part").hidden = now === null || now.block === 0 || planned_s === 0;
-  if (!byId("part").hidden) {
-    const minutes = (time_s) => digits(time_s / 60, words.language, 0);
-    setText(byId("parttext"), filled(words.of("part"), { part: now.block, all: profile.blocks.length, walked: minutes(now.walked_s), planned: minutes(planned_s) }));
-    byId("partbar").value = Math.min(1, now.walked_s / planned_s);
-    byId("partbar").setAttribute("aria-label", byId("parttext").textContent);
-  }
-  const who = profile === null ? "" : now === null ? filled(words.of("profile_only"), { profile: profile.id }) : filled(words.of("since"), { profile: profile.id, time: clock(now.begun_ms, words.language) });
-  const holder = isKnown && view.lease_holder !== null ? filled(words.of("held_by"), { name: view.lease_holder }) : "";
-  setText(byId("who"), [who, holder].filter(Boolean).join(" · "));
+  course.show([now, progress?.profile ?? null, isKnown ? view.lease_holder : null], words.language);
   byId("quiet").hidden = !alarm.isSounding();
 }
 

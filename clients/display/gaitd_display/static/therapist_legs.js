@@ -98,11 +98,11 @@ export class LegCard {
     this.paintFigure(view, geometry);
     if (nowMs - this.drawnMs > CURVES_MS) {
       this.drawnMs = nowMs;
-      this.paintCurves(view);
+      this.paintCurves();
     }
     if (nowMs - this.shownMs < VALUES_MS) return;
     this.shownMs = nowMs;
-    this.paintSteps(strides, target);
+    this.paintSteps(strides, target, view.time_ms !== null);
     this.paintValues(view);
     this.paintValidity(view);
   }
@@ -134,14 +134,14 @@ export class LegCard {
     set(this.figure, { viewBox: `${n(x0)} ${n(y0)} ${n(x1 - x0)} ${n(y1 - y0)}` });
   }
 
-  paintSteps(strides, target) {
+  paintSteps(strides, target, isKnown) {
     const shares = strides.filter(({ leg }) => leg === this.leg).slice(-STEPS).map(({ share_ratio: share }) => share);
     const { clientWidth: width, clientHeight: height } = this.path;
-    const key = JSON.stringify([shares, target, width, height]);
+    const key = JSON.stringify([shares, target, width, height, isKnown]);
     if (key === this.steps) return;
     this.steps = key;
     const { language } = this.words;
-    setText(this.share, shares.length ? percent(shares.at(-1), language) : "–");
+    setText(this.share, isKnown && shares.length ? percent(shares.at(-1), language) : "–");
     const band = target ? filled(this.words.of("target_band"), { low: digits(100 * target.low_ratio, language, 0), high: digits(100 * target.high_ratio, language, 0) }) : this.words.of("no_target");
     const told = shares.length ? shares.map((share) => percent(share, language)).join(", ") : this.words.of("no_step");
     this.path.setAttribute("aria-label", filled(this.words.of("steps_said"), { steps: told, target: band }));
@@ -169,16 +169,15 @@ export class LegCard {
     this.validity.replaceChildren(icon(isBad ? "bad" : of.includes("split_unobservable") ? "rest" : "ok"), said);
   }
 
-  paintCurves(view) {
+  paintCurves() {
     const at = this.rows.at(-1)?.t ?? 0;
-    for (const { axis, canvas, strip } of this.strips) {
+    for (const { axis, strip } of this.strips) {
       let most = 0;
       for (const row of this.rows) most = Math.max(most, Math.abs(row[axis.name].patient ?? 0), Math.abs(row[axis.name].friction ?? 0));
       const factor = roomFor(axis.full, most);
       strip.range = [-axis.full * factor, axis.full * factor];
       strip.ticks = axis.ticks.map((tick) => tick * factor);
       strip.draw(this.rows, at);
-      canvas.classList.toggle("unknown", view.time_ms === null);
     }
   }
 }

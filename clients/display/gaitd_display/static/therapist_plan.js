@@ -55,7 +55,7 @@ export class PlanForm {
   }
 
   range({ name, scale, places }) {
-    const { low, high, has_low: hasLow } = this.ranges[name];
+    const { value_low: low, value_high: high, has_low: hasLow } = this.ranges[name];
     // The least that the field can say where its lower end itself is not allowed.
     return [hasLow ? low / scale : Math.max(low / scale, 10 ** -places), high / scale];
   }
@@ -66,7 +66,7 @@ export class PlanForm {
     const typed = field.input.value.trim().replace(",", ".");
     const [low, high] = this.range(field);
     const value = /^\d+(\.\d*)?$|^\.\d+$/.test(typed) ? Number(typed) : NaN;
-    return value >= low && value <= high ? value * field.scale : NaN;
+    return value >= low && value <= high ? Number((value * field.scale).toPrecision(12)) : NaN;
   }
 
   judge() {

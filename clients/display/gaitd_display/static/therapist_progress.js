@@ -13,6 +13,7 @@ export class ProgressPanel {
     byId("all").addEventListener("click", () => {
       this.isWhole = !this.isWhole;
       this.shown.again();
+      this.paint(this.progress);
     });
   }
 
