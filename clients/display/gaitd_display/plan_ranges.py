@@ -29,8 +29,8 @@ def plan_ranges(limits: Mapping[str, Any]) -> dict[str, Range]:
     Args:
         limits: `limits.toml` of the running service; empty: not known yet.
     """
-    fields = inspect.type_info(PlanLimits).fields
-    ranges = {field.name: _range(field.type) for field in fields}
+    fields = msgspec.structs.fields(PlanLimits)
+    ranges = {field.name: _range(inspect.type_info(field.type)) for field in fields}
     for name, (axis, key) in CAPS.items():
         cap = limits.get(axis, {}).get(key)
         if cap is not None:

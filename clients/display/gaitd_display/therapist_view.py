@@ -154,7 +154,7 @@ class EventItem(msgspec.Struct, frozen=True, tag="event", tag_field="kind"):
     time_ms: float
     priority: str
     text: str
-    """Of the service, in English."""
+    """As the service says it, in English."""
     remedy: str
     said: Spoken | None
     """The same in both languages; None: the text is not known here."""
