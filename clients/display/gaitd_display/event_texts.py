@@ -199,7 +199,7 @@ EVENTS: Final[Mapping[str, Say]] = {
 def event_text(event: Event) -> Text | None:
     """Return what is said of an event; None: its text is not known here."""
     if event.cause in STOP_TEXTS:
-        return _about(event.subject or "", _STOPS[f"stop.{event.cause}"])
+        return _about(event.subject or "", _STOPS[f"stopped.{event.cause}"])
     said = _first_match(EVENTS, event.text)
     return _about(event.subject, said) if event.subject else said
 

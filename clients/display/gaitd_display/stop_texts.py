@@ -503,10 +503,10 @@ def stop_key(cause: str) -> str:
 
 
 def stop_labels() -> dict[str, Text]:
-    """Return all texts by key: `stop.CAUSE`, `first.CAUSE`, `then.CAUSE`, `again.CAUSE`."""
+    """Return all texts by key: `stopped.CAUSE`, `first.CAUSE`, `then.CAUSE`, `again.CAUSE`."""
     labels: dict[str, Text] = {}
     for cause, text in {**STOP_TEXTS, UNKNOWN: _UNKNOWN_TEXT}.items():
-        labels[f"stop.{cause}"] = text.happened
+        labels[f"stopped.{cause}"] = text.happened
         labels[f"first.{cause}"] = FIRST[patient_text(cause).situation]
         labels[f"then.{cause}"] = text.then
         labels[f"again.{cause}"] = text.again.value

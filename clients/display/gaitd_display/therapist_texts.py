@@ -37,6 +37,24 @@ THERAPIST_LABELS: Final[Mapping[str, Text]] = {
     "stage.playing": Text("runs", "läuft"),
     "stage.ending": Text("ends", "endet"),
     "stage.over": Text("is over", "ist zu Ende"),
+    "lost.wait": Text("Please wait", "Bitte warten"),
+    "lost.no_connection": Text("No connection", "Keine Verbindung"),
+    "lost.no_signal": Text("No signal", "Kein Signal"),
+    "lost.too_many_pages": Text("Too many pages", "Zu viele Seiten"),
+    "loss.no_connection": Text(
+        "This page has lost its server. STOP on this page does not work now. To stop: release the "
+        "hand switch, or press the emergency stop.",
+        "Diese Seite hat keinen Kontakt zu ihrem Server. STOPP auf dieser Seite wirkt jetzt "
+        "nicht. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
+    ),
+    "loss.no_signal": Text(
+        "The machine sends nothing. To stop: release the hand switch, or press the emergency stop.",
+        "Das Gerät sendet nichts. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
+    ),
+    "loss.too_many_pages": Text(
+        "Too many pages are open. Close one of the others. STOP works.",
+        "Es sind zu viele Seiten offen. Eine der anderen schließen. STOPP wirkt.",
+    ),
     "part": Text(
         "Part {part} of {all}, {walked} of {planned} min",
         "Teil {part} von {all}, {walked} von {planned} min",
@@ -160,7 +178,7 @@ THERAPIST_LABELS: Final[Mapping[str, Text]] = {
     "block": Text("Part", "Teil"),
     "block.warm_up": Text("Warm-up", "Aufwärmen"),
     "block.walking": Text("Walking", "Gehen"),
-    "minutes": Text("min", "min"),
+    "whole_minutes": Text("min", "min"),
     "per_second": Text("1/s", "1/s"),
     "step_size": Text("step, %", "Schritt, %"),
     "rest_minutes": Text("rest, min", "Pause, min"),

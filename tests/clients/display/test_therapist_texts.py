@@ -42,7 +42,7 @@ def spoken(text, kind=Kind.NOTE, **given):
 def test_each_cause_says_what_happened_what_to_do_and_whom_to_call_without_a_code():
     labels = stop_labels()
     for cause in [*STOP_TEXTS, UNKNOWN]:
-        for part in ("stop", "first", "then", "again"):
+        for part in ("stopped", "first", "then", "again"):
             text = labels[f"{part}.{cause}"]
             assert text.en
             assert text.de
@@ -80,7 +80,7 @@ def test_every_name_that_the_page_may_be_given_has_its_words():
         "why_not": WhyNot,
         "valid": Validity,
         "block": BlockKind,
-        "stop": STOP_TEXTS,
+        "stopped": STOP_TEXTS,
         "kind": ("stop", "medium", "low", "info"),
         "bus": ("active", "warning", "error passive", "bus-off"),
     }

@@ -123,7 +123,7 @@ function paintTop(view, word) {
   paintIcon(byId("mode").firstElementChild, word);
   const name = `mode.${view?.mode}`;
   const loss = live.loss() || "no_signal";
-  setText(byId("modeword"), isKnown ? words.of(words.of(name) === name ? "mode.other" : name) : words.of(view === null && loss === "no_connection" ? "word.wait" : loss));
+  setText(byId("modeword"), isKnown ? words.of(words.of(name) === name ? "mode.other" : name) : words.of(`lost.${view === null && loss === "no_connection" ? "wait" : loss}`));
   const stage = isKnown && view.stage !== null && view.stage !== "playing" ? `stage.${view.stage}` : "";
   setText(byId("stage"), stage && words.of(stage) !== stage ? words.of(stage) : "");
   const now = progress?.sessions.findLast(({ end }) => end === "") ?? null;
@@ -135,15 +135,15 @@ const lost = new Once((loss) => {
   byId("loss").hidden = loss === "";
   byId("loss").dataset.kind = loss;
   if (loss === "") return;
-  setText(byId("losstitle"), words.of(loss));
-  setText(byId("lossline"), words.of(`line.${loss}`));
+  setText(byId("losstitle"), words.of(`lost.${loss}`));
+  setText(byId("lossline"), words.of(`loss.${loss}`));
 });
 
 const stopped = new Once((stop) => {
   byId("verdict").hidden = stop === null;
   if (stop === null) return;
   paintIcon(byId("verdict").firstElementChild, "stopped");
-  setText(byId("cause"), words.of(`stop.${stop.key}`));
+  setText(byId("cause"), words.of(`stopped.${stop.key}`));
   byId("subject").hidden = stop.subject === null;
   setText(byId("subject"), stop.subject === null ? "" : words.said(stop.subject));
   for (const part of ["first", "then", "again"]) setText(byId(part), words.of(`${part}.${stop.key}`));
