@@ -1,9 +1,9 @@
 """A training session of a patient at home, on top of gaitd-client.
 
 Reading order: `profile.py` (what the therapist sets), `plan.py` (the blocks), `machine.py` (the
-state machine, pure, as a table), `goals.py` (the target band), `view.py` and `texts.py` (what a
-display shows), `store.py` (the history), `session.py` (a session with a trainer), `export.py`,
-`program.py` and `terminal.py` (the command).
+state machine, pure, as a table), `goals.py` and `steps.py` (the target band, and steps against it),
+`view.py` and `texts.py` (what a display shows), `store.py` (the history), `session.py` (a session
+with a trainer), `export.py`, `program.py` and `terminal.py` (the command).
 """
 
 from gaitd_session.goals import Band
@@ -11,6 +11,7 @@ from gaitd_session.machine import Button, Phase
 from gaitd_session.plan import Block, BlockKind, blocks_of, limits_of
 from gaitd_session.profile import Profile, ProfileError, parse_profile, read_profile
 from gaitd_session.session import Session, SessionError
+from gaitd_session.steps import Result, Step, StrideShare, step_of, works_against
 from gaitd_session.store import (
     GoalSummary,
     History,
@@ -37,11 +38,14 @@ __all__ = [
     "Phase",
     "Profile",
     "ProfileError",
+    "Result",
     "Session",
     "SessionError",
     "SessionSummary",
+    "Step",
     "Store",
     "StoreError",
+    "StrideShare",
     "Text",
     "View",
     "Why",
@@ -50,4 +54,6 @@ __all__ = [
     "open_history",
     "parse_profile",
     "read_profile",
+    "step_of",
+    "works_against",
 ]

@@ -38,26 +38,31 @@ def band_about(middle_ratio: float, goal: Goal) -> Band:
     return Band(max(middle - half, 0.0), min(middle + half, 1.0))
 
 
-def next_middle(middle_ratio: float, shares: Sequence[float], goal: Goal) -> float:
+def next_middle(
+    middle_ratio: float, shares: Sequence[float], goal: Goal, *, is_first: bool
+) -> float:
     """Return the middle of the band for the next block.
 
         m' = clip(m + clip(median(s) + c - m, -d, d), m_min, m_max)                    # eq. (1)
 
     The median makes single strides without weight: a cough or a spasm changes nothing. The band
-    follows the patient also downwards, so that a bad day has goals that can be reached.
+    follows the patient also downwards, so that a bad day has goals that can be reached. The first
+    block of a session proposes the band of the day: d does not count for it.
 
     Args:
         middle_ratio: m, middle of the present band.
         shares: s, `Stride.share_ratio` of the block's valid strides, 0..1, in any order.
         goal: c = `challenge_ratio`, d = `step_max_ratio`, m_min and m_max = `share_min_ratio`,
             `share_max_ratio`.
+        is_first: no block of the session before had enough strides.
 
     Returns: m', within the bounds; m within the bounds where there are fewer than `STRIDES_MIN`.
     """
     step = 0.0
     if len(shares) >= STRIDES_MIN:
-        wanted = median(shares) + goal.challenge_ratio - middle_ratio
-        step = min(max(wanted, -goal.step_max_ratio), goal.step_max_ratio)
+        step_max = math.inf if is_first else goal.step_max_ratio
+        step = median(shares) + goal.challenge_ratio - middle_ratio
+        step = min(max(step, -step_max), step_max)
     return min(max(middle_ratio + step, goal.share_min_ratio), goal.share_max_ratio)  # eq. (1)
 
 

@@ -41,9 +41,10 @@ from typing import Final, NamedTuple
 
 from gaitd_client import Cause, Mode, Stage
 
-from gaitd_session.goals import band_about, next_middle
+from gaitd_session.goals import STRIDES_MIN, band_about, next_middle
 from gaitd_session.plan import Block, blocks_of
 from gaitd_session.profile import Goal, Profile
+from gaitd_session.steps import Result, Step, StrideShare, rows_of, step_of
 from gaitd_session.texts import Why
 
 ANNOUNCE_S: Final = 3.0
@@ -272,14 +273,6 @@ class TrainerState(NamedTuple):
     """Cycles of the core between these messages and those of the look before."""
 
 
-class StrideShare(NamedTuple):
-    """A stride that has ended."""
-
-    leg: str
-    share_ratio: float | None
-    """None: not valid for a goal."""
-
-
 class Inputs(NamedTuple):
     """All that a step is told."""
 
@@ -297,22 +290,21 @@ class LegGoal:
     leg: str
     middle_ratio: float
     """Middle of its target band."""
-    shares: tuple[float | None, ...] = ()
-    """Share of each stride of the present block, until the next one begins; None: not valid."""
+    strides: tuple[StrideShare, ...] = ()
+    """Those of the present block, until the next one begins."""
+    has_proposed: bool = False
+    """A block before has proposed the band."""
     valid_before_count: int = 0
     """Valid strides of the blocks before."""
-    reached_before_count: int = 0
-    """Those of them that have reached the target."""
+    share_before_sum: float = 0.0
+    """Sum of their shares."""
+    in_band_before_count: int = 0
+    """Steps of the blocks before that were in the target."""
 
     @property
     def valid_shares(self) -> list[float]:
         """Shares of the valid strides."""
-        return [share for share in self.shares if share is not None]
-
-    def reached_count(self, goal: Goal) -> int:
-        """Valid strides of the present block at or above the lower end of the target band."""
-        low_ratio = band_about(self.middle_ratio, goal).low_ratio
-        return sum(share >= low_ratio for share in self.valid_shares)
+        return [one.share_ratio for one in self.strides if one.share_ratio is not None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -322,6 +314,10 @@ class State:
     blocks: tuple[Block, ...]
     goal: Goal
     legs: tuple[LegGoal, ...]
+    steps: tuple[Step, ...] = ()
+    """Strides of all legs in the present block as they are judged, oldest first."""
+    best_row_before_count: int = 0
+    """Longest row of steps in the target in the blocks before."""
     self_test_due: bool
     phase: Phase = Phase.WAITING
     since_s: float = 0.0
@@ -357,6 +353,15 @@ class State:
     """Why the last START or block has failed; text of the service."""
     why: Why | None = None
     """What has ended the last START early; None: nothing has, or `reason` or a stop says it."""
+
+    @property
+    def best_row_count(self) -> int:
+        """Longest row of steps in the target."""
+        return max(self.best_row_before_count, rows_of(self.steps)[1])
+
+    def in_band_count(self, leg: str) -> int:
+        """Steps of a leg in the present block that are in the target."""
+        return sum(step.leg == leg and step.result is Result.WITHIN for step in self.steps)
 
     @property
     def block(self) -> Block | None:
@@ -564,9 +569,7 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
         state = replace(state, returns_to=was)
     if after is Phase.ENABLING and state.walked_s == 0.0:
         # The strides are those of the block before; a block that goes on keeps its own.
-        middles = next_middles(state)
-        legs = (_next_block(leg, middles[leg.leg], state.goal) for leg in state.legs)
-        state = replace(state, legs=tuple(legs))
+        state = _with_next_block(state)
     off_since_s = state.off_since_s
     if after in ACTIVE or after is Phase.STOPPED:
         off_since_s = None
@@ -598,33 +601,46 @@ def _with_block_complete(state: State, now_s: float) -> State:
     )
 
 
-def _next_block(leg: LegGoal, middle_ratio: float, goal: Goal) -> LegGoal:
-    return LegGoal(
-        leg.leg,
-        middle_ratio,
-        valid_before_count=leg.valid_before_count + len(leg.valid_shares),
-        reached_before_count=leg.reached_before_count + leg.reached_count(goal),
+def _with_next_block(state: State) -> State:
+    """Begin a block: its band follows from the strides of the block before."""
+    middles = next_middles(state)
+    legs = (
+        LegGoal(
+            leg.leg,
+            middles[leg.leg],
+            has_proposed=leg.has_proposed or len(leg.valid_shares) >= STRIDES_MIN,
+            valid_before_count=leg.valid_before_count + len(leg.valid_shares),
+            share_before_sum=leg.share_before_sum + sum(leg.valid_shares),
+            in_band_before_count=leg.in_band_before_count + state.in_band_count(leg.leg),
+        )
+        for leg in state.legs
     )
+    return replace(state, legs=tuple(legs), steps=(), best_row_before_count=state.best_row_count)
 
 
 def next_middles(state: State) -> dict[str, float]:
     """Return, by leg, the middle of the target band for the block after the one of the strides."""
     return {
-        leg.leg: next_middle(leg.middle_ratio, leg.valid_shares, state.goal) for leg in state.legs
+        leg.leg: next_middle(
+            leg.middle_ratio, leg.valid_shares, state.goal, is_first=not leg.has_proposed
+        )
+        for leg in state.legs
     }
 
 
 def _with_strides(state: State, strides: Sequence[StrideShare]) -> State:
-    if state.phase is not Phase.WALKING or not strides:
+    if state.phase is not Phase.WALKING:
         return state
-    legs = (
-        replace(
-            leg,
-            shares=(*leg.shares, *(one.share_ratio for one in strides if one.leg == leg.leg)),
-        )
-        for leg in state.legs
-    )
-    return replace(state, legs=tuple(legs))
+    for stride in strides:
+        legs = {leg.leg: leg for leg in state.legs}
+        leg = legs.get(stride.leg)
+        if leg is None:
+            continue
+        leg = replace(leg, strides=(*leg.strides, stride))
+        step = step_of(leg.strides, band_about(leg.middle_ratio, state.goal))
+        legs[leg.leg] = leg
+        state = replace(state, legs=tuple(legs.values()), steps=(*state.steps, step))
+    return state
 
 
 def _playing(state: State, trainer: TrainerState | None, now_s: float) -> State:

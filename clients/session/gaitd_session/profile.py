@@ -71,9 +71,9 @@ class Goal(_Strict, frozen=True, kw_only=True):
     challenge_ratio: Share
     """The band is led to so much above what the patient did."""
     step_max_ratio: Share
-    """The band moves by at most so much from a block to the next."""
+    """The band moves by at most so much from a block to the next; the first one proposes it."""
     in_band_goal_ratio: PositiveShare
-    """The goal of a block: so many of its valid strides at or above the band's lower end."""
+    """The goal of a block: so many of its valid strides within the band."""
 
 
 class Walk(_Strict, frozen=True, kw_only=True):

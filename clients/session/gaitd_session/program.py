@@ -74,7 +74,7 @@ share_start_ratio = {share_min}
 band_width_ratio = 0.1
 challenge_ratio = 0.02           # the band is led so much above what the patient did
 step_max_ratio = 0.05            # and moves by at most so much from a block to the next
-in_band_goal_ratio = 0.6         # goal of a block: so many strides in the band, or above it
+in_band_goal_ratio = 0.6         # goal of a block: so many strides in the band
 
 [plan.warm_up]
 duration_s = {warm_up}

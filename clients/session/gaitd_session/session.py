@@ -35,7 +35,6 @@ from gaitd_session.machine import (
     Request,
     RequestKind,
     State,
-    StrideShare,
     TrainerState,
     begin,
     next_middles,
@@ -43,6 +42,7 @@ from gaitd_session.machine import (
     went_on,
 )
 from gaitd_session.profile import Profile
+from gaitd_session.steps import StrideShare, works_against
 from gaitd_session.store import (
     BlockRow,
     EndRow,
@@ -209,7 +209,10 @@ class Session:
             trainer,
             self._pressed(),
             self._answer(),
-            [StrideShare(stride.leg, valid_share(stride)) for stride in strides],
+            [
+                StrideShare(stride.leg, valid_share(stride), works_against(stride))
+                for stride in strides
+            ],
         )
         after, request = step(before, inputs, now_s)
         self._state = after

@@ -9,6 +9,7 @@ from gaitd_client import Mode
 from gaitd_session.goals import band_about
 from gaitd_session.machine import (
     ACTIVE,
+    ANNOUNCE_S,
     AT_REST,
     Button,
     LegGoal,
@@ -19,6 +20,7 @@ from gaitd_session.machine import (
     may_start,
 )
 from gaitd_session.plan import BlockKind
+from gaitd_session.steps import Step, rows_of
 from gaitd_session.texts import ADVICE, Advice, Why
 
 REASONS: Final = (
@@ -29,6 +31,9 @@ REASONS: Final = (
     ("hand switch closed", Advice.LET_GO_AND_HOLD_HAND_SWITCH),
 )
 """What a patient can do, by a part of the reason with which the service refuses to enable."""
+
+STEPS_SHOWN: Final = 12
+"""The newest steps, of all legs."""
 
 WORDS: Final[Mapping[Phase, str]] = {
     Phase.WAITING: "Welcome",
@@ -62,8 +67,10 @@ class LegView(msgspec.Struct, frozen=True, kw_only=True):
     """Lower end of the target band, of `Stride.share_ratio`."""
     band_high_ratio: float
     stride_count: int
+    valid_count: int
+    """Strides of the block whose share is known."""
     in_band_count: int
-    """Valid strides at or above the band's lower end."""
+    """Those of them that are judged within the band."""
     session_valid_count: int
     """Valid strides of all blocks."""
     session_in_band_count: int
@@ -88,10 +95,22 @@ class View(msgspec.Struct, frozen=True, kw_only=True):
     block: BlockView | None
     block_left_s: float
     """In REST: the rest that is left."""
+    block_s: float
+    """Whole time of the block; in REST that of the rest."""
+    announce_left_s: float
+    """In ANNOUNCED: time until motion is requested, before which nothing moves; else 0."""
     session_left_s: float
     """All blocks and rests that are left."""
     session_walked_s: float
+    session_share_ratio: float | None
+    """Mean share of all valid strides; None: there is none."""
     legs: tuple[LegView, ...]
+    steps: tuple[Step, ...]
+    """The newest steps of the block, oldest first: how each stride is judged."""
+    row_count: int
+    """Steps in the target now, without one beside it; of all legs."""
+    best_row_count: int
+    """The longest such row of the session."""
     goal_in_band_ratio: float
     """The goal of a block: `in_band_count` of its valid strides."""
     may_be_replaced: bool
@@ -123,6 +142,7 @@ def view_of(
     number = state.block_index + 1
     block = state.block
     rest_s = max(state.rest_until_s - now_s, 0.0) if state.phase is Phase.REST else 0.0
+    announced_s = now_s - state.since_s if state.phase is Phase.ANNOUNCED else ANNOUNCE_S
     reason = state.reason
     if state.phase is Phase.STOPPED and trainer is not None:
         reason = state.reason or trainer.reason
@@ -138,9 +158,15 @@ def view_of(
         if block is None
         else BlockView(number=number, count=len(state.blocks), kind=block.kind),
         block_left_s=rest_s if state.phase is Phase.REST else state.block_left_s(now_s),
+        block_s=_block_s(state),
+        announce_left_s=max(ANNOUNCE_S - announced_s, 0.0),
         session_walked_s=state.walked_before_s + state.block_walked_s(now_s),
         session_left_s=rest_s + _blocks_left_s(state, now_s),
+        session_share_ratio=_mean_share(state.legs),
         legs=tuple(_leg(leg, state) for leg in state.legs),
+        steps=state.steps[-STEPS_SHOWN:],
+        row_count=rows_of(state.steps)[0],
+        best_row_count=state.best_row_count,
         goal_in_band_ratio=state.goal.in_band_goal_ratio,
         may_be_replaced=state.phase is Phase.FINISHED
         and state.off_since_s is None
@@ -215,15 +241,28 @@ def _blocks_left_s(state: State, now_s: float) -> float:
     return state.block_left_s(now_s) + sum(block.walk.duration_s for block in left[1:]) + rests_s
 
 
+def _block_s(state: State) -> float:
+    if state.phase is Phase.REST:
+        return state.blocks[state.block_index - 1].walk.rest_s
+    return 0.0 if state.block is None else state.block.walk.duration_s
+
+
+def _mean_share(legs: tuple[LegGoal, ...]) -> float | None:
+    count = sum(leg.valid_before_count + len(leg.valid_shares) for leg in legs)
+    total = sum(leg.share_before_sum + sum(leg.valid_shares) for leg in legs)
+    return total / count if count else None
+
+
 def _leg(leg: LegGoal, state: State) -> LegView:
     band = band_about(leg.middle_ratio, state.goal)
     return LegView(
         leg=leg.leg,
         band_low_ratio=band.low_ratio,
         band_high_ratio=band.high_ratio,
-        stride_count=len(leg.shares),
-        in_band_count=leg.reached_count(state.goal),
+        stride_count=len(leg.strides),
+        valid_count=len(leg.valid_shares),
+        in_band_count=state.in_band_count(leg.leg),
         session_valid_count=leg.valid_before_count + len(leg.valid_shares),
-        session_in_band_count=leg.reached_before_count + leg.reached_count(state.goal),
-        share_ratio=leg.shares[-1] if leg.shares else None,
+        session_in_band_count=leg.in_band_before_count + state.in_band_count(leg.leg),
+        share_ratio=leg.strides[-1].share_ratio if leg.strides else None,
     )

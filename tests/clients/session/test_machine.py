@@ -25,12 +25,12 @@ from gaitd_session.machine import (
     Inputs,
     Phase,
     RequestKind,
-    StrideShare,
     TrainerState,
     begin,
     step,
 )
 from gaitd_session.session import PASSED
+from gaitd_session.steps import Result, StrideShare
 from gaitd_session.texts import WHY, Advice, Why
 from gaitd_session.view import REASONS, view_of
 from training import profile
@@ -411,12 +411,18 @@ def test_an_old_answer_and_a_start_that_is_not_offered_do_nothing():
     assert run.state.phase is Phase.WALKING
 
 
-def test_the_band_moves_at_the_next_start_and_a_paused_block_keeps_its_own():
-    shares = [StrideShare("right", share) for share in (0.5, None, 0.5, 0.31, 0.5, 0.5, 0.5)]
+def test_the_first_block_proposes_the_band_and_a_paused_block_keeps_its_own():
+    shares = [StrideShare("right", share) for share in (0.3, None, 0.5, 0.31, 0.5, 0.5, 0.5)]
     run = Run().walk().step(PLAYING, strides=[*shares, StrideShare("left", 0.9)])
     leg = run.view.legs[0]
-    assert (leg.stride_count, leg.in_band_count, leg.share_ratio) == (7, 6, 0.5)
+    assert (leg.stride_count, leg.valid_count, leg.share_ratio) == (7, 6, 0.5)
     assert leg.band_low_ratio == pytest.approx(0.25)
+    # Of the last three: 0.3, unknown, 0.4, 0.405, then 0.5 for ever.
+    assert [step.result for step in run.view.steps] == [
+        *(Result.WITHIN, Result.UNKNOWN),
+        *[Result.ABOVE] * 5,
+    ]
+    assert (leg.in_band_count, run.view.row_count, run.view.best_row_count) == (1, 0, 1)
     run.step(READY, Button.PAUSE).walk()
     assert run.view.legs[0].stride_count == 7
     run.step(READY, after_s=12.0)
@@ -425,11 +431,13 @@ def test_the_band_moves_at_the_next_start_and_a_paused_block_keeps_its_own():
     run.step(READY, after_s=3.0).walk()
     leg = run.view.legs[0]
 
-    assert (leg.stride_count, leg.share_ratio) == (0, None)
-    assert leg.band_low_ratio == pytest.approx(0.30)
-    run.step(PLAYING, strides=shares[:2], after_s=5.0)
+    assert (leg.stride_count, leg.share_ratio, run.view.steps) == (0, None, ())
+    assert leg.band_low_ratio == pytest.approx(0.47)
+    run.step(PLAYING, strides=[StrideShare("right", 0.5)] * 3, after_s=5.0)
     leg = run.view.legs[0]
-    assert (leg.stride_count, leg.session_valid_count, leg.session_in_band_count) == (2, 7, 7)
+    assert (leg.stride_count, leg.session_valid_count, leg.session_in_band_count) == (3, 9, 4)
+    assert (run.view.row_count, run.view.best_row_count) == (3, 3)
+    assert run.view.session_share_ratio == pytest.approx((0.3 + 0.31 + 7 * 0.5) / 9)
     assert run.view.session_walked_s == pytest.approx(walked_s + 5.0, abs=3 * TICK_S)
 
 
