@@ -57,7 +57,7 @@ LONG: Final = {
         "gaitd consistency --output docs --page docs/consistency.md", ("gaitd.consistency",)
     ),
     "engineer.png": Made(
-        "pytest -n0 tests/rigs/test_engineer_page_in_a_browser.py -m thorough --write-engineer",
+        "pytest -n0 tests/rigs/test_engineer_page_in_a_browser.py -m thorough --write-pages",
         ("gaitd_display.__main__", *SERVICE),
         ("configs", "clients/display/gaitd_display/static"),
     ),
@@ -66,6 +66,11 @@ LONG: Final = {
         ("gaitd.experiment",),
     ),
     "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd.matrix",)),
+    "patient.png": Made(
+        "pytest -n0 tests/rigs/test_patient_page_in_a_browser.py -k picture --write-pages",
+        ("gaitd_display.__main__",),
+        ("clients/display/gaitd_display/static",),
+    ),
     "patients.md": Made(
         "gaitd patients --seeds 1 --seconds 20 --page docs/patients.md", ("gaitd.patients",)
     ),

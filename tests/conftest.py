@@ -56,9 +56,9 @@ def pytest_addoption(parser):
         help="write the figure of docs/assist.md anew from simulated patients",
     )
     parser.addoption(
-        "--write-engineer",
+        "--write-pages",
         action="store_true",
-        help="write the picture of the engineer's page in docs/ anew from a running service",
+        help="write the pictures of the pages in docs/ anew from a browser",
     )
     parser.addoption(
         "--fuzz-minutes",

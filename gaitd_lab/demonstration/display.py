@@ -29,13 +29,15 @@ language = "en"
 help = {{ en = "This is a demonstration.", de = "Dies ist eine Vorführung." }}
 unstrap = {{ en = "There are no straps.", de = "Es gibt keine Gurte." }}
 
-[[bar]]
-leg = "{leg}"
-target_low_w = 30.0
-target_high_w = 100.0
-full_w = 120.0
+[target]
+share_low_ratio = 0.3
+share_high_ratio = 0.7
+
+[[leg]]
+name = "{leg}"
+glow_full_w = 120.0
 """
-"""The scripted patient is below the band while passive, at 5 W, and in it while active, at 55 W."""
+"""The scripted patient is below the target while passive, and in it while active."""
 
 
 @contextlib.contextmanager

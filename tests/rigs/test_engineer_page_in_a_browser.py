@@ -1,6 +1,6 @@
 """The engineer's page in headless Chromium: each state and size, losses, truth, contrast.
 
-Screenshots are written to out/display; with --write-engineer that of README to docs/engineer.png.
+Screenshots are written to out/display; with --write-pages that of README to docs/engineer.png.
 """
 
 import itertools
@@ -291,7 +291,7 @@ def strides(count):
     ],
 )
 def test_a_running_service_is_shown_beside_the_truth(chromium, tmp_path, pytestconfig, file, shot):
-    is_for_readme = pytestconfig.option.write_engineer and shot == "engineer"
+    is_for_readme = pytestconfig.option.write_pages and shot == "engineer"
     with virtual_trainer(trainer_file=file, pace=1) as service:
         table = bench.engineer_table(truth=str(service.truth_path))
         table["trainer"] = {"endpoint": service.endpoint, "trainer": service.trainer}

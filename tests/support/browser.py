@@ -139,12 +139,25 @@ class Player:
         self._may_send.set()
         self._thread = threading.Thread(target=self._play)
         self._count = 0
+        self._steps = []
 
     def play(self, **scene):
-        self._scene = scene
+        if "top_w" in scene:
+            self.walk(**scene)
+        else:
+            self._scene = scene
 
-    def walk(self, top_w):
-        self._scene = {"top_w": top_w}
+    def walk(self, top_w, shares=(), against=0.0):
+        """Strides without end.
+
+        Args:
+            top_w: highest power of a stride.
+            shares: of the steps that are sent at once, and the last one again with each stride;
+                pairs are of both legs. Without them they rise and fall.
+            against: work against the motion in each stride, J.
+        """
+        self._steps = [*shares]
+        self._scene = {"top_w": top_w, "against": against, "last": shares[-1:]}
 
     def fall_silent(self):
         self._may_send.clear()
@@ -160,21 +173,31 @@ class Player:
                 self.trainer.clock.ns += 10_000_000
 
     def cycle(self):
-        scene = dict(self._scene)
+        scene = given = dict(self._scene)
         if "top_w" in scene:
             phase = self._count % STRIDE / STRIDE
             power_w = scene["top_w"] * math.sin(2 * math.pi * phase) ** 2
             scene = {"mode": Mode.GAIT, "stage": Stage.PLAYING, "phase": phase, "power_w": power_w}
             turn = math.cos(2 * math.pi * phase)
             scene["pose"] = (0.25 - 0.3 * turn, 0.5 - 0.35 * turn)
-            if phase == 0.0:
-                number = self._count // STRIDE
-                for leg in self.trainer.legs:
-                    share = 0.5 + 0.3 * math.sin(number / 4)
-                    self.trainer.step(number, share, 3.0 + number % 5, leg)
             self.trainer.speak_of_health()
         self._count += 1
         self.trainer.cycles(scene.pop("mode"), **scene)
+        if "phase" in scene:
+            self._step(given, self._count // STRIDE, is_new=scene["phase"] == 0.0)
+
+    def _step(self, given, number, *, is_new):
+        rising = 0.5 + 0.3 * math.sin(number / 4)
+        while self._steps:
+            self._end_stride(number, self._steps.pop(0), given["against"])
+        if is_new:
+            (share,) = given["last"] or (rising,)
+            self._end_stride(number, share, given["against"])
+
+    def _end_stride(self, number, share, against):
+        shares = share if isinstance(share, tuple) else (share,) * len(self.trainer.legs)
+        for leg, one in zip(self.trainer.legs, shares, strict=True):
+            self.trainer.step(number, one, 3.0 + number % 5, leg, against)
 
     def __enter__(self):
         self._thread.start()

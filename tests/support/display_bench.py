@@ -110,6 +110,14 @@ class Page:
         raise AssertionError(f"it did not come: {now}")
 
 
+def session_table(folder: Path, profile, *, legs=("right",), **given):
+    """The same with a session."""
+    (folder / "profile.toml").write_text(profile, encoding="utf-8")
+    table = patient_table(folder, legs=legs, target=False, **given)
+    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    return table
+
+
 class MessageTrainer:
     """What the servers use of `gaitd_client.Trainer`."""
 
@@ -235,9 +243,10 @@ class MessageTrainer:
             filled(wire.Health, bus_load_ratio=0.31, lateness_max_us=420.0, overrun_count=0),
         )
 
-    def step(self, number, share, work, leg="right"):
+    def step(self, number, share, work, leg="right", against=0.0):
         given = {"leg": leg, "number": number, "core_boot_id": "boot", "mode": "gait"}
-        self.send(f"{leg}/stride", filled(Stride, share_ratio=share, work_positive_j=work, **given))
+        works = {"work_positive_j": work, "work_negative_j": -against}
+        self.send(f"{leg}/stride", filled(Stride, share_ratio=share, **works, **given))
 
     # --- requests ---------------------------------------------------------------------------
 
@@ -303,15 +312,16 @@ def write_check(folder: Path, **drift) -> Path:
     return path
 
 
-def patient_table(folder: Path, *, legs=("right",), way_out=True, **drift):
+def patient_table(folder: Path, *, legs=("right",), way_out=True, target=True, **drift):
     """The content of a patient's file."""
-    bars = [{"leg": leg, "target_low_w": 2.0, "target_high_w": 5.0, "full_w": 8.0} for leg in legs]
     table = {
         "web": {"host": "127.0.0.1", "port": 8080},
         "trainer": {},
         "page": copy.deepcopy(PAGE),
-        "bar": bars,
+        "leg": [{"name": leg, "glow_full_w": 8.0} for leg in legs],
     }
+    if target:
+        table["target"] = {"share_low_ratio": 0.32, "share_high_ratio": 0.44}
     if way_out:
         check = str(write_check(folder, **drift))
         table["way_out"] = {"check": check, "hip_drift_max_deg": 1.0, "slide_drift_max_m": 0.01}

@@ -31,18 +31,17 @@ from starlette.websockets import WebSocket
 
 from gaitd_display.engineer_view import (
     EngineerView,
-    Geometry,
     Memory,
     Row,
     Span,
     drive_view,
-    geometry_of,
     leg_now,
     row_of,
     second_of,
     verdict_of,
 )
 from gaitd_display.feed import Feed
+from gaitd_display.geometry import Geometry, geometry_of
 from gaitd_display.settings import EngineerSettings
 from gaitd_display.therapist_view import event_item, stride_item
 from gaitd_display.truth import TruthFile

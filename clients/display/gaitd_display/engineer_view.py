@@ -5,12 +5,12 @@ Times are those of the records (UTC of their SYNC), not of this computer: time m
 
 from collections import deque
 from collections.abc import Iterable, Mapping, Sequence
-from math import radians
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import msgspec
 from gaitd_client import Activity, Cause, DriveState, Estimate, Health, NotValid, Safety
 
+from gaitd_display.geometry import Geometry
 from gaitd_display.truth import TrueEfforts
 
 CURVE_S: Final = 13.0
@@ -110,24 +110,6 @@ class DriveView(msgspec.Struct, frozen=True):
     """Newest emergency message of the drive."""
 
 
-class Geometry(msgspec.Struct, frozen=True):
-    """The mechanism, from the robot file of the running service."""
-
-    thigh_m: float
-    shank_m: float
-    shoe_m: float
-    recline_rad: float
-    """Angle of the trunk from the vertical."""
-    thigh_offset_rad: float
-    rail_x_m: float
-    """Where the slide position is 0, from the hip."""
-    rail_y_m: float
-    rail_angle_rad: float
-    slide_min_m: float
-    """Limits of the slide position."""
-    slide_max_m: float
-
-
 class EngineerView(msgspec.Struct, frozen=True):
     """One frame of the engineer's page."""
 
@@ -223,26 +205,6 @@ def verdict_of(safety: Safety | None) -> VerdictView | None:
     if verdict is None or verdict.cause == Cause.NONE:
         return None
     return VerdictView(verdict.category, verdict.cause, verdict.text, verdict.remedy)
-
-
-def geometry_of(robot: Mapping[str, Any], limits: Mapping[str, Any]) -> Geometry | None:
-    """Return the mechanism of a running service; None: its files have no such tables."""
-    try:
-        lengths, slide = robot["geometry"], limits["slide"]
-        return Geometry(
-            thigh_m=lengths["thigh_length_m"],
-            shank_m=lengths["shank_length_m"],
-            shoe_m=lengths["shoe_length_m"],
-            recline_rad=radians(lengths["recline_deg"]),
-            thigh_offset_rad=radians(lengths["thigh_offset_deg"]),
-            rail_x_m=lengths["rail_x_m"],
-            rail_y_m=lengths["rail_y_m"],
-            rail_angle_rad=radians(lengths["rail_angle_deg"]),
-            slide_min_m=slide["position_min_m"],
-            slide_max_m=slide["position_max_m"],
-        )
-    except KeyError:
-        return None
 
 
 class Memory:

@@ -7,7 +7,7 @@ only, because without login everyone who reaches the page could press its button
 import asyncio
 import contextlib
 import secrets
-from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable
+from collections.abc import AsyncGenerator, Callable, Coroutine, Iterable, Mapping
 from typing import Any, Final
 
 import msgspec
@@ -19,6 +19,7 @@ from gaitd_client import (
     NotValid,
     Reply,
     Stream,
+    Stride,
     Trainer,
 )
 from gaitd_session import Button
@@ -31,8 +32,10 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from gaitd_display.feed import Feed
-from gaitd_display.patient_view import PatientState, PatientView, dot
-from gaitd_display.settings import PatientSettings
+from gaitd_display.patient_view import PatientState, PatientView
+from gaitd_display.scenes import Now, Scene, scene_of
+from gaitd_display.settings import TEXT_MAX_RATIO, Page, PatientSettings, Screen
+from gaitd_display.texts import Word
 from gaitd_display.training import Training
 from gaitd_display.way_out import Action
 from gaitd_display.web import (
@@ -58,6 +61,16 @@ class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Body of a button's request."""
 
     action: Action
+
+
+class PageText(msgspec.Struct, frozen=True, kw_only=True):
+    """What the page needs once."""
+
+    page: Page
+    screen: Screen
+    text_max_ratio: float
+    losses: Mapping[Word, Scene]
+    """What is said where the server cannot say it."""
 
 
 class Press(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -151,7 +164,7 @@ class PatientServer:
     def _subscribe(self) -> list[Coroutine[Any, Any, None]]:
         """Make the streams; return the works that send their items."""
         trainer = self._trainer
-        legs = [bar.leg for bar in self._settings.bar]
+        legs = [leg.name for leg in self._settings.leg]
         activities = {leg: trainer.activity(leg) for leg in legs}
         drives = [trainer.drive(f"{leg}/{axis}") for leg in legs for axis in AXES]
         safety = trainer.safety()
@@ -168,9 +181,14 @@ class PatientServer:
 
         self._read = read
         return [
-            *(self.feed.follow(trainer.stride(leg), dot) for leg in legs),
+            *(self._follow_strides(trainer.stride(leg)) for leg in legs),
             self._follow_events(trainer.events()),
         ]
+
+    async def _follow_strides(self, strides: Stream[Stride]) -> None:
+        async for stride in strides:
+            if not isinstance(stride, NotValid):
+                self.state.take_stride(stride)
 
     async def _follow_events(self, events: Stream[Event]) -> None:
         async for event in events:
@@ -195,7 +213,7 @@ class PatientServer:
         while True:
             boot_id = self.state.boot_id
             if boot_id is not None and boot_id != known:
-                self.state.configuration = await asyncio.to_thread(self._configuration)
+                self.state.use(await asyncio.to_thread(self._configuration))
                 known = boot_id if self.state.configuration is not None else None
             await asyncio.sleep(CONFIGURATION_POLL_S)
 
@@ -206,10 +224,19 @@ class PatientServer:
             return None
 
     async def _page(self, _request: Request) -> Response:
-        return page("patient", "common", "patient")
+        return page("patient", "tokens", "frame", "figure", "patient", is_stop_first=True)
 
     async def _page_text(self, _request: Request) -> Response:
-        return json(self._settings.page)
+        settings = self._settings
+        losses = (Word.NO_CONNECTION, Word.TOO_MANY_PAGES)
+        return json(
+            PageText(
+                page=settings.page,
+                screen=settings.screen,
+                text_max_ratio=TEXT_MAX_RATIO,
+                losses={word: scene_of(Now(word, None)) for word in losses},
+            )
+        )
 
     async def _live(self, socket: WebSocket) -> None:
         await live(socket, self.feed)

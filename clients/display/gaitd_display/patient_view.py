@@ -17,14 +17,17 @@ from gaitd_client import (
     Stage,
     Stride,
 )
+from gaitd_session import Advice, Band, Phase, Step
 from gaitd_session.session import WITHOUT_POWER
 
 from gaitd_display.alarm import Alarm, cause_of
-from gaitd_display.cause_texts import INSTRUCTIONS, Situation, patient_text
-from gaitd_display.feedback import BarView, LegFeedback, Result
+from gaitd_display.cause_texts import Situation, patient_text
+from gaitd_display.geometry import Geometry, geometry_of
+from gaitd_display.scenes import REFUSALS, Now, Scene, scene_of
 from gaitd_display.settings import PatientSettings
-from gaitd_display.texts import Text, Word
+from gaitd_display.texts import Word
 from gaitd_display.training import TrainingView
+from gaitd_display.walk import OwnSteps, StepView, step_view, word_of
 from gaitd_display.way_out import (
     ACTION,
     STOPPED_MODES,
@@ -32,13 +35,13 @@ from gaitd_display.way_out import (
     Action,
     Pose,
     Release,
-    Step,
     Stop,
     Unstrap,
     WayOut,
     WhyNot,
     unstrap_of,
 )
+from gaitd_display.way_out import Step as WayStep
 
 RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
 HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
@@ -54,7 +57,7 @@ MODE_WORDS: Final[Mapping[str, Word]] = {
     Mode.OFF: Word.WAIT,
     Mode.BRINGING_UP: Word.WAIT,
     Mode.READY: Word.READY,
-    Mode.HOLD: Word.REST,
+    Mode.HOLD: Word.HELD,
     Mode.STOPPING: Word.STOPPING,
     Mode.FAULT: Word.STOPPED,
     Mode.GAIT: Word.GO_ON,
@@ -62,76 +65,52 @@ MODE_WORDS: Final[Mapping[str, Word]] = {
     Mode.HAND_GUIDING: Word.GUIDE,
     Mode.SELF_TEST: Word.SELF_TEST,
 }
-TRAINING: Final = frozenset({Mode.GAIT, Mode.TORQUE})
-RESULT_WORDS: Final = {
-    Result.BELOW: Word.STRONGER,
-    Result.ABOVE: Word.GENTLY,
-    Result.WITHIN: Word.GOOD,
-    Result.UNKNOWN: Word.GO_ON,
+PHASE_WORDS: Final[Mapping[Phase, Word]] = {
+    Phase.WAITING: Word.START,
+    Phase.PAUSED: Word.PAUSED,
+    Phase.FINISHED: Word.FINISHED,
 }
-WORST_FIRST: Final = (Result.BELOW, Result.ABOVE, Result.WITHIN, Result.UNKNOWN)
-"""With two legs the first of these that a leg has gives the word."""
+"""A session at rest; a rest has two words, because it ends."""
+TRAINING: Final = frozenset({Mode.GAIT, Mode.TORQUE})
 
 
-class Said(msgspec.Struct, frozen=True):
-    """A text in both languages, as the page gets it."""
-
-    en: str
-    de: str
-
-
-class StopView(msgspec.Struct, frozen=True):
-    """The latched stop, in plain words."""
-
-    cause: str
-    happened: Said
-    instructions: tuple[Said, ...]
-
-
-class Dot(msgspec.Struct, frozen=True, tag="dot", tag_field="kind"):
-    """One stride: sent once, as it ends."""
+class LegView(msgspec.Struct, frozen=True):
+    """One leg now; None: not known, or there is none."""
 
     leg: str
-    number: int
-    boot: str
-    """A stride with the same leg, number and boot is the same."""
-    share_ratio: float | None
-    work_j: float | None
+    hip_angle_rad: float | None
+    slide_position_m: float | None
+    glow_ratio: float
+    """Power of the patient with the motion; 0 also where it is not known."""
+    share_low_ratio: float | None
+    """Its target."""
+    share_high_ratio: float | None
 
 
-class PatientView(msgspec.Struct, frozen=True):
+class PatientView(msgspec.Struct, frozen=True, kw_only=True):
     """One frame of the patient's page."""
 
     word: Word
     mode: str | None
     active: bool
     """The drives are enabled, or were when the trainer fell silent."""
-    bars: tuple[BarView, ...]
-    stop: StopView | None
-    step: Step
-    """With a stop, or a step on the way out of one, the page shows these alone."""
+    scene: Scene
+    legs: tuple[LegView, ...]
+    steps: tuple[StepView, ...]
+    """The newest ones, oldest first."""
+    geometry: Geometry | None
+    """None: the service has not said."""
+    cause: str | None
+    """Of the latched stop."""
+    step: WayStep
     action: Action | None
     unstrap: Unstrap
     alarm: str | None
     """Sounds until it is acknowledged; another text is another alarm. None: none."""
+    sample_time_ms: float | None
+    """UTC of the newest sample, ms since 1970: its age when painted is measured by the page."""
     training: TrainingView | None = None
     """None: this server runs no session."""
-
-
-def dot(stride: Stride) -> Dot:
-    """Return what the page shows of a stride."""
-    return Dot(
-        stride.leg,
-        stride.number,
-        stride.core_boot_id,
-        stride.share_ratio,
-        stride.work_positive_j,
-    )
-
-
-def said(text: Text) -> Said:
-    """Return a text as it is sent."""
-    return Said(text.en, text.de)
 
 
 class _LastStop(NamedTuple):
@@ -155,18 +134,31 @@ class PatientState:
         Raises:
             SettingsError: the check of the way out cannot be used.
         """
-        self._legs = {bar.leg: LegFeedback(bar) for bar in settings.bar}
+        self._glow_full_w = {leg.name: leg.glow_full_w for leg in settings.leg}
+        target = settings.target
+        self._own = OwnSteps(target and Band(target.share_low_ratio, target.share_high_ratio))
         self._release = Release(settings.way_out)
         self._may_request = settings.web.is_loopback
-        self._silent = dict.fromkeys(self._legs, True)
+        self._activities: dict[str, Activity] = {}
         self._safety: Safety | None = None
         self._drives: dict[str, DriveState] = {}
         self._are_holding, self._may_have_power = False, True
         self._training: TrainingView | None = None
         self._alarm = Alarm(run_id)
         self._last_stop = _LastStop()
+        self._geometry: Geometry | None = None
         self.configuration: Configuration | None = None
         self.way_out = WayOut()
+
+    def use(self, configuration: Configuration | None) -> None:
+        """Take the configuration of the running core; None: it has not answered."""
+        self.configuration = configuration
+        if configuration is not None:
+            self._geometry = geometry_of(configuration.robot, configuration.limits)
+
+    def take_stride(self, stride: Stride) -> None:
+        """Take a stride that has ended."""
+        self._own.take(stride)
 
     def take_event(self, event: Event) -> None:
         """Take an event: those of the past say which stop was reset before this server's start."""
@@ -186,9 +178,7 @@ class PatientState:
     ) -> PatientView:
         """Take the newest messages, and what the session says; return the frame."""
         drives = tuple(drives)
-        for leg, activity in activities:
-            self._legs[leg].take(activity)
-            self._silent[leg] = isinstance(activity, NotValid)
+        self._activities = {leg: one for leg, one in activities if isinstance(one, Activity)}
         self._safety = safety if isinstance(safety, Safety) and safety.valid else None
         self._drives = {drive.name: drive for drive in drives if isinstance(drive, DriveState)}
         self._are_holding = len(self._drives) == len(drives) and all(
@@ -199,26 +189,51 @@ class PatientState:
             for drive in self._drives.values()
         )
         self._training = training
-        word = self._word()
-        is_silent = word is Word.NO_SIGNAL
+        is_silent = self._safety is None or not self._activities
         mode = None if self._safety is None or is_silent else self._safety.mode
+        if mode not in TRAINING:
+            self._own.forget()
         alarm = self._alarm.take(
             None if is_silent else self._safety,
             self._drives.values(),
             has_session=training is not None,
         )
-        step = Step.NONE if is_silent else self._step(mode)
+        step = WayStep.NONE if is_silent else self._step(mode)
+        word = Word.NO_SIGNAL if is_silent else self._word(step)
+        cause = None if is_silent else self._cause()
+        unstrap = unstrap_of(step, mode, has_power=self._may_have_power)
         return PatientView(
             word=word,
             mode=mode,
             active=self._alarm.was_active,
-            bars=tuple(leg.view() for leg in self._legs.values()),
-            stop=None if is_silent else self._stop(),
+            scene=scene_of(self._now(word, mode, cause, step, unstrap)),
+            legs=tuple(map(self._leg, self._glow_full_w)),
+            steps=tuple(step_view(one, self._band(one.leg)) for one in self._steps()),
+            geometry=self._geometry,
+            cause=cause,
             step=step,
             action=ACTION.get(step),
-            unstrap=unstrap_of(step, mode, has_power=self._may_have_power),
+            unstrap=unstrap,
             alarm=alarm,
+            sample_time_ms=max(
+                (one.sample_time_ns / 1e6 for one in self._activities.values()), default=None
+            ),
             training=training,
+        )
+
+    def _now(
+        self, word: Word, mode: str | None, cause: str | None, step: WayStep, unstrap: Unstrap
+    ) -> Now:
+        return Now(
+            word,
+            mode,
+            cause,
+            None if cause is None else self._situation(cause),
+            step,
+            unstrap,
+            self._is_switch_held(),
+            any(drive.sto_released is False for drive in self._drives.values()),
+            self._training,
         )
 
     @property
@@ -226,40 +241,79 @@ class PatientState:
         """Boot id of the running core; None: unknown."""
         return None if self._safety is None else self._safety.core_boot_id
 
-    def _word(self) -> Word:
-        if self._safety is None or all(self._silent.values()):
-            return Word.NO_SIGNAL
+    # --- legs and steps -------------------------------------------------------------------------
+
+    def _steps(self) -> tuple[Step, ...]:
+        return self._own.steps if self._training is None else self._training.steps
+
+    def _band(self, leg: str) -> Band | None:
+        return self._own.band if self._training is None else self._training.bands.get(leg)
+
+    def _leg(self, leg: str) -> LegView:
+        pose, activity, band = self._pose(leg), self._activities.get(leg), self._band(leg)
+        power_w = None if activity is None else activity.patient_power_w
+        glow = 0.0 if power_w is None else power_w / self._glow_full_w[leg]
+        return LegView(
+            leg,
+            None if pose is None else round(pose.hip_angle_rad, 4),
+            None if pose is None else round(pose.slide_position_m, 4),
+            round(min(max(glow, 0.0), 1.0), 2),
+            None if band is None else band.low_ratio,
+            None if band is None else band.high_ratio,
+        )
+
+    # --- the word -------------------------------------------------------------------------------
+
+    def _word(self, step: WayStep) -> Word:
+        assert self._safety is not None  # noqa: S101 - invariant: it is not silent
         mode, stage = self._safety.mode, self._safety.stage
         if mode in UNPOWERED_MODES and cause_of(self._safety) != Cause.NONE:
             return Word.STOPPED
+        if step is not WayStep.NONE and mode not in STOPPED_MODES:
+            return Word.WAY_OUT if step is not WayStep.HELP else Word.STOPPED
         training = self._training
         announces = training is not None and training.announces and mode in RESTING_MODES
         if announces or (mode == Mode.SELF_TEST and stage == Stage.PREPARING):
             return Word.SOON
-        if training is not None and training.rests and mode == Mode.READY:
-            return Word.REST
+        if training is not None and mode in RESTING_MODES and not training.is_going:
+            return self._word_at_rest(training, mode)
         if mode in TRAINING and stage == Stage.PLAYING:
-            return self._result_word()
+            return word_of(self._steps())
         if stage in STAGE_WORDS and mode not in STOPPED_MODES:
             return STAGE_WORDS[stage]
         return MODE_WORDS.get(mode or "", Word.SERVICE)
 
-    def _result_word(self) -> Word:
-        results = {leg.result for leg in self._legs.values()}
-        return RESULT_WORDS[next(result for result in WORST_FIRST if result in results)]
+    @staticmethod
+    def _word_at_rest(training: TrainingView, mode: str | None) -> Word:
+        if training.advice is Advice.TRAINER_IS_USED:
+            return Word.USED
+        if training.phase is Phase.REST and training.block_left_s > 0:
+            return Word.REST
+        if mode == Mode.READY and training.advice in REFUSALS:
+            return REFUSALS[training.advice]
+        if training.phase is Phase.REST:
+            return Word.NEXT
+        return PHASE_WORDS.get(training.phase, MODE_WORDS[mode or ""])
 
-    def _stop(self) -> StopView | None:
+    # --- a stop ---------------------------------------------------------------------------------
+
+    def _cause(self) -> str | None:
+        """Return the cause of the latched stop, or the emergency stop that is behind it."""
         cause = cause_of(self._safety)
         if cause == Cause.NONE:
             return None
-        text = patient_text(Cause.STO_ACTIVE if self._alarm.is_by_emergency_stop(cause) else cause)
-        advice = () if text.advice is None else (text.advice,)
-        is_loose = text.situation is Situation.HELD and not self._are_holding
-        situation = Situation.LOOSE if is_loose else text.situation
-        instructions = (*INSTRUCTIONS[situation], *advice)
-        return StopView(cause, said(text.happened), tuple(map(said, instructions)))
+        return Cause.STO_ACTIVE if self._alarm.is_by_emergency_stop(cause) else cause
 
-    def _step(self, mode: str | None) -> Step:
+    def _situation(self, cause: str) -> Situation:
+        situation = patient_text(cause).situation
+        is_loose = situation is Situation.HELD and not self._are_holding
+        return Situation.LOOSE if is_loose else situation
+
+    def _is_switch_held(self) -> bool:
+        drives = self._drives.values()
+        return bool(drives) and all(drive.hand_switch_closed is True for drive in drives)
+
+    def _step(self, mode: str | None) -> WayStep:
         cause = cause_of(self._safety)
         is_latched = cause != Cause.NONE
         if self._training is not None and self._training.is_going:
@@ -269,20 +323,18 @@ class PatientState:
         why_not = self._release.why_not(cause, self.configuration, poses)
         if not self._may_request:
             is_at_rest = mode == Mode.FAULT or (is_latched and mode in UNPOWERED_MODES)
-            return Step.HELP if is_at_rest else Step.NONE
-        held = bool(self._drives) and all(
-            drive.hand_switch_closed is True for drive in self._drives.values()
-        )
+            return WayStep.HELP if is_at_rest else WayStep.NONE
         # Where the leg has been led by hand since then does not count.
         was_reset = self._last_stop.is_reset and self._last_stop.boot_id == self.boot_id
         was_reset &= self._release.why_not(self._last_stop.cause, self.configuration, poses) in {
             None,
             WhyNot.POSE,
         }
+        held = self._is_switch_held()
         return self.way_out.step(Stop(mode, is_latched, why_not, held, may_start, was_reset))
 
     def _poses(self) -> tuple[Pose | None, ...]:
-        return tuple(map(self._pose, self._legs))
+        return tuple(map(self._pose, self._glow_full_w))
 
     def _pose(self, leg: str) -> Pose | None:
         hip, slide = self._position(f"{leg}/hip"), self._position(f"{leg}/slide")

@@ -30,7 +30,8 @@ from gaitd_session.profile import Goal
 from gaitd_session.profile import Profile as SessionProfile
 
 from gaitd_display.event_texts import refusal_text
-from gaitd_display.settings import SessionFiles, Spoken
+from gaitd_display.settings import SessionFiles
+from gaitd_display.texts import Spoken
 
 NS_PER_MS: Final = 1_000_000
 SESSIONS_MAX: Final = 200

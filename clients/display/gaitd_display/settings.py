@@ -2,9 +2,14 @@
 
 There is no default for a value that a person must decide: the target band, the drift that is
 harmless, how to call for help, and how to get out of the straps.
+
+The patient's page is read from the chair. Its smallest text there has a cap height of
+`FAR_ARC_MIN` at the configured screen; where the design is smaller it is enlarged, by up to
+`TEXT_MAX_RATIO`, which the layout bears. A screen that needs more is refused.
 """
 
 import ipaddress
+import math
 import tomllib
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
@@ -15,17 +20,37 @@ from gaitd_client.numbers import not_finite
 from msgspec import Meta
 
 LOOPBACK_NAMES: Final = frozenset({"localhost"})
+MM_PER_IN: Final = 25.4
+FAR_ARC_MIN: Final = 16.0
+"""ISO 9241-303: the smallest cap height that can be read; 20 to 22 are preferred."""
+FAR_RATIO: Final = 0.078
+"""Size of that text in parts of the screen's height, or upright of its width."""
+CAP_RATIO: Final = 0.668
+"""Cap height of the font in parts of its size."""
+TEXT_MAX_RATIO: Final = 1.1
+NARROW_RATIO: Final = 9 / math.hypot(16, 9)
+"""Shorter side of the longest screen for which the page is made, in parts of its diagonal."""
+HELP_MAX: Final = 34
+UNSTRAP_MAX: Final = 64
+"""Characters that fit on the page beside all else, at that size."""
 
 
 class SettingsError(Exception):
     """A file cannot be used; the text names file, key, value and what is allowed."""
 
 
-class Spoken(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """One text in both languages."""
+class Help(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How to call for help, in both languages."""
 
-    en: Annotated[str, Meta(min_length=1, max_length=400)]
-    de: Annotated[str, Meta(min_length=1, max_length=400)]
+    en: Annotated[str, Meta(min_length=1, max_length=HELP_MAX)]
+    de: Annotated[str, Meta(min_length=1, max_length=HELP_MAX)]
+
+
+class Unstrap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How to get out of the straps, in both languages."""
+
+    en: Annotated[str, Meta(min_length=1, max_length=UNSTRAP_MAX)]
+    de: Annotated[str, Meta(min_length=1, max_length=UNSTRAP_MAX)]
 
 
 class Web(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -78,17 +103,35 @@ class Link(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
         return None if self.credentials is None else read_credentials(self.credentials)
 
 
-Watts = Annotated[float, Meta(ge=0.1, le=500)]
+Side = Literal["right", "left"]
 
 
-class Bar(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The bar of one leg: power of the patient, positive with the motion."""
+class ShownLeg(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A leg on the page."""
 
-    leg: Literal["right", "left"]
-    target_low_w: Watts
-    target_high_w: Watts
-    full_w: Watts
-    """Power at the upper end of the bar."""
+    name: Side
+    glow_full_w: Annotated[float, Meta(ge=0.1, le=500)]
+    """Power of the patient, with the motion, at which the leg glows fully; it is no target."""
+
+
+class Target(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The target of each step where another program starts the gait."""
+
+    share_low_ratio: Annotated[float, Meta(ge=0, le=1)]
+    """Of `Stride.share_ratio`."""
+    share_high_ratio: Annotated[float, Meta(ge=0, le=1)]
+
+
+class Screen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The screen that the page fills, and from where it is read."""
+
+    diagonal_in: Annotated[float, Meta(ge=5, le=100)] = 10.0
+    distance_m: Annotated[float, Meta(ge=0.3, le=10)] = 1.5
+
+    def arc_min(self, text_ratio: float) -> float:
+        """Return the cap height of the smallest text, in minutes of arc, on the longest screen."""
+        cap_mm = FAR_RATIO * CAP_RATIO * NARROW_RATIO * self.diagonal_in * MM_PER_IN * text_ratio
+        return math.degrees(math.atan(cap_mm / (1e3 * self.distance_m))) * 60
 
 
 Language = Literal["en", "de"]
@@ -99,9 +142,11 @@ class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
 
     language: Language
     """At start; a button on the page changes it."""
-    help: Spoken
+    switch_hand: Side = "right"
+    """The hand that holds the hand switch; buttons lie on the side of the other one."""
+    help: Help
     """How to call for help, for example a telephone number."""
-    unstrap: Spoken
+    unstrap: Unstrap
     """How to get out of the straps of this machine."""
 
 
@@ -129,7 +174,10 @@ class PatientSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     web: Web
     trainer: Link
     page: Page
-    bar: Annotated[tuple[Bar, ...], Meta(min_length=1, max_length=2)]
+    screen: Screen = Screen()
+    leg: Annotated[tuple[ShownLeg, ...], Meta(min_length=1, max_length=2)]
+    target: Target | None = None
+    """None: that of the session; without one the steps are not judged."""
     way_out: WayOutRules | None = None
     """None: the page never offers RESET."""
     session: SessionFiles | None = None
@@ -152,7 +200,7 @@ class TherapistSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     trainer: Link
     login: Login
     language: Language
-    legs: Annotated[tuple[Literal["right", "left"], ...], Meta(min_length=1, max_length=2)]
+    legs: Annotated[tuple[Side, ...], Meta(min_length=1, max_length=2)]
     session: SessionFiles | None = None
     """None: the page shows no profile and no progress."""
 
@@ -186,7 +234,9 @@ def read_settings(path: Path, kind: type[File]) -> File:
         raise SettingsError(f"{path}: {error}") from error
     _refuse_web(path, settings.web)
     if isinstance(settings, PatientSettings):
-        _refuse_bars(path, settings.bar)
+        _refuse_legs(path, settings.leg)
+        _refuse_target(path, settings)
+        _refuse_screen(path, settings.screen)
         if settings.session is not None and not settings.web.is_loopback:
             raise SettingsError(
                 f"{path}: session with web.host = {settings.web.host!r}: a page without login may "
@@ -217,12 +267,36 @@ def _refuse_web(path: Path, web: Web) -> None:
         )
 
 
-def _refuse_bars(path: Path, bars: tuple[Bar, ...]) -> None:
-    for bar in bars:
-        if not bar.target_low_w < bar.target_high_w <= bar.full_w:
-            raise SettingsError(
-                f"{path}: bar of leg {bar.leg}: target_low_w = {bar.target_low_w:g}, target_high_w"
-                f" = {bar.target_high_w:g}, full_w = {bar.full_w:g}, allowed low < high <= full"
-            )
-    if len({bar.leg for bar in bars}) != len(bars):
-        raise SettingsError(f"{path}: bar: one for each leg, {[bar.leg for bar in bars]} given")
+def _refuse_legs(path: Path, legs: tuple[ShownLeg, ...]) -> None:
+    names = [leg.name for leg in legs]
+    if len(set(names)) != len(names):
+        raise SettingsError(f"{path}: leg: name = {names}; allowed: each leg once")
+
+
+def _refuse_target(path: Path, settings: PatientSettings) -> None:
+    target = settings.target
+    if target is None:
+        return
+    if settings.session is not None:
+        raise SettingsError(
+            f"{path}: target with session: the session has a target of its own; remove one of both"
+        )
+    if not target.share_low_ratio < target.share_high_ratio:
+        raise SettingsError(
+            f"{path}: target: share_low_ratio = {target.share_low_ratio:g}, share_high_ratio ="
+            f" {target.share_high_ratio:g}; allowed: low < high"
+        )
+
+
+def _refuse_screen(path: Path, screen: Screen) -> None:
+    arc_min = screen.arc_min(TEXT_MAX_RATIO)
+    if arc_min >= FAR_ARC_MIN:
+        return
+    ratio = arc_min / FAR_ARC_MIN
+    raise SettingsError(
+        f"{path}: screen: diagonal_in = {screen.diagonal_in:g} at distance_m ="
+        f" {screen.distance_m:g}: the text would have {arc_min:.1f} minutes of arc, and"
+        f" {FAR_ARC_MIN:g} are needed; allowed: distance_m up to"
+        f" {math.floor(100 * ratio * screen.distance_m) / 100:g}, or diagonal_in from"
+        f" {math.ceil(10 * screen.diagonal_in / ratio) / 10:g}"
+    )

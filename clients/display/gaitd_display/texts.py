@@ -1,22 +1,31 @@
 """Every word of the pages, in English and German.
 
 Causes of a stop are in `cause_texts.py`, what the therapist reads in `therapist_texts.py` and
-`stop_texts.py`; what a session advises is in `gaitd_session`. The page gets
-both languages, so that its button changes the language without a reload.
+`stop_texts.py`. A page gets both languages, so that its button changes the language without a
+reload.
 """
 
 from collections.abc import Mapping
 from enum import StrEnum, auto
 from typing import Final
 
-from gaitd_session import ADVICE, WHY, Advice, Text
+import msgspec
+from gaitd_session import WHY, Text
 
+from gaitd_display.cause_texts import cause_texts
 from gaitd_display.stop_texts import stop_labels
 from gaitd_display.therapist_texts import THERAPIST_LABELS
 
 
+class Spoken(msgspec.Struct, frozen=True):
+    """A text in both languages, as a page gets it."""
+
+    en: str
+    de: str
+
+
 class Word(StrEnum):
-    """The large word of the patient's page."""
+    """State of the patient's page; each has its heading."""
 
     NO_CONNECTION = auto()
     TOO_MANY_PAGES = auto()
@@ -24,17 +33,32 @@ class Word(StrEnum):
     STOPPED = auto()
     STOPPING = auto()
     WAIT = auto()
-    READY = auto()
+    WAY_OUT = auto()
+    # before, between and after the blocks of a session
+    START = auto()
+    NEXT = auto()
+    PAUSED = auto()
     REST = auto()
+    FINISHED = auto()
+    DAILY_TEST = auto()
+    RELEASE = auto()
+    LET_GO = auto()
+    FAILED = auto()
+    USED = auto()
+    # without a session
+    READY = auto()
+    HELD = auto()
+    # motion
     SOON = auto()
     TO_START = auto()
+    SELF_TEST = auto()
     GO_ON = auto()
-    STRONGER = auto()
+    MORE = auto()
     GOOD = auto()
     GENTLY = auto()
+    RELAX = auto()
     ENDING = auto()
     GUIDE = auto()
-    SELF_TEST = auto()
     SERVICE = auto()
 
 
@@ -45,67 +69,92 @@ WORDS: Final[Mapping[Word, Text]] = {
     Word.STOPPED: Text("Stopped", "Angehalten"),
     Word.STOPPING: Text("Stopping", "Hält an"),
     Word.WAIT: Text("Please wait", "Bitte warten"),
-    Word.READY: Text("Ready", "Bereit"),
+    Word.WAY_OUT: Text("The way out", "Aussteigen"),
+    Word.START: Text("Ready for today?", "Bereit für heute?"),
+    Word.NEXT: Text("Part {number} of {count}", "Teil {number} von {count}"),
+    Word.PAUSED: Text("Paused", "Unterbrochen"),
     Word.REST: Text("Rest", "Pause"),
-    Word.SOON: Text("Moving soon", "Gleich los"),
+    Word.FINISHED: Text("Well done!", "Gut gemacht!"),
+    Word.DAILY_TEST: Text("Daily test", "Test für heute"),
+    Word.RELEASE: Text("Emergency stop is in", "Not-Halt ist gedrückt"),
+    Word.LET_GO: Text("Test the switch", "Schalter testen"),
+    Word.FAILED: Text("It did not start", "Das ging nicht"),
+    Word.USED: Text("Machine is in use", "Gerät ist belegt"),
+    Word.READY: Text("Ready", "Bereit"),
+    Word.HELD: Text("Lie still", "Ruhig liegen"),
+    Word.SOON: Text("Your leg will move", "Gleich geht es los"),
     Word.TO_START: Text("To the start", "Zum Start"),
-    Word.GO_ON: Text("Go along", "Mitgehen"),
-    Word.STRONGER: Text("Stronger", "Stärker"),
-    Word.GOOD: Text("Good", "Gut"),
-    Word.GENTLY: Text("Gently", "Sanfter"),
-    Word.ENDING: Text("Ending", "Endet"),
-    Word.GUIDE: Text("Move your leg", "Bein bewegen"),
     Word.SELF_TEST: Text("Self-test", "Selbsttest"),
+    Word.GO_ON: Text("Go along", "Mitgehen"),
+    Word.MORE: Text("A bit more", "Etwas mehr"),
+    Word.GOOD: Text("Good", "Gut so"),
+    Word.GENTLY: Text("Gently", "Sanfter"),
+    Word.RELAX: Text("Relax", "Locker"),
+    Word.ENDING: Text("Ending", "Es endet"),
+    Word.GUIDE: Text("Move your leg", "Bein bewegen"),
     Word.SERVICE: Text("Service", "Wartung"),
 }
-"""Texts by word."""
+"""Headings by word; a stop has that of its cause, a step of the way out its own."""
 
-EXPLAINED: Final[Mapping[Word, Text]] = {
-    Word.NO_CONNECTION: Text(
-        "This screen has lost its computer. STOP on this screen does not work now. "
-        "To stop: release the hand switch, or press the emergency stop.",
-        "Dieser Bildschirm hat keinen Kontakt zu seinem Rechner. STOPP auf diesem Bildschirm wirkt "
-        "jetzt nicht. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
-    ),
-    Word.TOO_MANY_PAGES: Text(
-        "Too many pages are open. Close one of the others. STOP works.",
-        "Es sind zu viele Seiten offen. Eine der anderen schließen. STOPP wirkt.",
-    ),
-    Word.NO_SIGNAL: Text(
-        "The trainer sends nothing. To stop: release the hand switch, or press the emergency stop.",
-        "Der Trainer sendet nichts. Zum Anhalten: Handschalter loslassen oder Not-Halt drücken.",
-    ),
+LINES: Final[Mapping[str, Text]] = {
+    Word.TOO_MANY_PAGES: Text("Close another one. STOP works.", "Eine schließen. STOPP wirkt."),
     Word.STOPPING: Text("Lie still.", "Ruhig liegen bleiben."),
-    Word.WAIT: Text(
-        "The machine gets ready. Your leg may not be held.",
-        "Die Maschine macht sich bereit. Ihr Bein wird vielleicht nicht gehalten.",
-    ),
-    Word.READY: Text(
-        "The drives are off. Your leg is not held.",
-        "Die Antriebe sind aus. Ihr Bein wird nicht gehalten.",
-    ),
-    Word.REST: Text("Your leg is held.", "Ihr Bein wird gehalten."),
-    Word.SOON: Text(
-        "Hold the hand switch. Your leg will move in a moment.",
-        "Handschalter halten. Ihr Bein bewegt sich gleich.",
-    ),
-    Word.TO_START: Text(
-        "Your leg moves slowly to its first position.",
-        "Ihr Bein fährt langsam in die Anfangsstellung.",
-    ),
-    Word.GO_ON: Text("Move with the machine.", "Mit der Maschine mitgehen."),
-    Word.STRONGER: Text("Help a little more.", "Etwas mehr mithelfen."),
-    Word.GOOD: Text("Just right.", "Genau richtig."),
-    Word.GENTLY: Text("Use a little less strength.", "Etwas weniger Kraft."),
-    Word.ENDING: Text("The movement ends.", "Die Bewegung endet."),
-    Word.GUIDE: Text(
-        "You can move the leg by hand. Hold the hand switch.",
-        "Das Bein lässt sich von Hand bewegen. Handschalter halten.",
-    ),
-    Word.SELF_TEST: Text("Stay relaxed.", "Locker bleiben."),
+    Word.WAIT: Text("Your leg may not be held.", "Das Bein ist vielleicht lose."),
+    Word.REST: Text("You may let go.", "Sie dürfen loslassen."),
+    Word.DAILY_TEST: Text("Once a day.", "Einmal am Tag."),
+    Word.FAILED: Text("Again? Call your therapist.", "Wieder? Therapie anrufen."),
+    Word.USED: Text("Pause switches it off.", "Pause schaltet es aus."),
+    Word.READY: Text("Your leg is not held.", "Das Bein wird nicht gehalten."),
+    Word.HELD: Text("Your leg is held.", "Das Bein wird gehalten."),
+    Word.SOON: Text("Keep holding the switch.", "Schalter weiter halten."),
+    Word.TO_START: Text("Your leg moves slowly.", "Das Bein bewegt sich langsam."),
+    Word.SELF_TEST: Text("Relax your leg.", "Bein locker lassen."),
+    Word.ENDING: Text("Keep holding the switch.", "Schalter weiter halten."),
+    Word.GUIDE: Text("Hold the switch.", "Schalter halten."),
     Word.SERVICE: Text("Not for training.", "Kein Training."),
 }
-"""The line below the word; STOPPED has the text of its cause instead."""
+"""The line below the heading, where there is one."""
+
+SCENE_TEXTS: Final[Mapping[str, Text]] = {
+    "plan_minutes": Text("{count} parts, {minutes} minutes", "{count} Teile, {minutes} Minuten"),
+    "plan_seconds": Text("{count} parts, {seconds} seconds", "{count} Teile, {seconds} Sekunden"),
+    "hold": Text("Hold the switch", "Schalter halten"),
+    "hold_again": Text("Hold it again", "Wieder halten"),
+    "keep": Text("Keep holding", "Schalter halten"),
+    "let_go": Text("Let go", "Loslassen"),
+    "press_reset": Text("Press Let leg go", "Bein loslassen"),
+    "press_start": Text("Press Start", "Start drücken"),
+    "danger": Text("In danger", "Bei Gefahr"),
+    "end_here": Text("Enough for today?", "Genug für heute?"),
+    "press_stop": Text("Press the emergency stop", "Not-Halt drücken"),
+    "release_stop": Text("Release it: turn or pull", "Wieder lösen: drehen oder ziehen"),
+    "help": Text("Call for help", "Hilfe rufen"),
+    "help_line": Text("Help: {help}", "Hilfe: {help}"),
+    "to_stop": Text("To stop: let go", "Anhalten: loslassen"),
+    "or_stop": Text("Or: emergency stop", "Oder: Not-Halt"),
+    "straps_behind": Text("Straps: first the emergency stop.", "Gurte: erst Not-Halt drücken."),
+    "not_held": Text("Your leg is not held.", "Das Bein wird nicht gehalten."),
+    "reason": Text("{reason}", "{reason}"),
+    "then_loose": Text("Then your leg is loose", "Danach ist das Bein lose"),
+    "is_loose": Text("Your leg is loose: it can move", "Das Bein ist lose: es bewegt sich"),
+    "is_held": Text("Your leg is held", "Das Bein wird gehalten"),
+    "by_hand": Text("Move it until you can get out", "Bewegen, bis Sie aussteigen können"),
+    "way.switch": Text("Hold the switch", "Schalter halten"),
+    "way.wait": WORDS[Word.WAIT],
+    "way.enable": Text("2 of 4: hold the leg", "2 von 4: Bein halten"),
+    "way.guide": Text("3 of 4: by hand", "3 von 4: von Hand"),
+    "way.guiding": Text("4 of 4: hold it here", "4 von 4: hier halten"),
+    "why_short.no_signal": Text("No signal for a moment.", "Kurz kein Signal."),
+    "why_short.late_here": Text("This computer was too slow.", "Dieser Rechner war zu langsam."),
+    "why_short.restarted": Text("The machine started again.", "Das Gerät ist neu gestartet."),
+    "why_short.hand_switch": Text("The switch was open.", "Der Schalter war offen."),
+    "why_short.late": Text("It was not ready in time.", "Es war nicht rechtzeitig bereit."),
+    "why_short.ended_elsewhere": Text("The machine has ended it.", "Das Gerät hat es beendet."),
+}
+"""Cards and lines of the patient's page; what stands in braces is filled in."""
+
+UNBROKEN: Final = "Not\u2060-\u2060Halt"
+"""The name of the emergency stop, which no line ends within."""
 
 LABELS: Final[Mapping[str, Text]] = {
     "patient_title": Text("Your training", "Ihr Training"),
@@ -120,56 +169,36 @@ LABELS: Final[Mapping[str, Text]] = {
     ),
     "right": Text("Right", "Rechts"),
     "left": Text("Left", "Links"),
-    "target": Text("Target", "Ziel"),
-    "not_known": Text("not known", "nicht bekannt"),
-    "strides": Text("Your share of each step", "Ihr Anteil an jedem Schritt"),
-    "all": Text("all", "ganz"),
-    "none": Text("none", "nichts"),
-    "bigger": Text("A bigger dot: more work", "Größerer Punkt: mehr Arbeit"),
-    "help": Text("Call for help", "Hilfe rufen"),
-    "emergency_stop_first": Text(
-        "First press the emergency stop. Then your leg is not held.",
-        "Zuerst Not-Halt drücken. Dann wird Ihr Bein nicht gehalten.",
-    ),
-    "unstrap": Text("To get out of the straps", "Aus den Gurten kommen"),
     "quiet": Text("Alarm off", "Alarm aus"),
-    "sound_off": Text("Touch here to allow sound", "Hier tippen: Ton erlauben"),
+    "sound_off": Text("Allow sound", "Ton erlauben"),
     "refused": Text("The trainer has refused", "Der Trainer hat abgelehnt"),
     "no_answer": Text("The trainer did not answer", "Der Trainer hat nicht geantwortet"),
-    "way.switch": Text(
-        "To get out: press the hand switch and keep it pressed.",
-        "Um herauszukommen: Handschalter drücken und gedrückt halten.",
+    "target": Text("Target", "Ziel"),
+    "letter.right": Text("R", "R"),
+    "letter.left": Text("L", "L"),
+    "not_known": Text("not known", "nicht bekannt"),
+    "in_target": Text("in target", "im Ziel"),
+    "in_row": Text("in a row", "in Folge"),
+    "minutes": Text("min", "min"),
+    "seconds": Text("s", "s"),
+    "block_left": Text(
+        "Part {number} of {count}: {left} left", "Teil {number} von {count}: noch {left}"
     ),
-    "way.reset": Text(
-        "Keep the hand switch pressed. After step 1 the drives do not hold your leg.",
-        "Handschalter gedrückt halten. Nach Schritt 1 halten die Antriebe Ihr Bein nicht.",
-    ),
-    "way.wait": Text(
-        "Please wait. The drives let go of your leg: it can move.",
-        "Bitte warten. Die Antriebe lassen Ihr Bein los: es kann sich bewegen.",
-    ),
-    "way.enable": Text(
-        "Keep the hand switch pressed. With step 2 the drives hold your leg again.",
-        "Handschalter gedrückt halten. Mit Schritt 2 halten die Antriebe Ihr Bein wieder.",
-    ),
-    "way.guide": Text(
-        "Your leg is held. With step 3 you can move it by hand.",
-        "Ihr Bein wird gehalten. Mit Schritt 3 lässt es sich von Hand bewegen.",
-    ),
-    "way.guiding": Text(
-        "Move your leg to where you can get out. Then press step 4.",
-        "Das Bein dorthin bewegen, wo Sie herauskommen. Dann Schritt 4 drücken.",
-    ),
-    "act.reset": Text("1 Let go", "1 Loslassen"),
-    "act.enable": Text("2 Hold the leg", "2 Bein halten"),
-    "act.hand_guiding": Text("3 Move by hand", "3 Von Hand bewegen"),
-    "act.hold": Text("4 Hold here", "4 Hier halten"),
-    "walked": Text("Walked: {minutes} min", "Gegangen: {minutes} min"),
-    "reached": Text(
-        "Target reached in {reached} of {all} steps", "Ziel erreicht: {reached} von {all} Schritten"
-    ),
+    "of_steps": Text("of {count} steps in target", "von {count} Schritten im Ziel"),
+    "no_steps": Text("The steps were not measured", "Die Schritte wurden nicht gemessen"),
+    "next_part": Text("Next: part {number} of {count}", "Gleich: Teil {number} von {count}"),
+    "walked": Text("walked", "gegangen"),
+    "best_row": Text("best in a row", "beste Folge"),
+    "your_share": Text("Your share: {share}", "Ihr Anteil: {share}"),
+    "shares_before": Text("Last {last}, best {best}", "Zuletzt {last}, bester {best}"),
+    "first_time": Text("The first time", "Das erste Mal"),
+    "today": Text("today", "heute"),
     "not_kept": Text("not recorded", "nicht gespeichert"),
-    "time_left": Text("Minutes left", "Minuten übrig"),
+    "no_stop_now": Text("does not work now", "wirkt jetzt nicht"),
+    "act.reset": Text("Let leg go", "Bein loslassen"),
+    "act.enable": Text("Hold leg", "Bein halten"),
+    "act.hand_guiding": Text("By hand", "Von Hand"),
+    "act.hold": Text("Hold here", "Hier halten"),
     "press.start": Text("Start", "Start"),
     "press.pause": Text("Pause", "Pause"),
     "press.end": Text("End", "Ende"),
@@ -181,18 +210,18 @@ LABELS: Final[Mapping[str, Text]] = {
 
 
 def page_texts() -> dict[str, dict[str, str]]:
-    """All texts by language and key; words are `word.NAME`, their lines `line.NAME`."""
+    """All texts by language and key."""
     keyed = {
         **LABELS,
         **THERAPIST_LABELS,
         **stop_labels(),
+        **SCENE_TEXTS,
+        **cause_texts(),
         **{f"word.{word}": text for word, text in WORDS.items()},
-        **{f"line.{word}": text for word, text in EXPLAINED.items()},
-        **{f"advice.{advice}": text for advice, text in ADVICE.items()},
+        **{f"line.{word}": text for word, text in LINES.items()},
         **{f"why.{why}": text for why, text in WHY.items()},
-        "way.start": ADVICE[Advice.PRESS_START_TO_RESET],
     }
     return {
         "en": {key: text.en for key, text in keyed.items()},
-        "de": {key: text.de for key, text in keyed.items()},
+        "de": {key: text.de.replace("Not-Halt", UNBROKEN) for key, text in keyed.items()},
     }

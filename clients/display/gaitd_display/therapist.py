@@ -28,13 +28,14 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from gaitd_display.controls import Command
-from gaitd_display.engineer_view import geometry_of
 from gaitd_display.event_texts import refusal_text
 from gaitd_display.feed import Feed
+from gaitd_display.geometry import geometry_of
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
 from gaitd_display.plan_ranges import plan_ranges
 from gaitd_display.progress import read_progress
-from gaitd_display.settings import Spoken, TherapistSettings
+from gaitd_display.settings import TherapistSettings
+from gaitd_display.texts import Spoken
 from gaitd_display.therapist_view import (
     UNKNOWN_PLAN,
     TherapistState,

@@ -24,11 +24,12 @@ from gaitd_session.session import WITHOUT_POWER
 
 from gaitd_display.alarm import Alarm, cause_of
 from gaitd_display.controls import Control, Situation, controls
-from gaitd_display.engineer_view import DriveView, Geometry, drive_view
+from gaitd_display.engineer_view import DriveView, drive_view
 from gaitd_display.event_texts import event_remedy, event_text, subject_text
+from gaitd_display.geometry import Geometry
 from gaitd_display.plan_ranges import Range, plan_ranges
-from gaitd_display.settings import Spoken
 from gaitd_display.stop_texts import stop_key
+from gaitd_display.texts import Spoken
 
 
 class Number(msgspec.Struct, frozen=True):

@@ -1,4 +1,4 @@
-"""The training session on the patient's page: time left, and the buttons START, PAUSE, END.
+"""The training session on the patient's page: what it is, and the buttons START, PAUSE, END.
 
 `gaitd_session` decides; this file passes its view on, and its buttons back. It exists only if the
 file of the server has a table `session`. After a stop the page offers START alone, and only where
@@ -6,18 +6,22 @@ no drive has power: START then requests RESET. Every other way out is decided in
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import msgspec
 from gaitd_client import Clock, Mode, Trainer
 from gaitd_session import (
     Advice,
+    Band,
     Button,
     Phase,
     Session,
+    Step,
+    StoreError,
     View,
     Why,
+    blocks_of,
     open_history,
     read_profile,
 )
@@ -27,14 +31,8 @@ from gaitd_display.settings import SessionFiles
 
 ANNOUNCING: Final = frozenset({Phase.ENABLING, Phase.ANNOUNCED, Phase.STARTING})
 """Phases of a session in which motion is about to begin."""
-
-
-class Band(msgspec.Struct, frozen=True):
-    """Target band of one leg, for its share of a stride's work."""
-
-    leg: str
-    low_ratio: float
-    high_ratio: float
+PAST_SHOWN: Final = 7
+"""Sessions before this one."""
 
 
 class Summary(msgspec.Struct, frozen=True):
@@ -44,24 +42,52 @@ class Summary(msgspec.Struct, frozen=True):
     valid_count: int
     """Strides of all legs whose share is known."""
     in_band_count: int
-    """Those of them that have reached the target."""
+    """Steps in the target."""
+    best_row_count: int
+    """The longest row of them."""
+    share_ratio: float | None
+    """Mean share of the session; None: there is none."""
+    past_share_ratios: tuple[float, ...]
+    """Those of the sessions before, oldest first."""
+    best_share_ratio: float | None
+    """The highest of all sessions before; None: there is none."""
 
 
-class TrainingView(msgspec.Struct, frozen=True):
+class TrainingView(msgspec.Struct, frozen=True, kw_only=True):
     """What the page shows of the session."""
 
     phase: Phase
     advice: Advice
     buttons: tuple[Button, ...]
-    left_s: float
-    """All blocks and rests that are left."""
     reason: str
     """Text of the service for a stop or a refusal; empty without one."""
     why: Why | None
     """What has ended the last START early; None: nothing, or `reason` or a stop says it."""
     is_kept: bool
     """The history is written."""
-    bands: tuple[Band, ...]
+    number: int
+    """Of the present or next block, from 1."""
+    count: int
+    """Blocks of the plan."""
+    plan_s: float
+    """Time of all blocks."""
+    block_left_s: float
+    """In REST: the rest that is left."""
+    block_s: float
+    """Whole time of the block, or of the rest."""
+    announce_left_s: float
+    """Time before which nothing moves, while motion is announced."""
+    bands: Mapping[str, Band]
+    """Target of each leg."""
+    steps: tuple[Step, ...]
+    """The newest steps of the block, oldest first."""
+    valid_count: int
+    """Strides of the block whose share is known."""
+    in_band_count: int
+    """Steps of the block in the target."""
+    session_in_band_count: int
+    row_count: int
+    """Steps in the target now, one after the other."""
     summary: Summary | None
     """None: the session is not finished."""
 
@@ -69,11 +95,6 @@ class TrainingView(msgspec.Struct, frozen=True):
     def announces(self) -> bool:
         """Motion is about to begin."""
         return self.phase in ANNOUNCING
-
-    @property
-    def rests(self) -> bool:
-        """A block is over, and another one comes."""
-        return self.phase is Phase.REST
 
     @property
     def is_going(self) -> bool:
@@ -95,10 +116,22 @@ class Training:
         Raises:
             ProfileError: the profile cannot be used.
         """
-        profile = read_profile(files.profile)
+        self._profile = profile = read_profile(files.profile)
+        self._plan = blocks_of(profile)
         self._history = open_history(files.history)
         self._make: Callable[[], Session] = lambda: Session(trainer, profile, self._history, clock)
         self._session = self._make()
+        self._past = self._past_shares()
+
+    def _past_shares(self) -> tuple[float, ...]:
+        """Return the mean shares of the sessions before, oldest first."""
+        try:
+            store = self._history.store
+            summaries = [] if store is None else store.summaries(self._profile.id)
+        except StoreError:
+            return ()  # the session itself says that the history cannot be read
+        shares = (one.mean_share_ratio for one in summaries)
+        return tuple(share for share in shares if share is not None)
 
     def begin(self) -> None:
         """Follow the trainer; nothing is requested before START."""
@@ -137,18 +170,38 @@ class Training:
             buttons = ()
         elif mode == Mode.FAULT:
             buttons = tuple(button for button in buttons if button is Button.START)
+        block = view.block
         return TrainingView(
             phase=view.phase,
             advice=view.advice,
             buttons=buttons,
-            left_s=view.session_left_s,
             reason=view.reason,
             why=view.why,
             is_kept=view.is_kept,
-            bands=tuple(
-                Band(leg.leg, leg.band_low_ratio, leg.band_high_ratio) for leg in view.legs
-            ),
-            summary=_summary(view) if view.phase is Phase.FINISHED else None,
+            number=len(self._plan) if block is None else block.number,
+            count=len(self._plan),
+            plan_s=sum(one.walk.duration_s for one in self._plan),
+            block_left_s=view.block_left_s,
+            block_s=view.block_s,
+            announce_left_s=view.announce_left_s,
+            bands={leg.leg: Band(leg.band_low_ratio, leg.band_high_ratio) for leg in view.legs},
+            steps=view.steps,
+            valid_count=sum(leg.valid_count for leg in view.legs),
+            in_band_count=sum(leg.in_band_count for leg in view.legs),
+            session_in_band_count=sum(leg.session_in_band_count for leg in view.legs),
+            row_count=view.row_count,
+            summary=self._summary(view) if view.phase is Phase.FINISHED else None,
+        )
+
+    def _summary(self, view: View) -> Summary:
+        return Summary(
+            walked_s=view.session_walked_s,
+            valid_count=sum(leg.session_valid_count for leg in view.legs),
+            in_band_count=sum(leg.session_in_band_count for leg in view.legs),
+            best_row_count=view.best_row_count,
+            share_ratio=view.session_share_ratio,
+            past_share_ratios=self._past[-PAST_SHOWN:],
+            best_share_ratio=max(self._past, default=None),
         )
 
     def press(self, button: str) -> None:
@@ -158,14 +211,7 @@ class Training:
                 self._leave()
             finally:
                 self._session = self._make()  # reads what the one before has written at its end
+                self._past = self._past_shares()
                 self._session.__enter__()
         else:
             self._session.press(Button(button))
-
-
-def _summary(view: View) -> Summary:
-    return Summary(
-        walked_s=view.session_walked_s,
-        valid_count=sum(leg.session_valid_count for leg in view.legs),
-        in_band_count=sum(leg.session_in_band_count for leg in view.legs),
-    )

@@ -32,8 +32,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gaitd_display.connections import STOP_PATH, WAIT_S, Connections
 from gaitd_display.feed import Feed, PageQueue, TooManyPagesError
-from gaitd_display.settings import Spoken, Web
-from gaitd_display.texts import page_texts
+from gaitd_display.settings import Web
+from gaitd_display.texts import Spoken, page_texts
 
 STATIC: Final = Path(__file__).resolve().parent / "static"
 BODY_MAX_BYTES: Final = 4096
@@ -128,18 +128,21 @@ async def small_body(request: Request) -> bytes:
     return body
 
 
-def page(name: str, *styles: str) -> Response:
+def page(name: str, *styles: str, is_stop_first: bool = False) -> Response:
     """Return a page: its own part in the frame of all pages, which has STOP.
 
     Args:
         name: of `NAME.html`, its own part, and of `NAME.js`.
         styles: of each `STYLE.css`, in order.
+        is_stop_first: STOP and its neighbours come before the own part for the keyboard.
     """
     frame, body = (
         (STATIC / f"{part}.html").read_text(encoding="utf-8") for part in ("frame", name)
     )
     links = "\n".join(f'<link rel="stylesheet" href="/static/{style}.css">' for style in styles)
-    for key, value in (("styles", links), ("name", name), ("body", body)):
+    above, below = ("", body) if is_stop_first else (body, "")
+    values = (("styles", links), ("name", name), ("above", above), ("below", below))
+    for key, value in values:
         frame = frame.replace(f"{{{{{key}}}}}", value)
     return HTMLResponse(frame)
 

@@ -16,8 +16,8 @@ from gaitd_display.engineer_view import (
     Row,
     Second,
     Span,
-    geometry_of,
 )
+from gaitd_display.geometry import geometry_of
 from gaitd_display.settings import EngineerSettings, SettingsError, read_settings
 from gaitd_display.truth import KEPT, MATCH_NS, TAIL_BYTES, TrueEfforts, TruthFile
 from starlette.testclient import TestClient

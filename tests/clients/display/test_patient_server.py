@@ -12,8 +12,8 @@ from gaitd_client import Cause, Mode, Stage
 from gaitd_display import feed as feed_module
 from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed
 from gaitd_display.patient import PatientServer
-from gaitd_display.patient_view import Dot
 from gaitd_display.settings import PatientSettings
+from gaitd_display.therapist_view import StrideItem
 from gaitd_display.web import BODY_MAX_BYTES, STATIC, TRY_LATER, working
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
@@ -48,20 +48,20 @@ def page(client):
 # --- what a page gets ---------------------------------------------------------------------------
 
 
-def test_a_page_follows_the_trainer_and_gets_each_stride_once(client, trainer, page):
+def test_a_page_follows_the_trainer_and_has_each_stride_once(client, trainer, page):
     assert page.frame()["word"] == "no_signal"
     trainer.cycles(Mode.GAIT, stage=Stage.PLAYING, power_w=4.0, phase=0.1)
-    trainer.step(1, 0.5, 3.0)
+    page.until(lambda now: now["word"] == "go_on")
+    trainer.step(1, 0.38, 3.0)
     trainer.step(2, None, None)
 
-    now = page.until(lambda now: now["word"] == "go_on" and len(page.items) == 2)
+    now = page.until(lambda now: len(now["steps"]) == 2)
 
-    assert now["bars"][0]["value_ratio"] == 0.5
-    assert [item["share_ratio"] for item in page.items] == [0.5, None]
+    assert now["legs"][0]["glow_ratio"] == 0.5
+    assert [step["share_ratio"] for step in now["steps"]] == [0.38, None]
     with client.websocket_connect("/live", headers=OURS) as later:
-        second = bench.Page(later)
-        second.frame()
-        assert second.items == page.items  # a page that comes later gets those of the past
+        # A page that comes later has those of the past.
+        assert bench.Page(later).frame()["steps"] == now["steps"]
 
 
 def test_every_file_is_our_own_and_nothing_else_may_be_loaded(client):
@@ -100,7 +100,10 @@ def test_stop_is_in_the_page_itself_and_bound_before_anything_else(client):
 
 def test_texts_and_the_page_s_own_words_are_served(client):
     assert client.get("/texts.json").json()["de"]["stop"] == "STOPP"
-    assert client.get("/page.json").json() == bench.PAGE
+    told = client.get("/page.json").json()
+    assert told["page"] == {**bench.PAGE, "switch_hand": "right"}
+    assert told["screen"] == {"diagonal_in": 10.0, "distance_m": 1.5}
+    assert set(told["losses"]) == {"no_connection", "too_many_pages"}
 
 
 # --- who may ask for what -----------------------------------------------------------------------
@@ -227,9 +230,7 @@ def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_sho
     assert client.post("/session", headers=OURS, json={"button": "start"}).status_code == 409
 
     trainer = bench.MessageTrainer()
-    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
-    table = bench.patient_table(tmp_path)
-    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    table = bench.session_table(tmp_path, PROFILE)
     made = bench.settings_of(tmp_path, table, PatientSettings)
     server = PatientServer(made, trainer, trainer.clock)
     with (
@@ -262,7 +263,8 @@ def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_sho
         assert press("start") == 200
         until(lambda _: ("enable",) in trainer.requests, mode=Mode.READY)
         now = until(lambda now: "pause" in now["training"]["buttons"], mode=Mode.HOLD)
-        assert now["training"]["left_s"] == 24.0
+        assert (now["training"]["number"], now["training"]["count"]) == (1, 2)
+        assert now["training"]["plan_s"] == 22.0
 
         # What has ended a START early is told.
         def fell_silent(now):
@@ -307,7 +309,7 @@ def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_sho
 def test_a_page_that_does_not_read_gets_the_present_and_costs_no_memory():
     async def story():
         views = iter(range(10_000_000))
-        feed = Feed(lambda: bench.filled(Dot, number=next(views)))
+        feed = Feed(lambda: bench.filled(StrideItem, number=next(views)))
         page = feed.join()
         for number in range(WINDOW):
             feed.tick()
@@ -317,7 +319,7 @@ def test_a_page_that_does_not_read_gets_the_present_and_costs_no_memory():
             await asyncio.wait_for(page.next(), 0)
         for number in range(100_000):
             feed.tick()
-            feed.add(bench.filled(Dot, number=number))
+            feed.add(bench.filled(StrideItem, number=number))
         page.acknowledge(WINDOW)
         frame = json.loads(await page.next())
 

@@ -1,30 +1,41 @@
 """What the patient's page shows, for each state of the machine; without server and browser."""
 
+import itertools
+
 import display_bench as bench
 import pytest
-from gaitd_client import Cause, Event, Mode, Stage
-from gaitd_display.cause_texts import CAUSE_TEXTS, Situation, patient_text
+from gaitd_client import Cause, Event, Mode, Stage, Stride
+from gaitd_display.cause_texts import (
+    CAUSE_TEXTS,
+    HEADING_MAX,
+    LAST_LINE_MAX,
+    LAST_LINES,
+    Situation,
+    patient_text,
+)
 from gaitd_display.patient_view import PatientState
-from gaitd_display.settings import PatientSettings, SettingsError
-from gaitd_display.texts import EXPLAINED, WORDS, Word, page_texts
-from gaitd_display.training import TrainingView
+from gaitd_display.scenes import Picture
+from gaitd_display.settings import FAR_ARC_MIN, PatientSettings, Screen, SettingsError
+from gaitd_display.texts import WORDS, Word, page_texts
+from gaitd_display.training import Summary, TrainingView
+from gaitd_display.walk import HIGH_RATIO, LOW_RATIO, height_of
 from gaitd_display.way_out import ALONE, Step, Unstrap
-from gaitd_session import Advice, Phase
+from gaitd_session import Advice, Band, Button, Phase, Result, Why
+from gaitd_session import Step as Walked
 
 from daemon.wire.cause_texts import CAUSE_TEXT, DANGER, HELD, LOOSE
 
-STRIDE = 50
-"""Cycles of a stride."""
+TEXTS = page_texts()
 
 
-class Screen:
+class Shown:
     """The state of a page, fed with messages of a trainer."""
 
     def __init__(self, folder, legs=("right",), **table):
         self.trainer = bench.MessageTrainer(legs)
         made = bench.patient_table(folder, legs=legs, **table)
         self.state = PatientState(bench.settings_of(folder, made, PatientSettings), "run")
-        self.state.configuration = self.trainer.configuration()
+        self.state.use(self.trainer.configuration())
         self._activity = [(leg, self.trainer.activity(leg)) for leg in legs]
         self._safety = self.trainer.safety()
         axes = [f"{leg}/{axis}" for leg in legs for axis in ("hip", "slide")]
@@ -41,23 +52,35 @@ class Screen:
         self.trainer.cycles(mode, **given)
         return self.look()
 
-    def walk(self, top_w, strides=1, known_of=1):
-        """Strides whose power reaches `top_w`; every `known_of`th message has a value."""
-        for cycle in range(strides * STRIDE):
-            phase = (cycle % STRIDE) / STRIDE
-            power_w = top_w if 0.2 < phase < 0.4 else 0.0
-            view = self.after(
-                Mode.GAIT,
-                stage=Stage.PLAYING,
-                phase=phase,
-                power_w=power_w if cycle % known_of == 0 else None,
-            )
+    def walk(self, *shares, leg="right", against=0.0):
+        """Steps of one leg, each with its share."""
+        for share in shares:
+            view = self.after(Mode.GAIT, stage=Stage.PLAYING)
+            works = {"work_positive_j": 3.0, "work_negative_j": -against}
+            given = {"leg": leg, "mode": "gait", "share_ratio": share, **works}
+            self.state.take_stride(bench.filled(Stride, **given))
+            view = self.look()
         return view
+
+
+def said(view, language="en"):
+    """All that is said, as the page fills it in."""
+    texts = TEXTS[language] | {"page.help": "HELP", "page.unstrap": "UNSTRAP"}
+    scene = view.scene
+    phrases = [scene.heading, scene.line, scene.whole]
+    for card in scene.cards:
+        phrases += [card.title, card.text]
+    phrases += [strip.text for strip in scene.strips]
+    return [
+        texts[one.key].format(**{"help": "HELP", **one.values})
+        for one in phrases
+        if one is not None
+    ]
 
 
 @pytest.fixture
 def screen(tmp_path):
-    return Screen(tmp_path)
+    return Shown(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -66,7 +89,7 @@ def screen(tmp_path):
         (Mode.OFF, None, Word.WAIT),
         (Mode.BRINGING_UP, Stage.PREPARING, Word.WAIT),
         (Mode.READY, None, Word.READY),
-        (Mode.HOLD, None, Word.REST),
+        (Mode.HOLD, None, Word.HELD),
         (Mode.GAIT, Stage.ANNOUNCING, Word.SOON),
         (Mode.GAIT, Stage.APPROACHING, Word.TO_START),
         (Mode.GAIT, Stage.PLAYING, Word.GO_ON),
@@ -84,66 +107,164 @@ def test_each_mode_and_stage_has_its_word(screen, mode, stage, word):
     assert screen.after(mode, stage=stage).word == word
 
 
-def training(phase, advice=Advice.LIE_STILL):
+BANDS = {"right": Band(0.32, 0.44), "left": Band(0.2, 0.3)}
+
+
+def training(phase, advice=Advice.LIE_STILL, **given):
     """What the page shows of a session in this phase."""
-    given = {"reason": "", "is_kept": True, "left_s": 60.0, "bands": (), "summary": None}
-    return TrainingView(phase=phase, advice=advice, buttons=(), why=None, **given)
+    told = {
+        **{"buttons": (), "reason": "", "why": None, "is_kept": True, "number": 2, "count": 4},
+        **{"plan_s": 1020.0, "block_left_s": 60.0, "block_s": 120.0, "announce_left_s": 0.0},
+        **{"bands": BANDS, "steps": (), "valid_count": 0, "in_band_count": 0, "row_count": 0},
+        **{"session_in_band_count": 0, "summary": None},
+    }
+    return TrainingView(phase=phase, advice=advice, **(told | given))
 
 
 @pytest.mark.parametrize(
     ("phase", "mode", "word"),
     [
+        (Phase.WAITING, Mode.READY, Word.START),
+        (Phase.WAITING, Mode.BRINGING_UP, Word.WAIT),
         (Phase.ENABLING, Mode.READY, Word.SOON),
         (Phase.ANNOUNCED, Mode.HOLD, Word.SOON),
         (Phase.STARTING, Mode.HOLD, Word.SOON),
-        (Phase.PAUSED, Mode.HOLD, Word.REST),
-        (Phase.PAUSED, Mode.READY, Word.READY),
+        (Phase.PAUSED, Mode.HOLD, Word.PAUSED),
+        (Phase.PAUSED, Mode.READY, Word.PAUSED),
         (Phase.REST, Mode.READY, Word.REST),
+        (Phase.FINISHED, Mode.READY, Word.FINISHED),
         (Phase.WALKING, Mode.GAIT, Word.GO_ON),
     ],
 )
-def test_a_session_announces_motion_that_is_about_to_begin_and_says_when_to_rest(
+def test_a_session_announces_motion_that_is_about_to_begin_and_each_rest_is_a_state_of_its_own(
     screen, phase, mode, word
 ):
     screen.training = training(phase)
     assert screen.after(mode, stage=Stage.PLAYING if mode is Mode.GAIT else None).word == word
 
 
-def test_the_word_follows_the_highest_power_of_the_last_whole_stride(screen):
-    assert screen.walk(3.0).word == Word.GO_ON  # the first may have begun before the page
-    assert screen.walk(3.0, strides=2).word == Word.GOOD
-    assert screen.walk(1.0, strides=2).word == Word.STRONGER
-    assert screen.walk(6.0, strides=2).word == Word.GENTLY
-    assert screen.walk(6.0, strides=2, known_of=3).word == Word.GO_ON
+def test_behind_a_rest_comes_the_next_part_and_a_refusal_says_what_to_do(screen):
+    screen.training = training(Phase.REST, block_left_s=0.0)
+    view = screen.after(Mode.READY)
+    assert (view.word, said(view)[0]) == (Word.NEXT, "Part 2 of 4")
+    for advice, word in (
+        (Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT, Word.DAILY_TEST),
+        (Advice.RELEASE_EMERGENCY_STOP, Word.RELEASE),
+        (Advice.LET_GO_AND_HOLD_HAND_SWITCH, Word.LET_GO),
+        (Advice.TRY_AGAIN_OR_CALL_THERAPIST, Word.FAILED),
+    ):
+        screen.training = training(Phase.WAITING, advice, reason="the leg is too far")
+        view = screen.after(Mode.READY)
+        assert view.word == word
+        assert len(view.scene.cards) >= 2
+    assert "the leg is too far" in said(view)
+    screen.training = training(Phase.WAITING, Advice.TRAINER_IS_USED)
+    assert screen.after(Mode.HOLD).word == Word.USED
 
 
-def test_with_two_legs_the_weaker_one_gives_the_word(tmp_path):
-    screen = Screen(tmp_path, legs=("right", "left"))
-    screen.walk(3.0, strides=3)
-    left = screen.state._legs["left"]
-    left.result = type(left.result).BELOW
+def test_a_pause_says_why_and_that_the_leg_is_not_held_only_where_the_drives_are_off(screen):
+    screen.training = training(Phase.PAUSED)
+    assert "held" not in " ".join(said(screen.after(Mode.HOLD)))
+    assert said(screen.after(Mode.READY))[1] == "Your leg is not held."
+    for why in Why:
+        screen.training = training(Phase.PAUSED, why=why)
+        told = screen.after(Mode.READY)
+        assert said(told)[1] == TEXTS["en"][f"why_short.{why}"]
+        assert len(said(told, "de")[1]) <= LAST_LINE_MAX
 
-    assert screen.look().word == Word.STRONGER
+
+def test_the_card_of_what_is_to_be_done_now_follows_the_hand_switch(screen):
+    screen.training = training(Phase.WAITING, Advice.HOLD_HAND_SWITCH)
+    for is_held, first in ((False, Picture.SWITCH), (True, Picture.BUTTON)):
+        view = screen.after(Mode.READY, switch=is_held)
+        assert [card.picture for card in view.scene.cards if card.is_first] == [first]
 
 
-def test_a_value_that_is_not_valid_is_none_and_never_zero(screen):
-    assert screen.after(Mode.HOLD, power_w=0.0).bars[0].value_ratio == 0.0
-    assert screen.after(Mode.HOLD, power_w=None).bars[0].value_ratio is None
-    assert screen.after(Mode.HOLD, power_w=4.0).bars[0].value_ratio == 0.5
-    assert screen.after(Mode.HOLD, power_w=-80.0).bars[0].value_ratio == -0.25
-    assert screen.after(Mode.HOLD, power_w=80.0).bars[0].value_ratio == 1.0
+def test_word_gauge_and_path_follow_from_the_newest_step(screen):
+    assert screen.walk(0.38, 0.39).word == Word.GOOD
+    odd = screen.walk(0.9)
+    assert (odd.word, odd.steps[-1].result) == (Word.GOOD, Result.WITHIN)
+    assert screen.walk(0.9).word == Word.GENTLY
+    view = screen.walk(0.2, 0.2)
+    assert (view.word, view.steps[-1].result, view.steps[-1].share_ratio) == (
+        *(Word.MORE, Result.BELOW),
+        0.2,
+    )
+    unknown = screen.walk(None)
+    assert (unknown.word, unknown.steps[-1].height_ratio) == (Word.GO_ON, None)
+    assert screen.walk(0.0, 0.0, 0.0).word == Word.MORE  # a low share is not work against
+    assert screen.walk(0.0, 0.0, against=9.0).word == Word.RELAX
+    assert screen.after(Mode.HOLD).steps == ()  # another gait begins anew
+
+
+def test_without_a_target_the_share_is_shown_and_not_judged(tmp_path):
+    screen = Shown(tmp_path, target=False)
+    view = screen.walk(0.1, 0.9, 0.9)
+
+    assert view.word == Word.GO_ON
+    assert [(one.result, one.height_ratio) for one in view.steps[-2:]] == [
+        (Result.UNJUDGED, 0.5),
+        (Result.UNJUDGED, 0.9),
+    ]
+    assert view.legs[0].share_low_ratio is None
+
+
+def test_with_two_legs_the_one_that_lacks_gives_the_word_and_each_has_its_target(tmp_path):
+    screen = Shown(tmp_path, legs=("right", "left"), target=False)
+    steps = (Walked("left", 0.1, Result.BELOW), Walked("right", 0.38, Result.WITHIN))
+    screen.training = training(Phase.WALKING, steps=steps)
+    view = screen.after(Mode.GAIT, stage=Stage.PLAYING)
+
+    assert view.word == Word.MORE
+    assert [leg.share_low_ratio for leg in view.legs] == [0.32, 0.2]
+    assert [one.height_ratio for one in view.steps] == [
+        pytest.approx(LOW_RATIO / 2, abs=1e-3),
+        pytest.approx(0.5, abs=1e-3),
+    ]
+
+
+@pytest.mark.parametrize("band", [Band(0.32, 0.44), Band(0.0, 0.1), Band(0.9, 1.0)])
+def test_the_target_is_the_middle_of_the_gauge_and_its_ends_are_nothing_and_all(band):
+    assert height_of(band.low_ratio, band) == pytest.approx(LOW_RATIO)
+    assert height_of(band.high_ratio, band) == pytest.approx(HIGH_RATIO)
+    if band.low_ratio > 0:
+        assert height_of(0.0, band) == 0.0
+    if band.high_ratio < 1:
+        assert height_of(1.0, band) == 1.0
+    shares = [at / 100 for at in range(101)]
+    heights = [height_of(share, band) for share in shares]
+    assert heights == sorted(heights)
+    assert all(0.0 <= height <= 1.0 for height in heights)
+
+
+def test_the_power_is_a_glow_and_one_that_is_not_known_is_none(screen):
+    for power_w, glow in ((0.0, 0.0), (None, 0.0), (4.0, 0.5), (-80.0, 0.0), (80.0, 1.0)):
+        (leg,) = screen.after(Mode.HOLD, power_w=power_w).legs
+        assert leg.glow_ratio == glow
+
+
+def test_a_leg_has_a_pose_only_while_both_drives_measure_it(screen):
+    (leg,) = screen.after(Mode.HOLD, pose=(0.2, 0.4)).legs
+    assert (leg.hip_angle_rad, leg.slide_position_m) == (0.2, 0.4)
+    for given in ({"pose": (0.2, None)}, {"fresh": False}):
+        (leg,) = screen.after(Mode.HOLD, **given).legs
+        assert (leg.hip_angle_rad, leg.slide_position_m) == (None, None)
+    assert (
+        screen.look().geometry.thigh_m == bench.tables("robot.toml")["geometry"]["thigh_length_m"]
+    )
 
 
 def test_a_silent_trainer_has_no_value_no_stop_and_no_button_after_200_ms(screen):
-    screen.after(Mode.FAULT, cause=Cause.SPASM, power_w=3.0)
+    screen.after(Mode.FAULT, cause=Cause.ENCODER_FROZEN, power_w=3.0)
     screen.trainer.clock.ns += 200_000_000
     assert screen.look().word == Word.STOPPED
     screen.trainer.clock.ns += 1
 
     view = screen.look()
 
-    assert (view.word, view.mode, view.stop, view.action) == (Word.NO_SIGNAL, None, None, None)
-    assert view.bars[0].value_ratio is None
+    assert (view.word, view.mode, view.cause, view.action) == (Word.NO_SIGNAL, None, None, None)
+    assert (view.legs[0].hip_angle_rad, view.legs[0].glow_ratio) == (None, 0.0)
+    assert view.sample_time_ms is None
     assert screen.after(Mode.READY).word == Word.READY
 
 
@@ -166,19 +287,25 @@ def test_the_alarm_is_one_for_each_stop_and_sounds_if_the_signal_is_lost_in_moti
 
 
 def test_the_page_says_that_a_leg_is_held_only_while_every_drive_can_hold_it(screen):
-    def instructions(**given):
-        view = screen.after(Mode.FAULT, cause=Cause.SPASM, **given)
-        return " ".join(text.en for text in view.stop.instructions)
+    def told(**given):
+        return " ".join(said(screen.after(Mode.FAULT, cause=Cause.SPASM, **given)))
 
     for power in ("operation_enabled", "quick_stop_active"):
-        assert "Your leg is held." in instructions(power=power)
+        assert "Your leg is held." in told(power=power)
     for power in ("switch_on_disabled", "fault", "fault_reaction_active"):
-        assert "Your leg may not be held" in instructions(power=power)
+        assert "Leg may move." in told(power=power)
 
 
 def test_the_straps_are_told_behind_the_emergency_stop_unless_no_drive_has_power(screen):
     def unstrap(mode=Mode.FAULT, **given):
-        return screen.after(mode, cause=Cause.ENCODER_FROZEN, **given).unstrap
+        view = screen.after(mode, cause=Cause.ENCODER_FROZEN, **given)
+        told = said(view)
+        assert ("UNSTRAP" in told) == (view.unstrap is Unstrap.NO_POWER)
+        behind = TEXTS["en"]["straps_behind"]
+        assert (behind in told) == (view.unstrap is Unstrap.BEHIND_EMERGENCY_STOP)
+        if mode is Mode.FAULT:
+            assert told.index("HELP") < len(told) - 1  # the help comes first
+        return view.unstrap
 
     for power in ("operation_enabled", "quick_stop_active", "fault_reaction_active", "switched_on"):
         assert unstrap(power=power) is Unstrap.BEHIND_EMERGENCY_STOP
@@ -198,13 +325,13 @@ def test_the_straps_are_told_behind_the_emergency_stop_unless_no_drive_has_power
 def test_a_stop_at_rest_is_shown_with_help_and_alarm_unless_the_machine_was_never_up(screen):
     first = screen.after(Mode.OFF, cause=Cause.BRING_UP_FAILED)
     assert (first.word, first.step, first.alarm) == (Word.STOPPED, Step.HELP, None)
-    assert first.stop.cause == Cause.BRING_UP_FAILED
+    assert first.cause == Cause.BRING_UP_FAILED
     screen.after(Mode.READY)
 
     for mode in (Mode.OFF, Mode.BRINGING_UP):
         view = screen.after(mode, cause=Cause.DRIVE_SILENT)
         assert (view.word, view.step, view.action) == (Word.STOPPED, Step.HELP, None)
-        assert view.stop.cause == Cause.DRIVE_SILENT
+        assert view.cause == Cause.DRIVE_SILENT
         assert view.alarm is not None
 
 
@@ -218,7 +345,8 @@ def test_the_emergency_stop_pressed_as_a_session_advises_is_named_and_sounds_no_
 
     for view in (pressed, released):
         assert (view.step, view.action, view.alarm) == (Step.START, None, None)
-        assert view.stop.happened.en == "The emergency stop was pressed."
+        assert said(view)[1] == "The emergency stop was pressed."
+        assert "HELP" in " ".join(said(view))
     screen.after(Mode.READY)
     assert screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault").alarm is None
     fault = screen.after(Mode.FAULT, cause=Cause.DRIVE_FAULT, power="fault", count=30)
@@ -234,21 +362,46 @@ def test_every_cause_has_its_text_in_both_languages_for_the_situation_that_the_s
             continue
         text = CAUSE_TEXTS[Cause[cause.name]]
         assert text.situation == situation.get(told.first, Situation.AT_REST), cause
-        for spoken in (text.happened, *(() if text.advice is None else (text.advice,))):
-            assert spoken.en
-            assert spoken.de
-            assert spoken.en != spoken.de
+        for spoken in (text.heading, text.happened, text.advice):
+            if spoken is not None:
+                assert spoken.en
+                assert spoken.de
+                assert spoken.en != spoken.de
+        assert max(map(len, text.heading)) <= HEADING_MAX
     assert len(CAUSE_TEXTS) == len(CAUSE_TEXT) - 1
     assert patient_text("of a later version").situation is Situation.DANGER
+    assert set(LAST_LINES) == set(Situation)
+    assert max(len(text) for pair in LAST_LINES.values() for text in pair) <= LAST_LINE_MAX
+
+
+def test_whatever_is_said_has_a_text_in_both_languages_that_is_wholly_filled_in(tmp_path):
+    screens = [Shown(tmp_path), Shown(tmp_path, way_out=False)]
+    views = []
+    summary = Summary(
+        **{"walked_s": 60.0, "valid_count": 3, "in_band_count": 2, "best_row_count": 2},
+        **{"share_ratio": 0.3, "past_share_ratios": (), "best_share_ratio": None},
+    )
+    for screen in screens:
+        causes = ["of a later version", *Cause]
+        views += [screen.after(Mode.FAULT, cause=cause) for cause in causes]
+        views += [screen.after(Mode.FAULT, cause=cause, power="fault") for cause in causes]
+        views += [screen.after(mode) for mode in Mode]
+    given = {"buttons": tuple(Button), "summary": summary, "reason": "the leg is too far"}
+    for phase, advice in itertools.product(Phase, Advice):
+        screen.training = training(phase, advice, **given)
+        for mode in (Mode.READY, Mode.HOLD, Mode.FAULT):
+            views.append(
+                screen.after(mode, cause=Cause.SPASM if mode is Mode.FAULT else Cause.NONE)
+            )
+    for view in views:
+        for language in ("en", "de"):
+            assert not [text for text in said(view, language) if not text or "{" in text]
 
 
 def test_all_words_and_labels_are_there_in_both_languages():
-    texts = page_texts()
-
     assert set(WORDS) == set(Word)
-    assert set(EXPLAINED) == set(Word) - {Word.STOPPED}
-    assert set(texts["en"]) == set(texts["de"])
-    assert all(text.strip() for language in texts.values() for text in language.values())
+    assert set(TEXTS["en"]) == set(TEXTS["de"])
+    assert all(text.strip() for language in TEXTS.values() for text in language.values())
 
 
 # --- the way out alone ------------------------------------------------------------------------
@@ -340,27 +493,27 @@ def test_reset_is_offered_after_the_causes_of_person_and_motion_alone(screen, ca
     "drift", [{"hip_moved_deg": 1.1}, {"slide_moved_m": 0.011}, {"reaches_limit": True}]
 )
 def test_where_the_drift_is_not_harmless_reset_is_not_offered_unless_brakes_hold(tmp_path, drift):
-    screen = Screen(tmp_path, **drift)
+    screen = Shown(tmp_path, **drift)
     assert screen.after(Mode.FAULT, cause=Cause.SPASM).step == Step.HELP
 
     screen.trainer.brakes = True
-    screen.state.configuration = screen.trainer.configuration()
+    screen.state.use(screen.trainer.configuration())
     assert screen.after(Mode.FAULT, cause=Cause.SPASM).step == Step.RESET
 
 
 def test_reset_is_not_offered_for_another_configuration_another_pose_or_without_rules(tmp_path):
-    screen = Screen(tmp_path)
+    screen = Shown(tmp_path)
     assert screen.after(Mode.FAULT, cause=Cause.SPASM, pose=(0.7, 0.4)).step == Step.HELP
     assert screen.after(Mode.FAULT, cause=Cause.SPASM, pose=(0.2, None)).step == Step.HELP
-    screen.state.configuration = None
+    screen.state.use(None)
     assert screen.after(Mode.FAULT, cause=Cause.SPASM).step == Step.HELP
     other = bench.msgspec.structs.replace(
         screen.trainer.configuration(), config_hashes={**bench.HASHES, "robot.toml": "0c"}
     )
-    screen.state.configuration = other
+    screen.state.use(other)
     assert screen.after(Mode.FAULT, cause=Cause.SPASM).step == Step.HELP
 
-    without = Screen(tmp_path, way_out=False)
+    without = Shown(tmp_path, way_out=False)
     assert without.after(Mode.FAULT, cause=Cause.SPASM).step == Step.HELP
 
 
@@ -380,7 +533,15 @@ def change(table, path, value):
         ("web.host", "0.0.0.0", "web.certificate"),
         ("web.certificate", "cert.pem", "belong together"),
         ("web.unknown", 1, "unknown"),
-        ("bar.0.target_low_w", 6.0, "low < high <= full"),
+        ("leg.0.glow_full_w", 0.0, "glow_full_w"),
+        ("leg", [{"name": "right", "glow_full_w": 8.0}] * 2, "each leg once"),
+        ("target.share_low_ratio", 0.5, "low < high"),
+        ("target", {"share_low_ratio": 0.1}, "share_high_ratio"),
+        ("session", {"profile": "a", "history": "b"}, "target with session"),
+        ("screen", {"distance_m": 2.0}, "distance_m up to 1.53, or diagonal_in from 13.1"),
+        ("screen", {"diagonal_in": 4.0}, "diagonal_in"),
+        ("page.switch_hand", "both", "both"),
+        ("page.unstrap", {"en": "x" * 65, "de": "x"}, "64"),
         ("page.language", "fr", "fr"),
         ("page.help", {"en": "only one language"}, "de"),
         ("way_out.check", "nowhere.json", "gaitd check --json"),
@@ -394,6 +555,15 @@ def test_a_wrong_file_is_refused_with_its_key(tmp_path, path, value, named):
         PatientState(bench.settings_of(tmp_path, table, PatientSettings), "run")
 
 
+def test_a_screen_is_allowed_where_its_smallest_text_can_have_16_minutes_of_arc(tmp_path):
+    assert Screen(diagonal_in=10.0, distance_m=1.53).arc_min(1.1) >= FAR_ARC_MIN
+    assert Screen(diagonal_in=10.0, distance_m=1.54).arc_min(1.1) < FAR_ARC_MIN
+    table = bench.patient_table(tmp_path)
+    table["screen"] = {"diagonal_in": 24.0, "distance_m": 3.0}
+    settings = bench.settings_of(tmp_path, table, PatientSettings)
+    assert settings.screen.arc_min(1.0) > FAR_ARC_MIN
+
+
 def test_beyond_loopback_origins_are_mandatory_and_the_page_only_shows_and_stops(tmp_path):
     table = bench.patient_table(tmp_path)
     table["web"] |= {"host": "192.0.2.1", "certificate": "c.pem", "key": "k.pem"}
@@ -401,9 +571,9 @@ def test_beyond_loopback_origins_are_mandatory_and_the_page_only_shows_and_stops
         bench.settings_of(tmp_path, table, PatientSettings)
     table["web"]["origins"] = ["https://trainer.lan:8443"]
     settings = bench.settings_of(tmp_path, table, PatientSettings)
-    screen = Screen(tmp_path)
+    screen = Shown(tmp_path)
     screen.state = PatientState(settings, "run")
-    screen.state.configuration = screen.trainer.configuration()
+    screen.state.use(screen.trainer.configuration())
 
     assert settings.web.allowed_origins == {"https://trainer.lan:8443"}
     assert screen.after(Mode.FAULT, cause=Cause.SPASM).step == Step.HELP

@@ -19,8 +19,8 @@ from gaitd_display.therapist_texts import THERAPIST_LABELS
 from gaitd_display.therapist_view import event_item
 from gaitd_session import WHY, BlockKind, Why
 
+from daemon.core.exercises.guards import GuardInputs
 from daemon.core.modes import table
-from daemon.core.modes.guards import GuardInputs
 from daemon.gateway import events
 from daemon.gateway import requests as requests_
 from daemon.ipc import record

@@ -13,7 +13,7 @@ from gaitd_display.settings import SessionFiles, Web
 from gaitd_display.training import Summary, Training
 from gaitd_display.web import Server
 from gaitd_session import Advice, SessionError
-from gaitd_session.store import SelfTestRow
+from gaitd_session.store import EndRow, SelfTestRow, SessionRow, Store, StrideRow
 from starlette.applications import Starlette
 from training import PROFILE
 
@@ -57,7 +57,10 @@ def test_after_the_end_drives_can_be_switched_off_and_only_then_another_session_
     assert set(trainer.requests) == {("disable",)}
     finished = until(training, trainer, Mode.READY, lambda view: view.buttons == ("start",))
     assert finished.advice == Advice.DONE
-    assert finished.summary == Summary(walked_s=0.0, valid_count=0, in_band_count=0)
+    assert finished.summary == Summary(
+        **{"walked_s": 0.0, "valid_count": 0, "in_band_count": 0, "best_row_count": 0},
+        **{"share_ratio": None, "past_share_ratios": (), "best_share_ratio": None},
+    )
     training.press("start")
     again = until(training, trainer, Mode.READY, lambda view: "start" in view.buttons)
 
@@ -88,6 +91,27 @@ def test_another_session_knows_what_the_one_before_wrote_last_even_if_that_faile
     assert training._session is not before
     assert training._session._tested_utc_ns == 7
     training.end()
+
+
+def test_the_summary_has_the_shares_of_the_sessions_before_without_those_that_have_none(
+    files, trainer
+):
+    with Store(files.history, is_writer=True) as store:
+        for number, share in enumerate((0.5, None, *[0.3 + at / 100 for at in range(8)])):
+            rows = [SessionRow("7f3k9m2q", "trainer", 1000 * number)]
+            if share is not None:
+                rows.append(StrideRow(1, "right", number, 2.0, share, 0.02, 5.0, -1.0, True))
+            store.write([*rows, EndRow(1000 * number + 500, "complete")])
+    training = Training(files, trainer, trainer.clock)
+    training.begin()
+    until(training, trainer, Mode.READY, lambda view: "end" in view.buttons)
+    training.press("end")
+    view = until(training, trainer, Mode.READY, lambda view: view.summary is not None)
+    training.end()
+
+    past = view.summary.past_share_ratios
+    assert past == pytest.approx(tuple(0.31 + at / 100 for at in range(7)))
+    assert view.summary.best_share_ratio == 0.5
 
 
 def test_a_session_that_dies_ends_the_server_and_a_history_that_cannot_be_written_is_told(

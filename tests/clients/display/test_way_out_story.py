@@ -102,7 +102,7 @@ def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
         by_keys = {"credentials": machine.credentials("session.patient")}
         machine.gait(cadence_hz=0.3)
         with shown(machine, table, tmp_path, **by_keys) as page:
-            page.until(lambda now: now["word"] in {"go_on", "stronger", "good", "gently"})
+            page.until(lambda now: now["word"] in {"go_on", "more", "good", "gently"})
             assert page.post("/stop").json()["outcome"] == "done"
             machine.wait_for(CoreMode.FAULT)
             stopped_at = positions(machine)
@@ -138,9 +138,7 @@ def test_the_daily_test_is_led_by_the_page_and_the_shipped_machine_is_not_releas
 ):
     """Without keys, and with the shipped gait, whose springs do not carry the leg everywhere."""
     machine = virtual_trainers({"demo.toml": {"self_test.required": "daily"}})
-    (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
-    table = bench.patient_table(tmp_path)
-    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
+    table = bench.session_table(tmp_path, PROFILE)
     written_check(machine.config, tmp_path / "check.json")
     acts = {
         Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT: "sto_open * 0.5",
@@ -155,8 +153,8 @@ def test_the_daily_test_is_led_by_the_page_and_the_shipped_machine_is_not_releas
             training = now["training"]
             if training is None:
                 return False
-            if now["stop"] is not None:
-                stops.append((now["step"], now["stop"]["happened"]["en"], now["alarm"]))
+            if now["cause"] is not None:
+                stops.append((now["step"], now["cause"], now["alarm"]))
             if training["advice"] in acts and training["advice"] not in done:
                 done.add(training["advice"])
                 machine.tell(acts[training["advice"]])
@@ -167,14 +165,15 @@ def test_the_daily_test_is_led_by_the_page_and_the_shipped_machine_is_not_releas
 
         page.until(led)
         # The first frames of the stop may be older than the drive's next message.
-        assert stops[-1] == ("start", "The emergency stop was pressed.", None)
+        assert stops[-1] == ("start", "sto_active", None)
         assert {alarm for *_, alarm in stops} == {None}
 
         assert page.post("/stop").json()["outcome"] == "done"
         machine.wait_for(CoreMode.FAULT)
         now = page.until(lambda now: now["mode"] == Mode.FAULT and now["step"] != "none")
         assert (now["step"], now["action"], now["training"]["buttons"]) == ("help", None, [])
-        assert now["stop"]["instructions"][0]["en"] == "Lie still. Your leg is held."
+        assert now["scene"]["strips"][0]["text"]["key"] == "last.held"
+        assert now["scene"]["cards"][-1]["title"]["key"] == "help"
         assert now["alarm"] is not None
         assert page.post("/act", action="reset").status_code == 409
         assert page.post("/session", button="start").status_code == 409

@@ -156,9 +156,14 @@ export class Alarm {
     return this.about !== null && this.about !== this.acknowledged;
   }
 
+  // Where the browser does not yet allow sound there is none to switch off.
+  isHeard() {
+    return this.isSounding() && this.audio.state === "running";
+  }
+
   burst() {
     // Tones of a browser that does not yet allow sound would all wait for the first touch.
-    if (!this.isSounding() || this.audio.state !== "running") return;
+    if (!this.isHeard()) return;
     const start = this.audio.currentTime + 0.02;
     for (const [pulse, frequency] of [660, 880, 660, 880, 1040].entries()) {
       const tone = this.audio.createOscillator();

@@ -28,16 +28,20 @@ function limbPath([x0, y0], r0, [x1, y1], r1) {
 
 // x to the right and y up, from the hip, in m; angles in rad. The hip angle is 0 where the thigh continues the trunk.
 export class Mechanism {
-  // geometry: as the server sends it; legs: the first one is in front.
-  constructor(svg, geometry, legs) {
+  // geometry: as the server sends it; legs: the first one is in front; room: null: all is shown, else the legs alone with so many metres below.
+  constructor(svg, geometry, legs, room = null) {
     this.svg = svg;
     this.geometry = geometry;
     this.legs = legs;
+    this.isClose = room !== null;
     this.parts = new Map();
     const top = this.rail(geometry.slide_max_m);
     const bottom = this.rail(geometry.slide_min_m);
     this.floor = Math.min(bottom[1], 0) - 0.13;
-    this.view = [-0.94, Math.max(top[0], bottom[0]) + 0.33, this.floor - 0.18, Math.max(0.64, top[1] + 0.1)];
+    const right = Math.max(top[0], bottom[0]);
+    this.view = this.isClose
+      ? [-0.5, right + 0.11, bottom[1] - room, Math.max(0.33, top[1] + 0.2)]
+      : [-0.94, right + 0.33, this.floor - 0.18, Math.max(0.64, top[1] + 0.1)];
   }
 
   layout(width, height) {
@@ -79,13 +83,17 @@ export class Mechanism {
     const along = (r, across = 0) => [r * Math.cos(lean) - across * Math.sin(lean), r * Math.sin(lean) + across * Math.cos(lean)];
     const ends = [this.rail(low - BESIDE_RAIL_M), this.rail(high + BESIDE_RAIL_M)];
     const post = this.rail(low + 0.65 * (high - low));
-    this.line([this.view[0], this.floor], [this.view[1], this.floor], "fig-floor", 0.012, g);
-    this.line([post[0] + 0.19, this.floor], [post[0] + 0.02, post[1] - 0.02], "fig-post", 0.032, g);
-    this.line([ends[0][0] - 0.05, this.floor], [post[0] + 0.26, this.floor], "fig-post", 0.035, g);
+    if (!this.isClose) {
+      this.line([this.view[0], this.floor], [this.view[1], this.floor], "fig-floor", 0.012, g);
+      this.line([post[0] + 0.19, this.floor], [post[0] + 0.02, post[1] - 0.02], "fig-post", 0.032, g);
+      this.line([ends[0][0] - 0.05, this.floor], [post[0] + 0.26, this.floor], "fig-post", 0.035, g);
+    }
     const couch = el("g", { class: "fig-couch" }, g);
     this.line(along(-0.10, 0.185), along(0.86, 0.185), "fig-cushion", 0.12, couch);
-    this.line([-0.36, this.floor], [-0.36, -0.06], "fig-post", 0.05, couch);
-    this.line([-0.62, this.floor], [-0.10, this.floor], "fig-post", 0.035, couch);
+    if (!this.isClose) {
+      this.line([-0.36, this.floor], [-0.36, -0.06], "fig-post", 0.05, couch);
+      this.line([-0.62, this.floor], [-0.10, this.floor], "fig-post", 0.035, couch);
+    }
     this.line(...ends, "fig-rail", 0.05, g);
     this.line(...ends, "fig-rail-inner", 0.014, g);
 

@@ -1,229 +1,376 @@
 // The patient's page: paints what the server has computed; decides nothing but whether the server is there.
 import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
+import { el, Mechanism } from "./figure.js";
+import { drawSymbol, pictureOf } from "./pictures.js";
+import { paintSteps } from "./steps.js";
 
-const DOTS_MAX = 16; // of both legs: more would cover each other
-const LOWEST = -0.25; // lower end of the bar
 const TROUBLE_MS = 6000;
 const AGES_MAX = 4096;
+const MM_PER_IN = 25.4;
+const FAR_U = 7.8; // as --t-far in tokens.css
+const CAP_RATIO = 0.668; // of the font
+const ARC_MIN = 16.1; // of the smallest text, with a little above 16
+const TALLY_ROOM_M = 0.47; // below the rail
+const CARD_ROOM_M = 0.1;
+const ROW_MIN = 3; // shorter rows are not told
+const COUNT_MAX = 999; // longer ones have no room beside each other
+const SEGMENTS_MAX = 12; // of the ring; more would be dots
+const WALKING = ["go_on", "more", "good", "gently", "relax"];
+const COUNTING = ["soon", "rest"];
+const TONES = { good: "good", finished: "good", more: "more", gently: "gently", relax: "against", soon: "soon", stopped: "alert", stopping: "alert" };
+const WITH_END = ["paused", "next", "failed"];
 
-// One shape for each word, so that nothing depends on colour: [path, colour].
-const UP = ["M50 5L95 60H70V95H30V60H5Z", "#d55e00"];
-const DOWN = ["M50 95L95 40H70V5H30V40H5Z", "#e69f00"];
-const TICK = ["M5 55L20 38L40 58L80 12L96 28L40 90Z", "#009e73"];
-const BARS = ["M15 10H40V90H15ZM60 10H85V90H60Z", "#0072b2"];
-const CLOCK = ["M20 5H80V15L58 50L80 85V95H20V85L42 50L20 15Z", "#0072b2"];
-const CIRCLE = ["M50 8A42 42 0 1 1 49.9 8ZM50 24A26 26 0 1 0 50.1 24Z", "#0072b2"];
-const SIGN = ["M30 3H70L97 30V70L70 97H30L3 70V30ZM22 40V60H78V40Z", "#d55e00"];
-const WARNING = ["M50 4L98 92H2ZM45 32V64H55V32ZM45 70V82H55V70Z", "#111"];
-const RIGHT = ["M5 35H55V10L97 50L55 90V65H5Z", "#0072b2"];
-const HAND = ["M20 50L50 10L80 50H62V90H38V50Z M5 92H95V98H5Z", "#0072b2"];
-const NO_WAVE = ["M5 45H30L40 20L60 80L70 55H95V65H76L60 98L40 42L36 55H5ZM8 5L14 0L95 92L89 98Z", "#111"];
-const UNPLUGGED = ["M5 5L20 0L100 85L88 97ZM10 60H35V70H10ZM45 55A20 20 0 0 1 45 95ZM95 30H70V20H95ZM62 40A18 18 0 0 1 62 5Z", "#fff"];
-const SHAPES = {
-  no_connection: UNPLUGGED, too_many_pages: WARNING, no_signal: NO_WAVE, stopped: SIGN, stopping: SIGN, wait: CLOCK, ready: CIRCLE, rest: BARS,
-  soon: WARNING, to_start: RIGHT, go_on: RIGHT, stronger: UP, good: TICK, gently: DOWN, ending: BARS, guide: HAND,
-  self_test: CLOCK, service: CLOCK,
-};
-
-const page = await load("/page.json");
+const { page, screen: shown, text_max_ratio: textMax, losses } = await load("/page.json");
 const words = await Words.load(page.language);
 const alarm = new Alarm(byId("sound"));
-const bars = new Map();
-let dots = [];
+const painted = (window.painted = { frames: 0, ages: [] }); // read by `gaitd bench` and the tests
 let trouble = "";
 let isAsking = false;
-let dotsAreNew = true;
-const painted = (window.painted = { frames: 0, ages: [], items: 0 }); // read by `gaitd bench` and the tests
+let scene = { key: "", figures: [], paint: () => {} }; // what is shown now
+let sizes = { unit: 1, far: FAR_U };
 
-const live = new Live(
-  alarm,
-  (items) => {
-    painted.items += items.length;
-    dots = [...dots, ...items].slice(-DOTS_MAX);
-    dotsAreNew ||= items.length > 0;
+document.body.dataset.hand = page.switch_hand;
+for (const part of ["help", "unstrap"]) {
+  for (const language of ["en", "de"]) words.all[language][`page.${part}`] = page[part][language];
+}
+
+const live = new Live(alarm, () => {}, () => {});
+
+// --- small helpers -------------------------------------------------------------------------------
+
+function html(tag, className, ...children) {
+  const made = document.createElement(tag);
+  if (className) made.className = className;
+  made.append(...children);
+  return made;
+}
+
+function filled(key, values) {
+  const all = { help: words.of("page.help"), ...values };
+  return words.of(key).replace(/\{(\w+)\}/g, (_, name) => all[name]);
+}
+
+const phrase = ({ key, values }) => filled(key, values);
+const percent = (ratio) => (ratio === null ? "–" : `${Math.round(100 * ratio)}\u00a0%`);
+
+// Type as large as the screen needs it, and the layout bears it: see settings.py.
+function measure() {
+  const { innerWidth: width, innerHeight: height } = window;
+  const unit = width > height ? Math.min(height / 100, width * 0.0064) : Math.min(height * 0.00625, width / 100);
+  const mmPerPx = (shown.diagonal_in * MM_PER_IN) / Math.hypot(width, height);
+  const neededPx = (shown.distance_m * 1000 * Math.tan((ARC_MIN / 60) * (Math.PI / 180))) / CAP_RATIO / mmPerPx;
+  const text = Math.max(1, Math.min(textMax, neededPx / (FAR_U * unit)));
+  document.documentElement.style.setProperty("--text", text.toFixed(3));
+  sizes = { unit, far: FAR_U * text * unit, of: `${width} ${height}` };
+}
+
+// --- the parts of a scene ------------------------------------------------------------------------
+
+// Where the service has said what the mechanism is; it moves with the leg.
+function figureIn(box, view, room = null, svg = el("svg", { "aria-hidden": "true" })) {
+  if (!box.contains(svg)) box.append(svg);
+  if (!view?.geometry) return;
+  const legs = view.legs.map(({ leg }) => leg);
+  const machine = new Mechanism(svg, view.geometry, legs, room);
+  const { clientWidth: width, clientHeight: height } = svg;
+  machine.layout(width || 240, height || 166);
+  scene.figures.push({ box, machine });
+}
+
+function paintFigures(view, isKnown) {
+  for (const { box, machine } of scene.figures) {
+    const areKnown = view.legs.map((leg) => isKnown && leg.hip_angle_rad !== null && leg.slide_position_m !== null);
+    box.classList.toggle("unknown", !areKnown[0]);
+    view.legs.forEach(({ leg, hip_angle_rad: hip, slide_position_m: slide, glow_ratio: glow }, index) => {
+      machine.parts.get(leg).g.classList.toggle("absent", !areKnown[index]);
+      if (areKnown[index]) machine.draw(leg, hip, slide, 0.8 * (machine.isClose ? glow : 0));
+    });
+  }
+}
+
+// One arc for each part; those before are full, the present one is filled by its ratio.
+function ring(svg, number, count, ratio, width) {
+  svg.replaceChildren();
+  const [parts, at] = count > SEGMENTS_MAX ? [1, 0] : [count, number - 1];
+  const gap = parts === 1 ? 0 : Math.min(3.5, 40 / parts);
+  const length = 100 / parts - gap;
+  for (let part = 0; part < parts; part += 1) {
+    const arc = (className, size) => el("circle", {
+      cx: 50, cy: 50, r: 50 - width / 2, class: className, "stroke-width": width, pathLength: 100,
+      "stroke-dasharray": `${size} ${100 - size}`, "stroke-dashoffset": -(part * 100) / parts, transform: "rotate(-90 50 50)",
+    }, svg);
+    arc("track", length);
+    const done = part < at ? 1 : part === at ? ratio : 0;
+    if (done > 0) arc("done", done * length);
+  }
+}
+
+function cardOf({ picture, number, title, text, is_first: isFirst }, view) {
+  const head = html("strong", "");
+  if (number !== null) head.append(html("span", "number", String(number)));
+  head.append(phrase(title));
+  const said = html("p", "", head);
+  if (text !== null) said.append(phrase(text));
+  const box = html("div", "picturebox");
+  const card = html("div", isFirst ? "card first" : "card", html("div", "inside", box, said));
+  byId("scene").append(card);
+  if (picture === "leg") figureIn(box, view, CARD_ROOM_M);
+  else box.append(pictureOf(picture, page.switch_hand));
+}
+
+function stripOf({ picture, text, is_small: isSmall }) {
+  const strip = html("p", isSmall ? "strip near" : "strip");
+  if (picture !== null) strip.append(pictureOf(picture, page.switch_hand));
+  strip.append(html("span", "", phrase(text)));
+  byId("scene").append(strip);
+}
+
+const LAYOUTS = {
+  plain() {},
+
+  leg(view) {
+    const box = html("div", "panel");
+    byId("scene").append(box);
+    figureIn(box, view);
   },
-  () => { dots = []; dotsAreNew = true; },
-);
 
-function barOf(leg) {
-  if (bars.has(leg)) return bars.get(leg);
-  const figure = document.createElement("figure");
-  figure.className = "bar";
-  figure.innerHTML = '<figcaption></figcaption><div class="track"><div class="fill"></div><div class="zero"></div>' +
-    '<div class="dash"></div><div class="band"><span></span></div><div class="peak"></div></div>';
-  byId("bars").append(figure);
-  const part = (name) => figure.querySelector(name);
-  bars.set(leg, { figure, name: part("figcaption"), fill: part(".fill"), zero: part(".zero"), band: part(".band"),
-    target: part(".band span"), peak: part(".peak"), dash: part(".dash"), track: part(".track") });
-  return bars.get(leg);
+  cards(view, said) {
+    const hasEnd = view?.training?.buttons.includes("end") && WITH_END.includes(view.word);
+    byId("scene").dataset.cards = said.cards.length + (hasEnd ? 1 : 0);
+    for (const card of said.cards) cardOf(card, view);
+    if (hasEnd) byId("scene").append(endButton("card end"));
+    for (const strip of said.strips) stripOf(strip);
+  },
+
+  walk(view) {
+    const box = html("div", "panel fade");
+    const path = el("svg", { role: "img" });
+    byId("scene").append(box, html("div", "panel", path));
+    figureIn(box, view, TALLY_ROOM_M);
+    const tally = html("div", "tally");
+    box.append(tally);
+    let [painted, told] = ["", ""];
+    scene.paint = (now) => {
+      const steps = JSON.stringify(now.steps);
+      if (steps !== painted) paintSteps(path, { legs: now.legs, steps: now.steps, words, ...sizes });
+      painted = steps;
+      const counts = now.training === null ? "" : `${now.word} ${now.training.row_count} ${now.training.session_in_band_count}`;
+      if (counts !== told) paintTally(tally, now);
+      told = counts;
+    };
+  },
+
+  count(view) {
+    const face = el("svg", { viewBox: "0 0 100 100", "aria-hidden": "true" });
+    const digits = html("span", "digits");
+    const box = html("div", "count", face, digits);
+    box.setAttribute("role", "timer");
+    byId("scene").append(box);
+    if (view.word === "rest") byId("scene").append(praise(view.training));
+    else LAYOUTS.leg(view);
+    let told = "";
+    scene.paint = ({ training }) => {
+      const [left, whole] = countdown(training, view.word);
+      const text = left === 0 ? "" : view.word === "rest" ? clock(left) : String(Math.ceil(left));
+      if (text === told && text !== "") return;
+      if (text === "" && face.dataset.shown === "sign") return;
+      told = text;
+      face.dataset.shown = text === "" ? "sign" : "digits";
+      setText(digits, text);
+      digits.dataset.length = text.length;
+      ring(face, 1, 1, left === 0 ? 1 : Math.ceil(left) / whole, 7);
+      if (text === "") drawSymbol(el("svg", { x: 26, y: 22, width: 48, height: 48, viewBox: "0 0 100 100" }, face), view.word);
+    };
+  },
+
+  summary(view) {
+    const { training: { summary } } = view;
+    const { walked_s: walked, valid_count: valid, in_band_count: inBand, best_row_count: best } = summary;
+    const minutes = walked < 600 ? (walked / 60).toLocaleString(words.language, { maximumFractionDigits: 1 }) : String(Math.round(walked / 60));
+    const tile = (big, small, key) => html("div", "tile", html("b", "", big, html("small", "", small)), html("span", "", words.of(key)));
+    byId("scene").append(
+      tile(minutes, ` ${words.of("minutes")}`, "walked"),
+      tile(valid === 0 ? "–" : String(inBand), valid === 0 || valid > COUNT_MAX ? "" : ` / ${valid}`, "in_target"),
+      tile(valid === 0 ? "–" : String(best), "", "best_row"),
+    );
+    paintShares(summary);
+  },
+};
+
+const clock = (left_s) => `${Math.floor(Math.ceil(left_s) / 60)}:${String(Math.ceil(left_s) % 60).padStart(2, "0")}`;
+
+// What is left, and of how much; before and after it is counted nothing is.
+function countdown(training, word) {
+  if (training === null) return [0, 1];
+  return word === "rest" ? [training.block_left_s, training.block_s] : [training.announce_left_s, 3];
 }
 
-const percent = (ratio) => `${((ratio - LOWEST) / (1 - LOWEST)) * 100}%`;
-
-function paintBar(view, isKnown) {
-  const bar = barOf(view.leg);
-  const value = isKnown ? view.value_ratio : null;
-  setText(bar.name, words.of(view.leg));
-  setText(bar.target, words.of("target"));
-  bar.track.setAttribute("role", "img");
-  bar.track.setAttribute("aria-label", `${words.of(view.leg)}: ${value === null ? words.of("not_known") : `${Math.round(value * 100)} %`}`);
-  bar.zero.style.bottom = percent(0);
-  bar.band.style.bottom = percent(view.target_low_ratio);
-  bar.band.style.height = `${((view.target_high_ratio - view.target_low_ratio) / (1 - LOWEST)) * 100}%`;
-  bar.figure.classList.toggle("invalid", value === null);
-  bar.figure.classList.toggle("against", value !== null && value < 0);
-  bar.dash.hidden = value !== null;
-  bar.fill.hidden = value === null;
-  bar.peak.hidden = value === null || view.peak_ratio === null;
-  if (value === null) return;
-  bar.fill.style.bottom = percent(Math.min(0, value));
-  bar.fill.style.height = `${(Math.abs(value) / (1 - LOWEST)) * 100}%`;
-  if (view.peak_ratio !== null) bar.peak.style.top = `${100 - parseFloat(percent(view.peak_ratio))}%`;
-}
-
-function markOf(leg, className, x, y, radius) {
-  return leg === "right"
-    ? `<circle class="${className}" cx="${x}" cy="${y}" r="${radius}"/>`
-    : `<rect class="${className}" x="${x - radius}" y="${y - radius}" width="${2 * radius}" height="${2 * radius}"/>`;
-}
-
-// Bands: the target of a session for the share of each leg. The page of two legs marks whose it is.
-function paintDots(bands) {
-  const { clientWidth: width, clientHeight: height } = byId("dots");
-  const shown = `${width} ${height} ${bands.map((band) => Object.values(band))}`;
-  if (!dotsAreNew && byId("dots").dataset.shown === shown) return;
-  dotsAreNew = false;
-  byId("dots").dataset.shown = shown;
-  byId("dots").setAttribute("viewBox", `0 0 ${width} ${height}`);
-  byId("bandlegend").hidden = bands.length === 0;
-  const most = Math.max(1, ...dots.map((dot) => dot.work_j ?? 0));
-  const rowOf = (share) => height - 24 - (height - 48) * share;
-  const last = width - 24 - (bands.length > 1 ? 40 : 0);
-  const frames = bands.map((band) => {
-    const [top, bottom] = [rowOf(band.high_ratio), rowOf(band.low_ratio)];
-    const mark = bands.length > 1 ? markOf(band.leg, `${band.leg} whose`, width - 20, (top + bottom) / 2, 10) : "";
-    return `<rect class="share ${band.leg}" x="6" y="${top}" width="${width - 12}" height="${bottom - top}"/>${mark}`;
-  });
-  const shapes = [...frames, `<line class="half" x1="0" x2="${width}" y1="${rowOf(0.5)}" y2="${rowOf(0.5)}"/>`];
-  for (const [index, dot] of dots.entries()) {
-    const x = 24 + (index * (last - 24)) / (DOTS_MAX - 1);
-    if (dot.share_ratio === null) { // a dash in the middle, as wherever a value is not valid
-      shapes.push(`<rect class="unknown" x="${x - 11}" y="${rowOf(0.5) - 7}" width="22" height="14"/>`);
-      continue;
-    }
-    const y = rowOf(Math.min(1, Math.max(0, dot.share_ratio)));
-    const isKnown = dot.work_j !== null; // without it the mark is hollow
-    const radius = isKnown ? 6 + (10 * Math.max(0, dot.work_j)) / most : 8;
-    shapes.push(markOf(dot.leg, isKnown ? dot.leg : `${dot.leg} hollow`, x, y, radius));
-  }
-  byId("dots").innerHTML = shapes.join("");
-}
-
-function paintStop(view, word) {
-  const isShown = view.stop !== null || view.step !== "none";
-  byId("stopped").hidden = !isShown;
-  byId("training").hidden = byId("bars").hidden = isShown;
-  action.hidden = view.step === "none" || ["help", "start"].includes(view.step);
-  if (!isShown) return;
-  setText(byId("stopword"), words.of(`word.${word}`));
-  setText(byId("happened"), view.stop ? words.said(view.stop.happened) : words.of(`line.${word}`));
-  const list = byId("instructions");
-  const texts = view.stop ? view.stop.instructions.map((text) => words.said(text)) : [];
-  if (list.dataset.shown !== texts.join("\n")) {
-    list.dataset.shown = texts.join("\n");
-    list.replaceChildren(...texts.map((text) => Object.assign(document.createElement("li"), { textContent: text })));
-  }
-  const isAlone = !["help", "none"].includes(view.step);
-  byId("way").hidden = !isAlone;
-  if (isAlone) setText(byId("waytext"), words.of(`way.${view.step}`));
-  action.classList.toggle("absent", view.action === null);
-  action.disabled = isAsking;
-  if (view.action !== null) {
-    setText(action, words.of(`act.${view.action}`));
-    action.dataset.action = view.action;
-  }
-  byId("help").hidden = word === "stopping";
-  byId("unstrap").hidden = view.unstrap === "not_now";
-  byId("unstrapfirst").hidden = view.unstrap !== "behind_emergency_stop";
-  setText(byId("helptext"), words.said(page.help));
-  setText(byId("unstraptext"), words.said(page.unstrap));
-}
-
-// The button of a step: a row of the footer, which nothing covers; what is above may scroll.
-const action = Object.assign(document.createElement("button"), { id: "action", type: "button", hidden: true });
-action.addEventListener("click", () => request("/act", { action: action.dataset.action }));
-byId("stop").parentElement.prepend(action);
-
-// Each button has a place of its own, so that none comes to lie under a finger that presses another.
-const presses = new Map();
-for (const name of ["start", "pause", "end"]) {
-  const button = Object.assign(document.createElement("button"), { id: name, type: "button", className: "press absent", hidden: true });
-  button.addEventListener("click", () => request("/session", { button: name }));
-  byId("stop").before(button);
-  presses.set(name, button);
-}
-
-const ADVISED = ["ready", "rest", "wait"]; // words during which the session says what to do
-
-// Below the advice: what the session has been, or why the last START has ended early or failed, the latter in the service's words.
-function linesOf({ summary, reason, why, advice }, word) {
-  if (!ADVISED.includes(word)) return [];
-  if (summary === null && why !== null) return [words.of(`why.${why}`)];
-  if (summary === null) return advice === "try_again_or_call_therapist" ? [reason] : [];
-  const minutes = (summary.walked_s / 60).toLocaleString(words.language, { maximumFractionDigits: 1 });
-  return [
-    words.of("walked").replace("{minutes}", minutes),
-    words.of("reached").replace("{reached}", summary.in_band_count).replace("{all}", summary.valid_count),
-  ];
-}
-
-// Only if the server runs a session; without one nothing of it is shown.
-function paintTraining(training, word) {
-  for (const [name, button] of presses) {
-    button.hidden = training === null;
-    if (training === null) continue;
-    button.classList.toggle("absent", !training.buttons.includes(name));
-    button.disabled = isAsking && name === "start"; // what ends a motion waits for nothing
-    setText(button, words.of(`press.${name}`));
-  }
-  byId("left").hidden = training === null || training.summary !== null;
-  const lines = training === null ? [] : linesOf(training, word);
-  byId("more").hidden = lines.length === 0;
-  setText(byId("more"), lines.join("\n"));
+function paintTally(tally, { word, training }) {
+  tally.replaceChildren();
   if (training === null) return;
-  const kept = training.is_kept ? "" : ` · ${words.of("not_kept")}`;
-  setText(byId("left"), `· ${words.of("time_left")}: ${Math.ceil(training.left_s / 60)}${kept}`);
+  const { row_count: row, session_in_band_count: count } = training;
+  if (word === "good" && row >= ROW_MIN) tally.append(html("p", "", html("b", "", String(row)), ` ${words.of("in_row")}`));
+  const tick = el("svg", { viewBox: "0 0 100 100", "aria-hidden": "true" });
+  drawSymbol(tick, "good");
+  tally.append(html("p", "", tick, html("b", "", String(count)), ` ${words.of("in_target")}`));
 }
 
-let paintedWord = "";
+function praise({ in_band_count: inBand, valid_count: valid, number, count, buttons }) {
+  const tick = el("svg", { viewBox: "0 0 100 100", "aria-hidden": "true" });
+  drawSymbol(tick, valid > 0 ? "good" : "go_on");
+  const said = valid > 0
+    ? html("p", "praise", html("b", "", String(inBand)), filled("of_steps", { count: valid }))
+    : html("p", "praise", words.of("no_steps"));
+  const next = html("div", "next", html("p", "", filled("next_part", { number, count })));
+  if (buttons.includes("end")) next.append(endButton("press end"));
+  return html("div", "panel praisebox", tick, said, next);
+}
+
+function paintShares({ share_ratio: share, past_share_ratios: past, best_share_ratio: best }) {
+  const said = html("p", "", filled("your_share", { share: percent(share) }));
+  said.append(html("br"), past.length > 0 ? filled("shares_before", { last: percent(past.at(-1)), best: percent(best) }) : words.of("first_time"));
+  const svg = el("svg", { "aria-hidden": "true" });
+  byId("scene").append(html("div", "panel shares", said, svg));
+  const { clientWidth: width, clientHeight: height } = svg;
+  svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
+  const all = [...past, share];
+  const highest = Math.max(0.01, ...all.map((one) => one ?? 0));
+  const each = Math.min(width / all.length, 14 * sizes.unit);
+  const floor = Math.max(3 * sizes.unit, height - 0.95 * sizes.far);
+  all.forEach((one, index) => {
+    const isToday = index === all.length - 1;
+    const [x, high] = [width - (all.length - index) * each, ((one ?? 0) / highest) * (floor - 2 * sizes.unit)];
+    el("rect", { x: x + each * 0.14, y: floor - high, width: each * 0.72, height: high, rx: 0.08 * each, class: isToday ? "sharebar today" : "sharebar" }, svg);
+  });
+  if (share !== null) el("text", { x: width, y: height - 0.2 * sizes.far, class: "sharetext" }, svg, words.of("today"));
+}
+
+function endButton(className) {
+  const button = html("button", className, html("b", "", words.of("press.end")));
+  if (className.includes("card")) button.append(html("span", "", words.of("end_here")));
+  button.id = "end";
+  button.type = "button";
+  button.addEventListener("click", () => request("/session", { button: "end" }));
+  return button;
+}
+
+// --- buttons -------------------------------------------------------------------------------------
+
+// In the footer, before STOP: the one of the step, then those of the session.
+const buttons = new Map();
+for (const [name, className] of [["action", "press main"], ["start", "press main"], ["pause", "press"]]) {
+  const button = html("button", className);
+  Object.assign(button, { id: name, type: "button", hidden: true });
+  byId("stop").before(button);
+  buttons.set(name, button);
+}
+buttons.get("action").addEventListener("click", () => request("/act", { action: buttons.get("action").dataset.action }));
+for (const name of ["start", "pause"]) buttons.get(name).addEventListener("click", () => request("/session", { button: name }));
+
+function show(button, isShown, text = "") {
+  button.hidden = !isShown;
+  if (isShown) setText(button, text);
+}
+
+function paintButtons(view, isConnected) {
+  const action = isConnected ? view.action : null;
+  const session = isConnected && view.training !== null ? view.training.buttons : [];
+  const button = buttons.get("action");
+  show(button, action !== null, action === null ? "" : words.of(`act.${action}`));
+  button.dataset.action = action ?? "";
+  button.disabled = isAsking;
+  for (const name of ["start", "pause"]) show(buttons.get(name), session.includes(name), words.of(`press.${name}`));
+  buttons.get("start").disabled = isAsking; // what ends a motion waits for nothing
+  const count = [...buttons.values()].filter((one) => !one.hidden).length;
+  document.body.dataset.presses = count;
+}
+
+// --- painting ------------------------------------------------------------------------------------
+
+function layoutOf(word, said) {
+  if (WALKING.includes(word)) return "walk";
+  if (said.cards.length > 0) return "cards";
+  if (COUNTING.includes(word)) return "count";
+  if (word === "finished") return "summary";
+  return word === "too_many_pages" ? "plain" : "leg";
+}
+
+const STOP_NOTES = { no_connection: "no_stop_now" };
+
+function paintHead(word, said) {
+  if (document.body.dataset.word !== word) {
+    byId("said").setAttribute("aria-live", word === "stopped" ? "assertive" : "polite");
+    document.body.dataset.word = word;
+    document.body.dataset.tone = TONES[word] ?? "plain";
+    drawSymbol(byId("symbol"), word);
+  }
+  setText(byId("word"), phrase(said.heading));
+  byId("line").hidden = said.line === null;
+  setText(byId("line"), said.line === null ? "" : phrase(said.line));
+  setText(byId("whole"), said.whole === null ? "" : phrase(said.whole));
+  setText(document.querySelector("#stop small"), words.of(STOP_NOTES[word] ?? "stop_note"));
+}
+
+// A scene is made anew where something of it has changed; its moving parts are painted each frame.
+function paintScene(view, word, said) {
+  const layout = layoutOf(word, said);
+  const legs = view?.legs.map(({ leg, share_low_ratio: low }) => [leg, low !== null]);
+  const training = view?.training ?? null;
+  const counts = layout === "walk" ? "" : [training?.buttons.includes("end"), training?.summary, training?.number];
+  // The walking scene is one for all its words, so that nothing of it is made anew at each step.
+  const shown = layout === "walk" ? layout : [word, said];
+  const key = JSON.stringify([layout, shown, words.language, sizes, view?.geometry, legs, counts, fontsCount]);
+  if (key === scene.key) return;
+  scene = { key, figures: [], paint: () => {} };
+  document.body.dataset.layout = layout;
+  delete byId("scene").dataset.cards;
+  byId("scene").replaceChildren();
+  LAYOUTS[layout](view, said);
+}
+
+let paintedLeft = "";
+function paintLeft({ training }, word) {
+  const isShown = WALKING.includes(word) && training !== null && training.phase === "walking";
+  byId("left").hidden = !isShown;
+  if (!isShown) return;
+  const { block_left_s: left, block_s: whole, number, count } = training;
+  const isLong = left > 60;
+  const told = String(Math.ceil(isLong ? left / 60 : left));
+  const unit = words.of(isLong ? "minutes" : "seconds");
+  const key = `${told} ${unit} ${number} ${count} ${Math.round(left)}`;
+  if (key === paintedLeft) return;
+  paintedLeft = key;
+  byId("lefttext").replaceChildren(html("b", "", told), html("small", "", unit));
+  byId("left").setAttribute("aria-label", filled("block_left", { number, count, left: `${told} ${unit}` }));
+  ring(byId("ring"), number, count, 1 - left / whole, 9);
+}
+
+const NOTHING = { heading: { key: "word.no_connection", values: {} }, line: null, whole: null, cards: [], strips: [] };
+
 function paint() {
   requestAnimationFrame(paint);
   const loss = live.loss();
   const isConnected = loss === "";
   const view = live.frame;
   const word = isConnected ? view.word : loss;
+  const said = isConnected ? view.scene : losses[word] ?? NOTHING;
   const isKnown = isConnected && word !== "no_signal";
-  if (word !== paintedWord) {
-    paintedWord = document.body.dataset.word = word;
-    for (const shape of [byId("shape"), byId("sign")]) {
-      shape.setAttribute("d", SHAPES[word][0]);
-      shape.setAttribute("fill", SHAPES[word][1]);
-      shape.setAttribute("fill-rule", "evenodd");
-    }
-  }
-  setText(byId("word"), words.of(`word.${word}`));
-  const training = isConnected ? view.training : null;
-  setText(byId("line"), training !== null && ADVISED.includes(word) ? words.of(`advice.${training.advice}`) : words.of(`line.${word}`));
-  if (!view) return;
-  paintTraining(training, word);
-  for (const bar of view.bars) paintBar(bar, isKnown);
-  paintDots(training === null ? [] : training.bands);
-  paintStop(isConnected ? view : { stop: null, step: "none", action: null, unstrap: "not_now" }, word);
+  paintHead(word, said);
+  paintScene(isConnected ? view : null, word, said);
+  paintButtons(view, isConnected);
   setText(byId("trouble"), trouble);
   byId("trouble").hidden = trouble === "";
-  byId("quiet").hidden = !alarm.isSounding();
+  byId("quiet").hidden = !alarm.isHeard();
+  byId("left").hidden = true;
+  if (!view) return;
+  if (isConnected) {
+    paintLeft(view, word);
+    scene.paint(view);
+    byId("notkept").hidden = view.training === null || view.training.is_kept;
+  }
+  paintFigures(view, isKnown);
   painted.frames += 1;
-  const sampled = isKnown ? view.bars[0].sample_time_ms : null;
+  const sampled = isKnown ? view.sample_time_ms : null;
   if (sampled !== null && sampled !== painted.newest) {
     painted.newest = sampled;
     painted.ages.push(Date.now() - sampled);
@@ -238,8 +385,6 @@ function tell(text) {
   if (text) troubleTimer = setTimeout(() => { trouble = ""; }, TROUBLE_MS);
 }
 
-byId("language").addEventListener("click", () => words.toggle());
-byId("quiet").addEventListener("click", () => alarm.acknowledge());
 async function request(path, body) {
   isAsking = true;
   const answer = await post(path, body);
@@ -247,4 +392,11 @@ async function request(path, body) {
   if (answer.outcome === "refused") tell(`${words.of("refused")}: ${answer.reason}`);
   else if (answer.outcome !== "done") tell(words.of("no_answer"));
 }
+
+let fontsCount = 0; // widths of texts change when they come
+document.fonts.addEventListener("loadingdone", () => { fontsCount += 1; });
+byId("language").addEventListener("click", () => words.toggle());
+byId("quiet").addEventListener("click", () => alarm.acknowledge());
+addEventListener("resize", measure);
+measure();
 paint();
