@@ -100,9 +100,11 @@ class TimeControl:
 class TimedService(ServiceProcesses):
     """The processes of one service, and their time."""
 
-    def __init__(self, configs: Path, folder: Path, tempo: Tempo) -> None:
+    def __init__(
+        self, configs: Path, folder: Path, tempo: Tempo, trainer_file: str = "demo.toml"
+    ) -> None:
         """Prepare; `start` begins."""
-        super().__init__(folder, configs, tempo=tempo)
+        super().__init__(folder, configs, trainer_file=trainer_file, tempo=tempo)
         self.time = TimeControl(self.channel, wall_clock=tempo.wall_clock)
 
     def start(
@@ -123,11 +125,13 @@ class TimedService(ServiceProcesses):
 
 
 @contextlib.contextmanager
-def timed_service(configs: Path, tempo: Tempo) -> Generator[TimedService]:
+def timed_service(
+    configs: Path, tempo: Tempo, trainer_file: str = "demo.toml"
+) -> Generator[TimedService]:
     """Run virtual drives, core and gateway; they are ended in every case."""
     with (
         tempfile.TemporaryDirectory(prefix="gaitd-", dir=memory_folder()) as folder,
-        TimedService(configs, Path(folder), tempo) as made,
+        TimedService(configs, Path(folder), tempo, trainer_file) as made,
     ):
         for part in PARTS:
             made.start(part)
@@ -195,11 +199,11 @@ def until_ready(made: TimedService, within_s: float) -> float:
     raise ServiceError(f"not ready within {within_s:g} s: {made.parts['core'].last_output()}")
 
 
-def warm_up(configs: Path) -> None:
+def warm_up(configs: Path, trainer_file: str = "demo.toml") -> None:
     """Start everything once: a core that had to compile keeps the compiler's memory.
 
     Raises:
         ServiceError: as `until_ready`.
     """
-    with timed_service(configs, Tempo()) as made:
+    with timed_service(configs, Tempo(), trainer_file) as made:
         until_ready(made, _COMPILED_WITHIN_S)

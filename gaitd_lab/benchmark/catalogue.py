@@ -83,7 +83,7 @@ def _steps(configs: Path) -> Measured:
 
 def _display(configs: Path, seconds: float) -> Measured:
     """Measure the patient's page; a text if browser or page is not installed."""
-    title = "the patient's page in headless Chromium"
+    title = "the patient's page in headless Chromium, both legs walking"
     if (lack := display_page.lacks()) is not None:
         return f"skipped: {lack}", f"{title}: skipped, {lack}; `make rigs` installs what it needs"
     result = display_page.measure(configs, seconds)

@@ -1,4 +1,7 @@
-"""The patient's page in headless Chromium on a service in real time: age of a sample when painted.
+"""The patient's page in headless Chromium on a service in real time, with both legs walking.
+
+Measured are the age of a sample when it is painted, and the frames per second: as they are, and in
+a browser that is slowed to a sixth, like a cheap tablet.
 
 The age is from the core's SYNC, by the computer's time of day, to the turn of the page's animation
 loop that paints it. It contains the cycle, gateway, Zenoh, the display's server and the browser.
@@ -7,13 +10,18 @@ loop that paints it. It contains the cycle, gateway, Zenoh, the display's server
 # pyright: reportMissingImports=false
 # Playwright is of the extra `rigs`; the types are checked without it as well.
 
+import contextlib
 import importlib.util
 import shutil
 import statistics
 import tempfile
+import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
+
+from gaitd_client import Mode, RequestRefusedError, Safety, Stage, Trainer
+from gaitd_client.connection import Target
 
 from gaitd_lab.demonstration.display import display
 from gaitd_lab.process_memory import sample
@@ -30,11 +38,19 @@ BROWSER_ARGUMENTS: Final = (
     "--no-first-run",
 )
 READY_WITHIN_S: Final = 60.0
+POLL_S: Final = 0.1
 LOAD_TRIES: Final = 200
 LOAD_POLL_MS: Final = 100
 HIGH_RATIO: Final = 0.99
 MS_PER_S: Final = 1000
 SETTLE_MS: Final = 3000
+TRAINER_FILE: Final = "two_legs.toml"
+CADENCE_HZ: Final = 0.3
+AMPLITUDE_RATIO: Final = 0.5
+BEFORE_GAIT_S: Final = 60.0
+"""Longest time from READY to a gait that plays."""
+SLOWED: Final = 6
+"""The browser's processor is slower by this factor."""
 START: Final = "() => { painted.ages.length = 0; painted.frames = 0; }"
 RESULT: Final = "() => ({ ages: painted.ages, frames: painted.frames })"
 
@@ -47,6 +63,8 @@ class Page(NamedTuple):
     """99 % are not older."""
     frames_hz: float
     """Turns of the page's animation loop."""
+    slowed_frames_hz: float
+    """The same in a browser slowed by `SLOWED`."""
     samples_hz: float
     """Different samples that were painted."""
     server_cpu_ratio: float
@@ -71,17 +89,47 @@ def measure(configs: Path, seconds: float) -> Page:
     Raises:
         ServiceError: a process ended, or the page did not come.
     """
-    warm_up(configs)
+    warm_up(configs, TRAINER_FILE)
     port = free_port()
     with (
-        timed_service(configs, Tempo(wall_clock=True)) as made,
+        timed_service(configs, Tempo(wall_clock=True), TRAINER_FILE) as made,
         tempfile.TemporaryDirectory() as folder,
-        display(made.target, made.leg, Path(folder), port) as server_pid,
+        display(made.target, [leg["name"] for leg in made.table["leg"]], Path(folder), port) as (
+            server_pid
+        ),
     ):
         until_ready(made, READY_WITHIN_S)
+        _walk(made.target, seconds)
         if server_pid is None:
             raise ServiceError("the page's server was not started")
         return _page(f"http://127.0.0.1:{port}", server_pid, seconds)
+
+
+def _walk(target: Target, seconds: float) -> None:
+    """Begin a gait of both legs, which plays longer than what is measured.
+
+    Raises:
+        ServiceError: it did not begin.
+    """
+    with Trainer(target.endpoints[0], trainer=target.trainer) as trainer:
+        trainer.enable()
+        safety, end_s = trainer.safety(), time.monotonic() + BEFORE_GAIT_S
+        asked = False
+        while time.monotonic() < end_s:
+            now = safety.newest()
+            if isinstance(now, Safety) and now.stage == Stage.PLAYING:
+                return
+            if isinstance(now, Safety) and now.mode == Mode.HOLD and not asked:
+                with contextlib.suppress(RequestRefusedError):  # the leg does not rest yet
+                    trainer.mode(
+                        Mode.GAIT,
+                        cadence_hz=CADENCE_HZ,
+                        amplitude_ratio=AMPLITUDE_RATIO,
+                        duration_s=2 * seconds + BEFORE_GAIT_S,
+                    )
+                    asked = True
+            time.sleep(POLL_S)
+    raise ServiceError(f"no gait plays after {BEFORE_GAIT_S:g} s")
 
 
 def _page(address: str, server_pid: int, seconds: float) -> Page:
@@ -107,6 +155,11 @@ def _page(address: str, server_pid: int, seconds: float) -> Page:
             found: dict[str, Any] = page.evaluate(RESULT)
             after = _cpu_s((server_pid,)), _cpu_s(pids)
             memory = _memory_mb((server_pid,)), _memory_mb(pids)
+            wire = page.context.new_cdp_session(page)
+            wire.send("Emulation.setCPUThrottlingRate", {"rate": SLOWED})
+            page.evaluate(START)
+            page.wait_for_timeout(seconds * MS_PER_S)
+            slowed: dict[str, Any] = page.evaluate(RESULT)
         finally:
             browser.close()
     ages = sorted(found["ages"])
@@ -116,6 +169,7 @@ def _page(address: str, server_pid: int, seconds: float) -> Page:
         age_median_ms=statistics.median(ages),
         age_high_ms=ages[int(HIGH_RATIO * (len(ages) - 1))],
         frames_hz=found["frames"] / seconds,
+        slowed_frames_hz=slowed["frames"] / seconds,
         samples_hz=len(ages) / seconds,
         server_cpu_ratio=(after[0] - before[0]) / seconds,
         server_mb=memory[0],

@@ -6,7 +6,7 @@ checked.
 
 import contextlib
 import importlib.util
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -32,21 +32,24 @@ unstrap = {{ en = "There are no straps.", de = "Es gibt keine Gurte." }}
 [target]
 share_low_ratio = 0.3
 share_high_ratio = 0.7
-
+"""
+"""The scripted patient is below the target while passive, and in it while active."""
+LEG: Final = """
 [[leg]]
 name = "{leg}"
 glow_full_w = 120.0
 """
-"""The scripted patient is below the target while passive, and in it while active."""
 
 
 @contextlib.contextmanager
-def display(target: Target, leg: str, folder: Path, port: int | None) -> Generator[int | None]:
+def display(
+    target: Target, legs: Sequence[str], folder: Path, port: int | None
+) -> Generator[int | None]:
     """Serve the page inside the context; yields the process id, None without a page.
 
     Args:
         target: address of the service.
-        leg: the leg that is shown.
+        legs: the legs that are shown.
         folder: for its file and its log.
         port: of the page on loopback; None: there is no page.
 
@@ -59,10 +62,9 @@ def display(target: Target, leg: str, folder: Path, port: int | None) -> Generat
     if importlib.util.find_spec(PACKAGE) is None:
         raise ServiceError("the page needs `pip install ./clients/display`, or `make demo-display`")
     file = folder / "display.toml"
-    file.write_text(
-        SETTINGS.format(port=port, endpoint=target.endpoints[0], trainer=target.trainer, leg=leg),
-        encoding="utf-8",
-    )
+    text = SETTINGS.format(port=port, endpoint=target.endpoints[0], trainer=target.trainer)
+    text += "".join(LEG.format(leg=leg) for leg in legs)
+    file.write_text(text, encoding="utf-8")
     words = ("-m", PACKAGE, "patient", "--config", str(file))
     process = ManagedProcess("gaitd-display", words, folder / "display.log")
     try:

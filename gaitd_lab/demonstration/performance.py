@@ -127,7 +127,7 @@ class Performance:
             receiver = Receiver(where.target, where.leg, self._received, where.time)
             self._look_at(where)
             self._begin_scene(_first_scene())
-            beside = display(where.target, where.leg, where.folder, self._display_port)
+            beside = display(where.target, (where.leg,), where.folder, self._display_port)
             try:
                 with receiver, beside, engineer_page(where, self._engineer.port):
                     self._turns(act, where, receiver, tail, requests)

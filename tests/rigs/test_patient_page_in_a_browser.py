@@ -5,6 +5,7 @@ docs/patient.png.
 """
 
 import itertools
+import re
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -73,7 +74,11 @@ PALE_TEXTS = """() => {
         });
         return 0.2126 * r + 0.7152 * g + 0.0722 * b + 0.05;
     };
-    const parts = (colour) => colour.match(/[0-9.]+/g).map(Number);
+    const parts = (colour) => {
+        const [r, g, b, alpha] = colour.match(/[0-9.]+/g).map(Number);
+        const full = colour.startsWith("color(") ? 255 : 1; // of one that is between two
+        return [r * full, g * full, b * full, alpha];
+    };
     const behind = (element) => {
         for (let at = element; at !== null; at = at.parentElement) {
             const [r, g, b, alpha = 1] = parts(getComputedStyle(at).backgroundColor);
@@ -550,7 +555,7 @@ def test_the_alarm_sounds_until_it_is_acknowledged_and_again_for_the_next_stop(t
     tab.page.add_init_script(TONES)
     tab.page.reload()
     tab.word("ready")
-    player.play(mode=Mode.FAULT, cause=Cause.SPASM)
+    player.play(mode=Mode.FAULT, cause=Cause.ENCODER_FROZEN)
     tab.word("stopped")
     tab.until("!document.querySelector('#sound').hidden")
     assert tab.page.evaluate("tones") == 0  # without permission none waits for it
@@ -563,7 +568,7 @@ def test_the_alarm_sounds_until_it_is_acknowledged_and_again_for_the_next_stop(t
     player.play(mode=Mode.READY)
     tab.word("ready")
     tab.page.evaluate("tones = 0")
-    player.play(mode=Mode.FAULT, cause=Cause.SPASM)
+    player.play(mode=Mode.FAULT, cause=Cause.ENCODER_FROZEN)
     tab.until("!document.querySelector('#quiet').hidden")
     tab.until("tones > 0")
 
@@ -577,7 +582,7 @@ def test_the_alarm_sounds_in_a_tab_that_paints_nothing_and_for_a_server_that_is_
     tab.word("ready")
     tab.page.click("#sound")
     tab.page.evaluate(NO_MORE_PAINT)
-    player.play(mode=Mode.FAULT, cause=Cause.SPASM)
+    player.play(mode=Mode.FAULT, cause=Cause.ENCODER_FROZEN)
     tab.until("tones > 0")
     player.walk(3.5, [0.38])
     tab.until("live.frames.at(-1).now.active")
@@ -645,7 +650,7 @@ def test_stop_and_the_buttons_are_in_reach_at_every_size_and_zoom(chromium, tmp_
             names = [NAMES[button] for button in buttons]
             names += [] if action is None else [NAMES[action]]
             for name in names:
-                button = tab.page.get_by_role("button", name=name[0], exact=True)
+                button = tab.page.get_by_role("button", name=re.compile(f"^{name[0]}"))
                 button.wait_for(timeout=20_000)
             rig.are_in_reach(tab, rig.STOP, *names)
 
@@ -685,7 +690,7 @@ def test_a_way_out_beside_a_session_has_both_buttons_and_stop_in_a_row_of_its_ow
         tab = rig.Tab(chromium, site, rig.SHOTS)
         told.now = training(Phase.PAUSED, Advice.PRESS_START)
         player.play(mode=Mode.FAULT, cause=Cause.SPASM)
-        tab.word("stopped")
+        tab.until("document.querySelector('#action')?.hidden === false")
         for mode, _, beside in STEPS[1:]:
             told.now = training(Phase.PAUSED, Advice.PRESS_START, *beside)
             player.play(mode=mode)
@@ -700,8 +705,10 @@ def test_a_way_out_beside_a_session_has_both_buttons_and_stop_in_a_row_of_its_ow
 
 def order_of(tab, count):
     """What the keyboard reaches, from the begin of the page."""
-    tab.page.evaluate("document.activeElement.blur()")
-    found = []
+    found = [None]
+    while found.pop() != "":
+        tab.page.keyboard.press("Tab")
+        found.append(tab.page.evaluate("document.activeElement.id"))
     for _ in range(count):
         tab.page.keyboard.press("Tab")
         found.append(tab.page.evaluate("document.activeElement.id"))
@@ -809,7 +816,6 @@ def test_what_is_not_known_is_hatched_and_a_dash_and_never_0(tab, player):
     tab.word("go_on")
     tab.until("document.querySelectorAll('.hatchline').length > 10")
     assert tab.page.locator(".column").count() == 0
-    assert tab.page.locator(".mark.unknown").count() == 0  # both are on the gauge
     player.play(mode=Mode.HOLD, fresh=False)
     tab.word("held")
     tab.until("document.querySelector('.panel').classList.contains('unknown')")

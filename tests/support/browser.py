@@ -284,7 +284,8 @@ class Tab:
                 if self.page.evaluate(expression):
                     return
             self.page.wait_for_timeout(20)
-        raise AssertionError(f"not true in {within_s} s: {expression}")
+        shown = self.page.evaluate("JSON.stringify(document.body.dataset)")
+        raise AssertionError(f"not true in {within_s} s: {expression}; shown is {shown}")
 
     def word(self, word):
         self.until(f"document.body.dataset.word === '{word}'")
@@ -402,7 +403,8 @@ def are_in_reach(tab, *names):
             missed = tab.unreachable(*(name[column] for name in names))
             lacks += [(width, height, zoom, language, one) for one in missed]
         tab.page.set_viewport_size({"width": 1280, "height": 800})
-    assert not lacks, lacks
+    shown = tab.page.evaluate("JSON.stringify(document.body.dataset)")
+    assert not lacks, (shown, lacks)
 
 
 KINDS = {

@@ -293,6 +293,8 @@ class PatientState:
             return REFUSALS[training.advice]
         if training.phase is Phase.REST:
             return Word.NEXT
+        if training.phase is Phase.PAUSED and not training.has_walked:
+            return Word.START
         return PHASE_WORDS.get(training.phase, MODE_WORDS[mode or ""])
 
     # --- a stop ---------------------------------------------------------------------------------

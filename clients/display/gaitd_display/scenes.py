@@ -193,6 +193,9 @@ def _of_training(now: Now, training: TrainingView) -> Scene:
 
 
 def _plan(training: TrainingView) -> Phrase:
+    """Return the plan in plain words, or why the last START ended before anything was walked."""
+    if training.why is not None:
+        return Phrase(f"why_short.{training.why}")
     if training.plan_s < SECONDS_MAX:
         seconds = round(training.plan_s)
         return Phrase("plan_seconds", {"count": training.count, "seconds": seconds})

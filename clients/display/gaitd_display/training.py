@@ -92,6 +92,11 @@ class TrainingView(msgspec.Struct, frozen=True, kw_only=True):
     """None: the session is not finished."""
 
     @property
+    def has_walked(self) -> bool:
+        """A part of the plan was walked."""
+        return self.number > 1 or self.block_left_s < self.block_s
+
+    @property
     def announces(self) -> bool:
         """Motion is about to begin."""
         return self.phase in ANNOUNCING

@@ -163,6 +163,10 @@ def test_behind_a_rest_comes_the_next_part_and_a_refusal_says_what_to_do(screen)
 
 
 def test_a_pause_says_why_and_that_the_leg_is_not_held_only_where_the_drives_are_off(screen):
+    begun = training(Phase.PAUSED, number=1, block_left_s=120.0, why=Why.LATE)
+    screen.training = begun
+    view = screen.after(Mode.READY)
+    assert (view.word, said(view)[1]) == (Word.START, TEXTS["en"]["why_short.late"])
     screen.training = training(Phase.PAUSED)
     assert "held" not in " ".join(said(screen.after(Mode.HOLD)))
     assert said(screen.after(Mode.READY))[1] == "Your leg is not held."
