@@ -14,7 +14,7 @@ PACKAGES = ("drives", "observer", "daemon", "sim_drives", "simtime", "gaitd", "a
 
 UNITS = set(
     """
-    rad rad_per_s rad_per_s2 deg nm nm_per_s nm_s_per_rad nm_per_rad nm_per_a kg kg_m2 m m_per_s
+    rad rad_per_s rad_per_s2 deg nm nm_per_s nm_s_per_rad nm_per_rad nm_per_a kg kg_m2 m in m_per_s
     m_per_s2 mm n n_per_s n_s_per_m n_per_m n_per_a h s ms us ns hz rpm rpm_per_s a ma v w j degc
     ohm si si_per_s si_per_s2 strides counts counts_per_rev counts_per_s permille ratio bit_per_s
     count index cycles mb mb_per_h weeks ratio_per_week

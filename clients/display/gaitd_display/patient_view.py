@@ -101,7 +101,7 @@ class PatientView(msgspec.Struct, frozen=True, kw_only=True):
     geometry: Geometry | None
     """None: the service has not said."""
     cause: str | None
-    """Of the latched stop."""
+    """Cause of the latched stop."""
     step: WayStep
     action: Action | None
     unstrap: Unstrap

@@ -85,9 +85,9 @@ class Now(NamedTuple):
     word: Word
     mode: str | None
     cause: str | None = None
-    """Of the latched stop, or the one that it is named by; None: there is none."""
+    """Cause of the latched stop, or the one that it is named by; None: there is none."""
     situation: Situation | None = None
-    """Of the leg after it."""
+    """State of the leg after it."""
     step: Step = Step.NONE
     unstrap: Unstrap = Unstrap.NOT_NOW
     is_switch_held: bool = False

@@ -118,7 +118,7 @@ class Target(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     """The target of each step where another program starts the gait."""
 
     share_low_ratio: Annotated[float, Meta(ge=0, le=1)]
-    """Of `Stride.share_ratio`."""
+    """Lower end, as `Stride.share_ratio`."""
     share_high_ratio: Annotated[float, Meta(ge=0, le=1)]
 
 

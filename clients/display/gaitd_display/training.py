@@ -66,7 +66,7 @@ class TrainingView(msgspec.Struct, frozen=True, kw_only=True):
     is_kept: bool
     """The history is written."""
     number: int
-    """Of the present or next block, from 1."""
+    """Number of the present or next block, from 1."""
     count: int
     """Blocks of the plan."""
     plan_s: float

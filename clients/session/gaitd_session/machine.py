@@ -296,7 +296,7 @@ class LegGoal:
     """A block before has proposed the band."""
     valid_before_count: int = 0
     """Valid strides of the blocks before."""
-    share_before_sum: float = 0.0
+    share_before_sum_ratio: float = 0.0
     """Sum of their shares."""
     in_band_before_count: int = 0
     """Steps of the blocks before that were in the target."""
@@ -610,7 +610,7 @@ def _with_next_block(state: State) -> State:
             middles[leg.leg],
             has_proposed=leg.has_proposed or len(leg.valid_shares) >= STRIDES_MIN,
             valid_before_count=leg.valid_before_count + len(leg.valid_shares),
-            share_before_sum=leg.share_before_sum + sum(leg.valid_shares),
+            share_before_sum_ratio=leg.share_before_sum_ratio + sum(leg.valid_shares),
             in_band_before_count=leg.in_band_before_count + state.in_band_count(leg.leg),
         )
         for leg in state.legs

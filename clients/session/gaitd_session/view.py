@@ -249,7 +249,7 @@ def _block_s(state: State) -> float:
 
 def _mean_share(legs: tuple[LegGoal, ...]) -> float | None:
     count = sum(leg.valid_before_count + len(leg.valid_shares) for leg in legs)
-    total = sum(leg.share_before_sum + sum(leg.valid_shares) for leg in legs)
+    total = sum(leg.share_before_sum_ratio + sum(leg.valid_shares) for leg in legs)
     return total / count if count else None
 
 

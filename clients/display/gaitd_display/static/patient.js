@@ -301,6 +301,8 @@ const STOP_NOTES = { no_connection: "no_stop_now" };
 
 function paintHead(word, said) {
   if (document.body.dataset.word !== word) {
+    // Only between words of the same page; a stop, or its end, is there at once.
+    document.body.classList.toggle("calm", WALKING.includes(word) && WALKING.includes(document.body.dataset.word));
     byId("said").setAttribute("aria-live", word === "stopped" ? "assertive" : "polite");
     document.body.dataset.word = word;
     document.body.dataset.tone = TONES[word] ?? "plain";
