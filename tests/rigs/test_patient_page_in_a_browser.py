@@ -624,7 +624,7 @@ NAMES = {
     "start": ("Start",) * 2,
     "pause": ("Pause",) * 2,
     "end": ("End", "Ende"),
-    "reset": ("Let leg go", "Bein loslassen"),
+    "reset": ("Let leg go", "Bein lösen"),
     "enable": ("Hold leg", "Bein halten"),
     "hand_guiding": ("By hand", "Von Hand"),
     "hold": ("Hold here", "Hier halten"),

@@ -10,7 +10,8 @@ const MM_PER_IN = 25.4;
 const FAR_U = 7.8; // as --t-far in tokens.css
 const CAP_RATIO = 0.668; // of the font
 const ARC_MIN = 16.1; // of the smallest text, with a little above 16
-const NARROWEST = 0.56; // 16:9
+const LONGEST = 0.56; // 16:9
+const SQUAREST = 0.76; // 4:3
 const TALLY_ROOM_M = 0.47; // below the rail
 const CARD_ROOM_M = 0.1;
 const ROW_MIN = 3; // shorter rows are not told
@@ -60,8 +61,9 @@ function measure() {
   const unit = width > height ? Math.min(height / 100, width * 0.0064) : Math.min(height * 0.00625, width / 100);
   const mmPerPx = (shown.diagonal_in * MM_PER_IN) / Math.hypot(width, height);
   const neededPx = (shown.distance_m * 1000 * Math.tan((ARC_MIN / 60) * (Math.PI / 180))) / CAP_RATIO / mmPerPx;
-  const isPhone = Math.min(width, height) / Math.max(width, height) < NARROWEST; // held in a hand, and not read from a chair
-  const text = Math.max(1, Math.min(isPhone ? 1 : textMax, neededPx / (FAR_U * unit)));
+  const form = Math.min(width, height) / Math.max(width, height);
+  const most = form < LONGEST || form > SQUAREST ? 1 : textMax; // the layout bears it on these screens alone
+  const text = Math.max(1, Math.min(most, neededPx / (FAR_U * unit)));
   document.documentElement.style.setProperty("--text", text.toFixed(3));
   sizes = { unit, far: FAR_U * text * unit, of: `${width} ${height}` };
 }
