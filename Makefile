@@ -22,7 +22,7 @@ RECORD := clients/record
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-display quick test test-rigs test-package test-power-cuts test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb rigs lock format tables docs golden clean
+.PHONY: help demo demo-session quick test test-rigs test-package test-power-cuts test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -38,16 +38,16 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.t
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(DISPLAY) --editable $(SESSION) --editable $(ASSIST) --editable $(RECORD)
 	@touch $@
 
-demo: $(VENV)/display.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view, the engineer's page
-	$(BIN)/gaitd demo
+demo: $(VENV)/display.stamp  ## the demonstration: virtual drives, the service, a scripted patient, a live view, the engineer's page; DEMO=--tiring: a patient who tires, without and with help
+	$(BIN)/gaitd demo $(DEMO)
+
+demo-session: $(VENV)/display.stamp  ## a training session of a minute on the pages of patient and therapist; DEMO=--hands-on: press the buttons yourself
+	$(BIN)/gaitd demo --session $(DEMO)
 
 $(VENV)/display.stamp: requirements/display.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/display.txt
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(SESSION) --editable $(DISPLAY) --editable $(ASSIST)
 	@touch $@
-
-demo-display: $(VENV)/display.stamp  ## the same with the patient's page in a browser, http://127.0.0.1:8080; DEMO=--tiring: a patient who tires, without and with help
-	$(BIN)/gaitd demo --display $(DEMO)
 
 quick: check $(VENV)/dev.stamp  ## lint, types, import contracts, unit tests
 	$(BIN)/pytest -q -n $(WORKERS) $(UNITS)

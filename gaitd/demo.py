@@ -1,6 +1,6 @@
-"""`gaitd demo`: virtual drives, service and a scripted patient; a live view; the errors at the end.
+"""`gaitd demo`: virtual drives, service and a scripted patient, live; a judgement at the end.
 
-`gaitd_lab/demonstration/` holds the scenes, the view and the checks of the errors.
+`gaitd_lab/demonstration/` holds the scenes, the view and the checks.
 """
 
 import signal
@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitd.command_line import JsonOption, json_on_stdout
+from gaitd.command_line import EXIT_FAILED, CommandError, JsonOption, json_on_stdout
 
 if TYPE_CHECKING:
-    from gaitd_lab.demonstration.engineer import EngineerPage
+    from gaitd_lab.demonstration.pages import PageSpot
+    from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import Results
-    from gaitd_lab.demonstration.script import Plan, Scene
+    from gaitd_lab.demonstration.script import Scene
+    from gaitd_lab.demonstration.training import TrainingPlan
     from gaitd_lab.demonstration.view import Moment
-    from gaitd_lab.processes import Tempo
 
 SHORTEST_S = 6.0
 GAIT_S, TIRING_S = 55.0, 120.0
@@ -27,7 +28,7 @@ PICTURE = Path("out") / "demo.png"
 PRINT_EVERY_S = 1.0
 DRAW_EVERY_S = 0.25
 READ_S = 3.0
-"""Time to read the address before the live view takes the terminal."""
+"""Time to read the addresses before the live view takes the terminal."""
 
 
 def command(
@@ -40,19 +41,15 @@ def command(
         ),
     ] = None,
     headless: Annotated[bool, typer.Option("--headless", help="plain lines, no live view")] = False,
-    plot: Annotated[Path, typer.Option(metavar="PNG", help="where the picture goes")] = PICTURE,
+    plot: Annotated[
+        Path, typer.Option(metavar="PNG", help="where the picture goes; none of --session")
+    ] = PICTURE,
     pace: Annotated[
         str, typer.Option(help="of simulated time: a multiple of real time, or max")
     ] = "1",
     wall_clock: Annotated[
         bool, typer.Option("--wall-clock", help="by the computer's clock: shows its lateness")
     ] = False,
-    display: Annotated[
-        bool, typer.Option("--display", help="also serve the patient's page of clients/display")
-    ] = False,
-    display_port: Annotated[
-        int, typer.Option(min=1, max=65535, help="of that page, on 127.0.0.1")
-    ] = 8080,
     engineer_port: Annotated[
         int,
         typer.Option(
@@ -66,11 +63,32 @@ def command(
             help="instead: a patient who tires, without and with help as needed (clients/assist)",
         ),
     ] = False,
+    session: Annotated[
+        bool,
+        typer.Option(
+            "--session",
+            help="instead: a training session of three short blocks, on the pages of patient and"
+            " therapist (clients/display)",
+        ),
+    ] = False,
+    hands_on: Annotated[
+        bool,
+        typer.Option("--hands-on", help="of --session: press the patient's buttons yourself"),
+    ] = False,
+    patient_port: Annotated[
+        int, typer.Option(min=1, max=65535, help="of the patient's page, or the next free one")
+    ] = 8080,
+    therapist_port: Annotated[
+        int, typer.Option(min=1, max=65535, help="of the therapist's page, or the next free one")
+    ] = 8443,
     as_json: JsonOption = False,
 ) -> None:
-    """Play gait without and with the patient, then the paper's experiment; check the errors."""
+    """Play gait without and with the patient, then the paper's experiment; check the errors.
+
+    Or play a training session, and check that it was walked.
+    """
     from daemon.config.shipped import configs_folder
-    from gaitd_lab.demonstration.engineer import find_engineer_page
+    from gaitd_lab.demonstration.pages import find_page
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
     from gaitd_lab.demonstration.report import as_object, report
@@ -80,30 +98,36 @@ def command(
     configs = configs_folder("configs", "demo.toml")
     # SIGTERM ends it like Ctrl-C, in order.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    _refuse(pace, wall_clock=wall_clock, tiring=tiring)
+    _refuse(pace, wall_clock=wall_clock, tiring=tiring, session=session, hands_on=hands_on)
     plan = tiring_plan(seconds or TIRING_S) if tiring else plan_of(seconds or GAIT_S)
-    tempo = Tempo(pace, wall_clock)
-    port = display_port if display else None
-    engineer = find_engineer_page(engineer_port) if engineer_port else None
+    engineer = find_page("engineer", engineer_port) if engineer_port else None
     with json_on_stdout(as_json) as write:
         if engineer:
             print(engineer.said, flush=True)
-        if display:
-            print(f"the patient's page: http://127.0.0.1:{display_port}", flush=True)
+        training = None
+        if session:
+            patient, therapist = (
+                find_page("patient", patient_port),
+                find_page("therapist", therapist_port),
+            )
+            training = _training(patient, therapist, is_hands_on=hands_on)
+        is_headless = headless or as_json or not sys.stdout.isatty()
+        if training and not is_headless:
             time.sleep(READ_S)
-        if headless or as_json or not sys.stdout.isatty():
-            results = Performance(configs, plan, _Lines(), tempo, port, engineer).play()
-        else:
-            results = _watch(configs, plan, tempo, port, engineer)
-        plot.parent.mkdir(parents=True, exist_ok=True)
-        draw(results, plot)
+        performance = Performance(configs, plan, Tempo(pace, wall_clock), engineer, training)
+        results = performance.play(_Lines()) if is_headless else _watch(performance)
+        picture = None if session else plot.resolve()
+        if picture:
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            draw(results, picture)
         report(results, plan)
-        print(f"picture: {plot.resolve()}")
-        write(as_object(results) | {"picture": plot.resolve()})
+        if picture:
+            print(f"picture: {picture}")
+        write(as_object(results) | {"picture": picture})
     raise typer.Exit(0 if results.passed else 1)
 
 
-def _refuse(pace: str, *, wall_clock: bool, tiring: bool) -> None:
+def _refuse(pace: str, *, wall_clock: bool, tiring: bool, session: bool, hands_on: bool) -> None:
     from daemon.config.strict import COMMAND_LINE, ConfigError
     from sim_drives.time.server import parse_pace
 
@@ -116,18 +140,27 @@ def _refuse(pace: str, *, wall_clock: bool, tiring: bool) -> None:
     if tiring and pace != "1":
         # The controller answers by the computer's time: a setpoint older than 100 ms is refused.
         raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --tiring")
+    if tiring and session:
+        raise ConfigError(COMMAND_LINE, "--session", "given", "nothing with --tiring")
+    if hands_on and not session:
+        raise ConfigError(COMMAND_LINE, "--hands-on", "given", "with --session alone")
 
 
-def _watch(
-    configs: Path,
-    plan: "Plan",
-    tempo: "Tempo",
-    display_port: int | None,
-    engineer: "EngineerPage | None",
-) -> "Results":
+def _training(patient: "PageSpot", therapist: "PageSpot", *, is_hands_on: bool) -> "TrainingPlan":
+    """Draw the password, and tell where the pages of a session are."""
+    from gaitd_lab.demonstration.training import TrainingPlan, new_password
+
+    if patient.port is None or therapist.port is None:
+        raise CommandError(patient.said, EXIT_FAILED)
+    password = new_password()
+    print(patient.said)
+    print(f"{therapist.said}   password: {password}", flush=True)
+    return TrainingPlan(patient.port, therapist.port, password, is_hands_on)
+
+
+def _watch(performance: "Performance") -> "Results":
     from rich.live import Live
 
-    from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.view import picture
 
     with Live(screen=True, auto_refresh=False) as live:
@@ -145,7 +178,7 @@ def _watch(
             def scene(self, scene: "Scene") -> None:
                 """Do nothing: the next picture shows the scene."""
 
-        return Performance(configs, plan, Pictures(), tempo, display_port, engineer).play()
+        return performance.play(Pictures())
 
 
 class _Lines:

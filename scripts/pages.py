@@ -67,7 +67,7 @@ LONG: Final = {
     ),
     "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd.matrix",)),
     "patient.png": Made(
-        "pytest -n0 tests/rigs/test_patient_page_in_a_browser.py -k picture --write-pages",
+        "pytest -n0 tests/rigs/test_session_in_a_browser.py -m thorough --write-pages",
         ("gaitd_display.__main__",),
         ("clients/display/gaitd_display/static",),
     ),

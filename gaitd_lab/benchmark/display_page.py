@@ -14,7 +14,6 @@ import contextlib
 import importlib.util
 import shutil
 import statistics
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,7 +22,7 @@ from typing import Any, Final, NamedTuple
 from gaitd_client import Mode, RequestRefusedError, Safety, Stage, Trainer
 from gaitd_client.connection import Target
 
-from gaitd_lab.demonstration.display import display
+from gaitd_lab.demonstration.pages import address_of, page, patient_settings
 from gaitd_lab.process_memory import sample
 from gaitd_lab.processes import ServiceError, Tempo, free_port
 from gaitd_lab.timed_service import timed_service, until_ready, warm_up
@@ -93,16 +92,12 @@ def measure(configs: Path, seconds: float) -> Page:
     port = free_port()
     with (
         timed_service(configs, Tempo(wall_clock=True), TRAINER_FILE) as made,
-        tempfile.TemporaryDirectory() as folder,
-        display(made.target, [leg["name"] for leg in made.table["leg"]], Path(folder), port) as (
-            server_pid
-        ),
+        page("patient", made, patient_settings(made, port)) as server,
     ):
         until_ready(made, READY_WITHIN_S)
         _walk(made.target, seconds)
-        if server_pid is None:
-            raise ServiceError("the page's server was not started")
-        return _page(f"http://127.0.0.1:{port}", server_pid, seconds)
+        server.check()
+        return _page(address_of(port), server.pid, seconds)
 
 
 def _walk(target: Target, seconds: float) -> None:

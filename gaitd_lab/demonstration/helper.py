@@ -20,7 +20,7 @@ from simtime.clock import PageClock
 PACKAGE: Final = "gaitd_assist"
 SHIPPED: Final = Path("configs") / "assist.toml"
 ENDPOINT: Final = 'endpoint = "tcp/127.0.0.1:7447"'
-NEEDED: Final = "help as needed must be installed from a clone: `make demo-display`"
+NEEDED: Final = "help as needed must be installed from a clone: `make demo`"
 
 
 def helper(target: Target, channel: Path, folder: Path) -> ManagedProcess:

@@ -6,33 +6,46 @@ the speed of this computer: requests reach the gateway before time passes, and t
 the cycles up to the same instant on each run.
 """
 
+import contextlib
 import time
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Final, Protocol
 
 from gaitd_client import wire
 
-from gaitd_lab.demonstration.display import display
-from gaitd_lab.demonstration.engineer import EngineerPage, engineer_page
 from gaitd_lab.demonstration.evaluation import Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track, TruthTail
 from gaitd_lab.demonstration.helper import helper
+from gaitd_lab.demonstration.pages import PageSpot, engineer_page
+from gaitd_lab.demonstration.people import People
 from gaitd_lab.demonstration.picture import Results, Walk
 from gaitd_lab.demonstration.script import (
     Act,
     Action,
     Ask,
+    EmergencyStop,
+    HandSwitch,
     Help,
     Kind,
     Patient,
     Plan,
+    Press,
+    Release,
     Scene,
     Situation,
     gait_act,
     paper_act,
     tiring_act,
 )
-from gaitd_lab.demonstration.stage import Stage, stage
+from gaitd_lab.demonstration.stage import Setting, Stage, stage
+from gaitd_lab.demonstration.training import (
+    BLOCK_COUNT,
+    Training,
+    TrainingPlan,
+    TrainingResult,
+)
+from gaitd_lab.demonstration.training_script import training_act
 from gaitd_lab.demonstration.view import Moment
 from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo
 from gaitd_lab.requests import Requests
@@ -68,27 +81,26 @@ class Performance:
         self,
         configs: Path,
         plan: Plan,
-        screen: Screen,
         tempo: Tempo | None = None,
-        display_port: int | None = None,
-        engineer: EngineerPage | None = None,
+        engineer: PageSpot | None = None,
+        training: TrainingPlan | None = None,
     ) -> None:
         """Prepare; `play` begins.
 
         Args:
             configs: folder of the shipped configurations.
             plan: durations of the parts.
-            screen: the display on the terminal.
             tempo: pace of time; None: the computer's.
-            display_port: of the patient's page on loopback; None: there is no page.
             engineer: the engineer's page; None: there is none.
+            training: a session is played, in place of the plan's parts; None: it is not.
         """
-        self._engineer = engineer or EngineerPage(None, "")
-        self._display_port = display_port
+        self._engineer = engineer or PageSpot(None, "")
+        self._training = training
+        self._trained: TrainingResult | None = None
+        self._people: People | None = None
         self._tempo = tempo or Tempo()
         self._configs = configs
         self._plan = plan
-        self._screen = screen
         self._received, self._true = Track(RECEIVED), Track(TRUE)
         self._spans: list[Span] = []
         self._health: list[wire.Health] = []
@@ -97,18 +109,19 @@ class Performance:
         self._scene = _first_scene()
         self._scene_since_ns = self._now_ns = time.monotonic_ns()
         self._began_s = time.monotonic()
+        self._screen: Screen
 
-    def play(self) -> Results:
-        """Play to the end, or to the first error; the results are evaluated in every case."""
+    def play(self, screen: Screen) -> Results:
+        """Play to the end, or to the first error; the results are evaluated in every case.
+
+        Args:
+            screen: the display on the terminal.
+        """
+        self._screen = screen
         trouble = ""
         try:
-            if self._plan.tiring_s > 0:
-                for helped in (False, True):
-                    self._act(tiring_act(self._plan, helped=helped), empty=False)
-            else:
-                self._act(gait_act(self._plan), empty=False)
-            if self._plan.paper_s > 0:
-                self._act(paper_act(self._plan), empty=True)
+            for act, setting in self._acts():
+                self._act(act, setting)
         except ServiceError as error:
             where = f"; logs, truth and black box are in {error.folder}" if error.folder else ""
             trouble = f"{error}{where}"
@@ -118,18 +131,31 @@ class Performance:
         both = pairs(self._received, self._true)
         rows = evaluate(self._spans, both)
         walks = self._walks if self._plan.tiring_s > 0 else []
-        return Results(both, self._spans, rows, self._health, trouble, walks)
+        return Results(both, self._spans, rows, self._health, trouble, walks, self._trained)
 
-    def _act(self, act: Act, *, empty: bool) -> None:
-        with stage(self._configs, empty=empty, tempo=self._tempo, begin_ns=self._now_ns) as where:
+    def _acts(self) -> Iterator[tuple[Act, Setting]]:
+        plan, training = self._plan, self._training
+        if training is not None:
+            yield training_act(BLOCK_COUNT, hands_on=training.hands_on), Setting.TRAINING
+        elif plan.tiring_s > 0:
+            for helped in (False, True):
+                yield tiring_act(plan, helped=helped), Setting.PATIENT
+        else:
+            yield gait_act(plan), Setting.PATIENT
+            if plan.paper_s > 0:
+                yield paper_act(plan), Setting.EMPTY
+
+    def _act(self, act: Act, setting: Setting) -> None:
+        with stage(self._configs, setting, tempo=self._tempo, begin_ns=self._now_ns) as where:
             tail = TruthTail(where.truth_path, self._true)
             requests = Requests(where.target, CLIENT)
             receiver = Receiver(where.target, where.leg, self._received, where.time)
             self._look_at(where)
             self._begin_scene(_first_scene())
-            beside = display(where.target, (where.leg,), where.folder, self._display_port)
+            engineer = engineer_page(where, self._engineer.port, where.credentials.get("engineer"))
             try:
-                with receiver, beside, engineer_page(where, self._engineer.port):
+                # The seat is given up first: the pages end in the act's time.
+                with receiver, engineer, self._at_pages(where), contextlib.closing(where.time):
                     self._turns(act, where, receiver, tail, requests)
             except ServiceError as error:
                 if stopped := where.stopped():
@@ -146,6 +172,20 @@ class Performance:
                 tail.read()
                 tail.close()
 
+    @contextlib.contextmanager
+    def _at_pages(self, where: Stage) -> Generator[None]:
+        """Serve the pages of a training inside the context; then read what it has been."""
+        if self._training is None:
+            yield
+            return
+        training = Training(where, self._training)
+        try:
+            with training.people() as self._people:
+                yield
+        finally:
+            self._people = None
+            self._trained = training.result()
+
     def _turns(
         self, act: Act, where: Stage, receiver: Receiver, tail: TruthTail, requests: Requests
     ) -> None:
@@ -154,17 +194,20 @@ class Performance:
         while not over:
             self._do(action, where, requests)
             where.check()
-            if self._helper is not None:
-                self._helper.check()
+            for beside in (self._helper, self._people):
+                if beside is not None:
+                    beside.check()
             receiver.connect()
             tail.read()
             self._screen.show(self._moment(receiver, where))
             where.time.turn(gateway_is_there=receiver.is_connected)
             self._look_at(where)
             receiver.catch_up(self._now_ns)
-            now = receiver.situation(
-                self._now_ns, where.time.began_ns or self._now_ns, *requests.outcome()
-            )
+            began_ns = where.time.began_ns or self._now_ns
+            asked = requests if self._people is None else self._people
+            now = receiver.situation(self._now_ns, began_ns, *asked.outcome())
+            if self._people is not None:
+                now = now._replace(seen=self._people.seen)
             action, over = _next(act, now)
         time.sleep(SETTLE_S)
 
@@ -174,6 +217,14 @@ class Performance:
     def _do(self, action: Action, where: Stage, requests: Requests) -> None:
         if isinstance(action, Ask):
             requests.send(action)
+        elif isinstance(action, HandSwitch):
+            where.inject("clear hand_switch_open *" if action.is_held else "hand_switch_open *")
+        elif isinstance(action, EmergencyStop):
+            where.inject("sto_open *" if action.is_pressed else "clear sto_open *")
+        elif isinstance(action, Press) and self._people is not None:
+            self._people.press(action.button)
+        elif isinstance(action, Release) and self._people is not None:
+            self._people.release()
         elif isinstance(action, Patient):
             where.inject(f"patient {action.programme}")
         elif isinstance(action, Help):
@@ -201,7 +252,7 @@ class Performance:
             receiver=receiver,
             received=self._received,
             true=self._true,
-            address=self._engineer.address,
+            pages=self._engineer.shown if self._training is None else self._training.shown,
         )
 
 

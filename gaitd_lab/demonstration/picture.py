@@ -31,6 +31,7 @@ from analysis.drawing import (
 )
 from gaitd_lab.demonstration.evaluation import AXES, Pair, Row, Span
 from gaitd_lab.demonstration.script import Kind
+from gaitd_lab.demonstration.training import TrainingResult
 
 QUIET_S: Final = 1.0
 NAME_WIDTH: Final = 12
@@ -72,10 +73,17 @@ class Results(NamedTuple):
     """Reason of an early end; empty if it was complete."""
     walks: Sequence[Walk] = ()
     """Strides of a patient who tires, without help and with it."""
+    trained: TrainingResult | None = None
+    """The session of a training; None: none was played."""
 
     @property
     def passed(self) -> bool:
-        """True if all errors are within bounds, nothing stopped, and something was evaluated."""
+        """True if all errors are within bounds, nothing stopped, and something was evaluated.
+
+        A training has passed if its session was walked as planned.
+        """
+        if self.trained is not None:
+            return not self.trouble and self.trained.passed
         return not self.trouble and bool(self.rows) and all(row.passed for row in self.rows)
 
 

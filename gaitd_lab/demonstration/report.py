@@ -15,6 +15,7 @@ from gaitd_lab.demonstration.evaluation import AXES, Row, pairs
 from gaitd_lab.demonstration.feed import verdict_text
 from gaitd_lab.demonstration.picture import Results, Walk
 from gaitd_lab.demonstration.script import Kind, Plan
+from gaitd_lab.demonstration.training import TrainingResult
 from gaitd_lab.demonstration.view import Moment
 
 NEWEST: Final = 12
@@ -62,7 +63,12 @@ def as_object(results: Results) -> dict[str, object]:
         }
         for row in results.rows
     ]
-    return {"passed": results.passed, "trouble": results.trouble, "rows": rows}
+    return {
+        "passed": results.passed,
+        "trouble": results.trouble,
+        "rows": rows,
+        "session": results.trained,
+    }
 
 
 def report(results: Results, plan: Plan) -> None:
@@ -74,16 +80,25 @@ def report(results: Results, plan: Plan) -> None:
         console.print(_errors(results.rows))
     if results.health:
         console.print(_cycles(results.health))
+    if results.trained:
+        console.print(_whole(results.trained), highlight=False)
+        console.print(_blocks(results.trained))
     if results.walks:
         console.print(_help(results.walks))
     elif plan.paper_s == 0:
         console.print("[dim]The paper's experiment was left out: it wants 40 seconds or more.[/]")
     if results.trouble:
         console.print(f"[bold red]{results.trouble}[/]", highlight=False)
+    trained = results.trained
+    good, bad = (
+        ("all within bounds, no stop", "not all within bounds")
+        if trained is None
+        else (f"{len(trained.blocks)} blocks walked, no interruption", "not walked as planned")
+    )
     if results.passed:
-        console.print("[bold green]all within bounds, no stop[/]")
+        console.print(f"[bold green]{good}[/]")
     elif not results.trouble:
-        console.print("[bold red]not all within bounds[/]")
+        console.print(f"[bold red]{bad}[/]")
 
 
 def _errors(rows: Sequence[Row]) -> Table:
@@ -108,6 +123,26 @@ def _errors(rows: Sequence[Row]) -> Table:
             f"{row.covered_min_ratio:.0%}",
             "[green]✔[/]" if row.passed else "[red]✘[/]",
         )
+    return table
+
+
+def _whole(trained: TrainingResult) -> str:
+    """What the history says of the session."""
+    told = trained.summary
+    return (
+        f"session {told.end or 'not ended'}: walked {told.walked_s:.0f} s, interruptions: "
+        f"{told.interruption_count}{told.last_interruption and f' ({told.last_interruption})'}"
+    )
+
+
+def _blocks(trained: TrainingResult) -> Table:
+    """What the history says of each block."""
+    table = Table(box=box.SIMPLE_HEAD)
+    for name in ("block", "strides", "known", "share, mean"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for number, block in enumerate(trained.blocks, 1):
+        share = f"{np.mean(block.shares):.0%}" if block.shares else "–"
+        table.add_row(str(number), str(block.stride_count), str(len(block.shares)), share)
     return table
 
 

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any, Final, NamedTuple
 
+import msgspec
+
 from gaitd_lab.processes import ServiceError
 
 READY_WITHIN_S: Final = 900.0
@@ -34,6 +36,22 @@ STOPPED: Final = frozenset({"stopping", "fault"})
 UNPOWERED: Final = frozenset({"off", "bringing_up"})
 
 
+class Training(msgspec.Struct, frozen=True):
+    """What a patient's page shows of the session."""
+
+    phase: str
+    advice: str
+    buttons: tuple[str, ...] = ()
+    reason: str = ""
+
+
+class Seen(msgspec.Struct, frozen=True):
+    """What a patient sees."""
+
+    mode: str | None = None
+    training: Training | None = None
+
+
 class Situation(NamedTuple):
     """Present state of the service, input of an act."""
 
@@ -53,6 +71,8 @@ class Situation(NamedTuple):
     outcome: str | None = None
     """Outcome of the last request, for example `refused`; None while it is pending."""
     reason: str = ""
+    seen: Seen = Seen()
+    """What the patient sees on the page of a training."""
 
 
 class Ask(NamedTuple):
@@ -70,6 +90,28 @@ class Patient(NamedTuple):
 
 class Help(NamedTuple):
     """Starts the reference controller for assistance as needed."""
+
+
+class HandSwitch(NamedTuple):
+    """The patient holds the hand switch, or lets go of it."""
+
+    is_held: bool
+
+
+class EmergencyStop(NamedTuple):
+    """The patient presses the emergency stop, or releases it."""
+
+    is_pressed: bool
+
+
+class Press(NamedTuple):
+    """The patient presses a button of the page."""
+
+    button: str
+
+
+class Release(NamedTuple):
+    """The therapist logs in on the other page, and releases the plan."""
 
 
 class Kind(Enum):
@@ -94,7 +136,7 @@ class Scene(NamedTuple):
     lasting_s: float = 0.0
 
 
-Action = Ask | Patient | Help | Scene | None
+Action = Ask | Patient | Help | HandSwitch | EmergencyStop | Press | Release | Scene | None
 Act = Generator[Action, Situation, None]
 Playing = Generator[Action, Situation, Situation]
 
@@ -145,13 +187,13 @@ def tiring_act(plan: Plan, *, helped: bool) -> Act:
     yield from _enabled("trainer and patient are brought up")
     if helped:
         yield Help()
-        yield from _until(lambda now: now.lease_holder is not None, "lease", HELP_WITHIN_S)
+        yield from until(lambda now: now.lease_holder is not None, "lease", HELP_WITHIN_S)
     yield from _asked("mode", _gait(plan, plan.tiring_s))
     yield Scene("gait is announced and approached", Kind.INTERLUDE)
-    yield from _until(lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S)
+    yield from until(lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S)
     yield Patient("tiring")
     yield Scene(f"the patient tires, {how}", Kind.TIRING, plan.tiring_s)
-    yield from _until(
+    yield from until(
         lambda now: now.phase_ratio is None, "end of the gait", plan.tiring_s + END_MARGIN_S
     )
     yield Patient("passive")
@@ -174,15 +216,13 @@ def gait_act(plan: Plan) -> Act:
     yield Patient(passive)
     yield from _asked("mode", _gait(plan, plan.passive_s + plan.active_s))
     yield Scene("gait is announced and approached", Kind.INTERLUDE)
-    now = yield from _until(
-        lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S
-    )
+    now = yield from until(lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S)
     began_s = now.now_s
     yield Scene("gait, the patient does nothing", Kind.PASSIVE, plan.passive_s)
     now = yield from _wait(began_s + plan.passive_s)
     yield Patient(active)
     yield Scene("gait, the patient takes part", Kind.ACTIVE, plan.active_s)
-    now = yield from _until(
+    now = yield from until(
         lambda now: now.phase_ratio is None, "end of the gait", plan.active_s + END_MARGIN_S
     )
     yield Patient(passive)
@@ -195,9 +235,9 @@ def paper_act(plan: Plan) -> Act:
     payload = {"mode": "excite", "scenario": plan.scenario, "duration_s": plan.paper_s}
     yield from _asked("mode", payload)
     yield Scene("the experiment's middle pose is approached", Kind.INTERLUDE)
-    yield from _until(lambda now: now.artificial, "beginning of the experiment", MOTION_WITHIN_S)
+    yield from until(lambda now: now.artificial, "beginning of the experiment", MOTION_WITHIN_S)
     yield Scene("the paper's open-loop experiment", Kind.OPEN_LOOP, plan.paper_s)
-    yield from _until(
+    yield from until(
         lambda now: not now.artificial, "end of the experiment", plan.paper_s + END_MARGIN_S
     )
     yield from _disabled()
@@ -205,26 +245,35 @@ def paper_act(plan: Plan) -> Act:
 
 def _enabled(title: str) -> Playing:
     yield Scene(title, Kind.INTERLUDE)
-    yield from _until(lambda now: now.mode == "ready", "ready", READY_WITHIN_S, powered=False)
+    yield from until(lambda now: now.mode == "ready", "ready", READY_WITHIN_S, powered=False)
     yield from _wait(ENABLE_AT_S)
     yield Scene("the drives are enabled", Kind.INTERLUDE)
     yield from _asked("enable", {})
-    yield from _until(lambda now: now.mode == "hold", "hold", ENABLE_WITHIN_S)
+    yield from until(lambda now: now.mode == "hold", "hold", ENABLE_WITHIN_S)
     return (yield from _wait(MOVE_AT_S))
 
 
 def _disabled() -> Playing:
     yield Scene("the drives are switched off", Kind.INTERLUDE)
-    yield from _until(lambda now: now.mode == "hold", "hold", END_MARGIN_S)
+    yield from until(lambda now: now.mode == "hold", "hold", END_MARGIN_S)
     yield from _asked("disable", {})
     return (
-        yield from _until(lambda now: now.mode == "ready", "ready", DISABLE_WITHIN_S, powered=False)
+        yield from until(lambda now: now.mode == "ready", "ready", DISABLE_WITHIN_S, powered=False)
     )
 
 
 def _asked(name: str, payload: dict[str, Any]) -> Playing:
-    """Send a request, and wait for the outcome; a refusal ends the act with its reason."""
-    now = yield Ask(name, payload)
+    return (yield from asked(Ask(name, payload), name))
+
+
+def asked(action: Action, name: str) -> Playing:
+    """Send a request, and wait for the outcome; a refusal ends the act with its reason.
+
+    Args:
+        action: the request.
+        name: of it, for the error.
+    """
+    now = yield action
     while now.outcome is None:
         now = yield from _look(None)
     if now.outcome != "done":
@@ -239,7 +288,7 @@ def _wait(until_s: float) -> Playing:
     return now
 
 
-def _until(
+def until(
     reached: Callable[[Situation], bool], what: str, within_s: float, *, powered: bool = True
 ) -> Playing:
     """Wait for a condition; a stop, missing messages, or a time-out end the act.
@@ -267,6 +316,15 @@ def _look(action: Action) -> Playing:
     now = yield action
     if now.mode in STOPPED and now.verdict:
         raise ServiceError(f"the service stopped: {now.verdict}")
+    check_word(now)
+    return now
+
+
+def check_word(now: Situation) -> None:
+    """Check that the service is not silent.
+
+    Raises:
+        ServiceError: it is.
+    """
     if now.received_s is not None and now.now_s - now.received_s > SILENCE_MAX_S:
         raise ServiceError(f"no word from the service for {SILENCE_MAX_S:g} s")
-    return now

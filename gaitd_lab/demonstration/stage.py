@@ -11,13 +11,18 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Generator
+from datetime import UTC, datetime
+from enum import Enum
 from pathlib import Path
 from typing import Final
 
 import msgspec
+from gaitd_client import read_credentials
 
 from daemon.config.edits import Edits
 from daemon.config.settings import Robot
+from daemon.keys import issuing
+from daemon.keys.folder import ISSUED
 from gaitd_lab.demonstration.script import READY_WITHIN_S
 from gaitd_lab.processes import ServiceError, ServiceProcesses, Tempo, memory_folder
 from gaitd_lab.trials import balanced
@@ -29,6 +34,18 @@ from simtime.wire import Role
 
 TURN_S: Final = 0.1
 HAND_NAME, SEAT_NAME, CORE_SEAT = "demo", "demo", "core"
+KEYS_DAYS: Final = 1
+CLIENTS: Final = {
+    "demo": "display.demo",
+    "engineer": "display.engineer",
+    "patient": "session.patient",
+    "therapist": "operator.therapist",
+}
+"""Clients of a training, and their roles."""
+TRAINING_EDITS: Final[Edits] = {
+    "demo.toml": {"self_test.required": "daily", "gait.announce_s": 0.5, "gait.ramp_strides": 1}
+}
+"""The daily test as on a real trainer; a session of a minute has no time for long beginnings."""
 
 
 class StageTime:
@@ -114,15 +131,40 @@ class StageTime:
         self._link.take()
 
 
+class Setting(Enum):
+    """What the configuration of an act is like."""
+
+    PATIENT = "a patient in the machine"
+    EMPTY = "the empty machine, which its springs carry alone"
+    TRAINING = "a patient who is alone: the service has keys, and requires the daily test"
+
+
 class Stage(ServiceProcesses):
     """Files, processes and time of one act."""
 
     def __init__(
-        self, folder: Path, configs: Path, *, empty: bool, tempo: Tempo, begin_ns: int
+        self, folder: Path, configs: Path, setting: Setting, *, tempo: Tempo, begin_ns: int
     ) -> None:
         """Write the configuration of the act; see `stage`."""
-        super().__init__(folder, configs, edits=_empty_edits(configs) if empty else {}, tempo=tempo)
+        super().__init__(folder, configs, edits=_edits(configs, setting), tempo=tempo)
+        self.credentials: dict[str, Path] = {}
+        """Folders of the clients' credentials; empty: the service has no keys."""
+        if setting is Setting.TRAINING:
+            self._issue_keys()
         self.time = StageTime(self.channel, begin_ns, tempo)
+
+    def _issue_keys(self) -> None:
+        """Make the service's keys, and those of its clients, as `gaitd keys` does."""
+        text = self.config.read_text(encoding="utf-8")
+        self.config.write_text(text.replace("[zenoh]\n", '[zenoh]\nkeys = "keys"\n'), "utf-8")
+        keys, now = self.config.parent / "keys", datetime.now(UTC)
+        issuing.init(keys, self.target.trainer, [], now, KEYS_DAYS)
+        for role in CLIENTS.values():
+            endpoints = self.target.endpoints
+            issuing.issue(keys, role, endpoints, self.target.trainer, now, KEYS_DAYS, remote=False)
+        self.credentials = {client: keys / ISSUED / role for client, role in CLIENTS.items()}
+        own = read_credentials(self.credentials["demo"])
+        self.target = self.target._replace(credentials=own)
 
     def start_all(self) -> None:
         """Start the virtual drives, with time held if it is simulated, and the service."""
@@ -165,7 +207,7 @@ def _part_of(pid: int) -> str:
 
 @contextlib.contextmanager
 def stage(
-    configs: Path, *, empty: bool, tempo: Tempo | None = None, begin_ns: int = 0
+    configs: Path, setting: Setting, *, tempo: Tempo | None = None, begin_ns: int = 0
 ) -> Generator[Stage]:
     """Start all of one act; it is ended in every case.
 
@@ -173,14 +215,14 @@ def stage(
 
     Args:
         configs: the project's folder of configurations.
-        empty: the trainer is empty, and its springs carry it alone.
+        setting: what the configuration is like.
         tempo: pace of its time; None: the computer's.
         begin_ns: its time begins no earlier.
     """
     folder = Path(tempfile.mkdtemp(prefix="gaitd-demo-", dir=memory_folder()))
     kept = False
     try:
-        with Stage(folder, configs, empty=empty, tempo=tempo or Tempo(), begin_ns=begin_ns) as made:
+        with Stage(folder, configs, setting, tempo=tempo or Tempo(), begin_ns=begin_ns) as made:
             made.start_all()
             yield made
     except ServiceError as error:
@@ -189,6 +231,12 @@ def stage(
     finally:
         if not kept:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _edits(configs: Path, setting: Setting) -> Edits:
+    if setting is Setting.EMPTY:
+        return _empty_edits(configs)
+    return TRAINING_EDITS if setting is Setting.TRAINING else {}
 
 
 def _empty_edits(configs: Path) -> Edits:

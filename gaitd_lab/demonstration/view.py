@@ -56,8 +56,8 @@ class Moment(NamedTuple):
     receiver: Receiver | None
     received: Track
     true: Track
-    address: str = ""
-    """Address of the engineer's page; empty without one."""
+    pages: str = ""
+    """Where pages are; empty without one."""
 
 
 def picture(moment: Moment, width: int, height: int) -> Layout:
@@ -129,7 +129,7 @@ def _header(moment: Moment) -> RenderableType:
         Group(line, _second_line(moment, safety)),
         title="[bold]gaitd demo[/]  virtual drives, CAN frames, observer, Zenoh",
         title_align="left",
-        subtitle=f"in a browser: [bold]{moment.address}[/]" if moment.address else None,
+        subtitle=f"[bold]{moment.pages}[/]" if moment.pages else None,
         subtitle_align="right",
         border_style="grey50",
         padding=(0, 1),

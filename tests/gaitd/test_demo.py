@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -143,7 +144,7 @@ def test_the_engineers_page_shows_the_demonstration_beside_the_truth_and_may_end
         while not known_truth(address):
             assert time.monotonic() < end_s
             time.sleep(0.1)
-        (page,) = [pid for pid in processes if runs(pid, "gaitd_lab.demonstration.engineer")]
+        (page,) = [pid for pid in processes if runs(pid, "gaitd_lab.demonstration.page_server")]
         os.kill(page, signal.SIGKILL)
         time.sleep(1)
         assert demo.poll() is None
@@ -175,3 +176,59 @@ def test_a_patient_who_tires_gets_help_as_needed(tmp_path):
     assert min(guidance) < 0.6
     assert guidance[-1] > min(guidance)
     assert assist_nm[-1] > 5 * assist_nm[0]
+
+
+# --- a training -----------------------------------------------------------------------------------
+
+
+def session(*more):
+    """A training session, whose pages take any free port."""
+    return [*AT_MOST, "--session", "--patient-port", str(free_port()), *NO_PAGE, *more]
+
+
+def test_a_training_session_is_walked_on_the_pages_of_patient_and_therapist():
+    with socket.create_server(("127.0.0.1", 0)) as busy:
+        ran = subprocess.run(
+            session("--therapist-port", str(busy.getsockname()[1]), "--json"),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+    assert "3 blocks walked, no interruption" in ran.stderr
+    told = json.loads(ran.stdout)
+    assert (told["passed"], told["trouble"], told["picture"]) == (True, "", None)
+    summary, blocks = told["session"]["summary"], told["session"]["blocks"]
+    assert (summary["end"], summary["interruption_count"]) == ("complete", 0)
+    assert summary["walked_s"] >= 6 + 8 + 8 - 2 * 3, "a block with 2 s left is complete"
+    assert [len(block["shares"]) > 0 for block in blocks] == 3 * [True]
+    assert summary["valid_count"] == sum(len(block["shares"]) for block in blocks)
+    scenes = re.findall(r"^--- (.*)$", ran.stderr, re.M)
+    expected = ["daily test: the emergency stop", "self-test", "block 1 of 3", "block 3 of 3"]
+    places = [next(at for at, one in enumerate(scenes) if text in one) for text in expected]
+    assert places == sorted(places)
+
+
+def test_an_interrupted_training_ends_its_processes_within_its_time():
+    with subprocess.Popen(
+        session(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509
+    ) as demo:
+        for line in demo.stdout:
+            if "motion is announced" in line:
+                break
+        processes = descendants(demo.pid)
+        demo.send_signal(signal.SIGINT)
+        rest = demo.stdout.read()
+
+    assert demo.returncode == 1
+    assert "interrupted" in rest
+    assert "session left: walked 0 s" in rest, "the page's server has ended in order"
+    assert "Traceback" not in rest
+    assert len(processes) == 6, "virtual drives, service, core, gateway, two pages"
+    assert not any(map(lives, processes))

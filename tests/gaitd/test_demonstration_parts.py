@@ -8,22 +8,35 @@ import sys
 import time
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from gaitd_client import NotValid, Trouble
+from gaitd_session.store import (
+    BlockRow,
+    EndRow,
+    GoalRow,
+    InterruptionRow,
+    SessionRow,
+    Store,
+    StrideRow,
+)
 
 from daemon.config.shipped import configs_folder
-from gaitd_lab.demonstration import engineer, stage
+from gaitd_lab.demonstration import page_server, pages, stage, training
 from gaitd_lab.demonstration.evaluation import Row, Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Track, TruthTail
 from gaitd_lab.demonstration.picture import Results, draw
 from gaitd_lab.demonstration.script import Kind
-from gaitd_lab.demonstration.stage import Stage, StageTime, Tempo
+from gaitd_lab.demonstration.stage import Setting, Stage, StageTime, Tempo
 from gaitd_lab.processes import ManagedProcess, ServiceError
 from sim_drives.plant.truth import TruthRow
+from simtime.link import LinkLostError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 CYCLE_NS = 10_000_000
+UTC_AHEAD_NS = 10**18
 
 
 def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
@@ -118,18 +131,19 @@ def test_the_truth_is_followed_by_whole_lines(tmp_path):
     assert track.column("hip_patient_nm", values).tolist() == [8.5]
 
 
-@pytest.mark.parametrize("empty", [False, True])
-def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, empty):
+@pytest.mark.parametrize("setting", Setting)
+def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, setting):
     from daemon.preflight.load import load
     from gaitd_lab.virtual_machine import load_plant
 
-    act = Stage(tmp_path, CONFIGS, empty=empty, tempo=Tempo(), begin_ns=0)
+    act = Stage(tmp_path, CONFIGS, setting, tempo=Tempo(), begin_ns=0)
     act.end()
 
     settings = load(act.config)
     assert settings.file.trainer.zenoh.listen == act.target.endpoints
     assert settings.file.runtime == tmp_path / "run"
-    assert (settings.robot.patient is None) == empty
+    assert (settings.robot.patient is None) == (setting is Setting.EMPTY)
+    assert (settings.file.keys is None) == (setting is not Setting.TRAINING)
     assert load_plant(settings.file)[1].robot == settings.file.robot.name
     here = tomllib.loads((CONFIGS / "demo.toml").read_text())
     assert settings.file.trainer.bus.channel != here["bus"]["channel"]
@@ -140,7 +154,7 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
     from daemon.preflight.load import load
     from observer.mechanism.mechanism import gravity
 
-    act = Stage(tmp_path, CONFIGS, empty=True, tempo=Tempo(), begin_ns=0)
+    act = Stage(tmp_path, CONFIGS, Setting.EMPTY, tempo=Tempo(), begin_ns=0)
     act.end()
     start = tomllib.loads((act.config.parent / "plant.toml").read_text())["start"]
 
@@ -213,43 +227,161 @@ def test_the_configurations_are_found_beside_the_code():
     assert configs_folder("--config", "demo.toml") == CONFIGS
 
 
-# --- the engineer's page --------------------------------------------------------------------------
+# --- pages ----------------------------------------------------------------------------------------
 
 
-def test_the_engineers_page_takes_the_next_free_port():
+def test_a_page_takes_the_next_free_port():
     with socket.create_server(("127.0.0.1", 0)) as busy:
         port = busy.getsockname()[1]
-        page = engineer.find_engineer_page(port)
+        page = pages.find_page("engineer", port)
 
     assert page.port is not None
     assert page.port > port
     assert page.said == f"the engineer's page: http://127.0.0.1:{page.port}/"
 
 
-def test_without_a_free_port_or_its_package_there_is_a_sentence_and_no_page(monkeypatch):
+def test_a_page_has_a_port_where_those_that_it_tries_are_in_use(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as busy:
         port = busy.getsockname()[1]
-        monkeypatch.setattr(engineer, "PORTS_TRIED", 1)
-        page = engineer.find_engineer_page(port)
-    assert (page.port, page.address) == (None, "")
-    assert page.said == f"no engineer's page: ports {port} to {port} are in use"
+        monkeypatch.setattr(pages, "PORTS_TRIED", 1)
+        page = pages.find_page("patient", port)
 
-    monkeypatch.setattr(engineer, "PACKAGE", "gaitd_of_no_display")
-    page = engineer.find_engineer_page(port)
-    assert page.port is None
+    assert page.port not in {None, port}
+    assert page.shown == f"in a browser: http://127.0.0.1:{page.port}/"
+
+
+def test_without_its_package_there_is_a_sentence_and_no_page(monkeypatch):
+    monkeypatch.setattr(pages, "PACKAGE", "gaitd_of_no_display")
+    page = pages.find_page("engineer", 8090)
+
+    assert (page.port, page.shown) == (None, "")
     assert "`make demo`" in page.said
 
 
-class Steps:
-    def __init__(self, *steps_ns):
-        self._times_ns = itertools.accumulate(steps_ns)
+class Link:
+    """Time as a page's seat sees it, which passes while it waits."""
+
+    def __init__(self):
+        self.ns, self.is_lost = 0, False
+
+    def open(self):
+        if self.is_lost:
+            raise LinkLostError("no virtual drives")
+
+    def wait(self, until_ns, *, for_frame):
+        assert not for_frame
+        self.ns = until_ns
+
+    def take(self):
+        return []
 
     def now_ns(self):
-        return next(self._times_ns)
+        return self.ns
+
+    def utc_ns(self):
+        return UTC_AHEAD_NS + self.ns
 
 
-def test_its_clock_is_as_slow_as_the_slower_of_two():
-    act = Steps(1000, 5, 0, 50)
-    clock = engineer.SlowerClock(act, Steps(7, 10, 10, 10))
+def seat_of(link, ages_ns):
+    """A page's seat; with each look its newest message is so old, None: there is none."""
+    looks = iter(ages_ns)
 
-    assert [clock.now_ns() for _ in range(3)] == [5, 5, 15]
+    def newest():
+        age_ns = next(looks)
+        silence = NotValid("right/estimate", Trouble.SILENT, "")
+        return silence if age_ns is None else SimpleNamespace(sample_time_ns=link.utc_ns() - age_ns)
+
+    return page_server.Seat(link, link, newest), looks
+
+
+@pytest.mark.parametrize("ages_ms", [(200, 40, 21, 20, 0), (0, 0), (None, 0)])
+def test_time_waits_for_the_messages_that_a_page_has_not_received(ages_ms):
+    """Messages of 20 ms ago are complete; without any there is nothing to wait for."""
+    ages_ns = [None if age is None else age * 1_000_000 for age in ages_ms]
+    link = Link()
+    seat, looks = seat_of(link, ages_ns)
+
+    assert seat.turn()
+
+    assert link.ns == page_server.TURN_NS
+    assert list(looks) == [0], "it has waited as long as it had to"
+
+
+def test_time_passes_beside_a_page_whose_messages_do_not_come(monkeypatch):
+    monkeypatch.setattr(page_server, "CATCH_UP_S", 0.01)
+    link = Link()
+    seat, _ = seat_of(link, itertools.repeat(10**9))
+
+    assert seat.turn()
+    assert seat.turn()
+
+    assert link.ns == 2 * page_server.TURN_NS
+
+
+def test_a_page_outlives_the_virtual_drives():
+    link = Link()
+    seat, _ = seat_of(link, itertools.repeat(None))
+    link.is_lost = True
+    assert not seat.turn()
+    link.is_lost = False
+    assert seat.turn()
+
+
+# --- a training -----------------------------------------------------------------------------------
+
+
+def history_of(folder, *, shares, end="complete", interruptions=()):
+    """A history of one session; `shares` of each block, None: not valid."""
+    profile = training.profile_of("right", folder / "profile.toml")
+    with Store(folder / "history.sqlite", is_writer=True) as store:
+        rows = [SessionRow(profile.id, "trainer", 1)]
+        for number, of_block in enumerate(shares, 1):
+            rows += [BlockRow(number, "walking", 0.5, 0.6, 8.0, 8.0)]
+            rows += [GoalRow(number, "right", 0.3, 0.3)]
+            rows += [
+                StrideRow(number, "right", 10 * number + at, 2.0, share, 0.01, 1.0, 0.0, True)
+                if share is not None
+                else StrideRow(
+                    number, "right", 10 * number + at, 2.0, None, None, None, None, False
+                )
+                for at, share in enumerate(of_block)
+            ]
+        rows += [InterruptionRow(1, "paused", reason) for reason in interruptions]
+        store.write([*rows, EndRow(99, end)])
+    return training.result_of(folder / "history.sqlite", profile)
+
+
+KNOWN = ([0.3], [0.2, None, 0.4], [0.3])
+
+
+def test_a_training_is_judged_by_its_history(tmp_path):
+    result = history_of(tmp_path, shares=KNOWN)
+
+    assert result.passed
+    assert [block.stride_count for block in result.blocks] == [1, 3, 1]
+    assert [list(block.shares) for block in result.blocks] == [[0.3], [0.2, 0.4], [0.3]]
+
+
+@pytest.mark.parametrize(
+    "failure",
+    [
+        {"shares": KNOWN[:2]},
+        {"shares": [*KNOWN[:2], [None]]},
+        {"shares": KNOWN, "end": "left"},
+        {"shares": KNOWN, "interruptions": ["no signal"]},
+    ],
+    ids=["a block is missing", "no stride is known", "it was left", "it was interrupted"],
+)
+def test_a_training_fails(tmp_path, failure):
+    result = history_of(tmp_path, **failure)
+
+    assert not result.passed
+    assert not Results(pairs(*tracks()), [], [], [], "", trained=result).passed
+
+
+def test_a_training_that_was_not_begun_has_no_result(tmp_path):
+    file, profile = tmp_path / "history.sqlite", training.profile_of("right", tmp_path / "one.toml")
+    assert training.result_of(file, profile) is None
+    with Store(file, is_writer=True):
+        pass
+    assert training.result_of(file, profile) is None

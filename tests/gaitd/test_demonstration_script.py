@@ -3,18 +3,25 @@ import pytest
 from gaitd_lab.demonstration.script import (
     PAPER_S,
     Ask,
+    EmergencyStop,
+    HandSwitch,
     Help,
     Kind,
     Patient,
     Plan,
+    Press,
+    Release,
     Scene,
+    Seen,
     Situation,
+    Training,
     gait_act,
     paper_act,
     plan_of,
     tiring_act,
     tiring_plan,
 )
+from gaitd_lab.demonstration.training_script import training_act
 from gaitd_lab.processes import ServiceError
 
 PLAN = Plan(passive_s=10.0, active_s=20.0, paper_s=25.0)
@@ -185,3 +192,147 @@ def test_by_default_it_is_ten_seconds_without_and_twenty_with_the_patient():
     plan = plan_of(55.0)
 
     assert (plan.passive_s, plan.active_s, plan.paper_s) == (10.0, 20.0, PAPER_S)
+
+
+# --- a training -----------------------------------------------------------------------------------
+
+
+class Page:
+    """A patient's page, and the service behind it: each step takes two seconds."""
+
+    STEPS = ("enabling", "announced", "self_test", "announced", "starting", "walking")
+    AGAIN = ("enabling", "announced", "starting", "walking")
+
+    def __init__(self, blocks=3, presses_alone=False):
+        self.blocks, self.presses_alone = blocks, presses_alone
+        self.mode, self.phase, self.walked = "off", "waiting", 0
+        self.is_held = self.is_released = True
+        self.has_plan = False
+        self.coming, self.next_s, self.now_s = [], 0.0, 0.0
+        self.refuses = self.advises = None
+        self.outcome = None
+
+    def do(self, action, now_s):
+        match action:
+            case HandSwitch(is_held):
+                self.is_held = is_held
+            case EmergencyStop(is_pressed):
+                self.is_released = not is_pressed
+                self.mode = "fault"
+            case Release():
+                self.outcome = "refused" if self.refuses else "done"
+                self.has_plan = self.outcome == "done"
+            case Press("start"):
+                self.start(now_s)
+
+    def start(self, now_s):
+        assert self.may_start()
+        if self.mode == "fault":
+            self.mode = "ready"
+            return
+        assert self.has_plan
+        self.coming = list(self.STEPS if self.walked == 0 else self.AGAIN)
+        self.next_s = now_s
+
+    @property
+    def rests(self):
+        return self.phase == "rest" and self.now_s < self.next_s
+
+    def may_start(self):
+        is_at_rest = self.phase in {"waiting", "rest", "stopped"} and not self.rests
+        return self.is_held and self.is_released and is_at_rest
+
+    def situation(self, now_s):
+        if now_s > 3.0 and self.mode == "off":
+            self.mode = "ready"
+        if self.phase not in {"waiting", "rest", "stopped", "finished"}:
+            assert self.is_held
+        self.now_s = now_s
+        if self.presses_alone and now_s % 10 < 0.1 and self.may_start() and not self.coming:
+            self.start(now_s)
+        if self.coming and now_s >= self.next_s:
+            self.phase, self.next_s = self.coming.pop(0), now_s + 2.0
+            if self.phase == "walking":
+                self.walked += 1
+                self.next_s = now_s + 10.0
+                self.coming = ["finished" if self.walked == self.blocks else "rest"]
+        return Situation(
+            now_s=now_s,
+            received_s=now_s,
+            mode=self.mode,
+            verdict="S1 something" if self.mode == "fault" else "",
+            phase_ratio=None,
+            artificial=False,
+            outcome=self.outcome,
+            reason="because",
+            seen=Seen(self.mode, Training(self.phase, self.advice(), self.buttons())),
+        )
+
+    def advice(self):
+        if self.advises is not None and self.phase == "walking":
+            return self.advises
+        if self.mode == "fault":
+            return "press_start_to_reset" if self.is_held else "hold_hand_switch"
+        if self.rests:
+            return "rest"
+        if self.phase in {"waiting", "rest"}:
+            return "press_start" if self.is_held else "hold_hand_switch"
+        return "walk" if self.phase == "walking" else "lie_still"
+
+    def buttons(self):
+        return ("start", "end") if self.may_start() else ("end",)
+
+
+def kinds(did, kind):
+    return [action for _, action in did if isinstance(action, kind)]
+
+
+def test_a_patient_alone_does_as_the_page_says_until_three_blocks_are_walked():
+    page = Page()
+    did = play(training_act(3), page)
+
+    assert (page.walked, page.phase) == (3, "finished")
+    assert len(kinds(did, Press)) == 4, "RESET of the daily test, and each block"
+    assert kinds(did, EmergencyStop) == [EmergencyStop(True), EmergencyStop(False)]
+    held = [action.is_held for action in kinds(did, HandSwitch)]
+    assert held == [False, True, False, True, False, True, False], "daily test, rests, the end"
+    assert [one.programme for one in kinds(did, Patient)] == 3 * ["active", "passive"]
+    titles = [scene.title for scene in kinds(did, Scene)]
+    assert [title for title in titles if title.startswith("block")] == [
+        f"block {number} of 3: the patient walks" for number in (1, 2, 3)
+    ]
+
+
+def test_with_hands_on_a_person_presses_the_buttons_and_is_told_to():
+    page = Page(presses_alone=True)
+    did = play(training_act(3, hands_on="http://127.0.0.1:8080/"), page)
+
+    assert page.walked == 3
+    assert kinds(did, Press) == []
+    asked = [one for one in kinds(did, Scene) if "press START" in one.title]
+    assert len(asked) == 4
+    assert all("http://127.0.0.1:8080/" in one.title for one in asked)
+
+
+def test_a_plan_that_is_not_released_ends_the_training_with_its_reason():
+    page = Page()
+    page.refuses = "plan"
+
+    with pytest.raises(ServiceError, match=r"release refused: because"):
+        play(training_act(3), page)
+
+
+def test_a_page_that_sends_for_help_ends_the_training_with_its_words():
+    page = Page()
+    page.advises = "call_for_help"
+
+    with pytest.raises(ServiceError, match="the page says call_for_help"):
+        play(training_act(3), page)
+
+
+def test_a_phase_without_end_ends_the_training():
+    page = Page()
+    page.STEPS = ("enabling",)
+
+    with pytest.raises(ServiceError, match="no end of enabling within"):
+        play(training_act(3), page)

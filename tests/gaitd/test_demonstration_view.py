@@ -12,8 +12,10 @@ from rich.text import Text
 from daemon.system.clock import MonotonicClock
 from gaitd_lab.demonstration.curves import Chart, Curve
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track
+from gaitd_lab.demonstration.pages import PageSpot
 from gaitd_lab.demonstration.report import line
 from gaitd_lab.demonstration.script import Kind, Scene
+from gaitd_lab.demonstration.training import TrainingPlan
 from gaitd_lab.demonstration.view import Moment, picture
 
 NOW_NS = 20_000_000_000
@@ -76,9 +78,19 @@ def drawn(shown: Moment, width: int = 140, height: int = 44) -> list[str]:
 
 
 @pytest.mark.parametrize("size", [(140, 44), (80, 24)])
-def test_the_address_of_the_engineers_page_is_on_the_screen(size):
-    shown = moment(*tracks())._replace(address="http://127.0.0.1:8090/")
-    assert "in a browser: http://127.0.0.1:8090/" in "\n".join(drawn(shown, *size))
+@pytest.mark.parametrize(
+    ("pages", "text"),
+    [
+        (PageSpot(8090, ""), "in a browser: http://127.0.0.1:8090/"),
+        (
+            TrainingPlan(8080, 8443, "abcd-efgh-jkmn"),
+            "patient 127.0.0.1:8080, therapist 127.0.0.1:8443, password abcd-efgh-jkmn",
+        ),
+    ],
+)
+def test_where_the_pages_are_is_on_the_screen(size, pages, text):
+    shown = moment(*tracks())._replace(pages=pages.shown)
+    assert text in "\n".join(drawn(shown, *size))
 
 
 def test_estimate_and_truth_of_both_axes_are_on_the_screen():

@@ -914,16 +914,3 @@ def test_a_session_is_walked_from_its_start_to_its_summary(chromium, trainer, tm
         tab.until("document.querySelector('.tile').textContent.startsWith('0.1')")
         look("finished", "finished")
         close(tab)
-
-
-def test_the_picture_of_the_documents(chromium, tmp_path, pytestconfig):
-    trainer, told = bench.MessageTrainer(), Told()
-    told.now = GOOD
-    with served(trainer, tmp_path, told) as site, rig.Player(trainer) as player:
-        folder = DOCS if pytestconfig.option.write_pages else rig.SHOTS
-        tab = rig.Tab(chromium, site, folder)
-        player.play(**WALKING)
-        tab.page.click("#stop", trial=True)
-        tab.until("document.querySelector('.fig-glow')?.getAttribute('opacity') > 0.6")
-        assert look_at(tab, "patient", "good") == []
-        close(tab)
