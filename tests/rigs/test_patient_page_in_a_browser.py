@@ -1,7 +1,6 @@
 """The patient's page in headless Chromium: each state, its accessibility, losses, memory.
 
-Screenshots of all states are written to out/display; with --write-pages that of the documents to
-docs/patient.png.
+Screenshots of all states are written to out/display.
 """
 
 import itertools
@@ -23,7 +22,6 @@ from training import PROFILE
 
 pytestmark = pytest.mark.rig_browser
 
-DOCS = Path(__file__).parents[2] / "docs"
 SIZES = ((1280, 800), (1920, 1080), (800, 1280))
 LANGUAGES = ("en", "de")
 SCHEMES = ("light", "dark")

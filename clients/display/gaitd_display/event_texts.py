@@ -15,8 +15,15 @@ from gaitd_session import Text
 from gaitd_display.stop_texts import STOP_TEXTS, stop_labels
 from gaitd_display.therapist_texts import THERAPIST_LABELS
 
+Spoken = dict[str, str]
+"""A text as a page gets it, by language."""
 Say = Callable[[re.Match[str]], Text | None]
 _STOPS: Final = stop_labels()
+
+
+def spoken(text: Text | None) -> Spoken | None:
+    """Return a text as a page gets it; None: there is none."""
+    return None if text is None else text._asdict()
 
 
 def _said(key: str) -> Text | None:

@@ -29,9 +29,8 @@ from gaitd_session.goals import band_about
 from gaitd_session.profile import Goal
 from gaitd_session.profile import Profile as SessionProfile
 
-from gaitd_display.event_texts import refusal_text
+from gaitd_display.event_texts import Spoken, refusal_text, spoken
 from gaitd_display.settings import SessionFiles
-from gaitd_display.texts import Spoken
 
 NS_PER_MS: Final = 1_000_000
 SESSIONS_MAX: Final = 200
@@ -218,7 +217,7 @@ def _session(one: SessionSummary, goals: Sequence[GoalSummary], goal: Goal) -> P
         one.mean_share_ratio,
         _target(fmean(one.middle_ratio for one in goals), goal) if goals else None,
         one.interruption_count,
-        None if said is None else Spoken(*said),
+        spoken(said),
         "" if said else one.last_interruption.partition(REMEDY_MARK)[0],
         max((one.block for one in goals), default=0),
     )

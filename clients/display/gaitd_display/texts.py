@@ -9,19 +9,11 @@ from collections.abc import Mapping
 from enum import StrEnum, auto
 from typing import Final
 
-import msgspec
 from gaitd_session import WHY, Text
 
 from gaitd_display.cause_texts import cause_texts
 from gaitd_display.stop_texts import stop_labels
 from gaitd_display.therapist_texts import THERAPIST_LABELS
-
-
-class Spoken(msgspec.Struct, frozen=True):
-    """A text in both languages, as a page gets it."""
-
-    en: str
-    de: str
 
 
 class Word(StrEnum):

@@ -28,14 +28,13 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from gaitd_display.controls import Command
-from gaitd_display.event_texts import refusal_text
+from gaitd_display.event_texts import Spoken, refusal_text, spoken
 from gaitd_display.feed import Feed
 from gaitd_display.geometry import geometry_of
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
 from gaitd_display.plan_ranges import plan_ranges
 from gaitd_display.progress import read_progress
 from gaitd_display.settings import TherapistSettings
-from gaitd_display.texts import Spoken
 from gaitd_display.therapist_view import (
     UNKNOWN_PLAN,
     TherapistState,
@@ -326,5 +325,4 @@ class TherapistServer:
 
 def said_refusal(reason: str) -> Spoken | None:
     """Return the reason of a refusal in both languages; None: it is not known here."""
-    text = refusal_text(reason)
-    return None if text is None else Spoken(*text)
+    return spoken(refusal_text(reason))

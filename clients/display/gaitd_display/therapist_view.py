@@ -19,17 +19,15 @@ from gaitd_client import (
     Stride,
 )
 from gaitd_client.wire.names import Kind
-from gaitd_session import Text
 from gaitd_session.session import WITHOUT_POWER
 
 from gaitd_display.alarm import Alarm, cause_of
 from gaitd_display.controls import Control, Situation, controls
 from gaitd_display.engineer_view import DriveView, drive_view
-from gaitd_display.event_texts import event_remedy, event_text, subject_text
+from gaitd_display.event_texts import Spoken, event_remedy, event_text, spoken, subject_text
 from gaitd_display.geometry import Geometry
 from gaitd_display.plan_ranges import Range, plan_ranges
 from gaitd_display.stop_texts import stop_key
-from gaitd_display.texts import Spoken
 
 
 class Number(msgspec.Struct, frozen=True):
@@ -189,14 +187,10 @@ def event_item(event: Event) -> EventItem:
         event.priority,
         event.text,
         event.remedy,
-        _spoken(event_text(event)),
-        _spoken(event_remedy(event)),
+        spoken(event_text(event)),
+        spoken(event_remedy(event)),
         "stop" if is_stop else urgent.get(Priority(event.priority), "info"),
     )
-
-
-def _spoken(text: Text | None) -> Spoken | None:
-    return None if text is None else Spoken(*text)
 
 
 def leg_view(leg: str, estimate: Estimate | NotValid, activity: Activity | NotValid) -> LegView:
@@ -284,8 +278,8 @@ class TherapistState:
         known = safety if isinstance(safety, Safety) and safety.valid else None
         if all(leg.time_ms is None for leg in legs):
             known = None
-        spoken = [drive for drive in drives.values() if isinstance(drive, DriveState)]
-        alarm = self._alarm.take(known, spoken, has_session=self._has_session)
+        known_drives = [one for one in drives.values() if isinstance(one, DriveState)]
+        alarm = self._alarm.take(known, known_drives, has_session=self._has_session)
         views = tuple(
             drive_view(name, drive) if known else DriveView(name) for name, drive in drives.items()
         )
@@ -296,7 +290,7 @@ class TherapistState:
             hand_switch_closed=all_true(drive.hand_switch_closed for drive in views),
             sto_released=all_true(drive.sto_released for drive in views),
             has_power=any(drive.power_state not in WITHOUT_POWER for drive in views),
-            knows_position=all(drive.referenced for drive in spoken),
+            knows_position=all(drive.referenced for drive in known_drives),
         )
         return TherapistView(
             is_silent=known is None,
@@ -323,4 +317,4 @@ def stop_view(safety: Safety | None) -> StopView | None:
     verdict = safety.verdict if safety else None
     if verdict is None or cause_of(safety) == Cause.NONE:
         return None
-    return StopView(stop_key(verdict.cause), _spoken(subject_text(verdict.drive)))
+    return StopView(stop_key(verdict.cause), spoken(subject_text(verdict.drive)))

@@ -33,7 +33,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from gaitd_display.connections import STOP_PATH, WAIT_S, Connections
 from gaitd_display.feed import Feed, PageQueue, TooManyPagesError
 from gaitd_display.settings import Web
-from gaitd_display.texts import Spoken, page_texts
+from gaitd_display.texts import page_texts
 
 STATIC: Final = Path(__file__).resolve().parent / "static"
 BODY_MAX_BYTES: Final = 4096
@@ -70,7 +70,7 @@ class Answer(msgspec.Struct, frozen=True):
     outcome: str
     """done, refused, or no_answer: the outcome is unknown."""
     reason: str = ""
-    said: Spoken | msgspec.UnsetType | None = msgspec.UNSET
+    said: Mapping[str, str] | msgspec.UnsetType | None = msgspec.UNSET
     """The reason in both languages; None: it is known in English alone."""
 
 
@@ -155,7 +155,7 @@ def json(answer: msgspec.Struct | Mapping[str, Any], status: int = 200) -> Respo
 async def ask(
     request: Callable[[], Reply],
     threads: Executor | None = None,
-    say: Callable[[str], Spoken | msgspec.UnsetType | None] = lambda _: msgspec.UNSET,
+    say: Callable[[str], Mapping[str, str] | msgspec.UnsetType | None] = lambda _: msgspec.UNSET,
 ) -> Response:
     """Send a request to the service in a thread; return its outcome.
 

@@ -139,8 +139,8 @@ def test_a_stop_is_said_by_its_cause_with_its_remedy_and_icon():
         Event, id="1", text="stop S1: the hand switch is open", subject="right/hip", **given
     )
     item = event_item(event)
-    assert item.said.en == "right, hip: The hand switch was let go"
-    assert item.said_remedy.de.startswith("Handschalter halten")
+    assert item.said["en"] == "right, hip: The hand switch was let go"
+    assert item.said_remedy["de"].startswith("Handschalter halten")
     assert item.icon == "stop"
     # Of a later version: its own words, in English.
     later = event_item(
