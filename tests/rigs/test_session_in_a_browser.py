@@ -16,8 +16,6 @@ from gaitd_lab.processes import free_port
 
 pytestmark = [pytest.mark.rig_browser, pytest.mark.timeout(600)]
 SIZE = (1280, 800)
-WALKED_MS = 7000
-"""Into the last block: some strides of it are known."""
 
 
 @pytest.fixture(scope="module")
@@ -60,8 +58,8 @@ def test_both_pages_show_a_session_that_is_walked(chromium, pytestconfig):
         patient, therapist = open_patient(), open_therapist()
         therapist.page.fill("input[type=password]", told.split()[-1])
         therapist.page.keyboard.press("Enter")
-        until(demo, "block 3 of 3")
-        patient.page.wait_for_timeout(WALKED_MS)
+        until(demo, "block 2 of 3")
+        patient.until("document.body.dataset.word === 'good'", within_s=60)
         patient.shot("patient")
         therapist.shot("therapist_session")
         assert therapist.page.locator("input[type=password]").count() == 0
