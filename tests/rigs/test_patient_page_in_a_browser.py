@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import browser as rig
 import display_bench as bench
+import msgspec
 import pytest
 from gaitd_client import Cause, Mode, Stage
 from gaitd_display.feed import PAGES_MAX, TICK_S
@@ -284,6 +285,11 @@ STATES = {
     ),
     "good": State("good", WALKING, GOOD),
     "good_not_kept": walking("good", 0.38, block_left_s=42.0, is_kept=False, count=40, number=17),
+    "good_of_both": State(
+        "good",
+        WALKING,
+        msgspec.structs.replace(GOOD, steps=steps(*GOOD_SHARES[-8:], legs=("right", "left"))),
+    ),
     "more": walking("more", 0.38, 0.36, 0.34, 0.30, 0.28, 0.24, 0.0),
     "gently": walking("gently", 0.38, 0.42, 0.46, 0.52, 1.0),
     "relax": State("relax", WALKING, training(Phase.WALKING, Advice.WALK, PAUSE, steps=AGAINST)),
@@ -418,7 +424,9 @@ def test_each_state_is_readable_in_pairs_of_language_size_and_scheme(chromium, t
 
 
 def test_two_legs_are_readable_alike(chromium, tmp_path):
-    look_at_states(chromium, tmp_path, ("right", "left"), ["good", "more", "go_on", "soon"])
+    look_at_states(
+        chromium, tmp_path, ("right", "left"), ["good", "good_of_both", "more", "go_on", "soon"]
+    )
 
 
 def test_a_silent_trainer_and_a_dead_server_look_different_and_the_page_recovers(tab, player, site):
@@ -613,7 +621,7 @@ def test_the_memory_of_the_patient_s_page_is_flat_over_an_hour_of_frames(tab, pl
     scenes = (
         lambda: player.play(mode=Mode.FAULT, cause=Cause.SPASM),
         lambda: player.play(mode=Mode.READY),
-        lambda: player.walk(3.5, [0.38]),
+        lambda: player.walk(3.5, [0.38] * 14),  # a whole path
     )
     rig.is_flat(tab, trainer, scenes)
 

@@ -43,7 +43,4 @@ def walked(gym, model):
     [(0.0, Word.MORE), (0.5, Word.GOOD), (1.4, Word.GENTLY), (-0.5, Word.RELAX)],
 )
 def test_the_word_says_what_a_patient_does_of_what_the_gait_needs(warm_gym, ability, word):
-    steps = walked(warm_gym, of_ability(ability))
-    print([(step.share_ratio, step.result) for step in steps])
-
-    assert word_of(steps) == word
+    assert word_of(walked(warm_gym, of_ability(ability))) == word
