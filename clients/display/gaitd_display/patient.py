@@ -224,7 +224,7 @@ class PatientServer:
             return None
 
     async def _page(self, _request: Request) -> Response:
-        return page("patient", "tokens", "frame", "figure", "patient", is_stop_first=True)
+        return page("patient", "figure", "patient", is_stop_first=True)
 
     async def _page_text(self, _request: Request) -> Response:
         settings = self._settings

@@ -61,7 +61,7 @@ from gaitd_display.web import (
 
 COOKIE: Final = "__Host-gaitd"
 CSRF_HEADER: Final = "x-csrf-token"
-STYLES: Final = ("tokens", "figure", "therapist")
+STYLES: Final = ("figure", "therapist")
 PLAN_POLL_S: Final = 2.0
 CONFIGURATION_POLL_S: Final = 1.0
 SESSION_POLL_S: Final = 1.0

@@ -36,6 +36,8 @@ from gaitd_display.settings import Web
 from gaitd_display.texts import page_texts
 
 STATIC: Final = Path(__file__).resolve().parent / "static"
+FRAME: Final = ("tokens", "frame")
+"""Style sheets of each page with STOP."""
 BODY_MAX_BYTES: Final = 4096
 STOPS_MAX: Final = 8
 """Stops that may wait for their answer; each has a thread, so that no other request delays one."""
@@ -133,13 +135,15 @@ def page(name: str, *styles: str, is_stop_first: bool = False) -> Response:
 
     Args:
         name: of `NAME.html`, its own part, and of `NAME.js`.
-        styles: of each `STYLE.css`, in order.
+        styles: of each `STYLE.css`, after those of all pages with STOP.
         is_stop_first: STOP and its neighbours come before the own part for the keyboard.
     """
     frame, body = (
         (STATIC / f"{part}.html").read_text(encoding="utf-8") for part in ("frame", name)
     )
-    links = "\n".join(f'<link rel="stylesheet" href="/static/{style}.css">' for style in styles)
+    links = "\n".join(
+        f'<link rel="stylesheet" href="/static/{style}.css">' for style in (*FRAME, *styles)
+    )
     above, below = ("", body) if is_stop_first else (body, "")
     values = (("styles", links), ("name", name), ("above", above), ("below", below))
     for key, value in values:
