@@ -426,7 +426,7 @@ def test_a_stop_at_rest_sounds_as_on_the_patient_s_page(trainer, view):
 # --- profile and progress -----------------------------------------------------------------------
 
 
-def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, tmp_path):
+def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, trainer, tmp_path):
     assert client.get("/progress.json").status_code == 401
     login(client)
     assert client.get("/progress.json").json()["is_configured"] is False
@@ -470,7 +470,7 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     assert progress()["targets"]["right"]["low_ratio"] == pytest.approx(0.39)
     limits = progress()["profile"]["limits"]
     assert post(client, "/plan", {"plan": limits}).json()["outcome"] == "done"
-    assert client.server.state.plan.limits.hip_assist_max_nm == 10.0
+    assert trainer.plan.hip_assist_max_nm == 10.0
 
     files.history.write_bytes(b"no database" * 1000)
     assert "damaged, or no SQLite file" in progress()["troubles"][0]
