@@ -15,7 +15,7 @@ import importlib.util
 import shutil
 import statistics
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -51,7 +51,9 @@ BEFORE_GAIT_S: Final = 60.0
 SLOWED: Final = 6
 """The browser's processor is slower by this factor."""
 START: Final = "() => { painted.ages.length = 0; painted.frames = 0; }"
-RESULT: Final = "() => ({ ages: painted.ages, frames: painted.frames })"
+RESULT: Final = """() => ({
+    ages: painted.ages, frames: painted.frames, layout: document.body.dataset.layout,
+})"""
 
 
 class Page(NamedTuple):
@@ -107,22 +109,24 @@ def _walk(target: Target, seconds: float) -> None:
         ServiceError: it did not begin.
     """
     with Trainer(target.endpoints[0], trainer=target.trainer) as trainer:
-        trainer.enable()
+        asks: dict[str | None, Callable[[], object]] = {
+            Mode.FAULT: trainer.reset,  # a computer that was busy for a moment has stopped it
+            Mode.READY: trainer.enable,
+            Mode.HOLD: lambda: trainer.mode(
+                Mode.GAIT,
+                cadence_hz=CADENCE_HZ,
+                amplitude_ratio=AMPLITUDE_RATIO,
+                duration_s=2 * seconds + BEFORE_GAIT_S,
+            ),
+        }
         safety, end_s = trainer.safety(), time.monotonic() + BEFORE_GAIT_S
-        asked = False
         while time.monotonic() < end_s:
             now = safety.newest()
             if isinstance(now, Safety) and now.stage == Stage.PLAYING:
                 return
-            if isinstance(now, Safety) and now.mode == Mode.HOLD and not asked:
+            if isinstance(now, Safety) and now.mode in asks:
                 with contextlib.suppress(RequestRefusedError):  # the leg does not rest yet
-                    trainer.mode(
-                        Mode.GAIT,
-                        cadence_hz=CADENCE_HZ,
-                        amplitude_ratio=AMPLITUDE_RATIO,
-                        duration_s=2 * seconds + BEFORE_GAIT_S,
-                    )
-                    asked = True
+                    asks[now.mode]()
             time.sleep(POLL_S)
     raise ServiceError(f"no gait plays after {BEFORE_GAIT_S:g} s")
 
@@ -157,6 +161,8 @@ def _page(address: str, server_pid: int, seconds: float) -> Page:
             slowed: dict[str, Any] = page.evaluate(RESULT)
         finally:
             browser.close()
+    if slowed["layout"] != "walk":
+        raise ServiceError("the gait has ended before the measurement has: was the computer busy?")
     ages = sorted(found["ages"])
     if not ages:
         raise ServiceError("the page painted no sample: has the service messages?")
