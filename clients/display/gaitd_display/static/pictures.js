@@ -100,10 +100,10 @@ const PICTURES = {
   },
 };
 
-// hand: which one holds the switch; the other one is its mirror image.
+// hand: which one holds the switch; the picture of the other one is its mirror image.
 export function pictureOf(name, hand) {
   const svg = el("svg", { viewBox: "0 0 240 166", class: "picture", "aria-hidden": "true" });
-  const isMirrored = hand === "left" && ["switch", "released", "button"].includes(name);
+  const isMirrored = hand === "left" && ["switch", "released"].includes(name);
   PICTURES[name](isMirrored ? el("g", { transform: "translate(240 0) scale(-1 1)" }, svg) : svg);
   return svg;
 }
