@@ -510,6 +510,8 @@ def test_the_bases_of_torque_are_told_with_their_units():
         ("profile", ("torque_source", "sampling"), "mean"),
         ("profile", ("emergencies",), [{"code": 0x2310, "text": "current", "reaction": "stop"}]),
         ("profile", ("emergencies",), [{"code": 0, "text": "no error"}]),
+        ("profile", ("emergencies",), [{"code": 0x10000, "text": "no code"}]),
+        ("profile", ("emergencies",), [{"code": 0x2310, "text": 61 * "x"}]),
     ],
 )
 def test_values_that_no_drive_has_are_refused_by_the_structs(part, path, value):
@@ -716,30 +718,43 @@ def test_all_contradictions_of_two_files_are_found_at_once():
 
 
 @pytest.mark.parametrize(
-    ("entries", "key"),
+    ("entries", "key", "allowed"),
     [
-        ([{"code": 0x2310, "text": "a warning of current", "reaction": "warning"}], "reaction"),
-        ([{"code": 0xFEF0, "last_code": 0xFF10, "text": "x", "reaction": "warning"}], "reaction"),
-        ([{"code": 0x2310, "text": "once"}, {"code": 0x2310, "text": "again"}], "code"),
+        ([{"code": 0x2310, "text": "hot", "reaction": "warning"}], "reaction", "only FFxxh"),
         (
-            [{"code": 0x5480, "last_code": 0x5483, "text": "x"}, {"code": 0x5481, "text": "y"}],
-            "code",
+            [{"code": 0xFEF0, "last_code": 0xFF10, "text": "x", "reaction": "warning"}],
+            "reaction",
+            "only FFxxh",
         ),
-        ([{"code": 0x5480, "last_code": 0x5470, "text": "backwards"}], "last_code"),
-        ([{"code": 0x1000, "last_code": 0xF000, "text": "all"}], "last_code"),
+        ([{"code": 0x2310, "text": "a"}, {"code": 0x2310, "text": "b"}], "code", "each code once"),
+        (
+            [{"code": 1, "last_code": 9, "text": "x"}, {"code": 8, "text": "y"}],
+            "code",
+            "each code once",
+        ),
+        ([{"code": 0x5480, "last_code": 0x5470, "text": "x"}], "last_code", "from code on"),
+        ([{"code": 1, "last_code": 1001, "text": "x"}], "last_code", "1000 codes at most"),
     ],
 )
-def test_a_maker_s_codes_are_each_there_once_and_none_milder_than_the_standard_s(entries, key):
+def test_a_maker_s_codes_are_each_there_once_and_none_milder_than_the_standard_s(
+    entries, key, allowed
+):
     axis, profile = broken("hip_epos4", "profile", ("emergencies",), entries)
 
-    with pytest.raises(DescriptionError, match=rf"emergencies\[.*\]\.{key} = "):
+    with pytest.raises(DescriptionError) as refused:
         join(axis, profile, "hip_epos4")
+
+    code = entries[-1]["code"]
+    assert str(refused.value).startswith(f"profile: emergencies[{code:04X}h].{key} = ")
+    assert allowed in refused.value.allowed
 
 
 def test_a_maker_s_file_adds_a_code_without_any_code_of_ours():
     entries = [
         {"code": 0xFF42, "text": "fan slow", "reaction": "warning"},
         {"code": 0x7342, "text": "resolver", "reaction": "switched_off"},
+        {"code": 0x0001, "last_code": 1000, "text": 60 * "x"},
+        {"code": 0xFFFF, "text": "last"},
     ]
     axis, profile = broken("hip_epos4", "profile", ("emergencies",), entries)
     codes = join(axis, profile, "hip_epos4").profile.emergency_codes
@@ -747,3 +762,5 @@ def test_a_maker_s_file_adds_a_code_without_any_code_of_ours():
     assert meaning(0xFF42, codes) == ("fan slow", Reaction.WARNING, False, False)
     assert meaning(0x7342, codes) == ("resolver", Reaction.SWITCHED_OFF, True, False)
     assert meaning(0xFF43, codes).reaction is Reaction.UNKNOWN
+    assert not meaning(0x0002, codes).loses_reference
+    assert [meaning(code, codes).text for code in (1, 1000, 0xFFFF)] == [60 * "x", 60 * "x", "last"]

@@ -43,7 +43,7 @@ def therapist_site(trainer, tmp_path):
 @pytest.fixture
 def patient_site(trainer, tmp_path):
     (tmp_path / "profile.toml").write_text(PROFILE, encoding="utf-8")
-    table = bench.patient_table(tmp_path)
+    table = bench.patient_table(tmp_path, target=False)
     table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
     make = lambda made: PatientServer(made, trainer, trainer.clock)  # noqa: E731
     with rig.Site(make, table, tmp_path, PatientSettings) as site:

@@ -61,7 +61,7 @@ class SoakedService(TimedService):
         super().__init__(configs, folder, tempo)
         self.drives = tuple(f"{leg['name']}/{axis}" for leg in self.table["leg"] for axis in AXES)
         self.endings = []
-        """Ends of processes that nobody ended, each one line."""
+        """Unexpected ends of processes, each one line."""
         self._expected_dead = set()
 
     def start(self, part, *arguments, **options):

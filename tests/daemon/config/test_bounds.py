@@ -131,7 +131,7 @@ def test_position_limits_of_more_counts_than_a_drive_has_are_refused(tmp_path):
     [
         (read_assist, "assist/configs/assist.toml", "hip_max_nm = 20.0"),
         (read_assist, "assist/configs/assist.toml", "lead_s = 0.1"),
-        (partial(read_display, kind=PatientSettings), "display/configs/patient.toml", "w_w = 30.0"),
+        (partial(read_display, kind=PatientSettings), "display/configs/patient.toml", "in = 10.0"),
     ],
 )
 @pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
