@@ -182,5 +182,5 @@ def test_the_daily_test_is_led_by_the_page_and_the_shipped_machine_is_not_releas
         assert release.why_not("stop_requested", configuration, poses) is WhyNot.DRIFT
 
         machine.reset()  # by a helper who has come
-        now = page.until(lambda now: now["mode"] == Mode.READY)
-        assert (now["word"], now["step"], now["action"]) == ("ready", "none", None)
+        now = page.until(lambda now: now["mode"] == Mode.READY and now["word"] != "ready")
+        assert (now["word"], now["step"], now["action"]) == ("start", "none", None)
