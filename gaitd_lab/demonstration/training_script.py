@@ -65,6 +65,8 @@ TITLES: Final = {
     "stopped": "the trainer has stopped",
     "no_signal": "the page has no signal",
 }
+BEHIND_S: Final = 1.0
+"""So long a page may still show the stop that START has just reset."""
 PRESS_IT: Final = "press START on the patient's page: {address}"
 
 
@@ -116,7 +118,7 @@ def _session(blocks: int, hands_on: str) -> Playing:
     """Do what the page says until the session is over."""
     is_held, programme, phase, title, block = True, PASSIVE, "", "", 0
     now = yield from _look(None)
-    since_s, pressed_s = now.now_s, 0.0
+    since_s, good_s, pressed_s = now.now_s, now.now_s, 0.0
     while (training := _training(now)).phase != FINISHED:
         if training.phase != phase:
             phase, since_s, pressed_s = training.phase, now.now_s, 0.0
@@ -128,7 +130,8 @@ def _session(blocks: int, hands_on: str) -> Playing:
             told = title.format(block=block, blocks=blocks, address=hands_on)
             yield Scene(told, Kind.INTERLUDE)
         if not hands_on:
-            _refuse_loss(now, training)
+            good_s = good_s if training.advice in LOST else now.now_s
+            _refuse_loss(now, good_s, training)
             _refuse_longer(now, since_s, PHASE_WITHIN_S, f"end of {phase}")
         wanted = ACTIVE if phase == WALKING else PASSIVE
         holds = training.advice not in LETS_GO and (is_held or training.advice in HOLDS)
@@ -170,6 +173,6 @@ def _refuse_longer(now: Situation, since_s: float, within_s: float, what: str) -
         raise ServiceError(f"no {what} within {within_s:g} s; {now.mode}, {now.verdict}")
 
 
-def _refuse_loss(now: Situation, training: Training) -> None:
-    if training.advice in LOST:
+def _refuse_loss(now: Situation, good_s: float, training: Training) -> None:
+    if now.now_s - good_s > BEHIND_S:
         raise ServiceError(f"the page says {training.advice}: {training.reason or now.verdict}")
