@@ -22,7 +22,8 @@ def said(runtime: Path) -> Generator[Callable[[], None]]:
         with suppress(OSError):
             runtime.mkdir(parents=True, exist_ok=True)
             file = saying.enter_context((runtime / STARTING_NAME).open("ab"))
-            fcntl.flock(file, fcntl.LOCK_SH)
+            # Never waits: a reader that is stopped at the wrong moment must not hold up a core.
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
         yield saying.close
 
 

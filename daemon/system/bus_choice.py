@@ -4,8 +4,8 @@
 interface = "simulated"` is the bus of `gaitd sim`, which controls time; `channel` is the path of
 its socket. Every other interface is one of python-can, with the clock of this computer.
 
-Simulated time is in another distribution, which no trainer needs. It is found by one fixed name,
-and only for that interface: no other installed package can give the service a bus or a clock.
+Simulated time belongs to the laboratory, and nothing here imports it. It is found by one fixed
+name, and only for that interface: no other installed package can give the service a bus or a clock.
 """
 
 from collections.abc import Callable, Generator

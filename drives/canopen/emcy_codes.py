@@ -32,8 +32,6 @@ class CodeMeaning(NamedTuple):
     reaction: Reaction = Reaction.UNKNOWN
     loses_reference: bool = False
     """The encoder is no longer reliable: the axis must be referenced again."""
-    is_sto: bool = False
-    """Safe torque off was requested by a switch: no defect of the drive."""
 
 
 _A = Reaction.ABORT_CONNECTION

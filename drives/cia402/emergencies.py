@@ -38,8 +38,6 @@ class MakerCode(Table, frozen=True, kw_only=True):
     """What the drive does by itself: nothing, 6007h, 605Eh, or the power stage off at once."""
     loses_reference: bool = False
     """The encoder is no longer reliable: the axis must be referenced again."""
-    is_sto: bool = False
-    """Safe torque off was requested by a switch: no defect of the drive."""
 
     @property
     def codes(self) -> range:
@@ -54,7 +52,6 @@ def codes_of(emergencies: tuple[MakerCode, ...]) -> Codes:
             entry.text,
             _REACTIONS[entry.reaction],
             entry.loses_reference or code >> 8 == SENSOR_CLASS,
-            entry.is_sto,
         )
         for entry in emergencies
         for code in entry.codes

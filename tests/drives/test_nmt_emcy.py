@@ -116,20 +116,6 @@ def test_what_an_epos4_does_with_a_code_is_known(code, reaction):
     assert meaning(code, CODES["epos4"]).reaction is reaction
 
 
-@pytest.mark.parametrize(
-    ("table", "code", "is_sto"),
-    [
-        ("epos4", 0x8A88, True),
-        ("elmo", 0xFF20, True),
-        ("elmo", 0x8A88, False),
-        ("epos4", 0xFF20, False),
-        ("standard", 0x9000, False),
-    ],
-)
-def test_safe_torque_off_is_told_from_a_defect_by_each_maker_s_own_code(table, code, is_sto):
-    assert meaning(code, CODES[table]).is_sto is is_sto
-
-
 def test_one_code_may_mean_another_thing_to_another_maker():
     texts = {meaning(0xFF10, CODES[table]).text for table in CODES}
 

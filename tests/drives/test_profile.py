@@ -759,8 +759,8 @@ def test_a_maker_s_file_adds_a_code_without_any_code_of_ours():
     axis, profile = broken("hip_epos4", "profile", ("emergencies",), entries)
     codes = join(axis, profile, "hip_epos4").profile.emergency_codes
 
-    assert meaning(0xFF42, codes) == ("fan slow", Reaction.WARNING, False, False)
-    assert meaning(0x7342, codes) == ("resolver", Reaction.SWITCHED_OFF, True, False)
+    assert meaning(0xFF42, codes) == ("fan slow", Reaction.WARNING, False)
+    assert meaning(0x7342, codes) == ("resolver", Reaction.SWITCHED_OFF, True)
     assert meaning(0xFF43, codes).reaction is Reaction.UNKNOWN
     assert not meaning(0x0002, codes).loses_reference
     assert [meaning(code, codes).text for code in (1, 1000, 0xFFFF)] == [60 * "x", 60 * "x", "last"]
