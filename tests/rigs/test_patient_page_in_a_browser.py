@@ -189,8 +189,8 @@ def training(phase, advice=Advice.LIE_STILL, *buttons, **given):
     base = {
         **{"reason": "", "why": None, "is_kept": True, "number": 2, "count": 4, "plan_s": 1020.0},
         **{"block_left_s": 350.0, "block_s": 600.0, "announce_left_s": 0.0, "bands": BANDS},
-        **{"steps": (), "valid_count": 0, "in_band_count": 0, "session_in_band_count": 84},
-        **{"row_count": 0, "summary": None},
+        **{"steps": (), "valid_count": 0, "in_band_count": 0, "row_count": 0, "summary": None},
+        **{"session_valid_count": 96, "session_in_band_count": 84},
     }
     return TrainingView(phase=phase, advice=advice, buttons=buttons, **(base | given))
 
@@ -823,7 +823,7 @@ def test_what_is_not_known_is_hatched_and_a_dash_and_never_0(tab, player):
     tab.until("document.querySelectorAll('.hatchline').length > 10")
     assert tab.page.locator(".column").count() == 0
     player.play(mode=Mode.HOLD, fresh=False)
-    tab.word("held")
+    tab.word("wait")
     tab.until("document.querySelector('.panel').classList.contains('unknown')")
     assert tab.page.locator(".fig-leg-group:not(.absent)").count() == 0
 

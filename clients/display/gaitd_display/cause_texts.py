@@ -34,7 +34,7 @@ class Situation(StrEnum):
 LAST_LINES: Final[Mapping[Situation, Text]] = {
     Situation.HELD: Text("Lie still. Your leg is held.", "Ruhig liegen. Das Bein wird gehalten."),
     Situation.LOOSE: Text(
-        "Hands off the slide. Leg may move.", "Hände weg vom Schlitten. Bein ist lose."
+        "Hands off the slide. Leg may move.", "Hände vom Schlitten. Bein evtl. lose."
     ),
     Situation.DANGER: Text(
         "Hands off the slide. Leg not held.", "Hände weg vom Schlitten. Bein ist lose."

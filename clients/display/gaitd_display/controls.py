@@ -50,6 +50,8 @@ class WhyNot(StrEnum):
     UNKNOWN = auto()
     """The trainer is silent, or in a mode of a later version."""
     GETTING_READY = auto()
+    DOES_NOT_START = auto()
+    """A drive or the bus is missing: the stop says which."""
     STOPPING = auto()
     STOP_FIRST = auto()
     IS_ON = auto()
@@ -71,7 +73,7 @@ class Control(msgspec.Struct, frozen=True):
     why_not: WhyNot | None
 
 
-class Situation(NamedTuple):
+class Requestable(NamedTuple):
     """What decides; None: not known."""
 
     mode: str | None
@@ -79,6 +81,8 @@ class Situation(NamedTuple):
     lease_holder: str | None = None
     hand_switch_closed: bool | None = None
     sto_released: bool | None = None
+    is_latched: bool = False
+    """A stop has a cause that was not reset."""
     has_power: bool = True
     """A drive has power, or may have."""
     knows_position: bool = True
@@ -98,7 +102,7 @@ EVERYTHING: Final = {
 """Modes in which nothing can be requested but STOP."""
 
 
-def controls(now: Situation) -> tuple[Control, ...]:
+def controls(now: Requestable) -> tuple[Control, ...]:
     """Return all requests, those that are possible first, else in the order of `Command`."""
     made = [_control(command, _decide(command, now)) for command in Command]
     return tuple(sorted(made, key=lambda control: control.does is None))
@@ -110,14 +114,18 @@ def _control(command: Command, decided: Does | WhyNot) -> Control:
     return Control(command, None, decided)
 
 
-def _decide(command: Command, now: Situation) -> Does | WhyNot:
+def _decide(command: Command, now: Requestable) -> Does | WhyNot:
     mode = now.mode
+    if now.is_latched and mode in {Mode.OFF, Mode.BRINGING_UP}:
+        return WhyNot.DOES_NOT_START
     if mode in EVERYTHING:
         return EVERYTHING[Mode(mode)]
     if mode == Mode.FAULT:
         return _reset(now) if command is Command.RESET else WhyNot.STOP_FIRST
     if mode == Mode.READY:
         return _at_rest(command, now)
+    if mode == Mode.HOLD and now.stage == Stage.PREPARING and command in WHEN_HELD:
+        return WhyNot.GETTING_READY
     if mode == Mode.HOLD:
         return HELD[command]
     if mode in ONE_AXIS:
@@ -135,6 +143,8 @@ HELD: Final[dict[Command, Does | WhyNot]] = {
     Command.DISABLE: Does.LETS_GO,
     Command.RESET: WhyNot.NO_STOP,
 }
+WHEN_HELD: Final = frozenset({Command.HAND_GUIDING, Command.SELF_TEST})
+"""Refused until the drives hold the leg and their load was compared."""
 IN_MOTION: Final[dict[Command, WhyNot]] = {
     Command.ENABLE: WhyNot.IS_ON,
     Command.HAND_GUIDING: WhyNot.NOT_HELD,
@@ -148,9 +158,9 @@ ALONE: Final[dict[Command, Does | WhyNot]] = {
 }
 
 
-def _at_rest(command: Command, now: Situation) -> Does | WhyNot:
+def _at_rest(command: Command, now: Requestable) -> Does | WhyNot:
     if command is Command.RESET:
-        return WhyNot.NO_STOP
+        return _reset(now) if now.is_latched else WhyNot.NO_STOP
     if command is not Command.ENABLE:
         return WhyNot.IS_OFF
     if not now.knows_position:
@@ -158,20 +168,20 @@ def _at_rest(command: Command, now: Situation) -> Does | WhyNot:
     return _inputs(now) or Does.HOLDS_THE_LEG
 
 
-def _reset(now: Situation) -> Does | WhyNot:
+def _reset(now: Requestable) -> Does | WhyNot:
     return _inputs(now) or (Does.LETS_GO_UNTIL_ENABLED if now.has_power else Does.CLEARS_THE_STOP)
 
 
-def _inputs(now: Situation) -> WhyNot | None:
+def _inputs(now: Requestable) -> WhyNot | None:
     """Return which input prevents it; one that is not known is left to the service."""
     if now.sto_released is False:
         return WhyNot.EMERGENCY_STOP
     return WhyNot.HAND_SWITCH if now.hand_switch_closed is False else None
 
 
-def _hold(now: Situation) -> Does:
+def _hold(now: Requestable) -> Does:
     if now.mode == Mode.GAIT and now.stage in NOT_YET:
         return Does.CANCELS_WALKING
-    if now.mode in WALKING and now.lease_holder is not None:
+    if now.mode == Mode.GAIT and now.lease_holder is not None:
         return Does.ENDS_ASSIST
     return Does.ENDS_WALKING if now.mode == Mode.GAIT else Does.ENDS_MOTION

@@ -104,6 +104,10 @@ REFUSALS: Final[Mapping[str, Say]] = {
         "The leg is outside its range. Move it back by hand.",
         "Das Bein ist außerhalb seines Bereichs. Es von Hand zurückführen.",
     ),
+    "the core has restarted": _only(
+        "The control program has started again. Press again.",
+        "Das Steuerprogramm ist neu gestartet. Noch einmal drücken.",
+    ),
     "the gateway is not alive|no records arrive|the core": _only(
         "The control program does not answer.", "Das Steuerprogramm antwortet nicht."
     ),

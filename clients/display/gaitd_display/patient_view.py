@@ -18,10 +18,9 @@ from gaitd_client import (
     Stride,
 )
 from gaitd_session import Advice, Band, Phase, Step
-from gaitd_session.session import WITHOUT_POWER
 
 from gaitd_display.alarm import Alarm, cause_of
-from gaitd_display.cause_texts import Situation, patient_text
+from gaitd_display.drives import situation_of, together
 from gaitd_display.geometry import Geometry, geometry_of
 from gaitd_display.scenes import REFUSALS, Now, Scene, scene_of
 from gaitd_display.settings import PatientSettings
@@ -44,8 +43,6 @@ from gaitd_display.way_out import (
 from gaitd_display.way_out import Step as WayStep
 
 RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
-HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
-"""CiA 402 power states in which a drive can hold a leg."""
 STAGE_WORDS: Final[Mapping[str | None, Word]] = {
     Stage.PREPARING: Word.WAIT,
     Stage.ANNOUNCING: Word.SOON,
@@ -71,6 +68,8 @@ PHASE_WORDS: Final[Mapping[Phase, Word]] = {
     Phase.FINISHED: Word.FINISHED,
 }
 """A session at rest; a rest has two words, because it ends."""
+OVER: Final = frozenset({Phase.REST, Phase.PAUSED, Phase.FINISHED})
+"""Phases behind a motion, in which the session switches the drives off."""
 TRAINING: Final = frozenset({Mode.GAIT, Mode.TORQUE})
 
 
@@ -142,7 +141,7 @@ class PatientState:
         self._activities: dict[str, Activity] = {}
         self._safety: Safety | None = None
         self._drives: dict[str, DriveState] = {}
-        self._are_holding, self._may_have_power = False, True
+        self._together = together(())
         self._training: TrainingView | None = None
         self._alarm = Alarm(run_id)
         self._last_stop = _LastStop()
@@ -181,13 +180,7 @@ class PatientState:
         self._activities = {leg: one for leg, one in activities if isinstance(one, Activity)}
         self._safety = safety if isinstance(safety, Safety) and safety.valid else None
         self._drives = {drive.name: drive for drive in drives if isinstance(drive, DriveState)}
-        self._are_holding = len(self._drives) == len(drives) and all(
-            drive.power_state in HOLDING for drive in self._drives.values()
-        )
-        self._may_have_power = len(self._drives) < len(drives) or any(
-            not drive.fresh or drive.power_state not in WITHOUT_POWER
-            for drive in self._drives.values()
-        )
+        self._together = together(drives)
         self._training = training
         is_silent = self._safety is None or not self._activities
         mode = None if self._safety is None or is_silent else self._safety.mode
@@ -201,7 +194,7 @@ class PatientState:
         step = WayStep.NONE if is_silent else self._step(mode)
         word = Word.NO_SIGNAL if is_silent else self._word(step)
         cause = None if is_silent else self._cause()
-        unstrap = unstrap_of(step, mode, has_power=self._may_have_power)
+        unstrap = unstrap_of(step, mode, has_power=self._together.may_have_power)
         return PatientView(
             word=word,
             mode=mode,
@@ -228,10 +221,10 @@ class PatientState:
             word,
             mode,
             cause,
-            None if cause is None else self._situation(cause),
+            None if cause is None else situation_of(cause, self._together),
             step,
             unstrap,
-            self._is_switch_held(),
+            self._together.is_switch_held,
             any(drive.sto_released is False for drive in self._drives.values()),
             self._training,
         )
@@ -281,12 +274,23 @@ class PatientState:
             return word_of(self._steps())
         if stage in STAGE_WORDS and mode not in STOPPED_MODES:
             return STAGE_WORDS[stage]
+        return self._word_of_mode(mode)
+
+    def _is_held(self) -> bool:
+        """True in HOLD once each drive can hold the leg, and its load was compared."""
+        is_ready = self._safety is not None and self._safety.stage != Stage.PREPARING
+        return is_ready and self._together.are_holding
+
+    def _word_of_mode(self, mode: str | None) -> Word:
+        if mode == Mode.HOLD and not self._is_held():
+            return Word.WAIT
         return MODE_WORDS.get(mode or "", Word.SERVICE)
 
-    @staticmethod
-    def _word_at_rest(training: TrainingView, mode: str | None) -> Word:
+    def _word_at_rest(self, training: TrainingView, mode: str | None) -> Word:
         if training.advice is Advice.TRAINER_IS_USED:
             return Word.USED
+        if mode != Mode.READY and training.phase in OVER:
+            return Word.ENDING  # letting go would be a stop until the drives are off
         if training.phase is Phase.REST and training.block_left_s > 0:
             return Word.REST
         if mode == Mode.READY and training.advice in REFUSALS:
@@ -295,7 +299,7 @@ class PatientState:
             return Word.NEXT
         if training.phase is Phase.PAUSED and not training.has_walked:
             return Word.START
-        return PHASE_WORDS.get(training.phase, MODE_WORDS[mode or ""])
+        return PHASE_WORDS.get(training.phase, self._word_of_mode(mode))
 
     # --- a stop ---------------------------------------------------------------------------------
 
@@ -306,15 +310,6 @@ class PatientState:
             return None
         return Cause.STO_ACTIVE if self._alarm.is_by_emergency_stop(cause) else cause
 
-    def _situation(self, cause: str) -> Situation:
-        situation = patient_text(cause).situation
-        is_loose = situation is Situation.HELD and not self._are_holding
-        return Situation.LOOSE if is_loose else situation
-
-    def _is_switch_held(self) -> bool:
-        drives = self._drives.values()
-        return bool(drives) and all(drive.hand_switch_closed is True for drive in drives)
-
     def _step(self, mode: str | None) -> WayStep:
         cause = cause_of(self._safety)
         is_latched = cause != Cause.NONE
@@ -324,7 +319,8 @@ class PatientState:
         poses = self._poses()
         why_not = self._release.why_not(cause, self.configuration, poses)
         if not self._may_request:
-            is_at_rest = mode == Mode.FAULT or (is_latched and mode in UNPOWERED_MODES)
+            at_rest = UNPOWERED_MODES | {Mode.READY}
+            is_at_rest = mode == Mode.FAULT or (is_latched and mode in at_rest)
             return WayStep.HELP if is_at_rest else WayStep.NONE
         # Where the leg has been led by hand since then does not count.
         was_reset = self._last_stop.is_reset and self._last_stop.boot_id == self.boot_id
@@ -332,8 +328,17 @@ class PatientState:
             None,
             WhyNot.POSE,
         }
-        held = self._is_switch_held()
-        return self.way_out.step(Stop(mode, is_latched, why_not, held, may_start, was_reset))
+        return self.way_out.step(
+            Stop(
+                mode,
+                is_latched,
+                why_not,
+                self._together.is_switch_held,
+                self._is_held(),
+                may_start,
+                was_reset,
+            )
+        )
 
     def _poses(self) -> tuple[Pose | None, ...]:
         return tuple(map(self._pose, self._glow_full_w))

@@ -12,7 +12,7 @@ from enum import StrEnum, auto
 from typing import Final, NamedTuple
 
 import msgspec
-from gaitd_client import Cause, Mode
+from gaitd_client import Cause
 from gaitd_session import Advice
 
 from gaitd_display.cause_texts import Situation, known, patient_text
@@ -172,7 +172,7 @@ def _of_training(now: Now, training: TrainingView) -> Scene:
             heading = Phrase("word.next", {"number": training.number, "count": training.count})
             return Scene(heading, cards=to_begin)
         case Word.PAUSED:
-            return _plain(now.word, _paused(now, training), to_begin)
+            return _plain(now.word, _paused(training), to_begin)
         case Word.DAILY_TEST:
             released = Card(Picture.RELEASED_STOP, Phrase("release_stop"))
             first = 1 if now.is_stop_pressed else 0
@@ -203,9 +203,7 @@ def _plan(training: TrainingView) -> Phrase:
     return Phrase("plan_minutes", {"count": training.count, "minutes": minutes})
 
 
-def _paused(now: Now, training: TrainingView) -> Phrase:
-    if now.mode != Mode.READY:
-        return Phrase(f"line.{Word.STOPPING}")
+def _paused(training: TrainingView) -> Phrase:
     if training.why is not None:
         return Phrase(f"why_short.{training.why}")
     return Phrase("not_held")

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 from gaitd_client import Cause
 from gaitd_session import Text
 
-from gaitd_display.cause_texts import Situation, patient_text
+from gaitd_display.cause_texts import Situation
 
 FIRST: Final[Mapping[Situation, Text]] = {
     Situation.HELD: Text(
@@ -503,11 +503,10 @@ def stop_key(cause: str) -> str:
 
 
 def stop_labels() -> dict[str, Text]:
-    """Return all texts by key: `stopped.CAUSE`, `first.CAUSE`, `then.CAUSE`, `again.CAUSE`."""
-    labels: dict[str, Text] = {}
+    """Return all texts by key: `stopped.CAUSE`, `then.CAUSE`, `again.CAUSE`, `first.SITUATION`."""
+    labels = {f"first.{situation}": text for situation, text in FIRST.items()}
     for cause, text in {**STOP_TEXTS, UNKNOWN: _UNKNOWN_TEXT}.items():
         labels[f"stopped.{cause}"] = text.happened
-        labels[f"first.{cause}"] = FIRST[patient_text(cause).situation]
         labels[f"then.{cause}"] = text.then
         labels[f"again.{cause}"] = text.again.value
     return labels

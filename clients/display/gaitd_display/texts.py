@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from enum import StrEnum, auto
 from typing import Final
 
-from gaitd_session import WHY, Text
+from gaitd_session import Text
 
 from gaitd_display.cause_texts import cause_texts
 from gaitd_display.stop_texts import stop_labels
@@ -128,7 +128,7 @@ SCENE_TEXTS: Final[Mapping[str, Text]] = {
     "not_held": Text("Your leg is not held.", "Das Bein wird nicht gehalten."),
     "reason": Text("{reason}", "{reason}"),
     "then_loose": Text("Then your leg is loose", "Danach ist das Bein lose"),
-    "is_loose": Text("Your leg is loose: it can move", "Das Bein ist lose: es bewegt sich"),
+    "is_loose": Text("Your leg is loose: it can move", "Das Bein ist lose, kann sich bewegen"),
     "is_held": Text("Your leg is held", "Das Bein wird gehalten"),
     "by_hand": Text("Move it until you can get out", "Bewegen, bis Sie aussteigen können"),
     "way.switch": Text("Hold the switch", "Schalter halten"),
@@ -149,7 +149,6 @@ UNBROKEN: Final = "Not\u2060-\u2060Halt"
 """The name of the emergency stop, which no line ends within."""
 
 LABELS: Final[Mapping[str, Text]] = {
-    "patient_title": Text("Your training", "Ihr Training"),
     "language": Text("Deutsch", "English"),
     "stop": Text("STOP", "STOPP"),
     "stop_note": Text("Not the emergency stop", "Kein Not-Halt"),
@@ -194,9 +193,6 @@ LABELS: Final[Mapping[str, Text]] = {
     "press.start": Text("Start", "Start"),
     "press.pause": Text("Pause", "Pause"),
     "press.end": Text("End", "Ende"),
-    "no_connection": WORDS[Word.NO_CONNECTION],
-    "too_many_pages": WORDS[Word.TOO_MANY_PAGES],
-    "no_signal": WORDS[Word.NO_SIGNAL],
 }
 """All other texts, by the key that pages name in `data-text`."""
 
@@ -211,7 +207,6 @@ def page_texts() -> dict[str, dict[str, str]]:
         **cause_texts(),
         **{f"word.{word}": text for word, text in WORDS.items()},
         **{f"line.{word}": text for word, text in LINES.items()},
-        **{f"why.{why}": text for why, text in WHY.items()},
     }
     return {
         "en": {key: text.en for key, text in keyed.items()},

@@ -119,6 +119,7 @@ THERAPIST_LABELS: Final[Mapping[str, Text]] = {
         "drives are off, nothing moves", "Antriebe sind aus, nichts bewegt sich"
     ),
     "why_not.unknown": Text("state is not known", "Zustand ist nicht bekannt"),
+    "why_not.does_not_start": Text("it does not start", "es startet nicht"),
     "why_not.getting_ready": Text("machine gets ready", "Gerät macht sich bereit"),
     "why_not.stopping": Text("machine comes to rest", "Gerät kommt zur Ruhe"),
     "why_not.stop_first": Text("end the stop first", "zuerst den Halt beenden"),

@@ -19,10 +19,11 @@ from gaitd_client import (
     Stride,
 )
 from gaitd_client.wire.names import Kind
-from gaitd_session.session import WITHOUT_POWER
 
 from gaitd_display.alarm import Alarm, cause_of
-from gaitd_display.controls import Control, Situation, controls
+from gaitd_display.cause_texts import Situation
+from gaitd_display.controls import Control, Requestable, controls
+from gaitd_display.drives import Drives, situation_of, together
 from gaitd_display.engineer_view import DriveView, drive_view
 from gaitd_display.event_texts import Spoken, event_remedy, event_text, spoken, subject_text
 from gaitd_display.geometry import Geometry
@@ -69,6 +70,8 @@ class StopView(msgspec.Struct, frozen=True):
 
     key: str
     """Names its texts in `stop_texts.py`."""
+    situation: Situation
+    """State of the leg after it."""
     subject: Spoken | None
     """Leg and axis in words; None: of none."""
 
@@ -135,15 +138,9 @@ class StrideItem(msgspec.Struct, frozen=True, tag="stride", tag_field="kind"):
     """One stride."""
 
     leg: str
-    number: int
-    boot: str
     time_ms: float
     """UTC of its end."""
-    cadence_hz: float
     share_ratio: float | None
-    share_ratio_std: float | None
-    work_j: float | None
-    work_j_std: float | None
 
 
 class EventItem(msgspec.Struct, frozen=True, tag="event", tag_field="kind"):
@@ -166,14 +163,8 @@ def stride_item(stride: Stride) -> StrideItem:
     """Return what a page shows of a stride."""
     return StrideItem(
         stride.leg,
-        stride.number,
-        stride.core_boot_id,
         stride.sample_time_ns / 1e6,
-        stride.cadence_hz,
         stride.share_ratio,
-        stride.share_ratio_std,
-        stride.work_positive_j,
-        stride.work_positive_j_std,
     )
 
 
@@ -283,13 +274,15 @@ class TherapistState:
         views = tuple(
             drive_view(name, drive) if known else DriveView(name) for name, drive in drives.items()
         )
-        now = Situation(
+        all_drives = together(drives.values())
+        now = Requestable(
             mode=known.mode if known else None,
             stage=known.stage if known else None,
             lease_holder=known.lease_holder if known else None,
             hand_switch_closed=all_true(drive.hand_switch_closed for drive in views),
             sto_released=all_true(drive.sto_released for drive in views),
-            has_power=any(drive.power_state not in WITHOUT_POWER for drive in views),
+            is_latched=cause_of(known) != Cause.NONE,
+            has_power=all_drives.may_have_power,
             knows_position=all(drive.referenced for drive in known_drives),
         )
         return TherapistView(
@@ -297,7 +290,7 @@ class TherapistState:
             mode=now.mode,
             stage=now.stage,
             lease_holder=now.lease_holder,
-            stop=stop_view(known),
+            stop=stop_view(known, all_drives),
             legs=legs,
             controls=controls(now),
             drives=views,
@@ -312,9 +305,10 @@ class TherapistState:
         )
 
 
-def stop_view(safety: Safety | None) -> StopView | None:
-    """Return the latched stop; None without one."""
+def stop_view(safety: Safety | None, drives: Drives) -> StopView | None:
+    """Return the latched stop, and what it means for the leg; None without one."""
     verdict = safety.verdict if safety else None
     if verdict is None or cause_of(safety) == Cause.NONE:
         return None
-    return StopView(stop_key(verdict.cause), spoken(subject_text(verdict.drive)))
+    situation = situation_of(verdict.cause, drives)
+    return StopView(stop_key(verdict.cause), situation, spoken(subject_text(verdict.drive)))

@@ -47,8 +47,8 @@ class Summary(msgspec.Struct, frozen=True):
     """The longest row of them."""
     share_ratio: float | None
     """Mean share of the session; None: there is none."""
-    past_share_ratios: tuple[float, ...]
-    """Those of the sessions before, oldest first."""
+    past_share_ratios: tuple[float, ...] | None
+    """Those of the sessions before, oldest first; None: the history cannot be read."""
     best_share_ratio: float | None
     """The highest of all sessions before; None: there is none."""
 
@@ -85,6 +85,8 @@ class TrainingView(msgspec.Struct, frozen=True, kw_only=True):
     """Strides of the block whose share is known."""
     in_band_count: int
     """Steps of the block in the target."""
+    session_valid_count: int
+    """Strides of the session whose share is known."""
     session_in_band_count: int
     row_count: int
     """Steps in the target now, one after the other."""
@@ -128,13 +130,15 @@ class Training:
         self._session = self._make()
         self._past = self._past_shares()
 
-    def _past_shares(self) -> tuple[float, ...]:
-        """Return the mean shares of the sessions before, oldest first."""
+    def _past_shares(self) -> tuple[float, ...] | None:
+        """Return the mean shares of the sessions before, oldest first; None: not known."""
+        store = self._history.store
+        if store is None:
+            return None
         try:
-            store = self._history.store
-            summaries = [] if store is None else store.summaries(self._profile.id)
+            summaries = store.summaries(self._profile.id)
         except StoreError:
-            return ()  # the session itself says that the history cannot be read
+            return None  # the session itself says that the history cannot be read
         shares = (one.mean_share_ratio for one in summaries)
         return tuple(share for share in shares if share is not None)
 
@@ -193,6 +197,7 @@ class Training:
             steps=view.steps,
             valid_count=sum(leg.valid_count for leg in view.legs),
             in_band_count=sum(leg.in_band_count for leg in view.legs),
+            session_valid_count=sum(leg.session_valid_count for leg in view.legs),
             session_in_band_count=sum(leg.session_in_band_count for leg in view.legs),
             row_count=view.row_count,
             summary=self._summary(view) if view.phase is Phase.FINISHED else None,
@@ -205,8 +210,8 @@ class Training:
             in_band_count=sum(leg.session_in_band_count for leg in view.legs),
             best_row_count=view.best_row_count,
             share_ratio=view.session_share_ratio,
-            past_share_ratios=self._past[-PAST_SHOWN:],
-            best_share_ratio=max(self._past, default=None),
+            past_share_ratios=None if self._past is None else self._past[-PAST_SHOWN:],
+            best_share_ratio=max(self._past or (), default=None),
         )
 
     def press(self, button: str) -> None:

@@ -243,6 +243,8 @@ class Stop(NamedTuple):
     """See `Release.why_not`; counts in FAULT."""
     is_switch_held: bool
     """Every drive reads the hand switch as closed."""
+    is_held: bool
+    """Every drive can hold the leg, and their load was compared; counts in HOLD."""
     may_start: bool
     """START of the session would request RESET; it does so only where no drive has power."""
     was_reset: bool
@@ -298,7 +300,7 @@ class WayOut:
         if stop.mode == Mode.READY:
             return Step.ENABLE if stop.is_switch_held else Step.SWITCH
         if stop.mode == Mode.HOLD:
-            return Step.GUIDE
+            return Step.GUIDE if stop.is_held else Step.WAIT
         return Step.GUIDING if stop.mode == Mode.HAND_GUIDING else Step.NONE
 
     def _step_in_fault(self, stop: Stop) -> Step:

@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 from gaitd_client import Mode, Stage
-from gaitd_display.controls import Command, Does, Situation, WhyNot, controls
+from gaitd_display.controls import Command, Does, Requestable, WhyNot, controls
 
 from daemon.core.modes import roles
 from daemon.core.modes.table import TRANSITIONS, event_of
@@ -29,6 +29,14 @@ READY = {
     DISABLE: WhyNot.IS_OFF,
     RESET: WhyNot.NO_STOP,
 }
+HELD = {
+    ENABLE: WhyNot.IS_ON,
+    HOLD: WhyNot.IS_HELD,
+    GUIDE: Does.CARRIES_THE_WEIGHT,
+    TEST: Does.MOVES_A_LITTLE,
+    DISABLE: Does.LETS_GO,
+    RESET: WhyNot.NO_STOP,
+}
 STOPPED = {**dict.fromkeys(Command, WhyNot.STOP_FIRST), RESET: Does.LETS_GO_UNTIL_ENABLED}
 ONE_AXIS = {
     **dict.fromkeys(Command, WhyNot.ONE_AXIS),
@@ -37,55 +45,62 @@ ONE_AXIS = {
 }
 WELL = {"hand_switch_closed": True, "sto_released": True}
 ROWS = [
-    (Situation(None), NOTHING),
-    (Situation("of_a_later_version", **WELL), NOTHING),
-    (Situation(Mode.OFF, **WELL), dict.fromkeys(Command, WhyNot.GETTING_READY)),
-    (Situation(Mode.BRINGING_UP, **WELL), dict.fromkeys(Command, WhyNot.GETTING_READY)),
-    (Situation(Mode.STOPPING, **WELL), dict.fromkeys(Command, WhyNot.STOPPING)),
-    # ready
-    (Situation(Mode.READY, **WELL), READY),
-    (Situation(Mode.READY), READY),  # inputs that are not known are left to the service
+    (Requestable(None), NOTHING),
+    (Requestable("of_a_later_version", **WELL), NOTHING),
+    (Requestable(Mode.OFF, **WELL), dict.fromkeys(Command, WhyNot.GETTING_READY)),
+    (Requestable(Mode.BRINGING_UP, **WELL), dict.fromkeys(Command, WhyNot.GETTING_READY)),
+    (Requestable(Mode.STOPPING, **WELL), dict.fromkeys(Command, WhyNot.STOPPING)),
+    # a stop that was not reset: without a drive nothing starts; in READY it is reset
     (
-        Situation(Mode.READY, hand_switch_closed=False, sto_released=True),
+        Requestable(Mode.OFF, is_latched=True, **WELL),
+        dict.fromkeys(Command, WhyNot.DOES_NOT_START),
+    ),
+    (
+        Requestable(Mode.BRINGING_UP, is_latched=True, **WELL),
+        dict.fromkeys(Command, WhyNot.DOES_NOT_START),
+    ),
+    (
+        Requestable(Mode.READY, is_latched=True, has_power=False, **WELL),
+        READY | {RESET: Does.CLEARS_THE_STOP},
+    ),
+    # ready
+    (Requestable(Mode.READY, **WELL), READY),
+    (Requestable(Mode.READY), READY),  # inputs that are not known are left to the service
+    (
+        Requestable(Mode.READY, hand_switch_closed=False, sto_released=True),
         READY | {ENABLE: WhyNot.HAND_SWITCH},
     ),
     (
-        Situation(Mode.READY, hand_switch_closed=False, sto_released=False),
+        Requestable(Mode.READY, hand_switch_closed=False, sto_released=False),
         READY | {ENABLE: WhyNot.EMERGENCY_STOP},
     ),
-    (Situation(Mode.READY, **WELL, knows_position=False), READY | {ENABLE: WhyNot.POSITION}),
+    (Requestable(Mode.READY, **WELL, knows_position=False), READY | {ENABLE: WhyNot.POSITION}),
     # held, and in motion
+    (Requestable(Mode.HOLD, **WELL), HELD),
     (
-        Situation(Mode.HOLD, **WELL),
-        {
-            ENABLE: WhyNot.IS_ON,
-            HOLD: WhyNot.IS_HELD,
-            GUIDE: Does.CARRIES_THE_WEIGHT,
-            TEST: Does.MOVES_A_LITTLE,
-            DISABLE: Does.LETS_GO,
-            RESET: WhyNot.NO_STOP,
-        },
+        Requestable(Mode.HOLD, Stage.PREPARING, **WELL),
+        HELD | {GUIDE: WhyNot.GETTING_READY, TEST: WhyNot.GETTING_READY},
     ),
-    (Situation(Mode.GAIT, Stage.PLAYING, **WELL), WALKING),
-    (Situation(Mode.GAIT, Stage.ANNOUNCING, **WELL), WALKING | {HOLD: Does.CANCELS_WALKING}),
-    (Situation(Mode.GAIT, Stage.PREPARING, "a law"), WALKING | {HOLD: Does.CANCELS_WALKING}),
-    (Situation(Mode.GAIT, Stage.PLAYING, "a law", **WELL), WALKING | {HOLD: Does.ENDS_ASSIST}),
-    (Situation(Mode.TORQUE, Stage.PLAYING, "a law", **WELL), WALKING | {HOLD: Does.ENDS_ASSIST}),
-    (Situation(Mode.TORQUE, Stage.PLAYING, **WELL), WALKING | {HOLD: Does.ENDS_MOTION}),
-    (Situation(Mode.EXCITE, Stage.PLAYING, **WELL), WALKING | {HOLD: Does.ENDS_MOTION}),
-    (Situation(Mode.HAND_GUIDING, None, "a law"), WALKING | {HOLD: Does.ENDS_MOTION}),
-    (Situation(Mode.SELF_TEST, Stage.ANNOUNCING), WALKING | {HOLD: Does.ENDS_MOTION}),
-    (Situation(Mode.REFERENCE, **WELL), ONE_AXIS),
-    (Situation(Mode.COMMISSION, **WELL), ONE_AXIS),
+    (Requestable(Mode.GAIT, Stage.PLAYING, **WELL), WALKING),
+    (Requestable(Mode.GAIT, Stage.ANNOUNCING, **WELL), WALKING | {HOLD: Does.CANCELS_WALKING}),
+    (Requestable(Mode.GAIT, Stage.PREPARING, "a law"), WALKING | {HOLD: Does.CANCELS_WALKING}),
+    (Requestable(Mode.GAIT, Stage.PLAYING, "a law", **WELL), WALKING | {HOLD: Does.ENDS_ASSIST}),
+    (Requestable(Mode.TORQUE, Stage.PLAYING, "a law", **WELL), WALKING | {HOLD: Does.ENDS_MOTION}),
+    (Requestable(Mode.TORQUE, Stage.PLAYING, **WELL), WALKING | {HOLD: Does.ENDS_MOTION}),
+    (Requestable(Mode.EXCITE, Stage.PLAYING, **WELL), WALKING | {HOLD: Does.ENDS_MOTION}),
+    (Requestable(Mode.HAND_GUIDING, None, "a law"), WALKING | {HOLD: Does.ENDS_MOTION}),
+    (Requestable(Mode.SELF_TEST, Stage.ANNOUNCING), WALKING | {HOLD: Does.ENDS_MOTION}),
+    (Requestable(Mode.REFERENCE, **WELL), ONE_AXIS),
+    (Requestable(Mode.COMMISSION, **WELL), ONE_AXIS),
     # stopped
-    (Situation(Mode.FAULT, **WELL), STOPPED),
-    (Situation(Mode.FAULT), STOPPED),
-    (Situation(Mode.FAULT, **WELL, has_power=False), STOPPED | {RESET: Does.CLEARS_THE_STOP}),
+    (Requestable(Mode.FAULT, **WELL), STOPPED),
+    (Requestable(Mode.FAULT), STOPPED),
+    (Requestable(Mode.FAULT, **WELL, has_power=False), STOPPED | {RESET: Does.CLEARS_THE_STOP}),
     (
-        Situation(Mode.FAULT, hand_switch_closed=False, sto_released=True, has_power=False),
+        Requestable(Mode.FAULT, hand_switch_closed=False, sto_released=True, has_power=False),
         STOPPED | {RESET: WhyNot.HAND_SWITCH},
     ),
-    (Situation(Mode.FAULT, sto_released=False), STOPPED | {RESET: WhyNot.EMERGENCY_STOP}),
+    (Requestable(Mode.FAULT, sto_released=False), STOPPED | {RESET: WhyNot.EMERGENCY_STOP}),
 ]
 
 
@@ -123,7 +138,7 @@ there is no stop that a reset would end."""
 
 def test_what_is_offered_is_what_the_service_s_table_allows_but_for_what_the_page_says():
     for mode, command in itertools.product(Mode, Command):
-        offered = isinstance(decided(Situation(mode, **WELL))[command], Does)
+        offered = isinstance(decided(Requestable(mode, **WELL))[command], Does)
         kind, wanted = request_of(command)
         row = (record.Mode[mode.name], event_of(kind, wanted))
         is_allowed = row in TRANSITIONS

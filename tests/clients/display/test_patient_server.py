@@ -279,7 +279,7 @@ def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_sho
 
         now = page.until(is_heard)
         assert now["training"]["why"] == "no_signal"
-        assert site.get("/texts.json").json()["de"]["why.no_signal"].startswith("Unterbrochen")
+        assert site.get("/texts.json").json()["de"]["why_short.no_signal"]
         until(lambda now: now["training"]["buttons"] == [], mode=Mode.FAULT, cause=Cause.SPASM)
         assert press("start") == 409
 
@@ -309,22 +309,22 @@ def test_a_session_is_started_by_hand_switch_and_button_and_nothing_of_it_is_sho
 def test_a_page_that_does_not_read_gets_the_present_and_costs_no_memory():
     async def story():
         views = iter(range(10_000_000))
-        feed = Feed(lambda: bench.filled(StrideItem, number=next(views)))
+        feed = Feed(lambda: bench.filled(StrideItem, time_ms=next(views)))
         page = feed.join()
         for number in range(WINDOW):
             feed.tick()
-            assert json.loads(await page.next())["now"]["number"] == number
+            assert json.loads(await page.next())["now"]["time_ms"] == number
         feed.tick()
         with pytest.raises(TimeoutError):
             await asyncio.wait_for(page.next(), 0)
         for number in range(100_000):
             feed.tick()
-            feed.add(bench.filled(StrideItem, number=number))
+            feed.add(bench.filled(StrideItem, time_ms=number))
         page.acknowledge(WINDOW)
         frame = json.loads(await page.next())
 
-        assert frame["now"]["number"] == WINDOW + 100_000  # the newest, and no burst before it
-        assert [item["number"] for item in frame["items"]] == list(
+        assert frame["now"]["time_ms"] == WINDOW + 100_000  # the newest, and no burst before it
+        assert [item["time_ms"] for item in frame["items"]] == list(
             range(100_000 - ITEMS_MAX, 100_000)
         )
         with pytest.raises(ValueError, match="frame"):

@@ -90,6 +90,7 @@ def screen(tmp_path):
         (Mode.BRINGING_UP, Stage.PREPARING, Word.WAIT),
         (Mode.READY, None, Word.READY),
         (Mode.HOLD, None, Word.HELD),
+        (Mode.HOLD, Stage.PREPARING, Word.WAIT),
         (Mode.GAIT, Stage.ANNOUNCING, Word.SOON),
         (Mode.GAIT, Stage.APPROACHING, Word.TO_START),
         (Mode.GAIT, Stage.PLAYING, Word.GO_ON),
@@ -116,7 +117,7 @@ def training(phase, advice=Advice.LIE_STILL, **given):
         **{"buttons": (), "reason": "", "why": None, "is_kept": True, "number": 2, "count": 4},
         **{"plan_s": 1020.0, "block_left_s": 60.0, "block_s": 120.0, "announce_left_s": 0.0},
         **{"bands": BANDS, "steps": (), "valid_count": 0, "in_band_count": 0, "row_count": 0},
-        **{"session_in_band_count": 0, "summary": None},
+        **{"session_valid_count": 0, "session_in_band_count": 0, "summary": None},
     }
     return TrainingView(phase=phase, advice=advice, **(told | given))
 
@@ -129,7 +130,9 @@ def training(phase, advice=Advice.LIE_STILL, **given):
         (Phase.ENABLING, Mode.READY, Word.SOON),
         (Phase.ANNOUNCED, Mode.HOLD, Word.SOON),
         (Phase.STARTING, Mode.HOLD, Word.SOON),
-        (Phase.PAUSED, Mode.HOLD, Word.PAUSED),
+        (Phase.PAUSED, Mode.HOLD, Word.ENDING),
+        (Phase.REST, Mode.HOLD, Word.ENDING),
+        (Phase.FINISHED, Mode.HOLD, Word.ENDING),
         (Phase.PAUSED, Mode.READY, Word.PAUSED),
         (Phase.REST, Mode.READY, Word.REST),
         (Phase.FINISHED, Mode.READY, Word.FINISHED),
@@ -322,6 +325,8 @@ def test_the_straps_are_told_behind_the_emergency_stop_unless_no_drive_has_power
     held = screen.after(Mode.FAULT, cause=Cause.SPASM)
     assert (held.step, held.unstrap) == (Step.RESET, Unstrap.NOT_NOW)
     screen.after(Mode.READY)
+    preparing = screen.after(Mode.HOLD, stage=Stage.PREPARING)
+    assert preparing.step is Step.WAIT  # the load of the drives is being compared
     held = screen.after(Mode.HOLD)
     assert (held.step, held.unstrap) == (Step.GUIDE, Unstrap.BEHIND_EMERGENCY_STOP)
 
@@ -337,6 +342,14 @@ def test_a_stop_at_rest_is_shown_with_help_and_alarm_unless_the_machine_was_neve
         assert (view.word, view.step, view.action) == (Word.STOPPED, Step.HELP, None)
         assert view.cause == Cause.DRIVE_SILENT
         assert view.alarm is not None
+
+
+def test_a_page_without_requests_shows_a_stop_until_it_is_reset(tmp_path):
+    screen = Shown(tmp_path, way_out=False)
+    for mode in (Mode.FAULT, Mode.READY):
+        view = screen.after(mode, cause=Cause.SPASM)
+        assert (view.word, view.step, view.action) == (Word.STOPPED, Step.HELP, None)
+    assert screen.after(Mode.READY).word == Word.READY
 
 
 def test_the_emergency_stop_pressed_as_a_session_advises_is_named_and_sounds_no_alarm(screen):

@@ -18,6 +18,7 @@ import pytest
 from gaitd_client import Cause, Event, Mode, NotValid, PlanLimits, Trouble
 from gaitd_display import therapist
 from gaitd_display.alarm import INPUT_CYCLES
+from gaitd_display.cause_texts import Situation
 from gaitd_display.controls import Does
 from gaitd_display.login import (
     FAILURES_MAX,
@@ -315,8 +316,8 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
             trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
             if frame["now"]["stop"] is not None:
                 break
-        assert frame["now"]["stop"] == {"key": "spasm", "subject": None}
-        assert "first.spasm" in client.get("/texts.json").json()["de"]
+        assert frame["now"]["stop"] == {"key": "spasm", "subject": None, "situation": "held"}
+        assert "first.held" in client.get("/texts.json").json()["de"]
         possible = [one for one in frame["now"]["controls"] if one["why_not"] is None]
         assert possible == [{"command": "reset", "does": "lets_go_until_enabled", "why_not": None}]
         assert frame["now"]["alarm"] is not None
@@ -401,6 +402,7 @@ def test_the_situation_of_the_controls_is_read_of_all_drives(trainer, view):
     assert possible(mode=Mode.FAULT, cause=Cause.SPASM, power="fault") == {
         "reset": Does.CLEARS_THE_STOP
     }
+    assert view().stop.situation is Situation.LOOSE
     unknown = {**{name: one.newest() for name, one in view.drives.items()}, "right/slide": NONE}
     assert view(drives=unknown).hand_switch_closed is None
     reset = next(one for one in view(drives=unknown).controls if one.command == "reset")

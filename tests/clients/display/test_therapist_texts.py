@@ -10,6 +10,7 @@ import pytest
 import records
 from gaitd_client import Cause, Event, Kind, Mode, Priority, Stage, Validity
 from gaitd_client.wire.fields import NMT_STATES, POWER_STATES
+from gaitd_display.cause_texts import patient_text
 from gaitd_display.controls import Command, Does, WhyNot
 from gaitd_display.event_texts import event_text, refusal_text
 from gaitd_display.progress import interruption_text
@@ -42,8 +43,9 @@ def spoken(text, kind=Kind.NOTE, **given):
 def test_each_cause_says_what_happened_what_to_do_and_whom_to_call_without_a_code():
     labels = stop_labels()
     for cause in [*STOP_TEXTS, UNKNOWN]:
-        for part in ("stopped", "first", "then", "again"):
-            text = labels[f"{part}.{cause}"]
+        keys = [f"{part}.{cause}" for part in ("stopped", "then", "again")]
+        for key in (*keys, f"first.{patient_text(cause).situation}"):
+            text = labels[key]
             assert text.en
             assert text.de
             assert text.en != text.de

@@ -212,16 +212,16 @@ function countdown(training, word) {
 function paintTally(tally, { word, training }) {
   tally.replaceChildren();
   if (training === null) return;
-  const { row_count: row, session_in_band_count: count } = training;
+  const { row_count: row, session_valid_count: valid, session_in_band_count: count } = training;
   if (word === "good" && row >= ROW_MIN) tally.append(html("p", "", html("b", "", String(row)), ` ${words.of("in_row")}`));
   const tick = el("svg", { viewBox: "0 0 100 100", "aria-hidden": "true" });
-  drawSymbol(tick, "good");
-  tally.append(html("p", "", tick, html("b", "", String(count)), ` ${words.of("in_target")}`));
+  drawSymbol(tick, count > 0 ? "good" : "go_on");
+  tally.append(html("p", "", tick, html("b", "", valid > 0 ? String(count) : "–"), ` ${words.of("in_target")}`));
 }
 
 function praise({ in_band_count: inBand, valid_count: valid, number, count, buttons }) {
   const tick = el("svg", { viewBox: "0 0 100 100", "aria-hidden": "true" });
-  drawSymbol(tick, valid > 0 ? "good" : "go_on");
+  drawSymbol(tick, inBand > 0 ? "good" : "go_on");
   const said = valid > 0
     ? html("p", "praise", html("b", "", String(inBand)), filled("of_steps", { count: valid }))
     : html("p", "praise", words.of("no_steps"));
@@ -232,12 +232,12 @@ function praise({ in_band_count: inBand, valid_count: valid, number, count, butt
 
 function paintShares({ share_ratio: share, past_share_ratios: past, best_share_ratio: best }) {
   const said = html("p", "", filled("your_share", { share: percent(share) }));
-  said.append(html("br"), past.length > 0 ? filled("shares_before", { last: percent(past.at(-1)), best: percent(best) }) : words.of("first_time"));
+  if (past !== null) said.append(html("br"), past.length > 0 ? filled("shares_before", { last: percent(past.at(-1)), best: percent(best) }) : words.of("first_time"));
   const svg = el("svg", { "aria-hidden": "true" });
   byId("scene").append(html("div", "panel shares", said, svg));
   const { clientWidth: width, clientHeight: height } = svg;
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  const all = [...past, share];
+  const all = [...(past ?? []), share];
   const highest = Math.max(0.01, ...all.map((one) => one ?? 0));
   const each = Math.min(width / all.length, 14 * sizes.unit);
   const floor = Math.max(3 * sizes.unit, height - 0.95 * sizes.far);

@@ -146,7 +146,8 @@ const stopped = new Once((stop) => {
   setText(byId("cause"), words.of(`stopped.${stop.key}`));
   byId("subject").hidden = stop.subject === null;
   setText(byId("subject"), stop.subject === null ? "" : words.said(stop.subject));
-  for (const part of ["first", "then", "again"]) setText(byId(part), words.of(`${part}.${stop.key}`));
+  setText(byId("first"), words.of(`first.${stop.situation}`));
+  for (const part of ["then", "again"]) setText(byId(part), words.of(`${part}.${stop.key}`));
 });
 
 const row = (...cells) => made("tr", "", ...cells.map((text) => made("td", text === "–" ? "unknown" : "", typeof text === "string" ? made("span", "", text) : text)));
@@ -223,8 +224,8 @@ function paint() {
 }
 
 async function readProgress() {
-  const answer = await fetch("/progress.json").catch(() => null); // the loss is shown already
-  if (answer?.ok) progress = await answer.json();
+  const signal = AbortSignal.timeout(PROGRESS_MS);
+  progress = await fetch("/progress.json", { signal }).then((answer) => (answer.ok ? answer.json() : null)).catch(() => null);
   setTimeout(readProgress, PROGRESS_MS);
 }
 
