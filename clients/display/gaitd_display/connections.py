@@ -12,6 +12,7 @@ that is still in its TLS handshake. So this file accepts, and passes on to uvico
 
 import asyncio
 import contextlib
+import errno
 import socket
 import ssl
 import sys
@@ -31,6 +32,14 @@ WAIT_S: Final = 5.0
 two requests."""
 LOOK_S: Final = 1.0
 RETRY_S: Final = 0.1
+REPORT_S: Final = 60.0
+"""A reason why a connection is not accepted is reported once in this time."""
+FULL: Final = "no page can be opened, and a STOP that needs a new connection is lost: "
+REMEDIES: Final = {
+    errno.EMFILE: f"{FULL}this server has no file descriptor left; close pages that nobody needs, "
+    "or raise LimitNOFILE of its unit (in a terminal: `ulimit -n`)",
+    errno.ENFILE: f"{FULL}the machine has no file descriptor left; end programs that nobody needs",
+}
 STOP_PATH: Final = "/stop"
 
 
@@ -111,6 +120,22 @@ def overdue(connections: Iterable[Connection], now_s: float) -> list[Connection]
     return [one for one in connections if not one.is_asking and now_s - one.since_s >= WAIT_S]
 
 
+class Refusals:
+    """Reports why a connection is not accepted: the same reason comes ten times a second."""
+
+    def __init__(self) -> None:
+        """Nothing has been reported."""
+        self._reported_s: dict[int | None, float] = {}
+
+    def line(self, error: OSError, now_s: float) -> str:
+        """Return a line for the log; empty if this reason was reported a short time ago."""
+        if now_s - self._reported_s.get(error.errno, -REPORT_S) < REPORT_S:
+            return ""
+        self._reported_s[error.errno] = now_s
+        reason = REMEDIES.get(error.errno or 0, f"a connection was not accepted: {error.strerror}")
+        return f"gaitd-display: {reason} (reported once in {REPORT_S:g} s)"
+
+
 class Connections:
     """The connections of one server."""
 
@@ -118,6 +143,7 @@ class Connections:
         """Watch the requests of an application."""
         self._app = app
         self._held: dict[tuple[Any, Any], Connection] = {}
+        self._refusals = Refusals()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Note that a connection has a request, which the application answers."""
@@ -168,8 +194,9 @@ class Connections:
         while True:
             try:
                 connected, remote = await loop.sock_accept(listener)
-            except OSError as error:  # it has gone already, or other parts have used up descriptors
-                print(f"gaitd-display: a connection was not accepted: {error}", file=sys.stderr)
+            except OSError as error:
+                if line := self._refusals.line(error, loop.time()):
+                    print(line, file=sys.stderr)
                 await asyncio.sleep(RETRY_S)
                 continue
             connection = Connection(connected, remote, loop.time())

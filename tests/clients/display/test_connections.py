@@ -3,7 +3,9 @@
 import asyncio
 import contextlib
 import datetime
+import errno
 import json
+import os
 import resource
 import socket
 import ssl
@@ -16,7 +18,16 @@ import browser as rig
 import display_bench as bench
 import pytest
 from gaitd_display import connections, web
-from gaitd_display.connections import ADDRESS_MAX, CONNECTIONS_MAX, WAIT_S, overdue, surplus
+from gaitd_display.connections import (
+    ADDRESS_MAX,
+    CONNECTIONS_MAX,
+    REPORT_S,
+    WAIT_S,
+    Connections,
+    Refusals,
+    overdue,
+    surplus,
+)
 from gaitd_display.feed import PAGES_MAX
 from gaitd_display.patient import PatientServer
 from gaitd_display.web import STOPS_MAX
@@ -104,6 +115,21 @@ def test_a_body_that_does_not_come_is_refused(monkeypatch):
         asyncio.run(web.small_body(request))
 
 
+def failed(number):
+    return OSError(number, os.strerror(number))
+
+
+def test_a_reason_why_none_is_accepted_is_reported_once_in_its_time_with_what_to_do():
+    refusals = Refusals()
+    first = refusals.line(failed(errno.EMFILE), 1000.0)
+    assert "a STOP that needs a new connection is lost" in first
+    assert "raise LimitNOFILE of its unit" in first
+    assert refusals.line(failed(errno.EMFILE), 1000.0 + 0.99 * REPORT_S) == ""
+    assert refusals.line(failed(errno.EMFILE), 1000.0 + REPORT_S) == first
+    other = refusals.line(failed(errno.EPROTO), 1000.0 + REPORT_S)
+    assert "a connection was not accepted: Protocol error" in other
+
+
 # --- over sockets -------------------------------------------------------------------------------
 
 
@@ -143,6 +169,18 @@ def few_descriptors():
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
+@contextlib.contextmanager
+def no_descriptors():
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    lowest = os.dup(0)
+    os.close(lowest)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+
+
 def unverified():
     context = ssl.create_default_context()
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
@@ -165,6 +203,36 @@ def test_a_stop_arrives_while_400_connections_say_nothing_and_pages_go_on(
         assert trainer.requests == [("stop",)]
         for _ in range(3):
             page.send(str(json.loads(page.recv(timeout=10))["seq"]))
+
+
+def test_without_descriptors_there_is_one_line_and_a_client_that_waits_is_accepted_later(
+    monkeypatch, capsys
+):
+    monkeypatch.setattr(connections, "RETRY_S", 0.001)
+
+    async def accepted():
+        is_accepted = asyncio.Event()
+
+        class Taken(asyncio.Protocol):
+            def connection_made(self, _):
+                is_accepted.set()
+
+        with (
+            socket.create_server(("127.0.0.1", 0)) as listener,
+            socket.create_connection(listener.getsockname()),
+        ):
+            listener.setblocking(False)
+            with no_descriptors():
+                accepting = asyncio.create_task(Connections(None).accept([listener], Taken, None))
+                await asyncio.sleep(0.05)
+            before = is_accepted.is_set()
+            await asyncio.wait_for(is_accepted.wait(), 10)
+            accepting.cancel()
+            await asyncio.gather(accepting, return_exceptions=True)
+        return before
+
+    assert not asyncio.run(accepted())
+    assert capsys.readouterr().err.count("no file descriptor left") == 1
 
 
 def test_one_that_says_nothing_is_closed_in_time(site, monkeypatch):
