@@ -64,6 +64,15 @@ def claimed(client: str) -> str:
 
 
 CORE_BACK: Final = EventDraft(Priority.LOW, Kind.CORE, "records from the core arrive again")
+NO_DESCRIPTOR: Final = EventDraft(
+    Priority.MEDIUM,
+    Kind.NOTE,
+    "the gateway has no file descriptor left: no new client is served, nor a stop of one; "
+    "end clients that nobody needs, or raise LimitNOFILE of its unit",
+)
+DESCRIPTOR_BACK: Final = EventDraft(
+    Priority.LOW, Kind.NOTE, "the gateway has file descriptors again: new clients are served"
+)
 
 
 def new_events(before: CycleRecord | None, now: CycleRecord) -> list[EventDraft]:
@@ -111,6 +120,20 @@ def request_answered(name: str, client: str, outcome: str, reason: str) -> Event
     """The event that the gateway has answered a client's request."""
     drafts = f"{name}, asked by {client}: {outcome}"
     return EventDraft(Priority.INFO, Kind.REQUEST, f"{drafts}: {reason}" if reason else drafts)
+
+
+class DescriptorEvents:
+    """Reports once that descriptors are used up, and once that one is free: Zenoh reports none."""
+
+    def __init__(self) -> None:
+        self._had_one = True
+
+    def turn(self, *, has_one: bool) -> list[EventDraft]:
+        """Return the event of a change since the last turn; `has_one`: a descriptor is free."""
+        had_one, self._had_one = self._had_one, has_one
+        if had_one == has_one:
+            return []
+        return [DESCRIPTOR_BACK if has_one else NO_DESCRIPTOR]
 
 
 class RequestEvents:

@@ -17,6 +17,7 @@ from typing import Final
 from daemon.config.settings import Lease
 from daemon.config.strict import ConfigError
 from daemon.gateway.clients import PLAN_FILE, Clients, PlanStore
+from daemon.gateway.events import DescriptorEvents
 from daemon.gateway.reload import Reload
 from daemon.gateway.service import STATE_PERIOD_NS, Gateway
 from daemon.gateway.setpoints import SetpointBox
@@ -24,6 +25,7 @@ from daemon.ipc.transport import GatewayChannel
 from daemon.keys.folder import Keys
 from daemon.recorder.recorder import DiskRecorder
 from daemon.system.clock import AgeClock, MonotonicClock
+from daemon.system.descriptors import has_free_descriptor
 from daemon.system.sd_notify import Notifier
 from daemon.zenoh_io.publish import Mailbox, ZenohOutlet
 from daemon.zenoh_io.session import open_session
@@ -110,7 +112,7 @@ def serve(
         poller.register(box.fileno(), select.POLLIN)
         _freeze()
         supervisor.send("READY=1")
-        wall, notify_ns = MonotonicClock(), 0
+        wall, notify_ns, descriptors = MonotonicClock(), 0, DescriptorEvents()
         while not (ended() or (gateway.may_end and mailbox.is_empty)):
             poller.poll(_POLL_MS)
             woken_ns = wall.now_ns()
@@ -129,6 +131,7 @@ def serve(
             gateway.health.counters.request_dropped_count = mailbox.dropped_count
             gateway.health.add_wake(hurried_ns + wall.now_ns() - resumed_ns)
             if resumed_ns >= notify_ns:
+                gateway.publish_events(descriptors.turn(has_one=has_free_descriptor()))
                 status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))
                 supervisor.send("WATCHDOG=1", f"STATUS={status}")
                 notify_ns = resumed_ns + _NOTIFY_NS

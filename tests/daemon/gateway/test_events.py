@@ -4,7 +4,14 @@ import msgspec
 import pytest
 from gaitd_client import wire
 
-from daemon.gateway.events import Kind, Priority, new_events
+from daemon.gateway.events import (
+    DESCRIPTOR_BACK,
+    NO_DESCRIPTOR,
+    DescriptorEvents,
+    Kind,
+    Priority,
+    new_events,
+)
 from daemon.ipc.record import Cause, EmergencyRecord, Mode, StopCategory, Verdict
 from daemon.wire.cause_texts import CAUSE_TEXT
 
@@ -213,3 +220,11 @@ def test_what_the_can_controller_says_of_itself_asks_for_attention(make_record):
     told = said(make_record(1), make_record(2, events=(line,)))
 
     assert told == [(Kind.NOTE, Priority.LOW, line)]
+
+
+def test_used_up_descriptors_are_reported_once_and_so_are_free_ones():
+    events = DescriptorEvents()
+
+    turns = [events.turn(has_one=has_one) for has_one in (True, False, False, True, True)]
+
+    assert turns == [[], [NO_DESCRIPTOR], [], [DESCRIPTOR_BACK], []]

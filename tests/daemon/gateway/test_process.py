@@ -1,6 +1,8 @@
 """`gaitd gateway` as a process, and the commands that talk to it."""
 
+import itertools
 import json
+import resource
 import subprocess
 import time
 from pathlib import Path
@@ -68,6 +70,20 @@ def test_all_threads_of_the_gateway_share_one_heap_however_many_have_connected(
 
     assert len(list(Path(f"/proc/{process.pid}/task").iterdir())) > 2
     assert not heaps_of_threads(process.pid)
+
+
+def test_a_gateway_without_descriptors_reports_it_once_with_what_to_do(process, config, eventually):
+    log = config.with_suffix(".log")
+    ask("status", config)
+    limits = resource.prlimit(process.pid, resource.RLIMIT_NOFILE)
+    used = {int(one.name) for one in Path(f"/proc/{process.pid}/fd").iterdir()}
+    lowest = next(number for number in itertools.count() if number not in used)
+    resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (lowest, limits[1]))
+    eventually(lambda: "raise LimitNOFILE of its unit" in log.read_text(), 20)
+    resource.prlimit(process.pid, resource.RLIMIT_NOFILE, limits)
+
+    eventually(lambda: "has file descriptors again" in log.read_text(), 20)
+    assert log.read_text().count("no file descriptor left") == 1
 
 
 @realtime
