@@ -4,9 +4,11 @@
 """
 
 import msgspec
+import numpy as np
 import pytest
-from sessions import CONFIGS
+from sessions import CONFIGS, changed_configs, new_session
 
+from daemon.config.robot import leg_parameters
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, StopCategory
 from daemon.preflight.load import load
@@ -16,6 +18,7 @@ from gaitd_lab.lockstep_gateway import Gateway
 from gaitd_lab.patients import Patient, of_ability
 from gaitd_lab.proven_signs import proven_signs
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
+from observer.mechanism.mechanism import singularity_ratio
 from sim_drives.plant.settings import FrictionLaw
 
 CADENCE_HZ = 0.5
@@ -95,6 +98,32 @@ def test_a_real_reversal_is_found_while_a_strong_patient_works(fault, later_s):
     assert session.record.verdict.category == StopCategory.S0
     assert len(session.records) - begun < 30
     assert not session.core.axes[1].sign_trusted
+
+
+def test_a_wrong_sign_is_found_also_where_the_drives_hold_a_stretched_leg(tmp_path):
+    """A person stretches the leg until it is stopped below `stop_ratio`, here a wide one."""
+    configs = changed_configs(
+        tmp_path,
+        ("limits.toml", "soft_ratio = 0.3", "soft_ratio = 0.5"),
+        ("limits.toml", "stop_ratio = 0.15", "stop_ratio = 0.3"),
+        ("plant.toml", "slide_m = 0.5905", "slide_m = 0.75"),
+    )
+    session = new_session(configs).enable()
+    session.execute(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
+    session.run(0.3)
+    session.machine.trainers["right"].exert(0.0, 320.0)
+    session.run(1.5)
+    held = session.record
+    leg = leg_parameters(session.settings.robot)
+    assert singularity_ratio(leg, np.array(held.legs[0].measured)) < 0.3
+    assert {drive.power_state for drive in held.drives} == {PowerState.QUICK_STOP_ACTIVE}
+
+    session.command(f"wrong_sign {SLIDE}")
+    session.run(0.05)
+
+    verdict = session.record.verdict
+    assert (verdict.cause, verdict.category) == (Cause.SIGN_WRONG, StopCategory.S0)
+    assert {d.power_state for d in session.record.drives} == {PowerState.SWITCH_ON_DISABLED}
 
 
 def trust(session):

@@ -14,6 +14,7 @@ from sessions import (
 )
 from wire import (
     change_what_drives_hear,
+    change_what_drives_say,
     deaf_to_mode,
     rpdo1,
     target_torques,
@@ -250,6 +251,43 @@ def test_a_mode_that_never_shows_stops_after_five_cycles_and_commands_no_torque(
     assert len({one.target_counts for one in rpdo1(sent, 5)}) == 1
     warm_empty_hold.run(1)
     assert warm_empty_hold.record.legs[0].measured[0] == pytest.approx(held[0], abs=1e-3)
+
+
+def shows_its_mode_late(node, cycles):
+    """TPDO1 of the node with the mode display of so many cycles ago."""
+    shown = []
+
+    def change(frame):
+        if frame.can_id != 0x180 + node:
+            return frame
+        shown.append(frame.data[6:7])
+        return frame._replace(data=frame.data[:6] + shown[-cycles - 1 :][0] + frame.data[7:])
+
+    return change
+
+
+def test_a_drive_that_has_left_torque_mode_and_shows_it_late_need_not_give_the_last_torque(
+    warm_position_hold,
+):
+    """Its own loop holds against a person who leans on the leg in these cycles."""
+    session = warm_position_hold
+    change_what_drives_say(session, shows_its_mode_late(5, cycles=4))
+    session.execute(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))
+    session.run(1)
+    session.execute(RequestKind.MODE, HOLD)
+    session.run_until(lambda _: rpdo1(session.bus.sent, 5)[-1].mode == CSP, within_s=3)
+    asked = session.record
+    begun = len(session.records)
+
+    session.machine.trainers["right"].exert(40.0, 0.0)
+    session.run(1)
+
+    shown = [record.drives[0] for record in session.records[begun:]]
+    late = [abs(drive.effort_si) for drive in shown if drive.mode_display == CST]
+    assert asked.drives[0].mode_display == CST
+    gap_max_nm = session.settings.limits.hip.torque_deviation_max_nm
+    assert sum(effort_nm > gap_max_nm for effort_nm in late) >= 3
+    assert (session.record.mode, session.record.verdict.cause) == (Mode.HOLD, Cause.NONE)
 
 
 @pytest.fixture

@@ -98,7 +98,8 @@ def update(
         limits: limits of this axis.
         mismatch_cycles: duration from which a sign mismatch counts.
         may_give_torque: the drive has not shown a state without torque.
-        free: no end stop acts on the joint; a rebound from one would look like a sign mismatch.
+        free: the joint is inside its range; a rebound from an end stop behind it would look like
+            a sign mismatch.
         pose_known: both axes of the leg are referenced; else the inverse dynamics are not valid.
     """
     if not joint.fresh:

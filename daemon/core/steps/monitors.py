@@ -63,7 +63,7 @@ def _update_leg(core: Core, leg: Leg) -> None:
             mismatch_cycles=core.config.thresholds.sign_mismatch_cycles,
             may_give_torque=axis.feedback is not None
             and axis.feedback.power_state not in CANNOT_EXERT_TORQUE,
-            free=_free(core, leg, axis),
+            free=_free(axis),
             pose_known=pose_known,
         )
         _sum_up(leg, index, window_cycles)
@@ -78,12 +78,11 @@ def _pose_is_known(core: Core, leg: Leg) -> bool:
     return hip.referenced and slide.referenced and not homing
 
 
-def _free(core: Core, leg: Leg, axis: Axis) -> bool:
-    """True if the axis is inside its range and the mechanism is away from its singularity."""
+def _free(axis: Axis) -> bool:
+    """True if the axis is inside its range, as far as it is known."""
     limits = axis.limits
     inside = limits.position_min_si <= axis.joint.position_si <= limits.position_max_si
-    clear = leg.singularity_ratio >= core.config.thresholds.singularity_stop_ratio
-    return clear and (inside or not axis.referenced)
+    return inside or not axis.referenced
 
 
 def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
