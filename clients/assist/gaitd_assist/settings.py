@@ -5,13 +5,11 @@ each does. The table [transparency] may be left out: friction is then not fed fo
 """
 
 import math
-import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import msgspec
-from gaitd_client import Configuration, PlanLimits
-from gaitd_client.numbers import not_finite
+from gaitd_client import Configuration, PlanLimits, toml_file
 from msgspec import Meta
 
 from gaitd_assist.leg import LegController
@@ -132,11 +130,9 @@ def read_settings(path: Path) -> Settings:
         SettingsError: it cannot be read, or a key is missing, unknown or wrong.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
-        raise SettingsError(f"{path}: {reason}; give a readable TOML file") from error
-    return parse_settings(text, path)
+        return toml_file.read(path, Settings)
+    except toml_file.TomlError as error:
+        raise SettingsError(str(error)) from error
 
 
 def parse_settings(text: str, path: Path) -> Settings:
@@ -146,15 +142,9 @@ def parse_settings(text: str, path: Path) -> Settings:
         SettingsError: a key is missing, unknown or wrong.
     """
     try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also of an integer of thousands of digits
-        raise SettingsError(f"{path}: {error}") from error
-    for key, value in not_finite(table):
-        raise SettingsError(f"{path}: {key} = {value}: a finite number is needed")
-    try:
-        return msgspec.convert(table, Settings, dec_hook=lambda _, given: path.parent / str(given))
-    except msgspec.ValidationError as error:
-        raise SettingsError(f"{path}: {_with_value(str(error), table)}") from error
+        return toml_file.parse(text, path, Settings)
+    except toml_file.TomlError as error:
+        raise SettingsError(str(error)) from error
 
 
 def check_caps(
@@ -188,16 +178,3 @@ def check_caps(
                     f"{path}: cap.{key} = {value:g}, allowed at most {limit:g}"
                     f" ({axis}.{limit_key} of {source})"
                 )
-
-
-def _with_value(text: str, table: dict[str, Any]) -> str:
-    """Put key and value in front of msgspec's text `Expected ... - at `$.cap.hip_max_nm``."""
-    reason, _, place = text.partition(" - at `$.")
-    keys = place.rstrip("`").split(".")
-    value: Any = table
-    for key in keys:
-        if not isinstance(value, dict) or key not in value:
-            return text
-        value = value[key]
-    shown = "" if isinstance(value, dict) else f" = {value!r}"
-    return f"{'.'.join(keys)}{shown}: {reason}"

@@ -10,13 +10,11 @@ The patient's page is read from the chair. Its smallest text there has a cap hei
 
 import ipaddress
 import math
-import tomllib
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
 
 import msgspec
-from gaitd_client import Credentials, read_credentials
-from gaitd_client.numbers import not_finite
+from gaitd_client import Credentials, read_credentials, toml_file
 from msgspec import Meta
 
 LOOPBACK_NAMES: Final = frozenset({"localhost"})
@@ -224,14 +222,9 @@ def read_settings(path: Path, kind: type[File]) -> File:
         SettingsError: it cannot be read, a key is wrong, or TLS is missing beyond loopback.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-        for key, value in not_finite(table):
-            raise SettingsError(f"{path}: {key} = {value}: a finite number is needed")
-        settings = msgspec.convert(table, kind, dec_hook=lambda _, text: path.parent / str(text))
-    except OSError as error:
-        raise SettingsError(f"{path}: {(error.strerror or 'cannot be read').lower()}") from error
-    except (ValueError, RecursionError) as error:
-        raise SettingsError(f"{path}: {error}") from error
+        settings = toml_file.read(path, kind)
+    except toml_file.TomlError as error:
+        raise SettingsError(str(error)) from error
     _refuse_web(path, settings.web)
     if isinstance(settings, PatientSettings):
         _refuse_legs(path, settings.leg)

@@ -5,15 +5,13 @@ default. The service enforces its own limits and the released plan; the range he
 found when the file is read, and not while a patient trains.
 """
 
-import re
 import secrets
-import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import msgspec
-from gaitd_client.numbers import not_finite
+from gaitd_client import toml_file
 from msgspec import Meta
 
 PROFILE_VERSION: Final = 1
@@ -21,21 +19,19 @@ ID_ALPHABET: Final = "abcdefghjkmnpqrstuvwxyz23456789"
 """Without characters that are easily confused when read aloud."""
 ID_LENGTH: Final = 8
 BLOCK_MIN_S: Final = 5.0
-RENDERED_LENGTH_MAX: Final = 60
 
 Cadence = Annotated[float, Meta(ge=0.01, le=2)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 PositiveShare = Annotated[float, Meta(ge=0.001, le=1)]
 
 
-class ProfileError(Exception):
-    """A profile cannot be used: `file`, `key` (dotted), `value`, and what is `allowed`."""
+class ProfileError(toml_file.TomlError):
+    """A profile cannot be used."""
 
     def __init__(self, file: Path, key: str, value: object, allowed: str) -> None:
-        """Make the message; without a key the whole file is meant."""
-        place = f"{file}: {key} = {_rendered(value)}" if key else f"{file}"
-        super().__init__(f"{place}: {allowed}; correct the profile")
-        self.file, self.key, self.value, self.allowed = file, key, value, allowed
+        """Make the message, as `TomlError`."""
+        super().__init__(file, key, value, allowed)
+        self.args = (f"{self}; correct the profile",)
 
 
 class _Strict(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -118,14 +114,7 @@ def read_profile(file: Path) -> Profile:
         ProfileError: the file cannot be read, has a wrong, unknown or missing key, or a value that
             contradicts another one.
     """
-    try:
-        text = file.read_bytes().decode()
-    except OSError as error:
-        reason = error.strerror or "cannot be read"
-        raise ProfileError(file, "", None, f"{reason}; a readable TOML file is needed") from error
-    except UnicodeDecodeError as error:
-        raise ProfileError(file, "", None, f"a TOML file is UTF-8 text ({error})") from error
-    return parse_profile(text, file)
+    return _checked(lambda: toml_file.read(file, Profile), file)
 
 
 def parse_profile(text: str, file: Path) -> Profile:
@@ -134,40 +123,17 @@ def parse_profile(text: str, file: Path) -> Profile:
     Raises:
         ProfileError: as `read_profile`.
     """
+    return _checked(lambda: toml_file.parse(text, file, Profile), file)
+
+
+def _checked(read: Callable[[], Profile], file: Path) -> Profile:
     try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also of an integer of thousands of digits
-        raise ProfileError(file, "", None, f"TOML syntax: {error}") from error
-    for key, value in not_finite(table):
-        raise ProfileError(file, key, value, "a finite number")
-    try:
-        profile = msgspec.convert(table, Profile)
-    except msgspec.ValidationError as error:
-        raise _refused(file, table, str(error)) from error
+        profile = read()
+    except toml_file.TomlError as error:
+        raise ProfileError(file, error.key, error.value, error.allowed) from error
     for key, value, allowed in _contradictions(profile):
         raise ProfileError(file, key, value, allowed)
     return profile
-
-
-def _refused(file: Path, table: dict[str, Any], message: str) -> ProfileError:
-    """Make the error from that of msgspec: `Expected ... - at `$.plan.block[0].rest_s``."""
-    allowed, _, place = message.partition(" - at ")
-    key = place.strip("`").removeprefix("$").removeprefix(".")
-    field = re.search(r"required field `(\w+)`|unknown field `(\w+)`", allowed)
-    if field is None:
-        return ProfileError(file, key, _value_at(table, key), allowed)
-    name = field[1] or field[2]
-    full = f"{key}.{name}" if key else name
-    if field[1]:
-        return ProfileError(file, full, None, "this key is missing")
-    return ProfileError(file, full, _value_at(table, full), "this key is unknown")
-
-
-def _value_at(table: dict[str, Any], key: str) -> object:
-    value: Any = table
-    for name, index in re.findall(r"(\w+)|\[(\d+)\]", key):
-        value = value[name] if name else value[int(index)]
-    return value
 
 
 def _contradictions(profile: Profile) -> Iterator[tuple[str, object, str]]:
@@ -201,11 +167,3 @@ def _contradictions(profile: Profile) -> Iterator[tuple[str, object, str]]:
         ):
             if not low <= value <= high:
                 yield f"{key}.{name}", value, f"from {low:g} to {high:g}, the profile's range"
-
-
-def _rendered(value: object) -> str:
-    if value is None:
-        return "(missing)"
-    text = f'"{value}"' if isinstance(value, str) else str(value)
-    short = text[: RENDERED_LENGTH_MAX - 1] + "…"
-    return text if len(text) <= RENDERED_LENGTH_MAX else short
