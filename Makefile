@@ -159,14 +159,14 @@ lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
 	$(COMPILE) --extra build --extra tools --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
 	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
-tables: $(VENV)/dev.stamp  ## write the pages that are drawn from tables in the code anew; read the difference
-	$(BIN)/python scripts/tables.py
+tables: $(VENV)/dev.stamp  ## write the tables of the code into the reference pages anew; read the difference
+	$(BIN)/python -m gaitd_lab.reference.pages docs
 
 $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/docs.txt
 	@touch $@
 
-docs: $(VENV)/docs.stamp  ## the site of the documents, out/docs/index.html; names generated pages that are stale
+docs: $(VENV)/docs.stamp  ## the site of the documents, out/docs/index.html; names pages older than their sources
 	$(BIN)/python scripts/pages.py
 	$(BIN)/sphinx-build --quiet --fail-on-warning --nitpicky -c docs -d out/doctrees . out/docs
 

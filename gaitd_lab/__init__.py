@@ -7,8 +7,7 @@ configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py
 `ablation_trials.py` and `measured_patient.py` (recordings by lock-step), `fault_matrix/`, `fuzz/`
 (random sessions), `processes.py` (child processes, and those of a whole service), `requests.py`,
 `demonstration/`, `timed_service.py`, `process_memory.py`, `benchmark/` with `peers/`, `sample.py`
-(the shipped recording). `mode_page.py` writes docs/modes.md, `role_page.py` the tables of
-docs/security.md, `csv_page.py` docs/csv_columns.md, `backstop_page.py` docs/backstop.md,
-`calibration_example.py` the tables of docs/calibration.md; `experiment_seeds.py` and
+(the shipped recording), `reference/` (tables of the reference pages in docs/),
+`calibration_example.py` (the tables of docs/calibration.md); `experiment_seeds.py` and
 `gait_accuracy.py` play the seeds of docs/experiment.md and strides.md.
 """

@@ -1,9 +1,8 @@
-"""Pages of docs/ that a command writes, and whether each is what its command would write now.
+"""Pages of docs/ that a command writes in minutes or hours, and whether their sources are older.
 
-`make docs` writes the cheap ones anew into a scratch folder: a page that differs ends it with exit
-code 1. What takes minutes or hours is not computed again. docs/sources.json has, for each such
-page, digests of the code and configuration that its last run used; a page with other digests now is
-reported as older than its sources, which says nothing of how much its numbers would change.
+docs/sources.json has, for each such page, digests of the code and configuration that its last run
+used; a page with other digests now is reported as older than its sources, which says nothing of how
+much its numbers would change.
 `scripts/pages.py --write PAGE` runs the page's command and then stores the digests; `--made PAGE`
 only stores them, after its command was run by hand on the sources as they are.
 """
@@ -15,10 +14,8 @@ import hashlib
 import json
 import re
 import shlex
-import shutil
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -93,9 +90,6 @@ RECORDINGS: Final = "RECORDINGS"
 """In a command: the folder of recordings of real machines, which are not part of the project."""
 TARGET_MISSED: Final = 1
 """Exit code of a command that has written its page, and found a target missed or a law broken."""
-COMPARED_BY_A_TEST: Final = {
-    "backstop.md": ("tests/drive_backstop/test_table.py -k page_of_the_docs", "make golden"),
-}
 
 
 @functools.cache
@@ -183,23 +177,6 @@ def digests(files: Iterable[Path]) -> dict[str, str]:
     }
 
 
-def stale() -> Iterator[str]:
-    """Cheap pages that differ from what the code would write now."""
-    with tempfile.TemporaryDirectory() as name:
-        scratch = Path(name)
-        shutil.copytree(DOCS, scratch / "docs")
-        tables = [sys.executable, str(PROJECT / "scripts/tables.py"), str(scratch / "docs")]
-        subprocess.run(tables, check=True)
-        for new in sorted((scratch / "docs").rglob("*")):
-            old = DOCS / new.relative_to(scratch / "docs")
-            if new.is_file() and new.read_bytes() != old.read_bytes():
-                yield f"docs/{old.name}: the code would write another page: make tables"
-    for page, (test, command) in COMPARED_BY_A_TEST.items():
-        pytest = [sys.executable, "-m", "pytest", "-q", "-n0", *shlex.split(test)]
-        if subprocess.run(pytest, check=False, cwd=PROJECT, capture_output=True).returncode:
-            yield f"docs/{page}: the code would write another page: {command}"
-
-
 def older() -> Iterator[str]:
     """Pages whose command takes long, and whose sources have changed since its last run."""
     stored = json.loads(STORED.read_text(encoding="utf-8"))
@@ -251,8 +228,8 @@ def store(page: str, used: dict[str, str]) -> None:
     STORED.write_text(json.dumps(stored, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 
-def main() -> int:
-    """Report; 1 if a page differs from what the code would write."""
+def main() -> None:
+    """Report, or write a page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--write", metavar="PAGE", choices=LONG, help=", ".join(LONG))
     parser.add_argument(
@@ -264,15 +241,9 @@ def main() -> int:
         write(given.write, given.recordings)
     if given.made:
         store(given.made, digests(sources(LONG[given.made])))
-    if given.write or given.made:
-        return 0
-    for line in older():
-        print(line)
-    found = list(stale())
-    for line in found:
-        print(line, file=sys.stderr)
-    return 1 if found else 0
+    if not (given.write or given.made):
+        print("\n".join(older()))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -19,9 +19,13 @@ import gaitd_session.program
 import pytest
 import typer
 from documents import PAGES, PROJECT, commands, spans, unmarked, without_code
+from gaitd_session.store import EXPORTED
 from typer._click.exceptions import BadOptionUsage
 
+from analysis import estimates, recording, stop_tables, stride_table
 from gaitd.__main__ import COMMANDS, build
+from observer.filter.status import Status
+from sim_drives.plant.truth import TruthRow
 
 LINK = re.compile(r"!?\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^()\s]+)\)")
 TARGETS = set(re.findall(r"^([a-z-]+):", (PROJECT / "Makefile").read_text(), re.MULTILINE))
@@ -186,6 +190,31 @@ def test_commands_within_sentences_are_there(page):
 # --- pages that a command writes -------------------------------------------------------------
 
 
+def columns_of(section: str) -> set[str]:
+    """Names in the first cells of a section's table."""
+    cells = re.findall(r"^\| (`.*?) \|", section, re.MULTILINE)
+    return {name for cell in cells for name in re.findall(r"`([^`]+)`", cell)}
+
+
+def test_the_page_of_csv_columns_has_those_that_the_programs_write_and_no_other():
+    page = (PROJECT / "docs/csv_columns.md").read_text(encoding="utf-8")
+    _, *sections = re.split(r"^##+ ", page, flags=re.MULTILINE)
+    written = {section.partition("\n")[0]: columns_of(section) for section in sections}
+
+    assert written == {
+        "Recording: input of `gaitd replay`, `calibrate`, `delay` and `baseline`": set(
+            recording.COLUMNS
+        ),
+        "Estimates: `gaitd replay --output`": set(estimates.COLUMNS),
+        "Bits of `status`": {f"0x{bit.value:04x}" for bit in Status},
+        "Strides: `gaitd replay --strides`": set(stride_table.columns()),
+        "A stop: `gaitd blackbox show --csv`": {*recording.COLUMNS, *stop_tables.MORE_COLUMNS},
+        "Truth of the virtual machine: `gaitd sim --truth`": set(TruthRow._fields),
+        "History of training: `gaitd-session export`": set(EXPORTED),
+    }
+    assert {bit.name for bit in Status} <= set(re.findall(r"\| ([A-Z_]+) \|", page))
+
+
 @pytest.fixture(scope="module")
 def pages():
     return runpy.run_path(str(PROJECT / "scripts/pages.py"))
@@ -229,7 +258,7 @@ def test_every_picture_is_made_by_a_command_that_is_known(pages):
         if not made & {picture.stem, picture.stem.rpartition("_")[0]}
     ]
 
-    assert others == ["machine.png"]  # `make tables`
+    assert others == []
 
 
 def test_every_long_page_has_digests_and_every_gated_file_its_row_of_mutants(pages):

@@ -8,7 +8,7 @@ from sessions import changed_configs, elsewhere, new_session
 from daemon.core.modes.table import TRANSITIONS, event_of
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from gaitd_lab.lockstep import LockstepSession
-from gaitd_lab.mode_page import REQUESTS
+from gaitd_lab.reference.modes import REQUESTS
 
 EMPTY = (
     ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),

@@ -1,4 +1,4 @@
-"""Tables of docs/security.md: what each role may do, and the rights that Zenoh checks.
+"""What each role may do, and the rights that Zenoh checks.
 
 No fact is repeated in this file. The rights are the rows of `daemon/zenoh_io/access.py`. A cell of
 the matrix is found by asking both layers: Zenoh's rows whether the message may pass, and for
@@ -15,7 +15,7 @@ from daemon.core.modes.roles import refusal
 from daemon.gateway.requests import ROUTES
 from daemon.ipc.record import ModeRequest, Plan, Request, RequestKind, Role
 from daemon.zenoh_io.access import RIGHTS, SETPOINTS, Flow, Message, Right
-from gaitd_lab.mode_page import REQUESTS, WELL
+from gaitd_lab.reference.modes import REQUESTS, WELL
 
 NO: Final = "-"
 ALL: Final = "all"
@@ -24,13 +24,9 @@ PLAN: Final = Plan(cadence_max_hz=1.0, amplitude_max_ratio=1.0, duration_max_s=3
 """Permits each gait of REQUESTS."""
 
 
-def with_tables(text: str) -> str:
-    """Return the page with its tables replaced by those of the code.
-
-    Raises:
-        ValueError: the page has no place for one of them.
-    """
-    return markdown.filled(text, {"roles": _matrix(), "rights": _rights()})
+def parts() -> dict[str, str]:
+    """Return the generated parts of docs/security.md by name."""
+    return {"roles": _matrix(), "rights": _rights()}
 
 
 def _matrix() -> str:

@@ -1,7 +1,7 @@
-"""docs/messages.md and docs/configuration.md: every field of a message, every key of a file.
+"""Every field of a message, every key of a file, and the queries of the gateway.
 
 Names, ranges and meanings are those of the types that decode them: a message has its descriptions
-in `Meta`, a table of a file in the texts below its fields. Written by `make tables`.
+in `Meta`, a table of a file in the texts below its fields.
 """
 
 import ast
@@ -11,7 +11,7 @@ import textwrap
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise, starmap
-from typing import Final, NamedTuple, cast
+from typing import Final, cast
 
 import msgspec
 from gaitd_client import wire
@@ -28,25 +28,6 @@ from drives.cia402.profile import DriveProfile
 BOUNDS: Final = (("ge", "≥"), ("gt", ">"), ("le", "≤"), ("lt", "<"))
 
 
-class Key(NamedTuple):
-    """A key on Zenoh."""
-
-    name: str
-    message: str
-    rate: str
-
-
-PUBLISHED: Final = (
-    Key("LEG/estimate", "estimate", "every cycle (100 Hz), real-time priority"),
-    Key("LEG/activity", "activity", "every cycle"),
-    Key("LEG/friction", "friction", "every cycle"),
-    Key("LEG/stride", "stride", "at the end of each stride"),
-    Key("LEG/controller", "controller", "when a controller reports, once a stride"),
-    Key("drives/LEG/AXIS", "drives", "10 Hz"),
-    Key("safety", "safety", "on change, and once a second"),
-    Key("events", "events", "as they happen; the newest are kept for late subscribers"),
-    Key("health", "health", "once a second"),
-)
 FILES: Final[dict[str, type[msgspec.Struct]]] = {
     "trainer.toml, demo.toml, vcan.toml": Trainer,
     "robot.toml, robot_empty.toml": Robot,
@@ -59,35 +40,16 @@ FILES: Final[dict[str, type[msgspec.Struct]]] = {
 # --- messages -------------------------------------------------------------------------------------
 
 
-def messages_page() -> str:
-    """Return docs/messages.md."""
-    parts = [
-        "# Messages on Zenoh",
-        "Written by `make tables` from the types in `clients/python/gaitd_client/wire`."
-        " All keys begin with `gaitd/TRAINER/`, TRAINER is `trainer` unless the trainer file says"
-        " otherwise. LEG is `right` or `left`, AXIS is `hip` or `slide`. Payloads are JSON (UTF-8),"
-        " with the encoding `application/json;gaitd.NAME.v2`. `gaitd schema NAME` prints the JSON"
-        " Schema of a message, `gaitd watch KEY` the messages of a key. A number's unit is the end"
-        " of its name; null is a value that is not valid, and never 0.",
-        "## Published",
-        markdown.table(("key", "message", "when"), (_key_row(key) for key in PUBLISHED)),
-        "A setpoint is the one message that a client publishes, on `LEG/setpoint`"
-        " ([control_by_others.md](control_by_others.md)).",
-        "## Queries",
-        "With keys, a request that acts has the name of the client at its end:"
-        " `control/enable/CLIENT` ([security.md](security.md)).",
-        markdown.table(("key", "payload", "answer"), starmap(_query_row, ROUTES.items())),
-    ]
+def message_parts() -> dict[str, str]:
+    """Return the generated parts of docs/messages.md by name."""
+    parts: list[str] = []
     for name, kind in wire.MESSAGES.items():
         parts += [f"## {name}", " ".join((kind.__doc__ or "").split())]
         rows = [_field_row(field) for field in _fields(kind)]
         if rows:
             parts.append(markdown.table(("field", "type", "meaning"), rows))
-    return markdown.page(*parts)
-
-
-def _key_row(key: Key) -> tuple[str, str, str]:
-    return f"`{key.name}`", f"[{key.message}](#{key.message})", key.rate
+    queries = markdown.table(("key", "payload", "answer"), starmap(_query_row, ROUTES.items()))
+    return {"queries": queries, "fields": "\n\n".join(parts)}
 
 
 def _query_row(name: str, route: Route) -> tuple[str, str, str]:
@@ -105,20 +67,12 @@ def _field_row(field: types.Field) -> tuple[str, str, str]:
 # --- files ----------------------------------------------------------------------------------------
 
 
-def configuration_page() -> str:
-    """Return docs/configuration.md."""
-    parts = [
-        "# Keys of the configuration",
-        "Written by `make tables` from the types that decode the files. An unknown key, a missing"
-        " one and a value out of its range are refused with file, key, value and range"
-        " (`gaitd check`). A key with a default may be left out; nothing physical and nothing that"
-        " safety rests on has one. A number's unit is the end of its name."
-        " The shipped files in `configs/` have a comment with the source of each value.",
-    ]
+def configuration_parts() -> dict[str, str]:
+    """Return the generated part of docs/configuration.md by name."""
+    parts: list[str] = []
     for file, kind in FILES.items():
-        parts.append(f"## {file}")
-        parts += _tables("", kind)
-    return markdown.page(*parts)
+        parts += [f"## {file}", *_tables("", kind)]
+    return {"keys": "\n\n".join(parts)}
 
 
 def _tables(path: str, kind: type[msgspec.Struct]) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Page docs/modes.md: the modes of the service as a diagram and tables, from the core's own tables.
+"""The modes of the service as a diagram and tables, from the core's own tables.
 
 No fact is repeated in this file: rows, requests, refusals, categories and texts are read from
 `daemon/core/modes/table.py`, `daemon/wire/causes.py` and a limits file. The refusals are found by
@@ -16,13 +16,6 @@ from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
-
-HEAD: Final = """# Modes
-
-Written by `make tables` from the tables that the service itself goes by; a test
-fails where this page is older than they are. A stop needs no permission, no valid state and no
-working observer: every mode in which a drive is enabled has a row for it.
-"""
 
 WELL: Final = GuardInputs(
     mode=Mode.READY,
@@ -74,35 +67,21 @@ WRONG: Final[Mapping[str, Mapping[str, Any]]] = {
 }
 
 
-def page(chosen: Mapping[str, str]) -> str:
-    """Return the whole page.
+def parts(chosen: Mapping[str, str]) -> dict[str, str]:
+    """Return the generated parts of docs/modes.md by name.
 
     Args:
         chosen: `stop_category` of the limits file that is shown.
     """
-    return markdown.page(
-        HEAD,
-        "## Diagram\n\n```mermaid\n" + "\n".join(diagram()) + "\n```",
-        "`enabled` stands for every mode in which a drive is enabled on purpose: an arrow from "
-        "the box applies to each of them.",
-        "## Transitions\n\n" + markdown.table(("mode", "event", "next"), _transitions()),
-        "## Requests\n\nEvery client may send requests, one at a time; each is "
-        "answered with `done`, or with `refused` and the reason. A `stop` is accepted from every "
-        "client, at any time, in any mode, also with an invalid payload. Only the holder of the "
-        "lease commands torque.\n\n"
-        + markdown.table(("request", *(_word(mode) for mode in Mode)), _possible()),
-        "`refused` here: *not possible in mode ...*. Where a request is possible, the guard checks "
-        "further conditions. With one of them not met, the answer is:\n\n"
-        + markdown.table(("request", "in mode", "while", "is refused with"), _refusals()),
-        "## Stops\n\nCategories are those of the shipped `limits.toml`; *fixed* ones cannot be "
-        "configured. S2: brake and hold, drives enabled. S1: quick stop by the drives, which then "
-        "hold. S0: no voltage. A verdict latches until `reset`, also across a restart, except for "
-        "a shutdown.\n\n"
-        + markdown.table(
-            ("cause", "category", "text", "first", "then", "if it comes back"),
-            _stops(chosen),
-        ),
-    )
+    refused = ("request", "in mode", "while", "is refused with")
+    causes = ("cause", "category", "text", "first", "then", "if it comes back")
+    return {
+        "diagram": "\n".join(("```mermaid", *diagram(), "```")),
+        "transitions": markdown.table(("mode", "event", "next"), _transitions()),
+        "requests": markdown.table(("request", *map(_word, Mode)), _possible()),
+        "refusals": markdown.table(refused, _refusals()),
+        "stops": markdown.table(causes, _stops(chosen)),
+    }
 
 
 def diagram() -> Iterator[str]:
