@@ -2,8 +2,7 @@
 
 Reading order: `recording.py` (CSV in, checked), `replay.py` (the observer over a CSV or a black
 box), `estimates.py` (CSV out), `accuracy.py` (an estimate against the truth), `drawing.py` and
-`replay_figure.py` (pictures). `delay.py` measures the delay of an effort. `experiment.py`,
-`experiment_table.py` and `experiment_figures.py` are the paper's experiment. `replay_files.py` and
+`replay_figure.py` (pictures). `delay.py` measures the delay of an effort. `replay_files.py` and
 `replay_report.py` are the files and the text of `gaitd replay`, `stop_recording.py` and
 `stop_tables.py` a stop's recording and its tables. `fleet.py` makes one result of each of many
 recordings; `self_tests.py`, `friction_weeks.py` and `friction_figure.py` are friction of trainers

@@ -3,18 +3,29 @@
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
-from analysis.consistency import drift_of
 from analysis.replay import Source
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from observer.drift import asks_for_calibration, correlation, friction_error
+from observer.drift import (
+    NO_DRIFT,
+    Drift,
+    asks_for_calibration,
+    correlation,
+    friction_error,
+    updated,
+)
 from observer.filter.leg_model import STEP_S
 from observer.filter.status import Status, Validity
+from observer.mechanism.friction import FrictionParameters
 from observer.offline.batch import BatchEstimates
 from observer.strides import Stride
+
+DOUBTFUL: Final = Status.ARTIFICIAL | Status.NEAR_LIMIT | Status.INPUT_SATURATED
+"""Status bits under which an estimate is neither friction nor patient, as in the service."""
 
 
 def recording_lines(
@@ -64,6 +75,21 @@ def drift_lines(estimates: BatchEstimates, robot: Robot) -> Iterator[str]:
             f"friction     {axis}: {friction_error(drift):+.2f} {unit} from its law, correlation "
             f"with the motion {rho:+.2f}{advice if asks_for_calibration(drift, law) else ''}"
         )
+
+
+def drift_of(
+    estimates: BatchEstimates, frictions: tuple[FrictionParameters, ...], step_s: float
+) -> list[Drift]:
+    """Run the drift monitor over a whole recording, axis by axis."""
+    found: list[Drift] = []
+    for axis, law in enumerate(frictions):
+        valid = (estimates.validity[:, axis] == Validity.OK) & (estimates.status & DOUBTFUL == 0)
+        one = NO_DRIFT
+        pairs = estimates.state[valid][:, (2 + axis, 6 + axis)].tolist()
+        for speed, patient in pairs:
+            one = updated(one, law, speed, patient, step_s)
+        found.append(one)
+    return found
 
 
 def stride_lines(

@@ -1,7 +1,6 @@
 """Picture of the strides of a recording: work of each, and the patient over gait phase."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -24,7 +23,6 @@ def draw(
     strides: Sequence[tuple[int, Stride]],
     time_s: NDArray[np.float64],
     smooth: BatchEstimates,
-    path: Path,
 ) -> Figure:
     """Draw the work of each stride with its sigma, and the smoothed patient effort over phase.
 
@@ -32,10 +30,6 @@ def draw(
         strides: each with its first row.
         time_s: of the rows.
         smooth: the smoothed recording.
-        path: the PNG file.
-
-    Raises:
-        OSError: the file cannot be written.
     """
     figure = Figure(figsize=(11, 7), dpi=DPI, layout="constrained")
     panels = figure.subplots(2, 2, width_ratios=[1.6, 1.0])
@@ -43,7 +37,6 @@ def draw(
     for axis, names in enumerate(AXES):
         _bars(panels[axis][0], shown, len(strides) - len(shown), names.name)
         _over_phase(panels[axis][1], shown, time_s, smooth, axis, names.effort)
-    figure.savefig(path, format="png")
     return figure
 
 

@@ -10,7 +10,7 @@ project = "gaitd"
 author = copyright = "the authors of gaitd, Apache-2.0"
 extensions = ["myst_parser"]
 root_doc = "docs/index"
-include_patterns = ["*.md", "docs/*.md", "clients/*/README.md"]
+include_patterns = ["*.md", "docs/*.md", "docs/evidence/*.md", "clients/*/README.md"]
 nitpicky = True
 highlight_language = "text"
 html_theme = "furo"

@@ -12,35 +12,29 @@ from gaitd.terminal import progress, show
 SEEDS: Final = 10
 DURATION_S: Final = 180.0
 JOBS: Final = 2
-PART: Final = "patients"
 
 
 def command(
+    output: Annotated[
+        Path, typer.Option(metavar="DIR", help="where the table goes", file_okay=False)
+    ] = Path("out"),
     seeds: Annotated[int, typer.Option(min=1, help="draws of all noise")] = SEEDS,
     duration_s: Annotated[
         float, typer.Option("--seconds", min=5.0, help="of gait in each cell")
     ] = DURATION_S,
     jobs: Annotated[int, typer.Option(min=1, help="processes at the same time")] = JOBS,
-    page: Annotated[
-        Path | None,
-        typer.Option(
-            help="write the table into this page (docs/patients.md)", exists=True, dir_okay=False
-        ),
-    ] = None,
     config: DemoFile = None,
     as_json: JsonOption = False,
 ) -> None:
     """Play patients who work, at each cadence and friction, and machines that must stop."""
-    from analysis import markdown
-    from gaitd_lab.working_patients import HEAD, cells, run, table
+    from gaitd_lab.studies.report import Report, write
+    from gaitd_lab.studies.working_patients import cells, run, table
 
     with (
-        errors_in_one_line(ValueError),
-        json_on_stdout(as_json) as write,
+        errors_in_one_line(),
+        json_on_stdout(as_json) as tell,
         progress(line_every=10.0) as begin,
     ):
-        if page is not None:
-            markdown.filled(page.read_text("utf-8"), {PART: ""})  # refused before the work
         wanted = cells(seeds)
         update = begin("cells", float(len(wanted)))
         played = {}
@@ -49,11 +43,11 @@ def command(
             played[one.cell] = one
             update(float(done), f"{done} of {len(wanted)} cells")
         results = [played[cell] for cell in wanted]
-        rows = table(results)
-        said = f"Medians of {seeds} seeds, {duration_s:g} s of gait each"
-        show(((said, HEAD, tuple(rows)),))
-        if page is not None:
-            part = f"{said}:\n\n{markdown.table(HEAD, rows)}"
-            page.write_text(markdown.filled(page.read_text("utf-8"), {PART: part}), "utf-8")
-            print(f"page         {page}")
-        write(results)
+        title = f"Patients who work: medians, {duration_s:g} s of gait each, seeds: {seeds}"
+        found = Report("patients", title, (table(results),), {})
+        show(one.texts() for one in found.tables)
+        for path in write(
+            found, output, f"gaitd patients --seeds {seeds} --seconds {duration_s:g}"
+        ):
+            print(f"written      {path}")
+        tell(results)

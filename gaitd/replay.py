@@ -237,7 +237,7 @@ def _strides(
     if draft.strides is not None:
         write_csv([(float(time_s[row]), stride) for row, stride in found], draft.strides)
     if draft.strides_plot is not None:
-        draw(found, time_s, smooth, draft.strides_plot)
+        draw(found, time_s, smooth).savefig(draft.strides_plot, format="png")
     yield from stride_lines(found, (target.strides, target.strides_plot))
 
 

@@ -3,11 +3,10 @@
 It needs the virtual drives, and nothing of the service imports it. `gaitd.testing` is the part that
 other projects use in their tests. Reading order: `virtual_machine.py` (the virtual drives of a
 configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py` with
-`lockstep_gateway.py` (the real loop against them in one thread), `trials.py`, `excitation.py`,
-`ablation_trials.py` and `measured_patient.py` (recordings by lock-step), `fault_matrix/`, `fuzz/`
-(random sessions), `processes.py` (child processes, and those of a whole service), `requests.py`,
-`demonstration/`, `timed_service.py`, `process_memory.py`, `benchmark/` with `peers/`, `sample.py`
-(the shipped recording), `reference/` (tables of the reference pages in docs/),
-`calibration_example.py` (the tables of docs/calibration.md); `experiment_seeds.py` and
-`gait_accuracy.py` play the seeds of docs/experiment.md and strides.md.
+`lockstep_gateway.py` (the real loop against them in one thread), `trials.py` with `trial.py`, and
+`excitation.py` (recordings by lock-step, with their truth), `studies/` (what is claimed of the
+observer, measured), `fault_matrix/`, `fuzz/` (random sessions), `processes.py` (child processes,
+and those of a whole service), `requests.py`, `demonstration/`, `timed_service.py`,
+`process_memory.py`, `benchmark/` with `peers/`, `sample.py` (the shipped recording), `reference/`
+(tables of the reference pages in docs/).
 """

@@ -13,7 +13,6 @@ import msgspec
 import numpy as np
 
 from analysis.delay import Delay, measure
-from analysis.experiment import Run
 from analysis.recording import Recording, RecordingError
 from daemon.config.bundle import Settings
 from daemon.config.robot import friction_parameters
@@ -25,6 +24,7 @@ from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
 from gaitd_lab.lockstep import LockstepSession, NotReachedError, RefusedError
 from gaitd_lab.lockstep_gateway import Gateway
+from gaitd_lab.studies.experiment.measures import Run
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from observer.filter.leg_model import STEP_S
 from observer.mechanism.friction import FrictionParameters

@@ -18,7 +18,6 @@ import msgspec
 import numpy as np
 
 from analysis.recording import Recording
-from analysis.trial import Flags, Trial, Values
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
@@ -28,6 +27,7 @@ from daemon.ipc.record import CycleRecord, Mode
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
 from gaitd_lab.lockstep import LockstepSession, RefusedError
+from gaitd_lab.trial import Flags, Trial, Values
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from observer.filter.states import STATE_NAMES
 from observer.mechanism.mechanism import gravity

@@ -9,5 +9,5 @@ a power cut cannot tear it; `quantities.py` has types for units.
 
 To add an integrator: `Integrator`, its step and its stability bound in `filter/leg_model.py`; its
 use in `filter/leg_filter.py`; `integrator` in daemon/config/settings.py; its row in
-analysis/ablation_choices.py.
+gaitd_lab/studies/ablation/choices.py.
 """

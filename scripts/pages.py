@@ -40,36 +40,40 @@ class Made(NamedTuple):
 READ: Final = (".py", ".toml", ".eds", ".html", ".css", ".js")
 SERVICE: Final = ("gaitd.core", "gaitd.gateway", "gaitd.sim")
 LONG: Final = {
-    "ablation.md": Made("gaitd ablation --output docs", ("gaitd.ablation",)),
     "assist.png": Made(
         "pytest -n0 tests/clients/assist/test_page.py -m thorough --write-assist",
         ("gaitd_assist.program", "gaitd_lab.lockstep"),
         ("configs", "clients/assist/configs", "tests/clients/assist"),
-    ),
-    "calibration.md": Made(
-        "python -m gaitd_lab.calibration_example docs/calibration.md",
-        ("gaitd_lab.calibration_example",),
-    ),
-    "consistency.md": Made(
-        "gaitd consistency --output docs --page docs/consistency.md", ("gaitd.consistency",)
     ),
     "engineer.png": Made(
         "pytest -n0 tests/rigs/test_engineer_page_in_a_browser.py -m thorough --write-pages",
         ("gaitd_display.__main__", *SERVICE),
         ("configs", "clients/display/gaitd_display/static"),
     ),
-    "experiment.md": Made(
-        "gaitd experiment --seeds 10 --output docs --page docs/experiment.md",
-        ("gaitd.experiment",),
+    "evidence/ablation.md": Made(
+        "gaitd ablation --seeds 5 --output docs/evidence", ("gaitd.ablation",)
     ),
+    "evidence/calibration.md": Made(
+        "python -m gaitd_lab.studies.calibration docs/evidence", ("gaitd_lab.studies.calibration",)
+    ),
+    "evidence/consistency.md": Made(
+        "gaitd consistency --output docs/evidence", ("gaitd.consistency",)
+    ),
+    "evidence/experiment.md": Made(
+        "gaitd experiment --seeds 10 --every-law --output docs/evidence", ("gaitd.experiment",)
+    ),
+    "evidence/patients.md": Made(
+        "gaitd patients --seeds 1 --seconds 20 --output docs/evidence", ("gaitd.patients",)
+    ),
+    "evidence/real_data.md": Made(
+        "gaitd real-data RECORDINGS --output docs/evidence", ("gaitd.real_data",)
+    ),
+    "evidence/strides.md": Made("gaitd strides --output docs/evidence", ("gaitd.strides",)),
     "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd.matrix",)),
     "patient.png": Made(
         "pytest -n0 tests/rigs/test_session_in_a_browser.py -m thorough --write-pages",
         ("gaitd_display.__main__",),
         ("clients/display/gaitd_display/static",),
-    ),
-    "patients.md": Made(
-        "gaitd patients --seeds 1 --seconds 20 --page docs/patients.md", ("gaitd.patients",)
     ),
     "process_faults.md": Made(
         "pytest tests/service -m '' --write-process-faults",
@@ -80,12 +84,8 @@ LONG: Final = {
         "gaitd fuzz --seed 8000 --minutes 60 --session-minutes 1 --processes 2 --output docs",
         ("gaitd.fuzz",),
     ),
-    "real_data.md": Made("gaitd real-data RECORDINGS --output docs", ("gaitd.real_data",)),
-    "strides.md": Made(
-        "gaitd strides --page docs/strides.md --picture docs/strides.png", ("gaitd.strides",)
-    ),
 }
-"""Each page with its pictures: `ablation_rest.png` is of `ablation.md`."""
+"""Each page with its pictures: `fault_matrix.png` is of `fault_matrix.md`."""
 RECORDINGS: Final = "RECORDINGS"
 """In a command: the folder of recordings of real machines, which are not part of the project."""
 TARGET_MISSED: Final = 1
@@ -233,7 +233,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--write", metavar="PAGE", choices=LONG, help=", ".join(LONG))
     parser.add_argument(
-        "--recordings", metavar="FOLDER", default=RECORDINGS, help="for --write real_data.md"
+        "--recordings", metavar="FOLDER", default=RECORDINGS, help="of evidence/real_data.md"
     )
     parser.add_argument("--made", metavar="PAGE", choices=LONG, help="its command has just run")
     given = parser.parse_args()

@@ -64,9 +64,9 @@ def test_the_index_leads_to_every_page():
     assert set(PAGES) - linked == {PROJECT / "docs/index.md"}
 
 
-def test_the_index_gives_the_medians_of_the_strides_page():
+def test_the_index_gives_the_medians_of_the_evidence_of_strides():
     index = (PROJECT / "docs/index.md").read_text(encoding="utf-8")
-    strides = (PROJECT / "docs/strides.md").read_text(encoding="utf-8")
+    strides = (PROJECT / "docs/evidence/strides.md").read_text(encoding="utf-8")
     rows = re.findall(r"\| 0.25 Hz \| (?:passive: filter|active: \w+), rms error \|(.*)", strides)
     medians = [re.findall(r" ([\d.]+) \(.*? (N·m|N) ", row) for row in rows]
 
@@ -243,7 +243,7 @@ def test_sources_are_the_same_while_only_comments_and_docstrings_change(
 
 
 def test_what_a_page_is_made_from_is_all_that_its_command_imports(pages):
-    found = pages["sources"](pages["LONG"]["consistency.md"])
+    found = pages["sources"](pages["LONG"]["evidence/consistency.md"])
 
     assert PROJECT / "observer/filter/cdkf.py" in found
     assert PROJECT / "configs/robot_empty.toml" in found
@@ -254,7 +254,7 @@ def test_every_picture_is_made_by_a_command_that_is_known(pages):
     made = {Path(page).stem for page in pages["LONG"]}
     others = [
         picture.name
-        for picture in (PROJECT / "docs").glob("*.png")
+        for picture in (PROJECT / "docs").rglob("*.png")
         if not made & {picture.stem, picture.stem.rpartition("_")[0]}
     ]
 

@@ -1,6 +1,5 @@
 """Pictures of a calibration: friction over velocity, and residuals before and after."""
 
-from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -13,12 +12,11 @@ from analysis.calibration.start import left_over
 from analysis.drawing import AXES, BAD, ESTIMATE, MEASURED, TEXT, legend, limit_to, style, x_label
 from observer.mechanism.friction import steady_friction
 
-DPI: Final = 100
 POINTS_MAX: Final = 2000
 
 
-def draw_friction(calibration: Calibration, path: Path) -> None:
-    """Draw the friction law of both axes, before and after, over the recorded motion; a PNG."""
+def draw_friction(calibration: Calibration) -> Figure:
+    """Draw the friction law of both axes, before and after, over the recorded motion."""
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     left = left_over(calibration.fit.frame, calibration.fit.natural, calibration.motion)
     for axis, axes in enumerate(figure.subplots(1, 2)):
@@ -43,11 +41,11 @@ def draw_friction(calibration: Calibration, path: Path) -> None:
         limit_to(axes, left[chosen, axis], share=0.995)
         x_label(axes, f"velocity, {AXES[axis].velocity}")
         legend(axes)
-    figure.savefig(path, dpi=DPI)
+    return figure
 
 
-def draw_residuals(calibration: Calibration, path: Path) -> None:
-    """Draw the false patient effort in the empty machine, before and after; a PNG."""
+def draw_residuals(calibration: Calibration) -> Figure:
+    """Draw the false patient effort in the empty machine, before and after."""
     figure = Figure(figsize=(10, 7.2), layout="constrained")
     rows = figure.subplots(2, 2)
     for axis in range(2):
@@ -57,7 +55,7 @@ def draw_residuals(calibration: Calibration, path: Path) -> None:
         )
         for column, (values, words) in enumerate(over):
             _residual(rows[axis][column], calibration, axis, values, words)
-    figure.savefig(path, dpi=DPI)
+    return figure
 
 
 def _residual(

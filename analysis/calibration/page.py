@@ -29,8 +29,8 @@ def write_page(calibration: Calibration, robot_name: str, folder: Path) -> Path:
         OSError: a file cannot be written.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    draw_friction(calibration, folder / f"{NAME}_friction.png")
-    draw_residuals(calibration, folder / f"{NAME}_residuals.png")
+    draw_friction(calibration).savefig(folder / f"{NAME}_friction.png")
+    draw_residuals(calibration).savefig(folder / f"{NAME}_residuals.png")
     path = folder / f"{NAME}.md"
     path.write_text(markdown.page(*_parts(calibration, robot_name)), encoding="utf-8")
     return path

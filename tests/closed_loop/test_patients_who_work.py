@@ -13,8 +13,8 @@ from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway
 from gaitd_lab.patients import DT_S, Gait, Model, Patient, Spasm, clonic, of_ability, trembling
+from gaitd_lab.studies.working_patients import Cell, play
 from gaitd_lab.virtual_machine import virtual_machine
-from gaitd_lab.working_patients import Cell, play
 from sim_drives.plant.settings import FrictionLaw
 
 CONFIG = CONFIGS / "demo.toml"

@@ -3,7 +3,7 @@
 import pytest
 from sessions import CONFIGS
 
-from analysis.trial import Trial
+from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Situation, Trials
 
 

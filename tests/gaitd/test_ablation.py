@@ -1,4 +1,4 @@
-"""The ablation: every choice on and off. `test_ablation_claims.py` has what the page claims."""
+"""The ablation: every choice on and off. `test_ablation_claims.py` has what the page says."""
 
 import json
 import math
@@ -7,21 +7,20 @@ import numpy as np
 import pytest
 from command_line import gaitd
 
-from analysis.ablation import (
+from daemon.config.robot import leg_parameters, observer_tuning
+from gaitd_lab.studies.ablation.choices import CHOICES, SHIPPED
+from gaitd_lab.studies.ablation.errors import (
     Errors,
     ablate,
     disturbed,
     errors_of,
-    over_seeds,
     replayed,
-    summary,
+    rest_counts,
 )
-from analysis.ablation_choices import CHOICES, SHIPPED
-from analysis.ablation_figures import three_digits
-from analysis.ablation_page import write_page
-from analysis.ablation_questions import QUESTIONS, WRONG
-from daemon.config.robot import leg_parameters, observer_tuning
-from gaitd_lab.ablation_trials import Planned
+from gaitd_lab.studies.ablation.questions import QUESTIONS
+from gaitd_lab.studies.ablation.study import Recorded, report
+from gaitd_lab.studies.ablation.trials import Planned
+from gaitd_lab.studies.report import Measured
 from observer.filter.leg_model import integrator_named
 
 ACTIVE = "paper, 0.5 Hz, active"
@@ -50,10 +49,10 @@ def test_each_choice_but_the_first_changes_the_robot(walk):
 
 
 def test_every_choice_is_asked_about_and_every_question_knows_its_choices():
-    asked = {choice for question in (*QUESTIONS, *WRONG) for choice in question.choices}
+    asked = {choice for question in QUESTIONS for choice in question.choices}
 
     assert asked == {choice.name for choice in CHOICES}
-    assert all(question.choices[0] == SHIPPED for question in (*QUESTIONS, *WRONG))
+    assert all(question.choices[0] == SHIPPED for question in QUESTIONS)
 
 
 def test_explicit_euler_is_refused_and_not_compared():
@@ -114,47 +113,20 @@ def test_spoiling_is_the_same_each_time(walk):
         assert np.array_equal(one.recording.effort, other.recording.effort)
 
 
-@pytest.fixture
-def _undrawn(monkeypatch):
-    for name in ("draw_question", "draw_coverage"):
-        monkeypatch.setattr(f"analysis.ablation_page.{name}", lambda *_: None)
+def test_a_report_has_median_and_range_of_the_draws_and_what_stopped_them(walk, results):
+    shipped = results[ACTIVE, SHIPPED]
+    draws = [shipped._replace(patient=(hip, math.nan), nis=hip) for hip in (0.3, 0.1, 0.2)]
+    recorded = Recorded(rest_counts(walk), ("a stop",))
 
+    table, *_ = report({(ACTIVE, SHIPPED): draws}, {ACTIVE: recorded}, 3).tables
 
-@pytest.mark.usefixtures("_undrawn")
-def test_the_page_says_on_how_many_samples_at_rest_it_stands(tmp_path, walk, results):
-    """A share of ten samples is no share of a thousand."""
-    few = summary(walk)._replace(rest_count=(123456, 10))
-    low = results[ACTIVE, SHIPPED]._replace(patient_at_rest_covered=(1.0, 0.8))
-
-    found = over_seeds([({**results, (ACTIVE, SHIPPED): low}, [few])])
-    page = write_page(tmp_path, found, "a command")[0]
-
-    assert "123456 / 10 |" in page.read_text("utf-8")
-    assert "slide 0.800 of 10 samples" in page.read_text("utf-8")
-
-
-def test_over_seeds_each_figure_is_the_median_and_the_page_has_the_range(tmp_path, walk, results):
-    shipped, whole = results[ACTIVE, SHIPPED], summary(walk)
-    draws = [
-        ({(ACTIVE, SHIPPED): shipped._replace(patient=(hip, math.nan), nis=hip)}, [one])
-        for hip, one in ((0.3, whole), (0.1, whole._replace(ended="a stop")), (0.2, whole))
-    ]
-
-    found = over_seeds(draws)
-    page = write_page(tmp_path, found, "a command")[0].read_text("utf-8")
-
-    median = found.medians[ACTIVE, SHIPPED]
-    assert (median.patient[0], median.nis, median.net) == (0.2, 0.2, shipped.net)
-    assert np.isnan(median.patient[1])
-    assert found.summaries[0].ended == "a stop; 1 of 3 seeds"
-    assert found.summaries[0].rest_count == tuple(3 * one for one in whole.rest_count)
-    assert f"| {ACTIVE} | 0.2 (0.1 … 0.3) N·m | – |" in page
-
-
-def test_a_number_is_as_precise_as_it_deserves():
-    numbers = (0.114, 1.09, 12.44, 119.7, math.nan)
-
-    assert [three_digits(one) for one in numbers] == ["0.11", "1.09", "12.4", "120", "–"]
+    (cells,) = table.rows
+    row = dict(zip(table.head, cells, strict=True))
+    assert row["moving, hip"] == Measured(0.2, 0.1, 0.3, "N·m")
+    assert row["moving, slide"] is None
+    assert row["NIS"] == 0.2
+    assert row["ended early"] == "1 of 3: a stop"
+    assert row["samples at rest"] == " / ".join(map(str, rest_counts(walk)))
 
 
 def test_the_command_refuses_a_configuration_that_is_not_there(tmp_path):
@@ -164,19 +136,21 @@ def test_the_command_refuses_a_configuration_that_is_not_there(tmp_path):
     assert "no.toml" in ran.err
 
 
-@pytest.mark.usefixtures("_undrawn")
-def test_the_command_prints_a_table_for_each_question_and_writes_the_page(
-    walk, tmp_path, monkeypatch
-):
+def test_the_command_prints_and_writes_a_table_for_each_question(walk, tmp_path, monkeypatch):
     plan = [Planned(ACTIVE, lambda _: walk)]
-    monkeypatch.setattr("gaitd_lab.ablation_trials.planned", lambda _, *, quick, seed: plan)
+    place = "gaitd_lab.studies.ablation.study.planned"
+    monkeypatch.setattr(place, lambda _, *, quick, seed: plan)
 
     ran = gaitd("ablation", "--quick", "--seeds", 1, "--output", tmp_path, "--json")
 
     assert ran.code == 0, ran.err
-    for title in ("Coriolis torque", "without Coriolis"):
-        assert title in ran.err
-    assert "gaitd ablation --seeds 1 --quick" in (tmp_path / "ablation.md").read_text("utf-8")
-    document = json.loads(ran.out)
-    assert (document["seeds"], document["trials"][0]["situation"]) == (1, ACTIVE)
-    assert {one["choice"] for one in document["results"]} == {one.name for one in CHOICES}
+    page = (tmp_path / "ablation.md").read_text("utf-8")
+    assert "`gaitd ablation --seeds 1 --quick` wrote this page" in page
+    asked = [one for one in QUESTIONS if ACTIVE in one.situations]
+    first, *others = json.loads(ran.out)
+    assert [row[0] for row in first["rows"]] == [ACTIVE]
+    assert [one["title"] for one in others] == [one.title for one in asked]
+    for question, table in zip(asked, others, strict=True):
+        assert question.title in ran.err
+        assert [row[1] for row in table["rows"]] == list(question.choices)
+        assert (tmp_path / f"ablation_{question.key}.png").is_file()

@@ -1,10 +1,11 @@
-"""What the page of the ablation claims, on short trials; `test_ablation.py` has the machinery."""
+"""What docs/ablation.md says, on short trials; `test_ablation.py` has the machinery."""
 
 import numpy as np
 import pytest
 from sessions import CONFIGS
 
-from analysis.ablation import (
+from gaitd_lab.studies.ablation.choices import CHOICES, SHIPPED
+from gaitd_lab.studies.ablation.errors import (
     GLITCHES,
     JITTER_NOMINAL,
     JITTER_TRUE,
@@ -12,15 +13,11 @@ from analysis.ablation import (
     RIPPLED,
     Errors,
     ablate,
-    over_seeds,
-    summary,
+    rest_counts,
 )
-from analysis.ablation_choices import CHOICES, SHIPPED
-from analysis.ablation_figures import answered
-from analysis.ablation_page import figure_name, write_page
-from analysis.ablation_questions import QUESTIONS, REST, WRONG
-from analysis.trial import Trial
-from gaitd_lab.ablation_trials import planned, record
+from gaitd_lab.studies.ablation.questions import REST
+from gaitd_lab.studies.ablation.trials import planned, record
+from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Situation, Trials
 from sim_drives.plant.settings import FrictionLaw
 
@@ -29,7 +26,6 @@ pytestmark = pytest.mark.thorough
 CONFIG = CONFIGS / "demo.toml"
 PASSIVE = "paper, 0.5 Hz, passive"
 ACTIVE = "paper, 0.5 Hz, active"
-PAGE_BYTES_MAX = 250_000
 
 
 @pytest.fixture(scope="module")
@@ -158,23 +154,8 @@ def test_viscous_friction_outside_the_low_pass_suits_bristles_and_not_the_papers
 
 
 def test_samples_at_rest_are_those_that_are_judged_and_have_rested(trials):
-    still, walked = (summary(trials[name]).rest_count for name in (REST, PASSIVE))
+    still, walked = (rest_counts(trials[name]) for name in (REST, PASSIVE))
     judged = int(trials[REST].judged.sum())
 
     assert still == (judged, judged)
     assert max(walked) < 0.2 * trials[PASSIVE].judged.sum()
-
-
-def test_the_page_states_coverage_and_shows_a_figure_for_each_question(tmp_path, trials, results):
-    found = over_seeds([(results, [summary(one) for one in trials.values()])])
-    written = write_page(tmp_path, found, "a command")
-    page = written[0].read_text("utf-8")
-    asked = [one for one in (*QUESTIONS, *WRONG) if answered(one, results)[0]]
-
-    assert len(asked) >= 9
-    for question in asked:
-        assert f"]({figure_name(question)})" in page
-        assert (tmp_path / figure_name(question)).stat().st_size < PAGE_BYTES_MAX
-    assert "## Measured 3-sigma coverage" in page
-    assert f"- {LATE}: " in page
-    assert "nan" not in page

@@ -1,4 +1,4 @@
-"""The tables of docs/calibration.md: a plant with other friction, and what is made of the draws."""
+"""The study of calibration: a plant with other friction, and what is made of the draws."""
 
 from types import SimpleNamespace
 
@@ -10,8 +10,9 @@ from analysis.calibration.quantities import QUANTITIES, value_of
 from analysis.calibration.verdict import Score
 from daemon.config.settings import Robot
 from daemon.config.strict import load_toml
-from gaitd_lab.calibration_example import FILE, TRUE_FILE, Drawn, machine_files, part
 from gaitd_lab.excitation import EmptyMachine
+from gaitd_lab.studies.calibration import FILE, TRUE_FILE, Drawn, machine_files, tables
+from gaitd_lab.studies.report import Measured
 
 COULOMB = "friction.hip.coulomb_nm"
 
@@ -43,9 +44,12 @@ def test_the_table_has_the_error_of_each_draw_as_median_and_range(config):
     truth = load_toml(config.with_name(TRUE_FILE), Robot)
     assert value_of(truth, COULOMB) == 8.0
 
-    text = part([drawn(8.08, 0.1), drawn(8.0, 0.3), drawn(7.92, 0.2)], truth)
+    quantities, scores = tables([drawn(8.08, 0.1), drawn(8.0, 0.3), drawn(7.92, 0.2)], truth)
 
-    assert "Median (range) of 3 seeds:" in text
-    assert "| hip coulomb | N·m | 6 | 8 | 8 | 0.01 | 0 (-1 … 1) % |" in text
-    assert "slide coulomb" not in text  # a part that the machine does not have
-    assert "| false hip torque, N·m rms while moving | 2.3 | 0.2 (0.1 … 0.3) |" in text
+    rows = {row[0]: row[1:] for row in quantities.rows}
+    *shown, error = rows["hip coulomb"]
+    assert shown == ["N·m", "6", "8", "8", "0.01"]
+    assert error == pytest.approx((0.0, -1.0, 1.0, "%"))
+    assert "slide coulomb" not in rows  # a part that the machine does not have
+    found = {row[0]: row[1:] for row in scores.rows}["false hip torque, N·m rms while moving"]
+    assert found == (Measured(2.3, 2.3, 2.3), Measured(0.2, 0.1, 0.3))

@@ -1,4 +1,4 @@
-"""The figures of docs/strides.md: one walk measured, and the table of several seeds."""
+"""The study of strides: one walk measured, and the table of several seeds."""
 
 import re
 from types import SimpleNamespace
@@ -10,8 +10,8 @@ from sessions import CONFIGS
 
 from analysis.recording import RecordingError
 from analysis.replay import setup_for
-from gaitd_lab import gait_accuracy
-from gaitd_lab.gait_accuracy import Case, measure
+from gaitd_lab.studies import strides as study
+from gaitd_lab.studies.strides import Case, measure
 from gaitd_lab.trials import Situation, Trials
 from observer.filter.states import PATIENT, VELOCITY
 from observer.offline import smooth_batch
@@ -31,7 +31,7 @@ def test_a_walk_is_measured_from_its_second_stride_on():
     true_j = np.mean(
         [0.01 * power[row : row + one.sample_count].sum(axis=0) for row, one in strides], axis=0
     )
-    names = list(gait_accuracy.UNITS)
+    names = list(study.UNITS)
     assert figures[names[4]] == pytest.approx(tuple(true_j), rel=0.01)
     assert max(map(abs, figures[names[5]])) <= 3.0
     assert min(*figures[names[2]], *figures[names[3]]) >= 98.0
@@ -39,23 +39,18 @@ def test_a_walk_is_measured_from_its_second_stride_on():
     assert figures[names[0]][1] < 5.0
 
 
-def test_the_table_of_all_seeds_goes_into_the_page(tmp_path, monkeypatch):
+def test_the_table_has_median_and_range_of_all_seeds(tmp_path, monkeypatch):
     figures = [{"filter, rms error": (one, 2.0 * one)} for one in (0.3, 0.1, 0.2)]
-    monkeypatch.setattr(
-        gait_accuracy, "cases", lambda *_: [Case(Situation(programme="active"), figures)]
-    )
-    page, picture = tmp_path / "page.md", tmp_path / "strides.png"
-    page.write_text("<!-- accuracy: begin -->\nold\n<!-- accuracy: end -->\n")
-    monkeypatch.setattr(gait_accuracy, "DRAWN_S", 10.0)
+    monkeypatch.setattr(study, "cases", lambda *_: [Case(Situation(programme="active"), figures)])
+    monkeypatch.setattr(study, "DRAWN_S", 10.0)
 
-    ran = gaitd("strides", "--page", page, "--picture", picture)
+    ran = gaitd("strides", "--output", tmp_path)
 
     assert ran.code == 0, ran.err
-    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "strides_active.png").read_bytes().startswith(b"\x89PNG")
     assert re.search(r"active: filter, rms error +0.2 \(0.1 … 0.3\) N·m", ran.out)
-    assert "| 0.2 (0.1 … 0.3) N·m | 0.4 (0.2 … 0.6) N |" in page.read_text()
-    assert "Median (range) of 10 seeds:" in page.read_text()
-    assert "old" not in page.read_text()
+    page = (tmp_path / "strides.md").read_text("utf-8")
+    assert "| 0.2 (0.1 … 0.3) N·m | 0.4 (0.2 … 0.6) N |" in page
 
 
 @pytest.mark.parametrize(("refused", "needless"), [("two optima", ""), ("", "the file is as good")])
@@ -67,18 +62,8 @@ def test_bristles_that_the_command_would_not_write_are_not_compared(monkeypatch,
         longest_s=lambda _: 1.0,
         settings=SimpleNamespace(robot=None),
     )
-    monkeypatch.setattr(gait_accuracy, "EmptyMachine", lambda *_: machine)
-    monkeypatch.setattr(gait_accuracy, "calibrate", lambda *_, **__: made)
+    monkeypatch.setattr(study, "EmptyMachine", lambda *_: machine)
+    monkeypatch.setattr(study, "calibrate", lambda *_, **__: made)
 
     with pytest.raises(RecordingError, match=refused or needless):
-        gait_accuracy.cases(CONFIGS / "demo.toml", [1], lambda _: lambda _: None)
-
-
-def test_a_page_without_a_place_for_the_table_is_refused_before_the_work(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text("no place\n")
-
-    ran = gaitd("strides", "--page", page)
-
-    assert ran.code == 2
-    assert "accuracy: begin" in ran.err
+        study.cases(CONFIGS / "demo.toml", [1], lambda _: lambda _: None)

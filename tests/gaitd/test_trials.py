@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from sessions import CONFIGS, changed_configs
 
-from analysis.ablation_choices import friction_levels
-from analysis.trial import (
+from gaitd_lab.studies.ablation.choices import friction_levels
+from gaitd_lab.trial import (
     Trial,
     on_the_grid,
     with_glitches,

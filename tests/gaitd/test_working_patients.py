@@ -6,7 +6,7 @@ from sessions import CONFIGS
 
 import gaitd.testing
 from gaitd_lab.patients import Gait, Late, Spasm, clonic, of_ability, trembling, weak
-from gaitd_lab.working_patients import CONTROLS, HEAD, MODELS, Cell, cells, play, table
+from gaitd_lab.studies.working_patients import CONTROLS, HEAD, MODELS, Cell, cells, play, table
 from sim_drives.plant.settings import FrictionLaw
 
 CONFIG = CONFIGS / "demo.toml"
@@ -109,7 +109,7 @@ def test_a_cell_gives_the_same_twice_and_a_row_says_it():
     assert played.stopped_s == pytest.approx(6.0, abs=0.5)
     assert played.hip.patient_si > 1.0
     assert played.slide.patient_si > 10.0
-    (row,) = table([played])
+    (row,) = table([played]).rows
     assert len(row) == len(HEAD)
     assert row[:5] == ("half", "0.25 Hz", "paper", "none", "100.0")
 
@@ -118,4 +118,4 @@ def test_a_refused_gait_is_a_row_too():
     played = walked("half", cadence_hz=3.0)
 
     assert played.cause.startswith("refused: ")
-    assert table([played])[0][3].startswith("refused: ")
+    assert table([played]).rows[0][3].startswith("refused: ")

@@ -12,6 +12,7 @@ PAGES: Final = tuple(
         [
             *PROJECT.glob("*.md"),
             *PROJECT.glob("docs/*.md"),
+            *PROJECT.glob("docs/evidence/*.md"),
             *PROJECT.glob("clients/*/README.md"),
         ]
     )

@@ -8,10 +8,10 @@ import msgspec
 import numpy as np
 from empty_runs import robot_file
 
-from analysis.real_data.emps import one_axis
 from analysis.recording import recording
 from analysis.replay import Source
 from daemon.config.settings import Robot
+from gaitd_lab.studies.real_data.emps import one_axis
 
 MASS_KG = 95.0
 COULOMB_N = 20.5

@@ -1,0 +1,1 @@
+"""Consistency of the observer's covariance: `measures.py` measures it, `study.py` is the report."""
