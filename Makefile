@@ -77,7 +77,7 @@ test-power-cuts: $(VENV)/dev.stamp  ## five kills of a virtual machine with its 
 test-realtime: $(VENV)/dev.stamp  ## tests that need the wall clock; on a quiet machine
 	$(BIN)/pytest -m realtime
 
-test-all: check coverage  ## at night: whole fault matrix, long fuzz, statistics, ablation, power cuts, mutants
+test-all: check coverage  ## at night: whole fault matrix, an hour of random sessions, statistics, ablation, power cuts, mutants
 	$(BIN)/pytest -n $(WORKERS) -m "not realtime and not rig_vcan and not rig_systemd and not rig_browser"
 	$(MAKE) --no-print-directory test-power-cuts RIGS=present
 	$(BIN)/python scripts/mutants.py

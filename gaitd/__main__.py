@@ -78,7 +78,6 @@ COMMANDS: Final = {
     "consistency": ("consistency", LABORATORY, "The observer's sigmas, gaps, rest and drift."),
     "real-data": ("real_data", LABORATORY, "The observer on recordings of real machines."),
     "matrix": ("matrix", LABORATORY, "Every fault in every mode on both axes, in lock-step."),
-    "fuzz": ("fuzz", LABORATORY, "Random commands and faults in lock-step, with invariants."),
     "rig": ("rig", LABORATORY, "Run a command where there is SocketCAN, or systemd."),
     "bench": ("bench", LABORATORY, "The project's benchmarks."),
 }

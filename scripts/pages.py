@@ -80,10 +80,6 @@ LONG: Final = {
         SERVICE,
         ("configs", "tests/service", "tests/support"),
     ),
-    "random_hour.md": Made(
-        "gaitd fuzz --seed 8000 --minutes 60 --session-minutes 1 --processes 2 --output docs",
-        ("gaitd.fuzz",),
-    ),
 }
 """Each page with its pictures: `fault_matrix.png` is of `fault_matrix.md`."""
 RECORDINGS: Final = "RECORDINGS"

@@ -258,7 +258,6 @@ def test_every_command_has_json_and_an_error_of_usage_is_a_document(name):
         (("calibrate", "none.csv", "--robot", "none.toml"), 2, "none.toml"),
         (("demo", "--pace", "fast"), 2, "command line: --pace"),
         (("experiment", "--seconds", "1e6"), 2, "command line: --seconds"),
-        (("fuzz", "--config", "none.toml"), 2, "command line: --config"),
         (("ablation", "--config", "none.toml"), 2, "none.toml"),
         (("consistency", "--robot", "none.toml"), 2, "none.toml"),
         (("matrix", "--axis", "none"), 2, "command line"),

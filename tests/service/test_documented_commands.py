@@ -71,7 +71,7 @@ ELSEWHERE: Final = {
     r"gaitd replay recordings/.*": "tests/clients/record",
     r"gaitd calibrate .*": "minutes: tests/gaitd/test_calibrate_command.py",
     r"gaitd delay .*": "tests/analysis",
-    r"gaitd (experiment|consistency|ablation|strides|matrix|fuzz) .*": "minutes: tests/gaitd",
+    r"gaitd (experiment|consistency|ablation|strides|matrix) .*": "minutes: tests/gaitd",
     r"gaitd patients": "a night: tests/gaitd/test_working_patients.py",
     r"gaitd real-data .*": "recordings that are not part of the project: tests/analysis",
     r"gaitd rig .*": "tests/gaitd/test_rig.py",

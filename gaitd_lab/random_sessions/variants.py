@@ -5,21 +5,15 @@ edit them.
 """
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 TRAINER: Final = "demo.toml"
 PLANT: Final = "plant.toml"
 
 Edit = tuple[str, str, str]
 """File, old text, new text."""
-
-
-class Variant(NamedTuple):
-    """One configuration."""
-
-    name: str
-    edits: tuple[Edit, ...]
 
 
 def _make(drives: str, personality: str, eds: str) -> tuple[Edit, ...]:
@@ -39,34 +33,29 @@ _EMPTY: Final[tuple[Edit, ...]] = (
     (PLANT, '"robot.toml"', '"robot_empty.toml"'),
 )
 
-VARIANTS: Final = (
-    Variant("EPOS4, impedance", ()),
-    Variant("CiA 402, position", (*_GENERIC, _POSITION)),
-    Variant("EPOS4, position", (_POSITION,)),
-    Variant("CiA 402, impedance", _GENERIC),
-    Variant("Elmo, impedance", _ELMO),
-    Variant("EPOS4, impedance, empty machine", _EMPTY),
-)
+VARIANTS: Final[Mapping[str, tuple[Edit, ...]]] = {
+    "EPOS4, impedance": (),
+    "CiA 402, position": (*_GENERIC, _POSITION),
+    "EPOS4, position": (_POSITION,),
+    "CiA 402, impedance": _GENERIC,
+    "Elmo, impedance": _ELMO,
+    "EPOS4, impedance, empty machine": _EMPTY,
+}
 
 
-def variant_of(seed: int) -> Variant:
-    """Return the variant of a seed."""
-    return VARIANTS[seed % len(VARIANTS)]
-
-
-def written(variant: Variant, source: Path, folder: Path) -> Path:
+def written(edits: tuple[Edit, ...], source: Path, folder: Path) -> Path:
     """Copy the configuration and edit it; return the path of its trainer file.
 
     Args:
-        variant: the replacements.
+        edits: the replacements.
         source: the folder of the shipped configuration.
         folder: must not exist yet.
 
     Raises:
-        ValueError: a file lacks the text to be replaced (a bug of the variant).
+        ValueError: a file lacks the text to be replaced (a bug of the edits).
     """
     shutil.copytree(source, folder)
-    for file, old, new in variant.edits:
+    for file, old, new in edits:
         text = (folder / file).read_text(encoding="utf-8")
         if old not in text:
             raise ValueError(f"{file} does not say {old!r}")

@@ -21,14 +21,13 @@ checker also knows the requests of the session. The rules, by the names that a v
    measure or push wrongly.
 8. Verdict milder: a latched verdict never becomes milder, and fault is not left, without RESET;
    nor does a core that was left an unreset stop become ready without it.
-9. Answers: each request is answered once, within PATIENCE_S of a living core and gateway.
+9. Answers: each request is answered once, within TIMEOUT_S of a living core and gateway.
 10. Records: those of one core have no gap, and each can be encoded.
 11. Our own bug: no exception leaves a cycle.
 12. Assist outlives its lease, assist beyond its limit: `assisted.py`.
 """
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -43,10 +42,10 @@ from daemon.ipc.record import (
     RequestKind,
     StopCategory,
 )
-from gaitd_lab.fuzz.assisted import AssistWatch
-from gaitd_lab.fuzz.position_limits import BEFORE_S, BLINDING, outside_limit
-from gaitd_lab.fuzz.stops import StopWatch
-from gaitd_lab.fuzz.watched_drive import Violation, WatchedDrive
+from gaitd_lab.random_sessions.assisted import AssistWatch
+from gaitd_lab.random_sessions.position_limits import BEFORE_S, BLINDING, outside_limit
+from gaitd_lab.random_sessions.stops import StopWatch
+from gaitd_lab.random_sessions.watched_drive import Violation, WatchedDrive
 from sim_drives.cia402.power_state import POWER_STAGE_ON, PowerState
 from sim_drives.plant.truth import Pair, Truth
 from sim_drives.settings import FaultKind
@@ -103,10 +102,6 @@ class Watch:
     assist: AssistWatch
     stops: StopWatch
     violations: list[Violation] = field(default_factory=list)
-    checked: Counter[str] = field(default_factory=Counter)
-    """Number of checks of each rule."""
-    answered: Counter[str] = field(default_factory=Counter)
-    """Answers by kind and outcome."""
     now_ns: int = 0
     _permitted: bool = False
     _permitted_ns: int = -(10**18)
@@ -197,7 +192,7 @@ class Watch:
         self.now_ns = time_ns
         if can_id == SYNC_ID:
             self._last_frame_ns = time_ns
-            self._add_violations("stops apart", self.stops.sync())
+            self._add_violations(self.stops.sync())
         elif can_id == NMT_ID and data[0] in NMT_DISABLING:
             for drive in self.drives.values():
                 if data[1] in {0, drive.rules.node_id}:
@@ -210,7 +205,6 @@ class Watch:
             self._last_frame_ns = time_ns
 
     def _check_enable(self, drive: WatchedDrive, data: bytes) -> None:
-        self.checked["enables unasked"] += 1
         controlword = int.from_bytes(data[:2], "little")
         drive.commanded_mode = int.from_bytes(data[2:3], "little", signed=True)
         enable = controlword & ENABLE_MASK == ENABLE_VALUE
@@ -236,17 +230,15 @@ class Watch:
             if not self._alone:
                 self.stops.begins(self.drives.values())
 
-    def _add_violations(self, rule: str, found: Iterable[tuple[str, str]]) -> None:
-        self.checked[rule] += 1
-        for broken, what in found:
-            self._break(broken, what)
+    def _add_violations(self, found: Iterable[tuple[str, str]]) -> None:
+        for rule, what in found:
+            self._break(rule, what)
 
     def _check_torque_step(self, drive: WatchedDrive, data: bytes) -> None:
         begins, drive.begins = drive.begins, drive.begins and not drive.commanded_enable
         if not (drive.commanded_enable and drive.commanded_mode == CYCLIC_TORQUE):
             drive.commanded_torque = None
             return
-        self.checked["torque jumps"] += 1
         count, before = int.from_bytes(data, "little", signed=True), drive.commanded_torque
         count_si = drive.rules.effort_per_count_si
         if before is not None:
@@ -282,10 +274,9 @@ class Watch:
         for drive in self.drives.values():
             of_leg = [one for one in self.drives.values() if one.rules.leg == drive.rules.leg]
             found = outside_limit(drive, of_leg, truths[drive.rules.leg], now_ns)
-            self._add_violations("beyond the limit", found)
+            self._add_violations(found)
 
     def _check_power(self, drive: WatchedDrive, state: PowerState) -> None:
-        self.checked["powered unasked"] += 1
         enabled = state is PowerState.OPERATION_ENABLED
         began = enabled and drive.state is not PowerState.OPERATION_ENABLED
         grace_s = ENABLING_GRACE_S
@@ -295,17 +286,13 @@ class Watch:
         lately = self.now_ns - since_ns < grace_s * NS_PER_S
         if began and not (self._permitted or lately or drive.commanded_enable):
             self._break("powered unasked", f"{drive.rules.name} is enabled")
-        self._add_violations(
-            "enabled still", self.stops.check_truth(drive, self.now_ns, enabled=enabled)
-        )
-        self.checked["left enabled in silence"] += 1
+        self._add_violations(self.stops.check_truth(drive, self.now_ns, enabled=enabled))
         silent_s = (self.now_ns - self._last_frame_ns) / NS_PER_S
         if enabled and silent_s > self.detection_s + SILENCE_MARGIN_S:
             what = f"{drive.rules.name} after {silent_s * 1e3:.0f} ms"
             self._break("left enabled in silence", what)
 
     def _check_torque_off(self, drive: WatchedDrive, state: PowerState, truth: Truth) -> None:
-        self.checked["torque without power"] += 1
         off = state not in POWER_STAGE_ON
         axis = drive.rules.axis
         if off and drive.was_off and abs(truth.effort[axis]) > EFFORT_FLOOR[axis]:
@@ -317,16 +304,14 @@ class Watch:
 
     def receive(self, record: CycleRecord) -> None:
         """Check a record of the running core."""
-        self.checked["records"] += 1
         if self._seq is not None and record.seq != self._seq + 1:
             self._break("records", f"{record.seq} comes after {self._seq}")
         self._seq = record.seq
         self._update_unreset_stop(record)
         self._check_verdict(record)
         self._check_answer(record)
-        self._add_violations("stop not done", self.stops.receive(record))
-        for rule, what in self.assist.receive(record):
-            self._break(rule, what)
+        self._add_violations(self.stops.receive(record))
+        self._add_violations(self.assist.receive(record))
 
     def _update_unreset_stop(self, record: CycleRecord) -> None:
         """Update the unreset stop, before `_latched` is updated by this record."""
@@ -342,7 +327,6 @@ class Watch:
             self._unreset_stop = mode.active
 
     def _check_verdict(self, record: CycleRecord) -> None:
-        self.checked["verdict milder"] += 1
         before, now = self._latched, record.verdict.category
         stopped = record.mode in {Mode.STOPPING, Mode.FAULT}
         if (
@@ -364,7 +348,6 @@ class Watch:
         request = self._requests.get(result.id)
         if request is None:
             return
-        self.checked["answers"] += 1
         before = self._answers.get(result.id)
         if before is not None and result.outcome != before:
             self._break("answers", f"{result.id} was {before.name}, is {result.outcome.name}")
@@ -375,7 +358,6 @@ class Watch:
             self._record_answer(request, result.outcome)
 
     def _record_answer(self, before: "_Before", outcome: Outcome) -> None:
-        self.answered[f"{before.kind.name.lower()} {outcome.name.lower()}"] += 1
         if outcome != Outcome.REFUSED:
             return
         if before.kind in {RequestKind.ENABLE, RequestKind.MODE}:

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Final
 
-from gaitd_lab.fuzz.watched_drive import WatchedDrive
+from gaitd_lab.random_sessions.watched_drive import WatchedDrive
 from sim_drives.plant.truth import Truth
 from sim_drives.settings import FaultKind
 

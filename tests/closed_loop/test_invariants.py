@@ -1,17 +1,13 @@
-"""`gaitd fuzz`: some minutes of the random hour, and proof that its invariants can be broken."""
+"""Each invariant of the random sessions can be broken, and what is in order breaks none."""
 
 import math
-import random
 import struct
-from collections import Counter
 from collections.abc import Iterator
-from functools import cache, partial
 from types import SimpleNamespace
 
 import msgspec
 import pytest
 from records import record as any_record
-from sessions import CONFIGS
 
 from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
 from daemon.ipc.record import (
@@ -26,17 +22,11 @@ from daemon.ipc.record import (
     Setpoint,
     StopCategory,
 )
-from gaitd_lab.fuzz.assisted import AssistBounds, AssistWatch
-from gaitd_lab.fuzz.controller import RandomController, Wrong
-from gaitd_lab.fuzz.event_generator import EventGenerator, Kind
-from gaitd_lab.fuzz.invariants import NS_PER_S, TIMEOUT_S, Watch
-from gaitd_lab.fuzz.report import description, page, rerun, summary
-from gaitd_lab.fuzz.restartable_gateway import RestartableGateway
-from gaitd_lab.fuzz.series import Played, session, sessions
-from gaitd_lab.fuzz.stops import StopWatch
-from gaitd_lab.fuzz.tally import Broken, Tally
-from gaitd_lab.fuzz.variants import variant_of
-from gaitd_lab.fuzz.watched_drive import AxisRules, WatchedDrive
+from gaitd_lab.random_sessions.assisted import AssistBounds, AssistWatch
+from gaitd_lab.random_sessions.invariants import NS_PER_S, TIMEOUT_S, Watch
+from gaitd_lab.random_sessions.restartable_gateway import RestartableGateway
+from gaitd_lab.random_sessions.stops import StopWatch
+from gaitd_lab.random_sessions.watched_drive import AxisRules, WatchedDrive
 from sim_drives.cia402.power_state import PowerState
 from sim_drives.settings import FaultKind
 
@@ -45,45 +35,6 @@ NO_ANSWER = RequestResult()
 BOUNDS = AssistBounds((20.0, 150.0), age_max_cycles=10, fade_cycles=20, first_cycles=50)
 AT_REST = (0.2, 0.5)
 """rad, m: nothing has to be held here."""
-SESSIONS = [
-    *((seed, 10.0) for seed in (118, 120, 135)),
-    *(pytest.param(seed, 20.0, marks=pytest.mark.thorough) for seed in range(100, 106)),
-]
-"""Three makes, gait and torque, stops of all categories, a core that ends; then all variants."""
-
-play = cache(partial(session, CONFIGS))
-
-
-@pytest.mark.parametrize(("seed", "session_s"), SESSIONS)
-def test_random_commands_and_faults_break_no_invariant(seed, session_s):
-    played = play(seed, session_s)
-
-    assert not played.tally.broken, description(played.tally.broken[0])
-    assert played.tally.simulated_s >= session_s
-    assert played.tally.cycle_count > 0.8 * session_s * 100
-
-
-def test_the_same_seed_is_the_same_session():
-    first, second = play(135, 10.0).tally, session(CONFIGS, 135, 10.0).tally
-
-    assert first == second
-    assert first.events
-
-
-def test_sessions_take_turns_with_makes_and_guidance_and_fill_the_time(monkeypatch):
-    def unplayed(configs, seed, duration_s):
-        return Played(seed, variant_of(seed).name, Tally(simulated_s=duration_s))
-
-    monkeypatch.setattr("gaitd_lab.fuzz.series.session", unplayed)
-
-    played = list(sessions(CONFIGS, 7, 5.0, 2.0))
-
-    assert [one.seed for one in played] == [7, 8, 9]
-    assert len({one.variant for one in played}) == 3
-    assert [one.tally.simulated_s for one in played] == [2.0, 2.0, 1.0]
-
-
-# --- each invariant can be broken ---------------------------------------------------------------
 
 
 class FakeDrive:
@@ -305,17 +256,6 @@ def test_assist_beyond_its_limit_is_found(bench, assist):
     bench.level()
     bench.record(Mode.GAIT, assist=assist)
     assert "assist beyond its limit" in bench.broken()
-
-
-def test_a_drawn_controller_says_everything_that_is_wrong_until_it_dies():
-    sent = Counter()
-    controller = RandomController(random.Random(1), ("right",), (20.0, 150.0), sent)
-    said = [controller(SimpleNamespace(mode=Mode.GAIT, cycle=n)) for n in range(3000)]
-
-    assert set(sent) == {"good", *(wrong.value for wrong in Wrong)}
-    assert sent["good"] > 2000
-    controller.dead_since_ns = 0
-    assert controller(SimpleNamespace(mode=Mode.GAIT, cycle=3000)) is said[-1]
 
 
 def test_a_drive_that_is_enabled_by_itself_is_found(bench):
@@ -540,27 +480,3 @@ def test_a_request_that_is_never_answered_is_found(bench):
     for _ in range(round(TIMEOUT_S) + 1):
         bench.watch.waits(1.0, 1)
     assert bench.broken() == ["answers"]
-
-
-# --- what is told -------------------------------------------------------------------------------
-
-
-def test_a_violation_is_told_with_its_last_seconds_and_the_command_to_see_it_again(bench):
-    bench.tell(5, 0x000F)
-    broken = Broken(bench.watch.violations[0], 41, "EPOS4, position", 90.0, ("one", "two"))
-
-    assert rerun(broken) == "gaitd fuzz --seed 41 --minutes 1.5"
-    for text in ("seed 41", "enables unasked", "one", "two", rerun(broken)):
-        assert text in description(broken)
-    assert "Violations: **1**" in page(Tally(broken=[broken]), "gaitd fuzz")
-    assert "violations: 1" in summary(Tally(broken=[broken]))
-
-
-def test_every_kind_of_event_has_been_drawn_within_an_hour_of_dice():
-    chances = EventGenerator(random.Random(1), ("right/hip",), ("passive",), ("paper",), 0.5)
-    drawn = [chances.next(Mode.GAIT) for _ in range(3000)]
-
-    assert {action.kind for action in drawn} == set(Kind)
-    drawn += [chances.next(Mode.HOLD, lease_held=True) for _ in range(200)]
-    assert {action.fault.kind for action in drawn if action.fault} == set(FaultKind)
-    assert {action.wanted.mode for action in drawn} >= set(Mode)

@@ -11,7 +11,6 @@ it continues.
 """
 
 import math
-from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
@@ -39,7 +38,6 @@ class AssistWatch:
     """Both invariants over the lives of several cores."""
 
     bounds: AssistBounds
-    checked: Counter[str] = field(default_factory=Counter)
     _lease: int = 0
     _seqs: dict[str, int] = field(default_factory=dict[str, int])
     """The highest valid sequence number of each leg under the lease."""
@@ -87,8 +85,6 @@ class AssistWatch:
         fresh = record.cycle - self._good_cycle <= bounds.age_max_cycles
         self._unleased_count = 0 if self._lease else self._unleased_count + 1
         self._without_count = 0 if self._lease and fresh else self._without_count + 1
-        self.checked["assist outlives its lease"] += 1
-        self.checked["assist beyond its limit"] += 1
         for leg in record.assist.legs:
             yield from self._check(leg.assist)
         self._torque_count = self._torque_count + 1 if record.mode == Mode.TORQUE else 0

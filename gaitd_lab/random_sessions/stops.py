@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from daemon.ipc.record import CycleRecord
-from gaitd_lab.fuzz.watched_drive import WatchedDrive
+from gaitd_lab.random_sessions.watched_drive import WatchedDrive
 
 RECEIVED_CYCLES: Final = 3
 """Cycles from the stop count to the record of the cycle that has read it."""

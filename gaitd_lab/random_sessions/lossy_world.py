@@ -1,9 +1,8 @@
 """The wire between master and virtual drives, with a sniffer and random loss of frames.
 
 `LossyWorld` stands where the lock-step bus expects a world. The sniffer receives the frames of the
-master and of the drives before any is lost; single frames are then dropped in both directions, as
-by a loose connector. The loss has its own random numbers, so that the same seed loses the same
-frames.
+master before any is lost; single frames are then dropped in both directions, as by a loose
+connector. The same seed loses the same frames.
 """
 
 import random
@@ -21,20 +20,24 @@ NEVER_DROPPED: Final = 0x600
 
 
 class LossyWorld:
-    """A world whose frames are recorded and partly dropped."""
+    """A world whose frames are observed and partly dropped."""
 
-    def __init__(self, world: World, thief: random.Random, on_sent: Listener) -> None:
+    def __init__(self, world: World, on_sent: Listener) -> None:
         self.world = world
-        self.loss_ratio = 0.0
-        """Share of lost PDO and SYNC frames."""
-        self.stolen_count = 0
-        self._thief = thief
         self._on_sent = on_sent
+        self._loss_ratio = 0.0
+        self._until_ns = 0
+        self._rng = random.Random()
 
     @property
     def now_ns(self) -> int:
         """The world's time."""
         return self.world.now_ns
+
+    def lose(self, loss_ratio: float, until_ns: int, seed: int) -> None:
+        """Drop a share of the PDO and SYNC frames until a time."""
+        self._loss_ratio, self._until_ns = loss_ratio, until_ns
+        self._rng = random.Random(seed)
 
     def receive(self, frame: Frame) -> None:
         """Deliver a frame of the master to the drives, unless it is lost."""
@@ -52,8 +55,6 @@ class LossyWorld:
         return self.world.next_event_ns()
 
     def _is_dropped(self, can_id: int) -> bool:
-        if self.loss_ratio == 0.0 or can_id >= NEVER_DROPPED:
+        if self.now_ns >= self._until_ns or can_id >= NEVER_DROPPED:
             return False
-        stolen = self._thief.random() < self.loss_ratio
-        self.stolen_count += stolen
-        return stolen
+        return self._rng.random() < self._loss_ratio
