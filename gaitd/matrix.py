@@ -26,7 +26,7 @@ def command(
     seed: Annotated[int, typer.Option(min=0, help="of all that is random")] = 1,
     output: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="write page and picture there", file_okay=False),
+        typer.Option(metavar="DIR", help="write the page there", file_okay=False),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes at the same time")] = JOBS_MAX,
     json: JsonOption = False,
@@ -119,10 +119,8 @@ def _print_cells(results: "list[CellResult]") -> None:
 
 
 def _write(results: "list[CellResult]", output: Path) -> None:
-    from gaitd_lab.fault_matrix import heat_map
-    from gaitd_lab.fault_matrix.page import PAGE, PICTURE, page
+    from gaitd_lab.fault_matrix.page import PAGE, page
 
     output.mkdir(parents=True, exist_ok=True)
     (output / PAGE).write_text(page(results), encoding="utf-8")
-    heat_map.draw(results, output / PICTURE)
-    print(f"{output / PAGE}, {output / PICTURE}", file=sys.stderr)
+    print(output / PAGE, file=sys.stderr)

@@ -15,7 +15,7 @@ with `drives/`, so that a mistake on one side does not cancel out on the other. 
 
 To add, in this order:
     a fault kind       `FaultKind` in settings.py, its rule in faults/rules.py; its row and expected
-                       reaction in gaitd_lab/fault_matrix/ (faults.py, expected.py)
+                       reaction in gaitd_lab/fault_matrix/faults.py
     a friction term    plant/settings.py and plant.toml; the law in plant/stick_slip.py. The
                        observer's own law is observer/mechanism/friction.py
 """

@@ -4,10 +4,12 @@ Reading order:
     session                  the lock-step session of a column, with its own plant
     modes, controller        the columns: each mode, how to reach it, the controller in mode torque
     kinds, core_kinds        kinds of fault, and how each begins and ends
-    faults, emergencies      the rows: all faults
-    expected, exceptions     the expected result of each cell, and the reasons for exceptions
+    law                      what must happen in a cell
+    faults, exceptions       the table: each fault and what is right; the cells that differ, and why
+    pairs                    two faults in one cell
     cell, watch              one cell: started, observed, measured
     run                      all cells: one session for each mode, a fork for each cell
     evaluation               the laws that every cell is checked against
-    page, heat_map           docs/fault_matrix.md and its picture
+    reversals                bounds of each real reversal of a motor or an encoder
+    page                     docs/fault_matrix.md
 """

@@ -26,7 +26,7 @@ from daemon.ipc.record import Cause, Mode, StopCategory
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY
 from gaitd_lab.fault_matrix import reversals
 from gaitd_lab.fault_matrix.cell import CellResult
-from gaitd_lab.fault_matrix.expected import DETECTION_CYCLES, Law, Resting
+from gaitd_lab.fault_matrix.law import DETECTION_CYCLES, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS, Group
 from gaitd_lab.fault_matrix.pairs import law_of, parts_of
 from gaitd_lab.fault_matrix.watch import AXES

@@ -59,7 +59,7 @@ LASTS_S: Final = 1.4
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One row."""
+    """A fault: how it begins and ends, and for how long it lasts."""
 
     name: str
     text: str

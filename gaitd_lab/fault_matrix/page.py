@@ -1,38 +1,19 @@
-"""docs/fault_matrix.md: the result of every fault in every mode, as tables made from the cells."""
+"""docs/fault_matrix.md: what every fault did in every mode, as one table, and what is right."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final, NamedTuple
+from typing import Final
 
 from analysis import markdown
 from daemon.ipc.record import Mode
 from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.evaluation import broken
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS
-from gaitd_lab.fault_matrix.expected import ROWS, Law
-from gaitd_lab.fault_matrix.faults import FAULTS
+from gaitd_lab.fault_matrix.faults import FAULTS, LAWS
+from gaitd_lab.fault_matrix.law import Law
 from gaitd_lab.fault_matrix.modes import COLUMNS
 
 PAGE: Final = "fault_matrix.md"
-PICTURE: Final = "fault_matrix.png"
 
-
-class Table(NamedTuple):
-    """Some columns under one title."""
-
-    title: str
-    columns: tuple[str, ...]
-
-
-TABLES: Final = (
-    Table(
-        "Both axes are enabled",
-        ("hold", "hold_position", "gait_impedance", "gait_position", "torque"),
-    ),
-    Table("Both axes are enabled, otherwise", ("excite", "hand_guiding", "self_test")),
-    Table("One axis is enabled alone", ("reference", "commission")),
-    Table("Already stopped", ("stopping", "fault")),
-    Table("Nothing is enabled", ("off", "bringing_up", "ready")),
-)
 
 _HEAD: Final = """# Fault matrix
 
@@ -40,8 +21,6 @@ Made by `gaitd matrix --output docs` (seed {seed}); do not edit. The real loop, 
 and a plant with a patient in lock-step: each fault in each mode on each axis. `gaitd matrix
 --fault NAME --mode NAME` plays one cell again, bit for bit the same. {count} cells; {open_count}
 of them break a law today (last section).
-
-![Reaction by fault and mode](fault_matrix.png)
 
 ## How to read it
 
@@ -69,7 +48,7 @@ def page(results: Sequence[CellResult]) -> str:
     seed = results[0].seed if results else 0
     return markdown.page(
         _HEAD.format(seed=seed, count=len(results), open_count=len(bad)),
-        *(_table(table, cells) for table in TABLES),
+        _results(cells),
         *laws(),
         _open(bad),
     )
@@ -130,12 +109,11 @@ def _section(title: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> 
     return f"## {title}\n\n{markdown.table(head, rows)}"
 
 
-def _table(table: Table, cells: Mapping[tuple[str, str, str], CellResult]) -> str:
+def _results(cells: Mapping[tuple[str, str, str], CellResult]) -> str:
     rows = [
-        [f"`{fault}`", *(_both(fault, column, cells) for column in table.columns)]
-        for fault in FAULTS
+        [f"`{fault}`", *(_both(fault, column, cells) for column in COLUMNS)] for fault in FAULTS
     ]
-    return _section(table.title, ["fault", *table.columns], rows)
+    return _section("What each fault did in each mode", ["fault", *COLUMNS], rows)
 
 
 def _both(fault: str, column: str, cells: Mapping[tuple[str, str, str], CellResult]) -> str:
@@ -150,7 +128,7 @@ def _columns() -> str:
 
 def _rows() -> str:
     rows = [
-        (f"`{one.name}`", one.text, f"{one.lasts_s:g} s", _right(ROWS[one.name]))
+        (f"`{one.name}`", one.text, f"{one.lasts_s:g} s", _right(LAWS[one.name]))
         for one in FAULTS.values()
     ]
     head = ("fault", "what it is", "lasts", "right")

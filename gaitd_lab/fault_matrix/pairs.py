@@ -17,9 +17,9 @@ from typing import Final, NamedTuple
 from daemon.ipc.record import Cause
 from gaitd_lab.fault_matrix.cell import Cell
 from gaitd_lab.fault_matrix.exceptions import law
-from gaitd_lab.fault_matrix.expected import LOST, ROWS, S0, S1, Law, Resting
-from gaitd_lab.fault_matrix.faults import FAMILIES, FAULTS
+from gaitd_lab.fault_matrix.faults import FAMILIES, FAULTS, LAWS
 from gaitd_lab.fault_matrix.kinds import Fault, FaultAction, Scene, nothing
+from gaitd_lab.fault_matrix.law import LOST, S0, S1, Law, Resting
 from gaitd_lab.fault_matrix.modes import COLUMNS
 from gaitd_lab.fault_matrix.watch import AXES, CYCLE_NS
 
@@ -44,7 +44,7 @@ SAMPLE_FAMILIES: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
 _SILENCES: Final = frozenset({"gateway_dead", "gateway_35ms", "gateway_200ms", "gateway_2s"})
 REVERSED: Final = frozenset({"wrong_sign", "encoder_reversed"})
 """Faults of a drive whose own quick stop drives the joint on."""
-CORE_ENDS: Final = frozenset(name for name, one in ROWS.items() if one.exit_code is not None)
+CORE_ENDS: Final = frozenset(name for name, one in LAWS.items() if one.exit_code is not None)
 CUT_OFF: Final = frozenset({"deaf", "unplugged", "drive_bus_off"})
 """Faults after which a drive receives no command."""
 REPLACING: Final = (

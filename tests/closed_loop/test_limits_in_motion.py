@@ -11,7 +11,6 @@ from sessions import (
     position_guidance,
     reaches_rest_in_fault,
 )
-from stopping_faults import STOPPING, other_axis
 from wire import change_what_drives_say
 
 from daemon.core.steps import monitors
@@ -19,6 +18,31 @@ from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from observer.filter.status import Status, Validity
 
 DRIVES = ("right/hip", "right/slide")
+LOST = {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST, Cause.DRIVE_REBOOTED}
+STUCK = {Cause.ENCODER_FROZEN, Cause.TRACKING_LIMIT, Cause.OBSERVER_INVALID}
+STOPPING = [
+    ("right/hip", "lost_tpdo {}", LOST),
+    ("right/hip", "late_tpdo {} - 6", LOST),
+    ("right/slide", "silent {}", LOST),
+    ("right/hip", "unplugged {}", LOST),
+    ("right/slide", "bus_off {}", LOST),
+    ("right/slide", "bus_passive {}", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
+    ("right/slide", "reboot {}", LOST),
+    ("right/slide", "emcy {} - 0x2310", {Cause.EMERGENCY, Cause.DRIVE_FAULT}),
+    ("right/slide", "frozen_encoder {}", STUCK),
+    ("right/slide", "encoder_glitch {} - 2000", {Cause.ENCODER_JUMP}),
+    ("right/slide", "blocked_rotor {}", STUCK),
+    ("right/slide", "hand_switch_open {}", {Cause.HAND_SWITCH_OPEN}),
+    ("right/hip", "limit_switch_on {} - 1", {Cause.LIMIT_SWITCH}),
+    ("right/slide", "sto_open {}", {Cause.STO_ACTIVE}),
+    ("right/slide", "deaf {}", LOST),
+    ("right/slide", "wrong_identity {}", LOST),
+    ("right/slide", "brake_stuck {}", STUCK),
+    ("right/hip", "wrong_sign {}", {Cause.SIGN_WRONG}),
+    ("right/slide", "encoder_reversed {}", {Cause.SIGN_WRONG}),
+    ("right/hip", "torque_offset {} - 3000", {Cause.EFFORT_DEVIATION}),
+]
+"""Drive, command of the virtual drive with a place for its name, and causes."""
 HELD = (Mode.HOLD, Cause.NONE)
 
 
@@ -206,14 +230,13 @@ OBSERVERS_OWN = {Cause.OBSERVER_INVALID, Cause.SPASM, Cause.CLONUS}
 @pytest.mark.parametrize(
     ("fault", "causes", "drive"),
     [
-        pytest.param(command, causes, other_axis(row), id=command.split()[0])
-        for row, command, causes in STOPPING
+        pytest.param(command, causes, drive, id=command.split()[0])
+        for drive, command, causes in STOPPING
     ],
 )
 def test_an_observer_that_says_plausible_constants_hides_no_other_stop(
     warm_gait, fault, causes, drive, monkeypatch
 ):
-    """On the axis on which `tests/faults` does not play the fault in `make test`."""
     blind(warm_gait, monkeypatch)
 
     warm_gait.command(fault.format(drive))

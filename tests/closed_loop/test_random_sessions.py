@@ -492,6 +492,7 @@ def played(number, count):
             max_examples=count,
             stateful_step_count=EVENTS,
             database=None,
+            report_multiple_bugs=False,
             suppress_health_check=list(HealthCheck),
         ),
     )

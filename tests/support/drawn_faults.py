@@ -15,8 +15,8 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from daemon.ipc.record import Cause
-from gaitd_lab.fault_matrix.emergencies import EMERGENCIES, WARNING_CODE
-from gaitd_lab.fault_matrix.expected import ROWS, Law, goes_on
+from gaitd_lab.fault_matrix.faults import EMERGENCIES, LAWS, WARNING_CODE
+from gaitd_lab.fault_matrix.law import Law, goes_on
 
 PAUSE_MEAN_S: Final = 4.0
 PAUSE_MIN_S: Final = 1.0
@@ -75,7 +75,7 @@ def _drive(words: str, low_s: float, high_s: float, *, every: bool = False) -> S
 
 def _blind(words: str, row: str) -> Source:
     """Wrong encoder until the fault is over: the joint may reach its limit switch undetected."""
-    law = replace(ROWS[row], causes=ROWS[row].causes | {Cause.LIMIT_SWITCH})
+    law = replace(LAWS[row], causes=LAWS[row].causes | {Cause.LIMIT_SWITCH})
     return Source(Actor.DRIVE, words, _STAYS, _STAYS, law=law)
 
 
@@ -171,4 +171,4 @@ class FaultGenerator:
         of_drive = source.actor is Actor.DRIVE
         words = source.words.format(drive=drive, s=duration_s).replace(";", "\n")
         where = drive if of_drive else ""
-        return ActiveFault(name, source.actor, words, where, duration_s, source.law or ROWS[name])
+        return ActiveFault(name, source.actor, words, where, duration_s, source.law or LAWS[name])
