@@ -1,4 +1,4 @@
-"""`gaitd bench`: the project's benchmarks, as ratios in one run, each with its budget."""
+"""`gaitd bench`: the project's benchmarks in one run, as one table with ratios and budgets."""
 
 from typing import Annotated
 
@@ -20,28 +20,27 @@ def command(
         list[str] | None, typer.Option(help="one of the benchmarks, by name; may be repeated")
     ] = None,
 ) -> None:
-    """Run the benchmarks: observer, scaling, cycle, lateness, replay, service, peers, display.
+    """Run the benchmarks, and print one table of their figures and ratios.
 
-    Names: observer_step, scaling, cycle, lateness, lateness_under_load,
-    replay, service, peers, display.
+    Names: observer_step, cycle, lateness, lateness_under_load, replay, service, peers, display.
     """
     from rich.console import Console
 
     from gaitd_lab.benchmark.catalogue import measurements
+    from gaitd_lab.benchmark.figures import table
 
     console = Console(stderr=as_json)
     if not console.is_terminal:
         console = Console(stderr=as_json, width=PLAIN_WIDTH)
     configs = configs_folder("configs", "demo.toml")
-    results: dict[str, object] = {}
     measures = measurements(configs, seconds)
+    results = {}
     for name in only or measures:
         if name not in measures:
             raise typer.BadParameter(f"{name!r} is none of {', '.join(measures)}")
         with console.status(f"measuring: {name}"):
-            results[name], table = measures[name]()
-        if not as_json:
-            for one in table if isinstance(table, list) else [table]:
-                console.print(one)
+            results[name] = measures[name]()
+    if not as_json:
+        console.print(table([figure for figures in results.values() for figure in figures]))
     with json_on_stdout(as_json) as write:
         write(results)

@@ -1,9 +1,8 @@
-"""Measurements of `gaitd bench`; each is a ratio or a share within one run.
+"""Benchmarks for `gaitd bench`: each returns rows of one table, with its ratios and budgets.
 
-Reading order: `step_times.py` (times of steps), `scaling.py` (growth with legs and recordings,
-allocations), `cycle_parts.py` (Python time of one cycle), `lateness.py` (SYNC in real time, also
-under the load of `burning.py`), `replay_speed.py` (recordings), `whole_service.py` (start, memory,
-delivery compared with `bare_put.py`), `bus_times.py` and `peers.py` (the core compared with another
-master), `tables.py` and `peer_table.py` (output tables), `catalogue.py` (all of them by name). What
-is compared with is in `gaitd_lab/peers`.
+Reading order: `figures.py` (a row, and the table), `catalogue.py` (all benchmarks by name). Each of
+them: `observer_step.py` (beside hand-written C and FilterPy, `step_times.py`), `cycle_time.py`,
+`lateness.py` (of SYNC in real time, also beside `burning.py`), `replay_speed.py`,
+`whole_service.py` (start, memory, delivery beside bare Zenoh, `bare_put.py`), `peers.py` (beside
+python-canopen as a master, `bus_times.py`), `display_page.py` (the patient's page in a browser).
 """

@@ -14,14 +14,16 @@ import contextlib
 import importlib.util
 import shutil
 import statistics
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from gaitd_client import Mode, RequestRefusedError, Safety, Stage, Trainer
 from gaitd_client.connection import Target
 
+from gaitd_lab.benchmark.figures import Figure
 from gaitd_lab.demonstration.pages import address_of, page, patient_settings
 from gaitd_lab.process_memory import sample
 from gaitd_lab.processes import ServiceError, Tempo, free_port
@@ -51,29 +53,12 @@ BEFORE_GAIT_S: Final = 60.0
 SLOWED: Final = 6
 """The browser's processor is slower by this factor."""
 START: Final = "() => { painted.ages.length = 0; painted.frames = 0; }"
+MEDIAN_MAX_MS: Final = 40.0
+HIGH_MAX_MS: Final = 100.0
+FRAMES_MIN_HZ: Final = 30.0
 RESULT: Final = """() => ({
     ages: painted.ages, frames: painted.frames, layout: document.body.dataset.layout,
 })"""
-
-
-class Page(NamedTuple):
-    """Results of the measurement."""
-
-    age_median_ms: float
-    age_high_ms: float
-    """99 % are not older."""
-    frames_hz: float
-    """Turns of the page's animation loop."""
-    slowed_frames_hz: float
-    """The same in a browser slowed by `SLOWED`."""
-    samples_hz: float
-    """Different samples that were painted."""
-    server_cpu_ratio: float
-    """Share of one processor."""
-    server_mb: float
-    browser_cpu_ratio: float
-    """All processes of the browser together."""
-    browser_mb: float
 
 
 def lacks() -> str | None:
@@ -84,12 +69,15 @@ def lacks() -> str | None:
     return None if shutil.which(CHROMIUM) else f"{CHROMIUM} is not installed"
 
 
-def measure(configs: Path, seconds: float) -> Page:
-    """Measure the page of a running service for so many seconds.
+def measure(configs: Path, seconds: float) -> list[Figure]:
+    """Measure the page of a running service for so many seconds; nothing without a browser.
 
     Raises:
         ServiceError: a process ended, or the page did not come.
     """
+    if (lack := lacks()) is not None:
+        print(f"display: skipped, {lack}; `make rigs` installs what it needs", file=sys.stderr)
+        return []
     warm_up(configs, TRAINER_FILE)
     port = free_port()
     with (
@@ -131,7 +119,7 @@ def _walk(target: Target, seconds: float) -> None:
     raise ServiceError(f"no gait plays after {BEFORE_GAIT_S:g} s")
 
 
-def _page(address: str, server_pid: int, seconds: float) -> Page:
+def _page(address: str, server_pid: int, seconds: float) -> list[Figure]:
     from playwright.sync_api import Error, sync_playwright
 
     with sync_playwright() as playwright:
@@ -153,7 +141,8 @@ def _page(address: str, server_pid: int, seconds: float) -> Page:
             page.wait_for_timeout(seconds * MS_PER_S)
             found: dict[str, Any] = page.evaluate(RESULT)
             after = _cpu_s((server_pid,)), _cpu_s(pids)
-            memory = _memory_mb((server_pid,)), _memory_mb(pids)
+            used = before, after
+            server_mb = _memory_mb((server_pid,))
             wire = page.context.new_cdp_session(page)
             wire.send("Emulation.setCPUThrottlingRate", {"rate": SLOWED})
             page.evaluate(START)
@@ -166,17 +155,28 @@ def _page(address: str, server_pid: int, seconds: float) -> Page:
     ages = sorted(found["ages"])
     if not ages:
         raise ServiceError("the page painted no sample: has the service messages?")
-    return Page(
-        age_median_ms=statistics.median(ages),
-        age_high_ms=ages[int(HIGH_RATIO * (len(ages) - 1))],
-        frames_hz=found["frames"] / seconds,
-        slowed_frames_hz=slowed["frames"] / seconds,
-        samples_hz=len(ages) / seconds,
-        server_cpu_ratio=(after[0] - before[0]) / seconds,
-        server_mb=memory[0],
-        browser_cpu_ratio=(after[1] - before[1]) / seconds,
-        browser_mb=memory[1],
+    what = "sample when painted on the patient's page, age"
+    high_ms = ages[int(HIGH_RATIO * (len(ages) - 1))]
+    slow = f"frames in a browser slowed {SLOWED} times"
+    server_ratio, browser_ratio = (
+        (end - begun) / seconds for begun, end in zip(*used, strict=True)
     )
+    return [
+        Figure(
+            what=f"{what}, median", value=statistics.median(ages), unit="ms", at_most=MEDIAN_MAX_MS
+        ),
+        Figure(what=f"{what}, 99 %", value=high_ms, unit="ms", at_most=HIGH_MAX_MS),
+        Figure(
+            what="frames of the page",
+            value=found["frames"] / seconds,
+            unit="/s",
+            at_least=FRAMES_MIN_HZ,
+        ),
+        Figure(what=slow, value=slowed["frames"] / seconds, unit="/s", at_least=FRAMES_MIN_HZ),
+        Figure(what="server of the page", value=100 * server_ratio, unit="% of a processor"),
+        Figure(what="browser", value=100 * browser_ratio, unit="% of a processor"),
+        Figure(what="memory of the server", value=server_mb, unit="MB"),
+    ]
 
 
 def _pids(program: str) -> frozenset[int]:

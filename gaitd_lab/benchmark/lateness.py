@@ -2,39 +2,23 @@
 
 import time
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingReader
 from gaitd_lab.benchmark.burning import burners
+from gaitd_lab.benchmark.figures import Figure
 from gaitd_lab.processes import Tempo
 from gaitd_lab.timed_service import timed_service, until_ready
 
 READY_WITHIN_S: Final = 240.0
 SETTLE_S: Final = 2.0
-BOUNDS_US: Final = (50, 100, 200, 500, 1000, 2000, 5000, 10_000)
+P999_MAX_US: Final = 500.0
 
 
-class Lateness(NamedTuple):
-    """Statistics of all SYNCs of a period."""
-
-    sync_count: int
-    median_us: float
-    p99_us: float
-    p999_us: float
-    worst_us: float
-    overrun_count: int
-    """Skipped grid points."""
-    bound_us: tuple[int, ...]
-    class_count: tuple[int, ...]
-    """Number of SYNCs up to each bound, and one class above."""
-    collect_median_us: float
-    """Time from SYNC to the last TPDO of both drives."""
-
-
-def measure(configs: Path, duration_s: float, burner_count: int = 0) -> Lateness:
+def measure(configs: Path, duration_s: float, burner_count: int = 0) -> list[Figure]:
     """Run in real time, in mode ready, and read the black box.
 
     Args:
@@ -55,23 +39,22 @@ def measure(configs: Path, duration_s: float, burner_count: int = 0) -> Lateness
         made.check()
         records = ring.since(begun)
         ring.close()
-    return of(records)
+    return of(records, f", beside {burner_count} processes that compute" if burner_count else "")
 
 
-def of(records: list[CycleRecord]) -> Lateness:
-    """Return the statistics of consecutive records."""
+def of(records: list[CycleRecord], beside: str = "") -> list[Figure]:
+    """Return the figures of consecutive records."""
     late_us = np.array([record.timing.lateness_ns for record in records]) / 1000
     collect_us = np.array([record.timing.collect_ns for record in records]) / 1000
-    classes = np.searchsorted(BOUNDS_US, late_us)
-    median_us, p99_us, p999_us, worst_us = np.quantile(late_us, (0.5, 0.99, 0.999, 1.0)).tolist()
-    return Lateness(
-        len(records),
-        median_us,
-        p99_us,
-        p999_us,
-        worst_us,
-        records[-1].timing.overrun_count - records[0].timing.overrun_count,
-        BOUNDS_US,
-        tuple(np.bincount(classes, minlength=len(BOUNDS_US) + 1).tolist()),
-        float(np.median(collect_us)),
-    )
+    median_us, p999_us, worst_us = np.quantile(late_us, (0.5, 0.999, 1.0)).tolist()
+    skipped = records[-1].timing.overrun_count - records[0].timing.overrun_count
+    what = f"SYNC late{beside}"
+    return [
+        Figure(what=f"{what}, median", value=median_us, unit="µs"),
+        Figure(what=f"{what}, 99.9 %", value=p999_us, unit="µs", at_most=P999_MAX_US),
+        Figure(what=f"{what}, worst", value=worst_us, unit="µs"),
+        Figure(what=f"SYNCs skipped{beside}", value=skipped, unit=f"of {len(records)}"),
+        Figure(
+            what=f"SYNC to last TPDO{beside}, median", value=float(np.median(collect_us)), unit="µs"
+        ),
+    ]

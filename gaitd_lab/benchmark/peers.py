@@ -12,9 +12,10 @@ import contextlib
 import os
 import signal
 import statistics
+import sys
 import tempfile
 import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -25,7 +26,16 @@ from gaitd_client import ClientError, Mode, Trainer
 
 from daemon.config.edits import edit
 from gaitd_lab.benchmark.burning import burners
-from gaitd_lab.benchmark.bus_times import Reaction, Syncs, TimedFrame, held, reaction, syncs
+from gaitd_lab.benchmark.bus_times import (
+    PERIOD_US,
+    Reaction,
+    Syncs,
+    TimedFrame,
+    held,
+    reaction,
+    syncs,
+)
+from gaitd_lab.benchmark.figures import Figure
 from gaitd_lab.process_memory import sample
 from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo, memory_folder
 from gaitd_lab.timed_service import TimedService
@@ -46,6 +56,7 @@ EMERGENCY: Final = "emcy_warning right/hip 0.2 0x2310"
 """The drive reports an overcurrent, and leaves the stop to the master."""
 FAILING: Final = 0
 US_PER_S: Final = 1e6
+NAN: Final = float("nan")
 PEER_START_S: Final = 30.0
 """Longest time to import, connect and map."""
 
@@ -80,41 +91,26 @@ class Cell:
     """EMCYs after which the other drive was not stopped within REACTION_S."""
     stopped_count: int = 0
     """Number of times that the master stopped holding by itself."""
-    trouble: str = ""
-    """True if it could not be measured."""
 
 
-def measure(
-    configs: Path,
-    seconds: float,
-    emergency_count: int,
-    round_count: int,
-    say: Callable[[str], None],
-) -> tuple[Cell, ...]:
-    """Measure all cells in turn.
-
-    Args:
-        configs: the project's folder of configurations.
-        seconds: duration of each cell in each round.
-        emergency_count: EMCYs in each cell and round.
-        round_count: number of rounds.
-        say: receives the name of the measured cell.
-    """
+def measure(configs: Path, seconds: float) -> list[Figure]:
+    """Measure all cells in turn, each in each round for so many seconds."""
     cells = {
         (master.name, loaded): Cell(master.name, loaded)
         for loaded in (False, True)
         for master in MASTERS
         if not master.realtime or _fifo_is_granted()
     }
-    for number in range(round_count):
+    for number in range(ROUND_COUNT):
         for (name, loaded), cell in cells.items():
-            say(f"{name}{', under load' if loaded else ''}, {number + 1} of {round_count}")
+            load = ", under load" if loaded else ""
+            print(f"measuring: {name}{load}, {number + 1} of {ROUND_COUNT}", file=sys.stderr)
             master = next(one for one in MASTERS if one.name == name)
             try:
-                measure_cell(cell, master, configs, seconds, emergency_count)
+                measure_cell(cell, master, configs, seconds, EMERGENCY_COUNT)
             except (ServiceError, TimeoutError, ValueError) as error:
-                cell.trouble = str(error)
-    return tuple(cells.values())
+                print(f"not measured: {name}: {error}", file=sys.stderr)
+    return figures(list(cells.values()))
 
 
 def _fifo_is_granted() -> bool:
@@ -289,7 +285,50 @@ def _listening(made: TimedService) -> Generator[Listener]:
 # --- figures --------------------------------------------------------------------------------------
 
 
-def median_of(cell: Cell, name: str) -> float:
+def _of_syncs(name: str) -> Callable[[Cell], float]:
     """Median over the rounds of one figure of `Syncs`; NaN if there is none."""
-    values = [getattr(one, name) for one in cell.syncs]
-    return statistics.median(values) if values else float("nan")
+    return lambda cell: statistics.median([getattr(one, name) for one in cell.syncs] or [NAN])
+
+
+ROWS: Final[tuple[tuple[str, str, Callable[[Cell], float]], ...]] = (
+    ("SYNC interval, standard deviation", "µs", _of_syncs("jitter_std_us")),
+    ("SYNC off 10 ms, 99 %", "µs", _of_syncs("jitter_p99_us")),
+    ("SYNC off 10 ms, worst", "µs", _of_syncs("jitter_worst_us")),
+    ("cycles without new commands", "of 1", _of_syncs("without_command_ratio")),
+    ("last TPDO to last command, median", "µs", _of_syncs("answer_median_us")),
+    (
+        "computing in a cycle",
+        "µs",
+        lambda cell: statistics.median(cell.cpu_ratio or [NAN]) * PERIOD_US,
+    ),
+    (
+        "EMCY to the other's quick stop on the bus, median",
+        "µs",
+        lambda cell: statistics.median([one.commanded_us for one in cell.reactions] or [NAN]),
+    ),
+    (
+        "EMCY until the other drive shows it, worst",
+        "µs",
+        lambda cell: max([one.shown_us for one in cell.reactions] or [NAN]),
+    ),
+    ("EMCYs without a quick stop", "", lambda cell: float(cell.unanswered_count)),
+)
+"""What is measured, its unit, and how it is found."""
+
+
+def figures(cells: Sequence[Cell]) -> list[Figure]:
+    """Each figure of ours beside that of python-canopen, by scheduling and load."""
+    found = {(cell.master, cell.loaded): cell for cell in cells}
+    return [
+        Figure(
+            what=f"{what}, {scheduling}{', under load' if loaded else ''}",
+            value=figure(found[f"gaitd, {scheduling}", loaded]),
+            unit=unit,
+            peer="python-canopen",
+            peer_value=figure(found[f"python-canopen, {scheduling}", loaded]),
+        )
+        for loaded in (False, True)
+        for scheduling in ("SCHED_FIFO", "plain")
+        if (f"gaitd, {scheduling}", loaded) in found
+        for what, unit, figure in ROWS
+    ]

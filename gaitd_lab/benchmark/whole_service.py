@@ -29,6 +29,7 @@ from gaitd_client.connection import Target, open_session
 
 from daemon.ipc.record import CycleRecord
 from gaitd_lab.benchmark import bare_put
+from gaitd_lab.benchmark.figures import Figure
 from gaitd_lab.process_memory import sample
 from gaitd_lab.processes import ServiceError, Tempo, free_port, tied
 from gaitd_lab.timed_service import (
@@ -43,51 +44,32 @@ READY_WITHIN_S: Final = 60.0
 FILLED_S: Final = 31.0
 """Time until the ring has been written once, so that all of its pages are resident."""
 CONNECT_S: Final = 1.0
-HIGH_RATIO: Final = 0.99
 NS_PER_US: Final = 1000
 
 
-class Service(NamedTuple):
-    """Results of the measurement."""
-
-    ready_s: float
-    """Time from the start of the core's process to mode ready."""
-    core_mb: float
-    """Resident memory, without the ring, once that has been written whole."""
-    gateway_mb: float
-    ring_mb: float
-    delivery: "Delivery"
-    bare: "Spread"
-    """Time from put to callback."""
-    delivery_ratio: float
-    """Ratio of the delivery time beyond the cycle's work to bare Zenoh; medians."""
-
-
-class Spread(NamedTuple):
-    """Median and 99 % of one time."""
-
-    median_us: float
-    high_us: float
-    """99 % are not longer."""
+READY_MAX_S: Final = 5.0
+CORE_MAX_MB: Final = 200.0
+GATEWAY_MAX_MB: Final = 120.0
+DELIVERY_RATIO_MAX: Final = 2.0
 
 
 class Delivery(NamedTuple):
-    """Time from the last TPDO to the callback, and its parts in order."""
+    """Medians of the time from the last TPDO to the callback, and of its parts in order, µs."""
 
-    whole: Spread
-    work: Spread
+    whole_us: float
+    work_us: float
     """Work of the core's cycle: decode to frames sent."""
-    beyond: Spread
+    beyond_us: float
     """All time after the work."""
-    ipc: Spread
+    ipc_us: float
     """Record into the ring, the gateway's wake-up, and the encoding of the message."""
     gateway_us: float
-    """From the gateway's wake-up to the message, as in `health`; median."""
-    zenoh: Spread
+    """From the gateway's wake-up to the message, as in `health`."""
+    zenoh_us: float
     """Time from put to callback."""
 
 
-def measure(configs: Path, seconds: float) -> Service:
+def measure(configs: Path, seconds: float) -> list[Figure]:
     """Start everything twice: the first start warms the caches.
 
     Raises:
@@ -99,13 +81,39 @@ def measure(configs: Path, seconds: float) -> Service:
         filled_s = time.monotonic() + FILLED_S
         _step_back(made.parts["sim"].pid)
         delivery, size = _delivery(made, seconds)
-        bare = bare_puts(size, seconds)
+        bare_us = bare_puts(size, seconds)
         time.sleep(max(filled_s - time.monotonic(), 0.0))
         core, gateway = (sample(made.parts[part].pid, 0.0) for part in ("core", "gateway"))
     if core is None or gateway is None:
         raise ServiceError("core or gateway has ended")
-    ratio = delivery.beyond.median_us / bare.median_us
-    return Service(ready_s, core.rss_mb, gateway.rss_mb, core.ring_mb, delivery, bare, ratio)
+    ready = Figure(what="start to ready", value=ready_s, unit="s", at_most=READY_MAX_S)
+    return [ready, *_memory(core.rss_mb, gateway.rss_mb), *_figures(delivery, bare_us)]
+
+
+def _memory(core_mb: float, gateway_mb: float) -> tuple[Figure, Figure]:
+    """Resident memory, without the ring, once that has been written whole."""
+    return (
+        Figure(what="memory of the core", value=core_mb, unit="MB", at_most=CORE_MAX_MB),
+        Figure(what="memory of the gateway", value=gateway_mb, unit="MB", at_most=GATEWAY_MAX_MB),
+    )
+
+
+def _figures(delivery: Delivery, bare_us: float) -> tuple[Figure, ...]:
+    return (
+        Figure(
+            what="delivery to a subscriber, beyond the work of the cycle",
+            value=delivery.beyond_us,
+            unit="µs",
+            peer="bare Zenoh",
+            peer_value=bare_us,
+            at_most=DELIVERY_RATIO_MAX,
+        ),
+        Figure(what="delivery: work of the cycle", value=delivery.work_us, unit="µs"),
+        Figure(what="delivery: ring and wake-up", value=delivery.ipc_us, unit="µs"),
+        Figure(what="delivery: gateway", value=delivery.gateway_us, unit="µs"),
+        Figure(what="delivery: Zenoh", value=delivery.zenoh_us, unit="µs"),
+        Figure(what="last TPDO to subscriber", value=delivery.whole_us, unit="µs"),
+    )
 
 
 def _step_back(pid: int) -> None:
@@ -174,15 +182,13 @@ def divide(
     if not rows:
         raise ServiceError(f"none of {len(came)} messages belongs to one of {len(records)} records")
     ipc_ns = [beyond - zenoh_ns - gateway_us * NS_PER_US for *_, beyond, zenoh_ns in rows]
-    whole, work, beyond, zenoh_part = map(spread, zip(*rows, strict=True))
-    return Delivery(whole, work, beyond, spread(ipc_ns), gateway_us, zenoh_part)
+    whole_us, work_us, beyond_us, zenoh_us = map(median_us, zip(*rows, strict=True))
+    return Delivery(whole_us, work_us, beyond_us, median_us(ipc_ns), gateway_us, zenoh_us)
 
 
-def spread(times_ns: Sequence[float]) -> Spread:
-    """Return median and 99 %."""
-    ordered = sorted(times_ns)
-    high_ns = ordered[int(HIGH_RATIO * (len(ordered) - 1))]
-    return Spread(statistics.median(ordered) / NS_PER_US, high_ns / NS_PER_US)
+def median_us(times_ns: Sequence[float]) -> float:
+    """Return the median in µs."""
+    return statistics.median(times_ns) / NS_PER_US
 
 
 def _subscribe(session: zenoh.Session, key: str, came: list[ReceivedMessage]) -> None:
@@ -195,8 +201,8 @@ def _subscribe(session: zenoh.Session, key: str, came: list[ReceivedMessage]) ->
     session.declare_subscriber(key, receive)
 
 
-def bare_puts(size: int, seconds: float) -> Spread:
-    """Measure put to callback of a process that does nothing else.
+def bare_puts(size: int, seconds: float) -> float:
+    """Median time from put to callback of a process that does nothing else, µs.
 
     Raises:
         ServiceError: no message came.
@@ -213,4 +219,4 @@ def bare_puts(size: int, seconds: float) -> Spread:
         raise ServiceError(
             f"a process that only puts ended with {putting.returncode}: nothing came"
         )
-    return spread([one.time_ns - bare_put.stamp_of(one.payload) for one in came])
+    return median_us([one.time_ns - bare_put.stamp_of(one.payload) for one in came])

@@ -1,12 +1,11 @@
 """The masters are compared by what a third station hears; no time of this run is judged."""
 
-import json
+import math
 from pathlib import Path
 
 import pytest
 
-from gaitd.command_line import json_text
-from gaitd_lab.benchmark import bus_times, peer_table, peers
+from gaitd_lab.benchmark import bus_times, peers
 from gaitd_lab.benchmark.bus_times import Reaction, TimedFrame
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -102,13 +101,14 @@ def test_the_peer_holds_both_drives_and_stops_the_other_one_after_an_emergency(c
     assert len(cell.reactions) + cell.unanswered_count == 1
 
 
-@pytest.mark.realtime
-def test_the_table_has_a_column_for_each_master_and_json_has_the_ratios(cell):
-    cells = (cell, peers.Cell("gaitd, plain", loaded=True, trouble="it would not hold"))
+def test_each_figure_of_ours_is_beside_that_of_the_peer_with_the_same_scheduling_and_load():
+    ours = peers.Cell("gaitd, plain", loaded=True, reactions=[Reaction(1500.0, 9000.0)])
+    theirs = peers.Cell("python-canopen, plain", loaded=True, reactions=[Reaction(1000.0, 4500.0)])
 
-    shown = peer_table.tables("masters", cells)
-    told = json_text({"cells": cells, "ratios": peer_table.ratios(cells)})
+    figures = {one.what: one for one in peers.figures([ours, theirs])}
 
-    assert len(shown) == 2
-    assert "it would not hold" in str(shown[1].caption)
-    assert json.loads(told)["cells"][0]["master"] == "python-canopen, plain"
+    assert len(figures) == len(peers.ROWS)
+    commanded = figures["EMCY to the other's quick stop on the bus, median, plain, under load"]
+    assert (commanded.value, commanded.ratio) == (1500.0, 1.5)
+    assert figures["EMCY until the other drive shows it, worst, plain, under load"].ratio == 2.0
+    assert math.isnan(figures["SYNC off 10 ms, worst, plain, under load"].value)
