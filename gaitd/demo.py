@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 SHORTEST_S = 6.0
 GAIT_S, TIRING_S = 55.0, 120.0
 """Movement by default, without and with `--tiring`."""
+SESSION_PACE = "1.5"
+"""Pace of a session with a scripted patient alone: it takes less than a minute."""
 PICTURE = Path("out") / "demo.png"
 PRINT_EVERY_S = 1.0
 DRAW_EVERY_S = 0.25
@@ -45,8 +47,12 @@ def command(
         Path, typer.Option(metavar="PNG", help="where the picture goes; none of --session")
     ] = PICTURE,
     pace: Annotated[
-        str, typer.Option(help="of simulated time: a multiple of real time, or max")
-    ] = "1",
+        str | None,
+        typer.Option(
+            help="of simulated time: a multiple of real time, or max; by default 1, and"
+            f" {SESSION_PACE} for a --session without --hands-on"
+        ),
+    ] = None,
     wall_clock: Annotated[
         bool, typer.Option("--wall-clock", help="by the computer's clock: shows its lateness")
     ] = False,
@@ -114,7 +120,8 @@ def command(
         is_headless = headless or as_json or not sys.stdout.isatty()
         if training and not is_headless:
             time.sleep(READ_S)
-        performance = Performance(configs, plan, Tempo(pace, wall_clock), engineer, training)
+        tempo = Tempo(pace or (SESSION_PACE if session and not hands_on else "1"), wall_clock)
+        performance = Performance(configs, plan, tempo, engineer, training)
         results = performance.play(_Lines()) if is_headless else _watch(performance)
         picture = None if session else plot.resolve()
         if picture:
@@ -127,19 +134,22 @@ def command(
     raise typer.Exit(0 if results.passed else 1)
 
 
-def _refuse(pace: str, *, wall_clock: bool, tiring: bool, session: bool, hands_on: bool) -> None:
+def _refuse(
+    pace: str | None, *, wall_clock: bool, tiring: bool, session: bool, hands_on: bool
+) -> None:
     from daemon.config.strict import COMMAND_LINE, ConfigError
     from sim_drives.time.server import parse_pace
 
-    try:
-        parse_pace(pace)
-    except ValueError as error:
-        raise ConfigError(COMMAND_LINE, "--pace", pace, str(error)) from error
-    if wall_clock and pace != "1":
-        raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --wall-clock")
-    if tiring and pace != "1":
-        # The controller answers by the computer's time: a setpoint older than 100 ms is refused.
-        raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --tiring")
+    if pace is not None:
+        try:
+            parse_pace(pace)
+        except ValueError as error:
+            raise ConfigError(COMMAND_LINE, "--pace", pace, str(error)) from error
+        if wall_clock:
+            raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --wall-clock")
+        if tiring:
+            # The controller answers by the computer's time: a setpoint older than 100 ms is refused
+            raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --tiring")
     if tiring and session:
         raise ConfigError(COMMAND_LINE, "--session", "given", "nothing with --tiring")
     if hands_on and not session:

@@ -9,6 +9,7 @@ the cycles up to the same instant on each run.
 import contextlib
 import time
 from collections.abc import Generator, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -199,8 +200,8 @@ class Performance:
                     beside.check()
             receiver.connect()
             tail.read()
-            self._screen.show(self._moment(receiver, where))
-            where.time.turn(gateway_is_there=receiver.is_connected)
+            shown = partial(self._screen.show, self._moment(receiver, where))
+            where.time.turn(shown, gateway_is_there=receiver.is_connected)
             self._look_at(where)
             receiver.catch_up(self._now_ns)
             began_ns = where.time.began_ns or self._now_ns

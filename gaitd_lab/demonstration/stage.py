@@ -10,7 +10,8 @@ import shutil
 import tempfile
 import time
 import tomllib
-from collections.abc import Generator
+from collections.abc import Callable, Generator
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path
@@ -70,6 +71,7 @@ class StageTime:
         self._page = PageClock(channel)
         self._hand = SocketLink(channel, Role.HAND, HAND_NAME)
         self._link = SocketLink(channel, Role.IN_STEP, SEAT_NAME)
+        self._threads = ThreadPoolExecutor(1, "time")
         self._has_begun = False
         self._made_wall_s = time.monotonic()
         self.began_ns = 0
@@ -92,12 +94,21 @@ class StageTime:
             return None
         return (self.now_ns() - self.began_ns) * 1e-9 / wall_s
 
-    def turn(self, *, gateway_is_there: bool) -> None:
+    def turn(self, meanwhile: Callable[[], None], *, gateway_is_there: bool) -> None:
         """Let a turn pass: by the computer's time until the act begins, then in the act's.
+
+        Args:
+            meanwhile: is called while it passes: a live view takes as long to draw as half a turn.
+            gateway_is_there: the gateway is connected.
 
         Raises:
             ServiceError: core and gateway have not come in time.
         """
+        passing = self._threads.submit(self._turn, gateway_is_there=gateway_is_there)
+        meanwhile()
+        passing.result()
+
+    def _turn(self, *, gateway_is_there: bool) -> None:
         try:
             if self._has_begun or (gateway_is_there and self._core_is_there()):
                 self._pass()
@@ -109,7 +120,8 @@ class StageTime:
         time.sleep(TURN_S)
 
     def close(self) -> None:
-        """Give up the seat."""
+        """Give up the seat; a turn that still passes ends with it, or with the virtual drives."""
+        self._threads.shutdown(wait=False)
         self._link.close()
         self._hand.close()
 

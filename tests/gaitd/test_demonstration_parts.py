@@ -5,6 +5,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 import tomllib
 from pathlib import Path
@@ -169,7 +170,19 @@ def test_a_core_that_does_not_come_ends_the_demonstration(tmp_path, monkeypatch)
     passing = StageTime(tmp_path / "bus", 0, Tempo())
 
     with pytest.raises(ServiceError, match="core and gateway are not there"):
-        passing.turn(gateway_is_there=False)
+        passing.turn(lambda: None, gateway_is_there=False)
+    passing.close()
+
+
+def test_the_view_is_drawn_while_time_passes(tmp_path, monkeypatch):
+    drawn, ended = threading.Event(), []
+    monkeypatch.setattr(stage.time, "sleep", lambda _: ended.append(drawn.wait(10)))
+    passing = StageTime(tmp_path / "bus", 0, Tempo())
+
+    passing.turn(drawn.set, gateway_is_there=False)
+
+    assert ended == [True], "drawn before the turn has ended"
+    passing.close()
 
 
 def test_a_process_that_dies_is_reported_with_its_last_words(tmp_path):
