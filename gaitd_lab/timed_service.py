@@ -39,12 +39,12 @@ class TimeControl:
             channel: socket of the virtual drives.
             wall_clock: time is the computer's.
         """
-        self._channel, self.is_wall_clock = channel, wall_clock
+        self._is_wall_clock = wall_clock
         self._link = SocketLink(channel, Role.HAND, "laboratory")
         self._clock = PageClock(channel)
 
     def hold(self) -> None:
-        """Hold simulated time from now on, except in `turn`; waits for the virtual drives.
+        """Hold simulated time from now on, but for commands `run`; waits for the virtual drives.
 
         Raises:
             LinkLostError: they do not answer.
@@ -58,29 +58,12 @@ class TimeControl:
                 if time.monotonic() > end_s:
                     raise
                 time.sleep(_POLL_S)
-        if not self.is_wall_clock:
+        if not self._is_wall_clock:
             self._link.command("hold")
 
     def now_s(self) -> float:
         """Time of the core's clock."""
         return self._clock.now_ns() * 1e-9
-
-    def turn(self, duration_s: float, *, in_haste: bool) -> None:
-        """Let time pass.
-
-        Args:
-            duration_s: the time that passes.
-            in_haste: as fast as it can where it is simulated; else no faster than the computer's,
-                because something that uses the computer's time must keep up.
-
-        Raises:
-            LinkLostError: the virtual drives have ended.
-        """
-        begun_s = time.monotonic()
-        if not self.is_wall_clock:
-            self._link.command(f"run {duration_s:.6f}")
-        if self.is_wall_clock or not in_haste:
-            time.sleep(max(duration_s - (time.monotonic() - begun_s), 0.0))
 
     def command_drives(self, words: str) -> None:
         """Send commands to the virtual drives, one a line, at this instant.

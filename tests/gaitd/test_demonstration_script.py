@@ -1,5 +1,7 @@
 import pytest
+from gaitd_session import Advice, Button, Phase
 
+from gaitd_lab.demonstration import training_script
 from gaitd_lab.demonstration.script import (
     PAPER_S,
     Ask,
@@ -281,6 +283,13 @@ class Page:
 
     def buttons(self):
         return ("start", "end") if self.may_start() else ("end",)
+
+
+def test_the_words_of_the_scripted_patient_are_those_of_the_session():
+    assert set(Advice) > training_script.HOLDS | training_script.LETS_GO | training_script.LOST
+    assert {*training_script.TITLES, training_script.FINISHED} == set(Phase)
+    assert training_script.WALKING in training_script.TITLES
+    assert training_script.START == Button.START
 
 
 def kinds(did, kind):

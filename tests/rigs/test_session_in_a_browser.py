@@ -65,6 +65,7 @@ def test_both_pages_show_a_session_that_is_walked(chromium, pytestconfig):
         assert therapist.page.locator("input[type=password]").count() == 0
         until(demo, "3 blocks walked, no interruption")
         for tab in (patient, therapist):
+            assert tab.errors == []
             assert tab.foreign == []
             tab.page.close()
     assert demo.returncode == 0

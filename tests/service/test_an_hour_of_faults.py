@@ -40,12 +40,17 @@ def test_an_hour_of_gait_and_faults_has_no_stop_that_nothing_explains_and_no_gro
     assert found.monitor.cycle_count > 0.5 * DURATION_S / 0.01
     assert len(found.monitor.stops) > 100
     assert found.outcomes["mode done"] > 100
+    assert found.lost_count == 0, "a record that was not read may be a stop"
+    lived_long = set()
     for (part, _), samples in found.memory.items():
         growth = growth_mb_per_h(samples)
         print(part, f"{samples[-1].rss_mb:.0f} MB, {growth} MB/h", file=sys.stderr)
         if part in MOST_MB:
             assert samples[-1].rss_mb <= MOST_MB[part]
-            assert growth is None or growth <= GROWTH_MAX_MB_PER_H
+            if growth is not None:
+                assert growth <= GROWTH_MAX_MB_PER_H
+                lived_long.add(part)
+    assert lived_long == set(MOST_MB), "a process of each has lived long enough to grow"
 
 
 # --- what would make it blind -------------------------------------------------------------------

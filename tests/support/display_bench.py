@@ -243,9 +243,9 @@ class MessageTrainer:
             filled(wire.Health, bus_load_ratio=0.31, lateness_max_us=420.0, overrun_count=0),
         )
 
-    def step(self, number, share, work, leg="right", against=0.0):
+    def step(self, number, share, work, leg="right"):
         given = {"leg": leg, "number": number, "core_boot_id": "boot", "mode": "gait"}
-        works = {"work_positive_j": work, "work_negative_j": -against}
+        works = {"work_positive_j": work, "work_negative_j": 0.0}
         self.send(f"{leg}/stride", filled(Stride, share_ratio=share, **works, **given))
 
     # --- requests ---------------------------------------------------------------------------

@@ -72,6 +72,16 @@ class SoakedService(TimedService):
         self._expected_dead.add(part)
         super().kill(part, number)
 
+    def turn(self, duration_s, *, in_haste):
+        """Let time pass, as fast as it can or no faster than the computer's.
+
+        What uses the computer's time, a restart or a halted process, must keep up.
+        """
+        begun_s = time.monotonic()
+        self.time.command_drives(f"run {duration_s:.6f}")
+        if not in_haste:
+            time.sleep(max(duration_s - (time.monotonic() - begun_s), 0.0))
+
     def halt(self, part, *, on):
         """Stop a process, or let it go on until it waits again: no simulated time passes here."""
         process = self.parts[part]
@@ -264,6 +274,8 @@ class Soaked:
     memory: dict = field(default_factory=dict)
     """Samples of each process, by its part and process id."""
     exit_codes: dict = field(default_factory=dict)
+    lost_count: int = 0
+    """Records that were overwritten before they were read."""
 
 
 class Soak:
@@ -300,6 +312,7 @@ class Soak:
             self._flood.end()
             self._requests.close()
         self._made.end()
+        self._found.lost_count = self._tail.lost_count
         self._found.exit_codes = {name: one.returncode for name, one in self._made.parts.items()}
         return self._found
 
@@ -309,7 +322,7 @@ class Soak:
     def _turn(self):
         fault = self._fault and self._fault.drawn
         in_haste = self._has_walked and (fault is None or fault.actor not in BY_PROCESS)
-        self._time.turn(self._turn_s(), in_haste=in_haste)
+        self._made.turn(self._turn_s(), in_haste=in_haste)
         now_s = self._time.now_s()
         self._monitor.read(self._tail.read(), now_s - self._begun_s, fault)
         self._made.restart_ended()
@@ -368,7 +381,7 @@ class Soak:
             case Actor.HALT:
                 self._made.halt(drawn.words, on=True)
                 if drawn.duration_s < TURN_S:
-                    self._time.turn(drawn.duration_s, in_haste=True)
+                    self._made.turn(drawn.duration_s, in_haste=True)
                     self._made.halt(drawn.words, on=False)
             case Actor.FLOOD:
                 self._flood.begin(drawn.duration_s)

@@ -267,6 +267,7 @@ def test_a_resisting_patient_is_guided_and_not_pushed_hard(warm_gym):
     walk = warm_gym.walk(resisting, 9)
 
     is_helped_well(walk)
+    assert stiffness(walk)[2] > 0.85
     assert min(stiffness(walk)[2:]) > 0.8
     assert (walk.peaks() < 0.6 * CAP).all()
 
