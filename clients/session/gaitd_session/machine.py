@@ -265,8 +265,8 @@ class TrainerState(NamedTuple):
     """Text and remedy of the cause; empty without one."""
     has_power: bool
     """A drive may exert torque, or its power state is not known."""
-    hand_switch_held: bool
-    """Every drive reads the hand switch as closed."""
+    hand_switch_held: bool | None
+    """Every drive reads the hand switch as closed, or one does not; None: not each has said it."""
     self_test_passed: bool = False
     """The self-test that was requested last has been passed by each axis of the legs."""
     unseen_cycle_count: int = 0
@@ -438,7 +438,7 @@ def _trainer_event(state: State, inputs: Inputs, _now_s: float) -> Event | None:
     is_followed = state.phase is Phase.NO_SIGNAL and state.may_follow
     if (state.phase in ACTIVE or is_followed) and trainer.boot_id != state.boot_id:
         return Event.RESTARTED
-    if state.phase in ACTIVE and not trainer.hand_switch_held:
+    if state.phase in ACTIVE and trainer.hand_switch_held is False:
         return Event.LET_GO
     if trainer.mode == Mode.GAIT:
         is_ours = not state.self_test_due and (state.phase is not Phase.NO_SIGNAL or is_followed)
@@ -486,11 +486,12 @@ def _answer_event(state: State, inputs: Inputs, _now_s: float) -> Event | None:
     return Event.FAILED if answer.failure else None
 
 
-def _time_event(state: State, _inputs: Inputs, now_s: float) -> Event | None:
+def _time_event(state: State, inputs: Inputs, now_s: float) -> Event | None:
     elapsed_s = now_s - state.since_s
     match state.phase:
         case Phase.ANNOUNCED:
-            return Event.ANNOUNCE_OVER if elapsed_s >= ANNOUNCE_S else None
+            is_held = inputs.trainer is not None and inputs.trainer.hand_switch_held
+            return Event.ANNOUNCE_OVER if is_held and elapsed_s >= ANNOUNCE_S else None
         case Phase.ENABLING | Phase.STARTING:
             return Event.LATE if elapsed_s >= LATE_S else None
         case Phase.SELF_TEST:

@@ -250,6 +250,10 @@ class Session:
         known = [drive for drive in drives if not isinstance(drive, NotValid)]
         if len(known) < len(drives):
             return None
+        # A message that is not fresh tells what was before: it proves nothing.
+        fresh = [drive for drive in known if drive.fresh]
+        are_all_fresh = len(fresh) == len(drives)
+        is_open = any(drive.hand_switch_closed is not True for drive in fresh)
         self._utc_ns = safety.sample_time_ns or self._utc_ns
         before, self._seen = (
             self._seen,
@@ -267,8 +271,9 @@ class Session:
             stage=safety.stage,
             cause=verdict.cause,
             reason=f"{verdict.text}: {verdict.remedy}" if verdict.text else "",
-            has_power=any(drive.power_state not in WITHOUT_POWER for drive in known),
-            hand_switch_held=all(drive.hand_switch_closed is True for drive in known),
+            has_power=not are_all_fresh
+            or any(drive.power_state not in WITHOUT_POWER for drive in fresh),
+            hand_switch_held=False if is_open else are_all_fresh or None,
             self_test_passed=self._passed >= self._axes,
             unseen_cycle_count=self._seen[1] - before[1] if is_same_core else 0,
         )

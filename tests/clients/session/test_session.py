@@ -72,8 +72,9 @@ class Trainer:
         )
 
     def drive(self, _name):
-        held = SimpleNamespace(hand_switch_closed=True, power_state="switch_on_disabled", cycle=0)
-        self.held = held
+        self.held = held = SimpleNamespace(
+            hand_switch_closed=True, power_state="switch_on_disabled", cycle=0, fresh=True
+        )
         return Stream(lambda: held)
 
     def events(self, *, history_count):
@@ -300,6 +301,22 @@ def test_a_look_that_comes_late_is_no_silence_and_a_training_goes_on(history):
     for _ in range(LATE_LOOKS_MAX):
         assert bench.step(after_s=0.3).phase is Phase.ANNOUNCED
     assert bench.step(after_s=0.3).phase is Phase.NO_SIGNAL  # a program that is always late
+
+
+def test_what_a_drive_said_before_neither_begins_nor_ends_a_motion(history):
+    bench = Bench(history)
+    for mode in (Mode.READY, Mode.FAULT):
+        bench.trainer.mode_now, bench.trainer.held.fresh = mode, True
+        assert Button.START in bench.step().buttons
+        bench.trainer.held.fresh = False
+        assert Button.START not in bench.step().buttons
+
+    bench.trainer.mode_now, bench.trainer.held.fresh = Mode.READY, True
+    bench.walk()
+    bench.trainer.held.fresh = bench.trainer.held.hand_switch_closed = False
+    assert bench.step().phase is Phase.WALKING
+    bench.trainer.held.fresh = True
+    assert bench.step().phase is Phase.PAUSED
 
 
 def test_a_press_counts_in_a_look_that_comes_late(history):
