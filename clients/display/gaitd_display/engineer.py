@@ -3,7 +3,6 @@
 The only query that it sends is for the configuration, which has the geometry of the mechanism.
 """
 
-import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, Callable, Coroutine
 from pathlib import Path
@@ -15,7 +14,6 @@ from gaitd_client import (
     DriveState,
     Estimate,
     Health,
-    NoAnswerError,
     NotValid,
     Safety,
     Stream,
@@ -45,10 +43,18 @@ from gaitd_display.geometry import Geometry, geometry_of
 from gaitd_display.settings import EngineerSettings
 from gaitd_display.therapist_view import event_item, stride_item
 from gaitd_display.truth import TruthFile
-from gaitd_display.web import STATIC, Served, connected, json, live, make_app, working
+from gaitd_display.web import (
+    STATIC,
+    Served,
+    connected,
+    follow_configuration,
+    json,
+    live,
+    make_app,
+    working,
+)
 
 LEGS: Final = ("right", "left")
-CONFIGURATION_POLL_S: Final = 1.0
 
 
 class _Streams(NamedTuple):
@@ -93,7 +99,8 @@ class EngineerServer:
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
         async with connected(self._trainer):
-            works = [self._follow_configuration(), *self._subscribe()]
+            configuration = follow_configuration(self._trainer, lambda: self._boot_id, self._use)
+            works = [configuration, *self._subscribe()]
             async with working(self.feed.run(), *works):
                 yield
         for truth in self._truths.values():
@@ -163,27 +170,11 @@ class EngineerServer:
         self._memory.add_row(leg, row)
         return row
 
-    # --- configuration --------------------------------------------------------------------------
-
-    async def _follow_configuration(self) -> None:
-        """Read the configuration of each new core."""
-        read_of: str | None = None
-        while True:
-            boot_id = self._boot_id
-            if boot_id is not None and boot_id != read_of:
-                configuration = await asyncio.to_thread(self._configuration)
-                if configuration is not None:
-                    read_of = boot_id
-                    self._use(configuration)
-            await asyncio.sleep(CONFIGURATION_POLL_S)
-
-    def _configuration(self) -> Configuration | None:
-        try:
-            return self._trainer.configuration()
-        except NoAnswerError:
-            return None
-
-    def _use(self, configuration: Configuration) -> None:
+    def _use(self, configuration: Configuration | None) -> None:
+        """Take the configuration of the running core; None: it has not answered."""
+        if configuration is None:
+            self._legs, self._geometry = (), None
+            return
         self._legs = tuple(leg for leg in LEGS if leg in configuration.leg_names)
         self._geometry = geometry_of(configuration.robot, configuration.limits)
         paths = truth_paths(self._settings.truth, self._legs)

@@ -13,9 +13,7 @@ from typing import Any, Final
 import msgspec
 from gaitd_client import (
     Clock,
-    Configuration,
     Event,
-    NoAnswerError,
     NotValid,
     Reply,
     Stream,
@@ -44,6 +42,7 @@ from gaitd_display.web import (
     Stops,
     ask,
     connected,
+    follow_configuration,
     json,
     live,
     make_app,
@@ -52,7 +51,6 @@ from gaitd_display.web import (
     working,
 )
 
-CONFIGURATION_POLL_S: Final = 1.0
 SETTLED_NS: Final = 1_500_000_000
 """So long a button that begins something is not yet offered, where what it begins has changed."""
 
@@ -144,7 +142,10 @@ class PatientServer:
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
         async with connected(self._trainer):
-            works = [self._follow_configuration(), *self._subscribe()]
+            configuration = follow_configuration(
+                self._trainer, lambda: self.state.boot_id, self.state.use
+            )
+            works = [configuration, *self._subscribe()]
             async with working(self.feed.run(), *works), self._trained():
                 yield
         self._stops.close()
@@ -206,22 +207,6 @@ class PatientServer:
         if training is not None:
             training = msgspec.structs.replace(training, buttons=self._buttons)
         return msgspec.structs.replace(view, action=self._action, training=training)
-
-    async def _follow_configuration(self) -> None:
-        """Read the configuration of each new core; the way out depends on it."""
-        known: str | None = None
-        while True:
-            boot_id = self.state.boot_id
-            if boot_id is not None and boot_id != known:
-                self.state.use(await asyncio.to_thread(self._configuration))
-                known = boot_id if self.state.configuration is not None else None
-            await asyncio.sleep(CONFIGURATION_POLL_S)
-
-    def _configuration(self) -> Configuration | None:
-        try:
-            return self._trainer.configuration()
-        except NoAnswerError:
-            return None
 
     async def _page(self, _request: Request) -> Response:
         return page("patient", "figure", "patient", is_stop_first=True)

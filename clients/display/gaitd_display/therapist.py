@@ -9,7 +9,6 @@ from typing import Annotated, Any, Final
 import msgspec
 from gaitd_client import (
     Clock,
-    Configuration,
     Estimate,
     Mode,
     NoAnswerError,
@@ -30,9 +29,7 @@ from starlette.websockets import WebSocket
 from gaitd_display.controls import Command
 from gaitd_display.event_texts import Spoken, refusal_text, spoken
 from gaitd_display.feed import Feed
-from gaitd_display.geometry import geometry_of
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
-from gaitd_display.plan_ranges import plan_ranges
 from gaitd_display.progress import read_progress
 from gaitd_display.settings import TherapistSettings
 from gaitd_display.therapist_view import (
@@ -51,6 +48,7 @@ from gaitd_display.web import (
     Stops,
     ask,
     connected,
+    follow_configuration,
     json,
     live,
     make_app,
@@ -63,7 +61,6 @@ COOKIE: Final = "__Host-gaitd"
 CSRF_HEADER: Final = "x-csrf-token"
 STYLES: Final = ("figure", "therapist")
 PLAN_POLL_S: Final = 2.0
-CONFIGURATION_POLL_S: Final = 1.0
 SESSION_POLL_S: Final = 1.0
 
 
@@ -140,7 +137,10 @@ class TherapistServer:
     @contextlib.asynccontextmanager
     async def _lifespan(self, _app: Starlette) -> AsyncGenerator[None]:
         async with connected(self._trainer):
-            works = [self._follow_plan(), self._follow_configuration(), *self._subscribe()]
+            configuration = follow_configuration(
+                self._trainer, lambda: self._boot_id, self.state.use
+            )
+            works = [self._follow_plan(), configuration, *self._subscribe()]
             async with working(self.feed.run(), *works):
                 yield
         self._stops.close()
@@ -181,26 +181,6 @@ class TherapistServer:
                 status = await asyncio.to_thread(self._status)
             self.state.plan = UNKNOWN_PLAN if status is None else plan_view(status.plan)
             await asyncio.sleep(PLAN_POLL_S)
-
-    async def _follow_configuration(self) -> None:
-        """Read the configuration of each new core: geometry, and what a plan may allow."""
-        read_of: str | None = None
-        while True:
-            boot_id = self._boot_id
-            if boot_id is not None and boot_id != read_of:
-                configuration = await asyncio.to_thread(self._configuration)
-                if configuration is not None:
-                    read_of = boot_id
-                    limits = configuration.limits
-                    self.state.geometry = geometry_of(configuration.robot, limits)
-                    self.state.ranges = plan_ranges(limits)
-            await asyncio.sleep(CONFIGURATION_POLL_S)
-
-    def _configuration(self) -> Configuration | None:
-        try:
-            return self._trainer.configuration()
-        except NoAnswerError:
-            return None
 
     def _status(self) -> Status | None:
         try:

@@ -8,6 +8,7 @@ import msgspec
 from gaitd_client import (
     Activity,
     Cause,
+    Configuration,
     DriveState,
     Estimate,
     Event,
@@ -26,7 +27,7 @@ from gaitd_display.controls import Control, Requestable, controls
 from gaitd_display.drives import Drives, situation_of, together
 from gaitd_display.engineer_view import DriveView, drive_view
 from gaitd_display.event_texts import Spoken, event_remedy, event_text, spoken, subject_text
-from gaitd_display.geometry import Geometry
+from gaitd_display.geometry import Geometry, geometry_of
 from gaitd_display.plan_ranges import Range, plan_ranges
 from gaitd_display.stop_texts import stop_key
 
@@ -248,8 +249,18 @@ class TherapistState:
         """
         self._alarm, self._has_session = Alarm(run_id), has_session
         self.plan = UNKNOWN_PLAN
-        self.geometry: Geometry | None = None
-        self.ranges = plan_ranges({})
+        self._geometry: Geometry | None = None
+        self._ranges = plan_ranges({})
+
+    def use(self, configuration: Configuration | None) -> None:
+        """Take the configuration of the running core: the geometry, and what a plan may allow.
+
+        Args:
+            configuration: None: the core has not answered.
+        """
+        limits = {} if configuration is None else configuration.limits
+        self._geometry = configuration and geometry_of(configuration.robot, limits)
+        self._ranges = plan_ranges(limits)
 
     def view(
         self,
@@ -298,8 +309,8 @@ class TherapistState:
             sto_released=now.sto_released,
             health=health_view(health),
             plan=self.plan if known else UNKNOWN_PLAN,
-            geometry=self.geometry,
-            ranges=self.ranges,
+            geometry=self._geometry,
+            ranges=self._ranges,
             active=self._alarm.was_active,
             alarm=alarm,
         )

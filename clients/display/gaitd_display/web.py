@@ -20,7 +20,14 @@ from typing import Any, Final, NamedTuple
 import anyio
 import msgspec
 import uvicorn
-from gaitd_client import ClientError, Reply, RequestRefusedError, Trainer
+from gaitd_client import (
+    ClientError,
+    Configuration,
+    NoAnswerError,
+    Reply,
+    RequestRefusedError,
+    Trainer,
+)
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect, Request
@@ -41,6 +48,7 @@ FRAME: Final = ("tokens", "frame")
 BODY_MAX_BYTES: Final = 4096
 STOPS_MAX: Final = 8
 """Stops that may wait for their answer; each has a thread, so that no other request delays one."""
+CONFIGURATION_POLL_S: Final = 1.0
 PING_S: Final = 2.0
 BACKLOG: Final = 128
 """Connections that may wait to be accepted."""
@@ -267,6 +275,35 @@ async def connected(trainer: Trainer) -> AsyncGenerator[None]:
         yield
     finally:
         await asyncio.to_thread(trainer.__exit__, None, None, None)
+
+
+async def follow_configuration(
+    trainer: Trainer,
+    boot_id: Callable[[], str | None],
+    use: Callable[[Configuration | None], None],
+) -> None:
+    """Read the configuration of each new core, until cancelled.
+
+    Args:
+        trainer: connected.
+        boot_id: returns the boot id of the running core; None: not known.
+        use: gets the configuration; None as long as a new core does not answer.
+    """
+    read_of: str | None = None
+    while True:
+        running = boot_id()
+        if running is not None and running != read_of:
+            configuration = await asyncio.to_thread(_configuration, trainer)
+            read_of = None if configuration is None else running
+            use(configuration)
+        await asyncio.sleep(CONFIGURATION_POLL_S)
+
+
+def _configuration(trainer: Trainer) -> Configuration | None:
+    try:
+        return trainer.configuration()
+    except NoAnswerError:
+        return None
 
 
 @contextlib.asynccontextmanager
