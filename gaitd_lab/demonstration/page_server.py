@@ -12,9 +12,9 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-from gaitd_client import MonotonicClock, NotValid, Trainer
+from gaitd_client import NotValid
 
 from daemon.system.clock import AgeClock
 from simtime.clock import PageClock
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from gaitd_client.wire import Estimate
-    from gaitd_display.settings import Link as TrainerLink
-    from gaitd_display.settings import Web
 
 TURN_NS: Final = 30_000_000
 """Time that may pass beyond what was received; with the 100 ms between two messages of a drive less
@@ -89,48 +87,15 @@ def main(kind: str, file: Path, channel: Path, leg: str) -> None:
         channel: socket of the act's simulated bus.
         leg: a leg of the trainer.
     """
+    from gaitd_display.__main__ import server_of
     from gaitd_display.web import serve
 
     clock = PageClock(channel)
-    trainer, app, web = _server(kind, file, clock)
+    made = server_of(kind, file, clock, clock.utc_ahead_ns)
     link = SocketLink(channel, Role.IN_STEP, f"{kind}'s page")
-    seat = Seat(link, clock, trainer.estimate(leg).newest)
+    seat = Seat(link, clock, made.trainer.estimate(leg).newest)
     threading.Thread(target=seat.run, name="seat", daemon=True).start()
-    serve(app, web)
-
-
-def _server(kind: str, file: Path, clock: PageClock) -> "tuple[Trainer, Any, Web]":
-    from gaitd_display.engineer import EngineerServer
-    from gaitd_display.patient import PatientServer
-    from gaitd_display.settings import (
-        EngineerSettings,
-        PatientSettings,
-        TherapistSettings,
-        read_settings,
-    )
-    from gaitd_display.therapist import TherapistServer
-
-    def trainer_of(link: "TrainerLink") -> Trainer:
-        return Trainer(
-            link.endpoint,
-            link.read_credentials(),
-            trainer=link.trainer,
-            client=f"gaitd-display {kind}",
-            clock=clock,
-            keep_trying=True,
-        )
-
-    if kind == "patient":
-        patient = read_settings(file, PatientSettings)
-        trainer = trainer_of(patient.trainer)
-        return trainer, PatientServer(patient, trainer, clock).app, patient.web
-    if kind == "therapist":
-        therapist = read_settings(file, TherapistSettings)
-        trainer = trainer_of(therapist.trainer)
-        return trainer, TherapistServer(therapist, trainer, MonotonicClock()).app, therapist.web
-    engineer = read_settings(file, EngineerSettings)
-    trainer = trainer_of(engineer.trainer)
-    return trainer, EngineerServer(engineer, trainer, clock.utc_ahead_ns).app, engineer.web
+    serve(made.app, made.web)
 
 
 if __name__ == "__main__":

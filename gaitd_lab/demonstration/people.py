@@ -11,7 +11,6 @@ import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from types import TracebackType
 from typing import Any, Final, NamedTuple, Self
 
 import msgspec
@@ -20,6 +19,7 @@ from gaitd_client import PlanLimits
 from gaitd_lab.demonstration.pages import HOST, address_of
 from gaitd_lab.demonstration.script import Seen
 from gaitd_lab.processes import ManagedProcess
+from gaitd_lab.requests import UNANSWERED
 
 REQUEST_S: Final = 30.0
 """Longest wait for a page's answer, by the computer's clock."""
@@ -27,7 +27,6 @@ RETRY_S: Final = 0.2
 REFUSED: Final = 400
 """An answer of HTTP from here on is none that was asked for."""
 FAILED: Final = "failed"
-UNANSWERED: Final = "unanswered"
 
 
 class _Frame(msgspec.Struct, frozen=True):
@@ -104,12 +103,7 @@ class PatientAtPage:
         self._thread.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._is_over.set()
         self._thread.join()
 

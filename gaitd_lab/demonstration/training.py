@@ -3,6 +3,7 @@
 import contextlib
 import json
 import secrets
+import tomllib
 from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -72,7 +73,8 @@ cadence_hz = 0.5
 amplitude_ratio = 0.7
 rest_s = 2.0
 """
-BLOCK_COUNT: Final = PROFILE.count("duration_s")
+BLOCK_COUNT: Final = 1 + len(tomllib.loads(PROFILE)["plan"]["block"])
+"""With the one that warms up."""
 
 
 class TrainingPlan(NamedTuple):

@@ -134,8 +134,7 @@ def write_history(file):
 @pytest.fixture
 def desk(chromium, trainer, tmp_path, password_hash):
     table = bench.therapist_table(password_hash, legs=trainer.legs)
-    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
-    (tmp_path / "profile.toml").write_text(LONG_PROFILE, encoding="utf-8")
+    table = bench.with_session(table, tmp_path, LONG_PROFILE)
     write_history(tmp_path / "history.sqlite")
     with (
         rig.Site(

@@ -111,11 +111,15 @@ class Page:
 
 
 def session_table(folder: Path, profile, *, legs=("right",), **given):
-    """The same with a session."""
-    (folder / "profile.toml").write_text(profile, encoding="utf-8")
+    """Settings of a patient's server with a session."""
     table = patient_table(folder, legs=legs, target=False, **given)
-    table["session"] = {"profile": "profile.toml", "history": "history.sqlite"}
-    return table
+    return with_session(table, folder, profile)
+
+
+def with_session(table, folder: Path, profile):
+    """Settings of a server with the files of a session; its profile is written."""
+    (folder / "profile.toml").write_text(profile, encoding="utf-8")
+    return {**table, "session": {"profile": "profile.toml", "history": "history.sqlite"}}
 
 
 class MessageTrainer:

@@ -4,11 +4,13 @@ import argparse
 import getpass
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
-from gaitd_client import ClientError, MonotonicClock, Trainer
+from gaitd_client import ClientError, Clock, MonotonicClock, Trainer
 from gaitd_session import ProfileError
+from starlette.types import ASGIApp
 
 from gaitd_display.engineer import EngineerServer
 from gaitd_display.login import PasswordError, hash_password
@@ -19,6 +21,7 @@ from gaitd_display.settings import (
     PatientSettings,
     SettingsError,
     TherapistSettings,
+    Web,
     read_settings,
 )
 from gaitd_display.therapist import TherapistServer
@@ -38,27 +41,63 @@ def main() -> None:
     commands.add_parser("password", help="read a password, print its hash for the file")
     given = parser.parse_args()
     try:
-        _run(given.command, given)
+        if given.command == "password":
+            _print_hash()
+        else:
+            made = server_of(given.command, given.config, MonotonicClock(), utc_ahead_ns)
+            serve(made.app, made.web)
     except (SettingsError, PasswordError, ProfileError, ClientError) as error:
         print(f"gaitd-display: {error}", file=sys.stderr)
         sys.exit(CONFIGURATION_ERROR)
 
 
-def _run(command: str, given: argparse.Namespace) -> None:
-    if command == "password":
-        _print_hash()
-    elif command == "patient":
-        settings = read_settings(given.config, PatientSettings)
-        trainer = trainer_of(settings.trainer, "gaitd-display patient")
-        serve(PatientServer(settings, trainer, MonotonicClock()).app, settings.web)
-    elif command == "engineer":
-        settings = read_settings(given.config, EngineerSettings)
-        trainer = trainer_of(settings.trainer, "gaitd-display engineer")
-        serve(EngineerServer(settings, trainer, utc_ahead_ns).app, settings.web)
-    else:
-        settings = read_settings(given.config, TherapistSettings)
-        trainer = trainer_of(settings.trainer, "gaitd-display therapist")
-        serve(TherapistServer(settings, trainer, MonotonicClock()).app, settings.web)
+class Made(NamedTuple):
+    """A server that does not run yet."""
+
+    trainer: Trainer
+    """Its connection, which is made when the server starts."""
+    app: ASGIApp
+    web: Web
+
+
+def server_of(kind: str, file: Path, clock: Clock, utc_ahead_ns: Callable[[], int]) -> Made:
+    """Return a server as its file says.
+
+    Args:
+        kind: one of `SERVERS`.
+        file: its settings.
+        clock: measures silence, and the times of a session. That of a login is the computer's.
+        utc_ahead_ns: returns UTC less the time of `clock`.
+
+    Raises:
+        SettingsError: a file that cannot be used.
+        PasswordError: the hash of a password that cannot be used.
+        ProfileError: the profile of a session that cannot be used.
+        ClientError: credentials that cannot be used.
+    """
+
+    def trainer_of(link: Link) -> Trainer:
+        return Trainer(
+            link.endpoint,
+            link.read_credentials(),
+            trainer=link.trainer,
+            client=f"gaitd-display {kind}",
+            clock=clock,
+            keep_trying=True,
+        )
+
+    if kind == "patient":
+        patient = read_settings(file, PatientSettings)
+        trainer = trainer_of(patient.trainer)
+        return Made(trainer, PatientServer(patient, trainer, clock).app, patient.web)
+    if kind == "therapist":
+        therapist = read_settings(file, TherapistSettings)
+        trainer = trainer_of(therapist.trainer)
+        server = TherapistServer(therapist, trainer, MonotonicClock())
+        return Made(trainer, server.app, therapist.web)
+    engineer = read_settings(file, EngineerSettings)
+    trainer = trainer_of(engineer.trainer)
+    return Made(trainer, EngineerServer(engineer, trainer, utc_ahead_ns).app, engineer.web)
 
 
 def utc_ahead_ns() -> int:
@@ -71,17 +110,6 @@ def _print_hash() -> None:
     if sys.stdin.isatty() and getpass.getpass("again: ") != password:
         raise PasswordError("the two are different; nothing was made")
     print(f'password_hash = "{hash_password(password)}"')
-
-
-def trainer_of(link: Link, client: str) -> Trainer:
-    """Return the trainer of a file; the connection is made when the server starts."""
-    return Trainer(
-        link.endpoint,
-        link.read_credentials(),
-        trainer=link.trainer,
-        client=client,
-        keep_trying=True,
-    )
 
 
 if __name__ == "__main__":
