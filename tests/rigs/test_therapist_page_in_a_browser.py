@@ -3,6 +3,7 @@
 Screenshots of all states are written to out/display.
 """
 
+import contextlib
 import itertools
 from enum import StrEnum
 
@@ -112,7 +113,8 @@ def password_hash():
     return hash_password(PASSWORD)
 
 
-def write_history(file):
+@contextlib.contextmanager
+def a_session_going_on(file):
     """Nine sessions, one a day; the third has no valid stride, the last goes on."""
     reasons = ("stopped", WHY[Why.LATE_HERE].en, "the hand switch is open: first: `gaitd reset`")
     with Store(file, is_writer=True) as store:
@@ -129,14 +131,15 @@ def write_history(file):
                 end = "complete" if share else "left"
                 reason = InterruptionRow(begun_ns, "stopped", reasons[day % 3])
                 store.write([*([reason] if day % 2 else []), EndRow(begun_ns, end)])
+        yield
 
 
 @pytest.fixture
 def desk(chromium, trainer, tmp_path, password_hash):
     table = bench.therapist_table(password_hash, legs=trainer.legs)
     table = bench.with_session(table, tmp_path, LONG_PROFILE)
-    write_history(tmp_path / "history.sqlite")
     with (
+        a_session_going_on(tmp_path / "history.sqlite"),
         rig.Site(
             lambda made: TherapistServer(made, trainer, trainer.clock),
             table,

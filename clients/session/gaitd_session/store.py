@@ -1,7 +1,7 @@
 """History of sessions in one SQLite file.
 
 Rules:
-1. One writer: a lock beside the file. Readers need none.
+1. One writer: a lock beside the file. Readers take none, and see by it whether a session goes on.
 2. WAL with synchronous=FULL: a commit that has returned is on the disk. What a batch holds is
    committed whole or not at all, so a power cut loses the batches that were not yet written.
 3. Times are those of the trainer, UTC in ns.
@@ -16,7 +16,9 @@ Rules:
 """
 
 import fcntl
+import os
 import sqlite3
+import struct
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
@@ -96,6 +98,9 @@ MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
     ),
 )
 
+_FLOCK: Final = "hhqqi0q"
+"""struct flock of fcntl(2), for a lock of an open file description: type, from where, which bytes,
+process."""
 INTERRUPTED: Final = "interrupted"
 """End of a session whose program has ended without one: killed, or a power cut."""
 
@@ -189,7 +194,7 @@ class SessionSummary(NamedTuple):
     number: int
     begun_utc_ns: int
     end: str
-    """Empty: it goes on."""
+    """Empty: it goes on. Without an end it is `INTERRUPTED` once no program writes any more."""
     walked_s: float
     stride_count: int
     valid_count: int
@@ -249,6 +254,7 @@ class Store:
         """
         self.file = file
         self._session: int | None = None
+        self._is_writer = is_writer
         mode = "rwc" if is_writer else "rw"
         with ExitStack() as ending:
             if is_writer:
@@ -390,15 +396,16 @@ class Store:
     def summaries(self, profile: str) -> list[SessionSummary]:
         """Return the sessions of a profile, oldest first."""
         rows = self._read(
-            "SELECT number, begun_utc_ns, coalesce(end, ''),"
+            "SELECT number, begun_utc_ns, coalesce(end, ?2),"
             " (SELECT coalesce(sum(walked_s), 0.0) FROM block WHERE session = session.number),"
             " count(leg), coalesce(sum(is_valid), 0), avg(iif(is_valid, share_ratio, NULL)),"
             " (SELECT count(*) FROM interruption WHERE session = session.number),"
             " coalesce((SELECT iif(reason = '', phase, reason) FROM interruption"
             " WHERE session = session.number ORDER BY utc_ns DESC LIMIT 1), '')"
             " FROM session LEFT JOIN stride ON stride.session = number"
-            " WHERE profile = ? GROUP BY number ORDER BY number",
+            " WHERE profile = ?1 GROUP BY number ORDER BY number",
             profile,
+            "" if self._is_written() else INTERRUPTED,
         )
         return [SessionSummary(*row) for row in rows]
 
@@ -411,7 +418,7 @@ class Store:
         """
         rows = self._read(
             "SELECT goal.session, goal.block, goal.leg, middle_ratio, next_middle_ratio,"
-            " end IS NULL AND walked_s < planned_s,"
+            " ?3 AND end IS NULL AND walked_s < planned_s,"
             " (SELECT count(*) FROM stride WHERE stride.session = goal.session AND is_valid"
             " AND stride.leg = goal.leg AND stride.block = goal.block"
             " AND share_ratio >= middle_ratio - ?2)"
@@ -420,6 +427,7 @@ class Store:
             " WHERE profile = ?1 ORDER BY goal.session, goal.block, goal.leg",
             profile,
             half_width_ratio,
+            self._is_written(),
         )
         return [GoalSummary(*row) for row in rows]
 
@@ -436,6 +444,10 @@ class Store:
             " WHERE profile = ? ORDER BY session.number, end_utc_ns, stride.leg",
             profile,
         )
+
+    def _is_written(self) -> bool:
+        """Return whether the program that writes is alive."""
+        return self._is_writer or _has_writer(self.file)
 
     def _read(self, query: str, *values: str | float) -> list[tuple[Any, ...]]:
         with _readable_errors(self.file):
@@ -488,19 +500,44 @@ def _set_aside(file: Path) -> Path:
     return aside
 
 
+def _lock_path(file: Path) -> Path:
+    return file.with_name(f"{file.name}.lock")
+
+
 def _locked(file: Path) -> TextIO:
     try:
-        lock = file.with_name(f"{file.name}.lock").open("w")
+        lock = _lock_path(file).open("w")
         if not file.exists():
             file.touch(mode=MODE)
     except OSError as error:
         raise StoreError(f"{error.filename}: {error.strerror}; choose another folder") from error
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.fcntl(lock, fcntl.F_OFD_SETLK, _whole_file(fcntl.F_WRLCK))
     except BlockingIOError as error:
         lock.close()
         raise StoreError(f"{file}: another session writes to it; end that one first") from error
     return lock
+
+
+def _has_writer(file: Path) -> bool:
+    """Return whether a program has the lock; it is asked for, and not taken.
+
+    Raises:
+        StoreError: this user may not see the lock.
+    """
+    try:
+        with _lock_path(file).open() as lock:
+            found = fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _whole_file(fcntl.F_RDLCK))
+    except FileNotFoundError:
+        return False
+    except OSError as error:
+        told = f"{error.filename}: {error.strerror}; give this user the right to read it"
+        raise StoreError(told) from error
+    return struct.unpack(_FLOCK, found)[0] != fcntl.F_UNLCK
+
+
+def _whole_file(kind: int) -> bytes:
+    return struct.pack(_FLOCK, kind, os.SEEK_SET, 0, 0, 0)
 
 
 def _version(database: sqlite3.Connection, file: Path) -> int:

@@ -317,3 +317,19 @@ def test_the_targets_of_each_block_say_how_often_they_were_reached_and_whether_t
         store.write([BlockRow(1, "warm_up", 0.3, 0.5, 60.0, 6.0), EndRow(3000, "ended")])
         assert not any(goal.goes_on for goal in store.goals(PROFILE, half_width))
         assert store.goals(OTHER, half_width) == []
+
+
+def test_a_session_without_an_end_goes_on_only_while_its_program_is_alive(tmp_path):
+    file = tmp_path / "a.sqlite"
+
+    def read():
+        with Store(file, is_writer=False) as store:
+            (summary,), (goal,) = store.summaries(PROFILE), store.goals(PROFILE, 0.05)
+        return summary.end, bool(goal.goes_on)
+
+    with begun(file) as store:
+        store.write(batch(1))
+        assert read() == ("", True)
+    assert read() == (INTERRUPTED, False)
+    file.with_name("a.sqlite.lock").unlink()
+    assert read() == (INTERRUPTED, False)
