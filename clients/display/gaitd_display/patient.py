@@ -21,6 +21,7 @@ from gaitd_client import (
     Trainer,
 )
 from gaitd_session import Button
+from gaitd_session.machine import ANNOUNCE_S
 from gaitd_session.session import AXES
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -32,7 +33,7 @@ from starlette.websockets import WebSocket
 from gaitd_display.feed import Feed
 from gaitd_display.patient_view import PatientState, PatientView
 from gaitd_display.scenes import Now, Scene, scene_of
-from gaitd_display.settings import TEXT_MAX_RATIO, Page, PatientSettings, Screen
+from gaitd_display.settings import FAR_RATIO, TEXT_MAX_RATIO, Page, PatientSettings
 from gaitd_display.texts import Word
 from gaitd_display.training import Training
 from gaitd_display.way_out import Action
@@ -65,8 +66,15 @@ class PageText(msgspec.Struct, frozen=True, kw_only=True):
     """What the page needs once."""
 
     page: Page
-    screen: Screen
+    diagonal_mm: float
+    """Of the screen."""
+    far_mm: float
+    """Least size of text that has to be read from the chair."""
+    far_ratio: float
+    """Size of that text before it is enlarged; see `FAR_RATIO`."""
     text_max_ratio: float
+    announce_s: float
+    """So long motion is announced."""
     losses: Mapping[Word, Scene]
     """What is said where the server cannot say it."""
 
@@ -217,8 +225,11 @@ class PatientServer:
         return json(
             PageText(
                 page=settings.page,
-                screen=settings.screen,
+                diagonal_mm=settings.screen.diagonal_mm,
+                far_mm=settings.screen.far_mm,
+                far_ratio=FAR_RATIO,
                 text_max_ratio=TEXT_MAX_RATIO,
+                announce_s=ANNOUNCE_S,
                 losses={word: scene_of(Now(word, None)) for word in losses},
             )
         )

@@ -23,6 +23,8 @@ FAR_ARC_MIN: Final = 16.0
 """ISO 9241-303: the smallest cap height that can be read; 20 to 22 are preferred."""
 FAR_RATIO: Final = 0.078
 """Size of that text in parts of the screen's height, or upright of its width."""
+FAR_SPARE_ARC_MIN: Final = 0.1
+"""So much larger than needed is it made."""
 CAP_RATIO: Final = 0.668
 """Cap height of the font in parts of its size."""
 TEXT_MAX_RATIO: Final = 1.1
@@ -126,9 +128,20 @@ class Screen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     diagonal_in: Annotated[float, Meta(ge=5, le=100)] = 10.0
     distance_m: Annotated[float, Meta(ge=0.3, le=10)] = 1.5
 
+    @property
+    def diagonal_mm(self) -> float:
+        """Diagonal of the screen."""
+        return self.diagonal_in * MM_PER_IN
+
+    @property
+    def far_mm(self) -> float:
+        """Least size of text that has to be read from the chair."""
+        arc_rad = math.radians((FAR_ARC_MIN + FAR_SPARE_ARC_MIN) / 60)
+        return 1e3 * self.distance_m * math.tan(arc_rad) / CAP_RATIO
+
     def arc_min(self, text_ratio: float) -> float:
         """Return the cap height of the smallest text, in minutes of arc, on the longest screen."""
-        cap_mm = FAR_RATIO * CAP_RATIO * NARROW_RATIO * self.diagonal_in * MM_PER_IN * text_ratio
+        cap_mm = FAR_RATIO * CAP_RATIO * NARROW_RATIO * self.diagonal_mm * text_ratio
         return math.degrees(math.atan(cap_mm / (1e3 * self.distance_m))) * 60
 
 

@@ -12,9 +12,10 @@ from gaitd_client import Cause, Mode, Stage
 from gaitd_display import feed as feed_module
 from gaitd_display.feed import ITEMS_MAX, PAGES_MAX, WINDOW, Feed
 from gaitd_display.patient import PatientServer
-from gaitd_display.settings import PatientSettings
+from gaitd_display.settings import FAR_RATIO, PatientSettings
 from gaitd_display.therapist_view import StrideItem
 from gaitd_display.web import BODY_MAX_BYTES, STATIC, TRY_LATER, working
+from gaitd_session.machine import ANNOUNCE_S
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from training import PROFILE
@@ -100,9 +101,13 @@ def test_stop_is_in_the_page_itself_and_bound_before_anything_else(client):
 
 def test_texts_and_the_page_s_own_words_are_served(client):
     assert client.get("/texts.json").json()["de"]["stop"] == "STOPP"
+    smallest = f"--t-far: calc({100 * FAR_RATIO:g} * var(--text)"
+    assert smallest in client.get("/static/tokens.css").text
     told = client.get("/page.json").json()
     assert told["page"] == {**bench.PAGE, "switch_hand": "right"}
-    assert told["screen"] == {"diagonal_in": 10.0, "distance_m": 1.5}
+    sizes = {"diagonal_mm": 254.0, "far_mm": 10.516, "far_ratio": 0.078, "text_max_ratio": 1.1}
+    assert {name: told[name] for name in sizes} == pytest.approx(sizes, rel=1e-4)
+    assert told["announce_s"] == ANNOUNCE_S
     assert set(told["losses"]) == {"no_connection", "too_many_pages"}
 
 

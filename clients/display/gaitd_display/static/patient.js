@@ -6,10 +6,6 @@ import { paintSteps } from "./steps.js";
 
 const TROUBLE_MS = 6000;
 const AGES_MAX = 4096;
-const MM_PER_IN = 25.4;
-const FAR_U = 7.8; // as --t-far in tokens.css
-const CAP_RATIO = 0.668; // of the font
-const ARC_MIN = 16.1; // of the smallest text, with a little above 16
 const LONGEST = 0.56; // 16:9
 const SQUAREST = 0.76; // 4:3
 const TALLY_ROOM_M = 0.47; // below the rail
@@ -22,14 +18,15 @@ const COUNTING = ["soon", "rest"];
 const TONES = { good: "good", finished: "good", more: "more", gently: "gently", relax: "against", soon: "soon", stopped: "alert", stopping: "alert" };
 const WITH_END = ["paused", "next", "failed"];
 
-const { page, screen: shown, text_max_ratio: textMax, losses } = await load("/page.json");
+const { page, diagonal_mm: diagonalMm, far_mm: farMm, far_ratio: farRatio, text_max_ratio: textMax, announce_s: announceS, losses } = await load("/page.json");
 const words = await Words.load(page.language);
 const alarm = new Alarm(byId("sound"));
 const painted = (window.painted = { frames: 0, ages: [] }); // read by `gaitd bench` and the tests
 let trouble = "";
 let isAsking = false;
 let scene = { key: "", figures: [], paint: () => {} }; // what is shown now
-let sizes = { unit: 1, far: FAR_U };
+const farUnits = 100 * farRatio; // of the smallest text, as --t-far in tokens.css
+let sizes = { unit: 1, far: farUnits };
 
 document.body.dataset.hand = page.switch_hand;
 for (const part of ["help", "unstrap"]) {
@@ -59,13 +56,12 @@ const percent = (ratio) => (ratio === null ? "–" : `${Math.round(100 * ratio)}
 function measure() {
   const { innerWidth: width, innerHeight: height } = window;
   const unit = width > height ? Math.min(height / 100, width * 0.0064) : Math.min(height * 0.00625, width / 100);
-  const mmPerPx = (shown.diagonal_in * MM_PER_IN) / Math.hypot(width, height);
-  const neededPx = (shown.distance_m * 1000 * Math.tan((ARC_MIN / 60) * (Math.PI / 180))) / CAP_RATIO / mmPerPx;
+  const mmPerPx = diagonalMm / Math.hypot(width, height);
   const form = Math.min(width, height) / Math.max(width, height);
   const most = form < LONGEST || form > SQUAREST ? 1 : textMax; // the layout bears it on these screens alone
-  const text = Math.max(1, Math.min(most, neededPx / (FAR_U * unit)));
+  const text = Math.max(1, Math.min(most, farMm / mmPerPx / (farUnits * unit)));
   document.documentElement.style.setProperty("--text", text.toFixed(3));
-  sizes = { unit, far: FAR_U * text * unit, of: `${width} ${height}` };
+  sizes = { unit, far: farUnits * text * unit, of: `${width} ${height}` };
 }
 
 // --- the parts of a scene ------------------------------------------------------------------------
@@ -206,7 +202,7 @@ const clock = (left_s) => `${Math.floor(Math.ceil(left_s) / 60)}:${String(Math.c
 // What is left, and of how much; before and after it is counted nothing is.
 function countdown(training, word) {
   if (training === null) return [0, 1];
-  return word === "rest" ? [training.block_left_s, training.block_s] : [training.announce_left_s, 3];
+  return word === "rest" ? [training.block_left_s, training.block_s] : [training.announce_left_s, announceS];
 }
 
 function paintTally(tally, { word, training }) {
