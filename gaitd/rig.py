@@ -15,7 +15,7 @@ import typer
 from gaitd.command_line import EXIT_REFUSED, CommandError, JsonOption, json_on_stdout
 
 if TYPE_CHECKING:
-    from gaitd.testing.rigs import Rig
+    from gaitd_lab.testing.rigs import Rig
 
 EXIT_RIG: Final = 4
 """The environment did not start, or ended before the command."""
@@ -40,7 +40,7 @@ def command(
     Where the kernel has SocketCAN, `vcan` is a network namespace of its own. Elsewhere it is a
     virtual machine, which takes half a minute to boot and computes about ten times slower.
     """
-    from gaitd.testing.rigs import RIGS
+    from gaitd_lab.testing.rigs import RIGS
 
     rig = RIGS[name.value]
     lack = rig.lacks()
@@ -58,7 +58,7 @@ def command(
 
 
 def _run(rig: "Rig", name: str, words: list[str], folder: Path) -> int:
-    from gaitd.testing.rigs import PATH, finished, prepare
+    from gaitd_lab.testing.rigs import PATH, finished, prepare
 
     here = Path.cwd()
     lines = f"{rig.set_up}cd {shlex.quote(str(here))}\nexec {shlex.join(words)}"

@@ -1,6 +1,6 @@
 """The laboratory: lock-step sessions, fault matrix, random sessions, demonstration, benches.
 
-It needs the virtual drives, and nothing of the service imports it. `gaitd.testing` is the part that
+It needs the virtual drives, and nothing of the service imports it. `testing/` is the part that
 other projects use in their tests. Reading order: `virtual_machine.py` (the virtual drives of a
 configuration), `simulation.py` (the same on its bus: `gaitd sim`), `lockstep.py` with
 `lockstep_gateway.py` (the real loop against them in one thread), `trials.py` with `trial.py`, and

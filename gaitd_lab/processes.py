@@ -1,7 +1,7 @@
 """Child processes that end with this process; virtual drives, core and gateway among them.
 
 `ManagedProcess` is one process with its output in a file. `ServiceProcesses` is the virtual drives
-and the service of one configuration: the test plugin (`gaitd.testing`), the demonstration
+and the service of one configuration: the test plugin (`gaitd_lab.testing`), the demonstration
 and the benchmarks are built on it. `gaitd run` is not: it supervises the service of a real machine.
 """
 

@@ -58,7 +58,7 @@ PLANTS = (
     Plant("analysis", "drives.signals", OFFLINE),
     Plant("daemon", "pytest", PYTEST),
     Plant("gaitd", "pytest", PYTEST),
-    Plant("gaitd", "gaitd.testing.service", "what tests share is for tests, and `gaitd rig`"),
+    Plant("gaitd", "gaitd_lab.testing.service", "what tests share is for tests, and `gaitd rig`"),
     Plant("gaitd_lab", "gaitd.remote", "the laboratory knows nothing of the command line"),
     Plant("simtime", "sim_drives.settings", "simulated time knows no virtual drive"),
     Plant("daemon.core", "daemon.preflight.acceptance", JUDGEMENT),

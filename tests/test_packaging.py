@@ -172,7 +172,7 @@ def test_the_wheel_brings_the_command_the_pytest_plugin_and_the_licence(wheel):
     points = wheel.read(papers["entry_points.txt"])
 
     assert b"gaitd = gaitd.__main__:main" in points
-    assert b"[pytest11]\ngaitd.testing.plugin = gaitd.testing.plugin" in points
+    assert b"[pytest11]\ngaitd_lab.testing.plugin = gaitd_lab.testing.plugin" in points
     assert b"Apache License" in wheel.read(papers["licenses/LICENSE"])
 
 

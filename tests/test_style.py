@@ -211,7 +211,7 @@ def test_a_package_tells_where_each_of_its_files_is_read():
     assert not untold
 
 
-LAZY = {"gaitd/testing/__init__.py"}
+LAZY = {"gaitd_lab/testing/__init__.py"}
 """pytest imports it at each start, so it imports what it offers when that is used."""
 
 

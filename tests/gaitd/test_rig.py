@@ -9,7 +9,7 @@ from command_line import gaitd
 
 from gaitd.command_line import CommandError
 from gaitd.rig import Name, command
-from gaitd.testing import rigs
+from gaitd_lab.testing import rigs
 
 
 class Here(rigs.Rig):

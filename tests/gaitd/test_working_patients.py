@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sessions import CONFIGS
 
-import gaitd.testing
+import gaitd_lab.testing
 from gaitd_lab.patients import Gait, Late, Spasm, clonic, of_ability, trembling, weak
 from gaitd_lab.studies.working_patients import CONTROLS, HEAD, MODELS, Cell, cells, play, table
 from sim_drives.plant.settings import FrictionLaw
@@ -29,9 +29,9 @@ def walked(patient, *, law=FrictionLaw.PAPER, seed=1, duration_s=12.0, cadence_h
 
 
 def test_the_plugin_exports_each_patient():
-    for name in gaitd.testing.__all__:
-        assert getattr(gaitd.testing, name) is not None
-    assert gaitd.testing.weak is weak
+    for name in gaitd_lab.testing.__all__:
+        assert getattr(gaitd_lab.testing, name) is not None
+    assert gaitd_lab.testing.weak is weak
 
 
 def test_an_able_patient_gives_the_need_and_corrects_errors():

@@ -14,7 +14,7 @@ from gaitd_client import Cause, Event, Mode, Trainer
 from gaitd_display.__main__ import utc_ahead_ns
 from gaitd_display.engineer import EngineerServer
 
-from gaitd.testing.trainer import virtual_trainer
+from gaitd_lab.testing.trainer import virtual_trainer
 from sim_drives.plant.truth import TruthRow
 
 pytestmark = pytest.mark.rig_browser

@@ -42,7 +42,7 @@ from daemon.ipc.ring_clip import FOLDER, clip_files
 from daemon.ipc.transport import RingReader
 from daemon.keys.folder import ISSUED, read_keys
 from daemon.recorder.audit_file import fields_of, lines_of
-from gaitd.testing.rigs import PATH, SocketCan, prepare
+from gaitd_lab.testing.rigs import PATH, SocketCan, prepare
 
 SUPPORT = Path(__file__).parents[1] / "support"
 SEED = 20261125

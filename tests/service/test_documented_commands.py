@@ -17,7 +17,7 @@ from command_line import gaitd
 from documents import PAGES, PROJECT, commands
 
 from daemon.ipc.record import Mode
-from gaitd.testing.trainer import STANDSTILL, speeds_by_leg, virtual_trainer
+from gaitd_lab.testing.trainer import STANDSTILL, speeds_by_leg, virtual_trainer
 
 
 class Run(NamedTuple):

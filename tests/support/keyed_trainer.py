@@ -6,8 +6,8 @@ import json
 from keyed_gateway import target_of
 
 from daemon.keys import issuing
-from gaitd.testing.trainer import VirtualTrainer
 from gaitd_lab.processes import free_port
+from gaitd_lab.testing.trainer import VirtualTrainer
 
 NOW = datetime.datetime.now(datetime.UTC)
 

@@ -12,8 +12,8 @@ from typing import Self
 from processes import CONFIGS, Service, its_bus
 
 from daemon.ipc.record import CycleRecord, Mode
-from gaitd.testing.trainer import TIMEOUT_S, VirtualTrainer, speeds_by_leg
 from gaitd_lab.processes import memory_folder
+from gaitd_lab.testing.trainer import TIMEOUT_S, VirtualTrainer, speeds_by_leg
 
 __all__ = ["ALTERED_CORE", "TIMEOUT_S", "WAITING_GATEWAY", "LongService", "long_lived"]
 

@@ -8,8 +8,8 @@ import sys
 import tomllib
 from pathlib import Path
 
-from gaitd.testing import service
 from gaitd_lab.processes import GAITD
+from gaitd_lab.testing import service
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -14,7 +14,7 @@ import zenoh
 from gaitd_client import wire
 from gaitd_client.connection import json_of, open_session
 
-from gaitd.testing.trainer import virtual_trainer
+from gaitd_lab.testing.trainer import virtual_trainer
 
 KEYS = ("right/estimate", "right/activity", "right/friction", "right/stride", "drives/right/hip")
 SLOW_KEYS = ("safety", "events", "health")

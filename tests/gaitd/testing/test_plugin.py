@@ -21,7 +21,7 @@ EXAMPLE = re.compile(r"<!-- example: (\w+\.py) -->\n```python\n(.*?)```\n<!-- en
 EXAMPLES = dict(EXAMPLE.findall(GUIDE.read_text()))
 TIMEOUT_S = 100
 HOME = str(Path.home())
-SHORT = ("-p", "gaitd.testing.plugin", "-p", "no:cacheprovider", "-ra")
+SHORT = ("-p", "gaitd_lab.testing.plugin", "-p", "no:cacheprovider", "-ra")
 """The plugin by name: this tree's, also where an older one is installed."""
 
 
@@ -80,7 +80,7 @@ USER_OF_NOTHING = """
     import sys
 
     def test_that_wants_nothing_of_ours_gets_nothing():
-        ours = {"daemon", "sim_drives", "gaitd.testing.trainer", "numpy", "zenoh", "can"}
+        ours = {"daemon", "sim_drives", "gaitd_lab.testing.trainer", "numpy", "zenoh", "can"}
         assert not ours & set(sys.modules)
 """
 FAILING = """

@@ -5,8 +5,8 @@ import time
 import pytest
 
 from daemon.ipc.record import Cause, Mode
-from gaitd.testing.trainer import virtual_trainer
 from gaitd_lab.processes import ServiceError
+from gaitd_lab.testing.trainer import virtual_trainer
 
 NODES = (5, 6)
 MASTER_HEARTBEAT, EMERGENCY = 0x701, 0x080

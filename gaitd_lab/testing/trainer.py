@@ -20,8 +20,8 @@ from typing import Any, Final, Self
 
 from daemon.config.edits import Edits
 from daemon.ipc.record import CycleRecord, Mode
-from gaitd.testing.service import REAL_TIME, Service
 from gaitd_lab.processes import ServiceError, memory_folder
+from gaitd_lab.testing.service import REAL_TIME, Service
 
 TIMEOUT_S: Final = 90.0
 START_S: Final = 300.0

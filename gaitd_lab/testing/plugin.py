@@ -14,8 +14,8 @@ import pytest
 
 if TYPE_CHECKING:
     from daemon.config.edits import Edits
-    from gaitd.testing.rigs import Rig
-    from gaitd.testing.trainer import VirtualTrainer
+    from gaitd_lab.testing.rigs import Rig
+    from gaitd_lab.testing.trainer import VirtualTrainer
 
 RIG_MARKERS: Final[Mapping[str, str]] = {"rig_vcan": "vcan", "rig_systemd": "systemd"}
 """Marker of a test, and the rig that the marker requires."""
@@ -51,8 +51,8 @@ class VirtualTrainers:
         trainer_file: str = "demo.toml",
         pace: float | str = 1,
     ) -> "VirtualTrainer":
-        """Start one and wait until it is ready; see `gaitd.testing.trainer.virtual_trainer`."""
-        from gaitd.testing.trainer import virtual_trainer
+        """Start one and wait until it is ready; see `gaitd_lab.testing.trainer.virtual_trainer`."""
+        from gaitd_lab.testing.trainer import virtual_trainer
 
         made = virtual_trainer(edits, configs=configs, trainer_file=trainer_file, pace=pace)
         return self._ending.enter_context(made)
@@ -81,7 +81,7 @@ def pytest_runtest_makereport(
     """Add the output of a virtual trainer's processes to the report of a failure."""
     del item, call
     report = yield
-    trainer = sys.modules.get("gaitd.testing.trainer")
+    trainer = sys.modules.get("gaitd_lab.testing.trainer")
     if report.failed and trainer is not None:
         for running in trainer.RUNNING:
             report.sections += [
@@ -96,7 +96,7 @@ def pytest_runtest_makereport(
 @pytest.fixture
 def vcan(request: pytest.FixtureRequest) -> Generator[str]:
     """Provide the name of a fresh vcan interface; skips where there can be none."""
-    from gaitd.testing.vcan import VcanError, fresh_vcan
+    from gaitd_lab.testing.vcan import VcanError, fresh_vcan
 
     with contextlib.ExitStack() as ending:
         try:
@@ -173,6 +173,6 @@ def _do_without(config: pytest.Config, why: str) -> NoReturn:
 
 
 def _rig(name: str) -> "Rig":
-    from gaitd.testing.rigs import RIGS
+    from gaitd_lab.testing.rigs import RIGS
 
     return RIGS[name]

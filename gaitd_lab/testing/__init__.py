@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from daemon.ipc.record import Cause, CycleRecord, Mode, Stage, StopCategory
-    from gaitd.testing.trainer import VirtualTrainer, virtual_trainer
     from gaitd_lab.patients import (
         Gait,
         Late,
@@ -35,6 +34,7 @@ if TYPE_CHECKING:
         weak,
     )
     from gaitd_lab.processes import ServiceError
+    from gaitd_lab.testing.trainer import VirtualTrainer, virtual_trainer
 
 __all__ = [
     "Cause",
@@ -62,7 +62,7 @@ __all__ = [
 
 _HOME: Final = {
     **dict.fromkeys(("Cause", "CycleRecord", "Mode", "Stage", "StopCategory"), "daemon.ipc.record"),
-    **dict.fromkeys(("VirtualTrainer", "virtual_trainer"), "gaitd.testing.trainer"),
+    **dict.fromkeys(("VirtualTrainer", "virtual_trainer"), "gaitd_lab.testing.trainer"),
     **dict.fromkeys(
         (
             *("Gait", "Late", "Model", "Patient", "Slacking", "Spasm", "clonic", "of_ability"),
@@ -78,5 +78,5 @@ _HOME: Final = {
 def __getattr__(name: str) -> object:
     """Import a name of `__all__` when it is used first."""
     if name not in _HOME:
-        raise AttributeError(f"gaitd.testing has no {name}; it has {', '.join(__all__)}")
+        raise AttributeError(f"gaitd_lab.testing has no {name}; it has {', '.join(__all__)}")
     return getattr(importlib.import_module(_HOME[name]), name)
