@@ -12,9 +12,11 @@ WORKERS ?= $(shell n=$$(nproc); echo $$((n < 15 ? n + 1 : 16)))
 STEPS := $(VENV)/cpu_seconds
 STEP = $(BIN)/python scripts/cpu_seconds.py $(STEPS)
 COMPILE = $(BIN)/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
-	--no-emit-index-url --no-emit-find-links --no-emit-package gaitd-client --no-header pyproject.toml
+	--no-emit-index-url --no-emit-find-links --no-emit-package gaitd-client --no-emit-package gaitd --no-header
 # The client library, a distribution of its own: installed before gaitd, from this clone.
 CLIENT := clients/python
+# The laboratory, too: virtual drives, demonstration, pytest plugin. `make install` and `make deb` leave it out.
+LAB := gaitd_lab
 DISPLAY := clients/display
 SESSION := clients/session
 ASSIST := clients/assist
@@ -27,10 +29,10 @@ PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-15s %s\n", $$1, $$2}'
 
-$(VENV)/run.stamp: requirements/run.txt pyproject.toml $(CLIENT)/pyproject.toml
+$(VENV)/run.stamp: requirements/lab.txt pyproject.toml $(CLIENT)/pyproject.toml $(LAB)/pyproject.toml
 	@test -d $(VENV) || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/lab.txt
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable $(CLIENT) --editable . --editable $(LAB)
 	@touch $@
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp $(DISPLAY)/pyproject.toml $(SESSION)/pyproject.toml $(ASSIST)/pyproject.toml $(RECORD)/pyproject.toml
@@ -150,14 +152,15 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 		--output-reproducible --output-file out/sbom.json out/sbom/bin/python
 	rm -rf out/sbom
 
-lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from pyproject.toml
-	$(COMPILE) --extra build --extra tools --output-file requirements/run.txt
-	$(COMPILE) --extra build --extra tools --extra dev --extra display --extra record --extra fleet --output-file requirements/dev.txt
-	$(COMPILE) --extra build --extra tools --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
-	$(COMPILE) --extra build --extra tools --extra record --constraint requirements/dev.txt --output-file requirements/record.txt
-	$(COMPILE) --extra build --extra tools --extra fleet --constraint requirements/dev.txt --output-file requirements/fleet.txt
-	$(COMPILE) --extra build --extra tools --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
-	$(COMPILE) --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
+lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from the project files
+	$(COMPILE) pyproject.toml --extra build --extra tools --output-file requirements/run.txt
+	$(COMPILE) pyproject.toml $(LAB)/pyproject.toml --extra build --extra tools --extra dev --extra display --extra record --extra fleet --output-file requirements/dev.txt
+	$(COMPILE) pyproject.toml $(LAB)/pyproject.toml --extra build --extra tools --constraint requirements/dev.txt --output-file requirements/lab.txt
+	$(COMPILE) pyproject.toml --extra build --extra tools --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
+	$(COMPILE) pyproject.toml --extra build --extra tools --extra record --constraint requirements/dev.txt --output-file requirements/record.txt
+	$(COMPILE) pyproject.toml --extra build --extra tools --extra fleet --constraint requirements/dev.txt --output-file requirements/fleet.txt
+	$(COMPILE) pyproject.toml --extra build --extra tools --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
+	$(COMPILE) pyproject.toml --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
 tables: $(VENV)/dev.stamp  ## write the tables of the code into the reference pages anew; read the difference
 	$(BIN)/python -m gaitd_lab.reference.pages docs

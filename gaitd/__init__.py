@@ -6,6 +6,8 @@ reference, self-test), `keys.py` and `plan.py` (clients and what they may do). S
 (clients of a running service), `operator_texts.py`. `acceptance.py` and `acceptance_service.py` are
 the steps of `gaitd commission --report`. What a command computes is in the package of its subject.
 
+Commands of the laboratory are in `gaitd_lab/commands`.
+
 To add a command: a line in `COMMANDS` of `__main__.py`, and a file NAME.py with its function, or a
 function in the file of its family. A new request to the service: see `daemon/__init__.py`.
 """

@@ -1,7 +1,9 @@
-"""The command line: `COMMANDS` is the table of all commands; only the chosen one is imported.
+"""The command line: `COMMANDS` is the table of gaitd's commands; only the chosen one is imported.
 
-`gaitd NAME` imports the file of its row and runs the function `command`, or in the file of a family
-the function with the command's name. typer reads the options from its signature.
+`gaitd NAME` imports the module of its row and runs the function `command`, or in the file of a
+family the function with the command's name. typer reads the options from its signature.
+Other packages bring tables of their own by entry points, which are read for the help, and for a
+command that gaitd does not have: what happens to be installed takes no part in the service.
 In every command each configuration error is one line on stderr, and the exit code is 2. With --json
 each error is also a JSON document on stdout.
 """
@@ -10,7 +12,7 @@ import importlib
 import os
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
+from importlib.metadata import entry_points, version
 from typing import Annotated, Final, cast
 
 import typer
@@ -23,7 +25,7 @@ TOOLS: Final = "pip install ./clients/python '.[tools]'"
 RECORDER: Final = "pip install ./clients/python '.[record]' ./clients/record"
 FLEET: Final = "pip install ./clients/python '.[fleet,tools]'"
 REMEDIES: Final = {
-    **dict.fromkeys(("matplotlib", "plotext", "scipy"), TOOLS),
+    **dict.fromkeys(("matplotlib", "scipy"), TOOLS),
     **dict.fromkeys(("gaitd_record", "mcap", "pyarrow"), RECORDER),
     **dict.fromkeys(("distributed", "duckdb"), FLEET),
 }
@@ -34,7 +36,6 @@ OPERATOR: Final = "Operator: requests to a running service"
 COMMISSIONING: Final = "Commissioning of the empty machine"
 DRIVES: Final = "Drives on a bus"
 RECORDINGS: Final = "Recordings"
-LABORATORY: Final = "Laboratory: virtual drives, tests, benchmarks"
 
 COMMANDS: Final = {
     "run": ("run", SERVICE, "The service: core and gateway."),
@@ -69,23 +70,24 @@ COMMANDS: Final = {
     "delay": ("delay", RECORDINGS, "How much later than its row an effort acts."),
     "import-candump": ("import_candump", RECORDINGS, "A recorded CAN bus as a recording."),
     "fleet": ("fleet", RECORDINGS, "Many recordings, on this computer or a cluster."),
-    "demo": ("demo", LABORATORY, "Virtual drives, service and a patient, with a live view."),
-    "sim": ("sim", LABORATORY, "The virtual drives of a configuration; inject, patient."),
-    "experiment": ("experiment", LABORATORY, "The paper's experiment on the virtual machine."),
-    "strides": ("strides", LABORATORY, "Work of strides in gait beside the true one."),
-    "patients": ("patients", LABORATORY, "Patients who work, at each cadence and friction."),
-    "ablation": ("ablation", LABORATORY, "Every choice of the observer on and off."),
-    "consistency": ("consistency", LABORATORY, "The observer's sigmas, gaps, rest and drift."),
-    "real-data": ("real_data", LABORATORY, "The observer on recordings of real machines."),
-    "matrix": ("matrix", LABORATORY, "Every fault in every mode on both axes, in lock-step."),
-    "rig": ("rig", LABORATORY, "Run a command where there is SocketCAN, or systemd."),
-    "bench": ("bench", LABORATORY, "The project's benchmarks."),
 }
 """File of this package, group and short help of each command, in the order of `gaitd --help`."""
 
+ENTRY_POINTS: Final = "gaitd.commands"
+"""Group of entry points: tables of other packages, with whole modules in place of files."""
+
+
+def commands_for(chosen: str | None) -> dict[str, tuple[str, str, str]]:
+    """Return all commands; those of other packages only if the chosen one is not of gaitd."""
+    found = {name: (f"gaitd.{file}", group, line) for name, (file, group, line) in COMMANDS.items()}
+    if chosen not in COMMANDS:
+        for point in entry_points(group=ENTRY_POINTS):
+            found |= point.load()
+    return found
+
 
 def build(chosen: str | None) -> typer.Typer:
-    """Build the whole command line; only the chosen command is imported, the others are stubs."""
+    """Build the command line; only the chosen command is imported, the others are stubs."""
     app = typer.Typer(
         no_args_is_help=True,
         context_settings={"help_option_names": ["-h", "--help"]},
@@ -93,8 +95,8 @@ def build(chosen: str | None) -> typer.Typer:
         help="Drive service of a home gait trainer.",
     )
     app.callback()(_common)
-    for name, (file, group, line) in COMMANDS.items():
-        run = _function(file, name) if name == chosen else _not_chosen
+    for name, (module, group, line) in commands_for(chosen).items():
+        run = _function(module, name) if name == chosen else _not_chosen
         app.command(name, short_help=line, rich_help_panel=group)(run)
     return app
 
@@ -102,10 +104,11 @@ def build(chosen: str | None) -> typer.Typer:
 def main() -> None:
     """Entry point of the `gaitd` script."""
     words = _words()[1:]
-    chosen = next((word for word in words if word in COMMANDS), None)
+    chosen = next((word for word in words if not word.startswith("-")), None)
     # Behind `--` stand the words of another command, of `gaitd rig`.
     as_json = JSON in words[: words.index("--") if "--" in words else None]
     try:
+        _refuse_unknown(chosen)
         # typer prints an error of usage itself, and not as JSON.
         code = cast("int | None", build(chosen)(standalone_mode=not as_json))
     except (ConfigError, CommandError) as error:
@@ -127,6 +130,21 @@ def main() -> None:
     sys.exit(code or 0)
 
 
+def _refuse_unknown(chosen: str | None) -> None:
+    """Say what to install where only gaitd is: the command may be one of the laboratory."""
+    found = commands_for(chosen)
+    # What a shell completes is no argument of this process, and need not be a command yet.
+    if chosen not in sys.argv or chosen in found or found.keys() != COMMANDS.keys():
+        return
+    from daemon.config.trainer import LABORATORY, LABORATORY_BY
+
+    text = (
+        f"gaitd has no command {chosen}; those of the laboratory are in {LABORATORY}, which is"
+        f" not installed: {LABORATORY_BY}"
+    )
+    raise CommandError(text, EXIT_REFUSED, blame=LABORATORY, following="gaitd --help")
+
+
 def _fail(text: str, document: dict[str, object], *, as_json: bool) -> int:
     print(text, file=sys.stderr)
     if as_json:
@@ -140,8 +158,8 @@ def _words() -> list[str]:
     return next((line.split() for line in lines if line), sys.argv)
 
 
-def _function(file: str, name: str) -> Callable[..., None]:
-    members = vars(importlib.import_module(f"gaitd.{file}"))
+def _function(module: str, name: str) -> Callable[..., None]:
+    members = vars(importlib.import_module(module))
     return cast("Callable[..., None]", members.get("command") or members[name.replace("-", "_")])
 
 

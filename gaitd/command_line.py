@@ -35,10 +35,6 @@ ConfigFile = Annotated[
         "--config", envvar=CONFIG_VARIABLE, help="trainer file of the service", dir_okay=False
     ),
 ]
-DemoFile = Annotated[
-    Path | None,
-    typer.Option("--config", help="trainer file; by default configs/demo.toml", dir_okay=False),
-]
 Recorded = Annotated[
     Path,
     typer.Argument(metavar="IN", help="a .csv, a folder of `gaitd record`, or a ring of records"),
@@ -159,11 +155,6 @@ def _plain(value: object) -> object:
         case _:
             # An array or a number of numpy, which no other command imports for this.
             return _plain(cast("Any", value).tolist())
-
-
-def demo_file(config: Path | None) -> Path:
-    """Return the trainer file of the command line, by default the demonstration's."""
-    return config or configs_folder("--config", "demo.toml") / "demo.toml"
 
 
 def robot_file(robot: Path | None, shipped: str) -> Path:

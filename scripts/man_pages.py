@@ -20,7 +20,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
-from gaitd.__main__ import COMMANDS, REMEDIES, build
+from gaitd.__main__ import REMEDIES, build, commands_for
 
 DOCUMENTS = "/usr/share/doc/gaitd/docs"
 OF_ARGPARSE = {"gaitd-assist": "gaitd_assist.program", "gaitd-display": "gaitd_display.__main__"}
@@ -48,7 +48,7 @@ def pages() -> Iterator[tuple[str, str]]:
 
 def of_gaitd() -> Iterator[tuple[str, typer.Typer]]:
     """Yield each command of gaitd whose packages are in this environment."""
-    for name in COMMANDS:
+    for name in commands_for(None):
         try:
             yield name, build(name)
         except ModuleNotFoundError as error:

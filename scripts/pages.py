@@ -38,7 +38,7 @@ class Made(NamedTuple):
 
 
 READ: Final = (".py", ".toml", ".eds", ".html", ".css", ".js")
-SERVICE: Final = ("gaitd.core", "gaitd.gateway", "gaitd.sim")
+SERVICE: Final = ("gaitd.core", "gaitd.gateway", "gaitd_lab.commands.sim")
 LONG: Final = {
     "assist.png": Made(
         "pytest -n0 tests/clients/assist/test_page.py -m thorough --write-assist",
@@ -51,25 +51,29 @@ LONG: Final = {
         ("configs", "clients/display/gaitd_display/static"),
     ),
     "evidence/ablation.md": Made(
-        "gaitd ablation --seeds 5 --output docs/evidence", ("gaitd.ablation",)
+        "gaitd ablation --seeds 5 --output docs/evidence", ("gaitd_lab.commands.ablation",)
     ),
     "evidence/calibration.md": Made(
         "python -m gaitd_lab.studies.calibration docs/evidence", ("gaitd_lab.studies.calibration",)
     ),
     "evidence/consistency.md": Made(
-        "gaitd consistency --output docs/evidence", ("gaitd.consistency",)
+        "gaitd consistency --output docs/evidence", ("gaitd_lab.commands.consistency",)
     ),
     "evidence/experiment.md": Made(
-        "gaitd experiment --seeds 10 --every-law --output docs/evidence", ("gaitd.experiment",)
+        "gaitd experiment --seeds 10 --every-law --output docs/evidence",
+        ("gaitd_lab.commands.experiment",),
     ),
     "evidence/patients.md": Made(
-        "gaitd patients --seeds 1 --seconds 20 --output docs/evidence", ("gaitd.patients",)
+        "gaitd patients --seeds 1 --seconds 20 --output docs/evidence",
+        ("gaitd_lab.commands.patients",),
     ),
     "evidence/real_data.md": Made(
-        "gaitd real-data RECORDINGS --output docs/evidence", ("gaitd.real_data",)
+        "gaitd real-data RECORDINGS --output docs/evidence", ("gaitd_lab.commands.real_data",)
     ),
-    "evidence/strides.md": Made("gaitd strides --output docs/evidence", ("gaitd.strides",)),
-    "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd.matrix",)),
+    "evidence/strides.md": Made(
+        "gaitd strides --output docs/evidence", ("gaitd_lab.commands.strides",)
+    ),
+    "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd_lab.commands.matrix",)),
     "patient.png": Made(
         "pytest -n0 tests/rigs/test_session_in_a_browser.py -m thorough --write-pages",
         ("gaitd_display.__main__",),

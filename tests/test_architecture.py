@@ -40,6 +40,8 @@ JUDGEMENT = "commands ask whether a configuration is good; nothing that they sta
 ALONE = "the client library is complete without gaitd"
 MESSAGES = "messages are for gateway and clients, not for what moves the machine"
 TOOLS = "the service and the virtual drives need no package of the tools"
+COMMAND_LINE = "of the laboratory only its commands know the command line"
+TRAINER = "commands of a trainer import nothing of the laboratory"
 PLANTS = (
     Plant("observer", "scipy", TOOLS),
     Plant("drives", "daemon.ipc.record", "drives and observer know nothing of ours"),
@@ -58,8 +60,11 @@ PLANTS = (
     Plant("analysis", "drives.signals", OFFLINE),
     Plant("daemon", "pytest", PYTEST),
     Plant("gaitd", "pytest", PYTEST),
-    Plant("gaitd", "gaitd_lab.testing.service", "what tests share is for tests, and `gaitd rig`"),
-    Plant("gaitd_lab", "gaitd.remote", "the laboratory knows nothing of the command line"),
+    Plant(
+        "gaitd_lab", "gaitd_lab.testing.service", "what tests share is for tests, and `gaitd rig`"
+    ),
+    Plant("gaitd_lab", "gaitd.remote", COMMAND_LINE),
+    Plant("gaitd", "simtime.link", TRAINER),
     Plant("simtime", "sim_drives.settings", "simulated time knows no virtual drive"),
     Plant("daemon.core", "daemon.preflight.acceptance", JUDGEMENT),
     Plant("gaitd_client", "daemon.ipc.record", ALONE),

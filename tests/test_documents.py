@@ -23,7 +23,7 @@ from gaitd_session.store import EXPORTED
 from typer._click.exceptions import BadOptionUsage
 
 from analysis import estimates, recording, stop_tables, stride_table
-from gaitd.__main__ import COMMANDS, build
+from gaitd.__main__ import build, commands_for
 from observer.filter.status import Status
 from sim_drives.plant.truth import TruthRow
 
@@ -143,7 +143,7 @@ def accept(words, folder):
     program, *rest = words
     if program == "gaitd":
         name = next((word for word in rest if word not in ("--help", "-h", "--version")), "run")
-        assert name in COMMANDS, f"no command {name}"
+        assert name in commands_for(None), f"no command {name}"
         accept_typer(typer.main.get_command(build(name)), words, folder)
     elif program == "gaitd-session":
         accept_typer(typer.main.get_command(gaitd_session.program.app), words, folder)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from gaitd.__main__ import COMMANDS
+from gaitd.__main__ import commands_for
 
+COMMANDS = commands_for(None)
 MADE = runpy.run_path(str(Path(__file__).parent.parent / "scripts" / "man_pages.py"))
 
 

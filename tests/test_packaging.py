@@ -1,15 +1,25 @@
 """What is installed is ours, whole, and nothing else's."""
 
+import contextlib
 import importlib
 import importlib.metadata
+import os
 import re
+import signal
 import subprocess
 import sys
+import tarfile
+import time
 import tomllib
+import venv
 import zipfile
 from pathlib import Path
 
 import pytest
+from config_files import Change, changed, copied
+from packaging.requirements import Requirement
+
+from gaitd_lab.processes import free_port
 
 PROJECT = Path(__file__).resolve().parent.parent
 PYPROJECT = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -23,11 +33,14 @@ ASSIST_PYPROJECT = tomllib.loads((ASSIST / "pyproject.toml").read_text(encoding=
 RECORD = PROJECT / "clients" / "record"
 RECORD_PYPROJECT = tomllib.loads((RECORD / "pyproject.toml").read_text(encoding="utf-8"))
 DISPLAY_PYPROJECT = tomllib.loads((DISPLAY / "pyproject.toml").read_text(encoding="utf-8"))
+LABORATORY = PROJECT / "gaitd_lab"
+LABORATORY_PYPROJECT = tomllib.loads((LABORATORY / "pyproject.toml").read_text(encoding="utf-8"))
 CLIENT_NAME = "gaitd-client"
 PACKAGES = PYPROJECT["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+OF_THE_LABORATORY = ["gaitd_lab", "sim_drives", "simtime"]
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", [*PACKAGES, *OF_THE_LABORATORY])
 def test_the_package_we_import_is_ours(package):
     module = importlib.import_module(package)
 
@@ -49,6 +62,7 @@ def test_no_installed_distribution_claims_a_name_of_ours(rival):
         SESSION_PYPROJECT,
         ASSIST_PYPROJECT,
         RECORD_PYPROJECT,
+        LABORATORY_PYPROJECT,
     ],
 )
 def test_the_installed_version_is_the_one_of_the_project_file(project):
@@ -74,7 +88,18 @@ def test_display_and_recorder_need_the_versions_that_are_pinned_for_them(extra, 
     assert project["build-system"] == PYPROJECT["build-system"]
 
 
-@pytest.mark.parametrize("folder", [CLIENT, DISPLAY, SESSION, ASSIST, RECORD])
+def test_the_laboratory_needs_gaitd_with_its_tools_and_what_is_pinned_for_it():
+    wanted = LABORATORY_PYPROJECT["project"]["dependencies"]
+    lock = (PROJECT / "requirements" / "lab.txt").read_text(encoding="utf-8")
+
+    assert wanted[0] == f"gaitd[tools]=={PYPROJECT['project']['version']}"
+    for requirement in map(Requirement, wanted[1:]):
+        pinned = re.search(rf"(?m)^{requirement.name}==(\S+)", lock)
+        assert pinned and pinned[1] in requirement.specifier
+    assert LABORATORY_PYPROJECT["build-system"] == PYPROJECT["build-system"]
+
+
+@pytest.mark.parametrize("folder", [CLIENT, DISPLAY, SESSION, ASSIST, RECORD, LABORATORY])
 def test_a_source_distribution_has_the_licence_itself(folder):
     licence = folder / "LICENSE"
 
@@ -88,14 +113,19 @@ def test_a_client_needs_nothing_that_gaitd_does_not_pin(own):
     assert own["build-system"] == PYPROJECT["build-system"]
 
 
-def built(project: Path, folder: Path) -> zipfile.ZipFile:
+def build(project: Path, target: str, folder: Path) -> Path:
     subprocess.run(
-        [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder)],
+        [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)],
         cwd=project,
         check=True,
         capture_output=True,
     )
-    return zipfile.ZipFile(next(folder.glob("*.whl")))
+    (made,) = folder.glob({"wheel": "*.whl", "sdist": "*.tar.gz"}[target])
+    return made
+
+
+def built(project: Path, folder: Path) -> zipfile.ZipFile:
+    return zipfile.ZipFile(build(project, "wheel", folder))
 
 
 @pytest.fixture(scope="module")
@@ -167,13 +197,154 @@ def test_the_wheel_holds_every_module_and_configuration_and_nothing_but_our_pack
     assert {top for top in tops if not top.endswith(".dist-info")} == set(PACKAGES)
 
 
-def test_the_wheel_brings_the_command_the_pytest_plugin_and_the_licence(wheel):
+def test_the_wheel_brings_the_command_and_the_licence_and_nothing_of_the_laboratory(wheel):
     papers = {name.split(".dist-info/")[-1]: name for name in wheel.namelist()}
-    points = wheel.read(papers["entry_points.txt"])
 
-    assert b"gaitd = gaitd.__main__:main" in points
-    assert b"[pytest11]\ngaitd_lab.testing.plugin = gaitd_lab.testing.plugin" in points
+    points = wheel.read(papers["entry_points.txt"]).decode()
+    assert points.split("\n") == ["[console_scripts]", "gaitd = gaitd.__main__:main", ""]
     assert b"Apache License" in wheel.read(papers["licenses/LICENSE"])
+
+
+def test_the_laboratorys_wheel_holds_its_three_packages_commands_plugin_and_bus(tmp_path):
+    wheel = built(LABORATORY, tmp_path)
+    names = set(wheel.namelist())
+    modules = {
+        file.relative_to(PROJECT).as_posix()
+        for package in OF_THE_LABORATORY
+        for file in (PROJECT / package).rglob("*.py")
+    }
+    data = {"gaitd_lab/fault_matrix/reversals.csv", "gaitd_lab/peers/anchor.c"}
+
+    assert {name for name in names if ".dist-info/" not in name} == {
+        *(modules - {"gaitd_lab/hatch_build.py"}),
+        *data,
+    }
+    papers = {name.split(".dist-info/")[-1]: name for name in names}
+    points = wheel.read(papers["entry_points.txt"]).decode()
+    assert "[gaitd.commands]\ngaitd_lab = gaitd_lab.commands.table:COMMANDS" in points
+    assert "[pytest11]\ngaitd_lab.testing.plugin = gaitd_lab.testing.plugin" in points
+    assert "[can.interface]\ngaitd = simtime.can_bus:SimulatedCanBus" in points
+    assert b"Apache License" in wheel.read(papers["licenses/LICENSE"])
+
+
+@pytest.mark.parametrize("project", [PROJECT, LABORATORY], ids=["gaitd", "gaitd-lab"])
+def test_a_source_distribution_makes_the_same_wheel_as_the_clone(project, tmp_path):
+    with tarfile.open(build(project, "sdist", tmp_path)) as archive:
+        archive.extractall(tmp_path, filter="data")
+    (unpacked,) = tmp_path.glob("*/pyproject.toml")
+
+    again = build(unpacked.parent, "wheel", tmp_path)
+
+    of_the_clone = build(project, "wheel", tmp_path / "clone")
+    assert again.read_bytes() == of_the_clone.read_bytes()
+
+
+# --- the wheel of gaitd in an empty environment -------------------------------------------------
+
+
+def needed(name: str) -> dict[str, importlib.metadata.Distribution]:
+    """The distributions that one needs, without extras."""
+    found: dict[str, importlib.metadata.Distribution] = {}
+    left = [name]
+    while left:
+        name = left.pop()
+        if name not in found:
+            found[name] = importlib.metadata.distribution(name)
+            wanted = map(Requirement, found[name].requires or ())
+            left += [
+                one.name for one in wanted if not one.marker or one.marker.evaluate({"extra": ""})
+            ]
+    return found
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory) -> Path:
+    """`bin` of an environment with gaitd and its client from their wheels, and what they need.
+
+    In a clone every package can be imported; here only what is installed can.
+    """
+    folder = tmp_path_factory.mktemp("alone")
+    venv.create(folder / "environment", symlinks=True)
+    (packages,) = (folder / "environment").glob("lib/python3*/site-packages")
+    for name, one in needed("gaitd").items():
+        if name in ("gaitd", CLIENT_NAME):
+            continue
+        for top in {file.parts[0] for file in one.files or () if file.parts[0] != ".."}:
+            with contextlib.suppress(FileExistsError):
+                (packages / top).symlink_to(one.locate_file(top))
+    wheels = [build(project, "wheel", folder / project.name) for project in (CLIENT, PROJECT)]
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / "environment"), "install"]
+    subprocess.run([*pip, "--quiet", "--no-index", *map(str, wheels)], check=True)
+    return folder / "environment" / "bin"
+
+
+def ran(alone: Path, *words: object) -> subprocess.CompletedProcess[str]:
+    program = [alone / words[0], *map(str, words[1:])]
+    return subprocess.run(program, cwd=alone, capture_output=True, text=True, check=False)
+
+
+def test_without_the_laboratory_none_of_its_modules_can_be_imported(alone):
+    found = ran(
+        alone,
+        "python",
+        "-c",
+        f"from importlib.util import find_spec; import gaitd; print(gaitd.__file__)\n"
+        f"for name in {OF_THE_LABORATORY}: print(find_spec(name))",
+    )
+
+    file, *specs = found.stdout.splitlines()
+    assert file.startswith(str(alone.parent))
+    assert specs == ["None"] * 3
+
+
+def test_without_the_laboratory_a_configuration_is_checked_and_a_service_is_asked(alone):
+    (configs,) = alone.parent.glob("lib/python3*/site-packages/gaitd/configs")
+
+    checked = ran(alone, "gaitd", "check", "--quiet", "--config", configs / "trainer.toml")
+    asked = ran(alone, "gaitd", "status", "--endpoint", f"tcp/127.0.0.1:{free_port()}")
+
+    assert (checked.returncode, checked.stderr) == (0, "")
+    assert (asked.returncode, asked.stderr.count("\n")) == (4, 1)
+
+
+def test_without_the_laboratory_its_commands_and_a_simulated_bus_say_what_to_install(alone):
+    (configs,) = alone.parent.glob("lib/python3*/site-packages/gaitd/configs")
+
+    demo = ran(alone, "gaitd", "demo")
+    core = ran(alone, "gaitd", "core", "--config", configs / "demo.toml")
+
+    for ended in (demo, core):
+        assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
+        assert "gaitd-lab, which is not installed: pip install " in ended.stderr
+
+
+@pytest.mark.thorough  # compiles the kernels anew
+def test_without_the_laboratory_and_all_extras_the_service_runs_until_it_is_told_to_end(
+    alone, tmp_path
+):
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    config = changed(
+        copied(tmp_path),
+        Change("demo.toml", 'interface = "simulated"', 'interface = "virtual"'),
+        Change("demo.toml", '"/dev/shm/gaitd-demo"', f'"{tmp_path}/run"'),
+        Change("demo.toml", "tcp/127.0.0.1:7447", endpoint),
+    )
+    running = subprocess.Popen(
+        [alone / "gaitd", "run", "--config", str(config)],
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "numba")},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        while (
+            running.poll() is None
+            and ran(alone, "gaitd", "status", "--endpoint", endpoint).returncode
+        ):
+            time.sleep(1)
+    finally:
+        running.send_signal(signal.SIGTERM)
+        _, said = running.communicate()
+    assert running.returncode == 0, said
 
 
 LOCKS = sorted((PROJECT / "requirements").glob("*.txt"))
@@ -192,8 +363,10 @@ def test_every_pinned_package_has_a_hash_and_no_address(lock):
 def test_every_dependency_is_pinned_at_a_version_that_the_project_allows():
     locked = "\n".join(lock.read_text(encoding="utf-8") for lock in LOCKS).lower()
     wanted = [*PYPROJECT["project"]["dependencies"]]
-    for extra in PYPROJECT["project"]["optional-dependencies"].values():
-        wanted += extra
+    wanted += LABORATORY_PYPROJECT["project"]["dependencies"][1:]
+    for project in (PYPROJECT, LABORATORY_PYPROJECT):
+        for extra in project["project"]["optional-dependencies"].values():
+            wanted += extra
 
     for requirement in wanted:
         if requirement.startswith(CLIENT_NAME):

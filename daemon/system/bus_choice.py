@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import Final, NamedTuple, Protocol, cast
 
 from daemon.config.strict import ConfigError
-from daemon.config.trainer import SIMULATED, TrainerFile
+from daemon.config.trainer import LABORATORY, LABORATORY_BY, SIMULATED, TrainerFile
 from daemon.ipc.transport import CoreChannel, IpcChannel
 from daemon.system.clock import AgeClock, Clock, MonotonicClock
 from drives.canopen.bus import CanBus, OpenedBus
 from drives.errors import BusError
 
-DISTRIBUTION: Final = "gaitd"
 MODULE: Final = "simtime.service"
 """Simulated time; it has the interface of `Simulation`."""
 
@@ -67,16 +66,16 @@ def simulation(named_by: Path | str) -> Simulation:
         ConfigError: it is not installed.
     """
     try:
-        distribution(DISTRIBUTION)
+        distribution(LABORATORY)
         return cast("Simulation", import_module(MODULE))
     except ModuleNotFoundError as error:  # PackageNotFoundError is one, too
-        if error.name not in {DISTRIBUTION, "simtime", MODULE}:
+        if error.name not in {LABORATORY, "simtime", MODULE}:
             raise
-        allowed = f"an interface of python-can; simulated time is in {DISTRIBUTION}, not installed"
-        following = f"pip install {DISTRIBUTION}"
-        raise ConfigError(
-            named_by, "bus.interface", SIMULATED, allowed, following=following
-        ) from None
+        allowed = (
+            f"an interface of python-can; simulated time is in {LABORATORY}, which is not"
+            f" installed: {LABORATORY_BY}"
+        )
+        raise ConfigError(named_by, "bus.interface", SIMULATED, allowed, following="") from None
 
 
 class BusPlace(NamedTuple):

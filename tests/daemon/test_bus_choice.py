@@ -15,7 +15,7 @@ PLACE = BusPlace(SIMULATED, "/run/bus", 1_000_000, "trainer.toml", "bus.channel"
 @pytest.mark.parametrize(
     "lacks",
     [
-        lambda patch: patch.setattr(bus_choice, "DISTRIBUTION", "not-installed-here"),
+        lambda patch: patch.setattr(bus_choice, "LABORATORY", "not-installed-here"),
         lambda patch: patch.setitem(sys.modules, bus_choice.MODULE, None),
         lambda patch: patch.setattr(bus_choice, "MODULE", "simtime.not_there"),
     ],
@@ -28,8 +28,8 @@ def test_without_simulated_time_the_error_names_what_to_install(monkeypatch, lac
 
     text = str(refused.value)
     assert text.startswith(f'trainer.toml: bus.interface = "{SIMULATED}": ')
-    assert f"simulated time is in {bus_choice.DISTRIBUTION}, not installed" in text
-    assert refused.value.following == f"pip install {bus_choice.DISTRIBUTION}"
+    assert f"simulated time is in {bus_choice.LABORATORY}, which is not installed: pip" in text
+    assert refused.value.following == ""
 
 
 def test_an_error_inside_simulated_time_is_not_taken_for_its_absence(monkeypatch, tmp_path):

@@ -15,11 +15,12 @@ from gaitd_client import wire
 
 from daemon.config.strict import ConfigError
 from daemon.system.lock import hold
-from gaitd.__main__ import COMMANDS, build
+from gaitd.__main__ import COMMANDS, build, commands_for
 from gaitd.command_line import failure
 from gaitd_lab.processes import free_port
 
 SAMPLE = CONFIGS.parent / "gaitd" / "sample.ring.xz"
+EVERY = commands_for(None)
 HEAVY = {"numba", "numpy", "scipy", "zenoh", "can", "canopen", "matplotlib", "plotext"}
 
 
@@ -36,11 +37,11 @@ def test_help_lists_every_command_and_imports_nothing_heavy():
     ).stdout
 
     assert "heavy: []" in ran
-    for name in COMMANDS:
+    for name in EVERY:
         assert f" {name} " in ran
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", EVERY)
 def test_every_command_explains_itself(name):
     ended = gaitd(name, "--help")
 
@@ -70,23 +71,48 @@ def test_the_trainer_file_may_be_named_by_the_environment(monkeypatch, tmp_path)
     ("package", "words"),
     [
         ("scipy", ("delay", "x.csv")),
-        ("plotext", ("demo",)),
         ("matplotlib", ("strides",)),
     ],
 )
-def test_a_command_names_the_extra_that_it_needs(monkeypatch, package, words):
+def test_a_command_names_the_extra_that_it_needs(package, words):
     """A package that is None in `sys.modules` cannot be found."""
-    for name in [
-        one for one in sys.modules if one.split(".")[0] in {package, "analysis", "gaitd_lab"}
-    ]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, package, None)
+    program = (
+        f"import sys; sys.modules[{package!r}] = None; from gaitd.__main__ import main; main()"
+    )
 
-    ended = gaitd(*words)
+    ended = subprocess.run(
+        [sys.executable, "-c", program, *words], capture_output=True, text=True, check=False
+    )
 
-    assert (ended.code, ended.out) == (2, "")
-    assert ended.err.startswith(f"gaitd {words[0]} needs {package}: pip install ")
-    assert ended.err.count("\n") == 1
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.startswith(f"gaitd {words[0]} needs {package}: pip install ")
+    assert ended.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_for_a_command_of_gaitd_no_other_package_is_looked_for(monkeypatch, name):
+    def read(**_selected):
+        raise AssertionError("entry points were read")
+
+    monkeypatch.setattr("gaitd.__main__.entry_points", read)
+
+    assert gaitd(name, "--help").code == 0
+
+
+@pytest.mark.parametrize("name", sorted(EVERY.keys() - COMMANDS))
+def test_without_the_laboratory_each_of_its_commands_says_in_one_line_what_to_install(
+    monkeypatch, name
+):
+    monkeypatch.setattr("gaitd.__main__.entry_points", lambda **_selected: ())
+
+    ended = gaitd(name, "--json")
+
+    assert ended.code == 2
+    assert json.loads(ended.out)["blame"] == "gaitd-lab"
+    assert ended.err == (
+        f"gaitd has no command {name}; those of the laboratory are in gaitd-lab, which is not"
+        " installed: pip install ./clients/python . ./gaitd_lab in a clone of gaitd\n"
+    )
 
 
 def test_an_unknown_command_is_a_matter_of_usage_and_the_version_is_told():
@@ -225,7 +251,7 @@ def test_a_shell_completes_commands_and_their_options():
     assert "--config" in completed("gaitd core --c", 2)
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", EVERY)
 def test_every_command_has_json_and_an_error_of_usage_is_a_document(name):
     leaf = typer.main.get_group(build(name)).commands[name]
     ended = gaitd(name, "--json", "--no-such-option")

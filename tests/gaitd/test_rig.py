@@ -8,7 +8,7 @@ import typer
 from command_line import gaitd
 
 from gaitd.command_line import CommandError
-from gaitd.rig import Name, command
+from gaitd_lab.commands.rig import Name, command
 from gaitd_lab.testing import rigs
 
 

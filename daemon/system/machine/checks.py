@@ -43,7 +43,7 @@ IMPORTS: Final = {
     "typer": "typer",
     "rich": "rich",
 }
-OF_TOOLS: Final = ("matplotlib", "plotext", "scipy")
+OF_TOOLS: Final = ("matplotlib", "scipy")
 """Distributions of the extra `tools`, which only some commands need."""
 
 
@@ -70,7 +70,7 @@ def packages() -> Finding:
         return Finding("packages", "; ".join(broken), Grade.BROKEN, remedy)
     missing = [name for name in OF_TOOLS if importlib.util.find_spec(name) is None]
     if missing:
-        found = f"without {', '.join(missing)}: no calibration, figures and live view"
+        found = f"without {', '.join(missing)}: neither calibration nor figures"
         return Finding("packages", found, Grade.MISSING, "the extra `tools`: docs/installation.md")
     return Finding("packages", f"all {len(IMPORTS)} can be imported", Grade.GOOD)
 

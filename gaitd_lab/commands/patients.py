@@ -6,8 +6,9 @@ from typing import Annotated, Final
 
 import typer
 
-from gaitd.command_line import DemoFile, JsonOption, demo_file, errors_in_one_line, json_on_stdout
+from gaitd.command_line import JsonOption, errors_in_one_line, json_on_stdout
 from gaitd.terminal import progress, show
+from gaitd_lab.commands.demo_file import DemoFile, demo_file
 
 SEEDS: Final = 10
 DURATION_S: Final = 180.0

@@ -6,14 +6,13 @@ from typing import Annotated
 import typer
 
 from gaitd.command_line import (
-    DemoFile,
     JsonOption,
-    demo_file,
     errors_in_one_line,
     json_on_stdout,
     robot_file,
 )
 from gaitd.terminal import progress, show
+from gaitd_lab.commands.demo_file import DemoFile, demo_file
 
 
 def command(

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from gaitd.command_line import EXIT_FAILED, DemoFile, JsonOption, demo_file, json_text
+from gaitd.command_line import EXIT_FAILED, JsonOption, json_text
 from gaitd.terminal import progress, show
+from gaitd_lab.commands.demo_file import DemoFile, demo_file
 
 if TYPE_CHECKING:
     from gaitd_lab.fault_matrix.cell import Cell, CellResult

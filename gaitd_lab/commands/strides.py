@@ -7,13 +7,12 @@ import typer
 
 from gaitd.command_line import (
     EXIT_FAILED,
-    DemoFile,
     JsonOption,
-    demo_file,
     errors_in_one_line,
     json_on_stdout,
 )
 from gaitd.terminal import progress, show
+from gaitd_lab.commands.demo_file import DemoFile, demo_file
 
 SEEDS: Final = 10
 
