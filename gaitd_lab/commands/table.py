@@ -13,7 +13,6 @@ _LINES: Final = {
     "consistency": "The observer's sigmas, gaps, rest and drift.",
     "real-data": "The observer on recordings of real machines.",
     "matrix": "Every fault in every mode on both axes, in lock-step.",
-    "fuzz": "Random commands and faults in lock-step, with invariants.",
     "rig": "Run a command where there is SocketCAN, or systemd.",
     "bench": "The project's benchmarks.",
 }
