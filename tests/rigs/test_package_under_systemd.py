@@ -7,6 +7,7 @@ has another name; in the third, a key of the trainer file that the container has
 
 import re
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -78,6 +79,8 @@ def story(systemd_rig, tmp_path_factory):
     built(clone, folder / "second.deb")
     released(clone, THIRD, "announce_s", "announcement_s")
     built(clone, folder / "third.deb")
+    wheel = (sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", str(folder))
+    run(*wheel, folder=PROJECT / "gaitd_lab")
     rig = on_disk(type(systemd_rig), folder)
     script = f"project={PROJECT}\n" + (HERE / "package_under_systemd.sh").read_text()
     finished = rig.run(script, folder, TIMEOUT_S)
