@@ -68,7 +68,7 @@ NO_DESCRIPTOR: Final = EventDraft(
     Priority.MEDIUM,
     Kind.NOTE,
     "the gateway has no file descriptor left: no new client is served, nor a stop of one; "
-    "end clients that nobody needs, or raise LimitNOFILE of its unit",
+    "end unneeded clients, or raise LimitNOFILE of its unit",
 )
 DESCRIPTOR_BACK: Final = EventDraft(
     Priority.LOW, Kind.NOTE, "the gateway has file descriptors again: new clients are served"

@@ -36,9 +36,9 @@ REPORT_S: Final = 60.0
 """A reason why a connection is not accepted is reported once in this time."""
 FULL: Final = "no page can be opened, and a STOP that needs a new connection is lost: "
 REMEDIES: Final = {
-    errno.EMFILE: f"{FULL}this server has no file descriptor left; close pages that nobody needs, "
+    errno.EMFILE: f"{FULL}this server has no file descriptor left; close unneeded pages, "
     "or raise LimitNOFILE of its unit (in a terminal: `ulimit -n`)",
-    errno.ENFILE: f"{FULL}the machine has no file descriptor left; end programs that nobody needs",
+    errno.ENFILE: f"{FULL}the machine has no file descriptor left; end unneeded programs",
 }
 STOP_PATH: Final = "/stop"
 

@@ -67,7 +67,7 @@ class PageText(msgspec.Struct, frozen=True, kw_only=True):
 
     page: Page
     diagonal_mm: float
-    """Of the screen."""
+    """Diagonal of the configured screen."""
     far_mm: float
     """Least size of text that has to be read from the chair."""
     far_ratio: float
