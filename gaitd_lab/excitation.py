@@ -25,7 +25,7 @@ from daemon.preflight.load import read_all
 from gaitd_lab.lockstep import LockstepSession, NotReachedError, RefusedError
 from gaitd_lab.lockstep_gateway import Gateway
 from gaitd_lab.studies.experiment.measures import Run
-from gaitd_lab.virtual_machine import load_plant, virtual_machine
+from gaitd_lab.virtual_machine import load_plant, load_robot, virtual_machine
 from observer.filter.leg_model import STEP_S
 from observer.mechanism.friction import FrictionParameters
 from sim_drives.plant.settings import FrictionLaw
@@ -73,7 +73,7 @@ class EmptyMachine:
         read = read_all(config)
         self.settings = replace(read, robot=_empty(read.robot, config, read.trainer.robot))
         path, plant = load_plant(read.file)
-        own = load_toml(beside(path, plant.robot), Robot)
+        own = load_robot(path, plant)
         self._robot = _empty(own, path, plant.robot)
         friction = msgspec.structs.replace(plant.friction, law=law or plant.friction.law)
         seed = plant.seed if seed is None else seed

@@ -6,7 +6,7 @@ from pathlib import Path
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.config.strict import MISSING, ConfigError, load_toml
-from daemon.config.trainer import TrainerFile, beside
+from daemon.config.trainer import TrainerFile, beside, is_file
 from daemon.preflight.load import read_all
 from drives.cia402.pdo import layouts
 from drives.cia402.profile import DriveDescription
@@ -27,6 +27,18 @@ def load_plant(trainer: TrainerFile) -> tuple[Path, PlantFile]:
         allowed = "the plant.toml of the virtual drives"
         raise ConfigError(trainer.path, "sim", MISSING, allowed, following="")
     return trainer.sim, load_toml(trainer.sim, PlantFile)
+
+
+def load_robot(path: Path, plant: PlantFile) -> Robot:
+    """Read the robot file that a plant.toml, at `path`, names.
+
+    Raises:
+        ConfigError: there is none, or it cannot be used.
+    """
+    file = beside(path, plant.robot)
+    if not is_file(file):
+        raise ConfigError(path, "robot", plant.robot, f"a file that exists; there is no {file}")
+    return load_toml(file, Robot)
 
 
 def virtual_machine(
@@ -56,7 +68,7 @@ def virtual_machine(
     """
     path, own = load_plant(trainer)
     plant = plant or own
-    robot = robot or load_toml(beside(path, plant.robot), Robot)
+    robot = robot or load_robot(path, plant)
     try:
         return build_machine(
             plant,

@@ -9,6 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import msgspec
+from config_files import toml
 from gaitd_client import (
     Activity,
     Cause,
@@ -355,16 +356,3 @@ def settings_of(folder: Path, table, kind):
     path = folder / f"{kind.__name__}.toml"
     path.write_text(toml(table), encoding="utf-8")
     return read_settings(path, kind)
-
-
-def toml(table) -> str:
-    """The table as TOML, one inline value for each key."""
-    return "".join(f"{key} = {_inline(value)}\n" for key, value in table.items())
-
-
-def _inline(value) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_inline(one)}" for key, one in value.items()) + "}"
-    if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(map(_inline, value)) + "]"
-    return json.dumps(value, ensure_ascii=False)

@@ -6,7 +6,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, NoReturn
 
 from gaitd_client import ClientError, Clock, MonotonicClock, Trainer
 from gaitd_session import ProfileError
@@ -23,6 +23,7 @@ from gaitd_display.settings import (
     TherapistSettings,
     Web,
     read_settings,
+    refuse_certificate,
 )
 from gaitd_display.therapist import TherapistServer
 from gaitd_display.web import serve
@@ -45,10 +46,17 @@ def main() -> None:
             _print_hash()
         else:
             made = server_of(given.command, given.config, MonotonicClock(), utc_ahead_ns)
+            refuse_certificate(given.config, made.web)
             serve(made.app, made.web)
-    except (SettingsError, PasswordError, ProfileError, ClientError) as error:
-        print(f"gaitd-display: {error}", file=sys.stderr)
-        sys.exit(CONFIGURATION_ERROR)
+    except (SettingsError, ProfileError) as error:
+        _refuse(error)
+    except (PasswordError, ClientError) as error:
+        _refuse(f"{given.config}: {error}" if given.command in SERVERS else error)
+
+
+def _refuse(error: object) -> NoReturn:
+    print(f"gaitd-display: {error}", file=sys.stderr)
+    sys.exit(CONFIGURATION_ERROR)
 
 
 class Made(NamedTuple):

@@ -10,6 +10,7 @@ The patient's page is read from the chair. Its smallest text there has a cap hei
 
 import ipaddress
 import math
+import ssl
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
 
@@ -239,6 +240,8 @@ def read_settings(path: Path, kind: type[File]) -> File:
     except toml_file.TomlError as error:
         raise SettingsError(str(error)) from error
     _refuse_web(path, settings.web)
+    if not isinstance(settings, EngineerSettings):
+        _refuse_history(path, settings.session)
     if isinstance(settings, PatientSettings):
         _refuse_legs(path, settings.leg)
         _refuse_target(path, settings)
@@ -270,6 +273,31 @@ def _refuse_web(path: Path, web: Web) -> None:
         raise SettingsError(
             f"{path}: web.origins = {list(web.origins)} with web.host = {web.host!r}: list the "
             "addresses of the pages, such as https://trainer.lan:8443"
+        )
+
+
+def refuse_certificate(path: Path, web: Web) -> None:
+    """Refuse a certificate of the file `path` with which no server can start.
+
+    Raises:
+        SettingsError: certificate or key cannot be read, or they do not belong together.
+    """
+    if web.certificate is None:
+        return
+    try:
+        ssl.create_default_context().load_cert_chain(web.certificate, web.key, password="")
+    except OSError as error:  # also of OpenSSL
+        raise SettingsError(
+            f"{path}: web.certificate = {web.certificate}, web.key = {web.key}:"
+            f" {error.strerror}; PEM files of a certificate and of its key without a password are"
+            " needed"
+        ) from error
+
+
+def _refuse_history(path: Path, session: SessionFiles | None) -> None:
+    if session is not None and session.history.is_dir():
+        raise SettingsError(
+            f"{path}: session.history = {session.history}: a folder; the name of a file is needed"
         )
 
 

@@ -443,8 +443,8 @@ def serve(app: ASGIApp, web: Web) -> None:
     """Serve until SIGTERM, SIGINT or SIGHUP."""
     try:
         server = Server(app, web)
-    except OSError as error:
-        reason = error.strerror or str(error)
+    except (OSError, UnicodeError) as error:  # the latter of a name that no machine can have
+        reason = getattr(error, "strerror", None) or str(error)
         print(f"gaitd-display: {web.host}:{web.port}: {reason.lower()}", file=sys.stderr)
         sys.exit(EXIT_NOT_STARTED)
     signal.signal(signal.SIGHUP, server.handle_exit)

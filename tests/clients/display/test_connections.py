@@ -249,14 +249,40 @@ def test_one_that_says_nothing_is_closed_in_time(site, monkeypatch):
                     pass
 
 
+def started(tmp_path, table):
+    """`gaitd-display patient` with a file, until it ends."""
+    file = tmp_path / "patient.toml"
+    file.write_text(bench.toml(table), encoding="utf-8")
+    command = [sys.executable, "-m", "gaitd_display", "patient", "--config", str(file)]
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"web": {"certificate": "none", "key": "none"}}, "none: No such file or directory; PEM"),
+        ({"web": {"certificate": "patient.toml", "key": "patient.toml"}}, "PEM lib (_ssl"),
+        ({"trainer": {"endpoint": ""}}, "endpoint '': allowed are tcp/HOST:PORT"),
+        ({"session": {"profile": "none", "history": "."}}, "a folder; the name of a file is"),
+    ],
+)
+def test_what_no_server_can_use_is_refused_in_one_line_with_its_file(tmp_path, changes, words):
+    table = bench.patient_table(tmp_path)
+    for name, values in changes.items():
+        table[name] = {**table.get(name, {}), **values}
+
+    ended = started(tmp_path, table)
+
+    assert (ended.returncode, ended.stdout, ended.stderr.count("\n")) == (2, "", 1)
+    assert ended.stderr.startswith(f"gaitd-display: {tmp_path}/patient.toml: ")
+    assert words in ended.stderr
+
+
 def test_a_port_in_use_is_told_before_anything_begins(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         table = bench.patient_table(tmp_path)
         table["web"]["port"] = port
-        file = tmp_path / "patient.toml"
-        file.write_text(bench.toml(table), encoding="utf-8")
-        command = [sys.executable, "-m", "gaitd_display", "patient", "--config", str(file)]
-        told = subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
+        told = started(tmp_path, table)
     assert (told.returncode, told.stdout) == (3, "")
     assert told.stderr == f"gaitd-display: 127.0.0.1:{port}: address already in use\n"

@@ -1,5 +1,6 @@
 """Numbers have two bounds that mean something, and names can be looked up, in every file."""
 
+import re
 from functools import partial
 from pathlib import Path
 
@@ -142,6 +143,24 @@ def test_a_client_refuses_a_number_that_is_none(tmp_path, read, file, old, value
 
     with pytest.raises((AssistError, DisplayError), match=f"= {value}: a finite number is needed"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("true", "the name of a file or folder"),
+        ('""', "the name of a file or folder"),
+        ('"a\\u0000b"', "text without the character 0"),
+        ("5e-324", "0 or at least 1e-09 in size"),
+    ],
+)
+def test_a_client_refuses_a_path_that_no_file_can_have(tmp_path, value, words):
+    text = (CONFIGS.parent / "clients/assist/configs/assist.toml").read_text(encoding="utf-8")
+    path = tmp_path / "x.toml"
+    path.write_text(re.sub("(?m)^log = .*", lambda _: f"log = {value}", text))
+
+    with pytest.raises(AssistError, match=rf"x\.toml: log = .*: .*{words}"):
+        read_assist(path)
 
 
 def test_a_plant_whose_name_is_too_long_is_one_that_is_not_there(tmp_path):
