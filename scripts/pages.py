@@ -85,7 +85,7 @@ LONG: Final = {
         ("configs", "tests/service", "tests/support"),
     ),
 }
-"""Each page with its pictures: `fault_matrix.png` is of `fault_matrix.md`."""
+"""Each page or picture by its name."""
 RECORDINGS: Final = "RECORDINGS"
 """In a command: the folder of recordings of real machines, which are not part of the project."""
 TARGET_MISSED: Final = 1
