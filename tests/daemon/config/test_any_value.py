@@ -186,7 +186,7 @@ def test_a_file_of_the_trainer_is_accepted_or_refused_by_its_key(name, every):
 @pytest.mark.parametrize("every", [151, pytest.param(1, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("name", TRAINER)
 def test_files_that_are_accepted_by_themselves_are_checked_together(tmp_path, name, every):
-    """Of the plant the virtual machine is built: `check` does not read it."""
+    """A plant is read by the virtual machine; `check` does not read it."""
     configs, kind = copied(tmp_path), TRAINER[name]
     table = read_toml(configs / name).table
     some = list(cases(kind, table))[::every]
