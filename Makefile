@@ -153,13 +153,14 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 	rm -rf out/sbom
 
 lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from the project files
-	$(COMPILE) pyproject.toml --extra build --extra tools --output-file requirements/run.txt
+	$(COMPILE) pyproject.toml --extra build --output-file requirements/run.txt
 	$(COMPILE) pyproject.toml $(LAB)/pyproject.toml --extra build --extra tools --extra dev --extra display --extra record --extra fleet --output-file requirements/dev.txt
 	$(COMPILE) pyproject.toml $(LAB)/pyproject.toml --extra build --extra tools --constraint requirements/dev.txt --output-file requirements/lab.txt
-	$(COMPILE) pyproject.toml --extra build --extra tools --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
-	$(COMPILE) pyproject.toml --extra build --extra tools --extra record --constraint requirements/dev.txt --output-file requirements/record.txt
-	$(COMPILE) pyproject.toml --extra build --extra tools --extra fleet --constraint requirements/dev.txt --output-file requirements/fleet.txt
-	$(COMPILE) pyproject.toml --extra build --extra tools --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
+	$(COMPILE) pyproject.toml --extra build --extra tools --constraint requirements/dev.txt --output-file requirements/tools.txt
+	$(COMPILE) pyproject.toml --extra build --extra display --constraint requirements/dev.txt --output-file requirements/display.txt
+	$(COMPILE) pyproject.toml --extra build --extra record --constraint requirements/dev.txt --output-file requirements/record.txt
+	$(COMPILE) pyproject.toml --extra build --extra fleet --constraint requirements/dev.txt --output-file requirements/fleet.txt
+	$(COMPILE) pyproject.toml --extra build --extra docs --constraint requirements/dev.txt --output-file requirements/docs.txt
 	$(COMPILE) pyproject.toml --extra rigs --constraint requirements/dev.txt --output-file requirements/rigs.txt
 
 tables: $(VENV)/dev.stamp  ## write the tables of the code into the reference pages anew; read the difference

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 from config_files import Change, changed, copied
 from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
 
 from gaitd_lab.processes import free_port
 
@@ -382,12 +383,29 @@ def test_every_dependency_is_pinned_at_a_version_that_the_project_allows():
             assert f"\n{requirement.lower()} " in f"\n{locked}", requirement
 
 
+def test_what_is_pinned_for_an_installed_service_is_what_it_needs_and_what_builds_it():
+    wanted = {canonicalize_name(name) for name in (*needed("gaitd"), *needed("hatchling"))}
+    lock = (PROJECT / "requirements" / "run.txt").read_text(encoding="utf-8")
+
+    pinned = re.findall(r"(?m)^([a-z0-9-]+)==(?!.*win32)", lock)
+
+    assert {*pinned} == wanted - {"gaitd", CLIENT_NAME}
+
+
+@pytest.mark.parametrize("lock", ["run.txt", "display.txt", "record.txt"])
+def test_no_package_of_the_tools_is_pinned_for_an_installed_service(lock):
+    text = (PROJECT / "requirements" / lock).read_text(encoding="utf-8")
+
+    for tool in map(Requirement, PYPROJECT["project"]["optional-dependencies"]["tools"]):
+        assert f"\n{tool.name}==" not in f"\n{text}"
+
+
 def test_the_page_of_third_party_software_has_exactly_what_is_pinned_for_the_installed_service():
     page = (PROJECT / "docs" / "third_party.md").read_text(encoding="utf-8")
     told = re.findall(r"(?m)^\| ([a-z0-9-]+) \| (\d[^ ]*) \| [^|]+ \| [^|]+ \|", page)
     locks = [
         (PROJECT / "requirements" / name).read_text()
-        for name in ("run.txt", "display.txt", "record.txt")
+        for name in ("run.txt", "display.txt", "record.txt", "tools.txt")
     ]
     pinned = re.findall(r"(?m)^([a-z0-9-]+)==(\S+)(?!.*win32)", "\n".join(locks))
 

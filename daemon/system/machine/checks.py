@@ -7,7 +7,6 @@ scheduling class.
 
 import importlib
 import importlib.metadata
-import importlib.util
 import os
 import platform
 import resource
@@ -43,8 +42,6 @@ IMPORTS: Final = {
     "typer": "typer",
     "rich": "rich",
 }
-OF_TOOLS: Final = ("matplotlib", "scipy")
-"""Distributions of the extra `tools`, which only some commands need."""
 
 
 def python() -> Finding:
@@ -68,10 +65,6 @@ def packages() -> Finding:
     if broken:
         remedy = "install requirements/run.txt again (`make clean demo`)"
         return Finding("packages", "; ".join(broken), Grade.BROKEN, remedy)
-    missing = [name for name in OF_TOOLS if importlib.util.find_spec(name) is None]
-    if missing:
-        found = f"without {', '.join(missing)}: neither calibration nor figures"
-        return Finding("packages", found, Grade.MISSING, "the extra `tools`: docs/installation.md")
     return Finding("packages", f"all {len(IMPORTS)} can be imported", Grade.GOOD)
 
 
