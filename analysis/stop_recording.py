@@ -19,6 +19,7 @@ from daemon.ipc.record import Cause, CycleRecord, LegRecord, StopCategory
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import Kept, RingError, RingHeader, RingReader
 from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.wire.report_texts import detail_text
 
 _ENDS = {
     CORE_SILENT: "no more records from the core: killed, not responding, or shut down",
@@ -135,7 +136,7 @@ def _found(records: Sequence[CycleRecord]) -> Kept:
     return Kept(
         cause=last.verdict.cause.name.lower() if stop else "none",
         drive=last.verdict.drive if stop else "",
-        detail=last.verdict.detail if stop else "",
+        detail=detail_text(last.verdict) if stop else "",
         stop_seq=last.seq,
         stop_utc_ns=last.sync_utc_ns,
         first_seq=records[0].seq,

@@ -13,6 +13,7 @@ from gaitd_client.wire.fields import POWER_STATES
 from analysis.recording import COLUMNS
 from analysis.stop_recording import StopRecording, about, observed, remedy_of
 from daemon.ipc.record import CycleRecord, DriveRecord
+from daemon.wire.report_texts import detail_text
 
 Table = tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]
 """Title, column heads, rows of text."""
@@ -67,7 +68,7 @@ def _modes(recording: StopRecording) -> Iterator[tuple[str, ...]]:
                 f"{recording.from_stop_s(record):+.2f}",
                 record.mode.name.lower(),
                 judged if verdict.category else "-",
-                verdict.detail or record.progress,
+                detail_text(verdict) or record.progress,
             )
 
 

@@ -16,6 +16,8 @@ software   CommandNotFinite: NaN or infinity was about to be sent to a motor.
 from enum import Enum
 from typing import Final
 
+from drives.signals import PowerState
+
 
 class DrivesError(Exception):
     """Base class of everything that this package raises on purpose."""
@@ -158,10 +160,10 @@ class BringUpRefused(DrivesError):
 class DrivePowered(DrivesError):
     """A drive still holds the joint after an earlier stop; switching it off needs a request."""
 
-    def __init__(self, drive: str, state: str) -> None:
+    def __init__(self, drive: str, state: PowerState) -> None:
         self.drive = drive
         self.state = state
-        super().__init__(f"drive {drive}: found powered, in {state}")
+        super().__init__(f"drive {drive}: found powered, in {state.name}")
 
 
 class CommandNotFinite(DrivesError):

@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from enum import Enum
 from typing import Final, NamedTuple, Protocol
 
-from gaitd_client import ClientError
+from gaitd_client import ClientError, wire
 from gaitd_client.trainer import NOT_STOPPED
 
 from analysis.acceptance.record import Judgement, Line, Section, StopTrace
@@ -30,12 +30,12 @@ from daemon.core.runtime.build import build
 from daemon.core.safety.stop_sequence import HOLD_GRACE_CYCLES
 from daemon.core.state import Axis
 from daemon.ipc.record import Cause, CycleRecord, DriveRecord, Mode, Stage, StopCategory
+from daemon.ipc.report import Event, EventCode
+from daemon.wire.report_texts import detail_text, event_text
 from gaitd.operator_texts import (
     HOMING_MAX_S,
     MOTIONS,
     MOVES,
-    PASSED,
-    RESULT,
     STEP_MAX_S,
     prompt,
 )
@@ -85,11 +85,20 @@ class Operator(Protocol):
         ...
 
 
+class Answer(NamedTuple):
+    """The answer to a request."""
+
+    reason: str
+    """Why it is refused; empty: it is done."""
+    refusal: wire.Refusal | None = None
+    """The same as a code, if the core has refused it."""
+
+
 class Bench(Protocol):
     """A running service and its bus."""
 
-    def request(self, name: str, **arguments: object) -> str:
-        """Send a request; the reason of its refusal, empty if it is done."""
+    def request(self, name: str, **arguments: object) -> Answer:
+        """Send a request and wait for its answer."""
         ...
 
     def until(self, reached: Callable[[CycleRecord], bool], within_s: float) -> CycleRecord | None:
@@ -266,7 +275,7 @@ class Acceptance:
         if record is None:
             return "it writes no records"
         verdict = record.verdict
-        cause = f", {verdict.cause.name.lower()} {verdict.drive} {verdict.detail}".rstrip()
+        cause = f", {verdict.cause.name.lower()} {verdict.drive} {detail_text(verdict)}".rstrip()
         return f"mode {record.mode.name.lower()}{cause if verdict.category else ''}"
 
     def _seq(self) -> int:
@@ -281,7 +290,7 @@ class Acceptance:
         self._bench.newest()  # what came while the operator read is not waited for
 
     def _must(self, request: str, **arguments: object) -> None:
-        reason = self._bench.request(request, **arguments)
+        reason = self._bench.request(request, **arguments).reason
         if reason:
             raise NotMeasuredError(f"refused: {reason}")
 
@@ -317,11 +326,12 @@ class Acceptance:
         shown = reason = ""
         begun = self._seq()
         for _ in range(round(STEP_MAX_S / RETRY_S)):
-            reason = self._bench.request(request)
+            answer = self._bench.request(request)
+            reason = answer.reason
             if not reason:
                 return
             begun = self._checked(begun)
-            text = prompt(reason)
+            text = prompt(*answer)
             if text != shown:
                 shown = text
                 self._operator.tell(text)
@@ -473,9 +483,9 @@ class Acceptance:
 
     def _self_test(self) -> None:
         try:
-            texts = self._tested()
+            tested = self._tested()
         except NotMeasuredError as error:
-            texts, why = [], error
+            tested, why = [], error
         else:
             why = NotMeasuredError(f"the self-test gave no result: {self._state()}")
         rules = self._settings.trainer.self_test
@@ -486,21 +496,20 @@ class Acceptance:
         friction = f"friction {rules.friction_min_ratio:g} to {rules.friction_max_ratio:g}"
         for index, name in enumerate(self._axes):
             allowed = f"{tolerances[index % 2]}, {friction} of the configured"
-            mine = next((text for text in texts if text.startswith(name + RESULT)), None)
-            line = (
-                _missing(LOAD, why, allowed)
-                if mine is None
-                else Line(LOAD, mine, allowed, PASSED_OR_FAILED[PASSED in mine])
-            )
+            mine = next((event for event in tested if event.subject == name), None)
+            line = _missing(LOAD, why, allowed)
+            if mine is not None:
+                passed = mine.code is EventCode.SELF_TEST_PASSED
+                line = Line(LOAD, event_text(mine), allowed, PASSED_OR_FAILED[passed])
             self.sections[name].append(Section("Self-test", (line,)))
         record = self._bench.newest()
-        if texts and not all(PASSED in text for text in texts):
+        if any(event.code is EventCode.SELF_TEST_FAILED for event in tested):
             self.blocked = "the self-test has failed"
         elif record is not None and record.mode is Mode.FAULT:
             self.blocked = self.blocked or self._state()
 
-    def _tested(self) -> list[str]:
-        """Event texts of a self-test."""
+    def _tested(self) -> list[Event]:
+        """The results of a self-test, an event for each axis."""
         self._must_be_free()
         rules = self._settings.trainer.self_test
         self._agreed(
@@ -514,7 +523,8 @@ class Acceptance:
         self._bench.until(lambda record: record.mode is not Mode.SELF_TEST, STEP_MAX_S)
         self._pass(0.1)
         events = [event for record in self._bench.since(begun) for event in record.events]
-        return [event for event in events if RESULT in event]
+        results = {EventCode.SELF_TEST_PASSED, EventCode.SELF_TEST_FAILED}
+        return [event for event in events if event.code in results]
 
     # --- stops ----------------------------------------------------------------------------------
 
@@ -577,7 +587,7 @@ class Acceptance:
         if how.prompt:
             self._operator.tell(how.prompt)
         else:
-            reason = self._bench.request("stop")
+            reason = self._bench.request("stop").reason
             if reason:
                 raise self._failed(f"the stop was refused: {reason}")
         stopped = self._bench.until(lambda record: bool(record.verdict.category), STEP_MAX_S)
@@ -684,15 +694,15 @@ def _pushed(word: str, along: float, drives: Sequence[DriveRecord], axis: Axis) 
 
 def _own_judgement(name: str, records: Iterable[CycleRecord]) -> Line:
     """What the service says about its sign test."""
-    good = f"{name}: {MOVES}"
-    said = [
+    ended = [
         event
         for record in records
         for event in record.events
-        if event.startswith((good, f"{name}: failed"))
+        if event.subject == name
+        and event.code in {EventCode.SIGN_TESTED, EventCode.SINGLE_AXIS_FAILED}
     ]
-    text = said[-1].removeprefix(f"{name}: ") if said else "it did not end"
-    judged = PASSED_OR_FAILED[bool(said) and said[-1].startswith(good)]
+    text = event_text(ended[-1]).removeprefix(f"{name}: ") if ended else "it did not end"
+    judged = PASSED_OR_FAILED[bool(ended) and ended[-1].code is EventCode.SIGN_TESTED]
     return Line("the service's own judgement", text, MOVES, judged)
 
 

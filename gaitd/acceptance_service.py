@@ -38,7 +38,7 @@ from drives.service.compare import Compared, read_with_plan
 from drives.service.dump import check_alone, read_objects, variable_at
 from drives.service.eds import load_eds
 from drives.service.scan import Progress, listen
-from gaitd.acceptance import Acceptance, Gait
+from gaitd.acceptance import Acceptance, Answer, Gait
 from gaitd.remote import client_of
 from gaitd.terminal import run_with_progress
 
@@ -146,17 +146,18 @@ class ServiceBench:
         self._ring: RingReader | None = None
         self._seq = 0
 
-    def request(self, name: str, **arguments: object) -> str:
+    def request(self, name: str, **arguments: object) -> Answer:
         """See `Bench`.
 
         Raises:
             ClientError: the service does not answer.
         """
         if self._trainer is None:
-            return "no service"
+            return Answer("no service")
         reply = self._trainer.request(name, **arguments)
         self.newest()
-        return "" if reply.outcome == Outcome.DONE else reply.reason or str(reply.outcome)
+        done = reply.outcome == Outcome.DONE
+        return Answer("" if done else reply.reason or str(reply.outcome), reply.refusal)
 
     def until(self, reached: Callable[[CycleRecord], bool], within_s: float) -> CycleRecord | None:
         """See `Bench`; the time is that of the records."""

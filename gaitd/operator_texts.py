@@ -1,10 +1,15 @@
-"""What the preparation of a machine tells the operator, and reads in the service's events.
+"""What the preparation of a machine tells the operator.
 
 For `gaitd self-test`, `commission` and `reference` (`preparation.py`), and for the acceptance
 (`acceptance.py`).
 """
 
 from typing import Final
+
+from gaitd_client import wire
+
+from daemon.ipc.report import RefusalCode, Untested
+from daemon.wire.names import name_of
 
 MOTIONS: Final = {
     "hip": "the thigh is first raised towards the trunk (the hip bends), then lowered again",
@@ -15,28 +20,30 @@ HOMING_MAX_S: Final = 360.0
 """Longer than any homing may take."""
 STEP_MAX_S: Final = 120.0
 """Time for each step of the self-test that the operator does."""
-PASSED: Final = "self-test passed"
 MOVES: Final = "moves with its torque"
-RESULT: Final = ": self-test "
-UNTESTED: Final = "not seen to act today: "
 
 PRESS: Final = "Press the emergency stop, and release it again."
-PROMPTS: Final = (
-    ("pressed", PRESS),
-    ("released", "Release the emergency stop."),
-    ("switch open", "Let go of the hand switch, then hold it again."),
-    ("switch closed", "Hold the hand switch."),
-    ("hand switch is open", "Hold the hand switch."),
-    ("safe torque off", "Release the emergency stop."),
-    ("moving", "Keep the leg still."),
-)
-"""Prompt for the operator, by a part of the reason with which the service refuses to enable."""
+HOLD_SWITCH: Final = "Hold the hand switch."
+RELEASE: Final = "Release the emergency stop."
+PROMPTS: Final = {
+    name_of(RefusalCode.HAND_SWITCH_OPEN): HOLD_SWITCH,
+    name_of(RefusalCode.STO_ACTIVE): RELEASE,
+    name_of(RefusalCode.LEG_MOVES): "Keep the leg still.",
+}
+"""Prompt for the operator, by the code of the refusal to enable."""
+UNTESTED: Final = {
+    name_of(Untested.HAND_SWITCH_OPEN): "Let go of the hand switch, then hold it again.",
+    name_of(Untested.HAND_SWITCH_CLOSED): HOLD_SWITCH,
+    name_of(Untested.STO_ACTIVE): PRESS,
+    name_of(Untested.STO_RELEASED): RELEASE,
+}
+"""Prompt for the operator, by the state of an input that the service has still to see."""
 
 
-def prompt(reason: str) -> str:
-    """Prompt for the operator after a refusal; the service's reason if no prompt matches."""
-    missing = reason.removeprefix(UNTESTED).split(", ") if reason.startswith(UNTESTED) else [reason]
-    for key, text in PROMPTS:
-        if any(key in one for one in missing):
-            return text
-    return f"waiting: {reason}"
+def prompt(reason: str, refusal: wire.Refusal | None) -> str:
+    """Prompt for the operator after a refusal; the service's reason if there is none."""
+    text = None
+    if refusal is not None:
+        state = refusal.values.get("untested")
+        text = PROMPTS.get(refusal.code) if state is None else UNTESTED.get(str(state))
+    return text or f"waiting: {reason}"

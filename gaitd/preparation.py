@@ -18,14 +18,13 @@ from gaitd_client import ClientError, Outcome, Target, Trainer, wire
 
 from analysis.acceptance.record import Judgement
 from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
+from daemon.ipc.report import EventCode
+from daemon.wire.names import name_of
 from gaitd.command_line import JsonOption, errors_in_one_line, json_text
 from gaitd.operator_texts import (
     HOMING_MAX_S,
     MOTIONS,
-    MOVES,
-    PASSED,
     PRESS,
-    RESULT,
     STEP_MAX_S,
     prompt,
 )
@@ -89,7 +88,7 @@ def reference(
     The service needs the configuration of the empty machine, and the hand switch held.
     """
     target = find_target(config, endpoint, trainer, credentials)
-    result = run_axis(target, "reference", axis, "homed", as_json=as_json)
+    result = run_axis(target, "reference", axis, EventCode.HOMED, as_json=as_json)
     print(json.dumps({"axis": axis, "homed": result.good}) if as_json else result.text)
     raise typer.Exit(result.exit_code)
 
@@ -152,7 +151,7 @@ def commission(
     described = MOTIONS.get(axis.rpartition("/")[2], "it first goes forth, then back")
     if not as_json:
         print(f"Watch the machine: if all is right, {described}.")
-    result = run_axis(target, "commission", axis, MOVES, as_json=as_json)
+    result = run_axis(target, "commission", axis, EventCode.SIGN_TESTED, as_json=as_json)
     seen = result.good and witnessed
     if not as_json:
         print(result.text)
@@ -234,14 +233,14 @@ def _report(
     return EXIT_REFUSED if failed or blocked else EXIT_DONE
 
 
-def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) -> AxisResult:
+def run_axis(target: Target, mode: str, axis: str, good: EventCode, *, as_json: bool) -> AxisResult:
     """Request the mode and wait for its end.
 
     Args:
         target: the service.
         mode: `reference` or `commission`.
         axis: LEG/AXIS.
-        good: beginning of the service's event text about the axis in case of success.
+        good: event of the service about the axis in case of success.
         as_json: print nothing but an error, as a JSON document.
 
     Raises:
@@ -275,10 +274,11 @@ def run_axis(target: Target, mode: str, axis: str, good: str, *, as_json: bool) 
     raise typer.Exit(EXIT_NO_ANSWER)
 
 
-def _axis_result(status: wire.Status, axis: str, good: str, before: set[str]) -> AxisResult:
-    for text in reversed(_new_texts(status, before)):
-        if text.startswith((f"{axis}: {good}", f"{axis}: failed")):
-            return AxisResult(text.startswith(f"{axis}: {good}"), text)
+def _axis_result(status: wire.Status, axis: str, good: EventCode, before: set[str]) -> AxisResult:
+    ends = {name_of(good), name_of(EventCode.SINGLE_AXIS_FAILED)}
+    for event in reversed(_new_events(status, before)):
+        if event.subject == axis and event.code in ends:
+            return AxisResult(event.code == name_of(good), event.text)
     verdict = status.safety.verdict
     why = f"{verdict.text}: {verdict.remedy}" if verdict and verdict.category != "none" else ""
     return AxisResult(False, f"{axis}: stopped before its end. {why}".strip())
@@ -359,7 +359,7 @@ def _enable(trainer: Trainer, show: Print) -> str:
         reply = trainer.request("enable")
         if reply.outcome == Outcome.DONE:
             return ""
-        text = prompt(reply.reason)
+        text = prompt(reply.reason, reply.refusal)
         if text != last_text:
             last_text = text
             show(text)
@@ -378,10 +378,12 @@ def stop_text(safety: wire.Safety) -> str:
 
 
 def _test_result(status: wire.Status, before: set[str], show: Print) -> tuple[bool, list[str]]:
-    lines = [text for text in _new_texts(status, before) if RESULT in text]
+    passed, failed = name_of(EventCode.SELF_TEST_PASSED), name_of(EventCode.SELF_TEST_FAILED)
+    results = [one for one in _new_events(status, before) if one.code in {passed, failed}]
+    lines = [one.text for one in results]
     for line in filter(None, (*lines, stop_text(status.safety))):
         show(line)
-    return bool(lines) and all(PASSED in line for line in lines), lines
+    return bool(results) and all(one.code == passed for one in results), lines
 
 
 # --- both -----------------------------------------------------------------------------------------
@@ -399,8 +401,8 @@ def _ids(status: wire.Status) -> set[str]:
     return {event.id for event in status.events}
 
 
-def _new_texts(status: wire.Status, before: set[str]) -> list[str]:
-    return [event.text for event in status.events if event.id not in before]
+def _new_events(status: wire.Status, before: set[str]) -> list[wire.Event]:
+    return [event for event in status.events if event.id not in before]
 
 
 def _valid_status(trainer: Trainer) -> wire.Status:

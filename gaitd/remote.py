@@ -27,6 +27,8 @@ from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
 from gaitd_client.trainer import NOT_STOPPED, STOP
 
 from daemon.config.strict import ConfigError
+from daemon.ipc.report import RefusalCode
+from daemon.wire.names import name_of
 from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text, with_config
 
 EXIT_DONE: Final = 0
@@ -34,12 +36,17 @@ EXIT_REFUSED: Final = 1
 EXIT_NO_ANSWER: Final = 4
 
 LOOK: Final = "`gaitd status` shows the state of the machine"
-NEXT_BY_REASON: Final = (
-    ("not seen to act today", "`gaitd self-test`"),
-    ("not referenced", "`gaitd reference LEG/AXIS`, in the empty machine"),
-    ("one axis alone", "`gaitd run` with a robot file without [patient], once the leg is out"),
-)
-"""What to do after a refusal, by the beginning of its reason."""
+NEXT_BY_CODE: Final = {
+    RefusalCode.INPUT_UNTESTED: "`gaitd self-test`",
+    RefusalCode.SELF_TEST_DUE: "`gaitd self-test`",
+    RefusalCode.NOT_REFERENCED: "`gaitd reference {subject}`, in the empty machine",
+    RefusalCode.SIGN_NOT_PROVEN: "`gaitd commission {subject}`, in the empty machine",
+    RefusalCode.PATIENT_CONFIGURED: (
+        "`gaitd run` with a robot file without [patient], once the leg is out"
+    ),
+    RefusalCode.NO_PLAN: "`gaitd plan release`",
+}
+"""What to do after a refusal of the core, by its code."""
 NEXT_IN_MODE: Final[dict[str, str]] = {
     Mode.OFF: "`gaitd status` shows what the service waits for",
     Mode.BRINGING_UP: "wait until `gaitd status` shows ready",
@@ -170,11 +177,10 @@ def next_command(reply: Reply) -> str:
     """Return what to do after a refusal; empty for every other outcome."""
     if reply.outcome != Outcome.REFUSED:
         return ""
-    if "`gaitd " in reply.reason:  # it names the command itself
-        return ""
-    for beginning, text in NEXT_BY_REASON:
-        if reply.reason.startswith(beginning):
-            return text
+    refusal = reply.refusal
+    for code, text in NEXT_BY_CODE.items():
+        if refusal is not None and refusal.code == name_of(code):
+            return text.format(subject=refusal.subject)
     return NEXT_IN_MODE.get(reply.mode or "", LOOK)
 
 

@@ -22,6 +22,7 @@ from daemon.config.trainer import beside
 from daemon.ipc.record import Cause, CycleRecord, Mode, Stage
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
+from daemon.wire.report_texts import detail_text
 from gaitd_lab.lockstep import LockstepSession, NotReachedError, RefusedError
 from gaitd_lab.lockstep_gateway import Gateway
 from gaitd_lab.studies.experiment.measures import Run
@@ -217,7 +218,8 @@ def _why(session: LockstepSession, run: Run) -> str:
     if verdict.cause == Cause.NONE:
         return f"the scenario ended at {at_s:.2f} s: an axis has left its window"
     cause = verdict.cause.name.lower().replace("_", " ")
-    return f"stopped at {at_s:.2f} s by {verdict.drive}: {cause}, {verdict.detail or verdict.value}"
+    detail = detail_text(verdict) or verdict.value
+    return f"stopped at {at_s:.2f} s by {verdict.drive}: {cause}, {detail}"
 
 
 def _empty(robot: Robot, file: Path, named: str) -> Robot:

@@ -14,6 +14,7 @@ from daemon.ipc.record import (
     Role,
     Setpoint,
 )
+from daemon.ipc.report import Event
 
 BOOT_ID: Final = "lockstep"
 
@@ -75,7 +76,7 @@ class Gateway:
             states = [GatewayState(self.core_boot_id, *sent, Role.UNRESTRICTED)]
         return states if self.change is None else self.change(states)
 
-    def take_notices(self) -> list[str]:
+    def take_notices(self) -> list[Event]:
         """Return no notices: this gateway exchanges objects, so no bytes can be refused."""
         return []
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final, Protocol
 
 from daemon.ipc.record import CycleRecord, GatewayState
+from daemon.ipc.report import Event
 from daemon.ipc.transport import CoreChannel
 from simtime.processes import IN_A_DEBUGGER, STOPPED, process_state
 
@@ -102,7 +103,7 @@ class InStepChannel:
             self._gateway_expected = self._holder_expected = False
         return gateway_states
 
-    def take_notices(self) -> list[str]:
+    def take_notices(self) -> list[Event]:
         """As `CoreChannel.take_notices`."""
         return self._ipc.take_notices()
 

@@ -2,6 +2,7 @@
 
 Reading order:
     cycle           one cycle, the whole story
+    period          the period of the cycle, durations in cycles
     state, tick     the state kept from cycle to cycle; time and bus data of a cycle
     core_config     the part of the configuration that the core uses
     inputs          command inputs from the gateway

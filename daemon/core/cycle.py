@@ -6,8 +6,10 @@ frames -> drives: decode, state -> units: SI at the joint -> observer: estimate
 """
 
 from collections.abc import Sequence
+from typing import Final
 
 from daemon.core import cycle_record, inputs
+from daemon.core.period import cycles
 from daemon.core.safety import checks
 from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
 from daemon.core.state import Axis, Core, Leg
@@ -27,7 +29,7 @@ from daemon.core.tick import Tick
 from daemon.ipc.record import CycleRecord, GatewayState, Mode
 from drives.canopen.bus import Frame
 
-POSE_CYCLES = 100
+POSE_CYCLES: Final = cycles(1.0)
 """Cycles between two updates of the stored pose, while no drive has power."""
 
 

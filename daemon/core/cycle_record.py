@@ -1,5 +1,7 @@
 """Build the record of one cycle from the core's state; nothing here affects control."""
 
+from typing import TypeVar
+
 from msgspec.structs import replace
 
 from daemon.core.motion.assist import wanted_si
@@ -14,9 +16,11 @@ from daemon.ipc.record import (
     DriveRecord,
     EmergencyRecord,
     LegRecord,
+    RequestResult,
     StrideRecord,
     clipped,
 )
+from daemon.ipc.report import EVENTS_MAX, SAID_BYTES_MAX, Event, Refusal
 from drives.canopen.emcy import is_alarm
 from drives.signals import Emergency, Input, NmtState, PowerState
 from observer.drift import correlation, friction_error
@@ -24,20 +28,15 @@ from observer.filter.status import Status, Validity
 from observer.smoother import LAG
 from observer.strides import AxisStride, Stride
 
+Reported = TypeVar("Reported", Event, Refusal)
 NAN = float("nan")
 NS_PER_MS = 1_000_000
-EVENTS_MAX = 8
-EVENT_LENGTH_MAX = 160
-"""Maximum length of an event in bytes.
-
-A record has a slot of fixed size; events beyond `EVENTS_MAX` are put into the next record.
-"""
 
 
 def record(core: Core, tick: Tick) -> CycleRecord:
     """Build the record of this cycle; recorded events are removed from the core's list."""
     core.seq += 1
-    events = tuple(clipped(event, EVENT_LENGTH_MAX) for event in core.events[:EVENTS_MAX])
+    events = tuple(_clipped(event) for event in core.events[:EVENTS_MAX])
     del core.events[:EVENTS_MAX]
     age_max = core.config.thresholds.sample_age_max_cycles
     return CycleRecord(
@@ -47,9 +46,9 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         sync_utc_ns=tick.sync_utc_ns,
         dt_s=tick.dt_s,
         mode=core.mode,
-        verdict=replace(core.verdict, detail=clipped(core.verdict.detail)),
+        verdict=replace(core.verdict, said=clipped(core.verdict.said)),
         events=events,
-        request=replace(core.result, reason=clipped(core.result.reason)),
+        request=_result(core.result),
         progress=clipped(status.progress(core)),
         gateway_age_cycles=tick.cycle - core.gateway_state_cycle,
         stop_count=core.stop_count or 0,
@@ -64,6 +63,18 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         stage=status.stage(core),
         time_is_simulated=tick.time_is_simulated,
     )
+
+
+def _result(result: RequestResult) -> RequestResult:
+    if result.refusal is None:
+        return result
+    return replace(result, refusal=_clipped(result.refusal))
+
+
+def _clipped(reported: Reported) -> Reported:
+    """The event or refusal with a text that fits: a slot of the ring has a fixed size."""
+    said = clipped(reported.said, SAID_BYTES_MAX)
+    return reported if said == reported.said else replace(reported, said=said)
 
 
 def _assist(core: Core) -> AssistRecord:

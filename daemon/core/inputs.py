@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from daemon.core.state import Core
 from daemon.ipc.record import GatewayState, Request
+from daemon.ipc.report import EventCode
 from daemon.wire.roles import ROLES, Access
 
 
@@ -63,11 +64,7 @@ def _receive_lease(core: Core, newest: GatewayState) -> None:
     may_hold = Access.LEASE in ROLES[newest.lease_role].access
     core.lease, dropped = (newest.lease, 0) if may_hold else (0, newest.lease)
     if dropped and dropped != core.lease_dropped:
-        role = newest.lease_role.name.lower()
-        core.report(
-            f"lease dropped: its holder has the role {role}, which may not hold it;"
-            " if the gateway is older than the core, restart the gateway"
-        )
+        core.report(EventCode.LEASE_DROPPED, "", newest.lease_role)
     core.lease_dropped = dropped
 
 

@@ -1,6 +1,7 @@
 """The mutable state of the core that is kept from one cycle to the next."""
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -11,6 +12,7 @@ from daemon.core.exercises.single_axis import HomingRules, PushRules, Result, Si
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
 from daemon.core.motion.assist import LegAssist
 from daemon.core.motion.gait_shape import GaitShape
+from daemon.core.period import cycles
 from daemon.core.safety.clonus import ClonusWatch
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.energy import StrideSum
@@ -21,6 +23,7 @@ from daemon.core.safety.soft_limits import SoftZone
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
 from daemon.ipc.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
+from daemon.ipc.report import Doubt, Event, EventCode, SelfTestDue, Untested
 from daemon.wire.refusals import SetpointRefusal
 from drives.cia402.drive import DriveGroup
 from drives.cia402.torque import TorqueSampling
@@ -33,7 +36,7 @@ from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 from observer.strides import Stride, StrideCounter
 
-HOLD_SETTLE_CYCLES: Final = 50
+HOLD_SETTLE_CYCLES: Final = cycles(0.5)
 """Time in which a leg that was far from its reference comes to it, as at the end of a gait."""
 
 
@@ -61,7 +64,7 @@ class Axis:
     followed: bool = False
     """Referenced, and since then no reboot or silence of its drive, no doubtful feedback, and no
     homing that has not ended."""
-    unreferenced_why: str = ""
+    doubt: Doubt = Doubt.NOT_HOMED
     watched: bool = False
     """Its drive has been neither silent nor rebooted since a bring-up: it is still the same one."""
     sign_proven: bool = False
@@ -103,8 +106,8 @@ class Axis:
     unexpected_enable_cycles: int = 0
     emergencies_checked: int = 0
     """Count of EMCY alarms already checked: each alarm is checked once."""
-    bring_up_error: str = ""
-    """Error text of the fault that bring-up found in the drive; empty once the fault is gone."""
+    bring_up_error: tuple[int, str] = (0, "")
+    """Code and text of the fault that bring-up found in the drive; 0 and empty once it is gone."""
     drift: Drift = NO_DRIFT
     calibration_advised: bool = False
 
@@ -248,12 +251,11 @@ class Core:
     lapse_reason: str = ""
     """Reason of the newest lapse of assist."""
     seq: int = 0
-    events: list[str] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
     progress: str = ""
-    self_test_due: str = ""
-    """The reason why a self-test must come before any motion; empty if none is due."""
-    inputs_untested: tuple[str, ...] = ()
-    """The states of hand switch and STO still to be observed in the daily test, where required."""
+    self_test_due: SelfTestDue = SelfTestDue.NONE
+    inputs_untested: tuple[tuple[str, Untested], ...] = ()
+    """The axes and the states of their inputs that the daily test has still to see, if required."""
     utc_newest_ns: int = 0
     """The latest UTC time ever read: a clock that shows less was set back."""
     axes: tuple[Axis, ...] = field(init=False)
@@ -263,6 +265,10 @@ class Core:
         """Collect the axes; legs and axes are the same objects for the life of a core."""
         self.axes = tuple(axis for leg in self.legs for axis in leg.axes)
 
-    def report(self, event: str) -> None:
-        """Publish a text for people with one of the next records."""
-        self.events.append(event)
+    def report(self, code: EventCode, subject: str = "", *values: float, said: str = "") -> None:
+        """Publish an event with one of the next records; see `Event`."""
+        self.publish([Event(code, subject, values, said)])
+
+    def publish(self, events: Iterable[Event]) -> None:
+        """Publish events with one of the next records."""
+        self.events.extend(events)

@@ -4,31 +4,33 @@ Priorities follow IEC 60601-1-8: high needs an immediate reaction, medium a prom
 attention; info is no alarm. A verdict is the alarm; the mode change that follows from it is not
 another one. Changes of a drive's inputs are reported only after its first statusword.
 
-The core reports its own events as lines of text (`CycleRecord.events`). They are passed on, except
-a line that only names the cause of a new verdict: the event of the verdict has priority and remedy.
+The core reports its own events (`CycleRecord.events`). They are passed on, except one that only
+names the cause of a new verdict: the event of the verdict has priority and remedy.
 """
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from gaitd_client import wire
 from gaitd_client.wire.fields import NMT_STATES
 from gaitd_client.wire.names import Kind, Priority
 
-from daemon.gateway.translate import Stamp, head, power_state_name
+from daemon.gateway.translate import Stamp, head, named_values, power_state_name
 from daemon.ipc.record import (
     Cause,
     CycleRecord,
     DriveRecord,
     EmergencyRecord,
     Mode,
-    RequestKind,
     StopCategory,
     Verdict,
 )
+from daemon.ipc.report import Event, EventCode
 from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.wire.names import name_of
+from daemon.wire.report_fields import EVENT_FIELDS, VERDICTS
+from daemon.wire.report_texts import detail_text, event_text
 
 HISTORY_COUNT: Final = 200
 """Number of events kept for late joiners."""
@@ -56,6 +58,8 @@ class EventDraft(NamedTuple):
     remedy: str = ""
     cause: Cause | None = None
     subject: str | None = None
+    event: Event | None = None
+    """The core's event; None: the gateway has made this one."""
 
 
 def claimed(client: str) -> str:
@@ -82,15 +86,15 @@ def new_events(before: CycleRecord | None, now: CycleRecord) -> list[EventDraft]
             EventDraft(Priority.INFO, Kind.CORE, f"core is running, mode {name_of(now.mode)}")
         ]
         latched = _verdict_change(Verdict(), now.verdict)
-        return drafts + latched + [_from_line(line) for line in now.events]
+        return drafts + latched + [_of_core(event) for event in now.events]
     stops = _verdict_change(before.verdict, now.verdict)
-    title = CAUSE_TEXT[now.verdict.cause].title
-    lines = [_from_line(line) for line in now.events if not (stops and title in line)]
-    modes = _mode_change(before.mode, now.mode) if _has_no_mode(lines) else []
+    cause = now.verdict.cause
+    told = [_of_core(event) for event in now.events if not (stops and _names_cause(event, cause))]
+    modes = _mode_change(before.mode, now.mode) if _has_no_mode(told) else []
     past = {drive.name: drive for drive in before.drives}
     seen = [drive for drive in now.drives if drive.name in past]
     drives = [drafts for drive in seen for drafts in _drive_changes(past[drive.name], drive)]
-    return [*drives, *stops, *modes, *lines]
+    return [*drives, *stops, *modes, *told]
 
 
 def core_lost(silence_ms: int) -> EventDraft:
@@ -106,9 +110,10 @@ def unread(what: str) -> EventDraft:
     return EventDraft(Priority.LOW, Kind.NOTE, what, remedy)
 
 
-def failed(what: str) -> EventDraft:
-    """The event that a bug in the gateway has ended one query."""
-    return EventDraft(Priority.LOW, Kind.NOTE, what, "report it, with the gateway's log")
+def failed(count: int, what: str) -> EventDraft:
+    """The event that a bug in the gateway has ended a query, one of so many."""
+    text = f"queries have failed in the gateway, {count} so far: {what}"
+    return EventDraft(Priority.LOW, Kind.NOTE, text, "report it, with the gateway's log")
 
 
 def request_sent(name: str, client: str) -> EventDraft:
@@ -200,16 +205,38 @@ class EventLog:
             remedy=item.remedy,
             cause=name_of(item.cause) if item.cause is not None else None,
             subject=item.subject,
+            **_coded(item.event),
         )
 
 
-def _from_line(line: str) -> EventDraft:
-    """An event from a line of the core; the first word gives its kind and priority."""
-    word = line.partition(" ")[0]
-    if word == "CAN":
-        return EventDraft(Priority.LOW, Kind.NOTE, line)
-    kind = Kind.REQUEST if word.upper() in RequestKind.__members__ else Kind.NOTE
-    return EventDraft(Priority.INFO, Kind.MODE if " -> " in line and word == "mode" else kind, line)
+_LOW: Final = frozenset(code for code in EventCode if code.name.startswith("CAN_"))
+"""Events of the core that need attention: those of the CAN controller."""
+_KINDS: Final = {
+    EventCode.MODE_CHANGED: Kind.MODE,
+    EventCode.REQUEST_RECEIVED: Kind.REQUEST,
+    EventCode.REQUEST_REFUSED: Kind.REQUEST,
+    EventCode.REQUEST_DONE: Kind.REQUEST,
+}
+"""Kinds of the core's events; the others are notes."""
+
+
+def _of_core(event: Event) -> EventDraft:
+    priority = Priority.LOW if event.code in _LOW else Priority.INFO
+    kind, subject = _KINDS.get(event.code, Kind.NOTE), event.subject or None
+    return EventDraft(priority, kind, event_text(event), subject=subject, event=event)
+
+
+def _coded(event: Event | None) -> dict[str, Any]:
+    """The fields of a message that tell a program what has happened."""
+    if event is None:
+        return {}
+    names = EVENT_FIELDS[event.code]
+    values = named_values(names, event.values[: len(names)])
+    return {"code": name_of(event.code), "values": values, "said": event.said}
+
+
+def _names_cause(event: Event, cause: Cause) -> bool:
+    return event.code in VERDICTS and event.values[1:2] == (cause,)
 
 
 def _has_no_mode(drafts: Iterable[EventDraft]) -> bool:
@@ -239,8 +266,8 @@ def _stop(verdict: Verdict) -> EventDraft:
         words.append(f"({verdict.drive})")
     if verdict.limit:
         words.append(f"{verdict.value:.4g}, limit {verdict.limit:.4g}")
-    if verdict.detail:
-        words.append(f"- {verdict.detail}")
+    if detail := detail_text(verdict):
+        words.append(f"- {detail}")
     priority = _priority(verdict.cause)
     subject = verdict.drive or None
     return EventDraft(priority, Kind.STOP, " ".join(words), text.remedy, verdict.cause, subject)

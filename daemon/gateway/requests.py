@@ -42,6 +42,8 @@ from daemon.ipc.record import (
     Role,
     Setpoint,
 )
+from daemon.ipc.report import Refusal
+from daemon.wire.report_texts import refusal_text
 
 
 class Route(Enum):
@@ -128,6 +130,8 @@ class Answer(NamedTuple):
     reason: str
     by_core: bool = False
     """True if the core decided the outcome and reports it in its own events."""
+    refusal: Refusal | None = None
+    """Why the core has refused."""
 
 
 class BadPayloadError(Exception):
@@ -310,10 +314,11 @@ class RequestQueue:
         waiting, result = self._pending, record.request
         if waiting is None or result.id != waiting.request.id or result.outcome is Outcome.PENDING:
             return []
-        return self._answer_pending(result.outcome, result.reason, by_core=True)
+        refusal = result.refusal
+        reason = "" if refusal is None else refusal_text(refusal)
+        answers = self._answer_pending(result.outcome, reason)
+        return [answer._replace(by_core=True, refusal=refusal) for answer in answers]
 
-    def _answer_pending(
-        self, outcome: Outcome, reason: str, *, by_core: bool = False
-    ) -> list[Answer]:
+    def _answer_pending(self, outcome: Outcome, reason: str) -> list[Answer]:
         waiting, self._pending = self._pending, None
-        return [Answer(waiting.ticket, outcome, reason, by_core)] if waiting else []
+        return [Answer(waiting.ticket, outcome, reason)] if waiting else []

@@ -128,7 +128,7 @@ class Gateway:
         self._newest: CycleRecord | None = None
         self._fresh: list[CycleRecord] = []
         self._ring_error = ""
-        self._failed, self._failed_count = RareNotice("queries have failed in the gateway"), 0
+        self._failed, self._failed_count = RareNotice(), 0
         self._safety_published: tuple[object, ...] | None = None
         self._state_due_ns = self._drives_due_ns = 0
         self._second_due_ns = clock.now_ns() + SECOND_NS
@@ -321,9 +321,8 @@ class Gateway:
             what = f"{type(bug).__name__}: {bug}"
             self._log.exception("control/%r has failed", inquiry.name)
             self._failed_count += 1
-            self.publish_events(
-                [events.failed(text) for text in self._failed.due(self._failed_count, what)]
-            )
+            if self._failed.due(self._failed_count):
+                self.publish_events([events.failed(self._failed_count, what)])
             for ticket, waiting in tuple(self._waiting.items()):
                 if waiting.inquiry is inquiry:
                     del self._waiting[ticket]
@@ -462,7 +461,11 @@ class Gateway:
 
     def _answer(self, answer: requests.Answer, waiting: Waiting) -> None:
         inquiry, outcome = waiting.inquiry, name_of(answer.outcome)
-        inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.reason))
+        reply = self._reply(inquiry.name, answer.outcome, answer.reason)
+        if answer.refusal is not None:
+            refusal = translate.refusal_message(answer.refusal)
+            reply = msgspec.structs.replace(reply, refusal=refusal)
+        inquiry.answer(reply)
         if not answer.by_core:
             draft = events.request_answered(inquiry.name, waiting.client, outcome, answer.reason)
             self._publish_request(draft)

@@ -27,8 +27,11 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
+from daemon.ipc.report import Refusal
 from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.wire.names import StatusBit, Validity, name_of
+from daemon.wire.report_fields import ENUMS, REFUSAL_FIELDS
+from daemon.wire.report_texts import detail_text
 
 NEVER_PUBLISHED: Final = (
     StatusBit.UNREFERENCED
@@ -233,10 +236,30 @@ def verdict_message(verdict: Verdict) -> wire.Judgement:
         drive=verdict.drive or None,
         value=finite(verdict.value) if stops else None,
         limit=finite(verdict.limit) if stops else None,
-        detail=verdict.detail,
+        finding=name_of(verdict.finding),
+        said=verdict.said,
+        detail=detail_text(verdict),
         text=text.title,
         remedy=text.remedy,
     )
+
+
+def refusal_message(refusal: Refusal) -> wire.Refusal:
+    """A refusal of the core, its values by name."""
+    return wire.Refusal(
+        code=name_of(refusal.code),
+        subject=refusal.subject or None,
+        values=named_values(REFUSAL_FIELDS[refusal.code], refusal.values),
+        said=refusal.said,
+    )
+
+
+def named_values(names: Sequence[str], values: Sequence[float]) -> dict[str, float | str | None]:
+    """Values of an event or a refusal by name; members of enums by theirs, new ones as numbers."""
+    return {
+        name: next((name_of(one) for one in ENUMS.get(name, ()) if one == value), finite(value))
+        for name, value in zip(names, values, strict=False)
+    }
 
 
 def safety(

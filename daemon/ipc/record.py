@@ -18,12 +18,13 @@ from msgspec import Meta
 from daemon.ipc.assist_record import AssistRecord
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.decoding import Count, Name
+from daemon.ipc.report import Event, Finding, Refusal
 
 STATE_COUNT: Final = 8
 """States of the observer: two positions, two velocities, two frictions, two disturbances."""
 SETPOINTS_MAX: Final = 8
 TEXT_BYTES_MAX: Final = 400
-"""Maximum size of a reason, a detail or a line of progress: a slot has a fixed size."""
+"""Maximum size of a line of progress, or of what a drive has said: a slot has a fixed size."""
 
 
 class Mode(IntEnum):
@@ -175,7 +176,7 @@ class Outcome(IntEnum):
 
 
 class Verdict(msgspec.Struct, frozen=True, array_like=True):
-    """The verdict of a cycle, or the latched one: stop category, cause, drive, value and limit."""
+    """The verdict of a cycle, or the latched one."""
 
     category: StopCategory = StopCategory.NONE
     cause: Cause = Cause.NONE
@@ -183,7 +184,14 @@ class Verdict(msgspec.Struct, frozen=True, array_like=True):
     """Name of the drive (`right/hip`) or leg of the cause; empty if none."""
     value: float = 0.0
     limit: float = 0.0
-    detail: str = ""
+    finding: Finding = Finding.NONE
+    said: str = ""
+    """What the drive or the operating system has said; empty if nothing."""
+
+    @property
+    def values(self) -> tuple[float, ...]:
+        """The values of an event or a refusal that reports this verdict."""
+        return self.category, self.cause, self.value, self.limit, self.finding
 
 
 class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
@@ -274,7 +282,7 @@ class RequestResult(msgspec.Struct, frozen=True, array_like=True):
 
     id: int = 0
     outcome: Outcome = Outcome.PENDING
-    reason: str = ""
+    refusal: Refusal | None = None
 
 
 class EmergencyRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -433,8 +441,8 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     mode: Mode
     verdict: Verdict
     """Latched: the most severe since the last reset."""
-    events: tuple[str, ...]
-    """Events of this cycle, one line each; the gateway adds sequence number and time."""
+    events: tuple[Event, ...]
+    """Events of this cycle; the gateway adds identity and time."""
     request: RequestResult
     progress: str
     """One line for the operator; programs read `stage` instead."""

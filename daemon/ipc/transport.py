@@ -37,10 +37,11 @@ from msgspec.structs import replace
 from daemon.ipc import starting
 from daemon.ipc.decoding import INTEGER_MAX, Count, Decoder, RefusedError
 from daemon.ipc.record import CycleRecord, GatewayState
+from daemon.ipc.report import Event, EventCode
 
 MAGIC: Final = b"GAITDRB1"
 HEADER_SIZE: Final = 16384
-SLOT_SIZE: Final = 6784
+SLOT_SIZE: Final = 7232
 """Size of a slot in bytes: for the largest record, with two legs and all events and emergencies."""
 SLOT_COUNT: Final = 3000
 """30 s of 10 ms."""
@@ -174,11 +175,14 @@ class RingWriter:
 
 def without_texts(record: CycleRecord) -> CycleRecord:
     """The record without everything of variable size: texts, emergencies, strides."""
+    request, refusal = record.request, record.request.refusal
+    if refusal is not None:
+        request = replace(request, refusal=replace(refusal, said=""))
     return replace(
         record,
-        verdict=replace(record.verdict, detail=""),
-        events=(),
-        request=replace(record.request, reason=""),
+        verdict=replace(record.verdict, said=""),
+        events=tuple(replace(one, said="") for one in record.events),
+        request=request,
         progress="",
         drives=tuple(replace(one, emergency_text="", emergencies=()) for one in record.drives),
         legs=tuple(replace(one, stride=None) for one in record.legs),
@@ -275,22 +279,20 @@ class RingReader:
 class RareNotice:
     """Limits reports of a repeated fault: due at the first time and at each tenfold count."""
 
-    def __init__(self, what: str) -> None:
-        self._what = what
+    def __init__(self) -> None:
         self._reported_count = 0
 
-    def due(self, count: int, why: str = "") -> list[str]:
-        """The line to report, if one is due.
+    def due(self, count: int) -> bool:
+        """True if a report is due.
 
         Args:
             count: of all times so far; a lower count than before means that counting began anew.
-            why: reason of the newest fault.
         """
         self._reported_count = min(self._reported_count, count)
         if count <= 10 * self._reported_count:
-            return []
+            return False
         self._reported_count = count
-        return [f"{self._what}, {count} so far" + (f": {why}" if why else "")]
+        return True
 
 
 def _bound_socket(path: Path) -> socket.socket:
@@ -361,7 +363,7 @@ class IpcChannel(Protocol):
         """All gateway states that wait."""
         ...
 
-    def take_notices(self) -> list[str]:
+    def take_notices(self) -> list[Event]:
         """Notices about the IPC channel for the operator that have not been published yet."""
         ...
 
@@ -376,9 +378,7 @@ class CoreChannel:
         self._decoder = Decoder(msgspec.msgpack.Decoder(GatewayState).decode)
         self._refusal = ""
         """Why the newest refused datagram was not a valid gateway state."""
-        self._refused = RareNotice("datagrams to the core refused")
-        self._shortened = RareNotice("records were written without their texts, which did not fit")
-        self._crowded = RareNotice("the core received more datagrams than it reads in a cycle")
+        self._refused, self._shortened, self._crowded = RareNotice(), RareNotice(), RareNotice()
 
     @property
     def refused_count(self) -> int:
@@ -404,13 +404,19 @@ class CoreChannel:
                 self._refusal = str(error)
         return gateway_states
 
-    def take_notices(self) -> list[str]:
-        """New lines about faults of the channel, for the operator."""
-        return [
-            *self._refused.due(self.refused_count, self._refusal),
-            *self._shortened.due(self._ring.shortened_count),
-            *self._crowded.due(self._datagrams.crowded_count),
-        ]
+    def take_notices(self) -> list[Event]:
+        """New faults of the channel, for the operator."""
+        shortened_count = self._ring.shortened_count
+        crowded_count = self._datagrams.crowded_count
+        notices: list[Event] = []
+        if self._refused.due(self.refused_count):
+            count = self.refused_count
+            notices.append(Event(EventCode.STATES_REFUSED, values=(count,), said=self._refusal))
+        if self._shortened.due(shortened_count):
+            notices.append(Event(EventCode.RECORDS_SHORTENED, values=(shortened_count,)))
+        if self._crowded.due(crowded_count):
+            notices.append(Event(EventCode.STATES_CROWDED, values=(crowded_count,)))
+        return notices
 
     def close(self) -> None:
         """Close the channel; the ring file stays."""
@@ -428,7 +434,7 @@ class GatewayChannel:
         self._encoder = msgspec.msgpack.Encoder()
         self._ring: RingReader | None = None
         self._seq = 0
-        self._damaged = RareNotice("records of the core cannot be read")
+        self._damaged = RareNotice()
         # Records of a ring that existed before this gateway are not read; a later ring is read from
         # its start. A file that cannot be read is reported by `records` until a core replaces it.
         with contextlib.suppress(RingError):
@@ -495,9 +501,11 @@ class GatewayChannel:
 
     def take_notices(self) -> list[str]:
         """New lines about faults of the channel, for the operator."""
-        if self._ring is None:
+        if self._ring is None or not self._damaged.due(self._ring.damaged_count):
             return []
-        return self._damaged.due(self._ring.damaged_count, "damaged, or of another gaitd version")
+        count = self._ring.damaged_count
+        why = "damaged, or of another gaitd version"
+        return [f"records of the core cannot be read, {count} so far: {why}"]
 
     def send(self, gateway_state: GatewayState) -> bool:
         """Send the gateway state to the core; False if no core took it."""

@@ -147,7 +147,7 @@ class RequestLog:
         now = header.verdict
         if identity(latched) != identity(now):
             what = {"cause": name_of(now.cause), "category": now.category.name, "drive": now.drive}
-            self._write("verdict", **what, detail=now.detail)
+            self._write("verdict", **what, finding=name_of(now.finding), said=now.said)
 
     def turn(self, now_ns: int, utc_ns: int) -> None:
         """End a turn: log unanswered queries, write the sums once a minute, start a flush."""

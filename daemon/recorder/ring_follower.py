@@ -12,10 +12,11 @@ from typing import Final, NamedTuple
 import msgspec
 
 from daemon.ipc.decoding import Count, Decoder, RefusedError
-from daemon.ipc.record import Mode, StopCategory, Verdict, clipped
+from daemon.ipc.record import Mode, StopCategory, Verdict
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import RingReader
 from daemon.wire.names import name_of
+from daemon.wire.report_texts import detail_text
 
 
 class RecordHeader(msgspec.Struct, frozen=True, array_like=True):
@@ -99,7 +100,7 @@ class RingFollower:
             return None
         if identity(before.verdict) == identity(verdict):
             return None
-        cause, detail = name_of(verdict.cause), clipped(verdict.detail)
+        cause, detail = name_of(verdict.cause), detail_text(verdict)
         return Stop(cause, verdict.drive, detail, now.seq, now.sync_utc_ns)
 
     def end(self) -> Stop | None:

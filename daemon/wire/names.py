@@ -1,9 +1,9 @@
-"""Names of enums on the wire, and the observer's enums once more.
+"""Names of enums on the wire, and enums of observer and drives once more.
 
-The gateway does not import the observer, and clients do not import the gateway: `StatusBit` and
-`Validity` are the observer's numbers as records hold them, which `tests/daemon/test_wire.py`
-compares. `gaitd_client.wire.names` has the names that clients receive, which
-`tests/clients/python/test_distribution.py` compares.
+The gateway imports neither observer nor drives, and clients do not import the gateway: `StatusBit`,
+`Validity`, `PowerState` and `NmtState` are the numbers that records hold, which
+`tests/daemon/test_wire.py` compares. `gaitd_client.wire.names` has the names that clients
+receive, which `tests/clients/python/test_distribution.py` compares.
 """
 
 from enum import Enum, IntEnum, IntFlag
@@ -37,6 +37,30 @@ class Validity(IntEnum):
     """At rest only patient minus friction is observable: both are null, the net value is given."""
     BAD = 2
     """All values of the axis are null."""
+
+
+class PowerState(IntEnum):
+    """CiA 402 power state of a drive; UNKNOWN until its first statusword."""
+
+    UNKNOWN = 0
+    NOT_READY_TO_SWITCH_ON = 1
+    SWITCH_ON_DISABLED = 2
+    READY_TO_SWITCH_ON = 3
+    SWITCHED_ON = 4
+    OPERATION_ENABLED = 5
+    QUICK_STOP_ACTIVE = 6
+    FAULT_REACTION_ACTIVE = 7
+    FAULT = 8
+
+
+class NmtState(IntEnum):
+    """CiA 301 NMT state of a drive; UNKNOWN until its first heartbeat."""
+
+    BOOT_UP = 0x00
+    STOPPED = 0x04
+    OPERATIONAL = 0x05
+    PRE_OPERATIONAL = 0x7F
+    UNKNOWN = 0xFF
 
 
 def name_of(member: Enum) -> str:

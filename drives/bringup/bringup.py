@@ -290,7 +290,7 @@ def _without_power(
     if state_text in POWER_STAGE_OFF:
         return
     if not may_switch_off:
-        raise DrivePowered(drive.name, state_text.name)
+        raise DrivePowered(drive.name, state_text)
     deadline_ns = port.now_ns() + SWITCH_OFF_TIMEOUT_NS
     for one in [one for one in may_switch_off if state(one) not in POWER_STAGE_OFF]:
         write(_DISABLE_VOLTAGE, one.target(port), 0)

@@ -54,17 +54,23 @@ class BusCondition(Enum):
     OFF = "bus-off"
 
 
-_WIRING: Final = "check termination, cable and bit rate"
+class BusNotice(Enum):
+    """A change of the controller that an operator should know."""
+
+    ACTIVE = "works without errors again"
+    WARNING = "sees many errors"
+    PASSIVE = "is error passive"
+    OFF = "is bus-off"
+    ALONE = "its frames are not acknowledged"
+    FRAMES_LOST = "lost frames"
+
+
 _NOTICE: Final = {
-    BusCondition.ACTIVE: "CAN controller works without errors again",
-    BusCondition.WARNING: f"CAN controller sees many errors (warning): {_WIRING}",
-    BusCondition.PASSIVE: f"CAN controller is error passive: {_WIRING}",
-    BusCondition.OFF: "CAN controller is bus-off, nothing is sent until it is restarted (restart-ms"
-    f" of the interface, or set it down and up): {_WIRING}",
+    BusCondition.ACTIVE: BusNotice.ACTIVE,
+    BusCondition.WARNING: BusNotice.WARNING,
+    BusCondition.PASSIVE: BusNotice.PASSIVE,
+    BusCondition.OFF: BusNotice.OFF,
 }
-_ALONE: Final = (
-    "CAN frames are not acknowledged: no other node is on the bus, or the bit rate differs"
-)
 
 
 class BusMonitor:
@@ -86,7 +92,7 @@ class BusMonitor:
         self.overflow_count = 0
         """Frames lost in the controller, in either direction."""
         self._overflow_reported_count = 0
-        self._notices: deque[str] = deque(maxlen=NOTICES_MAX)
+        self._notices: deque[BusNotice] = deque(maxlen=NOTICES_MAX)
 
     def feed(self, frame: Frame) -> bool:
         """Take one error frame; True if the condition changed."""
@@ -131,7 +137,7 @@ class BusMonitor:
         self.alone = False
         self._has_received = True
 
-    def take_notices(self) -> list[str]:
+    def take_notices(self) -> list[BusNotice]:
         """Return the notices that were not yet taken, oldest first."""
         notices = list(self._notices)
         self._notices.clear()
@@ -139,7 +145,7 @@ class BusMonitor:
 
     def _set_alone(self) -> None:
         if not self.alone:
-            self._notices.append(_ALONE)
+            self._notices.append(BusNotice.ALONE)
         self.alone = True
 
     def _controller(self, status: int) -> None:
@@ -166,8 +172,7 @@ class BusMonitor:
         self.overflow_count += 1
         if self.overflow_count >= 10 * self._overflow_reported_count:
             self._overflow_reported_count = self.overflow_count
-            lost = f"CAN controller lost frames, {self.overflow_count} times so far"
-            self._notices.append(f"{lost}: the machine is too slow or the bus too full")
+            self._notices.append(BusNotice.FRAMES_LOST)
 
 
 def _announces_active(frame: Frame) -> bool:

@@ -27,7 +27,10 @@ def command(
     config: DemoFile = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Play patients who work, at each cadence and friction, and machines that must stop."""
+    """Play patients who work, at each cadence and friction, and machines that must stop.
+
+    Ctrl-C ends the work after the cells that are being played, and shows what is known.
+    """
     from gaitd_lab.studies.report import Report, write
     from gaitd_lab.studies.working_patients import cells, run, table
 
@@ -40,11 +43,14 @@ def command(
         update = begin("cells", float(len(wanted)))
         played = {}
         jobs = min(jobs, os.cpu_count() or 1)
-        for done, one in enumerate(run(demo_file(config), wanted, duration_s, jobs), 1):
-            played[one.cell] = one
-            update(float(done), f"{done} of {len(wanted)} cells")
-        results = [played[cell] for cell in wanted]
         title = f"Patients who work: medians, {duration_s:g} s of gait each, seeds: {seeds}"
+        try:
+            for done, one in enumerate(run(demo_file(config), wanted, duration_s, jobs), 1):
+                played[one.cell] = one
+                update(float(done), f"{done} of {len(wanted)} cells")
+        except KeyboardInterrupt:
+            title += f", ended after {len(played)} of {len(wanted)} cells"
+        results = [played[cell] for cell in wanted if cell in played]
         found = Report("patients", title, (table(results),), {})
         show(one.texts() for one in found.tables)
         for path in write(

@@ -11,11 +11,13 @@ from typing import Any, Final
 
 from analysis import markdown
 from daemon.core.exercises.guards import GuardInputs
-from daemon.core.modes.table import TRANSITIONS, Event, event_of, refusal
+from daemon.core.modes.table import TRANSITIONS, event_of, refusal
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.ipc.report import Doubt, SelfTestDue, Trigger, Untested
 from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
+from daemon.wire.report_texts import MEMBER_TEXT, refusal_text
 
 WELL: Final = GuardInputs(
     mode=Mode.READY,
@@ -56,11 +58,13 @@ WRONG: Final[Mapping[str, Mapping[str, Any]]] = {
     "a joint was not sampled in this cycle": {"unsampled": ("right/hip",)},
     "the hand switch is open": {"hand_switch_closed": False},
     "STO is active": {"sto_released": False},
-    "an axis is not referenced": {"unreferenced": ("right/hip",)},
+    "an axis is not referenced": {"unreferenced": (("right/hip", Doubt.NOT_HOMED),)},
     "an axis is outside its range": {"outside": ("right/slide",)},
     "a sign is not proven": {"unproven": ("right/hip",)},
-    "an input was not seen to act today": {"inputs_untested": ("right/hip hand switch open",)},
-    "no self-test was passed today": {"self_test_due": "no self-test has been passed today"},
+    "an input was not seen to act today": {
+        "inputs_untested": (("right/hip", Untested.HAND_SWITCH_OPEN),)
+    },
+    "no self-test was passed today": {"self_test_due": SelfTestDue.NOT_PASSED_TODAY},
     "the drives do not hold yet": {"drives_powered": False},
     "a patient is configured": {"patient_configured": True},
     "guidance is by position": {"guidance": "position"},
@@ -96,37 +100,37 @@ def diagram() -> Iterator[str]:
         yield f"        {_word(mode)}"
     yield "    }"
     for to in dict.fromkeys(shared.values()):
-        words = ", ".join(event.value for event, target in shared.items() if target == to)
+        words = ", ".join(trigger_text(event) for event, target in shared.items() if target == to)
         yield f"    enabled --> {_word(to)}: {words}"
     yield from _edges(
         "    ", lambda mode, event, to: mode.active and not to.active and event not in shared
     )
 
 
-def _shared() -> dict[Event, Mode]:
+def _shared() -> dict[Trigger, Mode]:
     """Events with the same target mode in every enabled mode, and that target."""
     active = [mode for mode in Mode if mode.active]
     return {
         event: TRANSITIONS[active[0], event]
-        for event in Event
+        for event in Trigger
         if len({TRANSITIONS.get((mode, event)) for mode in active}) == 1
         and (active[0], event) in TRANSITIONS
     }
 
 
-def _edges(indent: str, wanted: Callable[[Mode, Event, Mode], bool]) -> Iterator[str]:
+def _edges(indent: str, wanted: Callable[[Mode, Trigger, Mode], bool]) -> Iterator[str]:
     """One arrow for each pair of modes, with all of its wanted events."""
     words: dict[tuple[Mode, Mode], list[str]] = {}
     for (mode, event), to in TRANSITIONS.items():
         if wanted(mode, event, to):
-            words.setdefault((mode, to), []).append(event.value)
+            words.setdefault((mode, to), []).append(trigger_text(event))
     for (mode, to), events in words.items():
         yield f"{indent}{_word(mode)} --> {_word(to)}: {', '.join(events)}"
 
 
 def _transitions() -> Iterator[tuple[str, ...]]:
     for (mode, event), to in TRANSITIONS.items():
-        yield _word(mode), event.value, _word(to)
+        yield _word(mode), trigger_text(event), _word(to)
 
 
 def _possible() -> Iterator[tuple[str, ...]]:
@@ -147,11 +151,11 @@ def _refusals() -> Iterator[tuple[str, ...]]:
         for mode in (mode for mode in Mode if (mode, event) in TRANSITIONS):
             usual = refusal(kind, wanted, replace(WELL, mode=mode))
             if usual:
-                yield name, _word(mode), "all is well", usual
+                yield name, _word(mode), "all is well", refusal_text(usual)
             for words, change in WRONG.items():
                 reason = refusal(kind, wanted, replace(WELL, mode=mode, **change))
                 if reason and reason != usual:
-                    yield name, _word(mode), words, reason
+                    yield name, _word(mode), words, refusal_text(reason)
 
 
 def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
@@ -172,3 +176,8 @@ def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
 
 def _word(mode: Mode) -> str:
     return mode.name.lower()
+
+
+def trigger_text(trigger: Trigger) -> str:
+    """The trigger of a transition, as the page names it."""
+    return MEMBER_TEXT[Trigger].get(trigger, trigger.name.lower())

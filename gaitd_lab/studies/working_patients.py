@@ -150,8 +150,11 @@ def run(config: Path, wanted: Sequence[Cell], duration_s: float, jobs: int) -> I
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(jobs, len(wanted)), mp_context=spawn) as pool:
         running = [pool.submit(play, config, cell, duration_s) for cell in wanted]
-        for done in as_completed(running):
-            yield done.result()
+        try:
+            for done in as_completed(running):
+                yield done.result()
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def play(config: Path, cell: Cell, duration_s: float) -> Played:

@@ -3,6 +3,7 @@
 import pytest
 
 from daemon.ipc.record import Cause, Mode
+from daemon.ipc.report import Finding
 from drives.canopen.bus import Frame
 
 EMCY = 0x080 + 5
@@ -34,7 +35,7 @@ def test_an_alarm_that_the_drive_takes_back_in_the_same_batch_stops_all_the_same
 
     verdict = session.record.verdict
     assert verdict.cause == Cause.EMERGENCY
-    assert "2310h" in verdict.detail
+    assert (verdict.finding, verdict.value) == (Finding.EMCY, 0x2310)
     assert not session.record.mode.active
 
 
@@ -47,6 +48,7 @@ def test_an_alarm_is_judged_once_and_no_warning_later_is_named_in_its_place(warm
     session.run(0.5)
     say(session, WARNING, after_ms=0.5)
 
-    assert "2310h" in session.record.verdict.detail
+    verdict = session.record.verdict
+    assert (verdict.finding, verdict.value) == (Finding.EMCY, 0x2310)
     told = [event for record in session.records[since:] for event in record.events]
     assert told == []

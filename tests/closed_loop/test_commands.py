@@ -129,7 +129,7 @@ def test_a_target_beyond_the_range_stops_before_the_drive_faults(warm_position_h
     farthest = max(counts) if sign > 0 else min(counts)
     assert farthest == pytest.approx(edge_rad * scaling.counts_per_si, abs=1)
     told = [event for record in warm_position_hold.records for event in record.events]
-    assert not any("8A82" in event for event in told)
+    assert not any(0x8A82 in event.values for event in told)
     assert warm_position_hold.record.verdict.cause == Cause.TRACKING_LIMIT
 
 

@@ -4,10 +4,11 @@ import struct
 from itertools import groupby
 
 import pytest
-from sessions import CONFIGS, changed_configs, new_session, single_axis_run
+from sessions import CONFIGS, changed_configs, new_session, reported, single_axis_run
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
+from daemon.ipc.report import EventCode, Failure, Refusal, RefusalCode
 from drives.signals import PowerState
 
 HIP, SLIDE = "right/hip", "right/slide"
@@ -60,19 +61,17 @@ def sign_test(session, axis):
     return single_axis_run(session, Mode.COMMISSION, axis)
 
 
-def events(records):
-    return [event for record in records for event in record.events]
+def failures(records):
+    failed = reported(records, EventCode.SINGLE_AXIS_FAILED)
+    return [(event.subject, event.values[0]) for event in failed]
 
 
 def test_nothing_can_be_enabled_before_every_sign_is_proven(session):
-    refused = session.request(RequestKind.ENABLE)
-    assert refused.outcome == Outcome.REFUSED
-    assert HIP in refused.reason
-    assert SLIDE in refused.reason
-
     for axis in (HIP, SLIDE):
+        unproven = Refusal(RefusalCode.SIGN_NOT_PROVEN, axis)
+        assert session.request(RequestKind.ENABLE).refusal == unproven
         sign_test(session, axis)
-        assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
+        assert session.request(RequestKind.ENABLE).refusal == unproven
         assert asked(session, axis, witnessed=True).outcome == Outcome.DONE
 
     assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
@@ -90,7 +89,10 @@ def test_a_sign_test_is_prepared_with_its_bring_up_played_and_ended(warm_tested)
 
 def test_an_axis_that_moves_with_its_torque_and_was_watched_is_proven_and_says_so(warm_tested):
     session, records = warm_tested
-    assert any("moves with its torque: pushed forth" in event for event in events(records))
+    (tested,) = reported(records, EventCode.SIGN_TESTED)
+    effort_forth_nm, moved_forth_rad, effort_back_nm, moved_back_rad = tested.values
+    assert tested.subject == HIP
+    assert effort_forth_nm > 0.0 > effort_back_nm
     assert not session.record.drives[0].sign_proven
 
     asked(session, HIP, witnessed=True)
@@ -99,6 +101,7 @@ def test_an_axis_that_moves_with_its_torque_and_was_watched_is_proven_and_says_s
     assert session.record.drives[0].sign_proven
     proof = session.state_file.persistent.axis(HIP).proof
     assert proof is not None
+    assert (proof.moved_forth_si, proof.moved_back_si) == (moved_forth_rad, moved_back_rad)
     assert proof.moved_forth_si > 0.03 > -0.03 > proof.moved_back_si
 
 
@@ -106,7 +109,7 @@ def test_a_witness_of_nothing_is_not_believed(session):
     answer = asked(session, HIP, witnessed=True)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "has not been tested" in answer.reason
+    assert answer.refusal == Refusal(RefusalCode.NOT_TESTED, HIP)
 
 
 def test_the_torque_of_a_sign_test_is_bounded_in_the_drive_and_by_the_core(warm_tested):
@@ -127,7 +130,7 @@ def test_a_blocked_axis_proves_nothing(session):
 
     records = sign_test(session, HIP)
 
-    assert any("do not move it" in event for event in events(records))
+    assert failures(records) == [(HIP, Failure.DOES_NOT_MOVE)]
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
 
 
@@ -138,7 +141,7 @@ def test_a_motor_or_an_encoder_the_wrong_way_round_is_found_after_a_little_motio
 
     records = sign_test(session, HIP)
 
-    assert any("against its torque" in event for event in events(records))
+    assert failures(records) == [(HIP, Failure.MOVES_AGAINST_TORQUE)]
     assert max(abs(row.hip_angle_rad - before) for row in session.truth.rows) < 0.15
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
     assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
@@ -179,14 +182,15 @@ def test_with_a_patient_no_axis_is_moved_alone(tmp_path):
     answer = asked(session, HIP)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "patient" in answer.reason
+    assert answer.refusal == Refusal(RefusalCode.PATIENT_CONFIGURED)
 
 
 def test_an_axis_that_does_not_exist_is_named_with_those_that_do(session):
     answer = asked(session, "left/hip")
 
     assert answer.outcome == Outcome.REFUSED
-    assert "right/hip, right/slide" in answer.reason
+    assert answer.refusal.code is RefusalCode.NO_SUCH_AXIS
+    assert answer.refusal.said.split(", ") == [HIP, SLIDE]
 
 
 def test_a_proof_outlives_a_restart(configs, proof):
@@ -210,7 +214,7 @@ def test_a_proof_is_of_one_drive_and_one_transmission(proof, tmp_path, change):
 
     refused = again.request(RequestKind.ENABLE)
     assert refused.outcome == Outcome.REFUSED
-    assert "sign is not proven: right/hip:" in refused.reason
+    assert refused.refusal == Refusal(RefusalCode.SIGN_NOT_PROVEN, HIP)
 
 
 NAMELESS = tuple(
@@ -248,8 +252,8 @@ def test_a_drive_without_a_serial_number_is_another_one_after_a_restart(warm_nam
     refused = again.request(RequestKind.ENABLE)
 
     assert refused.outcome == Outcome.REFUSED
-    assert HIP in refused.reason
-    assert SLIDE in refused.reason
+    assert refused.refusal == Refusal(RefusalCode.SIGN_NOT_PROVEN, HIP)
+    assert not any(drive.sign_proven for drive in again.record.drives)
     assert again.state_file.persistent.axis(HIP).proof is None
 
 
@@ -266,7 +270,7 @@ def test_a_drive_without_a_serial_number_is_another_one_after_it_was_out_of_sigh
     refused = session.request(RequestKind.ENABLE)
 
     assert refused.outcome == Outcome.REFUSED
-    assert HIP in refused.reason
+    assert refused.refusal == Refusal(RefusalCode.SIGN_NOT_PROVEN, HIP)
 
 
 def test_notes_that_cannot_be_read_prove_nothing(configs):
@@ -370,4 +374,4 @@ def test_a_leg_that_does_not_rest_in_time_is_not_moved_later(session):
     session.core.axes[1].limits = session.core.axes[1].limits._replace(standstill_si_per_s=-1.0)
     never_enabled(session, since)
 
-    assert any("ask again" in event for event in events(session.records[since:]))
+    assert failures(session.records[since:]) == [(HIP, Failure.NOT_READY)]

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from sessions import changed_configs, single_axis_run
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.report import RefusalCode
 from daemon.preflight.load import load
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession
@@ -54,7 +55,7 @@ STOPS = {
 def refused(session, kind, wanted=None):
     answer = session.request(kind, wanted)
     assert answer.outcome == Outcome.REFUSED
-    return answer.reason
+    return answer.refusal.code
 
 
 def ready(session):
@@ -72,7 +73,7 @@ def warm_commissioned(tmp_path_factory):
     """An engineer has proven and homed both axes of the empty machine, and ended the service."""
     configs = changed_configs(tmp_path_factory.mktemp("empty"), *VIRTUAL, *MIRRORED, *EMPTY)
     session = LockstepSession(load(configs / "trainer.toml")).until_ready()
-    assert "sign is not proven" in refused(session, RequestKind.ENABLE)
+    assert refused(session, RequestKind.ENABLE) is RefusalCode.SIGN_NOT_PROVEN
     for axis in (HIP, SLIDE):
         single_axis_run(session, Mode.COMMISSION, axis)
         session.execute(RequestKind.MODE, ModeRequest(Mode.COMMISSION, axis=axis, witnessed=True))
@@ -87,7 +88,7 @@ def prepared(session):
     """The daily test of hand switch, emergency stop and both axes; then both axes hold."""
     session.until_ready()
     ready(session)
-    assert "not seen to act today" in refused(session, RequestKind.ENABLE)
+    assert refused(session, RequestKind.ENABLE) is RefusalCode.INPUT_UNTESTED
     for order in INPUTS:
         session.command(order)
         session.run(0.3)
@@ -96,7 +97,7 @@ def prepared(session):
     session.execute(RequestKind.RESET)
     session.until_ready()
     session.execute(RequestKind.ENABLE)
-    assert "self-test" in refused(session, RequestKind.MODE, GAIT)
+    assert refused(session, RequestKind.MODE, GAIT) is RefusalCode.SELF_TEST_DUE
     session.execute(RequestKind.MODE, ModeRequest(Mode.SELF_TEST))
     session.run_until(lambda record: record.mode != Mode.SELF_TEST, within_s=60.0)
     assert session.record.mode == Mode.HOLD

@@ -34,7 +34,7 @@ def test_it_stops_resets_and_enables_again(session, drive):
     session.run(2)
 
     answer = session.request(RequestKind.RESET)
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     session.run(1)
     states = {state.power_state for state in session.record.drives}
     assert states == {PowerState.SWITCH_ON_DISABLED}

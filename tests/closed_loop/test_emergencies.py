@@ -1,8 +1,10 @@
 """EMCY messages in operation: what stops, what is only told, and what a flood of them costs."""
 
 import pytest
+from sessions import reported
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.ipc.report import Doubt, EventCode, Refusal, RefusalCode
 from drives.canopen.bus import Frame
 
 SYNC = 0x080
@@ -17,10 +19,6 @@ def emcy(node_id, code, register=0x01):
 
 def put(session, *frames):
     session.bus.seat.waiting.extend(frames)
-
-
-def events(session):
-    return [event for record in session.records for event in record.events]
 
 
 def test_a_warning_is_recorded_and_does_not_stop(session):
@@ -58,7 +56,8 @@ def test_an_encoder_that_cannot_be_believed_costs_the_reference_and_the_hold_of_
     assert record.verdict.category == StopCategory.S0
     assert record.verdict.cause == Cause.UNREFERENCED
     assert record.verdict.drive == "right/hip"
-    assert any("its encoder is in error" in event for event in events(session))
+    (lost,) = reported(session.records, EventCode.REFERENCE_LOST)
+    assert (lost.subject, lost.values) == ("right/hip", (Doubt.ENCODER_ERROR,))
     assert any(one.code == HALL_SENSOR for r in session.records for one in r.drives[0].emergencies)
 
 
@@ -75,7 +74,8 @@ def test_an_encoder_that_came_up_in_error_is_looked_at_again_by_the_next_reset(s
     enabled = request(RequestKind.ENABLE)
 
     assert refused.outcome == Outcome.REFUSED
-    assert refused.reason == "not referenced: right/slide (its encoder is in error)"
+    lost = Refusal(RefusalCode.NOT_REFERENCED, "right/slide", (Doubt.ENCODER_ERROR,))
+    assert refused.refusal == lost
     assert enabled.outcome == Outcome.DONE
 
 
@@ -106,8 +106,7 @@ def test_a_flood_of_emergencies_is_counted_exactly_and_answered_a_bounded_number
     assert syncs == 100
     # SYNC, heartbeat and four commands in a cycle; each step of a stop is answered at once, too.
     assert len(sent) <= 100 * 6 + 4 * 4
-    stops = [event for event in events(session) if event.startswith("stop")]
-    assert len(stops) == 1
+    assert len(reported(session.records, EventCode.STOPPED)) == 1
 
 
 def test_after_the_flood_the_code_0000_clears_what_is_open(session):

@@ -6,6 +6,7 @@ import pytest
 from sessions import reaches_rest_in_fault
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.ipc.report import Refusal, RefusalCode
 from drives.canopen.frame import Frame
 from drives.signals import PowerState
 
@@ -102,7 +103,7 @@ def test_reset_brings_the_drives_up_again_and_enables_nothing(warm_gait, fault):
     answer = warm_gait.request(RequestKind.RESET)
     warm_gait.run(1)
 
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     record = warm_gait.record
     assert record.mode == Mode.READY
     assert {drive.power_state for drive in record.drives} == {PowerState.SWITCH_ON_DISABLED}
@@ -116,7 +117,7 @@ def test_a_reset_while_the_hand_switch_is_open_is_refused_with_the_reason(warm_g
     answer = warm_gait.request(RequestKind.RESET)
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == "the hand switch is open"
+    assert answer.refusal == Refusal(RefusalCode.HAND_SWITCH_OPEN)
 
 
 def test_a_silent_gateway_stops_and_the_drives_go_on_holding(warm_gait):

@@ -3,7 +3,9 @@
 import math
 
 import pytest
-from sessions import empty_machine, new_session
+from sessions import empty_machine, new_session, reported
+
+from daemon.ipc.report import EventCode
 
 
 def excited(configs, duration_s=18.0):
@@ -12,8 +14,8 @@ def excited(configs, duration_s=18.0):
     return session
 
 
-def said(session):
-    return [event for record in session.records for event in record.events]
+def advice(session):
+    return reported(session.records, EventCode.CALIBRATION_ADVISED)
 
 
 def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_path):
@@ -28,9 +30,11 @@ def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_
     leg = session.record.legs[0]
     assert leg.friction_error[0] == pytest.approx(0.6, rel=0.3)
     assert leg.drift_correlation[0] < -0.8
-    advice = [event for event in said(session) if "calibrate" in event]
-    assert len(advice) == 1
-    assert advice[0].startswith("right/hip: friction is +0.")
+    (advised,) = advice(session)
+    error_nm, correlation = advised.values
+    assert advised.subject == "right/hip"
+    assert 0.0 < error_nm < 1.0
+    assert correlation < 0.0
 
 
 def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
@@ -39,7 +43,7 @@ def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
     leg = session.record.legs[0]
     assert abs(leg.friction_error[0]) < 0.1
     assert abs(leg.friction_error[1]) < 1.0
-    assert not [event for event in said(session) if "calibrate" in event]
+    assert not advice(session)
 
 
 def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session):
@@ -50,4 +54,4 @@ def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session
     leg = session.record.legs[0]
     assert all(map(math.isfinite, leg.drift_correlation))
     assert leg.friction_error[0] < -1.0
-    assert not [event for event in said(session) if "calibrate" in event]
+    assert not advice(session)

@@ -17,6 +17,7 @@ from daemon.ipc.record import (
     Stage,
     StopCategory,
 )
+from daemon.ipc.report import Refusal, RefusalCode, Trigger
 from gaitd_lab.lockstep import LockstepSession
 
 RELEASE = ModeRequest(Mode.HAND_GUIDING)
@@ -72,7 +73,7 @@ def warm_held(request, guidance):
 
 def released(session: LockstepSession) -> LockstepSession:
     answer = session.request(RequestKind.MODE, RELEASE)
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     session.run_until(lambda record: record.stage is Stage.PLAYING, within_s=2)
     return session
 
@@ -192,7 +193,7 @@ def test_after_a_stop_the_way_out_is_reset_enable_release(warm_led, line):
 
     for kind in (RequestKind.RESET, RequestKind.ENABLE):
         answer = session.request(kind)
-        assert answer.outcome == Outcome.DONE, answer.reason
+        assert answer.outcome == Outcome.DONE, answer.refusal
     released(session)
     begun = where(session)
     session.command("patient foot_in")
@@ -206,7 +207,8 @@ def test_it_is_asked_for_in_hold_alone(warm_ready):
     answer = warm_ready.request(RequestKind.MODE, RELEASE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "not possible in mode ready" in answer.reason
+    not_here = (Trigger.TO_HAND_GUIDING, Mode.READY)
+    assert answer.refusal == Refusal(RefusalCode.NOT_IN_THIS_MODE, values=not_here)
 
 
 def pushes(records: list[CycleRecord]) -> list[tuple[float, float]]:

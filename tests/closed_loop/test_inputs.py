@@ -11,6 +11,7 @@ from sessions import (
 from wire import change_what_drives_say
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, Stage
+from daemon.ipc.report import Finding
 from drives.signals import PowerState
 
 HAND_SWITCH_BIT, STO_BIT = 16, 17
@@ -187,7 +188,7 @@ def test_a_joint_that_runs_on_to_its_limit_switch_stops(
 
     verdict = session.record.verdict
     assert (verdict.cause, verdict.drive) == (Cause.LIMIT_SWITCH, f"right/{axis}")
-    assert f"{switch} limit switch" in verdict.detail
+    assert verdict.finding is Finding[f"{switch.upper()}_SWITCH"]
     session.run(2)
     assert session.record.mode == Mode.FAULT
 

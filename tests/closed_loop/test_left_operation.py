@@ -101,5 +101,5 @@ def test_a_drive_that_goes_straight_to_operation_enabled_is_held_like_any_other(
 
     shown = {record.drives[0].power_state for record in session.records[since:]}
     assert shown == AT_THE_ENDS
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     assert session.truth.rows[-1].hip_angle_rad == pytest.approx(begun.hip_angle_rad, abs=0.01)

@@ -6,9 +6,11 @@ so only what their frames say may count.
 
 import numpy as np
 import pytest
-from sessions import elsewhere
+from sessions import elsewhere, reported
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.report import EventCode
+from daemon.wire.report_texts import verdict_of
 from drives.canopen.frame import Frame
 from drives.signals import PowerState
 from observer.filter.status import Validity
@@ -49,8 +51,7 @@ def nmt(session, since):
 
 
 def stops_told(session):
-    events = [event for record in session.records for event in record.events]
-    return [event for event in events if event.startswith("stop ")]
+    return reported(session.records, EventCode.STOPPED)
 
 
 # --- what was seen before the loss ----------------------------------------------------------------
@@ -201,7 +202,7 @@ def test_a_drive_that_rebooted_is_not_brought_up_again_before_a_reset(session):
     assert session.record.mode == Mode.FAULT
     assert set(nmt(session, since)) <= {"0205"}
     answer = session.request(RequestKind.RESET)
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
 
 
 # --- TPDOs that are not as they should be ---------------------------------------------------------
@@ -369,8 +370,11 @@ def test_a_following_error_is_told_once_and_stops_both_axes(session):
     session.run(2)
 
     assert len(stops_told(session)) == 1
-    events = [event for record in session.records for event in record.events]
-    for words in ("a drive sent an emergency message", "a drive is in fault"):
-        assert sum(words in event for event in events) <= 1
+    causes = [
+        verdict_of(event).cause
+        for event in reported(session.records, EventCode.STOPPED, EventCode.FURTHER_CAUSE)
+    ]
+    assert causes.count(Cause.EMERGENCY) <= 1
+    assert causes.count(Cause.DRIVE_FAULT) <= 1
     assert session.record.mode == Mode.FAULT
     assert session.record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE

@@ -6,9 +6,10 @@ most within the window of the spasm monitor.
 
 import numpy as np
 import pytest
-from sessions import CONFIGS
+from sessions import CONFIGS, reported
 
 from daemon.ipc.record import Cause, Mode, StopCategory
+from daemon.ipc.report import Event, EventCode
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway
@@ -30,8 +31,8 @@ def session_of(model: Model) -> LockstepSession:
     return LockstepSession(settings, machine, gateway=gateway)
 
 
-def clonus_events(session: LockstepSession) -> list[str]:
-    return [text for record in session.records for text in record.events if "softer" in text]
+def clonus_events(session: LockstepSession) -> list[Event]:
+    return reported(session.records, EventCode.CLONUS_BEGUN)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from sessions import (
     new_session,
     position_guidance,
     reaches_rest_in_fault,
+    reported,
     scores,
 )
 from wire import (
@@ -20,9 +21,11 @@ from wire import (
     target_torques,
 )
 
-from daemon.core.exercises.exercise import BEGIN_MAX_S, NOT_BEGUN
+from daemon.core.exercises.exercise import BEGIN_MAX_S
 from daemon.core.steps import impedance
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, Stage
+from daemon.ipc.report import EventCode, Failure, Finding
+from daemon.wire.report_texts import verdict_of
 from drives.cia402.units import position_si
 from drives.signals import OperationMode, PowerState
 
@@ -328,10 +331,11 @@ def test_an_excitation_of_a_leg_that_never_rests_is_over_and_says_why(
     session.run(0.1)
 
     records = session.records[begun:]
-    told = [event for record in records for event in record.events]
+    stages = reported(records, EventCode.STAGE_CHANGED)
     assert Stage.PLAYING not in {record.stage for record in records}
     assert {drive.mode_display for record in records for drive in record.drives} == {CSP}
-    assert f"right: excite over: {NOT_BEGUN}" in told
+    assert stages[-1].subject == "right"
+    assert stages[-1].values == (Mode.EXCITE, Stage.OVER, Failure.NO_REST)
     assert session.record.verdict.cause == Cause.NONE
 
 
@@ -390,14 +394,15 @@ def test_a_following_error_stops_both_axes_once_and_says_so(warm_fast_position_g
     warm_fast_position_gait.run(2)
 
     record = warm_fast_position_gait.record
-    told = [event for one in warm_fast_position_gait.records for event in one.events]
+    stops = reported(warm_fast_position_gait.records, EventCode.STOPPED, EventCode.FURTHER_CAUSE)
+    told = [verdict_of(event) for event in stops]
     assert record.mode == Mode.FAULT
     assert record.drives[0].emergency_code == 0x8611
-    assert any("8611h" in event for event in told)
+    assert (Finding.EMCY, 0x8611) in [(one.finding, one.value) for one in told]
     assert record.drives[0].power_state == PowerState.FAULT
     assert record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
-    for cause in ("a drive is in fault", "a drive sent an emergency message"):
-        assert sum(cause in event for event in told) <= 1
+    for cause in (Cause.DRIVE_FAULT, Cause.EMERGENCY):
+        assert [one.cause for one in told].count(cause) <= 1
 
 
 def test_a_patient_who_leans_on_a_leg_that_the_drives_hold_is_no_fault(tmp_path):

@@ -12,6 +12,7 @@ from durand.scheduler import get_scheduler, set_scheduler
 from sessions import single_axis_run
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.report import Refusal, RefusalCode
 from daemon.preflight.acceptance import accepted
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession
@@ -71,7 +72,9 @@ def walked(request, tmp_path_factory):
 
 def test_the_signs_must_be_proven_though_one_drive_is_virtual(walked):
     assert walked.unproven.outcome == Outcome.REFUSED
-    assert all(axis in walked.unproven.reason for axis in AXES)
+    assert walked.unproven.refusal == Refusal(RefusalCode.SIGN_NOT_PROVEN, AXES[0])
+    ready = next(record for record in walked.records if record.mode == Mode.READY)
+    assert not any(drive.sign_proven for drive in ready.drives)
 
 
 def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(walked):

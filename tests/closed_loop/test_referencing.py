@@ -4,14 +4,16 @@ import math
 from itertools import pairwise
 
 import pytest
-from sessions import changed_configs, new_session, single_axis_run
+from sessions import changed_configs, new_session, reported, single_axis_run
 from wire import change_what_drives_say
 
 from daemon.core.cycle import POSE_CYCLES
 from daemon.core.modes.persistent_state import PersistentState, StoredAxis
 from daemon.core.steps.single_axis import moves_origin, seeks_home
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.report import Doubt, Event, EventCode, Failure, Refusal, RefusalCode
 from drives.canopen.frame import Frame
+from drives.errors import BootFailure
 from drives.signals import OperationMode, PowerState
 from observer.filter.status import Validity
 
@@ -78,7 +80,8 @@ def test_an_incremental_encoder_is_not_referenced_and_cannot_be_enabled(incremen
     answer = incremental.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == "not referenced: right/hip (home it), right/slide (home it)"
+    assert answer.refusal == Refusal(RefusalCode.NOT_REFERENCED, HIP, (Doubt.NOT_HOMED,))
+    assert referenced(incremental) == [False, False]
     assert incremental.record.legs[0].status & (1 << 10)  # UNREFERENCED
 
 
@@ -123,8 +126,8 @@ def test_homing_that_is_blocked_fails_with_its_reason_and_references_nothing(inc
     incremental.run_until(lambda record: record.mode != Mode.REFERENCE, within_s=60)
     incremental.run(3.0)
 
-    told = [event for record in incremental.records[begun:] for event in record.events]
-    assert any(event.startswith("right/hip: failed: ") for event in told)
+    (failed,) = reported(incremental.records[begun:], EventCode.SINGLE_AXIS_FAILED)
+    assert (failed.subject, failed.values) == (HIP, (Failure.HOMING_ERROR,))
     assert referenced(incremental) == [False, False]
 
 
@@ -158,7 +161,7 @@ def test_with_a_patient_no_axis_is_homed(tmp_path):
     answer = asked(session, HIP)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "patient" in answer.reason
+    assert answer.refusal == Refusal(RefusalCode.PATIENT_CONFIGURED)
 
 
 def test_an_axis_without_a_homing_in_its_file_is_refused(tmp_path):
@@ -173,7 +176,7 @@ def test_an_axis_without_a_homing_in_its_file_is_refused(tmp_path):
     answer = asked(session, HIP)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "[homing]" in answer.reason
+    assert answer.refusal == Refusal(RefusalCode.NO_HOMING, HIP)
 
 
 # --- absolute encoders ----------------------------------------------------------------------------
@@ -199,8 +202,8 @@ def test_an_absolute_encoder_that_disagrees_with_the_stored_pose_is_not_believed
     session = new_session(changed_configs(tmp_path, *STRICT), persistent).until_ready()
 
     assert referenced(session) == [False, True]
-    told = [event for record in session.records for event in record.events]
-    assert any("it was left at 0.1812" in event for event in told)
+    told = reported(session.records, EventCode.NOT_REFERENCED)
+    assert told == [Event(EventCode.NOT_REFERENCED, HIP, (Doubt.LEFT_ELSEWHERE,))]
     assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
@@ -346,7 +349,8 @@ def test_a_drive_that_cannot_home_is_brought_up_as_before_and_the_request_refuse
     session.run_until(lambda record: record.mode == Mode.READY, within_s=10)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "it supports homing" in answer.reason
+    assert (answer.refusal.code, answer.refusal.subject) == (RefusalCode.STOPPED, HIP)
+    assert answer.refusal.said.startswith(str(BootFailure.MISSING_MODE))
     session.run(0.2)
     assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
@@ -361,8 +365,8 @@ def test_an_encoder_that_jumps_at_rest_is_not_believed_and_its_pose_not_stored(t
 
     assert referenced(session) == [False, True]
     assert session.state_file.persistent.axis(HIP).position_si == before
-    told = [event for record in session.records for event in record.events]
-    assert told.count("right/hip: not referenced any more, its encoder jumped") == 1
+    told = reported(session.records, EventCode.REFERENCE_LOST)
+    assert told == [Event(EventCode.REFERENCE_LOST, HIP, (Doubt.ENCODER_JUMPED,))]
     assert session.request(RequestKind.ENABLE).outcome == Outcome.REFUSED
 
 
@@ -398,9 +402,8 @@ def test_a_hip_whose_origin_is_off_is_homed_without_a_stop_trusted_and_enabled(t
 
     records = home(session, HIP)
 
-    told = [event for record in records for event in record.events]
-    assert "right/hip: homed" in told
-    assert not [event for event in told if event.startswith(("stop ", "also: "))]
+    assert reported(records, EventCode.HOMED) == [Event(EventCode.HOMED, HIP)]
+    assert not reported(records, EventCode.STOPPED, EventCode.FURTHER_CAUSE)
     session.run(0.5)
     truth = session.truth.rows[-1]
     assert referenced(session) == [True, True]
@@ -416,7 +419,7 @@ def test_the_estimate_begins_anew_in_the_cycle_in_which_home_is_found(tmp_path):
 
     records = home(session, HIP)
 
-    homed = next(i for i, one in enumerate(records) if "right/hip: homed" in one.events)
+    homed = next(i for i, one in enumerate(records) if reported([one], EventCode.HOMED))
     after = [record for record in records[homed:] if record.mode == Mode.STOPPING]
     assert after
     for record in after:
@@ -436,9 +439,8 @@ def test_a_stop_of_a_homing_whose_origin_is_off_names_no_pose_in_doubt(tmp_path)
     session.until(Mode.FAULT, within_s=5.0)
     session.run(1.0)
 
-    told = [event for record in session.records[begun:] for event in record.events]
     assert session.record.verdict.cause == Cause.STOP_REQUESTED
-    assert not [event for event in told if event.startswith("also: ")]
+    assert not reported(session.records[begun:], EventCode.FURTHER_CAUSE)
     assert seeks_home(session.core, session.core.axes[0])
     session.execute(RequestKind.RESET)
     session.until(Mode.READY, within_s=10.0)
@@ -453,7 +455,7 @@ def test_the_pose_of_a_leg_counts_again_from_the_cycle_in_which_its_axis_is_home
     assert seeks_home(incremental.core, hip)
     assert not seeks_home(incremental.core, slide)
 
-    incremental.run_until(lambda record: "right/hip: homed" in record.events, within_s=60)
+    incremental.run_until(lambda record: reported([record], EventCode.HOMED), within_s=60)
 
     assert incremental.record.mode == Mode.STOPPING
     assert not seeks_home(incremental.core, hip)

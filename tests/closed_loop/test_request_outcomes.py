@@ -4,6 +4,7 @@ import pytest
 from sessions import new_session
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.report import Finding, Refusal, RefusalCode
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession
 
@@ -31,9 +32,13 @@ def test_a_reset_is_refused_with_the_drives_reason_while_fault_and_cause_persist
     answer = session.request(RequestKind.RESET)
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == "right/slide: a drive is in fault: 2310h overcurrent"
+    verdict = session.record.verdict
+    assert answer.refusal == Refusal(
+        RefusalCode.STOPPED, "right/slide", verdict.values, verdict.said
+    )
     assert session.record.mode == Mode.FAULT
-    assert session.record.verdict.cause == Cause.DRIVE_FAULT
+    assert verdict.cause == Cause.DRIVE_FAULT
+    assert (verdict.finding, verdict.value) == (Finding.EMCY, 0x2310)
     assert edges(session) == 1
     session.command("clear emcy right/slide")
     assert session.request(RequestKind.RESET).outcome == Outcome.DONE
@@ -58,7 +63,7 @@ def test_a_fault_that_comes_back_at_once_is_not_reset():
 
     answer = session.gateway.outcome()
     assert answer.outcome == Outcome.REFUSED
-    assert "3210h" in answer.reason
+    assert 0x3210 in answer.refusal.values
     assert edges(session) == 1
 
 

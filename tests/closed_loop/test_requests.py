@@ -3,10 +3,12 @@
 from functools import partial
 
 import pytest
-from sessions import changed_configs, elsewhere, new_session
+from sessions import changed_configs, elsewhere, new_session, reported
 
 from daemon.core.modes.table import TRANSITIONS, event_of
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.report import EventCode, Refusal, RefusalCode
+from daemon.wire.report_texts import refusal_of
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.reference.modes import REQUESTS
 
@@ -55,12 +57,9 @@ def warm_mode(request, tmp_path_factory) -> tuple[Mode, LockstepSession]:
     return mode, session
 
 
-def told(session: LockstepSession) -> list[str]:
-    return [event for record in session.records for event in record.events]
-
-
 def asked(kind: RequestKind, wanted: ModeRequest, session: LockstepSession):
-    return session.request(kind, wanted, within_s=20), told(session)
+    answer = session.request(kind, wanted, within_s=20)
+    return answer, reported(session.records, EventCode.REQUEST_REFUSED)
 
 
 def test_a_request_is_answered_with_done_or_why_not(warm_mode):
@@ -70,12 +69,11 @@ def test_a_request_is_answered_with_done_or_why_not(warm_mode):
 
         if (mode, event_of(kind, wanted)) not in TRANSITIONS:
             assert answer.outcome == Outcome.REFUSED, name
-            assert "not possible in mode" in answer.reason, name
+            assert answer.refusal.code is RefusalCode.NOT_IN_THIS_MODE, name
         if answer.outcome == Outcome.REFUSED:
-            assert answer.reason, name
-            assert any(answer.reason in event for event in events), name
+            assert answer.refusal in map(refusal_of, events), name
         else:
-            assert (answer.outcome, answer.reason) == (Outcome.DONE, ""), name
+            assert (answer.outcome, answer.refusal) == (Outcome.DONE, None), name
 
 
 def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then():
@@ -99,7 +97,8 @@ def test_a_request_while_the_drives_are_brought_up_is_refused_there_and_then():
 
     assert len(answers) == len(REQUESTS)
     assert {answer.outcome for answer in answers} == {Outcome.REFUSED}
-    assert all("not possible in mode bringing_up" in answer.reason for answer in answers)
+    assert {answer.refusal.code for answer in answers} == {RefusalCode.NOT_IN_THIS_MODE}
+    assert {answer.refusal.values[1] for answer in answers} == {Mode.BRINGING_UP}
 
 
 def test_a_stop_is_obeyed_in_every_mode_that_moves_and_harms_in_none(warm_mode):
@@ -120,7 +119,7 @@ def test_a_mode_that_cannot_be_asked_for_is_refused_by_name(warm_ready, mode):
     answer = warm_ready.request(RequestKind.MODE, ModeRequest(mode))
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == f"{mode.name.lower()} is not a mode that can be asked for"
+    assert answer.refusal == Refusal(RefusalCode.NO_SUCH_MODE, values=(mode,))
 
 
 def test_a_request_made_long_ago_is_refused_with_both_cycles(warm_ready):
@@ -132,7 +131,10 @@ def test_a_request_made_long_ago_is_refused_with_both_cycles(warm_ready):
     warm_ready.run(0.1)
 
     assert gateway.outcome().outcome == Outcome.REFUSED
-    assert "made for cycle 1, it is" in gateway.outcome().reason
+    refusal = gateway.outcome().refusal
+    for_cycle, cycle = refusal.values
+    assert refusal.code is RefusalCode.OLD
+    assert for_cycle == 1 < cycle <= warm_ready.record.cycle
 
 
 def test_a_leg_near_its_singularity_is_not_enabled_though_each_axis_is_inside_its_range(tmp_path):
@@ -143,5 +145,6 @@ def test_a_leg_near_its_singularity_is_not_enabled_though_each_axis_is_inside_it
 
     answer = session.until_ready().request(RequestKind.ENABLE)
 
-    assert (answer.outcome, answer.reason) == (Outcome.REFUSED, "outside its range: right")
+    assert answer.outcome == Outcome.REFUSED
+    assert answer.refusal == Refusal(RefusalCode.OUTSIDE_RANGE, "right")
     assert session.record.mode == Mode.READY

@@ -4,6 +4,7 @@ import pytest
 from wire import ENABLE_OPERATION, NODES, change_what_drives_say, rpdo1
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
+from daemon.ipc.report import Refusal, RefusalCode
 
 
 def lose_samples(session, axis=None):
@@ -29,7 +30,7 @@ def test_enable_needs_a_sample_of_every_axis_in_the_cycle_that_grants_it(warm_re
     session.run(0.1)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "no sample" in answer.reason
+    assert answer.refusal.code is RefusalCode.NO_SAMPLE
     for node in NODES:
         told = rpdo1(session.bus.sent[since:], node)
         assert not any(one.controlword & ENABLE_OPERATION for one in told)
@@ -46,7 +47,7 @@ def test_reset_needs_a_sample_of_every_axis_that_is_not_lost(warm_hold, axis):
 
     early = session.request(RequestKind.RESET)
     assert early.outcome == Outcome.REFUSED
-    assert "no sample" in early.reason
+    assert early.refusal.code is RefusalCode.NO_SAMPLE
     assert session.record.mode == Mode.FAULT
 
     on[0] = False
@@ -65,7 +66,7 @@ def test_a_drive_that_was_lost_and_came_back_is_no_obstacle_to_reset(warm_hold, 
     answer = session.request(RequestKind.RESET)
 
     assert lost.cause in {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST}
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
@@ -86,7 +87,8 @@ def test_a_drive_that_is_lost_in_a_fault_without_a_stop_delays_a_reset_by_as_lon
         if session.record.mode != Mode.FAULT:
             break
         refused_at.append(age_cycles + 1)
-        assert "no sample of this cycle: right/hip" in session.gateway.outcome().reason
+        refused = Refusal(RefusalCode.NO_SAMPLE, "right/hip")
+        assert session.gateway.outcome().refusal == refused
 
     longest = session.settings.limits.communication.sample_age_max_cycles
     assert refused_at == list(range(1, longest + 1))

@@ -55,6 +55,6 @@ def test_a_reset_of_a_held_stop_releases_all_axes_in_the_same_cycle(warm_generic
 
     answer = session.request(RequestKind.RESET)
 
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     assert len(off_ns) == len(NODES)
     assert max(off_ns.values()) - min(off_ns.values()) < CYCLE_MS * MS

@@ -1,13 +1,16 @@
 """The test of the day: what must have been seen and passed before a leg is moved."""
 
 import re
+from itertools import product
 from pathlib import Path
 
 import pytest
-from sessions import changed_configs, elsewhere, new_session, position_guidance, two_legs
+from sessions import changed_configs, elsewhere, new_session, position_guidance, reported, two_legs
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
+from daemon.ipc.report import EventCode, Finding, Refusal, RefusalCode, SelfTestDue, Untested
+from daemon.wire.report_fields import EVENT_FIELDS
 from gaitd_lab.lockstep import LockstepSession
 
 DAILY = ("demo.toml", 'required = "never"', 'required = "daily"')
@@ -41,7 +44,7 @@ def seen_to_act(session: LockstepSession) -> LockstepSession:
 
 def put_to_test(session: LockstepSession) -> LockstepSession:
     answer = ask(session, SELF_TEST)
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     session.run_until(lambda record: record.mode in {Mode.HOLD, Mode.STOPPING}, within_s=60)
     session.run(1.0)
     return session
@@ -49,7 +52,7 @@ def put_to_test(session: LockstepSession) -> LockstepSession:
 
 def enabled(session: LockstepSession) -> LockstepSession:
     answer = session.request(RequestKind.ENABLE)
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     return session
 
 
@@ -77,8 +80,8 @@ def warm_tested(daily) -> tuple[LockstepSession, int]:
     return put_to_test(session), begun
 
 
-def events(session: LockstepSession) -> list[str]:
-    return [event for record in session.records for event in record.events]
+def due(why: SelfTestDue) -> Refusal:
+    return Refusal(RefusalCode.SELF_TEST_DUE, values=(why,))
 
 
 # --- passive ----------------------------------------------------------------------------------
@@ -88,10 +91,11 @@ def test_enable_waits_until_hand_switch_and_emergency_stop_have_been_seen_to_act
     answer = warm_day.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == (
-        "not seen to act today: right/hip hand switch open, "
-        "right/hip emergency stop (STO) pressed, right/slide hand switch open, "
-        "right/slide emergency stop (STO) pressed"
+    assert answer.refusal == Refusal(
+        RefusalCode.INPUT_UNTESTED, "right/hip", (Untested.HAND_SWITCH_OPEN,)
+    )
+    assert warm_day.core.inputs_untested == tuple(
+        product(("right/hip", "right/slide"), (Untested.HAND_SWITCH_OPEN, Untested.STO_ACTIVE))
     )
 
 
@@ -99,10 +103,12 @@ def test_a_switch_that_one_drive_alone_has_seen_is_named_for_the_other(warm_day)
     warm_day.command("hand_switch_open right/hip 0.3")
     warm_day.run(0.5)
 
-    reason = warm_day.request(RequestKind.ENABLE).reason
+    answer = warm_day.request(RequestKind.ENABLE)
 
-    assert "right/hip hand switch" not in reason
-    assert "right/slide hand switch open" in reason
+    assert answer.refusal == Refusal(
+        RefusalCode.INPUT_UNTESTED, "right/hip", (Untested.STO_ACTIVE,)
+    )
+    assert ("right/slide", Untested.HAND_SWITCH_OPEN) in warm_day.core.inputs_untested
 
 
 def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(daily, warm_seen):
@@ -113,7 +119,10 @@ def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(daily, w
     later.clock.utc_stepped_ns = 21 * HOUR_NS
     later.until_ready()
 
-    assert "hand switch open" in later.request(RequestKind.ENABLE).reason
+    refusal = later.request(RequestKind.ENABLE).refusal
+    assert refusal is not None
+    assert refusal.code is RefusalCode.INPUT_UNTESTED
+    assert refusal.values == (Untested.HAND_SWITCH_OPEN,)
 
 
 # --- active -----------------------------------------------------------------------------------
@@ -121,7 +130,7 @@ def test_what_was_seen_today_counts_after_a_restart_and_not_a_day_later(daily, w
 
 @pytest.mark.parametrize("wanted", [GAIT, EXCITE])
 def test_without_a_self_test_nothing_moves(warm_seen, wanted):
-    assert ask(warm_seen, wanted).reason == "no self-test has been passed today: `gaitd self-test`"
+    assert ask(warm_seen, wanted).refusal == due(SelfTestDue.NOT_PASSED_TODAY)
 
 
 @pytest.mark.parametrize("guidance", ["impedance", "position"])
@@ -177,7 +186,7 @@ def test_hand_guiding_does_not_wait_for_a_self_test(warm_seen):
 
 
 @pytest.mark.parametrize(
-    ("worn", "axis", "words"),
+    ("worn", "axis", "finding"),
     [
         (
             [
@@ -185,18 +194,22 @@ def test_hand_guiding_does_not_wait_for_a_self_test(warm_seen):
                 ("stribeck_nm = 7.0", "stribeck_nm = 12.5"),
             ],
             "right/hip",
-            "friction: more",
+            Finding.FRICTION_MORE,
         ),
         (
             [("coulomb_n = 65.0", "coulomb_n = 53.0"), ("stribeck_n = 75.0", "stribeck_n = 60.0")],
             "right/slide",
-            "friction: less",
+            Finding.FRICTION_LESS,
         ),
-        ([("slide_rest_m = ", "slide_rest_m = 0.15 + ")], "right/slide", "static load"),
+        (
+            [("slide_rest_m = ", "slide_rest_m = 0.15 + ")],
+            "right/slide",
+            Finding.LOAD_OF_ANOTHER_LEG,
+        ),
     ],
     ids=["a bearing that goes", "a coupling that slips", "a spring of another length"],
 )
-def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, axis, words):
+def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, axis, finding):
     configs = changed_configs(
         tmp_path, DAILY, *PICKY, ("plant.toml", '"robot.toml"', '"worn.toml"')
     )
@@ -213,8 +226,10 @@ def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, 
     record = session.record
     assert record.verdict.cause == Cause.SELF_TEST_FAILED
     assert record.verdict.drive == axis
-    assert words in record.verdict.detail
-    assert any(f"{axis}: self-test {words}" in event for event in events(session))
+    assert record.verdict.finding is finding
+    failed = reported(session.records, EventCode.SELF_TEST_FAILED)
+    at = EVENT_FIELDS[EventCode.SELF_TEST_FAILED].index("finding")
+    assert (axis, finding) in [(event.subject, event.values[at]) for event in failed]
     note = session.state_file.persistent.self_test
     assert note is not None
     assert not note.passed
@@ -227,8 +242,13 @@ def warm_short(tmp_path_factory):
     return new_session(changed_configs(tmp_path_factory.mktemp("short"), short)).enable()
 
 
-@pytest.mark.parametrize(("way", "before"), [("forth", "at rest"), ("back", "turning")])
-def test_a_leg_that_does_not_move_with_its_reference_is_told_with_the_way(warm_short, way, before):
+@pytest.mark.parametrize(
+    ("finding", "before"),
+    [(Finding.NOT_MOVED_FORTH, "at rest"), (Finding.NOT_MOVED_BACK, "turning")],
+)
+def test_a_leg_that_does_not_move_with_its_reference_is_told_with_the_way(
+    warm_short, finding, before
+):
     ask(warm_short, SELF_TEST)
     warm_short.run_until(lambda record: record.progress.endswith(f"hip {before}"), within_s=5)
 
@@ -237,7 +257,7 @@ def test_a_leg_that_does_not_move_with_its_reference_is_told_with_the_way(warm_s
 
     verdict = stopped.verdict
     assert (verdict.cause, verdict.drive) == (Cause.SELF_TEST_FAILED, "right/hip")
-    assert verdict.detail == f"sign: it did not move {way} as it was guided"
+    assert verdict.finding is finding
 
 
 def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
@@ -250,7 +270,7 @@ def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
     assert session.request(RequestKind.RESET).outcome == Outcome.DONE
     enabled(session)
 
-    assert ask(session, GAIT).reason == "the last self-test was not passed: `gaitd self-test`"
+    assert ask(session, GAIT).refusal == due(SelfTestDue.FAILED)
 
 
 def test_a_test_that_is_broken_off_counts_for_nothing(warm_seen):
@@ -259,7 +279,7 @@ def test_a_test_that_is_broken_off_counts_for_nothing(warm_seen):
 
     assert ask(warm_seen, ModeRequest(Mode.HOLD)).outcome == Outcome.DONE
 
-    assert "no self-test" in ask(warm_seen, GAIT).reason
+    assert ask(warm_seen, GAIT).refusal == due(SelfTestDue.NOT_PASSED_TODAY)
 
 
 def test_both_legs_are_tested_one_after_the_other(tmp_path):
@@ -290,18 +310,22 @@ def passed(daily, warm_tested) -> tuple[Path, PersistentState]:
 
 
 @pytest.mark.parametrize(
-    ("hours", "due"),
-    [(1, ""), (19, ""), (21, "the last self-test is older than 20 h"), (-1, "no self-test")],
+    ("hours", "why"),
+    [
+        (1, SelfTestDue.NONE),
+        (19, SelfTestDue.NONE),
+        (21, SelfTestDue.TOO_OLD),
+        (-1, SelfTestDue.NOT_PASSED_TODAY),
+    ],
 )
-def test_it_counts_for_its_hours_and_a_clock_that_goes_back_makes_it_void(passed, hours, due):
+def test_it_counts_for_its_hours_and_a_clock_that_goes_back_makes_it_void(passed, hours, why):
     configs, persistent = passed
     session = new_session(configs, persistent)
     session.clock.utc_stepped_ns = hours * HOUR_NS
 
     later = session.until_ready()
 
-    assert later.core.self_test_due.startswith(due)
-    assert bool(later.core.self_test_due) == bool(due)
+    assert later.core.self_test_due is why
 
 
 def test_a_clock_that_goes_back_while_it_runs_is_told_and_never_makes_a_test_count_for_longer(
@@ -311,13 +335,14 @@ def test_a_clock_that_goes_back_while_it_runs_is_told_and_never_makes_a_test_cou
     session = new_session(configs, persistent)
     session.clock.utc_stepped_ns = 10 * HOUR_NS
     session.until_ready()
-    assert session.core.self_test_due == ""
+    assert session.core.self_test_due is SelfTestDue.NONE
 
     session.clock.utc_stepped_ns = 5 * HOUR_NS
     session.run(0.1)
 
-    assert "no self-test" in session.core.self_test_due
-    assert any("the clock went back by 18000 s" in event for event in events(session))
+    assert session.core.self_test_due is SelfTestDue.NOT_PASSED_TODAY
+    (back,) = reported(session.records, EventCode.CLOCK_SET_BACK)
+    assert back.values == pytest.approx((18_000.0,), abs=0.5)
 
 
 def test_a_test_of_another_leg_does_not_count(passed):
@@ -328,7 +353,7 @@ def test_a_test_of_another_leg_does_not_count(passed):
     later = new_session(configs, persistent).until_ready()
 
     (configs / "robot.toml").write_text(text)
-    assert later.core.self_test_due == "the last self-test was of another robot file"
+    assert later.core.self_test_due is SelfTestDue.OTHER_ROBOT_FILE
 
 
 def test_what_was_tested_of_one_drive_does_not_count_for_the_one_in_its_place(passed):
@@ -341,9 +366,9 @@ def test_what_was_tested_of_one_drive_does_not_count_for_the_one_in_its_place(pa
     later = session.until_ready()
 
     (configs / "plant.toml").write_text(text)
-    assert later.core.self_test_due == "the last self-test was of another drive"
+    assert later.core.self_test_due is SelfTestDue.OTHER_DRIVE
     # The power came on with the hand switch held: the new drive has seen neither act.
     assert later.core.inputs_untested == (
-        "right/hip hand switch open",
-        "right/hip emergency stop (STO) pressed",
+        ("right/hip", Untested.HAND_SWITCH_OPEN),
+        ("right/hip", Untested.STO_ACTIVE),
     )

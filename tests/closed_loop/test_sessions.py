@@ -7,9 +7,10 @@ from itertools import groupby
 import msgspec
 import numpy as np
 import pytest
-from sessions import empty_machine, new_session, two_legs
+from sessions import empty_machine, new_session, reported, two_legs
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
+from daemon.ipc.report import EventCode, Refusal, RefusalCode, Trigger
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession
@@ -57,9 +58,11 @@ def test_gait_is_announced_and_ends_in_hold_after_its_duration(warm_hold):
         lambda record: record.mode == Mode.HOLD and record.seq > 900, within_s=40
     )
 
-    told = [event for record in warm_hold.records for event in record.events]
-    for words in ("gait approaching", "gait playing", "gait ending", "exercise over"):
-        assert any(words in event for event in told)
+    told = reported(warm_hold.records, EventCode.STAGE_CHANGED)
+    told_stages = [Stage.APPROACHING, Stage.PLAYING, Stage.ENDING]
+    assert [one.values[:2] for one in told][:3] == [(Mode.GAIT, stage) for stage in told_stages]
+    changes = [one.values for one in reported(warm_hold.records, EventCode.MODE_CHANGED)]
+    assert changes[-1] == (Mode.GAIT, Mode.HOLD, Trigger.EXERCISE_OVER)
     stages = [stage for stage, _ in groupby(one.stage for one in warm_hold.records)]
     gait_stages = [Stage.ANNOUNCING, Stage.APPROACHING, Stage.PLAYING, Stage.ENDING]
     assert stages[-6:] == [None, *gait_stages, None]
@@ -100,7 +103,7 @@ def test_the_artificial_disturbance_is_refused_with_a_patient(warm_hold):
     answer = warm_hold.request(RequestKind.MODE, wanted)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "empty machine" in answer.reason
+    assert answer.refusal == Refusal(RefusalCode.PATIENT_CONFIGURED)
 
 
 def digest(session):

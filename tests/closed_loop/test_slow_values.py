@@ -3,13 +3,13 @@
 from pathlib import Path
 
 import pytest
-from sessions import changed_configs, generic_drives, new_session
+from sessions import changed_configs, generic_drives, new_session, reported
 from wire import change_what_drives_say
 
 from daemon.ipc.record import Cause, Mode, StopCategory
+from daemon.ipc.report import EventCode
 
 CHOSEN = 'temperature_limit = "S2"'
-LOST = "right/hip: its temperature is not measured any more"
 
 
 def stopped_for_the_temperature(session, category):
@@ -19,8 +19,8 @@ def stopped_for_the_temperature(session, category):
     assert record.verdict.cause == Cause.TEMPERATURE_LIMIT
     assert record.verdict.category == StopCategory[category]
     assert record.verdict.drive == "right/hip"
-    events = [event for one in session.records for event in one.events]
-    assert events.count(LOST) == 1
+    (overdue,) = reported(session.records, EventCode.TEMPERATURE_OVERDUE)
+    assert overdue.subject == "right/hip"
 
 
 @pytest.mark.parametrize("category", ["S2", "S1"])

@@ -14,6 +14,7 @@ from wire import (
 )
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
+from daemon.ipc.report import Refusal, RefusalCode
 from drives.signals import PowerState
 
 QS, OFF = QUICK_STOP_WORD, DISABLE_VOLTAGE_WORD
@@ -213,4 +214,4 @@ def test_an_enable_that_comes_together_with_a_stop_is_refused(warm_ready):
     answer = warm_ready.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "a stop was requested" in answer.reason
+    assert answer.refusal == Refusal(RefusalCode.STOP_REQUESTED)

@@ -12,6 +12,7 @@ from sessions import new_session, two_legs
 from wire import QUICK_STOP_WORD, target_torques, words_by_cycle
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Setpoint
+from daemon.ipc.report import Refusal, RefusalCode
 from daemon.wire.refusals import SetpointRefusal
 
 TORQUE = ModeRequest(Mode.TORQUE)
@@ -32,7 +33,7 @@ def in_torque(session, law, legs=("right",)):
     controller = Controller(session.gateway, law, legs)
     session.run(0.1)
     answer = session.request(RequestKind.MODE, TORQUE)
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     return controller
 
 
@@ -192,7 +193,7 @@ def test_torque_begins_only_under_a_lease(session):
     answer = session.request(RequestKind.MODE, TORQUE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "needs a lease" in answer.reason
+    assert answer.refusal == Refusal(RefusalCode.LEASE_NEEDED)
     assert session.record.mode == Mode.HOLD
 
 
@@ -390,7 +391,7 @@ def test_with_position_guidance_torque_and_setpoints_are_refused(warm_position_h
     answer = warm_position_hold.request(RequestKind.MODE, TORQUE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert "guidance 'position'" in answer.reason
+    assert answer.refusal == Refusal(RefusalCode.GUIDANCE_BY_POSITION)
     assert refused(warm_position_hold, SetpointRefusal.GUIDANCE_IS_POSITION) >= 9
     assert warm_position_hold.record.assist.accepted_count == 0
 

@@ -8,12 +8,13 @@ import math
 import struct
 
 import pytest
-from sessions import generic_drives, new_session, restarted
+from sessions import generic_drives, new_session, reported, restarted
 from wire import SYNC, change_what_drives_hear, change_what_drives_say
 
 from daemon.core.safety.stop_sequence import Step
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.ipc.report import EventCode
+from daemon.wire.report_texts import verdict_of
 from drives.canopen.frame import Frame
 from drives.signals import PowerState
 
@@ -144,8 +145,8 @@ def test_a_statusword_that_does_not_prove_a_drive_off_is_taken_to_silence(
     assert session.core.axes[0].stop is not None
     session.run(0.7)
 
-    told = [event for record in session.records for event in record.events]
-    assert any("stop S0" in event and "right/hip" in event for event in told)
+    stops = [verdict_of(event) for event in reported(session.records, EventCode.STOPPED)]
+    assert (StopCategory.S0, "right/hip") in [(one.category, one.drive) for one in stops]
     assert session.record.mode == Mode.FAULT
     assert steps(session)[0] == Step.SILENCE
 
@@ -184,9 +185,8 @@ def test_a_drive_that_another_master_enables_after_a_stop_has_switched_it_off_is
     take_over(session)
     session.run(0.5)
 
-    told = [event for record in session.records for event in record.events]
-    title = CAUSE_TEXT[Cause.UNEXPECTED_ENABLE].title
-    assert any(event.startswith(f"also: right/hip: {title}") for event in told)
+    also = [verdict_of(event) for event in reported(session.records, EventCode.FURTHER_CAUSE)]
+    assert (Cause.UNEXPECTED_ENABLE, "right/hip") in [(one.cause, one.drive) for one in also]
     assert NMT_STOP in [frame.data for frame in session.bus.sent if frame.can_id == 0]
 
 

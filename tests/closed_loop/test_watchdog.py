@@ -7,13 +7,14 @@ is not fed for 10 ms shows.
 from unittest import mock
 
 import pytest
-from sessions import new_session
+from sessions import new_session, reported
 from supervised import watched
 
 from daemon.core.runtime.loop_settings import ExitCode
 from daemon.core.runtime.systemd import PROGRESS_CYCLES
 from daemon.core.safety import checks
 from daemon.ipc.record import Cause, Mode
+from daemon.ipc.report import EventCode
 from drives.canopen.bus import Frame
 from drives.signals import PowerState
 
@@ -233,7 +234,6 @@ def test_a_reload_is_answered_with_an_event_and_changes_nothing(session):
     with pytest.raises(KeyboardInterrupt):
         session.loop.run(ended, lambda: next(asked, False))
 
-    events = [text for record in session.records for text in record.events]
     assert session.core.config is before
     assert session.record.mode == Mode.GAIT
-    assert len([text for text in events if "changes nothing while it runs" in text]) == 1
+    assert len(reported(session.records, EventCode.RELOAD_REFUSED)) == 1

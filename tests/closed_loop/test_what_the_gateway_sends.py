@@ -4,16 +4,22 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 from records import HEADER
+from sessions import reported
 
 from daemon.ipc.record import TEXT_BYTES_MAX, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.report import EventCode, Refusal, RefusalCode
 from daemon.ipc.transport import RingWriter
 
 LONG = ("x" * 1800, "\N{GRINNING FACE}" * 1800, "\x00\x1b[2J" * 450)
 
 
 @pytest.mark.parametrize("name", LONG, ids=["ascii", "four bytes each", "control characters"])
-def test_a_name_that_a_refusal_quotes_fits_the_slot_of_its_record(warm_hold, tmp_path, name):
-    wanted = ModeRequest(Mode.EXCITE, duration_s=10.0, scenario=name)
+def test_names_of_the_client_and_in_its_refusal_fit_the_slot_of_its_record(
+    warm_hold, tmp_path, name
+):
+    scenarios = warm_hold.core.config.excite
+    scenarios[name] = scenarios["open_loop"]
+    wanted = ModeRequest(Mode.EXCITE, duration_s=10.0, scenario=name[1:])
 
     answer = warm_hold.request(RequestKind.MODE, wanted)
 
@@ -22,8 +28,8 @@ def test_a_name_that_a_refusal_quotes_fits_the_slot_of_its_record(warm_hold, tmp
         writer.write(record)
     writer.close()
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason.startswith("scenario = ")
-    assert len(answer.reason.encode()) <= TEXT_BYTES_MAX
+    assert answer.refusal.code is RefusalCode.NO_SUCH_SCENARIO
+    assert 0 < len(answer.refusal.said.encode()) <= TEXT_BYTES_MAX
     assert writer.shortened_count == 0
     assert msgspec.msgpack.encode(warm_hold.record)
 
@@ -81,7 +87,7 @@ def test_an_enable_that_comes_with_a_stop_is_refused(warm_ready):
     answer = warm_ready.request(RequestKind.ENABLE)
 
     assert answer.outcome == Outcome.REFUSED
-    assert answer.reason == "a stop was requested at the same time"
+    assert answer.refusal == Refusal(RefusalCode.STOP_REQUESTED)
     assert warm_ready.record.mode == Mode.READY
 
 
@@ -89,14 +95,16 @@ def test_what_a_lost_drive_said_last_of_its_inputs_holds_up_no_reset(warm_hold):
     session = warm_hold
     session.command("hand_switch_open right/hip")
     session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    assert session.request(RequestKind.RESET).reason == "the hand switch is open"
+    is_open = Refusal(RefusalCode.HAND_SWITCH_OPEN)
+    assert session.request(RequestKind.RESET).refusal == is_open
 
     session.command("unplugged right/hip")
     session.run(1.0)
     answer = session.request(RequestKind.RESET, within_s=20)
 
-    assert "hand switch" not in answer.reason
-    assert any("reset requested" in text for one in session.records for text in one.events)
+    assert answer.refusal != is_open
+    received = reported(session.records, EventCode.REQUEST_RECEIVED)
+    assert received[-1].values[0] == RequestKind.RESET
 
 
 def test_the_outcome_of_a_request_that_was_overtaken_is_not_told_as_the_newest(warm_ready):
@@ -106,8 +114,8 @@ def test_the_outcome_of_a_request_that_was_overtaken_is_not_told_as_the_newest(w
     gateway.request(RequestKind.RESET)  # a gateway that knows nothing of the first
     begun = len(session.records)
 
-    session.run_until(lambda record: "enable done" in record.events, within_s=5)
+    session.run_until(lambda record: reported([record], EventCode.REQUEST_DONE), within_s=5)
 
     ids = [record.request.id for record in session.records[begun:]]
     assert ids == sorted(ids)
-    assert gateway.outcome().reason == "another request is outstanding"
+    assert gateway.outcome().refusal == Refusal(RefusalCode.BUSY, values=(RequestKind.ENABLE,))

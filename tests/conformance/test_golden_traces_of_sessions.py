@@ -125,7 +125,7 @@ def referencing(folder):
     wire = Wiretap(session.machine.world)
     wanted = ModeRequest(Mode.REFERENCE, axis="right/hip")
     answer = session.request(RequestKind.MODE, wanted)
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     session.run_until(lambda record: record.mode == Mode.OFF, within_s=60)
     wire.lines = list(changes_only(wire.lines))
     return wire

@@ -164,7 +164,7 @@ def test_a_fault_is_reset_by_one_edge_on_request(service):
     answer = service.request(RequestKind.RESET)
     service.run(0.5)
 
-    assert answer.outcome == Outcome.DONE, answer.reason
+    assert answer.outcome == Outcome.DONE, answer.refusal
     assert service.hip.model.numbers[3:] == [15]
     assert service.hip.model.state == "switch on disabled"
     assert service.record.mode == Mode.READY

@@ -39,6 +39,7 @@ from daemon.ipc.record import (
     Setpoint,
     Verdict,
 )
+from daemon.ipc.report import EventCode
 from daemon.ipc.ring_clip import clip_file, trimmed
 from daemon.ipc.state_file import NAME
 from daemon.ipc.transport import CoreChannel, GatewayChannel, RingError, RingReader
@@ -74,7 +75,7 @@ NOTES = msgspec.json.encode(
     PersistentState(
         axes={"right/hip": StoredAxis(0.3, 1_700_000_000_000_000_000)},
         latched=StoredVerdict(
-            "S1", "EMERGENCY", "right/hip", 1.0, 2.0, "x", 1_700_000_000_000_000_000
+            "S1", "EMERGENCY", "right/hip", 1.0, 2.0, "EMCY", "x", 1_700_000_000_000_000_000
         ),
     )
 )
@@ -168,7 +169,8 @@ def test_any_datagram_is_a_level_or_counted_and_told_more_and_more_rarely(tmp_pa
     assert present + core.refused_count == sent
     assert present > 100
     assert 3 <= len(told) <= 4
-    assert told[0].startswith("datagrams to the core refused, 1 so far: ")
+    assert {event.code for event in told} == {EventCode.STATES_REFUSED}
+    assert (told[0].values, bool(told[0].said)) == ((1,), True)
     core.close()
     gateway.close()
 

@@ -12,7 +12,6 @@ from gaitd_client import wire
 from msgspec import inspect
 from records import HEADER, drive, leg, record
 
-from daemon.core.cycle_record import EVENT_LENGTH_MAX, EVENTS_MAX
 from daemon.gateway.requests import PAYLOADS
 from daemon.ipc import transport
 from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
@@ -28,8 +27,17 @@ from daemon.ipc.record import (
     StrideRecord,
     Verdict,
 )
+from daemon.ipc.report import (
+    EVENTS_MAX,
+    SAID_BYTES_MAX,
+    Event,
+    EventCode,
+    Refusal,
+    RefusalCode,
+)
 from daemon.ipc.transport import CoreChannel, GatewayChannel, RingError, RingReader, RingWriter
 from daemon.wire.refusals import SetpointRefusal
+from daemon.wire.report_fields import EVENT_FIELDS, REFUSAL_FIELDS
 from drives.canopen.emcy import NEWS_COUNT
 from drives.canopen.emcy_codes import Reaction
 from drives.cia402.emergencies import TEXT_LENGTH_MAX
@@ -229,6 +237,11 @@ def test_a_file_that_is_no_ring_is_refused_by_name(tmp_path, content, words):
 
 
 LONGEST = "x" * TEXT_BYTES_MAX
+SAID = "x" * SAID_BYTES_MAX
+MOST_OF_REFUSALS = max(map(len, REFUSAL_FIELDS.values()))
+REFUSED_VALUES = len(EVENT_FIELDS[EventCode.REQUEST_REFUSED]) + MOST_OF_REFUSALS
+MOST_VALUES = max(REFUSED_VALUES, *map(len, EVENT_FIELDS.values()))
+LARGEST_EVENT = Event(EventCode.REQUEST_REFUSED, "right/slide", (1e300,) * MOST_VALUES, SAID)
 
 
 def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
@@ -259,12 +272,14 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
     own = LegAssistRecord(2**53 - 1, (1.1, 2.2), (1.1, 2.2), 0.3)
     refused = (2**53,) * len(SetpointRefusal)
     assist = AssistRecord((own, own), 2**53, refused, 2**53, "its setpoints have grown stale")
+    most = max(RefusalCode, key=lambda code: len(REFUSAL_FIELDS[code]))
+    refused_most = Refusal(most, "right/slide", (1e300,) * len(REFUSAL_FIELDS[most]), SAID)
     largest = msgspec.structs.replace(
         record(10**6),
         assist=assist,
-        verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, LONGEST),
-        events=("x" * EVENT_LENGTH_MAX,) * EVENTS_MAX,
-        request=RequestResult(2**63 - 1, Outcome.REFUSED, LONGEST),
+        verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, said=LONGEST),
+        events=(LARGEST_EVENT,) * EVENTS_MAX,
+        request=RequestResult(2**63 - 1, Outcome.REFUSED, refused_most),
         progress=LONGEST,
         drives=tuple(drives),
         legs=tuple(msgspec.structs.replace(leg(name), stride=stride) for name in ("right", "left")),
@@ -286,18 +301,22 @@ def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_a
     ends.core.publish(
         msgspec.structs.replace(
             whole,
-            verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, detail=words),
-            request=RequestResult(7, Outcome.REFUSED, words),
+            verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, said=words),
+            request=RequestResult(
+                7, Outcome.REFUSED, Refusal(RefusalCode.NO_SUCH_AXIS, said=words)
+            ),
             progress=words,
-            events=(words,),
+            events=(Event(EventCode.STOPPED, "right/hip", (1.0, 2.0), words),),
         )
     )
 
     (read,) = ends.gateway.records()
     told = ends.core.take_notices()
     assert read.drives == whole.drives
-    assert (read.verdict.cause, read.request.id) == (Cause.BUS_OFF, 7)
-    assert told == ["records were written without their texts, which did not fit, 1 so far"]
+    assert read.verdict == Verdict(StopCategory.S1, Cause.BUS_OFF)
+    assert read.request == RequestResult(7, Outcome.REFUSED, Refusal(RefusalCode.NO_SUCH_AXIS))
+    assert read.events == (Event(EventCode.STOPPED, "right/hip", (1.0, 2.0)),)
+    assert told == [Event(EventCode.RECORDS_SHORTENED, values=(1,))]
     ends.core.publish(record(2))
     assert ends.core.take_notices() == []
 
@@ -373,7 +392,5 @@ def test_who_sends_without_end_does_not_hold_the_cycle_and_is_told(tmp_path):
     gateway_states = core.receive()
 
     assert len(gateway_states) == transport.DRAIN_COUNT_MAX
-    assert core.take_notices() == [
-        "the core received more datagrams than it reads in a cycle, 1 so far"
-    ]
+    assert core.take_notices() == [Event(EventCode.STATES_CROWDED, values=(1,))]
     core.close()

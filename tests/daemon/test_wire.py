@@ -10,6 +10,7 @@ from gaitd_client.wire.fields import NMT_STATES, POWER_STATES
 
 from daemon.gateway.translate import COVARIANCE_COUNT
 from daemon.ipc.record import STATE_COUNT
+from daemon.wire import names
 from daemon.wire.names import StatusBit, Validity
 from drives.signals import NmtState, PowerState
 from observer.filter import status
@@ -69,6 +70,10 @@ def test_the_states_of_the_drives_are_the_masters():
     assert [state.name.lower() for state in PowerState] == list(POWER_STATES)
     assert [int(state) for state in PowerState] == list(range(len(POWER_STATES)))
     assert {int(state): state.name.lower() for state in NmtState} == NMT_STATES
+    for ours, the_masters in ((names.PowerState, PowerState), (names.NmtState, NmtState)):
+        assert {state.name: int(state) for state in ours} == {
+            state.name: int(state) for state in the_masters
+        }
 
 
 def test_an_activity_looks_like_this():

@@ -335,7 +335,8 @@ def test_a_drive_with_power_is_not_switched_off_unless_that_was_requested(port, 
     error = failure(bringup._without_power(POWER, drives[0], (), port), DrivePowered)
 
     assert error.drive == "right/hip"
-    assert error.state in {"SWITCHED_ON", "OPERATION_ENABLED", "QUICK_STOP_ACTIVE"}
+    powered = PowerState.SWITCHED_ON, PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE
+    assert error.state in powered
     assert port.written == []
 
 

@@ -13,14 +13,16 @@ from sessions import CONFIGS, changed_configs, new_session
 from analysis.acceptance.record import Judgement, StopTrace, read
 from analysis.acceptance.stops import MeasuredStop, StopRules, judge
 from daemon.config.drive_plan import plan_of
+from daemon.gateway.translate import refusal_message
 from daemon.ipc.decoding import RefusedError
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, StopCategory
 from daemon.ipc.transport import RING_NAME, RingWriter
 from daemon.preflight.load import load
+from daemon.wire.report_texts import refusal_text
 from drives.bringup.configurator import Configurator
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
-from gaitd.acceptance import BOUND, LOAD, NOT_SHOWN, Acceptance, Gait, Stops
+from gaitd.acceptance import BOUND, LOAD, NOT_SHOWN, Acceptance, Answer, Gait, Stops
 from gaitd.acceptance_service import (
     CoreRestartedError,
     ServiceBench,
@@ -72,6 +74,13 @@ INPUTS = {
 }
 
 
+def answer_of(refusal):
+    """As the service answers: None is done."""
+    if refusal is None:
+        return Answer("")
+    return Answer(refusal_text(refusal), refusal_message(refusal))
+
+
 class LockstepBench:
     """The bench of the procedure, on a lock-step session."""
 
@@ -81,13 +90,13 @@ class LockstepBench:
     def request(self, name, **arguments):
         if name == "stop":
             self.session.gateway.stop()
-            return ""
+            return Answer("")
         kind = RequestKind[name.upper()]
         wanted = (
             ModeRequest(Mode[arguments.pop("mode").upper()], **arguments) if arguments else None
         )
         answer = self.session.request(kind, wanted)
-        return "" if answer.outcome == Outcome.DONE else answer.reason
+        return answer_of(answer.refusal)
 
     def until(self, reached, within_s):
         try:
@@ -354,12 +363,12 @@ class StoppedBench(LockstepBench):
             if done.mode == self.mode:
                 self.session.gateway.stop()
             self.session.run(2.0)
-            return self.session.gateway.outcome().reason
-        reason = super().request(name, **arguments)
+            return answer_of(self.session.gateway.outcome().refusal)
+        answer = super().request(name, **arguments)
         if self.mode == Mode.SELF_TEST and arguments.get("mode") == "self_test":
             in_it_ns = self.session.world_ns + 2_000_000_000
             self.session.bus.at(in_it_ns, self.session.gateway.stop)
-        return reason
+        return answer
 
 
 @pytest.mark.parametrize("mode", [Mode.HOLD, Mode.SELF_TEST])

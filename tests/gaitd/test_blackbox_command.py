@@ -18,7 +18,7 @@ from daemon.ipc.transport import Kept
 from daemon.recorder.audit_file import NAME
 from daemon.recorder.clip_store import ClipStore
 
-OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", detail="let go")
+OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", said="let go")
 ROBOT = Path(__file__).parents[2] / "configs" / "robot.toml"
 
 

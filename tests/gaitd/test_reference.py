@@ -9,7 +9,7 @@ import pytest
 from daemon.core.modes.table import TRANSITIONS
 from daemon.ipc.record import Cause, Mode
 from gaitd_lab.reference import pages
-from gaitd_lab.reference.modes import REQUESTS, WELL, diagram
+from gaitd_lab.reference.modes import REQUESTS, WELL, diagram, trigger_text
 
 DOCS = Path(__file__).parents[2] / "docs"
 PARTS = pages.parts()
@@ -58,7 +58,7 @@ def test_the_diagram_has_every_row_of_the_table_and_no_other():
     rows = {
         (mode.name.lower(), part, to.name.lower())
         for (mode, event), to in TRANSITIONS.items()
-        for part in re.split(r", (?!as |by )", event.value)
+        for part in re.split(r", (?!as |by )", trigger_text(event))
     }
 
     assert drawn() == rows

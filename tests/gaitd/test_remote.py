@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 import zenoh
 from command_line import gaitd
-from gaitd_client import Mode, Reply, Target, Trainer
+from gaitd_client import Mode, Reply, Target, Trainer, wire
 from gaitd_client.connection import config_of
 
 from daemon.config.strict import ConfigError
@@ -15,7 +15,7 @@ from gaitd import remote
 from gaitd.watch import stream_of
 
 
-def reply_of(request, outcome, reason="", mode=None):
+def reply_of(request, outcome, refusal=None, mode=None):
     return Reply(
         seq=1,
         core_boot_id=None,
@@ -23,7 +23,8 @@ def reply_of(request, outcome, reason="", mode=None):
         sample_time_ns=None,
         request=request,
         outcome=outcome,
-        reason=reason,
+        reason="because",
+        refusal=refusal,
         mode=mode,
     )
 
@@ -49,27 +50,26 @@ def test_a_stop_without_a_service_names_the_other_ways_to_stop(capsys, name, is_
 
 
 @pytest.mark.parametrize(
-    ("reason", "mode", "following"),
+    ("code", "mode", "following"),
     [
-        ("'enable' is not possible in mode fault", Mode.FAULT, "then `gaitd reset`"),
-        ("'mode gait' is not possible in mode ready", Mode.READY, "`gaitd enable`"),
-        ("not seen to act today: right/hip: STO", Mode.READY, "next: `gaitd self-test`"),
-        ("not referenced: right/hip", Mode.READY, "next: `gaitd reference LEG/AXIS`"),
-        ("one axis alone is moved in the empty machine", Mode.READY, "without [patient]"),
-        ("a client of a later version", None, "`gaitd status`"),
+        ("not_in_this_mode", Mode.FAULT, "then `gaitd reset`"),
+        ("not_in_this_mode", Mode.READY, "`gaitd enable`"),
+        ("input_untested", Mode.READY, "next: `gaitd self-test`"),
+        ("self_test_due", Mode.HOLD, "next: `gaitd self-test`"),
+        ("not_referenced", Mode.READY, "next: `gaitd reference right/hip`"),
+        ("sign_not_proven", Mode.READY, "next: `gaitd commission right/hip`"),
+        ("patient_configured", Mode.READY, "without [patient]"),
+        ("no_plan", Mode.HOLD, "next: `gaitd plan release`"),
+        ("of_a_later_version", None, "`gaitd status`"),
+        (None, None, "`gaitd status`"),
     ],
 )
-def test_a_refusal_names_the_next_command(capsys, reason, mode, following):
-    refused = reply_of("enable", "refused", reason, mode)
+def test_a_refusal_names_the_next_command(capsys, code, mode, following):
+    why = code and wire.Refusal(code=code, subject="right/hip", values={}, said="")
+    refused = reply_of("enable", "refused", why, mode)
 
     assert remote.report_reply(refused, as_json=False) == remote.EXIT_REFUSED
     assert following in capsys.readouterr().out.splitlines()[1]
-
-
-def test_a_reason_that_names_its_command_is_enough(capsys):
-    remote.report_reply(reply_of("enable", "refused", "due: `gaitd self-test`"), as_json=False)
-
-    assert capsys.readouterr().out.count("\n") == 1
 
 
 def test_watching_a_trainer_that_is_not_there_ends(tmp_path):

@@ -12,19 +12,22 @@ from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
+from daemon.ipc.report import EventCode, Finding, Refusal, RefusalCode, Untested
 from daemon.wire.cause_texts import CAUSE_TEXT
-from gaitd import operator_texts, preparation, remote
+from gaitd import preparation, remote
 from gaitd.__main__ import build
 from gaitd.remote import EXIT_NO_ANSWER, EXIT_REFUSED
 
-STOP = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, "right/hip", detail="2310h overcurrent")
+STOP = Verdict(
+    StopCategory.S1, Cause.DRIVE_FAULT, "right/hip", 0x2310, 0.0, Finding.EMCY, "overcurrent"
+)
 
 
 class Service:
     """In one mode after the other, the next one behind each refused request."""
 
-    def __init__(self, *modes, reason="not yet"):
-        self.modes, self.reason = list(modes), reason
+    def __init__(self, *modes, refusal=None):
+        self.modes, self.refusal = list(modes), refusal
         self.asked = []
 
     def __enter__(self):
@@ -37,7 +40,9 @@ class Service:
         self.asked.append(name)
         del self.modes[: len(self.modes) > 1]
         return wire.Reply(
-            **self.head(), request=name, outcome="refused", reason=self.reason, mode=None
+            **self.head(),
+            **{"request": name, "outcome": "refused", "reason": "not yet", "mode": None},
+            refusal=self.refusal,
         )
 
     def status(self):
@@ -76,8 +81,8 @@ def record(mode, verdict):
 def run(monkeypatch):
     """The command, before a service in these modes."""
 
-    def against(*modes, reason="not yet"):
-        service = Service(*modes, reason=reason)
+    def against(*modes, refusal=None):
+        service = Service(*modes, refusal=refusal)
         monkeypatch.setattr(preparation, "client_of", lambda *_: service)
         monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
         return CliRunner().invoke(build("self-test"), ["self-test"]), service
@@ -97,9 +102,10 @@ def test_a_latched_stop_is_shown_with_its_remedy_and_not_reset(run, modes):
 
 
 def test_the_fault_of_an_emergency_stop_that_was_asked_for_says_how_to_go_on(run):
-    unseen = f"{operator_texts.UNTESTED}right/hip emergency stop (STO) pressed"
+    untested = Refusal(RefusalCode.INPUT_UNTESTED, "right/hip", (Untested.STO_ACTIVE,))
+    unseen = translate.refusal_message(untested)
 
-    result, service = run(Mode.READY, Mode.FAULT, reason=unseen)
+    result, service = run(Mode.READY, Mode.FAULT, refusal=unseen)
 
     assert (result.exit_code, service.asked) == (EXIT_REFUSED, ["enable"])
     assert preparation.AGAIN in result.stdout
@@ -132,7 +138,7 @@ def test_a_service_that_is_lost_while_an_axis_moves_is_reported_with_the_reason(
     monkeypatch.setattr(preparation, "client_of", lambda *_: service)
     monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
     with pytest.raises(typer.Exit) as ended:
-        preparation.run_axis(Target(), "reference", "right/hip", "homed", as_json=as_json)
+        preparation.run_axis(Target(), "reference", "right/hip", EventCode.HOMED, as_json=as_json)
 
     reason = "no answer to status: the link is down; right/hip may be moving: look at it before"
     output = capsys.readouterr()
@@ -142,14 +148,14 @@ def test_a_service_that_is_lost_while_an_axis_moves_is_reported_with_the_reason(
 
 
 @pytest.mark.parametrize(
-    ("words", "said", "key"),
+    ("words", "code", "key"),
     [
-        (("reference",), "homed at 0.2 rad", "homed"),
-        (("commission", "--witnessed"), "moves with its torque", "moves_with_its_torque"),
-        (("commission",), "moves with its torque", "moves_with_its_torque"),
+        (("reference",), "homed", "homed"),
+        (("commission", "--witnessed"), "sign_tested", "moves_with_its_torque"),
+        (("commission",), "sign_tested", "moves_with_its_torque"),
     ],
 )
-def test_one_axis_has_one_json_document(monkeypatch, words, said, key):
+def test_one_axis_has_one_json_document(monkeypatch, words, code, key):
     class Moving(Service):
         def request(self, name, **arguments):
             super().request(name)
@@ -159,7 +165,8 @@ def test_one_axis_has_one_json_document(monkeypatch, words, said, key):
             event = wire.Event(
                 **self.head(),
                 **{"id": "1", "time_ns": 1, "priority": "info", "kind": "drive"},
-                **{"text": f"right/hip: {said}", "remedy": "", "cause": None, "subject": None},
+                **{"text": "as it went", "remedy": "", "cause": None, "subject": "right/hip"},
+                code=code,
             )
             events = (event,) if self.asked else ()
             return msgspec.structs.replace(super().status(), events=events)

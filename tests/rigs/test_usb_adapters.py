@@ -11,6 +11,7 @@ import struct
 
 import pytest
 from can_wire import Controller, State, connect
+from sessions import reported
 from usb_adapters import (
     ANSWERS,
     CMD_SUBMIT,
@@ -31,6 +32,7 @@ from usb_adapters import (
 )
 
 from daemon.ipc.record import Cause, Mode
+from daemon.ipc.report import EventCode
 from drives.canopen.bus_state import BusCondition
 
 OURS = {0x000, 0x080, 0x701, *(base + node for base in (0x200, 0x300, 0x600) for node in (5, 6))}
@@ -243,10 +245,9 @@ def test_the_drives_are_found_over_two_usb_adapters_at_1_mbit_per_s(controllers_
 def test_alone_on_the_wire_our_controller_is_error_passive_and_says_so(controllers_world):
     info = controllers_world.facts["usb_alone"]["linkinfo"]["info_data"]
     records = controllers_world.records("usb_alone")
-    events = [event for record in records for event in record.events]
 
     assert info["state"] == "ERROR-PASSIVE"
-    assert any("error passive" in one or "not acknowledged" in one for one in events)
+    assert reported(records, EventCode.CAN_PASSIVE, EventCode.CAN_ALONE)
     assert records[-1].bus.condition == BusCondition.PASSIVE.value
     assert records[-1].bus.bus_off_count == 0
 
@@ -258,7 +259,7 @@ def test_heard_again_the_controller_becomes_error_active_frame_by_frame(controll
 
     assert info["state"] == "ERROR-ACTIVE"
     assert records[-1].bus.condition == BusCondition.ACTIVE.value
-    assert any("without errors again" in event for one in records for event in one.events)
+    assert reported(records, EventCode.CAN_ACTIVE)
 
 
 @rig_test

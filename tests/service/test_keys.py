@@ -56,7 +56,7 @@ def recorded_by(name, trainer):
 
 
 def outcome(answer):
-    return answer["outcome"], answer["reason"]
+    return answer["outcome"], answer["refusal"]["code"]
 
 
 def test_a_session_trains_within_its_plan_and_a_display_stops_it(trainer):
@@ -64,10 +64,7 @@ def test_a_session_trains_within_its_plan_and_a_display_stops_it(trainer):
 
     trainer.act_as("session.desk")
     enabled = trainer.enable()
-    assert outcome(trainer.request("mode", **gait)) == (
-        "refused",
-        "no plan is released: an operator releases one with `gaitd plan release`",
-    )
+    assert outcome(trainer.request("mode", **gait)) == ("refused", "no_plan")
     assert trainer.request("plan", plan=PLAN)["outcome"] == "unanswered"
     trainer.act_as("operator.desk")
     assert trainer.request("plan", plan=PLAN)["outcome"] == "done"
@@ -78,13 +75,14 @@ def test_a_session_trains_within_its_plan_and_a_display_stops_it(trainer):
         trainer.request("mode", mode="excite", scenario="open_loop", duration_s=25.0),
     ]
     assert [outcome(one) for one in refusals] == [
-        ("refused", "cadence_hz = 0.41, the released plan allows up to 0.4"),
-        ("refused", "the role session may not request mode excite"),
+        ("refused", "cadence_above_plan"),
+        ("refused", "role_may_not_mode"),
     ]
+    assert refusals[0]["refusal"]["values"] == {"wanted": 0.41, "highest": 0.4}
     trainer.run(OLD_S)
     replayed = trainer.request("mode", **gait, for_cycle=enabled.cycle)
-    assert replayed["outcome"] == "refused"
-    assert f"made for cycle {enabled.cycle}" in replayed["reason"]
+    assert outcome(replayed) == ("refused", "old")
+    assert replayed["refusal"]["values"]["for_cycle"] == enabled.cycle
     assert trainer.mode == Mode.HOLD
     trainer.gait(0.4, 0.8, 300.0)
 

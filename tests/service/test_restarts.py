@@ -13,6 +13,7 @@ from processes import Service
 
 from daemon.ipc.record import Cause, Mode
 from daemon.ipc.transport import RING_NAME, RingReader
+from drives.errors import BootFailure
 
 CONFIGURATION_ERROR = 2
 SILENCE_CYCLES = 30
@@ -151,7 +152,7 @@ def test_a_second_core_with_directories_of_its_own_finds_the_other_master_and_se
         seen.read_bus()
 
     assert told.mode == Mode.OFF
-    assert "another master" in told.verdict.detail
+    assert told.verdict.said.startswith(str(BootFailure.FOREIGN_MASTER))
     assert {record.verdict.cause for record in records} == {Cause.NONE}
     assert not [one for one in seen.since(NMT, *SDO_REQUESTS) if one.data != TEMPERATURE_READ]
     fault_table.add(

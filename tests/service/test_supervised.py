@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from long_service import TIMEOUT_S, LongService
 
-from daemon.core.runtime.loop import RELOAD_REFUSED
 from daemon.ipc.record import Cause, Mode
 from drives.signals import PowerState
 from gaitd_lab.processes import memory_folder
@@ -118,11 +117,13 @@ def test_a_hang_up_ends_neither_process_and_is_answered_by_both(service):
     for part in ("core", "gateway"):
         service.kill(part, signal.SIGHUP)
 
-    def texts():
-        return [event["text"] for event in service.request("status")["events"]]
+    def has(key, words):
+        return any(
+            (one[key] or "").startswith(words) for one in service.request("status")["events"]
+        )
 
-    service.wait(lambda: any(RELOAD_REFUSED in text for text in texts()), TIMEOUT_S)
-    service.wait(lambda: any(text.startswith("reloaded: ") for text in texts()), TIMEOUT_S)
+    service.wait(lambda: has("code", "reload_refused"), TIMEOUT_S)
+    service.wait(lambda: has("text", "reloaded: "), TIMEOUT_S)
     assert service.runs("core")
     assert service.runs("gateway")
 

@@ -27,6 +27,7 @@ from daemon.ipc.ring_clip import FOLDER, SUFFIX
 from daemon.ipc.transport import RingError
 from daemon.keys.folder import CLIENTS, ISSUED, read_keys
 from daemon.keys.issuing import init, issue
+from daemon.wire.report_texts import detail_text
 from drives.signals import PowerState
 
 DISK = Path("/run/disk")
@@ -123,7 +124,7 @@ def found(service: Inside) -> CycleRecord:
     said(
         found=begun.mode.name,
         cause=begun.verdict.cause.name,
-        detail=begun.verdict.detail,
+        detail=detail_text(begun.verdict),
         modes=sorted({record.mode.name for record in records}),
         powers=sorted({PowerState(d.power_state).name for r in records for d in r.drives}),
         path_si=[

@@ -33,7 +33,6 @@ from daemon.core.state import Core
 from daemon.core.steps import (
     exercises,
     impedance,
-    requests,
     sensing,
     single_axis,
     supervisor,
@@ -50,6 +49,7 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
+from daemon.ipc.report import EventCode
 from daemon.preflight.load import load
 from drives.cia402.power_state import STATUS_HOMING_ATTAINED, STATUS_TARGET_REACHED
 from drives.signals import DriveFeedback, OperationMode, PowerRequest, PowerState
@@ -623,7 +623,7 @@ class Model:
         if core.mode == Mode.OFF:
             supervisor.begin_bring_up(core)
         elif core.mode == Mode.BRINGING_UP and said is HELD and core.reset_cycles_left == 0:
-            supervisor.wait_for_reset(core, core.axes[HIP].name, "enabled", "holds")
+            supervisor.wait_for_reset(core, core.axes[HIP].name, ENABLED)
         elif core.mode == Mode.BRINGING_UP and said is ABSENT:
             supervisor.fail_bring_up(core, Cause.DRIVE_SILENT, core.axes[HIP].name, "silent")
         elif core.mode == Mode.BRINGING_UP and said is None:
@@ -664,7 +664,7 @@ class Model:
         """A refused request permits nothing; an enabling word that ends needs another request."""
         core = self.core
         if trace.asked is not None and core.request is None:
-            refused = any(" refused" in event for event in core.events)
+            refused = _has_reported(core, EventCode.REQUEST_REFUSED)
             permitted = trace.permitted and (not refused or trace.asked[1])
             trace = trace._replace(permitted=permitted, asked=None)
         ended = any(
@@ -682,10 +682,12 @@ def _orders(events: tuple[Event, ...]) -> inputs.CommandInputs:
     return inputs.CommandInputs(stop, Request(2, request[0], NOW, request[1], Role.UNRESTRICTED))
 
 
+def _has_reported(core: Core, code: EventCode) -> bool:
+    return any(event.code is code for event in core.events)
+
+
 def _accepted(core: Core, request: Request | None) -> Request | None:
-    if request is None or requests._requested(request.kind, request.mode) not in core.events:
-        return None
-    return request
+    return request if _has_reported(core, EventCode.REQUEST_RECEIVED) else None
 
 
 def _obeys(shown: PowerState, word: PowerRequest | None) -> PowerState:

@@ -3,7 +3,7 @@
 import multiprocessing
 import shutil
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 from analysis.accuracy import Score, score
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import CycleRecord, Mode, ModeRequest, RequestKind
+from daemon.ipc.report import Event, EventCode
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 
@@ -40,6 +41,11 @@ def single_axis_run(session: LockstepSession, mode: Mode, axis: str) -> list[Cyc
     session.until(Mode.OFF, within_s=60)
     session.until_ready()
     return session.records[begun:]
+
+
+def reported(records: Iterable[CycleRecord], *codes: EventCode) -> list[Event]:
+    """The events of these codes in the records, oldest first."""
+    return [event for record in records for event in record.events if event.code in codes]
 
 
 def scores(session: LockstepSession, duration_s: float) -> dict[str, Score]:

@@ -150,7 +150,7 @@ def _stage(found: re.Match[str]) -> Text | None:
     mode, stage = _said(f"mode.{found['mode']}"), _said(f"stage.{found['stage']}")
     if mode is None or stage is None:
         return None
-    return _about(found["leg"], Text(f"{mode.en}, {stage.en}", f"{mode.de}, {stage.de}"))
+    return Text(f"{mode.en}, {stage.en}", f"{mode.de}, {stage.de}")
 
 
 def _asked(found: re.Match[str], outcome: str) -> Text | None:
@@ -184,7 +184,7 @@ EVENTS: Final[Mapping[str, Say]] = {
     "bring-up begun": _only("The drives are set up.", "Die Antriebe werden eingerichtet."),
     "drives are up$": _only("The drives are set up and ready.", "Die Antriebe sind bereit."),
     "the verdict is cleared": _only("The stop was ended.", "Der Halt wurde beendet."),
-    "(?P<leg>right|left): (?P<mode>\\w+) (?P<stage>\\w+)$": _stage,
+    "(right|left): (?P<mode>\\w+) (?P<stage>\\w+)$": _stage,
     f"{_AXIS}hand switch (?P<state>open|closed)": _word("switch", "state"),
     f"{_AXIS}safe torque off (?P<state>active|released)": _word("sto", "state"),
     f"{_AXIS}NMT state (?P<state>\\w+)": _word("nmt", "state"),
@@ -199,10 +199,10 @@ EVENTS: Final[Mapping[str, Say]] = {
     f"{_NAMED}, asked by (?P<by>.+?): refused: (?P<why>.*)": _refused,
     f"{_NAMED}, asked by (?P<by>.+?): done": lambda found: _asked(found, "done"),
     f"{_NAMED}, asked by (?P<by>[^:]+)$": lambda found: _asked(found, "requested"),
-    f"{_NAMED} refused: (?P<why>.*)": _refused,
+    f"{_NAMED}( \\w+)? refused: (?P<why>.*)": _refused,
     "mode (?P<mode>\\w+) requested": _word("mode", "mode"),
     f"{_NAMED} requested$": lambda found: _asked(found, "requested"),
-    f"{_NAMED} done": lambda found: _asked(found, "done"),
+    f"{_NAMED}( \\w+)? done": lambda found: _asked(found, "done"),
 }
 """What is said of an event, by a pattern for the begin of its text."""
 

@@ -39,10 +39,12 @@ from gaitd_client.wire import (
 )
 from gaitd_client.wire.names import (
     Cause,
+    EventCode,
     Kind,
     Mode,
     Outcome,
     Priority,
+    RefusalCode,
     Stage,
     StatusBit,
     StopCategory,
@@ -66,6 +68,7 @@ __all__ = [
     "EndpointError",
     "Estimate",
     "Event",
+    "EventCode",
     "Friction",
     "Health",
     "Kind",
@@ -81,6 +84,7 @@ __all__ = [
     "PlanLimits",
     "Priority",
     "Refusal",
+    "RefusalCode",
     "Reply",
     "RequestRefusedError",
     "Safety",

@@ -39,7 +39,7 @@ from enum import Enum, StrEnum, auto
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from gaitd_client import Cause, Mode, Stage
+from gaitd_client import Cause, Mode, RefusalCode, Stage
 
 from gaitd_session.goals import STRIDES_MIN, band_about, next_middle
 from gaitd_session.plan import Block, blocks_of
@@ -61,8 +61,6 @@ LEFT_MIN_S: Final = 2.0
 OFF_RETRY_S: Final = 1.0
 OFF_SETTLE_S: Final = 2.0
 """Drives that are off for so long, with no request pending, stay off."""
-SELF_TEST_REFUSAL: Final = "self-test"
-"""In the service's reason for refusing a gait while a self-test is due."""
 NOT_PASSED: Final = "the self-test ended without a result: another program has ended it"
 
 
@@ -248,6 +246,8 @@ class Answer(NamedTuple):
     number: int
     failure: str = ""
     """The reason why it was refused, or that there was no answer; empty: done."""
+    code: str = ""
+    """A `RefusalCode`, if the core has refused it; empty otherwise."""
 
 
 class TrainerState(NamedTuple):
@@ -547,7 +547,7 @@ def _left(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
     answer = inputs.answer
     if event is Event.FAILED and answer is not None:
         is_due = state.self_test_due or (
-            state.pending is RequestKind.GAIT and SELF_TEST_REFUSAL in answer.failure
+            state.pending is RequestKind.GAIT and answer.code == RefusalCode.SELF_TEST_DUE
         )
         return replace(state, reason=answer.failure, self_test_due=is_due)
     return state

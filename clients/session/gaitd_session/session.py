@@ -17,6 +17,7 @@ from gaitd_client import (
     Clock,
     DriveState,
     Event,
+    EventCode,
     Mode,
     NotValid,
     RequestRefusedError,
@@ -76,8 +77,6 @@ WITHOUT_POWER: Final = frozenset(
 )
 """CiA 402 power states in which a drive exerts no torque."""
 AXES: Final = ("hip", "slide")
-PASSED: Final = ": self-test passed: "
-"""In the event with which the service tells the result of one axis; its name comes before."""
 LEAVE_S: Final = 8.0
 """Time of the computer: at its end a session begins no further request to disable after it. The
 last one has its answer 10 s later at most."""
@@ -280,8 +279,10 @@ class Session:
 
     def _take_event(self, event: Event | NotValid) -> None:
         """Take the result of a self-test, in a thread of its stream."""
-        if isinstance(event, Event) and PASSED in event.text:
-            self._passed.add(event.text.partition(PASSED)[0])
+        if not isinstance(event, Event) or event.subject is None:
+            return
+        if event.code == EventCode.SELF_TEST_PASSED:
+            self._passed.add(event.subject)
 
     def _pressed(self) -> Button | None:
         """Return the strongest of the buttons pressed since the last step.
@@ -323,7 +324,9 @@ class Session:
                         duration_s=request.duration_s,
                     )
         except RequestRefusedError as error:
-            return Answer(request.number, error.reply.reason or "refused")
+            refusal = error.reply.refusal
+            code = "" if refusal is None else refusal.code
+            return Answer(request.number, error.reply.reason or "refused", code)
         except ClientError as error:
             return Answer(request.number, str(error))
         return Answer(request.number)

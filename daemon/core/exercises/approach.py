@@ -10,6 +10,7 @@ from daemon.config.settings import Gait
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import LegStart
 from daemon.core.motion.gait_shape import Pair, angles_of_joints, gait_angles, joints_of_angles
+from daemon.ipc.report import Refusal, RefusalCode
 from observer.mechanism.mechanism import WorkspaceError, singularity_ratio
 from observer.mechanism.parameters import LegParameters
 
@@ -72,10 +73,10 @@ def to_mid_pose(legs: Sequence[LegStart], config: CoreConfig) -> list[Approach]:
     return [replace(way, duration_s=duration_s) for way in ways]
 
 
-def blocked(legs: Sequence[LegStart], config: CoreConfig) -> str:
-    """The reason why the way to mid pose is not clear; empty if it is."""
+def blocked(legs: Sequence[LegStart], config: CoreConfig) -> Refusal | None:
+    """The reason why the way to mid pose is not clear; None if it is."""
     smallest_ratio = config.thresholds.singularity_stop_ratio
     for leg, way in zip(legs, to_mid_pose(legs, config), strict=True):
         if not is_clear(leg.parameters, way, smallest_ratio):
-            return f"{leg.name}: there is no clear way from here to mid pose"
-    return ""
+            return Refusal(RefusalCode.NO_CLEAR_WAY, leg.name)
+    return None

@@ -19,6 +19,7 @@ from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Refere
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import Pair, gait_angles, joints_of_angles, load_at
 from daemon.ipc.record import ModeRequest, Stage
+from daemon.ipc.report import Refusal, RefusalCode
 from observer.mechanism.parameters import LegParameters
 
 SETTLE_S: Final = 1.0
@@ -44,27 +45,22 @@ class Excite(Exercise):
     stage: Stage | None = Stage.APPROACHING
 
     @classmethod
-    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> str:
+    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> Refusal | None:
         """See `Exercise`."""
         longest_s = now.scenarios.get(wanted.scenario)
         if longest_s is None:
-            known = ", ".join(sorted(now.scenarios))
-            return f"scenario = {wanted.scenario!r}, configured are: {known}"
+            return Refusal(RefusalCode.NO_SUCH_SCENARIO, said=", ".join(sorted(now.scenarios)))
         if not 0 < wanted.duration_s <= longest_s:
-            return f"duration_s = {wanted.duration_s:g}, allowed > 0 and <= {longest_s:g}"
+            values = wanted.duration_s, 0.0, longest_s
+            return Refusal(RefusalCode.DURATION_OUT_OF_RANGE, values=values)
         if wanted.scenario not in now.artificial:
-            return ""
+            return None
         if now.patient_configured:
-            return (
-                "an artificial disturbance is only for the empty machine, "
-                "and a patient is configured"
-            )
-        if now.lease_held:
-            return "an artificial disturbance would mislead the controller that holds the lease"
-        return ""
+            return Refusal(RefusalCode.PATIENT_CONFIGURED)
+        return Refusal(RefusalCode.LEASE_HELD) if now.lease_held else None
 
     @classmethod
-    def may_begin(cls, legs: Sequence[LegStart], config: CoreConfig) -> str:
+    def may_begin(cls, legs: Sequence[LegStart], config: CoreConfig) -> Refusal | None:
         """The way to mid pose must be clear."""
         return approach.blocked(legs, config)
 

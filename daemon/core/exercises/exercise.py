@@ -24,12 +24,12 @@ from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import GaitShape, Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import ModeRequest, Stage
+from daemon.ipc.report import Failure, Refusal
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 
 BEGIN_MAX_S: Final = 20.0
 """Longest wait for torque mode: a drive changes to it at rest, and a leg may be kept moving."""
-NOT_BEGUN: Final = f"not begun: no rest in {BEGIN_MAX_S:g} s, which the change to torque mode needs"
 
 
 class Reference(NamedTuple):
@@ -93,20 +93,20 @@ class Exercise(ABC):
     """None: the exercise has no stages and no end."""
     elapsed_s: float = 0.0
     """Time in the stage."""
-    failure: str = ""
-    """The reason why it is over without having begun; empty otherwise."""
+    failure: Failure = Failure.NONE
+    """The reason why it is over without having begun."""
 
     @classmethod
-    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> str:
-        """The reason to refuse a request for its arguments or the state of the service, or ""."""
+    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> Refusal | None:
+        """The reason to refuse a request for its arguments or the state of the service."""
         del wanted, now
-        return ""
+        return None
 
     @classmethod
-    def may_begin(cls, legs: Sequence[LegStart], config: CoreConfig) -> str:
-        """The reason why there is no room for it at the present pose; empty if there is."""
+    def may_begin(cls, legs: Sequence[LegStart], config: CoreConfig) -> Refusal | None:
+        """The reason why there is no room for it at the present pose; None if there is."""
         del legs, config
-        return ""
+        return None
 
     @classmethod
     @abstractmethod
@@ -126,7 +126,7 @@ class Exercise(ABC):
     def begun_in_torque_mode(self, leg: LegSample, after_s: float) -> Self:
         """PLAYING once the stage has lasted for `after_s` and both drives are in torque mode.
 
-        Without torque mode for BEGIN_MAX_S more it is OVER, with NOT_BEGUN as its failure.
+        Without torque mode for BEGIN_MAX_S more it is OVER, with NO_REST as its failure.
         """
         if self.elapsed_s < after_s:
             return self
@@ -134,7 +134,7 @@ class Exercise(ABC):
             return replace(self, stage=Stage.PLAYING, elapsed_s=0.0)
         if self.elapsed_s < after_s + BEGIN_MAX_S:
             return self
-        return replace(self, stage=Stage.OVER, elapsed_s=0.0, failure=NOT_BEGUN)
+        return replace(self, stage=Stage.OVER, elapsed_s=0.0, failure=Failure.NO_REST)
 
     def text(self) -> str:
         """What happens, for the operator."""

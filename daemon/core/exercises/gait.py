@@ -17,6 +17,7 @@ from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Refere
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import GaitShape, Pair, gait_angles, joints_of_angles
 from daemon.ipc.record import ModeRequest, Stage
+from daemon.ipc.report import Refusal, RefusalCode
 
 START_CADENCE_RATIO: Final = 0.5
 """Share of the cadence at which the first stride begins."""
@@ -58,19 +59,21 @@ class Gait(Exercise):
     """Value of `strides` when stage ENDING began."""
 
     @classmethod
-    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> str:
+    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> Refusal | None:
         """See `Exercise`."""
         if not CADENCE_MIN_HZ <= wanted.cadence_hz <= now.cadence_max_hz:
-            allowed = f"{CADENCE_MIN_HZ:g} to {now.cadence_max_hz:g}"
-            return f"cadence_hz = {wanted.cadence_hz:g}, allowed {allowed}"
+            values = wanted.cadence_hz, CADENCE_MIN_HZ, now.cadence_max_hz
+            return Refusal(RefusalCode.CADENCE_OUT_OF_RANGE, values=values)
         if not 0 < wanted.amplitude_ratio <= 1:
-            return f"amplitude_ratio = {wanted.amplitude_ratio:g}, allowed > 0 and <= 1"
+            values = wanted.amplitude_ratio, 0.0, 1.0
+            return Refusal(RefusalCode.AMPLITUDE_OUT_OF_RANGE, values=values)
         if not 0 < wanted.duration_s <= DURATION_MAX_S:
-            return f"duration_s = {wanted.duration_s:g}, allowed > 0 and <= {DURATION_MAX_S:g}"
-        return ""
+            values = wanted.duration_s, 0.0, DURATION_MAX_S
+            return Refusal(RefusalCode.DURATION_OUT_OF_RANGE, values=values)
+        return None
 
     @classmethod
-    def may_begin(cls, legs: Sequence[LegStart], config: CoreConfig) -> str:
+    def may_begin(cls, legs: Sequence[LegStart], config: CoreConfig) -> Refusal | None:
         """The way to mid pose must be clear."""
         return approach.blocked(legs, config)
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from daemon.ipc.record import Mode
+from daemon.ipc.report import Doubt, SelfTestDue, Untested
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,7 @@ class GuardInputs:
     hand_switch_known: bool
     """At least one drive shows the hand switch."""
     sto_released: bool
-    unreferenced: tuple[str, ...]
+    unreferenced: tuple[tuple[str, Doubt], ...]
     """Names of the axes without a valid position, with the reason."""
     outside: tuple[str, ...]
     """Names of the axes outside their range, and of the legs near their singularity."""
@@ -39,10 +40,9 @@ class GuardInputs:
     """Names of the axes whose sign must be proven and is not."""
     lease_held: bool = False
     """A controller holds the lease, according to the gateway."""
-    inputs_untested: tuple[str, ...] = ()
-    """The states of hand switch and STO still to be observed in the daily test, where required."""
-    self_test_due: str = ""
-    """The reason why a self-test must come before any motion; empty if none is due."""
+    inputs_untested: tuple[tuple[str, Untested], ...] = ()
+    """The axes and the states of their inputs that the daily test has still to see, if required."""
+    self_test_due: SelfTestDue = SelfTestDue.NONE
     unsampled: tuple[str, ...] = ()
     """Names of the axes without a complete sample in this cycle: their standstill is unknown."""
     lost: frozenset[str] = frozenset()

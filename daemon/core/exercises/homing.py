@@ -17,13 +17,15 @@ from daemon.core.exercises.single_axis import (
     SingleAxis,
     Step,
 )
+from daemon.core.period import cycles
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import Mode
+from daemon.ipc.report import EventCode, Failure, Refusal, RefusalCode
 from drives.cia402.power_state import homing_state
 from drives.signals import DriveFeedback, HomingState, OperationMode
 
 HOME_FOUND: Final = frozenset({HomingState.ATTAINED, HomingState.DONE})
-BEGIN_CYCLES: Final = 20
+BEGIN_CYCLES: Final = cycles(0.2)
 """Time within which the drive must show that homing has begun."""
 
 
@@ -33,7 +35,6 @@ class Homing(SingleAxis):
 
     mode: ClassVar[Mode] = Mode.REFERENCE
     operation_mode: ClassVar[OperationMode] = OperationMode.HOMING
-    title: ClassVar[str] = "homing"
 
     rules: HomingRules
     found: HomingState | None = None
@@ -42,13 +43,13 @@ class Homing(SingleAxis):
     """The homing state shown by the drive belongs to this homing, not to an earlier one."""
 
     @classmethod
-    def may_begin(cls, axis: AxisStart) -> str:
+    def may_begin(cls, axis: AxisStart) -> Refusal | None:
         """See `SingleAxis`."""
         if axis.homing is None:
-            return f"{axis.name} has no [homing] in its axis file"
+            return Refusal(RefusalCode.NO_HOMING, axis.name)
         if axis.signs_must_be_proven and not axis.sign_proven:
-            return f"the sign of {axis.name} is not proven: commission it first"
-        return ""
+            return Refusal(RefusalCode.SIGN_NOT_PROVEN, axis.name)
+        return None
 
     @classmethod
     def begin(cls, axis: AxisStart) -> SingleAxis:
@@ -67,16 +68,16 @@ class Homing(SingleAxis):
         if run.step is not Step.SEARCHING:
             return run
         if axis.homing in {HomingState.FAILED, HomingState.FAILED_MOVING}:
-            return run.failed("the drive reports a homing error")
+            return run.failed(Failure.HOMING_ERROR)
         if run.cycles > run.rules.timeout_cycles:
-            return run.failed(f"home was not found in time; the drive says: {axis.homing.value}")
+            return run.failed(Failure.HOME_NOT_FOUND)
         if axis.homing is HomingState.IN_PROGRESS:
             return replace(run, begun=True)
         if run.begun and axis.homing in HOME_FOUND:
             step = Step.DONE if axis.homing is HomingState.DONE else run.step
             return replace(run, step=step, found=axis.homing)
         if run.cycles > BEGIN_CYCLES:
-            return run.failed(f"the drive does not home; it says: {axis.homing.value}")
+            return run.failed(Failure.DOES_NOT_HOME)
         return run
 
     def limits(self, usual: AxisLimits, *, moving: bool) -> AxisLimits:
@@ -86,7 +87,7 @@ class Homing(SingleAxis):
 
     def result(self) -> Result:
         """See `SingleAxis`."""
-        return Result("homed", homed=True)
+        return Result(EventCode.HOMED, homed=True)
 
     def moves_origin(self, feedback: DriveFeedback) -> bool:
         """True if this sample is the first that shows home as attained or reached."""

@@ -30,6 +30,7 @@ from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.motion.gait_shape import Pair
 from daemon.ipc.record import ModeRequest, Stage
+from daemon.ipc.report import Failure, Finding, Refusal, RefusalCode
 from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import singularity_ratio
 
@@ -91,8 +92,8 @@ class AxisResult(NamedTuple):
     friction_ratio: float
     load_error_si: float
     moved_si: float
-    fault: str = ""
-    """Deviation from the configuration; empty if there is none."""
+    fault: Finding = Finding.NONE
+    """Deviation from the configuration."""
     value: float = 0.0
     limit: float = 0.0
 
@@ -127,13 +128,13 @@ class SelfTest(Exercise):
     sums: tuple[Sums, Sums] = (Sums(), Sums())
 
     @classmethod
-    def may_begin(cls, legs: Sequence[LegStart], config: CoreConfig) -> str:
+    def may_begin(cls, legs: Sequence[LegStart], config: CoreConfig) -> Refusal | None:
         """Each axis needs room to move a little in one direction."""
         for leg in legs:
             for index, name in enumerate(leg.axis_names):
                 if _direction(leg, index, config) == 0.0:
-                    return f"{name} has no room to move a little: take the leg to another pose"
-        return ""
+                    return Refusal(RefusalCode.NO_ROOM, name)
+        return None
 
     @classmethod
     def begin(
@@ -297,9 +298,9 @@ def _ramped(way: Way, since_s: float) -> Pair:
     return speed_si * (since_s - 0.5 * RAMP_S), speed_si
 
 
-def _result(way: Way, sums: Sums, ratios: Pair, failure: str) -> AxisResult:
+def _result(way: Way, sums: Sums, ratios: Pair, failure: Failure) -> AxisResult:
     if not sums.forth_count or not sums.back_count:
-        fault = failure or "no sample came while it moved"
+        fault = Finding.NOT_BEGUN if failure else Finding.NO_SAMPLE
         return AxisResult(way.name, 0.0, 0.0, 0.0, 0.0, fault)
     forth_si, back_si = sums.forth_si / sums.forth_count, sums.back_si / sums.back_count
     along = math.copysign(1.0, way.distance_si)
@@ -315,35 +316,24 @@ def _result(way: Way, sums: Sums, ratios: Pair, failure: str) -> AxisResult:
     return result._replace(fault=fault, value=value, limit=limit)
 
 
-def _fault(way: Way, sums: Sums, result: AxisResult, ratios: Pair) -> tuple[str, float, float]:
+def _fault(way: Way, sums: Sums, result: AxisResult, ratios: Pair) -> tuple[Finding, float, float]:
     """The gravest deviation from the configuration, its value and its limit."""
-    for word, moved_si, wanted_si in (
-        ("forth", sums.moved_forth_si, way.distance_si),
-        ("back", sums.moved_back_si, -way.distance_si),
+    for fault, moved_si, wanted_si in (
+        (Finding.NOT_MOVED_FORTH, sums.moved_forth_si, way.distance_si),
+        (Finding.NOT_MOVED_BACK, sums.moved_back_si, -way.distance_si),
     ):
         if not MOVED_RATIO_MIN <= moved_si / wanted_si <= MOVED_RATIO_MAX:
-            return f"sign: it did not move {word} as it was guided", moved_si, wanted_si
+            return fault, moved_si, wanted_si
     if result.friction_si <= 0:
-        return "sign: its effort acts against its motion", result.friction_si, way.friction_si
+        return Finding.ACTS_AGAINST_MOTION, result.friction_si, way.friction_si
     if abs(result.load_error_si) > way.load_tolerance_si:
-        return "static load: not that of the leg", result.load_error_si, way.load_tolerance_si
+        return Finding.LOAD_OF_ANOTHER_LEG, result.load_error_si, way.load_tolerance_si
     low_ratio, high_ratio = ratios
     if result.friction_ratio < low_ratio:
-        return "friction: less than it was", result.friction_ratio, low_ratio
+        return Finding.FRICTION_LESS, result.friction_ratio, low_ratio
     if result.friction_ratio > high_ratio:
-        return "friction: more than it was", result.friction_ratio, high_ratio
-    return "", 0.0, 0.0
-
-
-def result_text(result: AxisResult) -> str:
-    """One line of text with the results of an axis."""
-    unit = "N·m" if result.name.endswith("hip") else "N"
-    numbers = (
-        f"friction {result.friction_si:.3g} {unit} "
-        f"({result.friction_ratio:.2f} of the configured), "
-        f"load off by {result.load_error_si:.3g} {unit}"
-    )
-    return f"{result.name}: self-test {result.fault or 'passed'}: {numbers}"
+        return Finding.FRICTION_MORE, result.friction_ratio, high_ratio
+    return Finding.NONE, 0.0, 0.0
 
 
 def distances(rules: Settings) -> Pair:

@@ -19,14 +19,16 @@ from daemon.core.exercises.single_axis import (
     SingleAxis,
     Step,
 )
+from daemon.core.period import cycles
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import Mode
+from daemon.ipc.report import EventCode, Failure, Refusal
 from drives.signals import OperationMode
 
-REST_CYCLES: Final = 30
+REST_CYCLES: Final = cycles(0.3)
 """Time at rest between two pushes."""
-REST_MAX_CYCLES: Final = 300
-HELD_CYCLES: Final = 50
+REST_MAX_CYCLES: Final = cycles(3.0)
+HELD_CYCLES: Final = cycles(0.5)
 """Duration of the largest push before the joint counts as not moved."""
 
 
@@ -36,7 +38,6 @@ class SignTest(SingleAxis):
 
     mode: ClassVar[Mode] = Mode.COMMISSION
     operation_mode: ClassVar[OperationMode] = OperationMode.CYCLIC_SYNC_TORQUE
-    title: ClassVar[str] = "sign test"
 
     rules: PushRules
     period_s: float
@@ -48,10 +49,10 @@ class SignTest(SingleAxis):
     effort_back_si: float = 0.0
 
     @classmethod
-    def may_begin(cls, axis: AxisStart) -> str:
+    def may_begin(cls, axis: AxisStart) -> Refusal | None:
         """See `SingleAxis`."""
         del axis
-        return ""
+        return None
 
     @classmethod
     def begin(cls, axis: AxisStart) -> SingleAxis:
@@ -70,13 +71,10 @@ class SignTest(SingleAxis):
         return usual._replace(effort_max_si=self.rules.effort_max_si)
 
     def result(self) -> Result:
-        """See `SingleAxis`; the texts have the efforts and motions in SI units at the joint."""
-        evidence = (
-            f"pushed forth with {self.effort_forth_si:+.3g} it moved {self.moved_forth_si:+.3g},"
-            f" back with {self.effort_back_si:+.3g} it moved {self.moved_back_si:+.3g}"
-        )
-        moved_si = (self.moved_forth_si, self.moved_back_si)
-        return Result(f"moves with its torque: {evidence}", False, moved_si, evidence)
+        """See `SingleAxis`; efforts and motions are in SI units at the joint."""
+        moved_si = self.moved_forth_si, self.moved_back_si
+        evidence = self.effort_forth_si, moved_si[0], self.effort_back_si, moved_si[1]
+        return Result(EventCode.SIGN_TESTED, False, moved_si, evidence)
 
 
 def _advanced(test: SignTest, axis: AxisSample) -> SignTest:
@@ -121,7 +119,7 @@ def _rested(test: SignTest, axis: AxisSample) -> SignTest:
     test = replace(test, rest_cycles=test.rest_cycles + 1 if axis.at_rest else 0)
     if test.rest_cycles < REST_CYCLES:
         too_long = test.cycles > REST_MAX_CYCLES
-        return test.failed("the axis does not come to rest") if too_long else test
+        return test.failed(Failure.KEEPS_MOVING) if too_long else test
     return _push(test, Step.BACK, axis) if test.step is Step.RESTING else _checked(test)
 
 
@@ -130,8 +128,7 @@ def _checked(test: SignTest) -> SignTest:
     along = (test.moved_forth_si, -test.moved_back_si)
     motion_si = test.rules.motion_si
     if min(along) <= -motion_si:
-        return test.failed("it moves against its torque: motor or encoder is the wrong way round")
+        return test.failed(Failure.MOVES_AGAINST_TORQUE)
     if max(along) < motion_si:
-        bound_si = test.rules.effort_max_si
-        return test.failed(f"{bound_si:g} do not move it: is it blocked, or at its end stop?")
+        return test.failed(Failure.DOES_NOT_MOVE)
     return replace(test, step=Step.DONE)

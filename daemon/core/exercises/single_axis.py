@@ -17,6 +17,7 @@ from typing import ClassVar, Final, NamedTuple, Self
 
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import Mode, Stage
+from daemon.ipc.report import EventCode, Failure, Refusal
 from drives.signals import DriveFeedback, HomingState, OperationMode
 
 
@@ -94,13 +95,13 @@ class AxisStart(NamedTuple):
 class Result(NamedTuple):
     """What a finished homing or sign test has shown."""
 
-    text: str
+    code: EventCode
     homed: bool = False
     """The position of the axis is valid."""
     moved_si: tuple[float, float] | None = None
     """Motion forth and back of a sign test, for the operator to confirm; None: no sign test."""
-    evidence: str = ""
-    """Efforts and motions of a sign test as text."""
+    evidence: tuple[float, ...] = ()
+    """The values of the event: effort and motion forth, effort and motion back of a sign test."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,7 +111,6 @@ class SingleAxis(ABC):
     mode: ClassVar[Mode]
     operation_mode: ClassVar[OperationMode]
     """The drive's mode of operation during it."""
-    title: ClassVar[str]
 
     axis: str
     requested_cycle: int
@@ -119,13 +119,12 @@ class SingleAxis(ABC):
     """Cycles in this step."""
     effort_si: float = 0.0
     """Effort to command: N·m or N."""
-    why: str = ""
-    """Reason of a failure."""
+    why: Failure = Failure.NONE
 
     @classmethod
     @abstractmethod
-    def may_begin(cls, axis: AxisStart) -> str:
-        """The reason to refuse it; empty if it may begin."""
+    def may_begin(cls, axis: AxisStart) -> Refusal | None:
+        """The reason to refuse it; None if it may begin."""
 
     @classmethod
     @abstractmethod
@@ -168,7 +167,7 @@ class SingleAxis(ABC):
         """Begin with enabling: the drives have been brought up with the special limits."""
         return replace(self, step=Step.ENABLING, cycles=0)
 
-    def failed(self, why: str) -> Self:
+    def failed(self, why: Failure) -> Self:
         """Ended without a result."""
         return replace(self, step=Step.FAILED, why=why)
 

@@ -8,6 +8,7 @@ from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.exercises.guards import GuardInputs
 from daemon.ipc.record import ModeRequest, Stage
+from daemon.ipc.report import Refusal, RefusalCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -17,10 +18,10 @@ class Torque(Exercise):
     stage: Stage | None = Stage.PLAYING
 
     @classmethod
-    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> str:
+    def refuse(cls, wanted: ModeRequest, now: GuardInputs) -> Refusal | None:
         """See `Exercise`."""
         del wanted
-        return "" if now.lease_held else "mode torque needs a lease, and no client holds one"
+        return None if now.lease_held else Refusal(RefusalCode.LEASE_NEEDED)
 
     @classmethod
     def begin(

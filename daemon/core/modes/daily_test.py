@@ -26,6 +26,7 @@ from daemon.core.modes.persistent_state import (
     StoredInputs,
     StoredSelfTest,
 )
+from daemon.ipc.report import SelfTestDue, Untested
 from drives.signals import Input
 
 NS_PER_HOUR: Final = 3_600_000_000_000
@@ -100,6 +101,7 @@ def _has_changed(stored: StoredInputs, updated: StoredInputs) -> bool:
 
 
 def _times(stored: StoredInputs) -> tuple[int, int, int, int]:
+    """Return the times in the order of `Untested`."""
     return (
         stored.hand_switch_open_utc_ns,
         stored.hand_switch_closed_utc_ns,
@@ -108,23 +110,14 @@ def _times(stored: StoredInputs) -> tuple[int, int, int, int]:
     )
 
 
-_WORDS: Final = (
-    "hand switch open",
-    "hand switch closed",
-    "emergency stop (STO) pressed",
-    "emergency stop (STO) released",
-)
-"""In the order of `_times`."""
-
-
 def untested(
     persistent: PersistentState, drives: Sequence[Drive], utc_ns: int, valid_h: float
-) -> tuple[str, ...]:
-    """The states of hand switch and STO that were not observed in time."""
+) -> tuple[tuple[str, Untested], ...]:
+    """The axes and the states of their inputs that were not observed in time."""
     return tuple(
-        f"{drive.axis} {word}"
+        (drive.axis, state)
         for drive in drives
-        for word, seen_ns in zip(_WORDS, _times(_stored_inputs(persistent, drive)), strict=True)
+        for state, seen_ns in zip(Untested, _times(_stored_inputs(persistent, drive)), strict=True)
         if not counts(seen_ns, utc_ns, valid_h)
     )
 
@@ -135,21 +128,21 @@ def due(
     leg_digest: str,
     utc_ns: int,
     valid_h: float,
-) -> str:
-    """The reason why a self-test must come before any motion; empty if none is due (rule 2)."""
+) -> SelfTestDue:
+    """The reason why a self-test must come before any motion (rule 2)."""
     if stored is None:
-        return "no self-test has been passed today"
+        return SelfTestDue.NOT_PASSED_TODAY
     if not stored.passed:
-        return "the last self-test was not passed"
+        return SelfTestDue.FAILED
     if stored.leg_digest != leg_digest:
-        return "the last self-test was of another robot file"
+        return SelfTestDue.OTHER_ROBOT_FILE
     if not counts(stored.utc_ns, utc_ns, valid_h):
-        return f"the last self-test is older than {valid_h:g} h"
+        return SelfTestDue.TOO_OLD
     if any(drive.axis not in stored.axes for drive in drives):
-        return "the last self-test was of other axes"
+        return SelfTestDue.OTHER_AXES
     if any(_is_other_drive(drive, stored.axes[drive.axis].serial_number) for drive in drives):
-        return "the last self-test was of another drive"
-    return ""
+        return SelfTestDue.OTHER_DRIVE
+    return SelfTestDue.NONE
 
 
 def counts(seen_utc_ns: int, utc_ns: int, valid_h: float) -> bool:

@@ -16,15 +16,15 @@ contains LAST_END_UNKNOWN.
 """
 
 import math
-from datetime import UTC, datetime
 from typing import Final
 
 from msgspec.structs import replace
 
 from daemon.core.modes.persistent_state import StoredVerdict
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict, clipped
+from daemon.ipc.report import Finding
 
-DETAIL_BYTES_MAX: Final = 120
+SAID_BYTES_MAX: Final = 120
 _NOT_LATCHED: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
 """Causes that are not kept across a restart.
 
@@ -49,9 +49,8 @@ def updated(
 
 
 def _running(utc_ns: int) -> StoredVerdict:
-    unknown = Verdict(
-        StopCategory.S1, Cause.LAST_END_UNKNOWN, detail="it ended while drives were enabled"
-    )
+    finding = Finding.ENDED_WHILE_ENABLED
+    unknown = Verdict(StopCategory.S1, Cause.LAST_END_UNKNOWN, finding=finding)
     return _stored_verdict(unknown, None, utc_ns)
 
 
@@ -63,7 +62,8 @@ def _stored_verdict(verdict: Verdict, stored: StoredVerdict | None, utc_ns: int)
         drive=verdict.drive,
         value=verdict.value if math.isfinite(verdict.value) else None,
         limit=verdict.limit if math.isfinite(verdict.limit) else None,
-        detail=clipped(verdict.detail, DETAIL_BYTES_MAX),
+        finding=verdict.finding.name,
+        said=clipped(verdict.said, SAID_BYTES_MAX),
         utc_ns=utc_ns,
     )
     same = stored is not None and replace(new, utc_ns=stored.utc_ns) == stored
@@ -78,14 +78,9 @@ def verdict_of(stored: StoredVerdict) -> Verdict:
     category = StopCategory.__members__.get(stored.category, StopCategory.S1)
     cause = Cause.__members__.get(stored.cause)
     if cause is None:
-        detail = f"{stored.cause}, which is of another version"
-        return Verdict(category, Cause.LAST_END_UNKNOWN, stored.drive, detail=detail)
+        other = Finding.NOTES_OF_OTHER_VERSION
+        unknown = Cause.LAST_END_UNKNOWN
+        return Verdict(category, unknown, stored.drive, finding=other, said=stored.cause)
     value, limit = stored.value or 0.0, stored.limit or 0.0
-    return Verdict(category, cause, stored.drive, value, limit, stored.detail)
-
-
-def since(utc_ns: int) -> str:
-    """The time of a latched stop as text."""
-    if utc_ns == 0:
-        return "before this start"
-    return f"{datetime.fromtimestamp(utc_ns * 1e-9, UTC):%Y-%m-%d %H:%M:%S} UTC"
+    finding = Finding.__members__.get(stored.finding, Finding.NONE)
+    return Verdict(category, cause, stored.drive, value, limit, finding, stored.said)

@@ -22,6 +22,7 @@ import msgspec
 from msgspec.structs import replace
 
 from daemon.ipc.decoding import Count
+from daemon.ipc.report import Doubt
 
 FORMAT: Final = "gaitd.axes.v1"
 POSE_STEP_SI: Final = 1e-4
@@ -94,7 +95,7 @@ class StoredSelfTest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StoredVerdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A verdict that only a reset removes; category and cause by name."""
+    """A verdict that only a reset removes; category, cause and finding by name."""
 
     category: str
     cause: str
@@ -102,7 +103,8 @@ class StoredVerdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     value: float | None = None
     """None: there is no value, or it is not finite."""
     limit: float | None = None
-    detail: str = ""
+    finding: str = "NONE"
+    said: str = ""
     utc_ns: Count = 0
     """Time at which the verdict was first stored."""
 
@@ -131,12 +133,10 @@ class PersistentState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 UNREADABLE: Final = PersistentState(
     damaged=True,
-    latched=StoredVerdict("S1", "LAST_END_UNKNOWN", detail="the notes of that run cannot be read"),
+    latched=StoredVerdict("S1", "LAST_END_UNKNOWN", finding="NOTES_UNREADABLE"),
 )
 """State after an unreadable file: a stop may have been latched, so LAST_END_UNKNOWN is."""
-TORN: Final = StoredVerdict(
-    "S1", "LAST_END_UNKNOWN", detail="power failed while its last notes were written: older ones"
-)
+TORN: Final = StoredVerdict("S1", "LAST_END_UNKNOWN", finding="NOTES_TORN")
 """Latched beside a torn page of the file, if the page before has no stop."""
 
 
@@ -149,16 +149,16 @@ class PoseRules(NamedTuple):
 
 def disagreement(
     persistent: PersistentState, name: str, position_si: float, rules: PoseRules
-) -> str:
-    """The reason why an absolute encoder is not accepted; empty if it is (rules 2 and 3)."""
+) -> Doubt:
+    """The reason why an absolute encoder is not accepted; NONE if it is (rules 2 and 3)."""
     stored_si = persistent.axis(name).position_si
     if stored_si is None and persistent.damaged:
-        return "the stored pose cannot be read"
+        return Doubt.POSE_UNREADABLE
     if stored_si is None:
-        return "" if rules.believed_without_pose else "no pose has been stored yet"
+        return Doubt.NONE if rules.believed_without_pose else Doubt.NO_POSE_STORED
     if abs(position_si - stored_si) <= rules.tolerance_si:
-        return ""
-    return f"its encoder says {position_si:.4g}, it was left at {stored_si:.4g}"
+        return Doubt.NONE
+    return Doubt.LEFT_ELSEWHERE
 
 
 def proven(persistent: PersistentState, name: str, wiring: Wiring, serial_number: int) -> bool:

@@ -4,41 +4,42 @@ import math
 
 from daemon.core.exercises.guards import GuardInputs
 from daemon.ipc.record import Mode, Plan, Request, RequestKind
+from daemon.ipc.report import Refusal, RefusalCode
 from daemon.wire.roles import ROLES
 
 
-def refusal(request: Request, now: GuardInputs) -> str:
-    """The reason why the client's role may not make this request now; empty if it may."""
-    rules, role = ROLES[request.role], request.role.name.lower()
+def refusal(request: Request, now: GuardInputs) -> Refusal | None:
+    """The reason why the client's role may not make this request now; None if it may."""
+    rules, role = ROLES[request.role], request.role
     if request.kind not in rules.kinds:
-        return f"the role {role} may not request {request.kind.name.lower()}"
+        return Refusal(RefusalCode.ROLE_MAY_NOT, values=(role, request.kind))
     by_mode = request.kind is RequestKind.MODE
     mode = request.mode.mode
     if by_mode and mode not in rules.modes:
-        return f"the role {role} may not request mode {mode.name.lower()}"
+        return Refusal(RefusalCode.ROLE_MAY_NOT_MODE, values=(role, mode))
     needs_hand = request.kind is RequestKind.RESET or (by_mode and mode is Mode.HAND_GUIDING)
     if rules.hand_switch and needs_hand and not now.hand_switch_known:
-        return f"no drive shows the hand switch: the role {role} needs it held for this"
+        return Refusal(RefusalCode.HAND_SWITCH_UNKNOWN)
     if rules.hand_switch and needs_hand and not now.hand_switch_closed:
-        return f"the hand switch is open: the role {role} needs it held for this"
+        return Refusal(RefusalCode.HAND_SWITCH_OPEN)
     if rules.within_plan and by_mode and mode is Mode.GAIT:
         return _beyond(request, request.plan)
-    return ""
+    return None
 
 
-def _beyond(request: Request, plan: Plan | None) -> str:
+def _beyond(request: Request, plan: Plan | None) -> Refusal | None:
     if plan is None:
-        return "no plan is released: an operator releases one with `gaitd plan release`"
+        return Refusal(RefusalCode.NO_PLAN)
     wanted = request.mode
-    for name, value, limit in (
-        ("cadence_hz", wanted.cadence_hz, plan.cadence_max_hz),
-        ("amplitude_ratio", wanted.amplitude_ratio, plan.amplitude_max_ratio),
-        ("duration_s", wanted.duration_s, plan.duration_max_s),
+    for code, value, limit in (
+        (RefusalCode.CADENCE_ABOVE_PLAN, wanted.cadence_hz, plan.cadence_max_hz),
+        (RefusalCode.AMPLITUDE_ABOVE_PLAN, wanted.amplitude_ratio, plan.amplitude_max_ratio),
+        (RefusalCode.DURATION_ABOVE_PLAN, wanted.duration_s, plan.duration_max_s),
     ):
         # A comparison with NaN is false: only a value within the limit passes.
         if not value <= limit:
-            return f"{name} = {value:g}, the released plan allows up to {limit:g}"
-    return ""
+            return Refusal(code, values=(value, limit))
+    return None
 
 
 def assist_cap_si(request: Request) -> tuple[float, float]:

@@ -20,8 +20,7 @@ Rules:
    both states, and only HAND_GUIDING and SELF_TEST may move a leg before a self-test has passed.
 """
 
-from collections.abc import Iterable, Mapping
-from enum import Enum
+from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
 from daemon.core.exercises.excite import Excite
@@ -36,102 +35,73 @@ from daemon.core.exercises.sign_test import SignTest
 from daemon.core.exercises.single_axis import SingleAxis
 from daemon.core.exercises.torque import Torque
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
+from daemon.ipc.report import Refusal, RefusalCode, Trigger
 
-
-class Event(Enum):
-    """Events that may change the mode."""
-
-    BRING_UP_BEGUN = "bring-up begun"
-    BRING_UP_DONE = "bring-up done"
-    STILL_LATCHED = "latched before this start"
-    DRIVES_LOST = "drives lost"
-    """A drive or the bus was lost while no drive was enabled."""
-    DRIVE_FAULTY = "drive faulty"
-    ENABLE = "enable"
-    DISABLE = "disable"
-    RESET = "reset"
-    TO_HOLD = "mode hold"
-    TO_GAIT = "mode gait"
-    TO_TORQUE = "mode torque"
-    TO_EXCITE = "mode excite"
-    TO_HAND_GUIDING = "mode hand_guiding"
-    TO_SELF_TEST = "mode self_test"
-    TO_REFERENCE = "mode reference"
-    TO_COMMISSION = "mode commission"
-    BRING_UP_RESTARTED = "other limits for the drives"
-    EXERCISE_OVER = "exercise over"
-    LEASE_LAPSED = "assist lapsed"
-    """The lease of the assist in force has ended, or its setpoints are stale."""
-    STOP = "stop"
-    AT_REST_WELL = "at rest, as asked"
-    AT_REST_STOPPED = "at rest, by a verdict"
-
-
-TRANSITIONS: Mapping[tuple[Mode, Event], Mode] = {
-    (Mode.OFF, Event.BRING_UP_BEGUN): Mode.BRINGING_UP,
-    (Mode.BRINGING_UP, Event.BRING_UP_DONE): Mode.READY,
-    (Mode.BRINGING_UP, Event.STILL_LATCHED): Mode.FAULT,
-    (Mode.BRINGING_UP, Event.DRIVES_LOST): Mode.OFF,
-    (Mode.BRINGING_UP, Event.DRIVE_FAULTY): Mode.FAULT,
-    (Mode.READY, Event.ENABLE): Mode.HOLD,
-    (Mode.READY, Event.RESET): Mode.OFF,
-    (Mode.READY, Event.BRING_UP_RESTARTED): Mode.OFF,
-    (Mode.READY, Event.TO_REFERENCE): Mode.REFERENCE,
-    (Mode.READY, Event.TO_COMMISSION): Mode.COMMISSION,
-    (Mode.READY, Event.DRIVES_LOST): Mode.OFF,
-    (Mode.READY, Event.DRIVE_FAULTY): Mode.FAULT,
-    (Mode.READY, Event.STOP): Mode.STOPPING,
-    (Mode.HOLD, Event.TO_GAIT): Mode.GAIT,
-    (Mode.HOLD, Event.TO_TORQUE): Mode.TORQUE,
-    (Mode.HOLD, Event.TO_EXCITE): Mode.EXCITE,
-    (Mode.HOLD, Event.TO_HAND_GUIDING): Mode.HAND_GUIDING,
-    (Mode.HOLD, Event.TO_SELF_TEST): Mode.SELF_TEST,
-    (Mode.HOLD, Event.DISABLE): Mode.STOPPING,
-    (Mode.HOLD, Event.STOP): Mode.STOPPING,
-    (Mode.GAIT, Event.TO_HOLD): Mode.HOLD,
-    (Mode.GAIT, Event.EXERCISE_OVER): Mode.HOLD,
-    (Mode.GAIT, Event.LEASE_LAPSED): Mode.HOLD,
-    (Mode.GAIT, Event.DISABLE): Mode.STOPPING,
-    (Mode.GAIT, Event.STOP): Mode.STOPPING,
-    (Mode.TORQUE, Event.TO_HOLD): Mode.HOLD,
-    (Mode.TORQUE, Event.EXERCISE_OVER): Mode.HOLD,
-    (Mode.TORQUE, Event.LEASE_LAPSED): Mode.HOLD,
-    (Mode.TORQUE, Event.DISABLE): Mode.STOPPING,
-    (Mode.TORQUE, Event.STOP): Mode.STOPPING,
-    (Mode.EXCITE, Event.TO_HOLD): Mode.HOLD,
-    (Mode.EXCITE, Event.EXERCISE_OVER): Mode.HOLD,
-    (Mode.EXCITE, Event.DISABLE): Mode.STOPPING,
-    (Mode.EXCITE, Event.STOP): Mode.STOPPING,
-    (Mode.HAND_GUIDING, Event.TO_HOLD): Mode.HOLD,
-    (Mode.HAND_GUIDING, Event.EXERCISE_OVER): Mode.HOLD,
-    (Mode.HAND_GUIDING, Event.DISABLE): Mode.STOPPING,
-    (Mode.HAND_GUIDING, Event.STOP): Mode.STOPPING,
-    (Mode.SELF_TEST, Event.TO_HOLD): Mode.HOLD,
-    (Mode.SELF_TEST, Event.EXERCISE_OVER): Mode.HOLD,
-    (Mode.SELF_TEST, Event.DISABLE): Mode.STOPPING,
-    (Mode.SELF_TEST, Event.STOP): Mode.STOPPING,
-    (Mode.REFERENCE, Event.EXERCISE_OVER): Mode.STOPPING,
-    (Mode.REFERENCE, Event.DISABLE): Mode.STOPPING,
-    (Mode.REFERENCE, Event.STOP): Mode.STOPPING,
-    (Mode.COMMISSION, Event.EXERCISE_OVER): Mode.STOPPING,
-    (Mode.COMMISSION, Event.DISABLE): Mode.STOPPING,
-    (Mode.COMMISSION, Event.STOP): Mode.STOPPING,
-    (Mode.STOPPING, Event.AT_REST_WELL): Mode.READY,
-    (Mode.STOPPING, Event.AT_REST_STOPPED): Mode.FAULT,
-    (Mode.FAULT, Event.RESET): Mode.OFF,
+TRANSITIONS: Mapping[tuple[Mode, Trigger], Mode] = {
+    (Mode.OFF, Trigger.BRING_UP_BEGUN): Mode.BRINGING_UP,
+    (Mode.BRINGING_UP, Trigger.BRING_UP_DONE): Mode.READY,
+    (Mode.BRINGING_UP, Trigger.STILL_LATCHED): Mode.FAULT,
+    (Mode.BRINGING_UP, Trigger.DRIVES_LOST): Mode.OFF,
+    (Mode.BRINGING_UP, Trigger.DRIVE_FAULTY): Mode.FAULT,
+    (Mode.READY, Trigger.ENABLE): Mode.HOLD,
+    (Mode.READY, Trigger.RESET): Mode.OFF,
+    (Mode.READY, Trigger.BRING_UP_RESTARTED): Mode.OFF,
+    (Mode.READY, Trigger.TO_REFERENCE): Mode.REFERENCE,
+    (Mode.READY, Trigger.TO_COMMISSION): Mode.COMMISSION,
+    (Mode.READY, Trigger.DRIVES_LOST): Mode.OFF,
+    (Mode.READY, Trigger.DRIVE_FAULTY): Mode.FAULT,
+    (Mode.READY, Trigger.STOP): Mode.STOPPING,
+    (Mode.HOLD, Trigger.TO_GAIT): Mode.GAIT,
+    (Mode.HOLD, Trigger.TO_TORQUE): Mode.TORQUE,
+    (Mode.HOLD, Trigger.TO_EXCITE): Mode.EXCITE,
+    (Mode.HOLD, Trigger.TO_HAND_GUIDING): Mode.HAND_GUIDING,
+    (Mode.HOLD, Trigger.TO_SELF_TEST): Mode.SELF_TEST,
+    (Mode.HOLD, Trigger.DISABLE): Mode.STOPPING,
+    (Mode.HOLD, Trigger.STOP): Mode.STOPPING,
+    (Mode.GAIT, Trigger.TO_HOLD): Mode.HOLD,
+    (Mode.GAIT, Trigger.EXERCISE_OVER): Mode.HOLD,
+    (Mode.GAIT, Trigger.LEASE_LAPSED): Mode.HOLD,
+    (Mode.GAIT, Trigger.DISABLE): Mode.STOPPING,
+    (Mode.GAIT, Trigger.STOP): Mode.STOPPING,
+    (Mode.TORQUE, Trigger.TO_HOLD): Mode.HOLD,
+    (Mode.TORQUE, Trigger.EXERCISE_OVER): Mode.HOLD,
+    (Mode.TORQUE, Trigger.LEASE_LAPSED): Mode.HOLD,
+    (Mode.TORQUE, Trigger.DISABLE): Mode.STOPPING,
+    (Mode.TORQUE, Trigger.STOP): Mode.STOPPING,
+    (Mode.EXCITE, Trigger.TO_HOLD): Mode.HOLD,
+    (Mode.EXCITE, Trigger.EXERCISE_OVER): Mode.HOLD,
+    (Mode.EXCITE, Trigger.DISABLE): Mode.STOPPING,
+    (Mode.EXCITE, Trigger.STOP): Mode.STOPPING,
+    (Mode.HAND_GUIDING, Trigger.TO_HOLD): Mode.HOLD,
+    (Mode.HAND_GUIDING, Trigger.EXERCISE_OVER): Mode.HOLD,
+    (Mode.HAND_GUIDING, Trigger.DISABLE): Mode.STOPPING,
+    (Mode.HAND_GUIDING, Trigger.STOP): Mode.STOPPING,
+    (Mode.SELF_TEST, Trigger.TO_HOLD): Mode.HOLD,
+    (Mode.SELF_TEST, Trigger.EXERCISE_OVER): Mode.HOLD,
+    (Mode.SELF_TEST, Trigger.DISABLE): Mode.STOPPING,
+    (Mode.SELF_TEST, Trigger.STOP): Mode.STOPPING,
+    (Mode.REFERENCE, Trigger.EXERCISE_OVER): Mode.STOPPING,
+    (Mode.REFERENCE, Trigger.DISABLE): Mode.STOPPING,
+    (Mode.REFERENCE, Trigger.STOP): Mode.STOPPING,
+    (Mode.COMMISSION, Trigger.EXERCISE_OVER): Mode.STOPPING,
+    (Mode.COMMISSION, Trigger.DISABLE): Mode.STOPPING,
+    (Mode.COMMISSION, Trigger.STOP): Mode.STOPPING,
+    (Mode.STOPPING, Trigger.AT_REST_WELL): Mode.READY,
+    (Mode.STOPPING, Trigger.AT_REST_STOPPED): Mode.FAULT,
+    (Mode.FAULT, Trigger.RESET): Mode.OFF,
 }
 
 _EVENT_OF_KIND = {
-    RequestKind.ENABLE: Event.ENABLE,
-    RequestKind.DISABLE: Event.DISABLE,
-    RequestKind.RESET: Event.RESET,
+    RequestKind.ENABLE: Trigger.ENABLE,
+    RequestKind.DISABLE: Trigger.DISABLE,
+    RequestKind.RESET: Trigger.RESET,
 }
 
 
 class ModeRules(NamedTuple):
     """What is particular to a mode that a client can request."""
 
-    event: Event
+    event: Trigger
     exercise: type[Exercise] | None = None
     """What each leg does; None in the modes of a single axis."""
     single_axis: type[SingleAxis] | None = None
@@ -151,26 +121,28 @@ class ModeRules(NamedTuple):
 
 
 MODES: Mapping[Mode, ModeRules] = {
-    Mode.HOLD: ModeRules(Event.TO_HOLD, Hold),
+    Mode.HOLD: ModeRules(Trigger.TO_HOLD, Hold),
     Mode.GAIT: ModeRules(
-        Event.TO_GAIT, Gait, takes_assist=True, is_guided_motion=True, needs_self_test=True
+        Trigger.TO_GAIT, Gait, takes_assist=True, is_guided_motion=True, needs_self_test=True
     ),
     Mode.TORQUE: ModeRules(
-        Event.TO_TORQUE,
+        Trigger.TO_TORQUE,
         Torque,
         by_torque=True,
         needs_impedance=True,
         takes_assist=True,
         needs_self_test=True,
     ),
-    Mode.EXCITE: ModeRules(Event.TO_EXCITE, Excite, by_torque=True, needs_self_test=True),
-    Mode.HAND_GUIDING: ModeRules(Event.TO_HAND_GUIDING, HandGuiding, by_torque=True),
-    Mode.SELF_TEST: ModeRules(Event.TO_SELF_TEST, SelfTest, by_torque=True, is_guided_motion=True),
-    Mode.REFERENCE: ModeRules(Event.TO_REFERENCE, single_axis=Homing),
-    Mode.COMMISSION: ModeRules(Event.TO_COMMISSION, single_axis=SignTest),
+    Mode.EXCITE: ModeRules(Trigger.TO_EXCITE, Excite, by_torque=True, needs_self_test=True),
+    Mode.HAND_GUIDING: ModeRules(Trigger.TO_HAND_GUIDING, HandGuiding, by_torque=True),
+    Mode.SELF_TEST: ModeRules(
+        Trigger.TO_SELF_TEST, SelfTest, by_torque=True, is_guided_motion=True
+    ),
+    Mode.REFERENCE: ModeRules(Trigger.TO_REFERENCE, single_axis=Homing),
+    Mode.COMMISSION: ModeRules(Trigger.TO_COMMISSION, single_axis=SignTest),
 }
 """The modes that a client can request; `Mode` has more, which the core enters by itself."""
-NO_RULES: Final = ModeRules(Event.STOP)
+NO_RULES: Final = ModeRules(Trigger.STOP)
 """For the modes that cannot be requested."""
 
 
@@ -183,7 +155,7 @@ class IllegalTransitionError(Exception):
     """The core tried a transition that has no row: a programming error."""
 
 
-def next_mode(mode: Mode, event: Event) -> Mode:
+def next_mode(mode: Mode, event: Trigger) -> Mode:
     """The mode after an event, from the table.
 
     Raises:
@@ -192,10 +164,10 @@ def next_mode(mode: Mode, event: Event) -> Mode:
     try:
         return TRANSITIONS[mode, event]
     except KeyError as error:
-        raise IllegalTransitionError(f"no transition for {event.value!r} in {mode.name}") from error
+        raise IllegalTransitionError(f"no transition for {event.name} in {mode.name}") from error
 
 
-def event_of(kind: RequestKind, wanted: ModeRequest) -> Event | None:
+def event_of(kind: RequestKind, wanted: ModeRequest) -> Trigger | None:
     """The event of a request; None if its mode cannot be requested."""
     if kind == RequestKind.MODE:
         rules = MODES.get(wanted.mode)
@@ -203,80 +175,69 @@ def event_of(kind: RequestKind, wanted: ModeRequest) -> Event | None:
     return _EVENT_OF_KIND.get(kind)
 
 
-def refusal(kind: RequestKind, wanted: ModeRequest, now: GuardInputs) -> str:
-    """The reason why a request is refused; empty if it is allowed."""
+def refusal(kind: RequestKind, wanted: ModeRequest, now: GuardInputs) -> Refusal | None:
+    """The reason why a request is refused; None if it is allowed."""
     event = event_of(kind, wanted)
     if event is None:
-        return f"{wanted.mode.name.lower()} is not a mode that can be asked for"
+        return Refusal(RefusalCode.NO_SUCH_MODE, values=(wanted.mode,))
     if (now.mode, event) not in TRANSITIONS:
-        return f"{event.value!r} is not possible in mode {now.mode.name.lower()}"
-    if event == Event.ENABLE:
+        return Refusal(RefusalCode.NOT_IN_THIS_MODE, values=(event, now.mode))
+    if event == Trigger.ENABLE:
         return _refuse_enable(now)
-    if event == Event.RESET:
+    if event == Trigger.RESET:
         return _refuse_reset(now)
-    if event in {Event.DISABLE, Event.TO_HOLD}:
-        return ""
+    if event in {Trigger.DISABLE, Trigger.TO_HOLD}:
+        return None
     rules = MODES[wanted.mode]
     if rules.exercise is None:
-        return "" if wanted.witnessed else _refuse_preparation(now)
+        return None if wanted.witnessed else _refuse_preparation(now)
     if rules.needs_impedance and now.guidance == "position":
-        return "assist is refused: with guidance 'position' the drives give the torque"
+        return Refusal(RefusalCode.GUIDANCE_BY_POSITION)
     if not now.drives_powered:
-        return "the drives are not holding yet"
+        return Refusal(RefusalCode.NOT_HOLDING_YET)
     if rules.needs_self_test and now.self_test_due:
-        return f"{now.self_test_due}: `gaitd self-test`"
+        return Refusal(RefusalCode.SELF_TEST_DUE, values=(now.self_test_due,))
     return rules.exercise.refuse(wanted, now)
 
 
-def _refuse_enable(now: GuardInputs) -> str:
-    if not now.gateway_alive:
-        return "the gateway is not alive"
-    if not now.hand_switch_closed:
-        return "the hand switch is open"
-    if not now.sto_released:
-        return "safe torque off is active"
+def _refuse_enable(now: GuardInputs) -> Refusal | None:
+    if (unsafe := _refuse_without_inputs(now)) is not None:
+        return unsafe
     if now.unproven:
-        names = ", ".join(now.unproven)
-        return f"the sign is not proven: {names}: run `gaitd commission` for each"
-    if now.unreferenced:
-        return f"not referenced: {', '.join(now.unreferenced)}"
-    if now.inputs_untested:
-        return f"not seen to act today: {', '.join(now.inputs_untested)}"
-    if now.unsampled:
-        return _not_sampled(now.unsampled)
-    if not now.at_rest:
-        return "the leg is moving"
-    if now.outside:
-        return f"outside its range: {', '.join(now.outside)}"
-    return ""
+        return Refusal(RefusalCode.SIGN_NOT_PROVEN, now.unproven[0])
+    for axis, doubt in now.unreferenced:
+        return Refusal(RefusalCode.NOT_REFERENCED, axis, (doubt,))
+    for axis, state in now.inputs_untested:
+        return Refusal(RefusalCode.INPUT_UNTESTED, axis, (state,))
+    if (moving := _refuse_in_motion(now, now.unsampled)) is not None:
+        return moving
+    return Refusal(RefusalCode.OUTSIDE_RANGE, now.outside[0]) if now.outside else None
 
 
-def _refuse_preparation(now: GuardInputs) -> str:
+def _refuse_preparation(now: GuardInputs) -> Refusal | None:
     if now.patient_configured:
-        return "one axis alone is moved in the empty machine, and a patient is configured"
-    if not now.gateway_alive:
-        return "the gateway is not alive"
-    if not now.hand_switch_closed:
-        return "the hand switch is open"
-    if not now.sto_released:
-        return "safe torque off is active"
-    if now.unsampled:
-        return _not_sampled(now.unsampled)
-    return "" if now.at_rest else "the leg is moving"
+        return Refusal(RefusalCode.PATIENT_CONFIGURED)
+    return _refuse_without_inputs(now) or _refuse_in_motion(now, now.unsampled)
 
 
-def _not_sampled(axes: Iterable[str]) -> str:
-    return f"no sample of this cycle: {', '.join(axes)}: ask again"
-
-
-def _refuse_reset(now: GuardInputs) -> str:
+def _refuse_reset(now: GuardInputs) -> Refusal | None:
     if now.mode == Mode.READY:
-        return ""
+        return None
     unsampled = [name for name in now.unsampled if name not in now.lost]
-    if unsampled:
-        return _not_sampled(unsampled)
-    if not now.at_rest:
-        return "the leg is moving"
+    return _refuse_in_motion(now, unsampled) or _refuse_by_person(now)
+
+
+def _refuse_without_inputs(now: GuardInputs) -> Refusal | None:
+    return _refuse_by_person(now) if now.gateway_alive else Refusal(RefusalCode.GATEWAY_SILENT)
+
+
+def _refuse_by_person(now: GuardInputs) -> Refusal | None:
     if not now.hand_switch_closed:
-        return "the hand switch is open"
-    return "" if now.sto_released else "safe torque off is active"
+        return Refusal(RefusalCode.HAND_SWITCH_OPEN)
+    return None if now.sto_released else Refusal(RefusalCode.STO_ACTIVE)
+
+
+def _refuse_in_motion(now: GuardInputs, unsampled: Sequence[str]) -> Refusal | None:
+    if unsampled:
+        return Refusal(RefusalCode.NO_SAMPLE, unsampled[0])
+    return None if now.at_rest else Refusal(RefusalCode.LEG_MOVES)

@@ -10,14 +10,25 @@ Rules:
 """
 
 from collections.abc import Callable, Sequence
+from typing import Final
 
 from daemon.core.runtime.bus_load import LoadMeter
 from daemon.ipc.record import BusRecord
+from daemon.ipc.report import Event, EventCode
 from daemon.system.clock import Clock
 from drives.bringup.configurator import Configurator
 from drives.canopen.bus import Bus, Frame
-from drives.canopen.bus_state import BusCondition, BusMonitor
+from drives.canopen.bus_state import BusCondition, BusMonitor, BusNotice
 from drives.canopen.nmt import HEARTBEAT_ID, SYNC_ID, SyncProducer
+
+_EVENTS: Final = {
+    BusNotice.ACTIVE: EventCode.CAN_ACTIVE,
+    BusNotice.WARNING: EventCode.CAN_WARNING,
+    BusNotice.PASSIVE: EventCode.CAN_PASSIVE,
+    BusNotice.OFF: EventCode.CAN_OFF,
+    BusNotice.ALONE: EventCode.CAN_ALONE,
+    BusNotice.FRAMES_LOST: EventCode.CAN_FRAMES_LOST,
+}
 
 
 class Line:
@@ -125,14 +136,18 @@ class Line:
         """As `Bus.receive_until`."""
         return self._count_foreign(self._existing().receive_until(deadline_ns, self._clock))
 
-    def take_notices(self) -> list[str]:
+    def take_notices(self) -> list[Event]:
         """Notices about the bus for the operator that have not been published yet."""
-        notices = self.bus_state.take_notices()
+        state = self.bus_state
+        lost = (state.overflow_count,)
+        notices = [
+            Event(_EVENTS[one], values=lost if one is BusNotice.FRAMES_LOST else ())
+            for one in state.take_notices()
+        ]
         if self.foreign_count > 10 * self._foreign_reported_count:
             self._foreign_reported_count = self.foreign_count
-            notices.append(
-                f"CAN frames of another master, {self.foreign_count} so far: SYNC or our heartbeat"
-            )
+            foreign = Event(EventCode.CAN_FOREIGN_MASTER, values=(self.foreign_count,))
+            notices.append(foreign)
         return notices
 
     def record(self, stray_count: int) -> BusRecord:

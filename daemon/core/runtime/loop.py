@@ -28,6 +28,7 @@ from typing import Final
 from msgspec.structs import replace
 
 from daemon.core import cycle
+from daemon.core.period import cycles
 from daemon.core.runtime import realtime
 from daemon.core.runtime.bus_link import Line
 from daemon.core.runtime.grid import Grid, longest_part
@@ -42,6 +43,7 @@ from daemon.core.steps.bring_up import bring_up_core
 from daemon.core.tick import Tick
 from daemon.ipc.cycle_timing import CyclePart, CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, GatewayState, Mode
+from daemon.ipc.report import EventCode
 from daemon.ipc.transport import IpcChannel
 from daemon.system.clock import Clock
 from drives.canopen.bus import Frame
@@ -55,16 +57,11 @@ SEND_MARGIN_NS: Final = 500_000
 """Commands are sent at the latest this long before the next SYNC."""
 LEFT_OUT_MAX: Final = 3
 """Late wake-ups in a row after which the cycle runs anyway, so that its checks run."""
-POWER_OFF_CYCLES: Final = 50
+POWER_OFF_CYCLES: Final = cycles(0.5)
 """Longest time at shutdown until the drives show that they are without power."""
-SETTLE_CYCLES: Final = 150
+SETTLE_CYCLES: Final = cycles(1.5)
 """Longest time at shutdown until the leg is at rest; its pose is checked at the next start."""
-STOP_WITHOUT_FEEDBACK_CYCLES: Final = 50
-RELOAD_REFUSED: Final = (
-    "reload requested: the core changes nothing while it runs. With the machine empty: "
-    "systemctl restart gaitd-core"
-)
-"""At most EVENT_LENGTH_MAX long. The reason is in docs/running.md."""
+STOP_WITHOUT_FEEDBACK_CYCLES: Final = cycles(0.5)
 
 
 class Loop:
@@ -130,7 +127,7 @@ class Loop:
         try:
             while not (end_requested() and self.may_end()):
                 if reload_requested():
-                    self._core.report(RELOAD_REFUSED)
+                    self._core.report(EventCode.RELOAD_REFUSED)
                 self.turn(shutdown=end_requested())
         except BringUpRefused:
             self._publish(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
@@ -202,7 +199,7 @@ class Loop:
         line, core, window = self._line, self._core, self._window
         window.begin()
         timing = replace(self._timing, lateness_ns=begun_ns - self._grid.due_ns, answer_ns=0)
-        self._report(line.take_notices())
+        self._core.publish(line.take_notices())
         if not self._has_drives():
             self._timing = replace(timing, collect_ns=0, work_ns=0)
             return cycle.rest(core, gateway_states, self._tick(begun_ns))
@@ -299,7 +296,7 @@ class Loop:
         late_ns = self._clock.now_ns() - self._grid.due_ns
         if late_ns < 0:
             return
-        self._report(self._line.take_notices())
+        self._core.publish(self._line.take_notices())
         self._publish(
             cycle.rest(self._core, self._receive_gateway_states(), self._tick(self._grid.due_ns))
         )
@@ -335,12 +332,8 @@ class Loop:
 
     def _receive_gateway_states(self) -> list[GatewayState]:
         gateway_states = self._ipc.receive()
-        self._report(self._ipc.take_notices())
+        self._core.publish(self._ipc.take_notices())
         return gateway_states
-
-    def _report(self, notices: Sequence[str]) -> None:
-        for notice in notices:
-            self._core.report(notice)
 
     def _publish(self, record: CycleRecord) -> None:
         self._ipc.publish(record)
@@ -361,10 +354,7 @@ class Loop:
             self._timing, overrun_count=self._grid.missed_count, overrun_by_part=tuple(by_part)
         )
         if missed > 1:
-            name = part.name.lower().replace("_", " ")
-            self._core.report(
-                f"{missed} cycles in a row had no time and were left out: late by the {name}"
-            )
+            self._core.report(EventCode.CYCLES_MISSED, "", missed, part)
 
     # --- the end ----------------------------------------------------------------------------
 

@@ -24,11 +24,13 @@ from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
 from daemon.core.runtime.state_file import StateFile, StateStore
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervision
 from daemon.core.runtime.warm_up import warm_up
+from daemon.ipc.report import Event, EventCode
 from daemon.ipc.transport import CoreChannel, RingHeader
 from daemon.system.bus_choice import bus_of, choose_bus
 from daemon.system.journal import Journal
 from daemon.system.lock import directory_errors, hold
 from daemon.system.sd_notify import Notifier
+from daemon.wire.report_texts import describe, event_text
 from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
 from drives.errors import BusError
@@ -150,9 +152,10 @@ def _run(
     # In simulated time there are no deadlines, and real-time priority would block other processes.
     is_real = has_watchdog or not is_simulated
     refused = realtime.prepare(cycle.realtime_priority, cycle.realtime_cpus) if is_real else []
-    for line in (bus_load_line(settings, built), *refused):
-        built.core.report(line)
-        _log(log, line, WARNING if line in refused else INFORMATIONAL)
+    events = [bus_load_event(settings, built), *refused]
+    built.core.publish(events)
+    for event in events:
+        _log(log, event_text(event), WARNING if event in refused else INFORMATIONAL)
     try:
         signals.wait()
         begun()
@@ -164,7 +167,7 @@ def _run(
     if loop.bug is not None:
         _log(log, "".join(traceback.format_exception(loop.bug)), ERROR)
     if code == ExitCode.REFUSED:
-        _log(log, built.core.verdict.detail, ERROR)
+        _log(log, describe(built.core.verdict), ERROR)
     return code
 
 
@@ -177,14 +180,11 @@ def _log(log: Journal, text: str, priority: int) -> None:
         print(f"gaitd core: {text}", file=sys.stderr)
 
 
-def bus_load_line(settings: Settings, built: Built) -> str:
-    """Text with the computed worst-case bus load and its allowed value."""
-    trainer, load = settings.trainer, _bus_load(settings, built)
-    return (
-        f"the bus will be busy at most {load.busy_ratio:.1%} of the time "
-        f"(allowed {trainer.bus.load_max_ratio:.0%}), the frames of one cycle take at most "
-        f"{load.burst_s * 1e3:.2f} ms"
-    )
+def bus_load_event(settings: Settings, built: Built) -> Event:
+    """The computed worst-case bus load and its allowed value."""
+    load = _bus_load(settings, built)
+    values = load.busy_ratio, settings.trainer.bus.load_max_ratio, load.burst_s
+    return Event(EventCode.BUS_LOAD, values=values)
 
 
 def _bus_load(settings: Settings, built: Built) -> BusLoad:

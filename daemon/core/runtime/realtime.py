@@ -11,13 +11,15 @@ import resource
 import sys
 from collections.abc import Sequence
 
+from daemon.ipc.report import Event, EventCode
+
 MCL_CURRENT = 1
 MCL_FUTURE = 2
 MCL_ONFAULT = 4
 """Lock pages when they are first used: otherwise numpy's address space alone costs 150 MB."""
 
 
-def prepare(priority: int, processors: Sequence[int]) -> list[str]:
+def prepare(priority: int, processors: Sequence[int]) -> list[Event]:
     """Request SCHED_FIFO and these processors, lock memory, and stop the garbage collector.
 
     Args:
@@ -26,7 +28,7 @@ def prepare(priority: int, processors: Sequence[int]) -> list[str]:
             Empty requests none.
 
     Returns:
-        One sentence for each request that was refused.
+        An event for each request that was refused.
     """
     refused = _lock_memory()
     if processors:
@@ -54,29 +56,28 @@ def tidy() -> None:
         gc.collect()
 
 
-def _schedule(priority: int) -> list[str]:
+def _schedule(priority: int) -> list[Event]:
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
     except PermissionError:
         soft, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
-        return [f"SCHED_FIFO priority {priority} refused: RLIMIT_RTPRIO is {soft}"]
+        return [Event(EventCode.PRIORITY_REFUSED, values=(priority, soft))]
     return []
 
 
-def _settle_on(processors: Sequence[int]) -> list[str]:
+def _settle_on(processors: Sequence[int]) -> list[Event]:
     try:
         os.sched_setaffinity(0, processors)
     except (OSError, ValueError):
-        wanted = ", ".join(map(str, processors))
         given = ", ".join(map(str, sorted(os.sched_getaffinity(0))))
-        return [f"realtime_cpus = [{wanted}] refused: the processors given are {given}"]
+        return [Event(EventCode.PROCESSORS_REFUSED, said=given)]
     return []
 
 
-def _lock_memory() -> list[str]:
+def _lock_memory() -> list[Event]:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT) == 0:
         return []
     soft, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     error = os.strerror(ctypes.get_errno())
-    return [f"mlockall refused ({error}): RLIMIT_MEMLOCK is {soft}"]
+    return [Event(EventCode.MEMORY_NOT_LOCKED, values=(soft,), said=error)]

@@ -13,14 +13,15 @@ Rules:
 
 from typing import Final
 
+from daemon.core.period import cycles
 from daemon.core.runtime.loop_settings import ExitCode, Log, Supervisor
 from daemon.core.state import Axis, Core
-from daemon.core.steps.status import describe
 from daemon.core.steps.wanted import is_silenced
 from daemon.ipc.record import Cause, CycleRecord, Mode, Verdict
+from daemon.wire.report_texts import describe
 from drives.cia402.power_state import POWER_STAGE_OFF
 
-PROGRESS_CYCLES: Final = 500
+PROGRESS_CYCLES: Final = cycles(5.0)
 """Cycles between two status lines that differ only in their progress."""
 ERROR, WARNING, NOTICE, INFORMATIONAL = 3, 4, 5, 6
 """Priorities of syslog(3)."""

@@ -17,22 +17,25 @@ The checks are the same for real and simulated drives.
 
 import math
 from collections.abc import Callable, Iterator
+from typing import Final, NamedTuple
 
+from daemon.core.period import cycles
 from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
 from daemon.core.safety.joints import jump_reach_si
 from daemon.core.safety.limits import Thresholds
 from daemon.core.safety.sign_response import RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO
 from daemon.ipc.record import Cause, StopCategory, Verdict
+from daemon.ipc.report import Finding
 from daemon.wire.causes import LOST_DRIVE
 from drives.signals import Input, NmtState, PowerState
 
 NO_VERDICT = Verdict()
 
 
-OBSERVER_BAD_MAX_CYCLES = 50
+OBSERVER_BAD_MAX_CYCLES: Final = cycles(0.5)
 """Half a second without a usable estimate: longer than any gap that the filter predicts over."""
 TX_DROPPED_MAX = 3
-ENABLE_CYCLES = 25
+ENABLE_CYCLES: Final = cycles(0.25)
 """Longest time for which a drive may stay powered without a request, as while it switches off."""
 FREEZE_DECELERATION_RATIO = 3.0
 """Multiple of the quick-stop deceleration above which a standstill is an encoder fault."""
@@ -46,10 +49,10 @@ patient who leans steadily on a held leg causes no change, and no fault.
 EFFORT_POSSIBLE_RATIO = 4.0
 """Multiple of the effort limit, which the drive keeps itself, above which a value is no
 measurement. Only the observer of an encoder at standstill would take it for an effort."""
-EFFORT_UNCHANGED_CYCLES = 50
+EFFORT_UNCHANGED_CYCLES: Final = cycles(0.5)
 """Cycles of motion in a row, half a second, in which a measured current cannot stay the same count:
 load, friction and noise change it."""
-AGAINST_DRIVE_MAX_CYCLES = 20
+AGAINST_DRIVE_MAX_CYCLES: Final = cycles(0.2)
 """Cycles in a row in which a person may move a leg against its drive, 0.2 s. Patients who give 1.4
 of the need of a gait at 0.5 Hz do so for 7 at a time."""
 HELD_RATIO = 0.1
@@ -59,8 +62,15 @@ Such a drive may change its effort without motion: it holds against a patient wh
 loops leave the joint farther off, they push at their limit without motion.
 """
 
-Finding = tuple[Cause, float, float, str]
-"""A reason to stop: cause, value, limit, detail."""
+
+class Reason(NamedTuple):
+    """A reason to stop."""
+
+    cause: Cause
+    value: float = 0.0
+    limit: float = 0.0
+    finding: Finding = Finding.NONE
+    said: str = ""
 
 
 def worse(latched: Verdict, verdicts: Verdict) -> Verdict:
@@ -76,8 +86,10 @@ def check(inputs: SafetyInputs) -> tuple[Verdict, ...]:
     showed stands still, and it gets a stop of its own (`stop_sequence.py`). Else the first counts.
     """
     verdicts: dict[str, Verdict] = {}
-    for name, (cause, value, limit, detail) in _findings(inputs):
-        verdict = Verdict(inputs.categories.of(cause), cause, name, value, limit, detail)
+    for name, reason in _reasons(inputs):
+        cause, value, limit, finding, said = reason
+        category = inputs.categories.of(cause)
+        verdict = Verdict(category, cause, name, value, limit, finding, said)
         if _rank(verdict) > _rank(verdicts.get(name, NO_VERDICT)):
             verdicts[name] = verdict
     return tuple(sorted(verdicts.values(), key=lambda verdict: -verdict.category))
@@ -87,77 +99,77 @@ def _rank(verdict: Verdict) -> tuple[StopCategory, bool]:
     return verdict.category, verdict.cause in LOST_DRIVE
 
 
-def _findings(inputs: SafetyInputs) -> Iterator[tuple[str, Finding]]:
+def _reasons(inputs: SafetyInputs) -> Iterator[tuple[str, Reason]]:
     service, thresholds, driving = inputs.service, inputs.thresholds, inputs.driving
     if driving:
-        for finding in _check_service(service, thresholds):
-            yield "", finding
-    for finding in _check_bus(service):
-        yield "", finding
+        for reason in _check_service(service, thresholds):
+            yield "", reason
+    for reason in _check_bus(service):
+        yield "", reason
     checks = DRIVING_CHECKS if driving else RESTING_CHECKS
     mute = service.tx_dropped_in_a_row >= TX_DROPPED_MAX
     for axis in inputs.axes:
         for check_axis in checks:
-            for finding in check_axis(axis, thresholds):
-                if not (mute and finding[0] == Cause.DRIVE_SILENT):
-                    yield axis.name, finding
+            for reason in check_axis(axis, thresholds):
+                if not (mute and reason.cause == Cause.DRIVE_SILENT):
+                    yield axis.name, reason
     if driving:
         for leg in inputs.legs:
-            for finding in _check_leg(leg, thresholds):
-                yield leg.name, finding
+            for reason in _check_leg(leg, thresholds):
+                yield leg.name, reason
 
 
-def _check_service(service: ServiceInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _check_service(service: ServiceInputs, thresholds: Thresholds) -> Iterator[Reason]:
     if service.stop_requested:
-        yield Cause.STOP_REQUESTED, 0.0, 0.0, ""
+        yield Reason(Cause.STOP_REQUESTED)
     if service.shutdown_requested:
-        yield Cause.SHUTDOWN, 0.0, 0.0, ""
+        yield Reason(Cause.SHUTDOWN)
     if service.gateway_age_cycles > thresholds.gateway_silence_cycles:
-        yield (
+        yield Reason(
             Cause.GATEWAY_SILENT,
             float(service.gateway_age_cycles),
             float(thresholds.gateway_silence_cycles),
-            "cycles since the gateway's newest word",
+            Finding.CYCLES,
         )
     if service.overruns_in_a_row >= thresholds.overruns_in_a_row:
-        yield (
+        yield Reason(
             Cause.CYCLE_OVERRUN,
             float(service.overruns_in_a_row),
             float(thresholds.overruns_in_a_row),
-            "grid points missed in a row",
+            Finding.MISSED_CYCLES,
         )
 
 
-def _check_bus(service: ServiceInputs) -> Iterator[Finding]:
+def _check_bus(service: ServiceInputs) -> Iterator[Reason]:
     if service.bus_error:
-        yield Cause.BUS_DOWN, 0.0, 0.0, service.bus_error
+        yield Reason(Cause.BUS_DOWN, said=service.bus_error)
     if service.bus_off:
-        yield Cause.BUS_OFF, 0.0, 0.0, "the controller reports bus-off"
+        yield Reason(Cause.BUS_OFF, 0.0, 0.0, Finding.CONTROLLER_OFF)
     if service.tx_dropped_in_a_row >= TX_DROPPED_MAX:
-        yield (
+        yield Reason(
             Cause.TRANSMIT_QUEUE_FULL,
             float(service.tx_dropped_in_a_row),
             float(TX_DROPPED_MAX),
-            "cycles in a row whose frames were not all sent",
+            Finding.CYCLES_NOT_ALL_SENT,
         )
 
 
-def _inputs_shown(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _inputs_shown(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     """Check that a drive shows inputs that its wiring can produce; in every mode."""
     if Input.IMPOSSIBLE in axis.feedback.inputs:
-        yield Cause.INPUTS_IMPOSSIBLE, 0.0, 0.0, "bits of 60FDh that are always 0"
+        yield Reason(Cause.INPUTS_IMPOSSIBLE, 0.0, 0.0, Finding.IMPOSSIBLE_BITS)
 
 
-def _inputs(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _inputs(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     if not axis.joint.known or Input.IMPOSSIBLE in axis.feedback.inputs:
         return
     if Input.HAND_SWITCH_CLOSED not in axis.feedback.inputs:
-        yield Cause.HAND_SWITCH_OPEN, 0.0, 1.0, ""
+        yield Reason(Cause.HAND_SWITCH_OPEN, 0.0, 1.0)
     if Input.STO_RELEASED not in axis.feedback.inputs:
-        yield Cause.STO_ACTIVE, 0.0, 1.0, ""
+        yield Reason(Cause.STO_ACTIVE, 0.0, 1.0)
 
 
-def _limit_switches(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _limit_switches(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     """Check for motion towards an active limit switch; motion away from it is allowed.
 
     A homing moves to its switch on purpose.
@@ -170,50 +182,52 @@ def _limit_switches(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
         towards = sign * axis.counts_sign
         speed_si = max(towards * axis.joint.velocity_si, towards * axis.wanted_velocity_si)
         if speed_si > axis.limits.standstill_si_per_s:
-            yield Cause.LIMIT_SWITCH, speed_si, axis.limits.standstill_si_per_s, name
+            yield Reason(Cause.LIMIT_SWITCH, speed_si, axis.limits.standstill_si_per_s, name)
 
 
 _SWITCHES = (
-    (Input.NEGATIVE_LIMIT, -1, "towards the drive's negative limit switch"),
-    (Input.POSITIVE_LIMIT, 1, "towards the drive's positive limit switch"),
+    (Input.NEGATIVE_LIMIT, -1, Finding.NEGATIVE_SWITCH),
+    (Input.POSITIVE_LIMIT, 1, Finding.POSITIVE_SWITCH),
 )
 
 
-def _communication(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _communication(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
     feedback = axis.feedback
     if feedback.rebooted:
-        yield Cause.DRIVE_REBOOTED, 0.0, 0.0, "boot-up message in operation"
+        yield Reason(Cause.DRIVE_REBOOTED, 0.0, 0.0, Finding.BOOT_UP_MESSAGE)
     elif feedback.heartbeat_age_ns > thresholds.heartbeat_timeout_ns:
-        yield (
+        yield Reason(
             Cause.HEARTBEAT_LOST,
             feedback.heartbeat_age_ns * 1e-6,
             thresholds.heartbeat_timeout_ns * 1e-6,
-            "ms since its last heartbeat",
+            Finding.HEARTBEAT_AGE_MS,
         )
     elif feedback.nmt_state not in {NmtState.OPERATIONAL, NmtState.UNKNOWN}:
-        yield Cause.DRIVE_NOT_OPERATIONAL, 0.0, 0.0, feedback.nmt_state.name
+        yield Reason(Cause.DRIVE_NOT_OPERATIONAL, float(feedback.nmt_state), 0.0, Finding.NMT_STATE)
     elif feedback.sample_age_cycles > thresholds.sample_age_max_cycles:
-        yield (
+        yield Reason(
             Cause.DRIVE_SILENT,
             float(feedback.sample_age_cycles),
             float(thresholds.sample_age_max_cycles),
-            "cycles without a complete sample",
+            Finding.CYCLES_WITHOUT_SAMPLE,
         )
 
 
-def _fault(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _fault(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     """Check for drive faults and new EMCY alarms; a later 0000h does not cancel an alarm."""
     feedback = axis.feedback
     if feedback.in_fault:
-        reason = feedback.alarm or feedback.emergency
-        said = f"{reason.code:04X}h {reason.text}" if reason else axis.bring_up_error
-        detail = said or "no EMCY seen"
-        yield Cause.DRIVE_FAULT, 0.0, 0.0, detail
+        code, text = axis.bring_up_error
+        if (sent := feedback.alarm or feedback.emergency) is not None:
+            code, text = sent.code, sent.text
+        finding = Finding.EMCY if code else Finding.NO_EMCY
+        yield Reason(Cause.DRIVE_FAULT, float(code), 0.0, finding, text)
     if axis.new_emergency and feedback.alarm is not None:
-        yield Cause.EMERGENCY, 0.0, 0.0, f"{feedback.alarm.code:04X}h {feedback.alarm.text}"
+        code, text = feedback.alarm.code, feedback.alarm.text
+        yield Reason(Cause.EMERGENCY, float(code), 0.0, Finding.EMCY, text)
 
 
-def _unexpected_enable(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _unexpected_enable(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     """Check for a drive that has power without a request by the core.
 
     Power that appears after the drive was off counts at once. A drive that was enabled by the core
@@ -225,15 +239,15 @@ def _unexpected_enable(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     elif axis.shown_unpowered and state != PowerState.UNKNOWN:
         limit_cycles = 0
     if axis.unexpected_enable_cycles > limit_cycles:
-        yield (
+        yield Reason(
             Cause.UNEXPECTED_ENABLE,
             float(axis.unexpected_enable_cycles),
             float(limit_cycles),
-            "cycles",
+            Finding.CYCLES,
         )
 
 
-def _power(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _power(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
     """Check that a drive that should be enabled is enabled, in its mode and following.
 
     The newest statusword counts even in an incomplete sample, since the next controlword depends on
@@ -247,49 +261,53 @@ def _power(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     limit_cycles = axis.limits.enable_max_cycles
     late = axis.unready_cycles > limit_cycles
     if not enabled and (axis.reached_enabled or stopping or late):
-        yield Cause.DRIVE_LEFT_ENABLED, 0.0, 0.0, feedback.power_state.name
+        yield Reason(
+            Cause.DRIVE_LEFT_ENABLED, float(feedback.power_state), 0.0, Finding.POWER_STATE
+        )
         return
     if axis.reached_enabled:
         limit_cycles = thresholds.mode_switch_cycles
     if axis.unready_cycles <= limit_cycles:
         return
     if feedback.mode_display != axis.mode_wanted:
-        yield (
+        yield Reason(
             Cause.MODE_NOT_SHOWN,
             float(feedback.mode_display),
             float(axis.mode_wanted),
-            "mode of operation display",
+            Finding.MODE_DISPLAY,
         )
     elif not feedback.following and not axis.homing:
-        yield Cause.NOT_FOLLOWING, 0.0, 1.0, "statusword bit 12"
+        yield Reason(Cause.NOT_FOLLOWING, 0.0, 1.0, Finding.NOT_FOLLOWING_BIT)
 
 
-def _numbers(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _numbers(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     """Check that position and effort are finite: NaN would pass every comparison below."""
     if not axis.joint.known:
         return
     if not math.isfinite(axis.joint.position_si):
-        yield Cause.ENCODER_JUMP, 0.0, 0.0, "its position is no number"
+        yield Reason(Cause.ENCODER_JUMP, 0.0, 0.0, Finding.POSITION_NOT_FINITE)
     if not math.isfinite(axis.joint.effort_si):
-        yield Cause.EFFORT_DEVIATION, 0.0, 0.0, "its effort is no number"
+        yield Reason(Cause.EFFORT_DEVIATION, 0.0, 0.0, Finding.EFFORT_NOT_FINITE)
     elif _is_effort_impossible(axis):
         limit_si = EFFORT_POSSIBLE_RATIO * axis.limits.effort_max_si
-        yield Cause.EFFORT_DEVIATION, abs(axis.joint.effort_si), limit_si, "no drive gives that"
+        yield Reason(
+            Cause.EFFORT_DEVIATION, abs(axis.joint.effort_si), limit_si, Finding.EFFORT_IMPOSSIBLE
+        )
 
 
 def _is_effort_impossible(axis: AxisInputs) -> bool:
     return abs(axis.joint.effort_si) > EFFORT_POSSIBLE_RATIO * axis.limits.effort_max_si
 
 
-def _encoder(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _encoder(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
     joint, limits = axis.joint, axis.limits
     sampled = joint.fresh and joint.elapsed_s > 0
     reach_si = jump_reach_si(joint, limits, thresholds)
     if sampled and abs(joint.step_si) > reach_si:
-        yield Cause.ENCODER_JUMP, abs(joint.step_si), reach_si, "between two samples"
+        yield Reason(Cause.ENCODER_JUMP, abs(joint.step_si), reach_si, Finding.STEP_BETWEEN_SAMPLES)
     known = (axis.referenced or axis.preparing) and not axis.feedback.reference_lost
     if not known and not axis.feedback.rebooted:
-        yield Cause.UNREFERENCED, 0.0, 1.0, ""
+        yield Reason(Cause.UNREFERENCED, 0.0, 1.0)
     if not sampled:
         return
     if axis.homing or joint.still_cycles < thresholds.encoder_frozen_cycles:
@@ -300,7 +318,9 @@ def _encoder(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     if joint.still_cycles == thresholds.encoder_frozen_cycles and (
         joint.speed_before_still_si > possible_si
     ):
-        yield Cause.ENCODER_FROZEN, joint.speed_before_still_si, possible_si, "speed lost at once"
+        yield Reason(
+            Cause.ENCODER_FROZEN, joint.speed_before_still_si, possible_si, Finding.SPEED_LOST
+        )
         return
     if axis.loop_distance_si < HELD_RATIO * limits.tracking_max_si or _is_effort_impossible(axis):
         return
@@ -310,34 +330,34 @@ def _encoder(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
         # A drive whose own loops have lost the joint pushes to reach it, not to carry its load.
         change_si = max(change_si, abs(joint.effort_si - watch.effort_before_still_si))
     if change_si > FROZEN_PUSH_RATIO * limits.breakaway_si:
-        yield (
+        yield Reason(
             Cause.ENCODER_FROZEN,
             change_si,
             FROZEN_PUSH_RATIO * limits.breakaway_si,
-            "effort changed, and the joint stood still",
+            Finding.EFFORT_WITHOUT_MOTION,
         )
 
 
-def _efforts(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _efforts(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
     """Check that measured and sent effort match (`effort_monitor.py`), with power or without."""
     watch, limits = axis.watch, axis.limits
     if watch.gap_cycles >= thresholds.deviation_cycles:
-        yield (
+        yield Reason(
             Cause.EFFORT_DEVIATION,
             watch.gap_si,
             limits.effort_deviation_max_si,
-            "measured without power" if watch.unpowered_cycles else "measured from sent",
+            Finding.EFFORT_WITHOUT_POWER if watch.unpowered_cycles else Finding.EFFORT_NOT_AS_SENT,
         )
     if watch.unchanged_cycles >= EFFORT_UNCHANGED_CYCLES:
-        yield (
+        yield Reason(
             Cause.EFFORT_DEVIATION,
             float(watch.unchanged_cycles),
             float(EFFORT_UNCHANGED_CYCLES),
-            "cycles of motion with the same effort",
+            Finding.EFFORT_UNCHANGED,
         )
 
 
-def _directions(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _directions(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
     """Check that a joint moves with its drive's effort, or that a person moves it against that.
 
     It can be a person only if the drive's sign is trusted, a patient can give such an effort, and
@@ -351,66 +371,78 @@ def _directions(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
     possible = axis.sign_trusted and abs(watch.patient_si) <= limits.patient_effort_max_si
     mismatch = watch.sign_mismatch_si, limits.sign_mismatch_effort_min_si
     if not possible or watch.response_ratio > UNCLEAR_MAX_RATIO:
-        yield Cause.SIGN_WRONG, *mismatch, "effort one way, motion the other"
+        yield Reason(Cause.SIGN_WRONG, *mismatch, Finding.EFFORT_AGAINST_MOTION)
     elif (
         watch.response_ratio >= RIGHT_MAX_RATIO
         or watch.sign_mismatch_cycles > AGAINST_DRIVE_MAX_CYCLES
     ):
-        yield Cause.MOVED_AGAINST_DRIVE, *mismatch, "the leg moves, its drive pushes back"
+        yield Reason(Cause.MOVED_AGAINST_DRIVE, *mismatch, Finding.PUSHED_BACK)
 
 
-def _strides(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _strides(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
     """Check the sums over the last stride, and the durations of a spasm and of clonus."""
     limits = axis.limits
     if abs(axis.stride_drift_si) > limits.load_deviation_max_si:
-        yield (
+        yield Reason(
             Cause.EFFORT_DEVIATION,
             abs(axis.stride_drift_si),
             limits.load_deviation_max_si,
-            "mean of a stride from what motion and load ask for",
+            Finding.MEAN_OF_STRIDE,
         )
     if axis.stride_energy_j > limits.stride_energy_max_j:
-        yield Cause.ENERGY_LIMIT, axis.stride_energy_j, limits.stride_energy_max_j, "J in a stride"
+        yield Reason(
+            Cause.ENERGY_LIMIT,
+            axis.stride_energy_j,
+            limits.stride_energy_max_j,
+            Finding.STRIDE_ENERGY_J,
+        )
     if axis.spasm_cycles > thresholds.spasm_patience_cycles:
-        yield Cause.SPASM, abs(axis.spasm_rise_si), limits.spasm_rise_si, "rise against the motion"
+        yield Reason(
+            Cause.SPASM, abs(axis.spasm_rise_si), limits.spasm_rise_si, Finding.RISE_AGAINST_MOTION
+        )
     if axis.clonus_cycles > thresholds.clonus_patience_cycles:
-        yield Cause.CLONUS, axis.clonus_swing_si, limits.clonus_swing_si, "swings to and fro"
+        yield Reason(Cause.CLONUS, axis.clonus_swing_si, limits.clonus_swing_si, Finding.SWINGS)
 
 
-def _positions(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _positions(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     joint, limits = axis.joint, axis.limits
     if not joint.known or not axis.referenced or axis.homing:
         return
     lowest_si, highest_si = limits.position_min_si, limits.position_max_si
     if joint.position_si < lowest_si:
-        yield Cause.POSITION_LIMIT, joint.position_si, lowest_si, "below"
+        yield Reason(Cause.POSITION_LIMIT, joint.position_si, lowest_si, Finding.BELOW)
     elif axis.stopping_end_si < lowest_si:
-        yield Cause.STOPPING_PATH, axis.stopping_end_si, lowest_si, "comes to rest below"
+        yield Reason(Cause.STOPPING_PATH, axis.stopping_end_si, lowest_si, Finding.RESTS_BELOW)
     if joint.position_si > highest_si:
-        yield Cause.POSITION_LIMIT, joint.position_si, highest_si, "above"
+        yield Reason(Cause.POSITION_LIMIT, joint.position_si, highest_si, Finding.ABOVE)
     elif axis.stopping_end_si > highest_si:
-        yield Cause.STOPPING_PATH, axis.stopping_end_si, highest_si, "comes to rest above"
+        yield Reason(Cause.STOPPING_PATH, axis.stopping_end_si, highest_si, Finding.RESTS_ABOVE)
 
 
-def _limits(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _limits(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     joint, limits = axis.joint, axis.limits
     if not joint.known:
         return
     temperature_degc = axis.feedback.temperature_degc
     if axis.feedback.temperature_overdue:
-        yield Cause.TEMPERATURE_LIMIT, 0.0, 0.0, "not measured any more"
+        yield Reason(Cause.TEMPERATURE_LIMIT, 0.0, 0.0, Finding.NOT_MEASURED)
     if temperature_degc is not None and temperature_degc > limits.temperature_max_degc:
-        yield Cause.TEMPERATURE_LIMIT, temperature_degc, limits.temperature_max_degc, "degC"
+        yield Reason(
+            Cause.TEMPERATURE_LIMIT,
+            temperature_degc,
+            limits.temperature_max_degc,
+            Finding.TEMPERATURE_DEGC,
+        )
     for cause, value, limit in (
         (Cause.VELOCITY_LIMIT, abs(joint.velocity_si), limits.velocity_max_si),
         (Cause.EFFORT_LIMIT, abs(joint.effort_si), limits.effort_max_si * EFFORT_MARGIN_RATIO),
         (Cause.POWER_LIMIT, joint.effort_si * joint.velocity_si, limits.power_max_w),
     ):
         if value > limit:
-            yield cause, value, limit, ""
+            yield Reason(cause, value, limit)
 
 
-def _tracking(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
+def _tracking(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     """Check that a joint is near its reference, whatever moves it away.
 
     A drive whose own loops hold a joint elsewhere than it was told does not obey its target, and
@@ -419,15 +451,15 @@ def _tracking(axis: AxisInputs, _: Thresholds) -> Iterator[Finding]:
     limits = axis.limits
     limit_si = limits.hold_distance_max_si if axis.held else limits.tracking_max_si
     if axis.held and limit_si < axis.loop_distance_si < math.inf:
-        yield Cause.NOT_FOLLOWING, axis.loop_distance_si, limit_si, "held away from its target"
+        yield Reason(Cause.NOT_FOLLOWING, axis.loop_distance_si, limit_si, Finding.HELD_AWAY)
     if abs(axis.tracking_si) > limit_si:
-        yield Cause.TRACKING_LIMIT, abs(axis.tracking_si), limit_si, ""
+        yield Reason(Cause.TRACKING_LIMIT, abs(axis.tracking_si), limit_si)
 
 
 EFFORT_MARGIN_RATIO = 1.1
 """Margin over the effort limit: the command is bounded, but the current loop may overshoot."""
 
-Check = Callable[[AxisInputs, Thresholds], Iterator[Finding]]
+Check = Callable[[AxisInputs, Thresholds], Iterator[Reason]]
 RESTING_CHECKS: tuple[Check, ...] = (
     _inputs_shown,
     _communication,
@@ -454,7 +486,7 @@ DRIVING_CHECKS: tuple[Check, ...] = (
 )
 
 
-def _check_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Finding]:
+def _check_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Reason]:
     """Check the pose of a leg, and that its estimate is usable.
 
     Not while an axis seeks its home: both would be judged by the origin that the homing corrects,
@@ -464,23 +496,23 @@ def _check_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Finding]:
     if leg.seeks_home:
         return
     if leg.singularity_ratio < thresholds.singularity_stop_ratio:
-        yield (
+        yield Reason(
             Cause.SINGULARITY,
             leg.singularity_ratio,
             thresholds.singularity_stop_ratio,
-            "|sin| between shank and shoe",
+            Finding.ANGLE_OF_SHOE,
         )
     elif leg.stopping_ratio < thresholds.singularity_stop_ratio:
-        yield (
+        yield Reason(
             Cause.STOPPING_PATH,
             leg.stopping_ratio,
             thresholds.singularity_stop_ratio,
-            "|sin| between shank and shoe on the way to rest",
+            Finding.ANGLE_ON_WAY_TO_REST,
         )
     if leg.observer_bad_cycles > OBSERVER_BAD_MAX_CYCLES:
-        yield (
+        yield Reason(
             Cause.OBSERVER_INVALID,
             float(leg.observer_bad_cycles),
             float(OBSERVER_BAD_MAX_CYCLES),
-            "cycles without a usable estimate",
+            Finding.CYCLES_WITHOUT_ESTIMATE,
         )

@@ -22,8 +22,9 @@ Four checks, each from raw values only, for each axis in every cycle:
 Without power a drive's effort is zero for any target: then `gap` is the reading of its sensor.
 """
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
+from daemon.core.period import cycles
 from daemon.core.safety import sign_response
 from daemon.core.safety.inverse_dynamics import InverseDynamics
 from daemon.core.safety.joints import Joint
@@ -35,7 +36,7 @@ HELD_RATIO = 0.3
 """Weight of the newest sample in a mean of the last few."""
 HELD_CYCLES = 5
 """Time at standstill after which the braking effort no longer acts on a joint."""
-SETTLE_CYCLES = 10
+SETTLE_CYCLES: Final = cycles(0.1)
 """Time for the current to decay after a drive has lost its power."""
 
 

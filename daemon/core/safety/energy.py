@@ -5,8 +5,11 @@ but not the work of the patient. Without a gait, a window of limits.toml replace
 """
 
 from collections import deque
+from typing import Final
 
-STRIDE_MAX_CYCLES = 1000
+from daemon.core.period import cycles
+
+STRIDE_MAX_CYCLES: Final = cycles(10.0)
 """Longest window, ten seconds: of a slower stride only the last part counts."""
 
 

@@ -1,12 +1,8 @@
-"""Monitor of friction against its calibration. Pure: checked in motion, for the record and advice.
-
-The numbers are always in the record. Advice to calibrate is published only where no patient is
-configured: a patient who pushes with the motion looks like low friction (observer/drift.py).
-"""
+"""Monitor of friction against its calibration. Pure: checked in motion, for record and advice."""
 
 from typing import Final
 
-from observer.drift import Drift, asks_for_calibration, correlation, friction_error, updated
+from observer.drift import Drift, updated
 from observer.filter.leg_observer import LegEstimate
 from observer.filter.status import Status, Validity
 from observer.mechanism.friction import FrictionParameters
@@ -25,13 +21,3 @@ def update(
     if estimate.status & DOUBTFUL or estimate.validity[index] is not Validity.OK:
         return None
     return updated(drift, law, estimate.state[2 + index], estimate.state[6 + index], dt_s)
-
-
-def advice(drift: Drift, law: FrictionParameters) -> str:
-    """The reason why friction should be calibrated; empty if there is none."""
-    if not asks_for_calibration(drift, law):
-        return ""
-    return (
-        f"friction is {friction_error(drift):+.3g} from its law "
-        f"(correlation {correlation(drift):+.2f}): calibrate"
-    )

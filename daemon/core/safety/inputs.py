@@ -64,8 +64,8 @@ class AxisInputs(NamedTuple):
     clonus_cycles: int
     """Duration of clonus within its window."""
     clonus_swing_si: float
-    bring_up_error: str = ""
-    """Error text of the fault that bring-up found in the drive."""
+    bring_up_error: tuple[int, str] = (0, "")
+    """Code and text of the fault that bring-up found in the drive; 0 and empty: none."""
 
 
 class LegInputs(NamedTuple):

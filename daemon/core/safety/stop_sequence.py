@@ -30,8 +30,9 @@ Rules:
 """
 
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
+from daemon.core.period import cycles
 from daemon.core.safety import joints
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
@@ -94,7 +95,7 @@ While the core's own hold still settles, HELD_SPEED_RATIO applies: a joint that 
 of the gait, is pushed by the braking of the other one.
 """
 
-HOLD_GRACE_CYCLES = 30
+HOLD_GRACE_CYCLES: Final = cycles(0.3)
 """Extra time of the core's hold, which is softer than a drive's ramp: spring, damper, friction."""
 
 _BY_CATEGORY = {

@@ -1,6 +1,6 @@
 """Bring-up of the drives from mode OFF to READY, with progress reported step by step."""
 
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import closing
 
 from daemon.core.state import Core
@@ -14,6 +14,7 @@ from daemon.core.steps import (
     targets,
 )
 from daemon.ipc.record import Cause
+from daemon.ipc.report import EventCode
 from drives.bringup.bringup import DriveReport, Progress, bring_up
 from drives.bringup.plan import CycleSettings, DrivePlan
 from drives.bringup.port import DrivePort
@@ -43,7 +44,7 @@ def bring_up_core(
             return False
         raise
     except DrivePowered as powered:
-        supervisor.wait_for_reset(core, powered.drive, powered.state, str(powered))
+        supervisor.wait_for_reset(core, powered.drive, powered.state)
         return False
     except DriveSilent as silent:
         supervisor.fail_bring_up(core, Cause.DRIVE_SILENT, silent.drive, str(silent))
@@ -83,18 +84,18 @@ def _take_over(
     exercises.reset(core)
     estimation.reset(core)
     supervisor.take_drives(core, DriveGroup([Drive(plan.description, now_ns) for plan in plans]))
-    unreferenced = [axis for axis in core.axes if not axis.referenced]
-    names = ", ".join(f"{axis.name} ({axis.unreferenced_why})" for axis in unreferenced)
     for report in reports:
-        for text in _errors_found(report):
-            core.report(text)
-    core.report("drives are up" + (f", not referenced: {names}" if names else ""))
+        _report_errors(core, report)
+    core.report(EventCode.DRIVES_UP)
+    for axis in core.axes:
+        if not axis.referenced:
+            core.report(EventCode.NOT_REFERENCED, axis.name, axis.doubt)
 
 
-def _errors_found(report: DriveReport) -> Iterator[str]:
-    """Event texts for errors found at bring-up; they are not reset and cause no stop later."""
-    if report.error_code:
-        yield f"{report.name}: found with error {report.error_code:04X}h: {report.error_text}"
-    for code, one in {one.code: one for one in report.emergencies}.items():
-        does = one.reaction.value
-        yield f"{report.name}: EMCY {code:04X}h during bring-up: {one.text}; the drive: {does}"
+def _report_errors(core: Core, report: DriveReport) -> None:
+    """Publish errors found at bring-up; they are not reset and cause no stop later."""
+    name, code = report.name, report.error_code
+    if code:
+        core.report(EventCode.FOUND_WITH_ERROR, name, code, said=report.error_text)
+    for one in {one.code: one for one in report.emergencies}.values():
+        core.report(EventCode.EMCY_IN_BRING_UP, name, one.code, said=one.text)

@@ -11,6 +11,8 @@ from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import monitors, single_axis
 from daemon.core.steps.sampling import effort_std
 from daemon.core.tick import Tick
+from daemon.ipc.report import EventCode
+from observer.drift import asks_for_calibration, correlation, friction_error
 from observer.filter.leg_observer import PoseError
 from observer.filter.status import Validity
 
@@ -100,10 +102,11 @@ def _update_drift(core: Core, leg: Leg, dt_s: float) -> None:
         if drift is None:
             continue
         axis.drift = drift
-        advice = ""
-        if not core.config.patient_configured:
-            advice = friction_monitor.advice(drift, leg.friction[index])
-        advised = bool(advice)
+        # A patient who pushes with the motion looks like low friction.
+        advised = not core.config.patient_configured and asks_for_calibration(
+            drift, leg.friction[index]
+        )
         if advised and not axis.calibration_advised:
-            core.report(f"{axis.name}: {advice}")
+            numbers = friction_error(drift), correlation(drift)
+            core.report(EventCode.CALIBRATION_ADVISED, axis.name, *numbers)
         axis.calibration_advised = advised

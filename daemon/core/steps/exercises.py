@@ -12,13 +12,14 @@ from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.state import Axis, Core, Leg
 from daemon.ipc.record import Mode, ModeRequest, Stage
+from daemon.ipc.report import EventCode, Refusal
 from drives.signals import OperationMode
 
 
-def refusal(core: Core, wanted: Mode) -> str:
-    """The reason why there is no room for an exercise at the present pose; empty if there is."""
+def refusal(core: Core, wanted: Mode) -> Refusal | None:
+    """The reason why there is no room for an exercise at the present pose; None if there is."""
     exercise = rules_of(wanted).exercise
-    return "" if exercise is None else exercise.may_begin(_starts(core), core.config)
+    return None if exercise is None else exercise.may_begin(_starts(core), core.config)
 
 
 def begin(core: Core, wanted: ModeRequest) -> None:
@@ -51,8 +52,8 @@ def advance(core: Core, samples: Sequence[LegSample]) -> None:
         after = before.advance(sample, core.config.period_s)
         leg.exercise = after
         if after.stage is not before.stage and after.stage is not None:
-            why = f": {after.failure}" if after.failure else ""
-            core.report(f"{leg.name}: {core.mode.name.lower()} {after.stage.name.lower()}{why}")
+            values = core.mode, after.stage, after.failure
+            core.report(EventCode.STAGE_CHANGED, leg.name, *values)
             leg.takes_over = leg.takes_over or after.continues_effort_at_stages
 
 

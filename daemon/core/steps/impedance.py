@@ -59,7 +59,6 @@ def command(core: Core, cycle: int) -> list[DriveCommand]:
         verdict = Verdict(
             core.config.categories.of(Cause.COMMAND_NOT_FINITE),
             Cause.COMMAND_NOT_FINITE,
-            detail=f"wanted {[tuple(setpoint) for setpoint in setpoints]}",
         )
         supervisor.stop(core, verdict, cycle)
         sent = [Target(0.0, axis.position_sent_si) for axis in core.axes]

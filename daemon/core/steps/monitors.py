@@ -14,6 +14,7 @@ from daemon.core.safety.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis, wanted
 from daemon.ipc.record import Stage
+from daemon.ipc.report import EventCode
 from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.signals import OperationMode, PowerState
 from observer.filter.leg_observer import LegEstimate
@@ -173,7 +174,7 @@ def _update_clonus(core: Core, leg: Leg, estimate: LegEstimate) -> None:
         bad = estimate.validity[index] is Validity.BAD
         axis.clonus.update(None if bad else estimate.state[6 + index], axis.limits.clonus_swing_si)
         if axis.clonus.begins:
-            core.report(f"{axis.name}: clonus, guidance is softer while it lasts")
+            core.report(EventCode.CLONUS_BEGUN, axis.name)
     in_clonus = hip.clonus.lasts or slide.clonus.lasts
     leg.clonus_ratio = softened(leg.clonus_ratio, core.config.spasm, in_spasm=in_clonus)
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from msgspec.structs import replace
 
-from daemon.core.exercises.self_test import SelfTest, result_text
+from daemon.core.exercises.self_test import SelfTest
 from daemon.core.modes import daily_test, latched_stop
 from daemon.core.modes.daily_test import Drive
 from daemon.core.modes.persistent_state import (
@@ -24,6 +24,7 @@ from daemon.core.safety.joints import is_at_rest
 from daemon.core.state import Axis, Core
 from daemon.core.steps import sensing
 from daemon.ipc.record import Cause, Mode, Verdict
+from daemon.ipc.report import EventCode
 from drives.bringup.bringup import DriveReport
 from drives.signals import Input
 
@@ -69,7 +70,7 @@ def forget_other_drives(core: Core, reports: Sequence[DriveReport]) -> None:
             kept = without_tests(core.persistent, axis.name)
             if kept is not core.persistent:
                 core.persistent = kept
-                core.report(f"{axis.name}: its drive has no serial number: test it again")
+                core.report(EventCode.TESTS_FORGOTTEN, axis.name)
 
 
 def check_signs(core: Core) -> None:
@@ -134,9 +135,7 @@ def _check_clock(core: Core, utc_ns: int) -> None:
     core.utc_newest_ns = clock.newest_utc_ns
     if clock.back_s:
         if persistent.self_test is not None or persistent.inputs:
-            core.report(
-                f"the clock went back by {clock.back_s:.0f} s: what was tested today counts no more"
-            )
+            core.report(EventCode.CLOCK_SET_BACK, "", clock.back_s)
         core.persistent = replace(persistent, self_test=None, inputs={}, utc_newest_ns=utc_ns)
     elif (
         not core.mode.active
@@ -157,7 +156,9 @@ def finish_self_test(core: Core, utc_ns: int) -> Verdict | None:
     stored = daily_test.stored_test(results, serial_numbers, core.config.leg_digest, utc_ns)
     core.persistent = replace(core.persistent, self_test=stored)
     for one in results:
-        core.report(result_text(one))
+        code = EventCode.SELF_TEST_FAILED if one.fault else EventCode.SELF_TEST_PASSED
+        numbers = one.friction_si, one.friction_ratio, one.load_error_si, one.moved_si
+        core.report(code, one.name, *numbers, one.fault, one.value, one.limit)
     failed = next((one for one in results if one.fault), None)
     if failed is None:
         _trust_signs(core)

@@ -3,25 +3,27 @@
 The supervisor executes what is accepted. This file is the only writer of `request` and `result`.
 """
 
+from typing import Final
+
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.inputs import CommandInputs
 from daemon.core.modes import roles, table
+from daemon.core.period import cycles
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.state import Axis, Core
 from daemon.core.steps import exercises, single_axis
-from daemon.core.steps.status import describe
 from daemon.ipc.record import (
     Cause,
     Mode,
-    ModeRequest,
     Outcome,
     Request,
     RequestKind,
     RequestResult,
 )
+from daemon.ipc.report import EventCode, Failure, Refusal, RefusalCode
 from drives.signals import Input, PowerState
 
-STALE_REQUEST_CYCLES = 100
+STALE_REQUEST_CYCLES: Final = cycles(1.0)
 """Largest age of a request in cycles.
 
 An older request was made for another situation. A request for a future cycle is refused too.
@@ -34,37 +36,44 @@ def receive(core: Core, command_inputs: CommandInputs, cycle: int) -> Request | 
     if request is None:
         return None
     if core.request is not None:
-        core.result = RequestResult(request.id, Outcome.REFUSED, "another request is outstanding")
+        busy = Refusal(RefusalCode.BUSY, values=(core.request.kind,))
+        core.result = RequestResult(request.id, Outcome.REFUSED, busy)
         return None
-    now = _guard_inputs(core, cycle)
-    reason = table.refusal(request.kind, request.mode, now) or roles.refusal(request, now)
-    if not 0 <= cycle - request.for_cycle <= STALE_REQUEST_CYCLES:
-        reason = f"made for cycle {request.for_cycle}, it is {cycle} now"
-    if command_inputs.stop and (request.kind == RequestKind.ENABLE or is_of_single_axis(request)):
-        reason = "a stop was requested at the same time"
-    if not reason and request.kind == RequestKind.MODE:
-        reason = exercises.refusal(core, request.mode.mode)
-    if not reason and is_of_single_axis(request):
-        reason = single_axis.refusal(core, request.mode, cycle)
-    if reason:
-        core.result = RequestResult(request.id, Outcome.REFUSED, reason)
-        core.report(f"{request.kind.name.lower()} refused: {reason}")
+    refused = _refusal(core, request, cycle, stop=command_inputs.stop)
+    if refused is not None:
+        core.result = RequestResult(request.id, Outcome.REFUSED, refused)
+        _report_refusal(core, request, refused)
         return None
     core.request = request
     core.result = RequestResult(request.id)
-    core.report(_requested(request.kind, request.mode))
+    wanted = request.mode
+    core.report(EventCode.REQUEST_RECEIVED, wanted.axis, request.kind, wanted.mode)
     return request
+
+
+def _report_refusal(core: Core, request: Request, refused: Refusal) -> None:
+    """Publish a refusal: the values of its code come after those of the request."""
+    values = request.kind, request.mode.mode, refused.code, *refused.values
+    core.report(EventCode.REQUEST_REFUSED, refused.subject, *values, said=refused.said)
+
+
+def _refusal(core: Core, request: Request, cycle: int, *, stop: bool) -> Refusal | None:
+    if stop and (request.kind == RequestKind.ENABLE or is_of_single_axis(request)):
+        return Refusal(RefusalCode.STOP_REQUESTED)
+    if not 0 <= cycle - request.for_cycle <= STALE_REQUEST_CYCLES:
+        return Refusal(RefusalCode.OLD, values=(request.for_cycle, cycle))
+    now = _guard_inputs(core, cycle)
+    refused = table.refusal(request.kind, request.mode, now) or roles.refusal(request, now)
+    if refused is None and request.kind == RequestKind.MODE:
+        refused = exercises.refusal(core, request.mode.mode)
+    if refused is None and is_of_single_axis(request):
+        refused = single_axis.refusal(core, request.mode, cycle)
+    return refused
 
 
 def is_of_single_axis(request: Request) -> bool:
     """True if it requests a homing, a sign test or the confirmation of a sign test."""
     return request.kind == RequestKind.MODE and request.mode.mode in single_axis.SINGLE_AXIS_MODES
-
-
-def _requested(kind: RequestKind, wanted: ModeRequest) -> str:
-    if kind != RequestKind.MODE:
-        return f"{kind.name.lower()} requested"
-    return f"mode {wanted.mode.name.lower()} requested {wanted.axis}".rstrip()
 
 
 def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
@@ -87,9 +96,7 @@ def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
         hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
         hand_switch_known=bool(inputs),
         sto_released=all(Input.STO_RELEASED in one for one in inputs),
-        unreferenced=tuple(
-            f"{axis.name} ({axis.unreferenced_why})" for axis in core.axes if not axis.referenced
-        ),
+        unreferenced=tuple((axis.name, axis.doubt) for axis in core.axes if not axis.referenced),
         outside=_outside(core),
         drives_powered=core.load_checked,
         cadence_max_hz=config.gait.cadence_max_hz,
@@ -129,29 +136,35 @@ def finish(core: Core) -> None:
     """Publish the outcome of the accepted request as soon as it is known."""
     if core.request is None:
         return
-    outcome, reason = _outcome(core, core.request)
+    request = core.request
+    outcome, refused = _outcome(core, request)
     if outcome == Outcome.PENDING:
         return
     # A newer request has replaced the result: no client waits for this one any more.
-    if core.request.id == core.result.id:
-        core.result = RequestResult(core.request.id, outcome, reason)
-    core.report(f"{core.request.kind.name.lower()} {outcome.name.lower()} {reason}".strip())
+    if request.id == core.result.id:
+        core.result = RequestResult(request.id, outcome, refused)
+    if refused is None:
+        core.report(EventCode.REQUEST_DONE, request.mode.axis, request.kind, request.mode.mode)
+    else:
+        _report_refusal(core, request, refused)
     core.request = None
 
 
-def _begun(core: Core, mode: Mode) -> tuple[Outcome, str]:
+def _begun(core: Core, mode: Mode) -> tuple[Outcome, Refusal | None]:
     run = core.single_axis
     if core.mode == mode:
-        return Outcome.DONE, ""
+        return Outcome.DONE, None
     if run is None or run.is_over:
-        return Outcome.REFUSED, run.why if run is not None else "the drives could not be prepared"
-    return Outcome.PENDING, ""
+        why = Failure.NOT_READY if run is None else run.why
+        return Outcome.REFUSED, Refusal(RefusalCode.FAILED, values=(why,))
+    return Outcome.PENDING, None
 
 
-def _outcome(core: Core, request: Request) -> tuple[Outcome, str]:
-    kind = request.kind
-    if core.verdict.cause != Cause.NONE:
-        return Outcome.REFUSED, describe(core.verdict)
+def _outcome(core: Core, request: Request) -> tuple[Outcome, Refusal | None]:
+    kind, verdict = request.kind, core.verdict
+    if verdict.cause != Cause.NONE:
+        stopped = Refusal(RefusalCode.STOPPED, verdict.drive, verdict.values, verdict.said)
+        return Outcome.REFUSED, stopped
     if is_of_single_axis(request) and not request.mode.witnessed:
         return _begun(core, request.mode.mode)
     # The state that the drives show decides, not the command. A drive that keeps showing another
@@ -165,4 +178,4 @@ def _outcome(core: Core, request: Request) -> tuple[Outcome, str]:
         RequestKind.RESET: core.mode == Mode.READY and core.reset_cycles_left == 0 and not faulty,
         RequestKind.MODE: True,
     }
-    return (Outcome.DONE if done[kind] else Outcome.PENDING), ""
+    return (Outcome.DONE if done[kind] else Outcome.PENDING), None

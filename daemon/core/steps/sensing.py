@@ -13,6 +13,7 @@ from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis, wanted
 from daemon.core.tick import Tick
 from daemon.ipc.record import Mode
+from daemon.ipc.report import Doubt, EventCode
 from drives.bringup.bringup import DriveReport
 from drives.bringup.plan import DrivePlan
 from drives.cia402.power_state import CANNOT_EXERT_TORQUE
@@ -37,8 +38,8 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         axis.joint = joints.measure(before, feedback, axis.scaling, axis.limits, tick.sync_ns)
         lost = _reference_lost(core, axis, feedback)
         if lost and axis.referenced:
-            axis.referenced, axis.unreferenced_why = False, lost
-            core.report(f"{axis.name}: not referenced any more, {lost}")
+            axis.referenced, axis.doubt = False, lost
+            core.report(EventCode.REFERENCE_LOST, axis.name, lost)
         # A silent drive may have lost its power, and with it its position.
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.followed = axis.followed and axis.referenced and not silent
@@ -46,7 +47,7 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         axis.sign_trusted = axis.sign_trusted and axis.watched and not lost
         _count_readiness(core, axis, feedback)
         if feedback.fresh and not feedback.in_fault:
-            axis.bring_up_error = ""
+            axis.bring_up_error = 0, ""
     for leg in core.legs:
         _place(leg)
         leg.held_cycles = leg.held_cycles + 1 if _is_held(core, leg) else 0
@@ -55,19 +56,19 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
 def _report_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
     before = axis.feedback is not None and axis.feedback.temperature_overdue
     if feedback.temperature_overdue and not before:
-        core.report(f"{axis.name}: its temperature is not measured any more")
+        core.report(EventCode.TEMPERATURE_OVERDUE, axis.name)
     elif before and not feedback.temperature_overdue:
-        core.report(f"{axis.name}: its temperature is measured again")
+        core.report(EventCode.TEMPERATURE_BACK, axis.name)
 
 
-def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> str:
-    """The reason why the position of an axis is no longer valid; empty while it is valid."""
+def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> Doubt:
+    """The reason why the position of an axis is no longer valid; NONE while it is valid."""
     if feedback.rebooted:
-        return "its drive has rebooted"
+        return Doubt.REBOOTED
     if feedback.reference_lost:
-        return "its encoder is in error"
+        return Doubt.ENCODER_ERROR
     reach_si = jump_reach_si(axis.joint, axis.limits, core.config.thresholds)
-    return "its encoder jumped" if abs(axis.joint.step_si) > reach_si else ""
+    return Doubt.ENCODER_JUMPED if abs(axis.joint.step_si) > reach_si else Doubt.NONE
 
 
 def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
@@ -143,7 +144,7 @@ def alarms_checked(core: Core) -> None:
 def take_home(axis: Axis) -> None:
     """The axis has been homed: its position is valid."""
     axis.followed = axis.referenced = True
-    axis.unreferenced_why = ""
+    axis.doubt = Doubt.NONE
 
 
 def doubt(core: Core, name: str) -> None:
@@ -184,29 +185,28 @@ def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]
     for axis, plan, report in zip(core.axes, plans, reports, strict=True):
         axis.scaling = axis_scaling(plan.description, report.base)
         axis.serial_number = report.serial_number
-        axis.unreferenced_why = _why_unreferenced(core, axis, plan, report)
-        axis.referenced = axis.followed = not axis.unreferenced_why
+        axis.doubt = _doubt(core, axis, plan, report)
+        axis.referenced = axis.followed = axis.doubt is Doubt.NONE
         axis.watched = True
         axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles = False, 0, 0
         axis.shown_unpowered = True  # bring-up goes on with no drive that has power
         axis.emergencies_checked = 0
-        code = report.error_code
-        axis.bring_up_error = f"{code:04X}h {report.error_text}" if code else ""
+        axis.bring_up_error = report.error_code, report.error_text
 
 
-def _why_unreferenced(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> str:
-    """The reason why an axis is not referenced; empty if it is.
+def _doubt(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> Doubt:
+    """The reason why an axis is not referenced; NONE if it is.
 
     An axis is referenced if it was homed, or if its absolute encoder agrees with the stored pose.
     It stays referenced while it is followed, though the leg has moved since the pose was stored:
     no pose is stored while drives hold the leg after a stop, until a reset brings them up again.
     """
     if report.reference_lost:
-        return "its encoder is in error"
+        return Doubt.ENCODER_ERROR
     reports_homed = plan.description.profile.referenced_bit is not None
     if axis.followed and (report.absolute or report.homed or not reports_homed):
-        return ""
+        return Doubt.NONE
     if not report.absolute:
-        return "" if report.homed else "home it"
+        return Doubt.NONE if report.homed else Doubt.NOT_HOMED
     here_si = position_si(report.position_counts, axis.scaling)
     return disagreement(core.persistent, axis.name, here_si, axis.poses)

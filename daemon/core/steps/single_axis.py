@@ -9,20 +9,22 @@ FAULT as in other modes; the reset after it brings the drives up with their usua
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from daemon.core.exercises.single_axis import AxisSample, AxisStart, SingleAxis, Step
 from daemon.core.modes.persistent_state import SignProof, prove
-from daemon.core.modes.table import MODES, Event
+from daemon.core.modes.table import MODES
+from daemon.core.period import cycles
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.state import Axis, Core
 from daemon.ipc.record import Mode, ModeRequest
+from daemon.ipc.report import EventCode, Failure, Refusal, RefusalCode, Trigger
 from drives.bringup.bringup import DriveReport
 from drives.cia402.power_state import homing_state
 from drives.signals import DriveFeedback, HomingState, OperationMode
 
-BEGIN_CYCLES = 500
+BEGIN_CYCLES: Final = cycles(5.0)
 """Longest delay from request to motion: a later motion would surprise the operator."""
 SINGLE_AXIS_MODES = frozenset(mode for mode, rules in MODES.items() if rules.single_axis)
 
@@ -72,16 +74,16 @@ def axis_named(core: Core, name: str) -> Axis | None:
 # --- request --------------------------------------------------------------------------------------
 
 
-def refusal(core: Core, wanted: ModeRequest, cycle: int) -> str:
-    """The reason to refuse a homing, a sign test or its confirmation; empty if it is allowed."""
+def refusal(core: Core, wanted: ModeRequest, cycle: int) -> Refusal | None:
+    """The reason to refuse a homing, a sign test or its confirmation; None if it is allowed."""
     axis = axis_named(core, wanted.axis)
     exercise = MODES[wanted.mode].single_axis
     if axis is None or exercise is None:
         known = ", ".join(axis.name for axis in core.axes)
-        return f"axis = {wanted.axis!r}, known are: {known}"
+        return Refusal(RefusalCode.NO_SUCH_AXIS, said=known)
     if wanted.witnessed:
-        nothing = f"{axis.name} has not been tested since the service's start"
-        return "" if axis.name in core.evidence else nothing
+        tested = axis.name in core.evidence
+        return None if tested else Refusal(RefusalCode.NOT_TESTED, axis.name)
     return exercise.may_begin(_start(core, axis, cycle))
 
 
@@ -101,7 +103,7 @@ def confirmed(core: Core, wanted: ModeRequest, utc_ns: int) -> tuple[Axis, SignP
     test = None if axis is None else core.evidence.pop(axis.name, None)
     if axis is None or test is None or test.moved_si is None:
         raise RuntimeError(f"{wanted.axis!r} has no sign test: the request was not refused")
-    core.report(f"{axis.name}: its sign is proven, {test.evidence}")
+    core.report(EventCode.SIGN_PROVEN, axis.name, *test.evidence)
     return axis, prove(axis.wiring, axis.serial_number, test.moved_si, utc_ns)
 
 
@@ -118,12 +120,12 @@ def _start(core: Core, axis: Axis, cycle: int) -> AxisStart:
     )
 
 
-def cancel(core: Core, why: str) -> None:
+def cancel(core: Core, why: Failure) -> None:
     """Cancel the homing or sign test under way; the usual limits are restored afterwards."""
     run = core.single_axis
     if run is not None and not run.is_over:
         core.single_axis = run.failed(why)
-        core.report(f"{run.axis}: failed: {why}")
+        core.report(EventCode.SINGLE_AXIS_FAILED, run.axis, why)
 
 
 def drop(core: Core) -> None:
@@ -144,9 +146,7 @@ def drop_tests_of_other_drives(core: Core, reports: Sequence[DriveReport]) -> No
 class Change(NamedTuple):
     """A change of the mode that the supervisor makes for a homing or sign test."""
 
-    event: Event
-    text: str = ""
-    """Published after it."""
+    event: Trigger
     homing: Axis | None = None
     """The axis whose position is doubtful until its homing has ended."""
     homed: Axis | None = None
@@ -170,13 +170,13 @@ def advance(core: Core, cycle: int) -> Change | None:
 def _begin_or_leave(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> Change | None:
     if run.is_over:
         core.single_axis = None
-        return Change(Event.BRING_UP_RESTARTED)
+        return Change(Trigger.BRING_UP_RESTARTED)
     if cycle - run.requested_cycle > BEGIN_CYCLES:
-        cancel(core, "the drives and the leg were not ready in time: ask again")
+        cancel(core, Failure.NOT_READY)
     elif all(_rests(one) for one in core.axes):
         core.single_axis = run.enabling()
         homing = axis if run.by_drive else None
-        return Change(MODES[run.mode].event, f"{axis.name}: {run.title} begun", homing)
+        return Change(MODES[run.mode].event, homing)
     return None
 
 
@@ -198,13 +198,13 @@ def _rests(axis: Axis) -> bool:
 
 def _end(core: Core, axis: Axis, run: SingleAxis) -> Change:
     if run.why:
-        core.report(f"{axis.name}: failed: {run.why}")
-        return Change(Event.EXERCISE_OVER)
+        core.report(EventCode.SINGLE_AXIS_FAILED, axis.name, run.why)
+        return Change(Trigger.EXERCISE_OVER)
     result = run.result()
     if result.moved_si is not None:
         core.evidence[axis.name] = result
-    core.report(f"{axis.name}: {result.text}")
-    return Change(Event.EXERCISE_OVER, homed=axis if result.homed else None)
+    core.report(result.code, axis.name, *result.evidence)
+    return Change(Trigger.EXERCISE_OVER, homed=axis if result.homed else None)
 
 
 def target_effort_si(core: Core, axis: Axis) -> float:

@@ -2,8 +2,8 @@
 
 from daemon.core.state import Core
 from daemon.core.steps import exercises
-from daemon.ipc.record import Cause, Mode, Stage, Verdict
-from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.ipc.record import Cause, Mode, Stage
+from daemon.wire.report_texts import describe
 
 
 def stage(core: Core) -> Stage | None:
@@ -31,12 +31,3 @@ def progress(core: Core) -> str:
     if core.mode == Mode.HOLD and not core.load_checked:
         return "enabling: the load at rest is being compared"
     return core.progress or core.mode.name.lower().replace("_", " ")
-
-
-def describe(verdict: Verdict) -> str:
-    """The text of a verdict: drive, cause, value and limit."""
-    text = CAUSE_TEXT[verdict.cause]
-    where = f"{verdict.drive}: " if verdict.drive else ""
-    numbers = f" ({verdict.value:.4g}, limit {verdict.limit:.4g})" if verdict.limit else ""
-    detail = f": {verdict.detail}" if verdict.detail else ""
-    return f"{where}{text.title}{numbers}{detail}"

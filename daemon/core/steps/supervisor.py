@@ -13,7 +13,8 @@ from typing import Final
 from daemon.core.exercises.exercise import LegSample
 from daemon.core.inputs import CommandInputs
 from daemon.core.modes import latched_stop, table
-from daemon.core.modes.table import MODES, Event
+from daemon.core.modes.table import MODES
+from daemon.core.period import cycles
 from daemon.core.safety import stop_sequence
 from daemon.core.safety.checks import worse
 from daemon.core.safety.stop_sequence import Step
@@ -27,24 +28,31 @@ from daemon.core.steps import (
     sensing,
     single_axis,
 )
-from daemon.core.steps.status import describe
 from daemon.core.steps.wanted import is_driving, is_mode_changing
 from daemon.ipc.record import Cause, Mode, Request, RequestKind, Verdict
+from daemon.ipc.report import EventCode, Failure, Finding, Trigger
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.drive import DriveGroup
+from drives.signals import PowerState
 
-LOAD_SETTLE_CYCLES: Final = 50
+LOAD_SETTLE_CYCLES: Final = cycles(0.5)
 """Duration of the hold before the load at rest is compared with g(q)."""
-RESET_CYCLES: Final = 100
+RESET_CYCLES: Final = cycles(1.0)
 """Longest duration of a requested fault reset."""
-RESET_SETTLE_CYCLES: Final = 20
+RESET_SETTLE_CYCLES: Final = cycles(0.2)
 """Cycles for which a drive must show no fault before a reset is done."""
-STOPPING_MAX_CYCLES: Final = 300
+STOPPING_MAX_CYCLES: Final = cycles(3.0)
 """Longest duration of mode STOPPING.
 
 A leg that still moves afterwards moves without power: the mode is FAULT, the speed is published.
 """
 
+_DISOBEYED: Final = {
+    Step.HOLD: Finding.NOT_HELD,
+    Step.QUICK_STOP: Finding.NOT_STOPPED,
+    Step.DISABLE: Finding.NOT_DISABLED,
+    Step.NMT_STOP: Finding.NOT_STOPPED_BY_NMT,
+}
 _BUS_CAUSES: Final = frozenset({Cause.BUS_DOWN, Cause.TRANSMIT_QUEUE_FULL})
 """Causes after which bring-up is repeated automatically when no drive is enabled.
 
@@ -74,7 +82,7 @@ def rest(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> 
     persistence.update_latch(core, utc_ns)
 
 
-def _change(core: Core, event: Event) -> None:
+def _change(core: Core, event: Trigger) -> None:
     """Apply a row of the mode table: the only assignment of the mode.
 
     Raises:
@@ -84,11 +92,11 @@ def _change(core: Core, event: Event) -> None:
     core.progress = ""
 
 
-def _enter(core: Core, event: Event) -> None:
+def _enter(core: Core, event: Trigger) -> None:
     """Apply a row of the mode table, and publish the change."""
     before = core.mode
     _change(core, event)
-    core.report(f"mode {before.name.lower()} -> {core.mode.name.lower()}: {event.value}")
+    core.report(EventCode.MODE_CHANGED, "", before, core.mode, event)
 
 
 # --- requests -------------------------------------------------------------------------------
@@ -96,7 +104,7 @@ def _enter(core: Core, event: Event) -> None:
 
 def _take_request(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> None:
     if command_inputs.stop:
-        single_axis.cancel(core, "a stop was requested")
+        single_axis.cancel(core, Failure.STOP_REQUESTED)
     request = requests.receive(core, command_inputs, cycle)
     if request is not None:
         _execute(core, request, cycle, utc_ns)
@@ -109,13 +117,13 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         single_axis.begin(core, request.mode, cycle)
         _restart_bring_up(core)
     elif request.kind == RequestKind.ENABLE:
-        _enter(core, Event.ENABLE)
+        _enter(core, Trigger.ENABLE)
         core.verdict = Verdict()
         core.load_checked, core.load_settle_cycles = False, 0
         monitors.clear_energy(core)
     elif request.kind == RequestKind.DISABLE:
         core.disabling = True
-        _enter(core, Event.DISABLE)
+        _enter(core, Trigger.DISABLE)
         exercises.brake(core)
         # An axis that is enabled alone is disabled; else both axes hold first. A drive that is not
         # enabled yet is not enabled in order to hold.
@@ -123,9 +131,9 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         for axis in core.axes:
             possible = stop_sequence.possible(step, axis.feedback)
             axis.stop = stop_sequence.begin(possible, axis.joint, cycle)
-        single_axis.cancel(core, "disabling was requested")
+        single_axis.cancel(core, Failure.DISABLE_REQUESTED)
     elif request.kind == RequestKind.RESET:
-        _enter(core, Event.RESET)
+        _enter(core, Trigger.RESET)
         persistence.clear_latch(core)
         core.drives = None
         single_axis.drop(core)
@@ -140,7 +148,7 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
 def _restart_bring_up(core: Core) -> None:
     """Drop the drives, so that the loop brings them up again with the limits needed next."""
     core.drives = None
-    _enter(core, Event.BRING_UP_RESTARTED)
+    _enter(core, Trigger.BRING_UP_RESTARTED)
     persistence.clear_latch(core)  # called only in READY, where no verdict is latched
 
 
@@ -152,15 +160,16 @@ def _advance_single_axis(core: Core, cycle: int) -> None:
         sensing.doubt(core, change.homing.name)
     if change.homed is not None:
         sensing.take_home(change.homed)
-    if change.event is Event.BRING_UP_RESTARTED:
+    if change.event is Trigger.BRING_UP_RESTARTED:
         _restart_bring_up(core)
         return
-    ended = change.event is Event.EXERCISE_OVER
+    ended = change.event is Trigger.EXERCISE_OVER
     if ended:
         core.disabling = True
     _enter(core, change.event)
-    if change.text:
-        core.report(change.text)
+    begun = single_axis.moving(core)
+    if begun is not None:
+        core.report(EventCode.SINGLE_AXIS_BEGUN, begun.axis, begun.mode)
     if ended:
         for axis in core.axes:
             axis.stop = stop_sequence.begin(Step.DISABLE, axis.joint, cycle)
@@ -186,13 +195,13 @@ def _take_resting_verdict(core: Core, verdict: Verdict) -> None:
         core.drives = None
         single_axis.drop(core)
         core.reset_cycles_left = 0
-        _enter(core, Event.DRIVES_LOST)
+        _enter(core, Trigger.DRIVES_LOST)
     elif core.reset_cycles_left == 0:
         core.verdict = verdict
-        _enter(core, Event.DRIVE_FAULTY)
+        _enter(core, Trigger.DRIVE_FAULTY)
     else:
         return
-    core.report(describe(verdict))
+    _report_cause(core, EventCode.CAUSE_FOUND, verdict)
 
 
 def stop(core: Core, verdict: Verdict, cycle: int) -> None:
@@ -202,16 +211,16 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         sensing.doubt_sign(core, verdict.drive)
     first = core.mode.active or core.mode == Mode.READY
     if first:
-        _enter(core, Event.STOP)
+        _enter(core, Trigger.STOP)
         exercises.brake(core)
         core.reset_cycles_left = 0
         core.causes_reported = set()
     if first or _replaces(core.verdict, verdict):
         core.verdict = verdict
         core.disabling = False
-        core.report(f"stop {verdict.category.name}: {describe(verdict)}")
+        _report_cause(core, EventCode.STOPPED, verdict)
     elif (verdict.cause, verdict.drive) not in core.causes_reported:
-        core.report(f"also: {describe(verdict)}")
+        _report_cause(core, EventCode.FURTHER_CAUSE, verdict)
     core.causes_reported.add((verdict.cause, verdict.drive))
     for axis in core.axes:
         step = _first_step(core, verdict, axis)
@@ -223,9 +232,13 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
     _stop_together(core, cycle)
 
 
-def _verdict(core: Core, cause: Cause, drive: str, detail: str) -> Verdict:
+def _verdict(core: Core, cause: Cause, drive: str = "", said: str = "") -> Verdict:
     """The verdict of a cause that this file finds."""
-    return Verdict(core.config.categories.of(cause), cause, drive, detail=detail)
+    return Verdict(core.config.categories.of(cause), cause, drive, said=said)
+
+
+def _report_cause(core: Core, code: EventCode, verdict: Verdict, *values: float) -> None:
+    core.report(code, verdict.drive, *verdict.values, *values, said=verdict.said)
 
 
 def _replaces(latched: Verdict, verdict: Verdict) -> bool:
@@ -256,7 +269,7 @@ def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
 def lose_bus(core: Core, what: str) -> None:
     """Handle a lost bus: enabled drives stop by their own detection; the verdict is published."""
     verdict = _verdict(core, Cause.BUS_DOWN, "", what)
-    core.report(describe(verdict))
+    _report_cause(core, EventCode.CAUSE_FOUND, verdict)
     core.verdict = worse(core.verdict, verdict)
     core.drives = None
     core.disabling = False
@@ -268,11 +281,11 @@ def lose_bus(core: Core, what: str) -> None:
     for axis in core.axes:
         axis.stop = None
     if core.mode.active:
-        _enter(core, Event.STOP)
+        _enter(core, Trigger.STOP)
     if core.mode == Mode.STOPPING:
-        _enter(core, Event.AT_REST_STOPPED)
+        _enter(core, Trigger.AT_REST_STOPPED)
     elif core.mode == Mode.READY:
-        _enter(core, Event.DRIVES_LOST)
+        _enter(core, Trigger.DRIVES_LOST)
 
 
 # --- time -----------------------------------------------------------------------------------
@@ -298,7 +311,7 @@ def _check_lapse(core: Core, cycle: int) -> None:
     """If assist has lost its lease or its setpoints: brake from where the leg is, and hold."""
     if controllers.lapse(core, cycle):
         exercises.brake_and_hold(core)
-        _enter(core, Event.LEASE_LAPSED)
+        _enter(core, Trigger.LEASE_LAPSED)
 
 
 def _settle(core: Core, cycle: int) -> None:
@@ -327,7 +340,7 @@ def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
         stop(core, failed, cycle)
         return
     exercises.end(core)
-    _enter(core, Event.EXERCISE_OVER)
+    _enter(core, Trigger.EXERCISE_OVER)
 
 
 def _advance_stops(core: Core, cycle: int) -> None:
@@ -347,12 +360,12 @@ def _advance_stops(core: Core, cycle: int) -> None:
 
 
 def _report_stop_not_obeyed(core: Core, axis: Axis, step: Step) -> None:
-    speed_si = abs(axis.joint.velocity_si)
-    detail = f"after {step.name.lower()}, at {speed_si:.3g} per s"
-    verdict = _verdict(core, Cause.STOP_NOT_OBEYED, axis.name, detail)
+    cause, speed_si = Cause.STOP_NOT_OBEYED, abs(axis.joint.velocity_si)
+    category = core.config.categories.of(cause)
+    verdict = Verdict(category, cause, axis.name, speed_si, finding=_DISOBEYED[step])
     core.verdict = worse(core.verdict, verdict)
     core.disabling = False
-    core.report(describe(verdict))
+    _report_cause(core, EventCode.CAUSE_FOUND, verdict)
 
 
 def _stopped(core: Core, cycle: int) -> bool:
@@ -370,12 +383,12 @@ def _stopped(core: Core, cycle: int) -> bool:
 
 def _come_to_rest(core: Core) -> None:
     if core.disabling:
-        _enter(core, Event.AT_REST_WELL)
+        _enter(core, Trigger.AT_REST_WELL)
         exercises.clear(core)
         for axis in core.axes:
             axis.stop = None
     else:
-        _enter(core, Event.AT_REST_STOPPED)
+        _enter(core, Trigger.AT_REST_STOPPED)
 
 
 def _await_reset(core: Core) -> None:
@@ -403,8 +416,8 @@ def power_off(core: Core, cycle: int) -> None:
 
 def begin_bring_up(core: Core) -> None:
     """The loop begins to bring up the drives."""
-    _change(core, Event.BRING_UP_BEGUN)
-    core.report("bring-up begun")
+    _change(core, Trigger.BRING_UP_BEGUN)
+    core.report(EventCode.BRING_UP_BEGUN)
 
 
 def show_progress(core: Core, text: str) -> None:
@@ -420,29 +433,31 @@ def take_drives(core: Core, drives: DriveGroup) -> None:
     core.verdict = Verdict()
     core.load_checked = False
     latched = _take_latch(core)
-    _change(core, Event.STILL_LATCHED if latched else Event.BRING_UP_DONE)
+    _change(core, Trigger.STILL_LATCHED if latched else Trigger.BRING_UP_DONE)
 
 
-def wait_for_reset(core: Core, drive: str, state: str, text: str) -> None:
+def wait_for_reset(core: Core, drive: str, state: PowerState) -> None:
     """Enter FAULT because a drive still holds the leg; it holds until a reset is requested."""
-    core.verdict = _verdict(core, Cause.DRIVE_POWERED, drive, state)
-    _change(core, Event.DRIVE_FAULTY)
+    cause = Cause.DRIVE_POWERED
+    category = core.config.categories.of(cause)
+    core.verdict = Verdict(category, cause, drive, float(state), finding=Finding.POWER_STATE)
+    _change(core, Trigger.DRIVE_FAULTY)
     sensing.lose_positions(core)
     single_axis.drop(core)
     core.reset_cycles_left = 0
     latched = core.persistent.latched
     if latched is not None and latched_stop.verdict_of(latched).cause != Cause.LAST_END_UNKNOWN:
         _take_latch(core)
-    core.report(text)
+    core.report(EventCode.DRIVE_HOLDS, drive, state)
 
 
-def fail_bring_up(core: Core, cause: Cause, drive: str, detail: str) -> None:
+def fail_bring_up(core: Core, cause: Cause, drive: str, said: str) -> None:
     """Return to OFF with a verdict; an event is published only if the verdict is a new one."""
     if core.mode == Mode.BRINGING_UP:
-        _change(core, Event.DRIVES_LOST)
-    verdict = _verdict(core, cause, drive, detail)
+        _change(core, Trigger.DRIVES_LOST)
+    verdict = _verdict(core, cause, drive, said)
     if verdict != core.verdict:
-        core.report(f"bring-up failed: {detail}")
+        core.report(EventCode.BRING_UP_FAILED, drive, cause, said=said)
     core.verdict = verdict
     single_axis.drop(core)
     core.reset_cycles_left = 0
@@ -457,5 +472,5 @@ def _take_latch(core: Core) -> bool:
         return False
     core.verdict = verdict = latched_stop.verdict_of(latched)
     core.causes_reported = {(verdict.cause, verdict.drive)}
-    core.report(f"latched since {latched_stop.since(latched.utc_ns)}: {describe(verdict)}")
+    _report_cause(core, EventCode.STILL_LATCHED, verdict, latched.utc_ns * 1e-9)
     return True

@@ -422,7 +422,7 @@ def test_help_follows_a_patient_who_tires_over_twenty_minutes(seed):
     """Able at the beginning, without any strength after twenty minutes."""
     walk = Gym(seed=seed).walk(tiring(1200.0), 30)
     peaks, strayed = [], []
-    for _ in range(12):
+    for _ in range(14):  # the strength is gone with the twelfth
         goes_on_unrefused(walk)
         peaks.append(np.abs(walk.assist()).max(axis=0) / CAP)
         strayed.append(np.abs(walk.errors()).max(axis=0) / NEAR)

@@ -149,4 +149,4 @@ def test_no_button_is_beyond_the_rights_of_an_operator():
     for command in Command:
         kind, wanted = request_of(command)
         request = record.Request(1, kind, 0, wanted, Role.OPERATOR)
-        assert roles.refusal(request, None) == ""
+        assert roles.refusal(request, None) is None

@@ -17,6 +17,15 @@ TRAFFIC = Path(__file__).parents[2] / "traces" / "traffic_v2.jsonl.gz"
 KIND = {wire.schema_name(kind): kind for kind in wire.MESSAGES.values()}
 
 
+def of_its_time(understood, sent):
+    """What was understood, without the fields that the sender did not know, at every depth."""
+    if isinstance(sent, dict):
+        return {name: of_its_time(understood[name], one) for name, one in sent.items()}
+    if isinstance(sent, list):
+        return [of_its_time(*pair) for pair in zip(understood, sent, strict=True)]
+    return understood
+
+
 def test_recorded_traffic_of_version_2_is_read_without_a_loss():
     read: dict[str, msgspec.Struct] = {}
     for line in gzip.decompress(TRAFFIC.read_bytes()).splitlines():
@@ -31,7 +40,7 @@ def test_recorded_traffic_of_version_2_is_read_without_a_loss():
         assert not isinstance(message, NotValid), message
         sent, understood = json.loads(payload), json.loads(msgspec.json.encode(message))
         # A field that was added since then has its default; none that was sent is lost.
-        assert {name: understood[name] for name in sent} == sent
+        assert of_its_time(understood, sent) == sent
         read[one["key"].removeprefix("gaitd/trainer/")] = message
 
     assert {type(message) for message in read.values()} == {

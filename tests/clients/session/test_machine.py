@@ -16,7 +16,6 @@ from gaitd_session.machine import (
     OFF_SETTLE_S,
     RESULT_LATE_S,
     SELF_TEST_LATE_S,
-    SELF_TEST_REFUSAL,
     TABLE,
     WHY_OF,
     Answer,
@@ -29,18 +28,22 @@ from gaitd_session.machine import (
     begin,
     step,
 )
-from gaitd_session.session import PASSED
 from gaitd_session.steps import Result, StrideShare
 from gaitd_session.texts import WHY, Advice, Why
 from gaitd_session.view import REASONS, view_of
 from training import profile
 
-from daemon.core.exercises import self_test
-from daemon.core.modes import daily_test
+from daemon.ipc.report import Refusal, RefusalCode, Untested
+from daemon.wire.report_texts import refusal_text
 
 ENABLED = {Mode.HOLD, Mode.GAIT, Mode.SELF_TEST, Mode.TORQUE, Mode.HAND_GUIDING}
 MOTION = {RequestKind.SELF_TEST, RequestKind.GAIT}
 TICK_S = 0.05
+DUE = "the last self-test is too old"
+
+
+def answered(number, failure):
+    return Answer(number, failure, "self_test_due" if failure == DUE else "")
 
 
 def trainer(mode, stage=None, *, hand=True, cause=Cause.NONE, boot="a", power=None):
@@ -73,7 +76,7 @@ class Run:
         self.now_s += after_s
         self.trainer = seen
         number = self.state.request_number
-        answer = Answer(number, failure or "") if self.state.pending or failure else None
+        answer = answered(number, failure or "") if self.state.pending or failure else None
         inputs = Inputs(seen, button, answer, strides)
         self.state, request = step(self.state, inputs, self.now_s)
         if request is not None:
@@ -118,7 +121,7 @@ SEEN = (
     FAULT,
     OFF_BY_STO,
 )
-FAILURES = ("", "no self-test has been passed today: `gaitd self-test`")
+FAILURES = ("", DUE)
 STEPS_S = (TICK_S, SELF_TEST_LATE_S + 1)
 INPUTS = tuple(itertools.product(SEEN, (None, *Button), STEPS_S, (None, *FAILURES)))
 WITHOUT_ANSWER = tuple(one for one in INPUTS if one[-1] is None)
@@ -149,7 +152,7 @@ def reachable():
     for state, now_s in states:
         assert all(view_of(state, found, now_s).text for found in SEEN)
         for found, button, after_s, failure in INPUTS if state.pending else WITHOUT_ANSWER:
-            answer = None if failure is None else Answer(state.request_number, failure)
+            answer = None if failure is None else answered(state.request_number, failure)
             inputs, later_s = Inputs(found, button, answer), now_s + after_s
             after, request = step(state, inputs, later_s)
             yield state, inputs, later_s, after, request
@@ -367,9 +370,9 @@ def test_a_lost_signal_in_a_rest_changes_nothing_about_it():
 
 def test_a_gait_that_is_refused_for_want_of_a_self_test_makes_one_due():
     run = Run().step(READY).step(READY, Button.START).step(HOLD).step(HOLD, after_s=ANNOUNCE_S)
-    run.step(HOLD, failure="the last self-test is older than 20 h: `gaitd self-test`")
+    run.step(HOLD, failure=DUE)
     assert (run.state.phase, run.kinds[-1]) == (Phase.PAUSED, RequestKind.DISABLE)
-    assert "older than 20 h" in run.view.reason
+    assert DUE in run.view.reason
     run.step(READY).step(READY, Button.START).step(HOLD).step(HOLD, after_s=ANNOUNCE_S)
 
     assert run.kinds[-1] is RequestKind.SELF_TEST
@@ -444,14 +447,9 @@ def test_the_first_block_proposes_the_band_and_a_paused_block_keeps_its_own():
 
 
 def test_the_words_that_are_looked_for_are_those_of_the_service():
-    for word in daily_test._WORDS:
-        assert [advice for part, advice in REASONS if part in word]
-    assert SELF_TEST_REFUSAL in daily_test.due(None, [], "", 0, 20.0)
-    passed = self_test.AxisResult("right/hip", 1.0, 1.0, 0.0, 0.1)
-    assert self_test.result_text(passed).startswith(f"right/hip{PASSED}")
-    assert not self_test.result_text(passed._replace(fault="stuck")).startswith(
-        f"right/hip{PASSED}"
-    )
+    for state in Untested:
+        reason = refusal_text(Refusal(RefusalCode.INPUT_UNTESTED, "right/hip", (state,)))
+        assert [advice for part, advice in REASONS if part in reason]
 
 
 def test_whatever_ends_a_start_early_is_told_by_a_reason_a_stop_a_refusal_or_a_button():

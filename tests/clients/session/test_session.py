@@ -84,7 +84,7 @@ class Trainer:
     def passes_self_test(self):
         for axis in ("hip", "slide"):
             self.events_stream.function(
-                filled(Event, text=f"right/{axis}: self-test passed: friction 1 N")
+                filled(Event, code="self_test_passed", subject=f"right/{axis}")
             )
         self.mode_now = Mode.HOLD
 

@@ -17,6 +17,7 @@ from daemon.ipc.record import (
     Role,
     Setpoint,
 )
+from daemon.ipc.report import Event, EventCode, Refusal, RefusalCode
 
 CYCLE = 1000
 ENABLE = Request(8, RequestKind.ENABLE, CYCLE - 1)
@@ -29,7 +30,7 @@ def core():
     events = []
     return SimpleNamespace(
         events=events,
-        report=events.append,
+        report=lambda code, subject, *values: events.append(Event(code, subject, values)),
         lease_dropped=0,
         boot_id="ours",
         stop_count=2,
@@ -188,10 +189,10 @@ def test_a_gateway_that_knows_no_roles_has_the_least_right_and_may_stop(core):
     told = receive(core, [older(level(51, **held))], CYCLE)
 
     assert (core.lease, told.stop) == (0, False)
-    assert "display may not request enable" in refusal(told.request, ALL_WELL)
+    may_not = Refusal(RefusalCode.ROLE_MAY_NOT, values=(Role.DISPLAY, RequestKind.ENABLE))
+    assert refusal(told.request, ALL_WELL) == may_not
     (event,) = core.events
-    assert "lease dropped" in event
-    assert "restart the gateway" in event
+    assert event == Event(EventCode.LEASE_DROPPED, values=(Role.DISPLAY,))
     receive(core, [older(level(52, **held))], CYCLE)
     assert receive(core, [older(level(53, **held, stop_count=3))], CYCLE).stop
     assert core.events == [event]

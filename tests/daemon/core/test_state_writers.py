@@ -18,7 +18,7 @@ WRITERS = {
     "steps/requests.py": "request result",
     "steps/exercises.py": "exercise reference takes_over",
     "steps/single_axis.py": "single_axis evidence",
-    "steps/sensing.py": """feedback joint referenced followed unreferenced_why scaling serial_number
+    "steps/sensing.py": """feedback joint referenced followed doubt scaling serial_number
         watched sign_trusted held_cycles shown_unpowered reached_enabled unready_cycles
         unexpected_enable_cycles emergencies_checked bring_up_error
         gravity_si tracking_si wanted_velocity_si singularity_ratio""",

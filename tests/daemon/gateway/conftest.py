@@ -33,6 +33,7 @@ from daemon.ipc.record import (
     RequestResult,
     Verdict,
 )
+from daemon.ipc.report import Refusal
 from daemon.ipc.transport import CoreChannel, GatewayChannel, RingHeader
 from daemon.keys.folder import Keys
 from daemon.system.clock import MonotonicClock
@@ -333,10 +334,10 @@ class FakeCore:
             return
         self.requests.append(request)
         told = self.answers.get(request.kind.name.lower(), RequestResult())
-        self._result = RequestResult(request.id, told.outcome, told.reason)
+        self._result = RequestResult(request.id, told.outcome, told.refusal)
 
-    def answer(self, kind: str, outcome: Outcome, reason: str = "") -> None:
-        self.answers[kind] = RequestResult(0, outcome, reason)
+    def answer(self, kind: str, outcome: Outcome, refusal: Refusal | None = None) -> None:
+        self.answers[kind] = RequestResult(0, outcome, refusal)
 
     def end(self) -> None:
         """As kill -9: no word, and the ring stays."""

@@ -12,8 +12,18 @@ from daemon.gateway.events import (
     Priority,
     new_events,
 )
-from daemon.ipc.record import Cause, EmergencyRecord, Mode, StopCategory, Verdict
+from daemon.ipc.record import (
+    Cause,
+    EmergencyRecord,
+    Mode,
+    RequestKind,
+    Stage,
+    StopCategory,
+    Verdict,
+)
+from daemon.ipc.report import Event, EventCode, Finding, Trigger
 from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.wire.report_texts import event_text
 
 
 def said(before, now):
@@ -180,21 +190,34 @@ def test_a_requested_stop_is_a_low_priority_and_a_limit_a_high_one(make_record):
     assert priorities == [Priority.LOW, Priority.MEDIUM, Priority.HIGH]
 
 
-def test_the_cores_own_line_about_the_same_stop_is_not_said_again(make_record):
-    verdict = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN)
-    title = CAUSE_TEXT[Cause.HAND_SWITCH_OPEN].title
-    lines = (f"stop S1: {title}", "mode hold -> stopping: stop")
+def of_cause(code, cause):
+    return Event(code, "right/hip", (StopCategory.S1, cause, 0.0, 0.0, Finding.NONE))
 
-    told = said(make_record(1), make_record(2, verdict=verdict, mode=Mode.STOPPING, events=lines))
+
+def test_the_cores_own_event_of_the_same_stop_is_not_said_again(make_record):
+    verdict = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN)
+    changed = Event(EventCode.MODE_CHANGED, "", (Mode.HOLD, Mode.STOPPING, Trigger.STOP))
+    events = (of_cause(EventCode.STOPPED, verdict.cause), changed)
+
+    told = said(make_record(1), make_record(2, verdict=verdict, mode=Mode.STOPPING, events=events))
 
     assert [(kind, priority) for kind, priority, _ in told] == [
         (Kind.STOP, Priority.MEDIUM),
         (Kind.MODE, Priority.INFO),
     ]
-    assert told[1][2] == "mode hold -> stopping: stop"
+    assert told[1][2] == event_text(changed)
 
 
-def test_a_mode_change_without_a_line_of_the_core_is_said_here(make_record):
+def test_an_event_of_another_cause_than_that_of_the_stop_is_said(make_record):
+    verdict = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN)
+    other = of_cause(EventCode.FURTHER_CAUSE, Cause.STO_ACTIVE)
+
+    told = said(make_record(1), make_record(2, verdict=verdict, events=(other,)))
+
+    assert [text for _, _, text in told][-1] == event_text(other)
+
+
+def test_a_mode_change_without_an_event_of_the_core_is_said_here(make_record):
     assert said(make_record(1), make_record(2, mode=Mode.FAULT)) == [
         (Kind.MODE, Priority.MEDIUM, "mode hold → fault")
     ]
@@ -206,20 +229,25 @@ def test_a_verdict_that_is_cleared_is_an_event(make_record):
     assert said(before, make_record(2)) == [(Kind.STOP, Priority.INFO, "the verdict is cleared")]
 
 
-def test_lines_of_the_core_are_sorted_by_what_they_are_about(make_record):
-    lines = ("enable requested", "mode gait requested", "right: gait approach")
+def test_events_of_the_core_are_sorted_by_what_they_are_about(make_record):
+    enable, mode = RequestKind.ENABLE, RequestKind.MODE
+    events = (
+        Event(EventCode.REQUEST_RECEIVED, "", (enable, Mode.HOLD)),
+        Event(EventCode.REQUEST_RECEIVED, "", (mode, Mode.GAIT)),
+        Event(EventCode.STAGE_CHANGED, "right", (Mode.GAIT, Stage.APPROACHING, 0)),
+    )
 
-    told = said(make_record(1), make_record(2, events=lines))
+    told = said(make_record(1), make_record(2, events=events))
 
     assert [kind for kind, _, _ in told] == [Kind.REQUEST, Kind.REQUEST, Kind.NOTE]
 
 
 def test_what_the_can_controller_says_of_itself_asks_for_attention(make_record):
-    line = "CAN controller is error passive: check termination, cable and bit rate"
+    passive = Event(EventCode.CAN_PASSIVE)
 
-    told = said(make_record(1), make_record(2, events=(line,)))
+    told = said(make_record(1), make_record(2, events=(passive,)))
 
-    assert told == [(Kind.NOTE, Priority.LOW, line)]
+    assert told == [(Kind.NOTE, Priority.LOW, event_text(passive))]
 
 
 def test_used_up_descriptors_are_reported_once_and_so_are_free_ones():

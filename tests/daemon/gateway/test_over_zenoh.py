@@ -12,6 +12,7 @@ import zenoh
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from daemon.ipc.record import Cause, Outcome, StopCategory, Verdict
+from daemon.ipc.report import Refusal, RefusalCode
 
 pytestmark = pytest.mark.realtime
 
@@ -191,7 +192,7 @@ def test_a_request_is_answered_with_the_outcome_and_the_reason_of_the_core(
     core = start_core()
     eventually(lambda: query(session, "status")[0]["safety"]["valid"])
     core.answer("mode", Outcome.DONE)
-    core.answer("enable", Outcome.REFUSED, "the hand switch is open")
+    core.answer("enable", Outcome.REFUSED, Refusal(RefusalCode.HAND_SWITCH_OPEN))
 
     mode = {"mode": "gait", "cadence_hz": 0.25, "amplitude_ratio": 1.0, "duration_s": 20.0}
     done, _ = query(session, "mode", mode)

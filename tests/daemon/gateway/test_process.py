@@ -103,10 +103,11 @@ def test_sigterm_ends_the_gateway_with_0_and_leaves_no_socket(process, runtime, 
 @realtime
 def test_the_commands_end_with_0_when_done_and_with_1_when_refused(process, config, start_core):
     from daemon.ipc.record import Outcome
+    from daemon.ipc.report import Refusal, RefusalCode
 
     core = start_core()
     core.answer("enable", Outcome.DONE)
-    core.answer("mode", Outcome.REFUSED, "not enabled")
+    core.answer("mode", Outcome.REFUSED, Refusal(RefusalCode.LEG_MOVES))
 
     enabled = ask("enable", config)
     gait = ["gait", "--cadence", "0.25", "--amplitude", "1", "--duration", "20"]
@@ -114,7 +115,10 @@ def test_the_commands_end_with_0_when_done_and_with_1_when_refused(process, conf
     stopped = ask("stop", config, "--json")
 
     assert (enabled.returncode, enabled.stdout) == (0, "enable done (mode hold)\n")
-    assert (refused.returncode, refused.stdout) == (1, "mode refused: not enabled (mode hold)\n")
+    assert (refused.returncode, refused.stdout) == (
+        1,
+        "mode refused: the leg is moving (mode hold)\n",
+    )
     assert core.requests[1].mode.duration_s == 20
     assert stopped.returncode == 0
     assert json.loads(stopped.stdout)["outcome"] == "done"

@@ -162,7 +162,7 @@ def test_mode_and_verdict_follow_as_they_change_and_not_as_they_stay(book, make_
         made = make_record(seq, **changes)
         book.log.record(header_of(msgspec.msgpack.encode(made)))
 
-    opened = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", detail="x")
+    opened = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", said="x")
     book.log.core("boot-a", True)
     hear(1, mode=Mode.GAIT)
     hear(2, mode=Mode.GAIT)

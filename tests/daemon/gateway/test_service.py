@@ -24,6 +24,8 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
+from daemon.ipc.report import Event, EventCode, Refusal, RefusalCode
+from daemon.wire.report_texts import event_text, refusal_text
 
 MS = 1_000_000
 SILENT_MS = SILENCE_NS // MS + 1
@@ -183,8 +185,8 @@ def test_a_new_gateway_tells_the_stop_that_was_made_while_there_was_none(bench):
 
 def test_after_a_stall_only_young_records_are_published_and_every_event_is(bench):
     bench.cycle()
-    for number in range(60):
-        bench.write(events=(f"note {number}",))
+    for _ in range(60):
+        bench.write(events=(Event(EventCode.DRIVES_UP),))
     bench.turn(after_ms=600)
 
     assert len(bench.outlet.on("right/activity")) == 1 + 20
@@ -291,14 +293,15 @@ def test_an_enable_that_the_core_refuses_gets_its_reason(bench, ask):
     bench.cycle(enable)
     request = bench.levels[-1].request
 
-    refused = RequestResult(request.id, Outcome.REFUSED, "STO is active")
-    bench.cycle(request=refused, events=("enable refused: STO is active",))
+    why = Refusal(RefusalCode.STO_ACTIVE)
+    told = Event(EventCode.REQUEST_REFUSED, "", (RequestKind.ENABLE, Mode.HOLD, why.code))
+    bench.cycle(request=RequestResult(request.id, Outcome.REFUSED, why), events=(told,))
 
     assert [(reply.outcome, reply.reason) for reply in enable.replies] == [
-        ("refused", "STO is active")
+        ("refused", refusal_text(why))
     ]
     texts = [event.text for event in bench.outlet.events[-2:]]
-    assert texts == ["enable, asked by unnamed", "enable refused: STO is active"]
+    assert texts == ["enable, asked by unnamed", event_text(told)]
 
 
 def test_the_gateways_end_answers_who_still_waits(bench, ask):

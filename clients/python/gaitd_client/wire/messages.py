@@ -120,7 +120,13 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
     drive: Annotated[str | None, Meta(description="Drive or leg of the cause; null if of none.")]
     value: Annotated[float | None, Meta(description="Measured value, in the unit of the limit.")]
     limit: Annotated[float | None, Meta(description="The limit.")]
-    detail: Annotated[str, Meta(description="Further details; may be empty.")]
+    finding: Annotated[str, Meta(description="What it was found by, for programs; or none.")] = (
+        "none"
+    )
+    said: Annotated[
+        str, Meta(description="What the drive or the operating system has said, or empty.")
+    ] = ""
+    detail: Annotated[str, Meta(description="Both as text; may be empty.")]
     text: Annotated[str, Meta(description="The cause as text.")]
     remedy: Annotated[str, Meta(description="What a person can do.")]
 
@@ -154,6 +160,19 @@ class Safety(Stated, frozen=True, kw_only=True):
     ]
 
 
+Values = dict[str, float | str | None]
+"""Values of a code by name: numbers in SI units, names of members of enums; null: not finite."""
+
+
+class Refusal(msgspec.Struct, frozen=True, kw_only=True):
+    """Why the core refuses a request. A later version may send another code."""
+
+    code: Annotated[str, Meta(description="For example hand_switch_open.")]
+    subject: Annotated[str | None, Meta(description="Leg or axis, the first of several.")]
+    values: Annotated[Values, Meta(description="By name, for example `highest`.")]
+    said: Annotated[str, Meta(description="Names that are known to the configuration, or empty.")]
+
+
 class Event(Stated, frozen=True, kw_only=True):
     """One event. A bounded history reaches late joiners (AdvancedSubscriber)."""
 
@@ -165,6 +184,16 @@ class Event(Stated, frozen=True, kw_only=True):
     remedy: Annotated[str, Meta(description="What a person can do; may be empty.")]
     cause: Annotated[CauseName | None, Meta(description="Of a stop, else null.")]
     subject: Annotated[str | None, Meta(description="Drive or leg; null if of none.")]
+    code: Annotated[
+        str | None,
+        Meta(description="What happened in the core, for programs; null: an event of the gateway."),
+    ] = None
+    values: Annotated[Values, Meta(description="Of the code, by name.")] = msgspec.field(
+        default_factory=dict
+    )
+    said: Annotated[
+        str, Meta(description="What a drive or the operating system has said, or empty.")
+    ] = ""
 
 
 class Reply(Stated, frozen=True, kw_only=True):
@@ -173,6 +202,9 @@ class Reply(Stated, frozen=True, kw_only=True):
     request: Annotated[str, Meta(description="NAME of control/NAME.")]
     outcome: OutcomeName
     reason: Annotated[str, Meta(description="Reason of a refusal, or other information.")]
+    refusal: Annotated[
+        Refusal | None, Meta(description="Why the core has refused; null: it has not.")
+    ] = None
     mode: Annotated[ModeName | None, Meta(description="The present mode; null when unknown.")]
     lease: Annotated[
         int | None, Meta(description="Of acquire: the number for setpoints; a secret. Else null.")

@@ -22,6 +22,7 @@ from daemon.core.modes.persistent_state import (
     StoredInputs,
     StoredSelfTest,
 )
+from daemon.ipc.report import Finding, SelfTestDue, Untested
 from drives.signals import Input
 
 NOW = 1_700_000_000_000_000_000
@@ -99,21 +100,15 @@ def test_another_axis_keeps_its_notes():
     assert set(persistent.inputs) == {"right/hip", "right/slide"}
 
 
-ALL = (
-    "hand switch open",
-    "hand switch closed",
-    *(f"emergency stop (STO) {it}" for it in ("pressed", "released")),
-)
-
-
 def left(persistent, drive=HIP, utc_ns=NOW):
     return untested(persistent, [drive], utc_ns, VALID_H)
 
 
 def test_every_state_must_be_observed_once():
-    assert left(PersistentState()) == tuple(f"right/hip {word}" for word in ALL)
-    assert left(observed(BOTH)) == (f"right/hip {ALL[0]}", f"right/hip {ALL[2]}")
-    assert left(observed(Input.NONE)) == (f"right/hip {ALL[1]}", f"right/hip {ALL[3]}")
+    one, other, sto, released = ((HIP.axis, state) for state in Untested)
+    assert left(PersistentState()) == (one, other, sto, released)
+    assert left(observed(BOTH)) == (one, sto)
+    assert left(observed(Input.NONE)) == (other, released)
     assert left(observed(BOTH, Input.NONE)) == ()
     assert len(untested(observed(BOTH, Input.NONE), [HIP, SLIDE], NOW, VALID_H)) == 4
 
@@ -145,29 +140,29 @@ def reason(stored, drives=(HIP,), digest="leg", utc_ns=NOW):
 
 
 def test_a_test_that_was_passed_is_valid_for_its_time():
-    assert reason(PASSED) == ""
-    assert reason(PASSED, utc_ns=NOW + VALID_NS) == ""
-    assert reason(PASSED, utc_ns=NOW + VALID_NS + 1) == "the last self-test is older than 12 h"
+    assert reason(PASSED) is SelfTestDue.NONE
+    assert reason(PASSED, utc_ns=NOW + VALID_NS) is SelfTestDue.NONE
+    assert reason(PASSED, utc_ns=NOW + VALID_NS + 1) is SelfTestDue.TOO_OLD
 
 
 @pytest.mark.parametrize(
-    ("stored", "change", "said"),
+    ("stored", "change", "why"),
     [
-        (None, {}, "no self-test has been passed today"),
-        (replace(PASSED, passed=False), {}, "the last self-test was not passed"),
-        (PASSED, {"digest": "other"}, "the last self-test was of another robot file"),
-        (PASSED, {"digest": "earlier"}, "the last self-test was of another robot file"),
-        (PASSED, {"drives": (HIP, SLIDE)}, "the last self-test was of other axes"),
+        (None, {}, SelfTestDue.NOT_PASSED_TODAY),
+        (replace(PASSED, passed=False), {}, SelfTestDue.FAILED),
+        (PASSED, {"digest": "other"}, SelfTestDue.OTHER_ROBOT_FILE),
+        (PASSED, {"digest": "earlier"}, SelfTestDue.OTHER_ROBOT_FILE),
+        (PASSED, {"drives": (HIP, SLIDE)}, SelfTestDue.OTHER_AXES),
         (
             PASSED,
             {"drives": (HIP._replace(serial_number=99),)},
-            "the last self-test was of another drive",
+            SelfTestDue.OTHER_DRIVE,
         ),
-        (PASSED, {"drives": (HIP._replace(serial_number=0),)}, ""),
+        (PASSED, {"drives": (HIP._replace(serial_number=0),)}, SelfTestDue.NONE),
     ],
 )
-def test_what_is_missing_is_named(stored, change, said):
-    assert reason(stored, **change) == said
+def test_what_is_missing_is_named(stored, change, why):
+    assert reason(stored, **change) is why
 
 
 @pytest.mark.parametrize(
@@ -184,7 +179,9 @@ def test_what_was_never_seen_does_not_count_however_early_the_clock():
     assert counts(1, 5, VALID_H)
 
 
-@pytest.mark.parametrize("faults", list(itertools.product(("", "stiff"), repeat=2)))
+@pytest.mark.parametrize(
+    "faults", list(itertools.product((Finding.NONE, Finding.FRICTION_MORE), repeat=2))
+)
 def test_a_finished_test_is_stored_and_passed_only_without_any_fault(faults):
     results = [
         AxisResult(name, 5.0 + k, 1.1, 0.2, 0.3, fault=fault)
@@ -195,7 +192,7 @@ def test_a_finished_test_is_stored_and_passed_only_without_any_fault(faults):
 
     assert stored == StoredSelfTest(
         NOW,
-        passed=faults == ("", ""),
+        passed=not any(faults),
         leg_digest="leg",
         axes={
             "right/hip": StoredAxisTest(5.0, 1.1, 0.2, 0.3, 11),

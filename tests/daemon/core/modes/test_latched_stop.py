@@ -6,15 +6,14 @@ import pytest
 from msgspec.structs import replace
 
 from daemon.core.modes import latched_stop
-from daemon.core.modes.latched_stop import since, updated, verdict_of
+from daemon.core.modes.latched_stop import updated, verdict_of
 from daemon.core.modes.persistent_state import StoredVerdict
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.report import Finding
 
-JUMPED = Verdict(StopCategory.S0, Cause.ENCODER_JUMP, "right/hip", 2.5, 1.5, "too far")
-STORED = StoredVerdict("S0", "ENCODER_JUMP", "right/hip", 2.5, 1.5, "too far", 7)
-UNKNOWN = StoredVerdict(
-    "S1", "LAST_END_UNKNOWN", value=0.0, limit=0.0, detail="it ended while drives were enabled"
-)
+JUMP = Finding.STEP_BETWEEN_SAMPLES
+JUMPED = Verdict(StopCategory.S0, Cause.ENCODER_JUMP, "right/hip", 2.5, 1.5, JUMP, "too far")
+STORED = StoredVerdict("S0", "ENCODER_JUMP", "right/hip", 2.5, 1.5, JUMP.name, "too far", 7)
 ACTIVE = [mode for mode in Mode if mode.active]
 
 
@@ -24,7 +23,7 @@ def test_with_drives_enabled_an_end_without_notice_is_stored_once(mode):
 
     assert first is not None
     assert (first.category, first.cause, first.utc_ns) == ("S1", "LAST_END_UNKNOWN", 5)
-    assert first.detail == UNKNOWN.detail
+    assert (first.finding, first.said) == ("ENDED_WHILE_ENABLED", "")
     assert updated(first, mode, Verdict(), 6) is first
 
 
@@ -57,13 +56,13 @@ def test_a_stop_that_was_requested_is_no_verdict_to_keep(cause):
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 def test_a_number_that_is_not_finite_is_stored_as_none_and_a_long_text_is_cut(number):
-    verdict = replace(JUMPED, value=number, limit=number, detail="x" * 200)
+    verdict = replace(JUMPED, value=number, limit=number, said="x" * 200)
 
     stored = updated(None, Mode.FAULT, verdict, 7)
 
     assert stored is not None
     assert (stored.value, stored.limit) == (None, None)
-    assert len(stored.detail.encode()) == 120
+    assert len(stored.said.encode()) == 120
     read = verdict_of(stored)
     assert (read.value, read.limit) == (0.0, 0.0)
 
@@ -78,19 +77,17 @@ def test_what_is_stored_is_read_as_the_same_verdict(cause):
     assert verdict_of(stored) == verdict
 
 
-def test_a_cause_or_category_of_another_version_still_stops():
-    by_cause = verdict_of(StoredVerdict("S0", "MELTED", "right/hip", 1.0, 2.0, "hot", 7))
-    by_category = verdict_of(StoredVerdict("S7", "ENCODER_JUMP", "right/hip", 1.0, 2.0, "far", 7))
+def test_a_cause_category_or_finding_of_another_version_still_stops():
+    by_cause = verdict_of(StoredVerdict("S0", "MELTED", "right/hip", 1.0, 2.0, "BELOW", "hot", 7))
+    by_category = verdict_of(replace(STORED, category="S7"))
+    by_finding = verdict_of(replace(STORED, finding="MELTED"))
 
     assert by_cause == Verdict(
         StopCategory.S0,
         Cause.LAST_END_UNKNOWN,
         "right/hip",
-        detail="MELTED, which is of another version",
+        finding=Finding.NOTES_OF_OTHER_VERSION,
+        said="MELTED",
     )
-    assert by_category == Verdict(StopCategory.S1, Cause.ENCODER_JUMP, "right/hip", 1.0, 2.0, "far")
-
-
-def test_the_time_of_a_latched_stop_is_utc():
-    assert since(0) == "before this start"
-    assert since(1_700_000_000_000_000_000) == "2023-11-14 22:13:20 UTC"
+    assert by_category == replace(JUMPED, category=StopCategory.S1)
+    assert by_finding == replace(JUMPED, finding=Finding.NONE)

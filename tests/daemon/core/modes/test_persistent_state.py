@@ -24,6 +24,7 @@ from daemon.core.modes.persistent_state import (
     with_proof,
     without_tests,
 )
+from daemon.ipc.report import Doubt
 
 RULES = PoseRules(tolerance_si=0.01, believed_without_pose=False)
 WIRING = Wiring(node_id=5, sign=-1, gear_ratio=100.0, lead_m=None, counts_per_rev=1024)
@@ -44,7 +45,7 @@ NO_INPUTS = {
     "serial_number": 0,
 }
 AXIS_TEST = {"friction_si": 1.0, "friction_ratio": 1.0, "load_error_si": 0.0, "moved_si": 0.1}
-NO_DETAIL = {"drive": "", "value": None, "limit": None, "detail": "", "utc_ns": 0}
+NO_DETAIL = {"finding": "NONE", "drive": "", "value": None, "limit": None, "said": "", "utc_ns": 0}
 EMPTY = {
     "axes": {},
     "format": "gaitd.axes.v1",
@@ -89,9 +90,7 @@ def test_what_is_stored_is_read_again_and_a_key_of_another_version_is_refused(st
 
 
 def test_an_unreadable_file_is_damaged_and_latches_a_stop():
-    detail = "the notes of that run cannot be read"
-
-    latched = StoredVerdict("S1", "LAST_END_UNKNOWN", detail=detail)
+    latched = StoredVerdict("S1", "LAST_END_UNKNOWN", finding="NOTES_UNREADABLE")
     assert PersistentState(damaged=True, latched=latched) == UNREADABLE
 
 
@@ -122,13 +121,13 @@ def test_a_pose_and_a_proof_do_not_disturb_each_other_or_another_axis():
 
 @pytest.mark.parametrize(("encoder_si", "accepted"), [(0.255, True), (0.245, True), (0.261, False)])
 def test_an_encoder_is_accepted_where_the_axis_was_left(encoder_si, accepted):
-    said = disagreement(at(0.25), "right/hip", encoder_si, RULES)
+    doubt = disagreement(at(0.25), "right/hip", encoder_si, RULES)
 
-    assert said == ("" if accepted else "its encoder says 0.261, it was left at 0.25")
+    assert doubt is (Doubt.NONE if accepted else Doubt.LEFT_ELSEWHERE)
 
 
 def test_a_difference_of_just_the_tolerance_is_accepted():
-    assert disagreement(at(0.0), "right/hip", -RULES.tolerance_si, RULES) == ""
+    assert disagreement(at(0.0), "right/hip", -RULES.tolerance_si, RULES) is Doubt.NONE
 
 
 @pytest.mark.parametrize("damaged", [True, False])
@@ -136,20 +135,20 @@ def test_a_difference_of_just_the_tolerance_is_accepted():
 def test_without_a_pose_the_setting_decides_and_a_damaged_file_is_never_believed(damaged, believed):
     persistent = PersistentState(damaged=damaged)
 
-    said = disagreement(
+    doubt = disagreement(
         persistent, "right/hip", 0.2, RULES._replace(believed_without_pose=believed)
     )
 
     if damaged:
-        assert said == "the stored pose cannot be read"
+        assert doubt is Doubt.POSE_UNREADABLE
     else:
-        assert said == ("" if believed else "no pose has been stored yet")
+        assert doubt is (Doubt.NONE if believed else Doubt.NO_POSE_STORED)
 
 
 def test_a_pose_stored_after_a_damaged_file_is_used():
     persistent = with_pose(PersistentState(damaged=True), "right/hip", 0.2, 1)
 
-    assert disagreement(persistent, "right/hip", 0.2, RULES) == ""
+    assert disagreement(persistent, "right/hip", 0.2, RULES) is Doubt.NONE
 
 
 # --- proofs ---------------------------------------------------------------------------------------

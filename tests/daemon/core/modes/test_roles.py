@@ -8,6 +8,7 @@ from safety_inputs import ALL_WELL
 
 from daemon.core.modes.roles import assist_cap_si, refusal
 from daemon.ipc.record import Mode, ModeRequest, Plan, Request, RequestKind, Role
+from daemon.ipc.report import Refusal, RefusalCode
 
 REQUESTABLE = (
     *(Mode.HOLD, Mode.GAIT, Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST),
@@ -52,8 +53,8 @@ def replace_fields(struct, **changes):
 def test_requests_without_a_mode(role, kind):
     refused = refusal(Request(1, kind, role=role), ALL_WELL)
 
-    assert (refused == "") == (kind in KINDS[role])
-    assert not refused or (role.name.lower() in refused and kind.name.lower() in refused)
+    may_not = Refusal(RefusalCode.ROLE_MAY_NOT, values=(role, kind))
+    assert refused == (None if kind in KINDS[role] else may_not)
 
 
 @pytest.mark.parametrize("role", Role)
@@ -61,7 +62,7 @@ def test_requests_without_a_mode(role, kind):
 def test_requests_of_a_mode(role, mode):
     request = Request(1, RequestKind.MODE, mode=ModeRequest(mode), role=role, plan=PLAN)
 
-    assert (refusal(request, ALL_WELL) == "") == (mode in MODES[role])
+    assert (refusal(request, ALL_WELL) is None) == (mode in MODES[role])
 
 
 def requests_of(role, plan=PLAN):
@@ -90,19 +91,33 @@ def test_a_session_alone_needs_a_plan_and_only_for_a_gait(role):
     assert refused == ({"GAIT"} if role is Role.SESSION else set())
 
 
-@pytest.mark.parametrize("field", ["cadence_hz", "amplitude_ratio", "duration_s"])
+ABOVE = {
+    "cadence_hz": RefusalCode.CADENCE_ABOVE_PLAN,
+    "amplitude_ratio": RefusalCode.AMPLITUDE_ABOVE_PLAN,
+    "duration_s": RefusalCode.DURATION_ABOVE_PLAN,
+}
+
+
+@pytest.mark.parametrize("field", ABOVE)
 @pytest.mark.parametrize("factor", [1.001, float("nan"), float("inf")])
 def test_a_session_stays_within_the_released_plan(field, factor):
-    beyond = {field: getattr(GAIT, field) * factor}
+    limit = getattr(GAIT, field)
+    beyond = {field: limit * factor}
 
-    assert refusal(gait(Role.SESSION), ALL_WELL) == ""
-    assert field in refusal(gait(Role.SESSION, **beyond), ALL_WELL)
-    assert refusal(gait(Role.OPERATOR, **beyond), ALL_WELL) == ""
+    refused = refusal(gait(Role.SESSION, **beyond), ALL_WELL)
+
+    assert refusal(gait(Role.SESSION), ALL_WELL) is None
+    assert refused.code is ABOVE[field]
+    assert refused.values == pytest.approx((limit * factor, limit), nan_ok=True)
+    assert refusal(gait(Role.OPERATOR, **beyond), ALL_WELL) is None
 
 
-def test_texts_say_what_to_do():
-    assert "gaitd plan release" in refusal(gait(Role.SESSION, plan=None), ALL_WELL)
-    assert "hand switch" in refusal(requests_of(Role.SESSION)[RequestKind.RESET], HAND_OPEN)
+def test_a_session_is_told_what_it_lacks():
+    reset = requests_of(Role.SESSION)[RequestKind.RESET]
+
+    assert refusal(gait(Role.SESSION, plan=None), ALL_WELL) == Refusal(RefusalCode.NO_PLAN)
+    assert refusal(reset, HAND_OPEN) == Refusal(RefusalCode.HAND_SWITCH_OPEN)
+    assert refusal(reset, HAND_UNKNOWN) == Refusal(RefusalCode.HAND_SWITCH_UNKNOWN)
 
 
 @pytest.mark.parametrize("role", Role)

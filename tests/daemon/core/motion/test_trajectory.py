@@ -14,12 +14,13 @@ from daemon.config.settings import Robot, Sinusoid, Trainer
 from daemon.config.strict import load_toml
 from daemon.core.exercises.approach import Approach, approach, is_clear
 from daemon.core.exercises.excite import SETTLE_S, Excite
-from daemon.core.exercises.exercise import BEGIN_MAX_S, NOT_BEGUN, LegSample
+from daemon.core.exercises.exercise import BEGIN_MAX_S, LegSample
 from daemon.core.exercises.gait import Gait, GaitPlan
 from daemon.core.exercises.hold import Hold
 from daemon.core.exercises.self_test import AVERAGED_MIN_S, Phase, SelfTest, Way, speed_max
 from daemon.core.motion import gait_shape
 from daemon.ipc.record import Stage
+from daemon.ipc.report import Failure, Finding
 from observer.mechanism.mechanism import singularity_ratio
 from tests.observer.mechanics import closes
 
@@ -268,7 +269,7 @@ def test_an_excitation_without_torque_mode_is_over_and_says_why():
     assert cycles * DT_S == pytest.approx(
         plan.way.duration_s + SETTLE_S + BEGIN_MAX_S, abs=2 * DT_S
     )
-    assert (plan.stage, plan.failure) == (Stage.OVER, NOT_BEGUN)
+    assert (plan.stage, plan.failure) == (Stage.OVER, Failure.NO_REST)
 
 
 def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
@@ -353,4 +354,4 @@ def test_a_self_test_without_torque_mode_is_over_and_both_axes_say_why():
         plan = plan.advance(IN_POSITION_MODE, DT_S)
 
     assert plan.stage == Stage.OVER
-    assert [result.fault for result in plan.results()] == [NOT_BEGUN, NOT_BEGUN]
+    assert [result.fault for result in plan.results()] == [Finding.NOT_BEGUN] * 2

@@ -5,7 +5,7 @@ import pytest
 from daemon.core.runtime.systemd import status_line
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
 
-SILENT = Verdict(StopCategory.S1, Cause.DRIVE_SILENT, "right/hip", detail="no\nanswer")
+SILENT = Verdict(StopCategory.S1, Cause.DRIVE_SILENT, "right/hip", said="no\nanswer")
 STOPPED = Verdict(StopCategory.S2, Cause.STOP_REQUESTED)
 
 

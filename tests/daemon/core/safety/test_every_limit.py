@@ -21,6 +21,7 @@ from daemon.core.safety.checks import (
 )
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.ipc.record import Cause
+from daemon.ipc.report import Finding
 from drives.signals import Input, PowerState
 
 STANDING = AXIS._replace(joint=JOINT._replace(velocity_si=0.0, effort_si=0.0))
@@ -232,4 +233,7 @@ def test_a_drive_that_shows_torque_without_power_stops_also_at_rest():
 
     verdicts = harshest(WELL, [showing], [LEG], THRESHOLDS, CATEGORIES, driving=False)
 
-    assert (verdicts.cause, verdicts.detail) == (Cause.EFFORT_DEVIATION, "measured without power")
+    assert (verdicts.cause, verdicts.finding) == (
+        Cause.EFFORT_DEVIATION,
+        Finding.EFFORT_WITHOUT_POWER,
+    )

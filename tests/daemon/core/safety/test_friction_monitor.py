@@ -1,11 +1,11 @@
-"""Friction against its calibration: which estimates are used, and when advice is given."""
+"""Friction against its calibration: which estimates are used."""
 
 from types import SimpleNamespace
 
 import pytest
 
 from daemon.core.safety import friction_monitor
-from observer.drift import NO_DRIFT, Drift
+from observer.drift import NO_DRIFT
 from observer.filter.status import Status, Validity
 from observer.mechanism.friction import FrictionParameters
 
@@ -51,16 +51,3 @@ def test_another_status_does_not_matter():
 def test_an_axis_whose_estimate_is_not_valid_is_left_out_and_the_other_is_not(bad):
     assert updated(0, validity=(bad, Validity.OK)) is None
     assert updated(1, validity=(bad, Validity.OK)) is not None
-
-
-def test_friction_that_is_off_by_more_than_its_limit_is_told_with_its_sign():
-    # Ten seconds in both directions; the patient seems to brake with 0.5 all the time.
-    drift = Drift(motion_s=10.0, product_s=-5.0, square_s=2.5)
-
-    assert friction_monitor.advice(drift, LAW) == (
-        "friction is +0.5 from its law (correlation -1.00): calibrate"
-    )
-
-
-def test_friction_as_calibrated_needs_no_advice():
-    assert friction_monitor.advice(Drift(motion_s=10.0), LAW) == ""

@@ -16,6 +16,7 @@ from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.limits import Categories
 from daemon.core.safety.sign_response import RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO
 from daemon.ipc.record import Cause, StopCategory
+from daemon.ipc.report import Finding
 from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
 
@@ -29,7 +30,14 @@ def verdict_of(service=WELL, axes=(AXIS,), legs=(LEG,), *, driving=True, categor
 
 def told(*, driving=True, **where):
     verdict = verdict_of(**where, driving=driving)
-    return verdict.cause, verdict.drive, verdict.value, verdict.limit, verdict.detail
+    return verdict.cause, verdict.drive, verdict.value, verdict.limit, verdict.finding
+
+
+def emcy_of(axis):
+    """Code and text of the drive's message by which a verdict was found."""
+    verdict = verdict_of(axes=[axis])
+    assert verdict.finding is Finding.EMCY
+    return verdict.value, verdict.said
 
 
 def against_its_drive(cycles, response_ratio=0.1, patient_si=60.0):
@@ -56,98 +64,112 @@ def moved(axis=AXIS, **change):
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"stop_requested": True}, (Cause.STOP_REQUESTED, 0, 0, "")),
-        ({"shutdown_requested": True}, (Cause.SHUTDOWN, 0, 0, "")),
-        ({"gateway_age_cycles": 31}, (Cause.GATEWAY_SILENT, 31, 30, "cycles since the gateway's")),
-        ({"overruns_in_a_row": 4}, (Cause.CYCLE_OVERRUN, 4, 3, "grid points missed in a row")),
-        ({"bus_error": "can0: gone"}, (Cause.BUS_DOWN, 0, 0, "can0: gone")),
-        ({"bus_off": True}, (Cause.BUS_OFF, 0, 0, "the controller reports bus-off")),
-        ({"tx_dropped_in_a_row": 4}, (Cause.TRANSMIT_QUEUE_FULL, 4, 3, "frames were not all")),
+        ({"stop_requested": True}, (Cause.STOP_REQUESTED, 0, 0, Finding.NONE)),
+        ({"shutdown_requested": True}, (Cause.SHUTDOWN, 0, 0, Finding.NONE)),
+        ({"gateway_age_cycles": 31}, (Cause.GATEWAY_SILENT, 31, 30, Finding.CYCLES)),
+        ({"overruns_in_a_row": 4}, (Cause.CYCLE_OVERRUN, 4, 3, Finding.MISSED_CYCLES)),
+        ({"bus_error": "can0: gone"}, (Cause.BUS_DOWN, 0, 0, Finding.NONE)),
+        ({"bus_off": True}, (Cause.BUS_OFF, 0, 0, Finding.CONTROLLER_OFF)),
+        (
+            {"tx_dropped_in_a_row": 4},
+            (Cause.TRANSMIT_QUEUE_FULL, 4, 3, Finding.CYCLES_NOT_ALL_SENT),
+        ),
     ],
 )
 def test_a_stop_of_the_service_is_told_with_value_limit_and_unit_and_blames_no_drive(
     change, expected
 ):
-    cause, drive, value, limit, detail = told(service=WELL._replace(**change))
+    cause, *numbers = expected
 
-    assert (cause, drive, value, limit) == (expected[0], "", expected[1], expected[2])
-    assert expected[3] in detail
-    assert bool(detail) == bool(expected[3])
+    assert told(service=WELL._replace(**change)) == (cause, "", *numbers)
+
+
+def test_an_error_of_the_bus_is_told_as_the_kernel_says_it():
+    assert verdict_of(service=WELL._replace(bus_error="can0: gone")).said == "can0: gone"
 
 
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"inputs": Input.STO_RELEASED}, (Cause.HAND_SWITCH_OPEN, 0, 1, "")),
-        ({"inputs": Input.HAND_SWITCH_CLOSED}, (Cause.STO_ACTIVE, 0, 1, "")),
-        ({"rebooted": True}, (Cause.DRIVE_REBOOTED, 0, 0, "boot-up message in operation")),
+        ({"inputs": Input.STO_RELEASED}, (Cause.HAND_SWITCH_OPEN, 0, 1, Finding.NONE)),
+        ({"inputs": Input.HAND_SWITCH_CLOSED}, (Cause.STO_ACTIVE, 0, 1, Finding.NONE)),
+        ({"rebooted": True}, (Cause.DRIVE_REBOOTED, 0, 0, Finding.BOOT_UP_MESSAGE)),
         (
             {"heartbeat_age_ns": 250_000_000},
-            (Cause.HEARTBEAT_LOST, 250, 100, "ms since its last heartbeat"),
+            (Cause.HEARTBEAT_LOST, 250, 100, Finding.HEARTBEAT_AGE_MS),
         ),
-        ({"nmt_state": NmtState.STOPPED}, (Cause.DRIVE_NOT_OPERATIONAL, 0, 0, "STOPPED")),
+        (
+            {"nmt_state": NmtState.STOPPED},
+            (Cause.DRIVE_NOT_OPERATIONAL, NmtState.STOPPED, 0, Finding.NMT_STATE),
+        ),
         (
             {"nmt_state": NmtState.PRE_OPERATIONAL},
-            (Cause.DRIVE_NOT_OPERATIONAL, 0, 0, "PRE_OPERATIONAL"),
+            (Cause.DRIVE_NOT_OPERATIONAL, NmtState.PRE_OPERATIONAL, 0, Finding.NMT_STATE),
         ),
         (
             {"sample_age_cycles": 4},
-            (Cause.DRIVE_SILENT, 4, 2, "cycles without a complete sample"),
+            (Cause.DRIVE_SILENT, 4, 2, Finding.CYCLES_WITHOUT_SAMPLE),
         ),
-        ({"power_state": PowerState.FAULT}, (Cause.DRIVE_FAULT, 0, 0, "no EMCY seen")),
+        ({"power_state": PowerState.FAULT}, (Cause.DRIVE_FAULT, 0, 0, Finding.NO_EMCY)),
         (
             {"power_state": PowerState.FAULT, "emergency": EMERGENCY},
-            (Cause.DRIVE_FAULT, 0, 0, "8611h following error"),
+            (Cause.DRIVE_FAULT, 0x8611, 0, Finding.EMCY),
         ),
         (
             {"power_state": PowerState.FAULT, "emergency": LOW_CODE},
-            (Cause.DRIVE_FAULT, 0, 0, "0100h something"),
+            (Cause.DRIVE_FAULT, 0x0100, 0, Finding.EMCY),
         ),
         (
             {"power_state": PowerState.SWITCHED_ON},
-            (Cause.DRIVE_LEFT_ENABLED, 0, 0, "SWITCHED_ON"),
+            (Cause.DRIVE_LEFT_ENABLED, PowerState.SWITCHED_ON, 0, Finding.POWER_STATE),
         ),
-        ({"temperature_degc": 91.5}, (Cause.TEMPERATURE_LIMIT, 91.5, 80, "degC")),
+        ({"temperature_degc": 91.5}, (Cause.TEMPERATURE_LIMIT, 91.5, 80, Finding.TEMPERATURE_DEGC)),
     ],
 )
 def test_what_a_drive_says_is_told_with_value_limit_and_unit(change, expected):
-    cause, value, limit, detail = expected
+    cause, value, limit, finding = expected
 
     got = told(axes=[fed(**change)])
 
     assert got[:2] == (cause, "right/hip")
     assert got[2] == pytest.approx(value)
     assert got[3] == pytest.approx(limit)
-    assert got[4] == detail
+    assert got[4] == finding
 
 
 def test_a_fault_without_an_emcy_is_told_as_bring_up_found_it():
-    axis = fed(power_state=PowerState.FAULT)._replace(bring_up_error="2310h overcurrent")
+    axis = fed(power_state=PowerState.FAULT)._replace(bring_up_error=(0x2310, "overcurrent"))
 
-    assert told(axes=[axis])[-1] == "2310h overcurrent"
-    assert told(axes=[fed(axis, emergency=EMERGENCY)])[-1] == "8611h following error"
+    assert emcy_of(axis) == (0x2310, "overcurrent")
+    assert emcy_of(fed(axis, emergency=EMERGENCY)) == (0x8611, "following error")
 
 
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"position_si": 0.75}, (Cause.POSITION_LIMIT, 0.75, LIMITS.position_max_si, "above")),
-        ({"position_si": -0.35}, (Cause.POSITION_LIMIT, -0.35, LIMITS.position_min_si, "below")),
-        ({"velocity_si": -3.5, "effort_si": 0.0}, (Cause.VELOCITY_LIMIT, 3.5, 3.0, "")),
-        ({"effort_si": -70.0, "velocity_si": 0.0}, (Cause.EFFORT_LIMIT, 70.0, 66.0, "")),
-        ({"effort_si": -50.0, "velocity_si": -2.0}, (Cause.POWER_LIMIT, 100.0, 80.0, "")),
-        ({"step_si": -0.06}, (Cause.ENCODER_JUMP, 0.06, 0.045, "between two samples")),
+        (
+            {"position_si": 0.75},
+            (Cause.POSITION_LIMIT, 0.75, LIMITS.position_max_si, Finding.ABOVE),
+        ),
+        (
+            {"position_si": -0.35},
+            (Cause.POSITION_LIMIT, -0.35, LIMITS.position_min_si, Finding.BELOW),
+        ),
+        ({"velocity_si": -3.5, "effort_si": 0.0}, (Cause.VELOCITY_LIMIT, 3.5, 3.0, Finding.NONE)),
+        ({"effort_si": -70.0, "velocity_si": 0.0}, (Cause.EFFORT_LIMIT, 70.0, 66.0, Finding.NONE)),
+        ({"effort_si": -50.0, "velocity_si": -2.0}, (Cause.POWER_LIMIT, 100.0, 80.0, Finding.NONE)),
+        ({"step_si": -0.06}, (Cause.ENCODER_JUMP, 0.06, 0.045, Finding.STEP_BETWEEN_SAMPLES)),
     ],
 )
 def test_what_a_joint_does_is_told_with_value_limit_and_unit(change, expected):
-    cause, value, limit, detail = expected
+    cause, value, limit, finding = expected
 
     got = told(axes=[moved(**change)])
 
     assert got[:2] == (cause, "right/hip")
     assert got[2] == pytest.approx(value)
     assert got[3] == pytest.approx(limit)
-    assert got[4] == detail
+    assert got[4] == finding
 
 
 def test_the_rest_is_told_too():
@@ -161,36 +183,33 @@ def test_the_rest_is_told_too():
     blind = LEG._replace(observer_bad_cycles=51)
 
     hip = "right/hip"
-    assert told(axes=[tracking]) == (Cause.TRACKING_LIMIT, hip, 0.25, 0.2, "")
-    assert told(axes=[unreferenced]) == (Cause.UNREFERENCED, hip, 0.0, 1.0, "")
-    assert told(axes=[unasked]) == (Cause.UNEXPECTED_ENABLE, hip, 26.0, 25.0, "cycles")
+    assert told(axes=[tracking]) == (Cause.TRACKING_LIMIT, hip, 0.25, 0.2, Finding.NONE)
+    assert told(axes=[unreferenced]) == (Cause.UNREFERENCED, hip, 0.0, 1.0, Finding.NONE)
+    assert told(axes=[unasked]) == (Cause.UNEXPECTED_ENABLE, hip, 26.0, 25.0, Finding.CYCLES)
     assert told(axes=[mode]) == (
         *(Cause.MODE_NOT_SHOWN, hip),
         *(float(OperationMode.CYCLIC_SYNC_POSITION), float(OperationMode.CYCLIC_SYNC_TORQUE)),
-        "mode of operation display",
+        Finding.MODE_DISPLAY,
     )
-    assert told(axes=[ignoring]) == (Cause.NOT_FOLLOWING, hip, 0.0, 1.0, "statusword bit 12")
-    assert told(axes=[emergency]) == (Cause.EMERGENCY, hip, 0.0, 0.0, "8611h following error")
-    assert told(legs=[stretched])[:4] == (Cause.SINGULARITY, "right", 0.1, 0.15)
-    assert "between shank and shoe" in told(legs=[stretched])[4]
-    assert told(legs=[blind])[:4] == (Cause.OBSERVER_INVALID, "right", 51.0, 50.0)
-    assert "usable estimate" in told(legs=[blind])[4]
+    assert told(axes=[ignoring]) == (Cause.NOT_FOLLOWING, hip, 0.0, 1.0, Finding.NOT_FOLLOWING_BIT)
+    assert told(axes=[emergency]) == (Cause.EMERGENCY, hip, 0x8611, 0.0, Finding.EMCY)
+    angle, cycles = Finding.ANGLE_OF_SHOE, Finding.CYCLES_WITHOUT_ESTIMATE
+    assert told(legs=[stretched]) == (Cause.SINGULARITY, "right", 0.1, 0.15, angle)
+    assert told(legs=[blind]) == (Cause.OBSERVER_INVALID, "right", 51.0, 50.0, cycles)
 
 
-def test_a_low_code_of_an_emergency_is_told_in_four_digits():
-    emergency = fed(alarm=LOW_CODE)._replace(new_emergency=True)
-
-    assert verdict_of(axes=[emergency]).detail == "0100h something"
+def test_an_emergency_is_told_with_its_code_and_what_the_drive_calls_it():
+    assert emcy_of(fed(alarm=LOW_CODE)._replace(new_emergency=True)) == (0x0100, "something")
 
 
 @pytest.mark.parametrize(
-    ("switch", "sign", "words"),
+    ("switch", "sign", "finding"),
     [
-        (Input.NEGATIVE_LIMIT, -1, "towards the drive's negative limit switch"),
-        (Input.POSITIVE_LIMIT, 1, "towards the drive's positive limit switch"),
+        (Input.NEGATIVE_LIMIT, -1, Finding.NEGATIVE_SWITCH),
+        (Input.POSITIVE_LIMIT, 1, Finding.POSITIVE_SWITCH),
     ],
 )
-def test_a_limit_switch_is_told_with_the_speed_towards_it(switch, sign, words):
+def test_a_limit_switch_is_told_with_the_speed_towards_it(switch, sign, finding):
     axis = fed(moved(velocity_si=0.5 * sign), inputs=FEEDBACK.inputs | switch)
 
     assert told(axes=[axis]) == (
@@ -198,7 +217,7 @@ def test_a_limit_switch_is_told_with_the_speed_towards_it(switch, sign, words):
         "right/hip",
         0.5,
         LIMITS.standstill_si_per_s,
-        words,
+        finding,
     )
 
 
@@ -213,9 +232,9 @@ SWITCH = Input.POSITIVE_LIMIT
 
 def test_speed_lost_at_once_is_told_with_what_a_joint_could_have_lost():
     axis = moved(still_cycles=5, velocity_si=0.0, speed_before_still_si=0.7)
-    cause, _, value, limit, detail = told(axes=[axis])
+    cause, _, value, limit, finding = told(axes=[axis])
 
-    assert (cause, value, detail) == (Cause.ENCODER_FROZEN, 0.7, "speed lost at once")
+    assert (cause, value, finding) == (Cause.ENCODER_FROZEN, 0.7, Finding.SPEED_LOST)
     assert limit == pytest.approx(0.6)  # three quick stops of 20 rad/s² for 10 ms
 
 
@@ -245,7 +264,7 @@ def test_effort_without_a_count_is_told_with_what_friction_could_have_held():
         "right/hip",
         30.0,
         3.0 * LIMITS.breakaway_si,
-        "effort changed, and the joint stood still",
+        Finding.EFFORT_WITHOUT_MOTION,
     )
 
 
@@ -271,17 +290,17 @@ def test_the_whole_effort_of_a_drive_that_has_lost_its_joint_counts_and_of_no_ot
 
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize(
-    ("key", "cause", "words"),
+    ("key", "cause", "finding"),
     [
-        ("position_si", Cause.ENCODER_JUMP, "its position is no number"),
-        ("effort_si", Cause.EFFORT_DEVIATION, "its effort is no number"),
+        ("position_si", Cause.ENCODER_JUMP, Finding.POSITION_NOT_FINITE),
+        ("effort_si", Cause.EFFORT_DEVIATION, Finding.EFFORT_NOT_FINITE),
     ],
 )
-def test_what_is_no_number_is_a_finding_by_itself(key, cause, words, number):
+def test_what_is_no_number_is_a_finding_by_itself(key, cause, finding, number):
     """It would pass every comparison as if it were inside."""
     verdicts = told(axes=[moved(**{key: number})])
 
-    assert verdicts == (cause, "right/hip", 0.0, 0.0, words)
+    assert verdicts == (cause, "right/hip", 0.0, 0.0, finding)
 
 
 def test_an_encoder_that_lost_its_reference_is_doubted_also_while_it_is_prepared():
@@ -394,20 +413,20 @@ def test_a_new_alarm_stops_by_its_own_name_whatever_the_drive_said_after_it(driv
         axis = fed(emergency=later, alarm=EMERGENCY)._replace(new_emergency=True)
 
         verdicts = told(axes=[axis], driving=driving)
-        assert verdicts == (Cause.EMERGENCY, "right/hip", 0.0, 0.0, "8611h following error")
+        assert verdicts == (Cause.EMERGENCY, "right/hip", 0x8611, 0.0, Finding.EMCY)
 
 
 def test_a_fault_is_named_by_the_alarm_that_came_with_it_also_after_it_was_taken_back():
     faulty = fed(alarm=EMERGENCY, emergency=LOW_CODE, power_state=PowerState.FAULT)
 
-    assert verdict_of(axes=[faulty]).detail == "8611h following error"
+    assert emcy_of(faulty) == (0x8611, "following error")
 
 
 def test_a_temperature_that_is_not_measured_any_more_is_judged_as_one_beyond_its_limit():
     unknown = fed(temperature_degc=None, temperature_overdue=True)
 
-    assert told(axes=[unknown])[:4] == (Cause.TEMPERATURE_LIMIT, "right/hip", 0.0, 0.0)
-    assert "not measured" in told(axes=[unknown])[4]
+    finding = Finding.NOT_MEASURED
+    assert told(axes=[unknown]) == (Cause.TEMPERATURE_LIMIT, "right/hip", 0.0, 0.0, finding)
     assert verdict_of(axes=[fed(temperature_degc=None)]) == NO_VERDICT
 
 
@@ -419,7 +438,7 @@ def test_inputs_that_cannot_be_are_told_with_power_and_without_and_hide_no_open_
 
     assert told_ == (
         *(Cause.INPUTS_IMPOSSIBLE, "right/hip", 0.0, 0.0),
-        "bits of 60FDh that are always 0",
+        Finding.IMPOSSIBLE_BITS,
     )
 
 
@@ -435,7 +454,7 @@ def test_an_effort_that_no_drive_gives_is_told_as_one_and_accuses_no_encoder():
 
     assert told(axes=[odd]) == (
         *(Cause.EFFORT_DEVIATION, "right/hip", 1.01 * most_si, most_si),
-        "no drive gives that",
+        Finding.EFFORT_IMPOSSIBLE,
     )
     at_most = moved(standing(held_si=-30.0), effort_si=-most_si)
     assert told(axes=[at_most])[0] == Cause.ENCODER_FROZEN
@@ -449,7 +468,7 @@ def test_an_effort_that_stays_the_same_in_half_a_second_of_motion_is_not_measure
     if found:
         assert told(axes=[same]) == (
             *(Cause.EFFORT_DEVIATION, "right/hip", 50.0, 50.0),
-            "cycles of motion with the same effort",
+            Finding.EFFORT_UNCHANGED,
         )
 
 
@@ -472,7 +491,7 @@ def test_a_drive_whose_own_loops_hold_a_joint_away_from_its_target_does_not_foll
 
     assert told(axes=[away]) == (
         *(Cause.NOT_FOLLOWING, "right/hip", 1.01 * HOLD_SI, HOLD_SI),
-        "held away from its target",
+        Finding.HELD_AWAY,
     )
     assert verdict_of(axes=[HELD._replace(loop_distance_si=HOLD_SI)]) == NO_VERDICT
     assert verdict_of(axes=[HELD._replace(loop_distance_si=math.inf)]) == NO_VERDICT
@@ -582,7 +601,7 @@ def test_power_that_appears_stops_at_once_and_power_that_does_not_go_soon(
         AXIS.name,
         float(patience + 1),
         float(patience),
-        "cycles",
+        Finding.CYCLES,
     )
 
 
@@ -823,70 +842,79 @@ def test_no_verdict_has_no_category_and_no_cause():
     [
         (
             AXIS._replace(watch=EffortWatch(gap_si=9.5, gap_cycles=99)),
-            (Cause.EFFORT_DEVIATION, 9.5, LIMITS.effort_deviation_max_si, "measured from sent"),
+            (
+                Cause.EFFORT_DEVIATION,
+                9.5,
+                LIMITS.effort_deviation_max_si,
+                Finding.EFFORT_NOT_AS_SENT,
+            ),
         ),
         (
             AXIS._replace(watch=EffortWatch(gap_si=9.5, gap_cycles=99, unpowered_cycles=1)),
-            (Cause.EFFORT_DEVIATION, 9.5, LIMITS.effort_deviation_max_si, "measured without power"),
+            (
+                Cause.EFFORT_DEVIATION,
+                9.5,
+                LIMITS.effort_deviation_max_si,
+                Finding.EFFORT_WITHOUT_POWER,
+            ),
         ),
         (
             AXIS._replace(watch=EffortWatch(sign_mismatch_si=25.5, sign_mismatch_cycles=99)),
             (
                 *(Cause.SIGN_WRONG, 25.5, LIMITS.sign_mismatch_effort_min_si),
-                "effort one way, motion the other",
+                Finding.EFFORT_AGAINST_MOTION,
             ),
         ),
         (
             against_its_drive(cycles=99),
             (
                 *(Cause.MOVED_AGAINST_DRIVE, 25.5, LIMITS.sign_mismatch_effort_min_si),
-                "the leg moves, its drive pushes back",
+                Finding.PUSHED_BACK,
             ),
         ),
         (
             AXIS._replace(stride_drift_si=-99.0),
             (
                 *(Cause.EFFORT_DEVIATION, 99.0, LIMITS.load_deviation_max_si),
-                "mean of a stride from what motion and load ask for",
+                Finding.MEAN_OF_STRIDE,
             ),
         ),
         (
             AXIS._replace(stride_energy_j=999.0),
-            (Cause.ENERGY_LIMIT, 999.0, LIMITS.stride_energy_max_j, "J in a stride"),
+            (Cause.ENERGY_LIMIT, 999.0, LIMITS.stride_energy_max_j, Finding.STRIDE_ENERGY_J),
         ),
         (
             AXIS._replace(spasm_cycles=99, spasm_rise_si=-33.0),
-            (Cause.SPASM, 33.0, LIMITS.spasm_rise_si, "rise against the motion"),
+            (Cause.SPASM, 33.0, LIMITS.spasm_rise_si, Finding.RISE_AGAINST_MOTION),
         ),
         (
             AXIS._replace(clonus_cycles=999, clonus_swing_si=7.0),
-            (Cause.CLONUS, 7.0, LIMITS.clonus_swing_si, "swings to and fro"),
+            (Cause.CLONUS, 7.0, LIMITS.clonus_swing_si, Finding.SWINGS),
         ),
         (
             AXIS._replace(stopping_end_si=0.8),
-            (Cause.STOPPING_PATH, 0.8, LIMITS.position_max_si, "comes to rest above"),
+            (Cause.STOPPING_PATH, 0.8, LIMITS.position_max_si, Finding.RESTS_ABOVE),
         ),
         (
             AXIS._replace(stopping_end_si=-0.4),
-            (Cause.STOPPING_PATH, -0.4, LIMITS.position_min_si, "comes to rest below"),
+            (Cause.STOPPING_PATH, -0.4, LIMITS.position_min_si, Finding.RESTS_BELOW),
         ),
     ],
 )
 def test_what_is_watched_over_cycles_and_strides_is_told_with_value_limit_and_meaning(
     axis, expected
 ):
-    cause, value, limit, detail = expected
+    cause, value, limit, finding = expected
 
-    assert told(axes=[axis]) == (cause, "right/hip", value, limit, detail)
+    assert told(axes=[axis]) == (cause, "right/hip", value, limit, finding)
 
 
 def test_a_leg_that_would_come_to_rest_too_straight_is_told_unless_it_is_so_already():
     going = LEG._replace(stopping_ratio=0.1)
     there = going._replace(singularity_ratio=0.12)
-    cause, name, value, limit, detail = told(legs=[going])
 
-    assert (cause, name, value, limit) == (Cause.STOPPING_PATH, "right", 0.1, 0.15)
-    assert "on the way to rest" in detail
+    finding = Finding.ANGLE_ON_WAY_TO_REST
+    assert told(legs=[going]) == (Cause.STOPPING_PATH, "right", 0.1, 0.15, finding)
     assert told(legs=[there])[:3] == (Cause.SINGULARITY, "right", 0.12)
 
 

@@ -15,8 +15,10 @@ from daemon.core.safety.stop_sequence import Step, begin
 from daemon.core.steps import supervisor
 from daemon.core.steps.bring_up import bring_up_core
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.report import Doubt, Event, EventCode
 from drives.canopen.bus import Frame
 from drives.errors import BringUpRefused
+from drives.signals import PowerState
 
 JUMPED = StoredVerdict("S0", "ENCODER_JUMP", "right/hip", 2.5, 1.5, utc_ns=7)
 POWERED = 0x1637
@@ -48,8 +50,8 @@ class Session:
     def cause(self):
         return self.core.verdict.cause, self.core.verdict.drive
 
-    def told(self, text):
-        return [event for event in self.core.events if text in event]
+    def told(self, code):
+        return [event for event in self.core.events if event.code is code]
 
 
 def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
@@ -77,7 +79,7 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
     assert (leg.reference, leg.estimate) == (None, None)
     assert (leg.observer_started, leg.observer_bad_cycles) == (False, 0)
     assert core.evidence == {}
-    assert core.events == ["bring-up begun", "drives are up"]
+    assert core.events == [Event(EventCode.BRING_UP_BEGUN), Event(EventCode.DRIVES_UP)]
 
 
 def test_each_step_is_shown_with_how_far_it_is():
@@ -96,10 +98,10 @@ def test_axes_that_are_not_referenced_are_named_with_the_reason():
 
     session.run()
 
-    why = "the stored pose cannot be read"
-    assert session.core.events[-1] == (
-        f"drives are up, not referenced: right/hip ({why}), right/slide ({why})"
-    )
+    assert session.core.events[-2:] == [
+        Event(EventCode.NOT_REFERENCED, axis, (Doubt.POSE_UNREADABLE,))
+        for axis in ("right/hip", "right/slide")
+    ]
 
 
 def test_errors_that_are_found_are_told_once_and_do_not_stop():
@@ -111,11 +113,10 @@ def test_errors_that_are_found_are_told_once_and_do_not_stop():
     assert session.run()
 
     assert session.core.mode == Mode.READY
-    (found,) = session.told("found with error 8130h: ")
-    assert found.startswith("right/hip: ")
-    (emergency,) = session.told("EMCY 8130h during bring-up: ")
-    assert emergency.startswith("right/hip: ")
-    assert "; the drive: " in emergency
+    for code in (EventCode.FOUND_WITH_ERROR, EventCode.EMCY_IN_BRING_UP):
+        (found,) = session.told(code)
+        assert (found.subject, found.values) == ("right/hip", (0x8130,))
+        assert found.said
 
 
 def test_a_stop_that_was_latched_before_the_restart_is_fault_after_bring_up():
@@ -125,8 +126,9 @@ def test_a_stop_that_was_latched_before_the_restart_is_fault_after_bring_up():
 
     assert session.core.mode == Mode.FAULT
     assert session.core.verdict == latched_stop.verdict_of(JUMPED)
-    (told,) = session.told("latched since 1970-01-01 00:00:00 UTC: ")
-    assert "right/hip" in told
+    (told,) = session.told(EventCode.STILL_LATCHED)
+    assert told.subject == "right/hip"
+    assert told.values[-1] == pytest.approx(7e-9)
     assert session.core.causes_reported == {(Cause.ENCODER_JUMP, "right/hip")}
 
 
@@ -144,10 +146,10 @@ def test_a_refusal_ends_the_service_and_leaves_the_core_in_off():
     assert core.mode == Mode.OFF
     assert session.cause == (Cause.BRING_UP_FAILED, "right/hip")
     assert core.verdict.category is core.config.categories.of(Cause.BRING_UP_FAILED)
-    assert "6065h" in core.verdict.detail
+    assert "6065h" in core.verdict.said
     assert (core.drives, core.reset_cycles_left, core.progress) == (None, 0, "")
     assert not core.axes[0].followed
-    assert len(session.told("bring-up failed: ")) == 1
+    assert len(session.told(EventCode.BRING_UP_FAILED)) == 1
 
 
 def test_a_refusal_of_the_limits_for_one_axis_does_not_end_the_service():
@@ -169,8 +171,8 @@ def test_a_silent_drive_is_told_once_however_often_it_is_tried():
 
     assert session.core.mode == Mode.OFF
     assert session.cause == (Cause.DRIVE_SILENT, "right/slide")
-    assert len(session.told("bring-up failed: ")) == 1
-    assert len(session.told("bring-up begun")) == 2
+    assert len(session.told(EventCode.BRING_UP_FAILED)) == 1
+    assert len(session.told(EventCode.BRING_UP_BEGUN)) == 2
 
 
 @pytest.mark.parametrize("is_off", [True, False])
@@ -185,7 +187,7 @@ def test_a_bus_that_fails_is_no_drive_s_fault(is_off):
 
     assert session.core.mode == Mode.OFF
     assert session.cause == (Cause.BUS_OFF if is_off else Cause.BUS_DOWN, "")
-    assert ("bus-off" if is_off else "transmit queue") in session.core.verdict.detail
+    assert ("bus-off" if is_off else "transmit queue") in session.core.verdict.said
 
 
 @pytest.mark.parametrize(
@@ -209,7 +211,8 @@ def test_a_drive_that_holds_the_leg_waits_for_a_reset(latched, verdict):
     assert session.core.single_axis is None
     assert session.core.reset_cycles_left == 0
     assert not session.bench.touched_power()
-    assert session.told("found powered, in OPERATION_ENABLED")
+    holds = Event(EventCode.DRIVE_HOLDS, "right/hip", (PowerState.OPERATION_ENABLED,))
+    assert session.core.events[-1] == holds
 
 
 def test_a_requested_reset_is_consent_to_switch_off_the_drive_that_holds_the_leg():
@@ -229,4 +232,5 @@ def test_a_bus_that_is_lost_before_bring_up_is_told_in_mode_off():
     supervisor.fail_bring_up(session.core, Cause.BUS_DOWN, "", "no such device")
 
     assert session.core.mode == Mode.OFF
-    assert session.core.events == ["bring-up failed: no such device"]
+    failed = Event(EventCode.BRING_UP_FAILED, "", (Cause.BUS_DOWN,), "no such device")
+    assert session.core.events == [failed]

@@ -29,6 +29,7 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
+from daemon.ipc.report import EventCode, Finding
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerRequest, PowerState
 
@@ -259,7 +260,9 @@ def test_a_self_test_that_is_passed_ends_in_hold(bench, over):
 
 
 def test_a_self_test_that_fails_stops(bench, over):
-    failed = Verdict(StopCategory.S2, Cause.SELF_TEST_FAILED, "right/hip", 2.0, 1.0, "stiff")
+    failed = Verdict(
+        StopCategory.S2, Cause.SELF_TEST_FAILED, "right/hip", 2.0, 1.0, Finding.FRICTION_MORE
+    )
     over(failed)
 
     bench.turn()
@@ -303,7 +306,9 @@ def test_the_confirmation_of_a_sign_test_leaves_the_drives_up(bench):
     core.mode = Mode.READY
     core.drives = drives = DriveGroup([])
     core.axes[0].serial_number = 305
-    core.evidence = {"right/hip": Result("moves", False, (0.1, -0.1), "pushed")}
+    core.evidence = {
+        "right/hip": Result(EventCode.SIGN_TESTED, False, (0.1, -0.1), (8.0, 0.1, -8.0, -0.1))
+    }
     bench.show(PowerState.SWITCH_ON_DISABLED)
     wanted_mode = ModeRequest(Mode.COMMISSION, axis="right/hip", witnessed=True)
     request = Request(1, RequestKind.MODE, bench.cycle + 1, wanted_mode, Role.UNRESTRICTED)
@@ -311,7 +316,7 @@ def test_the_confirmation_of_a_sign_test_leaves_the_drives_up(bench):
     bench.utc_ns = 3_600_000_000_000
     bench.turn(command_inputs=CommandInputs(request=request))
 
-    assert core.result.outcome == Outcome.DONE, core.result.reason
+    assert core.result.outcome == Outcome.DONE, core.result.refusal
     assert core.mode == Mode.READY
     assert core.drives is drives
     assert core.axes[0].sign_proven

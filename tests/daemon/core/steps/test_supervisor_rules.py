@@ -6,18 +6,17 @@ from types import SimpleNamespace
 import pytest
 from core_bench import JUMPED, OPENED, Bench
 from fresh_core import fresh
+from msgspec.structs import replace as replace_fields
 
 from daemon.core.exercises.hold import Hold
 from daemon.core.inputs import NO_INPUTS, CommandInputs
 from daemon.core.modes import latched_stop, table
 from daemon.core.modes.persistent_state import PersistentState, StoredVerdict
-from daemon.core.modes.table import Event
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import DriveStop, Step, begin
 from daemon.core.state import HOLD_SETTLE_CYCLES
 from daemon.core.steps import controllers, exercises, single_axis, supervisor
 from daemon.core.steps.single_axis import Change
-from daemon.core.steps.status import describe
 from daemon.ipc.record import (
     Cause,
     Mode,
@@ -29,6 +28,7 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
+from daemon.ipc.report import Event, EventCode, Failure, Finding, Trigger
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerState
@@ -65,12 +65,25 @@ class Run(SimpleNamespace):
 
     axis, by_drive, is_over, mode = "right/hip", False, False, Mode.REFERENCE
 
-    def failed(self, why: str) -> "Run":
+    def failed(self, why: Failure) -> "Run":
         return Run(is_over=True, why=why)
 
     def advance(self, sample: object) -> "Run":
         del sample
         return self
+
+
+def mode_changed(before, after, trigger):
+    return Event(EventCode.MODE_CHANGED, "", (before, after, trigger))
+
+
+def requested(kind, mode=Mode.HOLD):
+    return Event(EventCode.REQUEST_RECEIVED, "", (kind, mode))
+
+
+def cause_told(code, verdict, *values):
+    numbers = verdict.category, verdict.cause, verdict.value, verdict.limit, verdict.finding
+    return Event(code, verdict.drive, (*numbers, *values), verdict.said)
 
 
 def stops(core, *steps, cycle=50):
@@ -130,7 +143,10 @@ def test_enabling_begins_with_nothing_of_before(ready):
     assert (core.mode, core.verdict, core.progress) == (Mode.HOLD, Verdict(), "")
     assert (core.load_checked, core.load_settle_cycles) == (False, 1)
     assert [axis.energy.so_far(9) for axis in core.axes] == [0.0, 0.0]
-    assert core.events == ["enable requested", "mode ready -> hold: enable"]
+    assert core.events == [
+        requested(RequestKind.ENABLE),
+        mode_changed(Mode.READY, Mode.HOLD, Trigger.ENABLE),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -155,7 +171,10 @@ def test_disabling_brakes_and_holds_both_axes(bench):
     assert leg.exercise.start_velocity == (0.5, 0.5)
     for axis in core.axes:
         assert axis.stop[:3] == (Step.HOLD, bench.cycle, 0.5)
-    assert core.events == ["disable requested", "mode hold -> stopping: disable"]
+    assert core.events == [
+        requested(RequestKind.DISABLE),
+        mode_changed(Mode.HOLD, Mode.STOPPING, Trigger.DISABLE),
+    ]
 
 
 def test_disabling_during_a_homing_cancels_it_without_a_hold(bench):
@@ -165,7 +184,7 @@ def test_disabling_during_a_homing_cancels_it_without_a_hold(bench):
     bench.ask(RequestKind.DISABLE)
 
     assert (core.mode, core.disabling) == (Mode.STOPPING, True)
-    assert core.single_axis.why == "disabling was requested"
+    assert core.single_axis.why is Failure.DISABLE_REQUESTED
     assert bench.steps() == [Step.DISABLE, Step.DISABLE]
 
 
@@ -174,7 +193,7 @@ def test_a_stop_request_cancels_a_homing(bench):
 
     supervisor.rest(bench.core, CommandInputs(stop=True), 1, 0)
 
-    assert bench.core.single_axis.why == "a stop was requested"
+    assert bench.core.single_axis.why is Failure.STOP_REQUESTED
 
 
 def test_a_reset_drops_drives_latch_verdict_and_homing(bench):
@@ -188,7 +207,10 @@ def test_a_reset_drops_drives_latch_verdict_and_homing(bench):
     assert (core.mode, core.drives, core.single_axis) == (Mode.OFF, None, None)
     assert (core.verdict, core.persistent.latched) == (Verdict(), None)
     assert (core.reset_cycles_left, core.reset_settle_cycles) == (100, 0)
-    assert core.events == ["reset requested", "mode fault -> off: reset"]
+    assert core.events == [
+        requested(RequestKind.RESET),
+        mode_changed(Mode.FAULT, Mode.OFF, Trigger.RESET),
+    ]
 
 
 def test_a_mode_that_is_requested_begins_with_its_exercise_and_its_controller(bench):
@@ -200,7 +222,10 @@ def test_a_mode_that_is_requested_begins_with_its_exercise_and_its_controller(be
     assert core.mode == Mode.TORQUE
     assert core.torque_lease == 7
     assert type(core.legs[0].exercise).__name__ == "Torque"
-    assert core.events[-2:] == ["mode hold -> torque: mode torque", "mode done"]
+    assert core.events[-2:] == [
+        mode_changed(Mode.HOLD, Mode.TORQUE, Trigger.TO_TORQUE),
+        Event(EventCode.REQUEST_DONE, "", (RequestKind.MODE, Mode.TORQUE)),
+    ]
 
 
 def test_a_sign_test_that_is_requested_brings_the_drives_up_anew_with_its_limits(ready):
@@ -213,7 +238,7 @@ def test_a_sign_test_that_is_requested_brings_the_drives_up_anew_with_its_limits
     assert (core.single_axis.axis, core.single_axis.requested_cycle) == ("right/hip", ready.cycle)
     assert (core.mode, core.drives) == (Mode.OFF, None)
     assert core.persistent.latched is None
-    assert core.events[-1] == "mode ready -> off: other limits for the drives"
+    assert core.events[-1] == mode_changed(Mode.READY, Mode.OFF, Trigger.BRING_UP_RESTARTED)
 
 
 # --- homing and sign test -------------------------------------------------------------------------
@@ -226,14 +251,15 @@ def changed(monkeypatch):
 
 
 def test_a_homing_begins_when_the_drives_are_up(ready, changed):
-    changed(Change(Event.TO_REFERENCE, "right/hip: homing begun"))
+    ready.core.single_axis = Run()
+    changed(Change(Trigger.TO_REFERENCE))
 
     ready.turn()
 
     assert (ready.core.mode, ready.core.disabling) == (Mode.REFERENCE, False)
     assert ready.core.events == [
-        "mode ready -> reference: mode reference",
-        "right/hip: homing begun",
+        mode_changed(Mode.READY, Mode.REFERENCE, Trigger.TO_REFERENCE),
+        Event(EventCode.SINGLE_AXIS_BEGUN, "right/hip", (Mode.REFERENCE,)),
     ]
     assert ready.steps() == []
 
@@ -241,7 +267,7 @@ def test_a_homing_begins_when_the_drives_are_up(ready, changed):
 def test_a_homing_may_move_the_origin_of_its_axis_from_its_begin(ready, changed):
     hip, slide = ready.core.axes
     hip.followed = slide.followed = True
-    changed(Change(Event.TO_REFERENCE, homing=hip))
+    changed(Change(Trigger.TO_REFERENCE, homing=hip))
 
     ready.turn()
 
@@ -252,7 +278,7 @@ def test_a_homing_that_is_over_switches_off_as_a_disable_does(bench, changed):
     core = bench.core
     core.mode, hip = Mode.REFERENCE, core.axes[0]
     hip.referenced = False
-    changed(Change(Event.EXERCISE_OVER, homed=hip))
+    changed(Change(Trigger.EXERCISE_OVER, homed=hip))
 
     bench.turn()
 
@@ -261,17 +287,17 @@ def test_a_homing_that_is_over_switches_off_as_a_disable_does(bench, changed):
     assert [axis.stop for axis in core.axes] == [
         begin(Step.DISABLE, axis.joint, bench.cycle) for axis in core.axes
     ]
-    assert core.events == ["mode reference -> stopping: exercise over"]
+    assert core.events == [mode_changed(Mode.REFERENCE, Mode.STOPPING, Trigger.EXERCISE_OVER)]
 
 
 def test_after_a_homing_the_drives_are_brought_up_with_their_usual_limits(ready, changed):
     core = ready.core
-    changed(Change(Event.BRING_UP_RESTARTED, "not told"))
+    changed(Change(Trigger.BRING_UP_RESTARTED))
 
     ready.turn()
 
     assert (core.mode, core.drives, core.disabling) == (Mode.OFF, None, False)
-    assert core.events == ["mode ready -> off: other limits for the drives"]
+    assert core.events == [mode_changed(Mode.READY, Mode.OFF, Trigger.BRING_UP_RESTARTED)]
 
 
 # --- verdicts -------------------------------------------------------------------------------------
@@ -303,8 +329,8 @@ def test_the_first_verdict_stops_whatever_is_under_way(bench, mode):
     assert core.legs[0].exercise.start_velocity == (0.5, 0.5)
     assert [axis.stop for axis in core.axes] == [DriveStop(Step.QUICK_STOP, 123, 0.5)] * 2
     assert core.events == [
-        f"mode {mode.name.lower()} -> stopping: stop",
-        f"stop S1: {describe(OPENED)}",
+        mode_changed(mode, Mode.STOPPING, Trigger.STOP),
+        cause_told(EventCode.STOPPED, OPENED),
     ]
 
 
@@ -378,8 +404,8 @@ def test_a_later_verdict_replaces_the_latched_one_only_if_it_is_harsher_or_expla
     stops(core, QUICK, QUICK)
 
     supervisor.stop(core, verdict, 123)
-    told = f"stop {verdict.category.name}: " if replaces else "also: "
-    assert core.events == [told + describe(verdict)]
+    told = cause_told(EventCode.STOPPED if replaces else EventCode.FURTHER_CAUSE, verdict)
+    assert core.events == [told]
     assert core.mode == mode
     assert core.verdict == (verdict if replaces else latched)
     assert core.disabling is not replaces
@@ -387,7 +413,7 @@ def test_a_later_verdict_replaces_the_latched_one_only_if_it_is_harsher_or_expla
     supervisor.stop(core, verdict, 124)
 
     assert core.causes_reported == {(verdict.cause, verdict.drive)}
-    assert core.events == [told + describe(verdict)]
+    assert core.events == [told]
 
 
 def test_a_later_verdict_is_told_again_if_it_is_another_drive_s(bench):
@@ -398,7 +424,7 @@ def test_a_later_verdict_is_told_again_if_it_is_another_drive_s(bench):
     supervisor.stop(bench.core, OPENED, 123)
     supervisor.stop(bench.core, SLIDE_OPENED, 123)
 
-    assert bench.core.events == [f"also: {describe(SLIDE_OPENED)}"]
+    assert bench.core.events == [cause_told(EventCode.FURTHER_CAUSE, SLIDE_OPENED)]
 
 
 @pytest.mark.parametrize(
@@ -473,29 +499,28 @@ def test_a_verdict_in_ready(ready, cause, resetting):
 
     if mode is Mode.OFF:
         assert (core.drives, core.single_axis, core.reset_cycles_left) == (None, None, 0)
-        told = ["mode ready -> off: drives lost", describe(verdict)]
+        trigger = Trigger.DRIVES_LOST
     elif resetting:  # a drive may show its fault until the reset is over
         assert (core.mode, core.verdict, core.events) == (Mode.READY, Verdict(), [])
         return
     else:
         assert core.drives is drives
-        told = ["mode ready -> fault: drive faulty", describe(verdict)]
-    assert (core.mode, core.verdict, core.events) == (mode, verdict, told)
+        trigger = Trigger.DRIVE_FAULTY
+    assert (core.mode, core.verdict) == (mode, verdict)
+    assert core.events == [
+        mode_changed(Mode.READY, mode, trigger),
+        cause_told(EventCode.CAUSE_FOUND, verdict),
+    ]
 
 
+AT_REST = mode_changed(Mode.STOPPING, Mode.FAULT, Trigger.AT_REST_STOPPED)
 LOST = {
-    Mode.READY: (Mode.OFF, ["mode ready -> off: drives lost"]),
-    Mode.STOPPING: (Mode.FAULT, ["mode stopping -> fault: at rest, by a verdict"]),
+    Mode.READY: (Mode.OFF, [mode_changed(Mode.READY, Mode.OFF, Trigger.DRIVES_LOST)]),
+    Mode.STOPPING: (Mode.FAULT, [AT_REST]),
     Mode.FAULT: (Mode.FAULT, []),
     Mode.OFF: (Mode.OFF, []),
 } | {
-    mode: (
-        Mode.FAULT,
-        [
-            f"mode {mode.name.lower()} -> stopping: stop",
-            "mode stopping -> fault: at rest, by a verdict",
-        ],
-    )
+    mode: (Mode.FAULT, [mode_changed(mode, Mode.STOPPING, Trigger.STOP), AT_REST])
     for mode in ACTIVE
 }
 
@@ -511,9 +536,9 @@ def test_a_lost_bus_leaves_nothing_known_of_the_drives(bench, mode):
     supervisor.lose_bus(core, "can0 is down")
 
     after, told = LOST[mode]
-    verdict = Verdict(StopCategory.S1, Cause.BUS_DOWN, detail="can0 is down")
+    verdict = Verdict(StopCategory.S1, Cause.BUS_DOWN, said="can0 is down")
     assert (core.mode, core.verdict) == (after, verdict)
-    assert core.events == [describe(verdict), *told]
+    assert core.events == [cause_told(EventCode.CAUSE_FOUND, verdict), *told]
     assert (core.drives, core.single_axis) == (None, None)
     assert (core.disabling, core.reset_cycles_left, bench.steps()) == (False, 0, [])
     assert [(axis.feedback, axis.joint, axis.followed) for axis in core.axes] == [
@@ -605,7 +630,7 @@ def test_assist_that_has_lapsed_ends_in_hold_from_where_the_leg_is(bench, monkey
     assert core.mode == Mode.HOLD
     assert leg.takes_over
     assert leg.exercise is not None
-    assert core.events == ["mode gait -> hold: assist lapsed"]
+    assert core.events == [mode_changed(Mode.GAIT, Mode.HOLD, Trigger.LEASE_LAPSED)]
 
 
 def test_only_an_exercise_of_an_active_mode_ends(bench, monkeypatch):
@@ -629,7 +654,7 @@ def test_an_exercise_advances_and_its_end_brakes_the_leg(bench, monkeypatch):
     bench.turn()
 
     assert leg.exercise.elapsed_s == 0.0
-    assert core.events == ["mode gait -> hold: exercise over"]
+    assert core.events == [mode_changed(Mode.GAIT, Mode.HOLD, Trigger.EXERCISE_OVER)]
 
 
 # --- stops in time --------------------------------------------------------------------------------
@@ -645,12 +670,10 @@ def test_a_drive_that_does_not_obey_is_taken_further_and_the_other_one_with_it(b
 
     bench.turn()
 
-    verdict = Verdict(
-        StopCategory.S0, Cause.STOP_NOT_OBEYED, "right/hip", detail="after hold, at 1.23 per s"
-    )
+    verdict = replace_fields(NOT_OBEYED, value=1.2345, finding=Finding.NOT_HELD)
     assert (core.verdict, core.disabling) == (verdict, False)
     assert bench.steps() == [QUICK, QUICK]
-    assert core.events == [describe(verdict)]
+    assert core.events == [cause_told(EventCode.CAUSE_FOUND, verdict)]
     assert core.mode == mode
 
 
@@ -843,20 +866,19 @@ def test_drives_that_are_up_end_in_ready_or_in_the_stop_of_before(latched):
         return
     assert (core.mode, core.verdict) == (Mode.FAULT, latched_stop.verdict_of(latched))
     assert core.causes_reported == {(Cause.ENCODER_JUMP, "right/hip")}
-    since = "latched since 1970-01-01 00:00:00 UTC: "
-    assert core.events == [since + describe(core.verdict)]
+    assert core.events == [cause_told(EventCode.STILL_LATCHED, core.verdict, 7 * 1e-9)]
 
 
 def test_a_step_of_bring_up_is_shown_until_the_mode_changes(bench):
     core = bench.core
     core.mode = Mode.OFF
     supervisor.begin_bring_up(core)
-    assert (core.mode, core.events) == (Mode.BRINGING_UP, ["bring-up begun"])
+    assert (core.mode, core.events) == (Mode.BRINGING_UP, [Event(EventCode.BRING_UP_BEGUN)])
 
     supervisor.show_progress(core, "12/70 right/hip")
     assert core.progress == "12/70 right/hip"
 
-    supervisor.wait_for_reset(core, "right/hip", "OPERATION_ENABLED", "it holds the leg")
+    supervisor.wait_for_reset(core, "right/hip", ON)
     assert core.progress == ""
 
 
@@ -873,14 +895,15 @@ def test_a_drive_that_holds_the_leg_is_fault_until_a_reset(latched, cause):
     core = fresh(PersistentState(latched=latched)).core
     core.mode, core.single_axis, core.reset_cycles_left = Mode.BRINGING_UP, Run(), 9
 
-    supervisor.wait_for_reset(core, "right/slide", "OPERATION_ENABLED", "it holds the leg")
+    supervisor.wait_for_reset(core, "right/slide", ON)
 
     assert (core.mode, core.single_axis, core.reset_cycles_left) == (Mode.FAULT, None, 0)
     assert core.verdict.cause == cause
-    assert core.events[-1] == "it holds the leg"
+    assert core.events[-1] == Event(EventCode.DRIVE_HOLDS, "right/slide", (ON,))
     if cause is Cause.DRIVE_POWERED:
         category = core.config.categories.of(cause)
-        assert core.verdict == Verdict(category, cause, "right/slide", detail="OPERATION_ENABLED")
+        held = Verdict(category, cause, "right/slide", float(ON), finding=Finding.POWER_STATE)
+        assert core.verdict == held
 
 
 @pytest.mark.parametrize("mode", [Mode.OFF, Mode.BRINGING_UP])
@@ -888,16 +911,18 @@ def test_a_bring_up_that_fails_ends_in_off_and_is_told_if_it_is_new(bench, mode)
     core = bench.core
     failed = core, Cause.DRIVE_SILENT, "right/hip", "no answer"
     core.mode = mode
-    for told in (1, 1):
+    for _ in range(2):
         core.single_axis, core.reset_cycles_left, core.progress = Run(), 9, "12/70"
         core.axes[1].followed = True
         supervisor.fail_bring_up(*failed)
         assert (core.mode, core.single_axis, core.progress) == (Mode.OFF, None, "")
         assert (core.reset_cycles_left, core.axes[1].followed) == (0, False)
         assert core.verdict == Verdict(
-            StopCategory.S1, Cause.DRIVE_SILENT, "right/hip", detail="no answer"
+            StopCategory.S1, Cause.DRIVE_SILENT, "right/hip", said="no answer"
         )
-        assert core.events == ["bring-up failed: no answer"] * told
+        (event,) = core.events
+        assert event.code is EventCode.BRING_UP_FAILED
+        assert (event.subject, event.said) == ("right/hip", "no answer")
 
 
 def test_a_mode_without_its_row_in_the_table_is_an_error_of_the_program(bench):

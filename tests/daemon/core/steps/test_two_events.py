@@ -8,10 +8,10 @@ import pytest
 from exploration import SHORT, BrokenError, Search
 
 from daemon.core.modes import table
-from daemon.core.modes.table import Event
 from daemon.core.safety import stop_sequence
 from daemon.core.steps import impedance, supervisor, wanted
 from daemon.ipc.record import Cause, Mode
+from daemon.ipc.report import Trigger
 from drives.signals import PowerRequest
 
 
@@ -89,7 +89,7 @@ MUTATIONS: dict[str, tuple[object, str, Callable[..., object], str]] = {
         lambda *_: False,
         "is latched",
     ),
-    "enable has no guard": (table, "_refuse_enable", lambda _: "", "without a sample"),
+    "enable has no guard": (table, "_refuse_enable", lambda _: None, "without a sample"),
     "unexpected power is no reason to stop": (
         supervisor,
         "_take_verdicts",
@@ -121,7 +121,9 @@ def test_a_planted_fault_is_found_with_the_way_to_it(mutation, monkeypatch):
 
 
 def test_a_mode_without_its_row_in_the_table_is_found(monkeypatch):
-    rows = {key: mode for key, mode in table.TRANSITIONS.items() if key != (Mode.GAIT, Event.STOP)}
+    rows = {
+        key: mode for key, mode in table.TRANSITIONS.items() if key != (Mode.GAIT, Trigger.STOP)
+    }
     monkeypatch.setattr(table, "TRANSITIONS", rows)
 
     with pytest.raises(BrokenError, match="IllegalTransitionError"):
