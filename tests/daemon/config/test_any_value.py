@@ -183,6 +183,7 @@ def test_a_file_of_the_trainer_is_accepted_or_refused_by_its_key(name, every):
     assert False in found
 
 
+@pytest.mark.timeout(1800)  # all cases of one file take minutes
 @pytest.mark.parametrize("every", [151, pytest.param(1, marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("name", TRAINER)
 def test_files_that_are_accepted_by_themselves_are_checked_together(tmp_path, name, every):
