@@ -25,7 +25,7 @@ DOCUMENTS=/usr/share/doc/gaitd
 BASH_COMPLETION=/usr/share/bash-completion/completions/gaitd
 ZSH_COMPLETION=/usr/share/zsh/vendor-completions/_gaitd
 MANUAL=/usr/share/man/man1
-PARTS=(gaitd.target gaitd-core.service gaitd-gateway.service gaitd-sim.service)
+PARTS=(gaitd.target gaitd-core.service gaitd-gateway.service)
 PAGES=(gaitd-patient.service gaitd-therapist.service)
 CLIENTS=("${PAGES[@]}" gaitd-assist.service gaitd-record.service)
 NO_CAN=10-gaitd-no-can.conf
@@ -74,16 +74,14 @@ files() {
     done
     # Every other service is denied the CAN bus; the units of gaitd have a file of that name of their own.
     put systemd/drop-ins/no-can.conf "$UNITS/service.d/$NO_CAN"
-    for name in core sim; do
-        put systemd/drop-ins/may-can.conf "$UNITS/gaitd-$name.service.d/$NO_CAN"
-    done
+    put systemd/drop-ins/may-can.conf "$UNITS/gaitd-core.service.d/$NO_CAN"
     put systemd/drop-ins/bus-can0.conf "$UNITS/gaitd-core.service.d/20-gaitd-bus.conf"
     put systemd/drop-ins/can0-wait.conf "$WAIT/10-gaitd-wait.conf"
     for name in systemd/network/80-gaitd-can0.*; do
         put "$name" "$NETWORK/$(basename "$name")"
     done
-    # For development, to be copied by hand: a virtual bus, or the simulated one.
-    for name in systemd/network/80-gaitd-vcan0.* systemd/drop-ins/bus-{vcan0,simulated}.conf; do
+    # For development, to be copied by hand: a virtual bus, or the simulated one, and virtual drives.
+    for name in systemd/examples/*; do
         put "$name" "$DOCUMENTS/examples/$(basename "$name")"
     done
     put systemd/gaitd.sysusers /usr/lib/sysusers.d/gaitd.conf
@@ -206,15 +204,15 @@ uninstall() {
     for name in "${PARTS[@]}" "${CLIENTS[@]}"; do
         rm -f "$DESTDIR$UNITS/$name"
     done
-    rm -f "$DESTDIR$UNITS"/{gaitd-core,gaitd-sim}.service.d/{$NO_CAN,20-gaitd-bus.conf} \
+    rm -f "$DESTDIR$UNITS/gaitd-core.service.d"/{$NO_CAN,20-gaitd-bus.conf} \
         "$DESTDIR$UNITS/service.d/$NO_CAN" "$DESTDIR$WAIT/10-gaitd-wait.conf" \
         "$DESTDIR$NETWORK"/80-gaitd-can0.{link,network} \
         "$DESTDIR"/usr/lib/{sysusers,tmpfiles}.d/gaitd.conf "$DESTDIR"/usr/lib/sysusers.d/gaitd-{display,assist,record}.conf \
         "$DESTDIR/usr/bin/gaitd" "$DESTDIR$BASH_COMPLETION" "$DESTDIR$ZSH_COMPLETION" "$DESTDIR$MANUAL"/gaitd{,-*}.1
-    for name in "$UNITS"/{gaitd-core.service.d,gaitd-sim.service.d,service.d} "$WAIT"; do
+    for name in "$UNITS"/{gaitd-core.service.d,service.d} "$WAIT"; do
         rmdir --ignore-fail-on-non-empty "$DESTDIR$name" 2> /dev/null || true
     done
-    rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR"/var/cache/gaitd{,-sim}
+    rm -rf "$DESTDIR$DOCUMENTS" "$DESTDIR$PREFIX" "$DESTDIR$PREFIX"-* "$DESTDIR/run/gaitd" "$DESTDIR/var/cache/gaitd"
     ! running || systemctl daemon-reload
     say "gone; /etc/gaitd, /etc/gaitd-display, /etc/gaitd-assist, /etc/gaitd-record, /var/lib/gaitd, the log in /var/lib/gaitd-assist,"
     say "the recordings in /var/lib/gaitd-record and the history of sessions in /var/lib/gaitd-patient are kept (\`make purge\` removes them)"

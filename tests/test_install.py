@@ -87,12 +87,14 @@ def test_units_configuration_and_documents_are_where_a_debian_machine_looks_for_
     assert (installed / "usr/bin/gaitd").readlink() == Path("/opt/gaitd/bin/gaitd")
 
 
-def test_no_unit_is_enabled_and_no_bus_of_a_desk_is_in_force(installed):
+def test_no_unit_is_enabled_and_neither_bus_nor_drives_of_a_desk_are_in_force(installed):
     assert not [name for name in installed.files() if ".wants/" in name]
     assert not [
         name
         for name in installed.files()
-        if "vcan" in name and "/examples/" not in name and not name.startswith("/etc/gaitd/")
+        if ("vcan" in name or "gaitd-sim" in name)
+        and "/examples/" not in name
+        and not name.startswith("/etc/gaitd/")
     ]
     in_force = installed / "usr/lib/systemd/system/gaitd-core.service.d/20-gaitd-bus.conf"
     assert "AF_INET" not in in_force.read_text()

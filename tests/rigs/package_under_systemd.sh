@@ -28,8 +28,8 @@ laboratory() {  # the virtual drives, which the package does not have
 
 package install --install first.deb
 {
-    systemctl is-enabled gaitd.target $parts gaitd-sim gaitd-patient gaitd-therapist gaitd-assist gaitd-record
-    systemctl is-active gaitd.target $parts gaitd-sim gaitd-patient gaitd-therapist gaitd-assist gaitd-record
+    systemctl is-enabled gaitd.target $parts gaitd-patient gaitd-therapist gaitd-assist gaitd-record
+    systemctl is-active gaitd.target $parts gaitd-patient gaitd-therapist gaitd-assist gaitd-record
 } > after_install || true
 is installed
 stat -c '%U %G %a' /etc/gaitd/trainer.toml /etc/gaitd-display/patient.toml /etc/gaitd-assist/assist.toml \
@@ -72,9 +72,10 @@ ours() {
         -o -path /var/log -o -path /tmp -o -path /var/lib/dpkg \) -prune -o -name '*gaitd*' -print | sort
     ls /opt
 }
+without_virtual_drives
 package removed --remove gaitd
 ours > left_by_removal
 package purged --purge gaitd
 ours > left_by_purge
-getent passwd gaitd-core gaitd-gateway gaitd-sim gaitd-patient gaitd-therapist gaitd-assist gaitd-record >> left_by_purge || true
+getent passwd gaitd-core gaitd-gateway gaitd-patient gaitd-therapist gaitd-assist gaitd-record >> left_by_purge || true
 getent group gaitd gaitd-training gaitd-patient gaitd-therapist gaitd-assist gaitd-record >> left_by_purge || true

@@ -1,5 +1,6 @@
 # Sourced inside the container, after an installation.
 # The desk's bus, and virtual drives that have never been commissioned. A quick start of a gait.
+# Bus and drives are the examples of docs/installation.md; the drives are taken away by `without_virtual_drives`.
 examples=/usr/share/doc/gaitd/examples units=/etc/systemd/system
 install -D -m 644 $examples/bus-simulated.conf $units/gaitd-core.service.d/20-gaitd-bus.conf
 # A container cannot raise its limits; systemd gives the processes their priority in here.
@@ -10,8 +11,15 @@ real_time() {
 }
 real_time core 50
 real_time sim 40
-sed 's#/etc/gaitd/vcan.toml#/etc/gaitd/demo.toml --wall-clock#; /^ExecStart=/!d' /usr/lib/systemd/system/gaitd-sim.service |
-    sed '1i [Service]\nExecStart=' > $units/gaitd-sim.service.d/60-desk.conf
+sed 's#/etc/gaitd/vcan.toml#/etc/gaitd/demo.toml --wall-clock#' $examples/gaitd-sim.service > $units/gaitd-sim.service
+install -m 644 /usr/lib/systemd/system/gaitd-core.service.d/10-gaitd-no-can.conf $units/gaitd-sim.service.d/
+systemd-sysusers $examples/gaitd-sim.sysusers
+systemctl daemon-reload
+without_virtual_drives() {
+    rm -rf $units/gaitd-sim.service $units/gaitd-sim.service.d /var/cache/gaitd-sim /run/gaitd-sim
+    userdel gaitd-sim
+    systemctl daemon-reload
+}
 # By the computer's clock: here systemd watches the core.
 bus='s#^interface = .*#interface = "simulated"#; s#^channel = .*#channel = "/run/gaitd-sim/bus"#'
 sed -i -e "$bus" /etc/gaitd/demo.toml

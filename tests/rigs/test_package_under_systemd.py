@@ -93,7 +93,7 @@ def lines(story, name):
 
 
 def test_an_installation_leaves_everything_stopped_and_disabled(story):
-    assert lines(story, "after_install") == ["disabled"] * 8 + ["inactive"] * 8
+    assert lines(story, "after_install") == ["disabled"] * 7 + ["inactive"] * 7
     assert lines(story, "install")[-1].startswith(f"installed {VERSION}")
     assert lines(story, "installed")[0] == f"gaitd {VERSION}"
     assert lines(story, "installed")[1].startswith("environments: gaitd")

@@ -57,7 +57,7 @@ def lines(story, name):
 
 
 def test_an_installation_leaves_everything_stopped_and_disabled(story):
-    assert lines(story, "after_install") == ["disabled"] * 4 + ["inactive"] * 4
+    assert lines(story, "after_install") == ["disabled"] * 3 + ["inactive"] * 3
     assert "not compiled yet" not in (story / "install").read_text()
 
 

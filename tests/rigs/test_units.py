@@ -12,6 +12,8 @@ from daemon.config.trainer import load_trainer
 from daemon.ipc.ring_clip import FOLDER
 
 SYSTEMD = Path(__file__).parents[2] / "systemd"
+BUSES = {"can0": "drop-ins", "vcan0": "examples", "simulated": "examples"}
+"""Folder of the drop-in of each bus."""
 TRAINER = CONFIGS / "trainer.toml"
 EXPOSURE_MAX = {
     "gaitd-core": 1.5,
@@ -50,21 +52,21 @@ def lines_of(name):
     return [line for line in text.splitlines() if line and not line.startswith("#")]
 
 
-@pytest.fixture(params=["can0", "vcan0", "simulated"])
+@pytest.fixture(params=sorted(BUSES))
 def placed(request, tmp_path):
     """The units with a program that exists, as systemd wants to see one, and their drop-ins."""
     for folder, drop_in in (
-        ("service.d", "no-can"),
-        ("gaitd-sim.service.d", "may-can"),
-        ("gaitd-core.service.d", "may-can"),
-        ("gaitd-core.service.d", f"bus-{request.param}"),
+        ("service.d", "drop-ins/no-can"),
+        ("gaitd-sim.service.d", "drop-ins/may-can"),
+        ("gaitd-core.service.d", "drop-ins/may-can"),
+        ("gaitd-core.service.d", f"{BUSES[request.param]}/bus-{request.param}"),
     ):
         (tmp_path / folder).mkdir(exist_ok=True)
-        shutil.copy(SYSTEMD / "drop-ins" / f"{drop_in}.conf", tmp_path / folder)
+        shutil.copy(SYSTEMD / f"{drop_in}.conf", tmp_path / folder)
     program = tmp_path / "gaitd"
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
-    for path in SYSTEMD.glob("gaitd*.*"):
+    for path in SYSTEMD.rglob("gaitd*.*"):
         if path.suffix in {".service", ".target"}:
             shutil.copy(path, tmp_path)
     for path in tmp_path.rglob("*.*"):
@@ -135,8 +137,8 @@ def test_each_page_has_a_user_of_its_own_loopback_and_no_file_of_the_service():
 
 
 def test_no_drop_in_gives_the_core_a_network_or_another_watchdog():
-    for bus in ("can0", "vcan0", "simulated"):
-        drop_in = unit(f"drop-ins/bus-{bus}.conf")
+    for bus, folder in BUSES.items():
+        drop_in = unit(f"{folder}/bus-{bus}.conf")
         assert not drop_in.values("Service", "RestrictAddressFamilies")
         assert not drop_in.values("Service", "IPAddressAllow")
         assert not drop_in.values("Service", "WatchdogSec")
@@ -188,11 +190,11 @@ def test_the_folders_of_the_units_are_those_of_the_trainer_file():
 
 
 def test_every_user_of_a_unit_is_made():
-    files = [path.name for path in SYSTEMD.glob("*.sysusers")]
-    made = {line.split()[1] for name in files for line in lines_of(name)}
+    files = SYSTEMD.rglob("*.sysusers")
+    made = {line.split()[1] for path in files for line in lines_of(path)}
 
-    for path in SYSTEMD.glob("*.service"):
-        service = unit(path.name)
+    for path in SYSTEMD.rglob("*.service"):
+        service = unit(path)
         assert {service.get("Service", "User"), service.get("Service", "Group")} <= made
 
 

@@ -14,7 +14,7 @@ printf '#!/opt/gaitd/bin/python\nfrom gaitd_display.__main__ import main\nmain()
 chmod 755 /opt/gaitd/bin/gaitd /opt/gaitd/bin/gaitd-display
 
 bash /opt/source/scripts/install.sh files > install
-parts="gaitd.target gaitd-core gaitd-gateway gaitd-sim"
+parts="gaitd.target gaitd-core gaitd-gateway"
 { systemctl is-enabled $parts; systemctl is-active $parts; } > after_install || true
 bash /opt/source/scripts/install.sh display-files > install_display
 

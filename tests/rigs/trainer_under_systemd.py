@@ -33,7 +33,7 @@ RUNTIME = Path("/run/gaitd")
 CONFIG = Path("/etc/gaitd/trainer.toml")
 CONTROL = Path("/run/gaitd-sim/control")
 BUS_DROP_IN = Path("/etc/systemd/system/gaitd-core.service.d/20-gaitd-bus.conf")
-SIM_DROP_IN = Path("/etc/systemd/system/gaitd-sim.service.d/60-desk.conf")
+SIM_UNIT = Path("/etc/systemd/system/gaitd-sim.service")
 ADMITTED = " --admit-simulated"
 PAGES = {"patient": 8080, "therapist": 8443}
 PAGES_FOLDER = Path("/etc/gaitd-display")
@@ -390,7 +390,7 @@ def simulated_time() -> Seen:
         wait(lambda: shown(CORE, "ActiveState") == "failed", "refused")
         refused = {key: shown(CORE, key) for key in ("ExecMainStatus", "NRestarts")}
     nothing_runs()
-    with _changed(SIM_DROP_IN, " --wall-clock", ""):
+    with _changed(SIM_UNIT, " --wall-clock", ""):
         run("systemctl", "start", SIM, CORE)
         waits = wait(lambda: _says("--wall-clock"), "a status that says why")
         restarts = shown(CORE, "NRestarts")
