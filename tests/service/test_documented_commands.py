@@ -48,8 +48,10 @@ RUN: Final = {
 """Commands that are run, by what they look like."""
 
 ELSEWHERE: Final = {
-    r"make .*|pip .*|python.*|pytest .*|\. .venv.*": "changes the environment, or is a test",
-    r"(sudo|ip|systemctl|journalctl|install|candump) .*": "root, hardware or systemd: tests/rigs",
+    r"make .*|pip .*|(\S+/)?python.*|pytest .*|\. .venv.*": "changes the environment, or is a test",
+    r"(sudo|ip|systemctl|systemd-sysusers|journalctl|install|candump|cd) .*": (
+        "root, hardware or systemd: tests/rigs"
+    ),
     r"apt-get .*": "tests/rigs/test_package_under_systemd.py",
     r"dask .*|gaitd fleet .*": "tests/gaitd/test_fleet.py, test_fleet_friction.py",
     r"gaitd import-candump .*": "tests/gaitd/test_import_candump.py",
