@@ -174,9 +174,12 @@ def warm() -> None:
 def _import_all() -> None:
     import importlib
 
-    for name in ("sim", "core", "gateway", "status", "remote"):
-        importlib.import_module(f"gaitd.{name}")
     for name in (
+        "gaitd.core",
+        "gaitd.gateway",
+        "gaitd.status",
+        "gaitd.remote",
+        "gaitd_lab.commands.sim",
         "can.interfaces.socketcan",
         "daemon.gateway.process",
         "daemon.core.runtime.process",
