@@ -7,6 +7,23 @@ its own in the same way, with a name that begins with `warm_`.
 import pytest
 from sessions import generic_drives, new_session, position_guidance
 
+from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.wire.report_texts import EVENT_TEXT, MEMBER_TEXT, REFUSAL_TEXT
+
+NOISE = "qx7"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def texts_are_noise():
+    """No program and no test in this folder reads a sentence: each text is replaced by noise."""
+    with pytest.MonkeyPatch.context() as patch:
+        for texts in (EVENT_TEXT, REFUSAL_TEXT, *MEMBER_TEXT.values()):
+            for key in texts:
+                patch.setitem(texts, key, NOISE)
+        for cause, text in CAUSE_TEXT.items():
+            patch.setitem(CAUSE_TEXT, cause, text._replace(title=NOISE))
+        yield
+
 
 @pytest.fixture(scope="session")
 def warm_ready():
