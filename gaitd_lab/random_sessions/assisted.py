@@ -6,8 +6,8 @@
 
 Validity is defined in this file, independent of the core's counts: of the lease, a number above all
 before, finite, inside its limits, for a cycle that is neither in the future nor too old. Time is
-counted in the core's own cycles, as in limits.toml: a core that is stopped for a while fades when
-it continues.
+counted in the core's own cycles with drives, as in limits.toml: a core that is stopped for a while
+fades when it continues, and so does one that a reset has sent to bring its drives up again.
 """
 
 import math
@@ -20,6 +20,8 @@ from daemon.ipc.record import CycleRecord, GatewayState, Mode, Setpoint
 MARGIN_CYCLES: Final = 2
 """Cycles from a gateway state to the record of the cycle that has read it, and one for rounding."""
 NEGLIGIBLE: Final = 1e-9
+WITHOUT_DRIVES: Final = frozenset({Mode.OFF, Mode.BRINGING_UP})
+"""Modes in which no drive is commanded, and assist neither acts nor changes."""
 
 
 class AssistBounds(NamedTuple):
@@ -45,7 +47,7 @@ class AssistWatch:
     """The cycle of the newest valid setpoint."""
     _cycle: int = 0
     _without_count: int = 0
-    """Consecutive records without a lease, or without a valid fresh setpoint."""
+    """Consecutive records with drives, without a lease or without a valid fresh setpoint."""
     _unleased_count: int = 0
     _torque_count: int = 0
 
@@ -84,7 +86,10 @@ class AssistWatch:
         self._cycle = record.cycle
         fresh = record.cycle - self._good_cycle <= bounds.age_max_cycles
         self._unleased_count = 0 if self._lease else self._unleased_count + 1
-        self._without_count = 0 if self._lease and fresh else self._without_count + 1
+        if self._lease and fresh:
+            self._without_count = 0
+        elif record.mode not in WITHOUT_DRIVES:
+            self._without_count += 1
         for leg in record.assist.legs:
             yield from self._check(leg.assist)
         self._torque_count = self._torque_count + 1 if record.mode == Mode.TORQUE else 0

@@ -54,6 +54,8 @@ def _assist_bounds(settings: Settings) -> AssistBounds:
 def _rules(settings: Settings, number: int) -> tuple[AxisRules, AxisRules]:
     limits, leg = settings.limits, settings.legs[number]
     rates = limits.hip.torque_rate_max_nm_per_s, limits.slide.force_rate_max_n_per_s
+    hold = settings.trainer.hold
+    dampings = hold.hip_damping_nm_s_per_rad, hold.slide_damping_n_s_per_m
     hip, slide = (
         AxisRules(
             name=drive.name,
@@ -65,6 +67,7 @@ def _rules(settings: Settings, number: int) -> tuple[AxisRules, AxisRules]:
             effort_per_count_si=count_nm(drive.profile.target_torque, expected_base(drive))
             * effort_per_motor_nm(drive),
             rate_si_per_s=rates[axis],
+            damping_si=dampings[axis],
         )
         for axis, (drive, written) in enumerate(
             zip((leg.hip, leg.slide), drive_limits(limits), strict=True)

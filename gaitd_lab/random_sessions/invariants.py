@@ -17,8 +17,8 @@ checker also knows the requests of the session. The rules, by the names that a v
 6. Beyond the limit: a joint is not more than a margin beyond its hard limit (`position_limits.py`).
 7. Torque jumps: 6071h changes by no more than limits.toml's rate times the time between two
    commands, while the drive is commanded to enable in cyclic torque. The first torque is the one
-   that holds the leg at its true pose, within FIRST_TORQUE_OFF_MAX, unless a fault made the drive
-   measure or push wrongly.
+   that holds the leg at its true pose, within FIRST_TORQUE_OFF_MAX and what the damper of the hold
+   adds at its true speed, unless a fault made the drive measure or push wrongly.
 8. Verdict milder: a latched verdict never becomes milder, and fault is not left, without RESET;
    nor does a core that was left an unreset stop become ready without it.
 9. Answers: each request is answered once, within TIMEOUT_S of a living core and gateway.
@@ -69,7 +69,7 @@ SILENCE_MARGIN_S: Final = 0.02
 EFFORT_FLOOR: Final = (0.5, 5.0)
 """N·m, N: smaller values are no torque (the current decays within a few milliseconds)."""
 FIRST_TORQUE_OFF_MAX: Final = (1.0, 10.0)
-"""N·m, N: tolerance of the holding effort; damping of small motions, noise of the encoders."""
+"""N·m, N: tolerance of the holding effort; encoder noise, the spring of the first cycles."""
 ENABLING_GRACE_S: Final = 0.05
 """Time from a controlword to the drive's state."""
 BLINDED_AFTER_NS: Final = round(BEFORE_S * NS_PER_S)
@@ -251,7 +251,7 @@ class Watch:
         elif begins and self.now_ns > drive.blinded_ns + BLINDED_AFTER_NS:
             # Magnitudes: the sign in which the drive counts is not checked here.
             off_si = abs(abs(count) * count_si - abs(drive.load_si))
-            most_si = FIRST_TORQUE_OFF_MAX[drive.rules.axis]
+            most_si = FIRST_TORQUE_OFF_MAX[drive.rules.axis] + drive.damper_si
             if off_si > most_si:
                 what = f"begins {off_si:.4g} from what holds it, {drive.load_si:.4g}; {most_si:.4g}"
                 self._break("torque jumps", f"{drive.rules.name} {what}")
@@ -267,7 +267,9 @@ class Watch:
             self._check_power(drive, state)
             truth = truths[drive.rules.leg]
             self._check_torque_off(drive, state, truth)
-            drive.load_si = self.load_of(truth.position)[drive.rules.axis]
+            axis = drive.rules.axis
+            drive.load_si = self.load_of(truth.position)[axis]
+            drive.damper_si = drive.rules.damping_si * abs(truth.velocity[axis])
             drive.state = state
             if state not in POWER_STAGE_ON:
                 drive.unpowered_ns = now_ns

@@ -20,6 +20,8 @@ class AxisRules(NamedTuple):
     effort_per_count_si: float
     """Joint effort per count of 6071h, absolute."""
     rate_si_per_s: float
+    damping_si: float
+    """Of the core's hold: N·m·s/rad, N·s/m."""
 
 
 class Violation(NamedTuple):
@@ -47,6 +49,8 @@ class WatchedDrive:
     """6071h, while the drive is commanded to enable in cyclic torque."""
     load_si: float = 0.0
     """Effort that would hold the joint still at its last pose; N·m, N."""
+    damper_si: float = 0.0
+    """What the damper of the hold adds at its last speed, absolute; N·m, N."""
     commanded_ns: int = 0
     commanded_until_ns: int = -(10**18)
     """End of the last enable command."""

@@ -44,7 +44,7 @@ class FakeDrive:
 
 def rules(axis: int, node_id: int) -> AxisRules:
     name = ("right/hip", "right/slide")[axis]
-    return AxisRules(name, node_id, axis, "right", -0.3, 0.7, 0.02, 1500.0)
+    return AxisRules(name, node_id, axis, "right", -0.3, 0.7, 0.02, 1500.0, 20.0)
 
 
 class Bench:
@@ -69,6 +69,7 @@ class Bench:
         self.effort = [0.0, 0.0]
         self.position = list(AT_REST)
         self.patient = [0.0, 0.0]
+        self.velocity = [0.0, 0.0]
         self.seq = 0
         self.sync()
 
@@ -89,7 +90,10 @@ class Bench:
         for node in self.nodes.values():
             node.drive.state = state or node.drive.state
         truth = SimpleNamespace(
-            effort=tuple(self.effort), position=tuple(self.position), patient=tuple(self.patient)
+            effort=tuple(self.effort),
+            position=tuple(self.position),
+            velocity=tuple(self.velocity),
+            patient=tuple(self.patient),
         )
         self.watch.check_truth(self.now_ns, {"right": truth})  # type: ignore[dict-item]
 
@@ -239,6 +243,15 @@ def test_assist_that_outlives_its_last_good_setpoint_is_found(bench, changed):
 def test_assist_under_a_good_lease_is_well(bench):
     bench.assisted(200)
     assert bench.broken() == []
+
+
+def test_assist_neither_acts_nor_fades_while_drives_are_brought_up(bench):
+    bench.assisted(40)
+    bench.assisted(50, Mode.BRINGING_UP, lease=0)
+    bench.assisted(22, Mode.READY, lease=0)
+    assert bench.broken() == []
+    bench.assisted(1, Mode.READY, lease=0)
+    assert bench.broken() == ["assist outlives its lease"]
 
 
 def test_mode_torque_that_outlives_its_lease_is_found(bench):
@@ -391,6 +404,18 @@ def test_a_first_torque_far_from_what_holds_the_leg_is_found(bench, torque, foun
     bench.see()
     bench.watch.request_sent(1, RequestKind.ENABLE, ModeRequest())
     bench.tell(5, 0x000F, torque=torque)
+
+    assert bench.broken() == found
+
+
+@pytest.mark.parametrize(("speed_rad_per_s", "found"), [(0.1, []), (0.04, ["torque jumps"])])
+def test_a_first_torque_may_brake_a_leg_that_moves_as_the_damper_does_and_no_more(
+    bench, speed_rad_per_s, found
+):
+    bench.velocity[0] = speed_rad_per_s
+    bench.see()
+    bench.watch.request_sent(1, RequestKind.ENABLE, ModeRequest())
+    bench.tell(5, 0x000F, torque=-100)  # 2 N·m
 
     assert bench.broken() == found
 
