@@ -21,7 +21,7 @@ class AxisRules(NamedTuple):
     """Joint effort per count of 6071h, absolute."""
     rate_si_per_s: float
     damping_si: float
-    """Of the core's hold: N·m·s/rad, N·s/m."""
+    """Damping of the core's hold: N·m·s/rad, N·s/m."""
 
 
 class Violation(NamedTuple):
