@@ -20,10 +20,10 @@ from daemon.config.strict import (
 )
 
 SIMULATED: Final = "simulated"
+"""The interface whose channel is the socket of `gaitd sim`, which controls time."""
 LABORATORY: Final = "gaitd-lab"
 """Distribution with virtual drives and simulated time; never on a trainer."""
 LABORATORY_BY: Final = "pip install ./clients/python . ./gaitd_lab in a clone of gaitd"
-"""The interface whose channel is the socket of `gaitd sim`, which controls time."""
 SOCKET_PATH_BYTES_MAX: Final = 107
 """sun_path of unix(7) holds 108 bytes with the closing zero."""
 _LONGEST_SOCKET_NAME: Final = "gateway.sock"

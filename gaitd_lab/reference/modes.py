@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from analysis import markdown
 from daemon.core.exercises.guards import GuardInputs
-from daemon.core.modes.table import TRANSITIONS, event_of, refusal
+from daemon.core.modes.table import TRANSITIONS, refusal, trigger_of
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from daemon.ipc.report import Doubt, SelfTestDue, Trigger, Untested
@@ -135,7 +135,7 @@ def _transitions() -> Iterator[tuple[str, ...]]:
 
 def _possible() -> Iterator[tuple[str, ...]]:
     for name, (kind, wanted) in REQUESTS.items():
-        event = event_of(kind, wanted)
+        event = trigger_of(kind, wanted)
         yield name, *("yes" if (mode, event) in TRANSITIONS else "refused" for mode in Mode)
     yield "stop", *("stops" if _moves(mode) else "yes" for mode in Mode)
 
@@ -147,7 +147,7 @@ def _moves(mode: Mode) -> bool:
 def _refusals() -> Iterator[tuple[str, ...]]:
     """Refusals by the guard: with nothing wrong, and those that one wrong thing adds or changes."""
     for name, (kind, wanted) in REQUESTS.items():
-        event = event_of(kind, wanted)
+        event = trigger_of(kind, wanted)
         for mode in (mode for mode in Mode if (mode, event) in TRANSITIONS):
             usual = refusal(kind, wanted, replace(WELL, mode=mode))
             if usual:

@@ -5,7 +5,7 @@ from functools import partial
 import pytest
 from sessions import changed_configs, elsewhere, new_session, reported
 
-from daemon.core.modes.table import TRANSITIONS, event_of
+from daemon.core.modes.table import TRANSITIONS, trigger_of
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from daemon.ipc.report import EventCode, Refusal, RefusalCode
 from daemon.wire.report_texts import refusal_of
@@ -67,7 +67,7 @@ def test_a_request_is_answered_with_done_or_why_not(warm_mode):
     for name, (kind, wanted) in REQUESTS.items():
         answer, events = elsewhere(session, partial(asked, kind, wanted))
 
-        if (mode, event_of(kind, wanted)) not in TRANSITIONS:
+        if (mode, trigger_of(kind, wanted)) not in TRANSITIONS:
             assert answer.outcome == Outcome.REFUSED, name
             assert answer.refusal.code is RefusalCode.NOT_IN_THIS_MODE, name
         if answer.outcome == Outcome.REFUSED:

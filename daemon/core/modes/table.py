@@ -91,7 +91,7 @@ TRANSITIONS: Mapping[tuple[Mode, Trigger], Mode] = {
     (Mode.FAULT, Trigger.RESET): Mode.OFF,
 }
 
-_EVENT_OF_KIND = {
+_TRIGGER_OF_KIND = {
     RequestKind.ENABLE: Trigger.ENABLE,
     RequestKind.DISABLE: Trigger.DISABLE,
     RequestKind.RESET: Trigger.RESET,
@@ -101,7 +101,7 @@ _EVENT_OF_KIND = {
 class ModeRules(NamedTuple):
     """What is particular to a mode that a client can request."""
 
-    event: Trigger
+    trigger: Trigger
     exercise: type[Exercise] | None = None
     """What each leg does; None in the modes of a single axis."""
     single_axis: type[SingleAxis] | None = None
@@ -155,38 +155,38 @@ class IllegalTransitionError(Exception):
     """The core tried a transition that has no row: a programming error."""
 
 
-def next_mode(mode: Mode, event: Trigger) -> Mode:
-    """The mode after an event, from the table.
+def next_mode(mode: Mode, trigger: Trigger) -> Mode:
+    """The mode after a trigger, from the table.
 
     Raises:
         IllegalTransitionError: the table has no such row.
     """
     try:
-        return TRANSITIONS[mode, event]
+        return TRANSITIONS[mode, trigger]
     except KeyError as error:
-        raise IllegalTransitionError(f"no transition for {event.name} in {mode.name}") from error
+        raise IllegalTransitionError(f"no transition for {trigger.name} in {mode.name}") from error
 
 
-def event_of(kind: RequestKind, wanted: ModeRequest) -> Trigger | None:
-    """The event of a request; None if its mode cannot be requested."""
+def trigger_of(kind: RequestKind, wanted: ModeRequest) -> Trigger | None:
+    """The trigger of a request; None if its mode cannot be requested."""
     if kind == RequestKind.MODE:
         rules = MODES.get(wanted.mode)
-        return None if rules is None else rules.event
-    return _EVENT_OF_KIND.get(kind)
+        return None if rules is None else rules.trigger
+    return _TRIGGER_OF_KIND.get(kind)
 
 
 def refusal(kind: RequestKind, wanted: ModeRequest, now: GuardInputs) -> Refusal | None:
     """The reason why a request is refused; None if it is allowed."""
-    event = event_of(kind, wanted)
-    if event is None:
+    trigger = trigger_of(kind, wanted)
+    if trigger is None:
         return Refusal(RefusalCode.NO_SUCH_MODE, values=(wanted.mode,))
-    if (now.mode, event) not in TRANSITIONS:
-        return Refusal(RefusalCode.NOT_IN_THIS_MODE, values=(event, now.mode))
-    if event == Trigger.ENABLE:
+    if (now.mode, trigger) not in TRANSITIONS:
+        return Refusal(RefusalCode.NOT_IN_THIS_MODE, values=(trigger, now.mode))
+    if trigger == Trigger.ENABLE:
         return _refuse_enable(now)
-    if event == Trigger.RESET:
+    if trigger == Trigger.RESET:
         return _refuse_reset(now)
-    if event in {Trigger.DISABLE, Trigger.TO_HOLD}:
+    if trigger in {Trigger.DISABLE, Trigger.TO_HOLD}:
         return None
     rules = MODES[wanted.mode]
     if rules.exercise is None:
@@ -205,9 +205,11 @@ def _refuse_enable(now: GuardInputs) -> Refusal | None:
         return unsafe
     if now.unproven:
         return Refusal(RefusalCode.SIGN_NOT_PROVEN, now.unproven[0])
-    for axis, doubt in now.unreferenced:
+    if now.unreferenced:
+        axis, doubt = now.unreferenced[0]
         return Refusal(RefusalCode.NOT_REFERENCED, axis, (doubt,))
-    for axis, state in now.inputs_untested:
+    if now.inputs_untested:
+        axis, state = now.inputs_untested[0]
         return Refusal(RefusalCode.INPUT_UNTESTED, axis, (state,))
     if (moving := _refuse_in_motion(now, now.unsampled)) is not None:
         return moving

@@ -146,7 +146,7 @@ def drop_tests_of_other_drives(core: Core, reports: Sequence[DriveReport]) -> No
 class Change(NamedTuple):
     """A change of the mode that the supervisor makes for a homing or sign test."""
 
-    event: Trigger
+    trigger: Trigger
     homing: Axis | None = None
     """The axis whose position is doubtful until its homing has ended."""
     homed: Axis | None = None
@@ -176,7 +176,7 @@ def _begin_or_leave(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> Chan
     elif all(_rests(one) for one in core.axes):
         core.single_axis = run.enabling()
         homing = axis if run.by_drive else None
-        return Change(MODES[run.mode].event, homing)
+        return Change(MODES[run.mode].trigger, homing)
     return None
 
 

@@ -82,21 +82,21 @@ def rest(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> 
     persistence.update_latch(core, utc_ns)
 
 
-def _change(core: Core, event: Trigger) -> None:
+def _change(core: Core, trigger: Trigger) -> None:
     """Apply a row of the mode table: the only assignment of the mode.
 
     Raises:
         IllegalTransitionError: there is no such row: a programming error.
     """
-    core.mode = table.next_mode(core.mode, event)
+    core.mode = table.next_mode(core.mode, trigger)
     core.progress = ""
 
 
-def _enter(core: Core, event: Trigger) -> None:
+def _enter(core: Core, trigger: Trigger) -> None:
     """Apply a row of the mode table, and publish the change."""
     before = core.mode
-    _change(core, event)
-    core.report(EventCode.MODE_CHANGED, "", before, core.mode, event)
+    _change(core, trigger)
+    core.report(EventCode.MODE_CHANGED, "", before, core.mode, trigger)
 
 
 # --- requests -------------------------------------------------------------------------------
@@ -142,7 +142,7 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
     else:
         exercises.begin(core, request.mode)
         controllers.begin(core, request)
-        _enter(core, MODES[request.mode.mode].event)
+        _enter(core, MODES[request.mode.mode].trigger)
 
 
 def _restart_bring_up(core: Core) -> None:
@@ -160,13 +160,13 @@ def _advance_single_axis(core: Core, cycle: int) -> None:
         sensing.doubt(core, change.homing.name)
     if change.homed is not None:
         sensing.take_home(change.homed)
-    if change.event is Trigger.BRING_UP_RESTARTED:
+    if change.trigger is Trigger.BRING_UP_RESTARTED:
         _restart_bring_up(core)
         return
-    ended = change.event is Trigger.EXERCISE_OVER
+    ended = change.trigger is Trigger.EXERCISE_OVER
     if ended:
         core.disabling = True
-    _enter(core, change.event)
+    _enter(core, change.trigger)
     begun = single_axis.moving(core)
     if begun is not None:
         core.report(EventCode.SINGLE_AXIS_BEGUN, begun.axis, begun.mode)

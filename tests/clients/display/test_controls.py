@@ -7,7 +7,7 @@ from gaitd_client import Mode, Stage
 from gaitd_display.controls import Command, Does, Requestable, WhyNot, controls
 
 from daemon.core.modes import roles
-from daemon.core.modes.table import TRANSITIONS, event_of
+from daemon.core.modes.table import TRANSITIONS, trigger_of
 from daemon.ipc import record
 from daemon.wire.roles import Role
 
@@ -140,7 +140,7 @@ def test_what_is_offered_is_what_the_service_s_table_allows_but_for_what_the_pag
     for mode, command in itertools.product(Mode, Command):
         offered = isinstance(decided(Requestable(mode, **WELL))[command], Does)
         kind, wanted = request_of(command)
-        row = (record.Mode[mode.name], event_of(kind, wanted))
+        row = (record.Mode[mode.name], trigger_of(kind, wanted))
         is_allowed = row in TRANSITIONS
         assert offered == (is_allowed and (mode, command) not in HERE_ALONE), (mode, command)
 

@@ -9,9 +9,9 @@ from safety_inputs import ALL_WELL
 from daemon.core.modes.table import (
     NO_RULES,
     TRANSITIONS,
-    event_of,
     refusal,
     rules_of,
+    trigger_of,
 )
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 from daemon.ipc.report import Doubt, Refusal, RefusalCode, SelfTestDue, Trigger, Untested
@@ -140,7 +140,7 @@ def test_drives_get_other_limits_by_being_brought_up_anew():
 )
 def test_a_request_asks_for_its_event_whatever_mode_it_names(kind, event):
     for mode in Mode:
-        assert event_of(kind, ModeRequest(mode)) is event
+        assert trigger_of(kind, ModeRequest(mode)) is event
 
 
 def test_a_mode_that_the_core_enters_by_itself_has_no_rules():
@@ -153,7 +153,7 @@ def test_one_can_ask_for_hold_for_an_exercise_for_a_preparation_and_for_no_other
     wanted = {Mode.HOLD: Trigger.TO_HOLD} | EXERCISES | PREPARATIONS
 
     for mode in Mode:
-        assert event_of(RequestKind.MODE, ModeRequest(mode)) is wanted.get(mode)
+        assert trigger_of(RequestKind.MODE, ModeRequest(mode)) is wanted.get(mode)
 
 
 def test_what_the_guards_look_at_is_not_altered_by_looking():
