@@ -1,7 +1,7 @@
 """Requests of a program that must not wait for their answers, which may take seconds."""
 
 import json
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import zenoh
 from gaitd_client import wire
@@ -14,10 +14,15 @@ from gaitd_client.connection import (
 )
 from gaitd_client.errors import NoAnswerError, NoServiceError
 
-from gaitd_lab.demonstration.script import Ask
-
 TAKEN_WITHIN_S: Final = 2.0
 UNANSWERED: Final = "unanswered"
+
+
+class Ask(NamedTuple):
+    """A request to the service over Zenoh."""
+
+    name: str
+    payload: dict[str, Any]
 
 
 class Requests:

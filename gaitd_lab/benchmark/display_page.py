@@ -24,7 +24,7 @@ from gaitd_client import Mode, RequestRefusedError, Safety, Stage, Trainer
 from gaitd_client.connection import Target
 
 from gaitd_lab.benchmark.figures import Figure
-from gaitd_lab.demonstration.pages import address_of, page, patient_settings
+from gaitd_lab.demonstration.clients import address_of, patient_settings, start_client
 from gaitd_lab.process_memory import sample
 from gaitd_lab.processes import ServiceError, Tempo, free_port
 from gaitd_lab.timed_service import timed_service, until_ready, warm_up
@@ -82,8 +82,10 @@ def measure(configs: Path, seconds: float) -> list[Figure]:
     port = free_port()
     with (
         timed_service(configs, Tempo(wall_clock=True), TRAINER_FILE) as made,
-        page("patient", made, patient_settings(made, port)) as server,
+        contextlib.ExitStack() as ending,
     ):
+        server = start_client("patient", made, patient_settings(made, port))
+        ending.callback(server.end)
         until_ready(made, READY_WITHIN_S)
         _walk(made.target, seconds)
         server.check()

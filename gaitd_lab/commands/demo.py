@@ -1,24 +1,25 @@
 """`gaitd demo`: virtual drives, service and a scripted patient, live; a judgement at the end.
 
-`gaitd_lab/demonstration/` holds the scenes, the view and the checks.
+`gaitd_lab/demonstration/` holds the acts, the view and the checks.
 """
 
 import signal
 import sys
 import time
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from gaitd.command_line import EXIT_FAILED, CommandError, JsonOption, json_on_stdout
+from gaitd.terminal import show
 
 if TYPE_CHECKING:
-    from gaitd_lab.demonstration.pages import PageSpot
-    from gaitd_lab.demonstration.performance import Performance
-    from gaitd_lab.demonstration.picture import Results
-    from gaitd_lab.demonstration.script import Scene
-    from gaitd_lab.demonstration.training import TrainingPlan
+    from gaitd_lab.demonstration.performance import Act
+    from gaitd_lab.demonstration.training import Training
     from gaitd_lab.demonstration.view import Moment
 
 SHORTEST_S = 6.0
@@ -94,44 +95,52 @@ def command(
     Or play a training session, and check that it was walked.
     """
     from daemon.config.shipped import configs_folder
-    from gaitd_lab.demonstration.pages import find_page
+    from gaitd_lab.demonstration.clients import find_page
     from gaitd_lab.demonstration.performance import Performance
     from gaitd_lab.demonstration.picture import draw
-    from gaitd_lab.demonstration.report import as_object, report
-    from gaitd_lab.demonstration.script import plan_of, tiring_plan
+    from gaitd_lab.demonstration.report import as_object, tables
     from gaitd_lab.processes import Tempo
 
     configs = configs_folder("configs", "demo.toml")
     # SIGTERM ends it like Ctrl-C, in order.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     _refuse(pace, wall_clock=wall_clock, tiring=tiring, session=session, hands_on=hands_on)
-    plan = tiring_plan(seconds or TIRING_S) if tiring else plan_of(seconds or GAIT_S)
     engineer = find_page("engineer", engineer_port) if engineer_port else None
     with json_on_stdout(as_json) as write:
         if engineer:
             print(engineer.said, flush=True)
-        training = None
-        if session:
-            patient, therapist = (
-                find_page("patient", patient_port),
-                find_page("therapist", therapist_port),
-            )
-            training = _training(patient, therapist, is_hands_on=hands_on)
+        training = _training(patient_port, therapist_port, hands_on) if session else None
+        acts = [training.act()] if training else _acts(configs, seconds, is_tiring=tiring)
         is_headless = headless or as_json or not sys.stdout.isatty()
         if training and not is_headless:
             time.sleep(READ_S)
         tempo = Tempo(pace or (SESSION_PACE if session and not hands_on else "1"), wall_clock)
-        performance = Performance(configs, plan, tempo, engineer, training)
-        results = performance.play(_Lines()) if is_headless else _watch(performance)
+        with _lines() if is_headless else _live_view() as screen:
+            results = Performance(
+                configs,
+                tempo,
+                screen,
+                pages=training.shown if training else engineer.shown if engineer else "",
+                engineer_port=engineer.port if engineer else None,
+            ).play(acts)
         picture = None if session else plot.resolve()
         if picture:
             picture.parent.mkdir(parents=True, exist_ok=True)
             draw(results, picture)
-        report(results, plan)
+        trained = training.result if training else None
+        show(table.texts() for table in tables(results, trained))
+        passed = results.passed
+        good, bad = "all within bounds, no stop", "not all within bounds"
+        if training:
+            passed = not results.trouble and trained is not None and trained.passed
+            good = f"{len(trained.blocks) if trained else 0} blocks walked, no interruption"
+            bad = "not walked as planned"
+        said = good if passed else results.trouble or bad
+        typer.secho(said, fg="green" if passed else "red", bold=True)
         if picture:
             print(f"picture: {picture}")
-        write(as_object(results) | {"picture": picture})
-    raise typer.Exit(0 if results.passed else 1)
+        write({"passed": passed, **as_object(results, trained), "picture": picture})
+    raise typer.Exit(0 if passed else 1)
 
 
 def _refuse(
@@ -147,62 +156,75 @@ def _refuse(
             raise ConfigError(COMMAND_LINE, "--pace", pace, str(error)) from error
         if wall_clock:
             raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --wall-clock")
-        if tiring:
-            # The controller answers by the computer's time: a setpoint older than 100 ms is refused
-            raise ConfigError(COMMAND_LINE, "--pace", pace, "nothing with --tiring")
     if tiring and session:
         raise ConfigError(COMMAND_LINE, "--session", "given", "nothing with --tiring")
     if hands_on and not session:
         raise ConfigError(COMMAND_LINE, "--hands-on", "given", "with --session alone")
 
 
-def _training(patient: "PageSpot", therapist: "PageSpot", *, is_hands_on: bool) -> "TrainingPlan":
-    """Draw the password, and tell where the pages of a session are."""
-    from gaitd_lab.demonstration.training import TrainingPlan, new_password
+def _acts(configs: Path, seconds: float | None, *, is_tiring: bool) -> "list[Act]":
+    from gaitd_lab.demonstration.performance import Act
+    from gaitd_lab.demonstration.script import gait_act, paper_act, plan_of, tiring_act
+    from gaitd_lab.demonstration.stage import empty_edits
 
+    if is_tiring:
+        half_s = (seconds or TIRING_S) / 2
+        return [Act(partial(tiring_act, duration_s=half_s, helped=one)) for one in (False, True)]
+    plan = plan_of(seconds or GAIT_S)
+    gait = Act(partial(gait_act, plan=plan))
+    if not plan.paper_s:
+        print("The paper's experiment is left out: it wants 40 seconds or more.")
+        return [gait]
+    return [gait, Act(partial(paper_act, duration_s=plan.paper_s), empty_edits(configs))]
+
+
+def _training(patient_port: int, therapist_port: int, is_hands_on: bool) -> "Training":
+    """Find ports, and tell where the pages of a session are."""
+    from gaitd_lab.demonstration.clients import find_page
+    from gaitd_lab.demonstration.training import Training
+
+    patient, therapist = find_page("patient", patient_port), find_page("therapist", therapist_port)
     if patient.port is None or therapist.port is None:
         raise CommandError(patient.said, EXIT_FAILED)
-    password = new_password()
+    training = Training(patient.port, therapist.port, is_hands_on=is_hands_on)
     print(patient.said)
-    print(f"{therapist.said}   password: {password}", flush=True)
-    return TrainingPlan(patient.port, therapist.port, password, is_hands_on)
+    print(f"{therapist.said}   password: {training.password}", flush=True)
+    return training
 
 
-def _watch(performance: "Performance") -> "Results":
+@contextmanager
+def _live_view() -> "Generator[Callable[[Moment], None]]":
+    """Take the terminal inside the context; yields a function that draws now and then."""
     from rich.live import Live
 
     from gaitd_lab.demonstration.view import picture
 
+    drawn_s = 0.0
     with Live(screen=True, auto_refresh=False) as live:
 
-        class Pictures:
-            """Live view, redrawn at most once per `DRAW_EVERY_S`."""
+        def draw(moment: "Moment") -> None:
+            nonlocal drawn_s
+            if time.monotonic() - drawn_s >= DRAW_EVERY_S:
+                drawn_s = time.monotonic()
+                live.update(picture(moment, *live.console.size), refresh=True)
 
-            drawn_s = 0.0
-
-            def show(self, moment: "Moment") -> None:
-                if time.monotonic() - self.drawn_s >= DRAW_EVERY_S:
-                    self.drawn_s = time.monotonic()
-                    live.update(picture(moment, *live.console.size), refresh=True)
-
-            def scene(self, scene: "Scene") -> None:
-                """Do nothing: the next picture shows the scene."""
-
-        return performance.play(Pictures())
+        yield draw
 
 
-class _Lines:
-    """Plain output: each scene's title, and about one line per second of the current values."""
+@contextmanager
+def _lines() -> "Generator[Callable[[Moment], None]]":
+    """Yield a function that prints each scene's title, and the values about once a second."""
+    from gaitd_lab.demonstration.report import line
 
-    def __init__(self) -> None:
-        self._printed_s = 0.0
+    printed_s, title = 0.0, ""
 
-    def show(self, moment: "Moment") -> None:
-        from gaitd_lab.demonstration.report import line
-
-        if time.monotonic() - self._printed_s >= PRINT_EVERY_S:
-            self._printed_s = time.monotonic()
+    def tell(moment: "Moment") -> None:
+        nonlocal printed_s, title
+        if moment.scene.title != title:
+            title = moment.scene.title
+            print(f"--- {title}", flush=True)
+        if time.monotonic() - printed_s >= PRINT_EVERY_S:
+            printed_s = time.monotonic()
             print(line(moment), flush=True)
 
-    def scene(self, scene: "Scene") -> None:
-        print(f"--- {scene.title}", flush=True)
+    yield tell

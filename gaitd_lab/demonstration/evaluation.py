@@ -10,21 +10,23 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+from gaitd_client import wire
 from numpy.typing import NDArray
 
 from analysis.accuracy import Score, nearest, score
 from gaitd_lab.demonstration.feed import Track
 from gaitd_lab.demonstration.script import Kind
+from gaitd_lab.studies.report import UNKNOWN, Table
 
 MATCH_NS: Final = 5_000_000
 """Half a cycle: an estimate and a truth further apart belong to different SYNCs."""
 
 
 class Bound(NamedTuple):
-    """Bounds of a span, per axis."""
+    """Bounds of a span."""
 
-    hip_rms_nm: float
-    slide_rms_n: float
+    rms: tuple[float, float]
+    """Of the hip, N·m, and the slide, N."""
     correlation_min: float
     """-1 disables the bound: a constant truth has no correlation."""
     covered_min_ratio: float
@@ -32,10 +34,10 @@ class Bound(NamedTuple):
 
 
 BOUNDS: Final = {
-    Kind.PASSIVE: Bound(0.3, 2.0, -1.0, 0.2),
-    Kind.ACTIVE: Bound(0.6, 3.0, 0.98, 0.7),
-    Kind.TIRING: Bound(0.6, 6.0, 0.9, 0.6),
-    Kind.OPEN_LOOP: Bound(0.6, 3.0, -1.0, 0.4),
+    Kind.PASSIVE: Bound((0.3, 2.0), -1.0, 0.2),
+    Kind.ACTIVE: Bound((0.6, 3.0), 0.98, 0.7),
+    Kind.TIRING: Bound((0.6, 6.0), 0.9, 0.6),
+    Kind.OPEN_LOOP: Bound((0.6, 3.0), -1.0, 0.4),
 }
 """The passive span begins with a ramp from rest; the paper's experiment rests at its reversals.
 The patient who tires pushes with up to 200 N at the slide, five times as much as the active one."""
@@ -85,6 +87,33 @@ class Pair(NamedTuple):
     true_friction: NDArray[np.float64]
 
 
+class Walk(NamedTuple):
+    """Strides of an act."""
+
+    strides: Sequence[wire.Stride]
+    helps: Sequence[wire.ControllerState]
+    """Empty without help."""
+
+
+class Results(NamedTuple):
+    """What a demonstration was."""
+
+    pairs: tuple[Pair, Pair]
+    spans: Sequence[Span]
+    rows: Sequence[Row]
+    health: Sequence[wire.Health]
+    """The last lateness of each act; only with the computer's clock, simulated time has none."""
+    trouble: str
+    """Reason of an early end; empty if it was complete."""
+    walks: Sequence[Walk] = ()
+    """Of each act."""
+
+    @property
+    def passed(self) -> bool:
+        """True if all errors are within bounds, nothing stopped, and something was evaluated."""
+        return not self.trouble and bool(self.rows) and all(row.passed for row in self.rows)
+
+
 AXES: Final = (("hip", "nm", "N·m"), ("slide", "n", "N"))
 """Name, suffix of the fields, displayed unit."""
 
@@ -102,29 +131,19 @@ def pairs(received: Track, true: Track, newest: int = 0) -> tuple[Pair, Pair]:
     index = nearest(received_ns, true_ns, MATCH_NS)
     found = np.full((len(index), len(true.columns)), math.nan)
     found[index >= 0] = truth[index[index >= 0]]
-    return _pair(received, true, received_ns, said, found, 0), _pair(
-        received, true, received_ns, said, found, 1
+    hip, slide = (
+        Pair(
+            received_ns,
+            received.column(f"{axis}_patient_{suffix}", said),
+            received.column(f"{axis}_patient_{suffix}_std", said),
+            true.column(f"{axis}_patient_{suffix}", found)
+            + np.nan_to_num(received.column(f"artificial_{axis}_{suffix}", said)),
+            received.column(f"{axis}_friction_{suffix}", said),
+            true.column(f"{axis}_friction_{suffix}", found),
+        )
+        for axis, suffix, _ in AXES
     )
-
-
-def _pair(
-    received: Track,
-    true: Track,
-    time_ns: NDArray[np.int64],
-    said: NDArray[np.float64],
-    truth: NDArray[np.float64],
-    index: int,
-) -> Pair:
-    axis, suffix, _ = AXES[index]
-    artificial = received.column(f"artificial_{axis}_{suffix}", said)
-    return Pair(
-        time_ns,
-        received.column(f"{axis}_patient_{suffix}", said),
-        received.column(f"{axis}_patient_{suffix}_std", said),
-        true.column(f"{axis}_patient_{suffix}", truth) + np.nan_to_num(artificial),
-        received.column(f"{axis}_friction_{suffix}", said),
-        true.column(f"{axis}_friction_{suffix}", truth),
-    )
+    return hip, slide
 
 
 def evaluate(spans: Sequence[Span], both: tuple[Pair, Pair]) -> tuple[Row, ...]:
@@ -140,12 +159,33 @@ def evaluate(spans: Sequence[Span], both: tuple[Pair, Pair]) -> tuple[Row, ...]:
 def _row(span: Span, bound: Bound, pair: Pair, index: int) -> Row:
     inside = (pair.time_ns >= span.begin_ns) & (pair.time_ns < span.end_ns)
     axis, _, unit = AXES[index]
-    return Row(
-        span,
-        axis,
-        unit,
-        score(pair.estimate[inside], pair.wanted[inside]),
-        (bound.hip_rms_nm, bound.slide_rms_n)[index],
-        bound.correlation_min,
-        bound.covered_min_ratio,
+    found = score(pair.estimate[inside], pair.wanted[inside])
+    rms_bound = bound.rms[index]
+    return Row(span, axis, unit, found, rms_bound, bound.correlation_min, bound.covered_min_ratio)
+
+
+def errors(rows: Sequence[Row]) -> Table:
+    """Return the errors of each axis in each span, with their bounds."""
+    head = (
+        *("span", "axis", "rms error", "at most", "worst", "bias"),
+        *("correlation", "not below", "valid", "at least", ""),
+    )
+    return Table("estimate against truth", head, [_cells(row) for row in rows])
+
+
+def _cells(row: Row) -> tuple[str, ...]:
+    found = row.score
+    return (
+        row.span.title,
+        row.axis,
+        f"{found.rms:.2f} {row.unit}",
+        f"{row.rms_bound:g}",
+        f"{found.worst:.2f}",
+        f"{found.bias:.2f}",
+        # A constant truth has no correlation.
+        UNKNOWN if row.span.kind is Kind.PASSIVE else f"{found.correlation:.4f}",
+        f"{row.correlation_min:g}" if row.correlation_min > -1 else "",
+        f"{found.covered_ratio:.0%}",
+        f"{row.covered_min_ratio:.0%}",
+        "✔" if row.passed else "✘",
     )

@@ -5,40 +5,34 @@ access to it. Both are on the monotonic clock of the core, where the SYNC of a c
 """
 
 import math
-import threading
-from collections import deque
 from io import TextIOWrapper
 from pathlib import Path
-from types import TracebackType
-from typing import Final, Protocol, Self, TypeVar
+from typing import Final, Protocol, TypeVar
 
+import msgspec
 import numpy as np
-from gaitd_client import NoServiceError, NotValid, Target, Trainer, wire
+from gaitd_client import NotValid, Stream, Target, Trainer, wire
 from numpy.typing import NDArray
 
 from gaitd_lab.demonstration.script import Situation
+from gaitd_lab.demonstration.turns import CYCLE_DONE_NS
 from sim_drives.plant.truth import TruthRow
 
-RECEIVED: Final = (
+MEASURED: Final = (
     *("hip_patient_nm", "slide_patient_n", "hip_patient_nm_std", "slide_patient_n_std"),
-    *("hip_friction_nm", "slide_friction_n", "hip_angle_rad", "slide_position_m"),
-    *("artificial_hip_nm", "artificial_slide_n"),
+    *("hip_friction_nm", "slide_friction_n", "artificial_hip_nm", "artificial_slide_n"),
+    "gait_phase_ratio",
 )
-"""Stored fields of an estimate; NaN where the message has null."""
+"""Fields of an estimate; NaN where the message has null."""
+RECEIVED: Final = (*MEASURED, "is_artificial")
 TRUE: Final = ("hip_patient_nm", "slide_patient_n", "hip_friction_nm", "slide_friction_n")
-"""Stored columns of the truth."""
-EVENTS_KEPT: Final = 100
-CATCH_UP_S: Final = 1.0
-"""Waiting time, by the computer's clock, for messages that are due."""
+"""Columns of the truth."""
 FRESH_NS: Final = 500_000_000
-CYCLE_DONE_NS: Final = 20_000_000
-"""Largest time from a SYNC to the record of its cycle."""
-ESTIMATES_KEPT: Final = 16
 WAITING_MAX: Final = 1000
 """All messages are stored, also when time is fast or the computer stalls."""
 
 Values = NDArray[np.float64]
-T = TypeVar("T")
+T = TypeVar("T", bound=msgspec.Struct)
 
 
 class Track:
@@ -67,6 +61,14 @@ class Track:
         """Return one column of the result of `arrays`."""
         return values[:, self.columns.index(name)]
 
+    def at(self, time_ns: int) -> dict[str, float]:
+        """Return the newest row up to a time, the same on each run; empty if it is of the past."""
+        for row_ns, values in reversed(self._rows):
+            if row_ns <= time_ns:
+                is_fresh = time_ns - row_ns < FRESH_NS
+                return dict(zip(self.columns, values, strict=True)) if is_fresh else {}
+        return {}
+
 
 class ActClock(Protocol):
     """The time of an act, for the evaluation of its messages."""
@@ -75,8 +77,8 @@ class ActClock(Protocol):
         """Monotonic time of the core."""
         ...
 
-    def of_utc_ns(self, utc_ns: int) -> int:
-        """Return the monotonic time of an instant of the core's UTC."""
+    def utc_ahead_ns(self) -> int:
+        """UTC of the core less its monotonic time."""
         ...
 
 
@@ -84,7 +86,7 @@ class Receiver:
     """A client like any other: subscribes, and stores the received messages."""
 
     def __init__(self, target: Target, leg: str, received: Track, clock: ActClock) -> None:
-        """Configure the client; `connect` opens the session.
+        """Subscribe; `with receiver.trainer` connects as soon as the service is there.
 
         Args:
             target: address of the service.
@@ -92,48 +94,27 @@ class Receiver:
             received: receives the columns of RECEIVED.
             clock: clock of the act.
         """
-        self._clock = clock
+        self._clock, self._track = clock, received
+        self._received_ns: int | None = None
+        self._newest_ns: int | None = None
         self.safety: wire.Safety | None = None
         self.health: wire.Health | None = None
-        self.events: deque[wire.Event] = deque(maxlen=EVENTS_KEPT)
+        self.events: list[wire.Event] = []
         self.strides: list[wire.Stride] = []
         self.helps: list[wire.ControllerState] = []
         """State of the controller, if there is one, each stride."""
-        self._estimates: deque[tuple[int, wire.Estimate]] = deque(maxlen=ESTIMATES_KEPT)
-        """The newest messages, each with the monotonic time of its SYNC."""
-        self._has_come = threading.Condition()
-        self._received_s: float | None = None
-        self._track = received
-        self._trainer, self._leg = Trainer.of(target), leg
-        self.is_connected = False
-        """True if the service has accepted the connection."""
-
-    def connect(self) -> bool:
-        """Try to connect once; False if the service does not listen."""
-        if self.is_connected:
-            return True
-        try:
-            self._trainer.__enter__()
-        except NoServiceError:
-            return False
-        self.is_connected = True
-        self._trainer.estimate(self._leg, keep=WAITING_MAX).call(self._on_estimate)
-        self._trainer.safety(keep=WAITING_MAX).call(self._on_safety)
-        self._trainer.health().call(self._on_health)
-        self._trainer.stride(self._leg).call(lambda one: _keep(one, self.strides))
-        self._trainer.controller(self._leg).call(lambda one: _keep(one, self.helps))
-        self._trainer.events(history_count=0).call(self._on_event)
-        return True
-
-    def catch_up(self, now_ns: int) -> None:
-        """Wait for the estimates of all cycles before `now_ns`, as long as they still arrive."""
-        complete_ns = now_ns - CYCLE_DONE_NS
-        with self._has_come:
-            if self._estimates and now_ns - self._estimates[-1][0] < FRESH_NS:
-                self._has_come.wait_for(lambda: self._estimates[-1][0] >= complete_ns, CATCH_UP_S)
+        endpoints, credentials = target.endpoints, target.credentials
+        self.trainer = Trainer(
+            endpoints, credentials, trainer=target.trainer, clock=clock, keep_trying=True
+        )
+        self._safeties, self._healths = self.trainer.safety(), self.trainer.health()
+        self.trainer.estimate(leg, keep=WAITING_MAX).call(self._on_estimate)
+        _keep(self.trainer.stride(leg), self.strides)
+        _keep(self.trainer.controller(leg), self.helps)
+        _keep(self.trainer.events(history_count=0), self.events)
 
     def situation(self, now_ns: int, began_ns: int, outcome: str | None, reason: str) -> Situation:
-        """Return the input of the script at this moment.
+        """Return the state of the service at this moment.
 
         Args:
             now_ns: monotonic time.
@@ -141,72 +122,46 @@ class Receiver:
             outcome: outcome of the last request.
             reason: reason of its refusal.
         """
-        safety = self.safety
-        estimate = self._estimate_at(now_ns - CYCLE_DONE_NS)
+        safety, health = self._safeties.newest(), self._healths.newest()
+        if isinstance(safety, wire.Safety):
+            self.safety = safety
+            if safety.valid:
+                self._received_ns = now_ns
+        if isinstance(health, wire.Health):
+            self.health = health
+        estimate = self._track.at(now_ns - CYCLE_DONE_NS)
+        phase_ratio, received_ns = estimate.get("gait_phase_ratio", math.nan), self._received_ns
         return Situation(
             now_s=(now_ns - began_ns) * 1e-9,
-            received_s=None if self._received_s is None else self._received_s - began_ns * 1e-9,
-            mode=safety.mode if safety else None,
-            verdict=verdict_text(safety),
-            phase_ratio=estimate.gait_phase_ratio if estimate else None,
-            artificial=bool(estimate and "artificial" in estimate.status),
-            lease_holder=safety.lease_holder if safety else None,
+            received_s=None if received_ns is None else (received_ns - began_ns) * 1e-9,
+            mode=self.safety.mode if self.safety else None,
+            verdict=verdict_text(self.safety),
+            phase_ratio=None if math.isnan(phase_ratio) else phase_ratio,
+            artificial=bool(estimate.get("is_artificial")),
+            lease_holder=self.safety.lease_holder if self.safety else None,
             outcome=outcome,
             reason=reason,
         )
 
-    def _estimate_at(self, time_ns: int) -> wire.Estimate | None:
-        """Newest estimate of a SYNC up to a time, the same on each run; None if it is old."""
-        with self._has_come:
-            known = [one for one in self._estimates if one[0] <= time_ns]
-        return known[-1][1] if known and time_ns - known[-1][0] < FRESH_NS else None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        # A connection that is not closed keeps the process from ending.
-        if self.is_connected:
-            self._trainer.__exit__(kind, error, traceback)
-            self.is_connected = False
+    def newest_ns(self) -> int | None:
+        """Return the time of the newest estimate; None if there is none, or it is of the past."""
+        newest_ns = self._newest_ns
+        is_past = newest_ns is None or self._clock.now_ns() - newest_ns >= FRESH_NS
+        return None if is_past else newest_ns
 
     def _on_estimate(self, message: wire.Estimate | NotValid) -> None:
         if isinstance(message, NotValid):
             return
-        values = tuple(
-            math.nan if (value := getattr(message, name)) is None else value for name in RECEIVED
-        )
-        sync_ns = self._clock.of_utc_ns(message.sample_time_ns)
-        self._track.add(sync_ns, values)
-        self._received_s = self._clock.now_ns() * 1e-9
-        with self._has_come:
-            self._estimates.append((sync_ns, message))
-            self._has_come.notify_all()
-
-    def _on_safety(self, message: wire.Safety | NotValid) -> None:
-        if isinstance(message, NotValid):
-            return
-        self.safety = message
-        if message.valid:
-            self._received_s = self._clock.now_ns() * 1e-9
-
-    def _on_health(self, message: wire.Health | NotValid) -> None:
-        if not isinstance(message, NotValid):
-            self.health = message
-
-    def _on_event(self, message: wire.Event | NotValid) -> None:
-        if not isinstance(message, NotValid):
-            self.events.append(message)
+        fields = (getattr(message, name) for name in MEASURED)
+        values = (math.nan if value is None else value for value in fields)
+        is_artificial = float("artificial" in message.status)
+        sync_ns = message.sample_time_ns - self._clock.utc_ahead_ns()
+        self._track.add(sync_ns, (*values, is_artificial))
+        self._newest_ns = sync_ns
 
 
-def _keep(message: T | NotValid, kept: list[T]) -> None:
-    if not isinstance(message, NotValid):
-        kept.append(message)
+def _keep(stream: Stream[T], kept: list[T]) -> None:
+    stream.call(lambda one: None if isinstance(one, NotValid) else kept.append(one))
 
 
 def verdict_text(safety: wire.Safety | None) -> str:
@@ -245,7 +200,7 @@ class TruthTail:
                 self._track.add(int(cells[self._time]), values)
 
     def close(self) -> None:
-        """Close the file."""
+        """Read the last lines, and close the file."""
+        self.read()
         if self._file is not None:
             self._file.close()
-            self._file = None

@@ -9,16 +9,15 @@ import http.client
 import json
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any, Final, NamedTuple, Self
+from typing import Any, Final, Self
 
 import msgspec
 from gaitd_client import PlanLimits
 
-from gaitd_lab.demonstration.pages import HOST, address_of
-from gaitd_lab.demonstration.script import Seen
-from gaitd_lab.processes import ManagedProcess
+from gaitd_lab.demonstration.clients import HOST, address_of
+from gaitd_lab.demonstration.training_script import Seen
 from gaitd_lab.requests import UNANSWERED
 
 REQUEST_S: Final = 30.0
@@ -28,25 +27,20 @@ REFUSED: Final = 400
 """An answer of HTTP from here on is none that was asked for."""
 FAILED: Final = "failed"
 
+Outcome = tuple[str | None, str]
+"""`done`, `refused`, or that there was no answer, and the reason; None while it is pending."""
+
 
 class _Frame(msgspec.Struct, frozen=True):
     seq: int
     now: Seen
 
 
-class Answered(NamedTuple):
-    """The answer to a button: `done`, `refused`, or that there was none."""
-
-    outcome: str
-    reason: str = ""
-
-
 class _Page:
     """Requests to one page."""
 
     def __init__(self, port: int) -> None:
-        self.port = port
-        self.origin = address_of(port).rstrip("/")
+        self.port, self.origin = port, address_of(port).rstrip("/")
         self.headers = {"origin": self.origin, "content-type": "application/json"}
 
     def ask(self, method: str, path: str, body: object = None) -> http.client.HTTPResponse:
@@ -56,141 +50,103 @@ class _Page:
         connection.request(method, path, payload, self.headers)
         return connection.getresponse()
 
-    def press(self, path: str, body: object) -> Answered:
+    def press(self, path: str, body: object) -> Outcome:
         """Send what a button sends; return the answer."""
-        try:
-            with self.ask("POST", path, body) as answer:
-                found: dict[str, Any] = json.load(answer)
-        except (OSError, http.client.HTTPException, ValueError) as error:
-            return Answered(UNANSWERED, str(error))
-        return Answered(found["outcome"], found.get("reason", ""))
+        with self.ask("POST", path, body) as answer:
+            found: dict[str, Any] = json.load(answer)
+        return found["outcome"], found.get("reason", "")
 
 
-class PatientAtPage:
-    """Looks at the patient's page."""
+class People:
+    """Patient and therapist, and the newest request of either."""
 
-    def __init__(self, port: int) -> None:
-        """Prepare; `with` begins to look."""
-        self._page = _Page(port)
+    def __init__(
+        self, patient_port: int, therapist_port: int, password: str, plan: PlanLimits
+    ) -> None:
+        """Prepare; `with` lets the patient look at the page.
+
+        Args:
+            patient_port: of the patient's page.
+            therapist_port: of the therapist's page.
+            password: of the therapist, who is not yet logged in.
+            plan: what the therapist releases.
+        """
+        self._patient, self._therapist_port = _Page(patient_port), therapist_port
+        self._password, self._plan = password, plan
+        self._threads = ThreadPoolExecutor(1, "people")
+        self._asked: Future[Outcome] | None = None
         self._is_over = threading.Event()
-        self._thread = threading.Thread(target=self._look, name="patient", daemon=True)
-        self._decoder = msgspec.json.Decoder(_Frame)
+        self._looking = threading.Thread(target=self._look, name="patient", daemon=True)
         self.seen = Seen()
-        """The newest frame; empty while there is no page."""
+        """The newest frame of the patient's page; empty while there is no page."""
 
-    def press(self, button: str) -> Answered:
-        """Press a button of the session."""
-        return self._page.press("/session", {"button": button})
+    def press(self, button: str) -> None:
+        """Let the patient press a button of the session."""
+        self._ask(lambda: self._patient.press("/session", {"button": button}))
+
+    def release(self) -> None:
+        """Let the therapist log in, and release the plan."""
+        self._ask(self._release)
+
+    def outcome(self) -> Outcome:
+        """Return outcome and reason of the newest request; None until its answer."""
+        asked = self._asked
+        return (None, "") if asked is None or not asked.done() else asked.result()
+
+    def _ask(self, request: Callable[[], Outcome]) -> None:
+        def answered() -> Outcome:
+            try:
+                return request()
+            except (OSError, http.client.HTTPException, ValueError) as error:
+                return UNANSWERED, str(error)
+
+        self._asked = self._threads.submit(answered)
+
+    def _release(self) -> Outcome:
+        page = _Page(self._therapist_port)
+        with self._login(page) as login:
+            if login.status >= REFUSED:
+                return FAILED, f"the login is refused: {login.read().decode()}"
+            page.headers["cookie"] = (login.getheader("set-cookie") or "").partition(";")[0]
+        with page.ask("GET", "/session.json") as session:
+            page.headers["x-csrf-token"] = json.load(session)["csrf"]
+        return page.press("/plan", {"plan": msgspec.to_builtins(self._plan)})
+
+    def _login(self, page: _Page) -> http.client.HTTPResponse:
+        """Ask until the page is there: its server may still start."""
+        end_s = time.monotonic() + REQUEST_S
+        while True:
+            try:
+                return page.ask("POST", "/login", {"password": self._password})
+            except ConnectionRefusedError:
+                if time.monotonic() > end_s:
+                    raise
+                time.sleep(RETRY_S)
 
     def _look(self) -> None:
         from websockets.exceptions import WebSocketException
         from websockets.sync.client import connect
         from websockets.typing import Origin
 
-        address = f"ws://{HOST}:{self._page.port}/live"
+        decoder = msgspec.json.Decoder(_Frame)
+        address = f"ws://{HOST}:{self._patient.port}/live"
         while not self._is_over.wait(RETRY_S):
             with (
                 contextlib.suppress(OSError, WebSocketException, msgspec.DecodeError),
-                connect(address, origin=Origin(self._page.origin)) as socket,
+                connect(address, origin=Origin(self._patient.origin)) as socket,
             ):
                 while not self._is_over.is_set():
-                    frame = self._decoder.decode(socket.recv())
+                    frame = decoder.decode(socket.recv())
                     socket.send(str(frame.seq))
                     self.seen = frame.now
             self.seen = Seen()
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._looking.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._is_over.set()
-        self._thread.join()
-
-
-class TherapistAtPage:
-    """Logs in on the therapist's page, and releases a plan there."""
-
-    def __init__(self, port: int, password: str) -> None:
-        """Prepare."""
-        self._page, self._password = _Page(port), password
-
-    def release(self, plan: PlanLimits) -> Answered:
-        """Log in, and release the plan."""
-        page = _Page(self._page.port)
-        try:
-            with self._logged_in() as login:
-                if login.status >= REFUSED:
-                    return Answered(FAILED, f"the login is refused: {login.read().decode()}")
-                page.headers["cookie"] = (login.getheader("set-cookie") or "").partition(";")[0]
-            with page.ask("GET", "/session.json") as session:
-                page.headers["x-csrf-token"] = json.load(session)["csrf"]
-        except (OSError, http.client.HTTPException, ValueError) as error:
-            return Answered(UNANSWERED, str(error))
-        return page.press("/plan", {"plan": msgspec.to_builtins(plan)})
-
-    def _logged_in(self) -> http.client.HTTPResponse:
-        """Ask until the page is there: its server may still start."""
-        end_s = time.monotonic() + REQUEST_S
-        while True:
-            try:
-                return self._page.ask("POST", "/login", {"password": self._password})
-            except ConnectionRefusedError:
-                if time.monotonic() > end_s:
-                    raise
-                time.sleep(RETRY_S)
-
-
-class People:
-    """Patient and therapist of a training, and the newest request of either."""
-
-    def __init__(
-        self,
-        pages: Sequence[ManagedProcess],
-        patient: PatientAtPage,
-        therapist: TherapistAtPage,
-        plan: PlanLimits,
-    ) -> None:
-        """Prepare.
-
-        Args:
-            pages: servers of both pages.
-            patient: who is looking at the page.
-            therapist: not yet logged in.
-            plan: what the therapist releases.
-        """
-        self._pages = pages
-        self._patient, self._therapist, self._plan = patient, therapist, plan
-        self._threads = ThreadPoolExecutor(1, "people")
-        self._asked: Future[Answered] | None = None
-
-    @property
-    def seen(self) -> Seen:
-        """What the patient sees now."""
-        return self._patient.seen
-
-    def press(self, button: str) -> None:
-        """Let the patient press a button."""
-        self._asked = self._threads.submit(self._patient.press, button)
-
-    def release(self) -> None:
-        """Let the therapist log in, and release the plan."""
-        self._asked = self._threads.submit(self._therapist.release, self._plan)
-
-    def outcome(self) -> tuple[str | None, str]:
-        """Return outcome and reason of the newest request; None until its answer."""
-        asked = self._asked
-        return (None, "") if asked is None or not asked.done() else asked.result()
-
-    def check(self) -> None:
-        """Check that both pages are served.
-
-        Raises:
-            ServiceError: one has ended; with its last output.
-        """
-        for server in self._pages:
-            server.check()
-
-    def close(self) -> None:
         """Do not wait for what is not answered."""
+        self._is_over.set()
         self._threads.shutdown(wait=False, cancel_futures=True)
+        self._looking.join()

@@ -1,15 +1,13 @@
-"""The picture of a demonstration: estimate and truth, their difference, friction, lateness."""
+"""The picture of a demonstration: estimate and truth, their difference, friction, the errors."""
 
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
-from gaitd_client import wire
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import StrMethodFormatter
 
 from analysis.drawing import (
     BAD,
@@ -21,7 +19,6 @@ from analysis.drawing import (
     SIGMAS,
     TEXT,
     TRUTH,
-    Values,
     band,
     legend,
     limit_to,
@@ -29,11 +26,10 @@ from analysis.drawing import (
     style,
     x_label,
 )
-from gaitd_lab.demonstration.evaluation import AXES, Pair, Row, Span
+from gaitd_lab.demonstration.evaluation import AXES, Pair, Results, Span, errors
 from gaitd_lab.demonstration.script import Kind
-from gaitd_lab.demonstration.training import TrainingResult
 
-QUIET_S: Final = 1.0
+QUIET_NS: Final = 1_000_000_000
 NAME_WIDTH: Final = 12
 NAME_HEIGHT: Final = 0.25
 """Share of a panel that is kept free for the names above all lines."""
@@ -51,40 +47,10 @@ SHADES: Final = {
     Kind.TIRING: "#e4eefb",
     Kind.OPEN_LOOP: "#fbf1e0",
 }
-
-
-class Walk(NamedTuple):
-    """Strides of a patient who tires."""
-
-    strides: Sequence[wire.Stride]
-    helps: Sequence[wire.ControllerState]
-    """Empty without help."""
-
-
-class Results(NamedTuple):
-    """All results of a demonstration."""
-
-    pairs: tuple[Pair, Pair]
-    spans: Sequence[Span]
-    rows: Sequence[Row]
-    health: Sequence[wire.Health]
-    """The last lateness of each act; only with the computer's clock, simulated time has none."""
-    trouble: str
-    """Reason of an early end; empty if it was complete."""
-    walks: Sequence[Walk] = ()
-    """Strides of a patient who tires, without help and with it."""
-    trained: TrainingResult | None = None
-    """The session of a training; None: none was played."""
-
-    @property
-    def passed(self) -> bool:
-        """True if all errors are within bounds, nothing stopped, and something was evaluated.
-
-        A training has passed if its session was walked as planned.
-        """
-        if self.trained is not None:
-            return not self.trouble and self.trained.passed
-        return not self.trouble and bool(self.rows) and all(row.passed for row in self.rows)
+WIDTHS: Final = (0.26, 0.07, 0.1, 0.08, 0.08, 0.08, 0.1, 0.09, 0.06, 0.08)
+"""Of the columns of the table of errors, as shares."""
+RMS: Final = 2
+"""Column of the error that is drawn in the colour of the result."""
 
 
 def draw(results: Results, path: Path) -> None:
@@ -94,12 +60,12 @@ def draw(results: Results, path: Path) -> None:
         OSError: the file cannot be written.
     """
     figure = Figure(figsize=(14, 10.5), layout="constrained")
-    grid = figure.subplots(4, 2, squeeze=False, height_ratios=[1.5, 1.0, 1.0, 0.9])
+    grid = figure.add_gridspec(4, 2, height_ratios=[1.5, 1.0, 1.0, 0.9])
     begin_ns = min((span.begin_ns for span in results.spans), default=0)
     for index, pair in enumerate(results.pairs):
-        _column([grid[row][index] for row in range(3)], results, pair, index, begin_ns)
-    _lateness(grid[3][0], results.health)
-    _table(grid[3][1], results)
+        panels = [figure.add_subplot(grid[row, index]) for row in range(3)]
+        _column(panels, results.spans, pair, index, begin_ns)
+    _table(figure.add_subplot(grid[3, :]), results)
     verdict = "all within bounds" if results.passed else results.trouble or "out of bounds"
     figure.suptitle(
         f"gaitd demo: the patient as estimated through CAN frames, and as scripted · {verdict}",
@@ -110,41 +76,31 @@ def draw(results: Results, path: Path) -> None:
     figure.savefig(path, dpi=DPI, format="png")
 
 
-class _Curves(NamedTuple):
-    """Data of one axis, ready to draw: seconds, and NaN where there was no message."""
-
-    time: Values
-    estimate: Values
-    std: Values
-    wanted: Values
-    friction: Values
-    true_friction: Values
-
-
-def _curves(pair: Pair, begin_ns: int) -> _Curves:
-    time = np.asarray((pair.time_ns - begin_ns) * 1e-9, dtype=np.float64)
-    # Between two acts there are no messages: no line is drawn across the gap.
-    quiet = np.flatnonzero(np.diff(time) > QUIET_S) + 1
-    values = (pair.estimate, pair.std, pair.wanted, pair.friction, pair.true_friction)
-    return _Curves(
-        np.insert(time, quiet, time[quiet]),
-        *(np.insert(one, quiet, np.nan) for one in values),
+def _without_lines_across_gaps(pair: Pair) -> Pair:
+    """Put a NaN into each gap between two acts, in which there are no messages."""
+    gaps = np.flatnonzero(np.diff(pair.time_ns) > QUIET_NS) + 1
+    return Pair(
+        np.insert(pair.time_ns, gaps, pair.time_ns[gaps]),
+        *(np.insert(values, gaps, np.nan) for values in pair[1:]),
     )
 
 
-def _column(panels: list[Axes], results: Results, pair: Pair, index: int, begin_ns: int) -> None:
+def _column(
+    panels: list[Axes], spans: Sequence[Span], pair: Pair, index: int, begin_ns: int
+) -> None:
     axis, _, unit = AXES[index]
-    curves = _curves(pair, begin_ns)
-    time, estimate, std = curves.time, curves.estimate, curves.std
+    curves = _without_lines_across_gaps(pair)
+    estimate, std = curves.estimate, curves.std
+    time = np.asarray((curves.time_ns - begin_ns) * 1e-9, dtype=np.float64)
     patient, error, rubbing = panels
     for panel in panels:
-        _shade(panel, results.spans, begin_ns)
+        _shade(panel, spans, begin_ns)
         if len(time):
             panel.set_xlim(float(time[0]), float(time[-1]))
     quantity = "torque" if axis == "hip" else "force"
 
     style(patient, f"{axis}: patient {quantity}", unit)
-    _name_spans(patient, results.spans, begin_ns)
+    _name_spans(patient, spans, begin_ns)
     band(patient, time, estimate - SIGMAS * std, estimate + SIGMAS * std, ESTIMATE, "±3σ")
     line(patient, time, curves.wanted, TRUTH, "truth", 2.2)
     line(patient, time, estimate, ESTIMATE, "estimate, where published", 1.1)
@@ -189,66 +145,28 @@ def _name_spans(panel: Axes, spans: Sequence[Span], begin_ns: int) -> None:
             )
 
 
-def _lateness(panel: Axes, healths: Sequence[wire.Health]) -> None:
-    if not healths:
-        panel.axis("off")
-        said = "simulated time: nothing is late\n`gaitd demo --wall-clock` shows how late SYNC is"
-        panel.text(0.0, 0.8, said, fontsize=9, color=TEXT, transform=panel.transAxes)
-        return
-    style(panel, "lateness of SYNC", "cycles")
-    bounds = healths[0].lateness_bound_us
-    counts = np.sum([health.lateness_count for health in healths], axis=0)
-    names = [*(f"≤ {_duration(bound)}" for bound in bounds), f"> {_duration(bounds[-1])}"]
-    panel.bar(range(len(counts)), np.maximum(counts, 0.5), color=ESTIMATE, width=0.8)
-    panel.set_yscale("log")
-    panel.set_ylim(0.5, max(float(counts.max()) * 3, 10))
-    panel.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    panel.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
-    for place, count in enumerate(counts):
-        if count:
-            panel.text(place, count * 1.15, f"{count}", ha="center", fontsize=7, color=TEXT)
-
-
-def _duration(us: int) -> str:
-    return f"{us / 1000:g} ms" if us >= 1000 else f"{us} µs"
-
-
 def _table(panel: Axes, results: Results) -> None:
     panel.axis("off")
     if not results.rows:
         return
-    cells: list[list[str]] = []
-    colours: list[str] = []
-    for row in results.rows:
-        # A constant zero patient has no correlation.
-        asked = row.span.kind is not Kind.PASSIVE and not np.isnan(row.score.correlation)
-        correlation = f"{row.score.correlation:.3f}" if asked else "–"
-        cells.append(
-            [
-                f"{row.span.title}",
-                row.axis,
-                f"{row.score.rms:.2f} {row.unit}",
-                f"{row.rms_bound:g} {row.unit}",
-                correlation,
-                f"{row.score.covered_ratio:.0%}",
-            ]
-        )
-        colours.append(GOOD if row.passed else BAD)
+    _, head, rows = errors(results.rows).texts()
+    count = len(WIDTHS)
     table = panel.table(
-        cellText=cells,
-        colLabels=["span", "axis", "rms error", "bound", "correlation", "valid"],
-        colWidths=[0.44, 0.08, 0.15, 0.13, 0.12, 0.08],
+        cellText=[row[:count] for row in rows],
+        colLabels=head[:count],
+        colWidths=WIDTHS,
         loc="center",
         cellLoc="left",
+        colLoc="left",
         edges="horizontal",
     )
     table.auto_set_font_size(False)
-    table.set_fontsize(8)
+    table.set_fontsize(9)
     table.scale(1, 1.25)
-    for (line_number, column), cell in table.get_celld().items():
+    for (number, column), cell in table.get_celld().items():
         cell.set_edgecolor(FAINT)
         cell.set_linewidth(0.5)
         cell.get_text().set_color(TEXT)
-        if line_number > 0 and column == 2:
-            cell.get_text().set_color(colours[line_number - 1])
+        if number > 0 and column == RMS:
+            cell.get_text().set_color(GOOD if results.rows[number - 1].passed else BAD)
             cell.get_text().set_fontweight("bold")

@@ -1,16 +1,13 @@
-"""The acts of the demonstration as generators.
+"""The acts of the demonstration: what is asked of the service, and what the patient does.
 
-An act receives a `Situation` several times a second and yields the next action, or None to wait. It
-uses no clock, socket or process, so a test can run it without delay. An unexpected stop, a refusal
-or missing messages end it with `ServiceError`.
+An act is a function of a `Player`, which lets time pass and returns the state of the service after
+each turn. An act uses no clock, socket or process itself, so a test can play it without delay. An
+unexpected stop, a refusal or missing messages end it with `ServiceError`.
 """
 
-from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from enum import Enum
-from typing import Any, Final, NamedTuple
-
-import msgspec
+from typing import Any, Final, NamedTuple, Protocol
 
 from gaitd_lab.processes import ServiceError
 
@@ -33,32 +30,19 @@ that each run in simulated time has the same frames and the same errors.
 """
 SILENCE_MAX_S: Final = 5.0
 STOPPED: Final = frozenset({"stopping", "fault"})
-UNPOWERED: Final = frozenset({"off", "bringing_up"})
-
-
-class Training(msgspec.Struct, frozen=True):
-    """What a patient's page shows of the session."""
-
-    phase: str
-    advice: str
-    buttons: tuple[str, ...] = ()
-    reason: str = ""
-
-
-class Seen(msgspec.Struct, frozen=True):
-    """What a patient sees."""
-
-    mode: str | None = None
-    training: Training | None = None
+PASSIVE, ACTIVE, TIRING = "patient passive", "patient active", "patient tiring"
+"""Commands of the virtual drives for the scripted patient."""
+GAIT_HZ: Final = 0.25
+TIRING_HZ: Final = 0.3
 
 
 class Situation(NamedTuple):
-    """Present state of the service, input of an act."""
+    """Present state of the service."""
 
     now_s: float
     """Time since the act began."""
     received_s: float | None
-    """Time of the newest message of the service; None before the first."""
+    """Time at which the service was last heard; None: not yet."""
     mode: str | None
     verdict: str
     """Category, cause and place of the latched verdict; empty if there is none."""
@@ -71,47 +55,6 @@ class Situation(NamedTuple):
     outcome: str | None = None
     """Outcome of the last request, for example `refused`; None while it is pending."""
     reason: str = ""
-    seen: Seen = Seen()
-    """What the patient sees on the page of a training."""
-
-
-class Ask(NamedTuple):
-    """A request to the service over Zenoh."""
-
-    name: str
-    payload: dict[str, Any]
-
-
-class Patient(NamedTuple):
-    """Starts one of the scripted patient's programmes in the virtual drives."""
-
-    programme: str
-
-
-class Help(NamedTuple):
-    """Starts the reference controller for assistance as needed."""
-
-
-class HandSwitch(NamedTuple):
-    """The patient holds the hand switch, or lets go of it."""
-
-    is_held: bool
-
-
-class EmergencyStop(NamedTuple):
-    """The patient presses the emergency stop, or releases it."""
-
-    is_pressed: bool
-
-
-class Press(NamedTuple):
-    """The patient presses a button of the page."""
-
-    button: str
-
-
-class Release(NamedTuple):
-    """The therapist logs in on the other page, and releases the plan."""
 
 
 class Kind(Enum):
@@ -129,37 +72,44 @@ class Kind(Enum):
 
 
 class Scene(NamedTuple):
-    """A scene begins; its title and expected duration."""
+    """A part of an act: its title and expected duration."""
 
     title: str
-    kind: Kind
+    kind: Kind = Kind.INTERLUDE
     lasting_s: float = 0.0
 
 
-Action = Ask | Patient | Help | HandSwitch | EmergencyStop | Press | Release | Scene | None
-Act = Generator[Action, Situation, None]
-Playing = Generator[Action, Situation, Situation]
+class Player(Protocol):
+    """What an act can do."""
+
+    def turn(self) -> Situation:
+        """Let a tenth of a second pass; return the state after it."""
+        ...
+
+    def begin(self, scene: Scene) -> None:
+        """Begin a scene, which ends the one before."""
+        ...
+
+    def ask(self, name: str, payload: dict[str, Any]) -> None:
+        """Send the service a request; `turn` returns its outcome once it is known."""
+        ...
+
+    def drives(self, command: str) -> None:
+        """Send the virtual drives a command, for example of the scripted patient."""
+        ...
+
+    def start_assist(self) -> None:
+        """Start the reference controller for help as needed."""
+        ...
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
-    """Durations of the parts."""
+class Plan(NamedTuple):
+    """Seconds of movement of each part."""
 
     passive_s: float
     active_s: float
     paper_s: float
     """0: the paper's scenario is left out."""
-    cadence_hz: float = 0.25
-    amplitude_ratio: float = 1.0
-    scenario: str = "paper"
-    programmes: tuple[str, str] = field(default=("passive", "active"))
-    tiring_s: float = 0.0
-    """Gait of a patient who tires, played without help and with it; 0: the other parts."""
-
-    @property
-    def total_s(self) -> float:
-        """Total seconds of movement."""
-        return self.passive_s + self.active_s + self.paper_s + 2 * self.tiring_s
 
 
 PAPER_S: Final = 25.0
@@ -176,155 +126,130 @@ def plan_of(seconds: float) -> Plan:
     return Plan(passive_s=gait_s / 3, active_s=gait_s * 2 / 3, paper_s=paper_s)
 
 
-def tiring_plan(seconds: float) -> Plan:
-    """Divide the seconds of movement: half without help, half with it."""
-    return Plan(passive_s=0.0, active_s=0.0, paper_s=0.0, tiring_s=seconds / 2, cadence_hz=0.3)
+def gait_act(player: Player, plan: Plan) -> None:
+    """Gait with a passive patient, then with an active one."""
+    _enable(player, "trainer and patient are brought up")
+    player.drives(PASSIVE)
+    began_s = _walk(player, GAIT_HZ, plan.passive_s + plan.active_s)
+    player.begin(Scene("gait, the patient does nothing", Kind.PASSIVE, plan.passive_s))
+    _wait(player, began_s + plan.passive_s)
+    player.drives(ACTIVE)
+    player.begin(Scene("gait, the patient takes part", Kind.ACTIVE, plan.active_s))
+    _end_walk(player, plan.active_s)
 
 
-def tiring_act(plan: Plan, *, helped: bool) -> Act:
+def tiring_act(player: Player, duration_s: float, *, helped: bool) -> None:
     """Gait of a patient who tires, under full guidance alone or with help as needed."""
     how = "help as needed" if helped else "full guidance"
-    yield from _enabled("trainer and patient are brought up")
+    _enable(player, "trainer and patient are brought up")
     if helped:
-        yield Help()
-        yield from until(lambda now: now.lease_holder is not None, "lease", HELP_WITHIN_S)
-    yield from _asked("mode", _gait(plan, plan.tiring_s))
-    yield Scene("gait is announced and approached", Kind.INTERLUDE)
-    yield from until(lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S)
-    yield Patient("tiring")
-    yield Scene(f"the patient tires, {how}", Kind.TIRING, plan.tiring_s)
-    yield from until(
-        lambda now: now.phase_ratio is None, "end of the gait", plan.tiring_s + END_MARGIN_S
-    )
-    yield Patient("passive")
-    yield from _disabled()
+        player.start_assist()
+        until(player, lambda now: now.lease_holder is not None, "lease", HELP_WITHIN_S)
+    _walk(player, TIRING_HZ, duration_s)
+    player.drives(TIRING)
+    player.begin(Scene(f"the patient tires, {how}", Kind.TIRING, duration_s))
+    _end_walk(player, duration_s)
 
 
-def _gait(plan: Plan, duration_s: float) -> dict[str, Any]:
-    return {
-        "mode": "gait",
-        "cadence_hz": plan.cadence_hz,
-        "amplitude_ratio": plan.amplitude_ratio,
-        "duration_s": duration_s,
-    }
-
-
-def gait_act(plan: Plan) -> Act:
-    """Gait with a passive patient, then with an active one."""
-    passive, active = plan.programmes
-    yield from _enabled("trainer and patient are brought up")
-    yield Patient(passive)
-    yield from _asked("mode", _gait(plan, plan.passive_s + plan.active_s))
-    yield Scene("gait is announced and approached", Kind.INTERLUDE)
-    now = yield from until(lambda now: now.phase_ratio is not None, "first stride", MOTION_WITHIN_S)
-    began_s = now.now_s
-    yield Scene("gait, the patient does nothing", Kind.PASSIVE, plan.passive_s)
-    now = yield from _wait(began_s + plan.passive_s)
-    yield Patient(active)
-    yield Scene("gait, the patient takes part", Kind.ACTIVE, plan.active_s)
-    now = yield from until(
-        lambda now: now.phase_ratio is None, "end of the gait", plan.active_s + END_MARGIN_S
-    )
-    yield Patient(passive)
-    yield from _disabled()
-
-
-def paper_act(plan: Plan) -> Act:
+def paper_act(player: Player, duration_s: float) -> None:
     """The paper's open-loop experiment on the empty machine, with an artificial disturbance."""
-    yield from _enabled("the empty trainer is brought up")
-    payload = {"mode": "excite", "scenario": plan.scenario, "duration_s": plan.paper_s}
-    yield from _asked("mode", payload)
-    yield Scene("the experiment's middle pose is approached", Kind.INTERLUDE)
-    yield from until(lambda now: now.artificial, "beginning of the experiment", MOTION_WITHIN_S)
-    yield Scene("the paper's open-loop experiment", Kind.OPEN_LOOP, plan.paper_s)
-    yield from until(
-        lambda now: not now.artificial, "end of the experiment", plan.paper_s + END_MARGIN_S
-    )
-    yield from _disabled()
+    _enable(player, "the empty trainer is brought up")
+    _request(player, "mode", {"mode": "excite", "scenario": "paper", "duration_s": duration_s})
+    player.begin(Scene("the experiment's middle pose is approached"))
+    until(player, lambda now: now.artificial, "beginning of the experiment", MOTION_WITHIN_S)
+    player.begin(Scene("the paper's open-loop experiment", Kind.OPEN_LOOP, duration_s))
+    within_s = duration_s + END_MARGIN_S
+    until(player, lambda now: not now.artificial, "end of the experiment", within_s)
+    _disable(player)
 
 
-def _enabled(title: str) -> Playing:
-    yield Scene(title, Kind.INTERLUDE)
-    yield from until(lambda now: now.mode == "ready", "ready", READY_WITHIN_S, powered=False)
-    yield from _wait(ENABLE_AT_S)
-    yield Scene("the drives are enabled", Kind.INTERLUDE)
-    yield from _asked("enable", {})
-    yield from until(lambda now: now.mode == "hold", "hold", ENABLE_WITHIN_S)
-    return (yield from _wait(MOVE_AT_S))
+def _walk(player: Player, cadence_hz: float, duration_s: float) -> float:
+    """Begin a gait; return the time of its first stride."""
+    payload = {"cadence_hz": cadence_hz, "amplitude_ratio": 1.0, "duration_s": duration_s}
+    _request(player, "mode", {"mode": "gait", **payload})
+    player.begin(Scene("gait is announced and approached"))
+    return until(player, _is_walking, "first stride", MOTION_WITHIN_S).now_s
 
 
-def _disabled() -> Playing:
-    yield Scene("the drives are switched off", Kind.INTERLUDE)
-    yield from until(lambda now: now.mode == "hold", "hold", END_MARGIN_S)
-    yield from _asked("disable", {})
-    return (
-        yield from until(lambda now: now.mode == "ready", "ready", DISABLE_WITHIN_S, powered=False)
-    )
+def _is_walking(now: Situation) -> bool:
+    return now.phase_ratio is not None
 
 
-def _asked(name: str, payload: dict[str, Any]) -> Playing:
-    return (yield from asked(Ask(name, payload), name))
+def _end_walk(player: Player, duration_s: float) -> None:
+    """Wait for the end of a gait, and switch the drives off."""
+    within_s = duration_s + END_MARGIN_S
+    until(player, lambda now: not _is_walking(now), "end of the gait", within_s)
+    player.drives(PASSIVE)
+    _disable(player)
 
 
-def asked(action: Action, name: str) -> Playing:
-    """Send a request, and wait for the outcome; a refusal ends the act with its reason.
+def _enable(player: Player, title: str) -> None:
+    player.begin(Scene(title))
+    until(player, lambda now: now.mode == "ready", "ready", READY_WITHIN_S)
+    _wait(player, ENABLE_AT_S)
+    player.begin(Scene("the drives are enabled"))
+    _request(player, "enable", {})
+    until(player, lambda now: now.mode == "hold", "hold", ENABLE_WITHIN_S)
+    _wait(player, MOVE_AT_S)
 
-    Args:
-        action: the request.
-        name: of it, for the error.
-    """
-    now = yield action
+
+def _disable(player: Player) -> None:
+    player.begin(Scene("the drives are switched off"))
+    until(player, lambda now: now.mode == "hold", "hold", END_MARGIN_S)
+    _request(player, "disable", {})
+    until(player, lambda now: now.mode == "ready", "ready", DISABLE_WITHIN_S)
+
+
+def _request(player: Player, name: str, payload: dict[str, Any]) -> None:
+    """Send a request, and wait for its outcome; a refusal ends the act with its reason."""
+    player.ask(name, payload)
+    now = _turn(player)
     while now.outcome is None:
-        now = yield from _look(None)
+        now = _turn(player)
     if now.outcome != "done":
         raise ServiceError(f"{name} {now.outcome}: {now.reason}")
-    return now
 
 
-def _wait(until_s: float) -> Playing:
-    now = yield from _look(None)
-    while now.now_s < until_s:
-        now = yield from _look(None)
-    return now
+def _wait(player: Player, until_s: float) -> None:
+    while _turn(player).now_s < until_s:
+        pass
 
 
 def until(
-    reached: Callable[[Situation], bool], what: str, within_s: float, *, powered: bool = True
-) -> Playing:
+    player: Player, reached: Callable[[Situation], bool], what: str, within_s: float
+) -> Situation:
     """Wait for a condition; a stop, missing messages, or a time-out end the act.
 
     Args:
+        player: lets time pass.
         reached: the condition.
         what: its name, for the error.
         within_s: time limit.
-        powered: the drives are enabled, so that a lost bus is an error, too.
     """
-    now = yield from _look(None)
+    now = _turn(player)
     since_s = now.now_s
     while not reached(now):
-        if powered and now.mode in UNPOWERED:
-            raise ServiceError(
-                f"no {what}: the drives are {now.mode}, {now.verdict or 'no cause said'}"
-            )
         if now.now_s - since_s > within_s:
-            raise ServiceError(f"no {what} within {within_s:g} s; the mode is {now.mode}")
-        now = yield from _look(None)
+            why = f"; {now.verdict}" if now.verdict else ""
+            raise ServiceError(f"no {what} within {within_s:g} s; the mode is {now.mode}{why}")
+        now = _turn(player)
     return now
 
 
-def _look(action: Action) -> Playing:
-    now = yield action
+def _turn(player: Player) -> Situation:
+    now = heard_turn(player)
     if now.mode in STOPPED and now.verdict:
         raise ServiceError(f"the service stopped: {now.verdict}")
-    check_word(now)
     return now
 
 
-def check_word(now: Situation) -> None:
-    """Check that the service is not silent.
+def heard_turn(player: Player) -> Situation:
+    """Let a turn pass.
 
     Raises:
-        ServiceError: it is.
+        ServiceError: the service is silent.
     """
+    now = player.turn()
     if now.received_s is not None and now.now_s - now.received_s > SILENCE_MAX_S:
         raise ServiceError(f"no word from the service for {SILENCE_MAX_S:g} s")
+    return now

@@ -1,101 +1,47 @@
 """A training: profile, pages and people of one session, and what its history says at the end."""
 
-import contextlib
 import json
 import secrets
-import tomllib
-from collections.abc import Generator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from gaitd_lab.demonstration.pages import (
-    HOST,
-    address_of,
-    page,
-    patient_settings,
-    shipped_settings,
-    with_credentials,
-)
-from gaitd_lab.demonstration.people import PatientAtPage, People, TherapistAtPage
-from gaitd_lab.demonstration.stage import Stage
+from daemon.config.edits import Edits
+from gaitd_lab.demonstration.clients import HOST, address_of, patient_settings, shipped_settings
+from gaitd_lab.demonstration.people import People
+from gaitd_lab.demonstration.performance import Act, Playing
+from gaitd_lab.demonstration.stage import OWN, Stage
+from gaitd_lab.demonstration.training_script import training_act
 from gaitd_lab.processes import ServiceError
 
 if TYPE_CHECKING:
     from gaitd_session import Profile, SessionSummary
 
-PASSWORD_PARTS: Final = 3
-PASSWORD_PART_LENGTH: Final = 4
 COMPLETE: Final = "complete"
+ROLES: Final = {
+    OWN: "display.demo",
+    "engineer": "display.engineer",
+    "patient": "session.patient",
+    "therapist": "operator.therapist",
+}
+"""Clients of a training: its service has keys."""
+EDITS: Final[Edits] = {
+    "demo.toml": {"self_test.required": "daily", "gait.announce_s": 0.5, "gait.ramp_strides": 1}
+}
+"""The daily test as on a real trainer; a session of a minute has no time for long beginnings."""
 SESSION: Final = """
 [session]
 profile = {profile}
 history = {history}
 """
-PROFILE: Final = """\
-version = 1
-id = "{id}"
-legs = ["{leg}"]
-
-[range]
-cadence_min_hz = 0.3
-cadence_max_hz = 0.5
-amplitude_min_ratio = 0.4
-amplitude_max_ratio = 0.8
-
-[assist]
-hip_max_nm = 10.0
-slide_max_n = 80.0
-
-[goal]
-share_min_ratio = 0.1
-share_max_ratio = 0.8
-share_start_ratio = 0.2
-band_width_ratio = 0.12
-challenge_ratio = 0.02
-step_max_ratio = 0.05
-in_band_goal_ratio = 0.6
-
-[plan.warm_up]
-duration_s = 6.0
-cadence_hz = 0.5
-amplitude_ratio = 0.5
-rest_s = 2.0
-
-[[plan.block]]
-duration_s = 8.0
-cadence_hz = 0.5
-amplitude_ratio = 0.6
-rest_s = 2.0
-
-[[plan.block]]
-duration_s = 8.0
-cadence_hz = 0.5
-amplitude_ratio = 0.7
-rest_s = 2.0
-"""
-BLOCK_COUNT: Final = 1 + len(tomllib.loads(PROFILE)["plan"]["block"])
+PROFILE: Final = {
+    **{"version": 1, "hip_max": 10.0, "slide_max": 80.0, "share_min": 0.1, "share_max": 0.8},
+    **{"cadence_min": 0.5, "cadence_max": 0.5, "amplitude_min": 0.5, "amplitude_max": 0.7},
+    **{"warm_up": 6.0, "duration": 8.0, "rest": 2.0},
+}
+"""Of the patient, as `gaitd-session new-profile` is given them; short blocks."""
+BLOCK_COUNT: Final = 3
 """With the one that warms up."""
-
-
-class TrainingPlan(NamedTuple):
-    """Where the pages of a training are, and who presses the patient's buttons."""
-
-    patient_port: int
-    therapist_port: int
-    password: str
-    """Password of the therapist's page."""
-    is_hands_on: bool = False
-
-    @property
-    def shown(self) -> str:
-        """Addresses and password for the live view, short enough for 80 columns."""
-        patient, therapist = (f"{HOST}:{port}" for port in (self.patient_port, self.therapist_port))
-        return f"patient {patient}, therapist {therapist}, password {self.password}"
-
-    @property
-    def hands_on(self) -> str:
-        """Address of the patient's page, if a person presses its buttons; else empty."""
-        return address_of(self.patient_port) if self.is_hands_on else ""
 
 
 class BlockResult(NamedTuple):
@@ -121,67 +67,71 @@ class TrainingResult(NamedTuple):
         return summary.end == COMPLETE and summary.interruption_count == 0 and are_known
 
 
-def new_password() -> str:
-    """Draw a password that is easy to type: 31^12 are possible."""
-    from gaitd_session.profile import ID_ALPHABET
-
-    return "-".join(
-        "".join(secrets.choice(ID_ALPHABET) for _ in range(PASSWORD_PART_LENGTH))
-        for _ in range(PASSWORD_PARTS)
-    )
-
-
 class Training:
-    """Files of one training in the folder of its act."""
+    """The act of a training, and what became of it."""
 
-    def __init__(self, where: Stage, plan: TrainingPlan) -> None:
-        """Write the profile."""
-        self._where, self._plan = where, plan
-        self._file, self._history = where.folder / "profile.toml", where.folder / "history.sqlite"
-        self.profile = profile_of(where.leg, self._file)
+    def __init__(self, patient_port: int, therapist_port: int, *, is_hands_on: bool) -> None:
+        """Draw a password that is easy to type.
 
-    @contextlib.contextmanager
-    def people(self) -> Generator[People]:
-        """Serve both pages inside the context, with a patient and a therapist."""
+        Args:
+            patient_port: of the patient's page.
+            therapist_port: of the therapist's page.
+            is_hands_on: a person presses the patient's buttons.
+        """
+        self._patient_port, self._therapist_port = patient_port, therapist_port
+        self._hands_on = address_of(patient_port) if is_hands_on else ""
+        self.password = "-".join(secrets.token_hex(2) for _ in range(3))
+        """Password of the therapist's page."""
+        self.result: TrainingResult | None = None
+        """The session; None: none was begun."""
+
+    @property
+    def shown(self) -> str:
+        """Addresses and password for the live view, short enough for 80 columns."""
+        patient, therapist = (f"{HOST}:{one}" for one in (self._patient_port, self._therapist_port))
+        return f"patient {patient}, therapist {therapist}, password {self.password}"
+
+    def act(self) -> Act:
+        """Return the act, with the configuration of its service."""
+        return Act(self._play, EDITS, ROLES)
+
+    def _play(self, playing: Playing) -> None:
+        """Serve both pages, with a patient and a therapist; then read what it has been."""
         from gaitd_session.plan import limits_of
 
-        patient, therapist = self._plan.patient_port, self._plan.therapist_port
-        plan = limits_of(self.profile)
-        with (
-            page("patient", self._where, self._patient_settings(patient)) as one,
-            page("therapist", self._where, self._therapist_settings(therapist)) as other,
-            PatientAtPage(patient) as looking,
-            contextlib.closing(
-                People((one, other), looking, TherapistAtPage(therapist, self._plan.password), plan)
-            ) as people,
-        ):
-            yield people
+        where = playing.where
+        file, history = where.folder / "profile.toml", where.folder / "history.sqlite"
+        profile = profile_of(where.leg, file)
+        session = SESSION.format(profile=json.dumps(str(file)), history=json.dumps(str(history)))
+        where.start_client("patient", self._patient_settings(where) + session)
+        where.start_client("therapist", self._therapist_settings(where) + session)
+        ports, plan = (self._patient_port, self._therapist_port), limits_of(profile)
+        try:
+            with People(*ports, self.password, plan) as people:
+                training_act(playing, people, BLOCK_COUNT, hands_on=self._hands_on)
+        finally:
+            where.end_clients()
+            self.result = result_of(history, profile)
 
-    def _patient_settings(self, port: int) -> str:
-        settings = patient_settings(self._where, port) + self._session()
-        return with_credentials(settings, self._where.credentials["patient"])
+    def _patient_settings(self, where: Stage) -> str:
+        return patient_settings(where, self._patient_port, where.credentials["patient"])
 
-    def _therapist_settings(self, port: int) -> str:
+    def _therapist_settings(self, where: Stage) -> str:
         from gaitd_display.login import hash_password
 
-        edits = {"login.password_hash": hash_password(self._plan.password)}
-        settings = shipped_settings("therapist", self._where, port, edits) + self._session()
-        return with_credentials(settings, self._where.credentials["therapist"])
-
-    def _session(self) -> str:
-        profile, history = (json.dumps(str(path)) for path in (self._file, self._history))
-        return SESSION.format(profile=profile, history=history)
-
-    def result(self) -> TrainingResult | None:
-        """Read the history, once the patient's page has ended; see `result_of`."""
-        return result_of(self._history, self.profile)
+        password_hash = hash_password(self.password)
+        edits = {"web.port": self._therapist_port, "login.password_hash": password_hash}
+        return shipped_settings("therapist", where, edits, where.credentials["therapist"])
 
 
 def profile_of(leg: str, file: Path) -> "Profile":
     """Write the profile of a patient with a random id, and read it."""
     from gaitd_session.profile import new_id, read_profile
+    from gaitd_session.program import BLOCK, TEMPLATE
 
-    file.write_text(PROFILE.format(id=new_id(), leg=leg), encoding="utf-8")
+    values = {**PROFILE, "id": new_id(), "legs": leg}
+    text = TEMPLATE.format_map(values) + BLOCK.format_map(values) * (BLOCK_COUNT - 1)
+    file.write_text(text, encoding="utf-8")
     return read_profile(file)
 
 

@@ -1,16 +1,17 @@
 """The live view: estimate, truth, and state of the service."""
 
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
 from gaitd_client import wire
-from rich import box
 from rich.console import Group, RenderableType
 from rich.layout import Layout
 from rich.panel import Panel
+from rich.progress_bar import ProgressBar
 from rich.table import Table
-from rich.text import Text
+from rich.text import Text, TextType
 
 from analysis.accuracy import score
 from gaitd_lab.demonstration.curves import Chart, Curve, Values
@@ -40,6 +41,7 @@ EVENTS_SHOWN: Final = 6
 SMALL_EVENTS_SHOWN: Final = 3
 ROOMY_COLUMNS, ROOMY_LINES = 120, 34
 """Size from which on everything fits."""
+ERROR_COLUMNS: Final = 40
 BAR: Final = " ▁▂▃▄▅▆▇█"
 
 
@@ -64,54 +66,30 @@ def picture(moment: Moment, width: int, height: int) -> Layout:
     """Return the whole screen, in the given columns and lines.
 
     A small one, as a terminal of 80 x 24, shows the patient's efforts, the error and the events;
-    friction is shown as a number, and the state of the service is left out.
+    friction and the state of the service are left out.
     """
-    small = width < ROOMY_COLUMNS or height < ROOMY_LINES
-    return _small_picture(moment) if small else _whole_picture(moment)
-
-
-def _small_picture(moment: Moment) -> Layout:
-    screen = Layout()
-    screen.split_column(
-        Layout(_header(moment), size=4),
-        Layout(name="curves"),
-        Layout(name="below", size=SMALL_EVENTS_SHOWN + 2),
-    )
+    is_small = width < ROOMY_COLUMNS or height < ROOMY_LINES
+    shown = SMALL_EVENTS_SHOWN if is_small else EVENTS_SHOWN
     both = pairs(moment.received, moment.true, round(WINDOW_S * RATE_HZ))
-    panels = (Layout(_patient_panel(pair, moment.now_ns, at)) for at, pair in enumerate(both))
-    screen["curves"].split_row(*panels)
-    screen["below"].split_row(
-        Layout(_box(f"error, last {WINDOW_S:.0f} s", _error_table(both, moment)), size=40),
-        Layout(_events(moment.receiver, SMALL_EVENTS_SHOWN)),
-    )
-    return screen
-
-
-def _whole_picture(moment: Moment) -> Layout:
     screen = Layout()
     screen.split_column(
         Layout(_header(moment), size=4),
         Layout(name="curves", ratio=3),
-        Layout(name="friction", ratio=2),
-        Layout(name="below", size=EVENTS_SHOWN + 2),
+        Layout(name="friction", visible=not is_small, ratio=2),
+        Layout(name="below", size=shown + 2),
     )
-    both = pairs(moment.received, moment.true, round(WINDOW_S * RATE_HZ))
-    for row, panel in (("curves", _patient_panel), ("friction", _friction_panel)):
-        screen[row].split_row(
-            *(Layout(panel(pair, moment.now_ns, index)) for index, pair in enumerate(both))
-        )
+    for name, panel in (("curves", _patient), ("friction", _friction)):
+        panels = (panel(pair, moment.now_ns, index) for index, pair in enumerate(both))
+        screen[name].split_row(*map(Layout, panels))
     screen["below"].split_row(
-        Layout(_service(moment.receiver), ratio=4),
-        Layout(_errors(both, moment), ratio=4),
-        Layout(_events(moment.receiver, EVENTS_SHOWN), ratio=5),
+        Layout(_service(moment.receiver), visible=not is_small, ratio=4),
+        Layout(_errors(both, moment), ratio=4, minimum_size=ERROR_COLUMNS),
+        Layout(_events(moment.receiver, shown), ratio=5),
     )
     return screen
 
 
-# --- header ---------------------------------------------------------------------------------
-
-
-def _header(moment: Moment) -> RenderableType:
+def _header(moment: Moment) -> Panel:
     safety = moment.receiver.safety if moment.receiver else None
     mode = (safety.mode if safety else None) or "starting"
     left = Text.assemble(
@@ -120,85 +98,65 @@ def _header(moment: Moment) -> RenderableType:
         (moment.scene.title, "bold"),
     )
     speed = "" if moment.speed_ratio is None else f"{moment.speed_ratio:.1f} × real time  "
-    right = Text(f"{speed}{moment.elapsed_s:5.0f} s ", style="dim")
     line = Table.grid(expand=True)
     line.add_column(ratio=1, no_wrap=True, overflow="ellipsis")
     line.add_column(justify="right", no_wrap=True)
-    line.add_row(left, right)
-    return Panel(
+    line.add_row(left, Text(f"{speed}{moment.elapsed_s:5.0f} s ", style="dim"))
+    return _box(
+        "gaitd demo[/]  virtual drives, CAN frames, observer, Zenoh",
         Group(line, _second_line(moment, safety)),
-        title="[bold]gaitd demo[/]  virtual drives, CAN frames, observer, Zenoh",
-        title_align="left",
-        subtitle=f"[bold]{moment.pages}[/]" if moment.pages else None,
-        subtitle_align="right",
-        border_style="grey50",
-        padding=(0, 1),
+        f"[bold]{moment.pages}[/]" if moment.pages else None,
     )
 
 
-def _second_line(moment: Moment, safety: wire.Safety | None) -> Text:
-    cause = verdict_text(safety)
+def _second_line(moment: Moment, safety: wire.Safety | None) -> RenderableType:
+    cause, whole_s = verdict_text(safety), moment.scene.lasting_s
     if cause:
         return Text(cause, style="bold red", no_wrap=True, overflow="ellipsis")
-    if moment.scene.lasting_s:
-        return _progress_bar(moment.scene_s, moment.scene.lasting_s)
-    said = (safety.progress if safety else None) or "waiting for the service"
-    return Text(f"no stop; {said}", style="dim", no_wrap=True, overflow="ellipsis")
-
-
-def _progress_bar(done_s: float, whole_s: float, width: int = 40) -> Text:
-    filled = round(width * min(done_s / whole_s, 1.0))
-    return Text.assemble(
-        ("━" * filled, "bright_cyan"),
-        ("━" * (width - filled), "grey30"),
-        (f"  {min(done_s, whole_s):.0f} of {whole_s:.0f} s", "dim"),
-        ("   no stop", "green"),
-    )
+    if not whole_s:
+        said = (safety.progress if safety else None) or "waiting for the service"
+        return Text(f"no stop; {said}", style="dim", no_wrap=True, overflow="ellipsis")
+    done_s = min(moment.scene_s, whole_s)
+    line = Table.grid(padding=(0, 2, 0, 0))
+    bar = ProgressBar(whole_s, done_s, width=40, complete_style="bright_cyan")
+    line.add_row(bar, f"[dim]{done_s:.0f} of {whole_s:.0f} s[/]", "[green]no stop[/]")
+    return line
 
 
 # --- curves ---------------------------------------------------------------------------------
 
 
-def _patient_panel(pair: Pair, now_ns: int, index: int) -> Panel:
-    axis, _, unit = AXES[index]
+def _patient(pair: Pair, now_ns: int, index: int) -> Panel:
     time_s = _seconds(pair, now_ns)
-    quantity = "torque" if axis == "hip" else "force"
-    curves = [
+    curves = (
         Curve("truth", TRUTH, time_s, pair.wanted),
         Curve("estimate", ESTIMATE, time_s, pair.estimate),
-    ]
-    return _panel(f"{axis}: patient {quantity}", unit, curves, LEAST_SPAN[index])
+    )
+    return _panel(("patient torque", "patient force")[index], index, curves, LEAST_SPAN[index])
 
 
-def _friction_panel(pair: Pair, now_ns: int, index: int) -> Panel:
-    axis, _, unit = AXES[index]
+def _friction(pair: Pair, now_ns: int, index: int) -> Panel:
     time_s = _seconds(pair, now_ns)
-    curves = [
+    curves = (
         Curve("truth", TRUTH, time_s, pair.true_friction),
         Curve("estimate", FRICTION, time_s, pair.friction),
-    ]
-    return _panel(f"{axis}: friction", unit, curves, LEAST_FRICTION_SPAN[index])
+    )
+    return _panel("friction", index, curves, LEAST_FRICTION_SPAN[index])
 
 
 def _seconds(pair: Pair, now_ns: int) -> Values:
     return np.asarray((pair.time_ns - now_ns) * 1e-9, dtype=np.float64)
 
 
-def _panel(title: str, unit: str, curves: list[Curve], least_span: float) -> Panel:
+def _panel(quantity: str, index: int, curves: Sequence[Curve], least_span: float) -> Panel:
+    axis, _, unit = AXES[index]
     legend = Text()
     for curve in curves:
         legend.append(" ━ ", RICH[curve.colour])
         legend.append(curve.label, "default")
         legend.append(f"{_number(_newest(curve.values))} ", "bold")
-    return Panel(
-        Chart(curves, WINDOW_S, least_span),
-        title=f"[bold]{title}[/], {unit}",
-        title_align="left",
-        subtitle=legend,
-        subtitle_align="right",
-        border_style="grey50",
-        padding=0,
-    )
+    chart = Chart(curves, WINDOW_S, least_span)
+    return _box(f"{axis}: {quantity}[/], {unit}", chart, legend, padding=0)
 
 
 def _newest(values: Values) -> float:
@@ -223,34 +181,30 @@ def _grid(*justify: Literal["left", "right"]) -> Table:
 
 
 def _errors(both: tuple[Pair, Pair], moment: Moment) -> Panel:
-    text = Text("At rest friction and patient cannot be told apart: nothing is shown.", "dim")
-    table = _error_table(both, moment)
-    return _box(f"error, last {WINDOW_S:.0f} s", Group(table, Text(""), text))
-
-
-def _error_table(both: tuple[Pair, Pair], moment: Moment) -> Table:
     grid = _grid("left", "right", "right", "right")
     grid.add_row("", "[dim]rms[/]", "[dim]bound[/]", "[dim]valid[/]")
     bound = BOUNDS.get(moment.scene.kind)
     for index, (axis, _, unit) in enumerate(AXES):
         found = score(both[index].estimate, both[index].wanted)
-        limit = "" if bound is None else f"{bound[index]:g} {unit}"
-        colour = "default" if bound is None else "green" if found.rms <= bound[index] else "yellow"
+        limit, colour = "", "default"
+        if bound is not None:
+            limit = f"{bound.rms[index]:g} {unit}"
+            colour = "green" if found.rms <= bound.rms[index] else "yellow"
         covered = f"{found.covered_ratio:.0%}"
         grid.add_row(axis, f"[{colour}]{_number(found.rms, 2)} {unit}[/]", limit, covered)
-    return grid
+    text = "[dim]At rest friction and patient cannot be told apart: nothing is shown.[/]"
+    return _box(f"error, last {WINDOW_S:.0f} s", Group(grid, "", text))
 
 
 def _service(receiver: Receiver | None) -> Panel:
     health = receiver.health if receiver else None
     grid = _grid("left", "right")
-    if receiver is None or health is None:
+    if health is None:
         grid.add_row("[dim]no word yet[/]", "")
         return _box("service", grid)
     bars = "".join(_bar(count) for count in health.lateness_count)
-    p50, worst = health.lateness_p50_us, health.lateness_max_us
-    grid.add_row("SYNC late, median", f"{_number(p50, 0)} µs")
-    grid.add_row("SYNC late, worst", f"{_number(worst, 0)} µs")
+    grid.add_row("SYNC late, median", f"{_number(health.lateness_p50_us, 0)} µs")
+    grid.add_row("SYNC late, worst", f"{_number(health.lateness_max_us, 0)} µs")
     grid.add_row("all SYNCs, early to late", f"[bright_cyan]{bars}[/]")
     grid.add_row("cycle's work, worst", f"{_number(health.work_max_us, 0)} µs")
     grid.add_row("overruns", f"{health.overrun_count}")
@@ -268,7 +222,7 @@ def _bar(count: int) -> str:
 
 
 def _events(receiver: Receiver | None, shown: int) -> Panel:
-    newest = list(receiver.events)[-shown:] if receiver else []
+    newest = receiver.events[-shown:] if receiver else []
     lines = [
         Text.assemble(
             (f"{datetime.fromtimestamp(event.time_ns * 1e-9, UTC).astimezone():%H:%M:%S} ", "dim"),
@@ -281,12 +235,16 @@ def _events(receiver: Receiver | None, shown: int) -> Panel:
     return _box("events", Group(*lines))
 
 
-def _box(title: str, body: RenderableType) -> Panel:
+def _box(
+    title: str, body: RenderableType, subtitle: TextType | None = None, padding: int = 1
+) -> Panel:
+    """Frame a part of the screen; its title is bold up to a closing tag of its own."""
     return Panel(
         body,
-        title=f"[bold]{title}[/]",
+        title=f"[bold]{title}",
         title_align="left",
+        subtitle=subtitle,
+        subtitle_align="right",
         border_style="grey50",
-        box=box.ROUNDED,
-        padding=(0, 1),
+        padding=(0, padding),
     )

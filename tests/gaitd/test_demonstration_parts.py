@@ -1,4 +1,3 @@
-import itertools
 import math
 import os
 import signal
@@ -9,11 +8,9 @@ import threading
 import time
 import tomllib
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from gaitd_client import NotValid, Trouble
 from gaitd_session.store import (
     BlockRow,
     EndRow,
@@ -25,19 +22,19 @@ from gaitd_session.store import (
 )
 
 from daemon.config.shipped import configs_folder
-from gaitd_lab.demonstration import page_server, pages, stage, training
-from gaitd_lab.demonstration.evaluation import Row, Span, evaluate, pairs
+from gaitd_lab.demonstration import client_process, clients, stage, training, turns
+from gaitd_lab.demonstration.evaluation import Results, Row, Span, evaluate, pairs
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Track, TruthTail
-from gaitd_lab.demonstration.picture import Results, draw
+from gaitd_lab.demonstration.picture import draw
 from gaitd_lab.demonstration.script import Kind
-from gaitd_lab.demonstration.stage import Setting, Stage, StageTime, Tempo
-from gaitd_lab.processes import ManagedProcess, ServiceError
+from gaitd_lab.demonstration.stage import ActTime, Stage, empty_edits
+from gaitd_lab.processes import ManagedProcess, ServiceError, Tempo
 from sim_drives.plant.truth import TruthRow
 from simtime.link import LinkLostError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 CYCLE_NS = 10_000_000
-UTC_AHEAD_NS = 10**18
+TURN_NS = 30_000_000
 
 
 def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
@@ -132,19 +129,29 @@ def test_the_truth_is_followed_by_whole_lines(tmp_path):
     assert track.column("hip_patient_nm", values).tolist() == [8.5]
 
 
-@pytest.mark.parametrize("setting", Setting)
-def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, setting):
+def act_files(folder, edits, roles):
+    """Files of an act, which is not started."""
+    act = Stage(folder, CONFIGS, edits, roles, tempo=Tempo(), begin_ns=0)
+    act.end()
+    return act
+
+
+@pytest.mark.parametrize(
+    ("edits", "roles"),
+    [({}, {}), (empty_edits(CONFIGS), {}), (training.EDITS, training.ROLES)],
+    ids=["patient", "empty", "training"],
+)
+def test_an_act_has_a_configuration_of_its_own_that_checks_out(tmp_path, edits, roles):
     from daemon.preflight.load import load
     from gaitd_lab.virtual_machine import load_plant
 
-    act = Stage(tmp_path, CONFIGS, setting, tempo=Tempo(), begin_ns=0)
-    act.end()
+    act = act_files(tmp_path, edits, roles)
 
     settings = load(act.config)
     assert settings.file.trainer.zenoh.listen == act.target.endpoints
     assert settings.file.runtime == tmp_path / "run"
-    assert (settings.robot.patient is None) == (setting is Setting.EMPTY)
-    assert (settings.file.keys is None) == (setting is not Setting.TRAINING)
+    assert (settings.robot.patient is None) == ("robot_empty.toml" in edits)
+    assert (settings.file.keys is not None) == bool(roles)
     assert load_plant(settings.file)[1].robot == settings.file.robot.name
     here = tomllib.loads((CONFIGS / "demo.toml").read_text())
     assert settings.file.trainer.bus.channel != here["bus"]["channel"]
@@ -155,8 +162,7 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
     from daemon.preflight.load import load
     from observer.mechanism.mechanism import gravity
 
-    act = Stage(tmp_path, CONFIGS, Setting.EMPTY, tempo=Tempo(), begin_ns=0)
-    act.end()
+    act = act_files(tmp_path, empty_edits(CONFIGS), {})
     start = tomllib.loads((act.config.parent / "plant.toml").read_text())["start"]
 
     pose = np.array((math.radians(start["hip_deg"]), start["slide_m"]))
@@ -167,19 +173,19 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
 
 def test_a_core_that_does_not_come_ends_the_demonstration(tmp_path, monkeypatch):
     monkeypatch.setattr(stage, "READY_WITHIN_S", 0.0)
-    passing = StageTime(tmp_path / "bus", 0, Tempo())
+    passing = ActTime(tmp_path / "bus", 0, Tempo())
 
     with pytest.raises(ServiceError, match="core and gateway are not there"):
-        passing.turn(lambda: None, gateway_is_there=False)
+        passing.turn(lambda: None, lambda: None, gateway_is_there=False)
     passing.close()
 
 
 def test_the_view_is_drawn_while_time_passes(tmp_path, monkeypatch):
     drawn, ended = threading.Event(), []
     monkeypatch.setattr(stage.time, "sleep", lambda _: ended.append(drawn.wait(10)))
-    passing = StageTime(tmp_path / "bus", 0, Tempo())
+    passing = ActTime(tmp_path / "bus", 0, Tempo())
 
-    passing.turn(drawn.set, gateway_is_there=False)
+    passing.turn(drawn.set, lambda: None, gateway_is_there=False)
 
     assert ended == [True], "drawn before the turn has ended"
     passing.close()
@@ -246,7 +252,7 @@ def test_the_configurations_are_found_beside_the_code():
 def test_a_page_takes_the_next_free_port():
     with socket.create_server(("127.0.0.1", 0)) as busy:
         port = busy.getsockname()[1]
-        page = pages.find_page("engineer", port)
+        page = clients.find_page("engineer", port)
 
     assert page.port is not None
     assert page.port > port
@@ -256,30 +262,29 @@ def test_a_page_takes_the_next_free_port():
 def test_a_page_has_a_port_where_those_that_it_tries_are_in_use(monkeypatch):
     with socket.create_server(("127.0.0.1", 0)) as busy:
         port = busy.getsockname()[1]
-        monkeypatch.setattr(pages, "PORTS_TRIED", 1)
-        page = pages.find_page("patient", port)
+        monkeypatch.setattr(clients, "PORTS_TRIED", 1)
+        page = clients.find_page("patient", port)
 
     assert page.port not in {None, port}
     assert page.shown == f"in a browser: http://127.0.0.1:{page.port}/"
 
 
 def test_without_its_package_there_is_a_sentence_and_no_page(monkeypatch):
-    monkeypatch.setattr(pages, "PACKAGE", "gaitd_of_no_display")
-    page = pages.find_page("engineer", 8090)
+    monkeypatch.setattr(clients, "DISPLAY", "gaitd_of_no_display")
+    page = clients.find_page("engineer", 8090)
 
     assert (page.port, page.shown) == (None, "")
     assert "`make demo`" in page.said
 
 
 class Link:
-    """Time as a page's seat sees it, which passes while it waits."""
+    """Time of a seat, which passes while it waits."""
 
     def __init__(self):
-        self.ns, self.is_lost = 0, False
+        self.ns = 0
 
     def open(self):
-        if self.is_lost:
-            raise LinkLostError("no virtual drives")
+        pass
 
     def wait(self, until_ns, *, for_frame):
         assert not for_frame
@@ -291,53 +296,57 @@ class Link:
     def now_ns(self):
         return self.ns
 
-    def utc_ns(self):
-        return UTC_AHEAD_NS + self.ns
-
-
-def seat_of(link, ages_ns):
-    """A page's seat; with each look its newest message is so old, None: there is none."""
-    looks = iter(ages_ns)
-
-    def newest():
-        age_ns = next(looks)
-        silence = NotValid("right/estimate", Trouble.SILENT, "")
-        return silence if age_ns is None else SimpleNamespace(sample_time_ns=link.utc_ns() - age_ns)
-
-    return page_server.Seat(link, link, newest), looks
-
 
 @pytest.mark.parametrize("ages_ms", [(200, 40, 21, 20, 0), (0, 0), (None, 0)])
-def test_time_waits_for_the_messages_that_a_page_has_not_received(ages_ms):
+def test_time_waits_for_the_messages_that_were_not_received(ages_ms):
     """Messages of 20 ms ago are complete; without any there is nothing to wait for."""
-    ages_ns = [None if age is None else age * 1_000_000 for age in ages_ms]
+    link, ages = Link(), iter(ages_ms)
+
+    def newest_ns():
+        age_ms = next(ages)
+        return None if age_ms is None else link.ns - age_ms * 1_000_000
+
+    turns.pass_turn(link, TURN_NS, newest_ns)
+
+    assert link.ns == TURN_NS
+    assert list(ages) == [0], "it has waited as long as it had to"
+
+
+def test_time_passes_where_messages_do_not_come(monkeypatch):
+    monkeypatch.setattr(turns, "CATCH_UP_S", 0.01)
     link = Link()
-    seat, looks = seat_of(link, ages_ns)
 
-    assert seat.turn()
+    turns.pass_turn(link, TURN_NS, lambda: -1)
+    turns.pass_turn(link, TURN_NS, lambda: -1)
 
-    assert link.ns == page_server.TURN_NS
-    assert list(looks) == [0], "it has waited as long as it had to"
-
-
-def test_time_passes_beside_a_page_whose_messages_do_not_come(monkeypatch):
-    monkeypatch.setattr(page_server, "CATCH_UP_S", 0.01)
-    link = Link()
-    seat, _ = seat_of(link, itertools.repeat(10**9))
-
-    assert seat.turn()
-    assert seat.turn()
-
-    assert link.ns == 2 * page_server.TURN_NS
+    assert link.ns == 2 * TURN_NS
 
 
-def test_a_page_outlives_the_virtual_drives():
-    link = Link()
-    seat, _ = seat_of(link, itertools.repeat(None))
-    link.is_lost = True
-    assert not seat.turn()
-    link.is_lost = False
-    assert seat.turn()
+def test_a_client_outlives_the_virtual_drives(monkeypatch):
+    """It takes turns until its process ends."""
+    passed, ends = [], iter([LinkLostError("no virtual drives"), None, SystemExit()])
+
+    def turn(*_):
+        if (end := next(ends)) is not None:
+            raise end
+        passed.append(True)
+
+    monkeypatch.setattr(client_process, "pass_turn", turn)
+    monkeypatch.setattr(client_process, "RETRY_S", 0.0)
+    with pytest.raises(SystemExit):
+        client_process.take_turns(Link(), lambda: None)
+
+    assert passed == [True]
+
+
+def test_an_act_sees_the_newest_estimate_of_a_moment_unless_it_is_of_the_past():
+    track = Track(RECEIVED)
+    for number in range(3):
+        track.add(number * CYCLE_NS, tuple(float(number) for _ in RECEIVED))
+
+    assert track.at(2 * CYCLE_NS - 1)["gait_phase_ratio"] == 1.0
+    assert track.at(60 * CYCLE_NS) == {}
+    assert track.at(-1) == {}
 
 
 # --- a training -----------------------------------------------------------------------------------
@@ -389,7 +398,6 @@ def test_a_training_fails(tmp_path, failure):
     result = history_of(tmp_path, **failure)
 
     assert not result.passed
-    assert not Results(pairs(*tracks()), [], [], [], "", trained=result).passed
 
 
 def test_a_training_that_was_not_begun_has_no_result(tmp_path):

@@ -1,6 +1,5 @@
 """The people of a training at real servers of the pages; the trainer is messages alone."""
 
-import contextlib
 import time
 
 import browser as rig
@@ -13,7 +12,7 @@ from gaitd_display.settings import PatientSettings, TherapistSettings
 from gaitd_display.therapist import TherapistServer
 from training import PROFILE
 
-from gaitd_lab.demonstration.people import PatientAtPage, People, TherapistAtPage
+from gaitd_lab.demonstration.people import People
 from gaitd_lab.processes import free_port
 
 PASSWORD = "abcd-efgh-jkmn"
@@ -59,8 +58,7 @@ def wait_for(reached):
 
 
 def people(patient_port, therapist_port, password=PASSWORD):
-    therapist = TherapistAtPage(therapist_port, password)
-    return contextlib.closing(People((), PatientAtPage(patient_port), therapist, PLAN))
+    return People(patient_port, therapist_port, password, PLAN)
 
 
 def outcome(asked):
@@ -86,18 +84,21 @@ def test_a_therapist_with_a_wrong_password_is_told_so(therapist_site, trainer):
 
 
 def test_a_patient_sees_the_page_and_presses_what_it_offers(patient_site, trainer):
-    looking = PatientAtPage(patient_site.port)
-    with looking:
+    def answer(looking):
+        looking.press("start")
+        return outcome(looking)[0]
+
+    with people(patient_site.port, free_port()) as looking:
 
         def is_offered():
             trainer.cycles(Mode.READY, count=20)
             training = looking.seen.training
             return training is not None and "start" in training.buttons
 
-        assert looking.press("start").outcome == "refused"
+        assert answer(looking) == "refused"
         wait_for(is_offered)
         assert (looking.seen.mode, looking.seen.training.phase) == ("ready", "waiting")
-        assert looking.press("start").outcome == "done"
+        assert answer(looking) == "done"
         wait_for(lambda: trainer.cycles(Mode.READY) or ("enable",) in trainer.requests)
         patient_site.end()
         wait_for(lambda: looking.seen.training is None)

@@ -3,36 +3,71 @@ from gaitd_session import Advice, Button, Phase
 
 from gaitd_lab.demonstration import training_script
 from gaitd_lab.demonstration.script import (
+    ACTIVE,
     PAPER_S,
-    Ask,
-    EmergencyStop,
-    HandSwitch,
-    Help,
+    PASSIVE,
+    TIRING,
     Kind,
-    Patient,
     Plan,
-    Press,
-    Release,
     Scene,
-    Seen,
     Situation,
-    Training,
     gait_act,
     paper_act,
     plan_of,
     tiring_act,
-    tiring_plan,
 )
-from gaitd_lab.demonstration.training_script import training_act
+from gaitd_lab.demonstration.training_script import (
+    HOLD,
+    LET_GO,
+    PRESS_STOP,
+    RELEASE_STOP,
+    Seen,
+    Training,
+    training_act,
+)
 from gaitd_lab.processes import ServiceError
+from gaitd_lab.requests import Ask
 
 PLAN = Plan(passive_s=10.0, active_s=20.0, paper_s=25.0)
 
 
-class Service:
+ASSIST = "the assist is started"
+
+
+class Stage:
+    """Simulated seconds, and all that an act did, with its time."""
+
+    def __init__(self):
+        self.now_s, self.did = 0.0, []
+
+    def turn(self):
+        self.now_s += 0.1
+        assert self.now_s < 1000.0, "the act does not end"
+        return self.situation(self.now_s)
+
+    def situation(self, now_s):
+        raise NotImplementedError
+
+    def begin(self, scene):
+        self.did.append((self.now_s, scene))
+
+    def drives(self, command):
+        self.did.append((self.now_s, command))
+
+    def all(self, kind):
+        return [one for _, one in self.did if isinstance(one, kind)]
+
+    def at_s(self, wanted):
+        """The time of an act's only one."""
+        (at_s,) = [at_s for at_s, one in self.did if one == wanted or one[1:2] == (wanted,)]
+        return at_s
+
+
+class Service(Stage):
     """A service as the script sees it: does what it is asked, a little later."""
 
     def __init__(self):
+        super().__init__()
         self.mode, self.verdict, self.outcome, self.reason = "off", "bus down", None, ""
         self.playing_until_s: float | None = None
         self.begins_s = 0.0
@@ -40,21 +75,19 @@ class Service:
         self.refuses: str | None = None
         self.lease_holder: str | None = None
 
-    def do(self, action, now_s):
-        if isinstance(action, Help):
-            self.lease_holder = "gaitd-assist"
-        if isinstance(action, Ask):
-            self.outcome = "refused" if action.name == self.refuses else "done"
-            self.reason = "because" if action.name == self.refuses else ""
-            self.mode = {
-                "enable": "hold",
-                "disable": "ready",
-                "mode": action.payload.get("mode", ""),
-            }[action.name]
-            if action.name == "mode":
-                self.begins_s = now_s + 4.0
-                self.playing_until_s = self.begins_s + action.payload["duration_s"]
-                self.artificial = action.payload["mode"] == "excite"
+    def start_assist(self):
+        self.did.append((self.now_s, ASSIST))
+        self.lease_holder = "gaitd-assist"
+
+    def ask(self, name, payload):
+        self.did.append((self.now_s, Ask(name, payload)))
+        self.outcome = "refused" if name == self.refuses else "done"
+        self.reason = "because" if name == self.refuses else ""
+        self.mode = {"enable": "hold", "disable": "ready", "mode": payload.get("mode", "")}[name]
+        if name == "mode":
+            self.begins_s = self.now_s + 4.0
+            self.playing_until_s = self.begins_s + payload["duration_s"]
+            self.artificial = payload["mode"] == "excite"
 
     def situation(self, now_s):
         if now_s > 3.0 and self.mode == "off":
@@ -75,44 +108,30 @@ class Service:
         )
 
 
-def play(act, service, until_s=1000.0):
-    """Time of each action, by simulated seconds."""
-    now_s, did = 0.0, []
-    action = next(act)
-    while now_s < until_s:
-        if action is not None:
-            did.append((now_s, action))
-            service.do(action, now_s)
-        now_s += 0.1
-        try:
-            action = act.send(service.situation(now_s))
-        except StopIteration:
-            return did
-    raise AssertionError("the act does not end")
-
-
 def test_gait_is_played_without_and_then_with_the_patient():
-    did = play(gait_act(PLAN), Service())
+    service = Service()
+    gait_act(service, PLAN)
 
-    asked = [action.name for _, action in did if isinstance(action, Ask)]
-    assert asked == ["enable", "mode", "disable"]
-    programmes = [(at, action.programme) for at, action in did if isinstance(action, Patient)]
-    assert [name for _, name in programmes] == ["passive", "active", "passive"]
-    spans = {action.kind: at for at, action in did if isinstance(action, Scene)}
-    assert programmes[1][0] - spans[Kind.PASSIVE] == pytest.approx(10.0, abs=0.5)
-    assert programmes[2][0] - spans[Kind.ACTIVE] == pytest.approx(20.0, abs=0.5)
+    assert [one.name for one in service.all(Ask)] == ["enable", "mode", "disable"]
+    assert service.all(str) == [PASSIVE, ACTIVE, PASSIVE]
+    begins_s = service.at_s(Kind.PASSIVE)
+    assert service.at_s(Kind.ACTIVE) - begins_s == pytest.approx(10.0, abs=0.2)
+    assert service.at_s(ACTIVE) == service.at_s(Kind.ACTIVE)
+    end_s = [at_s for at_s, one in service.did if one == PASSIVE][1]
+    assert end_s - begins_s == pytest.approx(30.0, abs=0.2)
 
 
 @pytest.mark.parametrize("helped", [False, True])
 def test_a_patient_who_tires_is_helped_only_by_a_controller_that_holds_the_lease(helped):
-    did = play(tiring_act(tiring_plan(60.0), helped=helped), Service())
+    service = Service()
+    tiring_act(service, 30.0, helped=helped)
 
-    order = [action for _, action in did if not isinstance(action, Scene)]
-    assert [one.name for one in order if isinstance(one, Ask)] == ["enable", "mode", "disable"]
-    assert [one.programme for one in order if isinstance(one, Patient)] == ["tiring", "passive"]
-    assert [type(one) for one in order[1:-3]] == ([Help, Ask] if helped else [Ask])
-    spans = [action for _, action in did if isinstance(action, Scene)]
-    assert [one.lasting_s for one in spans if one.kind is Kind.TIRING] == [30.0]
+    order = [one.name if isinstance(one, Ask) else one for _, one in service.did]
+    order = [one for one in order if isinstance(one, str)]
+    start = [ASSIST] if helped else []
+    assert order == ["enable", *start, "mode", TIRING, PASSIVE, "disable"]
+    (scene,) = [one for one in service.all(Scene) if one.kind is Kind.TIRING]
+    assert scene.lasting_s == 30.0
 
 
 def test_without_a_lease_the_gait_with_help_does_not_begin():
@@ -121,15 +140,17 @@ def test_without_a_lease_the_gait_with_help_does_not_begin():
             return super().situation(now_s)._replace(lease_holder=None)
 
     with pytest.raises(ServiceError, match="no lease within"):
-        play(tiring_act(tiring_plan(60.0), helped=True), Alone())
+        tiring_act(Alone(), 30.0, helped=True)
 
 
 def test_the_paper_s_experiment_is_asked_for_by_name_and_judged_while_it_plays():
-    did = play(paper_act(PLAN), Service())
+    service = Service()
+    paper_act(service, 25.0)
 
-    mode = next(action for _, action in did if isinstance(action, Ask) and action.name == "mode")
+    mode = next(one for one in service.all(Ask) if one.name == "mode")
     assert mode.payload == {"mode": "excite", "scenario": "paper", "duration_s": 25.0}
-    assert any(isinstance(a, Scene) and a.kind is Kind.OPEN_LOOP for _, a in did)
+    lasted_s = service.at_s(Scene("the drives are switched off")) - service.at_s(Kind.OPEN_LOOP)
+    assert lasted_s == pytest.approx(25.0, abs=0.2)
 
 
 @pytest.mark.parametrize("refused", ["enable", "mode", "disable"])
@@ -138,7 +159,7 @@ def test_a_refusal_ends_the_act_with_its_reason(refused):
     service.refuses = refused
 
     with pytest.raises(ServiceError, match=f"{refused} refused: because"):
-        play(gait_act(PLAN), service)
+        gait_act(service, PLAN)
 
 
 class Stopping(Service):
@@ -158,7 +179,7 @@ class Stopping(Service):
 @pytest.mark.parametrize("into", ["stopping", "fault", "off"])
 def test_a_stop_ends_the_act_with_its_cause(into):
     with pytest.raises(ServiceError, match="hand switch"):
-        play(gait_act(PLAN), Stopping(at_s=20.0, mode=into))
+        gait_act(Stopping(at_s=20.0, mode=into), PLAN)
 
 
 def test_a_silent_service_ends_the_act():
@@ -167,7 +188,7 @@ def test_a_silent_service_ends_the_act():
             return super().situation(now_s)._replace(received_s=min(now_s, 15.0))
 
     with pytest.raises(ServiceError, match="no word from the service"):
-        play(gait_act(PLAN), Silent())
+        gait_act(Silent(), PLAN)
 
 
 def test_a_service_that_never_gets_ready_ends_the_act_in_time():
@@ -176,7 +197,7 @@ def test_a_service_that_never_gets_ready_ends_the_act_in_time():
             return super().situation(now_s)._replace(mode="off", verdict="no drives")
 
     with pytest.raises(ServiceError, match="no ready within 900 s; the mode is off"):
-        play(gait_act(PLAN), Off())
+        gait_act(Off(), PLAN)
 
 
 @pytest.mark.parametrize(
@@ -185,7 +206,7 @@ def test_a_service_that_never_gets_ready_ends_the_act_in_time():
 def test_the_seconds_of_movement_are_shared_as_the_help_says(seconds, paper_s):
     plan = plan_of(seconds)
 
-    assert plan.total_s == pytest.approx(seconds)
+    assert sum(plan) == pytest.approx(seconds)
     assert plan.paper_s == paper_s
     assert plan.active_s == pytest.approx(2 * plan.passive_s)
 
@@ -199,33 +220,45 @@ def test_by_default_it_is_ten_seconds_without_and_twenty_with_the_patient():
 # --- a training -----------------------------------------------------------------------------------
 
 
-class Page:
+class Page(Stage):
     """A patient's page, and the service behind it: each step takes two seconds."""
 
     STEPS = ("enabling", "announced", "self_test", "announced", "starting", "walking")
     AGAIN = ("enabling", "announced", "starting", "walking")
 
     def __init__(self, blocks=3, presses_alone=False):
+        super().__init__()
         self.blocks, self.presses_alone = blocks, presses_alone
         self.mode, self.phase, self.walked = "off", "waiting", 0
         self.is_held = self.is_released = True
         self.has_plan = False
-        self.coming, self.next_s, self.now_s = [], 0.0, 0.0
+        self.coming, self.next_s, self.presses = [], 0.0, 0
         self.refuses = self.advises = None
-        self.outcome = None
+        self.released = None
 
-    def do(self, action, now_s):
-        match action:
-            case HandSwitch(is_held):
-                self.is_held = is_held
-            case EmergencyStop(is_pressed):
-                self.is_released = not is_pressed
-                self.mode = "fault"
-            case Release():
-                self.outcome = "refused" if self.refuses else "done"
-                self.has_plan = self.outcome == "done"
-            case Press("start"):
-                self.start(now_s)
+    def drives(self, command):
+        super().drives(command)
+        if command in {HOLD, LET_GO}:
+            self.is_held = command == HOLD
+        elif command in {PRESS_STOP, RELEASE_STOP}:
+            self.is_released = command == RELEASE_STOP
+            self.mode = "fault"
+
+    def release(self):
+        self.released = "refused" if self.refuses else "done"
+        self.has_plan = not self.refuses
+
+    def outcome(self):
+        return self.released, "because"
+
+    def press(self, button):
+        assert button == "start"
+        self.presses += 1
+        self.start(self.now_s)
+
+    @property
+    def seen(self):
+        return Seen(self.mode, Training(self.phase, self.advice(), self.buttons()))
 
     def start(self, now_s):
         assert self.may_start()
@@ -249,7 +282,6 @@ class Page:
             self.mode = "ready"
         if self.phase not in {"waiting", "rest", "stopped", "finished"}:
             assert self.is_held
-        self.now_s = now_s
         if self.presses_alone and now_s % 10 < 0.1 and self.may_start() and not self.coming:
             self.start(now_s)
         if self.coming and now_s >= self.next_s:
@@ -265,9 +297,6 @@ class Page:
             verdict="S1 something" if self.mode == "fault" else "",
             phase_ratio=None,
             artificial=False,
-            outcome=self.outcome,
-            reason="because",
-            seen=Seen(self.mode, Training(self.phase, self.advice(), self.buttons())),
         )
 
     def advice(self):
@@ -292,21 +321,22 @@ def test_the_words_of_the_scripted_patient_are_those_of_the_session():
     assert training_script.START == Button.START
 
 
-def kinds(did, kind):
-    return [action for _, action in did if isinstance(action, kind)]
-
-
 def test_a_patient_alone_does_as_the_page_says_until_three_blocks_are_walked():
     page = Page()
-    did = play(training_act(3), page)
+    training_act(page, page, 3)
 
     assert (page.walked, page.phase) == (3, "finished")
-    assert len(kinds(did, Press)) == 4, "RESET of the daily test, and each block"
-    assert kinds(did, EmergencyStop) == [EmergencyStop(True), EmergencyStop(False)]
-    held = [action.is_held for action in kinds(did, HandSwitch)]
+    assert page.presses == 4, "RESET of the daily test, and each block"
+    commands = page.all(str)
+    assert [one for one in commands if one in {PRESS_STOP, RELEASE_STOP}] == [
+        PRESS_STOP,
+        RELEASE_STOP,
+    ]
+    held = [one == HOLD for one in commands if one in {HOLD, LET_GO}]
     assert held == [False, True, False, True, False, True, False], "daily test, rests, the end"
-    assert [one.programme for one in kinds(did, Patient)] == 3 * ["active", "passive"]
-    titles = [scene.title for scene in kinds(did, Scene)]
+    patient = [one for one in commands if one in {ACTIVE, PASSIVE}]
+    assert patient == 3 * [ACTIVE, PASSIVE]
+    titles = [scene.title for scene in page.all(Scene)]
     assert [title for title in titles if title.startswith("block")] == [
         f"block {number} of 3: the patient walks" for number in (1, 2, 3)
     ]
@@ -314,11 +344,11 @@ def test_a_patient_alone_does_as_the_page_says_until_three_blocks_are_walked():
 
 def test_with_hands_on_a_person_presses_the_buttons_and_is_told_to():
     page = Page(presses_alone=True)
-    did = play(training_act(3, hands_on="http://127.0.0.1:8080/"), page)
+    training_act(page, page, 3, hands_on="http://127.0.0.1:8080/")
 
     assert page.walked == 3
-    assert kinds(did, Press) == []
-    asked = [one for one in kinds(did, Scene) if "press START" in one.title]
+    assert page.presses == 0
+    asked = [one for one in page.all(Scene) if "press START" in one.title]
     assert len(asked) == 4
     assert all("http://127.0.0.1:8080/" in one.title for one in asked)
 
@@ -328,7 +358,7 @@ def test_a_plan_that_is_not_released_ends_the_training_with_its_reason():
     page.refuses = "plan"
 
     with pytest.raises(ServiceError, match=r"release refused: because"):
-        play(training_act(3), page)
+        training_act(page, page, 3)
 
 
 def test_a_page_that_sends_for_help_ends_the_training_with_its_words():
@@ -336,7 +366,7 @@ def test_a_page_that_sends_for_help_ends_the_training_with_its_words():
     page.advises = "call_for_help"
 
     with pytest.raises(ServiceError, match="the page says call_for_help"):
-        play(training_act(3), page)
+        training_act(page, page, 3)
 
 
 def test_a_phase_without_end_ends_the_training():
@@ -344,4 +374,4 @@ def test_a_phase_without_end_ends_the_training():
     page.STEPS = ("enabling",)
 
     with pytest.raises(ServiceError, match="no end of enabling within"):
-        play(training_act(3), page)
+        training_act(page, page, 3)

@@ -9,14 +9,14 @@ from gaitd_client.connection import Target
 from rich.console import Console
 from rich.text import Text
 
-from daemon.system.clock import MonotonicClock
+from gaitd_lab.demonstration.clients import PageSpot
 from gaitd_lab.demonstration.curves import Chart, Curve
 from gaitd_lab.demonstration.feed import RECEIVED, TRUE, Receiver, Track
-from gaitd_lab.demonstration.pages import PageSpot
 from gaitd_lab.demonstration.report import line
 from gaitd_lab.demonstration.script import Kind, Scene
-from gaitd_lab.demonstration.training import TrainingPlan
+from gaitd_lab.demonstration.training import Training
 from gaitd_lab.demonstration.view import Moment, picture
+from simtime.clock import PageClock
 
 NOW_NS = 20_000_000_000
 
@@ -78,19 +78,15 @@ def drawn(shown: Moment, width: int = 140, height: int = 44) -> list[str]:
 
 
 @pytest.mark.parametrize("size", [(140, 44), (80, 24)])
-@pytest.mark.parametrize(
-    ("pages", "text"),
-    [
-        (PageSpot(8090, ""), "in a browser: http://127.0.0.1:8090/"),
-        (
-            TrainingPlan(8080, 8443, "abcd-efgh-jkmn"),
-            "patient 127.0.0.1:8080, therapist 127.0.0.1:8443, password abcd-efgh-jkmn",
-        ),
-    ],
-)
-def test_where_the_pages_are_is_on_the_screen(size, pages, text):
-    shown = moment(*tracks())._replace(pages=pages.shown)
-    assert text in "\n".join(drawn(shown, *size))
+def test_where_the_pages_are_is_on_the_screen(size):
+    training = Training(8080, 8443, is_hands_on=False)
+    pages = f"patient 127.0.0.1:8080, therapist 127.0.0.1:8443, password {training.password}"
+    for shown, text in (
+        (PageSpot(8090, "").shown, "in a browser: http://127.0.0.1:8090/"),
+        (training.shown, pages),
+    ):
+        screen = drawn(moment(*tracks())._replace(pages=shown), *size)
+        assert text in "\n".join(screen)
 
 
 def test_estimate_and_truth_of_both_axes_are_on_the_screen():
@@ -118,8 +114,10 @@ def test_before_anything_is_heard_the_view_says_so():
     assert line(moment(Track(RECEIVED), Track(TRUE))).split()[-1] == "starting"
 
 
-def test_the_service_s_own_state_is_shown():
-    receiver = Receiver(Target((), "trainer"), "right", Track(RECEIVED), MonotonicClock())
+def test_the_service_s_own_state_is_shown(tmp_path):
+    receiver = Receiver(
+        Target((), "trainer"), "right", Track(RECEIVED), PageClock(tmp_path / "bus")
+    )
     receiver.health = health()
 
     screen = "\n".join(drawn(moment(*tracks(), receiver)))

@@ -19,9 +19,8 @@ from scipy.stats import theilslopes
 
 from daemon.core.safety.checks import OBSERVER_BAD_MAX_CYCLES
 from daemon.ipc.record import Cause, Mode, StopCategory
-from gaitd_lab.demonstration.script import Ask
 from gaitd_lab.process_memory import sample
-from gaitd_lab.requests import Requests
+from gaitd_lab.requests import Ask, Requests
 from gaitd_lab.timed_service import PARTS, RecordTail, TimedService
 from observer.filter.status import NIS_WINDOW_SAMPLES, Status
 from simtime.processes import STOPPED, process_state
