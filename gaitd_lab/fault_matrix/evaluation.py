@@ -27,7 +27,7 @@ from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY
 from gaitd_lab.fault_matrix import reversals
 from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.law import DETECTION_CYCLES, Law, Resting
-from gaitd_lab.fault_matrix.modes import COLUMNS, Group
+from gaitd_lab.fault_matrix.modes import COLUMNS
 from gaitd_lab.fault_matrix.pairs import law_of, parts_of
 from gaitd_lab.fault_matrix.watch import AXES
 
@@ -64,7 +64,7 @@ def broken(cell: CellResult) -> list[str]:
     said = [*_process(cell, right), *_enabling(cell), *reversals.exceeded(cell)]
     if column.mode in {Mode.STOPPING, Mode.FAULT}:
         return [*said, *_stays_stopped(cell, right)]
-    if column.group is Group.IDLE:
+    if column.is_idle:
         return [*said, *_resting(cell, right)]
     unseen = right.may_go_on and not cell.causes
     if not right.stops or unseen:
@@ -146,7 +146,8 @@ def _stopping(cell: CellResult, right: Law) -> Iterator[str]:
     categories = {one.name for one in right.categories if fixed in {None, one}}
     if cell.category not in categories:
         yield f"category {cell.category}, right is {_names(categories)}"
-    if not (cell.together or right.may_part):
+    may_part = right.by_drives and parts_of(cell.fault) is not None
+    if not (cell.together or may_part):
         yield "the axes were not told to stop between the same two SYNCs"
     yield from _power(cell, right)
     yield from _reaction(cell, right)
@@ -166,7 +167,8 @@ def _power(cell: CellResult, right: Law) -> Iterator[str]:
 
 def _reaction(cell: CellResult, right: Law) -> Iterator[str]:
     if right.by_drives:
-        most, seen = DETECTION_CYCLES + right.delay_cycles, cell.left_cycles
+        parts, seen = parts_of(cell.fault), cell.left_cycles
+        most = DETECTION_CYCLES + (parts.offset_cycles if parts else 0)
         if seen is None or seen > most:
             yield f"the drives stopped after {seen} cycles, right is {most:g}"
         return

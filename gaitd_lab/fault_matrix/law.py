@@ -49,11 +49,9 @@ class Law:
     within_cycles: float | None = None
     """Cycles until the frame that stops the last axis; None: it must stop, without a bound."""
     by_drives: bool = False
-    """Nothing can be sent: the drives stop by themselves, within DETECTION_CYCLES."""
-    delay_cycles: float = 0.0
-    """Time from the first fault of a pair to the second, by which the drives may stop later."""
-    may_part: bool = False
-    """One drive may stop by itself, by one fault of a pair, before the other one does."""
+    """Nothing can be sent: the drives stop by themselves, within DETECTION_CYCLES. With a second
+    fault that is so much later, and one drive may stop by itself before the other one does.
+    """
     pushed: bool = False
     """A patient pushes harder than a drive can hold, so its stop may escalate to no power. Where a
     drive has lost its power, the leg need not rest, and THROWN_HIP_DEG and THROWN_SLIDE_MM hold in

@@ -8,7 +8,6 @@ seed. A step that cannot be shared, because it is over at once, is executed by e
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import Enum
 from types import MappingProxyType
 from typing import Final
 
@@ -26,14 +25,6 @@ PREPARED: Final = "right/hip"
 Step = Callable[[LockstepSession], object]
 
 
-class Group(Enum):
-    """State of the drives in a mode; the expected result of a fault depends on it."""
-
-    IDLE = "nothing is enabled"
-    ALONE = "one axis is enabled alone"
-    DRIVING = "both axes are enabled"
-
-
 @dataclass(frozen=True, slots=True)
 class Column:
     """One mode of the matrix."""
@@ -45,7 +36,8 @@ class Column:
     """Runs from power-on to the first moment of a fault."""
     window_s: float
     """Time over which the faults are spread."""
-    group: Group = Group.DRIVING
+    is_idle: bool = False
+    """No drive is enabled: the expected result of a fault depends on it."""
     leads_to: frozenset[Mode] = frozenset()
     """Other modes that it may reach by itself some seconds later, where it drives."""
     variant: Variant = AS_SHIPPED
@@ -149,7 +141,7 @@ _ALL: Final = (
         "the drives are not there; they come back with the end of the fault",
         _off,
         1.0,
-        group=Group.IDLE,
+        is_idle=True,
         release=_plug_in,
     ),
     Column(
@@ -157,12 +149,10 @@ _ALL: Final = (
         "from power-on: boot-up, identity, limits written and read back",
         _nothing,
         0.0,
-        group=Group.IDLE,
+        is_idle=True,
         after_s=0.6,
     ),
-    Column(
-        Mode.READY, "brought up, without power", LockstepSession.until_ready, 0.5, group=Group.IDLE
-    ),
+    Column(Mode.READY, "brought up, without power", LockstepSession.until_ready, 0.5, is_idle=True),
     Column(Mode.HOLD, "enabled, holding the pose; the patient is not quite at rest", _hold, 5.0),
     Column(
         Mode.HOLD,
@@ -215,7 +205,6 @@ _ALL: Final = (
         "the hip is being homed in the empty machine",
         _reference,
         1.0,
-        group=Group.ALONE,
         leads_to=frozenset({Mode.STOPPING, Mode.READY, Mode.OFF, Mode.BRINGING_UP}),
         variant=Variant(empty=True),
     ),
@@ -224,7 +213,6 @@ _ALL: Final = (
         "the hip's sign is being tested in the empty machine",
         _commission,
         1.0,
-        group=Group.ALONE,
         leads_to=frozenset({Mode.STOPPING, Mode.READY, Mode.OFF, Mode.BRINGING_UP}),
         variant=Variant(empty=True),
     ),
@@ -241,7 +229,7 @@ _ALL: Final = (
         "after the hand switch was let go while walking: the drives hold, quick stopped",
         _fault,
         1.0,
-        group=Group.IDLE,
+        is_idle=True,
     ),
 )
 COLUMNS: Final[Mapping[str, Column]] = MappingProxyType({column.name: column for column in _ALL})

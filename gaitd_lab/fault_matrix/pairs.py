@@ -218,8 +218,6 @@ def both(laws: tuple[Law, Law], mode: str, offset_cycles: int, exit_code: int | 
             max(one or 0.0 for one in bounds) + offset_cycles + SLACK_CYCLES if bounded else None
         ),
         by_drives=any(one.by_drives for one in laws),
-        delay_cycles=float(offset_cycles),
-        may_part=any(one.by_drives for one in laws),
         runs_away=any(one.runs_away for one in laws),
         may_go_on=all(one.may_go_on for one in stopping),
         resting=Resting.UNTOUCHED if untouched else Resting.EITHER,

@@ -16,7 +16,7 @@ from gaitd_lab.fault_matrix.cell import Cell, CellResult
 from gaitd_lab.fault_matrix.evaluation import broken
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS
 from gaitd_lab.fault_matrix.faults import EMERGENCIES, FAULTS, LAWS
-from gaitd_lab.fault_matrix.modes import COLUMNS, Group
+from gaitd_lab.fault_matrix.modes import COLUMNS
 from gaitd_lab.fault_matrix.run import cells, parts, play_part, run
 from gaitd_lab.fault_matrix.watch import AXES
 from sim_drives.settings import FaultKind
@@ -56,7 +56,7 @@ def sample(turn):
     for number, fault in enumerate(sorted(FAULTS)):
         place = number + turn
         own = list(COLUMNS.values())[place % len(COLUMNS)]
-        for mode in [own.name, *["gait_impedance"] * (own.group is Group.IDLE)]:
+        for mode in [own.name, *["gait_impedance"] * own.is_idle]:
             on_each_axis = cells((fault,), (mode,))
             found.append(on_each_axis[place // len(COLUMNS) % len(on_each_axis)])
     return found
@@ -133,7 +133,7 @@ def test_each_sample_has_every_mode_and_every_fault_at_least_once_with_power_in_
 
     assert {cell.mode for cell in played} == set(COLUMNS)
     assert {cell.axis for cell in played} == {"", *AXES}
-    with_power = {cell.fault for cell in played if COLUMNS[cell.mode].group is not Group.IDLE}
+    with_power = {cell.fault for cell in played if not COLUMNS[cell.mode].is_idle}
     assert with_power == set(FAULTS)
 
 
