@@ -26,7 +26,7 @@ class Bound(NamedTuple):
     """Bounds of a span."""
 
     rms: tuple[float, float]
-    """Of the hip, N·m, and the slide, N."""
+    """Largest rms of the hip, N·m, and the slide, N."""
     correlation_min: float
     """-1 disables the bound: a constant truth has no correlation."""
     covered_min_ratio: float
@@ -106,7 +106,7 @@ class Results(NamedTuple):
     trouble: str
     """Reason of an early end; empty if it was complete."""
     walks: Sequence[Walk] = ()
-    """Of each act."""
+    """Strides of each act."""
 
     @property
     def passed(self) -> bool:

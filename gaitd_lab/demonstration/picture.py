@@ -48,7 +48,7 @@ SHADES: Final = {
     Kind.OPEN_LOOP: "#fbf1e0",
 }
 WIDTHS: Final = (0.26, 0.07, 0.1, 0.08, 0.08, 0.08, 0.1, 0.09, 0.06, 0.08)
-"""Of the columns of the table of errors, as shares."""
+"""Widths of the columns of the table of errors, as shares."""
 RMS: Final = 2
 """Column of the error that is drawn in the colour of the result."""
 

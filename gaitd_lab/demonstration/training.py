@@ -39,7 +39,7 @@ PROFILE: Final = {
     **{"cadence_min": 0.5, "cadence_max": 0.5, "amplitude_min": 0.5, "amplitude_max": 0.7},
     **{"warm_up": 6.0, "duration": 8.0, "rest": 2.0},
 }
-"""Of the patient, as `gaitd-session new-profile` is given them; short blocks."""
+"""Values of the profile, as `gaitd-session new-profile` is given them; short blocks."""
 BLOCK_COUNT: Final = 3
 """With the one that warms up."""
 
