@@ -20,6 +20,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from gaitd_client import Mode
+from gaitd_toml import ConfigError
 from numpy.typing import NDArray
 
 import analysis
@@ -29,7 +30,6 @@ from analysis.estimates import COLUMNS
 from analysis.recording import RecordingError
 from analysis.replay import estimate, is_recorded, legs_of, read
 from daemon.config.settings import Robot
-from daemon.config.strict import ConfigError
 from daemon.system.files import sync_folder
 from observer.filter.leg_observer import TuningError
 from observer.filter.states import FRICTION, STATE_NAMES

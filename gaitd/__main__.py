@@ -16,9 +16,9 @@ from importlib.metadata import entry_points, version
 from typing import Annotated, Final, cast
 
 import typer
+from gaitd_toml import ConfigError
 from typer.exceptions import TyperException
 
-from daemon.config.strict import ConfigError
 from gaitd.command_line import EXIT_REFUSED, JSON, CommandError, failure, json_text
 
 TOOLS: Final = "pip install ./clients/python '.[tools]'"

@@ -19,12 +19,12 @@ from typing import Final, NamedTuple
 
 import typer
 from gaitd_client import ClientError, NoServiceError, Outcome, Target, Trainer
+from gaitd_toml import COMMAND_LINE, ConfigError
 
 from analysis.acceptance import page
 from analysis.acceptance.record import AcceptanceRecord, Judgement, Line, Section, read, write
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import plan_of
-from daemon.config.strict import COMMAND_LINE, ConfigError
 from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RING_NAME, RingError, RingReader
 from daemon.system.bus_choice import bus_of, opened

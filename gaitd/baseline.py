@@ -26,10 +26,11 @@ def command(
 
 
 def _record(recorded: Path, robot_file: Path, output: Path, leg: str | None) -> "Baseline":
+    from gaitd_toml import read_toml
+
     from analysis.recording import RecordingError
     from analysis.replay import columns_of, read, setup_for
     from daemon.config.baseline import baseline_text
-    from daemon.config.strict import read_toml
     from daemon.preflight.robot import decoded_robot
     from observer.baseline import TooFewError, baseline_of
     from observer.offline.smooth_batch import run_smoothed

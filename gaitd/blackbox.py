@@ -65,8 +65,9 @@ def command(
     newest: Annotated[int, typer.Option("--last", min=1, help="requests: so many lines")] = 40,
 ) -> None:
     """Show the recordings around each stop, and which client sent which request."""
+    from gaitd_toml import COMMAND_LINE, ConfigError
+
     from analysis.recording import RecordingError
-    from daemon.config.strict import COMMAND_LINE, ConfigError
 
     if folder is not None and folder.exists():
         raise ConfigError(COMMAND_LINE, "--recording", folder, "a folder that does not exist yet")

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from gaitd_toml import COMMAND_LINE, ConfigError
 
-from daemon.config.strict import COMMAND_LINE, ConfigError
 from gaitd.command_line import (
     EXIT_FAILED,
     CommandError,
@@ -82,9 +82,10 @@ def command(
 
 
 def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], None]) -> None:
+    from gaitd_toml import read_toml
+
     from analysis.calibration.empty_check import check
     from analysis.calibration.session import empty_run
-    from daemon.config.strict import read_toml
     from daemon.preflight.robot import decoded_robot
 
     robot = decoded_robot(read_toml(robot_file), to_calibrate=True)
@@ -106,11 +107,12 @@ def _calibrate(
     noise: bool,
     bristles: bool,
 ) -> None:
+    from gaitd_toml import read_toml
+
     from analysis.calibration.process_noise import LAW_KEYS
     from analysis.calibration.quantities import BRISTLE_KEYS
     from analysis.calibration.robot_file import refuse_missing_lines, write
     from analysis.calibration.session import calibrate
-    from daemon.config.strict import read_toml
     from daemon.preflight.robot import decoded_robot
 
     if output.exists() and output.samefile(robot_file):

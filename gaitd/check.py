@@ -20,8 +20,8 @@ def command(
 ) -> None:
     """Validate all that needs no bus, and print the values at the joint. Exit code 0, or 2."""
     import msgspec
+    from gaitd_toml import ConfigError
 
-    from daemon.config.strict import ConfigError
     from daemon.preflight.acceptance import check_files
     from daemon.preflight.report_tables import sections, verdict
 

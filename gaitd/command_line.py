@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Annotated, Any, Final, cast
 
 import typer
+from gaitd_toml import COMMAND_LINE, ConfigError
 
 from daemon.config.shipped import configs_folder
-from daemon.config.strict import COMMAND_LINE, ConfigError
 
 EXIT_FAILED: Final = 1
 EXIT_REFUSED: Final = 2

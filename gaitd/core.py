@@ -25,7 +25,8 @@ def command(
     # Set before numpy and scipy are loaded. Each would start threads, and the real-time thread
     # could wait for one without priority. The largest matrix here is 8 by 24.
     os.environ["OPENBLAS_NUM_THREADS"] = "1"
-    from daemon.config.strict import ConfigError
+    from gaitd_toml import ConfigError
+
     from daemon.config.trainer import SIMULATED, read_trainer
     from daemon.core.runtime.process import run_core
     from daemon.ipc import starting

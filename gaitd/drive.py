@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import typer
+from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
-from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.system.bus_choice import bus_of, opened
 from drives.bringup.configurator import Configurator
 from drives.canopen.sniffer import BusSniffer, SniffedBus

@@ -83,9 +83,10 @@ def command(
 
     What is there already, of the same code and robot, is kept.
     """
+    from gaitd_toml import read_toml
+
     from analysis.fleet import Work
     from analysis.recording import RecordingError
-    from daemon.config.strict import read_toml
     from daemon.preflight.robot import decoded_robot
 
     work = Work.FRICTION if action is Action.FRICTION else Work.ESTIMATES

@@ -25,8 +25,8 @@ def command(
     from contextlib import closing
 
     import zenoh
+    from gaitd_toml import ConfigError
 
-    from daemon.config.strict import ConfigError
     from daemon.config.trainer import SIMULATED, load_trainer
     from daemon.gateway import log
     from daemon.gateway.process import serve, share_one_heap

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
 import typer
+from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
-from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.config.trainer import TrainerFile, load_trainer
 from daemon.keys import issuing
 from daemon.keys.folder import GATEWAY, Keys, read_keys

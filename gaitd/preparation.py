@@ -15,9 +15,9 @@ from typing import Annotated, Final, NamedTuple
 
 import typer
 from gaitd_client import ClientError, Outcome, Target, Trainer, wire
+from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from analysis.acceptance.record import Judgement
-from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.ipc.report import EventCode
 from daemon.wire.names import name_of
 from gaitd.command_line import JsonOption, errors_in_one_line, json_text

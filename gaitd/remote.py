@@ -25,8 +25,8 @@ from gaitd_client import (
 )
 from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
 from gaitd_client.trainer import NOT_STOPPED, STOP
+from gaitd_toml import ConfigError
 
-from daemon.config.strict import ConfigError
 from daemon.ipc.report import RefusalCode
 from daemon.wire.names import name_of
 from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text, with_config

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
+from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from analysis.replay_files import (
     ESTIMATES,
@@ -18,7 +19,6 @@ from analysis.replay_files import (
     check,
     targets_of,
 )
-from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from gaitd.command_line import JsonOption, errors_in_one_line, json_on_stdout, robot_file
 from gaitd.terminal import progress
 
@@ -217,12 +217,13 @@ def _strides(
     source: "Source", robot: "Robot", given: Given, draft: Targets, target: Targets
 ) -> Iterator[str]:
     """Write strides, which are always computed from the smoothed estimate."""
+    from gaitd_toml import read_toml
+
     from analysis.replay import columns_of, estimate_smoothed
     from analysis.replay_report import stride_lines
     from analysis.stride_figure import draw
     from analysis.stride_table import write_csv
     from daemon.config.baseline import load_baseline
-    from daemon.config.strict import read_toml
     from observer.strides import strides_of
 
     passive = None

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
+from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from daemon.config.shipped import configs_folder
-from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
 from daemon.system.bus_choice import BusPlace, bus_of, opened
 from gaitd.command_line import CONFIG_VARIABLE, CommandError, JsonOption
 from gaitd.terminal import Table, run_with_progress, show

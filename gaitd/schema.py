@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 from gaitd_client import wire
+from gaitd_toml import COMMAND_LINE, ConfigError
 
-from daemon.config.strict import COMMAND_LINE, ConfigError
 from gaitd.command_line import JsonOption
 
 

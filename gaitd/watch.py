@@ -11,8 +11,8 @@ from typing import Annotated, Any, Final
 
 import typer
 from gaitd_client import ClientError, NotValid, Stream, Trainer
+from gaitd_toml import COMMAND_LINE, ConfigError
 
-from daemon.config.strict import COMMAND_LINE, ConfigError
 from gaitd.command_line import JsonLinesOption
 from gaitd.remote import (
     EXIT_NO_ANSWER,

@@ -11,13 +11,13 @@ from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
+from gaitd_toml import ConfigError, load_toml
 
 from analysis.delay import Delay, measure
 from analysis.recording import Recording, RecordingError
 from daemon.config.bundle import Settings
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from daemon.config.strict import ConfigError, load_toml
 from daemon.config.trainer import beside
 from daemon.ipc.record import Cause, CycleRecord, Mode, Stage
 from daemon.preflight.files import check_together

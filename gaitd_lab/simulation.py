@@ -15,8 +15,8 @@ from types import FrameType
 from typing import Final, NamedTuple
 
 import can
+from gaitd_toml import COMMAND_LINE, ConfigError
 
-from daemon.config.strict import COMMAND_LINE, ConfigError
 from daemon.config.trainer import SIMULATED, TrainerFile, drive_names, real_drives
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.build import Machine

@@ -16,12 +16,12 @@ from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
+from gaitd_toml import load_toml
 
 from analysis.recording import Recording
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from daemon.config.trainer import beside
 from daemon.ipc.record import CycleRecord, Mode
 from daemon.preflight.files import check_together

@@ -3,9 +3,10 @@
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from gaitd_toml import MISSING, ConfigError, load_toml
+
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from daemon.config.strict import MISSING, ConfigError, load_toml
 from daemon.config.trainer import TrainerFile, beside, is_file
 from daemon.preflight.load import read_all
 from drives.cia402.pdo import layouts

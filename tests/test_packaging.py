@@ -133,12 +133,13 @@ def wheel(tmp_path_factory) -> zipfile.ZipFile:
     return built(PROJECT, tmp_path_factory.mktemp("wheel"))
 
 
-def test_the_clients_wheel_holds_its_package_with_types_schemas_and_licence(tmp_path):
+def test_the_clients_wheel_holds_its_packages_with_types_schemas_and_licence(tmp_path):
     wheel = built(CLIENT, tmp_path)
     names = set(wheel.namelist())
     files = {
         file.relative_to(CLIENT).as_posix()
-        for file in (CLIENT / "gaitd_client").rglob("*")
+        for package in ("gaitd_client", "gaitd_toml")
+        for file in (CLIENT / package).rglob("*")
         if file.is_file() and file.suffix != ".pyc"
     }
 

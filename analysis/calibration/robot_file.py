@@ -5,9 +5,10 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
+from gaitd_toml import MISSING, SMALLEST, ConfigError, Document, decoded
+
 from daemon.config.edits import Value, edited
 from daemon.config.settings import Robot
-from daemon.config.strict import MISSING, SMALLEST, ConfigError, Document, decoded
 
 DIGITS: Final = 6
 

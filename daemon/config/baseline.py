@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import numpy as np
+from gaitd_toml import SMALLEST, ConfigError, load_toml
 from msgspec import Meta
 from numpy.typing import NDArray
 
 from daemon.config.settings import Table
-from daemon.config.strict import SMALLEST, ConfigError, load_toml
 from observer.baseline import Baseline
 from observer.strides import BASELINE_BINS
 

@@ -2,10 +2,11 @@
 
 import math
 
+from gaitd_toml import COMMAND_LINE, ConfigError
+
 from daemon.config.bundle import Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Cycle
-from daemon.config.strict import COMMAND_LINE, ConfigError
 from drives.bringup.plan import CycleSettings, DrivePlan, plan
 from drives.cia402.profile import DriveDescription
 from drives.cia402.units import DriveLimits, axis_scaling, expected_base

@@ -8,7 +8,7 @@ import math
 import msgspec
 
 from daemon.config.settings import Robot, Segment
-from daemon.config.strict import UNREAD, UnreadError
+from daemon.config.unread import UNREAD, UnreadError
 from observer.filter.leg_model import integrator_named
 from observer.filter.leg_observer import ObserverTuning
 from observer.mechanism.friction import FrictionParameters

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from daemon.config.strict import COMMAND_LINE, MISSING, ConfigError
+from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 
 def configs_folder(option: str, wanted: str) -> Path:

@@ -10,14 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from gaitd_toml import ConfigError, read_toml
+
 from daemon.config.settings import Bus, Trainer
-from daemon.config.strict import (
-    ConfigError,
-    UnreadError,
-    decoded_in_part,
-    read_toml,
-    unless_unread,
-)
+from daemon.config.unread import UnreadError, decoded_in_part, unless_unread
 
 SIMULATED: Final = "simulated"
 """The interface whose channel is the socket of `gaitd sim`, which controls time."""

@@ -14,8 +14,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
+from gaitd_toml import ConfigError
+
 from daemon.config.settings import Lease
-from daemon.config.strict import ConfigError
 from daemon.gateway.clients import PLAN_FILE, Clients, PlanStore
 from daemon.gateway.events import DescriptorEvents
 from daemon.gateway.reload import Reload

@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
-from daemon.config.strict import ConfigError
+from gaitd_toml import ConfigError
+
 from daemon.config.trainer import TrainerFile
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.lease import LeaseManager

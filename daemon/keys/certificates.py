@@ -15,8 +15,7 @@ from cryptography.hazmat.primitives.serialization import (
     load_pem_private_key,
 )
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
-
-from daemon.config.strict import COMMAND_LINE, ConfigError
+from gaitd_toml import COMMAND_LINE, ConfigError
 
 AUTHORITY_DAYS: Final = 3650
 EARLIER: Final = datetime.timedelta(days=1)

@@ -25,8 +25,8 @@ from typing import Final
 
 import msgspec
 from gaitd_client.credentials import FILE, CredentialsFile
+from gaitd_toml import COMMAND_LINE, ConfigError
 
-from daemon.config.strict import COMMAND_LINE, ConfigError
 from daemon.keys.certificates import (
     AUTHORITY_DAYS,
     Pair,

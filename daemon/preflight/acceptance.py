@@ -3,8 +3,10 @@
 from pathlib import Path
 from typing import NamedTuple
 
+from gaitd_toml import ConfigError
+
 from daemon.config.bundle import Settings
-from daemon.config.strict import ConfigError, UnreadError
+from daemon.config.unread import UnreadError
 from daemon.preflight.files import check_all
 from daemon.preflight.load import read_in_part
 from daemon.preflight.report import Report, examine, refusals

@@ -2,8 +2,9 @@
 
 from typing import Final
 
+from gaitd_toml import ConfigError, Errors
+
 from daemon.config.bundle import Settings
-from daemon.config.strict import ConfigError, Errors
 
 MS_PER_S: Final = 1000.0
 

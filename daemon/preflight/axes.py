@@ -8,11 +8,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
+from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.settings import Cycle
-from daemon.config.strict import ConfigError, Errors
 from drives.bringup.plan import homing_plan, plan
 from drives.cia402.option_codes import in_words, without_torque
 from drives.cia402.profile import DriveDescription, Keeps

@@ -20,11 +20,11 @@ from itertools import product
 from typing import Final, NamedTuple
 
 import msgspec
+from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import drive_limits, effort_per_motor_nm
 from daemon.config.robot import leg_parameters
-from daemon.config.strict import ConfigError, Errors
 from daemon.preflight import workspace
 from daemon.preflight.motion import decelerations
 from daemon.preflight.workspace import Pair

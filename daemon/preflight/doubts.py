@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Final
 
 import msgspec
+from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import drive_limits, effort_per_motor_nm
-from daemon.config.strict import ConfigError, Errors
 from daemon.config.trainer import beside, has_real_drives, real_drives
 from daemon.preflight.thresholds import idle_thresholds
 from drives.cia402.profile import DecelerationUnit, DriveDescription, SpeedUnit

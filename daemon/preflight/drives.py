@@ -10,9 +10,10 @@ And compares the position limits with the 32 bits that a drive counts in.
 
 from typing import Final
 
+from gaitd_toml import ConfigError, Errors
+
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import drive_limits
-from daemon.config.strict import ConfigError, Errors
 from drives.canopen.objects import Object
 from drives.cia402.option_codes import in_words, without_torque
 from drives.cia402.profile import DriveDescription

@@ -13,10 +13,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from gaitd_toml import MISSING, ConfigError, Errors
+
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.limit_settings import HipLimits, SlideLimits
-from daemon.config.strict import MISSING, UNREAD, ConfigError, Errors, UnreadError
+from daemon.config.unread import UNREAD, UnreadError
 from daemon.ipc.record import Cause
 from daemon.preflight.assist import (
     ASSIST_CHECKS,

@@ -5,10 +5,11 @@ a pose on the way need as much, the home is wrong. So the allowed effort must ex
 home and the friction.
 """
 
+from gaitd_toml import ConfigError, Errors
+
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import effort_per_motor_nm
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.strict import ConfigError, Errors
 from daemon.core.motion.gait_shape import load_at
 from daemon.preflight.motion import mean_pose
 from drives.cia402.homing import Homing

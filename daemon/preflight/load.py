@@ -1,7 +1,7 @@
 """Reads all files of one configuration into one frozen `Settings`, or raises all faults together.
 
 The trainer file names the others; their paths are relative to the file that names them. Each is
-read once, hashed, decoded strictly (`strict.py`), and then all are compared with each other
+read once, hashed, decoded strictly (`gaitd_toml`), and then all are compared with each other
 (`files.py`). A refused table or file hides no fault of another: the checks that do not need it
 still run. The gateway, which must not import the drives, reads the trainer file alone, with
 `trainer.load_trainer`.
@@ -13,23 +13,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
+from gaitd_toml import ConfigError, Document, load_toml, read_bytes, read_toml
+
 from daemon.config.baseline import load_baseline
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Leg, Robot
-from daemon.config.strict import (
-    UNREAD,
-    ConfigError,
-    Document,
-    UnreadError,
-    decoded_in_part,
-    is_read,
-    load_toml,
-    read_bytes,
-    read_toml,
-    unless_unread,
-)
 from daemon.config.trainer import beside, is_file, read_trainer
+from daemon.config.unread import UNREAD, UnreadError, decoded_in_part, is_read, unless_unread
 from daemon.preflight.files import check_all
 from drives.cia402.axis_file import AxisFile
 from drives.cia402.profile import DriveDescription, DriveProfile, contradictions

@@ -9,12 +9,12 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from gaitd_toml import ConfigError, Errors, PlainText
 
 from daemon.config.bundle import Settings
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Excite, Sinusoid
-from daemon.config.strict import ConfigError, Errors, PlainText
 from daemon.core.exercises import self_test
 from daemon.core.motion.gait_shape import gait_angles, gait_shape, joints_of_angles, load_at
 from daemon.preflight.workspace import (

@@ -7,8 +7,9 @@ refused there.
 
 from typing import Final
 
+from gaitd_toml import ConfigError, Errors
+
 from daemon.config.bundle import Settings
-from daemon.config.strict import ConfigError, Errors
 from daemon.config.trainer import has_real_drives
 
 

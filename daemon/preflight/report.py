@@ -8,11 +8,11 @@ import math
 from typing import Final
 
 import msgspec
+from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.strict import ConfigError, Errors
 from daemon.config.trainer import drive_names, is_file, real_drives
 from daemon.ipc.record import Cause, StopCategory
 from daemon.preflight import workspace

@@ -3,9 +3,10 @@
 from pathlib import Path
 from typing import Final
 
+from gaitd_toml import ConfigError, Document, Errors, PlainText, decoded, read_toml
+
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import HipFriction, Robot, SlideFriction
-from daemon.config.strict import ConfigError, Document, Errors, PlainText, decoded, read_toml
 from observer.filter.leg_model import (
     STABILITY_LIMIT,
     STEP_S,

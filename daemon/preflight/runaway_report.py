@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from typing import Final
 
 import msgspec
+from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import drive_limits
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Cycle
-from daemon.config.strict import ConfigError, Errors
 from daemon.preflight import workspace
 from daemon.preflight.runaway import AxisRunaway, Runaway, worst_runaways
 from daemon.preflight.workspace import Pair

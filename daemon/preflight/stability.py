@@ -38,12 +38,12 @@ from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
+from gaitd_toml import ConfigError, Errors
 from numpy.typing import NDArray
 
 from daemon.config.bundle import Settings
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Impedance
-from daemon.config.strict import ConfigError, Errors
 from daemon.core.safety import soft_limits
 from daemon.core.safety.limits import AxisLimits, hip_limits, slide_limits, thresholds
 from daemon.preflight.motion import limit_box

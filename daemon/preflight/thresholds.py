@@ -29,10 +29,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from gaitd_toml import ConfigError, Errors
+
 from daemon.config.bundle import Settings
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Impedance
-from daemon.config.strict import ConfigError, Errors
 from daemon.core.motion.gait_shape import load_at
 from daemon.core.safety.checks import EFFORT_MARGIN_RATIO
 from daemon.core.safety.limits import AxisLimits, hip_limits, slide_limits

@@ -15,7 +15,8 @@ from importlib.metadata import distribution
 from pathlib import Path
 from typing import Final, NamedTuple, Protocol, cast
 
-from daemon.config.strict import ConfigError
+from gaitd_toml import ConfigError
+
 from daemon.config.trainer import LABORATORY, LABORATORY_BY, SIMULATED, TrainerFile
 from daemon.ipc.transport import CoreChannel, IpcChannel
 from daemon.system.clock import AgeClock, Clock, MonotonicClock

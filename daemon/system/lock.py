@@ -15,7 +15,8 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import BinaryIO, Final
 
-from daemon.config.strict import ConfigError
+from gaitd_toml import ConfigError
+
 from daemon.system.files import make_folder
 
 _HELD: Final = (errno.EAGAIN, errno.EACCES)

@@ -9,7 +9,8 @@ import ipaddress
 from collections.abc import Sequence
 from typing import Final
 
-from daemon.config.strict import MISSING, ConfigError
+from gaitd_toml import MISSING, ConfigError
+
 from daemon.config.trainer import TrainerFile
 
 UNIX_SOCKET: Final = "unixsock-stream"

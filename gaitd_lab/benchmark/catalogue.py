@@ -4,8 +4,9 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from gaitd_toml import load_toml
+
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from daemon.preflight.load import load
 from gaitd_lab.benchmark import (
     cycle_time,

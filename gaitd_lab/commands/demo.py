@@ -146,7 +146,8 @@ def command(
 def _refuse(
     pace: str | None, *, wall_clock: bool, tiring: bool, session: bool, hands_on: bool
 ) -> None:
-    from daemon.config.strict import COMMAND_LINE, ConfigError
+    from gaitd_toml import COMMAND_LINE, ConfigError
+
     from sim_drives.time.server import parse_pace
 
     if pace is not None:

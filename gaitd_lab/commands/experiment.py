@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from gaitd_toml import COMMAND_LINE, ConfigError
 
-from daemon.config.strict import COMMAND_LINE, ConfigError
 from gaitd.command_line import (
     EXIT_FAILED,
     JsonOption,

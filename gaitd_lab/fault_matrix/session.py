@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Final, Literal
 
 import msgspec
+from gaitd_toml import load_toml
 
 from daemon.config.bundle import Settings
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from daemon.config.trainer import beside
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all

@@ -4,9 +4,10 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from gaitd_toml import decoded, read_toml
+
 from daemon.config.limit_settings import Limits
 from daemon.config.shipped import configs_folder
-from daemon.config.strict import decoded, read_toml
 from gaitd_lab.reference import modes, roles, schemas
 
 

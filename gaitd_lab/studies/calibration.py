@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
 import numpy as np
+from gaitd_toml import load_toml
 
 from analysis.calibration.figures import draw_friction, draw_residuals
 from analysis.calibration.quantities import QUANTITIES, value_of
@@ -22,7 +23,6 @@ from analysis.replay import Source
 from daemon.config.edits import edit
 from daemon.config.settings import Robot
 from daemon.config.shipped import configs_folder
-from daemon.config.strict import load_toml
 from gaitd_lab.excitation import EmptyMachine
 from gaitd_lab.studies.report import Cell, Report, Table, measured, write
 

@@ -354,9 +354,9 @@ def test_a_patient_or_an_artificial_disturbance_is_refused_by_what_the_ring_says
 
 def load_patient():
     from empty_runs import ROBOT_FILE
+    from gaitd_toml import load_toml
 
     from daemon.config.settings import Robot
-    from daemon.config.strict import load_toml
 
     return load_toml(ROBOT_FILE.with_name("robot.toml"), Robot)
 

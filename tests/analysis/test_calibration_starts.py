@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 from empty_runs import ROBOT_FILE, write_csv
+from gaitd_toml import load_toml
 from one_axis import (
     CONSTANT_N,
     COULOMB_N,
@@ -30,7 +31,6 @@ from analysis.calibration.process_noise import process_noise, with_process_noise
 from analysis.calibration.session import Calibration, calibrate
 from analysis.replay import Source, estimate, read
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from gaitd.__main__ import build
 from gaitd.command_line import CommandError
 from gaitd.terminal import plain

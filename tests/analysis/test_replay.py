@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from gaitd_toml import load_toml
 from sessions import new_session
 
 from analysis.recording import RecordingError
 from analysis.replay import estimate, read, read_ring
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from daemon.ipc.transport import RING_NAME, RingHeader, RingWriter
 from gaitd_lab.lockstep import LockstepSession
 

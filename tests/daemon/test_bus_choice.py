@@ -3,8 +3,8 @@
 import sys
 
 import pytest
+from gaitd_toml import ConfigError
 
-from daemon.config.strict import ConfigError
 from daemon.config.trainer import SIMULATED
 from daemon.system import bus_choice
 from daemon.system.bus_choice import BusPlace, choose_bus, simulation

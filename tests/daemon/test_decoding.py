@@ -16,13 +16,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from gaitd_client import wire
+from gaitd_toml import ConfigError, load_toml
 from records import HEADER, cut_out, record
 
 from analysis.recording import COLUMNS, RecordingError, read_csv
 from analysis.replay import read, read_ring
 from analysis.stop_recording import about, read_stop
 from daemon.config.settings import Robot
-from daemon.config.strict import ConfigError, load_toml
 from daemon.core.modes import latched_stop
 from daemon.core.modes.persistent_state import PersistentState, StoredAxis, StoredVerdict
 from daemon.core.runtime.state_file import StateFile

@@ -5,8 +5,8 @@ import subprocess
 import sys
 
 import pytest
+from gaitd_toml import ConfigError
 
-from daemon.config.strict import ConfigError
 from daemon.system.lock import hold
 
 HOLDER = """

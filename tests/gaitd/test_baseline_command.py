@@ -3,9 +3,9 @@ import tomllib
 import numpy as np
 import pytest
 from command_line import gaitd
+from gaitd_toml import ConfigError
 from sessions import CONFIGS, changed_configs
 
-from daemon.config.strict import ConfigError
 from daemon.preflight.load import load
 from tests.observer.trainer import PATIENT, encoded, gait, simulate
 

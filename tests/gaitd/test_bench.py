@@ -7,11 +7,11 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 import pytest
+from gaitd_toml import load_toml
 from rich.console import Console
 from sessions import CONFIGS, new_session
 
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from daemon.core import cycle
 from gaitd.command_line import json_text
 from gaitd_lab.benchmark import bare_put, cycle_time, lateness, replay_speed, whole_service

@@ -3,11 +3,11 @@ import json
 import pytest
 from command_line import gaitd
 from empty_runs import ROBOT_FILE, empty_run, robot_file, shipped_friction, write_csv
+from gaitd_toml import load_toml
 
 from analysis.calibration.robot_file import write
 from daemon.config.edits import EditError
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 
 
 @pytest.fixture

@@ -3,13 +3,13 @@
 from types import SimpleNamespace
 
 import pytest
+from gaitd_toml import load_toml
 from sessions import CONFIGS
 
 from analysis.calibration.fit import NONE, Result
 from analysis.calibration.quantities import QUANTITIES, value_of
 from analysis.calibration.verdict import Score
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from gaitd_lab.excitation import EmptyMachine
 from gaitd_lab.studies.calibration import FILE, TRUE_FILE, Drawn, machine_files, tables
 from gaitd_lab.studies.report import Measured

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from command_line import gaitd
+from gaitd_toml import load_toml
 
 from analysis.replay_report import drift_of
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from gaitd_lab.studies.consistency import measures as consistency
 from gaitd_lab.studies.consistency.measures import (
     drifting,

@@ -6,13 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 from command_line import gaitd
+from gaitd_toml import ConfigError
 from sessions import CONFIGS, changed_configs
 
 from analysis.accuracy import moving
 from analysis.delay import advice, measure
 from analysis.recording import Recording
 from analysis.replay import Source, estimate, setup_for
-from daemon.config.strict import ConfigError
 from daemon.ipc.transport import RING_NAME, RingHeader, RingWriter
 from gaitd_lab.excitation import EmptyMachine, NotPlayedError
 from gaitd_lab.studies.experiment import study

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from gaitd_record import Purpose
+from gaitd_toml import load_toml, read_toml
 from processes import gaitd
 from recorded_sessions import published_by, record
 from scipy import stats
@@ -25,7 +26,6 @@ from analysis.friction_weeks import Advice, merge
 from analysis.parquet import stays_in
 from analysis.self_tests import friction_of
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml, read_toml
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession

@@ -12,8 +12,8 @@ from bench_bus import Machine
 from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
 from gaitd_client import wire
+from gaitd_toml import ConfigError
 
-from daemon.config.strict import ConfigError
 from daemon.system.lock import hold
 from gaitd.__main__ import COMMANDS, build, commands_for
 from gaitd.command_line import failure

@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 from command_line import gaitd
+from gaitd_toml import load_toml
 from one_axis import (
     CONSTANT_N,
     COULOMB_N,
@@ -21,7 +22,6 @@ from scipy.signal import butter, lfilter
 from sessions import CONFIGS
 
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from gaitd_lab.studies.real_data import hip_moment, strides
 from gaitd_lab.studies.real_data.classical import Axis, inverse_dynamics, momentum_observer
 from gaitd_lab.studies.real_data.comparison import (

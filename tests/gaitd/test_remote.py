@@ -9,8 +9,8 @@ import zenoh
 from command_line import gaitd
 from gaitd_client import Mode, Reply, Target, Trainer, wire
 from gaitd_client.connection import config_of
+from gaitd_toml import ConfigError
 
-from daemon.config.strict import ConfigError
 from gaitd import remote
 from gaitd.watch import stream_of
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from config_files import Change, changed, copied
+from gaitd_toml import ConfigError
 
-from daemon.config.strict import ConfigError
 from daemon.config.trainer import load_trainer
 from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.plant.patient import STRIDE, compile_programme, script

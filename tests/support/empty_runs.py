@@ -4,12 +4,12 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
+from gaitd_toml import load_toml
 
 from analysis.recording import recording
 from analysis.replay import Source
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from observer.jit import kernel
 from observer.mechanism.friction import FrictionParameters, friction_after
 from observer.mechanism.linkage import bounded_acceleration

@@ -9,7 +9,7 @@ own law is a file like `phase_help.py`, named in `leg.py`.
 from gaitd_assist.law import Law, Sample
 from gaitd_assist.leg import LegController, StrideLine
 from gaitd_assist.phase_help import PhaseHelp
-from gaitd_assist.settings import Settings, SettingsError, parse_settings, read_settings
+from gaitd_assist.settings import Settings, parse_settings, read_settings
 from gaitd_assist.transparency import EnergyTank, Transparency
 
 __all__ = [
@@ -19,7 +19,6 @@ __all__ = [
     "PhaseHelp",
     "Sample",
     "Settings",
-    "SettingsError",
     "StrideLine",
     "Transparency",
     "parse_settings",

@@ -24,11 +24,12 @@ from gaitd_client import (
     read_credentials,
 )
 from gaitd_client.signals import interrupted_once
+from gaitd_toml import ConfigError
 
 from gaitd_assist.journal import Journal
 from gaitd_assist.law import Law
 from gaitd_assist.leg import LegController, StrideLine
-from gaitd_assist.settings import Settings, SettingsError, check_caps, read_settings
+from gaitd_assist.settings import Settings, check_caps, read_settings
 
 EXIT_REFUSED: Final = 2
 EXIT_NO_SERVICE: Final = 3
@@ -84,7 +85,7 @@ def run(
         more: makes further laws for each leg, called after those of this package.
 
     Raises:
-        SettingsError: the file does not fit the service.
+        ConfigError: the file does not fit the service.
         ClientError: the service does not answer, or grants no lease.
         OSError: the log cannot be written; the lease is then released.
     """
@@ -121,12 +122,12 @@ def main() -> None:
             _connect_and_run(given.config)
     except KeyboardInterrupt:
         print(f"{CLIENT}: ended; the lease is released", flush=True)
-    except SettingsError as error:
-        _fail(str(error), EXIT_REFUSED)
+    except ConfigError as error:
+        _fail(EXIT_REFUSED, error, *error.more)
     except ClientError as error:
-        _fail(str(error), EXIT_NO_SERVICE)
+        _fail(EXIT_NO_SERVICE, error)
     except OSError as error:
-        _fail(f"{error.filename}: {error.strerror}; the log must be writable", EXIT_REFUSED)
+        _fail(EXIT_REFUSED, f"{error.filename}: {error.strerror}; the log must be writable")
 
 
 def _connect_and_run(file: Path) -> None:
@@ -150,8 +151,8 @@ def _report(refusal: Refusal) -> None:
     print(f"{CLIENT}: {refused}", file=sys.stderr, flush=True)
 
 
-def _fail(text: str, code: int) -> None:
-    print(f"{CLIENT}: {text}", file=sys.stderr)
+def _fail(code: int, *errors: object) -> None:
+    print(*(f"{CLIENT}: {error}" for error in errors), sep="\n", file=sys.stderr)
     sys.exit(code)
 
 

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import msgspec
-from gaitd_client import Configuration, PlanLimits, toml_file
+from gaitd_client import Configuration, PlanLimits
+from gaitd_toml import ConfigError, decoded, load_toml, parse_toml
 from msgspec import Meta
 
 from gaitd_assist.leg import LegController
@@ -19,10 +20,6 @@ from gaitd_assist.transparency import TransparencyRules
 Ratio = Annotated[float, Meta(ge=0, le=1)]
 CAPS: Final = (("hip", "hip_max_nm", "assist_max_nm"), ("slide", "slide_max_n", "assist_max_n"))
 """Axis, key of `[cap]`, key of limits.toml; with `hip_` or `slide_`, key of the plan."""
-
-
-class SettingsError(Exception):
-    """A file cannot be used; the text names file, key, value and what is allowed."""
 
 
 class _Strict(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -127,24 +124,18 @@ def read_settings(path: Path) -> Settings:
     """Read a file; relative paths in it are relative to its folder.
 
     Raises:
-        SettingsError: it cannot be read, or a key is missing, unknown or wrong.
+        ConfigError: it cannot be read, or a key is missing, unknown or wrong.
     """
-    try:
-        return toml_file.read(path, Settings)
-    except toml_file.TomlError as error:
-        raise SettingsError(str(error)) from error
+    return load_toml(path, Settings)
 
 
 def parse_settings(text: str, path: Path) -> Settings:
     """Read a text as the file `path`.
 
     Raises:
-        SettingsError: a key is missing, unknown or wrong.
+        ConfigError: a key is missing, unknown or wrong.
     """
-    try:
-        return toml_file.parse(text, path, Settings)
-    except toml_file.TomlError as error:
-        raise SettingsError(str(error)) from error
+    return decoded(parse_toml(path, text.encode()), Settings)
 
 
 def check_caps(
@@ -159,12 +150,12 @@ def check_caps(
         plan: released now; None: none.
 
     Raises:
-        SettingsError: a leg that the trainer does not have, or a cap above the limit of the service
+        ConfigError: a leg that the trainer does not have, or a cap above the limit of the service
             or of the plan.
     """
     known = configuration.leg_names
     if not set(settings.legs) <= set(known):
-        raise SettingsError(f"{path}: legs = {list(settings.legs)}, the trainer has {list(known)}")
+        raise ConfigError(path, "legs", list(settings.legs), f"the trainer has {list(known)}")
     for axis, key, limit_key in CAPS:
         value = getattr(settings.cap, key)
         planned = None if plan is None else getattr(plan, f"{axis}_{limit_key}")
@@ -174,7 +165,5 @@ def check_caps(
         )
         for limit, source in allowed:
             if limit is not None and value > limit:
-                raise SettingsError(
-                    f"{path}: cap.{key} = {value:g}, allowed at most {limit:g}"
-                    f" ({axis}.{limit_key} of {source})"
-                )
+                allowed = f"at most {limit:g} ({axis}.{limit_key} of {source})"
+                raise ConfigError(path, f"cap.{key}", value, allowed)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, NoReturn
 
 from gaitd_client import ClientError, Clock, MonotonicClock, Trainer
-from gaitd_session import ProfileError
+from gaitd_toml import ConfigError
 from starlette.types import ASGIApp
 
 from gaitd_display.engineer import EngineerServer
@@ -19,7 +19,6 @@ from gaitd_display.settings import (
     EngineerSettings,
     Link,
     PatientSettings,
-    SettingsError,
     TherapistSettings,
     Web,
     read_settings,
@@ -48,14 +47,14 @@ def main() -> None:
             made = server_of(given.command, given.config, MonotonicClock(), utc_ahead_ns)
             refuse_certificate(given.config, made.web)
             serve(made.app, made.web)
-    except (SettingsError, ProfileError) as error:
-        _refuse(error)
+    except ConfigError as error:
+        _refuse(error, *error.more)
     except (PasswordError, ClientError) as error:
         _refuse(f"{given.config}: {error}" if given.command in SERVERS else error)
 
 
-def _refuse(error: object) -> NoReturn:
-    print(f"gaitd-display: {error}", file=sys.stderr)
+def _refuse(*errors: object) -> NoReturn:
+    print(*(f"gaitd-display: {error}" for error in errors), sep="\n", file=sys.stderr)
     sys.exit(CONFIGURATION_ERROR)
 
 
@@ -78,9 +77,8 @@ def server_of(kind: str, file: Path, clock: Clock, utc_ahead_ns: Callable[[], in
         utc_ahead_ns: returns UTC less the time of `clock`.
 
     Raises:
-        SettingsError: a file that cannot be used.
+        ConfigError: a file, or the profile of a session, that cannot be used.
         PasswordError: the hash of a password that cannot be used.
-        ProfileError: the profile of a session that cannot be used.
         ClientError: credentials that cannot be used.
     """
 

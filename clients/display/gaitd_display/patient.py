@@ -117,8 +117,7 @@ class PatientServer:
             clock: measures the times of the session.
 
         Raises:
-            SettingsError: the check of the way out cannot be used.
-            ProfileError: the profile of the session cannot be used.
+            ConfigError: the check of the way out, or the profile of the session, cannot be used.
         """
         self._settings, self._trainer = settings, trainer
         self.state = PatientState(settings, secrets.token_hex(4))

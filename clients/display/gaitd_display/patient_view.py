@@ -131,7 +131,7 @@ class PatientState:
             run_id: differs with each start of the server, so that an alarm is never one of before.
 
         Raises:
-            SettingsError: the check of the way out cannot be used.
+            ConfigError: the check of the way out cannot be used.
         """
         self._glow_full_w = {leg.name: leg.glow_full_w for leg in settings.leg}
         target = settings.target

@@ -16,7 +16,6 @@ from gaitd_session import (
     BlockKind,
     GoalSummary,
     Phase,
-    ProfileError,
     SessionSummary,
     Store,
     StoreError,
@@ -28,6 +27,7 @@ from gaitd_session import (
 from gaitd_session.goals import band_about
 from gaitd_session.profile import Goal
 from gaitd_session.profile import Profile as SessionProfile
+from gaitd_toml import ConfigError
 
 from gaitd_display.event_texts import Spoken, refusal_text, spoken
 from gaitd_display.settings import SessionFiles
@@ -130,8 +130,8 @@ def read_progress(files: SessionFiles | None) -> Progress:
         return Progress(is_configured=False)
     try:
         profile = read_profile(files.profile)
-    except ProfileError as error:
-        return Progress(is_configured=True, troubles=(str(error),))
+    except ConfigError as error:
+        return Progress(is_configured=True, troubles=tuple(map(str, (error, *error.more))))
     history = _read_history(files, profile)
     goals: dict[int, list[GoalSummary]] = defaultdict(list)
     for goal in history.goals:

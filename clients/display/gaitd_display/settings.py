@@ -11,11 +11,13 @@ The patient's page is read from the chair. Its smallest text there has a cap hei
 import ipaddress
 import math
 import ssl
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeVar
 
 import msgspec
-from gaitd_client import Credentials, read_credentials, toml_file
+from gaitd_client import Credentials, read_credentials
+from gaitd_toml import MISSING, ConfigError, PlainText, load_toml
 from msgspec import Meta
 
 LOOPBACK_NAMES: Final = frozenset({"localhost"})
@@ -34,10 +36,6 @@ NARROW_RATIO: Final = 9 / math.hypot(16, 9)
 HELP_MAX: Final = 34
 UNSTRAP_MAX: Final = 64
 """Characters that fit on the page beside all else, at that size."""
-
-
-class SettingsError(Exception):
-    """A file cannot be used; the text names file, key, value and what is allowed."""
 
 
 class Help(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -233,104 +231,88 @@ def read_settings(path: Path, kind: type[File]) -> File:
     """Read a file; relative paths in it are relative to its folder.
 
     Raises:
-        SettingsError: it cannot be read, a key is wrong, or TLS is missing beyond loopback.
+        ConfigError: it cannot be read, a key is wrong, or TLS is missing beyond loopback.
     """
-    try:
-        settings = toml_file.read(path, kind)
-    except toml_file.TomlError as error:
-        raise SettingsError(str(error)) from error
-    _refuse_web(path, settings.web)
-    if not isinstance(settings, EngineerSettings):
-        _refuse_history(path, settings.session)
-    if isinstance(settings, PatientSettings):
-        _refuse_legs(path, settings.leg)
-        _refuse_target(path, settings)
-        _refuse_screen(path, settings.screen)
-        if settings.session is not None and not settings.web.is_loopback:
-            raise SettingsError(
-                f"{path}: session with web.host = {settings.web.host!r}: a page without login may "
-                "start a training on the machine's own screen only; bind 127.0.0.1"
-            )
-    if isinstance(settings, EngineerSettings) and not settings.web.is_loopback:
-        raise SettingsError(
-            f"{path}: web.host = {settings.web.host!r}: this page shows a patient's data without "
-            "login; bind 127.0.0.1, and reach it from another machine through a tunnel of SSH"
-        )
+    settings = load_toml(path, kind)
+    if errors := [ConfigError(path, *one) for one in _contradictions(settings)]:
+        raise ConfigError.combined(errors)
     return settings
 
 
-def _refuse_web(path: Path, web: Web) -> None:
+def _contradictions(
+    settings: PatientSettings | TherapistSettings | EngineerSettings,
+) -> Iterator[tuple[str, object, str]]:
+    """Values that are allowed alone, and not together: key, value, what is allowed."""
+    web = settings.web
+    yield from _of_web(web)
+    if not isinstance(settings, EngineerSettings):
+        session = settings.session
+        if session is not None and session.history.is_dir():
+            yield "session.history", session.history, "the name of a file; this is a folder"
+    elif not web.is_loopback:
+        allowed = (
+            "127.0.0.1, because this page shows a patient's data without login; reach it from"
+            " another machine through a tunnel of SSH"
+        )
+        yield "web.host", web.host, allowed
+    if isinstance(settings, PatientSettings):
+        yield from _of_patient(settings)
+
+
+def _of_web(web: Web) -> Iterator[tuple[str, object, str]]:
     if (web.certificate is None) != (web.key is None):
-        raise SettingsError(f"{path}: web.certificate and web.key belong together; give both")
-    if web.is_loopback:
-        return
-    if web.certificate is None:
-        raise SettingsError(
-            f"{path}: web.host = {web.host!r} can be reached from other machines: give "
-            "web.certificate and web.key, or bind 127.0.0.1"
+        name, value = ("key", web.certificate) if web.key is None else ("certificate", web.key)
+        yield f"web.{name}", MISSING, f"web.certificate and web.key together; the other is {value}"
+    elif not web.is_loopback and web.certificate is None:
+        allowed = "127.0.0.1, or web.certificate and web.key, as other machines can reach it"
+        yield "web.host", web.host, allowed
+    elif not web.is_loopback and not (
+        web.origins and all(origin.startswith("https://") for origin in web.origins)
+    ):
+        allowed = "the addresses of the pages, such as https://trainer.lan:8443"
+        yield "web.origins", list(web.origins), f"{allowed}, with web.host = {web.host}"
+
+
+def _of_patient(settings: PatientSettings) -> Iterator[tuple[str, object, str]]:
+    names = [leg.name for leg in settings.leg]
+    target, screen = settings.target, settings.screen
+    if len(set(names)) != len(names):
+        yield "leg.name", names, "each leg once"
+    if target is not None and settings.session is not None:
+        yield "target", PlainText("(with [session])"), "one of both; a session has its own target"
+    elif target is not None and not target.share_low_ratio < target.share_high_ratio:
+        allowed = f"> target.share_low_ratio = {target.share_low_ratio:g}"
+        yield "target.share_high_ratio", target.share_high_ratio, allowed
+    if settings.session is not None and not settings.web.is_loopback:
+        allowed = (
+            "127.0.0.1 with [session]: a page without login may start a training on the machine's"
+            " own screen only"
         )
-    if not web.origins or not all(origin.startswith("https://") for origin in web.origins):
-        raise SettingsError(
-            f"{path}: web.origins = {list(web.origins)} with web.host = {web.host!r}: list the "
-            "addresses of the pages, such as https://trainer.lan:8443"
+        yield "web.host", settings.web.host, allowed
+    arc_min = screen.arc_min(TEXT_MAX_RATIO)
+    if arc_min < FAR_ARC_MIN:
+        ratio = arc_min / FAR_ARC_MIN
+        allowed = (
+            f"{FAR_ARC_MIN:g} minutes of arc for the text, which would have {arc_min:.1f}:"
+            f" distance_m up to {math.floor(100 * ratio * screen.distance_m) / 100:g}, or"
+            f" diagonal_in from {math.ceil(10 * screen.diagonal_in / ratio) / 10:g}"
         )
+        yield "screen.diagonal_in", screen.diagonal_in, allowed
 
 
 def refuse_certificate(path: Path, web: Web) -> None:
     """Refuse a certificate of the file `path` with which no server can start.
 
     Raises:
-        SettingsError: certificate or key cannot be read, or they do not belong together.
+        ConfigError: certificate or key cannot be read, or they do not belong together.
     """
     if web.certificate is None:
         return
     try:
         ssl.create_default_context().load_cert_chain(web.certificate, web.key, password="")
     except OSError as error:  # also of OpenSSL
-        raise SettingsError(
-            f"{path}: web.certificate = {web.certificate}, web.key = {web.key}:"
-            f" {error.strerror}; PEM files of a certificate and of its key without a password are"
-            " needed"
-        ) from error
-
-
-def _refuse_history(path: Path, session: SessionFiles | None) -> None:
-    if session is not None and session.history.is_dir():
-        raise SettingsError(
-            f"{path}: session.history = {session.history}: a folder; the name of a file is needed"
+        allowed = (
+            f"PEM files of a certificate and of its key web.key = {web.key}, without a password"
+            f" ({error.strerror})"
         )
-
-
-def _refuse_legs(path: Path, legs: tuple[ShownLeg, ...]) -> None:
-    names = [leg.name for leg in legs]
-    if len(set(names)) != len(names):
-        raise SettingsError(f"{path}: leg: name = {names}; allowed: each leg once")
-
-
-def _refuse_target(path: Path, settings: PatientSettings) -> None:
-    target = settings.target
-    if target is None:
-        return
-    if settings.session is not None:
-        raise SettingsError(
-            f"{path}: target with session: the session has a target of its own; remove one of both"
-        )
-    if not target.share_low_ratio < target.share_high_ratio:
-        raise SettingsError(
-            f"{path}: target: share_low_ratio = {target.share_low_ratio:g}, share_high_ratio ="
-            f" {target.share_high_ratio:g}; allowed: low < high"
-        )
-
-
-def _refuse_screen(path: Path, screen: Screen) -> None:
-    arc_min = screen.arc_min(TEXT_MAX_RATIO)
-    if arc_min >= FAR_ARC_MIN:
-        return
-    ratio = arc_min / FAR_ARC_MIN
-    raise SettingsError(
-        f"{path}: screen: diagonal_in = {screen.diagonal_in:g} at distance_m ="
-        f" {screen.distance_m:g}: the text would have {arc_min:.1f} minutes of arc, and"
-        f" {FAR_ARC_MIN:g} are needed; allowed: distance_m up to"
-        f" {math.floor(100 * ratio * screen.distance_m) / 100:g}, or diagonal_in from"
-        f" {math.ceil(10 * screen.diagonal_in / ratio) / 10:g}"
-    )
+        raise ConfigError(path, "web.certificate", web.certificate, allowed) from error

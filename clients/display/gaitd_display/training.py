@@ -121,7 +121,7 @@ class Training:
         """Read the profile and open the history.
 
         Raises:
-            ProfileError: the profile cannot be used.
+            ConfigError: the profile cannot be used.
         """
         self._profile = profile = read_profile(files.profile)
         self._plan = blocks_of(profile)

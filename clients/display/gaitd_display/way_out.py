@@ -22,9 +22,11 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 from gaitd_client import Cause, Configuration, Mode
+from gaitd_toml import ConfigError
 
-from gaitd_display.settings import SettingsError, WayOutRules
+from gaitd_display.settings import WayOutRules
 
+WRITTEN_BY: Final = "`gaitd check --json` writes it"
 ALONE: Final = frozenset(
     {
         Cause.STOP_REQUESTED,
@@ -140,17 +142,17 @@ def read_check(path: Path) -> Check:
     """Read the output of `gaitd check --json`.
 
     Raises:
-        SettingsError: it cannot be read, or is none.
+        ConfigError: it cannot be read, or is none.
     """
     try:
         check = msgspec.json.decode(path.read_bytes(), type=Check)
     except OSError as error:
         reason = (error.strerror or "cannot be read").lower()
-        raise SettingsError(f"{path}: {reason}; `gaitd check --json` writes it") from error
+        raise ConfigError(path, "", "", f"{reason}; {WRITTEN_BY}") from error
     except ValueError as error:
-        raise SettingsError(f"{path}: {error}; `gaitd check --json` writes it") from error
+        raise ConfigError(path, "", "", f"{error}; {WRITTEN_BY}") from error
     if not check.sweeps:
-        raise SettingsError(f"{path}: sweeps is empty; `gaitd check --json` writes it")
+        raise ConfigError(path, "sweeps", [], f"at least one; {WRITTEN_BY}")
     return check
 
 
@@ -161,7 +163,7 @@ class Release:
         """Read the check once.
 
         Raises:
-            SettingsError: the file of the check cannot be used.
+            ConfigError: the file of the check cannot be used.
         """
         self._rules = rules
         self._check = None if rules is None else read_check(rules.check)

@@ -2,8 +2,8 @@
 
 Reading order: `trainer.py` (messages and requests), `stream.py` (what a stream yields, silence),
 `lease.py` (assist under a lease), `aio.py` (asyncio), `wire/` (the messages), `connection.py` and
-`credentials.py` (the Zenoh session), `signals.py` (the end of a program), `toml_file.py`
-(files of settings), `clock.py`, `errors.py`.
+`credentials.py` (the Zenoh session), `signals.py` (the end of a program), `clock.py`,
+`errors.py`.
 """
 
 from gaitd_client import wire

@@ -9,7 +9,7 @@ with a trainer), `export.py`, `program.py` and `terminal.py` (the command).
 from gaitd_session.goals import Band
 from gaitd_session.machine import Button, Phase
 from gaitd_session.plan import Block, BlockKind, blocks_of, limits_of
-from gaitd_session.profile import Profile, ProfileError, parse_profile, read_profile
+from gaitd_session.profile import Profile, parse_profile, read_profile
 from gaitd_session.session import Session, SessionError
 from gaitd_session.steps import Result, Step, StrideShare, step_of, works_against
 from gaitd_session.store import (
@@ -37,7 +37,6 @@ __all__ = [
     "LegView",
     "Phase",
     "Profile",
-    "ProfileError",
     "Result",
     "Session",
     "SessionError",

@@ -6,12 +6,12 @@ found when the file is read, and not while a patient trains.
 """
 
 import secrets
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Final
 
 import msgspec
-from gaitd_client import toml_file
+from gaitd_toml import ConfigError, Document, decoded, parse_toml, read_toml
 from msgspec import Meta
 
 PROFILE_VERSION: Final = 1
@@ -23,15 +23,6 @@ BLOCK_MIN_S: Final = 5.0
 Cadence = Annotated[float, Meta(ge=0.01, le=2)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 PositiveShare = Annotated[float, Meta(ge=0.001, le=1)]
-
-
-class ProfileError(toml_file.TomlError):
-    """A profile cannot be used."""
-
-    def __init__(self, file: Path, key: str, value: object, allowed: str) -> None:
-        """Make the message, as `TomlError`."""
-        super().__init__(file, key, value, allowed)
-        self.args = (f"{self}; correct the profile",)
 
 
 class _Strict(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -111,28 +102,25 @@ def read_profile(file: Path) -> Profile:
     """Read a profile.
 
     Raises:
-        ProfileError: the file cannot be read, has a wrong, unknown or missing key, or a value that
+        ConfigError: the file cannot be read, has a wrong, unknown or missing key, or a value that
             contradicts another one.
     """
-    return _checked(lambda: toml_file.read(file, Profile), file)
+    return _checked(read_toml(file))
 
 
 def parse_profile(text: str, file: Path) -> Profile:
     """Decode the text of a profile; `file` is named in errors.
 
     Raises:
-        ProfileError: as `read_profile`.
+        ConfigError: as `read_profile`.
     """
-    return _checked(lambda: toml_file.parse(text, file, Profile), file)
+    return _checked(parse_toml(file, text.encode()))
 
 
-def _checked(read: Callable[[], Profile], file: Path) -> Profile:
-    try:
-        profile = read()
-    except toml_file.TomlError as error:
-        raise ProfileError(file, error.key, error.value, error.allowed) from error
-    for key, value, allowed in _contradictions(profile):
-        raise ProfileError(file, key, value, allowed)
+def _checked(document: Document) -> Profile:
+    profile = decoded(document, Profile)
+    if errors := [ConfigError(document.path, *one) for one in _contradictions(profile)]:
+        raise ConfigError.combined(errors)
     return profile
 
 

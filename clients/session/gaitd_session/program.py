@@ -14,6 +14,7 @@ from typing import Annotated, Final
 import typer
 from gaitd_client import ClientError, MonotonicClock, Trainer
 from gaitd_client.signals import ignore_ends, interrupted_once
+from gaitd_toml import ConfigError
 
 from gaitd_session import terminal
 from gaitd_session.export import ExportError, export
@@ -21,7 +22,6 @@ from gaitd_session.plan import limits_of
 from gaitd_session.profile import (
     PROFILE_VERSION,
     Profile,
-    ProfileError,
     new_id,
     parse_profile,
     read_profile,
@@ -106,10 +106,10 @@ class LeftOnError(Exception):
 def _errors_in_one_line() -> Generator[None]:
     try:
         yield
-    except (
-        *(ProfileError, StoreError, ExportError, SessionError),
-        terminal.NoTerminalError,
-    ) as error:
+    except ConfigError as error:
+        print(error, *error.more, sep="\n", file=sys.stderr)
+        raise typer.Exit(EXIT_REFUSED) from error
+    except (StoreError, ExportError, SessionError, terminal.NoTerminalError) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
     except ClientError as error:
@@ -221,11 +221,11 @@ def _check_legs(trainer: Trainer, profile: Profile, file: Path) -> None:
     """Check that the trainer has the profile's legs.
 
     Raises:
-        ProfileError: it has not.
+        ConfigError: it has not.
     """
     there = trainer.configuration().leg_names
     if not set(profile.legs) <= set(there):
-        raise ProfileError(file, "legs", list(profile.legs), f"this trainer has {', '.join(there)}")
+        raise ConfigError(file, "legs", list(profile.legs), f"this trainer has {', '.join(there)}")
 
 
 @app.command()

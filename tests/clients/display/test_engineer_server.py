@@ -18,8 +18,9 @@ from gaitd_display.engineer_view import (
     Span,
 )
 from gaitd_display.geometry import geometry_of
-from gaitd_display.settings import EngineerSettings, SettingsError, read_settings
+from gaitd_display.settings import EngineerSettings, read_settings
 from gaitd_display.truth import KEPT, MATCH_NS, TAIL_BYTES, TrueEfforts, TruthFile
+from gaitd_toml import ConfigError
 from starlette.testclient import TestClient
 
 from sim_drives.plant.truth import TruthRow
@@ -125,7 +126,7 @@ def test_it_reads_and_nothing_else(tmp_path):
 def test_a_page_without_login_is_on_loopback_alone(tmp_path):
     web = {"host": "0.0.0.0", "port": 8090, "certificate": "c.pem", "key": "k.pem"}
     table = bench.engineer_table() | {"web": web | {"origins": ["https://trainer.lan:8090"]}}
-    with pytest.raises(SettingsError, match="without login; bind 127"):
+    with pytest.raises(ConfigError, match=r"127.0.0.1, because .* without login"):
         bench.settings_of(tmp_path, table, EngineerSettings)
 
 

@@ -15,13 +15,14 @@ from gaitd_display.cause_texts import (
 )
 from gaitd_display.patient_view import PatientState
 from gaitd_display.scenes import Picture
-from gaitd_display.settings import FAR_ARC_MIN, PatientSettings, Screen, SettingsError
+from gaitd_display.settings import FAR_ARC_MIN, PatientSettings, Screen
 from gaitd_display.texts import WORDS, Word, page_texts
 from gaitd_display.training import Summary, TrainingView
 from gaitd_display.walk import HIGH_RATIO, LOW_RATIO, height_of
 from gaitd_display.way_out import ALONE, Step, Unstrap
 from gaitd_session import Advice, Band, Button, Phase, Result, Why
 from gaitd_session import Step as Walked
+from gaitd_toml import ConfigError
 
 from daemon.wire.cause_texts import CAUSE_TEXT, DANGER, HELD, LOOSE
 
@@ -548,13 +549,13 @@ def change(table, path, value):
     ("path", "value", "named"),
     [
         ("web.host", "0.0.0.0", "web.certificate"),
-        ("web.certificate", "cert.pem", "belong together"),
+        ("web.certificate", "cert.pem", "web.certificate and web.key together"),
         ("web.unknown", 1, "unknown"),
         ("leg.0.glow_full_w", 0.0, "glow_full_w"),
         ("leg", [{"name": "right", "glow_full_w": 8.0}] * 2, "each leg once"),
-        ("target.share_low_ratio", 0.5, "low < high"),
+        ("target.share_low_ratio", 0.5, "> target.share_low_ratio"),
         ("target", {"share_low_ratio": 0.1}, "share_high_ratio"),
-        ("session", {"profile": "a", "history": "b"}, "target with session"),
+        ("session", {"profile": "a", "history": "b"}, "a session has its own target"),
         ("screen", {"distance_m": 2.0}, "distance_m up to 1.53, or diagonal_in from 13.1"),
         ("screen", {"diagonal_in": 4.0}, "diagonal_in"),
         ("page.switch_hand", "both", "both"),
@@ -568,7 +569,7 @@ def test_a_wrong_file_is_refused_with_its_key(tmp_path, path, value, named):
     table = bench.patient_table(tmp_path)
     change(table, path, value)
 
-    with pytest.raises(SettingsError, match=named):
+    with pytest.raises(ConfigError, match=named):
         PatientState(bench.settings_of(tmp_path, table, PatientSettings), "run")
 
 
@@ -584,7 +585,7 @@ def test_a_screen_is_allowed_where_its_smallest_text_can_have_16_minutes_of_arc(
 def test_beyond_loopback_origins_are_mandatory_and_the_page_only_shows_and_stops(tmp_path):
     table = bench.patient_table(tmp_path)
     table["web"] |= {"host": "192.0.2.1", "certificate": "c.pem", "key": "k.pem"}
-    with pytest.raises(SettingsError, match="origins"):
+    with pytest.raises(ConfigError, match="origins"):
         bench.settings_of(tmp_path, table, PatientSettings)
     table["web"]["origins"] = ["https://trainer.lan:8443"]
     settings = bench.settings_of(tmp_path, table, PatientSettings)

@@ -16,19 +16,17 @@ import msgspec
 import pytest
 from config_files import CONFIGS, copied, toml
 from gaitd_assist.settings import Settings as AssistSettings
-from gaitd_assist.settings import SettingsError as AssistError
 from gaitd_assist.settings import read_settings as read_assist
 from gaitd_display.settings import EngineerSettings, PatientSettings, TherapistSettings
-from gaitd_display.settings import SettingsError as DisplayError
 from gaitd_display.settings import read_settings as read_display
-from gaitd_session.profile import Profile, ProfileError, read_profile
+from gaitd_session.profile import Profile, read_profile
+from gaitd_toml import ConfigError, Document, decoded, read_toml
 from msgspec import inspect
 from training import PROFILE
 
 from daemon.config.baseline import BaselineFile
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Robot, Trainer
-from daemon.config.strict import ConfigError, Document, decoded, read_toml
 from daemon.preflight.acceptance import check_files
 from daemon.preflight.report_tables import sections
 from drives.cia402.axis_file import AxisFile
@@ -142,13 +140,12 @@ TRAINER = {
 }
 CLIENTS = CONFIGS.parent / "clients"
 OF_CLIENTS = {
-    "assist": (AssistSettings, CLIENTS / "assist/configs/assist.toml", read_assist, AssistError),
+    "assist": (AssistSettings, CLIENTS / "assist/configs/assist.toml", read_assist),
     **{
         name: (
             kind,
             CLIENTS / f"display/configs/{name}.toml",
             partial(read_display, kind=kind),
-            DisplayError,
         )
         for name, kind in (
             ("patient", PatientSettings),
@@ -156,7 +153,7 @@ OF_CLIENTS = {
             ("engineer", EngineerSettings),
         )
     },
-    "profile": (Profile, None, read_profile, ProfileError),
+    "profile": (Profile, None, read_profile),
 }
 SOME = pytest.mark.parametrize("every", [29, pytest.param(1, marks=pytest.mark.thorough)])
 
@@ -217,7 +214,7 @@ def test_files_that_are_accepted_by_themselves_are_checked_together(tmp_path, na
 @SOME
 @pytest.mark.parametrize("name", OF_CLIENTS)
 def test_a_file_of_a_client_is_accepted_or_refused_by_its_key(tmp_path, name, every):
-    kind, shipped, read, refusal = OF_CLIENTS[name]
+    kind, shipped, read = OF_CLIENTS[name]
     file = tmp_path / f"{name}.toml"
     file.write_text(PROFILE if shipped is None else shipped.read_text(encoding="utf-8"))
     table = read_toml(file).table
@@ -227,7 +224,7 @@ def test_a_file_of_a_client_is_accepted_or_refused_by_its_key(tmp_path, name, ev
         file.write_text(toml(case.of(table)), encoding="utf-8")
         try:
             read(file)
-        except refusal as error:
+        except ConfigError as error:
             refused_count += 1
             assert str(error).startswith(f"{file}: ")
             first = str(case.place[0])

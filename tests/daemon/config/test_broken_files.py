@@ -305,7 +305,7 @@ TOGETHER = [
         'unit = "newton"\nfactor = 1.0\nsign',
         "torque_source.unit",
         '"newton"',
-        'one of "milliampere", "ampere", "permille_of_rated_current"',
+        'one of "ampere", "milliampere", "permille_of_rated_current"',
     ),
     broken(
         "a torque object without its factor",

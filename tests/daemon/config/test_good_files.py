@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from config_files import CONFIGS, Change, changed, copied
+from gaitd_toml import load_toml
 
 from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_links, leg_parameters, observer_tuning
 from daemon.config.settings import Robot, Trainer
-from daemon.config.strict import load_toml
 from daemon.config.trainer import load_trainer
 from daemon.preflight.load import ConfigError, load
 from daemon.preflight.motion import mean_pose

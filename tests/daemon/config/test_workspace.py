@@ -7,12 +7,12 @@ import msgspec
 import numpy as np
 import pytest
 from config_files import CONFIGS
+from gaitd_toml import load_toml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
-from daemon.config.strict import load_toml
 from daemon.preflight.load import load
 from daemon.preflight.motion import decelerations, limit_box
 from daemon.preflight.workspace import (

@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 import pytest
+from gaitd_toml import ConfigError
 
-from daemon.config.strict import ConfigError
 from daemon.config.trainer import load_trainer
 from daemon.gateway.events import Priority
 from daemon.gateway.lease import LeaseManager

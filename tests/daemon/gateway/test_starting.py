@@ -11,8 +11,8 @@ from command_line import gaitd
 from config_files import Change, changed, copied
 from gaitd_client import NoAnswerError, NoServiceError, Target, Trainer, wire
 from gaitd_client import trainer as client_trainer
+from gaitd_toml import ConfigError
 
-from daemon.config.strict import ConfigError
 from daemon.ipc import starting
 from daemon.preflight import acceptance
 from gaitd import record as record_command

@@ -7,10 +7,10 @@ import socket
 import command_line
 import pytest
 import zenoh
+from gaitd_toml import ConfigError
 from processes import CONFIGS
 
 from daemon.config.edits import edit
-from daemon.config.strict import ConfigError
 from daemon.config.trainer import load_trainer
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload

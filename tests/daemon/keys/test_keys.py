@@ -8,10 +8,10 @@ import pytest
 from command_line import gaitd
 from config_files import CONFIGS
 from gaitd_client.credentials import read_credentials
+from gaitd_toml import ConfigError
 from power_cuts import check
 from traced_calls import mark
 
-from daemon.config.strict import ConfigError
 from daemon.keys import issuing
 from daemon.keys.folder import read_keys
 from daemon.zenoh_io.access import access_control

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from config_files import CONFIGS
+from gaitd_toml import load_toml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot, Sinusoid, Trainer
-from daemon.config.strict import load_toml
 from daemon.core.exercises.approach import Approach, approach, is_clear
 from daemon.core.exercises.excite import SETTLE_S, Excite
 from daemon.core.exercises.exercise import BEGIN_MAX_S, LegSample

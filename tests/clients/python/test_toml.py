@@ -1,4 +1,4 @@
-"""The strict reader alone: what it says of a value that it does not take."""
+"""The reader of files alone: what it says of a value that it does not take."""
 
 import math
 from pathlib import Path
@@ -6,19 +6,10 @@ from typing import Annotated, Literal
 
 import msgspec
 import pytest
+from gaitd_toml import SMALLEST, ConfigError, Document, PlainText, decoded, load_toml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from msgspec import Meta
-
-from daemon.config.strict import (
-    SMALLEST,
-    ConfigError,
-    Document,
-    PlainText,
-    decoded,
-    described,
-    load_toml,
-)
 
 
 class Inner(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -56,11 +47,11 @@ def refused(table: dict[str, object]) -> ConfigError:
         (GOOD | {"parts": {"speed_rpm": 1}}, "parts", "{speed_rpm}", "a list, each a table"),
         (GOOD | {"kind": "c"}, "kind", '"c"', 'one of "a", "b"'),
         (GOOD | {"choices": {"fall": "S3"}}, "choices.fall", '"S3"', 'one of "S1", "S2"'),
-        (GOOD | {"pair": [1.0, math.inf]}, "pair[1]", "inf", "a finite number"),
+        (GOOD | {"pair": [1.0, math.inf]}, "pair[1]", "inf", "a number, and finite"),
         (GOOD | {"pair": [1.0]}, "pair", "[1.0]", "a list of 2"),
         (GOOD | {"maybe": {"count": 0}}, "maybe.count", "0", "a whole number >= 1"),
         (GOOD | {"maybe": {"count": 1.5}}, "maybe.count", "1.5", "a whole number >= 1"),
-        (GOOD | {"names": []}, "names", "[]", "a list of at least 1, each text"),
+        (GOOD | {"names": []}, "names", "[]", "a list with 1 or more entries, each text"),
         (GOOD | {"nmes": ["x"]}, "nmes", "['x']", "unknown key. Did you mean `names`?"),
     ],
 )
@@ -77,14 +68,48 @@ def test_what_is_good_is_decoded_and_nothing_is_made_up():
     assert outer == Outer(inner=Inner(speed_rpm=1.0), maybe=Inner(speed_rpm=2.0))
 
 
-def test_the_words_of_a_range_are_those_of_its_bounds():
-    assert described(Annotated[float, Meta(ge=0, lt=1)]) == "a number >= 0 and < 1"
-    assert described(Annotated[int, Meta(gt=3)]) == "a whole number > 3"
-    assert described(bool) == "true or false"
-    assert described(Annotated[str, Meta(min_length=10)]) == "text of at least 10 characters"
-    assert described(Annotated[tuple[int, ...], Meta(min_length=1, max_length=2)]) == (
-        "a list of 1 to 2, each a whole number"
-    )
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        (Annotated[float, Meta(ge=0, lt=1)], "a number >= 0 and < 1"),
+        (Annotated[int, Meta(gt=3)], "a whole number > 3"),
+        (bool, "true or false"),
+        (Path, "the name of a file or folder"),
+        (Annotated[str, Meta(min_length=10)], "text with 10 or more characters"),
+        (Annotated[str, Meta(pattern="^a")], "text that matches ^a"),
+        (dict[str, Annotated[int, Meta(ge=2)]], "a table, each a whole number >= 2"),
+        (
+            Annotated[tuple[int, ...], Meta(min_length=1, max_length=2)],
+            "a list with 1 or more entries and with 2 or fewer entries, each a whole number",
+        ),
+    ],
+)
+def test_a_missing_value_is_described_by_its_type_and_bounds(kind, words):
+    table = msgspec.defstruct("Table", [("key", kind)])
+
+    with pytest.raises(ConfigError) as error:
+        decoded(Document(Path("x.toml"), "", {}), table)
+
+    assert (error.value.key, error.value.allowed) == ("key", words)
+
+
+def test_all_mistakes_of_a_file_are_found_at_once_in_its_order():
+    wrong = {"kind": "c", "inner": {"speed_rpm": 0, "coumt": 1}, "parts": [{}, {"count": 0}]}
+
+    error = refused(wrong)
+
+    assert [one.key for one in (error, *error.more)] == [
+        *("kind", "inner.speed_rpm", "inner.coumt"),
+        *("parts[0].speed_rpm", "parts[1].count", "parts[1].speed_rpm"),
+    ]
+
+
+def test_a_path_is_relative_to_the_folder_of_its_file():
+    table = msgspec.defstruct("Table", [("file", Path)])
+
+    found = decoded(Document(Path("folder/x.toml"), "", {"file": "y"}), table)
+
+    assert found.file == Path("folder/y")
 
 
 def test_a_long_value_is_cut_and_a_path_is_not():
@@ -130,7 +155,7 @@ def test_any_table_is_either_decoded_or_refused_with_a_key(name, value):
     ("text", "place", "reason"),
     [
         ("a = \n", "line 1, column 5", "Invalid value"),
-        ("a = 1\nb = [1, 2\n", "line 2, column 10", "Unclosed array"),
+        ("a = 1\nb = [1, 2\n", "end of document", "Unclosed array"),
         ("[inner]\nspeed_rpm = 1\n[inner]\n", "line 3, column 7", "Cannot declare"),
         ('a = "open\n', "line 1, column 10", "Illegal character"),
     ],
