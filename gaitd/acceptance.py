@@ -490,8 +490,8 @@ class Acceptance:
             why = NotMeasuredError(f"the self-test gave no result: {self._state()}")
         rules = self._settings.trainer.self_test
         tolerances = (
-            f"load within {rules.hip_load_tolerance_nm:g} N·m",
-            f"load within {rules.slide_load_tolerance_n:g} N",
+            f"load within {rules.hip.load_tolerance_nm:g} N·m",
+            f"load within {rules.slide.load_tolerance_n:g} N",
         )
         friction = f"friction {rules.friction_min_ratio:g} to {rules.friction_max_ratio:g}"
         for index, name in enumerate(self._axes):
@@ -514,7 +514,7 @@ class Acceptance:
         rules = self._settings.trainer.self_test
         self._agreed(
             "The drives are enabled and hold the leg. Then each axis alone moves forth and back:"
-            f" hip {rules.hip_motion_deg:g} deg, slide {1e3 * rules.slide_motion_m:g} mm."
+            f" hip {rules.hip.motion_deg:g} deg, slide {1e3 * rules.slide.motion_m:g} mm."
         )
         self._enabled()
         begun = self._seq()

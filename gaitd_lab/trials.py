@@ -19,6 +19,7 @@ import numpy as np
 from gaitd_toml import load_toml
 
 from analysis.recording import Recording
+from daemon.config.edits import replaced
 from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
@@ -112,7 +113,8 @@ class Trials:
     @property
     def start_pose(self) -> tuple[float, float]:
         """Pose of the plant at power-on: rad, m."""
-        return math.radians(self._plant.start.hip_deg), self._plant.start.slide_m
+        start = self._plant.start
+        return math.radians(start.hip.position_deg), start.slide.position_m
 
     def gait(
         self, situation: Situation, duration_s: float, progress: Progress | None = None
@@ -177,14 +179,16 @@ def balanced(robot: Robot, pose: tuple[float, float]) -> Robot:
         robot: the changed robot, for example with another patient.
         pose: hip angle rad, slide position m.
     """
-    bare = msgspec.structs.replace(robot.springs, hip_rest_rad=pose[0], slide_rest_m=pose[1])
-    load = gravity(leg_parameters(msgspec.structs.replace(robot, springs=bare)), np.array(pose))
-    springs = msgspec.structs.replace(
-        bare,
-        hip_rest_rad=pose[0] + load[0] / bare.hip_stiffness_nm_per_rad,
-        slide_rest_m=pose[1] + load[1] / bare.slide_stiffness_n_per_m,
+    hip, slide = robot.springs.hip, robot.springs.slide
+    slack = replaced(robot, {"springs.hip.rest_rad": pose[0], "springs.slide.rest_m": pose[1]})
+    load = gravity(leg_parameters(slack), np.array(pose))
+    return replaced(
+        robot,
+        {
+            "springs.hip.rest_rad": pose[0] + load[0] / hip.stiffness_nm_per_rad,
+            "springs.slide.rest_m": pose[1] + load[1] / slide.stiffness_n_per_m,
+        },
     )
-    return msgspec.structs.replace(robot, springs=springs)
 
 
 def _limits_for(limits: Limits, robot: Robot) -> Limits:

@@ -167,8 +167,8 @@ def _recorded(plant: PlantFile, folder: Path) -> dict[str, Values]:
                 raise MachineError(key, effort.file, allowed) from error
             except RecordedError as error:
                 raise MachineError(key, effort.file, str(error)) from error
-            if effort.slide_n != 0.0 and not strides[:, :, 1].any():
-                allowed = "a file with slide_force_n, because slide_n is not 0"
+            if effort.slide.force_n != 0.0 and not strides[:, :, 1].any():
+                allowed = "a file with slide_force_n, because slide.force_n is not 0"
                 raise MachineError(key, effort.file, allowed)
             made[effort.file] = strides
     return made

@@ -14,15 +14,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from analysis.calibration.motion import REST, Motion
-from analysis.calibration.quantities import AXES
+from analysis.calibration.quantities import AXES, value_of
 from analysis.calibration.start import FAST, extent, residual_effort
 from analysis.recording import RecordingError
+from daemon.config.edits import replaced
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.filter.status import START_KNEE_MIN_RAD
@@ -53,36 +53,30 @@ class Candidate(NamedTuple):
     """Returns the robot with the number changed by this amount."""
 
 
-def _table(robot: Robot, table: str, field: str, change: float) -> Robot:
-    part = getattr(robot, table)
-    new = msgspec.structs.replace(part, **{field: getattr(part, field) + change})
-    return msgspec.structs.replace(robot, **{table: new})
-
-
 def _along_rail(robot: Robot, change_m: float) -> Robot:
     angle = math.radians(robot.geometry.rail_angle_deg)
-    moved_x = _table(robot, "geometry", "rail_x_m", change_m * math.cos(angle))
-    return _table(moved_x, "geometry", "rail_y_m", change_m * math.sin(angle))
+    moved_x = _in("geometry.rail_x_m")(robot, change_m * math.cos(angle))
+    return _in("geometry.rail_y_m")(moved_x, change_m * math.sin(angle))
 
 
-def _in(table: str, field: str) -> Callable[[Robot, float], Robot]:
-    return lambda robot, change: _table(robot, table, field, change)
+def _in(key: str) -> Callable[[Robot, float], Robot]:
+    return lambda robot, change: replaced(robot, {key: value_of(robot, key) + change})
 
 
 CANDIDATES: Final = (
     # Equivalent for the mechanism: both turn the thigh against gravity.
-    Candidate("recline or hip encoder offset", "deg", 5.0, _in("geometry", "recline_deg")),
+    Candidate("recline or hip encoder offset", "deg", 5.0, _in("geometry.recline_deg")),
     Candidate("slide encoder offset", "m", 0.05, _along_rail),
-    Candidate("hip spring stiffness", "N·m/rad", 4.0, _in("springs", "hip_stiffness_nm_per_rad")),
-    Candidate("hip spring rest", "rad", 0.1, _in("springs", "hip_rest_rad")),
-    Candidate("slide spring stiffness", "N/m", 20.0, _in("springs", "slide_stiffness_n_per_m")),
-    Candidate("slide spring rest", "m", 0.1, _in("springs", "slide_rest_m")),
-    Candidate("thigh mass", "kg", 0.5, _in("thigh", "mass_kg")),
-    Candidate("shank mass", "kg", 0.5, _in("shank", "mass_kg")),
-    Candidate("shoe mass", "kg", 0.5, _in("shoe", "mass_kg")),
-    Candidate("slide mass", "kg", 0.5, _in("slide", "mass_kg")),
-    Candidate("hip drive inertia", "kg m²", 0.1, _in("hip", "drive_inertia_kg_m2")),
-    Candidate("slide drive mass", "kg", 2.0, _in("slide", "drive_mass_kg")),
+    Candidate("hip spring stiffness", "N·m/rad", 4.0, _in("springs.hip.stiffness_nm_per_rad")),
+    Candidate("hip spring rest", "rad", 0.1, _in("springs.hip.rest_rad")),
+    Candidate("slide spring stiffness", "N/m", 20.0, _in("springs.slide.stiffness_n_per_m")),
+    Candidate("slide spring rest", "m", 0.1, _in("springs.slide.rest_m")),
+    Candidate("thigh mass", "kg", 0.5, _in("thigh.mass_kg")),
+    Candidate("shank mass", "kg", 0.5, _in("shank.mass_kg")),
+    Candidate("shoe mass", "kg", 0.5, _in("shoe.mass_kg")),
+    Candidate("slide mass", "kg", 0.5, _in("slide.mass_kg")),
+    Candidate("hip drive inertia", "kg m²", 0.1, _in("hip.drive_inertia_kg_m2")),
+    Candidate("slide drive mass", "kg", 2.0, _in("slide.drive_mass_kg")),
 )
 
 
@@ -189,7 +183,7 @@ def check(robot: Robot, motion: Motion) -> Check:
 
 
 def _stiffness(robot: Robot) -> tuple[float, float]:
-    return robot.springs.hip_stiffness_nm_per_rad, robot.springs.slide_stiffness_n_per_m
+    return robot.springs.hip.stiffness_nm_per_rad, robot.springs.slide.stiffness_n_per_m
 
 
 def _explain(

@@ -16,7 +16,6 @@ The noise of the patient stays the file's: an empty machine says nothing about i
 import math
 from typing import Any, Final
 
-import msgspec
 import numpy as np
 from scipy.optimize import minimize_scalar, root_scalar
 
@@ -25,6 +24,7 @@ from analysis.calibration.quantities import NOISE, Vector
 from analysis.calibration.start import extent
 from analysis.recording import RecordingError
 from analysis.replay import unchecked_setup
+from daemon.config.edits import replaced
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from observer.filter.leg_model import STEP_S
@@ -35,18 +35,18 @@ from observer.offline.batch import Columns, run
 
 KEYS: Final = (
     (
-        "process_hip_angle_rad",
-        "process_hip_velocity_rad_per_s",
-        "process_hip_friction_nm",
+        "hip.process_angle_rad",
+        "hip.process_velocity_rad_per_s",
+        "hip.process_friction_nm",
     ),
     (
-        "process_slide_position_m",
-        "process_slide_velocity_m_per_s",
-        "process_slide_friction_n",
+        "slide.process_position_m",
+        "slide.process_velocity_m_per_s",
+        "slide.process_friction_n",
     ),
 )
 """Keys of [observer], by axis."""
-LAW_KEYS: Final = ("law_hip_nm", "law_slide_n")
+LAW_KEYS: Final = ("hip.law_nm", "slide.law_n")
 LAW_ROWS_MIN: Final = 30
 """Rows near reversals; with fewer the uncertainty of the law stays the file's."""
 FACTOR_MAX: Final = 30.0
@@ -150,4 +150,4 @@ def _likely(robot: Robot, motion: Motion, natural: Vector, axes: list[int]) -> d
 
 def with_process_noise(robot: Robot, noise: dict[str, float]) -> Robot:
     """Return the robot with other process noise, by key of [observer]."""
-    return msgspec.structs.replace(robot, observer=msgspec.structs.replace(robot.observer, **noise))
+    return replaced(robot, {f"observer.{key}": std for key, std in noise.items()})

@@ -11,6 +11,7 @@ estimated and reported; no number of robot.toml holds it.
 """
 
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -74,14 +75,14 @@ QUANTITIES: Final = (
         ),
         ("N", "N", "N s/m", "m/s", "m/s", "m/s", "s", "N/m", "N s/m"),
     ),
-    Quantity("springs.hip_stiffness_nm_per_rad", "hip spring stiffness", "N·m/rad", 0),
-    Quantity("springs.hip_rest_rad", "hip spring rest", "rad", 0),
+    Quantity("springs.hip.stiffness_nm_per_rad", "hip spring stiffness", "N·m/rad", 0),
+    Quantity("springs.hip.rest_rad", "hip spring rest", "rad", 0),
     Quantity("hip.drive_inertia_kg_m2", "hip drive inertia", "kg m²", 0),
-    Quantity("springs.slide_stiffness_n_per_m", "slide spring stiffness", "N/m", 1),
-    Quantity("springs.slide_rest_m", "slide spring rest", "m", 1),
+    Quantity("springs.slide.stiffness_n_per_m", "slide spring stiffness", "N/m", 1),
+    Quantity("springs.slide.rest_m", "slide spring rest", "m", 1),
     Quantity("slide.drive_mass_kg", "slide drive mass", "kg", 1),
-    Quantity("observer.measurement_hip_angle_rad", "hip encoder noise", "rad", 0),
-    Quantity("observer.measurement_slide_position_m", "slide encoder noise", "m", 1),
+    Quantity("observer.hip.measurement_angle_rad", "hip encoder noise", "rad", 0),
+    Quantity("observer.slide.measurement_position_m", "slide encoder noise", "m", 1),
 )
 """Order of every vector of natural values; NUISANCES more numbers follow."""
 COUNT: Final = len(QUANTITIES)
@@ -114,11 +115,7 @@ HUMP_MIN_RATIO: Final = 1e-3
 
 def value_of(robot: Robot, key: str) -> float:
     """Value of a robot's dotted key."""
-    value: object = robot
-    for part in key.split("."):
-        value = getattr(value, part)
-    assert isinstance(value, float | int)  # noqa: S101 - the keys are ours
-    return float(value)
+    return float(attrgetter(key)(robot))
 
 
 def natural_values(robot: Robot) -> Vector:

@@ -26,7 +26,8 @@ def refuse_missing_lines(document: Document, option: str, keys: Iterable[str]) -
         for part in path:
             table = table[part]
         if name not in table:
-            allowed = f"add a line `{name} = 0.0` to [{'.'.join(path)}], for {option} to change"
+            where = f"the table {'.'.join(path)}, written as its other keys are"
+            allowed = f"add `{name} = 0.0` to {where}, for {option} to change"
             errors.append(ConfigError(document.path, key, MISSING, allowed))
     if errors:
         raise ConfigError.combined(errors)

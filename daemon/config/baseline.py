@@ -29,6 +29,20 @@ HEAD: Final = """\
 """
 
 
+class HipBaseline(Table, frozen=True):
+    """The passive hip over the stride."""
+
+    mean_nm: Bins
+    std_nm: Bins
+
+
+class SlideBaseline(Table, frozen=True):
+    """The passive slide over the stride."""
+
+    mean_n: Bins
+    std_n: Bins
+
+
 class BaselineFile(Table, frozen=True):
     """baseline.toml."""
 
@@ -36,10 +50,8 @@ class BaselineFile(Table, frozen=True):
     """Hash of the robot file that it was recorded with."""
     cadence_hz: Annotated[float, Meta(ge=0.01, le=2)]
     stride_count: Annotated[int, Meta(ge=1, le=1_000_000)]
-    hip_nm: Bins
-    hip_nm_std: Bins
-    slide_n: Bins
-    slide_n_std: Bins
+    hip: HipBaseline
+    slide: SlideBaseline
 
 
 def load_baseline(path: Path, robot_sha256: str) -> NDArray[np.float64]:
@@ -52,16 +64,16 @@ def load_baseline(path: Path, robot_sha256: str) -> NDArray[np.float64]:
     if file.robot_sha256 != robot_sha256:
         wanted = f"{robot_sha256}, of the robot file in use; record it again with `gaitd baseline`"
         raise ConfigError(path, "robot_sha256", file.robot_sha256, wanted)
-    return np.column_stack((file.hip_nm, file.slide_n))
+    return np.column_stack((file.hip.mean_nm, file.slide.mean_n))
 
 
 def baseline_text(baseline: Baseline, robot_sha256: str, source: str) -> str:
     """The text of the file for a baseline."""
     lists = (
-        ("hip_nm", baseline.mean[:, 0]),
-        ("hip_nm_std", baseline.std[:, 0]),
-        ("slide_n", baseline.mean[:, 1]),
-        ("slide_n_std", baseline.std[:, 1]),
+        ("hip.mean_nm", baseline.mean[:, 0]),
+        ("hip.std_nm", baseline.std[:, 0]),
+        ("slide.mean_n", baseline.mean[:, 1]),
+        ("slide.std_n", baseline.std[:, 1]),
     )
     lines = [
         f'robot_sha256 = "{robot_sha256}"',

@@ -1,4 +1,4 @@
-"""Changes of some keys of a configuration file; the rest of its text and comments is kept.
+"""Changes of some keys of a configuration file, whose text and comments are kept, or of a table.
 
 A key is named by its place, `gait.announce_s`, or `leg.0.name` in the first of the `[[leg]]`
 tables. Its value must be on the key's own line. A TOML reader checks that the file differs in this
@@ -11,14 +11,17 @@ import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
+import msgspec
+
+T = TypeVar("T", bound=msgspec.Struct)
 Value = bool | int | float | str | Sequence[str]
 Edits = Mapping[str, Mapping[str, Value]]
 """Key and value by file, relative to the folder of configurations."""
 
 HEADING: Final = re.compile(r"^\[(\[)?\s*([\w.]+)\s*\]")
-ENTRY: Final = re.compile(r"^(\w+)\s*=")
+ENTRY: Final = re.compile(r"^([\w.]+)\s*=")
 
 
 class EditError(Exception):
@@ -58,11 +61,11 @@ def edited(name: str, text: str, key: str, value: Value, comment: str = "") -> s
     number = _line_of(lines, key)
     if number is None:
         raise EditError(f"{name} has no key {key}")
-    last = key.rpartition(".")[2]
     plain = value if isinstance(value, bool | int | float | str) else list(value)
     written = json.dumps(plain, ensure_ascii=False)
     end = "\r" if lines[number].endswith("\r") else ""
-    lines[number] = f"{last} = {written}{f'  # {comment}' if comment else ''}{end}"
+    entry = lines[number].partition("=")[0].rstrip()
+    lines[number] = f"{entry} = {written}{f'  # {comment}' if comment else ''}{end}"
     after = "\n".join(lines)
     wanted = tomllib.loads(text)
     _put(wanted, key.split("."), json.loads(written))
@@ -75,6 +78,15 @@ def edited(name: str, text: str, key: str, value: Value, comment: str = "") -> s
             f"{name}: the value of {key} does not stand on one line, or {written} cannot"
         )
     return after
+
+
+def replaced(table: T, values: Mapping[str, object]) -> T:
+    """Return a table with other values of some keys, named by place: `springs.hip.rest_rad`."""
+    for key, value in values.items():
+        name, _, inner = key.partition(".")
+        new = replaced(getattr(table, name), {inner: value}) if inner else value
+        table = msgspec.structs.replace(table, **{name: new})
+    return table
 
 
 def _line_of(lines: Sequence[str], key: str) -> int | None:

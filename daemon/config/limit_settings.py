@@ -13,7 +13,14 @@ Category = Literal["S2", "S1", "S0"]
 """Name of a `StopCategory`."""
 
 
-class HipLimits(Table, frozen=True):
+class AxisLimits(Table, frozen=True):
+    """What both axes have in the same unit and range."""
+
+    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
+    brake: bool
+
+
+class HipLimits(AxisLimits, frozen=True):
     """[hip] of limits.toml."""
 
     position_min_deg: Annotated[float, Meta(ge=-60, le=120)]
@@ -41,14 +48,12 @@ class HipLimits(Table, frozen=True):
     """In place of `tracking_max_deg` in mode hold, half a second after the reference stands."""
     following_error_deg: Annotated[float, Meta(ge=0.1, le=45)]
     """Limit of the drive's position loop; written into the drive (6065h)."""
-    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
     quick_stop_deceleration_rad_per_s2: Annotated[float, Meta(ge=0.5, le=200)]
     """Written into the drive (6085h), and used for stopping paths."""
     static_load_tolerance_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Enable is refused when the load at hold differs from g(q) by more."""
     max_runaway_deg: Annotated[float, Meta(ge=1, le=180)]
     """How far the joint may go after the core has ended, before its drive has stopped it."""
-    brake: bool
     assist_max_nm: Annotated[float, Meta(ge=0.1, le=60)]
     """Maximum of a controller's setpoint, on top of g(q) and guidance; a larger one is refused."""
     assist_rate_max_nm_per_s: Annotated[float, Meta(ge=1, le=2000)]
@@ -56,7 +61,7 @@ class HipLimits(Table, frozen=True):
     """Power of the assist alone, along the motion."""
 
 
-class SlideLimits(Table, frozen=True):
+class SlideLimits(AxisLimits, frozen=True):
     """[slide] of limits.toml."""
 
     position_min_m: Annotated[float, Meta(ge=-1, le=2)]
@@ -76,11 +81,9 @@ class SlideLimits(Table, frozen=True):
     tracking_max_m: Annotated[float, Meta(ge=0.001, le=0.5)]
     hold_distance_max_m: Annotated[float, Meta(ge=0.001, le=0.5)]
     following_error_m: Annotated[float, Meta(ge=0.001, le=0.5)]
-    temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
     quick_stop_deceleration_m_per_s2: Annotated[float, Meta(ge=0.5, le=200)]
     static_load_tolerance_n: Annotated[float, Meta(ge=1, le=600)]
     max_runaway_m: Annotated[float, Meta(ge=0.01, le=2)]
-    brake: bool
     assist_max_n: Annotated[float, Meta(ge=1, le=700)]
     assist_rate_max_n_per_s: Annotated[float, Meta(ge=10, le=20000)]
     assist_power_max_w: Annotated[float, Meta(ge=0.1, le=1000)]
@@ -93,11 +96,23 @@ class Singularity(Table, frozen=True):
     stop_ratio: Annotated[float, Meta(ge=0.01, lt=1)]
 
 
+class HipSoftLimit(Table, frozen=True):
+    """Damping of outward motion at the hip."""
+
+    damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=200)]
+
+
+class SlideSoftLimit(Table, frozen=True):
+    """Damping of outward motion at the slide."""
+
+    damping_n_s_per_m: Annotated[float, Meta(ge=0, le=3000)]
+
+
 class SoftLimit(Table, frozen=True):
     """Damping of outward motion, rising from 0 at the soft margin to this at the hard limit."""
 
-    hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=200)]
-    slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=3000)]
+    hip: HipSoftLimit
+    slide: SlideSoftLimit
 
 
 class Watch(Table, frozen=True):
@@ -108,11 +123,23 @@ class Watch(Table, frozen=True):
     energy_window_ms: Annotated[int, Meta(ge=500, le=10000)]
 
 
+class HipSpasm(Table, frozen=True):
+    """Rise of the hip's torque that is a spasm."""
+
+    rise_nm: Annotated[float, Meta(ge=0.5, le=60)]
+
+
+class SlideSpasm(Table, frozen=True):
+    """Rise of the slide's force that is a spasm."""
+
+    rise_n: Annotated[float, Meta(ge=5, le=600)]
+
+
 class Spasm(Table, frozen=True):
     """A fast rise of the estimated effort against the motion, beyond work: yield, then stop."""
 
-    hip_rise_nm: Annotated[float, Meta(ge=0.5, le=60)]
-    slide_rise_n: Annotated[float, Meta(ge=5, le=600)]
+    hip: HipSpasm
+    slide: SlideSpasm
     rise_window_ms: Annotated[int, Meta(ge=20, le=500)]
     stiffness_ratio: Annotated[float, Meta(ge=0, lt=1)]
     softening_ms: Annotated[int, Meta(ge=20, le=2000)]
@@ -123,12 +150,24 @@ class Spasm(Table, frozen=True):
     """How long it may last before the machine stops."""
 
 
+class HipClonus(Table, frozen=True):
+    """Swing of the hip's torque that is clonus."""
+
+    swing_nm: Annotated[float, Meta(ge=0.1, le=60)]
+    """Amplitude of the estimated effort from which a half-wave counts."""
+
+
+class SlideClonus(Table, frozen=True):
+    """Swing of the slide's force that is clonus."""
+
+    swing_n: Annotated[float, Meta(ge=1, le=600)]
+
+
 class Clonus(Table, frozen=True):
     """Effort that swings to and fro at 5 to 8 Hz: guidance softens as in a spasm, then a stop."""
 
-    hip_swing_nm: Annotated[float, Meta(ge=0.1, le=60)]
-    """Amplitude of the estimated effort from which a half-wave counts."""
-    slide_swing_n: Annotated[float, Meta(ge=1, le=600)]
+    hip: HipClonus
+    slide: SlideClonus
     window_ms: Annotated[int, Meta(ge=1000, le=10000)]
     patience_ms: Annotated[int, Meta(ge=200, le=10000)]
     """Sum of its time within the window before the machine stops."""
@@ -148,20 +187,32 @@ class Communication(Table, frozen=True):
     """A step between two SYNCs larger than this many times velocity_max is a jump."""
 
 
+class HipStop(Table, frozen=True):
+    """Checks of stopping at the hip."""
+
+    standstill_rad_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
+    patient_nm: Annotated[float, Meta(ge=0, le=60)]
+    """The patient's effort along the motion, against which a quick stop must keep to its ramp."""
+
+
+class SlideStop(Table, frozen=True):
+    """Checks of stopping at the slide."""
+
+    standstill_m_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
+    patient_n: Annotated[float, Meta(ge=0, le=600)]
+
+
 class Stop(Table, frozen=True):
     """Checks of stopping (escalation: daemon/core/safety/stop_sequence.py)."""
 
     obey_cycles: Annotated[int, Meta(ge=1, le=20)]
     """Cycles until a drive must show the commanded state."""
     standstill_cycles: Annotated[int, Meta(ge=1, le=100)]
-    standstill_hip_rad_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
-    standstill_slide_m_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
+    hip: HipStop
+    slide: SlideStop
     ramp_margin_ratio: Annotated[float, Meta(gt=1, le=5)]
     """A speed of this many times what the quick-stop ramp allows counts as disobeyed."""
     assist_fade_ms: Annotated[int, Meta(ge=20, le=2000)]
-    patient_hip_nm: Annotated[float, Meta(ge=0, le=60)]
-    """The patient's effort along the motion, against which a quick stop must keep to its ramp."""
-    patient_slide_n: Annotated[float, Meta(ge=0, le=600)]
 
 
 class Assist(Table, frozen=True):

@@ -18,7 +18,7 @@ from observer.mechanism.parameters import (
     LegParameters,
     Link,
     Slide,
-    Springs,
+    Spring,
     with_patient,
 )
 from observer.mechanism.parameters import leg_parameters as compose
@@ -32,7 +32,7 @@ def leg_parameters(robot: Robot) -> LegParameters:
         leg_links(robot),
         Slide(*_values(robot.slide)),
         robot.hip.drive_inertia_kg_m2,
-        Springs(*_values(robot.springs)),
+        (Spring(*_values(robot.springs.hip)), Spring(*_values(robot.springs.slide))),
         Dampers(*_values(robot.dampers)),
     )
 
@@ -70,18 +70,15 @@ def friction_parameters(robot: Robot) -> tuple[FrictionParameters, FrictionParam
 def observer_tuning(robot: Robot) -> ObserverTuning:
     """Noise, integrator and gate of the observer."""
     table = robot.observer
+    hip, slide = table.hip, table.slide
     return ObserverTuning(
         process_std=(
-            table.process_hip_angle_rad,
-            table.process_slide_position_m,
-            table.process_hip_velocity_rad_per_s,
-            table.process_slide_velocity_m_per_s,
-            table.process_hip_friction_nm,
-            table.process_slide_friction_n,
-            table.process_hip_patient_nm,
-            table.process_slide_patient_n,
+            *(hip.process_angle_rad, slide.process_position_m),
+            *(hip.process_velocity_rad_per_s, slide.process_velocity_m_per_s),
+            *(hip.process_friction_nm, slide.process_friction_n),
+            *(hip.process_patient_nm, slide.process_patient_n),
         ),
-        measurement_std=(table.measurement_hip_angle_rad, table.measurement_slide_position_m),
+        measurement_std=(hip.measurement_angle_rad, slide.measurement_position_m),
         coriolis=table.coriolis,
         velocity_gated=table.velocity_gated,
         integrator=integrator_named(table.integrator),
@@ -91,10 +88,8 @@ def observer_tuning(robot: Robot) -> ObserverTuning:
         viscous_outside=table.viscous_outside,
         effort_delay_ms=table.effort_delay_ms,
         sample_jitter_us=table.sample_jitter_us,
-        ripple_hip_nm=table.ripple_hip_nm,
-        ripple_slide_n=table.ripple_slide_n,
-        law_hip_nm=table.law_hip_nm,
-        law_slide_n=table.law_slide_n,
+        ripple=(hip.ripple_nm, slide.ripple_n),
+        law=(hip.law_nm, slide.law_n),
     )
 
 

@@ -60,13 +60,25 @@ class Hip(Table, frozen=True):
     drive_inertia_kg_m2: Annotated[float, Meta(ge=0, le=20)]
 
 
-class Springs(Table, frozen=True):
-    """Weight compensation at both drives; at the rest position the spring is slack."""
+class HipSpring(Table, frozen=True):
+    """Weight compensation at the hip drive; at the rest position the spring is slack."""
 
-    hip_stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=500)]
-    hip_rest_rad: Annotated[float, Meta(ge=-20, le=20)]
-    slide_stiffness_n_per_m: Annotated[float, Meta(ge=0, le=5000)]
-    slide_rest_m: Annotated[float, Meta(ge=-20, le=20)]
+    stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=500)]
+    rest_rad: Annotated[float, Meta(ge=-20, le=20)]
+
+
+class SlideSpring(Table, frozen=True):
+    """Weight compensation at the slide drive; at the rest position the spring is slack."""
+
+    stiffness_n_per_m: Annotated[float, Meta(ge=0, le=5000)]
+    rest_m: Annotated[float, Meta(ge=-20, le=20)]
+
+
+class Springs(Table, frozen=True):
+    """Weight compensation at both drives."""
+
+    hip: HipSpring
+    slide: SlideSpring
 
 
 class Dampers(Table, frozen=True):
@@ -127,19 +139,37 @@ class Patient(Table, frozen=True):
     height_m: Annotated[float, Meta(ge=1.0, le=2.2)]
 
 
-class ObserverTuning(Table, frozen=True):
+class HipNoise(Table, frozen=True):
     """Standard deviations per 10 ms step and of the measurement (observer.md 3.1)."""
 
-    process_hip_angle_rad: Annotated[float, Meta(ge=1e-9, le=0.1)]
-    process_slide_position_m: Annotated[float, Meta(ge=1e-9, le=0.1)]
-    process_hip_velocity_rad_per_s: Annotated[float, Meta(ge=1e-7, le=10)]
-    process_slide_velocity_m_per_s: Annotated[float, Meta(ge=1e-7, le=10)]
-    process_hip_friction_nm: Annotated[float, Meta(ge=1e-5, le=100)]
-    process_slide_friction_n: Annotated[float, Meta(ge=1e-4, le=1000)]
-    process_hip_patient_nm: Annotated[float, Meta(ge=1e-5, le=100)]
-    process_slide_patient_n: Annotated[float, Meta(ge=1e-4, le=1000)]
-    measurement_hip_angle_rad: Annotated[float, Meta(ge=1e-8, le=0.1)]
-    measurement_slide_position_m: Annotated[float, Meta(ge=1e-8, le=0.1)]
+    process_angle_rad: Annotated[float, Meta(ge=1e-9, le=0.1)]
+    process_velocity_rad_per_s: Annotated[float, Meta(ge=1e-7, le=10)]
+    process_friction_nm: Annotated[float, Meta(ge=1e-5, le=100)]
+    process_patient_nm: Annotated[float, Meta(ge=1e-5, le=100)]
+    measurement_angle_rad: Annotated[float, Meta(ge=1e-8, le=0.1)]
+    ripple_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
+    law_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
+    """Standard deviation of the friction law near reversals; widens the sigma of friction and
+    patient there, and nothing else."""
+
+
+class SlideNoise(Table, frozen=True):
+    """Standard deviations as at the hip."""
+
+    process_position_m: Annotated[float, Meta(ge=1e-9, le=0.1)]
+    process_velocity_m_per_s: Annotated[float, Meta(ge=1e-7, le=10)]
+    process_friction_n: Annotated[float, Meta(ge=1e-4, le=1000)]
+    process_patient_n: Annotated[float, Meta(ge=1e-4, le=1000)]
+    measurement_position_m: Annotated[float, Meta(ge=1e-8, le=0.1)]
+    ripple_n: Annotated[float, Meta(ge=0, le=500)] = 0.0
+    law_n: Annotated[float, Meta(ge=0, le=500)] = 0.0
+
+
+class ObserverTuning(Table, frozen=True):
+    """Noise of both axes, the model's integrator, and the gate."""
+
+    hip: HipNoise
+    slide: SlideNoise
     coriolis: bool
     velocity_gated: bool
     """At rest changes are assigned to friction (Fig. 5), and the split is uncertain."""
@@ -150,12 +180,6 @@ class ObserverTuning(Table, frozen=True):
     viscous_outside: bool = False
     effort_delay_ms: Annotated[float, Meta(ge=0, le=30)] = 0.0
     sample_jitter_us: Annotated[float, Meta(ge=0, le=2000)] = 0.0
-    ripple_hip_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
-    ripple_slide_n: Annotated[float, Meta(ge=0, le=500)] = 0.0
-    law_hip_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
-    """Standard deviation of the friction law near reversals; widens the sigma of friction and
-    patient there, and nothing else."""
-    law_slide_n: Annotated[float, Meta(ge=0, le=500)] = 0.0
 
 
 class Robot(Table, frozen=True):
@@ -220,28 +244,56 @@ class Leg(Table, frozen=True):
     """File of `gaitd baseline`, subtracted from the stride figures; none if absent."""
 
 
-class Impedance(Table, frozen=True):
-    """Guidance of `gait` and position hold: a spring and a damper about the reference."""
+class HipImpedance(Table, frozen=True):
+    """A spring and a damper about the hip's reference."""
 
-    hip_stiffness_nm_per_rad: Annotated[float, Meta(ge=0.1, le=1000)]
-    hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=100)]
-    slide_stiffness_n_per_m: Annotated[float, Meta(ge=1, le=20000)]
-    slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=2000)]
+    stiffness_nm_per_rad: Annotated[float, Meta(ge=0.1, le=1000)]
+    damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=100)]
+
+
+class SlideImpedance(Table, frozen=True):
+    """A spring and a damper about the slide's reference."""
+
+    stiffness_n_per_m: Annotated[float, Meta(ge=1, le=20000)]
+    damping_n_s_per_m: Annotated[float, Meta(ge=0, le=2000)]
+
+
+class Impedance(Table, frozen=True):
+    """Guidance of `gait` and position hold."""
+
+    hip: HipImpedance
+    slide: SlideImpedance
+
+
+class Curve(Table, frozen=True):
+    """The periodic angle of a joint: harmonics in degrees, [a_k, b_k] per harmonic."""
+
+    mean_deg: Degrees
+    harmonics_deg: Annotated[tuple[Harmonic, ...], Meta(min_length=1, max_length=12)]
+
+
+class HipGait(Curve, frozen=True):
+    """The hip's angle over the stride, and its speed to the beginning of a gait."""
+
+    approach_rad_per_s: Annotated[float, Meta(ge=0.001, le=1)]
+
+
+class SlideGait(Table, frozen=True):
+    """The slide's speed to the beginning of a gait; its position follows from hip and knee."""
+
+    approach_m_per_s: Annotated[float, Meta(ge=0.001, le=1)]
 
 
 class Gait(Table, frozen=True):
-    """The periodic reference: harmonics of hip and knee in degrees, [a_k, b_k] per harmonic."""
+    """The periodic reference of hip and knee, and how a gait begins."""
 
     guidance: Literal["impedance", "position"]
     announce_s: Annotated[float, Meta(ge=0.5, le=30)]
-    approach_hip_rad_per_s: Annotated[float, Meta(ge=0.001, le=1)]
-    approach_slide_m_per_s: Annotated[float, Meta(ge=0.001, le=1)]
     ramp_strides: Annotated[int, Meta(ge=1, le=10)]
     cadence_max_hz: Annotated[float, Meta(ge=0.01, le=1)]
-    hip_mean_deg: Degrees
-    hip_harmonics_deg: Annotated[tuple[Harmonic, ...], Meta(min_length=1, max_length=12)]
-    knee_mean_deg: Degrees
-    knee_harmonics_deg: Annotated[tuple[Harmonic, ...], Meta(min_length=1, max_length=12)]
+    hip: HipGait
+    knee: Curve
+    slide: SlideGait
     impedance: Impedance
 
 
@@ -259,31 +311,75 @@ class Sinusoid(Table, frozen=True):
     end_s: Annotated[float, Meta(ge=0.01, le=600)]
 
 
+class HipWindow(Table, frozen=True):
+    """How far an open-loop scenario may move the hip."""
+
+    window_deg: Annotated[float, Meta(ge=0.1, le=40)]
+
+
+class SlideWindow(Table, frozen=True):
+    """How far an open-loop scenario may move the slide."""
+
+    window_m: Annotated[float, Meta(ge=0.001, le=0.6)]
+
+
 class Excite(Table, frozen=True):
     """An open-loop scenario about g(q), with or without an artificial disturbance."""
 
-    hip_window_deg: Annotated[float, Meta(ge=0.1, le=40)]
-    slide_window_m: Annotated[float, Meta(ge=0.001, le=0.6)]
+    hip: HipWindow
+    slide: SlideWindow
     duration_max_s: Annotated[float, Meta(ge=0.1, le=600)]
     torque: tuple[Sinusoid, ...]
     artificial: tuple[Sinusoid, ...] = ()
 
 
+class HipGuiding(Table, frozen=True):
+    """Hand guiding at the hip."""
+
+    damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
+    slow_rad_per_s: Annotated[float, Meta(ge=0.001, le=1)]
+    """Above this speed, the damping below is added for the excess."""
+    damping_beyond_nm_s_per_rad: Annotated[float, Meta(ge=0.01, le=60)]
+    edge_nm: Annotated[float, Meta(ge=0, le=100)]
+    """Effort that leads back in at a hard limit; it grows from zero over the soft margin."""
+
+
+class SlideGuiding(Table, frozen=True):
+    """Hand guiding at the slide."""
+
+    damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)]
+    slow_m_per_s: Annotated[float, Meta(ge=0.001, le=1)]
+    damping_beyond_n_s_per_m: Annotated[float, Meta(ge=0.1, le=1500)]
+    edge_n: Annotated[float, Meta(ge=0, le=1000)]
+
+
 class HandGuiding(Table, frozen=True):
     """Hand guiding: damping of the leg's motion, and the maximum duration."""
 
-    hip_damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
-    slide_damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1000)]
-    hip_slow_rad_per_s: Annotated[float, Meta(ge=0.001, le=1)]
-    """Above this speed, the damping below is added for the excess."""
-    slide_slow_m_per_s: Annotated[float, Meta(ge=0.001, le=1)]
-    hip_damping_beyond_nm_s_per_rad: Annotated[float, Meta(ge=0.01, le=60)]
-    slide_damping_beyond_n_s_per_m: Annotated[float, Meta(ge=0.1, le=1500)]
-    hip_edge_nm: Annotated[float, Meta(ge=0, le=100)]
-    """Effort that leads back in at a hard limit; it grows from zero over the soft margin."""
-    slide_edge_n: Annotated[float, Meta(ge=0, le=1000)]
+    hip: HipGuiding
+    slide: SlideGuiding
     duration_max_s: Annotated[float, Meta(ge=0.1, le=600)]
     """After this time the leg is held again."""
+
+
+class HipTest(Table, frozen=True):
+    """The daily test of the hip."""
+
+    motion_deg: Annotated[float, Meta(gt=0.5, le=15)]
+    """Motion forth and back, from where the leg is held."""
+    speed_rad_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
+    """At most the motion in rad / 0.4 s, or too little of it is averaged."""
+    load_tolerance_nm: Annotated[float, Meta(ge=0.1, le=60)]
+    """Deviation of the mean effort over both ways from g(q); friction cancels in this mean."""
+
+
+class SlideTest(Table, frozen=True):
+    """The daily test of the slide."""
+
+    motion_m: Annotated[float, Meta(gt=0.005, le=0.2)]
+    speed_m_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
+    """At most the motion / 0.4 s."""
+    load_tolerance_n: Annotated[float, Meta(ge=1, le=600)]
 
 
 class SelfTest(Table, frozen=True):
@@ -292,30 +388,51 @@ class SelfTest(Table, frozen=True):
     required: Literal["daily", "never"]
     valid_h: Annotated[float, Meta(ge=0.01, le=48)]
     """How long hand switch, STO and a passed test remain valid."""
-    hip_motion_deg: Annotated[float, Meta(gt=0.5, le=15)]
-    """Motion forth and back, from where the leg is held."""
-    hip_speed_rad_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
-    """At most the motion in rad / 0.4 s, or too little of it is averaged."""
-    hip_load_tolerance_nm: Annotated[float, Meta(ge=0.1, le=60)]
-    """Deviation of the mean effort over both ways from g(q); friction cancels in this mean."""
-    slide_motion_m: Annotated[float, Meta(gt=0.005, le=0.2)]
-    slide_speed_m_per_s: Annotated[float, Meta(ge=0.001, le=0.5)]
-    """At most the motion / 0.4 s."""
-    slide_load_tolerance_n: Annotated[float, Meta(ge=1, le=600)]
+    hip: HipTest
+    slide: SlideTest
     friction_min_ratio: Annotated[float, Meta(ge=0.01, lt=1)]
     """Ratio of half the difference of the efforts forth and back to the friction of robot.toml."""
     friction_max_ratio: Annotated[float, Meta(gt=1, le=10)]
 
 
-class Reference(Table, frozen=True):
-    """Conditions for trusting an absolute encoder after a start (docs/first_start.md)."""
+class HipReference(Table, frozen=True):
+    """When the hip is where it was."""
 
     pose_tolerance_deg: Annotated[float, Meta(ge=0.01, le=360)]
     """How far the hip may be from its stored position."""
+
+
+class SlideReference(Table, frozen=True):
+    """When the slide is where it was."""
+
     pose_tolerance_m: Annotated[float, Meta(ge=1e-4, le=2)]
     """How far the slide may be from its stored position."""
+
+
+class Reference(Table, frozen=True):
+    """Conditions for trusting an absolute encoder after a start (docs/first_start.md)."""
+
+    hip: HipReference
+    slide: SlideReference
     without_stored_pose: Literal["believe", "home"]
     """Whether an absolute encoder is trusted at a first start, when no pose is stored."""
+
+
+class HipSignTest(Table, frozen=True):
+    """How the sign of the hip is proven."""
+
+    torque_max_nm: Annotated[float, Meta(ge=0.1, le=40)]
+    torque_rate_nm_per_s: Annotated[float, Meta(ge=0.1, le=100)]
+    motion_deg: Annotated[float, Meta(ge=0.05, le=10)]
+    """The torque is removed after this motion."""
+
+
+class SlideSignTest(Table, frozen=True):
+    """How the sign of the slide is proven."""
+
+    force_max_n: Annotated[float, Meta(ge=1, le=400)]
+    force_rate_n_per_s: Annotated[float, Meta(ge=1, le=1000)]
+    motion_m: Annotated[float, Meta(ge=5e-4, le=0.1)]
 
 
 class Commissioning(Table, frozen=True):
@@ -323,13 +440,8 @@ class Commissioning(Table, frozen=True):
 
     signs: Literal["proven", "assumed"]
     """"proven": an axis whose sign is not proven cannot be enabled."""
-    hip_torque_max_nm: Annotated[float, Meta(ge=0.1, le=40)]
-    hip_torque_rate_nm_per_s: Annotated[float, Meta(ge=0.1, le=100)]
-    hip_motion_deg: Annotated[float, Meta(ge=0.05, le=10)]
-    """The torque is removed after this motion."""
-    slide_force_max_n: Annotated[float, Meta(ge=1, le=400)]
-    slide_force_rate_n_per_s: Annotated[float, Meta(ge=1, le=1000)]
-    slide_motion_m: Annotated[float, Meta(ge=5e-4, le=0.1)]
+    hip: HipSignTest
+    slide: SlideSignTest
 
 
 class Lease(Table, frozen=True):

@@ -180,7 +180,7 @@ def _rounded_down(deceleration: float) -> float:
 def _patient(settings: Settings) -> Pair:
     if settings.robot.patient is None:
         return 0.0, 0.0
-    return settings.limits.stop.patient_hip_nm, settings.limits.stop.patient_slide_n
+    return settings.limits.stop.hip.patient_nm, settings.limits.stop.slide.patient_n
 
 
 def _effort_limit_si(drive: DriveDescription, limits: DriveLimits) -> float:

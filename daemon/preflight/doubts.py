@@ -109,13 +109,13 @@ def _standstill(settings: Settings) -> Errors:
     stop, limits = settings.limits.stop, settings.limits
     for key, value, most in (
         (
-            "standstill_hip_rad_per_s",
-            stop.standstill_hip_rad_per_s,
+            "hip.standstill_rad_per_s",
+            stop.hip.standstill_rad_per_s,
             limits.hip.velocity_max_rad_per_s,
         ),
         (
-            "standstill_slide_m_per_s",
-            stop.standstill_slide_m_per_s,
+            "slide.standstill_m_per_s",
+            stop.slide.standstill_m_per_s,
             limits.slide.velocity_max_m_per_s,
         ),
     ):
@@ -133,8 +133,8 @@ def _zero_damping(settings: Settings) -> Errors:
         (settings.file.limits, "soft_limit", soft),
     ):
         for key, value in (
-            ("hip_damping_nm_s_per_rad", table.hip_damping_nm_s_per_rad),
-            ("slide_damping_n_s_per_m", table.slide_damping_n_s_per_m),
+            ("hip.damping_nm_s_per_rad", table.hip.damping_nm_s_per_rad),
+            ("slide.damping_n_s_per_m", table.slide.damping_n_s_per_m),
         ):
             if value == 0.0:
                 why = "nothing but friction slows a leg there"
@@ -167,12 +167,12 @@ def _bench(settings: Settings) -> Errors:
         )
         yield ConfigError(file, "bus.virtual_drives", value=True, allowed=why)
     real = real_drives(trainer)
+    reference = trainer.reference
+    hip = "hip.pose_tolerance_deg", reference.hip.pose_tolerance_deg, 180.0 / math.pi
+    slide = "slide.pose_tolerance_m", reference.slide.pose_tolerance_m, 1.0
     for drive in settings.drives:
-        is_hip = drive.name.endswith("/hip")
-        key = "pose_tolerance_deg" if is_hip else "pose_tolerance_m"
-        turn_si = 1.0 / drive.axis.transmission.revs_per_si
-        turn = math.degrees(turn_si) if is_hip else turn_si
-        value = getattr(trainer.reference, key)
+        key, value, scale = hip if drive.name.endswith("/hip") else slide
+        turn = scale / drive.axis.transmission.revs_per_si
         if drive.name in real and value >= turn:
             why = (
                 f"less than {turn:.3g}, a turn of the motor of {drive.name}: with more, an encoder "

@@ -337,14 +337,14 @@ def gears_fit_their_joint(settings: Settings) -> Errors:
 def _standstill_is_more_than_noise(settings: Settings) -> Errors:
     period_s = settings.trainer.cycle.period_ms * 1e-3
     for axis, _ in _limit_tables(settings):
-        key = f"standstill_{axis.name}_{axis.velocity_unit}"
-        speed = _number(settings.limits.stop, key)
+        key = f"standstill_{axis.velocity_unit}"
+        speed = _number(getattr(settings.limits.stop, axis.name), key)
         for drive in _drives_at(settings, axis):
             counts_per_si = abs(axis_scaling(drive, expected_base(drive)).counts_per_si)
             least = STANDSTILL_COUNTS / counts_per_si / period_s
             if speed < least:
                 allowed = f">= {least:.2g}, {STANDSTILL_COUNTS} counts of {drive.name} per cycle"
-                yield ConfigError(settings.file.limits, f"stop.{key}", speed, allowed)
+                yield ConfigError(settings.file.limits, f"stop.{axis.name}.{key}", speed, allowed)
 
 
 def _friction_laws_are_laws(settings: Settings) -> Errors:

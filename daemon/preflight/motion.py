@@ -98,7 +98,7 @@ def the_gait_fits(settings: Settings) -> Errors:
     except WorkspaceError as error:
         allowed = f"a gait that the mechanism of {settings.file.robot} can do: {error}"
         yield ConfigError(
-            settings.file.path, "gait.knee_harmonics_deg", gait.knee_harmonics_deg, allowed
+            settings.file.path, "gait.knee.harmonics_deg", gait.knee.harmonics_deg, allowed
         )
         return
     extent = extent_of(leg, [motion.position for motion in motions])
@@ -111,8 +111,8 @@ def the_gait_fits(settings: Settings) -> Errors:
 def _gait_inside_limits(settings: Settings, extent: Extent) -> Errors:
     box, file = soft_box(settings.limits), settings.file
     spans = (
-        ("gait.hip_harmonics_deg", "hip", 180.0 / math.pi, "deg"),
-        ("gait.knee_harmonics_deg", "slide", 1.0, "m"),
+        ("gait.hip.harmonics_deg", "hip", 180.0 / math.pi, "deg"),
+        ("gait.knee.harmonics_deg", "slide", 1.0, "m"),
     )
     for axis, (key, name, scale, unit) in enumerate(spans):
         low, high = extent.low[axis] * scale, extent.high[axis] * scale
@@ -125,7 +125,7 @@ def _gait_inside_limits(settings: Settings, extent: Extent) -> Errors:
     if extent.least_singularity_ratio < soft_ratio:
         value = PlainText(f"(|sin| of shank and shoe {extent.least_singularity_ratio:.3f})")
         allowed = f">= singularity.soft_ratio = {soft_ratio:g}"
-        yield ConfigError(file.path, "gait.knee_harmonics_deg", value, allowed)
+        yield ConfigError(file.path, "gait.knee.harmonics_deg", value, allowed)
 
 
 def _gait_not_too_fast(settings: Settings, motions: tuple[Motion, ...]) -> Errors:
@@ -183,8 +183,8 @@ def scenarios_stay_inside(settings: Settings) -> Errors:
     middle = mean_pose(settings, leg)
     for name, scenario in settings.trainer.excite.items():
         windows = (
-            ("hip_window_deg", scenario.hip_window_deg, 180.0 / math.pi),
-            ("slide_window_m", scenario.slide_window_m, 1.0),
+            ("hip.window_deg", scenario.hip.window_deg, 180.0 / math.pi),
+            ("slide.window_m", scenario.slide.window_m, 1.0),
         )
         for axis, (key, value, scale) in enumerate(windows):
             room = min(middle[axis] - box.low[axis], box.high[axis] - middle[axis]) * scale
@@ -227,8 +227,8 @@ def self_tests_have_samples(settings: Settings) -> Errors:
     """The self-test moves each axis for long enough to average its effort between the ramps."""
     rules = settings.trainer.self_test
     ways = (
-        ("hip_speed_rad_per_s", f"hip_motion_deg = {rules.hip_motion_deg:g}"),
-        ("slide_speed_m_per_s", f"slide_motion_m = {rules.slide_motion_m:g}"),
+        ("hip.speed_rad_per_s", f"hip.motion_deg = {rules.hip.motion_deg:g}"),
+        ("slide.speed_m_per_s", f"slide.motion_m = {rules.slide.motion_m:g}"),
     )
     for (key, motion), speed_si, distance_si in zip(
         ways, self_test.speeds(rules), self_test.distances(rules), strict=True

@@ -29,14 +29,14 @@ def _pose_tolerances_can_fail(settings: Settings) -> Errors:
     reference, limits = settings.trainer.reference, settings.limits
     for key, value, low, high in (
         (
-            "pose_tolerance_deg",
-            reference.pose_tolerance_deg,
+            "hip.pose_tolerance_deg",
+            reference.hip.pose_tolerance_deg,
             limits.hip.position_min_deg,
             limits.hip.position_max_deg,
         ),
         (
-            "pose_tolerance_m",
-            reference.pose_tolerance_m,
+            "slide.pose_tolerance_m",
+            reference.slide.pose_tolerance_m,
             limits.slide.position_min_m,
             limits.slide.position_max_m,
         ),

@@ -299,11 +299,11 @@ def _loops(settings: Settings) -> Iterator[_Loop]:
     if trainer.gait.guidance == "impedance":
         tables.append(("gait.impedance", trainer.gait.impedance))
     for name, table in tables:
-        keys = f"{name}.hip_damping_nm_s_per_rad", f"{name}.slide_damping_n_s_per_m"
+        keys = f"{name}.hip.damping_nm_s_per_rad", f"{name}.slide.damping_n_s_per_m"
         yield from _both(settings, _guided(name, file, keys, table))
     hand = trainer.hand_guiding
-    slow = hand.hip_damping_nm_s_per_rad, hand.slide_damping_n_s_per_m
-    numbers = hand.hip_damping_beyond_nm_s_per_rad, hand.slide_damping_beyond_n_s_per_m
+    slow = hand.hip.damping_nm_s_per_rad, hand.slide.damping_n_s_per_m
+    numbers = hand.hip.damping_beyond_nm_s_per_rad, hand.slide.damping_beyond_n_s_per_m
 
     def with_beyond(beyond: Pair) -> Gains:
         return Gains(_NONE, (slow[0] + beyond[0], slow[1] + beyond[1]))
@@ -312,34 +312,34 @@ def _loops(settings: Settings) -> Iterator[_Loop]:
 
 
 def _guided(name: str, file: str, keys: tuple[str, str], table: Impedance) -> _Loop:
-    stiffness = table.hip_stiffness_nm_per_rad, table.slide_stiffness_n_per_m
-    numbers = table.hip_damping_nm_s_per_rad, table.slide_damping_n_s_per_m
+    stiffness = table.hip.stiffness_nm_per_rad, table.slide.stiffness_n_per_m
+    numbers = table.hip.damping_nm_s_per_rad, table.slide.damping_n_s_per_m
 
     def with_damping(damping: Pair) -> Gains:
         return Gains(stiffness, damping)
 
-    stiff = f"{name}.hip_stiffness_nm_per_rad", f"{name}.slide_stiffness_n_per_m"
+    stiff = f"{name}.hip.stiffness_nm_per_rad", f"{name}.slide.stiffness_n_per_m"
     return _Loop(name, file, keys, numbers, with_damping, stiff)
 
 
 def _both(settings: Settings, loop: _Loop) -> Iterator[_Loop]:
     """A loop, and the same one inside the soft limits."""
     soft, gains = settings.limits.soft_limit, loop.gains_with(loop.numbers)
-    numbers = soft.hip_damping_nm_s_per_rad, soft.slide_damping_n_s_per_m
+    numbers = soft.hip.damping_nm_s_per_rad, soft.slide.damping_n_s_per_m
 
     def with_soft(damping: Pair) -> Gains:
         hip, slide = (a / b if b else 0.0 for a, b in zip(damping, numbers, strict=True))
         return gains._replace(soft_share=(hip, slide))
 
     yield loop
-    keys = "soft_limit.hip_damping_nm_s_per_rad", "soft_limit.slide_damping_n_s_per_m"
+    keys = "soft_limit.hip.damping_nm_s_per_rad", "soft_limit.slide.damping_n_s_per_m"
     yield _Loop(f"{_SOFT}{loop.name}", str(settings.file.limits), keys, numbers, with_soft)
 
 
 _SOFT: Final = "soft limit in "
 _BEYOND: Final = (
-    "hand_guiding.hip_damping_beyond_nm_s_per_rad",
-    "hand_guiding.slide_damping_beyond_n_s_per_m",
+    "hand_guiding.hip.damping_beyond_nm_s_per_rad",
+    "hand_guiding.slide.damping_beyond_n_s_per_m",
 )
 
 
@@ -413,11 +413,11 @@ def _end_springs(
     limits, hand = settings.limits, settings.trainer.hand_guiding
     springs = (
         _EndSpring(
-            "hip", math.radians(limits.hip.soft_margin_deg), hand.hip_damping_nm_s_per_rad, period_s
+            "hip", math.radians(limits.hip.soft_margin_deg), hand.hip.damping_nm_s_per_rad, period_s
         ),
-        _EndSpring("slide", limits.slide.soft_margin_m, hand.slide_damping_n_s_per_m, period_s),
+        _EndSpring("slide", limits.slide.soft_margin_m, hand.slide.damping_n_s_per_m, period_s),
     )
-    edges = {"hip_edge_nm": hand.hip_edge_nm, "slide_edge_n": hand.slide_edge_n}
+    edges = {"hip.edge_nm": hand.hip.edge_nm, "slide.edge_n": hand.slide.edge_n}
     frictions = friction_parameters(settings.robot)
     for axis, (spring, (key, edge)) in enumerate(zip(springs, edges.items(), strict=True)):
         # The lightest leg: the inertia of this axis while the other one is free.

@@ -26,6 +26,7 @@ The bounds, for each axis:
 
 import math
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -69,13 +70,13 @@ _KEYS: Final = (
         *("hip", "N m", "deg", "torque_max_nm", "torque_deviation_max_nm"),
         *("static_load_tolerance_nm", "load_deviation_max_nm", "sign_mismatch_torque_min_nm"),
         *("torque_rate_max_nm_per_s", "assist_max_nm", "assist_rate_max_nm_per_s"),
-        *("hip_rise_nm", "hip_swing_nm", "patient_hip_nm", "hip_load_tolerance_nm"),
+        *("hip.rise_nm", "hip.swing_nm", "hip.patient_nm", "hip.load_tolerance_nm"),
     ),
     _Keys(
         *("slide", "N", "m", "force_max_n", "force_deviation_max_n"),
         *("static_load_tolerance_n", "load_deviation_max_n", "sign_mismatch_force_min_n"),
         *("force_rate_max_n_per_s", "assist_max_n", "assist_rate_max_n_per_s"),
-        *("slide_rise_n", "slide_swing_n", "patient_slide_n", "slide_load_tolerance_n"),
+        *("slide.rise_n", "slide.swing_n", "slide.patient_n", "slide.load_tolerance_n"),
     ),
 )
 
@@ -145,7 +146,7 @@ def _axes(settings: Settings) -> tuple[_Axis, ...]:
 
 
 def _stiffness(impedance: Impedance) -> tuple[float, float]:
-    return impedance.hip_stiffness_nm_per_rad, impedance.slide_stiffness_n_per_m
+    return impedance.hip.stiffness_nm_per_rad, impedance.slide.stiffness_n_per_m
 
 
 def _efforts(settings: Settings, axis: _Axis) -> Iterator[Row]:
@@ -164,7 +165,7 @@ def _efforts(settings: Settings, axis: _Axis) -> Iterator[Row]:
         static_si,
         f"{wrong} differs by at most {static_si:.4g} {unit}, with breakaway friction",
     )
-    tolerance = getattr(settings.trainer.self_test, keys.self_test)
+    tolerance = attrgetter(keys.self_test)(settings.trainer.self_test)
     yield (
         settings.file.path,
         f"self_test.{keys.self_test}",
@@ -276,7 +277,7 @@ def _patient(settings: Settings, axis: _Axis) -> Iterator[Row]:
     keys, file = axis.keys, settings.file.limits
     yield file, f"spasm.{keys.rise}", axis.limits.spasm_rise_si, axis.guided_si, _guided(axis)
     yield file, f"clonus.{keys.swing}", axis.limits.clonus_swing_si, axis.guided_si, _guided(axis)
-    pushes = getattr(settings.limits.stop, keys.patient)
+    pushes = attrgetter(keys.patient)(settings.limits.stop)
     if pushes == 0.0:
         why = "no quick stop is compared with a patient who pushes"
         yield file, f"stop.{keys.patient}", pushes, 0.0, why

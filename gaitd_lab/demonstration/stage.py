@@ -245,13 +245,13 @@ def empty_edits(configs: Path) -> Edits:
     name = "robot_empty.toml"
     robot = msgspec.toml.decode((configs / name).read_text(encoding="utf-8"), type=Robot)
     start = tomllib.loads((configs / "plant.toml").read_text(encoding="utf-8"))["start"]
-    pose = math.radians(start["hip_deg"]), start["slide_m"]
+    pose = math.radians(start["hip"]["position_deg"]), start["slide"]["position_m"]
     springs = balanced(robot, pose).springs
     return {
         "demo.toml": {"robot": name},
         "plant.toml": {"robot": name},
         name: {
-            "springs.hip_rest_rad": round(springs.hip_rest_rad, 6),
-            "springs.slide_rest_m": round(springs.slide_rest_m, 6),
+            "springs.hip.rest_rad": round(springs.hip.rest_rad, 6),
+            "springs.slide.rest_m": round(springs.slide.rest_m, 6),
         },
     }

@@ -283,7 +283,7 @@ def _cycles(duration_ns: int) -> float:
 
 
 def _standstill(limits: Limits) -> watch.Pair:
-    return limits.stop.standstill_hip_rad_per_s, limits.stop.standstill_slide_m_per_s
+    return limits.stop.hip.standstill_rad_per_s, limits.stop.slide.standstill_m_per_s
 
 
 def _range(limits: Limits) -> tuple[watch.Pair, watch.Pair]:

@@ -20,7 +20,15 @@ from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.proven_signs import proven_signs
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from sim_drives.build import Machine
-from sim_drives.plant.settings import Programme, Sine, Steady
+from sim_drives.plant.settings import (
+    HipEffort,
+    HipWave,
+    Programme,
+    Sine,
+    SlideEffort,
+    SlideWave,
+    Steady,
+)
 
 Guidance = Literal["impedance", "position"]
 
@@ -97,7 +105,12 @@ def _into_stops() -> tuple[Programme, ...]:
 def _lean(hip_nm: float, slide_n: float) -> Steady:
     rise_s = PUSH_RISE_S
     return Steady(
-        at_s=0.0, until_s=HOUR_S, rise_s=rise_s, fall_s=rise_s, hip_nm=hip_nm, slide_n=slide_n
+        at_s=0.0,
+        until_s=HOUR_S,
+        rise_s=rise_s,
+        fall_s=rise_s,
+        hip=HipEffort(torque_nm=hip_nm),
+        slide=SlideEffort(force_n=slide_n),
     )
 
 
@@ -112,10 +125,8 @@ def _slowly(name: str, hip_nm: float, slide_n: float) -> Programme:
         until_s=HOUR_S,
         rise_s=1.0,
         fall_s=1.0,
-        hip_nm=hip_nm,
-        slide_n=slide_n,
+        hip=HipWave(torque_nm=hip_nm, phase_deg=0.0),
+        slide=SlideWave(force_n=slide_n, phase_deg=90.0),
         frequency_hz=SLOWLY_HZ,
-        hip_phase_deg=0.0,
-        slide_phase_deg=90.0,
     )
     return Programme(name, effort=(effort,))

@@ -55,7 +55,7 @@ def _rules(settings: Settings, number: int) -> tuple[AxisRules, AxisRules]:
     limits, leg = settings.limits, settings.legs[number]
     rates = limits.hip.torque_rate_max_nm_per_s, limits.slide.force_rate_max_n_per_s
     hold = settings.trainer.hold
-    dampings = hold.hip_damping_nm_s_per_rad, hold.slide_damping_n_s_per_m
+    dampings = hold.hip.damping_nm_s_per_rad, hold.slide.damping_n_s_per_m
     hip, slide = (
         AxisRules(
             name=drive.name,

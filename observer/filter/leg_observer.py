@@ -73,12 +73,10 @@ class ObserverTuning(NamedTuple):
     """Delay of the effort relative to the step that it is given for."""
     sample_jitter_us: float = 0.0
     """Standard deviation of a sample's true time about the given one."""
-    ripple_hip_nm: float = 0.0
-    ripple_slide_n: float = 0.0
-    """Standard deviation of the sampled effort about its mean over the step."""
-    law_hip_nm: float = 0.0
-    law_slide_n: float = 0.0
-    """Standard deviation of the friction law near reversals (`law_variance`)."""
+    ripple: tuple[float, float] = (0.0, 0.0)
+    """Standard deviation of the sampled effort about its mean over the step: N m, N."""
+    law: tuple[float, float] = (0.0, 0.0)
+    """Standard deviation of the friction law near reversals (`law_variance`): N m, N."""
 
 
 DEFAULT_TUNING: Final = ObserverTuning(
@@ -271,10 +269,10 @@ def setup_of(
         viscous_outside=float(tuning.viscous_outside),
         effort_delay_cycles=1e-3 * tuning.effort_delay_ms / STEP_S,
         sample_jitter_s=1e-6 * tuning.sample_jitter_us,
-        ripple_hip=float(tuning.ripple_hip_nm),
-        ripple_slide=float(tuning.ripple_slide_n),
-        law_hip=float(tuning.law_hip_nm),
-        law_slide=float(tuning.law_slide_n),
+        ripple_hip=float(tuning.ripple[0]),
+        ripple_slide=float(tuning.ripple[1]),
+        law_hip=float(tuning.law[0]),
+        law_slide=float(tuning.law[1]),
     )
     return Setup(
         tuple(map(float, leg)),
@@ -331,10 +329,10 @@ def check_tuning(
         ("patient_noise_max_ratio", tuning.patient_noise_max_ratio, 1.0, math.inf),
         ("effort_delay_ms", tuning.effort_delay_ms, 0.0, EFFORT_DELAY_MAX_MS),
         ("sample_jitter_us", tuning.sample_jitter_us, 0.0, math.inf),
-        ("ripple_hip_nm", tuning.ripple_hip_nm, 0.0, math.inf),
-        ("ripple_slide_n", tuning.ripple_slide_n, 0.0, math.inf),
-        ("law_hip_nm", tuning.law_hip_nm, 0.0, math.inf),
-        ("law_slide_n", tuning.law_slide_n, 0.0, math.inf),
+        ("ripple of the hip", tuning.ripple[0], 0.0, math.inf),
+        ("ripple of the slide", tuning.ripple[1], 0.0, math.inf),
+        ("law of the hip", tuning.law[0], 0.0, math.inf),
+        ("law of the slide", tuning.law[1], 0.0, math.inf),
     ):
         if not (math.isfinite(value) and least <= value <= most):
             raise TuningError(f"{name} = {value}: must be a number in {least}..{most}")

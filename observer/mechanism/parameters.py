@@ -50,13 +50,11 @@ class Slide(NamedTuple):
     drive_mass_kg: float
 
 
-class Springs(NamedTuple):
-    """Linear springs at the two driven coordinates."""
+class Spring(NamedTuple):
+    """A linear spring at a driven coordinate: N m/rad, rad or N/m, m."""
 
-    hip_stiffness_nm_per_rad: float = 0.0
-    hip_rest_rad: float = 0.0
-    slide_stiffness_n_per_m: float = 0.0
-    slide_rest_m: float = 0.0
+    stiffness_si: float = 0.0
+    rest_si: float = 0.0
 
 
 class Dampers(NamedTuple):
@@ -121,7 +119,7 @@ def leg_parameters(
     links: tuple[Link, Link, Link],
     slide: Slide,
     hip_drive_inertia_kg_m2: float,
-    springs: Springs,
+    springs: tuple[Spring, Spring],
     dampers: Dampers,
 ) -> LegParameters:
     """Compose the parameters for the kernels.
@@ -136,6 +134,7 @@ def leg_parameters(
     """
     l1, l2, l3 = geometry.thigh_length_m, geometry.shank_length_m, geometry.shoe_length_m
     thigh, shank, shoe = links
+    hip_spring, slide_spring = springs
     c1, c2, c3 = (cmath.rect(link.com_ratio, link.com_offset_rad) for link in links)
     thigh_moment = thigh.mass_kg * c1 + shank.mass_kg + shoe.mass_kg
     shank_moment = shank.mass_kg * c2 + shoe.mass_kg
@@ -162,10 +161,10 @@ def leg_parameters(
         shoe_moment_re=shoe_moment.real,
         shoe_moment_im=shoe_moment.imag,
         slide_weight_n=slide.mass_kg * GRAVITY * math.sin(geometry.rail_angle_rad),
-        hip_stiffness=springs.hip_stiffness_nm_per_rad,
-        hip_rest_rad=springs.hip_rest_rad,
-        slide_stiffness=springs.slide_stiffness_n_per_m,
-        slide_rest_m=springs.slide_rest_m,
+        hip_stiffness=hip_spring.stiffness_si,
+        hip_rest_rad=hip_spring.rest_si,
+        slide_stiffness=slide_spring.stiffness_si,
+        slide_rest_m=slide_spring.rest_si,
         hip_damping=dampers.hip,
         knee_damping=dampers.knee,
         ankle_damping=dampers.ankle,

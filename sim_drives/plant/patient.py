@@ -113,15 +113,15 @@ def _fill(row: np.void, effort: Effort) -> None:
     row["wave"] = WAVES.get(type(effort), Wave.STEADY)
     row["at_s"], row["until_s"] = effort.at_s, effort.until_s
     row["rise_s"], row["fall_s"] = effort.rise_s, effort.fall_s
-    row["peak"] = (effort.hip_nm, effort.slide_n)
+    row["peak"] = (effort.hip.torque_nm, effort.slide.force_n)
     if isinstance(effort, Sine | Gait):
-        row["phase_rad"] = np.radians((effort.hip_phase_deg, effort.slide_phase_deg))
+        row["phase_rad"] = np.radians((effort.hip.phase_deg, effort.slide.phase_deg))
     if isinstance(effort, Sine):
         row["pulsation"] = 2 * math.pi * effort.frequency_hz
     if isinstance(effort, Gait):
         row["pulsation"] = effort.harmonic
     if isinstance(effort, Push):
-        row["rest_speed"] = (effort.hip_rest_rad_per_s, effort.slide_rest_m_per_s)
+        row["rest_speed"] = (effort.hip.rest_rad_per_s, effort.slide.rest_m_per_s)
 
 
 def resting_stride(hip_angle_rad: float) -> Records:

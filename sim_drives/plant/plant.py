@@ -20,7 +20,16 @@ from sim_drives.plant.led import LEAD, follow, unled
 from sim_drives.plant.motor import DRIVE, ORDER, fresh_loops, joint_effort, take_order
 from sim_drives.plant.patient import EFFORT, compile_programme, resting_stride
 from sim_drives.plant.recorded import Values
-from sim_drives.plant.settings import Loops, Motor, Motors, PlantTables, Programme, Steady
+from sim_drives.plant.settings import (
+    HipEffort,
+    Loops,
+    Motor,
+    Motors,
+    PlantTables,
+    Programme,
+    SlideEffort,
+    Steady,
+)
 from sim_drives.plant.stick_slip import JOINT, LAW_CODES, STICKING, Bristles
 from sim_drives.plant.stops import joint_stops, leg_reach
 from sim_drives.plant.truth import Truth
@@ -47,7 +56,16 @@ COASTING: Final = AxisActuation(
 
 COMPUTED: Final = Programme(
     name="computed",
-    effort=(Steady(at_s=0.0, until_s=math.inf, rise_s=0.0, fall_s=0.0, hip_nm=0.0, slide_n=0.0),),
+    effort=(
+        Steady(
+            at_s=0.0,
+            until_s=math.inf,
+            rise_s=0.0,
+            fall_s=0.0,
+            hip=HipEffort(torque_nm=0.0),
+            slide=SlideEffort(force_n=0.0),
+        ),
+    ),
 )
 """The programme of a patient whose effort is set by `Trainer.exert`."""
 
@@ -112,9 +130,9 @@ def _constants(
 
 
 def _start_state(settings: PlantTables, constants: Constants) -> State:
-    pose = (math.radians(settings.start.hip_deg), settings.start.slide_m)
+    pose = (math.radians(settings.start.hip.position_deg), settings.start.slide.position_m)
     for name, value, stop in zip(
-        ("start.hip_deg", "start.slide_m"), pose, constants.stops, strict=True
+        ("start.hip.position_deg", "start.slide.position_m"), pose, constants.stops, strict=True
     ):
         if not stop.low_si <= value <= stop.high_si:
             raise PlantError(

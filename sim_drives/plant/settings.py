@@ -35,11 +35,23 @@ class Step(Table, frozen=True):
     """Period of the drives' position and velocity loops: a whole multiple of `physics_us`."""
 
 
+class HipStart(Table, frozen=True):
+    """The hip at power-on."""
+
+    position_deg: Annotated[float, Meta(ge=-60, le=120)]
+
+
+class SlideStart(Table, frozen=True):
+    """The slide at power-on."""
+
+    position_m: Annotated[float, Meta(ge=-1, le=2)]
+
+
 class Start(Table, frozen=True):
     """Pose at power-on, at rest."""
 
-    hip_deg: Annotated[float, Meta(ge=-60, le=120)]
-    slide_m: Annotated[float, Meta(ge=-1, le=2)]
+    hip: HipStart
+    slide: SlideStart
 
 
 class HipBristles(Table, frozen=True):
@@ -115,24 +127,27 @@ class Motors(Table, frozen=True):
     slide: Motor
 
 
-class HipLoop(Table, frozen=True):
-    """The hip drive's own position (P) and velocity (PI) loops, in joint units."""
+class Loop(Table, frozen=True):
+    """A drive's own position (P) and velocity (PI) loops, in joint units."""
 
     position_gain_per_s: Annotated[float, Meta(ge=0.01, le=500)]
-    velocity_gain_nm_s_per_rad: Annotated[float, Meta(ge=0.01, le=1e4)]
     velocity_integral_s: Annotated[float, Meta(ge=1e-3, le=1e3)]
+
+
+class HipLoop(Loop, frozen=True):
+    """The hip drive's own loops."""
+
+    velocity_gain_nm_s_per_rad: Annotated[float, Meta(ge=0.01, le=1e4)]
     position_deadband_rad: Annotated[float, Meta(ge=0, le=0.1)]
     """Position error that the drive cannot detect: one count of its encoder."""
     standstill_rad_per_s: Annotated[float, Meta(ge=1e-5, le=1)]
     """Below this speed a stopped axis is at standstill."""
 
 
-class SlideLoop(Table, frozen=True):
-    """The slide drive's own loops, in joint units."""
+class SlideLoop(Loop, frozen=True):
+    """The slide drive's own loops."""
 
-    position_gain_per_s: Annotated[float, Meta(ge=0.01, le=500)]
     velocity_gain_n_s_per_m: Annotated[float, Meta(ge=0.1, le=1e5)]
-    velocity_integral_s: Annotated[float, Meta(ge=1e-3, le=1e3)]
     position_deadband_m: Annotated[float, Meta(ge=0, le=0.1)]
     standstill_m_per_s: Annotated[float, Meta(ge=1e-5, le=1)]
 
@@ -144,18 +159,22 @@ class Loops(Table, frozen=True):
     slide: SlideLoop
 
 
-class HipSensor(Table, frozen=True):
+class Sensor(Table, frozen=True):
     """Noise (standard deviations) before quantisation."""
+
+    current_noise_a: Annotated[float, Meta(ge=0, le=10)]
+
+
+class HipSensor(Sensor, frozen=True):
+    """Noise of the hip."""
 
     position_noise_rad: Annotated[float, Meta(ge=0, le=0.1)]
-    current_noise_a: Annotated[float, Meta(ge=0, le=10)]
 
 
-class SlideSensor(Table, frozen=True):
-    """Noise (standard deviations) before quantisation."""
+class SlideSensor(Sensor, frozen=True):
+    """Noise of the slide."""
 
     position_noise_m: Annotated[float, Meta(ge=0, le=0.1)]
-    current_noise_a: Annotated[float, Meta(ge=0, le=10)]
 
 
 class Sensors(Table, frozen=True):
@@ -170,6 +189,42 @@ class Sensors(Table, frozen=True):
 # --- the patient ------------------------------------------------------------------------------
 
 
+class HipEffort(Table, frozen=True):
+    """The patient's torque at the hip."""
+
+    torque_nm: Annotated[float, Meta(ge=-100, le=100)]
+
+
+class SlideEffort(Table, frozen=True):
+    """The patient's force at the slide."""
+
+    force_n: Annotated[float, Meta(ge=-1000, le=1000)]
+
+
+class HipWave(HipEffort, frozen=True):
+    """A torque at the hip that swings."""
+
+    phase_deg: Annotated[float, Meta(ge=-360, le=360)]
+
+
+class SlideWave(SlideEffort, frozen=True):
+    """A force at the slide that swings."""
+
+    phase_deg: Annotated[float, Meta(ge=-360, le=360)]
+
+
+class HipPush(HipEffort, frozen=True):
+    """A torque at a hip that stands."""
+
+    rest_rad_per_s: Annotated[float, Meta(ge=0.001, le=10)]
+
+
+class SlidePush(SlideEffort, frozen=True):
+    """A force at a slide that stands."""
+
+    rest_m_per_s: Annotated[float, Meta(ge=0.001, le=10)]
+
+
 class Effort(Table, frozen=True):
     """One part of a programme; parts that overlap add up. Positive acts along the positive axis."""
 
@@ -178,8 +233,8 @@ class Effort(Table, frozen=True):
     until_s: Annotated[float, Meta(ge=0.001, le=1e6)]
     rise_s: Annotated[float, Meta(ge=0, le=1e6)]
     fall_s: Annotated[float, Meta(ge=0, le=1e6)]
-    hip_nm: Annotated[float, Meta(ge=-100, le=100)]
-    slide_n: Annotated[float, Meta(ge=-1000, le=1000)]
+    hip: HipEffort
+    slide: SlideEffort
 
 
 class Steady(Effort, frozen=True, tag_field="kind", tag="steady"):
@@ -190,8 +245,8 @@ class Sine(Effort, frozen=True, tag_field="kind", tag="sine"):
     """An effort over time: cos(2 pi f t + phase)."""
 
     frequency_hz: Annotated[float, Meta(ge=0.001, le=10)]
-    hip_phase_deg: Annotated[float, Meta(ge=-360, le=360)]
-    slide_phase_deg: Annotated[float, Meta(ge=-360, le=360)]
+    hip: HipWave
+    slide: SlideWave
 
 
 class Gait(Effort, frozen=True, tag_field="kind", tag="gait"):
@@ -202,15 +257,15 @@ class Gait(Effort, frozen=True, tag_field="kind", tag="gait"):
     """
 
     harmonic: Annotated[int, Meta(ge=1, le=4)]
-    hip_phase_deg: Annotated[float, Meta(ge=-360, le=360)]
-    slide_phase_deg: Annotated[float, Meta(ge=-360, le=360)]
+    hip: HipWave
+    slide: SlideWave
 
 
 class Push(Effort, frozen=True, tag_field="kind", tag="push"):
     """A push while the axis stands; it is weaker where the axis moves faster than `rest`."""
 
-    hip_rest_rad_per_s: Annotated[float, Meta(ge=0.001, le=10)]
-    slide_rest_m_per_s: Annotated[float, Meta(ge=0.001, le=10)]
+    hip: HipPush
+    slide: SlidePush
 
 
 class Spasm(Effort, frozen=True, tag_field="kind", tag="spasm"):
@@ -220,8 +275,9 @@ class Spasm(Effort, frozen=True, tag_field="kind", tag="spasm"):
 class Recorded(Effort, frozen=True, tag_field="kind", tag="recorded"):
     """Measured efforts over the stride, from a file (recorded.py): those of each stride in turn.
 
-    They are scaled: `hip_nm` and `slide_n` are the sizes of the largest ones. As with `Gait` the
-    phase is that of the hip's motion, and the effort is zero while the hip does not swing.
+    They are scaled: `hip.torque_nm` and `slide.force_n` are the sizes of the largest ones. As with
+    `Gait` the phase is that of the hip's motion, and the effort is zero while the hip does not
+    swing.
     """
 
     file: Annotated[str, Meta(min_length=1)]

@@ -4,7 +4,6 @@ import msgspec
 import numpy as np
 import pytest
 from empty_runs import (
-    changed,
     empty_run,
     random_friction,
     robot_file,
@@ -32,6 +31,7 @@ from analysis.calibration.session import Calibration, calibrate, middle_of
 from analysis.calibration.verdict import disturbance, like_fitted, other_effect
 from analysis.recording import RecordingError, recording
 from analysis.replay import Source, setup_for
+from daemon.config.edits import replaced
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
 from observer.filter.status import Status, Validity
@@ -79,7 +79,7 @@ def file_off() -> Robot:
 @pytest.fixture(scope="module")
 def shipped():
     """A machine with one spring weak, a glitch, a hole; a calibration that begins 40 % off."""
-    weak = changed(robot_file(), "springs", hip_stiffness_nm_per_rad=WEAK_NM_PER_RAD)
+    weak = replaced(robot_file(), {"springs.hip.stiffness_nm_per_rad": WEAK_NM_PER_RAD})
     run = empty_run(shipped_friction(), robot=weak, duration_s=DURATION_S)
     rows = np.column_stack((run.recording.time_s, run.recording.position, run.recording.effort))
     rows[500, 1] += 0.3
@@ -221,7 +221,7 @@ def test_the_uncertainty_of_a_wrong_law_covers_its_error_on_rows_that_were_held_
     found = law_uncertainty(wrong, motion, constants)
     little = law_uncertainty(true, motion, constants)
 
-    for axis, key in enumerate(("law_hip_nm", "law_slide_n")):
+    for axis, key in enumerate(("hip.law_nm", "slide.law_n")):
         assert little[key] < 0.1 * found[key]
         assert covered(wrong, axis) < 0.95
         assert covered(with_process_noise(wrong, found), axis) > 0.99

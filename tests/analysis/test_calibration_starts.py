@@ -8,7 +8,6 @@ file says. The recorded axis itself is tested with `--recordings=FOLDER`.
 from dataclasses import replace
 from pathlib import Path
 
-import msgspec
 import numpy as np
 import pytest
 from empty_runs import ROBOT_FILE, write_csv
@@ -30,6 +29,7 @@ from analysis.calibration.page import tables
 from analysis.calibration.process_noise import process_noise, with_process_noise
 from analysis.calibration.session import Calibration, calibrate
 from analysis.replay import Source, estimate, read
+from daemon.config.edits import replaced
 from daemon.config.settings import Robot
 from gaitd.__main__ import build
 from gaitd.command_line import CommandError
@@ -138,7 +138,7 @@ def test_two_optima_that_explain_a_recording_equally_well_are_refused(run, tmp_p
     recorded = write_csv(run, tmp_path / "run.csv")
     robot = tmp_path / "robot.toml"
     text = ROBOT_FILE.read_text()
-    for given in ("hip_stiffness_nm_per_rad = 20.0", "slide_stiffness_n_per_m = 120.0"):
+    for given in ("hip.stiffness_nm_per_rad = 20.0", "slide.stiffness_n_per_m = 120.0"):
         assert given in text
         text = text.replace(given, f"{given.split(' =')[0]} = 0.0")
     robot.write_text(text)
@@ -175,8 +175,7 @@ def pytest_generate_tests(metafunc):
 
 def recorded_file(name, encoder_m: float) -> Robot:
     robot = load_toml(name, Robot)
-    tuned = msgspec.structs.replace(robot.observer, measurement_slide_position_m=encoder_m)
-    return msgspec.structs.replace(robot, observer=tuned)
+    return replaced(robot, {"observer.slide.measurement_position_m": encoder_m})
 
 
 @pytest.fixture(scope="module")

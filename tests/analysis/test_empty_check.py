@@ -2,11 +2,13 @@ import math
 
 import numpy as np
 import pytest
-from empty_runs import changed, empty_run, random_friction, robot_file, shipped_friction
+from empty_runs import empty_run, random_friction, robot_file, shipped_friction
 
 from analysis.calibration.empty_check import check, refuse_wrong_branch
 from analysis.calibration.motion import prepare
+from analysis.calibration.quantities import value_of
 from analysis.recording import RecordingError, recording
+from daemon.config.edits import replaced
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,7 @@ def explanations(found):
 @pytest.mark.parametrize("change_deg", [10.0, -10.0])
 def test_a_wrong_recline_is_found(motion, change_deg):
     geometry = robot_file().geometry
-    wrong = changed(robot_file(), "geometry", recline_deg=geometry.recline_deg + change_deg)
+    wrong = replaced(robot_file(), {"geometry.recline_deg": geometry.recline_deg + change_deg})
 
     found = check(wrong, motion)
 
@@ -44,14 +46,14 @@ def test_a_wrong_recline_is_found(motion, change_deg):
 @pytest.mark.parametrize(
     ("key", "words"),
     [
-        ("hip_stiffness_nm_per_rad", "hip spring stiffness"),
-        ("slide_stiffness_n_per_m", "slide spring stiffness"),
+        ("springs.hip.stiffness_nm_per_rad", "hip spring stiffness"),
+        ("springs.slide.stiffness_n_per_m", "slide spring stiffness"),
     ],
 )
 def test_a_spring_twenty_percent_weak_is_found(motion, key, words):
-    right = getattr(robot_file().springs, key)
+    right = value_of(robot_file(), key)
 
-    found = check(changed(robot_file(), "springs", **{key: 0.8 * right}), motion)
+    found = check(replaced(robot_file(), {key: 0.8 * right}), motion)
 
     assert not found.well
     assert found.mendable
@@ -59,9 +61,9 @@ def test_a_spring_twenty_percent_weak_is_found(motion, key, words):
 
 
 def test_a_wrong_rest_of_a_spring_is_found(motion):
-    rest_rad = robot_file().springs.hip_rest_rad
+    rest_rad = robot_file().springs.hip.rest_rad
 
-    found = check(changed(robot_file(), "springs", hip_rest_rad=rest_rad + 0.15), motion)
+    found = check(replaced(robot_file(), {"springs.hip.rest_rad": rest_rad + 0.15}), motion)
 
     assert explanations(found)["hip spring rest"] == pytest.approx(-0.15, abs=0.02)
 

@@ -32,8 +32,8 @@ at_s = 0.5
 until_s = {until_s}
 rise_s = 0.5
 fall_s = 0.3
-hip_nm = {hip_nm}
-slide_n = {slide_n}
+hip.torque_nm = {hip_nm}
+slide.force_n = {slide_n}
 
 """
 

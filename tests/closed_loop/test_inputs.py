@@ -196,7 +196,9 @@ def test_a_joint_that_runs_on_to_its_limit_switch_stops(
 def test_a_joint_that_stands_on_its_limit_switch_may_be_enabled_and_moves_away(tmp_path):
     """It stands above mid pose with its upper switch pressed: downwards is free, upwards is not."""
     session = new_session(
-        changed_configs(tmp_path, ("plant.toml", "hip_deg = 13.98", "hip_deg = 20.0"))
+        changed_configs(
+            tmp_path, ("plant.toml", "hip.position_deg = 13.98", "hip.position_deg = 20.0")
+        )
     )
 
     def press(frame):

@@ -10,6 +10,7 @@ import pytest
 from config_files import CONFIGS
 from sessions import changed_configs, new_session
 
+from daemon.config.edits import replaced
 from daemon.config.robot import leg_parameters
 from daemon.core.safety.limits import hip_limits, slide_limits, thresholds
 from daemon.core.safety.soft_limits import slowed, zone_at
@@ -28,8 +29,8 @@ at_s = 0.1
 until_s = {until_s}
 rise_s = 0.05
 fall_s = 0.05
-hip_nm = {hip_nm}
-slide_n = {slide_n}
+hip.torque_nm = {hip_nm}
+slide.force_n = {slide_n}
 
 """
 KICK = PROGRAMME.format(name="kick", until_s=0.4, hip_nm=6.0, slide_n=40.0)
@@ -54,10 +55,10 @@ class Case(NamedTuple):
 
 
 CASES = {
-    "slide, much": Case(1, "slide_damping_n_s_per_m", "250.0", "1180.0", False),
-    "slide, too much": Case(1, "slide_damping_n_s_per_m", "250.0", "1320.0", True),
-    "hip, little": Case(0, "hip_damping_nm_s_per_rad", "20.0", "5.5", False),
-    "hip, too little": Case(0, "hip_damping_nm_s_per_rad", "20.0", "2.0", True),
+    "slide, much": Case(1, "slide.damping_n_s_per_m", "250.0", "1180.0", False),
+    "slide, too much": Case(1, "slide.damping_n_s_per_m", "250.0", "1320.0", True),
+    "hip, little": Case(0, "hip.damping_nm_s_per_rad", "20.0", "5.5", False),
+    "hip, too little": Case(0, "hip.damping_nm_s_per_rad", "20.0", "2.0", True),
 }
 
 
@@ -78,8 +79,8 @@ def smooth_machine(configs):
 def hold_gains(trainer):
     hold = trainer.hold
     return Gains(
-        (hold.hip_stiffness_nm_per_rad, hold.slide_stiffness_n_per_m),
-        (hold.hip_damping_nm_s_per_rad, hold.slide_damping_n_s_per_m),
+        (hold.hip.stiffness_nm_per_rad, hold.slide.stiffness_n_per_m),
+        (hold.hip.damping_nm_s_per_rad, hold.slide.damping_n_s_per_m),
     )
 
 
@@ -118,7 +119,7 @@ def test_a_guided_slide_shakes_where_its_damping_is_unstable_and_not_just_before
     tmp_path, beyond_n_s_per_m, shakes
 ):
     lead = PROGRAMME.format(name="lead", until_s=2.0, hip_nm=0.0, slide_n=-60.0)
-    key, slow = "slide_damping_beyond_n_s_per_m", "slide_slow_m_per_s"
+    key, slow = "slide.damping_beyond_n_s_per_m", "slide.slow_m_per_s"
     configs = changed_configs(
         tmp_path,
         ("plant.toml", BEFORE, lead + BEFORE),
@@ -148,11 +149,10 @@ SOFT_POSE = (math.radians(-19.9), 0.2375)
 def effort_in_a_soft_limit(damping_nm_s_per_rad):
     """Margin, and the largest hip torque 3 to 4 s after coming in fast, without any friction."""
     settings = load(CONFIGS / "demo.toml")
-    soft = msgspec.structs.replace(
-        settings.limits.soft_limit, hip_damping_nm_s_per_rad=damping_nm_s_per_rad
+    limits = replaced(
+        settings.limits, {"soft_limit.hip.damping_nm_s_per_rad": damping_nm_s_per_rad}
     )
-    settings = replace(settings, limits=msgspec.structs.replace(settings.limits, soft_limit=soft))
-    limits, hold = settings.limits, hold_gains(settings.trainer)
+    settings, hold = replace(settings, limits=limits), hold_gains(settings.trainer)
     leg = leg_parameters(msgspec.structs.replace(settings.robot, patient=None))
     here = poses_of(settings, "", leg, (SOFT_POSE,))
     margin, _ = margin_of(here, hold._replace(soft_share=(1.0, 1.0)), 0.01)

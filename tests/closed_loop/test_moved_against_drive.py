@@ -106,7 +106,7 @@ def test_a_wrong_sign_is_found_also_where_the_drives_hold_a_stretched_leg(tmp_pa
         tmp_path,
         ("limits.toml", "soft_ratio = 0.3", "soft_ratio = 0.5"),
         ("limits.toml", "stop_ratio = 0.15", "stop_ratio = 0.3"),
-        ("plant.toml", "slide_m = 0.5905", "slide_m = 0.75"),
+        ("plant.toml", "slide.position_m = 0.5905", "slide.position_m = 0.75"),
     )
     session = new_session(configs).enable()
     session.execute(RequestKind.MODE, ModeRequest(Mode.HAND_GUIDING))

@@ -407,7 +407,7 @@ def test_a_following_error_stops_both_axes_once_and_says_so(warm_fast_position_g
 
 def test_a_patient_who_leans_on_a_leg_that_the_drives_hold_is_no_fault(tmp_path):
     """A stiff loop holds against 30 N m within a count or two: no encoder is frozen."""
-    stronger = ("plant.toml", "hip_nm = 10.0", "hip_nm = 30.0")
+    stronger = ("plant.toml", "hip.torque_nm = 10.0", "hip.torque_nm = 30.0")
     session = new_session(position_guidance(tmp_path, stronger)).enable()
     session.command("patient pushes")
 

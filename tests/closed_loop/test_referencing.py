@@ -28,13 +28,17 @@ INCREMENTAL = (
     ("drives/hip_epos4.toml", "absolute = true", "absolute = false"),
     ("drives/slide_epos4.toml", "absolute = true", "absolute = false"),
     ("plant.toml", 'encoder = "absolute"', 'encoder = "incremental"'),
-    ("plant.toml", "slide_m = 0.5905", "slide_m = 0.2"),  # not far from where it is homed
+    (
+        "plant.toml",
+        "slide.position_m = 0.5905",
+        "slide.position_m = 0.2",
+    ),  # not far from where it is homed
     # What an earlier commissioning of these drives has stored: 10 degrees at the hip.
     ("drives/epos4.eds", MOVE + HOME_SHIFT + "0", MOVE + HOME_SHIFT + "3000"),
 )
 STRICT = (
-    ("demo.toml", "pose_tolerance_deg = 180.0", "pose_tolerance_deg = 1.5"),
-    ("demo.toml", "pose_tolerance_m = 2.0", "pose_tolerance_m = 0.01"),
+    ("demo.toml", "hip.pose_tolerance_deg = 180.0", "hip.pose_tolerance_deg = 1.5"),
+    ("demo.toml", "slide.pose_tolerance_m = 2.0", "slide.pose_tolerance_m = 0.01"),
     ("demo.toml", 'without_stored_pose = "believe"', 'without_stored_pose = "home"'),
 )
 
@@ -414,7 +418,7 @@ def test_a_hip_whose_origin_is_off_is_homed_without_a_stop_trusted_and_enabled(t
 
 
 def test_the_estimate_begins_anew_in_the_cycle_in_which_home_is_found(tmp_path):
-    bent = ("plant.toml", "slide_m = 0.5905", "slide_m = 0.2")
+    bent = ("plant.toml", "slide.position_m = 0.5905", "slide.position_m = 0.2")
     session = off_by(tmp_path, 0.1, bent)
 
     records = home(session, HIP)

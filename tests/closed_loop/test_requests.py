@@ -138,7 +138,7 @@ def test_a_request_made_long_ago_is_refused_with_both_cycles(warm_ready):
 
 
 def test_a_leg_near_its_singularity_is_not_enabled_though_each_axis_is_inside_its_range(tmp_path):
-    stretched = ("plant.toml", "slide_m = 0.5905", "slide_m = 0.918")
+    stretched = ("plant.toml", "slide.position_m = 0.5905", "slide.position_m = 0.918")
     session = new_session(changed_configs(tmp_path, stretched))
     for drive in ("right/hip", "right/slide"):
         session.command(f"blocked_rotor {drive}")  # else it would sink away from there

@@ -18,7 +18,7 @@ SELF_TEST = ModeRequest(Mode.SELF_TEST)
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=0.5, duration_s=5.0)
 EXCITE = ModeRequest(Mode.EXCITE, duration_s=5.0, scenario="open_loop")
 PICKY = (
-    ("demo.toml", "slide_load_tolerance_n = 80.0", "slide_load_tolerance_n = 8.0"),
+    ("demo.toml", "slide.load_tolerance_n = 80.0", "slide.load_tolerance_n = 8.0"),
     ("demo.toml", "friction_min_ratio = 0.5", "friction_min_ratio = 0.9"),
 )
 """Finds what the watch over spasms does not find before: with much less friction it stops first."""
@@ -152,8 +152,8 @@ def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested,
 
 def test_a_machine_as_configured_passes_at_the_highest_speeds_that_are_allowed(tmp_path):
     fastest = (
-        ("demo.toml", "hip_speed_rad_per_s = 0.1 ", "hip_speed_rad_per_s = 0.174 "),
-        ("demo.toml", "slide_speed_m_per_s = 0.05 ", "slide_speed_m_per_s = 0.1 "),
+        ("demo.toml", "hip.speed_rad_per_s = 0.1 ", "hip.speed_rad_per_s = 0.174 "),
+        ("demo.toml", "slide.speed_m_per_s = 0.05 ", "slide.speed_m_per_s = 0.1 "),
     )
     session = put_to_test(new_session(changed_configs(tmp_path, *fastest)).enable())
 
@@ -202,7 +202,7 @@ def test_hand_guiding_does_not_wait_for_a_self_test(warm_seen):
             Finding.FRICTION_LESS,
         ),
         (
-            [("slide_rest_m = ", "slide_rest_m = 0.15 + ")],
+            [("slide.rest_m = ", "slide.rest_m = 0.15 + ")],
             "right/slide",
             Finding.LOAD_OF_ANOTHER_LEG,
         ),
@@ -238,7 +238,7 @@ def test_a_machine_that_is_not_as_configured_is_found_and_named(tmp_path, worn, 
 @pytest.fixture(scope="module")
 def warm_short(tmp_path_factory):
     """So short a way that a jammed hip is not pushed as hard as at a frozen encoder."""
-    short = ("demo.toml", "hip_motion_deg = 4.0", "hip_motion_deg = 2.5")
+    short = ("demo.toml", "hip.motion_deg = 4.0", "hip.motion_deg = 2.5")
     return new_session(changed_configs(tmp_path_factory.mktemp("short"), short)).enable()
 
 

@@ -19,8 +19,8 @@ at_s = 0.0
 until_s = 2.5
 rise_s = 0.06
 fall_s = 0.8
-hip_nm = {hip_nm}
-slide_n = {slide_n}
+hip.torque_nm = {hip_nm}
+slide.force_n = {slide_n}
 
 """
 LEANS = SPASM.format(axis="hip", hip_nm=22.0, slide_n=0.0).replace("hip_spasm", "leans")
@@ -54,8 +54,8 @@ def guidance(session, share):
     robot = tuple(map(float, leg_parameters(session.settings.robot)))
     _, *load = ratio_and_load(robot, *now.measured)
     impedance = session.settings.trainer.gait.impedance
-    stiffness = impedance.hip_stiffness_nm_per_rad, impedance.slide_stiffness_n_per_m
-    damping = impedance.hip_damping_nm_s_per_rad, impedance.slide_damping_n_s_per_m
+    stiffness = impedance.hip.stiffness_nm_per_rad, impedance.slide.stiffness_n_per_m
+    damping = impedance.hip.damping_nm_s_per_rad, impedance.slide.damping_n_s_per_m
     return [
         load[axis]
         + share * stiffness[axis] * (now.reference[axis] - now.measured[axis])
@@ -100,7 +100,7 @@ def test_who_leans_on_a_leg_that_is_held_has_no_spasm(warm_tense_hold):
     session.command("patient leans")
     session.run(1.0)
 
-    rise_nm = session.settings.limits.spasm.hip_rise_nm
+    rise_nm = session.settings.limits.spasm.hip.rise_nm
     efforts = [record.legs[0].state[6] for record in session.records[begun:]]
     assert (
         max(later - before for before, later in zip(efforts[:-10], efforts[10:], strict=True))

@@ -8,7 +8,7 @@ from drives.signals import PowerState
 
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=10.0)
 FAR_TOO_HEAVY = ("robot.toml", "mass_kg = 80.0", "mass_kg = 130.0")
-OTHER_SPRING = ("robot.toml", "hip_rest_rad = 2.3132", "hip_rest_rad = 1.3132")
+OTHER_SPRING = ("robot.toml", "hip.rest_rad = 2.3132", "hip.rest_rad = 1.3132")
 GROSS = {Cause.STATIC_LOAD_WRONG, Cause.ENCODER_FROZEN}
 """Torque without motion may be doubted before the loads are compared; it stops either way."""
 

@@ -49,8 +49,8 @@ at_s = 0.0
 until_s = 0.6
 rise_s = 0.2
 fall_s = 0.2
-hip_nm = {hip_nm}
-slide_n = {slide_n}
+hip.torque_nm = {hip_nm}
+slide.force_n = {slide_n}
 
 """
 PROGRAMMES = (
@@ -207,7 +207,7 @@ def assert_true(stop, name, session):
     ways = [abs(getattr(row, place) - getattr(rows[0], place)) for row in rows]
     assert stop.distance_si == pytest.approx(max(ways), abs=1e-3)
     limits = session.settings.limits.stop
-    standstill = (limits.standstill_hip_rad_per_s, limits.standstill_slide_m_per_s)
+    standstill = (limits.hip.standstill_rad_per_s, limits.slide.standstill_m_per_s)
     assert abs(getattr(rows[-1], speed)) < 1.5 * standstill[name == SLIDE]
     # A held leg swings: one row may be that of a turning point.
     assert max(abs(getattr(row, speed)) for row in rows[-8:-3]) > 0.5 * standstill[name == SLIDE]

@@ -39,8 +39,10 @@ def baseline(recorded):
 def test_a_passive_run_becomes_a_file_with_what_is_left_over(baseline):
     written = tomllib.loads(baseline.read_text())
 
-    assert len(written["hip_nm"]) == len(written["slide_n"]) == 50
-    assert np.mean(written["hip_nm"]) == pytest.approx(2.0, abs=0.3)  # 0.1 rad of 20 N m/rad
+    assert len(written["hip"]["mean_nm"]) == len(written["slide"]["mean_n"]) == 50
+    assert np.mean(written["hip"]["mean_nm"]) == pytest.approx(
+        2.0, abs=0.3
+    )  # 0.1 rad of 20 N m/rad
     assert written["cadence_hz"] == pytest.approx(0.5, rel=0.02)
 
 

@@ -29,8 +29,8 @@ def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path):
     assert document["written"] == str(tmp_path / "run.csv.robot.toml")
     assert found["friction.hip.coulomb_nm"] == pytest.approx(6.0, rel=0.02)
     after = load_toml(tmp_path / "run.csv.robot.toml", Robot)
-    assert after.observer.process_hip_friction_nm != robot_file().observer.process_hip_friction_nm
-    assert after.observer.process_slide_patient_n == robot_file().observer.process_slide_patient_n
+    assert after.observer.hip.process_friction_nm != robot_file().observer.hip.process_friction_nm
+    assert after.observer.slide.process_patient_n == robot_file().observer.slide.process_patient_n
     assert after.friction.hip.coulomb_nm == pytest.approx(6.0, rel=0.02)
     assert after.geometry == robot_file().geometry
     assert before.read_text() == text
@@ -105,12 +105,12 @@ def test_an_option_that_needs_a_fit_is_refused_with_check(option, said):
             "bristle_stiffness_n_per_m = 0.0",
             "",
             "friction.slide.bristle_stiffness_n_per_m = (missing): "
-            "add a line `bristle_stiffness_n_per_m = 0.0` to [friction.slide]",
+            "add `bristle_stiffness_n_per_m = 0.0` to the table friction.slide",
         ),
         (
-            "law_slide_n = 0.0",
+            "slide.law_n = 0.0",
             "",
-            "observer.law_slide_n = (missing): add a line `law_slide_n = 0.0` to [observer]",
+            "observer.slide.law_n = (missing): add `law_n = 0.0` to the table observer.slide",
         ),
         (
             "bristle_stiffness_nm_per_rad = 0.0",

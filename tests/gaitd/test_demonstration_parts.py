@@ -165,7 +165,7 @@ def test_the_springs_of_the_empty_machine_carry_it_where_it_starts(tmp_path):
     act = act_files(tmp_path, empty_edits(CONFIGS), {})
     start = tomllib.loads((act.config.parent / "plant.toml").read_text())["start"]
 
-    pose = np.array((math.radians(start["hip_deg"]), start["slide_m"]))
+    pose = np.array((math.radians(start["hip"]["position_deg"]), start["slide"]["position_m"]))
     load_there = gravity(leg_parameters(load(act.config).robot), pose)
 
     assert np.abs(load_there) == pytest.approx([0.0, 0.0], abs=1e-3)

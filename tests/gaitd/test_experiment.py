@@ -207,7 +207,7 @@ def test_another_friction_of_the_plant_gives_another_truth(run):
 
 
 def test_a_stop_before_the_end_is_named_with_its_time(tmp_path):
-    narrow = "[excite.paper]\nhip_window_deg = 24.0"
+    narrow = "[excite.paper]\nhip.window_deg = 24.0"
     configs = changed_configs(tmp_path, ("demo.toml", narrow, narrow.replace("24.0", "2.0")))
 
     played = EmptyMachine(configs / "demo.toml").play("paper", 5.0, silent)

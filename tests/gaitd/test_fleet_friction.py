@@ -25,6 +25,7 @@ from analysis.fleet import FRICTION_SCHEMA, Job, Work, key_of, run_job
 from analysis.friction_weeks import Advice, merge
 from analysis.parquet import stays_in
 from analysis.self_tests import friction_of
+from daemon.config.edits import replaced
 from daemon.config.settings import Robot
 from daemon.ipc.record import Mode, ModeRequest, RequestKind
 from daemon.preflight.load import load
@@ -146,12 +147,12 @@ def test_a_wrong_mass_and_a_wrong_spring_are_not_taken_for_friction(recordings):
     first, *_ = sorted((recordings / "worn").iterdir())
     (test,) = stays_in(first, "right", "self_test").found
     robot = load_toml(ROBOT, Robot)
-    wrong = msgspec.structs.replace(
+    wrong = replaced(
         robot,
-        patient=msgspec.structs.replace(robot.patient, mass_kg=1.3 * robot.patient.mass_kg),
-        springs=msgspec.structs.replace(
-            robot.springs, hip_stiffness_nm_per_rad=1.2 * robot.springs.hip_stiffness_nm_per_rad
-        ),
+        {
+            "patient.mass_kg": 1.3 * robot.patient.mass_kg,
+            "springs.hip.stiffness_nm_per_rad": 1.2 * robot.springs.hip.stiffness_nm_per_rad,
+        },
     )
 
     for right, axis in zip(friction_of(test, robot), friction_of(test, wrong), strict=True):

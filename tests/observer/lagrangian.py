@@ -7,7 +7,7 @@ masses and centres of mass, and the equations of motion from CasADi's derivative
 import casadi as ca
 import numpy as np
 
-from observer.mechanism.parameters import Dampers, Geometry, Link, Slide, Springs
+from observer.mechanism.parameters import Dampers, Geometry, Link, Slide, Spring
 
 GRAVITY = 9.81
 
@@ -17,7 +17,7 @@ def build(
     links: tuple[Link, Link, Link],
     slide: Slide,
     drive_inertia: float,
-    springs: Springs,
+    springs: tuple[Spring, Spring],
     dampers: Dampers,
 ) -> ca.Function:
     """(q, q', effort) -> ankle, M (2x2), g, C~ q', c, q'', T, V, and det of the loop's Jacobian."""
@@ -54,8 +54,8 @@ def build(
         kinetic += 0.5 * link.mass_kg * ca.dot(velocity, velocity)
         kinetic += 0.5 * link.inertia_kg_m2 * rate**2
         potential += GRAVITY * link.mass_kg * com[1]
-    potential += 0.5 * springs.hip_stiffness_nm_per_rad * (q[0] - springs.hip_rest_rad) ** 2
-    potential += 0.5 * springs.slide_stiffness_n_per_m * (q[1] - springs.slide_rest_m) ** 2
+    for axis, spring in enumerate(springs):
+        potential += 0.5 * spring.stiffness_si * (q[axis] - spring.rest_si) ** 2
 
     rates = ca.jtimes(angles, q, v)
     loss = 0.5 * (

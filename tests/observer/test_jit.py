@@ -111,7 +111,7 @@ def test_an_edit_of_the_observers_own_model_is_used(copy):
         "import numpy as np\n"
         "from observer.mechanism.parameters import *\n"
         "leg = leg_parameters(Geometry(0.44, 0.44, 0.25, 1.05, 0.61, -0.70, 1.05),"
-        " (Link(8.0, 0.4, 0.0, 0.2),) * 3, Slide(4.0, 6.0), 0.3, Springs(), Dampers())\n"
+        " (Link(8.0, 0.4, 0.0, 0.2),) * 3, Slide(4.0, 6.0), 0.3, (Spring(),) * 2, Dampers())\n"
         "print(*gravity(leg, np.array([0.2, 0.5])))"
     )
     earth = [float(x) for x in copy.run(weigh).split()]

@@ -375,7 +375,7 @@ def test_ripple_of_the_current_that_is_told_keeps_the_filter_consistent():
     ripple = np.random.default_rng(4).normal(size=(len(truth.time_s), 2)) * (0.5, 12.0)
     recorded = encoded(truth)
     rippled = dataclasses.replace(recorded, effort=recorded.effort + ripple)
-    covered = SHIPPED._replace(ripple_hip_nm=0.5, ripple_slide_n=12.0)
+    covered = SHIPPED._replace(ripple=(0.5, 12.0))
 
     trusting = estimated(PATIENT, truth, columns=rippled)
     told = estimated(PATIENT, truth, covered, rippled)
@@ -426,7 +426,7 @@ def test_what_is_not_known_of_an_effort_is_in_patient_and_net_and_in_nothing_els
     truth, _ = walking(0.25)
     columns = encoded(truth)
     size = (0.5, 12.0)
-    rippled = SHIPPED._replace(ripple_hip_nm=size[0], ripple_slide_n=size[1])
+    rippled = SHIPPED._replace(ripple=size)
 
     told = stepped(columns, np.tile(size, (len(columns.time_s), 1)))
     tuned = stepped(columns, np.zeros((len(columns.time_s), 2)), rippled)
@@ -445,7 +445,7 @@ def test_what_is_not_known_of_an_effort_is_in_patient_and_net_and_in_nothing_els
 def test_an_uncertain_law_widens_friction_and_patient_near_reversals_and_nothing_else(run):
     truth, rows = walking(0.25)
     columns, size = encoded(truth), (0.7, 9.0)
-    tuning = SHIPPED._replace(law_hip_nm=size[0], law_slide_n=size[1])
+    tuning = SHIPPED._replace(law=size)
     plain, wider = (
         run(setup_of(PATIENT, HIP, SLIDE_FRICTION, one), columns) for one in (SHIPPED, tuning)
     )
@@ -470,10 +470,10 @@ def test_an_uncertain_law_widens_friction_and_patient_near_reversals_and_nothing
         ({"effort_delay_ms": 31.0}, "effort_delay_ms = 31.0"),
         ({"effort_delay_ms": -1.0}, "effort_delay_ms = -1.0"),
         ({"sample_jitter_us": math.nan}, "sample_jitter_us = nan"),
-        ({"ripple_hip_nm": -0.1}, "ripple_hip_nm = -0.1"),
-        ({"ripple_slide_n": math.inf}, "ripple_slide_n = inf"),
-        ({"law_hip_nm": -0.1}, "law_hip_nm = -0.1"),
-        ({"law_slide_n": math.nan}, "law_slide_n = nan"),
+        ({"ripple": (-0.1, 0.0)}, "ripple of the hip = -0.1"),
+        ({"ripple": (0.0, math.inf)}, "ripple of the slide = inf"),
+        ({"law": (-0.1, 0.0)}, "law of the hip = -0.1"),
+        ({"law": (0.0, math.nan)}, "law of the slide = nan"),
     ],
 )
 def test_options_that_cannot_be_are_refused_with_what_is_allowed(change, words):

@@ -24,7 +24,7 @@ from observer.mechanism.parameters import (
     Dampers,
     Link,
     Slide,
-    Springs,
+    Spring,
     leg_parameters,
     with_patient,
 )
@@ -53,7 +53,7 @@ from tests.observer.trainer import (
 RAIL = complex(-0.30, -0.88) * cmath.exp(1j * GEOMETRY.recline_rad)
 EXACT = GEOMETRY._replace(rail_x_m=RAIL.real, rail_y_m=RAIL.imag)
 LINKS = with_patient(EXOSKELETON, EXACT, 80.0, 1.78)
-SPRINGS = Springs(20.0, 2.0, 120.0, 1.2)
+SPRINGS = (Spring(20.0, 2.0), Spring(120.0, 1.2))
 GOLDEN_LEG = leg_parameters(EXACT, LINKS, SLIDE, HIP_DRIVE_INERTIA, SPRINGS, DAMPERS)
 EFFORT = np.array([20.0, 80.0])
 ZERO = np.zeros(2)
@@ -223,7 +223,7 @@ def test_other_legs_than_the_golden_one_agree_with_the_derivation_too(name):
         links,
         Slide(2.0, 9.0),
         0.2,
-        Springs(35.0, -0.4, 90.0, 0.3),
+        (Spring(35.0, -0.4), Spring(90.0, 0.3)),
         Dampers(0.1, 0.7, 0.2, 0.9),
     )
     leg = leg_parameters(*physics)
@@ -339,7 +339,7 @@ def swing(p, q1, q2, steps, dt, coriolis_share):
 
 
 UNDAMPED = leg_parameters(
-    EXACT, LINKS, SLIDE, HIP_DRIVE_INERTIA, Springs(60.0, 0.9, 400.0, 0.75), Dampers()
+    EXACT, LINKS, SLIDE, HIP_DRIVE_INERTIA, (Spring(60.0, 0.9), Spring(400.0, 0.75)), Dampers()
 )
 
 

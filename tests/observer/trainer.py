@@ -22,7 +22,7 @@ from observer.mechanism.parameters import (
     LegParameters,
     Link,
     Slide,
-    Springs,
+    Spring,
     leg_parameters,
     with_patient,
 )
@@ -54,14 +54,14 @@ TUNING = ObserverTuning(
 )
 
 
-def composed(links: tuple[Link, Link, Link], springs: Springs) -> LegParameters:
+def composed(links: tuple[Link, Link, Link], springs: tuple[Spring, Spring]) -> LegParameters:
     return leg_parameters(GEOMETRY, links, SLIDE, HIP_DRIVE_INERTIA, springs, DAMPERS)
 
 
 def balanced(links: tuple[Link, Link, Link]) -> LegParameters:
     """Soft springs whose preload carries the leg at mid pose."""
-    hip, slide = gravity(composed(links, Springs()), MID_POSE)
-    springs = Springs(20.0, MID_POSE[0] + hip / 20.0, 120.0, MID_POSE[1] + slide / 120.0)
+    hip, slide = gravity(composed(links, (Spring(), Spring())), MID_POSE)
+    springs = Spring(20.0, MID_POSE[0] + hip / 20.0), Spring(120.0, MID_POSE[1] + slide / 120.0)
     return composed(links, springs)
 
 

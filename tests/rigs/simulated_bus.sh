@@ -26,7 +26,7 @@ sed -i -e "$bus" /etc/gaitd/demo.toml
 sed -i -e "$bus" \
     -e 's/signs = "proven"/signs = "assumed"/; s/without_stored_pose = "home"/without_stored_pose = "believe"/' \
     -e 's/required = "daily"/required = "never"/; s/announce_s = 3.0/announce_s = 0.5/' \
-    -e 's/pose_tolerance_deg = .*/pose_tolerance_deg = 180.0/; s/pose_tolerance_m = .*/pose_tolerance_m = 2.0/' \
+    -e 's/hip.pose_tolerance_deg = .*/hip.pose_tolerance_deg = 180.0/; s/slide.pose_tolerance_m = .*/slide.pose_tolerance_m = 2.0/' \
     -e 's/ramp_strides = 2/ramp_strides = 1/' /etc/gaitd/trainer.toml
 
 # The virtual drives compile for the first time here, and not at real-time priority.

@@ -258,7 +258,11 @@ def test_the_end_of_an_older_fault_does_not_end_a_newer_one(running):
 @pytest.fixture
 def jointed():
     """On the real mechanics, enabled in cyclic torque; the slide is held."""
-    made = Bench(plant=trainer(sensor=QUIET, start={"hip_deg": 14.0, "slide_m": 0.5}))
+    made = Bench(
+        plant=trainer(
+            sensor=QUIET, start={"hip": {"position_deg": 14.0}, "slide": {"position_m": 0.5}}
+        )
+    )
     made.boot()
     for node_id in (5, 6):
         made.write(0x6065, 0, 0xFFFFFFFF, 4, node_id)

@@ -49,7 +49,9 @@ def homing_bench(method, plant=None, **changes):
 
 
 def on_the_trainer(method, start_deg=14.0, **changes):
-    plant = trainer(sensor=QUIET, start={"hip_deg": start_deg, "slide_m": 0.5})
+    plant = trainer(
+        sensor=QUIET, start={"hip": {"position_deg": start_deg}, "slide": {"position_m": 0.5}}
+    )
     bench = homing_bench(method, plant, **changes)
     bench.write(0x6099, 1, 300, 4)  # rpm of the motor: 0.31 rad/s at the joint
     bench.write(0x6099, 2, 60, 4)
@@ -177,7 +179,9 @@ def test_the_home_switchs_edge_is_found_from_below_above_and_inside_or_by_turnin
 
 
 def test_an_axis_that_counts_backwards_searches_in_its_own_direction():
-    plant = trainer(sensor=QUIET, start={"hip_deg": 0.0, "slide_m": 0.4})
+    plant = trainer(
+        sensor=QUIET, start={"hip": {"position_deg": 0.0}, "slide": {"position_m": 0.4}}
+    )
     bench = Bench(slide=INCREMENTAL, plant=plant)
     bench.boot()
     bench.write(0x6098, 0, 18, 1, 6)  # positive for this drive: the slide's negative end

@@ -22,7 +22,10 @@ START = (0.244, 0.5905)
 
 
 def led(leg=SMOOTH, frictions=NO_FRICTION, **changes):
-    start = {"hip_deg": math.degrees(START[HIP]), "slide_m": START[SLIDE]}
+    start = {
+        "hip": {"position_deg": math.degrees(START[HIP])},
+        "slide": {"position_m": START[SLIDE]},
+    }
     plant = trainer(leg, frictions, start=start, patient=PASSIVE, **changes)
     plant.lead(HIP, CYCLE_S)
     force_n = gravity(leg, np.array(START))[SLIDE]

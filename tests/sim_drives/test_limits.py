@@ -17,7 +17,9 @@ GENERIC = {"personality": "generic", "eds": "drives/generic402.eds"}
 
 def on_the_trainer(mode, hip_deg=0.0, **changes):
     """Both axes enabled, the slide holding, the hip in `mode` without a target yet."""
-    plant = trainer(sensor=QUIET, start={"hip_deg": hip_deg, "slide_m": 0.5})
+    plant = trainer(
+        sensor=QUIET, start={"hip": {"position_deg": hip_deg}, "slide": {"position_m": 0.5}}
+    )
     bench = Bench(hip=changes, plant=plant)
     bench.boot()
     for node_id, wanted in ((6, 8), (5, mode)):
@@ -40,7 +42,9 @@ def signed(value):
 
 @pytest.mark.parametrize("wanted_nm", [25.0, 45.0, 65.0])
 def test_the_speed_limit_in_torque_mode_is_not_passed_by_more_than_seven_per_cent(wanted_nm):
-    plant = trainer(sensor=QUIET, start={"hip_deg": -10.0, "slide_m": 0.5})
+    plant = trainer(
+        sensor=QUIET, start={"hip": {"position_deg": -10.0}, "slide": {"position_m": 0.5}}
+    )
     plant.set_axis(SLIDE, order(SLIDE, Actuation.HOLD))
     plant.set_axis(
         HIP,
@@ -58,9 +62,13 @@ def test_the_speed_limit_in_torque_mode_is_not_passed_by_more_than_seven_per_cen
 
 def test_the_speed_limit_brakes_a_load_that_pushes_against_the_torque():
     push = {"kind": "steady", "at_s": 0.2, "until_s": 9.0, "rise_s": 0.3, "fall_s": 0.0}
-    effort = push | {"hip_nm": 55.0, "slide_n": 0.0}
+    effort = push | {"hip": {"torque_nm": 55.0}, "slide": {"force_n": 0.0}}
     script = {"start": "a", "activation_s": 0.0, "programme": [{"name": "a", "effort": [effort]}]}
-    plant = trainer(sensor=QUIET, start={"hip_deg": -10.0, "slide_m": 0.5}, patient=script)
+    plant = trainer(
+        sensor=QUIET,
+        start={"hip": {"position_deg": -10.0}, "slide": {"position_m": 0.5}},
+        patient=script,
+    )
     plant.set_axis(SLIDE, order(SLIDE, Actuation.HOLD))
     plant.set_axis(HIP, order(HIP, Actuation.TORQUE, target_effort_si=-10.0, velocity_limit_si=0.4))
     fastest = 0.0

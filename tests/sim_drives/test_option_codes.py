@@ -17,7 +17,9 @@ LIMIT_NM = 12 * 5.5736
 
 def swinging(changes=GENERIC, **options):
     """Enabled in cyclic velocity, the hip at about 0.8 rad/s; the slide is held."""
-    plant = trainer(sensor=QUIET, start={"hip_deg": 0.0, "slide_m": 0.5})
+    plant = trainer(
+        sensor=QUIET, start={"hip": {"position_deg": 0.0}, "slide": {"position_m": 0.5}}
+    )
     bench = Bench(hip=changes, slide=changes, plant=plant)
     bench.boot()
     bench.write(0x6084, 0, round(SLOW_RAD_PER_S2 * COUNTS_PER_RAD), 4)

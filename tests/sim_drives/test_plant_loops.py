@@ -29,7 +29,7 @@ def moving(plant, speed_up_s=0.3):
 @pytest.mark.parametrize("law", ["paper", "paper_sticking", "lugre"])
 def test_a_held_axis_stays_where_it_was_against_a_load(law):
     push = {"kind": "steady", "at_s": 0.5, "until_s": 9.0, "rise_s": 0.2, "fall_s": 0.0}
-    load = push | {"hip_nm": 25.0, "slide_n": 150.0}
+    load = push | {"hip": {"torque_nm": 25.0}, "slide": {"force_n": 150.0}}
     script = {"start": "a", "activation_s": 0.0, "programme": [{"name": "a", "effort": [load]}]}
     plant = trainer(friction={"law": law}, patient=script)
     start = plant.truth().position
@@ -146,7 +146,7 @@ def test_a_ramp_in_which_the_torque_does_not_suffice_takes_longer():
 
 
 def test_the_speed_limit_holds_in_torque_mode_and_is_flagged():
-    plant = trainer(start={"hip_deg": -15.0})
+    plant = trainer(start={"hip": {"position_deg": -15.0}})
     held(plant, SLIDE)
     limited = order(HIP, Actuation.TORQUE, target_effort_si=60.0, velocity_limit_si=0.5)
     plant.set_axis(HIP, limited)
@@ -217,9 +217,9 @@ def test_no_push_takes_the_mechanism_to_its_singularity(direction_deg):
 
 def test_a_start_pose_that_the_leg_cannot_take_is_refused_with_its_key():
     with pytest.raises(PlantError, match=r"start.*edge_ratio"):
-        trainer(start={"hip_deg": -20.0, "slide_m": 0.9})
-    with pytest.raises(PlantError, match=r"start\.slide_m"):
-        trainer(start={"slide_m": 1.5})
+        trainer(start={"hip": {"position_deg": -20.0}, "slide": {"position_m": 0.9}})
+    with pytest.raises(PlantError, match=r"start\.slide\.position_m"):
+        trainer(start={"slide": {"position_m": 1.5}})
 
 
 def test_loops_that_do_not_fit_the_physics_step_are_refused_with_their_key():

@@ -36,7 +36,7 @@ def balanced(plant):
 
 
 def test_without_power_and_with_friction_the_leg_loses_energy_all_the_time():
-    plant = trainer(start={"hip_deg": 25.0, "slide_m": 0.6})
+    plant = trainer(start={"hip": {"position_deg": 25.0}, "slide": {"position_m": 0.6}})
     plant.set_axis(HIP, COASTING)
     plant.set_axis(SLIDE, COASTING)
 
@@ -56,7 +56,7 @@ def test_without_friction_and_dampers_energy_stays():
     plant = trainer(
         LEG._replace(hip_damping=0.0, knee_damping=0.0, ankle_damping=0.0, slide_joint_damping=0.0),
         NEARLY_NO_FRICTION,
-        start={"hip_deg": 20.0, "slide_m": 0.62},
+        start={"hip": {"position_deg": 20.0}, "slide": {"position_m": 0.62}},
     )
     plant.set_axis(HIP, COASTING)
     plant.set_axis(SLIDE, COASTING)
@@ -143,8 +143,8 @@ def test_a_ramp_stops_with_its_deceleration_and_says_so():
 
 
 def story(seed, pieces_ns):
-    push = {"kind": "sine", "hip_nm": 5.0, "slide_n": 20.0, "frequency_hz": 0.5}
-    phases = {"hip_phase_deg": 0.0, "slide_phase_deg": 0.0}
+    push = {"kind": "sine", "hip.torque_nm": 5.0, "slide.force_n": 20.0, "frequency_hz": 0.5}
+    phases = {"hip.phase_deg": 0.0, "slide.phase_deg": 0.0}
     plant = trainer(seed=seed, patient=programme(push | phases))
     torque(plant, 9.0, 90.0)
     for _ in range(SECOND // pieces_ns):

@@ -36,8 +36,8 @@ def test_a_passive_patient_exerts_nothing():
 
 
 def test_a_sine_over_time_is_that_sine():
-    wave = {"kind": "sine", "hip_nm": 4.0, "slide_n": 30.0, "frequency_hz": 0.5}
-    phases = {"hip_phase_deg": -90.0, "slide_phase_deg": 0.0}
+    wave = {"kind": "sine", "hip.torque_nm": 4.0, "slide.force_n": 30.0, "frequency_hz": 0.5}
+    phases = {"hip.phase_deg": -90.0, "slide.phase_deg": 0.0}
     plant = holding(patient=programme(wave | phases))
 
     rows = efforts(plant, 2.0)
@@ -48,7 +48,7 @@ def test_a_sine_over_time_is_that_sine():
 
 
 def test_a_ramp_rises_over_its_time_and_ends_where_it_should():
-    ramp = {"kind": "steady", "hip_nm": 10.0, "at_s": 0.5, "rise_s": 1.0, "until_s": 2.0}
+    ramp = {"kind": "steady", "hip.torque_nm": 10.0, "at_s": 0.5, "rise_s": 1.0, "until_s": 2.0}
     rows = efforts(holding(patient=programme(ramp)), 2.5)[:, HIP]
 
     assert rows[48] == 0.0
@@ -58,7 +58,7 @@ def test_a_ramp_rises_over_its_time_and_ends_where_it_should():
 
 
 def test_muscles_follow_the_script_with_their_activation():
-    step = {"kind": "steady", "hip_nm": 10.0}
+    step = {"kind": "steady", "hip.torque_nm": 10.0}
     rows = efforts(holding(patient=programme(step, activation_s=0.1)), 1.0)[:, HIP]
 
     assert rows[9] == pytest.approx(10.0 * (1 - math.exp(-1)), rel=0.01)
@@ -66,7 +66,12 @@ def test_muscles_follow_the_script_with_their_activation():
 
 
 def test_a_push_at_rest_is_whole_while_the_leg_stands_and_fades_where_it_gives_way():
-    push = {"kind": "push", "hip_nm": 20.0, "hip_rest_rad_per_s": 0.3, "slide_rest_m_per_s": 0.1}
+    push = {
+        "kind": "push",
+        "hip.torque_nm": 20.0,
+        "hip.rest_rad_per_s": 0.3,
+        "slide.rest_m_per_s": 0.1,
+    }
     against_a_wall = holding(patient=programme(push))
     free = trainer(patient=programme(push))
 
@@ -76,7 +81,7 @@ def test_a_push_at_rest_is_whole_while_the_leg_stands_and_fades_where_it_gives_w
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_spasm_acts_against_the_motion_at_its_onset_and_keeps_its_direction(side):
-    spasm = {"kind": "spasm", "hip_nm": 30.0, "at_s": 0.3, "until_s": 1.3, "rise_s": 0.05}
+    spasm = {"kind": "spasm", "hip.torque_nm": 30.0, "at_s": 0.3, "until_s": 1.3, "rise_s": 0.05}
     plant = trainer(patient=programme(spasm))
     plant.set_axis(SLIDE, order(SLIDE, Actuation.HOLD))
     rows = []
@@ -94,7 +99,7 @@ def test_a_spasm_acts_against_the_motion_at_its_onset_and_keeps_its_direction(si
 
 
 def test_a_programme_can_repeat_itself():
-    once = {"kind": "steady", "hip_nm": 5.0, "until_s": 0.1}
+    once = {"kind": "steady", "hip.torque_nm": 5.0, "until_s": 0.1}
     table = programme(once)
     table["programme"][0]["repeat_s"] = 0.5
     rows = efforts(holding(patient=table), 1.5)[:, HIP]
@@ -104,7 +109,7 @@ def test_a_programme_can_repeat_itself():
 
 
 def test_a_programme_starts_when_it_is_asked_for():
-    script = programme({"kind": "steady", "hip_nm": 5.0, "at_s": 0.2}) | {"start": "passive"}
+    script = programme({"kind": "steady", "hip.torque_nm": 5.0, "at_s": 0.2}) | {"start": "passive"}
     plant = holding(patient=script)
     run(plant, 1.0)
     assert plant.truth().programme == "passive"
@@ -186,8 +191,8 @@ def test_a_resting_leg_has_no_stride():
 
 
 def test_a_patient_who_walks_along_does_nothing_until_the_leg_swings():
-    along = {"kind": "gait", "hip_nm": 8.0, "slide_n": 40.0, "harmonic": 1}
-    phases = {"hip_phase_deg": 90.0, "slide_phase_deg": 60.0}
+    along = {"kind": "gait", "hip.torque_nm": 8.0, "slide.force_n": 40.0, "harmonic": 1}
+    phases = {"hip.phase_deg": 90.0, "slide.phase_deg": 60.0}
 
     rows = efforts(holding(patient=programme(along | phases)), 2.0)
 

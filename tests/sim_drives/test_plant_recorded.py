@@ -11,7 +11,7 @@ from daemon.config.trainer import load_trainer
 from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.plant.patient import STRIDE, compile_programme, script
 from sim_drives.plant.recorded import SAMPLES, RecordedError, read_strides
-from sim_drives.plant.settings import Programme, Recorded
+from sim_drives.plant.settings import HipEffort, Programme, Recorded, SlideEffort
 
 HEAD = "stride_index,stride_ratio,hip_angle_rad,hip_torque_nm,slide_force_n"
 LAG_RAD = 0.8
@@ -44,7 +44,9 @@ def file(tmp_path):
 
 def programme():
     flanks = {"at_s": 0.0, "until_s": 1e6, "rise_s": 0.0, "fall_s": 0.0}
-    effort = Recorded(**flanks, hip_nm=8.0, slide_n=-30.0, file="strides.csv")
+    effort = Recorded(
+        **flanks, hip=HipEffort(torque_nm=8.0), slide=SlideEffort(force_n=-30.0), file="strides.csv"
+    )
     return Programme("measured", effort=(effort,))
 
 
@@ -114,7 +116,7 @@ def test_a_file_that_cannot_be_used_is_refused_with_its_place(file, change, refu
     [
         ("absent.csv", "0.0", r"a CSV of strides \(no such file"),
         ("demo.toml", "0.0", "line 1: lacks column"),
-        ("hip.csv", "5.0", "a file with slide_force_n, because slide_n is not 0"),
+        ("hip.csv", "5.0", "a file with slide_force_n, because slide.force_n is not 0"),
     ],
 )
 def test_the_virtual_drives_name_plant_and_programme_of_a_bad_file(
@@ -133,8 +135,8 @@ at_s = 0.0
 until_s = 60.0
 rise_s = 0.0
 fall_s = 0.0
-hip_nm = 8.0
-slide_n = {slide_n}
+hip.torque_nm = 8.0
+slide.force_n = {slide_n}
 
 [[patient.programme]]
 name = "passive"

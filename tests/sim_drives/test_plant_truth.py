@@ -11,7 +11,9 @@ RECORDING = ("time_s", "hip_angle_rad", "slide_position_m", "hip_torque_nm", "sl
 
 
 def session(log, cycles=20):
-    plant = trainer(patient=programme({"kind": "steady", "hip_nm": 3.0, "slide_n": -20.0}))
+    plant = trainer(
+        patient=programme({"kind": "steady", "hip.torque_nm": 3.0, "slide.force_n": -20.0})
+    )
     for sync in range(cycles):
         log.record(sync, plant.truth())
         torque(plant, 5.0 + sync, 50.0)

@@ -31,12 +31,12 @@ TRANSPARENCY: Final = """
 [transparency]
 feedforward_ratio = 0.6
 friction_error_ratio = 0.2
-hip_friction_max_nm = 7.0
-slide_friction_max_n = 75.0
-hip_full_rad_per_s = 0.15
-slide_full_m_per_s = 0.06
-hip_tank_j = 0.2
-slide_tank_j = 0.5
+hip.friction_max_nm = 7.0
+slide.friction_max_n = 75.0
+hip.full_rad_per_s = 0.15
+slide.full_m_per_s = 0.06
+hip.tank_j = 0.2
+slide.tank_j = 0.5
 """
 CADENCE_HZ: Final = 0.3
 DURATION_S: Final = 1800.0
@@ -144,8 +144,8 @@ class Walk(NamedTuple):
         speeds = np.array([[drive.velocity_si for drive in one.drives] for one in records])
         ratios = np.array([[one.assist.legs[0].stiffness_ratio] for one in records])
         gains = self.session.settings.trainer.gait.impedance
-        springs = gains.hip_stiffness_nm_per_rad, gains.slide_stiffness_n_per_m
-        dampers = gains.hip_damping_nm_s_per_rad, gains.slide_damping_n_s_per_m
+        springs = gains.hip.stiffness_nm_per_rad, gains.slide.stiffness_n_per_m
+        dampers = gains.hip.damping_nm_s_per_rad, gains.slide.damping_n_s_per_m
         errors, rates = self.errors(begin), np.gradient(references, DT_S, axis=0) - speeds
         guidance = ratios * springs * errors + np.sqrt(ratios) * dampers * rates
         leads = errors * speeds < 0.0

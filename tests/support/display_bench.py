@@ -329,7 +329,11 @@ def patient_table(folder: Path, *, legs=("right",), way_out=True, target=True, *
         table["target"] = {"share_low_ratio": 0.32, "share_high_ratio": 0.44}
     if way_out:
         check = str(write_check(folder, **drift))
-        table["way_out"] = {"check": check, "hip_drift_max_deg": 1.0, "slide_drift_max_m": 0.01}
+        table["way_out"] = {
+            "check": check,
+            "hip": {"drift_max_deg": 1.0},
+            "slide": {"drift_max_m": 0.01},
+        }
     return table
 
 

@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-import msgspec
 import numpy as np
 from gaitd_toml import load_toml
 
@@ -92,11 +91,6 @@ def empty_run(
 
 def shipped_friction() -> tuple[FrictionParameters, FrictionParameters]:
     return friction_parameters(robot_file())
-
-
-def changed(robot: Robot, table: str, **values: float) -> Robot:
-    part = msgspec.structs.replace(getattr(robot, table), **values)
-    return msgspec.structs.replace(robot, **{table: part})
 
 
 def write_csv(source: Source, path: Path) -> Path:

@@ -4,12 +4,12 @@ the file says, a drive that ripples. Its rise near zero is wider than the file's
 
 import math
 
-import msgspec
 import numpy as np
 from empty_runs import robot_file
 
 from analysis.recording import recording
 from analysis.replay import Source
+from daemon.config.edits import replaced
 from daemon.config.settings import Robot
 from gaitd_lab.studies.real_data.emps import one_axis
 
@@ -39,8 +39,7 @@ def one_axis_file(
     robot = one_axis(
         robot_file(), coulomb_n=coulomb_n, viscous_n_s_per_m=viscous_n_s_per_m, mass_kg=mass_kg
     )
-    tuned = msgspec.structs.replace(robot.observer, measurement_slide_position_m=encoder_m)
-    return msgspec.structs.replace(robot, observer=tuned)
+    return replaced(robot, {"observer.slide.measurement_position_m": encoder_m})
 
 
 def one_axis_run(duration_s: float = 25.0, seed: int = 1) -> Source:

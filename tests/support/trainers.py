@@ -1,5 +1,6 @@
 """Plants of configs/plant.toml with a few tables changed, and orders for their axes."""
 
+import json
 import math
 import tomllib
 from pathlib import Path
@@ -66,9 +67,13 @@ def trainer(
 
 
 def programme(*efforts: dict[str, Any], activation_s: float = 0.0) -> dict[str, Any]:
-    """A [patient] table with one programme, running from the start."""
-    flanks = {"at_s": 0.0, "until_s": 1e6, "rise_s": 0.0, "fall_s": 0.0}
-    parts = [flanks | {"hip_nm": 0.0, "slide_n": 0.0} | effort for effort in efforts]
+    """A [patient] table with one programme, running from the start; keys as in a file: `hip.X`."""
+    rest = {"at_s": 0.0, "until_s": 1e6, "rise_s": 0.0, "fall_s": 0.0}
+    rest |= {"hip.torque_nm": 0.0, "slide.force_n": 0.0}
+    lines = [
+        "\n".join(f"{key} = {json.dumps(x)}" for key, x in (rest | e).items()) for e in efforts
+    ]
+    parts = [tomllib.loads(line) for line in lines]
     return {
         "start": "script",
         "activation_s": activation_s,

@@ -16,8 +16,8 @@ amplitude_min_ratio = 0.3
 amplitude_max_ratio = 0.8
 
 [assist]
-hip_max_nm = 10.0
-slide_max_n = 80.0
+hip.max_nm = 10.0
+slide.max_n = 80.0
 
 [goal]
 share_min_ratio = 0.1

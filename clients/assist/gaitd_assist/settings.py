@@ -18,8 +18,8 @@ from gaitd_assist.phase_help import HelpRules
 from gaitd_assist.transparency import TransparencyRules
 
 Ratio = Annotated[float, Meta(ge=0, le=1)]
-CAPS: Final = (("hip", "hip_max_nm", "assist_max_nm"), ("slide", "slide_max_n", "assist_max_n"))
-"""Axis, key of `[cap]`, key of limits.toml; with `hip_` or `slide_`, key of the plan."""
+CAPS: Final = (("hip", "max_nm", "assist_max_nm"), ("slide", "max_n", "assist_max_n"))
+"""Axis, its key of `[cap]`, its key of limits.toml; with `hip_` or `slide_`, key of the plan."""
 
 
 class _Strict(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -36,18 +36,54 @@ class Link(_Strict, frozen=True, kw_only=True):
     trainer: str | None = None
 
 
+class HipCap(_Strict, frozen=True, kw_only=True):
+    """The largest assist of the hip."""
+
+    max_nm: Annotated[float, Meta(ge=0, le=120)]
+
+
+class SlideCap(_Strict, frozen=True, kw_only=True):
+    """The largest assist of the slide."""
+
+    max_n: Annotated[float, Meta(ge=0, le=1500)]
+
+
 class Cap(_Strict, frozen=True, kw_only=True):
     """The largest assist, of all laws together."""
 
-    hip_max_nm: Annotated[float, Meta(ge=0, le=120)]
-    slide_max_n: Annotated[float, Meta(ge=0, le=1500)]
+    hip: HipCap
+    slide: SlideCap
+
+
+class HipBand(_Strict, frozen=True, kw_only=True):
+    """The dead band of the hip."""
+
+    width_deg: Annotated[float, Meta(ge=0.5, le=10)]
+
+
+class SlideBand(_Strict, frozen=True, kw_only=True):
+    """The dead band of the slide."""
+
+    width_m: Annotated[float, Meta(ge=0.005, le=0.2)]
 
 
 class DeadBand(_Strict, frozen=True, kw_only=True):
     """Errors within it are the patient's own: no law learns from them."""
 
-    hip_deg: Annotated[float, Meta(ge=0.5, le=10)]
-    slide_m: Annotated[float, Meta(ge=0.005, le=0.2)]
+    hip: HipBand
+    slide: SlideBand
+
+
+class HipHelp(_Strict, frozen=True, kw_only=True):
+    """Assist of the hip by its error."""
+
+    gain_nm_per_rad: Annotated[float, Meta(ge=0, le=1000)]
+
+
+class SlideHelp(_Strict, frozen=True, kw_only=True):
+    """Assist of the slide by its error."""
+
+    gain_n_per_m: Annotated[float, Meta(ge=0, le=20000)]
 
 
 class HelpTable(_Strict, frozen=True, kw_only=True):
@@ -57,9 +93,25 @@ class HelpTable(_Strict, frozen=True, kw_only=True):
     release_ratio: Annotated[float, Meta(ge=0.3, lt=1)]
     floor_ratio: Annotated[float, Meta(ge=0.05, lt=1)]
     stiffness_gain_ratio: Annotated[float, Meta(ge=0.01, le=2)]
-    hip_gain_nm_per_rad: Annotated[float, Meta(ge=0, le=1000)]
-    slide_gain_n_per_m: Annotated[float, Meta(ge=0, le=20000)]
+    hip: HipHelp
+    slide: SlideHelp
     lead_s: Annotated[float, Meta(ge=0, le=0.5)]
+
+
+class HipTransparency(_Strict, frozen=True, kw_only=True):
+    """Friction fed forward at the hip."""
+
+    friction_max_nm: Annotated[float, Meta(ge=0.01, le=60)]
+    full_rad_per_s: Annotated[float, Meta(ge=0.05, le=2)]
+    tank_j: Annotated[float, Meta(ge=1e-3, le=1)]
+
+
+class SlideTransparency(_Strict, frozen=True, kw_only=True):
+    """Friction fed forward at the slide."""
+
+    friction_max_n: Annotated[float, Meta(ge=0.1, le=700)]
+    full_m_per_s: Annotated[float, Meta(ge=0.02, le=1)]
+    tank_j: Annotated[float, Meta(ge=1e-3, le=5)]
 
 
 class TransparencyTable(_Strict, frozen=True, kw_only=True):
@@ -67,19 +119,15 @@ class TransparencyTable(_Strict, frozen=True, kw_only=True):
 
     feedforward_ratio: Annotated[float, Meta(ge=0.01, le=0.8)]
     friction_error_ratio: Annotated[float, Meta(ge=0.2, lt=1)]
-    hip_friction_max_nm: Annotated[float, Meta(ge=0.01, le=60)]
-    slide_friction_max_n: Annotated[float, Meta(ge=0.1, le=700)]
-    hip_full_rad_per_s: Annotated[float, Meta(ge=0.05, le=2)]
-    slide_full_m_per_s: Annotated[float, Meta(ge=0.02, le=1)]
-    hip_tank_j: Annotated[float, Meta(ge=1e-3, le=1)]
-    slide_tank_j: Annotated[float, Meta(ge=1e-3, le=5)]
+    hip: HipTransparency
+    slide: SlideTransparency
 
     def rules(self) -> TransparencyRules:
         """Constants of the law."""
         return TransparencyRules(
-            friction_max=(self.hip_friction_max_nm, self.slide_friction_max_n),
-            full_speed=(self.hip_full_rad_per_s, self.slide_full_m_per_s),
-            tank_j=(self.hip_tank_j, self.slide_tank_j),
+            friction_max=(self.hip.friction_max_nm, self.slide.friction_max_n),
+            full_speed=(self.hip.full_rad_per_s, self.slide.full_m_per_s),
+            tank_j=(self.hip.tank_j, self.slide.tank_j),
             feedforward_ratio=self.feedforward_ratio,
             error_ratio=self.friction_error_ratio,
         )
@@ -101,17 +149,20 @@ class Settings(_Strict, frozen=True, kw_only=True):
 
     def controller(self) -> LegController:
         """Make the controller of one leg."""
-        cap = self.cap.hip_max_nm, self.cap.slide_max_n
+        cap = self.cap.hip.max_nm, self.cap.slide.max_n
         help_ = self.help
         return LegController(
             HelpRules(
-                dead_band=(math.radians(self.dead_band.hip_deg), self.dead_band.slide_m),
+                dead_band=(
+                    math.radians(self.dead_band.hip.width_deg),
+                    self.dead_band.slide.width_m,
+                ),
                 cap=cap,
                 forgetting_ratio=help_.forgetting_ratio,
                 release_ratio=help_.release_ratio,
                 stiffness_gain_ratio=help_.stiffness_gain_ratio,
                 floor_ratio=help_.floor_ratio,
-                gain=(help_.hip_gain_nm_per_rad, help_.slide_gain_n_per_m),
+                gain=(help_.hip.gain_nm_per_rad, help_.slide.gain_n_per_m),
                 lead_s=help_.lead_s,
             ),
             cap,
@@ -157,7 +208,7 @@ def check_caps(
     if not set(settings.legs) <= set(known):
         raise ConfigError(path, "legs", list(settings.legs), f"the trainer has {list(known)}")
     for axis, key, limit_key in CAPS:
-        value = getattr(settings.cap, key)
+        value = getattr(getattr(settings.cap, axis), key)
         planned = None if plan is None else getattr(plan, f"{axis}_{limit_key}")
         allowed = (
             (configuration.limits[axis][limit_key], "the service's limits"),
@@ -166,4 +217,4 @@ def check_caps(
         for limit, source in allowed:
             if limit is not None and value > limit:
                 allowed = f"at most {limit:g} ({axis}.{limit_key} of {source})"
-                raise ConfigError(path, f"cap.{key}", value, allowed)
+                raise ConfigError(path, f"cap.{axis}.{key}", value, allowed)

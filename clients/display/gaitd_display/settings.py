@@ -160,13 +160,25 @@ class Page(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     """How to get out of the straps of this machine."""
 
 
+class HipDrift(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How far a hip without a brake may drift on the way out."""
+
+    drift_max_deg: Annotated[float, Meta(ge=0, le=10)]
+
+
+class SlideDrift(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """How far a slide without a brake may drift on the way out."""
+
+    drift_max_m: Annotated[float, Meta(ge=0, le=0.1)]
+
+
 class WayOutRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """When a leg without power moves so little that the patient may release it alone."""
 
     check: Path
     """Output of `gaitd check --json` for the configuration of the running service."""
-    hip_drift_max_deg: Annotated[float, Meta(ge=0, le=10)]
-    slide_drift_max_m: Annotated[float, Meta(ge=0, le=0.1)]
+    hip: HipDrift
+    slide: SlideDrift
 
 
 class SessionFiles(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

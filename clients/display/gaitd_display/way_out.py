@@ -197,8 +197,8 @@ class Release:
         assert self._rules is not None  # noqa: S101 - as above
         drift = self._check.drift
         return (
-            drift.hip_moved_deg <= self._rules.hip_drift_max_deg
-            and drift.slide_moved_m <= self._rules.slide_drift_max_m
+            drift.hip_moved_deg <= self._rules.hip.drift_max_deg
+            and drift.slide_moved_m <= self._rules.slide.drift_max_m
             and not drift.reaches_limit
         )
 

@@ -38,6 +38,6 @@ def limits_of(profile: Profile) -> PlanLimits:
         cadence_max_hz=max(walk.cadence_hz for walk in walks),
         amplitude_max_ratio=max(walk.amplitude_ratio for walk in walks),
         duration_max_s=max(walk.duration_s for walk in walks),
-        hip_assist_max_nm=profile.assist.hip_max_nm,
-        slide_assist_max_n=profile.assist.slide_max_n,
+        hip_assist_max_nm=profile.assist.hip.max_nm,
+        slide_assist_max_n=profile.assist.slide.max_n,
     )

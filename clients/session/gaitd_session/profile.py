@@ -38,11 +38,23 @@ class Range(_Strict, frozen=True, kw_only=True):
     amplitude_max_ratio: PositiveShare
 
 
+class HipCap(_Strict, frozen=True, kw_only=True):
+    """Cap of a controller's assist of the hip."""
+
+    max_nm: Annotated[float, Meta(ge=0, le=120)]
+
+
+class SlideCap(_Strict, frozen=True, kw_only=True):
+    """Cap of a controller's assist of the slide."""
+
+    max_n: Annotated[float, Meta(ge=0, le=1500)]
+
+
 class AssistCap(_Strict, frozen=True, kw_only=True):
     """Cap of a controller's assist; it is part of the released plan, which the core enforces."""
 
-    hip_max_nm: Annotated[float, Meta(ge=0, le=120)]
-    slide_max_n: Annotated[float, Meta(ge=0, le=1500)]
+    hip: HipCap
+    slide: SlideCap
 
 
 class Goal(_Strict, frozen=True, kw_only=True):

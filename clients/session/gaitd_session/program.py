@@ -64,8 +64,8 @@ amplitude_min_ratio = {amplitude_min}
 amplitude_max_ratio = {amplitude_max}
 
 [assist]                         # cap of a controller; the core enforces that of the released plan
-hip_max_nm = {hip_max}
-slide_max_n = {slide_max}
+hip.max_nm = {hip_max}
+slide.max_n = {slide_max}
 
 [goal]                           # target band of the patient's share of a stride's work
 share_min_ratio = {share_min}    # bounds of the band's middle

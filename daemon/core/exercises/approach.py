@@ -45,8 +45,8 @@ def approach(leg: LegParameters, gait: Gait, start: Pair, end_angles: Pair) -> A
     """Approach from joint position `start` to hip and knee angles, within the configured speeds."""
     end = joints_of_angles(leg, end_angles)
     duration_s = PEAK_OF_MINIMUM_JERK * max(
-        abs(end[0] - start[0]) / gait.approach_hip_rad_per_s,
-        abs(end[1] - start[1]) / gait.approach_slide_m_per_s,
+        abs(end[0] - start[0]) / gait.hip.approach_rad_per_s,
+        abs(end[1] - start[1]) / gait.slide.approach_m_per_s,
     )
     return Approach(angles_of_joints(leg, start), end_angles, max(duration_s, APPROACH_MIN_S))
 

@@ -80,7 +80,7 @@ class Excite(Exercise):
                 way=way,
                 middle=middle,
                 middle_load=load_at(leg.parameters, middle),
-                window=(math.radians(scenario.hip_window_deg), scenario.slide_window_m),
+                window=(math.radians(scenario.hip.window_deg), scenario.slide.window_m),
                 torque=scenario.torque,
                 artificial=scenario.artificial,
                 duration_s=wanted.duration_s,

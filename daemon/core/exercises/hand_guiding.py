@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, NamedTuple, Self
 
+import msgspec
 import numpy as np
 
 from daemon.config.settings import HandGuiding as Settings
@@ -42,21 +43,9 @@ class Guiding(NamedTuple):
 
 
 def guiding_settings(rules: Settings) -> tuple[Guiding, Guiding]:
-    """Settings of [hand_guiding] in the trainer file, for hip and slide."""
-    return (
-        Guiding(
-            rules.hip_damping_nm_s_per_rad,
-            rules.hip_slow_rad_per_s,
-            rules.hip_damping_beyond_nm_s_per_rad,
-            rules.hip_edge_nm,
-        ),
-        Guiding(
-            rules.slide_damping_n_s_per_m,
-            rules.slide_slow_m_per_s,
-            rules.slide_damping_beyond_n_s_per_m,
-            rules.slide_edge_n,
-        ),
-    )
+    """Settings of [hand_guiding] for hip and slide; its tables have the order of `Guiding`."""
+    hip, slide = msgspec.structs.astuple(rules.hip), msgspec.structs.astuple(rules.slide)
+    return Guiding(*hip), Guiding(*slide)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -338,12 +338,12 @@ def _fault(way: Way, sums: Sums, result: AxisResult, ratios: Pair) -> tuple[Find
 
 def distances(rules: Settings) -> Pair:
     """Test distances of hip and slide: rad, m."""
-    return math.radians(rules.hip_motion_deg), rules.slide_motion_m
+    return math.radians(rules.hip.motion_deg), rules.slide.motion_m
 
 
 def speeds(rules: Settings) -> Pair:
     """Test speeds of hip and slide: rad/s, m/s."""
-    return rules.hip_speed_rad_per_s, rules.slide_speed_m_per_s
+    return rules.hip.speed_rad_per_s, rules.slide.speed_m_per_s
 
 
 def speed_max(distance_si: float) -> float:
@@ -362,4 +362,4 @@ def speed_max(distance_si: float) -> float:
 
 def load_tolerances(rules: Settings) -> Pair:
     """Tolerances of the load error of hip and slide: N·m, N."""
-    return rules.hip_load_tolerance_nm, rules.slide_load_tolerance_n
+    return rules.hip.load_tolerance_nm, rules.slide.load_tolerance_n

@@ -32,10 +32,10 @@ class GaitShape(NamedTuple):
 def gait_shape(gait: Gait) -> GaitShape:
     """The gait shape from the settings of [gait], in rad."""
     return GaitShape(
-        math.radians(gait.hip_mean_deg),
-        _harmonics(gait.hip_harmonics_deg),
-        math.radians(gait.knee_mean_deg),
-        _harmonics(gait.knee_harmonics_deg),
+        math.radians(gait.hip.mean_deg),
+        _harmonics(gait.hip.harmonics_deg),
+        math.radians(gait.knee.mean_deg),
+        _harmonics(gait.knee.harmonics_deg),
     )
 
 

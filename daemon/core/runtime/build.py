@@ -113,14 +113,14 @@ def _plans(settings: Settings, cycle: CycleSettings) -> Plans:
 def _pushes(commissioning: Commissioning) -> tuple[PushRules, PushRules]:
     return (
         PushRules(
-            commissioning.hip_torque_max_nm,
-            commissioning.hip_torque_rate_nm_per_s,
-            math.radians(commissioning.hip_motion_deg),
+            commissioning.hip.torque_max_nm,
+            commissioning.hip.torque_rate_nm_per_s,
+            math.radians(commissioning.hip.motion_deg),
         ),
         PushRules(
-            commissioning.slide_force_max_n,
-            commissioning.slide_force_rate_n_per_s,
-            commissioning.slide_motion_m,
+            commissioning.slide.force_max_n,
+            commissioning.slide.force_rate_n_per_s,
+            commissioning.slide.motion_m,
         ),
     )
 
@@ -128,8 +128,8 @@ def _pushes(commissioning: Commissioning) -> tuple[PushRules, PushRules]:
 def _poses(reference: Reference) -> tuple[PoseRules, PoseRules]:
     believed = reference.without_stored_pose == "believe"
     return (
-        PoseRules(math.radians(reference.pose_tolerance_deg), believed),
-        PoseRules(reference.pose_tolerance_m, believed),
+        PoseRules(math.radians(reference.hip.pose_tolerance_deg), believed),
+        PoseRules(reference.slide.pose_tolerance_m, believed),
     )
 
 

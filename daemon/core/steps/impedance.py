@@ -139,12 +139,12 @@ def _gains(
     damping_ratio = math.sqrt(stiffness_ratio)
     return (
         (
-            stiffness_ratio * impedance.hip_stiffness_nm_per_rad,
-            damping_ratio * impedance.hip_damping_nm_s_per_rad,
+            stiffness_ratio * impedance.hip.stiffness_nm_per_rad,
+            damping_ratio * impedance.hip.damping_nm_s_per_rad,
         ),
         (
-            stiffness_ratio * impedance.slide_stiffness_n_per_m,
-            damping_ratio * impedance.slide_damping_n_s_per_m,
+            stiffness_ratio * impedance.slide.stiffness_n_per_m,
+            damping_ratio * impedance.slide.damping_n_s_per_m,
         ),
     )
 

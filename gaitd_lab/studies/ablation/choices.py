@@ -5,6 +5,7 @@ from typing import Final, NamedTuple, TypeVar
 
 import msgspec
 
+from daemon.config.edits import replaced
 from daemon.config.settings import Robot
 
 Table = TypeVar("Table", bound=msgspec.Struct)
@@ -32,15 +33,9 @@ def _as_it_is(robot: Robot) -> Robot:
     return robot
 
 
-def _observer(**changes: float | str) -> Callable[[Robot], Robot]:
+def _observer(**changes: object) -> Callable[[Robot], Robot]:
     """Replace keys of [observer]."""
-
-    def change(robot: Robot) -> Robot:
-        return msgspec.structs.replace(
-            robot, observer=msgspec.structs.replace(robot.observer, **changes)
-        )
-
-    return change
+    return lambda robot: replaced(robot, {f"observer.{key}": new for key, new in changes.items()})
 
 
 def friction_levels(factor: float, viscous_factor: float = 1.0) -> Callable[[Robot], Robot]:
@@ -88,14 +83,24 @@ def _paper_noise(robot: Robot) -> Robot:
     return _observer(
         velocity_gated=False,
         patient_noise_max_ratio=1.0,
-        process_hip_friction_nm=PAPER_FRICTION_FACTOR * table.process_hip_patient_nm,
-        process_slide_friction_n=PAPER_FRICTION_FACTOR * table.process_slide_patient_n,
+        hip=replaced(
+            table.hip, {"process_friction_nm": PAPER_FRICTION_FACTOR * table.hip.process_patient_nm}
+        ),
+        slide=replaced(
+            table.slide,
+            {"process_friction_n": PAPER_FRICTION_FACTOR * table.slide.process_patient_n},
+        ),
     )(robot)
 
 
 def _paper(robot: Robot) -> Robot:
     """The paper's model and tuning, which also omits the Coriolis torque."""
     return _observer(coriolis=False)(_paper_noise(robot))
+
+
+def _rippled(robot: Robot) -> Robot:
+    hip, slide = RIPPLE
+    return replaced(robot, {"observer.hip.ripple_nm": hip, "observer.slide.ripple_n": slide})
 
 
 CHOICES: Final = (
@@ -112,7 +117,7 @@ CHOICES: Final = (
     Choice("glitch gate open", _observer(gate_nis=OPEN_GATE_NIS)),
     Choice("delay configured", _observer(effort_delay_ms=DELAY_MS)),
     Choice("jitter configured", _observer(sample_jitter_us=1e6 * JITTER_S)),
-    Choice("ripple configured", _observer(ripple_hip_nm=RIPPLE[0], ripple_slide_n=RIPPLE[1])),
+    Choice("ripple configured", _rippled),
     Choice("friction set 20 % low", friction_levels(0.8)),
     Choice("friction set 20 % high", friction_levels(1.2)),
     Choice("leg set 10 % light", _leg_mass(0.9)),

@@ -6,6 +6,7 @@ other bandwidths are in the figure.
 """
 
 from collections.abc import Callable, Mapping
+from operator import attrgetter
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -91,7 +92,7 @@ def compare(
     if made.fault:
         raise RecordingError(f"{records[0].recording.source}: {made.fault}")
     offset_n = float(made.fit.frame.constants_of(made.fit.natural)[1])
-    given = {key: getattr(first.observer, key) for key in made.process_noise}
+    given = {key: attrgetter(key)(first.observer) for key in made.process_noise}
     plain = with_process_noise(made.robot, given)
     runs = _observers(first, plain, made.robot)
     seen = {name: _situations(records, offset_n) for name in runs}

@@ -21,6 +21,7 @@ from scipy.io import loadmat
 from scipy.io.matlab import MatReadError
 
 from analysis.recording import Recording, RecordingError, recording
+from daemon.config.edits import replaced
 from daemon.config.settings import Robot
 from observer.filter.leg_model import STEP_S
 
@@ -137,7 +138,9 @@ def one_axis(robot: Robot, *, coulomb_n: float, viscous_n_s_per_m: float, mass_k
         shank=replace(robot.shank, **light),
         shoe=replace(robot.shoe, **light),
         slide=replace(robot.slide, mass_kg=1e-3, drive_mass_kg=mass_kg),
-        springs=replace(robot.springs, hip_stiffness_nm_per_rad=0.0, slide_stiffness_n_per_m=0.0),
+        springs=replaced(
+            robot.springs, {"hip.stiffness_nm_per_rad": 0.0, "slide.stiffness_n_per_m": 0.0}
+        ),
         dampers=replace(
             robot.dampers,
             hip_nm_s_per_rad=0.0,

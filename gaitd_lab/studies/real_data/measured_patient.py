@@ -6,7 +6,7 @@ from typing import Final
 
 from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Progress, Situation, Trials
-from sim_drives.plant.settings import Programme, Recorded
+from sim_drives.plant.settings import HipEffort, Programme, Recorded, SlideEffort
 
 NAME: Final = "measured"
 HIP_NM: Final = 10.0
@@ -26,8 +26,8 @@ def patient(file: Path) -> Programme:
         until_s=DAY_S,
         rise_s=RISE_S,
         fall_s=RISE_S,
-        hip_nm=HIP_NM,
-        slide_n=0.0,
+        hip=HipEffort(torque_nm=HIP_NM),
+        slide=SlideEffort(force_n=0.0),
         file=str(file.absolute()),
     )
     return Programme(NAME, effort=(effort,))

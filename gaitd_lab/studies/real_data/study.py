@@ -90,15 +90,15 @@ def _found(found: Comparison) -> Iterator[tuple[Cell, ...]]:
         one.quantity.label: one.value for one in found.calibration.fit.results if one.calibrated
     }
     noise, observer = found.calibration.process_noise, found.calibration.robot.observer
-    velocity_um = 1e6 * noise["process_slide_velocity_m_per_s"]
+    velocity_um = 1e6 * noise["slide.process_velocity_m_per_s"]
     yield "Coulomb friction, N", values["slide coulomb"], emps.PUBLISHED_COULOMB_N
     yield "viscous friction, N s/m", values["slide viscous"], emps.PUBLISHED_VISCOUS_N_S_PER_M
     yield "mass, kg", values["slide drive mass"], emps.PUBLISHED_MASS_KG
     yield "constant force, N", found.offset_n, emps.PUBLISHED_OFFSET_N
     yield "encoder noise, µm", 1e6 * values["slide encoder noise"], None
     yield "process noise of velocity, µm/s a step", velocity_um, None
-    yield "process noise of friction, N a step", noise["process_slide_friction_n"], None
-    yield "error of the friction law at standstill, N", observer.law_slide_n, None
+    yield "process noise of friction, N a step", noise["slide.process_friction_n"], None
+    yield "error of the friction law at standstill, N", observer.slide.law_n, None
     for name, bandwidth in found.bandwidths.items():
         least_n = min(error_n for _, error_n in found.trade[name])
         yield f"{name}: bandwidth, rad/s", bandwidth, None

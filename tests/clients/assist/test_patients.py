@@ -355,7 +355,7 @@ def altered(robot, *, mass=1.0, spring=1.0, friction=1.0):
 
     hip = times(robot.friction.hip, friction, "stribeck_nm", "coulomb_nm", "viscous_nm_s_per_rad")
     slide = times(robot.friction.slide, friction, "stribeck_n", "coulomb_n", "viscous_n_s_per_m")
-    stiffnesses = "hip_stiffness_nm_per_rad", "slide_stiffness_n_per_m"
+    stiffnesses = "hip.stiffness_nm_per_rad", "slide.stiffness_n_per_m"
     return msgspec.structs.replace(
         robot,
         patient=times(robot.patient, mass, "mass_kg"),

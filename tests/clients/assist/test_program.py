@@ -135,7 +135,7 @@ def test_assist_that_is_cut_is_not_learned_any_farther_and_a_late_one_is_not_cut
 
 
 def test_all_laws_together_stay_within_the_cap_and_in_torque_only_friction_acts():
-    text = SHIPPED.read_text().replace("hip_max_nm = 20.0", "hip_max_nm = 5.0") + TRANSPARENCY
+    text = SHIPPED.read_text().replace("hip.max_nm = 20.0", "hip.max_nm = 5.0") + TRANSPARENCY
     leg = parse_settings(text, SHIPPED).controller()
 
     assert max(hip_nm(leg, range(700))) == 5.0
@@ -147,9 +147,9 @@ def test_all_laws_together_stay_within_the_cap_and_in_torque_only_friction_acts(
 @pytest.mark.parametrize(
     ("old", "new", "text"),
     [
-        ("hip_max_nm = 20.0", "hip_max_nm = -1.0", "cap.hip_max_nm = -1.0: a number >= 0"),
+        ("hip.max_nm = 20.0", "hip.max_nm = -1.0", "cap.hip.max_nm = -1.0: a number >= 0"),
         ("floor_ratio = 0.1\n", "", r"help.floor_ratio = \(missing\): a number >= 0.05 and < 1"),
-        ("[cap]", "[cap]\nhip = 1.0", "cap.hip = 1.0: unknown key"),
+        ("[cap]", "[cap]\nhips = 1.0", "cap.hips = 1.0: unknown key"),
         ('legs = ["right"]', "legs = []", r"legs = \[\]: a list with 1 or more"),
         ("[cap]", "[cap", "line"),
     ],
@@ -163,14 +163,14 @@ def test_a_file_that_the_service_would_refuse_is_refused_before():
     limits = {"hip": {"assist_max_nm": 15.0}, "slide": {"assist_max_n": 150.0}}
     known = example(wire.Configuration, leg_names=("right",), limits=limits)
 
-    with pytest.raises(ConfigError, match=r"cap.hip_max_nm = 20.0: at most 15"):
+    with pytest.raises(ConfigError, match=r"cap.hip.max_nm = 20.0: at most 15"):
         check_caps(shipped(), SHIPPED, known, None)
     left = shipped(('legs = ["right"]', 'legs = ["left"]'))
     with pytest.raises(ConfigError, match=r"legs = \['left'\]: the trainer has \['right'\]"):
         check_caps(left, SHIPPED, known, None)
-    weak = shipped(("hip_max_nm = 20.0", "hip_max_nm = 15.0"))
+    weak = shipped(("hip.max_nm = 20.0", "hip.max_nm = 15.0"))
     check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide_assist_max_n=150.0))
-    of_plan = r"slide_max_n = 150.0: at most 80 \(slide.assist_max_n of the released plan\)"
+    of_plan = r"slide.max_n = 150.0: at most 80 \(slide.assist_max_n of the released plan\)"
     with pytest.raises(ConfigError, match=of_plan):
         check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide_assist_max_n=80.0))
 

@@ -46,7 +46,7 @@ def gentle_configs(tmp_path):
         return table.group(1) + numbers
 
     text = file.read_text(encoding="utf-8")
-    harmonics = re.compile(r"((?:hip|knee)_harmonics_deg = )(\[.*?\n\])", re.DOTALL)
+    harmonics = re.compile(r"((?:hip|knee)\.harmonics_deg = )(\[.*?\n\])", re.DOTALL)
     file.write_text(harmonics.sub(smaller, text), encoding="utf-8")
     return folder
 

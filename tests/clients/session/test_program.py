@@ -70,9 +70,9 @@ def new_profile(folder, *options):
         ),
         ("cadence_max_hz = 0.5", "cadence_max_hz = 0.1", "at least range.cadence_min_hz"),
         (
-            "hip_max_nm = 10.0",
-            "hip_max_nm = nan",
-            "hip_max_nm = nan: a number >= 0 and <= 120, and finite",
+            "hip.max_nm = 10.0",
+            "hip.max_nm = nan",
+            "hip.max_nm = nan: a number >= 0 and <= 120, and finite",
         ),
         ('id = "7f3k9m2q"', 'id = "Erika M."', 'id = "Erika M.": text that matches'),
         ('legs = ["right"]', 'legs = ["right", "right"]', "legs = ('right', 'right'): each leg"),

@@ -19,8 +19,8 @@ def quick(required):
     return {
         "demo.toml": {
             "gait.announce_s": 0.5,
-            "gait.approach_hip_rad_per_s": 0.4,
-            "gait.approach_slide_m_per_s": 0.3,
+            "gait.hip.approach_rad_per_s": 0.4,
+            "gait.slide.approach_m_per_s": 0.3,
             "self_test.required": required,
         }
     }

@@ -52,11 +52,8 @@ BASELINE = {
     "robot_sha256": "0" * 64,
     "cadence_hz": 0.25,
     "stride_count": 10,
-    **{
-        f"{name}{part}": [0.0] * BASELINE_BINS
-        for name in ("hip_nm", "slide_n")
-        for part in ("", "_std")
-    },
+    "hip": {key: [0.0] * BASELINE_BINS for key in ("mean_nm", "std_nm")},
+    "slide": {key: [0.0] * BASELINE_BINS for key in ("mean_n", "std_n")},
 }
 
 

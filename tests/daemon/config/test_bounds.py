@@ -63,9 +63,9 @@ def test_every_number_has_two_bounds_and_none_may_be_next_to_nothing(kind):
     ("file", "kind", "place"),
     [
         ("limits.toml", Limits, ("hip", "power_max_w")),
-        ("limits.toml", Limits, ("stop", "patient_hip_nm")),
+        ("limits.toml", Limits, ("stop", "hip", "patient_nm")),
         ("robot.toml", Robot, ("friction", "hip", "bristle_stiffness_nm_per_rad")),
-        ("robot.toml", Robot, ("springs", "hip_rest_rad")),
+        ("robot.toml", Robot, ("springs", "hip", "rest_rad")),
         ("drives/hip_epos4.toml", AxisFile, ("transmission", "gear_ratio")),
         ("drives/profiles/epos4.toml", DriveProfile, ("torque_source", "factor")),
     ],
@@ -128,7 +128,7 @@ def test_position_limits_of_more_counts_than_a_drive_has_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("read", "file", "old"),
     [
-        (read_assist, "assist/configs/assist.toml", "hip_max_nm = 20.0"),
+        (read_assist, "assist/configs/assist.toml", "hip.max_nm = 20.0"),
         (read_assist, "assist/configs/assist.toml", "lead_s = 0.1"),
         (partial(read_display, kind=PatientSettings), "display/configs/patient.toml", "in = 10.0"),
     ],

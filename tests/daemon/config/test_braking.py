@@ -42,7 +42,7 @@ def refused(tmp_path, *changes):
             "<= 15.45 m/s^2: at hip 30.2 deg, slide 0.931 m the ramp asks",
         ),
         (
-            (Change("limits.toml", "patient_hip_nm = 8.0", "patient_hip_nm = 60.0"),),
+            (Change("limits.toml", "hip.patient_nm = 8.0", "hip.patient_nm = 60.0"),),
             "hip.quick_stop_deceleration_rad_per_s2",
             "14.8",
             "none with this torque limit: ",
@@ -110,7 +110,7 @@ def test_every_stop_of_the_gait_has_the_torque_for_its_ramps():
     settings = load(CONFIGS / "demo.toml")
     leg, ramps = leg_parameters(settings.robot), np.array(decelerations(settings.limits))
     limits = np.array([braking.limit_si for braking in braking_meanings(settings)])
-    patient = np.array([settings.limits.stop.patient_hip_nm, settings.limits.stop.patient_slide_n])
+    patient = np.array([settings.limits.stop.hip.patient_nm, settings.limits.stop.slide.patient_n])
 
     for motion in gait_motions(leg, settings.trainer.gait, 0.5):
         for moving in ((1.0, 1.0), (1.0, 0.0), (0.0, 1.0)):

@@ -160,7 +160,7 @@ ONE_FILE = [
         "demo.toml",
         "[20.129, -3.2]",
         "[20.129, nan]",
-        "gait.hip_harmonics_deg[0][1]",
+        "gait.hip.harmonics_deg[0][1]",
         "nan",
         "a number >= -180 and <= 180",
     ),
@@ -169,7 +169,7 @@ ONE_FILE = [
         "demo.toml",
         "[20.129, -3.2]",
         "[20.129]",
-        "gait.hip_harmonics_deg[0]",
+        "gait.hip.harmonics_deg[0]",
         "[20.129]",
         "a list of 2",
     ),
@@ -544,9 +544,9 @@ TOGETHER = [
     broken(
         "a standstill below the encoder's noise",
         "limits.toml",
-        "standstill_slide_m_per_s = 0.03",
-        "standstill_slide_m_per_s = 0.004",
-        "stop.standstill_slide_m_per_s",
+        "slide.standstill_m_per_s = 0.03",
+        "slide.standstill_m_per_s = 0.004",
+        "stop.slide.standstill_m_per_s",
         "0.004",
         ">= 0.0098, 2 counts of right/slide per cycle",
     ),
@@ -690,7 +690,7 @@ MOVING = [
             "limits.toml",
             "position_max_deg = 40.0",
             "position_max_deg = 33.0",
-            "gait.hip_harmonics_deg",
+            "gait.hip.harmonics_deg",
             "(hip -9.735 to 31.97 deg)",
             "-16 to 29 deg",
         ),
@@ -702,7 +702,7 @@ MOVING = [
             "limits.toml",
             "soft_margin_m = 0.015",
             "soft_margin_m = 0.03",
-            "gait.knee_harmonics_deg",
+            "gait.knee.harmonics_deg",
             "(slide 0.05269 to 0.931 m)",
             "0.03 to 0.92 m",
         ),
@@ -710,9 +710,9 @@ MOVING = [
     broken(
         "a gait that the mechanism cannot do",
         "demo.toml",
-        "knee_mean_deg = 22.349",
-        "knee_mean_deg = 122.349",
-        "gait.knee_harmonics_deg",
+        "knee.mean_deg = 22.349",
+        "knee.mean_deg = 122.349",
+        "gait.knee.harmonics_deg",
         "((-7.272, -21.49)",
         "a gait that the mechanism of",
     ),
@@ -767,9 +767,9 @@ MOVING = [
     broken(
         "a scenario's window outside the limits",
         "demo.toml",
-        "hip_window_deg = 24.0",
-        "hip_window_deg = 35.0",
-        "excite.open_loop.hip_window_deg",
+        "hip.window_deg = 24.0",
+        "hip.window_deg = 35.0",
+        "excite.open_loop.hip.window_deg",
         "35",
         "<= 26: from the gait's mean pose",
     ),
@@ -787,27 +787,27 @@ MOVING = [
         for name, old, new, key, value, allowed in (
             (
                 "a self-test of the hip that is too fast for its way",
-                "hip_speed_rad_per_s = 0.1 ",
-                "hip_speed_rad_per_s = 0.175 ",
-                "hip_speed_rad_per_s",
+                "hip.speed_rad_per_s = 0.1 ",
+                "hip.speed_rad_per_s = 0.175 ",
+                "hip.speed_rad_per_s",
                 "0.175",
-                "at most 0.174 with hip_motion_deg = 4",
+                "at most 0.174 with hip.motion_deg = 4",
             ),
             (
                 "a self-test of the slide that is too fast for its way",
-                "slide_speed_m_per_s = 0.05 ",
-                "slide_speed_m_per_s = 0.101 ",
-                "slide_speed_m_per_s",
+                "slide.speed_m_per_s = 0.05 ",
+                "slide.speed_m_per_s = 0.101 ",
+                "slide.speed_m_per_s",
                 "0.101",
-                "at most 0.1 with slide_motion_m = 0.04",
+                "at most 0.1 with slide.motion_m = 0.04",
             ),
             (
                 "a self-test whose way is too short for its speed",
-                "hip_motion_deg = 4.0 ",
-                "hip_motion_deg = 1.0 ",
-                "hip_speed_rad_per_s",
+                "hip.motion_deg = 4.0 ",
+                "hip.motion_deg = 1.0 ",
+                "hip.speed_rad_per_s",
                 "0.1",
-                "at most 0.043 with hip_motion_deg = 1",
+                "at most 0.043 with hip.motion_deg = 1",
             ),
         )
     ),
@@ -842,7 +842,7 @@ def test_a_gait_near_the_singularity_is_refused(tmp_path):
         load(demo)
 
     assert refused.value.file == str(demo)
-    assert refused.value.key == "gait.knee_harmonics_deg"
+    assert refused.value.key == "gait.knee.harmonics_deg"
     assert refused.value.value == "(|sin| of shank and shoe 0.640)"
     assert refused.value.allowed == ">= singularity.soft_ratio = 0.65"
 
@@ -900,8 +900,8 @@ def test_a_file_that_is_not_text_is_named_with_its_line(tmp_path):
 REFUSED_BY_WHAT_IS_SWEPT = {
     "the springs of a patient at the empty machine": (
         Change("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
-        Change("robot_empty.toml", "hip_rest_rad = 1.0601", "hip_rest_rad = 2.3132"),
-        Change("robot_empty.toml", "slide_rest_m = 1.1442", "slide_rest_m = 1.3247"),
+        Change("robot_empty.toml", "hip.rest_rad = 1.0601", "hip.rest_rad = 2.3132"),
+        Change("robot_empty.toml", "slide.rest_m = 1.1442", "slide.rest_m = 1.3247"),
     ),
     "a drive that its EDS denies": (
         Change("drives/hip_epos4.toml", 'eds = "epos4.eds"', 'eds = "generic402.eds"'),

@@ -12,8 +12,8 @@ from gaitd.terminal import plain, print_tables
 
 EMPTY_WITH_A_PATIENTS_SPRINGS = (
     Change("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
-    Change("robot_empty.toml", "hip_rest_rad = 1.0601", "hip_rest_rad = 2.3132"),
-    Change("robot_empty.toml", "slide_rest_m = 1.1442", "slide_rest_m = 1.3247"),
+    Change("robot_empty.toml", "hip.rest_rad = 1.0601", "hip.rest_rad = 2.3132"),
+    Change("robot_empty.toml", "slide.rest_m = 1.1442", "slide.rest_m = 1.3247"),
 )
 
 

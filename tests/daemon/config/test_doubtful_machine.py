@@ -41,12 +41,12 @@ REFUSED = [
         *("commissioning.signs", '"assumed"', SIGNS),
     ),
     row(
-        *("trainer.toml", "pose_tolerance_deg = 1.5", "pose_tolerance_deg = 180.0"),
-        *("reference.pose_tolerance_deg", "180.0", f"< 60, the axis's range; {LOST_TURNS}"),
+        *("trainer.toml", "hip.pose_tolerance_deg = 1.5", "hip.pose_tolerance_deg = 180.0"),
+        *("reference.hip.pose_tolerance_deg", "180.0", f"< 60, the axis's range; {LOST_TURNS}"),
     ),
     row(
-        *("trainer.toml", "pose_tolerance_m = 0.01", "pose_tolerance_m = 0.95"),
-        *("reference.pose_tolerance_m", "0.95", f"< 0.95, the axis's range; {LOST_TURNS}"),
+        *("trainer.toml", "slide.pose_tolerance_m = 0.01", "slide.pose_tolerance_m = 0.95"),
+        *("reference.slide.pose_tolerance_m", "0.95", f"< 0.95, the axis's range; {LOST_TURNS}"),
     ),
     *(
         row(
@@ -98,20 +98,20 @@ WARNED = [
         *("velocity_unit", '"counts_per_s"', "6080h of right/hip would be 17.1 times too wide"),
     ),
     row(
-        *("limits.toml", "standstill_hip_rad_per_s = 0.05", "standstill_hip_rad_per_s = 0.41"),
-        *("stop.standstill_hip_rad_per_s", "0.41", "above a tenth of the highest speed, 4:"),
+        *("limits.toml", "hip.standstill_rad_per_s = 0.05", "hip.standstill_rad_per_s = 0.41"),
+        *("stop.hip.standstill_rad_per_s", "0.41", "above a tenth of the highest speed, 4:"),
     ),
     row(
-        *("limits.toml", "standstill_slide_m_per_s = 0.03", "standstill_slide_m_per_s = 0.36"),
-        *("stop.standstill_slide_m_per_s", "0.36", "above a tenth of the highest speed, 3.5:"),
+        *("limits.toml", "slide.standstill_m_per_s = 0.03", "slide.standstill_m_per_s = 0.36"),
+        *("stop.slide.standstill_m_per_s", "0.36", "above a tenth of the highest speed, 3.5:"),
     ),
     row(
-        *("trainer.toml", "hip_damping_nm_s_per_rad = 3.0", "hip_damping_nm_s_per_rad = 0.0"),
-        *("hand_guiding.hip_damping_nm_s_per_rad", "0.0", "nothing but friction slows"),
+        *("trainer.toml", "hip.damping_nm_s_per_rad = 3.0", "hip.damping_nm_s_per_rad = 0.0"),
+        *("hand_guiding.hip.damping_nm_s_per_rad", "0.0", "nothing but friction slows"),
     ),
     row(
-        *("limits.toml", "slide_damping_n_s_per_m = 600.0", "slide_damping_n_s_per_m = 0.0"),
-        *("soft_limit.slide_damping_n_s_per_m", "0.0", "nothing but friction slows"),
+        *("limits.toml", "slide.damping_n_s_per_m = 600.0", "slide.damping_n_s_per_m = 0.0"),
+        *("soft_limit.slide.damping_n_s_per_m", "0.0", "nothing but friction slows"),
     ),
     row(
         *("limits.toml", "force_max_n = 480.0", "force_max_n = 60.0"),
@@ -130,31 +130,31 @@ WARNED = [
 
 LOOPS = [
     row(
-        *("trainer.toml", "slide_damping_n_s_per_m = 250.0", "slide_damping_n_s_per_m = 2000.0"),
-        *("hold.slide_damping_n_s_per_m", "2000.0", ">= "),
+        *("trainer.toml", "slide.damping_n_s_per_m = 250.0", "slide.damping_n_s_per_m = 2000.0"),
+        *("hold.slide.damping_n_s_per_m", "2000.0", ">= "),
     ),
     row(
-        *("trainer.toml", "hip_damping_nm_s_per_rad = 20.0", "hip_damping_nm_s_per_rad = 0.0"),
-        *("hold.hip_damping_nm_s_per_rad", "0.0", ">= "),
+        *("trainer.toml", "hip.damping_nm_s_per_rad = 20.0", "hip.damping_nm_s_per_rad = 0.0"),
+        *("hold.hip.damping_nm_s_per_rad", "0.0", ">= "),
     ),
     row(
-        *("trainer.toml", "slide_stiffness_n_per_m = 4000.0", "slide_stiffness_n_per_m = 20000.0"),
-        *("hold.slide_stiffness_n_per_m", "20000.0", "<= 1"),
+        *("trainer.toml", "slide.stiffness_n_per_m = 4000.0", "slide.stiffness_n_per_m = 20000.0"),
+        *("hold.slide.stiffness_n_per_m", "20000.0", "<= 1"),
     ),
     row(
         *("trainer.toml", "damping_beyond_n_s_per_m = 350.0", "damping_beyond_n_s_per_m = 1500.0"),
-        *("hand_guiding.slide_damping_beyond_n_s_per_m", "1500.0", "<= "),
+        *("hand_guiding.slide.damping_beyond_n_s_per_m", "1500.0", "<= "),
     ),
     row(
-        *("limits.toml", "slide_damping_n_s_per_m = 600.0", "slide_damping_n_s_per_m = 1800.0"),
-        *("soft_limit.slide_damping_n_s_per_m", "1800.0", "<= "),
+        *("limits.toml", "slide.damping_n_s_per_m = 600.0", "slide.damping_n_s_per_m = 1800.0"),
+        *("soft_limit.slide.damping_n_s_per_m", "1800.0", "<= "),
     ),
 ]
 
 SOFT = [
     row(
-        *("trainer.toml", "slide_edge_n = 250.0", "slide_edge_n = 500.0"),
-        *("hand_guiding.slide_edge_n", "500.0", "or a wider soft margin"),
+        *("trainer.toml", "slide.edge_n = 250.0", "slide.edge_n = 500.0"),
+        *("hand_guiding.slide.edge_n", "500.0", "or a wider soft margin"),
     ),
 ]
 
@@ -229,7 +229,7 @@ def test_the_values_that_a_refusal_allows_do_not_shake(tmp_path):
         ("most", most, True),
         ("no", most * 1.2, False),
     ):
-        change = much._replace(new=f"slide_damping_n_s_per_m = {value}")
+        change = much._replace(new=f"slide.damping_n_s_per_m = {value}")
         meanings = loop_meanings(load(trainer_with(tmp_path / name, change)))
         assert (not list(loop_errors(meanings))) == stable
 
@@ -253,8 +253,8 @@ def test_virtual_drives_on_a_real_bus_may_be_declared(tmp_path):
 
     assert [error.key for error in check_all(load_anyway(undeclared)).errors] == [
         "commissioning.signs",
-        "reference.pose_tolerance_deg",
-        "reference.pose_tolerance_m",
+        "reference.hip.pose_tolerance_deg",
+        "reference.slide.pose_tolerance_m",
     ]
     assert not check_all(load_anyway(declared)).errors
 
@@ -297,7 +297,7 @@ def test_a_vcan_with_a_list_of_virtual_drives_has_real_ones(tmp_path):
         (Change("hil.toml", "[[leg]]", "[[leg]]"), []),
         (
             Change("hil.toml", 'virtual_drives = ["right/slide"]', ""),
-            ["reference.pose_tolerance_m = 0.9: less than 0.025, a turn of the motor of right/sl"],
+            ["reference.slide.pose_tolerance_m = 0.9: less than 0.025, a turn of the motor"],
         ),
         (
             Change("hil.toml", '["right/slide"]', "true"),

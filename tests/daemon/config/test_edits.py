@@ -66,7 +66,7 @@ def test_any_value_reaches_its_key_and_nothing_else_changes(tmp_path_factory, pl
         ({"none.toml": {"seed": 1}}, "there is no none.toml"),
         ({"plant.toml": {"sed": 1}}, "plant.toml has no key sed"),
         ({"plant.toml": {"start.seed": 1}}, "plant.toml has no key start.seed"),
-        ({"demo.toml": {"gait.hip_harmonics_deg": 1}}, "does not stand on one line"),
+        ({"demo.toml": {"gait.hip.harmonics_deg": 1}}, "does not stand on one line"),
         ({"demo.toml": {"leg.1.name": "left"}}, "demo.toml has no key leg.1.name"),
     ],
 )

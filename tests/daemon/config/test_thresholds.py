@@ -25,9 +25,9 @@ ROWS = [
     ("hip.stride_energy_max_j", 60.0, 142.0, 143.0, "takes 142.8 J"),
     ("slide.assist_power_max_w", 180.0, 524.0, 525.0, "assist_max_n at the limit of speed is 525"),
     ("hip.assist_rate_max_nm_per_s", 200.0, 1999.0, 2000.0, "it allows 20 N m, from limit to"),
-    ("spasm.hip_rise_nm", 14.0, 52.0, 52.5, "at 52.36 N m of guidance"),
-    ("clonus.hip_swing_nm", 5.0, 52.0, 52.5, "at 52.36 N m of guidance"),
-    ("stop.patient_slide_n", 40.0, 0.1, 0.0, "no quick stop is compared with a patient"),
+    ("spasm.hip.rise_nm", 14.0, 52.0, 52.5, "at 52.36 N m of guidance"),
+    ("clonus.hip.swing_nm", 5.0, 52.0, 52.5, "at 52.36 N m of guidance"),
+    ("stop.slide.patient_n", 40.0, 0.1, 0.0, "no quick stop is compared with a patient"),
     ("communication.encoder_frozen_cycles", 10, 26, 27, CROSSES),
     ("stop.obey_cycles", 3, 15, 16, "a quick stop of the slide from the highest speed of the gait"),
 ]
@@ -41,8 +41,8 @@ BESIDE = {
     ],
 }
 """Other changes, without which the range of the key ends below what its quantity can be."""
-BESIDE["spasm.hip_rise_nm"] = BESIDE["hip.load_deviation_max_nm"]
-BESIDE["clonus.hip_swing_nm"] = BESIDE["hip.load_deviation_max_nm"]
+BESIDE["spasm.hip.rise_nm"] = BESIDE["hip.load_deviation_max_nm"]
+BESIDE["clonus.hip.swing_nm"] = BESIDE["hip.load_deviation_max_nm"]
 
 
 def warned(tmp_path, *changes):
@@ -99,8 +99,8 @@ def test_a_threshold_that_is_never_reached_is_a_warning_with_its_reason(
             "in one cycle it allows the hip a step as long as its whole range",
         ),
         (
-            [Change("demo.toml", "hip_load_tolerance_nm = 8.0", "hip_load_tolerance_nm = 34.0")],
-            "self_test.hip_load_tolerance_nm",
+            [Change("demo.toml", "hip.load_tolerance_nm = 8.0", "hip.load_tolerance_nm = 34.0")],
+            "self_test.hip.load_tolerance_nm",
             "differs by at most 33.72 N m",
         ),
     ],

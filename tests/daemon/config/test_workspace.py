@@ -11,6 +11,7 @@ from gaitd_toml import load_toml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from daemon.config.edits import replaced
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.preflight.load import load
@@ -60,7 +61,7 @@ def test_the_gait_is_as_fast_as_the_reference_says():
 
 
 def test_a_gait_beyond_the_mechanism_is_an_error_and_no_number():
-    stretched = msgspec.structs.replace(GAIT, knee_mean_deg=120.0)
+    stretched = replaced(GAIT, {"knee.mean_deg": 120.0})
 
     with pytest.raises(WorkspaceError):
         gait_motions(LEG, stretched, 0.5)

@@ -91,9 +91,9 @@ def test_nothing_moves_while_a_gait_is_announced():
 def test_the_approach_keeps_to_its_speed_limits():
     approach = [ref for plan, ref in story(gait_play()) if plan.stage == Stage.APPROACHING]
 
-    assert max(abs(ref.velocity[0]) for ref in approach) <= GAIT.approach_hip_rad_per_s * 1.001
+    assert max(abs(ref.velocity[0]) for ref in approach) <= GAIT.hip.approach_rad_per_s * 1.001
     # Straight in hip and knee angle, not in slide position: a little faster on its way.
-    assert max(abs(ref.velocity[1]) for ref in approach) <= GAIT.approach_slide_m_per_s * 1.2
+    assert max(abs(ref.velocity[1]) for ref in approach) <= GAIT.slide.approach_m_per_s * 1.2
 
 
 @pytest.mark.parametrize("cadence_hz", [0.25, 0.5])
@@ -144,8 +144,8 @@ def test_gait_angles_are_the_fourier_series_of_the_file(phase, amplitude_ratio):
 
     hip, knee = gait_shape.gait_angles(SHAPE, phase, amplitude_ratio)
 
-    assert hip == pytest.approx(series(GAIT.hip_mean_deg, GAIT.hip_harmonics_deg), abs=1e-12)
-    assert knee == pytest.approx(series(GAIT.knee_mean_deg, GAIT.knee_harmonics_deg), abs=1e-12)
+    assert hip == pytest.approx(series(GAIT.hip.mean_deg, GAIT.hip.harmonics_deg), abs=1e-12)
+    assert knee == pytest.approx(series(GAIT.knee.mean_deg, GAIT.knee.harmonics_deg), abs=1e-12)
 
 
 def test_the_second_leg_walks_half_a_stride_later():
