@@ -173,6 +173,7 @@ $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
 docs: $(VENV)/docs.stamp  ## the site of the documents, out/docs/index.html; names pages older than their sources
 	$(BIN)/python scripts/pages.py
 	$(BIN)/sphinx-build --quiet --fail-on-warning --nitpicky -c docs -d out/doctrees . out/docs
+	$(BIN)/python -m gaitd_client.wire out/docs/schemas
 
 golden: $(VENV)/dev.stamp  ## write the golden traces of sessions and plans of bring-up anew; read the difference
 	$(BIN)/pytest tests/conformance/test_golden_traces_of_sessions.py tests/drive_backstop/test_table.py tests/drives/test_plan_golden.py --write-traces

@@ -14,9 +14,10 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
+from gaitd_client.texts import Reader, catalogue
 
 from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
-from analysis.stop_recording import about, observed, opened, stop_of
+from analysis.stop_recording import about, inputs_of, observed, opened, stop_of
 from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
 from daemon.config.settings import Robot
 from observer.filter.leg_observer import CALLER_BITS, Setup, check_tuning, setup_of
@@ -112,8 +113,8 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
         robot = msgspec.convert(header.robot, Robot)
     except msgspec.ValidationError as error:
         raise RecordingError(f"{path}: its robot cannot be used: {error}") from error
-    said = about(stop_of(path, header, records, damaged_count))
-    rows = [(time_s, *one.measured, *one.effort_used) for _, time_s, one in ran]
+    said = about(stop_of(path, header, records, damaged_count), catalogue(Reader.OPERATOR, "en"))
+    rows = [(time_s, *inputs_of(one)) for _, time_s, one in ran]
     bits = [one.status & CALLER_MASK for *_, one in ran]
     made = recording(str(path), np.array(rows, dtype=np.float64))
     return Source(made, robot, name, np.array(bits, dtype=np.int64), said)

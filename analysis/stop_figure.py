@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from gaitd_client.texts import Catalogue
 from gaitd_client.wire.fields import POWER_STATES
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
@@ -28,12 +29,10 @@ from analysis.drawing import (
     strips,
     style,
 )
-from analysis.stop_recording import StopRecording, cause_text, known, utc_text
+from analysis.stop_recording import StopRecording, known, stop_text, utc_text
 from daemon.ipc.record import CycleRecord, DriveRecord, StopCategory
 from daemon.wire.names import Validity
 
-_PATIENT: Final = 6
-"""Index into the observer's states: hip, then slide."""
 _CATEGORY: Final = {
     StopCategory.NONE: FAINT,
     StopCategory.S2: "#f2b705",
@@ -42,8 +41,8 @@ _CATEGORY: Final = {
 }
 
 
-def draw(recording: StopRecording, leg: str, path: Path) -> None:
-    """Draw one leg as a PNG.
+def draw(recording: StopRecording, leg: str, path: Path, texts: Catalogue) -> None:
+    """Draw one leg as a PNG, with the operator's sentence of the stop.
 
     Raises:
         OSError: the file cannot be written.
@@ -56,9 +55,8 @@ def draw(recording: StopRecording, leg: str, path: Path) -> None:
         _strips(panels[4], recording.records, time, f"{leg}/{AXES[axis].name}")
         for panel in panels:
             panel.axvline(0.0, color=BAD, linewidth=1.1, zorder=0.5)
-    kept = recording.kept
-    where = f", {kept.drive}" if kept.drive else ""
-    words = f"{cause_text(kept.cause)}{where} · {utc_text(kept.stop_utc_ns)} · {leg} leg"
+    stopped = utc_text(recording.kept.stop_utc_ns)
+    words = f"{stop_text(recording, texts)} · {stopped} · {leg} leg"
     save(figure, words, path)
 
 
@@ -71,24 +69,26 @@ def _column(
     leg, index, axis = place
     name, position_unit, velocity_unit, effort_unit, _ = AXES[axis]
     drives = [_drive(record, f"{leg}/{name}") for record in records]
-    legs = [record.legs[index] if len(record.legs) > index else None for record in records]
+    axes = [
+        record.legs[index].axes[axis] if len(record.legs) > index else None for record in records
+    ]
     where, speed, effort, push = panels
 
     style(where, f"{name} position", position_unit)
-    reference = _of(legs, lambda one: one.reference[axis])
+    reference = _of(axes, lambda one: one.reference_position)
     line(where, time, reference, GOOD, "wanted", 1.8)
-    line(where, time, _of(drives, lambda one: one.position_si), MEASURED, "measured", 1.2)
+    line(where, time, _of(drives, lambda one: one.position), MEASURED, "measured", 1.2)
     style(speed, f"{name} speed, from the encoder", velocity_unit)
-    line(speed, time, _of(drives, lambda one: one.velocity_si), MEASURED)
+    line(speed, time, _of(drives, lambda one: one.velocity), MEASURED)
     style(effort, f"{name} effort of the drive", effort_unit)
-    line(effort, time, _of(drives, lambda one: one.target_effort_si), GOOD, "commanded", 1.8)
-    line(effort, time, _of(drives, lambda one: one.effort_si), FRICTION, "measured", 1.1)
+    line(effort, time, _of(drives, lambda one: one.target_effort), GOOD, "commanded", 1.8)
+    line(effort, time, _of(drives, lambda one: one.effort), FRICTION, "measured", 1.1)
 
     style(push, f"{name} effort of the patient", effort_unit)
-    value = _of(legs, lambda one: one.state[_PATIENT + axis])
-    std = _of(legs, lambda one: one.std[_PATIENT + axis])
-    valid = _of(legs, lambda one: one.validity[axis]) == Validity.OK
-    patient(push, time, value, std, valid, _of(legs, lambda one: one.net[axis]))
+    value = _of(axes, lambda one: one.patient)
+    std = _of(axes, lambda one: one.patient_std)
+    valid = _of(axes, lambda one: one.validity) == Validity.OK
+    patient(push, time, value, std, valid, _of(axes, lambda one: one.net))
     for panel in (where, effort, push):
         legend(panel)
 

@@ -12,20 +12,21 @@ from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+from gaitd_client.texts import Catalogue
+from gaitd_client.texts.stops import key_of
 
 from analysis.recording import RecordingError
-from daemon.ipc.record import Cause, CycleRecord, LegRecord, StopCategory
+from daemon.ipc.record import CycleRecord, LegRecord, StopCategory
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import Kept, RingError, RingHeader, RingReader
-from daemon.wire.cause_texts import CAUSE_TEXT
-from daemon.wire.report_texts import detail_text
+from daemon.report_messages import judgement
+from daemon.wire.names import name_of
 
-_ENDS = {
-    CORE_SILENT: "no more records from the core: killed, not responding, or shut down",
-    CORE_ENDED: "the core ended while no gateway was running",
-    "none": "no stop: the whole ring",
-}
+_NO_STOP: Final = "none"
+"""Cause of a ring without a stop."""
+_WITHOUT_VERDICT: Final = {CORE_SILENT, CORE_ENDED, _NO_STOP}
 
 
 class StopRecording(NamedTuple):
@@ -98,6 +99,12 @@ def observed(
         yield record, (last_ns - first_ns) * 1e-9, record.legs[leg]
 
 
+def inputs_of(leg: LegRecord) -> tuple[float, ...]:
+    """Inputs of a leg's observer, in the order of the columns of a recording."""
+    axes = leg.axes
+    return *(one.measured_position for one in axes), *(one.effort for one in axes)
+
+
 def read_stop(path: Path) -> StopRecording:
     """Read a file of the black box, or the ring of a core.
 
@@ -134,9 +141,8 @@ def _found(records: Sequence[CycleRecord]) -> Kept:
     stop = next(latched, None)
     last = stop or records[-1]
     return Kept(
-        cause=last.verdict.cause.name.lower() if stop else "none",
+        cause=name_of(last.verdict.cause) if stop else _NO_STOP,
         drive=last.verdict.drive if stop else "",
-        detail=detail_text(last.verdict) if stop else "",
         stop_seq=last.seq,
         stop_utc_ns=last.sync_utc_ns,
         first_seq=records[0].seq,
@@ -145,18 +151,20 @@ def _found(records: Sequence[CycleRecord]) -> Kept:
     )
 
 
-def cause_text(cause: str) -> str:
-    """Format a cause for the operator."""
-    if cause in _ENDS:
-        return _ENDS[cause]
-    known = Cause.__members__.get(cause.upper())
-    return CAUSE_TEXT[known].title if known is not None else cause.replace("_", " ")
+def stop_text(recording: StopRecording, texts: Catalogue) -> str:
+    """Sentence of the stop, or of how the records end."""
+    cause, verdict = recording.kept.cause, recording.stop.verdict
+    if cause in _WITHOUT_VERDICT:
+        return texts.text(f"records.{cause}")
+    if name_of(verdict.cause) == cause:
+        return texts.verdict(judgement(verdict))
+    return texts.text(f"stopped.{key_of(cause)}", cause=cause)  # its record is damaged
 
 
-def remedy_of(cause: str) -> str:
-    """Recommended action of the operator; empty where none is known."""
-    known = Cause.__members__.get(cause.upper())
-    return CAUSE_TEXT[known].remedy if known is not None else ""
+def remedy_of(recording: StopRecording, texts: Catalogue) -> str:
+    """Recommended action of the operator; empty where nothing was stopped."""
+    cause = recording.kept.cause
+    return "" if cause in _WITHOUT_VERDICT else texts.remedy(cause)
 
 
 def utc_text(utc_ns: int) -> str:
@@ -165,7 +173,7 @@ def utc_text(utc_ns: int) -> str:
     return f"{at:%Y-%m-%d %H:%M:%S}.{at.microsecond // 1000:03d} UTC"
 
 
-def about(recording: StopRecording) -> tuple[tuple[str, str], ...]:
+def about(recording: StopRecording, texts: Catalogue) -> tuple[tuple[str, str], ...]:
     """Describe the file: names and values, in the order of reading."""
     header, kept, records = recording.header, recording.kept, recording.records
     before_s, after_s = -recording.from_stop_s(records[0]), recording.from_stop_s(records[-1])
@@ -175,8 +183,8 @@ def about(recording: StopRecording) -> tuple[tuple[str, str], ...]:
     what = "ring of a core" if recording.whole else "black box"
     return (
         (what, f"{header.trainer}, gaitd {header.version}, core {header.core_boot_id}"),
-        ("cause", f"{kept.cause}{where}: {cause_text(kept.cause)}{also}"),
-        *((("detail", kept.detail),) if kept.detail else ()),
+        ("cause", f"{kept.cause}{where}{also}"),
+        ("meaning", stop_text(recording, texts)),
         ("stopped", utc_text(kept.stop_utc_ns)),
         *(
             (("damaged", f"{recording.damaged_count} records, left out"),)

@@ -8,12 +8,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
+from gaitd_client.texts import Catalogue
 from gaitd_client.wire.fields import POWER_STATES
 
 from analysis.recording import COLUMNS
-from analysis.stop_recording import StopRecording, about, observed, remedy_of
+from analysis.stop_recording import StopRecording, about, inputs_of, observed, remedy_of
 from daemon.ipc.record import CycleRecord, DriveRecord
-from daemon.wire.report_texts import detail_text
+from daemon.report_messages import judgement, progress_message
 
 Table = tuple[str, tuple[str, ...], tuple[tuple[str, ...], ...]]
 """Title, column heads, rows of text."""
@@ -30,16 +31,16 @@ _UNITS: Final = {"hip": ("rad", "rad/s", "N·m")}
 _SLIDE_UNITS: Final = ("m", "m/s", "N")
 
 
-def tables(recording: StopRecording, events: EventTexts) -> tuple[Table, ...]:
+def tables(recording: StopRecording, events: EventTexts, texts: Catalogue) -> tuple[Table, ...]:
     """Format the recording of a stop as tables of text."""
     head = (
-        *about(recording),
-        *((("remedy", r),) if (r := remedy_of(recording.kept.cause)) else ()),
+        *about(recording, texts),
+        *((("remedy", r),) if (r := remedy_of(recording, texts)) else ()),
     )
     names = [drive.name for drive in recording.stop.drives]
     return (
         (recording.path.name, ("", ""), head),
-        ("Mode and verdict", ("s", "mode", "verdict", "said"), tuple(_modes(recording))),
+        ("Mode and verdict", ("s", "mode", "verdict", "said"), tuple(_modes(recording, texts))),
         *(_drive_table(recording, name) for name in names),
         ("The last events", ("s", "", ""), tuple(_events(recording, events))),
     )
@@ -54,7 +55,7 @@ def _nearest(recording: StopRecording) -> list[CycleRecord]:
     return [recording.records[index] for index in sorted({0, *near, len(times_s) - 1})]
 
 
-def _modes(recording: StopRecording) -> Iterator[tuple[str, ...]]:
+def _modes(recording: StopRecording, texts: Catalogue) -> Iterator[tuple[str, ...]]:
     """One row for each change of mode or verdict."""
     before: tuple[object, ...] = ()
     for record in recording.records:
@@ -68,7 +69,9 @@ def _modes(recording: StopRecording) -> Iterator[tuple[str, ...]]:
                 f"{recording.from_stop_s(record):+.2f}",
                 record.mode.name.lower(),
                 judged if verdict.category else "-",
-                detail_text(verdict) or record.progress,
+                texts.verdict(judgement(verdict))
+                if verdict.category
+                else texts.progress(progress_message(record.progress)),
             )
 
 
@@ -93,10 +96,10 @@ def _drive_cells(drive: DriveRecord) -> tuple[str, ...]:
         f"EMCY 0x{drive.emergency_code:04X}": bool(drive.emergency_code),
     }
     return (
-        _number(drive.position_si, 4),
-        _number(drive.velocity_si, 3),
-        _number(drive.effort_si, 1),
-        _number(drive.target_effort_si, 1),
+        _number(drive.position, 4),
+        _number(drive.velocity, 3),
+        _number(drive.effort, 1),
+        _number(drive.target_effort, 1),
         POWER_STATES[drive.power_state].replace("_", " "),
         ", ".join(text for text, there in troubles.items() if there),
     )
@@ -141,7 +144,7 @@ def _rows(recording: StopRecording, leg: str) -> Iterator[tuple[str, ...]]:
     index = recording.header.leg_names.index(leg)
     for record, time_s, one in observed(recording.records, index):
         yield (
-            *_cells((time_s, *one.measured, *one.effort_used)),
+            *_cells((time_s, *inputs_of(one))),
             f"{recording.from_stop_s(record):.6f}",
             record.mode.name.lower(),
             record.verdict.category.name,

@@ -9,20 +9,23 @@ from typing import Final
 from observer.strides import AxisStride, Stride
 
 AXES: Final = (("hip", "nm"), ("slide", "n"))
+EFFORTS: Final = ("assist_mean", "assist_peak")
+"""Figures whose unit is that of the axis' effort."""
 
 
 def columns() -> list[str]:
     """Names of the columns; each figure is followed by its standard deviation."""
     return [
         *("number", "begin_s", "duration_s", "cadence_hz", "sample_count"),
-        *(
-            f"{axis}_{figure.replace('_si', f'_{unit}')}"
-            for axis, unit in AXES
-            for figure in AxisStride._fields
-        ),
+        *(_column(axis, unit, figure) for axis, unit in AXES for figure in AxisStride._fields),
         *("work_positive_j", "work_positive_j_std", "work_negative_j", "work_negative_j_std"),
         *("share_ratio", "share_ratio_std", "status", "baseline_subtracted"),
     ]
+
+
+def _column(axis: str, unit: str, figure: str) -> str:
+    value, std = figure.removesuffix("_std"), "_std" * figure.endswith("_std")
+    return f"{axis}_{value}_{unit}{std}" if value in EFFORTS else f"{axis}_{figure}"
 
 
 def write_csv(strides: Sequence[tuple[float, Stride]], path: Path) -> None:
@@ -47,7 +50,7 @@ def _row(number: int, begin_s: float, stride: Stride) -> list[float | str | None
         *(stride.work_negative_j, stride.work_negative_j_std),
         *(stride.share_ratio, stride.share_ratio_std),
         f"0x{stride.status.value:04x}",
-        int(stride.baseline),
+        int(stride.baseline_subtracted),
     ]
 
 

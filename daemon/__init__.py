@@ -14,18 +14,15 @@ Reading order:
     system/     clocks, journal, sd_notify, the lock of a directory, the choice of a bus
 
 To add, in this order:
-    a stop cause     `Cause` in ipc/record.py and in gaitd_client/wire/names.py; its category in
-                     wire/causes.py (fixed) or `[stop_category]` of limits.toml (chosen); its text
-                     in wire/cause_texts.py;
-                     where it is detected, usually core/safety/checks.py; docs/modes.md
+    a stop cause     ARCHITECTURE.md, "How to add"
     an exercise      its class in core/exercises/ and its row in core/modes/table.py. A mode that is
                      new on the wire first: `Mode` in ipc/record.py and in
                      gaitd_client/wire/names.py, its request in gaitd_client/wire/messages.py
-    a message field  gaitd_client/wire/messages.py, leg_messages.py or health_messages.py, then
-                     `python -m gaitd_client.wire`; where it is filled,
-                     gateway/translate.py, leg_messages.py, strides.py or health.py. A value of the
-                     core first becomes the last field of its struct in ipc/record.py, filled in
-                     core/cycle_record.py
+    a message field  gaitd_client/wire/messages.py, leg_messages.py or health_messages.py. A
+                     value of the core first becomes the last field of its struct in ipc/record.py,
+                     filled in core/cycle_record.py; with the same name in both it is in the
+                     message, else gateway/translate.py, strides.py or health.py fills it. A
+                     field that is added within v1 has a default
     a request        `ROUTES` in gateway/requests.py and its payload in
                      gaitd_client/wire/messages.py; one for the core also `RequestKind` in
                      ipc/record.py and core/steps/requests.py

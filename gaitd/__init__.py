@@ -3,8 +3,8 @@
 Families: `control.py` (enable, disable, stop, reset, mode), `preparation.py` (commission,
 reference, self-test), `keys.py` and `plan.py` (clients and what they may do). Shared by commands:
 `command_line.py` (options, errors, files), `terminal.py` (tables and progress bars), `remote.py`
-(clients of a running service), `operator_texts.py`. `acceptance.py` and `acceptance_service.py` are
-the steps of `gaitd commission --report`. What a command computes is in the package of its subject.
+(clients of a running service). `commissioning/` has the procedures of `preparation.py`. What a
+command computes is in the package of its subject.
 
 Commands of the laboratory are in `gaitd_lab/commands`.
 

@@ -19,6 +19,7 @@ import typer
 from gaitd_toml import ConfigError
 from typer.exceptions import TyperException
 
+from gaitd import language
 from gaitd.command_line import EXIT_REFUSED, JSON, CommandError, failure, json_text
 
 TOOLS: Final = "pip install ./clients/python '.[tools]'"
@@ -103,6 +104,7 @@ def build(chosen: str | None) -> typer.Typer:
 
 def main() -> None:
     """Entry point of the `gaitd` script."""
+    language.choose(os.environ)
     words = _words()[1:]
     chosen = next((word for word in words if not word.startswith("-")), None)
     # Behind `--` stand the words of another command, of `gaitd rig`.

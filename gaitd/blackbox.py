@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from gaitd.command_line import CONFIG_VARIABLE, JsonOption, errors_in_one_line, json_on_stdout
+from gaitd.language import texts
 from gaitd.terminal import show
 
 if TYPE_CHECKING:
@@ -169,19 +170,22 @@ def _show(
         if path.exists() and path.samefile(file):
             raise RefusedError(f"{path}: is the recording itself; name another file")
     with json_on_stdout(as_json) as write:
-        write({"about": dict(about(stop)), "kept": msgspec.to_builtins(stop.kept)})
+        said = texts()
+        write({"about": dict(about(stop, said)), "kept": msgspec.to_builtins(stop.kept)})
         if not as_json:
 
             def events(before: "CycleRecord", now: "CycleRecord") -> "Iterator[tuple[str, str]]":
-                return ((item.priority.value, item.text) for item in new_events(before, now))
+                for item in new_events(before, now):
+                    text = said.report(item.code, item.subject, item.values, item.said)
+                    yield said.text(f"priority.{item.priority}"), text
 
-            show(tables(stop, events))
+            show(tables(stop, events, said))
         if export is not None:
             print(f"\n{write_csv(stop, one, export)} rows of the {one} leg in {export}")
         if plot is not None:
             from analysis.stop_figure import draw
 
-            draw(stop, one, plot)
+            draw(stop, one, plot, said)
             print(f"picture of the {one} leg in {plot}")
         if folder is not None:
             from gaitd.ring_export import export as write_recording
@@ -212,13 +216,24 @@ def _request_row(fields: dict[str, object] | None) -> tuple[str, ...]:
     kind, at = str(fields.get("kind")), str(fields.get("utc"))[:23].replace("T", " ")
     if kind in {"asked", "answered", "summed"}:
         count = f" {fields['count']} times" if kind == "summed" else ""
-        reason = f": {fields['reason']}" if fields.get("reason") else ""
+        refusal = fields.get("refusal")
+        reason = f": {_refusal_text(refusal)}" if refusal else ""
         what = f"{fields.get('name')}{_arguments(fields.get('payload'))}{count}"
         client = str(fields.get("client") or "-")
         return (at, kind, client, what, f"{fields.get('outcome', 'waits')}{reason}")
     known = {"utc", "kind", "core_boot_id", "cycle", "n", "before", "own"}  # three of older files
     rest = ", ".join(f"{key} {value}" for key, value in fields.items() if key not in known)
     return (at, kind, "", rest, "")
+
+
+def _refusal_text(refusal: object) -> str:
+    import msgspec
+    from gaitd_client import wire
+
+    try:
+        return texts().refusal(msgspec.convert(refusal, wire.Refusal))
+    except msgspec.ValidationError:  # of another version
+        return str(refusal)
 
 
 def _arguments(payload: object) -> str:

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from gaitd.command_line import ConfigFile, JsonOption, failure
+from gaitd.language import texts
 from gaitd.terminal import show
 
 EXIT_REFUSED = 2
@@ -41,7 +42,7 @@ def command(
             print("".join(f"warning: {warning}\n" for warning in report.warnings), end="")
         else:
             print()
-            show(sections(report))
+            show(sections(report, texts()))
             print()
     if errors:
         sys.stdout.flush()

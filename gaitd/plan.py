@@ -45,8 +45,8 @@ def command(
         "cadence_max_hz": cadence,
         "amplitude_max_ratio": amplitude,
         "duration_max_s": duration,
-        "hip_assist_max_nm": hip_assist,
-        "slide_assist_max_n": slide_assist,
+        "hip": {"assist_max": hip_assist},
+        "slide": {"assist_max": slide_assist},
     }
     target = find_target(config, endpoint, trainer, credentials)
     plan = limits if action is Action.RELEASE else None

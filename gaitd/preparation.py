@@ -1,33 +1,37 @@
 """`gaitd commission`, `reference` and `self-test`: what a machine needs before it is used.
 
-Each requests a mode of a running service, prints the progress, and ends with the mode.
+Each plays a procedure of `gaitd/commissioning` with a running service and the operator.
 Exit codes as in `remote.py`; 1 also if the axis was not homed or does not move as it should, if the
 self-test failed, if the operator did not do a step of it in time, or if an acceptance has found
 something wrong or was not completed.
 """
 
-import json
 import sys
-import time
-from collections.abc import Callable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, Final
 
+import msgspec
 import typer
-from gaitd_client import ClientError, Outcome, Target, Trainer, wire
+from gaitd_client import ClientError, Mode, Target
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
-from analysis.acceptance.record import Judgement
-from daemon.ipc.report import EventCode
-from daemon.wire.names import name_of
-from gaitd.command_line import JsonOption, errors_in_one_line, json_text
-from gaitd.operator_texts import (
-    HOMING_MAX_S,
-    MOTIONS,
-    PRESS,
-    STEP_MAX_S,
-    prompt,
+from analysis.acceptance.record import (
+    AcceptanceRecord,
+    FindingCode,
+    Judgement,
+    Reason,
+    ReasonCode,
+    read,
 )
+from analysis.acceptance.words import finding_texts, reason_text
+from gaitd.command_line import CommandError, JsonOption, errors_in_one_line, failure, json_text
+from gaitd.commissioning.plans import Gait, one_axis
+from gaitd.commissioning.plans import self_test as self_test_plan
+from gaitd.commissioning.procedure import may_move
+from gaitd.commissioning.remote_service import RemoteService
+from gaitd.commissioning.run import Operator, Run
+from gaitd.language import texts
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
@@ -37,39 +41,16 @@ from gaitd.remote import (
     EndpointOption,
     TrainerOption,
     client_of,
+    complete,
     find_target,
     report_reply,
     report_silence,
-    request,
 )
 
 GAIT_CADENCE_HZ: Final = 0.25
-AxisName = Annotated[str, typer.Argument(metavar="AXIS", help="LEG/AXIS, for example right/hip")]
-Print = Callable[[str], None]
-
-SETTLED_POLLS: Final = 2
-"""Polls in a calm mode before the end counts: between bring-ups the service passes `ready`."""
-SETTLED_MODES: Final = frozenset({"ready", "fault"})
-HOMING_POLL_S: Final = 0.25
-POLL_S: Final = 0.5
-AGAIN: Final = "then `gaitd self-test` again: the inputs that were seen to act need not act again"
-
-
-class NoRecordsError(ClientError):
-    """The service answers, but it has no records of the core."""
-
-
-class AxisResult(NamedTuple):
-    """How the mode of one axis has ended."""
-
-    good: bool
-    text: str
-    """Event text of the service about the axis; if the axis stopped before its end, the reason."""
-
-    @property
-    def exit_code(self) -> int:
-        """0 for success, else 1."""
-        return EXIT_DONE if self.good else EXIT_REFUSED
+AxisName = Annotated[
+    str, typer.Argument(metavar="AXIS", help="LEG/AXIS, for example right/hip, or hip if unique")
+]
 
 
 # --- one axis of the empty machine ----------------------------------------------------------------
@@ -88,9 +69,9 @@ def reference(
     The service needs the configuration of the empty machine, and the hand switch held.
     """
     target = find_target(config, endpoint, trainer, credentials)
-    result = run_axis(target, "reference", axis, EventCode.HOMED, as_json=as_json)
-    print(json.dumps({"axis": axis, "homed": result.good}) if as_json else result.text)
-    raise typer.Exit(result.exit_code)
+    run = _played(target, "reference", Mode.REFERENCE, axis, as_json=as_json)
+    known = {"axis": run.tasks[0].axis, "homed": run.has_passed(FindingCode.OWN_JUDGEMENT)}
+    raise typer.Exit(_result("reference", run, known, as_json=as_json))
 
 
 def commission(
@@ -141,29 +122,23 @@ def commission(
         _refuse("AXIS", axis, "not together with --report", refused=axis is not None)
         if config is None:
             raise ConfigError(COMMAND_LINE, "--config", MISSING, "needed with --report")
-        gait = (cadence, amplitude)
-        raise typer.Exit(
-            _report(target, config, gait, report, yes=yes, witnessed=witnessed, as_json=as_json)
-        )
+        operator = Operator(agreed=yes, witnessed=witnessed)
+        if not (yes or sys.stdin.isatty()):
+            allowed = "to be given where there is no terminal for the confirmations"
+            raise ConfigError(COMMAND_LINE, "--yes", MISSING, allowed)
+        gait = Gait(cadence, amplitude)
+        raise typer.Exit(_report(target, config, gait, report, operator, as_json=as_json))
     _refuse("--yes", yes, "only with --report", refused=yes)
     if axis is None:
         raise ConfigError(COMMAND_LINE, "AXIS", MISSING, "LEG/AXIS, or --report FOLDER for all")
-    described = MOTIONS.get(axis.rpartition("/")[2], "it first goes forth, then back")
-    if not as_json:
-        print(f"Watch the machine: if all is right, {described}.")
-    result = run_axis(target, "commission", axis, EventCode.SIGN_TESTED, as_json=as_json)
-    seen = result.good and witnessed
-    if not as_json:
-        print(result.text)
-        if result.good and not witnessed:
-            seen = typer.confirm(f"Did you see that {described}?")
-    known = {"axis": axis, "moves_with_its_torque": result.good, "witnessed": seen}
-    if not seen:
-        if as_json:
-            print(json.dumps(known))
-        raise typer.Exit(EXIT_REFUSED)
-    noted = {"mode": "commission", "axis": axis, "witnessed": True}
-    raise typer.Exit(request(target, "mode", as_json=as_json, known=known, **noted))
+    mode = Mode.COMMISSION
+    run = _played(target, "commission", mode, axis, witnessed=witnessed, as_json=as_json)
+    known = {
+        "axis": run.tasks[0].axis,
+        "moves_with_its_torque": run.has_passed(FindingCode.OWN_JUDGEMENT),
+        "witnessed": run.has_passed(FindingCode.DIRECTION),
+    }
+    raise typer.Exit(_result("commission", run, known, as_json=as_json))
 
 
 def _refuse(option: str, value: object, allowed: str, *, refused: bool) -> None:
@@ -174,114 +149,64 @@ def _refuse(option: str, value: object, allowed: str, *, refused: bool) -> None:
 def _report(
     target: Target,
     config: Path,
-    gait: tuple[float, float],
+    gait: Gait,
     folder: Path,
+    operator: Operator,
     *,
-    yes: bool,
-    witnessed: bool,
     as_json: bool,
 ) -> int:
     """Write the acceptance records; returns the exit code."""
     from daemon.core.exercises.gait import CADENCE_MIN_HZ
     from daemon.preflight.load import load
-    from gaitd.acceptance import Gait
-    from gaitd.acceptance_service import TerminalOperator, run_acceptance
+    from gaitd.commissioning.report import accept, record_path
 
-    if not (yes or sys.stdin.isatty()):
-        allowed = "to be given where there is no terminal for the confirmations"
-        raise ConfigError(COMMAND_LINE, "--yes", MISSING, allowed)
-    operator = TerminalOperator(agreed=yes, witnessed=witnessed)
     settings = load(config)
     if settings.robot.patient is not None:
         allowed = "a robot file without [patient]: axes are accepted in the empty machine"
         raise ConfigError(config, "robot", settings.trainer.robot, allowed)
-    cadence_hz, amplitude_ratio = gait
     most_hz = settings.trainer.gait.cadence_max_hz
-    wrong = not CADENCE_MIN_HZ <= cadence_hz <= most_hz
-    _refuse("--cadence", cadence_hz, f"{CADENCE_MIN_HZ:g} to {most_hz:g}", refused=wrong)
-    wrong = not 0 < amplitude_ratio <= 1
-    _refuse("--amplitude", amplitude_ratio, "more than 0, at most 1", refused=wrong)
+    wrong = not CADENCE_MIN_HZ <= gait.cadence_hz <= most_hz
+    _refuse("--cadence", gait.cadence_hz, f"{CADENCE_MIN_HZ:g} to {most_hz:g}", refused=wrong)
+    wrong = not 0 < gait.amplitude_ratio <= 1
+    _refuse("--amplitude", gait.amplitude_ratio, "more than 0, at most 1", refused=wrong)
     try:
         with errors_in_one_line():
-            written = run_acceptance(target, settings, operator, Gait(*gait), folder)
+            blocked = accept(target, settings, operator, gait, folder)
     except ClientError as error:
         return report_silence("commission", str(error), as_json=as_json)
-    results = [
-        {
-            "drive": one.record.drive,
-            "verdict": one.record.judgement.value,
-            "blocked": one.blocked,
-            **{word.value: one.record.count(word) for word in Judgement},
-            "files": [str(path) for path in one.files],
-        }
-        for one in written
-    ]
-    for one in [] if as_json else written:
-        record = one.record
-        counts = ", ".join(f"{record.count(word)} {word.value}" for word in Judgement)
-        print(f"{record.drive}: {counts}: {one.files[1]}")
-        for section in record.sections:
-            for line in section.lines:
-                if line.judgement is Judgement.FAILED:
-                    print(f"  FAILED {line.asked}: {line.measured}; allowed: {line.allowed}")
-    blocked = written[0].blocked
+    paths = [record_path(folder, drive.name) for drive in settings.drives]
+    records = {path: read(path) for path in paths}
     if as_json:
-        print(json_text(results))
-    elif blocked:
-        print(f"not complete: {blocked}")
-    failed = any(one.record.judgement is Judgement.FAILED for one in written)
+        results = [
+            {
+                "drive": record.drive,
+                "verdict": record.judgement,
+                "blocked": blocked,
+                **{word: record.count(word) for word in Judgement},
+                "files": [str(path), str(path.with_suffix(".html"))],
+            }
+            for path, record in records.items()
+        ]
+        print(json_text(msgspec.to_builtins(results)))
+    else:
+        for path, record in records.items():
+            _print_record(record, path)
+        if blocked is not None:
+            print(f"{texts().text('record.not_complete')}: {_told(blocked)}")
+    failed = any(one.judgement is Judgement.FAILED for one in records.values())
     return EXIT_REFUSED if failed or blocked else EXIT_DONE
 
 
-def run_axis(target: Target, mode: str, axis: str, good: EventCode, *, as_json: bool) -> AxisResult:
-    """Request the mode and wait for its end.
-
-    Args:
-        target: the service.
-        mode: `reference` or `commission`.
-        axis: LEG/AXIS.
-        good: event of the service about the axis in case of success.
-        as_json: print nothing but an error, as a JSON document.
-
-    Raises:
-        Exit: the service refused, does not answer, or the mode did not end in time.
-    """
-
-    def show(text: str) -> None:
-        if not as_json:
-            print(text, file=sys.stderr)
-
-    before, settled, progress = None, 0, ""
-    try:
-        with client_of(target, mode) as trainer:
-            before = _ids(trainer.status())
-            reply = trainer.request("mode", mode=mode, axis=axis)
-            if reply.outcome != Outcome.DONE or not as_json:  # the result is the only document
-                code = report_reply(reply, as_json=as_json)
-                if code != EXIT_DONE:
-                    raise typer.Exit(code)
-            for _ in range(round(HOMING_MAX_S / HOMING_POLL_S)):
-                time.sleep(HOMING_POLL_S)
-                status = _valid_status(trainer)
-                progress = _show_progress(status, progress, show)
-                settled = settled + 1 if status.safety.mode in SETTLED_MODES else 0
-                if settled > SETTLED_POLLS:
-                    return _axis_result(status, axis, good, before)
-        report_silence(mode, f"{axis}: it did not end within {HOMING_MAX_S:g} s", as_json=as_json)
-    except ClientError as error:
-        moving = "" if before is None else f"; {axis} may be moving: look at it before you go on"
-        report_silence(mode, f"{error}{moving}", as_json=as_json)
-    raise typer.Exit(EXIT_NO_ANSWER)
-
-
-def _axis_result(status: wire.Status, axis: str, good: EventCode, before: set[str]) -> AxisResult:
-    ends = {name_of(good), name_of(EventCode.SINGLE_AXIS_FAILED)}
-    for event in reversed(_new_events(status, before)):
-        if event.subject == axis and event.code in ends:
-            return AxisResult(event.code == name_of(good), event.text)
-    verdict = status.safety.verdict
-    why = f"{verdict.text}: {verdict.remedy}" if verdict and verdict.category != "none" else ""
-    return AxisResult(False, f"{axis}: stopped before its end. {why}".strip())
+def _print_record(record: AcceptanceRecord, path: Path) -> None:
+    said = texts()
+    words = {one: said.text(f"judgement.{one}") for one in Judgement}
+    counts = ", ".join(f"{record.count(one)} {word}" for one, word in words.items())
+    print(f"{said.subject(record.drive)}: {counts}: {path.with_suffix('.html')}")
+    for finding in record.findings:
+        if finding.judgement is Judgement.FAILED:
+            asked, measured, allowed = finding_texts(said, finding)
+            line = f"{asked}: {measured}; {said.text('record.allowed')}: {allowed}"
+            print(f"  {words[Judgement.FAILED].upper()} {line}")
 
 
 # --- self-test ------------------------------------------------------------------------------------
@@ -296,117 +221,79 @@ def self_test(
 ) -> None:
     """Run the daily test: hand switch, emergency stop, then each axis moves a little by itself."""
     target = find_target(config, endpoint, trainer, credentials)
-
-    def show(text: str) -> None:
-        print(text, file=sys.stderr if as_json else sys.stdout, flush=True)
-
-    try:
-        with client_of(target, "self-test") as service:
-            passed, lines = run_self_test(service, show)
-    except ClientError as error:
-        report_silence("self-test", str(error), as_json=as_json)
-        raise typer.Exit(EXIT_NO_ANSWER) from error
-    if as_json:
-        print(json.dumps({"passed": passed, "findings": lines}, ensure_ascii=False))
-    else:
-        print("The self-test is passed." if passed else "The self-test is NOT passed.")
-    raise typer.Exit(EXIT_DONE if passed else EXIT_REFUSED)
+    run = _played(target, "self-test", Mode.SELF_TEST, "", as_json=as_json)
+    code = _result("self-test", run, {"passed": run.is_good}, as_json=as_json)
+    if not as_json:
+        print(texts().text(f"self_test.{'passed' if code == EXIT_DONE else 'not_passed'}"))
+    raise typer.Exit(code)
 
 
-def run_self_test(trainer: Trainer, show: Print) -> tuple[bool, list[str]]:
-    """Run all steps; return whether the test passed, and the service's event texts about it.
+# --- one run --------------------------------------------------------------------------------------
 
-    The steps follow from the service's refusals: until the service has seen hand switch and
-    emergency stop act, it refuses to enable and names the inputs that it has not seen. Enable is
-    requested, but never reset: a latched stop is shown with its remedy, and the test ends.
+
+def axis_named(name: str, known: Iterable[str]) -> str:
+    """LEG/AXIS of an axis that is named without its leg; the name itself if it is not unique."""
+    found = [one for one in known if one.rpartition("/")[2] == name]
+    return found[0] if len(found) == 1 else name
+
+
+def _played(
+    target: Target,
+    command: str,
+    mode: Mode,
+    axis: str,
+    *,
+    witnessed: bool = False,
+    as_json: bool,
+) -> Run:
+    """Play the procedure of one axis, or the daily self-test, with a running service.
 
     Raises:
-        ClientError: the service does not answer.
+        Exit: the service does not answer.
     """
-    reason = "" if _valid_status(trainer).safety.mode == "hold" else _enable(trainer, show)
-    if reason:
-        show(reason)
-        return False, [reason]
-    show("Now each axis moves a little, forth and back. Lie relaxed, and hold the hand switch.")
-    before = _ids(_valid_status(trainer))
-    reply = trainer.request("mode", mode="self_test")
-    if reply.outcome != Outcome.DONE:
-        show(f"refused: {reply.reason}")
-        return False, [reply.reason]
-    progress = ""
-    for _ in range(round(STEP_MAX_S / POLL_S)):
-        time.sleep(POLL_S)
-        status = _valid_status(trainer)
-        progress = _show_progress(status, progress, show)
-        if status.safety.mode != "self_test":
-            return _test_result(status, before, show)
-    return False, []
+    operator = Operator(agreed=as_json, witnessed=witnessed)
+    run: Run | None = None
+    try:
+        with client_of(target, command) as trainer:
+            if mode is Mode.SELF_TEST:
+                tasks = self_test_plan()
+            else:
+                known = () if "/" in axis else trainer.configuration().drive_names
+                tasks = one_axis(mode, axis_named(axis, known))
+            run = Run(tasks, RemoteService(trainer), operator)
+            run.play()
+    except ClientError as error:
+        moves = "" if run is None else may_move(run.tasks, run.state)
+        moving = f"; {moves} may be moving: look at it before you go on" if moves else ""
+        code = report_silence(command, f"{error}{moving}", as_json=as_json)
+        raise typer.Exit(code) from error
+    return run
 
 
-def _enable(trainer: Trainer, show: Print) -> str:
-    """Request enable until nothing is missing; prompt the operator for the missing steps.
-
-    Returns: the reason why it is not enabled; empty if it is.
-    """
-    last_text = ""
-    for _ in range(round(STEP_MAX_S / POLL_S)):
-        safety = _valid_status(trainer).safety
-        if safety.mode != "ready":
-            # Another client's request, or a stop: an enable request now would be outside this test.
-            stopped = stop_text(safety) or f"not possible in mode {safety.mode}"
-            # Some drives report an emergency stop as a fault also without power.
-            return f"{stopped}; {AGAIN}" if last_text == PRESS else stopped
-        reply = trainer.request("enable")
-        if reply.outcome == Outcome.DONE:
-            return ""
-        text = prompt(reply.reason, reply.refusal)
-        if text != last_text:
-            last_text = text
-            show(text)
-        time.sleep(POLL_S)
-    return f"not done within {STEP_MAX_S:g} s"
-
-
-def stop_text(safety: wire.Safety) -> str:
-    """Text and remedy of the stop that is in force; empty if there is none."""
-    verdict = safety.verdict
-    if verdict is None or verdict.category == "none":
-        return ""
-    where = f"{verdict.drive}: " if verdict.drive else ""
-    detail = f" ({verdict.detail})" if verdict.detail else ""
-    return f"{where}{verdict.text}{detail}: {verdict.remedy}"
+def _result(command: str, run: Run, known: Mapping[str, object], *, as_json: bool) -> int:
+    """Print the findings of a run and its end; returns the exit code."""
+    why, reply = run.why, run.reply
+    if why is not None and why.code is ReasonCode.REFUSED and reply is not None:
+        return report_reply(reply, as_json=as_json, known=known)
+    is_late = why is not None and why.code is ReasonCode.NOT_IN_TIME and bool(run.tasks[0].axis)
+    code = EXIT_DONE if run.is_good else EXIT_NO_ANSWER if is_late else EXIT_REFUSED
+    if as_json:
+        error = CommandError("not passed" if why is None else why.code, code)
+        document = {
+            **known,
+            "findings": msgspec.to_builtins(run.findings),
+            "reason": msgspec.to_builtins(why),
+            **({} if code == EXIT_DONE else failure(error, command)),
+        }
+        print(json_text(document))
+        return code
+    for finding in run.findings:
+        if finding.reason is None:
+            print(finding_texts(texts(), finding)[1])
+    if why is not None:
+        print(_told(why))
+    return code
 
 
-def _test_result(status: wire.Status, before: set[str], show: Print) -> tuple[bool, list[str]]:
-    passed, failed = name_of(EventCode.SELF_TEST_PASSED), name_of(EventCode.SELF_TEST_FAILED)
-    results = [one for one in _new_events(status, before) if one.code in {passed, failed}]
-    lines = [one.text for one in results]
-    for line in filter(None, (*lines, stop_text(status.safety))):
-        show(line)
-    return bool(results) and all(one.code == passed for one in results), lines
-
-
-# --- both -----------------------------------------------------------------------------------------
-
-
-def _show_progress(status: wire.Status, before: str, show: Print) -> str:
-    """Show the progress if it has changed; return what is shown now."""
-    progress = status.safety.progress or ""
-    if progress != before:
-        show(f"  {progress}")
-    return progress
-
-
-def _ids(status: wire.Status) -> set[str]:
-    return {event.id for event in status.events}
-
-
-def _new_events(status: wire.Status, before: set[str]) -> list[wire.Event]:
-    return [event for event in status.events if event.id not in before]
-
-
-def _valid_status(trainer: Trainer) -> wire.Status:
-    status = trainer.status()
-    if not status.safety.valid:
-        raise NoRecordsError("no records arrive from the core; look at the machine")
-    return status
+def _told(reason: Reason) -> str:
+    return complete(reason_text(texts(), reason))

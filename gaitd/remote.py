@@ -4,6 +4,7 @@ Exit codes: 0 done; 1 refused, with the reason; 2 configuration or usage; 4 no a
 service did not report the outcome of the request in time.
 """
 
+import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +16,6 @@ import typer
 from gaitd_client import (
     ClientError,
     CredentialsError,
-    Mode,
     NoServiceError,
     Outcome,
     Reply,
@@ -24,39 +24,19 @@ from gaitd_client import (
     read_credentials,
 )
 from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
+from gaitd_client.texts import Catalogue, Reader, catalogue
 from gaitd_client.trainer import NOT_STOPPED, STOP
 from gaitd_toml import ConfigError
 
-from daemon.ipc.report import RefusalCode
-from daemon.wire.names import name_of
 from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text, with_config
+from gaitd.language import texts
 
 EXIT_DONE: Final = 0
 EXIT_REFUSED: Final = 1
 EXIT_NO_ANSWER: Final = 4
 
-LOOK: Final = "`gaitd status` shows the state of the machine"
-NEXT_BY_CODE: Final = {
-    RefusalCode.INPUT_UNTESTED: "`gaitd self-test`",
-    RefusalCode.SELF_TEST_DUE: "`gaitd self-test`",
-    RefusalCode.NOT_REFERENCED: "`gaitd reference {subject}`, in the empty machine",
-    RefusalCode.SIGN_NOT_PROVEN: "`gaitd commission {subject}`, in the empty machine",
-    RefusalCode.PATIENT_CONFIGURED: (
-        "`gaitd run` with a robot file without [patient], once the leg is out"
-    ),
-    RefusalCode.NO_PLAN: "`gaitd plan release`",
-}
-"""What to do after a refusal of the core, by its code."""
-NEXT_IN_MODE: Final[dict[str, str]] = {
-    Mode.OFF: "`gaitd status` shows what the service waits for",
-    Mode.BRINGING_UP: "wait until `gaitd status` shows ready",
-    Mode.STOPPING: "wait until `gaitd status` shows ready or fault",
-    Mode.FAULT: "`gaitd status` shows the cause and its remedy; then `gaitd reset`",
-    Mode.READY: "`gaitd enable`, with the hand switch held and the leg at rest",
-    Mode.REFERENCE: "wait for its end, or `gaitd stop`",
-    Mode.COMMISSION: "wait for its end, or `gaitd stop`",
-}
-"""What to do after any other refusal, by the mode."""
+EXAMPLE: Final = {"cadence_hz": 0.25, "amplitude_ratio": 1.0, "duration_s": 60.0}
+"""What a command that is named has for what the request left out."""
 
 ConfigOption = Annotated[
     Path | None,
@@ -122,7 +102,6 @@ def request(
     name: str,
     *,
     as_json: bool,
-    known: Mapping[str, object] = MappingProxyType({}),
     **arguments: object,
 ) -> int:
     """Request enable, disable, stop, reset or mode; print the outcome.
@@ -131,7 +110,6 @@ def request(
         target: the service.
         name: of the request.
         as_json: print one JSON document.
-        known: printed in the same document.
         arguments: of the request.
 
     Returns: the exit code.
@@ -144,44 +122,72 @@ def request(
         return report_silence(name, trouble, as_json=as_json)
     except ClientError as error:
         return report_silence(name, str(error), as_json=as_json)
-    return report_reply(reply, as_json=as_json, known=known)
+    return report_reply(reply, as_json=as_json, arguments=arguments)
 
 
 def report_reply(
-    reply: Reply, *, as_json: bool, known: Mapping[str, object] = MappingProxyType({})
+    reply: Reply,
+    *,
+    as_json: bool,
+    known: Mapping[str, object] = MappingProxyType({}),
+    arguments: Mapping[str, object] = MappingProxyType({}),
 ) -> int:
-    """Print the outcome of a request, and after a refusal the next command.
+    """Print the outcome of a request, and after a refusal what to do.
+
+    Args:
+        reply: to the request.
+        as_json: print one JSON document, with codes in place of sentences.
+        known: printed in the same document.
+        arguments: of the request, for the command that is named.
 
     Returns: the exit code.
     """
-    mode = f" (mode {reply.mode})" if reply.mode else ""
-    reason = f": {reply.reason}" if reply.reason else ""
-    following = next_command(reply)
-    then = f"\nnext: {following}" if following else ""
-    text = f"{reply.request} {reply.outcome}{reason}{mode}{then}"
     # A later version of the service may send another outcome.
     codes: dict[str, int] = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
     code = codes.get(reply.outcome, EXIT_NO_ANSWER)
-    if not as_json:
-        print(text)
-    elif code == EXIT_DONE:
-        print(json_text({**known, **msgspec.to_builtins(reply)}))
-    else:
-        refused = CommandError(reply.reason, code, following=following)
-        error = failure(refused, reply.request)
-        print(json_text({**known, **msgspec.to_builtins(reply), **error}))
+    if as_json:
+        document = {**known, **msgspec.to_builtins(reply)}
+        if code != EXIT_DONE:
+            why = reply.refusal.code if reply.refusal else reply.outcome
+            following = next_command(reply, catalogue(Reader.OPERATOR, "en"), arguments)
+            document |= failure(CommandError(why, code, following=following), reply.request)
+        print(json_text(document))
+        return code
+    said = texts()
+    outcome = said.text(f"outcome.{reply.outcome}")
+    mode = f" ({said.text(f'mode.{reply.mode}')})" if reply.mode else ""
+    reason = f": {said.refusal(reply.refusal)}" if reply.refusal else ""
+    print(f"{said.text(f'request.{reply.request}')}: {outcome}{reason}{mode}")
+    if following := next_command(reply, said, arguments):
+        print(f"{said.text('status.next')}: {following}")
     return code
 
 
-def next_command(reply: Reply) -> str:
-    """Return what to do after a refusal; empty for every other outcome."""
+def next_command(reply: Reply, said: Catalogue, arguments: Mapping[str, object]) -> str:
+    """Return what to do after a refusal, with complete commands; empty for other outcomes."""
     if reply.outcome != Outcome.REFUSED:
         return ""
     refusal = reply.refusal
-    for code, text in NEXT_BY_CODE.items():
-        if refusal is not None and refusal.code == name_of(code):
-            return text.format(subject=refusal.subject)
-    return NEXT_IN_MODE.get(reply.mode or "", LOOK)
+    if refusal is not None and said.has(f"next.{refusal.code}"):
+        given = {name: value for name, value in arguments.items() if value}
+        fields = {**EXAMPLE, **given, **refusal.values}
+        lowest, highest = (refusal.values.get(name) for name in ("lowest", "highest"))
+        if isinstance(lowest, float) and isinstance(highest, float):
+            fields["suggested"] = min(max(EXAMPLE["cadence_hz"], lowest), highest)
+        shown = {name: _as_typed(value) for name, value in fields.items()}
+        shown |= {"axis": refusal.subject or "", "said": refusal.said}
+        return complete(said.text(f"next.{refusal.code}", **shown))
+    key = f"next.mode_{reply.mode}"
+    return complete(said.text(key if said.has(key) else "next.other"))
+
+
+def complete(text: str) -> str:
+    """Return a text whose commands have the trainer file of this command line."""
+    return re.sub("`(gaitd [^`]+)`", lambda found: f"`{with_config(found[1]) or found[1]}`", text)
+
+
+def _as_typed(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def report_silence(name: str, trouble: str, *, as_json: bool) -> int:

@@ -67,6 +67,7 @@ def export(header: RingHeader, records: Sequence[CycleRecord], path: Path) -> Fi
         period_ns=header.period_ns,
         leg_names=header.leg_names,
         drive_names=header.drive_names,
+        joints=wire.JOINTS,
         config_hashes=header.config_hashes,
         robot=header.robot,
         limits=header.limits,

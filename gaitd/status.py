@@ -5,9 +5,11 @@ from datetime import UTC, datetime
 from typing import Final
 
 import typer
-from gaitd_client import ClientError, wire
+from gaitd_client import Cause, ClientError, wire
+from gaitd_client.texts import Catalogue
 
 from gaitd.command_line import JsonOption
+from gaitd.language import texts
 from gaitd.remote import (
     EXIT_DONE,
     EXIT_NO_ANSWER,
@@ -17,6 +19,7 @@ from gaitd.remote import (
     TrainerOption,
     as_json_text,
     client_of,
+    complete,
     find_target,
     report_silence,
 )
@@ -37,59 +40,68 @@ def command(
             message = service.status()
     except ClientError as error:
         raise typer.Exit(report_silence("status", str(error), as_json=as_json)) from error
-    print(as_json_text(message) if as_json else "\n".join(lines(message)))
+    print(as_json_text(message) if as_json else "\n".join(lines(message, texts())))
     raise typer.Exit(EXIT_DONE if message.safety.valid else EXIT_NO_ANSWER)
 
 
-def lines(message: wire.Status) -> Iterator[str]:
+def lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:
     """Format the screen, line by line."""
-    yield from _safety_lines(message)
-    yield from map(_drive_line, message.drives)
+    yield from _safety_lines(message, texts)
+    for drive in message.drives:
+        yield _line(texts.subject(drive.name), ", ".join(_drive_words(drive, texts)))
     for leg in message.legs:
-        yield (
-            f"{leg.leg:<12} patient {_number(leg.hip_patient_nm, 'N·m', 1)} ({leg.hip_validity}),"
-            f" {_number(leg.slide_patient_n, 'N', 0)} ({leg.slide_validity});"
-            f" {', '.join(leg.status)}"
+        patient = texts.text(
+            "status.patient",
+            hip=_number(leg.hip.patient, "N·m", 1),
+            hip_validity=texts.text(f"validity.{leg.hip.validity}"),
+            slide=_number(leg.slide.patient, "N", 0),
+            slide_validity=texts.text(f"validity.{leg.slide.validity}"),
         )
+        yield _line(texts.subject(leg.leg), patient)
     for event in message.events[-EVENT_COUNT:]:
         at = datetime.fromtimestamp(event.time_ns * 1e-9, UTC).astimezone()
-        yield f"{at:%H:%M:%S}     {event.priority:<6} {event.text}"
+        priority = texts.text(f"priority.{event.priority}")
+        yield _line(f"{at:%H:%M:%S}", f"{priority:<8} {texts.event(event)}")
 
 
-def _drive_line(drive: wire.DriveState) -> str:
+def _line(label: str, text: str) -> str:
+    return f"{label:<18} {text}"
+
+
+def _drive_words(drive: wire.DriveState, texts: Catalogue) -> Iterator[str]:
     unit, effort_unit = ("rad", "N·m") if drive.name.endswith("hip") else ("m", "N")
-    words = [
-        drive.power_state.replace("_", " "),
-        _number(drive.position_si, unit, 3),
-        _number(drive.effort_si, effort_unit, 1),
-        _number(drive.temperature_degc, "°C", 0),
-    ]
+    yield texts.text(f"power_state.{drive.power_state}")
+    yield _number(drive.position, unit, 3)
+    yield _number(drive.effort, effort_unit, 1)
+    yield _number(drive.temperature_degc, "°C", 0)
     troubles = {
-        "not referenced": not drive.referenced,
-        "hand switch open": drive.hand_switch_closed is False,
-        "STO active": drive.sto_released is False,
-        f"EMCY {drive.emergency_code} {drive.emergency_text}": drive.emergency_code is not None,
+        "not_referenced": not drive.referenced,
+        "hand_switch_open": drive.hand_switch_closed is False,
+        "sto_active": drive.sto_released is False,
     }
-    words += [text for text, there in troubles.items() if there]
-    return f"{drive.name:<12} {', '.join(words)}"
+    yield from (texts.text(f"status.{name}") for name, is_so in troubles.items() if is_so)
+    if drive.emergency_code is not None:
+        yield texts.text("status.emcy", emcy_code=drive.emergency_code, said=drive.emergency_text)
 
 
-def _safety_lines(message: wire.Status) -> Iterator[str]:
-    safety = message.safety
+def _safety_lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:
+    safety, progress = message.safety, texts.progress(message.safety.progress)
+    label = texts.text("status.mode")
     if not safety.valid or safety.verdict is None:
-        why = safety.progress or "no records arrive from the core"
-        yield f"mode         unknown: {why}"
+        yield _line(label, progress or texts.text("status.no_records"))
         return
-    yield f"mode         {safety.mode}: {safety.progress}"
+    stage = texts.text(f"stage.{safety.stage}") if safety.stage else ""
+    words = (texts.text(f"mode.{safety.mode}"), stage, progress)
+    yield _line(label, ", ".join(word for word in words if word))
     if safety.lease_holder is not None:
-        yield f"lease        held by {safety.lease_holder}"
+        held = texts.text("status.lease_held", client=safety.lease_holder)
+        yield _line(texts.text("status.lease"), held)
     verdict = safety.verdict
-    if verdict.category != "none":
-        where = f" ({verdict.drive})" if verdict.drive else ""
-        detail = f": {verdict.detail}" if verdict.detail else ""
-        yield f"stop {verdict.category}      {verdict.text}{where}{detail}"
-        yield f"remedy       {verdict.remedy}"
+    if verdict.cause != Cause.NONE:
+        category = texts.text("status.stop", category=verdict.category)
+        yield _line(category, texts.verdict(verdict))
+        yield _line(texts.text("status.remedy"), complete(texts.remedy(verdict.cause)))
 
 
 def _number(value: float | None, unit: str, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f} {unit}"
+    return "–" if value is None else f"{value:.{digits}f} {unit}"

@@ -22,10 +22,11 @@ from daemon.config.trainer import beside
 from daemon.ipc.record import Cause, CycleRecord, Mode, Stage
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
-from daemon.wire.report_texts import detail_text
+from daemon.wire.report_fields import verdict_line
 from gaitd_lab.lockstep import LockstepSession, NotReachedError, RefusedError
 from gaitd_lab.lockstep_gateway import Gateway
 from gaitd_lab.studies.experiment.measures import Run
+from gaitd_lab.trials import of_axes
 from gaitd_lab.virtual_machine import load_plant, load_robot, virtual_machine
 from observer.filter.leg_model import STEP_S
 from observer.mechanism.friction import FrictionParameters
@@ -41,6 +42,8 @@ STICKING_FROZEN_CYCLES: Final = 200
 """Time limit of the frozen-encoder check, with ideal sticking: the hip then stands without a count
 for a second while its torque reverses and the slide unloads it, which looks the same.
 """
+STATES: Final = ("position", "velocity", "friction", "patient")
+"""Fields of an axis in the order of `observer.filter.states`."""
 
 
 class Played(NamedTuple):
@@ -191,18 +194,18 @@ def _run(records: list[CycleRecord], truth: list[TruthRow], count: int) -> Run:
     played = [one for one in records if _playing(one) and one.sync_mono_ns in rows][:count]
     legs = [record.legs[0] for record in played]
     true = [rows[record.sync_mono_ns] for record in played]
-    artificial = np.array([leg.artificial for leg in legs]).reshape(-1, 2)
+    artificial = of_axes(legs, "artificial")
     first_ns = played[0].sync_mono_ns if played else 0
     return Run(
         time_s=np.array([(record.sync_mono_ns - first_ns) * 1e-9 for record in played]),
-        measured=np.array([leg.measured for leg in legs]),
-        exerted=np.array([leg.effort_used for leg in legs]) + artificial,
+        measured=of_axes(legs, "measured_position"),
+        exerted=of_axes(legs, "effort") + artificial,
         artificial=artificial,
-        state=np.array([leg.state for leg in legs]),
-        std=np.array([leg.std for leg in legs]),
-        net=np.array([leg.net for leg in legs]),
+        state=np.hstack([of_axes(legs, name) for name in STATES]),
+        std=np.hstack([of_axes(legs, f"{name}_std") for name in STATES]),
+        net=of_axes(legs, "net"),
         nis=np.array([leg.nis for leg in legs]),
-        validity=np.array([leg.validity for leg in legs]),
+        validity=of_axes(legs, "validity"),
         status=np.array([leg.status for leg in legs]),
         true_position=np.array([(row.hip_angle_rad, row.slide_position_m) for row in true]),
         true_velocity=np.array(
@@ -217,9 +220,7 @@ def _why(session: LockstepSession, run: Run) -> str:
     verdict, at_s = session.record.verdict, run.time_s[-1] if len(run.time_s) else 0.0
     if verdict.cause == Cause.NONE:
         return f"the scenario ended at {at_s:.2f} s: an axis has left its window"
-    cause = verdict.cause.name.lower().replace("_", " ")
-    detail = detail_text(verdict) or verdict.value
-    return f"stopped at {at_s:.2f} s by {verdict.drive}: {cause}, {detail}"
+    return f"stopped at {at_s:.2f} s: {verdict_line(verdict)}"
 
 
 def _empty(robot: Robot, file: Path, named: str) -> Robot:

@@ -25,7 +25,6 @@ from daemon.ipc.record import (
     RequestResult,
     Stage,
 )
-from daemon.wire.report_texts import refusal_text
 from gaitd_lab.lockstep_gateway import BOOT_ID, Gateway
 from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.build import Machine
@@ -222,8 +221,7 @@ class LockstepSession:
         """
         answer = self.request(kind, wanted)
         if answer.outcome != Outcome.DONE:
-            why = "" if answer.refusal is None else refusal_text(answer.refusal)
-            raise RefusedError(f"{kind.name.lower()} was refused: {why}")
+            raise RefusedError(f"{kind.name.lower()} was refused: {answer.refusal}")
 
     # --- reaching a mode; each raises NotReachedError or RefusedError ---------------------------
 

@@ -81,11 +81,11 @@ class Patient:
             self._poses = []
             return 0.0, 0.0
         self._time_s += DT_S
-        reference = np.array(leg.reference)
+        reference = np.array([axis.reference_position for axis in leg.axes])
         self._poses = [*self._poses[-2:], reference]
         if len(self._poses) < 3:
             return 0.0, 0.0
-        error = reference - np.array(leg.measured)
+        error = reference - np.array([axis.measured_position for axis in leg.axes])
         rate, self._last_error = (error - self._last_error) / DT_S, error
         need, velocity = self._need()
         # A person's effort is never the same twice: 0.3 N m and 2 N, some 2 Hz. [A]

@@ -12,7 +12,7 @@ from gaitd_client.connection import (
     json_of,
     open_session,
 )
-from gaitd_client.errors import NoAnswerError, NoServiceError
+from gaitd_client.errors import NoAnswerError, NoServiceError, reason_of
 
 TAKEN_WITHIN_S: Final = 2.0
 UNANSWERED: Final = "unanswered"
@@ -83,4 +83,4 @@ def _outcome(data: bytes, name: str) -> tuple[str, str]:
         reply = decode_answer(data, wire.Reply, name)
     except NoAnswerError as error:
         return UNANSWERED, str(error)
-    return reply.outcome, reply.reason
+    return reply.outcome, reason_of(reply)

@@ -52,7 +52,7 @@ class Patient:
         if not self.helps:
             return 0.0, 0.0
         hip_nm, slide_n = (
-            effort * math.tanh((drive.velocity_si or 0.0) / speed)
+            effort * math.tanh((drive.velocity or 0.0) / speed)
             for effort, speed, drive in zip(HELP, FULL_SPEED, record.drives, strict=True)
         )
         return hip_nm, slide_n

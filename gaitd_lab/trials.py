@@ -8,15 +8,16 @@ the same configuration give the same bits. Nothing is written to a disk.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from operator import attrgetter
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
 from gaitd_toml import load_toml
+from numpy.typing import NDArray
 
 from analysis.recording import Recording
 from daemon.config.edits import replaced
@@ -24,7 +25,7 @@ from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.config.trainer import beside
-from daemon.ipc.record import CycleRecord, Mode
+from daemon.ipc.record import CycleRecord, LegRecord, Mode
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
 from gaitd_lab.lockstep import LockstepSession, RefusedError
@@ -255,17 +256,23 @@ class _Run:
         return "" if not verdict.cause else f"{verdict.drive}: {verdict.cause.name.lower()}"
 
 
+def of_axes(legs: Sequence[LegRecord], field: str) -> NDArray[Any]:
+    """Return a field of hip and slide in each record of a leg, shape (n, 2)."""
+    pairs = [(getattr(leg.hip, field), getattr(leg.slide, field)) for leg in legs]
+    return np.array(pairs).reshape(-1, 2)
+
+
 def _columns(name: str, pairs: list[tuple[CycleRecord, TruthRow]]) -> tuple[Recording, Values]:
     first_ns = pairs[0][0].sync_mono_ns
     legs = [record.legs[0] for record, _ in pairs]
     recording = Recording(
         name,
         np.array([(record.sync_mono_ns - first_ns) * 1e-9 for record, _ in pairs]),
-        np.array([leg.measured for leg in legs]),
-        np.array([leg.effort_used for leg in legs]),
+        of_axes(legs, "measured_position"),
+        of_axes(legs, "effort"),
     )
     truth = np.array([attrgetter(*STATE_NAMES)(row) for _, row in pairs])
-    truth[:, 6:8] += np.nan_to_num(np.array([leg.artificial for leg in legs]))
+    truth[:, 6:8] += np.nan_to_num(of_axes(legs, "artificial"))
     return recording, truth
 
 

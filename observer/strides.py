@@ -84,11 +84,11 @@ class AxisStride(NamedTuple):
     work_negative_j: float
     """Work against the motion; not positive."""
     work_negative_j_std: float
-    assist_mean_si: float
+    assist_mean: float
     """Effort signed by the direction of motion, mean over the samples that count."""
-    assist_mean_si_std: float
-    assist_peak_si: float
-    assist_peak_si_std: float
+    assist_mean_std: float
+    assist_peak: float
+    assist_peak_std: float
     power_mean_w: float
     power_mean_w_std: float
     power_peak_w: float
@@ -119,7 +119,7 @@ class Stride(NamedTuple):
     share_ratio_std: float | None
     status: Status
     """All status bits of its samples."""
-    baseline: bool
+    baseline_subtracted: bool
     """True if a passive baseline was subtracted."""
 
 
@@ -247,7 +247,7 @@ class StrideCounter:
             share_ratio=share,
             share_ratio_std=share_std,
             status=Status(self._status_bits),
-            baseline=self._with_baseline,
+            baseline_subtracted=self._with_baseline,
         )
 
 
@@ -271,10 +271,10 @@ def _axis(figures: Sequence[float], duration_s: float) -> AxisStride:
         work_positive_j_std=figures[W_POS_STD],
         work_negative_j=figures[W_NEG],
         work_negative_j_std=figures[W_NEG_STD],
-        assist_mean_si=figures[MEAN],
-        assist_mean_si_std=figures[MEAN_STD],
-        assist_peak_si=figures[PEAK],
-        assist_peak_si_std=figures[PEAK_STD],
+        assist_mean=figures[MEAN],
+        assist_mean_std=figures[MEAN_STD],
+        assist_peak=figures[PEAK],
+        assist_peak_std=figures[PEAK_STD],
         power_mean_w=work / duration_s,
         power_mean_w_std=work_std / duration_s,
         power_peak_w=figures[POWER_PEAK],

@@ -3,10 +3,15 @@
 import math
 from collections.abc import Iterator, Sequence
 from html import escape
+from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from analysis.acceptance.record import AcceptanceRecord, Judgement, Line, Section, StopTrace
+from gaitd_client.texts import Catalogue
+from gaitd_client.wire import JOINTS
+
+from analysis.acceptance.record import AcceptanceRecord, Finding, Judgement, Section, StopTrace
+from analysis.acceptance.words import finding_texts
 
 WIDTH: Final = 420
 HEIGHT: Final = 110
@@ -15,10 +20,6 @@ LEFT: Final = 62
 BOTTOM: Final = 20
 FOLDED_LINES: Final = 12
 """A longer section that has nothing wrong is folded."""
-LEGEND: Final = (
-    " Every value is from raw drive values, cycle by cycle, or was read from the drive's objects;"
-    " what was not measured has the reason in its place."
-)
 STYLE: Final = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #1f2937; max-width: 72em; margin: 2em auto;
   padding: 0 1em }
@@ -29,7 +30,7 @@ th, td { text-align: left; vertical-align: top; padding: .3em .7em .3em 0;
 th { font-weight: 600; color: #4b5563 } td.j, th.j { width: 8em; white-space: nowrap }
 .w3 { width: 30% }
 .passed { color: #1b6e20 } .failed { color: #b71c1c; font-weight: 700 }
-.not-measured { color: #8a4b00 } .noted { color: #4b5563 }
+.not_measured { color: #8a4b00 } .noted { color: #4b5563 }
 .stops { display: grid; grid-template-columns: repeat(auto-fill, minmax(420px, 1fr)); gap: 1em }
 figure { margin: 0 } figcaption { font-weight: 600 }
 svg text { font: 10px system-ui, sans-serif; fill: #1f2937 }
@@ -37,89 +38,117 @@ summary { cursor: pointer; color: #4b5563 }
 """
 
 
-def write(record: AcceptanceRecord, path: Path) -> None:
-    """Write the page.
+def write(record: AcceptanceRecord, texts: Catalogue, path: Path) -> None:
+    """Write the page in the language of the texts.
 
     Raises:
         OSError: the file cannot be written.
     """
-    path.write_text(html(record), encoding="utf-8")
+    path.write_text(html(record, texts), encoding="utf-8")
 
 
-def html(record: AcceptanceRecord) -> str:
+def html(record: AcceptanceRecord, texts: Catalogue) -> str:
     """Return the page as text."""
-    counts = ", ".join(f"{record.count(one)} {one.value}" for one in Judgement if record.count(one))
-    title = f"Acceptance of {record.drive}"
-    verdict = _word(record.judgement)
-    if record.judgement is Judgement.NOT_MEASURED:
-        verdict = '<span class="not-measured">nothing failed, not all measured</span>'
-    verified = "" if record.profile_verified_on_hardware else " (not verified on hardware)"
-    head = (
-        ("drive", f"{record.drive}, node {record.node_id}"),
-        ("begun", record.utc),
-        ("gaitd", record.gaitd_version),
-        ("profile", record.profile + verified),
-        ("core", record.core_boot_id or "it did not run"),
+
+    def said(member: str) -> str:
+        return texts.text(f"record.{member}")
+
+    counts = ", ".join(
+        f"{record.count(one)} {texts.text(f'judgement.{one}')}"
+        for one in Judgement
+        if record.count(one)
     )
-    rows = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in head)
+    title = f"{said('title')}: {texts.subject(record.drive)}"
+    verdict = _word(record.judgement, texts)
+    if record.judgement is Judgement.NOT_MEASURED:
+        verdict = f'<span class="not_measured">{escape(said("not_all_measured"))}</span>'
+    verified = "" if record.profile_verified_on_hardware else f" ({said('not_verified')})"
+    head = {
+        "drive": f"{record.drive}, {said('node')} {record.node_id}",
+        "begun": record.utc,
+        "version": record.gaitd_version,
+        "profile": record.profile + verified,
+        "core": record.core_boot_id or said("no_core"),
+    }
+    rows = "".join(
+        f"<tr><th>{escape(said(name))}</th><td>{escape(value)}</td></tr>"
+        for name, value in head.items()
+    )
     files = "".join(
         f"<tr><td>{escape(name)}</td><td><code>{escape(digest)}</code></td></tr>"
         for name, digest in sorted(record.sha256.items())
     )
-    sections = "".join(map(_section, record.sections))
-    stops = "".join(map(_stop, record.stops))
-    figures = f"<h2>Stops</h2><div class=stops>{stops}</div>" if stops else ""
+    order = tuple(Section)
+    findings = sorted(record.findings, key=lambda one: order.index(one.section))
+    parts = groupby(findings, key=lambda one: one.section)
+    sections = "".join(_section(section, list(found), texts) for section, found in parts)
+    stops = "".join(_stop(stop, texts) for stop in record.stops)
+    figures = f"<h2>{escape(said('stops'))}</h2><div class=stops>{stops}</div>" if stops else ""
     return (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{STYLE}</style></head><body><h1>{escape(title)}: {verdict}</h1>"
-        f"<p>{escape(counts)}.{LEGEND}</p><table>{rows}</table>{sections}{figures}"
-        f"<h2>Files of the configuration</h2><details><summary>SHA-256</summary>"
+        f'<!doctype html><html lang="{texts.language}"><head><meta charset="utf-8">'
+        f"<title>{escape(title)}</title><style>{STYLE}</style></head>"
+        f"<body><h1>{escape(title)}: {verdict}</h1>"
+        f"<p>{escape(counts)}. {escape(said('legend'))}</p>"
+        f"<table>{rows}</table>{sections}{figures}"
+        f"<h2>{escape(said('files'))}</h2><details><summary>SHA-256</summary>"
         f"<table>{files}</table></details></body></html>\n"
     )
 
 
-def _word(judged: Judgement) -> str:
-    return f'<span class="{judged.value.replace(" ", "-")}">{judged.value}</span>'
+def _word(judged: Judgement, texts: Catalogue) -> str:
+    return f'<span class="{judged}">{escape(texts.text(f"judgement.{judged}"))}</span>'
 
 
-def _section(section: Section) -> str:
-    head = (
-        "<tr><th class=w3>asked</th><th class=w3>measured</th><th>allowed</th><th class=j>verdict"
+def _section(section: Section, findings: Sequence[Finding], texts: Catalogue) -> str:
+    asked, measured, allowed, verdict = (
+        escape(texts.text(f"record.{one}")) for one in ("asked", "measured", "allowed", "verdict")
     )
-    table = f"<table>{head}</th></tr>{''.join(map(_line, section.lines))}</table>"
-    good = all(line.judgement in {Judgement.PASSED, Judgement.NOTED} for line in section.lines)
-    if good and len(section.lines) > FOLDED_LINES:
-        summary = f"<summary>{len(section.lines)} lines, all passed</summary>"
-        table = f"<details>{summary}{table}</details>"
-    return f"<h2>{escape(section.title)}</h2>{table}"
+    head = (
+        f"<tr><th class=w3>{asked}</th><th class=w3>{measured}</th><th>{allowed}</th>"
+        f"<th class=j>{verdict}</th></tr>"
+    )
+    table = f"<table>{head}{''.join(_line(one, texts) for one in findings)}</table>"
+    good = all(one.judgement in {Judgement.PASSED, Judgement.NOTED} for one in findings)
+    if good and len(findings) > FOLDED_LINES:
+        summary = escape(texts.text("record.all_passed", count=str(len(findings))))
+        table = f"<details><summary>{summary}</summary>{table}</details>"
+    return f"<h2>{escape(texts.text(f'section.{section}'))}</h2>{table}"
 
 
-def _line(line: Line) -> str:
-    cells = "".join(f"<td>{escape(one)}</td>" for one in (line.asked, line.measured, line.allowed))
-    return f"<tr>{cells}<td class=j>{_word(line.judgement)}</td></tr>"
+def _line(finding: Finding, texts: Catalogue) -> str:
+    cells = "".join(f"<td>{escape(one)}</td>" for one in finding_texts(texts, finding))
+    return f"<tr>{cells}<td class=j>{_word(finding.judgement, texts)}</td></tr>"
 
 
 # --- figures --------------------------------------------------------------------------------------
 
 
-def _stop(stop: StopTrace) -> str:
-    unit = stop.position_unit
+def _stop(stop: StopTrace, texts: Catalogue) -> str:
+    joint = JOINTS[stop.drive.partition("/")[2]]
     panels = (
-        (f"position, {unit}", stop.position_si, "#6b7280"),
-        (f"speed, {unit}/s", stop.velocity_si_per_s, "#1f5fa8"),
-        (f"effort, {stop.effort_unit}", stop.effort_si, "#7a5230"),
+        ("position", joint.position, stop.position_si, "#6b7280"),
+        ("velocity", joint.velocity, stop.velocity_si_per_s, "#1f5fa8"),
+        ("effort", joint.effort, stop.effort_si, "#7a5230"),
     )
     drawn = "".join(
-        _panel(stop, name, values, colour, index * (HEIGHT + BOTTOM))
-        for index, (name, values, colour) in enumerate(panels)
+        _panel(
+            stop,
+            f"{texts.text(f'record.{name}')}, {unit}",
+            values,
+            colour,
+            index * (HEIGHT + BOTTOM),
+        )
+        for index, (name, unit, values, colour) in enumerate(panels)
     )
     height = len(panels) * (HEIGHT + BOTTOM)
-    rest = "no rest in the record"
+    title = f"{stop.category}, {texts.text(f'stopped.{stop.cause}')}"
+    rest = texts.text("record.no_rest")
     if stop.rest_s is not None and stop.distance_si is not None:
-        rest = f"rest after {1e3 * stop.rest_s:.0f} ms and {stop.distance_si:.3g} {unit}"
-    caption = f"<figcaption>{escape(stop.title)}: {escape(rest)}</figcaption>"
+        known = {"rest_ms": 1e3 * stop.rest_s, "way_si": stop.distance_si}
+        rest = texts.about("record.rest", stop.drive, known)
+    caption = f"<figcaption>{escape(title)}: {escape(rest)}</figcaption>"
     size = f'viewBox="0 0 {WIDTH} {height}" width="{WIDTH}" height="{height}"'
-    label = escape(f"{stop.title}: position, speed and effort over time", quote=True)
+    label = escape(f"{title}: {texts.text('record.over_time')}", quote=True)
     return f'<figure>{caption}<svg {size} role="img" aria-label="{label}">{drawn}</svg></figure>'
 
 
@@ -128,7 +157,7 @@ def _panel(
 ) -> str:
     known = [one for one in values if one is not None]
     if not known or len(stop.time_s) < 2:
-        return f'<text x="{LEFT}" y="{top + 20}">{escape(name)}: no sample</text>'
+        return f'<text x="{LEFT}" y="{top + 20}">{escape(name)}: –</text>'
     low, high = min(known), max(known)
     low, high = (low, high) if high - low > 1e-9 else (low - 1, high + 1)
     begin, end = stop.time_s[0], stop.time_s[-1]

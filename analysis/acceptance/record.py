@@ -1,53 +1,175 @@
-"""The acceptance record of one drive: lines of what was asked, measured and allowed, and a verdict.
+"""The acceptance record of one drive: what was examined and measured, in codes and numbers.
 
-What was not measured is a line as well, with the reason in place of the measured value.
+What was not measured is a finding as well, with the reason. `words.py` has the sentence of each.
 """
 
-from enum import Enum
+from collections.abc import Mapping
+from enum import StrEnum, auto
 from pathlib import Path
 from typing import Annotated, Final, Literal
 
 import msgspec
+from gaitd_client import wire
 from msgspec import Meta
 
 from daemon.ipc.decoding import Decoder, Name, RefusedError
 
 SCHEMA: Final = "gaitd.acceptance.v1"
+Values = Mapping[str, float | str | None]
+"""By name, which ends in the unit: `_si` in those of the drive's joint (`wire.JOINTS`)."""
+NO_VALUES: Final[Values] = {}
 
 
-class Judgement(Enum):
-    """Verdict of a line, a section or a record."""
+class Judgement(StrEnum):
+    """Verdict of a finding, a section or a record."""
 
-    PASSED = "passed"
-    FAILED = "failed"
-    NOT_MEASURED = "not measured"
-    NOTED = "noted"
+    PASSED = auto()
+    FAILED = auto()
+    NOT_MEASURED = auto()
+    NOTED = auto()
     """A value for the record, for which the configuration has no limit."""
 
 
-class Line(msgspec.Struct, frozen=True):
-    """One thing that was examined."""
+class ReasonCode(StrEnum):
+    """Why something was not measured, has failed, or is not tried."""
 
-    asked: str
-    measured: str
-    """If it was not measured, the reason."""
-    allowed: str
+    NO_SERVICE = auto()
+    OTHER_FILES = auto()
+    INTERRUPTED = auto()
+    NOT_CONFIRMED = auto()
+    """The operator did not agree to it, do it, or see it."""
+    REFUSED = auto()
+    NO_MODE = auto()
+    """The service is not in the mode that is needed."""
+    NOT_IN_TIME = auto()
+    STOPPED = auto()
+    STO_ACTED = auto()
+    """Stopped, where the operator was asked to press the emergency stop."""
+    UNREAD = auto()
+    FAILED_BEFORE = auto()
+    """An earlier step has failed, without which this one is not tried."""
+    MOVED_OPPOSITE = auto()
+    NO_RESULT = auto()
+    NOT_MOVED = auto()
+    NO_SAMPLE = auto()
+    NO_STOP = auto()
+    NOT_OBEYED = auto()
+
+
+class Section(StrEnum):
+    """Parts of the record, in their order."""
+
+    IDENTITY = auto()
+    TORQUE_BASE = auto()
+    OPTION_CODES = auto()
+    SETTINGS = auto()
+    PDOS = auto()
+    SIGN = auto()
+    UNITS = auto()
+    POSITION = auto()
+    SELF_TEST = auto()
+    STOP_BY_REQUEST = auto()
+    STOP_BY_HAND_SWITCH = auto()
+    STOP_BY_STO = auto()
+    REST = auto()
+    """What was not done because the procedure was interrupted."""
+    LIMITS = auto()
+
+
+class FindingCode(StrEnum):
+    """What was examined."""
+
+    STEP = auto()
+    """The whole of a section."""
+    OBJECT = auto()
+    OBJECT_BEFORE = auto()
+    """An object that bring-up has not written."""
+    NOTED_OBJECT = auto()
+    # an axis
+    PUSHED = auto()
+    EFFORT = auto()
+    OWN_JUDGEMENT = auto()
+    DIRECTION = auto()
+    UNITS = auto()
+    REFERENCED = auto()
+    LOAD = auto()
+    # a stop
+    CATEGORY = auto()
+    SPEED = auto()
+    REACTION = auto()
+    AT_REST = auto()
+    """There was no motion whose end could be measured."""
+    TIME_TO_REST = auto()
+    WAY_TO_REST = auto()
+    RAMP = auto()
+    EFFORT_AFTER = auto()
+    WAY_WITHOUT_POWER = auto()
+    # limits
+    STOP_ACTS = auto()
+    BOUND = auto()
+    TORQUE_LIMIT = auto()
+    SPEED_LIMIT = auto()
+    POSITION_LIMITS = auto()
+    FOLLOWING_ERROR = auto()
+    HEARTBEAT = auto()
+
+
+class Service(msgspec.Struct, frozen=True):
+    """Mode and verdict of the service."""
+
+    mode: str = ""
+    """Name of the mode; empty: there is no record."""
+    verdict: wire.Judgement | None = None
+
+
+class Report(msgspec.Struct, frozen=True):
+    """An event of the core."""
+
+    code: str
+    subject: str
+    values: Values
+    said: str
+    """What a drive or the operating system has said."""
+
+
+class Reason(msgspec.Struct, frozen=True):
+    """Why something was not measured, has failed, or is not tried."""
+
+    code: ReasonCode
+    subject: str = ""
+    values: Values = {}
+    service: Service = Service()
+    refusal: wire.Refusal | None = None
+
+
+class Finding(msgspec.Struct, frozen=True):
+    """One thing that was examined on a drive, with its verdict."""
+
+    drive: str
+    """LEG/AXIS."""
+    section: Section
+    code: FindingCode
     judgement: Judgement
+    values: Values = {}
+    reason: Reason | None = None
+    """In place of the measured value."""
+    report: Report | None = None
+    """What the core itself has found."""
 
 
-class Section(msgspec.Struct, frozen=True):
-    """Lines about one subject."""
-
-    title: str
-    lines: tuple[Line, ...]
-
-
-class StopTrace(msgspec.Struct, frozen=True):
+class StopTrace(msgspec.Struct, frozen=True, kw_only=True):
     """One stop of one axis, cycle by cycle, from raw drive values; SI units at the joint."""
 
-    title: str
-    position_unit: str
-    effort_unit: str
+    drive: str
+    category: str
+    cause: str
+    """Cause of the most severe verdict: STO is an EMCY, S1, before a sample shows its contact."""
+    is_obeyed: bool
+    """The stop had not to be escalated because this axis did not obey."""
+    speed_si_per_s: float
+    """At the verdict."""
+    reaction_s: float | None
+    """Until the drive shows that it brakes (S1) or has no torque (S0)."""
     time_s: tuple[float, ...]
     """From the cycle of the verdict."""
     position_si: tuple[float | None, ...]
@@ -76,16 +198,16 @@ class AcceptanceRecord(msgspec.Struct, frozen=True, kw_only=True):
     profile_verified_on_hardware: bool
     sha256: dict[str, str]
     """Hash of each file of the configuration, by its name."""
-    sections: tuple[Section, ...]
+    findings: tuple[Finding, ...]
     stops: tuple[StopTrace, ...]
 
     def count(self, judgement: Judgement) -> int:
-        """Number of lines with this verdict."""
-        return sum(line.judgement is judgement for part in self.sections for line in part.lines)
+        """Number of findings with this verdict."""
+        return sum(one.judgement is judgement for one in self.findings)
 
     @property
     def judgement(self) -> Judgement:
-        """FAILED if a line is, else NOT_MEASURED if a line is, else PASSED."""
+        """FAILED if a finding is, else NOT_MEASURED if one is, else PASSED."""
         for one in (Judgement.FAILED, Judgement.NOT_MEASURED):
             if self.count(one):
                 return one

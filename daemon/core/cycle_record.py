@@ -1,6 +1,6 @@
 """Build the record of one cycle from the core's state; nothing here affects control."""
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
@@ -8,9 +8,9 @@ from daemon.core.motion.assist import wanted_si
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import status
 from daemon.core.tick import Tick
-from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
 from daemon.ipc.record import (
-    STATE_COUNT,
+    AssistRecord,
+    AxisRecord,
     AxisStrideRecord,
     CycleRecord,
     DriveRecord,
@@ -24,12 +24,10 @@ from daemon.ipc.report import EVENTS_MAX, SAID_BYTES_MAX, Event, Refusal
 from drives.canopen.emcy import is_alarm
 from drives.signals import Emergency, Input, NmtState, PowerState
 from observer.drift import correlation, friction_error
-from observer.filter.status import Status, Validity
+from observer.filter.status import Status
 from observer.smoother import LAG
-from observer.strides import AxisStride, Stride
 
 Reported = TypeVar("Reported", Event, Refusal)
-NAN = float("nan")
 NS_PER_MS = 1_000_000
 
 
@@ -49,7 +47,7 @@ def record(core: Core, tick: Tick) -> CycleRecord:
         verdict=replace(core.verdict, said=clipped(core.verdict.said)),
         events=events,
         request=_result(core.result),
-        progress=clipped(status.progress(core)),
+        progress=status.progress(core),
         gateway_age_cycles=tick.cycle - core.gateway_state_cycle,
         stop_count=core.stop_count or 0,
         gait_phase=_phase(core.legs[0]),
@@ -79,21 +77,10 @@ def _clipped(reported: Reported) -> Reported:
 
 def _assist(core: Core) -> AssistRecord:
     return AssistRecord(
-        legs=tuple(_leg_assist(leg) for leg in core.legs),
         accepted_count=core.setpoint_accepted_count,
         refused_count=tuple(core.setpoint_refused_count),
         lapse_count=core.lapse_count,
         lapse_reason=core.lapse_reason,
-    )
-
-
-def _leg_assist(leg: Leg) -> LegAssistRecord:
-    newest = leg.assist.accepted
-    return LegAssistRecord(
-        seq=leg.assist.seq,
-        wanted=(0.0, 0.0) if newest is None else wanted_si(newest),
-        assist=leg.assist_si,
-        stiffness_ratio=leg.guidance_ratio,
     )
 
 
@@ -118,10 +105,10 @@ def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
         sample_age_cycles=feedback.sample_age_cycles,
         late_count=feedback.late_count,
         heartbeat_age_ms=feedback.heartbeat_age_ns / NS_PER_MS,
-        position_si=joint.position_si if known else None,
-        velocity_si=joint.velocity_si if known else None,
-        effort_si=joint.effort_si if known else None,
-        target_effort_si=axis.effort_sent_si,
+        position=joint.position_si if known else None,
+        velocity=joint.velocity_si if known else None,
+        effort=joint.effort_si if known else None,
+        target_effort=axis.effort_sent_si,
         referenced=axis.referenced,
         hand_switch_closed=Input.HAND_SWITCH_CLOSED in feedback.inputs,
         sto_released=Input.STO_RELEASED in feedback.inputs,
@@ -160,10 +147,10 @@ def _unseen(name: str) -> DriveRecord:
         sample_age_cycles=0,
         late_count=0,
         heartbeat_age_ms=0.0,
-        position_si=None,
-        velocity_si=None,
-        effort_si=None,
-        target_effort_si=0.0,
+        position=None,
+        velocity=None,
+        effort=None,
+        target_effort=0.0,
         referenced=False,
         hand_switch_closed=False,
         sto_released=False,
@@ -177,46 +164,62 @@ def _unseen(name: str) -> DriveRecord:
 
 def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
     estimate = leg.estimate
-    reference = leg.reference.position if leg.reference else leg.measured
+    hip, slide = _axis(leg, 0), _axis(leg, 1)
     if estimate is None:
-        unknown = (NAN,) * STATE_COUNT
         return LegRecord(
             name=leg.name,
-            state=unknown,
-            std=unknown,
-            covariance=(NAN,) * (STATE_COUNT * (STATE_COUNT + 1) // 2),
-            innovation=(NAN, NAN),
-            nis=NAN,
-            net=(NAN, NAN),
-            net_std=(NAN, NAN),
-            validity=(Validity.BAD, Validity.BAD),
+            hip=hip,
+            slide=slide,
             status=Status.UNREFERENCED if not _referenced(leg) else Status.WARM_UP,
-            measured=leg.measured,
-            effort_used=leg.effort_used,
-            reference=reference,
             gait_phase=_phase(leg),
+            stiffness_ratio=leg.guidance_ratio,
+            setpoint_seq=leg.assist.seq,
         )
-    hip, slide = leg.axes
     return LegRecord(
         name=leg.name,
-        state=estimate.state,
-        std=estimate.std,
-        covariance=estimate.covariance,
-        innovation=estimate.innovation,
-        nis=estimate.nis,
-        net=estimate.net,
-        net_std=estimate.net_std,
-        validity=estimate.validity,
+        hip=hip,
+        slide=slide,
         status=estimate.status,
-        measured=leg.measured,
-        effort_used=leg.effort_used,
-        reference=reference,
-        artificial=leg.artificial,
+        covariance=estimate.covariance,
+        nis=estimate.nis,
         mean_nis=estimate.mean_nis,
-        drift_correlation=(correlation(hip.drift), correlation(slide.drift)),
-        friction_error=(friction_error(hip.drift), friction_error(slide.drift)),
-        stride=_stride(leg, tick.sync_ns, core.config.period_ns),
         gait_phase=_phase(leg),
+        stiffness_ratio=leg.guidance_ratio,
+        setpoint_seq=leg.assist.seq,
+        stride=_stride(leg, tick.sync_ns, core.config.period_ns),
+    )
+
+
+def _axis(leg: Leg, index: int) -> AxisRecord:
+    """The record of one axis, 0 the hip and 1 the slide: places in the observer's pairs."""
+    estimate, newest = leg.estimate, leg.assist.accepted
+    reference = leg.reference.position if leg.reference else leg.measured
+    measured, effort, assist = leg.measured[index], leg.effort_used[index], leg.assist_si[index]
+    wanted = 0.0 if newest is None else wanted_si(newest)[index]
+    if estimate is None:
+        return AxisRecord(measured, effort, reference[index], assist, wanted)
+    state, std, drift = estimate.state, estimate.std, leg.axes[index].drift
+    return AxisRecord(
+        measured_position=measured,
+        effort=effort,
+        reference_position=reference[index],
+        assist=assist,
+        assist_wanted=wanted,
+        validity=estimate.validity[index],
+        position=state[index],
+        position_std=std[index],
+        velocity=state[2 + index],
+        velocity_std=std[2 + index],
+        friction=state[4 + index],
+        friction_std=std[4 + index],
+        patient=state[6 + index],
+        patient_std=std[6 + index],
+        net=estimate.net[index],
+        net_std=estimate.net_std[index],
+        innovation=estimate.innovation[index],
+        artificial=leg.artificial[index],
+        drift_correlation=correlation(drift),
+        friction_error=friction_error(drift),
     )
 
 
@@ -226,38 +229,10 @@ def _referenced(leg: Leg) -> bool:
 
 def _stride(leg: Leg, sync_ns: int, period_ns: int) -> StrideRecord | None:
     """The record of the stride completed in this cycle; None if there is none."""
-    stride = leg.stride
-    if stride is None:
+    if leg.stride is None:
         return None
-    return StrideRecord(
-        number=leg.stride_count,
-        end_mono_ns=sync_ns - (LAG + 1) * period_ns,
-        duration_s=stride.duration_s,
-        sample_count=stride.sample_count,
-        hip=_axis_stride(stride.hip),
-        slide=_axis_stride(stride.slide),
-        work_positive_j=(stride.work_positive_j, stride.work_positive_j_std),
-        work_negative_j=(stride.work_negative_j, stride.work_negative_j_std),
-        share_ratio=_share(stride),
-        status=stride.status,
-        baseline=stride.baseline,
-    )
-
-
-def _axis_stride(axis: AxisStride) -> AxisStrideRecord:
-    return AxisStrideRecord(
-        work_positive_j=(axis.work_positive_j, axis.work_positive_j_std),
-        work_negative_j=(axis.work_negative_j, axis.work_negative_j_std),
-        assist_mean_si=(axis.assist_mean_si, axis.assist_mean_si_std),
-        assist_peak_si=(axis.assist_peak_si, axis.assist_peak_si_std),
-        power_mean_w=(axis.power_mean_w, axis.power_mean_w_std),
-        power_peak_w=(axis.power_peak_w, axis.power_peak_w_std),
-        share_ratio=_share(axis),
-        coverage_ratio=axis.coverage_ratio,
-    )
-
-
-def _share(of: AxisStride | Stride) -> tuple[float, float] | None:
-    if of.share_ratio is None or of.share_ratio_std is None:
-        return None
-    return of.share_ratio, of.share_ratio_std
+    figures: dict[str, Any] = leg.stride._asdict()
+    figures["hip"] = AxisStrideRecord(**leg.stride.hip._asdict())
+    figures["slide"] = AxisStrideRecord(**leg.stride.slide._asdict())
+    end_ns = sync_ns - (LAG + 1) * period_ns
+    return StrideRecord(number=leg.stride_count, end_mono_ns=end_ns, **figures)

@@ -23,7 +23,7 @@ from daemon.core.safety.soft_limits import SoftZone
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
 from daemon.ipc.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
-from daemon.ipc.report import Doubt, Event, EventCode, SelfTestDue, Untested
+from daemon.ipc.report import Doubt, Event, EventCode, Lapse, Progress, SelfTestDue, Untested
 from daemon.wire.refusals import SetpointRefusal
 from drives.cia402.drive import DriveGroup
 from drives.cia402.torque import TorqueSampling
@@ -248,11 +248,12 @@ class Core:
     setpoint_refused_count: list[int] = field(default_factory=lambda: [0] * len(SetpointRefusal))
     """Refused setpoints by reason, in the order of `SetpointRefusal`."""
     lapse_count: int = 0
-    lapse_reason: str = ""
+    lapse_reason: Lapse = Lapse.NONE
     """Reason of the newest lapse of assist."""
     seq: int = 0
     events: list[Event] = field(default_factory=list)
-    progress: str = ""
+    bring_up: Progress | None = None
+    """The step of the bring-up; None: none runs."""
     self_test_due: SelfTestDue = SelfTestDue.NONE
     inputs_untested: tuple[tuple[str, Untested], ...] = ()
     """The axes and the states of their inputs that the daily test has still to see, if required."""

@@ -12,13 +12,16 @@ from typing import Final
 
 import msgspec
 from gaitd_client import wire
+from gaitd_client.wire.names import EventCode, RefusalCode
 
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.requests import ROUTES, Answer, Route
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import Outcome, Plan, Role
 from daemon.keys.folder import AUTHORITY, GATEWAY, Keys
+from daemon.report_messages import refused
 from daemon.system.files import remove_file, replace_file
+from daemon.wire.names import name_of
 from daemon.wire.roles import ROLES, Access, role_of
 
 PLAN_FILE: Final = "plan.json"
@@ -32,14 +35,17 @@ ACCESS: Final = {
     Route.RESTART: Access.RESTART,
 }
 """Right that a query needs; the core checks those that it answers."""
-RETURNS: Final = "a plan of before may be in force again after the gateway's next restart"
-LOST: Final = "this plan may not be in force after the gateway's next restart"
 
-_DECODER: Final = Decoder(msgspec.json.Decoder(wire.PlanLimits).decode)
+_DECODER: Final = Decoder(msgspec.json.Decoder(wire.AskedPlan).decode)
 
 
 class ClientRefusedError(Exception):
     """A query that acts came without a name of the register, or from a role without the right."""
+
+    def __init__(self, refusal: wire.Refusal) -> None:
+        """Keep the refusal, which the client gets."""
+        super().__init__(refusal.code)
+        self.refusal = refusal
 
 
 class Clients:
@@ -75,11 +81,11 @@ class Clients:
         if client not in self._names:
             if route in OPEN:
                 return Role.DISPLAY
-            key = f"control/{name}"
-            raise ClientRefusedError(f"{key} needs the client's name in its key: {key}/ROLE.NAME")
+            raise ClientRefusedError(refused(RefusalCode.CLIENT_UNNAMED, request=name))
         role = role_of(client)
         if route in ACCESS and ACCESS[route] not in ROLES[role].access:
-            raise ClientRefusedError(f"the role {role.name.lower()} may not request {name}")
+            may_not = refused(RefusalCode.ROLE_MAY_NOT, role=name_of(role), request=name)
+            raise ClientRefusedError(may_not)
         return role
 
     @property
@@ -115,13 +121,13 @@ class PlanStore:
         except FileNotFoundError:
             pass
         except (OSError, RefusedError) as error:
-            self.trouble = f"{path}: no plan is released: {error}"
+            self.trouble = f"{path}: {error}"
 
     @property
     def plan(self) -> Plan | None:
         """The plan as the core checks it."""
         limits = self.limits
-        return None if limits is None else Plan(**msgspec.structs.asdict(limits))
+        return None if limits is None else msgspec.convert(limits, Plan, from_attributes=True)
 
     def release(self, ticket: int, limits: wire.PlanLimits | None, client: str) -> EventDraft:
         """Put a plan in force, or withdraw it; `answers` has it when the disk's thread has kept it.
@@ -136,17 +142,20 @@ class PlanStore:
             with contextlib.suppress(OSError):
                 self._keep(ticket, limits)
         if limits is None:
-            text = f"the plan is withdrawn by {client}"
-        else:
-            text = (
-                f"plan released by {client}: up to {limits.cadence_max_hz:g} Hz,"
-                f" amplitude {limits.amplitude_max_ratio:g}, {limits.duration_max_s:g} s"
-                f"{_assist_text(limits)}"
-            )
-        return EventDraft(Priority.INFO, Kind.NOTE, text)
+            values = {"client": client}
+            return EventDraft(Priority.INFO, Kind.NOTE, EventCode.PLAN_WITHDRAWN, values)
+        values = {
+            "client": client,
+            "cadence_max_hz": limits.cadence_max_hz,
+            "amplitude_max_ratio": limits.amplitude_max_ratio,
+            "duration_max_s": limits.duration_max_s,
+            "hip_assist_max": limits.hip.assist_max,
+            "slide_assist_max": limits.slide.assist_max,
+        }
+        return EventDraft(Priority.INFO, Kind.NOTE, EventCode.PLAN_RELEASED, values)
 
     def answers(self) -> list[Answer]:
-        """Answers since the last call; a reason says what a restart may change."""
+        """Answers since the last call; a refusal says what a restart may change."""
         return [self._answers.get_nowait() for _ in range(self._answers.qsize())]
 
     def _keep(self, ticket: int, limits: wire.PlanLimits | None) -> None:
@@ -157,24 +166,19 @@ class PlanStore:
         Raises:
             OSError: the disk is full, or fails; the answer says so, too.
         """
-        risk = RETURNS
+        risk = RefusalCode.PLAN_MAY_RETURN
         try:
             with self._lock:
                 if self.limits is limits:
                     remove_file(self._path)
-                    risk = LOST
+                    risk = RefusalCode.PLAN_MAY_BE_LOST
                     if limits is not None:
                         replace_file(self._path, msgspec.json.encode(limits))
         except OSError as error:
-            reason = f"{risk}: {error.strerror or error}"
-            self._answers.put(Answer(ticket, Outcome.DONE, reason))
+            why = refused(risk, str(error.strerror or error))
+            self._answers.put(Answer(ticket, Outcome.DONE, why))
             raise
-        self._answers.put(Answer(ticket, Outcome.DONE, ""))
-
-
-def _assist_text(limits: wire.PlanLimits) -> str:
-    caps = ((limits.hip_assist_max_nm, "N·m"), (limits.slide_assist_max_n, "N"))
-    return "".join(f", assist {cap:g} {unit}" for cap, unit in caps if cap is not None)
+        self._answers.put(Answer(ticket, Outcome.DONE))
 
 
 def _own(path: Path) -> bytes:

@@ -9,14 +9,15 @@ names the cause of a new verdict: the event of the verdict has priority and reme
 """
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from types import MappingProxyType
+from typing import Final, NamedTuple
 
 from gaitd_client import wire
 from gaitd_client.wire.fields import NMT_STATES
-from gaitd_client.wire.names import Kind, Priority
+from gaitd_client.wire.names import EventCode, Kind, Priority
 
-from daemon.gateway.translate import Stamp, head, named_values, power_state_name
+from daemon.gateway.translate import Stamp, head, power_state_name
 from daemon.ipc.record import (
     Cause,
     CycleRecord,
@@ -26,11 +27,11 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
-from daemon.ipc.report import Event, EventCode
-from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.ipc.report import Event
+from daemon.ipc.report import EventCode as CoreCode
+from daemon.report_messages import event_values, verdict_values
 from daemon.wire.names import name_of
-from daemon.wire.report_fields import EVENT_FIELDS, VERDICTS
-from daemon.wire.report_texts import detail_text, event_text
+from daemon.wire.report_fields import VERDICTS
 
 HISTORY_COUNT: Final = 200
 """Number of events kept for late joiners."""
@@ -54,12 +55,12 @@ class EventDraft(NamedTuple):
 
     priority: Priority
     kind: Kind
-    text: str
-    remedy: str = ""
-    cause: Cause | None = None
+    code: str
+    values: Mapping[str, float | str | None] = MappingProxyType({})
     subject: str | None = None
-    event: Event | None = None
-    """The core's event; None: the gateway has made this one."""
+    said: str = ""
+    cause: Cause | None = None
+    """That of a stop; else none."""
 
 
 def claimed(client: str) -> str:
@@ -67,24 +68,16 @@ def claimed(client: str) -> str:
     return f"{client} (claimed)"
 
 
-CORE_BACK: Final = EventDraft(Priority.LOW, Kind.CORE, "records from the core arrive again")
-NO_DESCRIPTOR: Final = EventDraft(
-    Priority.MEDIUM,
-    Kind.NOTE,
-    "the gateway has no file descriptor left: no new client is served, nor a stop of one; "
-    "end unneeded clients, or raise LimitNOFILE of its unit",
-)
-DESCRIPTOR_BACK: Final = EventDraft(
-    Priority.LOW, Kind.NOTE, "the gateway has file descriptors again: new clients are served"
-)
+CORE_BACK: Final = EventDraft(Priority.LOW, Kind.CORE, EventCode.CORE_BACK)
+NO_DESCRIPTOR: Final = EventDraft(Priority.MEDIUM, Kind.NOTE, EventCode.DESCRIPTORS_USED_UP)
+DESCRIPTOR_BACK: Final = EventDraft(Priority.LOW, Kind.NOTE, EventCode.DESCRIPTORS_FREE)
 
 
 def new_events(before: CycleRecord | None, now: CycleRecord) -> list[EventDraft]:
     """All events between two consecutive records of a core; `before` is None for the first."""
     if before is None:
-        drafts = [
-            EventDraft(Priority.INFO, Kind.CORE, f"core is running, mode {name_of(now.mode)}")
-        ]
+        mode = {"mode": name_of(now.mode)}
+        drafts = [EventDraft(Priority.INFO, Kind.CORE, EventCode.CORE_RUNNING, mode)]
         latched = _verdict_change(Verdict(), now.verdict)
         return drafts + latched + [_of_core(event) for event in now.events]
     stops = _verdict_change(before.verdict, now.verdict)
@@ -99,32 +92,42 @@ def new_events(before: CycleRecord | None, now: CycleRecord) -> list[EventDraft]
 
 def core_lost(silence_ms: int) -> EventDraft:
     """The event that no records arrive from the core any more."""
-    text = f"no record from the core for {silence_ms} ms: nothing that was shown is valid"
-    remedy = "the drives stop by themselves; see the core's log"
-    return EventDraft(Priority.HIGH, Kind.CORE, text, remedy)
+    return EventDraft(Priority.HIGH, Kind.CORE, EventCode.CORE_SILENT, {"silence_ms": silence_ms})
 
 
-def unread(what: str) -> EventDraft:
-    """The event that data written by the core cannot be read."""
-    remedy = "if it goes on: end core and gateway, and start both from one installation"
-    return EventDraft(Priority.LOW, Kind.NOTE, what, remedy)
+def unread(count: int) -> EventDraft:
+    """The event that so many records of the core cannot be read."""
+    values = {"unread_count": count}
+    return EventDraft(Priority.LOW, Kind.NOTE, EventCode.RECORDS_UNREAD, values)
 
 
 def failed(count: int, what: str) -> EventDraft:
     """The event that a bug in the gateway has ended a query, one of so many."""
-    text = f"queries have failed in the gateway, {count} so far: {what}"
-    return EventDraft(Priority.LOW, Kind.NOTE, text, "report it, with the gateway's log")
+    values = {"failed_count": count}
+    return EventDraft(Priority.LOW, Kind.NOTE, EventCode.QUERY_FAILED, values, said=what)
 
 
 def request_sent(name: str, client: str) -> EventDraft:
     """The event that a client's request is sent to the core."""
-    return EventDraft(Priority.INFO, Kind.REQUEST, f"{name}, asked by {client}")
+    values = {"request": name, "client": client}
+    return EventDraft(Priority.INFO, Kind.REQUEST, EventCode.REQUEST_SENT, values)
 
 
-def request_answered(name: str, client: str, outcome: str, reason: str) -> EventDraft:
+def request_answered(
+    name: str, client: str, outcome: str, refusal: wire.Refusal | None
+) -> EventDraft:
     """The event that the gateway has answered a client's request."""
-    drafts = f"{name}, asked by {client}: {outcome}"
-    return EventDraft(Priority.INFO, Kind.REQUEST, f"{drafts}: {reason}" if reason else drafts)
+    values: wire.Values = {"request": name, "client": client, "outcome": outcome}
+    if refusal is None:
+        return EventDraft(Priority.INFO, Kind.REQUEST, EventCode.REQUEST_ANSWERED, values)
+    return EventDraft(
+        Priority.INFO,
+        Kind.REQUEST,
+        EventCode.REQUEST_ANSWERED,
+        {**values, **refusal.values, "refusal": refusal.code},
+        refusal.subject,
+        refusal.said,
+    )
 
 
 class DescriptorEvents:
@@ -160,8 +163,8 @@ class RequestEvents:
         self._begin_ns, self._count = now_ns, 0
         if left_out <= 0:
             return []
-        text = f"{left_out} more events about requests in {REQUESTS_WINDOW_NS // 10**9} s"
-        return [EventDraft(Priority.LOW, Kind.REQUEST, text, "see the request log for the client")]
+        values = {"left_out_count": left_out, "window_s": REQUESTS_WINDOW_NS // 10**9}
+        return [EventDraft(Priority.LOW, Kind.REQUEST, EventCode.REQUESTS_LEFT_OUT, values)]
 
 
 class EventLog:
@@ -201,21 +204,21 @@ class EventLog:
             time_ns=time_ns,
             priority=item.priority.value,
             kind=item.kind.value,
-            text=item.text,
-            remedy=item.remedy,
+            code=item.code,
             cause=name_of(item.cause) if item.cause is not None else None,
             subject=item.subject,
-            **_coded(item.event),
+            values=dict(item.values),
+            said=item.said,
         )
 
 
-_LOW: Final = frozenset(code for code in EventCode if code.name.startswith("CAN_"))
+_LOW: Final = frozenset(code for code in CoreCode if code.name.startswith("CAN_"))
 """Events of the core that need attention: those of the CAN controller."""
 _KINDS: Final = {
-    EventCode.MODE_CHANGED: Kind.MODE,
-    EventCode.REQUEST_RECEIVED: Kind.REQUEST,
-    EventCode.REQUEST_REFUSED: Kind.REQUEST,
-    EventCode.REQUEST_DONE: Kind.REQUEST,
+    CoreCode.MODE_CHANGED: Kind.MODE,
+    CoreCode.REQUEST_RECEIVED: Kind.REQUEST,
+    CoreCode.REQUEST_REFUSED: Kind.REQUEST,
+    CoreCode.REQUEST_DONE: Kind.REQUEST,
 }
 """Kinds of the core's events; the others are notes."""
 
@@ -223,16 +226,7 @@ _KINDS: Final = {
 def _of_core(event: Event) -> EventDraft:
     priority = Priority.LOW if event.code in _LOW else Priority.INFO
     kind, subject = _KINDS.get(event.code, Kind.NOTE), event.subject or None
-    return EventDraft(priority, kind, event_text(event), subject=subject, event=event)
-
-
-def _coded(event: Event | None) -> dict[str, Any]:
-    """The fields of a message that tell a program what has happened."""
-    if event is None:
-        return {}
-    names = EVENT_FIELDS[event.code]
-    values = named_values(names, event.values[: len(names)])
-    return {"code": name_of(event.code), "values": values, "said": event.said}
+    return EventDraft(priority, kind, name_of(event.code), event_values(event), subject, event.said)
 
 
 def _names_cause(event: Event, cause: Cause) -> bool:
@@ -246,31 +240,29 @@ def _has_no_mode(drafts: Iterable[EventDraft]) -> bool:
 def _mode_change(before: Mode, now: Mode) -> list[EventDraft]:
     if before is now:
         return []
-    text = f"mode {name_of(before)} → {name_of(now)}"
+    values = {"mode_before": name_of(before), "mode": name_of(now), "trigger": None}
     priority = Priority.MEDIUM if now is Mode.FAULT else Priority.INFO
-    return [EventDraft(priority, Kind.MODE, text)]
+    return [EventDraft(priority, Kind.MODE, EventCode.MODE_CHANGED, values)]
 
 
 def _verdict_change(before: Verdict, now: Verdict) -> list[EventDraft]:
     if (before.category, before.cause, before.drive) == (now.category, now.cause, now.drive):
         return []
     if now.category is StopCategory.NONE and now.cause is Cause.NONE:
-        return [EventDraft(Priority.INFO, Kind.STOP, "the verdict is cleared")]
+        return [EventDraft(Priority.INFO, Kind.STOP, EventCode.VERDICT_CLEARED)]
     return [_stop(now)]
 
 
 def _stop(verdict: Verdict) -> EventDraft:
-    text = CAUSE_TEXT[verdict.cause]
-    words = [f"stop {verdict.category.name}: {text.title}"]
-    if verdict.drive:
-        words.append(f"({verdict.drive})")
-    if verdict.limit:
-        words.append(f"{verdict.value:.4g}, limit {verdict.limit:.4g}")
-    if detail := detail_text(verdict):
-        words.append(f"- {detail}")
-    priority = _priority(verdict.cause)
-    subject = verdict.drive or None
-    return EventDraft(priority, Kind.STOP, " ".join(words), text.remedy, verdict.cause, subject)
+    return EventDraft(
+        _priority(verdict.cause),
+        Kind.STOP,
+        EventCode.STOPPED,
+        verdict_values(verdict),
+        verdict.drive or None,
+        verdict.said,
+        verdict.cause,
+    )
 
 
 def _priority(cause: Cause) -> Priority:
@@ -302,16 +294,17 @@ def _is_seen(drive: DriveRecord) -> bool:
 
 def _state_changes(before: DriveRecord, now: DriveRecord) -> Iterator[EventDraft]:
     if _is_seen(before) and before.nmt_state != now.nmt_state:
-        nmt_state = NMT_STATES.get(now.nmt_state, "unknown")
-        yield _drive_event(now, Priority.INFO, Kind.DRIVE, f"NMT state {nmt_state}")
+        values = {"nmt_state": NMT_STATES.get(now.nmt_state, "unknown")}
+        yield EventDraft(Priority.INFO, Kind.DRIVE, EventCode.NMT_STATE_CHANGED, values, now.name)
     state = power_state_name(now.power_state)
     if before.power_state != now.power_state and state not in INTERMEDIATE:
         priority = Priority.MEDIUM if state == "fault" else Priority.INFO
-        yield _drive_event(now, priority, Kind.DRIVE, state.replace("_", " "))
+        values = {"power_state": state}
+        yield EventDraft(priority, Kind.DRIVE, EventCode.POWER_STATE_CHANGED, values, now.name)
     if _is_seen(before) and before.referenced != now.referenced:
-        text = "knows its position" if now.referenced else "does not know its position any more"
+        code = EventCode.POSITION_KNOWN if now.referenced else EventCode.POSITION_LOST
         priority = Priority.INFO if now.referenced else Priority.MEDIUM
-        yield _drive_event(now, priority, Kind.DRIVE, text)
+        yield EventDraft(priority, Kind.DRIVE, code, subject=now.name)
 
 
 def _emergency_changes(before: DriveRecord, now: DriveRecord) -> Iterator[EventDraft]:
@@ -320,31 +313,37 @@ def _emergency_changes(before: DriveRecord, now: DriveRecord) -> Iterator[EventD
             yield _emergency(now, emergency)
     told_without_details = now.emergency_code and not now.emergencies
     if now.emergency_count > before.emergency_count and told_without_details:
-        text = f"EMCY 0x{now.emergency_code:04X}: {now.emergency_text}"
-        yield _drive_event(now, Priority.HIGH, Kind.EMERGENCY, text)
+        yield EventDraft(
+            Priority.HIGH,
+            Kind.EMERGENCY,
+            EventCode.EMCY_RECEIVED,
+            {"emcy_code": now.emergency_code},
+            now.name,
+            now.emergency_text,
+        )
     elif before.emergency_code and not now.emergency_code:
-        yield _drive_event(now, Priority.INFO, Kind.EMERGENCY, "EMCY cleared")
+        yield EventDraft(Priority.INFO, Kind.EMERGENCY, EventCode.EMCY_CLEARED, subject=now.name)
 
 
 def _emergency(drive: DriveRecord, emergency: EmergencyRecord) -> EventDraft:
-    words = [f"EMCY 0x{emergency.code:04X}: {emergency.text}; the drive: {emergency.reaction}"]
-    if emergency.loses_reference:
-        words.append("it does not know its position any more")
-    words.append(f"register 0x{emergency.error_register:02X}, vendor {emergency.vendor_bytes}")
-    priority = Priority.HIGH if emergency.alarm else Priority.LOW
-    return _drive_event(drive, priority, Kind.EMERGENCY, "; ".join(words))
+    return EventDraft(
+        Priority.HIGH if emergency.alarm else Priority.LOW,
+        Kind.EMERGENCY,
+        EventCode.EMCY_RECEIVED,
+        {"emcy_code": emergency.code},
+        drive.name,
+        f"{emergency.text}; drive: {emergency.reaction}; "
+        f"{emergency.error_register:02X}h {emergency.vendor_bytes}",
+    )
 
 
 def _input_changes(before: DriveRecord, now: DriveRecord) -> Iterator[EventDraft]:
     if before.hand_switch_closed != now.hand_switch_closed:
-        state = "closed" if now.hand_switch_closed else "open"
-        priority = Priority.INFO if now.hand_switch_closed else Priority.MEDIUM
-        yield _drive_event(now, priority, Kind.INPUT, f"hand switch {state}")
+        closed = now.hand_switch_closed
+        code = EventCode.HAND_SWITCH_CLOSED if closed else EventCode.HAND_SWITCH_OPENED
+        priority = Priority.INFO if closed else Priority.MEDIUM
+        yield EventDraft(priority, Kind.INPUT, code, subject=now.name)
     if before.sto_released != now.sto_released:
-        state = "released" if now.sto_released else "active"
+        code = EventCode.STO_RELEASED if now.sto_released else EventCode.STO_ACTIVATED
         priority = Priority.INFO if now.sto_released else Priority.MEDIUM
-        yield _drive_event(now, priority, Kind.INPUT, f"safe torque off {state}")
-
-
-def _drive_event(drive: DriveRecord, priority: Priority, kind: Kind, text: str) -> EventDraft:
-    return EventDraft(priority, kind, f"{drive.name}: {text}", subject=drive.name)
+        yield EventDraft(priority, Kind.INPUT, code, subject=now.name)

@@ -18,9 +18,14 @@ import secrets
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import StrEnum, auto
 from typing import Final, NamedTuple
 
+from gaitd_client import wire
+from gaitd_client.wire.names import RefusalCode
+
 from daemon.config.settings import Lease as LeaseRules
+from daemon.report_messages import refused
 
 NUMBER_BITS: Final = 53
 """Bits of a lease number: integers up to 2**53 are exact in every JSON reader."""
@@ -37,15 +42,30 @@ class Granted(NamedTuple):
     renewed: bool
 
 
+class LeaseEnd(StrEnum):
+    """Why a lease has ended: `lease_end` of the event."""
+
+    RELEASED = auto()
+    CORE_RESTARTED = auto()
+    MACHINE_STOPPED = auto()
+    STOP_REQUESTED = auto()
+    EXPIRED = auto()
+
+
 class Ended(NamedTuple):
     """A lease that has ended, and why."""
 
     client: str
-    why: str
+    why: LeaseEnd
 
 
 class LeaseRefusedError(Exception):
-    """The request for the lease is refused; the message is the reason given to the client."""
+    """The request for the lease is refused."""
+
+    def __init__(self, refusal: wire.Refusal) -> None:
+        """Keep the refusal, which the client gets."""
+        super().__init__(refusal.code)
+        self.refusal = refusal
 
 
 @dataclass(slots=True)
@@ -96,9 +116,9 @@ class LeaseManager:
         """
         held = self._held
         if held is None and number is not None:
-            raise LeaseRefusedError("that lease has ended; acquire a new one, without a number")
+            raise LeaseRefusedError(refused(RefusalCode.LEASE_OVER))
         if held is not None and (number != held.number or client != held.client):
-            raise LeaseRefusedError(f"{held.client!r} holds the lease")
+            raise LeaseRefusedError(_not_of(held, client))
         duration_ms = min(wanted_ms or self.rules.duration_ms, self.rules.duration_max_ms)
         renewed = held is not None
         number = held.number if held is not None else self._new_number()
@@ -113,7 +133,7 @@ class LeaseManager:
         """
         self.check_holder(client, number)
         self._held = None
-        return Ended(client, "released")
+        return Ended(client, LeaseEnd.RELEASED)
 
     def check_holder(self, client: str, number: int) -> None:
         """Check that this client holds the lease.
@@ -123,16 +143,16 @@ class LeaseManager:
         """
         held = self._held
         if held is None:
-            raise LeaseRefusedError("no client holds the lease")
+            raise LeaseRefusedError(refused(RefusalCode.LEASE_NOT_HELD))
         if number != held.number or client != held.client:
-            raise LeaseRefusedError(f"{held.client!r} holds the lease, with another number")
+            raise LeaseRefusedError(_not_of(held, client))
 
     def renew(self, now_ns: int) -> None:
         """Renew the lease after an accepted setpoint."""
         if self._held is not None:
             self._held.expires_ns = now_ns + self._held.duration_ms * NS_PER_MS
 
-    def end(self, why: str) -> Ended | None:
+    def end(self, why: LeaseEnd) -> Ended | None:
         """End the lease, if one is held, without the holder's request."""
         held, self._held = self._held, None
         return Ended(held.client, why) if held else None
@@ -141,7 +161,7 @@ class LeaseManager:
         """End the lease if its time is over."""
         if self._held is None or now_ns < self._held.expires_ns:
             return None
-        return self.end(f"no setpoint was accepted for {self._held.duration_ms} ms")
+        return self.end(LeaseEnd.EXPIRED)
 
     def _new_number(self) -> int:
         number = self.draw()
@@ -149,3 +169,10 @@ class LeaseManager:
             number = self.draw()
         self._given.append(number)
         return number
+
+
+def _not_of(held: _Held, client: str) -> wire.Refusal:
+    """Why a client that does not prove the lease by its number is refused."""
+    is_name = client == held.client
+    code = RefusalCode.LEASE_NUMBER_WRONG if is_name else RefusalCode.LEASE_TAKEN
+    return refused(code, holder=held.client)

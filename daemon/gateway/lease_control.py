@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from gaitd_client import wire
-from gaitd_client.wire.refusals import REFUSAL_TEXT
+from gaitd_client.wire.names import EventCode, RefusalCode
 
 from daemon.gateway.events import EventDraft, Kind, Priority
-from daemon.gateway.lease import Ended, LeaseManager, LeaseRefusedError
+from daemon.gateway.lease import Ended, LeaseEnd, LeaseManager, LeaseRefusedError
 from daemon.gateway.setpoints import Batch, SetpointStore
 from daemon.ipc.record import CycleRecord, Mode, Outcome, Setpoint
+from daemon.ipc.report import Lapse
+from daemon.report_messages import refused
 from daemon.wire.names import name_of
 from daemon.wire.refusals import SetpointRefusal
 
@@ -29,7 +31,7 @@ class Decision(NamedTuple):
     """The answer to a query for the lease."""
 
     outcome: Outcome
-    reason: str
+    refusal: wire.Refusal | None = None
     number: int | None = None
     """Number of the lease; sent only to the client of the query."""
     duration_ms: int | None = None
@@ -64,7 +66,7 @@ class LeaseControl:
     def begin_core(self, legs: tuple[str, ...]) -> list[EventDraft]:
         """End the lease, because the first core or a restarted one was found."""
         self._legs, self._before = legs, None
-        return self._end("the core has restarted")
+        return self._end(LeaseEnd.CORE_RESTARTED)
 
     def receive_record(self, record: CycleRecord, now_ns: int) -> list[EventDraft]:
         """Update from a record: renew the lease for accepted setpoints, report refusals."""
@@ -78,7 +80,7 @@ class LeaseControl:
                 drafts.append(_lapsed(self.leases.holder, assist.lapse_reason))
             drafts += self._refused_by_core(before, record, now_ns)
         if record.mode in STOPPED:
-            drafts += self._end("the machine was stopped")
+            drafts += self._end(LeaseEnd.MACHINE_STOPPED)
         return drafts
 
     def receive_setpoints(self, batch: Batch, now_ns: int) -> list[EventDraft]:
@@ -103,56 +105,55 @@ class LeaseControl:
         try:
             return self._decide(payload, mode, now_ns)
         except LeaseRefusedError as error:
-            return Decision(Outcome.REFUSED, str(error))
+            return Decision(Outcome.REFUSED, error.refusal)
 
     def _decide(self, payload: wire.Ask, mode: Mode | None, now_ns: int) -> Decision:
         if isinstance(payload, wire.ReleaseAsk):
             self.leases.release(payload.client, payload.lease)
             self._clear()
-            return Decision(Outcome.DONE, "")
+            return Decision(Outcome.DONE)
         if not isinstance(payload, wire.AcquireAsk):
             raise TypeError(f"{type(payload).__name__} is no request for a lease")
         if payload.client in {"", wire.UNNAMED_CLIENT}:
-            raise LeaseRefusedError("`client` must name the holder of the lease")
+            raise LeaseRefusedError(refused(RefusalCode.HOLDER_UNNAMED))
         if mode is None:
-            raise LeaseRefusedError("no records arrive from the core")
+            raise LeaseRefusedError(refused(RefusalCode.CORE_SILENT))
         if mode in STOPPED:
-            raise LeaseRefusedError("the machine is stopped: reset it first")
+            raise LeaseRefusedError(refused(RefusalCode.MACHINE_STOPPED))
         number, duration_ms, renewed = self.leases.acquire(
             payload.client, payload.lease, payload.duration_ms, now_ns
         )
         if not renewed:
             self._clear()
-        reason = f"for {duration_ms} ms after this reply and after each accepted setpoint"
-        return Decision(Outcome.DONE, reason, number, duration_ms, renewed)
+        return Decision(Outcome.DONE, None, number, duration_ms, renewed)
 
-    def refuse_report(self, report: wire.ReportAsk) -> str:
+    def refuse_report(self, report: wire.ReportAsk) -> wire.Refusal | None:
         """Why a state is not published: its client does not hold the lease, or no such leg."""
         try:
             self.leases.check_holder(report.client, report.lease)
         except LeaseRefusedError as error:
-            return str(error)
+            return error.refusal
         known = ", ".join(self._legs)
-        return "" if report.leg in self._legs else f"leg = {report.leg!r}, the trainer has {known}"
+        return None if report.leg in self._legs else refused(RefusalCode.UNKNOWN_LEG, known)
 
     def stop(self) -> list[EventDraft]:
         """End the lease because a client has requested a stop."""
-        return self._end("a stop was requested")
+        return self._end(LeaseEnd.STOP_REQUESTED)
 
     def tick(self, now_ns: int) -> list[EventDraft]:
         """End the lease if its time is over."""
         ended = self.leases.tick(now_ns)
         return self._ended(ended)
 
-    def _end(self, why: str) -> list[EventDraft]:
+    def _end(self, why: LeaseEnd) -> list[EventDraft]:
         return self._ended(self.leases.end(why))
 
     def _ended(self, ended: Ended | None) -> list[EventDraft]:
         if ended is None:
             return []
         self._clear()
-        text = f"the lease of {ended.client} has ended: {ended.why}"
-        return [EventDraft(Priority.INFO, Kind.REQUEST, text)]
+        values = {"client": ended.client, "lease_end": ended.why}
+        return [EventDraft(Priority.INFO, Kind.REQUEST, EventCode.LEASE_ENDED, values)]
 
     def _clear(self) -> None:
         self._setpoints.clear()
@@ -179,14 +180,10 @@ class LeaseControl:
             return []
         self._reported.add(reason)
         self._reported_ns.append(now_ns)
-        text = REFUSAL_TEXT[name_of(reason)]
-        holder = f"; {self.leases.holder} holds the lease" if self.lease else ""
-        drafts = f"setpoint refused, {name_of(reason)}: {text.meaning}{holder}"
-        return [EventDraft(Priority.LOW, Kind.REQUEST, drafts, text.remedy)]
+        values = {"holder": self.leases.holder, "setpoint_refusal": name_of(reason)}
+        return [EventDraft(Priority.LOW, Kind.REQUEST, EventCode.SETPOINT_REFUSED, values)]
 
 
-def _lapsed(holder: str | None, reason: str) -> EventDraft:
-    subject = f"assist of {holder}" if holder else "assist"
-    text = f"{subject} lapsed: {reason}; it fades, the leg is braked and held"
-    remedy = "check that the controller is running, then request the mode again"
-    return EventDraft(Priority.MEDIUM, Kind.MODE, text, remedy)
+def _lapsed(holder: str | None, lapse: Lapse) -> EventDraft:
+    values = {"client": holder, "lapse": name_of(lapse)}
+    return EventDraft(Priority.MEDIUM, Kind.MODE, EventCode.ASSIST_LAPSED, values)

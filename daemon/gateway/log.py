@@ -14,6 +14,7 @@ _PRIORITY: Final = {logging.ERROR: 3, logging.WARNING: 4, logging.INFO: 6, loggi
 """Priorities of syslog(3) by logging level."""
 _FIELDS: Final = {
     "kind": "GAITD_EVENT",
+    "code": "GAITD_CODE",
     "priority": "GAITD_PRIORITY",
     "id": "GAITD_EVENT_ID",
     "mode": "GAITD_MODE",
@@ -31,6 +32,7 @@ def known(record: logging.LogRecord) -> dict[str, str]:
         return {}
     fields = {
         "kind": event.kind,
+        "code": event.code,
         "priority": event.priority,
         "id": event.id,
         "mode": getattr(record, "mode", None),

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from gaitd_client import wire
+from gaitd_client.wire.names import RefusalCode
 
 from daemon.config.settings import Lease
 from daemon.gateway.clients import PLAN_FILE, ClientRefusedError, Clients, PlanStore
@@ -17,6 +18,7 @@ from daemon.gateway.outlet import Outlet
 from daemon.gateway.service import Gateway
 from daemon.ipc.record import CycleRecord, GatewayState, Role
 from daemon.ipc.transport import RingHeader
+from daemon.report_messages import refused
 from daemon.system.clock import AgeClock, MonotonicClock
 from daemon.zenoh_io.publish import Mailbox, ZenohOutlet
 from daemon.zenoh_io.session import open_session
@@ -32,11 +34,11 @@ class NoCore:
     def __init__(self, header: RingHeader) -> None:
         """Begin with the header of a recording."""
         self.header: RingHeader | None = header
-        self.starting = ""
+        self.starting = False
 
-    def take_notices(self) -> list[str]:
-        """Return none: no core sends any."""
-        return []
+    def take_unread(self) -> int:
+        """Return none: no core writes any."""
+        return 0
 
     def send(self, _gateway_state: GatewayState, /) -> bool:
         """Do nothing: there is no core."""
@@ -90,7 +92,7 @@ class Readers(Clients):
         """
         if name in wire.READING:
             return super().role(name, client)
-        raise ClientRefusedError("a recording is played: nothing can be requested of it")
+        raise ClientRefusedError(refused(RefusalCode.RECORDING_PLAYED))
 
 
 class RecordedClock:

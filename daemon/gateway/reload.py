@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
+from gaitd_client.wire.names import EventCode
 from gaitd_toml import ConfigError
 
 from daemon.config.trainer import TrainerFile
@@ -56,8 +57,10 @@ class Reload:
         try:
             new = self._read(self._file.path)
         except ConfigError as error:
-            text = f"reload refused, nothing has changed: {error}"
-            return [EventDraft(Priority.MEDIUM, Kind.NOTE, text, "correct it; see gaitd check")]
+            refused = EventDraft(
+                Priority.MEDIUM, Kind.NOTE, EventCode.CONFIG_REFUSED, said=str(error)
+            )
+            return [refused]
         return [self._apply(new, leases, core_hashes)]
 
     def _apply(
@@ -79,9 +82,10 @@ class Reload:
                 )
         waiting += restarts(self._file, new, changed_files(core_hashes, self._file.path))
         self.needs_restart = "; ".join(waiting)
-        drafts = f"reloaded: {', '.join(applied) or 'nothing that can change in operation'}"
-        text = f"{drafts}; {self.needs_restart}" if waiting else drafts
-        return EventDraft(Priority.LOW if waiting else Priority.INFO, Kind.NOTE, text)
+        done = ", ".join(applied) or "-"
+        said = f"{done}; {self.needs_restart}" if waiting else done
+        priority = Priority.LOW if waiting else Priority.INFO
+        return EventDraft(priority, Kind.NOTE, EventCode.CONFIG_RELOADED, said=said)
 
 
 def changed_tables(old: TrainerFile, new: TrainerFile) -> set[str]:

@@ -28,6 +28,7 @@ from typing import Final, NamedTuple, Protocol
 
 import msgspec
 from gaitd_client import wire
+from gaitd_client.wire.names import RefusalCode
 
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import (
@@ -42,8 +43,7 @@ from daemon.ipc.record import (
     Role,
     Setpoint,
 )
-from daemon.ipc.report import Refusal
-from daemon.wire.report_texts import refusal_text
+from daemon.report_messages import refusal_message, refused
 
 
 class Route(Enum):
@@ -100,14 +100,6 @@ QUERY_SIZE_MAX: Final = 4096
 
 STOP_TIMEOUT_NS: Final = 500_000_000
 
-SILENT: Final = "no records arrive from the core: it is not running or does not respond"
-RESTARTED: Final = "the core has restarted: requests to the previous core are void"
-OUTCOME_UNKNOWN: Final = "it is unknown whether the request took effect"
-STOP_UNCONFIRMED: Final = (
-    "no record of the core confirms the stop; if the core has ended, the drives stop by themselves:"
-    " use the emergency stop if anything moves"
-)
-
 
 class Inquiry(Protocol):
     """A query to control/NAME that waits for its only answer."""
@@ -127,11 +119,10 @@ class Answer(NamedTuple):
 
     ticket: int
     outcome: Outcome
-    reason: str
+    refusal: wire.Refusal | None = None
+    """Why it is not done."""
     by_core: bool = False
     """True if the core decided the outcome and reports it in its own events."""
-    refusal: Refusal | None = None
-    """Why the core has refused."""
 
 
 class BadPayloadError(Exception):
@@ -145,14 +136,14 @@ def decode_payload(name: str, payload: bytes) -> wire.Ask:
         BadPayloadError: no JSON, an unknown or missing field, a value out of range.
     """
     if len(payload) > QUERY_SIZE_MAX:
-        raise BadPayloadError(f"payload of {name}: more than {QUERY_SIZE_MAX} bytes")
+        raise BadPayloadError(f"more than {QUERY_SIZE_MAX} bytes")
     kind = PAYLOADS.get(name, wire.Ask)
     try:
         return _DECODERS[kind].decode(payload or b"{}")
     except RefusedError as error:
         known = ", ".join(item.encode_name for item in msgspec.structs.fields(kind))
         what = str(error).replace(f"matching regex {wire.ONE_LINE!r}", "without control characters")
-        raise BadPayloadError(f"payload of {name}: {what}; known fields: {known}") from error
+        raise BadPayloadError(f"{what}; known fields: {known}") from error
 
 
 def mode_request(payload: wire.Ask) -> ModeRequest:
@@ -214,7 +205,7 @@ class RequestQueue:
     def lose_core(self) -> list[Answer]:
         """Answer the outstanding request after the core's records have stopped."""
         self._core_present = False
-        return self._answer_pending(Outcome.PENDING, f"{SILENT}; {OUTCOME_UNKNOWN}")
+        return self._answer_pending(Outcome.PENDING, refused(RefusalCode.OUTCOME_UNKNOWN))
 
     def submit(
         self,
@@ -227,10 +218,10 @@ class RequestQueue:
     ) -> Answer | None:
         """Accept a request for the core; returns None while its answer is outstanding."""
         if not self._core_present:
-            return Answer(ticket, Outcome.REFUSED, SILENT)
+            return Answer(ticket, Outcome.REFUSED, refused(RefusalCode.CORE_SILENT))
         if self._pending:
-            reason = f"busy: {self._pending.name} has no answer yet"
-            return Answer(ticket, Outcome.REFUSED, reason)
+            busy = refused(RefusalCode.BUSY, open_request=self._pending.name)
+            return Answer(ticket, Outcome.REFUSED, busy)
         mode = mode_request(payload)
         kind = RequestKind[name.upper()]
         self._request_id += 1
@@ -258,11 +249,11 @@ class RequestQueue:
         """Answer requests and stops whose time limit is over."""
         late = [stop for stop in self._stops if now_ns >= stop.deadline_ns]
         self._stops = [stop for stop in self._stops if now_ns < stop.deadline_ns]
-        answers = [Answer(stop.ticket, Outcome.PENDING, STOP_UNCONFIRMED) for stop in late]
+        unconfirmed = refused(RefusalCode.STOP_UNCONFIRMED)
+        answers = [Answer(stop.ticket, Outcome.PENDING, unconfirmed) for stop in late]
         if self._pending and now_ns >= self._pending.deadline_ns:
-            answers += self._answer_pending(
-                Outcome.PENDING, f"no answer in time; {OUTCOME_UNKNOWN}"
-            )
+            unknown = refused(RefusalCode.OUTCOME_UNKNOWN)
+            answers += self._answer_pending(Outcome.PENDING, unknown)
         return answers
 
     def gateway_state(
@@ -300,25 +291,21 @@ class RequestQueue:
             self._stop_count = max(self._stop_count, record.stop_count + 1)
         for stop in self._stops:
             stop.count = self._stop_count
-        return self._answer_pending(Outcome.REFUSED, RESTARTED)
+        return self._answer_pending(Outcome.REFUSED, refused(RefusalCode.CORE_RESTARTED))
 
     def _confirmed_stops(self, record: CycleRecord) -> list[Answer]:
         confirmed = [stop for stop in self._stops if record.stop_count >= stop.count]
         self._stops = [stop for stop in self._stops if record.stop_count < stop.count]
-        return [
-            Answer(stop.ticket, Outcome.DONE, "the core has received the stop")
-            for stop in confirmed
-        ]
+        return [Answer(stop.ticket, Outcome.DONE) for stop in confirmed]
 
     def _outcome(self, record: CycleRecord) -> list[Answer]:
         waiting, result = self._pending, record.request
         if waiting is None or result.id != waiting.request.id or result.outcome is Outcome.PENDING:
             return []
-        refusal = result.refusal
-        reason = "" if refusal is None else refusal_text(refusal)
-        answers = self._answer_pending(result.outcome, reason)
-        return [answer._replace(by_core=True, refusal=refusal) for answer in answers]
+        refusal = None if result.refusal is None else refusal_message(result.refusal)
+        answers = self._answer_pending(result.outcome, refusal)
+        return [answer._replace(by_core=True) for answer in answers]
 
-    def _answer_pending(self, outcome: Outcome, reason: str) -> list[Answer]:
+    def _answer_pending(self, outcome: Outcome, refusal: wire.Refusal | None) -> list[Answer]:
         waiting, self._pending = self._pending, None
-        return [Answer(waiting.ticket, outcome, reason)] if waiting else []
+        return [Answer(waiting.ticket, outcome, refusal)] if waiting else []

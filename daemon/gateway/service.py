@@ -12,6 +12,8 @@ from typing import Any, Final, NamedTuple, Protocol
 
 import msgspec
 from gaitd_client import wire
+from gaitd_client.texts import Reader, catalogue
+from gaitd_client.wire.names import EventCode, ProgressCode, RefusalCode
 
 from daemon.config.settings import Lease
 from daemon.gateway import events, requests, translate
@@ -28,6 +30,7 @@ from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.translate import Stamp
 from daemon.ipc.record import CycleRecord, DriveRecord, GatewayState, Mode, Outcome, Role
 from daemon.ipc.transport import RareNotice, RingError, RingHeader
+from daemon.report_messages import refused
 from daemon.system.clock import AgeClock
 from daemon.wire.names import name_of, printable
 
@@ -35,8 +38,6 @@ STATE_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000
 SECOND_NS: Final = 1_000_000_000
 STATUS_EVENT_COUNT: Final = 20
-RESTARTS: Final = "the gateway restarts"
-ENDS: Final = "the gateway ends"
 
 _LOG_LEVEL: Final = {
     events.Priority.HIGH.value: logging.ERROR,
@@ -59,12 +60,12 @@ class CoreLink(Protocol):
         ...
 
     @property
-    def starting(self) -> str:
-        """What a core says while it starts, and writes no records yet; empty if none starts."""
+    def starting(self) -> bool:
+        """True while a core starts, and writes no records yet."""
         ...
 
-    def take_notices(self) -> list[str]:
-        """Texts of what could not be read."""
+    def take_unread(self) -> int:
+        """Number of records that could not be read so far, if it is to be reported now; or 0."""
         ...
 
     def send(self, gateway_state: GatewayState, /) -> bool:
@@ -113,6 +114,7 @@ class Gateway:
         self._ipc, self._outlet, self._clock = ipc, outlet, clock
         self._trainer, self._listen = trainer, tuple(listen)
         self._log = logging.getLogger("gaitd.gateway")
+        self._texts = catalogue(Reader.OPERATOR, "en")
         self._requests = requests.RequestQueue(first_state_seq=clock.now_ns())
         self.lease_control = LeaseControl(LeaseManager(lease))
         self._presence = Presence()
@@ -136,8 +138,8 @@ class Gateway:
             trouble = events.EventDraft(
                 events.Priority.LOW,
                 events.Kind.NOTE,
-                plans.trouble,
-                "an operator releases a plan with `gaitd plan release`",
+                EventCode.PLAN_UNREADABLE,
+                said=plans.trouble,
             )
             self.publish_events([trouble])
 
@@ -157,7 +159,8 @@ class Gateway:
         """One turn of the loop, after `publish_estimates`."""
         records, self._fresh = self._fresh, []
         self._receive(records, now_ns)
-        self.publish_events([events.unread(text) for text in self._ipc.take_notices()])
+        if unread_count := self._ipc.take_unread():
+            self.publish_events([events.unread(unread_count)])
         self.publish_events(self.lease_control.receive_setpoints(batch, now_ns))
         # A stop is handled before all other queries.
         for inquiry in sorted(inquiries, key=lambda one: one.name != "stop"):
@@ -206,7 +209,7 @@ class Gateway:
     def close(self) -> None:
         """Answer the queries that still wait."""
         for ticket in tuple(self._waiting):
-            answer = requests.Answer(ticket, Outcome.PENDING, ENDS)
+            answer = requests.Answer(ticket, Outcome.PENDING, refused(RefusalCode.GATEWAY_ENDS))
             self._settle([answer])
 
     # --- records ------------------------------------------------------------------------------
@@ -298,7 +301,8 @@ class Gateway:
         limits, holder = header.limits if header else None, self.lease_control.leases.holder
         message = translate.safety(record, limits, self._stamp(), seq, holder)
         if record is None and self._ipc.starting:
-            return msgspec.structs.replace(message, progress=self._ipc.starting)
+            starts = wire.Progress(code=ProgressCode.CORE_STARTING, subject=None, values={})
+            return msgspec.structs.replace(message, progress=starts)
         return message
 
     def _publish(self, drafts: Sequence[events.EventDraft], time_ns: int) -> None:
@@ -309,7 +313,8 @@ class Gateway:
         for event in made:
             self._outlet.put_event(event)
             extra = {"event": event, "mode": self._newest and name_of(self._newest.mode)}
-            self._log.log(_LOG_LEVEL[event.priority], "%s", event.text, extra=extra)
+            text = self._texts.event(event)
+            self._log.log(_LOG_LEVEL[event.priority], "%s", text, extra=extra)
 
     # --- requests -----------------------------------------------------------------------------
 
@@ -328,16 +333,14 @@ class Gateway:
                     del self._waiting[ticket]
                     self._requests.withdraw(ticket)
             if answers:
-                reason = f"internal error of the gateway: {what}"
-                self._isolated(inquiry, lambda: self._reject(inquiry, reason), answers=False)
+                failed = refused(RefusalCode.GATEWAY_FAILED, what)
+                self._isolated(inquiry, lambda: self._reject(inquiry, failed), answers=False)
 
     def _receive_query(self, inquiry: Inquiry, now_ns: int) -> None:
         route = requests.ROUTES.get(inquiry.name)
         if route is None:
             known = ", ".join(requests.ROUTES)
-            self._reject(
-                inquiry, f"control/{printable(inquiry.name)} is unknown; known are {known}"
-            )
+            self._reject(inquiry, refused(RefusalCode.NO_SUCH_REQUEST, known))
             return
         self._ticket += 1
         if route is requests.Route.STOP:
@@ -346,14 +349,14 @@ class Gateway:
         try:
             role = self._clients.role(inquiry.name, inquiry.identity)
         except ClientRefusedError as error:
-            self._reject(inquiry, str(error))
+            self._reject(inquiry, error.refusal)
             return
         try:
             payload = requests.decode_payload(inquiry.name, inquiry.payload)
         except requests.BadPayloadError as error:
             # A stop takes effect whatever its payload is.
             if route is not requests.Route.STOP:
-                self._reject(inquiry, str(error))
+                self._reject(inquiry, refused(RefusalCode.BAD_PAYLOAD, str(error)))
                 return
             payload = wire.Ask()
         if self._clients.have_keys:
@@ -373,9 +376,9 @@ class Gateway:
             case requests.Route.CORE:
                 plan = self._plans.plan
                 if self.restart_requested or self._is_last_turn:
-                    why = RESTARTS if self.restart_requested else ENDS
-                    answer = requests.Answer(ticket, Outcome.REFUSED, why)
-                elif not self._presence.is_present and (starts := self._ipc.starting):
+                    answer = requests.Answer(ticket, Outcome.REFUSED, self._ending())
+                elif not self._presence.is_present and self._ipc.starting:
+                    starts = refused(RefusalCode.CORE_STARTING)
                     answer = requests.Answer(ticket, Outcome.REFUSED, starts)
                 else:
                     answer = self._requests.submit(ticket, name, payload, now_ns, role, plan)
@@ -401,15 +404,19 @@ class Gateway:
         """Refuse a restart that would stop the machine, or after which no gateway could start."""
         record = self._newest  # also of a core that is silent now: it may be moving the machine
         if record and (record.mode.active or record.mode is Mode.STOPPING):
-            reason = f"in mode {name_of(record.mode)}: it would stop the machine"
+            why = refused(RefusalCode.WOULD_STOP, mode_now=name_of(record.mode))
         elif self._requests.is_waiting:
-            reason = "a request or a stop has no answer yet"
+            why = refused(RefusalCode.ANSWER_OUTSTANDING)
+        elif trouble := self._check_keys():
+            why = refused(RefusalCode.KEYS_UNUSABLE, trouble)
         else:
-            reason = self._check_keys()
-        if reason:
-            return requests.Answer(ticket, Outcome.REFUSED, reason)
-        self.restart_requested = True
-        return requests.Answer(ticket, Outcome.DONE, RESTARTS)
+            self.restart_requested = True
+            return requests.Answer(ticket, Outcome.DONE)
+        return requests.Answer(ticket, Outcome.REFUSED, why)
+
+    def _ending(self) -> wire.Refusal:
+        restarts = self.restart_requested
+        return refused(RefusalCode.GATEWAY_RESTARTS if restarts else RefusalCode.GATEWAY_ENDS)
 
     @property
     def may_end(self) -> bool:
@@ -422,20 +429,20 @@ class Gateway:
         mode = self._newest.mode if self._newest and self._presence.is_present else None
         decision = self.lease_control.decide(payload, mode, now_ns)
         if mode is None and decision.outcome is Outcome.REFUSED and self._ipc.starting:
-            decision = decision._replace(reason=self._ipc.starting)
-        reply = self._reply(inquiry.name, decision.outcome, decision.reason)
+            decision = decision._replace(refusal=refused(RefusalCode.CORE_STARTING))
+        reply = self._reply(inquiry.name, decision.outcome, decision.refusal)
         lease = {"lease": decision.number, "lease_duration_ms": decision.duration_ms}
         inquiry.answer(msgspec.structs.replace(reply, **lease))
         if not decision.renewed:
             outcome = name_of(decision.outcome)
-            draft = events.request_answered(inquiry.name, client, outcome, decision.reason)
+            draft = events.request_answered(inquiry.name, client, outcome, decision.refusal)
             self._publish_request(draft)
 
     def _report(self, report: wire.ReportAsk) -> None:
         """Publish the state of the lease's holder; it comes with each stride, so it is no event."""
         inquiry, client = self._waiting.pop(self._ticket)
-        reason = self.lease_control.refuse_report(report)
-        if not reason:
+        refusal = self.lease_control.refuse_report(report)
+        if refusal is None:
             parts = (report.leg, wire.CONTROLLER)
             message = wire.ControllerState(
                 **self._head(*parts),
@@ -443,10 +450,12 @@ class Gateway:
                 client=client,
                 for_cycle=report.for_cycle,
                 values=report.values,
+                hip=report.hip,
+                slide=report.slide,
             )
             self._outlet.put(message, *parts)
-        outcome = Outcome.REFUSED if reason else Outcome.DONE
-        inquiry.answer(self._reply(inquiry.name, outcome, reason))
+        outcome = Outcome.DONE if refusal is None else Outcome.REFUSED
+        inquiry.answer(self._reply(inquiry.name, outcome, refusal))
 
     def _settle(self, answers: Sequence[requests.Answer]) -> None:
         """Send answers, and publish the outcomes of requests as events."""
@@ -461,27 +470,24 @@ class Gateway:
 
     def _answer(self, answer: requests.Answer, waiting: Waiting) -> None:
         inquiry, outcome = waiting.inquiry, name_of(answer.outcome)
-        reply = self._reply(inquiry.name, answer.outcome, answer.reason)
-        if answer.refusal is not None:
-            refusal = translate.refusal_message(answer.refusal)
-            reply = msgspec.structs.replace(reply, refusal=refusal)
-        inquiry.answer(reply)
+        inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.refusal))
         if not answer.by_core:
-            draft = events.request_answered(inquiry.name, waiting.client, outcome, answer.reason)
+            draft = events.request_answered(inquiry.name, waiting.client, outcome, answer.refusal)
             self._publish_request(draft)
 
-    def _reject(self, inquiry: Inquiry, reason: str) -> None:
-        inquiry.answer(self._reply(inquiry.name, Outcome.REFUSED, reason), failed=True)
-        self._log.warning("query refused: %s", reason)
+    def _reject(self, inquiry: Inquiry, refusal: wire.Refusal) -> None:
+        inquiry.answer(self._reply(inquiry.name, Outcome.REFUSED, refusal), failed=True)
+        name = printable(inquiry.name)
+        self._log.warning("control/%s refused: %s", name, self._texts.refusal(refusal))
 
-    def _reply(self, name: str, outcome: Outcome, reason: str) -> wire.Reply:
+    def _reply(self, name: str, outcome: Outcome, refusal: wire.Refusal | None) -> wire.Reply:
         record = self._newest if self._presence.is_present else None
         return wire.Reply(
             # Unknown names share one counter, so that clients cannot create counters at will.
             **self._head(wire.CONTROL, name if name in requests.ROUTES else ""),
             request=name,
             outcome=name_of(outcome),
-            reason=reason,
+            refusal=refusal,
             mode=name_of(record.mode) if record else None,
         )
 
@@ -521,6 +527,7 @@ class Gateway:
             period_ns=header.period_ns if header else None,
             drive_names=header.drive_names if header else (),
             leg_names=header.leg_names if header else (),
+            joints=wire.JOINTS,
             config_hashes=header.config_hashes if header else {},
             robot=header.robot if header else {},
             limits=header.limits if header else {},

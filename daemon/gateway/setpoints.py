@@ -145,7 +145,8 @@ class SetpointStore:
         if before is not None and read.seq <= before.seq:
             repeated = read.seq == before.seq
             return SetpointRefusal.REPEATED if repeated else SetpointRefusal.REORDERED
-        self._newest[arrival.leg] = Setpoint(leg=arrival.leg, **msgspec.structs.asdict(read))
+        setpoint = msgspec.convert(read, Setpoint, from_attributes=True)
+        self._newest[arrival.leg] = msgspec.structs.replace(setpoint, leg=arrival.leg)
         return SetpointRefusal.NONE
 
 

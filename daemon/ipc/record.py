@@ -6,7 +6,9 @@ is the gateway state: the gateway sends it to the core, whole, once a cycle. Enc
 msgpack arrays: adding a field at the end of a struct, with a default, keeps old recordings
 readable.
 
-`_si` means SI units at the joint: rad, rad/s, N·m for the hip; m, m/s, N for the slide.
+A record of a leg holds its axes, `hip` and `slide`, as the same struct. Positions, velocities and
+efforts have no unit in their name; the kind of the joint gives it: rad, rad/s, N·m for the hip; m,
+m/s, N for the slide. `_std` is the standard deviation of the field before it.
 """
 
 from enum import IntEnum
@@ -15,16 +17,16 @@ from typing import Annotated, Final
 import msgspec
 from msgspec import Meta
 
-from daemon.ipc.assist_record import AssistRecord
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.decoding import Count, Name
-from daemon.ipc.report import Event, Finding, Refusal
+from daemon.ipc.report import Event, Finding, Lapse, Progress, Refusal
 
+NAN: Final = float("nan")
 STATE_COUNT: Final = 8
 """States of the observer: two positions, two velocities, two frictions, two disturbances."""
 SETPOINTS_MAX: Final = 8
 TEXT_BYTES_MAX: Final = 400
-"""Maximum size of a line of progress, or of what a drive has said: a slot has a fixed size."""
+"""Maximum size of what a drive has said: a slot has a fixed size."""
 
 
 class Mode(IntEnum):
@@ -86,7 +88,7 @@ class StopCategory(IntEnum):
 
 
 class Cause(IntEnum):
-    """Cause of a stop or of a refused start. `daemon/wire/causes.py` holds text and remedy."""
+    """Cause of a stop or of a refused start. `daemon/wire/causes.py` has the fixed categories."""
 
     NONE = 0
     # requested
@@ -212,16 +214,21 @@ class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
     """For COMMISSION: the operator confirms that the axis moved as described."""
 
 
+class AxisPlan(msgspec.Struct, frozen=True, array_like=True):
+    """What an operator has released for one axis."""
+
+    assist_max: float | None = None
+    """Cap of a controller's assist during the gait; None: only that of limits.toml."""
+
+
 class Plan(msgspec.Struct, frozen=True, array_like=True):
     """Limits of a gait that a session may request, as an operator has released them."""
 
     cadence_max_hz: float
     amplitude_max_ratio: float
     duration_max_s: float
-    hip_assist_max_nm: float | None = None
-    """Cap of a controller's assist during the gait; None: only that of limits.toml."""
-    slide_assist_max_n: float | None = None
-    """Cap of a controller's assist during the gait; None: only that of limits.toml."""
+    hip: AxisPlan = AxisPlan()
+    slide: AxisPlan = AxisPlan()
 
 
 class Request(msgspec.Struct, frozen=True, array_like=True):
@@ -238,14 +245,21 @@ class Request(msgspec.Struct, frozen=True, array_like=True):
     """The released plan; None: none is released."""
 
 
+class AxisSetpoint(msgspec.Struct, frozen=True, array_like=True):
+    """A controller's wish for one axis."""
+
+    assist: float = 0.0
+    """Effort on top of g(q)."""
+
+
 class Setpoint(msgspec.Struct, frozen=True, array_like=True):
-    """A controller's assist on top of g(q) for one leg, under the lease of its sender."""
+    """A controller's assist for one leg, under the lease of its sender."""
 
     lease: Count = 0
     seq: Count = 0
     for_cycle: Count = 0
-    hip_assist_nm: float = 0.0
-    slide_assist_n: float = 0.0
+    hip: AxisSetpoint = AxisSetpoint()
+    slide: AxisSetpoint = AxisSetpoint()
     leg: Name = ""
     stiffness_ratio: float = 1.0
     """0..1 of the configured stiffness of impedance guidance, for GAIT."""
@@ -303,7 +317,7 @@ class EmergencyRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
-    """One drive in one cycle, in SI units at the joint; None where the value is unknown."""
+    """One drive in one cycle, at its joint; None where the value is unknown."""
 
     name: str
     """`LEG/AXIS`, for example `right/hip`."""
@@ -316,12 +330,12 @@ class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
     sample_age_cycles: int
     late_count: int
     heartbeat_age_ms: float
-    position_si: float | None
-    velocity_si: float | None
+    position: float | None
+    velocity: float | None
     """From encoder differences, for safety; the observer's estimate is in the leg."""
-    effort_si: float | None
+    effort: float | None
     """Effort of the drive, from its measured current or torque."""
-    target_effort_si: float
+    target_effort: float
     """Effort sent in this cycle (acts from the next SYNC); 0 unless in torque mode."""
     referenced: bool
     hand_switch_closed: bool
@@ -337,73 +351,123 @@ class DriveRecord(msgspec.Struct, frozen=True, array_like=True):
 
 
 class AxisStrideRecord(msgspec.Struct, frozen=True, array_like=True):
-    """One axis in one stride, from observer/strides.py; pairs are a value and its std."""
+    """One axis in one stride, with the fields of `observer.strides.AxisStride`."""
 
-    work_positive_j: tuple[float, float]
-    work_negative_j: tuple[float, float]
-    assist_mean_si: tuple[float, float]
-    assist_peak_si: tuple[float, float]
-    power_mean_w: tuple[float, float]
-    power_peak_w: tuple[float, float]
-    share_ratio: tuple[float, float] | None
+    work_positive_j: float
+    work_positive_j_std: float
+    work_negative_j: float
+    work_negative_j_std: float
+    assist_mean: float
+    assist_mean_std: float
+    assist_peak: float
+    assist_peak_std: float
+    power_mean_w: float
+    power_mean_w_std: float
+    power_peak_w: float
+    power_peak_w_std: float
+    share_ratio: float | None
+    share_ratio_std: float | None
     coverage_ratio: float
 
 
 class StrideRecord(msgspec.Struct, frozen=True, array_like=True):
-    """A stride that was completed in this cycle."""
+    """A stride that was completed in this cycle; fields of `observer.strides.Stride`, and two."""
 
     number: int
     """Number of this leg's stride since the core's start, from 1."""
     end_mono_ns: int
     """SYNC of its last sample; the stride is reported 150 ms later, because of smoothing."""
     duration_s: float
+    cadence_hz: float
     sample_count: int
     hip: AxisStrideRecord
     slide: AxisStrideRecord
-    work_positive_j: tuple[float, float]
-    work_negative_j: tuple[float, float]
-    share_ratio: tuple[float, float] | None
+    work_positive_j: float
+    work_positive_j_std: float
+    work_negative_j: float
+    work_negative_j_std: float
+    share_ratio: float | None
+    share_ratio_std: float | None
     status: int
     """observer.filter.status.Status bits of all its samples."""
-    baseline: bool
-    """True if a passive baseline was subtracted."""
+    baseline_subtracted: bool
+    """True if the effort of a passive run, per gait phase, was subtracted."""
+
+
+class AxisRecord(msgspec.Struct, frozen=True, array_like=True):
+    """One axis in one cycle: what the observer was given, and what it has found."""
+
+    measured_position: float
+    """Position given to the observer; NaN for a missing sample."""
+    effort: float
+    """Effort of the drive given to the observer, after any artificial disturbance."""
+    reference_position: float
+    """Reference of the mode; the present position when the mode has none."""
+    assist: float = 0.0
+    """A controller's assist in force, inside limit, rate and power."""
+    assist_wanted: float = 0.0
+    """Assist of the setpoint that is followed, or was until it became stale."""
+    validity: int = 2
+    """observer.filter.status.Validity; 2: bad."""
+    position: float = NAN
+    position_std: float = NAN
+    velocity: float = NAN
+    velocity_std: float = NAN
+    friction: float = NAN
+    friction_std: float = NAN
+    patient: float = NAN
+    patient_std: float = NAN
+    net: float = NAN
+    """Patient minus friction, which stays observable at standstill."""
+    net_std: float = NAN
+    innovation: float = NAN
+    """Measured minus predicted position."""
+    artificial: float = 0.0
+    """The artificial disturbance of EXCITE: effort = that of the drive - this."""
+    drift_correlation: float = NAN
+    """Correlation of the patient's effort with the direction of motion; NaN while unknown."""
+    friction_error: float = NAN
+    """Estimated excess of friction over its law, if there is no patient."""
 
 
 class LegRecord(msgspec.Struct, frozen=True, array_like=True):
-    """One leg's estimate in one cycle, as `observer/filter/leg_observer.py` gave it."""
+    """One leg in one cycle; the estimate is that of `observer/filter/leg_observer.py`."""
 
     name: str
-    state: tuple[float, ...]
-    """STATE_COUNT values in the order of observer/filter/states.py."""
-    std: tuple[float, ...]
-    covariance: tuple[float, ...]
-    """Lower triangle, row by row: 36 values."""
-    innovation: tuple[float, float]
-    nis: float
-    net: tuple[float, float]
-    """Patient minus friction, which stays observable at standstill; N·m, N."""
-    net_std: tuple[float, float]
-    validity: tuple[int, int]
-    """observer.filter.status.Validity of hip and slide."""
+    hip: AxisRecord
+    slide: AxisRecord
     status: int
     """observer.filter.status.Status bits."""
-    measured: tuple[float, float]
-    """Position given to the observer: rad, m; NaN for a missing sample."""
-    effort_used: tuple[float, float]
-    """Torque and force given to the observer, after any artificial disturbance: N·m, N."""
-    reference: tuple[float, float]
-    """Reference position of the mode: rad, m; the present pose when the mode has no reference."""
-    artificial: tuple[float, float] = (0.0, 0.0)
-    """The artificial disturbance of EXCITE: used = measured - this."""
-    mean_nis: float = float("nan")
+    covariance: tuple[float, ...] = ()
+    """Lower triangle, row by row: 36 values, states as in observer/filter/states.py; empty before
+    the first estimate."""
+    nis: float = NAN
+    mean_nis: float = NAN
     """Mean NIS of the last hundred cycles or so, for two measurements: ideally 2."""
-    drift_correlation: tuple[float, float] = (float("nan"), float("nan"))
-    """Correlation of the patient's effort with the direction of motion; NaN while unknown."""
-    friction_error: tuple[float, float] = (float("nan"), float("nan"))
-    """Estimated excess of friction over its law, if there is no patient: N·m, N."""
-    stride: StrideRecord | None = None
     gait_phase: float = -1.0
     """0..1 of this leg's stride, or -1 when no gait runs; legs are half a stride apart."""
+    stiffness_ratio: float = 1.0
+    """Stiffness in force, as a ratio of the configured stiffness of guidance."""
+    setpoint_seq: int = -1
+    """`seq` of the newest accepted setpoint under the current lease; -1: none."""
+    stride: StrideRecord | None = None
+
+    @property
+    def axes(self) -> tuple[AxisRecord, AxisRecord]:
+        """Hip and slide."""
+        return self.hip, self.slide
+
+
+class AssistRecord(msgspec.Struct, frozen=True, array_like=True):
+    """Setpoints of controllers, counted since core start."""
+
+    accepted_count: int = 0
+    refused_count: tuple[int, ...] = ()
+    """Setpoints refused by the core, in the order of `daemon.wire.refusals.SetpointRefusal`."""
+    lapse_count: int = 0
+    """Times that assist ended because the lease ended or setpoints were stale."""
+    lapse_reason: Lapse = Lapse.NONE
+    """Reason of the newest lapse."""
 
 
 class BusRecord(msgspec.Struct, frozen=True, array_like=True):
@@ -444,8 +508,8 @@ class CycleRecord(msgspec.Struct, frozen=True, array_like=True):
     events: tuple[Event, ...]
     """Events of this cycle; the gateway adds identity and time."""
     request: RequestResult
-    progress: str
-    """One line for the operator; programs read `stage` instead."""
+    progress: Progress | None
+    """None: nothing beside mode and stage."""
     gateway_age_cycles: int
     stop_count: int
     gait_phase: float

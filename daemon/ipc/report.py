@@ -2,7 +2,7 @@
 
 Rules:
 1. A program reads code, subject and values; `daemon/wire/report_fields.py` names the values of
-   each code. A sentence is made where a person reads it (`daemon/wire/report_texts.py`).
+   each code. A sentence is made where a person reads it (`gaitd_client/texts`).
 2. `said` is the only free text: what a drive, the kernel or a library has said. Nothing is decided
    by it.
 """
@@ -291,6 +291,65 @@ class EventCode(IntEnum):
     CAN_ALONE = 64
     CAN_FRAMES_LOST = 65
     CAN_FOREIGN_MASTER = 66
+
+
+class Lapse(IntEnum):
+    """Why assist has lapsed."""
+
+    NONE = 0
+    NO_SETPOINT = 1
+    LEASE_ENDED = 2
+    STALE = 3
+    """Its setpoints are too old."""
+
+
+class MotionPhase(IntEnum):
+    """Phase of the motion of one axis in a self-test."""
+
+    REST = 0
+    FORTH = 1
+    TURN = 2
+    BACK = 3
+    DONE = 4
+
+
+class AxisStep(IntEnum):
+    """Step of a homing or sign test."""
+
+    WAITING = 0
+    """The drives get their limits for it."""
+    ENABLING = 1
+    SEARCHING = 2
+    FORTH = 3
+    RESTING = 4
+    BACK = 5
+    ENDING = 6
+    """At rest again."""
+    DONE = 7
+    FAILED = 8
+
+
+class ProgressCode(IntEnum):
+    """What the machine does now, within its mode and stage."""
+
+    SETTING_UP = 1
+    """A bring-up; the subject is the drive."""
+    COMPARING_LOAD = 2
+    EXERCISING = 3
+    GUIDED_BY_HAND = 4
+    TESTING = 5
+    """A self-test; the subject is the axis."""
+    ONE_AXIS = 6
+    """Homing or a sign test; the subject is the axis."""
+
+
+class Progress(msgspec.Struct, frozen=True, array_like=True):
+    """The present step of a bring-up or an exercise."""
+
+    code: ProgressCode
+    subject: str = ""
+    values: tuple[float, ...] = ()
+    """As in an event."""
 
 
 class Refusal(msgspec.Struct, frozen=True, array_like=True):

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 STARTING_NAME: Final = "core.starting"
-COMPILES: Final = "the core starts; the first start of a version compiles for a minute or two"
 
 
 @contextmanager
@@ -27,13 +26,13 @@ def said(runtime: Path) -> Generator[Callable[[], None]]:
         yield saying.close
 
 
-def starting(runtime: Path) -> str:
-    """What the core of this directory says while it starts; empty if none starts."""
+def starting(runtime: Path) -> bool:
+    """Return whether a core of this directory starts."""
     try:
         with (runtime / STARTING_NAME).open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        return COMPILES
+        return True
     except OSError:
-        return ""
-    return ""
+        return False
+    return False

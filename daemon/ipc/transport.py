@@ -4,7 +4,7 @@ From the core: every `CycleRecord` goes into the next slot of a ring in a memory
 a tmpfs), and eight bytes over AF_UNIX wake the gateway. To the core: one `GatewayState` per
 datagram. Layout of the ring file, little endian::
 
-    0     8  magic b"GAITDRB1"
+    0     8  magic b"GAITDRB2"
     8     4  slot size in bytes
     12    4  slot count
     16    4  length of the header text
@@ -39,7 +39,7 @@ from daemon.ipc.decoding import INTEGER_MAX, Count, Decoder, RefusedError
 from daemon.ipc.record import CycleRecord, GatewayState
 from daemon.ipc.report import Event, EventCode
 
-MAGIC: Final = b"GAITDRB1"
+MAGIC: Final = b"GAITDRB2"
 HEADER_SIZE: Final = 16384
 SLOT_SIZE: Final = 7232
 """Size of a slot in bytes: for the largest record, with two legs and all events and emergencies."""
@@ -75,7 +75,6 @@ class Kept(msgspec.Struct, frozen=True):
     cause: str
     """Name of the cause of the stop, or how the records ended: CORE_SILENT, CORE_ENDED."""
     drive: str
-    detail: str
     stop_seq: Count
     """Number of the record of the stop."""
     stop_utc_ns: Count
@@ -183,7 +182,6 @@ def without_texts(record: CycleRecord) -> CycleRecord:
         verdict=replace(record.verdict, said=""),
         events=tuple(replace(one, said="") for one in record.events),
         request=request,
-        progress="",
         drives=tuple(replace(one, emergency_text="", emergencies=()) for one in record.drives),
         legs=tuple(replace(one, stride=None) for one in record.legs),
     )
@@ -448,8 +446,8 @@ class GatewayChannel:
         return self._ring.header if self._ring else None
 
     @property
-    def starting(self) -> str:
-        """What a core says while it starts; empty if none starts."""
+    def starting(self) -> bool:
+        """True while a core starts, and writes no records yet."""
         return starting.starting(self._runtime)
 
     @property
@@ -499,13 +497,11 @@ class GatewayChannel:
                 found.append(record)
         return found
 
-    def take_notices(self) -> list[str]:
-        """New lines about faults of the channel, for the operator."""
+    def take_unread(self) -> int:
+        """Count of records that could not be read, if it is to be reported now; or 0."""
         if self._ring is None or not self._damaged.due(self._ring.damaged_count):
-            return []
-        count = self._ring.damaged_count
-        why = "damaged, or of another gaitd version"
-        return [f"records of the core cannot be read, {count} so far: {why}"]
+            return 0
+        return self._ring.damaged_count
 
     def send(self, gateway_state: GatewayState) -> bool:
         """Send the gateway state to the core; False if no core took it."""

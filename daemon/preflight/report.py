@@ -24,7 +24,6 @@ from daemon.preflight.motion import decelerations, limit_box
 from daemon.preflight.runaway_report import RunawayMeaning, runaway_errors, runaway_meanings
 from daemon.preflight.stability import LoopMeaning, loop_errors, loop_meanings, loop_warnings
 from daemon.preflight.workspace import Drift, Extent, StopKind, Sweep
-from daemon.wire.cause_texts import CAUSE_TEXT
 from daemon.wire.causes import FIXED_CATEGORY
 from daemon.zenoh_io import endpoints
 from drives.bringup.bus_load import bus_load
@@ -55,7 +54,6 @@ class StopMeaning(msgspec.Struct, frozen=True):
     """How the machine stops for one cause."""
 
     cause: str
-    title: str
     category: str
     fixed: bool
     """Fixed by the design; no file can choose it."""
@@ -166,7 +164,7 @@ def _stops(settings: Settings) -> list[StopMeaning]:
     rows = {cause: (category, True) for cause, category in FIXED_CATEGORY.items()}
     rows |= {cause: (category, False) for cause, category in chosen.items()}
     return [
-        StopMeaning(cause.name.lower(), CAUSE_TEXT[cause].title, category.name, fixed)
+        StopMeaning(cause.name.lower(), category.name, fixed)
         for cause, (category, fixed) in sorted(rows.items(), key=_harshest_first)
     ]
 

@@ -4,9 +4,11 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
+from gaitd_client.texts import Catalogue
+
 from daemon.preflight.axes import AxisMeaning, TorqueMeaning
 from daemon.preflight.braking import BrakingMeaning
-from daemon.preflight.report import Report
+from daemon.preflight.report import Report, StopMeaning
 from daemon.preflight.runaway_report import RunawayMeaning
 
 
@@ -32,13 +34,13 @@ def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
-def sections(report: Report) -> tuple[Section, ...]:
+def sections(report: Report, texts: Catalogue) -> tuple[Section, ...]:
     """List all tables of the report, in the order of reading."""
     return (
         _axes(report),
         *(_origin(axis) for axis in report.axes),
         _limits(report),
-        _stops(report),
+        _stops(report, texts),
         _braking(report),
         _sweeps(report),
         _power(report),
@@ -157,12 +159,13 @@ def _limits_of(axis: AxisMeaning) -> tuple[str, ...]:
     )
 
 
-def _stops(report: Report) -> Section:
-    rows = tuple(
-        (stop.category, stop.title, stop.cause, "design" if stop.fixed else "limits file")
-        for stop in report.stops
-    )
+def _stops(report: Report, texts: Catalogue) -> Section:
+    rows = tuple(_stop_cells(stop, texts.text(f"stopped.{stop.cause}")) for stop in report.stops)
     return Section("How it stops for what", ("", "what", "cause", "chosen by"), rows)
+
+
+def _stop_cells(stop: StopMeaning, title: str) -> tuple[str, ...]:
+    return stop.category, title, stop.cause, "design" if stop.fixed else "limits file"
 
 
 def _braking(report: Report) -> Section:

@@ -31,6 +31,7 @@ from typing import Any, Final
 
 import msgspec
 from gaitd_client import wire
+from gaitd_client.wire.names import EventCode
 
 from daemon.gateway.events import claimed
 from daemon.gateway.requests import ROUTES, Inquiry, Route
@@ -127,7 +128,7 @@ class RequestLog:
             kind = "stop" if stop else REFUSED
             if not self._has_budget(kind, query, reply.outcome):
                 return
-        answer = {"outcome": reply.outcome, "reason": reply.reason, "mode": reply.mode}
+        answer = {"outcome": reply.outcome, "refusal": reply.refusal, "mode": reply.mode}
         known = {"name": query.name[:NAME_LENGTH_MAX], "client": query.fields.get("client")}
         payload = {} if query.written else {"payload": query.fields["payload"]}
         self._write("answered", ticket=query.ticket, **known, **payload, **answer)
@@ -233,8 +234,10 @@ class RequestLog:
         self._file.add(msgspec.json.encode({**head, **core, **fields}))
 
 
-def unexpected_end(folder: Path, computer_boot_id: str) -> str:
-    """How the gateway before this one ended; empty if in order, or if there was none.
+def unexpected_end(folder: Path, computer_boot_id: str) -> tuple[EventCode, str] | None:
+    """How the gateway before this one ended, and when it was last heard of.
+
+    Returns: None if it ended in order, or if there was none.
 
     Raises:
         OSError: the log cannot be read.
@@ -249,14 +252,10 @@ def unexpected_end(folder: Path, computer_boot_id: str) -> str:
         if starts:
             break
     if not lines or (fields_of(lines[-1]) or {}).get("kind") == "end":
-        return ""
-    after = f"after {known[-1].get('utc')}" if known else "at an unknown time"
-    if starts and starts[-1].get("computer_boot_id") == computer_boot_id:
-        return f"the gateway was killed {after}: it has written no end"
-    return (
-        f"the computer was started again, and its run before has no end: the power failed {after}, "
-        "or it was reset; a stop of the last seconds and requests of the last second may be missing"
-    )
+        return None
+    last = str(known[-1].get("utc")) if known else "?"
+    killed = starts and starts[-1].get("computer_boot_id") == computer_boot_id
+    return (EventCode.GATEWAY_KILLED if killed else EventCode.POWER_FAILED), last
 
 
 def _fields_of_query(payload: bytes) -> dict[str, Any]:

@@ -96,7 +96,6 @@ class Window:
         return Kept(
             cause=stop.cause,
             drive=stop.drive,
-            detail=stop.detail,
             stop_seq=stop.seq,
             stop_utc_ns=stop.utc_ns,
             first_seq=copied.first_seq,

@@ -9,6 +9,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
+from gaitd_client.wire.names import EventCode
+
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.requests import Inquiry
 from daemon.ipc.ring_clip import FOLDER
@@ -20,18 +22,8 @@ from daemon.recorder.clip_store import ClipStore
 from daemon.recorder.disk import Disk, WriteError
 from daemon.system.clock import AgeClock
 
-REMEDY: Final = (
-    "the machine works on, but what happens now may be missing afterwards: make room on the disk of"
-    " the state directory, or mend it; `gaitd blackbox` shows what is there"
-)
-
-
 BOOT_ID: Final = "boot_id"
 """File in the runtime directory."""
-END_REMEDY: Final = (
-    "`gaitd blackbox` and `gaitd blackbox requests` show what was kept; `gaitd doctor` checks the"
-    " clock"
-)
 
 
 class DiskRecorder:
@@ -45,7 +37,8 @@ class DiskRecorder:
         self._disk = Disk()
         clips = ClipStore(state / FOLDER)
         self._errors = [WriteError("black box", clips.trouble)] if clips.trouble else []
-        self._unexpected_end, computer_boot_id = "", _boot_id(runtime)
+        self._unexpected_end: tuple[EventCode, str] | None = None
+        computer_boot_id = _boot_id(runtime)
         try:
             self._unexpected_end = unexpected_end(state, computer_boot_id)
         except OSError as error:
@@ -76,9 +69,9 @@ class DiskRecorder:
         self._log.turn(now_ns, self._clock.utc_ns())
         errors, self._errors = [*self._errors, *self._disk.errors()], []
         damaged, self._damaged = [*self._damaged, *self._box.damaged()], []
-        ended, self._unexpected_end = self._unexpected_end, ""
+        ended, self._unexpected_end = self._unexpected_end, None
         return [
-            *([EventDraft(Priority.LOW, Kind.NOTE, ended, END_REMEDY)] if ended else []),
+            *([EventDraft(Priority.LOW, Kind.NOTE, ended[0], said=ended[1])] if ended else []),
             *map(_write_error, errors),
             *map(_damaged, damaged),
             *map(_written, self._box.new_files()),
@@ -104,15 +97,14 @@ def _boot_id(runtime: Path) -> str:
 
 def _write_error(error: WriteError) -> EventDraft:
     if not error.reason:
-        return EventDraft(Priority.INFO, Kind.NOTE, f"{error.what}: can be written again")
-    text = f"{error.what}: cannot be written: {error.reason}"
-    return EventDraft(Priority.LOW, Kind.NOTE, text, REMEDY)
+        return EventDraft(Priority.INFO, Kind.NOTE, EventCode.FILE_WRITTEN_AGAIN, said=error.what)
+    said = f"{error.what}: {error.reason}"
+    return EventDraft(Priority.LOW, Kind.NOTE, EventCode.FILE_NOT_WRITTEN, said=said)
 
 
 def _damaged(what: str) -> EventDraft:
-    remedy = "its records are lost unless it can be repaired; check the disk"
-    return EventDraft(Priority.LOW, Kind.NOTE, f"black box: {what}", remedy)
+    return EventDraft(Priority.LOW, Kind.NOTE, EventCode.RECORDING_DAMAGED, said=what)
 
 
 def _written(name: str) -> EventDraft:
-    return EventDraft(Priority.INFO, Kind.NOTE, f"black box: kept {name}")
+    return EventDraft(Priority.INFO, Kind.NOTE, EventCode.RECORDING_KEPT, said=name)

@@ -16,7 +16,6 @@ from daemon.ipc.record import Mode, StopCategory, Verdict
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import RingReader
 from daemon.wire.names import name_of
-from daemon.wire.report_texts import detail_text
 
 
 class RecordHeader(msgspec.Struct, frozen=True, array_like=True):
@@ -39,7 +38,6 @@ class Stop(NamedTuple):
 
     cause: str
     drive: str
-    detail: str
     seq: int
     utc_ns: int
 
@@ -100,8 +98,7 @@ class RingFollower:
             return None
         if identity(before.verdict) == identity(verdict):
             return None
-        cause, detail = name_of(verdict.cause), detail_text(verdict)
-        return Stop(cause, verdict.drive, detail, now.seq, now.sync_utc_ns)
+        return Stop(name_of(verdict.cause), verdict.drive, now.seq, now.sync_utc_ns)
 
     def end(self) -> Stop | None:
         """The last record as a stop, once; None if there is none."""
@@ -109,9 +106,8 @@ class RingFollower:
         if last is None or last.seq == self.ended_seq:
             return None
         self.ended_seq = last.seq
-        return Stop(
-            CORE_SILENT if self.has_grown else CORE_ENDED, "", "", last.seq, last.sync_utc_ns
-        )
+        cause = CORE_SILENT if self.has_grown else CORE_ENDED
+        return Stop(cause, "", last.seq, last.sync_utc_ns)
 
 
 def identity(verdict: Verdict) -> tuple[object, ...]:

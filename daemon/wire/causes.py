@@ -1,4 +1,4 @@
-"""Stop categories of causes, where the design fixes them; the texts are in `cause_texts.py`.
+"""Stop categories of causes, where the design fixes them; the texts are in `gaitd_client/texts`.
 
 All other categories are given by `limits.toml`. Doubtful feedback of an axis is S0 for that axis
 and S1 for the other, because an axis must never hold by an encoder that cannot be trusted; the

@@ -6,24 +6,33 @@ access to it. Both are on the monotonic clock of the core, where the SYNC of a c
 
 import math
 from io import TextIOWrapper
+from operator import attrgetter
 from pathlib import Path
 from typing import Final, Protocol, TypeVar
 
 import msgspec
 import numpy as np
 from gaitd_client import NotValid, Stream, Target, Trainer, wire
+from gaitd_client.texts import Reader, catalogue
 from numpy.typing import NDArray
 
 from gaitd_lab.demonstration.script import Situation
 from gaitd_lab.demonstration.turns import CYCLE_DONE_NS
 from sim_drives.plant.truth import TruthRow
 
-MEASURED: Final = (
-    *("hip_patient_nm", "slide_patient_n", "hip_patient_nm_std", "slide_patient_n_std"),
-    *("hip_friction_nm", "slide_friction_n", "artificial_hip_nm", "artificial_slide_n"),
-    "gait_phase_ratio",
-)
-"""Fields of an estimate; NaN where the message has null."""
+MEASURED: Final = {
+    "hip_patient_nm": "hip.patient",
+    "slide_patient_n": "slide.patient",
+    "hip_patient_nm_std": "hip.patient_std",
+    "slide_patient_n_std": "slide.patient_std",
+    "hip_friction_nm": "hip.friction",
+    "slide_friction_n": "slide.friction",
+    "artificial_hip_nm": "hip.artificial",
+    "artificial_slide_n": "slide.artificial",
+    "gait_phase_ratio": "gait_phase_ratio",
+}
+"""Fields of an estimate by the column that stores them; NaN where the message has null."""
+MEASURED_OF: Final = attrgetter(*MEASURED.values())
 RECEIVED: Final = (*MEASURED, "is_artificial")
 TRUE: Final = ("hip_patient_nm", "slide_patient_n", "hip_friction_nm", "slide_friction_n")
 """Columns of the truth."""
@@ -32,6 +41,7 @@ WAITING_MAX: Final = 1000
 """All messages are stored, also when time is fast or the computer stalls."""
 
 Values = NDArray[np.float64]
+TEXTS: Final = catalogue(Reader.OPERATOR, "en")
 T = TypeVar("T", bound=msgspec.Struct)
 
 
@@ -152,8 +162,7 @@ class Receiver:
     def _on_estimate(self, message: wire.Estimate | NotValid) -> None:
         if isinstance(message, NotValid):
             return
-        fields = (getattr(message, name) for name in MEASURED)
-        values = (math.nan if value is None else value for value in fields)
+        values = (math.nan if value is None else value for value in MEASURED_OF(message))
         is_artificial = float("artificial" in message.status)
         sync_ns = message.sample_time_ns - self._clock.utc_ahead_ns()
         self._track.add(sync_ns, (*values, is_artificial))
@@ -169,9 +178,7 @@ def verdict_text(safety: wire.Safety | None) -> str:
     verdict = safety.verdict if safety else None
     if verdict is None or verdict.cause == "none":
         return ""
-    where = f" at {verdict.drive}" if verdict.drive else ""
-    detail = f": {verdict.detail}" if verdict.detail else ""
-    return f"{verdict.category} {verdict.text}{where}{detail}"
+    return f"{verdict.category} {TEXTS.verdict(verdict)}"
 
 
 class TruthTail:

@@ -8,15 +8,13 @@ import numpy as np
 from gaitd_client import wire
 
 from gaitd_lab.demonstration.evaluation import AXES, Results, Walk, errors, pairs
-from gaitd_lab.demonstration.feed import verdict_text
+from gaitd_lab.demonstration.feed import TEXTS, verdict_text
 from gaitd_lab.demonstration.script import Kind
 from gaitd_lab.demonstration.training import TrainingResult
 from gaitd_lab.demonstration.view import Moment
 from gaitd_lab.studies.report import UNKNOWN, Table
 
 NEWEST: Final = 12
-SHOWN: Final = ("stiffness_ratio", "assist_mean_nm")
-"""Values of the controller's state in the table."""
 
 
 def line(moment: Moment) -> str:
@@ -33,7 +31,7 @@ def line(moment: Moment) -> str:
         words.append(f"{axis} patient {said} (true {wanted}) friction {rubs} {unit}")
     if moment.speed_ratio is not None:
         words.append(f"{moment.speed_ratio:.1f} x real time")
-    words.append(verdict_text(safety) or (safety.progress if safety else None) or "")
+    words.append(verdict_text(safety) or TEXTS.progress(safety.progress if safety else None))
     return "  ".join(words).rstrip()
 
 
@@ -81,11 +79,15 @@ def _mean(shares: Sequence[float]) -> str:
 def _help(walks: Sequence[Walk]) -> Table:
     """Return the strides of the patient who tires, with the newest state of the controller."""
     alone, helped = (walk.strides for walk in walks) if len(walks) > 1 else (walks[0].strides, ())
-    states = {state.for_cycle: state.values for walk in walks for state in walk.helps}
+    states = {state.for_cycle: state for walk in walks for state in walk.helps}
     rows: list[tuple[str, ...]] = []
     for number, (one, other) in enumerate(zip_longest(alone, helped), 1):
-        values = {} if other is None else states.get(other.cycle, {})
-        told = (values.get(name) for name in SHOWN)
+        state = None if other is None else states.get(other.cycle)
+        told = (
+            (None, None)
+            if state is None
+            else (state.values.get("stiffness_ratio"), state.hip.get("assist_mean"))
+        )
         texts = (f"{value:.2f}" if isinstance(value, float) else UNKNOWN for value in told)
         rows.append((str(number), _share(one), _share(other), *texts))
     head = ("stride", "share", "with help", "guidance", "assist, N·m")

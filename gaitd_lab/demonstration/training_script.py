@@ -71,7 +71,8 @@ class Training(msgspec.Struct, frozen=True):
     phase: str
     advice: str
     buttons: tuple[str, ...] = ()
-    reason: str = ""
+    reason: dict[str, str] | None = None
+    """Why the last START was refused, by language; None: it was not."""
 
 
 class Seen(msgspec.Struct, frozen=True):
@@ -168,7 +169,7 @@ def _session(player: Player, people: AtPages, blocks: int, hands_on: str) -> Non
         if not hands_on:
             good_s = good_s if training.advice in LOST else now.now_s
             if now.now_s - good_s > BEHIND_S:
-                why = training.reason or now.verdict
+                why = training.reason["en"] if training.reason else now.verdict
                 raise ServiceError(f"the page says {training.advice}: {why}")
             _refuse_longer(now, since_s, f"end of {phase}")
         holds = training.advice not in LETS_GO and (is_held or training.advice in HOLDS)

@@ -16,7 +16,7 @@ from rich.text import Text, TextType
 from analysis.accuracy import score
 from gaitd_lab.demonstration.curves import Chart, Curve, Values
 from gaitd_lab.demonstration.evaluation import AXES, BOUNDS, Pair, pairs
-from gaitd_lab.demonstration.feed import Receiver, Track, verdict_text
+from gaitd_lab.demonstration.feed import TEXTS, Receiver, Track, verdict_text
 from gaitd_lab.demonstration.script import Scene
 
 WINDOW_S: Final = 16.0
@@ -226,7 +226,7 @@ def _events(receiver: Receiver | None, shown: int) -> Panel:
     lines = [
         Text.assemble(
             (f"{datetime.fromtimestamp(event.time_ns * 1e-9, UTC).astimezone():%H:%M:%S} ", "dim"),
-            (event.text, EVENT_STYLE.get(event.priority, "default")),
+            (TEXTS.event(event), EVENT_STYLE.get(event.priority, "default")),
             no_wrap=True,
             overflow="ellipsis",
         )

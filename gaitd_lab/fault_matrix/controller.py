@@ -2,7 +2,7 @@
 
 import math
 
-from daemon.ipc.record import CycleRecord, Mode, Setpoint
+from daemon.ipc.record import AxisSetpoint, CycleRecord, Mode, Setpoint
 from gaitd_lab.lockstep import Gateway
 
 SWING_RAD = 0.12
@@ -26,11 +26,13 @@ class Swinger:
         """Return the setpoint for the newest record."""
         self._seq += 1
         assist_nm = self._assist_nm(record) if record.mode == Mode.TORQUE else 0.0
-        return (Setpoint(self._lease, self._seq, record.cycle, assist_nm, 0.0, self._leg),)
+        return (
+            Setpoint(self._lease, self._seq, record.cycle, AxisSetpoint(assist_nm), leg=self._leg),
+        )
 
     def _assist_nm(self, record: CycleRecord) -> float:
         hip = record.drives[0]
-        at_rad, speed_rad_per_s = hip.position_si or 0.0, hip.velocity_si or 0.0
+        at_rad, speed_rad_per_s = hip.position or 0.0, hip.velocity or 0.0
         if self._begun_cycle is None:
             self._begun_cycle, self._middle_rad = record.cycle, at_rad
         phase = 2 * math.pi * (record.cycle - self._begun_cycle) / PERIOD_CYCLES

@@ -10,7 +10,7 @@ from typing import Final
 from msgspec.structs import replace as changed
 
 from daemon.core.state import Axis, Core
-from daemon.ipc.record import GatewayState, Request, RequestKind, Role, Setpoint
+from daemon.ipc.record import AxisSetpoint, GatewayState, Request, RequestKind, Role, Setpoint
 from drives.canopen.bus import Frame
 from gaitd_lab.lockstep import LockstepSession
 
@@ -282,10 +282,11 @@ def no_requests(sent: list[GatewayState]) -> list[GatewayState]:
 
 def nan_setpoint(sent: list[GatewayState]) -> list[GatewayState]:
     """Setpoints are NaN, under the lease of the gateway state."""
+    nan = AxisSetpoint(NAN), AxisSetpoint(NAN)
     return [
         changed(
             own,
-            setpoints=(Setpoint(own.lease, own.seq, own.for_cycle, NAN, NAN, "right", NAN),),
+            setpoints=(Setpoint(own.lease, own.seq, own.for_cycle, *nan, "right", NAN),),
         )
         for own in sent
     ]

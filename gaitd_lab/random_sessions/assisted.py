@@ -68,7 +68,7 @@ class AssistWatch:
                 self._good_cycle = max(self._good_cycle, setpoint.for_cycle)
 
     def _is_good(self, setpoint: Setpoint) -> bool:
-        wanted = setpoint.hip_assist_nm, setpoint.slide_assist_n
+        wanted = setpoint.hip.assist, setpoint.slide.assist
         inside = all(
             abs(one) <= most for one, most in zip(wanted, self.bounds.most_si, strict=True)
         )
@@ -90,8 +90,8 @@ class AssistWatch:
             self._without_count = 0
         elif record.mode not in WITHOUT_DRIVES:
             self._without_count += 1
-        for leg in record.assist.legs:
-            yield from self._check(leg.assist)
+        for leg in record.legs:
+            yield from self._check((leg.hip.assist, leg.slide.assist))
         self._torque_count = self._torque_count + 1 if record.mode == Mode.TORQUE else 0
         waited = min(self._without_count, self._torque_count)
         without = max(waited - bounds.first_cycles, self._unleased_count)

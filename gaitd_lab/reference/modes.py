@@ -9,15 +9,18 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
+from gaitd_client.texts import Reader, catalogue, stop_of
+
 from analysis import markdown
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.modes.table import TRANSITIONS, refusal, trigger_of
 from daemon.core.safety.limits import Categories
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
 from daemon.ipc.report import Doubt, SelfTestDue, Trigger, Untested
-from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.report_messages import refusal_message
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
-from daemon.wire.report_texts import MEMBER_TEXT, refusal_text
+
+TEXTS: Final = catalogue(Reader.OPERATOR, "en")
 
 WELL: Final = GuardInputs(
     mode=Mode.READY,
@@ -151,11 +154,11 @@ def _refusals() -> Iterator[tuple[str, ...]]:
         for mode in (mode for mode in Mode if (mode, event) in TRANSITIONS):
             usual = refusal(kind, wanted, replace(WELL, mode=mode))
             if usual:
-                yield name, _word(mode), "all is well", refusal_text(usual)
+                yield name, _word(mode), "all is well", TEXTS.refusal(refusal_message(usual))
             for words, change in WRONG.items():
                 reason = refusal(kind, wanted, replace(WELL, mode=mode, **change))
                 if reason and reason != usual:
-                    yield name, _word(mode), words, refusal_text(reason)
+                    yield name, _word(mode), words, TEXTS.refusal(refusal_message(reason))
 
 
 def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
@@ -163,7 +166,8 @@ def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
     for cause in Cause:
         if cause == Cause.NONE:
             continue
-        text = CAUSE_TEXT[cause]
+        name = cause.name.lower()
+        stop = stop_of(name)
         category = categories.of(cause).name
         if cause in FIXED_CATEGORY:
             category += " (fixed)"
@@ -171,7 +175,14 @@ def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
             category += "; S1 for other axes"
         if cause in LOST_DRIVE:
             category += "; NMT stop to the lost drive"
-        yield cause.name.lower(), category, text.title, text.first, text.then, text.again
+        yield (
+            name,
+            category,
+            TEXTS.text(f"stopped.{name}"),
+            TEXTS.text(f"first.{stop.situation}"),
+            TEXTS.then(name),
+            TEXTS.text(f"again.{stop.again}"),
+        )
 
 
 def _word(mode: Mode) -> str:
@@ -180,4 +191,4 @@ def _word(mode: Mode) -> str:
 
 def trigger_text(trigger: Trigger) -> str:
     """The trigger of a transition, as the page names it."""
-    return MEMBER_TEXT[Trigger].get(trigger, trigger.name.lower())
+    return TEXTS.text(f"trigger.{trigger.name.lower()}")

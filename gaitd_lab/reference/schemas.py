@@ -15,6 +15,7 @@ from typing import Final, cast
 
 import msgspec
 from gaitd_client import wire
+from gaitd_client.wire.fields import QUANTITY
 from gaitd_client.wire.messages import NAME_OF
 from msgspec import inspect as types
 
@@ -45,7 +46,7 @@ def message_parts() -> dict[str, str]:
     parts: list[str] = []
     for name, kind in wire.MESSAGES.items():
         parts += [f"## {name}", " ".join((kind.__doc__ or "").split())]
-        rows = [_field_row(field) for field in _fields(kind)]
+        rows = list(_field_rows(kind))
         if rows:
             parts.append(markdown.table(("field", "type", "meaning"), rows))
     queries = markdown.table(("key", "payload", "answer"), starmap(_query_row, ROUTES.items()))
@@ -59,9 +60,24 @@ def _query_row(name: str, route: Route) -> tuple[str, str, str]:
     return f"`control/{name}`", f"[{payload}](#{payload})", f"[{answer}](#{answer})"
 
 
-def _field_row(field: types.Field) -> tuple[str, str, str]:
+def _field_rows(kind: type[msgspec.Struct]) -> Iterator[tuple[str, str, str]]:
+    """Yield the rows of a message; those of its axes, which have the same fields, once."""
+    first = next(iter(wire.JOINTS))
+    for field in _fields(kind):
+        axis = _bare(field.type)
+        if not isinstance(axis, types.StructType) or field.name not in wire.JOINTS:
+            yield _field_row(field.name, field)
+        elif field.name == first:
+            yield from (_field_row(f"AXIS.{one.name}", one) for one in axis.fields)
+
+
+def _field_row(name: str, field: types.Field) -> tuple[str, str, str]:
     extra = field.type.extra_json_schema or {} if isinstance(field.type, types.Metadata) else {}
-    return f"`{field.name}`", _type_text(field.type), str(extra.get("description", ""))
+    kind = _type_text(field.type)
+    if QUANTITY in extra:
+        units = (getattr(joint, str(extra[QUANTITY])) for joint in wire.JOINTS.values())
+        kind = f"{kind}; {', '.join(units)}"
+    return f"`{name}`", kind, str(extra.get("description", ""))
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -194,7 +210,13 @@ WORDS: Final[dict[type[types.Type], str]] = {
 
 
 def _inline(struct: type[msgspec.Struct]) -> str:
-    return "{" + ", ".join(f"`{field.name}`" for field in _fields(struct)) + "}"
+    return "{" + ", ".join(map(_inline_field, _fields(struct))) + "}"
+
+
+def _inline_field(field: types.Field) -> str:
+    inner = _bare(field.type)
+    structs = f": {_inline(inner.cls)}" if isinstance(inner, types.StructType) else ""
+    return f"`{field.name}`{structs}"
 
 
 def _range(kind: types.Type) -> str:

@@ -40,8 +40,8 @@ from gaitd_lab.patients import (
 )
 from gaitd_lab.proven_signs import proven_signs
 from gaitd_lab.studies.report import Table
+from gaitd_lab.trials import of_axes
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
-from observer.filter.states import PATIENT
 from observer.filter.status import Validity
 from sim_drives.plant.settings import FrictionLaw
 from sim_drives.plant.truth import TruthLog, TruthRow
@@ -247,7 +247,7 @@ def _played(cell: Cell, session: LockstepSession, begun: int, rows: Sequence[Tru
     true = {row.sync_mono_ns: row for row in rows}
     records = [record for record in session.records[begun:] if record.sync_mono_ns in true]
     legs = [record.legs[0] for record in records]
-    validity = np.array([leg.validity for leg in legs])
+    validity = of_axes(legs, "validity")
     bad = (validity == Validity.BAD).any(axis=1)
     pairs = np.array(
         [
@@ -261,9 +261,9 @@ def _played(cell: Cell, session: LockstepSession, begun: int, rows: Sequence[Tru
     judged = moving(pairs[:, 0], friction_parameters(session.settings.robot))
     judged &= validity == Validity.OK
     judged[: round(BEGIN_S / DT_S)] = False
-    estimate = np.array([(leg.state[PATIENT], leg.std[PATIENT]) for leg in legs])
+    patient, std = of_axes(legs, "patient"), of_axes(legs, "patient_std")
     axes = [
-        _figures(pairs[rows, 1, axis], estimate[rows, 0, axis], estimate[rows, 1, axis])
+        _figures(pairs[rows, 1, axis], patient[rows, axis], std[rows, axis])
         for axis, rows in enumerate(judged.T)
     ]
     verdict = session.record.verdict

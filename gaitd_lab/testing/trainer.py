@@ -240,7 +240,7 @@ class VirtualTrainer(Service):
 
 def speeds_by_leg(record: CycleRecord) -> list[tuple[float, float]]:
     """Return the magnitude of each leg's hip and slide speeds; rad/s and m/s."""
-    speeds = [abs(drive.velocity_si or 0.0) for drive in record.drives]
+    speeds = [abs(drive.velocity or 0.0) for drive in record.drives]
     return list(zip(speeds[::2], speeds[1::2], strict=True))
 
 

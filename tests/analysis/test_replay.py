@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gaitd_toml import load_toml
+from records import states_of
 from sessions import new_session
 
 from analysis.recording import RecordingError
@@ -54,7 +55,7 @@ def test_a_black_box_is_replayed_with_its_own_robot_to_what_was_published(sessio
     made = estimate(source, source.robot)
 
     records = session.records[-len(source.recording.time_s) :]
-    published = np.array([record.legs[0].state for record in records])
+    published = np.array([states_of(record.legs[0]) for record in records])
     status = np.array([record.legs[0].status for record in records])
     assert source.robot == ROBOT
     assert (np.abs(made.state - published)[-100:] < 1e-3 * made.std[-100:]).all()

@@ -5,10 +5,8 @@ its own in the same way, with a name that begins with `warm_`.
 """
 
 import pytest
+from gaitd_client.texts import LANGUAGES, Reader, catalogue
 from sessions import generic_drives, new_session, position_guidance
-
-from daemon.wire.cause_texts import CAUSE_TEXT
-from daemon.wire.report_texts import EVENT_TEXT, MEMBER_TEXT, REFUSAL_TEXT
 
 NOISE = "qx7"
 
@@ -17,11 +15,11 @@ NOISE = "qx7"
 def texts_are_noise():
     """No program and no test in this folder reads a sentence: each text is replaced by noise."""
     with pytest.MonkeyPatch.context() as patch:
-        for texts in (EVENT_TEXT, REFUSAL_TEXT, *MEMBER_TEXT.values()):
-            for key in texts:
-                patch.setitem(texts, key, NOISE)
-        for cause, text in CAUSE_TEXT.items():
-            patch.setitem(CAUSE_TEXT, cause, text._replace(title=NOISE))
+        for reader in Reader:
+            for language in LANGUAGES:
+                texts = catalogue(reader, language).texts
+                for key in texts:
+                    patch.setitem(texts, key, NOISE)
         yield
 
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from controllers import Controller, constant
 from msgspec.structs import replace as replace_fields
+from records import both
 from sessions import elsewhere
 
-from daemon.ipc.record import Cause, Mode, ModeRequest, Plan, RequestKind, Role
+from daemon.ipc.record import AxisPlan, Cause, Mode, ModeRequest, Plan, RequestKind, Role
 from daemon.wire.refusals import SetpointRefusal
 
 STIFFNESS_STEP = 0.01
@@ -26,7 +27,10 @@ def walking(warm_gait):
 
 def lag(records):
     """Mean distance to the reference: rad, m."""
-    off = [np.subtract(one.legs[0].measured, one.legs[0].reference) for one in records]
+    off = [
+        np.subtract(both(one.legs[0], "measured_position"), both(one.legs[0], "reference_position"))
+        for one in records
+    ]
     return np.abs(off).mean(axis=0)
 
 
@@ -41,7 +45,9 @@ def test_assist_adds_to_guidance_and_the_gait_goes_on(walking):
     record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
     ahead = [
-        np.mean([r.legs[0].measured[0] - r.legs[0].reference[0] for r in records])
+        np.mean(
+            [r.legs[0].hip.measured_position - r.legs[0].hip.reference_position for r in records]
+        )
         for records in (pushed, pulled)
     ]
     # 20 N m between the two, on a spring of 300 N m/rad.
@@ -55,13 +61,13 @@ def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_sa
     controller.law = constant(stiffness_ratio=0.4)
     session.run(4.6)
     soft = lag(session.records[-400:])
-    assert session.record.assist.legs[0].stiffness_ratio == pytest.approx(0.4)
+    assert session.record.legs[0].stiffness_ratio == pytest.approx(0.4)
     controller.law = constant(stiffness_ratio=1.0)
     session.run(0.7)
 
     assert session.record.mode == Mode.GAIT
     assert soft[0] > 1.5 * stiff[0]
-    ratios = [record.assist.legs[0].stiffness_ratio for record in session.records]
+    ratios = [record.legs[0].stiffness_ratio for record in session.records]
     assert ratios[-1] == pytest.approx(1.0)
     assert np.abs(np.diff(ratios)).max() <= STIFFNESS_STEP * 1.001
 
@@ -87,20 +93,22 @@ def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_hold
     record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
     assert record.assist.lapse_count == 1
-    assert (record.assist.legs[0].assist, record.assist.legs[0].stiffness_ratio) == (
+    assert (both(record.legs[0], "assist"), record.legs[0].stiffness_ratio) == (
         (0.0, 0.0),
         pytest.approx(1.0),
     )
     for drive, was in zip(record.drives, held.drives, strict=True):
-        assert abs(drive.velocity_si) < 0.03
-        assert abs(drive.position_si - was.position_si) < 0.15
+        assert abs(drive.velocity) < 0.03
+        assert abs(drive.position - was.position) < 0.15
     before, after = next(
         (a, b) for a, b in pairwise(records) if (a.mode, b.mode) == (Mode.GAIT, Mode.HOLD)
     )
-    assert abs(before.legs[0].reference[0] - before.legs[0].measured[0]) > 0.015
-    assert after.legs[0].reference == pytest.approx(after.legs[0].measured, abs=0.005)
+    assert abs(before.legs[0].hip.reference_position - before.legs[0].hip.measured_position) > 0.015
+    assert both(after.legs[0], "reference_position") == pytest.approx(
+        both(after.legs[0], "measured_position"), abs=0.005
+    )
     for was, now, small in zip(before.drives, after.drives, (0.5, 5.0), strict=True):
-        assert abs(now.target_effort_si - was.target_effort_si) < small
+        assert abs(now.target_effort - was.target_effort) < small
 
 
 @pytest.mark.parametrize("ever", [False, True])
@@ -131,14 +139,18 @@ def test_a_gait_that_a_person_ends_is_held_where_its_reference_is_unless_it_is_s
         )
 
     before, after = elsewhere(session, held)
-    assert abs(before.reference[0] - before.measured[0]) > 0.03
-    assert after.reference == pytest.approx(before.reference, abs=0.015)
+    assert abs(before.hip.reference_position - before.hip.measured_position) > 0.03
+    assert both(after, "reference_position") == pytest.approx(
+        both(before, "reference_position"), abs=0.015
+    )
 
     controller.law = constant(stiffness_ratio=0.4)
     session.run(1)
     before, after = held(session)
-    assert abs(before.reference[0] - before.measured[0]) > 0.03
-    assert after.reference == pytest.approx(after.measured, abs=0.015)
+    assert abs(before.hip.reference_position - before.hip.measured_position) > 0.03
+    assert both(after, "reference_position") == pytest.approx(
+        both(after, "measured_position"), abs=0.015
+    )
 
 
 def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
@@ -152,8 +164,8 @@ def test_the_end_of_a_gait_ends_its_assist_without_a_lapse(walking):
 
     record = session.record
     assert record.assist.lapse_count == 0
-    assert record.assist.legs[0].assist == (0.0, 0.0)
-    assert record.assist.legs[0].stiffness_ratio == pytest.approx(1.0)
+    assert both(record.legs[0], "assist") == (0.0, 0.0)
+    assert record.legs[0].stiffness_ratio == pytest.approx(1.0)
 
 
 def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on(
@@ -166,7 +178,7 @@ def test_with_position_guidance_assist_in_a_gait_is_refused_and_the_gait_goes_on
     record = warm_position_gait.record
     assert record.mode == Mode.GAIT
     assert record.assist.refused_count[SetpointRefusal.GUIDANCE_IS_POSITION] >= 49
-    assert record.assist.legs[0].assist == (0.0, 0.0)
+    assert both(record.legs[0], "assist") == (0.0, 0.0)
 
 
 def test_assist_of_one_holder_is_not_taken_over_by_the_next_one(walking):
@@ -179,12 +191,12 @@ def test_assist_of_one_holder_is_not_taken_over_by_the_next_one(walking):
 
     record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
-    assert all(one.assist.legs[0].assist[0] >= 0 for one in session.records[-60:])
+    assert all(one.legs[0].hip.assist >= 0 for one in session.records[-60:])
 
 
 def asking_as(gateway, role, cap_nm):
     """From now on requests come from a client of this role, with a plan that caps the hip."""
-    plan = Plan(1.0, 1.0, 600.0, hip_assist_max_nm=cap_nm)
+    plan = Plan(1.0, 1.0, 600.0, hip=AxisPlan(cap_nm))
 
     def of_role(states):
         return [
@@ -201,7 +213,7 @@ def test_the_released_plan_caps_assist_in_a_gait_that_a_session_has_requested(wa
     controller = Controller(warm_hold.gateway, constant(hip_nm=4.0))
     warm_hold.execute(RequestKind.MODE, GAIT)
     warm_hold.run(0.5)
-    assert warm_hold.record.assist.legs[0].assist[0] == pytest.approx(4.0)
+    assert warm_hold.record.legs[0].hip.assist == pytest.approx(4.0)
 
     controller.law = constant(hip_nm=4.1)
     warm_hold.run(0.2)
@@ -224,7 +236,7 @@ def test_the_cap_is_that_of_the_newest_gait_also_where_it_is_higher_than_before(
         asking_as(warm_hold.gateway, role, cap_nm)
         warm_hold.execute(RequestKind.MODE, GAIT)
         warm_hold.run(0.1)
-        assert warm_hold.record.assist.legs[0].assist[0] == pytest.approx(taken_nm)
+        assert warm_hold.record.legs[0].hip.assist == pytest.approx(taken_nm)
         asking_as(warm_hold.gateway, Role.OPERATOR, cap_nm)
         warm_hold.execute(RequestKind.MODE, HOLD)
         warm_hold.run(0.3)

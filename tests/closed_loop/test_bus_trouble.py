@@ -56,7 +56,7 @@ def test_bus_off_is_told_once_and_every_axis_counts_as_lost(session):
 
     assert session.record.mode == Mode.FAULT
     assert session.record.bus.bus_off_count == 2
-    assert all(drive.position_si is None for drive in session.record.drives)
+    assert all(drive.position is None for drive in session.record.drives)
     assert told_count(session, EventCode.CAN_OFF) == 1
 
 

@@ -5,6 +5,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from records import both
 from sessions import CONFIGS, new_session
 from wire import (
     ENABLE_OPERATION,
@@ -99,7 +100,7 @@ def test_a_target_that_runs_away_is_no_faster_than_the_axis_may_be_and_stops(
 ):
     sent = len(warm_position_hold.bus.sent)
     axis = warm_position_hold.core.axes[0]
-    begun_rad, slide_m = warm_position_hold.record.legs[0].measured
+    begun_rad, slide_m = both(warm_position_hold.record.legs[0], "measured_position")
 
     with guided_to(warm_position_hold, position=(begun_rad + wild_rad, slide_m)):
         warm_position_hold.run(0.5)
@@ -115,7 +116,7 @@ def test_a_target_beyond_the_range_stops_before_the_drive_faults(warm_position_h
     """M35: outside 607Dh this drive faults (8A82h), so no target may come near it."""
     sent = len(warm_position_hold.bus.sent)
     axis = warm_position_hold.core.axes[0]
-    begun_rad, slide_m = warm_position_hold.record.legs[0].measured
+    begun_rad, slide_m = both(warm_position_hold.record.legs[0], "measured_position")
 
     for cycle in range(300):
         with guided_to(warm_position_hold, position=(begun_rad + sign * 0.003 * cycle, slide_m)):
@@ -165,7 +166,7 @@ def test_a_mode_that_never_shows_is_not_enabled_and_gets_no_torque(position_conf
     assert session.record.cycle - cycle <= ENABLE_CYCLES + 4
     scale = session.core.axes[0].scaling.permille_per_effort_si
     enabling = [r for r in session.records if r.cycle > cycle and r.mode.active]
-    present = [record.drives[0].effort_si * scale for record in enabling]
+    present = [record.drives[0].effort * scale for record in enabling]
     sent_permille = target_torques(session.bus.sent[sent:], 5)
     start = len(sent_permille) - len(present) - 1
     assert sent_permille[start:-1] == pytest.approx(present, abs=1)

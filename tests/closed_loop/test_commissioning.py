@@ -114,7 +114,7 @@ def test_a_witness_of_nothing_is_not_believed(session):
 
 def test_the_torque_of_a_sign_test_is_bounded_in_the_drive_and_by_the_core(warm_tested):
     session, records = warm_tested
-    pushed = [abs(record.drives[0].target_effort_si) for record in records]
+    pushed = [abs(record.drives[0].target_effort) for record in records]
 
     assert 7.0 < max(pushed) <= 12.0
     full_ma, gentle_ma, again_ma = torque_limits_ma(session)

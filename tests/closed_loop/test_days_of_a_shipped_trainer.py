@@ -64,8 +64,8 @@ def ready(session):
     assert all(drive.referenced and drive.sign_proven for drive in session.record.drives)
     if session.truth.rows:
         truth, (hip, slide) = session.truth.rows[-1], session.record.drives
-        assert hip.position_si == pytest.approx(truth.hip_angle_rad, abs=2e-3)
-        assert slide.position_si == pytest.approx(truth.slide_position_m, abs=1e-3)
+        assert hip.position == pytest.approx(truth.hip_angle_rad, abs=2e-3)
+        assert slide.position == pytest.approx(truth.slide_position_m, abs=1e-3)
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from records import both
 from sessions import empty_machine, new_session, reported
 
 from daemon.ipc.report import EventCode
@@ -28,8 +29,8 @@ def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_
     session = excited(configs)
 
     leg = session.record.legs[0]
-    assert leg.friction_error[0] == pytest.approx(0.6, rel=0.3)
-    assert leg.drift_correlation[0] < -0.8
+    assert leg.hip.friction_error == pytest.approx(0.6, rel=0.3)
+    assert leg.hip.drift_correlation < -0.8
     (advised,) = advice(session)
     error_nm, correlation = advised.values
     assert advised.subject == "right/hip"
@@ -41,8 +42,8 @@ def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
     session = excited(empty_machine(tmp_path))
 
     leg = session.record.legs[0]
-    assert abs(leg.friction_error[0]) < 0.1
-    assert abs(leg.friction_error[1]) < 1.0
+    assert abs(leg.hip.friction_error) < 0.1
+    assert abs(leg.slide.friction_error) < 1.0
     assert not advice(session)
 
 
@@ -52,6 +53,6 @@ def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session
     session.run(12.0)
 
     leg = session.record.legs[0]
-    assert all(map(math.isfinite, leg.drift_correlation))
-    assert leg.friction_error[0] < -1.0
+    assert all(map(math.isfinite, both(leg, "drift_correlation")))
+    assert leg.hip.friction_error < -1.0
     assert not advice(session)

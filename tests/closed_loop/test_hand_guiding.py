@@ -214,7 +214,7 @@ def test_it_is_asked_for_in_hold_alone(warm_ready):
 def pushes(records: list[CycleRecord]) -> list[tuple[float, float]]:
     """What the drives were sent while a person may have had the leg."""
     return [
-        (record.drives[0].target_effort_si, record.drives[1].target_effort_si)
+        (record.drives[0].target_effort, record.drives[1].target_effort)
         for record in records
         if record.mode == Mode.HAND_GUIDING
     ]

@@ -209,11 +209,11 @@ def test_a_joint_that_stands_on_its_limit_switch_may_be_enabled_and_moves_away(t
 
     change_what_drives_say(session, press)
     session.enable()
-    begun_rad = session.record.legs[0].measured[0]
+    begun_rad = session.record.legs[0].hip.measured_position
     gait = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=20.0)
     session.request(RequestKind.MODE, gait)
     session.run_until(lambda record: record.stage is Stage.PLAYING, within_s=20)
-    away_rad = session.record.legs[0].measured[0]
+    away_rad = session.record.legs[0].hip.measured_position
 
     stopped = session.run_until(lambda record: not record.mode.active, within_s=10)
 

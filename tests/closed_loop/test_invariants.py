@@ -9,10 +9,12 @@ import msgspec
 import pytest
 from records import record as any_record
 
-from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
 from daemon.ipc.record import (
+    AxisRecord,
+    AxisSetpoint,
     Cause,
     GatewayState,
+    LegRecord,
     Mode,
     ModeRequest,
     Outcome,
@@ -121,13 +123,15 @@ class Bench:
                 mode=mode,
                 verdict=SimpleNamespace(category=category, cause=cause),
                 request=answer,
-                assist=AssistRecord(legs=(LegAssistRecord(0, (0.0, 0.0), assist, 1.0),)),
+                legs=(LegRecord("right", *(AxisRecord(0.0, 0.0, 0.0, one) for one in assist), 0),),
             )
         )
 
     def level(self, lease: int = 1, **changed: float) -> None:
         """The gateway forwards a setpoint for the newest cycle."""
-        good = Setpoint(lease=1, seq=self.seq, for_cycle=self.seq, hip_assist_nm=5.0, leg="right")
+        good = Setpoint(
+            lease=1, seq=self.seq, for_cycle=self.seq, hip=AxisSetpoint(5.0), leg="right"
+        )
         setpoint = msgspec.structs.replace(good, **changed)
         self.watch.gateway_state_sent(
             GatewayState("boot", self.seq, self.seq, 0, Request(), (setpoint,), lease)
@@ -226,8 +230,8 @@ def test_what_was_paid_for_needs_no_reset_after_a_restart(bench, paid):
         {"lease": 0},
         {"seq": 3},
         {"for_cycle": 3},
-        {"hip_assist_nm": math.nan},
-        {"slide_assist_n": 150.1},
+        {"hip": AxisSetpoint(math.nan)},
+        {"slide": AxisSetpoint(150.1)},
         {"stiffness_ratio": 1.1},
         {"for_cycle": 10**6},
     ],

@@ -6,11 +6,12 @@ so only what their frames say may count.
 
 import numpy as np
 import pytest
+from records import both
+from reports import verdict_of
 from sessions import elsewhere, reported
 
 from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from daemon.ipc.report import EventCode
-from daemon.wire.report_texts import verdict_of
 from drives.canopen.frame import Frame
 from drives.signals import PowerState
 from observer.filter.status import Validity
@@ -77,6 +78,9 @@ def unplug_a_drive(session):
     session.command("unplugged right/slide 60")
 
 
+STATES = ("position", "velocity", "friction", "patient")
+
+
 @pytest.mark.parametrize(
     ("walking", "lose"),
     [
@@ -97,8 +101,9 @@ def test_without_drives_no_record_repeats_what_they_had_shown(warm_gait, warm_re
         (leg,) = record.legs
         assert [drive.power_state for drive in record.drives] == [PowerState.UNKNOWN] * 2
         assert not any(drive.fresh or drive.hand_switch_closed for drive in record.drives)
-        assert leg.validity == (Validity.BAD, Validity.BAD)
-        assert np.isnan([*leg.state, *leg.measured, *leg.reference, *leg.net]).all()
+        assert both(leg, "validity") == (Validity.BAD, Validity.BAD)
+        unknown = ("measured_position", "reference_position", "net", *STATES)
+        assert np.isnan([both(leg, name) for name in unknown]).all()
         assert (leg.stride, leg.gait_phase) == (None, -1.0)
 
 
@@ -258,7 +263,7 @@ def test_every_tpdo_twice_changes_nothing_but_a_counter(session):
 
     assert doubled.mode == Mode.GAIT
     assert doubled.drives[0].late_count > plain.drives[0].late_count
-    assert doubled.legs[0].measured == plain.legs[0].measured
+    assert both(doubled.legs[0], "measured_position") == both(plain.legs[0], "measured_position")
 
 
 def test_tpdos_that_come_after_the_window_are_late_and_stop_both_axes_when_they_go_on(session):

@@ -6,6 +6,7 @@
 import msgspec
 import numpy as np
 import pytest
+from records import both
 from sessions import CONFIGS, changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
@@ -115,7 +116,7 @@ def test_a_wrong_sign_is_found_also_where_the_drives_hold_a_stretched_leg(tmp_pa
     session.run(1.5)
     held = session.record
     leg = leg_parameters(session.settings.robot)
-    assert singularity_ratio(leg, np.array(held.legs[0].measured)) < 0.3
+    assert singularity_ratio(leg, np.array(both(held.legs[0], "measured_position"))) < 0.3
     assert {drive.power_state for drive in held.drives} == {PowerState.QUICK_STOP_ACTIVE}
 
     session.command(f"wrong_sign {SLIDE}")

@@ -4,6 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from records import both
+from reports import verdict_of
 from sessions import (
     AXES,
     empty_machine,
@@ -25,7 +27,6 @@ from daemon.core.exercises.exercise import BEGIN_MAX_S
 from daemon.core.steps import impedance
 from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, Stage
 from daemon.ipc.report import EventCode, Failure, Finding
-from daemon.wire.report_texts import verdict_of
 from drives.cia402.units import position_si
 from drives.signals import OperationMode, PowerState
 
@@ -49,7 +50,7 @@ def targets_si(session, since=0):
 
 
 def measured(records):
-    return np.array([record.legs[0].measured for record in records])
+    return np.array([both(record.legs[0], "measured_position") for record in records])
 
 
 @pytest.mark.parametrize(("cadence_hz", "patient"), [(0.25, "active"), (0.5, "passive")])
@@ -67,7 +68,7 @@ def test_a_gait_is_played_by_the_drives_loops_and_the_estimate_says_how_sure_it_
     records = session.records[begun:]
     assert {drive.mode_display for record in records for drive in record.drives} == {CSP}
     assert all(record.verdict.cause == Cause.NONE for record in records)
-    wanted = np.array([record.legs[0].reference for record in records])
+    wanted = np.array([both(record.legs[0], "reference_position") for record in records])
     behind = np.abs(wanted[:-CYCLES_BEHIND] - measured(records)[CYCLES_BEHIND:]).max(axis=0)
     assert behind[0] < 0.01
     assert behind[1] < 0.01
@@ -76,10 +77,11 @@ def test_a_gait_is_played_by_the_drives_loops_and_the_estimate_says_how_sure_it_
     truth = {row.sync_mono_ns: row for row in session.truth.rows}
     for axis, column in enumerate(("hip_patient_nm", "slide_patient_n")):
         errors = [
-            (leg.state[6 + axis] - getattr(truth[record.sync_mono_ns], column)) / leg.std[6 + axis]
+            (leg.axes[axis].patient - getattr(truth[record.sync_mono_ns], column))
+            / leg.axes[axis].patient_std
             for record in records
             for leg in record.legs
-            if leg.validity[axis] == 0
+            if leg.axes[axis].validity == 0
         ]
         assert len(errors) > 0.95 * len(records)
         assert np.mean(np.abs(errors) < 3) > 0.97
@@ -108,13 +110,13 @@ def test_a_whole_gait_moves_its_targets_without_a_step_and_ends_in_hold(warm_pos
 def test_enabling_finds_no_distance_to_go(position_configs):
     session = new_session(position_configs).until_ready()
     begun = len(session.bus.sent)
-    before = session.record.legs[0].measured
+    before = both(session.record.legs[0], "measured_position")
 
     session.request(RequestKind.ENABLE)
     session.run(0.5)
 
     assert np.abs(targets_si(session, begun) - before).max() < 5e-4
-    assert session.record.legs[0].measured == pytest.approx(before, abs=5e-4)
+    assert both(session.record.legs[0], "measured_position") == pytest.approx(before, abs=5e-4)
 
 
 def test_every_mode_that_guidance_plays_has_the_drives_in_position_mode_and_follows(
@@ -160,7 +162,7 @@ def test_a_stop_lets_go_of_what_holds_the_leg_back(warm_position_gait):
     """A blocked joint lags behind its target; a stop does not go on pulling it there."""
     warm_position_gait.command("blocked_rotor right/hip")
     warm_position_gait.run(0.05)
-    pushed_nm = abs(warm_position_gait.record.drives[0].effort_si)
+    pushed_nm = abs(warm_position_gait.record.drives[0].effort)
 
     warm_position_gait.gateway.stop()
     warm_position_gait.run(1.5)
@@ -205,7 +207,7 @@ def test_a_switch_to_torque_and_back_makes_no_step_in_torque_or_position(warm_em
     active = [record for record in session.records if record.mode.active][5:]
 
     shown = np.array([[drive.mode_display for drive in record.drives] for record in active])
-    effort = np.array([[drive.effort_si for drive in record.drives] for record in active])
+    effort = np.array([[drive.effort for drive in record.drives] for record in active])
     where = measured(active)
     assert {(CSP, CST), (CST, CSP)} <= {
         (int(a), int(b)) for column in shown.T for a, b in pairwise(column)
@@ -230,14 +232,14 @@ def test_a_switch_to_torque_and_back_makes_no_step_in_torque_or_position(warm_em
         for (before, now), record in zip(pairwise(told), records[1 - len(told) :], strict=True):
             if now.mode != before.mode and record.mode.active:
                 switched += 1
-                assert abs(record.drives[drive].velocity_si) < limit
+                assert abs(record.drives[drive].velocity) < limit
     assert switched == 2 * len(NODES)
 
 
 def test_a_mode_that_never_shows_stops_after_five_cycles_and_commands_no_torque(warm_empty_hold):
     """M14: 6060h says 10, 6061h stays 8."""
     change_what_drives_hear(warm_empty_hold, deaf_to_mode(5, CSP))
-    held = warm_empty_hold.record.legs[0].measured
+    held = both(warm_empty_hold.record.legs[0], "measured_position")
     told = len(warm_empty_hold.bus.sent)
     cycle = warm_empty_hold.record.cycle
 
@@ -253,7 +255,7 @@ def test_a_mode_that_never_shows_stops_after_five_cycles_and_commands_no_torque(
     assert np.ptp(target_torques(sent, 5)) < 1.0 * permille_per_nm
     assert len({one.target_counts for one in rpdo1(sent, 5)}) == 1
     warm_empty_hold.run(1)
-    assert warm_empty_hold.record.legs[0].measured[0] == pytest.approx(held[0], abs=1e-3)
+    assert warm_empty_hold.record.legs[0].hip.measured_position == pytest.approx(held[0], abs=1e-3)
 
 
 def shows_its_mode_late(node, cycles):
@@ -286,7 +288,7 @@ def test_a_drive_that_has_left_torque_mode_and_shows_it_late_need_not_give_the_l
     session.run(1)
 
     shown = [record.drives[0] for record in session.records[begun:]]
-    late = [abs(drive.effort_si) for drive in shown if drive.mode_display == CST]
+    late = [abs(drive.effort) for drive in shown if drive.mode_display == CST]
     assert asked.drives[0].mode_display == CST
     gap_max_nm = session.settings.limits.hip.torque_deviation_max_nm
     assert sum(effort_nm > gap_max_nm for effort_nm in late) >= 3
@@ -414,7 +416,7 @@ def test_a_patient_who_leans_on_a_leg_that_the_drives_hold_is_no_fault(tmp_path)
     session.run(8)
 
     assert session.record.mode == Mode.HOLD
-    efforts = [record.drives[0].effort_si for record in session.records[-800:]]
+    efforts = [record.drives[0].effort for record in session.records[-800:]]
     assert max(map(abs, efforts)) > 20
 
 

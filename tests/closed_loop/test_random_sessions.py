@@ -36,7 +36,15 @@ from sessions import CONFIGS
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.modes.table import IllegalTransitionError
-from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind, Setpoint, StopCategory
+from daemon.ipc.record import (
+    AxisSetpoint,
+    Mode,
+    ModeRequest,
+    Outcome,
+    RequestKind,
+    Setpoint,
+    StopCategory,
+)
 from daemon.preflight.load import load
 from drives.errors import BringUpRefused
 from gaitd_lab.lockstep import LockstepSession
@@ -84,13 +92,13 @@ WRONG = {
     "ahead of time": lambda s, most: replace(s, for_cycle=s.for_cycle + 1000),
     "of another lease": lambda s, most: replace(s, lease=s.lease + 7),
     "of another leg": lambda s, most: replace(s, leg="middle"),
-    "not neutral in any mode": lambda s, most: replace(s, hip_assist_nm=1.0),
-    "hip not a number": lambda s, most: replace(s, hip_assist_nm=math.nan),
-    "slide infinite": lambda s, most: replace(s, slide_assist_n=-math.inf),
+    "not neutral in any mode": lambda s, most: replace(s, hip=AxisSetpoint(1.0)),
+    "hip not a number": lambda s, most: replace(s, hip=AxisSetpoint(math.nan)),
+    "slide infinite": lambda s, most: replace(s, slide=AxisSetpoint(-math.inf)),
     "stiffness not a number": lambda s, most: replace(s, stiffness_ratio=math.nan),
-    "hip just out of range": lambda s, most: replace(s, hip_assist_nm=-1.001 * most[0]),
-    "hip far out of range": lambda s, most: replace(s, hip_assist_nm=1e300),
-    "slide out of range": lambda s, most: replace(s, slide_assist_n=3.0 * most[1]),
+    "hip just out of range": lambda s, most: replace(s, hip=AxisSetpoint(-1.001 * most[0])),
+    "hip far out of range": lambda s, most: replace(s, hip=AxisSetpoint(1e300)),
+    "slide out of range": lambda s, most: replace(s, slide=AxisSetpoint(3.0 * most[1])),
     "stiffer than allowed": lambda s, most: replace(s, stiffness_ratio=1.5),
 }
 """What may be wrong with a setpoint, and how a valid one becomes so."""
@@ -134,7 +142,8 @@ class Controller:
             target if record.mode in {Mode.TORQUE, Mode.GAIT} else (0.0, 0.0, 1.0)
         )
         assist = hip * self._most_si[0], slide * self._most_si[1]
-        good = Setpoint(self.lease, self._seq, record.cycle, *assist, leg, stiffness_ratio)
+        wanted = map(AxisSetpoint, assist)
+        good = Setpoint(self.lease, self._seq, record.cycle, *wanted, leg, stiffness_ratio)
         number, rest = divmod(self._seq, WRONG_EACH)
         if not wrong or rest:
             return good
@@ -343,8 +352,7 @@ class RandomSession(RuleBasedStateMachine):
         if verdict.category > StopCategory.NONE:
             event(f"stop {verdict.category.name} {verdict.cause.name.lower()}")
         drives = (
-            f"{one.power_state} {one.position_si} {one.velocity_si} {one.effort_si}"
-            for one in record.drives
+            f"{one.power_state} {one.position} {one.velocity} {one.effort}" for one in record.drives
         )
         mode = record.mode.name.lower()
         self.trace.append(f"{self.now_ns / NS_PER_S:.3f}  {mode} {stop} | {' | '.join(drives)}")

@@ -80,8 +80,8 @@ def test_the_signs_must_be_proven_though_one_drive_is_virtual(walked):
 def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(walked):
     records = walked.records[walked.walks_from : walked.walks_to]
     rows = {row.sync_mono_ns: row for row in walked.truth.rows}
-    hips = np.array([record.drives[0].position_si for record in records])
-    slides = np.array([record.drives[1].position_si for record in records])
+    hips = np.array([record.drives[0].position for record in records])
+    slides = np.array([record.drives[1].position for record in records])
     true = [rows[record.sync_mono_ns] for record in records]
 
     assert {record.mode for record in records} == {Mode.GAIT}
@@ -115,7 +115,7 @@ def test_the_temperature_of_the_bench_s_drive_is_read(walked):
 
 def test_a_bare_motor_is_no_patient(walked):
     legs = [record.legs[0] for record in walked.records[walked.walks_from : walked.walks_to]]
-    hip = [leg.state[6] for leg in legs if leg.validity[0] == 0]
+    hip = [leg.hip.patient for leg in legs if leg.hip.validity == 0]
 
     assert len(hip) > 200
     assert np.sqrt(np.mean(np.square(hip))) < 1.0

@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
+from records import both
 from sessions import changed_configs, new_session, reported, single_axis_run
 from wire import change_what_drives_say
 
@@ -94,8 +95,8 @@ def test_homing_finds_the_joint_where_it_is_within_an_encoder_count_or_two(warm_
     assert referenced(incremental) == [True, True]
 
     truth, drives = incremental.truth.rows[-1], incremental.record.drives
-    assert drives[0].position_si == pytest.approx(truth.hip_angle_rad, abs=3e-4)
-    assert drives[1].position_si == pytest.approx(truth.slide_position_m, abs=2e-4)
+    assert drives[0].position == pytest.approx(truth.hip_angle_rad, abs=3e-4)
+    assert drives[1].position == pytest.approx(truth.slide_position_m, abs=2e-4)
     assert incremental.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
@@ -104,8 +105,8 @@ def test_homing_is_the_drive_s_own_mode_of_one_axis_with_limited_torque(warm_hom
 
     moving = [record for record in records if record.mode == Mode.REFERENCE]
     assert {record.drives[0].mode_display for record in moving[20:]} == {OperationMode.HOMING}
-    assert max(abs(record.drives[0].effort_si or 0.0) for record in moving) < 1.02 * 50.0
-    assert all(record.drives[0].target_effort_si == 0.0 for record in moving)
+    assert max(abs(record.drives[0].effort or 0.0) for record in moving) < 1.02 * 50.0
+    assert all(record.drives[0].target_effort == 0.0 for record in moving)
     assert PowerState.OPERATION_ENABLED not in {record.drives[1].power_state for record in records}
 
 
@@ -218,7 +219,7 @@ def _warm_strict(tmp_path_factory):
     session = new_session(configs, left_at(math.radians(13.98), 0.5905))
     session.walk(cadence_hz=0.4)
     away_rad = math.radians(13.98 + 10.0)
-    session.run_until(lambda record: record.drives[0].position_si > away_rad, within_s=10.0)
+    session.run_until(lambda record: record.drives[0].position > away_rad, within_s=10.0)
     return session
 
 
@@ -244,7 +245,7 @@ def test_an_absolute_encoder_whose_homing_was_stopped_is_not_believed(tmp_path):
     session.run_until(lambda record: record.mode == Mode.REFERENCE, within_s=10)
     away_rad = math.radians(3.0)
     session.run_until(
-        lambda record: abs(record.drives[0].position_si - math.radians(13.98)) > away_rad,
+        lambda record: abs(record.drives[0].position - math.radians(13.98)) > away_rad,
         within_s=30,
     )
 
@@ -284,8 +285,8 @@ def test_the_pose_is_stored_at_an_orderly_stop_and_followed_while_nothing_is_dri
     warm_hold.run(4.0)
 
     stored, there = warm_hold.state_file.persistent, warm_hold.record.drives
-    assert stored.axis(HIP).position_si == pytest.approx(there[0].position_si, abs=2e-4)
-    assert stored.axis(SLIDE).position_si == pytest.approx(there[1].position_si, abs=2e-4)
+    assert stored.axis(HIP).position_si == pytest.approx(there[0].position, abs=2e-4)
+    assert stored.axis(SLIDE).position_si == pytest.approx(there[1].position, abs=2e-4)
 
 
 def test_an_unreferenced_axis_stores_no_pose(incremental):
@@ -315,9 +316,9 @@ def test_of_a_leg_that_is_moved_by_hand_only_the_pose_in_which_it_rests_is_store
     session.run(4.0)
 
     for axis, drive, standstill_si in zip((HIP, SLIDE), moved, (0.05, 0.03), strict=True):
-        assert abs(drive.velocity_si) > standstill_si
+        assert abs(drive.velocity) > standstill_si
         assert then.axis(axis).position_si == before.axis(axis).position_si
-    at_rest = [drive.position_si for drive in session.record.drives]
+    at_rest = [drive.position for drive in session.record.drives]
     stored = session.state_file.persistent
     assert [stored.axis(axis).position_si for axis in (HIP, SLIDE)] == pytest.approx(
         at_rest, abs=1e-3
@@ -378,7 +379,7 @@ def test_of_a_damaged_file_nothing_is_believed_until_it_is_found_anew(tmp_path):
     lenient = changed_configs(tmp_path, *EMPTY, *STRICT[:2])
     session = new_session(lenient, PersistentState(damaged=True)).until_ready()
     home(session, HIP)
-    found_rad, truth = session.record.drives[0].position_si, session.truth.rows[-1]
+    found_rad, truth = session.record.drives[0].position, session.truth.rows[-1]
     assert found_rad == pytest.approx(truth.hip_angle_rad, abs=3e-4)
     session.run(1.5)
 
@@ -395,7 +396,7 @@ def off_by(tmp_path, off_rad, *changes):
     session = new_session(configs).until_ready()
     truth = session.truth.rows[-1]
     assert referenced(session) == [True, True]
-    wrong_rad = session.record.drives[0].position_si - truth.hip_angle_rad
+    wrong_rad = session.record.drives[0].position - truth.hip_angle_rad
     assert abs(wrong_rad) == pytest.approx(abs(off_rad), abs=2e-3)
     return session
 
@@ -411,9 +412,9 @@ def test_a_hip_whose_origin_is_off_is_homed_without_a_stop_trusted_and_enabled(t
     session.run(0.5)
     truth = session.truth.rows[-1]
     assert referenced(session) == [True, True]
-    assert session.record.drives[0].position_si == pytest.approx(truth.hip_angle_rad, abs=3e-4)
-    assert session.record.legs[0].state[0] == pytest.approx(truth.hip_angle_rad, abs=1e-3)
-    assert Validity.BAD not in session.record.legs[0].validity
+    assert session.record.drives[0].position == pytest.approx(truth.hip_angle_rad, abs=3e-4)
+    assert session.record.legs[0].hip.position == pytest.approx(truth.hip_angle_rad, abs=1e-3)
+    assert Validity.BAD not in both(session.record.legs[0], "validity")
     assert session.request(RequestKind.ENABLE).outcome == Outcome.DONE
 
 
@@ -427,8 +428,8 @@ def test_the_estimate_begins_anew_in_the_cycle_in_which_home_is_found(tmp_path):
     after = [record for record in records[homed:] if record.mode == Mode.STOPPING]
     assert after
     for record in after:
-        assert Validity.BAD not in record.legs[0].validity
-        assert record.legs[0].state[0] == pytest.approx(record.drives[0].position_si, abs=2e-3)
+        assert Validity.BAD not in both(record.legs[0], "validity")
+        assert record.legs[0].hip.position == pytest.approx(record.drives[0].position, abs=2e-3)
 
 
 def test_a_stop_of_a_homing_whose_origin_is_off_names_no_pose_in_doubt(tmp_path):

@@ -3,12 +3,12 @@
 from functools import partial
 
 import pytest
+from reports import refusal_of
 from sessions import changed_configs, elsewhere, new_session, reported
 
 from daemon.core.modes.table import TRANSITIONS, trigger_of
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
 from daemon.ipc.report import EventCode, Refusal, RefusalCode
-from daemon.wire.report_texts import refusal_of
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.reference.modes import REQUESTS
 

@@ -9,7 +9,17 @@ from sessions import changed_configs, elsewhere, new_session, position_guidance,
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
-from daemon.ipc.report import EventCode, Finding, Refusal, RefusalCode, SelfTestDue, Untested
+from daemon.ipc.report import (
+    EventCode,
+    Finding,
+    MotionPhase,
+    Progress,
+    ProgressCode,
+    Refusal,
+    RefusalCode,
+    SelfTestDue,
+    Untested,
+)
 from daemon.wire.report_fields import EVENT_FIELDS
 from gaitd_lab.lockstep import LockstepSession
 
@@ -244,13 +254,17 @@ def warm_short(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("finding", "before"),
-    [(Finding.NOT_MOVED_FORTH, "at rest"), (Finding.NOT_MOVED_BACK, "turning")],
+    [
+        (Finding.NOT_MOVED_FORTH, MotionPhase.REST),
+        (Finding.NOT_MOVED_BACK, MotionPhase.TURN),
+    ],
 )
 def test_a_leg_that_does_not_move_with_its_reference_is_told_with_the_way(
     warm_short, finding, before
 ):
     ask(warm_short, SELF_TEST)
-    warm_short.run_until(lambda record: record.progress.endswith(f"hip {before}"), within_s=5)
+    way = Progress(ProgressCode.TESTING, "right/hip", (before,))
+    warm_short.run_until(lambda record: record.progress == way, within_s=5)
 
     warm_short.command("blocked_rotor right/hip")
     stopped = warm_short.run_until(lambda record: record.mode == Mode.STOPPING, within_s=10)

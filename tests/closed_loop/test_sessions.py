@@ -7,6 +7,7 @@ from itertools import groupby
 import msgspec
 import numpy as np
 import pytest
+from records import both
 from sessions import empty_machine, new_session, reported, two_legs
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
@@ -39,10 +40,10 @@ def test_nothing_is_enabled_without_a_request(warm_ready):
 
 
 def test_enable_holds_the_leg_where_it_is_and_disable_lets_it_go(warm_hold):
-    held = warm_hold.record.legs[0].measured
+    held = both(warm_hold.record.legs[0], "measured_position")
     warm_hold.run(2)
 
-    assert warm_hold.record.legs[0].measured == pytest.approx(held, abs=2e-3)
+    assert both(warm_hold.record.legs[0], "measured_position") == pytest.approx(held, abs=2e-3)
     assert warm_hold.request(RequestKind.DISABLE).outcome == Outcome.DONE
     warm_hold.run(0.2)
     assert warm_hold.record.mode == Mode.READY
@@ -75,7 +76,7 @@ def test_the_effort_that_is_sent_never_jumps_over_all_modes(session):
     limits = session.settings.limits
 
     active = [record for record in session.records if record.mode.active]
-    sent = np.array([[drive.target_effort_si for drive in record.drives] for record in active])
+    sent = np.array([[drive.target_effort for drive in record.drives] for record in active])
     steps = np.abs(np.diff(sent[30:], axis=0)).max(axis=0)
 
     assert steps[0] <= limits.hip.torque_rate_max_nm_per_s * 0.01 * 1.001
@@ -89,9 +90,9 @@ def test_the_artificial_disturbance_shows_in_the_estimate_with_its_sign_and_is_m
     session.run(4)
 
     playing = session.records[begun:]
-    moving = [r.legs[0] for r in playing if r.legs[0].validity[1] == 0]
-    seen_n = np.array([leg.state[7] for leg in moving])
-    made_n = np.array([leg.artificial[1] for leg in moving])
+    moving = [r.legs[0] for r in playing if r.legs[0].slide.validity == 0]
+    seen_n = np.array([leg.slide.patient for leg in moving])
+    made_n = np.array([leg.slide.artificial for leg in moving])
 
     assert set(made_n) == {30.0}
     assert np.mean(seen_n) == pytest.approx(30.0, abs=3.0)
@@ -150,7 +151,9 @@ def test_two_legs_walk_half_a_stride_apart_and_stop_together(warm_two_legs):
 
     stopped = warm_two_legs.record
     assert [leg.name for leg in walking.legs] == ["right", "left"]
-    assert abs(walking.legs[0].reference[0] - walking.legs[1].reference[0]) > 0.05
+    assert (
+        abs(walking.legs[0].hip.reference_position - walking.legs[1].hip.reference_position) > 0.05
+    )
     assert (walking.legs[1].gait_phase - walking.legs[0].gait_phase) % 1.0 == pytest.approx(0.5)
     assert stopped.verdict.drive == "left/slide"
     assert {drive.power_state for drive in stopped.drives} == {PowerState.QUICK_STOP_ACTIVE}
@@ -172,8 +175,10 @@ def test_two_legs_that_begin_in_different_poses_walk_half_a_stride_apart(tmp_pat
     session.run(9)
 
     stride = session.records[-300:]  # behind the ramps; half a stride is 100 cycles
-    right, left = ([record.legs[leg].reference for record in stride] for leg in (0, 1))
-    assert abs(held[0].reference[0] - held[1].reference[0]) > 0.1
+    right, left = (
+        [both(record.legs[leg], "reference_position") for record in stride] for leg in (0, 1)
+    )
+    assert abs(held[0].hip.reference_position - held[1].hip.reference_position) > 0.1
     assert np.allclose(left[:-100], right[100:], atol=1e-9)
     phases = [leg.gait_phase for leg in stride[-1].legs]
     assert (phases[1] - phases[0]) % 1.0 == pytest.approx(0.5)

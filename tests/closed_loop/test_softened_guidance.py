@@ -3,6 +3,7 @@
 import math
 
 import pytest
+from records import both
 from sessions import changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
@@ -50,24 +51,29 @@ def warm_tense_hold(tense):
 def guidance(session, share):
     """The efforts of guidance with this share of its stiffness in the last cycle but one."""
     now, later = (record.legs[0] for record in session.records[-2:])
-    speeds = [drive.velocity_si for drive in session.records[-2].drives]
+    speeds = [drive.velocity for drive in session.records[-2].drives]
     robot = tuple(map(float, leg_parameters(session.settings.robot)))
-    _, *load = ratio_and_load(robot, *now.measured)
+    _, *load = ratio_and_load(robot, *both(now, "measured_position"))
     impedance = session.settings.trainer.gait.impedance
     stiffness = impedance.hip.stiffness_nm_per_rad, impedance.slide.stiffness_n_per_m
     damping = impedance.hip.damping_nm_s_per_rad, impedance.slide.damping_n_s_per_m
     return [
         load[axis]
-        + share * stiffness[axis] * (now.reference[axis] - now.measured[axis])
+        + share
+        * stiffness[axis]
+        * (now.axes[axis].reference_position - now.axes[axis].measured_position)
         + math.sqrt(share)
         * damping[axis]
-        * ((later.reference[axis] - now.reference[axis]) / 0.01 - speeds[axis])
+        * (
+            (later.axes[axis].reference_position - now.axes[axis].reference_position) / 0.01
+            - speeds[axis]
+        )
         for axis in (0, 1)
     ]
 
 
 def sent(session):
-    return [drive.target_effort_si for drive in session.records[-2].drives]
+    return [drive.target_effort for drive in session.records[-2].drives]
 
 
 @pytest.mark.parametrize("axis", ["hip", "slide"])
@@ -86,11 +92,13 @@ def test_a_spasm_of_one_axis_softens_both_and_a_hold_then_begins_where_the_leg_i
 
     session.gateway.request(RequestKind.MODE, ModeRequest(Mode.HOLD))
     held = session.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.1).legs[0]
-    before = session.records[-2].legs[0].reference
+    before = session.records[-2].legs[0].axes
     far = 0.04 if axis == "hip" else 0.03
     place = ("hip", "slide").index(axis)
-    assert abs(before[place] - held.measured[place]) > far
-    assert held.reference == pytest.approx(held.measured, abs=0.005)
+    assert abs(before[place].reference_position - held.axes[place].measured_position) > far
+    assert both(held, "reference_position") == pytest.approx(
+        both(held, "measured_position"), abs=0.005
+    )
 
 
 def test_who_leans_on_a_leg_that_is_held_has_no_spasm(warm_tense_hold):
@@ -101,7 +109,7 @@ def test_who_leans_on_a_leg_that_is_held_has_no_spasm(warm_tense_hold):
     session.run(1.0)
 
     rise_nm = session.settings.limits.spasm.hip.rise_nm
-    efforts = [record.legs[0].state[6] for record in session.records[begun:]]
+    efforts = [record.legs[0].hip.patient for record in session.records[begun:]]
     assert (
         max(later - before for before, later in zip(efforts[:-10], efforts[10:], strict=True))
         > rise_nm

@@ -41,7 +41,7 @@ def first_change(free, stopped, node):
 def test_a_stop_that_holds_begins_for_both_drives_between_the_same_two_syncs(warm_guided_gait):
     """Compared with the very same session without a stop."""
     warm_guided_gait.run_until(
-        lambda record: min(abs(drive.velocity_si or 0.0) for drive in record.drives) > 0.15,
+        lambda record: min(abs(drive.velocity or 0.0) for drive in record.drives) > 0.15,
         within_s=8,
     )
     before = len(warm_guided_gait.bus.sent)

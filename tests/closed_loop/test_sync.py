@@ -130,8 +130,7 @@ def test_a_pause_of_a_few_cycles_is_told_and_counted_and_the_targets_go_on_witho
 
     records = session.records[begun - 1 :]
     steps_nm = [
-        abs(b.drives[0].target_effort_si - a.drives[0].target_effort_si)
-        for a, b in pairwise(records)
+        abs(b.drives[0].target_effort - a.drives[0].target_effort) for a, b in pairwise(records)
     ]
     assert session.record.timing.overrun_count == missed + 3
     (told,) = reported(records, EventCode.CYCLES_MISSED)

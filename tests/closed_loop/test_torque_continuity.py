@@ -26,7 +26,7 @@ def assert_no_jump(session, begun, begun_rows, ended_rows):
     for index, axis in enumerate(session.core.axes):
         step_si = axis.limits.effort_rate_max_si_per_s * PERIOD_S
         name = ("hip_torque_nm", "slide_force_n")[index]
-        assert steepest([one.drives[index].target_effort_si for one in powered]) <= step_si * 1.001
+        assert steepest([one.drives[index].target_effort for one in powered]) <= step_si * 1.001
         # The current loop is not ours: its ripple and its sampling are in what the plant feels.
         assert steepest([getattr(row, name) for row in rows]) <= step_si * 1.5
 

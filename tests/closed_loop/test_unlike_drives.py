@@ -76,11 +76,11 @@ def test_each_leg_is_where_its_own_drives_say_and_its_patient_is_passive(warm_un
         rows = {row.sync_mono_ns: row for row in truth[leg.name].rows}
         for record in session.records[-WALK_CYCLES:]:
             row, drives = rows[record.sync_mono_ns], record.drives[2 * number : 2 * number + 2]
-            assert drives[0].position_si == pytest.approx(row.hip_angle_rad, abs=2e-3)
-            assert drives[1].position_si == pytest.approx(row.slide_position_m, abs=1e-3)
+            assert drives[0].position == pytest.approx(row.hip_angle_rad, abs=2e-3)
+            assert drives[1].position == pytest.approx(row.slide_position_m, abs=1e-3)
             activity = record.legs[number]
-            if activity.validity[0] == 0:
-                assert activity.state[6] == pytest.approx(0.0, abs=3.0)
+            if activity.hip.validity == 0:
+                assert activity.hip.patient == pytest.approx(0.0, abs=3.0)
 
 
 def test_a_fault_of_one_drive_is_told_by_its_name_and_stops_all(warm_unlike):

@@ -67,7 +67,7 @@ def test_a_drive_that_is_silent_for_long_costs_no_feeding_and_the_other_axis_is_
     assert record.verdict.cause == Cause.DRIVE_SILENT
     assert record.verdict.drive == "right/hip"
     assert record.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
-    assert abs(record.drives[1].velocity_si) < 0.03
+    assert abs(record.drives[1].velocity) < 0.03
     assert session.systemd.status[-1].endswith("[drive_silent right/hip]")
 
 
@@ -130,7 +130,7 @@ def test_the_status_line_has_mode_and_cause_in_the_cycle_in_which_they_are_new(s
     assert session.systemd.status[-1].startswith("stopping")
     assert session.systemd.status[-1].endswith("[hand_switch_open right/hip]")
     session.run_until(lambda record: record.mode == Mode.FAULT, within_s=5)
-    assert session.systemd.status[-1].startswith("fault: right/hip: ")
+    assert session.systemd.status[-1] == "fault [hand_switch_open right/hip]"
 
 
 def test_a_status_that_systemd_had_no_room_for_is_sent_again_in_the_next_cycle():
@@ -151,7 +151,7 @@ def test_nothing_new_is_told_rarely(session):
     session.run(7)
 
     assert len(session.systemd.status) <= 7 * 100 / PROGRESS_CYCLES + 1
-    assert all(line.startswith("gait: ") for line in session.systemd.status)
+    assert all(line.startswith("gait playing ") for line in session.systemd.status)
 
 
 def test_ready_is_told_once_and_not_before_the_loop_turns():

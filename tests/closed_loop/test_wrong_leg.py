@@ -1,6 +1,7 @@
 """Another leg in the machine than the one that it is configured for."""
 
 import pytest
+from records import both
 from sessions import changed_configs, new_session
 
 from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
@@ -33,7 +34,7 @@ def configured_for(tmp_path, *changes):
 )
 def test_a_leg_that_weighs_other_than_configured_is_stopped_before_any_exercise(tmp_path, believed):
     session = new_session(configured_for(tmp_path, believed)).until_ready()
-    start = session.record.legs[0].measured
+    start = both(session.record.legs[0], "measured_position")
 
     session.request(RequestKind.ENABLE)
     session.run(2.0)
@@ -43,7 +44,7 @@ def test_a_leg_that_weighs_other_than_configured_is_stopped_before_any_exercise(
     assert abs(record.verdict.value) > record.verdict.limit
     assert record.mode in {Mode.STOPPING, Mode.FAULT}
     assert session.request(RequestKind.MODE, GAIT).outcome == Outcome.REFUSED
-    assert record.legs[0].measured == pytest.approx(start, abs=0.1)
+    assert both(record.legs[0], "measured_position") == pytest.approx(start, abs=0.1)
     assert PowerState.OPERATION_ENABLED not in {one.power_state for one in record.drives}
 
 

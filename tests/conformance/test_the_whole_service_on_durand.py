@@ -73,7 +73,7 @@ def test_it_is_enabled_arrow_by_arrow_and_holds(service):
     for drive in service.world.drives:
         assert drive.model.numbers == [2, 3, 4]
     assert [axis.fresh for axis in record.drives] == [True, True]
-    assert [axis.position_si for axis in record.drives] == pytest.approx(MID_POSE, abs=2e-4)
+    assert [axis.position for axis in record.drives] == pytest.approx(MID_POSE, abs=2e-4)
     for axis, drive in zip(record.drives, service.world.drives, strict=True):
         assert axis.statusword == drive.dictionary.read(0x6041, 0)
         assert axis.mode_display == drive.dictionary.read(0x6060, 0)

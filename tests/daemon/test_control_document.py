@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from gaitd_client.wire.refusals import REFUSAL_TEXT
-
-from daemon.wire.names import name_of
+from gaitd_client import SetpointRefusal
+from gaitd_client.texts import Reader, catalogue
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 
@@ -15,9 +14,10 @@ def part(name: str) -> str:
 
 
 def test_the_table_of_refusals_is_that_of_the_code():
+    text = catalogue(Reader.OPERATOR, "en").text
     rows = [
-        f"| `{name_of(reason)}` | {text.meaning} | {text.remedy} |"
-        for reason, text in REFUSAL_TEXT.items()
+        f"| `{reason}` | {text(f'setpoint_refusal.{reason}')} | {text(f'remedy.{reason}')} |"
+        for reason in SetpointRefusal
     ]
 
     head = ["| reason | what is wrong | what to do |", "|---|---|---|"]

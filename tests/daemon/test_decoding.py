@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from gaitd_client import wire
+from gaitd_client.texts import Reader, catalogue
 from gaitd_toml import ConfigError, load_toml
 from records import HEADER, cut_out, record
 
@@ -31,6 +32,7 @@ from daemon.gateway.setpoints import Arrival, SetpointStore
 from daemon.ipc import transport
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import (
+    AxisSetpoint,
     CycleRecord,
     GatewayState,
     ModeRequest,
@@ -62,13 +64,13 @@ LEVEL = msgspec.msgpack.encode(
         6,
         0,
         Request(3, RequestKind.MODE, 5, ModeRequest(scenario="paper")),
-        (Setpoint(1, 2, 3, 4.0, 5.0, "right"),),
+        (Setpoint(1, 2, 3, AxisSetpoint(4.0), AxisSetpoint(5.0), "right"),),
         1,
     )
 )
 SETPOINT = (
-    b'{"lease": 7, "seq": 1, "for_cycle": 4, "hip_assist_nm": 3.5, "slide_assist_n": -20.0,'
-    b' "stiffness_ratio": 0.5}'
+    b'{"lease": 7, "seq": 1, "for_cycle": 4, "hip": {"assist": 3.5},'
+    b' "slide": {"assist": -20.0}, "stiffness_ratio": 0.5}'
 )
 QUERY = b'{"client": "display", "for_cycle": 12, "mode": "gait", "cadence_hz": 0.25}'
 NOTES = msgspec.json.encode(
@@ -178,9 +180,7 @@ def test_any_datagram_is_a_level_or_counted_and_told_more_and_more_rarely(tmp_pa
 def ring_of(path: Path, count: int = 40) -> bytes:
     robot = msgspec.to_builtins(load_toml(CONFIGS / "robot.toml", Robot))
     header = msgspec.structs.replace(HEADER, robot=robot)
-    kept = transport.Kept(
-        "emergency", "right/hip", "", 20, 1_700_000_000_000_000_000, 1, count, True
-    )
+    kept = transport.Kept("emergency", "right/hip", 20, 1_700_000_000_000_000_000, 1, count, True)
     with contextlib.closing(cut_out(map(record, range(1, count + 1)))) as cutting:
         pieces = trimmed(msgspec.structs.replace(header, kept=kept), cutting)
         path.write_bytes(b"".join(pieces))
@@ -239,7 +239,9 @@ def test_damaged_records_are_left_out_of_a_replay_and_counted(tmp_path):
     assert len(whole.recording.time_s) == 40
     assert len(source.recording.time_s) == 37
     assert ("damaged", "3 records, left out") in source.about
-    assert ("damaged", "3 records, left out") in about(read_stop(path))
+    assert ("damaged", "3 records, left out") in about(
+        read_stop(path), catalogue(Reader.OPERATOR, "en")
+    )
     assert not [title for title, _ in whole.about if title == "damaged"]
 
 

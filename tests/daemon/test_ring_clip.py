@@ -24,7 +24,7 @@ from daemon.recorder import black_box
 from daemon.recorder.black_box import Window
 from daemon.recorder.ring_follower import RingFollower, Stop
 
-KEPT = Kept("hand_switch_open", "right/hip", "", 5, 1_795_261_054_847_122_612, 1, 9, True)
+KEPT = Kept("hand_switch_open", "right/hip", 5, 1_795_261_054_847_122_612, 1, 9, True)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
 ):
     last = first + count - 1
     there = [one for one in map(ring.read, range(first, last + 1)) if one is not None]
-    stop = Stop("cause", "", "", first, 0)
+    stop = Stop("cause", "", first, 0)
     window = Window(RingFollower.starting_at(ring), stop, first, last, due_ns=0)
 
     while not window.copy(piece):
@@ -80,7 +80,7 @@ def test_a_window_keeps_exactly_those_of_its_records_that_the_ring_has(
 
 
 def test_a_window_of_thousands_of_records_is_not_thousands_of_objects(ring):
-    stop = Stop("cause", "", "", transport.SLOT_COUNT, 0)
+    stop = Stop("cause", "", transport.SLOT_COUNT, 0)
     window = Window(
         RingFollower.starting_at(ring),
         stop,
@@ -104,7 +104,7 @@ def test_a_window_longer_than_its_ring_asks_for_no_more_memory_than_the_ring_has
     )
     newest = ring.newest_seq()
     window = Window(
-        RingFollower.starting_at(ring), Stop("cause", "", "", newest, 0), 1, 10**12, due_ns=0
+        RingFollower.starting_at(ring), Stop("cause", "", newest, 0), 1, 10**12, due_ns=0
     )
 
     while not window.copy(1000):

@@ -14,9 +14,10 @@ from records import HEADER, drive, leg, record
 
 from daemon.gateway.requests import PAYLOADS
 from daemon.ipc import transport
-from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
 from daemon.ipc.record import (
     TEXT_BYTES_MAX,
+    AssistRecord,
+    AxisRecord,
     AxisStrideRecord,
     Cause,
     EmergencyRecord,
@@ -32,6 +33,9 @@ from daemon.ipc.report import (
     SAID_BYTES_MAX,
     Event,
     EventCode,
+    Lapse,
+    Progress,
+    ProgressCode,
     Refusal,
     RefusalCode,
 )
@@ -221,6 +225,7 @@ def test_a_core_without_a_gateway_writes_on(tmp_path):
         (b"", "is empty"),
         (b"short", "too few"),
         (b"NOTARING" + bytes(transport.HEADER_SIZE), "begins with"),
+        (b"GAITDRB1" + bytes(transport.HEADER_SIZE), "begins with b'GAITDRB1'"),
         (
             struct.pack("<8sIII", transport.MAGIC, 4096, 3000, 4) + bytes(transport.HEADER_SIZE),
             "shorter",
@@ -255,9 +260,9 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
         loses_reference=True,
         repeated=True,
     )
-    axis = AxisStrideRecord(*[(1.1, 2.2)] * 7, 0.5)
-    pair = (1.1, 2.2)
-    stride = StrideRecord(10**6, 10**18, 1.1, 200, axis, axis, pair, pair, pair, 0xFFFF, True)
+    figures = (1.1,) * 6
+    axis = AxisStrideRecord(*[1.1] * 15)
+    stride = StrideRecord(10**6, 10**18, 1.1, 0.9, 200, axis, axis, *figures, 0xFFFF, True)
     drives = [
         msgspec.structs.replace(
             drive(f"right/slide{n}"),
@@ -269,9 +274,9 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
         )
         for n in range(4)
     ]
-    own = LegAssistRecord(2**53 - 1, (1.1, 2.2), (1.1, 2.2), 0.3)
+    one = AxisRecord(**dict.fromkeys(AxisRecord.__struct_fields__, 1.1) | {"validity": 2})
     refused = (2**53,) * len(SetpointRefusal)
-    assist = AssistRecord((own, own), 2**53, refused, 2**53, "its setpoints have grown stale")
+    assist = AssistRecord(2**53, refused, 2**53, Lapse.STALE)
     most = max(RefusalCode, key=lambda code: len(REFUSAL_FIELDS[code]))
     refused_most = Refusal(most, "right/slide", (1e300,) * len(REFUSAL_FIELDS[most]), SAID)
     largest = msgspec.structs.replace(
@@ -280,9 +285,14 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
         verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, said=LONGEST),
         events=(LARGEST_EVENT,) * EVENTS_MAX,
         request=RequestResult(2**63 - 1, Outcome.REFUSED, refused_most),
-        progress=LONGEST,
+        progress=Progress(ProgressCode.SETTING_UP, "right/slide", (1e300, 1e300)),
         drives=tuple(drives),
-        legs=tuple(msgspec.structs.replace(leg(name), stride=stride) for name in ("right", "left")),
+        legs=tuple(
+            msgspec.structs.replace(
+                leg(name), hip=one, slide=one, setpoint_seq=2**53 - 1, stride=stride, mean_nis=1.1
+            )
+            for name in ("right", "left")
+        ),
     )
     writer = RingWriter(tmp_path / transport.RING_NAME, HEADER)
 
@@ -305,7 +315,6 @@ def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_a
             request=RequestResult(
                 7, Outcome.REFUSED, Refusal(RefusalCode.NO_SUCH_AXIS, said=words)
             ),
-            progress=words,
             events=(Event(EventCode.STOPPED, "right/hip", (1.0, 2.0), words),),
         )
     )

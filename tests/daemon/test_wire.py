@@ -22,12 +22,23 @@ HEAD = {"seq": 7, "core_boot_id": "b", "cycle": 41, "sample_time_ns": 1_760_000_
 def test_the_schema_of_a_message_has_its_object_at_the_root_and_explains_every_field(name):
     schema = wire.schema(wire.MESSAGES[name])
 
-    assert schema["$id"] == f"gaitd.{name}.v2"
+    assert schema["$id"] == f"gaitd.{name}.v1"
     assert schema["type"] == "object"
     assert schema["description"]
     assert all(field.get("description") for field in schema["properties"].values())
     for definition in schema.get("$defs", {}).values():
         assert all(field.get("description") for field in definition["properties"].values())
+
+
+REQUESTS = {"ask", "mode", "acquire", "release", "report", "plan", "setpoint"}
+
+
+@pytest.mark.parametrize("name", wire.MESSAGES)
+def test_what_a_service_sends_may_get_fields_and_what_it_is_sent_is_read_strictly(name):
+    schema = wire.schema(wire.MESSAGES[name])
+    objects = [schema, *schema.get("$defs", {}).values()]
+
+    assert {one.get("additionalProperties") is False for one in objects} == {name in REQUESTS}
 
 
 @pytest.mark.parametrize("name", wire.MESSAGES)
@@ -48,13 +59,15 @@ def test_every_message_out_says_where_it_comes_from(name):
 
 @pytest.mark.parametrize("name", ["estimate", "activity", "friction"])
 def test_every_estimated_number_has_its_standard_deviation_and_may_be_null(name):
-    properties = wire.schema(wire.MESSAGES[name])["properties"]
-    estimated = [key.removesuffix("_std") for key in properties if key.endswith("_std")]
+    schema = wire.schema(wire.MESSAGES[name])
+    (axis,) = schema["$defs"].values()
+    estimated = [key.removesuffix("_std") for key in axis["properties"] if key.endswith("_std")]
 
-    assert len(estimated) >= 2
+    assert estimated
     for key in estimated:
-        assert {"type": "null"} in properties[key]["anyOf"]
-    assert "status" in properties
+        assert {"type": "null"} in axis["properties"][key]["anyOf"]
+    assert "validity" in axis["properties"]
+    assert "status" in schema["properties"]
 
 
 def test_the_words_of_the_observer_are_the_observers():
@@ -77,89 +90,89 @@ def test_the_states_of_the_drives_are_the_masters():
 
 
 def test_an_activity_looks_like_this():
+    hip = wire.AxisActivity(
+        validity="ok",
+        patient=8.5,
+        patient_std=0.5,
+        patient_power_w=4.25,
+        patient_power_w_std=0.3,
+        net=6.0,
+        net_std=0.4,
+    )
+    slide = wire.AxisActivity(
+        validity="split_unobservable",
+        patient=None,
+        patient_std=None,
+        patient_power_w=None,
+        patient_power_w_std=None,
+        net=12.0,
+        net_std=1.5,
+    )
     message = wire.Activity(
         **HEAD,
         leg="right",
         mode="gait",
         status=("valid",),
         status_bits="0x0001",
-        hip_validity="ok",
-        slide_validity="split_unobservable",
-        hip_patient_nm=8.5,
-        hip_patient_nm_std=0.5,
-        slide_patient_n=None,
-        slide_patient_n_std=None,
-        hip_patient_power_w=4.25,
-        hip_patient_power_w_std=0.3,
-        slide_patient_power_w=None,
-        slide_patient_power_w_std=None,
+        hip=hip,
+        slide=slide,
         patient_power_w=None,
         patient_power_w_std=None,
-        hip_net_nm=6.0,
-        hip_net_nm_std=0.4,
-        slide_net_n=12.0,
-        slide_net_n_std=1.5,
         gait_phase_ratio=0.25,
     )
 
     assert msgspec.json.encode(message) == (
         b'{"seq":7,"core_boot_id":"b","cycle":41,"sample_time_ns":1760000000410000000,'
         b'"leg":"right","mode":"gait","status":["valid"],"status_bits":"0x0001",'
-        b'"hip_validity":"ok","slide_validity":"split_unobservable",'
-        b'"hip_patient_nm":8.5,"hip_patient_nm_std":0.5,'
-        b'"slide_patient_n":null,"slide_patient_n_std":null,'
-        b'"hip_patient_power_w":4.25,"hip_patient_power_w_std":0.3,'
-        b'"slide_patient_power_w":null,"slide_patient_power_w_std":null,'
-        b'"patient_power_w":null,"patient_power_w_std":null,'
-        b'"hip_net_nm":6.0,"hip_net_nm_std":0.4,"slide_net_n":12.0,"slide_net_n_std":1.5,'
-        b'"gait_phase_ratio":0.25}'
+        b'"hip":{"validity":"ok","patient":8.5,"patient_std":0.5,'
+        b'"patient_power_w":4.25,"patient_power_w_std":0.3,"net":6.0,"net_std":0.4},'
+        b'"slide":{"validity":"split_unobservable","patient":null,"patient_std":null,'
+        b'"patient_power_w":null,"patient_power_w_std":null,"net":12.0,"net_std":1.5},'
+        b'"patient_power_w":null,"patient_power_w_std":null,"gait_phase_ratio":0.25}'
     )
 
 
 def test_a_friction_looks_like_this():
+    hip = wire.AxisFriction(
+        validity="ok", friction=2.5, friction_std=0.5, drift_correlation=-0.5, friction_error=0.25
+    )
+    slide = wire.AxisFriction(
+        validity="ok", friction=-20.0, friction_std=2.0, drift_correlation=None, friction_error=None
+    )
     message = wire.Friction(
         **HEAD,
         leg="left",
         mode="hold",
         status=("valid", "near_limit"),
         status_bits="0x2001",
-        hip_validity="ok",
-        slide_validity="ok",
-        hip_friction_nm=2.5,
-        hip_friction_nm_std=0.5,
-        slide_friction_n=-20.0,
-        slide_friction_n_std=2.0,
-        hip_drift_correlation=-0.5,
-        slide_drift_correlation=None,
-        hip_friction_error_nm=0.25,
-        slide_friction_error_n=None,
+        hip=hip,
+        slide=slide,
     )
 
     assert msgspec.json.encode(message) == (
         b'{"seq":7,"core_boot_id":"b","cycle":41,"sample_time_ns":1760000000410000000,'
         b'"leg":"left","mode":"hold","status":["valid","near_limit"],"status_bits":"0x2001",'
-        b'"hip_validity":"ok","slide_validity":"ok",'
-        b'"hip_friction_nm":2.5,"hip_friction_nm_std":0.5,'
-        b'"slide_friction_n":-20.0,"slide_friction_n_std":2.0,'
-        b'"hip_drift_correlation":-0.5,"slide_drift_correlation":null,'
-        b'"hip_friction_error_nm":0.25,"slide_friction_error_n":null}'
+        b'"hip":{"validity":"ok","friction":2.5,"friction_std":0.5,'
+        b'"drift_correlation":-0.5,"friction_error":0.25},'
+        b'"slide":{"validity":"ok","friction":-20.0,"friction_std":2.0,'
+        b'"drift_correlation":null,"friction_error":null}}'
     )
 
 
 def test_a_reader_ignores_fields_that_it_does_not_know():
     text = b'{"seq":1,"core_boot_id":null,"cycle":null,"sample_time_ns":null,"request":"stop",'
-    text += b'"outcome":"done","reason":"","mode":null,"added_later":[1,2]}'
+    text += b'"outcome":"done","mode":null,"added_later":[1,2]}'
 
     assert msgspec.json.decode(text, type=wire.Reply).outcome == "done"
 
 
-SETPOINT = '{"lease":1,"seq":5,"for_cycle":40,"hip_assist_nm":%s,"slide_assist_n":0.0%s}'
+SETPOINT = '{"lease":1,"seq":5,"for_cycle":40,"hip":{"assist":%s},"slide":{"assist":0.0}%s}'
 
 
 def test_a_setpoint_is_read():
     read = msgspec.json.decode(SETPOINT % ("-3.5", ""), type=wire.SetpointMessage)
 
-    assert (read.hip_assist_nm, read.for_cycle) == (-3.5, 40)
+    assert (read.hip.assist, read.for_cycle) == (-3.5, 40)
 
 
 @pytest.mark.parametrize(
@@ -167,11 +180,12 @@ def test_a_setpoint_is_read():
     [
         SETPOINT % ("NaN", ""),
         SETPOINT % ("1e999", ""),
-        SETPOINT % ("121", ""),
+        SETPOINT % ("1501", ""),
         SETPOINT % ("null", ""),
         SETPOINT % ('"1"', ""),
         SETPOINT % ("1", ',"torque":3'),
-        '{"lease":1,"seq":5,"for_cycle":40,"hip_assist_nm":1.0}',
+        '{"lease":1,"seq":5,"for_cycle":40,"hip":{"assist":1.0}}',
+        '{"lease":1,"seq":5,"for_cycle":40,"hip_assist_nm":1.0,"slide_assist_n":0.0}',
     ],
 )
 def test_a_setpoint_that_is_not_exactly_one_is_refused(text):
@@ -181,5 +195,5 @@ def test_a_setpoint_that_is_not_exactly_one_is_refused(text):
 
 def test_keys_and_encodings_are_those_of_the_design():
     assert wire.key("trainer", "right", "activity") == "gaitd/trainer/right/activity"
-    assert wire.encoding(wire.Activity) == "application/json;gaitd.activity.v2"
-    assert wire.encoding(wire.DriveState) == "application/json;gaitd.drives.v2"
+    assert wire.encoding(wire.Activity) == "application/json;gaitd.activity.v1"
+    assert wire.encoding(wire.DriveState) == "application/json;gaitd.drives.v1"

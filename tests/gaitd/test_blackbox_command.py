@@ -7,7 +7,9 @@ import msgspec
 import numpy as np
 import pytest
 from command_line import gaitd
+from gaitd_client.texts import Reader, catalogue
 from mcap.reader import make_reader
+from msgspec.structs import replace
 from records import HEADER, cut_out, record
 
 from analysis.recording import read_csv
@@ -17,7 +19,9 @@ from daemon.ipc.ring_clip import FOLDER
 from daemon.ipc.transport import Kept
 from daemon.recorder.audit_file import NAME
 from daemon.recorder.clip_store import ClipStore
+from daemon.report_messages import judgement
 
+TEXTS = catalogue(Reader.OPERATOR, "en")
 OPEN = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/hip", said="let go")
 ROBOT = Path(__file__).parents[2] / "configs" / "robot.toml"
 
@@ -25,10 +29,10 @@ ROBOT = Path(__file__).parents[2] / "configs" / "robot.toml"
 def records():
     for seq in range(1, 301):
         made = record(seq)
-        swing = 0.2 + 0.1 * float(np.sin(seq / 60))
-        legs = tuple(msgspec.structs.replace(leg, measured=(swing, 0.5)) for leg in made.legs)
+        (leg,) = made.legs
+        hip = replace(leg.hip, measured_position=0.2 + 0.1 * float(np.sin(seq / 60)))
         stopped = {"mode": Mode.STOPPING, "verdict": OPEN} if seq > 200 else {}
-        yield msgspec.structs.replace(made, legs=legs, **stopped)
+        yield replace(made, legs=(replace(leg, hip=hip),), **stopped)
 
 
 @pytest.fixture
@@ -36,11 +40,9 @@ def state(tmp_path):
     """A state directory with one stop and a log of two requests."""
     import tomllib
 
-    header = msgspec.structs.replace(HEADER, robot=tomllib.loads(ROBOT.read_text()))
+    header = replace(HEADER, robot=tomllib.loads(ROBOT.read_text()))
     at_ns = record(201).sync_utc_ns
-    kept = Kept(
-        "hand_switch_open", "right/hip", "let go", 201, at_ns, 1, 300, True, ("sto_active",)
-    )
+    kept = Kept("hand_switch_open", "right/hip", 201, at_ns, 1, 300, True, ("sto_active",))
     ClipStore(tmp_path / FOLDER).write(header, kept, cut_out(records()))
     with (tmp_path / NAME).open("wb") as file:
         for name in ("enable", "stop"):
@@ -87,12 +89,13 @@ def test_show_tells_the_story_of_a_stop(stop):
 
     assert shown.code == 0
     for words in (
-        "hand_switch_open (right/hip): the hand switch is open, then sto_active",
-        "let go",
+        "hand_switch_open (right/hip), then sto_active",
+        TEXTS.verdict(judgement(OPEN)),
+        TEXTS.remedy("hand_switch_open"),
         "2.00 s before it, 0.99 s after; 300 records",
         "+0.00  stopping  S1 hand_switch_open (right/hip)",
         "operation enabled",
-        "mode gait → stopping",
+        TEXTS.report("mode_changed", None, {"mode_before": "gait", "mode": "stopping"}, ""),
     ):
         assert words in shown.out
 
@@ -148,6 +151,24 @@ def test_replay_says_what_the_file_is(stop, tmp_path):
     assert "stopped      2023-11-14 22:13:22.010 UTC" in shown.out
 
 
+@pytest.mark.parametrize(
+    ("refusal", "told"),
+    [
+        (
+            {"code": "lease_taken", "subject": None, "values": {"holder": "law"}, "said": ""},
+            "refused: law holds the lease",
+        ),
+        ("of_another_version", "refused: of_another_version"),
+    ],
+)
+def test_the_log_tells_why_a_request_was_refused(state, refusal, told):
+    line = {"utc": "2026-01-01T00:00:00.000000Z", "kind": "answered", "name": "acquire"}
+    with (state / NAME).open("ab") as file:
+        file.write(msgspec.json.encode(line | {"outcome": "refused", "refusal": refusal}) + b"\n")
+
+    assert told in gaitd("blackbox", "requests", "--state", state).out
+
+
 def test_the_log_is_shown_and_a_line_that_a_power_cut_tore(state):
     with (state / NAME).open("ab") as file:
         file.write(b'{"utc": "2026-01-01T00:0')
@@ -157,6 +178,18 @@ def test_the_log_is_shown_and_a_line_that_a_power_cut_tore(state):
     assert shown.code == 0
     assert "display" in shown.out
     assert "the line cannot be read" in shown.out
+
+
+def test_a_ring_of_an_older_layout_is_refused_by_name(state, stop):
+    older = stop.with_name("older.ring")
+    older.write_bytes(b"GAITDRB1" + stop.read_bytes()[8:])
+
+    for command in (("blackbox", "show"), ("replay",)):
+        refused = gaitd(*command, older)
+        assert refused.code == 2
+        assert f"{older}: begins with b'GAITDRB1', a ring of records with" in refused.err
+    listed = gaitd("blackbox", "--state", state)
+    assert "begins with b'GAITDRB1'" in listed.out
 
 
 @pytest.mark.parametrize(

@@ -39,7 +39,7 @@ TURN_NS = 30_000_000
 
 def tracks(count=400, *, error_nm=0.0, error_n=0.0, rest=()):
     """An estimate that is the truth but for a constant, and null at some rows."""
-    traffic, true = Track(RECEIVED), Track(TRUE)
+    traffic, true = Track(tuple(RECEIVED)), Track(TRUE)
     for row in range(count):
         time_ns = 1_000_000_000 + row * CYCLE_NS
         hip, slide = 8 * math.sin(row / 40), 40 * math.cos(row / 40)
@@ -87,7 +87,7 @@ def test_nothing_to_judge_is_a_failure():
 
 
 def test_an_artificial_disturbance_is_what_the_estimate_should_show():
-    traffic, true = Track(RECEIVED), Track(TRUE)
+    traffic, true = Track(tuple(RECEIVED)), Track(TRUE)
     true.add(0, (0.0, 0.0, 0.0, 0.0))
     values = dict.fromkeys(RECEIVED, 0.0) | {"hip_patient_nm": 4.0, "artificial_hip_nm": 4.0}
     traffic.add(0, tuple(values[name] for name in RECEIVED))
@@ -99,7 +99,7 @@ def test_an_artificial_disturbance_is_what_the_estimate_should_show():
 
 
 def test_an_estimate_without_a_truth_of_its_cycle_is_not_judged():
-    traffic, true = Track(RECEIVED), Track(TRUE)
+    traffic, true = Track(tuple(RECEIVED)), Track(TRUE)
     true.add(0, (0.0, 0.0, 0.0, 0.0))
     traffic.add(6_000_000, tuple(0.0 for _ in RECEIVED))
 
@@ -236,7 +236,9 @@ def test_the_picture_is_drawn_also_of_a_demonstration_that_failed(tmp_path):
     both = pairs(*tracks(rest=range(50, 90)))
 
     draw(Results(both, spans, evaluate(spans, both), [], "stopped"), tmp_path / "a.png")
-    draw(Results(pairs(Track(RECEIVED), Track(TRUE)), [], [], [], "early"), tmp_path / "b.png")
+    draw(
+        Results(pairs(Track(tuple(RECEIVED)), Track(TRUE)), [], [], [], "early"), tmp_path / "b.png"
+    )
 
     for name in ("a.png", "b.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")

@@ -5,7 +5,7 @@ import time
 import browser as rig
 import display_bench as bench
 import pytest
-from gaitd_client import Mode, PlanLimits
+from gaitd_client import AxisPlan, Mode, PlanLimits
 from gaitd_display.login import hash_password
 from gaitd_display.patient import PatientServer
 from gaitd_display.settings import PatientSettings, TherapistSettings
@@ -20,8 +20,8 @@ PLAN = PlanLimits(
     cadence_max_hz=0.5,
     amplitude_max_ratio=0.7,
     duration_max_s=8.0,
-    hip_assist_max_nm=10.0,
-    slide_assist_max_n=80.0,
+    hip=AxisPlan(assist_max=10.0),
+    slide=AxisPlan(assist_max=80.0),
 )
 WITHIN_S = 60.0
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from sessions import CONFIGS, new_session
 
 from analysis.recording import read_csv
+from analysis.stop_recording import inputs_of
 from daemon.preflight.load import load
 from drives.service.bus_recording import BusFrame, RecordedBusError, read_bus
 
@@ -62,15 +63,13 @@ def test_rows_are_what_the_service_gave_its_observer(walk, dump, tmp_path):
     assert "mapping in the file" in ended.out
     recording = read_csv(written)
     legs = [record.legs[0] for record in walk[0].records if record.legs]
-    seen = [leg for leg in legs if not math.isnan(sum(leg.measured))]
+    inputs = np.array([inputs_of(leg) for leg in legs])
+    seen = inputs[~np.isnan(inputs[:, :2]).any(axis=1)]
     count = min(len(seen), len(recording.time_s))
     assert count > 300
-    expected = np.array([leg.measured for leg in seen[-count:]])
     offset = len(recording.time_s) - count
-    np.testing.assert_array_equal(recording.position[offset:], expected)
-    np.testing.assert_array_equal(
-        recording.effort[offset:], np.array([leg.effort_used for leg in seen[-count:]])
-    )
+    np.testing.assert_array_equal(recording.position[offset:], seen[-count:, :2])
+    np.testing.assert_array_equal(recording.effort[offset:], seen[-count:, 2:])
     np.testing.assert_allclose(np.diff(recording.time_s[offset:]), 0.01, atol=2e-6)
 
 

@@ -23,7 +23,6 @@ def reply_of(request, outcome, refusal=None, mode=None):
         sample_time_ns=None,
         request=request,
         outcome=outcome,
-        reason="because",
         refusal=refusal,
         mode=mode,
     )
@@ -59,13 +58,17 @@ def test_a_stop_without_a_service_names_the_other_ways_to_stop(capsys, name, is_
         ("not_referenced", Mode.READY, "next: `gaitd reference right/hip`"),
         ("sign_not_proven", Mode.READY, "next: `gaitd commission right/hip`"),
         ("patient_configured", Mode.READY, "without [patient]"),
-        ("no_plan", Mode.HOLD, "next: `gaitd plan release`"),
+        ("no_plan", Mode.HOLD, "next: `gaitd plan release --cadence"),
+        ("no_such_axis", Mode.READY, "next: one of: right/hip, right/slide"),
+        ("cadence_out_of_range", Mode.HOLD, "next: `gaitd mode gait --cadence"),
         ("of_a_later_version", None, "`gaitd status`"),
         (None, None, "`gaitd status`"),
     ],
 )
 def test_a_refusal_names_the_next_command(capsys, code, mode, following):
-    why = code and wire.Refusal(code=code, subject="right/hip", values={}, said="")
+    why = code and wire.Refusal(
+        code=code, subject="right/hip", values={}, said="right/hip, right/slide"
+    )
     refused = reply_of("enable", "refused", why, mode)
 
     assert remote.report_reply(refused, as_json=False) == remote.EXIT_REFUSED

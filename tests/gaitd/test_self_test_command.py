@@ -1,21 +1,24 @@
 """`self-test`, `reference` and `commission` against a service that keeps count of its requests."""
 
 import json
+from itertools import count
+from types import SimpleNamespace
 
 import msgspec
 import pytest
-import typer
-from gaitd_client import NoAnswerError, Target, wire
+from gaitd_client import NoAnswerError, wire
+from gaitd_client.texts import Reader, catalogue
 from typer.testing import CliRunner
 
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
-from daemon.ipc.report import EventCode, Finding, Refusal, RefusalCode, Untested
-from daemon.wire.cause_texts import CAUSE_TEXT
-from gaitd import preparation, remote
+from daemon.ipc.report import Finding, Refusal, RefusalCode, Untested
+from daemon.report_messages import judgement, refusal_message
+from gaitd import preparation
 from gaitd.__main__ import build
+from gaitd.commissioning import remote_service
 from gaitd.remote import EXIT_NO_ANSWER, EXIT_REFUSED
 
 STOP = Verdict(
@@ -23,10 +26,15 @@ STOP = Verdict(
 )
 
 
+TEXTS = catalogue(Reader.OPERATOR, "en")
+AGAIN = "`gaitd self-test` again"
+NO_PLAN = wire.Refusal(code="no_plan", subject=None, values={}, said="")
+
+
 class Service:
     """In one mode after the other, the next one behind each refused request."""
 
-    def __init__(self, *modes, refusal=None):
+    def __init__(self, *modes, refusal=NO_PLAN):
         self.modes, self.refusal = list(modes), refusal
         self.asked = []
 
@@ -41,7 +49,7 @@ class Service:
         del self.modes[: len(self.modes) > 1]
         return wire.Reply(
             **self.head(),
-            **{"request": name, "outcome": "refused", "reason": "not yet", "mode": None},
+            **{"request": name, "outcome": "refused", "mode": None},
             refusal=self.refusal,
         )
 
@@ -66,7 +74,7 @@ def record(mode, verdict):
         verdict=verdict,
         events=(),
         request=RequestResult(),
-        progress="",
+        progress=None,
         gateway_age_cycles=1,
         stop_count=0,
         gait_phase=-1.0,
@@ -79,72 +87,96 @@ def record(mode, verdict):
 
 @pytest.fixture
 def run(monkeypatch):
-    """The command, before a service in these modes."""
+    """A command, before a service; each look takes a second."""
 
-    def against(*modes, refusal=None):
-        service = Service(*modes, refusal=refusal)
+    def against(service, *words):
+        seconds = count()
         monkeypatch.setattr(preparation, "client_of", lambda *_: service)
-        monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
-        return CliRunner().invoke(build("self-test"), ["self-test"]), service
+        monkeypatch.setattr(remote_service.time, "sleep", lambda _: None)
+        monkeypatch.setattr(remote_service.time, "monotonic", lambda: float(next(seconds)))
+        return CliRunner().invoke(build(words[0]), list(words))
 
     return against
 
 
 @pytest.mark.parametrize("modes", [(Mode.FAULT,), (Mode.READY, Mode.FAULT)])
 def test_a_latched_stop_is_shown_with_its_remedy_and_not_reset(run, modes):
-    result, service = run(*modes)
+    service = Service(*modes)
 
-    text = CAUSE_TEXT[Cause.DRIVE_FAULT]
+    result = run(service, "self-test")
+
     assert result.exit_code == EXIT_REFUSED
-    assert f"right/hip: {text.title} (2310h overcurrent): {text.remedy}" in result.stdout
+    assert f"{TEXTS.verdict(judgement(STOP))}: {TEXTS.remedy('drive_fault')}" in result.stdout
     assert service.asked == ["enable"] * (len(modes) - 1)
-    assert preparation.AGAIN not in result.stdout
+    assert AGAIN not in result.stdout
 
 
 def test_the_fault_of_an_emergency_stop_that_was_asked_for_says_how_to_go_on(run):
     untested = Refusal(RefusalCode.INPUT_UNTESTED, "right/hip", (Untested.STO_ACTIVE,))
-    unseen = translate.refusal_message(untested)
+    service = Service(Mode.READY, Mode.FAULT, refusal=refusal_message(untested))
 
-    result, service = run(Mode.READY, Mode.FAULT, refusal=unseen)
+    result = run(service, "self-test")
 
     assert (result.exit_code, service.asked) == (EXIT_REFUSED, ["enable"])
-    assert preparation.AGAIN in result.stdout
+    assert AGAIN in result.stdout
 
 
 @pytest.mark.parametrize("modes", [(Mode.GAIT, Mode.READY), (Mode.READY, Mode.OFF, Mode.READY)])
 def test_nothing_is_enabled_after_the_service_has_left_ready(run, modes):
-    result, service = run(*modes)
+    service = Service(*modes)
+
+    result = run(service, "self-test")
 
     assert result.exit_code == EXIT_REFUSED
     assert service.asked == ["enable"] * (len(modes) - 2)
 
 
-@pytest.mark.parametrize("as_json", [False, True])
-def test_a_service_that_is_lost_while_an_axis_moves_is_reported_with_the_reason(
-    monkeypatch, capsys, as_json
-):
-    class Lost(Service):
-        def request(self, name, **arguments):
-            super().request(name, **arguments)
-            self.modes = []
-            return wire.Reply(**self.head(), request=name, outcome="done", reason="", mode=None)
+class Accepting(Service):
+    """Does what it is asked."""
 
+    def request(self, name, **arguments):
+        super().request(name)
+        self.axis = arguments["axis"]
+        return wire.Reply(**self.head(), request=name, outcome="done", mode=None)
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_a_service_that_is_lost_while_an_axis_moves_is_reported_with_the_reason(run, as_json):
+    class Lost(Accepting):
         def status(self):
-            if not self.modes:
+            if self.asked:
                 raise NoAnswerError("no answer to status: the link is down")
             return super().status()
 
     service = Lost(Mode.READY)
-    monkeypatch.setattr(preparation, "client_of", lambda *_: service)
-    monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
-    with pytest.raises(typer.Exit) as ended:
-        preparation.run_axis(Target(), "reference", "right/hip", EventCode.HOMED, as_json=as_json)
+
+    ran = run(service, "reference", "right/hip", *["--json"] * as_json)
 
     reason = "no answer to status: the link is down; right/hip may be moving: look at it before"
-    output = capsys.readouterr()
-    said = json.loads(output.out.splitlines()[-1])["reason"] if as_json else output.err
-    assert reason in said
-    assert (ended.value.exit_code, service.asked) == (EXIT_NO_ANSWER, ["mode"])
+    assert reason in (json.loads(ran.stdout)["reason"] if as_json else ran.stderr)
+    assert (ran.exit_code, service.asked) == (EXIT_NO_ANSWER, ["mode"])
+
+
+class Moving(Accepting):
+    """An axis that has moved as soon as it is asked to; `code` is the event of its end."""
+
+    def __init__(self, code):
+        super().__init__(Mode.READY)
+        self.code = code
+
+    def configuration(self):
+        return SimpleNamespace(drive_names=("right/hip", "right/slide"))
+
+    def status(self):
+        event = wire.Event(
+            **self.head(),
+            **{"id": "1", "time_ns": 1, "priority": "info", "kind": "drive"},
+            **{"said": "", "cause": None, "subject": "right/hip"},
+            code=self.code,
+            values={"failure": "does_not_move"},
+        )
+        events = (event,) if self.asked else ()
+        return msgspec.structs.replace(super().status(), events=events)
 
 
 @pytest.mark.parametrize(
@@ -155,30 +187,43 @@ def test_a_service_that_is_lost_while_an_axis_moves_is_reported_with_the_reason(
         (("commission",), "sign_tested", "moves_with_its_torque"),
     ],
 )
-def test_one_axis_has_one_json_document(monkeypatch, words, code, key):
-    class Moving(Service):
-        def request(self, name, **arguments):
-            super().request(name)
-            return wire.Reply(**self.head(), request=name, outcome="done", reason="", mode=None)
+@pytest.mark.parametrize("axis", ["right/hip", "hip"])
+def test_one_axis_has_one_json_document_and_may_be_named_without_its_leg(
+    run, words, code, key, axis
+):
+    service = Moving(code)
 
-        def status(self):
-            event = wire.Event(
-                **self.head(),
-                **{"id": "1", "time_ns": 1, "priority": "info", "kind": "drive"},
-                **{"text": "as it went", "remedy": "", "cause": None, "subject": "right/hip"},
-                code=code,
-            )
-            events = (event,) if self.asked else ()
-            return msgspec.structs.replace(super().status(), events=events)
-
-    service = Moving(Mode.READY)
-    for module in (preparation, remote):
-        monkeypatch.setattr(module, "client_of", lambda *_: service)
-    monkeypatch.setattr(preparation.time, "sleep", lambda _: None)
-    ran = CliRunner().invoke(build(words[0]), [words[0], "right/hip", *words[1:], "--json"])
+    ran = run(service, words[0], axis, *words[1:], "--json")
 
     told = json.loads(ran.stdout)
-    assert (told["axis"], told[key]) == ("right/hip", True)
+    assert (told["axis"], service.axis, told[key]) == ("right/hip", "right/hip", True)
+    assert told["findings"][0]["report"]["values"] == {"failure": "does_not_move"}
     unseen = words == ("commission",)
     assert ran.exit_code == (EXIT_REFUSED if unseen else 0)
     assert len(service.asked) == (2 if "--witnessed" in words else 1)
+
+
+@pytest.mark.parametrize(("command", "key"), [("reference", "homed"), ("commission", "witnessed")])
+def test_an_axis_that_did_not_do_as_it_should_is_reported_with_its_event(run, command, key):
+    service = Moving("single_axis_failed")
+
+    ran = run(service, command, "right/hip", "--json")
+    shown = run(Moving("single_axis_failed"), command, "right/hip")
+
+    assert (ran.exit_code, json.loads(ran.stdout)[key]) == (EXIT_REFUSED, False)
+    assert TEXTS.text("failure.does_not_move") in shown.stdout
+    assert service.asked == ["mode"]
+
+
+def test_a_joint_of_two_legs_is_not_chosen_for_the_operator():
+    known = ("right/hip", "right/slide", "left/hip")
+
+    assert preparation.axis_named("slide", known) == "right/slide"
+    assert preparation.axis_named("hip", known) == "hip"
+
+
+def test_nothing_is_announced_before_a_request_is_accepted(run):
+    ran = run(Service(Mode.READY), "commission", "right/hip")
+
+    assert ran.exit_code == EXIT_REFUSED
+    assert ran.output.startswith("Change of the state: refused: no plan is released")

@@ -35,8 +35,8 @@ AMPLITUDE = 0.3
 FIGURES = (
     "work_positive_j",
     "work_negative_j",
-    "assist_mean_si",
-    "assist_peak_si",
+    "assist_mean",
+    "assist_peak",
     "power_mean_w",
     "power_peak_w",
 )
@@ -151,9 +151,9 @@ def test_assist_is_signed_by_the_motion():
         swing(0.25, 16.4, lambda turn: (-5.0 * math.copysign(1, math.cos(turn)), 0.0))
     )
 
-    assert pushing[-1].hip.assist_mean_si == pytest.approx(5.0, rel=0.02)
-    assert pushing[-1].hip.assist_peak_si == pytest.approx(5.0)
-    assert braking[-1].hip.assist_mean_si == pytest.approx(-5.0, rel=0.02)
+    assert pushing[-1].hip.assist_mean == pytest.approx(5.0, rel=0.02)
+    assert pushing[-1].hip.assist_peak == pytest.approx(5.0)
+    assert braking[-1].hip.assist_mean == pytest.approx(-5.0, rel=0.02)
     assert braking[-1].hip.power_peak_w == pytest.approx(-5.0 * AMPLITUDE * math.pi / 2, rel=0.01)
 
 
@@ -328,9 +328,9 @@ def test_a_peak_may_be_among_the_samples_that_do_not_count():
                 row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, known)
             yield row
 
-    hip = max((stride.hip for stride in counted(walk())), key=lambda one: one.assist_peak_si_std)
+    hip = max((stride.hip for stride in counted(walk())), key=lambda one: one.assist_peak_std)
 
-    assert (abs(hip.assist_peak_si), hip.assist_peak_si_std) == pytest.approx((2.0, 4.0))
+    assert (abs(hip.assist_peak), hip.assist_peak_std) == pytest.approx((2.0, 4.0))
     speed = AMPLITUDE * 2 * math.pi * 0.25
     assert abs(hip.power_peak_w) == pytest.approx(2.0 * speed, rel=0.01)
     assert hip.power_peak_w_std == pytest.approx(4.0 * speed, rel=0.02)
@@ -423,7 +423,7 @@ def test_a_passive_baseline_is_taken_away_by_gait_phase():
     assert bare.hip.work_positive_j > 0.3
     assert clean.hip.work_positive_j < 0.05 * bare.hip.work_positive_j
     assert clean.slide.work_positive_j < 0.15 * bare.slide.work_positive_j
-    assert (bare.baseline, clean.baseline) == (False, True)
+    assert (bare.baseline_subtracted, clean.baseline_subtracted) == (False, True)
 
 
 def test_parts_of_the_stride_that_are_never_known_are_bridged():

@@ -47,17 +47,17 @@ def test_both_are_brought_up_and_the_bench_s_is_not_one_of_ours(vcan_world):
 def test_both_walk_and_the_virtual_leg_goes_with_the_motor_of_the_bench(vcan_world, truth):
     kept = vcan_world.records("bench")
     records = [record for record in kept if record.verdict.cause == Cause.NONE]
-    hips = [record.drives[0].position_si for record in records]
+    hips = [record.drives[0].position for record in records]
     pairs = list(paired(truth, records, 2))
 
     assert len(records) > 300
     assert {record.mode for record in records} == {Mode.GAIT}
     assert np.ptp(hips) > 0.1
     assert len(pairs) > 200
-    behind = [float(row["hip_angle_rad"]) - one.drives[0].position_si for row, one in pairs]
+    behind = [float(row["hip_angle_rad"]) - one.drives[0].position for row, one in pairs]
     assert np.abs(behind).max() < 2e-3
     slides = [
-        float(row["slide_position_m"]) - one.drives[1].position_si
+        float(row["slide_position_m"]) - one.drives[1].position
         for row, one in paired(truth, records, 0)
     ]
     assert np.abs(slides).max() < 1e-3
@@ -69,7 +69,7 @@ def test_a_stop_is_of_both(vcan_world):
 
     assert {record.verdict.cause for record in kept} == {Cause.NONE, Cause.STOP_REQUESTED}
     assert stopped.mode == Mode.FAULT
-    assert all(abs(drive.velocity_si) < 0.05 for drive in stopped.drives)
+    assert all(abs(drive.velocity) < 0.05 for drive in stopped.drives)
 
 
 def test_the_end_of_the_bench_s_drive_is_a_quick_stop_of_the_virtual_one(vcan_world, truth):

@@ -24,8 +24,7 @@ SCHEMES = ("light", "dark")
 LEGS = (("right",), ("right", "left"))
 AHEAD_NS = bench.BEGAN_NS
 """UTC of the player's messages less its clock, which stands in for the computer's."""
-LONG = "right/hip: EMCY 0x2310, over-current of the power stage while the leg was braked"
-REMEDY = "Look for a short circuit between motor and drive, then reset the stop; docs/drives.md."
+LONG = "over-current of the power stage while the leg was braked"
 STOPPED = {"mode": Mode.FAULT, "cause": Cause.HAND_SWITCH_OPEN, "switch": False}
 SCENES = {
     "walking": {"top_w": 40.0},
@@ -87,7 +86,10 @@ one_leg = pytest.mark.parametrize("trainer", LEGS[:1], indirect=True, ids=len)
 
 def speak_of(trainer, number):
     event = {"id": str(number), "time_ns": AHEAD_NS + trainer.clock.ns}
-    trainer.send("events", bench.filled(Event, **event, text=LONG, remedy=REMEDY, priority="high"))
+    values = {"category": "S1", "cause": "drive_fault", "finding": "emcy", "value": 0x2310}
+    event |= {"code": "stopped", "cause": "drive_fault", "said": LONG, "values": values}
+    event |= {"subject": "right/hip", "kind": "stop", "priority": "high"}
+    trainer.send("events", bench.filled(Event, **event))
 
 
 def test_each_state_is_readable_at_each_size_and_in_both_schemes(tab, player, trainer):

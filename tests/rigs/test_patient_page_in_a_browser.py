@@ -14,9 +14,11 @@ import display_bench as bench
 import msgspec
 import pytest
 from gaitd_client import Cause, Mode, Stage
+from gaitd_client.texts import CAUTIOUS, catalogue
 from gaitd_display.feed import PAGES_MAX, TICK_S
 from gaitd_display.patient import PatientServer
 from gaitd_display.training import Summary, TrainingView
+from gaitd_display.words import UNBROKEN
 from gaitd_session import Advice, Band, Button, Phase, Result, Step, Why
 from gaitd_session.store import SelfTestRow, Store
 from training import PROFILE
@@ -180,14 +182,15 @@ def close(tab):
 # --- what is shown ------------------------------------------------------------------------------
 
 BANDS = {"right": Band(0.32, 0.44), "left": Band(0.28, 0.4)}
-REASON = (
-    "the leg is outside the area of the gait: hip 41.2 degrees, allowed -10 to 32; move it there"
-)
+REASON = {
+    "en": "outside its range, move it back by hand: right, hip",
+    "de": "außerhalb des Bereichs, von Hand zurückführen: rechts, Hüfte",
+}
 
 
 def training(phase, advice=Advice.LIE_STILL, *buttons, **given):
     base = {
-        **{"reason": "", "why": None, "is_kept": True, "number": 2, "count": 4, "plan_s": 1020.0},
+        **{"reason": None, "why": None, "is_kept": True, "number": 2, "count": 4, "plan_s": 1020.0},
         **{"block_left_s": 350.0, "block_s": 600.0, "announce_left_s": 0.0, "bands": BANDS},
         **{"steps": (), "valid_count": 0, "in_band_count": 0, "row_count": 0, "summary": None},
         **{"session_valid_count": 96, "session_in_band_count": 84},
@@ -449,6 +452,35 @@ def test_a_silent_trainer_and_a_dead_server_look_different_and_the_page_recovers
     assert tab.violations() == []
     site.start()
     tab.word("good")
+
+
+def test_a_text_that_is_missing_is_the_most_cautious_sentence_and_stop_keeps_its_name(
+    chromium, trainer, tmp_path
+):
+    cautious = CAUTIOUS["de"].replace("Not-Halt", UNBROKEN)
+    with bench.catalogues(tmp_path) as folder:
+        file = folder / "patient.de.toml"
+        whole = file.read_text(encoding="utf-8")
+        file.write_text(whole.replace('spasm = "Ihr Bein wurde steif"\n', ""), encoding="utf-8")
+        with served(trainer, tmp_path, language="de") as site, rig.Player(trainer) as player:
+            tab = rig.Tab(chromium, site, rig.SHOTS)
+            player.play(**STOPPED, cause=Cause.SPASM)
+            tab.word("stopped")
+            assert tab.page.inner_text("#word") == cautious
+            assert tab.page.locator("#stop span").inner_text() == "STOPP"
+            close(tab)
+        file.write_text("[", encoding="utf-8")
+        catalogue.cache_clear()
+        with served(trainer, tmp_path, language="de") as site, rig.Player(trainer) as player:
+            tab = rig.Tab(chromium, site, rig.SHOTS)
+            player.play(**READY)
+            tab.word("ready")
+            assert tab.page.inner_text("#word") == cautious
+            assert tab.page.locator("#stop span").inner_text() == "STOP"
+            tab.shot("patient_without_its_texts")
+            tab.page.click("#language")
+            tab.until("document.querySelector('#word').textContent === 'Ready'")
+            close(tab)
 
 
 def test_silence_is_told_within_300_ms_of_the_last_sample(chromium, site, trainer):
@@ -878,7 +910,7 @@ def test_a_session_is_walked_from_its_start_to_its_summary(chromium, trainer, tm
         player.play(mode=Mode.READY)
         wait_for("start")
         look("start", "start")
-        trainer.refusal = "hand switch and emergency stop (STO) pressed: not seen to act today"
+        trainer.refusal, trainer.refused = "input_untested", {"untested": "sto_active"}
         tab.page.click("#start")
         look("refused", "daily_test")
         trainer.refusal = None

@@ -269,11 +269,10 @@ def told(killed: Life, after: Life) -> str:
     mode = last[0]["pulse"].lower() if last else "no record yet"
     assert killed.cut is not None
     written, unflushed, lost = killed.cut
-    cause, detail = next_start["cause"].lower(), next_start["detail"]
     return (
         f"killed in {killed.phase} ({mode}; of {written} writes {unflushed} were not flushed, and"
         f" {lost} of these are lost): the next start is {next_start['found'].lower()}, cause"
-        f" {cause}{detail and f' ({detail})'}"
+        f" {next_start['verdict']}"
     )
 
 

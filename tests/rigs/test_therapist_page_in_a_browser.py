@@ -10,12 +10,13 @@ from enum import StrEnum
 import browser as rig
 import display_bench as bench
 import pytest
-from gaitd_client import Cause, Event, Mode, PlanLimits
+from gaitd_client import AxisPlan, Cause, Event, Mode, PlanLimits, RefusalCode
+from gaitd_client.texts import Reader, catalogue
 from gaitd_client.wire import names
 from gaitd_client.wire.fields import NMT_STATES, POWER_STATES
 from gaitd_display.login import hash_password
 from gaitd_display.therapist import TherapistServer
-from gaitd_session import WHY, Why
+from gaitd_session import Why
 from gaitd_session.store import (
     BlockRow,
     EndRow,
@@ -25,6 +26,7 @@ from gaitd_session.store import (
     Store,
     StrideRow,
 )
+from page_words import english_in
 from training import PROFILE
 
 pytestmark = pytest.mark.rig_browser
@@ -71,24 +73,54 @@ CODES = {
 SAID = """[document.body.innerText, ...[...document.querySelectorAll('[aria-label]')].map(
     (element) => element.getAttribute('aria-label'))].join(' ')"""
 EVENTS = (
-    ("mode hold → hand_guiding", "mode", "info", None, None),
-    (
-        "stop S1: a joint was too fast (right/hip) 3.1, limit 3",
-        "stop",
-        "high",
-        "velocity_limit",
-        "",
-    ),
-    ("right/slide: NMT state pre_operational", "drive", "info", None, "right/slide"),
-    ("right/hip: friction 12 % above its law", "note", "low", None, None),
-    (
-        "mode, asked by session.home: refused: 'mode gait' is not possible in mode bringing_up",
-        "request",
-        "medium",
-        None,
-        None,
-    ),
+    {
+        "code": "mode_changed",
+        "kind": "mode",
+        "values": {"mode_before": "hold", "mode": "hand_guiding", "trigger": "to_hand_guiding"},
+    },
+    {
+        "code": "stopped",
+        "kind": "stop",
+        "priority": "high",
+        "cause": "velocity_limit",
+        "subject": "right/hip",
+        "values": {
+            "category": "S1",
+            "cause": "velocity_limit",
+            "value": 3.1,
+            "limit": 3.0,
+            "finding": "none",
+        },
+    },
+    {
+        "code": "nmt_state_changed",
+        "kind": "drive",
+        "subject": "right/slide",
+        "values": {"nmt_state": "pre_operational"},
+    },
+    {
+        "code": "calibration_advised",
+        "priority": "low",
+        "subject": "right/hip",
+        "values": {"friction_error_si": 0.6, "correlation": 0.7},
+    },
+    {
+        "code": "request_answered",
+        "kind": "request",
+        "priority": "medium",
+        "values": {
+            "request": "mode",
+            "client": "session.home",
+            "outcome": "refused",
+            "refusal": "not_in_this_mode",
+            "trigger": "to_gait",
+            "mode": "bringing_up",
+        },
+    },
 )
+NAMES = ("session.home", "7f3k9m2q", "Jan Feb Mär Apr Mai Jun Jul Aug Sep Okt Nov Dez W s")
+"""What the tests name, months and units."""
+GERMAN_MODES = {mode: catalogue(Reader.OPERATOR, "de").text(f"mode.{mode}") for mode in Mode}
 IS_OPEN = "document.body.dataset.page === 'therapist' && document.querySelector('.leg') !== null"
 
 
@@ -116,7 +148,7 @@ def password_hash():
 @contextlib.contextmanager
 def a_session_going_on(file):
     """Nine sessions, one a day; the third has no valid stride, the last goes on."""
-    reasons = ("stopped", WHY[Why.LATE_HERE].en, "the hand switch is open: first: `gaitd reset`")
+    reasons = (Cause.SPASM, Why.LATE_HERE, RefusalCode.HAND_SWITCH_OPEN)
     with Store(file, is_writer=True) as store:
         for day, share in enumerate((0.31, 0.28, None, 0.34, 0.33, 0.38, 0.36, 0.41, 0.43)):
             begun_ns = bench.BEGAN_NS + day * DAY_NS
@@ -136,14 +168,20 @@ def a_session_going_on(file):
 
 @pytest.fixture
 def desk(chromium, trainer, tmp_path, password_hash):
-    table = bench.therapist_table(password_hash, legs=trainer.legs)
-    table = bench.with_session(table, tmp_path, LONG_PROFILE)
+    with opened(chromium, trainer, tmp_path, password_hash) as desk:
+        yield desk
+
+
+@contextlib.contextmanager
+def opened(chromium, trainer, folder, password_hash, **given):
+    table = bench.therapist_table(password_hash, legs=trainer.legs) | given
+    table = bench.with_session(table, folder, LONG_PROFILE)
     with (
-        a_session_going_on(tmp_path / "history.sqlite"),
+        a_session_going_on(folder / "history.sqlite"),
         rig.Site(
             lambda made: TherapistServer(made, trainer, trainer.clock),
             table,
-            tmp_path,
+            folder,
             rig.KINDS["therapist"],
         ) as site,
         rig.Player(trainer) as player,
@@ -163,11 +201,10 @@ def login(tab):
 
 
 def speak(tab, trainer):
-    for number, (text, kind, priority, cause, subject) in enumerate(EVENTS):
-        given = {"text": text, "kind": kind, "priority": priority, "cause": cause}
-        given |= {"subject": subject or None, "remedy": "look at it", "id": str(number)}
-        time_ns = bench.BEGAN_NS + number * 10_000_000_000
-        trainer.send("events", bench.filled(Event, time_ns=time_ns, **given))
+    for number, event in enumerate(EVENTS):
+        given = {"kind": "note", "priority": "info", **event, "id": str(number)}
+        given["time_ns"] = bench.BEGAN_NS + number * 10_000_000_000
+        trainer.send("events", bench.filled(Event, **given))
     tab.until(f"document.querySelectorAll('#eventlist time').length === {len(EVENTS)}")
 
 
@@ -239,6 +276,7 @@ def test_each_state_is_whole_readable_and_without_a_code_at_each_size(desk, trai
             assert tab.unreachable(stop) == [], where
             said = tab.page.evaluate(SAID)
             assert [code for code in CODES if code in said] == [], where
+            assert language == "en" or english_in([said], NAMES) == set(), where
             if scheme not in checked:
                 checked.add(scheme)
                 assert violations(tab) == [], where
@@ -345,12 +383,88 @@ def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(desk):
         assert len(order) < 40, order
     buttons = [name for name in order if name.startswith(("Move", "Self", "Switch"))]
     fields = [f"f-{name}" for name in ("cadence_max_hz", "amplitude_max_ratio", "duration_max_s")]
-    fields += ["f-hip_assist_max_nm", "t-hip_assist_max_nm"]
-    fields += ["f-slide_assist_max_n", "t-slide_assist_max_n"]
+    fields += ["f-hip_assist_max", "t-hip_assist_max"]
+    fields += ["f-slide_assist_max", "t-slide_assist_max"]
     known = ["language", "logout", *buttons, "withdraw", "releaseprofile", *fields]
     assert order[: len(known)] == known
     assert order[-2:] == ["all", "stop"]
     assert len(buttons) == 3
+
+
+def is_german(tab):
+    assert english_in([tab.page.evaluate(SAID)], NAMES) == set()
+
+
+def test_no_english_word_is_on_the_german_page_whatever_is_answered_or_missing(desk, trainer):
+    tab, player = desk
+    show(tab, SIZES[0], "de")
+    tab.page.fill("#password", "a wrong password")
+    tab.page.click("#login button")
+    tab.until("document.querySelector('#answer').textContent === 'Falsches Kennwort.'")
+    is_german(tab)
+    login(tab)
+    show(tab, SIZES[0], "de")
+    speak(tab, trainer)
+    tab.page.locator("#events").scroll_into_view_if_needed()
+    tab.shot("therapist_german_events")
+    for mode in Mode:
+        player.play(mode=mode, cause=Cause.SPASM if mode is Mode.FAULT else Cause.NONE, **AT_REST)
+        tab.until(f"document.querySelector('#modeword').textContent === {GERMAN_MODES[mode]!r}")
+        is_german(tab)
+    player.play(mode=Mode.FAULT, cause="of_a_later_version")
+    tab.until("document.querySelector('#cause').textContent.includes('of_a_later_version')")
+    player.play(**SCENES["hold"])
+    tab.word("holding")
+    for answer, told in (
+        (None, "Erledigt"),
+        ("hand_switch_open", "Handschalter"),
+        ("sto_active", "STO"),
+    ):
+        trainer.refusal = answer
+        tab.page.wait_for_timeout(620)
+        tab.page.click("#possible button")
+        tab.until(f"{ASKED}.includes('{told}')")
+        is_german(tab)
+    trainer.refusal, trainer.silent = None, True
+    tab.page.click("#possible button")
+    tab.until(f"{ASKED}.includes('nicht geantwortet')")
+    is_german(tab)
+    trainer.silent = False
+    tab.page.fill("#f-duration_max_s", "130")
+    is_german(tab)
+    tab.shot("therapist_german_answers")
+    tab.site.end()
+    tab.word("no_connection")
+    is_german(tab)
+    tab.site.start()
+    tab.until("document.body.dataset.page === 'login'")
+
+
+TOLD = "[data-text], #modeword, #cause, #then, #again, #first"
+EMPTY = f"""[...document.querySelectorAll('{TOLD}')].filter(
+    (one) => one.checkVisibility() && one.textContent.trim() === '').length"""
+
+
+def test_without_its_texts_the_page_has_codes_and_values_and_nothing_empty(
+    chromium, trainer, tmp_path, password_hash
+):
+    with bench.catalogues(tmp_path) as folder:
+        (folder / "operator.de.toml").write_text("[", encoding="utf-8")
+        with opened(chromium, trainer, tmp_path, password_hash, language="de") as (tab, player):
+            login(tab)
+            speak(tab, trainer)
+            player.play(**SCENES["walking"])
+            tab.word("moving")
+            assert tab.page.inner_text("#modeword") == "mode.other mode=gait"
+            tab.until("document.querySelector('#facts').textContent.includes('bus_load load=31')")
+            assert "nmt_state_changed nmt_state=pre_operational" in tab.page.text_content("#events")
+            player.play(**SCENES["stopped"])
+            tab.word("stopped")
+            assert tab.page.inner_text("#cause") == "spasm cause=spasm"
+            assert tab.page.inner_text("#first") == "first.held"
+            assert tab.page.evaluate(EMPTY) == 0
+            assert tab.page.locator("#stop span").inner_text() == "STOPP"
+            tab.shot("therapist_without_its_texts")
 
 
 def possible(tab):
@@ -381,13 +495,12 @@ def test_what_is_possible_is_a_button_and_the_rest_says_why_not(desk, trainer):
     assert possible(tab) == ["Move by hand", "Self-test", "Switch off"]
     tab.page.wait_for_timeout(700)
     assert trainer.requests == [("enable",)]
-    trainer.refusal = "the hand switch is open"
+    trainer.refusal = "hand_switch_open"
     tab.page.click("#possible button")
-    tab.until(f"{ASKED} === 'The trainer has refused. The hand switch is not held.'")
-    trainer.refusal = "a reason of a later version"
+    tab.until(f"{ASKED} === 'The machine has refused: the hand switch is not held'")
+    trainer.refusal = "of_a_later_version"
     tab.page.click("#possible button")
-    tab.until(f"{ASKED}.endsWith('refused: a reason of a later version')")
-    assert tab.page.locator("#answer [lang=en]").inner_text() == trainer.refusal
+    tab.until(f"{ASKED} === 'The machine has refused: of_a_later_version'")
     trainer.refusal = None
 
     player.fall_silent()
@@ -406,7 +519,7 @@ def test_a_plan_is_released_by_what_the_therapist_has_filled_in_alone(desk, trai
     player.play(**SCENES["hold"])
     tab.word("holding")
     tab.until("document.querySelector('#planstate').textContent === 'Released'")
-    tab.until("document.querySelector('#f-slide_assist_max_n').placeholder === '0–150'")
+    tab.until("document.querySelector('#f-slide_assist_max').placeholder === '0–150'")
     fields = tab.page.locator("#plan input[inputmode]")
     assert [one.input_value() for one in fields.all()] == [""] * 5
     now = "document.querySelectorAll('#plan b')"
@@ -427,9 +540,9 @@ def test_a_plan_is_released_by_what_the_therapist_has_filled_in_alone(desk, trai
     assert tab.page.evaluate(WHY_NOT) == "Dauer eines Teils: erlaubt ist 0,01 bis 120"
     tab.page.fill("#f-duration_max_s", "15")
     assert tab.page.evaluate(WHY_NOT) == ("Erst ausfüllen: Hilfe an der Hüfte, Hilfe am Schlitten")
-    tab.page.fill("#f-hip_assist_max_nm", "12,5")
+    tab.page.fill("#f-hip_assist_max", "12,5")
     assert tab.page.evaluate(f"{RELEASE}.disabled")
-    tab.page.check("#t-slide_assist_max_n")
+    tab.page.check("#t-slide_assist_max")
     assert not tab.page.evaluate(f"{RELEASE}.disabled")
     assert tab.page.evaluate(WHY_NOT) == ""
     tab.shot("therapist_plan_filled")
@@ -439,17 +552,16 @@ def test_a_plan_is_released_by_what_the_therapist_has_filled_in_alone(desk, trai
         cadence_max_hz=0.35,
         amplitude_max_ratio=0.7,
         duration_max_s=900,
-        hip_assist_max_nm=12.5,
-        slide_assist_max_n=None,
+        hip=AxisPlan(assist_max=12.5),
     )
     assert [one.input_value() for one in fields.all()] == [""] * 5
-    assert not tab.page.is_checked("#t-slide_assist_max_n")
+    assert not tab.page.is_checked("#t-slide_assist_max")
 
     said = tab.page.locator("#profilesaid").inner_text()
     assert "0,5 Doppelschritte/s, Schritt 60 %, 12 min, Hilfe 10" in said
     tab.page.click("#releaseprofile")
     tab.until("document.querySelectorAll('#plan b')[2].textContent === '12'")
-    assert (trainer.plan.duration_max_s, trainer.plan.hip_assist_max_nm) == (720, 10)
+    assert (trainer.plan.duration_max_s, trainer.plan.hip.assist_max) == (720, 10)
     tab.page.click("#withdraw")
     tab.until("document.querySelector('#planstate').textContent === 'Nicht freigegeben'")
     assert trainer.plan is None
@@ -467,9 +579,9 @@ def test_progress_has_a_row_for_each_session_and_says_why_one_was_interrupted(de
     assert rows.nth(6).inner_text().split("\t")[2:] == ["0 / 0", "–", "0", "page ended"]
     assert tab.page.locator("#sessions .unknown").count() == 1
     why = tab.page.locator("#sessions .why").all_inner_texts()
-    assert WHY[Why.LATE_HERE].en in why[0]
-    assert "The hand switch is not held." in why[1]
-    assert "The machine has stopped." in why[2]
+    assert "was too slow. The machine went on." in why[0]
+    assert "The hand switch was let go" in why[1]
+    assert "The patient's leg became stiff" in why[2]
     # Two runs of the curve: the session without a share is a gap.
     assert tab.page.locator("#chart .shares").count() == 2
     assert tab.page.locator("#chart .dot").count() == 8
@@ -538,7 +650,7 @@ def test_the_memory_of_the_therapist_s_page_is_flat_over_ten_minutes_of_frames(d
     login(tab)
     tab.page.add_init_script(TIME_GOES_ON)
     trainer.send(
-        "events", bench.filled(Event, id="1", text="an event", kind="note", priority="info")
+        "events", bench.filled(Event, id="1", code="core_back", kind="note", priority="info")
     )
     scenes = [
         lambda name=name: player.play(**SCENES[name]) for name in ("stopped", "walking", "hold")

@@ -145,13 +145,13 @@ def inject(line: str) -> str:
 
 def still(record: CycleRecord) -> bool:
     return all(
-        abs(one.velocity_si or 0.0) < speed for one, speed in zip(record.drives, STILL, strict=True)
+        abs(one.velocity or 0.0) < speed for one, speed in zip(record.drives, STILL, strict=True)
     )
 
 
 def walks(record: CycleRecord) -> bool:
     fast = any(
-        abs(one.velocity_si or 0.0) > speed for one, speed in zip(record.drives, FAST, strict=True)
+        abs(one.velocity or 0.0) > speed for one, speed in zip(record.drives, FAST, strict=True)
     )
     return record.mode == Mode.GAIT and fast
 
@@ -245,7 +245,7 @@ def silent_drive() -> Seen:
     begun_s, first, places = time.monotonic(), newest(), []
     while time.monotonic() < begun_s + SILENT_S:
         slide = newest().drives[1]
-        places += [slide.position_si] if slide.fresh else []
+        places += [slide.position] if slide.fresh else []
         time.sleep(1)
     last = newest()
     safety = ask("status")["safety"]

@@ -40,13 +40,13 @@ def test_the_tutorials_law_walks_a_gait_and_logs_and_publishes_its_strides(long_
     assert [line.number for line in lines] == list(range(lines[0].number, lines[-1].number + 1))
     assert len(lines) >= 2
     assert all(line.learned for line in lines)
-    assert lines[-1].state["stiffness_ratio"] < lines[0].state["stiffness_ratio"]
+    assert lines[-1].values["stiffness_ratio"] < lines[0].values["stiffness_ratio"]
     assert (ended.mode, ended.lease_holder) == ("hold", None)
     states = [one for one in published if isinstance(one, ControllerState)]
     # The one of the last half second is logged alone: the lease has ended.
     assert len(states) >= len(lines) - 1 >= 1
     for state, line in zip(states, lines, strict=False):
         assert (state.client, state.for_cycle) == ("gaitd-assist", line.cycle)
-        assert state.values["stiffness_ratio"] == line.state["stiffness_ratio"]
-        assert state.values["assist_hip_nm"] == tuple(line.state["assist_hip_nm"])
-        assert state.values["damping_ratio"] == line.state["damping_ratio"]
+        assert state.values["stiffness_ratio"] == line.values["stiffness_ratio"]
+        assert state.values["damping_ratio"] == line.values["damping_ratio"]
+        assert state.hip["assist"] == tuple(line.hip["assist"])

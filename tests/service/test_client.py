@@ -40,7 +40,7 @@ def example(name):
 
 def assist_nm(service):
     newest = service.newest()
-    return newest.assist.legs[0].assist[0] if newest.mode == record.Mode.TORQUE else 0.0
+    return newest.legs[0].hip.assist if newest.mode == record.Mode.TORQUE else 0.0
 
 
 @pytest.fixture

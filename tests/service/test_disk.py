@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from fault_observations import Watch
 from gaitd_client import Event, Health
+from gaitd_client.wire.names import EventCode
 from long_service import TIMEOUT_S, LongService
 from processes import Service
 from small_disk import fill
@@ -190,16 +191,16 @@ def test_disks_that_fill_up_while_it_walks_change_nothing_but_one_event_and_the_
             items = []
             trainer.events().call(items.append)
 
-            def told(what):
+            def told(code):
                 return [
-                    item.text for item in items if isinstance(item, Event) and what in item.text
+                    item.said for item in items if isinstance(item, Event) and item.code == code
                 ]
 
-            service.wait(lambda: told("cannot be written"), TIMEOUT_S)
+            service.wait(lambda: told(EventCode.FILE_NOT_WRITTEN), TIMEOUT_S)
             (folder / "state" / "rubbish").unlink()
             service.bring(Mode.HOLD).stop()
-            service.wait(lambda: told("can be written again"), TIMEOUT_S)
-            failed = told("cannot be written")
+            service.wait(lambda: told(EventCode.FILE_WRITTEN_AGAIN), TIMEOUT_S)
+            failed = told(EventCode.FILE_NOT_WRITTEN)
             health = next(item for item in trainer.health() if isinstance(item, Health))
         service.parts["core"].terminate()
         code = service.parts["core"].wait(TIMEOUT_S)
@@ -208,7 +209,7 @@ def test_disks_that_fill_up_while_it_walks_change_nothing_but_one_event_and_the_
         service.end()
 
     assert free == [0, 0]
-    assert all("No space left on device" in text for text in failed)
+    assert all("No space left on device" in said for said in failed)
     assert len(failed) == len(set(failed))
     assert health.not_kept_count > 0
     assert {record.mode for record in records} == {Mode.GAIT}

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import pytest
 from long_service import LongService
+from records import both
 
 from daemon.ipc.record import Cause, Mode
 from daemon.wire.refusals import SetpointRefusal
@@ -26,7 +27,7 @@ config = zenoh.Config()
 config.insert_json5("mode", '"client"')
 config.insert_json5("connect/endpoints", json.dumps([sys.argv[1]]))
 config.insert_json5("scouting/multicast/enabled", "false")
-good = {"lease": 4711, "for_cycle": 1, "hip_assist_nm": 20.0, "slide_assist_n": 150.0}
+good = {"lease": 4711, "for_cycle": 1, "hip": {"assist": 20.0}, "slide": {"assist": 150.0}}
 with zenoh.open(config) as session:
     publisher = session.declare_publisher("gaitd/trainer/right/setpoint")
     print("begun", flush=True)
@@ -67,7 +68,7 @@ class Bench:
 
     def assist_nm(self) -> float:
         record = self.service.newest()
-        return record.assist.legs[0].assist[0] if record.mode == Mode.TORQUE else 0.0
+        return record.legs[0].hip.assist if record.mode == Mode.TORQUE else 0.0
 
     def status(self) -> dict:
         return json.loads(self.service.ask("status", "--json").stdout)
@@ -121,12 +122,12 @@ def test_a_controller_that_is_killed_leaves_a_leg_that_is_braked_and_held(bench)
     record = bench.service.newest()
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
     assert held.assist.lapse_reason
-    assert record.assist.legs[0].assist == (0.0, 0.0)
-    assert all(abs(drive.velocity_si) < 0.05 for drive in record.drives)
+    assert both(record.legs[0], "assist") == (0.0, 0.0)
+    assert all(abs(drive.velocity) < 0.05 for drive in record.drives)
     new = [event for event in bench.status()["events"] if event["id"] not in known]
-    (lapse,) = [event for event in new if "lapsed: " in event["text"]]
+    (lapse,) = [event for event in new if event["code"] == "assist_lapsed"]
     assert lapse["priority"] == "medium"
-    assert "example controller" in lapse["text"]
+    assert lapse["values"]["client"] == "example controller"
 
 
 def test_a_stop_is_for_everybody_while_a_controller_steers(bench):
@@ -177,6 +178,6 @@ def test_a_flood_of_setpoints_disturbs_neither_core_nor_gateway_nor_who_steers(t
     # None of it came as far as the core.
     counts = bench.service.newest().assist.refused_count
     assert counts[SetpointRefusal.WRONG_LEASE] == 0
-    texts = [event["text"] for event in bench.status()["events"]]
-    assert any("setpoint refused, flood" in text for text in texts)
-    assert sum("setpoint refused" in text for text in texts) <= 10
+    told = [event for event in bench.status()["events"] if event["code"] == "setpoint_refused"]
+    assert "flood" in [event["values"]["setpoint_refusal"] for event in told]
+    assert len(told) <= 10

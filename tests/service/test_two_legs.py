@@ -29,7 +29,7 @@ def test_both_legs_walk_half_a_stride_apart_and_a_fault_of_one_stops_both(both_l
     assert {record.mode for record in records} == {Mode.GAIT}
     assert [drive.name for drive in records[-1].drives] == DRIVES
     assert [leg.name for leg in records[-1].legs] == list(LEGS)
-    hips = [(record.drives[0].position_si, record.drives[2].position_si) for record in records]
+    hips = [(record.drives[0].position, record.drives[2].position) for record in records]
     right, left = zip(*hips, strict=True)
     assert max(right) - min(right) > 0.4
     assert max(left) - min(left) > 0.4
@@ -40,4 +40,4 @@ def test_both_legs_walk_half_a_stride_apart_and_a_fault_of_one_stops_both(both_l
     record = service.until(lambda one: one.mode == Mode.FAULT, TIMEOUT_S)
     service.inject("clear emcy left/slide")
     assert record.verdict.drive == "left/slide"
-    assert all(abs(drive.velocity_si or 0.0) < 0.05 for drive in record.drives)
+    assert all(abs(drive.velocity or 0.0) < 0.05 for drive in record.drives)

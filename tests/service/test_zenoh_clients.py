@@ -279,7 +279,7 @@ def test_a_client_killed_while_its_request_is_answered_leaves_the_request_and_th
 ):
     service = long_service.bring(Mode.READY)
     pid = service.parts["gateway"].pid
-    service.wait(lambda: all(not drive.velocity_si for drive in service.newest().drives), 20)
+    service.wait(lambda: all(not drive.velocity for drive in service.newest().drives), 20)
     with plain_client(service, ASKS_AND_WAITS, "enable", "{}") as client:
         service.until(lambda record: record.mode == Mode.HOLD, TIMEOUT_S)
         client.kill()

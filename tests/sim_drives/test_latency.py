@@ -43,7 +43,7 @@ class Listening:
 
     def estimates(self):
         """As text: what is not known yet is nan, which equals nothing."""
-        return [repr(record.legs[0].state) for record in self.session.records if record.legs]
+        return [repr(record.legs[0].axes) for record in self.session.records if record.legs]
 
 
 @pytest.fixture(scope="module")

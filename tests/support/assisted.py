@@ -81,9 +81,14 @@ class Fixed(Answers):
 
 def of_leg(record: CycleRecord, index: int) -> CycleRecord:
     """The record as if the trainer had this leg alone."""
-    assist = msgspec.structs.replace(record.assist, legs=(record.assist.legs[index],))
     drives = record.drives[2 * index : 2 * index + 2]
-    return msgspec.structs.replace(record, legs=(record.legs[index],), drives=drives, assist=assist)
+    return msgspec.structs.replace(record, legs=(record.legs[index],), drives=drives)
+
+
+def assist_of(record: CycleRecord, index: int = 0) -> tuple[float, float]:
+    """Assist in force on a leg: N·m, N."""
+    leg = record.legs[index]
+    return leg.hip.assist, leg.slide.assist
 
 
 class EachLeg(Controller):
@@ -112,14 +117,14 @@ class Walk(NamedTuple):
         """Reference minus pose after the first `begin` strides, rows of rad and m."""
         return np.array(
             [
-                np.subtract(one.legs[0].reference, one.legs[0].measured)
+                [axis.reference_position - axis.measured_position for axis in one.legs[0].axes]
                 for one in self.records(begin)
             ]
         )
 
     def assist(self, begin: int = 0) -> np.ndarray:
         """Assist in force after the first `begin` strides, rows of N·m and N."""
-        return np.array([one.assist.legs[0].assist for one in self.records(begin)])
+        return np.array([assist_of(one) for one in self.records(begin)])
 
     def assist_of_strides(self) -> list[np.ndarray]:
         """Assist in force in each stride, rows of N·m and N."""
@@ -127,7 +132,7 @@ class Walk(NamedTuple):
         strides = [[] for _ in ends]
         for one in self.records():
             if one.cycle <= ends[-1]:
-                strides[bisect_left(ends, one.cycle)].append(one.assist.legs[0].assist)
+                strides[bisect_left(ends, one.cycle)].append(assist_of(one))
         return [np.array(assist) for assist in strides]
 
     def peaks(self) -> np.ndarray:
@@ -140,9 +145,11 @@ class Walk(NamedTuple):
         Source: the guidance as in `daemon/core/steps/impedance.py`, of the reference in the record.
         """
         records = self.records(begin)
-        references = np.array([one.legs[0].reference for one in records])
-        speeds = np.array([[drive.velocity_si for drive in one.drives] for one in records])
-        ratios = np.array([[one.assist.legs[0].stiffness_ratio] for one in records])
+        references = np.array(
+            [[axis.reference_position for axis in one.legs[0].axes] for one in records]
+        )
+        speeds = np.array([[drive.velocity for drive in one.drives] for one in records])
+        ratios = np.array([[one.legs[0].stiffness_ratio] for one in records])
         gains = self.session.settings.trainer.gait.impedance
         springs = gains.hip.stiffness_nm_per_rad, gains.slide.stiffness_n_per_m
         dampers = gains.hip.damping_nm_s_per_rad, gains.slide.damping_n_s_per_m

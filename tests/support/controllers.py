@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from daemon.ipc.record import CycleRecord, Mode, Setpoint
+from daemon.ipc.record import AxisSetpoint, CycleRecord, Mode, Setpoint
 from gaitd_lab.lockstep_gateway import Gateway
 
 NEUTRAL = (0.0, 0.0, 1.0)
@@ -31,7 +31,8 @@ class Controller:
         """For one leg."""
         active = record.mode in {Mode.TORQUE, Mode.GAIT}
         hip_nm, slide_n, stiffness_ratio = self.law(record) if active else NEUTRAL
-        return Setpoint(self.lease, self.seq, record.cycle, hip_nm, slide_n, leg, stiffness_ratio)
+        wanted = AxisSetpoint(hip_nm), AxisSetpoint(slide_n)
+        return Setpoint(self.lease, self.seq, record.cycle, *wanted, leg, stiffness_ratio)
 
 
 def constant(hip_nm: float = 0.0, slide_n: float = 0.0, stiffness_ratio: float = 1.0) -> Law:
@@ -43,7 +44,7 @@ def towards(hip_rad: float, stiffness_nm_per_rad: float = 60.0, limit_nm: float 
     """A spring of the controller's own that draws the right hip to an angle."""
 
     def law(record: CycleRecord) -> tuple[float, float, float]:
-        at_rad, speed = record.drives[0].position_si or 0.0, record.drives[0].velocity_si or 0.0
+        at_rad, speed = record.drives[0].position or 0.0, record.drives[0].velocity or 0.0
         wanted_nm = stiffness_nm_per_rad * (hip_rad - at_rad) - 8.0 * speed
         return min(max(wanted_nm, -limit_nm), limit_nm), 0.0, 1.0
 

@@ -27,7 +27,7 @@ from daemon.ipc.ring_clip import FOLDER, SUFFIX
 from daemon.ipc.transport import RingError
 from daemon.keys.folder import CLIENTS, ISSUED, read_keys
 from daemon.keys.issuing import init, issue
-from daemon.wire.report_texts import detail_text
+from daemon.wire.report_fields import verdict_line
 from drives.signals import PowerState
 
 DISK = Path("/run/disk")
@@ -108,7 +108,7 @@ def asked(service: Inside, name: str, wanted: str = "done", **payload: object) -
 
     def answered() -> bool:
         answer = service.request(name, **payload)
-        said(asked=name, outcome=answer["outcome"], reason=answer["reason"])
+        said(asked=name, outcome=answer["outcome"], refusal=answer["refusal"])
         return answer["outcome"] == wanted
 
     service.wait(answered)
@@ -124,13 +124,13 @@ def found(service: Inside) -> CycleRecord:
     said(
         found=begun.mode.name,
         cause=begun.verdict.cause.name,
-        detail=detail_text(begun.verdict),
+        verdict=verdict_line(begun.verdict),
         modes=sorted({record.mode.name for record in records}),
         powers=sorted({PowerState(d.power_state).name for r in records for d in r.drives}),
         path_si=[
             max(positions) - min(positions)
             for positions in zip(
-                *(tuple(d.position_si or 0.0 for d in r.drives) for r in records), strict=True
+                *(tuple(d.position or 0.0 for d in r.drives) for r in records), strict=True
             )
         ],
         core=service.log("core"),

@@ -1,8 +1,11 @@
 """A trainer of messages alone for the display: real streams of the client, at a manual clock."""
 
+import contextlib
 import copy
 import itertools
 import json
+import shutil
+import sys
 import tomllib
 from functools import cache
 from pathlib import Path
@@ -24,7 +27,8 @@ from gaitd_client import (
     wire,
 )
 from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream, Watch
-from gaitd_client.wire.messages import Configuration, Judgement, Status
+from gaitd_client.texts import catalogue
+from gaitd_client.wire.messages import Configuration, Judgement, Refusal, Status
 from msgspec import inspect
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -39,7 +43,6 @@ PAGE = {
     "help": {"en": "Telephone: press 1.", "de": "Telefon: Taste 1."},
     "unstrap": {"en": "Open the foot strap first.", "de": "Zuerst den Fußgurt öffnen."},
 }
-ESTIMATED = set(wire.Estimate.__struct_fields__)
 OFF = "switch_on_disabled"
 UNPOWERED = {Mode.OFF, Mode.BRINGING_UP, Mode.READY}
 BEGAN_NS = 1_800_000_000_000_000_000
@@ -81,14 +84,16 @@ def _empty_fields(kind):
 
 
 def filled(kind, /, **given):
-    """A message with these fields; all others are as empty as their types allow."""
-    return msgspec.convert({**_empty_fields(kind), **given}, kind)
+    """A message with these fields; all others, in its axes too, are as empty as types allow."""
+    empty = _empty_fields(kind)
+    for name, one in given.items():
+        if isinstance(one, dict) and isinstance(empty.get(name), dict):
+            given[name] = empty[name] | one
+    return msgspec.convert(empty | given, kind)
 
 
 def verdict(cause, category="S1"):
-    return filled(
-        Judgement, cause=cause, category=category, text="the text", remedy="first: the remedy"
-    )
+    return filled(Judgement, cause=cause, category=category, finding="none")
 
 
 class Page:
@@ -111,6 +116,21 @@ class Page:
         raise AssertionError(f"it did not come: {now}")
 
 
+@contextlib.contextmanager
+def catalogues(folder: Path):
+    """Copies of the catalogues, which a test may break; yields their folder."""
+    module = sys.modules["gaitd_client.texts.catalogue"]  # the package has a function of its name
+    original, copied = module.FOLDER, folder / "texts"
+    shutil.copytree(original, copied)
+    try:
+        module.FOLDER = copied
+        catalogue.cache_clear()
+        yield copied
+    finally:
+        module.FOLDER = original
+        catalogue.cache_clear()
+
+
 def session_table(folder: Path, profile, *, legs=("right",), **given):
     """Settings of a patient's server with a session."""
     table = patient_table(folder, legs=legs, target=False, **given)
@@ -131,6 +151,8 @@ class MessageTrainer:
     def __init__(self, legs=("right",)):
         self.legs, self.clock, self.requests = legs, Clock(), []
         self.refusal = self.silent = None
+        self.refused = {}
+        """Values of the refusal."""
         self.pulse = Watch(self.clock)
         self.streams = {}
         self.cycle, self.plan = 0, None
@@ -207,23 +229,22 @@ class MessageTrainer:
             head["sample_time_ns"] = BEGAN_NS + self.clock.ns
             powered = OFF if mode in UNPOWERED else "operation_enabled"
             for leg in self.legs:
-                given = {"leg": leg, "patient_power_w": power_w, "gait_phase_ratio": phase}
-                given |= {"hip_validity": validity, "slide_validity": validity}
+                of_leg = {**head, "leg": leg, "gait_phase_ratio": phase}
+                hip = {"validity": validity, "net": -1.5, "net_std": 0.3}
+                slide = {"validity": validity, "net": 12.0, "net_std": 3.0}
                 if validity == "ok" and power_w is not None:
-                    given |= {"hip_patient_nm": 2 * power_w, "hip_patient_nm_std": 0.4}
-                    given |= {"slide_patient_n": 16 * power_w, "slide_patient_n_std": 5.0}
-                given |= {"hip_net_nm": -1.5, "hip_net_nm_std": 0.3}
-                given |= {"slide_net_n": 12.0, "slide_net_n_std": 3.0}
-                self.send(f"{leg}/activity", filled(Activity, **head, **given))
-                posed = {"hip_angle_rad": pose[0], "slide_position_m": pose[1]}
-                shared = {name: given[name] for name in given if name in ESTIMATED}
+                    hip |= {"patient": 2 * power_w, "patient_std": 0.4}
+                    slide |= {"patient": 16 * power_w, "patient_std": 5.0}
+                activity = {"patient_power_w": power_w, "hip": hip, "slide": slide}
+                self.send(f"{leg}/activity", filled(Activity, **of_leg, **activity))
+                hip, slide = hip | {"position": pose[0]}, slide | {"position": pose[1]}
                 if validity == "ok" and power_w is not None:
-                    shared |= {"hip_friction_nm": 3.0, "hip_friction_nm_std": 0.2}
-                    shared |= {"slide_friction_n": -40.0, "slide_friction_n_std": 5.0}
-                self.send(f"{leg}/estimate", filled(wire.Estimate, **head, **shared, **posed))
+                    hip |= {"friction": 3.0, "friction_std": 0.2}
+                    slide |= {"friction": -40.0, "friction_std": 5.0}
+                self.send(f"{leg}/estimate", filled(wire.Estimate, **of_leg, hip=hip, slide=slide))
                 for axis, position in zip(("hip", "slide"), pose, strict=True):
-                    drive = {"name": f"{leg}/{axis}", "position_si": position, "fresh": fresh}
-                    drive |= {"hand_switch_closed": switch, "effort_si": 5.5}
+                    drive = {"name": f"{leg}/{axis}", "position": position, "fresh": fresh}
+                    drive |= {"hand_switch_closed": switch, "effort": 5.5}
                     drive |= {"referenced": True, "temperature_degc": 41.0}
                     drive |= {"power_state": power or powered, "sto_released": not sto}
                     head_of_drive = {"core_boot_id": "boot", "cycle": self.cycle}
@@ -237,7 +258,6 @@ class MessageTrainer:
                     **head,
                     active=active,
                     stage=stage,
-                    progress="",
                     verdict=verdict(str(cause), "none" if cause == Cause.NONE else "S1"),
                 ),
             )
@@ -260,7 +280,8 @@ class MessageTrainer:
             raise NoAnswerError("no answer")
         self.requests.append((name, *given))
         outcome = "refused" if self.refusal else "done"
-        reply = filled(Reply, request=name, outcome=outcome, reason=self.refusal or "")
+        refusal = self.refusal and filled(Refusal, code=self.refusal, values=self.refused)
+        reply = filled(Reply, request=name, outcome=outcome, refusal=refusal)
         if self.refusal:
             raise RequestRefusedError(reply)
         return reply

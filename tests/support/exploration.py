@@ -23,7 +23,6 @@ from sessions import CONFIGS
 
 from daemon.core import cycle, inputs
 from daemon.core.exercises.single_axis import HomingRules
-from daemon.core.exercises.single_axis import Step as RunStep
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import build
 from daemon.core.safety import checks
@@ -49,7 +48,7 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
-from daemon.ipc.report import EventCode
+from daemon.ipc.report import AxisStep, EventCode
 from daemon.preflight.load import load
 from drives.cia402.power_state import STATUS_HOMING_ATTAINED, STATUS_TARGET_REACHED
 from drives.signals import DriveFeedback, OperationMode, PowerRequest, PowerState
@@ -551,9 +550,9 @@ class Model:
                 axis.stop = axis.stop._replace(since_cycle=NOW - LONG)
         if run is not None:
             core.single_axis = replace(run, requested_cycle=NOW - LONG)
-            if run.step in {RunStep.FORTH, RunStep.BACK}:
+            if run.step in {AxisStep.FORTH, AxisStep.BACK}:
                 core.single_axis = replace(core.single_axis, cycles=LONG * LONG)
-            elif run.step in {RunStep.RESTING, RunStep.ENDING}:
+            elif run.step in {AxisStep.RESTING, AxisStep.ENDING}:
                 core.single_axis = replace(core.single_axis, rest_cycles=LONG)
 
     def _between(self, events: tuple[Event, ...], *, driving: bool) -> dict[int, PowerState]:

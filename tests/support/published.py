@@ -2,6 +2,7 @@
 
 import msgspec
 from gaitd_client import wire
+from gaitd_client.wire.fields import JOINTS
 from gaitd_record import Received
 
 from daemon.gateway.playback import publish_at_once
@@ -44,6 +45,7 @@ class Published:
             period_ns=header.period_ns,
             drive_names=header.drive_names,
             leg_names=header.leg_names,
+            joints=JOINTS,
             config_hashes=header.config_hashes,
             robot=header.robot,
             limits=header.limits,

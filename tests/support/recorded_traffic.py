@@ -1,8 +1,8 @@
 """Records one message of each key and one answer of each kind, as any client receives them.
 
-`python tests/support/recorded_traffic.py FILE` made tests/traces/traffic_v2.jsonl.gz, with a
-virtual trainer in simulated time. That file is never made anew: it shows what a service of version
-2 sends.
+`python tests/support/recorded_traffic.py FILE` made tests/traces/traffic_v1.jsonl.gz, with a
+virtual trainer in simulated time. That file is never made anew: it shows what a service of wire
+v1 sends.
 """
 
 import gzip

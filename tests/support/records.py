@@ -5,7 +5,15 @@ from collections.abc import Iterable
 import msgspec
 
 from daemon.ipc.cycle_timing import CycleTiming
-from daemon.ipc.record import CycleRecord, DriveRecord, LegRecord, Mode, RequestResult, Verdict
+from daemon.ipc.record import (
+    AxisRecord,
+    CycleRecord,
+    DriveRecord,
+    LegRecord,
+    Mode,
+    RequestResult,
+    Verdict,
+)
 from daemon.ipc.ring_clip import ClipWriter
 from daemon.ipc.transport import SLOT_COUNT, SLOT_SIZE, RingHeader
 
@@ -35,10 +43,10 @@ def drive(name: str) -> DriveRecord:
         sample_age_cycles=0,
         late_count=0,
         heartbeat_age_ms=5.0,
-        position_si=0.2,
-        velocity_si=0.1,
-        effort_si=3.0,
-        target_effort_si=3.0,
+        position=0.2,
+        velocity=0.1,
+        effort=3.0,
+        target_effort=3.0,
         referenced=True,
         hand_switch_closed=True,
         sto_released=True,
@@ -52,21 +60,52 @@ def drive(name: str) -> DriveRecord:
 
 def leg(name: str) -> LegRecord:
     """A leg whose estimate is valid."""
-    return LegRecord(
-        name=name,
-        state=(0.2, 0.5, 0.1, 0.2, 6.0, 65.0, 4.0, 20.0),
-        std=(1e-4, 1e-4, 1e-2, 1e-2, 0.5, 5.0, 0.5, 5.0),
-        covariance=(0.01,) * 36,
-        innovation=(1e-5, 2e-5),
-        nis=2.0,
-        net=(-2.0, -45.0),
-        net_std=(0.2, 2.0),
-        validity=(0, 0),
-        status=1,
-        measured=(0.2, 0.5),
-        effort_used=(3.0, 30.0),
-        reference=(0.2, 0.5),
+    hip = AxisRecord(
+        measured_position=0.2,
+        effort=3.0,
+        reference_position=0.2,
+        validity=0,
+        position=0.2,
+        position_std=1e-4,
+        velocity=0.1,
+        velocity_std=1e-2,
+        friction=6.0,
+        friction_std=0.5,
+        patient=4.0,
+        patient_std=0.5,
+        net=-2.0,
+        net_std=0.2,
+        innovation=1e-5,
     )
+    slide = AxisRecord(
+        measured_position=0.5,
+        effort=30.0,
+        reference_position=0.5,
+        validity=0,
+        position=0.5,
+        position_std=1e-4,
+        velocity=0.2,
+        velocity_std=1e-2,
+        friction=65.0,
+        friction_std=5.0,
+        patient=20.0,
+        patient_std=5.0,
+        net=-45.0,
+        net_std=2.0,
+        innovation=2e-5,
+    )
+    return LegRecord(name=name, hip=hip, slide=slide, status=1, covariance=(0.01,) * 36, nis=2.0)
+
+
+def both(of_leg: LegRecord, field: str) -> tuple[float, float]:
+    """A field of hip and slide."""
+    return getattr(of_leg.hip, field), getattr(of_leg.slide, field)
+
+
+def states_of(leg: LegRecord, end: str = "") -> list[float]:
+    """The estimate in the order of the observer's states; `_std`: their standard deviations."""
+    names = ("position", "velocity", "friction", "patient")
+    return [value for name in names for value in both(leg, name + end)]
 
 
 def record(seq: int) -> CycleRecord:
@@ -81,7 +120,7 @@ def record(seq: int) -> CycleRecord:
         verdict=Verdict(),
         events=(),
         request=RequestResult(),
-        progress="",
+        progress=None,
         gateway_age_cycles=1,
         stop_count=0,
         gait_phase=0.5,

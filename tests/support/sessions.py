@@ -61,7 +61,7 @@ def scores(session: LockstepSession, duration_s: float) -> dict[str, Score]:
     found: dict[str, Score] = {}
     for axis, name in enumerate(AXES):
         estimate = np.array(
-            [leg.state[6 + axis] if leg.validity[axis] == 0 else np.nan for leg, _ in pairs]
+            [leg.axes[axis].patient if leg.axes[axis].validity == 0 else np.nan for leg, _ in pairs]
         )
         column = "hip_patient_nm" if axis == 0 else "slide_patient_n"
         found[name] = score(estimate, np.array([getattr(row, column) for _, row in pairs]))

@@ -221,7 +221,7 @@ class Flood:
     """A client without a lease that sends setpoints as fast as it can, in a thread."""
 
     PAYLOAD = json.dumps(
-        {"lease": 1, "seq": 1, "for_cycle": 1, "hip_assist_nm": 20.0, "slide_assist_n": 150.0}
+        {"lease": 1, "seq": 1, "for_cycle": 1, "hip": {"assist": 20.0}, "slide": {"assist": 150.0}}
     )
     RATE_HZ = 5000
 

@@ -6,7 +6,7 @@ they may learn), `settings.py` (the file), `journal.py` (the log), `program.py` 
 own law is a file like `phase_help.py`, named in `leg.py`.
 """
 
-from gaitd_assist.law import Law, Sample
+from gaitd_assist.law import Law, Memory, Sample
 from gaitd_assist.leg import LegController, StrideLine
 from gaitd_assist.phase_help import PhaseHelp
 from gaitd_assist.settings import Settings, parse_settings, read_settings
@@ -16,6 +16,7 @@ __all__ = [
     "EnergyTank",
     "Law",
     "LegController",
+    "Memory",
     "PhaseHelp",
     "Sample",
     "Settings",

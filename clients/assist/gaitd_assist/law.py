@@ -2,6 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
+import msgspec
 from gaitd_client import Assist
 
 Pair = tuple[float, float]
@@ -31,6 +32,19 @@ class Sample(NamedTuple):
     """True: less assist is in force than was asked for, so an error teaches nothing about it."""
 
 
+Values = dict[str, float | list[float] | None]
+
+
+class Memory(msgspec.Struct, frozen=True, kw_only=True):
+    """What a law has learned, with names as in the message `controller`."""
+
+    values: Values = {}
+    """Values of the leg, by names that end in their unit."""
+    hip: Values = {}
+    """Values of the hip; its positions, velocities and efforts have no unit in their name."""
+    slide: Values = {}
+
+
 class Law(Protocol):
     """A law of one leg. Its memory is its own; `LegController` decides when it may learn."""
 
@@ -51,8 +65,8 @@ class Law(Protocol):
         """Learn from the stride that has ended."""
         ...
 
-    def state(self) -> dict[str, float | list[float]]:
-        """Return the memory for the log, by names that end in their unit."""
+    def state(self) -> Memory:
+        """Return the memory for log and displays."""
         ...
 
 

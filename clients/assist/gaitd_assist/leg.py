@@ -19,12 +19,12 @@ Rules:
 
 import math
 from collections import deque
+from collections.abc import Iterable
 from typing import Final
 
-import msgspec
 from gaitd_client import Assist, Estimate, Mode, Stage, Stride, Validity
 
-from gaitd_assist.law import Law, Pair, Sample
+from gaitd_assist.law import Law, Memory, Pair, Sample, Values
 from gaitd_assist.phase_help import HelpRules, PhaseHelp
 from gaitd_assist.transparency import Transparency, TransparencyRules
 
@@ -41,18 +41,10 @@ CUT_RATIO: Final = 0.1
 """Share of the cap by which less than the setpoints of `ANSWER_CYCLES` must be in force."""
 STRIDE_KNOWN_MIN_RATIO: Final = 0.5
 """Least share of a stride in which an axis was known; below, it has no error."""
-REPORTED: Final = (
-    "hip_error_rms_rad",
-    "slide_error_rms_m",
-    "share_ratio",
-    "assist_mean_nm",
-    "assist_mean_n",
-)
-"""Fields of a `StrideLine` that are published, besides its state."""
 
 
-class StrideLine(msgspec.Struct, frozen=True, kw_only=True):
-    """A line of the log: a stride, and the memory of the laws after it."""
+class StrideLine(Memory, frozen=True, kw_only=True):
+    """A line of the log: a stride with its errors, and the memory of all laws after it."""
 
     sample_time_ns: int
     core_boot_id: str
@@ -62,18 +54,6 @@ class StrideLine(msgspec.Struct, frozen=True, kw_only=True):
     """Number of the stride."""
     learned: bool
     """False: too little of it was known, so it has no errors."""
-    hip_error_rms_rad: float | None
-    slide_error_rms_m: float | None
-    share_ratio: float | None
-    """Share of the patient, as in the message of the stride."""
-    assist_mean_nm: float
-    """Mean size of the assist of the hip in this stride."""
-    assist_mean_n: float
-    state: dict[str, float | list[float]]
-
-    def reported(self) -> dict[str, float | list[float] | None]:
-        """Return the values of the line that are published, by name."""
-        return {name: getattr(self, name) for name in REPORTED} | self.state
 
 
 class LegController:
@@ -170,6 +150,11 @@ class LegController:
         ]
         assist = [total / self._stride_s if self._stride_s else 0.0 for total in self._assist]
         self._clear()
+        own: list[Values] = [
+            {"error_rms": error, "assist_mean": mean}
+            for error, mean in zip(errors, assist, strict=True)
+        ]
+        states = [law.state() for law in self.laws]
         return StrideLine(
             sample_time_ns=stride.sample_time_ns,
             core_boot_id=stride.core_boot_id,
@@ -177,12 +162,9 @@ class LegController:
             leg=stride.leg,
             number=stride.number,
             learned=errors != [None, None],
-            hip_error_rms_rad=errors[0],
-            slide_error_rms_m=errors[1],
-            share_ratio=stride.share_ratio,
-            assist_mean_nm=assist[0],
-            assist_mean_n=assist[1],
-            state={name: value for law in self.laws for name, value in law.state().items()},
+            values={"share_ratio": stride.share_ratio} | _merged(one.values for one in states),
+            hip=own[0] | _merged(one.hip for one in states),
+            slide=own[1] | _merged(one.slide for one in states),
         )
 
     def _cut(self, estimate: Estimate) -> tuple[bool, bool]:
@@ -191,7 +173,7 @@ class LegController:
             given is not None and min(map(abs, asked)) - abs(given) > CUT_RATIO * cap
             for asked, given, cap in zip(
                 zip(*self._asked, strict=True),
-                (estimate.assist_hip_nm, estimate.assist_slide_n),
+                (estimate.hip.assist, estimate.slide.assist),
                 self._cap,
                 strict=True,
             )
@@ -213,6 +195,10 @@ class LegController:
         self._known_s, self._squares, self._assist = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
 
 
+def _merged(parts: Iterable[Values]) -> Values:
+    return {name: value for part in parts for name, value in part.items()}
+
+
 def sample_of(estimate: Estimate, before: Estimate | None) -> Sample | None:
     """Return what the laws need of an estimate; None: pose, velocity or time step is not known.
 
@@ -220,12 +206,13 @@ def sample_of(estimate: Estimate, before: Estimate | None) -> Sample | None:
         estimate: the newest one.
         before: the one before it; None, a gap or a restart of the core: nothing is learned.
     """
-    at = _pair((estimate.hip_angle_rad, estimate.slide_position_m))
-    speed = _pair((estimate.hip_velocity_rad_per_s, estimate.slide_velocity_m_per_s))
+    hip, slide = estimate.hip, estimate.slide
+    at = _pair((hip.position, slide.position))
+    speed = _pair((hip.velocity, slide.velocity))
     if at is None or speed is None or estimate.dt_s is None or estimate.dt_s <= 0.0:
         return None
     dt_s, phase_ratio, aim = estimate.dt_s, estimate.gait_phase_ratio, _aim_of(estimate)
-    friction = estimate.hip_friction_nm, estimate.slide_friction_n
+    friction = hip.friction, slide.friction
     if estimate.mode != Mode.GAIT or phase_ratio is None or aim is None:
         zero, no = (0.0, 0.0), (False, False)
         return Sample(dt_s, None, None, zero, zero, speed, friction, no)
@@ -236,7 +223,7 @@ def sample_of(estimate: Estimate, before: Estimate | None) -> Sample | None:
         dt_s *= estimate.cycle - before.cycle
         cadence_hz = (phase_ratio - before.gait_phase_ratio) % 1.0 / dt_s
         rate = (aim[0] - last[0]) / dt_s - speed[0], (aim[1] - last[1]) / dt_s - speed[1]
-    is_known = estimate.hip_validity != Validity.BAD, estimate.slide_validity != Validity.BAD
+    is_known = hip.validity != Validity.BAD, slide.validity != Validity.BAD
     learns = (is_known[0] and last is not None, is_known[1] and last is not None)
     return Sample(dt_s, phase_ratio, cadence_hz, error, rate, speed, friction, learns)
 
@@ -248,7 +235,7 @@ def _follows(before: Estimate, estimate: Estimate, within_cycles: int) -> bool:
 
 
 def _aim_of(estimate: Estimate) -> Pair | None:
-    return _pair((estimate.reference_hip_angle_rad, estimate.reference_slide_position_m))
+    return _pair((estimate.hip.reference_position, estimate.slide.reference_position))
 
 
 def _pair(values: tuple[float | None, float | None]) -> Pair | None:

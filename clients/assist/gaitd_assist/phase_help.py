@@ -38,7 +38,7 @@ from typing import Final
 
 from gaitd_client import Assist
 
-from gaitd_assist.law import Pair, Sample
+from gaitd_assist.law import Memory, Pair, Sample
 
 BINS: Final = 16
 ASSISTED: Final = 1.25
@@ -130,15 +130,17 @@ class PhaseHelp:
     def end_stride(self) -> None:
         """See `Law`: nothing, this law learns after each bin."""
 
-    def state(self) -> dict[str, float | list[float]]:
+    def state(self) -> Memory:
         """See `Law`."""
         hip, slide = self.assist
-        return {
-            "stiffness_ratio": sum(self.stiffness) / BINS,
-            "stiffness_of_phase_ratio": list(self.stiffness),
-            "assist_hip_nm": list(hip),
-            "assist_slide_n": list(slide),
-        }
+        return Memory(
+            values={
+                "stiffness_ratio": sum(self.stiffness) / BINS,
+                "stiffness_of_phase_ratio": list(self.stiffness),
+            },
+            hip={"assist": list(hip)},
+            slide={"assist": list(slide)},
+        )
 
     def _pass(self, at: int, velocities: Pair, dt_s: float) -> None:
         """Keep the mean velocity of the reference in the newest pass through each bin."""

@@ -141,7 +141,7 @@ def _connect_and_run(file: Path) -> None:
 def _publish(line: StrideLine, lease: Lease) -> None:
     """Publish a stride's state for displays; the gait goes on if that fails."""
     try:
-        lease.report(line.leg, line.cycle, line.reported())
+        lease.report(line.leg, line.cycle, line.values, line.hip, line.slide)
     except ClientError as error:
         print(f"{CLIENT}: stride {line.number} is not published: {error}", file=sys.stderr)
 

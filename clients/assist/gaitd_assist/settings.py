@@ -19,7 +19,7 @@ from gaitd_assist.transparency import TransparencyRules
 
 Ratio = Annotated[float, Meta(ge=0, le=1)]
 CAPS: Final = (("hip", "max_nm", "assist_max_nm"), ("slide", "max_n", "assist_max_n"))
-"""Axis, its key of `[cap]`, its key of limits.toml; with `hip_` or `slide_`, key of the plan."""
+"""Axis, its key of `[cap]`, its key of limits.toml."""
 
 
 class _Strict(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -209,7 +209,7 @@ def check_caps(
         raise ConfigError(path, "legs", list(settings.legs), f"the trainer has {list(known)}")
     for axis, key, limit_key in CAPS:
         value = getattr(getattr(settings.cap, axis), key)
-        planned = None if plan is None else getattr(plan, f"{axis}_{limit_key}")
+        planned = None if plan is None else getattr(plan, axis).assist_max
         allowed = (
             (configuration.limits[axis][limit_key], "the service's limits"),
             (planned, "the released plan"),

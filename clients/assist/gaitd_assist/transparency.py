@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 from gaitd_client import Assist
 
-from gaitd_assist.law import Pair, Sample
+from gaitd_assist.law import Memory, Pair, Sample
 
 
 class EnergyTank:
@@ -89,10 +89,10 @@ class Transparency:
     def end_stride(self) -> None:
         """See `Law`: nothing, this law does not learn."""
 
-    def state(self) -> dict[str, float | list[float]]:
+    def state(self) -> Memory:
         """See `Law`."""
         hip, slide = self._tanks
-        return {"tank_hip_j": hip.energy_j, "tank_slide_j": slide.energy_j}
+        return Memory(hip={"tank_j": hip.energy_j}, slide={"tank_j": slide.energy_j})
 
     def _effort(self, axis: int, sample: Sample) -> float:
         rules, tank, velocity = self._rules, self._tanks[axis], sample.velocity[axis]

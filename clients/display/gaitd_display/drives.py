@@ -4,9 +4,8 @@ from collections.abc import Collection
 from typing import Final, NamedTuple
 
 from gaitd_client import DriveState, NotValid
+from gaitd_client.texts import Situation, stop_of
 from gaitd_session.session import WITHOUT_POWER
-
-from gaitd_display.cause_texts import Situation, patient_text
 
 HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
 """CiA 402 power states in which a drive can hold a leg."""
@@ -36,6 +35,6 @@ def together(messages: Collection[DriveState | NotValid]) -> Drives:
 
 def situation_of(cause: str, drives: Drives) -> Situation:
     """Return the state of the leg after a stop: it is held only where every drive can hold it."""
-    situation = patient_text(cause).situation
+    situation = stop_of(cause).situation
     is_loose = situation is Situation.HELD and not drives.are_holding
     return Situation.LOOSE if is_loose else situation

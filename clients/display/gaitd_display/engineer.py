@@ -28,6 +28,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from gaitd_display.engineer_view import (
+    ENGLISH,
     EngineerView,
     Memory,
     Row,
@@ -143,7 +144,7 @@ class EngineerServer:
         return EngineerView(
             time_ms=time_ms,
             mode=mode,
-            progress=safety.progress if safety else None,
+            progress=ENGLISH.progress(safety.progress) if safety else "",
             lease_holder=safety.lease_holder if safety else None,
             verdict=verdict,
             legs=tuple(leg_now(leg, rows[leg], streams.activities[leg].newest()) for leg in legs),

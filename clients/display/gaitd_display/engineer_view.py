@@ -9,9 +9,13 @@ from typing import Final, Self
 
 import msgspec
 from gaitd_client import Activity, Cause, DriveState, Estimate, Health, NotValid, Safety
+from gaitd_client.texts import Reader, catalogue
 
 from gaitd_display.geometry import Geometry
 from gaitd_display.truth import TrueEfforts
+
+ENGLISH: Final = catalogue(Reader.OPERATOR, "en")
+"""This page has one language."""
 
 CURVE_S: Final = 13.0
 """Time of the curves, which show 12 s."""
@@ -116,7 +120,7 @@ class EngineerView(msgspec.Struct, frozen=True):
     time_ms: float | None
     """UTC of the newest record; None: the trainer is silent."""
     mode: str | None
-    progress: str | None
+    progress: str
     lease_holder: str | None
     verdict: VerdictView | None
     legs: tuple[LegNow, ...]
@@ -140,21 +144,22 @@ class Past(msgspec.Struct, frozen=True):
 
 def row_of(estimate: Estimate, true: TrueEfforts | None) -> Row:
     """Return what the page shows of an estimate, and of the truth at the same SYNC."""
+    hip, slide = estimate.hip, estimate.slide
     return Row(
         time_ms=estimate.sample_time_ns / 1e6,
-        hip_angle_rad=estimate.hip_angle_rad,
-        slide_position_m=estimate.slide_position_m,
-        hip_validity=estimate.hip_validity,
-        hip_patient_nm=estimate.hip_patient_nm,
-        hip_patient_nm_std=estimate.hip_patient_nm_std,
-        hip_friction_nm=estimate.hip_friction_nm,
-        hip_net_nm=estimate.hip_net_nm,
+        hip_angle_rad=hip.position,
+        slide_position_m=slide.position,
+        hip_validity=hip.validity,
+        hip_patient_nm=hip.patient,
+        hip_patient_nm_std=hip.patient_std,
+        hip_friction_nm=hip.friction,
+        hip_net_nm=hip.net,
         hip_true_nm=true.hip_patient_nm if true else None,
-        slide_validity=estimate.slide_validity,
-        slide_patient_n=estimate.slide_patient_n,
-        slide_patient_n_std=estimate.slide_patient_n_std,
-        slide_friction_n=estimate.slide_friction_n,
-        slide_net_n=estimate.slide_net_n,
+        slide_validity=slide.validity,
+        slide_patient_n=slide.patient,
+        slide_patient_n_std=slide.patient_std,
+        slide_friction_n=slide.friction,
+        slide_net_n=slide.net,
         slide_true_n=true.slide_patient_n if true else None,
     )
 
@@ -175,7 +180,7 @@ def drive_view(name: str, state: DriveState | NotValid) -> DriveView:
         name,
         state.power_state,
         state.statusword,
-        state.effort_si if state.fresh else None,
+        state.effort if state.fresh else None,
         state.temperature_degc,
         state.hand_switch_closed,
         state.sto_released,
@@ -204,7 +209,8 @@ def verdict_of(safety: Safety | None) -> VerdictView | None:
     verdict = None if safety is None else safety.verdict
     if verdict is None or verdict.cause == Cause.NONE:
         return None
-    return VerdictView(verdict.category, verdict.cause, verdict.text, verdict.remedy)
+    text, remedy = ENGLISH.verdict(verdict), ENGLISH.remedy(verdict.cause)
+    return VerdictView(verdict.category, verdict.cause, text, remedy)
 
 
 class Memory:

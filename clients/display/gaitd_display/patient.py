@@ -34,10 +34,10 @@ from gaitd_display.feed import Feed
 from gaitd_display.patient_view import PatientState, PatientView
 from gaitd_display.scenes import Now, Scene, scene_of
 from gaitd_display.settings import FAR_RATIO, TEXT_MAX_RATIO, Page, PatientSettings
-from gaitd_display.texts import Word
 from gaitd_display.training import Training
 from gaitd_display.way_out import Action
 from gaitd_display.web import (
+    OUTSTANDING,
     Answer,
     Served,
     Stops,
@@ -48,12 +48,15 @@ from gaitd_display.web import (
     live,
     make_app,
     page,
+    refused,
     small_body,
     working,
 )
+from gaitd_display.words import Word
 
 SETTLED_NS: Final = 1_500_000_000
 """So long a button that begins something is not yet offered, where what it begins has changed."""
+NOT_OFFERED: Final = "not_offered"
 
 
 class Wish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -242,9 +245,9 @@ class PatientServer:
         except ValueError as error:
             return json(Answer("refused", str(error)), 400)
         if action != self._action:
-            return json(Answer("refused", f"{action} is not offered at present"), 409)
+            return json(Answer("refused", NOT_OFFERED), 409)
         if self._asking.locked():
-            return json(Answer("refused", "another request has no answer yet"), 409)
+            return json(refused(OUTSTANDING), 409)
         async with self._asking:
             return await ask(lambda: self._request(action))
 
@@ -254,13 +257,13 @@ class PatientServer:
         except ValueError as error:
             return json(Answer("refused", str(error)), 400)
         if self._training is None or button not in self._buttons:
-            return json(Answer("refused", f"{button} is not offered at present"), 409)
+            return json(Answer("refused", NOT_OFFERED), 409)
         if button is not Button.START:
             # What ends a motion waits for nothing.
             await asyncio.to_thread(self._training.press, button)
             return json(Answer("done"))
         if self._asking.locked():
-            return json(Answer("refused", "another request has no answer yet"), 409)
+            return json(refused(OUTSTANDING), 409)
         async with self._asking:
             await asyncio.to_thread(self._training.press, button)
         return json(Answer("done"))

@@ -24,7 +24,6 @@ from gaitd_display.drives import situation_of, together
 from gaitd_display.geometry import Geometry, geometry_of
 from gaitd_display.scenes import REFUSALS, Now, Scene, scene_of
 from gaitd_display.settings import PatientSettings
-from gaitd_display.texts import Word
 from gaitd_display.training import TrainingView
 from gaitd_display.walk import OwnSteps, StepView, step_view, word_of
 from gaitd_display.way_out import (
@@ -41,6 +40,7 @@ from gaitd_display.way_out import (
     unstrap_of,
 )
 from gaitd_display.way_out import Step as WayStep
+from gaitd_display.words import Word
 
 RESTING_MODES: Final = frozenset({Mode.READY, Mode.HOLD})
 STAGE_WORDS: Final[Mapping[str | None, Word]] = {
@@ -349,4 +349,4 @@ class PatientState:
 
     def _position(self, name: str) -> float | None:
         drive = self._drives.get(name)
-        return drive.position_si if drive is not None and drive.fresh else None
+        return drive.position if drive is not None and drive.fresh else None

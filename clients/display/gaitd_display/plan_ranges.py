@@ -4,14 +4,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 import msgspec
-from gaitd_client import PlanLimits
+from gaitd_client import AxisPlan, PlanLimits
 from msgspec import inspect
 
-CAPS: Final = {
-    "hip_assist_max_nm": ("hip", "assist_max_nm"),
-    "slide_assist_max_n": ("slide", "assist_max_n"),
-}
-"""Table and key in `limits.toml` of the cap that a plan cannot exceed, by field."""
+CAPS: Final = {"hip": "assist_max_nm", "slide": "assist_max_n"}
+"""Key in `limits.toml` of the cap that a plan cannot exceed, by axis, which is its table."""
 
 
 class Range(msgspec.Struct, frozen=True):
@@ -24,19 +21,23 @@ class Range(msgspec.Struct, frozen=True):
 
 
 def plan_ranges(limits: Mapping[str, Any]) -> dict[str, Range]:
-    """Return the range of each field of `PlanLimits`.
+    """Return the range of each field of `PlanLimits`; `AXIS_assist_max` is that of an axis.
 
     Args:
         limits: `limits.toml` of the running service; empty: not known yet.
     """
     fields = msgspec.structs.fields(PlanLimits)
-    ranges = {field.name: _range(inspect.type_info(field.type)) for field in fields}
-    for name, (axis, key) in CAPS.items():
-        cap = limits.get(axis, {}).get(key)
-        if cap is not None:
-            ranges[name] = msgspec.structs.replace(
-                ranges[name], value_high=min(cap, ranges[name].value_high)
-            )
+    ranges = {
+        field.name: _range(inspect.type_info(field.type))
+        for field in fields
+        if field.name not in CAPS
+    }
+    (assist,) = msgspec.structs.fields(AxisPlan)
+    allowed = _range(inspect.type_info(assist.type))
+    for axis, key in CAPS.items():
+        cap = limits.get(axis, {}).get(key, allowed.value_high)
+        high = min(cap, allowed.value_high)
+        ranges[f"{axis}_{assist.name}"] = msgspec.structs.replace(allowed, value_high=high)
     return ranges
 
 

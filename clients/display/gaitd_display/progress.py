@@ -5,21 +5,20 @@ only read. A file that is missing or cannot be read is told on the page.
 """
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from statistics import fmean
 from typing import Final
 
 import msgspec
 from gaitd_client import PlanLimits
+from gaitd_client.texts import Reader, catalogue
+from gaitd_client.wire import Refusal
 from gaitd_session import (
-    WHY,
     BlockKind,
     GoalSummary,
-    Phase,
     SessionSummary,
     Store,
     StoreError,
-    Text,
     blocks_of,
     limits_of,
     read_profile,
@@ -29,22 +28,14 @@ from gaitd_session.profile import Goal
 from gaitd_session.profile import Profile as SessionProfile
 from gaitd_toml import ConfigError
 
-from gaitd_display.event_texts import Spoken, refusal_text, spoken
 from gaitd_display.settings import SessionFiles
+from gaitd_display.words import Spoken, spoken
 
 NS_PER_MS: Final = 1_000_000
 SESSIONS_MAX: Final = 200
 """The newest of so many are shown."""
-REMEDY_MARK: Final = ": first: "
-"""In the reason of a stop: what follows it is the service's remedy, with commands."""
 
-
-PHASES: Final[Mapping[str, Text]] = {
-    Phase.STOPPED: Text("The machine has stopped.", "Das Gerät hat angehalten."),
-    Phase.PAUSED: Text("The patient has paused.", "Der Patient hat pausiert."),
-    Phase.NO_SIGNAL: Text("The trainer was silent.", "Das Gerät hat nichts gesendet."),
-}
-"""What an interruption was that has no reason of its own."""
+OPERATOR: Final = catalogue(Reader.OPERATOR, "en")
 
 
 class PlannedBlock(msgspec.Struct, frozen=True):
@@ -92,9 +83,7 @@ class PastSession(msgspec.Struct, frozen=True):
     """Mean of the bands of its blocks and legs; None: there is none."""
     interruption_count: int
     last_said: Spoken | None
-    """Why the last interruption was; None: there is none, or `last_text` says it."""
-    last_text: str
-    """The same in English, as the service has said it; empty: `last_said`, or there is none."""
+    """Why the last interruption was; None: there is none."""
     block: int
     """Number of its newest block, from 1; 0: none was begun."""
 
@@ -111,7 +100,7 @@ class Progress(msgspec.Struct, frozen=True):
     """The present target band, by leg."""
     self_test_ms: float | None = None
     """When a self-test was passed; None: not known, 0: never."""
-    troubles: tuple[str, ...] = ()
+    troubles: tuple[Spoken, ...] = ()
     """What could not be read: file, reason, what to do."""
 
 
@@ -121,7 +110,7 @@ class _History(msgspec.Struct, frozen=True):
     sessions: Sequence[SessionSummary] = ()
     goals: Sequence[GoalSummary] = ()
     self_test_ms: float | None = None
-    troubles: tuple[str, ...] = ()
+    troubles: tuple[Spoken, ...] = ()
 
 
 def read_progress(files: SessionFiles | None) -> Progress:
@@ -131,7 +120,8 @@ def read_progress(files: SessionFiles | None) -> Progress:
     try:
         profile = read_profile(files.profile)
     except ConfigError as error:
-        return Progress(is_configured=True, troubles=tuple(map(str, (error, *error.more))))
+        troubles = (_trouble("profile", one)[0] for one in (error, *error.more))
+        return Progress(is_configured=True, troubles=tuple(troubles))
     history = _read_history(files, profile)
     goals: dict[int, list[GoalSummary]] = defaultdict(list)
     for goal in history.goals:
@@ -152,7 +142,7 @@ def read_progress(files: SessionFiles | None) -> Progress:
 def _read_history(files: SessionFiles, profile: SessionProfile) -> _History:
     try:
         if not files.history.exists():
-            return _History(troubles=(f"{files.history}: there is no history yet",))
+            return _History(troubles=_trouble("no_history", files.history))
         with Store(files.history, is_writer=False) as store:
             return _History(
                 store.summaries(profile.id),
@@ -160,11 +150,14 @@ def _read_history(files: SessionFiles, profile: SessionProfile) -> _History:
                 store.self_test_utc_ns(profile.id) / NS_PER_MS,
             )
     except StoreError as error:
-        return _History(troubles=(str(error),))
+        return _History(troubles=_trouble("history", error))
     except OSError as error:
-        reason = error.strerror or "cannot be read"
-        told = f"{files.history}: {reason}; give this server's user the right to read it"
-        return _History(troubles=(told,))
+        return _History(troubles=_trouble("no_right", error))
+
+
+def _trouble(key: str, what: object) -> tuple[Spoken]:
+    """Return what could not be read; `what` is the file, or what was said about it."""
+    return (spoken(lambda texts: texts.text(f"trouble.{key}", said=str(what))),)
 
 
 def _profile(profile: SessionProfile) -> Profile:
@@ -207,7 +200,6 @@ def _target(middle_ratio: float, goal: Goal) -> Target:
 
 
 def _session(one: SessionSummary, goals: Sequence[GoalSummary], goal: Goal) -> PastSession:
-    said = interruption_text(one.last_interruption)
     return PastSession(
         one.begun_utc_ns / NS_PER_MS,
         one.end,
@@ -217,17 +209,21 @@ def _session(one: SessionSummary, goals: Sequence[GoalSummary], goal: Goal) -> P
         one.mean_share_ratio,
         _target(fmean(one.middle_ratio for one in goals), goal) if goals else None,
         one.interruption_count,
-        spoken(said),
-        "" if said else one.last_interruption.partition(REMEDY_MARK)[0],
+        interruption(one.last_interruption),
         max((one.block for one in goals), default=0),
     )
 
 
-def interruption_text(reason: str) -> Text | None:
-    """Return the reason of an interruption in both languages; None: it is not known here.
+def interruption(code: str) -> Spoken | None:
+    """Return why an interruption was, for the operator; None: there was none.
 
     Args:
-        reason: of the history: a sentence of the session or of the service, or a phase.
+        code: of the history: a cause of a stop, a `Why`, a phase, a failure, a code of a refusal.
     """
-    by_session = {text.en: text for text in WHY.values()} | PHASES
-    return by_session.get(reason) or refusal_text(reason)
+    if not code:
+        return None
+    refusal = Refusal(code=code, subject=None, values={}, said="")
+    for key in (f"stopped.{code}", f"interruption.{code}", f"failure.{code}"):
+        if OPERATOR.has(key):
+            return spoken(lambda texts, key=key: texts.text(key))
+    return spoken(lambda texts: texts.refusal(refusal))

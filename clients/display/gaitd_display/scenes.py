@@ -1,9 +1,9 @@
 """What is said on the patient's page in each of its states: heading, line, cards and strips.
 
 A card is one thing to do or to know, with its picture; a strip is one line below the cards. Texts
-are named by their keys in `texts.py` and `cause_texts.py`, so that the page shows them in either
-language. After a stop the help comes first; then the emergency stop; and the straps only where no
-drive has power, as `way_out.py` decides.
+are named by their keys in the patient's texts, so that the page shows them in any language. After a
+stop the help comes first; then the emergency stop; and the straps only where no drive has power, as
+`way_out.py` decides.
 """
 
 import math
@@ -13,12 +13,12 @@ from typing import Final, NamedTuple
 
 import msgspec
 from gaitd_client import Cause
+from gaitd_client.texts import Situation, key_of
 from gaitd_session import Advice
 
-from gaitd_display.cause_texts import Situation, known, patient_text
-from gaitd_display.texts import LINES, Word
 from gaitd_display.training import TrainingView
 from gaitd_display.way_out import Step, Unstrap
+from gaitd_display.words import Spoken, Word, has_text
 
 SECONDS_MAX: Final = 120.0
 """A shorter plan is told in seconds."""
@@ -45,6 +45,8 @@ class Phrase(msgspec.Struct, frozen=True):
 
     key: str
     values: Mapping[str, int | str] = {}
+    said: Spoken | None = None
+    """In place of the key: a sentence of the operator's texts."""
 
 
 class Card(msgspec.Struct, frozen=True):
@@ -65,7 +67,7 @@ class Strip(msgspec.Struct, frozen=True):
     text: Phrase
     picture: Picture | None = None
     is_small: bool = False
-    """It is for a helper at the screen, in the service's words."""
+    """It is for a helper at the screen, in the operator's words."""
 
 
 class Scene(msgspec.Struct, frozen=True):
@@ -145,7 +147,7 @@ def _plain(
     cards: tuple[Card, ...] = (),
     strips: tuple[Strip, ...] = (),
 ) -> Scene:
-    if line is None and word in LINES:
+    if line is None and has_text(f"line.{word}"):
         line = Phrase(f"line.{word}")
     return Scene(Phrase(f"word.{word}"), line, cards=cards, strips=strips)
 
@@ -186,8 +188,8 @@ def _of_training(now: Now, training: TrainingView) -> Scene:
             first = 0 if now.is_switch_held else 1
             return _plain(now.word, cards=_numbered(let_go, again, START_CARD, first=first))
         case Word.FAILED:
-            told = Strip(Phrase("reason", {"reason": training.reason}), is_small=True)
-            return _plain(now.word, cards=to_begin, strips=(told,))
+            told = Strip(Phrase("", said=training.reason), is_small=True)
+            return _plain(now.word, cards=to_begin, strips=(told,) if training.reason else ())
         case _:
             return _plain(now.word)
 
@@ -222,11 +224,11 @@ REFUSALS: Final[Mapping[Advice, Word]] = {
 
 
 def _stop_heading(cause: str) -> Phrase:
-    return Phrase(f"stop.{known(cause)}")
+    return Phrase(f"stop.{key_of(cause)}")
 
 
 def _happened(cause: str) -> Phrase:
-    return Phrase(f"happened.{known(cause)}")
+    return Phrase(f"happened.{key_of(cause)}")
 
 
 def _stopped(now: Now) -> Scene:
@@ -256,9 +258,9 @@ def _cards_of_help(cause: str, now: Now) -> tuple[Card, ...]:
         first, second = _numbered(STOP_CARD, HELP_CARD)
         return tuple(msgspec.structs.replace(card, is_first=True) for card in (first, second))
     cards: list[Card] = []
-    if patient_text(cause).advice is not None:
+    if has_text(f"advise.{key_of(cause)}"):
         picture = Picture.SWITCH if cause == Cause.HAND_SWITCH_OPEN else Picture.LEG
-        cards.append(Card(picture, Phrase(f"advise.{known(cause)}")))
+        cards.append(Card(picture, Phrase(f"advise.{key_of(cause)}")))
     return _numbered(*cards, HELP_CARD, first=len(cards))
 
 

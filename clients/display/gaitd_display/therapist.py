@@ -27,7 +27,6 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
 from gaitd_display.controls import Command
-from gaitd_display.event_texts import Spoken, refusal_text, spoken
 from gaitd_display.feed import Feed
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
 from gaitd_display.progress import read_progress
@@ -43,6 +42,7 @@ from gaitd_display.therapist_view import (
 )
 from gaitd_display.web import (
     LOGIN_OVER,
+    OUTSTANDING,
     Answer,
     Served,
     Stops,
@@ -53,6 +53,7 @@ from gaitd_display.web import (
     live,
     make_app,
     page,
+    refused,
     small_body,
     working,
 )
@@ -286,10 +287,9 @@ class TherapistServer:
 
     async def _ask(self, request: Callable[[], Reply]) -> Response:
         if self._asking.locked():
-            reason = "another request has no answer yet"
-            return json(Answer("refused", reason, said_refusal(reason)), 409)
+            return json(refused(OUTSTANDING), 409)
         async with self._asking:
-            return await ask(request, say=said_refusal)
+            return await ask(request)
 
     def _request(self, command: Command) -> Reply:
         """Send the request of a button, in a thread."""
@@ -301,8 +301,3 @@ class TherapistServer:
         if command is Command.RESET:
             return trainer.reset()
         return trainer.mode(Mode(command))
-
-
-def said_refusal(reason: str) -> Spoken | None:
-    """Return the reason of a refusal in both languages; None: it is not known here."""
-    return spoken(refusal_text(reason))

@@ -19,17 +19,17 @@ from gaitd_client import (
     Safety,
     Stride,
 )
+from gaitd_client.texts import Situation, key_of, stop_of
+from gaitd_client.wire import AxisEstimate
 from gaitd_client.wire.names import Kind
 
 from gaitd_display.alarm import Alarm, cause_of
-from gaitd_display.cause_texts import Situation
 from gaitd_display.controls import Control, Requestable, controls
 from gaitd_display.drives import Drives, situation_of, together
 from gaitd_display.engineer_view import DriveView, drive_view
-from gaitd_display.event_texts import Spoken, event_remedy, event_text, spoken, subject_text
 from gaitd_display.geometry import Geometry, geometry_of
 from gaitd_display.plan_ranges import Range, plan_ranges
-from gaitd_display.stop_texts import stop_key
+from gaitd_display.words import Spoken, spoken
 
 
 class Number(msgspec.Struct, frozen=True):
@@ -69,10 +69,13 @@ class LegView(msgspec.Struct, frozen=True):
 class StopView(msgspec.Struct, frozen=True):
     """The latched stop."""
 
-    key: str
-    """Names its texts in `stop_texts.py`."""
+    stopped: Spoken
     situation: Situation
-    """State of the leg after it."""
+    """State of the leg after it; names what is to be done first."""
+    then: Spoken
+    """How to continue."""
+    again: Spoken
+    """If it comes back."""
     subject: Spoken | None
     """Leg and axis in words; None: of none."""
 
@@ -150,12 +153,9 @@ class EventItem(msgspec.Struct, frozen=True, tag="event", tag_field="kind"):
     id: str
     time_ms: float
     priority: str
-    text: str
-    """As the service says it, in English."""
-    remedy: str
-    said: Spoken | None
-    """The same in both languages; None: the text is not known here."""
-    said_remedy: Spoken | None
+    said: Spoken
+    remedy: Spoken
+    """Empty sentences: nothing has to be done."""
     icon: str
     """stop, medium, low or info."""
 
@@ -177,10 +177,8 @@ def event_item(event: Event) -> EventItem:
         event.id,
         event.time_ns / 1e6,
         event.priority,
-        event.text,
-        event.remedy,
-        spoken(event_text(event)),
-        spoken(event_remedy(event)),
+        spoken(lambda texts: texts.event(event)),
+        spoken(lambda texts: texts.event_remedy(event, texts.buttons())),
         "stop" if is_stop else urgent.get(Priority(event.priority), "info"),
     )
 
@@ -198,21 +196,21 @@ def leg_view(leg: str, estimate: Estimate | NotValid, activity: Activity | NotVa
     return LegView(
         leg,
         estimate.sample_time_ns / 1e6,
-        estimate.hip_angle_rad,
-        estimate.slide_position_m,
+        estimate.hip.position,
+        estimate.slide.position,
         activity.patient_power_w if isinstance(activity, Activity) else None,
-        AxisView(
-            estimate.hip_validity,
-            Number(estimate.hip_patient_nm, estimate.hip_patient_nm_std),
-            Number(estimate.hip_friction_nm, estimate.hip_friction_nm_std),
-            Number(estimate.hip_net_nm, estimate.hip_net_nm_std),
-        ),
-        AxisView(
-            estimate.slide_validity,
-            Number(estimate.slide_patient_n, estimate.slide_patient_n_std),
-            Number(estimate.slide_friction_n, estimate.slide_friction_n_std),
-            Number(estimate.slide_net_n, estimate.slide_net_n_std),
-        ),
+        axis_view(estimate.hip),
+        axis_view(estimate.slide),
+    )
+
+
+def axis_view(axis: AxisEstimate) -> AxisView:
+    """Return what the page shows of one axis."""
+    return AxisView(
+        axis.validity,
+        Number(axis.patient, axis.patient_std),
+        Number(axis.friction, axis.friction_std),
+        Number(axis.net, axis.net_std),
     )
 
 
@@ -322,4 +320,11 @@ def stop_view(safety: Safety | None, drives: Drives) -> StopView | None:
     if verdict is None or cause_of(safety) == Cause.NONE:
         return None
     situation = situation_of(verdict.cause, drives)
-    return StopView(stop_key(verdict.cause), situation, spoken(subject_text(verdict.drive)))
+    key, drive = key_of(verdict.cause), verdict.drive
+    return StopView(
+        spoken(lambda texts: texts.text(f"stopped.{key}", cause=verdict.cause)),
+        situation,
+        spoken(lambda texts: texts.then(verdict.cause, texts.buttons())),
+        spoken(lambda texts: texts.text(f"again.{stop_of(verdict.cause).again}")),
+        None if drive is None else spoken(lambda texts: texts.subject(drive)),
+    )

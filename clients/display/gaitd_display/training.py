@@ -28,6 +28,7 @@ from gaitd_session import (
 from gaitd_session.machine import ACTIVE
 
 from gaitd_display.settings import SessionFiles
+from gaitd_display.words import Spoken, spoken
 
 ANNOUNCING: Final = frozenset({Phase.ENABLING, Phase.ANNOUNCED, Phase.STARTING})
 """Phases of a session in which motion is about to begin."""
@@ -59,8 +60,8 @@ class TrainingView(msgspec.Struct, frozen=True, kw_only=True):
     phase: Phase
     advice: Advice
     buttons: tuple[Button, ...]
-    reason: str
-    """Text of the service for a stop or a refusal; empty without one."""
+    reason: Spoken | None
+    """Why the last START was refused; None: it was not."""
     why: Why | None
     """What has ended the last START early; None: nothing, or `reason` or a stop says it."""
     is_kept: bool
@@ -179,12 +180,12 @@ class Training:
             buttons = ()
         elif mode == Mode.FAULT:
             buttons = tuple(button for button in buttons if button is Button.START)
-        block = view.block
+        block, refusal = view.block, view.refusal
         return TrainingView(
             phase=view.phase,
             advice=view.advice,
             buttons=buttons,
-            reason=view.reason,
+            reason=None if refusal is None else spoken(lambda texts: texts.refusal(refusal)),
             why=view.why,
             is_kept=view.is_kept,
             number=len(self._plan) if block is None else block.number,

@@ -16,7 +16,7 @@ from gaitd_session.goals import valid_share
 from gaitd_session.steps import WINDOW
 from gaitd_session.view import STEPS_SHOWN
 
-from gaitd_display.texts import Word
+from gaitd_display.words import Word
 
 LOW_RATIO: Final = 0.31
 HIGH_RATIO: Final = 0.69

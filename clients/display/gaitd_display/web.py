@@ -28,6 +28,8 @@ from gaitd_client import (
     RequestRefusedError,
     Trainer,
 )
+from gaitd_client.wire import Refusal
+from gaitd_client.wire.names import RefusalCode
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect, Request
@@ -40,7 +42,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from gaitd_display.connections import STOP_PATH, WAIT_S, Connections
 from gaitd_display.feed import Feed, PageQueue, TooManyPagesError
 from gaitd_display.settings import Web
-from gaitd_display.texts import page_texts
+from gaitd_display.words import Spoken, page_texts, spoken
 
 STATIC: Final = Path(__file__).resolve().parent / "static"
 FRAME: Final = ("tokens", "frame")
@@ -58,6 +60,7 @@ TRY_LATER: Final = 1013
 FORBIDDEN: Final = 4403
 LOGIN_OVER: Final = 4401
 """Codes with which a WebSocket is closed; common.js reads them."""
+OUTSTANDING: Final = Refusal(code=RefusalCode.ANSWER_OUTSTANDING, subject=None, values={}, said="")
 FORBIDDEN_ORIGIN: Final = "forbidden: the page is not of this server"
 HEADERS: Final[Mapping[str, str]] = {
     "Content-Security-Policy": (
@@ -80,8 +83,9 @@ class Answer(msgspec.Struct, frozen=True):
     outcome: str
     """done, refused, or no_answer: the outcome is unknown."""
     reason: str = ""
-    said: Mapping[str, str] | msgspec.UnsetType | None = msgspec.UNSET
-    """The reason in both languages; None: it is known in English alone."""
+    """A code, or what a library has said."""
+    said: Spoken | None = None
+    """Why it is refused, for the operator; None: the code says all."""
 
 
 class Guard:
@@ -164,27 +168,28 @@ def json(answer: msgspec.Struct | Mapping[str, Any], status: int = 200) -> Respo
     return Response(msgspec.json.encode(answer), status, media_type="application/json")
 
 
-async def ask(
-    request: Callable[[], Reply],
-    threads: Executor | None = None,
-    say: Callable[[str], Mapping[str, str] | msgspec.UnsetType | None] = lambda _: msgspec.UNSET,
-) -> Response:
+async def ask(request: Callable[[], Reply], threads: Executor | None = None) -> Response:
     """Send a request to the service in a thread; return its outcome.
 
     Args:
         request: sends it and waits.
         threads: where; None: those of the loop.
-        say: returns the reason of a refusal in both languages; None: it is not known.
     """
     loop = asyncio.get_running_loop()
     try:
         reply = await loop.run_in_executor(threads, request)
     except RequestRefusedError as error:
-        reason = error.reply.reason
-        return json(Answer("refused", reason, say(reason)), 409)
+        return json(refused(error.reply.refusal), 409)
     except ClientError as error:
         return json(Answer("no_answer", str(error)), 504)
-    return json(Answer(str(reply.outcome), reply.reason))
+    return json(Answer(str(reply.outcome)))
+
+
+def refused(refusal: Refusal | None) -> Answer:
+    """Return the answer that a request is refused."""
+    if refusal is None:
+        return Answer("refused")
+    return Answer("refused", refusal.code, spoken(lambda texts: texts.refusal(refusal)))
 
 
 class Stops:

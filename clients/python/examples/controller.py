@@ -14,7 +14,7 @@ class Spring:
 
     def __call__(self, estimate: Estimate) -> Assist:
         """Pull towards the goal; what is not valid is None, and then nothing is asked."""
-        angle_rad, speed_rad_per_s = estimate.hip_angle_rad, estimate.hip_velocity_rad_per_s
+        angle_rad, speed_rad_per_s = estimate.hip.position, estimate.hip.velocity
         if angle_rad is None or speed_rad_per_s is None:
             return Assist()
         if self.goal_rad is None:

@@ -4,23 +4,26 @@ import asyncio
 import sys
 
 from gaitd_client import Activity, AsyncTrainer, NotValid
+from gaitd_client.texts import Reader, catalogue
 
 
 def line(activity: Activity | NotValid) -> str:
     """Format one item: a number only where it is valid."""
     if isinstance(activity, NotValid):
         return f"no signal: {activity.text}"
-    if activity.hip_patient_nm is None:
-        return f"{activity.mode}: patient unknown ({activity.hip_validity})"
-    return f"{activity.mode}: patient {activity.hip_patient_nm:+.1f} N·m at the hip"
+    hip = activity.hip
+    if hip.patient is None:
+        return f"{activity.mode}: patient unknown ({hip.validity})"
+    return f"{activity.mode}: patient {hip.patient:+.1f} N·m at the hip"
 
 
 async def main(trainer: AsyncTrainer, line_count: int) -> None:
     """Print so many lines of activity, and all events meanwhile."""
+    texts = catalogue(Reader.OPERATOR, "en")
 
     async def print_events() -> None:
         async for event in trainer.events(history_count=5):
-            print(event.text)
+            print(event.text if isinstance(event, NotValid) else texts.event(event))
 
     events = asyncio.create_task(print_events())
     async for activity in trainer.activity("right"):

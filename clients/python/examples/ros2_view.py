@@ -34,19 +34,20 @@ from gaitd_client import (
     Validity,
 )
 from gaitd_client.connection import PLACE_IN_ZENOH, client_settings, config_of
+from gaitd_client.texts import Reader, catalogue
 from gaitd_client.trainer import LEGS
+from gaitd_client.wire import JOINTS
 from rosbags.typesys import Stores, get_typestore
 
 ROS: Final = get_typestore(Stores.ROS2_JAZZY)
 NODE: Final = "gaitd"
+TEXTS: Final = catalogue(Reader.OPERATOR, "en")
 QOS: Final = "::,10:,:,:,,"
 """Reliable, volatile, the newest ten; the rest as by default."""
 PERIOD_S = 1.0
 OK, WARN, ERROR, STALE = range(4)
-AXES: Final = {
-    "hip": ("hip_angle_rad", "hip_velocity_rad_per_s", "hip_torque_nm"),
-    "slide": ("slide_position_m", "slide_velocity_m_per_s", "slide_force_n"),
-}
+FIELDS: Final = ("position", "velocity", "effort")
+"""Names of a joint's values, in ROS and in an estimate."""
 VALIDITY: Final[dict[str, tuple[int, str]]] = {
     Validity.OK: (OK, "the patient's effort is known"),
     Validity.SPLIT_UNOBSERVABLE: (WARN, "at rest patient and friction cannot be separated"),
@@ -124,7 +125,7 @@ class View:
         token = f"@ros2_lv/{domain}/{session.zid()}/0/0/NN/%/%/{NODE}"
         self._token = session.liveliness().declare_token(token)
         self._time = TrainerTime(trainer.clock)
-        numbers, names = itertools.count(1), [f"{leg}_{axis}" for leg in legs for axis in AXES]
+        numbers, names = itertools.count(1), [f"{leg}_{axis}" for leg in legs for axis in JOINTS]
 
         def topic(name: str, kind: str) -> Topic:
             return Topic(session, self._time, domain, next(numbers), name, kind)
@@ -144,18 +145,19 @@ class View:
         if isinstance(item, NotValid):
             return
         self._time.take(item.sample_time_ns)
-        axes = {axis: [getattr(item, name) for name in names] for axis, names in AXES.items()}
-        valid = {f"{item.leg}_{axis}": row for axis, row in axes.items() if None not in row}
+        axes = {axis: getattr(item, axis) for axis in JOINTS}
+        rows = {name: [getattr(one, field) for field in FIELDS] for name, one in axes.items()}
+        valid = {f"{item.leg}_{axis}": row for axis, row in rows.items() if None not in row}
         if valid:
             columns = np.array(list(valid.values())).T.copy()
             self._joints[item.leg].publish(
                 header=header(item.sample_time_ns),
                 name=list(valid),
-                **dict(zip(("position", "velocity", "effort"), columns, strict=True)),
+                **dict(zip(FIELDS, columns, strict=True)),
             )
         for axis, force_n, torque_nm in (
-            ("hip", 0.0, item.hip_patient_nm),
-            ("slide", item.slide_patient_n, 0.0),
+            ("hip", 0.0, item.hip.patient),
+            ("slide", item.slide.patient, 0.0),
         ):
             if force_n is None or torque_nm is None:
                 continue
@@ -198,7 +200,7 @@ def judge(item: Safety | DriveState | Estimate | NotValid, axis: str = "") -> tu
         case Safety(verdict=None):
             return STALE, "no records from the core"
         case Safety(verdict=stop) if stop is not None and stop.cause != Cause.NONE:
-            return ERROR, f"{stop.text}: {stop.remedy}"
+            return ERROR, f"{TEXTS.verdict(stop)}: {TEXTS.remedy(stop.cause)}"
         case Safety():
             return OK, str(item.mode)
         case DriveState():
@@ -206,7 +208,7 @@ def judge(item: Safety | DriveState | Estimate | NotValid, axis: str = "") -> tu
             level = ERROR if is_failed else OK if item.fresh else STALE
             return level, item.emergency_text or item.power_state
         case Estimate():
-            validity = item.hip_validity if axis == "hip" else item.slide_validity
+            validity = getattr(item, axis).validity
             return VALIDITY.get(validity, (ERROR, validity))
 
 

@@ -1,9 +1,9 @@
 """Client of gaitd, the drive service of a home gait trainer.
 
 Reading order: `trainer.py` (messages and requests), `stream.py` (what a stream yields, silence),
-`lease.py` (assist under a lease), `aio.py` (asyncio), `wire/` (the messages), `connection.py` and
-`credentials.py` (the Zenoh session), `signals.py` (the end of a program), `clock.py`,
-`errors.py`.
+`lease.py` (assist under a lease), `aio.py` (asyncio), `wire/` (the messages), `texts/` (their
+sentences), `connection.py` and `credentials.py` (the Zenoh session), `signals.py` (the end of a
+program), `clock.py`, `errors.py`.
 """
 
 from gaitd_client import wire
@@ -25,6 +25,7 @@ from gaitd_client.stream import NotValid, Stream, Trouble
 from gaitd_client.trainer import Trainer
 from gaitd_client.wire import (
     Activity,
+    AxisPlan,
     Configuration,
     DriveState,
     Estimate,
@@ -50,14 +51,14 @@ from gaitd_client.wire.names import (
     StopCategory,
     Validity,
 )
-from gaitd_client.wire.refusals import REFUSAL_TEXT, SetpointRefusal
+from gaitd_client.wire.refusals import SetpointRefusal
 
 __all__ = [
-    "REFUSAL_TEXT",
     "Activity",
     "Assist",
     "AsyncLease",
     "AsyncTrainer",
+    "AxisPlan",
     "Cause",
     "ClientError",
     "Clock",

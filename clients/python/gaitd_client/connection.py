@@ -9,7 +9,7 @@ import zenoh
 
 from gaitd_client import wire
 from gaitd_client.credentials import Credentials
-from gaitd_client.errors import EndpointError, NoAnswerError, NoServiceError
+from gaitd_client.errors import EndpointError, NoAnswerError, NoServiceError, reason_of
 
 Message = TypeVar("Message", bound=msgspec.Struct)
 
@@ -152,6 +152,6 @@ def decode_answer(data: bytes, kind: type[Message], name: str) -> Message:
 
 def _refusal(data: bytes) -> str:
     try:
-        return msgspec.json.decode(data, type=wire.Reply).reason
+        return reason_of(msgspec.json.decode(data, type=wire.Reply))
     except (ValueError, RecursionError):
         return ""

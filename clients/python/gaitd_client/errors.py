@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from gaitd_client.texts import Reader, catalogue
 from gaitd_client.wire import Reply
 
 
@@ -35,9 +36,14 @@ class NotReturnedError(ClientError):
 
 
 class RequestRefusedError(ClientError):
-    """The service has refused a request; `reply.reason` is the reason."""
+    """The service has refused a request; `reply.refusal` says why."""
 
     def __init__(self, reply: Reply) -> None:
-        """Take the message from the reply."""
-        super().__init__(f"{reply.request}: {reply.reason}")
+        """Say in English what the reply says by code; `texts` has other languages."""
+        super().__init__(f"{reply.request}: {reason_of(reply)}")
         self.reply = reply
+
+
+def reason_of(reply: Reply) -> str:
+    """Return in English why a request is not done; empty if it is."""
+    return "" if reply.refusal is None else catalogue(Reader.OPERATOR, "en").refusal(reply.refusal)

@@ -10,7 +10,7 @@ import math
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Final, NamedTuple, Protocol, Self, SupportsFloat, TypeVar
 
 import msgspec
@@ -27,8 +27,9 @@ from gaitd_client.errors import (
     RequestRefusedError,
 )
 from gaitd_client.stream import POLL_S, NotValid, Stream
+from gaitd_client.texts import Reader, catalogue
 from gaitd_client.wire.names import Mode, Outcome
-from gaitd_client.wire.refusals import REFUSAL_TEXT, SetpointRefusal
+from gaitd_client.wire.refusals import SetpointRefusal
 
 T = TypeVar("T", bound=msgspec.Struct)
 
@@ -271,7 +272,14 @@ class Lease:
         if self._error is not None:
             raise self._error
 
-    def report(self, leg: str, for_cycle: int, values: Mapping[str, object]) -> None:
+    def report(
+        self,
+        leg: str,
+        for_cycle: int,
+        values: Mapping[str, object],
+        hip: Mapping[str, object] = MappingProxyType({}),
+        slide: Mapping[str, object] = MappingProxyType({}),
+    ) -> None:
         """Publish the state of this controller for one leg, for displays; once a stride is usual.
 
         Waits for the service, so do not call it in the law. Without the lease nothing is sent.
@@ -279,7 +287,9 @@ class Lease:
         Args:
             leg: right or left.
             for_cycle: `cycle` to which the state belongs.
-            values: numbers, None or arrays of up to 64, by names that end in their unit.
+            values: of the leg; numbers, None or arrays of up to 64, by names that end in the unit.
+            hip: of the hip; its positions, velocities and efforts have no unit in their name.
+            slide: of the slide, as for the hip.
 
         Raises:
             RequestRefusedError: the lease has ended in the meantime, or a value is not allowed.
@@ -295,6 +305,8 @@ class Lease:
             leg=leg,
             for_cycle=for_cycle,
             values=values,
+            hip=dict(hip),
+            slide=dict(slide),
         )
         if reply.outcome != Outcome.DONE:
             raise RequestRefusedError(reply)
@@ -368,8 +380,8 @@ class Lease:
             lease=grant.lease,
             seq=self._seq,
             for_cycle=estimate.cycle,
-            hip_assist_nm=assist.hip_nm,
-            slide_assist_n=assist.slide_n,
+            hip=wire.AxisSetpoint(assist=assist.hip_nm),
+            slide=wire.AxisSetpoint(assist=assist.slide_n),
             stiffness_ratio=assist.stiffness_ratio,
         )
         self._publishers[estimate.leg].put(msgspec.json.encode(setpoint))
@@ -433,10 +445,10 @@ class Lease:
 
     def _refuse(self, reason: str, count: int) -> None:
         self.refused_count[reason] = self.refused_count.get(reason, 0) + count
-        text = REFUSAL_TEXT.get(reason)
-        meaning = text.meaning if text else "a reason of a later version of the service"
-        remedy = text.remedy if text else "see its documentation"
         if self._on_refusal is not None:
+            texts = catalogue(Reader.OPERATOR, "en")
+            meaning = texts.text(f"setpoint_refusal.{reason}")
+            remedy = texts.text(f"remedy.{reason}")
             self._on_refusal(Refusal(reason, count, meaning, remedy))
 
 

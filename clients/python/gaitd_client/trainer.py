@@ -24,7 +24,13 @@ from gaitd_client.connection import (
     query,
 )
 from gaitd_client.credentials import Credentials, read_credentials
-from gaitd_client.errors import ClientError, NoAnswerError, NoServiceError, RequestRefusedError
+from gaitd_client.errors import (
+    ClientError,
+    NoAnswerError,
+    NoServiceError,
+    RequestRefusedError,
+    reason_of,
+)
 from gaitd_client.lease import Law, Lease, OnRefusal
 from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream, Watch
 from gaitd_client.wire.names import Mode, Outcome
@@ -353,7 +359,7 @@ class Trainer:
         """
         return self._ask("status", {}, wire.Status, ANSWER_TIMEOUT_S)
 
-    def wait_for_core(self, report: Callable[[str], object] = lambda _: None) -> None:
+    def wait_for_core(self, report: Callable[[wire.Progress], object] = lambda _: None) -> None:
         """Wait while the core starts; where it compiles, that takes a minute or two.
 
         A core that does not run is not waited for.
@@ -372,7 +378,7 @@ class Trainer:
                 is_reported = True
                 report(safety.progress)
             if computer.now_ns() >= end_ns or self._is_over.wait(START_RETRY_S):
-                raise NoAnswerError(f"{self.target}: still {safety.progress}")
+                raise NoAnswerError(f"{self.target}: still {safety.progress.code}")
 
     def configuration(self) -> wire.Configuration:
         """Return the configuration of the service: its legs, drives, limits."""
@@ -484,7 +490,7 @@ class Trainer:
         if reply.outcome == Outcome.REFUSED:
             raise RequestRefusedError(reply)
         if reply.outcome != Outcome.DONE:
-            reason = reply.reason or "the outcome is unknown"
+            reason = reason_of(reply) or "the outcome is unknown"
             raise NoAnswerError(f"{name}: {reply.outcome}, {reason}; see `status`")
         return reply
 

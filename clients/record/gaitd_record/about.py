@@ -13,7 +13,10 @@ NAME: Final = "gaitd"
 END_NAME: Final = "gaitd.end"
 CONFIGURATION: Final = "configuration.json"
 """Attachment of an MCAP file."""
-UNITS: Final = "SI; the unit of a number is the end of its name; times are UTC in ns since 1970"
+UNITS: Final = (
+    "SI; the unit of a number is the end of its name, that of a field with x-quantity in its schema"
+    " is in joints; times are UTC in ns since 1970"
+)
 NONE: Final = "none"
 INTEGER_MAX: Final = 2**63 - 1
 """What MCAP and Parquet can hold."""
@@ -44,6 +47,8 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
     period_ns: Annotated[int, Meta(gt=0)]
     leg_names: tuple[str, ...]
     drive_names: tuple[str, ...]
+    joints: dict[str, wire.Joint]
+    """Kind and units of each axis of a leg, by its name."""
     config_hashes: dict[str, str]
     robot: dict[str, Any]
     limits: dict[str, Any]
@@ -62,6 +67,7 @@ class About(msgspec.Struct, frozen=True, kw_only=True):
             period_ns=configuration.period_ns or 10_000_000,
             leg_names=configuration.leg_names,
             drive_names=configuration.drive_names,
+            joints=configuration.joints,
             config_hashes=configuration.config_hashes,
             robot=configuration.robot,
             limits=configuration.limits,

@@ -5,11 +5,13 @@ batches, each complete in itself: after a kill all batches that were written can
 
 `LEG.recording.parquet` has the columns of a recording as CSV, so `gaitd replay` reads it, and what
 is exported of it as CSV. `LEG.estimates.parquet` has the fields of the message `estimate`, without
-covariance. Inputs are doubles, so that a replay gives the same bits; estimates are floats.
+covariance; the column of a field of an axis has axis and unit in its name: `hip.patient` is
+`hip_patient_nm`. Inputs are doubles, so that a replay gives the same bits; estimates are floats.
 """
 
 import os
 from collections.abc import Iterator
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +19,7 @@ import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 from gaitd_client import StatusBit, wire
+from gaitd_client.wire.fields import JOINTS, QUANTITY
 
 from gaitd_record.about import INTEGER_MAX
 
@@ -33,30 +36,64 @@ INPUTS: Final = {
     "hip_torque_nm": "hip_torque_nm",
     "slide_force_n": "slide_force_n",
 }
-"""Columns of the recording besides the time, and the field of the message for each."""
+"""Columns of the recording besides the time, and the column of the stream for each."""
 LEFT_OUT: Final = ("core_boot_id", "leg", "status", "covariance")
 """Fields of the message without a column: constant, or large (half of all bytes)."""
+_POSITIONS: Final = {"hip": "hip_angle", "slide": "slide_position"}
+_EFFORTS: Final = {"hip": "hip_torque", "slide": "slide_force"}
+_NAMES: Final = {
+    "position": "{position}",
+    "innovation": "innovation_{axis}",
+    "measured_position": "measured_{position}",
+    "effort": "{effort}",
+    "artificial": "artificial_{axis}",
+    "reference_position": "reference_{position}",
+    "assist": "assist_{axis}",
+}
+"""Names of columns without their unit, by the field of an axis; others are `AXIS_FIELD`."""
 DOUBLES: Final = (*INPUTS.values(), "dt_s")
 ROW_GROUP_ROWS: Final = 60_000
 """Ten minutes."""
 NS_PER_S: Final = 1_000_000_000
 
+_AXIS_SCHEMA: Final = wire.schema(wire.Estimate)["$defs"][wire.AxisEstimate.__name__]["properties"]
 
-def _type_of(field: msgspec.structs.FieldInfo) -> Arrow:
+
+def _fields() -> Iterator[tuple[str, str, Arrow]]:
+    """Yield the columns of the stream: name, field of the message (`hip.patient`), type."""
+    for field in msgspec.structs.fields(wire.Estimate):
+        if field.name in JOINTS:
+            for one in msgspec.structs.fields(wire.AxisEstimate):
+                name = _column_of(field.name, one.name)
+                yield name, f"{field.name}.{one.name}", _type_of(name, one)
+        elif field.name not in LEFT_OUT:
+            yield field.name, field.name, _type_of(field.name, field)
+
+
+def _column_of(axis: str, field: str) -> str:
+    """Return the name of the column of an axis' field; `_std` is its end, as in the message."""
+    value, std = field.removesuffix("_std"), "_std" * field.endswith("_std")
+    words = {"axis": axis, "position": _POSITIONS[axis], "effort": _EFFORTS[axis]}
+    name = _NAMES.get(value, f"{{axis}}_{value}").format(**words)
+    quantity = _AXIS_SCHEMA[field].get(QUANTITY)
+    if quantity is None:
+        return name + std
+    unit = getattr(JOINTS[axis], quantity).lower().replace("·", "").replace("/", "_per_")
+    return f"{name}_{unit}{std}"
+
+
+def _type_of(name: str, field: msgspec.structs.FieldInfo) -> Arrow:
     text = str(field.type)
-    if field.name == "status_bits":
+    if name == "status_bits":
         return pa.uint32()
     if "float" in text:
-        return pa.float64() if field.name in DOUBLES else pa.float32()
+        return pa.float64() if name in DOUBLES else pa.float32()
     return pa.int64() if "int" in text else pa.string()
 
 
-FIELDS: Final = {
-    field.name: _type_of(field)
-    for field in msgspec.structs.fields(wire.Estimate)
-    if field.name not in LEFT_OUT
-}
+FIELDS: Final = {name: kind for name, _, kind in _fields()}
 """Columns of the stream."""
+_CELLS_OF: Final = attrgetter(*(field for _, field, _ in _fields()))
 SCHEMA: Final = pa.schema(list(FIELDS.items()))
 LARGEST: Final = {"status_bits": 2**32 - 1}
 """Largest values of the integers that are no int64."""
@@ -90,8 +127,8 @@ class LegStream:
         Raises:
             ValueError: it is none.
         """
-        row = self._decoder.decode(payload)
-        self._rows.append(tuple(_cell(row, name) for name in FIELDS))
+        cells = _CELLS_OF(self._decoder.decode(payload))
+        self._rows.append(tuple(map(_cell, FIELDS, cells)))
 
     def sync(self) -> None:
         """Bring all rows to the disk.
@@ -123,10 +160,9 @@ class LegStream:
             self._file.close()
 
 
-def _cell(row: wire.Estimate, name: str) -> object:
-    value = getattr(row, name)
+def _cell(name: str, value: object) -> object:
     if name == "status_bits":
-        value = int(value, 16)
+        value = int(str(value), 16)
     if isinstance(value, int) and not 0 <= value <= LARGEST.get(name, INTEGER_MAX):
         raise ValueError(f"{name}: {value} is out of range")
     return value

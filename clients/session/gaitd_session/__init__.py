@@ -2,10 +2,11 @@
 
 Reading order: `profile.py` (what the therapist sets), `plan.py` (the blocks), `machine.py` (the
 state machine, pure, as a table), `goals.py` and `steps.py` (the target band, and steps against it),
-`view.py` and `texts.py` (what a display shows), `store.py` (the history), `session.py` (a session
+`advice.py` and `view.py` (what a display shows), `store.py` (the history), `session.py` (a session
 with a trainer), `export.py`, `program.py` and `terminal.py` (the command).
 """
 
+from gaitd_session.advice import Advice, Failure, Why
 from gaitd_session.goals import Band
 from gaitd_session.machine import Button, Phase
 from gaitd_session.plan import Block, BlockKind, blocks_of, limits_of
@@ -20,18 +21,16 @@ from gaitd_session.store import (
     StoreError,
     open_history,
 )
-from gaitd_session.texts import ADVICE, WHY, Advice, Text, Why
 from gaitd_session.view import BlockView, LegView, View
 
 __all__ = [
-    "ADVICE",
-    "WHY",
     "Advice",
     "Band",
     "Block",
     "BlockKind",
     "BlockView",
     "Button",
+    "Failure",
     "GoalSummary",
     "History",
     "LegView",
@@ -45,7 +44,6 @@ __all__ = [
     "Store",
     "StoreError",
     "StrideShare",
-    "Text",
     "View",
     "Why",
     "blocks_of",

@@ -40,12 +40,13 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from gaitd_client import Cause, Mode, RefusalCode, Stage
+from gaitd_client.wire import Refusal
 
+from gaitd_session.advice import Failure, Why, refusal_of
 from gaitd_session.goals import STRIDES_MIN, band_about, next_middle
 from gaitd_session.plan import Block, blocks_of
 from gaitd_session.profile import Goal, Profile
 from gaitd_session.steps import Result, Step, StrideShare, rows_of, step_of
-from gaitd_session.texts import Why
 
 ANNOUNCE_S: Final = 3.0
 """Time between the announcement and the request for motion."""
@@ -61,7 +62,7 @@ LEFT_MIN_S: Final = 2.0
 OFF_RETRY_S: Final = 1.0
 OFF_SETTLE_S: Final = 2.0
 """Drives that are off for so long, with no request pending, stay off."""
-NOT_PASSED: Final = "the self-test ended without a result: another program has ended it"
+NOT_PASSED: Final = refusal_of(Failure.TEST_WITHOUT_RESULT)
 
 
 class Phase(StrEnum):
@@ -244,10 +245,8 @@ class Answer(NamedTuple):
     """The answer to a request."""
 
     number: int
-    failure: str = ""
-    """The reason why it was refused, or that there was no answer; empty: done."""
-    code: str = ""
-    """A `RefusalCode`, if the core has refused it; empty otherwise."""
+    refusal: Refusal | None = None
+    """Why it was refused, or that there was no answer; None: done."""
 
 
 class TrainerState(NamedTuple):
@@ -261,8 +260,6 @@ class TrainerState(NamedTuple):
     stage: str | None
     cause: str
     """A `Cause`."""
-    reason: str
-    """Text and remedy of the cause; empty without one."""
     has_power: bool
     """A drive may exert torque, or its power state is not known."""
     hand_switch_held: bool | None
@@ -349,10 +346,10 @@ class State:
     off_requested_s: float = -math.inf
     wants_reset: bool = False
     """RESET is requested in this step."""
-    reason: str = ""
-    """Why the last START or block has failed; text of the service."""
+    refusal: Refusal | None = None
+    """Why the last START or block has failed."""
     why: Why | None = None
-    """What has ended the last START early; None: nothing has, or `reason` or a stop says it."""
+    """What has ended the last START early; None: nothing has, or `refusal` or a stop says it."""
 
     @property
     def best_row_count(self) -> int:
@@ -420,7 +417,7 @@ def step(state: State, inputs: Inputs, now_s: float) -> tuple[State, Request | N
         # What the request has done may be seen a moment later.
         off_since_s = None if state.off_since_s is None else now_s
         if state.pending is RequestKind.RESET:
-            state = replace(state, reason=inputs.answer.failure)
+            state = replace(state, refusal=inputs.answer.refusal)
         state = replace(state, pending=None, off_since_s=off_since_s)
     return _request(before, state, inputs.trainer, now_s)
 
@@ -483,7 +480,7 @@ def _answer_event(state: State, inputs: Inputs, _now_s: float) -> Event | None:
     answer = inputs.answer
     if answer is None or answer.number != state.request_number or state.phase not in ACTIVE:
         return None
-    return Event.FAILED if answer.failure else None
+    return Event.FAILED if answer.refusal else None
 
 
 def _time_event(state: State, inputs: Inputs, now_s: float) -> Event | None:
@@ -538,7 +535,7 @@ def _left(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
         case Phase.SELF_TEST if event is Event.TESTED:
             return replace(state, self_test_due=False)
         case Phase.SELF_TEST if event is Event.LATE and state.test_ended_s is not None:
-            return replace(state, reason=NOT_PASSED, why=None)
+            return replace(state, refusal=NOT_PASSED, why=None)
         case Phase.WALKING:
             walked_s = state.block_walked_s(now_s)
             state = replace(state, walked_s=walked_s, playing_since_s=None)
@@ -547,9 +544,11 @@ def _left(state: State, event: Event, inputs: Inputs, now_s: float) -> State:
     answer = inputs.answer
     if event is Event.FAILED and answer is not None:
         is_due = state.self_test_due or (
-            state.pending is RequestKind.GAIT and answer.code == RefusalCode.SELF_TEST_DUE
+            state.pending is RequestKind.GAIT
+            and answer.refusal is not None
+            and answer.refusal.code == RefusalCode.SELF_TEST_DUE
         )
-        return replace(state, reason=answer.failure, self_test_due=is_due)
+        return replace(state, refusal=answer.refusal, self_test_due=is_due)
     return state
 
 
@@ -586,7 +585,7 @@ def _entered(state: State, after: Phase, trainer: TrainerState | None, now_s: fl
         off_since_s=off_since_s,
         may_follow=was is Phase.WALKING and state.returns_to is Phase.PAUSED,
         boot_id=trainer.boot_id if begins and trainer is not None else state.boot_id,
-        reason="" if begins or Phase.STOPPED in {was, after} else state.reason,
+        refusal=None if begins or Phase.STOPPED in {was, after} else state.refusal,
         why=state.why if tells else None,
     )
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from enum import StrEnum, auto
 
-from gaitd_client import PlanLimits
+from gaitd_client import AxisPlan, PlanLimits
 
 from gaitd_session.profile import Profile, Walk
 
@@ -38,6 +38,6 @@ def limits_of(profile: Profile) -> PlanLimits:
         cadence_max_hz=max(walk.cadence_hz for walk in walks),
         amplitude_max_ratio=max(walk.amplitude_ratio for walk in walks),
         duration_max_s=max(walk.duration_s for walk in walks),
-        hip_assist_max_nm=profile.assist.hip.max_nm,
-        slide_assist_max_n=profile.assist.slide.max_n,
+        hip=AxisPlan(assist_max=profile.assist.hip.max_nm),
+        slide=AxisPlan(assist_max=profile.assist.slide.max_n),
     )

@@ -8,12 +8,14 @@ import datetime
 import sys
 from collections.abc import Generator
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
 from gaitd_client import ClientError, MonotonicClock, Trainer
 from gaitd_client.signals import ignore_ends, interrupted_once
+from gaitd_client.texts import Catalogue, Reader, catalogue
 from gaitd_toml import ConfigError
 
 from gaitd_session import terminal
@@ -91,15 +93,15 @@ rest_s = {rest}
 """
 
 
-class LeftOnError(Exception):
-    """A session was left, and the drives may be on."""
+class Language(StrEnum):
+    """Language of the texts in the terminal."""
 
-    def __init__(self, reason: str) -> None:
-        """Say what to do; the reason is that of the service, or of the client library."""
-        super().__init__(
-            f"The drives may be on: {reason}. Let go of the hand switch, or press the emergency"
-            " stop; then see `gaitd status`"
-        )
+    EN = "en"
+    DE = "de"
+
+
+class LeftOnError(Exception):
+    """A session was left, and the drives may be on; the text says what to do."""
 
 
 @contextmanager
@@ -161,7 +163,7 @@ def new_profile(
     print(
         f"gaitd plan release --cadence {limits.cadence_max_hz:g}"
         f" --amplitude {limits.amplitude_max_ratio:g} --duration {limits.duration_max_s:g}"
-        f" --hip-assist {limits.hip_assist_max_nm:g} --slide-assist {limits.slide_assist_max_n:g}"
+        f" --hip-assist {profile.assist.hip.max_nm:g} --slide-assist {profile.assist.slide.max_n:g}"
     )
 
 
@@ -176,8 +178,12 @@ def run(
         str | None, typer.Option(help="of the service; by default that of the credentials")
     ] = None,
     history_file: HistoryFile = None,
+    language: Annotated[
+        Language, typer.Option(help="of the texts: the page has its own button")
+    ] = Language.EN,
 ) -> None:
     """Run a session in this terminal."""
+    texts = catalogue(Reader.PATIENT, language)
     with _errors_in_one_line(), interrupted_once():
         profile = read_profile(profile_file)
         history = open_history(_history_file(profile_file, history_file))
@@ -187,34 +193,34 @@ def run(
                 session = Session(trainer, profile, history, MonotonicClock())
                 try:
                     with session:
-                        _show(session)
+                        _show(session, texts)
                 except KeyboardInterrupt:
-                    print("The session was left.")
+                    print(texts.text("terminal.left"))
                 finally:
-                    _check_off(session)
+                    _check_off(session, texts)
         finally:
             if history.store is not None:
                 history.store.close()
 
 
-def _show(session: Session) -> None:
+def _show(session: Session, texts: Catalogue) -> None:
     """Show a session; from its end on no signal keeps it from switching the drives off."""
     try:
-        terminal.run(session)
+        terminal.run(session, texts)
     finally:
         ignore_ends()
-        print("What this session has switched on is being switched off: up to 18 s.", flush=True)
+        print(texts.text("terminal.switching_off"), flush=True)
 
 
-def _check_off(session: Session) -> None:
+def _check_off(session: Session, texts: Catalogue) -> None:
     """Check that nothing is left on that the session has switched on.
 
     Raises:
         LeftOnError: the drives may be on.
     """
     if session.left_on:
-        raise LeftOnError(session.left_on)
-    print("What this session had switched on is off.")
+        raise LeftOnError(texts.text("terminal.may_be_on", reason=session.left_on))
+    print(texts.text("terminal.off"))
 
 
 def _check_legs(trainer: Trainer, profile: Profile, file: Path) -> None:

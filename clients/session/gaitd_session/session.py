@@ -25,7 +25,9 @@ from gaitd_client import (
     Stride,
     Trainer,
 )
+from gaitd_client.texts import Reader, catalogue
 
+from gaitd_session.advice import Failure, Why, refusal_of
 from gaitd_session.goals import valid_share
 from gaitd_session.machine import (
     ACTIVE,
@@ -56,7 +58,6 @@ from gaitd_session.store import (
     StoreError,
     StrideRow,
 )
-from gaitd_session.texts import WHY, Why
 from gaitd_session.view import View, view_of
 
 POLL_S: Final = 0.05
@@ -269,7 +270,6 @@ class Session:
             is_enabled=bool(safety.active),
             stage=safety.stage,
             cause=verdict.cause,
-            reason=f"{verdict.text}: {verdict.remedy}" if verdict.text else "",
             has_power=not are_all_fresh
             or any(drive.power_state not in WITHOUT_POWER for drive in fresh),
             hand_switch_held=False if is_open else are_all_fresh or None,
@@ -324,11 +324,9 @@ class Session:
                         duration_s=request.duration_s,
                     )
         except RequestRefusedError as error:
-            refusal = error.reply.refusal
-            code = "" if refusal is None else refusal.code
-            return Answer(request.number, error.reply.reason or "refused", code)
+            return Answer(request.number, error.reply.refusal or refusal_of(Failure.NO_ANSWER))
         except ClientError as error:
-            return Answer(request.number, str(error))
+            return Answer(request.number, refusal_of(Failure.NO_ANSWER, str(error)))
         return Answer(request.number)
 
     def _answer(self) -> Answer | None:
@@ -366,16 +364,21 @@ class Session:
     def _switch_off(self, is_late: threading.Event) -> str:
         """Request DISABLE until the drives are off; return why they may be on, empty if not."""
         disable = Request(self._state.request_number + 1, RequestKind.DISABLE)
+        english = catalogue(Reader.OPERATOR, "en")
         while True:
-            failure = self._ask(disable).failure
+            refusal = self._ask(disable).refusal
             for _ in range(LEAVE_LOOKS):
                 safety = self._safety.newest()
                 is_silent = isinstance(safety, NotValid)
-                if (is_silent and not failure) or (not is_silent and safety.active is False):
+                if (is_silent and refusal is None) or (not is_silent and safety.active is False):
                     return ""
                 is_late.wait(POLL_S)
             if is_late.is_set():
-                return failure or "the service says that they are on"
+                return (
+                    "the service says that they are on"
+                    if refusal is None
+                    else english.refusal(refusal)
+                )
 
     # --- history --------------------------------------------------------------------------------
 
@@ -416,11 +419,12 @@ class Session:
         if before.phase in ACTIVE and after.phase is Phase.NO_SIGNAL:
             self._silent_utc_ns = self._utc_ns
         elif before.phase in ACTIVE and after.phase in INTERRUPTED_PHASES:
-            reason = after.reason
+            refusal = after.refusal
+            reason = "" if refusal is None else str(refusal.values.get("failure", refusal.code))
             if after.phase is Phase.STOPPED and trainer is not None:
-                reason = trainer.reason
+                reason = trainer.cause
             elif after.why is not None:
-                reason = WHY[after.why].en
+                reason = after.why
             rows.append(InterruptionRow(self._utc_ns, after.phase, reason))
         if after.phase is Phase.FINISHED and self._has_begun and not self._has_ended:
             self._has_ended = True
@@ -434,7 +438,7 @@ class Session:
         if silent_utc_ns is None:
             return []
         why = Why.LATE_HERE if went_on(trainer) else Why.NO_SIGNAL
-        return [InterruptionRow(silent_utc_ns, before.phase, WHY[why].en)]
+        return [InterruptionRow(silent_utc_ns, before.phase, why)]
 
     def _block_rows(self, state: State, now_s: float) -> list[Row]:
         """Return the present block as far as it was walked, with its goals."""

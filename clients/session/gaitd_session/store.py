@@ -169,6 +169,7 @@ class InterruptionRow(NamedTuple):
     utc_ns: int
     phase: str
     reason: str
+    """A cause of a stop, a `Why`, or the code of a refusal; empty: the phase says it."""
 
 
 class SelfTestRow(NamedTuple):

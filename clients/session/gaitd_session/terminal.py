@@ -9,20 +9,18 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Final
 
+from gaitd_client import Cause
+from gaitd_client.texts import Catalogue, Reader, catalogue, key_of
 from rich.console import Group
 from rich.live import Live
 from rich.panel import Panel
 from rich.text import Text
 
 from gaitd_session.machine import Button, Phase
-from gaitd_session.plan import BlockKind
 from gaitd_session.session import Session
-from gaitd_session.texts import WHY
 from gaitd_session.view import LegView, View
 
 KEYS: Final = {"s": Button.START, "p": Button.PAUSE, "e": Button.END}
-NAMES: Final = {Button.START: "[s] START", Button.PAUSE: "[p] PAUSE", Button.END: "[e] END"}
-KINDS: Final = {BlockKind.WARM_UP: "warm-up", BlockKind.WALKING: "walking"}
 POLL_S: Final = 0.1
 KEYS_MAX: Final = 64
 """Read at once."""
@@ -33,7 +31,7 @@ class NoTerminalError(Exception):
     """The input is no terminal, so nothing could be pressed."""
 
 
-def run(session: Session) -> View:
+def run(session: Session, texts: Catalogue) -> View:
     """Show a session, and press its buttons, until it is finished; return its last view.
 
     Raises:
@@ -44,7 +42,7 @@ def run(session: Session) -> View:
     with _single_keys(), Live(auto_refresh=False, screen=False) as live:
         while True:
             view = session.view()
-            live.update(render(view), refresh=True)
+            live.update(render(view, texts), refresh=True)
             if view.phase is Phase.FINISHED and not view.buttons:
                 return view
             for key in _pressed(POLL_S):
@@ -52,36 +50,50 @@ def run(session: Session) -> View:
                     session.press(KEYS[key])
 
 
-def render(view: View) -> Panel:
-    """Return the view as text."""
+def render(view: View, texts: Catalogue) -> Panel:
+    """Return the view as text, in the patient's words; those for a helper are the operator's."""
+    operator = catalogue(Reader.OPERATOR, texts.language)
     lines = [
-        Text(view.word.upper(), style="bold", justify="center"),
-        Text(view.text, justify="center"),
+        Text(texts.text(f"session.{view.phase}").upper(), style="bold", justify="center"),
+        Text(texts.text(f"advice.{view.advice}"), justify="center"),
     ]
-    if view.reason:
-        lines.append(Text(view.reason, justify="center"))
+    if view.refusal is not None:
+        lines.append(Text(operator.refusal(view.refusal), justify="center"))
+    if view.cause != Cause.NONE:
+        lines.append(Text(texts.text(f"happened.{key_of(view.cause)}"), justify="center"))
     if view.why is not None:
-        lines.append(Text(WHY[view.why].en, justify="center"))
+        lines.append(Text(texts.text(f"why.{view.why}"), justify="center"))
     if view.block is not None:
-        kind = KINDS[view.block.kind]
-        lines.append(
-            Text(
-                f"block {view.block.number} of {view.block.count} ({kind}):"
-                f" {_minutes(view.block_left_s)} left, session {_minutes(view.session_left_s)}"
-            )
+        block = texts.text(
+            "terminal.block",
+            number=view.block.number,
+            count=view.block.count,
+            kind=operator.text(f"block.{view.block.kind}"),
+            left=_minutes(view.block_left_s),
+            session_left=_minutes(view.session_left_s),
         )
-    lines += [Text(_leg(leg)) for leg in view.legs]
+        lines.append(Text(block))
+    lines += [Text(_leg(leg, texts)) for leg in view.legs]
     if view.history_trouble:
-        lines.append(Text(f"history: {view.history_trouble}", style="italic"))
-    lines.append(Text("   ".join(NAMES[button] for button in view.buttons)))
-    return Panel(Group(*lines), subtitle="to stop, let go of the hand switch")
+        lines.append(Text(f"{texts.text('label.not_kept')}: {view.history_trouble}"))
+    lines.append(Text("   ".join(_key(button, texts) for button in view.buttons)))
+    return Panel(Group(*lines), subtitle=texts.text("label.to_stop"))
 
 
-def _leg(leg: LegView) -> str:
-    share = "–" if leg.share_ratio is None else f"{leg.share_ratio:.0%}"
-    return (
-        f"{leg.leg}: your share {share}, target {leg.band_low_ratio:.0%} to"
-        f" {leg.band_high_ratio:.0%}, reached in {leg.in_band_count} of {leg.stride_count} strides"
+def _key(button: Button, texts: Catalogue) -> str:
+    key = next(key for key, one in KEYS.items() if one is button)
+    return f"[{key}] {texts.text(f'press.{button}').upper()}"
+
+
+def _leg(leg: LegView, texts: Catalogue) -> str:
+    return texts.text(
+        "terminal.leg",
+        leg=texts.text(f"label.{leg.leg}"),
+        share=leg.share_ratio,
+        low=leg.band_low_ratio,
+        high=leg.band_high_ratio,
+        reached=leg.in_band_count,
+        count=leg.stride_count,
     )
 
 

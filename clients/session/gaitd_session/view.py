@@ -4,8 +4,11 @@ from collections.abc import Mapping
 from typing import Final
 
 import msgspec
-from gaitd_client import Mode
+from gaitd_client import Cause, Mode
+from gaitd_client.wire import Refusal
+from gaitd_client.wire.names import RefusalCode, Untested
 
+from gaitd_session.advice import Advice, Why
 from gaitd_session.goals import band_about
 from gaitd_session.machine import (
     ACTIVE,
@@ -21,33 +24,20 @@ from gaitd_session.machine import (
 )
 from gaitd_session.plan import BlockKind
 from gaitd_session.steps import Step, rows_of
-from gaitd_session.texts import ADVICE, Advice, Why
 
-REASONS: Final = (
-    ("(STO) pressed", Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT),
-    ("(STO) released", Advice.RELEASE_EMERGENCY_STOP),
-    ("safe torque off", Advice.RELEASE_EMERGENCY_STOP),
-    ("hand switch open", Advice.LET_GO_AND_HOLD_HAND_SWITCH),
-    ("hand switch closed", Advice.LET_GO_AND_HOLD_HAND_SWITCH),
-)
-"""What a patient can do, by a part of the reason with which the service refuses to enable."""
+ADVICE_ON_UNTESTED: Final[Mapping[str, Advice]] = {
+    Untested.STO_ACTIVE: Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT,
+    Untested.STO_RELEASED: Advice.RELEASE_EMERGENCY_STOP,
+    Untested.HAND_SWITCH_OPEN: Advice.LET_GO_AND_HOLD_HAND_SWITCH,
+    Untested.HAND_SWITCH_CLOSED: Advice.LET_GO_AND_HOLD_HAND_SWITCH,
+}
+"""What a patient can do about the input that was not seen to act.
+
+Refusals have codes of the same names, `sto_active` for example, with another meaning.
+"""
 
 STEPS_SHOWN: Final = 12
 """The newest steps, of all legs."""
-
-WORDS: Final[Mapping[Phase, str]] = {
-    Phase.WAITING: "Welcome",
-    Phase.ENABLING: "Attention",
-    Phase.ANNOUNCED: "Attention",
-    Phase.STARTING: "Attention",
-    Phase.SELF_TEST: "Test",
-    Phase.WALKING: "Walk",
-    Phase.REST: "Rest",
-    Phase.PAUSED: "Pause",
-    Phase.STOPPED: "Stopped",
-    Phase.NO_SIGNAL: "No signal",
-    Phase.FINISHED: "Done",
-}
 
 
 class BlockView(msgspec.Struct, frozen=True, kw_only=True):
@@ -82,14 +72,13 @@ class View(msgspec.Struct, frozen=True, kw_only=True):
     """What a display shows; `msgspec.json.encode` gives its JSON."""
 
     phase: Phase
-    word: str
     advice: Advice
-    text: str
-    """English sentence of the advice; `ADVICE` has both languages."""
-    reason: str
-    """Text of the service for a stop or a refusal; empty without one."""
+    refusal: Refusal | None
+    """Why the last START was refused; None: it was not."""
+    cause: str
+    """Cause of the stop, in STOPPED; else none."""
     why: Why | None
-    """What has ended the last START early; `WHY` has the sentences. None: nothing, or `reason`."""
+    """What has ended the last START early; None: nothing, or a refusal or a stop."""
     buttons: tuple[Button, ...]
     """Those that do something now; the first one is the large one."""
     block: BlockView | None
@@ -143,15 +132,12 @@ def view_of(
     block = state.block
     rest_s = max(state.rest_until_s - now_s, 0.0) if state.phase is Phase.REST else 0.0
     announced_s = now_s - state.since_s if state.phase is Phase.ANNOUNCED else ANNOUNCE_S
-    reason = state.reason
-    if state.phase is Phase.STOPPED and trainer is not None:
-        reason = state.reason or trainer.reason
+    cause = trainer.cause if state.phase is Phase.STOPPED and trainer else Cause.NONE
     return View(
         phase=state.phase,
-        word=_word(state),
         advice=advice,
-        text=ADVICE[advice].en,
-        reason=reason,
+        refusal=state.refusal,
+        cause=cause,
         why=state.why,
         buttons=_buttons(state, trainer, now_s),
         block=None
@@ -177,13 +163,6 @@ def view_of(
     )
 
 
-def _word(state: State) -> str:
-    block = state.block
-    if state.phase is Phase.WALKING and block is not None and block.kind is BlockKind.WARM_UP:
-        return "Warm up"
-    return WORDS[state.phase]
-
-
 def _advice(state: State, trainer: TrainerState | None, now_s: float) -> Advice:
     match state.phase:
         case Phase.NO_SIGNAL:
@@ -205,16 +184,20 @@ def _advice(state: State, trainer: TrainerState | None, now_s: float) -> Advice:
 
 
 def _advice_at_rest(state: State, trainer: TrainerState | None, now_s: float) -> Advice:
+    if trainer is None or trainer.mode != Mode.READY:
+        return Advice.WAIT  # the hand switch is still watched: whoever lets go of it now is stopped
     if now_s < state.rest_until_s:
         return Advice.REST
-    if trainer is None or trainer.mode != Mode.READY:
-        return Advice.WAIT
-    for words, advice in REASONS:
-        if words in state.reason:
-            return advice
-    if state.reason:
-        return Advice.TRY_AGAIN_OR_CALL_THERAPIST
+    if (refusal := state.refusal) is not None:
+        return _advice_on(refusal)
     return Advice.PRESS_START if trainer.hand_switch_held else Advice.HOLD_HAND_SWITCH
+
+
+def _advice_on(refusal: Refusal) -> Advice:
+    if refusal.code == RefusalCode.STO_ACTIVE:
+        return Advice.RELEASE_EMERGENCY_STOP
+    untested = str(refusal.values.get("untested"))
+    return ADVICE_ON_UNTESTED.get(untested, Advice.TRY_AGAIN_OR_CALL_THERAPIST)
 
 
 def _buttons(state: State, trainer: TrainerState | None, now_s: float) -> tuple[Button, ...]:

@@ -24,7 +24,7 @@ from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import GaitShape, Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import Failure, Refusal
+from daemon.ipc.report import Failure, Progress, ProgressCode, Refusal
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 
@@ -136,10 +136,9 @@ class Exercise(ABC):
             return self
         return replace(self, stage=Stage.OVER, elapsed_s=0.0, failure=Failure.NO_REST)
 
-    def text(self) -> str:
-        """What happens, for the operator."""
-        stage = "" if self.stage is None else self.stage.name.lower()
-        return f"{stage} for {self.elapsed_s:.0f} s"
+    def progress(self) -> Progress | None:
+        """What happens now, beside mode and stage."""
+        return Progress(ProgressCode.EXERCISING, "", (self.elapsed_s,))
 
     @property
     def impedance(self) -> Impedance | None:

@@ -23,6 +23,7 @@ from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Refere
 from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import ModeRequest, Stage
+from daemon.ipc.report import Progress, ProgressCode
 from observer.mechanism.mechanism import singularity_ratio
 from observer.mechanism.parameters import LegParameters
 
@@ -104,12 +105,12 @@ class HandGuiding(Exercise):
         feedforward = hip + bent_nm, slide + bent_n
         return Reference(leg.position, (0.0, 0.0), feedforward, guided=False)
 
-    def text(self) -> str:
+    def progress(self) -> Progress | None:
         """See `Exercise`."""
         if self.stage is not Stage.PLAYING:
-            return Exercise.text(self)
+            return Exercise.progress(self)
         left_s = self.duration_s - self.elapsed_s
-        return f"the leg can be moved by hand for {left_s:.0f} s more"
+        return Progress(ProgressCode.GUIDED_BY_HAND, "", (left_s,))
 
 
 def slowing(guiding: Guiding, position_si: float, velocity_si: float, limits: AxisLimits) -> float:

@@ -12,10 +12,10 @@ from typing import ClassVar, Final, Self
 from daemon.core.exercises.single_axis import (
     AxisSample,
     AxisStart,
+    AxisStep,
     HomingRules,
     Result,
     SingleAxis,
-    Step,
 )
 from daemon.core.period import cycles
 from daemon.core.safety.limits import AxisLimits
@@ -61,11 +61,11 @@ class Homing(SingleAxis):
     def advance(self, axis: AxisSample) -> Self:
         """See `SingleAxis`."""
         run = replace(self, cycles=self.cycles + 1)
-        if run.step is Step.ENABLING and axis.ready:
+        if run.step is AxisStep.ENABLING and axis.ready:
             # The drive may still show an earlier home: then only a state after motion counts.
             begun = axis.homing in {HomingState.NOT_STARTED, HomingState.IN_PROGRESS}
-            return replace(run, step=Step.SEARCHING, cycles=0, begun=begun)
-        if run.step is not Step.SEARCHING:
+            return replace(run, step=AxisStep.SEARCHING, cycles=0, begun=begun)
+        if run.step is not AxisStep.SEARCHING:
             return run
         if axis.homing in {HomingState.FAILED, HomingState.FAILED_MOVING}:
             return run.failed(Failure.HOMING_ERROR)
@@ -74,7 +74,7 @@ class Homing(SingleAxis):
         if axis.homing is HomingState.IN_PROGRESS:
             return replace(run, begun=True)
         if run.begun and axis.homing in HOME_FOUND:
-            step = Step.DONE if axis.homing is HomingState.DONE else run.step
+            step = AxisStep.DONE if axis.homing is HomingState.DONE else run.step
             return replace(run, step=step, found=axis.homing)
         if run.cycles > BEGIN_CYCLES:
             return run.failed(Failure.DOES_NOT_HOME)

@@ -19,7 +19,6 @@ margins and away from the singularity. The findings are stored with their time (
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from itertools import accumulate
 from typing import ClassVar, Final, NamedTuple, Self
 
@@ -30,7 +29,15 @@ from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.motion.gait_shape import Pair
 from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import Failure, Finding, Refusal, RefusalCode
+from daemon.ipc.report import (
+    Failure,
+    Finding,
+    MotionPhase,
+    Progress,
+    ProgressCode,
+    Refusal,
+    RefusalCode,
+)
 from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import singularity_ratio
 
@@ -46,16 +53,6 @@ MOVED_RATIO_MIN: Final = 0.4
 MOVED_RATIO_MAX: Final = 1.5
 """Allowed motion as a share of the reference way: impedance lags, and friction keeps a part."""
 WAY_POINTS: Final = 20
-
-
-class Phase(Enum):
-    """Phase of the motion of one axis."""
-
-    REST = "at rest"
-    FORTH = "forth"
-    TURN = "turning"
-    BACK = "back"
-    DONE = "done"
 
 
 class Way(NamedTuple):
@@ -181,13 +178,13 @@ class SelfTest(Exercise):
         )
         return Reference(position, (moved[0][1], moved[1][1]), (hip_nm, slide_n), guided=True)
 
-    def text(self) -> str:
-        """The axis under test and its phase, for example `right/hip forth`."""
+    def progress(self) -> Progress | None:
+        """The axis under test and its phase."""
         if self.stage is not Stage.PLAYING:
-            return Exercise.text(self)
+            return Exercise.progress(self)
         phases = [self.phase(index)[0] for index in (0, 1)]
-        index = 0 if phases[0] is not Phase.DONE else 1
-        return f"{self.ways[index].name} {phases[index].value}"
+        index = 0 if phases[0] is not MotionPhase.DONE else 1
+        return Progress(ProgressCode.TESTING, self.ways[index].name, (phases[index],))
 
     def results(self) -> tuple[AxisResult, AxisResult]:
         """The results of the finished test, for hip and slide."""
@@ -197,22 +194,22 @@ class SelfTest(Exercise):
         )
         return hip, slide
 
-    def phase(self, index: int) -> tuple[Phase, bool]:
+    def phase(self, index: int) -> tuple[MotionPhase, bool]:
         """The phase of an axis, and whether its effort is averaged now."""
         way = self.ways[index]
         since_s = self.elapsed_s - (duration_s(self.ways[0]) if index else 0.0)
         way_s = _way_s(way)
         counts_from_s = REST_S + 0.5 * way_s
         if since_s < REST_S:
-            return Phase.REST, False
+            return MotionPhase.REST, False
         if since_s < REST_S + way_s:
-            return Phase.FORTH, counts_from_s <= since_s < REST_S + way_s - RAMP_S
+            return MotionPhase.FORTH, counts_from_s <= since_s < REST_S + way_s - RAMP_S
         if since_s < 2 * REST_S + way_s:
-            return Phase.TURN, False
+            return MotionPhase.TURN, False
         back_s = since_s - REST_S - way_s
         if back_s < REST_S + way_s:
-            return Phase.BACK, counts_from_s <= back_s < REST_S + way_s - RAMP_S
-        return Phase.DONE, False
+            return MotionPhase.BACK, counts_from_s <= back_s < REST_S + way_s - RAMP_S
+        return MotionPhase.DONE, False
 
     def _moved(self, index: int) -> Pair:
         """Distance and speed of one axis's reference."""
@@ -262,20 +259,20 @@ def _has_room(leg: LegStart, pose: Pair, config: CoreConfig) -> bool:
     return inside and float(singularity_ratio(leg.parameters, np.array(pose))) > smallest
 
 
-def _summed(sums: Sums, leg: LegSample, index: int, phase: Phase, counts: bool) -> Sums:
+def _summed(sums: Sums, leg: LegSample, index: int, phase: MotionPhase, counts: bool) -> Sums:
     if not leg.fresh[index]:
         return sums
     position_si, excess_si = leg.position[index], leg.excess[index]
-    if phase is Phase.REST:
+    if phase is MotionPhase.REST:
         return sums._replace(start_si=position_si)
-    if phase is Phase.TURN:
+    if phase is MotionPhase.TURN:
         return sums._replace(moved_forth_si=position_si - sums.start_si)
-    if phase is Phase.BACK:
+    if phase is MotionPhase.BACK:
         back_si = position_si - sums.start_si - sums.moved_forth_si
         sums = sums._replace(moved_back_si=back_si)
         if counts:
             return sums._replace(back_si=sums.back_si + excess_si, back_count=sums.back_count + 1)
-    elif phase is Phase.FORTH and counts:
+    elif phase is MotionPhase.FORTH and counts:
         return sums._replace(forth_si=sums.forth_si + excess_si, forth_count=sums.forth_count + 1)
     return sums
 

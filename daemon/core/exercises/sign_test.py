@@ -14,10 +14,10 @@ from typing import ClassVar, Final
 from daemon.core.exercises.single_axis import (
     AxisSample,
     AxisStart,
+    AxisStep,
     PushRules,
     Result,
     SingleAxis,
-    Step,
 )
 from daemon.core.period import cycles
 from daemon.core.safety.limits import AxisLimits
@@ -79,19 +79,19 @@ class SignTest(SingleAxis):
 
 def _advanced(test: SignTest, axis: AxisSample) -> SignTest:
     match test.step:
-        case Step.ENABLING if axis.ready:
-            return _push(test, Step.FORTH, axis)
-        case Step.FORTH:
+        case AxisStep.ENABLING if axis.ready:
+            return _push(test, AxisStep.FORTH, axis)
+        case AxisStep.FORTH:
             return _pushed(test, axis, 1.0)
-        case Step.BACK:
+        case AxisStep.BACK:
             return _pushed(test, axis, -1.0)
-        case Step.RESTING | Step.ENDING:
+        case AxisStep.RESTING | AxisStep.ENDING:
             return _rested(test, axis)
         case _:
             return test
 
 
-def _push(test: SignTest, step: Step, axis: AxisSample) -> SignTest:
+def _push(test: SignTest, step: AxisStep, axis: AxisSample) -> SignTest:
     return replace(test, step=step, cycles=0, effort_si=0.0, from_si=axis.position_si)
 
 
@@ -108,11 +108,13 @@ def _pushed(test: SignTest, axis: AxisSample, direction: float) -> SignTest:
 
 def _end_of_push(test: SignTest, moved_si: float) -> SignTest:
     ended = replace(test, cycles=0, rest_cycles=0, effort_si=0.0)
-    if test.step is Step.FORTH:
+    if test.step is AxisStep.FORTH:
         return replace(
-            ended, step=Step.RESTING, moved_forth_si=moved_si, effort_forth_si=test.effort_si
+            ended, step=AxisStep.RESTING, moved_forth_si=moved_si, effort_forth_si=test.effort_si
         )
-    return replace(ended, step=Step.ENDING, moved_back_si=moved_si, effort_back_si=test.effort_si)
+    return replace(
+        ended, step=AxisStep.ENDING, moved_back_si=moved_si, effort_back_si=test.effort_si
+    )
 
 
 def _rested(test: SignTest, axis: AxisSample) -> SignTest:
@@ -120,7 +122,7 @@ def _rested(test: SignTest, axis: AxisSample) -> SignTest:
     if test.rest_cycles < REST_CYCLES:
         too_long = test.cycles > REST_MAX_CYCLES
         return test.failed(Failure.KEEPS_MOVING) if too_long else test
-    return _push(test, Step.BACK, axis) if test.step is Step.RESTING else _checked(test)
+    return _push(test, AxisStep.BACK, axis) if test.step is AxisStep.RESTING else _checked(test)
 
 
 def _checked(test: SignTest) -> SignTest:
@@ -131,4 +133,4 @@ def _checked(test: SignTest) -> SignTest:
         return test.failed(Failure.MOVES_AGAINST_TORQUE)
     if max(along) < motion_si:
         return test.failed(Failure.DOES_NOT_MOVE)
-    return replace(test, step=Step.DONE)
+    return replace(test, step=AxisStep.DONE)

@@ -12,43 +12,27 @@ arguments.
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import ClassVar, Final, NamedTuple, Self
 
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import Mode, Stage
-from daemon.ipc.report import EventCode, Failure, Refusal
+from daemon.ipc.report import AxisStep, EventCode, Failure, Refusal
 from drives.signals import DriveFeedback, HomingState, OperationMode
 
-
-class Step(Enum):
-    """Step of a homing or sign test; the value is the text for the operator."""
-
-    WAITING = "the drives get their limits for it"
-    ENABLING = "enabling"
-    SEARCHING = "searching home"
-    FORTH = "pushing forth"
-    RESTING = "resting"
-    BACK = "pushing back"
-    ENDING = "resting again"
-    DONE = "done"
-    FAILED = "failed"
-
-
 _STAGE_OF: Final = {
-    Step.WAITING: Stage.PREPARING,
-    Step.ENABLING: Stage.PREPARING,
-    Step.SEARCHING: Stage.PLAYING,
-    Step.FORTH: Stage.PLAYING,
-    Step.RESTING: Stage.PLAYING,
-    Step.BACK: Stage.PLAYING,
-    Step.ENDING: Stage.ENDING,
-    Step.DONE: Stage.OVER,
-    Step.FAILED: Stage.OVER,
+    AxisStep.WAITING: Stage.PREPARING,
+    AxisStep.ENABLING: Stage.PREPARING,
+    AxisStep.SEARCHING: Stage.PLAYING,
+    AxisStep.FORTH: Stage.PLAYING,
+    AxisStep.RESTING: Stage.PLAYING,
+    AxisStep.BACK: Stage.PLAYING,
+    AxisStep.ENDING: Stage.ENDING,
+    AxisStep.DONE: Stage.OVER,
+    AxisStep.FAILED: Stage.OVER,
 }
 """The stage in the record for each step."""
 
-OVER: Final = frozenset({Step.DONE, Step.FAILED})
+OVER: Final = frozenset({AxisStep.DONE, AxisStep.FAILED})
 
 
 class AxisSample(NamedTuple):
@@ -114,7 +98,7 @@ class SingleAxis(ABC):
 
     axis: str
     requested_cycle: int
-    step: Step = Step.WAITING
+    step: AxisStep = AxisStep.WAITING
     cycles: int = 0
     """Cycles in this step."""
     effort_si: float = 0.0
@@ -151,7 +135,7 @@ class SingleAxis(ABC):
     @property
     def searching(self) -> bool:
         """The drive is to search home."""
-        return self.step is Step.SEARCHING
+        return self.step is AxisStep.SEARCHING
 
     @property
     def is_over(self) -> bool:
@@ -165,11 +149,11 @@ class SingleAxis(ABC):
 
     def enabling(self) -> Self:
         """Begin with enabling: the drives have been brought up with the special limits."""
-        return replace(self, step=Step.ENABLING, cycles=0)
+        return replace(self, step=AxisStep.ENABLING, cycles=0)
 
     def failed(self, why: Failure) -> Self:
         """Ended without a result."""
-        return replace(self, step=Step.FAILED, why=why)
+        return replace(self, step=AxisStep.FAILED, why=why)
 
     def moves_origin(self, feedback: DriveFeedback) -> bool:
         """True if this sample is the first after a change of the position's origin."""

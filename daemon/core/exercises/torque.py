@@ -8,7 +8,7 @@ from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.exercises.guards import GuardInputs
 from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.report import Progress, Refusal, RefusalCode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +40,6 @@ class Torque(Exercise):
         """Reference at the measured pose, without stiffness or damping."""
         return Reference(leg.position, (0.0, 0.0), (0.0, 0.0), guided=False)
 
-    def text(self) -> str:
+    def progress(self) -> Progress | None:
         """Nothing beside the mode: what happens is up to the controller."""
-        return ""
+        return None

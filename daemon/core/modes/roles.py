@@ -50,5 +50,5 @@ def assist_cap_si(request: Request) -> tuple[float, float]:
     plan = request.plan
     if plan is None or request.mode.mode is not Mode.GAIT or not ROLES[request.role].within_plan:
         return math.inf, math.inf
-    hip_nm, slide_n = plan.hip_assist_max_nm, plan.slide_assist_max_n
+    hip_nm, slide_n = plan.hip.assist_max, plan.slide.assist_max
     return (math.inf if hip_nm is None else hip_nm, math.inf if slide_n is None else slide_n)

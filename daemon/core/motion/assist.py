@@ -147,7 +147,7 @@ def is_neutral(setpoint: Setpoint) -> bool:
 
 def wanted_si(setpoint: Setpoint) -> Pair:
     """The assist of a setpoint for hip and slide: N·m, N."""
-    return setpoint.hip_assist_nm, setpoint.slide_assist_n
+    return setpoint.hip.assist, setpoint.slide.assist
 
 
 def is_active(assist: LegAssist) -> bool:

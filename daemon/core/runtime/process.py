@@ -30,7 +30,7 @@ from daemon.system.bus_choice import bus_of, choose_bus
 from daemon.system.journal import Journal
 from daemon.system.lock import directory_errors, hold
 from daemon.system.sd_notify import Notifier
-from daemon.wire.report_texts import describe, event_text
+from daemon.wire.report_fields import event_line, verdict_line
 from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
 from drives.errors import BusError
@@ -155,7 +155,7 @@ def _run(
     events = [bus_load_event(settings, built), *refused]
     built.core.publish(events)
     for event in events:
-        _log(log, event_text(event), WARNING if event in refused else INFORMATIONAL)
+        _log(log, event_line(event), WARNING if event in refused else INFORMATIONAL)
     try:
         signals.wait()
         begun()
@@ -167,7 +167,7 @@ def _run(
     if loop.bug is not None:
         _log(log, "".join(traceback.format_exception(loop.bug)), ERROR)
     if code == ExitCode.REFUSED:
-        _log(log, describe(built.core.verdict), ERROR)
+        _log(log, verdict_line(built.core.verdict), ERROR)
     return code
 
 

@@ -17,8 +17,8 @@ from daemon.core.period import cycles
 from daemon.core.runtime.loop_settings import ExitCode, Log, Supervisor
 from daemon.core.state import Axis, Core
 from daemon.core.steps.wanted import is_silenced
-from daemon.ipc.record import Cause, CycleRecord, Mode, Verdict
-from daemon.wire.report_texts import describe
+from daemon.ipc.record import Cause, CycleRecord, Mode
+from daemon.wire.report_fields import progress_line, verdict_line
 from drives.cia402.power_state import POWER_STAGE_OFF
 
 PROGRESS_CYCLES: Final = cycles(5.0)
@@ -51,14 +51,14 @@ class Supervision:
         is_new = reported != self._reported
         if is_new:
             self._reported, self._is_due = reported, True
-            status = status_line(record.mode, record.verdict, record.progress)
+            status = status_line(record)
             self._log.write(status, priority_of(record), fields_of(record))
         if self._is_due or record.cycle - self._status_cycle >= PROGRESS_CYCLES:
             self._send_status(record)
 
     def _send_status(self, record: CycleRecord) -> None:
         """Send the status line; if systemd cannot take it, it is sent again in the next cycle."""
-        status = status_line(record.mode, record.verdict, record.progress)
+        status = status_line(record)
         ready = () if self._is_ready else ("READY=1",)
         if status != self._status and not self._supervisor.send(*ready, f"STATUS={status}"):
             return
@@ -90,14 +90,15 @@ def one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def status_line(mode: Mode, verdict: Verdict, progress: str) -> str:
-    """Status line with mode, progress, and cause and drive by their names in the records."""
-    name = mode.name.lower()
-    text = progress.removeprefix(f"{name}: ")
-    cause = verdict.cause.name.lower()
+def status_line(record: CycleRecord) -> str:
+    """Status line with mode, stage, progress, cause and drive by their names in the records."""
+    names = [record.mode.name, record.stage.name if record.stage is not None else ""]
+    words = [*(name.lower() for name in names), progress_line(record.progress)]
+    line = " ".join(word for word in words if word)
+    verdict = record.verdict
     where = f" {verdict.drive}" if verdict.drive else ""
-    line = name if text in {"", name.replace("_", " ")} else f"{name}: {text}"
-    return one_line(f"{line} [{cause}{where}]" if verdict.cause != Cause.NONE else line)
+    cause = f" [{verdict.cause.name.lower()}{where}]" if verdict.cause != Cause.NONE else ""
+    return one_line(f"{line}{cause}")
 
 
 def priority_of(record: CycleRecord) -> int:
@@ -128,7 +129,7 @@ def final_state_text(core: Core, code: ExitCode, shutdown_effect: str) -> str:
             "ended by a bug of ours: quick stops were sent, and the drives stop by themselves; "
             f"last seen: {_states(core)}"
         )
-    why = f" ({describe(core.verdict)})" if core.verdict.cause != Cause.NONE else ""
+    why = f" ({verdict_line(core.verdict)})" if core.verdict.cause != Cause.NONE else ""
     if code == ExitCode.REFUSED:
         return f"ended: the drives were refused and nothing was enabled{why}"
     if core.drives is None:

@@ -60,15 +60,16 @@ def bring_up_core(
 def _with_progress(
     core: Core, steps: Generator[Progress, None, tuple[DriveReport, ...]]
 ) -> Generator[Progress, None, tuple[DriveReport, ...]]:
-    """Pass the bring-up steps on and write each one into the core's progress line."""
+    """Pass the bring-up steps on and show each one in the core's records."""
     with closing(steps):
         while True:
             try:
                 progress = next(steps)
             except StopIteration as stop:
                 return stop.value
-            text = f"{progress.done_count}/{progress.total_count} {progress.drive} {progress.text}"
-            supervisor.show_progress(core, text)
+            supervisor.show_progress(
+                core, progress.drive, progress.done_count, progress.total_count
+            )
             yield progress
 
 

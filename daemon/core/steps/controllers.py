@@ -16,10 +16,8 @@ from daemon.core.motion.assist import FULL_STIFFNESS, SetpointContext
 from daemon.core.state import Core, Leg
 from daemon.core.steps import wanted
 from daemon.ipc.record import Mode, Request, Setpoint
+from daemon.ipc.report import Lapse
 from daemon.wire.refusals import SetpointRefusal
-
-LEASE_ENDED = "its lease has ended"
-GROWN_STALE = "its setpoints have grown stale"
 
 
 def receive(core: Core, cycle: int) -> None:
@@ -77,36 +75,37 @@ def begin(core: Core, request: Request) -> None:
 
 def lapse(core: Core, cycle: int) -> bool:
     """True if assist has lapsed in this cycle; its reason is in the record."""
-    reason = ""
+    reason = Lapse.NONE
     if core.mode == Mode.TORQUE:
         reason = _lapse_of_torque(core, cycle)
     elif core.mode == Mode.GAIT:
         reason = _lapse_of_gait(core, cycle)
-    if reason:
-        core.lapse_count += 1
-        core.lapse_reason = reason
-    return bool(reason)
+    if reason is Lapse.NONE:
+        return False
+    core.lapse_count += 1
+    core.lapse_reason = reason
+    return True
 
 
-def _lapse_of_torque(core: Core, cycle: int) -> str:
+def _lapse_of_torque(core: Core, cycle: int) -> Lapse:
     rules = core.config.assist_rules
     if core.lease != core.torque_lease:
-        return LEASE_ENDED
+        return Lapse.LEASE_ENDED
     accepted = [leg.assist.accepted for leg in core.legs if leg.assist.accepted is not None]
     if not all(assist.is_fresh(one, cycle, rules) for one in accepted):
-        return GROWN_STALE
-    return (
-        "no setpoint has come" if not accepted and _waited_cycles(core) > rules.start_cycles else ""
-    )
+        return Lapse.STALE
+    if not accepted and _waited_cycles(core) > rules.start_cycles:
+        return Lapse.NO_SETPOINT
+    return Lapse.NONE
 
 
-def _lapse_of_gait(core: Core, cycle: int) -> str:
+def _lapse_of_gait(core: Core, cycle: int) -> Lapse:
     rules = core.config.assist_rules
     accepted = [leg.assist.accepted for leg in core.legs if assist.is_active(leg.assist)]
     if any(one is None for one in accepted):
-        return LEASE_ENDED
+        return Lapse.LEASE_ENDED
     fresh = all(one is not None and assist.is_fresh(one, cycle, rules) for one in accepted)
-    return "" if fresh else GROWN_STALE
+    return Lapse.NONE if fresh else Lapse.STALE
 
 
 def _waited_cycles(core: Core) -> int:

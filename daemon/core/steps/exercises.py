@@ -12,7 +12,7 @@ from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.state import Axis, Core, Leg
 from daemon.ipc.record import Mode, ModeRequest, Stage
-from daemon.ipc.report import EventCode, Refusal
+from daemon.ipc.report import EventCode, Progress, Refusal
 from drives.signals import OperationMode
 
 
@@ -70,16 +70,16 @@ def stage(core: Core) -> Stage | None:
     return next((one for one in stages if one is not Stage.OVER), Stage.OVER)
 
 
-def text(core: Core) -> str:
-    """What happens in the exercise, for the operator; empty without stages."""
+def progress(core: Core) -> Progress | None:
+    """What happens in the exercise; None without stages."""
     first = core.legs[0].exercise
     if first is None or first.stage is None:
-        return ""
+        return None
     if first.legs_in_turn:
         for leg in core.legs:
             if leg.exercise is not None and leg.exercise.stage is Stage.PLAYING:
-                return leg.exercise.text()
-    return first.text()
+                return leg.exercise.progress()
+    return first.progress()
 
 
 def update_references(core: Core, samples: Sequence[LegSample]) -> None:

@@ -11,7 +11,7 @@ FAULT as in other modes; the reset after it brings the drives up with their usua
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from daemon.core.exercises.single_axis import AxisSample, AxisStart, SingleAxis, Step
+from daemon.core.exercises.single_axis import AxisSample, AxisStart, AxisStep, SingleAxis
 from daemon.core.modes.persistent_state import SignProof, prove
 from daemon.core.modes.table import MODES
 from daemon.core.period import cycles
@@ -47,7 +47,7 @@ def seeks_home(core: Core, axis: Axis) -> bool:
     have moved the origin.
     """
     run = core.single_axis
-    return is_homing(core, axis) and run is not None and run.step is not Step.DONE
+    return is_homing(core, axis) and run is not None and run.step is not AxisStep.DONE
 
 
 def moves_origin(core: Core, axis: Axis, feedback: DriveFeedback) -> bool:

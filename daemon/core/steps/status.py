@@ -1,9 +1,9 @@
-"""Stage, progress and verdict as they are published. Nothing here changes state."""
+"""Stage and progress as they are published. Nothing here changes state."""
 
 from daemon.core.state import Core
 from daemon.core.steps import exercises
-from daemon.ipc.record import Cause, Mode, Stage
-from daemon.wire.report_texts import describe
+from daemon.ipc.record import Mode, Stage
+from daemon.ipc.report import Progress, ProgressCode
 
 
 def stage(core: Core) -> Stage | None:
@@ -19,15 +19,15 @@ def stage(core: Core) -> Stage | None:
     return exercises.stage(core)
 
 
-def progress(core: Core) -> str:
-    """One line of text for the operator about the present activity."""
-    if core.mode in {Mode.OFF, Mode.FAULT} and core.verdict.cause != Cause.NONE:
-        return describe(core.verdict)
-    text = exercises.text(core) if core.mode.active else ""
-    if text:
-        return f"{core.mode.name.lower()}: {text}"
-    if core.single_axis is not None:
-        return f"{core.single_axis.axis}: {core.single_axis.step.value}"
+def progress(core: Core) -> Progress | None:
+    """What the machine does now; None: nothing beside its mode and stage."""
+    if core.bring_up is not None:
+        return core.bring_up
+    if core.mode.active and (own := exercises.progress(core)) is not None:
+        return own
+    run = core.single_axis
+    if run is not None:
+        return Progress(ProgressCode.ONE_AXIS, run.axis, (run.step,))
     if core.mode == Mode.HOLD and not core.load_checked:
-        return "enabling: the load at rest is being compared"
-    return core.progress or core.mode.name.lower().replace("_", " ")
+        return Progress(ProgressCode.COMPARING_LOAD)
+    return None

@@ -30,7 +30,7 @@ from daemon.core.steps import (
 )
 from daemon.core.steps.wanted import is_driving, is_mode_changing
 from daemon.ipc.record import Cause, Mode, Request, RequestKind, Verdict
-from daemon.ipc.report import EventCode, Failure, Finding, Trigger
+from daemon.ipc.report import EventCode, Failure, Finding, Progress, ProgressCode, Trigger
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerState
@@ -89,7 +89,7 @@ def _change(core: Core, trigger: Trigger) -> None:
         IllegalTransitionError: there is no such row: a programming error.
     """
     core.mode = table.next_mode(core.mode, trigger)
-    core.progress = ""
+    core.bring_up = None
 
 
 def _enter(core: Core, trigger: Trigger) -> None:
@@ -420,9 +420,9 @@ def begin_bring_up(core: Core) -> None:
     core.report(EventCode.BRING_UP_BEGUN)
 
 
-def show_progress(core: Core, text: str) -> None:
+def show_progress(core: Core, drive: str, done_count: int, total_count: int) -> None:
     """Show the step of the bring-up."""
-    core.progress = text
+    core.bring_up = Progress(ProgressCode.SETTING_UP, drive, (done_count, total_count))
 
 
 def take_drives(core: Core, drives: DriveGroup) -> None:
@@ -461,7 +461,7 @@ def fail_bring_up(core: Core, cause: Cause, drive: str, said: str) -> None:
     core.verdict = verdict
     single_axis.drop(core)
     core.reset_cycles_left = 0
-    core.progress = ""
+    core.bring_up = None
     sensing.lose_positions(core)
 
 

@@ -55,7 +55,7 @@ def walked(strides, error=(0.0, 0.0), law=None, **values):
 
 
 def stiffness(law):
-    return law.state()["stiffness_ratio"]
+    return law.state().values["stiffness_ratio"]
 
 
 def test_help_fades_faster_the_smaller_the_error_is_down_to_the_floor():
@@ -176,8 +176,8 @@ def test_what_is_not_known_teaches_nothing_and_one_axis_is_enough():
     before = law.state()
     assert walked(2, (9.0, 9.0), law, learns=UNKNOWN)[0].state() == before
     walked(2, (0.0, 0.0), law, learns=(False, True))
-    assert law.state()["assist_hip_nm"] == before["assist_hip_nm"]
-    assert stiffness(law) < before["stiffness_ratio"]
+    assert law.state().hip == before.hip
+    assert stiffness(law) < before.values["stiffness_ratio"]
 
 
 def test_the_first_stride_after_help_begins_teaches_nothing():
@@ -185,7 +185,7 @@ def test_the_first_stride_after_help_begins_teaches_nothing():
     before = law.state()
     law.begin_gait()
     assert walked(1, (1.0, 1.0), law)[0].state() == before
-    assert walked(1, (1.0, 1.0), law)[0].assist[0][3] > before["assist_hip_nm"][3]
+    assert walked(1, (1.0, 1.0), law)[0].assist[0][3] > before.hip["assist"][3]
 
 
 def test_a_ramp_of_the_cadence_teaches_nothing():

@@ -30,10 +30,10 @@ PATIENTS = {
     "tiring": lambda: tiring(16.0),
 }
 COLUMNS = {
-    "stiffness, share": lambda line: line.state["stiffness_ratio"],
-    "assist of the hip, mean, N·m": lambda line: line.assist_mean_nm,
-    "error of the hip, rms, deg": lambda line: float(np.degrees(line.hip_error_rms_rad)),
-    "patient's share of the work": lambda line: line.share_ratio,
+    "stiffness, share": lambda line: line.values["stiffness_ratio"],
+    "assist of the hip, mean, N·m": lambda line: line.hip["assist_mean"],
+    "error of the hip, rms, deg": lambda line: float(np.degrees(line.hip["error_rms"])),
+    "patient's share of the work": lambda line: line.values["share_ratio"],
 }
 
 

@@ -103,16 +103,17 @@ def warm_lugre_gym():
 
 
 def stiffness(walk):
-    return [line.state["stiffness_ratio"] for line in walk.answers.lines]
+    return [line.values["stiffness_ratio"] for line in walk.answers.lines]
 
 
 def helped(walk):
     """Mean size of the assist of each stride, in caps, shape (strides, 2)."""
-    return np.array([(one.assist_mean_nm, one.assist_mean_n) for one in walk.answers.lines]) / CAP
+    lines = walk.answers.lines
+    return np.array([(one.hip["assist_mean"], one.slide["assist_mean"]) for one in lines]) / CAP
 
 
 def share(walk):
-    return np.mean([line.share_ratio for line in walk.answers.lines[-2:]])
+    return np.mean([line.values["share_ratio"] for line in walk.answers.lines[-2:]])
 
 
 def goes_on_unrefused(walk):
@@ -331,8 +332,8 @@ def test_a_controller_that_fails_leaves_a_leg_that_is_braked_and_held(warm_gym, 
 
     record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
-    assert record.assist.legs[0].assist == (0.0, 0.0)
-    assert all(abs(drive.velocity_si) < 0.03 for drive in record.drives)
+    assert (record.legs[0].hip.assist, record.legs[0].slide.assist) == (0.0, 0.0)
+    assert all(abs(drive.velocity) < 0.03 for drive in record.drives)
     assert (record.assist.refused_count[SetpointRefusal.STALE] > 0) == (how == "late")
 
 

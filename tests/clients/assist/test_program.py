@@ -7,32 +7,45 @@ from pathlib import Path
 import msgspec
 import pytest
 from assisted import SHIPPED, TRANSPARENCY, shipped
-from gaitd_assist import Sample, program
+from display_bench import filled
+from gaitd_assist import Memory, Sample, program
 from gaitd_assist.journal import LINES_KEPT, Journal
 from gaitd_assist.settings import check_caps, parse_settings
-from gaitd_client import Assist, Mode, PlanLimits, Stage, Validity, wire
+from gaitd_client import Assist, AxisPlan, Mode, PlanLimits, Stage, Validity, wire
 from gaitd_toml import ConfigError
 
+BAD = {"validity": Validity.BAD}
 PLAN = {"cadence_max_hz": 0.4, "amplitude_max_ratio": 1.0, "duration_max_s": 600.0}
 
 
 def example(kind, **values):
-    """A message with these fields and null, 0 or "" in all others."""
-    empty = {"core_boot_id": "boot", "cycle": 0, "sample_time_ns": 0, "seq": 0, "leg": "right"}
-    names = kind.__struct_fields__
-    return kind(**{name: empty.get(name) for name in names} | values)
+    """A message of this leg with these fields; all others are empty."""
+    return filled(kind, **{"core_boot_id": "boot", "leg": "right"} | values)
 
 
-def estimate(cycle, **values):
+def estimate(cycle, hip=None, slide=None, **values):
     moved_rad = 0.005 * cycle
-    pose = {"hip_angle_rad": 0.1 + moved_rad, "slide_position_m": 0.5, "dt_s": 0.01}
-    pose |= {"gait_phase_ratio": cycle * 0.003 % 1.0}
-    speed = {"hip_velocity_rad_per_s": 1.0, "slide_velocity_m_per_s": 0.5}
-    aim = {"reference_hip_angle_rad": 0.3 + moved_rad, "reference_slide_position_m": 0.5}
-    ok = {"hip_validity": Validity.OK, "slide_validity": Validity.OK, "mode": Mode.GAIT}
-    friction = {"hip_friction_nm": 6.0, "slide_friction_n": 70.0}
-    given = pose | speed | aim | ok | friction | values
-    return example(wire.Estimate, cycle=cycle, **given)
+    well = {
+        "hip": {
+            "validity": Validity.OK,
+            "position": 0.1 + moved_rad,
+            "velocity": 1.0,
+            "friction": 6.0,
+            "reference_position": 0.3 + moved_rad,
+        },
+        "slide": {
+            "validity": Validity.OK,
+            "position": 0.5,
+            "velocity": 0.5,
+            "friction": 70.0,
+            "reference_position": 0.5,
+        },
+        "mode": Mode.GAIT,
+        "dt_s": 0.01,
+        "gait_phase_ratio": cycle * 0.003 % 1.0,
+    }
+    axes = {"hip": well["hip"] | (hip or {}), "slide": well["slide"] | (slide or {})}
+    return example(wire.Estimate, cycle=cycle, **well | axes | values)
 
 
 def stride(number, cycle=1000):
@@ -51,18 +64,18 @@ def test_a_leg_learns_only_while_the_gait_plays_and_its_pose_is_known():
     leg = shipped().controller()
     assert hip_nm(leg, range(386))[0] == 0.0
     learned = help_of(leg)
-    assert max(learned["assist_hip_nm"]) > 1.0
+    assert max(learned.hip["assist"]) > 1.0
 
     assert leg.answer(estimate(400), Stage.PLAYING) == Assist()
-    assert hip_nm(leg, [386], hip_angle_rad=None) == [0.0]
+    assert hip_nm(leg, [386], hip={"position": None}) == [0.0]
     assert hip_nm(leg, [387], dt_s=0.0) == [0.0]
-    hip_nm(leg, range(388, 600), hip_validity=Validity.BAD, slide_validity=Validity.BAD)
+    hip_nm(leg, range(388, 600), hip=BAD, slide=BAD)
     assert help_of(leg) == learned
     # At rest, where patient and friction cannot be separated, the pose is known.
     for cycle in range(600, 900):
-        at = {"hip_validity": Validity.SPLIT_UNOBSERVABLE, "hip_angle_rad": 0.3 + 0.005 * cycle}
-        leg.answer(estimate(cycle, **at), Stage.PLAYING)
-    assert sum(help_of(leg)["assist_hip_nm"]) < sum(learned["assist_hip_nm"])
+        at = {"validity": Validity.SPLIT_UNOBSERVABLE, "position": 0.3 + 0.005 * cycle}
+        leg.answer(estimate(cycle, hip=at), Stage.PLAYING)
+    assert sum(help_of(leg).hip["assist"]) < sum(learned.hip["assist"])
 
 
 @pytest.mark.parametrize(
@@ -77,7 +90,7 @@ def test_help_is_kept_from_block_to_block_but_not_for_another_patient(later, boo
     hip_nm(leg, [700 + later], core_boot_id=boot)
 
     assert (help_of(leg) == learned) == is_kept
-    assert (max(help_of(leg)["assist_hip_nm"]) > 0.0) == is_kept
+    assert (max(help_of(leg).hip["assist"]) > 0.0) == is_kept
 
 
 @pytest.mark.parametrize(("cadence_hz", "is_assisted"), [(0.35, True), (0.37, False)])
@@ -104,14 +117,14 @@ def test_without_a_playing_gait_the_answer_is_neutral(stage):
 def test_a_stride_has_one_line():
     leg = shipped().controller()
     for cycle in range(100, 800):
-        leg.answer(estimate(cycle, reference_hip_angle_rad=0.11 + 0.005 * cycle), Stage.PLAYING)
+        leg.answer(estimate(cycle, hip={"reference_position": 0.11 + 0.005 * cycle}), Stage.PLAYING)
     assert leg.end_stride(stride(3, cycle=100)) is None  # of before the first answer
     line = leg.end_stride(stride(4))
 
     assert line is not None
     assert (line.number, line.learned) == (4, True)
-    assert line.hip_error_rms_rad == pytest.approx(0.01)
-    assert line.state["stiffness_ratio"] < 1.0
+    assert line.hip["error_rms"] == pytest.approx(0.01)
+    assert line.values["stiffness_ratio"] < 1.0
     assert leg.end_stride(stride(4)) is None
 
 
@@ -123,11 +136,13 @@ def test_assist_that_is_cut_is_not_learned_any_farther_and_a_late_one_is_not_cut
             error_rad = 0.08 if cycle % 333 < 83 else 0.0
             given = estimate(
                 cycle,
-                reference_hip_angle_rad=0.1 + error_rad + 0.005 * cycle,
-                assist_hip_nm=share * asked_nm[-late_cycles],
+                hip={
+                    "reference_position": 0.1 + error_rad + 0.005 * cycle,
+                    "assist": share * asked_nm[-late_cycles],
+                },
             )
             asked_nm.append(leg.answer(given, Stage.PLAYING).hip_nm)
-        return help_of(leg)["assist_hip_nm"]
+        return help_of(leg).hip["assist"]
 
     whole_nm = learned_nm(1.0)
     assert sum(learned_nm(0.5)) < 0.7 * sum(whole_nm)
@@ -139,7 +154,7 @@ def test_all_laws_together_stay_within_the_cap_and_in_torque_only_friction_acts(
     leg = parse_settings(text, SHIPPED).controller()
 
     assert max(hip_nm(leg, range(700))) == 5.0
-    assert leg.end_stride(stride(1)).state["tank_hip_j"] == pytest.approx(0.2)
+    assert leg.end_stride(stride(1)).hip["tank_j"] == pytest.approx(0.2)
     floating = leg.answer(estimate(700, mode=Mode.TORQUE, gait_phase_ratio=None), Stage.PLAYING)
     assert floating == pytest.approx(Assist(0.6 * 6.0, 0.6 * 70.0, 1.0))
 
@@ -169,21 +184,21 @@ def test_a_file_that_the_service_would_refuse_is_refused_before():
     with pytest.raises(ConfigError, match=r"legs = \['left'\]: the trainer has \['right'\]"):
         check_caps(left, SHIPPED, known, None)
     weak = shipped(("hip.max_nm = 20.0", "hip.max_nm = 15.0"))
-    check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide_assist_max_n=150.0))
+    check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide=AxisPlan(assist_max=150.0)))
     of_plan = r"slide.max_n = 150.0: at most 80 \(slide.assist_max_n of the released plan\)"
     with pytest.raises(ConfigError, match=of_plan):
-        check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide_assist_max_n=80.0))
+        check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide=AxisPlan(assist_max=80.0)))
 
 
 def test_the_law_of_the_readme_is_one():
     text = (SHIPPED.parents[1] / "README.md").read_text()
-    scope = {"Sample": Sample, "Assist": Assist}
+    scope = {"Sample": Sample, "Assist": Assist, "Memory": Memory}
     exec(text.partition("```python\n")[2].partition("```")[0], scope)
     leg = shipped().controller()
     leg.laws.append(scope["Push"]())
 
-    assert hip_nm(leg, [0, 1, 2], reference_hip_angle_rad=0.1) == [0.0, 2.0, 2.0]
-    assert hip_nm(leg, [3], reference_hip_angle_rad=0.1, gait_phase_ratio=0.6) == [0.0]
+    assert hip_nm(leg, [0, 1, 2], hip={"reference_position": 0.1}) == [0.0, 2.0, 2.0]
+    assert hip_nm(leg, [3], hip={"reference_position": 0.1}, gait_phase_ratio=0.6) == [0.0]
 
 
 def test_the_log_is_appended_to_and_counts_what_it_loses(tmp_path):
@@ -204,7 +219,7 @@ def test_the_log_is_appended_to_and_counts_what_it_loses(tmp_path):
     lines = file.read_text().splitlines()
     assert len(lines) == LINES_KEPT + 2
     assert msgspec.json.decode(lines[0], type=type(line)) == line
-    assert len(json.loads(lines[0])["state"]["assist_hip_nm"]) == 16
+    assert len(json.loads(lines[0])["hip"]["assist"]) == 16
 
 
 def test_the_command_ends_with_code_2_for_a_file_and_3_without_a_service(

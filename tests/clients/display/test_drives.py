@@ -3,7 +3,7 @@
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, DriveState, NotValid, Trouble
-from gaitd_display.cause_texts import Situation
+from gaitd_client.texts import Situation
 from gaitd_display.drives import Drives, situation_of, together
 
 NOTHING = Drives(are_holding=False, may_have_power=True, is_switch_held=False)

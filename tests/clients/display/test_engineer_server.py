@@ -90,7 +90,8 @@ def test_of_a_silent_trainer_nothing_is_known(tmp_path):
         now = page.until(lambda now: now["time_ms"] is None)
         past = client.get("/past.json").json()
 
-    assert now["mode"] is now["verdict"] is now["progress"] is None
+    assert now["mode"] is now["verdict"] is None
+    assert now["progress"] == ""
     assert now["legs"] == [{"leg": "right", "row": None, "power_w": None, "power_w_std": None}]
     assert {value for drive in now["drives"] for value in list(drive.values())[1:]} == {None}
     newest = dict(zip(past["columns"], past["rows"]["right"][-1], strict=True))

@@ -183,11 +183,13 @@ def test_only_the_request_that_the_page_offers_is_sent(client, trainer, page):
 
 def test_a_refusal_of_the_service_is_passed_on_with_its_reason(client, trainer, page):
     offered(trainer, page)
-    trainer.refusal = "the hand switch is open"
+    trainer.refusal = "hand_switch_open"
     answer = client.post("/act", headers=OURS, json={"action": "reset"})
 
     assert answer.status_code == 409
-    assert answer.json() == {"outcome": "refused", "reason": "the hand switch is open"}
+    told = answer.json()
+    assert (told["outcome"], told["reason"]) == ("refused", "hand_switch_open")
+    assert told["said"]["de"] == "der Handschalter wird nicht gehalten"
 
 
 def test_stops_have_threads_of_their_own(client, trainer, page):

@@ -5,28 +5,23 @@ import itertools
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, Event, Mode, Stage, Stride
-from gaitd_display.cause_texts import (
-    CAUSE_TEXTS,
-    HEADING_MAX,
-    LAST_LINE_MAX,
-    LAST_LINES,
-    Situation,
-    patient_text,
-)
+from gaitd_client.texts import CAUTIOUS, STOPS, Situation
 from gaitd_display.patient_view import PatientState
 from gaitd_display.scenes import Picture
 from gaitd_display.settings import FAR_ARC_MIN, PatientSettings, Screen
-from gaitd_display.texts import WORDS, Word, page_texts
 from gaitd_display.training import Summary, TrainingView
 from gaitd_display.walk import HIGH_RATIO, LOW_RATIO, height_of
 from gaitd_display.way_out import ALONE, Step, Unstrap
+from gaitd_display.words import UNBROKEN, Word, page_texts
 from gaitd_session import Advice, Band, Button, Phase, Result, Why
 from gaitd_session import Step as Walked
 from gaitd_toml import ConfigError
 
-from daemon.wire.cause_texts import CAUSE_TEXT, DANGER, HELD, LOOSE
-
 TEXTS = page_texts()
+HEADING_MAX = 21
+LAST_LINE_MAX = 39
+"""Characters that fit at the size that is read from the chair."""
+REASON = {"en": "the leg is too far", "de": "das Bein ist zu weit"}
 
 
 class Shown:
@@ -74,6 +69,8 @@ def said(view, language="en"):
     phrases += [strip.text for strip in scene.strips]
     return [
         texts[one.key].format(**{"help": "HELP", **one.values})
+        if one.said is None
+        else one.said[language]
         for one in phrases
         if one is not None
     ]
@@ -115,7 +112,7 @@ BANDS = {"right": Band(0.32, 0.44), "left": Band(0.2, 0.3)}
 def training(phase, advice=Advice.LIE_STILL, **given):
     """What the page shows of a session in this phase."""
     told = {
-        **{"buttons": (), "reason": "", "why": None, "is_kept": True, "number": 2, "count": 4},
+        **{"buttons": (), "reason": None, "why": None, "is_kept": True, "number": 2, "count": 4},
         **{"plan_s": 1020.0, "block_left_s": 60.0, "block_s": 120.0, "announce_left_s": 0.0},
         **{"bands": BANDS, "steps": (), "valid_count": 0, "in_band_count": 0, "row_count": 0},
         **{"session_valid_count": 0, "session_in_band_count": 0, "summary": None},
@@ -157,7 +154,7 @@ def test_behind_a_rest_comes_the_next_part_and_a_refusal_says_what_to_do(screen)
         (Advice.LET_GO_AND_HOLD_HAND_SWITCH, Word.LET_GO),
         (Advice.TRY_AGAIN_OR_CALL_THERAPIST, Word.FAILED),
     ):
-        screen.training = training(Phase.WAITING, advice, reason="the leg is too far")
+        screen.training = training(Phase.WAITING, advice, reason=REASON)
         view = screen.after(Mode.READY)
         assert view.word == word
         assert len(view.scene.cards) >= 2
@@ -373,23 +370,21 @@ def test_the_emergency_stop_pressed_as_a_session_advises_is_named_and_sounds_no_
     assert screen.after(Mode.STOPPING, cause=Cause.STO_ACTIVE, sto=True).alarm is not None
 
 
-def test_every_cause_has_its_text_in_both_languages_for_the_situation_that_the_service_names():
-    situation = {HELD: Situation.HELD, LOOSE: Situation.LOOSE, DANGER: Situation.DANGER}
-    for cause, told in CAUSE_TEXT.items():
-        if cause.name == "NONE":
-            continue
-        text = CAUSE_TEXTS[Cause[cause.name]]
-        assert text.situation == situation.get(told.first, Situation.AT_REST), cause
-        for spoken in (text.heading, text.happened, text.advice):
-            if spoken is not None:
-                assert spoken.en
-                assert spoken.de
-                assert spoken.en != spoken.de
-        assert max(map(len, text.heading)) <= HEADING_MAX
-    assert len(CAUSE_TEXTS) == len(CAUSE_TEXT) - 1
-    assert patient_text("of a later version").situation is Situation.DANGER
-    assert set(LAST_LINES) == set(Situation)
-    assert max(len(text) for pair in LAST_LINES.values() for text in pair) <= LAST_LINE_MAX
+def test_a_cause_of_a_later_version_is_told_as_the_gravest(screen):
+    view = screen.after(Mode.FAULT, cause="of_a_later_version")
+    assert said(view, "de")[0] == "Gerät gestört"
+    assert [card.picture for card in view.scene.cards if card.is_first] == [
+        *(Picture.EMERGENCY_STOP, Picture.TELEPHONE),
+    ]
+    assert (view.action, view.alarm is None) == (None, False)
+
+
+def test_headings_of_stops_and_last_lines_fit_on_the_page():
+    for texts in (TEXTS["en"], TEXTS["de"]):
+        headings = [text for key, text in texts.items() if key.startswith("stop.")]
+        assert len(headings) == len(Cause)  # one for each but none, and for one of a later version
+        assert max(map(len, headings)) <= HEADING_MAX
+        assert max(len(texts[f"last.{one}"]) for one in Situation) <= LAST_LINE_MAX
 
 
 def test_whatever_is_said_has_a_text_in_both_languages_that_is_wholly_filled_in(tmp_path):
@@ -404,7 +399,7 @@ def test_whatever_is_said_has_a_text_in_both_languages_that_is_wholly_filled_in(
         views += [screen.after(Mode.FAULT, cause=cause) for cause in causes]
         views += [screen.after(Mode.FAULT, cause=cause, power="fault") for cause in causes]
         views += [screen.after(mode) for mode in Mode]
-    given = {"buttons": tuple(Button), "summary": summary, "reason": "the leg is too far"}
+    given = {"buttons": tuple(Button), "summary": summary, "reason": REASON}
     for phase, advice in itertools.product(Phase, Advice):
         screen.training = training(phase, advice, **given)
         for mode in (Mode.READY, Mode.HOLD, Mode.FAULT):
@@ -416,10 +411,12 @@ def test_whatever_is_said_has_a_text_in_both_languages_that_is_wholly_filled_in(
             assert not [text for text in said(view, language) if not text or "{" in text]
 
 
-def test_all_words_and_labels_are_there_in_both_languages():
-    assert set(WORDS) == set(Word)
-    assert set(TEXTS["en"]) == set(TEXTS["de"])
-    assert all(text.strip() for language in TEXTS.values() for text in language.values())
+def test_each_state_has_its_heading_and_what_is_not_known_is_told_most_cautiously():
+    for language, texts in TEXTS.items():
+        if language != "cautious":
+            assert {f"word.{word}" for word in Word} <= set(texts)
+    unbroken = {language: text.replace("Not-Halt", UNBROKEN) for language, text in CAUTIOUS.items()}
+    assert TEXTS["cautious"] == unbroken
 
 
 # --- the way out alone ------------------------------------------------------------------------
@@ -478,7 +475,7 @@ def test_a_server_that_starts_behind_reset_takes_the_step_from_the_events(
 
 
 def stop_event(kind, cause, boot):
-    given = {"id": "1", "text": "text", "priority": "low"}
+    given = {"id": "1", "priority": "low"}
     return bench.filled(Event, kind=kind, cause=cause, core_boot_id=boot, **given)
 
 
@@ -504,7 +501,7 @@ def test_reset_is_offered_after_the_causes_of_person_and_motion_alone(screen, ca
     view = screen.after(Mode.FAULT, cause=cause)
 
     assert view.step == (Step.RESET if cause in ALONE else Step.HELP)
-    assert cause not in ALONE or CAUSE_TEXTS[cause].situation is Situation.HELD
+    assert cause not in ALONE or STOPS[cause].situation is Situation.HELD
 
 
 @pytest.mark.parametrize(

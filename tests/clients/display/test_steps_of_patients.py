@@ -2,8 +2,8 @@
 
 import pytest
 from assisted import Answers, Gym, shipped
-from gaitd_display.texts import Word
 from gaitd_display.walk import OwnSteps, word_of
+from gaitd_display.words import Word
 from gaitd_session import Band
 
 from daemon.gateway import strides, translate

@@ -16,9 +16,9 @@ from urllib.request import Request, urlopen
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, Event, Mode, NotValid, PlanLimits, Trouble
+from gaitd_client.texts import Situation
 from gaitd_display import therapist
 from gaitd_display.alarm import INPUT_CYCLES
-from gaitd_display.cause_texts import Situation
 from gaitd_display.controls import Does
 from gaitd_display.login import (
     FAILURES_MAX,
@@ -272,12 +272,12 @@ def test_commands_and_plans_are_sent_and_wrong_ones_are_refused(client, trainer)
 
     names = [name for name, *_ in trainer.requests]
     assert names == ["enable", "mode", "mode", "mode", "disable", "reset", "plan", "plan"]
-    trainer.refusal = "the leg is moving"
+    trainer.refusal = "leg_moves"
     refused = post(client, "/act", {"command": "enable"}).json()
-    assert refused["reason"] == "the leg is moving"
-    assert refused["said"]["de"].startswith("Das Bein bewegt sich noch.")
-    trainer.refusal = "a reason of a later version"
-    assert post(client, "/act", {"command": "enable"}).json()["said"] is None
+    assert refused["reason"] == "leg_moves"
+    assert refused["said"]["de"] == "das Bein bewegt sich noch"
+    trainer.refusal = "of_a_later_version"
+    assert "of_a_later_version" in post(client, "/act", {"command": "enable"}).json()["said"]["de"]
 
 
 # --- what the page gets -------------------------------------------------------------------------
@@ -294,7 +294,7 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
     login(client)
     headers = {**OURS, "cookie": f"{COOKIE}={client.cookies[COOKIE]}"}
     with client.websocket_connect("/live", headers=headers) as socket:
-        trainer.send("events", bench.filled(Event, id="1", text="an event", priority="low"))
+        trainer.send("events", bench.filled(Event, id="1", code="core_back", priority="low"))
         trainer.step(7, 0.4, 5.0)
         items = []
         for _, frame in zip(range(500), frames(client, socket), strict=False):
@@ -316,7 +316,9 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
             trainer.cycles(Mode.FAULT, cause=Cause.SPASM)
             if frame["now"]["stop"] is not None:
                 break
-        assert frame["now"]["stop"] == {"key": "spasm", "subject": None, "situation": "held"}
+        stop = frame["now"]["stop"]
+        assert (stop["subject"], stop["situation"]) == (None, "held")
+        assert stop["stopped"]["de"] == "Das Bein des Patienten wurde steif"
         assert "first.held" in client.get("/texts.json").json()["de"]
         possible = [one for one in frame["now"]["controls"] if one["why_not"] is None]
         assert possible == [{"command": "reset", "does": "lets_go_until_enabled", "why_not": None}]
@@ -438,9 +440,9 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     def progress():
         return client.get("/progress.json").json()
 
-    assert "no such file" in progress()["troubles"][0]
+    assert "no such file" in progress()["troubles"][0]["de"]
     files.profile.write_text(PROFILE, encoding="utf-8")
-    assert "there is no history yet" in progress()["troubles"][0]
+    assert progress()["troubles"][0]["de"].startswith("Es gibt noch keinen Verlauf: /")
     assert progress()["profile"]["limits"]["duration_max_s"] == 12.0
     assert progress()["targets"] == {"right": {"low_ratio": 0.25, "high_ratio": 0.35}}
     assert progress()["self_test_ms"] is None
@@ -471,10 +473,10 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     assert progress()["targets"]["right"]["low_ratio"] == pytest.approx(0.39)
     limits = progress()["profile"]["limits"]
     assert post(client, "/plan", {"plan": limits}).json()["outcome"] == "done"
-    assert trainer.plan.hip_assist_max_nm == 10.0
+    assert trainer.plan.hip.assist_max == 10.0
 
     files.history.write_bytes(b"no database" * 1000)
-    assert "damaged, or no SQLite file" in progress()["troubles"][0]
+    assert progress()["troubles"][0]["de"].startswith("Der Verlauf ist nicht verwendbar: /")
     assert (progress()["sessions"], progress()["profile"]["id"]) == ([], "7f3k9m2q")
 
 

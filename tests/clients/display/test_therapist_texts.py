@@ -1,71 +1,73 @@
-"""Words of the therapist's page: stops, events and refusals, without a raw code."""
+"""Words of the therapist's page: stops, events, refusals and interruptions, without a raw code."""
 
-import itertools
 import re
 import string
 
 import display_bench as bench
-import msgspec
 import pytest
-import records
-from gaitd_client import Cause, Event, Kind, Mode, Priority, Stage, Validity
-from gaitd_client.wire.fields import NMT_STATES, POWER_STATES
-from gaitd_display.cause_texts import patient_text
+from gaitd_client import (
+    Cause,
+    Event,
+    EventCode,
+    Kind,
+    Outcome,
+    Priority,
+    RefusalCode,
+    SetpointRefusal,
+    Validity,
+)
+from gaitd_client.texts import LANGUAGES, STOPS, Reader, catalogue, key_of, stop_of
+from gaitd_client.wire import Judgement, Refusal
 from gaitd_display.controls import Command, Does, WhyNot
-from gaitd_display.event_texts import event_text, refusal_text
-from gaitd_display.progress import interruption_text
-from gaitd_display.stop_texts import STOP_TEXTS, UNKNOWN, Again, stop_key, stop_labels
-from gaitd_display.texts import LABELS, page_texts
-from gaitd_display.therapist_texts import THERAPIST_LABELS
+from gaitd_display.progress import interruption
 from gaitd_display.therapist_view import event_item
-from gaitd_session import WHY, BlockKind, Why
+from gaitd_display.web import refused
+from gaitd_display.words import page_texts
+from gaitd_session import BlockKind, Phase, Why
+from gaitd_session.advice import Failure
+from page_words import FOREIGN, GERMAN, english_in, words_of
 
-from daemon.core.exercises.guards import GuardInputs
-from daemon.core.modes import table
-from daemon.gateway import events
-from daemon.gateway import requests as requests_
-from daemon.ipc import record
-from daemon.ipc.report import Doubt, Untested
-from daemon.wire import cause_texts, report_texts
-from daemon.wire.cause_texts import CAUSE_TEXT
+from daemon.wire.names import name_of
+from daemon.wire.report_fields import ENUMS
 
-CODE = re.compile(r"[a-z]+_[a-z_]+|`")
-"""A raw code, or a command of a terminal."""
+CODE = re.compile(r"[a-z]+_[a-z_]+|`|\{")
+"""A raw code, a command of a terminal, or a value that is not filled in."""
+NAMED = re.compile(r"`(?!gaitd)[^`]*`")
+"""A key of a file or of a message, as its file or message has it."""
+PAGE = (
+    *("label", "stage", "lost", "loss", "leg", "valid", "do", "does", "why_not", "plan", "limit"),
+    *("block", "end", "side", "axis", "power_state", "hand_switch", "emergency_stop", "bus"),
+    *("kind", "first", "again", "stopped", "interruption", "trouble"),
+)
+"""Groups of the operator's texts that the page shows."""
+REASONS = (
+    {*Why, *RefusalCode, *Failure, *STOPS, Phase.STOPPED, Phase.PAUSED, Phase.NO_SIGNAL}
+    | {key.partition(".")[2] for key in catalogue(Reader.OPERATOR, "en").texts if "failure." in key}
+) - {RefusalCode.FAILED, "none"}
+"""What a session writes where it is interrupted; of a request that failed, its failure."""
+EVENT = {"id": "1", "time_ns": bench.BEGAN_NS, "kind": Kind.NOTE, "priority": Priority.INFO}
 
 
-def spoken(text, kind=Kind.NOTE, **given):
-    event = {"kind": kind, "priority": "info", "text": text, "remedy": "", **given}
-    return event_text(bench.filled(Event, id="1", **event))
+def shown(code, **given):
+    return event_item(bench.filled(Event, **{**EVENT, "code": code, **given}))
 
 
 # --- stops --------------------------------------------------------------------------------------
 
 
-def test_each_cause_says_what_happened_what_to_do_and_whom_to_call_without_a_code():
-    labels = stop_labels()
-    for cause in [*STOP_TEXTS, UNKNOWN]:
-        keys = [f"{part}.{cause}" for part in ("stopped", "then", "again")]
-        for key in (*keys, f"first.{patient_text(cause).situation}"):
-            text = labels[key]
-            assert text.en
-            assert text.de
-            assert text.en != text.de
-            assert not CODE.search(text.en + text.de), cause
-    assert set(STOP_TEXTS) == set(Cause) - {Cause.NONE}
-    assert (stop_key("spasm"), stop_key("of_a_later_version")) == ("spasm", UNKNOWN)
-
-
-def test_whom_to_call_if_a_stop_comes_back_is_as_the_service_says():
-    same = {
-        cause_texts.CALL_SERVICE: Again.SUPPORT,
-        cause_texts.CALL_TECHNICIAN: Again.TECHNICIAN,
-        cause_texts.CALL_OPERATOR: Again.OPERATOR,
-    }
-    for cause, text in STOP_TEXTS.items():
-        told = CAUSE_TEXT[record.Cause[cause.name]].again
-        assert text.again == same.get(told, text.again), cause
-        assert (text.again in same.values()) == (told in same), cause
-    assert "physician" in STOP_TEXTS[Cause.SPASM].again.value.en
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_each_cause_says_what_happened_what_to_do_and_whom_to_call_without_a_code(language):
+    texts = catalogue(Reader.OPERATOR, language)
+    for cause in [*STOPS, "of a later version"]:
+        told = [
+            texts.text(f"stopped.{key_of(cause)}", cause=cause),
+            texts.text(f"first.{stop_of(cause).situation}"),
+            texts.then(cause, texts.buttons()),
+            texts.text(f"again.{stop_of(cause).again}"),
+        ]
+        assert all(told), cause
+        assert not CODE.search(" ".join(told)), cause
+    assert set(STOPS) == set(Cause) - {Cause.NONE}
 
 
 # --- words --------------------------------------------------------------------------------------
@@ -74,16 +76,11 @@ def test_whom_to_call_if_a_stop_comes_back_is_as_the_service_says():
 def test_every_name_that_the_page_may_be_given_has_its_words():
     words = page_texts()["de"]
     groups = {
-        "mode": Mode,
-        "stage": Stage,
-        "power": POWER_STATES,
-        "nmt": NMT_STATES.values(),
         "do": Command,
         "does": Does,
         "why_not": WhyNot,
         "valid": Validity,
         "block": BlockKind,
-        "stopped": STOP_TEXTS,
         "kind": ("stop", "medium", "low", "info"),
         "bus": ("active", "warning", "error passive", "bus-off"),
     }
@@ -91,165 +88,121 @@ def test_every_name_that_the_page_may_be_given_has_its_words():
     assert [key for key in missing if key not in words] == []
 
 
-def test_no_text_of_the_therapist_s_page_is_of_another_page_too_and_both_languages_have_the_same():
-    assert THERAPIST_LABELS.keys() & (LABELS.keys() | stop_labels().keys()) == set()
-    for key, text in THERAPIST_LABELS.items():
-        names = [{name for _, name, _, _ in string.Formatter().parse(one) if name} for one in text]
-        assert names[0] == names[1], key
-        assert not CODE.search("".join(text).replace("{", "").replace("}", "")), key
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_a_label_of_the_page_has_no_code(language):
+    for key, text in catalogue(Reader.OPERATOR, language).texts.items():
+        if key.partition(".")[0] in PAGE:
+            plain = "".join(part for part, *_ in string.Formatter().parse(text))
+            assert not CODE.search(plain), key
 
 
 # --- events -------------------------------------------------------------------------------------
 
 
-def test_events_of_the_service_are_said_in_plain_words():
-    said = {
-        "mode hold → gait": ("Now: Walking", "Jetzt: Gehen"),
-        "mode gait -> hand_guiding: mode hand_guiding": (
-            "Now: Moved by hand",
-            "Jetzt: Von Hand geführt",
-        ),
-        "right/hip: hand switch open": (
-            "right, hip: hand switch was let go",
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        (
+            {"code": EventCode.HAND_SWITCH_OPENED, "subject": "right/hip"},
             "rechts, Hüfte: Handschalter losgelassen",
         ),
-        "left/slide: NMT state pre_operational": (
-            "left, slide: waits on the bus",
+        (
+            {
+                "code": EventCode.MODE_CHANGED,
+                "values": {"mode_before": "hold", "mode": "gait", "trigger": "to_gait"},
+            },
+            "Bein wird gehalten → Gehen (Gehen)",
+        ),
+        (
+            {
+                "code": EventCode.NMT_STATE_CHANGED,
+                "subject": "left/slide",
+                "values": {"nmt_state": "pre_operational"},
+            },
             "links, Schlitten: wartet am Bus",
         ),
-        "right/hip: quick stop active": (
-            "right, hip: holds after a stop",
-            "rechts, Hüfte: hält nach einem Halt",
-        ),
-        "right: self_test playing": ("right: Self-test, runs", "rechts: Selbsttest, läuft"),
-        "mode, asked by session.home: done": (
-            "Change of the state: done (session.home)",
-            "Wechsel des Zustands: erledigt (session.home)",
-        ),
-        "enable refused: the hand switch is open": (
-            "Switch on: refused. The hand switch is not held.",
-            "Einschalten: abgelehnt. Der Handschalter wird nicht gehalten.",
-        ),
-    }
-    for text, both in said.items():
-        subject = re.match(r"(right|left)(/(hip|slide))?(?=:)", text)
-        assert spoken(text, subject=subject and subject[0]) == both, text
+    ],
+)
+def test_an_event_is_said_in_plain_words_with_leg_and_axis(given, said):
+    assert shown(**given).said["de"] == said
 
 
 def test_a_stop_is_said_by_its_cause_with_its_remedy_and_icon():
-    given = {"kind": Kind.STOP, "priority": Priority.MEDIUM, "cause": "hand_switch_open"}
-    event = bench.filled(
-        Event, id="1", text="stop S1: the hand switch is open", subject="right/hip", **given
-    )
-    item = event_item(event)
-    assert item.said["en"] == "right, hip: The hand switch was let go"
-    assert item.said_remedy["de"].startswith("Handschalter halten")
-    assert item.icon == "stop"
-    # Of a later version: its own words, in English.
-    later = event_item(
-        bench.filled(
-            Event,
-            id="2",
-            text="stop S1: x",
-            cause="new",
-            **{name: given[name] for name in ("kind", "priority")},
-        )
-    )
-    assert (later.said, later.text, later.icon) == (None, "stop S1: x", "stop")
+    given = {"kind": Kind.STOP, "priority": Priority.MEDIUM, "subject": "right/hip"}
+    verdict = {"category": "S1", "cause": "hand_switch_open", "finding": "none"}
+    item = shown(EventCode.STOPPED, cause="hand_switch_open", values=verdict, **given)
+    assert "rechts, Hüfte: Der Handschalter wurde losgelassen" in item.said["de"]
+    assert item.remedy["de"].startswith("Das Bein wird gehalten. Es stützen")
+    assert (item.icon, CODE.search(item.remedy["de"])) == ("stop", None)
+    verdict["cause"] = "of_a_later_version"
+    later = shown(EventCode.STOPPED, cause="of_a_later_version", values=verdict, **given)
+    assert "Das Gerät hat angehalten: of_a_later_version" in later.said["de"]
+    assert later.remedy["de"].startswith("Not-Halt drücken.")
 
 
-def test_an_event_that_is_not_known_keeps_its_own_words():
-    for text in ("right/hip: friction 12 % above its law", "black box: kept a.gbb", "mode x -> y"):
-        assert spoken(text) is None, text
-
-
-def record_of(mode=record.Mode.HOLD, **changes):
-    """A record of one drive that differs in this."""
-    return msgspec.structs.replace(
-        records.record(1),
-        mode=mode,
-        drives=(msgspec.structs.replace(records.drive("right/hip"), **changes),),
-    )
-
-
-def test_each_change_of_a_drive_and_of_the_mode_that_the_gateway_tells_is_known():
-    before = record_of()
-    now = [
-        *(record_of(mode) for mode in record.Mode),
-        *(record_of(power_state=number) for number in range(len(POWER_STATES))),
-        *(record_of(nmt_state=number) for number in NMT_STATES),
-        record_of(hand_switch_closed=False),
-        record_of(sto_released=False),
-        record_of(referenced=False),
-    ]
-    drafts = [draft for one in now for draft in events.new_events(before, one)]
-    drafts += [draft for one in now for draft in events.new_events(one, before)]
-    drafts += events.new_events(None, before)
-    drafts += [events.CORE_BACK, events.core_lost(200), events.request_sent("stop", "a page")]
-    assert len(drafts) > 40
-    for draft in drafts:
-        text = spoken(draft.text, draft.kind, subject=draft.subject)
-        assert text is not None, draft.text
-        assert not CODE.search(text.en + text.de), draft.text
-
-
-GOOD = {
-    "mode": record.Mode.READY,
-    **dict.fromkeys(("gateway_alive", "at_rest", "hand_switch_closed", "sto_released"), True),
-    **dict.fromkeys(("hand_switch_known", "drives_powered", "patient_configured"), True),
-    **dict.fromkeys(("unreferenced", "outside"), ()),
-    "cadence_max_hz": 0.5,
-    "scenarios": {},
-    "artificial": frozenset(),
-    "guidance": "impedance",
-}
-BAD = (
-    {"gateway_alive": False},
-    {"hand_switch_closed": False},
-    {"sto_released": False},
-    {"unproven": ("right/hip",)},
-    {"unreferenced": (("right/hip", Doubt.REBOOTED),)},
-    {"inputs_untested": (("right/hip", Untested.HAND_SWITCH_OPEN),)},
-    {"unsampled": ("right/hip",)},
-    {"at_rest": False},
-    {"outside": ("right/hip",)},
-)
-
-
-def test_each_refusal_of_the_service_s_table_is_known():
-    requests = [
-        (record.RequestKind.ENABLE, record.ModeRequest()),
-        (record.RequestKind.RESET, record.ModeRequest()),
-        (record.RequestKind.MODE, record.ModeRequest(mode=record.Mode.HAND_GUIDING)),
-        (record.RequestKind.MODE, record.ModeRequest(mode=record.Mode.SELF_TEST)),
-    ]
-    states = [{"mode": mode} for mode in record.Mode]
-    states += [{"mode": record.Mode.FAULT} | bad for bad in BAD] + list(BAD)
-    states += [{"mode": record.Mode.HOLD, "drives_powered": False}]
-    refused = {
-        table.refusal(kind, wanted, GuardInputs(**GOOD | state))
-        for (kind, wanted), state in itertools.product(requests, states)
-    } - {None}
-    assert len(refused) > 30
-    reasons = map(report_texts.refusal_text, refused)
-    for reason in (*reasons, requests_.SILENT, requests_.RESTARTED, "busy: mode has no answer yet"):
-        text = refusal_text(reason)
-        assert text is not None, reason
-        assert not CODE.search(text.en + text.de), reason
-    assert refusal_text("no self-test has been passed today: `gaitd self-test`") is not None
-    assert refusal_text("a reason of a later version") is None
+def test_an_event_of_a_later_version_is_shown_by_its_code_and_values():
+    item = shown("of_a_later_version", subject="right/hip", values={"force_n": 12.5})
+    for language in LANGUAGES:
+        assert "of_a_later_version" in item.said[language]
+        assert "force_n=12.5" in item.said[language]
 
 
 # --- interruptions ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("why", Why)
-def test_an_interruption_that_the_session_has_named_is_said_in_both_languages(why):
-    assert interruption_text(WHY[why].en) == WHY[why]
+@pytest.mark.parametrize("code", sorted(REASONS))
+def test_an_interruption_is_said_in_both_languages(code):
+    for text in interruption(code).values():
+        assert text
+        assert not CODE.search(NAMED.sub("", text)), code
 
 
-def test_other_interruptions_are_said_by_their_phase_or_refusal_or_not_at_all():
-    assert interruption_text("stopped").de == "Das Gerät hat angehalten."
-    assert interruption_text("safe torque off is active").en.startswith("The emergency stop")
-    assert interruption_text("a joint was too fast: first: lie still") is None
-    assert interruption_text("") is None
+def test_without_an_interruption_nothing_is_said_and_of_a_later_version_its_code():
+    assert interruption("") is None
+    assert interruption("of_a_later_version")["de"] == "of_a_later_version"
+
+
+def test_the_verdict_of_an_event_has_its_numbers_as_the_language_writes_them():
+    judgement = bench.filled(
+        Judgement, cause="velocity_limit", category="S1", drive="right/hip", value=3.14, limit=3.0
+    )
+    said = catalogue(Reader.OPERATOR, "de").verdict(judgement)
+    assert said.startswith("rechts, Hüfte: Das Bein war zu schnell (3,14, Grenze 3)")
+
+
+# --- languages ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("reader", Reader)
+def test_a_german_text_has_no_english_word_but_a_few_names(reader):
+    english, german = (words_of(catalogue(reader, language)) for language in LANGUAGES)
+    assert english & german - FOREIGN - GERMAN == set()
+    assert len(english & german) > 10
+
+
+NAMES = {
+    **{name: [name_of(one) for one in kind] for name, kind in ENUMS.items() if name != "refusal"},
+    "setpoint_refusal": SetpointRefusal,
+    "outcome": Outcome,
+    "cause": STOPS,
+    # others have numbers or a state of the verdict that they are of
+    "finding": [
+        one
+        for one in map(name_of, ENUMS["finding"])
+        if "{" not in catalogue(Reader.OPERATOR, "de").texts[f"finding.{one}"]
+    ],
+}
+"""Values of codes that are names of members; the names of refusals are codes, too."""
+
+
+def test_each_event_and_refusal_is_german_also_where_a_value_is_a_name():
+    said = []
+    for name, members in NAMES.items():
+        for member in members:
+            values = {"cause": "spasm", name: member}
+            said += [shown(code, values=values).said["de"] for code in EventCode]
+            refusals = [
+                Refusal(code=code, subject=None, values=values, said="") for code in RefusalCode
+            ]
+            said += [refused(one).said["de"] for one in refusals]
+    assert english_in(said) == set()

@@ -1,4 +1,4 @@
-"""A client reads what a service of version 2 has sent: traffic recorded in simulated time.
+"""A client reads what a service of wire v1 has sent: traffic recorded in simulated time.
 
 `tests/support/recorded_traffic.py` says how; the recording is never made anew.
 """
@@ -13,7 +13,7 @@ from gaitd_client.clock import MonotonicClock
 from gaitd_client.connection import decode_answer
 from gaitd_client.stream import Stream, Watch
 
-TRAFFIC = Path(__file__).parents[2] / "traces" / "traffic_v2.jsonl.gz"
+TRAFFIC = Path(__file__).parents[2] / "traces" / "traffic_v1.jsonl.gz"
 KIND = {wire.schema_name(kind): kind for kind in wire.MESSAGES.values()}
 
 
@@ -26,7 +26,7 @@ def of_its_time(understood, sent):
     return understood
 
 
-def test_recorded_traffic_of_version_2_is_read_without_a_loss():
+def test_recorded_traffic_of_v1_is_read_without_a_loss():
     read: dict[str, msgspec.Struct] = {}
     for line in gzip.decompress(TRAFFIC.read_bytes()).splitlines():
         one = json.loads(line)
@@ -56,7 +56,7 @@ def test_recorded_traffic_of_version_2_is_read_without_a_loss():
         wire.Status,
         wire.Stride,
     }
-    assert read["right/activity"].hip_patient_nm == 8.006154015718298
+    assert read["right/activity"].hip.patient == 6.854751219923397
     assert read["right/stride"].number == 1
     assert read["control/enable"].outcome == "refused"
     assert read["safety"].verdict.cause == "stop_requested"

@@ -32,10 +32,14 @@ from gaitd_client import (
 )
 from gaitd_client import lease as lease_module
 from gaitd_client.stream import Stream, Watch
-from gaitd_client.wire import Configuration
+from gaitd_client.wire import Configuration, Refusal
 
 BOOT = {"core_boot_id": "boot"}
 SILENCE = NotValid("safety", Trouble.SILENT, "no message for 1500 ms")
+
+
+def taken(holder):
+    return Refusal(code="lease_taken", subject=None, values={"holder": holder}, said="")
 
 
 class Clock:
@@ -89,7 +93,7 @@ class Service:
     def acquire(self, client, duration_ms):
         head = {**BOOT, "cycle": self.cycle, "request": "acquire"}
         if self.holder is not None:
-            return filled(Reply, **head, outcome="refused", reason=f"held by {self.holder}")
+            return filled(Reply, **head, outcome="refused", refusal=taken(self.holder))
         self.holder, self.number = client, self.number + 1
         return filled(Reply, **head, outcome="done", lease=self.number)
 
@@ -115,7 +119,7 @@ class Service:
         for leg in legs:
             head = {**BOOT, "cycle": self.cycle, "leg": leg, "mode": self.mode}
             self.streams[leg].send(filled(Estimate, **head))
-        return [setpoint["hip_assist_nm"] for setpoint in self.setpoints[count:]]
+        return [setpoint["hip"]["assist"] for setpoint in self.setpoints[count:]]
 
     def tell_safety(self, *, valid=True):
         self.cycle += 1
@@ -197,8 +201,8 @@ def test_numbers_of_numpy_are_sent_and_what_is_not_finite_is_counted(service):
             "lease": 1,
             "seq": 4,
             "for_cycle": 102,
-            "hip_assist_nm": 2.5,
-            "slide_assist_n": 4.0,
+            "hip": {"assist": 2.5},
+            "slide": {"assist": 4.0},
             "stiffness_ratio": 1.0,
         }
         pulls[0] = np.nan
@@ -365,7 +369,7 @@ def test_what_fails_half_way_through_with_leaves_nothing_behind(service):
 
     service.declare_error, service.holder = None, "another"
     refused = lease_of(service)
-    with pytest.raises(RequestRefusedError, match="held by another"):
+    with pytest.raises(RequestRefusedError, match="another holds the lease"):
         refused.__enter__()
     assert (service.is_left, service.released) == (True, [])
     service.holder = None

@@ -127,20 +127,20 @@ def test_ros_gets_what_is_valid_in_each_estimate_and_the_reason_for_what_is_not(
     for message in joints:
         one = estimates[stamp_ns(message)]
         assert message.name == ["right_hip", "right_slide"]
-        assert list(message.position) == [one.hip_angle_rad, one.slide_position_m]
-        assert list(message.velocity) == [one.hip_velocity_rad_per_s, one.slide_velocity_m_per_s]
-        assert list(message.effort) == [one.hip_torque_nm, one.slide_force_n]
+        assert list(message.position) == [one.hip.position, one.slide.position]
+        assert list(message.velocity) == [one.hip.velocity, one.slide.velocity]
+        assert list(message.effort) == [one.hip.effort, one.slide.effort]
     for message in router.messages("right_hip/patient"):
-        assert message.wrench.torque.z == estimates[stamp_ns(message)].hip_patient_nm
+        assert message.wrench.torque.z == estimates[stamp_ns(message)].hip.patient
         assert message.header.frame_id == "right_hip"
     for message in router.messages("right_slide/patient"):
-        assert message.wrench.force.x == estimates[stamp_ns(message)].slide_patient_n
-    at_rest = {time_ns for time_ns, one in estimates.items() if one.hip_patient_nm is None}
+        assert message.wrench.force.x == estimates[stamp_ns(message)].slide.patient
+    at_rest = {time_ns for time_ns, one in estimates.items() if one.hip.patient is None}
     assert at_rest & {stamp_ns(message) for message in joints}
     times_ns = [stamp_ns(one) for one in router.messages("diagnostics") if stamp_ns(one)]
     assert min(estimates) <= min(times_ns)
     assert max(times_ns) <= max(estimates) + 60 * 10**9  # and not the time of this computer
-    assert "requested a stop" in router.levels("machine")[ERROR]
+    assert view.TEXTS.remedy("stop_requested") in router.levels("machine")[ERROR]
     assert "at rest" in router.levels("right_hip patient")[WARN]
     assert not math.isnan(sum(message.position.sum() for message in joints))
 

@@ -11,7 +11,7 @@ from gaitd_client.stream import SECOND_SILENCE_NS, Stream, Watch
 
 KEY = "gaitd/trainer/right/friction"
 MS = 1_000_000
-SCHEMA = "gaitd.friction.v2"
+SCHEMA = "gaitd.friction.v1"
 
 
 class Clock:
@@ -23,11 +23,7 @@ class Clock:
 
 
 def message(cycle):
-    empty = {
-        name: None
-        for name in wire.Friction.__struct_fields__
-        if name.startswith(("hip_", "slide_")) and not name.endswith("validity")
-    }
+    empty = dict.fromkeys(wire.AxisFriction.__struct_fields__) | {"validity": "ok"}
     return wire.Friction(
         seq=cycle,
         core_boot_id="b",
@@ -37,9 +33,8 @@ def message(cycle):
         mode="hold",
         status=(),
         status_bits="0x0000",
-        hip_validity="ok",
-        slide_validity="ok",
-        **empty,
+        hip=wire.AxisFriction(**empty),
+        slide=wire.AxisFriction(**empty),
     )
 
 
@@ -149,11 +144,11 @@ def test_a_key_with_one_message_a_second_is_silent_after_one_and_a_half(clock):
 @pytest.mark.parametrize(
     ("data", "schema", "text"),
     [
-        (b"{", SCHEMA, "is no gaitd.friction.v2"),
-        (b'{"seq": "one"}', SCHEMA, "is no gaitd.friction.v2"),
-        (b"\xff\xfe", SCHEMA, "is no gaitd.friction.v2"),
-        (b"[" * 100_000, SCHEMA, "is no gaitd.friction.v2"),
-        (payload(1), "gaitd.friction.v3", "is gaitd.friction.v3, this client reads gaitd.fric"),
+        (b"{", SCHEMA, "is no gaitd.friction.v1"),
+        (b'{"seq": "one"}', SCHEMA, "is no gaitd.friction.v1"),
+        (b"\xff\xfe", SCHEMA, "is no gaitd.friction.v1"),
+        (b"[" * 100_000, SCHEMA, "is no gaitd.friction.v1"),
+        (payload(1), "gaitd.friction.v2", "is gaitd.friction.v2, this client reads gaitd.fric"),
     ],
 )
 def test_a_payload_that_cannot_be_read_says_why_and_ends_nothing(stream, data, schema, text):

@@ -39,6 +39,7 @@ from gaitd_record import record as run_record
 from mcap.reader import make_reader
 from power_cuts import check
 from recorded_sessions import published_by, record, recorder
+from records import states_of
 from sessions import CONFIGS, new_session
 from traced_calls import mark
 
@@ -88,8 +89,8 @@ def test_a_replay_of_a_whole_recording_gives_the_published_estimates_bit_for_bit
     assert len(live) > 1500
     assert legs_of(whole.path) == ("right",)
     assert source.robot == session.settings.robot
-    assert replayed.state.tobytes() == np.array([leg.state for leg in live]).tobytes()
-    assert replayed.std.tobytes() == np.array([leg.std for leg in live]).tobytes()
+    assert replayed.state.tobytes() == np.array([states_of(leg) for leg in live]).tobytes()
+    assert replayed.std.tobytes() == np.array([states_of(leg, "_std") for leg in live]).tobytes()
     assert replayed.status.tolist() == [leg.status for leg in live]
 
 
@@ -112,6 +113,7 @@ def test_mcap_has_every_message_but_estimates_as_published_with_its_schema(publi
     assert len(begin["id"]) == 16
     assert json.loads(begin["config_hashes"]) == published.header.config_hashes
     assert json.loads(attached.data)["robot"] == published.header.robot
+    assert json.loads(begin["joints"])["slide"]["effort"] == "N"
     modes = [change["mode"] for change in json.loads(end["modes"])]
     assert modes == ["bringing_up", "ready", "hold", "gait", "stopping", "fault"]
     assert [stop["cause"] for stop in json.loads(end["stops"])] == ["stop_requested"]
@@ -120,7 +122,10 @@ def test_mcap_has_every_message_but_estimates_as_published_with_its_schema(publi
 
 
 def test_another_program_reads_estimates_and_exports_a_recording_as_csv(published, whole, tmp_path):
-    fields = "cycle, mode, hip_patient_nm, hip_patient_nm_std, status"
+    fields = (
+        "cycle, mode, hip_patient_nm, hip_patient_nm_std, slide_velocity_m_per_s,"
+        " reference_hip_angle_rad, innovation_slide_m, assist_slide_n, slide_validity, status"
+    )
     rows = duckdb(f"SELECT {fields} FROM '{whole.path}/right.estimates.parquet'")
     csv = tmp_path / "exported.csv"
     duckdb(f"COPY (FROM '{whole.path}/right.recording.parquet') TO '{csv}'")
@@ -134,8 +139,13 @@ def test_another_program_reads_estimates_and_exports_a_recording_as_csv(publishe
         [
             one.cycle,
             one.mode,
-            single(one.hip_patient_nm),
-            single(one.hip_patient_nm_std),
+            single(one.hip.patient),
+            single(one.hip.patient_std),
+            single(one.slide.velocity),
+            single(one.hip.reference_position),
+            single(one.slide.innovation),
+            single(one.slide.assist),
+            one.slide.validity,
             int(one.status_bits, 16),
         ]
         for one in messages
@@ -335,8 +345,9 @@ def test_what_cannot_be_finished_stays_and_ends_no_recorder(published, tmp_path)
     older = tmp_path / f"older{PART}"
     shutil.copytree(finished, older)
     text = (older / MESSAGES).read_bytes()
-    assert text.count(b"recorder_version") == 1
-    (older / MESSAGES).write_bytes(text.replace(b"recorder_version", b"recorder_of_then"))
+    key = b"\6\0\0\0joints"  # as long as the key of another version in its place
+    assert text.count(key) == 1
+    (older / MESSAGES).write_bytes(text.replace(key, b"\6\0\0\0spring"))
     events = []
 
     with recorder(published, tmp_path, events=events) as again:
@@ -347,6 +358,7 @@ def test_what_cannot_be_finished_stays_and_ends_no_recorder(published, tmp_path)
     assert set(told) == {taken, older}
     assert f"cannot become {finished}, which is there already" in told[taken]
     assert "is of another program or version" in told[older]
+    assert "`joints`" in told[older]
     assert taken.exists()
     assert older.exists()
     assert isinstance(events[-1], Finished)
@@ -364,7 +376,7 @@ ESTIMATE = "right/estimate"
         (ESTIMATE, {"cycle": 2**70}),
         (ESTIMATE, {"cycle": -1}),
         (ESTIMATE, {"sample_time_ns": 2**63}),
-        (ESTIMATE, {"hip_torque_nm": "much"}),
+        (ESTIMATE, {"hip": {"effort": "much"}}),
         (wire.SAFETY, {"verdict": 1}),
         ("foreign", {"seq": -1}),
         ("foreign", None),

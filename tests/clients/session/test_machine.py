@@ -4,7 +4,10 @@ import itertools
 from dataclasses import replace
 
 import pytest
-from gaitd_client import Cause, Mode, Stage
+from gaitd_client import Cause, Mode, RefusalCode, Stage
+from gaitd_client.wire import Refusal
+from gaitd_client.wire.names import Untested
+from gaitd_session.advice import Advice, Failure, Why, refusal_of
 from gaitd_session.machine import (
     ACTIVE,
     ANNOUNCE_S,
@@ -28,28 +31,29 @@ from gaitd_session.machine import (
     begin,
     step,
 )
+from gaitd_session.plan import BlockKind
 from gaitd_session.steps import Result, StrideShare
-from gaitd_session.texts import WHY, Advice, Why
-from gaitd_session.view import REASONS, view_of
+from gaitd_session.view import ADVICE_ON_UNTESTED, view_of
 from training import profile
-
-from daemon.ipc.report import Refusal, RefusalCode, Untested
-from daemon.wire.report_texts import refusal_text
 
 ENABLED = {Mode.HOLD, Mode.GAIT, Mode.SELF_TEST, Mode.TORQUE, Mode.HAND_GUIDING}
 MOTION = {RequestKind.SELF_TEST, RequestKind.GAIT}
 TICK_S = 0.05
-DUE = "the last self-test is too old"
 
 
-def answered(number, failure):
-    return Answer(number, failure, "self_test_due" if failure == DUE else "")
+def refused(code, **values):
+    return Refusal(code=code, subject=None, values=values, said="")
+
+
+DUE = refused(RefusalCode.SELF_TEST_DUE, self_test_due="too_old")
+BUSY = refused(RefusalCode.BUSY, open_request="disable")
+DONE = "done"
+"""In place of a refusal."""
 
 
 def trainer(mode, stage=None, *, hand=True, cause=Cause.NONE, boot="a", power=None):
-    reason = "" if cause == Cause.NONE else "a cause: a remedy"
     has_power = mode in ENABLED if power is None else power
-    return TrainerState(boot, mode, mode in ENABLED, stage, cause, reason, has_power, hand)
+    return TrainerState(boot, mode, mode in ENABLED, stage, cause, has_power, hand)
 
 
 READY = trainer(Mode.READY)
@@ -76,7 +80,7 @@ class Run:
         self.now_s += after_s
         self.trainer = seen
         number = self.state.request_number
-        answer = answered(number, failure or "") if self.state.pending or failure else None
+        answer = Answer(number, failure) if self.state.pending or failure else None
         inputs = Inputs(seen, button, answer, strides)
         self.state, request = step(self.state, inputs, self.now_s)
         if request is not None:
@@ -121,9 +125,9 @@ SEEN = (
     FAULT,
     OFF_BY_STO,
 )
-FAILURES = ("", DUE)
+ANSWERS = (DONE, DUE)
 STEPS_S = (TICK_S, SELF_TEST_LATE_S + 1)
-INPUTS = tuple(itertools.product(SEEN, (None, *Button), STEPS_S, (None, *FAILURES)))
+INPUTS = tuple(itertools.product(SEEN, (None, *Button), STEPS_S, (None, *ANSWERS)))
 WITHOUT_ANSWER = tuple(one for one in INPUTS if one[-1] is None)
 
 
@@ -150,9 +154,9 @@ def reachable():
     states = [(begin(profile(), {}, self_test_due=due), now_s) for due in (True, False)]
     seen = {kind_of(*one) for one in states}
     for state, now_s in states:
-        assert all(view_of(state, found, now_s).text for found in SEEN)
-        for found, button, after_s, failure in INPUTS if state.pending else WITHOUT_ANSWER:
-            answer = None if failure is None else answered(state.request_number, failure)
+        for found, button, after_s, answered in INPUTS if state.pending else WITHOUT_ANSWER:
+            refusal = None if answered == DONE else answered
+            answer = None if answered is None else Answer(state.request_number, refusal)
             inputs, later_s = Inputs(found, button, answer), now_s + after_s
             after, request = step(state, inputs, later_s)
             yield state, inputs, later_s, after, request
@@ -227,7 +231,7 @@ def test_a_whole_session_is_self_test_warm_up_rest_block():
     run.step(READY, Button.START).step(HOLD).step(HOLD, after_s=ANNOUNCE_S).step(TESTING)
     assert run.state.phase is Phase.SELF_TEST
     run.step(TEST_PASSED).step(HOLD, after_s=ANNOUNCE_S).step(ANNOUNCING).step(PLAYING)
-    assert (run.view.word, run.view.block_left_s) == ("Warm up", 10.0)
+    assert (run.view.block.kind, run.view.block_left_s) == (BlockKind.WARM_UP, 10.0)
     run.step(HOLD, after_s=12.0)
     assert (run.state.phase, run.view.advice) == (Phase.REST, Advice.WAIT)
     run.step(READY, Button.START, after_s=1.0)
@@ -250,7 +254,7 @@ def test_a_whole_session_is_self_test_warm_up_rest_block():
 def test_a_pause_keeps_what_is_left_of_the_block_and_disables_until_the_drives_are_off():
     run = Run().walk().step(PLAYING, Button.PAUSE, after_s=4.0)
     assert run.kinds[-1] is RequestKind.DISABLE
-    run.step(PLAYING, after_s=0.5, failure="busy")
+    run.step(PLAYING, after_s=0.5, failure=BUSY)
     assert run.kinds.count(RequestKind.DISABLE) == 1
     run.step(PLAYING, after_s=0.6)
     assert run.kinds.count(RequestKind.DISABLE) == 2
@@ -285,7 +289,7 @@ def test_drives_that_another_client_enables_are_disabled_by_pause_only():
 def test_after_a_stop_only_start_goes_on(cause):
     run = Run().walk().step(cause)
     count = len(run.requests)
-    assert (run.view.word, run.view.reason) == ("Stopped", "a cause: a remedy")
+    assert (run.view.phase, run.view.cause) == (Phase.STOPPED, Cause.SPASM)
     run.step(cause, Button.START, after_s=60.0).step(trainer(Mode.OFF)).step(READY).step(READY)
     assert (run.state.phase, len(run.requests)) == (Phase.PAUSED, count)
     run.step(READY, Button.START)
@@ -298,8 +302,9 @@ def test_start_resets_a_stop_without_power_and_another_start_goes_on():
     assert (run.view.advice, run.view.buttons) == (Advice.PRESS_START_TO_RESET, (Button.END,))
     run.step(OFF_BY_STO)
     assert run.view.buttons == (Button.START, Button.END)
-    run.step(OFF_BY_STO, Button.START).step(OFF_BY_STO, failure="safe torque off is active")
-    assert run.view.reason == "safe torque off is active"
+    pressed = refused(RefusalCode.STO_ACTIVE)
+    run.step(OFF_BY_STO, Button.START).step(OFF_BY_STO, failure=pressed)
+    assert run.view.refusal == pressed
     run.step(OFF_BY_STO, Button.START).step(READY, Button.START)
     assert run.kinds == [RequestKind.RESET] * 2
     assert run.state.phase is Phase.WAITING
@@ -311,7 +316,7 @@ def test_start_resets_a_stop_without_power_and_another_start_goes_on():
 def test_a_block_that_went_on_through_a_lost_signal_is_followed_and_the_gap_does_not_count():
     run = Run().walk().step(None, after_s=2.0).step(None, after_s=1.0)
     count = len(run.requests)
-    assert (run.view.word, run.view.buttons) == ("No signal", (Button.PAUSE, Button.END))
+    assert (run.view.phase, run.view.buttons) == (Phase.NO_SIGNAL, (Button.PAUSE, Button.END))
     run.step(PLAYING, after_s=1.0)
 
     assert (run.state.phase, len(run.requests)) == (Phase.WALKING, count)
@@ -341,7 +346,7 @@ def test_a_button_without_a_signal_switches_off_at_once_and_until_it_is_seen(but
     assert len(run.requests) == count
     run.step(None, button)
     assert run.kinds[count:] == [RequestKind.DISABLE]
-    run.step(None, after_s=OFF_RETRY_S, failure="no answer").step(PLAYING)
+    run.step(None, after_s=OFF_RETRY_S, failure=refusal_of(Failure.NO_ANSWER)).step(PLAYING)
 
     assert run.state.phase is (Phase.PAUSED if button is Button.PAUSE else Phase.FINISHED)
     assert run.kinds[count:] == [RequestKind.DISABLE] * 2
@@ -358,7 +363,7 @@ def test_a_self_test_that_another_client_ended_is_still_due():
     assert (run.state.phase, run.state.self_test_due) == (Phase.PAUSED, True)
     assert run.kinds[-1] is RequestKind.DISABLE
     assert run.step(READY, after_s=5.0).view.advice is Advice.TRY_AGAIN_OR_CALL_THERAPIST
-    assert run.view.reason == NOT_PASSED
+    assert run.view.refusal == NOT_PASSED
 
 
 def test_a_lost_signal_in_a_rest_changes_nothing_about_it():
@@ -372,30 +377,34 @@ def test_a_gait_that_is_refused_for_want_of_a_self_test_makes_one_due():
     run = Run().step(READY).step(READY, Button.START).step(HOLD).step(HOLD, after_s=ANNOUNCE_S)
     run.step(HOLD, failure=DUE)
     assert (run.state.phase, run.kinds[-1]) == (Phase.PAUSED, RequestKind.DISABLE)
-    assert DUE in run.view.reason
+    assert run.view.refusal == DUE
     run.step(READY).step(READY, Button.START).step(HOLD).step(HOLD, after_s=ANNOUNCE_S)
 
     assert run.kinds[-1] is RequestKind.SELF_TEST
 
 
 @pytest.mark.parametrize(
-    ("reason", "advice"),
+    ("refusal", "advice"),
     [
         (
-            "not seen to act today: right/hip emergency stop (STO) pressed",
+            refused(RefusalCode.INPUT_UNTESTED, untested=Untested.STO_ACTIVE),
             Advice.PRESS_EMERGENCY_STOP_AND_RELEASE_IT,
         ),
-        ("not seen to act today: right/hip hand switch open", Advice.LET_GO_AND_HOLD_HAND_SWITCH),
-        ("safe torque off is active", Advice.RELEASE_EMERGENCY_STOP),
-        ("the leg is moving", Advice.TRY_AGAIN_OR_CALL_THERAPIST),
+        (
+            refused(RefusalCode.INPUT_UNTESTED, untested=Untested.HAND_SWITCH_OPEN),
+            Advice.LET_GO_AND_HOLD_HAND_SWITCH,
+        ),
+        (refused(RefusalCode.STO_ACTIVE), Advice.RELEASE_EMERGENCY_STOP),
+        (refused(RefusalCode.LEG_MOVES), Advice.TRY_AGAIN_OR_CALL_THERAPIST),
+        (refused("of_a_later_version"), Advice.TRY_AGAIN_OR_CALL_THERAPIST),
     ],
 )
-def test_a_refused_enable_says_what_the_patient_can_do(reason, advice):
-    run = Run().step(READY).step(READY, Button.START).step(READY, failure=reason)
+def test_a_refused_enable_says_what_the_patient_can_do(refusal, advice):
+    run = Run().step(READY).step(READY, Button.START).step(READY, failure=refusal)
     run.step(READY, after_s=5.0)
 
     assert (run.state.phase, run.view.advice) == (Phase.PAUSED, advice)
-    assert run.view.reason == reason
+    assert run.view.refusal == refusal
 
 
 def test_what_does_not_come_in_time_is_given_up():
@@ -409,7 +418,7 @@ def test_an_old_answer_and_a_start_that_is_not_offered_do_nothing():
     assert run.state.phase is Phase.ENABLING
     run = Run().walk()
     number = run.state.request_number
-    after, request = step(run.state, Inputs(PLAYING, None, Answer(number - 1, "busy")), run.now_s)
+    after, request = step(run.state, Inputs(PLAYING, None, Answer(number - 1, BUSY)), run.now_s)
     assert (after.phase, request) == (Phase.WALKING, None)
     run.step(PLAYING, Button.START)
 
@@ -446,10 +455,8 @@ def test_the_first_block_proposes_the_band_and_a_paused_block_keeps_its_own():
     assert run.view.session_walked_s == pytest.approx(walked_s + 5.0, abs=3 * TICK_S)
 
 
-def test_the_words_that_are_looked_for_are_those_of_the_service():
-    for state in Untested:
-        reason = refusal_text(Refusal(RefusalCode.INPUT_UNTESTED, "right/hip", (state,)))
-        assert [advice for part, advice in REASONS if part in reason]
+def test_each_input_that_was_not_seen_to_act_has_its_advice():
+    assert set(Untested) <= set(ADVICE_ON_UNTESTED)
 
 
 def test_whatever_ends_a_start_early_is_told_by_a_reason_a_stop_a_refusal_or_a_button():
@@ -458,4 +465,4 @@ def test_whatever_ends_a_start_early_is_told_by_a_reason_a_stop_a_refusal_or_a_b
     for phase in ACTIVE:
         ends = {event for event, after in TABLE[phase].items() if after not in ACTIVE}
         assert ends - tells_itself <= set(WHY_OF)
-    assert set(WHY_OF.values()) | {Why.LATE_HERE} == set(Why) == set(WHY)
+    assert set(WHY_OF.values()) | {Why.LATE_HERE} == set(Why)

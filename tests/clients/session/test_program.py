@@ -8,10 +8,14 @@ import sys
 from pathlib import Path
 
 import pytest
+from gaitd_client import Cause, RefusalCode
 from gaitd_client.signals import ENDS
+from gaitd_client.texts import Reader, catalogue
+from gaitd_client.wire import Refusal
 from gaitd_session import (
     Button,
     Phase,
+    Why,
     limits_of,
     parse_profile,
     program,
@@ -98,7 +102,7 @@ def test_a_new_profile_has_a_random_id_and_prints_the_plan_to_be_released(tmp_pa
     assert "gaitd plan release --cadence 0.4 --amplitude 0.7 --duration 300" in ended.stdout
     assert [walk.duration_s for walk in made.plan.block] == [300.0] * 3
     assert limits_of(made).duration_max_s == 300.0
-    assert (limits_of(made).hip_assist_max_nm, limits_of(made).slide_assist_max_n) == (10.0, 80.0)
+    assert (limits_of(made).hip.assist_max, limits_of(made).slide.assist_max) == (10.0, 80.0)
 
 
 def test_a_new_profile_that_contradicts_itself_is_not_written(tmp_path):
@@ -172,7 +176,7 @@ def test_a_second_signal_does_not_cut_off_the_end_and_drives_that_stay_on_are_co
     (tmp_path / "her.toml").write_text(PROFILE)
     monkeypatch.setattr(program, "Trainer", Left)
     monkeypatch.setattr(program, "Session", Left)
-    monkeypatch.setattr(program.terminal, "run", lambda _session: signal.raise_signal(end))
+    monkeypatch.setattr(program.terminal, "run", lambda *_: signal.raise_signal(end))
     before = [signal.getsignal(one) for one in ENDS]
 
     ended = call("run", "--profile", tmp_path / "her.toml")
@@ -188,7 +192,7 @@ class Shown:
     """A session that waits for START, and is over after END."""
 
     def __init__(self):
-        ready = TrainerState("a", "ready", False, None, "none", "", False, True)
+        ready = TrainerState("a", "ready", False, None, "none", False, True)
         self.shown = view_of(begin(profile(), {}, self_test_due=False), ready, 0.0)
         self.pressed = []
 
@@ -207,23 +211,39 @@ def test_keys_of_the_terminal_are_the_buttons(monkeypatch):
     with os.fdopen(slave, encoding="utf-8") as keys, os.fdopen(master, "wb", buffering=0) as hand:
         monkeypatch.setattr(sys, "stdin", keys)
         hand.write(b"xse")
-        assert run(session).phase is Phase.FINISHED
+        assert run(session, catalogue(Reader.PATIENT, "en")).phase is Phase.FINISHED
 
     assert session.pressed == [Button.START, Button.END]
 
 
-def test_the_terminal_shows_block_times_goal_and_keys():
+def shown_in(language, view):
     console = Console(width=100, record=True, file=io.StringIO())
-    console.print(render(Shown().view()))
-    shown = console.export_text()
+    console.print(render(view, catalogue(Reader.PATIENT, language)))
+    return console.export_text()
 
-    assert "block 1 of 2 (warm-up): 0:10 left, session 0:24" in shown
-    assert "your share –, target 25% to 35%, reached in 0 of 0 strides" in shown
+
+def test_the_terminal_shows_block_times_goal_and_keys_in_its_language():
+    shown = shown_in("en", Shown().view())
+    assert "part 1 of 2 (Warm-up): 0:10 left, session 0:24" in shown
+    assert "your share –, target 25% to 35%, reached in 0 of 0 steps" in shown
     assert "[s] START   [e] END" in shown
+    german = shown_in("de", Shown().view())
+    assert "Teil 1 von 2 (Aufwärmen): noch 0:10, Training 0:24" in german
+    assert "[s] START   [e] ENDE" in german
+
+
+def test_the_terminal_says_why_a_start_was_refused_and_what_has_stopped_the_machine():
+    refusal = Refusal(code=RefusalCode.LEG_MOVES, subject=None, values={}, said="")
+    refused = replace(Shown().view(), phase=Phase.PAUSED, refusal=refusal)
+    assert "das Bein bewegt sich noch" in shown_in("de", refused)
+    stopped = replace(Shown().view(), phase=Phase.STOPPED, cause=Cause.SPASM)
+    assert "Ihr Bein wurde steif." in shown_in("de", stopped)
+    ended = replace(Shown().view(), phase=Phase.PAUSED, why=Why.RESTARTED)
+    assert "Das Gerät ist neu gestartet." in shown_in("de", ended)
 
 
 def test_without_a_terminal_a_session_is_refused():
     with Path(os.devnull).open() as nothing, pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "stdin", nothing)
         with pytest.raises(NoTerminalError):
-            run(Shown())
+            run(Shown(), catalogue(Reader.PATIENT, "en"))

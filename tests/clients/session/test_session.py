@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 from display_bench import filled
 from gaitd_client import Cause, Event, Mode, NoAnswerError, NotValid, Stage, Trouble
+from gaitd_client.texts import Reader, catalogue
 from gaitd_session import (
-    WHY,
     Advice,
     Button,
     History,
@@ -19,6 +19,7 @@ from gaitd_session import (
     open_history,
 )
 from gaitd_session import session as session_module
+from gaitd_session.advice import Failure, refusal_of
 from gaitd_session.machine import ANNOUNCE_S, OFF_SETTLE_S, SILENCE_CYCLES
 from gaitd_session.program import LeftOnError, _check_off
 from gaitd_session.session import FLUSH_S, LATE_LOOKS_MAX, NOT_ENDED, POLL_S
@@ -61,7 +62,7 @@ class Trainer:
         if self.is_silent:
             return NONE
         self.utc_ns += 1
-        verdict = SimpleNamespace(cause=Cause.NONE, text="", remedy="")
+        verdict = SimpleNamespace(cause=Cause.NONE)
         return SimpleNamespace(
             mode=self.mode_now,
             verdict=verdict,
@@ -211,8 +212,8 @@ def test_drives_that_could_not_be_switched_off_are_told(history, monkeypatch, fa
     bench.session._leave()
 
     assert reason in bench.session.left_on
-    with pytest.raises(LeftOnError, match="press the emergency stop"):
-        _check_off(bench.session)
+    with pytest.raises(LeftOnError, match="Not-Halt drücken"):
+        _check_off(bench.session, catalogue(Reader.PATIENT, "de"))
 
 
 def test_a_self_test_that_another_client_ended_is_not_written_as_passed(history):
@@ -276,7 +277,7 @@ def test_a_request_without_an_answer_pauses_and_silence_shows_no_signal(history)
     bench.trainer.answers_nothing = True
     bench.step(Button.START)
     view = bench.step()
-    assert (view.phase, view.reason) == (Phase.PAUSED, "no answer")
+    assert (view.phase, view.refusal) == (Phase.PAUSED, refusal_of(Failure.NO_ANSWER, "no answer"))
     bench.trainer.is_silent = True
 
     assert bench.step().phase is Phase.NO_SIGNAL
@@ -350,7 +351,7 @@ def test_a_silence_that_ends_a_start_is_told_with_whose_it_was(history, boot_id,
     assert (view.phase, view.why, view.advice) == (Phase.PAUSED, why, Advice.PRESS_START)
     bench.step(after_s=FLUSH_S)
     (summary,) = history.store.summaries("7f3k9m2q")
-    assert (summary.interruption_count, summary.last_interruption) == (1, WHY[why].en)
+    assert (summary.interruption_count, summary.last_interruption) == (1, why)
     assert bench.step(Button.START).why is None
 
 
@@ -361,7 +362,7 @@ def test_a_program_that_ends_in_a_silence_writes_it(history):
     bench.session._leave()
 
     (summary,) = history.store.summaries("7f3k9m2q")
-    assert summary.last_interruption == WHY[Why.NO_SIGNAL].en
+    assert summary.last_interruption == Why.NO_SIGNAL
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -4,7 +4,7 @@ import csv
 import time
 
 import pytest
-from gaitd_client import Trainer
+from gaitd_client import Cause, Trainer
 from gaitd_session import Advice, Button, Phase, Session, Store, open_history
 from gaitd_session.export import export
 from training import profile
@@ -88,7 +88,7 @@ def test_a_patient_who_does_as_told_passes_the_test_walks_is_stopped_and_goes_on
         assert Phase.SELF_TEST in patient.phases
         virtual_trainer.stop()
         patient.until(lambda view: view.phase is Phase.STOPPED)
-        assert "a person or a client requested a stop" in patient.view.reason
+        assert patient.view.cause == Cause.STOP_REQUESTED
         patient.until(lambda view: view.phase is Phase.PAUSED)
         assert 0 < patient.view.block_left_s < 9
         patient.until(lambda view: view.phase is Phase.REST)

@@ -17,6 +17,7 @@ import pytest
 from config_files import CONFIGS, copied, toml
 from gaitd_assist.settings import Settings as AssistSettings
 from gaitd_assist.settings import read_settings as read_assist
+from gaitd_client.texts import Reader, catalogue
 from gaitd_display.settings import EngineerSettings, PatientSettings, TherapistSettings
 from gaitd_display.settings import read_settings as read_display
 from gaitd_session.profile import Profile, read_profile
@@ -55,6 +56,8 @@ BASELINE = {
     "hip": {key: [0.0] * BASELINE_BINS for key in ("mean_nm", "std_nm")},
     "slide": {key: [0.0] * BASELINE_BINS for key in ("mean_n", "std_n")},
 }
+
+TEXTS = catalogue(Reader.OPERATOR, "en")
 
 
 class Case(NamedTuple):
@@ -203,7 +206,7 @@ def test_files_that_are_accepted_by_themselves_are_checked_together(tmp_path, na
         assert all(error.file and error.key for error in result.errors), case
         if result.report is not None:
             msgspec.json.encode(msgspec.to_builtins(result.report))
-            assert list(sections(result.report))
+            assert list(sections(result.report, TEXTS))
 
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib < MEMORY_MAX_KIB
 

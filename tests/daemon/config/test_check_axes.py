@@ -5,6 +5,7 @@ import json
 import pytest
 from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
+from gaitd_client.texts import Reader, catalogue
 
 from daemon.preflight.load import ConfigError, load
 from daemon.preflight.report import examine, refusals
@@ -25,6 +26,8 @@ SLIDE_BRAKE = Change(
 )
 COAST = Change(PROFILE, "value = 3\nlegal = [0, 1, 2, 3]", "value = 2\nlegal = [0, 1, 2, 3]")
 
+TEXTS = catalogue(Reader.OPERATOR, "en")
+
 
 @pytest.fixture(scope="module")
 def epos4():
@@ -39,7 +42,7 @@ def generic(tmp_path_factory):
 
 def table(report, name):
     title = f"Where the numbers of {name} come from"
-    (section,) = [section for section in sections(report) if section.title == title]
+    (section,) = [section for section in sections(report, TEXTS) if section.title == title]
     return [" ".join(row) for row in section.rows]
 
 
@@ -97,7 +100,9 @@ def test_how_a_drive_notices_silence_is_told_with_its_times(epos4, generic):
 
 
 def test_a_profile_that_is_not_verified_says_so_with_its_sources(epos4):
-    (section,) = [s for s in sections(epos4) if s.title == "Where the drives' facts come from"]
+    (section,) = [
+        s for s in sections(epos4, TEXTS) if s.title == "Where the drives' facts come from"
+    ]
 
     (drive, verified), *sources, (_, open_facts) = section.rows
     assert (drive, verified) == ("maxon EPOS4", "NOT verified on hardware")

@@ -9,6 +9,7 @@ from safety_inputs import ALL_WELL
 from daemon.core.inputs import NO_INPUTS, receive
 from daemon.core.modes.roles import refusal
 from daemon.ipc.record import (
+    AxisSetpoint,
     GatewayState,
     Outcome,
     Request,
@@ -21,7 +22,7 @@ from daemon.ipc.report import Event, EventCode, Refusal, RefusalCode
 
 CYCLE = 1000
 ENABLE = Request(8, RequestKind.ENABLE, CYCLE - 1)
-SETPOINT = Setpoint(5, 1, CYCLE - 1, 3.0, 20.0, "right")
+SETPOINT = Setpoint(5, 1, CYCLE - 1, AxisSetpoint(3.0), AxisSetpoint(20.0), "right")
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from daemon.core.state import Axis, Core, Leg
 FOLDER = Path(core.__file__).parent
 WRITERS = {
     "steps/supervisor.py": """mode verdict causes_reported disabling drives load_checked
-        load_settle_cycles progress reset_cycles_left reset_settle_cycles stop""",
+        load_settle_cycles bring_up reset_cycles_left reset_settle_cycles stop""",
     "steps/requests.py": "request result",
     "steps/exercises.py": "exercise reference takes_over",
     "steps/single_axis.py": "single_axis evidence",

@@ -23,6 +23,7 @@ from daemon.gateway.reload import Reload
 from daemon.gateway.service import Gateway
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import (
+    AxisRecord,
     CycleRecord,
     DriveRecord,
     GatewayState,
@@ -54,10 +55,10 @@ def drive(**changes: Any) -> DriveRecord:
         sample_age_cycles=0,
         late_count=0,
         heartbeat_age_ms=12.0,
-        position_si=0.25,
-        velocity_si=0.1,
-        effort_si=3.5,
-        target_effort_si=3.6,
+        position=0.25,
+        velocity=0.1,
+        effort=3.5,
+        target_effort=3.6,
         referenced=True,
         hand_switch_closed=True,
         sto_released=True,
@@ -75,21 +76,53 @@ def diagonal(*variances: float) -> tuple[float, ...]:
     return tuple(variances[i] if i == j else 0.0 for i in range(8) for j in range(i + 1))
 
 
-def leg(**changes: Any) -> LegRecord:
+HIP = AxisRecord(
+    measured_position=0.2501,
+    effort=5.0,
+    reference_position=0.26,
+    validity=0,
+    position=0.25,
+    position_std=0.001,
+    velocity=1.0,
+    velocity_std=0.02,
+    friction=2.0,
+    friction_std=0.3,
+    patient=8.0,
+    patient_std=0.5,
+    net=6.0,
+    net_std=0.4,
+    innovation=1e-4,
+)
+SLIDE = AxisRecord(
+    measured_position=0.4998,
+    effort=-30.0,
+    reference_position=0.51,
+    validity=0,
+    position=0.5,
+    position_std=0.0005,
+    velocity=-0.5,
+    velocity_std=0.01,
+    friction=20.0,
+    friction_std=2.0,
+    patient=40.0,
+    patient_std=3.0,
+    net=20.0,
+    net_std=2.5,
+    innovation=-2e-4,
+)
+
+
+def leg(
+    hip: dict[str, Any] | None = None, slide: dict[str, Any] | None = None, **changes: Any
+) -> LegRecord:
+    """A leg whose estimate is valid, with changes of its axes and of itself."""
     made = LegRecord(
         name="right",
-        state=(0.25, 0.5, 1.0, -0.5, 2.0, 20.0, 8.0, 40.0),
-        std=(0.001, 0.0005, 0.02, 0.01, 0.3, 2.0, 0.5, 3.0),
-        covariance=diagonal(1e-6, 2.5e-7, 4e-4, 1e-4, 0.09, 4.0, 0.25, 9.0),
-        innovation=(1e-4, -2e-4),
-        nis=1.7,
-        net=(6.0, 20.0),
-        net_std=(0.4, 2.5),
-        validity=(0, 0),
+        hip=msgspec.structs.replace(HIP, **(hip or {})),
+        slide=msgspec.structs.replace(SLIDE, **(slide or {})),
         status=0x1,
-        measured=(0.2501, 0.4998),
-        effort_used=(5.0, -30.0),
-        reference=(0.26, 0.51),
+        covariance=diagonal(1e-6, 2.5e-7, 4e-4, 1e-4, 0.09, 4.0, 0.25, 9.0),
+        nis=1.7,
     )
     return msgspec.structs.replace(made, **changes)
 
@@ -105,7 +138,7 @@ def record(seq: int = 1, **changes: Any) -> CycleRecord:
         verdict=Verdict(),
         events=(),
         request=RequestResult(),
-        progress="hold",
+        progress=None,
         gateway_age_cycles=1,
         stop_count=0,
         gait_phase=-1.0,

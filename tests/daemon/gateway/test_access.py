@@ -145,7 +145,7 @@ def test_a_client_that_listens_to_everything_learns_no_setpoint_no_lease_and_no_
         ]
         setpoint = {
             **{"lease": lease, "seq": 1, "for_cycle": 1},
-            **{"hip_assist_nm": 1.0, "slide_assist_n": 0.0},
+            **{"hip": {"assist": 1.0}, "slide": {"assist": 0.0}},
         }
         victim.put(f"{BASE}/right/setpoint", json.dumps(setpoint))
         victim.put("another/program", LIE)

@@ -142,9 +142,9 @@ def test_a_recorded_link_that_is_sent_again_is_refused_by_its_handshake(
     assert len(recorder.flights) > 2
 
 
-def setpoint(lease, seq, hip_assist_nm=1.0):
+def setpoint(lease, seq, hip_nm=1.0):
     made = {"lease": lease, "seq": seq, "for_cycle": 1}
-    return json.dumps({**made, "hip_assist_nm": hip_assist_nm, "slide_assist_n": 0.0})
+    return json.dumps({**made, "hip": {"assist": hip_nm}, "slide": {"assist": 0.0}})
 
 
 class Refusals:
@@ -220,7 +220,7 @@ def test_a_recorded_setpoint_is_refused_under_its_lease_and_after_it(service, ac
             recorded = {"lease": lease, "client": "controller.desk"}
             assert not ask(other, controller.control(name), **recorded)
             reply = ask(other, service.target("controller.ward").control(name), **recorded)[0]
-            assert (reply["outcome"], "holds the lease" in reply["reason"]) == ("refused", True)
+            assert (reply["outcome"], reply["refusal"]["code"]) == ("refused", "lease_taken")
         ask(holder, controller.control("release"), lease=lease)
         refusals.forget()
         holder.put(key, setpoint(lease, 3))

@@ -354,7 +354,7 @@ def test_a_glance_reads_the_first_fields_of_a_record(make_record):
 
 
 def file_of(tmp_path, name, *, active, size=10):
-    kept = Kept("cause", "", "", 1, 0, 1, 2, active)
+    kept = Kept("cause", "", 1, 0, 1, 2, active)
     return ClipFile.of(tmp_path / name, size, msgspec.structs.replace(header(), kept=kept))
 
 
@@ -396,7 +396,7 @@ def clip(store, stop_utc_ns, seq):
     with contextlib.closing(ClipWriter(2048)) as records:
         records.add(seq, b"a" * 700)
         records.add(seq + 1, b"b" * 700)
-        kept = Kept("cause", "", "", seq, stop_utc_ns, seq, seq + 1, False)
+        kept = Kept("cause", "", seq, stop_utc_ns, seq, seq + 1, False)
         return store.write(header(), kept, records).name
 
 

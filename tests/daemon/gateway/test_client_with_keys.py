@@ -49,7 +49,7 @@ def test_a_lease_has_the_name_of_the_credentials_whatever_is_claimed(
         (setpoint,) = service.core.levels[-1].setpoints
         assert operator.status().safety.lease_holder == CONTROLLER == lease.name
         assert (setpoint.leg, setpoint.stiffness_ratio) == ("right", 0.5)
-        assert (setpoint.hip_assist_nm, setpoint.slide_assist_n) == assist[:2]
+        assert (setpoint.hip.assist, setpoint.slide.assist) == assist[:2]
 
         operator.release_plan(LIMITS)
         assert controller.status().plan == LIMITS

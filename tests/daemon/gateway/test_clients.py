@@ -8,20 +8,18 @@ from unittest import mock
 
 import msgspec
 import pytest
-from gaitd_client.wire import PlanLimits
+from gaitd_client.wire import AskedPlan, AxisPlan
 
 from daemon.gateway.clients import PLAN_FILE, ClientRefusedError, Clients, PlanStore
-from daemon.gateway.events import EventDraft, Kind, Priority
+from daemon.gateway.events import Kind, Priority
 from daemon.gateway.requests import Answer
 from daemon.ipc.record import Outcome, Plan, Role
 from daemon.keys.folder import Client, Keys, Register
 
 TODAY = "2026-11-23"
-LIMITS = PlanLimits(cadence_max_hz=0.5, amplitude_max_ratio=0.8, duration_max_s=600.0)
-NARROW = PlanLimits(cadence_max_hz=0.1, amplitude_max_ratio=0.2, duration_max_s=60.0)
-RETURNS = "a plan of before may be in force again after the gateway's next restart"
-LOST = "this plan may not be in force after the gateway's next restart"
-RELEASED = "plan released by operator.desk: up to 0.5 Hz, amplitude 0.8, 600 s"
+LIMITS = AskedPlan(cadence_max_hz=0.5, amplitude_max_ratio=0.8, duration_max_s=600.0)
+NARROW = AskedPlan(cadence_max_hz=0.1, amplitude_max_ratio=0.2, duration_max_s=60.0)
+RETURNS, LOST = "plan_may_return", "plan_may_be_lost"
 
 
 def keys(*local, **remote):
@@ -76,7 +74,11 @@ def test_a_role_requests_what_it_has_a_right_to(role, may):
     for name in sorted(set(ACTING) - set(may)):
         with pytest.raises(ClientRefusedError) as caught:
             clients.role(name, client)
-        assert str(caught.value) == f"the role {role.name.lower()} may not request {name}"
+        refusal = caught.value.refusal
+        assert (refusal.code, refusal.values) == (
+            "role_may_not",
+            {"role": role.name.lower(), "request": name},
+        )
 
 
 def test_a_query_that_acts_needs_a_name_of_the_register():
@@ -88,8 +90,8 @@ def test_a_query_that_acts_needs_a_name_of_the_register():
     for name in ("", "operator.desk"):
         with pytest.raises(ClientRefusedError) as caught:
             clients.role("enable", name)
-        asked = "control/enable needs the client's name in its key: control/enable/ROLE.NAME"
-        assert str(caught.value) == asked
+        refusal = caught.value.refusal
+        assert (refusal.code, refusal.values) == ("client_unnamed", {"request": "enable"})
     for name in ("enable", *ACTING):
         assert Clients(None).role(name, "") is Role.UNRESTRICTED
 
@@ -121,11 +123,11 @@ def file(tmp_path):
 
 
 def release(store, limits, ticket=7):
-    """Release a plan; the reason of the answer."""
+    """Release a plan; what the answer says is not reached."""
     store.release(ticket, limits, "operator.desk")
     (answer,) = store.answers()
-    assert answer == Answer(ticket, Outcome.DONE, answer.reason)
-    return answer.reason
+    assert answer == Answer(ticket, Outcome.DONE, answer.refusal)
+    return answer.refusal
 
 
 def test_the_plan_outlives_its_gateway_and_a_damaged_one_is_none(file):
@@ -133,30 +135,42 @@ def test_the_plan_outlives_its_gateway_and_a_damaged_one_is_none(file):
         return PlanStore(file, at_once)
 
     assert (store().plan, store().trouble) == (None, "")
-    assert release(store(), LIMITS) == ""
+    assert release(store(), LIMITS) is None
     assert store().plan == Plan(0.5, 0.8, 600.0)
     file.write_text('{"cadence_max_hz": 9}')
-    assert (store().plan, "no plan is released" in store().trouble) == (None, True)
+    assert (store().plan, str(file) in store().trouble) == (None, True)
+    limits = '"cadence_max_hz": 0.5, "amplitude_max_ratio": 0.8, "duration_max_s": 600.0'
+    file.write_text(f'{{{limits}, "hip_assist_max_nm": 5.5, "slide_assist_max_n": null}}')
+    assert (store().plan, "unknown field `hip_assist_max_nm`" in store().trouble) == (None, True)
     for _ in range(2):
-        assert release(store(), None) == ""
+        assert release(store(), None) is None
         assert (store().plan, store().trouble, file.exists()) == (None, "", False)
 
 
 @pytest.mark.parametrize(
-    ("limits", "text"),
+    ("limits", "code", "values"),
     [
-        (LIMITS, RELEASED),
         (
-            msgspec.structs.replace(LIMITS, hip_assist_max_nm=5.5, slide_assist_max_n=30.0),
-            f"{RELEASED}, assist 5.5 N·m, assist 30 N",
+            msgspec.structs.replace(
+                LIMITS, hip=AxisPlan(assist_max=5.5), slide=AxisPlan(assist_max=30.0)
+            ),
+            "plan_released",
+            {
+                "cadence_max_hz": 0.5,
+                "amplitude_max_ratio": 0.8,
+                "duration_max_s": 600.0,
+                "hip_assist_max": 5.5,
+                "slide_assist_max": 30.0,
+            },
         ),
-        (None, "the plan is withdrawn by operator.desk"),
+        (None, "plan_withdrawn", {}),
     ],
 )
-def test_a_release_and_a_withdrawal_are_events_with_who_and_what(file, limits, text):
+def test_a_release_and_a_withdrawal_are_events_with_who_and_what(file, limits, code, values):
     told = PlanStore(file, at_once).release(7, limits, "operator.desk")
 
-    assert told == EventDraft(Priority.INFO, Kind.NOTE, text)
+    assert (told.priority, told.kind, told.code) == (Priority.INFO, Kind.NOTE, code)
+    assert told.values == {"client": "operator.desk", **values}
 
 
 def test_the_disk_loses_the_plan_of_before_first_and_has_the_new_one_before_the_answer(
@@ -203,18 +217,18 @@ def test_a_plan_of_before_comes_back_only_where_the_answer_says_so(
         after = PlanStore(file, at_once).limits
 
         assert (store.limits, answer.outcome) == (limits, Outcome.DONE)
-        if answer.reason == f"{RETURNS}: {reason}":
-            assert after in {LIMITS, None}
-        elif answer.reason == f"{LOST}: {reason}":
-            assert after in {limits, None}
+        why = answer.refusal
+        if why is None:
+            assert after == limits
         else:
-            assert (answer.reason, after) == ("", limits)
-        told.append(answer.reason.removesuffix(f": {reason}"))
+            assert why.said == reason
+            assert after in {LIMITS if why.code == RETURNS else limits, None}
+        told.append(why and why.code)
         if len(calls) < failing:
             break
 
     lost = 0 if limits is None else 6  # unlink, open, fsync, rename; open and fsync the folder
-    assert told == [RETURNS] * 3 + [LOST] * lost + [""]
+    assert told == [RETURNS] * 3 + [LOST] * lost + [None]
 
 
 @contextlib.contextmanager
@@ -269,8 +283,8 @@ def test_a_withdrawn_plan_is_not_written_by_a_disk_that_was_slow(file):
 def test_a_plan_that_another_user_could_have_written_is_none(file, tmp_path, monkeypatch):
     release(PlanStore(file, at_once), LIMITS)
     (tmp_path / "link.json").symlink_to(file)
-    assert "no plan is released" in PlanStore(tmp_path / "link.json", at_once).trouble
-    refused = f"{file}: no plan is released: another user could have written it"
+    assert "link.json" in PlanStore(tmp_path / "link.json", at_once).trouble
+    refused = f"{file}: another user could have written it"
     us = os.geteuid()
     for other in (us - 1, us + 1):
         with mock.patch.object(os, "geteuid", return_value=other):

@@ -7,6 +7,7 @@ from unittest import mock
 
 import msgspec
 import pytest
+from gaitd_client.wire.names import EventCode
 from msgspec.structs import replace
 from records import HEADER, cut_out, record
 
@@ -36,11 +37,9 @@ def test_a_record_that_cannot_be_read_is_left_out_counted_and_told(bench):
         bench.cycle()
 
     said = [message.cycle for message in bench.outlet.on("right/activity")]
-    told = [event.text for event in bench.outlet.events if "cannot be read" in event.text]
+    told = [event.values for event in bench.outlet.events if event.code == EventCode.RECORDS_UNREAD]
     assert said == [1, 2, *range(4, 105)]
-    assert told == [
-        "records of the core cannot be read, 1 so far: damaged, or of another gaitd version"
-    ]
+    assert told == [{"unread_count": 1}]
     assert bench.outlet.on("health")[-1].record_missed_count == 1
 
 
@@ -81,7 +80,7 @@ def test_no_payload_ends_the_gateway_and_who_asks_next_is_served(bench, ask, nam
     assert len(status.replies) == 1
     assert bench.levels[-1].stop_count == (name == "stop")
     assert len(hostile.replies) == (name != "stop")
-    assert not [event for event in bench.outlet.events if "failed" in event.text]
+    assert not [event for event in bench.outlet.events if event.code == "query_failed"]
 
 
 def broken(*_args, **_kwargs):
@@ -111,8 +110,10 @@ def test_a_bug_in_one_query_fails_that_query_alone_and_is_told(
     assert [reply.outcome for reply in asked.replies] == ["refused"] * (where == "read_ask")
     assert bench.levels[-1].stop_count == (name == "stop")
     assert bench.levels[-1].request.kind is RequestKind.NONE
-    told = [event.text for event in bench.outlet.events if "have failed" in event.text]
-    assert told == ["queries have failed in the gateway, 1 so far: ZeroDivisionError: ours"]
+    told = [event for event in bench.outlet.events if event.code == "query_failed"]
+    assert [(event.values, event.said) for event in told] == [
+        ({"failed_count": 1}, "ZeroDivisionError: ours")
+    ]
     assert "ZeroDivisionError" in caplog.text
 
 
@@ -140,7 +141,7 @@ def kept_rings(tmp_path):
     folder = tmp_path / "state" / FOLDER
     folder.mkdir(parents=True)
     for number in (1, 2, 3):
-        kept = transport.Kept("emergency", "", "", 5, number * 10**18, 1, 5, False)
+        kept = transport.Kept("emergency", "", 5, number * 10**18, 1, 5, False)
         header = replace(HEADER, kept=kept, core_boot_id=f"boot-{number}")
         with contextlib.closing(cut_out(map(record, range(1, 6)))) as cutting:
             (folder / f"{number}.ring").write_bytes(b"".join(trimmed(header, cutting)))
@@ -148,11 +149,11 @@ def kept_rings(tmp_path):
 
 
 def turn(tmp_path):
-    """A gateway's keeper from start to end; what it told."""
+    """A gateway's keeper from start to end; the events that it made."""
     keeper = DiskRecorder(tmp_path / "state", tmp_path, Clock(), "0.1.0")
-    told = [one.text for one in keeper.turn(None, Clock.ns)]
+    made = [(one.code, one.said) for one in keeper.turn(None, Clock.ns)]
     keeper.close()
-    return told
+    return made
 
 
 @pytest.mark.parametrize("at_byte", range(0, 200, 9))
@@ -170,7 +171,8 @@ def test_one_damaged_byte_in_a_kept_ring_costs_that_ring_and_the_gateway_starts(
     names = sorted(one.name for one in kept_rings.iterdir())
     assert names == ["1.ring", "2.ring.damaged" if damaged else "2.ring", "3.ring"]
     assert len(told) == damaged
-    assert not damaged or told[0].startswith("black box: 2.ring ")
+    assert not damaged or told[0][0] == EventCode.RECORDING_DAMAGED
+    assert not damaged or told[0][1].startswith("2.ring ")
     assert turn(tmp_path) == []
     files = clip_files(kept_rings)
     assert [file.path.name for file in files] == names
@@ -184,17 +186,19 @@ def test_a_damaged_ring_that_cannot_be_set_aside_is_told_at_each_start(kept_ring
     with mock.patch.object(Path, "rename", side_effect=PermissionError(13, "no access")):
         told = turn(tmp_path)
 
-    assert len(told) == 1
-    assert told[0].endswith("it cannot be set aside: no access")
+    ((code, said),) = told
+    assert code == EventCode.RECORDING_DAMAGED
+    assert said.endswith("it cannot be set aside: no access")
     assert (kept_rings / "2.ring").exists()
 
 
 def test_an_unreadable_ring_that_a_core_left_is_told(tmp_path):
     (tmp_path / transport.PREVIOUS_RING_NAME).write_bytes(b"\xff" * 20_000)
 
-    (told,) = turn(tmp_path)
+    ((code, said),) = turn(tmp_path)
 
-    assert told.startswith("black box: the ring of the previous core cannot be read: ")
+    assert code == EventCode.RECORDING_DAMAGED
+    assert said.startswith("the ring of the previous core cannot be read: ")
 
 
 BAD_NAMES = ("two\nlines", "end\n", "\x1b[2J", "nul\0", "\x85", "\u2028", "left\u202eright", "\x7f")
@@ -210,7 +214,7 @@ def test_a_client_whose_name_is_no_line_of_text_is_refused(bench, ask, name, cli
 
     assert bench.levels[-1].request.kind is RequestKind.NONE
     assert bench.levels[-1].stop_count == (name == "stop")
-    assert client not in "".join(event.text for event in bench.outlet.events)
+    assert client not in [event.values.get("client") for event in bench.outlet.events]
     assert not bench.gateway.lease_control.lease
 
 
@@ -221,7 +225,7 @@ def test_a_name_in_any_language_is_taken(bench, ask, client):
     bench.cycle(ask("enable", msgspec.json.encode({"client": client})))
 
     assert bench.levels[-1].request.kind is RequestKind.ENABLE
-    assert bench.outlet.events[-1].text == f"enable, asked by {client}"
+    assert bench.outlet.events[-1].values == {"request": "enable", "client": client}
 
 
 def test_what_is_wrong_with_a_name_is_said_in_words(bench, ask):
@@ -230,7 +234,9 @@ def test_what_is_wrong_with_a_name_is_said_in_words(bench, ask):
 
     bench.cycle(query)
 
-    assert "Expected `str` without control characters - at `$.client`" in query.replies[0].reason
+    refusal = query.replies[0].refusal
+    assert refusal.code == "bad_payload"
+    assert "Expected `str` without control characters - at `$.client`" in refusal.said
 
 
 def test_a_flood_of_requests_does_not_displace_the_history_of_events(bench, ask):
@@ -243,6 +249,6 @@ def test_a_flood_of_requests_does_not_displace_the_history_of_events(bench, ask)
     bench.cycle(ask("acquire", b'{"client": "next"}'))
 
     assert before < 30
-    texts = [event.text for event in bench.outlet.events[before:]]
-    assert "580 more events about requests in 10 s" in texts
-    assert any("asked by next" in text for text in texts)
+    told = {event.code: event.values for event in bench.outlet.events[before:]}
+    assert told["requests_left_out"] == {"left_out_count": 580, "window_s": 10}
+    assert told["request_answered"]["client"] == "next"

@@ -22,19 +22,19 @@ from daemon.ipc.record import (
     Verdict,
 )
 from daemon.ipc.report import Event, EventCode, Finding, Trigger
-from daemon.wire.cause_texts import CAUSE_TEXT
-from daemon.wire.report_texts import event_text
 
 
 def said(before, now):
-    return [(item.kind, item.priority, item.text) for item in new_events(before, now)]
+    return [(item.kind, item.priority, item.code) for item in new_events(before, now)]
 
 
 def test_kinds_and_priorities_are_those_that_the_schema_names():
     properties = wire.schema(wire.Event)["properties"]
 
-    assert properties["kind"]["enum"] == [kind.value for kind in Kind]
-    assert properties["priority"]["enum"] == [priority.value for priority in Priority]
+    for name, known in (("kind", Kind), ("priority", Priority)):
+        named, any_other = properties[name]["anyOf"]
+        assert named["enum"] == [member.value for member in known]
+        assert any_other == {"type": "string"}
 
 
 def test_nothing_changed_is_no_event(make_record):
@@ -42,38 +42,68 @@ def test_nothing_changed_is_no_event(make_record):
 
 
 @pytest.mark.parametrize(
-    ("changes", "kind", "priority", "text"),
+    ("changes", "kind", "priority", "code", "values"),
     [
-        ({"power_state": 8}, Kind.DRIVE, Priority.MEDIUM, "right/hip: fault"),
-        ({"power_state": 6}, Kind.DRIVE, Priority.INFO, "right/hip: quick stop active"),
-        ({"nmt_state": 0x7F}, Kind.DRIVE, Priority.INFO, "right/hip: NMT state pre_operational"),
+        (
+            {"power_state": 8},
+            Kind.DRIVE,
+            Priority.MEDIUM,
+            "power_state_changed",
+            {"power_state": "fault"},
+        ),
+        (
+            {"power_state": 6},
+            Kind.DRIVE,
+            Priority.INFO,
+            "power_state_changed",
+            {"power_state": "quick_stop_active"},
+        ),
+        (
+            {"nmt_state": 0x7F},
+            Kind.DRIVE,
+            Priority.INFO,
+            "nmt_state_changed",
+            {"nmt_state": "pre_operational"},
+        ),
         (
             {"emergency_code": 0x8130, "emergency_text": "heartbeat error", "emergency_count": 1},
             Kind.EMERGENCY,
             Priority.HIGH,
-            "right/hip: EMCY 0x8130: heartbeat error",
+            "emcy_received",
+            {"emcy_code": 0x8130},
         ),
         (
             {"hand_switch_closed": False},
             Kind.INPUT,
             Priority.MEDIUM,
-            "right/hip: hand switch open",
+            "hand_switch_opened",
+            {},
         ),
-        ({"sto_released": False}, Kind.INPUT, Priority.MEDIUM, "right/hip: safe torque off active"),
+        ({"sto_released": False}, Kind.INPUT, Priority.MEDIUM, "sto_activated", {}),
         (
             {"referenced": False},
             Kind.DRIVE,
             Priority.MEDIUM,
-            "right/hip: does not know its position any more",
+            "position_lost",
+            {},
         ),
     ],
 )
-def test_a_change_of_a_drive_is_one_event(make_record, make_drive, changes, kind, priority, text):
+def test_a_change_of_a_drive_is_one_event(
+    make_record, make_drive, changes, kind, priority, code, values
+):
     before = make_record(1, drives=(make_drive(),))
     now = make_record(2, drives=(make_drive(**changes),))
 
-    assert said(before, now) == [(kind, priority, text)]
-    assert new_events(before, now)[0].subject == "right/hip"
+    (event,) = new_events(before, now)
+
+    assert (event.kind, event.priority, event.code, event.values, event.subject) == (
+        kind,
+        priority,
+        code,
+        values,
+        "right/hip",
+    )
 
 
 def test_a_drive_that_has_not_spoken_has_no_inputs(make_record, make_drive):
@@ -93,7 +123,7 @@ def test_drives_that_are_gone_for_a_bring_up_are_told_once_when_they_are_back(
     records = [make_record(n, drives=(one,)) for n, one in enumerate([faulty, gone, make_drive()])]
 
     assert said(records[0], records[1]) == []
-    assert [text for _, _, text in said(records[1], records[2])] == ["right/hip: operation enabled"]
+    assert [code for _, _, code in said(records[1], records[2])] == ["power_state_changed"]
 
 
 def emergency(code, **changes):
@@ -117,31 +147,27 @@ def of_emergencies(make_record, make_drive, *emergencies):
         emergency_count=len(emergencies),
         emergencies=emergencies,
     )
-    return said(make_record(1, drives=(make_drive(),)), make_record(2, drives=(newest,)))
+    return new_events(make_record(1, drives=(make_drive(),)), make_record(2, drives=(newest,)))
 
 
 def test_an_emergency_is_told_with_cause_reaction_register_and_the_vendor_s_bytes(
     make_record, make_drive
 ):
-    ((kind, priority, text),) = of_emergencies(make_record, make_drive, emergency(0x8130))
+    (event,) = of_emergencies(make_record, make_drive, emergency(0x8130))
 
-    assert (kind, priority) == (Kind.EMERGENCY, Priority.HIGH)
-    assert text == (
-        "right/hip: EMCY 0x8130: heartbeat; the drive: abort connection option code, 6007h; "
-        "register 0x11, vendor 0102030405"
+    assert (event.kind, event.priority, event.subject) == (
+        Kind.EMERGENCY,
+        Priority.HIGH,
+        "right/hip",
     )
-
-
-def test_an_emergency_that_loses_the_position_says_so(make_record, make_drive):
-    told = of_emergencies(make_record, make_drive, emergency(0x7320, loses_reference=True))
-
-    assert "it does not know its position any more" in told[0][2]
+    assert event.values == {"emcy_code": 0x8130}
+    assert event.said == "heartbeat; drive: abort connection option code, 6007h; 11h 0102030405"
 
 
 def test_a_warning_is_a_low_priority(make_record, make_drive):
     told = of_emergencies(make_record, make_drive, emergency(0xFF01, alarm=False))
 
-    assert [priority for _, priority, _ in told] == [Priority.LOW]
+    assert [event.priority for event in told] == [Priority.LOW]
 
 
 def test_every_emergency_of_a_cycle_is_told_and_one_that_repeats_itself_is_not(
@@ -155,27 +181,35 @@ def test_every_emergency_of_a_cycle_is_told_and_one_that_repeats_itself_is_not(
         emergency(0x8130, repeated=True),
     )
 
-    assert ["0x8130" in text for _, _, text in told] == [True, False]
+    assert [event.values["emcy_code"] for event in told] == [0x8130, 0x8611]
 
 
 def test_an_emergency_that_is_over_is_an_event(make_record, make_drive):
     before = make_record(1, drives=(make_drive(emergency_code=0x8130, emergency_count=1),))
     now = make_record(2, drives=(make_drive(emergency_count=2),))
 
-    assert said(before, now) == [(Kind.EMERGENCY, Priority.INFO, "right/hip: EMCY cleared")]
+    assert said(before, now) == [(Kind.EMERGENCY, Priority.INFO, "emcy_cleared")]
 
 
 @pytest.mark.parametrize("cause", [cause for cause in Cause if cause is not Cause.NONE])
-def test_every_cause_is_told_with_its_words_and_its_remedy(make_record, cause):
+def test_every_cause_is_told_with_its_value_limit_and_drive(make_record, cause):
     verdict = Verdict(StopCategory.S1, cause, "right/hip", 2.5, 2.0)
 
     (stop,) = new_events(make_record(1), make_record(2, verdict=verdict))
 
-    assert stop.kind is Kind.STOP
-    assert CAUSE_TEXT[cause].title in stop.text
-    assert "right/hip" in stop.text
-    assert "2.5, limit 2" in stop.text
-    assert stop.remedy == CAUSE_TEXT[cause].remedy
+    assert (stop.kind, stop.code, stop.cause, stop.subject) == (
+        Kind.STOP,
+        "stopped",
+        cause,
+        "right/hip",
+    )
+    assert stop.values == {
+        "category": "S1",
+        "cause": cause.name.lower(),
+        "value": 2.5,
+        "limit": 2.0,
+        "finding": "none",
+    }
 
 
 def test_a_requested_stop_is_a_low_priority_and_a_limit_a_high_one(make_record):
@@ -205,7 +239,7 @@ def test_the_cores_own_event_of_the_same_stop_is_not_said_again(make_record):
         (Kind.STOP, Priority.MEDIUM),
         (Kind.MODE, Priority.INFO),
     ]
-    assert told[1][2] == event_text(changed)
+    assert told[1][2] == "mode_changed"
 
 
 def test_an_event_of_another_cause_than_that_of_the_stop_is_said(make_record):
@@ -214,19 +248,19 @@ def test_an_event_of_another_cause_than_that_of_the_stop_is_said(make_record):
 
     told = said(make_record(1), make_record(2, verdict=verdict, events=(other,)))
 
-    assert [text for _, _, text in told][-1] == event_text(other)
+    assert [code for _, _, code in told][-1] == "further_cause"
 
 
 def test_a_mode_change_without_an_event_of_the_core_is_said_here(make_record):
     assert said(make_record(1), make_record(2, mode=Mode.FAULT)) == [
-        (Kind.MODE, Priority.MEDIUM, "mode hold → fault")
+        (Kind.MODE, Priority.MEDIUM, "mode_changed")
     ]
 
 
 def test_a_verdict_that_is_cleared_is_an_event(make_record):
     before = make_record(1, verdict=Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN))
 
-    assert said(before, make_record(2)) == [(Kind.STOP, Priority.INFO, "the verdict is cleared")]
+    assert said(before, make_record(2)) == [(Kind.STOP, Priority.INFO, "verdict_cleared")]
 
 
 def test_events_of_the_core_are_sorted_by_what_they_are_about(make_record):
@@ -247,7 +281,7 @@ def test_what_the_can_controller_says_of_itself_asks_for_attention(make_record):
 
     told = said(make_record(1), make_record(2, events=(passive,)))
 
-    assert told == [(Kind.NOTE, Priority.LOW, event_text(passive))]
+    assert told == [(Kind.NOTE, Priority.LOW, "can_passive")]
 
 
 def test_used_up_descriptors_are_reported_once_and_so_are_free_ones():

@@ -26,7 +26,7 @@ def test_who_asks_first_holds_it_for_the_configured_time(desk):
     assert desk.tick(500 * MS - 1) is None
     ended = desk.tick(500 * MS)
     assert ended is not None
-    assert (ended.client, "500 ms" in ended.why) == ("pusher", True)
+    assert (ended.client, ended.why) == ("pusher", "expired")
     assert (desk.number, desk.holder) == (0, None)
 
 
@@ -35,9 +35,9 @@ def test_a_second_one_is_refused_and_told_who_holds_it(desk):
 
     strangers = (("other", None), ("pusher", None), ("other", granted.number))
     for client, number in (*strangers, ("zeta", granted.number)):
-        with pytest.raises(LeaseRefusedError, match="'pusher' holds the lease"):
+        with pytest.raises(LeaseRefusedError, match=r"lease_taken|lease_number_wrong"):
             desk.acquire(client, number, None, 1)
-    with pytest.raises(LeaseRefusedError, match="'pusher'"):
+    with pytest.raises(LeaseRefusedError, match=r"lease_taken|lease_number_wrong"):
         desk.acquire("pusher", granted.number + 1, None, 1)
 
 
@@ -55,7 +55,7 @@ def test_a_number_whose_lease_has_ended_is_not_taken_for_a_new_one(desk):
     granted = desk.acquire("pusher", None, None, 0)
     desk.tick(500 * MS)
 
-    with pytest.raises(LeaseRefusedError, match="has ended"):
+    with pytest.raises(LeaseRefusedError, match="lease_over"):
         desk.acquire("pusher", granted.number, None, 501 * MS)
     assert desk.number == 0
 
@@ -87,12 +87,12 @@ def test_the_holder_alone_can_release_it(desk):
         ("pusher", number + 1),
     )
     for client, number in strangers:
-        with pytest.raises(LeaseRefusedError, match="'pusher'"):
+        with pytest.raises(LeaseRefusedError, match=r"lease_taken|lease_number_wrong"):
             desk.release(client, number)
     ended = desk.release("pusher", granted.number)
 
     assert ended == ("pusher", "released")
-    with pytest.raises(LeaseRefusedError, match="no client"):
+    with pytest.raises(LeaseRefusedError, match="lease_not_held"):
         desk.release("pusher", granted.number)
 
 

@@ -19,11 +19,13 @@ EVENT = wire.Event(
     time_ns=5,
     priority="high",
     kind="stop",
-    text='stop S1: "silent"\nright/hip',
-    remedy="look",
+    code="stopped",
     cause="drive_silent",
     subject="right/hip",
+    values={},
+    said="",
 )
+TEXT = 'stop S1: "silent"\nright/hip'
 EXTRA = {"event": EVENT, "mode": "stopping"}
 
 
@@ -41,14 +43,15 @@ def test_an_event_in_the_journal_can_be_found_by_its_fields(tmp_path):
     with Journald(tmp_path / "socket") as journald:
         log.begin(Journal("gaitd-gateway", journald.path), "info")
 
-        logging.getLogger("gaitd.gateway").error("%s", EVENT.text, extra=EXTRA)
+        logging.getLogger("gaitd.gateway").error("%s", TEXT, extra=EXTRA)
 
         assert journald.entries() == [
             {
-                "MESSAGE": EVENT.text,
+                "MESSAGE": TEXT,
                 "PRIORITY": "3",
                 "SYSLOG_IDENTIFIER": "gaitd-gateway",
                 "GAITD_EVENT": "stop",
+                "GAITD_CODE": "stopped",
                 "GAITD_PRIORITY": "high",
                 "GAITD_EVENT_ID": "b-7-1",
                 "GAITD_MODE": "stopping",
@@ -88,12 +91,12 @@ def test_an_exception_brings_its_traceback(tmp_path):
 def test_elsewhere_an_event_is_one_line_of_logfmt_whatever_its_text(capsys):
     log.begin(Journal("gaitd-gateway", None), "info")
 
-    logging.getLogger("gaitd.gateway").error("%s", EVENT.text, extra=EXTRA)
+    logging.getLogger("gaitd.gateway").error("%s", TEXT, extra=EXTRA)
 
     [line] = capsys.readouterr().err.splitlines()
     fields = dict(word.split("=", 1) for word in shlex.split(line))
     assert fields["level"] == "error"
-    assert fields["cause"] == "drive_silent"
+    assert (fields["code"], fields["cause"]) == ("stopped", "drive_silent")
     assert fields["mode"] == "stopping"
     assert fields["drive"] == "right/hip"
     assert fields["cycle"] == "1234"

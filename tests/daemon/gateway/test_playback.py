@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 from gaitd_client import NoAnswerError, NotValid, RequestRefusedError, Trainer, Trouble
+from gaitd_client.texts import Reader, catalogue
+from gaitd_client.wire.names import RefusalCode
 from tutorial import example
 
 from analysis.stop_recording import opened
@@ -16,7 +18,8 @@ from daemon.gateway.service import Gateway
 
 SAMPLE = Path(__file__).parents[3] / "gaitd" / "sample.ring.xz"
 PACE = 20.0
-SHOWN = re.compile(r"\[#+\.+\] gait .*\nstride \d: \d+%", re.DOTALL)
+WALKING = catalogue(Reader.OPERATOR, "en").text("mode.gait")
+SHOWN = re.compile(rf"\[#+\.+\] {WALKING} .*\nstride \d: \d+%", re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +52,8 @@ def test_the_sample_is_published_whole_with_its_strides_modes_and_stop(bench, ta
     stages = [one.stage for one in outlet.on("safety")]
     assert list(dict.fromkeys(stages)) == [None, "announcing", "approaching", "playing"]
     assert outlet.on("safety")[-1].verdict.cause == "stop_requested"
-    assert any("gait playing" in event.text for event in outlet.events)
+    played = {"mode": "gait", "stage": "playing", "failure": "none"}
+    assert any(event.values == played for event in outlet.events)
 
 
 @contextlib.contextmanager
@@ -70,7 +74,7 @@ def repeated(tape, endpoint):
 
 
 def test_the_display_of_the_tutorial_shows_it_and_nothing_can_be_requested(tape, runtime, capsys):
-    endpoint, printed, refusal = f"unixsock-stream/{runtime}/tape", "", ""
+    endpoint, printed, refusal = f"unixsock-stream/{runtime}/tape", "", None
     display = example("own_display")
     with (
         repeated(tape, endpoint),
@@ -79,13 +83,13 @@ def test_the_display_of_the_tutorial_shows_it_and_nothing_can_be_requested(tape,
         while not SHOWN.search(printed):
             display.main(trainer, 60)
             printed += capsys.readouterr().out
-        while not refusal:
+        while refusal is None:
             try:
                 trainer.enable()
             except RequestRefusedError as error:
-                refusal = str(error)
+                refusal = error.reply.refusal
             except NoAnswerError:  # between two runs of the recording
                 continue
 
-    assert "a recording is played: nothing can be requested of it" in refusal
+    assert refusal.code == RefusalCode.RECORDING_PLAYED
     assert display.bar(NotValid("key", Trouble.SILENT, "")) == "?" * display.WIDTH

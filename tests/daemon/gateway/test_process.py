@@ -79,7 +79,7 @@ def test_a_gateway_without_descriptors_reports_it_once_with_what_to_do(process, 
     used = {int(one.name) for one in Path(f"/proc/{process.pid}/fd").iterdir()}
     lowest = next(number for number in itertools.count() if number not in used)
     resource.prlimit(process.pid, resource.RLIMIT_NOFILE, (lowest, limits[1]))
-    eventually(lambda: "raise LimitNOFILE of its unit" in log.read_text(), 20)
+    eventually(lambda: "no file descriptor left" in log.read_text(), 20)
     resource.prlimit(process.pid, resource.RLIMIT_NOFILE, limits)
 
     eventually(lambda: "has file descriptors again" in log.read_text(), 20)
@@ -97,7 +97,7 @@ def test_sigterm_ends_the_gateway_with_0_and_leaves_no_socket(process, runtime, 
     assert time.monotonic() - begun < 2.0
     assert not (runtime / "gateway.sock").exists()
     assert not (runtime / "zenoh.sock").exists()
-    assert 'text="core is running, mode hold"' in process.output()
+    assert 'text="the control program runs: Leg is held"' in process.output()
 
 
 @realtime

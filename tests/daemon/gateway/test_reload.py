@@ -68,7 +68,7 @@ def test_a_reload_is_done_once_for_each_time_that_it_is_asked_for(running):
 def test_a_file_as_before_changes_nothing(running):
     [said] = running.hang_up()
 
-    assert said.text == "reloaded: nothing that can change in operation"
+    assert (said.code, said.said) == ("config_reloaded", "-")
     assert said.priority is Priority.INFO
     assert running.reload.needs_restart == ""
 
@@ -79,8 +79,8 @@ def test_lease_and_log_level_are_taken_over(running):
 
     [said] = running.hang_up()
 
-    assert said.text == "reloaded: log, lease"
-    assert running.hang_up()[0].text == "reloaded: nothing that can change in operation"
+    assert said.said == "log, lease"
+    assert running.hang_up()[0].said == "-"
     assert running.desk.rules.duration_ms == 700
     assert logging.getLogger().level == logging.ERROR
 
@@ -90,13 +90,13 @@ def test_a_lease_that_is_held_keeps_its_rules_and_the_next_reload_takes_them(run
     running.change("demo.toml", "duration_ms = 500", "duration_ms = 700")
 
     [said] = running.hang_up()
-    assert "lease unchanged while controller holds it" in said.text
+    assert "lease unchanged while controller holds it" in said.said
     assert running.desk.rules.duration_ms == 500
 
     running.desk.release("controller", number)
     [said] = running.hang_up()
     assert running.desk.rules.duration_ms == 700
-    assert said.text == "reloaded: lease"
+    assert said.said == "lease"
 
 
 @pytest.mark.parametrize(
@@ -117,8 +117,8 @@ def test_a_wrong_file_is_refused_in_the_words_of_check_and_the_old_one_stays(
 
     with pytest.raises(ConfigError) as error:
         Running.read(running.path)
-    assert said.text == f"reload refused, nothing has changed: {error.value}"
-    assert key in said.text
+    assert (said.code, said.said) == ("config_refused", str(error.value))
+    assert key in said.said
     assert said.priority is Priority.MEDIUM
     assert running.desk.rules.duration_max_ms == 5000
 
@@ -130,8 +130,8 @@ def test_endpoints_need_a_restart_of_the_gateway_and_motion_one_of_the_core(runn
 
     [said] = running.hang_up()
 
-    assert "needs a restart of the gateway: zenoh" in said.text
-    assert "a restart of the core on the empty machine: gait, limits.toml" in said.text
+    assert "needs a restart of the gateway: zenoh" in said.said
+    assert "a restart of the core on the empty machine: gait, limits.toml" in said.said
     assert said.priority is Priority.LOW
     assert running.reload.needs_restart
 
@@ -151,4 +151,4 @@ def test_a_file_of_the_core_that_is_gone_is_named(running):
 
     [said] = running.hang_up()
 
-    assert "robot.toml" in said.text
+    assert "robot.toml" in said.said

@@ -9,6 +9,7 @@ from unittest import mock
 import msgspec
 import pytest
 from gaitd_client import wire
+from gaitd_client.wire.names import EventCode, RefusalCode
 from power_cuts import check
 from traced_calls import mark
 
@@ -24,6 +25,7 @@ from daemon.recorder.audit_file import (
 from daemon.recorder.audit_log import LINES_PER_MINUTE, RequestLog, unexpected_end
 from daemon.recorder.disk import Disk
 from daemon.recorder.ring_follower import header_of
+from daemon.report_messages import refused as refused_by_gateway
 
 MS = 1_000_000
 UTC_NS = 1_760_000_000_123_456_789
@@ -40,7 +42,7 @@ class Ask:
         self.replies.append((message, failed))
 
 
-def reply(name: str, outcome: str = "done", reason: str = "") -> wire.Reply:
+def reply(name: str, outcome: str = "done", refused: str = "") -> wire.Reply:
     return wire.Reply(
         seq=1,
         core_boot_id="boot-a",
@@ -48,7 +50,7 @@ def reply(name: str, outcome: str = "done", reason: str = "") -> wire.Reply:
         sample_time_ns=1,
         request=name,
         outcome=outcome,
-        reason=reason,
+        refusal=refused_by_gateway(RefusalCode(refused)) if refused else None,
         mode="hold",
     )
 
@@ -67,9 +69,9 @@ class Book:
         self.now_ns += after_ms * MS
         self.log.turn(self.now_ns, UTC_NS + self.now_ns)
 
-    def ask(self, name: str, payload: bytes = b"{}", outcome: str = "done", reason: str = ""):
+    def ask(self, name: str, payload: bytes = b"{}", outcome: str = "done", refused: str = ""):
         (watched,) = self.log.wrap([Ask(name, payload)], UTC_NS + self.now_ns)
-        watched.answer(reply(name, outcome, reason))
+        watched.answer(reply(name, outcome, refused))
 
     def end(self) -> None:
         self.log.close()
@@ -90,12 +92,13 @@ def book(tmp_path):
 
 
 def test_a_request_is_noted_with_who_what_and_what_became_of_it(book):
-    book.ask("enable", b'{"client": "display"}', "refused", "the hand switch is open")
+    book.ask("enable", b'{"client": "display"}', "refused", "hand_switch_open")
 
     line = book.lines()[-1]
 
     assert (line["kind"], line["name"], line["client"]) == ("answered", "enable", "display")
-    assert (line["outcome"], line["reason"]) == ("refused", "the hand switch is open")
+    refusal = {"code": "hand_switch_open", "subject": None, "values": {}, "said": ""}
+    assert (line["outcome"], line["refusal"]) == ("refused", refusal)
     assert line["payload"] == {"client": "display"}
     assert line["utc"] == "2025-10-09T08:53:20.123456Z"
 
@@ -144,7 +147,7 @@ def test_what_only_asks_for_knowledge_is_not_noted(book):
     ],
 )
 def test_a_malformed_query_is_noted_as_it_came(book, payload, shown):
-    book.ask("enable", payload, "refused", "payload of enable")
+    book.ask("enable", payload, "refused", "bad_payload")
 
     assert book.lines()[-1]["payload"] == shown
     assert book.lines()[-1]["client"] is None
@@ -317,7 +320,7 @@ def test_that_a_lease_was_renewed_is_no_news_and_that_it_was_not_is(book):
     book.ask("acquire", b'{"client": "controller"}')
     for _ in range(5):
         book.ask("acquire", b'{"client": "controller", "lease": 7}')
-    book.ask("acquire", b'{"client": "controller", "lease": 8}', "refused", "another one holds it")
+    book.ask("acquire", b'{"client": "controller", "lease": 8}', "refused", "lease_taken")
 
     outcomes = [line["outcome"] for line in book.lines() if line.get("name") == "acquire"]
 
@@ -359,17 +362,17 @@ def test_a_log_without_an_end_says_whether_the_power_failed(tmp_path):
         file.close()
         return said
 
-    assert run("monday", is_ended=True) == ""
-    assert run("monday", is_ended=False) == ""
+    assert run("monday", is_ended=True) is None
+    assert run("monday", is_ended=False) is None
     full = RequestFile(tmp_path, bytes_max=1)  # the last start is in an older file after this
     full.add(b'{"kind":"answer","utc":"2025-10-09T08:53:20.123456Z"}')
     full.flush()
     full.close()
     assert b"start" not in (tmp_path / NAME).read_bytes()
-    killed = run("monday", is_ended=False)
-    assert "killed after 2025-10-09T08:53:20.123456Z" in killed
-    assert "the power failed after 2025-10-09T" in run("tuesday", is_ended=True)
+    last_utc = "2025-10-09T08:53:20.123456Z"
+    assert run("monday", is_ended=False) == (EventCode.GATEWAY_KILLED, last_utc)
+    assert run("tuesday", is_ended=True) == (EventCode.POWER_FAILED, last_utc)
     with (tmp_path / NAME).open("ab") as file:
         file.write(b'{"kind":"e\0\0')
-    assert "the power failed after" in run("wednesday", is_ended=True)
-    assert run("thursday", is_ended=True) == ""
+    assert run("wednesday", is_ended=True) == (EventCode.POWER_FAILED, last_utc)
+    assert run("thursday", is_ended=True) is None

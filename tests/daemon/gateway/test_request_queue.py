@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.gateway.requests import STOP_TIMEOUT_NS, TIMEOUT_NS, RequestQueue
-from daemon.ipc.record import Mode, Outcome, RequestKind, RequestResult, Setpoint
+from daemon.ipc.record import AxisSetpoint, Mode, Outcome, RequestKind, RequestResult, Setpoint
 
 SECOND = 1_000_000_000
 ASK = wire.Ask()
@@ -37,7 +37,7 @@ def test_a_second_request_is_refused_as_busy(desk):
     answer = desk.submit(2, "reset", ASK, 0)
 
     assert answer.outcome is Outcome.REFUSED
-    assert answer.reason == "busy: enable has no answer yet"
+    assert (answer.refusal.code, answer.refusal.values) == ("busy", {"open_request": "enable"})
 
 
 def test_a_request_without_an_outcome_leaves_the_level_when_its_time_is_over(desk):
@@ -56,7 +56,7 @@ def test_another_core_is_never_asked_what_the_one_before_was_asked(desk, make_re
     answers = desk.receive("boot-b", make_record(1))
 
     assert [answer.outcome for answer in answers] == [Outcome.REFUSED]
-    assert "restarted" in answers[0].reason
+    assert answers[0].refusal.code == "core_restarted"
     assert desk.gateway_state().core_boot_id == "boot-b"
     assert desk.gateway_state().request.kind is RequestKind.NONE
 
@@ -97,7 +97,7 @@ def test_an_unconfirmed_stop_is_answered_in_half_a_second_and_stays_in_the_level
     answers = desk.tick(STOP_TIMEOUT_NS)
 
     assert [answer.outcome for answer in answers] == [Outcome.PENDING]
-    assert "emergency stop" in answers[0].reason
+    assert answers[0].refusal.code == "stop_unconfirmed"
     assert desk.gateway_state().stop_count == 1
 
 
@@ -132,7 +132,10 @@ def test_mode_arguments_reach_the_request(desk):
 
 
 def test_the_level_carries_the_lease_and_the_newest_setpoint_of_each_leg(desk):
-    setpoints = (Setpoint(7, 1, 90, 3.0, 20.0, "right"), Setpoint(7, 4, 90, 0.0, 0.0, "left"))
+    setpoints = (
+        Setpoint(7, 1, 90, AxisSetpoint(3.0), AxisSetpoint(20.0), "right"),
+        Setpoint(7, 4, 90, leg="left"),
+    )
 
     level = desk.gateway_state(setpoints, 7)
 

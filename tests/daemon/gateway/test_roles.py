@@ -30,7 +30,7 @@ from keyed_gateway import (
     target_of,
 )
 
-from daemon.ipc.record import Mode, Plan, Role
+from daemon.ipc.record import AxisPlan, Mode, Plan, Role
 from daemon.keys import issuing
 from daemon.keys.certificates import Pair, new_authority, new_certificate
 from daemon.keys.folder import read_keys
@@ -55,8 +55,8 @@ PLAN = {
     "cadence_max_hz": 0.5,
     "amplitude_max_ratio": 0.8,
     "duration_max_s": 600.0,
-    "hip_assist_max_nm": 10.0,
-    "slide_assist_max_n": None,
+    "hip": {"assist_max": 10.0},
+    "slide": {"assist_max": None},
 }
 PAYLOADS = {
     "mode": {"mode": "hold"},
@@ -157,7 +157,7 @@ def test_only_a_controller_reaches_the_core_with_setpoints_and_no_client_hears_i
         status = ask(session, f"{BASE}/control/status")[0]
         setpoint = {
             **{"lease": reply["lease"], "seq": 1, "for_cycle": 1},
-            **{"hip_assist_nm": 1.0, "slide_assist_n": 0.0},
+            **{"hip": {"assist": 1.0}, "slide": {"assist": 0.0}},
         }
         session.put(f"{BASE}/right/setpoint", json.dumps(setpoint))
         assert ask(session, f"{BASE}/control/status")
@@ -327,14 +327,14 @@ def test_a_revoked_client_is_out_after_the_restart_which_the_machine_in_motion_r
     with connected(operator) as session:
         eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "gait")
         reply = ask(session, operator.control("restart"))[0]
-        assert (reply["outcome"], "in mode gait" in reply["reason"]) == ("refused", True)
+        assert (reply["outcome"], reply["refusal"]["code"]) == ("refused", "would_stop")
         service.core.changes["mode"] = Mode.READY
         eventually(lambda: ask(session, f"{BASE}/control/status")[0]["safety"]["mode"] == "ready")
         for name in ("clients.json", "gateway.pem", "authority.pem"):
             text = (service.folder / name).read_text()
             (service.folder / name).write_text("")
             reply = ask(session, operator.control("restart"))[0]
-            assert (reply["outcome"], name in reply["reason"]) == ("refused", True)
+            assert (reply["outcome"], name in str(reply["refusal"])) == ("refused", True)
             (service.folder / name).write_text(text)
         assert ask(session, operator.control("restart"))[0]["outcome"] == "done"
     service.wait_for_restart(eventually)
@@ -366,5 +366,5 @@ def test_the_released_plan_reaches_the_core_with_a_session_and_outlives_the_gate
         eventually(lambda: is_valid(session))
         ask(session, session_target.control("mode"), **gait)
 
-    assert service.core.requests[-1].plan == Plan(0.5, 0.8, 600.0, 10.0)
+    assert service.core.requests[-1].plan == Plan(0.5, 0.8, 600.0, AxisPlan(10.0))
     assert service.core.requests[-1].role is Role.SESSION

@@ -6,16 +6,17 @@ from unittest import mock
 
 import msgspec
 
-from daemon.gateway.clients import RETURNS
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.presence import SILENCE_NS
 from daemon.gateway.setpoints import NOTHING
 from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import (
+    AxisRecord,
     BusRecord,
     Cause,
     EmergencyRecord,
+    LegRecord,
     Mode,
     Outcome,
     RequestKind,
@@ -25,7 +26,6 @@ from daemon.ipc.record import (
     Verdict,
 )
 from daemon.ipc.report import Event, EventCode, Refusal, RefusalCode
-from daemon.wire.report_texts import event_text, refusal_text
 
 MS = 1_000_000
 SILENT_MS = SILENCE_NS // MS + 1
@@ -148,7 +148,7 @@ def test_the_same_core_that_comes_back_is_alive_and_valid_again(bench):
 
     assert bench.outlet.alive
     assert bench.outlet.on("safety")[-1].valid
-    assert bench.outlet.events[-1].text == "records from the core arrive again"
+    assert bench.outlet.events[-1].code == "core_back"
 
 
 def test_a_level_goes_out_with_each_record_and_every_20_ms_without(bench):
@@ -246,7 +246,11 @@ def test_a_stop_is_in_the_level_of_the_same_turn_and_stands_in_the_events(bench,
     assert not stop.replies
     bench.cycle(stop_count=1)
     assert [reply.outcome for reply in stop.replies] == ["done"]
-    assert "stop, asked by display: done" in bench.outlet.events[-1].text
+    assert bench.outlet.events[-1].values == {
+        "request": "stop",
+        "client": "display",
+        "outcome": "done",
+    }
 
 
 def test_in_the_last_turn_a_stop_counts_and_nothing_else_reaches_the_core(bench, ask):
@@ -258,7 +262,7 @@ def test_in_the_last_turn_a_stop_counts_and_nothing_else_reaches_the_core(bench,
     bench.levels += bench.core.receive()
     assert bench.levels[-1].stop_count == 1
     assert bench.levels[-1].request.kind is RequestKind.NONE
-    assert [reply.reason for reply in enable.replies] == ["the gateway ends"]
+    assert [reply.refusal.code for reply in enable.replies] == ["gateway_ends"]
 
 
 def test_a_stop_is_a_stop_whatever_is_sent_along_with_it(bench, ask):
@@ -280,11 +284,33 @@ def test_a_plan_that_the_disk_does_not_take_is_done_with_that_reason(bench, ask,
 
     (reply,), (now,) = released.replies, status.replies
     assert reply.outcome == "done"
-    assert reply.reason == f"{RETURNS}: No space left on device"
+    why = reply.refusal
+    assert (why.code, why.said) == ("plan_may_return", "No space left on device")
     assert now.plan.cadence_max_hz == 0.5
     note, outcome = bench.outlet.events[-2:]
-    assert note.text == "plan released by me: up to 0.5 Hz, amplitude 0.8, 600 s"
-    assert outcome.text == f"plan, asked by me: done: {reply.reason}"
+    assert note.code == "plan_released"
+    assert note.values == {
+        "client": "me",
+        "cadence_max_hz": 0.5,
+        "amplitude_max_ratio": 0.8,
+        "duration_max_s": 600.0,
+        "hip_assist_max": None,
+        "slide_assist_max": None,
+    }
+    assert (outcome.code, outcome.said) == ("request_answered", why.said)
+    assert outcome.values["refusal"] == why.code
+
+
+def test_an_event_of_a_refused_acquire_names_who_has_asked_and_who_holds_the_lease(bench, ask):
+    bench.cycle()
+    bench.cycle(ask("acquire", b'{"client": "law"}'))
+    bench.cycle(ask("acquire", b'{"client": "other"}'))
+
+    refused = bench.outlet.events[-1]
+    assert refused.values == {
+        **{"request": "acquire", "client": "other", "outcome": "refused"},
+        **{"refusal": "lease_taken", "holder": "law"},
+    }
 
 
 def test_an_enable_that_the_core_refuses_gets_its_reason(bench, ask):
@@ -297,11 +323,11 @@ def test_an_enable_that_the_core_refuses_gets_its_reason(bench, ask):
     told = Event(EventCode.REQUEST_REFUSED, "", (RequestKind.ENABLE, Mode.HOLD, why.code))
     bench.cycle(request=RequestResult(request.id, Outcome.REFUSED, why), events=(told,))
 
-    assert [(reply.outcome, reply.reason) for reply in enable.replies] == [
-        ("refused", refusal_text(why))
-    ]
-    texts = [event.text for event in bench.outlet.events[-2:]]
-    assert texts == ["enable, asked by unnamed", event_text(told)]
+    (reply,) = enable.replies
+    assert (reply.outcome, reply.refusal.code) == ("refused", "sto_active")
+    asked, refused = bench.outlet.events[-2:]
+    assert (asked.code, asked.values["client"]) == ("request_sent", "unnamed")
+    assert (refused.code, refused.values["refusal"]) == ("request_refused", "sto_active")
 
 
 def test_the_gateways_end_answers_who_still_waits(bench, ask):
@@ -324,7 +350,7 @@ def test_a_status_says_safety_drives_legs_and_the_newest_events(bench, ask):
     assert said.safety.mode == "hold"
     assert [drive.name for drive in said.drives] == ["right/hip", "right/slide"]
     assert [leg.leg for leg in said.legs] == ["right"]
-    assert said.events[-1].text == "core is running, mode hold"
+    assert said.events[-1].code == "core_running"
     assert said.version == "0.1.0"
     assert [message.seq for message in bench.outlet.on("safety")] == [1]
 
@@ -370,22 +396,13 @@ def test_a_late_sample_is_late_and_one_that_never_came_is_lost(bench, make_drive
     assert (health.missed_count, health.late_count, health.lost_count) == (2, 1, 1)
 
 
-def test_what_the_core_does_not_know_is_null_in_every_message(bench, make_drive, make_leg):
-    unknown = (math.nan,) * 8
-    leg = make_leg(
-        state=unknown,
-        std=unknown,
-        covariance=(math.nan,) * 36,
-        net=(math.nan, math.nan),
-        net_std=(math.nan, math.nan),
-        validity=(2, 2),
-        status=2,
-        measured=(math.nan, math.nan),
-    )
-    bench.cycle(legs=(leg,), drives=(make_drive(position_si=None, heartbeat_age_ms=math.inf),))
+def test_what_the_core_does_not_know_is_null_in_every_message(bench, make_drive):
+    unknown = AxisRecord(measured_position=math.nan, effort=0.0, reference_position=math.nan)
+    leg = LegRecord("right", unknown, unknown, status=2)
+    bench.cycle(legs=(leg,), drives=(make_drive(position=None, heartbeat_age_ms=math.inf),))
 
     activity = bench.outlet.on("right/activity")[0]
-    assert activity.hip_patient_nm is activity.slide_net_n is None
+    assert activity.hip.patient is activity.slide.net is None
     assert activity.status == ("warm_up",)
     assert bench.outlet.on("drives/right/hip")[0].heartbeat_age_ms is None
 
@@ -422,21 +439,24 @@ def test_the_state_of_the_holder_of_the_lease_is_published_and_of_no_other(bench
     lease = acquired.replies[0].lease
 
     def report(**changes):
-        values = {"stiffness_ratio": 0.4, "weights_hip_nm": [1.0, None]}
+        values = {"stiffness_ratio": 0.4}
         payload = {"client": "law", "lease": lease, "leg": "right", "for_cycle": 7}
+        payload |= {"hip": {"assist": [1.0, None]}}
         asked = ask("report", msgspec.json.encode(payload | {"values": values} | changes))
         bench.cycle(asked)
-        return asked.replies[0].outcome, asked.replies[0].reason
+        reply = asked.replies[0]
+        return reply.outcome, reply.refusal and reply.refusal.code
 
-    assert report() == ("done", "")
-    assert report(client="other") == ("refused", "'law' holds the lease, with another number")
+    assert report() == ("done", None)
+    assert report(client="other") == ("refused", "lease_taken")
     assert report(lease=lease % 2**52 + 1)[0] == "refused"
-    assert report(leg="left") == ("refused", "leg = 'left', the trainer has right")
+    assert report(leg="left") == ("refused", "unknown_leg")
     for values in ({"no unit": 1.0}, {"a_nm": [0.0] * 65}, {f"a{i}_nm": 0.0 for i in range(33)}):
         assert report(values=values)[0] == "refused"
     bench.cycle(ask("stop"))
-    assert report() == ("refused", "no client holds the lease")
+    assert report() == ("refused", "lease_not_held")
 
     (published,) = bench.outlet.on("right/controller")
     assert (published.client, published.for_cycle, published.cycle) == ("law", 7, 3)
-    assert published.values == {"stiffness_ratio": 0.4, "weights_hip_nm": (1.0, None)}
+    assert published.values == {"stiffness_ratio": 0.4}
+    assert (published.hip, published.slide) == ({"assist": (1.0, None)}, {})

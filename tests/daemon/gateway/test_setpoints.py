@@ -9,20 +9,19 @@ import threading
 import msgspec
 import pytest
 from gaitd_client import wire
-from gaitd_client.wire.refusals import REFUSAL_TEXT
 
 from daemon.config.settings import Lease
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.lease import LeaseManager
-from daemon.gateway.lease_control import REPORTED_MAX, Decision, LeaseControl
+from daemon.gateway.lease_control import REPORTED_MAX, LeaseControl
 from daemon.gateway.setpoints import (
     Arrival,
     Batch,
     SetpointBox,
     SetpointStore,
 )
-from daemon.ipc.assist_record import AssistRecord
-from daemon.ipc.record import Mode, Outcome
+from daemon.ipc.record import AssistRecord, Mode, Outcome
+from daemon.ipc.report import Lapse
 from daemon.wire.refusals import SetpointRefusal
 
 LEGS = ("right", "left")
@@ -32,7 +31,7 @@ MS = 1_000_000
 
 def payload(**changes):
     fields = {"lease": LEASE, "seq": 5, "for_cycle": 40}
-    fields |= {"hip_assist_nm": 3.5, "slide_assist_n": -20.0}
+    fields |= {"hip": {"assist": 3.5}, "slide": {"assist": -20.0}}
     return json.dumps({**fields, **changes}).encode()
 
 
@@ -55,13 +54,14 @@ def arrival(leg="right", **changes):
         (b"[" * 1000, SetpointRefusal.MALFORMED),
         (b"null", SetpointRefusal.MALFORMED),
         (payload(torque=1), SetpointRefusal.MALFORMED),
-        (payload(hip_assist_nm="3"), SetpointRefusal.MALFORMED),
-        (payload(hip_assist_nm=None), SetpointRefusal.MALFORMED),
+        (payload(hip_assist_nm=3.5), SetpointRefusal.MALFORMED),
+        (payload(hip={"assist": "3"}), SetpointRefusal.MALFORMED),
+        (payload(hip={"assist": None}), SetpointRefusal.MALFORMED),
         (payload(seq=1.5), SetpointRefusal.MALFORMED),
-        (payload(hip_assist_nm=float("nan")), SetpointRefusal.NON_FINITE),
-        (payload(slide_assist_n=float("-inf")), SetpointRefusal.NON_FINITE),
-        (payload(hip_assist_nm=120.1), SetpointRefusal.OUT_OF_RANGE),
-        (payload(slide_assist_n=-1500.1), SetpointRefusal.OUT_OF_RANGE),
+        (payload(hip={"assist": float("nan")}), SetpointRefusal.NON_FINITE),
+        (payload(slide={"assist": float("-inf")}), SetpointRefusal.NON_FINITE),
+        (payload(hip={"assist": 1500.1}), SetpointRefusal.OUT_OF_RANGE),
+        (payload(slide={"assist": -1500.1}), SetpointRefusal.OUT_OF_RANGE),
         (payload(stiffness_ratio=1.01), SetpointRefusal.OUT_OF_RANGE),
         (payload(seq=2**53), SetpointRefusal.OUT_OF_RANGE),
         (payload(seq=-1), SetpointRefusal.OUT_OF_RANGE),
@@ -226,7 +226,7 @@ def test_the_first_refusal_of_each_reason_is_an_event_and_all_are_counted(steeri
     said = steering.receive_setpoints(batch, 0) + steering.receive_setpoints(batch, 1)
 
     assert [happening.priority for happening in said] == [Priority.LOW] * 3
-    assert len({happening.text for happening in said}) == 3
+    assert len({happening.values["setpoint_refusal"] for happening in said}) == 3
     assert steering.refused_count == {
         SetpointRefusal.FLOOD: 100,
         SetpointRefusal.UNLEASED: 4,
@@ -242,7 +242,7 @@ def test_leases_that_come_and_go_do_not_make_a_flood_of_events(steering):
         assert granted.number == steering.lease
         steering.stop()
 
-    refusals = [one for one in said if "wrong_lease" in one.text]
+    refusals = [one for one in said if one.values.get("setpoint_refusal") == "wrong_lease"]
     assert len(refusals) == REPORTED_MAX
 
 
@@ -253,7 +253,7 @@ def test_what_the_core_refuses_is_told_too(steering, make_record):
 
     said = steering.receive_record(record_with(make_record, 3, refused_count=tuple(counts)), 0)
 
-    assert [one.text.partition(":")[0] for one in said] == ["setpoint refused, stale"]
+    assert [one.values["setpoint_refusal"] for one in said] == ["stale"]
 
 
 def test_the_lease_lives_on_what_the_core_accepts_and_on_nothing_else(steering, make_record):
@@ -269,7 +269,7 @@ def test_the_lease_lives_on_what_the_core_accepts_and_on_nothing_else(steering, 
         steering.receive_record(record_with(make_record, k + 1, accepted_count=9), k * 100 * MS)
     (said,) = steering.tick(1400 * MS)
 
-    assert "the lease of pusher has ended" in said.text
+    assert said.values == {"client": "pusher", "lease_end": "expired"}
     assert (steering.lease, steering.setpoints) == (0, ())
 
 
@@ -277,14 +277,16 @@ def test_a_lapse_is_of_medium_priority_and_names_the_holder(steering, make_recor
     steering.leases.acquire("pusher", None, None, 0)
     steering.receive_record(record_with(make_record, 2, accepted_count=1), 0)
     lapsed = record_with(
-        make_record, 3, Mode.HOLD, accepted_count=1, lapse_count=1, lapse_reason="stale"
+        make_record, 3, Mode.HOLD, accepted_count=1, lapse_count=1, lapse_reason=Lapse.STALE
     )
 
     (said,) = steering.receive_record(lapsed, 0)
 
     assert (said.priority, said.kind) == (Priority.MEDIUM, Kind.MODE)
-    assert "assist of pusher lapsed: stale" in said.text
-    assert said.remedy
+    assert (said.code, said.values) == (
+        "assist_lapsed",
+        {"client": "pusher", "lapse": "stale"},
+    )
 
 
 @pytest.mark.parametrize("mode", [Mode.STOPPING, Mode.FAULT])
@@ -293,7 +295,7 @@ def test_a_machine_that_was_stopped_has_no_holder(steering, make_record, mode):
 
     (said,) = steering.receive_record(record_with(make_record, 2, mode), 0)
 
-    assert "stopped" in said.text
+    assert said.values["lease_end"] == "machine_stopped"
     assert steering.lease == 0
 
 
@@ -301,7 +303,7 @@ def test_a_stop_and_another_core_end_the_lease(steering):
     for end in (steering.stop, lambda: steering.begin_core(LEGS)):
         steering.leases.acquire("pusher", None, None, 0)
         (said,) = end()
-        assert "the lease of pusher has ended" in said.text
+        assert (said.code, said.values["client"]) == ("lease_ended", "pusher")
         assert steering.lease == 0
         assert end() == []
 
@@ -309,29 +311,24 @@ def test_a_stop_and_another_core_end_the_lease(steering):
 def test_each_end_of_a_lease_is_one_event_with_its_reason(steering, make_record):
     stopped = record_with(make_record, 2, Mode.FAULT)
     for end, why in (
-        (steering.stop, "a stop was requested"),
-        (lambda: steering.begin_core(LEGS), "the core has restarted"),
-        (lambda: steering.receive_record(stopped, 0), "the machine was stopped"),
+        (steering.stop, "stop_requested"),
+        (lambda: steering.begin_core(LEGS), "core_restarted"),
+        (lambda: steering.receive_record(stopped, 0), "machine_stopped"),
     ):
         steering.leases.acquire("pusher", None, None, 0)
-        text = f"the lease of pusher has ended: {why}"
+        values = {"client": "pusher", "lease_end": why}
 
-        assert end() == [EventDraft(Priority.INFO, Kind.REQUEST, text)]
+        assert end() == [EventDraft(Priority.INFO, Kind.REQUEST, "lease_ended", values)]
 
 
-def test_a_refusal_says_what_it_is_what_to_do_and_who_holds_the_lease(steering):
-    reason = "setpoint refused, {}: {}".format
-    unleased, wrong = REFUSAL_TEXT["unleased"], REFUSAL_TEXT["wrong_lease"]
+@pytest.mark.parametrize(("holder", "refusal"), [(None, "unleased"), ("pusher", "wrong_lease")])
+def test_a_refusal_says_what_it_is_and_who_holds_the_lease(steering, holder, refusal):
+    if holder is not None:
+        steering.leases.acquire(holder, None, None, 0)
+    values = {"holder": holder, "setpoint_refusal": refusal}
 
     assert steering.receive_setpoints(Batch((arrival(),)), 0) == [
-        EventDraft(
-            Priority.LOW, Kind.REQUEST, reason("unleased", unleased.meaning), unleased.remedy
-        )
-    ]
-    steering.leases.acquire("pusher", None, None, 0)
-    text = reason("wrong_lease", wrong.meaning) + "; pusher holds the lease"
-    assert steering.receive_setpoints(Batch((arrival(),)), 0) == [
-        EventDraft(Priority.LOW, Kind.REQUEST, text, wrong.remedy)
+        EventDraft(Priority.LOW, Kind.REQUEST, "setpoint_refused", values)
     ]
 
 
@@ -354,14 +351,16 @@ def test_only_counts_that_rise_from_one_record_to_the_next_of_a_core_are_news(
     def counted(seq, stale, lapses):
         counts = [0] * len(SetpointRefusal)
         counts[SetpointRefusal.STALE] = stale
-        told = {"lapse_count": lapses, "lapse_reason": "stale", "accepted_count": lapses}
+        told = {
+            "lapse_count": lapses,
+            "lapse_reason": Lapse.STALE,
+            "accepted_count": lapses,
+        }
         record = record_with(make_record, seq, refused_count=tuple(counts), **told)
-        return [one.text for one in steering.receive_record(record, 0)]
+        return [one.code for one in steering.receive_record(record, 0)]
 
     assert counted(2, 0, 0) == []
-    lapsed, refused = counted(3, 1, 1)
-    assert lapsed == "assist lapsed: stale; it fades, the leg is braked and held"
-    assert refused.startswith("setpoint refused, stale: ")
+    assert counted(3, 1, 1) == ["assist_lapsed", "setpoint_refused"]
     for seq, stale, lapses in ((4, 1, 1), (5, 0, 0)):
         steering.leases.acquire("pusher", None, None, 0)
         steering.stop()  # what was told is forgotten
@@ -376,8 +375,7 @@ def test_a_new_control_has_refused_and_forwards_nothing():
     assert (control.lease, control.setpoints, control.refused_count) == (0, (), {})
     batch = Batch((arrival(),))
     (said,) = control.receive_setpoints(batch, 0)
-    assert said.text.startswith("setpoint refused, unknown_leg: ")
-    assert Decision(Outcome.DONE, "") == (Outcome.DONE, "", None, None, False)
+    assert said.values["setpoint_refusal"] == "unknown_leg"
 
 
 # --- queries for the lease ------------------------------------------------------------------------
@@ -391,27 +389,26 @@ def test_a_lease_is_granted_renewed_and_released_by_queries(steering):
     granted = steering.decide(acquire(), Mode.HOLD, 0)
     assert (granted.outcome, granted.number) == (Outcome.DONE, 1001)
     assert (granted.duration_ms, granted.renewed) == (500, False)
-    assert granted.reason == "for 500 ms after this reply and after each accepted setpoint"
 
     again = steering.decide(acquire(lease=1001, duration_ms=200), Mode.HOLD, 400 * MS)
     assert (again.number, again.duration_ms, again.renewed) == (1001, 200, True)
     assert steering.tick(600 * MS - 1) == []
 
     released = steering.decide(wire.ReleaseAsk(client="pusher", lease=1001), None, 500 * MS)
-    assert (released.outcome, released.reason, released.number) == (Outcome.DONE, "", None)
+    assert (released.outcome, released.refusal, released.number) == (Outcome.DONE, None, None)
     assert (steering.lease, steering.leases.holder) == (0, None)
 
 
 @pytest.mark.parametrize(
     ("client", "mode", "reason"),
     [
-        ("", Mode.HOLD, "`client` must name the holder"),
-        (wire.UNNAMED_CLIENT, Mode.HOLD, "`client` must name the holder"),
-        ("pusher", None, "no records arrive"),
-        ("pusher", Mode.FAULT, "the machine is stopped"),
-        ("pusher", Mode.STOPPING, "the machine is stopped"),
-        ("pusher", Mode.OFF, ""),
-        ("pusher", Mode.TORQUE, ""),
+        ("", Mode.HOLD, "holder_unnamed"),
+        (wire.UNNAMED_CLIENT, Mode.HOLD, "holder_unnamed"),
+        ("pusher", None, "core_silent"),
+        ("pusher", Mode.FAULT, "machine_stopped"),
+        ("pusher", Mode.STOPPING, "machine_stopped"),
+        ("pusher", Mode.OFF, None),
+        ("pusher", Mode.TORQUE, None),
     ],
 )
 def test_a_lease_is_refused_without_a_name_a_core_or_a_machine_that_may_move(
@@ -420,7 +417,7 @@ def test_a_lease_is_refused_without_a_name_a_core_or_a_machine_that_may_move(
     decision = steering.decide(acquire(client), mode, 0)
 
     assert decision.outcome is (Outcome.REFUSED if reason else Outcome.DONE)
-    assert decision.reason.startswith(reason or "for 500 ms")
+    assert (decision.refusal and decision.refusal.code) == reason
     assert bool(steering.lease) == (not reason)
 
 
@@ -431,7 +428,10 @@ def test_a_refused_query_leaves_lease_and_setpoints_as_they_were(steering):
     for query in (acquire("other"), wire.ReleaseAsk(client="other", lease=number)):
         decision = steering.decide(query, Mode.HOLD, 1)
         assert (decision.outcome, decision.number) == (Outcome.REFUSED, None)
-        assert "'pusher' holds the lease" in decision.reason
+        assert (decision.refusal.code, decision.refusal.values) == (
+            "lease_taken",
+            {"holder": "pusher"},
+        )
 
     assert steering.lease == number
     assert len(steering.setpoints) == 1
@@ -440,16 +440,19 @@ def test_a_refused_query_leaves_lease_and_setpoints_as_they_were(steering):
 def test_a_state_is_published_for_a_known_leg_of_the_holder_of_the_lease_alone(steering):
     def refusal(**wrong):
         asked = {"client": "pusher", "lease": number, "leg": "right", "values": {}} | wrong
-        return steering.refuse_report(wire.ReportAsk(**asked))
+        refused = steering.refuse_report(wire.ReportAsk(**asked))
+        return refused and refused.code
 
     number = LEASE
-    assert refusal() == "no client holds the lease"
+    assert refusal() == "lease_not_held"
 
     number = steering.decide(acquire(), Mode.HOLD, 0).number
-    assert [refusal(leg=leg) for leg in LEGS] == ["", ""]
-    assert refusal(leg="middle") == "leg = 'middle', the trainer has right, left"
-    other = "'pusher' holds the lease, with another number"
-    assert (refusal(client="other"), refusal(lease=number + 1)) == (other, other)
+    assert [refusal(leg=leg) for leg in LEGS] == [None, None]
+    assert refusal(leg="middle") == "unknown_leg"
+    assert (refusal(client="other"), refusal(lease=number + 1)) == (
+        "lease_taken",
+        "lease_number_wrong",
+    )
 
 
 def test_setpoints_outlive_a_renewal_and_never_the_lease(steering):

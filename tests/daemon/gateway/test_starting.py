@@ -11,12 +11,15 @@ from command_line import gaitd
 from config_files import Change, changed, copied
 from gaitd_client import NoAnswerError, NoServiceError, Target, Trainer, wire
 from gaitd_client import trainer as client_trainer
+from gaitd_client.texts import Reader, catalogue
 from gaitd_toml import ConfigError
 
 from daemon.ipc import starting
 from daemon.preflight import acceptance
 from gaitd import record as record_command
 from gaitd import status
+
+STARTS = wire.Progress(code="core_starting", subject=None, values={})
 
 
 def test_every_answer_says_that_the_core_starts_until_it_has_begun(bench, ask):
@@ -28,19 +31,23 @@ def test_every_answer_says_that_the_core_starts_until_it_has_begun(bench, ask):
 
         replies = {name: one.replies[0] for name, one in asks.items()}
         for name in ("enable", "mode", "acquire"):
-            assert (replies[name].outcome, replies[name].reason) == ("refused", starting.COMPILES)
+            assert (replies[name].outcome, replies[name].refusal.code) == (
+                "refused",
+                "core_starting",
+            )
         safety = replies["status"].safety
-        assert (safety.valid, safety.mode, safety.progress) == (False, None, starting.COMPILES)
-        assert f"mode         unknown: {starting.COMPILES}" in status.lines(replies["status"])
+        assert (safety.valid, safety.mode, safety.progress.code) == (False, None, "core_starting")
+        screen = "\n".join(status.lines(replies["status"], catalogue(Reader.OPERATOR, "en")))
+        assert "the control program starts" in screen
 
         begun = ask("status")
         bench.cycle(begun)
         assert begun.replies[0].safety.valid
-        assert begun.replies[0].safety.progress != starting.COMPILES
+        assert begun.replies[0].safety.progress is None
 
     after = ask("enable")
     bench.turn(after, after_ms=1000)
-    assert after.replies[0].reason.startswith("no records arrive")
+    assert after.replies[0].refusal.code == "core_silent"
 
 
 def test_a_core_that_was_killed_while_it_started_says_nothing(tmp_path):
@@ -51,16 +58,16 @@ def test_a_core_that_was_killed_while_it_started_says_nothing(tmp_path):
     subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
 
     assert (tmp_path / starting.STARTING_NAME).exists()
-    assert starting.starting(tmp_path) == ""
+    assert not starting.starting(tmp_path)
 
 
 def test_a_second_core_that_is_refused_takes_nothing_from_the_first(tmp_path):
     with starting.said(tmp_path):
         with starting.said(tmp_path) as begun:
-            assert starting.starting(tmp_path) == starting.COMPILES
+            assert starting.starting(tmp_path)
             begun()
-        assert starting.starting(tmp_path) == starting.COMPILES
-    assert starting.starting(tmp_path) == ""
+        assert starting.starting(tmp_path)
+    assert not starting.starting(tmp_path)
 
 
 @pytest.mark.timeout(10)
@@ -86,8 +93,8 @@ def test_the_core_says_it_before_it_checks_its_files_and_no_longer_when_it_ends(
     monkeypatch.setattr(acceptance, "accepted", accepted)
     ended = gaitd("core", "--config", demo)
 
-    assert (ended.code, heard) == (2, [starting.COMPILES])
-    assert starting.starting(tmp_path / "run") == ""
+    assert (ended.code, heard) == (2, [True])
+    assert not starting.starting(tmp_path / "run")
 
 
 def trainer_whose_core_starts(monkeypatch, count):
@@ -98,7 +105,7 @@ def trainer_whose_core_starts(monkeypatch, count):
     def safety():
         left[0] -= 1
         starts = left[0] >= 0
-        return SimpleNamespace(valid=not starts, progress=starting.COMPILES if starts else "held")
+        return SimpleNamespace(valid=not starts, progress=STARTS if starts else None)
 
     trainer = Trainer()
     monkeypatch.setattr(trainer, "status", lambda: SimpleNamespace(safety=safety()))
@@ -113,14 +120,14 @@ def test_a_client_waits_while_the_core_starts_and_says_so_once(monkeypatch, coun
     trainer.wait_for_core(heard.append)
 
     assert left == [-1]
-    assert heard == [starting.COMPILES][:count]
+    assert heard == [STARTS][:count]
 
 
 def test_a_client_does_not_wait_for_a_core_that_does_not_run_or_never_begins(monkeypatch):
     trainer, _ = trainer_whose_core_starts(monkeypatch, 10**9)
     monkeypatch.setattr(client_trainer, "START_TIMEOUT_NS", 0)
 
-    with pytest.raises(NoAnswerError, match="still the core starts"):
+    with pytest.raises(NoAnswerError, match="still core_starting"):
         trainer.wait_for_core()
     gone = wire.Safety(**{**dict.fromkeys(wire.Safety.__struct_fields__), "valid": False})
     monkeypatch.setattr(trainer, "status", lambda: SimpleNamespace(safety=gone))

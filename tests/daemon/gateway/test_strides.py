@@ -10,13 +10,20 @@ from daemon.wire.names import StatusBit
 
 def axis(**changes) -> AxisStrideRecord:
     made = AxisStrideRecord(
-        work_positive_j=(9.7, 0.1),
-        work_negative_j=(-0.2, 0.02),
-        assist_mean_si=(3.7, 0.05),
-        assist_peak_si=(8.1, 0.2),
-        power_mean_w=(4.7, 0.05),
-        power_peak_w=(15.0, 0.4),
-        share_ratio=(0.27, 0.01),
+        work_positive_j=9.7,
+        work_positive_j_std=0.1,
+        work_negative_j=-0.2,
+        work_negative_j_std=0.02,
+        assist_mean=3.7,
+        assist_mean_std=0.05,
+        assist_peak=8.1,
+        assist_peak_std=0.2,
+        power_mean_w=4.7,
+        power_mean_w_std=0.05,
+        power_peak_w=15.0,
+        power_peak_w_std=0.4,
+        share_ratio=0.27,
+        share_ratio_std=0.01,
         coverage_ratio=0.9,
     )
     return msgspec.structs.replace(made, **changes)
@@ -27,14 +34,18 @@ def stride(number=1, **changes) -> StrideRecord:
         number=number,
         end_mono_ns=1_000,
         duration_s=2.0,
+        cadence_hz=0.5,
         sample_count=200,
         hip=axis(),
-        slide=axis(work_positive_j=(46.0, 0.7)),
-        work_positive_j=(55.7, 0.7),
-        work_negative_j=(-0.6, 0.1),
-        share_ratio=(0.2, 0.002),
+        slide=axis(work_positive_j=46.0, work_positive_j_std=0.7),
+        work_positive_j=55.7,
+        work_positive_j_std=0.7,
+        work_negative_j=-0.6,
+        work_negative_j_std=0.1,
+        share_ratio=0.2,
+        share_ratio_std=0.002,
         status=int(StatusBit.VALID),
-        baseline=False,
+        baseline_subtracted=False,
     )
     return msgspec.structs.replace(made, **changes)
 
@@ -64,11 +75,11 @@ def test_a_stride_has_its_figures_each_with_its_sigma(said):
     (message,) = said(stride())
 
     assert isinstance(message, wire.Stride)
-    assert (message.hip_work_positive_j, message.hip_work_positive_j_std) == (9.7, 0.1)
-    assert (message.slide_work_positive_j, message.slide_work_positive_j_std) == (46.0, 0.7)
-    assert (message.hip_assist_mean_nm, message.slide_assist_mean_n) == (3.7, 3.7)
+    assert (message.hip.work_positive_j, message.hip.work_positive_j_std) == (9.7, 0.1)
+    assert (message.slide.work_positive_j, message.slide.work_positive_j_std) == (46.0, 0.7)
+    assert (message.hip.assist_mean, message.slide.assist_mean) == (3.7, 3.7)
     assert (message.cadence_hz, message.duration_s) == (0.5, 2.0)
-    assert (message.share_ratio, message.hip_coverage_ratio) == (0.2, 0.9)
+    assert (message.share_ratio, message.hip.coverage_ratio) == (0.2, 0.9)
     assert message.status == ("valid",)
     assert message.baseline_subtracted is False
 
@@ -76,28 +87,33 @@ def test_a_stride_has_its_figures_each_with_its_sigma(said):
 def test_an_axis_that_was_known_for_less_than_half_of_the_stride_has_no_figures(said):
     (message,) = said(stride(hip=axis(coverage_ratio=0.49)))
 
-    assert message.hip_coverage_ratio == 0.49
-    assert message.hip_work_positive_j is message.hip_work_positive_j_std is None
-    assert message.hip_share_ratio is message.hip_power_peak_w is None
+    assert message.hip.coverage_ratio == 0.49
+    assert message.hip.work_positive_j is message.hip.work_positive_j_std is None
+    assert message.hip.share_ratio is message.hip.power_peak_w is None
     assert message.work_positive_j is message.share_ratio is None
-    assert message.slide_work_positive_j == 46.0
+    assert message.slide.work_positive_j == 46.0
+
+
+NO_SHARE = {"share_ratio": None, "share_ratio_std": None}
 
 
 def test_next_to_no_work_has_no_share(said):
-    (message,) = said(stride(share_ratio=None, hip=axis(share_ratio=None)))
+    (message,) = said(stride(**NO_SHARE, hip=axis(**NO_SHARE)))
 
-    assert message.share_ratio is message.hip_share_ratio is message.hip_share_ratio_std is None
-    assert message.hip_work_positive_j == 9.7
+    assert message.share_ratio is message.hip.share_ratio is message.hip.share_ratio_std is None
+    assert message.hip.work_positive_j == 9.7
 
 
 def test_a_number_that_is_none_is_null(said):
-    (message,) = said(stride(hip=axis(work_positive_j=(float("nan"), float("inf")))))
+    (message,) = said(
+        stride(hip=axis(work_positive_j=float("nan"), work_positive_j_std=float("inf")))
+    )
 
-    assert message.hip_work_positive_j is message.hip_work_positive_j_std is None
+    assert message.hip.work_positive_j is message.hip.work_positive_j_std is None
 
 
 def test_the_schema_of_a_stride_is_given(bench):
-    assert "gaitd.stride.v2" in wire.schemas()
+    assert "gaitd.stride.v1" in wire.schemas()
     described = wire.schema(wire.Stride)["properties"]
     assert all(
         "description" in described[name] or name in {"mode", "status", "status_bits"}

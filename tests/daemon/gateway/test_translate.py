@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
-from daemon.ipc.assist_record import AssistRecord, LegAssistRecord
-from daemon.ipc.record import Cause, StopCategory, Verdict
+from daemon.ipc.record import AxisRecord, Cause, StopCategory, Verdict
 from daemon.wire.names import StatusBit, Validity
 
 STAMP = Stamp("boot-a", 7, 1_760_000_000_070_000_000)
@@ -29,51 +28,51 @@ def messages(leg, record) -> list[dict]:
     return [as_json(make(view, 1)) for make in makers]
 
 
-NO_ESTIMATES = ("validity", "torque_nm", "force_n", "drift_correlation", "error_nm", "error_n")
+GIVEN_ANYWAY = {
+    *("validity", "measured_position", "effort", "artificial", "reference_position"),
+    *("innovation", "assist", "drift_correlation", "friction_error"),
+}
+"""What is measured, commanded or known over a long time; every other field is an estimate."""
 
 
-def numbers_of(axis: str, message: dict) -> dict:
-    """Estimated values of an axis; raw measurements, inputs and long-term figures are none."""
-    return {
-        key: value
-        for key, value in message.items()
-        if key.startswith(axis) and not key.endswith(NO_ESTIMATES)
-    }
+def estimates_of(axis: dict) -> dict:
+    return {name: value for name, value in axis.items() if name not in GIVEN_ANYWAY}
 
 
 def test_everything_of_a_good_axis_is_given(make_leg, make_record):
     for message in messages(make_leg(), make_record()):
-        assert None not in numbers_of("hip", message).values()
-        assert None not in numbers_of("slide", message).values()
+        assert None not in estimates_of(message["hip"]).values()
+        assert None not in estimates_of(message["slide"]).values()
 
 
 def test_at_rest_patient_and_friction_are_null_and_the_net_value_is_given(make_leg, make_record):
-    estimate, activity, friction = messages(make_leg(validity=(SPLIT, OK)), make_record())
+    leg = make_leg(hip={"validity": SPLIT})
+    estimate, activity, friction = (message["hip"] for message in messages(leg, make_record()))
+    both = messages(leg, make_record())[1]
 
-    assert estimate["hip_angle_rad"] == 0.25
-    assert estimate["hip_patient_nm"] is estimate["hip_friction_nm_std"] is None
-    assert friction["hip_friction_nm"] is None
-    assert activity["hip_patient_nm"] is activity["hip_patient_power_w"] is None
-    assert activity["patient_power_w"] is None
-    assert activity["hip_net_nm"] == 6.0
-    assert activity["hip_net_nm_std"] == 0.4
-    assert activity["slide_patient_n"] == 40.0
-    assert activity["hip_validity"] == "split_unobservable"
+    assert estimate["position"] == 0.25
+    assert estimate["patient"] is estimate["friction_std"] is None
+    assert friction["friction"] is None
+    assert activity["patient"] is activity["patient_power_w"] is None
+    assert (activity["net"], activity["net_std"]) == (6.0, 0.4)
+    assert activity["validity"] == "split_unobservable"
+    assert both["patient_power_w"] is None
+    assert both["slide"]["patient"] == 40.0
 
 
 def test_nothing_of_a_bad_axis_is_given_and_the_other_one_stays(make_leg, make_record):
-    for message in messages(make_leg(validity=(OK, BAD)), make_record()):
-        assert set(numbers_of("slide", message).values()) == {None}
-        assert None not in numbers_of("hip", message).values()
+    for message in messages(make_leg(slide={"validity": BAD}), make_record()):
+        assert set(estimates_of(message["slide"]).values()) == {None}
+        assert None not in estimates_of(message["hip"]).values()
         assert message.get("covariance") is None
 
 
 def test_friction_says_how_far_it_has_drifted_and_null_while_it_is_unknown(make_leg, make_record):
-    known = make_leg(drift_correlation=(-0.97, float("nan")), friction_error=(0.6, float("nan")))
+    known = make_leg(hip={"drift_correlation": -0.97, "friction_error": 0.6})
     _, _, friction = messages(known, make_record())
 
-    assert (friction["hip_drift_correlation"], friction["hip_friction_error_nm"]) == (-0.97, 0.6)
-    assert friction["slide_drift_correlation"] is friction["slide_friction_error_n"] is None
+    assert (friction["hip"]["drift_correlation"], friction["hip"]["friction_error"]) == (-0.97, 0.6)
+    assert friction["slide"]["drift_correlation"] is friction["slide"]["friction_error"] is None
 
 
 def test_an_axis_at_rest_costs_one_observable_state(make_leg, make_record):
@@ -89,62 +88,51 @@ def test_an_axis_at_rest_costs_one_observable_state(make_leg, make_record):
 @pytest.mark.parametrize("bit", list(translate.NEVER_PUBLISHED))
 def test_some_status_bits_make_both_axes_bad_whatever_the_record_says(bit, make_leg, make_record):
     for message in messages(make_leg(status=bit | StatusBit.VALID), make_record()):
-        assert set(numbers_of("hip", message).values()) == {None}
-        assert message["hip_validity"] == message["slide_validity"] == "bad"
+        assert set(estimates_of(message["hip"]).values()) == {None}
+        assert message["hip"]["validity"] == message["slide"]["validity"] == "bad"
         assert translate.name_of(bit) in message["status"]
 
 
 def test_a_missing_sample_is_null_and_not_nan(make_leg, make_record):
-    leg = make_leg(measured=(math.nan, 0.5), innovation=(math.nan, 1e-4), nis=math.nan)
+    missing = {"measured_position": math.nan, "innovation": math.nan}
 
-    estimate = messages(leg, make_record())[0]
+    estimate = messages(make_leg(hip=missing, nis=math.nan), make_record())[0]
 
-    assert estimate["measured_hip_angle_rad"] is estimate["innovation_hip_rad"] is None
+    assert estimate["hip"]["measured_position"] is estimate["hip"]["innovation"] is None
     assert estimate["nis"] is None
-    assert estimate["measured_slide_position_m"] == 0.5
+    assert estimate["slide"]["measured_position"] == 0.4998
 
 
 any_number = st.one_of(st.floats(), st.sampled_from([math.nan, math.inf, -math.inf]))
+any_axis = st.fixed_dictionaries(
+    {
+        name: st.integers(0, 2) if name == "validity" else any_number
+        for name in AxisRecord.__struct_fields__
+    }
+)
+huge = dict.fromkeys(AxisRecord.__struct_fields__, 1e200) | {"validity": 0}
 
 
 @settings(derandomize=True, max_examples=150, deadline=None)
 @given(
-    state=st.tuples(*[any_number] * 8),
-    std=st.tuples(*[any_number] * 8),
+    hip=any_axis,
+    slide=any_axis,
     covariance=st.one_of(st.just(()), st.tuples(*[any_number] * 36)),
     pair=st.tuples(any_number, any_number),
-    validity=st.tuples(st.integers(0, 2), st.integers(0, 2)),
     status=st.integers(0, (1 << 15) - 1),
 )
-@example(
-    state=(1e200,) * 8,
-    std=(0.0,) * 8,
-    covariance=(1e-3,) * 36,
-    pair=(0.0, 0.0),
-    validity=(0, 0),
-    status=0,
-)
+@example(hip=huge, slide=huge, covariance=(1e-3,) * 36, pair=(0.0, 0.0), status=0)
 def test_no_record_whatever_makes_a_message_with_a_number_that_is_none(
-    make_leg, make_record, state, std, covariance, pair, validity, status
+    make_leg, make_record, hip, slide, covariance, pair, status
 ):
-    leg = make_leg(
-        state=state,
-        std=std,
-        covariance=covariance,
-        validity=validity,
-        status=status,
-        **dict.fromkeys(
-            ("innovation", "net", "net_std", "measured", "effort_used", "reference", "artificial"),
-            pair,
-        ),
-        gait_phase=pair[1],
-    )
-    makers = (translate.estimate, translate.activity, translate.friction)
+    leg = make_leg(hip, slide, covariance=covariance, status=status, gait_phase=pair[1])
     view = translate.view_of(leg, make_record(dt_s=pair[0]), STAMP)
-    for make in makers:
+
+    for make in (translate.estimate, translate.activity, translate.friction):
         message = make(view, 1)
-        for value in msgspec.structs.asdict(message).values():
-            assert not isinstance(value, float) or math.isfinite(value)
+        for part in (message, message.hip, message.slide):
+            for value in msgspec.structs.asdict(part).values():
+                assert not isinstance(value, float) or math.isfinite(value)
 
 
 def test_each_leg_tells_its_own_phase_of_the_stride_and_none_where_no_gait_plays(
@@ -164,15 +152,14 @@ def test_power_is_torque_times_speed_with_the_deviation_of_its_linearisation(mak
     generator = np.random.default_rng(5)
     root = generator.normal(size=(8, 8)) * 0.1
     full = root @ root.T
-    state = np.array([0.25, 0.5, 1.0, -0.5, 2.0, 20.0, 8.0, 40.0])
     packed = tuple(float(full[i, j]) for i in range(8) for j in range(i + 1))
     gradient = np.zeros(8)
-    gradient[[6, 2, 7, 3]] = state[[2, 6, 3, 7]]
+    gradient[[6, 2, 7, 3]] = 1.0, 8.0, -0.5, 40.0
 
     activity = messages(make_leg(covariance=packed), make_record())[1]
 
-    assert activity["hip_patient_power_w"] == pytest.approx(8.0)
-    assert activity["slide_patient_power_w"] == pytest.approx(-20.0)
+    assert activity["hip"]["patient_power_w"] == pytest.approx(8.0)
+    assert activity["slide"]["patient_power_w"] == pytest.approx(-20.0)
     assert activity["patient_power_w"] == pytest.approx(-12.0)
     expected = math.sqrt(gradient @ full @ gradient)
     assert activity["patient_power_w_std"] == pytest.approx(expected)
@@ -197,14 +184,13 @@ def test_the_inputs_of_a_drive_that_was_never_heard_are_null_and_not_open(make_d
         assert told[name] is None
 
 
-def test_a_verdict_is_told_with_its_remedy(make_record):
+def test_a_verdict_is_told_with_its_value_and_its_limit(make_record):
     verdict = Verdict(StopCategory.S1, Cause.VELOCITY_LIMIT, "right/hip", 2.2, 2.0)
 
     told = as_json(translate.safety(make_record(verdict=verdict), {}, STAMP, 1))["verdict"]
 
     assert (told["category"], told["cause"], told["drive"]) == ("S1", "velocity_limit", "right/hip")
     assert (told["value"], told["limit"]) == (2.2, 2.0)
-    assert told["remedy"]
 
 
 def test_without_the_core_safety_says_nothing_but_that_it_is_not_valid():
@@ -216,15 +202,18 @@ def test_without_the_core_safety_says_nothing_but_that_it_is_not_valid():
 
 
 def test_the_estimate_tells_a_controller_what_of_its_assist_is_in_force(make_record, make_leg):
-    legs = (make_leg(), make_leg(name="left"))
-    none = LegAssistRecord(-1, (0.0, 0.0), (0.0, 0.0), 1.0)
-    some = LegAssistRecord(41, (9.0, 0.0), (math.nan, -3.0), 0.5)
-    record = make_record(legs=legs, assist=AssistRecord(legs=(none, some)))
+    given = make_leg(
+        {"assist": math.nan, "assist_wanted": 9.0},
+        {"assist": -3.0},
+        stiffness_ratio=0.5,
+        setpoint_seq=41,
+    )
 
-    right, left = (translate.estimate(translate.view_of(leg, record, STAMP), 1) for leg in legs)
-    before = translate.estimate(translate.view_of(legs[0], make_record(), STAMP), 1)
+    none, some = (
+        translate.estimate(translate.view_of(leg, make_record(), STAMP), 1)
+        for leg in (make_leg(), given)
+    )
 
-    assert (right.assist_hip_nm, right.stiffness_ratio, right.setpoint_seq) == (0.0, 1.0, None)
-    assert (left.assist_hip_nm, left.assist_slide_n) == (None, -3.0)
-    assert (left.stiffness_ratio, left.setpoint_seq) == (0.5, 41)
-    assert (before.assist_hip_nm, before.setpoint_seq) == (None, None)
+    assert (none.hip.assist, none.stiffness_ratio, none.setpoint_seq) == (0.0, 1.0, None)
+    assert (some.hip.assist, some.slide.assist) == (None, -3.0)
+    assert (some.stiffness_ratio, some.setpoint_seq) == (0.5, 41)

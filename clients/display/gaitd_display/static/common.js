@@ -37,19 +37,38 @@ export class Words {
   use(language) {
     this.language = language;
     document.documentElement.lang = language;
-    for (const element of document.querySelectorAll("[data-text]")) element.textContent = this.of(element.dataset.text);
+    for (const element of document.querySelectorAll("[data-text]")) {
+      const { text } = element.dataset;
+      element.textContent = this.has(text) ? this.of(text) : element.textContent || this.otherwise(text); // STOP keeps its name
+    }
   }
 
   toggle() {
     this.use(this.language === "de" ? "en" : "de");
   }
 
-  of(key) {
-    return this.all[this.language][key] ?? key;
+  has(key) {
+    return key in this.all[this.language];
+  }
+
+  // A text with its values filled in.
+  of(key, values = {}) {
+    if (!this.has(key)) return this.otherwise(key, values);
+    return this.all[this.language][key].replace(/\{(\w+)\}/g, (_, name) => values[name]);
+  }
+
+  // What stands for a text that is missing: its key and values; the patient's page has another one.
+  otherwise(key, values = {}) {
+    return [key, ...Object.entries(values).map(([name, value]) => `${name}=${value}`)].join(" ");
   }
 
   said(text) {
     return text[this.language];
+  }
+
+  // Why the machine, or this page's server, has refused a request.
+  refusal(said) {
+    return said === null ? this.of("refused") : `${this.of("refused")}: ${this.said(said)}`;
   }
 }
 
@@ -118,7 +137,7 @@ export async function post(path, body, timeoutMs = 12000, headers = {}) {
     });
     return await answer.json();
   } catch {
-    return { outcome: "no_answer", reason: "" };
+    return { outcome: "no_answer", reason: "", said: null };
   }
 }
 

@@ -375,8 +375,8 @@ function paintEvents() {
   for (const event of [...events].reverse()) {
     const line = made("p");
     if (event.priority === "high" || event.priority === "medium") line.append(span("mark", "▲ "));
-    line.append(event.text);
-    if (event.remedy) line.append(" ", made("em", "", event.remedy));
+    line.append(event.said.en);
+    if (event.remedy.en) line.append(" ", made("em", "", event.remedy.en));
     const item = made("li", "", made("time", "", clock(event.time_ms)), line);
     list.append(item);
     if (list.scrollHeight > list.clientHeight) {

@@ -20,6 +20,7 @@ const WITH_END = ["paused", "next", "failed"];
 
 const { page, diagonal_mm: diagonalMm, far_mm: farMm, far_ratio: farRatio, text_max_ratio: textMax, announce_s: announceS, losses } = await load("/page.json");
 const words = await Words.load(page.language);
+words.otherwise = () => words.all.cautious[words.language]; // nothing is known: the emergency stop
 const alarm = new Alarm(byId("sound"));
 const painted = (window.painted = { frames: 0, ages: [] }); // read by `gaitd bench` and the tests
 let trouble = "";
@@ -44,12 +45,7 @@ function html(tag, className, ...children) {
   return made;
 }
 
-function filled(key, values) {
-  const all = { help: words.of("page.help"), ...values };
-  return words.of(key).replace(/\{(\w+)\}/g, (_, name) => all[name]);
-}
-
-const phrase = ({ key, values }) => filled(key, values);
+const phrase = ({ key, values, said }) => (said === null ? words.of(key, { help: words.of("page.help"), ...values }) : words.said(said));
 const percent = (ratio) => (ratio === null ? "–" : `${Math.round(100 * ratio)}\u00a0%`);
 
 // Type as large as the screen needs it, and the layout bears it: see settings.py.
@@ -219,16 +215,16 @@ function praise({ in_band_count: inBand, valid_count: valid, number, count, butt
   const tick = el("svg", { viewBox: "0 0 100 100", "aria-hidden": "true" });
   drawSymbol(tick, inBand > 0 ? "good" : "go_on");
   const said = valid > 0
-    ? html("p", "praise", html("b", "", String(inBand)), filled("of_steps", { count: valid }))
+    ? html("p", "praise", html("b", "", String(inBand)), words.of("of_steps", { count: valid }))
     : html("p", "praise", words.of("no_steps"));
-  const next = html("div", "next", html("p", "", filled("next_part", { number, count })));
+  const next = html("div", "next", html("p", "", words.of("next_part", { number, count })));
   if (buttons.includes("end")) next.append(endButton("press end"));
   return html("div", "panel praisebox", tick, said, next);
 }
 
 function paintShares({ share_ratio: share, past_share_ratios: past, best_share_ratio: best }) {
-  const said = html("p", "", filled("your_share", { share: percent(share) }));
-  if (past !== null) said.append(html("br"), past.length > 0 ? filled("shares_before", { last: percent(past.at(-1)), best: percent(best) }) : words.of("first_time"));
+  const said = html("p", "", words.of("your_share", { share: percent(share) }));
+  if (past !== null) said.append(html("br"), past.length > 0 ? words.of("shares_before", { last: percent(past.at(-1)), best: percent(best) }) : words.of("first_time"));
   const svg = el("svg", { "aria-hidden": "true" });
   byId("scene").append(html("div", "panel shares", said, svg));
   const { clientWidth: width, clientHeight: height } = svg;
@@ -343,7 +339,7 @@ function paintLeft({ training }, word) {
   if (key === paintedLeft) return;
   paintedLeft = key;
   byId("lefttext").replaceChildren(html("b", "", told), html("small", "", unit));
-  byId("left").setAttribute("aria-label", filled("block_left", { number, count, left: `${told} ${unit}` }));
+  byId("left").setAttribute("aria-label", words.of("block_left", { number, count, left: `${told} ${unit}` }));
   ring(byId("ring"), number, count, 1 - left / whole, 9);
 }
 
@@ -391,7 +387,7 @@ async function request(path, body) {
   isAsking = true;
   const answer = await post(path, body);
   isAsking = false;
-  if (answer.outcome === "refused") tell(`${words.of("refused")}: ${answer.reason}`);
+  if (answer.outcome === "refused") tell(words.refusal(answer.said));
   else if (answer.outcome !== "done") tell(words.of("no_answer"));
 }
 

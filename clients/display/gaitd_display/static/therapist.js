@@ -1,7 +1,7 @@
 // The therapist's page: the session now, what can be done, the plan, progress, the machine.
 import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
 import { LegCard } from "./therapist_legs.js";
-import { clock, clockWithSeconds, digits, filled, icon, made, Once, paintIcon } from "./therapist_parts.js";
+import { clock, clockWithSeconds, digits, icon, made, Once, paintIcon } from "./therapist_parts.js";
 import { PlanForm } from "./therapist_plan.js";
 import { ProgressPanel } from "./therapist_progress.js";
 import { lookOf } from "./timeline.js";
@@ -62,24 +62,22 @@ async function request(path, body) {
   if (isAsking) return false;
   isAsking = true;
   tell(words.of("asking"));
-  const { outcome, reason, said } = await post(path, body, 12000, { "X-CSRF-Token": session.csrf });
+  const { outcome, said } = await post(path, body, 12000, { "X-CSRF-Token": session.csrf });
   isAsking = false;
   if (outcome === "done") tell(words.of("request_done"));
-  else if (outcome === "refused" && said) tell(`${words.of("refused")}. ${words.said(said)}`);
-  else if (outcome === "refused") tell(`${words.of("refused")}: `, reason);
+  else if (outcome === "refused") tell(words.refusal(said));
   else tell(words.of("no_answer"));
   return outcome === "done";
 }
 
-// english: what the service says itself, where there are no words for it.
-function tell(text, english = "") {
-  byId("answer").replaceChildren(text, ...(english ? [Object.assign(made("span", "", english), { lang: "en" })] : []));
+function tell(text) {
+  byId("answer").replaceChildren(text);
 }
 
 const possible = new Once(([controls, holder]) => {
   const had = byId("possible").contains(document.activeElement);
   controlsMs = performance.now();
-  const what = ({ does }) => filled(words.of(`does.${does}`), { name: holder ?? "" });
+  const what = ({ does }) => words.of(`does.${does}`, { name: holder ?? "" });
   byId("possible").replaceChildren(...controls.filter(({ does }) => does !== null).map((control) => {
     const { command, does } = control;
     const look = does === "lets_go_until_enabled" ? "warn" : LOOKS[command] ?? "";
@@ -106,14 +104,14 @@ const course = new Once(([now, profile, holder]) => {
   byId("part").hidden = !isGoing;
   if (isGoing) {
     const minutes = (time_s) => digits(time_s / 60, words.language, 0);
-    const text = filled(words.of("part"), { part: now.block, all: profile.blocks.length, walked: minutes(now.walked_s), planned: minutes(planned_s) });
+    const text = words.of("part", { part: now.block, all: profile.blocks.length, walked: minutes(now.walked_s), planned: minutes(planned_s) });
     setText(byId("parttext"), text);
     byId("partbar").value = Math.min(1, now.walked_s / planned_s);
     byId("partbar").setAttribute("aria-label", text);
   }
-  const since = () => filled(words.of("since"), { profile: profile.id, time: clock(now.begun_ms, words.language) });
-  const whose = profile === null ? "" : now === null ? filled(words.of("profile_only"), { profile: profile.id }) : since();
-  const assist = holder === null ? "" : filled(words.of("held_by"), { name: holder });
+  const since = () => words.of("since", { profile: profile.id, time: clock(now.begun_ms, words.language) });
+  const whose = profile === null ? "" : now === null ? words.of("profile_only", { profile: profile.id }) : since();
+  const assist = holder === null ? "" : words.of("held_by", { name: holder });
   setText(byId("who"), [whose, assist].filter(Boolean).join(" · "));
 });
 
@@ -123,9 +121,9 @@ function paintTop(view, word) {
   paintIcon(byId("mode").firstElementChild, word);
   const name = `mode.${view?.mode}`;
   const loss = live.loss() || "no_signal";
-  setText(byId("modeword"), isKnown ? words.of(words.of(name) === name ? "mode.other" : name) : words.of(`lost.${view === null && loss === "no_connection" ? "wait" : loss}`));
+  setText(byId("modeword"), isKnown ? words.has(name) ? words.of(name) : words.of("mode.other", { mode: view.mode }) : words.of(`lost.${view === null && loss === "no_connection" ? "wait" : loss}`));
   const stage = isKnown && view.stage !== null && view.stage !== "playing" ? `stage.${view.stage}` : "";
-  setText(byId("stage"), stage && words.of(stage) !== stage ? words.of(stage) : "");
+  setText(byId("stage"), stage && words.of(stage));
   const now = progress?.sessions.findLast(({ end }) => end === "") ?? null;
   course.show([now, progress?.profile ?? null, isKnown ? view.lease_holder : null], words.language);
   byId("quiet").hidden = !alarm.isSounding();
@@ -143,11 +141,11 @@ const stopped = new Once((stop) => {
   byId("verdict").hidden = stop === null;
   if (stop === null) return;
   paintIcon(byId("verdict").firstElementChild, "stopped");
-  setText(byId("cause"), words.of(`stopped.${stop.key}`));
+  setText(byId("cause"), words.said(stop.stopped));
   byId("subject").hidden = stop.subject === null;
   setText(byId("subject"), stop.subject === null ? "" : words.said(stop.subject));
   setText(byId("first"), words.of(`first.${stop.situation}`));
-  for (const part of ["then", "again"]) setText(byId(part), words.of(`${part}.${stop.key}`));
+  for (const part of ["then", "again"]) setText(byId(part), words.said(stop[part]));
 });
 
 const row = (...cells) => made("tr", "", ...cells.map((text) => made("td", text === "–" ? "unknown" : "", typeof text === "string" ? made("span", "", text) : text)));
@@ -157,7 +155,7 @@ const drives = new Once((list) => byId("drives").replaceChildren(...list.map((dr
   const [leg, axis] = name.split("/");
   const isHip = axis === "hip";
   const look = power === null ? "lost" : BAD_POWER.includes(power) ? "medium" : POWERED.includes(power) ? "ok" : "rest";
-  const state = made("span", "state", icon(look), words.of(`power.${power ?? "unknown"}`));
+  const state = made("span", "state", icon(look), words.of(`power_state.${power ?? "unknown"}`));
   const measured = effort === null ? "–" : `${digits(effort, words.language, isHip ? 1 : 0)} ${isHip ? "N·m" : "N"}`;
   return row(`${words.of(`side.${leg}`)}, ${words.of(`axis.${axis}`)}`, state, measured, digits(warm, words.language, 0));
 })));
@@ -166,7 +164,7 @@ const facts = new Once(([health, handSwitch, sto, tested]) => {
   const input = (key, value) => (value === null ? "–" : words.of(`${key}.${value}`));
   const load_percent = health?.bus_load_ratio ?? null;
   const bus = health?.bus ?? null;
-  const busText = [bus === null ? "" : words.of(`bus.${bus}`), load_percent === null ? "" : filled(words.of("bus_load"), { load: digits(100 * load_percent, words.language, 0) })].filter(Boolean).join(", ");
+  const busText = [bus === null ? "" : words.of(`bus.${bus}`), load_percent === null ? "" : words.of("bus_load", { load: digits(100 * load_percent, words.language, 0) })].filter(Boolean).join(", ");
   const late = health?.lateness_max_us ?? null;
   const test = tested === null || tested === undefined ? "–" : tested === 0 ? words.of("never") : new Date(tested).toLocaleString(words.language, { day: "numeric", month: "short", hour: "2-digit", minute: "2-digit" });
   byId("facts").replaceChildren(
@@ -180,11 +178,10 @@ const facts = new Once(([health, handSwitch, sto, tested]) => {
   );
 });
 
-const english = (tag, text) => Object.assign(made(tag, "", text), { lang: "en" });
 const eventList = new Once((list) => byId("eventlist").replaceChildren(...(list.length ? list.map((event) => {
-  const text = event.said === null ? english("p", event.text) : made("p", "", words.said(event.said));
-  if (event.said_remedy !== null) text.append(made("em", "", words.said(event.said_remedy)));
-  else if (event.remedy && event.said === null) text.append(english("em", event.remedy));
+  const text = made("p", "", words.said(event.said));
+  const remedy = words.said(event.remedy);
+  if (remedy) text.append(made("em", "", remedy));
   return made("li", "", icon(event.icon, words.of(`kind.${event.icon}`)), made("time", "", clockWithSeconds(event.time_ms, words.language)), text);
 }) : [made("li", "none", words.of("no_events"))])));
 

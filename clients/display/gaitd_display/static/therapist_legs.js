@@ -2,7 +2,7 @@
 import { setText } from "./common.js";
 import { el, Mechanism, n, set } from "./figure.js";
 import { roomFor, Strip } from "./plot.js";
-import { digits, filled, icon, made, percent } from "./therapist_parts.js";
+import { digits, icon, made, percent } from "./therapist_parts.js";
 
 const STEPS = 12;
 const TRACE_S = 20;
@@ -142,9 +142,9 @@ export class LegCard {
     this.steps = key;
     const { language } = this.words;
     setText(this.share, isKnown && shares.length ? percent(shares.at(-1), language) : "–");
-    const band = target ? filled(this.words.of("target_band"), { low: digits(100 * target.low_ratio, language, 0), high: digits(100 * target.high_ratio, language, 0) }) : this.words.of("no_target");
+    const band = target ? this.words.of("target_band", { low: digits(100 * target.low_ratio, language, 0), high: digits(100 * target.high_ratio, language, 0) }) : this.words.of("no_target");
     const told = shares.length ? shares.map((share) => percent(share, language)).join(", ") : this.words.of("no_step");
-    this.path.setAttribute("aria-label", filled(this.words.of("steps_said"), { steps: told, target: band }));
+    this.path.setAttribute("aria-label", this.words.of("steps_said", { steps: told, target: band }));
     paintPath(this.path, shares, target, { band, steps: this.words.of("last_steps"), width, height });
   }
 

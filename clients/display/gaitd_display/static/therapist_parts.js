@@ -67,11 +67,6 @@ export const day = (time_ms, language) => new Date(time_ms).toLocaleDateString(l
 export const clock = (time_ms, language) => new Date(time_ms).toLocaleTimeString(locale(language), { hour: "2-digit", minute: "2-digit" });
 export const clockWithSeconds = (time_ms, language) => new Date(time_ms).toLocaleTimeString(locale(language), { hour: "2-digit", minute: "2-digit", second: "2-digit" });
 
-// A text of the page with its values.
-export function filled(text, values) {
-  return Object.entries(values).reduce((so_far, [name, value]) => so_far.replace(`{${name}}`, value), text);
-}
-
 // Calls paint where what it is made of has changed, or the language.
 export class Once {
   constructor(paint) {

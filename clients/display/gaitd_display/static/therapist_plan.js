@@ -1,17 +1,18 @@
 // Release of a plan. No field is filled in before the therapist fills it; help may be left as configured only where that is ticked.
 import { byId, setText } from "./common.js";
-import { digits, filled, made, Once, paintIcon, percent } from "./therapist_parts.js";
+import { digits, made, Once, paintIcon, percent } from "./therapist_parts.js";
 
 const S_PER_MIN = 60;
 const NAMED_MAX = 2; // empty fields that are named beside Release
-// scale: of the page's unit, in units of the message; ticked: the field may be left as configured.
+// scale: of the page's unit, in units of the message; axis: whose assist it caps; ticked: the field may be left as configured.
 const FIELDS = [
   { name: "cadence_max_hz", scale: 1, places: 2 },
   { name: "amplitude_max_ratio", scale: 0.01, places: 0 },
   { name: "duration_max_s", scale: S_PER_MIN, places: 2 },
-  { name: "hip_assist_max_nm", scale: 1, places: 1, unit: "N·m", ticked: "as_configured_hip" },
-  { name: "slide_assist_max_n", scale: 1, places: 0, unit: "N", ticked: "as_configured_slide" },
+  { name: "hip_assist_max", axis: "hip", scale: 1, places: 1, unit: "N·m", ticked: "as_configured_hip" },
+  { name: "slide_assist_max", axis: "slide", scale: 1, places: 0, unit: "N", ticked: "as_configured_slide" },
 ];
+const limitIn = (plan, { name, axis }) => (axis ? plan[axis].assist_max : plan[name]);
 const PLAN_ICONS = { released: "ok", none: "rest", unknown: "lost" };
 
 export class PlanForm {
@@ -78,15 +79,16 @@ export class PlanForm {
     let why = "";
     if (wrong !== undefined) {
       const [low, high] = this.range(wrong).map((value) => this.number(value, wrong.places));
-      why = filled(this.words.of("not_allowed"), { field: label(wrong), low, high });
+      why = this.words.of("not_allowed", { field: label(wrong), low, high });
     } else if (empty.length > NAMED_MAX) why = this.words.of("fill_others");
-    else if (empty.length > 0) why = filled(this.words.of("fill_first"), { fields: empty.map(label).join(", ") });
+    else if (empty.length > 0) why = this.words.of("fill_first", { fields: empty.map(label).join(", ") });
     setText(byId("why"), why);
   }
 
   async release() {
-    const plan = Object.fromEntries(this.fields.map((field) => [field.name, this.value(field)]));
-    if (Object.values(plan).some(Number.isNaN)) return;
+    const values = this.fields.map((field) => this.value(field));
+    if (values.some(Number.isNaN)) return;
+    const plan = Object.fromEntries(this.fields.map(({ name, axis }, at) => (axis ? [axis, { assist_max: values[at] }] : [name, values[at]])));
     if (!(await this.request(plan))) return;
     for (const { input, tick } of this.fields) {
       input.value = "";
@@ -121,8 +123,9 @@ export class PlanForm {
     setText(byId("planstate"), this.words.of(`plan.${state}`));
     setText(byId("planfor"), this.words.of(`plan.${state}_for`));
     byId("withdraw").hidden = limits === null;
-    for (const { name, scale, places, now } of this.fields) {
-      const value = limits?.[name] ?? null;
+    for (const field of this.fields) {
+      const { scale, places, now } = field;
+      const value = limits === null ? null : limitIn(limits, field);
       const isAsConfigured = limits !== null && value === null;
       setText(now, isAsConfigured ? this.words.of("as_configured") : value === null ? "–" : this.number(value / scale, places));
     }
@@ -133,13 +136,14 @@ export class PlanForm {
     byId("releaseprofile").hidden = byId("parts").hidden = profile === null;
     if (profile === null) return;
     const { language } = this.words;
-    const [cadence, amplitude, duration, hip, slide] = this.fields.map(({ name, scale, places, unit = "" }) => {
-      const value = profile.limits[name];
+    const [cadence, amplitude, duration, hip, slide] = this.fields.map((field) => {
+      const { scale, places, unit = "" } = field;
+      const value = limitIn(profile.limits, field);
       return value === null ? this.words.of("as_configured") : `${this.number(value / scale, places)}\u00a0${unit}`.trim();
     });
-    setText(byId("profilesaid"), filled(this.words.of("plan_said"), { cadence, amplitude, duration, hip, slide }));
+    setText(byId("profilesaid"), this.words.of("plan_said", { cadence, amplitude, duration, hip, slide }));
     const bounds = { low: digits(100 * profile.share_min_ratio, language, 0), high: digits(100 * profile.share_max_ratio, language, 0) };
-    setText(byId("bounds"), filled(this.words.of("share_bounds"), bounds));
+    setText(byId("bounds"), this.words.of("share_bounds", bounds));
     byId("partrows").replaceChildren(...profile.blocks.map((block) => made("tr", "", ...[
       this.words.of(`block.${block.kind}`), this.number(block.duration_s / S_PER_MIN, 1), digits(block.cadence_hz, language, 2),
       percent(block.amplitude_ratio, language).replace(" %", ""), this.number(block.rest_s / S_PER_MIN, 1),

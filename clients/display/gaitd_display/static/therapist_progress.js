@@ -1,7 +1,7 @@
 // Progress over the sessions: mean share with its target, and a table.
 import { byId, setText } from "./common.js";
 import { el, n, set } from "./figure.js";
-import { day, digits, filled, made, Once, percent } from "./therapist_parts.js";
+import { day, digits, made, Once, percent } from "./therapist_parts.js";
 
 const NEWEST = 6;
 const DAY_MS = 86_400_000;
@@ -26,7 +26,7 @@ export class ProgressPanel {
 
   paintAll() {
     const { is_configured: isConfigured, sessions, troubles } = this.progress;
-    byId("troubles").replaceChildren(...troubles.map((text) => Object.assign(made("li", "", text), { lang: "en" })));
+    byId("troubles").replaceChildren(...troubles.map((text) => made("li", "", this.words.said(text))));
     const why = isConfigured ? (troubles.length ? "" : "no_session") : "no_profile";
     byId("noprogress").hidden = sessions.length > 0 || why === "";
     setText(byId("noprogress"), why === "" ? "" : this.words.of(why));
@@ -50,12 +50,11 @@ export class ProgressPanel {
     }));
     byId("all").hidden = sessions.length <= NEWEST;
     byId("all").setAttribute("aria-expanded", this.isWhole);
-    setText(byId("all"), this.isWhole ? this.words.of("fewer_sessions") : filled(this.words.of("all_sessions"), { count: sessions.length }));
+    setText(byId("all"), this.isWhole ? this.words.of("fewer_sessions") : this.words.of("all_sessions", { count: sessions.length }));
   }
 
-  lastStop({ last_said: said, last_text: text }) {
-    if (said !== null) return this.words.said(said);
-    return text === "" ? null : Object.assign(made("span", "", text), { lang: "en" });
+  lastStop({ last_said: said }) {
+    return said === null ? null : this.words.said(said);
   }
 
   paintChart(sessions) {

@@ -2,12 +2,22 @@
 
 Reading order: `names.py` (enums), `fields.py` (types and heads that messages share), `messages.py`
 (all messages, keys and schemas), `leg_messages.py`, `health_messages.py`, `refusals.py` (why a
-setpoint is refused). `schemas/` has the JSON Schemas as files, which `__main__.py` writes.
+setpoint is refused). `__main__.py` writes the JSON Schemas as files.
 """
 
-from gaitd_client.wire.fields import Stated
+from gaitd_client.wire.fields import JOINTS, Joint, Stated
 from gaitd_client.wire.health_messages import Health
-from gaitd_client.wire.leg_messages import Activity, ControllerState, Estimate, Friction, Stride
+from gaitd_client.wire.leg_messages import (
+    Activity,
+    AxisActivity,
+    AxisEstimate,
+    AxisFriction,
+    AxisStride,
+    ControllerState,
+    Estimate,
+    Friction,
+    Stride,
+)
 from gaitd_client.wire.messages import (
     ALIVE,
     CONTROL,
@@ -22,6 +32,9 @@ from gaitd_client.wire.messages import (
     UNNAMED_CLIENT,
     AcquireAsk,
     Ask,
+    AskedPlan,
+    AxisPlan,
+    AxisSetpoint,
     Configuration,
     DriveState,
     Emergency,
@@ -31,6 +44,7 @@ from gaitd_client.wire.messages import (
     ModeAsk,
     PlanAsk,
     PlanLimits,
+    Progress,
     Refusal,
     ReleaseAsk,
     Reply,
@@ -39,6 +53,7 @@ from gaitd_client.wire.messages import (
     Schemas,
     SetpointMessage,
     Status,
+    Values,
     encoding,
     key,
     schema,
@@ -52,6 +67,7 @@ __all__ = [
     "CONTROLLER",
     "EVENTS",
     "HEALTH",
+    "JOINTS",
     "MESSAGES",
     "ONE_LINE",
     "READING",
@@ -61,6 +77,13 @@ __all__ = [
     "AcquireAsk",
     "Activity",
     "Ask",
+    "AskedPlan",
+    "AxisActivity",
+    "AxisEstimate",
+    "AxisFriction",
+    "AxisPlan",
+    "AxisSetpoint",
+    "AxisStride",
     "Configuration",
     "ControllerState",
     "DriveState",
@@ -69,11 +92,13 @@ __all__ = [
     "Event",
     "Friction",
     "Health",
+    "Joint",
     "Judgement",
     "Link",
     "ModeAsk",
     "PlanAsk",
     "PlanLimits",
+    "Progress",
     "Refusal",
     "ReleaseAsk",
     "Reply",
@@ -84,6 +109,7 @@ __all__ = [
     "Stated",
     "Status",
     "Stride",
+    "Values",
     "encoding",
     "key",
     "schema",

@@ -1,8 +1,14 @@
-"""`python -m gaitd_client.wire`: write the JSON Schemas as files, from the types."""
+"""`python -m gaitd_client.wire FOLDER`: write the JSON Schemas as files, made from the types."""
 
-from gaitd_client.wire.messages import SCHEMAS_FOLDER, schema_texts
+import json
+import sys
+from pathlib import Path
+
+from gaitd_client.wire.messages import schemas
 
 if __name__ == "__main__":
-    SCHEMAS_FOLDER.mkdir(exist_ok=True)
-    for name, text in schema_texts().items():
-        (SCHEMAS_FOLDER / name).write_text(text, encoding="utf-8")
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, one in schemas().items():
+        text = json.dumps(one, indent=1, ensure_ascii=False)
+        (folder / f"{name}.json").write_text(f"{text}\n", encoding="utf-8")

@@ -3,7 +3,7 @@
 The descriptions here are part of the JSON Schemas of `messages.py`.
 """
 
-from enum import StrEnum
+from collections.abc import Iterable
 from typing import Annotated, Any, Final
 
 import msgspec
@@ -44,35 +44,40 @@ NMT_STATES: Final = {
 """CiA 301 NMT states, by the byte of the heartbeat."""
 
 
-def _names(kind: type[StrEnum]) -> dict[str, Any]:
-    return {"enum": [member.value for member in kind]}
+def open_names(names: Iterable[str]) -> dict[str, Any]:
+    """Schema of a name from a list that a later version may extend; so any string is valid."""
+    return {"anyOf": [{"type": "string", "enum": [*names]}, {"type": "string"}]}
 
 
-ModeName = Annotated[str, Meta(description="Mode of the service.", extra_json_schema=_names(Mode))]
+ModeName = Annotated[
+    str, Meta(description="Mode of the service.", extra_json_schema=open_names(Mode))
+]
 StageName = Annotated[
     str,
     Meta(
         description="How far the exercise of the mode is: preparing and announcing, nothing moves;"
         " approaching its pose; playing what was requested; ending; over.",
-        extra_json_schema=_names(Stage),
+        extra_json_schema=open_names(Stage),
     ),
 ]
 CauseName = Annotated[
     str,
-    Meta(description="Cause of a stop, `none` if there is none.", extra_json_schema=_names(Cause)),
+    Meta(
+        description="Cause of a stop, `none` if there is none.", extra_json_schema=open_names(Cause)
+    ),
 ]
 CategoryName = Annotated[
     str,
     Meta(
         description="Stop category: S2 brake and hold, S1 quick stop, S0 voltage off, or none.",
-        extra_json_schema=_names(StopCategory),
+        extra_json_schema=open_names(StopCategory),
     ),
 ]
 OutcomeName = Annotated[
     str,
     Meta(
         description="done, refused, or pending: not answered in time, the result is unknown.",
-        extra_json_schema=_names(Outcome),
+        extra_json_schema=open_names(Outcome),
     ),
 ]
 ValidityName = Annotated[
@@ -80,53 +85,77 @@ ValidityName = Annotated[
     Meta(
         description="ok; split_unobservable: at rest patient and friction cannot be separated, "
         "both are null and the net value is given; bad: all values of the axis are null.",
-        extra_json_schema=_names(Validity),
+        extra_json_schema=open_names(Validity),
     ),
 ]
 PriorityName = Annotated[
     str,
     Meta(
         description="As in IEC 60601-1-8: high, medium, low; info is no alarm.",
-        extra_json_schema=_names(Priority),
+        extra_json_schema=open_names(Priority),
     ),
 ]
-KindName = Annotated[str, Meta(description="What sort of event.", extra_json_schema=_names(Kind))]
+KindName = Annotated[
+    str, Meta(description="What sort of event.", extra_json_schema=open_names(Kind))
+]
 Flags = Annotated[
-    tuple[Annotated[str, Meta(extra_json_schema=_names(StatusBit))], ...],
+    tuple[Annotated[str, Meta(extra_json_schema=open_names(StatusBit))], ...],
     Meta(description="What the observer says about this estimate, by name."),
 ]
 FlagBits = Annotated[str, Meta(description="The same as hexadecimal bits, as in recordings.")]
-Std = Annotated[
-    float | None,
-    Meta(description="Standard deviation of the field of the same name; null where that is null."),
-]
-HipAngle = Annotated[float | None, Meta(description="Hip angle, positive in flexion.")]
-SlidePosition = Annotated[float | None, Meta(description="Slide position along its rail.")]
-HipPatient = Annotated[
-    float | None,
-    Meta(description="Patient's torque at the hip; positive drives the hip angle up."),
-]
-SlidePatient = Annotated[
-    float | None,
-    Meta(description="Patient's force at the slide; positive drives the slide position up."),
-]
-HipFriction = Annotated[
-    float | None, Meta(description="Friction torque at the hip; positive opposes positive speed.")
-]
-SlideFriction = Annotated[
-    float | None, Meta(description="Friction force at the slide; positive opposes positive speed.")
-]
-HipNet = Annotated[
-    float | None,
-    Meta(description="Patient minus friction at the hip: observable also at standstill."),
-]
-SlideNet = Annotated[
-    float | None,
-    Meta(description="Patient minus friction at the slide: observable also at standstill."),
-]
 Phase = Annotated[
     float | None, Meta(description="Phase 0..1 of this leg's stride; null when no gait plays.")
 ]
+
+
+QUANTITY: Final = "x-quantity"
+"""Keyword of the schema of a field whose unit is the joint's: it names a field of `Joint`."""
+POSITION: Final = "position"
+VELOCITY: Final = "velocity"
+EFFORT: Final = "effort"
+
+
+def of_joint(quantity: str, description: str) -> Meta:
+    """Description of a field of an axis: its unit is that of the joint's position, for example."""
+    return Meta(description=description, extra_json_schema={QUANTITY: quantity})
+
+
+DEVIATION: Final = "Standard deviation of the field of the same name; null where that is null."
+Std = Annotated[float | None, Meta(description=DEVIATION)]
+PositionStd = Annotated[float | None, of_joint(POSITION, DEVIATION)]
+VelocityStd = Annotated[float | None, of_joint(VELOCITY, DEVIATION)]
+EffortStd = Annotated[float | None, of_joint(EFFORT, DEVIATION)]
+Patient = Annotated[
+    float | None, of_joint(EFFORT, "Patient's effort; positive drives the position up.")
+]
+FrictionEffort = Annotated[
+    float | None, of_joint(EFFORT, "Friction; positive opposes positive velocity.")
+]
+Net = Annotated[
+    float | None, of_joint(EFFORT, "Patient minus friction: observable also at standstill.")
+]
+
+
+class Joint(msgspec.Struct, frozen=True, kw_only=True):
+    """Kind of a joint, and the units of its fields; names as in ROS's JointState and URDF."""
+
+    kind: Annotated[
+        str,
+        Meta(
+            description="Kind of the joint.",
+            extra_json_schema=open_names(["revolute", "prismatic"]),
+        ),
+    ]
+    position: Annotated[str, Meta(description="Unit of its positions.")]
+    velocity: Annotated[str, Meta(description="Unit of its velocities.")]
+    effort: Annotated[str, Meta(description="Unit of its efforts.")]
+
+
+JOINTS: Final[dict[str, Joint]] = {
+    "hip": Joint(kind="revolute", position="rad", velocity="rad/s", effort="N·m"),
+    "slide": Joint(kind="prismatic", position="m", velocity="m/s", effort="N"),
+}
+"""The joints of a leg, by the name of their field in a message."""
 
 
 class Stated(msgspec.Struct, frozen=True, kw_only=True):
@@ -157,5 +186,3 @@ class Estimated(Sampled, frozen=True, kw_only=True):
     mode: ModeName
     status: Flags
     status_bits: FlagBits
-    hip_validity: ValidityName
-    slide_validity: ValidityName

@@ -5,7 +5,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from gaitd_client.wire.fields import Stated
+from gaitd_client.wire.fields import Stated, open_names
 
 
 class DriveHealth(msgspec.Struct, frozen=True, kw_only=True):
@@ -28,7 +28,7 @@ class BusHealth(msgspec.Struct, frozen=True, kw_only=True):
         str,
         Meta(
             description="Fault confinement state, ISO 11898-1.",
-            extra_json_schema={"enum": ["active", "warning", "error passive", "bus-off"]},
+            extra_json_schema=open_names(["active", "warning", "error passive", "bus-off"]),
         ),
     ]
     bus_off_count: Annotated[int, Meta(description="Times the controller left the bus.")]

@@ -6,44 +6,30 @@ Part of the wire contract; `messages.py` holds the rest and lists them all. Conv
 
 from typing import Annotated
 
+import msgspec
 from msgspec import Meta
 
 from gaitd_client.wire.fields import (
+    EFFORT,
+    POSITION,
+    VELOCITY,
+    EffortStd,
     Estimated,
     FlagBits,
     Flags,
-    HipAngle,
-    HipFriction,
-    HipNet,
-    HipPatient,
+    FrictionEffort,
     ModeName,
+    Net,
+    Patient,
     Phase,
+    PositionStd,
     Sampled,
-    SlideFriction,
-    SlideNet,
-    SlidePatient,
-    SlidePosition,
     Stated,
     Std,
+    ValidityName,
+    VelocityStd,
+    of_joint,
 )
-
-FrictionError = Annotated[
-    float | None,
-    Meta(description="Friction above its law, unless a patient pushes along."),
-]
-Artificial = Annotated[
-    float | None, Meta(description="Artificial disturbance: used = measured - this.")
-]
-AssistInForce = Annotated[
-    float | None, Meta(description="A controller's assist in force, bounded; 0: none.")
-]
-DriftCorrelation = Annotated[
-    float | None,
-    Meta(
-        description="Patient's effort with the direction of motion, -1..1, over the last 20 s of"
-        " motion. Above 0.8 with an empty machine: calibrate."
-    ),
-]
 
 ReportedValues = Annotated[
     dict[
@@ -52,44 +38,60 @@ ReportedValues = Annotated[
     ],
     Meta(
         max_length=32,
-        description="By names that end in their unit; arrays are over the stride. Null: not known.",
+        description="By names that end in their unit, but for positions, velocities and efforts of"
+        " an axis; arrays are over the stride. Null: not known.",
     ),
 ]
+
+
+class AxisEstimate(msgspec.Struct, frozen=True, kw_only=True):
+    """One axis in an estimate; all but the raw values is null where it is not valid."""
+
+    validity: ValidityName
+    position: Annotated[
+        float | None,
+        of_joint(
+            POSITION, "Angle of the hip, positive in flexion; place of the slide on its rail."
+        ),
+    ]
+    position_std: PositionStd
+    velocity: Annotated[float | None, of_joint(VELOCITY, "Change of the position.")]
+    velocity_std: VelocityStd
+    friction: FrictionEffort
+    friction_std: EffortStd
+    patient: Patient
+    patient_std: EffortStd
+    net: Net
+    net_std: EffortStd
+    innovation: Annotated[
+        float | None, of_joint(POSITION, "Measured minus predicted position, always given.")
+    ]
+    measured_position: Annotated[float | None, of_joint(POSITION, "Raw; null: no sample.")]
+    effort: Annotated[
+        float | None,
+        of_joint(EFFORT, "Drive's effort as the observer used it: over the past cycle."),
+    ]
+    artificial: Annotated[
+        float | None, of_joint(EFFORT, "Artificial disturbance: effort = measured - this.")
+    ]
+    reference_position: Annotated[float | None, of_joint(POSITION, "Of the mode.")]
+    assist: Annotated[
+        float | None, of_joint(EFFORT, "A controller's assist in force, bounded; 0: none.")
+    ]
 
 
 class Estimate(Estimated, frozen=True, kw_only=True):
     """The observer's complete estimate of one leg, every cycle, for a controller."""
 
-    hip_angle_rad: HipAngle
-    hip_angle_rad_std: Std
-    slide_position_m: SlidePosition
-    slide_position_m_std: Std
-    hip_velocity_rad_per_s: Annotated[float | None, Meta(description="Speed of the hip angle.")]
-    hip_velocity_rad_per_s_std: Std
-    slide_velocity_m_per_s: Annotated[float | None, Meta(description="Speed of the slide.")]
-    slide_velocity_m_per_s_std: Std
-    hip_friction_nm: HipFriction
-    hip_friction_nm_std: Std
-    slide_friction_n: SlideFriction
-    slide_friction_n_std: Std
-    hip_patient_nm: HipPatient
-    hip_patient_nm_std: Std
-    slide_patient_n: SlidePatient
-    slide_patient_n_std: Std
-    hip_net_nm: HipNet
-    hip_net_nm_std: Std
-    slide_net_n: SlideNet
-    slide_net_n_std: Std
+    hip: Annotated[AxisEstimate, Meta(description="The hip.")]
+    slide: Annotated[AxisEstimate, Meta(description="The slide.")]
     covariance: Annotated[
         tuple[float, ...] | None,
         Meta(
-            description="Lower triangle, row by row, 36 values, SI; order of the states: hip angle,"
-            " slide position, their velocities, frictions (hip, slide), patient (hip, slide)."
-            " Null when an axis is bad."
+            description="Lower triangle, row by row, 36 values, SI; order of the states: positions"
+            " (hip, slide), velocities, frictions, patient. Null when an axis is bad."
         ),
     ]
-    innovation_hip_rad: Annotated[float | None, Meta(description="Measured minus predicted.")]
-    innovation_slide_m: Annotated[float | None, Meta(description="Measured minus predicted.")]
     nis: Annotated[float | None, Meta(description="Normalised innovation squared; 2 on average.")]
     mean_nis: Annotated[
         float | None,
@@ -100,26 +102,8 @@ class Estimate(Estimated, frozen=True, kw_only=True):
     observable_rank: Annotated[
         int, Meta(description="Of 8 states; one less for each axis whose split is unobservable.")
     ]
-    measured_hip_angle_rad: HipAngle
-    measured_slide_position_m: SlidePosition
-    hip_torque_nm: Annotated[
-        float | None,
-        Meta(description="Drive's torque at the hip as the observer used it: over the past cycle."),
-    ]
-    slide_force_n: Annotated[
-        float | None,
-        Meta(
-            description="Drive's force at the slide as the observer used it: over the past cycle."
-        ),
-    ]
-    artificial_hip_nm: Artificial
-    artificial_slide_n: Artificial
-    reference_hip_angle_rad: HipAngle
-    reference_slide_position_m: SlidePosition
     gait_phase_ratio: Phase
     dt_s: Annotated[float | None, Meta(description="True time since the SYNC before.")]
-    assist_hip_nm: AssistInForce
-    assist_slide_n: AssistInForce
     stiffness_ratio: Annotated[
         float | None, Meta(description="In force, of the guidance's configured stiffness.")
     ]
@@ -128,59 +112,89 @@ class Estimate(Estimated, frozen=True, kw_only=True):
     ]
 
 
+class AxisActivity(msgspec.Struct, frozen=True, kw_only=True):
+    """The patient's activity at one axis."""
+
+    validity: ValidityName
+    patient: Patient
+    patient_std: EffortStd
+    patient_power_w: Annotated[
+        float | None, Meta(description="Patient's effort times velocity; positive: works along.")
+    ]
+    patient_power_w_std: Std
+    net: Net
+    net_std: EffortStd
+
+
 class Activity(Estimated, frozen=True, kw_only=True):
     """The patient's activity in one leg, every cycle, for a display."""
 
-    hip_patient_nm: HipPatient
-    hip_patient_nm_std: Std
-    slide_patient_n: SlidePatient
-    slide_patient_n_std: Std
-    hip_patient_power_w: Annotated[
-        float | None, Meta(description="Patient's torque times hip speed; positive: works along.")
-    ]
-    hip_patient_power_w_std: Std
-    slide_patient_power_w: Annotated[
-        float | None, Meta(description="Patient's force times slide speed; positive: works along.")
-    ]
-    slide_patient_power_w_std: Std
+    hip: Annotated[AxisActivity, Meta(description="The hip.")]
+    slide: Annotated[AxisActivity, Meta(description="The slide.")]
     patient_power_w: Annotated[float | None, Meta(description="Sum of both axes.")]
     patient_power_w_std: Std
-    hip_net_nm: HipNet
-    hip_net_nm_std: Std
-    slide_net_n: SlideNet
-    slide_net_n_std: Std
     gait_phase_ratio: Phase
+
+
+class AxisFriction(msgspec.Struct, frozen=True, kw_only=True):
+    """Friction of one axis."""
+
+    validity: ValidityName
+    friction: FrictionEffort
+    friction_std: EffortStd
+    drift_correlation: Annotated[
+        float | None,
+        Meta(
+            description="Patient's effort with the direction of motion, -1..1, over the last 20 s"
+            " of motion. Above 0.8 with an empty machine: calibrate."
+        ),
+    ]
+    friction_error: Annotated[
+        float | None, of_joint(EFFORT, "Friction above its law, unless a patient pushes along.")
+    ]
 
 
 class Friction(Estimated, frozen=True, kw_only=True):
     """Friction of one leg's axes, every cycle."""
 
-    hip_friction_nm: HipFriction
-    hip_friction_nm_std: Std
-    slide_friction_n: SlideFriction
-    slide_friction_n_std: Std
-    hip_drift_correlation: DriftCorrelation
-    slide_drift_correlation: DriftCorrelation
-    hip_friction_error_nm: FrictionError
-    slide_friction_error_n: FrictionError
+    hip: Annotated[AxisFriction, Meta(description="The hip.")]
+    slide: Annotated[AxisFriction, Meta(description="The slide.")]
 
 
+WorkAlong = Annotated[float | None, Meta(description="Work with the motion.")]
+WorkAgainst = Annotated[float | None, Meta(description="Work against the motion; not positive.")]
 ShareRatio = Annotated[
     float | None,
     Meta(description="Patient's positive work over that of patient and drive; null below 0.5 J."),
 ]
-WorkAgainst = Annotated[float | None, Meta(description="Work against the motion; not positive.")]
-PeakAlong = Annotated[
-    float | None, Meta(description="Effort along the motion, the largest in size.")
-]
-PeakPower = Annotated[float | None, Meta(description="The largest in size, with its sign.")]
-Coverage = Annotated[
-    float,
-    Meta(
-        description="Share of the stride's time in which the patient's effort was known; below 0.5,"
-        " or with an invalid sample, the axis' other figures are null."
-    ),
-]
+
+
+class AxisStride(msgspec.Struct, frozen=True, kw_only=True):
+    """The patient's estimated activity at one axis over one stride."""
+
+    work_positive_j: WorkAlong
+    work_positive_j_std: Std
+    work_negative_j: WorkAgainst
+    work_negative_j_std: Std
+    assist_mean: Annotated[float | None, of_joint(EFFORT, "Effort along the motion, mean.")]
+    assist_mean_std: EffortStd
+    assist_peak: Annotated[
+        float | None, of_joint(EFFORT, "Effort along the motion, the largest in size.")
+    ]
+    assist_peak_std: EffortStd
+    power_mean_w: Annotated[float | None, Meta(description="Mean over the stride.")]
+    power_mean_w_std: Std
+    power_peak_w: Annotated[float | None, Meta(description="The largest in size, with its sign.")]
+    power_peak_w_std: Std
+    share_ratio: ShareRatio
+    share_ratio_std: Std
+    coverage_ratio: Annotated[
+        float,
+        Meta(
+            description="Share of the stride's time in which the patient's effort was known; below"
+            " 0.5, or with an invalid sample, the axis' other figures are null."
+        ),
+    ]
 
 
 class Stride(Sampled, frozen=True, kw_only=True):
@@ -199,36 +213,8 @@ class Stride(Sampled, frozen=True, kw_only=True):
     duration_s: Annotated[float, Meta(description="From one rise of the hip to the next.")]
     cadence_hz: Annotated[float, Meta(description="Strides per second: 1 / duration.")]
     sample_count: Annotated[int, Meta(description="Cycles in the stride.")]
-    hip_work_positive_j: Annotated[float | None, Meta(description="Work with the motion.")]
-    hip_work_positive_j_std: Std
-    hip_work_negative_j: WorkAgainst
-    hip_work_negative_j_std: Std
-    hip_assist_mean_nm: Annotated[float | None, Meta(description="Effort along the motion, mean.")]
-    hip_assist_mean_nm_std: Std
-    hip_assist_peak_nm: PeakAlong
-    hip_assist_peak_nm_std: Std
-    hip_power_mean_w: Annotated[float | None, Meta(description="Mean over the stride.")]
-    hip_power_mean_w_std: Std
-    hip_power_peak_w: PeakPower
-    hip_power_peak_w_std: Std
-    hip_share_ratio: ShareRatio
-    hip_share_ratio_std: Std
-    hip_coverage_ratio: Coverage
-    slide_work_positive_j: Annotated[float | None, Meta(description="Work with the motion.")]
-    slide_work_positive_j_std: Std
-    slide_work_negative_j: WorkAgainst
-    slide_work_negative_j_std: Std
-    slide_assist_mean_n: Annotated[float | None, Meta(description="Effort along the motion, mean.")]
-    slide_assist_mean_n_std: Std
-    slide_assist_peak_n: PeakAlong
-    slide_assist_peak_n_std: Std
-    slide_power_mean_w: Annotated[float | None, Meta(description="Mean over the stride.")]
-    slide_power_mean_w_std: Std
-    slide_power_peak_w: PeakPower
-    slide_power_peak_w_std: Std
-    slide_share_ratio: ShareRatio
-    slide_share_ratio_std: Std
-    slide_coverage_ratio: Coverage
+    hip: Annotated[AxisStride, Meta(description="The hip.")]
+    slide: Annotated[AxisStride, Meta(description="The slide.")]
     work_positive_j: Annotated[float | None, Meta(description="Of both axes, with the motion.")]
     work_positive_j_std: Std
     work_negative_j: Annotated[float | None, Meta(description="Of both axes, against the motion.")]
@@ -247,4 +233,12 @@ class ControllerState(Stated, frozen=True, kw_only=True):
     leg: Annotated[str, Meta(description="right or left")]
     client: Annotated[str, Meta(description="Who holds the lease.")]
     for_cycle: Annotated[int | None, Meta(description="`cycle` to which the state belongs.")]
-    values: ReportedValues
+    values: Annotated[ReportedValues, Meta(description="Of the leg.")] = msgspec.field(
+        default_factory=dict
+    )
+    hip: Annotated[ReportedValues, Meta(description="Of the hip.")] = msgspec.field(
+        default_factory=dict
+    )
+    slide: Annotated[ReportedValues, Meta(description="Of the slide.")] = msgspec.field(
+        default_factory=dict
+    )

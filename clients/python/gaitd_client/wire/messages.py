@@ -1,33 +1,40 @@
 """The wire contract: every message on Zenoh as a struct, and the JSON Schemas made from them.
 
 A message is JSON (UTF-8) on a key below `gaitd/TRAINER/`, with the encoding
-`application/json;gaitd.NAME.v2`. The rules for all of them:
+`application/json;gaitd.NAME.v1`. The rules for all of them:
 
 1. A number that is not valid is `null`, never 0 and never NaN. Silence of more than 200 ms (1.5 s
    of `safety` and `health`) means the same for all values of the key.
-2. Names of fields end in their unit; `_std` is the standard deviation of the field before it.
+2. A message about a leg holds its axes, `hip` and `slide`, as the same struct. Their positions,
+   velocities and efforts have no unit in their name: `joints` of `config` has the kind of each
+   joint and the units. All other names of fields end in their unit. `_std` is the standard
+   deviation of the field before it.
 3. Modes, stages, causes and states are lower-case names, stop categories `S0` to `S2`.
-4. A later version may add fields and names: a reader ignores what it does not know. Incoming
-   messages (`control/*`, `setpoint`) are read strictly: an unknown field is refused.
+4. Within v1 fields, names of enums and codes may be added; none is removed, renamed or given
+   another type or unit. A reader ignores a field that it does not know, and treats a name that it
+   does not know as none of those it knows; so an enum is open in its schema. Incoming messages
+   (`control/*`, `setpoint`) are read strictly: an unknown field is refused.
 
 Reading order: `fields.py` (names, types, heads), `leg_messages.py` (messages about a leg in every
 cycle), `health_messages.py` (state of the service), then the other messages out, requests in, keys
 and schemas.
 """
 
-import json
 from functools import cache
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
 from msgspec import Meta
 
 from gaitd_client.wire.fields import (
+    EFFORT,
     NMT_STATES,
+    POSITION,
     POWER_STATES,
+    VELOCITY,
     CategoryName,
     CauseName,
+    Joint,
     KindName,
     ModeName,
     OutcomeName,
@@ -35,6 +42,8 @@ from gaitd_client.wire.fields import (
     Sampled,
     StageName,
     Stated,
+    of_joint,
+    open_names,
 )
 from gaitd_client.wire.health_messages import Health
 from gaitd_client.wire.leg_messages import (
@@ -46,6 +55,8 @@ from gaitd_client.wire.leg_messages import (
     Stride,
 )
 
+EFFORT_MAX: Final = 1500
+"""Largest effort in a request; limits.toml has the maximum of each joint, which is lower."""
 EXACT_MAX: Final = 2**53 - 1
 """Up to here every JSON reader represents integers exactly."""
 
@@ -74,14 +85,14 @@ class Emergency(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class DriveState(Sampled, frozen=True, kw_only=True):
-    """One drive at 10 Hz. `_si`: rad, N·m at the hip; m, N at the slide. Null: unknown."""
+    """One drive at 10 Hz, its values at the joint. Null: unknown."""
 
     name: Annotated[str, Meta(description="LEG/AXIS, for example right/hip")]
     nmt_state: Annotated[
-        str, Meta(description="CiA 301 state.", extra_json_schema={"enum": [*NMT_STATES.values()]})
+        str, Meta(description="CiA 301 state.", extra_json_schema=open_names(NMT_STATES.values()))
     ]
     power_state: Annotated[
-        str, Meta(description="CiA 402 state.", extra_json_schema={"enum": [*POWER_STATES]})
+        str, Meta(description="CiA 402 state.", extra_json_schema=open_names(POWER_STATES))
     ]
     statusword: Annotated[str | None, Meta(description="Object 6041h, hexadecimal.")]
     mode_display: Annotated[int | None, Meta(description="Object 6061h: 10 torque, 8 position.")]
@@ -89,10 +100,10 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     sample_age_cycles: Annotated[int, Meta(description="Cycles since the last whole sample.")]
     late_count: Annotated[int, Meta(description="TPDOs after their window, since bring-up.")]
     heartbeat_age_ms: Annotated[float | None, Meta(description="Since its last heartbeat.")]
-    position_si: Annotated[float | None, Meta(description="Measured at the joint: rad or m.")]
-    velocity_si: Annotated[float | None, Meta(description="From encoder differences.")]
-    effort_si: Annotated[float | None, Meta(description="From measured current: N·m or N.")]
-    target_effort_si: Annotated[float | None, Meta(description="Sent in this cycle: N·m or N.")]
+    position: Annotated[float | None, of_joint(POSITION, "Measured.")]
+    velocity: Annotated[float | None, of_joint(VELOCITY, "From encoder differences.")]
+    effort: Annotated[float | None, of_joint(EFFORT, "From measured current.")]
+    target_effort: Annotated[float | None, of_joint(EFFORT, "Sent in this cycle.")]
     referenced: Annotated[bool, Meta(description="The axis is referenced.")]
     hand_switch_closed: Annotated[bool | None, Meta(description="As the drive input reads it.")]
     sto_released: Annotated[bool | None, Meta(description="Safe torque off is not active.")]
@@ -113,22 +124,29 @@ class DriveState(Sampled, frozen=True, kw_only=True):
 
 
 class Judgement(msgspec.Struct, frozen=True, kw_only=True):
-    """The verdict: stop category, cause, and what to do about it; latched until reset."""
+    """The verdict: stop category, cause and finding; latched until reset."""
 
     category: CategoryName
     cause: CauseName
     drive: Annotated[str | None, Meta(description="Drive or leg of the cause; null if of none.")]
     value: Annotated[float | None, Meta(description="Measured value, in the unit of the limit.")]
     limit: Annotated[float | None, Meta(description="The limit.")]
-    finding: Annotated[str, Meta(description="What it was found by, for programs; or none.")] = (
-        "none"
-    )
+    finding: Annotated[str, Meta(description="What it was found by, or none.")]
     said: Annotated[
         str, Meta(description="What the drive or the operating system has said, or empty.")
-    ] = ""
-    detail: Annotated[str, Meta(description="Both as text; may be empty.")]
-    text: Annotated[str, Meta(description="The cause as text.")]
-    remedy: Annotated[str, Meta(description="What a person can do.")]
+    ]
+
+
+Values = dict[str, float | str | None]
+"""Values of a code by name: numbers in SI units, names of members of enums; null: not known."""
+
+
+class Progress(msgspec.Struct, frozen=True, kw_only=True):
+    """The present step of a bring-up or an exercise. A later version may send another code."""
+
+    code: Annotated[str, Meta(description="For example setting_up.")]
+    subject: Annotated[str | None, Meta(description="Drive or leg; null if of none.")]
+    values: Annotated[Values, Meta(description="By name, for example `done_count`.")]
 
 
 class Safety(Stated, frozen=True, kw_only=True):
@@ -146,7 +164,7 @@ class Safety(Stated, frozen=True, kw_only=True):
     verdict: Annotated[Judgement | None, Meta(description="Null when not valid.")]
     stage: Annotated[StageName | None, Meta(description="Null: no exercise, or not valid.")]
     progress: Annotated[
-        str | None, Meta(description="One line for people; a program reads mode and stage.")
+        Progress | None, Meta(description="What the machine does now; null: nothing, or not known.")
     ]
     lease_holder: Annotated[
         str | None, Meta(description="Client that may command torque; null: none.")
@@ -160,17 +178,15 @@ class Safety(Stated, frozen=True, kw_only=True):
     ]
 
 
-Values = dict[str, float | str | None]
-"""Values of a code by name: numbers in SI units, names of members of enums; null: not finite."""
-
-
 class Refusal(msgspec.Struct, frozen=True, kw_only=True):
-    """Why the core refuses a request. A later version may send another code."""
+    """Why a request is refused, or not known to be done. A later version may send another code."""
 
     code: Annotated[str, Meta(description="For example hand_switch_open.")]
     subject: Annotated[str | None, Meta(description="Leg or axis, the first of several.")]
     values: Annotated[Values, Meta(description="By name, for example `highest`.")]
-    said: Annotated[str, Meta(description="Names that are known to the configuration, or empty.")]
+    said: Annotated[
+        str, Meta(description="Names that are known, or what a library has said; or empty.")
+    ]
 
 
 class Event(Stated, frozen=True, kw_only=True):
@@ -180,20 +196,13 @@ class Event(Stated, frozen=True, kw_only=True):
     time_ns: Annotated[int, Meta(description="UTC in ns since 1970.")]
     priority: PriorityName
     kind: KindName
-    text: Annotated[str, Meta(description="What happened, as text.")]
-    remedy: Annotated[str, Meta(description="What a person can do; may be empty.")]
+    code: Annotated[str, Meta(description="What happened, for example mode_changed.")]
     cause: Annotated[CauseName | None, Meta(description="Of a stop, else null.")]
     subject: Annotated[str | None, Meta(description="Drive or leg; null if of none.")]
-    code: Annotated[
-        str | None,
-        Meta(description="What happened in the core, for programs; null: an event of the gateway."),
-    ] = None
-    values: Annotated[Values, Meta(description="Of the code, by name.")] = msgspec.field(
-        default_factory=dict
-    )
+    values: Annotated[Values, Meta(description="Of the code, by name.")]
     said: Annotated[
         str, Meta(description="What a drive or the operating system has said, or empty.")
-    ] = ""
+    ]
 
 
 class Reply(Stated, frozen=True, kw_only=True):
@@ -201,9 +210,9 @@ class Reply(Stated, frozen=True, kw_only=True):
 
     request: Annotated[str, Meta(description="NAME of control/NAME.")]
     outcome: OutcomeName
-    reason: Annotated[str, Meta(description="Reason of a refusal, or other information.")]
     refusal: Annotated[
-        Refusal | None, Meta(description="Why the core has refused; null: it has not.")
+        Refusal | None,
+        Meta(description="Why it is not done, or what it has not reached; null: it is done."),
     ] = None
     mode: Annotated[ModeName | None, Meta(description="The present mode; null when unknown.")]
     lease: Annotated[
@@ -215,20 +224,23 @@ class Reply(Stated, frozen=True, kw_only=True):
     ] = None
 
 
-class PlanLimits(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class AxisPlan(msgspec.Struct, frozen=True, kw_only=True):
+    """What is released for one axis."""
+
+    assist_max: Annotated[
+        Annotated[float, Meta(ge=0, le=EFFORT_MAX)] | None,
+        of_joint(EFFORT, "Cap of assist during the gait; null: only that of the configuration."),
+    ] = None
+
+
+class PlanLimits(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of a gait that a session may request, and of a controller's assist during it."""
 
     cadence_max_hz: Annotated[float, Meta(gt=0, le=2, description="Strides per second.")]
     amplitude_max_ratio: Annotated[float, Meta(gt=0, le=1, description="Of the full gait.")]
     duration_max_s: Annotated[float, Meta(gt=0, le=7200, description="Of one gait.")]
-    hip_assist_max_nm: Annotated[
-        Annotated[float, Meta(ge=0, le=120)] | None,
-        Meta(description="Cap of assist during the gait; null: only that of the configuration."),
-    ] = None
-    slide_assist_max_n: Annotated[
-        Annotated[float, Meta(ge=0, le=1500)] | None,
-        Meta(description="Cap of assist during the gait; null: only that of the configuration."),
-    ] = None
+    hip: Annotated[AxisPlan, Meta(description="For the hip.")] = AxisPlan()
+    slide: Annotated[AxisPlan, Meta(description="For the slide.")] = AxisPlan()
 
 
 class Status(Stated, frozen=True, kw_only=True):
@@ -268,6 +280,9 @@ class Configuration(Stated, frozen=True, kw_only=True):
     period_ns: Annotated[int | None, Meta(description="Of the cycle.")]
     drive_names: Annotated[tuple[str, ...], Meta(description="drives/NAME")]
     leg_names: Annotated[tuple[str, ...], Meta(description="LEG in the keys.")]
+    joints: Annotated[
+        dict[str, Joint], Meta(description="Kind and units of each axis of a leg, by its name.")
+    ]
     config_hashes: Annotated[dict[str, str], Meta(description="SHA-256 by file.")]
     robot: Annotated[dict[str, Any], Meta(description="robot.toml as it was read.")]
     limits: Annotated[dict[str, Any], Meta(description="limits.toml as it was read.")]
@@ -283,7 +298,7 @@ class Schemas(Stated, frozen=True, kw_only=True):
     """Answer to schema: the JSON Schema of each message by its full name."""
 
     schemas: Annotated[
-        dict[str, dict[str, Any]], Meta(description="By `gaitd.NAME.v2`, as in the encodings.")
+        dict[str, dict[str, Any]], Meta(description="By `gaitd.NAME.v1`, as in the encodings.")
     ]
 
 
@@ -334,7 +349,15 @@ class ReportAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="Number from the reply to acquire.")]
     leg: Annotated[str, Meta(max_length=16, pattern=ONE_LINE, description="right or left")]
-    values: ReportedValues
+    values: Annotated[ReportedValues, Meta(description="Of the leg.")] = msgspec.field(
+        default_factory=dict
+    )
+    hip: Annotated[ReportedValues, Meta(description="Of the hip.")] = msgspec.field(
+        default_factory=dict
+    )
+    slide: Annotated[ReportedValues, Meta(description="Of the slide.")] = msgspec.field(
+        default_factory=dict
+    )
 
 
 class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -371,26 +394,45 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     ] = False
 
 
+class AskedAxisPlan(AxisPlan, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is to be released for one axis."""
+
+
+class AskedPlan(PlanLimits, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Limits of a gait that are to be released; a limit that is not known is refused."""
+
+    hip: Annotated[AskedAxisPlan, Meta(description="For the hip.")] = AskedAxisPlan()
+    slide: Annotated[AskedAxisPlan, Meta(description="For the slide.")] = AskedAxisPlan()
+
+
 class PlanAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Payload of a query to control/plan: release a plan for sessions, or withdraw it.
 
     It is in force at once; the answer waits for the disk, and its outcome is done. If the disk does
-    not take it, `reason` says what a restart of the gateway may change.
+    not take it, `refusal` says what a restart of the gateway may change.
     """
 
-    plan: Annotated[PlanLimits | None, Meta(description="Null: withdraw it; no gait is allowed.")]
+    plan: Annotated[AskedPlan | None, Meta(description="Null: withdraw it; no gait is allowed.")]
+
+
+class AxisSetpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A controller's wish for one axis."""
+
+    assist: Annotated[
+        float, Meta(ge=-EFFORT_MAX, le=EFFORT_MAX), of_joint(EFFORT, "On top of gravity.")
+    ]
 
 
 class SetpointMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A controller's assist on top of gravity, LEG/setpoint, in mode torque or gait."""
+    """A controller's assist for one leg, LEG/setpoint, in mode torque or gait."""
 
     lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="Number from the reply to acquire.")]
     seq: Annotated[int, Meta(ge=0, le=EXACT_MAX, description="Strictly rising, for each leg.")]
     for_cycle: Annotated[
         int, Meta(ge=0, le=EXACT_MAX, description="`cycle` of the estimate that it answers.")
     ]
-    hip_assist_nm: Annotated[float, Meta(ge=-120, le=120, description="On top of gravity.")]
-    slide_assist_n: Annotated[float, Meta(ge=-1500, le=1500, description="On top of gravity.")]
+    hip: Annotated[AxisSetpoint, Meta(description="For the hip.")]
+    slide: Annotated[AxisSetpoint, Meta(description="For the slide.")]
     stiffness_ratio: Annotated[
         float, Meta(ge=0, le=1, description="Of the configured guidance; for mode gait.")
     ] = 1.0
@@ -420,12 +462,9 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "plan": PlanAsk,
     "setpoint": SetpointMessage,
 }
-"""NAME in `gaitd.NAME.v2` of each message."""
+"""NAME in `gaitd.NAME.v1` of each message."""
 
 NAME_OF: Final = {kind: name for name, kind in MESSAGES.items()}
-
-SCHEMAS_FOLDER: Final = Path(__file__).parent / "schemas"
-"""The JSON Schemas as files, made by `python -m gaitd_client.wire`."""
 
 ALIVE: Final = "alive"
 EVENTS: Final = "events"
@@ -444,8 +483,8 @@ def key(trainer: str, *parts: str) -> str:
 
 
 def schema_name(kind: type[msgspec.Struct]) -> str:
-    """Name of a message's schema in its encoding: `gaitd.NAME.v2`."""
-    return f"gaitd.{NAME_OF[kind]}.v2"
+    """Name of a message's schema in its encoding: `gaitd.NAME.v1`."""
+    return f"gaitd.{NAME_OF[kind]}.v1"
 
 
 def encoding(kind: type[msgspec.Struct]) -> str:
@@ -460,14 +499,6 @@ def schema(kind: type[msgspec.Struct]) -> dict[str, Any]:
     root: dict[str, Any] = definitions.pop(kind.__name__)
     root["$id"] = schema_name(kind)
     return {**root, "$defs": definitions} if definitions else root
-
-
-def schema_texts() -> dict[str, str]:
-    """JSON Schemas as the files of this package, by file name; a test compares the two."""
-    return {
-        f"{name}.json": json.dumps(one, indent=1, ensure_ascii=False) + "\n"
-        for name, one in schemas().items()
-    }
 
 
 @cache

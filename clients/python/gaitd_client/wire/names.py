@@ -58,7 +58,7 @@ class StopCategory(StrEnum):
 
 
 class Cause(StrEnum):
-    """Cause of a stop or of a refused start; `Judgement` has its text and remedy."""
+    """Cause of a stop or of a refused start; `gaitd_client.texts` has its text and remedy."""
 
     NONE = auto()
     # requested
@@ -179,7 +179,7 @@ class Kind(StrEnum):
 
 
 class EventCode(StrEnum):
-    """What has happened in the core: `code` of an event."""
+    """What has happened: `code` of an event."""
 
     BRING_UP_BEGUN = auto()
     DRIVES_UP = auto()
@@ -228,10 +228,46 @@ class EventCode(StrEnum):
     CAN_ALONE = auto()
     CAN_FRAMES_LOST = auto()
     CAN_FOREIGN_MASTER = auto()
+    # of the gateway
+    CORE_RUNNING = auto()
+    CORE_BACK = auto()
+    CORE_SILENT = auto()
+    RECORDS_UNREAD = auto()
+    QUERY_FAILED = auto()
+    REQUEST_SENT = auto()
+    REQUEST_ANSWERED = auto()
+    REQUESTS_LEFT_OUT = auto()
+    VERDICT_CLEARED = auto()
+    NMT_STATE_CHANGED = auto()
+    POWER_STATE_CHANGED = auto()
+    POSITION_KNOWN = auto()
+    POSITION_LOST = auto()
+    EMCY_RECEIVED = auto()
+    EMCY_CLEARED = auto()
+    HAND_SWITCH_CLOSED = auto()
+    HAND_SWITCH_OPENED = auto()
+    STO_ACTIVATED = auto()
+    STO_RELEASED = auto()
+    LEASE_ENDED = auto()
+    SETPOINT_REFUSED = auto()
+    ASSIST_LAPSED = auto()
+    DESCRIPTORS_USED_UP = auto()
+    DESCRIPTORS_FREE = auto()
+    PLAN_RELEASED = auto()
+    PLAN_WITHDRAWN = auto()
+    PLAN_UNREADABLE = auto()
+    CONFIG_REFUSED = auto()
+    CONFIG_RELOADED = auto()
+    GATEWAY_KILLED = auto()
+    POWER_FAILED = auto()
+    FILE_NOT_WRITTEN = auto()
+    FILE_WRITTEN_AGAIN = auto()
+    RECORDING_DAMAGED = auto()
+    RECORDING_KEPT = auto()
 
 
 class RefusalCode(StrEnum):
-    """Why the core refuses a request: `code` of a refusal."""
+    """Why a request is refused, or not known to be done: `code` of a refusal."""
 
     NO_SUCH_MODE = auto()
     NOT_IN_THIS_MODE = auto()
@@ -271,3 +307,55 @@ class RefusalCode(StrEnum):
     NOT_TESTED = auto()
     NO_HOMING = auto()
     FAILED = auto()
+    # of the gateway
+    CORE_SILENT = auto()
+    CORE_STARTING = auto()
+    CORE_RESTARTED = auto()
+    OUTCOME_UNKNOWN = auto()
+    """No answer in time: the request may have taken effect."""
+    STOP_UNCONFIRMED = auto()
+    NO_SUCH_REQUEST = auto()
+    CLIENT_UNNAMED = auto()
+    BAD_PAYLOAD = auto()
+    GATEWAY_RESTARTS = auto()
+    GATEWAY_ENDS = auto()
+    GATEWAY_FAILED = auto()
+    WOULD_STOP = auto()
+    ANSWER_OUTSTANDING = auto()
+    KEYS_UNUSABLE = auto()
+    LEASE_OVER = auto()
+    LEASE_TAKEN = auto()
+    LEASE_NUMBER_WRONG = auto()
+    """The lease is held under this name, with another number."""
+    LEASE_NOT_HELD = auto()
+    HOLDER_UNNAMED = auto()
+    MACHINE_STOPPED = auto()
+    UNKNOWN_LEG = auto()
+    RECORDING_PLAYED = auto()
+    """The gateway publishes a recording, of which nothing can be requested."""
+    PLAN_MAY_RETURN = auto()
+    """The plan is in force, but its file could not be removed."""
+    PLAN_MAY_BE_LOST = auto()
+    """The plan is in force, but its file could not be written."""
+
+
+class Untested(StrEnum):
+    """State of an input that the daily test has still to see: `untested` of a refusal."""
+
+    HAND_SWITCH_OPEN = auto()
+    HAND_SWITCH_CLOSED = auto()
+    STO_ACTIVE = auto()
+    STO_RELEASED = auto()
+
+
+class ProgressCode(StrEnum):
+    """What the machine does now, within its mode and stage: `code` of a progress."""
+
+    SETTING_UP = auto()
+    COMPARING_LOAD = auto()
+    EXERCISING = auto()
+    GUIDED_BY_HAND = auto()
+    TESTING = auto()
+    ONE_AXIS = auto()
+    # of the gateway
+    CORE_STARTING = auto()

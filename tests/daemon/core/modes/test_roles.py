@@ -7,7 +7,7 @@ import pytest
 from safety_inputs import ALL_WELL
 
 from daemon.core.modes.roles import assist_cap_si, refusal
-from daemon.ipc.record import Mode, ModeRequest, Plan, Request, RequestKind, Role
+from daemon.ipc.record import AxisPlan, Mode, ModeRequest, Plan, Request, RequestKind, Role
 from daemon.ipc.report import Refusal, RefusalCode
 
 REQUESTABLE = (
@@ -122,7 +122,7 @@ def test_a_session_is_told_what_it_lacks():
 
 @pytest.mark.parametrize("role", Role)
 def test_the_plan_caps_assist_in_a_gait_of_a_session_alone(role):
-    capped = replace_fields(PLAN, hip_assist_max_nm=0.0, slide_assist_max_n=80.0)
+    capped = replace_fields(PLAN, hip=AxisPlan(0.0), slide=AxisPlan(80.0))
     is_session = role is Role.SESSION
 
     assert assist_cap_si(gait(role, capped)) == ((0.0, 80.0) if is_session else UNCAPPED)

@@ -13,10 +13,9 @@ from daemon.core.exercises.single_axis import (
     AxisStart,
     HomingRules,
     PushRules,
-    Step,
 )
 from daemon.ipc.record import Stage
-from daemon.ipc.report import Failure
+from daemon.ipc.report import AxisStep, Failure
 from drives.signals import HomingState
 
 RULES = PushRules(effort_max_si=12.0, effort_rate_si_per_s=6.0, motion_si=0.035)
@@ -45,21 +44,21 @@ S = HomingState
 def test_a_homing_is_done_when_home_is_attained_and_reached():
     run = homing(S.NOT_STARTED, S.NOT_STARTED, S.IN_PROGRESS, S.IN_PROGRESS, S.ATTAINED, S.DONE)
 
-    assert run.step is Step.DONE
+    assert run.step is AxisStep.DONE
 
 
 def test_a_home_that_was_already_shown_is_not_believed_until_the_drive_has_homed_again():
     stale = [S.DONE] * (BEGIN_CYCLES + 2)
 
-    assert homing(*stale).step is Step.FAILED
-    assert homing(S.DONE, S.DONE, S.IN_PROGRESS, S.DONE).step is Step.DONE
+    assert homing(*stale).step is AxisStep.FAILED
+    assert homing(S.DONE, S.DONE, S.IN_PROGRESS, S.DONE).step is AxisStep.DONE
 
 
 @pytest.mark.parametrize("error", [S.FAILED, S.FAILED_MOVING])
 def test_a_homing_error_of_the_drive_fails(error):
     run = homing(S.NOT_STARTED, S.IN_PROGRESS, error)
 
-    assert run.step is Step.FAILED
+    assert run.step is AxisStep.FAILED
     assert run.why is Failure.HOMING_ERROR
 
 
@@ -72,7 +71,7 @@ def test_a_drive_that_does_not_begin_or_gives_up_fails():
 def test_a_homing_that_takes_too_long_fails():
     run = homing(S.NOT_STARTED, *[S.IN_PROGRESS] * 60, timeout_cycles=50)
 
-    assert run.step is Step.FAILED
+    assert run.step is AxisStep.FAILED
     assert run.why is Failure.HOME_NOT_FOUND
 
 
@@ -81,7 +80,7 @@ def test_nothing_begins_before_the_axis_is_enabled_in_its_mode():
 
     waiting = run.advance(RESTS._replace(ready=False, homing=S.DONE))
 
-    assert waiting.step is Step.ENABLING
+    assert waiting.step is AxisStep.ENABLING
     assert not waiting.searching
 
 
@@ -103,7 +102,7 @@ def played(mobility_si_per_n, breakaway_si=7.0):
 def test_an_axis_that_follows_its_torque_passes():
     test, efforts = played(0.01)
 
-    assert test.step is Step.DONE
+    assert test.step is AxisStep.DONE
     assert test.moved_forth_si >= 0.035 >= -0.035 >= test.moved_back_si
     assert max(map(abs, efforts)) <= RULES.effort_max_si
 
@@ -111,7 +110,7 @@ def test_an_axis_that_follows_its_torque_passes():
 def test_an_axis_that_moves_against_its_torque_fails_after_a_little_motion():
     test, efforts = played(-0.01)
 
-    assert test.step is Step.FAILED
+    assert test.step is AxisStep.FAILED
     assert test.why is Failure.MOVES_AGAINST_TORQUE
     assert max(map(abs, efforts)) < 9.0
 
@@ -119,7 +118,7 @@ def test_an_axis_that_moves_against_its_torque_fails_after_a_little_motion():
 def test_an_axis_that_does_not_move_fails_at_its_bound():
     test, efforts = played(0.0)
 
-    assert test.step is Step.FAILED
+    assert test.step is AxisStep.FAILED
     assert test.why is Failure.DOES_NOT_MOVE
     assert max(map(abs, efforts)) == RULES.effort_max_si
 
@@ -142,28 +141,28 @@ def test_an_axis_at_its_end_stop_that_moves_the_other_way_passes():
         if test.step in OVER:
             break
 
-    assert test.step is Step.DONE
+    assert test.step is AxisStep.DONE
 
 
 def test_an_axis_that_never_rests_fails():
-    test = replace(SignTest.begin(start()).enabling(), step=Step.RESTING)
+    test = replace(SignTest.begin(start()).enabling(), step=AxisStep.RESTING)
     for _ in range(LIMIT_CYCLES):
         test = test.advance(RESTS._replace(at_rest=False))
         if test.step in OVER:
             break
 
-    assert test.step is Step.FAILED
+    assert test.step is AxisStep.FAILED
     assert test.why is Failure.KEEPS_MOVING
 
 
 def test_a_home_that_was_attained_at_another_time_is_not_believed_either():
     stale = [S.ATTAINED, S.ATTAINED, *[S.DONE] * (BEGIN_CYCLES + 2)]
 
-    assert homing(*stale).step is Step.FAILED
-    assert homing(S.ATTAINED, S.IN_PROGRESS, S.ATTAINED, S.DONE).step is Step.DONE
+    assert homing(*stale).step is AxisStep.FAILED
+    assert homing(S.ATTAINED, S.IN_PROGRESS, S.ATTAINED, S.DONE).step is AxisStep.DONE
 
 
 def test_every_step_of_a_preparation_is_a_stage_that_a_program_can_read():
-    runs = {step: replace(SignTest.begin(start()), step=step) for step in Step}
+    runs = {step: replace(SignTest.begin(start()), step=step) for step in AxisStep}
 
     assert {step for step, run in runs.items() if run.stage is Stage.OVER} == OVER

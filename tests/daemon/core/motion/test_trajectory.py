@@ -17,10 +17,10 @@ from daemon.core.exercises.excite import SETTLE_S, Excite
 from daemon.core.exercises.exercise import BEGIN_MAX_S, LegSample
 from daemon.core.exercises.gait import Gait, GaitPlan
 from daemon.core.exercises.hold import Hold
-from daemon.core.exercises.self_test import AVERAGED_MIN_S, Phase, SelfTest, Way, speed_max
+from daemon.core.exercises.self_test import AVERAGED_MIN_S, SelfTest, Way, speed_max
 from daemon.core.motion import gait_shape
 from daemon.ipc.record import Stage
-from daemon.ipc.report import Failure, Finding
+from daemon.ipc.report import Failure, Finding, MotionPhase
 from observer.mechanism.mechanism import singularity_ratio
 from tests.observer.mechanics import closes
 
@@ -343,7 +343,7 @@ def test_the_fastest_self_test_has_no_step_and_averages_each_axis_both_ways():
     most = np.array([0.174, 0.1])
     assert (np.abs(np.diff(positions, axis=0)) <= most * DT_S * (1 + 1e-9)).all()
     assert (np.abs(np.diff(velocities, axis=0)) <= most * DT_S / 0.2 * (1 + 1e-9)).all()
-    for phase in (Phase.FORTH, Phase.BACK):
+    for phase in (MotionPhase.FORTH, MotionPhase.BACK):
         averaged = [one for one in samples if one == (phase, True)]
         assert len(averaged) >= 2 * (AVERAGED_MIN_S / DT_S - 1)
 

@@ -15,7 +15,7 @@ from daemon.core.safety.stop_sequence import Step, begin
 from daemon.core.steps import supervisor
 from daemon.core.steps.bring_up import bring_up_core
 from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
-from daemon.ipc.report import Doubt, Event, EventCode
+from daemon.ipc.report import Doubt, Event, EventCode, Progress, ProgressCode
 from drives.canopen.bus import Frame
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
@@ -44,7 +44,7 @@ class Session:
             except StopIteration as end:
                 return end.value
             assert self.core.mode == Mode.BRINGING_UP
-            self.shown.append((progress, self.core.progress))
+            self.shown.append((progress, self.core.bring_up))
 
     @property
     def cause(self):
@@ -72,7 +72,7 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
     assert core.mode == Mode.READY
     assert core.drives is not None
     assert [drive.node_id for drive in core.drives.drives] == [axis.node_id for axis in core.axes]
-    assert (core.verdict, core.load_checked, core.progress) == (Verdict(), False, "")
+    assert (core.verdict, core.load_checked, core.bring_up) == (Verdict(), False, None)
     for axis in core.axes:
         assert (axis.stop, axis.joint, axis.reached_enabled) == (None, Joint(), False)
         assert (axis.effort_sent_si, axis.sign_proven) == (0.0, False)
@@ -89,8 +89,8 @@ def test_each_step_is_shown_with_how_far_it_is():
 
     assert session.shown
     for progress, shown in session.shown:
-        counts = f"{progress.done_count}/{progress.total_count}"
-        assert shown == f"{counts} {progress.drive} {progress.text}"
+        counts = (progress.done_count, progress.total_count)
+        assert shown == Progress(ProgressCode.SETTING_UP, progress.drive, counts)
 
 
 def test_axes_that_are_not_referenced_are_named_with_the_reason():
@@ -147,7 +147,7 @@ def test_a_refusal_ends_the_service_and_leaves_the_core_in_off():
     assert session.cause == (Cause.BRING_UP_FAILED, "right/hip")
     assert core.verdict.category is core.config.categories.of(Cause.BRING_UP_FAILED)
     assert "6065h" in core.verdict.said
-    assert (core.drives, core.reset_cycles_left, core.progress) == (None, 0, "")
+    assert (core.drives, core.reset_cycles_left, core.bring_up) == (None, 0, None)
     assert not core.axes[0].followed
     assert len(session.told(EventCode.BRING_UP_FAILED)) == 1
 

@@ -28,7 +28,7 @@ from daemon.ipc.record import (
     StopCategory,
     Verdict,
 )
-from daemon.ipc.report import Event, EventCode, Failure, Finding, Trigger
+from daemon.ipc.report import Event, EventCode, Failure, Finding, Progress, ProgressCode, Trigger
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerState
@@ -43,6 +43,8 @@ HELD_UP = Verdict(StopCategory.S2, Cause.GATEWAY_SILENT)
 NOT_OBEYED = Verdict(StopCategory.S0, Cause.STOP_NOT_OBEYED, "right/hip")
 ENABLED = Verdict(StopCategory.S0, Cause.UNEXPECTED_ENABLE, "right/slide")
 SHUTDOWN = Verdict(StopCategory.S1, Cause.SHUTDOWN)
+
+STEP = Progress(ProgressCode.SETTING_UP, "right/hip", (12, 70))
 
 
 @pytest.fixture
@@ -134,13 +136,13 @@ def test_a_request_while_there_are_no_drives_is_of_this_cycle_and_latches_at_thi
 def test_enabling_begins_with_nothing_of_before(ready):
     core = ready.core
     core.verdict, core.load_checked, core.load_settle_cycles = OPENED, True, 7
-    core.progress = "12/70 right/hip"
+    core.bring_up = STEP
     for axis in core.axes:
         axis.energy.add(5.0)
 
     assert ready.ask(RequestKind.ENABLE) == Outcome.PENDING
 
-    assert (core.mode, core.verdict, core.progress) == (Mode.HOLD, Verdict(), "")
+    assert (core.mode, core.verdict, core.bring_up) == (Mode.HOLD, Verdict(), None)
     assert (core.load_checked, core.load_settle_cycles) == (False, 1)
     assert [axis.energy.so_far(9) for axis in core.axes] == [0.0, 0.0]
     assert core.events == [
@@ -852,7 +854,7 @@ def test_only_in_ready_a_reset_is_under_way(bench):
 def test_drives_that_are_up_end_in_ready_or_in_the_stop_of_before(latched):
     core = fresh(PersistentState(latched=latched)).core
     core.mode, core.verdict, core.load_checked = Mode.BRINGING_UP, OPENED, True
-    core.progress, core.causes_reported = "70/70", set()
+    core.bring_up, core.causes_reported = STEP, set()
     stops(core, QUICK, QUICK)
     drives = DriveGroup([])
 
@@ -860,7 +862,7 @@ def test_drives_that_are_up_end_in_ready_or_in_the_stop_of_before(latched):
 
     assert core.drives is drives
     assert [axis.stop for axis in core.axes] == [None, None]
-    assert (core.load_checked, core.progress) == (False, "")
+    assert (core.load_checked, core.bring_up) == (False, None)
     if latched is None:
         assert (core.mode, core.verdict, core.events) == (Mode.READY, Verdict(), [])
         return
@@ -875,11 +877,11 @@ def test_a_step_of_bring_up_is_shown_until_the_mode_changes(bench):
     supervisor.begin_bring_up(core)
     assert (core.mode, core.events) == (Mode.BRINGING_UP, [Event(EventCode.BRING_UP_BEGUN)])
 
-    supervisor.show_progress(core, "12/70 right/hip")
-    assert core.progress == "12/70 right/hip"
+    supervisor.show_progress(core, "right/hip", 12, 70)
+    assert core.bring_up == STEP
 
     supervisor.wait_for_reset(core, "right/hip", ON)
-    assert core.progress == ""
+    assert core.bring_up is None
 
 
 @pytest.mark.parametrize(
@@ -912,10 +914,10 @@ def test_a_bring_up_that_fails_ends_in_off_and_is_told_if_it_is_new(bench, mode)
     failed = core, Cause.DRIVE_SILENT, "right/hip", "no answer"
     core.mode = mode
     for _ in range(2):
-        core.single_axis, core.reset_cycles_left, core.progress = Run(), 9, "12/70"
+        core.single_axis, core.reset_cycles_left, core.bring_up = Run(), 9, STEP
         core.axes[1].followed = True
         supervisor.fail_bring_up(*failed)
-        assert (core.mode, core.single_axis, core.progress) == (Mode.OFF, None, "")
+        assert (core.mode, core.single_axis, core.bring_up) == (Mode.OFF, None, None)
         assert (core.reset_cycles_left, core.axes[1].followed) == (0, False)
         assert core.verdict == Verdict(
             StopCategory.S1, Cause.DRIVE_SILENT, "right/hip", said="no answer"

@@ -1,0 +1,35 @@
+"""Texts of codes and of pages, for the operator and the patient, in English and German.
+
+Reading order: `operator.en.toml` and `patient.en.toml`, each beside its German (the sentences),
+`stops.py` (what is known of each cause of a stop), `catalogue.py` (sentences from codes).
+"""
+
+from gaitd_client.texts.catalogue import (
+    CAUTIOUS,
+    COMMANDS,
+    LANGUAGES,
+    Catalogue,
+    Reader,
+    catalogue,
+    language_of,
+    texts_of,
+)
+from gaitd_client.texts.stops import STOPS, Again, GoOn, Situation, Stop, key_of, stop_of
+
+__all__ = [
+    "CAUTIOUS",
+    "COMMANDS",
+    "LANGUAGES",
+    "STOPS",
+    "Again",
+    "Catalogue",
+    "GoOn",
+    "Reader",
+    "Situation",
+    "Stop",
+    "catalogue",
+    "key_of",
+    "language_of",
+    "stop_of",
+    "texts_of",
+]
