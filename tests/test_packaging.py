@@ -322,9 +322,9 @@ def test_without_the_laboratory_its_commands_and_a_simulated_bus_say_what_to_ins
 @pytest.mark.parametrize(
     "shown",
     [
-        "the core starts",
+        "the control program starts",
         pytest.param(  # compiles the kernels anew
-            "not referenced", marks=[pytest.mark.thorough, pytest.mark.timeout(1800)]
+            "position not known", marks=[pytest.mark.thorough, pytest.mark.timeout(1800)]
         ),
     ],
 )
