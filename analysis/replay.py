@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
 
 from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
 from analysis.stop_recording import about, inputs_of, observed, opened, stop_of

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from gaitd_client.texts import Catalogue
-from gaitd_client.wire.fields import POWER_STATES
+from gaitd_names import POWER_STATES, StopCategory
+from gaitd_texts import Catalogue
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
@@ -30,8 +30,8 @@ from analysis.drawing import (
     style,
 )
 from analysis.stop_recording import StopRecording, known, stop_text, utc_text
-from daemon.ipc.record import CycleRecord, DriveRecord, StopCategory
-from daemon.wire.names import Validity
+from daemon.ipc.record import CycleRecord, DriveRecord
+from observer.filter.status import Validity
 
 _CATEGORY: Final = {
     StopCategory.NONE: FAINT,
@@ -111,12 +111,12 @@ def _strips(
     rows: tuple[tuple[str, list[str], list[str]], ...] = (
         (
             "mode",
-            [record.mode.name.lower() for record in records],
+            [record.mode for record in records],
             [GOOD if record.mode.active else FAINT for record in records],
         ),
         (
             "verdict",
-            [record.verdict.cause.name.lower() for record in records],
+            [record.verdict.cause for record in records],
             [_CATEGORY[record.verdict.category] for record in records],
         ),
         (drive, *_states(records, drive)),

@@ -14,15 +14,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
-from gaitd_client.texts import Catalogue
-from gaitd_client.texts.stops import key_of
+from gaitd_names import StopCategory
+from gaitd_texts import Catalogue
+from gaitd_texts.stops import key_of
 
 from analysis.recording import RecordingError
-from daemon.ipc.record import CycleRecord, LegRecord, StopCategory
+from daemon.ipc.record import CycleRecord, LegRecord
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import Kept, RingError, RingHeader, RingReader
 from daemon.report_messages import judgement
-from daemon.wire.names import name_of
 
 _NO_STOP: Final = "none"
 """Cause of a ring without a stop."""
@@ -141,7 +141,7 @@ def _found(records: Sequence[CycleRecord]) -> Kept:
     stop = next(latched, None)
     last = stop or records[-1]
     return Kept(
-        cause=name_of(last.verdict.cause) if stop else _NO_STOP,
+        cause=last.verdict.cause if stop else _NO_STOP,
         drive=last.verdict.drive if stop else "",
         stop_seq=last.seq,
         stop_utc_ns=last.sync_utc_ns,
@@ -156,7 +156,7 @@ def stop_text(recording: StopRecording, texts: Catalogue) -> str:
     cause, verdict = recording.kept.cause, recording.stop.verdict
     if cause in _WITHOUT_VERDICT:
         return texts.text(f"records.{cause}")
-    if name_of(verdict.cause) == cause:
+    if verdict.cause == cause:
         return texts.verdict(judgement(verdict))
     return texts.text(f"stopped.{key_of(cause)}", cause=cause)  # its record is damaged
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-from gaitd_client.texts import Catalogue
-from gaitd_client.wire.fields import POWER_STATES
+from gaitd_names import POWER_STATES, StopCategory
+from gaitd_texts import Catalogue
 
 from analysis.recording import COLUMNS
 from analysis.stop_recording import StopRecording, about, inputs_of, observed, remedy_of
@@ -64,13 +64,14 @@ def _modes(recording: StopRecording, texts: Catalogue) -> Iterator[tuple[str, ..
         if now != before:
             before = now
             where = f" ({verdict.drive})" if verdict.drive else ""
-            judged = f"{verdict.category.name} {verdict.cause.name.lower()}{where}"
+            stops = verdict.category is not StopCategory.NONE
+            judged = f"{verdict.category.name} {verdict.cause}{where}"
             yield (
                 f"{recording.from_stop_s(record):+.2f}",
-                record.mode.name.lower(),
-                judged if verdict.category else "-",
+                record.mode,
+                judged if stops else "-",
                 texts.verdict(judgement(verdict))
-                if verdict.category
+                if stops
                 else texts.progress(progress_message(record.progress)),
             )
 
@@ -146,9 +147,9 @@ def _rows(recording: StopRecording, leg: str) -> Iterator[tuple[str, ...]]:
         yield (
             *_cells((time_s, *inputs_of(one))),
             f"{recording.from_stop_s(record):.6f}",
-            record.mode.name.lower(),
+            record.mode,
             record.verdict.category.name,
-            record.verdict.cause.name.lower(),
+            record.verdict.cause,
         )
 
 

@@ -1,23 +1,21 @@
 """Events, refusals, verdicts and progress of records as messages.
 
-The record has numbers in the order of `wire/report_fields.py`, a message has them by name.
+The record has values in the order of `wire/report_fields.py`, a message has them by name.
 """
 
 import math
 
 from gaitd_client import wire
-from gaitd_client.wire.names import RefusalCode
+from gaitd_names import RefusalCode, StopCategory
 
-from daemon.ipc.record import StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from daemon.ipc.report import Event, Progress, Refusal
-from daemon.ipc.report import RefusalCode as CoreRefusal
-from daemon.wire.names import name_of
 from daemon.wire.report_fields import (
-    EVENT_FIELDS,
     PROGRESS_FIELDS,
     REFUSAL_FIELDS,
     VERDICT_FIELDS,
     named_values,
+    values_of,
 )
 
 
@@ -25,25 +23,19 @@ def judgement(verdict: Verdict) -> wire.Judgement:
     """The verdict as published; value and limit are null where nothing stops."""
     stops = verdict.category is not StopCategory.NONE
     return wire.Judgement(
-        category=verdict.category.name if stops else "none",
-        cause=name_of(verdict.cause),
+        category=verdict.category,
+        cause=verdict.cause,
         drive=verdict.drive or None,
         value=_finite(verdict.value) if stops else None,
         limit=_finite(verdict.limit) if stops else None,
-        finding=name_of(verdict.finding),
+        finding=verdict.finding,
         said=verdict.said,
     )
 
 
 def event_values(event: Event) -> wire.Values:
     """The values of a core's event by name; those of a refusal with its code."""
-    names = EVENT_FIELDS[event.code]
-    values = named_values(names, event.values)
-    refused = values.get("refusal")
-    if isinstance(refused, str):
-        of_refusal = REFUSAL_FIELDS[CoreRefusal[refused.upper()]]
-        values |= named_values(of_refusal, event.values[len(names) :])
-    return _with_null(values)
+    return _with_null(values_of(event))
 
 
 def verdict_values(verdict: Verdict) -> wire.Values:
@@ -54,7 +46,7 @@ def verdict_values(verdict: Verdict) -> wire.Values:
 def refusal_message(refusal: Refusal) -> wire.Refusal:
     """A refusal of the core."""
     return wire.Refusal(
-        code=name_of(refusal.code),
+        code=refusal.code,
         subject=refusal.subject or None,
         values=_with_null(named_values(REFUSAL_FIELDS[refusal.code], refusal.values)),
         said=refusal.said,
@@ -71,7 +63,7 @@ def progress_message(progress: Progress | None) -> wire.Progress | None:
     if progress is None:
         return None
     return wire.Progress(
-        code=name_of(progress.code),
+        code=progress.code,
         subject=progress.subject or None,
         values=_with_null(named_values(PROGRESS_FIELDS[progress.code], progress.values)),
     )

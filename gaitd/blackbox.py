@@ -199,7 +199,7 @@ def _show(
 
 def _requests(state: Path, newest: int, *, as_json: bool) -> None:
     from daemon.recorder.audit_file import fields_of, lines_of
-    from daemon.wire.names import printable
+    from daemon.wire.printable import printable
 
     lines = lines_of(state)[-newest:]
     if as_json:

@@ -5,7 +5,7 @@ from contextvars import ContextVar
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from gaitd_client.texts import Catalogue
+    from gaitd_texts import Catalogue
 
 _ENVIRONMENT: Final[ContextVar[Mapping[str, str]]] = ContextVar("environment")
 
@@ -17,6 +17,6 @@ def choose(environment: Mapping[str, str]) -> None:
 
 def texts() -> "Catalogue":
     """Return the operator's texts in the chosen language; English before one is chosen."""
-    from gaitd_client.texts import Reader, catalogue, language_of
+    from gaitd_texts import Reader, catalogue, language_of
 
     return catalogue(Reader.OPERATOR, language_of(_ENVIRONMENT.get({})))

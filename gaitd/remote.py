@@ -24,8 +24,8 @@ from gaitd_client import (
     read_credentials,
 )
 from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
-from gaitd_client.texts import Catalogue, Reader, catalogue
 from gaitd_client.trainer import NOT_STOPPED, STOP
+from gaitd_texts import Catalogue, Reader, catalogue
 from gaitd_toml import ConfigError
 
 from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text, with_config

@@ -6,7 +6,7 @@ from typing import Final
 
 import typer
 from gaitd_client import Cause, ClientError, wire
-from gaitd_client.texts import Catalogue
+from gaitd_texts import Catalogue
 
 from gaitd.command_line import JsonOption
 from gaitd.language import texts

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
+from gaitd_names import Cause, Mode, Stage
 from gaitd_toml import ConfigError, load_toml
 
 from analysis.delay import Delay, measure
@@ -19,10 +20,10 @@ from daemon.config.bundle import Settings
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
 from daemon.config.trainer import beside
-from daemon.ipc.record import Cause, CycleRecord, Mode, Stage
+from daemon.core.runtime.texts import verdict_text
+from daemon.ipc.record import CycleRecord
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
-from daemon.wire.report_fields import verdict_line
 from gaitd_lab.lockstep import LockstepSession, NotReachedError, RefusedError
 from gaitd_lab.lockstep_gateway import Gateway
 from gaitd_lab.studies.experiment.measures import Run
@@ -220,7 +221,7 @@ def _why(session: LockstepSession, run: Run) -> str:
     verdict, at_s = session.record.verdict, run.time_s[-1] if len(run.time_s) else 0.0
     if verdict.cause == Cause.NONE:
         return f"the scenario ended at {at_s:.2f} s: an axis has left its window"
-    return f"stopped at {at_s:.2f} s: {verdict_line(verdict)}"
+    return f"stopped at {at_s:.2f} s: {verdict_text(verdict)}"
 
 
 def _empty(robot: Robot, file: Path, named: str) -> Robot:

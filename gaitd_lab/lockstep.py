@@ -10,21 +10,15 @@ import errno
 from collections.abc import Callable, Mapping
 from typing import Final, Self
 
+from gaitd_names import Mode, Outcome, RequestKind, Stage
+
 from daemon.config.bundle import Settings
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import build
 from daemon.core.runtime.loop import Loop
 from daemon.core.runtime.process import loop_settings
 from daemon.core.runtime.systemd import Supervision
-from daemon.ipc.record import (
-    CycleRecord,
-    Mode,
-    ModeRequest,
-    Outcome,
-    RequestKind,
-    RequestResult,
-    Stage,
-)
+from daemon.ipc.record import CycleRecord, ModeRequest, RequestResult
 from gaitd_lab.lockstep_gateway import BOOT_ID, Gateway
 from gaitd_lab.virtual_machine import virtual_machine
 from sim_drives.build import Machine
@@ -221,7 +215,7 @@ class LockstepSession:
         """
         answer = self.request(kind, wanted)
         if answer.outcome != Outcome.DONE:
-            raise RefusedError(f"{kind.name.lower()} was refused: {answer.refusal}")
+            raise RefusedError(f"{kind} was refused: {answer.refusal}")
 
     # --- reaching a mode; each raises NotReachedError or RefusedError ---------------------------
 
@@ -268,9 +262,7 @@ class NotReachedError(Exception):
     """A condition of a script was not reached."""
 
     def __init__(self, within_s: float, record: CycleRecord) -> None:
-        super().__init__(
-            f"not within {within_s:g} s; mode {record.mode.name.lower()}, {record.progress}"
-        )
+        super().__init__(f"not within {within_s:g} s; mode {record.mode}, {record.progress}")
 
 
 class _NoSupervisor:

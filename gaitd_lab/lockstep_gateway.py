@@ -4,14 +4,14 @@ import errno
 from collections.abc import Callable
 from typing import Final
 
+from gaitd_names import RequestKind, Role
+
 from daemon.ipc.record import (
     CycleRecord,
     GatewayState,
     ModeRequest,
     Request,
-    RequestKind,
     RequestResult,
-    Role,
     Setpoint,
 )
 from daemon.ipc.report import Event

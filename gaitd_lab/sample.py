@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import msgspec
+from gaitd_names import Mode, RequestKind
 
 from daemon.config.shipped import configs_folder
 from daemon.core.runtime.build import ring_header
-from daemon.ipc.record import CycleRecord, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import CycleRecord, ModeRequest
 from daemon.ipc.ring_clip import ClipWriter, trimmed
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession

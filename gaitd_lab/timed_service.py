@@ -7,7 +7,9 @@ from collections.abc import Generator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from daemon.ipc.record import CycleRecord, Mode
+from gaitd_names import Mode
+
+from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RingError, RingReader
 from gaitd_lab.processes import (
     GAITD,

@@ -16,6 +16,7 @@ from typing import Any, Final, NamedTuple
 
 import msgspec
 import numpy as np
+from gaitd_names import Cause, Mode
 from gaitd_toml import load_toml
 from numpy.typing import NDArray
 
@@ -25,7 +26,7 @@ from daemon.config.limit_settings import Limits
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.config.trainer import beside
-from daemon.ipc.record import CycleRecord, LegRecord, Mode
+from daemon.ipc.record import CycleRecord, LegRecord
 from daemon.preflight.files import check_together
 from daemon.preflight.load import read_all
 from gaitd_lab.lockstep import LockstepSession, RefusedError
@@ -253,7 +254,7 @@ class _Run:
 
     def _why(self) -> str:
         verdict = self._session.record.verdict
-        return "" if not verdict.cause else f"{verdict.drive}: {verdict.cause.name.lower()}"
+        return "" if verdict.cause is Cause.NONE else f"{verdict.drive}: {verdict.cause}"
 
 
 def of_axes(legs: Sequence[LegRecord], field: str) -> NDArray[Any]:

@@ -19,6 +19,8 @@ LINTER = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
 
 FOLDER = {
     "gaitd_client": PROJECT / "clients" / "python",
+    "gaitd_names": PROJECT / "clients" / "python",
+    "gaitd_texts": PROJECT / "clients" / "python",
     "gaitd_toml": PROJECT / "clients" / "python",
     "gaitd_display": PROJECT / "clients" / "display",
     "gaitd_session": PROJECT / "clients" / "session",
@@ -39,7 +41,8 @@ PYTEST = "pytest is not needed to run gaitd: only the plugin that it ships impor
 SHIPPED = "the service imports neither commands nor laboratory nor simulated time"
 JUDGEMENT = "commands ask whether a configuration is good; nothing that they start does"
 ALONE = "the client library is complete without gaitd"
-NETWORK = "files are read without the network that the client library loads"
+EDGE = "texts are for the edge of the core, not for what moves the machine"
+NETWORK = "names, texts and files load no network"
 MESSAGES = "messages are for gateway and clients, not for what moves the machine"
 TOOLS = "the service and the virtual drives need no package of the tools"
 COMMAND_LINE = "of the laboratory only its commands know the command line"
@@ -71,6 +74,9 @@ PLANTS = (
     Plant("daemon.core", "daemon.preflight.acceptance", JUDGEMENT),
     Plant("gaitd_client", "daemon.ipc.record", ALONE),
     Plant("gaitd_toml", "gaitd_client.wire", NETWORK),
+    Plant("gaitd_names", "gaitd_client.wire", NETWORK),
+    Plant("gaitd_texts", "gaitd_client.wire", NETWORK),
+    Plant("daemon.core.steps", "gaitd_texts", EDGE),
     Plant("daemon.core", "gaitd_client.stream", MESSAGES),
     Plant("gaitd_display", "daemon.ipc.record", "the display sees messages alone"),
     Plant("gaitd_record", "daemon.ipc.record", "the recorder sees the client library alone"),

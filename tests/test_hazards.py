@@ -5,7 +5,7 @@ import re
 from functools import cache
 from pathlib import Path
 
-from daemon.ipc.record import Cause
+from gaitd_names import Cause
 
 PROJECT = Path(__file__).resolve().parent.parent
 PAGE = PROJECT / "docs" / "hazards.md"

@@ -196,6 +196,8 @@ GUIDED = (
     *("sim_drives", "sim_drives/canopen", "sim_drives/cia402", "sim_drives/faults"),
     *("sim_drives/plant", "sim_drives/time"),
     *("clients/python/gaitd_client", "clients/python/gaitd_client/wire"),
+    "clients/python/gaitd_names",
+    "clients/python/gaitd_texts",
     "clients/python/gaitd_toml",
     "clients/display/gaitd_display",
     "clients/session/gaitd_session",

@@ -7,8 +7,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from gaitd_client.texts import Catalogue
 from gaitd_client.wire import JOINTS
+from gaitd_texts import Catalogue
 
 from analysis.acceptance.record import AcceptanceRecord, Finding, Judgement, Section, StopTrace
 from analysis.acceptance.words import finding_texts

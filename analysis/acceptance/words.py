@@ -6,7 +6,7 @@ a finding `section` and `report`.
 """
 
 from gaitd_client import StopCategory, wire
-from gaitd_client.texts import Catalogue
+from gaitd_texts import Catalogue
 
 from analysis.acceptance.record import Finding, Reason, Service, Values
 

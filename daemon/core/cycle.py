@@ -8,6 +8,8 @@ frames -> drives: decode, state -> units: SI at the joint -> observer: estimate
 from collections.abc import Sequence
 from typing import Final
 
+from gaitd_names import Mode
+
 from daemon.core import cycle_record, inputs
 from daemon.core.period import cycles
 from daemon.core.safety import checks
@@ -26,7 +28,7 @@ from daemon.core.steps import (
 )
 from daemon.core.steps.wanted import enable_wanted, is_driving
 from daemon.core.tick import Tick
-from daemon.ipc.record import CycleRecord, GatewayState, Mode
+from daemon.ipc.record import CycleRecord, GatewayState
 from drives.canopen.bus import Frame
 
 POSE_CYCLES: Final = cycles(1.0)

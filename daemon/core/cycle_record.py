@@ -78,7 +78,7 @@ def _clipped(reported: Reported) -> Reported:
 def _assist(core: Core) -> AssistRecord:
     return AssistRecord(
         accepted_count=core.setpoint_accepted_count,
-        refused_count=tuple(core.setpoint_refused_count),
+        refused_count=dict(core.setpoint_refused_count),
         lapse_count=core.lapse_count,
         lapse_reason=core.lapse_reason,
     )

@@ -17,9 +17,10 @@ Rules:
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from gaitd_names import EventCode
+
 from daemon.core.state import Core
 from daemon.ipc.record import GatewayState, Request
-from daemon.ipc.report import EventCode
 from daemon.wire.roles import ROLES, Access
 
 

@@ -1,9 +1,12 @@
 """The mutable state of the core that is kept from one cycle to the next."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
+
+from gaitd_names import Cause, Doubt, EventCode, Lapse, Mode, SelfTestDue, SetpointRefusal, Untested
 
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, Reference
@@ -22,9 +25,8 @@ from daemon.core.safety.limits import AxisLimits
 from daemon.core.safety.soft_limits import SoftZone
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
-from daemon.ipc.record import Cause, Mode, Request, RequestResult, Setpoint, Verdict
-from daemon.ipc.report import Doubt, Event, EventCode, Lapse, Progress, SelfTestDue, Untested
-from daemon.wire.refusals import SetpointRefusal
+from daemon.ipc.record import Request, RequestResult, Setpoint, Verdict
+from daemon.ipc.report import Event, Progress
 from drives.cia402.drive import DriveGroup
 from drives.cia402.torque import TorqueSampling
 from drives.cia402.units import AxisScaling
@@ -245,8 +247,10 @@ class Core:
     assist_cap_si: tuple[float, float] = (math.inf, math.inf)
     """Cap of assist by the released plan of a session's gait: hip and slide, N·m and N."""
     setpoint_accepted_count: int = 0
-    setpoint_refused_count: list[int] = field(default_factory=lambda: [0] * len(SetpointRefusal))
-    """Refused setpoints by reason, in the order of `SetpointRefusal`."""
+    setpoint_refused_count: Counter[SetpointRefusal] = field(
+        default_factory=Counter[SetpointRefusal]
+    )
+    """Refused setpoints by reason."""
     lapse_count: int = 0
     lapse_reason: Lapse = Lapse.NONE
     """Reason of the newest lapse of assist."""
@@ -266,7 +270,9 @@ class Core:
         """Collect the axes; legs and axes are the same objects for the life of a core."""
         self.axes = tuple(axis for leg in self.legs for axis in leg.axes)
 
-    def report(self, code: EventCode, subject: str = "", *values: float, said: str = "") -> None:
+    def report(
+        self, code: EventCode, subject: str = "", *values: float | str, said: str = ""
+    ) -> None:
         """Publish an event with one of the next records; see `Event`."""
         self.publish([Event(code, subject, values, said)])
 

@@ -12,16 +12,15 @@ from typing import Final
 
 import msgspec
 from gaitd_client import wire
-from gaitd_client.wire.names import EventCode, RefusalCode
+from gaitd_names import EventCode, Outcome, RefusalCode, Role
 
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.requests import ROUTES, Answer, Route
 from daemon.ipc.decoding import Decoder, RefusedError
-from daemon.ipc.record import Outcome, Plan, Role
+from daemon.ipc.record import Plan
 from daemon.keys.folder import AUTHORITY, GATEWAY, Keys
 from daemon.report_messages import refused
 from daemon.system.files import remove_file, replace_file
-from daemon.wire.names import name_of
 from daemon.wire.roles import ROLES, Access, role_of
 
 PLAN_FILE: Final = "plan.json"
@@ -84,7 +83,7 @@ class Clients:
             raise ClientRefusedError(refused(RefusalCode.CLIENT_UNNAMED, request=name))
         role = role_of(client)
         if route in ACCESS and ACCESS[route] not in ROLES[role].access:
-            may_not = refused(RefusalCode.ROLE_MAY_NOT, role=name_of(role), request=name)
+            may_not = refused(RefusalCode.ROLE_MAY_NOT, role=role, request=name)
             raise ClientRefusedError(may_not)
         return role
 

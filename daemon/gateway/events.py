@@ -14,23 +14,12 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from gaitd_client import wire
-from gaitd_client.wire.fields import NMT_STATES
-from gaitd_client.wire.names import EventCode, Kind, Priority
+from gaitd_names import NMT_STATES, Cause, EventCode, Kind, Mode, Priority, StopCategory
 
 from daemon.gateway.translate import Stamp, head, power_state_name
-from daemon.ipc.record import (
-    Cause,
-    CycleRecord,
-    DriveRecord,
-    EmergencyRecord,
-    Mode,
-    StopCategory,
-    Verdict,
-)
+from daemon.ipc.record import CycleRecord, DriveRecord, EmergencyRecord, Verdict
 from daemon.ipc.report import Event
-from daemon.ipc.report import EventCode as CoreCode
 from daemon.report_messages import event_values, verdict_values
-from daemon.wire.names import name_of
 from daemon.wire.report_fields import VERDICTS
 
 HISTORY_COUNT: Final = 200
@@ -76,7 +65,7 @@ DESCRIPTOR_BACK: Final = EventDraft(Priority.LOW, Kind.NOTE, EventCode.DESCRIPTO
 def new_events(before: CycleRecord | None, now: CycleRecord) -> list[EventDraft]:
     """All events between two consecutive records of a core; `before` is None for the first."""
     if before is None:
-        mode = {"mode": name_of(now.mode)}
+        mode = {"mode": now.mode}
         drafts = [EventDraft(Priority.INFO, Kind.CORE, EventCode.CORE_RUNNING, mode)]
         latched = _verdict_change(Verdict(), now.verdict)
         return drafts + latched + [_of_core(event) for event in now.events]
@@ -205,20 +194,20 @@ class EventLog:
             priority=item.priority.value,
             kind=item.kind.value,
             code=item.code,
-            cause=name_of(item.cause) if item.cause is not None else None,
+            cause=item.cause if item.cause is not None else None,
             subject=item.subject,
             values=dict(item.values),
             said=item.said,
         )
 
 
-_LOW: Final = frozenset(code for code in CoreCode if code.name.startswith("CAN_"))
+_LOW: Final = frozenset(code for code in EventCode if code.name.startswith("CAN_"))
 """Events of the core that need attention: those of the CAN controller."""
 _KINDS: Final = {
-    CoreCode.MODE_CHANGED: Kind.MODE,
-    CoreCode.REQUEST_RECEIVED: Kind.REQUEST,
-    CoreCode.REQUEST_REFUSED: Kind.REQUEST,
-    CoreCode.REQUEST_DONE: Kind.REQUEST,
+    EventCode.MODE_CHANGED: Kind.MODE,
+    EventCode.REQUEST_RECEIVED: Kind.REQUEST,
+    EventCode.REQUEST_REFUSED: Kind.REQUEST,
+    EventCode.REQUEST_DONE: Kind.REQUEST,
 }
 """Kinds of the core's events; the others are notes."""
 
@@ -226,7 +215,7 @@ _KINDS: Final = {
 def _of_core(event: Event) -> EventDraft:
     priority = Priority.LOW if event.code in _LOW else Priority.INFO
     kind, subject = _KINDS.get(event.code, Kind.NOTE), event.subject or None
-    return EventDraft(priority, kind, name_of(event.code), event_values(event), subject, event.said)
+    return EventDraft(priority, kind, event.code, event_values(event), subject, event.said)
 
 
 def _names_cause(event: Event, cause: Cause) -> bool:
@@ -240,7 +229,7 @@ def _has_no_mode(drafts: Iterable[EventDraft]) -> bool:
 def _mode_change(before: Mode, now: Mode) -> list[EventDraft]:
     if before is now:
         return []
-    values = {"mode_before": name_of(before), "mode": name_of(now), "trigger": None}
+    values = {"mode_before": before, "mode": now, "trigger": None}
     priority = Priority.MEDIUM if now is Mode.FAULT else Priority.INFO
     return [EventDraft(priority, Kind.MODE, EventCode.MODE_CHANGED, values)]
 

@@ -13,12 +13,10 @@ from typing import Final
 import msgspec
 from gaitd_client import wire
 from gaitd_client.wire.health_messages import BusHealth, DriveHealth
+from gaitd_names import CyclePart, SetpointRefusal
 
 from daemon.gateway.translate import Stamp, finite, head
-from daemon.ipc.cycle_timing import CyclePart
 from daemon.ipc.record import BusRecord, CycleRecord, DriveRecord
-from daemon.wire.names import name_of
-from daemon.wire.refusals import SetpointRefusal
 
 LATENESS_BOUND_US: Final = (50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000)
 
@@ -140,19 +138,18 @@ class HealthWindow:
 
 def _refused(counters: Counters, newest: CycleRecord | None) -> dict[str, int]:
     """Refused setpoints by reason: the sum of the gateway's and the core's refusals."""
-    by_core = newest.assist.refused_count if newest else ()
+    by_core = newest.assist.refused_count if newest else {}
     return {
-        name_of(reason): counters.setpoint_refused_count.get(reason, 0)
-        + (by_core[reason] if reason < len(by_core) else 0)
+        reason: counters.setpoint_refused_count.get(reason, 0) + by_core.get(reason, 0)
         for reason in SetpointRefusal
-        if reason
     }
 
 
 def _by_part(newest: CycleRecord | None) -> dict[str, int]:
     """Overruns by part of the cycle; empty without a record."""
-    counts = newest.timing.overrun_by_part if newest else ()
-    return {name_of(part): count for part, count in zip(CyclePart, counts, strict=False)}
+    if newest is None:
+        return {}
+    return {part: newest.timing.overrun_by_part.get(part, 0) for part in CyclePart}
 
 
 def _bus_health(bus: BusRecord) -> BusHealth:

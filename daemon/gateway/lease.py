@@ -22,7 +22,7 @@ from enum import StrEnum, auto
 from typing import Final, NamedTuple
 
 from gaitd_client import wire
-from gaitd_client.wire.names import RefusalCode
+from gaitd_names import RefusalCode
 
 from daemon.config.settings import Lease as LeaseRules
 from daemon.report_messages import refused

@@ -9,16 +9,13 @@ from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
 from gaitd_client import wire
-from gaitd_client.wire.names import EventCode, RefusalCode
+from gaitd_names import EventCode, Lapse, Mode, Outcome, RefusalCode, SetpointRefusal
 
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.lease import Ended, LeaseEnd, LeaseManager, LeaseRefusedError
 from daemon.gateway.setpoints import Batch, SetpointStore
-from daemon.ipc.record import CycleRecord, Mode, Outcome, Setpoint
-from daemon.ipc.report import Lapse
+from daemon.ipc.record import CycleRecord, Setpoint
 from daemon.report_messages import refused
-from daemon.wire.names import name_of
-from daemon.wire.refusals import SetpointRefusal
 
 STOPPED: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 """Modes in which no lease can be held."""
@@ -90,7 +87,7 @@ class LeaseControl:
             drafts += self._refuse(SetpointRefusal.FLOOD, batch.dropped_count, now_ns)
         for arrival in batch.arrivals:
             refusal = self._setpoints.receive(arrival, self._legs, self.lease)
-            if refusal is not SetpointRefusal.NONE:
+            if refusal is not None:
                 drafts += self._refuse(refusal, 1, now_ns)
         return drafts
 
@@ -162,12 +159,12 @@ class LeaseControl:
     def _refused_by_core(
         self, before: CycleRecord, record: CycleRecord, now_ns: int
     ) -> list[EventDraft]:
-        counts = zip(before.assist.refused_count, record.assist.refused_count, strict=False)
+        was = before.assist.refused_count
         return [
             happening
-            for reason, (was, now) in enumerate(counts)
-            if now > was
-            for happening in self._report(SetpointRefusal(reason), now_ns)
+            for reason, count in record.assist.refused_count.items()
+            if count > was.get(reason, 0)
+            for happening in self._report(reason, now_ns)
         ]
 
     def _refuse(self, reason: SetpointRefusal, count: int, now_ns: int) -> list[EventDraft]:
@@ -180,10 +177,10 @@ class LeaseControl:
             return []
         self._reported.add(reason)
         self._reported_ns.append(now_ns)
-        values = {"holder": self.leases.holder, "setpoint_refusal": name_of(reason)}
+        values = {"holder": self.leases.holder, "setpoint_refusal": reason}
         return [EventDraft(Priority.LOW, Kind.REQUEST, EventCode.SETPOINT_REFUSED, values)]
 
 
 def _lapsed(holder: str | None, lapse: Lapse) -> EventDraft:
-    values = {"client": holder, "lapse": name_of(lapse)}
+    values = {"client": holder, "lapse": lapse}
     return EventDraft(Priority.MEDIUM, Kind.MODE, EventCode.ASSIST_LAPSED, values)

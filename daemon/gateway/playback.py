@@ -10,13 +10,13 @@ from tempfile import TemporaryDirectory
 from typing import Final
 
 from gaitd_client import wire
-from gaitd_client.wire.names import RefusalCode
+from gaitd_names import RefusalCode, Role
 
 from daemon.config.settings import Lease
 from daemon.gateway.clients import PLAN_FILE, ClientRefusedError, Clients, PlanStore
 from daemon.gateway.outlet import Outlet
 from daemon.gateway.service import Gateway
-from daemon.ipc.record import CycleRecord, GatewayState, Role
+from daemon.ipc.record import CycleRecord, GatewayState
 from daemon.ipc.transport import RingHeader
 from daemon.report_messages import refused
 from daemon.system.clock import AgeClock, MonotonicClock

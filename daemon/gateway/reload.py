@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Final
 
-from gaitd_client.wire.names import EventCode
+from gaitd_names import EventCode
 from gaitd_toml import ConfigError
 
 from daemon.config.trainer import TrainerFile

@@ -28,21 +28,10 @@ from typing import Final, NamedTuple, Protocol
 
 import msgspec
 from gaitd_client import wire
-from gaitd_client.wire.names import RefusalCode
+from gaitd_names import Mode, Outcome, RefusalCode, RequestKind, Role
 
 from daemon.ipc.decoding import Decoder, RefusedError
-from daemon.ipc.record import (
-    CycleRecord,
-    GatewayState,
-    Mode,
-    ModeRequest,
-    Outcome,
-    Plan,
-    Request,
-    RequestKind,
-    Role,
-    Setpoint,
-)
+from daemon.ipc.record import CycleRecord, GatewayState, ModeRequest, Plan, Request, Setpoint
 from daemon.report_messages import refusal_message, refused
 
 
@@ -151,7 +140,7 @@ def mode_request(payload: wire.Ask) -> ModeRequest:
     if not isinstance(payload, wire.ModeAsk):
         return ModeRequest()
     return ModeRequest(
-        mode=Mode[payload.mode.upper()],
+        mode=Mode(payload.mode),
         cadence_hz=payload.cadence_hz,
         amplitude_ratio=payload.amplitude_ratio,
         duration_s=payload.duration_s,
@@ -223,7 +212,7 @@ class RequestQueue:
             busy = refused(RefusalCode.BUSY, open_request=self._pending.name)
             return Answer(ticket, Outcome.REFUSED, busy)
         mode = mode_request(payload)
-        kind = RequestKind[name.upper()]
+        kind = RequestKind(name)
         self._request_id += 1
         for_cycle = self._cycle if payload.for_cycle is None else payload.for_cycle
         request = Request(self._request_id, kind, for_cycle, mode, role, plan)

@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple, Protocol
 
 import msgspec
 from gaitd_client import wire
-from gaitd_client.texts import Reader, catalogue
-from gaitd_client.wire.names import EventCode, ProgressCode, RefusalCode
+from gaitd_names import EventCode, Mode, Outcome, ProgressCode, RefusalCode, Role
+from gaitd_texts import Reader, catalogue
 
 from daemon.config.settings import Lease
 from daemon.gateway import events, requests, translate
@@ -28,11 +28,11 @@ from daemon.gateway.presence import SILENCE_NS, Presence
 from daemon.gateway.requests import Inquiry
 from daemon.gateway.setpoints import NOTHING, Batch
 from daemon.gateway.translate import Stamp
-from daemon.ipc.record import CycleRecord, DriveRecord, GatewayState, Mode, Outcome, Role
+from daemon.ipc.record import CycleRecord, DriveRecord, GatewayState
 from daemon.ipc.transport import RareNotice, RingError, RingHeader
 from daemon.report_messages import refused
 from daemon.system.clock import AgeClock
-from daemon.wire.names import name_of, printable
+from daemon.wire.printable import printable
 
 STATE_PERIOD_NS: Final = 20_000_000
 DRIVES_PERIOD_NS: Final = 100_000_000
@@ -204,7 +204,9 @@ class Gateway:
     def status(self) -> str:
         """One line for systemd's status."""
         record = self._newest if self._presence.is_present else None
-        return f"core {name_of(record.mode)}" if record else "no records from a core"
+        if record is None:
+            return "no records from a core"
+        return f"{self._texts.text(f'mode.{record.mode}')} [{record.mode}]"
 
     def close(self) -> None:
         """Answer the queries that still wait."""
@@ -312,7 +314,7 @@ class Gateway:
         )
         for event in made:
             self._outlet.put_event(event)
-            extra = {"event": event, "mode": self._newest and name_of(self._newest.mode)}
+            extra = {"event": event, "mode": self._newest and self._newest.mode}
             text = self._texts.event(event)
             self._log.log(_LOG_LEVEL[event.priority], "%s", text, extra=extra)
 
@@ -404,7 +406,7 @@ class Gateway:
         """Refuse a restart that would stop the machine, or after which no gateway could start."""
         record = self._newest  # also of a core that is silent now: it may be moving the machine
         if record and (record.mode.active or record.mode is Mode.STOPPING):
-            why = refused(RefusalCode.WOULD_STOP, mode_now=name_of(record.mode))
+            why = refused(RefusalCode.WOULD_STOP, mode_now=record.mode)
         elif self._requests.is_waiting:
             why = refused(RefusalCode.ANSWER_OUTSTANDING)
         elif trouble := self._check_keys():
@@ -434,7 +436,7 @@ class Gateway:
         lease = {"lease": decision.number, "lease_duration_ms": decision.duration_ms}
         inquiry.answer(msgspec.structs.replace(reply, **lease))
         if not decision.renewed:
-            outcome = name_of(decision.outcome)
+            outcome = decision.outcome
             draft = events.request_answered(inquiry.name, client, outcome, decision.refusal)
             self._publish_request(draft)
 
@@ -469,7 +471,7 @@ class Gateway:
                 )
 
     def _answer(self, answer: requests.Answer, waiting: Waiting) -> None:
-        inquiry, outcome = waiting.inquiry, name_of(answer.outcome)
+        inquiry, outcome = waiting.inquiry, answer.outcome
         inquiry.answer(self._reply(inquiry.name, answer.outcome, answer.refusal))
         if not answer.by_core:
             draft = events.request_answered(inquiry.name, waiting.client, outcome, answer.refusal)
@@ -486,9 +488,9 @@ class Gateway:
             # Unknown names share one counter, so that clients cannot create counters at will.
             **self._head(wire.CONTROL, name if name in requests.ROUTES else ""),
             request=name,
-            outcome=name_of(outcome),
+            outcome=outcome,
             refusal=refusal,
-            mode=name_of(record.mode) if record else None,
+            mode=record.mode if record else None,
         )
 
     def _information(self, name: str) -> msgspec.Struct:

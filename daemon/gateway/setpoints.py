@@ -21,10 +21,10 @@ from typing import Final, NamedTuple
 
 import msgspec
 from gaitd_client import wire
+from gaitd_names import SetpointRefusal
 
 from daemon.ipc.decoding import Decoder, RefusedError
 from daemon.ipc.record import Setpoint
-from daemon.wire.refusals import SetpointRefusal
 
 SETPOINT_SIZE_MAX: Final = 1024
 """Maximum size of a payload in bytes."""
@@ -128,8 +128,10 @@ class SetpointStore:
         """Drop all setpoints, because the lease has changed or ended."""
         self._newest.clear()
 
-    def receive(self, arrival: Arrival, legs: Collection[str], lease: int) -> SetpointRefusal:
-        """Check one message and keep its setpoint; returns NONE or the reason for refusal."""
+    def receive(
+        self, arrival: Arrival, legs: Collection[str], lease: int
+    ) -> SetpointRefusal | None:
+        """Check one message and keep its setpoint; returns None or the reason for refusal."""
         if len(arrival.payload) > SETPOINT_SIZE_MAX:
             return SetpointRefusal.TOO_LARGE
         read = _read(arrival.payload)
@@ -147,7 +149,7 @@ class SetpointStore:
             return SetpointRefusal.REPEATED if repeated else SetpointRefusal.REORDERED
         setpoint = msgspec.convert(read, Setpoint, from_attributes=True)
         self._newest[arrival.leg] = msgspec.structs.replace(setpoint, leg=arrival.leg)
-        return SetpointRefusal.NONE
+        return None
 
 
 def _read(payload: bytes) -> wire.SetpointMessage | SetpointRefusal:

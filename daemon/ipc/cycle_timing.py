@@ -1,21 +1,7 @@
 """Durations of the parts of a cycle, and overruns: a part of its record (`record.py`)."""
 
-from enum import IntEnum
-
 import msgspec
-
-
-class CyclePart(IntEnum):
-    """Parts of a cycle that can cause an overrun."""
-
-    WAKE_UP = 0
-    """Before SYNC: the process was not scheduled in time, or work between two windows took long."""
-    WINDOW = 1
-    """Receiving the drives' answers."""
-    WORK = 2
-    """From the samples to the commands on the bus."""
-    PUBLISH = 3
-    """Writing the record into the ring, the state file, and notifying systemd."""
+from gaitd_names import CyclePart
 
 
 class CycleTiming(msgspec.Struct, frozen=True, array_like=True):
@@ -34,5 +20,5 @@ class CycleTiming(msgspec.Struct, frozen=True, array_like=True):
     (no answer, a bus without timestamps, the wall clock was set meanwhile)."""
     publish_ns: int = 0
     """Duration in the previous cycle: record into the ring, state file, systemd."""
-    overrun_by_part: tuple[int, ...] = (0,) * len(CyclePart)
-    """`overrun_count` by the part that exceeded its time the most."""
+    overrun_by_part: dict[CyclePart, int] = {}
+    """`overrun_count` by the part that exceeded its time the most; parts without one are absent."""

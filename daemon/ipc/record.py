@@ -1,4 +1,4 @@
-"""Records of the core and the gateway state: the structs exchanged over ipc, with their enums.
+"""Records of the core and the gateway state: the structs exchanged over ipc.
 
 The core fills one `CycleRecord` in each cycle: everything that the cycle measured, decided and
 sent. The gateway, the black box, replay and the golden tests read the same record. `GatewayState`
@@ -11,15 +11,26 @@ efforts have no unit in their name; the kind of the joint gives it: rad, rad/s, 
 m/s, N for the slide. `_std` is the standard deviation of the field before it.
 """
 
-from enum import IntEnum
 from typing import Annotated, Final
 
 import msgspec
+from gaitd_names import (
+    Cause,
+    Finding,
+    Lapse,
+    Mode,
+    Outcome,
+    RequestKind,
+    Role,
+    SetpointRefusal,
+    Stage,
+    StopCategory,
+)
 from msgspec import Meta
 
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.decoding import Count, Name
-from daemon.ipc.report import Event, Finding, Lapse, Progress, Refusal
+from daemon.ipc.report import Event, Progress, Refusal
 
 NAN: Final = float("nan")
 STATE_COUNT: Final = 8
@@ -27,154 +38,6 @@ STATE_COUNT: Final = 8
 SETPOINTS_MAX: Final = 8
 TEXT_BYTES_MAX: Final = 400
 """Maximum size of what a drive has said: a slot has a fixed size."""
-
-
-class Mode(IntEnum):
-    """Modes of the service. From HOLD on the drives move or hold the legs."""
-
-    OFF = 0
-    BRINGING_UP = 1
-    READY = 2
-    STOPPING = 3
-    FAULT = 4
-    HOLD = 10
-    GAIT = 11
-    TORQUE = 12
-    EXCITE = 13
-    REFERENCE = 14
-    """One axis homes; the others have no power."""
-    COMMISSION = 15
-    """The sign of one axis is being proven; the others have no power."""
-    HAND_GUIDING = 16
-    """Hand guiding: no stiffness; the drives carry the load and damp the motion."""
-    SELF_TEST = 17
-    """Each axis in turn moves a little and back: checks signs, load and friction for the day."""
-
-    @property
-    def active(self) -> bool:
-        """True if the drives are enabled on purpose in this mode."""
-        return self >= Mode.HOLD
-
-
-class Stage(IntEnum):
-    """Progress of an exercise, the same for all: gait, excitation, self-test, homing, ...
-
-    A stage may be left out; the order never reverses.
-    """
-
-    PREPARING = 1
-    """Nothing moves: drives are brought up, enabled, or change their mode of operation."""
-    ANNOUNCING = 2
-    """Nothing moves yet; the person in the machine is warned."""
-    APPROACHING = 3
-    """The leg is moved to the pose in which the exercise begins."""
-    PLAYING = 4
-    """The requested exercise runs: strides, a scenario, hand guiding, a test, homing."""
-    ENDING = 5
-    """The leg comes to the pose, or to rest, in which the exercise ends."""
-    OVER = 6
-
-
-class StopCategory(IntEnum):
-    """Way of stopping, in rising severity."""
-
-    NONE = 0
-    S2 = 1
-    """Assist fades; brake and hold position with the drives enabled."""
-    S1 = 2
-    """Quick stop of both axes, held in quick stop active (or brake, then off)."""
-    S0 = 3
-    """Disable voltage."""
-
-
-class Cause(IntEnum):
-    """Cause of a stop or of a refused start. `daemon/wire/causes.py` has the fixed categories."""
-
-    NONE = 0
-    # requested
-    STOP_REQUESTED = 1
-    SHUTDOWN = 2
-    # the gateway and the core
-    GATEWAY_SILENT = 10
-    CYCLE_OVERRUN = 11
-    COMMAND_NOT_FINITE = 12
-    LAST_END_UNKNOWN = 13
-    # the emergency means of the patient and of a person nearby
-    HAND_SWITCH_OPEN = 20
-    STO_ACTIVE = 21
-    INPUTS_IMPOSSIBLE = 22
-    # a drive and its bus
-    BUS_DOWN = 30
-    DRIVE_SILENT = 31
-    HEARTBEAT_LOST = 32
-    DRIVE_REBOOTED = 33
-    DRIVE_NOT_OPERATIONAL = 34
-    DRIVE_FAULT = 35
-    EMERGENCY = 36
-    DRIVE_LEFT_ENABLED = 37
-    MODE_NOT_SHOWN = 38
-    NOT_FOLLOWING = 39
-    BRING_UP_FAILED = 40
-    BUS_OFF = 41
-    TRANSMIT_QUEUE_FULL = 42
-    DRIVE_POWERED = 43
-    UNEXPECTED_ENABLE = 44
-    # a drive's report about the joint
-    ENCODER_FROZEN = 50
-    ENCODER_JUMP = 51
-    UNREFERENCED = 52
-    SIGN_WRONG = 53
-    EFFORT_DEVIATION = 54
-    MOVED_AGAINST_DRIVE = 55
-    # limits at the joint, from raw drive values
-    POSITION_LIMIT = 60
-    VELOCITY_LIMIT = 61
-    EFFORT_LIMIT = 62
-    POWER_LIMIT = 63
-    TRACKING_LIMIT = 64
-    TEMPERATURE_LIMIT = 65
-    SINGULARITY = 66
-    LIMIT_SWITCH = 67
-    ENERGY_LIMIT = 68
-    STOPPING_PATH = 69
-    # the estimate: it may add stops, never remove one
-    OBSERVER_INVALID = 70
-    STATIC_LOAD_WRONG = 71
-    SPASM = 72
-    SELF_TEST_FAILED = 73
-    CLONUS = 74
-    # escalation
-    STOP_NOT_OBEYED = 80
-
-
-class RequestKind(IntEnum):
-    """Request of a client to the core, one outstanding at a time. A stop is a counter instead."""
-
-    NONE = 0
-    ENABLE = 1
-    DISABLE = 2
-    RESET = 3
-    MODE = 4
-
-
-class Role(IntEnum):
-    """Role of a client, as its credentials show it; rights in `daemon/wire/roles.py`."""
-
-    UNRESTRICTED = 0
-    """The service has no keys: clients cannot be distinguished."""
-    DISPLAY = 1
-    CONTROLLER = 2
-    SESSION = 3
-    OPERATOR = 4
-    SERVICE = 5
-
-
-class Outcome(IntEnum):
-    """Outcome of a request."""
-
-    PENDING = 0
-    DONE = 1
-    REFUSED = 2
 
 
 class Verdict(msgspec.Struct, frozen=True, array_like=True):
@@ -191,7 +54,7 @@ class Verdict(msgspec.Struct, frozen=True, array_like=True):
     """What the drive or the operating system has said; empty if nothing."""
 
     @property
-    def values(self) -> tuple[float, ...]:
+    def values(self) -> tuple[float | str, ...]:
         """The values of an event or a refusal that reports this verdict."""
         return self.category, self.cause, self.value, self.limit, self.finding
 
@@ -462,8 +325,8 @@ class AssistRecord(msgspec.Struct, frozen=True, array_like=True):
     """Setpoints of controllers, counted since core start."""
 
     accepted_count: int = 0
-    refused_count: tuple[int, ...] = ()
-    """Setpoints refused by the core, in the order of `daemon.wire.refusals.SetpointRefusal`."""
+    refused_count: dict[SetpointRefusal, int] = {}
+    """Setpoints refused by the core, by reason; reasons without one are absent."""
     lapse_count: int = 0
     """Times that assist ended because the lease ended or setpoints were stale."""
     lapse_reason: Lapse = Lapse.NONE

@@ -31,17 +31,18 @@ from pathlib import Path
 from typing import Annotated, Final, Protocol
 
 import msgspec
+from gaitd_names import EventCode
 from msgspec import Meta
 from msgspec.structs import replace
 
 from daemon.ipc import starting
 from daemon.ipc.decoding import INTEGER_MAX, Count, Decoder, RefusedError
 from daemon.ipc.record import CycleRecord, GatewayState
-from daemon.ipc.report import Event, EventCode
+from daemon.ipc.report import Event
 
 MAGIC: Final = b"GAITDRB2"
 HEADER_SIZE: Final = 16384
-SLOT_SIZE: Final = 7232
+SLOT_SIZE: Final = 7424
 """Size of a slot in bytes: for the largest record, with two legs and all events and emergencies."""
 SLOT_COUNT: Final = 3000
 """30 s of 10 ms."""

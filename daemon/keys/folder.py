@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Annotated, Final, NamedTuple
 
 import msgspec
+from gaitd_names import Role
 from gaitd_toml import ConfigError
 from msgspec import Meta
 
 from daemon.ipc.decoding import Decoder, RefusedError
-from daemon.ipc.record import Role
 from daemon.wire.roles import IDENTITY, role_of
 
 CLIENTS: Final = "clients.json"

@@ -13,13 +13,13 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from gaitd_names import Cause
 from gaitd_toml import MISSING, ConfigError, Errors
 
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits, effort_per_motor_nm
 from daemon.config.limit_settings import HipLimits, SlideLimits
 from daemon.config.unread import UNREAD, UnreadError
-from daemon.ipc.record import Cause
 from daemon.preflight.assist import (
     ASSIST_CHECKS,
     a_fade_is_not_too_fast,
@@ -239,7 +239,7 @@ def _the_bus_can_carry_it(settings: Settings) -> Errors:
 
 def _categories_are_complete_and_allowed(settings: Settings) -> Errors:
     file, table = settings.file.limits, settings.limits.stop_category
-    chosen = {cause.name.lower(): cause for cause in CHOSEN_CATEGORY}
+    chosen = {str(cause): cause for cause in CHOSEN_CATEGORY}
     for name, category in table.items():
         key = f"stop_category.{name}"
         if name not in chosen:

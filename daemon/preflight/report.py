@@ -8,13 +8,13 @@ import math
 from typing import Final
 
 import msgspec
+from gaitd_names import Cause, StopCategory
 from gaitd_toml import ConfigError, Errors
 
 from daemon.config.bundle import Settings
 from daemon.config.drive_plan import cycle_settings
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.trainer import drive_names, is_file, real_drives
-from daemon.ipc.record import Cause, StopCategory
 from daemon.preflight import workspace
 from daemon.preflight.axes import AxisMeaning, axis_errors, axis_meanings
 from daemon.preflight.braking import BrakingMeaning, braking_errors, braking_meanings
@@ -158,20 +158,22 @@ def _sweep_errors(settings: Settings, sweeps: tuple[SweepMeaning, ...]) -> Error
 
 def _stops(settings: Settings) -> list[StopMeaning]:
     chosen = {
-        Cause[name.upper()]: StopCategory[text]
-        for name, text in settings.limits.stop_category.items()
+        Cause(name): StopCategory(text) for name, text in settings.limits.stop_category.items()
     }
     rows = {cause: (category, True) for cause, category in FIXED_CATEGORY.items()}
     rows |= {cause: (category, False) for cause, category in chosen.items()}
     return [
-        StopMeaning(cause.name.lower(), category.name, fixed)
+        StopMeaning(cause, category, fixed)
         for cause, (category, fixed) in sorted(rows.items(), key=_harshest_first)
     ]
 
 
+_CAUSES: Final = tuple(Cause)
+
+
 def _harshest_first(row: tuple[Cause, tuple[StopCategory, bool]]) -> tuple[int, int]:
     cause, (category, _) = row
-    return -category, cause
+    return -category.severity, _CAUSES.index(cause)
 
 
 def _sweeps(settings: Settings) -> tuple[SweepMeaning, ...]:

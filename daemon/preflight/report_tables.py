@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from gaitd_client.texts import Catalogue
+from gaitd_texts import Catalogue
 
 from daemon.preflight.axes import AxisMeaning, TorqueMeaning
 from daemon.preflight.braking import BrakingMeaning

@@ -31,7 +31,7 @@ from typing import Any, Final
 
 import msgspec
 from gaitd_client import wire
-from gaitd_client.wire.names import EventCode
+from gaitd_names import EventCode
 
 from daemon.gateway.events import claimed
 from daemon.gateway.requests import ROUTES, Inquiry, Route
@@ -40,7 +40,6 @@ from daemon.ipc.record import Verdict
 from daemon.recorder.audit_file import ANYTHING, RequestFile, fields_of, files_of
 from daemon.recorder.disk import Disk
 from daemon.recorder.ring_follower import RecordHeader, identity
-from daemon.wire.names import name_of
 
 LINES_PER_MINUTE: Final = 20
 MINUTE_NS: Final = 60_000_000_000
@@ -143,12 +142,12 @@ class RequestLog:
         """Log the changes of mode and verdict since the record before."""
         before, self._newest, self._cycle = self._newest, header, header.cycle
         if before is None or before.mode != header.mode:
-            self._write("mode", mode=name_of(header.mode))
+            self._write("mode", mode=header.mode)
         latched = before.verdict if before else Verdict()
         now = header.verdict
         if identity(latched) != identity(now):
-            what = {"cause": name_of(now.cause), "category": now.category.name, "drive": now.drive}
-            self._write("verdict", **what, finding=name_of(now.finding), said=now.said)
+            what = {"cause": now.cause, "category": now.category, "drive": now.drive}
+            self._write("verdict", **what, finding=now.finding, said=now.said)
 
     def turn(self, now_ns: int, utc_ns: int) -> None:
         """End a turn: log unanswered queries, write the sums once a minute, start a flush."""

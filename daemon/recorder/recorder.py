@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final
 
-from gaitd_client.wire.names import EventCode
+from gaitd_names import EventCode
 
 from daemon.gateway.events import EventDraft, Kind, Priority
 from daemon.gateway.requests import Inquiry

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import msgspec
+from gaitd_names import Mode, StopCategory
 
 from daemon.ipc.decoding import Count, Decoder, RefusedError
-from daemon.ipc.record import Mode, StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from daemon.ipc.ring_clip import CORE_ENDED, CORE_SILENT
 from daemon.ipc.transport import RingReader
-from daemon.wire.names import name_of
 
 
 class RecordHeader(msgspec.Struct, frozen=True, array_like=True):
@@ -98,7 +98,7 @@ class RingFollower:
             return None
         if identity(before.verdict) == identity(verdict):
             return None
-        return Stop(name_of(verdict.cause), verdict.drive, now.seq, now.sync_utc_ns)
+        return Stop(verdict.cause, verdict.drive, now.seq, now.sync_utc_ns)
 
     def end(self) -> Stop | None:
         """The last record as a stop, once; None if there is none."""

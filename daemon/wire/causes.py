@@ -1,4 +1,4 @@
-"""Stop categories of causes, where the design fixes them; the texts are in `gaitd_client/texts`.
+"""Stop categories of causes, where the design fixes them; the texts are in `gaitd_texts`.
 
 All other categories are given by `limits.toml`. Doubtful feedback of an axis is S0 for that axis
 and S1 for the other, because an axis must never hold by an encoder that cannot be trusted; the
@@ -7,7 +7,7 @@ table `FIXED_CATEGORY` holds the category for the axis of the cause.
 
 from typing import Final
 
-from daemon.ipc.record import Cause, StopCategory
+from gaitd_names import Cause, StopCategory
 
 FIXED_CATEGORY: Final[dict[Cause, StopCategory]] = {
     Cause.ENCODER_FROZEN: StopCategory.S0,

@@ -1,31 +1,18 @@
 """Names of the values of events, refusals and progress (`daemon/ipc/report.py`), in their order.
 
-A name ends in its unit, or is a key of `ENUMS`: then the value is the number of a member of that
-enum.
+A name ends in its unit; or the value is a member of an enum of `gaitd_names`.
 """
 
 from collections.abc import Mapping, Sequence
-from enum import IntEnum
 from typing import Final
 
-from daemon.ipc.cycle_timing import CyclePart
-from daemon.ipc.record import Cause, Mode, RequestKind, Role, Stage, StopCategory, Verdict
-from daemon.ipc.report import (
-    AxisStep,
-    Doubt,
-    Event,
+from gaitd_names import (
     EventCode,
-    Failure,
-    Finding,
-    MotionPhase,
-    Progress,
     ProgressCode,
     RefusalCode,
-    SelfTestDue,
-    Trigger,
-    Untested,
 )
-from daemon.wire.names import NmtState, PowerState, name_of
+
+from daemon.ipc.report import Event
 
 VERDICT_FIELDS: Final = ("category", "cause", "value", "limit", "finding")
 _SELF_TEST: Final = (
@@ -144,70 +131,22 @@ PROGRESS_FIELDS: Final[Mapping[ProgressCode, tuple[str, ...]]] = {
     ProgressCode.TESTING: ("phase",),
     ProgressCode.ONE_AXIS: ("step",),
 }
-ENUMS: Final[Mapping[str, type[IntEnum]]] = {
-    "category": StopCategory,
-    "cause": Cause,
-    "doubt": Doubt,
-    "failure": Failure,
-    "finding": Finding,
-    "mode": Mode,
-    "mode_before": Mode,
-    "mode_now": Mode,
-    "nmt_state": NmtState,
-    "open_request": RequestKind,
-    "part": CyclePart,
-    "phase": MotionPhase,
-    "power_state": PowerState,
-    "refusal": RefusalCode,
-    "request": RequestKind,
-    "role": Role,
-    "self_test_due": SelfTestDue,
-    "stage": Stage,
-    "step": AxisStep,
-    "trigger": Trigger,
-    "untested": Untested,
-}
 
 
-def named_values(names: Sequence[str], values: Sequence[float]) -> dict[str, float | str]:
-    """Values of a report by name; members of enums by theirs, those of another version as numbers.
+def named_values(names: Sequence[str], values: Sequence[float | str]) -> dict[str, float | str]:
+    """Values of a report by name.
 
     A core of another version may send more values, or fewer: those without a name are left out.
     """
-    return {
-        name: next((_name_of(one) for one in ENUMS.get(name, ()) if one == value), value)
-        for name, value in zip(names, values, strict=False)
-    }
+    return dict(zip(names, values, strict=False))
 
 
-def _name_of(member: IntEnum) -> str:
-    """A category keeps its capital: S1."""
-    return member.name if isinstance(member, StopCategory) and member else name_of(member)
-
-
-def event_line(event: Event) -> str:
-    """An event as code, subject and named values, for the log of a process without texts."""
-    return _line(event.code, event.subject, EVENT_FIELDS[event.code], event.values, event.said)
-
-
-def verdict_line(verdict: Verdict) -> str:
-    """A verdict as cause, drive, value, limit and finding, for the same."""
-    return _line(verdict.cause, verdict.drive, VERDICT_FIELDS[2:], verdict.values[2:], verdict.said)
-
-
-def progress_line(progress: Progress | None) -> str:
-    """What the machine does now, for the same; empty if there is nothing."""
-    if progress is None:
-        return ""
-    fields = PROGRESS_FIELDS[progress.code]
-    return _line(progress.code, progress.subject, fields, progress.values)
-
-
-def _line(
-    code: IntEnum, subject: str, names: Sequence[str], values: Sequence[float], said: str = ""
-) -> str:
-    named = [
-        f"{name}={value}" if isinstance(value, str) else f"{name}={value:g}"
-        for name, value in named_values(names, values).items()
-    ]
-    return " ".join(word for word in (name_of(code), subject, *named, said) if word)
+def values_of(event: Event) -> dict[str, float | str]:
+    """The values of an event by name; those of a refusal with its code."""
+    names = EVENT_FIELDS[event.code]
+    values = named_values(names, event.values)
+    refused = values.get("refusal")
+    if isinstance(refused, str):
+        of_refusal = REFUSAL_FIELDS[RefusalCode(refused)]
+        values |= named_values(of_refusal, event.values[len(names) :])
+    return values

@@ -21,7 +21,7 @@ from collections.abc import Mapping
 from enum import Enum
 from typing import Final, NamedTuple
 
-from daemon.ipc.record import Mode, RequestKind, Role
+from gaitd_names import Mode, RequestKind, Role
 
 IDENTITY: Final = r"(display|controller|session|operator|service)\.[a-z0-9][a-z0-9_-]{0,31}"
 """Pattern of ROLE.NAME."""

@@ -25,9 +25,9 @@ from enum import Enum
 from typing import Any, Final, NamedTuple
 
 from gaitd_client import wire
+from gaitd_names import RequestKind, Role
 
 from daemon.gateway.requests import ROUTES, Route
-from daemon.ipc.record import RequestKind, Role
 from daemon.keys.folder import Client
 from daemon.wire.roles import ROLES, Access
 from daemon.zenoh_io.endpoints import LOCAL_PROTOCOLS, TLS
@@ -105,9 +105,9 @@ RIGHTS: Final = (
     _query("lease", _with(Access.LEASE), *_requests(Route.LEASE), *_requests(Route.REPORT)),
     *(
         _query(
-            kind.name.lower(),
+            kind,
             frozenset(role for role, rules in ROLES.items() if kind in rules.kinds),
-            f"{wire.CONTROL}/{kind.name.lower()}",
+            f"{wire.CONTROL}/{kind}",
         )
         for kind in RequestKind
         if kind is not RequestKind.NONE

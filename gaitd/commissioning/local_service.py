@@ -19,7 +19,6 @@ from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RING_NAME, RingError, RingReader
 from daemon.report_messages import event_values, judgement
 from daemon.system.bus_choice import bus_of, opened
-from daemon.wire.names import name_of
 from drives.bringup.configurator import Configurator
 from drives.canopen.sniffer import BusSniffer, SniffedBus
 from drives.errors import BringUpRefused, BusError, DescriptionError, DriveSilent, SdoTimeout
@@ -51,10 +50,10 @@ def observed(records: Iterable[CycleRecord], kept: deque[CycleRecord]) -> Observ
     newest = kept[-1]
     return Observation(
         newest.sync_mono_ns * 1e-9,
-        Service(name_of(newest.mode), judgement(newest.verdict)),
+        Service(newest.mode, judgement(newest.verdict)),
         kept,
         tuple(
-            Report(name_of(event.code), event.subject, event_values(event), event.said)
+            Report(event.code, event.subject, event_values(event), event.said)
             for record in new
             for event in record.events
         ),

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
-from gaitd_client.wire.names import EventCode
+from gaitd_names import EventCode, Mode, MotionPhase, Stage
 from msgspec.structs import replace
 
 from analysis.acceptance.record import (
@@ -16,9 +16,7 @@ from analysis.acceptance.record import (
     Section,
     StopTrace,
 )
-from daemon.ipc.record import DriveRecord, Mode, Stage
-from daemon.ipc.report import MotionPhase
-from daemon.wire.names import name_of
+from daemon.ipc.record import DriveRecord
 from gaitd.commissioning.messages import PASSED_OR_FAILED
 from gaitd.commissioning.procedure import Scene, not_measured
 from gaitd.commissioning.stops import StopRules, WayToStop, drive_of, judge, measure
@@ -80,7 +78,7 @@ def _pushed(
     effort_si = max((drive.target_effort * along for drive in pushed), default=0.0) * along
     least_si = 0.5 * axis.push.motion_si
     values = {"effort_si": effort_si, "moved_si": moved_si, "least_si": least_si}
-    values |= {"phase": name_of(phase)}
+    values |= {"phase": phase}
     if abs(moved_si) < least_si:
         return scene.found(code, Judgement.NOT_MEASURED, values, ReasonCode.NOT_MOVED)
     return scene.found(code, PASSED_OR_FAILED[moved_si * along > 0], values)

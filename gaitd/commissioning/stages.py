@@ -10,11 +10,10 @@ from functools import partial
 from typing import Final
 
 from gaitd_client import Cause, Mode, Outcome, Reply, StopCategory
-from gaitd_client.wire.names import RefusalCode, Untested
+from gaitd_names import RefusalCode, Untested
 
 from analysis.acceptance.record import FindingCode, Judgement, Reason, ReasonCode
 from daemon.ipc.record import CycleRecord
-from daemon.wire.names import name_of
 from gaitd.commissioning.measures import ENDS, distance_unit
 from gaitd.commissioning.messages import (
     EXPECTED,
@@ -177,7 +176,7 @@ def _enabled(scene: Scene) -> Move | None:
 def _was_pressed(scene: Scene) -> bool:
     """True if the fault is that of an emergency stop that was pressed without power."""
     records = [one for one in scene.seen.records if one.seq >= scene.state.began_seq]
-    was_driving = any(name_of(record.mode) not in AT_REST for record in records)
+    was_driving = any(record.mode not in AT_REST for record in records)
     was_open = any(not drive.sto_released for record in records for drive in record.drives)
     verdict = scene.seen.service.verdict
     return was_open and not was_driving and verdict is not None and verdict.cause in PRESSED

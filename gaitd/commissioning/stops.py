@@ -19,7 +19,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 from gaitd_client import Cause, StopCategory
-from gaitd_client.wire.fields import POWER_STATES
+from gaitd_names import POWER_STATES
 from numpy.typing import NDArray
 
 from analysis.acceptance.record import (
@@ -32,9 +32,7 @@ from analysis.acceptance.record import (
     StopTrace,
     Values,
 )
-from daemon.ipc.record import Cause as CoreCause
 from daemon.ipc.record import CycleRecord, DriveRecord
-from daemon.wire.names import name_of
 from gaitd.commissioning.messages import PASSED_OR_FAILED, InstructionCode
 
 Samples = NDArray[np.float64]
@@ -101,7 +99,7 @@ def measure(records: Sequence[CycleRecord], rules: StopRules) -> StopTrace | Non
     Returns: None if there is none, or no sample of the axis at it.
     """
     axis = rules.axis
-    stopped = next((record for record in records if record.verdict.category), None)
+    stopped = next((one for one in records if one.verdict.category is not StopCategory.NONE), None)
     if stopped is None:
         return None
     at_stop = drive_of(stopped, axis)
@@ -114,8 +112,8 @@ def measure(records: Sequence[CycleRecord], rules: StopRules) -> StopTrace | Non
     rows = [row for row in rows if row[0] >= -BEFORE_S]
     after = [row for row in rows if row[0] >= 0]
     verdicts = [one.verdict for one in records]
-    verdict = [one for one in verdicts if one.cause is not CoreCause.STOP_NOT_OBEYED][-1]
-    last, category = verdicts[-1], verdict.category.name
+    verdict = [one for one in verdicts if one.cause is not Cause.STOP_NOT_OBEYED][-1]
+    last, category = verdicts[-1], verdict.category
     shown = TORQUELESS if category == StopCategory.S0 else BRAKING_BY_DRIVE
     acts_s = (t for t, drive in after if POWER_STATES[drive.power_state] in shown)
     rest_s = _rest_s(after, rules)
@@ -128,8 +126,8 @@ def measure(records: Sequence[CycleRecord], rules: StopRules) -> StopTrace | Non
     return StopTrace(
         drive=axis,
         category=category,
-        cause=name_of(verdict.cause),
-        is_obeyed=last.cause is not CoreCause.STOP_NOT_OBEYED or last.drive not in {"", axis},
+        cause=verdict.cause,
+        is_obeyed=last.cause is not Cause.STOP_NOT_OBEYED or last.drive not in {"", axis},
         speed_si_per_s=abs(at_stop.velocity),
         reaction_s=next(acts_s, None),
         time_s=tuple(time_s for time_s, _ in rows),

@@ -13,7 +13,7 @@ from typing import Final, Protocol, TypeVar
 import msgspec
 import numpy as np
 from gaitd_client import NotValid, Stream, Target, Trainer, wire
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
 from numpy.typing import NDArray
 
 from gaitd_lab.demonstration.script import Situation

@@ -11,10 +11,11 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import msgspec
+from gaitd_names import Cause, Mode
 
 from daemon.config.limit_settings import Limits
 from daemon.core.runtime.loop_settings import ExitCode
-from daemon.ipc.record import Cause, CycleRecord, Mode, Verdict
+from daemon.ipc.record import CycleRecord, Verdict
 from gaitd_lab.fault_matrix import watch
 from gaitd_lab.fault_matrix.faults import Fault
 from gaitd_lab.fault_matrix.kinds import KilledError, Scene

@@ -2,7 +2,9 @@
 
 import math
 
-from daemon.ipc.record import AxisSetpoint, CycleRecord, Mode, Setpoint
+from gaitd_names import Mode
+
+from daemon.ipc.record import AxisSetpoint, CycleRecord, Setpoint
 from gaitd_lab.lockstep import Gateway
 
 SWING_RAD = 0.12

@@ -22,7 +22,8 @@
 from collections.abc import Iterator, Set
 from typing import Final
 
-from daemon.ipc.record import Cause, Mode, StopCategory
+from gaitd_names import Cause, Mode, StopCategory
+
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY
 from gaitd_lab.fault_matrix import reversals
 from gaitd_lab.fault_matrix.cell import CellResult

@@ -10,7 +10,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from daemon.ipc.record import Cause, Mode, StopCategory
+from gaitd_names import Cause, Mode, StopCategory
+
 from gaitd_lab.fault_matrix.faults import LAWS
 from gaitd_lab.fault_matrix.law import LOST, S0, S1, S2, Law, goes_on, stops
 

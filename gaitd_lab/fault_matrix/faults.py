@@ -9,8 +9,9 @@ from itertools import chain
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
+from gaitd_names import Cause
+
 from daemon.core.runtime.loop_settings import ExitCode
-from daemon.ipc.record import Cause
 from gaitd_lab.fault_matrix import core_kinds, kinds
 from gaitd_lab.fault_matrix.kinds import LASTS_S, MS, Fault, FaultAction
 from gaitd_lab.fault_matrix.law import (

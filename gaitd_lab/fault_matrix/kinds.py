@@ -7,10 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
+from gaitd_names import RequestKind, Role
 from msgspec.structs import replace as changed
 
 from daemon.core.state import Axis, Core
-from daemon.ipc.record import AxisSetpoint, GatewayState, Request, RequestKind, Role, Setpoint
+from daemon.ipc.record import AxisSetpoint, GatewayState, Request, Setpoint
 from drives.canopen.bus import Frame
 from gaitd_lab.lockstep import LockstepSession
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
+from gaitd_names import Cause, Mode, StopCategory
+
 from daemon.core.runtime.loop_settings import ExitCode
-from daemon.ipc.record import Cause, Mode, StopCategory
 
 S0, S1, S2 = StopCategory.S0, StopCategory.S1, StopCategory.S2
 LOST: Final = (

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from daemon.ipc.record import Mode, ModeRequest, RequestKind, Stage
+from gaitd_names import Mode, RequestKind, Stage
+
+from daemon.ipc.record import ModeRequest
 from gaitd_lab.fault_matrix.controller import Swinger
 from gaitd_lab.fault_matrix.session import Variant
 from gaitd_lab.lockstep import LockstepSession
@@ -53,7 +55,7 @@ class Column:
     @property
     def name(self) -> str:
         """Its name on the command line and the pages."""
-        return self.label or self.mode.name.lower()
+        return self.label or self.mode
 
 
 def _nothing(_: LockstepSession) -> None:

@@ -3,8 +3,9 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
+from gaitd_names import Mode
+
 from analysis import markdown
-from daemon.ipc.record import Mode
 from gaitd_lab.fault_matrix.cell import CellResult
 from gaitd_lab.fault_matrix.evaluation import broken
 from gaitd_lab.fault_matrix.exceptions import EXCEPTIONS

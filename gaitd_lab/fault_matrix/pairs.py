@@ -14,7 +14,8 @@ from itertools import combinations, product
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from daemon.ipc.record import Cause
+from gaitd_names import Cause
+
 from gaitd_lab.fault_matrix.cell import Cell
 from gaitd_lab.fault_matrix.exceptions import law
 from gaitd_lab.fault_matrix.faults import FAMILIES, FAULTS, LAWS

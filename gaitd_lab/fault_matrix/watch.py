@@ -8,7 +8,9 @@ from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Final, NamedTuple
 
-from daemon.ipc.record import CycleRecord, Mode
+from gaitd_names import Mode
+
+from daemon.ipc.record import CycleRecord
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import SYNC_ID, NmtCommand
 from gaitd_lab.lockstep import LockstepSession

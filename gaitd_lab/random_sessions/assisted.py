@@ -15,7 +15,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from daemon.ipc.record import CycleRecord, GatewayState, Mode, Setpoint
+from gaitd_names import Mode
+
+from daemon.ipc.record import CycleRecord, GatewayState, Setpoint
 
 MARGIN_CYCLES: Final = 2
 """Cycles from a gateway state to the record of the cycle that has read it, and one for rounding."""

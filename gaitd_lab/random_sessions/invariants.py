@@ -32,16 +32,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from daemon.ipc.record import (
-    Cause,
-    CycleRecord,
-    GatewayState,
-    Mode,
-    ModeRequest,
-    Outcome,
-    RequestKind,
-    StopCategory,
-)
+from gaitd_names import Cause, Mode, Outcome, RequestKind, StopCategory
+
+from daemon.ipc.record import CycleRecord, GatewayState, ModeRequest
 from gaitd_lab.random_sessions.assisted import AssistWatch
 from gaitd_lab.random_sessions.position_limits import BEFORE_S, BLINDING, outside_limit
 from gaitd_lab.random_sessions.stops import StopWatch
@@ -319,29 +312,29 @@ class Watch:
         """Update the unreset stop, before `_latched` is updated by this record."""
         mode, cause = record.mode, record.verdict.cause
         if self._inherited and mode in BROUGHT_UP:
-            self._break("verdict milder", f"{mode.name.lower()}, and an earlier core owes a reset")
+            self._break("verdict milder", f"{mode}, and an earlier core owes a reset")
         stopped = mode in {Mode.STOPPING, Mode.FAULT}
         if stopped and cause not in WITHOUT_RESET:
             self._unreset_stop = True
         elif mode == Mode.READY or (mode == Mode.FAULT and cause == Cause.SHUTDOWN):
             self._unreset_stop = False
-        elif self._latched > StopCategory.NONE and not stopped:
+        elif self._latched is not StopCategory.NONE and not stopped:
             self._unreset_stop = mode.active
 
     def _check_verdict(self, record: CycleRecord) -> None:
         before, now = self._latched, record.verdict.category
         stopped = record.mode in {Mode.STOPPING, Mode.FAULT}
         if (
-            before > StopCategory.NONE
+            before is not StopCategory.NONE
             and not self._reset_requested
-            and (now < before or not stopped)
+            and (now.severity < before.severity or not stopped)
         ):
-            what = f"{before.name} becomes {now.name} in {record.mode.name.lower()}"
+            what = f"{before.name} becomes {now.name} in {record.mode}"
             self._break("verdict milder", what)
         if not stopped:
             self._latched, self._left_fault = StopCategory.NONE, True
             return
-        if now > StopCategory.NONE and before == StopCategory.NONE:
+        if now is not StopCategory.NONE and before == StopCategory.NONE:
             self._needs_reset, self._reset_requested = True, False
         self._latched = now
 
@@ -376,7 +369,7 @@ class Watch:
             return
         self._waiting_s += span_s
         if self._waiting_s > TIMEOUT_S:
-            kind = self._requests[number].kind.name.lower()
+            kind = self._requests[number].kind
             self._break("answers", f"{kind}, request {number}, has none after {TIMEOUT_S:g} s")
             self._waiting_s = -math.inf
 

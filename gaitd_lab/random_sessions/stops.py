@@ -63,7 +63,7 @@ class StopWatch:
             return
         self._received_count += 1
         if self._received_count > RECEIVED_CYCLES:
-            yield "stop not done", f"{record.mode.name.lower()} after {self._received_count} cycles"
+            yield "stop not done", f"{record.mode} after {self._received_count} cycles"
             self._received_count = None
 
     def check_truth(

@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
-from gaitd_client.texts import Reader, catalogue, stop_of
+from gaitd_names import Cause, Doubt, Mode, RequestKind, SelfTestDue, Trigger, Untested
+from gaitd_texts import Reader, catalogue, stop_of
 
 from analysis import markdown
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.modes.table import TRANSITIONS, refusal, trigger_of
 from daemon.core.safety.limits import Categories
-from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
-from daemon.ipc.report import Doubt, SelfTestDue, Trigger, Untested
+from daemon.ipc.record import ModeRequest
 from daemon.report_messages import refusal_message
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, FIXED_CATEGORY, LOST_DRIVE
 
@@ -166,7 +166,7 @@ def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
     for cause in Cause:
         if cause == Cause.NONE:
             continue
-        name = cause.name.lower()
+        name = cause
         stop = stop_of(name)
         category = categories.of(cause).name
         if cause in FIXED_CATEGORY:
@@ -186,9 +186,9 @@ def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
 
 
 def _word(mode: Mode) -> str:
-    return mode.name.lower()
+    return mode
 
 
 def trigger_text(trigger: Trigger) -> str:
     """The trigger of a transition, as the page names it."""
-    return TEXTS.text(f"trigger.{trigger.name.lower()}")
+    return TEXTS.text(f"trigger.{trigger}")

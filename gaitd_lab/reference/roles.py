@@ -10,10 +10,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Final
 
+from gaitd_names import RequestKind, Role
+
 from analysis import markdown
 from daemon.core.modes.roles import refusal
 from daemon.gateway.requests import ROUTES
-from daemon.ipc.record import ModeRequest, Plan, Request, RequestKind, Role
+from daemon.ipc.record import ModeRequest, Plan, Request
 from daemon.zenoh_io.access import RIGHTS, SETPOINTS, Flow, Message, Right
 from gaitd_lab.reference.modes import REQUESTS, WELL
 
@@ -47,7 +49,7 @@ def _actions() -> Iterator[tuple[str, tuple[str, ...]]]:
         yield action, tuple(_request(role, kind, wanted) for role in ROLES)
 
 
-_KINDS: Final = frozenset(kind.name.lower() for kind in RequestKind)
+_KINDS: Final = frozenset(kind for kind in RequestKind)
 
 
 def _passes(role: Role, message: Message, key: str) -> str:
@@ -61,7 +63,7 @@ def _passes(role: Role, message: Message, key: str) -> str:
 
 def _request(role: Role, kind: RequestKind, wanted: ModeRequest) -> str:
     request = Request(1, kind, mode=wanted, role=role, plan=PLAN)
-    passes = _passes(role, Message.QUERY, f"control/{kind.name.lower()}")
+    passes = _passes(role, Message.QUERY, f"control/{kind}")
     if passes == NO or refusal(request, WELL):
         return NO
     if refusal(request, replace(WELL, hand_switch_closed=False)):
@@ -79,7 +81,9 @@ def _right(right: Right) -> tuple[str, ...]:
     everyone = right.roles == frozenset(Role)
     return (
         right.name,
-        ALL if everyone else ", ".join(_word(role) for role in sorted(right.roles)),
+        ALL
+        if everyone
+        else ", ".join(_word(role) for role in sorted(right.roles, key=tuple(Role).index)),
         "in" if right.flow is Flow.IN else "out",
         ", ".join(sorted(message.value for message in right.messages)),
         ", ".join(f"`{key}{'/CLIENT' if right.by_client else ''}`" for key in right.keys),
@@ -87,4 +91,4 @@ def _right(right: Right) -> tuple[str, ...]:
 
 
 def _word(role: Role) -> str:
-    return role.name.lower()
+    return role

@@ -15,13 +15,14 @@ from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
+from gaitd_names import Cause, Mode, RequestKind
 from numpy.typing import NDArray
 
 from analysis.accuracy import moving
 from daemon.config.bundle import Settings
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
-from daemon.ipc.record import CycleRecord, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import CycleRecord, ModeRequest
 from daemon.preflight.load import load
 from drives.cia402.profile import DriveDescription
 from gaitd_lab.lockstep import LockstepSession, RefusedError
@@ -269,7 +270,7 @@ def _played(cell: Cell, session: LockstepSession, begun: int, rows: Sequence[Tru
     verdict = session.record.verdict
     return Played(
         cell,
-        verdict.cause.name if verdict.cause else "",
+        "" if verdict.cause is Cause.NONE else verdict.cause.name,
         len(records) * DT_S,
         1.0 - float(np.mean(bad)),
         _longest(bad) * DT_S,

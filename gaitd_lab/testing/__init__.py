@@ -17,7 +17,9 @@ import importlib
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
-    from daemon.ipc.record import Cause, CycleRecord, Mode, Stage, StopCategory
+    from gaitd_names import Cause, Mode, Stage, StopCategory
+
+    from daemon.ipc.record import CycleRecord
     from gaitd_lab.patients import (
         Gait,
         Late,

@@ -18,8 +18,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, Self
 
+from gaitd_names import Mode
+
 from daemon.config.edits import Edits
-from daemon.ipc.record import CycleRecord, Mode
+from daemon.ipc.record import CycleRecord
 from gaitd_lab.processes import ServiceError, memory_folder
 from gaitd_lab.testing.service import REAL_TIME, Service
 

@@ -5,7 +5,7 @@ its own in the same way, with a name that begins with `warm_`.
 """
 
 import pytest
-from gaitd_client.texts import LANGUAGES, Reader, catalogue
+from gaitd_texts import LANGUAGES, Reader, catalogue
 from sessions import generic_drives, new_session, position_guidance
 
 NOISE = "qx7"

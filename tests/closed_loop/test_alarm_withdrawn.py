@@ -1,9 +1,8 @@
 """An alarm by EMCY counts once, when it comes, whatever the drive says behind it."""
 
 import pytest
+from gaitd_names import Cause, Finding, Mode
 
-from daemon.ipc.record import Cause, Mode
-from daemon.ipc.report import Finding
 from drives.canopen.bus import Frame
 
 EMCY = 0x080 + 5

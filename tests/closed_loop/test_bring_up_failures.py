@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import msgspec
 import pytest
+from gaitd_names import Cause, EventCode, Mode
 from sessions import new_session, reported
 
 from daemon.core.runtime.loop_settings import ExitCode
-from daemon.ipc.record import Cause, Mode
-from daemon.ipc.report import EventCode
 from drives.canopen.bus import Frame
 from drives.errors import BootFailure
 from gaitd_lab.lockstep import LockstepSession

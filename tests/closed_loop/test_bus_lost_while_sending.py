@@ -1,11 +1,9 @@
 """The bus goes away between the samples of a cycle and its commands."""
 
 import pytest
+from gaitd_names import Cause, EventCode, Mode, StopCategory
 from reports import verdict_of
 from sessions import reported
-
-from daemon.ipc.record import Cause, Mode, StopCategory
-from daemon.ipc.report import EventCode
 
 RPDO1_OF_HIP, RPDO2_OF_SLIDE = 0x205, 0x306
 

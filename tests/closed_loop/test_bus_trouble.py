@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
+from gaitd_names import Cause, EventCode, Mode, Outcome, RequestKind
 from sessions import new_session, reported
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
-from daemon.ipc.report import EventCode
 from drives.canopen.bus import Frame
 from drives.signals import PowerState
 

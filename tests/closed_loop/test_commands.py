@@ -5,6 +5,7 @@ from unittest import mock
 
 import numpy as np
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RequestKind, StopCategory
 from records import both
 from sessions import CONFIGS, new_session
 from wire import (
@@ -21,7 +22,6 @@ from wire import (
 
 from daemon.core.safety.checks import ENABLE_CYCLES
 from daemon.core.steps import exercises
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
 
 INT16_MAX = 0x7FFF
 

@@ -4,11 +4,12 @@ import struct
 from itertools import groupby
 
 import pytest
+from gaitd_names import Cause, EventCode, Failure, Mode, Outcome, RefusalCode, RequestKind, Stage
 from sessions import CONFIGS, changed_configs, new_session, reported, single_axis_run
 
 from daemon.core.modes.persistent_state import PersistentState
-from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
-from daemon.ipc.report import EventCode, Failure, Refusal, RefusalCode
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 from drives.signals import PowerState
 
 HIP, SLIDE = "right/hip", "right/slide"

@@ -1,9 +1,10 @@
 """What arrives while the core computes: races, played on purpose and again."""
 
 import msgspec
+from gaitd_names import Mode
 from sessions import elsewhere, new_session
 
-from daemon.ipc.record import CycleRecord, Mode
+from daemon.ipc.record import CycleRecord
 from sim_drives.time.conductor import computing_cost
 
 WALK_S = 2.0

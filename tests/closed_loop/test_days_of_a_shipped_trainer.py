@@ -8,11 +8,11 @@ are mounted the other way round, with their zero elsewhere.
 import math
 
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind
 from msgspec.structs import replace
 from sessions import changed_configs, single_axis_run
 
-from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
-from daemon.ipc.report import RefusalCode
+from daemon.ipc.record import ModeRequest
 from daemon.preflight.load import load
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession

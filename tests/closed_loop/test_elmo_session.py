@@ -1,9 +1,9 @@
 """The whole service on two Elmo-like drives."""
 
 import pytest
+from gaitd_names import Mode, Outcome, RequestKind
 from sessions import elmo_drives, new_session, scores
 
-from daemon.ipc.record import Mode, Outcome, RequestKind
 from drives.signals import PowerState
 
 

@@ -1,10 +1,19 @@
 """EMCY messages in operation: what stops, what is only told, and what a flood of them costs."""
 
 import pytest
+from gaitd_names import (
+    Cause,
+    Doubt,
+    EventCode,
+    Mode,
+    Outcome,
+    RefusalCode,
+    RequestKind,
+    StopCategory,
+)
 from sessions import reported
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from daemon.ipc.report import Doubt, EventCode, Refusal, RefusalCode
+from daemon.ipc.report import Refusal
 from drives.canopen.bus import Frame
 
 SYNC = 0x080

@@ -1,10 +1,10 @@
 """A stop that is not obeyed goes further, step by step, by drives that ignore more and more."""
 
 import pytest
+from gaitd_names import Cause, Mode
 from wire import SYNC, change_what_drives_hear
 
 from daemon.core.safety.stop_sequence import Step
-from daemon.ipc.record import Cause, Mode
 from drives.canopen.frame import Frame
 
 HIP = 5

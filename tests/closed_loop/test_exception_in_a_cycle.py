@@ -3,12 +3,12 @@
 from unittest import mock
 
 import pytest
+from gaitd_names import Mode, RequestKind
 from wire import rpdo1
 
 from daemon.core.runtime.loop import STOP_WITHOUT_FEEDBACK_CYCLES
 from daemon.core.runtime.loop_settings import ExitCode
 from daemon.core.safety import checks
-from daemon.ipc.record import Mode, RequestKind
 from drives.signals import PowerState
 
 RESET_COMMUNICATION = 0x82

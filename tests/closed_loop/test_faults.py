@@ -3,10 +3,10 @@
 from itertools import pairwise
 
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind, StopCategory
 from sessions import reaches_rest_in_fault
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.report import Refusal
 from drives.canopen.frame import Frame
 from drives.signals import PowerState
 

@@ -3,10 +3,9 @@
 import math
 
 import pytest
+from gaitd_names import EventCode
 from records import both
 from sessions import empty_machine, new_session, reported
-
-from daemon.ipc.report import EventCode
 
 
 def excited(configs, duration_s=18.0):

@@ -5,19 +5,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind, Stage, StopCategory, Trigger
 from sessions import changed_configs, new_session, position_guidance
 
-from daemon.ipc.record import (
-    Cause,
-    CycleRecord,
-    Mode,
-    ModeRequest,
-    Outcome,
-    RequestKind,
-    Stage,
-    StopCategory,
-)
-from daemon.ipc.report import Refusal, RefusalCode, Trigger
+from daemon.ipc.record import CycleRecord, ModeRequest
+from daemon.ipc.report import Refusal
 from gaitd_lab.lockstep import LockstepSession
 
 RELEASE = ModeRequest(Mode.HAND_GUIDING)

@@ -1,6 +1,7 @@
 """The inputs that the drives see (60FDh): hand switch, STO, limit switches; both kinds of drive."""
 
 import pytest
+from gaitd_names import Cause, Finding, Mode, RequestKind, Stage
 from sessions import (
     POSITION_GUIDANCE,
     changed_configs,
@@ -10,8 +11,7 @@ from sessions import (
 )
 from wire import change_what_drives_say
 
-from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, Stage
-from daemon.ipc.report import Finding
+from daemon.ipc.record import ModeRequest
 from drives.signals import PowerState
 
 HAND_SWITCH_BIT, STO_BIT = 16, 17

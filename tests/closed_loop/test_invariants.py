@@ -7,22 +7,18 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RequestKind, StopCategory
 from records import record as any_record
 
 from daemon.ipc.record import (
     AxisRecord,
     AxisSetpoint,
-    Cause,
     GatewayState,
     LegRecord,
-    Mode,
     ModeRequest,
-    Outcome,
     Request,
-    RequestKind,
     RequestResult,
     Setpoint,
-    StopCategory,
 )
 from gaitd_lab.random_sessions.assisted import AssistBounds, AssistWatch
 from gaitd_lab.random_sessions.invariants import NS_PER_S, TIMEOUT_S, Watch

@@ -3,13 +3,12 @@
 from datetime import UTC, datetime
 
 import pytest
+from gaitd_names import Cause, EventCode, Finding, Mode, Outcome, RequestKind, StopCategory
 from sessions import changed_configs, new_session, reported, restarted
 
 from daemon.core.modes import daily_test
 from daemon.core.modes.persistent_state import UNREADABLE, PersistentState
 from daemon.core.runtime.state_file import StateFile
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from daemon.ipc.report import EventCode, Finding
 from daemon.ipc.state_file import NAME
 from gaitd_lab.lockstep import LockstepSession
 

@@ -3,11 +3,11 @@
 from unittest import mock
 
 import pytest
+from gaitd_names import Mode
 from supervised import watched
 from wire import rpdo1
 
 from daemon.core import cycle
-from daemon.ipc.record import Mode
 
 MS = 1_000_000
 QUICK_STOP = 0x02

@@ -4,6 +4,7 @@ What the master acts on it judges in the same cycle, also where only a part of t
 """
 
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RequestKind
 from wire import (
     DISABLE_VOLTAGE_WORD,
     ENABLE_OPERATION,
@@ -14,7 +15,6 @@ from wire import (
     rpdo1,
 )
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from drives.canopen.frame import Frame
 from drives.cia402.power_state import decode_statusword
 from drives.signals import PowerState

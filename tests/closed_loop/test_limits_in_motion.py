@@ -3,6 +3,7 @@
 import itertools
 
 import pytest
+from gaitd_names import Cause, Mode, RequestKind
 from sessions import (
     changed_configs,
     elmo_drives,
@@ -14,7 +15,7 @@ from sessions import (
 from wire import change_what_drives_say
 
 from daemon.core.steps import monitors
-from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import ModeRequest
 from observer.filter.status import Status, Validity
 
 DRIVES = ("right/hip", "right/slide")

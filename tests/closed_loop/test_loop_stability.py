@@ -8,13 +8,14 @@ import msgspec
 import numpy as np
 import pytest
 from config_files import CONFIGS
+from gaitd_names import Mode, RequestKind, Stage
 from sessions import changed_configs, new_session
 
 from daemon.config.edits import replaced
 from daemon.config.robot import leg_parameters
 from daemon.core.safety.limits import hip_limits, slide_limits, thresholds
 from daemon.core.safety.soft_limits import slowed, zone_at
-from daemon.ipc.record import Mode, ModeRequest, RequestKind, Stage
+from daemon.ipc.record import ModeRequest
 from daemon.preflight.load import load
 from daemon.preflight.stability import Gains, margin_of, poses_of
 from observer.mechanism.mechanism import gravity, singularity_ratio

@@ -6,12 +6,11 @@ so only what their frames say may count.
 
 import numpy as np
 import pytest
+from gaitd_names import Cause, EventCode, Mode, Outcome, RequestKind
 from records import both
 from reports import verdict_of
 from sessions import elsewhere, reported
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
-from daemon.ipc.report import EventCode
 from drives.canopen.frame import Frame
 from drives.signals import PowerState
 from observer.filter.status import Validity

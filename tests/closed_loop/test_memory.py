@@ -11,10 +11,10 @@ from collections import Counter
 from collections.abc import Callable
 
 import pytest
+from gaitd_names import Mode, RequestKind
 
 from daemon.core.runtime import realtime
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES
-from daemon.ipc.record import Mode, RequestKind
 from gaitd_lab.lockstep import LockstepSession
 
 CYCLES = 500

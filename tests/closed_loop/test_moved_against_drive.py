@@ -6,12 +6,13 @@
 import msgspec
 import numpy as np
 import pytest
+from gaitd_names import Cause, Mode, RequestKind, StopCategory
 from records import both
 from sessions import CONFIGS, changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
 from daemon.core.modes.persistent_state import PersistentState
-from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, StopCategory
+from daemon.ipc.record import ModeRequest
 from daemon.preflight.load import load
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession

@@ -6,10 +6,10 @@ most within the window of the spasm monitor.
 
 import numpy as np
 import pytest
+from gaitd_names import Cause, EventCode, Mode, StopCategory
 from sessions import CONFIGS, reported
 
-from daemon.ipc.record import Cause, Mode, StopCategory
-from daemon.ipc.report import Event, EventCode
+from daemon.ipc.report import Event
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway

@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from gaitd_names import Cause, EventCode, Failure, Finding, Mode, RequestKind, Stage
 from records import both
 from reports import verdict_of
 from sessions import (
@@ -25,8 +26,7 @@ from wire import (
 
 from daemon.core.exercises.exercise import BEGIN_MAX_S
 from daemon.core.steps import impedance
-from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind, Stage
-from daemon.ipc.report import EventCode, Failure, Finding
+from daemon.ipc.record import ModeRequest
 from drives.cia402.units import position_si
 from drives.signals import OperationMode, PowerState
 

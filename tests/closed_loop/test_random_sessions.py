@@ -21,6 +21,7 @@ from typing import ClassVar, NamedTuple
 
 import msgspec
 import pytest
+from gaitd_names import Mode, Outcome, RequestKind, StopCategory
 from hypothesis import HealthCheck, event, seed, settings
 from hypothesis import strategies as st
 from hypothesis.internal.conjecture import providers
@@ -36,15 +37,7 @@ from sessions import CONFIGS
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.modes.table import IllegalTransitionError
-from daemon.ipc.record import (
-    AxisSetpoint,
-    Mode,
-    ModeRequest,
-    Outcome,
-    RequestKind,
-    Setpoint,
-    StopCategory,
-)
+from daemon.ipc.record import AxisSetpoint, ModeRequest, Setpoint
 from daemon.preflight.load import load
 from drives.errors import BringUpRefused
 from gaitd_lab.lockstep import LockstepSession
@@ -346,15 +339,15 @@ class RandomSession(RuleBasedStateMachine):
     def note(self, record):
         msgspec.msgpack.encode(record)  # a record that cannot be encoded reaches no client
         verdict = record.verdict
-        stop = f"{verdict.category.name} {verdict.cause.name.lower()} {verdict.drive}"
+        stop = f"{verdict.category.name} {verdict.cause} {verdict.drive}"
         self.visited.update((record.mode.name, verdict.category.name))
-        event(f"mode {record.mode.name.lower()}")
-        if verdict.category > StopCategory.NONE:
-            event(f"stop {verdict.category.name} {verdict.cause.name.lower()}")
+        event(f"mode {record.mode}")
+        if verdict.category is not StopCategory.NONE:
+            event(f"stop {verdict.category.name} {verdict.cause}")
         drives = (
             f"{one.power_state} {one.position} {one.velocity} {one.effort}" for one in record.drives
         )
-        mode = record.mode.name.lower()
+        mode = record.mode
         self.trace.append(f"{self.now_ns / NS_PER_S:.3f}  {mode} {stop} | {' | '.join(drives)}")
         self.trace.extend(f"  event: {one}" for one in record.events)
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from bench_motor import KINDS, BenchWorld, OneBus, bench
 from durand.scheduler import get_scheduler, set_scheduler
+from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind
 from sessions import single_axis_run
 
-from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 from daemon.preflight.acceptance import accepted
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession

@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
+from gaitd_names import Cause, Doubt, EventCode, Failure, Mode, Outcome, RefusalCode, RequestKind
 from records import both
 from sessions import changed_configs, new_session, reported, single_axis_run
 from wire import change_what_drives_say
@@ -11,8 +12,8 @@ from wire import change_what_drives_say
 from daemon.core.cycle import POSE_CYCLES
 from daemon.core.modes.persistent_state import PersistentState, StoredAxis
 from daemon.core.steps.single_axis import moves_origin, seeks_home
-from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
-from daemon.ipc.report import Doubt, Event, EventCode, Failure, Refusal, RefusalCode
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Event, Refusal
 from drives.canopen.frame import Frame
 from drives.errors import BootFailure
 from drives.signals import OperationMode, PowerState

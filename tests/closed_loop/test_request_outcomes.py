@@ -1,10 +1,10 @@
 """A request is done when the drives show that it is, and refused with the drive's reason if not."""
 
 import pytest
+from gaitd_names import Cause, Finding, Mode, Outcome, RefusalCode, RequestKind
 from sessions import new_session
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
-from daemon.ipc.report import Finding, Refusal, RefusalCode
+from daemon.ipc.report import Refusal
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession
 

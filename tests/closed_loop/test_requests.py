@@ -3,12 +3,13 @@
 from functools import partial
 
 import pytest
+from gaitd_names import Cause, EventCode, Mode, Outcome, RefusalCode, RequestKind
 from reports import refusal_of
 from sessions import changed_configs, elsewhere, new_session, reported
 
 from daemon.core.modes.table import TRANSITIONS, trigger_of
-from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
-from daemon.ipc.report import EventCode, Refusal, RefusalCode
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.reference.modes import REQUESTS
 
@@ -31,7 +32,7 @@ MODES = [mode for mode in Mode if mode not in {Mode.TORQUE, Mode.BRINGING_UP}]
 """Mode torque is entered with a lease; its tests are with those of leases. Bring-up has its own."""
 
 
-@pytest.fixture(scope="module", params=MODES, ids=[mode.name.lower() for mode in MODES])
+@pytest.fixture(scope="module", params=MODES, ids=list(MODES))
 def warm_mode(request, tmp_path_factory) -> tuple[Mode, LockstepSession]:
     """A machine in each mode."""
     mode = request.param

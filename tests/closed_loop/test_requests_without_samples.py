@@ -1,10 +1,10 @@
 """ENABLE and RESET on a leg of which nothing was sampled in that cycle."""
 
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind
 from wire import ENABLE_OPERATION, NODES, change_what_drives_say, rpdo1
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.report import Refusal
 
 
 def lose_samples(session, axis=None):

@@ -1,10 +1,9 @@
 """A reset lets go of all drives that hold the leg within one cycle of each other."""
 
 import pytest
+from gaitd_names import Mode, Outcome, RequestKind
 from sessions import generic_drives, new_session, restarted
 from wire import NODES
-
-from daemon.ipc.record import Mode, Outcome, RequestKind
 
 MS = 1_000_000
 CYCLE_MS = 10

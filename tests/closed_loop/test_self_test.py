@@ -5,21 +5,24 @@ from itertools import product
 from pathlib import Path
 
 import pytest
-from sessions import changed_configs, elsewhere, new_session, position_guidance, reported, two_legs
-
-from daemon.core.modes.persistent_state import PersistentState
-from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, RequestResult
-from daemon.ipc.report import (
+from gaitd_names import (
+    Cause,
     EventCode,
     Finding,
+    Mode,
     MotionPhase,
-    Progress,
+    Outcome,
     ProgressCode,
-    Refusal,
     RefusalCode,
+    RequestKind,
     SelfTestDue,
     Untested,
 )
+from sessions import changed_configs, elsewhere, new_session, position_guidance, reported, two_legs
+
+from daemon.core.modes.persistent_state import PersistentState
+from daemon.ipc.record import ModeRequest, RequestResult
+from daemon.ipc.report import Progress, Refusal
 from daemon.wire.report_fields import EVENT_FIELDS
 from gaitd_lab.lockstep import LockstepSession
 

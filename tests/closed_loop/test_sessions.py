@@ -7,11 +7,12 @@ from itertools import groupby
 import msgspec
 import numpy as np
 import pytest
+from gaitd_names import Cause, EventCode, Mode, Outcome, RefusalCode, RequestKind, Stage, Trigger
 from records import both
 from sessions import empty_machine, new_session, reported, two_legs
 
-from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind, Stage
-from daemon.ipc.report import EventCode, Refusal, RefusalCode, Trigger
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
 from gaitd_lab.lockstep import LockstepSession

@@ -1,9 +1,8 @@
 """A drive that takes long to enable, as its brake opens: its axis file says how long it may."""
 
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RequestKind
 from sessions import changed_configs, new_session
-
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 
 HIP = "drives/hip_epos4.toml"
 MAY = (HIP, "node_id = 5\n", "node_id = 5\nenable_max_ms = 1000\n")

@@ -3,11 +3,9 @@
 from pathlib import Path
 
 import pytest
+from gaitd_names import Cause, EventCode, Mode, StopCategory
 from sessions import changed_configs, generic_drives, new_session, reported
 from wire import change_what_drives_say
-
-from daemon.ipc.record import Cause, Mode, StopCategory
-from daemon.ipc.report import EventCode
 
 CHOSEN = 'temperature_limit = "S2"'
 

@@ -3,11 +3,12 @@
 import math
 
 import pytest
+from gaitd_names import Cause, Mode, RequestKind
 from records import both
 from sessions import changed_configs, new_session
 
 from daemon.config.robot import leg_parameters
-from daemon.ipc.record import Cause, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import ModeRequest
 from observer.mechanism.mechanism import ratio_and_load
 
 BEFORE = "[[patient.programme]]                  # one hard contraction against the motion"

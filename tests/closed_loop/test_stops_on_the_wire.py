@@ -1,6 +1,7 @@
 """Stops as the drives get them: from every state, and both axes between the same two SYNCs."""
 
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RefusalCode, RequestKind, StopCategory
 from sessions import elsewhere, new_session
 from wire import (
     DISABLE_VOLTAGE_WORD,
@@ -13,8 +14,7 @@ from wire import (
     words_by_cycle,
 )
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.report import Refusal
 from drives.signals import PowerState
 
 QS, OFF = QUICK_STOP_WORD, DISABLE_VOLTAGE_WORD

@@ -1,9 +1,8 @@
 """An axis never holds alone: when one has to be taken further, the other leaves its hold too."""
 
+from gaitd_names import Cause, EventCode, StopCategory
 from sessions import reported
 
-from daemon.ipc.record import Cause, StopCategory
-from daemon.ipc.report import EventCode
 from drives.signals import PowerState
 
 

@@ -5,11 +5,10 @@ from itertools import pairwise
 
 import msgspec
 import pytest
+from gaitd_names import Cause, EventCode, Mode, RequestKind
 from sessions import CONFIGS, reported
 from wire import change_what_drives_hear
 
-from daemon.ipc.record import Cause, Mode, RequestKind
-from daemon.ipc.report import EventCode
 from daemon.preflight.load import load
 from drives.canopen.frame import Frame
 from gaitd_lab.lockstep import LockstepSession

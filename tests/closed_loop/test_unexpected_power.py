@@ -8,13 +8,12 @@ import math
 import struct
 
 import pytest
+from gaitd_names import Cause, EventCode, Mode, Outcome, RequestKind, StopCategory
 from reports import verdict_of
 from sessions import generic_drives, new_session, reported, restarted
 from wire import SYNC, change_what_drives_hear, change_what_drives_say
 
 from daemon.core.safety.stop_sequence import Step
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind, StopCategory
-from daemon.ipc.report import EventCode
 from drives.canopen.frame import Frame
 from drives.signals import PowerState
 

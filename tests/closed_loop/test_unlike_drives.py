@@ -6,9 +6,9 @@ Where both legs have the same drives, an index of the wrong leg or axis changes 
 import re
 
 import pytest
+from gaitd_names import Cause, Mode, RequestKind
 from sessions import changed_configs
 
-from daemon.ipc.record import Cause, Mode, RequestKind
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.virtual_machine import virtual_machine

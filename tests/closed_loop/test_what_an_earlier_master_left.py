@@ -1,9 +1,9 @@
 """Objects that a drive adds to its targets: cleared without power; noticed if they come back."""
 
 import pytest
+from gaitd_names import Cause, Mode, RequestKind
 from sessions import new_session, reaches_rest_in_fault
 
-from daemon.ipc.record import Cause, Mode, RequestKind
 from drives.signals import PowerState
 
 POSITION_OFFSET, VELOCITY_OFFSET, TORQUE_OFFSET = 0x60B0, 0x60B1, 0x60B2

@@ -2,12 +2,13 @@
 
 import msgspec
 import pytest
+from gaitd_names import EventCode, Mode, Outcome, RefusalCode, RequestKind
 from msgspec.structs import replace
 from records import HEADER
 from sessions import reported
 
-from daemon.ipc.record import TEXT_BYTES_MAX, Mode, ModeRequest, Outcome, RequestKind
-from daemon.ipc.report import EventCode, Refusal, RefusalCode
+from daemon.ipc.record import TEXT_BYTES_MAX, ModeRequest
+from daemon.ipc.report import Refusal
 from daemon.ipc.transport import RingWriter
 
 LONG = ("x" * 1800, "\N{GRINNING FACE}" * 1800, "\x00\x1b[2J" * 450)

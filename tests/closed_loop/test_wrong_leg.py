@@ -1,10 +1,11 @@
 """Another leg in the machine than the one that it is configured for."""
 
 import pytest
+from gaitd_names import Cause, Mode, Outcome, RequestKind
 from records import both
 from sessions import changed_configs, new_session
 
-from daemon.ipc.record import Cause, Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import ModeRequest
 from drives.signals import PowerState
 
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=10.0)

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import pytest
 from bus_recorder import Wiretap
+from gaitd_names import Mode, Outcome, RequestKind
 from sessions import changed_configs, new_session
 from trace_comments import explained
 
-from daemon.ipc.record import Mode, ModeRequest, Outcome, RequestKind
+from daemon.ipc.record import ModeRequest
 from drives.signals import PowerState
 
 FOLDER = Path(__file__).parents[1] / "traces" / "sessions"

@@ -12,11 +12,11 @@ import struct
 from itertools import product
 
 import pytest
+from gaitd_names import Mode, RequestKind
 from random_frames import Babbler, heartbeat, network, process_data
 from sessions import CONFIGS, elmo_drives, generic_drives, new_session
 
 from daemon.config.drive_plan import drive_limits
-from daemon.ipc.record import Mode, RequestKind
 from drives.canopen.bus import Frame
 from drives.cia402.units import axis_scaling, expected_base, permille_to_effort
 from drives.errors import BringUpRefused

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 import pytest
 from durand.scheduler import get_scheduler, set_scheduler
 from durand_slave import DurandWorld
+from gaitd_names import Cause, Mode, Outcome, RequestKind
 from sessions import generic_drives
 
-from daemon.ipc.record import Cause, Mode, Outcome, RequestKind
 from daemon.preflight.load import load
 from drives.cia402.units import axis_scaling, expected_base, position_to_counts
 from drives.errors import BringUpRefused

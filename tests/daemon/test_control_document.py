@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gaitd_client import SetpointRefusal
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 

@@ -9,8 +9,19 @@ from pathlib import Path
 import msgspec
 import pytest
 from gaitd_client import wire
+from gaitd_names import (
+    Cause,
+    EventCode,
+    Lapse,
+    Outcome,
+    ProgressCode,
+    RefusalCode,
+    SetpointRefusal,
+    StopCategory,
+)
 from msgspec import inspect
 from records import HEADER, drive, leg, record
+from report_values import ENUMS
 
 from daemon.gateway.requests import PAYLOADS
 from daemon.ipc import transport
@@ -19,28 +30,14 @@ from daemon.ipc.record import (
     AssistRecord,
     AxisRecord,
     AxisStrideRecord,
-    Cause,
     EmergencyRecord,
     GatewayState,
-    Outcome,
     RequestResult,
-    StopCategory,
     StrideRecord,
     Verdict,
 )
-from daemon.ipc.report import (
-    EVENTS_MAX,
-    SAID_BYTES_MAX,
-    Event,
-    EventCode,
-    Lapse,
-    Progress,
-    ProgressCode,
-    Refusal,
-    RefusalCode,
-)
+from daemon.ipc.report import EVENTS_MAX, SAID_BYTES_MAX, Event, Progress, Refusal
 from daemon.ipc.transport import CoreChannel, GatewayChannel, RingError, RingReader, RingWriter
-from daemon.wire.refusals import SetpointRefusal
 from daemon.wire.report_fields import EVENT_FIELDS, REFUSAL_FIELDS
 from drives.canopen.emcy import NEWS_COUNT
 from drives.canopen.emcy_codes import Reaction
@@ -243,10 +240,26 @@ def test_a_file_that_is_no_ring_is_refused_by_name(tmp_path, content, words):
 
 LONGEST = "x" * TEXT_BYTES_MAX
 SAID = "x" * SAID_BYTES_MAX
-MOST_OF_REFUSALS = max(map(len, REFUSAL_FIELDS.values()))
-REFUSED_VALUES = len(EVENT_FIELDS[EventCode.REQUEST_REFUSED]) + MOST_OF_REFUSALS
-MOST_VALUES = max(REFUSED_VALUES, *map(len, EVENT_FIELDS.values()))
-LARGEST_EVENT = Event(EventCode.REQUEST_REFUSED, "right/slide", (1e300,) * MOST_VALUES, SAID)
+
+
+def longest(names):
+    """The longest values of a report: numbers of nine bytes, or names."""
+    return tuple(max(ENUMS[name], key=len) if name in ENUMS else 1e300 for name in names)
+
+
+def size(report):
+    return len(msgspec.msgpack.encode(report))
+
+
+REFUSALS = [
+    Refusal(code, "right/slide", longest(REFUSAL_FIELDS[code]), SAID) for code in REFUSAL_FIELDS
+]
+LARGEST_REFUSAL = max(REFUSALS, key=size)
+REFUSED = longest(EVENT_FIELDS[EventCode.REQUEST_REFUSED]) + LARGEST_REFUSAL.values
+EVENTS = [Event(code, "right/slide", longest(EVENT_FIELDS[code]), SAID) for code in EVENT_FIELDS]
+LARGEST_EVENT = max(
+    *EVENTS, Event(EventCode.REQUEST_REFUSED, "right/slide", REFUSED, SAID), key=size
+)
 
 
 def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
@@ -275,16 +288,14 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
         for n in range(4)
     ]
     one = AxisRecord(**dict.fromkeys(AxisRecord.__struct_fields__, 1.1) | {"validity": 2})
-    refused = (2**53,) * len(SetpointRefusal)
+    refused = dict.fromkeys(SetpointRefusal, 2**53)
     assist = AssistRecord(2**53, refused, 2**53, Lapse.STALE)
-    most = max(RefusalCode, key=lambda code: len(REFUSAL_FIELDS[code]))
-    refused_most = Refusal(most, "right/slide", (1e300,) * len(REFUSAL_FIELDS[most]), SAID)
     largest = msgspec.structs.replace(
         record(10**6),
         assist=assist,
         verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, "right/slide", 1.1, 2.2, said=LONGEST),
         events=(LARGEST_EVENT,) * EVENTS_MAX,
-        request=RequestResult(2**63 - 1, Outcome.REFUSED, refused_most),
+        request=RequestResult(2**63 - 1, Outcome.REFUSED, LARGEST_REFUSAL),
         progress=Progress(ProgressCode.SETTING_UP, "right/slide", (1e300, 1e300)),
         drives=tuple(drives),
         legs=tuple(

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from gaitd_names import Cause, Mode
 
-from daemon.ipc.record import Cause, Mode
 from gaitd_lab.fault_matrix import page, pairs, reversals
 from gaitd_lab.fault_matrix.cell import Cell, CellResult
 from gaitd_lab.fault_matrix.evaluation import broken

@@ -7,14 +7,15 @@ import msgspec
 import numpy as np
 import pytest
 from command_line import gaitd
-from gaitd_client.texts import Reader, catalogue
+from gaitd_names import Cause, Mode, StopCategory
+from gaitd_texts import Reader, catalogue
 from mcap.reader import make_reader
 from msgspec.structs import replace
 from records import HEADER, cut_out, record
 
 from analysis.recording import read_csv
 from analysis.replay import read
-from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from daemon.ipc.ring_clip import FOLDER
 from daemon.ipc.transport import Kept
 from daemon.recorder.audit_file import NAME

@@ -14,6 +14,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from gaitd_names import Mode, RequestKind
 from gaitd_record import Purpose
 from gaitd_toml import load_toml, read_toml
 from processes import gaitd
@@ -27,7 +28,7 @@ from analysis.parquet import stays_in
 from analysis.self_tests import friction_of
 from daemon.config.edits import replaced
 from daemon.config.settings import Robot
-from daemon.ipc.record import Mode, ModeRequest, RequestKind
+from daemon.ipc.record import ModeRequest
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.virtual_machine import virtual_machine

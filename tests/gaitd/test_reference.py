@@ -5,9 +5,9 @@ import shutil
 from pathlib import Path
 
 import pytest
+from gaitd_names import Cause, Mode
 
 from daemon.core.modes.table import TRANSITIONS
-from daemon.ipc.record import Cause, Mode
 from gaitd_lab.reference import pages
 from gaitd_lab.reference.modes import REQUESTS, WELL, diagram, trigger_text
 
@@ -48,7 +48,7 @@ def drawn():
         if found is None:
             continue
         start, to, events = found.groups()
-        starts = [mode.name.lower() for mode in Mode if mode.active]
+        starts = [mode for mode in Mode if mode.active]
         for mode in starts if start == "enabled" else [start]:
             arrows |= {(mode, event, to) for event in re.split(r", (?!as |by )", events)}
     return arrows
@@ -56,7 +56,7 @@ def drawn():
 
 def test_the_diagram_has_every_row_of_the_table_and_no_other():
     rows = {
-        (mode.name.lower(), part, to.name.lower())
+        (mode, part, to)
         for (mode, event), to in TRANSITIONS.items()
         for part in re.split(r", (?!as |by )", trigger_text(event))
     }
@@ -68,7 +68,7 @@ def test_the_diagram_has_every_row_of_the_table_and_no_other():
 def test_every_cause_stands_there_with_its_category(cause):
     table = PARTS["modes.md"]["stops"]
 
-    assert re.search(rf"^\| {cause.name.lower()} \| S[012]", table, re.MULTILINE)
+    assert re.search(rf"^\| {cause} \| S[012]", table, re.MULTILINE)
 
 
 def test_every_request_is_answered_in_every_mode():

@@ -4,11 +4,12 @@ from contextlib import closing
 
 import pytest
 from drive_files import CYCLE, HIP_LIMITS
+from gaitd_names import Mode, RequestKind
 from msgspec.structs import replace
 from second_station import SecondStation, finished
 from sessions import changed_configs, new_session
 
-from daemon.ipc.record import BusRecord, Mode, ModeRequest, RequestKind
+from daemon.ipc.record import BusRecord, ModeRequest
 from drives.bringup.configurator import Configurator
 from drives.bringup.plan import plan
 from drives.canopen.sniffer import BusSniffer, SniffedBus

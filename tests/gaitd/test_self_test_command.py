@@ -7,14 +7,15 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from gaitd_client import NoAnswerError, wire
-from gaitd_client.texts import Reader, catalogue
+from gaitd_names import Cause, Finding, Mode, RefusalCode, StopCategory, Untested
+from gaitd_texts import Reader, catalogue
 from typer.testing import CliRunner
 
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
-from daemon.ipc.record import Cause, CycleRecord, Mode, RequestResult, StopCategory, Verdict
-from daemon.ipc.report import Finding, Refusal, RefusalCode, Untested
+from daemon.ipc.record import CycleRecord, RequestResult, Verdict
+from daemon.ipc.report import Refusal
 from daemon.report_messages import judgement, refusal_message
 from gaitd import preparation
 from gaitd.__main__ import build

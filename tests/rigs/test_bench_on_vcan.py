@@ -8,8 +8,8 @@ import csv
 
 import numpy as np
 import pytest
+from gaitd_names import Cause, Mode
 
-from daemon.ipc.record import Cause, Mode
 from drives.signals import PowerState
 
 SYNC_DELAY_NS = 5_000_000

@@ -14,13 +14,13 @@ import display_bench as bench
 import msgspec
 import pytest
 from gaitd_client import Cause, Mode, Stage
-from gaitd_client.texts import CAUTIOUS, catalogue
 from gaitd_display.feed import PAGES_MAX, TICK_S
 from gaitd_display.patient import PatientServer
 from gaitd_display.training import Summary, TrainingView
 from gaitd_display.words import UNBROKEN
 from gaitd_session import Advice, Band, Button, Phase, Result, Step, Why
 from gaitd_session.store import SelfTestRow, Store
+from gaitd_texts import CAUTIOUS, catalogue
 from training import PROFILE
 
 pytestmark = pytest.mark.rig_browser

@@ -8,11 +8,10 @@ import itertools
 from statistics import median
 
 import pytest
+from gaitd_names import Cause, EventCode, Mode
 from sessions import reported
 from wire import QUICK_STOP_WORD, cycles, rpdo1
 
-from daemon.ipc.record import Cause, Mode
-from daemon.ipc.report import EventCode
 from drives.canopen.bus_state import BusCondition
 
 pytestmark = [pytest.mark.rig_vcan, pytest.mark.timeout(3000)]

@@ -9,13 +9,12 @@ from enum import StrEnum
 
 import browser as rig
 import display_bench as bench
+import gaitd_names as names
 import pytest
 from gaitd_client import AxisPlan, Cause, Event, Mode, PlanLimits, RefusalCode
-from gaitd_client.texts import Reader, catalogue
-from gaitd_client.wire import names
-from gaitd_client.wire.fields import NMT_STATES, POWER_STATES
 from gaitd_display.login import hash_password
 from gaitd_display.therapist import TherapistServer
+from gaitd_names import NMT_STATES, POWER_STATES
 from gaitd_session import Why
 from gaitd_session.store import (
     BlockRow,
@@ -26,6 +25,7 @@ from gaitd_session.store import (
     Store,
     StrideRow,
 )
+from gaitd_texts import Reader, catalogue
 from page_words import english_in
 from training import PROFILE
 

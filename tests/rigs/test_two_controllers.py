@@ -6,8 +6,8 @@ test_usb_adapters.py, and what each single error frame does in test_service_on_v
 """
 
 import pytest
+from gaitd_names import Cause, Mode
 
-from daemon.ipc.record import Cause, Mode
 from drives.canopen.bus_state import BusCondition
 
 MISSED_MAX_RATIO = 0.05

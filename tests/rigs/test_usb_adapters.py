@@ -11,6 +11,7 @@ import struct
 
 import pytest
 from can_wire import Controller, State, connect
+from gaitd_names import Cause, EventCode, Mode
 from sessions import reported
 from usb_adapters import (
     ANSWERS,
@@ -31,8 +32,6 @@ from usb_adapters import (
     wired,
 )
 
-from daemon.ipc.record import Cause, Mode
-from daemon.ipc.report import EventCode
 from drives.canopen.bus_state import BusCondition
 
 OURS = {0x000, 0x080, 0x701, *(base + node for base in (0x200, 0x300, 0x600) for node in (5, 6))}

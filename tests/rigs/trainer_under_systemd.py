@@ -25,8 +25,9 @@ from typing import TypeVar
 import msgspec
 from gaitd_client import ClientError
 from gaitd_client.connection import Target, open_session, query
+from gaitd_names import Mode
 
-from daemon.ipc.record import CycleRecord, Mode
+from daemon.ipc.record import CycleRecord
 from daemon.ipc.transport import RING_NAME, RingError, RingReader
 
 RUNTIME = Path("/run/gaitd")
@@ -72,10 +73,10 @@ def shown(unit: str, name: str) -> str:
     return run("systemctl", "show", "--value", f"--property={name}", unit)
 
 
-def status(unit: str, first: str) -> str:
-    """Its STATUS=, if it begins so."""
+def status(unit: str, code: str) -> str:
+    """Its STATUS=, if it ends with this code."""
     text = shown(unit, "StatusText")
-    return text if text.startswith(first) else ""
+    return text if text.endswith(f"[{code}]") else ""
 
 
 def pid(unit: str) -> int:
@@ -224,7 +225,7 @@ def start() -> Seen:
     at_once = shown(CORE, "ActiveState")
     wait(lambda: newest().mode == Mode.READY, "ready")
     core = wait(lambda: status(CORE, "ready"), "a status that says so")
-    gateway = wait(lambda: status(GATEWAY, "core ready"), "a gateway that says so")
+    gateway = wait(lambda: status(GATEWAY, "ready"), "a gateway that says so")
     process = Path(f"/proc/{pid(CORE)}/status").read_text().splitlines()
     return {
         "at_once": at_once,

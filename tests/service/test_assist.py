@@ -6,9 +6,8 @@ from pathlib import Path
 import msgspec
 from gaitd_assist import StrideLine
 from gaitd_client.wire import ControllerState
+from gaitd_names import Mode
 from tutorial import example
-
-from daemon.ipc.record import Mode
 
 SHIPPED = Path(__file__).parents[2] / "clients" / "assist" / "configs" / "assist.toml"
 

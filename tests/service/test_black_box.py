@@ -5,9 +5,9 @@ import signal
 from pathlib import Path
 
 import pytest
+from gaitd_names import Cause, Mode
 from processes import Service, gaitd
 
-from daemon.ipc.record import Cause, Mode
 from daemon.ipc.ring_clip import FOLDER, clip_files
 from daemon.ipc.transport import PREVIOUS_RING_NAME, RING_NAME
 

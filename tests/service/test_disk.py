@@ -13,12 +13,11 @@ from pathlib import Path
 import pytest
 from fault_observations import Watch
 from gaitd_client import Event, Health
-from gaitd_client.wire.names import EventCode
+from gaitd_names import Cause, EventCode, Mode
 from long_service import TIMEOUT_S, LongService
 from processes import Service
 from small_disk import fill
 
-from daemon.ipc.record import Cause, Mode
 from gaitd_lab.processes import GAITD
 
 CONFIGURATION_ERROR = 2

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from command_line import gaitd
 from documents import PAGES, PROJECT, commands
+from gaitd_names import Mode
 
-from daemon.ipc.record import Mode
 from gaitd_lab.testing.trainer import STANDSTILL, speeds_by_leg, virtual_trainer
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 from command_line import gaitd
 from gaitd_client import Trainer
+from gaitd_names import Cause, Mode
 from gaitd_record import Begun, Finished, Options, Purpose, Room, record
 from keyed_trainer import TrainerWithKeys
 
-from daemon.ipc.record import Cause, Mode
 from gaitd_lab.processes import memory_folder
 
 PLAN = {"cadence_max_hz": 0.4, "amplitude_max_ratio": 0.8, "duration_max_s": 300.0}

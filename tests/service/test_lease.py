@@ -7,11 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import pytest
+from gaitd_names import Cause, Mode, SetpointRefusal
 from long_service import LongService
 from records import both
-
-from daemon.ipc.record import Cause, Mode
-from daemon.wire.refusals import SetpointRefusal
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "control_by_others.md"
 

@@ -9,9 +9,10 @@ import resource
 
 import pytest
 from fault_observations import CONTROLWORDS, Watch
+from gaitd_names import Cause, Mode
 from long_service import ALTERED_CORE, TIMEOUT_S
 
-from daemon.ipc.record import Cause, Mode, Verdict
+from daemon.ipc.record import Verdict
 from drives.signals import PowerState
 
 STEPS_S = (3600, -7200, 3600)
@@ -146,7 +147,7 @@ def test_a_gateway_that_gets_no_more_memory_dies_or_serves_and_the_core_holds_at
         "serves on" if ended is None else f"gateway ended with {ended}; core: S2",
         seen.moved(),
         records[-1].verdict.cause.name,
-        records[-1].mode.name.lower(),
+        records[-1].mode,
     )
 
 

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import can
 import pytest
+from gaitd_names import Mode
 from processes import Service
 from random_frames import KINDS, controller_error, is_command
 
-from daemon.ipc.record import Mode
 from drives.canopen.bus import Frame
 from gaitd_lab.processes import memory_folder
 

@@ -9,11 +9,11 @@ from pathlib import Path
 from subprocess import PIPE
 
 import pytest
+from gaitd_names import Mode
 from processes import Service
 from sessions import changed_configs
 
 from analysis.acceptance.record import read
-from daemon.ipc.record import Mode
 from daemon.ipc.state_file import NAME
 from gaitd_lab.processes import GAITD, memory_folder
 

@@ -6,9 +6,9 @@ import sys
 
 import pytest
 from fault_observations import Watch
+from gaitd_names import Cause, Mode
 from long_service import TIMEOUT_S
 
-from daemon.ipc.record import Cause, Mode
 from drives.signals import PowerState
 
 SILENT_CYCLES = 3
@@ -46,7 +46,7 @@ def test_a_drive_that_falls_silent_never_takes_the_core_down(walking, fault_tabl
         f"{first.drives[0].sample_age_cycles} cycles: NMT stop to it, S1 of the other",
         seen.moved(),
         stopped.verdict.cause.name,
-        stopped.mode.name.lower(),
+        stopped.mode,
     )
 
 
@@ -69,7 +69,7 @@ def test_virtual_drives_that_vanish_leave_a_core_that_says_so_and_finds_them_aga
         "at once; found again after a reset",
         None,
         stopped.verdict.cause.name,
-        stopped.mode.name.lower(),
+        stopped.mode,
     )
 
 

@@ -9,12 +9,12 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import gaitd
 from gaitd_client import NotValid, wire
+from gaitd_names import Mode
 from gaitd_record import MESSAGES, PART, finish
 from mcap.reader import make_reader
 from small_disk import fill
 
 from analysis.replay import estimate, read
-from daemon.ipc.record import Mode
 
 KEPT = 200_000
 POLL_S = 0.05

@@ -8,10 +8,10 @@ import socket
 
 import pytest
 from fault_observations import Watch
+from gaitd_names import Cause, Mode
 from long_service import TIMEOUT_S, WAITING_GATEWAY
 from processes import Service
 
-from daemon.ipc.record import Cause, Mode
 from daemon.ipc.transport import RING_NAME, RingReader
 from drives.errors import BootFailure
 

@@ -11,9 +11,10 @@ import signal
 import pytest
 from fault_observations import MASTER_HEARTBEAT, SYNC, Watch
 from fault_table import FaultTable
+from gaitd_names import Cause, Mode, StopCategory
 from long_service import TIMEOUT_S
 
-from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from drives.signals import PowerState
 
 NODES = (5, 6)
@@ -128,9 +129,7 @@ def test_35_ms_without_one_process_are_survived_without_a_stop_and_without_a_bur
     assert not syncs_too_close(records)
     assert missed == 0 if part == "gateway" else 0 < missed <= OVERRUNS_IN_A_ROW
     seen_by = f"core: {missed} grid points left out" if part == "core" else "none"
-    fault_table.add(
-        f"{part} SIGSTOP 35 ms", WHILE[mode], seen_by, "none", None, "none", mode.name.lower()
-    )
+    fault_table.add(f"{part} SIGSTOP 35 ms", WHILE[mode], seen_by, "none", None, "none", mode)
 
 
 # --- held up for long -------------------------------------------------------------------------
@@ -169,7 +168,7 @@ def test_a_core_that_comes_back_after_2_s_finds_its_drives_stopped_says_so_and_e
         f"{seen.alarm_ms():.0f} ms: quick stop by 6007h; first cycle of the core",
         moved,
         records[-1].verdict.cause.name,
-        records[-1].mode.name.lower(),
+        records[-1].mode,
     )
 
 
@@ -217,7 +216,7 @@ def test_a_gateway_that_hangs_or_ends_makes_the_core_hold_and_its_return_enables
         f"{stopped.gateway_age_cycles} cycles ({ms_since(seen, stopped.sync_mono_ns)}): S2",
         seen.moved(),
         stopped.verdict.cause.name,
-        f"{newest.mode.name.lower()}, held",
+        f"{newest.mode}, held",
     )
 
 
@@ -280,5 +279,5 @@ def test_a_core_that_is_killed_leaves_drives_that_stop_and_the_next_core_waits_f
         f"{seen.alarm_ms():.0f} ms: quick stop by 6007h, then no power",
         moved,
         "said by the drives; the gateway: no records",
-        f"new core: {again.mode.name.lower()}",
+        f"new core: {again.mode}",
     )

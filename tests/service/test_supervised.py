@@ -11,9 +11,9 @@ import threading
 from pathlib import Path
 
 import pytest
+from gaitd_names import Cause, Mode
 from long_service import TIMEOUT_S, LongService
 
-from daemon.ipc.record import Cause, Mode
 from drives.signals import PowerState
 from gaitd_lab.processes import memory_folder
 
@@ -109,8 +109,8 @@ def test_a_silent_drive_leaves_the_same_process_fed_the_other_axis_held_the_caus
     assert service.runs("core")
     assert newest.verdict.cause in {Cause.DRIVE_SILENT, Cause.HEARTBEAT_LOST}
     assert newest.drives[1].power_state == PowerState.QUICK_STOP_ACTIVE
-    assert status.startswith("STATUS=fault: right/hip: ")
-    assert status.endswith(f"[{newest.verdict.cause.name.lower()} right/hip]")
+    assert status.startswith("STATUS=Stopped: right, hip: ")
+    assert status.endswith(f"[fault {newest.verdict.cause} right/hip]")
 
 
 def test_a_hang_up_ends_neither_process_and_is_answered_by_both(service):

@@ -1,9 +1,8 @@
 """Two legs, four drives, one bus: the shipped example as real processes."""
 
 import pytest
+from gaitd_names import Mode
 from long_service import TIMEOUT_S, long_lived
-
-from daemon.ipc.record import Mode
 
 pytestmark = pytest.mark.thorough
 

@@ -18,10 +18,9 @@ import zenoh
 from cut_sockets import ESTABLISHED, LISTENING, cut
 from fault_observations import Watch
 from gaitd_client.connection import Target, client_settings
+from gaitd_names import Cause, Mode
 from long_service import TIMEOUT_S
 from processes import Service
-
-from daemon.ipc.record import Cause, Mode
 
 CONFIGURATION_ERROR = 2
 FLOOD_S = 2.0

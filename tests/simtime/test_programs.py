@@ -12,9 +12,9 @@ import time
 
 import pytest
 from command_line import gaitd
+from gaitd_names import Mode
 from processes import Service
 
-from daemon.ipc.record import Mode
 from simtime.clock import PageClock
 from simtime.processes import IN_A_DEBUGGER, process_state
 

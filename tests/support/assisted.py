@@ -13,13 +13,13 @@ import msgspec
 import numpy as np
 from controllers import NEUTRAL, Controller
 from gaitd_assist import LegController, Settings, StrideLine, parse_settings
+from gaitd_names import Mode, RequestKind
 from sessions import CONFIGS
 
 from daemon.config.settings import Robot
 from daemon.gateway import strides, translate
-from daemon.ipc.record import CycleRecord, Mode, ModeRequest, RequestKind, Setpoint
+from daemon.ipc.record import CycleRecord, ModeRequest, Setpoint
 from daemon.preflight.load import load
-from daemon.wire.names import name_of
 from gaitd_lab.lockstep import LockstepSession
 from gaitd_lab.lockstep_gateway import Gateway
 from gaitd_lab.patients import DT_S, Model, Patient, of_ability
@@ -62,7 +62,7 @@ class Answers:
 
     def __call__(self, record: CycleRecord) -> tuple[float, float, float]:
         view = translate.view_of(record.legs[0], record, translate.stamp_of("lockstep", record))
-        stage = None if record.stage is None else name_of(record.stage)
+        stage = None if record.stage is None else record.stage
         answer = self.leg.answer(translate.estimate(view, record.cycle), stage)
         if view.leg.stride is not None:
             line = self.leg.end_stride(strides.stride(view.leg.stride, view, record.cycle))

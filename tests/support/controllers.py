@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 
-from daemon.ipc.record import AxisSetpoint, CycleRecord, Mode, Setpoint
+from gaitd_names import Mode
+
+from daemon.ipc.record import AxisSetpoint, CycleRecord, Setpoint
 from gaitd_lab.lockstep_gateway import Gateway
 
 NEUTRAL = (0.0, 0.0, 1.0)

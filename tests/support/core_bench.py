@@ -1,23 +1,14 @@
 """A core without a bus: it is turned from cycle to cycle, and its drives show what a test says."""
 
 from fresh_core import fresh
+from gaitd_names import Cause, Mode, Outcome, RequestKind, Role, StopCategory
 from safety_inputs import FEEDBACK, JOINT
 
 from daemon.core.inputs import NO_INPUTS, CommandInputs
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Core
 from daemon.core.steps import exercises, supervisor
-from daemon.ipc.record import (
-    Cause,
-    Mode,
-    ModeRequest,
-    Outcome,
-    Request,
-    RequestKind,
-    Role,
-    StopCategory,
-    Verdict,
-)
+from daemon.ipc.record import ModeRequest, Request, Verdict
 from drives.signals import PowerState
 
 AT_REST = JOINT._replace(position_si=0.2, velocity_si=0.0, effort_si=0.0)

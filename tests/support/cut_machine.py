@@ -19,15 +19,16 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from gaitd_names import Mode
 from rig_service import Inside, _import_all, warm
 from scenarios import GAIT, MEMORY, cycles, ready_again, shell, walks
 
-from daemon.ipc.record import CycleRecord, Mode
+from daemon.core.runtime.texts import verdict_text
+from daemon.ipc.record import CycleRecord
 from daemon.ipc.ring_clip import FOLDER, SUFFIX
 from daemon.ipc.transport import RingError
 from daemon.keys.folder import CLIENTS, ISSUED, read_keys
 from daemon.keys.issuing import init, issue
-from daemon.wire.report_fields import verdict_line
 from drives.signals import PowerState
 
 DISK = Path("/run/disk")
@@ -124,7 +125,7 @@ def found(service: Inside) -> CycleRecord:
     said(
         found=begun.mode.name,
         cause=begun.verdict.cause.name,
-        verdict=verdict_line(begun.verdict),
+        verdict=verdict_text(begun.verdict),
         modes=sorted({record.mode.name for record in records}),
         powers=sorted({PowerState(d.power_state).name for r in records for d in r.drives}),
         path_si=[

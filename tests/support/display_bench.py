@@ -27,8 +27,8 @@ from gaitd_client import (
     wire,
 )
 from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream, Watch
-from gaitd_client.texts import catalogue
 from gaitd_client.wire.messages import Configuration, Judgement, Refusal, Status
+from gaitd_texts import catalogue
 from msgspec import inspect
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -119,7 +119,7 @@ class Page:
 @contextlib.contextmanager
 def catalogues(folder: Path):
     """Copies of the catalogues, which a test may break; yields their folder."""
-    module = sys.modules["gaitd_client.texts.catalogue"]  # the package has a function of its name
+    module = sys.modules["gaitd_texts.catalogue"]  # the package has a function of its name
     original, copied = module.FOLDER, folder / "texts"
     shutil.copytree(original, copied)
     try:

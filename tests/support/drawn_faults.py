@@ -14,7 +14,8 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from daemon.ipc.record import Cause
+from gaitd_names import Cause
+
 from gaitd_lab.fault_matrix.faults import EMERGENCIES, LAWS, WARNING_CODE
 from gaitd_lab.fault_matrix.law import Law, goes_on
 

@@ -18,6 +18,7 @@ from types import SimpleNamespace
 from typing import NamedTuple
 
 import msgspec
+from gaitd_names import AxisStep, Cause, EventCode, Mode, RequestKind, Role, StopCategory
 from safety_inputs import FEEDBACK, JOINT
 from sessions import CONFIGS
 
@@ -37,18 +38,7 @@ from daemon.core.steps import (
     supervisor,
     wanted,
 )
-from daemon.ipc.record import (
-    Cause,
-    Mode,
-    ModeRequest,
-    Request,
-    RequestKind,
-    RequestResult,
-    Role,
-    StopCategory,
-    Verdict,
-)
-from daemon.ipc.report import AxisStep, EventCode
+from daemon.ipc.record import ModeRequest, Request, RequestResult, Verdict
 from daemon.preflight.load import load
 from drives.cia402.power_state import STATUS_HOMING_ATTAINED, STATUS_TARGET_REACHED
 from drives.signals import DriveFeedback, OperationMode, PowerRequest, PowerState
@@ -604,9 +594,9 @@ class Model:
                 continue
             name = core.axes[event.axis].name if event.axis >= 0 else ""
             verdict = Verdict(core.config.categories.of(cause), cause, name)
-            if verdict.category > found.get(name, checks.NO_VERDICT).category:
+            if verdict.category.severity > found.get(name, checks.NO_VERDICT).category.severity:
                 found[name] = verdict
-        return tuple(sorted(found.values(), key=lambda verdict: -verdict.category))
+        return tuple(sorted(found.values(), key=lambda verdict: -verdict.category.severity))
 
     def _command(self) -> tuple[PowerRequest, ...]:
         core = self.core
@@ -763,7 +753,7 @@ def _latching(seen: Seen) -> Iterator[str]:
     stays = after.mode in STOPPED
     if verdict.cause != Cause.NONE and not stays:
         yield f"{verdict.cause.name} is left for {after.mode.name} without a reset"
-    if stays and after.verdict.category < verdict.category:
+    if stays and after.verdict.category.severity < verdict.category.severity:
         yield f"{verdict.category.name} becomes {after.verdict.category.name}"
     if stays and not seen.bus_lost:
         for number, (was, now) in enumerate(zip(before.stops, after.stops, strict=True)):
@@ -772,7 +762,7 @@ def _latching(seen: Seen) -> Iterator[str]:
     if (
         after.mode in STOPPED
         and after.verdict.cause not in NOT_LATCHED | {verdict.cause}
-        and (after.latched != after.verdict.cause.name)
+        and (after.latched != after.verdict.cause)
     ):
         yield f"{after.verdict.cause.name} is not in the state file"
 
@@ -803,7 +793,7 @@ def _checked(seen: Seen) -> Iterator[str]:
         earlier = before.mode in STOPPED and before.verdict.cause != Cause.NONE
         for one in seen.found:
             shutdown = one.cause == Cause.SHUTDOWN and earlier
-            if after.verdict.category < one.category and not shutdown:
+            if after.verdict.category.severity < one.category.severity and not shutdown:
                 yield f"{one.category.name} is found, {after.verdict.category.name} is latched"
         for one in seen.found:
             yield from _stopped_by(one, after)
@@ -975,4 +965,4 @@ def way(state: State, events: tuple[Event, ...]) -> str:
 
 
 def _line(mode: Mode, events: tuple[Event, ...]) -> str:
-    return f"  {mode.name.lower()}: {' and '.join(str(one) for one in events) or 'nothing'}"
+    return f"  {mode}: {' and '.join(str(one) for one in events) or 'nothing'}"

@@ -11,13 +11,13 @@ from pathlib import Path
 import zenoh
 from gaitd_client.connection import Target, client_settings
 from gaitd_client.credentials import read_credentials
+from gaitd_names import Outcome
 from processes import CONFIGS
 
 from daemon.config.settings import Lease
 from daemon.config.trainer import load_trainer
 from daemon.gateway.process import serve
 from daemon.gateway.reload import Reload
-from daemon.ipc.record import Outcome
 from daemon.keys import issuing
 from daemon.keys.folder import read_keys
 from daemon.system.clock import MonotonicClock

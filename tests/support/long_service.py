@@ -9,9 +9,10 @@ from collections.abc import Generator
 from pathlib import Path
 from typing import Self
 
+from gaitd_names import Mode
 from processes import CONFIGS, Service, its_bus
 
-from daemon.ipc.record import CycleRecord, Mode
+from daemon.ipc.record import CycleRecord
 from gaitd_lab.processes import memory_folder
 from gaitd_lab.testing.trainer import TIMEOUT_S, VirtualTrainer, speeds_by_leg
 

@@ -4,7 +4,7 @@ import re
 import string
 from collections.abc import Iterable
 
-from gaitd_client.texts import Catalogue, Reader, catalogue
+from gaitd_texts import Catalogue, Reader, catalogue
 
 WORD = re.compile(r"[A-Za-zÄÖÜäöüß]+")
 QUOTED = re.compile(r"`[^`]*`")

@@ -2,7 +2,7 @@
 
 import msgspec
 from gaitd_client import wire
-from gaitd_client.wire.fields import JOINTS
+from gaitd_names.joints import JOINTS
 from gaitd_record import Received
 
 from daemon.gateway.playback import publish_at_once

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 import msgspec
+from gaitd_names import Mode
 
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import (
@@ -10,7 +11,6 @@ from daemon.ipc.record import (
     CycleRecord,
     DriveRecord,
     LegRecord,
-    Mode,
     RequestResult,
     Verdict,
 )

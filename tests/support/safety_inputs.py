@@ -3,13 +3,14 @@
 import cmath
 import math
 
+from gaitd_names import Mode
+
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.safety.checks import NO_VERDICT, check
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
-from daemon.ipc.record import Mode
 from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import (
     DriveFeedback,
@@ -81,7 +82,7 @@ THRESHOLDS = Thresholds(
     clonus_patience_cycles=120,
     mode_switch_cycles=5,
 )
-CATEGORIES = Categories({cause.name.lower(): "S1" for cause in CHOSEN_CATEGORY})
+CATEGORIES = Categories(dict.fromkeys(CHOSEN_CATEGORY, "S1"))
 WELL = ServiceInputs(
     stop_requested=False,
     shutdown_requested=False,

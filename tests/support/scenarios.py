@@ -16,10 +16,11 @@ from typing import Any
 
 from bench_motor import bench
 from config_files import CONFIGS, Change
+from gaitd_names import Mode
 from rig_service import TEMPLATE, Inside, Report
 from usb_adapters import Wire
 
-from daemon.ipc.record import CycleRecord, Mode
+from daemon.ipc.record import CycleRecord
 from drives.canopen.bus_state import BusCondition
 
 MEMORY = Path("/run/gaitd-tests")

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gaitd_names import EventCode, Mode, RequestKind
 
 from analysis.accuracy import Score, score
 from daemon.core.modes.persistent_state import PersistentState
-from daemon.ipc.record import CycleRecord, Mode, ModeRequest, RequestKind
-from daemon.ipc.report import Event, EventCode
+from daemon.ipc.record import CycleRecord, ModeRequest
+from daemon.ipc.report import Event
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 

@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from drawn_faults import DEATHS_RATIO, Actor, FaultGenerator
 from gaitd_client import wire
 from gaitd_client.connection import open_session
+from gaitd_names import Cause, Mode, StopCategory
 from scipy.stats import theilslopes
 
 from daemon.core.safety.checks import OBSERVER_BAD_MAX_CYCLES
-from daemon.ipc.record import Cause, Mode, StopCategory
 from gaitd_lab.process_memory import sample
 from gaitd_lab.requests import Ask, Requests
 from gaitd_lab.timed_service import PARTS, RecordTail, TimedService
@@ -130,7 +130,7 @@ class StopMonitor:
 
     @property
     def is_stopped(self):
-        return self._before is not None and self._before.verdict.category > StopCategory.NONE
+        return self._before is not None and self._before.verdict.category is not StopCategory.NONE
 
     @property
     def walks(self):

@@ -4,8 +4,8 @@ from collections.abc import Collection
 from typing import Final, NamedTuple
 
 from gaitd_client import DriveState, NotValid
-from gaitd_client.texts import Situation, stop_of
 from gaitd_session.session import WITHOUT_POWER
+from gaitd_texts import Situation, stop_of
 
 HOLDING: Final = frozenset({"operation_enabled", "quick_stop_active"})
 """CiA 402 power states in which a drive can hold a leg."""

@@ -9,7 +9,7 @@ from typing import Final, Self
 
 import msgspec
 from gaitd_client import Activity, Cause, DriveState, Estimate, Health, NotValid, Safety
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
 
 from gaitd_display.geometry import Geometry
 from gaitd_display.truth import TrueEfforts

@@ -11,7 +11,6 @@ from typing import Final
 
 import msgspec
 from gaitd_client import PlanLimits
-from gaitd_client.texts import Reader, catalogue
 from gaitd_client.wire import Refusal
 from gaitd_session import (
     BlockKind,
@@ -26,6 +25,7 @@ from gaitd_session import (
 from gaitd_session.goals import band_about
 from gaitd_session.profile import Goal
 from gaitd_session.profile import Profile as SessionProfile
+from gaitd_texts import Reader, catalogue
 from gaitd_toml import ConfigError
 
 from gaitd_display.settings import SessionFiles

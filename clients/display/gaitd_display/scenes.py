@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 
 import msgspec
 from gaitd_client import Cause
-from gaitd_client.texts import Situation, key_of
 from gaitd_session import Advice
+from gaitd_texts import Situation, key_of
 
 from gaitd_display.training import TrainingView
 from gaitd_display.way_out import Step, Unstrap

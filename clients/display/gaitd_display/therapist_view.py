@@ -19,9 +19,9 @@ from gaitd_client import (
     Safety,
     Stride,
 )
-from gaitd_client.texts import Situation, key_of, stop_of
 from gaitd_client.wire import AxisEstimate
-from gaitd_client.wire.names import Kind
+from gaitd_names import Kind
+from gaitd_texts import Situation, key_of, stop_of
 
 from gaitd_display.alarm import Alarm, cause_of
 from gaitd_display.controls import Control, Requestable, controls

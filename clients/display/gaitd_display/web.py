@@ -29,7 +29,7 @@ from gaitd_client import (
     Trainer,
 )
 from gaitd_client.wire import Refusal
-from gaitd_client.wire.names import RefusalCode
+from gaitd_names import RefusalCode
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect, Request

@@ -1,14 +1,14 @@
 """States of the patient's page, and sentences in all languages.
 
 A page gets each sentence in all languages, so that its button changes the language at once. The
-texts are in `gaitd_client/texts`.
+texts are in `gaitd_texts`.
 """
 
 from collections.abc import Callable
 from enum import StrEnum, auto
 from typing import Final
 
-from gaitd_client.texts import CAUTIOUS, LANGUAGES, Catalogue, Reader, catalogue, texts_of
+from gaitd_texts import CAUTIOUS, LANGUAGES, Catalogue, Reader, catalogue, texts_of
 
 Spoken = dict[str, str]
 """A sentence by language."""

@@ -4,7 +4,7 @@ import asyncio
 import sys
 
 from gaitd_client import Activity, AsyncTrainer, NotValid
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
 
 
 def line(activity: Activity | NotValid) -> str:

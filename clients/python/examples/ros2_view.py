@@ -34,9 +34,9 @@ from gaitd_client import (
     Validity,
 )
 from gaitd_client.connection import PLACE_IN_ZENOH, client_settings, config_of
-from gaitd_client.texts import Reader, catalogue
 from gaitd_client.trainer import LEGS
 from gaitd_client.wire import JOINTS
+from gaitd_texts import Reader, catalogue
 from rosbags.typesys import Stores, get_typestore
 
 ROS: Final = get_typestore(Stores.ROS2_JAZZY)

@@ -1,10 +1,25 @@
 """Client of gaitd, the drive service of a home gait trainer.
 
 Reading order: `trainer.py` (messages and requests), `stream.py` (what a stream yields, silence),
-`lease.py` (assist under a lease), `aio.py` (asyncio), `wire/` (the messages), `texts/` (their
-sentences), `connection.py` and `credentials.py` (the Zenoh session), `signals.py` (the end of a
-program), `clock.py`, `errors.py`.
+`lease.py` (assist under a lease), `aio.py` (asyncio), `wire/` (the messages), `connection.py`
+and `credentials.py` (the Zenoh session), `signals.py` (the end of a program), `clock.py`,
+`errors.py`. Enums are in `gaitd_names`, sentences in `gaitd_texts`.
 """
+
+from gaitd_names import (
+    Cause,
+    EventCode,
+    Kind,
+    Mode,
+    Outcome,
+    Priority,
+    RefusalCode,
+    SetpointRefusal,
+    Stage,
+    StatusBit,
+    StopCategory,
+    Validity,
+)
 
 from gaitd_client import wire
 from gaitd_client.aio import AsyncLease, AsyncTrainer
@@ -38,20 +53,6 @@ from gaitd_client.wire import (
     Status,
     Stride,
 )
-from gaitd_client.wire.names import (
-    Cause,
-    EventCode,
-    Kind,
-    Mode,
-    Outcome,
-    Priority,
-    RefusalCode,
-    Stage,
-    StatusBit,
-    StopCategory,
-    Validity,
-)
-from gaitd_client.wire.refusals import SetpointRefusal
 
 __all__ = [
     "Activity",

@@ -9,13 +9,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Final, Self, TypeVar
 
+from gaitd_names import Mode
+
 from gaitd_client import wire
 from gaitd_client.clock import Clock
 from gaitd_client.credentials import Credentials
 from gaitd_client.lease import NS_PER_S, Law, Lease, OnRefusal
 from gaitd_client.stream import POLL_S, Stream
 from gaitd_client.trainer import EVENTS_KEPT, STRIDES_KEPT, Trainer
-from gaitd_client.wire.names import Mode
 
 T = TypeVar("T")
 

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
+
 from gaitd_client.wire import Reply
 
 

@@ -15,6 +15,8 @@ from typing import Final, NamedTuple, Protocol, Self, SupportsFloat, TypeVar
 
 import msgspec
 import zenoh
+from gaitd_names import Mode, Outcome, SetpointRefusal
+from gaitd_texts import Reader, catalogue
 from zenoh import CongestionControl, Priority
 
 from gaitd_client import wire
@@ -27,9 +29,6 @@ from gaitd_client.errors import (
     RequestRefusedError,
 )
 from gaitd_client.stream import POLL_S, NotValid, Stream
-from gaitd_client.texts import Reader, catalogue
-from gaitd_client.wire.names import Mode, Outcome
-from gaitd_client.wire.refusals import SetpointRefusal
 
 T = TypeVar("T", bound=msgspec.Struct)
 

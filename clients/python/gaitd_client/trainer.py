@@ -9,6 +9,7 @@ from typing import Any, Final, Self, TypeVar
 
 import msgspec
 import zenoh
+from gaitd_names import Mode, Outcome
 from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
 
 from gaitd_client import wire
@@ -33,7 +34,6 @@ from gaitd_client.errors import (
 )
 from gaitd_client.lease import Law, Lease, OnRefusal
 from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream, Watch
-from gaitd_client.wire.names import Mode, Outcome
 
 T = TypeVar("T", bound=msgspec.Struct)
 

@@ -19,7 +19,8 @@ import msgspec
 import pyarrow as pa
 import pyarrow.parquet as pq
 from gaitd_client import StatusBit, wire
-from gaitd_client.wire.fields import JOINTS, QUANTITY
+from gaitd_client.wire.fields import QUANTITY
+from gaitd_names.joints import JOINTS
 
 from gaitd_record.about import INTEGER_MAX
 

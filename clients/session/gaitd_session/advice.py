@@ -1,4 +1,4 @@
-"""What a session advises, and why it went wrong; the sentences are in `gaitd_client/texts`."""
+"""What a session advises, and why it went wrong; the sentences are in `gaitd_texts`."""
 
 from enum import StrEnum, auto
 

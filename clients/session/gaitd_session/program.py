@@ -15,7 +15,7 @@ from typing import Annotated, Final
 import typer
 from gaitd_client import ClientError, MonotonicClock, Trainer
 from gaitd_client.signals import ignore_ends, interrupted_once
-from gaitd_client.texts import Catalogue, Reader, catalogue
+from gaitd_texts import Catalogue, Reader, catalogue
 from gaitd_toml import ConfigError
 
 from gaitd_session import terminal

@@ -25,7 +25,7 @@ from gaitd_client import (
     Stride,
     Trainer,
 )
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
 
 from gaitd_session.advice import Failure, Why, refusal_of
 from gaitd_session.goals import valid_share

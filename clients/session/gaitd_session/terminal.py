@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import Final
 
 from gaitd_client import Cause
-from gaitd_client.texts import Catalogue, Reader, catalogue, key_of
+from gaitd_texts import Catalogue, Reader, catalogue, key_of
 from rich.console import Group
 from rich.live import Live
 from rich.panel import Panel

@@ -6,7 +6,7 @@ from typing import Final
 import msgspec
 from gaitd_client import Cause, Mode
 from gaitd_client.wire import Refusal
-from gaitd_client.wire.names import RefusalCode, Untested
+from gaitd_names import RefusalCode, Untested
 
 from gaitd_session.advice import Advice, Why
 from gaitd_session.goals import band_about

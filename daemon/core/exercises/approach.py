@@ -5,12 +5,13 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from gaitd_names import RefusalCode
 
 from daemon.config.settings import Gait
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import LegStart
 from daemon.core.motion.gait_shape import Pair, angles_of_joints, gait_angles, joints_of_angles
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.report import Refusal
 from observer.mechanism.mechanism import WorkspaceError, singularity_ratio
 from observer.mechanism.parameters import LegParameters
 

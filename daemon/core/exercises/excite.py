@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self
 
+from gaitd_names import RefusalCode, Stage
+
 from daemon.config.settings import Sinusoid
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises import approach
@@ -18,8 +20,8 @@ from daemon.core.exercises.approach import Approach
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import Pair, gait_angles, joints_of_angles, load_at
-from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 from observer.mechanism.parameters import LegParameters
 
 SETTLE_S: Final = 1.0

@@ -18,13 +18,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, NamedTuple, Self
 
+from gaitd_names import Failure, ProgressCode, Stage
+
 from daemon.config.settings import Impedance
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import GaitShape, Pair
 from daemon.core.safety.limits import AxisLimits
-from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import Failure, Progress, ProgressCode, Refusal
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Progress, Refusal
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Self
 
+from gaitd_names import RefusalCode, Stage
+
 from daemon.config.settings import Impedance
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises import approach
@@ -16,8 +18,8 @@ from daemon.core.exercises.approach import Approach, minimum_jerk
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.motion.gait_shape import GaitShape, Pair, gait_angles, joints_of_angles
-from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 
 START_CADENCE_RATIO: Final = 0.5
 """Share of the cadence at which the first stride begins."""

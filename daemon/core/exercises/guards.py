@@ -7,8 +7,7 @@ is in its own file (`Exercise.refuse`).
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from daemon.ipc.record import Mode
-from daemon.ipc.report import Doubt, SelfTestDue, Untested
+from gaitd_names import Doubt, Mode, SelfTestDue, Untested
 
 
 @dataclass(frozen=True, slots=True)

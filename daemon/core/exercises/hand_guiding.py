@@ -16,14 +16,15 @@ from typing import ClassVar, Final, NamedTuple, Self
 
 import msgspec
 import numpy as np
+from gaitd_names import ProgressCode, Stage
 
 from daemon.config.settings import HandGuiding as Settings
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety.limits import AxisLimits
-from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import Progress, ProgressCode
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Progress
 from observer.mechanism.mechanism import singularity_ratio
 from observer.mechanism.parameters import LegParameters
 

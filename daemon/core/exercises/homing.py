@@ -9,6 +9,8 @@ drive shows that home is attained and reached.
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self
 
+from gaitd_names import EventCode, Failure, Mode, RefusalCode
+
 from daemon.core.exercises.single_axis import (
     AxisSample,
     AxisStart,
@@ -19,8 +21,7 @@ from daemon.core.exercises.single_axis import (
 )
 from daemon.core.period import cycles
 from daemon.core.safety.limits import AxisLimits
-from daemon.ipc.record import Mode
-from daemon.ipc.report import EventCode, Failure, Refusal, RefusalCode
+from daemon.ipc.report import Refusal
 from drives.cia402.power_state import homing_state
 from drives.signals import DriveFeedback, HomingState, OperationMode
 

@@ -23,21 +23,14 @@ from itertools import accumulate
 from typing import ClassVar, Final, NamedTuple, Self
 
 import numpy as np
+from gaitd_names import Failure, Finding, MotionPhase, ProgressCode, RefusalCode, Stage
 
 from daemon.config.settings import SelfTest as Settings
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.motion.gait_shape import Pair
-from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import (
-    Failure,
-    Finding,
-    MotionPhase,
-    Progress,
-    ProgressCode,
-    Refusal,
-    RefusalCode,
-)
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Progress, Refusal
 from observer.mechanism.friction import static_friction_of
 from observer.mechanism.mechanism import singularity_ratio
 
@@ -297,7 +290,7 @@ def _ramped(way: Way, since_s: float) -> Pair:
 
 def _result(way: Way, sums: Sums, ratios: Pair, failure: Failure) -> AxisResult:
     if not sums.forth_count or not sums.back_count:
-        fault = Finding.NOT_BEGUN if failure else Finding.NO_SAMPLE
+        fault = Finding.NO_SAMPLE if failure is Failure.NONE else Finding.NOT_BEGUN
         return AxisResult(way.name, 0.0, 0.0, 0.0, 0.0, fault)
     forth_si, back_si = sums.forth_si / sums.forth_count, sums.back_si / sums.back_count
     along = math.copysign(1.0, way.distance_si)

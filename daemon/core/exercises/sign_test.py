@@ -11,6 +11,8 @@ the operator confirms it. The proof needs both.
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final
 
+from gaitd_names import EventCode, Failure, Mode
+
 from daemon.core.exercises.single_axis import (
     AxisSample,
     AxisStart,
@@ -21,8 +23,7 @@ from daemon.core.exercises.single_axis import (
 )
 from daemon.core.period import cycles
 from daemon.core.safety.limits import AxisLimits
-from daemon.ipc.record import Mode
-from daemon.ipc.report import EventCode, Failure, Refusal
+from daemon.ipc.report import Refusal
 from drives.signals import OperationMode
 
 REST_CYCLES: Final = cycles(0.3)

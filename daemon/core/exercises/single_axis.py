@@ -14,9 +14,10 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import ClassVar, Final, NamedTuple, Self
 
+from gaitd_names import AxisStep, EventCode, Failure, Mode, Stage
+
 from daemon.core.safety.limits import AxisLimits
-from daemon.ipc.record import Mode, Stage
-from daemon.ipc.report import AxisStep, EventCode, Failure, Refusal
+from daemon.ipc.report import Refusal
 from drives.signals import DriveFeedback, HomingState, OperationMode
 
 _STAGE_OF: Final = {

@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
+from gaitd_names import RefusalCode, Stage
+
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, LegSample, LegStart, Reference
 from daemon.core.exercises.guards import GuardInputs
-from daemon.ipc.record import ModeRequest, Stage
-from daemon.ipc.report import Progress, Refusal, RefusalCode
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Progress, Refusal
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

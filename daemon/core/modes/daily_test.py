@@ -17,6 +17,7 @@ Rules:
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
+from gaitd_names import Finding, SelfTestDue, Untested
 from msgspec.structs import replace
 
 from daemon.core.exercises.self_test import AxisResult
@@ -26,7 +27,6 @@ from daemon.core.modes.persistent_state import (
     StoredInputs,
     StoredSelfTest,
 )
-from daemon.ipc.report import SelfTestDue, Untested
 from drives.signals import Input
 
 NS_PER_HOUR: Final = 3_600_000_000_000
@@ -157,7 +157,7 @@ def stored_test(
     """The note of a finished self-test; `serial_numbers` are those of the drives, by axis."""
     return StoredSelfTest(
         utc_ns=utc_ns,
-        passed=not any(one.fault for one in results),
+        passed=all(one.fault is Finding.NONE for one in results),
         leg_digest=leg_digest,
         axes={
             one.name: StoredAxisTest(

@@ -18,11 +18,11 @@ contains LAST_END_UNKNOWN.
 import math
 from typing import Final
 
+from gaitd_names import Cause, Finding, Mode, StopCategory
 from msgspec.structs import replace
 
 from daemon.core.modes.persistent_state import StoredVerdict
-from daemon.ipc.record import Cause, Mode, StopCategory, Verdict, clipped
-from daemon.ipc.report import Finding
+from daemon.ipc.record import Verdict, clipped
 
 SAID_BYTES_MAX: Final = 120
 _NOT_LATCHED: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED})
@@ -30,6 +30,10 @@ _NOT_LATCHED: Final = frozenset({Cause.NONE, Cause.SHUTDOWN, Cause.DRIVE_POWERED
 
 DRIVE_POWERED is not kept because the next bring-up finds a drive that holds the leg again.
 """
+
+_CATEGORIES: Final = {str(category): category for category in StopCategory}
+_CAUSES: Final = {str(cause): cause for cause in Cause}
+_FINDINGS: Final = {str(finding): finding for finding in Finding}
 
 
 def updated(
@@ -57,12 +61,12 @@ def _running(utc_ns: int) -> StoredVerdict:
 def _stored_verdict(verdict: Verdict, stored: StoredVerdict | None, utc_ns: int) -> StoredVerdict:
     """The note of a verdict; an equal existing note is kept with its time."""
     new = StoredVerdict(
-        category=verdict.category.name,
-        cause=verdict.cause.name,
+        category=verdict.category,
+        cause=verdict.cause,
         drive=verdict.drive,
         value=verdict.value if math.isfinite(verdict.value) else None,
         limit=verdict.limit if math.isfinite(verdict.limit) else None,
-        finding=verdict.finding.name,
+        finding=verdict.finding,
         said=clipped(verdict.said, SAID_BYTES_MAX),
         utc_ns=utc_ns,
     )
@@ -75,12 +79,12 @@ def verdict_of(stored: StoredVerdict) -> Verdict:
 
     An unknown cause, from another version, becomes LAST_END_UNKNOWN, an unknown category S1.
     """
-    category = StopCategory.__members__.get(stored.category, StopCategory.S1)
-    cause = Cause.__members__.get(stored.cause)
+    category = _CATEGORIES.get(stored.category, StopCategory.S1)
+    cause = _CAUSES.get(stored.cause)
     if cause is None:
         other = Finding.NOTES_OF_OTHER_VERSION
         unknown = Cause.LAST_END_UNKNOWN
         return Verdict(category, unknown, stored.drive, finding=other, said=stored.cause)
     value, limit = stored.value or 0.0, stored.limit or 0.0
-    finding = Finding.__members__.get(stored.finding, Finding.NONE)
+    finding = _FINDINGS.get(stored.finding, Finding.NONE)
     return Verdict(category, cause, stored.drive, value, limit, finding, stored.said)

@@ -19,10 +19,10 @@ Pure: `state_file.py` reads and writes the file. Rules:
 from typing import Final, NamedTuple
 
 import msgspec
+from gaitd_names import Cause, Doubt, Finding, StopCategory
 from msgspec.structs import replace
 
 from daemon.ipc.decoding import Count
-from daemon.ipc.report import Doubt
 
 FORMAT: Final = "gaitd.axes.v1"
 POSE_STEP_SI: Final = 1e-4
@@ -103,7 +103,7 @@ class StoredVerdict(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     value: float | None = None
     """None: there is no value, or it is not finite."""
     limit: float | None = None
-    finding: str = "NONE"
+    finding: str = Finding.NONE
     said: str = ""
     utc_ns: Count = 0
     """Time at which the verdict was first stored."""
@@ -133,10 +133,12 @@ class PersistentState(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 UNREADABLE: Final = PersistentState(
     damaged=True,
-    latched=StoredVerdict("S1", "LAST_END_UNKNOWN", finding="NOTES_UNREADABLE"),
+    latched=StoredVerdict(
+        StopCategory.S1, Cause.LAST_END_UNKNOWN, finding=Finding.NOTES_UNREADABLE
+    ),
 )
 """State after an unreadable file: a stop may have been latched, so LAST_END_UNKNOWN is."""
-TORN: Final = StoredVerdict("S1", "LAST_END_UNKNOWN", finding="NOTES_TORN")
+TORN: Final = StoredVerdict(StopCategory.S1, Cause.LAST_END_UNKNOWN, finding=Finding.NOTES_TORN)
 """Latched beside a torn page of the file, if the page before has no stop."""
 
 

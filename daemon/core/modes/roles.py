@@ -2,9 +2,11 @@
 
 import math
 
+from gaitd_names import Mode, RefusalCode, RequestKind
+
 from daemon.core.exercises.guards import GuardInputs
-from daemon.ipc.record import Mode, Plan, Request, RequestKind
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.record import Plan, Request
+from daemon.ipc.report import Refusal
 from daemon.wire.roles import ROLES
 
 

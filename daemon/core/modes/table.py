@@ -23,6 +23,8 @@ Rules:
 from collections.abc import Mapping, Sequence
 from typing import Final, NamedTuple
 
+from gaitd_names import Mode, RefusalCode, RequestKind, SelfTestDue, Trigger
+
 from daemon.core.exercises.excite import Excite
 from daemon.core.exercises.exercise import Exercise
 from daemon.core.exercises.gait import Gait
@@ -34,8 +36,8 @@ from daemon.core.exercises.self_test import SelfTest
 from daemon.core.exercises.sign_test import SignTest
 from daemon.core.exercises.single_axis import SingleAxis
 from daemon.core.exercises.torque import Torque
-from daemon.ipc.record import Mode, ModeRequest, RequestKind
-from daemon.ipc.report import Refusal, RefusalCode, Trigger
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 
 TRANSITIONS: Mapping[tuple[Mode, Trigger], Mode] = {
     (Mode.OFF, Trigger.BRING_UP_BEGUN): Mode.BRINGING_UP,
@@ -195,7 +197,7 @@ def refusal(kind: RequestKind, wanted: ModeRequest, now: GuardInputs) -> Refusal
         return Refusal(RefusalCode.GUIDANCE_BY_POSITION)
     if not now.drives_powered:
         return Refusal(RefusalCode.NOT_HOLDING_YET)
-    if rules.needs_self_test and now.self_test_due:
+    if rules.needs_self_test and now.self_test_due is not SelfTestDue.NONE:
         return Refusal(RefusalCode.SELF_TEST_DUE, values=(now.self_test_due,))
     return rules.exercise.refuse(wanted, now)
 

@@ -21,10 +21,11 @@ import math
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from gaitd_names import SetpointRefusal
+
 from daemon.core.safety import bounds
 from daemon.core.safety.limits import AxisLimits
 from daemon.ipc.record import Setpoint
-from daemon.wire.refusals import SetpointRefusal
 
 Pair = tuple[float, float]
 
@@ -84,7 +85,7 @@ def check_setpoint(
     limits: tuple[AxisLimits, AxisLimits],
     context: SetpointContext,
     rules: AssistRules,
-) -> SetpointRefusal:
+) -> SetpointRefusal | None:
     """Check a setpoint; NONE if it is accepted, else the reason to refuse it.
 
     Args:
@@ -94,12 +95,15 @@ def check_setpoint(
         context: state of the core in this cycle.
         rules: settings of limits.toml.
     """
-    return _by_sender(setpoint, last_seq, context, rules) or _by_content(setpoint, limits, context)
+    refusal = _by_sender(setpoint, last_seq, context, rules)
+    if refusal is not None:
+        return refusal
+    return _by_content(setpoint, limits, context)
 
 
 def _by_sender(
     setpoint: Setpoint, last_seq: int, context: SetpointContext, rules: AssistRules
-) -> SetpointRefusal:
+) -> SetpointRefusal | None:
     if context.lease == 0:
         return SetpointRefusal.UNLEASED
     if setpoint.lease != context.lease:
@@ -110,14 +114,12 @@ def _by_sender(
         return SetpointRefusal.REORDERED
     if setpoint.for_cycle > context.cycle:
         return SetpointRefusal.AHEAD
-    return (
-        SetpointRefusal.NONE if is_fresh(setpoint, context.cycle, rules) else SetpointRefusal.STALE
-    )
+    return None if is_fresh(setpoint, context.cycle, rules) else SetpointRefusal.STALE
 
 
 def _by_content(
     setpoint: Setpoint, limits: tuple[AxisLimits, AxisLimits], context: SetpointContext
-) -> SetpointRefusal:
+) -> SetpointRefusal | None:
     wanted = wanted_si(setpoint)
     if not all(map(math.isfinite, (*wanted, setpoint.stiffness_ratio))):
         return SetpointRefusal.NON_FINITE
@@ -132,7 +134,7 @@ def _by_content(
         return SetpointRefusal.GUIDANCE_IS_POSITION
     if not context.takes_assist and not is_neutral(setpoint):
         return SetpointRefusal.WRONG_MODE
-    return SetpointRefusal.NONE
+    return None
 
 
 def is_fresh(setpoint: Setpoint, cycle: int, rules: AssistRules) -> bool:

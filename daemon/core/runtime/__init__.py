@@ -2,5 +2,6 @@
 
 Reading order: `process.py`, `build.py` (a core from its configuration), `loop.py` with
 `loop_settings.py` and `grid.py` (the 10 ms grid), `bus_link.py`, `sync_window.py`, `arrivals.py`,
-`bus_load.py` (the bus), `realtime.py`, `warm_up.py`, `systemd.py`, `state_file.py`.
+`bus_load.py` (the bus), `realtime.py`, `warm_up.py`, `texts.py` (English sentences),
+`systemd.py`, `state_file.py`.
 """

@@ -12,9 +12,11 @@ Rules:
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from gaitd_names import EventCode
+
 from daemon.core.runtime.bus_load import LoadMeter
 from daemon.ipc.record import BusRecord
-from daemon.ipc.report import Event, EventCode
+from daemon.ipc.report import Event
 from daemon.system.clock import Clock
 from drives.bringup.configurator import Configurator
 from drives.canopen.bus import Bus, Frame

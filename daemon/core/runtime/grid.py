@@ -8,7 +8,9 @@ Rules:
 
 from typing import Final
 
-from daemon.ipc.cycle_timing import CyclePart, CycleTiming
+from gaitd_names import CyclePart
+
+from daemon.ipc.cycle_timing import CycleTiming
 from daemon.system.clock import Clock
 
 LATE_MAX_NS: Final = 3_000_000

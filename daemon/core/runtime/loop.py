@@ -25,6 +25,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing, suppress
 from typing import Final
 
+from gaitd_names import Cause, CyclePart, EventCode, Mode
 from msgspec.structs import replace
 
 from daemon.core import cycle
@@ -41,9 +42,8 @@ from daemon.core.state import Axis, Core
 from daemon.core.steps import impedance, persistence, supervisor, wanted
 from daemon.core.steps.bring_up import bring_up_core
 from daemon.core.tick import Tick
-from daemon.ipc.cycle_timing import CyclePart, CycleTiming
-from daemon.ipc.record import Cause, CycleRecord, GatewayState, Mode
-from daemon.ipc.report import EventCode
+from daemon.ipc.cycle_timing import CycleTiming
+from daemon.ipc.record import CycleRecord, GatewayState
 from daemon.ipc.transport import IpcChannel
 from daemon.system.clock import Clock
 from drives.canopen.bus import Frame
@@ -348,10 +348,10 @@ class Loop:
             self._count_missed(missed, longest_part(self._timing, self._settings.window_ns))
 
     def _count_missed(self, missed: int, part: CyclePart) -> None:
-        by_part = list(self._timing.overrun_by_part)
-        by_part[part] += missed
+        by_part = dict(self._timing.overrun_by_part)
+        by_part[part] = by_part.get(part, 0) + missed
         self._timing = replace(
-            self._timing, overrun_count=self._grid.missed_count, overrun_by_part=tuple(by_part)
+            self._timing, overrun_count=self._grid.missed_count, overrun_by_part=by_part
         )
         if missed > 1:
             self._core.report(EventCode.CYCLES_MISSED, "", missed, part)

@@ -15,6 +15,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Final
 
+from gaitd_names import EventCode
+
 from daemon.config.bundle import Settings
 from daemon.config.trainer import SIMULATED
 from daemon.core.runtime import realtime
@@ -23,14 +25,14 @@ from daemon.core.runtime.loop import Loop
 from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
 from daemon.core.runtime.state_file import StateFile, StateStore
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervision
+from daemon.core.runtime.texts import event_text, verdict_text
 from daemon.core.runtime.warm_up import warm_up
-from daemon.ipc.report import Event, EventCode
+from daemon.ipc.report import Event
 from daemon.ipc.transport import CoreChannel, RingHeader
 from daemon.system.bus_choice import bus_of, choose_bus
 from daemon.system.journal import Journal
 from daemon.system.lock import directory_errors, hold
 from daemon.system.sd_notify import Notifier
-from daemon.wire.report_fields import event_line, verdict_line
 from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
 from drives.errors import BusError
@@ -155,7 +157,7 @@ def _run(
     events = [bus_load_event(settings, built), *refused]
     built.core.publish(events)
     for event in events:
-        _log(log, event_line(event), WARNING if event in refused else INFORMATIONAL)
+        _log(log, event_text(event), WARNING if event in refused else INFORMATIONAL)
     try:
         signals.wait()
         begun()
@@ -167,7 +169,7 @@ def _run(
     if loop.bug is not None:
         _log(log, "".join(traceback.format_exception(loop.bug)), ERROR)
     if code == ExitCode.REFUSED:
-        _log(log, verdict_line(built.core.verdict), ERROR)
+        _log(log, verdict_text(built.core.verdict), ERROR)
     return code
 
 

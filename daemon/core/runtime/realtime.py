@@ -11,7 +11,9 @@ import resource
 import sys
 from collections.abc import Sequence
 
-from daemon.ipc.report import Event, EventCode
+from gaitd_names import EventCode
+
+from daemon.ipc.report import Event
 
 MCL_CURRENT = 1
 MCL_FUTURE = 2

@@ -13,12 +13,14 @@ Rules:
 
 from typing import Final
 
+from gaitd_names import Cause, Mode
+
 from daemon.core.period import cycles
 from daemon.core.runtime.loop_settings import ExitCode, Log, Supervisor
+from daemon.core.runtime.texts import one_line, status_text, verdict_text
 from daemon.core.state import Axis, Core
 from daemon.core.steps.wanted import is_silenced
-from daemon.ipc.record import Cause, CycleRecord, Mode
-from daemon.wire.report_fields import progress_line, verdict_line
+from daemon.ipc.record import CycleRecord
 from drives.cia402.power_state import POWER_STAGE_OFF
 
 PROGRESS_CYCLES: Final = cycles(5.0)
@@ -51,14 +53,14 @@ class Supervision:
         is_new = reported != self._reported
         if is_new:
             self._reported, self._is_due = reported, True
-            status = status_line(record)
+            status = status_text(record)
             self._log.write(status, priority_of(record), fields_of(record))
         if self._is_due or record.cycle - self._status_cycle >= PROGRESS_CYCLES:
             self._send_status(record)
 
     def _send_status(self, record: CycleRecord) -> None:
         """Send the status line; if systemd cannot take it, it is sent again in the next cycle."""
-        status = status_line(record)
+        status = status_text(record)
         ready = () if self._is_ready else ("READY=1",)
         if status != self._status and not self._supervisor.send(*ready, f"STATUS={status}"):
             return
@@ -85,22 +87,6 @@ class Supervision:
 # --- words ----------------------------------------------------------------------------------
 
 
-def one_line(text: str) -> str:
-    """The text without line breaks, because a line break ends a value in the protocol."""
-    return " ".join(text.split())
-
-
-def status_line(record: CycleRecord) -> str:
-    """Status line with mode, stage, progress, cause and drive by their names in the records."""
-    names = [record.mode.name, record.stage.name if record.stage is not None else ""]
-    words = [*(name.lower() for name in names), progress_line(record.progress)]
-    line = " ".join(word for word in words if word)
-    verdict = record.verdict
-    where = f" {verdict.drive}" if verdict.drive else ""
-    cause = f" [{verdict.cause.name.lower()}{where}]" if verdict.cause != Cause.NONE else ""
-    return one_line(f"{line}{cause}")
-
-
 def priority_of(record: CycleRecord) -> int:
     """Journal priority of a change of mode or cause."""
     if record.verdict.cause in {Cause.NONE, Cause.SHUTDOWN}:
@@ -112,11 +98,11 @@ def fields_of(record: CycleRecord) -> dict[str, str]:
     """Journal fields with mode, cycle, cause and drive of a record."""
     fields = {
         "GAITD_EVENT": "mode",
-        "GAITD_MODE": record.mode.name.lower(),
+        "GAITD_MODE": record.mode,
         "GAITD_CYCLE": str(record.cycle),
     }
     if record.verdict.cause != Cause.NONE:
-        fields["GAITD_CAUSE"] = record.verdict.cause.name.lower()
+        fields["GAITD_CAUSE"] = record.verdict.cause
     if record.verdict.drive:
         fields["GAITD_DRIVE"] = record.verdict.drive
     return fields
@@ -129,7 +115,8 @@ def final_state_text(core: Core, code: ExitCode, shutdown_effect: str) -> str:
             "ended by a bug of ours: quick stops were sent, and the drives stop by themselves; "
             f"last seen: {_states(core)}"
         )
-    why = f" ({verdict_line(core.verdict)})" if core.verdict.cause != Cause.NONE else ""
+    verdict = verdict_text(core.verdict)
+    why = f" ({verdict})" if verdict else ""
     if code == ExitCode.REFUSED:
         return f"ended: the drives were refused and nothing was enabled{why}"
     if core.drives is None:

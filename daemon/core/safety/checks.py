@@ -19,13 +19,14 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
+from gaitd_names import Cause, Finding
+
 from daemon.core.period import cycles
 from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
 from daemon.core.safety.joints import jump_reach_si
 from daemon.core.safety.limits import Thresholds
 from daemon.core.safety.sign_response import RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO
-from daemon.ipc.record import Cause, StopCategory, Verdict
-from daemon.ipc.report import Finding
+from daemon.ipc.record import Verdict
 from daemon.wire.causes import LOST_DRIVE
 from drives.signals import Input, NmtState, PowerState
 
@@ -75,7 +76,7 @@ class Reason(NamedTuple):
 
 def worse(latched: Verdict, verdicts: Verdict) -> Verdict:
     """The harsher of two verdicts; the latched one if they are equal."""
-    return verdicts if verdicts.category > latched.category else latched
+    return verdicts if verdicts.category.severity > latched.category.severity else latched
 
 
 def check(inputs: SafetyInputs) -> tuple[Verdict, ...]:
@@ -92,11 +93,11 @@ def check(inputs: SafetyInputs) -> tuple[Verdict, ...]:
         verdict = Verdict(category, cause, name, value, limit, finding, said)
         if _rank(verdict) > _rank(verdicts.get(name, NO_VERDICT)):
             verdicts[name] = verdict
-    return tuple(sorted(verdicts.values(), key=lambda verdict: -verdict.category))
+    return tuple(sorted(verdicts.values(), key=lambda verdict: -verdict.category.severity))
 
 
-def _rank(verdict: Verdict) -> tuple[StopCategory, bool]:
-    return verdict.category, verdict.cause in LOST_DRIVE
+def _rank(verdict: Verdict) -> tuple[int, bool]:
+    return verdict.category.severity, verdict.cause in LOST_DRIVE
 
 
 def _reasons(inputs: SafetyInputs) -> Iterator[tuple[str, Reason]]:

@@ -4,8 +4,9 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from gaitd_names import Cause, StopCategory
+
 from daemon.config.limit_settings import HipLimits, Limits, SlideLimits
-from daemon.ipc.record import Cause, StopCategory
 from daemon.wire.causes import FIXED_CATEGORY
 
 NS_PER_MS = 1_000_000
@@ -123,7 +124,7 @@ class Categories:
 
     def __init__(self, chosen: Mapping[str, str]) -> None:
         """`chosen` is `stop_category` of limits.toml, whose keys the loader has checked."""
-        self._by_cause = {Cause[name.upper()]: StopCategory[text] for name, text in chosen.items()}
+        self._by_cause = {Cause(name): StopCategory(text) for name, text in chosen.items()}
         self._by_cause |= FIXED_CATEGORY
 
     def of(self, cause: Cause) -> StopCategory:

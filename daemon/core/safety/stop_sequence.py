@@ -32,11 +32,13 @@ Rules:
 from enum import IntEnum
 from typing import Final, NamedTuple
 
+from gaitd_names import StopCategory
+
 from daemon.core.period import cycles
 from daemon.core.safety import joints
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
-from daemon.ipc.record import StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.signals import DriveFeedback, PowerRequest, PowerState

@@ -3,6 +3,8 @@
 from collections.abc import Generator, Sequence
 from contextlib import closing
 
+from gaitd_names import Cause, EventCode
+
 from daemon.core.state import Core
 from daemon.core.steps import (
     estimation,
@@ -13,8 +15,6 @@ from daemon.core.steps import (
     supervisor,
     targets,
 )
-from daemon.ipc.record import Cause
-from daemon.ipc.report import EventCode
 from drives.bringup.bringup import DriveReport, Progress, bring_up
 from drives.bringup.plan import CycleSettings, DrivePlan
 from drives.bringup.port import DrivePort

@@ -8,6 +8,7 @@ import math
 from dataclasses import replace
 
 import msgspec
+from gaitd_names import Lapse, Mode, SetpointRefusal
 
 from daemon.core.modes import roles
 from daemon.core.modes.table import rules_of
@@ -15,9 +16,7 @@ from daemon.core.motion import assist
 from daemon.core.motion.assist import FULL_STIFFNESS, SetpointContext
 from daemon.core.state import Core, Leg
 from daemon.core.steps import wanted
-from daemon.ipc.record import Mode, Request, Setpoint
-from daemon.ipc.report import Lapse
-from daemon.wire.refusals import SetpointRefusal
+from daemon.ipc.record import Request, Setpoint
 
 
 def receive(core: Core, cycle: int) -> None:
@@ -56,7 +55,7 @@ def _receive_one(core: Core, setpoint: Setpoint, context: SetpointContext) -> No
         setpoint, leg.assist.seq, limits, context, core.config.assist_rules
     )
     leg.assist = replace(leg.assist, checked=key)
-    if refusal == SetpointRefusal.NONE:
+    if refusal is None:
         core.setpoint_accepted_count += 1
         leg.assist = replace(leg.assist, seq=setpoint.seq, accepted=setpoint)
     else:

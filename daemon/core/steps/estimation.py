@@ -6,12 +6,13 @@ ms ago: it is for display; a controller gets the estimate of the present cycle.
 
 import math
 
+from gaitd_names import EventCode
+
 from daemon.core.safety import friction_monitor
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import monitors, single_axis
 from daemon.core.steps.sampling import effort_std
 from daemon.core.tick import Tick
-from daemon.ipc.report import EventCode
 from observer.drift import asks_for_calibration, correlation, friction_error
 from observer.filter.leg_observer import PoseError
 from observer.filter.status import Validity

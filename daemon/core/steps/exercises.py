@@ -5,14 +5,16 @@ This file is the only writer of `exercise`, `reference` and `takes_over` of a le
 
 from collections.abc import Sequence
 
+from gaitd_names import EventCode, Mode, Stage
+
 from daemon.core.exercises.exercise import LegSample, LegStart, Reference
 from daemon.core.exercises.hold import Hold
 from daemon.core.modes.table import rules_of
 from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.state import Axis, Core, Leg
-from daemon.ipc.record import Mode, ModeRequest, Stage
-from daemon.ipc.report import EventCode, Progress, Refusal
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Progress, Refusal
 from drives.signals import OperationMode
 
 

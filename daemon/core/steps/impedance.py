@@ -19,12 +19,14 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from gaitd_names import Cause
+
 from daemon.config.settings import Impedance
 from daemon.core.exercises.exercise import Reference
 from daemon.core.safety import bounds, stop_sequence
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import exercises, monitors, single_axis, supervisor, targets, wanted
-from daemon.ipc.record import Cause, Verdict
+from daemon.ipc.record import Verdict
 from drives.cia402.units import effort_to_permille, position_to_counts
 from drives.signals import DriveCommand, OperationMode, PowerRequest
 

@@ -7,14 +7,14 @@ that the drive gives), `energy.py` (sums over a stride), `stopping_path.py` and 
 of these sums and counts.
 """
 
+from gaitd_names import EventCode, Stage
+
 from daemon.core.modes.table import rules_of
 from daemon.core.safety import effort_monitor, inverse_dynamics, soft_limits, stopping_path
 from daemon.core.safety.energy import stride_cycles
 from daemon.core.safety.spasm import STILL_CYCLES, softened
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis, wanted
-from daemon.ipc.record import Stage
-from daemon.ipc.report import EventCode
 from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.signals import OperationMode, PowerState
 from observer.filter.leg_observer import LegEstimate

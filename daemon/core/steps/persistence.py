@@ -6,6 +6,7 @@ state file when `persistent` has changed.
 
 from collections.abc import Sequence
 
+from gaitd_names import Cause, EventCode, Finding, Mode
 from msgspec.structs import replace
 
 from daemon.core.exercises.self_test import SelfTest
@@ -23,8 +24,7 @@ from daemon.core.modes.persistent_state import (
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.state import Axis, Core
 from daemon.core.steps import sensing
-from daemon.ipc.record import Cause, Mode, Verdict
-from daemon.ipc.report import EventCode
+from daemon.ipc.record import Verdict
 from drives.bringup.bringup import DriveReport
 from drives.signals import Input
 
@@ -156,10 +156,11 @@ def finish_self_test(core: Core, utc_ns: int) -> Verdict | None:
     stored = daily_test.stored_test(results, serial_numbers, core.config.leg_digest, utc_ns)
     core.persistent = replace(core.persistent, self_test=stored)
     for one in results:
-        code = EventCode.SELF_TEST_FAILED if one.fault else EventCode.SELF_TEST_PASSED
+        passed = one.fault is Finding.NONE
+        code = EventCode.SELF_TEST_PASSED if passed else EventCode.SELF_TEST_FAILED
         numbers = one.friction_si, one.friction_ratio, one.load_error_si, one.moved_si
         core.report(code, one.name, *numbers, one.fault, one.value, one.limit)
-    failed = next((one for one in results if one.fault), None)
+    failed = next((one for one in results if one.fault is not Finding.NONE), None)
     if failed is None:
         _trust_signs(core)
         return None

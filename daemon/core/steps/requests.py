@@ -5,6 +5,8 @@ The supervisor executes what is accepted. This file is the only writer of `reque
 
 from typing import Final
 
+from gaitd_names import Cause, EventCode, Failure, Mode, Outcome, RefusalCode, RequestKind
+
 from daemon.core.exercises.guards import GuardInputs
 from daemon.core.inputs import CommandInputs
 from daemon.core.modes import roles, table
@@ -12,15 +14,8 @@ from daemon.core.period import cycles
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.state import Axis, Core
 from daemon.core.steps import exercises, single_axis
-from daemon.ipc.record import (
-    Cause,
-    Mode,
-    Outcome,
-    Request,
-    RequestKind,
-    RequestResult,
-)
-from daemon.ipc.report import EventCode, Failure, Refusal, RefusalCode
+from daemon.ipc.record import Request, RequestResult
+from daemon.ipc.report import Refusal
 from drives.signals import Input, PowerState
 
 STALE_REQUEST_CYCLES: Final = cycles(1.0)

@@ -6,14 +6,14 @@ This file is the only writer of these fields of `Axis` and `Leg`.
 from collections.abc import Sequence
 from typing import Final
 
+from gaitd_names import Doubt, EventCode, Mode
+
 from daemon.core.modes.persistent_state import disagreement
 from daemon.core.safety import joints
 from daemon.core.safety.joints import Joint, jump_reach_si
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis, wanted
 from daemon.core.tick import Tick
-from daemon.ipc.record import Mode
-from daemon.ipc.report import Doubt, EventCode
 from drives.bringup.bringup import DriveReport
 from drives.bringup.plan import DrivePlan
 from drives.cia402.power_state import CANNOT_EXERT_TORQUE
@@ -37,14 +37,14 @@ def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         before = Joint() if moved else axis.joint
         axis.joint = joints.measure(before, feedback, axis.scaling, axis.limits, tick.sync_ns)
         lost = _reference_lost(core, axis, feedback)
-        if lost and axis.referenced:
+        if lost is not Doubt.NONE and axis.referenced:
             axis.referenced, axis.doubt = False, lost
             core.report(EventCode.REFERENCE_LOST, axis.name, lost)
         # A silent drive may have lost its power, and with it its position.
         silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
         axis.followed = axis.followed and axis.referenced and not silent
         axis.watched = axis.watched and not silent and not feedback.rebooted
-        axis.sign_trusted = axis.sign_trusted and axis.watched and not lost
+        axis.sign_trusted = axis.sign_trusted and axis.watched and lost is Doubt.NONE
         _count_readiness(core, axis, feedback)
         if feedback.fresh and not feedback.in_fault:
             axis.bring_up_error = 0, ""

@@ -11,6 +11,8 @@ FAULT as in other modes; the reset after it brings the drives up with their usua
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
+from gaitd_names import EventCode, Failure, Mode, RefusalCode, Trigger
+
 from daemon.core.exercises.single_axis import AxisSample, AxisStart, AxisStep, SingleAxis
 from daemon.core.modes.persistent_state import SignProof, prove
 from daemon.core.modes.table import MODES
@@ -18,8 +20,8 @@ from daemon.core.period import cycles
 from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.state import Axis, Core
-from daemon.ipc.record import Mode, ModeRequest
-from daemon.ipc.report import EventCode, Failure, Refusal, RefusalCode, Trigger
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 from drives.bringup.bringup import DriveReport
 from drives.cia402.power_state import homing_state
 from drives.signals import DriveFeedback, HomingState, OperationMode
@@ -197,7 +199,7 @@ def _rests(axis: Axis) -> bool:
 
 
 def _end(core: Core, axis: Axis, run: SingleAxis) -> Change:
-    if run.why:
+    if run.why is not Failure.NONE:
         core.report(EventCode.SINGLE_AXIS_FAILED, axis.name, run.why)
         return Change(Trigger.EXERCISE_OVER)
     result = run.result()

@@ -1,9 +1,10 @@
 """Stage and progress as they are published. Nothing here changes state."""
 
+from gaitd_names import Mode, ProgressCode, Stage
+
 from daemon.core.state import Core
 from daemon.core.steps import exercises
-from daemon.ipc.record import Mode, Stage
-from daemon.ipc.report import Progress, ProgressCode
+from daemon.ipc.report import Progress
 
 
 def stage(core: Core) -> Stage | None:

@@ -10,6 +10,18 @@ the counters of enabling and reset, and whether there are drives.
 from collections.abc import Sequence
 from typing import Final
 
+from gaitd_names import (
+    POWER_STATES,
+    Cause,
+    EventCode,
+    Failure,
+    Finding,
+    Mode,
+    ProgressCode,
+    RequestKind,
+    Trigger,
+)
+
 from daemon.core.exercises.exercise import LegSample
 from daemon.core.inputs import CommandInputs
 from daemon.core.modes import latched_stop, table
@@ -29,8 +41,8 @@ from daemon.core.steps import (
     single_axis,
 )
 from daemon.core.steps.wanted import is_driving, is_mode_changing
-from daemon.ipc.record import Cause, Mode, Request, RequestKind, Verdict
-from daemon.ipc.report import EventCode, Failure, Finding, Progress, ProgressCode, Trigger
+from daemon.ipc.record import Request, Verdict
+from daemon.ipc.report import Progress
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerState
@@ -248,7 +260,7 @@ def _replaces(latched: Verdict, verdict: Verdict) -> bool:
         return False
     # The reason why an axis could not obey is more specific than STOP_NOT_OBEYED.
     explains = latched.cause == Cause.STOP_NOT_OBEYED and verdict.cause in DOUBTFUL_FEEDBACK
-    harsher = verdict.category > latched.category
+    harsher = verdict.category.severity > latched.category.severity
     return harsher or (explains and verdict.drive == latched.drive)
 
 
@@ -448,7 +460,7 @@ def wait_for_reset(core: Core, drive: str, state: PowerState) -> None:
     latched = core.persistent.latched
     if latched is not None and latched_stop.verdict_of(latched).cause != Cause.LAST_END_UNKNOWN:
         _take_latch(core)
-    core.report(EventCode.DRIVE_HOLDS, drive, state)
+    core.report(EventCode.DRIVE_HOLDS, drive, POWER_STATES[state])
 
 
 def fail_bring_up(core: Core, cause: Cause, drive: str, said: str) -> None:

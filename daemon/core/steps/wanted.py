@@ -1,10 +1,11 @@
 """What each drive should do now, from mode, stops and homing. Nothing here changes state."""
 
+from gaitd_names import Mode
+
 from daemon.core.modes.table import rules_of
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis
-from daemon.ipc.record import Mode
 from drives.signals import OperationMode
 
 

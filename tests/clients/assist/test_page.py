@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from assisted import Answers, Gym, shipped
+from gaitd_names import Cause, Mode
 from matplotlib.figure import Figure
 from sessions import elsewhere
 
 from analysis.drawing import ESTIMATE, style, x_label
-from daemon.ipc.record import Cause, Mode
 from gaitd_lab.patients import Slacking, of_ability, resisting, spastic, tiring, weak
 
 DOCS = Path(__file__).parents[3] / "docs"

@@ -3,8 +3,8 @@
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, DriveState, NotValid, Trouble
-from gaitd_client.texts import Situation
 from gaitd_display.drives import Drives, situation_of, together
+from gaitd_texts import Situation
 
 NOTHING = Drives(are_holding=False, may_have_power=True, is_switch_held=False)
 HELD = Drives(are_holding=True, may_have_power=True, is_switch_held=True)

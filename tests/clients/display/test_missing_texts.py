@@ -3,7 +3,6 @@
 import display_bench as bench
 import pytest
 from gaitd_client import Event, Kind, Priority, Safety
-from gaitd_client.texts import CAUTIOUS, STOPS, Reader, catalogue
 from gaitd_client.wire import Judgement, Progress, Refusal
 from gaitd_display.drives import together
 from gaitd_display.patient import PatientServer
@@ -11,6 +10,7 @@ from gaitd_display.progress import interruption
 from gaitd_display.settings import PatientSettings
 from gaitd_display.therapist_view import event_item, stop_view
 from gaitd_display.words import UNBROKEN
+from gaitd_texts import CAUTIOUS, STOPS, Reader, catalogue
 from starlette.testclient import TestClient
 
 LATER = "of_a_later_version"

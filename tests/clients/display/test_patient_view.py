@@ -5,7 +5,6 @@ import itertools
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, Event, Mode, Stage, Stride
-from gaitd_client.texts import CAUTIOUS, STOPS, Situation
 from gaitd_display.patient_view import PatientState
 from gaitd_display.scenes import Picture
 from gaitd_display.settings import FAR_ARC_MIN, PatientSettings, Screen
@@ -15,6 +14,7 @@ from gaitd_display.way_out import ALONE, Step, Unstrap
 from gaitd_display.words import UNBROKEN, Word, page_texts
 from gaitd_session import Advice, Band, Button, Phase, Result, Why
 from gaitd_session import Step as Walked
+from gaitd_texts import CAUTIOUS, STOPS, Situation
 from gaitd_toml import ConfigError
 
 TEXTS = page_texts()

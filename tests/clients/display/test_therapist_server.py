@@ -16,7 +16,6 @@ from urllib.request import Request, urlopen
 import display_bench as bench
 import pytest
 from gaitd_client import Cause, Event, Mode, NotValid, PlanLimits, Trouble
-from gaitd_client.texts import Situation
 from gaitd_display import therapist
 from gaitd_display.alarm import INPUT_CYCLES
 from gaitd_display.controls import Does
@@ -44,6 +43,7 @@ from gaitd_session.store import (
     Store,
     StrideRow,
 )
+from gaitd_texts import Situation
 from msgspec.structs import replace
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect

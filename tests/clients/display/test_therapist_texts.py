@@ -16,7 +16,6 @@ from gaitd_client import (
     SetpointRefusal,
     Validity,
 )
-from gaitd_client.texts import LANGUAGES, STOPS, Reader, catalogue, key_of, stop_of
 from gaitd_client.wire import Judgement, Refusal
 from gaitd_display.controls import Command, Does, WhyNot
 from gaitd_display.progress import interruption
@@ -25,10 +24,9 @@ from gaitd_display.web import refused
 from gaitd_display.words import page_texts
 from gaitd_session import BlockKind, Phase, Why
 from gaitd_session.advice import Failure
+from gaitd_texts import LANGUAGES, STOPS, Reader, catalogue, key_of, stop_of
 from page_words import FOREIGN, GERMAN, english_in, words_of
-
-from daemon.wire.names import name_of
-from daemon.wire.report_fields import ENUMS
+from report_values import ENUMS
 
 CODE = re.compile(r"[a-z]+_[a-z_]+|`|\{")
 """A raw code, a command of a terminal, or a value that is not filled in."""
@@ -181,14 +179,14 @@ def test_a_german_text_has_no_english_word_but_a_few_names(reader):
 
 
 NAMES = {
-    **{name: [name_of(one) for one in kind] for name, kind in ENUMS.items() if name != "refusal"},
+    **{name: list(kind) for name, kind in ENUMS.items() if name != "refusal"},
     "setpoint_refusal": SetpointRefusal,
     "outcome": Outcome,
     "cause": STOPS,
     # others have numbers or a state of the verdict that they are of
     "finding": [
         one
-        for one in map(name_of, ENUMS["finding"])
+        for one in ENUMS["finding"]
         if "{" not in catalogue(Reader.OPERATOR, "de").texts[f"finding.{one}"]
     ],
 }

@@ -25,7 +25,6 @@ from processes import CONFIGS
 from starlette.testclient import TestClient
 from training import PROFILE
 
-from daemon.ipc.record import Mode as CoreMode
 from daemon.preflight.acceptance import check_files
 from gaitd_lab.processes import memory_folder
 
@@ -104,7 +103,7 @@ def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
         with shown(machine, table, tmp_path, **by_keys) as page:
             page.until(lambda now: now["word"] in {"go_on", "more", "good", "gently"})
             assert page.post("/stop").json()["outcome"] == "done"
-            machine.wait_for(CoreMode.FAULT)
+            machine.wait_for(Mode.FAULT)
             stopped_at = positions(machine)
             for drive in DRIVES:
                 machine.tell(f"hand_switch_open {drive}")
@@ -120,19 +119,19 @@ def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
                 machine.tell(f"clear hand_switch_open {drive}")
 
             assert pressed(page, "reset") == "done"
-            machine.wait_for(CoreMode.READY)
+            machine.wait_for(Mode.READY)
         with shown(machine, table, tmp_path, **by_keys) as page:
             while pressed(page, "enable") == "refused":  # while the leg sinks into its springs
                 machine.run(0.5)
-            machine.wait_for(CoreMode.HOLD)
+            machine.wait_for(Mode.HOLD)
             hip_moved_rad, slide_moved_m = moved(machine, stopped_at)
             assert hip_moved_rad < 0.0175  # one degree
             assert slide_moved_m < 0.01
             machine.until(machine.stands)
             assert pressed(page, "hand_guiding") == "done"
-            machine.wait_for(CoreMode.HAND_GUIDING)
+            machine.wait_for(Mode.HAND_GUIDING)
             assert pressed(page, "hold") == "done"
-            machine.wait_for(CoreMode.HOLD)
+            machine.wait_for(Mode.HOLD)
             assert page.until(lambda now: now["mode"] == Mode.HOLD)["step"] == "guide"
 
 
@@ -172,7 +171,7 @@ def test_the_daily_test_is_led_by_the_page_and_the_shipped_machine_is_not_releas
         assert {alarm for *_, alarm in stops} == {None}
 
         assert page.post("/stop").json()["outcome"] == "done"
-        machine.wait_for(CoreMode.FAULT)
+        machine.wait_for(Mode.FAULT)
         now = page.until(lambda now: now["mode"] == Mode.FAULT and now["step"] != "none")
         assert (now["step"], now["action"], now["training"]["buttons"]) == ("help", None, [])
         assert now["scene"]["strips"][0]["text"]["key"] == "last.held"

@@ -10,7 +10,7 @@ import re
 import tomllib
 from pathlib import Path
 
-from gaitd_client.texts import CAUTIOUS, Reader, catalogue
+from gaitd_texts import CAUTIOUS, Reader, catalogue
 
 APPROVED = tomllib.loads(
     (Path(__file__).parent / "approved_texts.toml").read_text(encoding="utf-8")

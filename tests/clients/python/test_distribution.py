@@ -5,13 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
 from gaitd_client import wire
-from gaitd_client.wire import names, refusals
-
-from daemon.ipc import record
-from daemon.wire.names import StatusBit, Validity, name_of
-from daemon.wire.refusals import SetpointRefusal
 
 CLIENT = Path(__file__).parents[3] / "clients" / "python"
 
@@ -51,29 +45,6 @@ def test_it_works_where_nothing_else_of_ours_is_installed():
     assert trouble.startswith("no service listens on tcp/127.0.0.1:1")
     assert "Unable to connect" in trouble
     assert ".rs" not in trouble
-
-
-@pytest.mark.parametrize(
-    ("ours", "clients"),
-    [
-        (record.Mode, names.Mode),
-        (record.Stage, names.Stage),
-        (record.Cause, names.Cause),
-        (record.Outcome, names.Outcome),
-        (StatusBit, names.StatusBit),
-        (Validity, names.Validity),
-    ],
-)
-def test_the_names_of_the_client_are_those_of_the_core(ours, clients):
-    assert {name_of(member) for member in ours} == {member.value for member in clients}
-
-
-def test_stop_categories_and_refusals_have_the_same_names():
-    categories = {one.name if one else "none" for one in record.StopCategory}
-    reasons = {name_of(one) for one in SetpointRefusal if one}
-
-    assert categories == {one.value for one in names.StopCategory}
-    assert reasons == {one.value for one in refusals.SetpointRefusal}
 
 
 def test_the_schemas_are_written_as_files(tmp_path):

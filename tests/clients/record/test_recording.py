@@ -17,6 +17,7 @@ import pyarrow.parquet as pq
 import pytest
 from command_line import gaitd
 from gaitd_client import Target, wire
+from gaitd_names import Mode
 from gaitd_record import (
     MESSAGES,
     PART,
@@ -45,7 +46,6 @@ from traced_calls import mark
 
 from analysis.recording import RecordingError, read_csv
 from analysis.replay import estimate, legs_of, read
-from daemon.ipc.record import Mode
 
 PROJECT = CONFIGS.parent
 ROBOTS = {"calibrate": "robot_empty.toml"}

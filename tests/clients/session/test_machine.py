@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from gaitd_client import Cause, Mode, RefusalCode, Stage
 from gaitd_client.wire import Refusal
-from gaitd_client.wire.names import Untested
+from gaitd_names import Untested
 from gaitd_session.advice import Advice, Failure, Why, refusal_of
 from gaitd_session.machine import (
     ACTIVE,

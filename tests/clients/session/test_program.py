@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from gaitd_client import Cause, RefusalCode
 from gaitd_client.signals import ENDS
-from gaitd_client.texts import Reader, catalogue
 from gaitd_client.wire import Refusal
 from gaitd_session import (
     Button,
@@ -26,6 +25,7 @@ from gaitd_session.program import app
 from gaitd_session.store import SessionRow, Store, StrideRow
 from gaitd_session.terminal import NoTerminalError, render, run
 from gaitd_session.view import view_of
+from gaitd_texts import Reader, catalogue
 from gaitd_toml import ConfigError
 from msgspec.structs import replace
 from rich.console import Console

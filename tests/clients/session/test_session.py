@@ -7,7 +7,6 @@ from types import SimpleNamespace
 import pytest
 from display_bench import filled
 from gaitd_client import Cause, Event, Mode, NoAnswerError, NotValid, Stage, Trouble
-from gaitd_client.texts import Reader, catalogue
 from gaitd_session import (
     Advice,
     Button,
@@ -24,6 +23,7 @@ from gaitd_session.machine import ANNOUNCE_S, OFF_SETTLE_S, SILENCE_CYCLES
 from gaitd_session.program import LeftOnError, _check_off
 from gaitd_session.session import FLUSH_S, LATE_LOOKS_MAX, NOT_ENDED, POLL_S
 from gaitd_session.store import StoreError
+from gaitd_texts import Reader, catalogue
 from training import profile
 
 HOUR_NS = 3_600_000_000_000

@@ -5,11 +5,10 @@ import time
 
 import pytest
 from gaitd_client import Cause, Trainer
+from gaitd_names import Mode
 from gaitd_session import Advice, Button, Phase, Session, Store, open_history
 from gaitd_session.export import export
 from training import profile
-
-from daemon.ipc.record import Mode
 
 FOLLOWED_S = 60.0
 

@@ -17,10 +17,10 @@ import pytest
 from config_files import CONFIGS, copied, toml
 from gaitd_assist.settings import Settings as AssistSettings
 from gaitd_assist.settings import read_settings as read_assist
-from gaitd_client.texts import Reader, catalogue
 from gaitd_display.settings import EngineerSettings, PatientSettings, TherapistSettings
 from gaitd_display.settings import read_settings as read_display
 from gaitd_session.profile import Profile, read_profile
+from gaitd_texts import Reader, catalogue
 from gaitd_toml import ConfigError, Document, decoded, read_toml
 from msgspec import inspect
 from training import PROFILE

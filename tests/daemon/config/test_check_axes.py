@@ -5,7 +5,7 @@ import json
 import pytest
 from command_line import gaitd
 from config_files import CONFIGS, Change, changed, copied
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
 
 from daemon.preflight.load import ConfigError, load
 from daemon.preflight.report import examine, refusals

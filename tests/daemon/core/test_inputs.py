@@ -4,21 +4,13 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
+from gaitd_names import EventCode, Outcome, RefusalCode, RequestKind, Role
 from safety_inputs import ALL_WELL
 
 from daemon.core.inputs import NO_INPUTS, receive
 from daemon.core.modes.roles import refusal
-from daemon.ipc.record import (
-    AxisSetpoint,
-    GatewayState,
-    Outcome,
-    Request,
-    RequestKind,
-    RequestResult,
-    Role,
-    Setpoint,
-)
-from daemon.ipc.report import Event, EventCode, Refusal, RefusalCode
+from daemon.ipc.record import AxisSetpoint, GatewayState, Request, RequestResult, Setpoint
+from daemon.ipc.report import Event, Refusal
 
 CYCLE = 1000
 ENABLE = Request(8, RequestKind.ENABLE, CYCLE - 1)

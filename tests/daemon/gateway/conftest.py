@@ -13,6 +13,7 @@ import msgspec
 import pytest
 import zenoh
 from gaitd_client import wire
+from gaitd_names import Mode, Outcome
 from processes import CONFIGS
 
 from daemon.config.settings import Lease
@@ -28,8 +29,6 @@ from daemon.ipc.record import (
     DriveRecord,
     GatewayState,
     LegRecord,
-    Mode,
-    Outcome,
     Request,
     RequestResult,
     Verdict,
@@ -366,7 +365,7 @@ class FakeCore:
         if request.id in {0, self._result.id}:
             return
         self.requests.append(request)
-        told = self.answers.get(request.kind.name.lower(), RequestResult())
+        told = self.answers.get(request.kind, RequestResult())
         self._result = RequestResult(request.id, told.outcome, told.refusal)
 
     def answer(self, kind: str, outcome: Outcome, refusal: Refusal | None = None) -> None:

@@ -12,11 +12,11 @@ from unittest import mock
 import pytest
 import zenoh
 from gaitd_client.connection import Target
+from gaitd_names import Role
 from keyed_gateway import BASE, Service, ask, connected, flush, is_alive, is_valid, running
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from daemon.gateway.requests import ROUTES
-from daemon.ipc.record import Role
 from daemon.zenoh_io.access import ANY_KEY, RIGHTS, Flow, Message, access_control
 from daemon.zenoh_io.publish import ZenohInquiry
 

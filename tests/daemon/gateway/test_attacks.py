@@ -13,9 +13,9 @@ from collections import Counter
 import pytest
 import zenoh
 from gaitd_client import Trainer, wire
+from gaitd_names import Mode, RequestKind
 from keyed_gateway import BASE, ROLES, ask, connected, flush, is_valid, running
 
-from daemon.ipc.record import Mode, RequestKind
 from daemon.zenoh_io import publish
 
 WAITING_MAX = 64

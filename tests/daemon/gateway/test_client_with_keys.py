@@ -13,9 +13,9 @@ from gaitd_client import (
     Trainer,
     Trouble,
 )
+from gaitd_names import Mode
 from keyed_gateway import running, status_of
 
-from daemon.ipc.record import Mode
 from daemon.keys import issuing
 
 CONTROLLER, OPERATOR = "controller.ward", "operator.desk"

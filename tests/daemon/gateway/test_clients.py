@@ -9,11 +9,12 @@ from unittest import mock
 import msgspec
 import pytest
 from gaitd_client.wire import AskedPlan, AxisPlan
+from gaitd_names import Outcome, Role
 
 from daemon.gateway.clients import PLAN_FILE, ClientRefusedError, Clients, PlanStore
 from daemon.gateway.events import Kind, Priority
 from daemon.gateway.requests import Answer
-from daemon.ipc.record import Outcome, Plan, Role
+from daemon.ipc.record import Plan
 from daemon.keys.folder import Client, Keys, Register
 
 TODAY = "2026-11-23"
@@ -67,7 +68,7 @@ ACTING = ("acquire", "release", "report", "plan", "restart")
     ],
 )
 def test_a_role_requests_what_it_has_a_right_to(role, may):
-    client = f"{role.name.lower()}.desk"
+    client = f"{role}.desk"
     clients = Clients(keys(client))
 
     assert [clients.role(name, client) for name in may] == [role] * len(may)
@@ -77,7 +78,7 @@ def test_a_role_requests_what_it_has_a_right_to(role, may):
         refusal = caught.value.refusal
         assert (refusal.code, refusal.values) == (
             "role_may_not",
-            {"role": role.name.lower(), "request": name},
+            {"role": role, "request": name},
         )
 
 

@@ -7,13 +7,12 @@ from unittest import mock
 
 import msgspec
 import pytest
-from gaitd_client.wire.names import EventCode
+from gaitd_names import EventCode, RequestKind
 from msgspec.structs import replace
 from records import HEADER, cut_out, record
 
 from daemon.gateway import requests
 from daemon.ipc import transport
-from daemon.ipc.record import RequestKind
 from daemon.ipc.ring_clip import FOLDER, clip_file, clip_files, trimmed
 from daemon.recorder.clip_store import ClipStore
 from daemon.recorder.recorder import DiskRecorder

@@ -3,6 +3,7 @@
 import msgspec
 import pytest
 from gaitd_client import wire
+from gaitd_names import Cause, EventCode, Finding, Mode, RequestKind, Stage, StopCategory, Trigger
 
 from daemon.gateway.events import (
     DESCRIPTOR_BACK,
@@ -12,16 +13,8 @@ from daemon.gateway.events import (
     Priority,
     new_events,
 )
-from daemon.ipc.record import (
-    Cause,
-    EmergencyRecord,
-    Mode,
-    RequestKind,
-    Stage,
-    StopCategory,
-    Verdict,
-)
-from daemon.ipc.report import Event, EventCode, Finding, Trigger
+from daemon.ipc.record import EmergencyRecord, Verdict
+from daemon.ipc.report import Event
 
 
 def said(before, now):
@@ -205,7 +198,7 @@ def test_every_cause_is_told_with_its_value_limit_and_drive(make_record, cause):
     )
     assert stop.values == {
         "category": "S1",
-        "cause": cause.name.lower(),
+        "cause": cause,
         "value": 2.5,
         "limit": 2.0,
         "finding": "none",

@@ -9,10 +9,11 @@ import time
 
 import pytest
 import zenoh
+from gaitd_names import Cause, Outcome, RefusalCode, StopCategory
 from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
-from daemon.ipc.record import Cause, Outcome, StopCategory, Verdict
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.record import Verdict
+from daemon.ipc.report import Refusal
 
 pytestmark = pytest.mark.realtime
 

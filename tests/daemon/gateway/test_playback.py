@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from gaitd_client import NoAnswerError, NotValid, RequestRefusedError, Trainer, Trouble
-from gaitd_client.texts import Reader, catalogue
-from gaitd_client.wire.names import RefusalCode
+from gaitd_names import RefusalCode
+from gaitd_texts import Reader, catalogue
 from tutorial import example
 
 from analysis.stop_recording import opened

@@ -102,8 +102,9 @@ def test_sigterm_ends_the_gateway_with_0_and_leaves_no_socket(process, runtime, 
 
 @realtime
 def test_the_commands_end_with_0_when_done_and_with_1_when_refused(process, config, start_core):
-    from daemon.ipc.record import Outcome
-    from daemon.ipc.report import Refusal, RefusalCode
+    from gaitd_names import Outcome, RefusalCode
+
+    from daemon.ipc.report import Refusal
 
     core = start_core()
     core.answer("enable", Outcome.DONE)

@@ -9,11 +9,11 @@ from unittest import mock
 import msgspec
 import pytest
 from gaitd_client import wire
-from gaitd_client.wire.names import EventCode, RefusalCode
+from gaitd_names import Cause, EventCode, Mode, RefusalCode, StopCategory
 from power_cuts import check
 from traced_calls import mark
 
-from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from daemon.recorder.audit_file import (
     LINES_WAITING_MAX,
     NAME,

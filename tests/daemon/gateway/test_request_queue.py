@@ -2,11 +2,12 @@
 
 import pytest
 from gaitd_client import wire
+from gaitd_names import Mode, Outcome, RequestKind
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from daemon.gateway.requests import STOP_TIMEOUT_NS, TIMEOUT_NS, RequestQueue
-from daemon.ipc.record import AxisSetpoint, Mode, Outcome, RequestKind, RequestResult, Setpoint
+from daemon.ipc.record import AxisSetpoint, RequestResult, Setpoint
 
 SECOND = 1_000_000_000
 ASK = wire.Ask()

@@ -16,6 +16,7 @@ import pytest
 import zenoh
 from command_line import gaitd
 from gaitd_client.connection import Target
+from gaitd_names import Mode, Role
 from keyed_gateway import (
     BASE,
     NOW,
@@ -30,7 +31,7 @@ from keyed_gateway import (
     target_of,
 )
 
-from daemon.ipc.record import AxisPlan, Mode, Plan, Role
+from daemon.ipc.record import AxisPlan, Plan
 from daemon.keys import issuing
 from daemon.keys.certificates import Pair, new_authority, new_certificate
 from daemon.keys.folder import read_keys

@@ -5,6 +5,17 @@ import os
 from unittest import mock
 
 import msgspec
+from gaitd_names import (
+    Cause,
+    CyclePart,
+    EventCode,
+    Mode,
+    Outcome,
+    RefusalCode,
+    RequestKind,
+    Stage,
+    StopCategory,
+)
 
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.presence import SILENCE_NS
@@ -14,18 +25,12 @@ from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import (
     AxisRecord,
     BusRecord,
-    Cause,
     EmergencyRecord,
     LegRecord,
-    Mode,
-    Outcome,
-    RequestKind,
     RequestResult,
-    Stage,
-    StopCategory,
     Verdict,
 )
-from daemon.ipc.report import Event, EventCode, Refusal, RefusalCode
+from daemon.ipc.report import Event, Refusal
 
 MS = 1_000_000
 SILENT_MS = SILENCE_NS // MS + 1
@@ -51,7 +56,8 @@ def test_drives_are_said_ten_times_and_health_once_a_second(bench):
 
 
 def test_health_says_which_part_of_the_cycle_cost_the_missed_grid_points(bench):
-    timing = CycleTiming(0, 0, 0, 5, publish_ns=30_000, overrun_by_part=(3, 0, 2, 0))
+    by_part = {CyclePart.WAKE_UP: 3, CyclePart.WORK: 2}
+    timing = CycleTiming(0, 0, 0, 5, publish_ns=30_000, overrun_by_part=by_part)
 
     for _ in range(100):
         bench.cycle(timing=timing)

@@ -9,6 +9,7 @@ import threading
 import msgspec
 import pytest
 from gaitd_client import wire
+from gaitd_names import Lapse, Mode, Outcome, SetpointRefusal
 
 from daemon.config.settings import Lease
 from daemon.gateway.events import EventDraft, Kind, Priority
@@ -20,9 +21,7 @@ from daemon.gateway.setpoints import (
     SetpointBox,
     SetpointStore,
 )
-from daemon.ipc.record import AssistRecord, Mode, Outcome
-from daemon.ipc.report import Lapse
-from daemon.wire.refusals import SetpointRefusal
+from daemon.ipc.record import AssistRecord
 
 LEGS = ("right", "left")
 LEASE = 123_456_789
@@ -45,8 +44,8 @@ def arrival(leg="right", **changes):
 @pytest.mark.parametrize(
     ("data", "refusal"),
     [
-        (payload(), SetpointRefusal.NONE),
-        (payload().ljust(1024), SetpointRefusal.NONE),
+        (payload(), None),
+        (payload().ljust(1024), None),
         (payload().ljust(1025), SetpointRefusal.TOO_LARGE),
         (b"", SetpointRefusal.MALFORMED),
         (b"{", SetpointRefusal.MALFORMED),
@@ -75,7 +74,7 @@ def test_a_payload_is_read_strictly_and_what_is_wrong_is_named(data, refusal):
     desk = SetpointStore()
 
     assert desk.receive(Arrival("right", data), LEGS, LEASE) is refusal
-    assert bool(desk.newest) == (refusal is SetpointRefusal.NONE)
+    assert bool(desk.newest) == (refusal is None)
 
 
 def test_what_is_refused_leaves_the_one_before_in_place():
@@ -91,7 +90,7 @@ def test_what_is_refused_leaves_the_one_before_in_place():
 def test_each_leg_counts_by_itself_and_the_newest_of_each_is_forwarded():
     desk = SetpointStore()
     for seq, leg in ((5, "right"), (1, "left"), (6, "right")):
-        assert desk.receive(arrival(leg, seq=seq), LEGS, LEASE) is SetpointRefusal.NONE
+        assert desk.receive(arrival(leg, seq=seq), LEGS, LEASE) is None
 
     assert {(one.leg, one.seq) for one in desk.newest} == {("right", 6), ("left", 1)}
 
@@ -247,11 +246,10 @@ def test_leases_that_come_and_go_do_not_make_a_flood_of_events(steering):
 
 
 def test_what_the_core_refuses_is_told_too(steering, make_record):
-    counts = [0] * len(SetpointRefusal)
-    steering.receive_record(record_with(make_record, 2, refused_count=tuple(counts)), 0)
-    counts[SetpointRefusal.STALE] = 3
+    steering.receive_record(record_with(make_record, 2), 0)
+    counts = {SetpointRefusal.STALE: 3}
 
-    said = steering.receive_record(record_with(make_record, 3, refused_count=tuple(counts)), 0)
+    said = steering.receive_record(record_with(make_record, 3, refused_count=counts), 0)
 
     assert [one.values["setpoint_refusal"] for one in said] == ["stale"]
 
@@ -349,14 +347,13 @@ def test_only_counts_that_rise_from_one_record_to_the_next_of_a_core_are_news(
     steering, make_record
 ):
     def counted(seq, stale, lapses):
-        counts = [0] * len(SetpointRefusal)
-        counts[SetpointRefusal.STALE] = stale
+        counts = {SetpointRefusal.STALE: stale}
         told = {
             "lapse_count": lapses,
             "lapse_reason": Lapse.STALE,
             "accepted_count": lapses,
         }
-        record = record_with(make_record, seq, refused_count=tuple(counts), **told)
+        record = record_with(make_record, seq, refused_count=counts, **told)
         return [one.code for one in steering.receive_record(record, 0)]
 
     assert counted(2, 0, 0) == []

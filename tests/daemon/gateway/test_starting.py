@@ -11,7 +11,7 @@ from command_line import gaitd
 from config_files import Change, changed, copied
 from gaitd_client import NoAnswerError, NoServiceError, Target, Trainer, wire
 from gaitd_client import trainer as client_trainer
-from gaitd_client.texts import Reader, catalogue
+from gaitd_texts import Reader, catalogue
 from gaitd_toml import ConfigError
 
 from daemon.ipc import starting

@@ -23,7 +23,7 @@ def disk(tmp_path):
 
 def test_what_the_core_wrote_through_its_mapping_is_synced_once(disk, tmp_path):
     state_file = StateFile(tmp_path)
-    state_file.write(PersistentState(latched=StoredVerdict("S2", "STOP_REQUESTED")), 0)
+    state_file.write(PersistentState(latched=StoredVerdict("S2", "stop_requested")), 0)
 
     with mock.patch.object(os, "fsync") as fsync:
         assert disk.sync()
@@ -33,7 +33,7 @@ def test_what_the_core_wrote_through_its_mapping_is_synced_once(disk, tmp_path):
 
 
 def test_a_sync_that_failed_is_tried_again(disk, tmp_path):
-    StateFile(tmp_path).write(PersistentState(latched=StoredVerdict("S2", "STOP_REQUESTED")), 0)
+    StateFile(tmp_path).write(PersistentState(latched=StoredVerdict("S2", "stop_requested")), 0)
 
     broken = mock.patch.object(os, "fsync", side_effect=OSError(5, "input/output error"))
     with broken, pytest.raises(OSError, match="input/output"):
@@ -43,7 +43,7 @@ def test_a_sync_that_failed_is_tried_again(disk, tmp_path):
 
 def test_a_file_that_is_not_there_yet_is_waited_for_and_the_end_brings_it_to_the_disk(tmp_path):
     disk = StateFileSync(tmp_path / NAME)
-    StateFile(tmp_path).write(PersistentState(latched=StoredVerdict("S2", "STOP_REQUESTED")), 0)
+    StateFile(tmp_path).write(PersistentState(latched=StoredVerdict("S2", "stop_requested")), 0)
 
     disk.close()
 
@@ -51,7 +51,7 @@ def test_a_file_that_is_not_there_yet_is_waited_for_and_the_end_brings_it_to_the
 
 
 def test_a_disk_that_fails_is_said_once(disk, tmp_path, caplog):
-    StateFile(tmp_path).write(PersistentState(latched=StoredVerdict("S2", "STOP_REQUESTED")), 0)
+    StateFile(tmp_path).write(PersistentState(latched=StoredVerdict("S2", "stop_requested")), 0)
 
     with mock.patch.object(os, "fsync", side_effect=OSError(5, "input/output error")):
         failing = StateFileSync(tmp_path / NAME)

@@ -5,7 +5,7 @@ import pytest
 from gaitd_client import wire
 
 from daemon.ipc.record import AxisStrideRecord, StrideRecord
-from daemon.wire.names import StatusBit
+from observer.filter.status import Status
 
 
 def axis(**changes) -> AxisStrideRecord:
@@ -44,7 +44,7 @@ def stride(number=1, **changes) -> StrideRecord:
         work_negative_j_std=0.1,
         share_ratio=0.2,
         share_ratio_std=0.002,
-        status=int(StatusBit.VALID),
+        status=int(Status.VALID),
         baseline_subtracted=False,
     )
     return msgspec.structs.replace(made, **changes)

@@ -6,13 +6,14 @@ import math
 import msgspec
 import numpy as np
 import pytest
+from gaitd_names import Cause, StopCategory
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
-from daemon.ipc.record import AxisRecord, Cause, StopCategory, Verdict
-from daemon.wire.names import StatusBit, Validity
+from daemon.ipc.record import AxisRecord, Verdict
+from observer.filter.status import Status, Validity
 
 STAMP = Stamp("boot-a", 7, 1_760_000_000_070_000_000)
 OK, SPLIT, BAD = Validity.OK, Validity.SPLIT_UNOBSERVABLE, Validity.BAD
@@ -79,18 +80,18 @@ def test_an_axis_at_rest_costs_one_observable_state(make_leg, make_record):
     def rank(status):
         return messages(make_leg(status=status), make_record())[0]["observable_rank"]
 
-    resting = StatusBit.STANDSTILL_HIP | StatusBit.STANDSTILL_SLIDE
-    assert rank(StatusBit.VALID) == 8
-    assert rank(StatusBit.VALID | StatusBit.STANDSTILL_SLIDE) == 7
-    assert rank(StatusBit.VALID | resting) == 6
+    resting = Status.STANDSTILL_HIP | Status.STANDSTILL_SLIDE
+    assert rank(Status.VALID) == 8
+    assert rank(Status.VALID | Status.STANDSTILL_SLIDE) == 7
+    assert rank(Status.VALID | resting) == 6
 
 
 @pytest.mark.parametrize("bit", list(translate.NEVER_PUBLISHED))
 def test_some_status_bits_make_both_axes_bad_whatever_the_record_says(bit, make_leg, make_record):
-    for message in messages(make_leg(status=bit | StatusBit.VALID), make_record()):
+    for message in messages(make_leg(status=Status[bit.name] | Status.VALID), make_record()):
         assert set(estimates_of(message["hip"]).values()) == {None}
         assert message["hip"]["validity"] == message["slide"]["validity"] == "bad"
-        assert translate.name_of(bit) in message["status"]
+        assert bit in message["status"]
 
 
 def test_a_missing_sample_is_null_and_not_nan(make_leg, make_record):

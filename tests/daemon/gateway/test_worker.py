@@ -4,10 +4,11 @@ import os
 from unittest import mock
 
 import pytest
+from gaitd_names import Cause, StopCategory
 from msgspec.structs import replace
 from records import HEADER, record
 
-from daemon.ipc.record import Cause, StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from daemon.ipc.ring_clip import FOLDER, clip_files
 from daemon.ipc.transport import CoreChannel, GatewayChannel
 from daemon.recorder.audit_file import RequestFile, numbered

@@ -6,7 +6,8 @@ import msgspec
 import pytest
 from command_line import gaitd
 from gaitd_client import wire
-from gaitd_client.texts import LANGUAGES, Reader, catalogue
+from gaitd_names import Mode, RequestKind
+from gaitd_texts import LANGUAGES, Reader, catalogue
 from records import HEADER
 from records import record as cycle_record
 from second_station import SecondStation, finished
@@ -16,7 +17,7 @@ from analysis.acceptance.record import FindingCode, Judgement, Reason, ReasonCod
 from analysis.acceptance.words import finding_texts
 from daemon.config.drive_plan import plan_of
 from daemon.ipc.decoding import RefusedError
-from daemon.ipc.record import Mode, ModeRequest, RequestKind
+from daemon.ipc.record import ModeRequest
 from daemon.ipc.transport import RING_NAME, RingWriter
 from daemon.preflight.load import load
 from daemon.report_messages import refusal_message
@@ -204,7 +205,7 @@ def assert_true(stop, name, session):
     begin_ns = next(
         record.sync_mono_ns
         for record in session.records
-        if record.verdict.category and record.verdict.cause.name.lower() == stop.cause
+        if record.verdict.category and record.verdict.cause == stop.cause
     )
     rest_ns = begin_ns + round(1e9 * stop.rest_s)
     rows = [row for row in session.truth.rows if begin_ns <= row.sync_mono_ns <= rest_ns]

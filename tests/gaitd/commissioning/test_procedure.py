@@ -5,6 +5,7 @@ import math
 import msgspec
 import pytest
 from gaitd_client import Mode, wire
+from gaitd_names import Cause, RefusalCode, StopCategory, Untested
 from records import record as cycle_record
 
 from analysis.acceptance.record import (
@@ -17,9 +18,8 @@ from analysis.acceptance.record import (
     Service,
     StopTrace,
 )
-from daemon.ipc.record import Cause, StopCategory, Verdict
-from daemon.ipc.record import Mode as CoreMode
-from daemon.ipc.report import Refusal, RefusalCode, Untested
+from daemon.ipc.record import Verdict
+from daemon.ipc.report import Refusal
 from daemon.report_messages import judgement, refusal_message
 from gaitd.commissioning import stages
 from gaitd.commissioning.measures import position_findings
@@ -58,12 +58,12 @@ def at(now_s=0.0, mode=Mode.READY, verdict=REQUESTED, **more):
     return Observation(now_s, Service(mode, told), **more)
 
 
-def record(seq, mode=CoreMode.READY, *, sto_released=True):
+def record(seq, mode=Mode.READY, *, sto_released=True):
     made = cycle_record(seq)
     drives = tuple(
         msgspec.structs.replace(drive, sto_released=sto_released) for drive in made.drives
     )
-    verdict = FAULT if mode is CoreMode.FAULT else Verdict()
+    verdict = FAULT if mode is Mode.FAULT else Verdict()
     return msgspec.structs.replace(made, mode=mode, drives=drives, verdict=verdict)
 
 
@@ -256,9 +256,9 @@ def test_a_latched_stop_is_reset_only_if_it_is_the_one_that_was_measured(some, m
 @pytest.mark.parametrize(
     ("records", "resets"),
     [
-        ((record(2, sto_released=False), record(3, CoreMode.FAULT)), True),
-        ((record(2), record(3, CoreMode.FAULT)), False),
-        ((record(2, CoreMode.HOLD, sto_released=False), record(3, CoreMode.FAULT)), False),
+        ((record(2, sto_released=False), record(3, Mode.FAULT)), True),
+        ((record(2), record(3, Mode.FAULT)), False),
+        ((record(2, Mode.HOLD, sto_released=False), record(3, Mode.FAULT)), False),
     ],
     ids=["pressed without power", "not pressed", "pressed in motion"],
 )

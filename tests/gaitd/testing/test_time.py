@@ -3,8 +3,8 @@
 import time
 
 import pytest
+from gaitd_names import Cause, Mode
 
-from daemon.ipc.record import Cause, Mode
 from gaitd_lab.processes import ServiceError
 from gaitd_lab.testing.trainer import virtual_trainer
 

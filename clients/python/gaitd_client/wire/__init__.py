@@ -1,11 +1,13 @@
 """The wire contract: every message on Zenoh, its types, and the JSON Schemas made from it.
 
-Reading order: `names.py` (enums), `fields.py` (types and heads that messages share), `messages.py`
-(all messages, keys and schemas), `leg_messages.py`, `health_messages.py`, `refusals.py` (why a
-setpoint is refused). `__main__.py` writes the JSON Schemas as files.
+Reading order: `fields.py` (types and heads that messages share), `messages.py` (all messages, keys
+and schemas), `leg_messages.py`, `health_messages.py`. The enums are in `gaitd_names`. `__main__.py`
+writes the JSON Schemas as files.
 """
 
-from gaitd_client.wire.fields import JOINTS, Joint, Stated
+from gaitd_names.joints import JOINTS, Joint
+
+from gaitd_client.wire.fields import Stated
 from gaitd_client.wire.health_messages import Health
 from gaitd_client.wire.leg_messages import (
     Activity,

@@ -3,13 +3,10 @@
 The descriptions here are part of the JSON Schemas of `messages.py`.
 """
 
-from collections.abc import Iterable
-from typing import Annotated, Any, Final
+from typing import Annotated, Final
 
 import msgspec
-from msgspec import Meta
-
-from gaitd_client.wire.names import (
+from gaitd_names import (
     Cause,
     Kind,
     Mode,
@@ -20,34 +17,8 @@ from gaitd_client.wire.names import (
     StopCategory,
     Validity,
 )
-
-POWER_STATES: Final = (
-    "unknown",
-    "not_ready_to_switch_on",
-    "switch_on_disabled",
-    "ready_to_switch_on",
-    "switched_on",
-    "operation_enabled",
-    "quick_stop_active",
-    "fault_reaction_active",
-    "fault",
-)
-"""CiA 402 power states, in the order of DriveRecord.power_state."""
-
-NMT_STATES: Final = {
-    0x00: "boot_up",
-    0x04: "stopped",
-    0x05: "operational",
-    0x7F: "pre_operational",
-    0xFF: "unknown",
-}
-"""CiA 301 NMT states, by the byte of the heartbeat."""
-
-
-def open_names(names: Iterable[str]) -> dict[str, Any]:
-    """Schema of a name from a list that a later version may extend; so any string is valid."""
-    return {"anyOf": [{"type": "string", "enum": [*names]}, {"type": "string"}]}
-
+from gaitd_names.joints import open_names
+from msgspec import Meta
 
 ModeName = Annotated[
     str, Meta(description="Mode of the service.", extra_json_schema=open_names(Mode))
@@ -134,28 +105,6 @@ FrictionEffort = Annotated[
 Net = Annotated[
     float | None, of_joint(EFFORT, "Patient minus friction: observable also at standstill.")
 ]
-
-
-class Joint(msgspec.Struct, frozen=True, kw_only=True):
-    """Kind of a joint, and the units of its fields; names as in ROS's JointState and URDF."""
-
-    kind: Annotated[
-        str,
-        Meta(
-            description="Kind of the joint.",
-            extra_json_schema=open_names(["revolute", "prismatic"]),
-        ),
-    ]
-    position: Annotated[str, Meta(description="Unit of its positions.")]
-    velocity: Annotated[str, Meta(description="Unit of its velocities.")]
-    effort: Annotated[str, Meta(description="Unit of its efforts.")]
-
-
-JOINTS: Final[dict[str, Joint]] = {
-    "hip": Joint(kind="revolute", position="rad", velocity="rad/s", effort="N·m"),
-    "slide": Joint(kind="prismatic", position="m", velocity="m/s", effort="N"),
-}
-"""The joints of a leg, by the name of their field in a message."""
 
 
 class Stated(msgspec.Struct, frozen=True, kw_only=True):

@@ -3,9 +3,10 @@
 from typing import Annotated
 
 import msgspec
+from gaitd_names.joints import open_names
 from msgspec import Meta
 
-from gaitd_client.wire.fields import Stated, open_names
+from gaitd_client.wire.fields import Stated
 
 
 class DriveHealth(msgspec.Struct, frozen=True, kw_only=True):

@@ -24,17 +24,16 @@ from functools import cache
 from typing import Annotated, Any, Final, Literal
 
 import msgspec
+from gaitd_names import NMT_STATES, POWER_STATES
+from gaitd_names.joints import Joint, open_names
 from msgspec import Meta
 
 from gaitd_client.wire.fields import (
     EFFORT,
-    NMT_STATES,
     POSITION,
-    POWER_STATES,
     VELOCITY,
     CategoryName,
     CauseName,
-    Joint,
     KindName,
     ModeName,
     OutcomeName,
@@ -43,7 +42,6 @@ from gaitd_client.wire.fields import (
     StageName,
     Stated,
     of_joint,
-    open_names,
 )
 from gaitd_client.wire.health_messages import Health
 from gaitd_client.wire.leg_messages import (

@@ -3,6 +3,7 @@
 import itertools
 
 import pytest
+from gaitd_names import Finding, SelfTestDue, Untested
 from msgspec.structs import replace
 
 from daemon.core.exercises.self_test import AxisResult
@@ -22,7 +23,6 @@ from daemon.core.modes.persistent_state import (
     StoredInputs,
     StoredSelfTest,
 )
-from daemon.ipc.report import Finding, SelfTestDue, Untested
 from drives.signals import Input
 
 NOW = 1_700_000_000_000_000_000
@@ -192,7 +192,7 @@ def test_a_finished_test_is_stored_and_passed_only_without_any_fault(faults):
 
     assert stored == StoredSelfTest(
         NOW,
-        passed=not any(faults),
+        passed={*faults} == {Finding.NONE},
         leg_digest="leg",
         axes={
             "right/hip": StoredAxisTest(5.0, 1.1, 0.2, 0.3, 11),

@@ -3,17 +3,17 @@
 import math
 
 import pytest
+from gaitd_names import Cause, Finding, Mode, StopCategory
 from msgspec.structs import replace
 
 from daemon.core.modes import latched_stop
 from daemon.core.modes.latched_stop import updated, verdict_of
 from daemon.core.modes.persistent_state import StoredVerdict
-from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
-from daemon.ipc.report import Finding
+from daemon.ipc.record import Verdict
 
 JUMP = Finding.STEP_BETWEEN_SAMPLES
 JUMPED = Verdict(StopCategory.S0, Cause.ENCODER_JUMP, "right/hip", 2.5, 1.5, JUMP, "too far")
-STORED = StoredVerdict("S0", "ENCODER_JUMP", "right/hip", 2.5, 1.5, JUMP.name, "too far", 7)
+STORED = StoredVerdict("S0", "encoder_jump", "right/hip", 2.5, 1.5, JUMP, "too far", 7)
 ACTIVE = [mode for mode in Mode if mode.active]
 
 
@@ -22,8 +22,8 @@ def test_with_drives_enabled_an_end_without_notice_is_stored_once(mode):
     first = updated(None, mode, Verdict(), 5)
 
     assert first is not None
-    assert (first.category, first.cause, first.utc_ns) == ("S1", "LAST_END_UNKNOWN", 5)
-    assert (first.finding, first.said) == ("ENDED_WHILE_ENABLED", "")
+    assert (first.category, first.cause, first.utc_ns) == ("S1", "last_end_unknown", 5)
+    assert (first.finding, first.said) == ("ended_while_enabled", "")
     assert updated(first, mode, Verdict(), 6) is first
 
 

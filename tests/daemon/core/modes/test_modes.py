@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from gaitd_names import Doubt, Mode, RefusalCode, RequestKind, Trigger
 from safety_inputs import ALL_WELL
 
 from daemon.core.modes.table import (
@@ -11,8 +12,8 @@ from daemon.core.modes.table import (
     next_mode,
     refusal,
 )
-from daemon.ipc.record import Mode, ModeRequest, RequestKind
-from daemon.ipc.report import Doubt, Refusal, RefusalCode, Trigger
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 
 GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.25, amplitude_ratio=1.0, duration_s=10.0)
 PAPER = ModeRequest(Mode.EXCITE, duration_s=25.0, scenario="paper")

@@ -4,6 +4,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import msgspec
 import pytest
+from gaitd_names import Doubt, Mode, RefusalCode, RequestKind, SelfTestDue, Trigger, Untested
 from safety_inputs import ALL_WELL
 
 from daemon.core.modes.table import (
@@ -13,8 +14,8 @@ from daemon.core.modes.table import (
     rules_of,
     trigger_of,
 )
-from daemon.ipc.record import Mode, ModeRequest, RequestKind
-from daemon.ipc.report import Doubt, Refusal, RefusalCode, SelfTestDue, Trigger, Untested
+from daemon.ipc.record import ModeRequest
+from daemon.ipc.report import Refusal
 
 NOTHING_WELL = replace(
     ALL_WELL,

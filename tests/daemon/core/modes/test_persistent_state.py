@@ -2,6 +2,7 @@
 
 import msgspec
 import pytest
+from gaitd_names import Doubt
 
 from daemon.core.modes.persistent_state import (
     POSE_STEP_SI,
@@ -24,7 +25,6 @@ from daemon.core.modes.persistent_state import (
     with_proof,
     without_tests,
 )
-from daemon.ipc.report import Doubt
 
 RULES = PoseRules(tolerance_si=0.01, believed_without_pose=False)
 WIRING = Wiring(node_id=5, sign=-1, gear_ratio=100.0, lead_m=None, counts_per_rev=1024)
@@ -45,7 +45,7 @@ NO_INPUTS = {
     "serial_number": 0,
 }
 AXIS_TEST = {"friction_si": 1.0, "friction_ratio": 1.0, "load_error_si": 0.0, "moved_si": 0.1}
-NO_DETAIL = {"finding": "NONE", "drive": "", "value": None, "limit": None, "said": "", "utc_ns": 0}
+NO_DETAIL = {"finding": "none", "drive": "", "value": None, "limit": None, "said": "", "utc_ns": 0}
 EMPTY = {
     "axes": {},
     "format": "gaitd.axes.v1",
@@ -90,7 +90,7 @@ def test_what_is_stored_is_read_again_and_a_key_of_another_version_is_refused(st
 
 
 def test_an_unreadable_file_is_damaged_and_latches_a_stop():
-    latched = StoredVerdict("S1", "LAST_END_UNKNOWN", finding="NOTES_UNREADABLE")
+    latched = StoredVerdict("S1", "last_end_unknown", finding="notes_unreadable")
     assert PersistentState(damaged=True, latched=latched) == UNREADABLE
 
 

@@ -4,11 +4,12 @@ import math
 from dataclasses import replace
 
 import pytest
+from gaitd_names import Mode, RefusalCode, RequestKind, Role
 from safety_inputs import ALL_WELL
 
 from daemon.core.modes.roles import assist_cap_si, refusal
-from daemon.ipc.record import AxisPlan, Mode, ModeRequest, Plan, Request, RequestKind, Role
-from daemon.ipc.report import Refusal, RefusalCode
+from daemon.ipc.record import AxisPlan, ModeRequest, Plan, Request
+from daemon.ipc.report import Refusal
 
 REQUESTABLE = (
     *(Mode.HOLD, Mode.GAIT, Mode.TORQUE, Mode.EXCITE, Mode.HAND_GUIDING, Mode.SELF_TEST),

@@ -4,6 +4,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+from gaitd_names import AxisStep, Failure, Stage
 
 from daemon.core.exercises.homing import BEGIN_CYCLES, Homing
 from daemon.core.exercises.sign_test import SignTest
@@ -14,8 +15,6 @@ from daemon.core.exercises.single_axis import (
     HomingRules,
     PushRules,
 )
-from daemon.ipc.record import Stage
-from daemon.ipc.report import AxisStep, Failure
 from drives.signals import HomingState
 
 RULES = PushRules(effort_max_si=12.0, effort_rate_si_per_s=6.0, motion_si=0.035)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from config_files import CONFIGS
+from gaitd_names import Failure, Finding, MotionPhase, Stage
 from gaitd_toml import load_toml
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -19,8 +20,6 @@ from daemon.core.exercises.gait import Gait, GaitPlan
 from daemon.core.exercises.hold import Hold
 from daemon.core.exercises.self_test import AVERAGED_MIN_S, SelfTest, Way, speed_max
 from daemon.core.motion import gait_shape
-from daemon.ipc.record import Stage
-from daemon.ipc.report import Failure, Finding, MotionPhase
 from observer.mechanism.mechanism import singularity_ratio
 from tests.observer.mechanics import closes
 

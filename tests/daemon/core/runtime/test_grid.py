@@ -1,9 +1,10 @@
 """A missed grid point is put down to the part of the cycle that took longest beyond what it may."""
 
 import pytest
+from gaitd_names import CyclePart
 
 from daemon.core.runtime.grid import longest_part
-from daemon.ipc.cycle_timing import CyclePart, CycleTiming
+from daemon.ipc.cycle_timing import CycleTiming
 
 WINDOW_NS = 4_000_000
 

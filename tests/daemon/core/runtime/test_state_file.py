@@ -1,6 +1,7 @@
 """The file that keeps poses and proofs across restarts."""
 
 import pytest
+from gaitd_names import Finding
 from msgspec.structs import replace
 from power_cuts import check
 from traced_calls import mark
@@ -13,7 +14,6 @@ from daemon.core.modes.persistent_state import (
     StoredVerdict,
 )
 from daemon.core.runtime.state_file import StateFile
-from daemon.ipc.report import Finding
 from daemon.ipc.state_file import NAME, SIZE
 from daemon.recorder.state_file_sync import StateFileSync
 
@@ -92,9 +92,9 @@ def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):
     axes |= {
         f"left/axis{number}": StoredAxis(-0.123456789012345, 10**18, PROOF) for number in (1, 2)
     }
-    finding = max((one.name for one in Finding), key=len)
+    finding = max(Finding, key=len)
     long = StoredVerdict(
-        "S1", "LAST_END_UNKNOWN", "right/slide", -1e-300, 1e-300, finding, "d" * 120, 10**18
+        "S1", "last_end_unknown", "right/slide", -1e-300, 1e-300, finding, "d" * 120, 10**18
     )
 
     persistent = PersistentState(axes=axes, latched=long)
@@ -105,7 +105,7 @@ def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):
 
 # --- power cuts -----------------------------------------------------------------------------------
 
-STOP = StoredVerdict("S1", "HAND_SWITCH_OPEN", said="the hand switch was opened", utc_ns=10**18)
+STOP = StoredVerdict("S1", "hand_switch_open", said="the hand switch was opened", utc_ns=10**18)
 HISTORY = (
     # Time of a write in s, its stop, and whether the gateway's thread syncs after it.
     (0.0, None, False),

@@ -7,6 +7,7 @@ forgotten is the last test.
 import math
 
 import pytest
+from gaitd_names import Cause, Finding
 from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.safety.checks import (
@@ -20,8 +21,6 @@ from daemon.core.safety.checks import (
     TX_DROPPED_MAX,
 )
 from daemon.core.safety.effort_monitor import EffortWatch
-from daemon.ipc.record import Cause
-from daemon.ipc.report import Finding
 from drives.signals import Input, PowerState
 
 STANDING = AXIS._replace(joint=JOINT._replace(velocity_si=0.0, effort_si=0.0))
@@ -185,7 +184,7 @@ def cause_of(situation):
     return verdicts.cause
 
 
-NAMES = [f"{row[0].name.lower()}-{number}" for number, row in enumerate(TABLE)]
+NAMES = [f"{row[0]}-{number}" for number, row in enumerate(TABLE)]
 
 
 def beside(value, way, step):

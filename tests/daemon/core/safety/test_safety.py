@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
+from gaitd_names import Cause, StopCategory
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
@@ -20,7 +21,7 @@ from daemon.core.safety.checks import (
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.inputs import SafetyInputs
 from daemon.core.safety.limits import Categories
-from daemon.ipc.record import Cause, StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from drives.signals import Emergency, Input, NmtState, PowerState
 
 EMERGENCY = Emergency(5, 0x8611, 0x21, b"\0" * 5, "following error", 0)
@@ -218,8 +219,10 @@ CAUSES = st.sampled_from(list(StopCategory)).map(lambda c: Verdict(c, Cause.STOP
 @settings(derandomize=True)
 @given(CAUSES, CAUSES)
 def test_a_milder_verdict_never_replaces_a_harsher_one(latched, found):
-    assert worse(latched, found).category == max(latched.category, found.category)
-    if found.category <= latched.category:
+    assert worse(latched, found).category == max(
+        latched.category, found.category, key=lambda one: one.severity
+    )
+    if found.category.severity <= latched.category.severity:
         assert worse(latched, found) is latched
 
 

@@ -4,6 +4,7 @@ import math
 
 import msgspec
 import pytest
+from gaitd_names import Cause, Finding, StopCategory
 from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.safety.bounds import bound, bound_assist, bound_position
@@ -15,8 +16,6 @@ from daemon.core.safety.checks import (
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.limits import Categories
 from daemon.core.safety.sign_response import RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO
-from daemon.ipc.record import Cause, StopCategory
-from daemon.ipc.report import Finding
 from daemon.wire.causes import CHOSEN_CATEGORY
 from drives.signals import Emergency, Input, NmtState, OperationMode, PowerState
 
@@ -544,9 +543,7 @@ def test_a_drive_that_is_not_enabled_is_told_so_and_not_by_its_mode():
         mode_display=OperationMode.CYCLIC_SYNC_POSITION,
         following=False,
     )
-    harsher = Categories(
-        {cause.name.lower(): "S1" for cause in CHOSEN_CATEGORY} | {"mode_not_shown": "S0"}
-    )
+    harsher = Categories(dict.fromkeys(CHOSEN_CATEGORY, "S1") | {"mode_not_shown": "S0"})
 
     assert verdict_of(axes=[axis]).cause == Cause.DRIVE_LEFT_ENABLED
     assert verdict_of(axes=[axis], categories=harsher).cause == Cause.DRIVE_LEFT_ENABLED
@@ -565,9 +562,7 @@ def test_a_drive_that_shows_another_mode_is_told_so_and_not_that_it_does_not_fol
 @pytest.mark.parametrize("state", [PowerState.FAULT_REACTION_ACTIVE, PowerState.FAULT])
 def test_a_drive_that_fails_on_its_way_to_be_enabled_stops_by_its_fault(state):
     axis = fed(STARTING._replace(unready_cycles=1), power_state=state)
-    milder = Categories(
-        {cause.name.lower(): "S0" for cause in CHOSEN_CATEGORY} | {"drive_fault": "S1"}
-    )
+    milder = Categories(dict.fromkeys(CHOSEN_CATEGORY, "S0") | {"drive_fault": "S1"})
 
     assert verdict_of(axes=[axis], categories=milder).cause == Cause.DRIVE_FAULT
 

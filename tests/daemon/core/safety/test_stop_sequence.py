@@ -1,13 +1,14 @@
 """One drive on its way to rest: what it is told, and what happens when it does not obey."""
 
 import pytest
+from gaitd_names import Cause, StopCategory
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safety_inputs import FEEDBACK, JOINT, LIMITS
 
 from daemon.core.safety import stop_sequence
 from daemon.core.safety.stop_sequence import Step, StopRules
-from daemon.ipc.record import Cause, StopCategory, Verdict
+from daemon.ipc.record import Verdict
 from drives.signals import PowerRequest, PowerState
 
 RULES = StopRules(

@@ -6,6 +6,7 @@ import pytest
 from bringup_bench import Bench
 from drive_files import CYCLE
 from fresh_core import fresh
+from gaitd_names import Cause, Doubt, EventCode, Mode, ProgressCode, StopCategory
 from memory_bus import MS
 
 from daemon.core.modes import latched_stop
@@ -14,13 +15,12 @@ from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import Step, begin
 from daemon.core.steps import supervisor
 from daemon.core.steps.bring_up import bring_up_core
-from daemon.ipc.record import Cause, Mode, StopCategory, Verdict
-from daemon.ipc.report import Doubt, Event, EventCode, Progress, ProgressCode
+from daemon.ipc.record import Verdict
+from daemon.ipc.report import Event, Progress
 from drives.canopen.bus import Frame
 from drives.errors import BringUpRefused
-from drives.signals import PowerState
 
-JUMPED = StoredVerdict("S0", "ENCODER_JUMP", "right/hip", 2.5, 1.5, utc_ns=7)
+JUMPED = StoredVerdict("S0", "encoder_jump", "right/hip", 2.5, 1.5, utc_ns=7)
 POWERED = 0x1637
 ERROR = bytes.fromhex("3081110000000000")
 BUS_OFF = Frame(0x040, bytes(8), is_error=True)
@@ -195,7 +195,7 @@ def test_a_bus_that_fails_is_no_drive_s_fault(is_off):
     [
         (None, (Cause.DRIVE_POWERED, "right/hip")),
         (JUMPED, (Cause.ENCODER_JUMP, "right/hip")),
-        (StoredVerdict("S1", "LAST_END_UNKNOWN"), (Cause.DRIVE_POWERED, "right/hip")),
+        (StoredVerdict("S1", "last_end_unknown"), (Cause.DRIVE_POWERED, "right/hip")),
     ],
 )
 def test_a_drive_that_holds_the_leg_waits_for_a_reset(latched, verdict):
@@ -211,7 +211,7 @@ def test_a_drive_that_holds_the_leg_waits_for_a_reset(latched, verdict):
     assert session.core.single_axis is None
     assert session.core.reset_cycles_left == 0
     assert not session.bench.touched_power()
-    holds = Event(EventCode.DRIVE_HOLDS, "right/hip", (PowerState.OPERATION_ENABLED,))
+    holds = Event(EventCode.DRIVE_HOLDS, "right/hip", ("operation_enabled",))
     assert session.core.events[-1] == holds
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 from core_bench import JUMPED, MANY_CYCLES, OPENED, Bench
+from gaitd_names import Cause, EventCode, Finding, Mode, Outcome, RequestKind, Role, StopCategory
 
 from daemon.core.exercises.single_axis import Result
 from daemon.core.inputs import CommandInputs
@@ -17,19 +18,7 @@ from daemon.core.steps import (
     supervisor,
     wanted,
 )
-from daemon.ipc.record import (
-    Cause,
-    Mode,
-    ModeRequest,
-    Outcome,
-    Request,
-    RequestKind,
-    Role,
-    Setpoint,
-    StopCategory,
-    Verdict,
-)
-from daemon.ipc.report import EventCode, Finding
+from daemon.ipc.record import ModeRequest, Request, Setpoint, Verdict
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerRequest, PowerState
 
@@ -59,7 +48,7 @@ def test_a_verdict_while_disabling_is_latched_and_ends_in_fault(bench):
 
     assert bench.until_stopped() == Mode.FAULT
     assert bench.core.verdict == OPENED
-    assert bench.core.persistent.latched.cause == Cause.HAND_SWITCH_OPEN.name
+    assert bench.core.persistent.latched.cause == Cause.HAND_SWITCH_OPEN
 
 
 def test_a_stop_after_an_earlier_disable_is_latched_and_ends_in_fault(bench):

@@ -6,6 +6,19 @@ from types import SimpleNamespace
 import pytest
 from core_bench import JUMPED, OPENED, Bench
 from fresh_core import fresh
+from gaitd_names import (
+    Cause,
+    EventCode,
+    Failure,
+    Finding,
+    Mode,
+    Outcome,
+    ProgressCode,
+    RequestKind,
+    Role,
+    StopCategory,
+    Trigger,
+)
 from msgspec.structs import replace as replace_fields
 
 from daemon.core.exercises.hold import Hold
@@ -17,18 +30,8 @@ from daemon.core.safety.stop_sequence import DriveStop, Step, begin
 from daemon.core.state import HOLD_SETTLE_CYCLES
 from daemon.core.steps import controllers, exercises, single_axis, supervisor
 from daemon.core.steps.single_axis import Change
-from daemon.ipc.record import (
-    Cause,
-    Mode,
-    ModeRequest,
-    Outcome,
-    Request,
-    RequestKind,
-    Role,
-    StopCategory,
-    Verdict,
-)
-from daemon.ipc.report import Event, EventCode, Failure, Finding, Progress, ProgressCode, Trigger
+from daemon.ipc.record import ModeRequest, Request, Verdict
+from daemon.ipc.report import Event, Progress
 from daemon.wire.causes import DOUBTFUL_FEEDBACK, LOST_DRIVE
 from drives.cia402.drive import DriveGroup
 from drives.signals import PowerState
@@ -36,7 +39,7 @@ from drives.signals import PowerState
 HOLD, QUICK, DISABLE, NMT = Step.HOLD, Step.QUICK_STOP, Step.DISABLE, Step.NMT_STOP
 ON, OFF = PowerState.OPERATION_ENABLED, PowerState.SWITCH_ON_DISABLED
 HOUR_NS = 3_600_000_000_000
-NOTED = StoredVerdict("S0", "ENCODER_JUMP", "right/hip", 2.5, 1.5, utc_ns=7)
+NOTED = StoredVerdict("S0", "encoder_jump", "right/hip", 2.5, 1.5, utc_ns=7)
 ACTIVE = [mode for mode in Mode if mode.active]
 SLIDE_OPENED = Verdict(StopCategory.S1, Cause.HAND_SWITCH_OPEN, "right/slide")
 HELD_UP = Verdict(StopCategory.S2, Cause.GATEWAY_SILENT)
@@ -102,7 +105,7 @@ def test_a_cycle_keeps_the_time_the_latch_and_the_references(bench):
     bench.turn(OPENED)
 
     assert bench.core.utc_newest_ns == HOUR_NS
-    assert bench.core.persistent.latched.cause == "HAND_SWITCH_OPEN"
+    assert bench.core.persistent.latched.cause == "hand_switch_open"
     assert bench.core.persistent.latched.utc_ns == HOUR_NS
     assert bench.core.legs[0].reference is not None
 
@@ -481,7 +484,7 @@ def test_power_without_a_request_is_a_reason_to_stop_in_every_mode(bench, mode):
     assert bench.core.mode == (Mode.STOPPING if mode is Mode.READY else Mode.FAULT)
 
 
-RESTING_CAUSES = dict.fromkeys(LOST_DRIVE, Mode.OFF) | {
+RESTING_CAUSES = dict.fromkeys(sorted(LOST_DRIVE), Mode.OFF) | {
     Cause.BUS_DOWN: Mode.OFF,
     Cause.TRANSMIT_QUEUE_FULL: Mode.OFF,
     Cause.BUS_OFF: Mode.FAULT,
@@ -889,8 +892,8 @@ def test_a_step_of_bring_up_is_shown_until_the_mode_changes(bench):
     [
         (None, Cause.DRIVE_POWERED),
         (NOTED, Cause.ENCODER_JUMP),
-        (StoredVerdict("S2", "GATEWAY_SILENT"), Cause.GATEWAY_SILENT),
-        (StoredVerdict("S1", "LAST_END_UNKNOWN"), Cause.DRIVE_POWERED),
+        (StoredVerdict("S2", "gateway_silent"), Cause.GATEWAY_SILENT),
+        (StoredVerdict("S1", "last_end_unknown"), Cause.DRIVE_POWERED),
     ],
 )
 def test_a_drive_that_holds_the_leg_is_fault_until_a_reset(latched, cause):
@@ -901,7 +904,7 @@ def test_a_drive_that_holds_the_leg_is_fault_until_a_reset(latched, cause):
 
     assert (core.mode, core.single_axis, core.reset_cycles_left) == (Mode.FAULT, None, 0)
     assert core.verdict.cause == cause
-    assert core.events[-1] == Event(EventCode.DRIVE_HOLDS, "right/slide", (ON,))
+    assert core.events[-1] == Event(EventCode.DRIVE_HOLDS, "right/slide", ("operation_enabled",))
     if cause is Cause.DRIVE_POWERED:
         category = core.config.categories.of(cause)
         held = Verdict(category, cause, "right/slide", float(ON), finding=Finding.POWER_STATE)

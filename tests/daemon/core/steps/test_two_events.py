@@ -6,12 +6,11 @@ from typing import Any
 import exploration
 import pytest
 from exploration import SHORT, BrokenError, Search
+from gaitd_names import Cause, Mode, Trigger
 
 from daemon.core.modes import table
 from daemon.core.safety import stop_sequence
 from daemon.core.steps import impedance, supervisor, wanted
-from daemon.ipc.record import Cause, Mode
-from daemon.ipc.report import Trigger
 from drives.signals import PowerRequest
 
 

@@ -4,7 +4,7 @@ Reading order: `operator.en.toml` and `patient.en.toml`, each beside its German 
 `stops.py` (what is known of each cause of a stop), `catalogue.py` (sentences from codes).
 """
 
-from gaitd_client.texts.catalogue import (
+from gaitd_texts.catalogue import (
     CAUTIOUS,
     COMMANDS,
     LANGUAGES,
@@ -14,7 +14,7 @@ from gaitd_client.texts.catalogue import (
     language_of,
     texts_of,
 )
-from gaitd_client.texts.stops import STOPS, Again, GoOn, Situation, Stop, key_of, stop_of
+from gaitd_texts.stops import STOPS, Again, GoOn, Situation, Stop, key_of, stop_of
 
 __all__ = [
     "CAUTIOUS",

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from enum import StrEnum, auto
 from typing import Final, NamedTuple
 
-from gaitd_client.wire.names import Cause
+from gaitd_names import Cause
 
 
 class Situation(StrEnum):

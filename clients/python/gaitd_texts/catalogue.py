@@ -7,6 +7,7 @@ texts; the log has the reason.
 """
 
 import logging
+import math
 import re
 import string
 import tomllib
@@ -16,14 +17,13 @@ from datetime import UTC, datetime
 from enum import StrEnum, auto
 from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import msgspec
+from gaitd_names import NMT_STATES, POWER_STATES, Cause
+from gaitd_names.joints import JOINTS
 
-from gaitd_client.texts.stops import GoOn, key_of, stop_of
-from gaitd_client.wire.fields import JOINTS, NMT_STATES, POWER_STATES
-from gaitd_client.wire.messages import Event, Judgement, Progress, Refusal
-from gaitd_client.wire.names import Cause
+from gaitd_texts.stops import GoOn, key_of, stop_of
 
 LANGUAGES: Final = ("en", "de")
 FOLDER: Final = Path(__file__).parent
@@ -54,6 +54,89 @@ _DERIVED: Final = frozenset({"axis", "motion", "unit", "unit_position"})
 _LOG: Final = logging.getLogger("gaitd.texts")
 
 Value = float | str | None
+
+
+class Verdict(Protocol):
+    """A verdict of a message or of a record."""
+
+    @property
+    def cause(self) -> str:
+        """Name of the cause."""
+        ...
+
+    @property
+    def drive(self) -> str | None:
+        """The drive or leg of the cause; empty or None if of none."""
+        ...
+
+    @property
+    def value(self) -> float | None:
+        """What was measured, in the unit of the limit."""
+        ...
+
+    @property
+    def limit(self) -> float | None:
+        """The limit; 0 or None if there is none."""
+        ...
+
+    @property
+    def finding(self) -> str:
+        """What it was found by, or none."""
+        ...
+
+    @property
+    def said(self) -> str:
+        """What the drive or the operating system has said."""
+        ...
+
+
+class Progress(Protocol):
+    """Code, subject and values by name, as a message has them."""
+
+    @property
+    def code(self) -> str:
+        """Its text is that of this code."""
+        ...
+
+    @property
+    def subject(self) -> str | None:
+        """Drive or leg; empty or None if of none."""
+        ...
+
+    @property
+    def values(self) -> Mapping[str, Value]:
+        """Numbers and names that the text has as fields."""
+        ...
+
+
+class Refusal(Progress, Protocol):
+    """A refusal of a message."""
+
+    @property
+    def said(self) -> str:
+        """What a client has sent, or a drive has said."""
+        ...
+
+
+class Event(Refusal, Protocol):
+    """An event of a message."""
+
+    @property
+    def cause(self) -> str | None:
+        """Cause of the stop that it reports."""
+        ...
+
+
+@dataclass(frozen=True)
+class _Verdict:
+    """A verdict from the values of an event or a refusal."""
+
+    cause: str
+    drive: str | None
+    value: float | None
+    limit: float | None
+    finding: str
+    said: str
 
 
 class Reader(StrEnum):
@@ -111,8 +194,8 @@ class Catalogue:
             fields["verdict"] = self._verdict_of(subject, values, said)
         if "{refusal}" in template:
             refused = values.get("refusal")
-            of = Refusal(code=str(refused), subject=subject, values=dict(values), said=said)
-            fields["refusal"] = "" if refused is None else self.refusal(of)
+            known = refused is not None
+            fields["refusal"] = self._refusal(str(refused), subject, values, said) if known else ""
         if values.get("request", "mode") != "mode":
             fields["mode"] = None  # a mode belongs to its own request alone
         text = _tidy(self.text(key, **fields))
@@ -128,11 +211,16 @@ class Catalogue:
 
     def refusal(self, refusal: Refusal) -> str:
         """Return the sentence of a refusal."""
-        key, subject, said = f"refusal.{refusal.code}", refusal.subject, refusal.said
-        values: dict[str, Value] = {**refusal.values, "said": said}
+        return self._refusal(refusal.code, refusal.subject, refusal.values, refusal.said)
+
+    def _refusal(
+        self, code: str, subject: str | None, values: Mapping[str, Value], said: str
+    ) -> str:
+        key = f"refusal.{code}"
+        fields: dict[str, Value] = {**values, "said": said}
         if "{verdict}" in self.texts.get(key, ""):
-            values["verdict"] = self._verdict_of(subject, refusal.values, said)
-        return self.about(key, subject, values)
+            fields["verdict"] = self._verdict_of(subject, values, said)
+        return self.about(key, subject, fields)
 
     def progress(self, progress: Progress | None) -> str:
         """Return what the machine does now; empty if there is nothing beside mode and stage."""
@@ -144,7 +232,7 @@ class Catalogue:
         """Return the text of a key, with name, units and motion of a leg or an axis as fields."""
         return _tidy(self.text(key, **self._about(subject, values)))
 
-    def verdict(self, verdict: Judgement) -> str:
+    def verdict(self, verdict: Verdict) -> str:
         """Return the sentence of a verdict: drive, cause, value with limit, and what was found."""
         about = self.subject(verdict.drive)
         numbers = {"value": verdict.value, "limit": verdict.limit}
@@ -221,8 +309,7 @@ class Catalogue:
 
     def _verdict_of(self, drive: str | None, values: Mapping[str, Value], said: str) -> str:
         return self.verdict(
-            Judgement(
-                category=str(values.get("category")),
+            _Verdict(
                 cause=str(values.get("cause")),
                 drive=drive,
                 value=_number(values.get("value")),
@@ -232,9 +319,9 @@ class Catalogue:
             )
         )
 
-    def _finding(self, verdict: Judgement) -> str:
+    def _finding(self, verdict: Verdict) -> str:
         value = verdict.value
-        number = 0 if value is None else round(value)
+        number = round(value) if value is not None and math.isfinite(value) else 0
         fields: dict[str, Value] = {
             "value": value,
             "nmt_state": NMT_STATES.get(number, str(number)),
