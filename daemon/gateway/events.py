@@ -194,7 +194,7 @@ class EventLog:
             priority=item.priority.value,
             kind=item.kind.value,
             code=item.code,
-            cause=item.cause if item.cause is not None else None,
+            cause=item.cause,
             subject=item.subject,
             values=dict(item.values),
             said=item.said,

@@ -193,7 +193,7 @@ def safety(
         mode=record.mode,
         active=record.mode.active,
         verdict=judgement(record.verdict),
-        stage=None if record.stage is None else record.stage,
+        stage=record.stage,
         progress=progress_message(record.progress),
         lease_holder=lease_holder,
         gateway_age_cycles=record.gateway_age_cycles,

@@ -82,7 +82,7 @@ VERDICTS: Final = frozenset(
 """Events that report a verdict; their subject is its drive."""
 _RANGE: Final = ("wanted", "lowest", "highest")
 _ABOVE: Final = ("wanted", "highest")
-REFUSAL_FIELDS: Final[Mapping[RefusalCode, tuple[str, ...]]] = {
+REFUSAL_FIELDS: Final[Mapping[str, tuple[str, ...]]] = {
     # In an event they are beside those of the request: `request` and `mode` are what was asked.
     RefusalCode.NO_SUCH_MODE: ("mode",),
     RefusalCode.NOT_IN_THIS_MODE: ("trigger", "mode_now"),
@@ -146,7 +146,7 @@ def values_of(event: Event) -> dict[str, float | str]:
     names = EVENT_FIELDS[event.code]
     values = named_values(names, event.values)
     refused = values.get("refusal")
-    if isinstance(refused, str):
-        of_refusal = REFUSAL_FIELDS[RefusalCode(refused)]
+    if isinstance(refused, str):  # a code of another version has values without names
+        of_refusal = REFUSAL_FIELDS.get(refused, ())
         values |= named_values(of_refusal, event.values[len(names) :])
     return values

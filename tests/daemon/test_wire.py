@@ -5,10 +5,12 @@ import json
 import msgspec
 import pytest
 from gaitd_client import wire
-from gaitd_names import NMT_STATES, POWER_STATES, StatusBit, Validity
+from gaitd_names import NMT_STATES, POWER_STATES, EventCode, StatusBit, Validity
 
 from daemon.gateway.translate import COVARIANCE_COUNT
 from daemon.ipc.record import STATE_COUNT
+from daemon.ipc.report import Event
+from daemon.wire.report_fields import values_of
 from drives.signals import NmtState, PowerState
 from observer.filter import status
 
@@ -81,6 +83,14 @@ def test_the_states_of_the_drives_are_the_masters():
     assert [state.name.lower() for state in PowerState] == list(POWER_STATES)
     assert [int(state) for state in PowerState] == list(range(len(POWER_STATES)))
     assert {int(state): state.name.lower() for state in NmtState} == NMT_STATES
+
+
+def test_a_refusal_of_another_version_keeps_its_code_and_loses_values_without_names():
+    values = ("mode", "gait", "of_a_later_version", 1.0)
+
+    named = values_of(Event(EventCode.REQUEST_REFUSED, values=values))
+
+    assert named == {"request": "mode", "mode": "gait", "refusal": "of_a_later_version"}
 
 
 def test_an_activity_looks_like_this():
