@@ -31,6 +31,7 @@ from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import config as numba_config
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from observer import cache_files
 
@@ -38,6 +39,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 CONFIG: Final[Any] = numba_config
 """numba's own configuration, whose attributes are created at run time."""
+fixed_tuple: Final[Any] = to_fixed_tuple
+"""`fixed_tuple(array, count)` in a kernel: the first elements of an array, held in registers."""
 COMPILERS: Final = ("numba", "llvmlite", "numpy")
 """Packages that compile the kernels; with Python's version they are part of the key."""
 DIRECTORIES_KEPT: Final = 32

@@ -43,7 +43,6 @@ class LegSmoother:
         """
         self._cycle_data[:] = cycle_data_of(dt_s, effort, estimate.status, estimate.validity)
         store(self._ring, *self._observer.buffers, self._cycle_data, self._work)
-        setup = self._observer.setup
-        if not smoothed(setup.hip, setup.slide, self._ring, LAG, self._out, self._work):
+        if not smoothed(self._observer.setup, self._ring, LAG, self._out, self._work):
             return None
         return self._out.tolist()

@@ -27,9 +27,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
+from observer.filter.leg_filter import FRICTION_COUNT, Setup
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES, STEP_S
-from observer.jit import inline, kernel
+from observer.jit import fixed_tuple, inline, kernel
 from observer.mechanism.friction import FrictionParameters, bristle_friction, bristle_slopes
 
 Vector = NDArray[np.float64]
@@ -181,8 +182,7 @@ def _solve(root: Vector, row: Vector) -> None:
 
 @kernel
 def smoothed(
-    hip_of: tuple[float, ...],
-    slide_of: tuple[float, ...],
+    setup_of: Setup,
     ring: Vector,
     lag: int,
     out: Vector,
@@ -191,8 +191,7 @@ def smoothed(
     """Smooth the node that is `lag` cycles old by all later nodes; False if there is none.
 
     Args:
-        hip_of: FrictionParameters of the filter, as a plain tuple.
-        slide_of: those of the slide.
+        setup_of: that of the filter.
         ring: as written by `store`.
         lag: 0..LAG; 0 is the newest, equal to the filter's estimate.
         out: result, (SMOOTH_SIZE).
@@ -209,8 +208,10 @@ def smoothed(
         after = ring[((count - 1 - back) % NODES) * NODE_SIZE :]
         before = ring[((count - 2 - back) % NODES) * NODE_SIZE :]
         _step_back(before, after, mean, covariance, work[2 * SQUARE :])
-    _add_damping(FrictionParameters(*hip_of), 0, mean, covariance)
-    _add_damping(FrictionParameters(*slide_of), 1, mean, covariance)
+    setup = setup_of[0]
+    hip, slide = fixed_tuple(setup.hip, FRICTION_COUNT), fixed_tuple(setup.slide, FRICTION_COUNT)
+    _add_damping(FrictionParameters(*hip), 0, mean, covariance)
+    _add_damping(FrictionParameters(*slide), 1, mean, covariance)
     _write(ring[((count - 1 - lag) % NODES) * NODE_SIZE :], mean, covariance, out)
     return True
 

@@ -14,7 +14,7 @@ no real joint obeys it. The two axes of a row are processed one after the other,
 innovations are independent.
 """
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,31 +191,45 @@ def _step(
         _advance(model, effort, step_s / substeps, rests, points, rates)
 
 
+class KalmanTuning(NamedTuple):
+    """Standard deviations and steps of the filter."""
+
+    noise: Vector
+    """Both positions, efforts and frictions, shape (6,)."""
+    rest_noise: Vector
+    """A friction while its axis rests, where the law does not act, shape (2,)."""
+    spread: Vector
+    """Velocities and frictions where the filter begins, shape (4,)."""
+    width: Vector
+    """Distance from the mean at which derivatives are taken, shape (6,)."""
+    substeps: int
+
+
+class KalmanRows(NamedTuple):
+    """Inputs of n rows."""
+
+    steps_s: Vector
+    position: Matrix
+    """Shape (n, 2); NaN where it was not measured."""
+    effort: Matrix
+    """Shape (n, 2); acted from the row before."""
+    begins: NDArray[np.bool_]
+    rests: NDArray[np.bool_]
+    """Shape (n, 2)."""
+    starts: Matrix
+    """Shape (n, 6): position, velocity, acceleration, where the filter begins."""
+
+
 @kernel
 def innovations(
-    model: LegModel,
-    noise: Vector,
-    substeps: int,
-    spread: Vector,
-    width: Vector,
-    steps_s: Vector,
-    position: Matrix,
-    effort: Matrix,
-    begins: NDArray[np.bool_],
-    rests: NDArray[np.bool_],
-    rest_noise: Vector,
-    starts: Matrix,
-    surprise: Matrix,
-    variance: Matrix,
+    model: LegModel, tuning: KalmanTuning, rows: KalmanRows, surprise: Matrix, variance: Matrix
 ) -> None:
     """Write innovations of all rows and their variances to `surprise` and `variance`, shape (n, 2).
 
-    `noise`, shape (6,), holds standard deviations of both positions, efforts and frictions;
-    `rest_noise`, shape (2,), that of a friction while its axis `rests`, shape (n, 2), where the law
-    does not act; `spread`, shape (4,), that of velocities and frictions where the filter `begins`,
-    shape (n,), at `starts`, shape (n, 6): position, velocity, acceleration. Derivatives are taken
-    `width` beside the mean. Effort acted from the row before; a position of NaN was not measured.
+    Both are NaN where nothing was measured, and where the filter begins.
     """
+    noise, rest_noise, spread, width, substeps = tuning
+    steps_s, position, effort, begins, rests, starts = rows
     mean, cov = np.zeros(STATES), np.zeros((STATES, STATES))
     work = np.zeros((2 * STATES, STATES))
     points, rates = np.zeros(STATES * LANES), np.zeros(2 * LANES)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.calibration.innovations import innovations
+from analysis.calibration.innovations import KalmanRows, KalmanTuning, innovations
 from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import (
     LAW_SIZE,
@@ -84,17 +84,21 @@ class Likelihood:
         motion = self.motion
         innovations(
             self.frame.model_of(natural),
-            noise_of(natural),
-            SUBSTEPS,
-            SPREAD,
-            WIDTH,
-            motion.steps_s,
-            motion.position,
-            motion.effort - self.frame.constants_of(natural),
-            motion.begins,
-            motion.rests,
-            REST_NOISE_RATIO * natural[[0, LAW_SIZE]],
-            motion.smooth,
+            KalmanTuning(
+                noise=noise_of(natural),
+                rest_noise=REST_NOISE_RATIO * natural[[0, LAW_SIZE]],
+                spread=SPREAD,
+                width=WIDTH,
+                substeps=SUBSTEPS,
+            ),
+            KalmanRows(
+                steps_s=motion.steps_s,
+                position=motion.position,
+                effort=motion.effort - self.frame.constants_of(natural),
+                begins=motion.begins,
+                rests=motion.rests,
+                starts=motion.smooth,
+            ),
             self._z,
             self._s,
         )

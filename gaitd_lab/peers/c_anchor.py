@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filter.leg_filter import Options
+from observer.filter.leg_filter import Options, Setup
 from observer.filter.leg_memory import START_STD
-from observer.filter.leg_observer import Setup
 
 SOURCE = Path(__file__).with_name("anchor.c")
 COMPILERS = ("cc", "gcc", "clang")
@@ -55,15 +54,16 @@ def build() -> Run | None:
 
 
 def _run(
-    function: Callable[..., None], setup: Setup, measured: Matrix, effort: Matrix, dt_s: float
+    function: Callable[..., None],
+    setup: Setup,
+    measured: Matrix,
+    effort: Matrix,
+    dt_s: float,
 ) -> Estimates:
-    options = Options(*setup.options)
-    model = np.concatenate(
-        (
-            *(setup.leg, setup.hip, setup.slide, [setup.coriolis_share]),
-            *(setup.process_std, setup.measurement_std),
-        )
-    )
+    given = np.asarray(setup)[0]
+    options = Options(*given["options"])
+    physics = given["leg"], given["hip"], given["slide"], [given["coriolis_share"]]
+    model = np.concatenate((*physics, given["process_std"], given["measurement_std"]))
     count = len(measured) - 1
     mean = np.zeros(8)
     mean[:2] = measured[0]

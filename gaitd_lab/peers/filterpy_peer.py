@@ -13,9 +13,8 @@ import numpy as np
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from numpy.typing import NDArray
 
-from observer.filter.leg_filter import Options
+from observer.filter.leg_filter import Options, Setup
 from observer.filter.leg_memory import START_STD
-from observer.filter.leg_observer import Setup
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import GRAVITY, LegParameters
 
@@ -27,7 +26,7 @@ Slope = Callable[[Floats], Floats]
 
 def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float) -> Matrix:
     """State after each step, (n - 1, 8); the run begins at rest at the first measurement."""
-    torque = np.zeros(2)
+    given, torque = np.asarray(setup)[0], np.zeros(2)
     model = python_model(setup, torque)
     points = MerweScaledSigmaPoints(n=8, alpha=1.0, beta=0.0, kappa=-5.0)
     peer = UnscentedKalmanFilter(
@@ -35,8 +34,8 @@ def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float) -> Matrix:
     )
     peer.x = np.concatenate((measured[0], np.zeros(6)))
     peer.P = np.diag(np.square(START_STD))
-    peer.Q = np.diag(np.square(setup.process_std))
-    peer.R = np.diag(np.square(setup.measurement_std))
+    peer.Q = np.diag(np.square(given["process_std"]))
+    peer.R = np.diag(np.square(given["measurement_std"]))
     states = np.empty((len(measured) - 1, 8))
     for k in range(1, len(measured)):
         torque[:] = effort[k]
@@ -48,14 +47,16 @@ def run(setup: Setup, measured: Matrix, effort: Matrix, dt_s: float) -> Matrix:
 
 def python_model(setup: Setup, torque: Vector) -> Callable[[Vector, float], Vector]:
     """Build one step for one point, scalar by scalar: small arrays would be slower."""
-    leg = LegParameters(*setup.leg)
-    hip, slide = FrictionParameters(*setup.hip), FrictionParameters(*setup.slide)
-    substeps = int(Options(*setup.options).substeps)
+    given = np.asarray(setup)[0]
+    leg = LegParameters(*given["leg"].tolist())
+    hip, slide = (FrictionParameters(*given[axis].tolist()) for axis in ("hip", "slide"))
+    coriolis_share = float(given["coriolis_share"])
+    substeps = int(Options(*given["options"]).substeps)
 
     def slope(x: Floats) -> Floats:
         q1, q2, v1, v2, f1, f2, d1, d2 = x
         force = (float(torque[0]) + d1 - f1, float(torque[1]) + d2 - f2)
-        a1, a2 = _acceleration(leg, setup.coriolis_share, q1, q2, v1, v2, force)
+        a1, a2 = _acceleration(leg, coriolis_share, q1, q2, v1, v2, force)
         return [
             v1,
             v2,

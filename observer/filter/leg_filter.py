@@ -20,7 +20,7 @@ Processing of a sample, in this order:
 
 import math
 from collections.abc import Sequence
-from typing import Final, NamedTuple
+from typing import Annotated, Final, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,10 +30,13 @@ from observer.filter.leg_memory import (
     STEPPED,
     LegMemory,
     N,
+    Pair,
+    State,
     begin_cycle,
     copy_estimate,
     effort_acting,
     is_lost,
+    layout_of,
     lose,
     may_start,
     restart,
@@ -67,7 +70,7 @@ from observer.filter.status import (
     Validity,
 )
 from observer.filter.validity import determine, mark_split_unknown
-from observer.jit import inline, kernel
+from observer.jit import fixed_tuple, inline, kernel
 from observer.mechanism.friction import (
     STANDSTILL_GATE,
     FrictionParameters,
@@ -118,7 +121,7 @@ RK4: Final = Integrator.RK4.value
 
 
 class Options(NamedTuple):
-    """Tuning as the kernel takes it; all floats, because such a tuple is fast to pass."""
+    """Tuning as the kernel takes it, all floats."""
 
     gate_nis: float
     velocity_gated: Number
@@ -134,39 +137,109 @@ class Options(NamedTuple):
     law_slide: Number
 
 
+LEG_COUNT: Final = len(LegParameters._fields)
+FRICTION_COUNT: Final = len(FrictionParameters._fields)
+OPTION_COUNT: Final = len(Options._fields)
+
+
+class SetupRecord(Protocol):
+    """Physics and tuning of one filter, which never change; the types give the record's layout.
+
+    Python passes the record as an array of one, as `LegMemory`: tuples of as many numbers cost more
+    time.
+    """
+
+    leg: Annotated[Vector, (LEG_COUNT,)]
+    """LegParameters."""
+    hip: Annotated[Vector, (FRICTION_COUNT,)]
+    """FrictionParameters."""
+    slide: Annotated[Vector, (FRICTION_COUNT,)]
+    coriolis_share: Number
+    options: Annotated[Vector, (OPTION_COUNT,)]
+    process_std: State
+    """Per step of STEP_S."""
+    measurement_std: Pair
+    """rad, m."""
+
+
+SETUP_LAYOUT: Final = layout_of(SetupRecord)
+Setup = Sequence[SetupRecord]
+"""An array of one."""
+
+
+class Constants(NamedTuple):
+    """The numbers of a setup by their names, for compiled code."""
+
+    model: LegModel
+    options: Options
+    process_std: Vector
+    measurement_std: Vector
+
+
+@inline
+def constants_of(setup: SetupRecord) -> Constants:
+    """Read a setup into registers."""
+    options = Options(*fixed_tuple(setup.options, OPTION_COUNT))
+    model = LegModel(
+        LegParameters(*fixed_tuple(setup.leg, LEG_COUNT)),
+        FrictionParameters(*fixed_tuple(setup.hip, FRICTION_COUNT)),
+        FrictionParameters(*fixed_tuple(setup.slide, FRICTION_COUNT)),
+        setup.coriolis_share,
+        options.viscous_outside,
+    )
+    return Constants(model, options, setup.process_std, setup.measurement_std)
+
+
 @kernel
 def advance(
-    leg: tuple[float, ...],
-    hip: tuple[float, ...],
-    slide: tuple[float, ...],
-    coriolis_share: float,
-    options_of: tuple[float, ...],
-    process_std: Vector,
-    measurement_std: Vector,
+    setup_of: Setup,
     memory_of: Sequence[LegMemory],
     points: Vector,
-    position_hip: float,
-    position_slide: float,
-    effort_hip: float,
-    effort_slide: float,
+    position: tuple[float, float],
+    effort: tuple[float, float],
+    effort_std: tuple[float, float],
+    dt_s: float,
+    caller_bits: int,
+    out: Vector,
+) -> tuple[int, int, int]:
+    """As `advance_by`, for a caller in Python."""
+    return advance_by(
+        constants_of(setup_of[0]),
+        memory_of,
+        points,
+        position,
+        effort,
+        effort_std,
+        dt_s,
+        caller_bits,
+        out,
+    )
+
+
+@kernel
+def advance_by(
+    constants: Constants,
+    memory_of: Sequence[LegMemory],
+    points: Vector,
+    position: tuple[float, float],
+    effort: tuple[float, float],
+    effort_std: tuple[float, float],
     dt_s: float,
     caller_bits: int,
     out: Vector,
 ) -> tuple[int, int, int]:
     """Run one cycle; return Status and the Validity of hip and slide. Numbers go to `out`.
 
-    Physics and Options are plain tuples of floats, which are faster to pass than named ones.
-    `process_std` (N) is per step of STEP_S, `measurement_std` (2) in rad, m. `memory_of` holds the
-    state after the previous cycle, zero before the first; `points` (POINTS_SIZE) need no content.
-    Positions are measured now (rad, m; not finite if missing), efforts acted since the previous
-    cycle (N m, N), `dt_s` ago. `caller_bits` are the Status bits that only the caller can know.
+    `memory_of` holds the state after the previous cycle, zero before the first; `points`
+    (POINTS_SIZE) need no content. Positions are measured now (rad, m; not finite if missing),
+    efforts acted since the previous cycle (N m, N), `dt_s` ago, with ripples of `effort_std` if
+    these exceed the tuning's. `caller_bits` are the Status bits that only the caller can know.
     `out` (OUT_SIZE): mean, std, covariance, innovation, nis, net and net std.
     """
-    options = Options(*options_of)
-    model = model_of(leg, hip, slide, coriolis_share, options)
-    memory = memory_of[0]
+    model, options, memory = constants.model, constants.options, memory_of[0]
+    position_hip, position_slide = position
     begin_cycle(memory, dt_s)
-    usable = take_efforts(memory, effort_hip, effort_slide)
+    usable = take_efforts(memory, effort[0], effort[1])
     have_hip = usable and math.isfinite(position_hip)
     have_slide = usable and math.isfinite(position_slide)
     for i in range(OUT_SIZE):
@@ -179,33 +252,14 @@ def advance(
         status |= _begin(model, options, memory, position_hip, position_slide, complete)
     elif dt_s > 0.0:
         memory.measured[0], memory.measured[1] = position_hip, position_slide
-        status |= _predict(model, options, process_std, measurement_std, memory, points, dt_s)
+        ripple = max(options.ripple_hip, effort_std[0]), max(options.ripple_slide, effort_std[1])
+        status |= _predict(constants, ripple, memory, points, dt_s)
         if (have_hip or have_slide) and not is_lost(memory):
-            status |= _measure(
-                model, options, measurement_std, memory, have_hip, have_slide, dt_s, out
-            )
+            status |= _measure(constants, memory, have_hip, have_slide, dt_s, out)
     if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
     _report(model, options, memory, out)
     return determine(model, memory, dt_s, status)
-
-
-@inline
-def model_of(
-    leg: tuple[float, ...],
-    hip: tuple[float, ...],
-    slide: tuple[float, ...],
-    coriolis_share: float,
-    options: Options,
-) -> LegModel:
-    """Name the parameters that were passed as plain tuples."""
-    return LegModel(
-        LegParameters(*leg),
-        FrictionParameters(*hip),
-        FrictionParameters(*slide),
-        coriolis_share,
-        options.viscous_outside,
-    )
 
 
 @inline
@@ -237,21 +291,16 @@ def begin_at_rest(
 
 @inline
 def _predict(
-    model: LegModel,
-    options: Options,
-    process_std: Vector,
-    measurement_std: Vector,
-    m: LegMemory,
-    points: Vector,
-    dt_s: float,
+    constants: Constants, ripple: tuple[float, float], m: LegMemory, points: Vector, dt_s: float
 ) -> int:
     """Time update over `dt_s`; return status bits. An impossible prediction is discarded."""
+    model, options = constants.model, constants.options
     set_process_noise(
         model,
-        process_std,
-        measurement_std,
+        constants.process_std,
+        constants.measurement_std,
         options.patient_noise_max_ratio,
-        (options.ripple_hip, options.ripple_slide),
+        ripple,
         options.velocity_gated != 0.0,
         m,
         dt_s,
@@ -285,9 +334,7 @@ def _predict(
 
 @inline
 def _measure(
-    model: LegModel,
-    options: Options,
-    measurement_std: Vector,
+    constants: Constants,
     m: LegMemory,
     have_hip: bool,
     have_slide: bool,
@@ -295,9 +342,10 @@ def _measure(
     out: Vector,
 ) -> int:
     """Measurement update by the axes that have a sample, or its rejection; return status bits."""
+    model, options = constants.model, constants.options
     count = 2 if have_hip and have_slide else 1
     picks = BOTH if count == 2 else (HIP_ONLY if have_hip else SLIDE_ONLY)
-    set_measurement_noise(measurement_std, options.sample_jitter_s, m)
+    set_measurement_noise(constants.measurement_std, options.sample_jitter_s, m)
     nis = innovate(
         m.mean,
         m.root,

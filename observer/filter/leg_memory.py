@@ -101,13 +101,13 @@ class LegMemory(Protocol):
     """Variance of the friction law at the speed to report."""
 
 
-def _field(name: str, hint: object) -> tuple[str, type[np.float64], tuple[int, ...]]:
-    return name, np.float64, get_args(hint)[1] if get_args(hint) else ()
+def layout_of(record: type) -> np.dtype[np.void]:
+    """The layout of a record whose types give it."""
+    hints = get_type_hints(record, include_extras=True).items()
+    return np.dtype([(name, np.float64, (get_args(hint) or (0, ()))[1]) for name, hint in hints])
 
 
-LAYOUT: Final = np.dtype(
-    [_field(*one) for one in get_type_hints(LegMemory, include_extras=True).items()]
-)
+LAYOUT: Final = layout_of(LegMemory)
 
 NOTHING: Final = 0.0
 """Not started yet, a duplicate, or held."""

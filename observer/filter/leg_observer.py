@@ -25,10 +25,12 @@ from observer.filter.leg_filter import (
     OUT_NIS,
     OUT_SIZE,
     OUT_STD,
+    SETUP_LAYOUT,
     Options,
+    Setup,
     advance,
     begin_at_rest,
-    model_of,
+    constants_of,
 )
 from observer.filter.leg_memory import EFFORTS, LegMemory, may_start, new_memory
 from observer.filter.leg_model import STEP_S, Integrator, substeps_needed
@@ -38,7 +40,6 @@ from observer.jit import kernel
 from observer.mechanism.friction import FrictionParameters, smallest_stribeck
 from observer.mechanism.mechanism import WorkspaceError, smallest_inertia
 from observer.mechanism.parameters import LegParameters
-from observer.quantities import Number
 
 Vector = NDArray[np.float64]
 Pair = Sequence[float] | Vector
@@ -165,7 +166,7 @@ class LegObserver:
         hip, slide = _number(position[0]), _number(position[1])
         if not (math.isfinite(hip) and math.isfinite(slide)):
             raise PoseError(f"hip {position[0]} rad, slide {position[1]} m is not finite")
-        if not begin_at(*self.setup[:5], self._memory, hip, slide):
+        if not begin_at(self.setup, self._memory, hip, slide):
             raise PoseError(
                 f"hip {hip:.4f} rad, slide {slide:.4f} m: shank and shoe do not reach each other, "
                 f"are within {START_RATIO_MIN} of the singularity, or the knee is bent backwards; "
@@ -205,21 +206,18 @@ class LegObserver:
         bits = self._always
         if late or unreferenced or artificial or input_saturated or near_limit:
             bits |= _caller_bits(late, unreferenced, artificial, input_saturated, near_limit)
-        rippled = effort_std != (0.0, 0.0)
-        setup = _rippled(self.setup, effort_std) if rippled else self.setup
         status, level_hip, level_slide = advance(
-            *setup,
+            self.setup,
             self._memory,
             self._points,
-            _number(position[0]),
-            _number(position[1]),
-            _number(effort[0]),
-            _number(effort[1]),
+            (_number(position[0]), _number(position[1])),
+            (_number(effort[0]), _number(effort[1])),
+            effort_std,
             float(dt_s),
             bits.value,
             self._out,
         )
-        if rippled:
+        if effort_std != (0.0, 0.0):
             _widen(self._out, effort_std)
         values = self._out.tolist()
         return LegEstimate(
@@ -241,25 +239,13 @@ class LegObserver:
         return self._memory, self._points
 
 
-class Setup(NamedTuple):
-    """The constant arguments of `leg_filter.advance`, in its order and in its types."""
-
-    leg: tuple[float, ...]
-    hip: tuple[float, ...]
-    slide: tuple[float, ...]
-    coriolis_share: Number
-    options: tuple[float, ...]
-    process_std: Vector
-    measurement_std: Vector
-
-
 def setup_of(
     leg: LegParameters,
     hip: FrictionParameters,
     slide: FrictionParameters,
     tuning: ObserverTuning,
 ) -> Setup:
-    """Parameters as the kernel takes them."""
+    """Parameters as the kernels take them."""
     options = Options(
         gate_nis=float(tuning.gate_nis),
         velocity_gated=float(tuning.velocity_gated),
@@ -274,25 +260,11 @@ def setup_of(
         law_hip=float(tuning.law[0]),
         law_slide=float(tuning.law[1]),
     )
-    return Setup(
-        tuple(map(float, leg)),
-        tuple(map(float, hip)),
-        tuple(map(float, slide)),
-        float(tuning.coriolis),
-        tuple(options),
-        _locked(tuning.process_std),
-        _locked(tuning.measurement_std),
-    )
-
-
-def _rippled(setup: Setup, ripple: tuple[float, float]) -> Setup:
-    """Return the setup with the larger of its own ripple and this one."""
-    options = Options(*setup.options)
-    options = options._replace(
-        ripple_hip=max(float(options.ripple_hip), ripple[0]),
-        ripple_slide=max(float(options.ripple_slide), ripple[1]),
-    )
-    return setup._replace(options=tuple(options))
+    noise = tuning.process_std, tuning.measurement_std
+    values = (leg, hip, slide, float(tuning.coriolis), options, *noise)
+    setup: Any = np.array([values], SETUP_LAYOUT)
+    setup.setflags(write=False)
+    return setup
 
 
 def _widen(out: Vector, effort_std: tuple[float, float]) -> None:
@@ -357,32 +329,18 @@ def check_tuning(
 
 @kernel
 def begin_at(
-    leg: tuple[float, ...],
-    hip: tuple[float, ...],
-    slide: tuple[float, ...],
-    coriolis_share: float,
-    options_of: tuple[float, ...],
-    memory_of: Sequence[LegMemory],
-    hip_rad: float,
-    slide_m: float,
+    setup_of: Setup, memory_of: Sequence[LegMemory], hip_rad: float, slide_m: float
 ) -> bool:
     """Start at rest at a pose if it is possible."""
-    options = Options(*options_of)
-    model = model_of(leg, hip, slide, coriolis_share, options)
-    possible = may_start(model.leg, hip_rad, slide_m)
+    constants = constants_of(setup_of[0])
+    possible = may_start(constants.model.leg, hip_rad, slide_m)
     if possible:
-        begin_at_rest(model, options, memory_of[0], hip_rad, slide_m)
+        begin_at_rest(constants.model, constants.options, memory_of[0], hip_rad, slide_m)
     return possible
 
 
 def _number(value: float | None) -> float:
     return math.nan if value is None else float(value)
-
-
-def _locked(values: Sequence[float]) -> Vector:
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
 
 
 def _caller_bits(*given: bool) -> Status:

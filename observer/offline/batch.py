@@ -20,7 +20,9 @@ from observer.filter.leg_filter import (
     OUT_NIS,
     OUT_SIZE,
     OUT_STD,
-    advance,
+    Constants,
+    advance_by,
+    constants_of,
 )
 from observer.filter.leg_memory import LegMemory, new_memory
 from observer.filter.leg_model import STEP_S
@@ -103,7 +105,7 @@ def begun_memory(setup: Setup, columns: Columns) -> tuple[Sequence[LegMemory], V
     """Return the filter's memory and points before the first row."""
     memory, points = new_memory()
     if columns.first_step_s is not None and np.isfinite(columns.position[0]).all():
-        begin_at(*setup[:5], memory, *columns.position[0].tolist())
+        begin_at(setup, memory, *columns.position[0].tolist())
     return memory, points
 
 
@@ -170,23 +172,16 @@ def prepared(columns: Columns) -> Rows:
 
 @inline
 def advance_by_row(
-    setup: Setup, rows: Rows, row: int, memory: Sequence[LegMemory], points: Vector
+    constants: Constants, rows: Rows, row: int, memory: Sequence[LegMemory], points: Vector
 ) -> None:
     """Run one cycle, and write its results to the row."""
-    status, level_hip, level_slide = advance(
-        setup.leg,
-        setup.hip,
-        setup.slide,
-        setup.coriolis_share,
-        setup.options,
-        setup.process_std,
-        setup.measurement_std,
+    status, level_hip, level_slide = advance_by(
+        constants,
         memory,
         points,
-        rows.position[row, 0],
-        rows.position[row, 1],
-        rows.effort[row, 0],
-        rows.effort[row, 1],
+        (rows.position[row, 0], rows.position[row, 1]),
+        (rows.effort[row, 0], rows.effort[row, 1]),
+        (0.0, 0.0),
         rows.steps_s[row],
         rows.bits[row],
         rows.numbers[row],
@@ -198,5 +193,6 @@ def advance_by_row(
 
 @kernel
 def _run(setup: Setup, rows: Rows, memory: Sequence[LegMemory], points: Vector) -> None:
+    constants = constants_of(setup[0])
     for row in range(rows.steps_s.size):
-        advance_by_row(setup, rows, row, memory, points)
+        advance_by_row(constants, rows, row, memory, points)

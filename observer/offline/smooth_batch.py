@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.filter.leg_filter import constants_of
 from observer.filter.leg_memory import LegMemory
 from observer.filter.leg_observer import Setup
 from observer.jit import kernel
@@ -68,7 +69,7 @@ def run_smoothed(
         if progress is not None:
             progress(min((begin + BLOCK_ROWS) / count, 1.0))
     for lag in range(min(LAG, count)):
-        smoothed(setup.hip, setup.slide, ring, lag, smooth[count - 1 - lag], work)
+        smoothed(setup, ring, lag, smooth[count - 1 - lag], work)
     return replace(
         rows.estimates(),
         state=smooth[:, :SMOOTH_STD],
@@ -90,9 +91,10 @@ def _run(
     smooth: Matrix,
     begin: int,
 ) -> None:
+    constants = constants_of(setup[0])
     cycle_data = np.zeros(CYCLE_DATA_COUNT)
     for row in range(rows.steps_s.size):
-        advance_by_row(setup, rows, row, memory, points)
+        advance_by_row(constants, rows, row, memory, points)
         store(ring, memory, points, cycle_data, work)
         if begin + row >= LAG:
-            smoothed(setup.hip, setup.slide, ring, LAG, smooth[begin + row - LAG], work)
+            smoothed(setup, ring, LAG, smooth[begin + row - LAG], work)

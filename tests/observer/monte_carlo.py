@@ -36,7 +36,7 @@ def _run(setup, random, steps):
     buffers, out, plant_points = new_memory(), np.zeros(OUT_SIZE), np.zeros(8 * LANES)
     start = np.concatenate((MID_POSE, np.zeros(6)))
     state = start + random.normal(size=8) * START_STD
-    advance(*setup, *buffers, *MID_POSE, 0.0, 0.0, 0.01, 0, out)
+    advance(setup, *buffers, tuple(MID_POSE), (0.0, 0.0), (0.0, 0.0), 0.01, 0, out)
     sums = np.zeros(2)
     for k in range(steps):
         # Both axes are kept in motion, back and forth about mid pose.
@@ -45,7 +45,7 @@ def _run(setup, random, steps):
         _one_step(MODEL, state, *effort, plant_points)
         state += random.normal(size=8) * TUNING.process_std
         measured = state[:2] + random.normal(size=2) * TUNING.measurement_std
-        advance(*setup, *buffers, *measured, *effort, 0.01, 0, out)
+        advance(setup, *buffers, tuple(measured), effort, (0.0, 0.0), 0.01, 0, out)
         sums += _nees(state, out), out[OUT_NIS]
     return sums
 

@@ -492,8 +492,8 @@ class _Cycles:
         (self.memory, self.points), self.out = new_memory(), np.zeros(OUT_SIZE)
 
     def step(self, position=tuple(MID_POSE), dt_s=0.01):
-        now = (*position, 0.0, 0.0, dt_s, 0)
-        advance(*self.setup, self.memory, self.points, *now, self.out)
+        now = (position, (0.0, 0.0), (0.0, 0.0), dt_s, 0)
+        advance(self.setup, self.memory, self.points, *now, self.out)
         return self.memory["event"][0]
 
 

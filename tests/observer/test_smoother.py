@@ -100,7 +100,7 @@ class Linear:
 
     def at(self, lag):
         out = np.zeros(SMOOTH_SIZE)
-        assert smoothed(SETUP.hip, SETUP.slide, self.ring, lag, out, self.work)
+        assert smoothed(SETUP, self.ring, lag, out, self.work)
         covariance = np.zeros((N, N))
         low = np.tril_indices(N)
         covariance[low] = covariance.T[low] = out[SMOOTH_COVARIANCE:SMOOTH_NET]
@@ -172,8 +172,8 @@ def test_what_comes_after_never_makes_it_less_sure(seed):
 def test_older_than_the_lag_or_than_the_start_there_is_nothing():
     one = run_linear(1, 4)
 
-    assert not smoothed(SETUP.hip, SETUP.slide, one.ring, 5, np.zeros(SMOOTH_SIZE), one.work)
-    assert not smoothed(SETUP.hip, SETUP.slide, one.ring, LAG + 1, np.zeros(SMOOTH_SIZE), one.work)
+    assert not smoothed(SETUP, one.ring, 5, np.zeros(SMOOTH_SIZE), one.work)
+    assert not smoothed(SETUP, one.ring, LAG + 1, np.zeros(SMOOTH_SIZE), one.work)
 
 
 def test_nothing_of_after_a_new_start_goes_to_before():
