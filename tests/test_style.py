@@ -164,7 +164,7 @@ BROAD = {
     # Stops the machine: the process ends with it.
     "daemon/core/runtime/loop.py",
     # What one query does to us is not done to who asks next; told, logged and answered.
-    "daemon/gateway/service.py",
+    "daemon/gateway/control.py",
     # What a controller's law raises, raised again in the program's own thread.
     "clients/python/gaitd_client/lease.py",
     # The same for the function of a stream.

@@ -8,18 +8,23 @@ The core reports its own events (`CycleRecord.events`). They are passed on, exce
 names the cause of a new verdict: the event of the verdict has priority and remedy.
 """
 
+import logging
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from gaitd_client import wire
 from gaitd_names import NMT_STATES, Cause, EventCode, Kind, Mode, Priority, StopCategory
+from gaitd_texts import Reader, catalogue
 
-from daemon.gateway.translate import Stamp, head, power_state_name
+from daemon.gateway.core_view import CoreView
+from daemon.gateway.outlet import Outlet
+from daemon.gateway.translate import head, power_state_name
 from daemon.ipc.record import CycleRecord, DriveRecord, EmergencyRecord, Verdict
 from daemon.ipc.report import Event
 from daemon.report_messages import event_values, verdict_values
+from daemon.system.clock import AgeClock
 from daemon.wire.report_fields import VERDICTS
 
 HISTORY_COUNT: Final = 200
@@ -37,6 +42,12 @@ INTERMEDIATE: Final = frozenset(
 """Intermediate power states, which make no event."""
 BY_PERSON: Final = frozenset({Cause.HAND_SWITCH_OPEN, Cause.STO_ACTIVE})
 """Causes of a stop by a person at the machine: hand switch or safe torque off."""
+_JOURNAL_LEVEL: Final = {
+    Priority.HIGH.value: logging.ERROR,
+    Priority.MEDIUM.value: logging.WARNING,
+    Priority.LOW.value: logging.INFO,
+    Priority.INFO.value: logging.INFO,
+}
 
 
 class EventDraft(NamedTuple):
@@ -157,39 +168,53 @@ class RequestEvents:
 
 
 class EventLog:
-    """The bounded history of events, and the identity of each event.
+    """Publishes events and keeps a bounded history of them.
 
     An id is BOOT-RECORD-INDEX: the core's boot id, the number of the newest record, and the index
     of the event since that record, from 1.
     """
 
-    def __init__(self) -> None:
-        self.history: deque[wire.Event] = deque(maxlen=HISTORY_COUNT)
+    def __init__(self, outlet: Outlet, core: CoreView, clock: AgeClock) -> None:
+        self._outlet, self._core, self._clock = outlet, core, clock
+        self._texts = catalogue(Reader.OPERATOR, "en")
+        self._journal = logging.getLogger("gaitd.gateway")
+        self._requests = RequestEvents()
         self._place = ("none", 0)
         self._index = 0
+        self.history: deque[wire.Event] = deque(maxlen=HISTORY_COUNT)
 
-    def add(
-        self,
-        drafts: Iterable[EventDraft],
-        stamp: Stamp,
-        record_seq: int,
-        time_ns: int,
-        next_seq: Callable[[], int],
-    ) -> list[wire.Event]:
-        """Give the events their identities, add them to the history and return them."""
-        place = (stamp.core_boot_id or "none", record_seq)
-        if place != self._place:
-            self._place, self._index = place, 0
-        made = [self._event(item, stamp, time_ns, next_seq()) for item in drafts]
-        self.history.extend(made)
-        return made
+    def publish(self, drafts: Iterable[EventDraft], time_ns: int | None = None) -> None:
+        """Publish events.
 
-    def _event(self, item: EventDraft, stamp: Stamp, time_ns: int, seq: int) -> wire.Event:
-        self._index += 1
-        boot_id, record_seq = self._place
+        Args:
+            drafts: without identity.
+            time_ns: UTC of the record that they come from; None: now.
+        """
+        for draft in drafts:
+            event = self._event(draft, self._clock.utc_ns() if time_ns is None else time_ns)
+            self.history.append(event)
+            self._outlet.put_event(event)
+            newest = self._core.newest
+            extra = {"event": event, "mode": newest and newest.mode}
+            level = _JOURNAL_LEVEL[event.priority]
+            self._journal.log(level, "%s", self._texts.event(event), extra=extra)
+
+    def publish_request(self, draft: EventDraft) -> None:
+        """Publish an event about a request, if there are not too many."""
+        self.publish(self._requests.due(draft))
+
+    def tick(self, now_ns: int) -> None:
+        """Publish that events about requests were left out."""
+        self.publish(self._requests.tick(now_ns))
+
+    def _event(self, item: EventDraft, time_ns: int) -> wire.Event:
+        newest, stamp = self._core.newest, self._core.stamp
+        place = (stamp.core_boot_id or "none", newest.seq if newest else 0)
+        self._index = self._index + 1 if place == self._place else 1
+        self._place = place
         return wire.Event(
-            **head(stamp, seq),
-            id=f"{boot_id}-{record_seq}-{self._index}",
+            **head(stamp, self._outlet.next_seq(wire.EVENTS)),
+            id=f"{place[0]}-{place[1]}-{self._index}",
             time_ns=time_ns,
             priority=item.priority.value,
             kind=item.kind.value,

@@ -114,7 +114,7 @@ def serve(
         _freeze()
         supervisor.send("READY=1")
         wall, notify_ns, descriptors = MonotonicClock(), 0, DescriptorEvents()
-        while not (ended() or (gateway.may_end and mailbox.is_empty)):
+        while not (ended() or (gateway.ending.may_end and mailbox.is_empty)):
             poller.poll(_POLL_MS)
             woken_ns = wall.now_ns()
             has_put = gateway.publish_estimates(clock.now_ns())
@@ -124,25 +124,25 @@ def serve(
             begun_ns, resumed_ns = clock.now_ns(), wall.now_ns()
             inquiries = recorder.wrap(mailbox.drain())
             gateway.turn(begun_ns, inquiries, box.drain(begun_ns))
-            gateway.publish_events(recorder.turn(ipc.ring, begun_ns))
+            gateway.events.publish(recorder.turn(ipc.ring, begun_ns))
             hashes = ipc.header.config_hashes if ipc.header else {}
-            gateway.publish_events(reload.turn(gateway.lease_control.leases, hashes))
+            gateway.events.publish(reload.turn(gateway.lease_control.leases, hashes))
             gateway.health.counters.not_kept_count = recorder.not_kept_count
             box.expect(gateway.lease_control.lease)
             gateway.health.counters.request_dropped_count = mailbox.dropped_count
             gateway.health.add_wake(hurried_ns + wall.now_ns() - resumed_ns)
             if resumed_ns >= notify_ns:
-                gateway.publish_events(descriptors.turn(has_one=has_free_descriptor()))
+                gateway.events.publish(descriptors.turn(has_one=has_free_descriptor()))
                 status = "; ".join(filter(None, (gateway.status, reload.needs_restart)))
                 supervisor.send("WATCHDOG=1", f"STATUS={status}")
                 notify_ns = resumed_ns + _NOTIFY_NS
-        if not gateway.restart_requested:
+        if not gateway.ending.restart_requested:
             supervisor.send("STOPPING=1")
         # A stop that had arrived counts, also if Zenoh has not called back yet.
         outlet.end_queries()
         now_ns = clock.now_ns()
         gateway.last_turn(now_ns, recorder.wrap(mailbox.drain()), box.drain(now_ns))
-        return gateway.restart_requested
+        return gateway.ending.restart_requested
 
 
 def _trouble(read_keys: Callable[[], Keys | None]) -> str:

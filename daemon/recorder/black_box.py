@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, Protocol
 
-from daemon.gateway.presence import SILENCE_NS
+from daemon.gateway.core_view import SILENCE_NS
 from daemon.ipc.decoding import RefusedError
 from daemon.ipc.ring_clip import ClipWriter
 from daemon.ipc.transport import PREVIOUS_RING_NAME, SLOT_COUNT, Kept, RingError, RingReader

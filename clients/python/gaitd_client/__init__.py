@@ -1,9 +1,9 @@
 """Client of gaitd, the drive service of a home gait trainer.
 
 Reading order: `trainer.py` (messages and requests), `stream.py` (what a stream yields, silence),
-`lease.py` (assist under a lease), `aio.py` (asyncio), `wire/` (the messages), `connection.py`
-and `credentials.py` (the Zenoh session), `signals.py` (the end of a program), `clock.py`,
-`errors.py`. Enums are in `gaitd_names`, sentences in `gaitd_texts`.
+`subscriptions.py` (its Zenoh subscriber), `lease.py` (assist under a lease), `aio.py` (asyncio),
+`wire/` (the messages), `texts/` (their sentences), `connection.py` and `credentials.py` (the Zenoh
+session), `signals.py` (the end of a program), `clock.py`, `errors.py`.
 """
 
 from gaitd_names import (

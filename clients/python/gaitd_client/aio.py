@@ -1,27 +1,50 @@
 """`AsyncTrainer`: the same for asyncio, with asynchronous iterators and awaited requests."""
 
 import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self, TypeVar
-
-from gaitd_names import Mode
+from typing import Any, Concatenate, Final, ParamSpec, Self, TypeVar
 
 from gaitd_client import wire
 from gaitd_client.clock import Clock
 from gaitd_client.credentials import Credentials
 from gaitd_client.lease import NS_PER_S, Law, Lease, OnRefusal
-from gaitd_client.stream import POLL_S, Stream
-from gaitd_client.trainer import EVENTS_KEPT, STRIDES_KEPT, Trainer
+from gaitd_client.stream import POLL_S
+from gaitd_client.trainer import Trainer
 
 T = TypeVar("T")
+Arguments = ParamSpec("Arguments")
 
 STOPS_MAX: Final = 8
 """Requests to stop that wait for their answers at the same time."""
+
+
+def _shared(
+    method: Callable[Concatenate[Trainer, Arguments], T],
+) -> Callable[Concatenate["AsyncTrainer", Arguments], T]:
+    """Make a method that calls that of `Trainer`."""
+
+    @wraps(method)
+    def call(self: "AsyncTrainer", *args: Arguments.args, **kwargs: Arguments.kwargs) -> T:
+        return method(self.sync, *args, **kwargs)
+
+    return call
+
+
+def _awaited(
+    method: Callable[Concatenate[Trainer, Arguments], T],
+) -> Callable[Concatenate["AsyncTrainer", Arguments], Coroutine[Any, Any, T]]:
+    """Make a method that calls that of `Trainer` in a thread, and is awaited."""
+
+    @wraps(method)
+    async def call(self: "AsyncTrainer", *args: Arguments.args, **kwargs: Arguments.kwargs) -> T:
+        return await asyncio.to_thread(method, self.sync, *args, **kwargs)
+
+    return call
 
 
 class AsyncTrainer:
@@ -78,106 +101,29 @@ class AsyncTrainer:
         """True once the service has accepted a connection."""
         return self.sync.is_connected
 
-    # --- messages -------------------------------------------------------------------------------
+    estimate = _shared(Trainer.estimate)
+    activity = _shared(Trainer.activity)
+    friction = _shared(Trainer.friction)
+    drive = _shared(Trainer.drive)
+    stride = _shared(Trainer.stride)
+    controller = _shared(Trainer.controller)
+    safety = _shared(Trainer.safety)
+    health = _shared(Trainer.health)
+    events = _shared(Trainer.events)
 
-    def estimate(self, leg: str, *, keep: int = 1) -> Stream[wire.Estimate]:
-        """The observer's estimate of one leg, every cycle."""
-        return self.sync.estimate(leg, keep=keep)
-
-    def activity(self, leg: str, *, keep: int = 1) -> Stream[wire.Activity]:
-        """The patient's activity in one leg, every cycle."""
-        return self.sync.activity(leg, keep=keep)
-
-    def friction(self, leg: str, *, keep: int = 1) -> Stream[wire.Friction]:
-        """Friction of one leg's axes, every cycle."""
-        return self.sync.friction(leg, keep=keep)
-
-    def drive(self, name: str, *, keep: int = 1) -> Stream[wire.DriveState]:
-        """One drive, LEG/AXIS, ten times a second."""
-        return self.sync.drive(name, keep=keep)
-
-    def stride(self, leg: str, *, keep: int = STRIDES_KEPT) -> Stream[wire.Stride]:
-        """The figures of one leg's strides, each at its end."""
-        return self.sync.stride(leg, keep=keep)
-
-    def controller(self, leg: str, *, keep: int = STRIDES_KEPT) -> Stream[wire.ControllerState]:
-        """What the holder of the lease has reported about its laws for one leg."""
-        return self.sync.controller(leg, keep=keep)
-
-    def safety(self, *, keep: int = 1) -> Stream[wire.Safety]:
-        """Mode, verdict and lease, on change and once a second."""
-        return self.sync.safety(keep=keep)
-
-    def health(self, *, keep: int = 1) -> Stream[wire.Health]:
-        """State of the service itself, once a second."""
-        return self.sync.health(keep=keep)
-
-    def events(self, *, history_count: int = 50, keep: int = EVENTS_KEPT) -> Stream[wire.Event]:
-        """Events: first those of the past, then each as it happens."""
-        return self.sync.events(history_count=history_count, keep=keep)
-
-    # --- requests -------------------------------------------------------------------------------
-
-    async def status(self) -> wire.Status:
-        """Return the present state of the machine, and the newest events."""
-        return await asyncio.to_thread(self.sync.status)
-
-    async def configuration(self) -> wire.Configuration:
-        """Return the configuration of the service."""
-        return await asyncio.to_thread(self.sync.configuration)
-
-    async def enable(self) -> wire.Reply:
-        """Let the service enable its drives."""
-        return await asyncio.to_thread(self.sync.enable)
-
-    async def disable(self) -> wire.Reply:
-        """Stop in an orderly way, and switch the drives off."""
-        return await asyncio.to_thread(self.sync.disable)
+    status = _awaited(Trainer.status)
+    configuration = _awaited(Trainer.configuration)
+    enable = _awaited(Trainer.enable)
+    disable = _awaited(Trainer.disable)
+    reset = _awaited(Trainer.reset)
+    mode = _awaited(Trainer.mode)
+    release_plan = _awaited(Trainer.release_plan)
+    withdraw_plan = _awaited(Trainer.withdraw_plan)
+    restart_gateway = _awaited(Trainer.restart_gateway)
 
     async def stop(self) -> wire.Reply:
         """Stop now, in any mode; every role may."""
         return await asyncio.get_running_loop().run_in_executor(self._stops, self.sync.stop)
-
-    async def reset(self) -> wire.Reply:
-        """Reset a latched stop once its cause is gone."""
-        return await asyncio.to_thread(self.sync.reset)
-
-    async def mode(
-        self,
-        mode: Mode | str,
-        *,
-        cadence_hz: float = 0.0,
-        amplitude_ratio: float = 0.0,
-        duration_s: float = 0.0,
-        scenario: str = "",
-        axis: str = "",
-        witnessed: bool = False,
-    ) -> wire.Reply:
-        """Go to another mode of the enabled machine."""
-        return await asyncio.to_thread(
-            self.sync.mode,
-            mode,
-            cadence_hz=cadence_hz,
-            amplitude_ratio=amplitude_ratio,
-            duration_s=duration_s,
-            scenario=scenario,
-            axis=axis,
-            witnessed=witnessed,
-        )
-
-    async def release_plan(self, limits: wire.PlanLimits) -> wire.Reply:
-        """Release the limits within which a session may request a gait."""
-        return await asyncio.to_thread(self.sync.release_plan, limits)
-
-    async def withdraw_plan(self) -> wire.Reply:
-        """Withdraw the released limits."""
-        return await asyncio.to_thread(self.sync.withdraw_plan)
-
-    async def restart_gateway(self) -> wire.Reply:
-        """Restart the gateway, so that changed keys take effect."""
-        return await asyncio.to_thread(self.sync.restart_gateway)
-
-    # --- assist ---------------------------------------------------------------------------------
 
     def lease(
         self,

@@ -1,7 +1,9 @@
-"""Connection to a service: its address, the settings of the Zenoh session, and one query on it."""
+"""Connection to a service: its address, its Zenoh session, and one query on it."""
 
+import contextlib
 import re
-from collections.abc import Mapping
+import threading
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeVar
 
 import msgspec
@@ -20,6 +22,8 @@ ANSWER_TIMEOUT_S: Final = 10.0
 """Longer than the gateway lets any request wait."""
 RECONNECT: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
 """Zenoh connects again by itself after the gateway was away."""
+RETRY_S: Final = 1.0
+"""Time between two attempts to connect."""
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 DEFAULT_TRAINER: Final = "trainer"
 ENDPOINT: Final = re.compile(r"unixsock-stream/.+|(?:tcp|tls|udp|quic|ws)/.+:(?P<port>[0-9]{1,5})")
@@ -61,6 +65,116 @@ def checked(endpoints: tuple[str, ...]) -> tuple[str, ...]:
                 f" unixsock-stream/PATH, with a port from 1 to {PORT_MAX}"
             )
     return endpoints
+
+
+class Connection:
+    """The session with a service, and what is to be declared on it once there is one."""
+
+    def __init__(self, target: Target, *, keep_trying: bool = False) -> None:
+        """Choose a service; `begin` connects.
+
+        Args:
+            target: its address.
+            keep_trying: `begin` does not fail if the service is away, and tries again.
+        """
+        self.target = target
+        self.is_over = threading.Event()
+        """Set by `end`, until the next `begin`."""
+        self._keep_trying = keep_trying
+        self._session: zenoh.Session | None = None
+        self._pending: list[Callable[[zenoh.Session], object]] = []
+        self._lock = threading.RLock()
+        self._trying: threading.Thread | None = None
+        self._why_not = "use `with`"
+        """Why there is no session."""
+
+    def begin(self) -> None:
+        """Connect, and declare what waits.
+
+        Raises:
+            NoServiceError: no service listens, or it does not accept the credentials.
+        """
+        self.is_over.clear()
+        try:
+            self._connect()
+        except NoServiceError as error:
+            if not self._keep_trying:
+                raise
+            self._why_not = str(error)
+            self._trying = threading.Thread(target=self._try, name=f"{self.target}", daemon=True)
+            self._trying.start()
+
+    def end(self) -> None:
+        """Try no longer; what is declared remains until `close`."""
+        self.is_over.set()
+        if self._trying is not None:
+            self._trying.join()
+
+    def close(self) -> None:
+        """Close the session."""
+        with self._lock:
+            session, self._session = self._session, None
+            self._why_not = "`with` was left"
+            self._pending.clear()
+        if session is not None:
+            session.close()
+
+    @property
+    def is_open(self) -> bool:
+        """True if there is a session."""
+        return self._session is not None
+
+    def session(self) -> zenoh.Session:
+        """Return the session.
+
+        Raises:
+            NoAnswerError: there is none, with the reason.
+        """
+        session = self._session
+        if session is None:
+            raise NoAnswerError(f"{self.target}: not connected: {self._why_not}")
+        return session
+
+    def declare(self, declare: Callable[[zenoh.Session], object]) -> None:
+        """Declare something now, or once there is a session."""
+        with self._lock:
+            if self._session is None:
+                self._pending.append(declare)
+            else:
+                declare(self._session)
+
+    def withdraw(self, declare: Callable[[zenoh.Session], object]) -> None:
+        """Do not declare what waits; when this returns, it was declared before or never will be."""
+        with self._lock:
+            if declare in self._pending:
+                self._pending.remove(declare)
+
+    def _try(self) -> None:
+        while not self.is_over.wait(RETRY_S):
+            try:
+                self._connect()
+            except NoServiceError as error:
+                self._why_not = str(error)
+            else:
+                return
+
+    def _connect(self) -> None:
+        """Open the session, and declare what waits.
+
+        Raises:
+            NoServiceError: there is none, or it was lost again; all is kept for the next attempt.
+        """
+        session = open_session(self.target)
+        with self._lock, contextlib.ExitStack() as ending:
+            ending.callback(session.close)
+            try:
+                for declare in self._pending:
+                    declare(session)
+            except zenoh.ZError as error:
+                raise NoServiceError(f"{self.target}: the connection was lost: {error}") from error
+            self._pending.clear()
+            self._session = session
+            ending.pop_all()
 
 
 def client_settings(target: Target) -> dict[str, Any]:

@@ -1,16 +1,14 @@
 """`Trainer`: a running service, as a client sees it. Messages as streams, requests as methods."""
 
 import contextlib
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Final, Self, TypeVar
+from typing import Final, Self, TypeVar
 
 import msgspec
 import zenoh
 from gaitd_names import Mode, Outcome
-from zenoh.ext import HistoryConfig, RecoveryConfig, declare_advanced_subscriber
 
 from gaitd_client import wire
 from gaitd_client.clock import Clock, MonotonicClock
@@ -18,29 +16,22 @@ from gaitd_client.connection import (
     ANSWER_TIMEOUT_S,
     DEFAULT_ENDPOINT,
     DEFAULT_TRAINER,
+    Connection,
     Target,
     checked,
     decode_answer,
-    open_session,
     query,
 )
 from gaitd_client.credentials import Credentials, read_credentials
-from gaitd_client.errors import (
-    ClientError,
-    NoAnswerError,
-    NoServiceError,
-    RequestRefusedError,
-    reason_of,
-)
+from gaitd_client.errors import NoAnswerError, RequestRefusedError, reason_of
 from gaitd_client.lease import Law, Lease, OnRefusal
-from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream, Watch
+from gaitd_client.stream import SECOND_SILENCE_NS, SILENCE_NS, Stream
+from gaitd_client.subscriptions import Subscriptions
 
 T = TypeVar("T", bound=msgspec.Struct)
 
 ACQUIRE_TIMEOUT_S: Final = 2.0
 """Shorter than others: the lease is requested again."""
-RETRY_S: Final = 1.0
-"""Time between two attempts of `keep_trying`."""
 START_TIMEOUT_NS: Final = 600_000_000_000
 START_RETRY_S: Final = 1.0
 """Time between two looks at a core that starts."""
@@ -56,9 +47,6 @@ LEGS: Final = ("right", "left")
 DRIVES: Final = tuple(f"{leg}/{axis}" for leg in LEGS for axis in ("hip", "slide"))
 EVENTS_KEPT: Final = 256
 STRIDES_KEPT: Final = 64
-
-Subscribe = Callable[[zenoh.Session], Callable[[], object]]
-"""Declares a subscriber; returns what undeclares it."""
 
 
 class Trainer:
@@ -110,17 +98,8 @@ class Trainer:
         self.client = client if credentials is None else credentials.file.name
         """Name of this client in events and as holder of the lease."""
         self.clock: Clock = clock or MonotonicClock()
-        self._keep_trying = keep_trying
-        self._session: zenoh.Session | None = None
-        self._pulse: Watch | None = None
-        self._pulse_subscriber: zenoh.Subscriber[None] | None = None
-        self._streams: list[Stream[Any]] = []
-        self._pending: list[Callable[[zenoh.Session], object]] = []
-        self._lock = threading.RLock()
-        self._is_over = threading.Event()
-        self._trying: threading.Thread | None = None
-        self._not_connected = "use `with`"
-        """Why there is no session."""
+        self._connection = Connection(self.target, keep_trying=keep_trying)
+        self._streams = Subscriptions(self._connection, self.clock)
 
     @classmethod
     def of(cls, target: Target, *, client: str = wire.UNNAMED_CLIENT) -> Self:
@@ -135,15 +114,7 @@ class Trainer:
         Raises:
             NoServiceError: no service listens, or it does not accept the credentials.
         """
-        self._is_over.clear()
-        try:
-            self._connect()
-        except NoServiceError as error:
-            if not self._keep_trying:
-                raise
-            self._not_connected = str(error)
-            self._trying = threading.Thread(target=self._try, name=f"{self.target}", daemon=True)
-            self._trying.start()
+        self._connection.begin()
         return self
 
     def __exit__(
@@ -158,61 +129,15 @@ class Trainer:
             NotReturnedError: a function that was given to `Stream.call` does not return.
             BaseException: what such a function has raised.
         """
-        self._is_over.set()
-        if self._trying is not None:
-            self._trying.join()
+        self._connection.end()
         with contextlib.ExitStack() as ending:
-            ending.callback(self._disconnect)
-            with self._lock:
-                streams = tuple(self._streams)
-            for stream in streams:
-                ending.callback(stream.close)
+            ending.callback(self._connection.close)
+            self._streams.close()
 
     @property
     def is_connected(self) -> bool:
         """True once the service has accepted a connection; streams tell whether it is there now."""
-        return self._session is not None
-
-    def _try(self) -> None:
-        while not self._is_over.wait(RETRY_S):
-            try:
-                self._connect()
-            except NoServiceError as error:
-                self._not_connected = str(error)
-            else:
-                return
-
-    def _connect(self) -> None:
-        """Open the session, and declare all that was made before.
-
-        Raises:
-            NoServiceError: there is none, or it was lost again; all is kept for the next attempt.
-        """
-        session = open_session(self.target)
-        with self._lock, contextlib.ExitStack() as ending:
-            ending.callback(session.close)
-            try:
-                for declare in self._pending:
-                    declare(session)
-            except zenoh.ZError as error:
-                raise NoServiceError(f"{self.target}: the connection was lost: {error}") from error
-            self._pending.clear()
-            self._session = session
-            ending.pop_all()
-
-    def _disconnect(self) -> None:
-        with self._lock:
-            session, self._session, self._pulse = self._session, None, None
-            self._not_connected = "`with` was left"
-            self._pending.clear()
-        if session is not None:
-            session.close()
-
-    def _when_connected(self, declare: Callable[[zenoh.Session], object]) -> None:
-        if self._session is None:
-            self._pending.append(declare)
-        else:
-            declare(self._session)
+        return self._connection.is_open
 
     def connected_session(self) -> zenoh.Session:
         """Return the Zenoh session, for what this class does not offer.
@@ -220,10 +145,7 @@ class Trainer:
         Raises:
             NoAnswerError: there is no connection yet, with the reason, or `with` was left.
         """
-        session = self._session
-        if session is None:
-            raise NoAnswerError(f"{self.target}: not connected: {self._not_connected}")
-        return session
+        return self._connection.session()
 
     # --- messages -------------------------------------------------------------------------------
 
@@ -252,7 +174,7 @@ class Trainer:
     def drive(self, name: str, *, keep: int = 1) -> Stream[wire.DriveState]:
         """One drive, LEG/AXIS, ten times a second; as `estimate`."""
         key = wire.key(self.target.trainer, "drives", name)
-        return self._stream(wire.DriveState, "drives", _known(key, name, DRIVES), keep=keep)
+        return self._streams.open(wire.DriveState, "drives", _known(key, name, DRIVES), keep=keep)
 
     def stride(self, leg: str, *, keep: int = STRIDES_KEPT) -> Stream[wire.Stride]:
         """The figures of one leg's strides, each at its end."""
@@ -266,11 +188,11 @@ class Trainer:
 
     def safety(self, *, keep: int = 1) -> Stream[wire.Safety]:
         """Mode, verdict and lease, on change and once a second."""
-        return self._stream(wire.Safety, wire.SAFETY, keep=keep, silence_ns=SECOND_SILENCE_NS)
+        return self._streams.open(wire.Safety, wire.SAFETY, keep=keep, silence_ns=SECOND_SILENCE_NS)
 
     def health(self, *, keep: int = 1) -> Stream[wire.Health]:
         """State of the service itself, once a second."""
-        return self._stream(wire.Health, wire.HEALTH, keep=keep, silence_ns=SECOND_SILENCE_NS)
+        return self._streams.open(wire.Health, wire.HEALTH, keep=keep, silence_ns=SECOND_SILENCE_NS)
 
     def events(self, *, history_count: int = 50, keep: int = EVENTS_KEPT) -> Stream[wire.Event]:
         """Events: first those of the past, then each as it happens.
@@ -281,7 +203,7 @@ class Trainer:
             history_count: number of events of the past; 0: none.
             keep: messages that may wait for the consumer.
         """
-        return self._stream(
+        return self._streams.open(
             wire.Event, wire.EVENTS, keep=keep, silence_ns=None, history_count=history_count
         )
 
@@ -289,65 +211,9 @@ class Trainer:
         self, kind: type[T], leg: str, name: str, *, keep: int, silence_ns: int | None = SILENCE_NS
     ) -> Stream[T]:
         key = wire.key(self.target.trainer, leg, name)
-        return self._stream(kind, _known(key, leg, LEGS), name, keep=keep, silence_ns=silence_ns)
-
-    def _stream(
-        self,
-        kind: type[T],
-        *parts: str,
-        keep: int,
-        silence_ns: int | None = SILENCE_NS,
-        history_count: int = 0,
-    ) -> Stream[T]:
-        subscriber: Any = None
-
-        def close() -> None:
-            with self._lock:
-                self._streams.remove(stream)
-                if declare in self._pending:
-                    self._pending.remove(declare)
-                made = subscriber
-            if made is not None:
-                made.undeclare()
-
-        def take(sample: zenoh.Sample) -> None:
-            stream.receive(sample.payload.to_bytes(), str(sample.encoding).partition(";")[2])
-
-        def declare(session: zenoh.Session) -> None:
-            nonlocal subscriber
-            if not history_count:
-                subscriber = session.declare_subscriber(stream.key, take)
-                return
-            history = HistoryConfig(detect_late_publishers=True, max_samples=history_count)
-            recovery = RecoveryConfig(heartbeat=True, periodic_queries=None)
-            subscriber = declare_advanced_subscriber(
-                session, stream.key, take, history=history, recovery=recovery
-            )
-
-        key = wire.key(self.target.trainer, *parts)
-        with self._lock:
-            if self._is_over.is_set():
-                raise ClientError(f"{key}: `with` of the trainer was left; enter it again")
-            is_cyclic = silence_ns is not None
-            watch = Watch(self.clock, silence_ns) if is_cyclic else self._trainers_watch()
-            stream = Stream(key, kind, watch, keep=keep, is_cyclic=is_cyclic, on_close=close)
-            self._when_connected(declare)
-            self._streams.append(stream)
-        return stream
-
-    def _trainers_watch(self) -> Watch:
-        """Return the watch that finds silence of the whole trainer."""
-        if self._pulse is None:
-            self._pulse = pulse = Watch(self.clock)
-            key = wire.key(self.target.trainer, "drives", "*", "*")
-
-            def declare(session: zenoh.Session) -> None:
-                self._pulse_subscriber = session.declare_subscriber(
-                    key, lambda _sample: pulse.beat()
-                )
-
-            self._when_connected(declare)
-        return self._pulse
+        return self._streams.open(
+            kind, _known(key, leg, LEGS), name, keep=keep, silence_ns=silence_ns
+        )
 
     # --- requests -------------------------------------------------------------------------------
 
@@ -377,7 +243,7 @@ class Trainer:
             if not is_reported:
                 is_reported = True
                 report(safety.progress)
-            if computer.now_ns() >= end_ns or self._is_over.wait(START_RETRY_S):
+            if computer.now_ns() >= end_ns or self._connection.is_over.wait(START_RETRY_S):
                 raise NoAnswerError(f"{self.target}: still {safety.progress.code}")
 
     def configuration(self) -> wire.Configuration:
@@ -470,7 +336,7 @@ class Trainer:
             try:
                 return self._ask(name, arguments, wire.Reply, STOP_ANSWER_TIMEOUT_S)
             except NoAnswerError as error:
-                if computer.now_ns() >= end_ns or self._is_over.wait(STOP_RETRY_S):
+                if computer.now_ns() >= end_ns or self._connection.is_over.wait(STOP_RETRY_S):
                     raise NoAnswerError(f"{NOT_STOPPED} ({error})") from error
 
     def acquire(self, client: str, duration_ms: int | None = None) -> wire.Reply:
@@ -482,7 +348,7 @@ class Trainer:
         self, name: str, arguments: Mapping[str, object], kind: type[T], timeout_s: float
     ) -> T:
         payload = msgspec.json.encode({"client": self.client, **arguments})
-        session = self.connected_session()
+        session = self._connection.session()
         return decode_answer(query(session, self.target, name, payload, timeout_s), kind, name)
 
     def _done(self, name: str, **arguments: object) -> wire.Reply:

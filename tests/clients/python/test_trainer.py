@@ -15,9 +15,15 @@ from gaitd_client import (
     NotValid,
     Reply,
     Safety,
+    Target,
     Trainer,
+    connection,
     trainer,
 )
+from gaitd_client.clock import MonotonicClock
+from gaitd_client.connection import Connection
+from gaitd_client.stream import SILENCE_NS
+from gaitd_client.subscriptions import Subscriptions
 
 KEY = "gaitd/trainer/safety"
 
@@ -67,8 +73,8 @@ def sessions(monkeypatch):
             raise one
         return one
 
-    monkeypatch.setattr(trainer, "open_session", open_session)
-    monkeypatch.setattr(trainer, "RETRY_S", 0.01)
+    monkeypatch.setattr(connection, "open_session", open_session)
+    monkeypatch.setattr(connection, "RETRY_S", 0.01)
     monkeypatch.setattr(trainer, "STOP_RETRY_S", 0.0)
     return given
 
@@ -87,6 +93,56 @@ def test_a_stream_of_before_with_works_inside_and_none_is_made_after(sessions):
     assert list(safety) == []
     with pytest.raises(ClientError, match="safety: `with` of the trainer was left"):
         made.safety()
+
+
+def test_what_is_declared_before_there_is_a_session_is_declared_with_it(sessions):
+    sessions += [NoServiceError("away"), session := Session()]
+    made, declared = Connection(Target(), keep_trying=True), threading.Event()
+    kept, withdrawn = lambda _session: declared.set(), lambda _session: pytest.fail("withdrawn")
+    made.declare(kept)
+    made.declare(withdrawn)
+    made.withdraw(withdrawn)
+
+    made.begin()
+    assert declared.wait(10)
+    made.end()
+    assert made.is_open
+    assert made.session() is session
+    later = []
+    made.declare(later.append)
+    assert later == [session]
+
+    made.close()
+    assert session.is_closed
+    assert not made.is_open
+
+
+class Open:
+    """A connection with one session."""
+
+    target = Target()
+
+    def __init__(self):
+        self.is_over, self.session = threading.Event(), Session()
+
+    def declare(self, declare):
+        declare(self.session)
+
+    def withdraw(self, declare):
+        pass
+
+
+def test_streams_without_regular_messages_share_the_watch_of_the_trainer():
+    made = Open()
+    streams = Subscriptions(made, MonotonicClock())
+    for name in ("stride", "events"):
+        streams.open(Safety, name, keep=1, silence_ns=None)
+    streams.open(Safety, "safety", keep=1, silence_ns=SILENCE_NS)
+
+    keys = {f"gaitd/trainer/{name}" for name in ("stride", "events", "safety", "drives/*/*")}
+    assert made.session.declared.keys() == keys
+    streams.close()
+    assert made.session.declared.keys() == {"gaitd/trainer/drives/*/*"}
 
 
 def test_a_session_that_is_lost_while_streams_are_declared_is_opened_again(sessions):

@@ -17,8 +17,8 @@ from gaitd_names import (
     StopCategory,
 )
 
+from daemon.gateway.core_view import SILENCE_NS
 from daemon.gateway.health import HealthWindow
-from daemon.gateway.presence import SILENCE_NS
 from daemon.gateway.setpoints import NOTHING
 from daemon.gateway.translate import Stamp
 from daemon.ipc.cycle_timing import CycleTiming
