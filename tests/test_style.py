@@ -163,6 +163,8 @@ SWALLOWED = re.compile(r"except:|except (Base)?Exception\b|suppress\((Base)?Exce
 BROAD = {
     # Stops the machine: the process ends with it.
     "daemon/core/runtime/loop.py",
+    # Latches what the raw checks have found, and raises it again.
+    "daemon/core/cycle.py",
     # What one query does to us is not done to who asks next; told, logged and answered.
     "daemon/gateway/control.py",
     # What a controller's law raises, raised again in the program's own thread.

@@ -4,6 +4,7 @@ Reading order:
     cycle           one cycle, the whole story
     period          the period of the cycle, durations in cycles
     state, tick     the state kept from cycle to cycle; time and bus data of a cycle
+    slices          the frozen parts of the state, which steps of a cycle return
     core_config     the part of the configuration that the core uses
     inputs          command inputs from the gateway
     safety/         pure: reasons to stop, limits, bounds, the stop sequence

@@ -90,7 +90,7 @@ def _phase(leg: Leg) -> float:
 
 def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
     """The record of one drive; values of a sample that is too old are left out."""
-    feedback, joint = axis.feedback, axis.joint
+    feedback, joint = axis.sensed.feedback, axis.sensed.joint
     if feedback is None:
         return _unseen(axis.name)
     emergency = feedback.emergency
@@ -108,8 +108,8 @@ def _drive(axis: Axis, age_max_cycles: int) -> DriveRecord:
         position=joint.position_si if known else None,
         velocity=joint.velocity_si if known else None,
         effort=joint.effort_si if known else None,
-        target_effort=axis.effort_sent_si,
-        referenced=axis.referenced,
+        target_effort=axis.sent.effort_si,
+        referenced=axis.sensed.referenced,
         hand_switch_closed=Input.HAND_SWITCH_CLOSED in feedback.inputs,
         sto_released=Input.STO_RELEASED in feedback.inputs,
         temperature_degc=feedback.temperature_degc,
@@ -163,7 +163,7 @@ def _unseen(name: str) -> DriveRecord:
 
 
 def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
-    estimate = leg.estimate
+    estimate = leg.estimated.estimate
     hip, slide = _axis(leg, 0), _axis(leg, 1)
     if estimate is None:
         return LegRecord(
@@ -192,13 +192,14 @@ def _leg(core: Core, tick: Tick, leg: Leg) -> LegRecord:
 
 def _axis(leg: Leg, index: int) -> AxisRecord:
     """The record of one axis, 0 the hip and 1 the slide: places in the observer's pairs."""
-    estimate, newest = leg.estimate, leg.assist.accepted
-    reference = leg.reference.position if leg.reference else leg.measured
-    measured, effort, assist = leg.measured[index], leg.effort_used[index], leg.assist_si[index]
+    estimated, newest = leg.estimated, leg.assist.accepted
+    reference = leg.reference.position if leg.reference else estimated.measured
+    measured, effort = estimated.measured[index], estimated.effort_used[index]
+    assist, estimate = leg.assist_si[index], estimated.estimate
     wanted = 0.0 if newest is None else wanted_si(newest)[index]
     if estimate is None:
         return AxisRecord(measured, effort, reference[index], assist, wanted)
-    state, std, drift = estimate.state, estimate.std, leg.axes[index].drift
+    state, std, drift = estimate.state, estimate.std, estimated.drifts[index]
     return AxisRecord(
         measured_position=measured,
         effort=effort,
@@ -217,22 +218,23 @@ def _axis(leg: Leg, index: int) -> AxisRecord:
         net=estimate.net[index],
         net_std=estimate.net_std[index],
         innovation=estimate.innovation[index],
-        artificial=leg.artificial[index],
+        artificial=estimated.artificial[index],
         drift_correlation=correlation(drift),
         friction_error=friction_error(drift),
     )
 
 
 def _referenced(leg: Leg) -> bool:
-    return all(axis.referenced for axis in leg.axes)
+    return all(axis.sensed.referenced for axis in leg.axes)
 
 
 def _stride(leg: Leg, sync_ns: int, period_ns: int) -> StrideRecord | None:
     """The record of the stride completed in this cycle; None if there is none."""
-    if leg.stride is None:
+    stride = leg.estimated.stride
+    if stride is None:
         return None
-    figures: dict[str, Any] = leg.stride._asdict()
-    figures["hip"] = AxisStrideRecord(**leg.stride.hip._asdict())
-    figures["slide"] = AxisStrideRecord(**leg.stride.slide._asdict())
+    figures: dict[str, Any] = stride._asdict()
+    figures["hip"] = AxisStrideRecord(**stride.hip._asdict())
+    figures["slide"] = AxisStrideRecord(**stride.slide._asdict())
     end_ns = sync_ns - (LAG + 1) * period_ns
-    return StrideRecord(number=leg.stride_count, end_mono_ns=end_ns, **figures)
+    return StrideRecord(number=leg.estimated.stride_count, end_mono_ns=end_ns, **figures)

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
-from gaitd_names import Cause, Doubt, EventCode, Lapse, Mode, SelfTestDue, SetpointRefusal, Untested
+from gaitd_names import Cause, EventCode, Lapse, Mode, SelfTestDue, SetpointRefusal, Untested
 
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, Reference
@@ -20,23 +20,21 @@ from daemon.core.safety.clonus import ClonusWatch
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.energy import StrideSum
 from daemon.core.safety.inverse_dynamics import InverseDynamics
-from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.safety.soft_limits import SoftZone
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
+from daemon.core.slices import Estimated, Sensed, Sent, Softened
 from daemon.ipc.record import Request, RequestResult, Setpoint, Verdict
 from daemon.ipc.report import Event, Progress
 from drives.cia402.drive import DriveGroup
 from drives.cia402.torque import TorqueSampling
 from drives.cia402.units import AxisScaling
-from drives.signals import DriveFeedback, OperationMode
-from observer.drift import NO_DRIFT, Drift
-from observer.filter.leg_observer import LegEstimate, LegObserver
+from observer.filter.leg_observer import LegObserver
 from observer.leg_smoother import LegSmoother
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
-from observer.strides import Stride, StrideCounter
+from observer.strides import StrideCounter
 
 HOLD_SETTLE_CYCLES: Final = cycles(0.5)
 """Time in which a leg that was far from its reference comes to it, as at the end of a gait."""
@@ -62,63 +60,36 @@ class Axis:
     reaction_cycles: int
     """Longest fault reaction of the drive, in cycles, from its profile."""
     serial_number: int = 0
-    referenced: bool = False
-    followed: bool = False
-    """Referenced, and since then no reboot or silence of its drive, no doubtful feedback, and no
-    homing that has not ended."""
-    doubt: Doubt = Doubt.NOT_HOMED
-    watched: bool = False
-    """Its drive has been neither silent nor rebooted since a bring-up: it is still the same one."""
     sign_proven: bool = False
-    sign_trusted: bool = False
-    """Its sign is proven for a drive with a serial number; its last reboot, silence or doubtful
-    feedback came before the newest test of the sign."""
-    joint: Joint = field(default_factory=Joint)
-    feedback: DriveFeedback | None = None
+    sensed: Sensed = field(default_factory=Sensed)
     stop: DriveStop | None = None
-    mode_sent: OperationMode = OperationMode.CYCLIC_SYNC_TORQUE
-    """6060h of the last command, which 6061h is expected to show."""
-    shown_unpowered: bool = False
-    """The drive has shown a state without power since power was last requested."""
-    effort_sent_si: float = 0.0
-    position_sent_si: float = 0.0
-    """Target position of the last command, in every mode."""
-    speed_sent_si: float = 0.0
-    acceleration_sent_si: float = 0.0
-    """Acceleration of the target position, from the last two commands.
-
-    0 where the drive does not follow its target position.
-    """
-    effort_mean_si: float = 0.0
-    """Low-pass mean of the effort sent in torque mode: it holds a joint without a control loop."""
-    effort_offset_si: float = 0.0
-    position_offset_si: float = 0.0
-    """Difference between target and plan when guidance took over; it fades to zero."""
-    gravity_si: float = 0.0
+    sent: Sent = field(default_factory=Sent)
     watch: EffortWatch = field(default_factory=EffortWatch)
     energy: StrideSum = field(default_factory=StrideSum)
     """Energy that the drive puts into the leg, J."""
     residual: StrideSum = field(default_factory=StrideSum)
     """Sum of the effort residual over the cycles of a playing gait."""
     stopping_end_si: float = 0.0
-    tracking_si: float = 0.0
-    wanted_velocity_si: float = 0.0
-    reached_enabled: bool = False
-    unready_cycles: int = 0
-    unexpected_enable_cycles: int = 0
-    emergencies_checked: int = 0
-    """Count of EMCY alarms already checked: each alarm is checked once."""
-    bring_up_error: tuple[int, str] = (0, "")
-    """Code and text of the fault that bring-up found in the drive; 0 and empty once it is gone."""
-    drift: Drift = NO_DRIFT
-    calibration_advised: bool = False
 
     def is_other_drive(self, serial_number: int) -> bool:
         """True if a drive that is found now is not certainly the one of before.
 
         A drive without a serial number (0) cannot be told from another one once it was not watched.
         """
-        return serial_number != self.serial_number or (serial_number == 0 and not self.watched)
+        return serial_number != self.serial_number or (
+            serial_number == 0 and not self.sensed.watched
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Observers:
+    """The objects that estimate one leg; `steps/estimation.py` alone calls them."""
+
+    observer: LegObserver
+    smoother: LegSmoother
+    strides: StrideCounter
+    friction: tuple[FrictionParameters, FrictionParameters]
+    """Friction of hip and slide."""
 
 
 @dataclass(slots=True)
@@ -129,18 +100,13 @@ class Leg:
     parameters: LegParameters
     shape: GaitShape
     axes: tuple[Axis, Axis]
-    observer: LegObserver
-    smoother: LegSmoother
-    strides: StrideCounter
+    observers: Observers
     friction: tuple[FrictionParameters, FrictionParameters]
     """Friction of hip and slide, as used by the observer."""
     phase_offset_strides: float
     exercise: Exercise | None = None
     reference: Reference | None = None
-    estimate: LegEstimate | None = None
-    measured: tuple[float, float] = (float("nan"), float("nan"))
-    effort_used: tuple[float, float] = (0.0, 0.0)
-    artificial: tuple[float, float] = (0.0, 0.0)
+    estimated: Estimated = field(default_factory=Estimated)
     assist: LegAssist = field(default_factory=LegAssist)
     """The setpoint of a controller and the assist in force."""
     takes_over: bool = False
@@ -149,25 +115,15 @@ class Leg:
     """Bounded assist of a controller in force in this cycle: N·m, N."""
     stiffness_ratio: float = 1.0
     """Share of the configured guidance stiffness that a controller requests."""
-    spasm_ratio: float = 1.0
-    """Share of the guidance stiffness that remains during a spasm."""
-    clonus_ratio: float = 1.0
-    """Share of the guidance stiffness that remains during clonus."""
-    last_wanted_velocity: tuple[float, float] = (0.0, 0.0)
-    """Velocity of the reference one cycle ago, from which its acceleration follows: rad/s, m/s."""
+    softened: Softened = field(default_factory=Softened)
     singularity_ratio: float = 1.0
     stopping_ratio: float = 1.0
     window_cycles: int = 1
     """Length of the energy window: a stride, or the configured window where there is no stride."""
     dynamics: InverseDynamics = field(default_factory=InverseDynamics)
     zone: SoftZone = field(default_factory=SoftZone)
-    stride: Stride | None = None
-    """The stride that was completed in this cycle; None if there was none."""
-    stride_count: int = 0
     held_cycles: int = 0
     """Cycles in a row in which mode HOLD has held a pose that does not change."""
-    observer_started: bool = False
-    observer_bad_cycles: int = 0
     mechanism: tuple[float, ...] = field(init=False)
     """`parameters` as a plain tuple, which compiled functions read faster."""
     friction_laws: tuple[tuple[float, ...], tuple[float, ...]] = field(init=False)
@@ -182,7 +138,7 @@ class Leg:
     @property
     def guidance_ratio(self) -> float:
         """Share of the configured guidance stiffness that is in force."""
-        return self.stiffness_ratio * min(self.spasm_ratio, self.clonus_ratio)
+        return self.stiffness_ratio * min(self.softened.spasm_ratio, self.softened.clonus_ratio)
 
     @property
     def is_held(self) -> bool:
@@ -196,7 +152,12 @@ class Leg:
     def is_located(self) -> bool:
         """True if the pose is known: both axes have a sample and are referenced."""
         hip, slide = self.axes
-        return hip.joint.known and hip.referenced and slide.joint.known and slide.referenced
+        return (
+            hip.sensed.joint.known
+            and hip.sensed.referenced
+            and slide.sensed.joint.known
+            and slide.sensed.referenced
+        )
 
 
 @dataclass(slots=True)

@@ -51,7 +51,7 @@ def observer_state(value: float) -> FaultAction:
 
     def begin(scene: Scene, _axis: str) -> None:
         for leg in scene.core.legs:
-            memory, _ = leg.observer.buffers
+            memory, _ = leg.observers.observer.buffers
             memory["mean"][:] = value
 
     return FaultAction(begin, nothing)

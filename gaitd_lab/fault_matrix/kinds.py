@@ -132,7 +132,7 @@ def limit_switch_ahead() -> FaultAction:
     """The limit switch in the joint's direction of motion closes, or either if the joint stands."""
 
     def begin(scene: Scene, axis: str) -> None:
-        joint = scene.axis(axis).joint
+        joint = scene.axis(axis).sensed.joint
         sign = 1 if scene.axis(axis).scaling.counts_per_si > 0 else -1
         side = sign if joint.velocity_si >= 0 else -sign
         scene.session.command(f"limit_switch_on {axis} - {side}")

@@ -3,28 +3,29 @@
 from unittest import mock
 
 import pytest
-from gaitd_names import Mode, RequestKind
+from gaitd_names import Cause, Mode, RequestKind
 from wire import rpdo1
 
-from daemon.core.runtime.loop import STOP_WITHOUT_FEEDBACK_CYCLES
 from daemon.core.runtime.loop_settings import ExitCode
+from daemon.core.runtime.shutdown import STOP_WITHOUT_FEEDBACK_CYCLES
 from daemon.core.safety import checks
-from drives.signals import PowerState
+from daemon.core.steps import estimation
+from drives.signals import Input, PowerState
 
 RESET_COMMUNICATION = 0x82
-QUICK_STOP = 0x02
+QUICK_STOP, DISABLE_VOLTAGE = 0x02, 0x00
 
 
 def run_into_a_bug(session):
     """The frames that the core sends, and the code that it ends with."""
     before = len(session.bus.sent)
-    with mock.patch.object(checks, "check", side_effect=ZeroDivisionError("ours")):
+    with mock.patch.object(checks, "check_raw", side_effect=ZeroDivisionError("ours")):
         code = session.loop.run(lambda: False)
     return session.bus.sent[before:], code
 
 
 def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(warm_guided_gait, guidance):
-    stood = [drive.feedback.position_counts for drive in warm_guided_gait.core.axes]
+    stood = [drive.sensed.feedback.position_counts for drive in warm_guided_gait.core.axes]
 
     sent, code = run_into_a_bug(warm_guided_gait)
 
@@ -60,3 +61,34 @@ def test_a_drive_that_holds_the_leg_after_a_stop_keeps_its_watch_on_the_core(
     nmt = [frame.data for frame in sent if frame.can_id == 0x000]
     reset = {node for command, node in nmt if command == RESET_COMMUNICATION}
     assert reset == {0x05, 0x06} - watched
+
+
+@pytest.mark.parametrize(
+    ("command", "shown", "cause", "word"),
+    [
+        ("hand_switch_open *", Input.HAND_SWITCH_CLOSED, Cause.HAND_SWITCH_OPEN, QUICK_STOP),
+        ("sto_open *", Input.STO_RELEASED, Cause.STO_ACTIVE, DISABLE_VOLTAGE),
+    ],
+)
+def test_an_exception_in_the_estimate_loses_nothing_that_raw_values_of_its_cycle_show(
+    warm_gait, command, shown, cause, word
+):
+    session, estimate = warm_gait, estimation.estimate
+    raised: list[int] = []
+
+    def failing(*arguments):
+        if any(shown not in axis.sensed.feedback.inputs for axis in session.core.axes):
+            raised.append(1)
+            raise ZeroDivisionError("ours")
+        return estimate(*arguments)
+
+    session.command(command)
+    sent = len(session.bus.sent)
+    with mock.patch.object(estimation, "estimate", failing):
+        code = session.loop.run(lambda: False)
+
+    stored = session.core.persistent.latched
+    assert (code, len(raised)) == (ExitCode.BUG, 1)
+    assert (session.core.mode, stored.cause) == (Mode.STOPPING, cause)
+    assert session.state_file.persistent.latched == stored
+    assert [rpdo1(session.bus.sent[sent:], node)[-1].controlword for node in (5, 6)] == [word] * 2

@@ -25,9 +25,9 @@ class ByHand:
         self.commands = [
             DriveCommand(
                 PowerRequest.ENABLE,
-                axis.mode_sent,
-                axis.feedback.position_counts,
-                round(axis.effort_sent_si * axis.scaling.permille_per_effort_si),
+                axis.sent.mode,
+                axis.sensed.feedback.position_counts,
+                round(axis.sent.effort_si * axis.scaling.permille_per_effort_si),
             )
             for axis in session.core.axes
         ]

@@ -139,15 +139,15 @@ def test_a_spasm_first_softens_the_guidance_and_then_stops(cadence_hz, warm_gait
     session = warm_fast_gait if cadence_hz == 0.5 else warm_gait
     session.run(0.3)
     leg = session.core.legs[0]
-    assert leg.spasm_ratio == 1.0
+    assert leg.softened.spasm_ratio == 1.0
 
     session.command("patient spasm")
-    session.run_until(lambda _: leg.spasm_ratio < 1.0, within_s=1.0)
+    session.run_until(lambda _: leg.softened.spasm_ratio < 1.0, within_s=1.0)
     begun = session.record
     stopped = stopped_by(session, 1.0)
 
     assert begun.mode == Mode.GAIT
-    assert leg.spasm_ratio == pytest.approx(0.5)
+    assert leg.softened.spasm_ratio == pytest.approx(0.5)
     assert stopped.verdict.cause == Cause.SPASM
     assert stopped.sync_mono_ns - begun.sync_mono_ns <= 420_000_000
 
@@ -219,9 +219,9 @@ def plausible(estimate):
 def blind(session, monkeypatch):
     """From now on the observer says plausible constants."""
     leg = session.core.legs[0]
-    constant = plausible(leg.observer.step((0.24, 0.59), (0.0, 0.0), 0.01))
-    monkeypatch.setattr(type(leg.observer), "step", lambda *_, **__: constant)
-    monkeypatch.setattr(type(leg.smoother), "add", lambda *_: None)
+    constant = plausible(leg.observers.observer.step((0.24, 0.59), (0.0, 0.0), 0.01))
+    monkeypatch.setattr(type(leg.observers.observer), "step", lambda *_, **__: constant)
+    monkeypatch.setattr(type(leg.observers.smoother), "add", lambda *_: None)
     return session
 
 

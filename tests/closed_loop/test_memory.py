@@ -19,6 +19,8 @@ from gaitd_lab.lockstep import LockstepSession
 
 CYCLES = 500
 """Cycles of a stretch."""
+LONG_CYCLES = 10_000
+"""Cycles after which a collector finds nothing."""
 WARM_CYCLES = STRIDE_MAX_CYCLES + 200
 """All windows over the last cycles are full: the longest has STRIDE_MAX_CYCLES."""
 TRIES = 4
@@ -99,7 +101,7 @@ def test_cycles_keep_nothing_and_leave_nothing_that_only_a_collector_can_free(wa
     with no_collector():
         assert keeps_fewer_blocks(CYCLE_BLOCKS, turn_and_tidy)
         gc.set_debug(gc.DEBUG_SAVEALL)
-        quiet.turn(CYCLES)
+        quiet.turn(LONG_CYCLES)
         gc.collect()
 
     assert not Counter(type(one).__name__ for one in gc.garbage)

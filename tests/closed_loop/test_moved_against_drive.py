@@ -82,7 +82,7 @@ def test_a_person_is_the_cause_where_the_response_is_unclear_and_both_axes_are_h
     assert verdict.category == StopCategory.S1
     assert session.record.verdict == verdict
     assert {one.power_state for one in session.record.drives} == {PowerState.QUICK_STOP_ACTIVE}
-    assert session.core.axes[1].sign_trusted
+    assert session.core.axes[1].sensed.sign_trusted
 
 
 @pytest.mark.parametrize("fault", ["wrong_sign", "encoder_reversed"])
@@ -99,7 +99,7 @@ def test_a_real_reversal_is_found_while_a_strong_patient_works(fault, later_s):
     assert Cause.SIGN_WRONG in {verdict.cause, session.record.verdict.cause}
     assert session.record.verdict.category == StopCategory.S0
     assert len(session.records) - begun < 30
-    assert not session.core.axes[1].sign_trusted
+    assert not session.core.axes[1].sensed.sign_trusted
 
 
 def test_a_wrong_sign_is_found_also_where_the_drives_hold_a_stretched_leg(tmp_path):
@@ -129,7 +129,7 @@ def test_a_wrong_sign_is_found_also_where_the_drives_hold_a_stretched_leg(tmp_pa
 
 
 def trust(session):
-    return [axis.sign_trusted for axis in session.core.axes]
+    return [axis.sensed.sign_trusted for axis in session.core.axes]
 
 
 def doubts(session):

@@ -73,7 +73,11 @@ def test_a_spasm_of_a_patient_who_works_stops_within_half_a_second(at_s):
 def test_clonus_softens_guidance_and_stops_when_its_bursts_sum_up():
     session = session_of(clonic).walk(duration_s=3.0)  # its first whole burst is over
     leg = session.core.legs[0]
-    goes_on, softened_ratio, told = session.record.mode, leg.clonus_ratio, clonus_events(session)
+    goes_on, softened_ratio, told = (
+        session.record.mode,
+        leg.softened.clonus_ratio,
+        clonus_events(session),
+    )
 
     session.run_until(lambda record: record.mode != Mode.GAIT, within_s=11.0)
 

@@ -170,7 +170,7 @@ def test_a_stop_lets_go_of_what_holds_the_leg_back(warm_position_gait):
     axis = warm_position_gait.core.axes[0]
     assert warm_position_gait.record.verdict.cause == Cause.STOP_REQUESTED
     assert pushed_nm > 20
-    assert abs(axis.position_sent_si - axis.joint.position_si) < 1e-3
+    assert abs(axis.sent.position_si - axis.sensed.joint.position_si) < 1e-3
 
 
 def test_a_stop_of_category_1_leaves_braking_to_the_drives(warm_fast_position_gait):

@@ -496,6 +496,6 @@ def test_a_home_that_is_shown_during_a_stop_hides_no_motion(incremental):
     incremental.gateway.stop()
     incremental.run(0.02)
     axis = incremental.core.axes[0]
-    shown = axis.feedback._replace(statusword=axis.feedback.statusword | 0x1000)
+    shown = axis.sensed.feedback._replace(statusword=axis.sensed.feedback.statusword | 0x1000)
 
     assert not moves_origin(incremental.core, axis, shown)

@@ -20,7 +20,7 @@ def test_a_drive_that_may_take_a_second_is_enabled_and_held(tmp_path):
     session.run(2.0)
 
     assert (answer.outcome, session.record.mode) == (Outcome.DONE, Mode.HOLD)
-    assert all(axis.reached_enabled for axis in session.core.axes)
+    assert all(axis.sensed.reached_enabled for axis in session.core.axes)
 
 
 @pytest.mark.parametrize("changes", [(), ((*MAY[:2], "node_id = 5\nenable_max_ms = 400\n"),)])

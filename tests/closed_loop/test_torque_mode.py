@@ -93,7 +93,7 @@ def test_without_assist_the_leg_is_carried_and_stays(session):
 
     record = session.record
     assert record.mode == Mode.TORQUE
-    carried = [axis.gravity_si for axis in session.core.axes]
+    carried = [axis.sensed.gravity_si for axis in session.core.axes]
     assert [drive.target_effort for drive in record.drives] == pytest.approx(carried, abs=0.01)
     assert both(record.legs[0], "measured_position") == pytest.approx(start, abs=0.01)
 

@@ -183,7 +183,7 @@ def test_the_end_is_told_when_it_is_asked_for_and_the_last_line_says_what_remain
 def test_a_bug_is_an_end_that_is_told_before_the_blind_stops_and_says_what_was_seen_last(session):
     watched(session)
 
-    with mock.patch.object(checks, "check", side_effect=ZeroDivisionError("ours")):
+    with mock.patch.object(checks, "check_raw", side_effect=ZeroDivisionError("ours")):
         code = session.loop.run(lambda: False)
 
     assert code == ExitCode.BUG

@@ -1,6 +1,6 @@
 """A core without a bus: it is turned from cycle to cycle, and its drives show what a test says."""
 
-from fresh_core import fresh
+from fresh_core import fresh, show
 from gaitd_names import Cause, Mode, Outcome, RequestKind, Role, StopCategory
 from safety_inputs import FEEDBACK, JOINT
 
@@ -28,13 +28,13 @@ class Bench:
         self.cycle, self.utc_ns, self._request_id = 100, 0, 0
         self.show(PowerState.OPERATION_ENABLED)
         for axis in self.core.axes:
-            axis.referenced = axis.reached_enabled = True
+            show(axis, referenced=True, reached_enabled=True)
         exercises.hold_here(self.core)
 
     def show(self, state: PowerState, velocity_si: float = 0.0) -> None:
         for axis in self.core.axes:
-            axis.feedback = FEEDBACK._replace(node_id=axis.node_id, power_state=state)
-            axis.joint = AT_REST._replace(velocity_si=velocity_si)
+            show(axis, feedback=FEEDBACK._replace(node_id=axis.node_id, power_state=state))
+            show(axis, joint=AT_REST._replace(velocity_si=velocity_si))
 
     def turn(self, *verdicts: Verdict, command_inputs: CommandInputs = NO_INPUTS) -> None:
         self.cycle += 1

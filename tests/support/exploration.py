@@ -18,6 +18,7 @@ from types import SimpleNamespace
 from typing import NamedTuple
 
 import msgspec
+from fresh_core import has_been_sent, show
 from gaitd_names import AxisStep, Cause, EventCode, Mode, RequestKind, Role, StopCategory
 from safety_inputs import FEEDBACK, JOINT
 from sessions import CONFIGS
@@ -191,18 +192,7 @@ CORE_FIELDS = (
     "assist_cap_si",
 )
 LEG_FIELDS = ("exercise", "reference", "takes_over")
-AXIS_FIELDS = (
-    "referenced",
-    "followed",
-    "feedback",
-    "joint",
-    "stop",
-    "mode_sent",
-    "shown_unpowered",
-    "reached_enabled",
-    "unready_cycles",
-    "unexpected_enable_cycles",
-)
+AXIS_FIELDS = ("sensed", "stop", "sent")
 
 
 class Trace(NamedTuple):
@@ -319,7 +309,8 @@ class Model:
             axis.limits = axis.limits._replace(
                 enable_max_cycles=3, static_load_tolerance_si=1e6, tracking_max_si=1e6
             )
-            axis.reaction_cycles, axis.referenced = 1, True
+            axis.reaction_cycles = 1
+            show(axis, referenced=True)
             axis.homing = HomingRules(5.0, 10.0, LONG // 2)
         self._feedback = [_feedback(axis.node_id) for axis in core.axes]
 
@@ -384,8 +375,11 @@ class Model:
                     at_rest_cycles=min(stop.at_rest_cycles, 2),
                     unproven_cycles=min(stop.unproven_cycles, 2),
                 )
-            axis.unready_cycles = min(axis.unready_cycles, 5)
-            axis.unexpected_enable_cycles = min(axis.unexpected_enable_cycles, 3)
+            show(
+                axis,
+                unready_cycles=min(axis.sensed.unready_cycles, 5),
+                unexpected_enable_cycles=min(axis.sensed.unexpected_enable_cycles, 3),
+            )
 
     def _key(self, trace: Trace) -> tuple[object, ...]:
         """What tells two states apart. The axes are alike, unless one of them is moved alone."""
@@ -422,17 +416,21 @@ class Model:
 
     def _axis_key(self, number: int) -> tuple[object, ...]:
         axis = self.core.axes[number]
-        feedback, stop = axis.feedback, axis.stop
+        feedback, stop = axis.sensed.feedback, axis.stop
         if feedback is None:
             return (stop,)
         state, age = feedback.power_state, feedback.sample_age_cycles
         if stop is None:
-            ready = axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles
-            return state, age, axis.shown_unpowered, axis.mode_sent, *ready
+            ready = (
+                axis.sensed.reached_enabled,
+                axis.sensed.unready_cycles,
+                axis.sensed.unexpected_enable_cycles,
+            )
+            return state, age, axis.sensed.shown_unpowered, axis.sent.mode, *ready
         # A stop goes on whatever was before it, and all states without torque are alike to it.
         rest_cycles = stop.at_rest_cycles if self.core.mode == Mode.STOPPING else 0
         times = NOW - stop.since_cycle, rest_cycles, stop.has_rested, stop.unproven_cycles
-        return OFF if state is ON else state, age, axis.shown_unpowered, stop.step, *times
+        return OFF if state is ON else state, age, axis.sensed.shown_unpowered, stop.step, *times
 
     def facts(self, trace: Trace) -> Facts:
         """What the invariants read."""
@@ -442,8 +440,8 @@ class Model:
             core.mode,
             core.verdict,
             tuple(axis.stop and axis.stop.step for axis in axes),
-            tuple(axis.feedback and axis.feedback.power_state for axis in axes),
-            tuple(axis.joint.fresh for axis in axes),
+            tuple(axis.sensed.feedback and axis.sensed.feedback.power_state for axis in axes),
+            tuple(axis.sensed.joint.fresh for axis in axes),
             core.drives is not None,
             latched.cause if latched is not None else "",
             trace,
@@ -500,7 +498,7 @@ class Model:
             words = self._command() if core.drives is not None else (None, None)
             off = (OFF, FAULT)
             shown_off = tuple(
-                seen or axis.feedback.power_state in off
+                seen or axis.sensed.feedback.power_state in off
                 for seen, axis in zip(shown_off, core.axes, strict=True)
             )
         accepted = _accepted(core, orders.request)
@@ -518,8 +516,8 @@ class Model:
         """Cycles in a row in which each drive has power that it was not told to have."""
         hip, slide = (
             min(number + 1, 4)
-            if axis.feedback is not None
-            and axis.feedback.power_state in POWERED
+            if axis.sensed.feedback is not None
+            and axis.sensed.feedback.power_state in POWERED
             and axis.stop is None
             and word not in ENABLING
             else 0
@@ -550,9 +548,9 @@ class Model:
         alarmed = {one.axis: REACTING for one in events if one.kind is Kind.BETWEEN}
         for number in alarmed:
             axis = self.core.axes[number]
-            if axis.feedback is None:
+            if axis.sensed.feedback is None:
                 continue
-            axis.feedback = axis.feedback._replace(power_state=REACTING)
+            show(axis, feedback=axis.sensed.feedback._replace(power_state=REACTING))
             if driving:
                 verdict = Verdict(StopCategory.S1, Cause.DRIVE_FAULT, axis.name)
                 supervisor.stop(self.core, verdict, NOW)
@@ -567,25 +565,29 @@ class Model:
         moving = {one.axis for one in events if one.kind is Kind.MOVES}
         later = any(one.kind is Kind.LATER for one in events)
         for number, axis in enumerate(core.axes):
-            last = axis.feedback
+            last = axis.sensed.feedback
             shown = OFF if last is None else last.power_state
             obeyed = alarmed.get(number) or _obeys(shown, state.trace.words[number])
             age = 0 if number not in silent else min((last.sample_age_cycles if last else 0) + 1, 2)
             power = shows.get(number, obeyed)
             run = core.single_axis
             homed = later and run is not None and run.searching
-            axis.feedback = self._feedback[number](power, age, axis.mode_sent, homed)
+            feedback = self._feedback[number](power, age, axis.sent.mode, homed)
             speed_si = FAST_SI if number in moving else 0.0
-            joint = AT_REST._replace(velocity_si=speed_si) if age == 0 else axis.joint
-            axis.joint = joint._replace(fresh=age == 0)
-            sensing._count_readiness(core, axis, axis.feedback)
+            joint = AT_REST._replace(velocity_si=speed_si) if age == 0 else axis.sensed.joint
+            now = sensing.inputs_of(core, axis, feedback)
+            readiness = sensing._readiness(axis.sensed, feedback, now)
+            joint = joint._replace(fresh=age == 0)
+            show(axis, feedback=feedback, joint=joint, **readiness._asdict())
 
     def _found(
         self, orders: inputs.CommandInputs, events: tuple[Event, ...]
     ) -> tuple[Verdict, ...]:
         """What the checks find, and what the events say that they find."""
         core = self.core
-        found = {one.drive: one for one in checks.check(cycle.safety_inputs(core, orders, TICK))}
+        found = {
+            one.drive: one for one in checks.check_raw(cycle.safety_inputs(core, orders, TICK))
+        }
         for event in events:
             if event.kind is not Kind.VERDICT:
                 continue
@@ -600,9 +602,8 @@ class Model:
 
     def _command(self) -> tuple[PowerRequest, ...]:
         core = self.core
-        modes = [impedance._mode(core, axis) for axis in core.axes]
-        for axis, mode in zip(core.axes, modes, strict=True):
-            axis.mode_sent = mode
+        for axis, request in zip(core.axes, impedance.requests(core), strict=True):
+            has_been_sent(axis, mode=request.mode)
         return tuple(impedance._power(core, axis) for axis in core.axes)
 
     def _bring_up(self, events: tuple[Event, ...]) -> None:
@@ -617,13 +618,16 @@ class Model:
             supervisor.fail_bring_up(core, Cause.DRIVE_SILENT, core.axes[HIP].name, "silent")
         elif core.mode == Mode.BRINGING_UP and said is None:
             for axis in core.axes:
-                axis.joint, axis.feedback = Joint(), None
-                axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles = (
-                    False,
-                    0,
-                    0,
+                show(
+                    axis,
+                    joint=Joint(),
+                    feedback=None,
+                    reached_enabled=False,
+                    unready_cycles=0,
+                    unexpected_enable_cycles=0,
+                    shown_unpowered=True,
                 )
-                axis.shown_unpowered, axis.mode_sent = True, OperationMode.CYCLIC_SYNC_TORQUE
+                has_been_sent(axis, mode=OperationMode.CYCLIC_SYNC_TORQUE)
             exercises.reset(core)
             supervisor.take_drives(core, DRIVES)
 

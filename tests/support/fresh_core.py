@@ -2,11 +2,14 @@
 
 from copy import deepcopy
 from dataclasses import replace
+from typing import Any
 
+import msgspec
 from sessions import CONFIGS
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import Built, build
+from daemon.core.state import Axis
 from daemon.preflight.load import load
 
 _BUILT = build(load(CONFIGS / "demo.toml"), "test", PersistentState())
@@ -17,3 +20,13 @@ def fresh(persistent: PersistentState = _BUILT.core.persistent) -> Built:
     core = deepcopy(_BUILT.core)
     core.persistent = persistent
     return replace(_BUILT, core=core)
+
+
+def has_been_sent(axis: Axis, **changes: Any) -> None:
+    """Make the last command to an axis another one: fields of its `Sent`."""
+    axis.sent = msgspec.structs.replace(axis.sent, **changes)
+
+
+def show(axis: Axis, **changes: Any) -> None:
+    """Make an axis show something else than before: fields of its `Sensed`."""
+    axis.sensed = msgspec.structs.replace(axis.sensed, **changes)

@@ -6,9 +6,16 @@ import math
 from gaitd_names import Mode
 
 from daemon.core.exercises.guards import GuardInputs
-from daemon.core.safety.checks import NO_VERDICT, check
+from daemon.core.safety.checks import NO_VERDICT, check_estimate, check_raw, harshest_of_each
 from daemon.core.safety.effort_monitor import EffortWatch
-from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
+from daemon.core.safety.inputs import (
+    AxisEstimateInputs,
+    AxisInputs,
+    LegEstimateInputs,
+    LegInputs,
+    SafetyInputs,
+    ServiceInputs,
+)
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
 from daemon.wire.causes import CHOSEN_CATEGORY
@@ -96,7 +103,6 @@ LEG = LegInputs(
     name="right",
     singularity_ratio=0.8,
     stopping_ratio=0.75,
-    observer_bad_cycles=0,
     seeks_home=False,
 )
 FEEDBACK = DriveFeedback(
@@ -157,16 +163,23 @@ AXIS = AxisInputs(
     stride_energy_j=20.0,
     stride_drift_si=1.0,
     stopping_end_si=0.22,
+)
+PATIENT = AxisEstimateInputs(
+    name="right/hip",
+    limits=LIMITS,
     spasm_cycles=0,
     spasm_rise_si=0.0,
     clonus_cycles=0,
     clonus_swing_si=0.0,
 )
+ESTIMATE = LegEstimateInputs(name="right", axes=(PATIENT,), observer_bad_cycles=0, seeks_home=False)
 
 
-def harshest(service, axes, legs, thresholds, categories, *, driving):
+def harshest(service, axes, legs, thresholds, categories, *, driving, estimates=(ESTIMATE,)):
     """The verdict of a cycle that is told."""
-    found = check(SafetyInputs(service, axes, legs, thresholds, categories, driving))
+    raw = check_raw(SafetyInputs(service, axes, legs, thresholds, categories, driving))
+    estimated = check_estimate(estimates, thresholds, categories) if driving else ()
+    found = harshest_of_each([*raw, *estimated])
     return found[0] if found else NO_VERDICT
 
 

@@ -20,7 +20,7 @@ from daemon.core.safety.clonus import ClonusWatch
 from daemon.core.safety.limits import AxisLimits, Categories, hip_limits, slide_limits, thresholds
 from daemon.core.safety.spasm import SpasmRules, SpasmWatch
 from daemon.core.safety.stop_sequence import StopRules
-from daemon.core.state import Axis, Core, Leg
+from daemon.core.state import Axis, Core, Leg, Observers
 from daemon.ipc.transport import RingHeader
 from drives.bringup.plan import CycleSettings, DrivePlan, homing_plan, plan, single_axis_plan
 from drives.cia402.profile import DriveDescription
@@ -209,9 +209,12 @@ def _leg(
             _axis(drives.hip, *rules[0], trainer.cycle.period_ms, settings.limits),
             _axis(drives.slide, *rules[1], trainer.cycle.period_ms, settings.limits),
         ),
-        observer=observer,
-        smoother=LegSmoother(observer),
-        strides=StrideCounter(drives.baseline),
+        observers=Observers(
+            observer,
+            LegSmoother(observer),
+            StrideCounter(drives.baseline),
+            (hip_friction, slide_friction),
+        ),
         friction=(hip_friction, slide_friction),
         phase_offset_strides=phase,
     )

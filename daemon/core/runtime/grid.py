@@ -9,6 +9,7 @@ Rules:
 from typing import Final
 
 from gaitd_names import CyclePart
+from msgspec.structs import replace
 
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.system.clock import Clock
@@ -28,8 +29,15 @@ def longest_part(timing: CycleTiming, window_ns: int) -> CyclePart:
     return max(beyond_ns, key=lambda part: beyond_ns[part])
 
 
+def count_missed(timing: CycleTiming, missed: int, part: CyclePart) -> CycleTiming:
+    """The timing with more missed grid points, attributed to a part of the cycle."""
+    before = timing.overrun_by_part
+    by_part = {**before, part: before.get(part, 0) + missed}
+    return replace(timing, overrun_count=sum(by_part.values()), overrun_by_part=by_part)
+
+
 class Grid:
-    """The present grid point of the loop, and the count of missed ones."""
+    """The present grid point of the loop, and the number of missed ones directly before it."""
 
     def __init__(self, clock: Clock, period_ns: int) -> None:
         self._clock = clock
@@ -38,7 +46,6 @@ class Grid:
         """The next grid point; monotonic time."""
         self.cycle = 0
         """Number of that grid point."""
-        self.missed_count = 0
         self.missed_in_a_row = 0
 
     @property
@@ -64,7 +71,6 @@ class Grid:
         """Skip and count missed grid points; returns their number."""
         missed = self._missed()
         self._jump(missed)
-        self.missed_count += missed
         self.missed_in_a_row += missed
         return missed
 

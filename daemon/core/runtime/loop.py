@@ -5,63 +5,54 @@ One turn, on absolute grid points:
     until the grid point  keep polling: an emergency is answered at once
     at the grid point     SYNC (and the master's heartbeat), then collect the drives' samples until
                           they are complete, or the window closes (`sync_window.py`)
-    then                  one cycle (`cycle.py`), its frames sent, its record published
+    then                  one cycle (`cycle.py`), its frames sent (`commands.py`), its record
+                          published
     at the end            the watchdog is fed, once for every cycle finished in time
 
 Rules:
 1. Missed grid points are skipped and counted, never caught up in a burst (`grid.py`).
-2. A command whose cycle is over is not sent late; it counts as dropped. A command that meets a full
-   queue is dropped too. Commands that stop a drive are sent however late, and are retried within
-   the cycle.
-3. The watchdog is fed in every mode, also during bring-up, in any state of the drives. A silent
+2. The watchdog is fed in every mode, also during bring-up, in any state of the drives. A silent
    drive causes a verdict instead (`systemd.py`).
-4. SYNC and heartbeat are sent only from here and from bring-up's steps, never from a timer.
-5. While the controller is bus-off no frame is sent (`bus_link.py`).
-6. An exception in a cycle is a programming error: the drives are stopped once more, then the
+3. SYNC and heartbeat are sent only from here and from bring-up's steps, never from a timer.
+4. An exception in a cycle is a programming error: the drives are stopped once more, then the
    process ends, and the drives' own detection is the backstop.
 """
 
 from collections.abc import Callable, Sequence
-from contextlib import closing, suppress
+from contextlib import suppress
 from typing import Final
 
-from gaitd_names import Cause, CyclePart, EventCode, Mode
+from gaitd_names import CyclePart, EventCode, Mode
 from msgspec.structs import replace
 
 from daemon.core import cycle
-from daemon.core.period import cycles
 from daemon.core.runtime import realtime
+from daemon.core.runtime.bring_up import BringUp
 from daemon.core.runtime.bus_link import Line
-from daemon.core.runtime.grid import Grid, longest_part
+from daemon.core.runtime.commands import Commands
+from daemon.core.runtime.grid import Grid, count_missed, longest_part
 from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
-from daemon.core.runtime.sync_window import Window
+from daemon.core.runtime.shutdown import (
+    PowerOff,
+    end_watch,
+    may_exert_torque,
+    shows_no_power,
+    stop_without_feedback,
+)
+from daemon.core.runtime.sync_window import NO_ANSWERS, Window
 from daemon.core.runtime.systemd import Supervision
-from daemon.core.safety.joints import is_at_rest
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.state import Axis, Core
-from daemon.core.steps import impedance, persistence, supervisor, wanted
-from daemon.core.steps.bring_up import bring_up_core
+from daemon.core.state import Core
+from daemon.core.steps import persistence, supervisor, wanted
 from daemon.core.tick import Tick
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.record import CycleRecord, GatewayState
 from daemon.ipc.transport import IpcChannel
 from daemon.system.clock import Clock
-from drives.canopen.bus import Frame
-from drives.canopen.nmt import NmtCommand, heartbeat_frame, nmt_frame
-from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.errors import BringUpRefused, BusError
 
-RETRY_NS: Final = 1_000_000_000
-"""Time between two attempts to bring up drives that do not answer."""
-SEND_MARGIN_NS: Final = 500_000
-"""Commands are sent at the latest this long before the next SYNC."""
 LEFT_OUT_MAX: Final = 3
 """Late wake-ups in a row after which the cycle runs anyway, so that its checks run."""
-POWER_OFF_CYCLES: Final = cycles(0.5)
-"""Longest time at shutdown until the drives show that they are without power."""
-SETTLE_CYCLES: Final = cycles(1.5)
-"""Longest time at shutdown until the leg is at rest; its pose is checked at the next start."""
-STOP_WITHOUT_FEEDBACK_CYCLES: Final = cycles(0.5)
 
 
 class Loop:
@@ -87,17 +78,21 @@ class Loop:
             master_node_id=settings.master_node_id,
             bitrate_bit_per_s=settings.bitrate_bit_per_s,
         )
-        self._window = Window(self._line, clock, settings.window_ns)
+        self._window = Window(
+            self._line,
+            clock,
+            settings.window_ns,
+            settings.heartbeat_cycles,
+            settings.master_node_id,
+        )
+        self._bring_up = BringUp(core, settings.plans, settings.cycle, self._line, clock)
+        self._commands = Commands(self._line, clock)
         self._grid = Grid(clock, settings.period_ns)
+        self._power_off = PowerOff()
         self._sync_ns = 0
-        self._sync_count = 0
-        self._retry_ns = 0
         self._shutdown = False
         self._timing = CycleTiming(0, 0, 0, 0)
         self._dropped_in_a_row = 0
-        self._stopped: tuple[int, ...] = ()
-        """Node ids of the drives to which NMT stop has been sent."""
-        self._power_off_cycles = 0
         self._written = core.persistent
         self.bug: Exception | None = None
         """The exception that ended the loop with ExitCode.BUG."""
@@ -134,7 +129,8 @@ class Loop:
             return ExitCode.REFUSED
         except Exception as bug:  # noqa: BLE001 - the one broad catch: it stops the machine
             self._supervision.begin_end()  # the watchdog is not fed from here on
-            self._stop_without_feedback()
+            stop_without_feedback(self._core, self._line, self._clock, self._settings)
+            self._write_state()
             self.bug = bug
             return ExitCode.BUG
         return ExitCode.ENDED
@@ -154,8 +150,11 @@ class Loop:
         self._shutdown = shutdown
         if shutdown:
             self._supervision.begin_end()
-        if self._core.mode == Mode.OFF and self._clock.now_ns() >= self._retry_ns:
-            self._bring_up()
+        if self._bring_up.is_due:
+            if self._bring_up.run(meanwhile=self._cycle_without_drives):
+                self._window.reset()
+                self._commands.reset()
+                self._grid.jump()
             realtime.tidy()
         gateway_states: list[GatewayState] = []
         try:
@@ -164,7 +163,7 @@ class Loop:
             gateway_states = self._receive_gateway_states()
             record = self._cycle_once(gateway_states)
         except BusError as error:
-            self._lose_bus(error)
+            self._bring_up.lose_bus(error)
             record = cycle.rest(self._core, gateway_states, self._tick(self._clock.now_ns()))
         worked_ns = self._clock.now_ns()
         self._publish(record)
@@ -196,26 +195,37 @@ class Loop:
 
     def _cycle_once(self, gateway_states: Sequence[GatewayState]) -> CycleRecord:
         begun_ns, begun_utc_ns = self._clock.now_ns(), self._clock.utc_ns()
-        line, core, window = self._line, self._core, self._window
-        window.begin()
-        timing = replace(self._timing, lateness_ns=begun_ns - self._grid.due_ns, answer_ns=0)
-        self._core.publish(line.take_notices())
-        if not self._has_drives():
-            self._timing = replace(timing, collect_ns=0, work_ns=0)
+        line, core, drives = self._line, self._core, self._core.drives
+        lateness_ns = begun_ns - self._grid.due_ns
+        core.publish(line.take_notices())
+        if drives is None or not line.is_open:
+            self._timing = replace(
+                self._timing, lateness_ns=lateness_ns, collect_ns=0, answer_ns=0, work_ns=0
+            )
             return cycle.rest(core, gateway_states, self._tick(begun_ns))
         dropped_count = line.dropped_count
-        frames = self._sync_and_collect(begun_ns)
+        is_silenced = wanted.is_silenced(core)
+        answers = NO_ANSWERS if is_silenced else self._window.collect(drives, begun_ns)
         collected_ns = self._clock.now_ns()
-        collect_ns = collected_ns - begun_ns
-        self._timing = replace(timing, collect_ns=collect_ns, answer_ns=window.answer_ns)
+        self._timing = replace(
+            self._timing,
+            lateness_ns=lateness_ns,
+            collect_ns=collected_ns - begun_ns,
+            answer_ns=answers.answer_ns,
+        )
         tick = self._tick(begun_ns, begun_utc_ns)
         self._sync_ns = begun_ns
-        outgoing, record = cycle.step(core, frames, gateway_states, tick)
+        outgoing, record = cycle.step(core, answers.frames, gateway_states, tick)
         try:
-            if self._has_drives():
-                self._send(outgoing)
-            else:
-                self._end_watch(core.axes)
+            if not self._has_drives():
+                end_watch(line, core.axes, self._clock.now_ns() + self._settings.period_ns)
+            elif not wanted.is_silenced(core):
+                self._commands.send(
+                    outgoing,
+                    wanted.nmt_stopped(core),
+                    self._grid.end_ns,
+                    urgent=any(axis.stop and axis.stop.step > Step.HOLD for axis in core.axes),
+                )
         except BusError:
             # This cycle's record is published as well; the next record reports the lost bus.
             self._publish(record)
@@ -227,66 +237,6 @@ class Loop:
 
     def _has_drives(self) -> bool:
         return self._line.is_open and self._core.drives is not None
-
-    def _sync_and_collect(self, sync_ns: int) -> list[Frame]:
-        """Send SYNC (and heartbeat), and collect the drives' answers inside the window."""
-        line, settings, drives = self._line, self._settings, self._core.drives
-        if wanted.is_silenced(self._core) or drives is None:
-            return []
-        drives.feed_between(line.drain(), sync_ns)
-        if line.is_off:
-            return []
-        outgoing = [line.sync.frame()]
-        self._sync_count += 1
-        if self._sync_count % settings.heartbeat_cycles == 0:
-            outgoing.append(heartbeat_frame(settings.master_node_id))
-        return self._window.collect(drives, outgoing, sync_ns)
-
-    def _send(self, outgoing: Sequence[Frame]) -> None:
-        """Send commands while their cycle lasts, and NMT stop where a stop has escalated to it."""
-        line, core = self._line, self._core
-        if wanted.is_silenced(core):
-            return
-        deadline_ns = self._grid.end_ns - SEND_MARGIN_NS
-        if any(axis.stop is not None and axis.stop.step > Step.HOLD for axis in core.axes):
-            # A stop is never too late: no newer command is under way, and the drives wait for it.
-            line.send_urgent(outgoing, deadline_ns)
-        elif self._clock.now_ns() > deadline_ns:
-            line.drop(outgoing)
-        else:
-            line.send(outgoing)
-        stopped = wanted.nmt_stopped(core)
-        stops = [nmt_frame(NmtCommand.STOP, node) for node in stopped if node not in self._stopped]
-        if not stops or line.send_urgent(stops, deadline_ns):
-            self._stopped = stopped
-
-    # --- bring-up and loss ------------------------------------------------------------------
-
-    def _bring_up(self) -> None:
-        """Run all steps of the bring-up, with a record for every 10 ms."""
-        core, settings = self._core, self._settings
-        self._retry_ns = self._clock.now_ns() + RETRY_NS
-        try:
-            self._line.open()
-        except BusError as error:
-            supervisor.fail_bring_up(core, Cause.BUS_DOWN, "", f"{error.channel}: {error.what}")
-            return
-        plans = settings.plans.of(core.single_axis)
-        port = self._line.port(
-            requested=core.reset_cycles_left > 0, meanwhile=self._cycle_without_drives
-        )
-        # Closed whatever happens meanwhile: it leaves no drive with power then (bringup.py, rule 8)
-        with closing(bring_up_core(core, plans, port, settings.cycle)) as steps:
-            for _ in steps:
-                self._cycle_without_drives()
-        self._retry_ns = self._clock.now_ns() + RETRY_NS
-        self._window.reset()
-        self._stopped = ()
-        if core.drives is not None:
-            core.drives.bus_state = self._line.bus_state
-        if core.verdict.cause == Cause.BUS_DOWN:
-            self._line.close()
-        self._grid.jump()
 
     def _cycle_without_drives(self) -> None:
         """Run cycles without drives during bring-up: read gateway states and publish records.
@@ -303,11 +253,6 @@ class Loop:
         if late_ns < self._settings.period_ns:
             self._supervision.feed()
         self._grid.jump()
-
-    def _lose_bus(self, error: BusError) -> None:
-        supervisor.lose_bus(self._core, f"{error.channel}: {error.what}")
-        self._retry_ns = self._clock.now_ns() + RETRY_NS
-        self._line.close()
 
     # --- records and the grid ---------------------------------------------------------------
 
@@ -348,11 +293,7 @@ class Loop:
             self._count_missed(missed, longest_part(self._timing, self._settings.window_ns))
 
     def _count_missed(self, missed: int, part: CyclePart) -> None:
-        by_part = dict(self._timing.overrun_by_part)
-        by_part[part] = by_part.get(part, 0) + missed
-        self._timing = replace(
-            self._timing, overrun_count=self._grid.missed_count, overrun_by_part=by_part
-        )
+        self._timing = count_missed(self._timing, missed, part)
         if missed > 1:
             self._core.report(EventCode.CYCLES_MISSED, "", missed, part)
 
@@ -370,39 +311,17 @@ class Loop:
         if core.mode.active or core.mode == Mode.STOPPING:
             return False
         supervisor.power_off(core, self._grid.cycle)
-        self._power_off_cycles += 1
-        states = {axis.feedback.power_state for axis in core.axes if axis.feedback is not None}
-        if states - CANNOT_EXERT_TORQUE:
-            return self._power_off_cycles > POWER_OFF_CYCLES
-        at_rest = all(is_at_rest(one.joint, one.limits) for one in core.axes if one.joint.known)
-        if not at_rest and self._power_off_cycles <= SETTLE_CYCLES:
+        if not self._power_off.is_over(core.axes):
             return False
-        self._store_poses()
+        if not may_exert_torque(core.axes):
+            persistence.store_poses(core, self._clock.utc_ns())
+            self._write_state()
         return True
-
-    def _store_poses(self) -> None:
-        persistence.store_poses(self._core, self._clock.utc_ns())
-        self._write_state()
 
     def _write_state(self) -> None:
         if self._core.persistent is not self._written:
             self._written = self._core.persistent
             self._settings.state_file.write(self._written, self._clock.now_ns())
-
-    def _stop_without_feedback(self) -> None:
-        """Send quick stop repeatedly without reading feedback, for the duration of a stop."""
-        line, drives, period_ns = self._line, self._core.drives, self._settings.period_ns
-        if not line.is_open or drives is None:
-            return
-        stops = impedance.stop_without_feedback(self._core)
-        own = heartbeat_frame(self._settings.master_node_id)
-        # If the bus is lost as well, the drives stop by their own detection.
-        with suppress(BusError):
-            for _ in range(STOP_WITHOUT_FEEDBACK_CYCLES):
-                next_ns = self._clock.now_ns() + period_ns
-                frames = [line.sync.frame(), own, *drives.frames(stops)]
-                line.send_urgent(frames, next_ns - SEND_MARGIN_NS)
-                self._clock.sleep_until(next_ns)
 
     def leave(self) -> None:
         """End the watch of the drives that show no power, and close the bus.
@@ -411,15 +330,7 @@ class Loop:
         """
         core = self._core
         if self._has_drives() and not core.mode.active:
+            unpowered = [axis for axis in core.axes if shows_no_power(axis)]
             with suppress(BusError):
-                self._end_watch([axis for axis in core.axes if _shows_no_power(axis)])
+                end_watch(self._line, unpowered, self._clock.now_ns() + self._settings.period_ns)
         self._line.close()
-
-    def _end_watch(self, axes: Sequence[Axis]) -> None:
-        """Send NMT reset communication, so that the missing heartbeat causes no drive fault."""
-        resets = [nmt_frame(NmtCommand.RESET_COMMUNICATION, axis.node_id) for axis in axes]
-        self._line.send_urgent(resets, self._clock.now_ns() + self._settings.period_ns)
-
-
-def _shows_no_power(axis: Axis) -> bool:
-    return axis.feedback is not None and axis.feedback.power_state in CANNOT_EXERT_TORQUE

@@ -9,43 +9,71 @@ Rules:
 """
 
 from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 from daemon.core.runtime.arrivals import answered_ns, read_clocks, sort_out
 from daemon.core.runtime.bus_link import Line
 from daemon.system.clock import Clock
 from drives.canopen.bus import Frame
+from drives.canopen.nmt import heartbeat_frame
 from drives.cia402.drive import DriveGroup
+
+
+class Answers(NamedTuple):
+    """Frames that answer a SYNC."""
+
+    frames: Sequence[Frame]
+    answer_ns: int
+    """Time from SYNC to the last answer, by the kernel's stamps; 0 if not known."""
+
+
+NO_ANSWERS: Final = Answers((), 0)
 
 
 class Window:
     """The receive window of the loop after each SYNC."""
 
-    def __init__(self, line: Line, clock: Clock, window_ns: int) -> None:
+    def __init__(
+        self,
+        line: Line,
+        clock: Clock,
+        window_ns: int,
+        heartbeat_cycles: int,
+        master_node_id: int,
+    ) -> None:
         self._line = line
         self._clock = clock
         self._window_ns = window_ns
+        self._heartbeat_cycles = heartbeat_cycles
+        self._heartbeat = heartbeat_frame(master_node_id)
+        self._sync_count = 0
         self._was_complete = False
-        self.answer_ns = 0
-        """Time from SYNC to the last answer, by the kernel's stamps; 0 if not known."""
-
-    def begin(self) -> None:
-        """Reset the answer time at the begin of a cycle."""
-        self.answer_ns = 0
 
     def reset(self) -> None:
         """Forget the previous window, after a new bring-up."""
         self._was_complete = False
 
-    def collect(self, drives: DriveGroup, sync: Sequence[Frame], sync_ns: int) -> list[Frame]:
-        """Send SYNC and receive answers; `sync_ns` is the begin of the window.
+    def collect(self, drives: DriveGroup, sync_ns: int) -> Answers:
+        """Send SYNC and receive answers; with the master's heartbeat, if it is due.
+
+        Args:
+            drives: told of late frames.
+            sync_ns: begin of the window, monotonic.
 
         Raises:
             BusError: the bus is down.
         """
+        drives.feed_between(self._line.drain(), sync_ns)
+        if self._line.is_off:
+            return NO_ANSWERS
+        self._sync_count += 1
+        is_due = self._sync_count % self._heartbeat_cycles == 0
+        sync = [self._line.sync.frame(), *([self._heartbeat] if is_due else [])]
         begun = read_clocks(self._clock)
         self._line.send(sync)
         missing = set(drives.cyclic_ids)
         frames: list[Frame] = []
+        answer_ns = 0
         window_end_ns = sync_ns + self._window_ns
         while missing or not self._was_complete:
             came = self._line.receive_until(window_end_ns)
@@ -56,8 +84,8 @@ class Window:
             for frame in answers:
                 if frame.can_id in missing:
                     missing.remove(frame.can_id)
-                    self.answer_ns = answered_ns(frame.time_ns, begun, now) or 0
+                    answer_ns = answered_ns(frame.time_ns, begun, now) or 0
             if not came or now.after_ns >= window_end_ns:
                 break
         self._was_complete = not missing
-        return frames
+        return Answers(frames, answer_ns)

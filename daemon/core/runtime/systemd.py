@@ -131,12 +131,16 @@ def final_state_text(core: Core, code: ExitCode, shutdown_effect: str) -> str:
 
 
 def _may_have_power(axis: Axis) -> bool:
-    return axis.feedback is None or axis.feedback.power_state not in POWER_STAGE_OFF
+    return axis.sensed.feedback is None or axis.sensed.feedback.power_state not in POWER_STAGE_OFF
 
 
 def _states(core: Core) -> str:
     return ", ".join(
         f"{axis.name} "
-        + ("unknown" if axis.feedback is None else axis.feedback.power_state.name.lower())
+        + (
+            "unknown"
+            if axis.sensed.feedback is None
+            else axis.sensed.feedback.power_state.name.lower()
+        )
         for axis in core.axes
     )

@@ -34,9 +34,9 @@ def warm_up(built: Built) -> None:
         stopping_path.gradient(leg.parameters, pose)
         inverse_dynamics.warm_up(leg.mechanism, leg.friction_laws)
         static_friction_of(leg.friction[0], 0.0)
-        leg.observer.reset(np.array(pose))
+        leg.observers.observer.reset(np.array(pose))
         for _ in range(STEPS):
-            estimate = leg.observer.step(
+            estimate = leg.observers.observer.step(
                 np.array(pose),
                 np.array(load),
                 period_s,
@@ -44,6 +44,6 @@ def warm_up(built: Built) -> None:
                 unreferenced=False,
                 artificial=False,
             )
-            leg.smoother.add(estimate, load, period_s)
-        leg.strides.warm_up()
+            leg.observers.smoother.add(estimate, load, period_s)
+        leg.observers.strides.warm_up()
     settle()

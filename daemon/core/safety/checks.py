@@ -1,8 +1,8 @@
-"""Safety checks of one cycle: `check` finds the reasons to stop (`bounds.py` bounds the commands).
+"""Safety checks of one cycle: they find the reasons to stop (`bounds.py` bounds the commands).
 
 Rules:
-1. All checks use raw drive values (encoder differences, measured current, statusword, inputs,
-   ages). The observer may only add a stop (`_check_leg`), never prevent one.
+1. `check_raw` uses raw drive values alone (encoder differences, measured current, statusword,
+   inputs, ages). The observer may only add a stop (`check_estimate`), never prevent one.
 2. A cause has one category: fixed by the design, or chosen in `limits.toml` (`Categories`).
 3. The harshest verdict of a cycle is published; of equals the first in the order of the checks
    below, which goes from operator actions to their consequences. Each axis is stopped by its own
@@ -16,15 +16,22 @@ The checks are the same for real and simulated drives.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from gaitd_names import Cause, Finding
 
 from daemon.core.period import cycles
-from daemon.core.safety.inputs import AxisInputs, LegInputs, SafetyInputs, ServiceInputs
+from daemon.core.safety.inputs import (
+    AxisEstimateInputs,
+    AxisInputs,
+    LegEstimateInputs,
+    LegInputs,
+    SafetyInputs,
+    ServiceInputs,
+)
 from daemon.core.safety.joints import jump_reach_si
-from daemon.core.safety.limits import Thresholds
+from daemon.core.safety.limits import Categories, Thresholds
 from daemon.core.safety.sign_response import RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO
 from daemon.ipc.record import Verdict
 from daemon.wire.causes import LOST_DRIVE
@@ -79,21 +86,40 @@ def worse(latched: Verdict, verdicts: Verdict) -> Verdict:
     return verdicts if verdicts.category.severity > latched.category.severity else latched
 
 
-def check(inputs: SafetyInputs) -> tuple[Verdict, ...]:
-    """Run all checks; returns the harshest verdict of each axis, each leg and the service.
+def check_raw(inputs: SafetyInputs) -> tuple[Verdict, ...]:
+    """Run all checks of raw values; returns the harshest verdicts, see `harshest_of_each`."""
+    return harshest_of_each(_verdicts(_reasons(inputs), inputs.categories))
+
+
+def check_estimate(
+    legs: Sequence[LegEstimateInputs], thresholds: Thresholds, categories: Categories
+) -> tuple[Verdict, ...]:
+    """Run all checks of the estimate, while drives are powered; see `harshest_of_each`."""
+    reasons: list[tuple[str, Reason]] = []
+    for leg in legs:
+        for axis in leg.axes:
+            reasons += _check_patient(axis, thresholds)
+        reasons += _check_observer(leg)
+    return harshest_of_each(_verdicts(reasons, categories)) if reasons else ()
+
+
+def harshest_of_each(verdicts: Iterable[Verdict]) -> tuple[Verdict, ...]:
+    """The harshest of these verdicts for each axis, each leg and the service.
 
     The harshest verdict is first. Two axes may fail in the same cycle; each is then stopped by its
     own cause. Of equally harsh ones a lost drive counts before all others: what its last frames
     showed stands still, and it gets a stop of its own (`stop_sequence.py`). Else the first counts.
     """
-    verdicts: dict[str, Verdict] = {}
-    for name, reason in _reasons(inputs):
-        cause, value, limit, finding, said = reason
-        category = inputs.categories.of(cause)
-        verdict = Verdict(category, cause, name, value, limit, finding, said)
-        if _rank(verdict) > _rank(verdicts.get(name, NO_VERDICT)):
-            verdicts[name] = verdict
-    return tuple(sorted(verdicts.values(), key=lambda verdict: -verdict.category.severity))
+    found: dict[str, Verdict] = {}
+    for verdict in verdicts:
+        if _rank(verdict) > _rank(found.get(verdict.drive, NO_VERDICT)):
+            found[verdict.drive] = verdict
+    return tuple(sorted(found.values(), key=lambda verdict: -verdict.category.severity))
+
+
+def _verdicts(reasons: Iterable[tuple[str, Reason]], categories: Categories) -> Iterator[Verdict]:
+    for name, (cause, value, limit, finding, said) in reasons:
+        yield Verdict(categories.of(cause), cause, name, value, limit, finding, said)
 
 
 def _rank(verdict: Verdict) -> tuple[int, bool]:
@@ -380,8 +406,8 @@ def _directions(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
         yield Reason(Cause.MOVED_AGAINST_DRIVE, *mismatch, Finding.PUSHED_BACK)
 
 
-def _strides(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
-    """Check the sums over the last stride, and the durations of a spasm and of clonus."""
+def _strides(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
+    """Check the sums over the last stride."""
     limits = axis.limits
     if abs(axis.stride_drift_si) > limits.load_deviation_max_si:
         yield Reason(
@@ -397,12 +423,6 @@ def _strides(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
             limits.stride_energy_max_j,
             Finding.STRIDE_ENERGY_J,
         )
-    if axis.spasm_cycles > thresholds.spasm_patience_cycles:
-        yield Reason(
-            Cause.SPASM, abs(axis.spasm_rise_si), limits.spasm_rise_si, Finding.RISE_AGAINST_MOTION
-        )
-    if axis.clonus_cycles > thresholds.clonus_patience_cycles:
-        yield Reason(Cause.CLONUS, axis.clonus_swing_si, limits.clonus_swing_si, Finding.SWINGS)
 
 
 def _positions(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
@@ -488,10 +508,10 @@ DRIVING_CHECKS: tuple[Check, ...] = (
 
 
 def _check_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Reason]:
-    """Check the pose of a leg, and that its estimate is usable.
+    """Check the pose of a leg.
 
-    Not while an axis seeks its home: both would be judged by the origin that the homing corrects,
-    or is to find. That axis has the limits of its homing then, and all raw checks of both axes stay
+    Not while an axis seeks its home: it would be judged by the origin that the homing corrects, or
+    is to find. That axis has the limits of its homing then, and all raw checks of both axes stay
     in force, as at a first homing, when no pose is known.
     """
     if leg.seeks_home:
@@ -510,10 +530,29 @@ def _check_leg(leg: LegInputs, thresholds: Thresholds) -> Iterator[Reason]:
             thresholds.singularity_stop_ratio,
             Finding.ANGLE_ON_WAY_TO_REST,
         )
-    if leg.observer_bad_cycles > OBSERVER_BAD_MAX_CYCLES:
-        yield Reason(
-            Cause.OBSERVER_INVALID,
-            float(leg.observer_bad_cycles),
-            float(OBSERVER_BAD_MAX_CYCLES),
-            Finding.CYCLES_WITHOUT_ESTIMATE,
+
+
+def _check_patient(
+    axis: AxisEstimateInputs, thresholds: Thresholds
+) -> Iterator[tuple[str, Reason]]:
+    """Check the durations of a spasm and of clonus."""
+    if axis.spasm_cycles > thresholds.spasm_patience_cycles:
+        rise_si, limit_si = abs(axis.spasm_rise_si), axis.limits.spasm_rise_si
+        yield axis.name, Reason(Cause.SPASM, rise_si, limit_si, Finding.RISE_AGAINST_MOTION)
+    if axis.clonus_cycles > thresholds.clonus_patience_cycles:
+        swing_si, limit_si = axis.clonus_swing_si, axis.limits.clonus_swing_si
+        yield axis.name, Reason(Cause.CLONUS, swing_si, limit_si, Finding.SWINGS)
+
+
+def _check_observer(leg: LegEstimateInputs) -> Iterator[tuple[str, Reason]]:
+    """Check that the estimate of a leg is usable; not while an axis seeks its home (see above)."""
+    if not leg.seeks_home and leg.observer_bad_cycles > OBSERVER_BAD_MAX_CYCLES:
+        yield (
+            leg.name,
+            Reason(
+                Cause.OBSERVER_INVALID,
+                float(leg.observer_bad_cycles),
+                float(OBSERVER_BAD_MAX_CYCLES),
+                Finding.CYCLES_WITHOUT_ESTIMATE,
+            ),
         )

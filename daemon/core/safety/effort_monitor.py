@@ -22,7 +22,10 @@ Four checks, each from raw values only, for each axis in every cycle:
 Without power a drive's effort is zero for any target: then `gap` is the reading of its sensor.
 """
 
-from typing import Final, NamedTuple
+from typing import Final
+
+from msgspec import Struct
+from msgspec.structs import replace
 
 from daemon.core.period import cycles
 from daemon.core.safety import sign_response
@@ -40,7 +43,7 @@ SETTLE_CYCLES: Final = cycles(0.1)
 """Time for the current to decay after a drive has lost its power."""
 
 
-class EffortWatch(NamedTuple):
+class EffortWatch(Struct, frozen=True):
     """Recent efforts of one axis and their deviations; N·m or N."""
 
     sent_si: tuple[float, ...] = ()
@@ -73,8 +76,8 @@ class EffortWatch(NamedTuple):
 def record_sent(watch: EffortWatch, effort_si: float, *, active: bool) -> EffortWatch:
     """The watch after a command; `active`: the drive is enabled and shows torque mode."""
     if not active:
-        return watch._replace(sent_si=())
-    return watch._replace(sent_si=(*watch.sent_si, effort_si)[-SENT_COUNT:])
+        return replace(watch, sent_si=())
+    return replace(watch, sent_si=(*watch.sent_si, effort_si)[-SENT_COUNT:])
 
 
 def update(

@@ -1,7 +1,11 @@
-"""Safety inputs of one cycle: the state of each axis, each leg, and the service."""
+"""Safety inputs of one cycle: raw ones of axes, legs and service, and those of the estimate.
+
+The raw checks get `SafetyInputs`, which have nothing of the observer.
+"""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+
+from msgspec import Struct
 
 from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.joints import Joint
@@ -9,7 +13,7 @@ from daemon.core.safety.limits import AxisLimits, Categories, Thresholds
 from drives.signals import DriveFeedback
 
 
-class AxisInputs(NamedTuple):
+class AxisInputs(Struct, frozen=True):
     """Safety inputs of one axis."""
 
     name: str
@@ -58,17 +62,11 @@ class AxisInputs(NamedTuple):
     """Mean effort residual over the last stride; 0 while no whole stride is known."""
     stopping_end_si: float
     """Position at which the axis comes to rest if it brakes now."""
-    spasm_cycles: int
-    """Duration of a spasm, in which the patient works against the motion; 0: none."""
-    spasm_rise_si: float
-    clonus_cycles: int
-    """Duration of clonus within its window."""
-    clonus_swing_si: float
     bring_up_error: tuple[int, str] = (0, "")
     """Code and text of the fault that bring-up found in the drive; 0 and empty: none."""
 
 
-class LegInputs(NamedTuple):
+class LegInputs(Struct, frozen=True):
     """Safety inputs of one leg."""
 
     name: str
@@ -76,13 +74,11 @@ class LegInputs(NamedTuple):
     """|sin| of the angle between shank and shoe; 0 where the mechanism does not close."""
     stopping_ratio: float
     """The smallest singularity ratio on the way to rest of both axes."""
-    observer_bad_cycles: int
-    """Cycles in a row without a valid estimate while the observer runs."""
     seeks_home: bool
     """An axis of this leg is homed and its home is not found yet: the pose is in doubt."""
 
 
-class ServiceInputs(NamedTuple):
+class ServiceInputs(Struct, frozen=True):
     """Safety inputs of the bus, the gateway and the core itself."""
 
     stop_requested: bool
@@ -94,8 +90,8 @@ class ServiceInputs(NamedTuple):
     tx_dropped_in_a_row: int
 
 
-class SafetyInputs(NamedTuple):
-    """All that the safety checks read in one cycle."""
+class SafetyInputs(Struct, frozen=True):
+    """All that the raw checks read in one cycle."""
 
     service: ServiceInputs
     axes: Sequence[AxisInputs]
@@ -109,3 +105,27 @@ class SafetyInputs(NamedTuple):
 
     While they are not, only the loss or the fault of a drive counts: there is no motion to stop.
     """
+
+
+class AxisEstimateInputs(Struct, frozen=True):
+    """What the estimate shows of the patient at one axis."""
+
+    name: str
+    limits: AxisLimits
+    spasm_cycles: int
+    """Duration of a spasm, in which the patient works against the motion; 0: none."""
+    spasm_rise_si: float
+    clonus_cycles: int
+    """Duration of clonus within its window."""
+    clonus_swing_si: float
+
+
+class LegEstimateInputs(Struct, frozen=True):
+    """What the estimate shows of one leg."""
+
+    name: str
+    axes: Sequence[AxisEstimateInputs]
+    observer_bad_cycles: int
+    """Cycles in a row without a valid estimate while the observer runs."""
+    seeks_home: bool
+    """See `LegInputs`."""

@@ -1,6 +1,7 @@
 """The steps of a cycle that change the core's state, in the order of `cycle.py`.
 
-Each is the only writer of its part of the state (`tests/daemon/core/test_state_writers.py`).
+Each is the only writer of its part of the state, or makes a slice of it, a frozen value that
+`cycle.py` keeps for the next cycle (`tests/daemon/core/test_state_writers.py`).
 Reading order: `sensing.py` (drive samples become joints) with `sampling.py`, `monitors.py` (what is
 monitored over more than one cycle), `estimation.py` (the observers), `controllers.py` (a
 controller's setpoints), `supervisor.py` (verdicts and requests become modes and stops) with

@@ -83,14 +83,15 @@ def _take_over(
     persistence.check_signs(core)
     targets.reset(core)
     exercises.reset(core)
-    estimation.reset(core)
+    for leg in core.legs:
+        leg.estimated = estimation.cleared(leg.estimated)
     supervisor.take_drives(core, DriveGroup([Drive(plan.description, now_ns) for plan in plans]))
     for report in reports:
         _report_errors(core, report)
     core.report(EventCode.DRIVES_UP)
     for axis in core.axes:
-        if not axis.referenced:
-            core.report(EventCode.NOT_REFERENCED, axis.name, axis.doubt)
+        if not axis.sensed.referenced:
+            core.report(EventCode.NOT_REFERENCED, axis.name, axis.sensed.doubt)
 
 
 def _report_errors(core: Core, report: DriveReport) -> None:

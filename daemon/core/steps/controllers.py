@@ -128,7 +128,7 @@ def _advance_leg(core: Core, leg: Leg, cycle: int) -> None:
         leg.assist,
         _followed(core, leg, cycle),
         (hip.limits, slide.limits),
-        (hip.joint.velocity_si, slide.joint.velocity_si),
+        (hip.sensed.joint.velocity_si, slide.sensed.joint.velocity_si),
         core.config.assist_rules,
         core.config.period_s,
     )

@@ -1,113 +1,169 @@
 """The observer of each leg: estimate, smoothed strides, and the drift of friction.
 
-This file is the only writer of these fields of `Axis` and `Leg`. The smoothed state is that of 150
-ms ago: it is for display; a controller gets the estimate of the present cycle.
+This file makes `Estimated`. The observer, its smoother and the strides are objects that it owns.
 """
 
 import math
+from collections.abc import Iterator
 
 from gaitd_names import EventCode
+from msgspec import Struct
+from msgspec.structs import replace
 
+from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety import friction_monitor
-from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import monitors, single_axis
+from daemon.core.safety.joints import Joint
+from daemon.core.slices import Estimated
+from daemon.core.state import Leg, Observers
+from daemon.core.steps import monitors
 from daemon.core.steps.sampling import effort_std
 from daemon.core.tick import Tick
-from observer.drift import asks_for_calibration, correlation, friction_error
-from observer.filter.leg_observer import PoseError
+from daemon.ipc.report import Event
+from observer.drift import Drift, asks_for_calibration, correlation, friction_error
+from observer.filter.leg_observer import LegEstimate, PoseError
 from observer.filter.status import Validity
+from observer.mechanism.friction import FrictionParameters
 
 
-def estimate(core: Core, tick: Tick) -> None:
-    """Feed each leg's observer with this cycle's samples; a missing sample is NaN.
+class ObserverInputs(Struct, frozen=True):
+    """What the observer of a leg reads in one cycle; the hip first, then the slide."""
 
-    Where a homing has moved the origin, the observer starts anew: to it the step is no motion.
-    """
-    for leg in core.legs:
-        if _origin_moved(core, leg):
-            _reset_leg(leg)
-        hip, slide = leg.axes
-        exercise = leg.exercise
-        leg.artificial = (0.0, 0.0) if exercise is None else exercise.artificial_si
-        leg.measured = (_sampled_si(hip), _sampled_si(slide))
-        leg.effort_used = (
-            hip.joint.effort_si - leg.artificial[0],
-            slide.joint.effort_si - leg.artificial[1],
-        )
-        referenced = hip.referenced and slide.referenced
-        if not leg.observer_started:
-            if not (referenced and hip.joint.fresh and slide.joint.fresh):
-                continue
-            if not _start(leg):
-                continue
-        leg.estimate = found = leg.observer.step(
-            leg.measured,
-            leg.effort_used,
-            tick.dt_s,
-            effort_std=effort_std(leg),
-            late=tick.late,
-            unreferenced=not referenced,
-            artificial=exercise is not None and exercise.is_artificial,
-            input_saturated=monitors.is_saturated(leg),
-            near_limit=leg.zone.entered,
-        )
-        _update_drift(core, leg, tick.dt_s)
-        sample = leg.smoother.add(found, leg.effort_used, tick.dt_s)
-        leg.stride = None if sample is None else leg.strides.add(sample)
-        leg.stride_count += leg.stride is not None
-        bad = Validity.BAD in found.validity
-        leg.observer_bad_cycles = leg.observer_bad_cycles + 1 if bad else 0
+    joints: tuple[Joint, Joint]
+    referenced: bool
+    """The positions of both axes are valid."""
+    origin_moved: bool
+    """A homing has moved the origin of a position since the last sample."""
+    artificial: Pair
+    is_artificial: bool
+    """The exercise has an artificial disturbance, now or later."""
+    effort_std: Pair
+    """Standard deviations of the efforts about their means over the cycle: N·m and N."""
+    saturated: bool
+    near_limit: bool
+    dt_s: float
+    late: bool
 
 
-def reset(core: Core) -> None:
-    """Neither estimate nor stride nor samples: there are no drives, or they have just come up."""
-    for leg in core.legs:
-        _reset_leg(leg)
-
-
-def _reset_leg(leg: Leg) -> None:
-    leg.estimate = leg.stride = None
-    leg.measured, leg.effort_used = (math.nan, math.nan), (0.0, 0.0)
-    leg.observer_started, leg.observer_bad_cycles = False, 0
-
-
-def _origin_moved(core: Core, leg: Leg) -> bool:
-    return any(
-        axis.feedback is not None and single_axis.moves_origin(core, axis, axis.feedback)
-        for axis in leg.axes
+def inputs_of(leg: Leg, tick: Tick) -> ObserverInputs:
+    """Collect what the observer of a leg reads in this cycle."""
+    hip, slide = leg.axes
+    exercise = leg.exercise
+    return ObserverInputs(
+        joints=(hip.sensed.joint, slide.sensed.joint),
+        referenced=hip.sensed.referenced and slide.sensed.referenced,
+        origin_moved=hip.sensed.origin_moved or slide.sensed.origin_moved,
+        artificial=(0.0, 0.0) if exercise is None else exercise.artificial_si,
+        is_artificial=exercise is not None and exercise.is_artificial,
+        effort_std=effort_std(leg),
+        saturated=monitors.is_saturated(leg),
+        near_limit=leg.zone.entered,
+        dt_s=tick.dt_s,
+        late=tick.late,
     )
 
 
-def _start(leg: Leg) -> bool:
+def estimate(observers: Observers, before: Estimated, inputs: ObserverInputs) -> Estimated:
+    """Feed a leg's observer with this cycle's samples; a missing sample is NaN.
+
+    Where a homing has moved the origin, the observer starts anew: to it the step is no motion.
+    """
+    if inputs.origin_moved:
+        before = cleared(before)
+    hip, slide = inputs.joints
+    measured = _sampled_si(hip), _sampled_si(slide)
+    artificial = inputs.artificial
+    effort_used = hip.effort_si - artificial[0], slide.effort_si - artificial[1]
+    if before.estimate is None:
+        sampled = inputs.referenced and hip.fresh and slide.fresh
+        if not (sampled and _start(observers, measured)):
+            return replace(
+                before, measured=measured, effort_used=effort_used, artificial=artificial
+            )
+    found = observers.observer.step(
+        measured,
+        effort_used,
+        inputs.dt_s,
+        effort_std=inputs.effort_std,
+        late=inputs.late,
+        unreferenced=not inputs.referenced,
+        artificial=inputs.is_artificial,
+        input_saturated=inputs.saturated,
+        near_limit=inputs.near_limit,
+    )
+    drifts = _drifts(before.drifts, observers.friction, found, inputs.dt_s)
+    sample = observers.smoother.add(found, effort_used, inputs.dt_s)
+    stride = None if sample is None else observers.strides.add(sample)
+    return Estimated(
+        estimate=found,
+        measured=measured,
+        effort_used=effort_used,
+        artificial=artificial,
+        bad_cycles=before.bad_cycles + 1 if Validity.BAD in found.validity else 0,
+        stride=stride,
+        stride_count=before.stride_count + (stride is not None),
+        drifts=drifts,
+        calibration_advised=_advised(before, drifts, observers.friction),
+    )
+
+
+def cleared(before: Estimated) -> Estimated:
+    """Neither estimate nor stride nor samples: there are no drives, or they have just come up."""
+    return Estimated(
+        artificial=before.artificial,
+        stride_count=before.stride_count,
+        drifts=before.drifts,
+        calibration_advised=before.calibration_advised,
+    )
+
+
+def news(leg: Leg, before: Estimated, after: Estimated) -> Iterator[Event]:
+    """Advice to calibrate the friction of an axis of an empty machine, once.
+
+    A patient who pushes with the motion looks like low friction.
+    """
+    for index, axis in enumerate(leg.axes):
+        if after.calibration_advised[index] and not before.calibration_advised[index]:
+            drift = after.drifts[index]
+            numbers = friction_error(drift), correlation(drift)
+            yield Event(EventCode.CALIBRATION_ADVISED, axis.name, numbers)
+
+
+def _start(observers: Observers, measured: Pair) -> bool:
     """Start the observer at the measured pose; False if that pose is impossible.
 
     Without an observer the drives cannot be enabled.
     """
     try:
-        leg.observer.reset(leg.measured)
+        observers.observer.reset(measured)
     except PoseError:
         return False
-    leg.observer_started = True
     return True
 
 
-def _sampled_si(axis: Axis) -> float:
-    return axis.joint.position_si if axis.joint.fresh else math.nan
+def _sampled_si(joint: Joint) -> float:
+    return joint.position_si if joint.fresh else math.nan
 
 
-def _update_drift(core: Core, leg: Leg, dt_s: float) -> None:
-    if leg.estimate is None:
-        return
-    for index, axis in enumerate(leg.axes):
-        drift = friction_monitor.update(axis.drift, leg.friction[index], leg.estimate, index, dt_s)
-        if drift is None:
-            continue
-        axis.drift = drift
-        # A patient who pushes with the motion looks like low friction.
-        advised = not core.config.patient_configured and asks_for_calibration(
-            drift, leg.friction[index]
-        )
-        if advised and not axis.calibration_advised:
-            numbers = friction_error(drift), correlation(drift)
-            core.report(EventCode.CALIBRATION_ADVISED, axis.name, *numbers)
-        axis.calibration_advised = advised
+def _drifts(
+    before: tuple[Drift, Drift],
+    friction: tuple[FrictionParameters, FrictionParameters],
+    found: LegEstimate,
+    dt_s: float,
+) -> tuple[Drift, Drift]:
+    hip = friction_monitor.update(before[0], friction[0], found, 0, dt_s)
+    slide = friction_monitor.update(before[1], friction[1], found, 1, dt_s)
+    return hip or before[0], slide or before[1]
+
+
+def _advised(
+    before: Estimated,
+    drifts: tuple[Drift, Drift],
+    friction: tuple[FrictionParameters, FrictionParameters],
+) -> tuple[bool, bool]:
+    """Whether to calibrate the axes; a drift that has not changed is not judged again."""
+    hip, slide = before.calibration_advised
+    if drifts[0] is not before.drifts[0]:
+        hip = asks_for_calibration(drifts[0], friction[0])
+    if drifts[1] is not before.drifts[1]:
+        slide = asks_for_calibration(drifts[1], friction[1])
+    return hip, slide

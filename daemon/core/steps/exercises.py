@@ -163,12 +163,12 @@ def has_taken_over(core: Core) -> None:
 def measured(leg: Leg) -> Pair:
     """Hip angle in rad and slide position in m from the raw encoders."""
     hip, slide = leg.axes
-    return hip.joint.position_si, slide.joint.position_si
+    return hip.sensed.joint.position_si, slide.sensed.joint.position_si
 
 
 def _speeds(leg: Leg) -> Pair:
     hip, slide = leg.axes
-    return hip.joint.velocity_si, slide.joint.velocity_si
+    return hip.sensed.joint.velocity_si, slide.sensed.joint.velocity_si
 
 
 def _limits(leg: Leg) -> tuple[AxisLimits, AxisLimits]:
@@ -202,15 +202,15 @@ def _sample(leg: Leg, *, mode_changing: bool) -> LegSample:
         position=measured(leg),
         velocity=_speeds(leg),
         excess=(
-            hip.joint.effort_si - hip.gravity_si,
-            slide.joint.effort_si - slide.gravity_si,
+            hip.sensed.joint.effort_si - hip.sensed.gravity_si,
+            slide.sensed.joint.effort_si - slide.sensed.gravity_si,
         ),
-        fresh=(hip.joint.fresh, slide.joint.fresh),
+        fresh=(hip.sensed.joint.fresh, slide.sensed.joint.fresh),
         in_torque_mode=_in_torque_mode(hip) and _in_torque_mode(slide),
         mode_changing=mode_changing,
     )
 
 
 def _in_torque_mode(axis: Axis) -> bool:
-    wanted, feedback = OperationMode.CYCLIC_SYNC_TORQUE, axis.feedback
-    return axis.mode_sent == wanted and feedback is not None and feedback.mode_display == wanted
+    wanted, feedback = OperationMode.CYCLIC_SYNC_TORQUE, axis.sensed.feedback
+    return axis.sent.mode == wanted and feedback is not None and feedback.mode_display == wanted

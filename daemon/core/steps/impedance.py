@@ -19,14 +19,14 @@ import math
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from gaitd_names import Cause
-
 from daemon.config.settings import Impedance
 from daemon.core.exercises.exercise import Reference
 from daemon.core.safety import bounds, stop_sequence
+from daemon.core.safety.stop_sequence import Step
+from daemon.core.slices import Sent
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import exercises, monitors, single_axis, supervisor, targets, wanted
-from daemon.ipc.record import Verdict
+from daemon.core.steps import monitors, single_axis, targets, wanted
+from daemon.core.steps.targets import DriveRequest, Effort, Position
 from drives.cia402.units import effort_to_permille, position_to_counts
 from drives.signals import DriveCommand, OperationMode, PowerRequest
 
@@ -45,50 +45,70 @@ class AxisSetpoint(NamedTuple):
     velocity_si: float
 
 
-class Target(NamedTuple):
-    """Bounded targets for one drive: N·m and rad, or N and m."""
+def requests(core: Core) -> list[DriveRequest]:
+    """What is requested from every drive together with its targets, in the order of the axes."""
+    return [
+        _request(core, axis, takes_over=leg.takes_over) for leg in core.legs for axis in leg.axes
+    ]
 
-    effort_si: float
-    position_si: float
 
+def bounded(core: Core, requests: Sequence[DriveRequest], cycle: int) -> list[Sent] | None:
+    """Bounded targets for every drive; None if any value is not finite: such a command is refused.
 
-def command(core: Core, cycle: int) -> list[DriveCommand]:
-    """Compute the command to every drive, in the order of the axes."""
+    A value counts even where its mode does not use it.
+    """
     setpoints = [setpoint for leg in core.legs for setpoint in _setpoints(core, leg)]
-    modes = [_mode(core, axis) for axis in core.axes]
-    sent = _bounded(core, setpoints, modes, cycle)
-    if sent is None:
-        verdict = Verdict(
-            core.config.categories.of(Cause.COMMAND_NOT_FINITE),
-            Cause.COMMAND_NOT_FINITE,
-        )
-        supervisor.stop(core, verdict, cycle)
-        sent = [Target(0.0, axis.position_sent_si) for axis in core.axes]
-    for axis, mode, target in zip(core.axes, modes, sent, strict=True):
-        targets.record_sent(axis, mode, *target, core.config.period_s)
-    exercises.has_taken_over(core)
+    if not all(math.isfinite(number) for setpoint in setpoints for number in setpoint):
+        return None
+    found: list[Sent] = []
+    for axis, setpoint, request in zip(core.axes, setpoints, requests, strict=True):
+        if core.single_axis is not None:
+            target = _prepared(core, axis, setpoint, request)
+        else:
+            target = _guided(axis, setpoint, request, cycle)
+        if target is None:
+            return None
+        found.append(target)
+    return found
+
+
+def command(core: Core) -> list[DriveCommand]:
+    """The command to every drive as it is sent, in the order of the axes."""
     return [_command(core, axis) for axis in core.axes]
 
 
 def stop_without_feedback(core: Core) -> list[DriveCommand]:
-    """Quick stop for every drive in its present mode, without any computation that could fail."""
+    """Quick stop for every drive in its present mode, without any computation that could fail.
+
+    A drive whose stop is harsher already keeps that one.
+    """
     return [
         DriveCommand(
-            power=PowerRequest.QUICK_STOP,
-            mode=axis.mode_sent,
-            target_position_counts=axis.feedback.position_counts if axis.feedback else 0,
+            power=stop_sequence.request(
+                Step.QUICK_STOP if axis.stop is None else max(axis.stop.step, Step.QUICK_STOP)
+            ),
+            mode=axis.sent.mode,
+            target_position_counts=axis.sensed.feedback.position_counts
+            if axis.sensed.feedback
+            else 0,
             target_torque_permille=0,
         )
         for axis in core.axes
     ]
 
 
-def _mode(core: Core, axis: Axis) -> OperationMode:
-    """The mode to send; an enabled drive changes its mode only at rest."""
-    mode = wanted.mode_wanted(core, axis)
-    pushing = axis.reached_enabled and wanted.enable_wanted(core, axis)
-    moving = axis.joint.still_cycles < STILL_CYCLES
-    return axis.mode_sent if pushing and moving else mode
+def _request(core: Core, axis: Axis, *, takes_over: bool) -> DriveRequest:
+    """The request to one drive; an enabled drive changes its mode only at rest."""
+    mode, pushing = wanted.mode_wanted(core, axis), wanted.enable_wanted(core, axis)
+    moving = axis.sensed.joint.still_cycles < STILL_CYCLES
+    keeps = pushing and axis.sensed.reached_enabled and moving
+    return DriveRequest(
+        axis.sent.mode if keeps else mode,
+        pushing,
+        mode != OperationMode.CYCLIC_SYNC_TORQUE,
+        core.config.period_s,
+        takes_over,
+    )
 
 
 def _setpoints(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
@@ -98,8 +118,8 @@ def _setpoints(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
         return _preparation_setpoint(core, hip), _preparation_setpoint(core, slide)
     reference = leg.reference
     if reference is None or not wanted.enable_wanted_of(core, leg):
-        return AxisSetpoint(0.0, hip.joint.position_si, 0.0), AxisSetpoint(
-            0.0, slide.joint.position_si, 0.0
+        return AxisSetpoint(0.0, hip.sensed.joint.position_si, 0.0), AxisSetpoint(
+            0.0, slide.sensed.joint.position_si, 0.0
         )
     config = core.config
     impedance = None if leg.exercise is None else leg.exercise.impedance
@@ -117,17 +137,19 @@ def _setpoints(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
 
 
 def _preparation_setpoint(core: Core, axis: Axis) -> AxisSetpoint:
-    return AxisSetpoint(single_axis.target_effort_si(core, axis), axis.joint.position_si, 0.0)
+    return AxisSetpoint(
+        single_axis.target_effort_si(core, axis), axis.sensed.joint.position_si, 0.0
+    )
 
 
 def _effort(
     axis: Axis, reference: Reference, index: int, stiffness_si: float, damping_si: float
 ) -> float:
-    load_si = axis.gravity_si if reference.load is None else reference.load[index]
+    load_si = axis.sensed.gravity_si if reference.load is None else reference.load[index]
     base_si = load_si + reference.feedforward[index]
     if not reference.guided:
         return base_si
-    joint = axis.joint
+    joint = axis.sensed.joint
     return (
         base_si
         + stiffness_si * (reference.position[index] - joint.position_si)
@@ -151,58 +173,37 @@ def _gains(
     )
 
 
-def _bounded(
-    core: Core, setpoints: Sequence[AxisSetpoint], modes: Sequence[OperationMode], cycle: int
-) -> list[Target] | None:
-    """Bounded targets; None if any value is not finite, even one that its mode does not use."""
-    if not all(math.isfinite(number) for setpoint in setpoints for number in setpoint):
-        return None
-    bounded: list[Target] = []
-    taking_over = [leg.takes_over for leg in core.legs for _ in leg.axes]
-    for axis, setpoint, mode, takes_over in zip(
-        core.axes, setpoints, modes, taking_over, strict=True
-    ):
-        pushing = wanted.enable_wanted(core, axis)
-        if core.single_axis is not None:
-            target = _prepared(core, axis, setpoint, pushing=pushing)
-        else:
-            leaving = wanted.mode_wanted(core, axis) != OperationMode.CYCLIC_SYNC_TORQUE
-            request = targets.DriveRequest(mode, pushing, leaving, core.config.period_s, takes_over)
-            target = _guided(axis, setpoint, request, cycle)
-        if target is None:
-            return None
-        bounded.append(target)
-    return bounded
-
-
-def _prepared(core: Core, axis: Axis, setpoint: AxisSetpoint, *, pushing: bool) -> Target | None:
+def _prepared(core: Core, axis: Axis, setpoint: AxisSetpoint, request: DriveRequest) -> Sent | None:
     """Targets during a homing or sign test: the small effort of that test, present position."""
-    limits = single_axis.active_limits(core, axis)
-    last_si = axis.effort_sent_si if pushing else 0.0
-    effort_si = bounds.bound(setpoint.effort_si, last_si, limits, core.config.period_s)
-    if effort_si is None:
+    before, limits = axis.sent, single_axis.active_limits(core, axis)
+    last_si = before.effort_si if request.pushing else 0.0
+    bound_si = bounds.bound(setpoint.effort_si, last_si, limits, request.dt_s)
+    if bound_si is None:
         return None
-    return Target(effort_si if pushing else 0.0, axis.joint.position_si)
+    effort_si = bound_si if request.pushing else 0.0
+    effort = Effort(effort_si, before.effort_offset_si, before.effort_mean_si)
+    position = Position(axis.sensed.joint.position_si, before.position_offset_si)
+    return targets.sent(axis, effort, position, request)
 
 
-def _guided(
-    axis: Axis, setpoint: AxisSetpoint, request: targets.DriveRequest, cycle: int
-) -> Target | None:
+def _guided(axis: Axis, setpoint: AxisSetpoint, request: DriveRequest, cycle: int) -> Sent | None:
+    aim_si, offset_si = setpoint.position_si, axis.sent.position_offset_si
     if request.pushing and axis.stop is not None and axis.stop.since_cycle == cycle:
-        targets.brake_from_the_target(
-            axis, setpoint.position_si, setpoint.velocity_si, request.dt_s
-        )
-    effort_si = targets.effort(axis, setpoint.effort_si, request)
-    position_si = targets.position(axis, setpoint.position_si, request)
-    return None if effort_si is None or position_si is None else Target(effort_si, position_si)
+        speed_si, dt_s = setpoint.velocity_si, request.dt_s
+        offset_si = targets.braking_offset_si(axis.sent, aim_si, speed_si, dt_s)
+    effort = targets.effort(axis, setpoint.effort_si, request)
+    position = targets.position(axis, aim_si, offset_si, request)
+    if effort is None or position is None:
+        return None
+    return targets.sent(axis, effort, position, request)
 
 
 def _command(core: Core, axis: Axis) -> DriveCommand:
     return DriveCommand(
         power=_power(core, axis),
-        mode=axis.mode_sent,
-        target_position_counts=position_to_counts(axis.position_sent_si, axis.scaling),
-        target_torque_permille=effort_to_permille(axis.effort_sent_si, axis.scaling),
+        mode=axis.sent.mode,
+        target_position_counts=position_to_counts(axis.sent.position_si, axis.scaling),
+        target_torque_permille=effort_to_permille(axis.sent.effort_si, axis.scaling),
     )
 
 

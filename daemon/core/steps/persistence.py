@@ -32,8 +32,14 @@ from drives.signals import Input
 def store_poses(core: Core, utc_ns: int) -> None:
     """Store the pose of every axis that is followed and at rest with a sample of this cycle."""
     for axis in core.axes:
-        if axis.followed and axis.joint.fresh and is_at_rest(axis.joint, axis.limits):
-            core.persistent = with_pose(core.persistent, axis.name, axis.joint.position_si, utc_ns)
+        if (
+            axis.sensed.followed
+            and axis.sensed.joint.fresh
+            and is_at_rest(axis.sensed.joint, axis.limits)
+        ):
+            core.persistent = with_pose(
+                core.persistent, axis.name, axis.sensed.joint.position_si, utc_ns
+            )
 
 
 # --- latched stop ---------------------------------------------------------------------------------
@@ -84,7 +90,7 @@ def check_signs(core: Core) -> None:
 def store_sign_doubts(core: Core) -> None:
     """Store which proofs are in doubt: a later core does not trust those signs either."""
     for axis in core.axes:
-        if axis.sign_proven and not axis.sign_trusted:
+        if axis.sign_proven and not axis.sensed.sign_trusted:
             core.persistent = with_doubt(core.persistent, axis.name, doubted=True)
 
 
@@ -119,10 +125,10 @@ def _drives(core: Core) -> list[Drive]:
         Drive(
             axis.name,
             axis.serial_number,
-            axis.feedback.inputs
-            if axis.feedback is not None
-            and axis.feedback.fresh
-            and Input.IMPOSSIBLE not in axis.feedback.inputs
+            axis.sensed.feedback.inputs
+            if axis.sensed.feedback is not None
+            and axis.sensed.feedback.fresh
+            and Input.IMPOSSIBLE not in axis.sensed.feedback.inputs
             else None,
         )
         for axis in core.axes

@@ -73,25 +73,29 @@ def is_of_single_axis(request: Request) -> bool:
 
 def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
     config = core.config
-    fresh = [axis for axis in core.axes if axis.feedback is not None and axis.joint.fresh]
+    fresh = [
+        axis for axis in core.axes if axis.sensed.feedback is not None and axis.sensed.joint.fresh
+    ]
     age_max_cycles = config.thresholds.sample_age_max_cycles
     # A single lost sample keeps the last inputs; those of a lost drive, or that cannot be, are not
     # used.
     inputs = [
-        axis.feedback.inputs
+        axis.sensed.feedback.inputs
         for axis in core.axes
-        if axis.feedback is not None
-        and axis.feedback.sample_age_cycles <= age_max_cycles
-        and Input.IMPOSSIBLE not in axis.feedback.inputs
+        if axis.sensed.feedback is not None
+        and axis.sensed.feedback.sample_age_cycles <= age_max_cycles
+        and Input.IMPOSSIBLE not in axis.sensed.feedback.inputs
     ]
     return GuardInputs(
         mode=core.mode,
         gateway_alive=cycle - core.gateway_state_cycle <= config.thresholds.gateway_silence_cycles,
-        at_rest=all(is_at_rest(axis.joint, axis.limits) for axis in fresh),
+        at_rest=all(is_at_rest(axis.sensed.joint, axis.limits) for axis in fresh),
         hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
         hand_switch_known=bool(inputs),
         sto_released=all(Input.STO_RELEASED in one for one in inputs),
-        unreferenced=tuple((axis.name, axis.doubt) for axis in core.axes if not axis.referenced),
+        unreferenced=tuple(
+            (axis.name, axis.sensed.doubt) for axis in core.axes if not axis.sensed.referenced
+        ),
         outside=_outside(core),
         drives_powered=core.load_checked,
         cadence_max_hz=config.gait.cadence_max_hz,
@@ -105,13 +109,13 @@ def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
             axis.name for axis in core.axes if config.signs_must_be_proven and not axis.sign_proven
         ),
         lease_held=core.lease != 0,
-        unsampled=tuple(axis.name for axis in core.axes if not axis.joint.fresh),
+        unsampled=tuple(axis.name for axis in core.axes if not axis.sensed.joint.fresh),
         lost=frozenset(axis.name for axis in core.axes if _is_lost(core, axis)),
     )
 
 
 def _is_lost(core: Core, axis: Axis) -> bool:
-    feedback = axis.feedback
+    feedback = axis.sensed.feedback
     if core.drives is None or feedback is None:
         return True
     return feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
@@ -121,7 +125,9 @@ def _outside(core: Core) -> tuple[str, ...]:
     axes = tuple(
         axis.name
         for axis in core.axes
-        if not axis.limits.position_min_si <= axis.joint.position_si <= axis.limits.position_max_si
+        if not axis.limits.position_min_si
+        <= axis.sensed.joint.position_si
+        <= axis.limits.position_max_si
     )
     stop_ratio = core.config.thresholds.singularity_stop_ratio
     return axes + tuple(leg.name for leg in core.legs if leg.singularity_ratio < stop_ratio)
@@ -164,7 +170,7 @@ def _outcome(core: Core, request: Request) -> tuple[Outcome, Refusal | None]:
         return _begun(core, request.mode.mode)
     # The state that the drives show decides, not the command. A drive that keeps showing another
     # state soon causes a verdict.
-    shown = [axis.feedback for axis in core.axes if axis.feedback is not None]
+    shown = [axis.sensed.feedback for axis in core.axes if axis.sensed.feedback is not None]
     pushing = any(one.power_state == PowerState.OPERATION_ENABLED for one in shown)
     faulty = any(one.in_fault for one in shown)
     done = {

@@ -24,14 +24,14 @@ def effort_std(leg: Leg) -> tuple[float, float]:
     """Standard deviation of this cycle's efforts about their means over the cycle: N·m, N."""
     hip, slide = leg.axes
     acceleration = _missed_si(hip), _missed_si(slide)
-    pose_known = leg.singularity_ratio > 0 and hip.referenced and slide.referenced
+    pose_known = leg.singularity_ratio > 0 and hip.sensed.referenced and slide.sensed.referenced
     if acceleration == (0.0, 0.0) or not pose_known:
         return 0.0, 0.0  # no acceleration was sent, or the pose is not known
-    pose = np.array((hip.joint.position_si, slide.joint.position_si))
+    pose = np.array((hip.sensed.joint.position_si, slide.sensed.joint.position_si))
     hip_nm, slide_n = mass_matrix(leg.parameters, pose) @ np.array(acceleration)
     return MISSED_RATIO * abs(float(hip_nm)), MISSED_RATIO * abs(float(slide_n))
 
 
 def _missed_si(axis: Axis) -> float:
     """The acceleration sent whose effort the sample can miss; 0 for a drive that filters it."""
-    return 0.0 if axis.torque_sampling is TorqueSampling.FILTERED else axis.acceleration_sent_si
+    return 0.0 if axis.torque_sampling is TorqueSampling.FILTERED else axis.sent.acceleration_si

@@ -1,19 +1,23 @@
 """Drive samples become joints: position, speed, effort, references, and the readiness of drives.
 
-This file is the only writer of these fields of `Axis` and `Leg`.
+This file makes `Sensed`, and is the only writer of what it writes of `Leg`.
 """
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Iterator, Sequence
+from typing import Final, NamedTuple
 
 from gaitd_names import Doubt, EventCode, Mode
+from msgspec import Struct
+from msgspec.structs import replace
 
 from daemon.core.modes.persistent_state import disagreement
 from daemon.core.safety import joints
 from daemon.core.safety.joints import Joint, jump_reach_si
+from daemon.core.safety.limits import AxisLimits, Thresholds
+from daemon.core.slices import Sensed
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis, wanted
-from daemon.core.tick import Tick
+from daemon.ipc.report import Event
 from drives.bringup.bringup import DriveReport
 from drives.bringup.plan import DrivePlan
 from drives.cia402.power_state import CANNOT_EXERT_TORQUE
@@ -27,89 +31,158 @@ _OFF: Final = frozenset(
 """States from which no single controlword enables power, so a delayed controlword cannot either."""
 
 
-def sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
-    """Update the joints from the drive samples, and check their references and drive states."""
-    for axis, feedback in zip(core.axes, feedbacks, strict=True):
-        _report_overdue(core, axis, feedback)
-        axis.feedback = feedback
-        # Homing moves the origin of the position: that step must not count as motion.
-        moved = single_axis.moves_origin(core, axis, feedback)
-        before = Joint() if moved else axis.joint
-        axis.joint = joints.measure(before, feedback, axis.scaling, axis.limits, tick.sync_ns)
-        lost = _reference_lost(core, axis, feedback)
-        if lost is not Doubt.NONE and axis.referenced:
-            axis.referenced, axis.doubt = False, lost
-            core.report(EventCode.REFERENCE_LOST, axis.name, lost)
-        # A silent drive may have lost its power, and with it its position.
-        silent = feedback.sample_age_cycles > core.config.thresholds.sample_age_max_cycles
-        axis.followed = axis.followed and axis.referenced and not silent
-        axis.watched = axis.watched and not silent and not feedback.rebooted
-        axis.sign_trusted = axis.sign_trusted and axis.watched and lost is Doubt.NONE
-        _count_readiness(core, axis, feedback)
-        if feedback.fresh and not feedback.in_fault:
-            axis.bring_up_error = 0, ""
-    for leg in core.legs:
-        _place(leg)
-        leg.held_cycles = leg.held_cycles + 1 if _is_held(core, leg) else 0
+class SensingInputs(Struct, frozen=True):
+    """What the sensing of one axis reads beside its samples: what is wanted of its drive."""
+
+    origin_moved: bool
+    """See `Sensed`."""
+    enable_wanted: bool
+    is_stopping: bool
+    mode_sent: OperationMode
 
 
-def _report_overdue(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
-    before = axis.feedback is not None and axis.feedback.temperature_overdue
-    if feedback.temperature_overdue and not before:
-        core.report(EventCode.TEMPERATURE_OVERDUE, axis.name)
-    elif before and not feedback.temperature_overdue:
-        core.report(EventCode.TEMPERATURE_BACK, axis.name)
+def inputs_of(core: Core, axis: Axis, feedback: DriveFeedback) -> SensingInputs:
+    """Collect what the sensing of an axis reads beside its sample."""
+    return SensingInputs(
+        origin_moved=single_axis.moves_origin(core, axis, feedback),
+        enable_wanted=wanted.enable_wanted(core, axis),
+        is_stopping=axis.stop is not None,
+        mode_sent=axis.sent.mode,
+    )
 
 
-def _reference_lost(core: Core, axis: Axis, feedback: DriveFeedback) -> Doubt:
+def sense(
+    axis: Axis,
+    before: Sensed,
+    feedback: DriveFeedback,
+    now: SensingInputs,
+    thresholds: Thresholds,
+    sync_ns: int,
+) -> Sensed:
+    """Measure the joint of an axis, and check its reference and the state of its drive.
+
+    Args:
+        axis: limits and scaling are read.
+        before: what was sensed in the cycle before.
+        feedback: the newest sample of its drive.
+        now: what is wanted of the drive.
+        thresholds: of the safety checks.
+        sync_ns: monotonic time of this cycle's SYNC.
+    """
+    # Homing moves the origin of the position: that step must not count as motion.
+    last = Joint() if now.origin_moved else before.joint
+    joint = joints.measure(last, feedback, axis.scaling, axis.limits, sync_ns)
+    why = _reference_lost(joint, axis.limits, feedback, thresholds)
+    lost = why is not Doubt.NONE
+    referenced = before.referenced and not lost
+    # A silent drive may have lost its power, and with it its position.
+    silent = feedback.sample_age_cycles > thresholds.sample_age_max_cycles
+    watched = before.watched and not silent and not feedback.rebooted
+    readiness = _readiness(before, feedback, now)
+    return replace(
+        before,
+        feedback=feedback,
+        joint=joint,
+        origin_moved=now.origin_moved,
+        referenced=referenced,
+        followed=before.followed and referenced and not silent,
+        doubt=why if lost and before.referenced else before.doubt,
+        watched=watched,
+        sign_trusted=before.sign_trusted and watched and not lost,
+        shown_unpowered=readiness.shown_unpowered,
+        reached_enabled=readiness.reached_enabled,
+        unready_cycles=readiness.unready_cycles,
+        unexpected_enable_cycles=readiness.unexpected_enable_cycles,
+        bring_up_error=(
+            (0, "") if feedback.fresh and not feedback.in_fault else before.bring_up_error
+        ),
+    )
+
+
+def news(axis: Axis, before: Sensed, after: Sensed) -> Iterator[Event]:
+    """A temperature that is overdue or back, and a reference that was lost."""
+    overdue = after.feedback is not None and after.feedback.temperature_overdue
+    was_overdue = before.feedback is not None and before.feedback.temperature_overdue
+    if overdue != was_overdue:
+        code = EventCode.TEMPERATURE_OVERDUE if overdue else EventCode.TEMPERATURE_BACK
+        yield Event(code, axis.name)
+    if before.referenced and not after.referenced:
+        yield Event(EventCode.REFERENCE_LOST, axis.name, (after.doubt,))
+
+
+def _reference_lost(
+    joint: Joint, limits: AxisLimits, feedback: DriveFeedback, thresholds: Thresholds
+) -> Doubt:
     """The reason why the position of an axis is no longer valid; NONE while it is valid."""
     if feedback.rebooted:
         return Doubt.REBOOTED
     if feedback.reference_lost:
         return Doubt.ENCODER_ERROR
-    reach_si = jump_reach_si(axis.joint, axis.limits, core.config.thresholds)
-    return Doubt.ENCODER_JUMPED if abs(axis.joint.step_si) > reach_si else Doubt.NONE
+    reach_si = jump_reach_si(joint, limits, thresholds)
+    return Doubt.ENCODER_JUMPED if abs(joint.step_si) > reach_si else Doubt.NONE
 
 
-def _count_readiness(core: Core, axis: Axis, feedback: DriveFeedback) -> None:
+class Readiness(NamedTuple):
+    """How far a drive shows the power that is wanted; see `Sensed`."""
+
+    shown_unpowered: bool
+    reached_enabled: bool
+    unready_cycles: int
+    unexpected_enable_cycles: int
+
+
+def _readiness(before: Sensed, feedback: DriveFeedback, now: SensingInputs) -> Readiness:
     state = feedback.power_state
-    if not wanted.enable_wanted(core, axis):
-        axis.shown_unpowered = axis.shown_unpowered or state in _OFF
-        held = axis.stop is not None and not axis.shown_unpowered
-        if held or state in CANNOT_EXERT_TORQUE:
-            axis.unexpected_enable_cycles = 0
+    if not now.enable_wanted:
+        unpowered = before.shown_unpowered or state in _OFF
+        unexpected_cycles = before.unexpected_enable_cycles
+        if (now.is_stopping and not unpowered) or state in CANNOT_EXERT_TORQUE:
+            unexpected_cycles = 0
         elif feedback.fresh or state != PowerState.UNKNOWN:
             # A drive that has shown nothing since bring-up is silent, not enabled by another one.
-            axis.unexpected_enable_cycles += 1
-        axis.reached_enabled, axis.unready_cycles = False, 0
-        return
-    axis.shown_unpowered, axis.unexpected_enable_cycles = False, 0
+            unexpected_cycles += 1
+        return Readiness(unpowered, False, 0, unexpected_cycles)
     ready = (
         state == PowerState.OPERATION_ENABLED
-        and feedback.mode_display == axis.mode_sent
-        and (feedback.following or axis.mode_sent == OperationMode.HOMING)
+        and feedback.mode_display == now.mode_sent
+        and (feedback.following or now.mode_sent == OperationMode.HOMING)
     )
-    axis.reached_enabled = axis.reached_enabled or ready
-    axis.unready_cycles = 0 if ready else axis.unready_cycles + 1
+    reached = before.reached_enabled or ready
+    return Readiness(False, reached, 0 if ready else before.unready_cycles + 1, 0)
 
 
-def _place(leg: Leg) -> None:
+def place(leg: Leg) -> None:
     """Compute holding load, singularity ratio and tracking error of a leg from raw encoders."""
     hip, slide = leg.axes
     if not leg.is_located:
         leg.singularity_ratio = 1.0
         return
     leg.singularity_ratio, hip_nm, slide_n = ratio_and_load(
-        leg.mechanism, hip.joint.position_si, slide.joint.position_si
+        leg.mechanism, hip.sensed.joint.position_si, slide.sensed.joint.position_si
     )
-    if leg.singularity_ratio > 0:
-        hip.gravity_si, slide.gravity_si = hip_nm, slide_n
+    loads = (
+        (hip_nm, slide_n)
+        if leg.singularity_ratio > 0
+        else (hip.sensed.gravity_si, slide.sensed.gravity_si)
+    )
     reference = leg.reference
     for index, axis in enumerate(leg.axes):
-        axis.tracking_si = axis.wanted_velocity_si = 0.0
+        tracking_si = wanted_velocity_si = 0.0
         if reference is not None and reference.guided:
-            axis.tracking_si = axis.joint.position_si - reference.position[index]
-            axis.wanted_velocity_si = reference.velocity[index]
+            tracking_si = axis.sensed.joint.position_si - reference.position[index]
+            wanted_velocity_si = reference.velocity[index]
+        axis.sensed = replace(
+            axis.sensed,
+            gravity_si=loads[index],
+            tracking_si=tracking_si,
+            wanted_velocity_si=wanted_velocity_si,
+        )
+
+
+def count_held(core: Core) -> None:
+    """Count the cycles in which each leg is held."""
+    for leg in core.legs:
+        leg.held_cycles = leg.held_cycles + 1 if _is_held(core, leg) else 0
 
 
 def _is_held(core: Core, leg: Leg) -> bool:
@@ -119,7 +192,8 @@ def _is_held(core: Core, leg: Leg) -> bool:
     """
     reference = leg.reference
     still = reference is not None and reference.guided and reference.velocity == (0.0, 0.0)
-    return core.mode == Mode.HOLD and still and all(axis.reached_enabled for axis in core.axes)
+    enabled = all(axis.sensed.reached_enabled for axis in core.axes)
+    return core.mode == Mode.HOLD and still and enabled
 
 
 # --- between two windows, and without drives ------------------------------------------------------
@@ -128,14 +202,15 @@ def _is_held(core: Core, leg: Leg) -> bool:
 def peek(core: Core, feedbacks: Sequence[DriveFeedback]) -> None:
     """Take the drive states of frames that came between two windows; the joints stay."""
     for axis, feedback in zip(core.axes, feedbacks, strict=True):
-        axis.feedback = feedback
+        axis.sensed = replace(axis.sensed, feedback=feedback)
 
 
 def alarms_checked(core: Core) -> None:
     """All EMCY alarms up to now have been checked."""
     for axis in core.axes:
-        if axis.feedback is not None:
-            axis.emergencies_checked = axis.feedback.alarm_count
+        feedback = axis.sensed.feedback
+        if feedback is not None and feedback.alarm_count != axis.sensed.emergencies_checked:
+            axis.sensed = replace(axis.sensed, emergencies_checked=feedback.alarm_count)
 
 
 # --- references, bring-up and loss ----------------------------------------------------------------
@@ -143,8 +218,7 @@ def alarms_checked(core: Core) -> None:
 
 def take_home(axis: Axis) -> None:
     """The axis has been homed: its position is valid."""
-    axis.followed = axis.referenced = True
-    axis.doubt = Doubt.NONE
+    axis.sensed = replace(axis.sensed, followed=True, referenced=True, doubt=Doubt.NONE)
 
 
 def doubt(core: Core, name: str) -> None:
@@ -153,30 +227,32 @@ def doubt(core: Core, name: str) -> None:
     After doubtful feedback; and from the begin of a homing, which may move the origin and not end.
     """
     for axis in core.axes:
-        axis.followed = axis.followed and axis.name != name
+        if axis.name == name:
+            axis.sensed = replace(axis.sensed, followed=False)
 
 
 def trust_sign(axis: Axis, *, trusted: bool) -> None:
     """After a bring-up or a test of the sign: whether motion against the drive may be a person."""
-    axis.sign_trusted = trusted
+    axis.sensed = replace(axis.sensed, sign_trusted=trusted)
 
 
 def doubt_sign(core: Core, name: str) -> None:
     """After doubtful feedback the sign of this axis explains nothing until it is tested again."""
     for axis in core.axes:
-        axis.sign_trusted = axis.sign_trusted and axis.name != name
+        if axis.name == name:
+            axis.sensed = replace(axis.sensed, sign_trusted=False)
 
 
 def lose_positions(core: Core) -> None:
     """The state of the drives is unknown: each may have lost its power, or be another one."""
     for axis in core.axes:
-        axis.followed = axis.watched = False
+        axis.sensed = replace(axis.sensed, followed=False, watched=False)
 
 
 def forget(core: Core) -> None:
     """There are no drives: no state of a drive or a joint is known any more."""
     for axis in core.axes:
-        axis.feedback, axis.joint = None, Joint()
+        axis.sensed = replace(axis.sensed, feedback=None, joint=Joint())
 
 
 def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]) -> None:
@@ -185,13 +261,21 @@ def begin(core: Core, plans: Sequence[DrivePlan], reports: Sequence[DriveReport]
     for axis, plan, report in zip(core.axes, plans, reports, strict=True):
         axis.scaling = axis_scaling(plan.description, report.base)
         axis.serial_number = report.serial_number
-        axis.doubt = _doubt(core, axis, plan, report)
-        axis.referenced = axis.followed = axis.doubt is Doubt.NONE
-        axis.watched = True
-        axis.reached_enabled, axis.unready_cycles, axis.unexpected_enable_cycles = False, 0, 0
-        axis.shown_unpowered = True  # bring-up goes on with no drive that has power
-        axis.emergencies_checked = 0
-        axis.bring_up_error = report.error_code, report.error_text
+        doubted = _doubt(core, axis, plan, report)
+        known = doubted is Doubt.NONE
+        axis.sensed = replace(
+            axis.sensed,
+            referenced=known,
+            followed=known,
+            doubt=doubted,
+            watched=True,
+            shown_unpowered=True,  # bring-up goes on with no drive that has power
+            reached_enabled=False,
+            unready_cycles=0,
+            unexpected_enable_cycles=0,
+            emergencies_checked=0,
+            bring_up_error=(report.error_code, report.error_text),
+        )
 
 
 def _doubt(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> Doubt:
@@ -204,7 +288,7 @@ def _doubt(core: Core, axis: Axis, plan: DrivePlan, report: DriveReport) -> Doub
     if report.reference_lost:
         return Doubt.ENCODER_ERROR
     reports_homed = plan.description.profile.referenced_bit is not None
-    if axis.followed and (report.absolute or report.homed or not reports_homed):
+    if axis.sensed.followed and (report.absolute or report.homed or not reports_homed):
         return Doubt.NONE
     if not report.absolute:
         return Doubt.NONE if report.homed else Doubt.NOT_HOMED

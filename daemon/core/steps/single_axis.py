@@ -33,7 +33,8 @@ SINGLE_AXIS_MODES = frozenset(mode for mode, rules in MODES.items() if rules.sin
 
 def moving(core: Core) -> SingleAxis | None:
     """The homing or sign test under way in mode REFERENCE or COMMISSION; None if there is none."""
-    return core.single_axis if core.mode in SINGLE_AXIS_MODES else None
+    run = core.single_axis
+    return run if run is not None and core.mode in SINGLE_AXIS_MODES else None
 
 
 def is_homing(core: Core, axis: Axis) -> bool:
@@ -183,19 +184,19 @@ def _begin_or_leave(core: Core, axis: Axis, run: SingleAxis, cycle: int) -> Chan
 
 
 def _sample(axis: Axis) -> AxisSample:
-    feedback, homing = axis.feedback, HomingState.NOT_STARTED
+    feedback, homing = axis.sensed.feedback, HomingState.NOT_STARTED
     if feedback is not None and feedback.mode_display == OperationMode.HOMING:
         homing = homing_state(feedback.statusword)
     return AxisSample(
-        ready=axis.reached_enabled and axis.unready_cycles == 0,
+        ready=axis.sensed.reached_enabled and axis.sensed.unready_cycles == 0,
         homing=homing,
-        position_si=axis.joint.position_si,
+        position_si=axis.sensed.joint.position_si,
         at_rest=_rests(axis),
     )
 
 
 def _rests(axis: Axis) -> bool:
-    return axis.joint.fresh and is_at_rest(axis.joint, axis.limits)
+    return axis.sensed.joint.fresh and is_at_rest(axis.sensed.joint, axis.limits)
 
 
 def _end(core: Core, axis: Axis, run: SingleAxis) -> Change:

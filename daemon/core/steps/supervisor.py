@@ -87,6 +87,12 @@ def supervise(
     exercises.update_references(core, samples)
 
 
+def latch(core: Core, verdicts: Sequence[Verdict], cycle: int, utc_ns: int) -> None:
+    """Stop for these verdicts and latch them for the next core: this one ends by an exception."""
+    _take_verdicts(core, verdicts, cycle)
+    persistence.update_latch(core, utc_ns)
+
+
 def rest(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> None:
     """Answer requests while there are no drives."""
     _take_request(core, command_inputs, cycle, utc_ns)
@@ -141,8 +147,8 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         # enabled yet is not enabled in order to hold.
         step = Step.HOLD if core.single_axis is None else Step.DISABLE
         for axis in core.axes:
-            possible = stop_sequence.possible(step, axis.feedback)
-            axis.stop = stop_sequence.begin(possible, axis.joint, cycle)
+            possible = stop_sequence.possible(step, axis.sensed.feedback)
+            axis.stop = stop_sequence.begin(possible, axis.sensed.joint, cycle)
         single_axis.cancel(core, Failure.DISABLE_REQUESTED)
     elif request.kind == RequestKind.RESET:
         _enter(core, Trigger.RESET)
@@ -184,7 +190,7 @@ def _advance_single_axis(core: Core, cycle: int) -> None:
         core.report(EventCode.SINGLE_AXIS_BEGUN, begun.axis, begun.mode)
     if ended:
         for axis in core.axes:
-            axis.stop = stop_sequence.begin(Step.DISABLE, axis.joint, cycle)
+            axis.stop = stop_sequence.begin(Step.DISABLE, axis.sensed.joint, cycle)
 
 
 # --- verdicts -------------------------------------------------------------------------------
@@ -238,10 +244,15 @@ def stop(core: Core, verdict: Verdict, cycle: int) -> None:
         step = _first_step(core, verdict, axis)
         if axis.stop is None:  # the first verdict, or in FAULT where its drive had no power
             judged = verdict.cause == Cause.MOVED_AGAINST_DRIVE and verdict.drive == axis.name
-            axis.stop = stop_sequence.begin(step, axis.joint, cycle, must_slow=judged)
+            axis.stop = stop_sequence.begin(step, axis.sensed.joint, cycle, must_slow=judged)
         else:
-            axis.stop = stop_sequence.harsher(axis.stop, step, axis.joint, cycle)
+            axis.stop = stop_sequence.harsher(axis.stop, step, axis.sensed.joint, cycle)
     _stop_together(core, cycle)
+
+
+def refuse_command(core: Core, cycle: int) -> None:
+    """Stop all drives: a number of their command is not finite."""
+    stop(core, _verdict(core, Cause.COMMAND_NOT_FINITE), cycle)
 
 
 def _verdict(core: Core, cause: Cause, drive: str = "", said: str = "") -> Verdict:
@@ -269,12 +280,14 @@ def _stop_together(core: Core, cycle: int) -> None:
     stops = [(axis, axis.stop) for axis in core.axes if axis.stop is not None]
     if any(stop.step > Step.HOLD for _, stop in stops):
         for axis, stop in stops:
-            axis.stop = stop_sequence.harsher(stop, Step.QUICK_STOP, axis.joint, cycle)
+            axis.stop = stop_sequence.harsher(stop, Step.QUICK_STOP, axis.sensed.joint, cycle)
 
 
 def _first_step(core: Core, verdict: Verdict, axis: Axis) -> Step:
     """First stop step of an axis by category; an axis enabled alone begins with quick stop."""
-    step = stop_sequence.possible(stop_sequence.first_step(verdict, axis.name), axis.feedback)
+    step = stop_sequence.possible(
+        stop_sequence.first_step(verdict, axis.name), axis.sensed.feedback
+    )
     return step if core.single_axis is None else max(step, Step.QUICK_STOP)
 
 
@@ -328,7 +341,7 @@ def _check_lapse(core: Core, cycle: int) -> None:
 
 def _settle(core: Core, cycle: int) -> None:
     """After enabling, hold the leg where it is, then compare the load at rest with g(q)."""
-    if not all(axis.reached_enabled for axis in core.axes):
+    if not all(axis.sensed.reached_enabled for axis in core.axes):
         core.load_settle_cycles = 0
         exercises.hold_here(core)
         return
@@ -336,7 +349,7 @@ def _settle(core: Core, cycle: int) -> None:
     if core.load_settle_cycles < LOAD_SETTLE_CYCLES:
         return
     for axis in core.axes:
-        excess_si = abs(axis.joint.effort_si - axis.gravity_si)
+        excess_si = abs(axis.sensed.joint.effort_si - axis.sensed.gravity_si)
         if excess_si > axis.limits.static_load_tolerance_si:
             cause = Cause.STATIC_LOAD_WRONG
             category = core.config.categories.of(cause)
@@ -357,12 +370,12 @@ def _end_exercise(core: Core, cycle: int, utc_ns: int) -> None:
 
 def _advance_stops(core: Core, cycle: int) -> None:
     for axis in core.axes:
-        if axis.stop is None or axis.feedback is None:
+        if axis.stop is None or axis.sensed.feedback is None:
             continue
         before = axis.stop
         rules = core.config.stop_rules._replace(reaction_cycles=axis.reaction_cycles)
         axis.stop = stop_sequence.advance(
-            before, axis.feedback, axis.joint, axis.limits, rules, cycle
+            before, axis.sensed.feedback, axis.sensed.joint, axis.limits, rules, cycle
         )
         if axis.stop.step > before.step and axis.stop.disobeyed:
             _report_stop_not_obeyed(core, axis, before.step)
@@ -372,7 +385,7 @@ def _advance_stops(core: Core, cycle: int) -> None:
 
 
 def _report_stop_not_obeyed(core: Core, axis: Axis, step: Step) -> None:
-    cause, speed_si = Cause.STOP_NOT_OBEYED, abs(axis.joint.velocity_si)
+    cause, speed_si = Cause.STOP_NOT_OBEYED, abs(axis.sensed.joint.velocity_si)
     category = core.config.categories.of(cause)
     verdict = Verdict(category, cause, axis.name, speed_si, finding=_DISOBEYED[step])
     core.verdict = worse(core.verdict, verdict)
@@ -386,10 +399,10 @@ def _stopped(core: Core, cycle: int) -> bool:
     age_max = core.config.thresholds.sample_age_max_cycles
     return all(
         stop_sequence.is_resting(axis.stop, rules)
-        or axis.feedback.sample_age_cycles > age_max
+        or axis.sensed.feedback.sample_age_cycles > age_max
         or cycle - axis.stop.since_cycle > STOPPING_MAX_CYCLES
         for axis in core.axes
-        if axis.stop is not None and axis.feedback is not None
+        if axis.stop is not None and axis.sensed.feedback is not None
     )
 
 
@@ -408,8 +421,10 @@ def _await_reset(core: Core) -> None:
 
     A drive whose cause persists may leave its fault and come back to it some cycles later.
     """
-    known = all(axis.joint.known for axis in core.axes)
-    faulty = any(axis.feedback is not None and axis.feedback.in_fault for axis in core.axes)
+    known = all(axis.sensed.joint.known for axis in core.axes)
+    faulty = any(
+        axis.sensed.feedback is not None and axis.sensed.feedback.in_fault for axis in core.axes
+    )
     left = max(core.reset_settle_cycles - 1, 0)
     core.reset_settle_cycles = RESET_SETTLE_CYCLES if faulty else left
     ended = known and core.reset_settle_cycles == 0
@@ -420,7 +435,7 @@ def power_off(core: Core, cycle: int) -> None:
     """Disable voltage on all drives in every mode: the end of an orderly shutdown."""
     for axis in core.axes:
         if axis.stop is None or axis.stop.step < Step.DISABLE:
-            axis.stop = stop_sequence.begin(Step.DISABLE, axis.joint, cycle)
+            axis.stop = stop_sequence.begin(Step.DISABLE, axis.sensed.joint, cycle)
 
 
 # --- bring-up -------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ def enable_wanted_of(core: Core, leg: Leg) -> bool:
 def mode_wanted(core: Core, axis: Axis) -> OperationMode:
     """The mode of operation that this drive should be in; a stop does not change the mode."""
     if axis.stop is not None:
-        return axis.mode_sent
+        return axis.sent.mode
     if single_axis.is_homing(core, axis):
         return OperationMode.HOMING
     by_torque = rules_of(core.mode).by_torque or core.single_axis is not None
@@ -45,7 +45,7 @@ def mode_wanted(core: Core, axis: Axis) -> OperationMode:
 
 def is_mode_changing(core: Core) -> bool:
     """True if a drive has not yet been sent the mode wanted; all legs begin together."""
-    return any(axis.mode_sent != mode_wanted(core, axis) for axis in core.axes)
+    return any(axis.sent.mode != mode_wanted(core, axis) for axis in core.axes)
 
 
 def is_silenced(core: Core) -> bool:

@@ -1,4 +1,4 @@
-"""Each part of the core's state is written in one module."""
+"""Each part of the core's state is written in one module, each slice is made in one module."""
 
 import ast
 from collections import defaultdict
@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from daemon import core
+from daemon.core import slices
 from daemon.core.state import Axis, Core, Leg
 
 FOLDER = Path(core.__file__).parent
@@ -18,24 +19,25 @@ WRITERS = {
     "steps/requests.py": "request result",
     "steps/exercises.py": "exercise reference takes_over",
     "steps/single_axis.py": "single_axis evidence",
-    "steps/sensing.py": """feedback joint referenced followed doubt scaling serial_number
-        watched sign_trusted held_cycles shown_unpowered reached_enabled unready_cycles
-        unexpected_enable_cycles emergencies_checked bring_up_error
-        gravity_si tracking_si wanted_velocity_si singularity_ratio""",
-    "steps/estimation.py": """estimate measured effort_used artificial observer_started
-        observer_bad_cycles observer stride stride_count smoother strides drift
-        calibration_advised""",
+    "steps/sensing.py": "scaling serial_number held_cycles singularity_ratio",
     "steps/monitors.py": """watch energy residual stopping_end_si spasm dynamics zone
-        stopping_ratio spasm_ratio clonus clonus_ratio last_wanted_velocity window_cycles""",
+        stopping_ratio clonus window_cycles""",
     "steps/controllers.py": """assist assist_si stiffness_ratio torque_lease assist_cap_si
         lapse_count lapse_reason setpoint_accepted_count setpoint_refused_count""",
-    "steps/targets.py": """mode_sent effort_sent_si position_sent_si effort_offset_si
-        effort_mean_si position_offset_si speed_sent_si acceleration_sent_si""",
     "steps/persistence.py": "persistent utc_newest_ns self_test_due inputs_untested sign_proven",
     "inputs.py": "gateway_state_seq gateway_state_cycle setpoints lease lease_dropped stop_count",
     "cycle_record.py": "seq events",
 }
 """Fields of the state by the module that writes them. All other fields never change."""
+SLICES = {
+    "Sensed": ("sensed", "steps/sensing.py"),
+    "Estimated": ("estimated", "steps/estimation.py"),
+    "Softened": ("softened", "steps/monitors.py"),
+    "Sent": ("sent", "steps/targets.py"),
+}
+"""Frozen slices: the field of the state that has it, and the module that makes it."""
+KEEPERS = {"cycle.py", "steps/bring_up.py"}
+"""Other modules that put a slice into its field, as its maker has returned it."""
 CHANGING_CALLS = frozenset({"append", "add", "clear", "extend", "pop", "reset", "update"})
 FIELDS = frozenset(field.name for kind in (Core, Leg, Axis) for field in fields(kind))
 
@@ -89,10 +91,42 @@ def writers(folder: Path) -> dict[str, set[str]]:
 def test_each_part_of_the_state_is_written_in_one_module() -> None:
     expected = {name: {module} for module, names in WRITERS.items() for name in names.split()}
     found = writers(FOLDER)
-    for name in ("observer", "smoother"):
-        found[name] -= {"runtime/warm_up.py"}  # of a core that is discarded
+    kept = {maker: found.pop(name) for name, maker in SLICES.values()}
 
     assert dict(found) == expected
+    assert all(modules <= {maker, *KEEPERS} for maker, modules in kept.items())
+
+
+def makers(folder: Path) -> dict[str, set[str]]:
+    """The modules that make each slice: by its class, or from the one in the state."""
+    fields_of = {field: kind for kind, (field, _) in SLICES.items()}
+    found: dict[str, set[str]] = defaultdict(set)
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            match node:
+                case ast.Call(func=ast.Name(id=kind)) if kind in SLICES:
+                    found[kind].add(path.relative_to(folder).as_posix())
+                case ast.Call(
+                    func=ast.Name(id="replace"), args=[ast.Attribute(attr=field), *_]
+                ) if field in fields_of:
+                    found[fields_of[field]].add(path.relative_to(folder).as_posix())
+                case _:
+                    pass
+    return found
+
+
+def test_each_slice_is_made_in_one_module_and_is_frozen() -> None:
+    assert dict(makers(FOLDER)) == {kind: {module} for kind, (_, module) in SLICES.items()}
+    assert all(getattr(slices, kind).__struct_config__.frozen for kind in SLICES)
+
+
+@pytest.mark.parametrize(
+    "statement", ["Estimated(bad_cycles=1)", "x = replace(leg.estimated, bad_cycles=1)"]
+)
+def test_a_second_maker_is_found(tmp_path: Path, statement: str) -> None:
+    (tmp_path / "planted.py").write_text(statement)
+
+    assert makers(tmp_path) == {"Estimated": {"planted.py"}}
 
 
 @pytest.mark.parametrize(

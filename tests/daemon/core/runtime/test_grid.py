@@ -3,7 +3,7 @@
 import pytest
 from gaitd_names import CyclePart
 
-from daemon.core.runtime.grid import longest_part
+from daemon.core.runtime.grid import count_missed, longest_part
 from daemon.ipc.cycle_timing import CycleTiming
 
 WINDOW_NS = 4_000_000
@@ -20,3 +20,14 @@ WINDOW_NS = 4_000_000
 )
 def test_the_part_that_took_longest_is_named_and_a_whole_window_is_what_it_may_take(timing, part):
     assert longest_part(timing, WINDOW_NS) is part
+
+
+def test_missed_grid_points_are_counted_by_their_part():
+    timing = CycleTiming(0, 0, 0, 0)
+    for part, missed in ((CyclePart.WORK, 2), (CyclePart.WINDOW, 1), (CyclePart.WORK, 1)):
+        timing = count_missed(timing, missed, part)
+
+    assert (timing.overrun_count, timing.overrun_by_part) == (
+        4,
+        {CyclePart.WORK: 3, CyclePart.WINDOW: 1},
+    )

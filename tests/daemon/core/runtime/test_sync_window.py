@@ -6,12 +6,13 @@ import pytest
 
 from daemon.core.runtime.sync_window import Window
 from drives.canopen.bus import Frame
+from drives.canopen.nmt import SYNC_FRAME, SyncProducer, heartbeat_frame
 
 MS = 1_000_000
 AHEAD_NS = 1_767_225_600 * 1_000_000_000
 WINDOW_NS = 4 * MS
 STATUS, TORQUE = 0x185, 0x285
-SYNC = [Frame(0x080, b"")]
+HEARTBEAT_CYCLES, MASTER_NODE_ID = 2, 127
 
 
 @dataclass
@@ -24,9 +25,13 @@ class Wire:
     stepped_ns: int = 0
     step_at_ns: int = 1 << 62
     stamped: bool = True
+    waiting: list[int] = field(default_factory=list)
+    """Identifiers of frames that were in the socket before SYNC."""
     sent: list[Frame] = field(default_factory=list)
     between: list[int] = field(default_factory=list)
     cyclic_ids = frozenset({STATUS, TORQUE})
+    sync = SyncProducer()
+    is_off = False
 
     def now_ns(self):
         return self.now
@@ -42,6 +47,10 @@ class Wire:
 
     def send(self, frames):
         self.sent += frames
+
+    def drain(self):
+        waiting, self.waiting = self.waiting, []
+        return [Frame(can_id, b"") for can_id in waiting]
 
     def receive_until(self, deadline_ns):
         if self.coming and self.coming[0][0] <= deadline_ns:
@@ -61,18 +70,18 @@ class Wire:
 
 
 def collected(wire, window=None):
-    window = window or Window(wire, wire, WINDOW_NS)
-    window.begin()
-    return [frame.can_id for frame in window.collect(wire, SYNC, wire.now)], window
+    window = window or Window(wire, wire, WINDOW_NS, HEARTBEAT_CYCLES, MASTER_NODE_ID)
+    answers = window.collect(wire, wire.now)
+    return [frame.can_id for frame in answers.frames], answers.answer_ns, window
 
 
 def test_listening_ends_when_all_have_answered_once_a_whole_window_was_complete():
     wire = Wire([(1 * MS, STATUS), (2 * MS, TORQUE), (12 * MS, STATUS), (13 * MS, TORQUE)])
-    first, window = collected(wire)
+    first, _, window = collected(wire)
     assert (first, wire.now) == ([STATUS, TORQUE], WINDOW_NS)
 
     wire.now = 11 * MS
-    second, _ = collected(wire, window)
+    second, _, _ = collected(wire, window)
 
     assert (second, wire.now) == ([STATUS, TORQUE], 13 * MS)
 
@@ -80,7 +89,7 @@ def test_listening_ends_when_all_have_answered_once_a_whole_window_was_complete(
 def test_what_came_between_the_last_look_and_the_sync_is_late_and_no_sample():
     wire = Wire([(9 * MS, STATUS), (11 * MS, STATUS), (12 * MS, TORQUE)], now=10 * MS)
 
-    answers, _ = collected(wire)
+    answers, _, _ = collected(wire)
 
     assert answers == [STATUS, TORQUE]
     assert wire.between == [STATUS]
@@ -91,7 +100,7 @@ def test_what_came_between_the_last_look_and_the_sync_is_late_and_no_sample():
 def test_a_wall_clock_that_is_set_inside_a_window_costs_no_answer(stepped_ns, step_at_ns):
     wire = Wire([(11 * MS, STATUS), (12 * MS, TORQUE)], 10 * MS, stepped_ns, step_at_ns)
 
-    answers, _ = collected(wire)
+    answers, _, _ = collected(wire)
 
     assert answers == [STATUS, TORQUE]
     assert wire.between == []
@@ -101,9 +110,9 @@ def test_the_time_of_the_last_answer_is_told_by_its_stamp_and_not_by_when_it_was
     wire = Wire([(10_400_000, STATUS), (10_700_000, TORQUE)], now=10 * MS)
     wire.receive_until = late(wire)
 
-    _, window = collected(wire)
+    _, answer_ns, _ = collected(wire)
 
-    assert window.answer_ns == pytest.approx(700_000, abs=1000)
+    assert answer_ns == pytest.approx(700_000, abs=1000)
 
 
 def late(wire):
@@ -120,7 +129,32 @@ def late(wire):
 def test_without_stamps_the_order_of_reading_decides():
     wire = Wire([(9 * MS, STATUS), (12 * MS, TORQUE)], now=10 * MS, stamped=False)
 
-    answers, window = collected(wire)
+    answers, answer_ns, _ = collected(wire)
 
     assert answers == [STATUS, TORQUE]
-    assert window.answer_ns == 0
+    assert answer_ns == 0
+
+
+def test_what_waited_in_the_socket_is_late():
+    wire = Wire([(11 * MS, STATUS), (12 * MS, TORQUE)], now=10 * MS, waiting=[STATUS])
+
+    answers, _, _ = collected(wire)
+
+    assert (answers, wire.between) == ([STATUS, TORQUE], [STATUS])
+
+
+def test_the_heartbeat_leaves_with_every_second_sync():
+    wire, window = Wire([]), None
+    for _ in range(4):
+        _, _, window = collected(wire, window)
+
+    own = heartbeat_frame(MASTER_NODE_ID)
+    assert wire.sent == [SYNC_FRAME, SYNC_FRAME, own, SYNC_FRAME, SYNC_FRAME, own]
+
+
+def test_while_the_controller_is_off_no_sync_leaves():
+    wire = Wire([(11 * MS, STATUS)], now=10 * MS)
+    wire.is_off = True
+
+    assert collected(wire)[:2] == ([], 0)
+    assert wire.sent == []

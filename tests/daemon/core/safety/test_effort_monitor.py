@@ -320,7 +320,7 @@ def test_what_a_joint_held_is_remembered_from_when_it_began_to_stand():
 def test_a_new_watch_has_seen_nothing_and_keeps_the_newest_three_commands():
     new = EffortWatch()
     assert (new.sent_si, new.samples, new.response_ratio) == ((), (), math.inf)
-    others = set(EffortWatch._fields) - {"sent_si", "samples", "response_ratio"}
+    others = set(EffortWatch.__struct_fields__) - {"sent_si", "samples", "response_ratio"}
     assert {getattr(new, name) for name in others} == {0}
     assert sent(1.0, 2.0, 3.0, 4.0, 5.0).sent_si == (3.0, 4.0, 5.0)
 

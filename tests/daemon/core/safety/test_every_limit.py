@@ -8,7 +8,20 @@ import math
 
 import pytest
 from gaitd_names import Cause, Finding
-from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
+from msgspec.structs import replace
+from safety_inputs import (
+    AXIS,
+    CATEGORIES,
+    ESTIMATE,
+    FEEDBACK,
+    JOINT,
+    LEG,
+    LIMITS,
+    PATIENT,
+    THRESHOLDS,
+    WELL,
+    harshest,
+)
 
 from daemon.core.safety.checks import (
     AGAINST_DRIVE_MAX_CYCLES,
@@ -23,77 +36,86 @@ from daemon.core.safety.checks import (
 from daemon.core.safety.effort_monitor import EffortWatch
 from drives.signals import Input, PowerState
 
-STANDING = AXIS._replace(joint=JOINT._replace(velocity_si=0.0, effort_si=0.0))
+STANDING = replace(AXIS, joint=JOINT._replace(velocity_si=0.0, effort_si=0.0))
 
 
 def joint(**change):
-    return lambda value: STANDING._replace(
+    return lambda value: replace(
+        STANDING,
         joint=STANDING.joint._replace(**{key: sign * value for key, sign in change.items()}),
     )
 
 
 def axis(name, sign=1):
-    return lambda value: STANDING._replace(**{name: sign * value})
+    return lambda value: replace(STANDING, **{name: sign * value})
 
 
 def feedback(name):
-    return lambda value: AXIS._replace(feedback=FEEDBACK._replace(**{name: value}))
+    return lambda value: replace(AXIS, feedback=FEEDBACK._replace(**{name: value}))
 
 
 def service(name):
-    return lambda value: WELL._replace(**{name: value})
+    return lambda value: replace(WELL, **{name: value})
 
 
 def leg(name):
-    return lambda value: LEG._replace(**{name: value})
+    return lambda value: replace(LEG, **{name: value})
+
+
+def estimate(name):
+    return lambda value: replace(ESTIMATE, **{name: value})
+
+
+def patient(name):
+    return lambda value: replace(ESTIMATE, axes=(replace(PATIENT, **{name: value}),))
 
 
 def power(value):
-    return AXIS._replace(joint=JOINT._replace(effort_si=40.0, velocity_si=value / 40.0))
+    return replace(AXIS, joint=JOINT._replace(effort_si=40.0, velocity_si=value / 40.0))
 
 
 def speed_lost(value):
     still = JOINT._replace(
         still_cycles=THRESHOLDS.encoder_frozen_cycles, speed_before_still_si=value
     )
-    return AXIS._replace(joint=still._replace(velocity_si=0.0))
+    return replace(AXIS, joint=still._replace(velocity_si=0.0))
 
 
 def held(sign):
     def with_change(value):
         still = JOINT._replace(still_cycles=20, velocity_si=0.0)
-        return AXIS._replace(joint=still, watch=EffortWatch(held_si=sign * value))
+        return replace(AXIS, joint=still, watch=EffortWatch(held_si=sign * value))
 
     return with_change
 
 
 def opposed(cycles):
-    return AXIS._replace(watch=EffortWatch(sign_mismatch_si=25.0, sign_mismatch_cycles=cycles))
+    return replace(AXIS, watch=EffortWatch(sign_mismatch_si=25.0, sign_mismatch_cycles=cycles))
 
 
 def against_its_drive(cycles):
     shown = EffortWatch(sign_mismatch_si=25.0, sign_mismatch_cycles=cycles, response_ratio=0.1)
-    return AXIS._replace(watch=shown)
+    return replace(AXIS, watch=shown)
 
 
 def unmet(cycles):
-    return AXIS._replace(watch=EffortWatch(gap_si=9.0, gap_cycles=cycles))
+    return replace(AXIS, watch=EffortWatch(gap_si=9.0, gap_cycles=cycles))
 
 
 def unready(**change):
-    fed = AXIS._replace(feedback=FEEDBACK._replace(**change))
-    return lambda value: fed._replace(unready_cycles=value)
+    fed = replace(AXIS, feedback=FEEDBACK._replace(**change))
+    return lambda value: replace(fed, unready_cycles=value)
 
 
 def starting(value):
-    off = AXIS._replace(feedback=FEEDBACK._replace(power_state=PowerState.SWITCHED_ON))
-    return off._replace(reached_enabled=False, unready_cycles=value)
+    off = replace(AXIS, feedback=FEEDBACK._replace(power_state=PowerState.SWITCHED_ON))
+    return replace(off, reached_enabled=False, unready_cycles=value)
 
 
 def on_switch(value):
     inputs = FEEDBACK.inputs | Input.POSITIVE_LIMIT
     towards = STANDING.joint._replace(velocity_si=value)
-    return AXIS._replace(feedback=FEEDBACK._replace(inputs=inputs), joint=towards)
+    return replace(AXIS, feedback=FEEDBACK._replace(inputs=inputs), joint=towards)
 
 
 L, T = LIMITS, THRESHOLDS
@@ -142,9 +164,9 @@ TABLE = [
     (Cause.TRACKING_LIMIT, axis("tracking_si", -1), L.tracking_max_si, UP, None),
     (Cause.TEMPERATURE_LIMIT, feedback("temperature_degc"), L.temperature_max_degc, UP, None),
     (Cause.LIMIT_SWITCH, on_switch, L.standstill_si_per_s, UP, None),
-    (Cause.OBSERVER_INVALID, leg("observer_bad_cycles"), OBSERVER_BAD_MAX_CYCLES, UP, ONE),
-    (Cause.SPASM, axis("spasm_cycles"), T.spasm_patience_cycles, UP, ONE),
-    (Cause.CLONUS, axis("clonus_cycles"), T.clonus_patience_cycles, UP, ONE),
+    (Cause.OBSERVER_INVALID, estimate("observer_bad_cycles"), OBSERVER_BAD_MAX_CYCLES, UP, ONE),
+    (Cause.SPASM, patient("spasm_cycles"), T.spasm_patience_cycles, UP, ONE),
+    (Cause.CLONUS, patient("clonus_cycles"), T.clonus_patience_cycles, UP, ONE),
 ]
 WITHOUT_A_NUMBER = {
     # a request, a switch, a drive's own message
@@ -175,10 +197,12 @@ JUDGED_ELSEWHERE = {
 
 
 def cause_of(situation):
-    given = {"service": WELL, "axis": AXIS, "leg": LEG}
+    given = {"service": WELL, "axis": AXIS, "leg": LEG, "legestimate": ESTIMATE}
     given[type(situation).__name__.removesuffix("Inputs").lower()] = situation
     verdicts = harshest(
-        given["service"], [given["axis"]], [given["leg"]], THRESHOLDS, CATEGORIES, driving=True
+        *(given["service"], [given["axis"]], [given["leg"]], THRESHOLDS, CATEGORIES),
+        driving=True,
+        estimates=[given["legestimate"]],
     )
     assert verdicts.cause != Cause.NONE or verdicts == NO_VERDICT
     return verdicts.cause
@@ -216,18 +240,18 @@ def test_no_cause_is_left_out_of_the_table():
 def test_a_leg_that_is_out_of_its_range_is_not_called_too_fast_as_well():
     out = STANDING.joint._replace(position_si=L.position_max_si + 0.01)
 
-    assert cause_of(AXIS._replace(joint=out, stopping_end_si=9.0)) == Cause.POSITION_LIMIT
+    assert cause_of(replace(AXIS, joint=out, stopping_end_si=9.0)) == Cause.POSITION_LIMIT
 
 
 def test_an_axis_that_does_not_know_where_it_is_has_no_stopping_path():
-    lost = AXIS._replace(homing=True, stopping_end_si=9.0)
+    lost = replace(AXIS, homing=True, stopping_end_si=9.0)
 
     assert cause_of(lost) == Cause.NONE
 
 
 def test_a_drive_that_shows_torque_without_power_stops_also_at_rest():
-    showing = AXIS._replace(
-        watch=EffortWatch(gap_si=9.0, gap_cycles=T.deviation_cycles, unpowered_cycles=20)
+    showing = replace(
+        AXIS, watch=EffortWatch(gap_si=9.0, gap_cycles=T.deviation_cycles, unpowered_cycles=20)
     )
 
     verdicts = harshest(WELL, [showing], [LEG], THRESHOLDS, CATEGORIES, driving=False)

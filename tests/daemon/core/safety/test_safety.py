@@ -7,6 +7,7 @@ import pytest
 from gaitd_names import Cause, StopCategory
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 from safety_inputs import AXIS, CATEGORIES, FEEDBACK, JOINT, LEG, LIMITS, THRESHOLDS, WELL, harshest
 
 from daemon.core.safety.bounds import bound_position
@@ -15,7 +16,7 @@ from daemon.core.safety.checks import (
     HELD_RATIO,
     NO_VERDICT,
     TX_DROPPED_MAX,
-    check,
+    check_raw,
     worse,
 )
 from daemon.core.safety.effort_monitor import EffortWatch
@@ -32,11 +33,11 @@ def verdict_of(service=WELL, axis=AXIS, leg=LEG, *, driving=True, categories=CAT
 
 
 def with_feedback(**change):
-    return AXIS._replace(feedback=FEEDBACK._replace(**change))
+    return replace(AXIS, feedback=FEEDBACK._replace(**change))
 
 
 def with_joint(**change):
-    return AXIS._replace(joint=JOINT._replace(**change))
+    return replace(AXIS, joint=JOINT._replace(**change))
 
 
 def test_nothing_wrong_gives_no_verdict():
@@ -56,7 +57,7 @@ def test_a_patient_who_leans_steadily_on_a_held_leg_is_not_a_frozen_encoder():
     joint = JOINT._replace(still_cycles=500, velocity_si=0.0, effort_si=-50.0)
     watch = EffortWatch(held_si=-50.0, held_before_still_si=-49.0)
 
-    assert verdict_of(axis=AXIS._replace(joint=joint, watch=watch)) == NO_VERDICT
+    assert verdict_of(axis=replace(AXIS, joint=joint, watch=watch)) == NO_VERDICT
 
 
 SWITCHES = {-1: Input.NEGATIVE_LIMIT, 1: Input.POSITIVE_LIMIT}
@@ -74,8 +75,8 @@ def test_a_joint_on_its_limit_switch_stops_towards_it_and_may_move_away(
     def at(speed_si):
         joint = JOINT._replace(velocity_si=speed_si if moving == "joint" else 0.0)
         wanted_si = speed_si if moving == "reference" else 0.0
-        axis = AXIS._replace(feedback=feedback, joint=joint, counts_sign=counts_sign)
-        return verdict_of(axis=axis._replace(wanted_velocity_si=wanted_si))
+        axis = replace(AXIS, feedback=feedback, joint=joint, counts_sign=counts_sign)
+        return verdict_of(axis=replace(axis, wanted_velocity_si=wanted_si))
 
     towards_si = switch * counts_sign * LIMITS.standstill_si_per_s * 1.01
     assert at(towards_si).cause == Cause.LIMIT_SWITCH
@@ -88,15 +89,15 @@ def test_a_limit_switch_counts_while_driving_and_once_a_sample_has_come():
     feedback = FEEDBACK._replace(inputs=FEEDBACK.inputs | Input.POSITIVE_LIMIT)
     unknown = JOINT._replace(known=False)
 
-    assert verdict_of(axis=AXIS._replace(feedback=feedback), driving=False) == NO_VERDICT
-    assert verdict_of(axis=AXIS._replace(feedback=feedback, joint=unknown)) == NO_VERDICT
+    assert verdict_of(axis=replace(AXIS, feedback=feedback), driving=False) == NO_VERDICT
+    assert verdict_of(axis=replace(AXIS, feedback=feedback, joint=unknown)) == NO_VERDICT
 
 
 def leaning(**change):
     """A joint that stands still while its effort has changed by more than friction hides."""
     held_si = FROZEN_PUSH_RATIO * LIMITS.breakaway_si + 1.0
     joint = JOINT._replace(still_cycles=9, velocity_si=0.0)
-    return AXIS._replace(joint=joint, watch=EffortWatch(held_si=held_si), **change)
+    return replace(AXIS, joint=joint, watch=EffortWatch(held_si=held_si), **change)
 
 
 def test_a_patient_who_leans_on_a_leg_that_the_drive_itself_holds_is_not_a_frozen_encoder():
@@ -106,12 +107,12 @@ def test_a_patient_who_leans_on_a_leg_that_the_drive_itself_holds_is_not_a_froze
     assert verdict_of(axis=leaning(loop_distance_si=held_si)) == NO_VERDICT
     at_si = HELD_RATIO * LIMITS.tracking_max_si
     assert verdict_of(axis=leaning(loop_distance_si=at_si)).cause == Cause.ENCODER_FROZEN
-    pushed = leaning(loop_distance_si=off_si)._replace(watch=EffortWatch())
+    pushed = replace(leaning(loop_distance_si=off_si), watch=EffortWatch())
     change_si = FROZEN_PUSH_RATIO * LIMITS.breakaway_si
     for effort_si, cause in ((change_si, Cause.NONE), (change_si + 0.1, Cause.ENCODER_FROZEN)):
-        axis = pushed._replace(joint=pushed.joint._replace(effort_si=effort_si))
+        axis = replace(pushed, joint=pushed.joint._replace(effort_si=effort_si))
         assert verdict_of(axis=axis).cause == cause
-        assert verdict_of(axis=axis._replace(loop_distance_si=math.inf)) == NO_VERDICT
+        assert verdict_of(axis=replace(axis, loop_distance_si=math.inf)) == NO_VERDICT
     assert verdict_of(axis=leaning(loop_distance_si=off_si)).cause == Cause.ENCODER_FROZEN
     assert verdict_of(axis=leaning()).cause == Cause.ENCODER_FROZEN
 
@@ -121,7 +122,8 @@ def test_doubtful_feedback_is_s0():
 
 
 def test_a_stale_sample_is_judged_by_its_age_and_not_by_its_numbers():
-    stale = AXIS._replace(
+    stale = replace(
+        AXIS,
         feedback=FEEDBACK._replace(fresh=False, sample_age_cycles=1),
         joint=JOINT._replace(fresh=False, step_si=1.0),
     )
@@ -147,10 +149,10 @@ def test_at_rest_only_the_loss_or_the_fault_of_a_drive_counts():
 )
 @pytest.mark.parametrize("driving", [False, True])
 def test_a_drive_that_our_frames_do_not_reach_is_not_taken_for_lost(dropped, causes, driving):
-    service = WELL._replace(tx_dropped_in_a_row=dropped)
+    service = replace(WELL, tx_dropped_in_a_row=dropped)
     unasked = with_feedback(sample_age_cycles=3)
 
-    verdicts = check(
+    verdicts = check_raw(
         SafetyInputs(service, [unasked], [LEG], THRESHOLDS, CATEGORIES, driving=driving)
     )
 
@@ -158,34 +160,36 @@ def test_a_drive_that_our_frames_do_not_reach_is_not_taken_for_lost(dropped, cau
 
 
 def test_a_drive_that_says_something_else_is_lost_also_while_our_frames_do_not_leave():
-    service = WELL._replace(tx_dropped_in_a_row=TX_DROPPED_MAX)
+    service = replace(WELL, tx_dropped_in_a_row=TX_DROPPED_MAX)
     rebooted = with_feedback(rebooted=True)
 
-    verdicts = check(SafetyInputs(service, [rebooted], [LEG], THRESHOLDS, CATEGORIES, driving=True))
+    verdicts = check_raw(
+        SafetyInputs(service, [rebooted], [LEG], THRESHOLDS, CATEGORIES, driving=True)
+    )
 
     assert Cause.DRIVE_REBOOTED in [verdict.cause for verdict in verdicts]
 
 
 @pytest.mark.parametrize("last", list(Input.HAND_SWITCH_CLOSED | Input.STO_RELEASED))
 def test_hand_switch_and_sto_count_also_while_our_frames_do_not_leave(last):
-    service = WELL._replace(tx_dropped_in_a_row=TX_DROPPED_MAX)
+    service = replace(WELL, tx_dropped_in_a_row=TX_DROPPED_MAX)
     axis = with_feedback(inputs=last, sample_age_cycles=3)
     let_go = {
         Input.HAND_SWITCH_CLOSED: Cause.STO_ACTIVE,
         Input.STO_RELEASED: Cause.HAND_SWITCH_OPEN,
     }[last]
 
-    verdicts = check(SafetyInputs(service, [axis], [LEG], THRESHOLDS, CATEGORIES, driving=True))
+    verdicts = check_raw(SafetyInputs(service, [axis], [LEG], THRESHOLDS, CATEGORIES, driving=True))
 
     assert let_go in [verdict.cause for verdict in verdicts]
 
 
 def test_of_two_axes_that_fail_in_one_cycle_the_harsher_verdict_comes_first():
     mild = with_feedback(power_state=PowerState.SWITCHED_ON)
-    harsh = with_joint(step_si=1.0)._replace(name="right/slide")
+    harsh = replace(with_joint(step_si=1.0), name="right/slide")
 
     for axes in ([mild, harsh], [harsh, mild]):
-        verdicts = check(SafetyInputs(WELL, axes, [LEG], THRESHOLDS, CATEGORIES, driving=True))
+        verdicts = check_raw(SafetyInputs(WELL, axes, [LEG], THRESHOLDS, CATEGORIES, driving=True))
 
         assert [verdict.cause for verdict in verdicts] == [
             Cause.ENCODER_JUMP,
@@ -194,7 +198,8 @@ def test_of_two_axes_that_fail_in_one_cycle_the_harsher_verdict_comes_first():
 
 
 def test_the_harshest_of_several_findings_wins():
-    both = AXIS._replace(
+    both = replace(
+        AXIS,
         feedback=FEEDBACK._replace(inputs=Input.STO_RELEASED),
         joint=JOINT._replace(step_si=1.0),
     )
@@ -203,14 +208,12 @@ def test_the_harshest_of_several_findings_wins():
 
 
 def test_a_plausible_observer_never_hides_another_stop():
-    plausible = LEG._replace(observer_bad_cycles=0)
-
     for axis in (
         with_feedback(inputs=Input.NONE),
         with_joint(velocity_si=9.0),
         with_feedback(sample_age_cycles=9),
     ):
-        assert verdict_of(axis=axis, leg=plausible).cause != Cause.NONE
+        assert verdict_of(axis=axis).cause != Cause.NONE
 
 
 CAUSES = st.sampled_from(list(StopCategory)).map(lambda c: Verdict(c, Cause.STOP_REQUESTED))

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 from bringup_bench import Bench
 from drive_files import CYCLE
-from fresh_core import fresh
+from fresh_core import fresh, has_been_sent, show
 from gaitd_names import Cause, Doubt, EventCode, Mode, ProgressCode, StopCategory
 from memory_bus import MS
 
@@ -13,6 +13,7 @@ from daemon.core.modes import latched_stop
 from daemon.core.modes.persistent_state import PersistentState, StoredVerdict
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import Step, begin
+from daemon.core.slices import Estimated
 from daemon.core.steps import supervisor
 from daemon.core.steps.bring_up import bring_up_core
 from daemon.ipc.record import Verdict
@@ -60,11 +61,12 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
     core.verdict, core.load_checked = Verdict(StopCategory.S1, Cause.DRIVE_SILENT), True
     for axis in core.axes:
         axis.stop = begin(Step.HOLD, Joint(), 1)
-        axis.joint, axis.reached_enabled = Joint(known=True), True
-        axis.effort_sent_si, axis.sign_proven, axis.serial_number = 5.0, True, 99
+        show(axis, joint=Joint(known=True), reached_enabled=True)
+        has_been_sent(axis, effort_si=5.0)
+        axis.sign_proven, axis.serial_number = True, 99
     (leg,) = core.legs
-    leg.reference = leg.estimate = object()
-    leg.observer_started, leg.observer_bad_cycles = True, 7
+    leg.reference = object()
+    leg.estimated = Estimated(estimate=object(), bad_cycles=7, stride_count=3)
     core.evidence = {"right/hip": object()}  # of the drive 99, which is another one
 
     assert session.run() is True
@@ -74,10 +76,10 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
     assert [drive.node_id for drive in core.drives.drives] == [axis.node_id for axis in core.axes]
     assert (core.verdict, core.load_checked, core.bring_up) == (Verdict(), False, None)
     for axis in core.axes:
-        assert (axis.stop, axis.joint, axis.reached_enabled) == (None, Joint(), False)
-        assert (axis.effort_sent_si, axis.sign_proven) == (0.0, False)
-    assert (leg.reference, leg.estimate) == (None, None)
-    assert (leg.observer_started, leg.observer_bad_cycles) == (False, 0)
+        assert (axis.stop, axis.sensed.joint, axis.sensed.reached_enabled) == (None, Joint(), False)
+        assert (axis.sent.effort_si, axis.sign_proven) == (0.0, False)
+    assert (leg.reference, leg.estimated.estimate) == (None, None)
+    assert (leg.estimated.bad_cycles, leg.estimated.stride_count) == (0, 3)
     assert core.evidence == {}
     assert core.events == [Event(EventCode.BRING_UP_BEGUN), Event(EventCode.DRIVES_UP)]
 
@@ -137,7 +139,8 @@ def test_a_stop_that_was_latched_before_the_restart_is_fault_after_bring_up():
 
 def test_a_refusal_ends_the_service_and_leaves_the_core_in_off():
     session = Session(hip={"abort_write": {(0x6065, 0): 0x06090030}})
-    session.core.reset_cycles_left, session.core.axes[0].followed = 9, True
+    session.core.reset_cycles_left = 9
+    show(session.core.axes[0], followed=True)
 
     with pytest.raises(BringUpRefused):
         session.run()
@@ -148,7 +151,7 @@ def test_a_refusal_ends_the_service_and_leaves_the_core_in_off():
     assert core.verdict.category is core.config.categories.of(Cause.BRING_UP_FAILED)
     assert "6065h" in core.verdict.said
     assert (core.drives, core.reset_cycles_left, core.bring_up) == (None, 0, None)
-    assert not core.axes[0].followed
+    assert not core.axes[0].sensed.followed
     assert len(session.told(EventCode.BRING_UP_FAILED)) == 1
 
 

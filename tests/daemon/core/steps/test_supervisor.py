@@ -5,15 +5,16 @@ from dataclasses import replace
 
 import pytest
 from core_bench import JUMPED, MANY_CYCLES, OPENED, Bench
+from fresh_core import has_been_sent, show
 from gaitd_names import Cause, EventCode, Finding, Mode, Outcome, RequestKind, Role, StopCategory
 
+from daemon.core import cycle
 from daemon.core.exercises.single_axis import Result
 from daemon.core.inputs import CommandInputs
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.steps import (
     controllers,
     exercises,
-    impedance,
     persistence,
     supervisor,
     wanted,
@@ -116,18 +117,18 @@ def test_power_off_is_one_step_and_never_a_milder_one(bench):
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 def test_a_command_that_is_not_finite_is_a_quick_stop_without_torque(bench, number):
     for axis in bench.core.axes:
-        axis.effort_sent_si, axis.position_sent_si = 10.0, 0.2
+        has_been_sent(axis, effort_si=10.0, position_si=0.2)
     bench.turn()
     leg = bench.core.legs[0]
     leg.reference = leg.reference._replace(feedforward=(number, 0.0))
 
-    commands = impedance.command(bench.core, bench.cycle)
+    commands = cycle.commands(bench.core, bench.cycle)
 
     assert bench.core.verdict.cause == Cause.COMMAND_NOT_FINITE
     assert [one.power for one in commands] == [PowerRequest.QUICK_STOP] * 2
     assert [one.target_torque_permille for one in commands] == [0, 0]
-    assert [axis.effort_sent_si for axis in bench.core.axes] == [0.0, 0.0]
-    assert [axis.position_sent_si for axis in bench.core.axes] == [0.2, 0.2]
+    assert [axis.sent.effort_si for axis in bench.core.axes] == [0.0, 0.0]
+    assert [axis.sent.position_si for axis in bench.core.axes] == [0.2, 0.2]
 
 
 # --- assist ---------------------------------------------------------------------------------------
@@ -168,7 +169,7 @@ def test_where_nothing_is_in_force_the_next_holder_is_heard_at_once(bench):
 def settled(bench, cycles):
     bench.core.load_checked = False
     for axis in bench.core.axes:
-        axis.joint = axis.joint._replace(effort_si=axis.gravity_si)
+        show(axis, joint=axis.sensed.joint._replace(effort_si=axis.sensed.gravity_si))
     bench.turn()
     assert bench.core.mode == Mode.HOLD
     for _ in range(cycles - 1):
@@ -187,9 +188,9 @@ def test_the_load_is_compared_after_the_leg_has_been_held_for_its_time(bench):
 
 def test_the_time_begins_anew_while_a_drive_is_not_enabled(bench):
     settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
-    bench.core.axes[1].reached_enabled = False
+    show(bench.core.axes[1], reached_enabled=False)
     bench.turn()
-    bench.core.axes[1].reached_enabled = True
+    show(bench.core.axes[1], reached_enabled=True)
 
     settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
     assert not bench.core.load_checked
@@ -203,8 +204,8 @@ def test_a_load_that_is_not_that_of_the_model_stops(bench, index, side):
     settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
     axis = bench.core.axes[index]
     tolerance_si = axis.limits.static_load_tolerance_si
-    wrong_si = axis.gravity_si + side * (tolerance_si + 1.0)
-    axis.joint = axis.joint._replace(effort_si=wrong_si)
+    wrong_si = axis.sensed.gravity_si + side * (tolerance_si + 1.0)
+    show(axis, joint=axis.sensed.joint._replace(effort_si=wrong_si))
 
     bench.turn()
 
@@ -219,9 +220,9 @@ def test_a_load_that_is_not_that_of_the_model_stops(bench, index, side):
 def test_a_load_of_just_the_tolerance_is_right(bench):
     settled(bench, supervisor.LOAD_SETTLE_CYCLES - 1)
     axis = bench.core.axes[0]
-    axis.gravity_si = 0.0
+    show(axis, gravity_si=0.0)
     tolerance_si = axis.limits.static_load_tolerance_si
-    axis.joint = axis.joint._replace(effort_si=-tolerance_si)
+    show(axis, joint=axis.sensed.joint._replace(effort_si=-tolerance_si))
 
     bench.turn()
 

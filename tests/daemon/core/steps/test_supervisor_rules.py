@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from core_bench import JUMPED, OPENED, Bench
-from fresh_core import fresh
+from fresh_core import fresh, show
 from gaitd_names import (
     Cause,
     EventCode,
@@ -93,7 +93,7 @@ def cause_told(code, verdict, *values):
 
 def stops(core, *steps, cycle=50):
     for axis, step in zip(core.axes, steps, strict=True):
-        axis.stop = None if step is None else begin(step, axis.joint, cycle)
+        axis.stop = None if step is None else begin(step, axis.sensed.joint, cycle)
 
 
 # --- a cycle --------------------------------------------------------------------------------------
@@ -158,7 +158,9 @@ def test_enabling_begins_with_nothing_of_before(ready):
     "state", [state for state in PowerState if state is not PowerState.OPERATION_ENABLED]
 )
 def test_disabling_enables_no_drive_in_order_to_hold(bench, state):
-    bench.core.axes[0].feedback = bench.core.axes[0].feedback._replace(power_state=state)
+    show(
+        bench.core.axes[0], feedback=bench.core.axes[0].sensed.feedback._replace(power_state=state)
+    )
 
     bench.ask(RequestKind.DISABLE)
 
@@ -271,26 +273,31 @@ def test_a_homing_begins_when_the_drives_are_up(ready, changed):
 
 def test_a_homing_may_move_the_origin_of_its_axis_from_its_begin(ready, changed):
     hip, slide = ready.core.axes
-    hip.followed = slide.followed = True
+    show(hip, followed=True)
+    show(slide, followed=True)
     changed(Change(Trigger.TO_REFERENCE, homing=hip))
 
     ready.turn()
 
-    assert (hip.followed, slide.followed) == (False, True)
+    assert (hip.sensed.followed, slide.sensed.followed) == (False, True)
 
 
 def test_a_homing_that_is_over_switches_off_as_a_disable_does(bench, changed):
     core = bench.core
     core.mode, hip = Mode.REFERENCE, core.axes[0]
-    hip.referenced = False
+    show(hip, referenced=False)
     changed(Change(Trigger.EXERCISE_OVER, homed=hip))
 
     bench.turn()
 
     assert (core.mode, core.disabling) == (Mode.STOPPING, True)
-    assert (hip.followed, hip.referenced, core.axes[1].followed) == (True, True, False)
+    assert (hip.sensed.followed, hip.sensed.referenced, core.axes[1].sensed.followed) == (
+        True,
+        True,
+        False,
+    )
     assert [axis.stop for axis in core.axes] == [
-        begin(Step.DISABLE, axis.joint, bench.cycle) for axis in core.axes
+        begin(Step.DISABLE, axis.sensed.joint, bench.cycle) for axis in core.axes
     ]
     assert core.events == [mode_changed(Mode.REFERENCE, Mode.STOPPING, Trigger.EXERCISE_OVER)]
 
@@ -311,11 +318,12 @@ def test_after_a_homing_the_drives_are_brought_up_with_their_usual_limits(ready,
 @pytest.mark.parametrize("cause", Cause)
 def test_doubtful_feedback_has_the_encoder_of_its_axis_compared_again(bench, cause):
     hip, slide = bench.core.axes
-    hip.followed = slide.followed = True
+    show(hip, followed=True)
+    show(slide, followed=True)
 
     supervisor.stop(bench.core, Verdict(StopCategory.S0, cause, "right/hip"), 123)
 
-    assert (hip.followed, slide.followed) == (cause not in DOUBTFUL_FEEDBACK, True)
+    assert (hip.sensed.followed, slide.sensed.followed) == (cause not in DOUBTFUL_FEEDBACK, True)
 
 
 @pytest.mark.parametrize("mode", [*ACTIVE, Mode.READY])
@@ -374,7 +382,7 @@ def test_the_first_step_of_each_axis(bench, verdict, shown, alone, steps):
     core = bench.core
     core.single_axis = Run() if alone else None
     for axis, state in zip(core.axes, shown, strict=True):
-        axis.feedback = axis.feedback._replace(power_state=state)
+        show(axis, feedback=axis.sensed.feedback._replace(power_state=state))
 
     supervisor.stop(core, verdict, 123)
 
@@ -536,7 +544,7 @@ def test_a_lost_bus_leaves_nothing_known_of_the_drives(bench, mode):
     core.mode, core.drives, core.single_axis = mode, DriveGroup([]), Run()
     core.disabling, core.reset_cycles_left = True, 9
     stops(core, QUICK, QUICK)
-    core.axes[0].followed = True
+    show(core.axes[0], followed=True)
 
     supervisor.lose_bus(core, "can0 is down")
 
@@ -546,9 +554,9 @@ def test_a_lost_bus_leaves_nothing_known_of_the_drives(bench, mode):
     assert core.events == [cause_told(EventCode.CAUSE_FOUND, verdict), *told]
     assert (core.drives, core.single_axis) == (None, None)
     assert (core.disabling, core.reset_cycles_left, bench.steps()) == (False, 0, [])
-    assert [(axis.feedback, axis.joint, axis.followed) for axis in core.axes] == [
-        (None, Joint(), False)
-    ] * 2
+    assert [
+        (axis.sensed.feedback, axis.sensed.joint, axis.sensed.followed) for axis in core.axes
+    ] == [(None, Joint(), False)] * 2
 
 
 def test_a_lost_bus_does_not_replace_a_harsher_verdict(bench):
@@ -590,9 +598,9 @@ def test_a_stop_does_not_keep_a_gait_that_has_begun_in_this_cycle(bench):
 def test_while_the_drives_are_enabled_the_leg_is_held_where_it_is(bench):
     core, (leg,) = bench.core, bench.core.legs
     core.load_checked, core.load_settle_cycles = False, 7
-    core.axes[0].reached_enabled = False
+    show(core.axes[0], reached_enabled=False)
     for axis in core.axes:
-        axis.joint = axis.joint._replace(position_si=0.3)
+        show(axis, joint=axis.sensed.joint._replace(position_si=0.3))
 
     bench.turn()
 
@@ -606,8 +614,8 @@ def test_the_load_at_rest_is_compared_with_the_model(bench, before_cycles, effor
     core = bench.core
     core.load_checked, core.load_settle_cycles = False, before_cycles
     for axis in core.axes:
-        axis.joint = axis.joint._replace(effort_si=effort_si)
-        axis.gravity_si = effort_si
+        show(axis, joint=axis.sensed.joint._replace(effort_si=effort_si))
+        show(axis, gravity_si=effort_si)
 
     bench.turn()
 
@@ -671,7 +679,7 @@ def test_a_drive_that_does_not_obey_is_taken_further_and_the_other_one_with_it(b
     core.mode, core.verdict, core.disabling = mode, HELD_UP, True
     stops(core, HOLD, HOLD)
     hip = core.axes[0]
-    hip.joint = hip.joint._replace(velocity_si=-1.2345)
+    show(hip, joint=hip.sensed.joint._replace(velocity_si=-1.2345))
 
     bench.turn()
 
@@ -740,12 +748,12 @@ def test_an_axis_without_a_stop_or_without_a_sample_waits_for_the_other_one(benc
     core = bench.core
     core.mode, core.verdict = Mode.FAULT, OPENED
     stops(core, None, QUICK)
-    core.axes[1].feedback = None
+    show(core.axes[1], feedback=None)
 
     bench.turn()
 
     assert core.axes[0].stop is None
-    assert core.axes[1].stop == begin(QUICK, core.axes[1].joint, 50)
+    assert core.axes[1].stop == begin(QUICK, core.axes[1].sensed.joint, 50)
     bench.show(PowerState.QUICK_STOP_ACTIVE)
     bench.turn()
     assert core.axes[1].stop.at_rest_cycles == 1
@@ -770,7 +778,7 @@ def test_a_stop_is_over_when_its_axis_rests_is_silent_or_has_had_its_time(
     core.axes[0].stop = core.axes[0].stop._replace(at_rest_cycles=enough)
     slide = core.axes[1]
     slide.stop = slide.stop._replace(at_rest_cycles=enough if rested else enough - 1)
-    slide.feedback = slide.feedback._replace(sample_age_cycles=age_cycles)
+    show(slide, feedback=slide.sensed.feedback._replace(sample_age_cycles=age_cycles))
 
     assert supervisor._stopped(core, cycle) is stopped
     core.axes[1].stop = None
@@ -783,7 +791,10 @@ def test_the_age_of_a_sample_after_which_its_axis_is_not_waited_for(bench):
     stops(core, QUICK, QUICK)
     for more in (0, 1):
         for axis in core.axes:
-            axis.feedback = axis.feedback._replace(sample_age_cycles=age_max_cycles + more)
+            show(
+                axis,
+                feedback=axis.sensed.feedback._replace(sample_age_cycles=age_max_cycles + more),
+            )
         assert supervisor._stopped(core, 51) is bool(more)
 
 
@@ -817,9 +828,9 @@ def test_a_reset_is_over_when_no_drive_has_shown_a_fault_for_a_while(
     core = ready.core
     core.reset_cycles_left, core.reset_settle_cycles = 50, settling
     slide = core.axes[1]
-    slide.joint = slide.joint._replace(known=known)
+    show(slide, joint=slide.sensed.joint._replace(known=known))
     if fault:
-        slide.feedback = slide.feedback._replace(power_state=PowerState.FAULT)
+        show(slide, feedback=slide.sensed.feedback._replace(power_state=PowerState.FAULT))
 
     ready.turn()
 
@@ -831,7 +842,7 @@ def test_a_reset_is_over_when_no_drive_has_shown_a_fault_for_a_while(
 def test_a_reset_without_a_sample_goes_on_and_ends_with_its_time(ready):
     core = ready.core
     for axis in core.axes:
-        axis.feedback, axis.joint = None, Joint()
+        show(axis, feedback=None, joint=Joint())
     core.reset_cycles_left = 2
 
     left = []
@@ -918,10 +929,10 @@ def test_a_bring_up_that_fails_ends_in_off_and_is_told_if_it_is_new(bench, mode)
     core.mode = mode
     for _ in range(2):
         core.single_axis, core.reset_cycles_left, core.bring_up = Run(), 9, STEP
-        core.axes[1].followed = True
+        show(core.axes[1], followed=True)
         supervisor.fail_bring_up(*failed)
         assert (core.mode, core.single_axis, core.bring_up) == (Mode.OFF, None, None)
-        assert (core.reset_cycles_left, core.axes[1].followed) == (0, False)
+        assert (core.reset_cycles_left, core.axes[1].sensed.followed) == (0, False)
         assert core.verdict == Verdict(
             StopCategory.S1, Cause.DRIVE_SILENT, "right/hip", said="no answer"
         )
@@ -933,3 +944,13 @@ def test_a_bring_up_that_fails_ends_in_off_and_is_told_if_it_is_new(bench, mode)
 def test_a_mode_without_its_row_in_the_table_is_an_error_of_the_program(bench):
     with pytest.raises(table.IllegalTransitionError):
         supervisor.begin_bring_up(bench.core)
+
+
+def test_what_a_core_has_found_that_ends_by_an_exception_is_latched_for_the_next_one():
+    bench = Bench()
+
+    supervisor.latch(bench.core, [OPENED], bench.cycle, 5)
+
+    latched = bench.core.persistent.latched
+    assert (bench.core.mode, bench.core.verdict) == (Mode.STOPPING, OPENED)
+    assert (latched.cause, latched.drive, latched.utc_ns) == (OPENED.cause, "right/hip", 5)

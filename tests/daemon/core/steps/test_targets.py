@@ -4,6 +4,7 @@ import math
 from itertools import pairwise
 
 import pytest
+from fresh_core import has_been_sent, show
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from safety_inputs import FEEDBACK, JOINT
@@ -24,21 +25,36 @@ AT_REST = JOINT._replace(position_si=0.2, velocity_si=0.0, effort_si=6.0)
 def axis_that(shows=CST, sent=CST, state=PowerState.OPERATION_ENABLED, following=True):
     """The hip, enabled and at rest at 0.2 rad with 6 N·m, its last targets as that."""
     axis = build(SETTINGS, "test", PersistentState()).core.axes[0]
-    axis.joint = AT_REST
-    axis.feedback = FEEDBACK._replace(mode_display=shows, power_state=state, following=following)
-    axis.mode_sent = sent
-    axis.reached_enabled = True
-    axis.effort_sent_si = axis.effort_mean_si = 6.0
-    axis.position_sent_si = 0.2
+    show(axis, joint=AT_REST)
+    show(
+        axis,
+        feedback=FEEDBACK._replace(mode_display=shows, power_state=state, following=following),
+    )
+    show(axis, reached_enabled=True)
+    has_been_sent(axis, mode=sent, effort_si=6.0, effort_mean_si=6.0, position_si=0.2)
     return axis
 
 
 def effort(axis, wanted_si, mode, *, pushing=True, leaving=False):
-    return targets.effort(axis, wanted_si, targets.DriveRequest(mode, pushing, leaving, DT_S))
+    found = targets.effort(axis, wanted_si, targets.DriveRequest(mode, pushing, leaving, DT_S))
+    if found is not None:
+        fade = {"effort_offset_si": found.offset_si, "effort_mean_si": found.mean_si}
+        has_been_sent(axis, **fade)
+    return found and found.sent_si
 
 
 def position(axis, wanted_si, mode, *, pushing=True):
-    return targets.position(axis, wanted_si, targets.DriveRequest(mode, pushing, False, DT_S))
+    request = targets.DriveRequest(mode, pushing, False, DT_S)
+    found = targets.position(axis, wanted_si, axis.sent.position_offset_si, request)
+    if found is not None:
+        has_been_sent(axis, position_offset_si=found.offset_si)
+    return found and found.sent_si
+
+
+def commanded(axis, mode, target_si):
+    request = targets.DriveRequest(mode, True, False, DT_S)
+    effort, position = targets.Effort(0.0, 0.0, 0.0), targets.Position(target_si, 0.0)
+    return targets.sent(axis, effort, position, request)
 
 
 # --- effort -----------------------------------------------------------------------------------
@@ -50,7 +66,8 @@ def test_in_torque_mode_the_wish_is_sent():
 
 def test_before_a_drive_pushes_its_torque_is_at_once_what_holds_the_pose():
     axis = axis_that(state=PowerState.SWITCHED_ON)
-    axis.reached_enabled, axis.effort_sent_si, axis.gravity_si = False, 0.0, 20.0
+    show(axis, reached_enabled=False, gravity_si=20.0)
+    has_been_sent(axis, effort_si=0.0)
 
     assert axis.limits.effort_rate_max_si_per_s * DT_S < 20.0
     assert effort(axis, 20.0, CST) == 20.0
@@ -70,11 +87,11 @@ def test_a_drive_that_is_not_meant_to_push_gets_no_torque():
 def test_torque_begins_where_it_was_and_fades_to_the_wish(wish_nm):
     axis = axis_that(shows=CSP, sent=CSP)
     sent = [effort(axis, wish_nm, CST)]
-    axis.mode_sent = CST
-    axis.feedback = axis.feedback._replace(mode_display=CST)
+    has_been_sent(axis, mode=CST)
+    show(axis, feedback=axis.sensed.feedback._replace(mode_display=CST))
 
     for _ in range(300):
-        axis.effort_sent_si = sent[-1]
+        has_been_sent(axis, effort_si=sent[-1])
         sent.append(effort(axis, wish_nm, CST))
 
     assert sent[0] == 6.0
@@ -86,10 +103,10 @@ def test_torque_begins_where_it_was_and_fades_to_the_wish(wish_nm):
 
 def test_near_rest_what_was_sent_lately_goes_on_until_the_mode_may_change():
     axis = axis_that()
-    axis.effort_mean_si = 5.0
+    has_been_sent(axis, effort_mean_si=5.0)
 
     assert effort(axis, 9.0, CST, leaving=True) == 5.0
-    axis.joint = AT_REST._replace(velocity_si=1.0)
+    show(axis, joint=AT_REST._replace(velocity_si=1.0))
     assert effort(axis, 9.0, CST, leaving=True) == 9.0
 
 
@@ -98,21 +115,21 @@ def test_near_rest_what_was_sent_lately_goes_on_until_the_mode_may_change():
 
 def test_in_torque_mode_the_target_position_is_where_the_joint_is():
     axis = axis_that()
-    axis.joint = AT_REST._replace(position_si=0.31)
+    show(axis, joint=AT_REST._replace(position_si=0.31))
 
     assert position(axis, 0.5, CST) == 0.31
 
 
 def test_the_cycle_that_first_asks_for_position_mode_carries_the_position_of_its_own_sync():
     axis = axis_that(shows=CST, sent=CST)
-    axis.joint = AT_REST._replace(position_si=0.31)
+    show(axis, joint=AT_REST._replace(position_si=0.31))
 
     assert position(axis, 0.5, CSP) == 0.31
 
 
 def test_then_it_is_held_until_6061h_matches_however_the_joint_moves():
     axis = axis_that(shows=CST, sent=CSP)
-    axis.joint = AT_REST._replace(position_si=0.31)
+    show(axis, joint=AT_REST._replace(position_si=0.31))
 
     assert position(axis, 0.5, CSP) == 0.2
 
@@ -121,10 +138,10 @@ def test_then_it_is_held_until_6061h_matches_however_the_joint_moves():
 @pytest.mark.parametrize("shows", [CSP, CST])
 def test_a_drive_that_is_not_enabled_gets_its_present_position(state, shows):
     axis = axis_that(shows=shows, sent=CSP, state=state)
-    axis.joint = AT_REST._replace(position_si=0.31)
+    show(axis, joint=AT_REST._replace(position_si=0.31))
 
     assert position(axis, 0.31, CSP) == 0.31
-    assert axis.position_offset_si == 0.0
+    assert axis.sent.position_offset_si == 0.0
 
 
 @pytest.mark.parametrize(
@@ -134,7 +151,7 @@ def test_a_drive_that_is_not_enabled_gets_its_present_position(state, shows):
 )
 def test_the_last_target_is_held_while_the_drive_still_goes_by_it(mode, pushing, following):
     axis = axis_that(shows=CSP, sent=CSP, following=following)
-    axis.joint = AT_REST._replace(position_si=0.31)
+    show(axis, joint=AT_REST._replace(position_si=0.31))
 
     assert position(axis, 0.5, mode, pushing=pushing) == 0.2
 
@@ -144,10 +161,10 @@ def test_the_last_target_is_held_while_the_drive_still_goes_by_it(mode, pushing,
 def test_position_begins_where_it_was_and_fades_to_the_wish(wish_rad):
     axis = axis_that(shows=CST, sent=CSP)
     sent = [position(axis, wish_rad, CSP)]
-    axis.feedback = axis.feedback._replace(mode_display=CSP)
+    show(axis, feedback=axis.sensed.feedback._replace(mode_display=CSP))
 
     for _ in range(300):
-        axis.position_sent_si = sent[-1]
+        has_been_sent(axis, position_si=sent[-1])
         sent.append(position(axis, wish_rad, CSP))
 
     assert sent[0] == 0.2
@@ -158,14 +175,15 @@ def test_position_begins_where_it_was_and_fades_to_the_wish(wish_rad):
 def test_a_stop_goes_on_with_the_leg_s_speed_and_then_comes_back_to_where_the_leg_was():
     """The leg is 0.05 rad behind its target and moves at 1 rad/s: the plan brakes from the leg."""
     axis = axis_that(shows=CSP, sent=CSP)
-    axis.position_sent_si = 0.25
+    has_been_sent(axis, position_si=0.25)
 
-    targets.brake_from_the_target(axis, 0.2, 1.0, DT_S)
+    offset_si = targets.braking_offset_si(axis.sent, 0.2, 1.0, DT_S)
+    has_been_sent(axis, position_offset_si=offset_si)
 
     assert position(axis, 0.2, CSP) == pytest.approx(0.26, abs=0.003)
     for _ in range(300):
-        axis.position_sent_si = position(axis, 0.2, CSP)
-    assert axis.position_sent_si == pytest.approx(0.2, abs=1e-5)
+        has_been_sent(axis, position_si=position(axis, 0.2, CSP))
+    assert axis.sent.position_si == pytest.approx(0.2, abs=1e-5)
 
 
 def test_nothing_that_is_not_finite_is_sent():
@@ -178,7 +196,7 @@ def test_nothing_that_is_not_finite_is_sent():
 
 def test_only_a_drive_that_holds_by_itself_has_a_distance_to_where_it_holds():
     held = axis_that(shows=CSP, sent=CSP)
-    held.joint = AT_REST._replace(position_si=0.21)
+    show(held, joint=AT_REST._replace(position_si=0.21))
 
     assert targets.loop_distance(held) == pytest.approx(0.01)
     assert targets.loop_distance(axis_that()) == math.inf
@@ -187,10 +205,10 @@ def test_only_a_drive_that_holds_by_itself_has_a_distance_to_where_it_holds():
 def test_speed_and_acceleration_of_the_target_count_where_the_drive_goes_by_it():
     axis = axis_that(shows=CSP, sent=CSP)
     for target_si in (0.21, 0.23):
-        targets.record_sent(axis, CSP, 0.0, target_si, DT_S)
+        axis.sent = commanded(axis, CSP, target_si)
 
-    assert axis.speed_sent_si == pytest.approx(2.0)
-    assert axis.acceleration_sent_si == pytest.approx(100.0)
-    axis.feedback = axis.feedback._replace(mode_display=CST)
-    targets.record_sent(axis, CST, 0.0, 0.3, DT_S)
-    assert (axis.speed_sent_si, axis.acceleration_sent_si) == (0.0, 0.0)
+    assert axis.sent.speed_si == pytest.approx(2.0)
+    assert axis.sent.acceleration_si == pytest.approx(100.0)
+    show(axis, feedback=axis.sensed.feedback._replace(mode_display=CST))
+    axis.sent = commanded(axis, CST, 0.3)
+    assert (axis.sent.speed_si, axis.sent.acceleration_si) == (0.0, 0.0)

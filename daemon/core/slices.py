@@ -1,0 +1,112 @@
+"""The values that the steps of a cycle return: each is made anew in every cycle by one module.
+
+They are frozen: who reads one cannot change it. `tests/daemon/core/test_state_writers.py` names the
+module that makes each of them.
+"""
+
+import math
+
+from gaitd_names import Doubt
+from msgspec import Struct
+
+from daemon.core.motion.gait_shape import Pair
+from daemon.core.safety.joints import Joint
+from drives.signals import DriveFeedback, OperationMode
+from observer.drift import NO_DRIFT, Drift
+from observer.filter.leg_observer import LegEstimate
+from observer.strides import Stride
+
+
+class Sensed(Struct, frozen=True):
+    """What the samples of one axis show, and how far its position is known: `steps/sensing.py`."""
+
+    feedback: DriveFeedback | None = None
+    """None until the first sample, and without drives."""
+    joint: Joint = Joint()
+    origin_moved: bool = False
+    """This sample is the first after a change of the position's origin by a homing."""
+    referenced: bool = False
+    followed: bool = False
+    """Referenced, and since then no reboot or silence of its drive, no doubtful feedback, and no
+    homing that has not ended."""
+    doubt: Doubt = Doubt.NOT_HOMED
+    watched: bool = False
+    """Its drive has been neither silent nor rebooted since a bring-up: it is still the same one."""
+    sign_trusted: bool = False
+    """Its sign is proven for a drive with a serial number; its last reboot, silence or doubtful
+    feedback came before the newest test of the sign."""
+    shown_unpowered: bool = False
+    """The drive has shown a state without power since power was last requested."""
+    reached_enabled: bool = False
+    """The drive has been enabled, in its mode and following, since this was requested."""
+    unready_cycles: int = 0
+    """Cycles in a row in which it should be enabled, in its mode and following, and was not."""
+    unexpected_enable_cycles: int = 0
+    """Cycles in a row in which it had power, or may have had, without a request by the core."""
+    emergencies_checked: int = 0
+    """Count of EMCY alarms already checked: each alarm is checked once."""
+    bring_up_error: tuple[int, str] = (0, "")
+    """Code and text of the fault that bring-up found in the drive; 0 and empty once it is gone."""
+    gravity_si: float = 0.0
+    """Effort that holds the joint at its newest known pose: N·m or N."""
+    tracking_si: float = 0.0
+    """Distance to a guided reference; else 0."""
+    wanted_velocity_si: float = 0.0
+    """Velocity of a guided reference; else 0."""
+
+
+class Estimated(Struct, frozen=True):
+    """What the observer of a leg says in this cycle: `steps/estimation.py`. Hip first, then slide.
+
+    The smoothed state, and with it the stride, is that of 150 ms ago: it is for display; a
+    controller gets the estimate of the present cycle.
+    """
+
+    estimate: LegEstimate | None = None
+    """None without drives, and until the observer has begun at a known pose."""
+    measured: Pair = (math.nan, math.nan)
+    """Positions of this cycle's samples: rad and m; NaN where a sample is missing."""
+    effort_used: Pair = (0.0, 0.0)
+    """Measured efforts without the artificial part: N·m and N."""
+    artificial: Pair = (0.0, 0.0)
+    """Artificial disturbance of the observer's input: N·m and N."""
+    bad_cycles: int = 0
+    """Cycles in a row without a valid estimate while the observer runs."""
+    stride: Stride | None = None
+    """The stride that was completed in this cycle; None if there was none."""
+    stride_count: int = 0
+    drifts: tuple[Drift, Drift] = (NO_DRIFT, NO_DRIFT)
+    """Drift of the friction of each axis."""
+    calibration_advised: tuple[bool, bool] = (False, False)
+
+
+class Softened(Struct, frozen=True):
+    """How much a spasm and clonus soften the guidance of a leg: `steps/monitors.py`."""
+
+    spasm_ratio: float = 1.0
+    """Share of the guidance stiffness that remains during a spasm."""
+    clonus_ratio: float = 1.0
+    """Share of the guidance stiffness that remains during clonus."""
+    wanted_velocity: Pair = (0.0, 0.0)
+    """Velocity of the reference, from which next its acceleration follows: rad/s, m/s."""
+
+
+class Sent(Struct, frozen=True):
+    """What was sent to one drive, and how its targets fade to the plan: `steps/targets.py`."""
+
+    mode: OperationMode = OperationMode.CYCLIC_SYNC_TORQUE
+    """6060h of the last command, which 6061h is expected to show."""
+    effort_si: float = 0.0
+    position_si: float = 0.0
+    """Target position of the last command, in every mode."""
+    speed_si: float = 0.0
+    acceleration_si: float = 0.0
+    """Acceleration of the target position, from the last two commands.
+
+    0 where the drive does not follow its target position.
+    """
+    effort_mean_si: float = 0.0
+    """Low-pass mean of the effort sent in torque mode: it holds a joint without a control loop."""
+    effort_offset_si: float = 0.0
+    position_offset_si: float = 0.0
+    """Difference between target and plan when guidance took over; it fades to zero."""

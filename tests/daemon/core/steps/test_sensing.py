@@ -1,0 +1,133 @@
+"""What one axis shows: a sample and what is wanted of its drive in, a slice out, no core."""
+
+from types import SimpleNamespace
+
+import pytest
+from gaitd_names import Doubt, EventCode
+from msgspec.structs import replace
+from safety_inputs import FEEDBACK, LIMITS, THRESHOLDS
+
+from daemon.core.safety.joints import Joint
+from daemon.core.slices import Sensed
+from daemon.core.steps.sensing import SensingInputs, news, sense
+from daemon.ipc.report import Event
+from drives.cia402.units import AxisScaling
+from drives.signals import OperationMode, PowerState
+
+AXIS = SimpleNamespace(
+    name="right/hip",
+    limits=LIMITS,
+    scaling=AxisScaling(1000.0, 0.0, 0.1, 10.0, 1000, 1.0, 1.0),
+)
+WANTED = SensingInputs(
+    origin_moved=False,
+    enable_wanted=True,
+    is_stopping=False,
+    mode_sent=OperationMode.CYCLIC_SYNC_TORQUE,
+)
+UNWANTED = replace(WANTED, enable_wanted=False)
+KNOWN = Sensed(
+    feedback=FEEDBACK,
+    joint=Joint(known=True, fresh=True, position_si=0.1, sample_ns=1, counts=100),
+    referenced=True,
+    followed=True,
+    doubt=Doubt.NONE,
+    watched=True,
+    sign_trusted=True,
+)
+SYNC_NS = 10_000_001
+
+
+def sensed(before=KNOWN, now=WANTED, **shown):
+    return sense(AXIS, before, FEEDBACK._replace(**shown), now, THRESHOLDS, SYNC_NS)
+
+
+def trust(found):
+    return found.referenced, found.followed, found.watched, found.sign_trusted
+
+
+@pytest.mark.parametrize(
+    ("shown", "left", "doubt"),
+    [
+        ({}, (True, True, True, True), Doubt.NONE),
+        ({"sample_age_cycles": 2}, (True, True, True, True), Doubt.NONE),
+        ({"sample_age_cycles": 3}, (True, False, False, False), Doubt.NONE),
+        ({"rebooted": True}, (False, False, False, False), Doubt.REBOOTED),
+        ({"reference_lost": True}, (False, False, True, False), Doubt.ENCODER_ERROR),
+        ({"position_counts": 9000}, (False, False, True, False), Doubt.ENCODER_JUMPED),
+    ],
+)
+def test_what_is_still_known_of_an_axis_after_its_sample(shown, left, doubt):
+    found = sensed(**shown)
+
+    assert (trust(found), found.doubt) == (left, doubt)
+    told = [Event(EventCode.REFERENCE_LOST, "right/hip", (doubt,))]
+    told = [] if doubt is Doubt.NONE else told
+    assert list(news(AXIS, KNOWN, found)) == told
+
+
+def test_what_was_lost_is_not_told_again_and_comes_back_by_no_sample():
+    lost = sensed(rebooted=True)
+    after = sensed(replace(lost, joint=KNOWN.joint), reference_lost=True)
+
+    assert (trust(after), after.doubt) == ((False,) * 4, Doubt.REBOOTED)
+    assert list(news(AXIS, lost, after)) == []
+
+
+def test_a_step_of_the_origin_is_no_motion():
+    moved = sensed(now=replace(WANTED, origin_moved=True), position_counts=9000)
+
+    assert (moved.referenced, moved.origin_moved, moved.joint.velocity_si) == (True, True, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("shown", "reached", "unready"),
+    [
+        ({}, True, 0),
+        ({"power_state": PowerState.SWITCHED_ON}, False, 5),
+        ({"mode_display": OperationMode.CYCLIC_SYNC_POSITION}, False, 5),
+        ({"following": False}, False, 5),
+    ],
+)
+def test_a_drive_is_ready_when_it_is_enabled_in_its_mode_and_follows(shown, reached, unready):
+    before = replace(KNOWN, unready_cycles=4, shown_unpowered=True, unexpected_enable_cycles=3)
+
+    found = sensed(before, **shown)
+
+    assert (found.reached_enabled, found.unready_cycles) == (reached, unready)
+    assert (found.shown_unpowered, found.unexpected_enable_cycles) == (False, 0)
+
+
+@pytest.mark.parametrize(
+    ("stopping", "seen_off", "shown", "cycles"),
+    [
+        (False, False, {}, 4),
+        (True, False, {}, 0),
+        (True, True, {}, 4),
+        (False, True, {"power_state": PowerState.SWITCH_ON_DISABLED}, 0),
+        (False, False, {"power_state": PowerState.UNKNOWN, "fresh": False}, 3),
+    ],
+)
+def test_power_that_nothing_asks_for_is_counted(stopping, seen_off, shown, cycles):
+    before = replace(KNOWN, shown_unpowered=seen_off, unexpected_enable_cycles=3)
+
+    found = sensed(before, replace(UNWANTED, is_stopping=stopping), **shown)
+
+    assert found.unexpected_enable_cycles == cycles
+    assert (found.reached_enabled, found.unready_cycles) == (False, 0)
+
+
+def test_an_error_of_bring_up_counts_until_a_fresh_sample_without_a_fault():
+    failed = replace(KNOWN, bring_up_error=(0x8611, "following error"))
+
+    assert sensed(failed, fresh=False).bring_up_error == (0x8611, "following error")
+    assert sensed(failed, power_state=PowerState.FAULT).bring_up_error[0] == 0x8611
+    assert sensed(failed).bring_up_error == (0, "")
+
+
+def test_a_temperature_is_told_when_it_is_overdue_and_when_it_is_back():
+    overdue = sensed(temperature_overdue=True)
+
+    assert list(news(AXIS, KNOWN, overdue)) == [Event(EventCode.TEMPERATURE_OVERDUE, "right/hip")]
+    assert list(news(AXIS, overdue, overdue)) == []
+    assert list(news(AXIS, overdue, KNOWN)) == [Event(EventCode.TEMPERATURE_BACK, "right/hip")]
