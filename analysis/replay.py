@@ -18,7 +18,12 @@ from gaitd_texts import Reader, catalogue
 
 from analysis.recording import Progress, Recording, RecordingError, read_csv, recording
 from analysis.stop_recording import about, inputs_of, observed, opened, stop_of
-from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
+from daemon.config.robot import (
+    considered,
+    friction_parameters,
+    leg_parameters,
+    observer_tuning,
+)
 from daemon.config.settings import Robot
 from observer.filter.leg_observer import CALLER_BITS, Setup, check_tuning, setup_of
 from observer.offline.batch import BatchEstimates, Columns, run
@@ -128,11 +133,14 @@ def setup_for(robot: Robot) -> Setup:
     """
     parts = leg_parameters(robot), *friction_parameters(robot), observer_tuning(robot)
     check_tuning(*parts)
-    return setup_of(*parts)
+    return setup_of(*parts, considered(robot))
 
 
-def unchecked_setup(robot: Robot) -> Setup:
-    """Setup of a robot that the service may refuse: a calibration may begin with any friction."""
+def filter_setup(robot: Robot) -> Setup:
+    """The filter alone: its sigma holds nothing of [uncertainty].
+
+    The robot may be one that the service refuses: a calibration may begin with any friction.
+    """
     hip, slide = friction_parameters(robot)
     return setup_of(leg_parameters(robot), hip, slide, observer_tuning(robot))
 

@@ -27,10 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
-from observer.filter.leg_filter import FRICTION_COUNT, Setup
+from observer.filter.considered import VARIANTS_MAX, widen
+from observer.filter.leg_filter import Setup, constants_of
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES, STEP_S
-from observer.jit import fixed_tuple, inline, kernel
+from observer.jit import inline, kernel
 from observer.mechanism.friction import FrictionParameters, bristle_friction, bristle_slopes
 
 Vector = NDArray[np.float64]
@@ -51,7 +52,11 @@ OWN: Final = FORECAST + N
 """W of the previous node."""
 OPEN_SPLIT: Final = OWN + SQUARE
 """Variance of the split that the filter keeps apart (leg_noise.py)."""
-CYCLE_DATA: Final = OPEN_SPLIT + 2
+ACTED: Final = OPEN_SPLIT + 2
+"""Efforts of the drives."""
+UNSURE_FRICTION: Final = ACTED + 2
+"""Errors of friction by considered parameters."""
+CYCLE_DATA: Final = UNSURE_FRICTION + 2 * VARIANTS_MAX
 """Caller's data, kept with the node."""
 CYCLE_DATA_COUNT: Final = 6
 NODE_SIZE: Final = CYCLE_DATA + CYCLE_DATA_COUNT
@@ -73,7 +78,9 @@ SMOOTH_COVARIANCE: Final = 2 * N
 SMOOTH_NET: Final = SMOOTH_COVARIANCE + N * (N + 1) // 2
 SMOOTH_NET_STD: Final = SMOOTH_NET + 2
 SMOOTH_CYCLE_DATA: Final = SMOOTH_NET_STD + 2
-SMOOTH_SIZE: Final = SMOOTH_CYCLE_DATA + CYCLE_DATA_COUNT
+SMOOTH_UNSURE: Final = SMOOTH_CYCLE_DATA + CYCLE_DATA_COUNT
+"""Error of the patient's effort by each considered parameter, hip then slide; 0 for none."""
+SMOOTH_SIZE: Final = SMOOTH_UNSURE + 2 * VARIANTS_MAX
 
 
 @kernel
@@ -103,6 +110,9 @@ def store(
             node[COVARIANCE + i * N + j] = total
     for i in range(2):
         node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
+        node[ACTED + i] = memory.acting[i]
+    for i in range(2 * VARIANTS_MAX):
+        node[UNSURE_FRICTION + i] = memory.unsure_friction[i]
     for i in range(CYCLE_DATA_COUNT):
         node[CYCLE_DATA + i] = cycle_data[i]
     node[LINKED] = CUT
@@ -208,11 +218,24 @@ def smoothed(
         after = ring[((count - 1 - back) % NODES) * NODE_SIZE :]
         before = ring[((count - 2 - back) % NODES) * NODE_SIZE :]
         _step_back(before, after, mean, covariance, work[2 * SQUARE :])
-    setup = setup_of[0]
-    hip, slide = fixed_tuple(setup.hip, FRICTION_COUNT), fixed_tuple(setup.slide, FRICTION_COUNT)
-    _add_damping(FrictionParameters(*hip), 0, mean, covariance)
-    _add_damping(FrictionParameters(*slide), 1, mean, covariance)
-    _write(ring[((count - 1 - lag) % NODES) * NODE_SIZE :], mean, covariance, out)
+    constants = constants_of(setup_of[0])
+    _add_damping(constants.model.hip, 0, mean, covariance)
+    _add_damping(constants.model.slide, 1, mean, covariance)
+    node = ring[((count - 1 - lag) % NODES) * NODE_SIZE :]
+    _write(node, mean, covariance, out)
+    for i in range(2 * VARIANTS_MAX):
+        out[SMOOTH_UNSURE + i] = 0.0
+    if constants.variant_count > 0:
+        widen(
+            constants.model,
+            constants.variants,
+            constants.variant_count,
+            (node[ACTED], node[ACTED + 1]),
+            node[UNSURE_FRICTION:],
+            SMOOTH_NET_STD,
+            out[SMOOTH_UNSURE:],
+            out,
+        )
     return True
 
 

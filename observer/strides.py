@@ -13,8 +13,10 @@ Sigma of a figure comes from the smoothed covariance. Errors of neighbouring sam
 for about CORRELATION_S; a sum over a stride then has the variance sum(sigma^2 dt) 2 CORRELATION_S.
 What does not count is missing from a sum with one sign, so sigma also contains all of it: the way
 of the axis meanwhile, times an effort as large as the largest of the stride, or as the estimate of
-that sample, plus the sample's sigma. At rest that is close to zero. Errors outside the covariance,
-of friction or mass parameters, are not included.
+that sample, plus the sample's sigma. At rest that is close to zero.
+
+The error of a considered parameter (`filter/considered.py`) is the same in every sample: its share
+of a sum is added up with its sign, and only then squared, over both axes where it is one of both.
 
 A stride with a BAD sample of an axis has no figures of it: numbers of a BAD axis bound nothing, and
 it is the strongest efforts that make an estimate inconsistent.
@@ -22,18 +24,20 @@ it is the strongest efforts that make an estimate inconsistent.
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.filter.considered import VARIANTS_MAX
 from observer.filter.status import Status, Validity
 from observer.jit import kernel
 from observer.offline.batch import BatchEstimates, Columns
-from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_CYCLE_DATA
+from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_CYCLE_DATA, SMOOTH_UNSURE
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
+Cube = NDArray[np.float64]
 
 SWING_RAD: Final = math.radians(3.0)
 """Least swing of the hip to either side of its mean."""
@@ -60,7 +64,9 @@ SPEED, PATIENT, EFFORT, KNOWN = 2, 4, 6, 8
 """Pairs of hip and slide, like the following ones. KNOWN: 1 counts, 0 does not, -1 is BAD."""
 PATIENT_VARIANCE, SPEED_VARIANCE, SHARED = 10, 12, 14
 """SHARED: covariance of patient and speed."""
-COLUMNS: Final = 16
+UNSURE: Final = 16
+"""Error of the patient's effort by each considered parameter: hip, slide of the first, ..."""
+COLUMNS: Final = UNSURE + 2 * VARIANTS_MAX
 ROWS_MAX: Final = 2000
 BLOCK_ROWS: Final = 10_000
 
@@ -70,6 +76,10 @@ W_POS, W_NEG, W_POS_STD, W_NEG_STD = 0, 1, 2, 3
 MEAN, MEAN_STD, PEAK, PEAK_STD, POWER_PEAK, POWER_PEAK_STD = 4, 5, 6, 7, 8, 9
 DRIVE, COVERED = 10, 11
 FIGURES: Final = 12
+OF_POSITIVE, OF_NEGATIVE, OF_MEAN, OF_WORK = 0, 1, 2, 3
+"""Sums over a stride whose error by each considered parameter is kept: both works, the mean effort,
+and the sum of both works, in which an error may cancel itself."""
+SUMS: Final = 4
 
 
 class AxisStride(NamedTuple):
@@ -138,6 +148,7 @@ class StrideCounter:
         self._rows = np.zeros((ROWS_MAX, COLUMNS))
         self._last = np.zeros((ROWS_MAX, COLUMNS))
         self._figures = np.zeros((2, FIGURES))
+        self._errors = np.zeros((2, SUMS, VARIANTS_MAX))
         self._restart()
 
     def add(self, sample: Sequence[float] | Vector) -> Stride | None:
@@ -177,7 +188,8 @@ class StrideCounter:
 
     def warm_up(self) -> None:
         """Compile, or load from the cache, the kernels of `add`; changes no state."""
-        _measure(np.ones((2, COLUMNS)), self._baseline, np.zeros((2, FIGURES)))
+        rows, figures = np.ones((2, COLUMNS)), np.zeros_like(self._figures)
+        _measure(rows, self._baseline, figures, np.zeros_like(self._errors))
 
     def _restart(self) -> None:
         self._mean_rad = self._last_rad = math.nan
@@ -220,6 +232,7 @@ class StrideCounter:
             row[PATIENT_VARIANCE + axis] = sample[_packed(patient, patient)]
             row[SPEED_VARIANCE + axis] = sample[_packed(speed, speed)]
             row[SHARED + axis] = sample[_packed(patient, speed)]
+        row[UNSURE:] = sample[SMOOTH_UNSURE:]
         self._count += 1
         self._status_bits |= status
 
@@ -227,11 +240,18 @@ class StrideCounter:
         self._completed = max(self._count, 0)
         if self._count < 1 or not self._was_high or self._duration_s < DURATION_MIN_S:
             return None
-        _measure(self._rows[: self._count], self._baseline, self._figures)
-        hip, slide = (_axis(row, self._duration_s) for row in self._figures.tolist())
+        _measure(self._rows[: self._count], self._baseline, self._figures, self._errors)
+        of_axes, of_both = _spread(self._errors), _spread(self._errors.sum(axis=0))
+        own = self._figures[:, [W_POS_STD, W_NEG_STD]].T.tolist()
+        positive_std = math.hypot(*own[0], of_both[OF_POSITIVE])
+        negative_std = math.hypot(*own[1], of_both[OF_NEGATIVE])
+        hip, slide = (
+            _axis(row, errors_std, self._duration_s)
+            for row, errors_std in zip(self._figures.tolist(), of_axes, strict=True)
+        )
         share, share_std = _share(
             hip.work_positive_j + slide.work_positive_j,
-            math.hypot(hip.work_positive_j_std, slide.work_positive_j_std),
+            positive_std,
             float(self._figures[0, DRIVE] + self._figures[1, DRIVE]),
         )
         return Stride(
@@ -241,9 +261,9 @@ class StrideCounter:
             hip=hip,
             slide=slide,
             work_positive_j=hip.work_positive_j + slide.work_positive_j,
-            work_positive_j_std=math.hypot(hip.work_positive_j_std, slide.work_positive_j_std),
+            work_positive_j_std=positive_std,
             work_negative_j=hip.work_negative_j + slide.work_negative_j,
-            work_negative_j_std=math.hypot(hip.work_negative_j_std, slide.work_negative_j_std),
+            work_negative_j_std=negative_std,
             share_ratio=share,
             share_ratio_std=share_std,
             status=Status(self._status_bits),
@@ -262,17 +282,27 @@ def _packed(row: int, column: int) -> int:
     return SMOOTH_COVARIANCE + row * (row + 1) // 2 + column
 
 
-def _axis(figures: Sequence[float], duration_s: float) -> AxisStride:
-    share, share_std = _share(figures[W_POS], figures[W_POS_STD], figures[DRIVE])
+def _spread(errors: Matrix) -> list[Any]:
+    """Standard deviations of sums from their errors by each considered parameter, the last axis."""
+    spread: list[Any] = np.sqrt(np.square(errors).sum(axis=-1)).tolist()
+    return spread
+
+
+def _axis(figures: Sequence[float], errors_std: Sequence[float], duration_s: float) -> AxisStride:
+    """Name the figures of an axis; `errors_std` are of its sums, by considered parameters alone."""
+    positive_std = math.hypot(figures[W_POS_STD], errors_std[OF_POSITIVE])
+    negative_std = math.hypot(figures[W_NEG_STD], errors_std[OF_NEGATIVE])
+    mean_std = math.hypot(figures[MEAN_STD], errors_std[OF_MEAN])
+    share, share_std = _share(figures[W_POS], positive_std, figures[DRIVE])
     work = figures[W_POS] + figures[W_NEG]
-    work_std = math.hypot(figures[W_POS_STD], figures[W_NEG_STD])
+    work_std = math.hypot(figures[W_POS_STD], figures[W_NEG_STD], errors_std[OF_WORK])
     return AxisStride(
         work_positive_j=figures[W_POS],
-        work_positive_j_std=figures[W_POS_STD],
+        work_positive_j_std=positive_std,
         work_negative_j=figures[W_NEG],
-        work_negative_j_std=figures[W_NEG_STD],
+        work_negative_j_std=negative_std,
         assist_mean=figures[MEAN],
-        assist_mean_std=figures[MEAN_STD],
+        assist_mean_std=mean_std,
         assist_peak=figures[PEAK],
         assist_peak_std=figures[PEAK_STD],
         power_mean_w=work / duration_s,
@@ -293,19 +323,31 @@ def _share(patient_j: float, patient_j_std: float, drive_j: float) -> tuple[floa
 
 
 @kernel
-def _measure(rows: Matrix, baseline: Matrix, figures: Matrix) -> None:
-    """Compute all figures of one stride, both axes, into `figures` (2, FIGURES)."""
+def _measure(rows: Matrix, baseline: Matrix, figures: Matrix, errors: Cube) -> None:
+    """Compute all figures of one stride, both axes.
+
+    Args:
+        rows: of the stride, columns as named above.
+        baseline: by gait phase.
+        figures: result, (2, FIGURES); standard deviations of sums without considered parameters.
+        errors: result, (2, SUMS, VARIANTS_MAX): error of each sum by each considered parameter.
+    """
     whole_s = 0.0
     for k in range(rows.shape[0]):
         whole_s += rows[k, DT]
     for axis in range(2):
-        _measure_axis(rows, baseline, axis, whole_s, figures[axis])
+        _measure_axis(rows, baseline, axis, whole_s, figures[axis], errors[axis])
 
 
 @kernel
-def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to: Vector) -> None:
+def _measure_axis(
+    rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to: Vector, errors: Matrix
+) -> None:
     for i in range(FIGURES):
         to[i] = 0.0
+    for i in range(SUMS):
+        for j in range(VARIANTS_MAX):
+            errors[i, j] = 0.0
     bins = baseline.shape[0]
     known_s = passed_s = effort_variance = 0.0
     for k in range(rows.shape[0]):
@@ -325,7 +367,10 @@ def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to:
             # The effort of a row acts until the next one; speed is that of the row's own moment.
             patient = 0.5 * (patient + rows[k - 1, PATIENT + axis])
         patient -= passive
-        variance = rows[k, PATIENT_VARIANCE + axis]
+        of_parameters = 0.0
+        for i in range(VARIANTS_MAX):
+            of_parameters += rows[k, UNSURE + 2 * i + axis] ** 2
+        variance = max(rows[k, PATIENT_VARIANCE + axis] - of_parameters, 0.0)
         power = patient * speed
         power_variance = speed * speed * variance
         power_variance += patient * patient * rows[k, SPEED_VARIANCE + axis]
@@ -333,17 +378,25 @@ def _measure_axis(rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to:
         at = W_POS if power > 0.0 else W_NEG
         to[at] += power * dt_s
         to[at + 2] += 2.0 * CORRELATION_S * power_variance * dt_s
+        for i in range(VARIANTS_MAX):
+            impulse = rows[k, UNSURE + 2 * i + axis] * dt_s
+            errors[OF_POSITIVE if power > 0.0 else OF_NEGATIVE, i] += impulse * speed
+            errors[OF_MEAN, i] += math.copysign(1.0, speed) * impulse
+            errors[OF_WORK, i] += impulse * speed
         assist = math.copysign(1.0, speed) * patient
         to[MEAN] += assist * dt_s
         effort_variance += 2.0 * CORRELATION_S * variance * dt_s
         if math.fabs(assist) > math.fabs(to[PEAK]):
-            to[PEAK], to[PEAK_STD] = assist, math.sqrt(max(variance, 0.0))
+            to[PEAK], to[PEAK_STD] = assist, math.sqrt(variance + of_parameters)
         if math.fabs(power) > math.fabs(to[POWER_PEAK]):
-            to[POWER_PEAK], to[POWER_PEAK_STD] = power, math.sqrt(power_variance)
+            to[POWER_PEAK] = power
+            to[POWER_PEAK_STD] = math.sqrt(power_variance + speed * speed * of_parameters)
     to[W_POS_STD], to[W_NEG_STD] = math.sqrt(to[W_POS_STD]), math.sqrt(to[W_NEG_STD])
     if known_s > 0.0:
         to[MEAN] /= known_s
         to[MEAN_STD] = math.sqrt(effort_variance) / known_s
+        for i in range(VARIANTS_MAX):
+            errors[OF_MEAN, i] /= known_s
     _add_missing(rows, axis, known_s, to)
     to[COVERED] = known_s / whole_s
 
@@ -406,7 +459,10 @@ def samples_of(smooth: BatchEstimates, columns: Columns) -> Iterator[list[float]
     steps_s = np.diff(columns.time_s, prepend=columns.time_s[:1])
     effort = np.nan_to_num(columns.effort)
     cycle_data = np.column_stack((steps_s, effort, smooth.status, smooth.validity))
-    parts = (smooth.state, smooth.std, smooth.covariance, smooth.net, smooth.net_std, cycle_data)
+    parts = (
+        *(smooth.state, smooth.std, smooth.covariance, smooth.net, smooth.net_std),
+        *(cycle_data, smooth.unsure),
+    )
     for begin in range(0, len(steps_s), BLOCK_ROWS):
         block = slice(begin, begin + BLOCK_ROWS)
         yield from np.concatenate([part[block] for part in parts], axis=1).tolist()

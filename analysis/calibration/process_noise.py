@@ -23,7 +23,7 @@ from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import NOISE, Vector
 from analysis.calibration.start import extent
 from analysis.recording import RecordingError
-from analysis.replay import unchecked_setup
+from analysis.replay import filter_setup
 from daemon.config.edits import replaced
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot
@@ -79,7 +79,7 @@ def process_noise(
 
     def surplus(log_factor: float) -> float:
         scaled = {key: math.exp(log_factor) * std for key, std in likely.items()}
-        made = run(unchecked_setup(with_process_noise(robot, scaled)), columns)
+        made = run(filter_setup(with_process_noise(robot, scaled)), columns)
         rows = ~motion.held_out & motion.settled & np.isfinite(made.nis)
         return float(np.mean(made.nis[rows & ((made.status & Status.GATED) == 0)])) - len(axes)
 
@@ -107,7 +107,7 @@ def law_uncertainty(robot: Robot, motion: Motion, constants: Vector) -> dict[str
     """
     certain = with_process_noise(robot, dict.fromkeys(LAW_KEYS, 0.0))
     columns = Columns(motion.time_s, motion.position, motion.effort - constants)
-    made = run(unchecked_setup(certain), columns)
+    made = run(filter_setup(certain), columns)
     found: dict[str, float] = {}
     for axis in _moved(motion):
         law, patient = friction_parameters(robot)[axis], 6 + axis

@@ -18,7 +18,7 @@ from analysis.calibration.likelihood import Likelihood
 from analysis.calibration.motion import REST, Motion
 from analysis.calibration.quantities import LAW_SIZE, NUISANCES, SPRINGS, Frame
 from analysis.calibration.start import extent
-from analysis.replay import unchecked_setup
+from analysis.replay import filter_setup
 from daemon.config.settings import Robot
 from observer.offline.batch import Columns, run
 from observer.quantities import Number
@@ -67,7 +67,7 @@ class Disturbance:
 def disturbance(robot: Robot, motion: Motion, constants: Vector) -> Disturbance:
     """Run the observer of a robot file over a motion, without constant efforts, shape (2,)."""
     effort = motion.effort - constants
-    made = run(unchecked_setup(robot), Columns(motion.time_s, motion.position, effort))
+    made = run(filter_setup(robot), Columns(motion.time_s, motion.position, effort))
     moving = np.abs(motion.velocity) > 2.0 * np.array(REST)
     known = np.isfinite(made.state[:, 6:8])
     return Disturbance(made.state[:, 6:8], made.nis, moving & known & motion.settled[:, None])

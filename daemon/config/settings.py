@@ -11,6 +11,8 @@ from msgspec import Meta
 
 NodeId = Annotated[int, Meta(ge=1, le=127)]
 Degrees = Annotated[float, Meta(ge=-180, le=180)]
+Ratio = Annotated[float, Meta(ge=0, le=0.5)]
+"""A standard deviation relative to its parameter."""
 Harmonic = tuple[Degrees, Degrees]
 Locator = Annotated[
     str, Meta(pattern=r"^(tcp|udp|tls|quic|ws)/.+:[0-9]{1,5}\Z|^unixsock-stream//.+\Z")
@@ -182,6 +184,71 @@ class ObserverTuning(Table, frozen=True):
     sample_jitter_us: Annotated[float, Meta(ge=0, le=2000)] = 0.0
 
 
+class HipUncertainty(Table, frozen=True):
+    """Standard deviations of what is known of the hip's spring, friction, drive and encoder."""
+
+    spring_ratio: Ratio
+    """The spring's stiffness, relative."""
+    spring_rest_rad: Annotated[float, Meta(ge=0, le=1)]
+    """The position at which the spring is slack."""
+    friction_ratio: Ratio
+    """Coulomb's and Stribeck's level together, relative."""
+    viscous_ratio: Ratio
+    """Viscous friction, relative."""
+    torque_ratio: Ratio
+    """The torque constant, relative."""
+    torque_offset_nm: Annotated[float, Meta(ge=0, le=50)]
+    """The torque that the drive shows at no torque."""
+    angle_deg: Annotated[float, Meta(ge=0, le=5)]
+    """The zero of the joint's angle."""
+
+
+class SlideUncertainty(Table, frozen=True):
+    """Standard deviations as at the hip."""
+
+    spring_ratio: Ratio
+    """The spring's stiffness, relative."""
+    spring_rest_m: Annotated[float, Meta(ge=0, le=1)]
+    """The position at which the spring is slack."""
+    friction_ratio: Ratio
+    """Coulomb's and Stribeck's level together, relative."""
+    viscous_ratio: Ratio
+    """Viscous friction, relative."""
+    force_ratio: Ratio
+    """The force constant, relative."""
+    force_offset_n: Annotated[float, Meta(ge=0, le=500)]
+    """The force that the drive shows at no force."""
+    position_m: Annotated[float, Meta(ge=0, le=0.1)]
+    """The zero of the slide's position."""
+
+
+class Uncertainty(Table, frozen=True):
+    """How sure the parameters of this file are: one standard deviation each; 0: certain.
+
+    The sigma of patient, friction and net holds them where it is published. Gate, validity and
+    stops do not read them.
+    """
+
+    length_m: Annotated[float, Meta(ge=0, le=0.1)]
+    """The length of thigh, shank and shoe, each by itself."""
+    rail_m: Annotated[float, Meta(ge=0, le=0.1)]
+    """`rail_x_m` and `rail_y_m`, each by itself."""
+    recline_deg: Annotated[float, Meta(ge=0, le=10)]
+    """The trunk's recline."""
+    rail_angle_deg: Annotated[float, Meta(ge=0, le=10)]
+    """The rail's angle."""
+    machine_mass_ratio: Ratio
+    """The mass of links and carriage together, relative."""
+    body_segment_ratio: Ratio
+    """The mass of the patient's thigh, shank and foot, each by itself, against the table."""
+    drive_inertia_ratio: Ratio
+    """The reflected inertia of both drives together, relative."""
+    damping_ratio: Ratio
+    """All dampers together, relative."""
+    hip: HipUncertainty
+    slide: SlideUncertainty
+
+
 class Robot(Table, frozen=True):
     """robot.toml."""
 
@@ -195,6 +262,7 @@ class Robot(Table, frozen=True):
     dampers: Dampers
     friction: Friction
     observer: ObserverTuning
+    uncertainty: Uncertainty
     patient: Patient | None = None
 
 

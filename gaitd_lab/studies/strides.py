@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from analysis import stride_figure
 from analysis.calibration.session import calibrate
 from analysis.recording import Recording, RecordingError
-from analysis.replay import Source, setup_for
+from analysis.replay import Source, filter_setup, setup_for
 from daemon.config.settings import Robot
 from gaitd_lab.excitation import EmptyMachine, NotPlayedError
 from gaitd_lab.studies.experiment.measures import covered, rms
@@ -130,7 +130,7 @@ def measure(trial: Trial, robot: Robot) -> Figures:
     """Compare filter, smoother and strides of an observer's robot file with a trial's truth."""
     made = trial.recording
     columns = Columns(made.time_s, made.position, made.effort)
-    setup = setup_for(robot)
+    setup = filter_setup(robot)
     filtered, smooth = batch.run(setup, columns), smooth_batch.run_smoothed(setup, columns)
     strides = strides_of(smooth, columns)[STEADY - 1 :]
     first = strides[0][0] if strides else len(made.time_s)

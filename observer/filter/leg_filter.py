@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import STEP, compress, correct, innovate, spread
+from observer.filter.considered import VARIANT_SIZE, VARIANTS_MAX, follow, widen
 from observer.filter.leg_memory import (
     STEPPED,
     LegMemory,
@@ -83,6 +84,7 @@ from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
 
 Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 # Places in `out`: the mean first, then
 OUT_STD: Final = N
@@ -160,6 +162,10 @@ class SetupRecord(Protocol):
     """Per step of STEP_S."""
     measurement_std: Pair
     """rad, m."""
+    variant_count: Number
+    """Number of considered parameters."""
+    variants: Annotated[Matrix, (VARIANTS_MAX, VARIANT_SIZE)]
+    """The physics with each of them a standard deviation larger (considered.py)."""
 
 
 SETUP_LAYOUT: Final = layout_of(SetupRecord)
@@ -174,6 +180,8 @@ class Constants(NamedTuple):
     options: Options
     process_std: Vector
     measurement_std: Vector
+    variant_count: int
+    variants: Matrix
 
 
 @inline
@@ -187,7 +195,14 @@ def constants_of(setup: SetupRecord) -> Constants:
         setup.coriolis_share,
         options.viscous_outside,
     )
-    return Constants(model, options, setup.process_std, setup.measurement_std)
+    return Constants(
+        model,
+        options,
+        setup.process_std,
+        setup.measurement_std,
+        int(setup.variant_count),
+        setup.variants,
+    )
 
 
 @kernel
@@ -259,7 +274,19 @@ def advance_by(
     if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
     _report(model, options, memory, out)
+    if constants.variant_count > 0:
+        _consider(constants, memory, dt_s, out)
     return determine(model, memory, dt_s, status)
+
+
+@inline
+def _consider(constants: Constants, m: LegMemory, dt_s: float, out: Vector) -> None:
+    """Add to sigma what is not known of the machine."""
+    model, variants, count = constants.model, constants.variants, constants.variant_count
+    acting = m.acting[0], m.acting[1]
+    if m.event == STEPPED:
+        follow(model, variants, count, m.mean[2], m.mean[3], dt_s, m.unsure_friction)
+    widen(model, variants, count, acting, m.unsure_friction, OUT_NET_STD, m.work, out)
 
 
 @inline
@@ -309,8 +336,8 @@ def _predict(
     spread(m.mean, m.root, STEP, N, LANES, points)
     substeps = substeps_for(dt_s, int(options.substeps))
     step_s = dt_s / substeps
-    effort_hip = effort_acting(m, 0, options.effort_delay_cycles)
-    effort_slide = effort_acting(m, 1, options.effort_delay_cycles)
+    effort_hip = m.acting[0] = effort_acting(m, 0, options.effort_delay_cycles)
+    effort_slide = m.acting[1] = effort_acting(m, 1, options.effort_delay_cycles)
     outside = 0
     for _ in range(substeps):
         if options.integrator == RK4:

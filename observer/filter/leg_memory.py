@@ -11,6 +11,7 @@ from typing import Annotated, Any, Final, Protocol, get_args, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.filter.considered import VARIANTS_MAX
 from observer.filter.leg_model import LANES
 from observer.filter.states import STATE_COUNT
 from observer.filter.status import (
@@ -75,6 +76,10 @@ class LegMemory(Protocol):
     """1 for an axis whose own error in the rejected sample is too large for noise."""
     predicted: Pair
     """Cycles since the last correction of each axis."""
+    acting: Pair
+    """Efforts of the drives in the last step."""
+    unsure_friction: Annotated[Vector, (2 * VARIANTS_MAX,)]
+    """Error of friction by each considered parameter, hip then slide (considered.py)."""
     event: float
     """Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
 
@@ -175,7 +180,9 @@ def _begin(
     for axis in range(2):
         m.rest_s[axis] = m.quiet_s[axis] = rest_s
         m.settle_s[axis] = m.split[axis] = m.lean[axis] = m.predicted[axis] = 0.0
-        m.whitened[axis], m.patient_ratio[axis] = 0.0, 1.0
+        m.whitened[axis], m.patient_ratio[axis], m.acting[axis] = 0.0, 1.0, 0.0
+    for i in range(2 * VARIANTS_MAX):
+        m.unsure_friction[i] = 0.0
     m.nis_mean = 2.0
     m.started = 1.0
     m.warm_up_cycles = WARM_UP_CYCLES

@@ -17,6 +17,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.filter.considered import Variant, table_of
 from observer.filter.leg_filter import (
     OUT_COVARIANCE,
     OUT_INNOVATION,
@@ -131,6 +132,7 @@ class LegObserver:
         hip: FrictionParameters,
         slide: FrictionParameters,
         tuning: ObserverTuning,
+        considered: Sequence[Variant] = (),
         *,
         calibrated: bool = True,
     ) -> None:
@@ -141,6 +143,8 @@ class LegObserver:
             hip: friction of the hip.
             slide: friction of the slide.
             tuning: noise, integrator, gate.
+            considered: the physics with each parameter that is not sure a standard deviation
+                larger; sigma as published holds them.
             calibrated: True if the friction parameters were measured on this machine.
 
         Raises:
@@ -148,7 +152,7 @@ class LegObserver:
                 integrator that is unstable with it.
         """
         check_tuning(leg, hip, slide, tuning)
-        self.setup: Final = setup_of(leg, hip, slide, tuning)
+        self.setup: Final = setup_of(leg, hip, slide, tuning, considered)
         self._always = Status(0) if calibrated else Status.UNCALIBRATED
         self._memory, self._points = new_memory()
         self._mean_nis: Vector = self._memory["nis_mean"]
@@ -244,6 +248,7 @@ def setup_of(
     hip: FrictionParameters,
     slide: FrictionParameters,
     tuning: ObserverTuning,
+    considered: Sequence[Variant] = (),
 ) -> Setup:
     """Parameters as the kernels take them."""
     options = Options(
@@ -261,7 +266,8 @@ def setup_of(
         law_slide=float(tuning.law[1]),
     )
     noise = tuning.process_std, tuning.measurement_std
-    values = (leg, hip, slide, float(tuning.coriolis), options, *noise)
+    unsure = float(len(considered)), table_of(considered)
+    values = (leg, hip, slide, float(tuning.coriolis), options, *noise, *unsure)
     setup: Any = np.array([values], SETUP_LAYOUT)
     setup.setflags(write=False)
     return setup

@@ -80,10 +80,15 @@ def friction_rate(f: FrictionParameters, friction: float, velocity: float) -> fl
 
 
 @inline
+def followed(f: FrictionParameters, velocity: float, dt_s: float) -> float:
+    """Share of its way to the law that friction goes in `dt_s`, by the exact solution of (11)."""
+    return -expm1_of_negative(-gate(f, velocity) * dt_s / f.time_constant_s)
+
+
+@inline
 def friction_after(f: FrictionParameters, friction: float, velocity: float, dt_s: float) -> float:
     """F after `dt_s` at constant velocity: the exact solution of eq. (11)."""
-    share = -expm1_of_negative(-gate(f, velocity) * dt_s / f.time_constant_s)
-    return friction + share * (static_friction(f, velocity) - friction)
+    return friction + followed(f, velocity, dt_s) * (static_friction(f, velocity) - friction)
 
 
 @inline
@@ -97,8 +102,15 @@ def bristle_level(f: FrictionParameters, velocity: float) -> float:
 def bristles_after(f: FrictionParameters, elastic: float, velocity: float, dt_s: float) -> float:
     """Elastic part after `dt_s` at constant velocity: the exact solution."""
     level = bristle_level(f, velocity)
-    share = -expm1_of_negative(-f.bristle_stiffness * math.fabs(velocity) / level * dt_s)
+    share = bristles_followed(f, velocity, dt_s)
     return elastic + share * (math.copysign(level, velocity) - elastic)
+
+
+@inline
+def bristles_followed(f: FrictionParameters, velocity: float, dt_s: float) -> float:
+    """Share of its way to the level that the elastic part goes in `dt_s`."""
+    stiffness = f.bristle_stiffness * math.fabs(velocity) / bristle_level(f, velocity)
+    return -expm1_of_negative(-stiffness * dt_s)
 
 
 @inline

@@ -194,10 +194,15 @@ SHANK: Final = BodySegment(0.0465, 0.246, 0.433, 0.0, 0.302)
 FOOT: Final = BodySegment(0.0145, 0.152, 0.35, math.radians(-10.0), 0.475)
 """Winter 2009, table 4.1 (mass, centre of mass, gyration; lengths after Drillis and Contini). The
 foot's centre of mass is placed in the shoe link: 0.35 of its length, 10 degrees below its line."""
+BODY: Final = (THIGH, SHANK, FOOT)
 
 
 def with_patient(
-    links: tuple[Link, Link, Link], geometry: Geometry, mass_kg: float, height_m: float
+    links: tuple[Link, Link, Link],
+    geometry: Geometry,
+    mass_kg: float,
+    height_m: float,
+    body: tuple[BodySegment, BodySegment, BodySegment] = BODY,
 ) -> tuple[Link, Link, Link]:
     """Thigh, shank and shoe of the machine together with the patient's leg in it.
 
@@ -206,13 +211,14 @@ def with_patient(
         geometry: its lengths; the patient's joints are at the machine's joints.
         mass_kg: whole body mass.
         height_m: whole body height.
+        body: thigh, shank and foot.
 
     Source: Winter, Biomechanics and Motor Control of Human Movement, 2009, table 4.1.
     """
     lengths_m = (geometry.thigh_length_m, geometry.shank_length_m, geometry.shoe_length_m)
     thigh, shank, shoe = (
         _combined(link, _of_body(segment, mass_kg, height_m), length_m)
-        for link, segment, length_m in zip(links, (THIGH, SHANK, FOOT), lengths_m, strict=True)
+        for link, segment, length_m in zip(links, body, lengths_m, strict=True)
     )
     return thigh, shank, shoe
 

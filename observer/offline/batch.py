@@ -76,6 +76,9 @@ class BatchEstimates:
     """Shape (n,): bits of status.Status."""
     validity: Integers
     """Shape (n, 2): status.Validity of hip and slide."""
+    unsure: Matrix
+    """Shape (n, 2 VARIANTS_MAX): error of the patient's effort by each considered parameter, hip
+    then slide; (n, 0) where it was not kept: of the filter, without smoother."""
 
 
 def run(
@@ -137,6 +140,7 @@ class Rows(NamedTuple):
             net_std=self.numbers[:, OUT_NET_STD:],
             status=self.flags[:, 0],
             validity=self.flags[:, 1:],
+            unsure=self.numbers[:, OUT_SIZE:],
         )
 
 

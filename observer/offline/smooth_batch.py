@@ -32,6 +32,7 @@ from observer.smoother import (
     SMOOTH_NET_STD,
     SMOOTH_SIZE,
     SMOOTH_STD,
+    SMOOTH_UNSURE,
     WORK_SIZE,
     smoothed,
     store,
@@ -77,6 +78,7 @@ def run_smoothed(
         covariance=smooth[:, SMOOTH_COVARIANCE:SMOOTH_NET],
         net=smooth[:, SMOOTH_NET:SMOOTH_NET_STD],
         net_std=smooth[:, SMOOTH_NET_STD:SMOOTH_CYCLE_DATA],
+        unsure=smooth[:, SMOOTH_UNSURE:],
     )
 
 

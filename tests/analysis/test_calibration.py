@@ -30,7 +30,7 @@ from analysis.calibration.quantities import (
 from analysis.calibration.session import Calibration, calibrate, middle_of
 from analysis.calibration.verdict import disturbance, like_fitted, other_effect
 from analysis.recording import RecordingError, recording
-from analysis.replay import Source, setup_for
+from analysis.replay import Source, filter_setup
 from daemon.config.edits import replaced
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
@@ -211,7 +211,7 @@ def test_the_uncertainty_of_a_wrong_law_covers_its_error_on_rows_that_were_held_
 
     def covered(robot: Robot, axis: int) -> float:
         columns = Columns(motion.time_s, motion.position, motion.effort - constants)
-        seen = batch.run(setup_for(robot), columns)
+        seen = batch.run(filter_setup(robot), columns)
         law = friction_parameters(robot)[axis]
         rows = motion.held_out & motion.settled & (seen.validity[:, axis] == Validity.OK)
         rows &= np.abs(motion.velocity[:, axis]) < law.transition + law.peak

@@ -24,6 +24,7 @@ def made(count: int = 4) -> BatchEstimates:
         nis=np.abs(draw(size=count)),
         status=np.arange(count, dtype=np.int64) * 0x101,
         validity=np.zeros((count, 2), dtype=np.int64),
+        unsure=np.zeros((count, 0)),
     )
 
 

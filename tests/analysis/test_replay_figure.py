@@ -12,7 +12,16 @@ def made(time_s: np.ndarray) -> tuple[Recording, BatchEstimates]:
     pair, eight = np.ones((count, 2)), np.ones((count, 8))
     flags = np.ones((count, 2), dtype=np.int64)
     estimates = BatchEstimates(
-        eight, eight, np.ones((count, 36)), pair, np.ones(count), pair, pair, flags[:, 0], flags
+        eight,
+        eight,
+        np.ones((count, 36)),
+        pair,
+        np.ones(count),
+        pair,
+        pair,
+        flags[:, 0],
+        flags,
+        pair,
     )
     return Recording("a.csv", time_s, pair, pair), estimates
 

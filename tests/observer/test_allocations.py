@@ -9,6 +9,7 @@ from numba import njit
 from numba.core.runtime import nrt
 
 from gaitd_lab.benchmark.step_times import recording, walk
+from observer.filter.considered import Drives, Variant
 from observer.filter.leg_observer import LegObserver
 from observer.offline.batch import Columns, run
 from tests.observer.trainer import HIP, PATIENT, SLIDE_FRICTION, TUNING
@@ -35,7 +36,8 @@ def rows(count):
 
 
 def test_the_compiled_step_allocates_nothing():
-    leg = LegObserver(PATIENT, HIP, SLIDE_FRICTION, TUNING)
+    other = Variant(PATIENT, HIP, SLIDE_FRICTION, Drives(effort_ratio_hip=1.05))
+    leg = LegObserver(PATIENT, HIP, SLIDE_FRICTION, TUNING, [other])
     run(leg.setup, rows(FEW_ROWS))
 
     many, few = (

@@ -7,11 +7,17 @@ import pytest
 
 from gaitd_lab.patients import Gait, clonic
 from observer.baseline import TooFewError, baseline_of
+from observer.filter.considered import VARIANTS_MAX
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Status, Validity
 from observer.offline.batch import BatchEstimates, Columns
 from observer.offline.smooth_batch import run_smoothed
-from observer.smoother import SMOOTH_COVARIANCE, SMOOTH_CYCLE_DATA, SMOOTH_SIZE
+from observer.smoother import (
+    SMOOTH_COVARIANCE,
+    SMOOTH_CYCLE_DATA,
+    SMOOTH_SIZE,
+    SMOOTH_UNSURE,
+)
 from observer.strides import (
     DURATION_MIN_S,
     SWING_RAD,
@@ -50,7 +56,7 @@ def sample(hip_rad, speed, patient, *, effort=(0.0, 0.0), std=0.0, known=(0, 0),
     row[6:8] = patient
     for state in (6, 7):
         row[SMOOTH_COVARIANCE + state * (state + 1) // 2 + state] = std**2
-    row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, effort, status, known)
+    row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(DT, effort, status, known)
     return row
 
 
@@ -165,7 +171,7 @@ def test_the_share_is_that_of_who_works_with_the_motion():
 
     def both(row):
         effort = (2.0 * math.copysign(1, row[2]), 0.0)
-        row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, effort, 1, (0, 0))
+        row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(DT, effort, 1, (0, 0))
         return row
 
     walk = swing(0.25, 16.4, lambda turn: (6.0 * math.copysign(1, math.cos(turn)), 0.0))
@@ -183,7 +189,9 @@ def test_where_next_to_nothing_is_done_there_is_no_share():
 def test_what_was_not_known_is_missing_and_said():
     def blind(k, row):
         if 300 <= k % 400 < 400:
-            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0))
+            row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(
+                DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0)
+            )
         return row
 
     walk = swing(0.25, 20.4, lambda turn: (8.0 * math.cos(turn), 0.0))
@@ -199,7 +207,9 @@ def test_a_gap_lowers_the_coverage_of_its_stride_alone():
 
     def lost(k, row):
         if 1000 <= k < 1050:
-            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), Status.PREDICT_ONLY, bad)
+            row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(
+                DT, (0, 0), Status.PREDICT_ONLY, bad
+            )
         return row
 
     found = counted(lost(k, row) for k, row in enumerate(swing(0.25, 24.4)))
@@ -215,7 +225,7 @@ def with_a_step(walk, begin, count):
     bad = (Validity.BAD, Validity.BAD)
     for k, row in enumerate(walk):
         if k == begin + count:
-            row[SMOOTH_CYCLE_DATA:] = cycle_data_of((count + 1) * DT, (0, 0), 1, bad)
+            row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of((count + 1) * DT, (0, 0), 1, bad)
         if not begin <= k < begin + count:
             yield row
 
@@ -248,7 +258,7 @@ def test_a_gap_changes_the_work_but_not_the_share():
     def half_blind(k, row):
         known = (Validity.SPLIT_UNOBSERVABLE, 0) if k % 200 < 100 else (0, 0)
         effort = (2.0 * math.copysign(1, row[2]), 0.0)
-        row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, effort, 1, known)
+        row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(DT, effort, 1, known)
         return row
 
     walk = swing(0.25, 16.4, lambda turn: (6.0 * math.copysign(1, math.cos(turn)), 0.0))
@@ -264,7 +274,7 @@ def test_an_axis_with_a_bad_sample_has_no_figures_in_its_stride_alone():
 
     def lost(k, row):
         if k == 1010:
-            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, bad)
+            row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(DT, (0, 0), 1, bad)
         return row
 
     found = counted(lost(k, row) for k, row in enumerate(push))
@@ -302,7 +312,9 @@ def test_what_a_gap_hides_is_in_each_sigma(lost, sign, begin):
             pushed = any(k in push for push in pushes) or (k in gap and not seen)
             row[6:8] = sign * np.array((6.0, 30.0)) * pushed * np.sign(row[2:4])
             if k in gap and seen:
-                row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), lost, (known, known))
+                row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(
+                    DT, (0, 0), lost, (known, known)
+                )
             yield row
 
     found, true = counted(walk(seen=True)), counted(walk(seen=False))
@@ -325,7 +337,7 @@ def test_a_peak_may_be_among_the_samples_that_do_not_count():
             if 1000 <= k < 1010:
                 row[6] = 6.0
                 known = (Validity.SPLIT_UNOBSERVABLE, 0)
-                row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, known)
+                row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(DT, (0, 0), 1, known)
             yield row
 
     hip = max((stride.hip for stride in counted(walk())), key=lambda one: one.assist_peak_std)
@@ -340,7 +352,7 @@ def test_the_sample_of_a_longer_step_does_not_count():
     def walk():
         for k, row in enumerate(swing(0.25, 24.4, lambda turn: (8.0 * math.cos(turn), 0.0))):
             if k == 1009:
-                row[SMOOTH_CYCLE_DATA:] = cycle_data_of(10 * DT, (0, 0), 1, (0, 0))
+                row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(10 * DT, (0, 0), 1, (0, 0))
             if not 1000 <= k < 1009:
                 yield row
 
@@ -358,7 +370,9 @@ def test_a_long_loss_gives_the_stride_up():
 
     def lost(k, row):
         if 1000 <= k < 1150:
-            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), Status.PREDICT_ONLY, bad)
+            row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(
+                DT, (0, 0), Status.PREDICT_ONLY, bad
+            )
         return row
 
     found = counted(lost(k, row) for k, row in enumerate(swing(0.25, 24.4)))
@@ -396,7 +410,7 @@ def passive(turn):
 def as_recording(samples):
     """Samples as a smoothed recording and its columns."""
     rows = np.array(list(samples))
-    notes = rows[:, SMOOTH_CYCLE_DATA:]
+    notes = rows[:, SMOOTH_CYCLE_DATA:SMOOTH_UNSURE]
     zeros = np.zeros((len(rows), 2))
     smooth = BatchEstimates(
         state=rows[:, :8],
@@ -408,6 +422,7 @@ def as_recording(samples):
         net_std=zeros,
         status=notes[:, 3].astype(np.int64),
         validity=notes[:, 4:].astype(np.int64),
+        unsure=np.zeros((len(rows), 2 * VARIANTS_MAX)),
     )
     return smooth, Columns(np.arange(len(rows)) * DT, rows[:, :2], notes[:, 1:3])
 
@@ -429,7 +444,9 @@ def test_a_passive_baseline_is_taken_away_by_gait_phase():
 def test_parts_of_the_stride_that_are_never_known_are_bridged():
     def blind(k, row):
         if abs(row[2]) < 0.05:
-            row[SMOOTH_CYCLE_DATA:] = cycle_data_of(DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0))
+            row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(
+                DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0)
+            )
         return row
 
     walk = enumerate(swing(0.25, 40.4, passive))

@@ -9,7 +9,12 @@ import msgspec
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.drive_plan import cycle_settings, drive_limits
 from daemon.config.limit_settings import Limits
-from daemon.config.robot import friction_parameters, leg_parameters, observer_tuning
+from daemon.config.robot import (
+    considered,
+    friction_parameters,
+    leg_parameters,
+    observer_tuning,
+)
 from daemon.config.settings import Commissioning, Reference, Trainer
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.single_axis import HomingRules, PushRules, SingleAxis
@@ -195,7 +200,11 @@ def _leg(
     parameters = leg_parameters(settings.robot)
     hip_friction, slide_friction = friction_parameters(settings.robot)
     observer = LegObserver(
-        parameters, hip_friction, slide_friction, observer_tuning(settings.robot)
+        parameters,
+        hip_friction,
+        slide_friction,
+        observer_tuning(settings.robot),
+        considered(settings.robot),
     )
     trainer = settings.trainer
     rules = tuple(

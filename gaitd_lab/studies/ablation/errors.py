@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from analysis.replay import setup_for
+from analysis.replay import filter_setup
 from gaitd_lab.studies.ablation.choices import CHOICES, DELAY_MS, JITTER_S, RIPPLE, Choice
 from gaitd_lab.trial import (
     Flags,
@@ -123,7 +123,7 @@ def errors_of(trial: Trial, made: BatchEstimates) -> Errors:
 def replayed(trial: Trial, choice: Choice) -> BatchEstimates:
     """Run the observer of a choice over a trial."""
     made = trial.recording
-    setup = setup_for(choice.change(trial.robot))
+    setup = filter_setup(choice.change(trial.robot))
     return batch.run(setup, Columns(made.time_s, made.position, made.effort))
 
 
