@@ -6,7 +6,7 @@ Reading order:
     state, tick     the state kept from cycle to cycle; time and bus data of a cycle
     slices          the frozen parts of the state, which steps of a cycle return
     core_config     the part of the configuration that the core uses
-    inputs          command inputs from the gateway
+    inputs          what is received from the gateway
     safety/         pure: reasons to stop, limits, bounds, the stop sequence
     modes/          pure: the table of modes; the persistent state
     exercises/      pure: what the legs do in each mode

@@ -60,16 +60,16 @@ def step(
     drives.feed(frames, tick.sync_ns)
     _sense(core, drives.end_of_window(tick.cycle, tick.sync_ns), tick)
     monitors.update(core)
-    command_inputs = inputs.receive(core, gateway_states, tick.cycle)
+    _receive(core, gateway_states, tick.cycle)
     controllers.receive(core, tick.cycle)
-    raw = _check_raw(core, command_inputs, tick)
+    raw = _check_raw(core, tick)
     try:
         estimated = _estimate(core, tick)
     except Exception:
         supervisor.latch(core, raw, tick.cycle, tick.sync_utc_ns)
         raise
     verdicts = checks.harshest_of_each([*raw, *estimated]) if estimated else raw
-    supervisor.supervise(core, verdicts, command_inputs, tick.cycle, tick.sync_utc_ns)
+    supervisor.supervise(core, verdicts, tick.cycle, tick.sync_utc_ns)
     if tick.cycle % POSE_CYCLES == 0 and not is_driving(core):
         persistence.store_poses(core, tick.sync_utc_ns)
     controllers.advance(core, tick.cycle)
@@ -86,9 +86,9 @@ def rest(core: Core, gateway_states: Sequence[GatewayState], tick: Tick) -> Cycl
     sensing.forget(core)
     for leg in core.legs:
         leg.estimated = estimation.cleared(leg.estimated)
-    command_inputs = inputs.receive(core, gateway_states, tick.cycle)
+    _receive(core, gateway_states, tick.cycle)
     controllers.receive(core, tick.cycle)
-    supervisor.rest(core, command_inputs, tick.cycle, tick.sync_utc_ns)
+    supervisor.rest(core, tick.cycle, tick.sync_utc_ns)
     return cycle_record.record(core, tick)
 
 
@@ -104,8 +104,9 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick, next_cycle: int) -> l
         return []
     if not is_driving(core):
         return []
+    _receive(core, (), tick.cycle)
     sensing.peek(core, drives.peek(tick.sync_ns))
-    verdicts = _check_raw(core, inputs.NO_INPUTS, tick)
+    verdicts = _check_raw(core, tick)
     if not verdicts:
         return []
     before = [axis.stop and axis.stop.step for axis in core.axes]
@@ -127,8 +128,14 @@ def _sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     sensing.count_held(core)
 
 
-def _check_raw(core: Core, command_inputs: inputs.CommandInputs, tick: Tick) -> tuple[Verdict, ...]:
-    verdicts = checks.check_raw(safety_inputs(core, command_inputs, tick))
+def _receive(core: Core, gateway_states: Sequence[GatewayState], cycle: int) -> None:
+    before, newest_id = core.inputs, core.result.id
+    core.inputs = inputs.receive(before, gateway_states, core.boot_id, newest_id, cycle)
+    core.publish(inputs.news(before, core.inputs))
+
+
+def _check_raw(core: Core, tick: Tick) -> tuple[Verdict, ...]:
+    verdicts = checks.check_raw(safety_inputs(core, tick))
     sensing.alarms_checked(core)
     return verdicts
 
@@ -169,14 +176,14 @@ def commands(core: Core, cycle: int) -> list[DriveCommand]:
     return impedance.command(core)
 
 
-def safety_inputs(core: Core, command_inputs: inputs.CommandInputs, tick: Tick) -> SafetyInputs:
+def safety_inputs(core: Core, tick: Tick) -> SafetyInputs:
     """Collect all that the raw checks read in this cycle."""
     drives = core.drives
     return SafetyInputs(
         service=ServiceInputs(
-            stop_requested=command_inputs.stop,
+            stop_requested=core.inputs.stop,
             shutdown_requested=tick.shutdown,
-            gateway_age_cycles=tick.cycle - core.gateway_state_cycle,
+            gateway_age_cycles=tick.cycle - core.inputs.gateway_state_cycle,
             overruns_in_a_row=tick.overruns_in_a_row,
             bus_off=drives is not None and drives.bus_state.has_been_off,
             bus_error=tick.bus_error,

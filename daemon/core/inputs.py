@@ -14,60 +14,66 @@ Rules:
    no role: its lease is dropped, its setpoints are refused as UNLEASED, and an event says so once.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 from gaitd_names import EventCode
+from msgspec.structs import replace
 
-from daemon.core.state import Core
-from daemon.ipc.record import GatewayState, Request
+from daemon.core.slices import Inputs
+from daemon.ipc.record import GatewayState
+from daemon.ipc.report import Event
 from daemon.wire.roles import ROLES, Access
 
 
-class CommandInputs(NamedTuple):
-    """The stop and the new request that this cycle received."""
+def receive(
+    before: Inputs,
+    gateway_states: Sequence[GatewayState],
+    boot_id: str,
+    request_id: int,
+    cycle: int,
+) -> Inputs:
+    """Read all waiting gateway states.
 
-    stop: bool = False
-    request: Request | None = None
-    """New in this cycle and not checked yet."""
-
-
-NO_INPUTS = CommandInputs()
-
-
-def receive(core: Core, gateway_states: Sequence[GatewayState], cycle: int) -> CommandInputs:
-    """Read all waiting gateway states, oldest first, and update the core's command inputs."""
+    Args:
+        before: what was received up to the cycle before.
+        gateway_states: those that have come since, oldest first.
+        boot_id: of this core.
+        request_id: of the newest request that this core has received.
+        cycle: the number of this cycle.
+    """
     stop = False
+    stop_count, seq = before.stop_count, before.gateway_state_seq
     newest: GatewayState | None = None
     for gateway_state in gateway_states:
         # The first gateway state only initialises the count: nothing is moving yet.
-        known = core.stop_count
-        more = known is None or gateway_state.stop_count > known
-        stop = stop or (more and known is not None)
+        more = stop_count is None or gateway_state.stop_count > stop_count
+        stop = stop or (more and stop_count is not None)
         newer = (
-            gateway_state.core_boot_id == core.boot_id
-            and gateway_state.seq > core.gateway_state_seq
+            gateway_state.core_boot_id == boot_id
+            and gateway_state.seq > seq
             and gateway_state.for_cycle <= cycle
         )
         if more or newer:
-            core.stop_count = gateway_state.stop_count
+            stop_count = gateway_state.stop_count
         if newer:
-            core.gateway_state_seq, newest = gateway_state.seq, gateway_state
+            seq, newest = gateway_state.seq, gateway_state
     if newest is None:
-        return CommandInputs(stop)
-    core.gateway_state_cycle = max(core.gateway_state_cycle, newest.for_cycle)
-    core.setpoints = newest.setpoints
-    _receive_lease(core, newest)
-    return CommandInputs(stop, newest.request if _is_new(core, newest.request) else None)
-
-
-def _receive_lease(core: Core, newest: GatewayState) -> None:
+        return replace(before, stop=stop, request=None, stop_count=stop_count)
     may_hold = Access.LEASE in ROLES[newest.lease_role].access
-    core.lease, dropped = (newest.lease, 0) if may_hold else (0, newest.lease)
-    if dropped and dropped != core.lease_dropped:
-        core.report(EventCode.LEASE_DROPPED, "", newest.lease_role)
-    core.lease_dropped = dropped
+    return Inputs(
+        stop=stop,
+        request=newest.request if newest.request.id > request_id else None,
+        stop_count=stop_count,
+        gateway_state_seq=seq,
+        gateway_state_cycle=max(before.gateway_state_cycle, newest.for_cycle),
+        setpoints=newest.setpoints,
+        lease=newest.lease if may_hold else 0,
+        lease_dropped=0 if may_hold else newest.lease,
+        lease_role=newest.lease_role,
+    )
 
 
-def _is_new(core: Core, request: Request) -> bool:
-    return request.id > core.result.id
+def news(before: Inputs, after: Inputs) -> Iterator[Event]:
+    """A lease whose holder has no right to it."""
+    if after.lease_dropped not in {0, before.lease_dropped}:
+        yield Event(EventCode.LEASE_DROPPED, values=(after.lease_role,))

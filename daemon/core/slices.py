@@ -6,11 +6,12 @@ module that makes each of them.
 
 import math
 
-from gaitd_names import Doubt
+from gaitd_names import Doubt, Role
 from msgspec import Struct
 
 from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety.joints import Joint
+from daemon.ipc.record import Request, Setpoint
 from drives.signals import DriveFeedback, OperationMode
 from observer.drift import NO_DRIFT, Drift
 from observer.filter.leg_observer import LegEstimate
@@ -53,6 +54,28 @@ class Sensed(Struct, frozen=True):
     """Distance to a guided reference; else 0."""
     wanted_velocity_si: float = 0.0
     """Velocity of a guided reference; else 0."""
+
+
+class Inputs(Struct, frozen=True):
+    """What was received from the gateway: `inputs.py`."""
+
+    stop: bool = False
+    """A stop came in this cycle."""
+    request: Request | None = None
+    """New in this cycle and not checked yet."""
+    stop_count: int | None = None
+    gateway_state_seq: int = 0
+    """`seq` of the newest gateway state used."""
+    gateway_state_cycle: int = 0
+    """`for_cycle` of the newest gateway state: the gateway's age is counted from here."""
+    setpoints: tuple[Setpoint, ...] = ()
+    """The newest setpoint of each leg in the newest gateway state."""
+    lease: int = 0
+    """The lease that is held according to the newest gateway state; 0: none."""
+    lease_dropped: int = 0
+    """Lease in the newest gateway state whose holder has no right to it; 0: none."""
+    lease_role: Role = Role.DISPLAY
+    """Role of the holder of the lease in the newest gateway state."""
 
 
 class Estimated(Struct, frozen=True):

@@ -24,8 +24,8 @@ from daemon.core.safety.limits import AxisLimits
 from daemon.core.safety.soft_limits import SoftZone
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
-from daemon.core.slices import Estimated, Sensed, Sent, Softened
-from daemon.ipc.record import Request, RequestResult, Setpoint, Verdict
+from daemon.core.slices import Estimated, Inputs, Sensed, Sent, Softened
+from daemon.ipc.record import Request, RequestResult, Verdict
 from daemon.ipc.report import Event, Progress
 from drives.cia402.drive import DriveGroup
 from drives.cia402.torque import TorqueSampling
@@ -192,17 +192,7 @@ class Core:
     """The request that is accepted and not finished yet."""
     result: RequestResult = field(default_factory=RequestResult)
     """Result of the newest request received: its id never decreases."""
-    stop_count: int | None = None
-    gateway_state_seq: int = 0
-    """`seq` of the newest gateway state used."""
-    gateway_state_cycle: int = 0
-    """`for_cycle` of the newest gateway state: the gateway's age is counted from here."""
-    setpoints: tuple[Setpoint, ...] = ()
-    """The newest setpoint of each leg in the newest gateway state."""
-    lease: int = 0
-    """The lease that is held according to the newest gateway state; 0: none."""
-    lease_dropped: int = 0
-    """Lease in the newest gateway state whose holder has no right to it; 0: none."""
+    inputs: Inputs = field(default_factory=Inputs)
     torque_lease: int = 0
     """The lease with which mode TORQUE was entered."""
     assist_cap_si: tuple[float, float] = (math.inf, math.inf)

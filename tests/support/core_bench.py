@@ -1,10 +1,9 @@
 """A core without a bus: it is turned from cycle to cycle, and its drives show what a test says."""
 
-from fresh_core import fresh, show
+from fresh_core import fresh, has_received, show
 from gaitd_names import Cause, Mode, Outcome, RequestKind, Role, StopCategory
 from safety_inputs import FEEDBACK, JOINT
 
-from daemon.core.inputs import NO_INPUTS, CommandInputs
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.state import Core
 from daemon.core.steps import exercises, supervisor
@@ -36,15 +35,15 @@ class Bench:
             show(axis, feedback=FEEDBACK._replace(node_id=axis.node_id, power_state=state))
             show(axis, joint=AT_REST._replace(velocity_si=velocity_si))
 
-    def turn(self, *verdicts: Verdict, command_inputs: CommandInputs = NO_INPUTS) -> None:
+    def turn(self, *verdicts: Verdict, request: Request | None = None) -> None:
         self.cycle += 1
-        self.core.gateway_state_cycle = self.cycle
-        supervisor.supervise(self.core, verdicts, command_inputs, self.cycle, self.utc_ns)
+        has_received(self.core, request=request, gateway_state_cycle=self.cycle)
+        supervisor.supervise(self.core, verdicts, self.cycle, self.utc_ns)
 
     def ask(self, kind: RequestKind, wanted: ModeRequest = NO_MODE) -> Outcome:
         self._request_id += 1
         request = Request(self._request_id, kind, self.cycle, wanted, Role.UNRESTRICTED)
-        self.turn(command_inputs=CommandInputs(request=request))
+        self.turn(request=request)
         return self.core.result.outcome
 
     def until_stopped(self) -> Mode:

@@ -23,13 +23,14 @@ from gaitd_names import AxisStep, Cause, EventCode, Mode, RequestKind, Role, Sto
 from safety_inputs import FEEDBACK, JOINT
 from sessions import CONFIGS
 
-from daemon.core import cycle, inputs
+from daemon.core import cycle
 from daemon.core.exercises.single_axis import HomingRules
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import build
 from daemon.core.safety import checks
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import Step
+from daemon.core.slices import Inputs
 from daemon.core.state import Core
 from daemon.core.steps import (
     exercises,
@@ -46,6 +47,7 @@ from drives.signals import DriveFeedback, OperationMode, PowerRequest, PowerStat
 
 SETTINGS = load(CONFIGS / "demo.toml")
 NOW = 10_000
+HEARD = Inputs(gateway_state_cycle=NOW, lease=7)
 """The cycle of every transition: ages are kept, and times are counted back from here."""
 AGE_MAX = 1
 """Cycles without a sample after which a drive is silent."""
@@ -187,7 +189,6 @@ CORE_FIELDS = (
     "single_axis",
     "request",
     "result",
-    "lease",
     "torque_lease",
     "assist_cap_si",
 )
@@ -304,7 +305,7 @@ class Model:
             patient_configured=False,
             signs_must_be_proven=False,
         )
-        core.gateway_state_cycle, core.lease = NOW, 7
+        core.inputs = HEARD
         for axis in core.axes:
             axis.limits = axis.limits._replace(
                 enable_max_cycles=3, static_load_tolerance_si=1e6, tracking_max_si=1e6
@@ -475,7 +476,7 @@ class Model:
         self.set(state)
         core, trace = self.core, state.trace
         before = self.facts(trace)
-        orders = _orders(events)
+        orders = core.inputs = _orders(events)
         lost = any(one.kind is Kind.BUS_LOST for one in events)
         found: tuple[Verdict, ...] = ()
         driving = wanted.is_driving(core)
@@ -485,15 +486,15 @@ class Model:
             supervisor.lose_bus(core, "gone")
         shown_off = trace.off_seen
         if core.drives is None:
-            supervisor.rest(core, orders, NOW, 0)
+            supervisor.rest(core, NOW, 0)
             self._bring_up(events)
             words: tuple[PowerRequest | None, ...] = (None, None)
         else:
             alarmed = self._between(events, driving=driving)
             self._sense(state, events, alarmed)
             driving = wanted.is_driving(core)
-            found = self._found(orders, events)
-            supervisor.supervise(core, found, orders, NOW, 0)
+            found = self._found(events)
+            supervisor.supervise(core, found, NOW, 0)
             # The cycle in which the drives are dropped sends nothing any more.
             words = self._command() if core.drives is not None else (None, None)
             off = (OFF, FAULT)
@@ -580,14 +581,10 @@ class Model:
             joint = joint._replace(fresh=age == 0)
             show(axis, feedback=feedback, joint=joint, **readiness._asdict())
 
-    def _found(
-        self, orders: inputs.CommandInputs, events: tuple[Event, ...]
-    ) -> tuple[Verdict, ...]:
+    def _found(self, events: tuple[Event, ...]) -> tuple[Verdict, ...]:
         """What the checks find, and what the events say that they find."""
         core = self.core
-        found = {
-            one.drive: one for one in checks.check_raw(cycle.safety_inputs(core, orders, TICK))
-        }
+        found = {one.drive: one for one in checks.check_raw(cycle.safety_inputs(core, TICK))}
         for event in events:
             if event.kind is not Kind.VERDICT:
                 continue
@@ -637,7 +634,7 @@ class Model:
         self,
         trace: Trace,
         accepted: Request | None,
-        orders: inputs.CommandInputs,
+        orders: Inputs,
         found: tuple[Verdict, ...],
         *,
         driving: bool,
@@ -667,12 +664,13 @@ class Model:
         return trace._replace(permitted=trace.permitted and not ended)
 
 
-def _orders(events: tuple[Event, ...]) -> inputs.CommandInputs:
+def _orders(events: tuple[Event, ...]) -> Inputs:
     stop = any(one.kind is Kind.STOP for one in events)
     request = next((one.what for one in events if one.kind is Kind.REQUEST), None)
     if request is None:
-        return inputs.CommandInputs(stop)
-    return inputs.CommandInputs(stop, Request(2, request[0], NOW, request[1], Role.UNRESTRICTED))
+        return msgspec.structs.replace(HEARD, stop=stop)
+    request = Request(2, request[0], NOW, request[1], Role.UNRESTRICTED)
+    return msgspec.structs.replace(HEARD, stop=stop, request=request)
 
 
 def _has_reported(core: Core, code: EventCode) -> bool:

@@ -9,7 +9,7 @@ from sessions import CONFIGS
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import Built, build
-from daemon.core.state import Axis
+from daemon.core.state import Axis, Core
 from daemon.preflight.load import load
 
 _BUILT = build(load(CONFIGS / "demo.toml"), "test", PersistentState())
@@ -25,6 +25,11 @@ def fresh(persistent: PersistentState = _BUILT.core.persistent) -> Built:
 def has_been_sent(axis: Axis, **changes: Any) -> None:
     """Make the last command to an axis another one: fields of its `Sent`."""
     axis.sent = msgspec.structs.replace(axis.sent, **changes)
+
+
+def has_received(core: Core, **changes: Any) -> None:
+    """Make the core have received something else from its gateway: fields of its `Inputs`."""
+    core.inputs = msgspec.structs.replace(core.inputs, **changes)
 
 
 def show(axis: Axis, **changes: Any) -> None:

@@ -21,22 +21,20 @@ from daemon.ipc.record import Request, Setpoint
 
 def receive(core: Core, cycle: int) -> None:
     """Check the setpoints of the newest gateway state; each setpoint is checked once."""
-    takes_assist = rules_of(core.mode).takes_assist
+    lease, takes_assist = core.inputs.lease, rules_of(core.mode).takes_assist
     context = SetpointContext(
-        core.lease, cycle, takes_assist, core.config.by_position, core.assist_cap_si
+        lease, cycle, takes_assist, core.config.by_position, core.assist_cap_si
     )
     # The assist of one lease holder must lapse before another holder may command.
     handed_over = {
-        leg.name
-        for leg in core.legs
-        if leg.assist.lease != core.lease and assist.is_active(leg.assist)
+        leg.name for leg in core.legs if leg.assist.lease != lease and assist.is_active(leg.assist)
     }
     for leg in core.legs:
-        if leg.assist.lease != core.lease:
-            leg.assist = replace(leg.assist, lease=core.lease, seq=-1, accepted=None)
+        if leg.assist.lease != lease:
+            leg.assist = replace(leg.assist, lease=lease, seq=-1, accepted=None)
         elif not takes_assist:
             leg.assist = replace(leg.assist, accepted=None)
-    for setpoint in core.setpoints:
+    for setpoint in core.inputs.setpoints:
         if setpoint.leg not in handed_over:
             _receive_one(core, setpoint, context)
 
@@ -67,7 +65,7 @@ def begin(core: Core, request: Request) -> None:
     core.assist_cap_si = roles.assist_cap_si(request)
     if request.mode.mode != Mode.TORQUE:
         return
-    core.torque_lease = core.lease
+    core.torque_lease = core.inputs.lease
     for leg in core.legs:
         leg.assist = replace(leg.assist, accepted=None)
 
@@ -88,7 +86,7 @@ def lapse(core: Core, cycle: int) -> bool:
 
 def _lapse_of_torque(core: Core, cycle: int) -> Lapse:
     rules = core.config.assist_rules
-    if core.lease != core.torque_lease:
+    if core.inputs.lease != core.torque_lease:
         return Lapse.LEASE_ENDED
     accepted = [leg.assist.accepted for leg in core.legs if leg.assist.accepted is not None]
     if not all(assist.is_fresh(one, cycle, rules) for one in accepted):

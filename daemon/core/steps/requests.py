@@ -8,7 +8,6 @@ from typing import Final
 from gaitd_names import Cause, EventCode, Failure, Mode, Outcome, RefusalCode, RequestKind
 
 from daemon.core.exercises.guards import GuardInputs
-from daemon.core.inputs import CommandInputs
 from daemon.core.modes import roles, table
 from daemon.core.period import cycles
 from daemon.core.safety.joints import is_at_rest
@@ -25,16 +24,16 @@ An older request was made for another situation. A request for a future cycle is
 """
 
 
-def receive(core: Core, command_inputs: CommandInputs, cycle: int) -> Request | None:
+def receive(core: Core, cycle: int) -> Request | None:
     """Check a new request; returns it if it is accepted. `finish` publishes its outcome."""
-    request = command_inputs.request
+    request = core.inputs.request
     if request is None:
         return None
     if core.request is not None:
         busy = Refusal(RefusalCode.BUSY, values=(core.request.kind,))
         core.result = RequestResult(request.id, Outcome.REFUSED, busy)
         return None
-    refused = _refusal(core, request, cycle, stop=command_inputs.stop)
+    refused = _refusal(core, request, cycle, stop=core.inputs.stop)
     if refused is not None:
         core.result = RequestResult(request.id, Outcome.REFUSED, refused)
         _report_refusal(core, request, refused)
@@ -86,9 +85,10 @@ def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
         and axis.sensed.feedback.sample_age_cycles <= age_max_cycles
         and Input.IMPOSSIBLE not in axis.sensed.feedback.inputs
     ]
+    gateway_age_cycles = cycle - core.inputs.gateway_state_cycle
     return GuardInputs(
         mode=core.mode,
-        gateway_alive=cycle - core.gateway_state_cycle <= config.thresholds.gateway_silence_cycles,
+        gateway_alive=gateway_age_cycles <= config.thresholds.gateway_silence_cycles,
         at_rest=all(is_at_rest(axis.sensed.joint, axis.limits) for axis in fresh),
         hand_switch_closed=all(Input.HAND_SWITCH_CLOSED in one for one in inputs),
         hand_switch_known=bool(inputs),
@@ -108,7 +108,7 @@ def _guard_inputs(core: Core, cycle: int) -> GuardInputs:
         unproven=tuple(
             axis.name for axis in core.axes if config.signs_must_be_proven and not axis.sign_proven
         ),
-        lease_held=core.lease != 0,
+        lease_held=core.inputs.lease != 0,
         unsampled=tuple(axis.name for axis in core.axes if not axis.sensed.joint.fresh),
         lost=frozenset(axis.name for axis in core.axes if _is_lost(core, axis)),
     )

@@ -23,7 +23,6 @@ from gaitd_names import (
 )
 
 from daemon.core.exercises.exercise import LegSample
-from daemon.core.inputs import CommandInputs
 from daemon.core.modes import latched_stop, table
 from daemon.core.modes.table import MODES
 from daemon.core.period import cycles
@@ -72,13 +71,11 @@ Bus-off is not among them: the operator should check the bus first.
 """
 
 
-def supervise(
-    core: Core, verdicts: Sequence[Verdict], command_inputs: CommandInputs, cycle: int, utc_ns: int
-) -> None:
+def supervise(core: Core, verdicts: Sequence[Verdict], cycle: int, utc_ns: int) -> None:
     """Update mode, stops and exercises from this cycle's verdicts, requests and time."""
     _take_verdicts(core, verdicts, cycle)
     persistence.check_day(core, utc_ns)
-    _take_request(core, command_inputs, cycle, utc_ns)
+    _take_request(core, cycle, utc_ns)
     samples = _advance(core, cycle, utc_ns)
     _advance_single_axis(core, cycle)
     requests.finish(core)
@@ -93,9 +90,9 @@ def latch(core: Core, verdicts: Sequence[Verdict], cycle: int, utc_ns: int) -> N
     persistence.update_latch(core, utc_ns)
 
 
-def rest(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> None:
+def rest(core: Core, cycle: int, utc_ns: int) -> None:
     """Answer requests while there are no drives."""
-    _take_request(core, command_inputs, cycle, utc_ns)
+    _take_request(core, cycle, utc_ns)
     requests.finish(core)
     persistence.update_latch(core, utc_ns)
 
@@ -120,10 +117,10 @@ def _enter(core: Core, trigger: Trigger) -> None:
 # --- requests -------------------------------------------------------------------------------
 
 
-def _take_request(core: Core, command_inputs: CommandInputs, cycle: int, utc_ns: int) -> None:
-    if command_inputs.stop:
+def _take_request(core: Core, cycle: int, utc_ns: int) -> None:
+    if core.inputs.stop:
         single_axis.cancel(core, Failure.STOP_REQUESTED)
-    request = requests.receive(core, command_inputs, cycle)
+    request = requests.receive(core, cycle)
     if request is not None:
         _execute(core, request, cycle, utc_ns)
 

@@ -25,11 +25,11 @@ WRITERS = {
     "steps/controllers.py": """assist assist_si stiffness_ratio torque_lease assist_cap_si
         lapse_count lapse_reason setpoint_accepted_count setpoint_refused_count""",
     "steps/persistence.py": "persistent utc_newest_ns self_test_due inputs_untested sign_proven",
-    "inputs.py": "gateway_state_seq gateway_state_cycle setpoints lease lease_dropped stop_count",
     "cycle_record.py": "seq events",
 }
 """Fields of the state by the module that writes them. All other fields never change."""
 SLICES = {
+    "Inputs": ("inputs", "inputs.py"),
     "Sensed": ("sensed", "steps/sensing.py"),
     "Estimated": ("estimated", "steps/estimation.py"),
     "Softened": ("softened", "steps/monitors.py"),

@@ -5,12 +5,11 @@ from dataclasses import replace
 
 import pytest
 from core_bench import JUMPED, MANY_CYCLES, OPENED, Bench
-from fresh_core import has_been_sent, show
+from fresh_core import has_been_sent, has_received, show
 from gaitd_names import Cause, EventCode, Finding, Mode, Outcome, RequestKind, Role, StopCategory
 
 from daemon.core import cycle
 from daemon.core.exercises.single_axis import Result
-from daemon.core.inputs import CommandInputs
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.steps import (
     controllers,
@@ -24,6 +23,7 @@ from drives.cia402.drive import DriveGroup
 from drives.signals import PowerRequest, PowerState
 
 FIRST_LEASE, NEXT_LEASE = 7, 8
+NEXT_SETPOINT = Setpoint(lease=NEXT_LEASE, seq=1, for_cycle=99, leg="right")
 
 
 @pytest.fixture
@@ -138,8 +138,7 @@ def test_assist_in_force_is_not_taken_over_by_the_next_holder_of_the_lease(bench
     core, leg = bench.core, bench.core.legs[0]
     core.mode = Mode.TORQUE
     leg.assist = replace(leg.assist, lease=FIRST_LEASE, effort_si=(5.0, 0.0))
-    core.lease = NEXT_LEASE
-    core.setpoints = (Setpoint(lease=NEXT_LEASE, seq=1, for_cycle=99, leg="right"),)
+    has_received(core, lease=NEXT_LEASE, setpoints=(NEXT_SETPOINT,))
 
     controllers.receive(core, 100)
 
@@ -149,18 +148,18 @@ def test_assist_in_force_is_not_taken_over_by_the_next_holder_of_the_lease(bench
     leg.assist = replace(leg.assist, effort_si=(0.0, 0.0))
     controllers.receive(core, 101)
 
-    assert leg.assist.accepted == core.setpoints[0]
+    assert leg.assist.accepted == NEXT_SETPOINT
 
 
 def test_where_nothing_is_in_force_the_next_holder_is_heard_at_once(bench):
     core, leg = bench.core, bench.core.legs[0]
-    core.mode, core.lease = Mode.TORQUE, NEXT_LEASE
+    core.mode = Mode.TORQUE
     leg.assist = replace(leg.assist, lease=FIRST_LEASE)
-    core.setpoints = (Setpoint(lease=NEXT_LEASE, seq=1, for_cycle=99, leg="right"),)
+    has_received(core, lease=NEXT_LEASE, setpoints=(NEXT_SETPOINT,))
 
     controllers.receive(core, 100)
 
-    assert leg.assist.accepted == core.setpoints[0]
+    assert leg.assist.accepted == NEXT_SETPOINT
 
 
 # --- load at rest after enabling ------------------------------------------------------------------
@@ -274,12 +273,13 @@ def test_the_end_of_another_exercise_is_no_self_test(bench, monkeypatch):
 
 def test_assist_that_has_lost_its_lease_ends_in_hold_where_the_leg_is(bench):
     core, leg = bench.core, bench.core.legs[0]
-    core.mode, core.torque_lease, core.lease = Mode.TORQUE, FIRST_LEASE, FIRST_LEASE
+    core.mode, core.torque_lease = Mode.TORQUE, FIRST_LEASE
+    has_received(core, lease=FIRST_LEASE)
     leg.exercise = leg.reference = None
     bench.turn()
     assert core.mode == Mode.TORQUE
 
-    core.lease = NEXT_LEASE
+    has_received(core, lease=NEXT_LEASE)
     bench.turn()
 
     assert core.mode == Mode.HOLD
@@ -304,7 +304,7 @@ def test_the_confirmation_of_a_sign_test_leaves_the_drives_up(bench):
     request = Request(1, RequestKind.MODE, bench.cycle + 1, wanted_mode, Role.UNRESTRICTED)
 
     bench.utc_ns = 3_600_000_000_000
-    bench.turn(command_inputs=CommandInputs(request=request))
+    bench.turn(request=request)
 
     assert core.result.outcome == Outcome.DONE, core.result.refusal
     assert core.mode == Mode.READY

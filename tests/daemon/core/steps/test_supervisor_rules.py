@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from core_bench import JUMPED, OPENED, Bench
-from fresh_core import fresh, show
+from fresh_core import fresh, has_received, show
 from gaitd_names import (
     Cause,
     EventCode,
@@ -22,7 +22,6 @@ from gaitd_names import (
 from msgspec.structs import replace as replace_fields
 
 from daemon.core.exercises.hold import Hold
-from daemon.core.inputs import NO_INPUTS, CommandInputs
 from daemon.core.modes import latched_stop, table
 from daemon.core.modes.persistent_state import PersistentState, StoredVerdict
 from daemon.core.safety.joints import Joint
@@ -114,11 +113,12 @@ def test_requests_are_answered_and_a_stop_is_latched_while_there_are_no_drives(b
     core = bench.core
     core.mode, core.verdict = Mode.FAULT, OPENED
     core.request = Request(1, RequestKind.ENABLE)
-    refused = CommandInputs(request=Request(2, RequestKind.ENABLE, 100, role=Role.UNRESTRICTED))
+    refused = Request(2, RequestKind.ENABLE, 100, role=Role.UNRESTRICTED)
 
-    supervisor.rest(core, NO_INPUTS, 100, HOUR_NS)
+    supervisor.rest(core, 100, HOUR_NS)
     assert core.request is None
-    supervisor.rest(core, refused, 100, HOUR_NS)
+    has_received(core, request=refused)
+    supervisor.rest(core, 100, HOUR_NS)
 
     assert (core.result.id, core.result.outcome) == (2, Outcome.REFUSED)
     assert core.persistent.latched.utc_ns == HOUR_NS
@@ -129,7 +129,8 @@ def test_a_request_while_there_are_no_drives_is_of_this_cycle_and_latches_at_thi
     core.mode, core.verdict, core.drives = Mode.FAULT, OPENED, DriveGroup([])
     for cycle, outcome in ((99, Outcome.REFUSED), (100, Outcome.PENDING)):
         request = Request(cycle, RequestKind.RESET, 100, role=Role.UNRESTRICTED)
-        supervisor.rest(core, CommandInputs(request=request), cycle, 0)
+        has_received(core, request=request)
+        supervisor.rest(core, cycle, 0)
         assert core.result.outcome is outcome
 
 
@@ -198,7 +199,8 @@ def test_disabling_during_a_homing_cancels_it_without_a_hold(bench):
 def test_a_stop_request_cancels_a_homing(bench):
     bench.core.mode, bench.core.single_axis = Mode.REFERENCE, Run()
 
-    supervisor.rest(bench.core, CommandInputs(stop=True), 1, 0)
+    has_received(bench.core, stop=True)
+    supervisor.rest(bench.core, 1, 0)
 
     assert bench.core.single_axis.why is Failure.STOP_REQUESTED
 
@@ -222,7 +224,7 @@ def test_a_reset_drops_drives_latch_verdict_and_homing(bench):
 
 def test_a_mode_that_is_requested_begins_with_its_exercise_and_its_controller(bench):
     core = bench.core
-    core.lease = 7
+    has_received(core, lease=7)
 
     bench.ask(RequestKind.MODE, ModeRequest(Mode.TORQUE))
 
