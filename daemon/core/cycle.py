@@ -59,7 +59,7 @@ def step(
         raise RuntimeError("a cycle needs drives that have been brought up")
     drives.feed(frames, tick.sync_ns)
     _sense(core, drives.end_of_window(tick.cycle, tick.sync_ns), tick)
-    monitors.update(core)
+    _monitor(core)
     _receive(core, gateway_states, tick.cycle)
     controllers.receive(core, tick.cycle)
     raw = _check_raw(core, tick)
@@ -74,7 +74,8 @@ def step(
         persistence.store_poses(core, tick.sync_utc_ns)
     controllers.advance(core, tick.cycle)
     commanded = commands(core, tick.cycle)
-    monitors.store_commands(core)
+    for leg in core.legs:
+        leg.monitored = monitors.with_sent(leg, [enable_wanted(core, axis) for axis in leg.axes])
     return [*drives.frames(commanded), *drives.uploads()], cycle_record.record(core, tick)
 
 
@@ -126,6 +127,14 @@ def _sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
     for leg in core.legs:
         sensing.place(leg)
     sensing.count_held(core)
+
+
+def _monitor(core: Core) -> None:
+    for leg in core.legs:
+        hip, slide = leg.axes
+        limits = single_axis.active_limits(core, hip), single_axis.active_limits(core, slide)
+        homing = single_axis.is_homing(core, hip) or single_axis.is_homing(core, slide)
+        leg.monitored = monitors.update(leg, leg.monitored, limits, core.config, homing=homing)
 
 
 def _receive(core: Core, gateway_states: Sequence[GatewayState], cycle: int) -> None:
@@ -189,7 +198,7 @@ def safety_inputs(core: Core, tick: Tick) -> SafetyInputs:
             bus_error=tick.bus_error,
             tx_dropped_in_a_row=tick.tx_dropped_in_a_row,
         ),
-        axes=[_axis(core, leg, axis) for leg in core.legs for axis in leg.axes],
+        axes=[_axis(core, leg, index) for leg in core.legs for index in (0, 1)],
         legs=[_leg(core, leg) for leg in core.legs],
         thresholds=core.config.thresholds,
         categories=core.config.categories,
@@ -201,7 +210,7 @@ def _leg(core: Core, leg: Leg) -> LegInputs:
     return LegInputs(
         name=leg.name,
         singularity_ratio=leg.singularity_ratio,
-        stopping_ratio=leg.stopping_ratio,
+        stopping_ratio=leg.monitored.stopping_ratio,
         seeks_home=_seeks_home(core, leg),
     )
 
@@ -232,7 +241,8 @@ def _axis_estimate(axis: Axis) -> AxisEstimateInputs:
     )
 
 
-def _axis(core: Core, leg: Leg, axis: Axis) -> AxisInputs:
+def _axis(core: Core, leg: Leg, index: int) -> AxisInputs:
+    axis = leg.axes[index]
     feedback = axis.sensed.feedback
     if feedback is None:
         raise RuntimeError(f"{axis.name} is judged before it was sensed")
@@ -258,9 +268,9 @@ def _axis(core: Core, leg: Leg, axis: Axis) -> AxisInputs:
         mode_wanted=axis.sent.mode,
         new_emergency=feedback.alarm_count > axis.sensed.emergencies_checked,
         sign_trusted=axis.sensed.sign_trusted,
-        watch=axis.watch,
+        watch=leg.monitored.watches[index],
         stride_energy_j=monitors.stride_energy(leg, axis),
         stride_drift_si=monitors.stride_drift(leg, axis),
-        stopping_end_si=axis.stopping_end_si,
+        stopping_end_si=leg.monitored.stopping_end_si[index],
         bring_up_error=axis.sensed.bring_up_error,
     )

@@ -10,7 +10,10 @@ from gaitd_names import Doubt, Role
 from msgspec import Struct
 
 from daemon.core.motion.gait_shape import Pair
+from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.inverse_dynamics import InverseDynamics
 from daemon.core.safety.joints import Joint
+from daemon.core.safety.soft_limits import SoftZone
 from daemon.ipc.record import Request, Setpoint
 from drives.signals import DriveFeedback, OperationMode
 from observer.drift import NO_DRIFT, Drift
@@ -76,6 +79,21 @@ class Inputs(Struct, frozen=True):
     """Lease in the newest gateway state whose holder has no right to it; 0: none."""
     lease_role: Role = Role.DISPLAY
     """Role of the holder of the lease in the newest gateway state."""
+
+
+class Monitored(Struct, frozen=True):
+    """What is monitored of a leg from raw values: `steps/monitors.py`. Hip first, then slide."""
+
+    dynamics: InverseDynamics = InverseDynamics()
+    watches: tuple[EffortWatch, EffortWatch] = (EffortWatch(), EffortWatch())
+    """The efforts of each axis."""
+    window_cycles: int = 1
+    """Length of the energy window: a stride, or the configured window where there is no stride."""
+    stopping_end_si: Pair = (0.0, 0.0)
+    """Positions at which the axes come to rest if they brake now: rad, m."""
+    stopping_ratio: float = 1.0
+    """Least singularity ratio on the way to rest."""
+    zone: SoftZone = SoftZone()
 
 
 class Estimated(Struct, frozen=True):

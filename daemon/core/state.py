@@ -17,14 +17,11 @@ from daemon.core.motion.assist import LegAssist
 from daemon.core.motion.gait_shape import GaitShape
 from daemon.core.period import cycles
 from daemon.core.safety.clonus import ClonusWatch
-from daemon.core.safety.effort_monitor import EffortWatch
 from daemon.core.safety.energy import StrideSum
-from daemon.core.safety.inverse_dynamics import InverseDynamics
 from daemon.core.safety.limits import AxisLimits
-from daemon.core.safety.soft_limits import SoftZone
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
-from daemon.core.slices import Estimated, Inputs, Sensed, Sent, Softened
+from daemon.core.slices import Estimated, Inputs, Monitored, Sensed, Sent, Softened
 from daemon.ipc.record import Request, RequestResult, Verdict
 from daemon.ipc.report import Event, Progress
 from drives.cia402.drive import DriveGroup
@@ -64,12 +61,10 @@ class Axis:
     sensed: Sensed = field(default_factory=Sensed)
     stop: DriveStop | None = None
     sent: Sent = field(default_factory=Sent)
-    watch: EffortWatch = field(default_factory=EffortWatch)
     energy: StrideSum = field(default_factory=StrideSum)
     """Energy that the drive puts into the leg, J."""
     residual: StrideSum = field(default_factory=StrideSum)
     """Sum of the effort residual over the cycles of a playing gait."""
-    stopping_end_si: float = 0.0
 
     def is_other_drive(self, serial_number: int) -> bool:
         """True if a drive that is found now is not certainly the one of before.
@@ -117,11 +112,7 @@ class Leg:
     """Share of the configured guidance stiffness that a controller requests."""
     softened: Softened = field(default_factory=Softened)
     singularity_ratio: float = 1.0
-    stopping_ratio: float = 1.0
-    window_cycles: int = 1
-    """Length of the energy window: a stride, or the configured window where there is no stride."""
-    dynamics: InverseDynamics = field(default_factory=InverseDynamics)
-    zone: SoftZone = field(default_factory=SoftZone)
+    monitored: Monitored = field(default_factory=Monitored)
     held_cycles: int = 0
     """Cycles in a row in which mode HOLD has held a pose that does not change."""
     mechanism: tuple[float, ...] = field(init=False)

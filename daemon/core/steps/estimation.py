@@ -56,7 +56,7 @@ def inputs_of(leg: Leg, tick: Tick) -> ObserverInputs:
         is_artificial=exercise is not None and exercise.is_artificial,
         effort_std=effort_std(leg),
         saturated=monitors.is_saturated(leg),
-        near_limit=leg.zone.entered,
+        near_limit=leg.monitored.zone.entered,
         dt_s=tick.dt_s,
         late=tick.late,
     )

@@ -3,22 +3,23 @@
 This file combines `inverse_dynamics.py` (effort that the motion needs), `effort_monitor.py` (effort
 that the drive gives), `energy.py` (sums over a stride), `stopping_path.py` and `soft_limits.py`
 (where the leg would come to rest, and how deep it is in its margins), `spasm.py` and `clonus.py`
-(the only ones that read the estimate). `checks.py` checks the results. This file is the only writer
-of these sums and counts, and makes `Softened`.
+(the only ones that read the estimate). `checks.py` checks the results. This file makes `Monitored`
+and `Softened`, and is the only writer of the sums and of the watches for spasm and clonus.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from gaitd_names import EventCode, Stage
+from msgspec.structs import replace
 
 from daemon.core.core_config import CoreConfig
 from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety import effort_monitor, inverse_dynamics, soft_limits, stopping_path
 from daemon.core.safety.energy import stride_cycles
+from daemon.core.safety.limits import AxisLimits, Thresholds
 from daemon.core.safety.spasm import STILL_CYCLES, softened
-from daemon.core.slices import Softened
+from daemon.core.slices import Monitored, Softened
 from daemon.core.state import Axis, Core, Leg
-from daemon.core.steps import single_axis, wanted
 from daemon.ipc.report import Event
 from drives.cia402.power_state import CANNOT_EXERT_TORQUE
 from drives.signals import OperationMode, PowerState
@@ -26,10 +27,68 @@ from observer.filter.leg_observer import LegEstimate
 from observer.filter.status import Validity
 
 
-def update(core: Core) -> None:
-    """Update all monitors that use only encoders and measured efforts."""
-    for leg in core.legs:
-        _update_leg(core, leg)
+def update(
+    leg: Leg,
+    before: Monitored,
+    limits: tuple[AxisLimits, AxisLimits],
+    config: CoreConfig,
+    *,
+    homing: bool,
+) -> Monitored:
+    """Update all monitors of a leg that use only encoders and measured efforts.
+
+    Args:
+        leg: what its axes show, its exercise and its assist are read, the sums are updated.
+        before: of the last cycle.
+        limits: in force on hip and slide.
+        config: of the core.
+        homing: a drive moves an axis of this leg by its own homing.
+    """
+    hip, slide = leg.axes
+    dynamics = inverse_dynamics.evaluate(
+        before.dynamics, leg.mechanism, leg.friction_laws, (hip.sensed.joint, slide.sensed.joint)
+    )
+    # With the pose, the effort that the mechanism needs on both axes is known.
+    pose_known = hip.sensed.referenced and slide.sensed.referenced and not homing
+    mismatch_cycles = config.thresholds.sign_mismatch_cycles
+    watch_hip, watch_slide = (
+        effort_monitor.update(
+            before.watches[index],
+            axis.sensed.joint,
+            dynamics,
+            index,
+            limits[index],
+            mismatch_cycles=mismatch_cycles,
+            may_give_torque=axis.sensed.feedback is not None
+            and axis.sensed.feedback.power_state not in CANNOT_EXERT_TORQUE,
+            free=_free(axis),
+            pose_known=pose_known,
+        )
+        for index, axis in enumerate(leg.axes)
+    )
+    window_cycles = _window(leg, config)
+    for index, axis in enumerate(leg.axes):
+        if before.window_cycles != window_cycles:
+            axis.energy.clear()
+        _sum_up(leg, axis, dynamics.residual(index))
+    end_si, ratio, zone = _predict_stop(leg, config.thresholds)
+    return Monitored(dynamics, (watch_hip, watch_slide), window_cycles, end_si, ratio, zone)
+
+
+def with_sent(leg: Leg, enabled: Sequence[bool]) -> Monitored:
+    """What is monitored of a leg, with the efforts sent, which later measured ones are compared to.
+
+    Args:
+        leg: what its axes show and what was sent to them are read.
+        enabled: hip and slide should have power.
+    """
+    hip, slide = (
+        effort_monitor.record_sent(
+            watch, axis.sent.effort_si, active=is_enabled and _shows_torque_mode(axis)
+        )
+        for watch, axis, is_enabled in zip(leg.monitored.watches, leg.axes, enabled, strict=True)
+    )
+    return replace(leg.monitored, watches=(hip, slide))
 
 
 def soften(
@@ -71,38 +130,6 @@ def clear_energy(core: Core) -> None:
         axis.energy.clear()
 
 
-def _update_leg(core: Core, leg: Leg) -> None:
-    hip, slide = leg.axes
-    window_cycles = _window(core, leg)
-    leg.dynamics = inverse_dynamics.evaluate(
-        leg.dynamics, leg.mechanism, leg.friction_laws, (hip.sensed.joint, slide.sensed.joint)
-    )
-    pose_known = _pose_is_known(core, leg)
-    for index, axis in enumerate(leg.axes):
-        axis.watch = effort_monitor.update(
-            axis.watch,
-            axis.sensed.joint,
-            leg.dynamics,
-            index,
-            single_axis.active_limits(core, axis),
-            mismatch_cycles=core.config.thresholds.sign_mismatch_cycles,
-            may_give_torque=axis.sensed.feedback is not None
-            and axis.sensed.feedback.power_state not in CANNOT_EXERT_TORQUE,
-            free=_free(axis),
-            pose_known=pose_known,
-        )
-        _sum_up(leg, index, window_cycles)
-    leg.window_cycles = window_cycles
-    _predict_stop(core, leg)
-
-
-def _pose_is_known(core: Core, leg: Leg) -> bool:
-    """True if the pose is known, and with it the effort that the mechanism needs on both axes."""
-    hip, slide = leg.axes
-    homing = single_axis.is_homing(core, hip) or single_axis.is_homing(core, slide)
-    return hip.sensed.referenced and slide.sensed.referenced and not homing
-
-
 def _free(axis: Axis) -> bool:
     """True if the axis is inside its range, as far as it is known."""
     limits = axis.limits
@@ -110,45 +137,38 @@ def _free(axis: Axis) -> bool:
     return inside or not axis.sensed.referenced
 
 
-def _sum_up(leg: Leg, index: int, window_cycles: int) -> None:
-    axis = leg.axes[index]
+def _sum_up(leg: Leg, axis: Axis, residual_si: float) -> None:
     joint = axis.sensed.joint
-    if leg.window_cycles != window_cycles:
-        axis.energy.clear()
     axis.energy.add(joint.effort_si * joint.step_si if joint.fresh else 0.0)
     exercise = leg.exercise
     if exercise is None or exercise.stride_hz is None or exercise.stage is not Stage.PLAYING:
         axis.residual.clear()
     else:
         # At rest friction can be any value up to its law, so a mean residual has no meaning.
-        moving = joint.still_cycles < STILL_CYCLES
-        axis.residual.add(leg.dynamics.residual(index) if moving else 0.0)
+        axis.residual.add(residual_si if joint.still_cycles < STILL_CYCLES else 0.0)
 
 
-def _predict_stop(core: Core, leg: Leg) -> None:
-    """Update where both axes come to rest if they brake now; only if both are referenced."""
+def _predict_stop(leg: Leg, thresholds: Thresholds) -> tuple[Pair, float, soft_limits.SoftZone]:
+    """Where both axes come to rest if they brake now, if both are referenced, and the soft zone."""
     hip, slide = leg.axes
-    if not leg.is_located:
-        hip.stopping_end_si, slide.stopping_end_si = (
-            hip.sensed.joint.position_si,
-            slide.sensed.joint.position_si,
-        )
-        leg.stopping_ratio, leg.zone = 1.0, soft_limits.SoftZone()
-        return
     position = hip.sensed.joint.position_si, slide.sensed.joint.position_si
+    if not leg.is_located:
+        return position, 1.0, soft_limits.SoftZone()
     velocity = hip.sensed.joint.velocity_si, slide.sensed.joint.velocity_si
     ramps = (
         hip.limits.quick_stop_deceleration_si_per_s2,
         slide.limits.quick_stop_deceleration_si_per_s2,
     )
     reaction_s = stopping_path.reaction_s(assisted=leg.assist.effort_si != (0.0, 0.0))
-    for axis, at, speed, ramp in zip(leg.axes, position, velocity, ramps, strict=True):
-        axis.stopping_end_si = stopping_path.end_of(at, speed, ramp, reaction_s)
-    leg.stopping_ratio = stopping_path.least_ratio(
-        leg.mechanism, position, velocity, ramps, reaction_s
-    )
-    leg.zone = soft_limits.zone_at(
-        (hip.limits, slide.limits), core.config.thresholds, position, leg.singularity_ratio
+    return (
+        (
+            stopping_path.end_of(position[0], velocity[0], ramps[0], reaction_s),
+            stopping_path.end_of(position[1], velocity[1], ramps[1], reaction_s),
+        ),
+        stopping_path.least_ratio(leg.mechanism, position, velocity, ramps, reaction_s),
+        soft_limits.zone_at(
+            (hip.limits, slide.limits), thresholds, position, leg.singularity_ratio
+        ),
     )
 
 
@@ -156,7 +176,7 @@ def slowed(leg: Leg, efforts: tuple[float, float]) -> tuple[float, float]:
     """The efforts of guidance, reduced where they would move the leg deeper into a soft margin."""
     hip, slide = leg.axes
     return soft_limits.slowed(
-        leg.zone,
+        leg.monitored.zone,
         leg.parameters,
         (hip.limits, slide.limits),
         (hip.sensed.joint.position_si, slide.sensed.joint.position_si),
@@ -170,7 +190,7 @@ def _watch_spasm(leg: Leg, estimate: LegEstimate, needed_si: Pair, *, guided_mot
     for index, axis in enumerate(leg.axes):
         # Without guided motion, the person who moves the leg would look like a spasm. A sign
         # mismatch in the raw values has its own check.
-        guided = guided_motion and axis.watch.sign_mismatch_cycles == 0
+        guided = guided_motion and leg.monitored.watches[index].sign_mismatch_cycles == 0
         if estimate.validity[index] is Validity.BAD or not guided:
             axis.spasm.reset()
             continue
@@ -219,31 +239,28 @@ def is_saturated(leg: Leg) -> bool:
 
 def stride_energy(leg: Leg, axis: Axis) -> float:
     """Net energy that this axis's drive put into the leg over the last stride or window, J."""
-    return axis.energy.so_far(leg.window_cycles)
+    return axis.energy.so_far(leg.monitored.window_cycles)
 
 
 def stride_drift(leg: Leg, axis: Axis) -> float:
     """Mean effort residual over the last stride of a gait; 0 before a whole stride."""
-    total = axis.residual.over(leg.window_cycles)
-    return 0.0 if total is None else total / leg.window_cycles
+    total = axis.residual.over(leg.monitored.window_cycles)
+    return 0.0 if total is None else total / leg.monitored.window_cycles
 
 
-def _window(core: Core, leg: Leg) -> int:
+def _window(leg: Leg, config: CoreConfig) -> int:
     stride_hz = None if leg.exercise is None else leg.exercise.stride_hz
     if stride_hz is not None:
-        return stride_cycles(stride_hz, core.config.period_s)
-    return core.config.thresholds.energy_window_cycles
+        return stride_cycles(stride_hz, config.period_s)
+    return config.thresholds.energy_window_cycles
 
 
-def store_commands(core: Core) -> None:
-    """Store the efforts sent, to compare them with the measured ones later."""
-    for axis in core.axes:
-        feedback = axis.sensed.feedback
-        active = (
-            feedback is not None
-            and feedback.power_state == PowerState.OPERATION_ENABLED
-            and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
-            and axis.sent.mode == OperationMode.CYCLIC_SYNC_TORQUE
-            and wanted.enable_wanted(core, axis)
-        )
-        axis.watch = effort_monitor.record_sent(axis.watch, axis.sent.effort_si, active=active)
+def _shows_torque_mode(axis: Axis) -> bool:
+    """True if the drive is enabled in torque mode, as it was told to be."""
+    feedback = axis.sensed.feedback
+    return (
+        feedback is not None
+        and feedback.power_state == PowerState.OPERATION_ENABLED
+        and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
+        and axis.sent.mode == OperationMode.CYCLIC_SYNC_TORQUE
+    )

@@ -20,8 +20,7 @@ WRITERS = {
     "steps/exercises.py": "exercise reference takes_over",
     "steps/single_axis.py": "single_axis evidence",
     "steps/sensing.py": "scaling serial_number held_cycles singularity_ratio",
-    "steps/monitors.py": """watch energy residual stopping_end_si spasm dynamics zone
-        stopping_ratio clonus window_cycles""",
+    "steps/monitors.py": "energy residual spasm clonus",
     "steps/controllers.py": """assist assist_si stiffness_ratio torque_lease assist_cap_si
         lapse_count lapse_reason setpoint_accepted_count setpoint_refused_count""",
     "steps/persistence.py": "persistent utc_newest_ns self_test_due inputs_untested sign_proven",
@@ -32,6 +31,7 @@ SLICES = {
     "Inputs": ("inputs", "inputs.py"),
     "Sensed": ("sensed", "steps/sensing.py"),
     "Estimated": ("estimated", "steps/estimation.py"),
+    "Monitored": ("monitored", "steps/monitors.py"),
     "Softened": ("softened", "steps/monitors.py"),
     "Sent": ("sent", "steps/targets.py"),
 }
