@@ -36,7 +36,7 @@ from daemon.core.steps import (
     supervisor,
     targets,
 )
-from daemon.core.steps.wanted import enable_wanted, is_driving
+from daemon.core.steps.wanted import enable_wanted, enable_wanted_of, is_driving
 from daemon.core.tick import Tick
 from daemon.ipc.record import CycleRecord, GatewayState, Verdict
 from drives.canopen.bus import Frame
@@ -61,7 +61,6 @@ def step(
     _sense(core, drives.end_of_window(tick.cycle, tick.sync_ns), tick)
     _monitor(core)
     _receive(core, gateway_states, tick.cycle)
-    controllers.receive(core, tick.cycle)
     raw = _check_raw(core, tick)
     try:
         estimated = _estimate(core, tick)
@@ -72,7 +71,9 @@ def step(
     supervisor.supervise(core, verdicts, tick.cycle, tick.sync_utc_ns)
     if tick.cycle % POSE_CYCLES == 0 and not is_driving(core):
         persistence.store_poses(core, tick.sync_utc_ns)
-    controllers.advance(core, tick.cycle)
+    for leg in core.legs:
+        enabled = enable_wanted_of(core, leg)
+        leg.assist = controllers.advance(leg, core.mode, core.config, tick.cycle, enabled=enabled)
     commanded = commands(core, tick.cycle)
     for leg in core.legs:
         leg.monitored = monitors.with_sent(leg, [enable_wanted(core, axis) for axis in leg.axes])
@@ -88,7 +89,6 @@ def rest(core: Core, gateway_states: Sequence[GatewayState], tick: Tick) -> Cycl
     for leg in core.legs:
         leg.estimated = estimation.cleared(leg.estimated)
     _receive(core, gateway_states, tick.cycle)
-    controllers.receive(core, tick.cycle)
     supervisor.rest(core, tick.cycle, tick.sync_utc_ns)
     return cycle_record.record(core, tick)
 
@@ -105,7 +105,7 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick, next_cycle: int) -> l
         return []
     if not is_driving(core):
         return []
-    _receive(core, (), tick.cycle)
+    core.inputs = inputs.receive(core.inputs, (), core.boot_id, core.result.id, tick.cycle)
     sensing.peek(core, drives.peek(tick.sync_ns))
     verdicts = _check_raw(core, tick)
     if not verdicts:
@@ -141,6 +141,11 @@ def _receive(core: Core, gateway_states: Sequence[GatewayState], cycle: int) -> 
     before, newest_id = core.inputs, core.result.id
     core.inputs = inputs.receive(before, gateway_states, core.boot_id, newest_id, cycle)
     core.publish(inputs.news(before, core.inputs))
+    assists, core.assisted = controllers.receive(
+        core.legs, core.assisted, core.inputs, core.mode, core.config, cycle
+    )
+    for leg, assist in zip(core.legs, assists, strict=True):
+        leg.assist = assist
 
 
 def _check_raw(core: Core, tick: Tick) -> tuple[Verdict, ...]:

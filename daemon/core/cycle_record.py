@@ -76,11 +76,12 @@ def _clipped(reported: Reported) -> Reported:
 
 
 def _assist(core: Core) -> AssistRecord:
+    assisted = core.assisted
     return AssistRecord(
-        accepted_count=core.setpoint_accepted_count,
-        refused_count=dict(core.setpoint_refused_count),
-        lapse_count=core.lapse_count,
-        lapse_reason=core.lapse_reason,
+        accepted_count=assisted.accepted_count,
+        refused_count=dict(assisted.refused_count),
+        lapse_count=assisted.lapse_count,
+        lapse_reason=assisted.lapse_reason,
     )
 
 
@@ -195,7 +196,7 @@ def _axis(leg: Leg, index: int) -> AxisRecord:
     estimated, newest = leg.estimated, leg.assist.accepted
     reference = leg.reference.position if leg.reference else estimated.measured
     measured, effort = estimated.measured[index], estimated.effort_used[index]
-    assist, estimate = leg.assist_si[index], estimated.estimate
+    assist, estimate = leg.assist.added_si[index], estimated.estimate
     wanted = 0.0 if newest is None else wanted_si(newest)[index]
     if estimate is None:
         return AxisRecord(measured, effort, reference[index], assist, wanted)

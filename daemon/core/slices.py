@@ -5,8 +5,9 @@ module that makes each of them.
 """
 
 import math
+from collections.abc import Mapping
 
-from gaitd_names import Doubt, Role
+from gaitd_names import Doubt, Lapse, Role, SetpointRefusal
 from msgspec import Struct
 
 from daemon.core.motion.gait_shape import Pair
@@ -119,6 +120,50 @@ class Estimated(Struct, frozen=True):
     drifts: tuple[Drift, Drift] = (NO_DRIFT, NO_DRIFT)
     """Drift of the friction of each axis."""
     calibration_advised: tuple[bool, bool] = (False, False)
+
+
+class Assisted(Struct, frozen=True):
+    """What controllers may do, and how their setpoints have fared: `steps/controllers.py`."""
+
+    torque_lease: int = 0
+    """The lease with which mode TORQUE was entered."""
+    cap_si: Pair = (math.inf, math.inf)
+    """Cap of assist by the released plan of a session's gait: hip and slide, N·m and N."""
+    accepted_count: int = 0
+    refused_count: Mapping[SetpointRefusal, int] = {}
+    """Refused setpoints by reason."""
+    lapse_count: int = 0
+    lapse_reason: Lapse = Lapse.NONE
+    """Reason of the newest lapse of assist."""
+
+
+class LegAssist(Struct, frozen=True):
+    """A controller's newest setpoint for a leg, and the assist in force: `steps/controllers.py`."""
+
+    lease: int = 0
+    """The lease that `seq` and `accepted` belong to."""
+    seq: int = -1
+    """`seq` of the newest accepted setpoint."""
+    checked: tuple[int, int, int] | None = None
+    """Lease, seq and for_cycle of the newest checked setpoint.
+
+    Every gateway state repeats the setpoint; it is checked once.
+    """
+    accepted: Setpoint | None = None
+    """The newest accepted setpoint, followed as long as it is fresh."""
+    effort_si: Pair = (0.0, 0.0)
+    """Assist in force."""
+    fade_si: Pair | None = None
+    """Decrease of assist per cycle while it fades; None while it does not fade."""
+    stiffness_ratio: float = 1.0
+    """Stiffness share in force."""
+    is_finite: bool = True
+    """False in the cycle in which a number of the assist was not finite."""
+
+    @property
+    def added_si(self) -> Pair:
+        """Assist in the command of this cycle; NaN makes the command check stop the machine."""
+        return self.effort_si if self.is_finite else (math.nan, math.nan)
 
 
 class Softened(Struct, frozen=True):

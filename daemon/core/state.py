@@ -1,19 +1,16 @@
 """The mutable state of the core that is kept from one cycle to the next."""
 
-import math
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Final
 
-from gaitd_names import Cause, EventCode, Lapse, Mode, SelfTestDue, SetpointRefusal, Untested
+from gaitd_names import Cause, EventCode, Mode, SelfTestDue, Untested
 
 from daemon.core.core_config import CoreConfig
 from daemon.core.exercises.exercise import Exercise, Reference
 from daemon.core.exercises.hold import Hold
 from daemon.core.exercises.single_axis import HomingRules, PushRules, Result, SingleAxis
 from daemon.core.modes.persistent_state import PersistentState, PoseRules, Wiring
-from daemon.core.motion.assist import LegAssist
 from daemon.core.motion.gait_shape import GaitShape
 from daemon.core.period import cycles
 from daemon.core.safety.clonus import ClonusWatch
@@ -21,7 +18,16 @@ from daemon.core.safety.energy import StrideSum
 from daemon.core.safety.limits import AxisLimits
 from daemon.core.safety.spasm import SpasmWatch
 from daemon.core.safety.stop_sequence import DriveStop
-from daemon.core.slices import Estimated, Inputs, Monitored, Sensed, Sent, Softened
+from daemon.core.slices import (
+    Assisted,
+    Estimated,
+    Inputs,
+    LegAssist,
+    Monitored,
+    Sensed,
+    Sent,
+    Softened,
+)
 from daemon.ipc.record import Request, RequestResult, Verdict
 from daemon.ipc.report import Event, Progress
 from drives.cia402.drive import DriveGroup
@@ -106,10 +112,6 @@ class Leg:
     """The setpoint of a controller and the assist in force."""
     takes_over: bool = False
     """The exercise is another one since the last command, and continues that command's effort."""
-    assist_si: tuple[float, float] = (0.0, 0.0)
-    """Bounded assist of a controller in force in this cycle: N·m, N."""
-    stiffness_ratio: float = 1.0
-    """Share of the configured guidance stiffness that a controller requests."""
     softened: Softened = field(default_factory=Softened)
     singularity_ratio: float = 1.0
     monitored: Monitored = field(default_factory=Monitored)
@@ -129,7 +131,9 @@ class Leg:
     @property
     def guidance_ratio(self) -> float:
         """Share of the configured guidance stiffness that is in force."""
-        return self.stiffness_ratio * min(self.softened.spasm_ratio, self.softened.clonus_ratio)
+        return self.assist.stiffness_ratio * min(
+            self.softened.spasm_ratio, self.softened.clonus_ratio
+        )
 
     @property
     def is_held(self) -> bool:
@@ -184,18 +188,7 @@ class Core:
     result: RequestResult = field(default_factory=RequestResult)
     """Result of the newest request received: its id never decreases."""
     inputs: Inputs = field(default_factory=Inputs)
-    torque_lease: int = 0
-    """The lease with which mode TORQUE was entered."""
-    assist_cap_si: tuple[float, float] = (math.inf, math.inf)
-    """Cap of assist by the released plan of a session's gait: hip and slide, N·m and N."""
-    setpoint_accepted_count: int = 0
-    setpoint_refused_count: Counter[SetpointRefusal] = field(
-        default_factory=Counter[SetpointRefusal]
-    )
-    """Refused setpoints by reason."""
-    lapse_count: int = 0
-    lapse_reason: Lapse = Lapse.NONE
-    """Reason of the newest lapse of assist."""
+    assisted: Assisted = field(default_factory=Assisted)
     seq: int = 0
     events: list[Event] = field(default_factory=list)
     bring_up: Progress | None = None

@@ -30,7 +30,7 @@ from daemon.core.runtime.build import build
 from daemon.core.safety import checks
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import Step
-from daemon.core.slices import Inputs
+from daemon.core.slices import Assisted, Inputs
 from daemon.core.state import Core
 from daemon.core.steps import (
     exercises,
@@ -189,8 +189,7 @@ CORE_FIELDS = (
     "single_axis",
     "request",
     "result",
-    "torque_lease",
-    "assist_cap_si",
+    "assisted",
 )
 LEG_FIELDS = ("exercise", "reference", "takes_over")
 AXIS_FIELDS = ("sensed", "stop", "sent")
@@ -359,6 +358,7 @@ class Model:
             core.result = RequestResult(1)
         else:
             core.result = RequestResult()
+        core.assisted = Assisted(core.assisted.torque_lease, core.assisted.cap_si)
         run = core.single_axis
         if run is not None:
             core.single_axis = replace(run, cycles=0, requested_cycle=NOW, effort_si=0.0)

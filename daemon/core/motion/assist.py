@@ -18,16 +18,16 @@ Pairs are hip and slide: N·m and N.
 """
 
 import math
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from gaitd_names import SetpointRefusal
+from msgspec.structs import replace
 
+from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety import bounds
 from daemon.core.safety.limits import AxisLimits
+from daemon.core.slices import LegAssist
 from daemon.ipc.record import Setpoint
-
-Pair = tuple[float, float]
 
 FULL_STIFFNESS = 1.0
 
@@ -54,29 +54,6 @@ class SetpointContext(NamedTuple):
     """Guidance is by the drives' own position loops."""
     cap_si: Pair = (math.inf, math.inf)
     """Cap by the released plan of a session's gait: hip and slide."""
-
-
-@dataclass(frozen=True, slots=True)
-class LegAssist:
-    """The newest setpoint of a controller for one leg, and the assist in force."""
-
-    lease: int = 0
-    """The lease that `seq` and `accepted` belong to."""
-    seq: int = -1
-    """`seq` of the newest accepted setpoint."""
-    checked: tuple[int, int, int] | None = None
-    """Lease, seq and for_cycle of the newest checked setpoint.
-
-    Every gateway state repeats the setpoint; it is checked once.
-    """
-    accepted: Setpoint | None = None
-    """The newest accepted setpoint, followed as long as it is fresh."""
-    effort_si: Pair = (0.0, 0.0)
-    """Assist in force."""
-    fade_si: Pair | None = None
-    """Decrease of assist per cycle while it fades; None while it does not fade."""
-    stiffness_ratio: float = FULL_STIFFNESS
-    """Stiffness share in force."""
 
 
 def check_setpoint(
@@ -166,7 +143,7 @@ def advance(
     velocity_si: Pair,
     rules: AssistRules,
     dt_s: float,
-) -> LegAssist | None:
+) -> LegAssist:
     """Advance the assist in force by one cycle.
 
     Args:
@@ -178,7 +155,7 @@ def advance(
         dt_s: nominal time between two commands.
 
     Returns:
-        The assist in force now; None if a number is not finite: then the machine stops.
+        The assist in force now. If a number is not finite, no further assist is added.
     """
     if wanted is None:
         return _faded(assist, rules)
@@ -191,9 +168,13 @@ def advance(
         for aim_si, last_si, of, speed_si in asked
     )
     if hip_si is None or slide_si is None:
-        return None
+        return replace(assist, accepted=None, effort_si=(0.0, 0.0), fade_si=None, is_finite=False)
     return replace(
-        assist, effort_si=(hip_si, slide_si), fade_si=None, stiffness_ratio=stiffness_ratio
+        assist,
+        effort_si=(hip_si, slide_si),
+        fade_si=None,
+        stiffness_ratio=stiffness_ratio,
+        is_finite=True,
     )
 
 
@@ -205,7 +186,13 @@ def _faded(assist: LegAssist, rules: AssistRules) -> LegAssist:
     fade_si = assist.fade_si or (abs(hip_si) / rules.fade_cycles, abs(slide_si) / rules.fade_cycles)
     effort_si = (_reduced(hip_si, fade_si[0]), _reduced(slide_si, fade_si[1]))
     stiffness_ratio = _towards(assist.stiffness_ratio, FULL_STIFFNESS, 1 / rules.fade_cycles)
-    return replace(assist, effort_si=effort_si, fade_si=fade_si, stiffness_ratio=stiffness_ratio)
+    return replace(
+        assist,
+        effort_si=effort_si,
+        fade_si=fade_si,
+        stiffness_ratio=stiffness_ratio,
+        is_finite=True,
+    )
 
 
 def _reduced(effort_si: float, step_si: float) -> float:

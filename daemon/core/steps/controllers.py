@@ -4,68 +4,92 @@
 to `supervisor.py` when assist has lapsed. It is the only writer of assist in the state.
 """
 
-import math
-from dataclasses import replace
+from collections.abc import Sequence
 
-import msgspec
 from gaitd_names import Lapse, Mode, SetpointRefusal
+from msgspec.structs import replace
 
+from daemon.core.core_config import CoreConfig
 from daemon.core.modes import roles
 from daemon.core.modes.table import rules_of
 from daemon.core.motion import assist
 from daemon.core.motion.assist import FULL_STIFFNESS, SetpointContext
+from daemon.core.slices import Assisted, Inputs, LegAssist
 from daemon.core.state import Core, Leg
-from daemon.core.steps import wanted
 from daemon.ipc.record import Request, Setpoint
 
 
-def receive(core: Core, cycle: int) -> None:
-    """Check the setpoints of the newest gateway state; each setpoint is checked once."""
-    lease, takes_assist = core.inputs.lease, rules_of(core.mode).takes_assist
-    context = SetpointContext(
-        lease, cycle, takes_assist, core.config.by_position, core.assist_cap_si
-    )
+def receive(
+    legs: Sequence[Leg],
+    before: Assisted,
+    inputs: Inputs,
+    mode: Mode,
+    config: CoreConfig,
+    cycle: int,
+) -> tuple[list[LegAssist], Assisted]:
+    """Check the setpoints of the newest gateway state; each setpoint is checked once.
+
+    Args:
+        legs: their assist and limits are read.
+        before: of the last cycle.
+        inputs: of this cycle: setpoints and lease.
+        mode: of the machine.
+        config: of the core.
+        cycle: the number of this cycle.
+
+    Returns:
+        The assist of each leg, and what has become of the setpoints.
+    """
+    lease, takes_assist = inputs.lease, rules_of(mode).takes_assist
+    context = SetpointContext(lease, cycle, takes_assist, config.by_position, before.cap_si)
+    assists = [_of_lease(leg.assist, lease, takes_assist=takes_assist) for leg in legs]
     # The assist of one lease holder must lapse before another holder may command.
     handed_over = {
-        leg.name for leg in core.legs if leg.assist.lease != lease and assist.is_active(leg.assist)
+        leg.name for leg in legs if leg.assist.lease != lease and assist.is_active(leg.assist)
     }
-    for leg in core.legs:
-        if leg.assist.lease != lease:
-            leg.assist = replace(leg.assist, lease=lease, seq=-1, accepted=None)
-        elif not takes_assist:
-            leg.assist = replace(leg.assist, accepted=None)
-    for setpoint in core.inputs.setpoints:
-        if setpoint.leg not in handed_over:
-            _receive_one(core, setpoint, context)
+    places = {leg.name: index for index, leg in enumerate(legs)}
+    after = before
+    for setpoint in inputs.setpoints:
+        if setpoint.leg in handed_over:
+            continue
+        place = places.get(setpoint.leg)
+        if place is None:
+            after = _counted(after, SetpointRefusal.UNKNOWN_LEG)
+            continue
+        key = (setpoint.lease, setpoint.seq, setpoint.for_cycle)
+        if key == assists[place].checked:
+            continue
+        hip, slide = legs[place].axes
+        refusal = assist.check_setpoint(
+            setpoint, assists[place].seq, (hip.limits, slide.limits), context, config.assist_rules
+        )
+        assists[place] = replace(assists[place], checked=key)
+        if refusal is None:
+            assists[place] = replace(assists[place], seq=setpoint.seq, accepted=setpoint)
+        after = _counted(after, refusal)
+    return assists, after
 
 
-def _receive_one(core: Core, setpoint: Setpoint, context: SetpointContext) -> None:
-    leg = next((leg for leg in core.legs if leg.name == setpoint.leg), None)
-    if leg is None:
-        core.setpoint_refused_count[SetpointRefusal.UNKNOWN_LEG] += 1
-        return
-    key = (setpoint.lease, setpoint.seq, setpoint.for_cycle)
-    if key == leg.assist.checked:
-        return
-    hip, slide = leg.axes
-    limits = (hip.limits, slide.limits)
-    refusal = assist.check_setpoint(
-        setpoint, leg.assist.seq, limits, context, core.config.assist_rules
-    )
-    leg.assist = replace(leg.assist, checked=key)
+def _of_lease(now: LegAssist, lease: int, *, takes_assist: bool) -> LegAssist:
+    """The assist of a leg under this lease, before the setpoints of this cycle."""
+    if now.lease != lease:
+        return replace(now, lease=lease, seq=-1, accepted=None)
+    return now if takes_assist or now.accepted is None else replace(now, accepted=None)
+
+
+def _counted(assisted: Assisted, refusal: SetpointRefusal | None) -> Assisted:
     if refusal is None:
-        core.setpoint_accepted_count += 1
-        leg.assist = replace(leg.assist, seq=setpoint.seq, accepted=setpoint)
-    else:
-        core.setpoint_refused_count[refusal] += 1
+        return replace(assisted, accepted_count=assisted.accepted_count + 1)
+    counts = assisted.refused_count
+    return replace(assisted, refused_count={**counts, refusal: counts.get(refusal, 0) + 1})
 
 
 def begin(core: Core, request: Request) -> None:
     """Enter a mode with the cap of its plan; TORQUE without assist, until a first setpoint."""
-    core.assist_cap_si = roles.assist_cap_si(request)
+    core.assisted = replace(core.assisted, cap_si=roles.assist_cap_si(request))
     if request.mode.mode != Mode.TORQUE:
         return
-    core.torque_lease = core.inputs.lease
+    core.assisted = replace(core.assisted, torque_lease=core.inputs.lease)
     for leg in core.legs:
         leg.assist = replace(leg.assist, accepted=None)
 
@@ -79,14 +103,14 @@ def lapse(core: Core, cycle: int) -> bool:
         reason = _lapse_of_gait(core, cycle)
     if reason is Lapse.NONE:
         return False
-    core.lapse_count += 1
-    core.lapse_reason = reason
+    count = core.assisted.lapse_count + 1
+    core.assisted = replace(core.assisted, lapse_count=count, lapse_reason=reason)
     return True
 
 
 def _lapse_of_torque(core: Core, cycle: int) -> Lapse:
     rules = core.config.assist_rules
-    if core.inputs.lease != core.torque_lease:
+    if core.inputs.lease != core.assisted.torque_lease:
         return Lapse.LEASE_ENDED
     accepted = [leg.assist.accepted for leg in core.legs if leg.assist.accepted is not None]
     if not all(assist.is_fresh(one, cycle, rules) for one in accepted):
@@ -111,41 +135,38 @@ def _waited_cycles(core: Core) -> int:
     return round(elapsed_s / core.config.period_s)
 
 
-def advance(core: Core, cycle: int) -> None:
-    """Advance the assist in force of each leg to the newest setpoint, or fade it out."""
-    for leg in core.legs:
-        _advance_leg(core, leg, cycle)
+def advance(leg: Leg, mode: Mode, config: CoreConfig, cycle: int, *, enabled: bool) -> LegAssist:
+    """Advance the assist in force of a leg to the newest setpoint, or fade it out.
 
-
-def _advance_leg(core: Core, leg: Leg, cycle: int) -> None:
-    """Assist is zero at once where no drive is to be enabled."""
-    if not wanted.enable_wanted_of(core, leg):
-        leg.assist = replace(leg.assist, effort_si=(0.0, 0.0), fade_si=None)
+    Args:
+        leg: its assist, limits and speeds are read.
+        mode: of the machine.
+        config: of the core.
+        cycle: the number of this cycle.
+        enabled: one of its drives should have power; without it assist is zero at once.
+    """
+    before = leg.assist
+    if not enabled:
+        before = replace(before, effort_si=(0.0, 0.0), fade_si=None)
     hip, slide = leg.axes
-    advanced = assist.advance(
-        leg.assist,
-        _followed(core, leg, cycle),
+    return assist.advance(
+        before,
+        _followed(before.accepted, mode, config, cycle),
         (hip.limits, slide.limits),
         (hip.sensed.joint.velocity_si, slide.sensed.joint.velocity_si),
-        core.config.assist_rules,
-        core.config.period_s,
+        config.assist_rules,
+        config.period_s,
     )
-    if advanced is None:
-        # NaN makes the command check stop the machine; no further assist is added.
-        leg.assist_si = (math.nan, math.nan)
-        leg.assist = replace(leg.assist, accepted=None, effort_si=(0.0, 0.0), fade_si=None)
-        return
-    leg.assist, leg.assist_si = advanced, advanced.effort_si
-    leg.stiffness_ratio = advanced.stiffness_ratio
 
 
-def _followed(core: Core, leg: Leg, cycle: int) -> Setpoint | None:
+def _followed(
+    newest: Setpoint | None, mode: Mode, config: CoreConfig, cycle: int
+) -> Setpoint | None:
     """The setpoint to follow in this cycle; mode TORQUE ignores its stiffness (no guidance)."""
-    newest = leg.assist.accepted
-    if newest is None or not rules_of(core.mode).takes_assist:
+    if newest is None or not rules_of(mode).takes_assist:
         return None
-    if not assist.is_fresh(newest, cycle, core.config.assist_rules):
+    if not assist.is_fresh(newest, cycle, config.assist_rules):
         return None
-    if core.mode == Mode.TORQUE and newest.stiffness_ratio != FULL_STIFFNESS:
-        return msgspec.structs.replace(newest, stiffness_ratio=FULL_STIFFNESS)
+    if mode == Mode.TORQUE and newest.stiffness_ratio != FULL_STIFFNESS:
+        return replace(newest, stiffness_ratio=FULL_STIFFNESS)
     return newest

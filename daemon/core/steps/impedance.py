@@ -126,8 +126,8 @@ def _setpoints(core: Core, leg: Leg) -> tuple[AxisSetpoint, AxisSetpoint]:
     gains = _gains(impedance or config.hold, leg.guidance_ratio)
     (k0, d0), (k1, d1) = gains
     efforts = (
-        _effort(hip, reference, 0, k0, d0) + leg.assist_si[0],
-        _effort(slide, reference, 1, k1, d1) + leg.assist_si[1],
+        _effort(hip, reference, 0, k0, d0) + leg.assist.added_si[0],
+        _effort(slide, reference, 1, k1, d1) + leg.assist.added_si[1],
     )
     efforts = monitors.slowed(leg, efforts)
     return (

@@ -21,8 +21,6 @@ WRITERS = {
     "steps/single_axis.py": "single_axis evidence",
     "steps/sensing.py": "scaling serial_number held_cycles singularity_ratio",
     "steps/monitors.py": "energy residual spasm clonus",
-    "steps/controllers.py": """assist assist_si stiffness_ratio torque_lease assist_cap_si
-        lapse_count lapse_reason setpoint_accepted_count setpoint_refused_count""",
     "steps/persistence.py": "persistent utc_newest_ns self_test_due inputs_untested sign_proven",
     "cycle_record.py": "seq events",
 }
@@ -31,6 +29,8 @@ SLICES = {
     "Inputs": ("inputs", "inputs.py"),
     "Sensed": ("sensed", "steps/sensing.py"),
     "Estimated": ("estimated", "steps/estimation.py"),
+    "LegAssist": ("assist", "steps/controllers.py"),
+    "Assisted": ("assisted", "steps/controllers.py"),
     "Monitored": ("monitored", "steps/monitors.py"),
     "Softened": ("softened", "steps/monitors.py"),
     "Sent": ("sent", "steps/targets.py"),
@@ -136,7 +136,7 @@ def test_a_second_maker_is_found(tmp_path: Path, statement: str) -> None:
         "core.mode, x = Mode.HOLD, 1",
         "for core.mode in modes: pass",
         "core.causes_reported.add(1)",
-        "core.setpoint_refused_count[3] += 1",
+        "core.evidence[3] += 1",
         "setattr(core, 'mode', Mode.HOLD)",
         "del core.events[:8]",
     ],

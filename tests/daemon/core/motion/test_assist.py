@@ -12,13 +12,13 @@ from safety_inputs import ALL_WELL, LIMITS
 from daemon.core.modes.table import MODES, TRANSITIONS, refusal, rules_of
 from daemon.core.motion.assist import (
     AssistRules,
-    LegAssist,
     SetpointContext,
     advance,
     check_setpoint,
     is_active,
     is_neutral,
 )
+from daemon.core.slices import LegAssist
 from daemon.ipc.record import AxisSetpoint, ModeRequest, Setpoint
 
 BOTH = (LIMITS, LIMITS)
@@ -200,8 +200,15 @@ def test_assist_and_stiffness_follow_by_their_rates():
 
 
 @pytest.mark.parametrize("velocity", [(math.nan, 0.0), (0.0, math.inf)])
-def test_assist_on_a_joint_of_unknown_speed_is_none(velocity):
-    assert advance(LegAssist(), setpoint(), BOTH, velocity, RULES, DT_S) is None
+def test_assist_on_a_joint_of_unknown_speed_is_no_number_once_and_then_zero(velocity):
+    pushing = LegAssist(accepted=setpoint(), effort_si=(1.0, 2.0), fade_si=(0.1, 0.1))
+
+    stopped = advance(pushing, setpoint(), BOTH, velocity, RULES, DT_S)
+
+    assert stopped == LegAssist(is_finite=False)
+    assert all(map(math.isnan, stopped.added_si))
+    assert advance(stopped, None, BOTH, velocity, RULES, DT_S).added_si == REST
+    assert advance(stopped, setpoint(), BOTH, REST, RULES, DT_S).is_finite
 
 
 def test_assist_that_has_faded_stays_as_it_is():

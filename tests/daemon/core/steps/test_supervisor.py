@@ -1,16 +1,17 @@
 """Verdicts, requests and setpoints applied to the state of a core that has no bus."""
 
 import math
-from dataclasses import replace
 
 import pytest
 from core_bench import JUMPED, MANY_CYCLES, OPENED, Bench
 from fresh_core import has_been_sent, has_received, show
 from gaitd_names import Cause, EventCode, Finding, Mode, Outcome, RequestKind, Role, StopCategory
+from msgspec.structs import replace
 
 from daemon.core import cycle
 from daemon.core.exercises.single_axis import Result
 from daemon.core.safety.stop_sequence import Step
+from daemon.core.slices import Assisted
 from daemon.core.steps import (
     controllers,
     exercises,
@@ -134,21 +135,25 @@ def test_a_command_that_is_not_finite_is_a_quick_stop_without_torque(bench, numb
 # --- assist ---------------------------------------------------------------------------------------
 
 
+def received(core, cycle):
+    """The setpoint that is accepted in this cycle, and the count of them."""
+    (leg,), assisted = controllers.receive(
+        core.legs, core.assisted, core.inputs, core.mode, core.config, cycle
+    )
+    return leg.accepted, assisted.accepted_count
+
+
 def test_assist_in_force_is_not_taken_over_by_the_next_holder_of_the_lease(bench):
     core, leg = bench.core, bench.core.legs[0]
     core.mode = Mode.TORQUE
     leg.assist = replace(leg.assist, lease=FIRST_LEASE, effort_si=(5.0, 0.0))
     has_received(core, lease=NEXT_LEASE, setpoints=(NEXT_SETPOINT,))
 
-    controllers.receive(core, 100)
-
-    assert leg.assist.accepted is None
-    assert core.setpoint_accepted_count == 0
+    assert received(core, 100) == (None, 0)
 
     leg.assist = replace(leg.assist, effort_si=(0.0, 0.0))
-    controllers.receive(core, 101)
 
-    assert leg.assist.accepted == NEXT_SETPOINT
+    assert received(core, 101) == (NEXT_SETPOINT, 1)
 
 
 def test_where_nothing_is_in_force_the_next_holder_is_heard_at_once(bench):
@@ -157,9 +162,7 @@ def test_where_nothing_is_in_force_the_next_holder_is_heard_at_once(bench):
     leg.assist = replace(leg.assist, lease=FIRST_LEASE)
     has_received(core, lease=NEXT_LEASE, setpoints=(NEXT_SETPOINT,))
 
-    controllers.receive(core, 100)
-
-    assert leg.assist.accepted == NEXT_SETPOINT
+    assert received(core, 100) == (NEXT_SETPOINT, 1)
 
 
 # --- load at rest after enabling ------------------------------------------------------------------
@@ -273,7 +276,7 @@ def test_the_end_of_another_exercise_is_no_self_test(bench, monkeypatch):
 
 def test_assist_that_has_lost_its_lease_ends_in_hold_where_the_leg_is(bench):
     core, leg = bench.core, bench.core.legs[0]
-    core.mode, core.torque_lease = Mode.TORQUE, FIRST_LEASE
+    core.mode, core.assisted = Mode.TORQUE, Assisted(torque_lease=FIRST_LEASE)
     has_received(core, lease=FIRST_LEASE)
     leg.exercise = leg.reference = None
     bench.turn()
@@ -283,7 +286,7 @@ def test_assist_that_has_lost_its_lease_ends_in_hold_where_the_leg_is(bench):
     bench.turn()
 
     assert core.mode == Mode.HOLD
-    assert core.lapse_count == 1
+    assert core.assisted.lapse_count == 1
     assert leg.exercise is not None
     assert leg.reference.position == pytest.approx((0.2, 0.2))
 

@@ -229,7 +229,7 @@ def test_a_mode_that_is_requested_begins_with_its_exercise_and_its_controller(be
     bench.ask(RequestKind.MODE, ModeRequest(Mode.TORQUE))
 
     assert core.mode == Mode.TORQUE
-    assert core.torque_lease == 7
+    assert core.assisted.torque_lease == 7
     assert type(core.legs[0].exercise).__name__ == "Torque"
     assert core.events[-2:] == [
         mode_changed(Mode.HOLD, Mode.TORQUE, Trigger.TO_TORQUE),
