@@ -124,9 +124,11 @@ def _sense(core: Core, feedbacks: Sequence[DriveFeedback], tick: Tick) -> None:
         thresholds = core.config.thresholds
         axis.sensed = sensing.sense(axis, before, feedback, now, thresholds, tick.sync_ns)
         core.publish(sensing.news(axis, before, axis.sensed))
+    may_hold = core.mode == Mode.HOLD and all(axis.sensed.reached_enabled for axis in core.axes)
     for leg in core.legs:
-        sensing.place(leg)
-    sensing.count_held(core)
+        leg.placed, shown = sensing.place(leg, leg.placed, may_hold=may_hold)
+        for axis, sensed in zip(leg.axes, shown, strict=True):
+            axis.sensed = sensed
 
 
 def _monitor(core: Core) -> None:
@@ -214,7 +216,7 @@ def safety_inputs(core: Core, tick: Tick) -> SafetyInputs:
 def _leg(core: Core, leg: Leg) -> LegInputs:
     return LegInputs(
         name=leg.name,
-        singularity_ratio=leg.singularity_ratio,
+        singularity_ratio=leg.placed.singularity_ratio,
         stopping_ratio=leg.monitored.stopping_ratio,
         seeks_home=_seeks_home(core, leg),
     )

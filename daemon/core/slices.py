@@ -60,6 +60,14 @@ class Sensed(Struct, frozen=True):
     """Velocity of a guided reference; else 0."""
 
 
+class Placed(Struct, frozen=True):
+    """Where the samples of both axes put a leg: `steps/sensing.py`."""
+
+    singularity_ratio: float = 1.0
+    held_cycles: int = 0
+    """Cycles in a row in which mode HOLD has held a pose that does not change."""
+
+
 class Inputs(Struct, frozen=True):
     """What was received from the gateway: `inputs.py`."""
 

@@ -24,6 +24,7 @@ from daemon.core.slices import (
     Inputs,
     LegAssist,
     Monitored,
+    Placed,
     Sensed,
     Sent,
     Softened,
@@ -113,10 +114,8 @@ class Leg:
     takes_over: bool = False
     """The exercise is another one since the last command, and continues that command's effort."""
     softened: Softened = field(default_factory=Softened)
-    singularity_ratio: float = 1.0
+    placed: Placed = field(default_factory=Placed)
     monitored: Monitored = field(default_factory=Monitored)
-    held_cycles: int = 0
-    """Cycles in a row in which mode HOLD has held a pose that does not change."""
     mechanism: tuple[float, ...] = field(init=False)
     """`parameters` as a plain tuple, which compiled functions read faster."""
     friction_laws: tuple[tuple[float, ...], tuple[float, ...]] = field(init=False)
@@ -141,7 +140,7 @@ class Leg:
 
         An exercise that has begun since this cycle's samples were taken holds nothing.
         """
-        return isinstance(self.exercise, Hold) and self.held_cycles > HOLD_SETTLE_CYCLES
+        return isinstance(self.exercise, Hold) and self.placed.held_cycles > HOLD_SETTLE_CYCLES
 
     @property
     def is_located(self) -> bool:

@@ -438,7 +438,7 @@ def test_a_stop_of_a_homing_whose_origin_is_off_names_no_pose_in_doubt(tmp_path)
     begun = len(session.records)
     leg = session.core.legs[0]
     asked(session, HIP)
-    session.run_until(lambda _: leg.singularity_ratio < 0.15, within_s=30)
+    session.run_until(lambda _: leg.placed.singularity_ratio < 0.15, within_s=30)
     assert session.record.mode == Mode.REFERENCE
 
     session.gateway.stop()

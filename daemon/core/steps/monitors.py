@@ -167,7 +167,7 @@ def _predict_stop(leg: Leg, thresholds: Thresholds) -> tuple[Pair, float, soft_l
         ),
         stopping_path.least_ratio(leg.mechanism, position, velocity, ramps, reaction_s),
         soft_limits.zone_at(
-            (hip.limits, slide.limits), thresholds, position, leg.singularity_ratio
+            (hip.limits, slide.limits), thresholds, position, leg.placed.singularity_ratio
         ),
     )
 

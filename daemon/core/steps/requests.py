@@ -130,7 +130,7 @@ def _outside(core: Core) -> tuple[str, ...]:
         <= axis.limits.position_max_si
     )
     stop_ratio = core.config.thresholds.singularity_stop_ratio
-    return axes + tuple(leg.name for leg in core.legs if leg.singularity_ratio < stop_ratio)
+    return axes + tuple(leg.name for leg in core.legs if leg.placed.singularity_ratio < stop_ratio)
 
 
 def finish(core: Core) -> None:

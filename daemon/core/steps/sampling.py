@@ -24,7 +24,9 @@ def effort_std(leg: Leg) -> tuple[float, float]:
     """Standard deviation of this cycle's efforts about their means over the cycle: N·m, N."""
     hip, slide = leg.axes
     acceleration = _missed_si(hip), _missed_si(slide)
-    pose_known = leg.singularity_ratio > 0 and hip.sensed.referenced and slide.sensed.referenced
+    pose_known = (
+        leg.placed.singularity_ratio > 0 and hip.sensed.referenced and slide.sensed.referenced
+    )
     if acceleration == (0.0, 0.0) or not pose_known:
         return 0.0, 0.0  # no acceleration was sent, or the pose is not known
     pose = np.array((hip.sensed.joint.position_si, slide.sensed.joint.position_si))

@@ -1,20 +1,22 @@
 """Drive samples become joints: position, speed, effort, references, and the readiness of drives.
 
-This file makes `Sensed`, and is the only writer of what it writes of `Leg`.
+This file makes `Sensed` and `Placed`, and writes scaling and serial number of an axis.
 """
 
 from collections.abc import Iterator, Sequence
 from typing import Final, NamedTuple
 
-from gaitd_names import Doubt, EventCode, Mode
+from gaitd_names import Doubt, EventCode
 from msgspec import Struct
 from msgspec.structs import replace
 
+from daemon.core.exercises.exercise import Reference
 from daemon.core.modes.persistent_state import disagreement
+from daemon.core.motion.gait_shape import Pair
 from daemon.core.safety import joints
 from daemon.core.safety.joints import Joint, jump_reach_si
 from daemon.core.safety.limits import AxisLimits, Thresholds
-from daemon.core.slices import Sensed
+from daemon.core.slices import Placed, Sensed
 from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import single_axis, wanted
 from daemon.ipc.report import Event
@@ -151,49 +153,42 @@ def _readiness(before: Sensed, feedback: DriveFeedback, now: SensingInputs) -> R
     return Readiness(False, reached, 0 if ready else before.unready_cycles + 1, 0)
 
 
-def place(leg: Leg) -> None:
-    """Compute holding load, singularity ratio and tracking error of a leg from raw encoders."""
-    hip, slide = leg.axes
-    if not leg.is_located:
-        leg.singularity_ratio = 1.0
-        return
-    leg.singularity_ratio, hip_nm, slide_n = ratio_and_load(
-        leg.mechanism, hip.sensed.joint.position_si, slide.sensed.joint.position_si
-    )
-    loads = (
-        (hip_nm, slide_n)
-        if leg.singularity_ratio > 0
-        else (hip.sensed.gravity_si, slide.sensed.gravity_si)
-    )
-    reference = leg.reference
-    for index, axis in enumerate(leg.axes):
-        tracking_si = wanted_velocity_si = 0.0
-        if reference is not None and reference.guided:
-            tracking_si = axis.sensed.joint.position_si - reference.position[index]
-            wanted_velocity_si = reference.velocity[index]
-        axis.sensed = replace(
-            axis.sensed,
-            gravity_si=loads[index],
-            tracking_si=tracking_si,
-            wanted_velocity_si=wanted_velocity_si,
-        )
+def place(leg: Leg, before: Placed, *, may_hold: bool) -> tuple[Placed, tuple[Sensed, Sensed]]:
+    """Compute where a leg is: singularity ratio, holding load and tracking error.
 
+    Args:
+        leg: what its axes show and its reference are read.
+        before: of the last cycle.
+        may_hold: mode HOLD with all drives enabled. Until then the pose to hold follows the leg.
 
-def count_held(core: Core) -> None:
-    """Count the cycles in which each leg is held."""
-    for leg in core.legs:
-        leg.held_cycles = leg.held_cycles + 1 if _is_held(core, leg) else 0
-
-
-def _is_held(core: Core, leg: Leg) -> bool:
-    """True if mode HOLD holds a pose: all drives are enabled, and the reference stands still.
-
-    Until then the pose to hold follows the leg (`supervisor.py`).
+    Returns:
+        The place of the leg, and what hip and slide show with load and tracking error.
     """
-    reference = leg.reference
-    still = reference is not None and reference.guided and reference.velocity == (0.0, 0.0)
-    enabled = all(axis.sensed.reached_enabled for axis in core.axes)
-    return core.mode == Mode.HOLD and still and enabled
+    hip, slide = (axis.sensed for axis in leg.axes)
+    guided = leg.reference if leg.reference is not None and leg.reference.guided else None
+    held = may_hold and guided is not None and guided.velocity == (0.0, 0.0)
+    held_cycles = before.held_cycles + 1 if held else 0
+    if not leg.is_located:
+        return Placed(held_cycles=held_cycles), (hip, slide)
+    ratio, hip_nm, slide_n = ratio_and_load(
+        leg.mechanism, hip.joint.position_si, slide.joint.position_si
+    )
+    loads = (hip_nm, slide_n) if ratio > 0 else (hip.gravity_si, slide.gravity_si)
+    after = _tracked(hip, 0, loads, guided), _tracked(slide, 1, loads, guided)
+    return Placed(ratio, held_cycles), after
+
+
+def _tracked(sensed: Sensed, index: int, loads: Pair, guided: Reference | None) -> Sensed:
+    tracking_si = wanted_velocity_si = 0.0
+    if guided is not None:
+        tracking_si = sensed.joint.position_si - guided.position[index]
+        wanted_velocity_si = guided.velocity[index]
+    return replace(
+        sensed,
+        gravity_si=loads[index],
+        tracking_si=tracking_si,
+        wanted_velocity_si=wanted_velocity_si,
+    )
 
 
 # --- between two windows, and without drives ------------------------------------------------------

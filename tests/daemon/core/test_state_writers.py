@@ -19,7 +19,7 @@ WRITERS = {
     "steps/requests.py": "request result",
     "steps/exercises.py": "exercise reference takes_over",
     "steps/single_axis.py": "single_axis evidence",
-    "steps/sensing.py": "scaling serial_number held_cycles singularity_ratio",
+    "steps/sensing.py": "scaling serial_number",
     "steps/monitors.py": "energy residual spasm clonus",
     "steps/persistence.py": "persistent utc_newest_ns self_test_due inputs_untested sign_proven",
     "cycle_record.py": "seq events",
@@ -27,6 +27,7 @@ WRITERS = {
 """Fields of the state by the module that writes them. All other fields never change."""
 SLICES = {
     "Inputs": ("inputs", "inputs.py"),
+    "Placed": ("placed", "steps/sensing.py"),
     "Sensed": ("sensed", "steps/sensing.py"),
     "Estimated": ("estimated", "steps/estimation.py"),
     "LegAssist": ("assist", "steps/controllers.py"),

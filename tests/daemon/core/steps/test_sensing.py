@@ -3,13 +3,15 @@
 from types import SimpleNamespace
 
 import pytest
+from fresh_core import fresh
 from gaitd_names import Doubt, EventCode
 from msgspec.structs import replace
 from safety_inputs import FEEDBACK, LIMITS, THRESHOLDS
 
+from daemon.core.exercises.exercise import Reference
 from daemon.core.safety.joints import Joint
-from daemon.core.slices import Sensed
-from daemon.core.steps.sensing import SensingInputs, news, sense
+from daemon.core.slices import Placed, Sensed
+from daemon.core.steps.sensing import SensingInputs, news, place, sense
 from daemon.ipc.report import Event
 from drives.cia402.units import AxisScaling
 from drives.signals import OperationMode, PowerState
@@ -131,3 +133,63 @@ def test_a_temperature_is_told_when_it_is_overdue_and_when_it_is_back():
     assert list(news(AXIS, KNOWN, overdue)) == [Event(EventCode.TEMPERATURE_OVERDUE, "right/hip")]
     assert list(news(AXIS, overdue, overdue)) == []
     assert list(news(AXIS, overdue, KNOWN)) == [Event(EventCode.TEMPERATURE_BACK, "right/hip")]
+
+
+# --- the place of a leg ---------------------------------------------------------------------------
+
+STILL = Reference((0.05, 0.3), (0.0, 0.0), (0.0, 0.0), guided=True)
+MOVING = STILL._replace(velocity=(0.2, -0.1))
+OPEN_LOOP = STILL._replace(guided=False)
+
+
+def leg_at(reference, *, is_located=True):
+    """A leg at 0.1 rad and 0.3 m."""
+    shown = KNOWN, replace(KNOWN, joint=KNOWN.joint._replace(position_si=0.3), gravity_si=7.0)
+    return SimpleNamespace(
+        axes=tuple(SimpleNamespace(sensed=one) for one in shown),
+        mechanism=fresh().core.legs[0].mechanism,
+        reference=reference,
+        is_located=is_located,
+    )
+
+
+@pytest.mark.parametrize(
+    ("reference", "tracking", "wanted_velocity"),
+    [
+        (STILL, (0.05, 0.0), (0.0, 0.0)),
+        (MOVING, (0.05, 0.0), (0.2, -0.1)),
+        (OPEN_LOOP, (0.0, 0.0), (0.0, 0.0)),
+        (None, (0.0, 0.0), (0.0, 0.0)),
+    ],
+)
+def test_a_leg_is_compared_with_a_reference_that_guides_it(reference, tracking, wanted_velocity):
+    placed, shown = place(leg_at(reference), Placed(), may_hold=False)
+
+    assert 0.0 < placed.singularity_ratio < 1.0
+    assert all(one.gravity_si not in {0.0, 7.0} for one in shown)
+    assert tuple(one.tracking_si for one in shown) == pytest.approx(tracking)
+    assert tuple(one.wanted_velocity_si for one in shown) == wanted_velocity
+
+
+def test_a_leg_at_an_unknown_place_keeps_what_it_has_shown():
+    leg = leg_at(MOVING, is_located=False)
+
+    placed, shown = place(leg, Placed(0.5), may_hold=True)
+
+    assert placed == Placed(1.0)
+    assert shown == tuple(axis.sensed for axis in leg.axes)
+
+
+@pytest.mark.parametrize(
+    ("reference", "may_hold", "held_cycles"),
+    [(STILL, True, 5), (STILL, False, 0), (MOVING, True, 0), (OPEN_LOOP, True, 0), (None, True, 0)],
+)
+@pytest.mark.parametrize("is_located", [True, False])
+def test_a_leg_is_held_while_a_reference_that_stands_still_guides_it(
+    reference, may_hold, held_cycles, is_located
+):
+    leg = leg_at(reference, is_located=is_located)
+
+    placed, _ = place(leg, Placed(held_cycles=4), may_hold=may_hold)
+
+    assert placed.held_cycles == held_cycles

@@ -26,6 +26,7 @@ from daemon.core.modes import latched_stop, table
 from daemon.core.modes.persistent_state import PersistentState, StoredVerdict
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import DriveStop, Step, begin
+from daemon.core.slices import Placed
 from daemon.core.state import HOLD_SETTLE_CYCLES
 from daemon.core.steps import controllers, exercises, single_axis, supervisor
 from daemon.core.steps.single_axis import Change
@@ -574,7 +575,7 @@ def test_a_lost_bus_does_not_replace_a_harsher_verdict(bench):
 
 def test_a_stop_keeps_the_pose_of_a_leg_that_is_held(bench):
     (leg,) = bench.core.legs
-    leg.held_cycles, held = HOLD_SETTLE_CYCLES + 1, leg.exercise
+    leg.placed, held = Placed(held_cycles=HOLD_SETTLE_CYCLES + 1), leg.exercise
 
     supervisor.stop(bench.core, HELD_UP, bench.cycle)
 
@@ -584,7 +585,7 @@ def test_a_stop_keeps_the_pose_of_a_leg_that_is_held(bench):
 def test_a_stop_does_not_keep_a_gait_that_has_begun_in_this_cycle(bench):
     """As when a drive reports an alarm after the cycle that has taken the request."""
     core, (leg,) = bench.core, bench.core.legs
-    leg.held_cycles = HOLD_SETTLE_CYCLES + 1
+    leg.placed = Placed(held_cycles=HOLD_SETTLE_CYCLES + 1)
     exercises.begin(core, ModeRequest(Mode.GAIT, 0.25, 1.0, 60.0))
     core.mode = Mode.GAIT
 
