@@ -15,16 +15,9 @@ from daemon.core import cycle_record, inputs
 from daemon.core.modes.table import rules_of
 from daemon.core.period import cycles
 from daemon.core.safety import checks
-from daemon.core.safety.inputs import (
-    AxisEstimateInputs,
-    AxisInputs,
-    LegEstimateInputs,
-    LegInputs,
-    SafetyInputs,
-    ServiceInputs,
-)
-from daemon.core.state import Axis, Core, Leg
+from daemon.core.state import Core
 from daemon.core.steps import (
+    checking,
     controllers,
     estimation,
     exercises,
@@ -61,7 +54,7 @@ def step(
     _sense(core, drives.end_of_window(tick.cycle, tick.sync_ns), tick)
     _monitor(core)
     _receive(core, gateway_states, tick.cycle)
-    raw = _check_raw(core, tick)
+    raw = checking.check_raw(core, tick)
     try:
         estimated = _estimate(core, tick)
     except Exception:
@@ -107,7 +100,7 @@ def react(core: Core, frames: Sequence[Frame], tick: Tick, next_cycle: int) -> l
         return []
     core.inputs = inputs.receive(core.inputs, (), core.boot_id, core.result.id, tick.cycle)
     sensing.peek(core, drives.peek(tick.sync_ns))
-    verdicts = _check_raw(core, tick)
+    verdicts = checking.check_raw(core, tick)
     if not verdicts:
         return []
     before = [axis.stop and axis.stop.step for axis in core.axes]
@@ -150,12 +143,6 @@ def _receive(core: Core, gateway_states: Sequence[GatewayState], cycle: int) -> 
         leg.assist = assist
 
 
-def _check_raw(core: Core, tick: Tick) -> tuple[Verdict, ...]:
-    verdicts = checks.check_raw(safety_inputs(core, tick))
-    sensing.alarms_checked(core)
-    return verdicts
-
-
 def _estimate(core: Core, tick: Tick) -> tuple[Verdict, ...]:
     """Update the estimate and what is seen of the patient in it; returns the reasons to stop."""
     for leg in core.legs:
@@ -172,10 +159,7 @@ def _estimate(core: Core, tick: Tick) -> tuple[Verdict, ...]:
                 leg, leg.softened, found, core.config, guided_motion=guided_motion
             )
             core.publish(monitors.news(leg))
-    if not is_driving(core):
-        return ()
-    legs = [_leg_estimate(core, leg) for leg in core.legs]
-    return checks.check_estimate(legs, core.config.thresholds, core.config.categories)
+    return checking.check_estimate(core)
 
 
 def commands(core: Core, cycle: int) -> list[DriveCommand]:
@@ -190,94 +174,3 @@ def commands(core: Core, cycle: int) -> list[DriveCommand]:
         axis.sent = sent
     exercises.has_taken_over(core)
     return impedance.command(core)
-
-
-def safety_inputs(core: Core, tick: Tick) -> SafetyInputs:
-    """Collect all that the raw checks read in this cycle."""
-    drives = core.drives
-    return SafetyInputs(
-        service=ServiceInputs(
-            stop_requested=core.inputs.stop,
-            shutdown_requested=tick.shutdown,
-            gateway_age_cycles=tick.cycle - core.inputs.gateway_state_cycle,
-            overruns_in_a_row=tick.overruns_in_a_row,
-            bus_off=drives is not None and drives.bus_state.has_been_off,
-            bus_error=tick.bus_error,
-            tx_dropped_in_a_row=tick.tx_dropped_in_a_row,
-        ),
-        axes=[_axis(core, leg, index) for leg in core.legs for index in (0, 1)],
-        legs=[_leg(core, leg) for leg in core.legs],
-        thresholds=core.config.thresholds,
-        categories=core.config.categories,
-        driving=is_driving(core),
-    )
-
-
-def _leg(core: Core, leg: Leg) -> LegInputs:
-    return LegInputs(
-        name=leg.name,
-        singularity_ratio=leg.placed.singularity_ratio,
-        stopping_ratio=leg.monitored.stopping_ratio,
-        seeks_home=_seeks_home(core, leg),
-    )
-
-
-def _leg_estimate(core: Core, leg: Leg) -> LegEstimateInputs:
-    return LegEstimateInputs(
-        name=leg.name,
-        axes=[_axis_estimate(axis) for axis in leg.axes],
-        observer_bad_cycles=leg.estimated.bad_cycles,
-        seeks_home=_seeks_home(core, leg),
-    )
-
-
-def _seeks_home(core: Core, leg: Leg) -> bool:
-    if core.single_axis is None:
-        return False
-    return any(single_axis.seeks_home(core, axis) for axis in leg.axes)
-
-
-def _axis_estimate(axis: Axis) -> AxisEstimateInputs:
-    return AxisEstimateInputs(
-        name=axis.name,
-        limits=axis.limits,
-        spasm_cycles=axis.spasm.cycles,
-        spasm_rise_si=axis.spasm.rise_si,
-        clonus_cycles=axis.clonus.cycles,
-        clonus_swing_si=axis.clonus.swing_si,
-    )
-
-
-def _axis(core: Core, leg: Leg, index: int) -> AxisInputs:
-    axis = leg.axes[index]
-    feedback = axis.sensed.feedback
-    if feedback is None:
-        raise RuntimeError(f"{axis.name} is judged before it was sensed")
-    return AxisInputs(
-        name=axis.name,
-        feedback=feedback,
-        joint=axis.sensed.joint,
-        limits=single_axis.active_limits(core, axis),
-        referenced=axis.sensed.referenced,
-        preparing=core.single_axis is not None,
-        homing=single_axis.is_homing(core, axis),
-        tracking_si=axis.sensed.tracking_si if core.mode != Mode.STOPPING else 0.0,
-        held=leg.is_held,
-        wanted_velocity_si=axis.sensed.wanted_velocity_si,
-        counts_sign=1 if axis.scaling.counts_per_si > 0 else -1,
-        loop_distance_si=targets.loop_distance(axis),
-        enable_wanted=enable_wanted(core, axis),
-        reached_enabled=axis.sensed.reached_enabled,
-        unready_cycles=axis.sensed.unready_cycles,
-        unexpected_enable_cycles=axis.sensed.unexpected_enable_cycles,
-        shown_unpowered=axis.sensed.shown_unpowered,
-        reaction_cycles=axis.reaction_cycles,
-        mode_wanted=axis.sent.mode,
-        new_emergency=feedback.alarm_count > axis.sensed.emergencies_checked,
-        sign_trusted=axis.sensed.sign_trusted,
-        watch=leg.monitored.watches[index],
-        stride_energy_j=monitors.stride_energy(leg, axis),
-        stride_drift_si=monitors.stride_drift(leg, axis),
-        stopping_end_si=leg.monitored.stopping_end_si[index],
-        bring_up_error=axis.sensed.bring_up_error,
-    )

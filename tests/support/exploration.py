@@ -23,7 +23,6 @@ from gaitd_names import AxisStep, Cause, EventCode, Mode, RequestKind, Role, Sto
 from safety_inputs import FEEDBACK, JOINT
 from sessions import CONFIGS
 
-from daemon.core import cycle
 from daemon.core.exercises.single_axis import HomingRules
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.core.runtime.build import build
@@ -33,6 +32,7 @@ from daemon.core.safety.stop_sequence import Step
 from daemon.core.slices import Assisted, Inputs
 from daemon.core.state import Core
 from daemon.core.steps import (
+    checking,
     exercises,
     impedance,
     sensing,
@@ -584,7 +584,7 @@ class Model:
     def _found(self, events: tuple[Event, ...]) -> tuple[Verdict, ...]:
         """What the checks find, and what the events say that they find."""
         core = self.core
-        found = {one.drive: one for one in checks.check_raw(cycle.safety_inputs(core, TICK))}
+        found = {one.drive: one for one in checks.check_raw(checking.safety_inputs(core, TICK))}
         for event in events:
             if event.kind is not Kind.VERDICT:
                 continue
