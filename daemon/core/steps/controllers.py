@@ -43,6 +43,8 @@ def receive(
     lease, takes_assist = inputs.lease, rules_of(mode).takes_assist
     context = SetpointContext(lease, cycle, takes_assist, config.by_position, before.cap_si)
     assists = [_of_lease(leg.assist, lease, takes_assist=takes_assist) for leg in legs]
+    if not inputs.setpoints:
+        return assists, before
     # The assist of one lease holder must lapse before another holder may command.
     handed_over = {
         leg.name for leg in legs if leg.assist.lease != lease and assist.is_active(leg.assist)

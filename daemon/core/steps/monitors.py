@@ -51,7 +51,7 @@ def update(
     # With the pose, the effort that the mechanism needs on both axes is known.
     pose_known = hip.sensed.referenced and slide.sensed.referenced and not homing
     mismatch_cycles = config.thresholds.sign_mismatch_cycles
-    watch_hip, watch_slide = (
+    watch_hip, watch_slide = [
         effort_monitor.update(
             before.watches[index],
             axis.sensed.joint,
@@ -65,7 +65,7 @@ def update(
             pose_known=pose_known,
         )
         for index, axis in enumerate(leg.axes)
-    )
+    ]
     window_cycles = _window(leg, config)
     for index, axis in enumerate(leg.axes):
         if before.window_cycles != window_cycles:
@@ -82,12 +82,12 @@ def with_sent(leg: Leg, enabled: Sequence[bool]) -> Monitored:
         leg: what its axes show and what was sent to them are read.
         enabled: hip and slide should have power.
     """
-    hip, slide = (
+    hip, slide = [
         effort_monitor.record_sent(
             watch, axis.sent.effort_si, active=is_enabled and _shows_torque_mode(axis)
         )
         for watch, axis, is_enabled in zip(leg.monitored.watches, leg.axes, enabled, strict=True)
-    )
+    ]
     return replace(leg.monitored, watches=(hip, slide))
 
 
@@ -261,6 +261,5 @@ def _shows_torque_mode(axis: Axis) -> bool:
     return (
         feedback is not None
         and feedback.power_state == PowerState.OPERATION_ENABLED
-        and feedback.mode_display == OperationMode.CYCLIC_SYNC_TORQUE
-        and axis.sent.mode == OperationMode.CYCLIC_SYNC_TORQUE
+        and feedback.mode_display == axis.sent.mode == OperationMode.CYCLIC_SYNC_TORQUE
     )
