@@ -87,7 +87,7 @@ that `zip` pairs have equal lengths; `kw_only` is how arguments are passed.
 
 PRELOADED = (
     *("hypothesis.stateful", "_hypothesis_pytestplugin", "pytest_timeout", "numpy"),
-    *("numba", "canopen", "msgspec", "zenoh", "daemon.ipc.record"),
+    *("numba", "canopen", "msgspec", "zenoh"),
 )
 """Slow imports of the tests, without any module that imports a mutated one."""
 

@@ -6,11 +6,14 @@ grants the request). These operators change such code, with the same interface.
 """
 
 import enum
+import re
 from collections.abc import Iterable, Iterator, Mapping
 
 from cosmic_ray.operators.operator import Example, Operator
 from parso.python import tree
 from parso.tree import BaseNode, NodeOrLeaf
+
+UNUSED = re.compile(r"del \w+(, \w+)*")
 
 Place = tuple[tuple[int, int], tuple[int, int]]
 
@@ -154,7 +157,8 @@ class NoStatement(OneOfEach):
             return None
         if node.type in {"newline", "string", "strings"} or node.get_code().strip() == "pass":
             return None
-        return "pass"
+        # `del argument` says that an argument is not used.
+        return None if UNUSED.fullmatch(node.get_code().strip()) else "pass"
 
 
 OPERATORS = (NextMember, OtherBound, NoRow, OtherText, NoStatement)

@@ -16,14 +16,23 @@ from typing import Final
 PROJECT: Final = Path(__file__).resolve().parent.parent
 
 GATED_FOLDERS: Final = (
+    "daemon/core/exercises",
     "daemon/core/modes",
+    "daemon/core/runtime",
     "daemon/core/safety",
+    "daemon/core/steps",
+    "daemon/ipc",
     "drives/bringup",
     "drives/cia402",
 )
 
+_EXERCISES = "daemon/core/exercises"
 _MODES = "daemon/core/modes"
+_MOTION = "daemon/core/motion"
+_RUNTIME = "daemon/core/runtime"
 _SAFETY = "daemon/core/safety"
+_STEPS = "daemon/core/steps"
+_BEGUN = f"{_EXERCISES}/test_requests.py", f"{_MOTION}/test_trajectory.py"
 _CHECKS = (
     *(f"{_SAFETY}/test_safety_checks.py", f"{_SAFETY}/test_every_limit.py"),
     f"{_SAFETY}/test_safety.py",
@@ -34,16 +43,47 @@ _BRING_UP = (
     "drives/test_bringup_plan.py",
     "drives/test_bringup_rules.py",
 )
+_SUPERVISOR = f"{_STEPS}/test_supervisor_rules.py", f"{_STEPS}/test_supervisor.py"
 
 UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "daemon/core/inputs.py": ("daemon/core/test_inputs.py",),
-    "daemon/core/modes/daily_test.py": (f"{_MODES}/test_daily_test.py",),
+    "daemon/core/exercises/approach.py": _BEGUN,
+    "daemon/core/exercises/excite.py": _BEGUN,
+    "daemon/core/exercises/exercise.py": _BEGUN,
+    "daemon/core/exercises/gait.py": _BEGUN,
     "daemon/core/exercises/guards.py": (f"{_MODES}/test_modes.py", f"{_MODES}/test_modes_table.py"),
+    "daemon/core/exercises/hand_guiding.py": (f"{_EXERCISES}/test_hand_guiding.py",),
+    "daemon/core/exercises/hold.py": _BEGUN,
+    "daemon/core/exercises/homing.py": (f"{_MOTION}/test_single_axis.py",),
+    "daemon/core/exercises/self_test.py": (
+        *(f"{_EXERCISES}/test_self_test.py", f"{_MOTION}/test_trajectory.py"),
+    ),
+    "daemon/core/exercises/sign_test.py": (f"{_MOTION}/test_single_axis.py",),
+    "daemon/core/exercises/single_axis.py": (f"{_MOTION}/test_single_axis.py",),
+    "daemon/core/exercises/torque.py": _BEGUN,
+    "daemon/core/modes/daily_test.py": (f"{_MODES}/test_daily_test.py",),
     "daemon/core/modes/latched_stop.py": (f"{_MODES}/test_latched_stop.py",),
     "daemon/core/modes/persistent_state.py": (f"{_MODES}/test_persistent_state.py",),
     "daemon/core/modes/roles.py": (f"{_MODES}/test_roles.py",),
     "daemon/core/modes/table.py": (f"{_MODES}/test_modes.py", f"{_MODES}/test_modes_table.py"),
-    "daemon/core/motion/assist.py": ("daemon/core/motion/test_assist.py",),
+    "daemon/core/motion/assist.py": (f"{_MOTION}/test_assist.py",),
+    "daemon/core/runtime/arrivals.py": (f"{_RUNTIME}/test_arrivals.py",),
+    "daemon/core/runtime/bring_up.py": (f"{_RUNTIME}/test_bring_up_attempts.py",),
+    "daemon/core/runtime/build.py": (f"{_RUNTIME}/test_build.py",),
+    "daemon/core/runtime/bus_link.py": (f"{_RUNTIME}/test_bus_link.py",),
+    "daemon/core/runtime/bus_load.py": (f"{_RUNTIME}/test_bus_load.py",),
+    "daemon/core/runtime/commands.py": (f"{_RUNTIME}/test_commands.py",),
+    "daemon/core/runtime/grid.py": (f"{_RUNTIME}/test_grid.py",),
+    "daemon/core/runtime/loop.py": (f"{_RUNTIME}/test_loop.py",),
+    "daemon/core/runtime/loop_settings.py": (f"{_RUNTIME}/test_loop.py",),
+    "daemon/core/runtime/process.py": (f"{_RUNTIME}/test_process.py",),
+    "daemon/core/runtime/realtime.py": (f"{_RUNTIME}/test_requests_to_the_kernel.py",),
+    "daemon/core/runtime/shutdown.py": (f"{_RUNTIME}/test_shutdown.py",),
+    "daemon/core/runtime/state_file.py": (f"{_RUNTIME}/test_state_file.py",),
+    "daemon/core/runtime/sync_window.py": (f"{_RUNTIME}/test_sync_window.py",),
+    "daemon/core/runtime/systemd.py": (f"{_RUNTIME}/test_systemd.py",),
+    "daemon/core/runtime/texts.py": (f"{_RUNTIME}/test_systemd.py",),
+    "daemon/core/runtime/warm_up.py": (f"{_RUNTIME}/test_build.py",),
     "daemon/core/safety/bounds.py": (
         *(f"{_SAFETY}/test_safety_checks.py", f"{_SAFETY}/test_safety.py"),
         f"{_SAFETY}/test_safety_bounds.py",
@@ -65,15 +105,34 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
         f"{_SAFETY}/test_stopping_path.py",
         f"{_SAFETY}/test_soft_limits.py",
     ),
-    "daemon/core/steps/bring_up.py": ("daemon/core/steps/test_bring_up.py",),
-    "daemon/core/steps/supervisor.py": (
-        "daemon/core/steps/test_supervisor_rules.py",
-        "daemon/core/steps/test_supervisor.py",
-    ),
+    "daemon/core/steps/bring_up.py": (f"{_STEPS}/test_bring_up.py",),
+    "daemon/core/steps/checking.py": (f"{_STEPS}/test_checking.py",),
+    "daemon/core/steps/controllers.py": (f"{_STEPS}/test_controllers.py",),
+    "daemon/core/steps/estimation.py": (f"{_STEPS}/test_estimation.py",),
+    "daemon/core/steps/exercises.py": (f"{_STEPS}/test_exercises.py", *_SUPERVISOR),
+    "daemon/core/steps/impedance.py": (f"{_STEPS}/test_impedance.py",),
+    "daemon/core/steps/monitors.py": (f"{_STEPS}/test_monitors.py",),
+    "daemon/core/steps/persistence.py": (f"{_STEPS}/test_exercises.py", *_SUPERVISOR),
+    "daemon/core/steps/requests.py": (f"{_STEPS}/test_requests_of_clients.py", *_SUPERVISOR),
+    "daemon/core/steps/sampling.py": (f"{_STEPS}/test_impedance.py",),
+    "daemon/core/steps/sensing.py": (f"{_STEPS}/test_sensing.py",),
+    "daemon/core/steps/single_axis.py": (f"{_STEPS}/test_exercises.py", *_SUPERVISOR),
+    "daemon/core/steps/status.py": (f"{_STEPS}/test_impedance.py",),
+    "daemon/core/steps/supervisor.py": _SUPERVISOR,
+    "daemon/core/steps/targets.py": (f"{_STEPS}/test_targets.py",),
+    "daemon/core/steps/wanted.py": (f"{_STEPS}/test_impedance.py",),
     "daemon/gateway/clients.py": ("daemon/gateway/test_clients.py",),
     "daemon/gateway/lease.py": ("daemon/gateway/test_lease.py",),
     "daemon/gateway/lease_control.py": ("daemon/gateway/test_setpoints.py",),
     "daemon/gateway/setpoints.py": ("daemon/gateway/test_setpoints.py",),
+    "daemon/ipc/cycle_timing.py": ("daemon/test_record.py",),
+    "daemon/ipc/decoding.py": ("daemon/test_record.py",),
+    "daemon/ipc/record.py": ("daemon/test_record.py",),
+    "daemon/ipc/report.py": ("daemon/test_record.py",),
+    "daemon/ipc/ring_clip.py": ("daemon/test_ring_clip.py",),
+    "daemon/ipc/starting.py": ("daemon/test_starting.py",),
+    "daemon/ipc/state_file.py": (f"{_RUNTIME}/test_state_file.py",),
+    "daemon/ipc/transport.py": ("daemon/test_transport.py",),
     "drives/bringup/bringup.py": ("drives/test_bringup_rules.py",),
     "drives/bringup/bus_load.py": ("drives/test_busload.py",),
     "drives/bringup/configurator.py": ("drives/test_configurator.py", "drives/test_sdo_client.py"),

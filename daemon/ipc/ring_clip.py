@@ -69,7 +69,7 @@ class ClipWriter:
     def __init__(self, room_bytes: int) -> None:
         """Reserve memory for records; unused pages cost nothing."""
         size = max(room_bytes, mmap.PAGESIZE)
-        self._map = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+        self._map = mmap.mmap(-1, size, flags=mmap.MAP_PRIVATE)
         self._ends = array("Q")
         """End offset of each record, from the first one on; a missing record has no bytes."""
         self.first_seq = 0

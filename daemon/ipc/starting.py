@@ -31,8 +31,6 @@ def starting(runtime: Path) -> bool:
     try:
         with (runtime / STARTING_NAME).open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return False
+    except OSError as error:  # the lock is held; or no core has ever started here
+        return isinstance(error, BlockingIOError)
     return False

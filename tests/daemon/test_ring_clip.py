@@ -2,7 +2,8 @@
 
 import struct
 import sys
-from contextlib import closing
+from contextlib import closing, nullcontext
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -11,12 +12,23 @@ from hypothesis import strategies as st
 from records import HEADER, cut_out, record
 
 from daemon.ipc import transport
-from daemon.ipc.ring_clip import ClipWriter, clip_file, clip_files, name_of, trimmed
+from daemon.ipc.ring_clip import (
+    CORE_ENDED,
+    CORE_SILENT,
+    FOLDER,
+    PART_SUFFIX,
+    ClipFile,
+    ClipWriter,
+    clip_file,
+    clip_files,
+    name_of,
+    order_of,
+    trimmed,
+)
 from daemon.ipc.transport import (
     PREVIOUS_RING_NAME,
     RING_NAME,
     Kept,
-    RingError,
     RingReader,
     RingWriter,
 )
@@ -24,7 +36,7 @@ from daemon.recorder import black_box
 from daemon.recorder.black_box import Window
 from daemon.recorder.ring_follower import RingFollower, Stop
 
-KEPT = Kept("hand_switch_open", "right/hip", 5, 1_795_261_054_847_122_612, 1, 9, True)
+KEPT = Kept("hand_switch_open", "right/hip", 5, 1_795_261_054_999_999_999, 1, 9, True)
 
 
 @pytest.fixture(scope="module")
@@ -116,10 +128,10 @@ def test_a_window_longer_than_its_ring_asks_for_no_more_memory_than_the_ring_has
 
 def test_a_file_says_what_it_was_kept_for_and_its_name_does(tmp_path):
     header = msgspec.structs.replace(HEADER, kept=KEPT)
-    path = tmp_path / name_of(HEADER.core_boot_id, KEPT)
+    path = tmp_path / name_of("1a2b3c4d5", KEPT)
     path.write_bytes(b"".join(trimmed(header, cutting_of(5))))
 
-    assert path.name == "20261121T113734.847Z_hand_switch_open_boot_5.ring"
+    assert path.name == "20261121T113734.999Z_hand_switch_open_1a2b3c4d_5.ring"
     assert clip_file(path).kept == KEPT
     assert read(path)[0] == header
 
@@ -135,32 +147,63 @@ def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):
     (tmp_path / "2.ring").write_bytes(b"")
     (tmp_path / "1.ring").write_bytes(b"".join(trimmed(HEADER, cutting_of(1))))
     (tmp_path / "other.txt").write_text("no ring")
+    (tmp_path / "folder.ring").mkdir()
 
     first, second = clip_files(tmp_path)
 
-    assert (first.path.name, first.core_boot_id, first.period_ns) == (
-        "1.ring",
-        HEADER.core_boot_id,
-        HEADER.period_ns,
-    )
-    assert (second.path.name, second.core_boot_id, second.kept) == ("2.ring", "", None)
+    one = tmp_path / "1.ring"
+    assert first == ClipFile(one, one.stat().st_size, "boot", HEADER.period_ns, None, "")
+    assert second == ClipFile(tmp_path / "2.ring", 0, "", 0, None, second.trouble)
     assert "is empty" in second.trouble
     assert clip_files(tmp_path / "nowhere") == []
+    assert clip_file(tmp_path / "folder.ring").trouble == f"{tmp_path}/folder.ring: Is a directory"
 
 
-def test_nothing_makes_no_file():
+def test_files_are_in_the_order_of_their_numbers_and_then_of_their_names():
+    files = [
+        ClipFile(Path("0"), 1, kept=msgspec.structs.replace(KEPT, number=1)),
+        ClipFile(Path("c"), 1),
+        ClipFile(Path("b"), 1, kept=KEPT),
+        ClipFile(Path("a"), 1),
+    ]
+
+    assert [str(file.path) for file in sorted(files, key=order_of)] == ["a", "b", "c", "0"]
+    assert (*("blackbox", ".part", "core_silent", "core_ended"),) == (
+        FOLDER,
+        PART_SUFFIX,
+        CORE_SILENT,
+        CORE_ENDED,
+    )
+
+
+def test_what_no_ring_can_hold_makes_no_file():
     with pytest.raises(ValueError, match="0 records"):
         list(trimmed(HEADER, cutting_of()))
+    room = transport.HEADER_SIZE - 20 - len(msgspec.msgpack.encode(HEADER)) + len(HEADER.version)
+    for too_long, pieces in ((0, 2), (1, 0)):
+        header = msgspec.structs.replace(HEADER, version="x" * (room - 2 + too_long))
+        with pytest.raises(ValueError, match="16365") if too_long else nullcontext():
+            assert len(list(trimmed(header, cutting_of(1)))) == pieces
 
 
-def test_a_header_without_slots_is_refused(tmp_path):
-    path = tmp_path / "some.ring"
-    image = bytearray(b"".join(trimmed(HEADER, cutting_of(1))))
-    struct.pack_into("<I", image, 12, 0)
-    path.write_bytes(image)
+def test_records_are_cut_out_with_their_gaps_and_their_memory_is_given_back():
+    cutting = ClipWriter(0)
+    assert (len(cutting), cutting.longest_bytes) == (0, 0)
+    cutting.add(7, b"seven")
+    cutting.add(10, b"ten")
 
-    with pytest.raises(RingError, match="no room"):
-        RingReader(path)
+    assert (cutting.first_seq, cutting.last_seq, len(cutting)) == (7, 10, 4)
+    assert [cutting.raw(seq) for seq in range(7, 11)] == [b"seven", b"", b"", b"ten"]
+    assert cutting.longest_bytes == 5
+    head, *slots = trimmed(HEADER, cutting)
+    assert head[:16] == b"GAITDRB2" + struct.pack("<II", 24, 4)
+    assert [(len(slot), *struct.unpack_from("<QI5s", slot)) for slot in slots] == [
+        *((24, 0, 0, bytes(5)), (24, 0, 0, bytes(5))),  # 8 and 9 are missing
+        *((24, 10, 3, b"ten\0\0"), (24, 7, 5, b"seven")),
+    ]
+    cutting.close()
+    with pytest.raises(ValueError, match="closed"):
+        cutting.raw(7)
 
 
 def test_the_ring_that_stopped_first_stays_aside_until_it_is_taken(tmp_path):

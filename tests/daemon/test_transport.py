@@ -2,6 +2,7 @@
 
 import mmap
 import os
+import select
 import struct
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,7 @@ from records import HEADER, drive, leg, record
 from report_values import ENUMS
 
 from daemon.gateway.requests import PAYLOADS
-from daemon.ipc import transport
+from daemon.ipc import starting, transport
 from daemon.ipc.record import (
     TEXT_BYTES_MAX,
     AssistRecord,
@@ -37,7 +38,14 @@ from daemon.ipc.record import (
     Verdict,
 )
 from daemon.ipc.report import EVENTS_MAX, SAID_BYTES_MAX, Event, Progress, Refusal
-from daemon.ipc.transport import CoreChannel, GatewayChannel, RingError, RingReader, RingWriter
+from daemon.ipc.transport import (
+    CoreChannel,
+    GatewayChannel,
+    RareNotice,
+    RingError,
+    RingReader,
+    RingWriter,
+)
 from daemon.wire.report_fields import EVENT_FIELDS, REFUSAL_FIELDS
 from drives.canopen.emcy import NEWS_COUNT
 from drives.canopen.emcy_codes import Reaction
@@ -76,25 +84,28 @@ def test_a_record_survives_the_ring_bit_for_bit(ends):
     assert msgspec.msgpack.encode(ends.gateway.records()[0]) == msgspec.msgpack.encode(sent)
 
 
-def test_a_level_reaches_the_core_and_rubbish_is_counted(ends, tmp_path):
+def test_a_level_reaches_the_core_and_rubbish_is_counted_and_told(ends):
     level = GatewayState("boot", seq=1, for_cycle=7, stop_count=0)
+    assert ends.core.take_notices() == []
 
     ends.gateway.send(level)
     ends.gateway._datagrams.send(b"rubbish")
 
     assert ends.core.receive() == [level]
     assert ends.core.refused_count == 1
+    (told,) = ends.core.take_notices()
+    assert (told.code, told.values) == (EventCode.STATES_REFUSED, (1,))
+    assert "Expected `array`" in told.said
 
 
-def test_the_ring_keeps_the_newest_records_and_knows_what_is_gone(tmp_path):
-    path = tmp_path / transport.RING_NAME
-    writer = RingWriter(path, HEADER)
+def test_the_ring_keeps_the_newest_records_and_knows_what_is_gone(ends, tmp_path):
     for seq in range(1, transport.SLOT_COUNT + 11):
-        writer.write(record(seq))
-    writer.close()
+        ends.core.publish(record(seq))
 
-    reader = RingReader(path)
+    reader = RingReader(tmp_path / transport.RING_NAME)
 
+    late = [one.seq for one in ends.gateway.records()]
+    assert late == list(range(111, transport.SLOT_COUNT + 11))  # the others are soon overwritten
     assert reader.newest_seq() == transport.SLOT_COUNT + 10
     assert reader.read(10) is None
     assert [one.seq for one in reader.since(0)] == list(range(11, transport.SLOT_COUNT + 11))
@@ -136,16 +147,117 @@ def test_a_record_that_is_overwritten_while_it_is_read_is_not_there(tmp_path, mo
     assert reader.read(1 + transport.SLOT_COUNT) is not None
 
 
-def test_a_slot_that_is_being_written_is_not_read(tmp_path):
+def place_of(seq):
+    return transport.HEADER_SIZE + seq % transport.SLOT_COUNT * transport.SLOT_SIZE
+
+
+def spoil(folder, place, data):
+    """Other bytes at a place of the core's ring."""
+    with (folder / transport.RING_NAME).open("r+b") as file:
+        file.seek(place)
+        file.write(data)
+
+
+@pytest.mark.parametrize(
+    ("place", "data", "raw", "damaged_count"),
+    [
+        (0, struct.pack("<Q", 0), None, 0),  # it is being written
+        (0, struct.pack("<Q", 1), None, 0),  # its number belongs into another slot
+        (8, struct.pack("<I", transport.SLOT_SIZE - 11), b"", 1),
+        (8, struct.pack("<I", 0), b"", 1),
+        (12, b"\xc1", b"\xc1", 1),
+        (12, msgspec.msgpack.encode(record(1)), msgspec.msgpack.encode(record(1)), 1),
+    ],
+)
+def test_a_slot_that_has_no_whole_record_is_left_out_and_one_that_is_damaged_is_counted(
+    ends, tmp_path, place, data, raw, damaged_count
+):
+    for seq in (1, 2, 3):
+        ends.core.publish(record(seq))
+    spoil(tmp_path, place_of(2) + place, data)
+    reader = RingReader(tmp_path / transport.RING_NAME)
+
+    found = reader.raw(2)
+    assert found is None if raw is None else found is not None and found.startswith(raw)
+    assert reader.read(2) is None
+    assert reader.damaged_count == damaged_count
+    assert [one.seq for one in reader.since(0)] == [1, 3]
+    assert [one.seq for one in reader.since(1)] == [3]
+    assert (reader.oldest_seq(2), reader.oldest_seq(transport.SLOT_COUNT + 5)) == (1, 6)
+    assert [one.seq for one in ends.gateway.records()] == ([1, 3] if damaged_count else [1])
+    assert ends.gateway.records() == []
+    assert (ends.gateway.take_unread(), ends.gateway.take_unread()) == (damaged_count, 0)
+    ends.core.publish(record(4))
+    assert [one.seq for one in ends.gateway.records()] == ([4] if damaged_count else [3, 4])
+
+
+def test_the_file_has_the_layout_that_other_readers_know(tmp_path):
     path = tmp_path / transport.RING_NAME
     writer = RingWriter(path, HEADER)
-    writer.write(record(1))
-    writer.write(record(2))
-    with path.open("r+b") as file:
-        file.seek(transport.HEADER_SIZE + 2 * transport.SLOT_SIZE)
-        file.write(struct.pack("<Q", 0))
+    writer.write(record(3001))
+    writer.close()
+    data, text, slot = path.read_bytes(), *map(msgspec.msgpack.encode, (HEADER, record(3001)))
 
-    assert [one.seq for one in RingReader(path).since(0)] == [1]
+    assert len(data) == 16384 + 3000 * 7424
+    assert data.startswith(struct.pack("<8sIII", b"GAITDRB2", 7424, 3000, len(text)) + text)
+    assert data[16384 + 7424 :].startswith(struct.pack("<QI", 3001, len(slot)) + slot)
+
+
+@pytest.mark.parametrize("too_long", [False, True])
+def test_a_header_that_does_not_fit_is_a_bug_of_ours(tmp_path, too_long):
+    room = transport.HEADER_SIZE - 20 - len(msgspec.msgpack.encode(HEADER))
+    version = "x" * (room + 3 + too_long)  # a text of five bytes has one byte of length, this three
+    header = msgspec.structs.replace(HEADER, version=version)
+    if too_long:
+        with pytest.raises(ValueError, match="header of 16365 bytes does not fit 16384"):
+            RingWriter(tmp_path / transport.RING_NAME, header)
+        return
+    RingWriter(tmp_path / transport.RING_NAME, header).close()
+    assert RingReader(tmp_path / transport.RING_NAME).header == header
+
+
+def test_a_notice_is_due_at_the_first_time_and_at_each_tenfold_count():
+    notice = RareNotice()
+    counts = (0, 1, 2, 10, 11, 110, 111, 5, 50, 51)
+
+    assert [count for count in counts if notice.due(count)] == [1, 11, 111, 51]
+
+
+def test_a_gateway_waits_for_a_core_and_for_its_ring(tmp_path):
+    ring = tmp_path / transport.RING_NAME
+    ring.write_bytes(b"no ring")
+    gateway = GatewayChannel(tmp_path)
+    with pytest.raises(RingError, match="too few"):
+        gateway.records()
+    ring.unlink()
+
+    assert (gateway.records(), gateway.header, gateway.ring) == ([], None, None)
+    assert (gateway.take_unread(), gateway.starting) == (0, False)
+    assert not gateway.send(GatewayState("boot", 1, 1, 0))
+    with starting.said(tmp_path):
+        assert gateway.starting
+    gateway.close()
+    assert [path.name for path in tmp_path.iterdir()] == [starting.STARTING_NAME]
+
+
+def test_each_end_is_woken_by_the_other_and_takes_no_other_datagram_for_it(ends):
+    def woken():
+        return select.select(ends_by_number, [], [], 0)[0]
+
+    ends_by_number = [ends.core.fileno(), ends.gateway.fileno()]
+    assert woken() == []
+    assert ends.core.publish(record(1))
+    assert woken() == [ends.gateway.fileno()]
+    assert len(ends.gateway.records()) == 1
+    assert ends.gateway.ring is not None
+    assert ends.gateway.send(GatewayState("boot", 1, 1, 0))
+    assert woken() == [ends.core.fileno()]
+    assert len(ends.core.receive()) == 1
+    ends.core._ring.write(record(2))
+    assert ends.core._datagrams.send(b"rubbish")
+    assert ends.gateway.records() == []
+    ends.gateway.close()
+    assert not ends.core.publish(record(3))
 
 
 def test_the_ring_has_all_its_room_before_the_first_record(tmp_path):
@@ -226,6 +338,22 @@ def test_a_core_without_a_gateway_writes_on(tmp_path):
         (
             struct.pack("<8sIII", transport.MAGIC, 4096, 3000, 4) + bytes(transport.HEADER_SIZE),
             "shorter",
+        ),
+        (
+            struct.pack("<8sIII", transport.MAGIC, 12, 1, 1) + bytes(transport.HEADER_SIZE - 9),
+            "shorter",
+        ),
+        (
+            struct.pack("<8sIII", transport.MAGIC, 11, 1, 1) + bytes(transport.HEADER_SIZE),
+            "no room",
+        ),
+        (
+            struct.pack("<8sIII", transport.MAGIC, 12, 0, 1) + bytes(transport.HEADER_SIZE),
+            "its header says 0 slots, so it has no room",
+        ),
+        (
+            struct.pack("<8sIII", transport.MAGIC, 12, 1, 1) + bytes(transport.HEADER_SIZE),
+            "header cannot be read: Expected",
         ),
     ],
 )
@@ -339,6 +467,21 @@ def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_a
     assert told == [Event(EventCode.RECORDS_SHORTENED, values=(1,))]
     ends.core.publish(record(2))
     assert ends.core.take_notices() == []
+
+
+@pytest.mark.parametrize("too_long", [False, True])
+def test_a_record_is_whole_while_it_fits_its_slot(ends, too_long):
+    def said(size):
+        verdict = Verdict(StopCategory.S1, Cause.BUS_OFF, said="x" * size)
+        return msgspec.structs.replace(record(1), verdict=verdict)
+
+    room = 7424 - 12 - len(msgspec.msgpack.encode(said(1000)))
+
+    ends.core.publish(said(1000 + room + too_long))
+
+    (read,) = ends.gateway.records()
+    assert bool(read.verdict.said) == (not too_long)
+    assert len(ends.core.take_notices()) == too_long
 
 
 def test_a_number_that_has_no_bytes_costs_its_record_and_not_the_core(ends):

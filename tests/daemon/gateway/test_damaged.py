@@ -42,19 +42,6 @@ def test_a_record_that_cannot_be_read_is_left_out_counted_and_told(bench):
     assert bench.outlet.on("health")[-1].record_missed_count == 1
 
 
-def test_a_slot_whose_number_is_lost_does_not_hold_up_the_records_after_it(bench):
-    bench.cycle()
-    bench.write()
-    with (bench.runtime / transport.RING_NAME).open("r+b") as file:
-        file.seek(transport.HEADER_SIZE + 2 * transport.SLOT_SIZE)
-        file.write(bytes(8))
-    bench.write()
-
-    bench.turn()
-
-    assert [message.cycle for message in bench.outlet.on("right/activity")] == [1, 3]
-
-
 HOSTILE = (
     b'{"for_cycle": 100000000000000000000}',
     b'{"for_cycle": 18446744073709551616}',

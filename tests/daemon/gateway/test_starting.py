@@ -1,6 +1,5 @@
 """A core that starts says so, and what asks for it waits."""
 
-import fcntl
 import subprocess
 import sys
 import threading
@@ -59,24 +58,6 @@ def test_a_core_that_was_killed_while_it_started_says_nothing(tmp_path):
 
     assert (tmp_path / starting.STARTING_NAME).exists()
     assert not starting.starting(tmp_path)
-
-
-def test_a_second_core_that_is_refused_takes_nothing_from_the_first(tmp_path):
-    with starting.said(tmp_path):
-        with starting.said(tmp_path) as begun:
-            assert starting.starting(tmp_path)
-            begun()
-        assert starting.starting(tmp_path)
-    assert not starting.starting(tmp_path)
-
-
-@pytest.mark.timeout(10)
-def test_a_reader_that_is_stopped_with_the_lock_holds_up_no_core(tmp_path):
-    with (tmp_path / starting.STARTING_NAME).open("ab") as reader:
-        fcntl.flock(reader, fcntl.LOCK_EX)
-
-        with starting.said(tmp_path) as begun:
-            begun()
 
 
 def test_the_core_says_it_before_it_checks_its_files_and_no_longer_when_it_ends(

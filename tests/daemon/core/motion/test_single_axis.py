@@ -4,7 +4,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
-from gaitd_names import AxisStep, Failure, Stage
+from gaitd_names import AxisStep, EventCode, Failure, Mode, RefusalCode, Stage
+from safety_inputs import FEEDBACK, LIMITS
 
 from daemon.core.exercises.homing import BEGIN_CYCLES, Homing
 from daemon.core.exercises.sign_test import SignTest
@@ -14,8 +15,10 @@ from daemon.core.exercises.single_axis import (
     AxisStart,
     HomingRules,
     PushRules,
+    Result,
 )
-from drives.signals import HomingState
+from daemon.ipc.report import Refusal
+from drives.signals import HomingState, OperationMode
 
 RULES = PushRules(effort_max_si=12.0, effort_rate_si_per_s=6.0, motion_si=0.035)
 LIMIT_CYCLES = 4000
@@ -75,12 +78,11 @@ def test_a_homing_that_takes_too_long_fails():
 
 
 def test_nothing_begins_before_the_axis_is_enabled_in_its_mode():
-    run = Homing.begin(start()).enabling()
+    for run in (Homing.begin(start()).enabling(), SignTest.begin(start()).enabling()):
+        waiting = run.advance(RESTS._replace(ready=False, homing=S.DONE))
 
-    waiting = run.advance(RESTS._replace(ready=False, homing=S.DONE))
-
-    assert waiting.step is AxisStep.ENABLING
-    assert not waiting.searching
+        assert (waiting.step, waiting.cycles) == (AxisStep.ENABLING, 1)
+        assert not waiting.searching
 
 
 def played(mobility_si_per_n, breakaway_si=7.0):
@@ -162,6 +164,225 @@ def test_a_home_that_was_attained_at_another_time_is_not_believed_either():
 
 
 def test_every_step_of_a_preparation_is_a_stage_that_a_program_can_read():
-    runs = {step: replace(SignTest.begin(start()), step=step) for step in AxisStep}
+    stages = {step: replace(SignTest.begin(start()), step=step).stage for step in AxisStep}
 
-    assert {step for step, run in runs.items() if run.stage is Stage.OVER} == OVER
+    assert {step for step, stage in stages.items() if stage is Stage.OVER} == OVER
+    assert stages[AxisStep.WAITING] is stages[AxisStep.ENABLING] is Stage.PREPARING
+    assert stages[AxisStep.ENDING] is Stage.ENDING
+    moving = AxisStep.SEARCHING, AxisStep.FORTH, AxisStep.RESTING, AxisStep.BACK
+    assert {stages[step] for step in moving} == {Stage.PLAYING}
+
+
+A = AxisStep
+
+
+@pytest.mark.parametrize(
+    ("before", "shown", "after"),
+    [
+        ({"step": A.WAITING}, {"homing": S.IN_PROGRESS}, {}),
+        ({"step": A.DONE}, {"homing": S.IN_PROGRESS}, {}),
+        ({"step": A.ENABLING}, {}, {"step": A.SEARCHING, "cycles": 0, "begun": True}),
+        (
+            *({"step": A.ENABLING}, {"homing": S.IN_PROGRESS}),
+            {"step": A.SEARCHING, "cycles": 0, "begun": True},
+        ),
+        ({"step": A.ENABLING}, {"homing": S.DONE}, {"step": A.SEARCHING, "cycles": 0}),
+        ({"step": A.SEARCHING, "cycles": 3}, {"homing": S.DONE}, {}),
+        ({"step": A.SEARCHING, "cycles": BEGIN_CYCLES - 1}, {}, {}),
+        (
+            *({"step": A.SEARCHING, "cycles": BEGIN_CYCLES}, {}),
+            {"step": A.FAILED, "why": Failure.DOES_NOT_HOME},
+        ),
+        ({"step": A.SEARCHING, "cycles": 99}, {"homing": S.IN_PROGRESS}, {"begun": True}),
+        *(
+            (
+                *({"step": A.SEARCHING, "cycles": late}, {"homing": S.IN_PROGRESS}),
+                {"step": A.FAILED, "why": Failure.HOME_NOT_FOUND},
+            )
+            for late in (100, 5000)
+        ),
+        (
+            *({"step": A.SEARCHING, "begun": True}, {"homing": S.ATTAINED}),
+            {"found": S.ATTAINED},
+        ),
+    ],
+)
+def test_a_homing_in_each_cycle(before, shown, after):
+    assert not Homing.begin(start()).begun
+    now = replace(Homing.begin(start()), **before)
+
+    later = now.advance(RESTS._replace(**shown))
+
+    assert later == replace(now, **{"cycles": now.cycles + 1, **after})
+
+
+@pytest.mark.parametrize(
+    ("before", "shown", "after"),
+    [
+        (
+            *({"step": A.ENABLING, "effort_si": 3.0}, {"position_si": 0.4}),
+            {"step": A.FORTH, "cycles": 0, "effort_si": 0.0, "from_si": 0.4},
+        ),
+        ({"step": A.FORTH, "effort_si": 3.0}, {"position_si": 0.034}, {"effort_si": 3.06}),
+        ({"step": A.BACK, "effort_si": -3.0}, {"position_si": 0.034}, {"effort_si": -3.06}),
+        ({"step": A.FORTH, "effort_si": 11.99}, {"position_si": 0.0}, {"effort_si": 12.0}),
+        (
+            *({"step": A.FORTH, "effort_si": 9.0, "rest_cycles": 5}, {"position_si": 0.035}),
+            {
+                **{"step": A.RESTING, "cycles": 0, "rest_cycles": 0, "effort_si": 0.0},
+                **{"moved_forth_si": 0.035, "effort_forth_si": 9.0},
+            },
+        ),
+        (
+            *({"step": A.BACK, "effort_si": -9.0, "rest_cycles": 5}, {"position_si": -0.035}),
+            {
+                **{"step": A.ENDING, "cycles": 0, "rest_cycles": 0, "effort_si": 0.0},
+                **{"moved_back_si": -0.035, "effort_back_si": -9.0},
+            },
+        ),
+        # 200 cycles to the largest push, and half a second of it
+        ({"step": A.FORTH, "cycles": 249}, {"position_si": 0.0}, {"effort_si": 0.06}),
+        *(
+            (
+                *({"step": A.FORTH, "cycles": late}, {"position_si": 0.01}),
+                {"step": A.RESTING, "cycles": 0, "moved_forth_si": 0.01},
+            )
+            for late in (250, 5000)
+        ),
+        ({"step": A.RESTING, "rest_cycles": 28}, {}, {"rest_cycles": 29}),
+        ({"step": A.RESTING, "rest_cycles": 28}, {"at_rest": False}, {"rest_cycles": 0}),
+        (
+            *({"step": A.RESTING, "rest_cycles": 29, "cycles": 900}, {"position_si": 0.4}),
+            {"step": A.BACK, "rest_cycles": 30, "cycles": 0, "from_si": 0.4},
+        ),
+        ({"step": A.RESTING, "cycles": 299}, {"at_rest": False}, {}),
+        *(
+            (
+                *({"step": A.RESTING, "cycles": late}, {"at_rest": False}),
+                {"step": A.FAILED, "why": Failure.KEEPS_MOVING},
+            )
+            for late in (300, 5000)
+        ),
+        *(
+            (
+                *({"step": A.ENDING, "rest_cycles": 29, **moved}, {}),
+                {"step": A.DONE if why is None else A.FAILED, "rest_cycles": 30}
+                | ({} if why is None else {"why": why}),
+            )
+            for moved, why in (
+                ({"moved_forth_si": 0.035}, None),
+                ({"moved_back_si": -0.035}, None),
+                ({"moved_forth_si": 0.0349, "moved_back_si": 0.0349}, Failure.DOES_NOT_MOVE),
+                ({"moved_forth_si": -0.035}, Failure.MOVES_AGAINST_TORQUE),
+                (
+                    {"moved_forth_si": 0.1, "moved_back_si": 0.035},
+                    Failure.MOVES_AGAINST_TORQUE,
+                ),
+            )
+        ),
+        ({"step": A.WAITING}, {}, {}),
+    ],
+)
+def test_a_sign_test_in_each_cycle(before, shown, after):
+    now = replace(SignTest.begin(start()), **before)
+
+    later = now.advance(RESTS._replace(**shown))
+
+    expected = replace(now, **{"cycles": now.cycles + 1, **after})
+    assert later == replace(expected, effort_si=pytest.approx(expected.effort_si))
+
+
+def test_a_sign_test_begins_with_nothing_pushed_and_nothing_moved():
+    nothing = dict.fromkeys(("moved_forth_si", "moved_back_si", "from_si", "rest_cycles"), 0)
+    efforts = dict.fromkeys(("effort_forth_si", "effort_back_si"), 0.0)
+
+    assert SignTest.begin(start()) == SignTest(
+        axis="right/hip", requested_cycle=0, rules=RULES, period_s=0.01, **nothing, **efforts
+    )
+    assert SignTest.operation_mode is OperationMode.CYCLIC_SYNC_TORQUE
+    assert Result(EventCode.HOMED) == Result(EventCode.HOMED, False, None, ())
+
+
+@pytest.mark.parametrize(
+    ("changes", "refusal"),
+    [
+        ({}, None),
+        ({"homing": None}, Refusal(RefusalCode.NO_HOMING, "right/hip")),
+        ({"sign_proven": False}, Refusal(RefusalCode.SIGN_NOT_PROVEN, "right/hip")),
+        ({"sign_proven": False, "signs_must_be_proven": False}, None),
+    ],
+)
+def test_a_homing_needs_its_settings_and_a_proven_sign_and_a_sign_test_neither(changes, refusal):
+    axis = start()._replace(**changes)
+
+    assert Homing.may_begin(axis) == refusal
+    assert SignTest.may_begin(axis) is None
+
+
+def test_a_homing_that_was_not_refused_and_has_no_settings_is_a_bug_of_ours():
+    with pytest.raises(RuntimeError, match="right/hip cannot be homed"):
+        Homing.begin(start()._replace(homing=None))
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode", "by_drive", "bounds", "result"),
+    [
+        (Homing, Mode.REFERENCE, True, ((30.0, 0.3), (30.0, 3.0)), Result(EventCode.HOMED, True)),
+        (
+            *(SignTest, Mode.COMMISSION, False, ((12.0, 3.0), (12.0, 3.0))),
+            Result(EventCode.SIGN_TESTED, False, (0.04, -0.05), (8.0, 0.04, -9.0, -0.05)),
+        ),
+    ],
+)
+def test_each_has_its_mode_its_limits_and_its_result(kind, mode, by_drive, bounds, result):
+    run = kind.begin(start()._replace(cycle=7))
+    usual = LIMITS._replace(effort_max_si=60.0, velocity_max_si=3.0)
+    if kind is SignTest:
+        efforts = {"effort_forth_si": 8.0, "effort_back_si": -9.0}
+        run = replace(run, moved_forth_si=0.04, moved_back_si=-0.05, **efforts)
+
+    assert (run.axis, run.requested_cycle, run.mode, run.by_drive) == (
+        *("right/hip", 7, mode, by_drive),
+    )
+    assert (run.step, run.cycles, run.effort_si, run.why) == (
+        *(AxisStep.WAITING, 0, 0.0, Failure.NONE),
+    )
+    assert run.result() == result
+    for moving, (effort_max_si, velocity_max_si) in zip((True, False), bounds, strict=True):
+        limits = run.limits(usual, moving=moving)
+        assert limits == usual._replace(
+            effort_max_si=effort_max_si, velocity_max_si=velocity_max_si
+        )
+    assert not run.is_over
+    assert run.failed(Failure.KEEPS_MOVING).is_over
+    searching = replace(run, step=AxisStep.SEARCHING)
+    assert (run.searching, searching.searching) == (False, True)
+
+
+HOMED, ATTAINED, NOWHERE = 0x1637, 0x1237, 0x0237
+"""Statuswords: home attained and reached, attained, and neither."""
+
+
+@pytest.mark.parametrize(
+    ("changes", "statusword", "is_homing", "moves"),
+    [
+        ({}, HOMED, True, True),
+        ({}, ATTAINED, True, True),
+        ({}, NOWHERE, True, False),
+        ({}, HOMED, False, False),
+        ({"begun": False}, HOMED, True, False),
+        ({"found": S.DONE}, HOMED, True, False),
+        ({"found": S.ATTAINED}, HOMED, True, True),
+        ({"found": S.ATTAINED}, ATTAINED, True, False),
+    ],
+)
+def test_the_origin_moves_with_the_first_sample_that_shows_home(
+    changes, statusword, is_homing, moves
+):
+    others = OperationMode.CYCLIC_SYNC_TORQUE, OperationMode.NONE
+    run = replace(Homing.begin(start()), **{"begun": True, **changes})
+
+    for mode in (OperationMode.HOMING,) if is_homing else others:
+        feedback = FEEDBACK._replace(statusword=statusword, mode_display=mode)
+        assert run.moves_origin(feedback) is moves
+        assert not SignTest.begin(start()).moves_origin(feedback)

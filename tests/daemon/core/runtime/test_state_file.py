@@ -55,7 +55,7 @@ def test_a_shorter_note_leaves_nothing_of_a_longer_one(tmp_path):
     state_file.close()
 
     assert StateFile(tmp_path).persistent == PersistentState()
-    assert (tmp_path / NAME).stat().st_size == SIZE
+    assert (tmp_path / NAME).stat().st_size == 2 * 8192
 
 
 @pytest.mark.parametrize(
@@ -101,6 +101,16 @@ def test_the_longest_notes_of_two_legs_fit_the_page(tmp_path):
     StateFile(tmp_path).write(persistent, 0)
 
     assert StateFile(tmp_path).persistent == persistent
+
+
+def test_a_state_that_does_not_fit_is_a_bug_of_ours_and_changes_nothing(tmp_path):
+    state_file = StateFile(tmp_path)
+    state_file.write(NOTES, 0)
+    long = StoredVerdict("S1", "bus_off", said="x" * 8192)
+
+    with pytest.raises(ValueError, match=r"axis notes of \d+ bytes do not fit 8192"):
+        state_file.write(PersistentState(latched=long), 0)
+    assert StateFile(tmp_path).persistent == NOTES
 
 
 # --- power cuts -----------------------------------------------------------------------------------

@@ -143,6 +143,19 @@ def test_what_waited_in_the_socket_is_late():
     assert (answers, wire.between) == ([STATUS, TORQUE], [STATUS])
 
 
+def test_an_answer_that_comes_twice_is_kept_and_completes_nothing():
+    wire = Wire([(1 * MS, STATUS), (2 * MS, STATUS), (3 * MS, TORQUE)])
+
+    answers, answer_ns, window = collected(wire)
+
+    assert answers == [STATUS, STATUS, TORQUE]
+    assert answer_ns == pytest.approx(3 * MS, abs=1000)
+    window.reset()
+    wire.coming, wire.now = [(11 * MS, STATUS), (12 * MS, TORQUE)], 10 * MS
+    collected(wire, window)
+    assert wire.now == 14 * MS  # after a bring-up the first window is used in full again
+
+
 def test_the_heartbeat_leaves_with_every_second_sync():
     wire, window = Wire([]), None
     for _ in range(4):

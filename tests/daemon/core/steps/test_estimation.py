@@ -4,13 +4,17 @@ import math
 from types import SimpleNamespace
 
 import pytest
+from fresh_core import fresh, has_been_sent, show
 from gaitd_names import EventCode
 from msgspec.structs import replace
 from safety_inputs import JOINT
 
-from daemon.core.slices import Estimated
+from daemon.core.safety.soft_limits import SoftZone
+from daemon.core.slices import Estimated, Monitored
 from daemon.core.steps import estimation
 from daemon.core.steps.estimation import ObserverInputs, cleared, estimate
+from daemon.core.tick import Tick
+from daemon.ipc.cycle_timing import CycleTiming
 from observer.drift import NO_DRIFT
 from observer.filter.leg_observer import PoseError
 from observer.filter.status import Status, Validity
@@ -140,3 +144,49 @@ def test_a_calibration_is_advised_once_for_each_axis():
 
     assert (event.code, event.subject) == (EventCode.CALIBRATION_ADVISED, "slide")
     assert list(estimation.news(leg, asked, asked)) == []
+
+
+def test_the_observer_reads_what_either_axis_or_the_exercise_says_of_the_leg():
+    core = fresh().core
+    (leg,) = core.legs
+    hip, slide = leg.axes
+    tick = Tick(1, 0, 0, 0.011, CycleTiming(0, 0, 0, 0), late=True)
+    leg.monitored = Monitored(zone=SoftZone(mechanism_depth_ratio=0.1))
+    for axis in leg.axes:
+        show(axis, referenced=True, joint=JOINT._replace(position_si=axis.node_id))
+
+    found = estimation.inputs_of(leg, tick)
+
+    assert (found.joints, found.referenced, found.origin_moved) == (
+        *((hip.sensed.joint, slide.sensed.joint), True, False),
+    )
+    assert (found.artificial, found.is_artificial, found.effort_std) == (
+        *((0.0, 0.0), False, (0.0, 0.0)),
+    )
+    assert (found.dt_s, found.late, found.saturated, found.near_limit) == (0.011, True, False, True)
+    show(slide, referenced=False, origin_moved=True)
+    has_been_sent(hip, effort_si=hip.limits.effort_max_si)
+    leg.exercise = SimpleNamespace(artificial_si=(1.0, 2.0), is_artificial=True)
+    other = estimation.inputs_of(leg, tick)
+    assert (other.referenced, other.origin_moved, other.saturated) == (False, True, True)
+    assert (other.artificial, other.is_artificial) == ((1.0, 2.0), True)
+    show(hip, origin_moved=True, referenced=False)
+    show(slide, origin_moved=False, referenced=True)
+    assert estimation.inputs_of(leg, tick).origin_moved
+    assert not estimation.inputs_of(leg, tick).referenced
+
+
+def test_a_drift_that_has_changed_is_judged_anew_for_its_axis(spy, monkeypatch):
+    changed = NO_DRIFT._replace(**{NO_DRIFT._fields[0]: 1.0})
+    learnt = [changed, None]
+    monkeypatch.setattr(
+        estimation.friction_monitor, "update", lambda before, law, found, index, dt_s: learnt[index]
+    )
+    monkeypatch.setattr(estimation, "asks_for_calibration", lambda drift, law: drift is changed)
+
+    hip = estimate(spy, RUNS, SAMPLED)
+    learnt[:] = None, changed
+    slide = estimate(spy, hip, SAMPLED)
+
+    assert (hip.drifts, hip.calibration_advised) == ((changed, NO_DRIFT), (True, False))
+    assert (slide.drifts, slide.calibration_advised) == ((changed, changed), (True, True))

@@ -1,19 +1,23 @@
-"""What one axis shows: a sample and what is wanted of its drive in, a slice out, no core."""
+"""What one axis shows: a sample and what is wanted of its drive in, a slice out; then the leg."""
 
+import dataclasses
 from types import SimpleNamespace
 
 import pytest
-from fresh_core import fresh
-from gaitd_names import Doubt, EventCode
+from fresh_core import fresh, has_been_sent, show
+from gaitd_names import Doubt, EventCode, Mode
 from msgspec.structs import replace
-from safety_inputs import FEEDBACK, LIMITS, THRESHOLDS
+from safety_inputs import FEEDBACK, JOINT, LIMITS, THRESHOLDS
 
 from daemon.core.exercises.exercise import Reference
+from daemon.core.modes.persistent_state import PersistentState, StoredAxis
 from daemon.core.safety.joints import Joint
+from daemon.core.safety.stop_sequence import Step
 from daemon.core.slices import Placed, Sensed
+from daemon.core.steps import sensing
 from daemon.core.steps.sensing import SensingInputs, news, place, sense
 from daemon.ipc.report import Event
-from drives.cia402.units import AxisScaling
+from drives.cia402.units import AxisScaling, expected_base
 from drives.signals import OperationMode, PowerState
 
 AXIS = SimpleNamespace(
@@ -135,6 +139,119 @@ def test_a_temperature_is_told_when_it_is_overdue_and_when_it_is_back():
     assert list(news(AXIS, overdue, KNOWN)) == [Event(EventCode.TEMPERATURE_BACK, "right/hip")]
 
 
+# --- a leg and a core -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def core():
+    """A core whose axes are referenced at 0.2 rad and 0.5 m."""
+    made = fresh().core
+    for axis, position_si in zip(made.axes, (0.2, 0.5), strict=True):
+        joint = JOINT._replace(position_si=position_si)
+        show(axis, joint=joint, referenced=True, gravity_si=7.0, feedback=FEEDBACK)
+    return made
+
+
+def test_what_is_wanted_of_a_drive_follows_from_mode_and_stop(core):
+    hip = core.axes[0]
+    core.mode = Mode.HOLD
+    has_been_sent(hip, mode=OperationMode.CYCLIC_SYNC_POSITION)
+
+    found = sensing.inputs_of(core, hip, FEEDBACK)
+
+    assert found == SensingInputs(False, True, False, OperationMode.CYCLIC_SYNC_POSITION)
+    hip.stop = SimpleNamespace(step=Step.DISABLE)
+    found = sensing.inputs_of(core, hip, FEEDBACK)
+    assert (found.enable_wanted, found.is_stopping) == (False, True)
+    core.mode = Mode.REFERENCE
+    core.single_axis = SimpleNamespace(axis=hip.name, moves_origin=lambda feedback: True)
+    assert sensing.inputs_of(core, hip, FEEDBACK).origin_moved
+
+
+def test_between_two_windows_alarms_are_seen_and_the_joints_stay(core):
+    joints = [axis.sensed.joint for axis in core.axes]
+
+    sensing.peek(core, [FEEDBACK, FEEDBACK._replace(alarm_count=3)])
+    sensing.alarms_checked(core)
+
+    assert [axis.sensed.joint for axis in core.axes] == joints
+    assert [axis.sensed.emergencies_checked for axis in core.axes] == [0, 3]
+    checked = core.axes[1].sensed
+    sensing.forget(core)
+    assert core.axes[1].sensed.joint == Joint()
+    sensing.alarms_checked(core)
+    assert core.axes[1].sensed.emergencies_checked == checked.emergencies_checked
+
+
+def test_trust_in_an_axis_is_given_and_taken_by_its_name(core):
+    hip, slide = core.axes
+    sensing.take_home(hip)
+    for axis in core.axes:
+        sensing.trust_sign(axis, trusted=True)
+        show(axis, followed=True, watched=True)
+    assert (hip.sensed.followed, hip.sensed.referenced, hip.sensed.doubt) == (
+        *(True, True, Doubt.NONE),
+    )
+
+    sensing.doubt(core, hip.name)
+    sensing.doubt_sign(core, slide.name)
+
+    assert [axis.sensed.followed for axis in core.axes] == [False, True]
+    assert [axis.sensed.sign_trusted for axis in core.axes] == [True, False]
+    sensing.lose_positions(core)
+    assert not slide.sensed.followed
+    assert not slide.sensed.watched
+
+
+@pytest.mark.parametrize(
+    ("report", "followed", "has_bit", "stored", "doubt"),
+    [
+        ({"reference_lost": True, "homed": True}, True, True, None, Doubt.ENCODER_ERROR),
+        ({"homed": True}, False, True, None, Doubt.NONE),
+        ({}, False, True, None, Doubt.NOT_HOMED),
+        ({}, True, True, None, Doubt.NOT_HOMED),
+        ({}, True, False, None, Doubt.NONE),
+        ({"homed": True}, True, True, None, Doubt.NONE),
+        ({"absolute": True}, True, True, 9.0, Doubt.NONE),
+        ({"absolute": True}, False, True, 0.3, Doubt.NONE),
+        ({"absolute": True}, False, True, 9.0, Doubt.LEFT_ELSEWHERE),
+    ],
+)
+def test_after_a_bring_up_an_axis_is_referenced_if_it_was_homed_followed_or_where_it_was(
+    report, followed, has_bit, stored, doubt
+):
+    built = fresh()
+    core, plans = built.core, list(built.plans.usual)
+    before = plans[0].description
+    profile = replace(before.profile, referenced_bit=1 if has_bit else None)
+    description = dataclasses.replace(before, profile=profile)
+    plans[0] = plans[0]._replace(description=description)
+    hip = core.axes[0]
+    if stored is not None:
+        core.persistent = PersistentState(axes={hip.name: StoredAxis(stored, 1)})
+        hip.poses = hip.poses._replace(tolerance_si=0.1)
+    show(hip, followed=followed, unready_cycles=3, emergencies_checked=2, reached_enabled=True)
+    counts = round(0.3 * hip.scaling.counts_per_si)
+    shown = SimpleNamespace(
+        **{"absolute": False, "homed": False, "reference_lost": False, **report},
+        base=expected_base(description),
+        serial_number=77,
+        position_counts=counts,
+        error_code=0x8611,
+        error_text="x",
+    )
+
+    sensing.begin(core, plans, [shown, shown])
+
+    sensed = hip.sensed
+    is_known = doubt is Doubt.NONE
+    assert (sensed.referenced, sensed.followed, sensed.doubt) == (is_known, is_known, doubt)
+    assert (sensed.watched, sensed.shown_unpowered, sensed.reached_enabled) == (True, True, False)
+    assert (sensed.unready_cycles, sensed.unexpected_enable_cycles) == (0, 0)
+    assert (sensed.emergencies_checked, sensed.bring_up_error) == (0, (0x8611, "x"))
+    assert (hip.serial_number, sensed.feedback, sensed.joint) == (77, None, Joint())
+
+
 # --- the place of a leg ---------------------------------------------------------------------------
 
 STILL = Reference((0.05, 0.3), (0.0, 0.0), (0.0, 0.0), guided=True)
@@ -169,6 +286,17 @@ def test_a_leg_is_compared_with_a_reference_that_guides_it(reference, tracking, 
     assert all(one.gravity_si not in {0.0, 7.0} for one in shown)
     assert tuple(one.tracking_si for one in shown) == pytest.approx(tracking)
     assert tuple(one.wanted_velocity_si for one in shown) == wanted_velocity
+
+
+def test_beyond_the_reach_of_a_leg_its_load_stays():
+    leg = leg_at(None)
+    hip, slide = leg.axes
+    slide.sensed = replace(slide.sensed, joint=slide.sensed.joint._replace(position_si=5.0))
+
+    placed, shown = place(leg, Placed(), may_hold=False)
+
+    assert placed.singularity_ratio <= 0.0
+    assert [one.gravity_si for one in shown] == [hip.sensed.gravity_si, 7.0]
 
 
 def test_a_leg_at_an_unknown_place_keeps_what_it_has_shown():

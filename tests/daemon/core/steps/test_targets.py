@@ -2,29 +2,23 @@
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import pytest
-from fresh_core import has_been_sent, show
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from fresh_core import fresh, has_been_sent, show
 from safety_inputs import FEEDBACK, JOINT
-from sessions import CONFIGS
 
-from daemon.core.modes.persistent_state import PersistentState
-from daemon.core.runtime.build import build
 from daemon.core.steps import targets
-from daemon.preflight.load import load
 from drives.signals import OperationMode, PowerState
 
 CSP, CST = OperationMode.CYCLIC_SYNC_POSITION, OperationMode.CYCLIC_SYNC_TORQUE
 DT_S = 0.01
-SETTINGS = load(CONFIGS / "demo.toml")
 AT_REST = JOINT._replace(position_si=0.2, velocity_si=0.0, effort_si=6.0)
 
 
 def axis_that(shows=CST, sent=CST, state=PowerState.OPERATION_ENABLED, following=True):
     """The hip, enabled and at rest at 0.2 rad with 6 N·m, its last targets as that."""
-    axis = build(SETTINGS, "test", PersistentState()).core.axes[0]
+    axis = fresh().core.axes[0]
     show(axis, joint=AT_REST)
     show(
         axis,
@@ -82,8 +76,7 @@ def test_a_drive_that_is_not_meant_to_push_gets_no_torque():
     assert effort(axis_that(), 40.0, CST, pushing=False) == 0.0
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
-@given(wish_nm=st.floats(-50, 50))
+@pytest.mark.parametrize("wish_nm", [-50.0, 0.0, 6.0, 50.0])
 def test_torque_begins_where_it_was_and_fades_to_the_wish(wish_nm):
     axis = axis_that(shows=CSP, sent=CSP)
     sent = [effort(axis, wish_nm, CST)]
@@ -108,6 +101,15 @@ def test_near_rest_what_was_sent_lately_goes_on_until_the_mode_may_change():
     assert effort(axis, 9.0, CST, leaving=True) == 5.0
     show(axis, joint=AT_REST._replace(velocity_si=1.0))
     assert effort(axis, 9.0, CST, leaving=True) == 9.0
+
+
+def test_where_guidance_takes_over_torque_begins_with_the_last_one():
+    axis = axis_that()
+    request = targets.DriveRequest(CST, True, False, DT_S, takes_over=True)
+
+    found = targets.effort(axis, 40.0, request)
+
+    assert (found.sent_si, found.offset_si) == (6.0, -34.0)
 
 
 # --- position ---------------------------------------------------------------------------------
@@ -156,8 +158,7 @@ def test_the_last_target_is_held_while_the_drive_still_goes_by_it(mode, pushing,
     assert position(axis, 0.5, mode, pushing=pushing) == 0.2
 
 
-@settings(derandomize=True, deadline=None, max_examples=50)
-@given(wish_rad=st.floats(-0.2, 0.6))
+@pytest.mark.parametrize("wish_rad", [-0.2, 0.2, 0.6])
 def test_position_begins_where_it_was_and_fades_to_the_wish(wish_rad):
     axis = axis_that(shows=CST, sent=CSP)
     sent = [position(axis, wish_rad, CSP)]
@@ -200,6 +201,42 @@ def test_only_a_drive_that_holds_by_itself_has_a_distance_to_where_it_holds():
 
     assert targets.loop_distance(held) == pytest.approx(0.01)
     assert targets.loop_distance(axis_that()) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("state", "has_rested", "distance_si"),
+    [
+        (PowerState.QUICK_STOP_ACTIVE, True, 0.0),
+        (PowerState.QUICK_STOP_ACTIVE, False, math.inf),
+        (PowerState.OPERATION_ENABLED, True, math.inf),
+        (None, True, math.inf),
+    ],
+)
+def test_a_drive_that_rests_after_a_quick_stop_holds_where_it_is(state, has_rested, distance_si):
+    axis = axis_that(state=state)
+    axis.stop = SimpleNamespace(has_rested=has_rested)
+    if state is None:
+        show(axis, feedback=None)
+
+    assert targets.loop_distance(axis) == distance_si
+
+
+def test_a_refused_command_has_no_effort_and_the_last_position():
+    axis = axis_that(shows=CSP, sent=CSP)
+    has_been_sent(axis, effort_offset_si=1.0, position_offset_si=0.1, effort_mean_si=5.0)
+
+    sent = targets.without_effort(axis, targets.DriveRequest(CST, True, False, DT_S))
+
+    assert (sent.effort_si, sent.position_si, sent.mode) == (0.0, 0.2, CST)
+    assert (sent.effort_offset_si, sent.position_offset_si, sent.effort_mean_si) == (1.0, 0.1, 5.0)
+
+
+def test_after_a_bring_up_no_effort_has_been_sent():
+    axis = axis_that()
+
+    targets.reset(SimpleNamespace(axes=[axis]))
+
+    assert (axis.sent.effort_si, axis.sent.position_si) == (0.0, 0.2)
 
 
 def test_speed_and_acceleration_of_the_target_count_where_the_drive_goes_by_it():
