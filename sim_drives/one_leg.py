@@ -95,6 +95,7 @@ class OneLeg:
             )
             for number, (axis, settings, entries) in enumerate(parts)
         }
+        self._timers = [node.timers for node in self.nodes.values()]
         self._flags = dict.fromkeys(self.nodes, 0)
 
     def power_on(self, outsiders: Mapping[str, Outsider]) -> None:
@@ -142,8 +143,9 @@ class OneLeg:
         return min(self._next_deadline_ns(), self._outbox[0][0] if self._outbox else NEVER)
 
     def _next_deadline_ns(self) -> int:
-        timers_ns = min([node.timers.next_ns for node in self.nodes.values()])
-        return min(timers_ns, self._agenda[0][0] if self._agenda else NEVER)
+        hip, slide = self._timers
+        timers_ns = min(hip.next_ns, slide.next_ns)
+        return min(timers_ns, self._agenda[0][0]) if self._agenda else timers_ns
 
     def _advance_plant(self, time_ns: int) -> None:
         """Advance the plant to `time_ns`, or until it raises a flag, which the nodes process."""

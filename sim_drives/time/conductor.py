@@ -75,8 +75,6 @@ class _Wait:
     until_ns: int
     """End of the wait, in the seat's time."""
     for_frame: bool
-    is_checked: bool = False
-    """True once earlier messages were processed: from then on time may pass."""
 
 
 class Seat:
@@ -247,7 +245,7 @@ class Conductor:
         """Return how far, in its own time, a seat's wait lets time pass in one step."""
         if not wait.for_frame:
             return wait.until_ns
-        if not wait.is_checked or seat.waiting:
+        if seat.waiting:
             return seat.now_ns
         return min(max(self._next_ns() - seat.behind_ns, seat.now_ns), wait.until_ns)
 
@@ -257,7 +255,6 @@ class Conductor:
         if wait is None:
             return False
         if wait.for_frame and not seat.waiting and seat.now_ns < wait.until_ns:
-            wait.is_checked = True
             return False
         seat.wait = None
         seat.owes_cost = bool(seat.waiting)

@@ -34,13 +34,14 @@ def lag(records):
     return np.abs(off).mean(axis=0)
 
 
-def test_assist_adds_to_guidance_and_the_gait_goes_on(walking):
-    session, controller = walking(constant(hip_nm=10.0))
-    session.run(4)
-    pushed = session.records[-400:]
+def test_assist_adds_to_guidance_and_the_gait_goes_on(warm_fast_gait):
+    session = warm_fast_gait
+    controller = Controller(session.gateway, constant(hip_nm=10.0))
+    session.run(2.1)
+    pushed = session.records[-200:]
     controller.law = constant(hip_nm=-10.0)
-    session.run(4.1)
-    pulled = session.records[-400:]
+    session.run(2.1)
+    pulled = session.records[-200:]
 
     record = session.record
     assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
@@ -54,13 +55,15 @@ def test_assist_adds_to_guidance_and_the_gait_goes_on(walking):
     assert ahead[0] - ahead[1] == pytest.approx(20 / 300, rel=0.3)
 
 
-def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_same_way(walking):
-    session, controller = walking(constant())
-    session.run(4)
-    stiff = lag(session.records[-400:])
+def test_a_stiffness_scale_softens_guidance_by_its_rate_and_is_given_back_the_same_way(
+    warm_fast_gait,
+):
+    session = warm_fast_gait
+    controller = Controller(session.gateway, constant())
+    stiff = lag(session.records[-200:])
     controller.law = constant(stiffness_ratio=0.4)
-    session.run(4.6)
-    soft = lag(session.records[-400:])
+    session.run(2.6)
+    soft = lag(session.records[-200:])
     assert session.record.legs[0].stiffness_ratio == pytest.approx(0.4)
     controller.law = constant(stiffness_ratio=1.0)
     session.run(0.7)

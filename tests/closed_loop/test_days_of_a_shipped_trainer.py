@@ -46,7 +46,6 @@ GAIT = ModeRequest(Mode.GAIT, cadence_hz=0.5, amplitude_ratio=1.0, duration_s=60
 INPUTS = ("hand_switch_open *", "sto_open *")
 STOPS = {
     "requested": Cause.STOP_REQUESTED,
-    "emcy right/hip - 0x2310": Cause.EMERGENCY,
     "hand_switch_open *": Cause.HAND_SWITCH_OPEN,
     "sto_open *": Cause.STO_ACTIVE,
 }

@@ -26,12 +26,7 @@ def stopped_by(session, line):
 
 @pytest.mark.parametrize(
     ("fault", "drive", "later_s"),
-    [
-        ("wrong_sign {}", "right/hip", 0.0),
-        ("wrong_sign {}", "right/slide", 0.8),
-        ("encoder_reversed {}", "right/slide", 0.0),
-        ("encoder_reversed {}", "right/hip", 0.8),
-    ],
+    [("wrong_sign {}", "right/hip", 0.0), ("encoder_reversed {}", "right/slide", 0.8)],
 )
 def test_a_drive_that_turns_out_to_be_wired_the_wrong_way_round_is_stopped_at_once(
     warm_gait, fault, drive, later_s
@@ -78,30 +73,21 @@ def test_an_emergency_is_answered_within_twenty_milliseconds_and_a_window(warm_g
 def test_nothing_is_enabled_again_when_the_cause_is_gone(warm_gait):
     stopped_by(warm_gait, "hand_switch_open right/hip 0.5")
 
-    warm_gait.run(3)
+    warm_gait.run(2)
 
     assert warm_gait.record.mode == Mode.FAULT
     states = {drive.power_state for drive in warm_gait.record.drives}
     assert states <= set(map(int, NOT_PUSHING))
 
 
-@pytest.mark.parametrize(
-    "fault",
-    [
-        "silent {} 0.5",
-        "emcy {} 0.5 0x2310",
-        "hand_switch_open {} 0.5",
-        "reboot {}",
-        "sto_open {} 1",
-    ],
-)
+@pytest.mark.parametrize("fault", ["emcy {} 0.5 0x2310", "reboot {}", "sto_open {} 1"])
 def test_reset_brings_the_drives_up_again_and_enables_nothing(warm_gait, fault):
     stopped_by(warm_gait, fault.format("right/hip"))
     reaches_rest_in_fault(warm_gait)
     warm_gait.run(1)
 
     answer = warm_gait.request(RequestKind.RESET)
-    warm_gait.run(1)
+    warm_gait.run(0.3)
 
     assert answer.outcome == Outcome.DONE, answer.refusal
     record = warm_gait.record
@@ -165,7 +151,7 @@ def test_one_reset_is_one_edge_also_of_a_drive_whose_cause_lasts(warm_hold):
     begun = len(warm_hold.bus.sent)
 
     warm_hold.request(RequestKind.RESET)
-    warm_hold.run(2.0)
+    warm_hold.run(1.0)
 
     words = [
         int.from_bytes(frame.data[:2], "little")

@@ -37,15 +37,6 @@ def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_
     assert correlation < 0.0
 
 
-def test_friction_as_calibrated_is_not_worth_a_word(tmp_path):
-    session = excited(empty_machine(tmp_path))
-
-    leg = session.record.legs[0]
-    assert abs(leg.hip.friction_error) < 0.1
-    assert abs(leg.slide.friction_error) < 1.0
-    assert not advice(session)
-
-
 def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session):
     """A patient who pushes with the motion looks the same."""
     session.command("patient active")

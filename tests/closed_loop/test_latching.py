@@ -30,7 +30,6 @@ CAUSES = {
     "stop": Cause.STOP_REQUESTED,
     "hand_switch_open * 0.3": Cause.HAND_SWITCH_OPEN,
     "sto_open * 0.3": Cause.STO_ACTIVE,
-    "silent right/slide 0.3": Cause.DRIVE_SILENT,
     "encoder_glitch right/hip - 3000": Cause.ENCODER_JUMP,
     "emcy right/hip 0.3 0x2310": Cause.EMERGENCY,
 }

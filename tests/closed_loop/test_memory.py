@@ -19,8 +19,8 @@ from gaitd_lab.lockstep import LockstepSession
 
 CYCLES = 500
 """Cycles of a stretch."""
+TWO_STRIDES_CYCLES = 1_000
 LONG_CYCLES = 10_000
-"""Cycles after which a collector finds nothing."""
 WARM_CYCLES = STRIDE_MAX_CYCLES + 200
 """All windows over the last cycles are full: the longest has STRIDE_MAX_CYCLES."""
 TRIES = 4
@@ -81,18 +81,23 @@ def keeps_fewer_blocks(most: int, play: Callable[[], None]) -> bool:
 
 @pytest.fixture(
     params=[
-        "warm_gait",
-        pytest.param("warm_ready", marks=pytest.mark.thorough),
-        pytest.param("warm_hold", marks=pytest.mark.thorough),
-    ]
+        ("warm_gait", TWO_STRIDES_CYCLES),
+        pytest.param(("warm_gait", LONG_CYCLES), marks=pytest.mark.thorough),
+        pytest.param(("warm_ready", LONG_CYCLES), marks=pytest.mark.thorough),
+        pytest.param(("warm_hold", LONG_CYCLES), marks=pytest.mark.thorough),
+    ],
+    ids=lambda param: f"{param[0]}-{param[1]}",
 )
 def warm_mode(request):
-    return request.getfixturevalue(request.param)
+    """A session, and the number of cycles after which a collector finds nothing."""
+    name, cycles = request.param
+    return request.getfixturevalue(name), cycles
 
 
 def test_cycles_keep_nothing_and_leave_nothing_that_only_a_collector_can_free(warm_mode):
-    quiet = Quiet(warm_mode)
-    quiet.turn(max(100, WARM_CYCLES - len(warm_mode.records)))
+    session, cycles = warm_mode
+    quiet = Quiet(session)
+    quiet.turn(max(100, WARM_CYCLES - len(session.records)))
 
     def turn_and_tidy():
         quiet.turn(CYCLES)
@@ -101,7 +106,7 @@ def test_cycles_keep_nothing_and_leave_nothing_that_only_a_collector_can_free(wa
     with no_collector():
         assert keeps_fewer_blocks(CYCLE_BLOCKS, turn_and_tidy)
         gc.set_debug(gc.DEBUG_SAVEALL)
-        quiet.turn(LONG_CYCLES)
+        quiet.turn(cycles)
         gc.collect()
 
     assert not Counter(type(one).__name__ for one in gc.garbage)

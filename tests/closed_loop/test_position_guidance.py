@@ -24,7 +24,7 @@ from wire import (
     target_torques,
 )
 
-from daemon.core.exercises.exercise import BEGIN_MAX_S
+from daemon.core.exercises import exercise
 from daemon.core.steps import impedance
 from daemon.ipc.record import ModeRequest
 from drives.cia402.units import position_si
@@ -53,17 +53,15 @@ def measured(records):
     return np.array([both(record.legs[0], "measured_position") for record in records])
 
 
-@pytest.mark.parametrize(("cadence_hz", "patient"), [(0.25, "active"), (0.5, "passive")])
 def test_a_gait_is_played_by_the_drives_loops_and_the_estimate_says_how_sure_it_is(
-    warm_position_gait, warm_fast_position_gait, patient, cadence_hz
+    warm_fast_position_gait,
 ):
-    session = warm_position_gait if cadence_hz == 0.25 else warm_fast_position_gait
-    hip_nm, slide_n = (1.2, 12.0) if cadence_hz == 0.25 else (2.5, 20.0)
-    session.command(f"patient {patient}")
-    session.run(4)
+    session = warm_fast_position_gait
+    session.command("patient active")
+    session.run(2)
     begun = len(session.records)
 
-    found = scores(session, 2 / cadence_hz)
+    found = scores(session, 4)
 
     records = session.records[begun:]
     assert {drive.mode_display for record in records for drive in record.drives} == {CSP}
@@ -72,8 +70,8 @@ def test_a_gait_is_played_by_the_drives_loops_and_the_estimate_says_how_sure_it_
     behind = np.abs(wanted[:-CYCLES_BEHIND] - measured(records)[CYCLES_BEHIND:]).max(axis=0)
     assert behind[0] < 0.01
     assert behind[1] < 0.01
-    assert found["hip"].rms < hip_nm
-    assert found["slide"].rms < slide_n
+    assert found["hip"].rms < 2.5
+    assert found["slide"].rms < 20.0
     truth = {row.sync_mono_ns: row for row in session.truth.rows}
     for axis, column in enumerate(("hip_patient_nm", "slide_patient_n")):
         errors = [
@@ -136,7 +134,7 @@ def test_every_mode_that_guidance_plays_has_the_drives_in_position_mode_and_foll
 # --- stops ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("at_s", [0.0, 0.6, 0.9, 1.7])
+@pytest.mark.parametrize("at_s", [0.0, 0.9])
 def test_a_stop_in_the_middle_brakes_and_holds_by_the_drives_loops(warm_fast_position_gait, at_s):
     session = warm_fast_position_gait
     session.run(at_s)
@@ -305,7 +303,7 @@ def never_at_rest(monkeypatch):
 def test_an_excitation_is_played_in_torque_mode_only(warm_empty_hold, never_at_rest):
     session = warm_empty_hold
     session.request(RequestKind.MODE, EXCITE)
-    session.run(8)
+    session.run(4)
     waited = session.record
     never_at_rest.undo()
 
@@ -324,12 +322,12 @@ def test_an_excitation_is_played_in_torque_mode_only(warm_empty_hold, never_at_r
 def test_an_excitation_of_a_leg_that_never_rests_is_over_and_says_why(
     warm_empty_hold, never_at_rest
 ):
-    del never_at_rest
+    never_at_rest.setattr(exercise, "BEGIN_MAX_S", 2.0)
     session = warm_empty_hold
     session.request(RequestKind.MODE, EXCITE)
     begun = len(session.records)
 
-    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=BEGIN_MAX_S + 10)
+    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=10)
     session.run(0.1)
 
     records = session.records[begun:]
@@ -413,10 +411,10 @@ def test_a_patient_who_leans_on_a_leg_that_the_drives_hold_is_no_fault(tmp_path)
     session = new_session(position_guidance(tmp_path, stronger)).enable()
     session.command("patient pushes")
 
-    session.run(8)
+    session.run(5)
 
     assert session.record.mode == Mode.HOLD
-    efforts = [record.drives[0].effort for record in session.records[-800:]]
+    efforts = [record.drives[0].effort for record in session.records[-500:]]
     assert max(map(abs, efforts)) > 20
 
 

@@ -32,11 +32,11 @@ def true_work(session, index, stride):
 
 
 def test_strides_are_as_long_as_the_gait_says_and_their_work_is_right_within_two_percent(session):
-    pushed(session, 24.0)
+    pushed(session, 20.0)
 
     found = strides_of(session)
     assert [stride.number for _, stride in found] == list(range(1, len(found) + 1))
-    assert len(found) >= 5
+    assert len(found) >= 4
     for index, stride in found[2:]:
         hip_j, slide_j = true_work(session, index, stride)
         assert stride.hip.work_positive_j == pytest.approx(hip_j, rel=0.02)
@@ -47,7 +47,7 @@ def test_strides_are_as_long_as_the_gait_says_and_their_work_is_right_within_two
 
 
 def test_a_held_leg_makes_no_stride(warm_hold):
-    warm_hold.run(6.0)
+    warm_hold.run(4.0)
 
     assert not strides_of(warm_hold)
 

@@ -31,7 +31,7 @@ SLIDE = {
     "torque_constant_nm_per_a": 0.12,
     "nominal_current_a": 5.5,
 }
-WALK_CYCLES = 400
+WALK_CYCLES = 200
 
 
 def changed(text, values):
@@ -65,7 +65,7 @@ def warm_unlike(tmp_path_factory):
     settings = load(configs / "two_legs.toml")
     truth = {leg.name: TruthLog(None) for leg in settings.legs}
     session = LockstepSession(settings, virtual_machine(settings.file, truth=truth))
-    return session.walk(cadence_hz=0.5, duration_s=4.0), truth
+    return session.walk(cadence_hz=0.5, duration_s=2.0), truth
 
 
 def test_each_leg_is_where_its_own_drives_say_and_its_patient_is_passive(warm_unlike):

@@ -51,7 +51,7 @@ def fed(session, seconds):
     return len(systemd.fed_ns), systemd.longest_pause_ms()
 
 
-@pytest.mark.parametrize("silent_s", [8, pytest.param(60, marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("silent_s", [3, pytest.param(60, marks=pytest.mark.thorough)])
 def test_a_drive_that_is_silent_for_long_costs_no_feeding_and_the_other_axis_is_held(
     session, silent_s
 ):
@@ -75,9 +75,9 @@ def test_trouble_on_the_bus_costs_no_feeding(warm_ready, trouble):
     session = watched(warm_ready)
     trouble(session)
 
-    count, pause_ms = fed(session, 5)
+    count, pause_ms = fed(session, 2)
 
-    assert count >= 485
+    assert count >= 185
     assert pause_ms <= 3 * CYCLE_MS
     assert session.record.verdict.cause != Cause.NONE
 

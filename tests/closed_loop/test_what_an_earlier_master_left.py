@@ -1,5 +1,7 @@
 """Objects that a drive adds to its targets: cleared without power; noticed if they come back."""
 
+import itertools
+
 import pytest
 from gaitd_names import Cause, Mode, RequestKind
 from sessions import new_session, reaches_rest_in_fault
@@ -28,20 +30,19 @@ def moved(session, begun):
     )
 
 
-@pytest.mark.parametrize("axis", AXES)
-@pytest.mark.parametrize(
-    ("index", "left"), [(POSITION_OFFSET, 2000), (VELOCITY_OFFSET, 100), (TORQUE_OFFSET, 200)]
-)
-def test_an_offset_of_an_earlier_master_moves_no_joint(position_configs, axis, index, left):
+def test_offsets_of_an_earlier_master_move_no_joint(position_configs):
     session = new_session(position_configs)
-    put(session, axis, index, left)
+    left = {POSITION_OFFSET: 2000, VELOCITY_OFFSET: 100, TORQUE_OFFSET: 200}
+    places = list(itertools.product(AXES, left))
+    for axis, index in places:
+        put(session, axis, index, left[index])
     session.until_ready()
     begun = len(session.truth.rows) - 1
 
     session.enable()
     session.run(2.0)
 
-    assert value(session, axis, index) == 0
+    assert [value(session, *place) for place in places] == [0] * len(places)
     assert session.record.mode == Mode.HOLD
     hip_rad, slide_m = moved(session, begun)
     assert hip_rad < 0.005
@@ -81,10 +82,9 @@ def test_a_drive_that_holds_elsewhere_than_it_was_told_is_stopped(warm_position_
     reaches_rest_in_fault(session)
 
 
-@pytest.mark.parametrize("rise_s", [0.0, 1.0])
 @pytest.mark.parametrize(
-    ("axis", "push", "most"),
-    [("right/hip", (40.0, 0.0), 0.16), ("right/slide", (0.0, 280.0), 0.085)],
+    ("axis", "push", "most", "rise_s"),
+    [("right/hip", (40.0, 0.0), 0.16, 0.0), ("right/slide", (0.0, 280.0), 0.085, 1.0)],
 )
 def test_a_leg_that_is_pushed_out_of_its_hold_is_not_let_go(warm_hold, axis, push, most, rise_s):
     session = warm_hold

@@ -48,9 +48,8 @@ def all_enabled(record):
     return {drive.power_state for drive in record.drives} == {PowerState.OPERATION_ENABLED}
 
 
-def stop():
+def stop(session):
     """A client's stop while holding (S2): the core brakes and holds with the drives enabled."""
-    session = new_session().enable()
     wire = Wiretap(session.machine.world)
     session.gateway.stop()
     session.run_until(lambda record: not record.mode.active, within_s=2)
@@ -68,12 +67,11 @@ def quick_stop():
     return wire
 
 
-def fault_and_reset():
+def fault_and_reset(session):
     """The hip faults (EMCY 2310h) while holding: its own fault reaction; the slide is told to stop
     at once, before the next SYNC. The cause goes; a client asks for a reset: the drives are brought
     up anew (SDO is left out here, see the boot), then comes one rising edge of bit 7, which ends in
     switch on disabled with EMCY 0000h. Nothing is enabled."""
-    session = new_session().enable()
     wire = Wiretap(session.machine.world)
     session.command("emcy right/hip - 0x2310")
     session.run_until(lambda record: record.mode == Mode.FAULT, within_s=2)
@@ -85,31 +83,28 @@ def fault_and_reset():
     return wire
 
 
-def reboot_in_operation():
+def reboot_in_operation(session):
     """The hip drive browns out while holding. After four cycles without its sample the slide is
     stopped and the hip told NMT stop; its boot-up message comes later, and starts nothing."""
-    session = new_session().enable()
     wire = Wiretap(session.machine.world)
     session.command("reboot right/hip")
     session.run(0.3)
     return wire
 
 
-def drive_silent():
+def drive_silent(session):
     """The slide drive falls silent while holding: after four cycles without its sample the hip is
     stopped, and the silent one is told disable voltage and NMT stop, should it still hear."""
-    session = new_session().enable()
     wire = Wiretap(session.machine.world)
     session.command("silent right/slide")
     session.run(0.2)
     return wire
 
 
-def master_silent():
+def master_silent(session):
     """The service dies while holding: SYNC and heartbeat cease. 100 ms after the last heartbeat
     each drive notices by itself (1016h), says 8130h, stops by 6007h, and leaves operational by
     1029h."""
-    session = new_session().enable()
     wire = Wiretap(session.machine.world)
     session.run(0.02)
     world = session.machine.world
@@ -152,25 +147,27 @@ INCREMENTAL = (
     ("drives/slide_epos4.toml", "absolute = true", "absolute = false"),
     ("plant.toml", 'encoder = "absolute"', 'encoder = "incremental"'),
 )
-SCENARIOS = (
-    boot,
-    enable,
-    stop,
-    quick_stop,
-    fault_and_reset,
-    reboot_in_operation,
-    drive_silent,
-    master_silent,
-    referencing,
+FROM_POWER_ON = (boot, enable, quick_stop)
+FROM_HOLD = (stop, fault_and_reset, reboot_in_operation, drive_silent, master_silent)
+
+
+@pytest.fixture(scope="module")
+def warm_hold():
+    """Both axes are enabled and hold."""
+    return new_session().enable()
+
+
+@pytest.mark.parametrize(
+    "scenario",
+    [*FROM_POWER_ON, *FROM_HOLD, referencing],
+    ids=lambda scenario: scenario.__name__,
 )
-
-
-@pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.__name__)
 def test_a_session_puts_the_same_bytes_on_the_bus_as_when_it_was_reviewed(
-    scenario, request, tmp_path
+    scenario, request, warm_hold, tmp_path
 ):
     path = FOLDER / f"{scenario.__name__}.candump"
-    wire = scenario(tmp_path) if scenario is referencing else scenario()
+    given = {referencing: (tmp_path,)} | dict.fromkeys(FROM_HOLD, (warm_hold,))
+    wire = scenario(*given.get(scenario, ()))
     found = explained(" ".join(scenario.__doc__.split()), wire.lines)
     if request.config.option.write_traces:
         path.write_text(found, encoding="utf-8")

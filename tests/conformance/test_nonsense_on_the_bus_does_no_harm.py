@@ -25,7 +25,7 @@ ENABLE_BIT = 0x08
 RATES_HZ = (20, 200, 2000)
 MAKES = (lambda _: CONFIGS, generic_drives, elmo_drives)
 """Drives like an EPOS4, plain CiA 402 drives, drives like an Elmo."""
-TALK_S = 3.0
+TALK_S = 1.5
 PAUSE_S = 2.0
 
 
@@ -175,7 +175,7 @@ def test_nonsense_while_the_drives_are_brought_up_ends_in_ready_or_a_named_cause
     fuzz = Fuzz(7, new_session())
 
     fuzz.babbler.start(100, kind)
-    fuzz.run(5.0)
+    fuzz.run(2.5)
 
     assert fuzz.is_brought_back(), fuzz.story()
     assert not fuzz.enables()
@@ -203,7 +203,7 @@ def test_frames_of_other_node_ids_change_nothing(warm_walk):
         return Frame(rng.choice(ids), bytes(rng.randrange(256) for _ in range(rng.randrange(9))))
 
     fuzz.babbler.start(1000, stranger)
-    fuzz.run(3.0)
+    fuzz.run(1.5)
 
     assert fuzz.stopped_at is None, fuzz.story()
     assert fuzz.session.record.mode == Mode.GAIT

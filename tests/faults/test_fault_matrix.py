@@ -167,18 +167,15 @@ def test_the_sample_of_pairs_has_each_two_families_each_offset_and_each_mode_tog
 def test_the_sample_of_pairs_is_the_same_in_every_process():
     """The order of a set of texts depends on the process's hash seed."""
     program = f"from gaitd_lab.fault_matrix.pairs import sample; print(sample({SEED}))"
-    samples = {
-        subprocess.run(
-            [sys.executable, "-c", program],
-            env={**os.environ, "PYTHONHASHSEED": hash_seed},
-            capture_output=True,
-            check=True,
-            text=True,
-        ).stdout
-        for hash_seed in ("1", "2")
-    }
+    other = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONHASHSEED": "1"},
+        capture_output=True,
+        check=True,
+        text=True,
+    )
 
-    assert samples == {f"{pairs.sample(SEED)}\n"}
+    assert other.stdout == f"{pairs.sample(SEED)}\n"
 
 
 def test_all_pairs_have_each_fault_after_each_other_one_at_each_offset_and_in_each_mode():
@@ -251,7 +248,7 @@ def test_a_drive_that_is_silent_since_bring_up_is_not_called_enabled_by_another_
 ):
     pair = Cell("tpdo_late_6ms:emcy_5xxx_fault@5", "ready", "right/slide")
 
-    ((played,),) = run(DEMO, [pair], SEED, jobs=1)
+    (played,) = play_part(DEMO, [pair], SEED)
 
     assert played.causes == ("DRIVE_SILENT", "DRIVE_FAULT")
 

@@ -136,10 +136,13 @@ def test_the_command_refuses_a_configuration_that_is_not_there(tmp_path):
     assert "no.toml" in ran.err
 
 
-def test_the_command_prints_and_writes_a_table_for_each_question(walk, tmp_path, monkeypatch):
+def test_the_command_prints_and_writes_a_table_for_each_question(
+    walk, results, tmp_path, monkeypatch
+):
     plan = [Planned(ACTIVE, lambda _: walk)]
     place = "gaitd_lab.studies.ablation.study.planned"
     monkeypatch.setattr(place, lambda _, *, quick, seed: plan)
+    monkeypatch.setattr("gaitd_lab.studies.ablation.study.ablate", lambda _: results)
 
     ran = gaitd("ablation", "--quick", "--seeds", 1, "--output", tmp_path, "--json")
 

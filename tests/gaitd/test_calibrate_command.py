@@ -12,8 +12,9 @@ from daemon.config.settings import Robot
 
 @pytest.fixture
 def recorded(tmp_path):
-    """Hardly more than the least that can be calibrated from."""
-    return write_csv(empty_run(shipped_friction(), duration_s=12.0), tmp_path / "run.csv")
+    """Hardly more than the least that can be calibrated from; the slide rests."""
+    run = empty_run(shipped_friction(), slide=False, duration_s=12.0)
+    return write_csv(run, tmp_path / "run.csv")
 
 
 def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path):
@@ -32,6 +33,7 @@ def test_a_calibration_writes_a_robot_file_and_a_page(recorded, tmp_path):
     assert after.observer.hip.process_friction_nm != robot_file().observer.hip.process_friction_nm
     assert after.observer.slide.process_patient_n == robot_file().observer.slide.process_patient_n
     assert after.friction.hip.coulomb_nm == pytest.approx(6.0, rel=0.02)
+    assert after.friction.slide == robot_file().friction.slide
     assert after.geometry == robot_file().geometry
     assert before.read_text() == text
     assert "calibration_friction.png" in (tmp_path / "calibration.md").read_text()

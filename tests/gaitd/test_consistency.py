@@ -1,5 +1,6 @@
 """The measures of consistency, on the shipped robot, and on robots that are lied about."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -138,9 +139,10 @@ def test_the_same_seeds_give_the_same_numbers(empty):
 
 
 def test_the_command_prints_and_writes_what_it_measured_and_ends_with_0(tmp_path):
-    ran = gaitd("consistency", "--runs", 30, "--seeds", 1, "--output", tmp_path)
+    ran = gaitd("consistency", "--runs", 30, "--seeds", 1, "--output", tmp_path, "--json")
 
     assert ran.code == 0, ran.out + ran.err
+    assert json.loads(ran.out)["passed"] is True
     page = (tmp_path / "consistency.md").read_text("utf-8")
     for word in (
         "NEES",
@@ -152,7 +154,7 @@ def test_the_command_prints_and_writes_what_it_measured_and_ends_with_0(tmp_path
         "Friction",
         "offset",
     ):
-        assert word in ran.out
+        assert word in ran.err
         assert word in page
-    assert "OUTSIDE" not in ran.out
+    assert "OUTSIDE" not in ran.err
     assert (tmp_path / "consistency_runs.png").stat().st_size > 10_000

@@ -1,15 +1,18 @@
-"""`gaitd fleet estimate`: the same results from two processes, from a cluster, and after losses."""
+"""`gaitd fleet estimate`: the results of a replay, from a cluster and after losses as well."""
 
 import contextlib
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 
+import distributed
 import duckdb
 import msgspec
 import numpy as np
@@ -71,6 +74,18 @@ def sessions(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(scope="module")
+def threads():
+    """Workers of this computer are threads of this process, which start at once.
+
+    Its processes are those of test_fleet_friction.py, and those of a cluster are below.
+    """
+    made = partial(distributed.LocalCluster, processes=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("distributed.LocalCluster", made)
+        yield
+
+
 def fleet(sessions, output, *more, robot=ROBOT):
     """The two trainers' folders; the results by file of the recording."""
     folders = sorted(sessions.iterdir())
@@ -80,12 +95,18 @@ def fleet(sessions, output, *more, robot=ROBOT):
     return ended, {one["session"]: one for one in json.loads(ended.out)}
 
 
-def test_results_are_a_replay_s_bits_and_are_made_once(sessions, tmp_path):
-    output = tmp_path / "out"
-
-    ended, first = fleet(sessions, output, "--workers", 2)
-
+@pytest.fixture(scope="module")
+def made(sessions, threads, tmp_path_factory):
+    """What two workers made: folder, and what the command said."""
+    output = tmp_path_factory.mktemp("made") / "results"
+    ended, results = fleet(sessions, output, "--workers", 2)
     assert ended.code == 0, ended.err
+    return output, results
+
+
+def test_results_are_a_replay_s_bits(made):
+    _, first = made
+
     assert len(first) == CSV_COUNT
     for session, result in first.items():
         source = read(Path(session))
@@ -101,7 +122,12 @@ def test_results_are_a_replay_s_bits_and_are_made_once(sessions, tmp_path):
         assert table.schema.metadata[b"gaitd.session"].decode() == session
     assert len({one["file"] for one in first.values()}) == CSV_COUNT
 
-    torn = Path(next(iter(first.values()))["file"])
+
+@pytest.mark.usefixtures("threads")
+def test_results_are_made_once_for_a_robot_file(sessions, made, tmp_path):
+    output = tmp_path / "out"
+    shutil.copytree(made[0], output)
+    torn, *_ = sorted(output.iterdir())
     torn.write_bytes(torn.read_bytes()[:-100])
     ended, again = fleet(sessions, output, "--workers", 1)
 
@@ -115,17 +141,18 @@ def test_results_are_a_replay_s_bits_and_are_made_once(sessions, tmp_path):
     assert len(list(output.iterdir())) == 2 * CSV_COUNT
 
 
-def test_the_sql_of_the_document_works_on_the_results(sessions, tmp_path):
-    _, made = fleet(sessions, tmp_path / "results", "--workers", 1)
+def test_the_sql_of_the_document_works_on_the_results(made):
+    output, results = made
     sql = re.search(r"```sql\n(.*?)```", FLEET_PAGE.read_text(encoding="utf-8"), re.DOTALL)[1]
 
-    with contextlib.chdir(tmp_path):
+    with contextlib.chdir(output.parent):
         rows = duckdb.sql(sql).fetchall()
 
-    assert len(rows) == len(made)
+    assert len(rows) == len(results)
     assert all(mean_nm > 0 for _, mean_nm in rows)
 
 
+@pytest.mark.usefixtures("threads")
 def test_all_files_of_a_folder_are_recordings_or_named(five_columns, tmp_path):
     mixed = tmp_path / "mixed"
     mixed.mkdir()
@@ -164,6 +191,7 @@ def test_a_power_cut_leaves_a_whole_result_or_none(sessions, tmp_path, monkeypat
     check(tmp_path / "out", scenario, recover)
 
 
+@pytest.mark.usefixtures("threads")
 def test_a_bad_recording_costs_itself(sessions, tmp_path):
     bad = tmp_path / "bad.csv"
     bad.write_text("no recording\n")
@@ -200,14 +228,14 @@ def test_what_cannot_be_is_refused(sessions, tmp_path, more, words):
 
 
 class Cluster:
-    """A scheduler and two workers of Dask's own commands."""
+    """A scheduler and three workers of Dask's own commands."""
 
     def __init__(self, folder):
         self.file = folder / "scheduler.json"
         self.scheduler = self._started("scheduler", "--host", "127.0.0.1", "--port", "0")
         self.workers = [
             self._started("worker", "--nthreads", "1", "--no-nanny", "--name", name)
-            for name in ("first", "second")
+            for name in ("first", "second", "third")
         ]
 
     def _started(self, kind, *more):
@@ -223,14 +251,14 @@ class Cluster:
 
     @property
     def address(self):
-        """Address of the scheduler, once both workers are there."""
+        """Address of the scheduler, once all workers are there."""
         from distributed import Client
 
         while not self.file.exists() or not self.file.read_text():
             assert self.scheduler.poll() is None
             time.sleep(0.05)
         with Client(scheduler_file=str(self.file)) as client:
-            client.wait_for_workers(2)
+            client.wait_for_workers(3)
             return client.scheduler.address
 
     def end(self):
@@ -256,41 +284,46 @@ def started(sessions, output, address):
     )
 
 
-def test_a_worker_that_is_killed_costs_no_result(sessions, tmp_path, cluster):
-    address = cluster.address
-    first, _ = cluster.workers
-    first.send_signal(signal.SIGSTOP)  # it takes tasks, and does none
-    process = started(sessions, tmp_path / "out", address)
-    while not list((tmp_path / "out").glob("*.parquet")):
+def wait_for_a_result(output, process):
+    while not list(output.glob("*.parquet")):
         assert process.poll() is None, process.communicate()
         time.sleep(0.05)
+
+
+@pytest.mark.usefixtures("threads")
+def test_a_killed_worker_costs_nothing_and_a_lost_scheduler_nothing_that_was_finished(
+    sessions, made, tmp_path, cluster
+):
+    address = cluster.address
+    first, second, third = cluster.workers
+    first.send_signal(signal.SIGSTOP)  # it takes tasks, and does none
+    process = started(sessions, tmp_path / "one", address)
+    wait_for_a_result(tmp_path / "one", process)
     first.kill()
 
     out, err = process.communicate()
 
     assert process.returncode == 0, err
     assert f"{CSV_COUNT} made" in out
-    assert len(list((tmp_path / "out").glob("*.parquet"))) == CSV_COUNT
+    of_cluster, of_threads = (
+        {file.name: file.read_bytes() for file in folder.iterdir()}
+        for folder in (tmp_path / "one", made[0])
+    )
+    assert of_cluster == of_threads
 
-
-def test_a_lost_scheduler_costs_nothing_that_was_finished(sessions, tmp_path, cluster):
-    address = cluster.address
-    first, second = cluster.workers
-    first.send_signal(signal.SIGSTOP)
-    process = started(sessions, tmp_path / "out", address)
-    while not list((tmp_path / "out").glob("*.parquet")):
-        assert process.poll() is None, process.communicate()
-        time.sleep(0.05)
     second.send_signal(signal.SIGSTOP)
+    process = started(sessions, tmp_path / "two", address)
+    wait_for_a_result(tmp_path / "two", process)
+    third.send_signal(signal.SIGSTOP)
     cluster.scheduler.kill()
 
     out, err = process.communicate()
 
-    finished = len(list((tmp_path / "out").glob("*.parquet")))
+    finished = len(list((tmp_path / "two").glob("*.parquet")))
     assert process.returncode == 1, err
-    assert 0 < finished < CSV_COUNT  # the first worker holds some
+    assert 0 < finished < CSV_COUNT  # the second worker holds some
     assert "the scheduler was lost; the same call again does what is missing" in out
     assert "Traceback" not in out
-    again = fleet(sessions, tmp_path / "out", "--workers", 1)[1]
+    again = fleet(sessions, tmp_path / "two", "--workers", 1)[1]
     assert sum(one["kept"] for one in again.values()) == finished
     assert not any(one["error"] for one in again.values())

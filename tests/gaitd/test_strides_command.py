@@ -42,7 +42,7 @@ def test_a_walk_is_measured_from_its_second_stride_on():
 def test_the_table_has_median_and_range_of_all_seeds(tmp_path, monkeypatch):
     figures = [{"filter, rms error": (one, 2.0 * one)} for one in (0.3, 0.1, 0.2)]
     monkeypatch.setattr(study, "cases", lambda *_: [Case(Situation(programme="active"), figures)])
-    monkeypatch.setattr(study, "DRAWN_S", 10.0)
+    monkeypatch.setattr(study, "DRAWN_S", 5.0)
 
     ran = gaitd("strides", "--output", tmp_path)
 

@@ -1,6 +1,5 @@
 """A controller in its own process: it steers, it dies, and a flood from others does no harm."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -68,9 +67,6 @@ class Bench:
         record = self.service.newest()
         return record.legs[0].hip.assist if record.mode == Mode.TORQUE else 0.0
 
-    def status(self) -> dict:
-        return json.loads(self.service.ask("status", "--json").stdout)
-
     def end(self) -> None:
         for client in self.clients:
             client.kill()
@@ -94,7 +90,7 @@ def timed_bench(timed_service):
 def test_the_controller_of_the_document_steers_and_leaves_a_leg_that_is_held(bench):
     lapses_before = bench.service.enable().assist.lapse_count
     client = bench.steering(12.0)
-    steering = bench.status()
+    steering = bench.service.request("status")
     screen = bench.service.ask("status").stdout
     said, trouble = client.communicate(timeout=30)
 
@@ -105,16 +101,18 @@ def test_the_controller_of_the_document_steers_and_leaves_a_leg_that_is_held(ben
     record = bench.service.until(lambda record: record.mode != Mode.TORQUE)
     assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
     assert record.assist.lapse_count == lapses_before
-    assert bench.status()["safety"]["lease_holder"] is None
+    assert bench.service.request("status")["safety"]["lease_holder"] is None
 
 
 def test_a_controller_that_is_killed_leaves_a_leg_that_is_braked_and_held(bench):
     client = bench.steering()
-    known = {event["id"] for event in bench.status()["events"]}
+    known = {event["id"] for event in bench.service.request("status")["events"]}
 
     client.kill()
     held = bench.service.until(lambda record: record.mode != Mode.TORQUE, 10)
-    bench.service.wait(lambda: bench.status()["safety"]["lease_holder"] is None, 10)
+    bench.service.wait(
+        lambda: bench.service.request("status")["safety"]["lease_holder"] is None, 10
+    )
     bench.service.run(0.5)
 
     record = bench.service.newest()
@@ -122,7 +120,7 @@ def test_a_controller_that_is_killed_leaves_a_leg_that_is_braked_and_held(bench)
     assert held.assist.lapse_reason
     assert both(record.legs[0], "assist") == (0.0, 0.0)
     assert all(abs(drive.velocity) < 0.05 for drive in record.drives)
-    new = [event for event in bench.status()["events"] if event["id"] not in known]
+    new = [event for event in bench.service.request("status")["events"] if event["id"] not in known]
     (lapse,) = [event for event in new if event["code"] == "assist_lapsed"]
     assert lapse["priority"] == "medium"
     assert lapse["values"]["client"] == "example controller"
@@ -136,7 +134,7 @@ def test_a_stop_is_for_everybody_while_a_controller_steers(bench):
 
     assert stopped.returncode == 0
     assert record.verdict.cause == Cause.STOP_REQUESTED
-    assert bench.status()["safety"]["lease_holder"] is None
+    assert bench.service.request("status")["safety"]["lease_holder"] is None
 
 
 FLOOD_S = 4.0
@@ -159,7 +157,9 @@ def count_for(bench, flooding):
     steered = after.mode == Mode.TORQUE
     bench.clients[-2].kill()
     bench.service.until(lambda record: record.mode != Mode.TORQUE, 10)
-    bench.service.wait(lambda: bench.status()["safety"]["lease_holder"] is None, 10)
+    bench.service.wait(
+        lambda: bench.service.request("status")["safety"]["lease_holder"] is None, 10
+    )
     overruns = after.timing.overrun_count - before.timing.overrun_count
     return Counted(overruns, after.seq - before.seq, sent, steered)
 
@@ -176,6 +176,10 @@ def test_a_flood_of_setpoints_disturbs_neither_core_nor_gateway_nor_who_steers(t
     # None of it came as far as the core.
     counts = bench.service.newest().assist.refused_count
     assert counts[SetpointRefusal.WRONG_LEASE] == 0
-    told = [event for event in bench.status()["events"] if event["code"] == "setpoint_refused"]
+    told = [
+        event
+        for event in bench.service.request("status")["events"]
+        if event["code"] == "setpoint_refused"
+    ]
     assert "flood" in [event["values"]["setpoint_refusal"] for event in told]
     assert len(told) <= 10

@@ -71,7 +71,7 @@ def newest_copied(beside, tmp_path):
     return kept[-1]
 
 
-@pytest.mark.parametrize("cycles", [137, 411])
+@pytest.mark.parametrize("cycles", [137, pytest.param(411, marks=pytest.mark.thorough)])
 def test_a_killed_recorder_has_all_that_was_on_the_disk_and_nothing_else(
     long_service, tmp_path, cycles
 ):

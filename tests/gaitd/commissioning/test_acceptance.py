@@ -25,7 +25,7 @@ from drives.bringup.configurator import Configurator
 from drives.errors import BringUpRefused
 from drives.signals import PowerState
 from gaitd.commissioning.local_service import CoreRestartedError, LocalService, observed
-from gaitd.commissioning.messages import Answer, InstructionCode
+from gaitd.commissioning.messages import Answer, Instruction, InstructionCode
 from gaitd.commissioning.objects import read_findings
 from gaitd.commissioning.plans import NOT_SHOWN, Gait, acceptance
 from gaitd.commissioning.procedure import BEGIN, State
@@ -121,19 +121,24 @@ def reply_of(name, refusal):
     )
 
 
-class Hands:
-    """An operator who sees the truth; `later` is an instruction and a fault that begins with it."""
+class WaitedError(Exception):
+    """The operator waits, instead of doing what was said."""
 
-    def __init__(self, session, later):
-        self.session, self.later = session, later
+
+class Hands:
+    """An operator who sees the truth, and waits once before an instruction."""
+
+    def __init__(self, session, waits_at):
+        self.session, self.waits_at = session, waits_at
         self.held = []
 
     def follow(self, instruction):
         code, axis = instruction.code, instruction.subject.partition("/")[2]
+        if code is self.waits_at:
+            self.waits_at = None
+            raise WaitedError
         if code in INPUTS:
             self.session.command(INPUTS[code])
-        if self.later and code is self.later[0]:
-            self.later[1](self.session)
         if code is InstructionCode.MOVE_TO_SECOND_MARK:
             self.session.command(f"patient {axis}")
             self.session.run(SECONDS_OF_HANDS)
@@ -152,14 +157,28 @@ class Hands:
 
 
 class Accepted:
-    """The procedure on a session, with a fault from the start, or one that begins later."""
+    """The procedure on a session."""
 
-    def __init__(self, session, later=(), *, service=None, state=BEGIN):
+    def __init__(self, session, *, service=None, state=BEGIN, waits_at=None):
         self.session = session
         tasks = acceptance(session.settings, GAIT)
         source = service or LockstepService(session)
-        self.run = Run(tasks, source, Hands(session, later), state)
+        self.hands = Hands(session, waits_at)
+        self.run = Run(tasks, source, self.hands, state)
+        if waits_at is None:
+            self.run.play_to_rest()
+            return
+        with pytest.raises(WaitedError):
+            self.run.play()
+
+    def opened(self):
+        """Let the operator open the hand switch after all, and go on."""
+        self.hands.follow(Instruction(InstructionCode.OPEN_HAND_SWITCH_NOW))
+        return self.ended()
+
+    def ended(self):
         self.run.play_to_rest()
+        return self
 
     @property
     def blocked(self):
@@ -182,10 +201,10 @@ class Accepted:
         }
 
 
-def accepted(configs, *, begin=lambda _: None, later=()):
+def accepted(configs, *, begin=lambda _: None):
     session = new_session(configs).until_ready()
     begin(session)
-    return Accepted(session, later)
+    return Accepted(session)
 
 
 def was_enabled(session):
@@ -223,8 +242,15 @@ def configs(tmp_path_factory):
     return changed_configs(tmp_path_factory.mktemp("empty"), *EMPTY, HANDS)
 
 
-def test_a_machine_as_configured_passes_all_but_what_is_not_approached(configs, tmp_path):
-    done = accepted(configs)
+@pytest.fixture(scope="module")
+def warm_walking(configs):
+    """An acceptance up to the gait in which the operator is about to open the hand switch."""
+    session = new_session(configs).until_ready()
+    return Accepted(session, waits_at=InstructionCode.OPEN_HAND_SWITCH_NOW)
+
+
+def test_a_machine_as_configured_passes_all_but_what_is_not_approached(warm_walking, tmp_path):
+    done = warm_walking.opened()
 
     write(done.run, done.session.settings, BEGUN, "boot", tmp_path)
 
@@ -340,12 +366,11 @@ def test_a_motor_with_another_torque_than_its_data_is_found(tmp_path, ratio, whe
     assert set(done.found(Judgement.FAILED, SLIDE)) == {where}
 
 
-def test_a_quick_stop_that_is_slower_than_the_ramp_read_back_is_found(configs):
-    def slower(session):
-        dictionary = session.machine.world.node(SLIDE).dictionary
-        dictionary.put(0x6085, 0, dictionary.value(0x6085) // 2)
+def test_a_quick_stop_that_is_slower_than_the_ramp_read_back_is_found(warm_walking):
+    dictionary = warm_walking.session.machine.world.node(SLIDE).dictionary
+    dictionary.put(0x6085, 0, dictionary.value(0x6085) // 2)
 
-    done = accepted(configs, later=(InstructionCode.OPEN_HAND_SWITCH_NOW, slower))
+    done = warm_walking.opened()
 
     ramp = (Section.STOP_BY_HAND_SWITCH, FindingCode.RAMP)
     assert ramp in done.found(Judgement.FAILED, SLIDE)
@@ -354,12 +379,12 @@ def test_a_quick_stop_that_is_slower_than_the_ramp_read_back_is_found(configs):
     assert missing.reason.code is ReasonCode.FAILED_BEFORE
 
 
-def test_a_stop_by_another_cause_is_not_that_of_the_hand_switch_and_no_harder_one_follows(configs):
-    def fault_instead(session):
-        session.command("clear hand_switch_open *")
-        session.command(f"emcy {SLIDE} - 0x8611")
+def test_a_stop_by_another_cause_is_not_that_of_the_hand_switch_and_no_harder_one_follows(
+    warm_walking,
+):
+    warm_walking.session.command(f"emcy {SLIDE} - 0x8611")
 
-    done = accepted(configs, later=(InstructionCode.OPEN_HAND_SWITCH_NOW, fault_instead))
+    done = warm_walking.ended()
 
     for name in (HIP, SLIDE):
         acts = (Section.LIMITS, FindingCode.STOP_ACTS)

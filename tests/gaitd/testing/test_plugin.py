@@ -11,7 +11,6 @@ import time
 from pathlib import Path
 
 import pytest
-from foreign_pytest import ENVIRONMENT
 
 pytest_plugins = ["pytester"]
 
@@ -19,10 +18,14 @@ PROJECT = Path(__file__).parents[3]
 GUIDE = PROJECT / "docs" / "integrating.md"
 EXAMPLE = re.compile(r"<!-- example: (\w+\.py) -->\n```python\n(.*?)```\n<!-- end -->", re.S)
 EXAMPLES = dict(EXAMPLE.findall(GUIDE.read_text()))
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTEST_ADDOPTS"}
+"""Without the options that our pytest was given."""
 TIMEOUT_S = 100
 HOME = str(Path.home())
 SHORT = ("-p", "gaitd_lab.testing.plugin", "-p", "no:cacheprovider", "-ra")
 """The plugin by name: this tree's, also where an older one is installed."""
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "PYTEST_ADDOPTS"}
+"""Without the options that our own pytest was given."""
 
 
 def has_socketcan():
@@ -51,73 +54,55 @@ def outsider(pytester, monkeypatch):
     return run
 
 
-VCAN = has_socketcan() and os.geteuid() == 0
-OUTCOMES = {
-    "test_display.py": {"passed": 3},
-    "test_time.py": {"passed": 2},
-    "test_configured.py": {"passed": 4},
-    "test_own_node.py": {"passed": VCAN, "skipped": not VCAN},
-}
-THOROUGH = {"test_configured.py", "test_time.py"}
-"""What the second one uses is tested in this folder's `test_time.py` each time."""
+PASSED = {"test_display.py": 3, "test_time.py": 2, "test_configured.py": 4}
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.thorough) if name in THOROUGH else name
-        for name in EXAMPLES
-    ],
-)
+@pytest.mark.parametrize("name", EXAMPLES.keys() - {"test_own_node.py"})
 def test_every_example_of_the_guide_runs_as_it_is_printed(outsider, name):
+    """That with a node of its own runs in the rig, and below without one."""
     ran = outsider(**{name.removesuffix(".py"): EXAMPLES[name]})
 
-    ran.assert_outcomes(**OUTCOMES[name])
+    ran.assert_outcomes(passed=PASSED[name])
 
 
-USER_OF_NOTHING = """
-    import sys
-
-    def test_that_wants_nothing_of_ours_gets_nothing():
-        ours = {"daemon", "sim_drives", "gaitd_lab.testing.trainer", "numpy", "zenoh", "can"}
-        assert not ours & set(sys.modules)
-"""
 FAILING = """
-    import pytest
+import pytest
 
-    def test_failing(virtual_trainer):
-        with open("left", "w") as file:
-            pids = [str(process.pid) for process in virtual_trainer.parts.values()]
-            print(virtual_trainer.folder, *pids, file=file)
-        virtual_trainer.kill("gateway", 19)  # stopped, it obeys nothing
-        assert False, "as it was meant to"
+def test_failing(virtual_trainer):
+    with open("left", "w") as file:
+        pids = [str(process.pid) for process in virtual_trainer.parts.values()]
+        print(virtual_trainer.folder, *pids, file=file)
+    virtual_trainer.kill("gateway", 19)  # stopped, it obeys nothing
+    assert False, "as it was meant to"
 
-    @pytest.mark.virtual_trainer({"limits.toml": {"hip.torque_max_nm": 1e6}})
-    def test_refused(virtual_trainer):
-        pass
+@pytest.mark.virtual_trainer({"limits.toml": {"hip.torque_max_nm": 1e6}})
+def test_refused(virtual_trainer):
+    pass
 
-    @pytest.mark.virtual_trainer({"demo.toml": {"gait.announced_s": 1.0}})
-    def test_mistyped(virtual_trainer):
-        pass
+@pytest.mark.virtual_trainer({"demo.toml": {"gait.announced_s": 1.0}})
+def test_mistyped(virtual_trainer):
+    pass
 
-    def test_refused_a_vcan(vcan, monkeypatch):
-        pass
+def test_refused_a_vcan(vcan, monkeypatch):
+    pass
 
-    @pytest.mark.rig_vcan
-    def test_left_out():
-        pass
+@pytest.mark.rig_vcan
+def test_left_out():
+    pass
 """
 
 
 @pytest.fixture(scope="module")
 def failed(tmp_path_factory):
-    """A run of tests that fail in every way: its output, and where it was."""
+    """A run of tests that fail in every way and of one of the guide: its folder, its output."""
     folder = tmp_path_factory.mktemp("failed")
-    for name, text in (("test_a_nothing", USER_OF_NOTHING), ("test_b_failing", FAILING)):
-        (folder / f"{name}.py").write_text("\n".join(line[4:] for line in text.split("\n")))
+    (folder / "test_failing.py").write_text(FAILING)
+    (folder / "test_display.py").write_text(EXAMPLES["test_display.py"])
+    chosen = ("-k", "not silent and not another_name")
     ran = subprocess.run(
-        [sys.executable, "-m", "pytest", *SHORT, "--gaitd-rigs=none"],
+        [sys.executable, "-m", "pytest", *SHORT, "--gaitd-rigs=none", *chosen],
         cwd=folder,
         env=ENVIRONMENT,
         capture_output=True,
@@ -129,8 +114,8 @@ def failed(tmp_path_factory):
 
 
 @pytest.mark.timeout(600)
-def test_a_run_without_our_fixtures_imports_nothing_of_ours(failed):
-    assert "test_a_nothing.py ." in failed[1]
+def test_the_first_example_of_the_guide_runs_as_it_is_printed(failed):
+    assert "test_display.py ." in failed[1]
 
 
 @pytest.mark.timeout(600)
@@ -182,6 +167,13 @@ def test_where_there_is_no_vcan_the_reason_and_the_way_out_are_one_line(outsider
     required.stdout.fnmatch_lines(["*required, but vcan: *"])
 
 
+USER_OF_NOTHING = """
+import sys
+
+def test_that_wants_nothing_of_ours_gets_nothing():
+    ours = {"daemon", "sim_drives", "gaitd_lab.testing.trainer", "numpy", "zenoh", "can"}
+    assert not ours & set(sys.modules)
+"""
 WAITING = """
 import time
 
@@ -192,14 +184,17 @@ def test_waiting(virtual_trainer):
 """
 
 
-@pytest.mark.timeout(300)
-def test_nothing_runs_on_when_pytest_itself_is_killed(tmp_path):
-    (tmp_path / "test_waiting.py").write_text(WAITING)
-    begun, output = tmp_path / "begun", tmp_path / "output"
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory):
+    """A run that is killed in its second test: its output, and the processes of that test."""
+    folder = tmp_path_factory.mktemp("killed")
+    (folder / "test_a_nothing.py").write_text(USER_OF_NOTHING)
+    (folder / "test_b_waiting.py").write_text(WAITING)
+    begun, output = folder / "begun", folder / "output"
     with output.open("wb") as said:
         running = subprocess.Popen(
             [sys.executable, "-m", "pytest", *SHORT],
-            cwd=tmp_path,
+            cwd=folder,
             env=ENVIRONMENT,
             stdout=said,
             stderr=said,
@@ -209,10 +204,20 @@ def test_nothing_runs_on_when_pytest_itself_is_killed(tmp_path):
     finally:
         running.send_signal(signal.SIGKILL)
         running.wait()
+    return output, begun.read_text().split()
 
-    pids = begun.read_text().split()
+
+@pytest.mark.timeout(300)
+def test_nothing_runs_on_when_pytest_itself_is_killed(killed):
+    output, pids = killed
+
     assert len(pids) == 3
     until(lambda: not any(alive(pid) for pid in pids), output)
+
+
+@pytest.mark.timeout(300)
+def test_a_test_without_our_fixtures_imports_nothing_of_ours(killed):
+    assert "test_a_nothing.py ." in killed[0].read_text()
 
 
 def until(reached, output):
