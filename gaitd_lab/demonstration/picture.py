@@ -37,6 +37,8 @@ GAPS: Final = (
     "A gap in an estimate: the axis rests, or has just begun to move. Patient and friction "
     "can then not be told apart, and neither is published.\n"
     "A gap in all lines: the service is not running, between two parts of the demonstration.\n"
+    "±3σ also holds what the robot file states as not sure ([uncertainty]); this virtual machine "
+    "is exactly as its file says.\n"
     "One run, with one draw of the noise; docs/strides.md and docs/experiment.md have medians and "
     "ranges over ten."
 )

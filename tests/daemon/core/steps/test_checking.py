@@ -54,7 +54,7 @@ def core():
         )
         has_been_sent(axis, mode=MODES[number - 1], position_si=1.0)
         axis.reaction_cycles = 20 * number
-        axis.scaling = axis.scaling._replace(counts_per_si=100.0 if number == 1 else -100.0)
+        axis.scaling = axis.scaling._replace(counts_per_si=0.5 if number == 1 else -0.5)
         axis.spasm.cycles, axis.spasm.rise_si = number, 2.0 * number
         axis.clonus.cycles, axis.clonus.swing_si = 3 * number, 4.0 * number
         axis.energy.add(5.0 * number)
