@@ -84,6 +84,29 @@ def test_another_lease_begins_anew_once_the_assist_of_the_last_one_has_lapsed(co
     assert (leg.assist.accepted, leg.assist.seq) == (other, 1)
 
 
+def test_a_setpoint_for_no_leg_hides_none_behind_it_and_assist_in_force_is_followed_on(core):
+    (leg,) = core.legs
+    leg.assist = replace(leg.assist, effort_si=(2.0, 0.0))
+    has_received(core, setpoints=(Setpoint(7, 1, CYCLE, leg="left"), GOOD))
+
+    receive(core)
+
+    assert leg.assist.accepted == GOOD
+
+
+def test_an_older_lease_is_another_lease_as_well(core):
+    (leg,) = core.legs
+    leg.assist = replace(leg.assist, lease=9, accepted=GOOD, seq=4, effort_si=(2.0, 0.0))
+    has_received(core, setpoints=(GOOD,))
+
+    receive(core)
+
+    assert (leg.assist.lease, leg.assist.seq, leg.assist.accepted) == (7, -1, None)
+    core.assisted = Assisted(torque_lease=9)
+    assert [controllers.lapse(core, CYCLE) for _ in range(3)] == [True] * 3
+    assert core.assisted.lapse_count == 3
+
+
 def test_a_mode_without_assist_keeps_no_setpoint(core):
     (leg,) = core.legs
     leg.assist = replace(leg.assist, accepted=GOOD)
