@@ -103,8 +103,6 @@ class Leg:
     shape: GaitShape
     axes: tuple[Axis, Axis]
     observers: Observers
-    friction: tuple[FrictionParameters, FrictionParameters]
-    """Friction of hip and slide, as used by the observer."""
     phase_offset_strides: float
     exercise: Exercise | None = None
     reference: Reference | None = None
@@ -126,6 +124,11 @@ class Leg:
         hip, slide = self.friction
         self.mechanism = tuple(map(float, self.parameters))
         self.friction_laws = tuple(map(float, hip)), tuple(map(float, slide))
+
+    @property
+    def friction(self) -> tuple[FrictionParameters, FrictionParameters]:
+        """Friction of hip and slide, as used by the observer."""
+        return self.observers.friction
 
     @property
     def guidance_ratio(self) -> float:

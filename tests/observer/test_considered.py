@@ -163,7 +163,7 @@ def test_the_work_of_a_stride_is_wrong_by_what_its_sigma_says_of_a_parameter(wal
             std = f"{name}_std"
             by_parameter = np.sqrt(getattr(told.slide, std) ** 2 - getattr(right.slide, std) ** 2)
             found = abs(getattr(off.slide, name) - getattr(right.slide, name))
-            assert found == pytest.approx(by_parameter, rel=0.15, abs=0.02)
+            assert found == pytest.approx(by_parameter, rel=0.1, abs=0.02)
 
 
 def test_an_error_of_both_axes_is_added_up_before_it_is_squared(walk):

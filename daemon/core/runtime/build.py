@@ -224,7 +224,6 @@ def _leg(
             StrideCounter(drives.baseline),
             (hip_friction, slide_friction),
         ),
-        friction=(hip_friction, slide_friction),
         phase_offset_strides=phase,
     )
 

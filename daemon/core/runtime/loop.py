@@ -128,10 +128,10 @@ class Loop:
             self._publish(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
             return ExitCode.REFUSED
         except Exception as bug:  # noqa: BLE001 - the one broad catch: it stops the machine
+            self.bug = bug  # first: what follows may fail, too
             self._supervision.begin_end()  # the watchdog is not fed from here on
             stop_without_feedback(self._core, self._line, self._clock, self._settings)
             self._write_state()
-            self.bug = bug
             return ExitCode.BUG
         return ExitCode.ENDED
 

@@ -1,7 +1,7 @@
 """Setpoints of controllers: checked, put in force, and lapsed.
 
-`assist.py` has the rules for one leg; this file applies them to the state of the core, and reports
-to `supervisor.py` when assist has lapsed. It is the only writer of assist in the state.
+`assist.py` has the rules for one leg; this file applies them to all legs, and says when assist has
+lapsed. It makes `LegAssist` and `Assisted`.
 """
 
 from collections.abc import Sequence
@@ -13,9 +13,9 @@ from daemon.core.core_config import CoreConfig
 from daemon.core.modes import roles
 from daemon.core.modes.table import rules_of
 from daemon.core.motion import assist
-from daemon.core.motion.assist import FULL_STIFFNESS, SetpointContext
+from daemon.core.motion.assist import FULL_STIFFNESS, AssistRules, SetpointContext
 from daemon.core.slices import Assisted, Inputs, LegAssist
-from daemon.core.state import Core, Leg
+from daemon.core.state import Leg
 from daemon.ipc.record import Request, Setpoint
 
 
@@ -86,55 +86,75 @@ def _counted(assisted: Assisted, refusal: SetpointRefusal | None) -> Assisted:
     return replace(assisted, refused_count={**counts, refusal: counts.get(refusal, 0) + 1})
 
 
-def begin(core: Core, request: Request) -> None:
-    """Enter a mode with the cap of its plan; TORQUE without assist, until a first setpoint."""
-    core.assisted = replace(core.assisted, cap_si=roles.assist_cap_si(request))
+def begun(
+    legs: Sequence[Leg], before: Assisted, request: Request, lease: int
+) -> tuple[list[LegAssist], Assisted]:
+    """Enter a mode with the cap of its plan; TORQUE without assist, until a first setpoint.
+
+    Args:
+        legs: their assist is read.
+        before: what controllers may do so far.
+        request: the accepted request for the mode.
+        lease: the lease that is held now.
+
+    Returns:
+        The assist of each leg, and what controllers may do from now on.
+    """
+    assists = [leg.assist for leg in legs]
+    after = replace(before, cap_si=roles.assist_cap_si(request))
     if request.mode.mode != Mode.TORQUE:
-        return
-    core.assisted = replace(core.assisted, torque_lease=core.inputs.lease)
-    for leg in core.legs:
-        leg.assist = replace(leg.assist, accepted=None)
+        return assists, after
+    return [replace(one, accepted=None) for one in assists], replace(after, torque_lease=lease)
 
 
-def lapse(core: Core, cycle: int) -> bool:
-    """True if assist has lapsed in this cycle; its reason is in the record."""
+def lapse(
+    legs: Sequence[Leg], before: Assisted, lease: int, mode: Mode, config: CoreConfig, cycle: int
+) -> Assisted | None:
+    """What has become of the setpoints where assist has lapsed in this cycle; else None.
+
+    Args:
+        legs: assist and exercise are read.
+        before: of the last cycle.
+        lease: the lease that is held now.
+        mode: of the machine.
+        config: of the core.
+        cycle: the number of this cycle.
+    """
     reason = Lapse.NONE
-    if core.mode == Mode.TORQUE:
-        reason = _lapse_of_torque(core, cycle)
-    elif core.mode == Mode.GAIT:
-        reason = _lapse_of_gait(core, cycle)
+    if mode == Mode.TORQUE:
+        reason = _lapse_of_torque(legs, config, cycle, same_lease=lease == before.torque_lease)
+    elif mode == Mode.GAIT:
+        reason = _lapse_of_gait(legs, config.assist_rules, cycle)
     if reason is Lapse.NONE:
-        return False
-    count = core.assisted.lapse_count + 1
-    core.assisted = replace(core.assisted, lapse_count=count, lapse_reason=reason)
-    return True
+        return None
+    return replace(before, lapse_count=before.lapse_count + 1, lapse_reason=reason)
 
 
-def _lapse_of_torque(core: Core, cycle: int) -> Lapse:
-    rules = core.config.assist_rules
-    if core.inputs.lease != core.assisted.torque_lease:
+def _lapse_of_torque(
+    legs: Sequence[Leg], config: CoreConfig, cycle: int, *, same_lease: bool
+) -> Lapse:
+    rules = config.assist_rules
+    if not same_lease:
         return Lapse.LEASE_ENDED
-    accepted = [leg.assist.accepted for leg in core.legs if leg.assist.accepted is not None]
+    accepted = [leg.assist.accepted for leg in legs if leg.assist.accepted is not None]
     if not all(assist.is_fresh(one, cycle, rules) for one in accepted):
         return Lapse.STALE
-    if not accepted and _waited_cycles(core) > rules.start_cycles:
+    if not accepted and _waited_cycles(legs[0], config.period_s) > rules.start_cycles:
         return Lapse.NO_SETPOINT
     return Lapse.NONE
 
 
-def _lapse_of_gait(core: Core, cycle: int) -> Lapse:
-    rules = core.config.assist_rules
-    accepted = [leg.assist.accepted for leg in core.legs if assist.is_active(leg.assist)]
+def _lapse_of_gait(legs: Sequence[Leg], rules: AssistRules, cycle: int) -> Lapse:
+    accepted = [leg.assist.accepted for leg in legs if assist.is_active(leg.assist)]
     if any(one is None for one in accepted):
         return Lapse.LEASE_ENDED
     fresh = all(one is not None and assist.is_fresh(one, cycle, rules) for one in accepted)
     return Lapse.NONE if fresh else Lapse.STALE
 
 
-def _waited_cycles(core: Core) -> int:
-    exercise = core.legs[0].exercise
-    elapsed_s = 0.0 if exercise is None else exercise.elapsed_s
-    return round(elapsed_s / core.config.period_s)
+def _waited_cycles(leg: Leg, period_s: float) -> int:
+    elapsed_s = 0.0 if leg.exercise is None else leg.exercise.elapsed_s
+    return round(elapsed_s / period_s)
 
 
 def advance(leg: Leg, mode: Mode, config: CoreConfig, cycle: int, *, enabled: bool) -> LegAssist:

@@ -156,7 +156,11 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         core.reset_cycles_left, core.reset_settle_cycles = RESET_CYCLES, 0
     else:
         exercises.begin(core, request.mode)
-        controllers.begin(core, request)
+        assists, core.assisted = controllers.begun(
+            core.legs, core.assisted, request, core.inputs.lease
+        )
+        for leg, assist in zip(core.legs, assists, strict=True):
+            leg.assist = assist
         _enter(core, MODES[request.mode.mode].trigger)
 
 
@@ -331,7 +335,11 @@ def _advance(core: Core, cycle: int, utc_ns: int) -> list[LegSample]:
 
 def _check_lapse(core: Core, cycle: int) -> None:
     """If assist has lost its lease or its setpoints: brake from where the leg is, and hold."""
-    if controllers.lapse(core, cycle):
+    lapsed = controllers.lapse(
+        core.legs, core.assisted, core.inputs.lease, core.mode, core.config, cycle
+    )
+    if lapsed is not None:
+        core.assisted = lapsed
         exercises.brake_and_hold(core)
         _enter(core, Trigger.LEASE_LAPSED)
 

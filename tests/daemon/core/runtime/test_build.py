@@ -125,6 +125,7 @@ def test_everything_that_a_cycle_calls_is_called_once_before(monkeypatch):
     for name in alone:
         monkeypatch.setattr(warm_up, name, recorded(name))
     leg.observers = SimpleNamespace(
+        friction=leg.friction,
         observer=SimpleNamespace(reset=recorded("reset"), step=recorded("step", "estimate")),
         smoother=SimpleNamespace(add=recorded("add")),
         strides=SimpleNamespace(warm_up=recorded("strides")),

@@ -31,6 +31,12 @@ def advanced(core, *, enabled=True):
     return controllers.advance(leg, core.mode, core.config, CYCLE, enabled=enabled)
 
 
+def lapsed(core, before):
+    """What has become of the setpoints if assist lapses in this cycle."""
+    lease = core.inputs.lease
+    return controllers.lapse(core.legs, before, lease, core.mode, core.config, CYCLE)
+
+
 @pytest.fixture
 def core():
     """A core in mode TORQUE under lease 7, whose leg has accepted nothing yet."""
@@ -102,9 +108,7 @@ def test_an_older_lease_is_another_lease_as_well(core):
     receive(core)
 
     assert (leg.assist.lease, leg.assist.seq, leg.assist.accepted) == (7, -1, None)
-    core.assisted = Assisted(torque_lease=9)
-    assert [controllers.lapse(core, CYCLE) for _ in range(3)] == [True] * 3
-    assert core.assisted.lapse_count == 3
+    assert lapsed(core, Assisted(torque_lease=9, lapse_count=2)).lapse_count == 3
 
 
 def test_a_mode_without_assist_keeps_no_setpoint(core):
@@ -121,15 +125,14 @@ def test_a_mode_without_assist_keeps_no_setpoint(core):
 def test_mode_torque_begins_under_the_lease_of_now_and_without_assist(core, mode, lease, kept):
     (leg,) = core.legs
     leg.assist = replace(leg.assist, accepted=GOOD)
-    has_received(core, lease=9)
     plan = Plan(1.0, 1.0, 1.0, AxisPlan(3.0), AxisPlan())
     request = Request(1, RequestKind.MODE, CYCLE, ModeRequest(mode), Role.SESSION, plan)
 
-    controllers.begin(core, request)
+    (assist,), assisted = controllers.begun(core.legs, core.assisted, request, 9)
 
-    assert core.assisted.torque_lease == lease
-    assert (leg.assist.accepted is GOOD) is kept
-    assert core.assisted.cap_si == ((3.0, math.inf) if mode is Mode.GAIT else (math.inf, math.inf))
+    assert assisted.torque_lease == lease
+    assert (assist.accepted is GOOD) is kept
+    assert assisted.cap_si == ((3.0, math.inf) if mode is Mode.GAIT else (math.inf, math.inf))
 
 
 OLD = CYCLE - 11
@@ -161,11 +164,10 @@ def test_assist_lapses_with_its_lease_and_with_stale_or_missing_setpoints(
     leg.assist = replace(leg.assist, accepted=accepted, effort_si=effort_si)
     leg.exercise = None if elapsed_s is None else SimpleNamespace(elapsed_s=elapsed_s)
 
-    assert controllers.lapse(core, CYCLE) is (reason is not Lapse.NONE)
-    assert (core.assisted.lapse_count, core.assisted.lapse_reason) == (
-        reason is not Lapse.NONE,
-        reason,
-    )
+    after = lapsed(core, core.assisted)
+
+    assert (Lapse.NONE if after is None else after.lapse_reason) is reason
+    assert after is None or after.lapse_count == 1
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from gaitd_names import (
     EventCode,
     Failure,
     Finding,
+    Lapse,
     Mode,
     Outcome,
     ProgressCode,
@@ -28,7 +29,7 @@ from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import DriveStop, Step, begin
 from daemon.core.slices import Placed
 from daemon.core.state import HOLD_SETTLE_CYCLES
-from daemon.core.steps import controllers, exercises, single_axis, supervisor
+from daemon.core.steps import exercises, single_axis, supervisor
 from daemon.core.steps.single_axis import Change
 from daemon.ipc.record import ModeRequest, Request, Verdict
 from daemon.ipc.report import Event, Progress
@@ -636,16 +637,17 @@ def test_the_load_is_compared_once_and_in_hold_alone(bench, mode, checked):
     assert bench.core.load_settle_cycles == (mode is Mode.HOLD and not checked)
 
 
-def test_assist_that_has_lapsed_ends_in_hold_from_where_the_leg_is(bench, monkeypatch):
+def test_assist_that_has_lapsed_ends_in_hold_from_where_the_leg_is(bench):
     core, (leg,) = bench.core, bench.core.legs
     core.mode, leg.exercise, leg.takes_over = Mode.GAIT, None, False
-    monkeypatch.setattr(controllers, "lapse", lambda core, cycle: cycle == bench.cycle)
+    leg.assist = replace_fields(leg.assist, effort_si=(2.0, 0.0), accepted=None)
 
     bench.turn()
 
     assert core.mode == Mode.HOLD
     assert leg.takes_over
     assert leg.exercise is not None
+    assert (core.assisted.lapse_count, core.assisted.lapse_reason) == (1, Lapse.LEASE_ENDED)
     assert core.events == [mode_changed(Mode.GAIT, Mode.HOLD, Trigger.LEASE_LAPSED)]
 
 
