@@ -25,7 +25,14 @@ from daemon.config.robot import (
     observer_tuning,
 )
 from daemon.config.settings import Robot
-from observer.filter.leg_observer import CALLER_BITS, Setup, check_tuning, setup_of
+from observer.filter.considered import NOTHING_KNOWN, Known
+from observer.filter.leg_observer import (
+    CALLER_BITS,
+    Setup,
+    check_tuning,
+    setup_of,
+    with_baseline,
+)
 from observer.offline.batch import BatchEstimates, Columns, run
 from observer.offline.smooth_batch import run_smoothed
 
@@ -125,15 +132,15 @@ def read_ring(path: Path, leg: str | None = None) -> Source:
     return Source(made, robot, name, np.array(bits, dtype=np.int64), said)
 
 
-def setup_for(robot: Robot) -> Setup:
-    """The observer's constant arguments for a robot.
+def setup_for(robot: Robot, known: Known = NOTHING_KNOWN) -> Setup:
+    """The observer's constant arguments for a robot, and for what a baseline says of it.
 
     Raises:
         TuningError: the service would not run with it either.
     """
     parts = leg_parameters(robot), *friction_parameters(robot), observer_tuning(robot)
     check_tuning(*parts)
-    return setup_of(*parts, considered(robot))
+    return with_baseline(setup_of(*parts, considered(robot)), known)
 
 
 def filter_setup(robot: Robot) -> Setup:
@@ -145,16 +152,24 @@ def filter_setup(robot: Robot) -> Setup:
     return setup_of(leg_parameters(robot), hip, slide, observer_tuning(robot))
 
 
-def estimate(source: Source, robot: Robot, progress: Progress | None = None) -> BatchEstimates:
+def estimate(
+    source: Source,
+    robot: Robot,
+    progress: Progress | None = None,
+    known: Known = NOTHING_KNOWN,
+) -> BatchEstimates:
     """Run the observer over the whole recording."""
-    return run(setup_for(robot), columns_of(source), progress)
+    return run(setup_for(robot, known), columns_of(source), progress)
 
 
 def estimate_smoothed(
-    source: Source, robot: Robot, progress: Progress | None = None
+    source: Source,
+    robot: Robot,
+    progress: Progress | None = None,
+    known: Known = NOTHING_KNOWN,
 ) -> BatchEstimates:
     """Run observer and smoother over the whole recording."""
-    return run_smoothed(setup_for(robot), columns_of(source), progress)
+    return run_smoothed(setup_for(robot, known), columns_of(source), progress)
 
 
 def columns_of(source: Source) -> Columns:

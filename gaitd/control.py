@@ -67,6 +67,14 @@ def mode(
     amplitude: Annotated[float, typer.Option(help="0 to 1 of the full gait, for gait.")] = 0.0,
     duration: Annotated[float, typer.Option(help="Seconds, for gait and excite.")] = 0.0,
     scenario: Annotated[str, typer.Option(help="Name in the configuration, for excite.")] = "",
+    baseline: Annotated[
+        bool,
+        typer.Option(
+            "--baseline",
+            help="The patient is passive, for a gait of a minute; what is estimated meanwhile is"
+            " taken off from then on.",
+        ),
+    ] = False,
     config: ConfigOption = None,
     endpoint: EndpointOption = None,
     trainer: TrainerOption = None,
@@ -83,5 +91,6 @@ def mode(
         amplitude_ratio=amplitude,
         duration_s=duration,
         scenario=scenario,
+        baseline=baseline,
     )
     raise typer.Exit(code)

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from daemon.ipc.record import CycleRecord
     from daemon.ipc.transport import RingHeader
     from gaitd.terminal import Update
+    from observer.filter.considered import Known
+    from observer.offline.batch import BatchEstimates
 
 
 def command(
@@ -62,7 +64,7 @@ def command(
         Path | None, typer.Option(metavar="PNG", help="draw the strides; or a folder")
     ] = None,
     baseline: Annotated[
-        Path | None, typer.Option(help="of `gaitd baseline`, taken off the stride figures")
+        Path | None, typer.Option(help="of `gaitd baseline`, taken off the estimate")
     ] = None,
     publish: Annotated[
         bool,
@@ -193,10 +195,11 @@ def _one(
     from analysis.replay_report import drift_lines, recording_lines
 
     robot, name = _robot(source, given.robot)
+    known = _known(given, robot)
     warm_up(robot, smooth=given.smooth)
     begun_s = time.perf_counter()
     run = estimate_smoothed if given.smooth else estimate
-    estimates = run(source, robot, stage("estimating"))
+    estimates = run(source, robot, stage("estimating"), known)
     computing_s = time.perf_counter() - begun_s
     write_csv(source.recording.time_s, estimates, draft.output, stage("writing"))
     whole_s = reading_s + time.perf_counter() - begun_s
@@ -207,39 +210,47 @@ def _one(
     yield from recording_lines(source, estimates, name, computing_s, whole_s)
     yield from drift_lines(estimates, robot)
     if draft.strides is not None or draft.strides_plot is not None:
-        yield from _strides(source, robot, given, draft, target)
+        yield from _strides(source, estimate_smoothed(source, robot, known=known), draft, target)
     yield f"estimates    {target.output}{', smoothed' if given.smooth else ''}"
     if target.plot is not None:
         yield f"picture      {target.plot}"
 
 
 def _strides(
-    source: "Source", robot: "Robot", given: Given, draft: Targets, target: Targets
+    source: "Source", smooth: "BatchEstimates", draft: Targets, target: Targets
 ) -> Iterator[str]:
     """Write strides, which are always computed from the smoothed estimate."""
-    from gaitd_toml import read_toml
-
-    from analysis.replay import columns_of, estimate_smoothed
+    from analysis.replay import columns_of
     from analysis.replay_report import stride_lines
     from analysis.stride_figure import draw
     from analysis.stride_table import write_csv
-    from daemon.config.baseline import load_baseline
     from observer.strides import strides_of
 
-    passive = None
-    if given.baseline is not None:
-        if given.robot is None:
-            allowed = "the robot file of the baseline"
-            raise ConfigError(COMMAND_LINE, "--robot", MISSING, allowed)
-        passive = load_baseline(given.baseline, read_toml(given.robot).sha256)
-    smooth = estimate_smoothed(source, robot)
-    found = strides_of(smooth, columns_of(source), passive)
+    found = strides_of(smooth, columns_of(source))
     time_s = source.recording.time_s
     if draft.strides is not None:
         write_csv([(float(time_s[row]), stride) for row, stride in found], draft.strides)
     if draft.strides_plot is not None:
         draw(found, time_s, smooth).savefig(draft.strides_plot, format="png")
     yield from stride_lines(found, (target.strides, target.strides_plot))
+
+
+def _known(given: Given, robot: "Robot") -> "Known":
+    """What the baseline says; the time from it to the recording is not known."""
+    from gaitd_toml import read_toml
+
+    from daemon.config.baseline import load_baseline
+    from daemon.config.robot import frictional
+    from observer.baseline import FADE_S, known
+    from observer.filter.considered import NOTHING_KNOWN
+
+    if given.baseline is None:
+        return NOTHING_KNOWN
+    if given.robot is None:
+        allowed = "the robot file of the baseline"
+        raise ConfigError(COMMAND_LINE, "--robot", MISSING, allowed)
+    sha256 = read_toml(given.robot).sha256
+    return known(load_baseline(given.baseline, sha256, frictional(robot)), FADE_S)
 
 
 def _robot(source: "Source", named: Path | None) -> "tuple[Robot, str]":

@@ -1,102 +1,246 @@
-"""The passive baseline: the estimated patient effort, by gait phase, of a passive patient.
+"""The passive baseline: what a minute of gait with a passive patient says of the machine's errors.
 
-Leg mass, springs and friction never match their configuration exactly. The resulting error repeats
-with the stride, so it is recorded once with a passive patient, and subtracted from then on.
+Leg mass, springs, friction and sensors never match their file exactly. A passive patient exerts
+nothing, so what the observer takes for the patient then is the error of the file. It is explained
+by the considered parameters (`filter/considered.py`): a linear regression of the estimate on the
+error by each of them, with the file's uncertainties as prior. So a baseline holds at other
+cadences, too, and what it has found of a parameter narrows sigma.
+
+    y = sum theta_k e_k + r          y: mean smoothed estimate in one of BINS parts of the stride,
+    theta ~ N(0, I)                  e_k: mean error by parameter k, in one of its deviations
+    r ~ N(0, kept^2 + s^2 / strides) s: scatter from stride to stride
+
+What repeats cannot be told from the machine: a patient who pushes in this minute is taken for an
+error of a parameter. `kept` is what sigma keeps for that, and for what no parameter explains: at
+least KEPT_MIN, at most the root mean square of what the regression has left.
+
+Friction follows temperature and grease at a rate that is not known, so what is known of it fades:
+its uncertainty grows with time, and is that of the file again FADE_S later. Masses, springs and
+angles stay.
 """
 
+from collections.abc import Sequence
+from enum import IntEnum
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.filter.considered import Known, known_of
 from observer.offline.batch import BatchEstimates, Columns
 from observer.strides import (
-    BASELINE_BINS,
     DT,
+    HIP,
     KNOWN,
     PATIENT,
+    PATIENT_VARIANCE,
+    UNSURE,
+    Stride,
     StrideCounter,
     samples_of,
 )
 
+Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-STRIDES_MIN: Final = 5
-SAMPLES_MIN: Final = 3
-"""Samples in each bin."""
+BINS: Final = 50
+STRIDES_MIN: Final = 8
+"""A minute at 0.15 Hz has nine."""
+KEPT_MIN: Final = (0.15, 1.0)
+"""N m, N: a tenth of what a relaxed leg may exert without its owner's notice."""
+SCATTER_MAX: Final = (0.5, 4.0)
+"""N m, N: an estimate that differs more from stride to stride is not that of a passive patient."""
+FADE_S: Final = 400.0
+"""Friction that falls by a quarter in ten minutes stays within two sigma until then."""
+OTHER_GAIT_RATIO: Final = 1.1
+"""A cadence or swing that differs by more than this factor is another gait."""
+OTHER_GAIT_KEPT_RATIO: Final = 2.0
+"""What no parameter explains has another shape in another gait."""
+_ROUNDS: Final = 3
+"""Of regression and estimate of what it leaves; the third changes nothing any more."""
 
 
 class Baseline(NamedTuple):
-    """Baseline by gait phase in BASELINE_BINS bins, from one rise of the hip to the next."""
+    """What a minute with a passive patient has found, for n considered parameters."""
 
-    mean: Matrix
-    """Shape (BASELINE_BINS, 2): N m, N; NaN in a bin without samples."""
-    std: Matrix
-    """Standard deviation of the samples about the mean, same shape."""
-    sample_count: NDArray[np.int64]
-    """Number of samples, same shape."""
+    theta: Vector
+    """Error of each parameter in its standard deviations, (n)."""
+    covariance: Matrix
+    """Covariance of these errors, (n, n)."""
+    kept_std: tuple[float, float]
+    """N m, N: what the baseline cannot tell from the patient."""
+    frictional: tuple[bool, ...]
+    """The parameters that are of friction, (n)."""
     stride_count: int
     cadence_hz: float
     """Mean over the strides."""
+    swing_rad: float
+    """Swing of the hip, from its lowest to its highest angle."""
 
 
-class TooFewError(ValueError):
-    """The recording is not sufficient for a baseline; the message names what is missing."""
+class Unfit(IntEnum):
+    """Why a minute gives no baseline."""
+
+    FEW_STRIDES = 1
+    FEW_SAMPLES = 2
+    """The patient of an axis is known in too few parts of the stride."""
+    NOT_PASSIVE = 3
+    """The patient's effort differs from stride to stride."""
 
 
-def baseline_of(smooth: BatchEstimates, columns: Columns) -> Baseline:
-    """Compute the baseline of a smoothed passive recording.
+class NotPassiveError(ValueError):
+    """The minute gives no baseline."""
 
-    Bins in which the split was never observable, at a reversal, are interpolated from their
-    neighbours.
+    def __init__(self, why: Unfit, axis: int, value: float, limit: float) -> None:
+        """Name what is missing or too much: on the hip (0) or the slide (1)."""
+        super().__init__(why.name)
+        self.why, self.axis, self.value, self.limit = why, axis, value, limit
+
+
+def known(baseline: Baseline, age_s: float, *, other_gait: bool = False) -> Known:
+    """What the baseline says `age_s` after it was taken, for `LegObserver.take_baseline`."""
+    fade = min(max(age_s, 0.0) / FADE_S, 1.0) ** 2
+    covariance = baseline.covariance + np.diag(fade * np.array(baseline.frictional, dtype=float))
+    ratio = OTHER_GAIT_KEPT_RATIO if other_gait else 1.0
+    return known_of(baseline.theta, covariance, ratio * np.array(baseline.kept_std))
+
+
+def is_other_gait(baseline: Baseline, cadence_hz: float, swing_rad: float) -> bool:
+    """True if a stride is not like those of the baseline."""
+    cadence_ratio = cadence_hz / baseline.cadence_hz
+    swing_ratio = swing_rad / baseline.swing_rad
+    inside = 1.0 / OTHER_GAIT_RATIO, OTHER_GAIT_RATIO
+    return not all(inside[0] <= one <= inside[1] for one in (cadence_ratio, swing_ratio))
+
+
+def swing_of(rows: Matrix) -> float:
+    """Swing of the hip in the samples of one stride, rad."""
+    return float(np.ptp(rows[:, HIP]))
+
+
+class PassiveStrides:
+    """Sums over the strides of a passive patient, until they give a baseline."""
+
+    def __init__(self, frictional: Sequence[bool]) -> None:
+        """Begin without strides.
+
+        Args:
+            frictional: which of the considered parameters are of friction.
+        """
+        count = len(frictional)
+        self._frictional = tuple(frictional)
+        self._sums = np.zeros((2, BINS, 3 + count))
+        self._counts = np.zeros((2, BINS))
+        self._durations_s: list[float] = []
+        self._swings_rad: list[float] = []
+
+    @property
+    def stride_count(self) -> int:
+        """Number of strides so far."""
+        return len(self._durations_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of all strides so far."""
+        return sum(self._durations_s)
+
+    def add(self, stride: Stride, rows: Matrix) -> None:
+        """Add a stride and its samples, as `StrideCounter.completed` has them, without baseline."""
+        count = len(self._frictional)
+        ends_s = np.cumsum(rows[:, DT])
+        places = ((ends_s - 0.5 * rows[:, DT]) / ends_s[-1] * BINS).astype(np.intp)
+        for axis in range(2):
+            counted = rows[:, KNOWN + axis] > 0.0
+            errors = rows[counted, UNSURE + axis : UNSURE + 2 * count : 2]
+            own = rows[counted, PATIENT_VARIANCE + axis] - np.square(errors).sum(axis=1)
+            columns = np.column_stack((rows[counted, PATIENT + axis], own, errors))
+            filled, begins, samples = np.unique(
+                places[counted], return_index=True, return_counts=True
+            )
+            # Sums of neighbours, as places rise: a product of matrices would start threads.
+            means = np.add.reduceat(columns, begins, axis=0) / samples[:, None]
+            self._sums[axis, filled, : 2 + count] += means
+            self._sums[axis, filled, 2 + count] += np.square(means[:, 0])
+            self._counts[axis, filled] += 1.0
+        self._durations_s.append(stride.duration_s)
+        self._swings_rad.append(swing_of(rows))
+
+    def result(self) -> Baseline:
+        """The baseline of the strides so far.
+
+        Raises:
+            NotPassiveError: too few strides, an axis with too few valid samples, or an estimate
+                that does not repeat from stride to stride.
+        """
+        if self.stride_count < STRIDES_MIN:
+            raise NotPassiveError(Unfit.FEW_STRIDES, 0, self.stride_count, STRIDES_MIN)
+        axes = [self._axis(axis) for axis in range(2)]
+        kept = np.array(KEPT_MIN)
+        theta, covariance = _regression(axes, kept)
+        for _ in range(_ROUNDS - 1):
+            left = [np.sqrt(np.mean(np.square(one.patient - one.errors @ theta))) for one in axes]
+            kept = np.maximum(KEPT_MIN, left)
+            theta, covariance = _regression(axes, kept)
+        hip_nm, slide_n = kept.tolist()
+        return Baseline(
+            theta,
+            covariance,
+            (hip_nm, slide_n),
+            self._frictional,
+            self.stride_count,
+            self.stride_count / self.duration_s,
+            float(np.mean(self._swings_rad)),
+        )
+
+    def _axis(self, axis: int) -> "_Means":
+        often = self._counts[axis] >= 0.5 * self.stride_count
+        if 2 * often.sum() < BINS:
+            raise NotPassiveError(Unfit.FEW_SAMPLES, axis, int(often.sum()), BINS // 2)
+        counts = self._counts[axis, often]
+        means = self._sums[axis, often] / counts[:, None]
+        patient = means[:, 0]
+        scatter = np.maximum(means[:, -1] - np.square(patient), 0.0)
+        scatter_std = float(np.sqrt(scatter.mean()))
+        if scatter_std > SCATTER_MAX[axis]:
+            raise NotPassiveError(Unfit.NOT_PASSIVE, axis, scatter_std, SCATTER_MAX[axis])
+        return _Means(patient, means[:, 2:-1], np.maximum(means[:, 1], scatter) / counts)
+
+
+class _Means(NamedTuple):
+    """Means over the strides in the parts in which the axis is known."""
+
+    patient: Vector
+    errors: Matrix
+    variance: Vector
+    """Variance of `patient`, without what repeats."""
+
+
+def _regression(axes: Sequence[_Means], kept: Vector) -> tuple[Vector, Matrix]:
+    """Mean and covariance of the parameters' errors, given what they do not explain."""
+    count = axes[0].errors.shape[1]
+    information, weighted = np.eye(count), np.zeros(count)
+    for one, kept_std in zip(axes, kept, strict=True):
+        weights = 1.0 / (kept_std**2 + one.variance)
+        information += (one.errors * weights[:, None]).T @ one.errors
+        weighted += one.errors.T @ (weights * one.patient)
+    covariance = np.linalg.inv(information)
+    return covariance @ weighted, 0.5 * (covariance + covariance.T)
+
+
+def baseline_of(smooth: BatchEstimates, columns: Columns, frictional: Sequence[bool]) -> Baseline:
+    """Compute the baseline of a smoothed recording of a passive patient.
+
+    Args:
+        smooth: from `smooth_batch.run_smoothed`, without baseline.
+        columns: the recording.
+        frictional: which of the considered parameters are of friction.
 
     Raises:
-        TooFewError: too few strides, or an axis with too few valid samples.
+        NotPassiveError: the recording gives none.
     """
-    counter = StrideCounter()
-    sums, squares = np.zeros((BASELINE_BINS, 2)), np.zeros((BASELINE_BINS, 2))
-    counts = np.zeros((BASELINE_BINS, 2), dtype=np.int64)
-    durations_s: list[float] = []
+    counter, strides = StrideCounter(), PassiveStrides(frictional)
     for sample in samples_of(smooth, columns):
         stride = counter.add(sample)
-        if stride is None:
-            continue
-        durations_s.append(stride.duration_s)
-        _add(counter.completed, sums, squares, counts)
-    if len(durations_s) < STRIDES_MIN:
-        raise TooFewError(
-            f"has {len(durations_s)} strides; a baseline needs at least {STRIDES_MIN}"
-        )
-    for axis, name in enumerate(("hip", "slide")):
-        known = int(np.count_nonzero(counts[:, axis] >= SAMPLES_MIN))
-        if known < BASELINE_BINS // 2:
-            raise TooFewError(
-                f"the {name}'s patient is known in {known} of {BASELINE_BINS} parts of the stride; "
-                "at least half are needed: use a higher cadence or amplitude"
-            )
-    with np.errstate(invalid="ignore", divide="ignore"):
-        mean = sums / counts
-        std = np.sqrt(np.maximum(squares / counts - mean * mean, 0.0))
-    for axis in range(2):
-        _bridge(mean[:, axis], counts[:, axis] >= SAMPLES_MIN)
-        _bridge(std[:, axis], counts[:, axis] >= SAMPLES_MIN)
-    return Baseline(mean, std, counts, len(durations_s), len(durations_s) / sum(durations_s))
-
-
-def _add(rows: Matrix, sums: Matrix, squares: Matrix, counts: NDArray[np.int64]) -> None:
-    ends_s = np.cumsum(rows[:, DT])
-    bins = ((ends_s - 0.5 * rows[:, DT]) / ends_s[-1] * BASELINE_BINS).astype(np.intp)
-    for axis in range(2):
-        known = rows[:, KNOWN + axis] > 0.0
-        patient = rows[known, PATIENT + axis]
-        np.add.at(sums[:, axis], bins[known], patient)
-        np.add.at(squares[:, axis], bins[known], patient * patient)
-        np.add.at(counts[:, axis], bins[known], 1)
-
-
-def _bridge(values: NDArray[np.float64], known: NDArray[np.bool_]) -> None:
-    """Interpolate unknown bins from their neighbours, cyclically."""
-    places = np.arange(BASELINE_BINS)
-    values[~known] = np.interp(
-        places[~known], places[known], values[known], period=float(BASELINE_BINS)
-    )
+        if stride is not None:
+            strides.add(stride, counter.completed)
+    return strides.result()

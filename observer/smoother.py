@@ -14,6 +14,8 @@ points (Saerkkae, Bayesian Filtering and Smoothing, 2013, 10.2):
 P_k - G P- G' equals W_k, but W_k is a sum of squares: nothing is subtracted from a covariance here
 either. Where the filter restarted the chain is cut: later samples do not affect earlier estimates.
 
+The result is what is published: without the part that a passive baseline explains.
+
 Each cycle is one node in a ring of LAG + 1; all in one flat array of floats, so a copy is a
 snapshot. `store` is called after each `leg_filter.advance`, with its
 memory and points; `smoothed` gives the node that is LAG cycles old.
@@ -27,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
-from observer.filter.considered import VARIANTS_MAX, widen
+from observer.filter.considered import VARIANTS_MAX, take_off, widen
 from observer.filter.leg_filter import Setup, constants_of
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES, STEP_S
@@ -79,7 +81,8 @@ SMOOTH_NET: Final = SMOOTH_COVARIANCE + N * (N + 1) // 2
 SMOOTH_NET_STD: Final = SMOOTH_NET + 2
 SMOOTH_CYCLE_DATA: Final = SMOOTH_NET_STD + 2
 SMOOTH_UNSURE: Final = SMOOTH_CYCLE_DATA + CYCLE_DATA_COUNT
-"""Error of the patient's effort by each considered parameter, hip then slide; 0 for none."""
+"""Error of the patient's effort by each considered parameter, hip then slide; 0 for none. With a
+baseline by each independent combination of them."""
 SMOOTH_SIZE: Final = SMOOTH_UNSURE + 2 * VARIANTS_MAX
 
 
@@ -230,12 +233,17 @@ def smoothed(
             constants.model,
             constants.variants,
             constants.variant_count,
+            constants.known,
             (node[ACTED], node[ACTED + 1]),
             node[UNSURE_FRICTION:],
             SMOOTH_NET_STD,
+            work[2 * SQUARE :],
             out[SMOOTH_UNSURE:],
+            work,
             out,
         )
+        if constants.known.taken:
+            take_off(work, SMOOTH_NET, out)
     return True
 
 

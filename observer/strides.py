@@ -4,8 +4,7 @@ A stride begins where the hip's angle rises through its slow mean (towards flexi
 been lower by SWING_RAD; it counts if it was higher by SWING_RAD in between, and if its duration is
 that of a stride. So a leg at rest, or one that trembles, makes none.
 
-Samples of a stride are buffered, because gait phase, and with it the passive baseline, is known
-only when the stride is over. What does not count: samples of an axis while its split is not
+What does not count: samples of an axis while its split is not
 observable (at rest, or after a push), samples that were lost or rejected, and longer steps.
 `coverage_ratio` gives the missing share.
 
@@ -55,7 +54,6 @@ either: the axis turns."""
 CORRELATION_S: Final = 0.06
 WORK_MIN_J: Final = 0.5
 """Positive work of patient and drive together; below it no share is given."""
-BASELINE_BINS: Final = 50
 
 # Notes that the smoother stores with each cycle, and columns of the buffer.
 DATA_DT_S, DATA_EFFORT, DATA_STATUS, DATA_VALIDITY = 0, 1, 3, 4
@@ -130,21 +128,14 @@ class Stride(NamedTuple):
     status: Status
     """All status bits of its samples."""
     baseline_subtracted: bool
-    """True if a passive baseline was subtracted."""
+    """True if a passive baseline was taken off the estimate."""
 
 
 class StrideCounter:
     """Divides the smoothed samples of one leg into strides."""
 
-    def __init__(self, baseline: Matrix | None = None) -> None:
-        """Wait for the first stride to begin.
-
-        Args:
-            baseline: from a passive run, (BASELINE_BINS, 2): N m and N by gait phase; None for
-                none.
-        """
-        self._baseline = np.zeros((BASELINE_BINS, 2)) if baseline is None else baseline
-        self._with_baseline = baseline is not None
+    def __init__(self) -> None:
+        """Wait for the first stride to begin."""
         self._rows = np.zeros((ROWS_MAX, COLUMNS))
         self._last = np.zeros((ROWS_MAX, COLUMNS))
         self._figures = np.zeros((2, FIGURES))
@@ -189,7 +180,7 @@ class StrideCounter:
     def warm_up(self) -> None:
         """Compile, or load from the cache, the kernels of `add`; changes no state."""
         rows, figures = np.ones((2, COLUMNS)), np.zeros_like(self._figures)
-        _measure(rows, self._baseline, figures, np.zeros_like(self._errors))
+        _measure(rows, figures, np.zeros_like(self._errors))
 
     def _restart(self) -> None:
         self._mean_rad = self._last_rad = math.nan
@@ -240,7 +231,7 @@ class StrideCounter:
         self._completed = max(self._count, 0)
         if self._count < 1 or not self._was_high or self._duration_s < DURATION_MIN_S:
             return None
-        _measure(self._rows[: self._count], self._baseline, self._figures, self._errors)
+        _measure(self._rows[: self._count], self._figures, self._errors)
         of_axes, of_both = _spread(self._errors), _spread(self._errors.sum(axis=0))
         own = self._figures[:, [W_POS_STD, W_NEG_STD]].T.tolist()
         positive_std = math.hypot(*own[0], of_both[OF_POSITIVE])
@@ -267,7 +258,7 @@ class StrideCounter:
             share_ratio=share,
             share_ratio_std=share_std,
             status=Status(self._status_bits),
-            baseline_subtracted=self._with_baseline,
+            baseline_subtracted=bool(self._status_bits & Status.BASELINE.value),
         )
 
 
@@ -323,12 +314,11 @@ def _share(patient_j: float, patient_j_std: float, drive_j: float) -> tuple[floa
 
 
 @kernel
-def _measure(rows: Matrix, baseline: Matrix, figures: Matrix, errors: Cube) -> None:
+def _measure(rows: Matrix, figures: Matrix, errors: Cube) -> None:
     """Compute all figures of one stride, both axes.
 
     Args:
         rows: of the stride, columns as named above.
-        baseline: by gait phase.
         figures: result, (2, FIGURES); standard deviations of sums without considered parameters.
         errors: result, (2, SUMS, VARIANTS_MAX): error of each sum by each considered parameter.
     """
@@ -336,37 +326,27 @@ def _measure(rows: Matrix, baseline: Matrix, figures: Matrix, errors: Cube) -> N
     for k in range(rows.shape[0]):
         whole_s += rows[k, DT]
     for axis in range(2):
-        _measure_axis(rows, baseline, axis, whole_s, figures[axis], errors[axis])
+        _measure_axis(rows, axis, whole_s, figures[axis], errors[axis])
 
 
 @kernel
-def _measure_axis(
-    rows: Matrix, baseline: Matrix, axis: int, whole_s: float, to: Vector, errors: Matrix
-) -> None:
+def _measure_axis(rows: Matrix, axis: int, whole_s: float, to: Vector, errors: Matrix) -> None:
     for i in range(FIGURES):
         to[i] = 0.0
     for i in range(SUMS):
         for j in range(VARIANTS_MAX):
             errors[i, j] = 0.0
-    bins = baseline.shape[0]
-    known_s = passed_s = effort_variance = 0.0
+    known_s = effort_variance = 0.0
     for k in range(rows.shape[0]):
         dt_s, speed = rows[k, DT], rows[k, SPEED + axis]
-        place = (passed_s + 0.5 * dt_s) / whole_s * bins - 0.5
-        passed_s += dt_s
         if rows[k, KNOWN + axis] <= 0.0:
             continue
         known_s += dt_s
         to[DRIVE] += max(rows[k, EFFORT + axis] * speed, 0.0) * dt_s
-        low = math.floor(place)
-        part = place - low
-        passive = baseline[int(low) % bins, axis]
-        passive += part * (baseline[(int(low) + 1) % bins, axis] - passive)
         patient = rows[k, PATIENT + axis]
         if k > 0 and rows[k - 1, KNOWN + axis] > 0.0:
             # The effort of a row acts until the next one; speed is that of the row's own moment.
             patient = 0.5 * (patient + rows[k - 1, PATIENT + axis])
-        patient -= passive
         of_parameters = 0.0
         for i in range(VARIANTS_MAX):
             of_parameters += rows[k, UNSURE + 2 * i + axis] ** 2
@@ -435,17 +415,14 @@ def _add_missing(rows: Matrix, axis: int, known_s: float, to: Vector) -> None:
         to[MEAN_STD] = math.hypot(to[MEAN_STD], impulse / (known_s + missing_s))
 
 
-def strides_of(
-    smooth: BatchEstimates, columns: Columns, baseline: Matrix | None = None
-) -> list[tuple[int, Stride]]:
+def strides_of(smooth: BatchEstimates, columns: Columns) -> list[tuple[int, Stride]]:
     """Compute the strides of a smoothed recording, each with the row of its first sample.
 
     Args:
         smooth: from `smooth_batch.run_smoothed`.
         columns: the recording.
-        baseline: from a passive run, (BASELINE_BINS, 2); None for none.
     """
-    counter = StrideCounter(baseline)
+    counter = StrideCounter()
     found: list[tuple[int, Stride]] = []
     for row, sample in enumerate(samples_of(smooth, columns)):
         stride = counter.add(sample)

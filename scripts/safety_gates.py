@@ -112,6 +112,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "daemon/core/steps/exercises.py": (f"{_STEPS}/test_exercises.py", *_SUPERVISOR),
     "daemon/core/steps/impedance.py": (f"{_STEPS}/test_impedance.py",),
     "daemon/core/steps/monitors.py": (f"{_STEPS}/test_monitors.py",),
+    "daemon/core/steps/passive.py": (f"{_STEPS}/test_passive.py",),
     "daemon/core/steps/persistence.py": (f"{_STEPS}/test_exercises.py", *_SUPERVISOR),
     "daemon/core/steps/requests.py": (f"{_STEPS}/test_requests_of_clients.py", *_SUPERVISOR),
     "daemon/core/steps/sampling.py": (f"{_STEPS}/test_impedance.py",),

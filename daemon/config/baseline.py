@@ -1,7 +1,7 @@
 """The passive baseline of a leg as a file: written by `gaitd baseline`, read by the service.
 
-A baseline is valid only with the robot file that it was recorded with, because other masses or
-friction leave another residual. So it holds that file's hash, and is refused with any other.
+It is valid only with the robot file that it was recorded with: its numbers are errors of that
+file's parameters. So it holds that file's hash, and is refused with any other.
 """
 
 from pathlib import Path
@@ -10,37 +10,32 @@ from typing import Annotated, Final
 import numpy as np
 from gaitd_toml import SMALLEST, ConfigError, load_toml
 from msgspec import Meta
-from numpy.typing import NDArray
 
 from daemon.config.settings import Table
 from observer.baseline import Baseline
-from observer.strides import BASELINE_BINS
 
-Bins = Annotated[
-    tuple[Annotated[float, Meta(ge=-1500, le=1500)], ...],
-    Meta(min_length=BASELINE_BINS, max_length=BASELINE_BINS),
-]
+Errors = Annotated[tuple[Annotated[float, Meta(ge=-100, le=100)], ...], Meta(min_length=1)]
+Kept = Annotated[float, Meta(ge=1e-3, le=1000)]
 
 HEAD: Final = """\
-# Estimated patient effort of a passive patient over the gait phase, from one rise of the hip to
-# the next, in {bins} parts. Recorded by `gaitd baseline` from {source};
-# it is subtracted from the stride figures of a leg that names this file.
+# What a minute with a passive patient says of the robot file: how far each parameter with an
+# uncertainty is off, in its standard deviations (theta), and what is left of its uncertainty
+# (covariance). Written by `gaitd baseline` from {source}; a leg that names it publishes what the
+# patient adds.
 
 """
 
 
-class HipBaseline(Table, frozen=True):
-    """The passive hip over the stride."""
+class HipKept(Table, frozen=True):
+    """What the baseline cannot tell from the patient at the hip."""
 
-    mean_nm: Bins
-    std_nm: Bins
+    kept_std_nm: Kept
 
 
-class SlideBaseline(Table, frozen=True):
-    """The passive slide over the stride."""
+class SlideKept(Table, frozen=True):
+    """What the baseline cannot tell from the patient at the slide."""
 
-    mean_n: Bins
-    std_n: Bins
+    kept_std_n: Kept
 
 
 class BaselineFile(Table, frozen=True):
@@ -49,13 +44,19 @@ class BaselineFile(Table, frozen=True):
     robot_sha256: Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
     """Hash of the robot file that it was recorded with."""
     cadence_hz: Annotated[float, Meta(ge=0.01, le=2)]
+    swing_rad: Annotated[float, Meta(ge=0.01, le=6.3)]
+    """Swing of the hip, from its lowest to its highest angle."""
     stride_count: Annotated[int, Meta(ge=1, le=1_000_000)]
-    hip: HipBaseline
-    slide: SlideBaseline
+    hip: HipKept
+    slide: SlideKept
+    theta: Errors
+    """Error of each parameter, in its standard deviations."""
+    covariance: tuple[Errors, ...]
+    """Covariance of these errors, row by row."""
 
 
-def load_baseline(path: Path, robot_sha256: str) -> NDArray[np.float64]:
-    """Read a baseline for a robot, shape (BASELINE_BINS, 2): N m, N.
+def load_baseline(path: Path, robot_sha256: str, frictional: tuple[bool, ...]) -> Baseline:
+    """Read a baseline for a robot, of which `frictional` has an entry for each parameter.
 
     Raises:
         ConfigError: the file or one of its values is invalid, or it is another robot's.
@@ -64,24 +65,42 @@ def load_baseline(path: Path, robot_sha256: str) -> NDArray[np.float64]:
     if file.robot_sha256 != robot_sha256:
         wanted = f"{robot_sha256}, of the robot file in use; record it again with `gaitd baseline`"
         raise ConfigError(path, "robot_sha256", file.robot_sha256, wanted)
-    return np.column_stack((file.hip.mean_nm, file.slide.mean_n))
+    count = len(frictional)
+    if len(file.theta) != count:
+        wanted = f"{count} numbers, one for each parameter with an uncertainty in the robot file"
+        raise ConfigError(path, "theta", f"{len(file.theta)} numbers", wanted)
+    if [len(row) for row in file.covariance] != [count] * count:
+        raise ConfigError(path, "covariance", "another shape", f"{count} rows of {count} numbers")
+    covariance = np.array(file.covariance)
+    if not (covariance == covariance.T).all() or np.linalg.eigvalsh(covariance).min() <= 0.0:
+        raise ConfigError(path, "covariance", "no covariance", "a symmetric, positive matrix")
+    return Baseline(
+        np.array(file.theta),
+        covariance,
+        (file.hip.kept_std_nm, file.slide.kept_std_n),
+        frictional,
+        file.stride_count,
+        file.cadence_hz,
+        file.swing_rad,
+    )
 
 
 def baseline_text(baseline: Baseline, robot_sha256: str, source: str) -> str:
     """The text of the file for a baseline."""
-    lists = (
-        ("hip.mean_nm", baseline.mean[:, 0]),
-        ("hip.std_nm", baseline.std[:, 0]),
-        ("slide.mean_n", baseline.mean[:, 1]),
-        ("slide.std_n", baseline.std[:, 1]),
+    hip_nm, slide_n = baseline.kept_std
+    theta, *rows = (
+        [x if abs(x) >= SMALLEST else 0.0 for x in row]
+        for row in (baseline.theta.tolist(), *baseline.covariance.tolist())
     )
+    covariance = ",\n".join(f"    {row}" for row in rows)
     lines = [
         f'robot_sha256 = "{robot_sha256}"',
         f"cadence_hz = {baseline.cadence_hz:.6g}",
+        f"swing_rad = {baseline.swing_rad:.6g}",
         f"stride_count = {baseline.stride_count}",
+        f"hip.kept_std_nm = {hip_nm:.6g}",
+        f"slide.kept_std_n = {slide_n:.6g}",
+        f"theta = {theta}",
+        f"covariance = [\n{covariance},\n]",
     ]
-    lines += [
-        f"{key} = [{', '.join(f'{x if abs(x) >= SMALLEST else 0.0:.6g}' for x in values.tolist())}]"
-        for key, values in lists
-    ]
-    return HEAD.format(bins=BASELINE_BINS, source=source) + "\n".join(lines) + "\n"
+    return HEAD.format(source=source) + "\n".join(lines) + "\n"

@@ -4,13 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from daemon.config.limit_settings import Limits
 from daemon.config.settings import Robot, Trainer
 from daemon.config.trainer import TrainerFile
 from drives.cia402.profile import DriveDescription
+from observer.baseline import Baseline
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +21,8 @@ class LegDrives:
     slide: DriveDescription
     hip_file: Path
     slide_file: Path
-    baseline: NDArray[np.float64] | None = None
-    """Shape (BASELINE_BINS, 2): N m and N by gait phase."""
+    baseline: Baseline | None = None
+    """What a passive patient has shown; None: nothing."""
 
 
 @dataclass(frozen=True, slots=True)

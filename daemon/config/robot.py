@@ -139,6 +139,12 @@ def considered(robot: Robot) -> tuple[Variant, ...]:
     return tuple(_variants(robot))
 
 
+def frictional(robot: Robot) -> tuple[bool, ...]:
+    """Which of the considered parameters are of friction."""
+    friction = friction_parameters(robot)
+    return tuple((one.hip, one.slide) != friction for one in considered(robot))
+
+
 def _variants(robot: Robot) -> Iterator[Variant]:
     for key, *places in _PARAMETERS:
         std = attrgetter(key)(robot.uncertainty)

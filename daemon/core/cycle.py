@@ -23,6 +23,7 @@ from daemon.core.steps import (
     exercises,
     impedance,
     monitors,
+    passive,
     persistence,
     sensing,
     single_axis,
@@ -151,6 +152,11 @@ def _estimate(core: Core, tick: Tick) -> tuple[Verdict, ...]:
         leg.estimated = estimation.estimate(leg.observers, before, inputs_now)
         if not core.config.patient_configured:
             core.publish(estimation.news(leg, before, leg.estimated))
+    for leg in core.legs:
+        known_before = leg.passive
+        leg.passive = passive.advance(leg, known_before, core.mode, tick.cycle)
+        if leg.passive is not known_before:
+            core.publish(passive.news(leg, known_before, leg.passive))
     guided_motion = rules_of(core.mode).is_guided_motion
     for leg in core.legs:
         found = leg.estimated.estimate

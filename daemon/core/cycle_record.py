@@ -201,6 +201,7 @@ def _axis(leg: Leg, index: int) -> AxisRecord:
     if estimate is None:
         return AxisRecord(measured, effort, reference[index], assist, wanted)
     state, std, drift = estimate.state, estimate.std, estimated.drifts[index]
+    of_friction, of_patient = estimate.passive[index], estimate.passive[2 + index]
     return AxisRecord(
         measured_position=measured,
         effort=effort,
@@ -212,11 +213,11 @@ def _axis(leg: Leg, index: int) -> AxisRecord:
         position_std=std[index],
         velocity=state[2 + index],
         velocity_std=std[2 + index],
-        friction=state[4 + index],
+        friction=state[4 + index] - of_friction,
         friction_std=std[4 + index],
-        patient=state[6 + index],
+        patient=state[6 + index] - of_patient,
         patient_std=std[6 + index],
-        net=estimate.net[index],
+        net=estimate.net[index] - (of_patient - of_friction),
         net_std=estimate.net_std[index],
         innovation=estimate.innovation[index],
         artificial=estimated.artificial[index],

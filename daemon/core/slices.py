@@ -7,7 +7,7 @@ module that makes each of them.
 import math
 from collections.abc import Mapping
 
-from gaitd_names import Doubt, Lapse, Role, SetpointRefusal
+from gaitd_names import Doubt, Finding, Lapse, Role, SetpointRefusal
 from msgspec import Struct
 
 from daemon.core.motion.gait_shape import Pair
@@ -17,7 +17,9 @@ from daemon.core.safety.joints import Joint
 from daemon.core.safety.soft_limits import SoftZone
 from daemon.ipc.record import Request, Setpoint
 from drives.signals import DriveFeedback, OperationMode
+from observer.baseline import Baseline, PassiveStrides
 from observer.drift import NO_DRIFT, Drift
+from observer.filter.considered import NOTHING_KNOWN, Known
 from observer.filter.leg_observer import LegEstimate
 from observer.strides import Stride
 
@@ -128,6 +130,28 @@ class Estimated(Struct, frozen=True):
     drifts: tuple[Drift, Drift] = (NO_DRIFT, NO_DRIFT)
     """Drift of the friction of each axis."""
     calibration_advised: tuple[bool, bool] = (False, False)
+
+
+class Passive(Struct, frozen=True):
+    """What is known of a leg by a minute with a passive patient: `steps/passive.py`."""
+
+    known: Known = NOTHING_KNOWN
+    """What the observer takes off its estimate."""
+    baseline: Baseline | None = None
+    taken_cycle: int | None = None
+    """Cycle in which it was taken; None: an unknown time ago."""
+    age_steps: int = 0
+    """Age of what is known, in steps of `passive.AGE_STEP_S`."""
+    other_gait: bool = False
+    """The last stride was not like those of the baseline."""
+    strides: PassiveStrides | None = None
+    """Strides of the minute under way; an object that `steps/passive.py` alone adds to."""
+    growing_strides: int = 0
+    """Strides until the gait has grown, which are not of the minute."""
+    finding: Finding = Finding.NONE
+    """Why the newest minute gave no baseline."""
+    found: tuple[int, float, float] = (0, 0.0, 0.0)
+    """Axis, value and limit of `finding`."""
 
 
 class Assisted(Struct, frozen=True):

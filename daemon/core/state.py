@@ -24,6 +24,7 @@ from daemon.core.slices import (
     Inputs,
     LegAssist,
     Monitored,
+    Passive,
     Placed,
     Sensed,
     Sent,
@@ -92,6 +93,8 @@ class Observers:
     strides: StrideCounter
     friction: tuple[FrictionParameters, FrictionParameters]
     """Friction of hip and slide."""
+    frictional: tuple[bool, ...] = ()
+    """Which of the considered parameters are of friction."""
 
 
 @dataclass(slots=True)
@@ -112,6 +115,7 @@ class Leg:
     takes_over: bool = False
     """The exercise is another one since the last command, and continues that command's effort."""
     softened: Softened = field(default_factory=Softened)
+    passive: Passive = field(default_factory=Passive)
     placed: Placed = field(default_factory=Placed)
     monitored: Monitored = field(default_factory=Monitored)
     mechanism: tuple[float, ...] = field(init=False)

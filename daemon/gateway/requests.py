@@ -147,6 +147,7 @@ def mode_request(payload: wire.Ask) -> ModeRequest:
         scenario=payload.scenario,
         axis=payload.axis,
         witnessed=payload.witnessed,
+        baseline=payload.baseline,
     )
 
 

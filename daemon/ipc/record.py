@@ -75,6 +75,8 @@ class ModeRequest(msgspec.Struct, frozen=True, array_like=True):
     """`LEG/AXIS`, for REFERENCE and COMMISSION."""
     witnessed: bool = False
     """For COMMISSION: the operator confirms that the axis moved as described."""
+    baseline: bool = False
+    """For GAIT: the patient is passive; what is estimated meanwhile is taken off from then on."""
 
 
 class AxisPlan(msgspec.Struct, frozen=True, array_like=True):

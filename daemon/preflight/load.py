@@ -18,6 +18,7 @@ from gaitd_toml import ConfigError, Document, load_toml, read_bytes, read_toml
 from daemon.config.baseline import load_baseline
 from daemon.config.bundle import LegDrives, Settings
 from daemon.config.limit_settings import Limits
+from daemon.config.robot import frictional
 from daemon.config.settings import Leg, Robot
 from daemon.config.trainer import beside, is_file, read_trainer
 from daemon.config.unread import UNREAD, UnreadError, decoded_in_part, is_read, unless_unread
@@ -64,13 +65,14 @@ def read_in_part(path: Path) -> tuple[Settings, list[ConfigError]]:
     file, errors = read_trainer(path)
     reader = _Reader({str(path): file.sha256}, errors)
     trainer = file.trainer
+    robot = reader.table(path, "robot", lambda: trainer.robot, Robot)
     return Settings(
         file=file,
-        robot=reader.table(path, "robot", lambda: trainer.robot, Robot),
+        robot=robot,
         limits=reader.table(path, "limits", lambda: trainer.limits, Limits),
         legs=unless_unread(
             lambda: tuple(
-                _leg(reader, path, f"leg[{index}]", leg, file.robot)
+                _leg(reader, path, f"leg[{index}]", leg, file.robot, robot)
                 for index, leg in enumerate(trainer.leg)
             )
         ),
@@ -134,13 +136,16 @@ def _existing(named_in: Path, key: str, name: str) -> Path:
     return path
 
 
-def _leg(reader: _Reader, path: Path, key: str, leg: Leg, robot: Path) -> LegDrives:
+def _leg(
+    reader: _Reader, path: Path, key: str, leg: Leg, robot_file: Path, robot: Robot
+) -> LegDrives:
     baseline = None
     if leg.baseline is not None:
         with reader.collected():
             named = reader.hashed(path, f"{key}.baseline", leg.baseline)
-            if str(robot) in reader.hashes:
-                baseline = load_baseline(named, reader.hashes[str(robot)])
+            if str(robot_file) in reader.hashes:
+                hashed = reader.hashes[str(robot_file)]
+                baseline = load_baseline(named, hashed, frictional(robot))
     return LegDrives(
         name=leg.name,
         hip=_drive(reader, f"{leg.name}/hip", path, f"{key}.hip", leg.hip),

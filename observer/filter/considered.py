@@ -15,8 +15,16 @@ follows within some 60 ms, so an error of the present moment is that of the esti
 reversal. An error lasts as long as its parameter: it does not average out over a stride
 (`strides.py`).
 
+A passive baseline (`observer/baseline.py`) says how far each parameter is off on this machine with
+this patient, in its standard deviations, and what is left of its uncertainty. Then these errors are
+taken off what is published, and sigma holds what is left:
+
+    error of patient, friction, net: sum of theta_k e_k           theta, P: of the baseline
+    covariance                       e' P e + kept                kept: of what only repeats
+
 Schmidt, Application of state-space methods to navigation problems, 1966: a consider covariance.
-Nothing but what is published reads it: gate, innovations, validity and stops use the filter's own.
+Nothing but what is published reads either: gate, innovations, validity and stops use the filter's
+own.
 """
 
 import math
@@ -70,6 +78,38 @@ class Variant(NamedTuple):
     hip: FrictionParameters
     slide: FrictionParameters
     drives: Drives = Drives()
+
+
+class Known(NamedTuple):
+    """What a passive baseline has found of the considered parameters, as a kernel reads it."""
+
+    taken: bool
+    """False: there is no baseline; the rest is 0."""
+    theta: Vector
+    """Error of each parameter in its standard deviations, (VARIANTS_MAX)."""
+    root: Matrix
+    """Lower root of the covariance of these errors, (VARIANTS_MAX, VARIANTS_MAX)."""
+    kept_std: Vector
+    """Standard deviation of what the baseline cannot tell from the patient: N m, N."""
+
+
+def known_of(theta: Vector, covariance: Matrix, kept_std: Vector) -> Known:
+    """What a baseline has found, with room for VARIANTS_MAX parameters.
+
+    Args:
+        theta: error of each considered parameter in its standard deviations, (n).
+        covariance: of these errors, (n, n), positive definite.
+        kept_std: N m, N: what the baseline cannot tell from the patient.
+    """
+    count = len(theta)
+    root: Matrix = np.zeros((VARIANTS_MAX, VARIANTS_MAX))
+    root[:count, :count] = np.linalg.cholesky(covariance)
+    return Known(True, np.pad(theta, (0, VARIANTS_MAX - count)), root, np.array(kept_std))
+
+
+NOTHING_KNOWN: Final = Known(
+    False, np.zeros(VARIANTS_MAX), np.zeros((VARIANTS_MAX, VARIANTS_MAX)), np.zeros(2)
+)
 
 
 LEG_COUNT: Final = len(LegParameters._fields)
@@ -126,10 +166,13 @@ def widen(
     model: LegModel,
     variants: Matrix,
     count: int,
+    known: Known,
     effort: tuple[float, float],
     friction_errors: Vector,
     net_std_at: int,
+    work: Vector,
     patient_errors: Vector,
+    passive: Vector,
     out: Vector,
 ) -> None:
     """Add the errors of all considered parameters to a published covariance.
@@ -138,36 +181,25 @@ def widen(
         model: the physics of the filter.
         variants: as of `table_of`.
         count: their number.
+        known: of the baseline in force.
         effort: of the drives, N m and N.
         friction_errors: of each parameter, as `follow` has left them.
         net_std_at: place of the standard deviation of net in `out`.
+        work: scratch, (4 VARIANTS_MAX).
         patient_errors: result, (2 VARIANTS_MAX): of the patient's effort by each parameter, hip
-            then slide.
+            then slide; with a baseline by each independent combination of them.
+        passive: result with a baseline, (4): what is to be taken off friction and patient, hip
+            before slide; unchanged without.
         out: mean (8), standard deviations (8) and lower triangle (36) first; changed.
     """
-    q1, q2, v1, v2 = out[0], out[1], out[2], out[3]
-    share = model.coriolis_share
-    own = dynamics(model.leg, q1, q2, v1, v2, share)
-    needed_hip = effort[0] + out[6] - out[4]
-    needed_slide = effort[1] + out[7] - out[5]
-    rest_hip, rest_slide = needed_hip - own.bias_hip, needed_slide - own.bias_slide
-    determinant = own.m11 * own.m22 - own.m12 * own.m12
-    a1 = (own.m22 * rest_hip - own.m12 * rest_slide) / determinant
-    a2 = (own.m11 * rest_slide - own.m12 * rest_hip) / determinant
-    own_hip = own.m11 * a1 + own.m12 * a2 + own.bias_hip
-    own_slide = own.m12 * a1 + own.m22 * a2 + own.bias_slide
+    _find_errors(model, variants, count, effort, friction_errors, out, work)
+    if known.taken:
+        _apply(known, count, work, passive)
+        _keep(known.kept_std, net_std_at, out)
     net_variance_hip = net_variance_slide = 0.0
     for k in range(count):
-        row = variants[k]
-        leg = LegParameters(*fixed_tuple(row, LEG_COUNT))
-        shown = Drives(*fixed_tuple(row[DRIVES:], DRIVES_COUNT))
-        at_hip, at_slide = q1 + shown.position_offset_hip_rad, q2 + shown.position_offset_slide_m
-        other = dynamics(leg, at_hip, at_slide, v1, v2, share)
-        net_hip = other.m11 * a1 + other.m12 * a2 + other.bias_hip - own_hip
-        net_slide = other.m12 * a1 + other.m22 * a2 + other.bias_slide - own_slide
-        net_hip -= (shown.effort_ratio_hip - 1.0) * effort[0] + shown.effort_offset_hip_nm
-        net_slide -= (shown.effort_ratio_slide - 1.0) * effort[1] + shown.effort_offset_slide_n
-        friction_hip, friction_slide = friction_errors[2 * k], friction_errors[2 * k + 1]
+        friction_hip, friction_slide = work[4 * k], work[4 * k + 1]
+        net_hip, net_slide = work[4 * k + 2], work[4 * k + 3]
         patient_hip, patient_slide = net_hip + friction_hip, net_slide + friction_slide
         patient_errors[2 * k], patient_errors[2 * k + 1] = patient_hip, patient_slide
         _add(out, friction_hip, friction_slide, patient_hip, patient_slide)
@@ -180,6 +212,82 @@ def widen(
         at += 1
     out[net_std_at] = math.sqrt(out[net_std_at] ** 2 + net_variance_hip)
     out[net_std_at + 1] = math.sqrt(out[net_std_at + 1] ** 2 + net_variance_slide)
+
+
+@inline
+def _find_errors(
+    model: LegModel,
+    variants: Matrix,
+    count: int,
+    effort: tuple[float, float],
+    friction_errors: Vector,
+    mean: Vector,
+    errors: Vector,
+) -> None:
+    """Compute the errors of friction and of net by each parameter: hip and slide of each."""
+    q1, q2, v1, v2 = mean[0], mean[1], mean[2], mean[3]
+    share = model.coriolis_share
+    own = dynamics(model.leg, q1, q2, v1, v2, share)
+    needed_hip = effort[0] + mean[6] - mean[4]
+    needed_slide = effort[1] + mean[7] - mean[5]
+    rest_hip, rest_slide = needed_hip - own.bias_hip, needed_slide - own.bias_slide
+    determinant = own.m11 * own.m22 - own.m12 * own.m12
+    a1 = (own.m22 * rest_hip - own.m12 * rest_slide) / determinant
+    a2 = (own.m11 * rest_slide - own.m12 * rest_hip) / determinant
+    own_hip = own.m11 * a1 + own.m12 * a2 + own.bias_hip
+    own_slide = own.m12 * a1 + own.m22 * a2 + own.bias_slide
+    for k in range(count):
+        row = variants[k]
+        leg = LegParameters(*fixed_tuple(row, LEG_COUNT))
+        shown = Drives(*fixed_tuple(row[DRIVES:], DRIVES_COUNT))
+        at_hip, at_slide = q1 + shown.position_offset_hip_rad, q2 + shown.position_offset_slide_m
+        other = dynamics(leg, at_hip, at_slide, v1, v2, share)
+        net_hip = other.m11 * a1 + other.m12 * a2 + other.bias_hip - own_hip
+        net_slide = other.m12 * a1 + other.m22 * a2 + other.bias_slide - own_slide
+        net_hip -= (shown.effort_ratio_hip - 1.0) * effort[0] + shown.effort_offset_hip_nm
+        net_slide -= (shown.effort_ratio_slide - 1.0) * effort[1] + shown.effort_offset_slide_n
+        errors[4 * k], errors[4 * k + 1] = friction_errors[2 * k], friction_errors[2 * k + 1]
+        errors[4 * k + 2], errors[4 * k + 3] = net_hip, net_slide
+
+
+@inline
+def _apply(known: Known, count: int, errors: Vector, passive: Vector) -> None:
+    """Sum up the known errors, and replace all errors by independent ones of what is left.
+
+    The root is a lower triangle: each new error needs none that is replaced already.
+    """
+    for i in range(4):
+        total = 0.0
+        for k in range(count):
+            total += known.theta[k] * errors[4 * k + i]
+        passive[i] = total
+    passive[2] += passive[0]
+    passive[3] += passive[1]
+    for j in range(count):
+        for i in range(4):
+            total = 0.0
+            for k in range(j, count):
+                total += known.root[k, j] * errors[4 * k + i]
+            errors[4 * j + i] = total
+
+
+@inline
+def _keep(kept_std: Vector, net_std_at: int, out: Vector) -> None:
+    """Add what the baseline cannot tell from the patient to the variance of patient and net."""
+    for axis in range(2):
+        patient = FRICTION_ROW + 2 + axis
+        variance = kept_std[axis] * kept_std[axis]
+        out[COVARIANCE + patient * (patient + 1) // 2 + patient] += variance
+        out[net_std_at + axis] = math.sqrt(out[net_std_at + axis] ** 2 + variance)
+
+
+@inline
+def take_off(passive: Vector, net_at: int, out: Vector) -> None:
+    """Take off what the baseline explains of friction and patient, and so of net."""
+    for i in range(4):
+        out[FRICTION_ROW + i] -= passive[i]
+    for axis in range(2):
+        out[net_at + axis] -= passive[2 + axis] - passive[axis]
 
 
 @inline

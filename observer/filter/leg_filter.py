@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filter.cdkf import STEP, compress, correct, innovate, spread
-from observer.filter.considered import VARIANT_SIZE, VARIANTS_MAX, follow, widen
+from observer.filter.considered import VARIANT_SIZE, VARIANTS_MAX, Known, follow, widen
 from observer.filter.leg_memory import (
     STEPPED,
     LegMemory,
@@ -94,7 +94,9 @@ OUT_INNOVATION: Final = OUT_COVARIANCE + N * (N + 1) // 2
 OUT_NIS: Final = OUT_INNOVATION + 2
 OUT_NET: Final = OUT_NIS + 1
 OUT_NET_STD: Final = OUT_NET + 2
-OUT_SIZE: Final = OUT_NET_STD + 2
+OUT_PASSIVE: Final = OUT_NET_STD + 2
+"""Known error of friction and patient, hip before slide, by the baseline; 0 without."""
+OUT_SIZE: Final = OUT_PASSIVE + 4
 
 PUSH_MAX: Final = 30.0
 """rad/s^2, m/s^2: no push or stick-slip accelerates a leg more; a larger jump is an encoder
@@ -118,6 +120,7 @@ GATED_BIT: Final = Status.GATED.value
 PREDICT_ONLY_BIT: Final = Status.PREDICT_ONLY.value
 OUT_OF_WORKSPACE_BIT: Final = Status.OUT_OF_WORKSPACE.value
 INCONSISTENT_BIT: Final = Status.INCONSISTENT.value
+BASELINE_BIT: Final = Status.BASELINE.value
 BAD: Final = Validity.BAD.value
 RK4: Final = Integrator.RK4.value
 
@@ -166,6 +169,11 @@ class SetupRecord(Protocol):
     """Number of considered parameters."""
     variants: Annotated[Matrix, (VARIANTS_MAX, VARIANT_SIZE)]
     """The physics with each of them a standard deviation larger (considered.py)."""
+    baseline_taken: Number
+    """1 with a passive baseline, which the next three are of (`considered.Known`); else 0."""
+    theta: Annotated[Vector, (VARIANTS_MAX,)]
+    root: Annotated[Matrix, (VARIANTS_MAX, VARIANTS_MAX)]
+    kept_std: Pair
 
 
 SETUP_LAYOUT: Final = layout_of(SetupRecord)
@@ -182,6 +190,7 @@ class Constants(NamedTuple):
     measurement_std: Vector
     variant_count: int
     variants: Matrix
+    known: Known
 
 
 @inline
@@ -202,6 +211,7 @@ def constants_of(setup: SetupRecord) -> Constants:
         setup.measurement_std,
         int(setup.variant_count),
         setup.variants,
+        Known(setup.baseline_taken != 0.0, setup.theta, setup.root, setup.kept_std),
     )
 
 
@@ -249,7 +259,8 @@ def advance_by(
     (POINTS_SIZE) need no content. Positions are measured now (rad, m; not finite if missing),
     efforts acted since the previous cycle (N m, N), `dt_s` ago, with ripples of `effort_std` if
     these exceed the tuning's. `caller_bits` are the Status bits that only the caller can know.
-    `out` (OUT_SIZE): mean, std, covariance, innovation, nis, net and net std.
+    `out` (OUT_SIZE): mean, std, covariance, innovation, nis, net, net std and what the baseline
+    takes off.
     """
     model, options, memory = constants.model, constants.options, memory_of[0]
     position_hip, position_slide = position
@@ -259,7 +270,7 @@ def advance_by(
     have_slide = usable and math.isfinite(position_slide)
     for i in range(OUT_SIZE):
         out[i] = math.nan
-    status = caller_bits
+    status = caller_bits | BASELINE_BIT if constants.known.taken else caller_bits
     if not 0.0 < dt_s <= LATE_RATIO * STEP_S:
         status |= LATE_BIT
     if memory.started == 0.0 or dt_s > GAP_MAX_S or is_lost(memory):
@@ -274,6 +285,8 @@ def advance_by(
     if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
     _report(model, options, memory, out)
+    for i in range(OUT_PASSIVE, OUT_SIZE):
+        out[i] = 0.0
     if constants.variant_count > 0:
         _consider(constants, memory, dt_s, out)
     return determine(model, memory, dt_s, status)
@@ -286,7 +299,19 @@ def _consider(constants: Constants, m: LegMemory, dt_s: float, out: Vector) -> N
     acting = m.acting[0], m.acting[1]
     if m.event == STEPPED:
         follow(model, variants, count, m.mean[2], m.mean[3], dt_s, m.unsure_friction)
-    widen(model, variants, count, acting, m.unsure_friction, OUT_NET_STD, m.work, out)
+    widen(
+        model,
+        variants,
+        count,
+        constants.known,
+        acting,
+        m.unsure_friction,
+        OUT_NET_STD,
+        m.work,
+        m.patient_errors,
+        out[OUT_PASSIVE:],
+        out,
+    )
 
 
 @inline

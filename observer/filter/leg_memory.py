@@ -85,6 +85,8 @@ class LegMemory(Protocol):
 
     # From here on nothing is kept from one cycle to the next.
     work: Annotated[Vector, (3 * N * N,)]
+    patient_errors: Annotated[Vector, (2 * VARIANTS_MAX,)]
+    """Error of the patient's effort by each considered parameter, hip then slide."""
     noise: Root
     """Root of this step's process noise, lower triangular."""
     backup_mean: State

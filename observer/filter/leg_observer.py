@@ -17,13 +17,14 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.filter.considered import Variant, table_of
+from observer.filter.considered import NOTHING_KNOWN, Known, Variant, table_of
 from observer.filter.leg_filter import (
     OUT_COVARIANCE,
     OUT_INNOVATION,
     OUT_NET,
     OUT_NET_STD,
     OUT_NIS,
+    OUT_PASSIVE,
     OUT_SIZE,
     OUT_STD,
     SETUP_LAYOUT,
@@ -121,6 +122,12 @@ class LegEstimate(NamedTuple):
     validity: tuple[Validity, Validity]
     """Validity of hip and slide."""
     status: Status
+    passive: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
+    """Part of friction and patient, hip before slide, that a passive baseline explains.
+
+    It is taken off what is published. `state` and `net` are the filter's own, and contain it; sigma
+    of friction, patient and net is that of what is published.
+    """
 
 
 class LegObserver:
@@ -152,11 +159,27 @@ class LegObserver:
                 integrator that is unstable with it.
         """
         check_tuning(leg, hip, slide, tuning)
-        self.setup: Final = setup_of(leg, hip, slide, tuning, considered)
+        self._setup = setup_of(leg, hip, slide, tuning, considered)
+        self._known = NOTHING_KNOWN
         self._always = Status(0) if calibrated else Status.UNCALIBRATED
         self._memory, self._points = new_memory()
         self._mean_nis: Vector = self._memory["nis_mean"]
         self._out = np.zeros(OUT_SIZE)
+
+    @property
+    def setup(self) -> Setup:
+        """Parameters as the kernels take them."""
+        return self._setup
+
+    @property
+    def known(self) -> Known:
+        """What the baseline in force says."""
+        return self._known
+
+    def take_baseline(self, known: Known) -> None:
+        """From the next cycle on, publish what is left beyond this; NOTHING_KNOWN: all."""
+        self._known = known
+        self._setup = with_baseline(self._setup, known)
 
     def reset(self, position: Pair) -> None:
         """Start at a measured pose, at rest.
@@ -235,6 +258,7 @@ class LegObserver:
             (values[OUT_NET_STD], values[OUT_NET_STD + 1]),
             (LEVELS[level_hip], LEVELS[level_slide]),
             Status(status),
+            tuple(values[OUT_PASSIVE:]),
         )
 
     @property
@@ -267,8 +291,18 @@ def setup_of(
     )
     noise = tuning.process_std, tuning.measurement_std
     unsure = float(len(considered)), table_of(considered)
-    values = (leg, hip, slide, float(tuning.coriolis), options, *noise, *unsure)
+    known = (0.0, *NOTHING_KNOWN[1:])
+    values = (leg, hip, slide, float(tuning.coriolis), options, *noise, *unsure, *known)
     setup: Any = np.array([values], SETUP_LAYOUT)
+    setup.setflags(write=False)
+    return setup
+
+
+def with_baseline(setup_of: Setup, known: Known) -> Setup:
+    """The same parameters with another baseline."""
+    setup: Any = np.array(setup_of)
+    setup["baseline_taken"] = float(known.taken)
+    setup["theta"], setup["root"], setup["kept_std"] = known.theta, known.root, known.kept_std
     setup.setflags(write=False)
     return setup
 

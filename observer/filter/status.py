@@ -34,6 +34,8 @@ class Status(IntFlag):
     NEAR_LIMIT = 1 << 13
     """At an end stop: contact forces look like a patient."""
     UNCALIBRATED = 1 << 14
+    BASELINE = 1 << 15
+    """A passive baseline is taken off: values are relative to the minute with a passive patient."""
 
 
 class Validity(IntEnum):

@@ -12,12 +12,14 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.filter.considered import take_off
 from observer.filter.leg_filter import (
     OUT_COVARIANCE,
     OUT_INNOVATION,
     OUT_NET,
     OUT_NET_STD,
     OUT_NIS,
+    OUT_PASSIVE,
     OUT_SIZE,
     OUT_STD,
     Constants,
@@ -56,10 +58,11 @@ class Columns:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BatchEstimates:
-    """Results of `LegObserver.step` at each of n rows; NaN before the first pose."""
+    """What is published of each of n rows; NaN before the first pose."""
 
     state: Matrix
-    """Shape (n, 8), in the order and units of `states.STATE_NAMES`."""
+    """Shape (n, 8), in the order and units of `states.STATE_NAMES`; of friction and patient what
+    the baseline does not explain."""
     std: Matrix
     """Shape (n, 8)."""
     covariance: Matrix
@@ -120,7 +123,7 @@ class Rows(NamedTuple):
     effort: Matrix
     bits: Integers
     numbers: Matrix
-    """Shape (n, OUT_SIZE): the results of `advance`."""
+    """Shape (n, OUT_SIZE): the results of `advance`, without what the baseline explains."""
     flags: Integers
     """Shape (n, 3): status, validity of hip and slide."""
 
@@ -137,7 +140,7 @@ class Rows(NamedTuple):
             innovation=self.numbers[:, OUT_INNOVATION:OUT_NIS],
             nis=self.numbers[:, OUT_NIS],
             net=self.numbers[:, OUT_NET:OUT_NET_STD],
-            net_std=self.numbers[:, OUT_NET_STD:],
+            net_std=self.numbers[:, OUT_NET_STD:OUT_PASSIVE],
             status=self.flags[:, 0],
             validity=self.flags[:, 1:],
             unsure=self.numbers[:, OUT_SIZE:],
@@ -190,6 +193,9 @@ def advance_by_row(
         rows.bits[row],
         rows.numbers[row],
     )
+    if constants.known.taken:
+        numbers = rows.numbers[row]
+        take_off(numbers[OUT_PASSIVE:], OUT_NET, numbers)
     rows.flags[row, 0] = status
     rows.flags[row, 1] = level_hip
     rows.flags[row, 2] = level_slide

@@ -34,7 +34,7 @@ AXIS = AxisRecord(1, 2, 3)
 STRIDE_AXIS = AxisStrideRecord(*range(15))
 FLAGS = "true,false,true"
 NO_VERDICT = '["none","none","",0.0,0.0,"none",""]'
-NO_REQUEST = '[0,"none",0,["hold",0.0,0.0,0.0,"","",false],"display",null]'
+NO_REQUEST = '[0,"none",0,["hold",0.0,0.0,0.0,"","",false,false],"display",null]'
 NO_AXIS = "[1,2,3,0.0,0.0,2" + ",null" * 11 + ",0.0,null,null]"
 NO_BUS = '["active",0,0,0,0,0,0,0,0,0.0]'
 
@@ -43,7 +43,7 @@ NO_BUS = '["active",0,0,0,0,0,0,0,0,0.0]'
     ("made", "text"),
     [
         (Verdict(), NO_VERDICT),
-        (ModeRequest(), '["hold",0.0,0.0,0.0,"","",false]'),
+        (ModeRequest(), '["hold",0.0,0.0,0.0,"","",false,false]'),
         (Plan(1, 2, 3), "[1,2,3,[null],[null]]"),
         (Request(), NO_REQUEST),
         (Setpoint(), '[0,0,0,[0.0],[0.0],"",1.0]'),

@@ -3,9 +3,11 @@ import tomllib
 import numpy as np
 import pytest
 from command_line import gaitd
-from gaitd_toml import ConfigError
+from gaitd_toml import ConfigError, load_toml
 from sessions import CONFIGS, changed_configs
 
+from daemon.config.robot import considered
+from daemon.config.settings import Robot
 from daemon.preflight.load import load
 from tests.observer.trainer import PATIENT, encoded, gait, simulate
 
@@ -36,14 +38,14 @@ def baseline(recorded):
     return out
 
 
-def test_a_passive_run_becomes_a_file_with_what_is_left_over(baseline):
+def test_a_passive_run_becomes_a_file_with_what_it_says_of_the_robot(baseline):
     written = tomllib.loads(baseline.read_text())
 
-    assert len(written["hip"]["mean_nm"]) == len(written["slide"]["mean_n"]) == 50
-    assert np.mean(written["hip"]["mean_nm"]) == pytest.approx(
-        2.0, abs=0.3
-    )  # 0.1 rad of 20 N m/rad
     assert written["cadence_hz"] == pytest.approx(0.5, rel=0.02)
+    count = len(written["theta"])
+    assert [len(row) for row in written["covariance"]] == [count] * count
+    # A spring of another rest is one error of the file among those that look like it.
+    assert max(abs(theta) for theta in written["theta"]) > 0.5
 
 
 def test_strides_without_the_baseline_show_next_to_nothing(recorded, baseline, tmp_path):
@@ -83,7 +85,7 @@ def test_a_recording_with_too_few_strides_is_refused(recorded, tmp_path):
     ran = gaitd("baseline", short, "--robot", CONFIGS / "robot.toml", "--output", out)
 
     assert ran.code == 2
-    assert "strides; a baseline needs at least 5" in ran.err
+    assert "strides; a baseline needs at least 8" in ran.err
     assert not out.exists()
 
 
@@ -93,7 +95,9 @@ def test_the_service_takes_the_baseline_that_a_leg_names(baseline, tmp_path):
         ("demo.toml", 'name = "right"', f'name = "right"\nbaseline = "{baseline}"'),
     )
 
-    assert load(configs / "demo.toml").legs[0].baseline.shape == (50, 2)
+    named = load(configs / "demo.toml").legs[0].baseline
+    assert named.stride_count > 7
+    assert named.theta.shape == (len(considered(load_toml(CONFIGS / "robot.toml", Robot))),)
 
 
 def test_a_baseline_of_another_robot_is_refused_with_its_hash(baseline, tmp_path):

@@ -544,9 +544,9 @@ def test_status_bits_have_the_values_that_recordings_hold():
     assert [bit.name for bit in Status] == [
         *("VALID", "WARM_UP", "PREDICT_ONLY", "GATED", "STANDSTILL_HIP", "STANDSTILL_SLIDE"),
         *("NEAR_SINGULAR", "OUT_OF_WORKSPACE", "LATE", "INCONSISTENT", "UNREFERENCED"),
-        *("ARTIFICIAL", "INPUT_SATURATED", "NEAR_LIMIT", "UNCALIBRATED"),
+        *("ARTIFICIAL", "INPUT_SATURATED", "NEAR_LIMIT", "UNCALIBRATED", "BASELINE"),
     ]
-    assert [bit.value for bit in Status] == [1 << k for k in range(15)]
+    assert [bit.value for bit in Status] == [1 << k for k in range(16)]
 
 
 # --- sameness ---------------------------------------------------------------------------------

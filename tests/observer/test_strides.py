@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 
 from gaitd_lab.patients import Gait, clonic
-from observer.baseline import TooFewError, baseline_of
-from observer.filter.considered import VARIANTS_MAX
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Status, Validity
-from observer.offline.batch import BatchEstimates, Columns
 from observer.offline.smooth_batch import run_smoothed
 from observer.smoother import (
     SMOOTH_COVARIANCE,
@@ -69,8 +66,12 @@ def swing(cadence_hz, seconds, patient=lambda phase: (0.0, 0.0), begin_rad=0.2, 
         yield sample(hip_rad, (speed, 0.1 * speed), patient(turn), **more)
 
 
-def counted(samples, baseline=None):
-    counter = StrideCounter(baseline)
+def passive(turn):
+    return 2.0 + 1.5 * math.sin(turn), 10.0 * math.cos(2 * turn)
+
+
+def counted(samples):
+    counter = StrideCounter()
     return [done for row in samples if (done := counter.add(row))]
 
 
@@ -400,74 +401,11 @@ def test_two_counters_share_nothing():
     assert found == alone
 
 
-# --- baseline ----------------------------------------------------------------------------------
+def test_strides_say_that_a_baseline_was_taken_off():
+    bare = counted(swing(0.25, 12.4, passive))[-1]
+    clean = counted(swing(0.25, 12.4, passive, status=Status.VALID | Status.BASELINE))[-1]
 
-
-def passive(turn):
-    return 2.0 + 1.5 * math.sin(turn), 10.0 * math.cos(2 * turn)
-
-
-def as_recording(samples):
-    """Samples as a smoothed recording and its columns."""
-    rows = np.array(list(samples))
-    notes = rows[:, SMOOTH_CYCLE_DATA:SMOOTH_UNSURE]
-    zeros = np.zeros((len(rows), 2))
-    smooth = BatchEstimates(
-        state=rows[:, :8],
-        std=rows[:, 8:16],
-        covariance=rows[:, 16:52],
-        innovation=zeros,
-        nis=zeros[:, 0],
-        net=zeros,
-        net_std=zeros,
-        status=notes[:, 3].astype(np.int64),
-        validity=notes[:, 4:].astype(np.int64),
-        unsure=np.zeros((len(rows), 2 * VARIANTS_MAX)),
-    )
-    return smooth, Columns(np.arange(len(rows)) * DT, rows[:, :2], notes[:, 1:3])
-
-
-def test_a_passive_baseline_is_taken_away_by_gait_phase():
-    baseline = baseline_of(*as_recording(swing(0.25, 40.4, passive)))
-
-    bare = counted(swing(0.25, 16.4, passive))[-1]
-    clean = counted(swing(0.25, 16.4, passive), baseline.mean)[-1]
-
-    assert baseline.stride_count == 9
-    assert baseline.cadence_hz == pytest.approx(0.25, rel=0.01)
-    assert bare.hip.work_positive_j > 0.3
-    assert clean.hip.work_positive_j < 0.05 * bare.hip.work_positive_j
-    assert clean.slide.work_positive_j < 0.15 * bare.slide.work_positive_j
     assert (bare.baseline_subtracted, clean.baseline_subtracted) == (False, True)
-
-
-def test_parts_of_the_stride_that_are_never_known_are_bridged():
-    def blind(k, row):
-        if abs(row[2]) < 0.05:
-            row[SMOOTH_CYCLE_DATA:SMOOTH_UNSURE] = cycle_data_of(
-                DT, (0, 0), 1, (Validity.SPLIT_UNOBSERVABLE, 0)
-            )
-        return row
-
-    walk = enumerate(swing(0.25, 40.4, passive))
-    baseline = baseline_of(*as_recording(blind(k, row) for k, row in walk))
-
-    assert np.any(baseline.sample_count[:, 0] == 0)
-    assert np.isfinite(baseline.mean).all()
-    whole = baseline_of(*as_recording(swing(0.25, 40.4, passive)))
-    assert np.allclose(baseline.mean, whole.mean, atol=0.3)
-
-
-def test_too_few_strides_make_no_baseline():
-    with pytest.raises(TooFewError, match="has 2 strides; a baseline needs at least 5"):
-        baseline_of(*as_recording(swing(0.25, 12.4, passive)))
-
-
-def test_an_axis_that_is_hardly_known_makes_no_baseline():
-    blind = swing(0.25, 40.4, passive, known=(0, Validity.SPLIT_UNOBSERVABLE))
-
-    with pytest.raises(TooFewError, match="slide's patient is known in 0 of 50 parts"):
-        baseline_of(*as_recording(blind))
 
 
 # --- sigma -------------------------------------------------------------------------------------

@@ -284,6 +284,7 @@ class Trainer:
         scenario: str = "",
         axis: str = "",
         witnessed: bool = False,
+        baseline: bool = False,
     ) -> wire.Reply:
         """Go to another mode of the enabled machine.
 
@@ -295,6 +296,8 @@ class Trainer:
             scenario: name in the configuration, for excite.
             axis: LEG/AXIS, for reference and commission.
             witnessed: a person confirms that the axis moved as described, for commission.
+            baseline: the patient is passive, for a gait of a minute; what is estimated meanwhile is
+                taken off from then on.
         """
         return self._done(
             "mode",
@@ -305,6 +308,7 @@ class Trainer:
             scenario=scenario,
             axis=axis,
             witnessed=witnessed,
+            baseline=baseline,
         )
 
     def release_plan(self, limits: wire.PlanLimits) -> wire.Reply:

@@ -37,6 +37,10 @@ class EventCode(StrEnum):
     TEMPERATURE_BACK = auto()
     CLONUS_BEGUN = auto()
     CALIBRATION_ADVISED = auto()
+    BASELINE_BEGUN = auto()
+    """The minute with a passive patient has begun: an earlier baseline is no longer in force."""
+    BASELINE_TAKEN = auto()
+    BASELINE_REFUSED = auto()
     TESTS_FORGOTTEN = auto()
     """The drive has no serial number: it may be another one than that which was tested."""
     CLOCK_SET_BACK = auto()

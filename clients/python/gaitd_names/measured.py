@@ -36,6 +36,8 @@ class StatusBit(StrEnum):
     INPUT_SATURATED = auto()
     NEAR_LIMIT = auto()
     UNCALIBRATED = auto()
+    BASELINE = auto()
+    """A passive baseline is taken off: values are relative to the minute with a passive patient."""
 
 
 class Validity(StrEnum):

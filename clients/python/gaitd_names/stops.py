@@ -147,6 +147,10 @@ class Finding(StrEnum):
     FRICTION_MORE = auto()
     NO_SAMPLE = auto()
     NOT_BEGUN = auto()
+    # the minute with a passive patient
+    FEW_STRIDES = auto()
+    FEW_SAMPLES = auto()
+    NOT_PASSIVE = auto()
     # an earlier run of the service
     ENDED_WHILE_ENABLED = auto()
     NOTES_UNREADABLE = auto()

@@ -12,6 +12,7 @@ from daemon.config.limit_settings import Limits
 from daemon.config.robot import (
     considered,
     friction_parameters,
+    frictional,
     leg_parameters,
     observer_tuning,
 )
@@ -26,6 +27,7 @@ from daemon.core.safety.limits import AxisLimits, Categories, hip_limits, slide_
 from daemon.core.safety.spasm import SpasmRules, SpasmWatch
 from daemon.core.safety.stop_sequence import StopRules
 from daemon.core.state import Axis, Core, Leg, Observers
+from daemon.core.steps import passive
 from daemon.ipc.transport import RingHeader
 from drives.bringup.plan import CycleSettings, DrivePlan, homing_plan, plan, single_axis_plan
 from drives.cia402.profile import DriveDescription
@@ -221,9 +223,11 @@ def _leg(
         observers=Observers(
             observer,
             LegSmoother(observer),
-            StrideCounter(drives.baseline),
+            StrideCounter(),
             (hip_friction, slide_friction),
+            frictional(settings.robot),
         ),
+        passive=passive.from_file(drives.baseline),
         phase_offset_strides=phase,
     )
 

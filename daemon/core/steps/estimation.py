@@ -20,6 +20,7 @@ from daemon.core.steps.sampling import effort_std
 from daemon.core.tick import Tick
 from daemon.ipc.report import Event
 from observer.drift import Drift, asks_for_calibration, correlation, friction_error
+from observer.filter.considered import Known
 from observer.filter.leg_observer import LegEstimate, PoseError
 from observer.filter.status import Validity
 from observer.mechanism.friction import FrictionParameters
@@ -42,6 +43,8 @@ class ObserverInputs(Struct, frozen=True):
     near_limit: bool
     dt_s: float
     late: bool
+    known: Known
+    """What a passive baseline says."""
 
 
 def inputs_of(leg: Leg, tick: Tick) -> ObserverInputs:
@@ -59,6 +62,7 @@ def inputs_of(leg: Leg, tick: Tick) -> ObserverInputs:
         near_limit=leg.monitored.zone.entered,
         dt_s=tick.dt_s,
         late=tick.late,
+        known=leg.passive.known,
     )
 
 
@@ -69,6 +73,8 @@ def estimate(observers: Observers, before: Estimated, inputs: ObserverInputs) ->
     """
     if inputs.origin_moved:
         before = cleared(before)
+    if inputs.known is not observers.observer.known:
+        observers.observer.take_baseline(inputs.known)
     hip, slide = inputs.joints
     measured = _sampled_si(hip), _sampled_si(slide)
     artificial = inputs.artificial

@@ -34,6 +34,7 @@ from daemon.core.steps import (
     controllers,
     exercises,
     monitors,
+    passive,
     persistence,
     requests,
     sensing,
@@ -156,6 +157,10 @@ def _execute(core: Core, request: Request, cycle: int, utc_ns: int) -> None:
         core.reset_cycles_left, core.reset_settle_cycles = RESET_CYCLES, 0
     else:
         exercises.begin(core, request.mode)
+        if request.mode.mode == Mode.GAIT and request.mode.baseline:
+            for leg in core.legs:
+                leg.passive = passive.begun(leg, core.config.gait.ramp_strides)
+                core.report(EventCode.BASELINE_BEGUN, leg.name)
         assists, core.assisted = controllers.begun(
             core.legs, core.assisted, request, core.inputs.lease
         )

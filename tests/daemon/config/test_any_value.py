@@ -33,7 +33,6 @@ from daemon.preflight.report_tables import sections
 from drives.cia402.axis_file import AxisFile
 from drives.cia402.profile import DriveProfile
 from gaitd_lab.virtual_machine import virtual_machine
-from observer.strides import BASELINE_BINS
 from sim_drives.settings import PlantFile
 
 ABSENT = object()
@@ -53,8 +52,11 @@ BASELINE = {
     "robot_sha256": "0" * 64,
     "cadence_hz": 0.25,
     "stride_count": 10,
-    "hip": {key: [0.0] * BASELINE_BINS for key in ("mean_nm", "std_nm")},
-    "slide": {key: [0.0] * BASELINE_BINS for key in ("mean_n", "std_n")},
+    "swing_rad": 0.7,
+    "hip": {"kept_std_nm": 0.2},
+    "slide": {"kept_std_n": 2.0},
+    "theta": [0.0, 1.0],
+    "covariance": [[1.0, 0.5], [0.5, 1.0]],
 }
 
 TEXTS = catalogue(Reader.OPERATOR, "en")

@@ -27,6 +27,7 @@ WRITERS = {
 """Fields of the state by the module that writes them. All other fields never change."""
 SLICES = {
     "Inputs": ("inputs", "inputs.py"),
+    "Passive": ("passive", "steps/passive.py"),
     "Placed": ("placed", "steps/sensing.py"),
     "Sensed": ("sensed", "steps/sensing.py"),
     "Estimated": ("estimated", "steps/estimation.py"),

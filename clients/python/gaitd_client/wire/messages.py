@@ -390,6 +390,13 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     witnessed: Annotated[
         bool, Meta(description="Commission: a person confirms that the axis moved as described.")
     ] = False
+    baseline: Annotated[
+        bool,
+        Meta(
+            description="Gait: the patient is passive. What is estimated meanwhile is taken off"
+            " from then on."
+        ),
+    ] = False
 
 
 class AskedAxisPlan(AxisPlan, frozen=True, kw_only=True, forbid_unknown_fields=True):

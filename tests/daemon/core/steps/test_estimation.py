@@ -16,6 +16,7 @@ from daemon.core.steps.estimation import ObserverInputs, cleared, estimate
 from daemon.core.tick import Tick
 from daemon.ipc.cycle_timing import CycleTiming
 from observer.drift import NO_DRIFT
+from observer.filter.considered import NOTHING_KNOWN
 from observer.filter.leg_observer import PoseError
 from observer.filter.status import Status, Validity
 
@@ -30,6 +31,7 @@ SAMPLED = ObserverInputs(
     near_limit=False,
     dt_s=0.01,
     late=False,
+    known=NOTHING_KNOWN,
 )
 RUNS = Estimated(estimate=object(), bad_cycles=2, stride_count=7)
 
@@ -43,9 +45,13 @@ class Spy:
         self.smoother = SimpleNamespace(add=lambda *_: self.smoothed)
         self.smoothed, self.stride = None, None
         self.found = SimpleNamespace(validity=validity, status=Status.ARTIFICIAL)
+        self.known = NOTHING_KNOWN
 
     def reset(self, measured):
         self.started.append(measured)
+
+    def take_baseline(self, known):
+        self.known = known
 
     def step(self, *fed, **flags):
         self.fed.append((*fed, flags))
@@ -73,6 +79,14 @@ def test_a_sample_that_is_missing_is_not_a_number_and_the_artificial_part_is_tak
     assert flags["late"]
     assert not flags["unreferenced"]
     assert (found.effort_used, found.artificial) == (efforts, (3.0, -4.0))
+
+
+def test_a_baseline_is_in_force_from_the_cycle_on_in_which_it_is_given(spy):
+    known = NOTHING_KNOWN._replace(taken=True)
+
+    estimate(spy, RUNS, replace(SAMPLED, known=known))
+
+    assert spy.known is known
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,122 @@
+"""The minute with a passive patient: its strides, its baseline, and what the observer takes of it.
+
+    gait requested with `baseline`  the old baseline is no longer in force
+    strides while the gait plays    but the first ones, in which it grows
+    MINUTE_S of strides, or the     the baseline is in force, or the finding says why there is none
+    end of the gait
+
+What is known fades, and widens in another gait (`observer/baseline.py`). A homing moves the origin
+of a position, which is one of the errors that a baseline holds: there is none any more after it.
+
+This file makes `Passive`.
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import Final
+
+from gaitd_names import EventCode, Finding, Mode, Stage
+from msgspec.structs import replace
+
+from daemon.core.period import PERIOD_S
+from daemon.core.slices import Passive
+from daemon.core.state import Leg
+from daemon.ipc.report import Event
+from observer.baseline import (
+    FADE_S,
+    Baseline,
+    NotPassiveError,
+    PassiveStrides,
+    Unfit,
+    is_other_gait,
+    known,
+    swing_of,
+)
+from observer.filter.considered import NOTHING_KNOWN
+
+MINUTE_S: Final = 60.0
+AGE_STEP_S: Final = 20.0
+"""What is known is computed anew after this long: it fades slowly."""
+_FADED_STEPS: Final = round(FADE_S / AGE_STEP_S)
+_FINDINGS: Final[Mapping[Unfit, Finding]] = {
+    Unfit.FEW_STRIDES: Finding.FEW_STRIDES,
+    Unfit.FEW_SAMPLES: Finding.FEW_SAMPLES,
+    Unfit.NOT_PASSIVE: Finding.NOT_PASSIVE,
+}
+
+
+def from_file(baseline: Baseline | None) -> Passive:
+    """What a baseline says that was taken an unknown time ago."""
+    return _in_force(Passive(baseline=baseline), _FADED_STEPS, other_gait=False)
+
+
+def begun(leg: Leg, ramp_strides: float) -> Passive:
+    """Begin the minute: until it is over nothing is known. The gait grows for `ramp_strides`."""
+    growing = math.ceil(ramp_strides)
+    return Passive(strides=PassiveStrides(leg.observers.frictional), growing_strides=growing)
+
+
+def advance(leg: Leg, before: Passive, mode: Mode, cycle: int) -> Passive:
+    """Take the stride that was completed in this cycle, and end the minute if it is over.
+
+    Args:
+        leg: its estimate, strides and exercise are read.
+        before: of the last cycle.
+        mode: of the machine.
+        cycle: the number of this cycle.
+    """
+    if any(axis.sensed.origin_moved for axis in leg.axes):
+        return Passive()
+    stride = leg.estimated.stride
+    if before.strides is not None:
+        return _minute(leg, before, before.strides, mode, cycle)
+    if stride is None or before.baseline is None:
+        return before
+    swing_rad = swing_of(leg.observers.strides.completed)
+    other_gait = is_other_gait(before.baseline, stride.cadence_hz, swing_rad)
+    age_steps = _FADED_STEPS
+    if before.taken_cycle is not None:
+        age_steps = min(int((cycle - before.taken_cycle) * PERIOD_S / AGE_STEP_S), _FADED_STEPS)
+    if (age_steps, other_gait) == (before.age_steps, before.other_gait):
+        return before
+    return _in_force(before, age_steps, other_gait=other_gait)
+
+
+def news(leg: Leg, before: Passive, after: Passive) -> Iterator[Event]:
+    """A baseline that was taken, or why there is none."""
+    if before.strides is None or after.strides is not None:
+        return
+    if after.baseline is not None:
+        numbers = after.baseline.stride_count, *after.baseline.kept_std
+        yield Event(EventCode.BASELINE_TAKEN, leg.name, numbers)
+    elif after.finding is not Finding.NONE:
+        axis, *numbers = after.found
+        yield Event(EventCode.BASELINE_REFUSED, leg.axes[axis].name, (after.finding, *numbers))
+
+
+def _minute(leg: Leg, before: Passive, strides: PassiveStrides, mode: Mode, cycle: int) -> Passive:
+    stride, exercise = leg.estimated.stride, leg.exercise
+    if mode != Mode.GAIT or strides.duration_s >= MINUTE_S:
+        return _result(strides, cycle)
+    if stride is None or exercise is None or exercise.stage is not Stage.PLAYING:
+        return before
+    if before.growing_strides > 0:
+        return replace(before, growing_strides=before.growing_strides - 1)
+    strides.add(stride, leg.observers.strides.completed)
+    return before
+
+
+def _result(strides: PassiveStrides, cycle: int) -> Passive:
+    try:
+        baseline = strides.result()
+    except NotPassiveError as error:
+        found = error.axis, error.value, error.limit
+        return Passive(finding=_FINDINGS[error.why], found=found)
+    return _in_force(Passive(baseline=baseline, taken_cycle=cycle), 0, other_gait=False)
+
+
+def _in_force(passive: Passive, age_steps: int, *, other_gait: bool) -> Passive:
+    if passive.baseline is None:
+        return replace(passive, known=NOTHING_KNOWN)
+    now = known(passive.baseline, age_steps * AGE_STEP_S, other_gait=other_gait)
+    return replace(passive, known=now, age_steps=age_steps, other_gait=other_gait)

@@ -1,0 +1,76 @@
+"""A minute with a passive patient in a machine whose file has a lighter leg: what is left over."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gaitd_names import EventCode, Mode, RequestKind, Stage
+from msgspec.structs import replace as replace_fields
+from sessions import CONFIGS
+
+from daemon.ipc.record import ModeRequest
+from daemon.preflight.load import load
+from gaitd_lab.lockstep import LockstepSession
+from observer.filter.status import Status, Validity
+
+
+@pytest.fixture(scope="module")
+def session():
+    settings = load(CONFIGS / "demo.toml")
+    patient = settings.robot.patient
+    light = replace_fields(patient, mass_kg=0.85 * patient.mass_kg)
+    settings = replace(settings, robot=replace_fields(settings.robot, patient=light))
+    made = LockstepSession(settings).enable()
+    made.command("patient passive")
+    wanted = ModeRequest(Mode.GAIT, 0.4, 1.0, duration_s=33.0, baseline=True)
+    made.execute(RequestKind.MODE, wanted)
+    made.run_until(lambda record: record.stage is Stage.OVER or record.mode == Mode.HOLD, 60)
+    made.command("patient active")
+    made.execute(RequestKind.MODE, ModeRequest(Mode.GAIT, 0.3, 1.0, duration_s=60.0))
+    made.run_until(lambda record: record.gait_phase >= 0, 20)
+    made.run(9)
+    return made
+
+
+def errors(session, records):
+    true = {row.sync_mono_ns: row for row in session.truth.rows}
+    found = []
+    for record in records:
+        hip, slide = record.legs[0].hip, record.legs[0].slide
+        if (hip.validity, slide.validity) != (Validity.OK, Validity.OK):
+            continue
+        row = true[record.sync_mono_ns]
+        found.append(
+            (
+                (hip.patient - row.hip_patient_nm, hip.patient_std),
+                (slide.patient - row.slide_patient_n, slide.patient_std),
+            )
+        )
+    return np.moveaxis(np.array(found), -1, 0)
+
+
+def test_the_minute_is_reported_and_what_follows_is_relative_to_it_and_right(session):
+    events = [
+        (number, event)
+        for number, record in enumerate(session.records)
+        for event in record.events
+        if event.code in {EventCode.BASELINE_BEGUN, EventCode.BASELINE_TAKEN}
+    ]
+
+    (begun, _), (taken, told) = events
+    during, later = session.records[taken - 1500 : taken - 50], session.records[-800:]
+    assert told.subject == "right"
+    assert not any(Status.BASELINE & record.legs[0].status for record in session.records[:begun])
+    assert all(Status.BASELINE & record.legs[0].status for record in later)
+    (before, before_std), (after, after_std) = errors(session, during), errors(session, later)
+    assert (np.abs(before) > 2.0)[:, 0].mean() > 0.8
+    assert (np.sqrt(np.mean(after**2, axis=0)) < (0.6, 3.0)).all()
+    assert (np.abs(after) < 3.0 * after_std).mean() > 0.99
+    assert (after_std.mean(axis=0) < 0.5 * before_std.mean(axis=0)).all()
+
+
+def test_strides_say_whether_a_baseline_was_taken_off(session):
+    strides = [record.legs[0].stride for record in session.records if record.legs[0].stride]
+
+    assert not strides[3].baseline_subtracted
+    assert strides[-1].baseline_subtracted

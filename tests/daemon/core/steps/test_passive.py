@@ -1,0 +1,164 @@
+"""The minute with a passive patient: which strides count, when it is over, what is then known."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from gaitd_names import EventCode, Finding, Mode, Stage
+from msgspec.structs import replace
+
+from daemon.core.slices import Estimated, Passive
+from daemon.core.steps import passive
+from daemon.core.steps.passive import AGE_STEP_S, MINUTE_S, advance, begun, from_file, news
+from daemon.ipc.report import Event
+from observer.baseline import FADE_S, Baseline, NotPassiveError, Unfit, known
+from observer.filter.considered import NOTHING_KNOWN
+from observer.strides import COLUMNS, HIP
+
+TAKEN = Baseline(np.ones(2), np.eye(2), (0.2, 1.5), (False, True), 9, 0.25, 0.5)
+ROWS = np.zeros((2, COLUMNS))
+ROWS[1, HIP] = TAKEN.swing_rad
+STRIDE = SimpleNamespace(duration_s=4.0, cadence_hz=0.25)
+CYCLES_PER_STEP = round(AGE_STEP_S / 0.01)
+
+
+class Strides:
+    """Strides of a minute that gives what a test says."""
+
+    def __init__(self, duration_s=0.0, gives=TAKEN):
+        self.duration_s, self.gives, self.added = duration_s, gives, []
+
+    def add(self, stride, rows):
+        self.added.append((stride, rows))
+
+    def result(self):
+        if isinstance(self.gives, Exception):
+            raise self.gives
+        return self.gives
+
+
+def leg_with(stride=STRIDE, stage=Stage.PLAYING, *, origin_moved=False):
+    def axis(name, *, moved):
+        return SimpleNamespace(name=f"right/{name}", sensed=SimpleNamespace(origin_moved=moved))
+
+    return SimpleNamespace(
+        name="right",
+        estimated=Estimated(stride=stride),
+        exercise=None if stage is None else SimpleNamespace(stage=stage),
+        observers=SimpleNamespace(
+            strides=SimpleNamespace(completed=ROWS), frictional=(False, True)
+        ),
+        axes=(axis("hip", moved=False), axis("slide", moved=origin_moved)),
+    )
+
+
+@pytest.mark.parametrize(("ramp_strides", "growing"), [(1.0, 1), (1.5, 2), (2.0, 2)])
+def test_a_minute_begins_without_knowledge_and_without_the_strides_in_which_the_gait_grows(
+    ramp_strides, growing
+):
+    minute = begun(leg_with(), ramp_strides)
+
+    assert (minute.known, minute.baseline) == (NOTHING_KNOWN, None)
+    assert (minute.strides.stride_count, minute.growing_strides) == (0, growing)
+
+
+def test_strides_of_a_grown_gait_that_plays_are_of_the_minute_and_no_others():
+    strides = Strides()
+    minute = Passive(strides=strides, growing_strides=1)
+
+    for leg in (leg_with(None), leg_with(stage=Stage.APPROACHING), leg_with(stage=None)):
+        assert advance(leg, minute, Mode.GAIT, 5) is minute
+    grown = advance(leg_with(), minute, Mode.GAIT, 6)
+    assert (grown.growing_strides, strides.added) == (0, [])
+    assert advance(leg_with(None), grown, Mode.GAIT, 7) is grown
+    assert advance(leg_with(), grown, Mode.GAIT, 8) is grown
+    assert strides.added == [(STRIDE, ROWS)]
+
+
+@pytest.mark.parametrize(
+    ("duration_s", "mode", "over"),
+    [
+        (MINUTE_S - 1.0, Mode.GAIT, False),
+        (MINUTE_S, Mode.GAIT, True),
+        (40.0, Mode.HOLD, True),
+        (0.0, Mode.STOPPING, True),
+    ],
+)
+def test_a_minute_is_over_after_its_time_or_with_the_gait(duration_s, mode, over):
+    minute = Passive(strides=Strides(duration_s))
+
+    after = advance(leg_with(None), minute, mode, 70)
+
+    assert (after.strides is None) is over
+    assert (after.baseline, after.taken_cycle) == ((TAKEN, 70) if over else (None, None))
+    if over:
+        np.testing.assert_array_equal(after.known.root, known(TAKEN, 0.0).root)
+        assert list(news(leg_with(), minute, after)) == [
+            Event(EventCode.BASELINE_TAKEN, "right", (9, 0.2, 1.5))
+        ]
+
+
+@pytest.mark.parametrize(
+    ("why", "axis", "finding", "name"),
+    [
+        (Unfit.FEW_STRIDES, 0, Finding.FEW_STRIDES, "right/hip"),
+        (Unfit.FEW_SAMPLES, 1, Finding.FEW_SAMPLES, "right/slide"),
+        (Unfit.NOT_PASSIVE, 1, Finding.NOT_PASSIVE, "right/slide"),
+    ],
+)
+def test_a_minute_that_gives_nothing_says_why_and_nothing_is_known(why, axis, finding, name):
+    minute = Passive(strides=Strides(gives=NotPassiveError(why, axis, 7.0, 4.0)))
+
+    after = advance(leg_with(None), minute, Mode.HOLD, 70)
+
+    assert (after.known, after.baseline, after.strides) == (NOTHING_KNOWN, None, None)
+    (event,) = news(leg_with(), minute, after)
+    assert event == Event(EventCode.BASELINE_REFUSED, name, (finding, 7.0, 4.0))
+
+
+def test_a_minute_or_a_baseline_without_an_end_of_a_minute_is_no_news():
+    minute, taken = Passive(strides=Strides()), Passive(baseline=TAKEN)
+
+    assert not list(news(leg_with(), minute, minute))
+    assert not list(news(leg_with(), taken, replace(taken, other_gait=True)))
+    assert not list(news(leg_with(), minute, Passive()))
+
+
+@pytest.mark.parametrize("before", [Passive(baseline=TAKEN), Passive(strides=Strides())])
+def test_a_homing_ends_what_is_known(before):
+    assert advance(leg_with(origin_moved=True), before, Mode.GAIT, 5) == Passive()
+
+
+def test_what_is_known_is_computed_anew_in_another_gait_and_as_it_fades_and_only_then():
+    taken = advance(leg_with(None), Passive(strides=Strides(MINUTE_S)), Mode.GAIT, 100)
+    faster = leg_with(SimpleNamespace(duration_s=3.0, cadence_hz=0.33))
+
+    assert advance(leg_with(None), taken, Mode.GAIT, 9000) is taken
+    assert advance(leg_with(), taken, Mode.GAIT, 99 + CYCLES_PER_STEP) is taken
+    other = advance(faster, taken, Mode.GAIT, 500)
+    older = advance(leg_with(), taken, Mode.GAIT, 100 + CYCLES_PER_STEP)
+    faded = advance(leg_with(), taken, Mode.GAIT, 10**7)
+
+    assert other.other_gait
+    for found, expected in (
+        (other, known(TAKEN, 0.0, other_gait=True)),
+        (older, known(TAKEN, AGE_STEP_S)),
+        (faded, known(TAKEN, FADE_S)),
+    ):
+        np.testing.assert_array_equal(found.known.kept_std, expected.kept_std)
+        np.testing.assert_array_equal(found.known.root, expected.root)
+    assert not advance(leg_with(), other, Mode.GAIT, 600).other_gait
+
+
+def test_a_baseline_from_a_file_has_faded_and_stays_so():
+    shown = from_file(TAKEN)
+
+    np.testing.assert_array_equal(shown.known.root, known(TAKEN, FADE_S).root)
+    assert advance(leg_with(), shown, Mode.GAIT, 1) is shown
+    assert from_file(None) == Passive()
+
+
+def test_without_baseline_and_minute_nothing_is_done():
+    nothing = Passive()
+
+    assert passive.advance(leg_with(), nothing, Mode.GAIT, 1) is nothing
