@@ -309,7 +309,7 @@ class Leg(Table, frozen=True):
     hip: Text
     slide: Text
     baseline: Text | None = None
-    """File of `gaitd baseline`, subtracted from the stride figures; none if absent."""
+    """File of `gaitd baseline`, taken off the estimate; none if absent."""
 
 
 class HipImpedance(Table, frozen=True):

@@ -20,7 +20,7 @@ from gaitd_client import (
     Stride,
 )
 from gaitd_client.wire import AxisEstimate
-from gaitd_names import Kind
+from gaitd_names import Kind, StatusBit
 from gaitd_texts import Situation, key_of, stop_of
 
 from gaitd_display.alarm import Alarm, cause_of
@@ -64,6 +64,8 @@ class LegView(msgspec.Struct, frozen=True):
     """Power of the patient, both axes."""
     hip: AxisView = AxisView()
     slide: AxisView = AxisView()
+    is_relative: bool = False
+    """A passive baseline is taken off: values are relative to the minute with a passive patient."""
 
 
 class StopView(msgspec.Struct, frozen=True):
@@ -201,6 +203,7 @@ def leg_view(leg: str, estimate: Estimate | NotValid, activity: Activity | NotVa
         activity.patient_power_w if isinstance(activity, Activity) else None,
         axis_view(estimate.hip),
         axis_view(estimate.slide),
+        is_relative=StatusBit.BASELINE in estimate.status,
     )
 
 

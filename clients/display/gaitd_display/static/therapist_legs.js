@@ -163,10 +163,12 @@ export class LegCard {
     const of = AXES.map(({ name }) => view[name].validity ?? "none");
     const isSame = of[0] === of[1];
     const said = isSame ? this.words.of(`valid.${of[0]}`) : of.map((one, index) => (one === "ok" ? "" : `${this.words.of(AXES[index].title).split(",")[0]}: ${this.words.of(`valid.${one}`)}`)).filter(Boolean).join(". ");
-    if (said === this.saidValidity) return;
-    this.saidValidity = said;
+    const of_what = view.time_ms === null ? "" : this.words.of(view.is_relative ? "relative" : "no_baseline");
+    const key = `${said} ${of_what}`;
+    if (key === this.saidValidity) return;
+    this.saidValidity = key;
     const isBad = of.includes("bad") || of.includes("none");
-    this.validity.replaceChildren(icon(isBad ? "bad" : of.includes("split_unobservable") ? "rest" : "ok"), said);
+    this.validity.replaceChildren(icon(isBad ? "bad" : of.includes("split_unobservable") ? "rest" : "ok"), said, made("small", "", of_what));
   }
 
   paintCurves() {

@@ -201,8 +201,8 @@ class Stride(Sampled, frozen=True, kw_only=True):
     """The patient's estimated activity in one leg over one stride, published at its end.
 
     Computed from the estimate smoothed over 150 ms. It contains muscle force, passive tissue, and
-    the errors of the models of leg and friction; `baseline_subtracted`: a passive run's part is
-    removed.
+    the errors of the models of leg and friction; `baseline_subtracted`: what a minute with a
+    passive patient explains is taken off.
     """
 
     leg: Annotated[str, Meta(description="right or left")]
@@ -221,7 +221,7 @@ class Stride(Sampled, frozen=True, kw_only=True):
     work_negative_j_std: Std
     share_ratio: Annotated[float | None, Meta(description="Of both axes; null below 0.5 J.")]
     share_ratio_std: Std
-    baseline_subtracted: Annotated[bool, Meta(description="Of a passive run, per gait phase.")]
+    baseline_subtracted: Annotated[bool, Meta(description="A passive baseline is taken off.")]
 
 
 class ControllerState(Stated, frozen=True, kw_only=True):
