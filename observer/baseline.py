@@ -57,7 +57,7 @@ OTHER_GAIT_RATIO: Final = 1.1
 OTHER_GAIT_KEPT_RATIO: Final = 2.0
 """What no parameter explains has another shape in another gait."""
 _ROUNDS: Final = 3
-"""Of regression and estimate of what it leaves; the third changes nothing any more."""
+"""Regressions, each with an estimate of what the last has left; a fourth changes nothing."""
 
 
 class Baseline(NamedTuple):
