@@ -40,6 +40,13 @@ cadence_hz = 0.5
 amplitude_ratio = 0.6
 rest_s = 3.0
 """
+PASSIVE = """
+[plan.passive]
+duration_s = 80.0
+cadence_hz = 0.25
+amplitude_ratio = 0.8
+rest_s = 0
+"""
 
 
 def profile() -> Profile:

@@ -271,6 +271,8 @@ class PatientState:
         if training is not None and mode in RESTING_MODES and not training.is_going:
             return self._word_at_rest(training, mode)
         if mode in TRAINING and stage == Stage.PLAYING:
+            if training is not None and training.advice is Advice.RELAX:
+                return Word.RELAX
             return word_of(self._steps())
         if stage in STAGE_WORDS and mode not in STOPPED_MODES:
             return STAGE_WORDS[stage]

@@ -14,6 +14,8 @@ class Advice(StrEnum):
     PRESS_START_TO_RESET = auto()
     LIE_STILL = auto()
     WALK = auto()
+    RELAX = auto()
+    """The leg is moved, and nothing else is to be done."""
     REST = auto()
     CALL_FOR_HELP = auto()
     CHECK_CONNECTION = auto()

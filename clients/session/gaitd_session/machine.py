@@ -44,7 +44,7 @@ from gaitd_client.wire import Refusal
 
 from gaitd_session.advice import Failure, Why, refusal_of
 from gaitd_session.goals import STRIDES_MIN, band_about, next_middle
-from gaitd_session.plan import Block, blocks_of
+from gaitd_session.plan import Block, BlockKind, blocks_of
 from gaitd_session.profile import Goal, Profile
 from gaitd_session.steps import Result, Step, StrideShare, rows_of, step_of
 
@@ -239,6 +239,8 @@ class Request(NamedTuple):
     cadence_hz: float = 0.0
     amplitude_ratio: float = 0.0
     duration_s: float = 0.0
+    is_passive: bool = False
+    """The patient relaxes: see `BlockKind.PASSIVE`."""
 
 
 class Answer(NamedTuple):
@@ -629,7 +631,8 @@ def next_middles(state: State) -> dict[str, float]:
 
 
 def _with_strides(state: State, strides: Sequence[StrideShare]) -> State:
-    if state.phase is not Phase.WALKING:
+    is_passive = state.block is not None and state.block.kind is BlockKind.PASSIVE
+    if state.phase is not Phase.WALKING or is_passive:
         return state
     for stride in strides:
         legs = {leg.leg: leg for leg in state.legs}
@@ -669,6 +672,11 @@ def _request(
     if kind is not RequestKind.GAIT or block is None:
         return state, Request(number, kind)
     walk = block.walk
+    if block.kind is BlockKind.PASSIVE:  # a part of a minute would be too short
+        whole_s = walk.duration_s
+        return state, Request(
+            number, kind, walk.cadence_hz, walk.amplitude_ratio, whole_s, is_passive=True
+        )
     left_s = state.block_left_s(now_s)
     return state, Request(number, kind, walk.cadence_hz, walk.amplitude_ratio, left_s)
 

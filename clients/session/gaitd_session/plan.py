@@ -11,6 +11,8 @@ from gaitd_session.profile import Profile, Walk
 class BlockKind(StrEnum):
     """Part of the plan."""
 
+    PASSIVE = auto()
+    """The patient relaxes; what is estimated meanwhile is taken off from then on."""
     WARM_UP = auto()
     WALKING = auto()
 
@@ -24,8 +26,10 @@ class Block:
 
 
 def blocks_of(profile: Profile) -> tuple[Block, ...]:
-    """Return warm-up and blocks; never empty."""
+    """Return the passive minute if there is one, warm-up and blocks; never empty."""
+    passive = profile.plan.passive
     return (
+        *(() if passive is None else (Block(BlockKind.PASSIVE, passive),)),
         Block(BlockKind.WARM_UP, profile.plan.warm_up),
         *(Block(BlockKind.WALKING, walk) for walk in profile.plan.block),
     )

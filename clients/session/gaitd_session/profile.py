@@ -86,8 +86,10 @@ class Walk(_Strict, frozen=True, kw_only=True):
 
 
 class Plan(_Strict, frozen=True, kw_only=True):
-    """A session: the warm-up, then the blocks in this order."""
+    """A session: the passive minute, the warm-up, then the blocks in this order."""
 
+    passive: Walk | None = None
+    """A gait in which the patient relaxes, 80 s for a minute of strides; None: there is none."""
     warm_up: Walk
     block: Annotated[tuple[Walk, ...], Meta(min_length=1, max_length=50)]
 
@@ -153,7 +155,8 @@ def _contradictions(profile: Profile) -> Iterator[tuple[str, object, str]]:
             f"from {goal.share_min_ratio:g} to {goal.share_max_ratio:g}, the therapist's bounds"
         )
         yield "goal.share_start_ratio", goal.share_start_ratio, allowed
-    walks = {"plan.warm_up": plan.warm_up}
+    walks = {} if plan.passive is None else {"plan.passive": plan.passive}
+    walks |= {"plan.warm_up": plan.warm_up}
     walks |= {f"plan.block[{index}]": walk for index, walk in enumerate(plan.block)}
     for key, walk in walks.items():
         for name, value, low, high in (

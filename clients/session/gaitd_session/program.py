@@ -78,11 +78,19 @@ challenge_ratio = 0.02           # the band is led so much above what the patien
 step_max_ratio = 0.05            # and moves by at most so much from a block to the next
 in_band_goal_ratio = 0.6         # goal of a block: so many strides in the band
 
-[plan.warm_up]
+{passive}[plan.warm_up]
 duration_s = {warm_up}
 cadence_hz = {cadence_min}
 amplitude_ratio = {amplitude_min}
 rest_s = {rest}
+"""
+PASSIVE: Final = """\
+[plan.passive]                   # the patient relaxes: what is estimated then is taken off later
+duration_s = {duration}
+cadence_hz = {cadence_min}
+amplitude_ratio = {amplitude_max}
+rest_s = 0
+
 """
 BLOCK: Final = """
 [[plan.block]]
@@ -137,6 +145,9 @@ def new_profile(
     rest: Annotated[float, typer.Option(help="Seconds of rest after each block.")],
     leg: Annotated[list[str], typer.Option(help="right or left; both for two legs.")],
     folder: Annotated[Path, typer.Option(help="Where ID.toml is written.", file_okay=False)],
+    passive: Annotated[
+        float, typer.Option(help="Seconds of gait with a relaxed patient before the warm-up.")
+    ] = 0.0,
 ) -> None:
     """Write a profile with a random id; edit the file for blocks that differ."""
     profile_id = new_id()
@@ -152,6 +163,8 @@ def new_profile(
         "duration": duration,
         "rest": rest,
     }
+    minute = PASSIVE.format_map({**values, "duration": passive}) if passive else ""
+    values["passive"] = minute
     file = folder / f"{profile_id}.toml"
     text = TEMPLATE.format_map(values) + BLOCK.format_map(values) * blocks
     with _errors_in_one_line():

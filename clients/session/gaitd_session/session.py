@@ -322,6 +322,7 @@ class Session:
                         cadence_hz=request.cadence_hz,
                         amplitude_ratio=request.amplitude_ratio,
                         duration_s=request.duration_s,
+                        baseline=request.is_passive,
                     )
         except RequestRefusedError as error:
             return Answer(request.number, error.reply.refusal or refusal_of(Failure.NO_ANSWER))

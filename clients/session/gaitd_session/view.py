@@ -44,7 +44,7 @@ class BlockView(msgspec.Struct, frozen=True, kw_only=True):
     """The present or next block."""
 
     number: int
-    """From 1; the warm-up counts."""
+    """From 1; the passive minute and the warm-up count."""
     count: int
     kind: BlockKind
 
@@ -172,7 +172,8 @@ def _advice(state: State, trainer: TrainerState | None, now_s: float) -> Advice:
         case Phase.STOPPED:
             return Advice.CALL_FOR_HELP
         case Phase.WALKING:
-            return Advice.WALK
+            is_passive = state.block is not None and state.block.kind is BlockKind.PASSIVE
+            return Advice.RELAX if is_passive else Advice.WALK
         case _ if state.phase in ACTIVE:
             return Advice.LIE_STILL
         case _ if trainer is not None and trainer.is_enabled:

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from gaitd_client import Cause, Mode, RefusalCode, Stage
@@ -32,9 +33,10 @@ from gaitd_session.machine import (
     step,
 )
 from gaitd_session.plan import BlockKind
+from gaitd_session.profile import parse_profile
 from gaitd_session.steps import Result, StrideShare
 from gaitd_session.view import ADVICE_ON_UNTESTED, view_of
-from training import profile
+from training import PASSIVE, PROFILE, profile
 
 ENABLED = {Mode.HOLD, Mode.GAIT, Mode.SELF_TEST, Mode.TORQUE, Mode.HAND_GUIDING}
 MOTION = {RequestKind.SELF_TEST, RequestKind.GAIT}
@@ -70,8 +72,8 @@ OFF_BY_STO = trainer(Mode.FAULT, cause=Cause.STO_ACTIVE)
 class Run:
     """A session in which every request is done at once, unless a test answers otherwise."""
 
-    def __init__(self, *, self_test_due=False):
-        self.state = begin(profile(), {}, self_test_due=self_test_due)
+    def __init__(self, plan=None, *, self_test_due=False):
+        self.state = begin(plan or profile(), {}, self_test_due=self_test_due)
         self.now_s = 1000.0
         self.requests = []
         self.trainer = None
@@ -249,6 +251,23 @@ def test_a_whole_session_is_self_test_warm_up_rest_block():
     enable, disable = RequestKind.ENABLE, RequestKind.DISABLE
     gait = RequestKind.GAIT
     assert run.kinds == [enable, RequestKind.SELF_TEST, gait, disable, enable, gait, disable]
+
+
+def test_a_passive_minute_comes_first_is_not_judged_and_is_repeated_whole():
+    plan = parse_profile(f"{PROFILE}{PASSIVE}", Path("profile.toml"))
+    run = Run(plan).walk()
+    assert (run.view.block.kind, run.view.advice) == (BlockKind.PASSIVE, Advice.RELAX)
+    run.step(PLAYING, strides=[StrideShare("right", 0.9)])
+    assert (run.view.steps, run.view.legs[0].stride_count) == ((), 0)
+    run.step(PLAYING, Button.PAUSE, after_s=30.0).step(READY, after_s=OFF_SETTLE_S).walk()
+
+    first, again = (request for request in run.requests if request.kind is RequestKind.GAIT)
+    assert (first.is_passive, first.duration_s, first.cadence_hz) == (True, 80.0, 0.25)
+    assert (again.is_passive, again.duration_s) == (True, 80.0)
+    run.step(HOLD, after_s=81.0)
+    assert run.view.block.kind is BlockKind.WARM_UP
+    run.walk()
+    assert (run.requests[-1].is_passive, run.view.advice) == (False, Advice.WALK)
 
 
 def test_a_pause_keeps_what_is_left_of_the_block_and_disables_until_the_drives_are_off():
