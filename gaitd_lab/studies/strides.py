@@ -20,6 +20,7 @@ from analysis.recording import Recording, RecordingError
 from analysis.replay import Source, filter_setup, setup_for
 from daemon.config.settings import Robot
 from gaitd_lab.excitation import EmptyMachine, NotPlayedError
+from gaitd_lab.studies import wrong_file
 from gaitd_lab.studies.experiment.measures import covered, rms
 from gaitd_lab.studies.report import Cell, Report, Table, measured
 from gaitd_lab.trial import Trial
@@ -75,9 +76,10 @@ def study(config: Path, seeds: int, begin: Callable[[str], Callable[[float], Non
         NotPlayedError: it refused a scenario of the empty machine, or stopped in it.
         RecordingError: no bristles can be calibrated.
     """
-    table = _table(cases(config, range(1, seeds + 1), begin))
+    draws = range(1, seeds + 1)
+    tables = _table(cases(config, draws, begin)), wrong_file.table(config, draws, begin)
     figures = {"active": _figure(config, begin("picture"))}
-    return Report("strides", "The patient's effort and work in gait", (table,), figures)
+    return Report("strides", "The patient's effort and work in gait", tables, figures)
 
 
 def cases(
