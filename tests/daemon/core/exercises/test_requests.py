@@ -84,6 +84,7 @@ def changed(wanted, **changes):
         ),
         (Excite, EXCITE, {}, None),
         (Excite, changed(EXCITE, duration_s=30.0), {}, None),
+        (Excite, changed(EXCITE, duration_s=0.5), {}, None),
         (
             *(Excite, changed(EXCITE, scenario="x"), {}),
             Refusal(R.NO_SUCH_SCENARIO, said="friction, paper"),
@@ -93,7 +94,7 @@ def changed(wanted, **changes):
                 *(Excite, changed(EXCITE, duration_s=one), {}),
                 Refusal(R.DURATION_OUT_OF_RANGE, "", (one, 0.0, 30.0)),
             )
-            for one in (0.0, 30.1)
+            for one in (-1.0, 0.0, 30.1)
         ),
         (Excite, EXCITE, {"patient_configured": True}, Refusal(R.PATIENT_CONFIGURED)),
         (Excite, EXCITE, {"lease_held": True}, Refusal(R.LEASE_HELD)),

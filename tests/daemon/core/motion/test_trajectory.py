@@ -15,7 +15,7 @@ from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot, Sinusoid, Trainer
 from daemon.core.exercises.approach import Approach, approach, is_clear
 from daemon.core.exercises.excite import SETTLE_S, Excite
-from daemon.core.exercises.exercise import BEGIN_MAX_S, LegSample
+from daemon.core.exercises.exercise import BEGIN_MAX_S, LegSample, Reference
 from daemon.core.exercises.gait import Gait, GaitPlan
 from daemon.core.exercises.hold import Hold
 from daemon.core.exercises.self_test import AVERAGED_MIN_S, SelfTest, Way, speed_max
@@ -253,8 +253,7 @@ def test_an_excitation_does_not_begin_before_the_drives_are_in_torque_mode():
     begun = plan.advance(AT_REST, DT_S)
 
     assert plan.stage == Stage.APPROACHING
-    assert waiting.guided
-    assert waiting.position == pytest.approx(plan.middle)
+    assert waiting == Reference(pytest.approx(plan.middle), (0.0, 0.0), (0.0, 0.0), guided=True)
     assert (begun.stage, begun.elapsed_s) == (Stage.PLAYING, 0.0)
 
 
@@ -276,10 +275,8 @@ def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
 
     ref = plan.targets(at((0.3, 0.6)))
 
-    assert not ref.guided
-    assert ref.load == plan.middle_load
-    assert ref.feedforward[0] == 11.0
-    assert ref.feedforward[1] == pytest.approx(95 * math.sin(2 * math.pi * 0.2 * 2.2))
+    slide_n = pytest.approx(95 * math.sin(2 * math.pi * 0.2 * 2.2))
+    assert ref == Reference((0.3, 0.6), (0.0, 0.0), (11.0, slide_n), False, plan.middle_load)
 
 
 def test_an_artificial_disturbance_begins_and_ends_with_its_times():
@@ -287,7 +284,7 @@ def test_an_artificial_disturbance_begins_and_ends_with_its_times():
 
     assert after(0.99) == (0.0, 0.0)
     assert after(1.5)[0] == pytest.approx(4 * math.sin(2 * math.pi * 0.35 * 0.5))
-    assert after(9.0) == (0.0, 0.0)
+    assert after(9.0) == after(9.5) == (0.0, 0.0)
     assert excite_play(elapsed_s=1.5).artificial_si == (0.0, 0.0)
 
 
@@ -302,10 +299,33 @@ def test_an_excitation_is_over_when_an_axis_leaves_its_window(axis, distance):
     assert plan.advance(at(tuple(outside)), DT_S).stage == Stage.OVER
 
 
-def test_an_excitation_is_over_when_its_time_is():
-    plan = excite_play(stage=Stage.PLAYING, elapsed_s=4.995)
+@pytest.mark.parametrize(
+    ("before", "hip_rad", "after"),
+    [
+        ((Stage.PLAYING, 3.5), 0.0, (Stage.PLAYING, 4.5)),
+        ((Stage.PLAYING, 4.0), 0.0, (Stage.OVER, 0.0)),
+        ((Stage.PLAYING, 4.5), 0.0, (Stage.OVER, 0.0)),
+        ((Stage.PLAYING, 1.0), 0.5, (Stage.PLAYING, 2.0)),  # at the edge of its window
+        ((Stage.OVER, 7.0), 0.6, (Stage.OVER, 8.0)),
+    ],
+)
+def test_an_excitation_is_over_when_its_time_is(before, hip_rad, after):
+    plan = excite_play(middle=(0.0, 0.5), stage=before[0], elapsed_s=before[1])
 
-    assert plan.advance(at(plan.middle), DT_S).stage == Stage.OVER
+    later = plan.advance(at((hip_rad, 0.5)), 1.0)
+
+    assert (later.stage, later.elapsed_s) == after
+
+
+def test_an_excitation_rests_at_mid_pose_for_a_second_and_its_steps_begin_at_once():
+    begun = excite_play(way=Approach(MEAN, MEAN, 2.0))
+
+    for elapsed_s, stage in ((1.99, Stage.APPROACHING), (2.0, Stage.PLAYING)):
+        later = replace(begun, elapsed_s=elapsed_s).advance(AT_REST, 1.0)
+        assert later.stage is stage
+    playing = replace(begun, stage=Stage.PLAYING)
+    for elapsed_s, hip_nm in ((1.999, 0.0), (2.0, 11.0), (2.4, 0.0)):
+        assert replace(playing, elapsed_s=elapsed_s).targets(AT_REST).feedforward[0] == hip_nm
 
 
 def self_test_play(**change):
