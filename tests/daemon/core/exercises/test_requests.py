@@ -169,7 +169,7 @@ def test_a_gait_begins_with_its_settings_and_each_leg_with_its_phase():
     assert (plan.announce_s, plan.ramp_strides, plan.period_s) == (3.0, 2, 0.01)
     assert (plan.phase_offset_strides, left.plan.phase_offset_strides) == (0.0, 0.25)
     assert right.impedance == TRAINER.gait.impedance
-    assert right.stage is Stage.ANNOUNCING
+    assert (right.stage, right.strides, right.end_strides) == (Stage.ANNOUNCING, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -205,6 +205,7 @@ G = Stage
         ((G.PLAYING, 1.0, 7.0, 0.0), (G.PLAYING, 1.01, 7.0025, 0.0)),
         ((G.PLAYING, 59.991, 7.0, 0.0), (G.ENDING, 0.0, 7.0025, 7.0025)),
         ((G.ENDING, 1.0, 7.5, 7.0025), (G.ENDING, 1.01, 7.5025, 7.0025)),
+        ((G.ENDING, 60.0, 7.5, 7.0025), (G.ENDING, 60.01, 7.5025, 7.0025)),
         ((G.ENDING, 3.99, 8.0001, 7.0025), (G.OVER, 0.0, 8.0026, 7.0025)),
         ((G.OVER, 1.0, 8.0, 7.0), (G.OVER, 1.01, 8.0, 7.0)),
     ],
@@ -251,6 +252,7 @@ def test_a_stage_of_a_gait_is_over_in_the_cycle_that_completes_it(before, after)
         (G.ENDING, 1.25, 1.0, 0.25 * 0.896484375),
         (G.ENDING, 1.25, 0.5, 0.5 * 0.103515625 * 0.103515625),
         (G.OVER, 3.3, 2.25, 0.0),
+        (G.OVER, 2.75, 2.25, 0.0),
     ],
 )
 def test_the_amplitude_rises_over_the_first_strides_and_falls_over_the_last(

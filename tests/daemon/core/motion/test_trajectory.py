@@ -96,7 +96,9 @@ def test_a_gait_is_announced_approached_played_and_ended_in_that_order():
 def test_nothing_moves_while_a_gait_is_announced():
     announced = [ref for plan, ref in gait_story() if plan.stage == Stage.ANNOUNCING]
 
-    assert {ref.position for ref in announced} == {(0.1, 0.45)}
+    assert {ref._replace(velocity=(0.0, 0.0)) for ref in announced} == {
+        Reference((0.1, 0.45), (0.0, 0.0), (0.0, 0.0), guided=True)
+    }
 
 
 def test_the_approach_keeps_to_its_speed_limits():
