@@ -211,6 +211,16 @@ def test_records_are_cut_out_with_their_gaps_and_their_memory_is_given_back():
         cutting.raw(7)
 
 
+@pytest.mark.parametrize(("data", "size"), [(b"a", 16), (b"four", 16), (b"fives", 24)])
+def test_a_slot_is_the_smallest_multiple_of_eight_bytes_that_holds_the_longest_record(data, size):
+    cutting = ClipWriter(0)
+    cutting.add(1, data)
+
+    _, slot = trimmed(HEADER, cutting)
+
+    assert len(slot) == size
+
+
 def test_the_ring_that_stopped_first_stays_aside_until_it_is_taken(tmp_path):
     for boot_id in ("first", "second", "third"):
         header = msgspec.structs.replace(HEADER, core_boot_id=boot_id)
