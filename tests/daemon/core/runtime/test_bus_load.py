@@ -16,7 +16,7 @@ def test_a_second_of_frames_is_their_bits_over_the_bit_rate():
     meter.count(7 * S)
     for _ in range(10):
         meter.add([ALTERNATING] * 5)
-        meter.count(7 * S + S // 2)
+        meter.count(8 * S - 1)
     assert meter.busy_ratio == 0.0
 
     meter.count(8 * S)
