@@ -146,15 +146,18 @@ def test_a_header_of_a_service_before_the_black_box_is_read(tmp_path):
 def test_files_are_listed_by_time_and_one_that_is_damaged_is_named(tmp_path):
     (tmp_path / "2.ring").write_bytes(b"")
     (tmp_path / "1.ring").write_bytes(b"".join(trimmed(HEADER, cutting_of(1))))
+    (tmp_path / "3.ring.damaged").write_bytes(b"")
+    (tmp_path / "4.ring.part").write_bytes(b"")
     (tmp_path / "other.txt").write_text("no ring")
     (tmp_path / "folder.ring").mkdir()
 
-    first, second = clip_files(tmp_path)
+    first, second, third = clip_files(tmp_path)
 
     one = tmp_path / "1.ring"
     assert first == ClipFile(one, one.stat().st_size, "boot", HEADER.period_ns, None, "")
     assert second == ClipFile(tmp_path / "2.ring", 0, "", 0, None, second.trouble)
     assert "is empty" in second.trouble
+    assert third.path.name == "3.ring.damaged"
     assert clip_files(tmp_path / "nowhere") == []
     assert clip_file(tmp_path / "folder.ring").trouble == f"{tmp_path}/folder.ring: Is a directory"
 
@@ -201,9 +204,21 @@ def test_records_are_cut_out_with_their_gaps_and_their_memory_is_given_back():
         *((24, 0, 0, bytes(5)), (24, 0, 0, bytes(5))),  # 8 and 9 are missing
         *((24, 10, 3, b"ten\0\0"), (24, 7, 5, b"seven")),
     ]
+    cutting.add(11, b"eleven")
+    assert cutting.longest_bytes == 6
     cutting.close()
     with pytest.raises(ValueError, match="closed"):
         cutting.raw(7)
+
+
+@pytest.mark.parametrize(("data", "size"), [(b"a", 16), (b"four", 16), (b"fives", 24)])
+def test_a_slot_is_the_smallest_multiple_of_eight_bytes_that_holds_the_longest_record(data, size):
+    cutting = ClipWriter(0)
+    cutting.add(1, data)
+
+    _, slot = trimmed(HEADER, cutting)
+
+    assert len(slot) == size
 
 
 def test_the_ring_that_stopped_first_stays_aside_until_it_is_taken(tmp_path):

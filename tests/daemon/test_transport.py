@@ -254,7 +254,8 @@ def test_each_end_is_woken_by_the_other_and_takes_no_other_datagram_for_it(ends)
     assert woken() == [ends.core.fileno()]
     assert len(ends.core.receive()) == 1
     ends.core._ring.write(record(2))
-    assert ends.core._datagrams.send(b"rubbish")
+    for rubbish in (b"rubbish", b"rubbish of nine", b""):
+        assert ends.core._datagrams.send(rubbish)
     assert ends.gateway.records() == []
     ends.gateway.close()
     assert not ends.core.publish(record(3))
@@ -333,6 +334,8 @@ def test_a_core_without_a_gateway_writes_on(tmp_path):
     [
         (b"", "is empty"),
         (b"short", "too few"),
+        (b"GAITDRB2" + bytes(16384 - 9), "16383 bytes are too few"),
+        (struct.pack("<8sIII", b"GAITDRB2", 12, 1, 1) + bytes(16384 - 20), "shorter"),
         (b"NOTARING" + bytes(transport.HEADER_SIZE), "begins with"),
         (b"GAITDRB1" + bytes(transport.HEADER_SIZE), "begins with b'GAITDRB1'"),
         (
@@ -367,6 +370,8 @@ def test_a_file_that_is_no_ring_is_refused_by_name(tmp_path, content, words):
 
 
 LONGEST = "x" * TEXT_BYTES_MAX
+_AXIS = AxisStrideRecord(*[1.1] * 15)
+STRIDE = StrideRecord(10**6, 10**18, 1.1, 0.9, 200, _AXIS, _AXIS, *[1.1] * 6, 0xFFFF, True)
 SAID = "x" * SAID_BYTES_MAX
 
 
@@ -401,9 +406,6 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
         loses_reference=True,
         repeated=True,
     )
-    figures = (1.1,) * 6
-    axis = AxisStrideRecord(*[1.1] * 15)
-    stride = StrideRecord(10**6, 10**18, 1.1, 0.9, 200, axis, axis, *figures, 0xFFFF, True)
     drives = [
         msgspec.structs.replace(
             drive(f"right/slide{n}"),
@@ -428,7 +430,7 @@ def test_the_largest_record_of_two_legs_fits_its_slot(tmp_path):
         drives=tuple(drives),
         legs=tuple(
             msgspec.structs.replace(
-                leg(name), hip=one, slide=one, setpoint_seq=2**53 - 1, stride=stride, mean_nis=1.1
+                leg(name), hip=one, slide=one, setpoint_seq=2**53 - 1, stride=STRIDE, mean_nis=1.1
             )
             for name in ("right", "left")
         ),
@@ -447,9 +449,16 @@ def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_a
     ends, words
 ):
     whole = record(1)
+    came = EmergencyRecord(0x8130, 0x11, "", words, "stop", True, False, False)
+    drives = [
+        msgspec.structs.replace(one, emergency_text=words, emergencies=(came,))
+        for one in whole.drives
+    ]
     ends.core.publish(
         msgspec.structs.replace(
             whole,
+            drives=tuple(drives),
+            legs=(msgspec.structs.replace(whole.legs[0], stride=STRIDE),),
             verdict=Verdict(StopCategory.S1, Cause.BUS_OFF, said=words),
             request=RequestResult(
                 7, Outcome.REFUSED, Refusal(RefusalCode.NO_SUCH_AXIS, said=words)
@@ -460,7 +469,7 @@ def test_a_record_whose_words_have_no_room_or_no_bytes_is_written_without_them_a
 
     (read,) = ends.gateway.records()
     told = ends.core.take_notices()
-    assert read.drives == whole.drives
+    assert (read.drives, read.legs[0].stride) == (whole.drives, None)
     assert read.verdict == Verdict(StopCategory.S1, Cause.BUS_OFF)
     assert read.request == RequestResult(7, Outcome.REFUSED, Refusal(RefusalCode.NO_SUCH_AXIS))
     assert read.events == (Event(EventCode.STOPPED, "right/hip", (1.0, 2.0)),)
@@ -537,6 +546,12 @@ def test_what_another_process_may_write_has_a_bound(kind):
                 pytest.fail(f"{place} has no bound")
 
 
+def test_a_datagram_is_read_up_to_its_largest_size(ends):
+    assert ends.gateway._datagrams.send(bytes(8193))
+
+    assert [len(data) for data in ends.core._datagrams.drain()] == [8192]
+
+
 class Endless:
     """A socket whose sender never rests."""
 
@@ -554,6 +569,6 @@ def test_who_sends_without_end_does_not_hold_the_cycle_and_is_told(tmp_path):
 
     gateway_states = core.receive()
 
-    assert len(gateway_states) == transport.DRAIN_COUNT_MAX
+    assert len(gateway_states) == 128
     assert core.take_notices() == [Event(EventCode.STATES_CROWDED, values=(1,))]
     core.close()

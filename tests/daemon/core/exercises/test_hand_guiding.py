@@ -13,6 +13,7 @@ from safety_inputs import LIMITS, slide_ends
 
 from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot, Trainer
+from daemon.core.exercises import hand_guiding
 from daemon.core.exercises.exercise import LegSample, LegStart, Reference
 from daemon.core.exercises.hand_guiding import Guiding, HandGuiding, bending, leading_in, slowing
 from daemon.core.motion.gait_shape import gait_shape
@@ -82,7 +83,9 @@ def test_it_begins_in_torque_mode_and_ends_after_its_time(before, in_torque_mode
 
 
 def test_its_progress_is_the_time_that_is_left_once_the_leg_may_be_moved():
-    assert begun(elapsed_s=2.0).progress() == Progress(ProgressCode.EXERCISING, "", (2.0,))
+    for stage in (Stage.PREPARING, Stage.OVER):
+        waiting = begun(stage=stage, elapsed_s=2.0)
+        assert waiting.progress() == Progress(ProgressCode.EXERCISING, "", (2.0,))
     playing = begun(stage=Stage.PLAYING, elapsed_s=20.0)
     assert playing.progress() == Progress(ProgressCode.GUIDED_BY_HAND, "", (100.0,))
 
@@ -116,16 +119,22 @@ def test_a_spring_leads_back_out_of_the_margins(position_si, effort_si):
     assert leading_in(GUIDING[0], position_si, LIMITS) == pytest.approx(effort_si)
 
 
-def stretched_to(ratio):
+def stretched_to(ratio, hip_rad=0.2):
     """The slide position at which the leg is stretched to this ratio."""
-    return slide_ends(LEG, 0.2, ratio)[1]
+    return slide_ends(LEG, hip_rad, ratio)[1]
 
 
-@pytest.mark.parametrize(("ratio", "share"), [(0.31, 0.0), (0.3, 0.0), (0.225, 0.5), (0.15, 1.0)])
+@pytest.mark.parametrize(
+    ("hip_rad", "ratio", "share"),
+    [
+        *((0.2, 0.31, 0.0), (0.2, 0.3, 0.0), (0.2, 0.225, 0.5), (0.2, 0.15, 1.0)),
+        (0.69, 0.225, 0.5),  # here both slopes are negative, and the spring of the slide bounds
+    ],
+)
 def test_before_the_stretched_pose_both_axes_bend_the_leg_by_no_more_than_their_springs(
-    ratio, share
+    hip_rad, ratio, share
 ):
-    position = 0.2, stretched_to(ratio)
+    position = hip_rad, stretched_to(ratio, hip_rad)
 
     efforts = np.array(bending(LEG, GUIDING, STOP_RATIO, position))
 
@@ -142,8 +151,14 @@ def test_before_the_stretched_pose_both_axes_bend_the_leg_by_no_more_than_their_
         assert efforts[0] / efforts[1] == pytest.approx(slopes[0] / slopes[1])
 
 
+def test_an_axis_that_does_not_bend_the_leg_has_no_effort_to_bend_it(monkeypatch):
+    monkeypatch.setattr(hand_guiding, "singularity_ratio", lambda leg, pose: 0.725 - pose[1])
+
+    assert bending(LEG, GUIDING, STOP_RATIO, (0.2, 0.5)) == (0.0, pytest.approx(-125.0))
+
+
 def test_the_leg_is_held_at_first_and_then_carried_damped_and_led():
-    moving = SAMPLE._replace(position=(0.2, stretched_to(0.225)), velocity=(0.3, -0.1))
+    moving = SAMPLE._replace(position=(0.2, stretched_to(0.225)), velocity=(0.3, 0.1))
     in_margin = LIMITS._replace(position_max_si=0.225), SLIDE
 
     held = begun().targets(moving)
@@ -154,7 +169,7 @@ def test_the_leg_is_held_at_first_and_then_carried_damped_and_led():
     assert guided == Reference(
         moving.position,
         (0.0, 0.0),
-        (pytest.approx(-0.9 - 4.5 - 20.0 + bent[0]), pytest.approx(3.0 + bent[1])),
+        (pytest.approx(-0.9 - 4.5 - 20.0 + bent[0]), pytest.approx(-3.0 + bent[1])),
         guided=False,
     )
     assert math.hypot(*bent) > 1.0

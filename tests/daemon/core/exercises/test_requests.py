@@ -44,7 +44,7 @@ RIGHT = LegStart(
     phase_offset_strides=0.0,
     pose=(0.1, 0.45),
 )
-LEFT = RIGHT._replace(name="left", phase_offset_strides=0.5, pose=MIDDLE)
+LEFT = RIGHT._replace(name="left", phase_offset_strides=0.25, pose=MIDDLE)
 SAMPLE = LegSample((0.1, 0.45), (0.3, 0.4), (5.0, 6.0), (True, True), True, False)
 GAIT = ModeRequest(cadence_hz=0.25, amplitude_ratio=0.5, duration_s=60.0)
 EXCITE = ModeRequest(scenario="paper", duration_s=20.0)
@@ -63,7 +63,7 @@ def changed(wanted, **changes):
         (Torque, ModeRequest(), {"lease_held": True}, None),
         (Gait, GAIT, {}, None),
         (Gait, changed(GAIT, cadence_hz=0.02, amplitude_ratio=1.0, duration_s=3600.0), {}, None),
-        (Gait, changed(GAIT, cadence_hz=0.5), {}, None),
+        (Gait, changed(GAIT, cadence_hz=0.5, duration_s=0.5), {}, None),
         *(
             (Gait, changed(GAIT, cadence_hz=one), {}, Refusal(R.CADENCE_OUT_OF_RANGE, "", values))
             for one, values in ((0.019, (0.019, 0.02, 0.5)), (0.501, (0.501, 0.02, 0.5)))
@@ -73,17 +73,18 @@ def changed(wanted, **changes):
                 *(Gait, changed(GAIT, amplitude_ratio=one), {}),
                 Refusal(R.AMPLITUDE_OUT_OF_RANGE, "", (one, 0.0, 1.0)),
             )
-            for one in (0.0, 1.001)
+            for one in (-0.5, 0.0, 1.001)
         ),
         *(
             (
                 *(Gait, changed(GAIT, duration_s=one), {}),
                 Refusal(R.DURATION_OUT_OF_RANGE, "", (one, 0.0, 3600.0)),
             )
-            for one in (0.0, 3600.1)
+            for one in (-1.0, 0.0, 3600.1)
         ),
         (Excite, EXCITE, {}, None),
         (Excite, changed(EXCITE, duration_s=30.0), {}, None),
+        (Excite, changed(EXCITE, duration_s=0.5), {}, None),
         (
             *(Excite, changed(EXCITE, scenario="x"), {}),
             Refusal(R.NO_SUCH_SCENARIO, said="friction, paper"),
@@ -93,7 +94,7 @@ def changed(wanted, **changes):
                 *(Excite, changed(EXCITE, duration_s=one), {}),
                 Refusal(R.DURATION_OUT_OF_RANGE, "", (one, 0.0, 30.0)),
             )
-            for one in (0.0, 30.1)
+            for one in (-1.0, 0.0, 30.1)
         ),
         (Excite, EXCITE, {"patient_configured": True}, Refusal(R.PATIENT_CONFIGURED)),
         (Excite, EXCITE, {"lease_held": True}, Refusal(R.LEASE_HELD)),
@@ -166,9 +167,9 @@ def test_a_gait_begins_with_its_settings_and_each_leg_with_its_phase():
     assert [plan.way, left.plan.way] == approach.to_mid_pose([RIGHT, LEFT], CONFIG)
     assert (plan.cadence_hz, plan.amplitude_ratio, plan.duration_s) == (0.25, 0.5, 60.0)
     assert (plan.announce_s, plan.ramp_strides, plan.period_s) == (3.0, 2, 0.01)
-    assert (plan.phase_offset_strides, left.plan.phase_offset_strides) == (0.0, 0.5)
+    assert (plan.phase_offset_strides, left.plan.phase_offset_strides) == (0.0, 0.25)
     assert right.impedance == TRAINER.gait.impedance
-    assert right.stage is Stage.ANNOUNCING
+    assert (right.stage, right.strides, right.end_strides) == (Stage.ANNOUNCING, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -176,8 +177,8 @@ def test_a_gait_begins_with_its_settings_and_each_leg_with_its_phase():
     [
         (Stage.ANNOUNCING, None, -1.0),
         (Stage.APPROACHING, None, -1.0),
-        (Stage.PLAYING, 0.25, 0.75),
-        (Stage.ENDING, 0.25, 0.75),
+        (Stage.PLAYING, 0.25, 0.5),
+        (Stage.ENDING, 0.25, 0.5),
         (Stage.OVER, None, -1.0),
     ],
 )
@@ -204,6 +205,7 @@ G = Stage
         ((G.PLAYING, 1.0, 7.0, 0.0), (G.PLAYING, 1.01, 7.0025, 0.0)),
         ((G.PLAYING, 59.991, 7.0, 0.0), (G.ENDING, 0.0, 7.0025, 7.0025)),
         ((G.ENDING, 1.0, 7.5, 7.0025), (G.ENDING, 1.01, 7.5025, 7.0025)),
+        ((G.ENDING, 60.0, 7.5, 7.0025), (G.ENDING, 60.01, 7.5025, 7.0025)),
         ((G.ENDING, 3.99, 8.0001, 7.0025), (G.OVER, 0.0, 8.0026, 7.0025)),
         ((G.OVER, 1.0, 8.0, 7.0), (G.OVER, 1.01, 8.0, 7.0)),
     ],
@@ -223,6 +225,24 @@ def test_a_gait_goes_on_from_stage_to_stage_by_time_and_strides(before, after):
 
 
 @pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ((G.ANNOUNCING, 2.0, 0.0, 0.0), G.APPROACHING),
+        ((G.APPROACHING, 3.0, 0.0, 0.0), G.PLAYING),
+        ((G.PLAYING, 59.0, 7.0, 0.0), G.ENDING),
+        ((G.ENDING, 3.0, 7.75, 7.0), G.OVER),
+    ],
+)
+def test_a_stage_of_a_gait_is_over_in_the_cycle_that_completes_it(before, after):
+    (begun,) = Gait.begin([RIGHT], GAIT, CONFIG)
+    stage, elapsed_s, strides, end_strides = before
+    plan = replace(begun.plan, way=Approach(MEAN, MEAN, 4.0))
+    now = replace(begun, plan=plan, stage=stage, elapsed_s=elapsed_s, strides=strides)
+
+    assert replace(now, end_strides=end_strides).advance(SAMPLE, 1.0).stage is after
+
+
+@pytest.mark.parametrize(
     ("stage", "strides", "end_strides", "amplitude_ratio"),
     [
         (G.PLAYING, 0.0, 0.0, 0.0),
@@ -230,7 +250,9 @@ def test_a_gait_goes_on_from_stage_to_stage_by_time_and_strides(before, after):
         (G.PLAYING, 2.25, 0.0, 0.5),
         (G.ENDING, 2.75, 2.25, 0.25),
         (G.ENDING, 1.25, 1.0, 0.25 * 0.896484375),
+        (G.ENDING, 1.25, 0.5, 0.5 * 0.103515625 * 0.103515625),
         (G.OVER, 3.3, 2.25, 0.0),
+        (G.OVER, 2.75, 2.25, 0.0),
     ],
 )
 def test_the_amplitude_rises_over_the_first_strides_and_falls_over_the_last(
@@ -240,7 +262,7 @@ def test_the_amplitude_rises_over_the_first_strides_and_falls_over_the_last(
 
     now = replace(left, stage=stage, strides=strides, end_strides=end_strides)
 
-    angles = gait_angles(SHAPE, strides + 0.5, amplitude_ratio)
+    angles = gait_angles(SHAPE, strides + 0.25, amplitude_ratio)
     assert now.pose() == pytest.approx(joints_of_angles(LEG, angles))
 
 

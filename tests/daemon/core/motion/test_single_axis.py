@@ -21,6 +21,7 @@ from daemon.ipc.report import Refusal
 from drives.signals import HomingState, OperationMode
 
 RULES = PushRules(effort_max_si=12.0, effort_rate_si_per_s=6.0, motion_si=0.035)
+SLOW_RULES = RULES._replace(effort_rate_si_per_s=0.3)
 LIMIT_CYCLES = 4000
 RESTS = AxisSample(ready=True, homing=HomingState.NOT_STARTED, position_si=0.2, at_rest=True)
 
@@ -248,6 +249,12 @@ def test_a_homing_in_each_cycle(before, shown, after):
                 {"step": A.RESTING, "cycles": 0, "moved_forth_si": 0.01},
             )
             for late in (250, 5000)
+        ),
+        # 12 N·m in steps of 0.003 are 4000 cycles, although their quotient's whole part is 3999
+        (
+            {"step": A.FORTH, "cycles": 4049, "rules": SLOW_RULES},
+            {"position_si": 0.0},
+            {"effort_si": 0.003},
         ),
         ({"step": A.RESTING, "rest_cycles": 28}, {}, {"rest_cycles": 29}),
         ({"step": A.RESTING, "rest_cycles": 28}, {"at_rest": False}, {"rest_cycles": 0}),

@@ -1,5 +1,6 @@
 """What exercises ask for over time: inside speed and workspace, and without steps."""
 
+import functools
 import math
 from dataclasses import replace
 
@@ -15,7 +16,7 @@ from daemon.config.robot import leg_parameters
 from daemon.config.settings import Robot, Sinusoid, Trainer
 from daemon.core.exercises.approach import Approach, approach, is_clear
 from daemon.core.exercises.excite import SETTLE_S, Excite
-from daemon.core.exercises.exercise import BEGIN_MAX_S, LegSample
+from daemon.core.exercises.exercise import BEGIN_MAX_S, LegSample, Reference
 from daemon.core.exercises.gait import Gait, GaitPlan
 from daemon.core.exercises.hold import Hold
 from daemon.core.exercises.self_test import AVERAGED_MIN_S, SelfTest, Way, speed_max
@@ -28,6 +29,8 @@ GAIT = load_toml(CONFIGS / "demo.toml", Trainer).gait
 SHAPE = gait_shape.gait_shape(GAIT)
 MEAN = gait_shape.gait_angles(SHAPE, 0.0, 0.0)
 DT_S = 0.01
+CYCLES_MAX = 4000
+"""More than any play here lasts."""
 AT_REST = LegSample(
     position=(0.1, 0.45),
     velocity=(0.0, 0.0),
@@ -62,17 +65,26 @@ def gait_play(*, cadence_hz=0.5, duration_s=10.0, start=(0.1, 0.45)):
     )
 
 
-def story(plan):
-    """All (play, reference) from the announcement to the end."""
+def story(plan, sample=AT_REST):
+    """All (play, reference) from the announcement to the end, and the play that is over."""
     told = []
-    while plan.stage != Stage.OVER:
-        told.append((plan, plan.targets(AT_REST)))
-        plan = plan.advance(AT_REST, DT_S)
+    for _ in range(CYCLES_MAX):
+        if plan.stage is Stage.OVER:
+            return told, plan
+        told.append((plan, plan.targets(sample)))
+        plan = plan.advance(sample, DT_S)
+    raise AssertionError(f"never over: {plan.stage}")
+
+
+@functools.cache
+def gait_story(cadence_hz=0.5):
+    """The whole story of one gait."""
+    told, _ = story(gait_play(cadence_hz=cadence_hz))
     return told
 
 
 def test_a_gait_is_announced_approached_played_and_ended_in_that_order():
-    stages = [plan.stage for plan, _ in story(gait_play())]
+    stages = [plan.stage for plan, _ in gait_story()]
 
     order = list(dict.fromkeys(stages))
 
@@ -82,13 +94,15 @@ def test_a_gait_is_announced_approached_played_and_ended_in_that_order():
 
 
 def test_nothing_moves_while_a_gait_is_announced():
-    announced = [ref for plan, ref in story(gait_play()) if plan.stage == Stage.ANNOUNCING]
+    announced = [ref for plan, ref in gait_story() if plan.stage == Stage.ANNOUNCING]
 
-    assert {ref.position for ref in announced} == {(0.1, 0.45)}
+    assert {ref._replace(velocity=(0.0, 0.0)) for ref in announced} == {
+        Reference((0.1, 0.45), (0.0, 0.0), (0.0, 0.0), guided=True)
+    }
 
 
 def test_the_approach_keeps_to_its_speed_limits():
-    approach = [ref for plan, ref in story(gait_play()) if plan.stage == Stage.APPROACHING]
+    approach = [ref for plan, ref in gait_story() if plan.stage == Stage.APPROACHING]
 
     assert max(abs(ref.velocity[0]) for ref in approach) <= GAIT.hip.approach_rad_per_s * 1.001
     # Straight in hip and knee angle, not in slide position: a little faster on its way.
@@ -97,7 +111,7 @@ def test_the_approach_keeps_to_its_speed_limits():
 
 @pytest.mark.parametrize("cadence_hz", [0.25, 0.5])
 def test_the_whole_gait_is_without_steps_and_inside_the_workspace(cadence_hz):
-    told = story(gait_play(cadence_hz=cadence_hz))
+    told = gait_story(cadence_hz)
     positions = np.array([ref.position for _, ref in told])
 
     steps = np.abs(np.diff(positions, axis=0)) / DT_S
@@ -108,7 +122,7 @@ def test_the_whole_gait_is_without_steps_and_inside_the_workspace(cadence_hz):
 
 
 def test_the_velocity_is_the_derivative_of_the_position():
-    told = [ref for _, ref in story(gait_play(cadence_hz=0.25))]
+    told = [ref for _, ref in gait_story(0.25)]
     positions = np.array([ref.position for ref in told])
     velocities = np.array([ref.velocity for ref in told])
 
@@ -116,8 +130,8 @@ def test_the_velocity_is_the_derivative_of_the_position():
 
 
 def test_amplitude_and_cadence_rise_over_two_strides():
-    playing = [plan for plan, _ in story(gait_play(cadence_hz=0.5)) if plan.stage == Stage.PLAYING]
-    hips = np.array([ref.position[0] for p, ref in story(gait_play()) if p.stage == Stage.PLAYING])
+    playing = [plan for plan, _ in gait_story() if plan.stage == Stage.PLAYING]
+    hips = np.array([ref.position[0] for p, ref in gait_story() if p.stage == Stage.PLAYING])
     strides = np.array([plan.strides for plan in playing])
     mean, full = SHAPE.hip_mean_rad, math.radians(15.0)
 
@@ -126,7 +140,7 @@ def test_amplitude_and_cadence_rise_over_two_strides():
 
 
 def test_the_end_of_a_gait_is_its_mean_pose():
-    _, last = story(gait_play())[-1]
+    _, last = gait_story()[-1]
 
     assert last.position == pytest.approx(gait_shape.joints_of_angles(LEG, MEAN), abs=2e-3)
 
@@ -236,12 +250,11 @@ def excite_play(**change):
 
 def test_an_excitation_goes_to_mid_pose_and_settles_before_it_begins():
     plan = excite_play()
-    while plan.stage == Stage.APPROACHING:
-        ref = plan.targets(at((0.1, 0.45)))
-        assert ref.guided
-        plan = plan.advance(at(plan.middle), DT_S)
+    told, _ = story(plan, at(plan.middle))
 
-    assert ref.position == pytest.approx(plan.middle)
+    approaching = [ref for play, ref in told if play.stage is Stage.APPROACHING]
+    assert all(ref.guided for ref in approaching)
+    assert approaching[-1].position == pytest.approx(plan.middle)
 
 
 def test_an_excitation_does_not_begin_before_the_drives_are_in_torque_mode():
@@ -253,22 +266,18 @@ def test_an_excitation_does_not_begin_before_the_drives_are_in_torque_mode():
     begun = plan.advance(AT_REST, DT_S)
 
     assert plan.stage == Stage.APPROACHING
-    assert waiting.guided
-    assert waiting.position == pytest.approx(plan.middle)
+    assert waiting == Reference(pytest.approx(plan.middle), (0.0, 0.0), (0.0, 0.0), guided=True)
     assert (begun.stage, begun.elapsed_s) == (Stage.PLAYING, 0.0)
 
 
 def test_an_excitation_without_torque_mode_is_over_and_says_why():
-    plan = excite_play()
-    cycles = 0
-    while plan.stage == Stage.APPROACHING:
-        plan = plan.advance(IN_POSITION_MODE, DT_S)
-        cycles += 1
+    told, plan = story(excite_play(), IN_POSITION_MODE)
 
-    assert cycles * DT_S == pytest.approx(
+    assert {play.stage for play, _ in told} == {Stage.APPROACHING}
+    assert len(told) * DT_S == pytest.approx(
         plan.way.duration_s + SETTLE_S + BEGIN_MAX_S, abs=2 * DT_S
     )
-    assert (plan.stage, plan.failure) == (Stage.OVER, Failure.NO_REST)
+    assert plan.failure is Failure.NO_REST
 
 
 def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
@@ -276,10 +285,8 @@ def test_an_excitation_is_torque_alone_about_the_load_of_mid_pose():
 
     ref = plan.targets(at((0.3, 0.6)))
 
-    assert not ref.guided
-    assert ref.load == plan.middle_load
-    assert ref.feedforward[0] == 11.0
-    assert ref.feedforward[1] == pytest.approx(95 * math.sin(2 * math.pi * 0.2 * 2.2))
+    slide_n = pytest.approx(95 * math.sin(2 * math.pi * 0.2 * 2.2))
+    assert ref == Reference((0.3, 0.6), (0.0, 0.0), (11.0, slide_n), False, plan.middle_load)
 
 
 def test_an_artificial_disturbance_begins_and_ends_with_its_times():
@@ -287,7 +294,7 @@ def test_an_artificial_disturbance_begins_and_ends_with_its_times():
 
     assert after(0.99) == (0.0, 0.0)
     assert after(1.5)[0] == pytest.approx(4 * math.sin(2 * math.pi * 0.35 * 0.5))
-    assert after(9.0) == (0.0, 0.0)
+    assert after(9.0) == after(9.5) == (0.0, 0.0)
     assert excite_play(elapsed_s=1.5).artificial_si == (0.0, 0.0)
 
 
@@ -302,10 +309,33 @@ def test_an_excitation_is_over_when_an_axis_leaves_its_window(axis, distance):
     assert plan.advance(at(tuple(outside)), DT_S).stage == Stage.OVER
 
 
-def test_an_excitation_is_over_when_its_time_is():
-    plan = excite_play(stage=Stage.PLAYING, elapsed_s=4.995)
+@pytest.mark.parametrize(
+    ("before", "hip_rad", "after"),
+    [
+        ((Stage.PLAYING, 3.5), 0.0, (Stage.PLAYING, 4.5)),
+        ((Stage.PLAYING, 4.0), 0.0, (Stage.OVER, 0.0)),
+        ((Stage.PLAYING, 4.5), 0.0, (Stage.OVER, 0.0)),
+        ((Stage.PLAYING, 1.0), 0.5, (Stage.PLAYING, 2.0)),  # at the edge of its window
+        ((Stage.OVER, 7.0), 0.6, (Stage.OVER, 8.0)),
+    ],
+)
+def test_an_excitation_is_over_when_its_time_is(before, hip_rad, after):
+    plan = excite_play(middle=(0.0, 0.5), stage=before[0], elapsed_s=before[1])
 
-    assert plan.advance(at(plan.middle), DT_S).stage == Stage.OVER
+    later = plan.advance(at((hip_rad, 0.5)), 1.0)
+
+    assert (later.stage, later.elapsed_s) == after
+
+
+def test_an_excitation_rests_at_mid_pose_for_a_second_and_its_steps_begin_at_once():
+    begun = excite_play(way=Approach(MEAN, MEAN, 2.0))
+
+    for elapsed_s, stage in ((1.99, Stage.APPROACHING), (2.0, Stage.PLAYING)):
+        later = replace(begun, elapsed_s=elapsed_s).advance(AT_REST, 1.0)
+        assert later.stage is stage
+    playing = replace(begun, stage=Stage.PLAYING)
+    for elapsed_s, hip_nm in ((1.999, 0.0), (2.0, 11.0), (2.4, 0.0)):
+        assert replace(playing, elapsed_s=elapsed_s).targets(AT_REST).feedforward[0] == hip_nm
 
 
 def self_test_play(**change):
@@ -332,7 +362,7 @@ def test_the_highest_speed_of_a_self_test_leaves_a_tenth_of_a_second_to_average(
 
 
 def test_the_fastest_self_test_has_no_step_and_averages_each_axis_both_ways():
-    told = story(self_test_play())
+    told, _ = story(self_test_play())
     positions = np.array([ref.position for _, ref in told])
     velocities = np.array([ref.velocity for _, ref in told])
     samples = [
@@ -348,9 +378,6 @@ def test_the_fastest_self_test_has_no_step_and_averages_each_axis_both_ways():
 
 
 def test_a_self_test_without_torque_mode_is_over_and_both_axes_say_why():
-    plan = self_test_play()
-    while plan.stage == Stage.PREPARING:
-        plan = plan.advance(IN_POSITION_MODE, DT_S)
+    _, plan = story(self_test_play(), IN_POSITION_MODE)
 
-    assert plan.stage == Stage.OVER
     assert [result.fault for result in plan.results()] == [Finding.NOT_BEGUN] * 2

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -115,6 +116,43 @@ def test_a_clock_that_is_slewed_as_fast_as_any_daemon_does_loses_no_answer(
 
     stamp_ns = came_ns + ahead_ns(came_ns)
     assert not is_before(stamp_ns, pair(SYNC_NS), pair(ended_ns, ahead_ns(ended_ns)))
+
+
+@pytest.mark.parametrize(
+    ("came_ns", "interrupted_ns", "is_late"),
+    [
+        *((-501, (0, 0), True), (-500, (0, 0), False)),
+        *((MS + 500, (0, 0), False), (MS + 501, (0, 0), True)),
+        *((-551, (100, 0), True), (-550, (100, 0), False)),
+        *((MS + 650, (0, 100), False), (MS + 651, (0, 100), True)),
+    ],
+)
+def test_a_stamp_is_refused_beyond_its_rounding_and_the_reading_of_the_clocks(
+    came_ns, interrupted_ns, is_late
+):
+    stamp_ns = SYNC_NS + came_ns + AHEAD_NS
+    begun = pair(SYNC_NS, interrupted_ns=interrupted_ns[0])
+    ended = pair(SYNC_NS + MS, interrupted_ns=interrupted_ns[1])
+
+    assert is_before(stamp_ns, begun, ended) is is_late
+
+
+@pytest.mark.parametrize(
+    ("came_ns", "interrupted_ns", "answer_ns"),
+    [
+        *((-1, (0, 0), 0), (0, (0, 0), 0), (3, (0, 0), 3)),
+        *((150, (100, 0), 50), (150, (1, 0), 149)),
+        *((700_000, (0, 99_000), 700_000), (700_000, (0, 99_002), None)),
+    ],
+)
+def test_an_answer_is_timed_from_the_sync_if_its_stamp_is_certain_enough(
+    came_ns, interrupted_ns, answer_ns
+):
+    stamp_ns = SYNC_NS + came_ns + AHEAD_NS
+    begun = pair(SYNC_NS, interrupted_ns=interrupted_ns[0])
+    ended = pair(SYNC_NS + MS, interrupted_ns=interrupted_ns[1])
+
+    assert answered_ns(stamp_ns, begun, ended) == answer_ns
 
 
 def test_a_frame_without_a_stamp_is_taken_in_the_order_of_reading():

@@ -7,10 +7,12 @@ from fresh_core import fresh
 from gaitd_names import Cause, Mode
 
 from daemon.core.runtime import bring_up
-from daemon.core.runtime.bring_up import RETRY_NS, BringUp
+from daemon.core.runtime.bring_up import BringUp
 from daemon.core.runtime.bus_link import Line
 from daemon.ipc.record import Verdict
 from drives.errors import BusError
+
+RETRY_NS = 1_000_000_000
 
 
 class Clock:
@@ -31,13 +33,16 @@ def test_the_next_attempt_is_due_a_second_after_the_last():
     assert bring_up.is_due
 
     assert not bring_up.run(meanwhile=lambda: None)
-    assert built.core.verdict.cause == Cause.BUS_DOWN
+    verdict = built.core.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.BUS_DOWN, "")
+    assert verdict.said == "can0: no such device"
     clock.now = RETRY_NS - 1
     assert not bring_up.is_due
     clock.now = RETRY_NS
     assert bring_up.is_due
-    built.core.mode = Mode.READY
-    assert not bring_up.is_due
+    for mode in (Mode.FAULT, Mode.READY):
+        built.core.mode = mode
+        assert not bring_up.is_due
 
 
 class Bus:
@@ -51,19 +56,19 @@ class Bus:
 
 
 @pytest.mark.parametrize("cause", [Cause.NONE, Cause.BUS_DOWN])
-@pytest.mark.parametrize("found", [True, False])
+@pytest.mark.parametrize(("found", "reset_cycles"), [(True, 1), (False, 0)])
 def test_a_bring_up_runs_with_cycles_between_its_steps_and_closes_a_bus_that_fails(
-    monkeypatch, cause, found
+    monkeypatch, cause, found, reset_cycles
 ):
     clock, built, bus, calls = Clock(), fresh(), Bus(), []
     line = Line(lambda: bus, clock, 0, 127, 1_000_000)
     core = built.core
     monkeypatch.setattr(line, "port", lambda **asked: asked)
-    core.reset_cycles_left = 3
+    core.reset_cycles_left = reset_cycles
 
     def steps(given, plans, port, settings):
         assert (given, plans, settings) == (core, built.plans.usual, built.cycle)
-        assert port == {"requested": True, "meanwhile": meanwhile}
+        assert port == {"requested": reset_cycles > 0, "meanwhile": meanwhile}
         yield 1
         yield 2
         core.drives = SimpleNamespace(bus_state=None) if found else None

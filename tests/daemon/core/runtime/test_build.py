@@ -142,6 +142,8 @@ def test_everything_that_a_cycle_calls_is_called_once_before(monkeypatch):
     assert named["least_ratio"][0] == (
         *(leg.mechanism, (0.2, 0.5), (0.0, 0.0), (1.0, 1.0), warm_up.stopping_path.REACTION_S),
     )
+    assert named["gait_angles"][0] == (leg.shape, 0.0, 0.0)
+    assert named["static_friction_of"][0] == (leg.friction[0], 0.0)
     assert named["warm_up"][0] == (leg.mechanism, leg.friction_laws)
     assert named["step"][1] == {"late": False, "unreferenced": False, "artificial": False}
     assert named["step"][0][2] == 0.01

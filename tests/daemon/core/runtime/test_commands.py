@@ -4,12 +4,12 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from daemon.core.runtime.commands import SEND_MARGIN_NS, Commands
+from daemon.core.runtime.commands import Commands
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import NmtCommand, nmt_frame
 
 END_NS = 10_000_000
-LATEST_NS = END_NS - SEND_MARGIN_NS
+LATEST_NS = 9_500_000
 COMMAND = [Frame(0x201, b"\1")]
 STOP = nmt_frame(NmtCommand.STOP, 1)
 
@@ -56,11 +56,13 @@ def test_nmt_stop_leaves_once_and_again_after_a_bring_up():
     commands = Commands(wire, wire)
     for _ in range(2):
         commands.send(COMMAND, (1,), END_NS, urgent=False)
+    commands.send(COMMAND, (1, 2), END_NS, urgent=False)
     commands.reset()
     commands.send(COMMAND, (1,), END_NS, urgent=False)
 
     stop, usual = ("urgent", STOP, LATEST_NS), ("send", *COMMAND)
-    assert wire.calls == [usual, stop, usual, usual, stop]
+    second = ("urgent", nmt_frame(NmtCommand.STOP, 2), LATEST_NS)
+    assert wire.calls == [usual, stop, usual, usual, second, usual, stop]
 
 
 def test_nmt_stop_that_met_a_full_queue_is_repeated():

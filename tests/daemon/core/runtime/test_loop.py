@@ -461,6 +461,7 @@ def test_it_runs_until_it_is_asked_to_end_and_may(world, monkeypatch):
     code = world.loop.run(lambda: next(asked), lambda: next(reloads))
 
     assert code is ExitCode.ENDED
+    assert list(ExitCode) == [0, 2, 3, 4]
     assert world.names().count("step") == 2
     assert [tick.shutdown for tick in world.ticks] == [False, True]
     reports = [event for event in world.core.events if event != NOTICE]

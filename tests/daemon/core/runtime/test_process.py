@@ -12,7 +12,6 @@ from gaitd_names import Cause, EventCode
 from gaitd_toml import ConfigError
 
 from daemon.core.runtime import process
-from daemon.core.runtime.build import NS_PER_MS
 from daemon.core.runtime.loop_settings import ExitCode
 from daemon.core.runtime.process import ShutdownSignals, loop_settings, run_core
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING
@@ -258,9 +257,7 @@ def test_the_loop_has_the_settings_of_the_trainer_file(world, heartbeat_ms, cycl
     made = loop_settings(settings, built, store, world.open_bus)
 
     assert (made.plans, made.cycle, made.state_file) == (built.plans, built.cycle, store)
-    assert (made.period_ns, made.window_ns) == (
-        *(10 * NS_PER_MS, int(cycle.window_ms * NS_PER_MS)),
-    )
+    assert (made.period_ns, made.window_ns) == (*(10_000_000, int(cycle.window_ms * 1e6)),)
     assert (made.heartbeat_cycles, made.master_node_id) == (cycles, cycle.master_node_id)
     assert made.open_bus == world.open_bus
     bitrate_bit_per_s = trainer.bus.bitrate_bit_per_s

@@ -7,17 +7,17 @@ from fresh_core import fresh
 from safety_inputs import FEEDBACK, JOINT, LIMITS
 
 from daemon.core.runtime import shutdown
-from daemon.core.runtime.shutdown import POWER_OFF_CYCLES, SETTLE_CYCLES, PowerOff
+from daemon.core.runtime.shutdown import PowerOff
 from drives.canopen.bus import Frame
 from drives.canopen.nmt import SYNC_FRAME, SyncProducer, heartbeat_frame
 from drives.errors import BusError
 from drives.signals import PowerState
 
 
-def axis(power_state, velocity_si=0.0):
+def axis(power_state, velocity_si=0.0, *, known=True):
     sensed = SimpleNamespace(
         feedback=FEEDBACK._replace(power_state=power_state) if power_state else None,
-        joint=JOINT._replace(velocity_si=velocity_si),
+        joint=JOINT._replace(velocity_si=velocity_si, known=known),
     )
     return SimpleNamespace(sensed=sensed, limits=LIMITS, node_id=5)
 
@@ -34,8 +34,9 @@ def waited(*axes):
     ("axes", "cycles"),
     [
         ((axis(OFF), axis(OFF)), 1),
-        ((axis(OFF), axis(ON)), POWER_OFF_CYCLES + 1),
-        ((axis(OFF), axis(OFF, velocity_si=1.0)), SETTLE_CYCLES + 1),
+        ((axis(OFF), axis(ON)), 51),
+        ((axis(OFF), axis(OFF, velocity_si=1.0)), 151),
+        ((axis(OFF), axis(OFF, velocity_si=1.0, known=False)), 1),
         ((axis(OFF), axis(None)), 1),
     ],
 )

@@ -10,7 +10,14 @@ from records import record
 from safety_inputs import FEEDBACK
 
 from daemon.core.runtime.loop_settings import ExitCode
-from daemon.core.runtime.systemd import ERROR, NOTICE, WARNING, Supervision, final_state_text
+from daemon.core.runtime.systemd import (
+    ERROR,
+    INFORMATIONAL,
+    NOTICE,
+    WARNING,
+    Supervision,
+    final_state_text,
+)
 from daemon.core.runtime.texts import event_text, one_line, status_text, verdict_text
 from daemon.core.safety.stop_sequence import Step
 from daemon.ipc.record import Verdict
@@ -110,6 +117,7 @@ def test_a_change_is_told_at_once_and_progress_rarely(systemd, supervision):
         (f"STATUS={status_text(replace(WALKS, verdict=SILENT))}",),
     ]
     assert [line[1] for line in systemd.written] == [NOTICE, NOTICE, WARNING]
+    assert (ERROR, WARNING, NOTICE, INFORMATIONAL) == (3, 4, 5, 6)  # of syslog(3)
 
 
 def test_what_systemd_does_not_take_is_sent_again_until_it_does(systemd, supervision):
