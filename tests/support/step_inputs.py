@@ -3,11 +3,12 @@
 from types import SimpleNamespace
 from typing import Any
 
-from gaitd_names import Mode
+from gaitd_names import EventCode, Mode
 from msgspec.structs import replace
 from safety_inputs import FEEDBACK, JOINT, LIMITS
 
 from daemon.core.slices import LegAssist, Monitored, Placed, Sensed, Sent, Softened
+from daemon.ipc.report import Event
 
 AT_REST = JOINT._replace(velocity_si=0.0, still_cycles=100)
 SHOWN = Sensed(
@@ -70,7 +71,13 @@ def a_leg(*axes: SimpleNamespace, **changes: Any) -> SimpleNamespace:
 def a_core(*legs: SimpleNamespace, **changes: Any) -> SimpleNamespace:
     """A core of these legs in mode HOLD that keeps the events which are reported."""
     legs = legs or (a_leg(),)
+    events = list[Event]()
+
+    def report(code: EventCode, subject: str = "", *values: float | str, said: str = "") -> None:
+        events.append(Event(code, subject, values, said))
+
     own = {
+        "report": report,
         "legs": legs,
         "axes": tuple(axis for leg in legs for axis in leg.axes),
         "mode": Mode.HOLD,
@@ -78,6 +85,6 @@ def a_core(*legs: SimpleNamespace, **changes: Any) -> SimpleNamespace:
         "single_axis": None,
         "bring_up": None,
         "reset_cycles_left": 0,
-        "events": [],
+        "events": events,
     }
     return SimpleNamespace(**{**own, **changes})
