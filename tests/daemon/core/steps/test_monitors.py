@@ -106,11 +106,12 @@ def test_energy_is_summed_over_a_stride_or_the_window_and_anew_with_another(
 @pytest.mark.parametrize(
     ("exercise", "still_cycles", "drift"),
     [
-        (plays(), 0, 6.0),
-        (plays(), STILL_CYCLES - 1, 6.0),
+        (plays(), 0, 6.25),
+        (plays(), STILL_CYCLES - 1, 6.25),
         (plays(), STILL_CYCLES, 0.0),
         (plays(), 99, 0.0),
         (plays(Stage.ENDING), 0, 0.0),
+        (plays(Stage.PREPARING), 0, 0.0),
         (plays(stride_hz=None), 0, 0.0),
         (None, 0, 0.0),
     ],
@@ -120,7 +121,7 @@ def test_the_residual_is_a_mean_over_a_whole_stride_of_a_gait_in_motion(
 ):
     (leg,) = core.legs
     leg.exercise = exercise
-    known = SimpleNamespace(residual=lambda index: 6.0 + index)
+    known = SimpleNamespace(residual=lambda index: 6.25 + index)
     monkeypatch.setattr(monitors.inverse_dynamics, "evaluate", lambda *_: known)
     monkeypatch.setattr(monitors.effort_monitor, "update", lambda watch, *_, **__: watch)
     for axis in core.axes:
