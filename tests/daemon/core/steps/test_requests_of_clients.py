@@ -30,6 +30,7 @@ from daemon.ipc.report import Event, Refusal
 from drives.signals import Input, PowerState
 
 CYCLE = 140
+STALE_CYCLES = 100
 WANTED = ModeRequest(Mode.COMMISSION, axis="right/hip")
 CLOSED, RELEASED = Input.HAND_SWITCH_CLOSED, Input.STO_RELEASED
 UNTESTED = (("right/hip", Untested.HAND_SWITCH_OPEN),)
@@ -116,10 +117,10 @@ STOP = Refusal(RefusalCode.STOP_REQUESTED)
         (RequestKind.MODE, ModeRequest(Mode.HOLD), {"mode": Mode.GAIT}, None),
         (RequestKind.RESET, ModeRequest(Mode.HOLD), {"exercise": OF_EXERCISE}, None),
         (RequestKind.DISABLE, WANTED, {"mode": Mode.GAIT, "exercise": OF_EXERCISE}, None),
-        (RequestKind.RESET, WANTED, {"age": requests.STALE_REQUEST_CYCLES}, None),
+        (RequestKind.RESET, WANTED, {"age": STALE_CYCLES}, None),
         (
-            *(RequestKind.RESET, WANTED, {"age": requests.STALE_REQUEST_CYCLES + 1}),
-            Refusal(RefusalCode.OLD, values=(CYCLE - requests.STALE_REQUEST_CYCLES - 1, CYCLE)),
+            *(RequestKind.RESET, WANTED, {"age": STALE_CYCLES + 1}),
+            Refusal(RefusalCode.OLD, values=(CYCLE - STALE_CYCLES - 1, CYCLE)),
         ),
         (
             *(RequestKind.RESET, WANTED, {"age": -1}),
