@@ -123,11 +123,10 @@ def test_an_axis_seeks_home_until_its_homing_is_done(core, name, by_drive):
     expected = [one == name and by_drive for one in NAMES]
 
     assert [single_axis.is_homing(core, axis) for axis in core.axes] == expected
-    assert [single_axis.seeks_home(core, axis) for axis in core.axes] == expected
-    core.single_axis.step = AxisStep.FAILED
-    assert [single_axis.seeks_home(core, axis) for axis in core.axes] == expected
-    core.single_axis.step = AxisStep.DONE
-    assert not any(single_axis.seeks_home(core, axis) for axis in core.axes)
+    for step in AxisStep:
+        core.single_axis.step = step
+        seeks = [single_axis.seeks_home(core, axis) for axis in core.axes]
+        assert seeks == [one and step is not AxisStep.DONE for one in expected]
 
 
 # --- request --------------------------------------------------------------------------------------
@@ -250,10 +249,12 @@ def test_an_axis_without_a_sample_does_not_rest(core):
             Run(is_over=True, moved_si=(0.1, -0.1)),
             *(Event(EventCode.HOMED, HIP, (1.0,)), False, [HIP]),
         ),
-        (
-            Run(is_over=True, why=Failure.HOME_NOT_FOUND),
-            Event(EventCode.SINGLE_AXIS_FAILED, HIP, (Failure.HOME_NOT_FOUND,)),
-            *(False, []),
+        *(
+            (
+                Run(is_over=True, why=why),
+                *(Event(EventCode.SINGLE_AXIS_FAILED, HIP, (why,)), False, []),
+            )
+            for why in (Failure.HOME_NOT_FOUND, Failure.STOP_REQUESTED)
         ),
     ],
 )
