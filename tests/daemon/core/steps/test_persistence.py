@@ -178,11 +178,11 @@ def test_a_doubt_of_a_proven_sign_is_stored(core, proven, trusted, doubted):
 # --- daily test -----------------------------------------------------------------------------------
 
 
-def of_self_test(friction_si, name=HIP):
-    """A self-test that is over, whose axes have this friction."""
-    sums = Sums(friction_si, 1, -friction_si, 1, 0.0, 0.08, -0.08)
+def of_self_test(friction_si, moved_si=0.08):
+    """A self-test that is over, whose hip has this friction and has moved so far."""
+    sums = Sums(friction_si, 1, -friction_si, 1, 0.0, moved_si, -0.08)
     good = Sums(6.0, 1, -6.0, 1, 0.0, 0.08, -0.08)
-    ways = (Way(name, 0.08, 0.2, 6.0, 8.0), Way(SLIDE, 0.08, 0.2, 6.0, 8.0))
+    ways = (Way(HIP, 0.08, 0.2, 6.0, 8.0), Way(SLIDE, 0.08, 0.2, 6.0, 8.0))
     return SelfTest(start=(0.0, 0.0), ways=ways, ratios=(0.5, 1.6), wait_s=0.0, sums=(sums, good))
 
 
@@ -214,23 +214,32 @@ def test_a_passed_self_test_is_stored_and_trusts_the_proven_signs(
     assert core.events == [Event(EventCode.SELF_TEST_PASSED, name, numbers) for name in NAMES]
 
 
-def test_a_self_test_that_has_found_something_is_told_stored_and_stops(core):
+@pytest.mark.parametrize(
+    ("test", "finding", "value", "limit"),
+    [
+        (of_self_test(1.2), Finding.FRICTION_LESS, 0.2, 0.5),
+        (of_self_test(6.0, 0.01), Finding.NOT_MOVED_FORTH, 0.01, 0.08),
+    ],
+)
+def test_a_self_test_that_has_found_something_is_told_stored_and_stops(
+    core, test, finding, value, limit
+):
     hip = core.axes[0]
     persistence.prove_sign(core, hip, proof_of(1))
     now_shows(hip, sign_trusted=False)
-    core.legs = [a_leg(exercise=one) for one in (None, of_self_test(1.2))]
+    core.legs = [a_leg(exercise=one) for one in (None, test)]
 
     verdict = persistence.finish_self_test(core, NOW_NS)
 
     cause = Cause.SELF_TEST_FAILED
     assert verdict == Verdict(
-        CATEGORIES.of(cause), cause, HIP, pytest.approx(0.2), 0.5, Finding.FRICTION_LESS
+        CATEGORIES.of(cause), cause, HIP, pytest.approx(value), limit, finding
     )
     assert [(event.code, event.subject) for event in core.events] == [
         (EventCode.SELF_TEST_FAILED, HIP),
         (EventCode.SELF_TEST_PASSED, SLIDE),
     ]
-    assert core.events[0].values[4:] == (Finding.FRICTION_LESS, pytest.approx(0.2), 0.5)
+    assert core.events[0].values[4:] == (finding, pytest.approx(value), limit)
     assert not core.persistent.self_test.passed
     assert not hip.sensed.sign_trusted
 
