@@ -25,7 +25,7 @@ def ramp(begin, end):
 
 
 def test_a_joint_that_answers_its_drive_has_its_sign_whatever_a_steady_patient_gives():
-    for patient_nm in (-70.0, 0.0, 70.0):
+    for patient_nm in (-70.5, 0.0, 70.5):
         steady = [patient_nm] * SAMPLES
         assert answer(ramp(5.0, -30.0), steady) == pytest.approx(0.0, abs=1e-12)
         assert answer(ramp(5.0, -30.0), steady, sign=-1.0) > 1e6
