@@ -240,24 +240,25 @@ def test_between_two_windows_alarms_are_seen_and_the_joints_stay(core):
     assert core.axes[1].sensed.emergencies_checked == 1
 
 
-def test_trust_in_an_axis_is_given_and_taken_by_its_name(core):
-    hip, slide = core.axes
-    sensing.take_home(hip)
-    for axis in core.axes:
-        sensing.trust_sign(axis, trusted=True)
-        now_shows(axis, followed=True, watched=True)
-    assert (hip.sensed.followed, hip.sensed.referenced, hip.sensed.doubt) == (
-        *(True, True, Doubt.NONE),
-    )
+@pytest.mark.parametrize("index", [0, 1])
+def test_trust_in_an_axis_is_given_and_taken_by_its_name(core, index):
+    axis, other = core.axes[index], core.axes[1 - index]
+    now_shows(axis, referenced=False, followed=False, doubt=Doubt.REBOOTED)
+    sensing.take_home(axis)
+    shown = axis.sensed
+    assert (shown.followed, shown.referenced, shown.doubt) == (True, True, Doubt.NONE)
+    for one in core.axes:
+        sensing.trust_sign(one, trusted=True)
+    assert (axis.sensed.sign_trusted, other.sensed.sign_trusted) == (True, True)
 
-    sensing.doubt(core, hip.name)
-    sensing.doubt_sign(core, slide.name)
+    sensing.doubt(core, axis.name)
+    sensing.doubt_sign(core, axis.name)
 
-    assert [axis.sensed.followed for axis in core.axes] == [False, True]
-    assert [axis.sensed.sign_trusted for axis in core.axes] == [True, False]
+    assert (axis.sensed.followed, other.sensed.followed) == (False, True)
+    assert (axis.sensed.sign_trusted, other.sensed.sign_trusted) == (False, True)
     sensing.lose_positions(core)
-    assert not slide.sensed.followed
-    assert not slide.sensed.watched
+    for one in core.axes:
+        assert (one.sensed.followed, one.sensed.watched) == (False, False)
 
 
 @pytest.mark.parametrize(
