@@ -73,9 +73,9 @@ def _leg_estimate(core: Core, leg: Leg) -> LegEstimateInputs:
 
 
 def _seeks_home(core: Core, leg: Leg) -> bool:
-    if core.single_axis is None:
-        return False
-    return any(single_axis.seeks_home(core, axis) for axis in leg.axes)
+    return core.single_axis is not None and any(
+        single_axis.seeks_home(core, axis) for axis in leg.axes
+    )
 
 
 def _axis_estimate(axis: Axis) -> AxisEstimateInputs:

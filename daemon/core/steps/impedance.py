@@ -176,8 +176,7 @@ def _gains(
 def _prepared(core: Core, axis: Axis, setpoint: AxisSetpoint, request: DriveRequest) -> Sent | None:
     """Targets during a homing or sign test: the small effort of that test, present position."""
     before, limits = axis.sent, single_axis.active_limits(core, axis)
-    last_si = before.effort_si if request.pushing else 0.0
-    bound_si = bounds.bound(setpoint.effort_si, last_si, limits, request.dt_s)
+    bound_si = bounds.bound(setpoint.effort_si, before.effort_si, limits, request.dt_s)
     if bound_si is None:
         return None
     effort_si = bound_si if request.pushing else 0.0

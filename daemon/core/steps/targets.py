@@ -188,9 +188,9 @@ def reset(core: Core) -> None:
 
 
 def _faded(difference_si: float, dt_s: float) -> float:
-    """The difference after one cycle of fading; exactly 0 once it is negligible."""
+    """The difference after one cycle of fading; exactly 0 once it is negligible, NaN stays NaN."""
     faded_si = difference_si * math.exp(-dt_s / FADE_S)
-    return faded_si if abs(faded_si) > NEGLIGIBLE_SI else 0.0
+    return 0.0 if abs(faded_si) <= NEGLIGIBLE_SI else faded_si
 
 
 def _obeys_position(sensed: Sensed) -> bool:

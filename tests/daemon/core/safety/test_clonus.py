@@ -19,11 +19,11 @@ def wave(hertz, amplitude, seconds):
     ]
 
 
-def after(efforts, watch=None):
+def after(efforts, watch=None, max_si=SWING):
     """The watch after these efforts, one a cycle."""
     watch = ClonusWatch(PERIOD_MS, WINDOW_MS) if watch is None else watch
     for effort in efforts:
-        watch.update(effort, SWING)
+        watch.update(effort, max_si)
     return watch
 
 
@@ -33,6 +33,16 @@ def test_an_effort_that_swings_with_the_frequency_of_clonus_is_one_above_its_thr
 
     assert after(wave(hertz, 1.1 * SWING / gain, 1.0)).lasts
     assert not after(wave(hertz, 0.99 * SWING / gain, 1.0)).lasts
+
+
+def test_how_large_an_effort_is_in_its_unit_makes_no_difference():
+    efforts = wave(6.25, 10.0, 1.0)
+    small = after([1e-3 * effort for effort in efforts], max_si=1e-3 * SWING)
+    slow = after([1e-3 * effort for effort in wave(3.0, 40.0, 3.0)], max_si=1e-3 * SWING)
+
+    assert small.cycles == after(efforts).cycles
+    assert small.swing_si == pytest.approx(0.01, rel=0.05)
+    assert slow.cycles == 0
 
 
 @pytest.mark.parametrize(("hertz", "amplitude"), [(0.5, 100.0), (1.0, 60.0), (2.0, 20.0)])
@@ -53,7 +63,9 @@ def test_a_swing_needs_all_of_its_160_ms_and_more_than_its_threshold():
     assert after([0.0] * 8 + [40.0] * 8).swing_si == 0.0
     assert after([0.0] * 16 + [4.0 * SWING]).swing_si == 0.0
     assert after([0.0] * 16 + [4.04 * SWING]).swing_si == pytest.approx(1.01 * SWING)
-    assert after([0.0] * 8 + [2.0] + [0.0] * 7 + [-40.0]).swing_si == pytest.approx(11.0)
+    swing = [8.0, *([0.0] * 7), 2.0, *([0.0] * 7), -40.0]
+    for efforts in (swing, [*([0.0] * 40), *swing]):
+        assert after(efforts, max_si=8.9).swing_si == pytest.approx(9.0)
 
 
 def test_a_steady_effort_and_a_step_are_none():

@@ -6,16 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from daemon.core.safety.sign_response import (
-    RIGHT_MAX_RATIO,
-    SAMPLES,
-    UNCLEAR_MAX_RATIO,
-    WRONG,
-    updated,
-    with_sample,
-)
+from daemon.core.safety.sign_response import UNCLEAR_MAX_RATIO, WRONG, updated, with_sample
 
 LIMIT_NM = 20.0
+SAMPLES, RIGHT_MAX_RATIO = 12, 0.25
 
 
 def answer(pushes, patients, sign=1.0, before=WRONG):
@@ -31,7 +25,7 @@ def ramp(begin, end):
 
 
 def test_a_joint_that_answers_its_drive_has_its_sign_whatever_a_steady_patient_gives():
-    for patient_nm in (-70.0, 0.0, 70.0):
+    for patient_nm in (-70.5, 0.0, 70.5):
         steady = [patient_nm] * SAMPLES
         assert answer(ramp(5.0, -30.0), steady) == pytest.approx(0.0, abs=1e-12)
         assert answer(ramp(5.0, -30.0), steady, sign=-1.0) > 1e6
@@ -43,8 +37,8 @@ def test_a_joint_that_answers_its_drive_has_its_sign_whatever_a_steady_patient_g
         (50.0, 0.0, RIGHT_MAX_RATIO),
         (70.0, 0.0, RIGHT_MAX_RATIO),
         (-20.0, RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO),
-        (85.0, RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO),
-        (110.0, UNCLEAR_MAX_RATIO, WRONG),
+        (93.0, RIGHT_MAX_RATIO, UNCLEAR_MAX_RATIO),
+        (97.0, UNCLEAR_MAX_RATIO, WRONG),
     ],
 )
 def test_the_slower_a_patient_changes_the_clearer_is_the_answer(patient_end_nm, low, high):
@@ -103,6 +97,16 @@ def test_an_effort_that_jumps_is_no_patient_s_whatever_was_shown(at, cycles):
 
     assert math.isinf(answer(pushes, jumps, before=0.1)) == seen
     assert answer(pushes, small, before=0.1) == 0.1
+
+
+@pytest.mark.parametrize("patient_nm", [LIMIT_NM, -LIMIT_NM])
+def test_a_change_by_the_limit_or_in_three_cycles_is_no_jump(patient_nm):
+    for changes in ([1.0], [0.4, 0.8, 1.2]):
+        at_limit = [0.0] * 4 + [patient_nm * one for one in changes]
+        patients = at_limit + [at_limit[-1]] * (SAMPLES - len(at_limit))
+
+        assert answer([0.0] * SAMPLES, patients, before=0.1) == 0.1
+    assert answer([0.0] * SAMPLES, [0.0] * 8 + [1.01 * patient_nm] * 4, before=0.1) == WRONG
 
 
 def test_what_has_the_drive_s_sign_keeps_it_and_what_is_unclear_is_judged_anew():

@@ -3,16 +3,14 @@
 from types import SimpleNamespace
 
 import pytest
-from fresh_core import fresh, has_been_sent, has_received, show
 from gaitd_names import Cause, Mode
-from msgspec.structs import replace
-from safety_inputs import FEEDBACK, JOINT
+from safety_inputs import CATEGORIES, FEEDBACK, JOINT, THRESHOLDS
+from step_inputs import a_core, a_leg, an_axis, now_shows
 
-from daemon.core.exercises.hold import Hold
 from daemon.core.safety.effort_monitor import EffortWatch
+from daemon.core.safety.energy import StrideSum
 from daemon.core.safety.inputs import AxisEstimateInputs, LegInputs, ServiceInputs
-from daemon.core.slices import Estimated, Monitored, Placed
-from daemon.core.state import HOLD_SETTLE_CYCLES
+from daemon.core.slices import Estimated, Inputs, Monitored, Placed
 from daemon.core.steps import checking
 from daemon.core.tick import Tick
 from daemon.ipc.cycle_timing import CycleTiming
@@ -33,12 +31,9 @@ WATCHES = EffortWatch(sign_mismatch_cycles=1), EffortWatch(sign_mismatch_cycles=
 @pytest.fixture
 def core():
     """A core in GAIT whose hip and slide differ in all that is read of them."""
-    made = fresh().core
-    made.mode = Mode.GAIT
-    (leg,) = made.legs
-    for number, axis in enumerate(leg.axes, 1):
-        show(
-            axis,
+    axes = [
+        an_axis(
+            name,
             feedback=FEEDBACK._replace(alarm_count=number),
             joint=JOINT._replace(position_si=0.1 * number),
             referenced=number == 1,
@@ -51,24 +46,37 @@ def core():
             emergencies_checked=1,
             sign_trusted=number == 2,
             bring_up_error=(number, "text"),
+            mode=MODES[number - 1],
+            position_si=1.0,
+            reaction_cycles=20 * number,
+            scaling=SimpleNamespace(counts_per_si=0.5 if number == 1 else -0.5),
+            spasm=SimpleNamespace(cycles=number, rise_si=2.0 * number),
+            clonus=SimpleNamespace(cycles=3 * number, swing_si=4.0 * number),
+            energy=StrideSum(),
+            residual=StrideSum(),
         )
-        has_been_sent(axis, mode=MODES[number - 1], position_si=1.0)
-        axis.reaction_cycles = 20 * number
-        axis.scaling = axis.scaling._replace(counts_per_si=0.5 if number == 1 else -0.5)
-        axis.spasm.cycles, axis.spasm.rise_si = number, 2.0 * number
-        axis.clonus.cycles, axis.clonus.swing_si = 3 * number, 4.0 * number
+        for number, name in enumerate(("right/hip", "right/slide"), 1)
+    ]
+    for number, axis in enumerate(axes, 1):
         axis.energy.add(5.0 * number)
-    leg.placed = Placed(0.6)
-    leg.monitored = Monitored(
-        watches=WATCHES, stopping_end_si=(0.7, 0.8), stopping_ratio=0.5, window_cycles=9
+    leg = a_leg(
+        *axes,
+        placed=Placed(0.6),
+        monitored=Monitored(
+            watches=WATCHES, stopping_end_si=(0.7, 0.8), stopping_ratio=0.5, window_cycles=9
+        ),
+        estimated=Estimated(bad_cycles=6),
     )
-    leg.estimated = Estimated(bad_cycles=6)
-    return made
+    return a_core(
+        leg,
+        mode=Mode.GAIT,
+        drives=None,
+        inputs=Inputs(stop=True, gateway_state_cycle=40),
+        config=SimpleNamespace(thresholds=THRESHOLDS, categories=CATEGORIES),
+    )
 
 
 def test_of_the_service_gateway_bus_and_cycle_are_read(core):
-    has_received(core, stop=True, gateway_state_cycle=93)
-
     found = checking.safety_inputs(core, TICK)
 
     assert (found.thresholds, found.categories) == (core.config.thresholds, core.config.categories)
@@ -76,7 +84,7 @@ def test_of_the_service_gateway_bus_and_cycle_are_read(core):
     assert found.service == ServiceInputs(
         stop_requested=True,
         shutdown_requested=True,
-        gateway_age_cycles=7,
+        gateway_age_cycles=60,
         overruns_in_a_row=3,
         bus_off=False,
         bus_error="lost",
@@ -110,21 +118,31 @@ def test_of_an_axis_its_own_values_are_read(core, index):
     assert (found.held, found.bring_up_error) == (False, (number, "text"))
 
 
-def test_a_distance_to_the_reference_means_nothing_while_the_leg_stops(core):
-    core.mode = Mode.STOPPING
+@pytest.mark.parametrize(
+    ("mode", "tracking_si"),
+    [(Mode.STOPPING, [0.0, 0.0]), (Mode.TORQUE, [0.2, 0.4]), (Mode.GAIT, [0.2, 0.4])],
+)
+def test_a_distance_to_the_reference_means_nothing_while_the_leg_stops(core, mode, tracking_si):
+    core.mode = mode
 
-    assert [one.tracking_si for one in checking.safety_inputs(core, TICK).axes] == [0.0, 0.0]
+    assert [one.tracking_si for one in checking.safety_inputs(core, TICK).axes] == tracking_si
+
+
+@pytest.mark.parametrize(("alarms", "is_new"), [(1, False), (2, False), (3, True)])
+def test_an_alarm_is_new_above_the_count_that_was_checked(core, alarms, is_new):
+    feedback = FEEDBACK._replace(alarm_count=alarms)
+    now_shows(core.axes[0], feedback=feedback, emergencies_checked=2)
+
+    assert checking.safety_inputs(core, TICK).axes[0].new_emergency is is_new
 
 
 def test_a_leg_that_is_held_is_held_at_both_axes(core):
-    (leg,) = core.legs
-    leg.exercise = Hold.braking((0.1, 0.2), (0.0, 0.0), (leg.axes[0].limits, leg.axes[1].limits))
-    leg.placed = replace(leg.placed, held_cycles=HOLD_SETTLE_CYCLES + 1)
+    core.legs[0].is_held = True
 
     assert all(one.held for one in checking.safety_inputs(core, TICK).axes)
 
 
-@pytest.mark.parametrize("name", ["right/hip", "right/slide"])
+@pytest.mark.parametrize("name", ["right/hip", "right/slide", "left/hip"])
 def test_a_leg_seeks_home_while_a_drive_moves_one_of_its_axes_by_its_homing(core, name):
     (leg,) = checking.safety_inputs(core, TICK).legs
     assert leg == LegInputs("right", 0.6, 0.5, seeks_home=False)
@@ -134,13 +152,13 @@ def test_a_leg_seeks_home_while_a_drive_moves_one_of_its_axes_by_its_homing(core
 
     found = checking.safety_inputs(core, TICK)
 
-    assert found.legs[0].seeks_home
+    assert found.legs[0].seeks_home is name.startswith("right")
     assert [one.homing for one in found.axes] == [one.name == name for one in found.axes]
     assert all(one.preparing for one in found.axes)
 
 
 def test_an_axis_that_was_not_sensed_is_not_judged(core):
-    show(core.axes[1], feedback=None)
+    now_shows(core.axes[1], feedback=None)
 
     with pytest.raises(RuntimeError, match="right/slide is judged before it was sensed"):
         checking.safety_inputs(core, TICK)
@@ -149,7 +167,7 @@ def test_an_axis_that_was_not_sensed_is_not_judged(core):
 def test_each_alarm_is_checked_once(core):
     found = checking.check_raw(core, TICK)
 
-    assert Cause.SHUTDOWN in {one.cause for one in found}
+    assert Cause.STOP_REQUESTED in {one.cause for one in found}
     assert [axis.sensed.emergencies_checked for axis in core.axes] == [1, 2]
 
 

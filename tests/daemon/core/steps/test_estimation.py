@@ -4,10 +4,10 @@ import math
 from types import SimpleNamespace
 
 import pytest
-from fresh_core import fresh, has_been_sent, show
 from gaitd_names import EventCode
 from msgspec.structs import replace
 from safety_inputs import JOINT
+from step_inputs import a_leg, an_axis, now_shows, was_sent
 
 from daemon.core.safety.soft_limits import SoftZone
 from daemon.core.slices import Estimated, Monitored
@@ -15,7 +15,8 @@ from daemon.core.steps import estimation
 from daemon.core.steps.estimation import ObserverInputs, cleared, estimate
 from daemon.core.tick import Tick
 from daemon.ipc.cycle_timing import CycleTiming
-from observer.drift import NO_DRIFT
+from drives.cia402.torque import TorqueSampling
+from observer.drift import NO_DRIFT, Drift
 from observer.filter.considered import NOTHING_KNOWN
 from observer.filter.leg_observer import PoseError
 from observer.filter.status import Status, Validity
@@ -33,7 +34,7 @@ SAMPLED = ObserverInputs(
     late=False,
     known=NOTHING_KNOWN,
 )
-RUNS = Estimated(estimate=object(), bad_cycles=2, stride_count=7)
+RUNS = Estimated(estimate=object(), bad_cycles=3, stride_count=7)
 
 
 class Spy:
@@ -74,10 +75,8 @@ def test_a_sample_that_is_missing_is_not_a_number_and_the_artificial_part_is_tak
 
     found = estimate(spy, RUNS, inputs)
 
-    ((measured, efforts, dt_s, flags),) = spy.fed
+    ((measured, efforts, dt_s, _),) = spy.fed
     assert (measured[0], math.isnan(measured[1]), efforts, dt_s) == (0.2, True, (7.0, 24.0), 0.01)
-    assert flags["late"]
-    assert not flags["unreferenced"]
     assert (found.effort_used, found.artificial) == (efforts, (3.0, -4.0))
 
 
@@ -90,6 +89,24 @@ def test_a_baseline_is_in_force_from_the_cycle_on_in_which_it_is_given(spy):
 
 
 @pytest.mark.parametrize(
+    "name", ["late", "unreferenced", "artificial", "input_saturated", "near_limit"]
+)
+def test_the_observer_is_told_what_is_particular_to_a_sample(spy, name):
+    fields = {
+        "unreferenced": ("referenced", False),
+        "artificial": ("is_artificial", True),
+        "input_saturated": ("saturated", True),
+    }
+    field, value = fields.get(name, (name, True))
+
+    estimate(spy, RUNS, replace(SAMPLED, effort_std=(1.0, 2.0), **{field: value}))
+
+    ((*_, flags),) = spy.fed
+    assert flags.pop("effort_std") == (1.0, 2.0)
+    assert [one for one in flags if flags[one]] == [name]
+
+
+@pytest.mark.parametrize(
     "missing",
     [
         {"referenced": False},
@@ -98,9 +115,13 @@ def test_a_baseline_is_in_force_from_the_cycle_on_in_which_it_is_given(spy):
     ],
 )
 def test_it_starts_at_a_known_pose_only(spy, missing):
-    waiting = estimate(spy, Estimated(), replace(SAMPLED, **missing))
+    inputs = replace(SAMPLED, **missing)
+
+    waiting = estimate(spy, Estimated(), inputs)
 
     assert (waiting.estimate, spy.started, spy.fed) == (None, [], [])
+    assert waiting.effort_used == tuple(one.effort_si for one in inputs.joints)
+    assert [math.isnan(one) for one in waiting.measured] == [not one.fresh for one in inputs.joints]
     assert estimate(spy, waiting, SAMPLED).estimate is spy.found
     assert spy.started == [(0.2, 0.5)]
 
@@ -126,7 +147,7 @@ def test_where_an_origin_has_moved_it_starts_anew_and_counts_on(spy):
 def test_cycles_with_a_bad_axis_are_counted_until_both_are_good(spy, bad):
     worse = estimate(Spy(*bad), RUNS, SAMPLED)
 
-    assert worse.bad_cycles == 3
+    assert worse.bad_cycles == 4
     assert estimate(spy, worse, SAMPLED).bad_cycles == 0
 
 
@@ -138,6 +159,8 @@ def test_a_stride_is_there_in_the_cycle_that_completes_it(spy):
     assert (completed.stride, completed.stride_count) == (spy.smoothed, 8)
     after = estimate(spy, completed, SAMPLED)
     assert (after.stride, after.stride_count) == (None, 8)
+    spy.smoothed, spy.stride = None, object()
+    assert estimate(spy, completed, SAMPLED).stride is None
 
 
 def test_without_drives_there_is_no_estimate_but_what_was_learnt_stays():
@@ -151,56 +174,88 @@ def test_without_drives_there_is_no_estimate_but_what_was_learnt_stays():
 
 
 def test_a_calibration_is_advised_once_for_each_axis():
-    leg = SimpleNamespace(axes=(SimpleNamespace(name="hip"), SimpleNamespace(name="slide")))
-    asked = replace(RUNS, calibration_advised=(False, True))
+    leg = a_leg()
+    drift = Drift(motion_s=10.0, product_s=-5.0, square_s=4.0)
+    asked = replace(RUNS, calibration_advised=(False, True), drifts=(NO_DRIFT, drift))
 
     (event,) = estimation.news(leg, RUNS, asked)
 
-    assert (event.code, event.subject) == (EventCode.CALIBRATION_ADVISED, "slide")
+    assert (event.code, event.subject) == (EventCode.CALIBRATION_ADVISED, "right/slide")
+    assert event.values == pytest.approx((0.5, -0.5 / math.sqrt(0.4)))
     assert list(estimation.news(leg, asked, asked)) == []
 
 
-def test_the_observer_reads_what_either_axis_or_the_exercise_says_of_the_leg():
-    core = fresh().core
-    (leg,) = core.legs
+def test_the_observer_reads_what_either_axis_or_the_exercise_says_of_the_leg(monkeypatch):
+    monkeypatch.setattr(estimation, "effort_std", lambda leg: (leg.name, 2.0))
+    leg = a_leg(monitored=Monitored(zone=SoftZone(mechanism_depth_ratio=0.1)))
     hip, slide = leg.axes
+    now_shows(slide, joint=JOINT._replace(position_si=0.5))
     tick = Tick(1, 0, 0, 0.011, CycleTiming(0, 0, 0, 0), late=True)
-    leg.monitored = Monitored(zone=SoftZone(mechanism_depth_ratio=0.1))
-    for axis in leg.axes:
-        show(axis, referenced=True, joint=JOINT._replace(position_si=axis.node_id))
 
     found = estimation.inputs_of(leg, tick)
 
-    assert (found.joints, found.referenced, found.origin_moved) == (
-        *((hip.sensed.joint, slide.sensed.joint), True, False),
+    assert found == ObserverInputs(
+        joints=(hip.sensed.joint, slide.sensed.joint),
+        referenced=True,
+        origin_moved=False,
+        artificial=(0.0, 0.0),
+        is_artificial=False,
+        effort_std=("right", 2.0),
+        saturated=False,
+        near_limit=True,
+        dt_s=0.011,
+        late=True,
     )
-    assert (found.artificial, found.is_artificial, found.effort_std) == (
-        *((0.0, 0.0), False, (0.0, 0.0)),
-    )
-    assert (found.dt_s, found.late, found.saturated, found.near_limit) == (0.011, True, False, True)
-    show(slide, referenced=False, origin_moved=True)
-    has_been_sent(hip, effort_si=hip.limits.effort_max_si)
+    was_sent(hip, effort_si=hip.limits.effort_max_si)
     leg.exercise = SimpleNamespace(artificial_si=(1.0, 2.0), is_artificial=True)
     other = estimation.inputs_of(leg, tick)
-    assert (other.referenced, other.origin_moved, other.saturated) == (False, True, True)
-    assert (other.artificial, other.is_artificial) == ((1.0, 2.0), True)
-    show(hip, origin_moved=True, referenced=False)
-    show(slide, origin_moved=False, referenced=True)
-    assert estimation.inputs_of(leg, tick).origin_moved
-    assert not estimation.inputs_of(leg, tick).referenced
+    assert (other.saturated, other.artificial, other.is_artificial) == (True, (1.0, 2.0), True)
+    leg.exercise.is_artificial = False
+    assert not estimation.inputs_of(leg, tick).is_artificial
 
 
-def test_a_drift_that_has_changed_is_judged_anew_for_its_axis(spy, monkeypatch):
-    changed = NO_DRIFT._replace(**{NO_DRIFT._fields[0]: 1.0})
-    learnt = [changed, None]
-    monkeypatch.setattr(
-        estimation.friction_monitor, "update", lambda before, law, found, index, dt_s: learnt[index]
-    )
-    monkeypatch.setattr(estimation, "asks_for_calibration", lambda drift, law: drift is changed)
+@pytest.mark.parametrize("index", [0, 1])
+def test_an_axis_without_a_reference_or_with_a_new_origin_is_one_of_the_leg_s(index):
+    kind = TorqueSampling.FILTERED
+    axes = [an_axis(name, torque_sampling=kind) for name in ("right/hip", "right/slide")]
+    now_shows(axes[index], referenced=False, origin_moved=True)
 
-    hip = estimate(spy, RUNS, SAMPLED)
+    found = estimation.inputs_of(a_leg(*axes), Tick(1, 0, 0, 0.01, CycleTiming(0, 0, 0, 0)))
+
+    assert (found.referenced, found.origin_moved) == (False, True)
+
+
+@pytest.mark.parametrize("changed", [Drift(0.5), Drift(3.0)])
+def test_a_drift_that_has_changed_is_judged_anew_for_its_axis(spy, monkeypatch, changed):
+    of_hip, of_slide = Drift(1.0), Drift(2.0)
+    before = replace(RUNS, drifts=(of_hip, of_slide), calibration_advised=(False, True))
+    spy.friction = "hip's", "slide's"
+    given, learnt, judged = [], [changed, None], []
+
+    def update(drift, law, found, index, dt_s):
+        given.append((drift, law, found, index, dt_s))
+        return learnt[index]
+
+    def asks(*drift_and_law):
+        judged.append(drift_and_law)
+        return True
+
+    monkeypatch.setattr(estimation.friction_monitor, "update", update)
+    monkeypatch.setattr(estimation, "asks_for_calibration", asks)
+
+    hip = estimate(spy, before, SAMPLED)
+
+    assert given == [
+        (of_hip, "hip's", spy.found, 0, 0.01),
+        (of_slide, "slide's", spy.found, 1, 0.01),
+    ]
+    assert (hip.drifts, hip.calibration_advised) == ((changed, of_slide), (True, True))
+    assert judged == [(changed, "hip's")]
     learnt[:] = None, changed
-    slide = estimate(spy, hip, SAMPLED)
-
-    assert (hip.drifts, hip.calibration_advised) == ((changed, NO_DRIFT), (True, False))
-    assert (slide.drifts, slide.calibration_advised) == ((changed, changed), (True, True))
+    before = replace(before, calibration_advised=(False, False))
+    slide = estimate(spy, before, SAMPLED)
+    assert (slide.drifts, slide.calibration_advised) == ((of_hip, changed), (False, True))
+    assert judged[1:] == [(changed, "slide's")]
+    learnt[:] = None, None
+    assert estimate(spy, before, SAMPLED).calibration_advised == (False, False)
+    assert len(judged) == 2

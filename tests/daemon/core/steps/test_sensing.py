@@ -1,23 +1,26 @@
 """What one axis shows: a sample and what is wanted of its drive in, a slice out; then the leg."""
 
-import dataclasses
 from types import SimpleNamespace
 
 import pytest
-from fresh_core import fresh, has_been_sent, show
 from gaitd_names import Doubt, EventCode, Mode
 from msgspec.structs import replace
-from safety_inputs import FEEDBACK, JOINT, LIMITS, THRESHOLDS
+from safety_inputs import FEEDBACK, LIMITS, THRESHOLDS
+from sessions import CONFIGS
+from step_inputs import AT_REST, a_core, a_leg, an_axis, now_shows, was_sent
 
+from daemon.config.robot import leg_parameters
 from daemon.core.exercises.exercise import Reference
-from daemon.core.modes.persistent_state import PersistentState, StoredAxis
+from daemon.core.modes.persistent_state import PersistentState, PoseRules, StoredAxis
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import Step
 from daemon.core.slices import Placed, Sensed
 from daemon.core.steps import sensing
 from daemon.core.steps.sensing import SensingInputs, news, place, sense
 from daemon.ipc.report import Event
-from drives.cia402.units import AxisScaling, expected_base
+from daemon.preflight.load import load
+from drives.bringup.bringup import DriveReport
+from drives.cia402.units import AxisScaling
 from drives.signals import OperationMode, PowerState
 
 AXIS = SimpleNamespace(
@@ -72,6 +75,24 @@ def test_what_is_still_known_of_an_axis_after_its_sample(shown, left, doubt):
     assert list(news(AXIS, KNOWN, found)) == told
 
 
+def test_a_doubt_stays_while_nothing_new_is_lost():
+    assert sensed(replace(KNOWN, doubt=Doubt.REBOOTED)).doubt is Doubt.REBOOTED
+
+
+def test_a_step_is_a_jump_beyond_what_the_joint_can_reach():
+    joint = Joint(known=True, fresh=True, elapsed_s=0.01)
+    reach_si = sensing.jump_reach_si(joint, LIMITS, THRESHOLDS)
+
+    for step_si, doubt in (
+        (reach_si, Doubt.NONE),
+        (-reach_si, Doubt.NONE),
+        (1.01 * reach_si, Doubt.ENCODER_JUMPED),
+        (-1.01 * reach_si, Doubt.ENCODER_JUMPED),
+    ):
+        stepped = joint._replace(step_si=step_si)
+        assert sensing._reference_lost(stepped, LIMITS, FEEDBACK, THRESHOLDS) is doubt
+
+
 def test_what_was_lost_is_not_told_again_and_comes_back_by_no_sample():
     lost = sensed(rebooted=True)
     after = sensed(replace(lost, joint=KNOWN.joint), reference_lost=True)
@@ -86,41 +107,69 @@ def test_a_step_of_the_origin_is_no_motion():
     assert (moved.referenced, moved.origin_moved, moved.joint.velocity_si) == (True, True, 0.0)
 
 
+CSP, HOMING = OperationMode.CYCLIC_SYNC_POSITION, OperationMode.HOMING
+
+
 @pytest.mark.parametrize(
-    ("shown", "reached", "unready"),
+    ("sent", "shown", "is_ready"),
     [
-        ({}, True, 0),
-        ({"power_state": PowerState.SWITCHED_ON}, False, 5),
-        ({"mode_display": OperationMode.CYCLIC_SYNC_POSITION}, False, 5),
-        ({"following": False}, False, 5),
+        ({}, {}, True),
+        ({}, {"power_state": PowerState.SWITCHED_ON}, False),
+        ({}, {"power_state": PowerState.QUICK_STOP_ACTIVE}, False),
+        ({}, {"mode_display": CSP}, False),
+        ({"mode_sent": CSP}, {}, False),
+        ({"mode_sent": CSP}, {"mode_display": CSP}, True),
+        ({}, {"following": False}, False),
+        ({"mode_sent": HOMING}, {"mode_display": HOMING, "following": False}, True),
     ],
 )
-def test_a_drive_is_ready_when_it_is_enabled_in_its_mode_and_follows(shown, reached, unready):
-    before = replace(KNOWN, unready_cycles=4, shown_unpowered=True, unexpected_enable_cycles=3)
+def test_a_drive_is_ready_when_it_is_enabled_in_its_mode_and_follows(sent, shown, is_ready):
+    before = replace(KNOWN, unready_cycles=5, shown_unpowered=True, unexpected_enable_cycles=3)
+    now = replace(WANTED, **sent)
 
-    found = sensed(before, **shown)
+    found = sensed(before, now, **shown)
 
-    assert (found.reached_enabled, found.unready_cycles) == (reached, unready)
+    assert (found.reached_enabled, found.unready_cycles) == (is_ready, 0 if is_ready else 6)
     assert (found.shown_unpowered, found.unexpected_enable_cycles) == (False, 0)
+    assert sensed(replace(before, reached_enabled=True), now, **shown).reached_enabled
+
+
+ENABLED, OFF = PowerState.OPERATION_ENABLED, PowerState.SWITCH_ON_DISABLED
 
 
 @pytest.mark.parametrize(
-    ("stopping", "seen_off", "shown", "cycles"),
+    ("stopping", "seen_off", "state", "fresh", "cycles"),
     [
-        (False, False, {}, 4),
-        (True, False, {}, 0),
-        (True, True, {}, 4),
-        (False, True, {"power_state": PowerState.SWITCH_ON_DISABLED}, 0),
-        (False, False, {"power_state": PowerState.UNKNOWN, "fresh": False}, 3),
+        (False, False, ENABLED, True, 4),
+        (False, False, ENABLED, False, 4),
+        (True, False, ENABLED, True, 0),
+        (True, True, ENABLED, True, 4),
+        (False, True, OFF, True, 0),
+        (False, False, PowerState.UNKNOWN, False, 3),
+        (False, False, PowerState.UNKNOWN, True, 4),
     ],
 )
-def test_power_that_nothing_asks_for_is_counted(stopping, seen_off, shown, cycles):
-    before = replace(KNOWN, shown_unpowered=seen_off, unexpected_enable_cycles=3)
+def test_power_that_nothing_asks_for_is_counted(stopping, seen_off, state, fresh, cycles):
+    before = replace(
+        KNOWN,
+        shown_unpowered=seen_off,
+        unexpected_enable_cycles=3,
+        reached_enabled=True,
+        unready_cycles=2,
+    )
 
-    found = sensed(before, replace(UNWANTED, is_stopping=stopping), **shown)
+    found = sensed(before, replace(UNWANTED, is_stopping=stopping), power_state=state, fresh=fresh)
 
     assert found.unexpected_enable_cycles == cycles
     assert (found.reached_enabled, found.unready_cycles) == (False, 0)
+    assert found.shown_unpowered is (seen_off or state is OFF)
+
+
+@pytest.mark.parametrize("state", PowerState)
+def test_a_drive_is_unpowered_where_no_single_controlword_enables_power(state):
+    off = PowerState.NOT_READY_TO_SWITCH_ON, OFF, PowerState.FAULT
+
+    assert sensed(now=UNWANTED, power_state=state).shown_unpowered is (state in off)
 
 
 def test_an_error_of_bring_up_counts_until_a_fresh_sample_without_a_fault():
@@ -136,7 +185,10 @@ def test_a_temperature_is_told_when_it_is_overdue_and_when_it_is_back():
 
     assert list(news(AXIS, KNOWN, overdue)) == [Event(EventCode.TEMPERATURE_OVERDUE, "right/hip")]
     assert list(news(AXIS, overdue, overdue)) == []
-    assert list(news(AXIS, overdue, KNOWN)) == [Event(EventCode.TEMPERATURE_BACK, "right/hip")]
+    for back in (KNOWN, replace(KNOWN, feedback=None)):
+        told = [Event(EventCode.TEMPERATURE_BACK, "right/hip")]
+        assert list(news(AXIS, overdue, back)) == told
+    assert list(news(AXIS, Sensed(), KNOWN)) == []
 
 
 # --- a leg and a core -----------------------------------------------------------------------------
@@ -144,18 +196,17 @@ def test_a_temperature_is_told_when_it_is_overdue_and_when_it_is_back():
 
 @pytest.fixture
 def core():
-    """A core whose axes are referenced at 0.2 rad and 0.5 m."""
-    made = fresh().core
-    for axis, position_si in zip(made.axes, (0.2, 0.5), strict=True):
-        joint = JOINT._replace(position_si=position_si)
-        show(axis, joint=joint, referenced=True, gravity_si=7.0, feedback=FEEDBACK)
-    return made
+    """A core in HOLD whose axes are referenced at 0.2 rad and 0.5 m."""
+    axes = [
+        an_axis(name, joint=AT_REST._replace(position_si=position_si))
+        for name, position_si in (("right/hip", 0.2), ("right/slide", 0.5))
+    ]
+    return a_core(a_leg(*axes))
 
 
 def test_what_is_wanted_of_a_drive_follows_from_mode_and_stop(core):
     hip = core.axes[0]
-    core.mode = Mode.HOLD
-    has_been_sent(hip, mode=OperationMode.CYCLIC_SYNC_POSITION)
+    was_sent(hip, mode=OperationMode.CYCLIC_SYNC_POSITION)
 
     found = sensing.inputs_of(core, hip, FEEDBACK)
 
@@ -175,32 +226,39 @@ def test_between_two_windows_alarms_are_seen_and_the_joints_stay(core):
     sensing.alarms_checked(core)
 
     assert [axis.sensed.joint for axis in core.axes] == joints
+    assert core.axes[1].sensed.feedback.alarm_count == 3
     assert [axis.sensed.emergencies_checked for axis in core.axes] == [0, 3]
-    checked = core.axes[1].sensed
+    checked = [axis.sensed for axis in core.axes]
+    sensing.alarms_checked(core)
+    assert all(axis.sensed is one for axis, one in zip(core.axes, checked, strict=True))
+    sensing.peek(core, [FEEDBACK, FEEDBACK._replace(alarm_count=1)])
+    sensing.alarms_checked(core)
+    assert core.axes[1].sensed.emergencies_checked == 1
     sensing.forget(core)
     assert core.axes[1].sensed.joint == Joint()
     sensing.alarms_checked(core)
-    assert core.axes[1].sensed.emergencies_checked == checked.emergencies_checked
+    assert core.axes[1].sensed.emergencies_checked == 1
 
 
-def test_trust_in_an_axis_is_given_and_taken_by_its_name(core):
-    hip, slide = core.axes
-    sensing.take_home(hip)
-    for axis in core.axes:
-        sensing.trust_sign(axis, trusted=True)
-        show(axis, followed=True, watched=True)
-    assert (hip.sensed.followed, hip.sensed.referenced, hip.sensed.doubt) == (
-        *(True, True, Doubt.NONE),
-    )
+@pytest.mark.parametrize("index", [0, 1])
+def test_trust_in_an_axis_is_given_and_taken_by_its_name(core, index):
+    axis, other = core.axes[index], core.axes[1 - index]
+    now_shows(axis, referenced=False, followed=False, doubt=Doubt.REBOOTED)
+    sensing.take_home(axis)
+    shown = axis.sensed
+    assert (shown.followed, shown.referenced, shown.doubt) == (True, True, Doubt.NONE)
+    for one in core.axes:
+        sensing.trust_sign(one, trusted=True)
+    assert (axis.sensed.sign_trusted, other.sensed.sign_trusted) == (True, True)
 
-    sensing.doubt(core, hip.name)
-    sensing.doubt_sign(core, slide.name)
+    sensing.doubt(core, axis.name)
+    sensing.doubt_sign(core, axis.name)
 
-    assert [axis.sensed.followed for axis in core.axes] == [False, True]
-    assert [axis.sensed.sign_trusted for axis in core.axes] == [True, False]
+    assert (axis.sensed.followed, other.sensed.followed) == (False, True)
+    assert (axis.sensed.sign_trusted, other.sensed.sign_trusted) == (False, True)
     sensing.lose_positions(core)
-    assert not slide.sensed.followed
-    assert not slide.sensed.watched
+    for one in core.axes:
+        assert (one.sensed.followed, one.sensed.watched) == (False, False)
 
 
 @pytest.mark.parametrize(
@@ -217,43 +275,62 @@ def test_trust_in_an_axis_is_given_and_taken_by_its_name(core):
         ({"absolute": True}, False, True, 9.0, Doubt.LEFT_ELSEWHERE),
     ],
 )
+@pytest.mark.parametrize("index", [0, 1])
 def test_after_a_bring_up_an_axis_is_referenced_if_it_was_homed_followed_or_where_it_was(
-    report, followed, has_bit, stored, doubt
+    core, monkeypatch, index, report, followed, has_bit, stored, doubt
 ):
-    built = fresh()
-    core, plans = built.core, list(built.plans.usual)
-    before = plans[0].description
-    profile = replace(before.profile, referenced_bit=1 if has_bit else None)
-    description = dataclasses.replace(before, profile=profile)
-    plans[0] = plans[0]._replace(description=description)
-    hip = core.axes[0]
+    monkeypatch.setattr(sensing, "axis_scaling", lambda plan, base: AXIS.scaling)
+    names = "hip", "slide"
+    bits = [1, 1]
+    bits[index] = 1 if has_bit else None
+    plans = [
+        SimpleNamespace(description=SimpleNamespace(profile=SimpleNamespace(referenced_bit=bit)))
+        for bit in bits
+    ]
+    reports = [
+        DriveReport(
+            *(one, f"of {one}", PowerState.SWITCH_ON_DISABLED, 0, 300, 0),
+            absolute=False,
+            serial_number=77 + number,
+            homed=True,
+            error_register=0,
+            error_code=0x8611 + number,
+            error_text=one,
+            emergencies=(),
+            reference_lost=False,
+        )
+        for number, one in enumerate(names)
+    ]
+    reports[index] = reports[index]._replace(**{"homed": False, **report})
+    core.persistent = PersistentState()
+    for axis in core.axes:
+        axis.poses = PoseRules(tolerance_si=0.1, believed_without_pose=False)
+        now_shows(axis, unready_cycles=3, emergencies_checked=2, unexpected_enable_cycles=4)
+    axis = core.axes[index]
+    now_shows(axis, followed=followed, watched=False)
     if stored is not None:
-        core.persistent = PersistentState(axes={hip.name: StoredAxis(stored, 1)})
-        hip.poses = hip.poses._replace(tolerance_si=0.1)
-    show(hip, followed=followed, unready_cycles=3, emergencies_checked=2, reached_enabled=True)
-    counts = round(0.3 * hip.scaling.counts_per_si)
-    shown = SimpleNamespace(
-        **{"absolute": False, "homed": False, "reference_lost": False, **report},
-        base=expected_base(description),
-        serial_number=77,
-        position_counts=counts,
-        error_code=0x8611,
-        error_text="x",
-    )
+        core.persistent = PersistentState(axes={axis.name: StoredAxis(stored, 1)})
 
-    sensing.begin(core, plans, [shown, shown])
+    sensing.begin(core, plans, reports)
 
-    sensed = hip.sensed
-    is_known = doubt is Doubt.NONE
-    assert (sensed.referenced, sensed.followed, sensed.doubt) == (is_known, is_known, doubt)
-    assert (sensed.watched, sensed.shown_unpowered, sensed.reached_enabled) == (True, True, False)
-    assert (sensed.unready_cycles, sensed.unexpected_enable_cycles) == (0, 0)
-    assert (sensed.emergencies_checked, sensed.bring_up_error) == (0, (0x8611, "x"))
-    assert (hip.serial_number, sensed.feedback, sensed.joint) == (77, None, Joint())
+    for number, one in enumerate(core.axes):
+        is_known = number != index or doubt is Doubt.NONE
+        expected = Sensed(
+            referenced=is_known,
+            followed=is_known,
+            doubt=Doubt.NONE if is_known else doubt,
+            watched=True,
+            shown_unpowered=True,
+            bring_up_error=(0x8611 + number, names[number]),
+            gravity_si=7.0,
+        )
+        assert one.sensed == expected
+        assert (one.serial_number, one.scaling) == (77 + number, AXIS.scaling)
 
 
 # --- the place of a leg ---------------------------------------------------------------------------
 
+MECHANISM = tuple(map(float, leg_parameters(load(CONFIGS / "demo.toml").robot)))
 STILL = Reference((0.05, 0.3), (0.0, 0.0), (0.0, 0.0), guided=True)
 MOVING = STILL._replace(velocity=(0.2, -0.1))
 OPEN_LOOP = STILL._replace(guided=False)
@@ -264,7 +341,7 @@ def leg_at(reference, *, is_located=True):
     shown = KNOWN, replace(KNOWN, joint=KNOWN.joint._replace(position_si=0.3), gravity_si=7.0)
     return SimpleNamespace(
         axes=tuple(SimpleNamespace(sensed=one) for one in shown),
-        mechanism=fresh().core.legs[0].mechanism,
+        mechanism=MECHANISM,
         reference=reference,
         is_located=is_located,
     )
@@ -310,7 +387,14 @@ def test_a_leg_at_an_unknown_place_keeps_what_it_has_shown():
 
 @pytest.mark.parametrize(
     ("reference", "may_hold", "held_cycles"),
-    [(STILL, True, 5), (STILL, False, 0), (MOVING, True, 0), (OPEN_LOOP, True, 0), (None, True, 0)],
+    [
+        (STILL, True, 6),
+        (STILL, False, 0),
+        (MOVING, True, 0),
+        (MOVING._replace(velocity=(-0.2, 0.1)), True, 0),
+        (OPEN_LOOP, True, 0),
+        (None, True, 0),
+    ],
 )
 @pytest.mark.parametrize("is_located", [True, False])
 def test_a_leg_is_held_while_a_reference_that_stands_still_guides_it(
@@ -318,6 +402,6 @@ def test_a_leg_is_held_while_a_reference_that_stands_still_guides_it(
 ):
     leg = leg_at(reference, is_located=is_located)
 
-    placed, _ = place(leg, Placed(held_cycles=4), may_hold=may_hold)
+    placed, _ = place(leg, Placed(held_cycles=5), may_hold=may_hold)
 
     assert placed.held_cycles == held_cycles
