@@ -96,7 +96,8 @@ class OneLeg:
             for number, (axis, settings, entries) in enumerate(parts)
         }
         self._timers = [node.timers for node in self.nodes.values()]
-        self._flags = dict.fromkeys(self.nodes, 0)
+        self._axes = [(node.axis, node) for node in self.nodes.values()]
+        self._flags = [0 for _ in self._axes]
 
     def power_on(self, outsiders: Mapping[str, Outsider]) -> None:
         """Power the drives on; those of `outsiders` stay without power and send nothing."""
@@ -150,10 +151,10 @@ class OneLeg:
     def _advance_plant(self, time_ns: int) -> None:
         """Advance the plant to `time_ns`, or until it raises a flag, which the nodes process."""
         self.now_ns = self._plant.advance(max(time_ns, self.now_ns))
-        for name, node in self.nodes.items():
-            flags = node.axis.flags()
-            if flags != self._flags[name]:
-                self._flags[name] = flags
+        for number, (axis, node) in enumerate(self._axes):
+            flags = axis.plant.flags(axis.number)
+            if flags != self._flags[number]:
+                self._flags[number] = flags
                 node.changed()
 
     def _run_due(self) -> None:

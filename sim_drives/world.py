@@ -55,7 +55,8 @@ class World:
         Raises:
             FaultCommandError: the script names a drive that does not exist, or a wrong value.
         """
-        self._now_ns = start_ns
+        self.now_ns = start_ns
+        """The world's time; no property, because a cycle asks for it some sixty times."""
         self._on_sync = on_sync
         self._sync_count = 0
         self._legs = [OneLeg(leg, seed, start_ns) for leg in legs]
@@ -66,11 +67,6 @@ class World:
             self._plan(fault)
         for leg in self._legs:
             leg.power_on(outsiders)
-
-    @property
-    def now_ns(self) -> int:
-        """The world's time."""
-        return self._now_ns
 
     @property
     def sync_count(self) -> int:
@@ -101,11 +97,13 @@ class World:
         Raises:
             ValueError: `time_ns` is in the past (a bug of the caller).
         """
-        if time_ns < self._now_ns:
-            raise ValueError(f"the world is at {self._now_ns} ns, cannot go back to {time_ns} ns")
+        if time_ns < self.now_ns:
+            raise ValueError(f"the world is at {self.now_ns} ns, cannot go back to {time_ns} ns")
         sent = [frame for leg in self._legs for frame in leg.advance_to(time_ns)]
-        self._now_ns = time_ns
-        return sorted(sent, key=lambda frame: frame.time_ns)
+        self.now_ns = time_ns
+        if len(sent) > 1:
+            sent.sort(key=lambda frame: frame.time_ns)
+        return sent
 
     def next_event_ns(self) -> int:
         """Return the time of the next event, or timers.NEVER; the plants may report earlier."""
@@ -134,7 +132,7 @@ class World:
 
     def _plan(self, fault: FaultSettings) -> None:
         check_value(fault.kind, fault.value)
-        at_ns = self._now_ns + round(fault.at_s * NS_PER_S)
+        at_ns = self.now_ns + round(fault.at_s * NS_PER_S)
         order = FaultOrder(fault.drive, fault.kind, fault.duration_s, fault.value)
         for name in self._named(fault.drive):
             self._home[name].plan(at_ns, order.on(name))

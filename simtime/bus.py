@@ -4,8 +4,7 @@ Time passes only in a wait. Reading received frames is a wait of no length, so t
 present instant are included.
 """
 
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from typing import Final
 
 from drives.canopen.bus import Clock, Frame
@@ -30,14 +29,18 @@ class SimulatedBus:
         Raises:
             BusError: nothing answers there.
         """
-        with self._lost_as_bus_error():
+        try:
             self._link.open()
+        except LinkLostError as error:
+            raise BusError(self._channel, str(error)) from error
         return self
 
     def send(self, frames: Sequence[Frame]) -> int:
         """As `Bus.send`."""
-        with self._lost_as_bus_error():
+        try:
             return self._link.send(frames)
+        except LinkLostError as error:
+            raise BusError(self._channel, str(error)) from error
 
     def send_urgent(self, frames: Sequence[Frame], deadline_ns: int, clock: Clock) -> int:
         """As `Bus.send_urgent`."""
@@ -63,13 +66,8 @@ class SimulatedBus:
         self._link.take()
 
     def _wait(self, until_ns: int, *, for_frame: bool) -> None:
-        with self._lost_as_bus_error():
+        try:
             self._link.check()
             self._link.wait(until_ns, for_frame=for_frame)
-
-    @contextmanager
-    def _lost_as_bus_error(self) -> Generator[None]:
-        try:
-            yield
         except LinkLostError as error:
             raise BusError(self._channel, str(error)) from error

@@ -71,7 +71,7 @@ class Errors:
     @property
     def warning(self) -> bool:
         """True while an error is active that did not stop the drive."""
-        return any(not error.latched for error in self._active.values())
+        return bool(self._active) and not all(one.latched for one in self._active.values())
 
     @property
     def can_id(self) -> int | None:

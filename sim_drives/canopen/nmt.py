@@ -9,7 +9,7 @@ Rules:
 """
 
 from collections.abc import Mapping
-from enum import Enum, IntEnum
+from enum import IntEnum, StrEnum
 from types import MappingProxyType
 from typing import Final
 
@@ -36,8 +36,8 @@ class NmtCommand(IntEnum):
     RESET_COMMUNICATION = 0x82
 
 
-class Service(Enum):
-    """A service that an NMT state may allow."""
+class Service(StrEnum):
+    """A service that an NMT state may allow; each frame asks, so it has the hash of its text."""
 
     SDO = "SDO"
     SYNC = "SYNC"

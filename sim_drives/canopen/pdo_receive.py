@@ -69,6 +69,8 @@ class ReceivePdos:
         self._too_long = _Complaint(lambda wrong: report(LONG_PDO, wrong))
         self._missing = _Complaint(on_timeout)
         self._waiting: list[Values] = [[] for _ in range(PDO_COUNT)]
+        self._slots: dict[int, list[int]] | None = None
+        """Slots by CAN identifier, until an object of a PDO is written."""
 
     def reset(self) -> None:
         """Drop all state after parameters have been restored."""
@@ -82,6 +84,7 @@ class ReceivePdos:
             self._reset_slot(slot)
 
     def _reset_slot(self, slot: int) -> None:
+        self._slots = None
         self._waiting[slot] = []
         self._timers.cancel((Direction.RECEIVE, slot))
         for complaint in (self._too_short, self._too_long, self._missing):
@@ -93,10 +96,17 @@ class ReceivePdos:
 
     def receive(self, frame: Frame) -> None:
         """Process a frame that may be one of these PDOs."""
+        if self._slots is None:
+            self._slots = self._slots_by_can_id()
+        for slot in self._slots.get(frame.can_id, ()):
+            self._receive(slot, self._channels[slot].settings, frame.data)
+
+    def _slots_by_can_id(self) -> dict[int, list[int]]:
+        found: dict[int, list[int]] = {}
         for slot, channel in enumerate(self._channels):
-            settings = channel.settings
-            if settings.valid and settings.can_id == frame.can_id:
-                self._receive(slot, settings, frame.data)
+            if channel.settings.valid:
+                found.setdefault(channel.settings.can_id, []).append(slot)
+        return found
 
     def _receive(self, slot: int, settings: Settings, data: bytes) -> None:
         if settings.synchronous and not self._sync.within_window():

@@ -12,12 +12,21 @@ Rules:
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 from drives.canopen.frame import Frame
 from sim_drives.canopen.context import NodeContext
-from sim_drives.canopen.pdo_channel import channels
+from sim_drives.canopen.pdo_channel import Channel, channels
 from sim_drives.canopen.pdo_rules import PDO_COUNT, Direction
 from sim_drives.canopen.sync import SyncConsumer
+
+
+class _Kinds(NamedTuple):
+    """The PDOs that exist, by what they do, until one of their objects is written."""
+
+    can_ids: frozenset[int]
+    synchronous: list[int]
+    event_driven: list[tuple[int, Channel]]
 
 
 class TransmitPdos:
@@ -44,6 +53,7 @@ class TransmitPdos:
         """True once the SYNC of 1800h:06 has come, for PDOs that wait for one."""
         self._sent: list[bytes | None] = [None] * PDO_COUNT
         self._free_at_ns = [0] * PDO_COUNT
+        self._kinds: _Kinds | None = None
 
     def reset(self) -> None:
         """Drop all state after parameters have been restored."""
@@ -67,6 +77,7 @@ class TransmitPdos:
             self._written(slot)
 
     def _written(self, slot: int) -> None:
+        self._kinds = None
         self._timers.cancel((Direction.TRANSMIT, "event", slot))
         self._timers.cancel((Direction.TRANSMIT, "inhibit", slot))
         if self._operational:
@@ -74,11 +85,22 @@ class TransmitPdos:
 
     def sends(self, can_id: int) -> bool:
         """Return whether a TPDO has this identifier."""
-        return any(c.settings.can_id == can_id and c.settings.valid for c in self._channels)
+        return can_id in self._present.can_ids
+
+    @property
+    def _present(self) -> "_Kinds":
+        if self._kinds is None:
+            used = [(slot, c) for slot, c in enumerate(self._channels) if c.settings.valid]
+            self._kinds = _Kinds(
+                frozenset(channel.settings.can_id for _, channel in used),
+                [slot for slot, channel in used if channel.settings.synchronous],
+                [(slot, channel) for slot, channel in used if not channel.settings.synchronous],
+            )
+        return self._kinds
 
     def sync(self) -> None:
         """Send the TPDOs of this SYNC; process values have been sampled."""
-        due = [slot for slot in range(PDO_COUNT) if self._due_at_sync(slot)]
+        due = [slot for slot in self._present.synchronous if self._due_at_sync(slot)]
         for slot, delay_ns in zip(due, self._delays_ns(len(due)), strict=True):
             if self._sync.within_window(delay_ns):
                 self._transmit(slot, delay_ns)
@@ -87,8 +109,6 @@ class TransmitPdos:
     def _due_at_sync(self, slot: int) -> bool:
         channel = self._channels[slot]
         settings = channel.settings
-        if not settings.valid or not settings.synchronous:
-            return False
         if not self._counting[slot]:
             self._counting[slot] = self._sync.counter in (0, settings.sync_start)
         if not self._counting[slot]:
@@ -103,9 +123,8 @@ class TransmitPdos:
 
     def send_changes(self) -> None:
         """Send event-driven PDOs whose data differs from what was sent last."""
-        for slot, channel in enumerate(self._channels):
-            settings = channel.settings
-            if settings.valid and not settings.synchronous and channel.pack() != self._sent[slot]:
+        for slot, channel in self._present.event_driven:
+            if channel.pack() != self._sent[slot]:
                 self._send_event(slot)
 
     def _send_event(self, slot: int) -> None:

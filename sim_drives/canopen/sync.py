@@ -33,21 +33,27 @@ class SyncConsumer:
         self._dictionary, self._line, self._timers = context
         self._report = report
         self._last_ns: int | None = None
+        self._can_id: int | None = None
+        """As read from 1005h since it was last written."""
         self.counter = 0
         """Counter of the last SYNC; 0 without counter."""
         self._dictionary.guard(Object.SYNC_COB_ID, self._check_cob_id)
+        self._dictionary.watch(Object.SYNC_COB_ID, self._forget_can_id)
         self._dictionary.guard(Object.SYNC_COUNTER, self._check_overflow)
         self._dictionary.watch(Object.SYNC_PERIOD, lambda _: self._timers.cancel(SyncConsumer))
 
     def reset(self) -> None:
-        """Start without a received SYNC."""
+        """Start without a received SYNC; parameters may have been restored."""
         self._last_ns = None
+        self._can_id = None
         self._timers.cancel(SyncConsumer)
 
     @property
     def can_id(self) -> int:
         """CAN identifier of SYNC (rule 1)."""
-        return can_id_of(self._dictionary.value(Object.SYNC_COB_ID))
+        if self._can_id is None:
+            self._can_id = can_id_of(self._dictionary.value(Object.SYNC_COB_ID))
+        return self._can_id
 
     def receive(self, data: bytes) -> bool:
         """Process a frame with SYNC's identifier; return whether it is a valid SYNC (rule 2)."""
@@ -72,6 +78,9 @@ class SyncConsumer:
         if period_ns:
             at_ns = self._line.now_ns + period_ns * 3 // 2
             self._timers.start(SyncConsumer, at_ns, lambda: self._report(SYNC_LOST_CODE, True))
+
+    def _forget_can_id(self, _: int) -> None:
+        self._can_id = None
 
     def _object(self, index: int) -> int:
         return self._dictionary.value_or(index, 0, 0)

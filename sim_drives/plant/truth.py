@@ -125,7 +125,8 @@ class TruthLog:
         self._first_ns, self._before = first_ns, truth
         if self._keep_rows:
             self.rows.append(row)
-        self._write(",".join(_text(value) for value in row))
+        if self._file is not None:
+            self._write(",".join(_text(value) for value in row))
         return row
 
     def close(self) -> None:

@@ -108,7 +108,7 @@ class Seat:
     @property
     def now_ns(self) -> int:
         """Monotonic time of the seat: the world's, less the time it was suspended."""
-        return self._conductor.now_ns - self.behind_ns
+        return self._conductor.world.now_ns - self.behind_ns
 
     def utc_of_ns(self, seat_ns: int) -> int:
         """Return the seat's wall clock, as set now, at one of its monotonic times."""
@@ -231,8 +231,9 @@ class Conductor:
 
         def goal_ns() -> int:
             reached = [seat.world_until_ns(target_ns) for seat, target_ns in targets]
-            limits = [] if limit_ns is None else [limit_ns]
-            return min(reached + limits)
+            if limit_ns is not None:
+                reached.append(limit_ns)
+            return min(reached)
 
         self._pass(goal_ns)
         return [
@@ -275,7 +276,7 @@ class Conductor:
         for timed in self.world.advance_to(world_ns):
             for seat in self.seats:
                 if not seat.trouble.is_off:
-                    stamp_ns = seat.utc_of_ns(timed.time_ns - seat.behind_ns)
+                    stamp_ns = seat.utc_ahead_ns + timed.time_ns - seat.behind_ns
                     seat.waiting.append(Frame(timed.can_id, timed.data, stamp_ns))
 
 

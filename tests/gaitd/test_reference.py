@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -12,12 +13,17 @@ from gaitd_lab.reference import pages
 from gaitd_lab.reference.modes import REQUESTS, WELL, diagram, trigger_text
 
 DOCS = Path(__file__).parents[2] / "docs"
-PARTS = pages.parts()
+
+
+@cache
+def parts():
+    """Made for the tests alone: collection does not wait for it."""
+    return pages.parts()
 
 
 def test_generated_parts_of_the_docs_are_those_of_the_code(tmp_path):
     """If this fails: `make tables`, and read what has changed."""
-    for name in PARTS:
+    for name in parts():
         text = (DOCS / name).read_text(encoding="utf-8")
         place = r"(: begin -->\n).*?(\n<!-- \w+: end)"
         older = re.sub(place, r"\1older\2", text, flags=re.DOTALL)
@@ -25,13 +31,13 @@ def test_generated_parts_of_the_docs_are_those_of_the_code(tmp_path):
 
     pages.write(tmp_path)
 
-    for name in PARTS:
+    for name in parts():
         assert (tmp_path / name).read_text("utf-8") == (DOCS / name).read_text("utf-8"), name
 
 
 @pytest.mark.parametrize("name", ["roles", "rights"])
 def test_a_page_without_a_place_for_a_table_is_refused(name, tmp_path):
-    for page in PARTS:
+    for page in parts():
         shutil.copy(DOCS / page, tmp_path)
     page = tmp_path / "security.md"
     page.write_text(page.read_text("utf-8").replace(f"<!-- {name}: begin -->", ""), "utf-8")
@@ -66,13 +72,13 @@ def test_the_diagram_has_every_row_of_the_table_and_no_other():
 
 @pytest.mark.parametrize("cause", [cause for cause in Cause if cause != Cause.NONE])
 def test_every_cause_stands_there_with_its_category(cause):
-    table = PARTS["modes.md"]["stops"]
+    table = parts()["modes.md"]["stops"]
 
     assert re.search(rf"^\| {cause} \| S[012]", table, re.MULTILINE)
 
 
 def test_every_request_is_answered_in_every_mode():
-    lines = PARTS["modes.md"]["requests"].splitlines()
+    lines = parts()["modes.md"]["requests"].splitlines()
 
     for name in (*REQUESTS, "stop"):
         row = next(line for line in lines if line.startswith(f"| {name} | "))
