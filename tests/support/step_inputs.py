@@ -7,7 +7,7 @@ from gaitd_names import EventCode, Mode
 from msgspec.structs import replace
 from safety_inputs import FEEDBACK, JOINT, LIMITS
 
-from daemon.core.slices import LegAssist, Monitored, Placed, Sensed, Sent, Softened
+from daemon.core.slices import LegAssist, Monitored, Passive, Placed, Sensed, Sent, Softened
 from daemon.ipc.report import Event
 
 AT_REST = JOINT._replace(velocity_si=0.0, still_cycles=100)
@@ -57,6 +57,7 @@ def a_leg(*axes: SimpleNamespace, **changes: Any) -> SimpleNamespace:
         "exercise": None,
         "reference": None,
         "takes_over": False,
+        "passive": Passive(),
         "placed": Placed(),
         "monitored": Monitored(),
         "assist": LegAssist(),
