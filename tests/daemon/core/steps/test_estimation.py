@@ -205,6 +205,7 @@ def test_the_observer_reads_what_either_axis_or_the_exercise_says_of_the_leg(mon
         near_limit=True,
         dt_s=0.011,
         late=True,
+        known=NOTHING_KNOWN,
     )
     was_sent(hip, effort_si=hip.limits.effort_max_si)
     leg.exercise = SimpleNamespace(artificial_si=(1.0, 2.0), is_artificial=True)
