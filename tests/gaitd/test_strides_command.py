@@ -11,6 +11,7 @@ from sessions import CONFIGS
 from analysis.recording import RecordingError
 from analysis.replay import setup_for
 from gaitd_lab.studies import strides as study
+from gaitd_lab.studies.report import Table, measured
 from gaitd_lab.studies.strides import Case, measure
 from gaitd_lab.trials import Situation, Trials
 from observer.filter.states import PATIENT, VELOCITY
@@ -43,6 +44,8 @@ def test_the_table_has_median_and_range_of_all_seeds(tmp_path, monkeypatch):
     figures = [{"filter, rms error": (one, 2.0 * one)} for one in (0.3, 0.1, 0.2)]
     monkeypatch.setattr(study, "cases", lambda *_: [Case(Situation(programme="active"), figures)])
     monkeypatch.setattr(study, "DRAWN_S", 5.0)
+    files = Table("Wrong files", ("file", "error"), [("leg heavier", measured([1.0, 3.0], "N"))])
+    monkeypatch.setattr(study.wrong_file, "table", lambda *_: files)
 
     ran = gaitd("strides", "--output", tmp_path)
 
@@ -51,6 +54,24 @@ def test_the_table_has_median_and_range_of_all_seeds(tmp_path, monkeypatch):
     assert re.search(r"active: filter, rms error +0.2 \(0.1 … 0.3\) N·m", ran.out)
     page = (tmp_path / "strides.md").read_text("utf-8")
     assert "| 0.2 (0.1 … 0.3) N·m | 0.4 (0.2 … 0.6) N |" in page
+    assert "| leg heavier | 2 (1 … 3) N |" in page
+
+
+@pytest.mark.thorough
+def test_a_baseline_takes_off_what_a_wrong_file_adds(monkeypatch):
+    wrong = study.wrong_file
+    monkeypatch.setattr(wrong, "CADENCES_HZ", (0.4,))
+    monkeypatch.setattr(wrong, "MINUTE_S", 36.0)
+    monkeypatch.setattr(wrong, "WALK_S", 12.0)
+    names = "leg 15 % heavier", "torque offset 1 N·m"
+    monkeypatch.setattr(wrong, "FILES", {name: wrong.FILES[name] for name in names})
+
+    rows = wrong.table(CONFIGS / "demo.toml", [1], lambda _: lambda _: None).rows
+
+    errors_nm = {(name, how): hip.value for name, _, how, hip, *_ in rows}
+    for name in names:
+        assert errors_nm[name, "with"] < errors_nm[name, "without"] / 2.0
+        assert errors_nm[name, "with"] < 1.3 * errors_nm[name, "the true file"]
 
 
 @pytest.mark.parametrize(("refused", "needless"), [("two optima", ""), ("", "the file is as good")])
