@@ -15,8 +15,11 @@ from drives.errors import BusError
 RETRY_NS = 1_000_000_000
 
 
+BEGUN_NS = 3_000_000_000
+
+
 class Clock:
-    now = 0
+    now = BEGUN_NS
 
     def now_ns(self):
         return self.now
@@ -36,10 +39,11 @@ def test_the_next_attempt_is_due_a_second_after_the_last():
     verdict = built.core.verdict
     assert (verdict.cause, verdict.drive) == (Cause.BUS_DOWN, "")
     assert verdict.said == "can0: no such device"
-    clock.now = RETRY_NS - 1
+    clock.now += RETRY_NS - 1
     assert not bring_up.is_due
-    clock.now = RETRY_NS
-    assert bring_up.is_due
+    for _ in range(2):
+        clock.now += 1
+        assert bring_up.is_due
     for mode in (Mode.FAULT, Mode.READY):
         built.core.mode = mode
         assert not bring_up.is_due
@@ -55,7 +59,7 @@ class Bus:
         self.closed_count += 1
 
 
-@pytest.mark.parametrize("cause", [Cause.NONE, Cause.BUS_DOWN])
+@pytest.mark.parametrize("cause", [Cause.NONE, Cause.BUS_DOWN, Cause.BRING_UP_FAILED])
 @pytest.mark.parametrize(("found", "reset_cycles"), [(True, 1), (False, 0)])
 def test_a_bring_up_runs_with_cycles_between_its_steps_and_closes_a_bus_that_fails(
     monkeypatch, cause, found, reset_cycles
@@ -82,8 +86,8 @@ def test_a_bring_up_runs_with_cycles_between_its_steps_and_closes_a_bus_that_fai
     attempts = BringUp(core, built.plans, built.cycle, line, clock)
 
     assert attempts.run(meanwhile)
-    assert calls == [0, 5]
-    assert line.is_open is (cause is Cause.NONE)
+    assert calls == [BEGUN_NS, BEGUN_NS + 5]
+    assert line.is_open is (cause is not Cause.BUS_DOWN)
     assert core.drives is None or core.drives.bus_state is line.bus_state
     assert (core.drives is not None) is found
     clock.now += RETRY_NS - 1
@@ -103,5 +107,7 @@ def test_a_bus_that_is_lost_is_closed_and_tried_again_after_a_second():
     assert (bus.closed_count, attempts.is_due) == (1, False)
     assert built.core.verdict.cause == Cause.BUS_DOWN
     assert built.core.verdict.said == "can0: it is down"
-    clock.now = RETRY_NS
+    clock.now += RETRY_NS - 1
+    assert not attempts.is_due
+    clock.now += 1
     assert attempts.is_due

@@ -24,12 +24,12 @@ def test_the_part_that_took_longest_is_named_and_a_whole_window_is_what_it_may_t
 
 def test_missed_grid_points_are_counted_by_their_part():
     timing = CycleTiming(0, 0, 0, 0)
-    for part, missed in ((CyclePart.WORK, 2), (CyclePart.WINDOW, 1), (CyclePart.WORK, 1)):
+    for part, missed in ((CyclePart.WORK, 3), (CyclePart.WINDOW, 1), (CyclePart.WORK, 1)):
         timing = count_missed(timing, missed, part)
 
     assert (timing.overrun_count, timing.overrun_by_part) == (
-        4,
-        {CyclePart.WORK: 3, CyclePart.WINDOW: 1},
+        5,
+        {CyclePart.WORK: 4, CyclePart.WINDOW: 1},
     )
 
 
@@ -49,7 +49,8 @@ def grid():
 
 
 @pytest.mark.parametrize(
-    ("late_ns", "missed"), [(-MS, 0), (3 * MS, 0), (3 * MS + 1, 1), (10 * MS - 1, 1), (25 * MS, 3)]
+    ("late_ns", "missed"),
+    [(-MS, 0), (3 * MS, 0), (3 * MS + 1, 1), (10 * MS - 1, 1), (15 * MS, 2), (25 * MS, 3)],
 )
 def test_a_grid_point_is_missed_when_its_sync_would_come_close_to_the_next(grid, late_ns, missed):
     assert (grid.due_ns, grid.end_ns, grid.cycle) == (15 * MS, 25 * MS, 0)
@@ -71,6 +72,8 @@ def test_missed_points_add_up_until_one_is_met(grid):
         found.append((grid.advance(), grid.missed_in_a_row, grid.cycle, grid.due_ns // MS))
 
     assert found == [(1, 1, 2, 35), (0, 0, 3, 45), (1, 1, 5, 65), (0, 0, 6, 75)]
+    grid._clock.now = 88 * MS
+    assert grid.next_cycle == 8
 
 
 @pytest.mark.parametrize(("late_ms", "points"), [(-4, 1), (0, 1), (9, 1), (10, 2), (31, 4)])
