@@ -1,0 +1,6 @@
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+class CubicHermiteSpline:
+    def __init__(self, x: ArrayLike, y: ArrayLike, dydx: ArrayLike) -> None: ...
+    def __call__(self, x: ArrayLike) -> NDArray[np.float64]: ...
