@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from daemon.ipc.record import CycleRecord
     from daemon.ipc.transport import RingHeader
     from gaitd.terminal import Update
+    from observer.offline.batch import BatchEstimates
 
 
 def command(
@@ -190,7 +191,7 @@ def _one(
     """Write the files of one recording; yield its report, to print once they are in place."""
     from analysis.estimates import write_csv
     from analysis.replay import estimate, estimate_smoothed, warm_up
-    from analysis.replay_report import drift_lines, recording_lines
+    from analysis.replay_report import column_lines, drift_lines, recording_lines
 
     robot, name = _robot(source, given.robot)
     warm_up(robot, smooth=given.smooth)
@@ -206,20 +207,24 @@ def _one(
         draw(source.recording, estimates, draft.plot)
     yield from recording_lines(source, estimates, name, computing_s, whole_s)
     yield from drift_lines(estimates, robot)
+    yield from column_lines(source, estimates, robot)
     if draft.strides is not None or draft.strides_plot is not None:
-        yield from _strides(source, robot, given, draft, target)
+        smooth = estimates if given.smooth else None
+        del estimates  # A long recording has no room for both.
+        smooth = smooth or estimate_smoothed(source, robot, stage("smoothing"))
+        yield from _strides(source, smooth, given, draft, target)
     yield f"estimates    {target.output}{', smoothed' if given.smooth else ''}"
     if target.plot is not None:
         yield f"picture      {target.plot}"
 
 
 def _strides(
-    source: "Source", robot: "Robot", given: Given, draft: Targets, target: Targets
+    source: "Source", smooth: "BatchEstimates", given: Given, draft: Targets, target: Targets
 ) -> Iterator[str]:
     """Write strides, which are always computed from the smoothed estimate."""
     from gaitd_toml import read_toml
 
-    from analysis.replay import columns_of, estimate_smoothed
+    from analysis.replay import columns_of
     from analysis.replay_report import stride_lines
     from analysis.stride_figure import draw
     from analysis.stride_table import write_csv
@@ -232,7 +237,6 @@ def _strides(
             allowed = "the robot file of the baseline"
             raise ConfigError(COMMAND_LINE, "--robot", MISSING, allowed)
         passive = load_baseline(given.baseline, read_toml(given.robot).sha256)
-    smooth = estimate_smoothed(source, robot)
     found = strides_of(smooth, columns_of(source), passive)
     time_s = source.recording.time_s
     if draft.strides is not None:
