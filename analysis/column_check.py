@@ -39,7 +39,7 @@ class Arrangement(NamedTuple):
     """Columns that hip angle and slide position are taken from."""
     efforts: tuple[int, int] = (0, 1)
     signs: tuple[float, float] = (1.0, 1.0)
-    """Of the efforts, after their columns were exchanged."""
+    """Signs of the efforts, after their columns were exchanged."""
 
 
 ARRANGEMENTS: Final = (
@@ -56,9 +56,9 @@ class Suspicion(NamedTuple):
     """An arrangement that explains a recording better than its own."""
 
     arrangement: Arrangement
-    levels: float
+    coulomb_ratio: float
     """Median patient of the recording, of the axis with more, in Coulomb levels."""
-    arranged_levels: float
+    arranged_ratio: float
     """The same with the arrangement."""
 
 
@@ -78,8 +78,8 @@ def suspicion(source: Source, robot: Robot, estimates: BatchEstimates) -> Suspic
         Suspicion(one, levels, _levels(estimate(arranged(part, one), robot), robot))
         for one in ARRANGEMENTS
     ]
-    better = [one for one in found if one.arranged_levels <= BETTER_RATIO * levels]
-    return min(better, key=lambda one: one.arranged_levels, default=None)
+    better = [one for one in found if one.arranged_ratio <= BETTER_RATIO * levels]
+    return min(better, key=lambda one: one.arranged_ratio, default=None)
 
 
 def arranged(source: Source, arrangement: Arrangement) -> Source:

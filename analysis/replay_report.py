@@ -91,8 +91,8 @@ def column_lines(source: Source, estimates: BatchEstimates, robot: Robot) -> Ite
         return
     other = "" if robot.patient is None else ", or the patient does more than the motion needs"
     yield (
-        f"columns      probably wrong: the patient has {found.levels:.1f} times Coulomb friction, "
-        f"but {found.arranged_levels:.1f} with {found.arrangement.words}{other}"
+        f"columns      probably wrong: the patient has {found.coulomb_ratio:.1f} times Coulomb "
+        f"friction, but {found.arranged_ratio:.1f} with {found.arrangement.words}{other}"
     )
 
 
