@@ -21,19 +21,16 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from gaitd_client import Mode
 from gaitd_toml import ConfigError
-from numpy.typing import NDArray
 
 import analysis
 import observer
 from analysis import parquet, replay, self_tests
-from analysis.estimates import COLUMNS
+from analysis.estimates import COLUMNS, VALIDITY_NAMES, shown
 from analysis.recording import RecordingError
 from analysis.replay import estimate, is_recorded, legs_of, read
 from daemon.config.settings import Robot
 from daemon.system.files import sync_folder
 from observer.filter.leg_observer import TuningError
-from observer.filter.states import FRICTION, STATE_NAMES
-from observer.filter.validity import BAD, OK, SPLIT_UNOBSERVABLE
 
 Arrow = Any
 """A type of pyarrow, which has no annotations."""
@@ -50,6 +47,7 @@ HASH_DIGITS: Final = 12
 _COMMON: Final = (
     (observer, "**/*.py"),
     (analysis, "replay.py"),
+    (analysis, "estimates.py"),
     (analysis, "recording.py"),
     (analysis, "parquet.py"),
 )
@@ -193,32 +191,13 @@ def _run_leg(job: Job, leg: str | None, content: str, cpu_clock_s: Callable[[], 
 
 def _estimates(session: Path, leg: str | None, robot: Robot) -> Made:
     source = read(session, leg)
-    made = estimate(source, robot)
-    known = _is_known(made.validity)
-    parts = (
-        source.recording.time_s,
-        np.where(known, made.state, np.nan),
-        np.where(known, made.std, np.nan),
-        np.where(made.validity != BAD, made.net, np.nan),
-        made.nis,
-    )
-    values = np.column_stack(parts)
-    table = pa.table(
-        {
-            name: pa.array(values[:, at], mask=np.isnan(values[:, at]))
-            for at, name in enumerate(COLUMNS[:-1])
-        }
-    )
-    return Made(
-        table.append_column(COLUMNS[-1], pa.array(made.status)), source.recording.duration_s
-    )
-
-
-def _is_known(validity: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """The states that a recording has, too, shape (n, 8), of the axes' validities, shape (n, 2)."""
-    of_state = np.tile(validity, len(STATE_NAMES) // 2)
-    is_split = np.arange(len(STATE_NAMES)) >= FRICTION.start
-    return (of_state == OK) | ((of_state == SPLIT_UNOBSERVABLE) & ~is_split)
+    made = shown(estimate(source, robot))
+    parts = (source.recording.time_s, made.state, made.std, made.net, made.nis)
+    numbers = np.column_stack(parts)
+    columns = [pa.array(values, mask=np.isnan(values)) for values in numbers.T]
+    columns += [pa.array(names) for names in VALIDITY_NAMES[made.validity].T]
+    table = pa.table([*columns, pa.array(made.status)], names=COLUMNS)
+    return Made(table, source.recording.duration_s)
 
 
 def _friction(session: Path, leg: str | None, robot: Robot) -> Made:

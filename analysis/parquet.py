@@ -14,7 +14,14 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from analysis.recording import COLUMNS, Place, Recording, RecordingError, recording
+from analysis.recording import (
+    COLUMNS,
+    Place,
+    Recording,
+    RecordingError,
+    check_row_count,
+    recording,
+)
 from daemon.config.settings import Robot
 from daemon.ipc.decoding import Decoder, RefusedError
 
@@ -141,6 +148,7 @@ def read(path: Path, leg: str | None = None) -> Read:
     # Another program may have taken the five columns of a recording, with its metadata.
     own = OF_RECORDER if about is not None and set(OF_RECORDER) <= set(schema.names) else ()
     _check_columns(file, schema, (*COLUMNS, *own))
+    check_row_count(str(file), pq.read_metadata(file).num_rows)
     values = _values(file, (*COLUMNS, *own))
     first, first_step_s, status = 0, None, np.zeros(len(values), dtype=np.int64)
     if own:

@@ -26,6 +26,7 @@ from analysis.drawing import (
     strips,
     style,
 )
+from analysis.estimates import shown
 from analysis.recording import Recording
 from observer.filter.status import Status, Validity
 from observer.offline.batch import BatchEstimates
@@ -42,6 +43,7 @@ def draw(recording: Recording, estimates: BatchEstimates, path: Path) -> None:
     Raises:
         OSError: the file cannot be written.
     """
+    estimates = shown(estimates)
     heights = (1, 1, 1, 1.35, STRIP_HEIGHT * _bits(estimates))
     figure, columns = leg_figure((14, 10.5), heights)
     for index, panels in enumerate(columns):

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from analysis.column_check import suspicion
 from analysis.replay import Source
 from daemon.config.robot import friction_parameters
 from daemon.config.settings import Robot
@@ -16,6 +17,7 @@ from observer.drift import (
     asks_for_calibration,
     correlation,
     friction_error,
+    is_no_friction,
     updated,
 )
 from observer.filter.leg_model import STEP_S
@@ -71,10 +73,27 @@ def drift_lines(estimates: BatchEstimates, robot: Robot) -> Iterator[str]:
         if math.isnan(rho):
             yield f"friction     {axis}: too little motion to tell its level"
             continue
+        advised = ""
+        if is_no_friction(drift, law):
+            advised = ": no friction, as it is more than the law's own level"
+        elif asks_for_calibration(drift, law):
+            advised = advice
         yield (
             f"friction     {axis}: {friction_error(drift):+.2f} {unit} from its law, correlation "
-            f"with the motion {rho:+.2f}{advice if asks_for_calibration(drift, law) else ''}"
+            f"with the motion {rho:+.2f}{advised}"
         )
+
+
+def column_lines(source: Source, estimates: BatchEstimates, robot: Robot) -> Iterator[str]:
+    """Warn of columns that are probably swapped, or have a wrong sign."""
+    found = suspicion(source, robot, estimates)
+    if found is None:
+        return
+    other = "" if robot.patient is None else ", or the patient does more than the motion needs"
+    yield (
+        f"columns      probably wrong: the patient has {found.coulomb_ratio:.1f} times Coulomb "
+        f"friction, but {found.arranged_ratio:.1f} with {found.arrangement.words}{other}"
+    )
 
 
 def drift_of(

@@ -192,7 +192,7 @@ def _one(
     """Write the files of one recording; yield its report, to print once they are in place."""
     from analysis.estimates import write_csv
     from analysis.replay import estimate, estimate_smoothed, warm_up
-    from analysis.replay_report import drift_lines, recording_lines
+    from analysis.replay_report import column_lines, drift_lines, recording_lines
 
     robot, name = _robot(source, given.robot)
     known = _known(given, robot)
@@ -209,8 +209,12 @@ def _one(
         draw(source.recording, estimates, draft.plot)
     yield from recording_lines(source, estimates, name, computing_s, whole_s)
     yield from drift_lines(estimates, robot)
+    yield from column_lines(source, estimates, robot)
     if draft.strides is not None or draft.strides_plot is not None:
-        yield from _strides(source, estimate_smoothed(source, robot, known=known), draft, target)
+        smooth = estimates if given.smooth else None
+        del estimates  # A long recording has no room for both.
+        smooth = smooth or estimate_smoothed(source, robot, stage("smoothing"), known)
+        yield from _strides(source, smooth, draft, target)
     yield f"estimates    {target.output}{', smoothed' if given.smooth else ''}"
     if target.plot is not None:
         yield f"picture      {target.plot}"

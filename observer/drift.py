@@ -23,6 +23,7 @@ MOTION_MIN_S: Final = 4.0
 BALANCE_MIN: Final = 0.2
 """Least share of samples in either direction: one direction alone gives no correlation."""
 CORRELATION_MAX: Final = 0.8
+NO_FRICTION_CORRELATION: Final = 0.9
 ERROR_MAX_RATIO: Final = 0.03
 """Share of Coulomb friction: a smaller error does not justify a calibration."""
 
@@ -85,6 +86,15 @@ def asks_for_calibration(drift: Drift, f: FrictionParameters) -> bool:
     """True if an empty machine with this drift should be calibrated."""
     far = abs(friction_error(drift)) > ERROR_MAX_RATIO * f.coulomb
     return far and abs(correlation(drift)) > CORRELATION_MAX
+
+
+def is_no_friction(drift: Drift, f: FrictionParameters) -> bool:
+    """True if the excess is beyond the whole law: friction is not negative, nor twice its law.
+
+    It is a patient, a wrong sign of an effort, or the column of another axis.
+    """
+    far = abs(friction_error(drift)) > f.coulomb
+    return far and abs(correlation(drift)) > NO_FRICTION_CORRELATION
 
 
 def _is_significant(drift: Drift) -> bool:

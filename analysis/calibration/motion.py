@@ -96,10 +96,11 @@ def prepare(
     """
     for one in recordings:
         _check(one)
-    duration_s = sum(one.duration_s for one in recordings)
+    # As a message prints it: 9.98 s between the first row and the last are 10 s of recording.
+    duration_s = round(sum(one.duration_s for one in recordings), 1)
     if duration_s < duration_min_s:
         raise RecordingError(
-            f"{recordings[0].source}: {duration_s:.1f} s are too short to calibrate from; at least "
+            f"{recordings[0].source}: {duration_s:g} s are too short to calibrate from; at least "
             f"{duration_min_s:g} s are needed, 30 s for each axis are good"
         )
     parts = [_one(one, effort_delay_s) for one in recordings]

@@ -10,6 +10,7 @@ from daemon.gateway import strides, translate
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.outlet import Outlet
 from daemon.gateway.translate import View
+from daemon.gateway.tremor import LegTremor
 from daemon.ipc.record import CycleRecord
 from daemon.system.clock import AgeClock
 
@@ -24,6 +25,9 @@ class LegMessages:
 
     def __init__(self, outlet: Outlet, clock: AgeClock, health: HealthWindow) -> None:
         self._outlet, self._clock, self._health = outlet, clock, health
+        self._tremors: dict[str, LegTremor] = {}
+        """By leg, of one core."""
+        self._core_boot_id = ""
         self._views: list[View] = []
         """Legs whose estimate has been published and whose other messages have not."""
 
@@ -31,23 +35,33 @@ class LegMessages:
         self, records: Sequence[CycleRecord], core_boot_id: str, now_ns: int
     ) -> None:
         """Publish the estimates of new records, oldest first."""
+        if core_boot_id != self._core_boot_id:
+            self._core_boot_id, self._tremors = core_boot_id, {}
         young = [r for r in records if records[-1].seq - r.seq < YOUNG_RECORD_COUNT]
         self._health.counters.record_skipped_count += len(records) - len(young)
         for record in young:
             stamp = translate.stamp_of(core_boot_id, record)
             for leg in record.legs:
-                self._put_estimate(translate.view_of(leg, record, stamp), now_ns)
+                tremor = self._tremors.setdefault(leg.name, LegTremor())
+                self._put_estimate(translate.view_of(leg, record, stamp, tremor.now), now_ns)
 
     def publish_others(self) -> None:
-        """Publish the other messages of the records whose estimates have been published."""
+        """Publish the other messages of the records whose estimates have been published.
+
+        Only now is a record added to the tremor, so that its estimate does not wait.
+        """
         views, self._views = self._views, []
         for view in views:
+            tremor = self._tremors[view.leg.name]
+            tremor.add(view.common)
             for name, make in _LATER_MESSAGES:
                 parts = (view.leg.name, name)
                 self._outlet.put(make(view, self._outlet.next_seq(*parts)), *parts)
             if view.leg.stride is not None:
                 parts = (view.leg.name, "stride")
-                message = strides.stride(view.leg.stride, view, self._outlet.next_seq(*parts))
+                message = strides.stride(
+                    view.leg.stride, view, self._outlet.next_seq(*parts), tremor.end_stride()
+                )
                 self._outlet.put(message, *parts)
 
     def _put_estimate(self, view: View, now_ns: int) -> None:

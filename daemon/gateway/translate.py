@@ -15,7 +15,7 @@ innovation are not estimates: they are always given, to show why an axis is bad.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
@@ -24,6 +24,7 @@ from gaitd_client import wire
 from gaitd_names import NMT_STATES, POWER_STATES, StatusBit, Validity
 from gaitd_names.joints import JOINTS
 
+from daemon.gateway.tremor import Tremor
 from daemon.ipc.record import (
     STATE_COUNT,
     AxisRecord,
@@ -63,6 +64,8 @@ _BAD: Final = Validity.BAD
 # Places of an axis' velocity and patient in the covariance.
 _VELOCITY: Final = {"hip": 2, "slide": 3}
 _PATIENT: Final = {"hip": 6, "slide": 7}
+
+NO_TREMOR: Final[Mapping[str, Tremor | None]] = dict.fromkeys(JOINTS)
 
 _FROM_STATUSWORD: Final = frozenset(
     {"statusword", "mode_display", "heartbeat_age_ms", "hand_switch_closed", "sto_released"}
@@ -105,11 +108,24 @@ def finite(value: float | None) -> Number:
     return value if value is not None and math.isfinite(value) else None
 
 
-def view_of(leg: LegRecord, record: CycleRecord, stamp: Stamp) -> View:
-    """Apply the rules of validity to one leg's estimate."""
+def view_of(
+    leg: LegRecord,
+    record: CycleRecord,
+    stamp: Stamp,
+    tremors: Mapping[str, Tremor | None] = NO_TREMOR,
+) -> View:
+    """Apply the rules of validity to one leg's estimate.
+
+    Args:
+        leg: of the record.
+        record: one cycle.
+        stamp: of the record.
+        tremors: of the axes, as the cycles before have shown.
+    """
     is_bad = bool(leg.status & _NEVER_PUBLISHED_BITS)
     hip, slide = (
-        _axis(one, Validity.BAD if is_bad else _VALIDITY[one.validity]) for one in leg.axes
+        _axis(one, Validity.BAD if is_bad else _VALIDITY[one.validity], tremors[name])
+        for name, one in zip(JOINTS, leg.axes, strict=True)
     )
     covariance = leg.covariance if _is_covariance(leg.covariance) else None
     common = {
@@ -217,10 +233,17 @@ def finite_values(record: msgspec.Struct) -> dict[str, Any]:
     }
 
 
-def _axis(axis: AxisRecord, validity: Validity) -> dict[str, Any]:
+def tremor_fields(tremor: Tremor | None) -> dict[str, Any]:
+    """The fields of a tremor, or of none."""
+    frequency_hz, amplitude = (None, None) if tremor is None else tremor
+    return {"tremor_frequency_hz": frequency_hz, "tremor_amplitude": amplitude}
+
+
+def _axis(axis: AxisRecord, validity: Validity, tremor: Tremor | None) -> dict[str, Any]:
     """The fields of one axis by name, those that may not be published None."""
     values = finite_values(axis)
     values["validity"] = validity
+    values |= tremor_fields(tremor if validity is Validity.OK else None)
     hidden = _HIDDEN[validity]
     for name in _ESTIMATES:
         if name in hidden or values[name] is None:

@@ -30,7 +30,7 @@ from analysis.calibration.quantities import (
 )
 from analysis.calibration.session import Calibration, calibrate, middle_of
 from analysis.calibration.verdict import disturbance, like_fitted, other_effect
-from analysis.recording import RecordingError, recording
+from analysis.recording import Recording, RecordingError, recording
 from analysis.replay import Source, filter_setup
 from daemon.config.edits import replaced
 from daemon.config.robot import friction_parameters
@@ -441,3 +441,15 @@ def test_a_short_contact_is_left_out_of_the_judgement_and_said():
     assert len(made.contact_s) > 0
     assert 18.0 < made.contact_s.min() <= made.contact_s.max() < 24.0
     assert made.fit.results[0].value == pytest.approx(worn[0].coulomb, rel=0.02)
+
+
+def test_ten_seconds_may_lack_a_row_at_each_end():
+    made = empty_run(shipped_friction(), duration_s=10.0).recording
+
+    def cut(rows: int) -> list[Recording]:
+        parts = made.time_s[:rows], made.position[:rows], made.effort[:rows]
+        return [Recording("a.csv", *parts)]
+
+    assert prepare(cut(999)).duration_s == pytest.approx(9.98)
+    with pytest.raises(RecordingError, match=r"9\.9 s are too short to calibrate from"):
+        prepare(cut(991))

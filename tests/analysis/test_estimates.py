@@ -5,6 +5,7 @@ import pytest
 
 from analysis.estimates import COLUMNS, write_csv
 from observer.filter.states import STATE_NAMES
+from observer.filter.status import Validity
 from observer.offline.batch import BatchEstimates
 
 
@@ -42,7 +43,8 @@ def test_the_columns_are_those_of_the_interface(tmp_path):
         "hip_friction_nm,slide_friction_n,hip_patient_nm,slide_patient_n,"
         "hip_angle_rad_std,slide_position_m_std,hip_velocity_rad_per_s_std,"
         "slide_velocity_m_per_s_std,hip_friction_nm_std,slide_friction_n_std,hip_patient_nm_std,"
-        "slide_patient_n_std,hip_net_nm,slide_net_n,nis,status"
+        "slide_patient_n_std,hip_net_nm,slide_net_n,nis,"
+        "hip_validity,slide_validity,status"
     )
 
 
@@ -70,6 +72,26 @@ def test_a_number_that_is_not_there_is_an_empty_cell(tmp_path):
     assert rows[1]["nis"] == ""
     assert rows[2]["slide_net_n"] == ""
     assert all(set(row) == set(COLUMNS) for row in rows)
+
+
+def test_an_axis_at_rest_has_no_split_and_a_bad_one_has_no_number(tmp_path):
+    estimates = made()
+    estimates.validity[1] = Validity.SPLIT_UNOBSERVABLE, Validity.OK
+    estimates.validity[2] = Validity.OK, Validity.BAD
+
+    write_csv(times(), estimates, tmp_path / "out.csv")
+
+    rows = rows_of(tmp_path / "out.csv")
+    empty = [{name for name, cell in row.items() if not cell} for row in rows]
+    split = {"hip_friction_nm", "hip_friction_nm_std", "hip_patient_nm", "hip_patient_nm_std"}
+    slide = {name for name in COLUMNS if name.startswith("slide_")} - {"slide_validity"}
+    assert empty == [set(), split, slide, set()]
+    assert [(row["hip_validity"], row["slide_validity"]) for row in rows] == [
+        ("ok", "ok"),
+        ("split_unobservable", "ok"),
+        ("ok", "bad"),
+        ("ok", "ok"),
+    ]
 
 
 def test_the_same_estimates_make_the_same_file(tmp_path):

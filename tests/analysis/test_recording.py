@@ -205,6 +205,15 @@ def test_every_number_arrives_as_written(tmp_path_factory, rows):
     assert np.array_equal(np.hstack([found.position, found.effort]), wanted, equal_nan=True)
 
 
+def test_more_rows_than_fit_into_memory_are_refused_before_all_are_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("analysis.recording.ROWS_MAX", 4)
+    monkeypatch.setattr("analysis.recording.CHUNK_LINES", 2)
+    rows = [f"{row * 0.01},0,0,0,0" for row in range(6)]
+
+    assert len(read_csv(write(tmp_path, HEADER, *rows[:4])).time_s) == 4
+    assert "a.csv: has more than 4 rows" in refusal(write(tmp_path, HEADER, *rows, "a", "b"))
+
+
 def test_progress_rises_to_one(tmp_path, monkeypatch):
     monkeypatch.setattr("analysis.recording.CHUNK_LINES", 10)
     path = write(tmp_path, HEADER, *(f"{i * 0.01},0,0,0,0" for i in range(95)))

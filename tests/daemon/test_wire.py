@@ -102,6 +102,8 @@ def test_an_activity_looks_like_this():
         patient_power_w_std=0.3,
         net=6.0,
         net_std=0.4,
+        tremor_frequency_hz=5.0,
+        tremor_amplitude=2.5,
     )
     slide = wire.AxisActivity(
         validity="split_unobservable",
@@ -111,6 +113,8 @@ def test_an_activity_looks_like_this():
         patient_power_w_std=None,
         net=12.0,
         net_std=1.5,
+        tremor_frequency_hz=None,
+        tremor_amplitude=None,
     )
     message = wire.Activity(
         **HEAD,
@@ -129,9 +133,11 @@ def test_an_activity_looks_like_this():
         b'{"seq":7,"core_boot_id":"b","cycle":41,"sample_time_ns":1760000000410000000,'
         b'"leg":"right","mode":"gait","status":["valid"],"status_bits":"0x0001",'
         b'"hip":{"validity":"ok","patient":8.5,"patient_std":0.5,'
-        b'"patient_power_w":4.25,"patient_power_w_std":0.3,"net":6.0,"net_std":0.4},'
+        b'"patient_power_w":4.25,"patient_power_w_std":0.3,"net":6.0,"net_std":0.4,'
+        b'"tremor_frequency_hz":5.0,"tremor_amplitude":2.5},'
         b'"slide":{"validity":"split_unobservable","patient":null,"patient_std":null,'
-        b'"patient_power_w":null,"patient_power_w_std":null,"net":12.0,"net_std":1.5},'
+        b'"patient_power_w":null,"patient_power_w_std":null,"net":12.0,"net_std":1.5,'
+        b'"tremor_frequency_hz":null,"tremor_amplitude":null},'
         b'"patient_power_w":null,"patient_power_w_std":null,"gait_phase_ratio":0.25}'
     )
 

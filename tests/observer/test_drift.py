@@ -11,6 +11,7 @@ from observer.drift import (
     asks_for_calibration,
     correlation,
     friction_error,
+    is_no_friction,
     updated,
 )
 from observer.filter.leg_observer import setup_of
@@ -100,6 +101,21 @@ def test_a_patient_who_pushes_with_the_motion_looks_like_friction_that_is_too_lo
     hip = drifts(estimates)[0]
     assert friction_error(hip) == pytest.approx(-3.0, rel=0.15)
     assert correlation(hip) > 0.8
+
+
+@pytest.mark.parametrize(
+    ("along", "across", "expected"),
+    [(1.1, 0.1, True), (-1.1, 0.1, True), (0.9, 0.1, False), (1.1, 1.0, False)],
+)
+def test_what_exceeds_the_law_itself_with_the_motion_is_no_friction(along, across, expected):
+    """A patient of `along` times Coulomb friction with the motion, and `across` without it."""
+    drift = Drift()
+    for row in range(2000):
+        sign = math.copysign(1.0, math.sin(row / 50.0))
+        other = math.copysign(across, math.sin(row / 7.0))
+        drift = updated(drift, HIP, sign, (along * sign + other) * HIP.coulomb, 0.01)
+
+    assert is_no_friction(drift, HIP) is expected
 
 
 def test_rest_and_slow_motion_count_for_nothing():

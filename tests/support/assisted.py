@@ -13,11 +13,13 @@ import msgspec
 import numpy as np
 from controllers import NEUTRAL, Controller
 from gaitd_assist import LegController, Settings, StrideLine, parse_settings
+from gaitd_client import Stride
 from gaitd_names import Mode, RequestKind
 from sessions import CONFIGS
 
 from daemon.config.settings import Robot
 from daemon.gateway import strides, translate
+from daemon.gateway.tremor import LegTremor
 from daemon.ipc.record import CycleRecord, ModeRequest, Setpoint
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
@@ -59,13 +61,19 @@ class Answers:
     def __init__(self, leg: LegController) -> None:
         self.leg = leg
         self.lines: list[StrideLine] = []
+        self.tremor = LegTremor()
+        self.strides: list[Stride] = []
 
     def __call__(self, record: CycleRecord) -> tuple[float, float, float]:
-        view = translate.view_of(record.legs[0], record, translate.stamp_of("lockstep", record))
+        stamp = translate.stamp_of("lockstep", record)
+        view = translate.view_of(record.legs[0], record, stamp, self.tremor.now)
+        self.tremor.add(view.common)
         stage = None if record.stage is None else record.stage
         answer = self.leg.answer(translate.estimate(view, record.cycle), stage)
         if view.leg.stride is not None:
-            line = self.leg.end_stride(strides.stride(view.leg.stride, view, record.cycle))
+            tremors = self.tremor.end_stride()
+            self.strides.append(strides.stride(view.leg.stride, view, record.cycle, tremors))
+            line = self.leg.end_stride(self.strides[-1])
             if line is not None:
                 self.lines.append(line)
         return tuple(answer)

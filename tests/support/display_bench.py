@@ -240,6 +240,7 @@ class MessageTrainer:
                 hip, slide = hip | {"position": pose[0]}, slide | {"position": pose[1]}
                 if validity == "ok" and power_w is not None:
                     hip |= {"friction": 3.0, "friction_std": 0.2}
+                    hip |= {"tremor_frequency_hz": 5.0, "tremor_amplitude": 2.5}
                     slide |= {"friction": -40.0, "friction_std": 5.0}
                 self.send(f"{leg}/estimate", filled(wire.Estimate, **of_leg, hip=hip, slide=slide))
                 for axis, position in zip(("hip", "slide"), pose, strict=True):

@@ -50,6 +50,9 @@ class AxisView(msgspec.Struct, frozen=True):
     patient: Number = UNKNOWN
     friction: Number = UNKNOWN
     net: Number = UNKNOWN
+    tremor_frequency_hz: float | None = None
+    """None: none stands out."""
+    tremor_amplitude: float | None = None
 
 
 class LegView(msgspec.Struct, frozen=True):
@@ -214,6 +217,8 @@ def axis_view(axis: AxisEstimate) -> AxisView:
         Number(axis.patient, axis.patient_std),
         Number(axis.friction, axis.friction_std),
         Number(axis.net, axis.net_std),
+        axis.tremor_frequency_hz,
+        axis.tremor_amplitude,
     )
 
 

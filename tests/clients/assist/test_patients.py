@@ -127,6 +127,19 @@ def stays_near(walk, begin=0):
     assert (np.abs(walk.errors(begin)).max(axis=0) <= NEAR).all()
 
 
+def trembles(walk):
+    """The strides have the tremor of 5 Hz, as the axes feel it: 62 % of the muscle's."""
+    for one in walk.answers.strides[-2:]:
+        for axis, amplitude in ((one.hip, 2.6), (one.slide, 13.0)):
+            assert axis.tremor_frequency_hz == pytest.approx(5.0, abs=0.2)
+            assert axis.tremor_amplitude == pytest.approx(amplitude, rel=0.15)
+
+
+def does_not_tremble(walk):
+    for one in walk.answers.strides:
+        assert one.hip.tremor_frequency_hz is one.slide.tremor_frequency_hz is None
+
+
 def is_left_alone(walk):
     """At most 1 % of the cap in the mean and 3 % at its peak, and guided less."""
     goes_on_unrefused(walk)
@@ -273,10 +286,18 @@ def test_a_resisting_patient_is_guided_and_not_pushed_hard(warm_gym):
     assert (walk.peaks() < 0.6 * CAP).all()
 
 
+def test_a_tremor_is_told_with_its_frequency_and_amplitude(warm_gym):
+    walk = warm_gym.walk(trembling, 4)
+
+    goes_on_unrefused(walk)
+    trembles(walk)
+
+
 def test_a_catch_in_each_stride_neither_stops_the_gait_nor_is_fought(warm_gym):
     walk = warm_gym.walk(spastic, 4)
 
     goes_on_unrefused(walk)
+    does_not_tremble(walk)
     stays_near(walk)
     assert (np.abs(walk.assist()).max(axis=0) < 0.6 * CAP).all()
 
@@ -373,6 +394,7 @@ def holds_for(name, walk):
     goes_on_unrefused(walk)
     does_not_chatter(walk)
     does_not_brake_what_leads(walk)
+    trembles(walk) if name == "tremor" else does_not_tremble(walk)
     if name in STEADY:
         settles(walk)
     if name == "all":

@@ -308,6 +308,8 @@ def test_numbers_have_their_sigma_and_validity_and_a_stop_its_remedy(client, tra
         assert hip["friction"] == {"value": 3.0, "std": 0.2}
         assert (hip["net"], hip["validity"]) == ({"value": -1.5, "std": 0.3}, "ok")
         assert slide["net"] == {"value": 12.0, "std": 3.0}
+        assert (hip["tremor_frequency_hz"], hip["tremor_amplitude"]) == (5.0, 2.5)
+        assert slide["tremor_frequency_hz"] is slide["tremor_amplitude"] is None
         assert (leg["hip_angle_rad"], leg["slide_position_m"], leg["power_w"]) == (0.2, 0.4, 2.0)
         assert [one["effort"] for one in frame["now"]["drives"]] == [5.5, 5.5]
         assert {item["kind"] for item in items} == {"event", "stride"}

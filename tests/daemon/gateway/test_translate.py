@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from daemon.gateway import translate
 from daemon.gateway.translate import Stamp
+from daemon.gateway.tremor import Tremor
 from daemon.ipc.record import AxisRecord, Verdict
 from observer.filter.status import Status, Validity
 
@@ -25,7 +26,7 @@ def as_json(message: msgspec.Struct) -> dict:
 
 def messages(leg, record) -> list[dict]:
     makers = (translate.estimate, translate.activity, translate.friction)
-    view = translate.view_of(leg, record, STAMP)
+    view = translate.view_of(leg, record, STAMP, TREMORS)
     return [as_json(make(view, 1)) for make in makers]
 
 
@@ -34,6 +35,7 @@ GIVEN_ANYWAY = {
     *("innovation", "assist", "drift_correlation", "friction_error"),
 }
 """What is measured, commanded or known over a long time; every other field is an estimate."""
+TREMORS = {"hip": Tremor(5.0, 2.5), "slide": Tremor(6.0, 12.0)}
 
 
 def estimates_of(axis: dict) -> dict:
@@ -56,6 +58,8 @@ def test_at_rest_patient_and_friction_are_null_and_the_net_value_is_given(make_l
     assert friction["friction"] is None
     assert activity["patient"] is activity["patient_power_w"] is None
     assert (activity["net"], activity["net_std"]) == (6.0, 0.4)
+    assert estimate["tremor_frequency_hz"] is activity["tremor_amplitude"] is None
+    assert (both["slide"]["tremor_frequency_hz"], both["slide"]["tremor_amplitude"]) == (6.0, 12.0)
     assert activity["validity"] == "split_unobservable"
     assert both["patient_power_w"] is None
     assert both["slide"]["patient"] == 40.0

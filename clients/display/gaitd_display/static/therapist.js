@@ -14,7 +14,7 @@ const SLOW_MS = 250; // between two paintings of what changes once a second
 const NEW_MS = 600; // a button that has just come is not pressed by a second tap
 const LOOKS = { enable: "main", hold: "main", disable: "warn" };
 const NOTHING = { value: null, std: null };
-const NO_AXIS = { validity: null, patient: NOTHING, friction: NOTHING, net: NOTHING };
+const NO_AXIS = { validity: null, patient: NOTHING, friction: NOTHING, net: NOTHING, tremor_frequency_hz: null, tremor_amplitude: null };
 const BAD_POWER = ["fault", "fault_reaction_active"];
 const POWERED = ["operation_enabled", "quick_stop_active"];
 

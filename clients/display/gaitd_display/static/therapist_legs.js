@@ -162,13 +162,23 @@ export class LegCard {
   paintValidity(view) {
     const of = AXES.map(({ name }) => view[name].validity ?? "none");
     const isSame = of[0] === of[1];
-    const said = isSame ? this.words.of(`valid.${of[0]}`) : of.map((one, index) => (one === "ok" ? "" : `${this.words.of(AXES[index].title).split(",")[0]}: ${this.words.of(`valid.${one}`)}`)).filter(Boolean).join(". ");
-    const of_what = view.time_ms === null ? "" : this.words.of(view.is_relative ? "relative" : "no_baseline");
-    const key = `${said} ${of_what}`;
+    const valid = isSame ? this.words.of(`valid.${of[0]}`) : of.map((one, index) => (one === "ok" ? "" : `${this.words.of(AXES[index].title).split(",")[0]}: ${this.words.of(`valid.${one}`)}`)).filter(Boolean).join(". ");
+    const said = [valid, ...this.tremors(view)].join(". ");
+    const relative = view.time_ms === null ? "" : this.words.of(view.is_relative ? "relative" : "no_baseline");
+    const key = `${said} ${relative}`;
     if (key === this.saidValidity) return;
     this.saidValidity = key;
     const isBad = of.includes("bad") || of.includes("none");
-    this.validity.replaceChildren(icon(isBad ? "bad" : of.includes("split_unobservable") ? "rest" : "ok"), said, made("small", "", of_what));
+    this.validity.replaceChildren(icon(isBad ? "bad" : of.includes("split_unobservable") ? "rest" : "ok"), said, made("small", "", relative));
+  }
+
+  // A sentence for each axis on which tremor stands out.
+  tremors(view) {
+    const { language } = this.words;
+    return AXES.filter(({ name }) => view[name].tremor_frequency_hz !== null).map(({ name, places }) => {
+      const { tremor_frequency_hz: frequency, tremor_amplitude: amplitude } = view[name];
+      return this.words.of(`tremor_${name}`, { frequency: digits(frequency, language, 1), amplitude: digits(amplitude, language, places) });
+    });
   }
 
   paintCurves() {

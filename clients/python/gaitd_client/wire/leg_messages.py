@@ -43,6 +43,18 @@ ReportedValues = Annotated[
     ),
 ]
 
+TremorHz = Annotated[
+    float | None,
+    Meta(
+        description="Of the patient's tremor, 3..12 Hz, where it stands out of the last seconds of"
+        " valid estimates. Null: none does, or the axis is not ok."
+    ),
+]
+TremorAmplitude = Annotated[
+    float | None,
+    of_joint(EFFORT, "Of the wave of the patient's effort at that frequency; null as that is."),
+]
+
 
 class AxisEstimate(msgspec.Struct, frozen=True, kw_only=True):
     """One axis in an estimate; all but the raw values is null where it is not valid."""
@@ -71,6 +83,8 @@ class AxisEstimate(msgspec.Struct, frozen=True, kw_only=True):
         float | None,
         of_joint(EFFORT, "Drive's effort as the observer used it: over the past cycle."),
     ]
+    tremor_frequency_hz: TremorHz
+    tremor_amplitude: TremorAmplitude
     artificial: Annotated[
         float | None, of_joint(EFFORT, "Artificial disturbance: effort = measured - this.")
     ]
@@ -124,6 +138,8 @@ class AxisActivity(msgspec.Struct, frozen=True, kw_only=True):
     patient_power_w_std: Std
     net: Net
     net_std: EffortStd
+    tremor_frequency_hz: TremorHz
+    tremor_amplitude: TremorAmplitude
 
 
 class Activity(Estimated, frozen=True, kw_only=True):
@@ -188,6 +204,16 @@ class AxisStride(msgspec.Struct, frozen=True, kw_only=True):
     power_peak_w_std: Std
     share_ratio: ShareRatio
     share_ratio_std: Std
+    tremor_frequency_hz: Annotated[
+        float | None,
+        Meta(
+            description="Mean tremor of the stride; null unless it stood out in more than half of"
+            " its valid parts of 1.28 s."
+        ),
+    ]
+    tremor_amplitude: Annotated[
+        float | None, of_joint(EFFORT, "Of the wave, mean of the stride; null as the frequency is.")
+    ]
     coverage_ratio: Annotated[
         float,
         Meta(
