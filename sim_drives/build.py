@@ -4,7 +4,6 @@ The caller reads the files. The mechanism is passed in as numbers, because only 
 robot files.
 """
 
-import configparser
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -182,9 +181,8 @@ def _entries(drive: DriveSettings, folder: Path, key: str) -> tuple[Entry, ...]:
     except OSError as error:
         allowed = f"an EDS file ({(error.strerror or 'cannot be read').lower()})"
         raise MachineError(f"{key}.eds", drive.eds, allowed) from error
-    except (configparser.Error, ValueError, KeyError) as error:
-        reason = str(error).splitlines()[0]
-        raise MachineError(f"{key}.eds", drive.eds, f"an EDS file ({reason})") from error
+    except ValueError as error:
+        raise MachineError(f"{key}.eds", drive.eds, f"an EDS file ({error})") from error
     known = {entry.address: entry for entry in entries}
     for (index, sub), value in commissioned(drive).items():
         place, entry = f"{index:04X}h:{sub:02X}", known.get((index, sub))
