@@ -2,7 +2,7 @@
 
 Master and virtual drives read a file with this module; tests hold it against python-canopen. Rules:
 1.  A file is refused only if it cannot be opened, or describes no object. What is wrong in one
-    object is a `Fault` of that object: whoever uses the object judges it, and nobody else does.
+    object is a `Fault` of that object: whoever uses the object judges it.
 2.  Case and blanks of section names and keys do not matter; an empty value is an absent one. Text
     that is not UTF-8 is read as a Windows code page: only names can suffer from it.
 3.  A number that does not fit its object's data type is its bit pattern: 0xFF of an INTEGER8
@@ -54,7 +54,8 @@ _ALLOWED: Final = {
 
 Address = tuple[int, int]
 """Index and sub-index."""
-Value = int | float | str | bytes
+Number = int | float
+Value = Number | str | bytes
 """A number, a text, or the bytes of every other type."""
 
 
@@ -90,8 +91,9 @@ class Variable:
     access: str | None = None
     """ro, wo, rw, rwr, rww, const; None where the file has none."""
     mappable: bool = False
-    low: float | None = None
-    high: float | None = None
+    low: Number | None = None
+    high: Number | None = None
+    """Limits; a REAL has real ones."""
     default: Value | None = None
     value: Value | None = None
     """ParameterValue of a DCF."""
@@ -363,7 +365,7 @@ def _data_type(
 
 def _limit(
     section: _Section, key: str, bare: Variable, node_id: int, faults: list[Fault]
-) -> float | None:
+) -> Number | None:
     value = _value(section, key, bare, node_id, faults) if bare.bits else None
     return value if isinstance(value, int | float) else None
 

@@ -17,7 +17,7 @@ without access rights it can only be read.
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Final
@@ -39,6 +39,8 @@ type_codes: Final[Mapping[int, str]] = {
 """CiA 301 data type -> struct code; all other types are byte strings here."""
 STRING_MAX_BYTES: Final = 256
 DOMAIN_MAX_BYTES: Final = 32_768
+_HEARTBEAT_CONSUMER: Final = 0x1016
+"""A node id and a time; Elmo's file gives the range of the time alone."""
 COMMUNICATION_AREA: Final = range(0x1000, 0x2000)
 
 Value = int | bytes
@@ -108,6 +110,7 @@ def _entries(text: str, node_id: int) -> tuple[Entry, ...]:
 
 def _entry(variable: Variable) -> Entry:
     code = type_codes.get(variable.data_type or 0, "")
+    is_time = variable.index == _HEARTBEAT_CONSUMER and variable.high == 0xFFFF
     return Entry(
         address=variable.address,
         type_code=code,
@@ -117,7 +120,7 @@ def _entry(variable: Variable) -> Entry:
         mappable_out=variable.mappable and variable.readable and variable.access != "rww",
         mappable_in=variable.mappable and variable.writable and variable.access != "rwr",
         low=variable.low if isinstance(variable.low, int) else None,
-        high=variable.high if isinstance(variable.high, int) else None,
+        high=variable.high if isinstance(variable.high, int) and not is_time else None,
         default=_default(variable, code),
     )
 
@@ -187,9 +190,18 @@ class ObjectDictionary:
         """Return the number at an address, or `missing` if this drive does not have the object."""
         return self.value(index, subindex) if (index, subindex) in self._values else missing
 
+    def assume(self, standard: Mapping[Address, Value]) -> None:
+        """Fill in what the EDS leaves empty; what it lacks is the drive's own, hidden from SDO."""
+        for address, value in standard.items():
+            if not self._values.get(address):
+                self._values[address] = value
+                if address in self._entries:
+                    entry = replace(self._entries[address], default=value)
+                    self._entries[address] = entry
+
     def put(self, index: int, subindex: int, value: Value) -> None:
         """Store a value without rules, on behalf of the drive itself."""
-        if (index, subindex) not in self._entries:
+        if (index, subindex) not in self._values:
             raise KeyError(f"{index:04X}h:{subindex}")
         self._values[index, subindex] = value
 
@@ -253,7 +265,7 @@ class ObjectDictionary:
 
     def parameters(self) -> dict[Address, Value]:
         """Return the values of all writable entries, which 1010h saves."""
-        return {a: v for a, v in self._values.items() if self._entries[a].writable}
+        return {a: self._values[a] for a, entry in self._entries.items() if entry.writable}
 
     def defaults(self) -> dict[Address, Value]:
         """Return the EDS default values of all writable entries."""

@@ -45,7 +45,7 @@ SAME = [
     ("member with a leading zero", b"[1018sub1]", b"[1018sub01]"),
     ("index in lower case", b"[30B0]", b"[30b0]"),
     ("no list of objects", b"[OptionalObjects]", b"[OptionalObject]"),
-    ("no record above its members", b"[1018]\n", b"[OfNobody]\n"),
+    ("no record above its members", b"[1018]\n", b"[OfAnother]\n"),
     ("no object type", b"ObjectType=0x7\nDataType=0x0007", b"DataType=0x0007"),
     ("a comment behind", b"DataType=0x0002", b"DataType=0x0002 ; INTEGER8"),
     ("a comment close behind", b"DataType=0x0002", b"DataType=0x0002;INTEGER8"),
@@ -59,7 +59,7 @@ SAME = [
     ("a section twice", b"[6060]\n", b"[6060]\nPDOMapping=1\n[6060]\n"),
     ("limits of the whole type", b"[6060]\n", b"[6060]\nLowLimit=\nHighLimit=\n"),
     ("NODEID without $", b"$NODEID+", b"NodeID + "),
-    ("a section of somebody's tool", HEAD, b"[Tool: 5.1]\nwhatever\n" + HEAD),
+    ("a section of a tool", HEAD, b"[Tool: 5.1]\nwhatever\n" + HEAD),
     ("a text before all", HEAD, b"made by hand\n" + HEAD),
     ("Windows' line ends", b"\n", b"\r\n"),
 ]
@@ -145,7 +145,7 @@ UNUSED = [
 
 
 @pytest.mark.parametrize(("lines", "key", "value"), UNUSED)
-def test_a_line_that_nobody_needs_is_named_and_refuses_nothing(lines, key, value, tmp_path):
+def test_a_line_that_is_not_needed_is_named_and_refuses_nothing(lines, key, value, tmp_path):
     path = tmp_path / "maker.eds"
     types = b"" if b"DataType" in lines else b"DataType=6\n"
     path.write_bytes(ORIGINAL + b"\n[2FFF]\nParameterName=of the maker\n" + types + lines + b"\n")
