@@ -13,10 +13,11 @@ import os
 import sys
 from collections.abc import Callable
 from importlib.metadata import entry_points, version
-from typing import Annotated, Final, cast
+from typing import Annotated, Any, Final, cast
 
 import typer
 from gaitd_toml import ConfigError
+from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from gaitd import language
@@ -63,6 +64,7 @@ COMMANDS: Final = {
     "reference": ("preparation", COMMISSIONING, "Home one axis."),
     "scan": ("scan", DRIVES, "Nodes on a bus, compared with the configuration. Reads only."),
     "drive": ("drive", DRIVES, "One drive's objects: dump, compare, store, restore."),
+    "drive profile": ("drive_profile", DRIVES, "A drive profile proposed from a maker's EDS."),
     "record": ("record", RECORDINGS, "Record what a running service publishes."),
     "blackbox": ("blackbox", RECORDINGS, "Recordings around each stop, and the log of requests."),
     "replay": ("replay", RECORDINGS, "The observer over a recorded file, as fast as it can."),
@@ -72,7 +74,9 @@ COMMANDS: Final = {
     "import-candump": ("import_candump", RECORDINGS, "A recorded CAN bus as a recording."),
     "fleet": ("fleet", RECORDINGS, "Many recordings, on this computer or a cluster."),
 }
-"""File of this package, group and short help of each command, in the order of `gaitd --help`."""
+"""File of this package, group and short help of each command, in the order of `gaitd --help`.
+
+A name may be of two words; it comes before a command of the first word alone."""
 
 ENTRY_POINTS: Final = "gaitd.commands"
 """Group of entry points: tables of other packages, with whole modules in place of files."""
@@ -90,6 +94,7 @@ def commands_for(chosen: str | None) -> dict[str, tuple[str, str, str]]:
 def build(chosen: str | None) -> typer.Typer:
     """Build the command line; only the chosen command is imported, the others are stubs."""
     app = typer.Typer(
+        cls=_Group,
         no_args_is_help=True,
         context_settings={"help_option_names": ["-h", "--help"]},
         pretty_exceptions_enable=False,
@@ -106,7 +111,7 @@ def main() -> None:
     """Entry point of the `gaitd` script."""
     language.choose(os.environ)
     words = _words()[1:]
-    chosen = next((word for word in words if not word.startswith("-")), None)
+    chosen = _chosen(words)
     # Behind `--` stand the words of another command, of `gaitd rig`.
     as_json = JSON in words[: words.index("--") if "--" in words else None]
     try:
@@ -130,6 +135,27 @@ def main() -> None:
         lacking = CommandError(text, EXIT_REFUSED, blame=package, following=remedy)
         code = _fail(text, failure(lacking, chosen or ""), as_json=as_json)
     sys.exit(code or 0)
+
+
+class _Group(TyperGroup):
+    """All commands, with those of two words."""
+
+    def resolve_command(  # typer does not export the types of its context and commands
+        self,
+        ctx: Any,  # noqa: ANN401
+        args: list[str],
+    ) -> tuple[str | None, Any, list[str]]:
+        pair = " ".join(args[:2])
+        if pair in self.commands:
+            return pair, self.commands[pair], args[2:]
+        return super().resolve_command(ctx, args)
+
+
+def _chosen(words: list[str]) -> str | None:
+    """The command of this command line."""
+    named = [word for word in words if not word.startswith("-")]
+    pair = " ".join(named[:2])
+    return pair if pair in COMMANDS else next(iter(named), None)
 
 
 def _refuse_unknown(chosen: str | None) -> None:

@@ -34,10 +34,9 @@ from gaitd.command_line import EXIT_FAILED, CommandError, ConfigFile, JsonOption
 from gaitd.terminal import run_with_progress, show
 
 if TYPE_CHECKING:
-    from canopen.objectdictionary import ObjectDictionary
-
     from drives.bringup.plan import DrivePlan
     from drives.canopen.bus import Clock
+    from drives.canopen.data_sheet import DataSheet
 
 EXIT_DRIVE: Final = 3
 """The drive or the bus is not in the required state."""
@@ -107,7 +106,7 @@ class Drive(NamedTuple):
         return f"{self.plan.description.name} (node {self.plan.description.node_id})"
 
     @property
-    def dictionary(self) -> "ObjectDictionary":
+    def sheet(self) -> "DataSheet":
         """Objects of its EDS.
 
         Raises:
@@ -198,15 +197,15 @@ def _read(drive: Drive, action: Action, options: Options) -> int:
 
 def _dump(drive: Drive, options: Options) -> int:
     """Read all readable objects; print them, or write them to a file."""
-    dictionary, node_id = drive.dictionary, drive.plan.description.node_id
+    sheet, node_id = drive.sheet, drive.plan.description.node_id
     entries = run_with_progress(
-        dump.read_objects(node_id, dump.readable(dictionary), drive.port, as_filled=True)
+        dump.read_objects(node_id, dump.readable(sheet), drive.port, as_filled=True)
     )
     words = ObjectWords(drive.plan)
     if options.output is not None:
         try:
             with options.output.open("w", encoding="utf-8") as file:
-                dump.write_dcf(entries, dictionary, node_id, file)
+                dump.write_dcf(entries, sheet, node_id, file)
         except OSError as error:
             allowed = f"a file that can be written ({error.strerror})"
             raise ConfigError(COMMAND_LINE, "--output", options.output, allowed) from error
@@ -224,11 +223,11 @@ def _dump(drive: Drive, options: Options) -> int:
 
 def _compare(drive: Drive, options: Options) -> int:
     """Read the objects to be compared and print those that differ."""
-    dictionary, against = drive.dictionary, "what bring-up expects"
+    sheet, against = drive.sheet, "what bring-up expects"
     if options.eds:
         against, why = str(Path(drive.plan.description.eds)), "EDS default"
         compared = compare.read_with_values(
-            drive.plan, dictionary, drive.port, dump.defaults(dictionary), why
+            drive.plan, sheet, drive.port, dump.defaults(sheet), why
         )
     elif options.against is not None:
         against, why = str(options.against), f"as in {options.against.name}"
@@ -236,9 +235,9 @@ def _compare(drive: Drive, options: Options) -> int:
             values = dump.read_dcf(against, drive.plan.description.node_id)
         except DescriptionError as error:
             raise _unusable(error) from error
-        compared = compare.read_with_values(drive.plan, dictionary, drive.port, values, why)
+        compared = compare.read_with_values(drive.plan, sheet, drive.port, values, why)
     else:
-        compared = compare.read_with_plan(drive.plan, dictionary, drive.port)
+        compared = compare.read_with_plan(drive.plan, sheet, drive.port)
     found = sorted(run_with_progress(compared), key=lambda one: one.place)
     different = [one for one in found if not one.same]
     listed = found if options.everything else different

@@ -40,7 +40,10 @@ def pages() -> Iterator[tuple[str, str]]:
         yield program, page(program, metadata(program)["Summary"], group, lines)
         for name, its_app in commands:
             command = cast("TyperCommand", group_of(its_app).commands[name])
-            yield f"{program}-{name}", page(f"{program} {name}", lines[name], command, {})
+            yield (
+                f"{program}-{name}".replace(" ", "-"),
+                page(f"{program} {name}", lines[name], command, {}),
+            )
     for program, module in OF_ARGPARSE.items():
         if importlib.util.find_spec(module.partition(".")[0]):
             yield from pages_of_help(program, module)

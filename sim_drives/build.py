@@ -4,7 +4,6 @@ The caller reads the files. The mechanism is passed in as numbers, because only 
 robot files.
 """
 
-import configparser
 import struct
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from pathlib import Path
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 from sim_drives.canopen.dictionary import Entry, read_eds
-from sim_drives.cia402.personality import commissioned
+from sim_drives.cia402.personality import commissioned, standard
 from sim_drives.cia402.scaling import effort_per_a
 from sim_drives.faults.script import FaultCommandError, help_text
 from sim_drives.one_leg import Leg, Outsider
@@ -182,12 +181,13 @@ def _entries(drive: DriveSettings, folder: Path, key: str) -> tuple[Entry, ...]:
     except OSError as error:
         allowed = f"an EDS file ({(error.strerror or 'cannot be read').lower()})"
         raise MachineError(f"{key}.eds", drive.eds, allowed) from error
-    except (configparser.Error, ValueError, KeyError) as error:
-        reason = str(error).splitlines()[0]
-        raise MachineError(f"{key}.eds", drive.eds, f"an EDS file ({reason})") from error
+    except ValueError as error:
+        raise MachineError(f"{key}.eds", drive.eds, f"an EDS file ({error})") from error
     known = {entry.address: entry for entry in entries}
     for (index, sub), value in commissioned(drive).items():
         place, entry = f"{index:04X}h:{sub:02X}", known.get((index, sub))
+        if entry is None and (index, sub) in standard(drive):
+            continue
         if entry is None:
             allowed = f"one whose objects are in {drive.eds}, which has no {place}"
             raise MachineError(f"{key}.personality", f'"{drive.personality.value}"', allowed)

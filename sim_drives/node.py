@@ -37,7 +37,13 @@ from sim_drives.canopen.storage import Storage
 from sim_drives.canopen.sync import SyncConsumer
 from sim_drives.canopen.timers import MILLISECOND, Timers
 from sim_drives.cia402.drive import Drive
-from sim_drives.cia402.personality import PERSONALITIES, commissioned, rated_torque_unm
+from sim_drives.cia402.personality import (
+    PERSONALITIES,
+    commissioned,
+    rated_torque_unm,
+    standard,
+    unit_factors,
+)
 from sim_drives.cia402.power_state import POWER_STAGE_ON
 from sim_drives.connection import (
     FAILURES,
@@ -126,6 +132,9 @@ class Node:
         personality = PERSONALITIES[settings.personality]
         dictionary = ObjectDictionary(entries)
         self.dictionary = dictionary
+        factors = unit_factors(settings).items()
+        dictionary.assume(standard(settings))
+        dictionary.assume({address: one for address, one in factors if address in dictionary})
         for address, value in commissioned(settings).items():
             dictionary.put(*address, value)
         self.errors = Errors(

@@ -36,7 +36,7 @@ class Plant(NamedTuple):
 
 
 OFFLINE = "only offline work and the wire contract meet in analysis"
-PHYSICS = "the virtual drives share a frame and physics with the service, and nothing else"
+PHYSICS = "the virtual drives share frames, data sheets and physics with the service"
 PYTEST = "pytest is not needed to run gaitd: only the plugin that it ships imports it"
 SHIPPED = "the service imports neither commands nor laboratory nor simulated time"
 JUDGEMENT = "commands ask whether a configuration is good; nothing that they start does"

@@ -142,6 +142,9 @@ def accept(words, folder):
     """One branch for each program."""
     program, *rest = words
     if program == "gaitd":
+        pair = " ".join(rest[:2])
+        if pair in commands_for(None):
+            rest, words = [pair, *rest[2:]], (program, pair, *rest[2:])
         name = next((word for word in rest if word not in ("--help", "-h", "--version")), "run")
         assert name in commands_for(None), f"no command {name}"
         accept_typer(typer.main.get_command(build(name)), words, folder)

@@ -19,7 +19,8 @@ def pages():
 
 
 def test_each_command_has_a_page_and_a_line_on_the_first(pages):
-    assert {"gaitd", *(f"gaitd-{name}" for name in COMMANDS), "gaitd-session-run"} <= set(pages)
+    names = {"gaitd-" + name.replace(" ", "-") for name in COMMANDS}
+    assert {"gaitd", *names, "gaitd-session-run"} <= set(pages)
     for name, (_, _, line) in COMMANDS.items():
         assert f".B {name}\n{line}".replace("-", "\\-") in pages["gaitd"]
 

@@ -150,7 +150,7 @@ def _meaning(
     effort_per_a = motor.torque_constant_nm_per_a * effort_per_motor_nm(drive)
     heartbeat_ms = cycle.drive_detection_ms if profile.heartbeat.consumer_entries else None
     rpdo_ms = cycle.rpdo_timeout_ms if profile.pdo.rpdo_timeout else None
-    objections, unused = _eds_objections(drive, file, limits, cycle)
+    objections, unused, doubtful = _eds_objections(drive, file, limits, cycle)
     return AxisMeaning(
         name=drive.name,
         node_id=drive.node_id,
@@ -188,7 +188,7 @@ def _meaning(
         heartbeat_detection_ms=heartbeat_ms,
         rpdo_timeout_ms=rpdo_ms,
         temperature=None if profile.temperature is None else profile.temperature.place,
-        warnings=tuple(_warnings(drive, brake, unused)),
+        warnings=(*_warnings(drive, brake, unused), *(() if doubtful is None else (doubtful,))),
         objections=objections,
     )
 
@@ -208,19 +208,19 @@ def _torque(drive: DriveDescription, torque: TorqueObject) -> TorqueMeaning:
 
 def _eds_objections(
     drive: DriveDescription, file: Path, limits: DriveLimits, cycle: Cycle
-) -> tuple[tuple[str, ...], list[str]]:
-    """Objections, and the optional objects that the EDS has and the profile does not use."""
+) -> tuple[tuple[str, ...], list[str], str | None]:
+    """Objections, optional objects of the EDS that the profile does not use, doubtful lines."""
     try:
-        dictionary = eds.load_eds(drive.eds, drive.node_id)
+        sheet = eds.load_eds(drive.eds, drive.node_id)
     except DescriptionError as error:
         raise ConfigError(file, error.key, error.value, error.allowed) from error
     settings = cycle_settings(cycle)
     plans = [plan(drive, limits, settings)]
     if drive.axis.homing is not None:
         plans.append(homing_plan(drive, limits, settings))
-    found = [line for one in plans for line in eds.objections(one, dictionary)]
+    found = [line for one in plans for line in eds.objections(one, sheet)]
     has = drive.profile.optional_objects
-    return tuple(dict.fromkeys(found)), eds.unused(has, dictionary)
+    return tuple(dict.fromkeys(found)), eds.unused(has, sheet), eds.doubtful(sheet, found)
 
 
 _TORQUE_MODE = {

@@ -10,13 +10,12 @@ from collections.abc import Generator, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from canopen.objectdictionary import ObjectDictionary
-
 from drives.bringup.plan import DrivePlan
 from drives.bringup.port import DrivePort
 from drives.bringup.steps import ALL_BITS, PDO_OFF, Step, StepKind
+from drives.canopen.data_sheet import Address, DataSheet
 from drives.cia402.profile import BASE_TOLERANCE_RATIO
-from drives.service.dump import Address, Entry, Value, read_objects, settings, variable_at
+from drives.service.dump import Entry, Value, read_objects, settings, variable_at
 from drives.service.scan import Progress
 
 
@@ -112,34 +111,34 @@ def _parts(step: Step) -> Iterator[Step]:
         yield step
 
 
-def expected_of(plan: DrivePlan, dictionary: ObjectDictionary) -> tuple[Expectation, ...]:
+def expected_of(plan: DrivePlan, sheet: DataSheet) -> tuple[Expectation, ...]:
     """The expectations for a drive with this EDS: what is only cleared need not be there."""
     return tuple(
         one
         for one in expectations(plan)
-        if one.step.kind is not StepKind.CLEAR or dictionary.get_variable(*one.address) is not None
+        if one.step.kind is not StepKind.CLEAR or sheet.get(*one.address) is not None
     )
 
 
 def read_with_plan(
-    plan: DrivePlan, dictionary: ObjectDictionary, port: DrivePort
+    plan: DrivePlan, sheet: DataSheet, port: DrivePort
 ) -> Generator[Progress, None, tuple[Compared, ...]]:
     """Read what a plan expects, and compare; raises as `read_objects`."""
-    wanted = expected_of(plan, dictionary)
-    variables = [variable_at(dictionary, *one.address, one.step.bits) for one in wanted]
+    wanted = expected_of(plan, sheet)
+    variables = [variable_at(sheet, *one.address, one.step.bits) for one in wanted]
     entries = yield from read_objects(plan.description.node_id, variables, port)
     return with_plan(wanted, {(entry.index, entry.sub): entry for entry in entries})
 
 
 def read_with_values(
     plan: DrivePlan,
-    dictionary: ObjectDictionary,
+    sheet: DataSheet,
     port: DrivePort,
     values: Mapping[Address, Value],
     why: str,
 ) -> Generator[Progress, None, tuple[Compared, ...]]:
     """Read the settings that have a value in `values`, and compare; raises as `read_objects`."""
-    variables = [v for v in settings(dictionary) if (v.index, v.subindex) in values]
+    variables = [v for v in settings(sheet) if v.address in values]
     entries = yield from read_objects(plan.description.node_id, variables, port)
     return with_values(values, entries, why)
 

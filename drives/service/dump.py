@@ -1,22 +1,18 @@
 """Dump of all readable objects of one drive according to its EDS, decoded and saved as a DCF.
 
-The DCF (CiA 306: an EDS with ParameterValue) is written and read by canopen 2.4.1. Workarounds,
-with their place in canopen: its export writes a negative number as `0x-5`, which its own import
-silently drops (eds.py, _revert_variable): numbers are handed over as text. A `;` after a space
-begins a comment for its parser: texts are saved without any. An object that the drive refused has
-no ParameterValue and is not in the result of `read_dcf`.
+The DCF (CiA 306: an EDS with ParameterValue) holds texts without `;`, which begins a comment there.
+An object that the drive refused has no ParameterValue and is not in the result of `read_dcf`.
 """
 
 import struct
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
-from typing import Final, TextIO, cast
-
-import canopen
-from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable, datatypes
+from dataclasses import dataclass, replace
+from typing import Final, TextIO
 
 from drives.bringup.plan import DrivePlan
 from drives.bringup.port import DrivePort
+from drives.canopen import data_sheet
+from drives.canopen.data_sheet import Address, DataSheet, Variable
 from drives.canopen.objects import Object
 from drives.canopen.sniffer import NodeTraffic
 from drives.errors import (
@@ -31,24 +27,16 @@ from drives.service.eds import load_eds
 from drives.service.scan import Progress
 from drives.signals import NmtState
 
-FIRST_INDEX: Final = 0x1000
-"""Lower indices are data types and dummy entries."""
 SILENCES_MAX: Final = 3
 """After this many objects in a row without an answer the drive counts as gone."""
 PAUSE_NS: Final = 2_000_000
 """Pause between two transfers, so that a service on the same bus is not disturbed."""
-DCF: Final = "dcf"
 
 Value = int | float | str
-Address = tuple[int, int]
 
-_UNSIGNED: Final = {
-    8: datatypes.UNSIGNED8,
-    16: datatypes.UNSIGNED16,
-    32: datatypes.UNSIGNED32,
-}
+_UNSIGNED: Final = {8: 0x05, 16: 0x06, 32: 0x07}
+"""CiA 301 data type of an unsigned integer, by its width."""
 _MAPPINGS: Final = (range(Object.RPDO_MAPPING, Object.TPDO), range(Object.TPDO_MAPPING, 0x1C00))
-_TEXTS: Final = frozenset((datatypes.VISIBLE_STRING, datatypes.UNICODE_STRING))
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +81,7 @@ def silence(plan: DrivePlan, traffic: NodeTraffic) -> str:
 
 
 def read_objects(
-    node_id: int, variables: Sequence[ODVariable], port: DrivePort, *, as_filled: bool = False
+    node_id: int, variables: Sequence[Variable], port: DrivePort, *, as_filled: bool = False
 ) -> Generator[Progress, None, tuple[Entry, ...]]:
     """Read objects in the given order, one at a time, with pauses.
 
@@ -111,7 +99,7 @@ def read_objects(
     silence_count = 0
     filled: dict[int, int] = {}
     for done_count, variable in enumerate(variables):
-        index, sub = variable.index, variable.subindex
+        index, sub = variable.address
         if as_filled and sub > filled.get(index, sub):
             continue
         yield Progress(f"reading {index:04X}h:{sub:02X}", done_count, len(variables))
@@ -123,33 +111,24 @@ def read_objects(
     return tuple(entries)
 
 
-def _is_filled(variable: ODVariable) -> bool:
+def _is_filled(variable: Variable) -> bool:
     """True if sub-index 0 gives the number of valid entries."""
-    mapping = any(variable.index in indices for indices in _MAPPINGS)
-    return mapping or isinstance(cast("object", variable.parent), ODArray)
+    return variable.in_array or any(variable.index in indices for indices in _MAPPINGS)
 
 
-def readable(dictionary: ObjectDictionary) -> list[ODVariable]:
+def readable(sheet: DataSheet) -> list[Variable]:
     """List every readable variable, in order."""
-    variables: list[ODVariable] = []
-    for index in dictionary:
-        item = dictionary[index]
-        if index >= FIRST_INDEX:
-            variables += [item] if isinstance(item, ODVariable) else [item[sub] for sub in item]
-    return [variable for variable in variables if variable.readable]
+    return [variable for variable in sheet.variables.values() if variable.readable]
 
 
-def variable_at(dictionary: ObjectDictionary, index: int, sub: int, bits: int) -> ODVariable:
+def variable_at(sheet: DataSheet, index: int, sub: int, bits: int) -> Variable:
     """The EDS's object, or a plain unsigned one where the EDS lacks it."""
-    variable = dictionary.get_variable(index, sub)
-    if variable is None:
-        variable = ODVariable("(not in the EDS)", index, sub)
-        variable.data_type = _UNSIGNED[bits]
-    return variable
+    plain = Variable(index, sub, "(not in the EDS)", data_type=_UNSIGNED[bits])
+    return sheet.get(index, sub) or plain
 
 
-def _read(variable: ODVariable, node_id: int, port: DrivePort, last_chance: bool) -> Entry:
-    index, sub, name = variable.index, variable.subindex, variable.qualname
+def _read(variable: Variable, node_id: int, port: DrivePort, last_chance: bool) -> Entry:
+    index, sub, name = variable.index, variable.sub, variable.qualified_name
     try:
         data = port.read(node_id, index, sub)
     except SdoAborted as abort:
@@ -172,25 +151,25 @@ def pause(port: DrivePort) -> None:
         port.wait(end_ns)
 
 
-def bits_of(variable: ODVariable) -> int:
+def bits_of(variable: Variable) -> int:
     """Width of an integer; 0 for other types."""
-    return len(variable) if variable.data_type in datatypes.INTEGER_TYPES else 0
+    return variable.bits if variable.is_integer else 0
 
 
-def decoded(variable: ODVariable, data: bytes) -> Value:
+def decoded(variable: Variable, data: bytes) -> Value:
     """Decode the bytes of an object by its data type; bytes without a type as hex.
 
     Some drives answer four bytes for a smaller number: it is cut to its own width.
     """
-    kind = variable.data_type
-    if kind in datatypes.INTEGER_TYPES or kind == datatypes.BOOLEAN:
-        size = max(1, len(variable) // 8)
-        return int.from_bytes(data[:size], "little", signed=kind in datatypes.SIGNED_TYPES)
-    if kind in datatypes.FLOAT_TYPES and len(data) * 8 == len(variable):
+    if variable.is_real and len(data) * 8 == variable.bits:
         return struct.unpack("<f" if len(data) == 4 else "<d", data)[0]
-    if kind in _TEXTS:
-        encoding = "utf-16-le" if kind == datatypes.UNICODE_STRING else "latin-1"
+    if variable.is_text:
+        is_wide = variable.data_type == data_sheet.UNICODE_STRING
+        encoding = "utf-16-le" if is_wide else "latin-1"
         return kept_text(data.decode(encoding, errors="replace"))
+    if variable.bits and not variable.is_real:
+        size = max(1, variable.bits // 8)
+        return int.from_bytes(data[:size], "little", signed=variable.signed)
     return data.hex()
 
 
@@ -203,52 +182,47 @@ def kept_text(text: str) -> str:
 # --- files ----------------------------------------------------------------------------------------
 
 
-def write_dcf(
-    entries: tuple[Entry, ...], dictionary: ObjectDictionary, node_id: int, file: TextIO
-) -> None:
-    """Write what was read as a DCF; also sets the values in `dictionary`."""
-    dictionary.node_id = node_id
-    for entry in entries:
-        variable = dictionary.get_variable(entry.index, entry.sub)
-        if variable is not None and entry.value is not None:
-            # The export uses `value_raw` unchanged; the class does not declare it.
-            vars(variable).update(value=entry.value, value_raw=str(entry.value))
-    canopen.export_od(dictionary, file, doc_type=DCF)
+def write_dcf(entries: tuple[Entry, ...], sheet: DataSheet, node_id: int, file: TextIO) -> None:
+    """Write what was read as a DCF."""
+    read = {(entry.index, entry.sub): entry.value for entry in entries}
+    held = {
+        address: replace(variable, value=read.get(address))
+        for address, variable in sheet.variables.items()
+    }
+    data_sheet.write_dcf(replace(sheet, variables=held), node_id, file)
 
 
 def read_dcf(path: str, node_id: int) -> dict[Address, Value]:
     """The values of a DCF, by index and sub-index.
 
     Raises:
-        DescriptionError: it cannot be read, or holds no values.
+        DescriptionError: it cannot be read, or holds no values, or one that is none.
     """
-    values: dict[Address, Value] = {}
-    for variable in readable(load_eds(path, node_id)):
-        if variable.value is not None:
-            values[variable.index, variable.subindex] = _kept(variable.value)
+    variables = readable(load_eds(path, node_id))
+    for fault in (variable.fault_in("ParameterValue") for variable in variables):
+        if fault is not None:
+            raise DescriptionError("axis", "dcf", path, str(fault))
+    values = {v.address: _kept(v.value) for v in variables if v.value is not None}
     if not values:
         allowed = "a DCF with values: this one has no ParameterValue"
         raise DescriptionError("axis", "dcf", path, allowed)
     return values
 
 
-def settings(dictionary: ObjectDictionary) -> list[ODVariable]:
+def settings(sheet: DataSheet) -> list[Variable]:
     """List writable and constant variables, which excludes measurements."""
     return [
-        variable
-        for variable in readable(dictionary)
-        if variable.writable or variable.access_type == "const"
+        variable for variable in readable(sheet) if variable.writable or variable.access == "const"
     ]
 
 
-def defaults(dictionary: ObjectDictionary) -> dict[Address, Value]:
+def defaults(sheet: DataSheet) -> dict[Address, Value]:
     """The EDS's default values."""
-    variables = readable(dictionary)
-    return {(v.index, v.subindex): _kept(v.default) for v in variables if v.default is not None}
+    return {v.address: _kept(v.default) for v in readable(sheet) if v.default is not None}
 
 
-def _kept(value: object) -> Value:
-    """Convert a value of canopen to the form of `decoded`."""
+def _kept(value: data_sheet.Value) -> Value:
+    """Convert a value of a data sheet to the form of `decoded`."""
     if isinstance(value, bytes):
         return value.hex()
-    return value if isinstance(value, int | float) else kept_text(str(value))
+    return kept_text(value) if isinstance(value, str) else value

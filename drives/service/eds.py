@@ -1,21 +1,19 @@
 """Check of a plan against the EDS: the data sheet must define every object that bring-up uses.
 
-For `gaitd check`, without any bus. The file is read by canopen; the virtual drives read the same
-file with a parser of their own, so a parser error does not cancel out. Checked are existence,
-width, sign, access and range of what is read and written, constants in the file (identity, modes),
-and whether the objects of the PDOs can be mapped.
+For `gaitd check`, without any bus. Checked are existence, width, sign, access and range of what is
+read and written, constants in the file (identity, modes), and whether the objects of the PDOs can
+be mapped. A line of the file that cannot be meant as written is an objection where bring-up needs
+it, and a note elsewhere.
 """
 
-import configparser
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-import canopen
-from canopen.objectdictionary import SIGNED_TYPES, ObjectDictionary, ODVariable
-
 from drives.bringup.plan import DrivePlan
 from drives.bringup.steps import Step, StepKind
+from drives.canopen.data_sheet import DataSheet, DataSheetError, Variable, read
 from drives.canopen.objects import Object
 from drives.cia402.pdo import MappedObject, layouts
 from drives.cia402.profile import OptionalObjects
@@ -42,53 +40,49 @@ _PROTECTIVE: Final = {
 }
 
 
-def load_eds(path: str, node_id: int) -> ObjectDictionary:
-    """Read an EDS.
+def load_eds(path: str, node_id: int) -> DataSheet:
+    """Read an EDS or a DCF.
 
     Raises:
-        DescriptionError: the file is missing, or is no EDS.
+        DescriptionError: the file cannot be opened, or describes no object.
     """
     try:
-        with Path(path).open(encoding=_encoding(Path(path))) as file:
-            return canopen.import_od(file, node_id)
-    except (OSError, ValueError, KeyError, configparser.Error) as error:
-        what = " ".join(str(error).split())
-        allowed = f"a readable EDS file: {type(error).__name__}: {what}"
+        return read(Path(path), node_id)
+    except OSError as error:
+        allowed = f"a readable EDS file ({(error.strerror or 'cannot be read').lower()})"
         raise DescriptionError("axis", "eds", path, allowed) from error
+    except DataSheetError as error:
+        raise DescriptionError("axis", "eds", path, f"a readable EDS file: {error}") from error
 
 
-def _encoding(path: Path) -> str:
-    """Encoding of the file: CiA 306 requires ASCII, but many files use a Windows code page."""
-    try:
-        path.read_bytes().decode("utf-8")
-    except UnicodeDecodeError:
-        return "cp1252"
-    return "utf-8-sig"
-
-
-def objections(plan: DrivePlan, dictionary: ObjectDictionary) -> list[str]:
+def objections(plan: DrivePlan, sheet: DataSheet) -> list[str]:
     """List the conflicts between plan and EDS, one line per object; empty without any."""
     steps = [part for step in plan.steps for part in _parts(step)]
-    found = [_objection(step, dictionary) for step in steps]
+    found = [_objection(step, sheet) for step in steps]
     pdos = layouts(plan.description.profile, plan.description.node_id)
     found += [
-        _mapping_objection(item, str(layout), dictionary)
-        for layout in pdos
-        for item in layout.objects
+        _mapping_objection(item, str(layout), sheet) for layout in pdos for item in layout.objects
     ]
     has = plan.description.profile.optional_objects
-    if not has.polarity and Object.POLARITY in dictionary:
+    if not has.polarity and sheet.has(Object.POLARITY):
         found.append("607Eh:00 is in the EDS, but optional_objects.polarity is false")
     return list(dict.fromkeys(line for line in found if line is not None))
 
 
-def unused(has: OptionalObjects, dictionary: ObjectDictionary) -> list[str]:
+def unused(has: OptionalObjects, sheet: DataSheet) -> list[str]:
     """Protective objects in the EDS that the profile declares absent."""
     return [
-        name
-        for name, index in _PROTECTIVE.items()
-        if not getattr(has, name) and index in dictionary
+        name for name, index in _PROTECTIVE.items() if not getattr(has, name) and sheet.has(index)
     ]
+
+
+def doubtful(sheet: DataSheet, told: Sequence[str]) -> str | None:
+    """The lines of the EDS that cannot be meant as written, but for those of the objections."""
+    faults = [str(one) for one in sheet.faults if not any(str(one) in line for line in told)]
+    if not faults:
+        return None
+    more = f", and {len(faults) - 1} more lines" if len(faults) > 1 else ""
+    return f"its EDS has a line that nothing uses and that cannot be meant so: {faults[0]}{more}"
 
 
 def _parts(step: Step) -> tuple[Step, ...]:
@@ -99,47 +93,63 @@ def _parts(step: Step) -> tuple[Step, ...]:
     return (step,) if step.kind in _READ | _WRITTEN else ()
 
 
-def _objection(step: Step, dictionary: ObjectDictionary) -> str | None:
-    variable = dictionary.get_variable(step.index, step.sub)
+def _objection(step: Step, sheet: DataSheet) -> str | None:
+    variable = sheet.get(step.index, step.sub)
     if variable is None:
         absent_is_well = step.kind is StepKind.CLEAR
         return None if absent_is_well else f"{step.place} is not in the EDS ({step.why})"
-    if len(variable) != step.bits:
-        return f"{step.place} has {len(variable)} bits in the EDS, not {step.bits} ({step.why})"
+    if (fault := variable.fault_in("DataType")) is not None:
+        return f"{step.place}: {fault} ({step.why})"
+    if (bits := _integer_bits(variable)) != step.bits:
+        return f"{step.place} has {bits} bits in the EDS, not {step.bits} ({step.why})"
+    judged = step.kind in _WITH_VALUE and step.index not in _RANGE_NOT_JUDGED
+    keys = ["AccessType"] if step.kind in _WRITTEN else []
+    keys += ["DefaultValue"] if step.kind is StepKind.CHECK else []
+    keys += ["LowLimit", "HighLimit"] if judged else []
+    if (fault := variable.fault_in(*keys)) is not None:
+        return f"{step.place}: {fault} ({step.why})"
     if step.kind in _WRITTEN and not variable.writable:
         return f"{step.place} cannot be written by the EDS ({step.why})"
     if step.kind is StepKind.CHECK:
         return _other_value(step, variable)
-    judged = step.kind in _WITH_VALUE and step.index not in _RANGE_NOT_JUDGED
     return _out_of_range(step, variable) if judged else None
 
 
-def _other_value(step: Step, variable: ODVariable) -> str | None:
+def _integer_bits(variable: Variable) -> int:
+    """Width of an integer; 0 for every other type."""
+    return variable.bits if variable.is_integer else 0
+
+
+def _other_value(step: Step, variable: Variable) -> str | None:
     """Conflict with a constant in the EDS, if it has one; many files leave it empty, or 0."""
     told = variable.default
-    if variable.writable or not told or told & step.mask == step.value:
+    if variable.writable or not isinstance(told, int) or told == 0:
+        return None
+    if told & step.mask == step.value:
         return None
     expected = f"expected {step.value_text(step.value)} ({step.why})"
     return f"{step.place} is {step.value_text(told)} in the EDS, {expected}"
 
 
-def _out_of_range(step: Step, variable: ODVariable) -> str | None:
-    low, high = variable.min, variable.max
+def _out_of_range(step: Step, variable: Variable) -> str | None:
+    low, high = variable.low, variable.high
     if (low is not None and step.value < low) or (high is not None and step.value > high):
         return f"{step.place} = {step.value} is outside {low} .. {high} of the EDS ({step.why})"
     return None
 
 
-def _mapping_objection(item: MappedObject, layout: str, dictionary: ObjectDictionary) -> str | None:
+def _mapping_objection(item: MappedObject, layout: str, sheet: DataSheet) -> str | None:
     place = f"{item.index:04X}h:{item.sub:02X}"
-    variable = dictionary.get_variable(item.index, item.sub)
+    variable = sheet.get(item.index, item.sub)
     if variable is None:
         return f"{place} is not in the EDS ({layout} carries it)"
-    if len(variable) != item.bits:
-        return f"{place} has {len(variable)} bits in the EDS, not {item.bits} ({layout} carries it)"
-    if (variable.data_type in SIGNED_TYPES) != item.signed:
+    if (fault := variable.fault_in("DataType", "PDOMapping")) is not None:
+        return f"{place}: {fault} ({layout} carries it)"
+    if (bits := _integer_bits(variable)) != item.bits:
+        return f"{place} has {bits} bits in the EDS, not {item.bits} ({layout} carries it)"
+    if variable.signed != item.signed:
         sign = "no sign" if item.signed else "a sign"
         return f"{place} has {sign} in the EDS ({layout} carries it)"
-    if not variable.pdo_mappable:
+    if not variable.mappable:
         return f"{place} cannot be mapped by the EDS ({layout} carries it)"
     return None

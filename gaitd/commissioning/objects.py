@@ -51,11 +51,11 @@ def read_findings(
         BusError: the bus is down.
     """
     description = plan.description
-    dictionary = load_eds(description.eds, description.node_id)
-    noted = [one for one in NOTED if dictionary.get_variable(*one[:2]) is not None]
-    texts = [variable_at(dictionary, index, sub, 32) for index, sub, _ in noted]
+    sheet = load_eds(description.eds, description.node_id)
+    noted = [one for one in NOTED if sheet.get(*one[:2]) is not None]
+    texts = [variable_at(sheet, index, sub, 32) for index, sub, _ in noted]
     entries = yield from read_objects(description.node_id, texts, port)
-    compared = yield from read_with_plan(plan, dictionary, port)
+    compared = yield from read_with_plan(plan, sheet, port)
     bases = {(base.ref.index, base.ref.sub) for base in description.torque_bases}
     findings = [
         Finding(

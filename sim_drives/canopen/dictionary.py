@@ -10,23 +10,19 @@ Rules, from CiA 301 7.4 (numbers are SDO abort codes):
    Then the value is stored and the object's watchers are called. Reading may have a guard, too.
 The drive itself reads and writes with `value` and `put`, without any of these rules.
 
-The description comes from an EDS, imported by python-canopen; nothing else of that library is used.
+The description comes from an EDS. Where that has no data type an object is a byte string, and
+without access rights it can only be read.
 """
 
-import re
 import struct
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
-from configparser import RawConfigParser
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from io import StringIO
 from pathlib import Path
 from typing import Final
 
-from canopen.objectdictionary import ODVariable
-from canopen.objectdictionary.eds import import_eds
-
+from drives.canopen.data_sheet import DOMAIN, UNICODE_STRING, Address, Variable, parse, text_of
 from sim_drives.canopen.aborts import AbortCode, SdoAbortError
 
 type_codes: Final[Mapping[int, str]] = {
@@ -42,14 +38,11 @@ type_codes: Final[Mapping[int, str]] = {
 }
 """CiA 301 data type -> struct code; all other types are byte strings here."""
 STRING_MAX_BYTES: Final = 256
-UNICODE_STRING: Final = 0x0B
-DOMAIN: Final = 0x0F
-"""CiA 301 data types."""
 DOMAIN_MAX_BYTES: Final = 32_768
+_HEARTBEAT_CONSUMER: Final = 0x1016
+"""A node id and a time; Elmo's file gives the range of the time alone."""
 COMMUNICATION_AREA: Final = range(0x1000, 0x2000)
 
-Address = tuple[int, int]
-"""Index and sub-index."""
 Value = int | bytes
 Guard = Callable[[int, int], None]
 """(sub-index, new value) -> None, or raises SdoAbortError."""
@@ -104,68 +97,30 @@ def read_eds(path: Path, node_id: int) -> tuple[Entry, ...]:
 
     Raises:
         OSError: the file cannot be opened.
-        ValueError, KeyError, configparser.Error: not an EDS; raised by python-canopen.
+        ValueError: it describes no object.
     """
-    return _entries(_text(path), node_id)
-
-
-def _text(path: Path) -> str:
-    """Text of the EDS; CiA 306 requires ASCII, tools write a Windows code page or a BOM."""
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except UnicodeDecodeError:
-        return path.read_text(encoding="cp1252")
+    return _entries(text_of(path.read_bytes()), node_id)
 
 
 @lru_cache(maxsize=16)
 def _entries(text: str, node_id: int) -> tuple[Entry, ...]:
     """Parse an EDS, each text once: building a machine takes half of its time for this."""
-    description = import_eds(StringIO(text), node_id)
-    entries = {
-        (variable.index, variable.subindex): _entry(variable)
-        for index in description
-        for variable in _variables(description.indices[index])
-    }
-    return tuple((entries | _compact(text, entries)).values())
+    return tuple(_entry(variable) for variable in parse(text, node_id).variables.values())
 
 
-def _compact(text: str, entries: Mapping[Address, Entry]) -> dict[Address, Entry]:
-    """Expand arrays by CompactSubObj (CiA 306); python-canopen reads only their first member."""
-    parser = RawConfigParser(inline_comment_prefixes=(";",))
-    parser.read_string(text)
-    members: dict[Address, Entry] = {}
-    for section in parser.sections():
-        count = parser.get(section, "CompactSubObj", fallback="0")
-        if re.fullmatch("[0-9A-Fa-f]{4}", section) and int(count or "0", 0):
-            index = int(section, 16)
-            members[index, 0] = replace(entries[index, 0], default=int(count, 0), readable=True)
-            for sub in range(1, int(count, 0) + 1):
-                members[index, sub] = replace(entries[index, 1], address=(index, sub))
-    return members
-
-
-def _variables(described: object) -> Iterator[ODVariable]:
-    if isinstance(described, ODVariable):
-        yield described
-    else:
-        yield from described.subindices.values()  # pyright: ignore[reportAttributeAccessIssue]  # ODRecord or ODArray
-
-
-def _entry(variable: ODVariable) -> Entry:
-    access = variable.access_type
+def _entry(variable: Variable) -> Entry:
     code = type_codes.get(variable.data_type or 0, "")
-    readable = access == "const" or "r" in access
-    writable = "w" in access
+    is_time = variable.index == _HEARTBEAT_CONSUMER and variable.high == 0xFFFF
     return Entry(
-        address=(variable.index, variable.subindex),
+        address=variable.address,
         type_code=code,
         max_bytes=_max_bytes(variable.data_type, code),
-        readable=readable,
-        writable=writable,
-        mappable_out=variable.pdo_mappable and readable and access != "rww",
-        mappable_in=variable.pdo_mappable and writable and access != "rwr",
-        low=variable.min,
-        high=variable.max,
+        readable=variable.readable,
+        writable=variable.writable,
+        mappable_out=variable.mappable and variable.readable and variable.access != "rww",
+        mappable_in=variable.mappable and variable.writable and variable.access != "rwr",
+        low=variable.low if isinstance(variable.low, int) else None,
+        high=variable.high if isinstance(variable.high, int) and not is_time else None,
         default=_default(variable, code),
     )
 
@@ -176,17 +131,20 @@ def _max_bytes(data_type: int | None, code: str) -> int:
     return DOMAIN_MAX_BYTES if data_type == DOMAIN else STRING_MAX_BYTES
 
 
-def _default(variable: ODVariable, code: str) -> Value:
+def _default(variable: Variable, code: str) -> Value:
     default = variable.default
-    if code:  # many files write a negative number as its unsigned bit pattern
-        size = struct.calcsize("<" + code)
-        bits = (int(default or 0) % (1 << 8 * size)).to_bytes(size, "little")
-        return int(struct.unpack("<" + code, bits)[0])
-    if isinstance(default, str):
-        return default.encode("utf-16-le" if variable.data_type == UNICODE_STRING else "utf-8")
-    if isinstance(default, int | float):
-        return variable.encode_raw(default)
-    return bytes(default or b"")
+    if code:
+        return default if isinstance(default, int) else 0
+    match default:
+        case str():
+            wide = variable.data_type == UNICODE_STRING
+            return default.encode("utf-16-le" if wide else "utf-8")
+        case float():
+            return struct.pack("<f" if variable.bits == 32 else "<d", default)
+        case int():
+            return (default % (1 << variable.bits)).to_bytes(variable.bits // 8, "little")
+        case _:
+            return default or b""
 
 
 class ObjectDictionary:
@@ -232,9 +190,18 @@ class ObjectDictionary:
         """Return the number at an address, or `missing` if this drive does not have the object."""
         return self.value(index, subindex) if (index, subindex) in self._values else missing
 
+    def assume(self, standard: Mapping[Address, Value]) -> None:
+        """Fill in what the EDS leaves empty; what it lacks is the drive's own, hidden from SDO."""
+        for address, value in standard.items():
+            if not self._values.get(address):
+                self._values[address] = value
+                if address in self._entries:
+                    entry = replace(self._entries[address], default=value)
+                    self._entries[address] = entry
+
     def put(self, index: int, subindex: int, value: Value) -> None:
         """Store a value without rules, on behalf of the drive itself."""
-        if (index, subindex) not in self._entries:
+        if (index, subindex) not in self._values:
             raise KeyError(f"{index:04X}h:{subindex}")
         self._values[index, subindex] = value
 
@@ -298,7 +265,7 @@ class ObjectDictionary:
 
     def parameters(self) -> dict[Address, Value]:
         """Return the values of all writable entries, which 1010h saves."""
-        return {a: v for a, v in self._values.items() if self._entries[a].writable}
+        return {a: self._values[a] for a, entry in self._entries.items() if entry.writable}
 
     def defaults(self) -> dict[Address, Value]:
         """Return the EDS default values of all writable entries."""

@@ -14,6 +14,7 @@ class Object(IntEnum):
     # CiA 301, 7.5.2: communication
     ERROR_REGISTER = 0x1001
     ERROR_HISTORY = 0x1003  # sub 0: count, then newest first
+    DEVICE_TYPE = 0x1000
     SYNC_COB_ID = 0x1005
     SYNC_PERIOD = 0x1006
     SYNC_WINDOW = 0x1007

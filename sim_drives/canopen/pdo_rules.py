@@ -128,7 +128,10 @@ class PdoObjects:
             if stays_valid:
                 raise SdoAbortError(AbortCode.RANGE)
         becomes_valid = stays_valid and not self.valid
-        allows_remote = self.direction is Direction.TRANSMIT and not value & FLAG_30
+        # a drive whose file has its TPDOs open to remote requests accepts such an identifier
+        forbids_remote = self.dictionary.value(self.parameters, SUB_COB_ID) & FLAG_30
+        is_open = not value & FLAG_30
+        allows_remote = self.direction is Direction.TRANSMIT and is_open and forbids_remote
         if (
             allows_remote
             or value & EXTENDED_BITS

@@ -127,6 +127,7 @@ PERSONALITIES: Final[Mapping[PersonalityName, Personality]] = MappingProxyType(
 )
 
 
+_MEASURED: Final = ((Object.CURRENT, 0), (Object.POSITION_DEMAND, 0), (Object.FOLLOWING_ERROR, 0))
 EPOS4_MODULES: Final = (
     (5.0, 15.0, 0x61500000),
     (8.0, 30.0, 0x65510000),
@@ -137,6 +138,27 @@ their public EDS and DCF files."""
 HOMING_MODE_BIT: Final = 1 << 5
 CYCLIC_MODE_BITS: Final = 1 << 7 | 1 << 8 | 1 << 9
 """6502h: cyclic synchronous position, velocity and torque."""
+
+
+def standard(settings: DriveSettings) -> dict[Address, Value]:
+    """Return what a drive holds although its maker's EDS may leave it out, or its value."""
+    values: dict[Address, Value] = {
+        (Object.DEVICE_TYPE, 0): 402,
+        (Object.SYNC_COB_ID, 0): 0x080,
+        (Object.EMCY_COB_ID, 0): 0x080 + settings.node_id,
+    }
+    if settings.personality is PersonalityName.GENERIC:
+        temperature = PERSONALITIES[settings.personality].temperature_address
+        values |= dict.fromkeys((*commissioned(settings), *_MEASURED, temperature), 0)
+    return values
+
+
+def unit_factors(settings: DriveSettings) -> dict[Address, Value]:
+    """Return factors that make a position count one of the encoder: a file may leave them 0."""
+    counts = settings.counts_per_rev
+    encoder, gear, feed = Object.ENCODER_RESOLUTION, Object.GEAR_RATIO, Object.FEED_CONSTANT
+    revolutions = {(index, 2): 1 for index in (encoder, gear, feed)}
+    return {(encoder, 1): counts, (gear, 1): 1, (feed, 1): counts, **revolutions}
 
 
 def commissioned(settings: DriveSettings) -> dict[Address, Value]:

@@ -19,6 +19,7 @@ from drives.bringup.configurator import Configurator
 from drives.bringup.plan import plan
 from drives.bringup.steps import StepKind
 from drives.canopen.bus import Frame
+from drives.canopen.data_sheet import Variable
 from drives.canopen.sniffer import BusSniffer
 from drives.errors import BringUpRefused, DescriptionError, DriveSilent, SdoTimeout
 from drives.service.compare import expected_of, in_hex, read_with_plan, with_values
@@ -266,22 +267,21 @@ INTEGERS = sorted(datatypes.INTEGER_TYPES)
 
 @given(st.sampled_from(INTEGERS), st.integers(), st.binary(max_size=3))
 def test_numbers_mean_what_canopen_says_even_with_bytes_behind_them(kind, number, behind):
-    variable = ODVariable("any", 0x2000)
-    variable.data_type = kind
-    bits = len(variable)
+    theirs = ODVariable("any", 0x2000)
+    theirs.data_type = kind
+    bits = len(theirs)
     low = -(1 << (bits - 1)) if kind in datatypes.SIGNED_TYPES else 0
     value = low + number % (1 << bits)
-    data = variable.encode_raw(value)
+    data = theirs.encode_raw(value)
 
-    assert decoded(variable, data + behind) == variable.decode_raw(data) == value
+    ours = Variable(0x2000, 0, data_type=kind)
+    assert decoded(ours, data + behind) == theirs.decode_raw(data) == value
     assert int(in_hex(value, bits)[:-1], 16) == value % (1 << bits)
 
 
 def test_texts_floats_and_bytes_are_decoded_by_their_type():
     def of(kind, data):
-        variable = ODVariable("any", 0x2000)
-        variable.data_type = kind
-        return decoded(variable, data)
+        return decoded(Variable(0x2000, 0, data_type=kind), data)
 
     assert of(datatypes.VISIBLE_STRING, b"EPOS4 \x01\0rest") == "EPOS4 ?"
     assert of(datatypes.UNICODE_STRING, "é".encode("utf-16-le")) == "é"
@@ -339,7 +339,6 @@ def test_any_number_and_any_text_survive_a_dcf(tmp_path_factory, number, text):
     assert values == {(0x6064, 0): number, (0x1008, 0): name}
 
 
-@pytest.mark.filterwarnings("ignore:The 'warn' method:DeprecationWarning")  # canopen 2.4.1
 @pytest.mark.parametrize("content", [None, "", "no ini at all", "[6065]\nParameterName=x\n"])
 def test_a_file_that_is_no_dump_is_refused_by_its_name(tmp_path, content):
     path = tmp_path / "some.dcf"
@@ -358,7 +357,7 @@ def test_an_eds_is_no_dump():
 
 def test_only_settings_are_compared_with_an_eds_or_a_dump():
     dictionary = eds_of(plan_for())
-    places = {(variable.index, variable.subindex) for variable in settings(dictionary)}
+    places = {variable.address for variable in settings(dictionary)}
 
     assert (0x6065, 0) in places
     assert (0x1005, 0) in places
@@ -369,7 +368,7 @@ def test_a_fresh_drive_holds_its_eds_s_defaults_but_for_the_motor():
     desk = Desk()
     dictionary = eds_of(desk.plan)
     wanted = defaults(dictionary)
-    variables = [v for v in settings(dictionary) if desk.node.kinds.get((v.index, v.subindex))]
+    variables = [v for v in settings(dictionary) if desk.node.kinds.get(v.address)]
     entries = finished(read_objects(5, variables, desk.port))
 
     found = with_values(wanted, [e for e in entries if (e.index, e.sub) in wanted], "EDS default")
