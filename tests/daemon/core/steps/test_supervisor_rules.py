@@ -20,6 +20,7 @@ from gaitd_names import (
     Trigger,
 )
 from msgspec.structs import replace as replace_fields
+from step_inputs import a_core
 
 from daemon.core.exercises.hold import Hold
 from daemon.core.modes import latched_stop, table
@@ -441,6 +442,20 @@ def test_a_later_verdict_is_told_again_if_it_is_another_drive_s(bench):
     supervisor.stop(bench.core, SLIDE_OPENED, 123)
 
     assert bench.core.events == [cause_told(EventCode.FURTHER_CAUSE, SLIDE_OPENED)]
+
+
+@pytest.mark.parametrize("index", [0, 1])
+@pytest.mark.parametrize(
+    "cause", [Cause.MOVED_AGAINST_DRIVE, Cause.EFFORT_DEVIATION, Cause.TRACKING_LIMIT]
+)
+def test_only_a_drive_that_was_moved_against_must_slow_at_once(cause, index):
+    core = a_core(mode=Mode.STOPPING, verdict=OPENED, disabling=False, causes_reported=set())
+    verdict = Verdict(StopCategory.S1, cause, core.axes[index].name)
+
+    supervisor.stop(core, verdict, 123)
+
+    judged = [one == index and cause is Cause.MOVED_AGAINST_DRIVE for one in (0, 1)]
+    assert [axis.stop.must_slow for axis in core.axes] == judged
 
 
 @pytest.mark.parametrize(
