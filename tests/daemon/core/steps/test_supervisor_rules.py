@@ -410,6 +410,8 @@ def test_the_first_step_of_each_axis(bench, verdict, shown, alone, steps):
         (NOT_OBEYED, Verdict(StopCategory.S0, Cause.STO_ACTIVE, "right/hip"), False),
         (Verdict(StopCategory.S0, Cause.STO_ACTIVE, "right/hip"), JUMPED, False),
         (Verdict(StopCategory.S0, Cause.SIGN_WRONG, "right/hip"), JUMPED, False),
+        (Verdict(StopCategory.S0, Cause.VELOCITY_LIMIT, "right/hip"), JUMPED, False),
+        (Verdict(StopCategory.S2, Cause.STOP_REQUESTED), SHUTDOWN, False),
     ],
 )
 @pytest.mark.parametrize("mode", [Mode.STOPPING, Mode.FAULT])
@@ -515,6 +517,7 @@ RESTING_CAUSES = dict.fromkeys(sorted(LOST_DRIVE), Mode.OFF) | {
     Cause.TRANSMIT_QUEUE_FULL: Mode.OFF,
     Cause.BUS_OFF: Mode.FAULT,
     Cause.DRIVE_FAULT: Mode.FAULT,
+    Cause.VELOCITY_LIMIT: Mode.FAULT,
 }
 
 
@@ -674,18 +677,20 @@ def test_only_an_exercise_of_an_active_mode_ends(bench, monkeypatch):
     assert bench.core.events == []
 
 
-def test_an_exercise_advances_and_its_end_brakes_the_leg(bench, monkeypatch):
+@pytest.mark.parametrize("mode", [Mode.GAIT, Mode.TORQUE])
+def test_an_exercise_advances_and_its_end_brakes_the_leg(bench, monkeypatch, mode):
     core, (leg,) = bench.core, bench.core.legs
-    core.mode = Mode.GAIT
+    core.mode = mode
     bench.turn()
     before = leg.exercise
     assert before.elapsed_s == pytest.approx(core.config.period_s)
-    monkeypatch.setattr(exercises, "is_over", lambda core: core.mode == Mode.GAIT)
+    monkeypatch.setattr(exercises, "is_over", lambda core: core.mode == mode)
 
     bench.turn()
 
     assert leg.exercise.elapsed_s == 0.0
-    assert core.events == [mode_changed(Mode.GAIT, Mode.HOLD, Trigger.EXERCISE_OVER)]
+    assert core.events == [mode_changed(mode, Mode.HOLD, Trigger.EXERCISE_OVER)]
+    assert core.persistent.self_test is None
 
 
 # --- stops in time --------------------------------------------------------------------------------
@@ -871,8 +876,9 @@ def test_a_reset_without_a_sample_goes_on_and_ends_with_its_time(ready):
     assert left == [1, 0, 0, 0]
 
 
-def test_only_in_ready_a_reset_is_under_way(bench):
-    bench.core.reset_cycles_left = 9
+@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.REFERENCE])
+def test_only_in_ready_a_reset_is_under_way(bench, mode):
+    bench.core.mode, bench.core.reset_cycles_left = mode, 9
 
     bench.turn()
 
@@ -922,6 +928,7 @@ def test_a_step_of_bring_up_is_shown_until_the_mode_changes(bench):
         (None, Cause.DRIVE_POWERED),
         (NOTED, Cause.ENCODER_JUMP),
         (StoredVerdict("S2", "gateway_silent"), Cause.GATEWAY_SILENT),
+        (StoredVerdict("S2", "stop_requested"), Cause.STOP_REQUESTED),
         (StoredVerdict("S1", "last_end_unknown"), Cause.DRIVE_POWERED),
     ],
 )
