@@ -21,6 +21,7 @@ from gaitd_names import (
     Trigger,
 )
 from msgspec.structs import replace as replace_fields
+from step_inputs import a_core
 
 from daemon.core.exercises.hold import Hold
 from daemon.core.modes import latched_stop, table
@@ -410,6 +411,8 @@ def test_the_first_step_of_each_axis(bench, verdict, shown, alone, steps):
         (NOT_OBEYED, Verdict(StopCategory.S0, Cause.STO_ACTIVE, "right/hip"), False),
         (Verdict(StopCategory.S0, Cause.STO_ACTIVE, "right/hip"), JUMPED, False),
         (Verdict(StopCategory.S0, Cause.SIGN_WRONG, "right/hip"), JUMPED, False),
+        (Verdict(StopCategory.S0, Cause.VELOCITY_LIMIT, "right/hip"), JUMPED, False),
+        (Verdict(StopCategory.S2, Cause.STOP_REQUESTED), SHUTDOWN, False),
     ],
 )
 @pytest.mark.parametrize("mode", [Mode.STOPPING, Mode.FAULT])
@@ -442,6 +445,20 @@ def test_a_later_verdict_is_told_again_if_it_is_another_drive_s(bench):
     supervisor.stop(bench.core, SLIDE_OPENED, 123)
 
     assert bench.core.events == [cause_told(EventCode.FURTHER_CAUSE, SLIDE_OPENED)]
+
+
+@pytest.mark.parametrize("index", [0, 1])
+@pytest.mark.parametrize(
+    "cause", [Cause.MOVED_AGAINST_DRIVE, Cause.EFFORT_DEVIATION, Cause.TRACKING_LIMIT]
+)
+def test_only_a_drive_that_was_moved_against_must_slow_at_once(cause, index):
+    core = a_core(mode=Mode.STOPPING, verdict=OPENED, disabling=False, causes_reported=set())
+    verdict = Verdict(StopCategory.S1, cause, core.axes[index].name)
+
+    supervisor.stop(core, verdict, 123)
+
+    judged = [one == index and cause is Cause.MOVED_AGAINST_DRIVE for one in (0, 1)]
+    assert [axis.stop.must_slow for axis in core.axes] == judged
 
 
 @pytest.mark.parametrize(
@@ -501,6 +518,7 @@ RESTING_CAUSES = dict.fromkeys(sorted(LOST_DRIVE), Mode.OFF) | {
     Cause.TRANSMIT_QUEUE_FULL: Mode.OFF,
     Cause.BUS_OFF: Mode.FAULT,
     Cause.DRIVE_FAULT: Mode.FAULT,
+    Cause.VELOCITY_LIMIT: Mode.FAULT,
 }
 
 
@@ -661,18 +679,20 @@ def test_only_an_exercise_of_an_active_mode_ends(bench, monkeypatch):
     assert bench.core.events == []
 
 
-def test_an_exercise_advances_and_its_end_brakes_the_leg(bench, monkeypatch):
+@pytest.mark.parametrize("mode", [Mode.GAIT, Mode.TORQUE])
+def test_an_exercise_advances_and_its_end_brakes_the_leg(bench, monkeypatch, mode):
     core, (leg,) = bench.core, bench.core.legs
-    core.mode = Mode.GAIT
+    core.mode = mode
     bench.turn()
     before = leg.exercise
     assert before.elapsed_s == pytest.approx(core.config.period_s)
-    monkeypatch.setattr(exercises, "is_over", lambda core: core.mode == Mode.GAIT)
+    monkeypatch.setattr(exercises, "is_over", lambda core: core.mode == mode)
 
     bench.turn()
 
     assert leg.exercise.elapsed_s == 0.0
-    assert core.events == [mode_changed(Mode.GAIT, Mode.HOLD, Trigger.EXERCISE_OVER)]
+    assert core.events == [mode_changed(mode, Mode.HOLD, Trigger.EXERCISE_OVER)]
+    assert core.persistent.self_test is None
 
 
 # --- stops in time --------------------------------------------------------------------------------
@@ -858,8 +878,9 @@ def test_a_reset_without_a_sample_goes_on_and_ends_with_its_time(ready):
     assert left == [1, 0, 0, 0]
 
 
-def test_only_in_ready_a_reset_is_under_way(bench):
-    bench.core.reset_cycles_left = 9
+@pytest.mark.parametrize("mode", [Mode.HOLD, Mode.REFERENCE])
+def test_only_in_ready_a_reset_is_under_way(bench, mode):
+    bench.core.mode, bench.core.reset_cycles_left = mode, 9
 
     bench.turn()
 
@@ -909,6 +930,7 @@ def test_a_step_of_bring_up_is_shown_until_the_mode_changes(bench):
         (None, Cause.DRIVE_POWERED),
         (NOTED, Cause.ENCODER_JUMP),
         (StoredVerdict("S2", "gateway_silent"), Cause.GATEWAY_SILENT),
+        (StoredVerdict("S2", "stop_requested"), Cause.STOP_REQUESTED),
         (StoredVerdict("S1", "last_end_unknown"), Cause.DRIVE_POWERED),
     ],
 )
