@@ -27,6 +27,9 @@ def service():
             ("demo.toml", '"robot.toml"', '"robot_empty.toml"'),
             ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
             ("demo.toml", 'signs = "assumed"', 'signs = "proven"'),
+            # Each of three gaits is announced, and ramped up, in a fourth of the time.
+            ("demo.toml", "announce_s = 3.0", "announce_s = 0.5"),
+            ("demo.toml", "ramp_strides = 2", "ramp_strides = 1"),
         )
         service = Service(folder, configs, pace=5.0)
         try:

@@ -39,6 +39,8 @@ EMPTY = (
     ("plant.toml", '"robot.toml"', '"robot_empty.toml"'),
     ("demo.toml", 'signs = "assumed"', 'signs = "proven"'),
     ("demo.toml", 'required = "never"', 'required = "daily"'),
+    ("demo.toml", "announce_s = 3.0", "announce_s = 0.5"),
+    ("demo.toml", "ramp_strides = 2", "ramp_strides = 1"),
 )
 BEFORE = "[[patient.programme]]                  # pushes against a leg that is held still"
 LED = """[[patient.programme]]
