@@ -64,17 +64,20 @@ def sample(turn):
 
 def pytest_generate_tests(metafunc):
     if "part" in metafunc.fixturenames:
-        a_few = [pytest.param(part, id=part[0].mode) for part in parts(sample(turn()))]
+        # Of a mode together, so that its session is prepared once.
+        a_few = [
+            pytest.param(part, id=f"{part[0].mode}_sample")
+            for part in parts([*sample(turn()), *pairs.sample(SEED)])
+        ]
         every = [
             pytest.param(part, id=f"{part[0].mode}_{number}", marks=pytest.mark.thorough)
             for number, part in enumerate(parts(cells()))
         ]
-        two = [pytest.param(part, id=f"pairs_{part[0].mode}") for part in parts(pairs.sample(SEED))]
         all_pairs = [
             pytest.param(part, id=f"pairs_{part[0].mode}_{number}", marks=pytest.mark.thorough)
             for number, part in enumerate(parts(pairs.every(SEED)))
         ]
-        metafunc.parametrize("part", a_few + two + every + all_pairs)
+        metafunc.parametrize("part", a_few + every + all_pairs)
 
 
 @pytest.fixture
