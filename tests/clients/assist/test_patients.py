@@ -162,13 +162,16 @@ def is_helped_well(walk):
     does_not_chatter(walk)
 
 
-def test_a_passive_patient_is_carried_and_stays_near_the_gait(warm_gym):
-    walk = warm_gym.walk(of_ability(0.0), 9)
+def test_of_two_legs_the_passive_one_is_carried_near_the_gait_and_the_able_one_is_left_alone():
+    gym = Gym(config=CONFIGS / "two_legs.toml")
 
-    is_helped_well(walk)
-    stays_near(walk)
-    assert stiffness(walk)[-1] > 0.55
-    assert helped(walk)[-1, 0] > 0.02
+    able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 9)
+
+    is_left_alone(able)
+    is_helped_well(passive)
+    stays_near(passive)
+    assert stiffness(passive)[-1] > 0.55
+    assert helped(passive)[-1, 0] > 0.02
 
 
 def test_a_patient_with_one_weak_phase_is_helped_in_it_alone_and_stays_near_the_gait(warm_gym):
@@ -208,12 +211,6 @@ def test_a_patient_who_does_half_gets_less_help_than_a_passive_one(warm_gym):
     assert (helped(walk) < 0.005).all()
 
 
-def test_an_able_patient_is_left_alone(warm_gym):
-    walk = warm_gym.walk(of_ability(1.0), 7)
-
-    is_left_alone(walk)
-
-
 def test_friction_that_is_estimated_wrong_brings_no_assist(warm_lugre_gym):
     """The observer takes several newtons of LuGre friction for the patient."""
     is_left_alone(warm_lugre_gym.walk(of_ability(1.0), 7))
@@ -231,7 +228,7 @@ def test_a_leg_that_leads_is_not_braked_by_assist(warm_gym):
 def next_block(gym, answers, amplitude_ratio):
     """A passive patient's next four strides, after a pause."""
     gym.session.execute(RequestKind.MODE, ModeRequest(Mode.HOLD))
-    gym.session.run(8.0)
+    gym.session.run(2.0)
     gym.begin_gait(amplitude_ratio=amplitude_ratio)
     walk = gym.walk(of_ability(0.0), 4, answers)
     goes_on_unrefused(walk)
@@ -301,16 +298,6 @@ def test_a_slacking_patient_does_more_than_under_fixed_guidance(warm_gym):
         return elsewhere(warm_gym, lambda gym: share(gym.walk(Slacking(), 8, kind(controller()))))
 
     assert share_under(Answers) > 1.1 * share_under(Fixed)
-
-
-def test_two_legs_are_each_helped_as_they_need():
-    gym = Gym(config=CONFIGS / "two_legs.toml")
-
-    able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 9)
-
-    is_left_alone(able)
-    is_helped_well(passive)
-    stays_near(passive)
 
 
 def test_a_controller_that_fails_leaves_a_leg_that_is_braked_and_held(warm_gym):
