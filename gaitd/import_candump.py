@@ -1,6 +1,6 @@
 """`gaitd import-candump FILE`: a recorded bus as a recording for `gaitd replay`, and as a trace.
 
-Any format that python-can reads: candump -L (.log), Vector (.asc, .blf), PEAK (.trc), .csv. The
+candump -L (.log), Vector (.asc, .blf), PEAK (.trc), and python-can's .csv. The
 drives are those of the trainer file: its profiles and axis files say which objects and units they
 have. No bus and no service is needed. Exit codes: 0; 2 usage, configuration, or a file that gives
 no recording.
@@ -8,15 +8,12 @@ no recording.
 
 import csv
 import math
-import struct
-from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from drives.service.bus_recording import (
-    BusFrame,
     BusRecording,
     RecordedBusError,
     Row,
@@ -31,11 +28,8 @@ from gaitd.command_line import (
 )
 
 if TYPE_CHECKING:
-    import can
-
     from daemon.config.bundle import LegDrives
-
-FORMATS: Final = (".asc", ".blf", ".csv", ".log", ".trc")
+    from gaitd.frame_file import FrameFile
 
 
 def command(
@@ -60,6 +54,8 @@ def command(
         for path in (output, trace):
             if path is not None and path.exists() and path.samefile(recorded):
                 raise RecordedBusError(f"{path}: is the recorded file itself; name another file")
+        from gaitd.frame_file import FrameFile, FrameFileError
+
         frames = FrameFile(recorded)
         try:
             found = read_bus(frames, drives.hip, drives.slide)
@@ -67,6 +63,7 @@ def command(
             raise
         except RecordedBusError as error:
             raise RecordedBusError(f"{recorded}: {error}") from error
+        notes = (*frames.notes, *found.notes)
         _write_rows(found, output)
         if trace is not None:
             _write_trace(frames, found, trace)
@@ -74,9 +71,10 @@ def command(
         for line in told.values():
             print(line)
         print(f"{len(found.rows)} rows of the {drives.name} leg in {output}")
-        if frames.ignored_count:
-            print(f"{frames.ignored_count} extended, remote, error or CAN FD frames: not CANopen")
-        write({"rows": len(found.rows), "leg": drives.name, "output": str(output), **told})
+        for note in notes:
+            print(f"note: {note}")
+        made = {"rows": len(found.rows), "leg": drives.name, "output": str(output)}
+        write({**made, **told, "notes": notes})
 
 
 def _drives(config: Path, leg: str | None) -> "LegDrives":
@@ -88,55 +86,6 @@ def _drives(config: Path, leg: str | None) -> "LegDrives":
     return legs[leg or next(iter(legs))]
 
 
-class FrameFileError(RecordedBusError):
-    """A file cannot be read as frames; names it."""
-
-
-class FrameFile:
-    """The classic frames with 11-bit identifiers of a file; each pass reads it again."""
-
-    def __init__(self, path: Path) -> None:
-        """Raise FrameFileError for a name of no known format."""
-        if path.suffix.lower() not in FORMATS:
-            raise FrameFileError(f"{path}: its name must end in {', '.join(FORMATS)}")
-        self._path = path
-        self.ignored_count = 0
-
-    def __iter__(self) -> Iterator[BusFrame]:
-        """Raise FrameFileError where the file cannot be read, with the number of the frame."""
-        import can
-
-        self.ignored_count, count = 0, 0
-        before: can.Message | None = None
-        try:
-            with can.LogReader(self._path) as reader:
-                for one in reader:
-                    if before is not None and (wrong := _misplaced(before, one)):
-                        raise FrameFileError(f"{self._path}: frame {count + 1}: {wrong}")
-                    count, before = count + 1, one
-                    if one.is_extended_id or one.is_remote_frame or one.is_error_frame or one.is_fd:
-                        self.ignored_count += 1
-                    else:
-                        yield BusFrame(one.timestamp, one.arbitration_id, bytes(one.data))
-        except OSError as error:
-            raise FrameFileError(f"{self._path}: {error.strerror or error}") from error
-        except (ValueError, LookupError, TypeError, can.CanError, struct.error) as error:
-            # What the readers' parsing meets in a file of another content.
-            raise FrameFileError(
-                f"{self._path}: frame {count + 1}: {error}; allowed is what `candump -L can0` "
-                "writes, or another format that python-can reads"
-            ) from error
-
-
-def _misplaced(before: "can.Message", now: "can.Message") -> str:
-    """Why a frame cannot come after another one; empty if it can."""
-    if now.timestamp < before.timestamp:
-        return f"time goes back to {now.timestamp:.6f} s"
-    if now.channel != before.channel:
-        return f"it is of {now.channel}, the one before of {before.channel}: keep those of one bus"
-    return ""
-
-
 def _write_rows(found: BusRecording, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -146,7 +95,7 @@ def _write_rows(found: BusRecording, path: Path) -> None:
         )
 
 
-def _write_trace(frames: FrameFile, found: BusRecording, path: Path) -> None:
+def _write_trace(frames: "FrameFile", found: BusRecording, path: Path) -> None:
     """Lines of `candump -L` with T of the master and R of the drives, from time 0."""
     drives = found.hip.from_drive | found.slide.from_drive
     directions = dict.fromkeys(found.hip.to_drive | found.slide.to_drive, "T")

@@ -9,12 +9,16 @@ The frames may be those of any CANopen master. Rules:
 2.  What the drive says of its units (6076h and its brothers) counts before the axis file.
 3.  A SYNC begins a row; a sample belongs to the SYNC before it. A drive that does not answer leaves
     NaN. Rows before the first sample of both drives, and after the last one, are left out.
-4.  A TPDO whose length differs from its mapping is an error, not a guess. So is a sample from a
-    TPDO that the SDO traffic has made asynchronous: it is of no SYNC.
+4.  A TPDO whose length differs from its mapping is an error, not a guess. A sample from a TPDO
+    that the SDO traffic has made asynchronous is of no SYNC: it is left out, and an error if there
+    never was another one.
+5.  A boot-up message ends what the file has told of the drive's communication (CiA 301, 7.3.2.2).
+    Once a drive has been sampled, the profile says nothing of its mapping after a boot-up: its
+    TPDOs are left out, with a note, until the SDO traffic tells it again.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -44,6 +48,8 @@ _DOWNLOADED: Final = 0x60
 _EXPEDITED: Final = 0x02
 """Some masters leave the size out, and send four bytes (CiA 301, 7.2.4.3.3: s = 0)."""
 _SDO_BYTES: Final = 8
+_BOOT_UP: Final = b"\0"
+_COMMUNICATION_AREA: Final = range(0x1000, 0x2000)
 _COMMUNICATION: Final = (Object.TPDO, Object.TPDO_MAPPING)
 
 Place = tuple[int, int]
@@ -121,6 +127,14 @@ class Station:
     """A download that is not confirmed yet."""
     tpdo_ids: set[int] = field(default_factory=set[int])
     """Identifiers that its TPDOs have had."""
+    sampled: set[Place] = field(default_factory=set[Place])
+    """Objects that were in a synchronous TPDO when it came."""
+    booted_s: float | None = None
+    """Time of a boot-up message after samples, as in the file."""
+    left_out_count: int = 0
+    """TPDOs after it whose mapping is not known."""
+    asynchronous_count: int = 0
+    """TPDOs with position or torque that are of no SYNC."""
     position_counts: float = math.nan
     torque_count: float = math.nan
     """Sample of the present row, raw."""
@@ -155,6 +169,8 @@ class BusRecording(NamedTuple):
     slide: Station
     missing: tuple[int, int]
     """Rows without a position of hip and slide."""
+    notes: tuple[str, ...]
+    """What was left out, one line each."""
     others: dict[int, int]
     """Count of frames by identifier that are of neither drive: the master's, and other nodes'."""
 
@@ -202,7 +218,8 @@ def read_bus(
         raise RecordedBusError(_nothing_sampled(stations, len(raw)))
     kept = raw[sampled[0] : sampled[-1] + 1]
     missing = sum(math.isnan(row[1]) for row in kept), sum(math.isnan(row[3]) for row in kept)
-    return BusRecording(_in_si(kept, stations), *stations, missing, others)
+    notes = tuple(note for station in stations for note in _left_out(station))
+    return BusRecording(_in_si(kept, stations), *stations, missing, notes, others)
 
 
 def _route(station: Station, by_id: dict[int, Callable[[BusFrame], None]]) -> None:
@@ -225,13 +242,44 @@ def _route(station: Station, by_id: dict[int, Callable[[BusFrame], None]]) -> No
         station.frame_count += 1
 
     by_id[SDO_REQUEST_ID + node], by_id[SDO_ANSWER_ID + node] = request, answer
-    by_id[HEARTBEAT_ID + node] = by_id[EMERGENCY_ID + node] = count
+
+    def heartbeat(frame: BusFrame) -> None:
+        station.frame_count += 1
+        if frame.data == _BOOT_UP:
+            _boot(station, frame.time_s)
+            _route(station, by_id)
+
+    by_id[HEARTBEAT_ID + node], by_id[EMERGENCY_ID + node] = heartbeat, count
     for tpdo in station.tpdos:
 
         def sample(frame: BusFrame, tpdo: Tpdo = tpdo) -> None:
             _take_sample(station, tpdo, frame)
 
         by_id[tpdo.can_id] = sample
+
+
+def _left_out(station: Station) -> Iterator[str]:
+    """TPDOs that gave no sample, one line for each reason."""
+    node = station.node_id
+    if station.left_out_count:
+        yield (
+            f"{station.left_out_count} TPDOs of node {node} left out after its boot-up at "
+            f"{station.booted_s:.6f} s: a reset ends the mapping, and the file has no new one"
+        )
+    if station.asynchronous_count:
+        yield f"{station.asynchronous_count} TPDOs of node {node} left out: asynchronous then"
+
+
+def _boot(station: Station, time_s: float) -> None:
+    """Forget the communication parameters (rule 5)."""
+    station.values = {
+        place: value
+        for place, value in station.values.items()
+        if place[0] not in _COMMUNICATION_AREA
+    }
+    station.pending = None
+    if station.sampled:
+        station.booted_s = time_s
 
 
 def _take_request(station: Station, data: bytes) -> None:
@@ -310,7 +358,14 @@ def _tpdos(station: Station) -> tuple[Tpdo, ...]:
 
 def _take_sample(station: Station, tpdo: Tpdo, frame: BusFrame) -> None:
     station.frame_count += 1
+    source = station.description.profile.torque_source
+    places = (POSITION.index, POSITION.sub), (source.index, source.sub)
+    position, torque = (tpdo.part(place) for place in places)
     if not tpdo.is_synchronous:
+        station.asynchronous_count += position is not None or torque is not None
+        return
+    if station.booted_s is not None and not tpdo.of_recording:
+        station.left_out_count += 1
         return
     if len(frame.data) != tpdo.size:
         raise RecordedBusError(
@@ -318,12 +373,11 @@ def _take_sample(station: Station, tpdo: Tpdo, frame: BusFrame) -> None:
             f"{frame.time_s:.6f} s has {len(frame.data)} bytes, {_mapping(tpdo)} have {tpdo.size}: "
             "record from power-on, so that the mapping is in the file, or correct the profile"
         )
-    position = tpdo.part((POSITION.index, POSITION.sub))
     if position is not None:
+        station.sampled.add(places[0])
         station.position_counts = position.raw(frame.data, signed=True)
-    source = station.description.profile.torque_source
-    torque = tpdo.part((source.index, source.sub))
     if torque is not None:
+        station.sampled.add(places[1])
         station.torque_count = torque.raw(frame.data, signed=source.signed)
 
 
@@ -344,13 +398,15 @@ def _row(sync_s: float, stations: tuple[Station, Station]) -> tuple[float, ...]:
 
 
 def _check_sources(station: Station) -> None:
-    """Position and torque must be in a synchronous TPDO."""
+    """Position and torque must be in a synchronous TPDO, or have been."""
     source = station.description.profile.torque_source
     for ref, what in (
         ((POSITION.index, POSITION.sub), "the position"),
         ((source.index, source.sub), "the profile's torque_source"),
     ):
-        if not any(tpdo.is_synchronous and tpdo.part(ref) for tpdo in station.tpdos):
+        if ref not in station.sampled and not any(
+            tpdo.is_synchronous and tpdo.part(ref) for tpdo in station.tpdos
+        ):
             mapped = "; ".join(f"TPDO{one.number}: {_mapping(one)}" for one in station.tpdos)
             raise RecordedBusError(
                 f"node {station.node_id}: {ref[0]:04X}h:{ref[1]:02X}, {what}, is in no synchronous "

@@ -191,7 +191,7 @@ def test_nonsense_on_the_bus_ends_in_rows_or_in_an_error_of_its_own(frames):
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
-        ("torn.log", "(1.0) can0 080#\n(1.1) can0 18", "torn.log: frame 2"),
+        ("torn.log", "(1.0) can0 080#\n(1.1) can0 18", "none with samples of both drives"),
         ("back.log", "(2.0) can0 080#\n(1.0) can0 080#\n", "frame 2: time goes back to 1.000000 s"),
         (
             "two.log",

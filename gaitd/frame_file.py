@@ -1,0 +1,282 @@
+"""Frames of a recorded CAN bus, from the files of candump, Vector, PEAK and python-can.
+
+Rules:
+1.  What is left out is counted by its reason, in `FrameFile.notes`: error frames of the controller,
+    frames that are no CANopen, a last line or an end of a BLF that was torn off.
+2.  A line that cannot be read is an error with its number, unless it is the torn last one.
+3.  Frames whose times go back by up to a millisecond were swapped on their way into the file: they
+    are sorted by time, and counted. Times that go back further are an error.
+"""
+
+import re
+import struct
+import zlib
+from bisect import insort
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import can
+
+from drives.canopen.data_sheet import text_of
+from drives.service.bus_recording import BusFrame, RecordedBusError
+
+SWAP_MAX_S: Final = 1e-3
+"""Frames of one bus that reach a file in another order: the queues of a driver."""
+TRC_VERSIONS: Final = ("1.0", "1.1", "1.3", "2.0", "2.1")
+NO_CANOPEN: Final = "extended, remote or CAN FD frames: not CANopen"
+ERROR_FRAMES: Final = "error frames of the bus"
+SWAPPED: Final = f"frames stood out of order by less than {SWAP_MAX_S * 1e3:g} ms: sorted by time"
+TORN: Final = "last line without its end: left out"
+OTHER_LINES: Final = "lines with a time that are no frames, as statistics of the bus"
+_ERROR_FLAG: Final = 1 << 29
+_CANDUMP: Final = re.compile(r"\((\d+\.\d+)\)\s+(\S+)\s+([0-9A-Fa-f]{3,8})#(#?)(\w*)(?:\s+[RT])?")
+_ASC_TIMED: Final = re.compile(r"(-?\d+\.\d+)\s+(.*)")
+_ASC_FRAME: Final = re.compile(
+    r"(\d+)\s+([0-9A-Fa-f]+)(x?)\s+(?:Rx|Tx)\s+([dr])\s*([0-9A-Fa-f]*)(.*)", re.IGNORECASE
+)
+_ASC_OTHER: Final = re.compile(r"(?:CANFD\b|\d+\s+\S+\s+(?:Rx|Tx)\b)", re.IGNORECASE)
+_ASC_ERROR: Final = re.compile(r"(?:CANFD\s+)?\d+\s+(?:(?:Rx|Tx)\s+)?ErrorFrame", re.IGNORECASE)
+_ASC_BASE: Final = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I)
+_BLF_SIZE: Final = struct.Struct("<4sL8xQ")
+"""Signature, size of the header, and at 16 the size of the file."""
+
+
+class FrameFileError(RecordedBusError):
+    """A file cannot be read as frames; names it."""
+
+
+class _Frame(NamedTuple):
+    time_s: float
+    channel: str
+    can_id: int
+    data: bytes
+    reason: str = ""
+    """Why it is left out; empty for a frame of CANopen."""
+
+
+class _BadLineError(Exception):
+    """A line that is none of its format."""
+
+
+_Note = Callable[[str], None]
+
+
+class FrameFile:
+    """The classic frames with 11-bit identifiers of a file; each pass reads it again."""
+
+    def __init__(self, path: Path) -> None:
+        """Raise FrameFileError for a name of no known format."""
+        if path.suffix.lower() not in FORMATS:
+            raise FrameFileError(f"{path}: its name must end in {', '.join(FORMATS)}")
+        self._path = path
+        self._counts: Counter[str] = Counter()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out or changed in the last pass, with its count."""
+        return tuple(f"{count} {reason}" for reason, count in self._counts.items())
+
+    def __iter__(self) -> Iterator[BusFrame]:
+        """Raise FrameFileError where the file cannot be read, with the number of the line."""
+        self._counts.clear()
+        waiting: list[BusFrame] = []
+        newest_s = float("-inf")
+        for frame in self._of_one_bus():
+            if frame.time_s < newest_s:
+                if frame.time_s < newest_s - SWAP_MAX_S:
+                    raise self._error(f"time goes back to {frame.time_s:.6f} s")
+                self._counts[SWAPPED] += 1
+            newest_s = max(newest_s, frame.time_s)
+            insort(waiting, BusFrame(*frame[:1], *frame[2:4]), key=_time)
+            while waiting[0].time_s <= newest_s - SWAP_MAX_S:
+                yield waiting.pop(0)
+        yield from waiting
+
+    def _of_one_bus(self) -> Iterator[_Frame]:
+        channel: str | None = None
+        for frame in self._frames():
+            if frame.reason:
+                self._counts[frame.reason] += 1
+                continue
+            if channel not in (None, frame.channel):
+                wrong = f"it is of {frame.channel}, the one before of {channel}"
+                raise self._error(f"{wrong}: keep those of one bus")
+            channel = frame.channel
+            yield frame
+
+    def _frames(self) -> Iterator[_Frame]:
+        self._read_count = 0
+        try:
+            for frame in FORMATS[self._path.suffix.lower()](self._path, self._note):
+                self._read_count += 1
+                yield frame
+        except OSError as error:
+            raise FrameFileError(f"{self._path}: {error.strerror or error}") from error
+        except _BadLineError as error:
+            raise FrameFileError(f"{self._path}: {error}") from error
+
+    def _note(self, reason: str) -> None:
+        self._counts[reason] += 1
+
+    def _error(self, what: str) -> FrameFileError:
+        return FrameFileError(f"{self._path}: frame {self._read_count}: {what}")
+
+
+def _time(frame: BusFrame) -> float:
+    return frame.time_s
+
+
+# --- formats --------------------------------------------------------------------------------------
+
+
+def _whole_lines(path: Path, note: _Note) -> list[str]:
+    """Lines of a text; a last one without its end was torn off."""
+    lines = text_of(path.read_bytes()).split("\n")
+    if lines[-1].strip():
+        note(TORN)
+    return [line.strip() for line in lines[:-1]]
+
+
+def _candump(path: Path, note: _Note) -> Iterator[_Frame]:
+    for number, line in enumerate(_whole_lines(path, note), 1):
+        if not line:
+            continue
+        frame = _candump_frame(line)
+        if frame is None:
+            raise _BadLineError(
+                f"line {number}: {line[:60]!r}; allowed is what `candump -L can0` writes, as "
+                "(1700000000.000400) can0 185#3712"
+            )
+        yield frame
+
+
+def _candump_frame(line: str) -> _Frame | None:
+    match = _CANDUMP.fullmatch(line)
+    if match is None:
+        return None
+    time_text, channel, id_text, is_fd, payload = match.groups()
+    can_id = int(id_text, 16)
+    reason = ERROR_FRAMES if len(id_text) == 8 and can_id & _ERROR_FLAG else ""
+    if not reason and (len(id_text) != 3 or is_fd or payload[:1].upper() == "R"):
+        reason = NO_CANOPEN
+    try:
+        data = b"" if reason else bytes.fromhex(payload)
+    except ValueError:
+        return None
+    return _Frame(float(time_text), channel, can_id, data, reason)
+
+
+def _asc(path: Path, note: _Note) -> Iterator[_Frame]:
+    """Vector's text: a header of any program, then events with a time from the start."""
+    base, is_relative, now_s = 16, False, 0.0
+    for number, line in enumerate(_whole_lines(path, note), 1):
+        if (header := _ASC_BASE.match(line)) is not None:
+            base = 16 if header[1].lower() == "hex" else 10
+            is_relative = (header[2] or "").lower() == "relative"
+        elif (event := _ASC_TIMED.match(line)) is not None:
+            now_s = float(event[1]) + (now_s if is_relative else 0.0)
+            try:
+                frame = _asc_event(event[2], base, now_s)
+            except ValueError:
+                text = f"line {number}: {line[:60]!r}; allowed are bytes of base {base}"
+                raise _BadLineError(text) from None
+            if frame is not None:
+                yield frame
+            elif "start of measurement" not in line.lower():
+                note(OTHER_LINES)
+
+
+def _asc_event(text: str, base: int, time_s: float) -> _Frame | None:
+    """The frame of an event; None for another event."""
+    if _ASC_ERROR.match(text):
+        return _Frame(time_s, "", 0, b"", ERROR_FRAMES)
+    match = _ASC_FRAME.match(text)
+    if match is None:
+        return _Frame(time_s, "", 0, b"", NO_CANOPEN) if _ASC_OTHER.match(text) else None
+    channel, id_text, is_extended, kind, length, rest = match.groups()
+    if is_extended or kind.lower() == "r":
+        return _Frame(time_s, channel, 0, b"", NO_CANOPEN)
+    count = min(int(length, base), 8)
+    parts = rest.split()[:count]
+    if len(parts) < count:
+        raise ValueError(text)
+    return _Frame(time_s, channel, int(id_text, base), bytes(int(part, base) for part in parts))
+
+
+def _trc(path: Path, note: _Note) -> Iterator[_Frame]:
+    head = text_of(path.read_bytes()[:4096])
+    version = re.search(r"^;\$FILEVERSION=(\S+)", head, re.MULTILINE)
+    if version is not None and version[1] not in TRC_VERSIONS:
+        raise _BadLineError(f"it is TRC {version[1]}; allowed are {', '.join(TRC_VERSIONS)}")
+    yield from _by_library(path, note)
+
+
+def _blf(path: Path, note: _Note) -> Iterator[_Frame]:
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(_BLF_SIZE.size)
+    if len(head) == _BLF_SIZE.size:
+        _, _, told = _BLF_SIZE.unpack(head)
+        if told > size:
+            note(f"end torn off: {size} of {told} bytes are there, and the frames behind are lost")
+    yield from _by_library(path, note)
+
+
+def _by_library(path: Path, note: _Note) -> Iterator[_Frame]:
+    """Formats of python-can; what its readers meet in a file of another content is an error."""
+    count = 0
+    try:
+        with can.LogReader(path) as reader:
+            try:
+                for one in reader:
+                    count += 1
+                    yield _of_message(one)
+            except _BROKEN as error:
+                # behind the last whole frame: a torn line, or a BLF that ends within an object
+                is_text = path.suffix.lower() != ".blf"
+                if not count or (is_text and vars(reader)["file"].readline()):
+                    raise
+                note(TORN if is_text else f"end of the BLF that cannot be read ({_said(error)})")
+    except _BROKEN as error:
+        raise _BadLineError(
+            f"frame {count + 1}: {_said(error)}; allowed is a whole {path.suffix} file"
+        ) from error
+
+
+_BROKEN: Final = (
+    ValueError,
+    LookupError,
+    TypeError,
+    NotImplementedError,
+    EOFError,
+    struct.error,
+    zlib.error,
+    can.CanError,
+    can.io.blf.BLFParseError,
+)
+
+
+def _said(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _of_message(one: can.Message) -> _Frame:
+    reason = ""
+    if one.is_error_frame:
+        reason = ERROR_FRAMES
+    elif one.is_extended_id or one.is_remote_frame or one.is_fd:
+        reason = NO_CANOPEN
+    data = bytes(one.data or b"")
+    return _Frame(one.timestamp, str(one.channel), one.arbitration_id, data, reason)
+
+
+FORMATS: Final = {
+    ".asc": _asc,
+    ".blf": _blf,
+    ".csv": _by_library,
+    ".log": _candump,
+    ".trc": _trc,
+}
+"""Reader of each format, by the end of the file's name."""
