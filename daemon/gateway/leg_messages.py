@@ -28,8 +28,10 @@ class LegMessages:
         self._tremors: dict[str, LegTremor] = {}
         """By leg, of one core."""
         self._core_boot_id = ""
-        self._views: list[View] = []
+        self._views: list[tuple[View, LegTremor]] = []
         """Legs whose estimate has been published and whose other messages have not."""
+        self._published: list[tuple[View, LegTremor]] = []
+        """Legs whose messages have all been published."""
 
     def publish_estimates(
         self, records: Sequence[CycleRecord], core_boot_id: str, now_ns: int
@@ -43,17 +45,13 @@ class LegMessages:
             stamp = translate.stamp_of(core_boot_id, record)
             for leg in record.legs:
                 tremor = self._tremors.setdefault(leg.name, LegTremor())
-                self._put_estimate(translate.view_of(leg, record, stamp, tremor.now), now_ns)
+                view = translate.view_of(leg, record, stamp, tremor.now)
+                self._put_estimate(view, tremor, now_ns)
 
     def publish_others(self) -> None:
-        """Publish the other messages of the records whose estimates have been published.
-
-        Only now is a record added to the tremor, so that its estimate does not wait.
-        """
+        """Publish the other messages of the records whose estimates have been published."""
         views, self._views = self._views, []
-        for view in views:
-            tremor = self._tremors[view.leg.name]
-            tremor.add(view.common)
+        for view, tremor in views:
             for name, make in _LATER_MESSAGES:
                 parts = (view.leg.name, name)
                 self._outlet.put(make(view, self._outlet.next_seq(*parts)), *parts)
@@ -63,12 +61,19 @@ class LegMessages:
                     view.leg.stride, view, self._outlet.next_seq(*parts), tremor.end_stride()
                 )
                 self._outlet.put(message, *parts)
+        self._published += views
 
-    def _put_estimate(self, view: View, now_ns: int) -> None:
+    def follow_tremors(self) -> None:
+        """Add what has been published to the tremors, for the next messages: nothing waits."""
+        views, self._published = self._published, []
+        for view, tremor in views:
+            tremor.add(view.common)
+
+    def _put_estimate(self, view: View, tremor: LegTremor, now_ns: int) -> None:
         parts = (view.leg.name, "estimate")
         message = translate.estimate(view, self._outlet.next_seq(*parts))
         made_ns = self._clock.now_ns()
         self._outlet.put(message, *parts)
         if not self._views:
             self._health.add_estimate(made_ns - now_ns)
-        self._views.append(view)
+        self._views.append((view, tremor))

@@ -3,7 +3,8 @@
 The order within a turn: first read the new records and publish the estimates of the young ones
 (`publish_estimates`). Then (`turn`) publish the records' other messages and their events; check for
 the core's silence; take setpoints; take queries; answer what has an answer; send the gateway state;
-publish the messages that are due once a second. Nothing here blocks, and the time is an argument.
+publish the messages that are due once a second; look for tremor. Nothing here blocks, and the time
+is an argument.
 """
 
 from collections.abc import Callable, Sequence
@@ -132,6 +133,7 @@ class Gateway:
             seq = self._outlet.next_seq(wire.HEALTH)
             expiring = self._clients.expiring(self._clock.utc_ns())
             self._outlet.put(self.health.close(self._core.stamp, seq, expiring), wire.HEALTH)
+        self._legs.follow_tremors()
 
     def last_turn(self, now_ns: int, inquiries: Sequence[Inquiry], batch: Batch) -> None:
         """Read what had arrived when the loop ended: a stop counts, other requests are refused."""

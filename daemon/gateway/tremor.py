@@ -65,15 +65,15 @@ class Tremor(NamedTuple):
 class AxisTremor:
     """Tremor of one axis, cycle by cycle."""
 
-    def __init__(self, amplitude_min: float) -> None:
+    def __init__(self, amplitude_min: float, offset: int = 0) -> None:
         """Begin without any cycle.
 
         Args:
             amplitude_min: of an oscillation that counts, N·m or N.
+            offset: of the cycles in which windows end, less than HOP: axes take turns.
         """
-        self._amplitude_min = amplitude_min
+        self._amplitude_min, self._offset = amplitude_min, offset
         self._efforts: deque[float] = deque(maxlen=WINDOW + 1)
-        self._until_cycles = 0
         self._windows: deque[tuple[int, Tremor | None]] = deque(maxlen=REMEMBERED)
         self._newest: Tremor | None = None
         self._of_stride: list[Tremor | None] = []
@@ -83,15 +83,12 @@ class AxisTremor:
     def interrupt(self) -> None:
         """Begin a new window: a cycle was not valid, or is missing."""
         self._efforts.clear()
-        self._until_cycles = 0
         self.now = None
 
     def add(self, cycle: int, effort: float) -> None:
         """Take the patient's effort of a valid cycle, N·m or N."""
         self._efforts.append(effort)
-        self._until_cycles -= 1
-        if len(self._efforts) > WINDOW and self._until_cycles <= 0:
-            self._until_cycles = HOP
+        if len(self._efforts) > WINDOW and cycle % HOP == self._offset:
             self._windows.append((cycle, oscillation(list(self._efforts), self._amplitude_min)))
             self._newest = _common([one for at, one in self._windows if cycle - at <= KEPT_CYCLES])
             self._of_stride.append(self._newest)
@@ -110,7 +107,10 @@ class LegTremor:
 
     def __init__(self) -> None:
         """Begin without any cycle."""
-        self._axes = {name: AxisTremor(AMPLITUDE_MIN[name]) for name in JOINTS}
+        self._axes = {
+            name: AxisTremor(AMPLITUDE_MIN[name], index * HOP // len(JOINTS))
+            for index, name in enumerate(JOINTS)
+        }
         self._cycle: int | None = None
 
     def add(self, leg: Mapping[str, Any]) -> None:

@@ -6,6 +6,7 @@ from scipy.optimize import curve_fit
 
 from daemon.gateway.tremor import (
     AMPLITUDE_MIN,
+    HOP,
     KEPT_CYCLES,
     WINDOW,
     AxisTremor,
@@ -121,7 +122,7 @@ def test_windows_of_before_a_long_pause_do_not_count():
 
     axis.interrupt()
     begin = len(efforts) + KEPT_CYCLES
-    for cycle, effort in enumerate(efforts[: WINDOW + 1].tolist(), begin):
+    for cycle, effort in enumerate(efforts[: WINDOW + HOP].tolist(), begin):
         axis.add(cycle, effort)
 
     assert axis.now is None
@@ -159,7 +160,7 @@ def test_a_missing_cycle_begins_a_new_window(missing, expected):
 def test_estimate_activity_and_stride_have_the_tremor_of_a_core_and_not_of_the_next(
     bench, make_leg
 ):
-    for effort in wave(5.0, 2.6)[:300].tolist():
+    for effort in wave(5.0, 2.6)[:400].tolist():
         bench.cycle(legs=(make_leg(hip={"patient": effort}),))
     bench.cycle(legs=(make_leg(stride=stride(), slide={"validity": 1}),))
     messages = [bench.outlet.on(f"right/{name}")[-1] for name in ("estimate", "activity", "stride")]

@@ -15,6 +15,8 @@ WINDOW_NS = 4_000_000
         (CycleTiming(9_000_000, 4_000_000, 400_000, 0), CyclePart.WAKE_UP),
         (CycleTiming(100_000, 12_000_000, 400_000, 0), CyclePart.WINDOW),
         (CycleTiming(100_000, 4_100_000, 8_000_000, 0), CyclePart.WORK),
+        (CycleTiming(100_000, 4_100_000, 400_000, 0), CyclePart.WORK),
+        (CycleTiming(100_000, 4_200_000, 400_000, 0), CyclePart.WORK),
         (CycleTiming(100_000, 4_100_000, 400_000, 0, publish_ns=20_000_000), CyclePart.PUBLISH),
     ],
 )

@@ -21,6 +21,7 @@ from gaitd_names import (
     Trigger,
 )
 from msgspec.structs import replace as replace_fields
+from safety_inputs import CATEGORIES
 from step_inputs import a_core
 
 from daemon.core.exercises.hold import Hold
@@ -713,6 +714,23 @@ def test_a_drive_that_does_not_obey_is_taken_further_and_the_other_one_with_it(b
     assert bench.steps() == [QUICK, QUICK]
     assert core.events == [cause_told(EventCode.CAUSE_FOUND, verdict)]
     assert core.mode == mode
+
+
+@pytest.mark.parametrize(
+    ("step", "finding"),
+    [
+        (HOLD, Finding.NOT_HELD),
+        (QUICK, Finding.NOT_STOPPED),
+        (DISABLE, Finding.NOT_DISABLED),
+        (NMT, Finding.NOT_STOPPED_BY_NMT),
+    ],
+)
+def test_a_stop_that_is_not_obeyed_names_the_step_that_failed(step, finding):
+    core = a_core(verdict=Verdict(), config=SimpleNamespace(categories=CATEGORIES))
+
+    supervisor._report_stop_not_obeyed(core, core.axes[0], step)
+
+    assert (core.verdict.finding, core.disabling) == (finding, False)
 
 
 def test_a_stop_that_is_not_obeyed_does_not_replace_a_verdict_that_is_as_harsh(bench):
