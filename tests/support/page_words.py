@@ -18,7 +18,7 @@ FOREIGN = frozenset(
         "register restart ring server session software sto sync up",
         # of both languages, with the same meaning
         "alarm amplitude installation motor name neutral patient pause person plan position robot",
-        "sensor signal start stopp test training version",
+        "hz sensor signal start stopp test training tremor version",
     )
     for word in line.split()
 )

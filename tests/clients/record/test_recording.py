@@ -159,7 +159,6 @@ def test_another_program_reads_estimates_and_exports_a_recording_as_csv(publishe
 @pytest.mark.parametrize(
     "words",
     [
-        ("baseline", "--output", "made.txt"),
         ("delay",),
         ("calibrate", "--check"),
         ("replay", "--output", "made.txt"),

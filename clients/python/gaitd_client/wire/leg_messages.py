@@ -83,8 +83,8 @@ class AxisEstimate(msgspec.Struct, frozen=True, kw_only=True):
         float | None,
         of_joint(EFFORT, "Drive's effort as the observer used it: over the past cycle."),
     ]
-    tremor_frequency_hz: TremorHz
-    tremor_amplitude: TremorAmplitude
+    tremor_frequency_hz: TremorHz = None
+    tremor_amplitude: TremorAmplitude = None
     artificial: Annotated[
         float | None, of_joint(EFFORT, "Artificial disturbance: effort = measured - this.")
     ]
@@ -138,8 +138,8 @@ class AxisActivity(msgspec.Struct, frozen=True, kw_only=True):
     patient_power_w_std: Std
     net: Net
     net_std: EffortStd
-    tremor_frequency_hz: TremorHz
-    tremor_amplitude: TremorAmplitude
+    tremor_frequency_hz: TremorHz = None
+    tremor_amplitude: TremorAmplitude = None
 
 
 class Activity(Estimated, frozen=True, kw_only=True):
@@ -210,10 +210,10 @@ class AxisStride(msgspec.Struct, frozen=True, kw_only=True):
             description="Mean tremor of the stride; null unless it stood out in more than half of"
             " its valid parts of 1.28 s."
         ),
-    ]
+    ] = None
     tremor_amplitude: Annotated[
         float | None, of_joint(EFFORT, "Of the wave, mean of the stride; null as the frequency is.")
-    ]
+    ] = None
     coverage_ratio: Annotated[
         float,
         Meta(

@@ -81,6 +81,22 @@ class Run(SimpleNamespace):
         return self
 
 
+@pytest.mark.parametrize(
+    ("asks", "mode", "begins"),
+    [(True, Mode.GAIT, True), (False, Mode.GAIT, False), (True, Mode.TORQUE, False)],
+)
+def test_a_gait_with_a_passive_patient_begins_the_minute_of_each_leg(bench, asks, mode, begins):
+    core, (leg,) = bench.core, bench.core.legs
+    wanted = ModeRequest(mode, 0.25, 1.0, 80.0, baseline=asks)
+
+    supervisor._execute(core, Request(1, RequestKind.MODE, 7, wanted), 7, 0)
+
+    told = [event for event in core.events if event.code is EventCode.BASELINE_BEGUN]
+    assert told == ([Event(EventCode.BASELINE_BEGUN, "right")] if begins else [])
+    assert (leg.passive.strides is not None) is begins
+    assert leg.passive.growing_strides == (2 if begins else 0)
+
+
 def mode_changed(before, after, trigger):
     return Event(EventCode.MODE_CHANGED, "", (before, after, trigger))
 
