@@ -88,8 +88,12 @@ class FrameFile:
                 if frame.time_s < newest_s - SWAP_MAX_S:
                     raise self._error(f"time goes back to {frame.time_s:.6f} s")
                 self._counts[SWAPPED] += 1
-            newest_s = max(newest_s, frame.time_s)
-            insort(waiting, BusFrame(*frame[:1], *frame[2:4]), key=_time)
+            one = BusFrame(frame.time_s, frame.can_id, frame.data)
+            if frame.time_s >= newest_s:
+                newest_s = frame.time_s
+                waiting.append(one)
+            else:
+                insort(waiting, one, key=_time)
             while waiting[0].time_s <= newest_s - SWAP_MAX_S:
                 yield waiting.pop(0)
         yield from waiting
@@ -131,12 +135,14 @@ def _time(frame: BusFrame) -> float:
 # --- formats --------------------------------------------------------------------------------------
 
 
-def _whole_lines(path: Path, note: _Note) -> list[str]:
+def _whole_lines(path: Path, note: _Note) -> Iterator[str]:
     """Lines of a text; a last one without its end was torn off."""
-    lines = text_of(path.read_bytes()).split("\n")
-    if lines[-1].strip():
-        note(TORN)
-    return [line.strip() for line in lines[:-1]]
+    with path.open("rb") as file:
+        for line in file:
+            if line.endswith(b"\n"):
+                yield text_of(line).strip()
+            elif line.strip():
+                note(TORN)
 
 
 def _candump(path: Path, note: _Note) -> Iterator[_Frame]:
@@ -206,7 +212,7 @@ def _asc_event(text: str, base: int, time_s: float) -> _Frame | None:
 
 
 def _trc(path: Path, note: _Note) -> Iterator[_Frame]:
-    lines = _whole_lines(path, note)
+    lines = list(_whole_lines(path, note))
     head = "\n".join(line for line in lines if line.startswith(";"))
     version = re.search(r"^;\$FILEVERSION=(\S+)", head, re.MULTILINE)
     if version is not None and version[1] not in TRC_VERSIONS:
@@ -224,7 +230,7 @@ def _csv(path: Path, note: _Note) -> Iterator[_Frame]:
     yield from _of_library(path, can.CSVReader(_text(_whole_lines(path, note))))
 
 
-def _text(lines: list[str]) -> io.StringIO:
+def _text(lines: Iterable[str]) -> io.StringIO:
     return io.StringIO("".join(f"{line}\n" for line in lines))
 
 

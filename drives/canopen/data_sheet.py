@@ -30,6 +30,15 @@ _SIGNED_BITS: Final = {2: 8, 3: 16, 4: 32, 0x10: 24, 0x12: 40, 0x13: 48, 0x14: 5
 _UNSIGNED_BITS: Final = {5: 8, 6: 16, 7: 32, 0x16: 24, 0x18: 40, 0x19: 48, 0x1A: 56, 0x1B: 64}
 _INTEGER_BITS: Final = _SIGNED_BITS | _UNSIGNED_BITS
 _REAL_BITS: Final = {REAL32: 32, 0x11: 64}
+_TYPE_NAMES: Final = {
+    "BOOLEAN": BOOLEAN,
+    "REAL32": REAL32,
+    "VISIBLE_STRING": VISIBLE_STRING,
+    "UNICODE_STRING": UNICODE_STRING,
+    "DOMAIN": DOMAIN,
+    **{f"INTEGER{bits}": kind for kind, bits in _SIGNED_BITS.items()},
+    **{f"UNSIGNED{bits}": kind for kind, bits in _UNSIGNED_BITS.items()},
+}
 _TEXTS: Final = frozenset((VISIBLE_STRING, UNICODE_STRING))
 _STANDARD_TYPE_MAX: Final = 0x1B
 _VARIABLE: Final = 7
@@ -207,6 +216,8 @@ def read(path: Path, node_id: int) -> DataSheet:
 
 def text_of(data: bytes) -> str:
     """Decode a file; CiA 306 requires ASCII, and tools write what they like."""
+    if data.isascii():
+        return data.decode("ascii")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", errors="replace")
     try:
@@ -359,6 +370,8 @@ def _data_type(
     section: _Section, sections: Mapping[str, _Section], faults: list[Fault]
 ) -> int | None:
     """The data type; CANFestival's editor names a section that has it, such as [A0sub1]."""
+    if (named_type := _TYPE_NAMES.get(section.text("DataType").upper())) is not None:
+        return named_type
     kind = section.number("DataType", faults, 0)
     if kind > _STANDARD_TYPE_MAX:
         named = sections.get(f"{kind:x}sub1") or sections.get(f"{kind:04x}sub1")
