@@ -154,12 +154,20 @@ def read(path: Path, leg: str | None = None) -> Read:
     if own:
         status = values[:, len(COLUMNS)].astype(np.int64)
         first, first_step_s = _start(file, values)
+    robot, unused = None, ()
+    if about is not None:
+        try:
+            robot = _robot(file, about)
+        except RecordingError as error:
+            if own:
+                raise
+            unused = (("robot", f"not that of the file: {error}"),)
     return Read(
         recording(str(file), values[first:, : len(COLUMNS)], _place(file, first)),
-        None if about is None else _robot(file, about),
+        robot,
         name,
         status[first:],
-        () if about is None else tuple(_lines(about, end)),
+        (*(() if about is None else _lines(about, end)), *unused),
         first_step_s,
     )
 

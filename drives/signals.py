@@ -136,10 +136,19 @@ class DriveFeedback(NamedTuple):
     """The newest alarm, also where code 0000h has cleared it since."""
     temperature_overdue: bool = False
     """The drive has a temperature object, and it is not measured any more."""
+    error_code: int = 0
+    """603Fh of the newest TPDO3; 0 where it cannot be mapped, or an EMCY has told this code."""
+    error_text: str = ""
+    """Its meaning, by the profile and the standard."""
     reference_lost: bool = False
     """An EMCY since bring-up meant that the encoder position is no longer reliable."""
     news: tuple[tuple[Emergency, bool], ...] = ()
     """The newest EMCYs since the last window, each with True if it repeats an open code."""
+
+    @property
+    def fault_code(self) -> int:
+        """603Fh of a drive in fault, where no EMCY has told it; else 0."""
+        return self.error_code if self.in_fault else 0
 
     @property
     def in_fault(self) -> bool:

@@ -8,12 +8,13 @@ Rules:
     are sorted by time, and counted. Times that go back further are an error.
 """
 
+import io
 import re
 import struct
 import zlib
 from bisect import insort
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -36,7 +37,6 @@ _ASC_TIMED: Final = re.compile(r"(-?\d+\.\d+)\s+(.*)")
 _ASC_FRAME: Final = re.compile(
     r"(\d+)\s+([0-9A-Fa-f]+)(x?)\s+(?:Rx|Tx)\s+([dr])\s*([0-9A-Fa-f]*)(.*)", re.IGNORECASE
 )
-_ASC_OTHER: Final = re.compile(r"(?:CANFD\b|\d+\s+\S+\s+(?:Rx|Tx)\b)", re.IGNORECASE)
 _ASC_ERROR: Final = re.compile(r"(?:CANFD\s+)?\d+\s+(?:(?:Rx|Tx)\s+)?ErrorFrame", re.IGNORECASE)
 _ASC_BASE: Final = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I)
 _BLF_SIZE: Final = struct.Struct("<4sL8xQ")
@@ -88,8 +88,12 @@ class FrameFile:
                 if frame.time_s < newest_s - SWAP_MAX_S:
                     raise self._error(f"time goes back to {frame.time_s:.6f} s")
                 self._counts[SWAPPED] += 1
-            newest_s = max(newest_s, frame.time_s)
-            insort(waiting, BusFrame(*frame[:1], *frame[2:4]), key=_time)
+            one = BusFrame(frame.time_s, frame.can_id, frame.data)
+            if frame.time_s >= newest_s:
+                newest_s = frame.time_s
+                waiting.append(one)
+            else:
+                insort(waiting, one, key=_time)
             while waiting[0].time_s <= newest_s - SWAP_MAX_S:
                 yield waiting.pop(0)
         yield from waiting
@@ -131,12 +135,14 @@ def _time(frame: BusFrame) -> float:
 # --- formats --------------------------------------------------------------------------------------
 
 
-def _whole_lines(path: Path, note: _Note) -> list[str]:
+def _whole_lines(path: Path, note: _Note) -> Iterator[str]:
     """Lines of a text; a last one without its end was torn off."""
-    lines = text_of(path.read_bytes()).split("\n")
-    if lines[-1].strip():
-        note(TORN)
-    return [line.strip() for line in lines[:-1]]
+    with path.open("rb") as file:
+        for line in file:
+            if line.endswith(b"\n"):
+                yield text_of(line).strip()
+            elif line.strip():
+                note(TORN)
 
 
 def _candump(path: Path, note: _Note) -> Iterator[_Frame]:
@@ -194,7 +200,7 @@ def _asc_event(text: str, base: int, time_s: float) -> _Frame | None:
         return _Frame(time_s, "", 0, b"", ERROR_FRAMES)
     match = _ASC_FRAME.match(text)
     if match is None:
-        return _Frame(time_s, "", 0, b"", NO_CANOPEN) if _ASC_OTHER.match(text) else None
+        return _Frame(time_s, "", 0, b"", NO_CANOPEN) if text[:5].upper() == "CANFD" else None
     channel, id_text, is_extended, kind, length, rest = match.groups()
     if is_extended or kind.lower() == "r":
         return _Frame(time_s, channel, 0, b"", NO_CANOPEN)
@@ -206,11 +212,26 @@ def _asc_event(text: str, base: int, time_s: float) -> _Frame | None:
 
 
 def _trc(path: Path, note: _Note) -> Iterator[_Frame]:
-    head = text_of(path.read_bytes()[:4096])
+    lines = list(_whole_lines(path, note))
+    head = "\n".join(line for line in lines if line.startswith(";"))
     version = re.search(r"^;\$FILEVERSION=(\S+)", head, re.MULTILINE)
     if version is not None and version[1] not in TRC_VERSIONS:
         raise _BadLineError(f"it is TRC {version[1]}; allowed are {', '.join(TRC_VERSIONS)}")
-    yield from _by_library(path, note)
+    count = 0
+    for frame in _of_library(path, can.TRCReader(_text(lines))):
+        count += 1
+        yield frame
+    events = sum(1 for line in lines if line and not line.startswith(";"))
+    for _ in range(events - count):
+        note(OTHER_LINES)
+
+
+def _csv(path: Path, note: _Note) -> Iterator[_Frame]:
+    yield from _of_library(path, can.CSVReader(_text(_whole_lines(path, note))))
+
+
+def _text(lines: Iterable[str]) -> io.StringIO:
+    return io.StringIO("".join(f"{line}\n" for line in lines))
 
 
 def _blf(path: Path, note: _Note) -> Iterator[_Frame]:
@@ -221,24 +242,34 @@ def _blf(path: Path, note: _Note) -> Iterator[_Frame]:
         _, _, told = _BLF_SIZE.unpack(head)
         if told > size:
             note(f"end torn off: {size} of {told} bytes are there, and the frames behind are lost")
-    yield from _by_library(path, note)
+    try:
+        reader = can.BLFReader(path)
+    except _BROKEN as error:
+        raise _BadLineError(f"frame 1: {_said(error)}; allowed is a whole .blf file") from error
+    with reader:
+        count = 0
+        try:
+            for one in reader:
+                count += 1
+                yield _of_message(one)
+        except _BROKEN as error:
+            if not count:
+                raise _BadLineError(
+                    f"frame 1: {_said(error)}; allowed is a whole .blf file"
+                ) from error
+            note(f"end of the BLF that cannot be read ({_said(error)}): frames behind it are lost")
+        else:
+            if vars(reader)["_tail"].strip(b"\0"):
+                note("end torn off within an object: frames behind it are lost")
 
 
-def _by_library(path: Path, note: _Note) -> Iterator[_Frame]:
-    """Formats of python-can; what its readers meet in a file of another content is an error."""
+def _of_library(path: Path, reader: Iterable[can.Message]) -> Iterator[_Frame]:
+    """Frames of a reader of python-can; what it meets in a file of another content is an error."""
     count = 0
     try:
-        with can.LogReader(path) as reader:
-            try:
-                for one in reader:
-                    count += 1
-                    yield _of_message(one)
-            except _BROKEN as error:
-                # behind the last whole frame: a torn line, or a BLF that ends within an object
-                is_text = path.suffix.lower() != ".blf"
-                if not count or (is_text and vars(reader)["file"].readline()):
-                    raise
-                note(TORN if is_text else f"end of the BLF that cannot be read ({_said(error)})")
+        for one in reader:
+            count += 1
+            yield _of_message(one)
     except _BROKEN as error:
         raise _BadLineError(
             f"frame {count + 1}: {_said(error)}; allowed is a whole {path.suffix} file"
@@ -275,7 +306,7 @@ def _of_message(one: can.Message) -> _Frame:
 FORMATS: Final = {
     ".asc": _asc,
     ".blf": _blf,
-    ".csv": _by_library,
+    ".csv": _csv,
     ".log": _candump,
     ".trc": _trc,
 }

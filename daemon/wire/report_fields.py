@@ -48,6 +48,7 @@ EVENT_FIELDS: Final[Mapping[EventCode, tuple[str, ...]]] = {
     EventCode.LEASE_DROPPED: ("role",),
     EventCode.RELOAD_REFUSED: (),
     EventCode.REFERENCE_LOST: ("doubt",),
+    EventCode.ERROR_CODE_SHOWN: ("emcy_code",),
     EventCode.TEMPERATURE_OVERDUE: (),
     EventCode.TEMPERATURE_BACK: (),
     EventCode.CLONUS_BEGUN: (),

@@ -7,7 +7,8 @@ Master and virtual drives read a file with this module; tests hold it against py
     that is not UTF-8 is read as a Windows code page: only names can suffer from it.
 3.  A number that does not fit its object's data type is its bit pattern: 0xFF of an INTEGER8
     is -1. A number whose base is doubtful (`010`) is a fault.
-4.  Limits that leave no value, as 0x00 .. 0xFF of an INTEGER8, limit nothing, and are a fault.
+4.  Limits that leave no value, as 0x00 .. 0xFF of an INTEGER8, or that are wider than the type,
+    limit nothing, and are a fault.
 5.  Arrays and records by CompactSubObj are expanded; a section of a member wins.
 Lists of objects, dummies, comments and modules have no use here and are not read.
 """
@@ -29,6 +30,15 @@ _SIGNED_BITS: Final = {2: 8, 3: 16, 4: 32, 0x10: 24, 0x12: 40, 0x13: 48, 0x14: 5
 _UNSIGNED_BITS: Final = {5: 8, 6: 16, 7: 32, 0x16: 24, 0x18: 40, 0x19: 48, 0x1A: 56, 0x1B: 64}
 _INTEGER_BITS: Final = _SIGNED_BITS | _UNSIGNED_BITS
 _REAL_BITS: Final = {REAL32: 32, 0x11: 64}
+_TYPE_NAMES: Final = {
+    "BOOLEAN": BOOLEAN,
+    "REAL32": REAL32,
+    "VISIBLE_STRING": VISIBLE_STRING,
+    "UNICODE_STRING": UNICODE_STRING,
+    "DOMAIN": DOMAIN,
+    **{f"INTEGER{bits}": kind for kind, bits in _SIGNED_BITS.items()},
+    **{f"UNSIGNED{bits}": kind for kind, bits in _UNSIGNED_BITS.items()},
+}
 _TEXTS: Final = frozenset((VISIBLE_STRING, UNICODE_STRING))
 _STANDARD_TYPE_MAX: Final = 0x1B
 _VARIABLE: Final = 7
@@ -71,6 +81,8 @@ class Fault:
     key: str
     value: str
     allowed: str
+    is_harmless: bool = False
+    """True for a limit that limits nothing."""
 
     def __str__(self) -> str:
         """Section, key, value and what is allowed."""
@@ -153,8 +165,9 @@ class Variable:
         return self.access is not None and "w" in self.access
 
     def fault_in(self, *keys: str) -> Fault | None:
-        """The first fault of these keys."""
-        return next((fault for fault in self.faults if fault.key in keys), None)
+        """The first fault of these keys that leaves their meaning open."""
+        found = (one for one in self.faults if one.key in keys and not one.is_harmless)
+        return next(found, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,6 +216,8 @@ def read(path: Path, node_id: int) -> DataSheet:
 
 def text_of(data: bytes) -> str:
     """Decode a file; CiA 306 requires ASCII, and tools write what they like."""
+    if data.isascii():
+        return data.decode("ascii")
     if data.startswith((b"\xff\xfe", b"\xfe\xff")):
         return data.decode("utf-16", errors="replace")
     try:
@@ -335,7 +350,8 @@ def _variable(
     if low is not None and high is not None and low > high:
         written = section.text("HighLimit")
         allowed = f"a number above LowLimit={section.text('LowLimit')} in {bare.bits} bits"
-        faults.append(Fault(section.title, "limits", written, f"{allowed}: they limit nothing"))
+        text = f"{allowed}: they limit nothing"
+        faults.append(Fault(section.title, "HighLimit", written, text, is_harmless=True))
         low = high = None
     return replace(
         bare,
@@ -354,6 +370,8 @@ def _data_type(
     section: _Section, sections: Mapping[str, _Section], faults: list[Fault]
 ) -> int | None:
     """The data type; CANFestival's editor names a section that has it, such as [A0sub1]."""
+    if (named_type := _TYPE_NAMES.get(section.text("DataType").upper())) is not None:
+        return named_type
     kind = section.number("DataType", faults, 0)
     if kind > _STANDARD_TYPE_MAX:
         named = sections.get(f"{kind:x}sub1") or sections.get(f"{kind:04x}sub1")
@@ -366,8 +384,36 @@ def _data_type(
 def _limit(
     section: _Section, key: str, bare: Variable, node_id: int, faults: list[Fault]
 ) -> Number | None:
-    value = _value(section, key, bare, node_id, faults) if bare.bits else None
+    text = section.text(key)
+    if not bare.bits:
+        return None
+    if bare.is_integer and _is_wide(text, key, bare, node_id):
+        allowed = f"a number of {bare.bits} bits: it limits nothing"
+        faults.append(Fault(section.title, key, text, allowed, is_harmless=True))
+        return None
+    value = _value(section, key, bare, node_id, faults)
     return value if isinstance(value, int | float) else None
+
+
+def _is_wide(text: str, key: str, bare: Variable, node_id: int) -> bool:
+    """True for a limit beyond the type; a hexadecimal one may be a bit pattern (rule 3)."""
+    try:
+        number = integer(text, node_id)
+    except ValueError:
+        return False
+    lowest, highest = _range(bare)
+    if not (number > highest if key == "HighLimit" else number < lowest):
+        return False
+    try:
+        _fitted(number, bare)
+    except ValueError:
+        return True
+    return not text.lower().startswith("0x")
+
+
+def _range(bare: Variable) -> tuple[int, int]:
+    lowest = -(1 << bare.bits - 1) if bare.signed else 0
+    return lowest, lowest + (1 << bare.bits) - 1
 
 
 def _value(
@@ -398,7 +444,8 @@ def _of_type(text: str, bare: Variable, node_id: int) -> Value:
         return int(_SWITCH[text.lower()])
     if bare.bits:
         return _fitted(integer(text, node_id), bare)
-    return bytes.fromhex(text)
+    digits = text.lower().removeprefix("0x")
+    return bytes.fromhex("0" * (len(digits.replace(" ", "")) % 2) + digits)
 
 
 def _fitted(number: int, bare: Variable) -> int:
@@ -407,10 +454,10 @@ def _fitted(number: int, bare: Variable) -> int:
     Raises:
         ValueError: there is none.
     """
-    negative_min = -(1 << bare.bits - 1)
-    low = negative_min if bare.signed else 0
-    if low <= number < low + (1 << bare.bits):
+    lowest, highest = _range(bare)
+    if lowest <= number <= highest:
         return number
+    negative_min = -(1 << bare.bits - 1)
     for bits in (bare.bits, 32, 64):
         is_pattern = 1 << bits - 1 <= number < 1 << bits
         signed = number - (1 << bits) if is_pattern else number

@@ -72,6 +72,10 @@ class EmergencyLog:
         self._since_clear: set[int] = set()
         self._news: deque[tuple[Emergency, bool]] = deque(maxlen=NEWS_COUNT)
 
+    def has_told(self, code: int) -> bool:
+        """True if one of the newest messages has this code."""
+        return any(one.code == code for one in self.ring)
+
     def feed(self, data: bytes, now_ns: int) -> Emergency | None:
         """Take one EMCY frame; return it decoded, or None if it has the wrong length.
 

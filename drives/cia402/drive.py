@@ -28,6 +28,7 @@ from typing import Final
 from drives.canopen.bus import Frame
 from drives.canopen.bus_state import BusMonitor
 from drives.canopen.emcy import EMERGENCY_ID, EmergencyLog
+from drives.canopen.emcy_codes import meaning
 from drives.canopen.nmt import HEARTBEAT_ID, HeartbeatWatch
 from drives.canopen.sdo import SDO_ANSWER_ID, SDO_REQUEST_ID
 from drives.cia402.axis_file import InputBit
@@ -78,6 +79,7 @@ class Drive:
         self._temperature = None if uploaded is not None else profile.temperature
         self.upload = None if uploaded is None else TemperatureUpload(self.node_id, uploaded)
         self._maps_error_code = profile.pdo.error_code
+        self._codes = profile.emergency_codes
         self._input_bits = _input_bits(description)
         self._always_zero = profile.inputs_always_zero
         self._input_mask = sum(1 << bit.bit for _, bit in self._input_bits)
@@ -89,7 +91,7 @@ class Drive:
         self._mode_display = 0
         self._inputs = Input.NONE
         self._temperature_degc: float | None = None
-        self._error_code = 0
+        self._error_code, self._error_text = 0, ""
         self._windows_since_slow = 0
         # this window, not complete yet
         self._has_status = False
@@ -114,11 +116,6 @@ class Drive:
     def controlword(self) -> int:
         """Controlword of the last RPDO1."""
         return self._sent.controlword
-
-    @property
-    def error_code(self) -> int:
-        """603Fh of the newest TPDO3; 0 where it cannot be mapped."""
-        return self._error_code
 
     def handlers(self) -> dict[int, Handler]:
         """Handlers by identifier of the frames of this drive, and to its SDO server."""
@@ -153,7 +150,8 @@ class Drive:
         self._has_status = self._has_torque = False
         self._windows_since_slow += 1
         if self._is_slow_overdue():
-            self._temperature_degc, self._error_code = None, 0
+            self._temperature_degc = None
+            self._error_code, self._error_text = 0, ""
         return self._feedback(now_ns, fresh=fresh, news=self.emergencies.take_news())
 
     def peek(self, now_ns: int) -> DriveFeedback:
@@ -191,9 +189,15 @@ class Drive:
                 if upload is not None
                 else self._temperature is not None and self._is_slow_overdue()
             ),
+            error_code=self._untold_error_code(),
+            error_text=self._error_text,
             reference_lost=self.emergencies.reference_lost,
             news=news,
         )
+
+    def _untold_error_code(self) -> int:
+        code = self._error_code
+        return code if code and not self.emergencies.has_told(code) else 0
 
     def _is_slow_overdue(self) -> bool:
         """True if TPDO3 is overdue, counted in windows: without SYNC none is due."""
@@ -248,8 +252,9 @@ class Drive:
             values = self._pdos.slow.codec.unpack(data)
             if self._temperature is not None:
                 self._temperature_degc = values[0] * self._temperature.degc_per_count
-            if self._maps_error_code:
+            if self._maps_error_code and values[-1] != self._error_code:
                 self._error_code = values[-1]
+                self._error_text = meaning(self._error_code, self._codes).text
         return False
 
     def _on_emergency(self, data: bytes, now_ns: int, _in_window: bool) -> bool:
@@ -348,7 +353,7 @@ def _input_bits(description: DriveDescription) -> tuple[tuple[Input, InputBit], 
 
 def _decode_inputs(bits: int, input_bits: tuple[tuple[Input, InputBit], ...]) -> Input:
     inputs = Input.NONE
-    for meaning, bit in input_bits:
+    for one, bit in input_bits:
         if (bits >> bit.bit) & 1 == bit.level:
-            inputs |= meaning
+            inputs |= one
     return inputs

@@ -183,12 +183,13 @@ def kept_text(text: str) -> str:
 
 
 def write_dcf(entries: tuple[Entry, ...], sheet: DataSheet, node_id: int, file: TextIO) -> None:
-    """Write what was read as a DCF."""
+    """Write what was read as a DCF; a number that came with a wrong length has no value there."""
     read = {(entry.index, entry.sub): entry.value for entry in entries}
-    held = {
-        address: replace(variable, value=read.get(address))
-        for address, variable in sheet.variables.items()
-    }
+    held: dict[Address, Variable] = {}
+    for address, variable in sheet.variables.items():
+        value = read.get(address)
+        fits = not variable.bits or not isinstance(value, str)
+        held[address] = replace(variable, value=value if fits else None)
     data_sheet.write_dcf(replace(sheet, variables=held), node_id, file)
 
 

@@ -49,6 +49,7 @@ SAME = [
     ("no object type", b"ObjectType=0x7\nDataType=0x0007", b"DataType=0x0007"),
     ("a comment behind", b"DataType=0x0002", b"DataType=0x0002 ; INTEGER8"),
     ("a comment close behind", b"DataType=0x0002", b"DataType=0x0002;INTEGER8"),
+    ("a data type by its name", b"DataType=0x0002", b"DataType=Integer8"),
     ("h behind", b"DataType=0x0002", b"DataType=02h"),
     ("GBK", b"ParameterName=Controlword", "ParameterName=控制字".encode("gbk")),
     ("Shift-JIS", b"ParameterName=Controlword", "ParameterName=制御語".encode("shift-jis")),
@@ -109,7 +110,7 @@ USED = [
     ("6085", "DataType", "0x07 0x08"),
     ("6085", "LowLimit", "low"),
     ("6085", "HighLimit", "010"),
-    ("605A", "HighLimit", "0x12345"),
+    ("605A", "HighLimit", "-0x12345"),
     ("6085", "AccessType", "any"),
     ("6041", "PDOMapping", "perhaps"),
     ("1018sub1", "DefaultValue", "maxon"),
@@ -135,10 +136,10 @@ UNUSED = [
     (b"AccessType=", "AccessType", ""),
     (b"AccessType=perhaps", "AccessType", "perhaps"),
     (b"AccessType=ro\nDataType=", "DataType", ""),
-    (b"AccessType=ro\nDataType=UNSIGNED16", "DataType", "UNSIGNED16"),
+    (b"AccessType=ro\nDataType=UNSIGNED12", "DataType", "UNSIGNED12"),
     (b"AccessType=ro\nDataType=6\nDefaultValue=n/a", "DefaultValue", "n/a"),
     (b"AccessType=ro\nDataType=6\nPDOMapping=2;\nPDOMapping=1", "PDOMapping", "1"),
-    (b"AccessType=ro\nDataType=6\nLowLimit=9\nHighLimit=3", "limits", "3"),
+    (b"AccessType=ro\nDataType=6\nLowLimit=9\nHighLimit=3", "HighLimit", "3"),
     (b"AccessType=ro\nDataType=6\nCompactSubObj=many", "CompactSubObj", "many"),
     (b"AccessType=ro\nDataType=6\nhere nothing is said", "here nothing is said", ""),
 ]
@@ -165,6 +166,9 @@ LIMITS = [
     (0x06, "9", "3", (None, None), 1),
     (0x07, "0", "-1", (0, 2**32 - 1), 0),
     (0x05, "0", "0xFFF", (0, None), 1),
+    (0x06, "0", "65536", (0, None), 1),
+    (0x03, "-40000", "40000", (None, None), 2),
+    (0x07, "-5", "5", (None, 5), 1),
     (0x08, "-1.5", "1.5", (-1.5, 1.5), 0),
     (0x09, "0", "12", (None, None), 0),
 ]
@@ -195,6 +199,7 @@ def of(*lines):
         (0x11, "1e-3", struct.pack("<d", 1e-3)),
         (0x01, "TRUE", b"\1"),
         (0x0A, "01FE", b"\x01\xfe"),
+        (0x0F, "0x0", b"\0"),
     ],
 )
 def test_a_default_is_compared_as_the_drive_holds_it(kind, written, held):

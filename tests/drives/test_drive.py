@@ -244,7 +244,18 @@ def test_slow_values_come_when_they_come():
 
     assert feedback.temperature_degc == pytest.approx(41.5)
     assert feedback.late_count == 0
-    assert group.drives[0].error_code == 0x8611
+    assert (feedback.error_code, feedback.error_text) == (0x8611, "following error")
+
+
+def test_an_error_code_that_an_emcy_has_told_is_told_no_more():
+    group = mapped()
+    emcy = Frame(0x085, struct.pack("<HB5x", 0x8611, 0x21))
+
+    group.feed_between([Frame(0x385, struct.pack("<hH", 415, 0x8611)), emcy], NOW)
+    feedback = window(group, sample())
+
+    assert feedback.error_code == 0
+    assert feedback.emergency.code == 0x8611
 
 
 def test_slow_values_are_unknown_once_three_of_them_stayed_away_and_known_again_with_the_next():
@@ -259,7 +270,7 @@ def test_slow_values_are_unknown_once_three_of_them_stayed_away_and_known_again_
 
     assert [one.temperature_degc is None for one in told] == [False] * 30 + [True] * 2
     assert [one.temperature_overdue for one in told] == [False] * 30 + [True] * 2
-    assert group.drives[0].error_code == 0
+    assert told[-1].error_code == 0
     # Of another length it tells nothing; and windows that were left out do not count.
     for data in (b"\1", bytes(8)):
         group.feed_between([slow._replace(data=data)], NOW)
@@ -466,5 +477,5 @@ def test_the_slow_pdo_is_decoded_as_the_drive_has_it(temperature, error_code, da
     feedback = group.end_of_window(1, NOW)[0]
 
     assert feedback.temperature_degc == (shown[0] and pytest.approx(shown[0]))
-    assert one.error_code == shown[1]
+    assert feedback.error_code == shown[1]
     assert feedback.protocol_error_count == 0

@@ -314,6 +314,12 @@ def test_a_dump_kept_in_a_dcf_is_read_again_value_for_value(tmp_path):
     assert values[0x6064, 0] == -4096
 
 
+def test_what_a_drive_answers_with_a_wrong_length_spoils_no_dump(tmp_path):
+    entries = (Entry(0x6065, 0, "", "0102ff"), Entry(0x1008, 0, "", "EPOS4"))
+
+    assert read_dcf(str(kept(entries, tmp_path)), 5) == {(0x1008, 0): "EPOS4"}
+
+
 def test_canopen_reads_our_dcf_with_node_id_and_defaults(tmp_path):
     entries = (Entry(0x6065, 0, "", 1234, 32), Entry(0x1008, 0, "", "EPOS4 50/5"))
 

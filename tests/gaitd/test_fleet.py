@@ -34,6 +34,7 @@ from tests.observer.trainer import PATIENT, encoded, gait, simulate
 
 ROBOT = CONFIGS / "robot.toml"
 CSV_COUNT = 4
+PUBLIC = Path(__file__).parent / "public_cases/five_columns.parquet"
 FLEET_PAGE = CONFIGS.parent / "docs" / "fleet.md"
 
 
@@ -158,6 +159,7 @@ def test_all_files_of_a_folder_are_recordings_or_named(five_columns, tmp_path):
     mixed.mkdir()
     table = pq.read_table(five_columns)
     pq.write_table(table, mixed / "day0.parquet")
+    shutil.copy(PUBLIC, mixed / "day2.parquet")  # its robot is one of an older version
     pq.write_table(table.replace_schema_metadata(None), mixed / "day1.PARQUET")
     (mixed / "notes.txt").write_text("none")
 
@@ -166,7 +168,7 @@ def test_all_files_of_a_folder_are_recordings_or_named(five_columns, tmp_path):
         *("--workers", 1),
     )
 
-    assert "2 made, 0 kept, 0 failed" in ended.out
+    assert "3 made, 0 kept, 0 failed" in ended.out
     assert f"{mixed}/notes.txt: left out" in ended.out
     assert ended.code == 0
 

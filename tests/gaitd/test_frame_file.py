@@ -12,7 +12,12 @@ import pytest
 from command_line import gaitd
 from sessions import CONFIGS
 
+from daemon.preflight.load import load
+from drives.service.bus_recording import RecordedBusError, read_bus
+from gaitd.frame_file import FrameFile
+
 TRAINER = CONFIGS / "demo.toml"
+LEG = load(TRAINER).legs[0]
 CASES = Path(__file__).parent / "public_cases"
 BASE = (CASES / "candump_bus_error_frame.log").read_text().splitlines(keepends=True)
 PLAIN = "".join(line for line in BASE if " 20000088#" not in line)
@@ -20,9 +25,11 @@ ASC = (CASES / "umlaut.asc").read_bytes()
 TRC = ";$FILEVERSION={}\n;$STARTTIME=45000.5\n;$COLUMNS=N,O,T,I,d,l,D\n{}"
 
 
-def imported(path, tmp_path):
-    written = tmp_path / "out.csv"
-    return gaitd("import-candump", path, "--config", TRAINER, "--output", written, "--json")
+def imported(path):
+    """Count of rows, and the notes."""
+    frames = FrameFile(path)
+    found = read_bus(frames, LEG.hip, LEG.slide)
+    return len(found.rows), [*frames.notes, *found.notes]
 
 
 def trc(version):
@@ -101,6 +108,8 @@ FILES = {
         ["1 extended, remote or CAN FD"],
     ),
     "plain.trc": (trc("2.0"), []),
+    "torn.trc": (trc("2.0") + "9999 400.0 DT 0185 Rx 7 37", ["1 last line without its end"]),
+    "error.trc": (trc("2.0") + "9999 400.0 ER - Rx 5 04\n", ["1 lines with a time that are no"]),
 }
 CASES_READ = {
     "candump_bus_error_frame.log": ["1 error frames of the bus"],
@@ -120,52 +129,71 @@ def files(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", [*FILES, *CASES_READ])
-def test_all_forty_rows_come_out_and_what_was_left_out_is_told(name, files, tmp_path):
+def test_all_forty_rows_come_out_and_what_was_left_out_is_told(name, files):
     path = CASES / name if name in CASES_READ else files / name
-    notes = CASES_READ[name] if name in CASES_READ else FILES[name][1]
+    told = CASES_READ[name] if name in CASES_READ else FILES[name][1]
 
-    ended = imported(path, tmp_path)
+    rows, notes = imported(path)
 
-    assert ended.code == 0, ended.err
+    assert rows == 40
+    assert len(notes) == len(told), notes
+    assert all(part in note for part, note in zip(told, notes, strict=True)), notes
+
+
+def test_the_command_tells_what_was_left_out(tmp_path):
+    path, written = CASES / "candump_bus_error_frame.log", tmp_path / "out.csv"
+
+    ended = gaitd("import-candump", path, "--config", TRAINER, "--output", written, "--json")
+
+    assert ended.code == 0
     told = json.loads(ended.out)
-    assert told["rows"] == 40
-    assert [note in one for note, one in zip(notes, told["notes"], strict=True)].count(False) == 0
+    assert (told["rows"], told["notes"]) == (40, ["1 error frames of the bus"])
+    assert "note: 1 error frames of the bus" in ended.err
 
 
-def blf(folder):
-    path = folder / "whole.blf"
+def messages():
+    for line in PLAIN.splitlines():
+        stamp, _, frame = line.split()
+        can_id, _, data = frame.partition("#")
+        yield can.Message(
+            timestamp=float(stamp[1:-1]),
+            arbitration_id=int(can_id, 16),
+            data=bytes.fromhex(data),
+            is_extended_id=False,
+            channel=0,
+        )
+
+
+@pytest.mark.parametrize("suffix", [".asc", ".blf", ".csv", ".log", ".trc"])
+def test_what_python_can_writes_is_read_whole(suffix, tmp_path):
+    path = tmp_path / f"whole{suffix}"
     with can.Logger(path) as logger:
-        for line in PLAIN.splitlines():
-            stamp, _, frame = line.split()
-            can_id, _, data = frame.partition("#")
-            logger(
-                can.Message(
-                    timestamp=float(stamp[1:-1]),
-                    arbitration_id=int(can_id, 16),
-                    data=bytes.fromhex(data),
-                    is_extended_id=False,
-                    channel=0,
-                )
-            )
-    return path
+        for message in messages():
+            logger(message)
+
+    rows, notes = imported(path)
+
+    assert rows == 40
+    assert notes == []
 
 
-def test_a_whole_blf_is_read_and_half_of_one_never_without_a_word(tmp_path):
-    path = blf(tmp_path)
+@pytest.mark.parametrize("is_told", [True, False])
+@pytest.mark.parametrize("part", [0.05, 0.3, 0.5, 0.9, 0.99])
+def test_half_of_a_blf_is_never_read_without_a_word(part, is_told, tmp_path):
+    path = tmp_path / "half.blf"
+    with can.Logger(path) as logger:
+        for message in messages():
+            logger(message)
     data = path.read_bytes()
+    data = data if is_told else data[:16] + bytes(8) + data[24:]  # a logger that was killed
+    path.write_bytes(data[: round(part * len(data))])
 
-    whole = imported(path, tmp_path)
-
-    assert (whole.code, json.loads(whole.out)["notes"]) == (0, [])
-    assert json.loads(whole.out)["rows"] == 40
-    for part in (0.05, 0.3, 0.5, 0.9, 0.99):
-        path.write_bytes(data[: round(part * len(data))])
-        ended = imported(path, tmp_path)
-        assert "Traceback" not in ended.err
-        if ended.code == 0:
-            assert "end torn off" in " ".join(json.loads(ended.out)["notes"])
-        else:
-            assert "whole.blf" in ended.err
+    try:
+        _, notes = imported(path)
+    except RecordedBusError as error:
+        assert str(error)
+    else:
+        assert any("torn off" in note or "cannot be read" in note for note in notes)
 
 
 REFUSED = {
@@ -187,9 +215,9 @@ def test_what_cannot_be_read_is_refused_in_one_line(name, tmp_path):
     if text is not None:
         path.write_text(text, encoding="utf-8")
 
-    ended = imported(path, tmp_path)
+    with pytest.raises(RecordedBusError) as refused:
+        imported(path)
 
-    assert ended.code == 2
-    assert words in ended.err, ended.err
-    assert ended.err.count("\n") == 1
-    assert not (tmp_path / "out.csv").exists()
+    assert words in str(refused.value)
+    assert name in str(refused.value)
+    assert "\n" not in str(refused.value)

@@ -46,6 +46,17 @@ def test_without_an_output_the_estimates_lie_beside_the_recording(recorded, tmp_
     assert "configs/robot.toml" in ran.out
 
 
+def test_a_table_of_the_five_columns_is_replayed_though_its_robot_is_of_an_older_version(tmp_path):
+    file = Path(__file__).parent / "public_cases/five_columns.parquet"
+
+    ran = gaitd("replay", file, "--output", tmp_path / "out.csv", folder=tmp_path)
+
+    assert ran.code == 0, ran.err
+    assert "1500 rows" in ran.out
+    assert "robot        not that of the file:" in ran.out
+    assert "configs/robot.toml" in ran.out
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [

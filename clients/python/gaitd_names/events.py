@@ -33,6 +33,8 @@ class EventCode(StrEnum):
     RELOAD_REFUSED = auto()
     # axes
     REFERENCE_LOST = auto()
+    ERROR_CODE_SHOWN = auto()
+    """A drive in fault shows 603Fh, and no EMCY has told this code."""
     TEMPERATURE_OVERDUE = auto()
     TEMPERATURE_BACK = auto()
     CLONUS_BEGUN = auto()

@@ -103,8 +103,12 @@ class Finding(StrEnum):
     """The value is the drive's NMT state (CiA 301)."""
     POWER_STATE = auto()
     """The value is the drive's power state (`drives.signals.PowerState`)."""
+    NEVER_ENABLED = auto()
+    """The drive has not become enabled; the value is its power state."""
     EMCY = auto()
     """The value is the code of the drive's message."""
+    ERROR_CODE = auto()
+    """The value is 603Fh of a drive that sent no message with a code."""
     ANGLE_OF_SHOE = auto()
     """Sine of the angle between shank and shoe."""
     ANGLE_ON_WAY_TO_REST = auto()

@@ -245,9 +245,11 @@ def _fault(axis: AxisInputs, _: Thresholds) -> Iterator[Reason]:
     feedback = axis.feedback
     if feedback.in_fault:
         code, text = axis.bring_up_error
+        if feedback.error_code:
+            code, text = feedback.error_code, feedback.error_text
+        finding = Finding.ERROR_CODE if code else Finding.NO_EMCY
         if (sent := feedback.alarm or feedback.emergency) is not None:
-            code, text = sent.code, sent.text
-        finding = Finding.EMCY if code else Finding.NO_EMCY
+            code, text, finding = sent.code, sent.text, Finding.EMCY
         yield Reason(Cause.DRIVE_FAULT, float(code), 0.0, finding, text)
     if axis.new_emergency and feedback.alarm is not None:
         code, text = feedback.alarm.code, feedback.alarm.text
@@ -288,9 +290,8 @@ def _power(axis: AxisInputs, thresholds: Thresholds) -> Iterator[Reason]:
     limit_cycles = axis.limits.enable_max_cycles
     late = axis.unready_cycles > limit_cycles
     if not enabled and (axis.reached_enabled or stopping or late):
-        yield Reason(
-            Cause.DRIVE_LEFT_ENABLED, float(feedback.power_state), 0.0, Finding.POWER_STATE
-        )
+        finding = Finding.POWER_STATE if axis.reached_enabled else Finding.NEVER_ENABLED
+        yield Reason(Cause.DRIVE_LEFT_ENABLED, float(feedback.power_state), 0.0, finding)
         return
     if axis.reached_enabled:
         limit_cycles = thresholds.mode_switch_cycles

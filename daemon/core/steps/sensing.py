@@ -102,12 +102,18 @@ def sense(
 
 
 def news(axis: Axis, before: Sensed, after: Sensed) -> Iterator[Event]:
-    """A temperature that is overdue or back, and a reference that was lost."""
+    """A temperature that is overdue or back, a lost reference, an error code without an EMCY."""
     overdue = after.feedback is not None and after.feedback.temperature_overdue
     was_overdue = before.feedback is not None and before.feedback.temperature_overdue
     if overdue != was_overdue:
-        code = EventCode.TEMPERATURE_OVERDUE if overdue else EventCode.TEMPERATURE_BACK
-        yield Event(code, axis.name)
+        yield Event(
+            EventCode.TEMPERATURE_OVERDUE if overdue else EventCode.TEMPERATURE_BACK, axis.name
+        )
+    code = 0 if after.feedback is None else after.feedback.fault_code
+    shown = 0 if before.feedback is None else before.feedback.fault_code
+    if after.feedback is not None and code not in (0, shown):
+        said = after.feedback.error_text
+        yield Event(EventCode.ERROR_CODE_SHOWN, axis.name, (float(code),), said)
     if before.referenced and not after.referenced:
         yield Event(EventCode.REFERENCE_LOST, axis.name, (after.doubt,))
 

@@ -141,6 +141,14 @@ def test_an_error_of_the_bus_is_told_as_the_kernel_says_it():
             (Cause.DRIVE_FAULT, 0x0100, 0, Finding.EMCY),
         ),
         (
+            {"power_state": PowerState.FAULT, "error_code": 0x2310},
+            (Cause.DRIVE_FAULT, 0x2310, 0, Finding.ERROR_CODE),
+        ),
+        (
+            {"power_state": PowerState.FAULT, "error_code": 0x2310, "emergency": EMERGENCY},
+            (Cause.DRIVE_FAULT, 0x8611, 0, Finding.EMCY),
+        ),
+        (
             {"power_state": PowerState.SWITCHED_ON},
             (Cause.DRIVE_LEFT_ENABLED, PowerState.SWITCHED_ON, 0, Finding.POWER_STATE),
         ),
@@ -161,7 +169,8 @@ def test_what_a_drive_says_is_told_with_value_limit_and_unit(change, expected):
 def test_a_fault_without_an_emcy_is_told_as_bring_up_found_it():
     axis = replace(fed(power_state=PowerState.FAULT), bring_up_error=(0x2310, "overcurrent"))
 
-    assert emcy_of(axis) == (0x2310, "overcurrent")
+    found = verdict_of(axes=[axis])
+    assert (found.finding, found.value, found.said) == (Finding.ERROR_CODE, 0x2310, "overcurrent")
     assert emcy_of(fed(axis, emergency=EMERGENCY)) == (0x8611, "following error")
 
 
@@ -548,7 +557,9 @@ def test_a_drive_that_starts_has_a_quarter_of_a_second_to_get_there(change):
     beyond = fed(replace(STARTING, unready_cycles=26), **change)
 
     assert verdict_of(axes=[within]) == NO_VERDICT
-    assert verdict_of(axes=[beyond]) != NO_VERDICT
+    found = verdict_of(axes=[beyond])
+    assert found != NO_VERDICT
+    assert (found.finding is Finding.NEVER_ENABLED) == (found.cause is Cause.DRIVE_LEFT_ENABLED)
 
 
 @pytest.mark.parametrize("power_state", [PowerState.QUICK_STOP_ACTIVE, PowerState.SWITCHED_ON])

@@ -93,6 +93,17 @@ def test_a_step_is_a_jump_beyond_what_the_joint_can_reach():
         assert sensing._reference_lost(stepped, LIMITS, FEEDBACK, THRESHOLDS) is doubt
 
 
+def test_an_error_code_that_no_emcy_told_is_told_once_and_only_in_fault():
+    text = {"error_code": 0x2310, "error_text": "overcurrent"}
+    well, fault = sensed(**text), sensed(power_state=PowerState.FAULT, **text)
+    event = Event(EventCode.ERROR_CODE_SHOWN, "right/hip", (0x2310,), "overcurrent")
+
+    assert list(news(AXIS, KNOWN, fault)) == [event]
+    assert list(news(AXIS, well, fault)) == [event]
+    for before, after in ((KNOWN, well), (fault, fault), (fault, well)):
+        assert list(news(AXIS, before, after)) == []
+
+
 def test_what_was_lost_is_not_told_again_and_comes_back_by_no_sample():
     lost = sensed(rebooted=True)
     after = sensed(replace(lost, joint=KNOWN.joint), reference_lost=True)
