@@ -129,7 +129,7 @@ def profile_of(leg: str, file: Path) -> "Profile":
     from gaitd_session.profile import new_id, read_profile
     from gaitd_session.program import BLOCK, TEMPLATE
 
-    values = {**PROFILE, "id": new_id(), "legs": leg}
+    values = {**PROFILE, "id": new_id(), "legs": leg, "passive": ""}
     text = TEMPLATE.format_map(values) + BLOCK.format_map(values) * (BLOCK_COUNT - 1)
     file.write_text(text, encoding="utf-8")
     return read_profile(file)

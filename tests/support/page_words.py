@@ -13,7 +13,7 @@ FOREIGN = frozenset(
     word
     for line in (
         # of the machine: CAN, CANopen, programs
-        "adapter bit bits boot bus bytes can codes controller dh emcy error fdh firmware gaitd",
+        "adapter bit bits boot bus bytes can codes controller dh emcy error fdh fh firmware gaitd",
         "gateway hardware heartbeat json nan nmt off option passive pdos",
         "register restart ring server session software sto sync up",
         # of both languages, with the same meaning
