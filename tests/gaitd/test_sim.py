@@ -127,7 +127,7 @@ def test_it_ends_by_itself_after_its_duration(sim):
         ("plant.toml", "node_id = 6", "node_id = 5", "drives.right.slide.node_id = 5"),
         ("plant.toml", "node_id = 6", "node_id = 128", "drives.right.slide.node_id = 128"),
         ("plant.toml", "gear_ratio = 6.0", "gear_ratio = -6.0", "drives.right.slide.gear_ratio"),
-        ("plant.toml", '"epos4"\nnode_id = 5', '"generic"\nnode_id = 5', "right.hip.personality"),
+        ("plant.toml", '"epos4"\nnode_id = 5', '"elmo_gold"\nnode_id = 5', "right.hip.personality"),
         ("plant.toml", "rise_s = 0.06", "rise_s = nan", "patient.programme[5].effort[0].rise_s"),
         ("plant.toml", "jitter_us = 30.0", "jitter_us = -0.0", "sensor.latch_jitter_us = -0.0"),
     ],
