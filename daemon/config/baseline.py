@@ -10,6 +10,7 @@ from typing import Annotated, Final
 import numpy as np
 from gaitd_toml import SMALLEST, ConfigError, load_toml
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from daemon.config.settings import Table
 from observer.baseline import Baseline
@@ -72,7 +73,7 @@ def load_baseline(path: Path, robot_sha256: str, frictional: tuple[bool, ...]) -
     if [len(row) for row in file.covariance] != [count] * count:
         raise ConfigError(path, "covariance", "another shape", f"{count} rows of {count} numbers")
     covariance = np.array(file.covariance)
-    if not (covariance == covariance.T).all() or np.linalg.eigvalsh(covariance).min() <= 0.0:
+    if not (covariance == covariance.T).all() or not _has_root(covariance):
         raise ConfigError(path, "covariance", "no covariance", "a symmetric, positive matrix")
     return Baseline(
         np.array(file.theta),
@@ -83,6 +84,15 @@ def load_baseline(path: Path, robot_sha256: str, frictional: tuple[bool, ...]) -
         file.cadence_hz,
         file.swing_rad,
     )
+
+
+def _has_root(covariance: NDArray[np.float64]) -> bool:
+    """True if the core can take its root."""
+    try:
+        np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def baseline_text(baseline: Baseline, robot_sha256: str, source: str) -> str:

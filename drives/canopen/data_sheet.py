@@ -2,7 +2,7 @@
 
 Master and virtual drives read a file with this module; tests hold it against python-canopen. Rules:
 1.  A file is refused only if it cannot be opened, or describes no object. What is wrong in one
-    object is a `Fault` of that object: whoever uses the object judges it.
+    object is a `Fault` of that object: a program that uses the object judges it.
 2.  Case and blanks of section names and keys do not matter; an empty value is an absent one. Text
     that is not UTF-8 is read as a Windows code page: only names can suffer from it.
 3.  A number that does not fit its object's data type is its bit pattern: 0xFF of an INTEGER8

@@ -9,6 +9,7 @@ from daemon.core.state import Core
 from daemon.core.steps import (
     estimation,
     exercises,
+    passive,
     persistence,
     sensing,
     single_axis,
@@ -79,6 +80,9 @@ def _take_over(
     """Put the drives under control of the core and reset all state of an earlier bring-up."""
     single_axis.drop_tests_of_other_drives(core, reports)
     persistence.forget_other_drives(core, reports)
+    numbers = {report.name: report.serial_number for report in reports}
+    for leg in core.legs:
+        leg.passive = passive.with_drives(leg, [numbers[axis.name] for axis in leg.axes])
     sensing.begin(core, plans, reports)
     persistence.check_signs(core)
     targets.reset(core)

@@ -6,13 +6,13 @@
     end of the gait
 
 What is known fades, and widens in another gait (`observer/baseline.py`). A homing moves the origin
-of a position, which is one of the errors that a baseline holds: there is none any more after it.
+of a position, and another drive shows other efforts: after either there is no baseline any more.
 
 This file makes `Passive`.
 """
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 from gaitd_names import EventCode, Finding, Mode, Stage
@@ -80,6 +80,17 @@ def advance(leg: Leg, before: Passive, mode: Mode, cycle: int) -> Passive:
     if (age_steps, other_gait) == (before.age_steps, before.other_gait):
         return before
     return _in_force(before, age_steps, other_gait=other_gait)
+
+
+def with_drives(leg: Leg, serial_numbers: Sequence[int]) -> Passive:
+    """What is known with the drives that are brought up now; nothing with another one.
+
+    Another drive has another torque constant and another origin. One without a serial number
+    cannot be told from another; before the first bring-up no drive is known.
+    """
+    pairs = zip(leg.axes, serial_numbers, strict=True)
+    is_other = any(axis.serial_number not in {0, found} for axis, found in pairs)
+    return Passive() if is_other else leg.passive
 
 
 def news(leg: Leg, before: Passive, after: Passive) -> Iterator[Event]:

@@ -129,6 +129,24 @@ def test_a_homing_ends_what_is_known(before):
     assert advance(leg_with(origin_moved=True), before, Mode.GAIT, 5) == Passive()
 
 
+@pytest.mark.parametrize(
+    ("before", "found", "kept"),
+    [
+        ((0, 0), (7, 8), True),
+        ((7, 8), (7, 8), True),
+        ((7, 8), (7, 9), False),
+        ((7, 8), (0, 8), False),
+    ],
+)
+def test_another_drive_ends_what_is_known(before, found, kept):
+    leg = leg_with()
+    leg.passive = Passive(baseline=TAKEN)
+    for axis, number in zip(leg.axes, before, strict=True):
+        axis.serial_number = number
+
+    assert (passive.with_drives(leg, found) is leg.passive) is kept
+
+
 def test_what_is_known_is_computed_anew_in_another_gait_and_as_it_fades_and_only_then():
     taken = advance(leg_with(None), Passive(strides=Strides(MINUTE_S)), Mode.GAIT, 100)
     faster = leg_with(SimpleNamespace(duration_s=3.0, cadence_hz=0.33))
