@@ -38,7 +38,7 @@ def test_a_reset_is_refused_with_the_drives_reason_while_fault_and_cause_persist
     )
     assert session.record.mode == Mode.FAULT
     assert verdict.cause == Cause.DRIVE_FAULT
-    assert (verdict.finding, verdict.value) == (Finding.EMCY, 0x2310)
+    assert (verdict.finding, verdict.value) == (Finding.ERROR_CODE, 0x2310)
     assert edges(session) == 1
     session.command("clear emcy right/slide")
     assert session.request(RequestKind.RESET).outcome == Outcome.DONE
