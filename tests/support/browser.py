@@ -45,7 +45,7 @@ window.feed = async ({ first, end, scenes, items }) => {
   for (let n = first; n < end; n++) {
     const frames = scenes[Math.floor(n / 9000) % scenes.length];
     const fresh = n % 150 === 0 ? items.map((item) => ({ ...item, number: n, id: `${n}` })) : [];
-    const fed = { ...frames[n % frames.length], items: fresh };
+    const fed = { ...frames.at(-1 - ((end - 1 - n) % frames.length)), items: fresh };
     window.beforeFed?.(fed, n);
     live.onmessage({ data: JSON.stringify(fed) });
     if (n % 30 === 0) for (const paint of paints.splice(0)) paint(performance.now());
@@ -55,7 +55,8 @@ window.feed = async ({ first, end, scenes, items }) => {
 """
 """Comes before a page's own scripts: `feed` gives frames to the page's handler, instead of the
 server: each scene for 2.5 minutes of 60 frames a second, new items every 2.5 s. It paints twice a
-second."""
+second, and ends with the newest frame of a scene: what is painted last then does not depend on how
+many frames were recorded."""
 MISPLACED = """() => {
     const isCut = (style) => style.overflow !== 'visible';
     const found = [];
