@@ -76,6 +76,7 @@ def virtual_machine(
             path.parent,
             leg_parameters(robot),
             friction_parameters(robot),
+            (robot.hip.drive_inertia_kg_m2, robot.slide.drive_mass_kg),
             seed=seed,
             start_ns=start_ns,
             truth=truth,

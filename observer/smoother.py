@@ -53,8 +53,10 @@ FORECAST: Final = GAIN + SQUARE
 OWN: Final = FORECAST + N
 """W of the previous node."""
 OPEN_SPLIT: Final = OWN + SQUARE
-"""Variance of the split that the filter keeps apart (leg_noise.py)."""
-ACTED: Final = OPEN_SPLIT + 2
+"""Variance of the split that the filter keeps apart (leg_noise.py), and of the friction law."""
+HIDDEN_NET: Final = OPEN_SPLIT + 2
+"""Variance of net that the transmission hides."""
+ACTED: Final = HIDDEN_NET + 2
 """Efforts of the drives."""
 UNSURE_FRICTION: Final = ACTED + 2
 """Errors of friction by considered parameters."""
@@ -113,6 +115,7 @@ def store(
             node[COVARIANCE + i * N + j] = total
     for i in range(2):
         node[OPEN_SPLIT + i] = memory.split[i] + memory.law[i]
+        node[HIDDEN_NET + i] = memory.hidden_net[i]
         node[ACTED + i] = memory.acting[i]
     for i in range(2 * VARIANTS_MAX):
         node[UNSURE_FRICTION + i] = memory.unsure_friction[i]
@@ -312,6 +315,8 @@ def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
             out[at] = covariance[row * N + column]
             if column >= 4 and (row - column) % 2 == 0:
                 out[at] += node[OPEN_SPLIT + row % 2]
+            if column == row and row >= 6:
+                out[at] += node[HIDDEN_NET + row % 2]
             at += 1
         out[SMOOTH_STD + row] = math.sqrt(max(out[at - 1], 0.0))
     for axis in range(2):
@@ -321,6 +326,7 @@ def _write(node: Vector, mean: Vector, covariance: Vector, out: Vector) -> None:
             covariance[patient * N + patient]
             + covariance[friction * N + friction]
             - 2.0 * covariance[patient * N + friction]
+            + node[HIDDEN_NET + axis]
         )
         out[SMOOTH_NET_STD + axis] = math.sqrt(max(variance, 0.0))
     for i in range(CYCLE_DATA_COUNT):

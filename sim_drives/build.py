@@ -78,6 +78,7 @@ def build_machine(
     folder: Path,
     leg: LegParameters,
     frictions: tuple[FrictionParameters, FrictionParameters],
+    drive_inertia: tuple[float, float],
     *,
     seed: int | None = None,
     start_ns: int = 0,
@@ -91,6 +92,7 @@ def build_machine(
         folder: the folder of plant.toml; its paths are relative to it.
         leg: mechanism of the plant's robot file.
         frictions: friction of hip and slide, from the same file.
+        drive_inertia: reflected inertia of both drives, kg m^2 and kg, which `leg` contains.
         seed: seed of all random values; the file's own if None.
         start_ns: the world's first time.
         truth: receives the truth of each SYNC, by leg; legs may be missing.
@@ -110,7 +112,7 @@ def build_machine(
         ]
         efforts = effort_per_a(drives.hip), effort_per_a(drives.slide)
         trainers[name] = _trainer(
-            plant, leg, frictions, efforts, chosen_seed + number, start_ns, recorded
+            plant, leg, frictions, drive_inertia, efforts, chosen_seed + number, start_ns, recorded
         )
         legs.append(Leg(name, trainers[name], *parts[0], *parts[1]))
     _check_node_ids(plant)
@@ -138,13 +140,14 @@ def _trainer(
     plant: PlantFile,
     leg: LegParameters,
     frictions: tuple[FrictionParameters, FrictionParameters],
+    drive_inertia: tuple[float, float],
     efforts: tuple[float, float],
     seed: int,
     start_ns: int,
     recorded: Mapping[str, Values],
 ) -> Trainer:
     try:
-        return Trainer(plant, leg, frictions, efforts, seed, start_ns, recorded)
+        return Trainer(plant, leg, frictions, drive_inertia, efforts, seed, start_ns, recorded)
     except UnknownProgrammeError as error:
         raise MachineError("patient.start", plant.patient.start, str(error)) from error
     except PlantError as error:

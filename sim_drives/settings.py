@@ -147,7 +147,7 @@ class FaultSettings(Table, frozen=True):
     """Value of the fault, depending on its kind: error code, TPDO number, delay in ms, counts."""
 
 
-class PlantFile(PlantTables, frozen=True):
+class PlantFile(PlantTables, frozen=True, kw_only=True):
     """plant.toml."""
 
     drives: Annotated[dict[Literal["right", "left"], LegDrives], Meta(min_length=1)]

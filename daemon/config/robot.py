@@ -131,7 +131,16 @@ def observer_tuning(robot: Robot) -> ObserverTuning:
         sample_jitter_us=table.sample_jitter_us,
         ripple=(hip.ripple_nm, slide.ripple_n),
         law=(hip.law_nm, slide.law_n),
+        compliance=(
+            _compliance(robot.transmission.hip.stiffness_nm_per_rad),
+            _compliance(robot.transmission.slide.stiffness_n_per_m),
+        ),
+        backlash=(robot.transmission.hip.backlash_rad, robot.transmission.slide.backlash_m),
     )
+
+
+def _compliance(stiffness: float) -> float:
+    return 1.0 / stiffness if stiffness > 0.0 else 0.0
 
 
 def considered(robot: Robot) -> tuple[Variant, ...]:

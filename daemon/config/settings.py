@@ -184,6 +184,33 @@ class ObserverTuning(Table, frozen=True):
     sample_jitter_us: Annotated[float, Meta(ge=0, le=2000)] = 0.0
 
 
+class HipTransmission(Table, frozen=True):
+    """How the hip's transmission gives way between the encoder and the joint."""
+
+    stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=1e7)]
+    """0: rigid."""
+    backlash_rad: Annotated[float, Meta(ge=0, le=0.1)]
+
+
+class SlideTransmission(Table, frozen=True):
+    """How the slide's transmission gives way."""
+
+    stiffness_n_per_m: Annotated[float, Meta(ge=0, le=1e9)]
+    """0: rigid."""
+    backlash_m: Annotated[float, Meta(ge=0, le=0.02)]
+
+
+class Transmission(Table, frozen=True):
+    """Both transmissions.
+
+    They widen the sigma of friction, patient and net where they give way, most after a reversal.
+    Gate, validity and stops do not read them.
+    """
+
+    hip: HipTransmission
+    slide: SlideTransmission
+
+
 class HipUncertainty(Table, frozen=True):
     """Standard deviations of what is known of the hip's spring, friction, drive and encoder."""
 
@@ -263,6 +290,7 @@ class Robot(Table, frozen=True):
     friction: Friction
     observer: ObserverTuning
     uncertainty: Uncertainty
+    transmission: Transmission
     patient: Patient | None = None
 
 

@@ -1,10 +1,13 @@
 """The patient where the robot file differs from the machine, without a baseline and with one.
 
 The machine stays as it is, and the observer gets a file with other numbers. So one walk with a
-passive patient, from which the baseline comes, and one with an active patient do for all rows.
+passive patient, from which the baseline comes, and one with an active patient do for all rows of a
+rigid machine. A machine whose transmission gives way walks on its own, with the file of a rigid one
+and with one that says so.
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -14,7 +17,10 @@ from numpy.typing import NDArray
 
 from analysis.replay import filter_setup, setup_for
 from daemon.config.robot import frictional
+from daemon.config.settings import HipTransmission as RobotHipTransmission
 from daemon.config.settings import Robot
+from daemon.config.settings import SlideTransmission as RobotSlideTransmission
+from daemon.config.settings import Transmission as RobotTransmission
 from gaitd_lab.studies.experiment.measures import rms
 from gaitd_lab.studies.report import Cell, Table, measured
 from gaitd_lab.trial import Trial
@@ -25,6 +31,7 @@ from observer.filter.states import PATIENT
 from observer.filter.status import Validity
 from observer.offline.batch import Columns, run
 from observer.offline.smooth_batch import run_smoothed
+from sim_drives.plant.settings import HipTransmission, Transmission
 
 MINUTE_S: Final = 60.0
 WALK_S: Final = 30.0
@@ -33,6 +40,8 @@ CADENCES_HZ: Final = (0.25, 0.35)
 """The baseline is that of the first one."""
 SIGMAS: Final = 3.0
 UNITS: Final = ("N·m", "N")
+DAMPING_NM_S_PER_RAD: Final = 5.0
+"""A twentieth of critical, of an elastic hip drive."""
 
 Values = NDArray[np.float64]
 
@@ -94,6 +103,40 @@ FILES: Final[Mapping[str, Callable[[Robot], File]]] = {
 }
 
 
+class Machine(NamedTuple):
+    """A machine whose transmission gives way, which the file does not say."""
+
+    transmission: Transmission
+    file: RobotTransmission
+    """What a file that is right says of it."""
+
+
+def soft_hip(stiffness_nm_per_rad: float, backlash_rad: float) -> Machine:
+    """A machine with this transmission at the hip and a rigid one at the slide."""
+    return Machine(
+        Transmission(
+            hip=HipTransmission(
+                stiffness_nm_per_rad=stiffness_nm_per_rad,
+                damping_nm_s_per_rad=DAMPING_NM_S_PER_RAD,
+                backlash_rad=backlash_rad,
+            )
+        ),
+        RobotTransmission(
+            hip=RobotHipTransmission(
+                stiffness_nm_per_rad=stiffness_nm_per_rad, backlash_rad=backlash_rad
+            ),
+            slide=RobotSlideTransmission(stiffness_n_per_m=0.0, backlash_m=0.0),
+        ),
+    )
+
+
+MACHINES: Final = {
+    "an elastic hip drive, 800 N·m/rad": soft_hip(800.0, 0.0),
+    "a loose hip drive, 0.3°, 4000 N·m/rad": soft_hip(4000.0, np.radians(0.3)),
+}
+RIGID: Final = Transmission()
+
+
 def table(
     config: Path, seeds: Sequence[int], begin: Callable[[str], Callable[[float], None]]
 ) -> Table:
@@ -103,32 +146,55 @@ def table(
         TrialError: the service refused the gait.
     """
     machines = [Trials(config, seed=seed) for seed in seeds]
-    first_hz = CADENCES_HZ[0]
 
-    def walks(name: str, cadence_hz: float, duration_s: float) -> list[Trial]:
-        situation = Situation(cadence_hz=cadence_hz, programme=name)
-        told = begin(f"{name}, {cadence_hz:g} Hz")
-        return [trials.gait(situation, duration_s, told) for trials in machines]
+    def walks(transmission: Transmission, of: str) -> _Walks:
+        def walked(programme: str, cadence_hz: float, duration_s: float) -> list[Trial]:
+            situation = Situation(
+                cadence_hz=cadence_hz, programme=programme, transmission=transmission
+            )
+            told = begin(f"{of}, {programme}, {cadence_hz:g} Hz")
+            return [trials.gait(situation, duration_s, told) for trials in machines]
 
-    passive = walks("passive", first_hz, MINUTE_S)
-    active = {cadence_hz: walks("active", cadence_hz, WALK_S) for cadence_hz in CADENCES_HZ}
+        return _Walks(
+            walked("passive", CADENCES_HZ[0], MINUTE_S),
+            {cadence_hz: walked("active", cadence_hz, WALK_S) for cadence_hz in CADENCES_HZ},
+        )
+
     rows: list[tuple[Cell, ...]] = []
+    rigid = walks(RIGID, "rigid")
     for name, changed in FILES.items():
-        files = [changed(trial.robot) for trial in passive]
-        bare = [setup_for(file.robot) for file in files]
-        clean = [_with_minute(*one) for one in zip(files, passive, strict=True)]
-        for cadence_hz, trials in active.items():
-            true = [filter_setup(trial.robot) for trial in trials]
-            exact = [File(trial.robot) for trial in trials]
-            for how, made_from, setups in (
-                ("without", files, bare),
-                ("with", files, clean),
-                ("the true file", exact, true),
-            ):
-                found = [_errors(*one) for one in zip(trials, made_from, setups, strict=True)]
-                rows.append((name, f"{cadence_hz:g} Hz", how, *_cells(found)))
+        rows += _rows(name, rigid, changed, lambda robot: robot)
+    for name, machine in MACHINES.items():
+        soft = walks(machine.transmission, name)
+        rows += _rows(name, soft, File, partial(replace, transmission=machine.file))
     head = ("file differs by", "cadence", "baseline", *_HEAD)
     return Table("A robot file that differs from the machine", head, rows)
+
+
+class _Walks(NamedTuple):
+    passive: Sequence[Trial]
+    active: Mapping[float, Sequence[Trial]]
+    """By cadence."""
+
+
+def _rows(
+    name: str, walks: _Walks, changed: Callable[[Robot], File], true: Callable[[Robot], Robot]
+) -> list[tuple[Cell, ...]]:
+    files = [changed(trial.robot) for trial in walks.passive]
+    exact = [File(true(trial.robot)) for trial in walks.passive]
+    bare = [setup_for(file.robot) for file in files]
+    clean = [_with_minute(*one) for one in zip(files, walks.passive, strict=True)]
+    certain = [filter_setup(file.robot) for file in exact]
+    rows: list[tuple[Cell, ...]] = []
+    for cadence_hz, trials in walks.active.items():
+        for how, made_from, setups in (
+            ("without", files, bare),
+            ("with", files, clean),
+            ("the true file", exact, certain),
+        ):
+            found = [_errors(*one) for one in zip(trials, made_from, setups, strict=True)]
+            rows.append((name, f"{cadence_hz:g} Hz", how, *_cells(found)))
+    return rows
 
 
 _HEAD: Final = tuple(

@@ -70,6 +70,7 @@ from observer.filter.status import (
     Status,
     Validity,
 )
+from observer.filter.transmission import hide
 from observer.filter.validity import determine, mark_split_unknown
 from observer.jit import fixed_tuple, inline, kernel
 from observer.mechanism.friction import (
@@ -140,6 +141,10 @@ class Options(NamedTuple):
     ripple_slide: Number
     law_hip: Number
     law_slide: Number
+    compliance_hip: Number
+    compliance_slide: Number
+    backlash_hip: Number
+    backlash_slide: Number
 
 
 LEG_COUNT: Final = len(LegParameters._fields)
@@ -284,12 +289,23 @@ def advance_by(
             status |= _measure(constants, memory, have_hip, have_slide, dt_s, out)
     if memory.started == 0.0:
         return status | PREDICT_ONLY_BIT, BAD, BAD
+    if memory.event == STEPPED:
+        _hide(model, options, memory, dt_s)
     _report(model, options, memory, out)
     for i in range(OUT_PASSIVE, OUT_SIZE):
         out[i] = 0.0
     if constants.variant_count > 0:
         _consider(constants, memory, dt_s, out)
     return determine(model, memory, dt_s, status)
+
+
+@inline
+def _hide(model: LegModel, options: Options, m: LegMemory, dt_s: float) -> None:
+    """Find what transmissions hide that are not rigid."""
+    compliance = options.compliance_hip, options.compliance_slide
+    backlash = options.backlash_hip, options.backlash_slide
+    if compliance[0] + compliance[1] + backlash[0] + backlash[1] > 0.0:
+        hide(model, compliance, backlash, m, dt_s)
 
 
 @inline
@@ -499,12 +515,12 @@ def _report(model: LegModel, options: Options, m: LegMemory, out: Vector) -> Non
     """Write state, standard deviations, covariance and net efforts to `out`.
 
     The uncertainty of the split is included, that of a joint at rest wherever it is stored
-    (leg_noise.py), and that of the friction law. The friction state of an axis with bristles is
-    only their elastic part; all of its friction is written, as it acts in the coming cycle at the
-    estimated velocity.
+    (leg_noise.py), that of the friction law, and what the transmission hides. The friction state of
+    an axis with bristles is only their elastic part; all of its friction is written, as it acts in
+    the coming cycle at the estimated velocity.
     """
-    m.law[0] = law_variance(model.hip, options.law_hip, m.mean[2])
-    m.law[1] = law_variance(model.slide, options.law_slide, m.mean[3])
+    m.law[0] = law_variance(model.hip, options.law_hip, m.mean[2]) + m.hidden_friction[0]
+    m.law[1] = law_variance(model.slide, options.law_slide, m.mean[3]) + m.hidden_friction[1]
     copy_estimate(m.mean, m.root, m.shown_mean, m.shown_root)
     _add_damping(model.hip, m, 0)
     _add_damping(model.slide, m, 1)
@@ -518,12 +534,14 @@ def _report(model: LegModel, options: Options, m: LegMemory, out: Vector) -> Non
                 total += root[row, k] * root[column, k]
             if column >= 4 and (row - column) % 2 == 0:
                 total += m.split[row % 2] + m.law[row % 2]
+            if column == row and row >= 6:
+                total += m.hidden_net[row % 2]
             out[at] = total
             at += 1
         out[OUT_STD + row] = math.sqrt(out[at - 1])
     for axis in range(2):
         out[OUT_NET + axis] = mean[6 + axis] - mean[4 + axis]
-        total = 0.0
+        total = m.hidden_net[axis]
         for k in range(N):
             difference = root[6 + axis, k] - root[4 + axis, k]
             total += difference * difference

@@ -80,6 +80,14 @@ class LegMemory(Protocol):
     """Efforts of the drives in the last step."""
     unsure_friction: Annotated[Vector, (2 * VARIANTS_MAX,)]
     """Error of friction by each considered parameter, hip then slide (considered.py)."""
+    followed_effort: Pair
+    """Efforts behind a low-pass, and their rates (transmission.py)."""
+    followed_rate: Pair
+    hidden_error: Pair
+    """Friction of the joint minus the filter's, behind a transmission that gives way."""
+    hidden_friction: Pair
+    """Variances of friction and net that the transmission hides."""
+    hidden_net: Pair
     event: float
     """Effect of this cycle on the estimate: NOTHING, STEPPED or BEGAN; used by the smoother."""
 
@@ -105,7 +113,7 @@ class LegMemory(Protocol):
     shown_root: Root
     """The estimate to report, with all friction of bristles."""
     law: Pair
-    """Variance of the friction law at the speed to report."""
+    """Variance of friction to report: that of its law at this speed, and what is hidden."""
 
 
 def layout_of(record: type) -> np.dtype[np.void]:
@@ -183,6 +191,8 @@ def _begin(
         m.rest_s[axis] = m.quiet_s[axis] = rest_s
         m.settle_s[axis] = m.split[axis] = m.lean[axis] = m.predicted[axis] = 0.0
         m.whitened[axis], m.patient_ratio[axis], m.acting[axis] = 0.0, 1.0, 0.0
+        m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
+        m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
     for i in range(2 * VARIANTS_MAX):
         m.unsure_friction[i] = 0.0
     m.nis_mean = 2.0

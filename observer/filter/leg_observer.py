@@ -80,6 +80,10 @@ class ObserverTuning(NamedTuple):
     """Standard deviation of the sampled effort about its mean over the step: N m, N."""
     law: tuple[float, float] = (0.0, 0.0)
     """Standard deviation of the friction law near reversals (`law_variance`): N m, N."""
+    compliance: tuple[float, float] = (0.0, 0.0)
+    """How far the transmissions give way (`transmission.py`): rad/(N m), m/N; 0: rigid."""
+    backlash: tuple[float, float] = (0.0, 0.0)
+    """How far they turn without effort: rad, m."""
 
 
 DEFAULT_TUNING: Final = ObserverTuning(
@@ -288,6 +292,10 @@ def setup_of(
         ripple_slide=float(tuning.ripple[1]),
         law_hip=float(tuning.law[0]),
         law_slide=float(tuning.law[1]),
+        compliance_hip=float(tuning.compliance[0]),
+        compliance_slide=float(tuning.compliance[1]),
+        backlash_hip=float(tuning.backlash[0]),
+        backlash_slide=float(tuning.backlash[1]),
     )
     noise = tuning.process_std, tuning.measurement_std
     unsure = float(len(considered)), table_of(considered)
@@ -345,6 +353,10 @@ def check_tuning(
         ("ripple of the slide", tuning.ripple[1], 0.0, math.inf),
         ("law of the hip", tuning.law[0], 0.0, math.inf),
         ("law of the slide", tuning.law[1], 0.0, math.inf),
+        ("compliance of the hip", tuning.compliance[0], 0.0, math.inf),
+        ("compliance of the slide", tuning.compliance[1], 0.0, math.inf),
+        ("backlash of the hip", tuning.backlash[0], 0.0, math.inf),
+        ("backlash of the slide", tuning.backlash[1], 0.0, math.inf),
     ):
         if not (math.isfinite(value) and least <= value <= most):
             raise TuningError(f"{name} = {value}: must be a number in {least}..{most}")

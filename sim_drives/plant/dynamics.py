@@ -7,6 +7,8 @@ A step of the physics, order 2 in the smooth forces:
     the whole step of velocity, with friction solved at velocity level (stick_slip.py)
     half a step of position at the new velocity; a led axis is where it is led
 
+A shaft behind an elastic transmission (transmission.py) takes the same half steps.
+
 Velocity-dependent forces take the velocity extrapolated by half a step. Steps lie on a fixed grid,
 so advancing in one go or in pieces gives the same bits.
 """
@@ -34,6 +36,7 @@ from sim_drives.plant.motor import (
 from sim_drives.plant.patient import follow_stride, script
 from sim_drives.plant.stick_slip import Bristles, slide_or_stick
 from sim_drives.plant.stops import Reach, Stop, keep_in_reach, stop_effort
+from sim_drives.plant.transmission import go_along, transmit
 
 Records = NDArray[np.void]
 
@@ -66,6 +69,8 @@ class State(NamedTuple):
     """One record."""
     leads: Records
     """LEAD records (led.py)."""
+    shafts: Records
+    """SHAFT records (transmission.py)."""
     patient: NDArray[np.float64]
     """Effort of the script, shape (2,), scratch."""
     speed: NDArray[np.float64]
@@ -80,9 +85,9 @@ def _run_drives(
     for axis in range(2):
         torque_only = orders[axis]["actuation"] <= Actuation.TORQUE
         if tick or torque_only:
-            joint, loop = state.joints[axis], state.loops[axis]
-            seen = loop["encoder_sense"] * joint["position"] + loop["encoder_shift"]
-            speed = loop["encoder_sense"] * joint["velocity"]
+            shaft, loop = state.shafts[axis], state.loops[axis]
+            seen = loop["encoder_sense"] * shaft["position"] + loop["encoder_shift"]
+            speed = loop["encoder_sense"] * shaft["velocity"]
             run_loops(loop, drives[axis], orders[axis], seen, speed, loop_s, step_s)
 
 
@@ -120,10 +125,13 @@ def _midpoint_speed(joint: np.void, step_s: float) -> float:
 
 @kernel
 def _book_work(state: State, effort: float, axis: int, step_s: float) -> None:
-    joint = state.joints[axis]
+    joint, shaft = state.joints[axis], state.shafts[axis]
     way = 0.5 * (joint["velocity"] + joint["next_velocity"]) * step_s
+    turned = way
+    if shaft["elastic"]:  # its velocity is already that after the step
+        turned = (shaft["velocity"] - 0.5 * step_s * shaft["acceleration"]) * step_s
     work = state.work[0]
-    work["drives"] += effort * way
+    work["drives"] += effort * turned
     work["patient"] += joint["patient"] * way
     work["friction"] -= joint["friction"] * way
     work["contact"] += joint["contact"] * way
@@ -134,23 +142,31 @@ def _book_work(state: State, effort: float, axis: int, step_s: float) -> None:
 def _step(constants: Constants, drives: Records, state: State) -> None:
     """Compute one step of the physics with the present orders of the drives and the patient."""
     step_s = constants.step_s
-    joints = state.joints
+    joints, shafts = state.joints, state.shafts
     for axis in range(2):
         joints[axis]["position"] += 0.5 * step_s * joints[axis]["velocity"]
+        shafts[axis]["position"] += 0.5 * step_s * shafts[axis]["velocity"]
     rates = (_midpoint_speed(joints[0], step_s), _midpoint_speed(joints[1], step_s))
     _touch_stops(constants, state, rates)
     d = dynamics(
         constants.leg, joints[0]["position"], joints[1]["position"], rates[0], rates[1], 1.0
     )
-    mass = (d.m11, d.m12, d.m22)
+    mass = (
+        d.m11 - shafts[0]["elastic"] * shafts[0]["inertia"],
+        d.m12,
+        d.m22 - shafts[1]["elastic"] * shafts[1]["inertia"],
+    )
     effort = (
         lag_current(state.loops[0], drives[0], step_s),
         lag_current(state.loops[1], drives[1], step_s),
     )
     bias = (d.bias_hip, d.bias_slide)
     for axis in range(2):
-        joint = joints[axis]
-        joint["load"] = effort[axis] + joint["patient"] + joint["contact"] - bias[axis]
+        joint, shaft = joints[axis], shafts[axis]
+        reaching = effort[axis]
+        if shaft["elastic"]:
+            reaching = transmit(shaft, joint, effort[axis], step_s)
+        joint["load"] = reaching + joint["patient"] + joint["contact"] - bias[axis]
     slide_or_stick(constants.law, constants.frictions, constants.bristles, joints, mass, step_s)
     struck = keep_in_reach(constants.leg, constants.reach, joints, mass, step_s)
     for axis in range(2):
@@ -164,6 +180,10 @@ def _step(constants: Constants, drives: Records, state: State) -> None:
         joint["position"] += 0.5 * step_s * joint["velocity"]
         if joint["led"]:
             joint["position"] = joint["led_position"]
+        if shafts[axis]["elastic"]:
+            shafts[axis]["position"] += 0.5 * step_s * shafts[axis]["velocity"]
+        else:
+            go_along(shafts[axis], joint)
         warm(state.loops[axis], drives[axis], step_s)
 
 

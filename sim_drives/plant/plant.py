@@ -32,6 +32,7 @@ from sim_drives.plant.settings import (
 )
 from sim_drives.plant.stick_slip import JOINT, LAW_CODES, STICKING, Bristles
 from sim_drives.plant.stops import joint_stops, leg_reach
+from sim_drives.plant.transmission import Elasticity, shafts_of
 from sim_drives.plant.truth import Truth
 
 HIP: Final = 0
@@ -129,7 +130,32 @@ def _constants(
     )
 
 
-def _start_state(settings: PlantTables, constants: Constants) -> State:
+def _elastic(
+    settings: PlantTables, inertia: tuple[float, float]
+) -> tuple[Elasticity | None, Elasticity | None]:
+    """What of [transmission] is not rigid."""
+    hip, slide = settings.transmission.hip, settings.transmission.slide
+    made = (
+        hip
+        and Elasticity(
+            hip.stiffness_nm_per_rad, hip.damping_nm_s_per_rad, hip.backlash_rad, inertia[HIP]
+        ),
+        slide
+        and Elasticity(
+            slide.stiffness_n_per_m, slide.damping_n_s_per_m, slide.backlash_m, inertia[SLIDE]
+        ),
+    )
+    for name, one in zip(("hip", "slide"), made, strict=True):
+        if one is not None and one.inertia_si <= 0.0:
+            raise PlantError(
+                f"`transmission.{name}` needs a drive with inertia, and the robot file's has none"
+            )
+    return made
+
+
+def _start_state(
+    settings: PlantTables, constants: Constants, elastic: tuple[Elasticity | None, ...]
+) -> State:
     pose = (math.radians(settings.start.hip.position_deg), settings.start.slide.position_m)
     for name, value, stop in zip(
         ("start.hip.position_deg", "start.slide.position_m"), pose, constants.stops, strict=True
@@ -153,6 +179,7 @@ def _start_state(settings: PlantTables, constants: Constants) -> State:
         stride=resting_stride(pose[HIP]),
         work=np.zeros(1, WORK),
         leads=np.zeros(2, LEAD),
+        shafts=shafts_of(pose, elastic),
         patient=np.zeros(2),
         speed=np.zeros(2),
     )
@@ -166,6 +193,7 @@ class Trainer:
         settings: PlantTables,
         leg: LegParameters,
         frictions: tuple[FrictionParameters, FrictionParameters],
+        drive_inertia: tuple[float, float],
         effort_per_a: tuple[float, float],
         seed: int,
         start_ns: int,
@@ -177,6 +205,7 @@ class Trainer:
             settings: physics tables of plant.toml.
             leg: mechanism of the plant's own robot file, with or without a patient's leg.
             frictions: friction of hip and slide, from the same file.
+            drive_inertia: reflected inertia of both drives, kg·m² and kg, which `leg` contains.
             effort_per_a: joint effort per ampere, N·m/A and N/A, positive: k_t gear (2 pi / lead).
             seed: seed of noise and jitter; another leg takes another one.
             start_ns: the time now; the physics grid begins here.
@@ -188,9 +217,11 @@ class Trainer:
         """
         self._settings = settings
         self._constants = _constants(settings, leg, frictions)
-        self._state = _start_state(settings, self._constants)
+        elastic = _elastic(settings, drive_inertia)
+        self._state = _start_state(settings, self._constants, elastic)
         # Python's floats by `item`: several times as fast as the fields of a record.
         self._joints = _fields(self._state.joints)
+        self._shafts = _fields(self._state.shafts)
         self._loops = _fields(self._state.loops)
         self._flags = self._loops["flags"]
         self._drives = _drives(settings.motor, settings.loop, effort_per_a)
@@ -256,7 +287,7 @@ class Trainer:
     def wire_encoder(self, axis: int, sense: int) -> None:
         """Connect the encoder: +1 with the right sign, -1 inverted from its last value on."""
         loop = self._state.loops[axis]
-        position = self._state.joints[axis]["position"]
+        position = self._state.shafts[axis]["position"]
         seen = loop["encoder_sense"] * position + loop["encoder_shift"]
         loop["encoder_sense"] = sense
         loop["encoder_shift"] = 0.0 if sense > 0 else seen - sense * position
@@ -317,7 +348,7 @@ class Trainer:
         noise = self._noise[axis]
         sensor = self._settings.sensor
         jitter_s = noise.uniform(0.0, sensor.latch_jitter_us * 1e-6)
-        position, velocity = self._motion(axis, self._since_grid_s + jitter_s)
+        position, velocity = _motion(self._shafts, axis, self._since_grid_s + jitter_s)
         spread = sensor.hip.position_noise_rad if axis == HIP else sensor.slide.position_noise_m
         current = sensor.hip if axis == HIP else sensor.slide
         loops = self._loops
@@ -343,7 +374,7 @@ class Trainer:
         effort = np.array([joint_effort(loop, loop["effort"]) for loop in loops])
         impulse = joints["effort_impulse"] + effort * self._since_grid_s
         stuck = joints["stuck"]
-        hip, slide = (self._motion(axis, self._since_grid_s) for axis in (HIP, SLIDE))
+        hip, slide = (_motion(joints, axis, self._since_grid_s) for axis in (HIP, SLIDE))
         return Truth(
             time_ns=self._now_ns,
             position=(hip[0], slide[0]),
@@ -374,13 +405,13 @@ class Trainer:
     def _since_grid_s(self) -> float:
         return (self._now_ns - self._grid_ns) * 1e-9
 
-    def _motion(self, axis: int, ahead_s: float) -> tuple[float, float]:
-        """Return position and velocity a fraction of a step after the grid."""
-        joints = self._joints
-        grid_velocity = joints["velocity"].item(axis)
-        velocity = grid_velocity + joints["acceleration"].item(axis) * ahead_s
-        position = joints["position"].item(axis) + ahead_s * (grid_velocity + velocity) * 0.5
-        return position, velocity
+
+def _motion(parts: Mapping[str, NDArray[Any]], axis: int, ahead_s: float) -> tuple[float, float]:
+    """Position and velocity of a joint or a shaft a fraction of a step after the grid."""
+    grid_velocity = parts["velocity"].item(axis)
+    velocity = grid_velocity + parts["acceleration"].item(axis) * ahead_s
+    position = parts["position"].item(axis) + ahead_s * (grid_velocity + velocity) * 0.5
+    return position, velocity
 
 
 def _fields(records: NDArray[np.void]) -> dict[str, NDArray[Any]]:

@@ -76,6 +76,29 @@ class PlantFriction(Table, frozen=True):
     slide: SlideBristles
 
 
+class HipTransmission(Table, frozen=True):
+    """An elastic transmission between the hip's drive and its joint."""
+
+    stiffness_nm_per_rad: Annotated[float, Meta(ge=10, le=1e6)]
+    damping_nm_s_per_rad: Annotated[float, Meta(ge=0, le=1e3)]
+    backlash_rad: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
+
+
+class SlideTransmission(Table, frozen=True):
+    """An elastic transmission between the slide's drive and the slide."""
+
+    stiffness_n_per_m: Annotated[float, Meta(ge=100, le=1e8)]
+    damping_n_s_per_m: Annotated[float, Meta(ge=0, le=1e5)]
+    backlash_m: Annotated[float, Meta(ge=0, le=0.05)] = 0.0
+
+
+class Transmission(Table, frozen=True):
+    """Both axes; one that is not named is rigid, and its drive's shaft moves with the joint."""
+
+    hip: HipTransmission | None = None
+    slide: SlideTransmission | None = None
+
+
 class HipStop(Table, frozen=True):
     """Mechanical end stops of the hip: springs with dampers that only push."""
 
@@ -302,7 +325,7 @@ class Patient(Table, frozen=True):
     programme: Annotated[tuple[Programme, ...], Meta(min_length=1)]
 
 
-class PlantTables(Table, frozen=True):
+class PlantTables(Table, frozen=True, kw_only=True):
     """The physics half of plant.toml."""
 
     robot: str
@@ -316,3 +339,4 @@ class PlantTables(Table, frozen=True):
     loop: Loops
     sensor: Sensors
     patient: Patient
+    transmission: Transmission = Transmission()

@@ -21,6 +21,7 @@ MS = 1_000_000
 SECOND = 1000 * MS
 EFFORT_PER_A = (0.055736 * 100, 0.107746 * 6 * 2 * math.pi / 0.15)
 EFFORT_LIMIT = (66.0, 540.0)
+DRIVE_INERTIA = (0.35, 6.0)
 
 PASSIVE = {"start": "passive", "activation_s": 0.0, "programme": [{"name": "passive"}]}
 QUIET = {
@@ -63,7 +64,9 @@ def trainer(
     **changes: Any,
 ) -> Trainer:
     """A plant at time 0."""
-    return Trainer(plant_tables(**changes), leg, frictions, EFFORT_PER_A, seed, start_ns=0)
+    return Trainer(
+        plant_tables(**changes), leg, frictions, DRIVE_INERTIA, EFFORT_PER_A, seed, start_ns=0
+    )
 
 
 def programme(*efforts: dict[str, Any], activation_s: float = 0.0) -> dict[str, Any]:
