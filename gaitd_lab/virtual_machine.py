@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gaitd_toml import MISSING, ConfigError, load_toml
 
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_over_position, friction_parameters, leg_parameters
 from daemon.config.settings import Robot
 from daemon.config.trainer import TrainerFile, beside, is_file
 from daemon.preflight.load import read_all
@@ -14,6 +14,7 @@ from drives.cia402.profile import DriveDescription
 from drives.cia402.units import axis_scaling, expected_base, position_si
 from sim_drives.build import Machine, MachineError, build_machine
 from sim_drives.one_leg import Outsider
+from sim_drives.plant.plant import Physics
 from sim_drives.plant.truth import TruthLog
 from sim_drives.settings import PlantFile
 
@@ -74,9 +75,12 @@ def virtual_machine(
         return build_machine(
             plant,
             path.parent,
-            leg_parameters(robot),
-            friction_parameters(robot),
-            (robot.hip.drive_inertia_kg_m2, robot.slide.drive_mass_kg),
+            Physics(
+                leg_parameters(robot),
+                friction_parameters(robot),
+                (robot.hip.drive_inertia_kg_m2, robot.slide.drive_mass_kg),
+                friction_over_position(robot),
+            ),
             seed=seed,
             start_ns=start_ns,
             truth=truth,

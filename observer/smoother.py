@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from observer.filter.cdkf import SIGMA_4, STEP
 from observer.filter.considered import VARIANTS_MAX, take_off, widen
-from observer.filter.leg_filter import Setup, constants_of
+from observer.filter.leg_filter import Setup, constants_of, placed
 from observer.filter.leg_memory import NOTHING, STEPPED, LegMemory, N
 from observer.filter.leg_model import LANES, STEP_S
 from observer.jit import inline, kernel
@@ -224,7 +224,7 @@ def smoothed(
         after = ring[((count - 1 - back) % NODES) * NODE_SIZE :]
         before = ring[((count - 2 - back) % NODES) * NODE_SIZE :]
         _step_back(before, after, mean, covariance, work[2 * SQUARE :])
-    constants = constants_of(setup_of[0])
+    constants = placed(constants_of(setup_of[0]), mean[0], mean[1])
     _add_damping(constants.model.hip, 0, mean, covariance)
     _add_damping(constants.model.slide, 1, mean, covariance)
     node = ring[((count - 1 - lag) % NODES) * NODE_SIZE :]

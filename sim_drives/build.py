@@ -9,14 +9,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from observer.mechanism.friction import FrictionParameters
-from observer.mechanism.parameters import LegParameters
 from sim_drives.canopen.dictionary import Entry, read_eds
 from sim_drives.cia402.personality import commissioned, standard
 from sim_drives.cia402.scaling import effort_per_a
 from sim_drives.faults.script import FaultCommandError, help_text
 from sim_drives.one_leg import Leg, Outsider
-from sim_drives.plant.plant import PlantError, Trainer, UnknownProgrammeError
+from sim_drives.plant.plant import Physics, PlantError, Trainer, UnknownProgrammeError
 from sim_drives.plant.recorded import RecordedError, Values, read_strides
 from sim_drives.plant.settings import Recorded
 from sim_drives.plant.truth import TruthLog
@@ -76,9 +74,7 @@ class Machine:
 def build_machine(
     plant: PlantFile,
     folder: Path,
-    leg: LegParameters,
-    frictions: tuple[FrictionParameters, FrictionParameters],
-    drive_inertia: tuple[float, float],
+    physics: Physics,
     *,
     seed: int | None = None,
     start_ns: int = 0,
@@ -90,9 +86,7 @@ def build_machine(
     Args:
         plant: plant.toml.
         folder: the folder of plant.toml; its paths are relative to it.
-        leg: mechanism of the plant's robot file.
-        frictions: friction of hip and slide, from the same file.
-        drive_inertia: reflected inertia of both drives, kg m^2 and kg, which `leg` contains.
+        physics: the machine of the plant's robot file.
         seed: seed of all random values; the file's own if None.
         start_ns: the world's first time.
         truth: receives the truth of each SYNC, by leg; legs may be missing.
@@ -111,9 +105,7 @@ def build_machine(
             for axis, drive in (("hip", drives.hip), ("slide", drives.slide))
         ]
         efforts = effort_per_a(drives.hip), effort_per_a(drives.slide)
-        trainers[name] = _trainer(
-            plant, leg, frictions, drive_inertia, efforts, chosen_seed + number, start_ns, recorded
-        )
+        trainers[name] = _trainer(plant, physics, efforts, chosen_seed + number, start_ns, recorded)
         legs.append(Leg(name, trainers[name], *parts[0], *parts[1]))
     _check_node_ids(plant)
     logs = truth or {}
@@ -138,16 +130,14 @@ def build_machine(
 
 def _trainer(
     plant: PlantFile,
-    leg: LegParameters,
-    frictions: tuple[FrictionParameters, FrictionParameters],
-    drive_inertia: tuple[float, float],
+    physics: Physics,
     efforts: tuple[float, float],
     seed: int,
     start_ns: int,
     recorded: Mapping[str, Values],
 ) -> Trainer:
     try:
-        return Trainer(plant, leg, frictions, drive_inertia, efforts, seed, start_ns, recorded)
+        return Trainer(plant, physics, efforts, seed, start_ns, recorded)
     except UnknownProgrammeError as error:
         raise MachineError("patient.start", plant.patient.start, str(error)) from error
     except PlantError as error:

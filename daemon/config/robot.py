@@ -13,10 +13,10 @@ from msgspec.structs import replace
 
 from daemon.config.settings import Robot, Segment
 from daemon.config.unread import UNREAD, UnreadError
-from observer.filter.considered import Drives, Variant
+from observer.filter.considered import Drives, Slopes, Variant
 from observer.filter.leg_model import integrator_named
 from observer.filter.leg_observer import ObserverTuning
-from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.friction import FrictionParameters, OverPosition
 from observer.mechanism.parameters import (
     BODY,
     BodySegment,
@@ -136,7 +136,15 @@ def observer_tuning(robot: Robot) -> ObserverTuning:
             _compliance(robot.transmission.slide.stiffness_n_per_m),
         ),
         backlash=(robot.transmission.hip.backlash_rad, robot.transmission.slide.backlash_m),
+        effort_offset=(robot.effort_offset.hip.torque_nm, robot.effort_offset.slide.force_n),
+        friction_over_position=friction_over_position(robot),
     )
+
+
+def friction_over_position(robot: Robot) -> tuple[OverPosition, OverPosition]:
+    """How friction rises along hip and slide."""
+    table = robot.friction_over_position
+    return OverPosition(*_values(table.hip)), OverPosition(*_values(table.slide))
 
 
 def _compliance(stiffness: float) -> float:
@@ -150,8 +158,8 @@ def considered(robot: Robot) -> tuple[Variant, ...]:
 
 def frictional(robot: Robot) -> tuple[bool, ...]:
     """Which of the considered parameters are of friction."""
-    friction = friction_parameters(robot)
-    return tuple((one.hip, one.slide) != friction for one in considered(robot))
+    friction = (*friction_parameters(robot), Slopes())
+    return tuple((one.hip, one.slide, one.slopes) != friction for one in considered(robot))
 
 
 def _variants(robot: Robot) -> Iterator[Variant]:
@@ -178,6 +186,12 @@ def _variants(robot: Robot) -> Iterator[Variant]:
     ):
         if shown != Drives():
             yield _variant(robot)._replace(drives=shown)
+    for slopes in (
+        Slopes(hip_per_rad=hip.friction_slope_per_rad),
+        Slopes(slide_per_m=slide.friction_slope_per_m),
+    ):
+        if slopes != Slopes():
+            yield _variant(robot)._replace(slopes=slopes)
 
 
 def _variant(robot: Robot, body: Body = BODY) -> Variant:

@@ -211,6 +211,50 @@ class Transmission(Table, frozen=True):
     slide: SlideTransmission
 
 
+class HipEffortOffset(Table, frozen=True):
+    """What the hip's drive shows at no torque."""
+
+    torque_nm: Annotated[float, Meta(ge=-20, le=20)]
+
+
+class SlideEffortOffset(Table, frozen=True):
+    """What the slide's drive shows at no force."""
+
+    force_n: Annotated[float, Meta(ge=-200, le=200)]
+
+
+class EffortOffset(Table, frozen=True):
+    """What the drives show at no effort: the observer takes it off; limits and monitors do not."""
+
+    hip: HipEffortOffset
+    slide: SlideEffortOffset
+
+
+class HipOverPosition(Table, frozen=True):
+    """How Stribeck's and Coulomb's level rise along the hip."""
+
+    slope_per_rad: Annotated[float, Meta(ge=-2, le=2)]
+    """Relative to the levels of [friction.hip]."""
+    middle_rad: Annotated[float, Meta(ge=-1, le=2)]
+    """Where the levels are those of [friction.hip]."""
+
+
+class SlideOverPosition(Table, frozen=True):
+    """How Stribeck's and Coulomb's level rise along the slide."""
+
+    slope_per_m: Annotated[float, Meta(ge=-2, le=2)]
+    """Relative to the levels of [friction.slide]."""
+    middle_m: Annotated[float, Meta(ge=-1, le=2)]
+    """Where the levels are those of [friction.slide]."""
+
+
+class FrictionOverPosition(Table, frozen=True):
+    """Friction that is not the same everywhere, as by a seal or a rail that is not straight."""
+
+    hip: HipOverPosition
+    slide: SlideOverPosition
+
+
 class HipUncertainty(Table, frozen=True):
     """Standard deviations of what is known of the hip's spring, friction, drive and encoder."""
 
@@ -222,6 +266,8 @@ class HipUncertainty(Table, frozen=True):
     """Coulomb's and Stribeck's level together, relative."""
     viscous_ratio: Ratio
     """Viscous friction, relative."""
+    friction_slope_per_rad: Annotated[float, Meta(ge=0, le=2)]
+    """`friction_over_position.hip.slope_per_rad`."""
     torque_ratio: Ratio
     """The torque constant, relative."""
     torque_offset_nm: Annotated[float, Meta(ge=0, le=50)]
@@ -241,6 +287,8 @@ class SlideUncertainty(Table, frozen=True):
     """Coulomb's and Stribeck's level together, relative."""
     viscous_ratio: Ratio
     """Viscous friction, relative."""
+    friction_slope_per_m: Annotated[float, Meta(ge=0, le=2)]
+    """`friction_over_position.slide.slope_per_m`."""
     force_ratio: Ratio
     """The force constant, relative."""
     force_offset_n: Annotated[float, Meta(ge=0, le=500)]
@@ -291,6 +339,8 @@ class Robot(Table, frozen=True):
     observer: ObserverTuning
     uncertainty: Uncertainty
     transmission: Transmission
+    effort_offset: EffortOffset
+    friction_over_position: FrictionOverPosition
     patient: Patient | None = None
 
 

@@ -39,6 +39,8 @@ from observer.filter.states import STATE_COUNT
 from observer.jit import fixed_tuple, inline
 from observer.mechanism.friction import (
     FrictionParameters,
+    OverPosition,
+    at_position,
     bristles_followed,
     followed,
     static_friction,
@@ -50,7 +52,7 @@ from observer.quantities import Number
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-VARIANTS_MAX: Final = 28
+VARIANTS_MAX: Final = 32
 """Room for considered parameters."""
 N: Final = STATE_COUNT
 COVARIANCE: Final = 2 * N
@@ -71,6 +73,13 @@ class Drives(NamedTuple):
     position_offset_slide_m: Number = 0.0
 
 
+class Slopes(NamedTuple):
+    """What one variant adds to the slopes of friction over position."""
+
+    hip_per_rad: Number = 0.0
+    slide_per_m: Number = 0.0
+
+
 class Variant(NamedTuple):
     """The physics with one parameter a standard deviation larger."""
 
@@ -78,6 +87,7 @@ class Variant(NamedTuple):
     hip: FrictionParameters
     slide: FrictionParameters
     drives: Drives = Drives()
+    slopes: Slopes = Slopes()
 
 
 class Known(NamedTuple):
@@ -117,7 +127,8 @@ FRICTION_COUNT: Final = len(FrictionParameters._fields)
 SLIDE_FRICTION: Final = LEG_COUNT + FRICTION_COUNT
 DRIVES: Final = LEG_COUNT + 2 * FRICTION_COUNT
 DRIVES_COUNT: Final = len(Drives._fields)
-VARIANT_SIZE: Final = DRIVES + DRIVES_COUNT
+SLOPES: Final = DRIVES + DRIVES_COUNT
+VARIANT_SIZE: Final = SLOPES + len(Slopes._fields)
 
 
 def table_of(variants: Sequence[Variant]) -> Matrix:
@@ -130,24 +141,39 @@ def table_of(variants: Sequence[Variant]) -> Matrix:
         raise ValueError(f"{len(variants)} variants of a leg: there is room for {VARIANTS_MAX}")
     table = np.zeros((VARIANTS_MAX, VARIANT_SIZE))
     for row, one in zip(table, variants, strict=False):
-        row[:] = (*one.leg, *one.hip, *one.slide, *one.drives)
+        row[:] = (*one.leg, *one.hip, *one.slide, *one.drives, *one.slopes)
     return table
 
 
 @inline
 def follow(
-    model: LegModel, variants: Matrix, count: int, v1: float, v2: float, dt_s: float, errors: Vector
+    model: LegModel,
+    over: tuple[OverPosition, OverPosition],
+    variants: Matrix,
+    count: int,
+    mean: Vector,
+    dt_s: float,
+    errors: Vector,
 ) -> None:
     """Advance the error of friction by each considered parameter, (2 VARIANTS_MAX), by a step.
 
     It lags behind the law as friction does: after a reversal it keeps its sign for a while.
     """
+    q1, q2, v1, v2 = mean[0], mean[1], mean[2], mean[3]
     law_hip, law_slide = static_friction(model.hip, v1), static_friction(model.slide, v2)
     share_hip, share_slide = _share(model.hip, v1, dt_s), _share(model.slide, v2, dt_s)
     for k in range(count):
         row = variants[k]
-        hip = FrictionParameters(*fixed_tuple(row[LEG_COUNT:], FRICTION_COUNT))
-        slide = FrictionParameters(*fixed_tuple(row[SLIDE_FRICTION:], FRICTION_COUNT))
+        hip = at_position(
+            FrictionParameters(*fixed_tuple(row[LEG_COUNT:], FRICTION_COUNT)),
+            OverPosition(over[0].slope + row[SLOPES], over[0].middle),
+            q1,
+        )
+        slide = at_position(
+            FrictionParameters(*fixed_tuple(row[SLIDE_FRICTION:], FRICTION_COUNT)),
+            OverPosition(over[1].slope + row[SLOPES + 1], over[1].middle),
+            q2,
+        )
         errors[2 * k] += share_hip * (static_friction(hip, v1) - law_hip - errors[2 * k])
         errors[2 * k + 1] += share_slide * (
             static_friction(slide, v2) - law_slide - errors[2 * k + 1]

@@ -49,6 +49,7 @@ from observer.filter.leg_model import (
     STEP_S,
     Integrator,
     LegModel,
+    model_at,
     runge_kutta,
     semi_implicit,
     substeps_for,
@@ -76,6 +77,7 @@ from observer.jit import fixed_tuple, inline, kernel
 from observer.mechanism.friction import (
     STANDSTILL_GATE,
     FrictionParameters,
+    OverPosition,
     bristle_friction,
     bristle_slopes,
     gate,
@@ -145,6 +147,12 @@ class Options(NamedTuple):
     compliance_slide: Number
     backlash_hip: Number
     backlash_slide: Number
+    offset_hip: Number
+    offset_slide: Number
+    friction_slope_hip: Number
+    friction_middle_hip: Number
+    friction_slope_slide: Number
+    friction_middle_slide: Number
 
 
 LEG_COUNT: Final = len(LegParameters._fields)
@@ -220,6 +228,30 @@ def constants_of(setup: SetupRecord) -> Constants:
     )
 
 
+@inline
+def friction_over_position(options: Options) -> tuple[OverPosition, OverPosition]:
+    """How friction rises along hip and slide."""
+    return (
+        OverPosition(options.friction_slope_hip, options.friction_middle_hip),
+        OverPosition(options.friction_slope_slide, options.friction_middle_slide),
+    )
+
+
+@inline
+def placed(constants: Constants, hip_rad: float, slide_m: float) -> Constants:
+    """The same constants with the friction of a pose."""
+    hip, slide = friction_over_position(constants.options)
+    return Constants(
+        model_at(constants.model, hip, slide, hip_rad, slide_m),
+        constants.options,
+        constants.process_std,
+        constants.measurement_std,
+        constants.variant_count,
+        constants.variants,
+        constants.known,
+    )
+
+
 @kernel
 def advance(
     setup_of: Setup,
@@ -248,7 +280,7 @@ def advance(
 
 @kernel
 def advance_by(
-    constants: Constants,
+    everywhere: Constants,
     memory_of: Sequence[LegMemory],
     points: Vector,
     position: tuple[float, float],
@@ -260,6 +292,7 @@ def advance_by(
 ) -> tuple[int, int, int]:
     """Run one cycle; return Status and the Validity of hip and slide. Numbers go to `out`.
 
+    `everywhere` has the friction in the middle of each axis: the cycle's is that of its pose.
     `memory_of` holds the state after the previous cycle, zero before the first; `points`
     (POINTS_SIZE) need no content. Positions are measured now (rad, m; not finite if missing),
     efforts acted since the previous cycle (N m, N), `dt_s` ago, with ripples of `effort_std` if
@@ -267,10 +300,12 @@ def advance_by(
     `out` (OUT_SIZE): mean, std, covariance, innovation, nis, net, net std and what the baseline
     takes off.
     """
-    model, options, memory = constants.model, constants.options, memory_of[0]
+    memory = memory_of[0]
+    constants = placed(everywhere, memory.mean[0], memory.mean[1])
+    model, options = constants.model, constants.options
     position_hip, position_slide = position
     begin_cycle(memory, dt_s)
-    usable = take_efforts(memory, effort[0], effort[1])
+    usable = take_efforts(memory, effort[0] - options.offset_hip, effort[1] - options.offset_slide)
     have_hip = usable and math.isfinite(position_hip)
     have_slide = usable and math.isfinite(position_slide)
     for i in range(OUT_SIZE):
@@ -314,7 +349,8 @@ def _consider(constants: Constants, m: LegMemory, dt_s: float, out: Vector) -> N
     model, variants, count = constants.model, constants.variants, constants.variant_count
     acting = m.acting[0], m.acting[1]
     if m.event == STEPPED:
-        follow(model, variants, count, m.mean[2], m.mean[3], dt_s, m.unsure_friction)
+        over = friction_over_position(constants.options)
+        follow(model, over, variants, count, m.mean, dt_s, m.unsure_friction)
     widen(
         model,
         variants,

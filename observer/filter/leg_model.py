@@ -28,6 +28,8 @@ from observer.filter.states import STATE_COUNT
 from observer.jit import inline, kernel
 from observer.mechanism.friction import (
     FrictionParameters,
+    OverPosition,
+    at_position,
     bristle_friction,
     bristle_stability_number,
     bristles_after,
@@ -131,6 +133,20 @@ class LegModel(NamedTuple):
     """1 for the full dynamics, 0 for the paper's."""
     viscous_outside: Number = 0.0
     """1: viscous friction acts at once; 0, the paper's: through the low-pass, like all of (13)."""
+
+
+@inline
+def model_at(
+    model: LegModel, hip: OverPosition, slide: OverPosition, hip_rad: float, slide_m: float
+) -> LegModel:
+    """The model with the friction of a pose: it changes little in a step."""
+    return LegModel(
+        model.leg,
+        at_position(model.hip, hip, hip_rad),
+        at_position(model.slide, slide, slide_m),
+        model.coriolis_share,
+        model.viscous_outside,
+    )
 
 
 @kernel

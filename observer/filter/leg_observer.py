@@ -39,7 +39,12 @@ from observer.filter.leg_model import STEP_S, Integrator, substeps_needed
 from observer.filter.states import STATE_COUNT
 from observer.filter.status import START_RATIO_MIN, Status, Validity
 from observer.jit import kernel
-from observer.mechanism.friction import FrictionParameters, smallest_stribeck
+from observer.mechanism.friction import (
+    EVERYWHERE,
+    FrictionParameters,
+    OverPosition,
+    smallest_stribeck,
+)
 from observer.mechanism.mechanism import WorkspaceError, smallest_inertia
 from observer.mechanism.parameters import LegParameters
 
@@ -84,6 +89,10 @@ class ObserverTuning(NamedTuple):
     """How far the transmissions give way (`transmission.py`): rad/(N m), m/N; 0: rigid."""
     backlash: tuple[float, float] = (0.0, 0.0)
     """How far they turn without effort: rad, m."""
+    effort_offset: tuple[float, float] = (0.0, 0.0)
+    """What the drives show at no effort: N m, N."""
+    friction_over_position: tuple[OverPosition, OverPosition] = (EVERYWHERE, EVERYWHERE)
+    """How friction rises along the axes."""
 
 
 DEFAULT_TUNING: Final = ObserverTuning(
@@ -296,6 +305,12 @@ def setup_of(
         compliance_slide=float(tuning.compliance[1]),
         backlash_hip=float(tuning.backlash[0]),
         backlash_slide=float(tuning.backlash[1]),
+        offset_hip=float(tuning.effort_offset[0]),
+        offset_slide=float(tuning.effort_offset[1]),
+        friction_slope_hip=float(tuning.friction_over_position[0].slope),
+        friction_middle_hip=float(tuning.friction_over_position[0].middle),
+        friction_slope_slide=float(tuning.friction_over_position[1].slope),
+        friction_middle_slide=float(tuning.friction_over_position[1].middle),
     )
     noise = tuning.process_std, tuning.measurement_std
     unsure = float(len(considered)), table_of(considered)
@@ -357,6 +372,8 @@ def check_tuning(
         ("compliance of the slide", tuning.compliance[1], 0.0, math.inf),
         ("backlash of the hip", tuning.backlash[0], 0.0, math.inf),
         ("backlash of the slide", tuning.backlash[1], 0.0, math.inf),
+        ("effort_offset of the hip", tuning.effort_offset[0], -math.inf, math.inf),
+        ("effort_offset of the slide", tuning.effort_offset[1], -math.inf, math.inf),
     ):
         if not (math.isfinite(value) and least <= value <= most):
             raise TuningError(f"{name} = {value}: must be a number in {least}..{most}")

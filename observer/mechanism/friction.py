@@ -8,6 +8,9 @@
 The static law is odd, dissipative (F_s v >= 0) and equals F^ exactly at the peak speed v_p. The
 gate holds the friction state at rest, where it keeps the load; in motion the state follows the law.
 
+Its level may rise along the axis, as where a seal or a rail is not straight: Stribeck's and
+Coulomb's level times 1 + slope (q - middle), at no less than a fifth.
+
 An axis may have bristles instead of (11); (12) then only decides what counts as standstill. Canudas
 de Wit, Olsson, Astrom, Lischinsky, "A new model for control of systems with friction", IEEE Trans.
 Autom. Control 40 (1995), eq. (2) to (4), with the elastic part F = sigma_0 z as the state:
@@ -26,7 +29,7 @@ from typing import Final, NamedTuple
 
 from observer.jit import inline, kernel
 from observer.mechanism.elementary import expm1_of_negative, tanh
-from observer.quantities import Effort, Number, Speed, Stiffness, Viscosity
+from observer.quantities import Effort, Number, Position, Speed, Stiffness, Viscosity
 
 SQRT_E: Final = math.exp(0.5)
 SUBSTEPS_MAX: Final = 10
@@ -55,6 +58,39 @@ class FrictionParameters(NamedTuple):
     """sigma_0; 0 for eq. (11)."""
     bristle_damping: Viscosity = 0.0
     """sigma_1."""
+
+
+LEVEL_MIN_RATIO: Final = 0.2
+
+
+class OverPosition(NamedTuple):
+    """How the level of an axis's friction rises along it."""
+
+    slope: Number
+    """1/rad or 1/m; 0: the same everywhere."""
+    middle: Position
+    """Where the levels are those of FrictionParameters."""
+
+
+EVERYWHERE: Final = OverPosition(0.0, 0.0)
+"""Friction that is the same at each position."""
+
+
+@inline
+def at_position(f: FrictionParameters, over: OverPosition, position: float) -> FrictionParameters:
+    """The friction of an axis at a position."""
+    ratio = max(1.0 + over.slope * (position - over.middle), LEVEL_MIN_RATIO)
+    return FrictionParameters(
+        ratio * f.stribeck,
+        ratio * f.coulomb,
+        f.viscous,
+        f.transition,
+        f.peak,
+        f.edge,
+        f.time_constant_s,
+        f.bristle_stiffness,
+        f.bristle_damping,
+    )
 
 
 @inline

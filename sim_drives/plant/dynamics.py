@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.jit import kernel
-from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.friction import FrictionParameters, OverPosition, at_position
 from observer.mechanism.linkage import dynamics
 from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation
@@ -49,6 +49,7 @@ class Constants(NamedTuple):
 
     leg: LegParameters
     frictions: tuple[FrictionParameters, FrictionParameters]
+    over_position: tuple[OverPosition, OverPosition]
     bristles: tuple[Bristles, Bristles]
     stops: tuple[Stop, Stop]
     reach: Reach
@@ -167,7 +168,11 @@ def _step(constants: Constants, drives: Records, state: State) -> None:
         if shaft["elastic"]:
             reaching = transmit(shaft, joint, effort[axis], step_s)
         joint["load"] = reaching + joint["patient"] + joint["contact"] - bias[axis]
-    slide_or_stick(constants.law, constants.frictions, constants.bristles, joints, mass, step_s)
+    frictions = (
+        at_position(constants.frictions[0], constants.over_position[0], joints[0]["position"]),
+        at_position(constants.frictions[1], constants.over_position[1], joints[1]["position"]),
+    )
+    slide_or_stick(constants.law, frictions, constants.bristles, joints, mass, step_s)
     struck = keep_in_reach(constants.leg, constants.reach, joints, mass, step_s)
     for axis in range(2):
         _book_work(state, effort[axis], axis, step_s)

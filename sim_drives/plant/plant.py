@@ -6,12 +6,12 @@ is the argument of `advance`. All random values come from the seed, one stream f
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.friction import EVERYWHERE, FrictionParameters, OverPosition
 from observer.mechanism.mechanism import singularity_ratio
 from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation, AxisActuation, AxisSample
@@ -102,11 +102,18 @@ def _drives(motors: Motors, loops: Loops, effort_per_a: tuple[float, float]) -> 
     return rows
 
 
-def _constants(
-    settings: PlantTables,
-    leg: LegParameters,
-    frictions: tuple[FrictionParameters, FrictionParameters],
-) -> Constants:
+class Physics(NamedTuple):
+    """The machine of the plant's own robot file. Pairs are hip and slide."""
+
+    leg: LegParameters
+    """Mechanism, with or without a patient's leg."""
+    frictions: tuple[FrictionParameters, FrictionParameters]
+    drive_inertia: tuple[float, float]
+    """Reflected inertia of the drives, kg·m² and kg, which `leg` contains."""
+    over_position: tuple[OverPosition, OverPosition] = (EVERYWHERE, EVERYWHERE)
+
+
+def _constants(settings: PlantTables, physics: Physics) -> Constants:
     hip, slide = settings.friction.hip, settings.friction.slide
     step = settings.step
     if step.drive_loop_us % step.physics_us != 0:
@@ -115,14 +122,15 @@ def _constants(
             f"`step.physics_us` = {step.physics_us}"
         )
     return Constants(
-        leg=leg,
-        frictions=frictions,
+        leg=physics.leg,
+        frictions=physics.frictions,
+        over_position=physics.over_position,
         bristles=(
             Bristles(hip.bristle_stiffness_nm_per_rad, hip.bristle_damping_nm_s_per_rad),
             Bristles(slide.bristle_stiffness_n_per_m, slide.bristle_damping_n_s_per_m),
         ),
         stops=joint_stops(settings.stops.hip, settings.stops.slide),
-        reach=leg_reach(settings.stops.ankle, leg),
+        reach=leg_reach(settings.stops.ankle, physics.leg),
         law=LAW_CODES[settings.friction.law],
         step_s=step.physics_us * 1e-6,
         loop_steps=step.drive_loop_us // step.physics_us,
@@ -191,9 +199,7 @@ class Trainer:
     def __init__(
         self,
         settings: PlantTables,
-        leg: LegParameters,
-        frictions: tuple[FrictionParameters, FrictionParameters],
-        drive_inertia: tuple[float, float],
+        physics: Physics,
         effort_per_a: tuple[float, float],
         seed: int,
         start_ns: int,
@@ -203,9 +209,7 @@ class Trainer:
 
         Args:
             settings: physics tables of plant.toml.
-            leg: mechanism of the plant's own robot file, with or without a patient's leg.
-            frictions: friction of hip and slide, from the same file.
-            drive_inertia: reflected inertia of both drives, kg·m² and kg, which `leg` contains.
+            physics: the machine of the plant's own robot file.
             effort_per_a: joint effort per ampere, N·m/A and N/A, positive: k_t gear (2 pi / lead).
             seed: seed of noise and jitter; another leg takes another one.
             start_ns: the time now; the physics grid begins here.
@@ -216,8 +220,8 @@ class Trainer:
             UnknownProgrammeError: `patient.start` names none.
         """
         self._settings = settings
-        self._constants = _constants(settings, leg, frictions)
-        elastic = _elastic(settings, drive_inertia)
+        self._constants = _constants(settings, physics)
+        elastic = _elastic(settings, physics.drive_inertia)
         self._state = _start_state(settings, self._constants, elastic)
         # Python's floats by `item`: several times as fast as the fields of a record.
         self._joints = _fields(self._state.joints)

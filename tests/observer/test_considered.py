@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from observer.filter.considered import VARIANTS_MAX, Drives, Variant, table_of
+from observer.filter.considered import VARIANTS_MAX, Drives, Slopes, Variant, table_of
 from observer.filter.leg_observer import setup_of
 from observer.filter.status import Validity
+from observer.mechanism.friction import OverPosition
 from observer.offline.batch import Columns, run
 from observer.offline.smooth_batch import run_smoothed
 from observer.strides import strides_of
@@ -55,6 +56,9 @@ OTHERS = {
     "an encoder with an offset": Variant(
         PATIENT, HIP, SLIDE_FRICTION, Drives(position_offset_hip_rad=0.01)
     ),
+    "friction that rises along the slide": Variant(
+        PATIENT, HIP, SLIDE_FRICTION, slopes=Slopes(slide_per_m=0.5)
+    ),
 }
 
 
@@ -77,7 +81,9 @@ def seen_by(variant: Variant, columns: Columns):
     columns = Columns(
         columns.time_s, columns.position + shown[2], columns.effort * shown[0] + shown[1]
     )
-    return run_smoothed(setup_of(*variant[:3], SHIPPED), columns)
+    over = tuple(OverPosition(slope, 0.0) for slope in variant.slopes)
+    tuning = SHIPPED._replace(friction_over_position=over)
+    return run_smoothed(setup_of(*variant[:3], tuning), columns)
 
 
 def setup_with(*variants: Variant):

@@ -7,11 +7,23 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from trainers import FRICTIONS, LEG, MS, run, torque, trainer
+from trainers import (
+    DRIVE_INERTIA,
+    EFFORT_PER_A,
+    FRICTIONS,
+    LEG,
+    MS,
+    order,
+    plant_tables,
+    run,
+    torque,
+    trainer,
+)
 
-from observer.mechanism.friction import static_friction_of
+from observer.mechanism.friction import EVERYWHERE, OverPosition, static_friction_of
 from observer.mechanism.mechanism import gravity, mass_matrix
-from sim_drives.plant.plant import HIP, SLIDE
+from sim_drives.plant.actuation import Actuation
+from sim_drives.plant.plant import HIP, SLIDE, Physics, Trainer
 from sim_drives.plant.settings import FrictionLaw
 from sim_drives.plant.stick_slip import (
     JOINT,
@@ -222,3 +234,21 @@ def test_a_blocked_rotor_stops_and_stands_against_any_load(law):
     plant.block_rotor(HIP, blocked=False)
     run(plant, 0.05)
     assert plant.truth().velocity[HIP] > 0.1
+
+
+def test_friction_rises_along_an_axis_as_its_file_says():
+    over = OverPosition(0.5, 0.6), EVERYWHERE
+    plant = Trainer(
+        plant_tables(), Physics(LEG, FRICTIONS, DRIVE_INERTIA, over), EFFORT_PER_A, 1, start_ns=0
+    )
+    plant.set_axis(HIP, order(HIP, Actuation.VELOCITY, target_velocity_si=0.2))
+    plant.set_axis(SLIDE, order(SLIDE, Actuation.HOLD))
+    f, ratios, places = FRICTIONS[HIP], [], []
+    for _ in range(3):
+        run(plant, 0.4)
+        truth = plant.truth()
+        ratios.append((truth.friction[HIP] - f.viscous * truth.velocity[HIP]) / f.coulomb)
+        places.append(truth.position[HIP])
+
+    assert ratios == pytest.approx([1.0 + 0.5 * (one - 0.6) for one in places], rel=0.02)
+    assert max(ratios) - min(ratios) > 0.05

@@ -18,7 +18,7 @@ from trainers import (
 )
 
 from observer.mechanism.friction import FrictionParameters
-from sim_drives.plant.plant import HIP, SLIDE, PlantError, Trainer
+from sim_drives.plant.plant import HIP, SLIDE, Physics, PlantError, Trainer
 from tests.observer.mechanics import kinetic_energy, potential_energy
 
 STIFFNESS = 800.0, 4e4
@@ -102,7 +102,8 @@ def test_a_shaft_without_inertia_is_refused_with_its_key():
     with pytest.raises(PlantError, match=r"`transmission\.slide` needs a drive with inertia"):
         Trainer(
             plant_tables(transmission={"slide": SOFT["slide"]}),
-            *(LEG, FRICTIONS, (0.35, 0.0), EFFORT_PER_A),
+            Physics(LEG, FRICTIONS, (0.35, 0.0)),
+            EFFORT_PER_A,
             seed=1,
             start_ns=0,
         )

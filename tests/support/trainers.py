@@ -13,7 +13,7 @@ from daemon.config.settings import Robot
 from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 from sim_drives.plant.actuation import Actuation, AxisActuation
-from sim_drives.plant.plant import COASTING, HIP, SLIDE, Trainer
+from sim_drives.plant.plant import COASTING, HIP, SLIDE, Physics, Trainer
 from sim_drives.plant.settings import PlantTables
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -64,9 +64,8 @@ def trainer(
     **changes: Any,
 ) -> Trainer:
     """A plant at time 0."""
-    return Trainer(
-        plant_tables(**changes), leg, frictions, DRIVE_INERTIA, EFFORT_PER_A, seed, start_ns=0
-    )
+    physics = Physics(leg, frictions, DRIVE_INERTIA)
+    return Trainer(plant_tables(**changes), physics, EFFORT_PER_A, seed, start_ns=0)
 
 
 def programme(*efforts: dict[str, Any], activation_s: float = 0.0) -> dict[str, Any]:
