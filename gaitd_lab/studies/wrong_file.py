@@ -16,7 +16,14 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from analysis.replay import filter_setup, setup_for
-from daemon.config.robot import frictional
+from daemon.config.robot import (
+    considered,
+    friction_over_position,
+    friction_parameters,
+    frictional,
+    leg_parameters,
+    observer_tuning,
+)
 from daemon.config.settings import HipTransmission as RobotHipTransmission
 from daemon.config.settings import Robot
 from daemon.config.settings import SlideTransmission as RobotSlideTransmission
@@ -26,9 +33,23 @@ from gaitd_lab.studies.report import Cell, Table, measured
 from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Situation, Trials
 from observer.baseline import baseline_of, known
-from observer.filter.leg_observer import Setup
+from observer.filter.considered import (
+    DRIVES,
+    LEG_COUNT,
+    NOTHING_KNOWN,
+    SLIDE_FRICTION,
+    SLOPES,
+    Drives,
+    Known,
+    Slopes,
+    Variant,
+    table_of,
+)
+from observer.filter.leg_observer import Setup, setup_of, with_baseline
 from observer.filter.states import PATIENT
 from observer.filter.status import Validity
+from observer.mechanism.friction import FrictionParameters
+from observer.mechanism.parameters import LegParameters
 from observer.offline.batch import Columns, run
 from observer.offline.smooth_batch import run_smoothed
 from sim_drives.plant.settings import HipTransmission, Transmission
@@ -40,8 +61,8 @@ CADENCES_HZ: Final = (0.25, 0.35)
 """The baseline is that of the first one."""
 SIGMAS: Final = 3.0
 UNITS: Final = ("N·m", "N")
-DAMPING_NM_S_PER_RAD: Final = 5.0
-"""A twentieth of critical, of an elastic hip drive."""
+DRAWS: Final = 20
+DRAWN_SEED: Final = 44
 
 Values = NDArray[np.float64]
 
@@ -52,6 +73,11 @@ class File(NamedTuple):
     robot: Robot
     offset_nm: float = 0.0
     """Added to the torque that the hip's drive shows."""
+    drawn: Values | None = None
+    """How far each parameter of [uncertainty] is off, in its standard deviations; None: none is.
+
+    Parameters that act together are added up: the physics is that of `considered`, to first order.
+    """
 
 
 def heavier(robot: Robot, ratio: float) -> Robot:
@@ -103,6 +129,16 @@ FILES: Final[Mapping[str, Callable[[Robot], File]]] = {
 }
 
 
+def drawn(number: int) -> Callable[[Robot], File]:
+    """The file of a machine that is drawn from what [uncertainty] states."""
+
+    def made(robot: Robot) -> File:
+        rng = np.random.default_rng((DRAWN_SEED, number))
+        return File(robot, drawn=rng.normal(size=len(considered(robot))))
+
+    return made
+
+
 class Machine(NamedTuple):
     """A machine whose transmission gives way, which the file does not say."""
 
@@ -111,13 +147,13 @@ class Machine(NamedTuple):
     """What a file that is right says of it."""
 
 
-def soft_hip(stiffness_nm_per_rad: float, backlash_rad: float) -> Machine:
+def soft_hip(stiffness_nm_per_rad: float, damping: float, backlash_rad: float) -> Machine:
     """A machine with this transmission at the hip and a rigid one at the slide."""
     return Machine(
         Transmission(
             hip=HipTransmission(
                 stiffness_nm_per_rad=stiffness_nm_per_rad,
-                damping_nm_s_per_rad=DAMPING_NM_S_PER_RAD,
+                damping_nm_s_per_rad=damping,
                 backlash_rad=backlash_rad,
             )
         ),
@@ -131,8 +167,8 @@ def soft_hip(stiffness_nm_per_rad: float, backlash_rad: float) -> Machine:
 
 
 MACHINES: Final = {
-    "an elastic hip drive, 800 N·m/rad": soft_hip(800.0, 0.0),
-    "a loose hip drive, 0.3°, 4000 N·m/rad": soft_hip(4000.0, np.radians(0.3)),
+    "an elastic hip drive, 800 N·m/rad": soft_hip(800.0, 5.0, 0.0),
+    "a loose hip drive, 0.3°, 4000 N·m/rad": soft_hip(4000.0, 20.0, np.radians(0.3)),
 }
 RIGID: Final = Transmission()
 
@@ -163,10 +199,12 @@ def table(
     rows: list[tuple[Cell, ...]] = []
     rigid = walks(RIGID, "rigid")
     for name, changed in FILES.items():
-        rows += _rows(name, rigid, changed, lambda robot: robot)
+        rows += _rows(name, rigid, [changed], _same)
+    draws = [drawn(number) for number in range(DRAWS)]
+    rows += _rows(f"{DRAWS} draws from [uncertainty]", rigid, draws, _same)
     for name, machine in MACHINES.items():
         soft = walks(machine.transmission, name)
-        rows += _rows(name, soft, File, partial(replace, transmission=machine.file))
+        rows += _rows(name, soft, [File], partial(replace, transmission=machine.file))
     head = ("file differs by", "cadence", "baseline", *_HEAD)
     return Table("A robot file that differs from the machine", head, rows)
 
@@ -177,14 +215,25 @@ class _Walks(NamedTuple):
     """By cadence."""
 
 
+def _same(robot: Robot) -> Robot:
+    return robot
+
+
 def _rows(
-    name: str, walks: _Walks, changed: Callable[[Robot], File], true: Callable[[Robot], Robot]
+    name: str,
+    walks: _Walks,
+    changes: Sequence[Callable[[Robot], File]],
+    true: Callable[[Robot], Robot],
 ) -> list[tuple[Cell, ...]]:
-    files = [changed(trial.robot) for trial in walks.passive]
-    exact = [File(true(trial.robot)) for trial in walks.passive]
-    bare = [setup_for(file.robot) for file in files]
-    clean = [_with_minute(*one) for one in zip(files, walks.passive, strict=True)]
-    certain = [filter_setup(file.robot) for file in exact]
+    """Rows of one kind of file. All trials with all its files are one sample."""
+    files = [[changed(trial.robot) for changed in changes] for trial in walks.passive]
+    exact = [[File(true(trial.robot))] for trial in walks.passive]
+    bare = [[_setup(one) for one in some] for some in files]
+    clean = [
+        [_with_minute(one, passive) for one in some]
+        for some, passive in zip(files, walks.passive, strict=True)
+    ]
+    certain = [[filter_setup(one.robot) for one in some] for some in exact]
     rows: list[tuple[Cell, ...]] = []
     for cadence_hz, trials in walks.active.items():
         for how, made_from, setups in (
@@ -192,7 +241,11 @@ def _rows(
             ("with", files, clean),
             ("the true file", exact, certain),
         ):
-            found = [_errors(*one) for one in zip(trials, made_from, setups, strict=True)]
+            found = [
+                _errors(trial, *one)
+                for trial, some, theirs in zip(trials, made_from, setups, strict=True)
+                for one in zip(some, theirs, strict=True)
+            ]
             rows.append((name, f"{cadence_hz:g} Hz", how, *_cells(found)))
     return rows
 
@@ -205,13 +258,59 @@ _HEAD: Final = tuple(
 def _columns(trial: Trial, file: File) -> Columns:
     made = trial.recording
     effort = made.effort + np.array([file.offset_nm, 0.0])
-    return Columns(made.time_s, made.position, effort)
+    if file.drawn is None:
+        return Columns(made.time_s, made.position, effort)
+    ratio, offset, shift = np.array(_off(file.robot, file.drawn).drives).reshape(3, 2)
+    return Columns(made.time_s, made.position + shift, effort * ratio + offset)
+
+
+def _off(robot: Robot, deviations: Values) -> Variant:
+    """The physics of a robot file that is off."""
+    own, steps = _steps(robot)
+    return _variant_of(own + deviations @ steps)
+
+
+def _steps(robot: Robot) -> tuple[Values, Values]:
+    """The physics of a robot file, and what each of its parameters that is not sure adds to it."""
+    own = Variant(leg_parameters(robot), *friction_parameters(robot))
+    unsure = considered(robot)
+    first, *rows = table_of((own, *unsure))[: 1 + len(unsure)]
+    return first, np.array(rows) - first
+
+
+def _variant_of(row: Values) -> Variant:
+    """The inverse of `table_of`."""
+    pieces = np.split(row, (LEG_COUNT, SLIDE_FRICTION, DRIVES, SLOPES))
+    leg, hip, slide, drives, slopes = (piece.tolist() for piece in pieces)
+    return Variant(
+        LegParameters(*leg),
+        FrictionParameters(*hip),
+        FrictionParameters(*slide),
+        Drives(*drives),
+        Slopes(*slopes),
+    )
+
+
+def _setup(file: File, of_minute: Known = NOTHING_KNOWN) -> Setup:
+    if file.drawn is None:
+        return setup_for(file.robot, of_minute)
+    off = _off(file.robot, file.drawn)
+    own, steps = _steps(file.robot)
+    place = own + file.drawn @ steps
+    place[DRIVES:] = own[DRIVES:]  # what a variant shows otherwise is the change alone
+    unsure = [_variant_of(place + step) for step in steps]
+    over = tuple(
+        one._replace(slope=one.slope + slope)
+        for one, slope in zip(friction_over_position(file.robot), off.slopes, strict=True)
+    )
+    tuning = observer_tuning(file.robot)._replace(friction_over_position=over)
+    return with_baseline(setup_of(off.leg, off.hip, off.slide, tuning, unsure), of_minute)
 
 
 def _with_minute(file: File, passive: Trial) -> Setup:
     columns = _columns(passive, file)
-    smooth = run_smoothed(setup_for(file.robot), columns)
-    return setup_for(file.robot, known(baseline_of(smooth, columns, frictional(file.robot)), 0.0))
+    smooth = run_smoothed(_setup(file), columns)
+    return _setup(file, known(baseline_of(smooth, columns, frictional(file.robot)), 0.0))
 
 
 def _errors(trial: Trial, file: File, setup: Setup) -> tuple[Values, Values]:
