@@ -189,7 +189,7 @@ def _table(found: Sequence[Case]) -> Table:
     """Return all figures, a row each: plant, cadence, patient and figure, hip, slide."""
     rows: list[tuple[Cell, ...]] = []
     for case in found:
-        law, cadence_hz, programme, _ = case.situation
+        law, cadence_hz, programme, *_ = case.situation
         for name, units in UNITS.items():
             pairs = [figures[name] for figures in case.figures if name in figures]
             if pairs:
