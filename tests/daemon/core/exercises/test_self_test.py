@@ -135,6 +135,25 @@ def test_phases_follow_each_other_and_effort_counts_in_the_second_half_of_each_w
 
 
 @pytest.mark.parametrize(
+    ("elapsed_s", "phase"),
+    [
+        (0.3, (P.FORTH, False)),
+        (0.55, (P.FORTH, True)),
+        (0.8 - 0.2, (P.FORTH, False)),
+        (0.8, (P.TURN, False)),
+        (1.1, (P.BACK, False)),
+        (1.35, (P.BACK, True)),
+        (1.6 - 0.2, (P.BACK, False)),
+        (1.6, (P.DONE, False)),
+    ],
+)
+def test_a_phase_begins_at_its_time(elapsed_s, phase):
+    way = RUNS.ways[0]._replace(distance_si=0.3, speed_si_per_s=1.0)  # 0.5 s, without rounding
+
+    assert replace(RUNS, ways=(way, RUNS.ways[1]), elapsed_s=elapsed_s).phase(0) == phase
+
+
+@pytest.mark.parametrize(
     ("elapsed_s", "position", "velocity"),
     [
         (0.3, (0.2, 0.5), (0.0, 0.0)),
@@ -230,6 +249,24 @@ def test_what_deviates_from_the_configuration_is_found_with_its_value_and_limit(
         pytest.approx(slide_value, rel=1e-3),
         pytest.approx(slide_limit),
     )
+
+
+@pytest.mark.parametrize(
+    ("friction_si", "load_error_si", "moved_ratio", "fault"),
+    [
+        *((3.0, 8.0, 0.4, F.NONE), (9.0, -8.0, 1.5, F.NONE)),
+        (0.0, 0.0, 1.0, F.ACTS_AGAINST_MOTION),
+    ],
+)
+def test_a_value_at_its_limit_is_allowed_but_friction_is_more_than_none(
+    friction_si, load_error_si, moved_ratio, fault
+):
+    efforts = friction_si + load_error_si, 1, load_error_si - friction_si, 1
+    sums = Sums(*efforts, moved_forth_si=moved_ratio, moved_back_si=-moved_ratio)
+    way = RUNS.ways[0]._replace(distance_si=1.0)
+    test = replace(RUNS, ways=(way, way), ratios=(0.5, 1.5), sums=(sums, sums))
+
+    assert [one.fault for one in test.results()] == [fault, fault]
 
 
 def test_the_result_has_friction_load_error_and_motion():
