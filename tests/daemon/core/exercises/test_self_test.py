@@ -4,20 +4,22 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from config_files import CONFIGS
-from gaitd_names import Finding, MotionPhase, ProgressCode, RefusalCode, Stage
+from gaitd_names import Failure, Finding, MotionPhase, ProgressCode, RefusalCode, Stage
 from gaitd_toml import load_toml
 from safety_inputs import LIMITS
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot, Trainer
 from daemon.core.exercises.exercise import LegSample, LegStart
-from daemon.core.exercises.self_test import AxisResult, SelfTest, Sums, Way
+from daemon.core.exercises.self_test import AxisResult, SelfTest, Sums, Way, total_s
 from daemon.core.motion.gait_shape import gait_shape
 from daemon.ipc.record import ModeRequest
 from daemon.ipc.report import Progress, Refusal
 from observer.mechanism.friction import static_friction_of
+from observer.mechanism.mechanism import singularity_ratio
 
 ROBOT = load_toml(CONFIGS / "robot.toml", Robot)
 TRAINER = load_toml(CONFIGS / "demo.toml", Trainer)
@@ -63,7 +65,7 @@ RUNS = replace(
         ((HIP, SLIDE), (0.65 - HIP_WAY + 1e-3, 0.5), (-1.0, 1.0)),
         ((HIP, SLIDE), (-0.25, 0.5), (1.0, 1.0)),
         ((HIP, SLIDE), (-0.25 - 1e-3, 0.5), (0.0, 0.0)),
-        ((HIP, SLIDE), (0.2, 0.75 - SLIDE_WAY - 1e-9), (1.0, 1.0)),
+        ((HIP, SLIDE), (0.2, 0.75 - SLIDE_WAY), (1.0, 1.0)),
         ((HIP, SLIDE), (0.2, 0.75 - SLIDE_WAY + 1e-3), (1.0, -1.0)),
         ((HIP, SLIDE._replace(position_max_si=0.58, position_min_si=0.42)), (0.2, 0.5), (1.0, 0.0)),
         ((HIP, SLIDE._replace(position_max_si=1.5)), (0.2, 0.88), (1.0, -1.0)),  # stretched
@@ -88,6 +90,18 @@ def test_each_axis_takes_the_first_direction_with_room_for_its_whole_way(limits,
     blocked = [name for name, sign in zip(NAMES, directions, strict=True) if not sign]
     refusal = Refusal(RefusalCode.NO_ROOM, blocked[0]) if blocked else None
     assert SelfTest.may_begin([START, leg], CONFIG) == refusal
+
+
+def test_a_way_up_to_the_least_distance_from_the_singularity_has_no_room():
+    start = START._replace(limits=(HIP, SLIDE._replace(position_max_si=1.5)), pose=(0.2, 0.8))
+    end = np.array((0.2, 0.8 + SLIDE_WAY))
+    least = float(singularity_ratio(START.parameters, end))
+
+    for stop_ratio, direction in ((least, -1.0), (math.nextafter(least, 0.0), 1.0)):
+        thresholds = SimpleNamespace(singularity_stop_ratio=stop_ratio)
+        config = SimpleNamespace(self_test=TRAINER.self_test, thresholds=thresholds)
+        (test,) = SelfTest.begin([start], ModeRequest(), config)
+        assert test.ways[1].distance_si == direction * SLIDE_WAY
 
 
 def test_legs_are_tested_one_after_the_other():
@@ -176,8 +190,9 @@ def test_one_axis_moves_with_ramps_and_the_friction_of_its_speed(elapsed_s, posi
     assert target.velocity == pytest.approx(velocity)
     assert target.feedforward == pytest.approx((30.0 * velocity[0], 600.0 * velocity[1]))
     assert (target.guided, target.load) == (True, None)
-    waiting = replace(RUNS, stage=Stage.PREPARING, elapsed_s=elapsed_s).targets(SAMPLE)
-    assert (waiting.position, waiting.velocity) == ((0.2, 0.5), (0.0, 0.0))
+    for stage in (Stage.PREPARING, Stage.OVER):
+        still = replace(RUNS, stage=stage, elapsed_s=elapsed_s).targets(SAMPLE)
+        assert (still.position, still.velocity) == ((0.2, 0.5), (0.0, 0.0))
 
 
 SAMPLE = LegSample(
@@ -279,12 +294,15 @@ def test_the_result_has_friction_load_error_and_motion():
     one = replace(RUNS, sums=(Sums(1.0, 1), Sums(0.0, 0, 1.0, 1)))
     assert one.results()[0] == AxisResult(NAMES[0], 0.0, 0.0, 0.0, 0.0, F.NO_SAMPLE)
     assert one.results()[1] == AxisResult(NAMES[1], 0.0, 0.0, 0.0, 0.0, F.NO_SAMPLE)
+    for failure in (Failure.STOP_REQUESTED, Failure.KEEPS_MOVING):
+        assert replace(one, failure=failure).results()[0].fault is F.NOT_BEGUN
 
 
 @pytest.mark.parametrize(
     ("stage", "elapsed_s", "progress"),
     [
         (Stage.PREPARING, 1.25, Progress(ProgressCode.EXERCISING, "", (1.25,))),
+        (Stage.OVER, 1.25, Progress(ProgressCode.EXERCISING, "", (1.25,))),
         (Stage.PLAYING, 0.35, Progress(ProgressCode.TESTING, NAMES[0], (P.FORTH,))),
         (Stage.PLAYING, 1.35, Progress(ProgressCode.TESTING, NAMES[0], (P.BACK,))),
         (Stage.PLAYING, 3.05, Progress(ProgressCode.TESTING, NAMES[1], (P.BACK,))),
@@ -302,3 +320,7 @@ def test_it_begins_once_the_legs_before_it_are_tested():
 
     assert (waiting.stage, waiting.elapsed_s) == (Stage.PREPARING, pytest.approx(1.795))
     assert (begun.stage, begun.elapsed_s) == (Stage.PLAYING, 0.0)
+
+
+def test_it_is_over_at_the_end_of_its_last_rest():
+    assert RUNS.advance(SAMPLE, total_s(RUNS.ways)).stage is Stage.OVER
