@@ -428,6 +428,7 @@ class _AfterCollection(_InForks):
         self.fails_unmutated = False
         before = compile(SOURCES[self.file], self.path, "exec")
         functions: dict[Place, list[FunctionType]] = {}
+        gc.unfreeze()  # `tests/conftest.py` has frozen them, and frozen objects are not listed
         for one in gc.get_objects():
             if type(one) is FunctionType and one.__code__.co_filename == self.path:
                 functions.setdefault(Place.of(one.__code__), []).append(one)
