@@ -110,6 +110,7 @@ def test_legs_are_tested_one_after_the_other():
     way_s = HIP_WAY / 0.1 + 0.2 + SLIDE_WAY / 0.05 + 0.2
     assert (first.wait_s, second.wait_s) == (0.0, pytest.approx(2 * way_s + 4 * 0.3))
     assert (first.start, first.ratios, first.stage) == ((0.2, 0.5), (0.5, 1.6), Stage.PREPARING)
+    assert first.sums == (Sums(0.0, 0, 0.0, 0, 0.0, 0.0, 0.0),) * 2
     assert SelfTest.legs_in_turn
 
 
@@ -148,6 +149,12 @@ def test_phases_follow_each_other_and_effort_counts_in_the_second_half_of_each_w
     assert (test.phase(0), test.phase(1)) == (hip, slide)
 
 
+SHORTER = replace(
+    RUNS, ways=(RUNS.ways[0]._replace(distance_si=0.3, speed_si_per_s=1.0), RUNS.ways[1])
+)
+"""The hip takes 0.5 s for a way, without rounding."""
+
+
 @pytest.mark.parametrize(
     ("elapsed_s", "phase"),
     [
@@ -162,9 +169,14 @@ def test_phases_follow_each_other_and_effort_counts_in_the_second_half_of_each_w
     ],
 )
 def test_a_phase_begins_at_its_time(elapsed_s, phase):
-    way = RUNS.ways[0]._replace(distance_si=0.3, speed_si_per_s=1.0)  # 0.5 s, without rounding
+    assert replace(SHORTER, elapsed_s=elapsed_s).phase(0) == phase
 
-    assert replace(RUNS, ways=(way, RUNS.ways[1]), elapsed_s=elapsed_s).phase(0) == phase
+
+def test_the_slide_begins_when_the_hip_has_ended():
+    begun = replace(SHORTER, elapsed_s=1.6 + 0.3 + EPS_S)
+
+    assert begun.phase(1) == (P.FORTH, False)
+    assert begun.targets(SAMPLE).velocity[1] == pytest.approx(-0.1 * EPS_S / 0.2, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -270,7 +282,7 @@ def test_what_deviates_from_the_configuration_is_found_with_its_value_and_limit(
     ("friction_si", "load_error_si", "moved_ratio", "fault"),
     [
         *((3.0, 8.0, 0.4, F.NONE), (9.0, -8.0, 1.5, F.NONE)),
-        (0.0, 0.0, 1.0, F.ACTS_AGAINST_MOTION),
+        *((0.0, 0.0, 1.0, F.ACTS_AGAINST_MOTION), (0.5, 0.0, 1.0, F.FRICTION_LESS)),
     ],
 )
 def test_a_value_at_its_limit_is_allowed_but_friction_is_more_than_none(
@@ -323,4 +335,6 @@ def test_it_begins_once_the_legs_before_it_are_tested():
 
 
 def test_it_is_over_at_the_end_of_its_last_rest():
-    assert RUNS.advance(SAMPLE, total_s(RUNS.ways)).stage is Stage.OVER
+    over = RUNS.advance(SAMPLE, total_s(RUNS.ways))
+
+    assert (over.stage, over.elapsed_s) == (Stage.OVER, 0.0)
