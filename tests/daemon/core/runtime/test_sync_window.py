@@ -173,7 +173,8 @@ def test_an_answer_that_comes_twice_is_kept_and_completes_nothing():
 def test_the_heartbeat_leaves_with_every_second_sync():
     wire, window = Wire([]), None
     for _ in range(4):
-        _, _, window = collected(wire, window)
+        _, answer_ns, window = collected(wire, window)
+        assert answer_ns == 0
 
     own = heartbeat_frame(MASTER_NODE_ID)
     assert wire.sent == [SYNC_FRAME, SYNC_FRAME, own, SYNC_FRAME, SYNC_FRAME, own]
