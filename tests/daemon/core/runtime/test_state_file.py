@@ -1,5 +1,6 @@
 """The file that keeps poses and proofs across restarts."""
 
+import msgspec
 import pytest
 from gaitd_names import Finding
 from msgspec.structs import replace
@@ -111,6 +112,20 @@ def test_a_state_that_does_not_fit_is_a_bug_of_ours_and_changes_nothing(tmp_path
     with pytest.raises(ValueError, match=r"axis notes of \d+ bytes do not fit 8192"):
         state_file.write(PersistentState(latched=long), 0)
     assert StateFile(tmp_path).persistent == NOTES
+
+
+@pytest.mark.parametrize(
+    ("writes_s", "kept"),
+    [((0.0,), {0, 1}), ((0.0, 1.0), {1, 2}), ((0.0, 0.999), {0, 2}), ((0.0, 1.0, 2.0), {2, 3})],
+)
+def test_a_page_is_left_alone_until_the_newest_one_has_rested(tmp_path, writes_s, kept):
+    state_file = StateFile(tmp_path)
+    for number, time_s in enumerate(writes_s, 1):
+        state_file.write(PersistentState(utc_newest_ns=number), int(time_s * 1e9))
+    data = (tmp_path / NAME).read_bytes()
+
+    pages = (msgspec.json.decode(data[begin : begin + 8192]) for begin in (0, 8192))
+    assert {page["state"].get("utc_newest_ns", 0) for page in pages} == kept
 
 
 # --- power cuts -----------------------------------------------------------------------------------
