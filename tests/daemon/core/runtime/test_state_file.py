@@ -1,5 +1,7 @@
 """The file that keeps poses and proofs across restarts."""
 
+import re
+
 import msgspec
 import pytest
 from gaitd_names import Finding
@@ -114,9 +116,44 @@ def test_a_state_that_does_not_fit_is_a_bug_of_ours_and_changes_nothing(tmp_path
     assert StateFile(tmp_path).persistent == NOTES
 
 
+def test_a_page_is_used_up_to_its_last_line_break(tmp_path):
+    state_file, refused = StateFile(tmp_path), []
+    for size in range(7801, 8192):
+        persistent = PersistentState(latched=StoredVerdict("S1", "bus_off", said="x" * size))
+        try:
+            state_file.write(persistent, 0)
+        except ValueError as error:
+            refused += map(int, re.findall(r"of (\d+) bytes", str(error)))
+
+    assert min(refused) == 8192
+
+
+@pytest.mark.parametrize("error", [-1, 1])
+def test_a_page_whose_checksum_is_wrong_is_torn(tmp_path, error):
+    StateFile(tmp_path).close()
+    data = (tmp_path / NAME).read_bytes()
+    page = msgspec.json.decode(data[8192:])
+    torn = msgspec.json.encode(page | {"crc32": page["crc32"] + error}).ljust(8192)
+    (tmp_path / NAME).write_bytes(torn * 2)
+
+    assert StateFile(tmp_path).persistent == UNREADABLE
+
+
+@pytest.mark.parametrize("version", ["a", "z"])
+def test_a_page_of_another_version_is_not_read(tmp_path, version):
+    StateFile(tmp_path).write(replace(NOTES, format=version), 0)
+
+    persistent = StateFile(tmp_path).persistent
+
+    assert (persistent.axes, persistent.damaged) == ({}, True)
+
+
 @pytest.mark.parametrize(
     ("writes_s", "kept"),
-    [((0.0,), {0, 1}), ((0.0, 1.0), {1, 2}), ((0.0, 0.999), {0, 2}), ((0.0, 1.0, 2.0), {2, 3})],
+    [
+        *(((0.0,), {0, 1}), ((0.0, 1.0), {1, 2}), ((0.0, 0.999), {0, 2})),
+        *(((0.0, 1.0, 2.0), {2, 3}), ((1.0, 2.5), {1, 2}), ((1.0, 1.5), {0, 2})),
+    ],
 )
 def test_a_page_is_left_alone_until_the_newest_one_has_rested(tmp_path, writes_s, kept):
     state_file = StateFile(tmp_path)
