@@ -31,6 +31,8 @@ def test_what_is_written_is_found_by_the_next_start(tmp_path):
     state_file.close()
 
     assert StateFile(tmp_path).persistent == NOTES
+    with pytest.raises(ValueError, match="closed"):
+        state_file.write(NOTES, 0)
 
 
 @pytest.mark.parametrize("before", [None, b"", b"{}"])
@@ -128,12 +130,12 @@ def test_a_page_is_used_up_to_its_last_line_break(tmp_path):
     assert min(refused) == 8192
 
 
-@pytest.mark.parametrize("error", [-1, 1])
-def test_a_page_whose_checksum_is_wrong_is_torn(tmp_path, error):
+@pytest.mark.parametrize(("name", "change"), [("crc32", -1), ("crc32", 1), ("another", 0)])
+def test_a_page_with_a_wrong_checksum_or_another_field_is_torn(tmp_path, name, change):
     StateFile(tmp_path).close()
     data = (tmp_path / NAME).read_bytes()
     page = msgspec.json.decode(data[8192:])
-    torn = msgspec.json.encode(page | {"crc32": page["crc32"] + error}).ljust(8192)
+    torn = msgspec.json.encode(page | {name: page.get(name, 0) + change}).ljust(8192)
     (tmp_path / NAME).write_bytes(torn * 2)
 
     assert StateFile(tmp_path).persistent == UNREADABLE
@@ -151,7 +153,7 @@ def test_a_page_of_another_version_is_not_read(tmp_path, version):
 @pytest.mark.parametrize(
     ("writes_s", "kept"),
     [
-        *(((0.0,), {0, 1}), ((0.0, 1.0), {1, 2}), ((0.0, 0.999), {0, 2})),
+        *(((0.0,), {0, 1}), ((0.0, 1.0), {1, 2}), ((0.0, 0.999_999_999), {0, 2})),
         *(((0.0, 1.0, 2.0), {2, 3}), ((1.0, 2.5), {1, 2}), ((1.0, 1.5), {0, 2})),
     ],
 )
@@ -197,6 +199,7 @@ def test_after_a_power_cut_the_notes_are_old_or_new_and_no_stop_is_lost(tmp_path
 
     def scenario():
         state_file = StateFile(tmp_path / "state")
+        mark("made")
         disk = StateFileSync(state_file.path)
         disk.close()
         mark("synced")
@@ -206,6 +209,8 @@ def test_after_a_power_cut_the_notes_are_old_or_new_and_no_stop_is_lost(tmp_path
             if is_synced:
                 disk.sync()
                 mark("synced")
+        state_file.close()
+        mark("synced")
 
     seen = {"new": 0, "older": 0, "torn": 0, "unreadable": 0}
 
