@@ -79,10 +79,11 @@ def test_a_single_axis_gets_its_special_plan_until_it_is_over():
     ]
     assert plans.of(None) is plans.usual
     assert plans.of(homing.failed(homing.why)) is plans.usual
-    for run, special in ((homing, plans.homing), (axis("left/hip", SignTest), plans.commissioning)):
-        expected = list(plans.usual)
-        expected[2] = special["left/hip"]
-        assert plans.of(run) == tuple(expected) != plans.usual
+    for kind, special in ((Homing, plans.homing), (SignTest, plans.commissioning)):
+        for index, name in ((0, "right/hip"), (2, "left/hip")):
+            expected = list(plans.usual)
+            expected[index] = special[name]
+            assert plans.of(axis(name, kind)) == tuple(expected) != plans.usual
 
 
 def test_the_ring_says_whose_records_it_has():
