@@ -19,11 +19,15 @@ from daemon.core.safety.stop_sequence import StopRules
 from daemon.preflight.load import load
 
 SETTINGS = load(CONFIGS / "two_legs.toml")
-BUILT = build.build(SETTINGS, "boot", PersistentState(utc_newest_ns=7))
 
 
-def test_the_files_become_rules_in_cycles():
-    core = BUILT.core
+@pytest.fixture(scope="module")
+def built():
+    return build.build(SETTINGS, "boot", PersistentState(utc_newest_ns=7))
+
+
+def test_the_files_become_rules_in_cycles(built):
+    core = built.core
     config, trainer = core.config, SETTINGS.trainer
 
     assert (core.boot_id, core.persistent.utc_newest_ns) == ("boot", 7)
@@ -42,11 +46,11 @@ def test_the_files_become_rules_in_cycles():
     assert (config.excite, config.self_test) == (dict(trainer.excite), trainer.self_test)
 
 
-def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later():
-    right, left = BUILT.core.legs
+def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later(built):
+    right, left = built.core.legs
     hip, slide = right.axes
 
-    assert [axis.name for axis in BUILT.core.axes] == [
+    assert [axis.name for axis in built.core.axes] == [
         *("right/hip", "right/slide", "left/hip", "left/slide"),
     ]
     assert (right.phase_offset_strides, left.phase_offset_strides) == (0.0, 0.5)
@@ -70,12 +74,12 @@ def axis(name, kind):
     return kind.begin(AxisStart(name, PushRules(1.0, 1.0, 1.0), rules, True, True, 0, 0.01))
 
 
-def test_a_single_axis_gets_its_special_plan_until_it_is_over():
-    plans = BUILT.plans
+def test_a_single_axis_gets_its_special_plan_until_it_is_over(built):
+    plans = built.plans
     homing = axis("left/hip", Homing)
 
     assert [plan.description.name for plan in plans.usual] == [
-        axis.name for axis in BUILT.core.axes
+        axis.name for axis in built.core.axes
     ]
     assert plans.of(None) is plans.usual
     assert plans.of(homing.failed(homing.why)) is plans.usual
