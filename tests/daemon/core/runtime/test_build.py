@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from config_files import CONFIGS
-from fresh_core import fresh
 
 from daemon.core.exercises.homing import Homing
 from daemon.core.exercises.sign_test import SignTest
@@ -105,7 +104,7 @@ def test_the_ring_says_whose_records_it_has():
 
 
 def test_everything_that_a_cycle_calls_is_called_once_before(monkeypatch):
-    built, calls = fresh(), []
+    built, calls = build.build(load(CONFIGS / "demo.toml"), "boot", PersistentState()), []
     (leg,) = built.core.legs
 
     def recorded(name, result=None):
