@@ -1,11 +1,13 @@
 """A core is built from the files in SI units and cycles, and warmed up before its first cycle."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
 import pytest
 from config_files import CONFIGS
+from msgspec import structs
 
 from daemon.core.exercises.homing import Homing
 from daemon.core.exercises.sign_test import SignTest
@@ -66,6 +68,38 @@ def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later(bui
     )
     assert right.observers.friction == right.friction
     assert left.observers.observer is not right.observers.observer
+
+
+def test_times_that_are_no_whole_number_of_cycles_lose_their_rest(monkeypatch):
+    (leg, _), limits = SETTINGS.legs, SETTINGS.limits
+    spasm = structs.replace(limits.spasm, rise_window_ms=109)
+    stop = structs.replace(limits.stop, assist_fade_ms=209)
+    file = structs.replace(
+        leg.hip.axis,
+        enable_max_ms=259,
+        homing=structs.replace(leg.hip.axis.homing, timeout_s=40.006),
+    )
+    profile = structs.replace(leg.hip.profile, fault_reaction_max_ms=509)
+    hip = replace(leg.hip, axis=file, profile=profile)
+    windows = []
+    monkeypatch.setattr(build, "SpasmWatch", windows.append)
+
+    core = build.build(
+        replace(
+            SETTINGS,
+            legs=(replace(leg, hip=hip),),
+            limits=structs.replace(limits, spasm=spasm, stop=stop),
+        ),
+        *("boot", PersistentState()),
+    ).core
+
+    counts = (
+        *(core.config.spasm.window_cycles, core.config.assist_rules.fade_cycles, windows[0]),
+        *(core.axes[0].limits.enable_max_cycles, core.axes[0].reaction_cycles),
+        core.axes[0].homing.timeout_cycles,
+    )
+    assert counts == (10, 20, 10, 25, 50, 4001)
+    assert {type(count) for count in counts} == {int}
 
 
 def axis(name, kind):
