@@ -67,7 +67,25 @@ def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later(bui
         *(SETTINGS.limits.hip.torque_max_nm, SETTINGS.limits.slide.force_max_n),
     )
     assert right.observers.friction == right.friction
+    assert [axis.limits.breakaway_si for axis in right.axes] == [
+        law.stribeck for law in right.friction
+    ]
     assert left.observers.observer is not right.observers.observer
+
+
+def test_signs_may_have_to_be_proven_and_poses_to_be_found():
+    trainer = SETTINGS.trainer
+    trainer = structs.replace(
+        trainer,
+        commissioning=structs.replace(trainer.commissioning, signs="proven"),
+        reference=structs.replace(trainer.reference, without_stored_pose="home"),
+    )
+    settings = replace(SETTINGS, file=replace(SETTINGS.file, trainer=trainer))
+
+    core = build.build(settings, "boot", PersistentState()).core
+
+    assert core.config.signs_must_be_proven
+    assert not any(axis.poses.believed_without_pose for axis in core.axes)
 
 
 def test_times_that_are_no_whole_number_of_cycles_lose_their_rest(monkeypatch):
