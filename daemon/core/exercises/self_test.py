@@ -155,7 +155,7 @@ class SelfTest(Exercise):
         hip, slide = (
             _summed(self.sums[index], leg, index, *later.phase(index)) for index in (0, 1)
         )
-        if later.elapsed_s >= total_s(self.ways):
+        if later.stage is Stage.PLAYING and later.elapsed_s >= total_s(self.ways):
             return replace(later, stage=Stage.OVER, elapsed_s=0.0, sums=(hip, slide))
         return replace(later, sums=(hip, slide))
 
