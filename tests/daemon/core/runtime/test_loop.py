@@ -378,7 +378,7 @@ def test_in_mode_off_a_bring_up_comes_first_and_the_grid_begins_after_it(
 @pytest.mark.parametrize(
     ("late_ms", "names"),
     [(-1, []), (0, ["rest", "publish", "feed"]), (9, ["rest", "publish", "feed"]),
-     (10, ["rest", "publish"])],
+     (10, ["rest", "publish"]), (11, ["rest", "publish"])],
 )  # fmt: skip
 def test_during_a_bring_up_cycles_without_drives_run_on_the_grid(world, late_ms, names):
     world.now += (10 + late_ms) * MS
