@@ -104,7 +104,7 @@ def test_a_change_is_told_at_once_and_progress_rarely(systemd, supervision):
         replace(WALKS, cycle=WALKS.cycle + 499, progress=None),
         replace(WALKS, cycle=WALKS.cycle + 500, progress=None),
         replace(WALKS, cycle=WALKS.cycle + 999, progress=WALKS.progress),
-        replace(WALKS, cycle=WALKS.cycle + 1001, progress=None),
+        replace(WALKS, cycle=WALKS.cycle + 1001),
         replace(WALKS, verdict=SILENT),
         READY,
     ):
@@ -115,6 +115,7 @@ def test_a_change_is_told_at_once_and_progress_rarely(systemd, supervision):
         ("READY=1", f"STATUS={status_text(READY)}"),
         (f"STATUS={status_text(WALKS)}",),
         (f"STATUS={status_text(replace(WALKS, progress=None))}",),
+        (f"STATUS={status_text(WALKS)}",),
         (f"STATUS={status_text(replace(WALKS, verdict=SILENT))}",),
         (f"STATUS={status_text(READY)}",),
     ]
