@@ -182,6 +182,7 @@ HISTORY = (
     (4.5, None, False),
     (4.6, STOP, False),
     (4.7, STOP, True),
+    (4.8, STOP, False),
 )
 
 
