@@ -152,6 +152,22 @@ def test_a_record_that_is_overwritten_while_it_is_read_is_not_there(
     assert (reader.read(1 + transport.SLOT_COUNT) is not None) == is_whole
 
 
+def test_a_slot_has_no_number_while_it_is_written(tmp_path, monkeypatch):
+    numbers = []
+
+    class Watched(mmap.mmap):
+        """A mapping that shows what a reader would find between the bytes of a record."""
+
+        def __setitem__(self, place, data):
+            numbers.append(struct.unpack_from("<Q", self, place.start - 12)[0])
+            super().__setitem__(place, data)
+
+    monkeypatch.setattr(transport.mmap, "mmap", Watched)
+    RingWriter(tmp_path / transport.RING_NAME, HEADER).write(record(2))
+
+    assert numbers == [0]
+
+
 def place_of(seq):
     return transport.HEADER_SIZE + seq % transport.SLOT_COUNT * transport.SLOT_SIZE
 
@@ -207,6 +223,19 @@ def test_a_slot_of_another_record_has_no_such_record_whatever_its_length(tmp_pat
     spoil(tmp_path, place_of(2), struct.pack("<QI", seq, transport.SLOT_SIZE))
 
     assert RingReader(path).raw(2) is None
+
+
+def test_records_between_damaged_slots_are_all_read(ends, tmp_path):
+    for seq in range(1, 7):
+        ends.core.publish(record(seq))
+    for seq in (3, 5):
+        spoil(tmp_path, place_of(seq), struct.pack("<Q", 0))
+    found = [[one.seq for one in ends.gateway.records()]]
+    for seq in (7, 8):
+        ends.core.publish(record(seq))
+        found.append([one.seq for one in ends.gateway.records()])
+
+    assert found == [[1, 2], [4], [6, 7, 8]]
 
 
 @pytest.mark.parametrize("spoiled", [(4,), (3, 4)])
@@ -303,15 +332,25 @@ def test_the_ring_has_all_its_room_before_the_first_record(tmp_path):
     assert found.st_size == transport.HEADER_SIZE + transport.SLOT_COUNT * transport.SLOT_SIZE
 
 
-def test_a_ring_that_finds_no_room_leaves_nothing(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("owner", "name"), [(os, "posix_fallocate"), (Path, "open")])
+def test_a_ring_that_finds_no_room_leaves_nothing(tmp_path, monkeypatch, owner, name):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(transport.os, "posix_fallocate", full)
+    monkeypatch.setattr(owner, name, full)
 
     with pytest.raises(OSError, match="No space left"):
         RingWriter(tmp_path / transport.RING_NAME, HEADER)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_ring_is_set_aside_until_it_is_taken_and_no_later_one_replaces_it(tmp_path):
+    path = tmp_path / transport.RING_NAME
+    for boot_id in ("first", "second", "third"):
+        RingWriter(path, msgspec.structs.replace(HEADER, core_boot_id=boot_id)).close()
+
+    paths = tmp_path / transport.PREVIOUS_RING_NAME, path
+    assert [RingReader(one).header.core_boot_id for one in paths] == ["first", "third"]
 
 
 def test_the_ring_outlives_its_writer(tmp_path):
