@@ -223,6 +223,8 @@ def test_a_slot_of_another_record_has_no_such_record_whatever_its_length(tmp_pat
     spoil(tmp_path, place_of(2), struct.pack("<QI", seq, transport.SLOT_SIZE))
 
     assert RingReader(path).raw(2) is None
+    spoil(tmp_path, place_of(0), struct.pack("<Q", 1))
+    assert RingReader(path).newest_seq() == (seq and 2 + transport.SLOT_COUNT)
 
 
 def test_records_between_damaged_slots_are_all_read(ends, tmp_path):
