@@ -346,6 +346,18 @@ def test_a_ring_that_finds_no_room_leaves_nothing(tmp_path, monkeypatch, owner, 
     assert not list(tmp_path.iterdir())
 
 
+def test_a_ring_that_is_closed_is_neither_written_nor_read(tmp_path):
+    path = tmp_path / transport.RING_NAME
+    writer = RingWriter(path, HEADER)
+    reader = RingReader(path)
+    writer.close()
+    reader.close()
+
+    for end in (writer, reader):
+        with pytest.raises(ValueError, match="closed"):
+            end._map[0]
+
+
 def test_a_ring_is_set_aside_until_it_is_taken_and_no_later_one_replaces_it(tmp_path):
     path = tmp_path / transport.RING_NAME
     for boot_id in ("first", "second", "third"):
@@ -421,7 +433,8 @@ def test_a_gateway_that_comes_late_begins_with_the_newest_record(tmp_path):
     gateway.close()
 
 
-def test_a_core_without_a_gateway_writes_on(tmp_path):
+def test_a_core_without_a_gateway_writes_on_where_another_one_has_left_its_socket(tmp_path):
+    (tmp_path / transport.CORE_SOCKET_NAME).touch()
     core = CoreChannel(tmp_path, HEADER)
     for seq in range(1, 50):
         core.publish(record(seq))
