@@ -372,6 +372,7 @@ def test_the_ring_outlives_its_writer(tmp_path):
     core.publish(record(1))
     core.close()
 
+    assert core.fileno() == -1
     assert RingReader(tmp_path / transport.RING_NAME).since(0)[0].seq == 1
 
 
