@@ -370,10 +370,22 @@ def test_a_ring_is_set_aside_until_it_is_taken_and_no_later_one_replaces_it(tmp_
 def test_the_ring_outlives_its_writer(tmp_path):
     core = CoreChannel(tmp_path, HEADER)
     core.publish(record(1))
-    core.close()
+    gateway = GatewayChannel(tmp_path)
+    for end in (core, gateway):
+        end.close()
 
-    assert core.fileno() == -1
+        assert end.fileno() == -1
+        with pytest.raises(ValueError, match="closed"):
+            end._ring._map[0]
     assert RingReader(tmp_path / transport.RING_NAME).since(0)[0].seq == 1
+
+
+def test_a_file_of_the_black_box_may_have_no_number():
+    place = dict.fromkeys(("stop_seq", "stop_utc_ns", "first_seq", "last_seq"), 1)
+
+    kept = msgspec.convert({"cause": "", "drive": "", "active": False} | place, transport.Kept)
+
+    assert kept.number == 0
 
 
 def test_the_gateway_follows_a_core_that_starts_anew_and_reads_it_from_its_beginning(
