@@ -83,11 +83,14 @@ class Run(SimpleNamespace):
 
 @pytest.mark.parametrize(
     ("asks", "mode", "begins"),
-    [(True, Mode.GAIT, True), (False, Mode.GAIT, False), (True, Mode.TORQUE, False)],
+    [
+        *((True, Mode.GAIT, True), (False, Mode.GAIT, False)),
+        *((True, Mode.TORQUE, False), (True, Mode.EXCITE, False)),
+    ],
 )
 def test_a_gait_with_a_passive_patient_begins_the_minute_of_each_leg(bench, asks, mode, begins):
     core, (leg,) = bench.core, bench.core.legs
-    wanted = ModeRequest(mode, 0.25, 1.0, 80.0, baseline=asks)
+    wanted = ModeRequest(mode, 0.25, 1.0, 80.0, scenario="friction", baseline=asks)
 
     supervisor._execute(core, Request(1, RequestKind.MODE, 7, wanted), 7, 0)
 
