@@ -365,6 +365,14 @@ def test_doubtful_feedback_has_the_encoder_of_its_axis_compared_again(bench, cau
     assert (hip.sensed.sign_trusted, slide.sensed.sign_trusted) == (is_kept, True)
 
 
+def test_a_command_that_is_no_number_is_the_fault_of_no_drive(bench):
+    cause = Cause.COMMAND_NOT_FINITE
+
+    supervisor.refuse_command(bench.core, 123)
+
+    assert bench.core.verdict == Verdict(bench.core.config.categories.of(cause), cause)
+
+
 @pytest.mark.parametrize("mode", [*ACTIVE, Mode.READY])
 def test_the_first_verdict_stops_whatever_is_under_way(bench, mode):
     core = bench.core
