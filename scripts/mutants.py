@@ -204,9 +204,22 @@ class _Bare(ast.NodeTransformer):
         return ast.Pass() if isinstance(node.value, ast.Constant) else self.generic_visit(node)
 
 
-def what_runs(source: str) -> str:
-    """A text that is equal for sources that run equally."""
-    return ast.dump(_Bare().visit(ast.parse(source)))
+def what_runs(source: str) -> tuple[str, ...]:
+    """Texts of the statements of a module that are equal for sources that run equally."""
+    lines = source.splitlines()
+    places = ((_first_line(one), one.end_lineno) for one in ast.parse(source).body)
+    return tuple(_what_runs_of("\n".join(lines[first - 1 : last])) for first, last in places)
+
+
+@functools.cache
+def _what_runs_of(statement: str) -> str:
+    """A fork finds all but the changed statement in the cache."""
+    return ast.dump(_Bare().visit(ast.parse(statement)))
+
+
+def _first_line(node: ast.stmt) -> int:
+    decorators: list[ast.expr] = getattr(node, "decorator_list", [])
+    return min([node.lineno, *(one.lineno for one in decorators)])
 
 
 class _Mutated(importlib.abc.MetaPathFinder, importlib.abc.InspectLoader):
@@ -275,13 +288,18 @@ def _cell(lines: list[str]) -> str:
 
 
 def _enclosing(source: str, line: int) -> str:
-    name = "module"
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
-            first = min([node.lineno, *(one.lineno for one in node.decorator_list)])
-            if first <= line <= (node.end_lineno or 0):
-                name = node.name
-    return name
+    around = [name for first, last, name in _definitions(source) if first <= line <= last]
+    return around[-1] if around else "module"
+
+
+@functools.cache
+def _definitions(source: str) -> list[tuple[int, int, str]]:
+    """First line, last line and name of each function and class, outer ones first."""
+    return [
+        (_first_line(node), node.end_lineno or 0, node.name)
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+    ]
 
 
 def changed_functions(before: CodeType, after: CodeType) -> list[tuple[CodeType, CodeType]] | None:
@@ -410,10 +428,11 @@ class _AfterCollection(_InForks):
         self.fails_unmutated = False
         before = compile(SOURCES[self.file], self.path, "exec")
         functions: dict[Place, list[FunctionType]] = {}
+        gc.unfreeze()  # `tests/conftest.py` has frozen them, and frozen objects are not listed
         for one in gc.get_objects():
             if type(one) is FunctionType and one.__code__.co_filename == self.path:
                 functions.setdefault(Place.of(one.__code__), []).append(one)
-        namespace(self.file), tree(self.file), bare(self.file)
+        namespace(self.file), tree(self.file), bare(self.file), _definitions(SOURCES[self.file])
         gc.freeze()  # objects from before the fork need no further garbage collection
         for spec in self.specs:
             receive, send = multiprocessing.Pipe(duplex=False)
@@ -512,8 +531,8 @@ def limit_cpu(limit_s: float) -> None:
 
 
 @functools.cache
-def bare(file: str) -> str:
-    """Text of what Python runs of a file without mutation."""
+def bare(file: str) -> tuple[str, ...]:
+    """Texts of what Python runs of a file without mutation."""
     return what_runs(SOURCES[file])
 
 

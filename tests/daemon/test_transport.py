@@ -99,16 +99,16 @@ def test_a_level_reaches_the_core_and_rubbish_is_counted_and_told(ends):
 
 
 def test_the_ring_keeps_the_newest_records_and_knows_what_is_gone(ends, tmp_path):
-    for seq in range(1, transport.SLOT_COUNT + 11):
+    for seq in range(1, transport.SLOT_COUNT + 15):
         ends.core.publish(record(seq))
 
     reader = RingReader(tmp_path / transport.RING_NAME)
 
     late = [one.seq for one in ends.gateway.records()]
-    assert late == list(range(111, transport.SLOT_COUNT + 11))  # the others are soon overwritten
-    assert reader.newest_seq() == transport.SLOT_COUNT + 10
-    assert reader.read(10) is None
-    assert [one.seq for one in reader.since(0)] == list(range(11, transport.SLOT_COUNT + 11))
+    assert late == list(range(115, transport.SLOT_COUNT + 15))  # the others are soon overwritten
+    assert reader.newest_seq() == transport.SLOT_COUNT + 14
+    assert reader.read(14) is None
+    assert [one.seq for one in reader.since(0)] == list(range(15, transport.SLOT_COUNT + 15))
 
 
 def test_the_group_may_send_to_the_core_but_not_shorten_what_it_has_mapped(tmp_path):
@@ -124,7 +124,10 @@ def test_the_group_may_send_to_the_core_but_not_shorten_what_it_has_mapped(tmp_p
     assert modes == {transport.CORE_SOCKET_NAME: 0o660, transport.RING_NAME: 0o640}
 
 
-def test_a_record_that_is_overwritten_while_it_is_read_is_not_there(tmp_path, monkeypatch):
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_a_record_that_is_overwritten_while_it_is_read_is_not_there(
+    tmp_path, monkeypatch, is_whole
+):
     path = tmp_path / transport.RING_NAME
     writer = RingWriter(path, HEADER)
     writer.write(record(1))
@@ -136,6 +139,8 @@ def test_a_record_that_is_overwritten_while_it_is_read_is_not_there(tmp_path, mo
         def __getitem__(self, place):
             if newer and place.start >= transport.HEADER_SIZE:
                 writer.write(newer.pop())
+                if not is_whole:
+                    spoil(tmp_path, place_of(1), struct.pack("<Q", 0))
             return super().__getitem__(place)
 
     monkeypatch.setattr(transport.mmap, "mmap", Overtaken)
@@ -144,7 +149,23 @@ def test_a_record_that_is_overwritten_while_it_is_read_is_not_there(tmp_path, mo
     assert reader.read(1) is None
     assert newer == []
     assert reader.damaged_count == 0
-    assert reader.read(1 + transport.SLOT_COUNT) is not None
+    assert (reader.read(1 + transport.SLOT_COUNT) is not None) == is_whole
+
+
+def test_a_slot_has_no_number_while_it_is_written(tmp_path, monkeypatch):
+    numbers = []
+
+    class Watched(mmap.mmap):
+        """A mapping that shows what a reader would find between the bytes of a record."""
+
+        def __setitem__(self, place, data):
+            numbers.append(struct.unpack_from("<Q", self, place.start - 12)[0])
+            super().__setitem__(place, data)
+
+    monkeypatch.setattr(transport.mmap, "mmap", Watched)
+    RingWriter(tmp_path / transport.RING_NAME, HEADER).write(record(2))
+
+    assert numbers == [0]
 
 
 def place_of(seq):
@@ -163,10 +184,12 @@ def spoil(folder, place, data):
     [
         (0, struct.pack("<Q", 0), None, 0),  # it is being written
         (0, struct.pack("<Q", 1), None, 0),  # its number belongs into another slot
+        (0, struct.pack("<Q", 5), None, 0),
         (8, struct.pack("<I", transport.SLOT_SIZE - 11), b"", 1),
         (8, struct.pack("<I", 0), b"", 1),
         (12, b"\xc1", b"\xc1", 1),
         (12, msgspec.msgpack.encode(record(1)), msgspec.msgpack.encode(record(1)), 1),
+        (12, msgspec.msgpack.encode(record(3)), msgspec.msgpack.encode(record(3)), 1),
     ],
 )
 def test_a_slot_that_has_no_whole_record_is_left_out_and_one_that_is_damaged_is_counted(
@@ -178,17 +201,58 @@ def test_a_slot_that_has_no_whole_record_is_left_out_and_one_that_is_damaged_is_
     reader = RingReader(tmp_path / transport.RING_NAME)
 
     found = reader.raw(2)
-    assert found is None if raw is None else found is not None and found.startswith(raw)
+    assert found == raw or (raw and found is not None and found.startswith(raw))
     assert reader.read(2) is None
     assert reader.damaged_count == damaged_count
     assert [one.seq for one in reader.since(0)] == [1, 3]
     assert [one.seq for one in reader.since(1)] == [3]
+    assert reader.since(3) == []
+    assert reader.newest_seq() == 3
     assert (reader.oldest_seq(2), reader.oldest_seq(transport.SLOT_COUNT + 5)) == (1, 6)
     assert [one.seq for one in ends.gateway.records()] == ([1, 3] if damaged_count else [1])
     assert ends.gateway.records() == []
     assert (ends.gateway.take_unread(), ends.gateway.take_unread()) == (damaged_count, 0)
     ends.core.publish(record(4))
     assert [one.seq for one in ends.gateway.records()] == ([4] if damaged_count else [3, 4])
+
+
+@pytest.mark.parametrize("seq", [0, 2 + transport.SLOT_COUNT])
+def test_a_slot_of_another_record_has_no_such_record_whatever_its_length(tmp_path, seq):
+    path = tmp_path / transport.RING_NAME
+    RingWriter(path, HEADER).close()
+    spoil(tmp_path, place_of(2), struct.pack("<QI", seq, transport.SLOT_SIZE))
+
+    assert RingReader(path).raw(2) is None
+    spoil(tmp_path, place_of(0), struct.pack("<Q", 1))
+    assert RingReader(path).newest_seq() == (seq and 2 + transport.SLOT_COUNT)
+
+
+def test_records_between_damaged_slots_are_all_read(ends, tmp_path):
+    for seq in range(1, 7):
+        ends.core.publish(record(seq))
+    for seq in (3, 5):
+        spoil(tmp_path, place_of(seq), struct.pack("<Q", 0))
+    found = [[one.seq for one in ends.gateway.records()]]
+    for seq in (7, 8):
+        ends.core.publish(record(seq))
+        found.append([one.seq for one in ends.gateway.records()])
+
+    assert found == [[1, 2], [4], [6, 7, 8]]
+
+
+@pytest.mark.parametrize("spoiled", [(4,), (3, 4)])
+def test_a_record_that_is_not_there_yet_is_waited_for(ends, tmp_path, spoiled):
+    for seq in (1, 2, 3):
+        ends.core.publish(record(seq))
+    assert len(ends.gateway.records()) == 3
+    ends.core.publish(record(4))
+    for seq in spoiled:
+        spoil(tmp_path, place_of(seq), struct.pack("<Q", 0))
+    assert ends.gateway.records() == []
+    spoil(tmp_path, place_of(4), struct.pack("<Q", 4))
+    ends.core.publish(record(5))
+
+    assert [one.seq for one in ends.gateway.records()] == [4, 5]
 
 
 def test_the_file_has_the_layout_that_other_readers_know(tmp_path):
@@ -270,23 +334,58 @@ def test_the_ring_has_all_its_room_before_the_first_record(tmp_path):
     assert found.st_size == transport.HEADER_SIZE + transport.SLOT_COUNT * transport.SLOT_SIZE
 
 
-def test_a_ring_that_finds_no_room_leaves_nothing(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("owner", "name"), [(os, "posix_fallocate"), (Path, "open")])
+def test_a_ring_that_finds_no_room_leaves_nothing(tmp_path, monkeypatch, owner, name):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(transport.os, "posix_fallocate", full)
+    monkeypatch.setattr(owner, name, full)
 
     with pytest.raises(OSError, match="No space left"):
         RingWriter(tmp_path / transport.RING_NAME, HEADER)
     assert not list(tmp_path.iterdir())
 
 
+def test_a_ring_that_is_closed_is_neither_written_nor_read(tmp_path):
+    path = tmp_path / transport.RING_NAME
+    writer = RingWriter(path, HEADER)
+    reader = RingReader(path)
+    writer.close()
+    reader.close()
+
+    for end in (writer, reader):
+        with pytest.raises(ValueError, match="closed"):
+            end._map[0]
+
+
+def test_a_ring_is_set_aside_until_it_is_taken_and_no_later_one_replaces_it(tmp_path):
+    path = tmp_path / transport.RING_NAME
+    for boot_id in ("first", "second", "third"):
+        RingWriter(path, msgspec.structs.replace(HEADER, core_boot_id=boot_id)).close()
+
+    paths = tmp_path / transport.PREVIOUS_RING_NAME, path
+    assert [RingReader(one).header.core_boot_id for one in paths] == ["first", "third"]
+
+
 def test_the_ring_outlives_its_writer(tmp_path):
     core = CoreChannel(tmp_path, HEADER)
     core.publish(record(1))
-    core.close()
+    gateway = GatewayChannel(tmp_path)
+    for end in (core, gateway):
+        end.close()
 
+        assert end.fileno() == -1
+        with pytest.raises(ValueError, match="closed"):
+            end._ring._map[0]
     assert RingReader(tmp_path / transport.RING_NAME).since(0)[0].seq == 1
+
+
+def test_a_file_of_the_black_box_may_have_no_number():
+    place = dict.fromkeys(("stop_seq", "stop_utc_ns", "first_seq", "last_seq"), 1)
+
+    kept = msgspec.convert({"cause": "", "drive": "", "active": False} | place, transport.Kept)
+
+    assert kept.number == 0
 
 
 def test_the_gateway_follows_a_core_that_starts_anew_and_reads_it_from_its_beginning(
@@ -307,6 +406,33 @@ def test_the_gateway_follows_a_core_that_starts_anew_and_reads_it_from_its_begin
     again.close()
 
 
+@pytest.mark.parametrize("count", [1, 3])
+def test_what_a_new_core_writes_goes_before_what_is_left_of_the_one_before(ends, tmp_path, count):
+    ends.core.publish(record(1))
+    ends.gateway.records()
+    ends.core.publish(record(2))
+    ends.core.close()
+    again = CoreChannel(tmp_path, HEADER)
+    seqs = list(range(1, count + 1))
+    for seq in seqs:
+        again.publish(record(seq))
+
+    assert [one.seq for one in ends.gateway.records()] == seqs
+    again.close()
+
+
+@pytest.mark.parametrize("step", [-1, 1])
+def test_a_ring_with_another_inode_is_another_one(ends, step):
+    ends.core.publish(record(1))
+    ends.gateway.records()
+    before = ends.gateway.ring
+    before.inode += step
+
+    ends.gateway.records()
+
+    assert ends.gateway.ring is not before
+
+
 def test_a_gateway_that_comes_late_begins_with_the_newest_record(tmp_path):
     core = CoreChannel(tmp_path, HEADER)
     for seq in range(1, 100):
@@ -320,7 +446,8 @@ def test_a_gateway_that_comes_late_begins_with_the_newest_record(tmp_path):
     gateway.close()
 
 
-def test_a_core_without_a_gateway_writes_on(tmp_path):
+def test_a_core_without_a_gateway_writes_on_where_another_one_has_left_its_socket(tmp_path):
+    (tmp_path / transport.CORE_SOCKET_NAME).touch()
     core = CoreChannel(tmp_path, HEADER)
     for seq in range(1, 50):
         core.publish(record(seq))
@@ -342,9 +469,13 @@ def test_a_core_without_a_gateway_writes_on(tmp_path):
             struct.pack("<8sIII", transport.MAGIC, 4096, 3000, 4) + bytes(transport.HEADER_SIZE),
             "shorter",
         ),
-        (
-            struct.pack("<8sIII", transport.MAGIC, 12, 1, 1) + bytes(transport.HEADER_SIZE - 9),
-            "shorter",
+        *(
+            (
+                struct.pack("<8sIII", transport.MAGIC, size, count, 1)
+                + bytes(transport.HEADER_SIZE - 20 + size * count - 1),
+                "shorter",
+            )
+            for size, count in ((12, 1), (100, 3), (8192, 2))
         ),
         (
             struct.pack("<8sIII", transport.MAGIC, 11, 1, 1) + bytes(transport.HEADER_SIZE),

@@ -109,10 +109,9 @@ def news(axis: Axis, before: Sensed, after: Sensed) -> Iterator[Event]:
         yield Event(
             EventCode.TEMPERATURE_OVERDUE if overdue else EventCode.TEMPERATURE_BACK, axis.name
         )
-    code = 0 if after.feedback is None else after.feedback.fault_code
-    shown = 0 if before.feedback is None else before.feedback.fault_code
-    if after.feedback is not None and code not in (0, shown):
-        said = after.feedback.error_text
+    shown = None if before.feedback is None else before.feedback.fault_code
+    if after.feedback is not None and after.feedback.fault_code not in (0, shown):
+        code, said = after.feedback.fault_code, after.feedback.error_text
         yield Event(EventCode.ERROR_CODE_SHOWN, axis.name, (float(code),), said)
     if before.referenced and not after.referenced:
         yield Event(EventCode.REFERENCE_LOST, axis.name, (after.doubt,))

@@ -4,20 +4,22 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from config_files import CONFIGS
-from gaitd_names import Finding, MotionPhase, ProgressCode, RefusalCode, Stage
+from gaitd_names import Failure, Finding, MotionPhase, ProgressCode, RefusalCode, Stage
 from gaitd_toml import load_toml
 from safety_inputs import LIMITS
 
 from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.config.settings import Robot, Trainer
 from daemon.core.exercises.exercise import LegSample, LegStart
-from daemon.core.exercises.self_test import AxisResult, SelfTest, Sums, Way
+from daemon.core.exercises.self_test import AxisResult, SelfTest, Sums, Way, total_s
 from daemon.core.motion.gait_shape import gait_shape
 from daemon.ipc.record import ModeRequest
 from daemon.ipc.report import Progress, Refusal
 from observer.mechanism.friction import static_friction_of
+from observer.mechanism.mechanism import singularity_ratio
 
 ROBOT = load_toml(CONFIGS / "robot.toml", Robot)
 TRAINER = load_toml(CONFIGS / "demo.toml", Trainer)
@@ -63,7 +65,7 @@ RUNS = replace(
         ((HIP, SLIDE), (0.65 - HIP_WAY + 1e-3, 0.5), (-1.0, 1.0)),
         ((HIP, SLIDE), (-0.25, 0.5), (1.0, 1.0)),
         ((HIP, SLIDE), (-0.25 - 1e-3, 0.5), (0.0, 0.0)),
-        ((HIP, SLIDE), (0.2, 0.75 - SLIDE_WAY - 1e-9), (1.0, 1.0)),
+        ((HIP, SLIDE), (0.2, 0.75 - SLIDE_WAY), (1.0, 1.0)),
         ((HIP, SLIDE), (0.2, 0.75 - SLIDE_WAY + 1e-3), (1.0, -1.0)),
         ((HIP, SLIDE._replace(position_max_si=0.58, position_min_si=0.42)), (0.2, 0.5), (1.0, 0.0)),
         ((HIP, SLIDE._replace(position_max_si=1.5)), (0.2, 0.88), (1.0, -1.0)),  # stretched
@@ -90,12 +92,25 @@ def test_each_axis_takes_the_first_direction_with_room_for_its_whole_way(limits,
     assert SelfTest.may_begin([START, leg], CONFIG) == refusal
 
 
+def test_a_way_up_to_the_least_distance_from_the_singularity_has_no_room():
+    start = START._replace(limits=(HIP, SLIDE._replace(position_max_si=1.5)), pose=(0.2, 0.8))
+    end = np.array((0.2, 0.8 + SLIDE_WAY))
+    least = float(singularity_ratio(START.parameters, end))
+
+    for stop_ratio, direction in ((least, -1.0), (math.nextafter(least, 0.0), 1.0)):
+        thresholds = SimpleNamespace(singularity_stop_ratio=stop_ratio)
+        config = SimpleNamespace(self_test=TRAINER.self_test, thresholds=thresholds)
+        (test,) = SelfTest.begin([start], ModeRequest(), config)
+        assert test.ways[1].distance_si == direction * SLIDE_WAY
+
+
 def test_legs_are_tested_one_after_the_other():
     first, second = SelfTest.begin([START, START], ModeRequest(), CONFIG)
 
     way_s = HIP_WAY / 0.1 + 0.2 + SLIDE_WAY / 0.05 + 0.2
     assert (first.wait_s, second.wait_s) == (0.0, pytest.approx(2 * way_s + 4 * 0.3))
     assert (first.start, first.ratios, first.stage) == ((0.2, 0.5), (0.5, 1.6), Stage.PREPARING)
+    assert first.sums == (Sums(0.0, 0, 0.0, 0, 0.0, 0.0, 0.0),) * 2
     assert SelfTest.legs_in_turn
 
 
@@ -134,6 +149,36 @@ def test_phases_follow_each_other_and_effort_counts_in_the_second_half_of_each_w
     assert (test.phase(0), test.phase(1)) == (hip, slide)
 
 
+SHORTER = replace(
+    RUNS, ways=(RUNS.ways[0]._replace(distance_si=0.3, speed_si_per_s=1.0), RUNS.ways[1])
+)
+"""The hip takes 0.5 s for a way, without rounding."""
+
+
+@pytest.mark.parametrize(
+    ("elapsed_s", "phase"),
+    [
+        (0.3, (P.FORTH, False)),
+        (0.55, (P.FORTH, True)),
+        (0.8 - 0.2, (P.FORTH, False)),
+        (0.8, (P.TURN, False)),
+        (1.1, (P.BACK, False)),
+        (1.35, (P.BACK, True)),
+        (1.6 - 0.2, (P.BACK, False)),
+        (1.6, (P.DONE, False)),
+    ],
+)
+def test_a_phase_begins_at_its_time(elapsed_s, phase):
+    assert replace(SHORTER, elapsed_s=elapsed_s).phase(0) == phase
+
+
+def test_the_slide_begins_when_the_hip_has_ended():
+    begun = replace(SHORTER, elapsed_s=1.6 + 0.3 + EPS_S)
+
+    assert begun.phase(1) == (P.FORTH, False)
+    assert begun.targets(SAMPLE).velocity[1] == pytest.approx(-0.1 * EPS_S / 0.2, rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("elapsed_s", "position", "velocity"),
     [
@@ -157,8 +202,9 @@ def test_one_axis_moves_with_ramps_and_the_friction_of_its_speed(elapsed_s, posi
     assert target.velocity == pytest.approx(velocity)
     assert target.feedforward == pytest.approx((30.0 * velocity[0], 600.0 * velocity[1]))
     assert (target.guided, target.load) == (True, None)
-    waiting = replace(RUNS, stage=Stage.PREPARING, elapsed_s=elapsed_s).targets(SAMPLE)
-    assert (waiting.position, waiting.velocity) == ((0.2, 0.5), (0.0, 0.0))
+    for stage in (Stage.PREPARING, Stage.OVER):
+        still = replace(RUNS, stage=stage, elapsed_s=elapsed_s).targets(SAMPLE)
+        assert (still.position, still.velocity) == ((0.2, 0.5), (0.0, 0.0))
 
 
 SAMPLE = LegSample(
@@ -232,6 +278,24 @@ def test_what_deviates_from_the_configuration_is_found_with_its_value_and_limit(
     )
 
 
+@pytest.mark.parametrize(
+    ("friction_si", "load_error_si", "moved_ratio", "fault"),
+    [
+        *((3.0, 8.0, 0.4, F.NONE), (9.0, -8.0, 1.5, F.NONE)),
+        *((0.0, 0.0, 1.0, F.ACTS_AGAINST_MOTION), (0.5, 0.0, 1.0, F.FRICTION_LESS)),
+    ],
+)
+def test_a_value_at_its_limit_is_allowed_but_friction_is_more_than_none(
+    friction_si, load_error_si, moved_ratio, fault
+):
+    efforts = friction_si + load_error_si, 1, load_error_si - friction_si, 1
+    sums = Sums(*efforts, moved_forth_si=moved_ratio, moved_back_si=-moved_ratio)
+    way = RUNS.ways[0]._replace(distance_si=1.0)
+    test = replace(RUNS, ways=(way, way), ratios=(0.5, 1.5), sums=(sums, sums))
+
+    assert [one.fault for one in test.results()] == [fault, fault]
+
+
 def test_the_result_has_friction_load_error_and_motion():
     hip, slide = played(moved_ratio=0.9, friction_ratio=1.2, error_ratio=0.25)
 
@@ -242,12 +306,15 @@ def test_the_result_has_friction_load_error_and_motion():
     one = replace(RUNS, sums=(Sums(1.0, 1), Sums(0.0, 0, 1.0, 1)))
     assert one.results()[0] == AxisResult(NAMES[0], 0.0, 0.0, 0.0, 0.0, F.NO_SAMPLE)
     assert one.results()[1] == AxisResult(NAMES[1], 0.0, 0.0, 0.0, 0.0, F.NO_SAMPLE)
+    for failure in (Failure.STOP_REQUESTED, Failure.KEEPS_MOVING):
+        assert replace(one, failure=failure).results()[0].fault is F.NOT_BEGUN
 
 
 @pytest.mark.parametrize(
     ("stage", "elapsed_s", "progress"),
     [
         (Stage.PREPARING, 1.25, Progress(ProgressCode.EXERCISING, "", (1.25,))),
+        (Stage.OVER, 1.25, Progress(ProgressCode.EXERCISING, "", (1.25,))),
         (Stage.PLAYING, 0.35, Progress(ProgressCode.TESTING, NAMES[0], (P.FORTH,))),
         (Stage.PLAYING, 1.35, Progress(ProgressCode.TESTING, NAMES[0], (P.BACK,))),
         (Stage.PLAYING, 3.05, Progress(ProgressCode.TESTING, NAMES[1], (P.BACK,))),
@@ -265,3 +332,9 @@ def test_it_begins_once_the_legs_before_it_are_tested():
 
     assert (waiting.stage, waiting.elapsed_s) == (Stage.PREPARING, pytest.approx(1.795))
     assert (begun.stage, begun.elapsed_s) == (Stage.PLAYING, 0.0)
+
+
+def test_it_is_over_at_the_end_of_its_last_rest():
+    over = RUNS.advance(SAMPLE, total_s(RUNS.ways))
+
+    assert (over.stage, over.elapsed_s) == (Stage.OVER, 0.0)

@@ -194,10 +194,9 @@ MOVING = {Mode.GAIT: GAIT, Mode.TORQUE: ModeRequest(Mode.TORQUE)} | {
 }
 
 
+@pytest.mark.parametrize("why", [SelfTestDue.FAILED, SelfTestDue.TOO_OLD])
 @pytest.mark.parametrize("mode", EXERCISES)
-def test_before_the_test_of_the_day_no_leg_is_moved_but_by_hand_and_by_the_test(mode):
-    why = SelfTestDue.TOO_OLD
-
+def test_before_the_test_of_the_day_no_leg_is_moved_but_by_hand_and_by_the_test(mode, why):
     answer = ask(MOVING.get(mode, mode), lease_held=True, self_test_due=why)
 
     due = Refusal(RefusalCode.SELF_TEST_DUE, values=(why,))

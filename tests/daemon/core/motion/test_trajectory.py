@@ -353,7 +353,10 @@ def self_test_play(**change):
 
 @pytest.mark.parametrize(
     ("distance_si", "most_si_per_s"),
-    [(math.radians(4.0), 0.174), (math.radians(1.0), 0.043), (0.04, 0.1), (0.0051, 0.012)],
+    [
+        *((math.radians(4.0), 0.174), (math.radians(1.0), 0.043)),
+        *((0.04, 0.1), (0.0051, 0.012), (4.0, 10.0)),
+    ],
 )
 def test_the_highest_speed_of_a_self_test_leaves_a_tenth_of_a_second_to_average(
     distance_si, most_si_per_s

@@ -1,12 +1,13 @@
 """A core is built from the files in SI units and cycles, and warmed up before its first cycle."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
 import pytest
 from config_files import CONFIGS
-from fresh_core import fresh
+from msgspec import structs
 
 from daemon.core.exercises.homing import Homing
 from daemon.core.exercises.sign_test import SignTest
@@ -19,11 +20,15 @@ from daemon.core.safety.stop_sequence import StopRules
 from daemon.preflight.load import load
 
 SETTINGS = load(CONFIGS / "two_legs.toml")
-BUILT = build.build(SETTINGS, "boot", PersistentState(utc_newest_ns=7))
 
 
-def test_the_files_become_rules_in_cycles():
-    core = BUILT.core
+@pytest.fixture(scope="module")
+def built():
+    return build.build(SETTINGS, "boot", PersistentState(utc_newest_ns=7))
+
+
+def test_the_files_become_rules_in_cycles(built):
+    core = built.core
     config, trainer = core.config, SETTINGS.trainer
 
     assert (core.boot_id, core.persistent.utc_newest_ns) == ("boot", 7)
@@ -42,11 +47,11 @@ def test_the_files_become_rules_in_cycles():
     assert (config.excite, config.self_test) == (dict(trainer.excite), trainer.self_test)
 
 
-def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later():
-    right, left = BUILT.core.legs
+def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later(built):
+    right, left = built.core.legs
     hip, slide = right.axes
 
-    assert [axis.name for axis in BUILT.core.axes] == [
+    assert [axis.name for axis in built.core.axes] == [
         *("right/hip", "right/slide", "left/hip", "left/slide"),
     ]
     assert (right.phase_offset_strides, left.phase_offset_strides) == (0.0, 0.5)
@@ -62,7 +67,57 @@ def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later():
         *(SETTINGS.limits.hip.torque_max_nm, SETTINGS.limits.slide.force_max_n),
     )
     assert right.observers.friction == right.friction
+    assert [axis.limits.breakaway_si for axis in right.axes] == [
+        law.stribeck for law in right.friction
+    ]
     assert left.observers.observer is not right.observers.observer
+
+
+def test_signs_may_have_to_be_proven_and_poses_to_be_found():
+    trainer = SETTINGS.trainer
+    trainer = structs.replace(
+        trainer,
+        commissioning=structs.replace(trainer.commissioning, signs="proven"),
+        reference=structs.replace(trainer.reference, without_stored_pose="home"),
+    )
+    settings = replace(SETTINGS, file=replace(SETTINGS.file, trainer=trainer))
+
+    core = build.build(settings, "boot", PersistentState()).core
+
+    assert core.config.signs_must_be_proven
+    assert not any(axis.poses.believed_without_pose for axis in core.axes)
+
+
+def test_times_that_are_no_whole_number_of_cycles_lose_their_rest(monkeypatch):
+    (leg, _), limits = SETTINGS.legs, SETTINGS.limits
+    spasm = structs.replace(limits.spasm, rise_window_ms=109)
+    stop = structs.replace(limits.stop, assist_fade_ms=209)
+    file = structs.replace(
+        leg.hip.axis,
+        enable_max_ms=259,
+        homing=structs.replace(leg.hip.axis.homing, timeout_s=40.006),
+    )
+    profile = structs.replace(leg.hip.profile, fault_reaction_max_ms=509)
+    hip = replace(leg.hip, axis=file, profile=profile)
+    windows = []
+    monkeypatch.setattr(build, "SpasmWatch", windows.append)
+
+    core = build.build(
+        replace(
+            SETTINGS,
+            legs=(replace(leg, hip=hip),),
+            limits=structs.replace(limits, spasm=spasm, stop=stop),
+        ),
+        *("boot", PersistentState()),
+    ).core
+
+    counts = (
+        *(core.config.spasm.window_cycles, core.config.assist_rules.fade_cycles, windows[0]),
+        *(core.axes[0].limits.enable_max_cycles, core.axes[0].reaction_cycles),
+        core.axes[0].homing.timeout_cycles,
+    )
+    assert counts == (10, 20, 10, 25, 50, 4001)
+    assert {type(count) for count in counts} == {int}
 
 
 def axis(name, kind):
@@ -70,19 +125,20 @@ def axis(name, kind):
     return kind.begin(AxisStart(name, PushRules(1.0, 1.0, 1.0), rules, True, True, 0, 0.01))
 
 
-def test_a_single_axis_gets_its_special_plan_until_it_is_over():
-    plans = BUILT.plans
+def test_a_single_axis_gets_its_special_plan_until_it_is_over(built):
+    plans = built.plans
     homing = axis("left/hip", Homing)
 
     assert [plan.description.name for plan in plans.usual] == [
-        axis.name for axis in BUILT.core.axes
+        axis.name for axis in built.core.axes
     ]
     assert plans.of(None) is plans.usual
     assert plans.of(homing.failed(homing.why)) is plans.usual
-    for run, special in ((homing, plans.homing), (axis("left/hip", SignTest), plans.commissioning)):
-        expected = list(plans.usual)
-        expected[2] = special["left/hip"]
-        assert plans.of(run) == tuple(expected) != plans.usual
+    for kind, special in ((Homing, plans.homing), (SignTest, plans.commissioning)):
+        for index, name in ((0, "right/hip"), (2, "left/hip")):
+            expected = list(plans.usual)
+            expected[index] = special[name]
+            assert plans.of(axis(name, kind)) == tuple(expected) != plans.usual
 
 
 def test_the_ring_says_whose_records_it_has():
@@ -100,7 +156,7 @@ def test_the_ring_says_whose_records_it_has():
 
 
 def test_everything_that_a_cycle_calls_is_called_once_before(monkeypatch):
-    built, calls = fresh(), []
+    built, calls = build.build(load(CONFIGS / "demo.toml"), "boot", PersistentState()), []
     (leg,) = built.core.legs
 
     def recorded(name, result=None):

@@ -12,7 +12,7 @@ from drives.bringup.configurator import Configurator
 from drives.canopen.bus import Frame
 from drives.canopen.bus_state import BusCondition, BusNotice
 
-COMMANDS = [Frame(0x201, b"\1"), Frame(0x202, b"\2"), Frame(0x203, b"\3")]
+COMMANDS = [Frame(0x201 + number, bytes([number])) for number in range(4)]
 OFF = Frame(0x040, bytes(8), is_error=True)
 
 
@@ -91,9 +91,9 @@ def test_frames_that_find_no_room_are_counted_and_cost_no_bus_load(bus, line, le
     line.drop(COMMANDS)
 
     assert bus.sent == COMMANDS * 2
-    assert line.dropped_count == 2 * left_count + 3
+    assert line.dropped_count == 2 * left_count + 4
     one = Line(OpenBus, "clock", 0, 127, 10**6)
-    one.load.add(COMMANDS[: 3 - left_count] * 2)
+    one.load.add(COMMANDS[: 4 - left_count] * 2)
     assert bits_of(line) == bits_of(one) > 0
 
 

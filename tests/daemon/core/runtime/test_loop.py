@@ -37,7 +37,7 @@ class World:
 
     def __init__(self, monkeypatch):
         self.now, self.calls, self.ticks = 1000 * MS, [], []
-        self.coming, self.down, self.full = [], set(), False
+        self.coming, self.down, self.full, self.reported_count = [], set(), False, 0
         self.delay_ns = {}
         """What passes in a call, by its name."""
         built = fresh()
@@ -135,6 +135,7 @@ class World:
 
     def report(self, one):
         assert one is self.record
+        self.reported_count += 1
 
     def begin_end(self):
         self.called("begin_end")
@@ -171,7 +172,13 @@ def world(monkeypatch):
     return World(monkeypatch)
 
 
+FOREIGN = Event(EventCode.CAN_FOREIGN_MASTER, values=(1,))
+
+
 def test_a_turn_sends_sync_runs_a_cycle_sends_its_commands_and_publishes(world):
+    line, counted = world.loop._line, []
+    line.load.count, line.foreign_count = counted.append, 1
+
     world.loop.turn()
 
     assert world.calls == [
@@ -188,7 +195,8 @@ def test_a_turn_sends_sync_runs_a_cycle_sends_its_commands_and_publishes(world):
     )
     assert (tick.bus_load_ratio, tick.bus.stray_count) == (0.4, 9)
     assert tick.timing == CycleTiming(0, 4 * MS, 0, 0)
-    assert world.core.events == [NOTICE]
+    assert world.core.events == [NOTICE, FOREIGN]
+    assert (world.reported_count, counted) == (1, [1014 * MS])
 
 
 def test_the_next_turn_knows_how_long_the_parts_of_this_one_took(world):
@@ -199,6 +207,15 @@ def test_the_next_turn_knows_how_long_the_parts_of_this_one_took(world):
     assert world.ticks[1].timing == CycleTiming(0, 4 * MS, 2 * MS, 0, publish_ns=1 * MS)
     assert world.ticks[1].dt_s == pytest.approx(0.01)
     assert world.ticks[1].cycle == 1
+
+
+def test_the_time_between_two_cycles_is_that_between_their_syncs(world):
+    world.loop.turn()
+    world.now = 1023 * MS
+
+    world.loop.turn()
+
+    assert world.ticks[1].dt_s == pytest.approx(0.013)
 
 
 def test_samples_that_come_in_the_window_are_those_of_the_cycle(world):
@@ -219,6 +236,18 @@ def test_between_grid_points_an_alarm_is_answered_at_once(world, answer):
     react = ("react", (STATUS,), 0)
     assert world.calls[: 2 * (1 + len(urgent))] == [react, *urgent, react, *urgent]
     assert world.names()[2 * (1 + len(urgent))] == "send"  # SYNC does not wait for a busy bus
+
+
+@pytest.mark.parametrize(
+    ("coming_ms", "delay_ms", "reacted_count"), [((1010, 1010), 0, 1), ((1003, 1004), 8, 1)]
+)
+def test_a_frame_at_the_grid_point_waits_for_the_sync(world, coming_ms, delay_ms, reacted_count):
+    world.coming = [came_ms * MS for came_ms in coming_ms]
+    world.delay_ns = {"react": delay_ms * MS}
+
+    world.loop.turn()
+
+    assert world.names().count("react") == reacted_count
 
 
 @pytest.mark.parametrize(
@@ -280,9 +309,11 @@ def test_drives_that_are_lost_in_a_cycle_are_no_longer_watched(world):
 
     assert ("urgent", *RESETS, 1024 * MS) in world.calls
     world.calls.clear()
+    world.coming = [1015 * MS]
     world.loop.turn()
     assert world.calls[:2] == [("sleep", 1020 * MS), ("rest", (STATE,))]
-    assert world.ticks[-1].timing.collect_ns == 0
+    tick = world.ticks[-1]
+    assert (tick.timing, tick.bus.stray_count) == (CycleTiming(0, 0, 0, 0), 0)
 
 
 @pytest.mark.parametrize(
@@ -306,7 +337,7 @@ def test_a_bus_that_is_lost_is_closed_and_no_record_is(world, down, names):
 
 @pytest.mark.parametrize(
     ("late_ms", "sync_ms", "cycle", "missed"),
-    [(3, 1013, 0, 0), (4, 1020, 1, 1), (24, 1040, 3, 3)],
+    [(3, 1013, 0, 0), (4, 1020, 1, 1), (14, 1030, 2, 2), (24, 1040, 3, 3)],
 )
 def test_a_late_wake_up_leaves_its_grid_points_out(world, late_ms, sync_ms, cycle, missed):
     world.now += (10 + late_ms) * MS
@@ -376,12 +407,15 @@ def test_in_mode_off_a_bring_up_comes_first_and_the_grid_begins_after_it(
 
 
 @pytest.mark.parametrize(
-    ("late_ms", "names"),
-    [(-1, []), (0, ["rest", "publish", "feed"]), (9, ["rest", "publish", "feed"]),
-     (10, ["rest", "publish"])],
-)  # fmt: skip
-def test_during_a_bring_up_cycles_without_drives_run_on_the_grid(world, late_ms, names):
-    world.now += (10 + late_ms) * MS
+    ("late_ns", "names"),
+    [
+        *((-1, []), (0, ["rest", "publish", "feed"]), (10 * MS - 1, ["rest", "publish", "feed"])),
+        *((10 * MS, ["rest", "publish"]), (11 * MS, ["rest", "publish"])),
+    ],
+)
+def test_during_a_bring_up_cycles_without_drives_run_on_the_grid(world, late_ns, names):
+    world.now += 10 * MS + late_ns
+    world.loop._line.foreign_count = 1
 
     world.loop._cycle_without_drives()
 
@@ -389,7 +423,8 @@ def test_during_a_bring_up_cycles_without_drives_run_on_the_grid(world, late_ms,
     if names:
         assert world.calls[0] == ("rest", (STATE,))
         assert world.ticks[-1].sync_ns == 1010 * MS
-        assert world.core.events == [NOTICE]
+        assert world.ticks[-1].timing == CycleTiming(0, 0, 0, 0)
+        assert world.core.events == [FOREIGN, NOTICE]
         assert world.loop._grid.due_ns > world.now
 
 

@@ -112,6 +112,7 @@ class World:
 
     def loop(self, core, settings, ipc, clock, supervision):
         assert (core, ipc, clock) == (self.built.core, "in step", self.clock)
+        self.state_file = settings.state_file
         assert supervision._shutdown_effect == self.settings.trainer.shutdown.effect
 
         def run(end, reload):
@@ -166,13 +167,15 @@ def test_everything_is_built_and_warm_before_the_loop_begins(world):
     assert (world.settings.state / "axes.json").exists()
     with pytest.raises(ValueError, match="closed"):
         world.channel._ring._map[0]
+    with pytest.raises(ValueError, match="closed"):
+        world.state_file.write(world.state_file.persistent, 0)
 
 
 @pytest.mark.parametrize(
     ("interface", "has_watchdog", "is_opened", "is_prepared"),
     [
         ("virtual", False, False, True),
-        ("virtual", True, False, True),
+        ("pcan", True, False, True),
         ("simulated", False, True, False),
         ("simulated", True, True, True),
     ],
@@ -192,19 +195,21 @@ def test_in_simulated_time_the_bus_is_opened_first_and_no_priority_is_asked_for(
     assert (REFUSED in world.built.core.events) is is_prepared
 
 
-def test_a_first_start_says_that_it_compiles(world):
+def test_a_first_start_says_that_it_compiles(world, capsys):
     world.cached = False
 
     world.run()
 
     text = "compiling what a cycle computes, once on this machine: a minute or two"
     assert world.calls[2] == (text, INFORMATIONAL)
+    assert capsys.readouterr().err == ""
 
 
 def test_a_bug_and_a_refusal_are_logged_after_the_end(world):
     world.bug, world.code = ZeroDivisionError("ours"), ExitCode.BUG
+    world.bug.add_note("of one turn")
     assert world.run() is ExitCode.BUG
-    assert world.calls[-1] == ("ZeroDivisionError: ours\n", ERROR)
+    assert world.calls[-1] == ("ZeroDivisionError: ours\nof one turn\n", ERROR)
 
     world.bug, world.code = None, ExitCode.REFUSED
     world.verdict = Verdict(cause=Cause.DRIVE_SILENT, drive="right/hip")
@@ -247,7 +252,7 @@ def test_a_directory_that_cannot_be_used_is_an_error_of_the_configuration(world,
         world.run()
 
 
-@pytest.mark.parametrize(("heartbeat_ms", "cycles"), [(50, 5), (10, 1), (5, 1)])
+@pytest.mark.parametrize(("heartbeat_ms", "cycles"), [(50, 5), (45, 4), (10, 1), (5, 1)])
 def test_the_loop_has_the_settings_of_the_trainer_file(world, heartbeat_ms, cycles):
     cycle = replace_struct(world.settings.trainer.cycle, master_heartbeat_ms=heartbeat_ms)
     trainer = replace_struct(world.settings.trainer, cycle=cycle)

@@ -24,7 +24,7 @@ class Computer:
                 sched_param=lambda priority: priority,
                 sched_setscheduler=lambda *one: asked("schedule", *one),
                 sched_setaffinity=lambda *one: asked("settle", *one),
-                sched_getaffinity=lambda _: {3, 1},
+                sched_getaffinity=lambda thread: {0: {3, 1}}[thread],
                 strerror=os.strerror,
             ),
             "resource": SimpleNamespace(
@@ -56,7 +56,8 @@ class Computer:
 
 TIDY = [("collect",), ("freeze",), ("disable",), ("switch", 1.0)]
 LOCK = ("lock", 1 | 2 | 4)  # MCL_CURRENT | MCL_FUTURE | MCL_ONFAULT of mlockall(2)
-SCHEDULE = ("schedule", 0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, 10)
+POLICY = os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+SCHEDULE = ("schedule", 0, POLICY, 10)
 SETTLE = ("settle", 0, (2, 5))
 
 
@@ -64,6 +65,7 @@ SETTLE = ("settle", 0, (2, 5))
     ("priority", "processors", "calls"),
     [
         (0, (), [LOCK]),
+        (1, (), [LOCK, ("schedule", 0, POLICY, 1)]),
         (10, (), [LOCK, SCHEDULE]),
         (0, (2, 5), [LOCK, SETTLE]),
         (10, (2, 5), [LOCK, SETTLE, SCHEDULE]),

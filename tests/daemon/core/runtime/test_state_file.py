@@ -1,5 +1,8 @@
 """The file that keeps poses and proofs across restarts."""
 
+import re
+
+import msgspec
 import pytest
 from gaitd_names import Finding
 from msgspec.structs import replace
@@ -28,6 +31,8 @@ def test_what_is_written_is_found_by_the_next_start(tmp_path):
     state_file.close()
 
     assert StateFile(tmp_path).persistent == NOTES
+    with pytest.raises(ValueError, match="closed"):
+        state_file.write(NOTES, 0)
 
 
 @pytest.mark.parametrize("before", [None, b"", b"{}"])
@@ -113,6 +118,55 @@ def test_a_state_that_does_not_fit_is_a_bug_of_ours_and_changes_nothing(tmp_path
     assert StateFile(tmp_path).persistent == NOTES
 
 
+def test_a_page_is_used_up_to_its_last_line_break(tmp_path):
+    state_file, refused = StateFile(tmp_path), []
+    for size in range(7801, 8192):
+        persistent = PersistentState(latched=StoredVerdict("S1", "bus_off", said="x" * size))
+        try:
+            state_file.write(persistent, 0)
+        except ValueError as error:
+            refused += map(int, re.findall(r"of (\d+) bytes", str(error)))
+
+    assert min(refused) == 8192
+
+
+@pytest.mark.parametrize(("name", "change"), [("crc32", -1), ("crc32", 1), ("another", 0)])
+def test_a_page_with_a_wrong_checksum_or_another_field_is_torn(tmp_path, name, change):
+    StateFile(tmp_path).close()
+    data = (tmp_path / NAME).read_bytes()
+    page = msgspec.json.decode(data[8192:])
+    torn = msgspec.json.encode(page | {name: page.get(name, 0) + change}).ljust(8192)
+    (tmp_path / NAME).write_bytes(torn * 2)
+
+    assert StateFile(tmp_path).persistent == UNREADABLE
+
+
+@pytest.mark.parametrize("version", ["a", "z"])
+def test_a_page_of_another_version_is_not_read(tmp_path, version):
+    StateFile(tmp_path).write(replace(NOTES, format=version), 0)
+
+    persistent = StateFile(tmp_path).persistent
+
+    assert (persistent.axes, persistent.damaged) == ({}, True)
+
+
+@pytest.mark.parametrize(
+    ("writes_s", "kept"),
+    [
+        *(((0.0,), {0, 1}), ((0.0, 1.0), {1, 2}), ((0.0, 0.999_999_999), {0, 2})),
+        *(((0.0, 1.0, 2.0), {2, 3}), ((1.0, 2.5), {1, 2}), ((1.0, 1.5), {0, 2})),
+    ],
+)
+def test_a_page_is_left_alone_until_the_newest_one_has_rested(tmp_path, writes_s, kept):
+    state_file = StateFile(tmp_path)
+    for number, time_s in enumerate(writes_s, 1):
+        state_file.write(PersistentState(utc_newest_ns=number), int(time_s * 1e9))
+    data = (tmp_path / NAME).read_bytes()
+
+    pages = (msgspec.json.decode(data[begin : begin + 8192]) for begin in (0, 8192))
+    assert {page["state"].get("utc_newest_ns", 0) for page in pages} == kept
+
+
 # --- power cuts -----------------------------------------------------------------------------------
 
 STOP = StoredVerdict("S1", "hand_switch_open", said="the hand switch was opened", utc_ns=10**18)
@@ -128,6 +182,7 @@ HISTORY = (
     (4.5, None, False),
     (4.6, STOP, False),
     (4.7, STOP, True),
+    (4.8, STOP, False),
 )
 
 
@@ -145,6 +200,7 @@ def test_after_a_power_cut_the_notes_are_old_or_new_and_no_stop_is_lost(tmp_path
 
     def scenario():
         state_file = StateFile(tmp_path / "state")
+        mark("made")
         disk = StateFileSync(state_file.path)
         disk.close()
         mark("synced")
@@ -154,6 +210,8 @@ def test_after_a_power_cut_the_notes_are_old_or_new_and_no_stop_is_lost(tmp_path
             if is_synced:
                 disk.sync()
                 mark("synced")
+        state_file.close()
+        mark("synced")
 
     seen = {"new": 0, "older": 0, "torn": 0, "unreadable": 0}
 

@@ -86,6 +86,20 @@ def test_listening_ends_when_all_have_answered_once_a_whole_window_was_complete(
     assert (second, wire.now) == ([STATUS, TORQUE], 13 * MS)
 
 
+@pytest.mark.parametrize("read_ms", [2, 3])
+def test_a_bus_that_never_rests_does_not_lengthen_the_window(read_ms):
+    wire = Wire([], now=10 * MS)
+
+    def receive_until(_deadline_ns):
+        wire.now += read_ms * MS
+        assert wire.now < 20 * MS
+        return [Frame(STATUS, b"", wire.utc_of(wire.now))]
+
+    wire.receive_until = receive_until
+
+    assert collected(wire)[0] == [STATUS] * 2
+
+
 def test_what_came_between_the_last_look_and_the_sync_is_late_and_no_sample():
     wire = Wire([(9 * MS, STATUS), (11 * MS, STATUS), (12 * MS, TORQUE)], now=10 * MS)
 
@@ -159,7 +173,8 @@ def test_an_answer_that_comes_twice_is_kept_and_completes_nothing():
 def test_the_heartbeat_leaves_with_every_second_sync():
     wire, window = Wire([]), None
     for _ in range(4):
-        _, _, window = collected(wire, window)
+        _, answer_ns, window = collected(wire, window)
+        assert answer_ns == 0
 
     own = heartbeat_frame(MASTER_NODE_ID)
     assert wire.sent == [SYNC_FRAME, SYNC_FRAME, own, SYNC_FRAME, SYNC_FRAME, own]

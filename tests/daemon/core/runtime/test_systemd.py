@@ -104,8 +104,9 @@ def test_a_change_is_told_at_once_and_progress_rarely(systemd, supervision):
         replace(WALKS, cycle=WALKS.cycle + 499, progress=None),
         replace(WALKS, cycle=WALKS.cycle + 500, progress=None),
         replace(WALKS, cycle=WALKS.cycle + 999, progress=WALKS.progress),
-        replace(WALKS, cycle=WALKS.cycle + 1000, progress=None),
+        replace(WALKS, cycle=WALKS.cycle + 1001),
         replace(WALKS, verdict=SILENT),
+        READY,
     ):
         supervision.report(one)
 
@@ -114,9 +115,11 @@ def test_a_change_is_told_at_once_and_progress_rarely(systemd, supervision):
         ("READY=1", f"STATUS={status_text(READY)}"),
         (f"STATUS={status_text(WALKS)}",),
         (f"STATUS={status_text(replace(WALKS, progress=None))}",),
+        (f"STATUS={status_text(WALKS)}",),
         (f"STATUS={status_text(replace(WALKS, verdict=SILENT))}",),
+        (f"STATUS={status_text(READY)}",),
     ]
-    assert [line[1] for line in systemd.written] == [NOTICE, NOTICE, WARNING]
+    assert [line[1] for line in systemd.written] == [NOTICE, NOTICE, WARNING, NOTICE]
     assert (ERROR, WARNING, NOTICE, INFORMATIONAL) == (3, 4, 5, 6)  # of syslog(3)
 
 
@@ -190,6 +193,11 @@ BUG = (
         (
             *(ExitCode.ENDED, (), {"drives": None}),
             "ended without the drives: their power is not known",
+        ),
+        (
+            *(ExitCode.ENDED, (), {"drives": None, "verdict": Verdict(cause=Cause.BUS_DOWN)}),
+            f"ended without the drives: their power is not known "
+            f"({verdict_text(Verdict(cause=Cause.BUS_DOWN))})",
         ),
         (
             *(ExitCode.ENDED, (), {"drives": None, "verdict": Verdict(cause=Cause.DRIVE_POWERED)}),

@@ -64,12 +64,15 @@ def test_a_minute_begins_without_knowledge_and_without_the_strides_in_which_the_
 
 def test_strides_of_a_grown_gait_that_plays_are_of_the_minute_and_no_others():
     strides = Strides()
-    minute = Passive(strides=strides, growing_strides=1)
+    minute = Passive(strides=strides, growing_strides=3)
 
-    for leg in (leg_with(None), leg_with(stage=Stage.APPROACHING), leg_with(stage=None)):
-        assert advance(leg, minute, Mode.GAIT, 5) is minute
-    grown = advance(leg_with(), minute, Mode.GAIT, 6)
-    assert (grown.growing_strides, strides.added) == (0, [])
+    for stage in (Stage.APPROACHING, Stage.PREPARING, None):
+        assert advance(leg_with(stage=stage), minute, Mode.GAIT, 5) is minute
+    assert advance(leg_with(None), minute, Mode.GAIT, 5) is minute
+    grown = minute
+    for growing in (2, 1, 0):
+        grown = advance(leg_with(), grown, Mode.GAIT, 6)
+        assert (grown.growing_strides, strides.added) == (growing, [])
     assert advance(leg_with(None), grown, Mode.GAIT, 7) is grown
     assert advance(leg_with(), grown, Mode.GAIT, 8) is grown
     assert strides.added == [(STRIDE, ROWS)]
@@ -78,8 +81,10 @@ def test_strides_of_a_grown_gait_that_plays_are_of_the_minute_and_no_others():
 @pytest.mark.parametrize(
     ("duration_s", "mode", "over"),
     [
-        (MINUTE_S - 1.0, Mode.GAIT, False),
-        (MINUTE_S, Mode.GAIT, True),
+        (59.5, Mode.GAIT, False),
+        (60.0, Mode.GAIT, True),
+        (60.5, Mode.GAIT, True),
+        (40.0, Mode.FAULT, True),
         (40.0, Mode.HOLD, True),
         (0.0, Mode.STOPPING, True),
     ],
@@ -155,8 +160,10 @@ def test_what_is_known_is_computed_anew_in_another_gait_and_as_it_fades_and_only
     assert advance(leg_with(), taken, Mode.GAIT, 99 + CYCLES_PER_STEP) is taken
     other = advance(faster, taken, Mode.GAIT, 500)
     older = advance(leg_with(), taken, Mode.GAIT, 100 + CYCLES_PER_STEP)
-    faded = advance(leg_with(), taken, Mode.GAIT, 10**7)
+    faded_cycle = 100 + round(FADE_S / 0.01)
+    faded = advance(leg_with(), taken, Mode.GAIT, faded_cycle)
 
+    assert advance(leg_with(), faded, Mode.GAIT, faded_cycle + CYCLES_PER_STEP) is faded
     assert other.other_gait
     for found, expected in (
         (other, known(TAKEN, 0.0, other_gait=True)),

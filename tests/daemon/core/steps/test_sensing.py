@@ -100,6 +100,8 @@ def test_an_error_code_that_no_emcy_told_is_told_once_and_only_in_fault():
 
     assert list(news(AXIS, KNOWN, fault)) == [event]
     assert list(news(AXIS, well, fault)) == [event]
+    assert list(news(AXIS, Sensed(), fault)) == [event]
+    assert list(news(AXIS, replace(fault, referenced=False), Sensed())) == []
     for before, after in ((KNOWN, well), (fault, fault), (fault, well)):
         assert list(news(AXIS, before, after)) == []
 

@@ -83,11 +83,14 @@ class Run(SimpleNamespace):
 
 @pytest.mark.parametrize(
     ("asks", "mode", "begins"),
-    [(True, Mode.GAIT, True), (False, Mode.GAIT, False), (True, Mode.TORQUE, False)],
+    [
+        *((True, Mode.GAIT, True), (False, Mode.GAIT, False)),
+        *((True, Mode.TORQUE, False), (True, Mode.EXCITE, False)),
+    ],
 )
 def test_a_gait_with_a_passive_patient_begins_the_minute_of_each_leg(bench, asks, mode, begins):
     core, (leg,) = bench.core, bench.core.legs
-    wanted = ModeRequest(mode, 0.25, 1.0, 80.0, baseline=asks)
+    wanted = ModeRequest(mode, 0.25, 1.0, 80.0, scenario="friction_hip", baseline=asks)
 
     supervisor._execute(core, Request(1, RequestKind.MODE, 7, wanted), 7, 0)
 
@@ -118,8 +121,9 @@ def stops(core, *steps, cycle=50):
 # --- a cycle --------------------------------------------------------------------------------------
 
 
-def test_a_cycle_keeps_the_time_the_latch_and_the_references(bench):
-    bench.utc_ns = HOUR_NS
+def test_a_cycle_keeps_the_time_the_latch_the_doubts_and_the_references(bench, monkeypatch):
+    bench.utc_ns, doubtful = HOUR_NS, []
+    monkeypatch.setattr(supervisor.persistence, "store_sign_doubts", doubtful.append)
 
     bench.turn(OPENED)
 
@@ -127,6 +131,7 @@ def test_a_cycle_keeps_the_time_the_latch_and_the_references(bench):
     assert bench.core.persistent.latched.cause == "hand_switch_open"
     assert bench.core.persistent.latched.utc_ns == HOUR_NS
     assert bench.core.legs[0].reference is not None
+    assert doubtful == [bench.core]
 
 
 def test_requests_are_answered_and_a_stop_is_latched_while_there_are_no_drives(bench):
@@ -257,6 +262,15 @@ def test_a_mode_that_is_requested_begins_with_its_exercise_and_its_controller(be
     ]
 
 
+def test_a_mode_that_is_requested_begins_with_its_assist(bench, monkeypatch):
+    assist, assisted = object(), bench.core.assisted
+    monkeypatch.setattr(supervisor.controllers, "begun", lambda *given: ((assist,), assisted))
+
+    supervisor._execute(bench.core, Request(1, RequestKind.MODE, 7, ModeRequest(Mode.TORQUE)), 7, 0)
+
+    assert bench.core.legs[0].assist is assist
+
+
 def test_a_sign_test_that_is_requested_brings_the_drives_up_anew_with_its_limits(ready):
     core = ready.core
     core.config = replace(core.config, patient_configured=False)
@@ -341,11 +355,22 @@ def test_after_a_homing_the_drives_are_brought_up_with_their_usual_limits(ready,
 def test_doubtful_feedback_has_the_encoder_of_its_axis_compared_again(bench, cause):
     hip, slide = bench.core.axes
     show(hip, followed=True)
-    show(slide, followed=True)
+    show(slide, followed=True, sign_trusted=True)
+    show(hip, sign_trusted=True)
 
     supervisor.stop(bench.core, Verdict(StopCategory.S0, cause, "right/hip"), 123)
 
-    assert (hip.sensed.followed, slide.sensed.followed) == (cause not in DOUBTFUL_FEEDBACK, True)
+    is_kept = cause not in DOUBTFUL_FEEDBACK
+    assert (hip.sensed.followed, slide.sensed.followed) == (is_kept, True)
+    assert (hip.sensed.sign_trusted, slide.sensed.sign_trusted) == (is_kept, True)
+
+
+def test_a_command_that_is_no_number_is_the_fault_of_no_drive(bench):
+    cause = Cause.COMMAND_NOT_FINITE
+
+    supervisor.refuse_command(bench.core, 123)
+
+    assert bench.core.verdict == Verdict(bench.core.config.categories.of(cause), cause)
 
 
 @pytest.mark.parametrize("mode", [*ACTIVE, Mode.READY])
@@ -593,6 +618,7 @@ def test_a_lost_bus_leaves_nothing_known_of_the_drives(bench, mode):
     assert core.events == [cause_told(EventCode.CAUSE_FOUND, verdict), *told]
     assert (core.drives, core.single_axis) == (None, None)
     assert (core.disabling, core.reset_cycles_left, bench.steps()) == (False, 0, [])
+    assert core.legs[0].exercise is None
     assert [
         (axis.sensed.feedback, axis.sensed.joint, axis.sensed.followed) for axis in core.axes
     ] == [(None, Joint(), False)] * 2
@@ -971,9 +997,11 @@ def test_a_step_of_bring_up_is_shown_until_the_mode_changes(bench):
 def test_a_drive_that_holds_the_leg_is_fault_until_a_reset(latched, cause):
     core = fresh(PersistentState(latched=latched)).core
     core.mode, core.single_axis, core.reset_cycles_left = Mode.BRINGING_UP, Run(), 9
+    show(core.axes[0], followed=True)
 
     supervisor.wait_for_reset(core, "right/slide", ON)
 
+    assert not core.axes[0].sensed.followed
     assert (core.mode, core.single_axis, core.reset_cycles_left) == (Mode.FAULT, None, 0)
     assert core.verdict.cause == cause
     assert core.events[-1] == Event(EventCode.DRIVE_HOLDS, "right/slide", ("operation_enabled",))
