@@ -32,7 +32,7 @@ from gaitd_lab.studies.experiment.measures import rms
 from gaitd_lab.studies.report import Cell, Table, measured
 from gaitd_lab.trial import Trial
 from gaitd_lab.trials import Situation, Trials
-from observer.baseline import baseline_of, known
+from observer.baseline import NotPassiveError, baseline_of, known
 from observer.filter.considered import (
     DRIVES,
     LEG_COUNT,
@@ -229,10 +229,13 @@ def _rows(
     files = [[changed(trial.robot) for changed in changes] for trial in walks.passive]
     exact = [[File(true(trial.robot))] for trial in walks.passive]
     bare = [[_setup(one) for one in some] for some in files]
-    clean = [
-        [_with_minute(one, passive) for one in some]
-        for some, passive in zip(files, walks.passive, strict=True)
-    ]
+    try:
+        clean = [
+            [_with_minute(one, passive) for one in some]
+            for some, passive in zip(files, walks.passive, strict=True)
+        ]
+    except NotPassiveError:
+        clean = None
     certain = [[filter_setup(one.robot) for one in some] for some in exact]
     rows: list[tuple[Cell, ...]] = []
     for cadence_hz, trials in walks.active.items():
@@ -241,6 +244,9 @@ def _rows(
             ("with", files, clean),
             ("the true file", exact, certain),
         ):
+            if setups is None:
+                rows.append((name, f"{cadence_hz:g} Hz", "refused", *("",) * len(_HEAD)))
+                continue
             found = [
                 _errors(trial, *one)
                 for trial, some, theirs in zip(trials, made_from, setups, strict=True)
