@@ -92,6 +92,14 @@ class AxisEstimate(msgspec.Struct, frozen=True, kw_only=True):
     assist: Annotated[
         float | None, of_joint(EFFORT, "A controller's assist in force, bounded; 0: none.")
     ]
+    needed: Annotated[
+        float | None,
+        of_joint(
+            EFFORT,
+            "What the motion of the reference needs beyond the load, by robot.toml: inertia,"
+            " Coriolis terms, dampers, friction. Null: nothing is guided.",
+        ),
+    ] = None
 
 
 class Estimate(Estimated, frozen=True, kw_only=True):
