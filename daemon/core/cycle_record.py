@@ -225,7 +225,8 @@ def _axis(leg: Leg, index: int) -> AxisRecord:
         artificial=estimated.artificial[index],
         drift_correlation=correlation(drift),
         friction_error=friction_error(drift),
-        needed=NAN if needed is None else needed[index],
+        # A passive patient in this machine needs this much more than its file says.
+        needed=NAN if needed is None else needed[index] + of_friction - of_patient,
     )
 
 

@@ -294,7 +294,8 @@ class AxisRecord(msgspec.Struct, frozen=True, array_like=True):
     friction_error: float = NAN
     """Estimated excess of friction over its law, if there is no patient."""
     needed: float = NAN
-    """Effort that the reference's motion needs beyond the load; NaN where nothing is guided."""
+    """Effort that the reference's motion needs beyond the load, and what a baseline explains
+    besides; NaN where nothing is guided."""
 
 
 class LegRecord(msgspec.Struct, frozen=True, array_like=True):

@@ -96,8 +96,9 @@ class AxisEstimate(msgspec.Struct, frozen=True, kw_only=True):
         float | None,
         of_joint(
             EFFORT,
-            "What the motion of the reference needs beyond the load, by robot.toml: inertia,"
-            " Coriolis terms, dampers, friction. Null: nothing is guided.",
+            "What the motion of the reference needs beyond the load: inertia, Coriolis terms,"
+            " dampers and friction of robot.toml, and what a passive baseline explains besides."
+            " Null: nothing is guided.",
         ),
     ] = None
 
