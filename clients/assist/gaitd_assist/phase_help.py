@@ -11,7 +11,7 @@ on each axis: the mean error in dead bands d, where a leg ahead of its reference
 That is the law of the stray. With the law of the estimate, m is a mean of that value and of what
 the patient lacks (`lack.py`), weighted by the estimate's sigma; where the estimate is not known, it
 is that value alone. A leg answers `lead_s` later, so the lack of a bin is the larger one of two: at
-its own phase, and `lead_s` later.
+its own phase, and `lead_s` later; if one is not known, as where the leg turns, it is the other.
 
 So help that is not needed goes fast, help that is needed fades by 1 - f against the error that
 shows it, and assist is learned as far as the leg is guided: where guidance has faded, it comes back
@@ -253,10 +253,11 @@ class PhaseHelp:
         rules, stiffness_ratio = self._rules, self.stiffness[self._bin]
         gain, tolerated = rules.gain[axis], ASSISTED * rules.dead_band[axis]
         by_stray = adapted(before, stray_ratio, rules, stiffness_ratio * gain * tolerated)
-        now, later = self._passed[self._bin].lack(axis), self._felt.lack(axis)
-        if rules.stiffness is None or now is None or later is None:
+        both = self._passed[self._bin].lack(axis), self._felt.lack(axis)
+        lacks = [lack for lack in both if lack is not None]
+        if rules.stiffness is None or not lacks:
             return by_stray
-        lack, std = map(max, now, later)
+        lack, std = map(max, zip(*lacks, strict=True))
         stiffness = rules.stiffness[axis]
         settled_ratio = gain / (gain + (1.0 - rules.forgetting_ratio) * stiffness)
         guided = Guided(stiffness * tolerated, settled_ratio, stiffness_ratio)
