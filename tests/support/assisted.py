@@ -43,7 +43,7 @@ slide.tank_j = 0.5
 CADENCE_HZ: Final = 0.3
 DURATION_S: Final = 1800.0
 STIFFNESS: Final = (300.0, 4000.0)
-"""Of the shipped trainer's guidance: N·m/rad, N/m."""
+"""That of the shipped trainer's guidance: N·m/rad, N/m."""
 RAMP_STRIDES: Final = 2.8
 """Time of the two strides in which amplitude and cadence rise, in strides of the full cadence."""
 

@@ -34,8 +34,8 @@ from typing import NamedTuple
 class Guided(NamedTuple):
     """What guidance does on one axis in a bin."""
 
-    tolerated: float
-    """K e: N·m or N."""
+    effort: float
+    """K e, without a stray that is too large: N·m or N."""
     settled_ratio: float
     """gain / (gain + (1 - f) K)."""
     stiffness_ratio: float
@@ -61,17 +61,17 @@ def helping(lack: float, assist: float, stray_ratio: float, guided: Guided) -> f
         stray_ratio: n'.
         guided: of the axis.
     """
-    missing = max(lack - guided.tolerated, 0.0) * guided.settled_ratio
-    beyond = guided.stiffness_ratio * guided.tolerated * (stray_ratio - 1.0)
+    missing = max(lack - guided.effort, 0.0) * guided.settled_ratio
+    beyond = guided.stiffness_ratio * guided.effort * (stray_ratio - 1.0)
     return min(missing, max(assist + beyond, 0.0))
 
 
-def weight(std: float, tolerated: float) -> float:
+def weight(std: float, guided: float) -> float:
     """Return the share of the estimate in the help, 0 to 1; the rest is that of the stray.
 
     Args:
         std: sigma of the patient's effort.
-        tolerated: K e; positive.
+        guided: K e; positive.
     """
-    variance = tolerated * tolerated / 3.0
+    variance = guided * guided / 3.0
     return variance / (variance + std * std)

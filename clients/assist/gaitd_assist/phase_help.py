@@ -262,7 +262,7 @@ class PhaseHelp:
         settled_ratio = gain / (gain + (1.0 - rules.forgetting_ratio) * stiffness)
         guided = Guided(stiffness * tolerated, settled_ratio, stiffness_ratio)
         by_estimate = helping(lack, before, stray_ratio, guided)
-        share = weight(std, guided.tolerated)
+        share = weight(std, guided.effort)
         return share * by_estimate + (1.0 - share) * by_stray
 
     def _clear(self) -> None:

@@ -258,7 +258,7 @@ def test_what_is_lacking_is_between_nothing_and_the_need(needed, patient, lack):
 def test_help_is_what_guidance_does_not_give_and_no_more_than_the_stray_shows(
     lack, assist, stray_ratio, help_
 ):
-    guided = Guided(tolerated=12.0, settled_ratio=0.8, stiffness_ratio=0.5)
+    guided = Guided(effort=12.0, settled_ratio=0.8, stiffness_ratio=0.5)
 
     assert helping(lack, assist, stray_ratio, guided) == pytest.approx(help_)
 
