@@ -56,6 +56,11 @@ def helped(walk):
     return np.array([(one.hip["assist_mean"], one.slide["assist_mean"]) for one in lines]) / CAP
 
 
+def memory(walk):
+    """Assist over the phase after each stride."""
+    return [(line.hip["assist"], line.slide["assist"]) for line in walk.answers.lines]
+
+
 def share(walk):
     return np.mean([line.values["share_ratio"] for line in walk.answers.lines[-2:]])
 
@@ -113,7 +118,7 @@ def does_not_chatter(walk):
 
 
 def is_not_pushed_hard(walk):
-    """At most 0.4 of the cap; by the law of the stray it was 0.71 against half of the need."""
+    """At most 0.4 of the cap; by the law of the stray it is 0.71 against half of the need."""
     assert (walk.peaks() < 0.4 * CAP).all()
 
 
@@ -203,7 +208,9 @@ def test_help_is_remembered_from_block_to_block_and_is_less_in_a_smaller_gait(wa
     last_help, large = helped(settled)[3, 0], np.abs(settled.assist()).max(axis=0)
 
     def is_remembered(gym):
-        assert (helped(next_block(gym, answers, 1.0))[5:8, 0] > 0.9 * last_help).all()
+        walk = next_block(gym, answers, 1.0)
+        assert memory(walk)[4] == memory(walk)[3]
+        assert (helped(walk)[6:8, 0] > 0.9 * last_help).all()  # the stride before is of the ramp
 
     def is_less(gym):
         small = np.abs(next_block(gym, answers, 0.5).assist()).max(axis=0)
