@@ -115,26 +115,15 @@ def evaluate(
 
 
 class Needed(NamedTuple):
-    """Effort that a motion needs beyond the load g(q), in two parts: N·m and N."""
+    """Effort that a motion needs beyond the load g(q): N·m and N."""
 
-    motion: Pair
-    """Inertia, Coriolis terms and dampers."""
-    friction: Pair
-    """Friction of the static law (13)."""
+    whole: Pair
+    """Inertia, Coriolis terms, dampers and friction of the static law (13)."""
+    certain: Pair
+    """The same, with friction only where it makes the need less.
 
-    @property
-    def whole(self) -> Pair:
-        """Both parts."""
-        return self.motion[0] + self.friction[0], self.motion[1] + self.friction[1]
-
-    @property
-    def certain(self) -> Pair:
-        """The motion's part, and friction where it makes that less.
-
-        At a turn friction reverses faster than any person.
-        """
-        hip, slide = map(_less, self.motion, self.whole)
-        return hip, slide
+    At a turn friction reverses faster than any person.
+    """
 
 
 def needed(
@@ -153,10 +142,10 @@ def needed(
         velocity: of hip and slide.
         acceleration: of hip and slide.
     """
-    motion1, motion2, friction1, friction2 = _needed(
+    hip, slide, certain_hip, certain_slide = _needed(
         leg, frictions[0], frictions[1], *position, *velocity, *acceleration
     )
-    return Needed((motion1, motion2), (friction1, friction2))
+    return Needed((hip, slide), (certain_hip, certain_slide))
 
 
 def warm_up(leg: tuple[float, ...], frictions: tuple[tuple[float, ...], tuple[float, ...]]) -> None:
@@ -205,16 +194,16 @@ def _needed(
     p = LegParameters(*leg)
     moving = dynamics(p, hip, slide, hip_speed, slide_speed, 1.0)
     resting = dynamics(p, hip, slide, 0.0, 0.0, 0.0)
-    hip_inertia = moving.m11 * hip_acceleration + moving.m12 * slide_acceleration
-    slide_inertia = moving.m12 * hip_acceleration + moving.m22 * slide_acceleration
-    return (
-        hip_inertia + moving.bias_hip - resting.bias_hip,
-        slide_inertia + moving.bias_slide - resting.bias_slide,
-        static_friction(FrictionParameters(*hip_friction), hip_speed),
-        static_friction(FrictionParameters(*slide_friction), slide_speed),
-    )
+    hip_need = moving.m11 * hip_acceleration + moving.m12 * slide_acceleration
+    slide_need = moving.m12 * hip_acceleration + moving.m22 * slide_acceleration
+    hip_need += moving.bias_hip - resting.bias_hip
+    slide_need += moving.bias_slide - resting.bias_slide
+    hip_whole = hip_need + static_friction(FrictionParameters(*hip_friction), hip_speed)
+    slide_whole = slide_need + static_friction(FrictionParameters(*slide_friction), slide_speed)
+    return hip_whole, slide_whole, _less(hip_need, hip_whole), _less(slide_need, slide_whole)
 
 
+@kernel
 def _less(first: float, second: float) -> float:
     """The smaller of two efforts in one direction; 0 if their directions differ."""
     return max(min(first, second), 0.0) + min(max(first, second), 0.0)
