@@ -24,7 +24,7 @@ WITHOUT_UNIT = set(
     """
     nis mean_nis gate_nis gait_phase phase fraction speedup correlation position velocity effort
     net state std covariance innovation reference measured artificial value limit value_low
-    friction friction_error patient assist assist_wanted assist_max assist_mean assist_peak
+    friction friction_error patient needed assist assist_wanted assist_max assist_mean assist_peak
     measured_position reference_position target_effort drift_correlation tremor_amplitude
     amplitude
     value_high rms worst bias rms_bound correlation_min strides factor nis_mean started event

@@ -9,6 +9,7 @@ from daemon.core.state import Axis, Core, Leg
 from daemon.core.steps import status
 from daemon.core.tick import Tick
 from daemon.ipc.record import (
+    NAN,
     AssistRecord,
     AxisRecord,
     AxisStrideRecord,
@@ -198,6 +199,7 @@ def _axis(leg: Leg, index: int) -> AxisRecord:
     measured, effort = estimated.measured[index], estimated.effort_used[index]
     assist, estimate = leg.assist.added_si[index], estimated.estimate
     wanted = 0.0 if newest is None else wanted_si(newest)[index]
+    needed = leg.softened.needed_si
     if estimate is None:
         return AxisRecord(measured, effort, reference[index], assist, wanted)
     state, std, drift = estimate.state, estimate.std, estimated.drifts[index]
@@ -223,6 +225,8 @@ def _axis(leg: Leg, index: int) -> AxisRecord:
         artificial=estimated.artificial[index],
         drift_correlation=correlation(drift),
         friction_error=friction_error(drift),
+        # A passive patient in this machine needs this much more than its file says.
+        needed=NAN if needed is None else needed[index] + of_friction - of_patient,
     )
 
 

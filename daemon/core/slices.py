@@ -207,6 +207,8 @@ class Softened(Struct, frozen=True):
     """Share of the guidance stiffness that remains during clonus."""
     wanted_velocity: Pair = (0.0, 0.0)
     """Velocity of the reference, from which next its acceleration follows: rad/s, m/s."""
+    needed_si: Pair | None = None
+    """Effort that the reference's motion needs beyond the load: N·m, N. None: nothing is guided."""
 
 
 class Sent(Struct, frozen=True):

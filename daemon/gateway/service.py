@@ -227,6 +227,7 @@ class Gateway:
             config_hashes=header.config_hashes if header else {},
             robot=header.robot if header else {},
             limits=header.limits if header else {},
+            guidance=header.guidance if header else {},
             keys=self._clients.have_keys,
             keys_expiring=self._clients.expiring(self._clock.utc_ns()),
             links=tuple(self._clients.link(*link) for link in self._outlet.links()),

@@ -293,6 +293,9 @@ class AxisRecord(msgspec.Struct, frozen=True, array_like=True):
     """Correlation of the patient's effort with the direction of motion; NaN while unknown."""
     friction_error: float = NAN
     """Estimated excess of friction over its law, if there is no patient."""
+    needed: float = NAN
+    """Effort that the reference's motion needs beyond the load, and what a baseline explains
+    besides; NaN where nothing is guided."""
 
 
 class LegRecord(msgspec.Struct, frozen=True, array_like=True):

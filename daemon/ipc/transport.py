@@ -105,6 +105,8 @@ class RingHeader(msgspec.Struct, frozen=True):
     """robot.toml as it was read, so that a recording is complete."""
     limits: dict[str, object]
     """limits.toml as it was read."""
+    guidance: dict[str, object] = {}
+    """[gait.impedance] of the trainer file as it was read."""
     kept: Kept | None = None
     """Set in a file of the black box; None in the ring of a core."""
 

@@ -243,3 +243,16 @@ def test_the_cap_is_that_of_the_newest_gait_also_where_it_is_higher_than_before(
         asking_as(warm_hold.gateway, Role.OPERATOR, cap_nm)
         warm_hold.execute(RequestKind.MODE, HOLD)
         warm_hold.run(0.3)
+
+
+def test_the_need_of_the_reference_is_the_work_of_the_drives_on_a_passive_leg(session):
+    session.run(4.0)  # a stride: what springs and gravity take, they give back
+
+    stride = session.records[-401:]
+    references = np.array([both(one.legs[0], "reference_position") for one in stride])
+    positions = np.array([both(one.legs[0], "measured_position") for one in stride])
+    needed = np.array([both(one.legs[0], "needed") for one in stride[1:]])
+    efforts = np.array([both(one.legs[0], "effort") for one in stride[1:]])
+    needed_j = (needed * np.diff(references, axis=0)).sum()
+    assert needed_j == pytest.approx((efforts * np.diff(positions, axis=0)).sum(), rel=0.05)
+    assert needed_j > 20.0

@@ -8,10 +8,13 @@ from gaitd_names import EventCode, Mode, RequestKind, Stage
 from msgspec.structs import replace as replace_fields
 from sessions import CONFIGS
 
+from daemon.config.robot import friction_parameters, leg_parameters
 from daemon.ipc.record import ModeRequest
 from daemon.preflight.load import load
 from gaitd_lab.lockstep import LockstepSession
 from observer.filter.status import Status, Validity
+from observer.mechanism.friction import static_friction_of
+from observer.mechanism.linkage import dynamics
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +70,38 @@ def test_the_minute_is_reported_and_what_follows_is_relative_to_it_and_right(ses
     assert (np.sqrt(np.mean(after**2, axis=0)) < (0.6, 3.0)).all()
     assert (np.abs(after) < 3.0 * after_std).mean() > 0.99
     assert (after_std.mean(axis=0) < 0.5 * before_std.mean(axis=0)).all()
+
+
+def surplus(session, records):
+    """Published need less what this machine's leg needs beyond the load that the drives carry."""
+    carried, true = leg_parameters(session.settings.robot), load(CONFIGS / "demo.toml").robot
+    axes = [record.legs[0].axes for record in records]
+    poses = np.array([[axis.reference_position for axis in pair] for pair in axes])
+    needed = np.array([[axis.needed for axis in pair] for pair in axes])[2:]
+    speeds = np.gradient(poses, 0.01, axis=0)
+    accelerations = np.gradient(speeds, 0.01, axis=0)
+    expected = []
+    for pose, speed, acceleration in zip(poses, speeds, accelerations, strict=True):
+        moving = dynamics(leg_parameters(true), *pose, *speed, 1.0)
+        load_ = dynamics(carried, *pose, 0.0, 0.0, 0.0)
+        mass = np.array([[moving.m11, moving.m12], [moving.m12, moving.m22]])
+        bias = moving.bias_hip - load_.bias_hip, moving.bias_slide - load_.bias_slide
+        laws = zip(friction_parameters(true), speed, strict=True)
+        expected.append(mass @ acceleration + bias + [static_friction_of(*law) for law in laws])
+    return needed - expected[1:-1]
+
+
+def test_the_need_holds_what_the_minute_explains(session):
+    (taken,) = [
+        number
+        for number, record in enumerate(session.records)
+        if any(event.code is EventCode.BASELINE_TAKEN for event in record.events)
+    ]
+    before = surplus(session, session.records[taken - 500 : taken - 50])
+    after = surplus(session, session.records[-800:])
+
+    assert np.sqrt(np.mean(before**2, axis=0))[0] > 2.0
+    assert (np.sqrt(np.mean(after**2, axis=0)) < (1.0, 10.0)).all()
 
 
 def test_strides_say_whether_a_baseline_was_taken_off(session):

@@ -42,6 +42,8 @@ slide.tank_j = 0.5
 """
 CADENCE_HZ: Final = 0.3
 DURATION_S: Final = 1800.0
+STIFFNESS: Final = (300.0, 4000.0)
+"""That of the shipped trainer's guidance: N·m/rad, N/m."""
 RAMP_STRIDES: Final = 2.8
 """Time of the two strides in which amplitude and cadence rise, in strides of the full cadence."""
 
@@ -53,6 +55,12 @@ def shipped(changes: tuple[str, str] | None = None) -> Settings:
         assert changes[0] in text
         text = text.replace(*changes)
     return parse_settings(text, SHIPPED)
+
+
+def leg_controller(changes: tuple[str, str] | None = None) -> LegController:
+    """One leg's, of these settings."""
+    settings = shipped(changes)
+    return settings.controller(STIFFNESS if settings.help.law == "estimate" else None)
 
 
 class Answers:
@@ -236,7 +244,7 @@ class Gym:
         self, models: Sequence[Model], strides_count: int, each: Sequence[Answers] | None = None
     ) -> list[Walk]:
         """As `walk`, with a model for each leg."""
-        each = each or [Answers(shipped().controller()) for _ in models]
+        each = each or [Answers(leg_controller()) for _ in models]
         begin_cycle, counts = self.session.record.cycle, [len(one.lines) for one in each]
         for patient, model in zip(self.patients, models, strict=True):
             patient.become(model)

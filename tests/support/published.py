@@ -49,6 +49,7 @@ class Published:
             config_hashes=header.config_hashes,
             robot=header.robot,
             limits=header.limits,
+            guidance=header.guidance,
         )
 
     def of(self, key, kind):

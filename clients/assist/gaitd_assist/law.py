@@ -7,6 +7,8 @@ from gaitd_client import Assist
 
 Pair = tuple[float, float]
 """Hip and slide: rad, rad/s or N·m; m, m/s or N."""
+Known = tuple[float | None, float | None]
+"""As `Pair`; None: not known."""
 
 
 class Sample(NamedTuple):
@@ -24,12 +26,18 @@ class Sample(NamedTuple):
     """Its rate of change: rad/s, m/s."""
     velocity: Pair
     """Estimated velocity: rad/s, m/s."""
-    friction: tuple[float | None, float | None]
+    friction: Known
     """Estimated friction, positive against positive velocity: N·m, N. None: at rest, or not ok."""
     learns: tuple[bool, bool]
     """False: a law must not change its memory of this axis now."""
     is_cut: tuple[bool, bool] = (False, False)
     """True: less assist is in force than was asked for, so an error teaches nothing about it."""
+    needed: Known = (None, None)
+    """Effort that the reference's motion needs beyond the load: N·m, N. None: nothing is guided."""
+    patient: Known = (None, None)
+    """Estimated effort of the patient: N·m, N. None: at rest, or not ok."""
+    patient_std: Known = (None, None)
+    """Its standard deviation."""
 
 
 Values = dict[str, float | list[float] | None]

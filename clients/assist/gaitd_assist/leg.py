@@ -225,7 +225,19 @@ def sample_of(estimate: Estimate, before: Estimate | None) -> Sample | None:
         rate = (aim[0] - last[0]) / dt_s - speed[0], (aim[1] - last[1]) / dt_s - speed[1]
     is_known = hip.validity != Validity.BAD, slide.validity != Validity.BAD
     learns = (is_known[0] and last is not None, is_known[1] and last is not None)
-    return Sample(dt_s, phase_ratio, cadence_hz, error, rate, speed, friction, learns)
+    return Sample(
+        dt_s,
+        phase_ratio,
+        cadence_hz,
+        error,
+        rate,
+        speed,
+        friction,
+        learns,
+        needed=(hip.needed, slide.needed),
+        patient=(hip.patient, slide.patient),
+        patient_std=(hip.patient_std, slide.patient_std),
+    )
 
 
 def _follows(before: Estimate, estimate: Estimate, within_cycles: int) -> bool:

@@ -1,4 +1,4 @@
-"""Help over the phase of the stride: guidance and assist, learned from how far the leg lags.
+"""Help over the phase of the stride: guidance, learned from how far the leg lags, and assist.
 
 A stride has `BINS` bins. Each has a stiffness s of the guidance, which the axes share, and for each
 axis the size m of an assist along the motion of the reference. A pass through a bin has a stray n
@@ -7,6 +7,11 @@ on each axis: the mean error in dead bands d, where a leg ahead of its reference
     s <- clip(kept(n) s + g max(n - 1, 0), floor, 1)             n of the worse axis
     m <- min(kept(n') m + s gain d' max(n' - 1, 0), cap)         n' = n / ASSISTED, d' = ASSISTED d
     kept(n) = f - (f - release) max(1 - n, 0)
+
+That is the law of the stray. With the law of the estimate, m is a mean of that value and of what
+the patient lacks (`lack.py`), weighted by the estimate's sigma; where the estimate is not known, it
+is that value alone. A leg answers `lead_s` later, so the lack of a bin is the larger one of two: at
+its own phase, and `lead_s` later; if one is not known, as where the leg turns, it is the other.
 
 So help that is not needed goes fast, help that is needed fades by 1 - f against the error that
 shows it, and assist is learned as far as the leg is guided: where guidance has faded, it comes back
@@ -38,6 +43,7 @@ from typing import Final
 
 from gaitd_client import Assist
 
+from gaitd_assist.lack import Guided, helping, lacking, weight
 from gaitd_assist.law import Memory, Pair, Sample
 
 BINS: Final = 16
@@ -77,6 +83,48 @@ class HelpRules:
     """Assist gained by a unit of error beyond the dead band: N·m/rad, N/m."""
     lead_s: float
     """Time that a leg needs to answer."""
+    stiffness: Pair | None = None
+    """K, of the guidance in full: N·m/rad, N/m. None: assist is learned from the stray alone."""
+
+
+class Passed:
+    """A pass through a bin; efforts are along the reference's motion."""
+
+    def __init__(self) -> None:
+        """Begin a pass."""
+        self._dwell_s, self._moved = 0.0, [0.0, 0.0]
+        self._sums = [0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0]
+
+    def add(self, sample: Sample, velocities: Pair) -> None:
+        """Add a sample.
+
+        Args:
+            sample: the leg now.
+            velocities: of the reference: rad/s, m/s.
+        """
+        dt_s = sample.dt_s
+        self._dwell_s += dt_s
+        for axis, velocity in enumerate(velocities):
+            self._moved[axis] += dt_s * velocity
+            needed, patient = sample.needed[axis], sample.patient[axis]
+            std = sample.patient_std[axis]
+            if not sample.learns[axis] or needed is None or patient is None or std is None:
+                continue
+            along_s = dt_s * _direction(velocity, axis)
+            for at, part in enumerate((dt_s, along_s * needed, along_s * patient, dt_s * std)):
+                self._sums[axis][at] += part
+
+    def velocity(self, axis: int) -> float:
+        """Return the mean velocity of the reference: rad/s or m/s."""
+        return self._moved[axis] / self._dwell_s if self._dwell_s else 0.0
+
+    def lack(self, axis: int) -> tuple[float, float] | None:
+        """Return what the patient lacked in the mean, and its sigma; None: not known."""
+        known_s, *totals = self._sums[axis]
+        if known_s <= BIN_KNOWN_MIN_RATIO * self._dwell_s:
+            return None
+        needed, patient, std = (total / known_s for total in totals)
+        return lacking(needed, patient), std
 
 
 class PhaseHelp:
@@ -98,8 +146,8 @@ class PhaseHelp:
     def begin_gait(self) -> None:
         """See `Law`: the help of the gait before goes on."""
         self._bin, self._last_hz = -1, 0.0
-        self._passed_bin, self._passed_s = -1, 0.0
-        self._passed = [0.0] * BINS, [0.0] * BINS
+        self._passed_bin = -1
+        self._passed = [Passed() for _ in range(BINS)]
         self._ended_count = -1
         """Bins that have ended in this gait; the first end, at -1, is of none."""
         self._clear()
@@ -117,7 +165,8 @@ class PhaseHelp:
         self._dwell_s += sample.dt_s
         self._strides += sample.dt_s * sample.cadence_hz
         velocities = _reference_velocities(sample)
-        self._pass(int(phase_ratio * BINS) % BINS, velocities, sample.dt_s)
+        self._felt.add(sample, velocities)
+        self._pass(int(phase_ratio * BINS) % BINS, sample, velocities)
         farthest_ratio = max(self._feel(axis, sample, velocities[axis]) for axis in (0, 1))
         hip_nm, slide_n = (self._effort(axis, phase_ratio, velocities[axis]) for axis in (0, 1))
         guided_ratio = self._guided(phase_ratio, sample.cadence_hz)
@@ -142,18 +191,16 @@ class PhaseHelp:
             slide={"assist": list(slide)},
         )
 
-    def _pass(self, at: int, velocities: Pair, dt_s: float) -> None:
-        """Keep the mean velocity of the reference in the newest pass through each bin."""
+    def _pass(self, at: int, sample: Sample, velocities: Pair) -> None:
+        """Add a sample to the pass through the bin of its own phase."""
         if at != self._passed_bin:
-            self._passed_bin, self._passed_s = at, 0.0
-        self._passed_s += dt_s
-        for passed, velocity in zip(self._passed, velocities, strict=True):
-            passed[at] += (velocity - passed[at]) * dt_s / self._passed_s
+            self._passed_bin, self._passed[at] = at, Passed()
+        self._passed[at].add(sample, velocities)
 
     def _feel(self, axis: int, sample: Sample, velocity: float) -> float:
         """Sum up what this bin teaches; return the stray now, in dead bands."""
         error = sample.error[axis]
-        ahead = min(error * _clipped(velocity / TURNING_SPEED[axis]), 0.0)
+        ahead = min(error * _direction(velocity, axis), 0.0)
         stray_ratio = (abs(error) + ahead) / self._rules.dead_band[axis]
         if sample.learns[axis]:
             self._known_s[axis] += sample.dt_s
@@ -186,18 +233,41 @@ class PhaseHelp:
             if known_s <= BIN_KNOWN_MIN_RATIO * self._dwell_s:
                 continue
             strays.append(self._stray_s[axis] / known_s)
-            velocities, velocity = self._learned_velocity[axis], self._passed[axis][at]
+            velocities, velocity = self._learned_velocity[axis], self._passed[at].velocity(axis)
             slowed = min(_speed(velocity, axis) / _speed(velocities[at], axis), 1.0)
-            sizes, band = self.assist[axis], ASSISTED * rules.dead_band[axis]
-            gain = self.stiffness[at] * rules.gain[axis] * band
             lacking_ratio = self._lacking_s[axis] / known_s / ASSISTED
-            size = adapted(slowed * sizes[at], lacking_ratio, rules, gain)
-            sizes[at], velocities[at] = min(size, rules.cap[axis]), velocity
+            size = self._size(axis, slowed * self.assist[axis][at], lacking_ratio)
+            self.assist[axis][at], velocities[at] = min(size, rules.cap[axis]), velocity
         if strays:
             ratio = adapted(self.stiffness[at], max(strays), rules, rules.stiffness_gain_ratio)
             self.stiffness[at] = min(max(ratio, rules.floor_ratio), FULL)
 
+    def _size(self, axis: int, before: float, stray_ratio: float) -> float:
+        """Return the size of the assist that a pass teaches.
+
+        Args:
+            axis: 0 the hip, 1 the slide.
+            before: size in the pass: N·m or N.
+            stray_ratio: of the pass, n'.
+        """
+        rules, stiffness_ratio = self._rules, self.stiffness[self._bin]
+        gain, tolerated = rules.gain[axis], ASSISTED * rules.dead_band[axis]
+        by_stray = adapted(before, stray_ratio, rules, stiffness_ratio * gain * tolerated)
+        both = self._passed[self._bin].lack(axis), self._felt.lack(axis)
+        lacks = [lack for lack in both if lack is not None]
+        if rules.stiffness is None or not lacks:
+            return by_stray
+        lack, std = map(max, zip(*lacks, strict=True))
+        stiffness = rules.stiffness[axis]
+        settled_ratio = gain / (gain + (1.0 - rules.forgetting_ratio) * stiffness)
+        guided = Guided(stiffness * tolerated, settled_ratio, stiffness_ratio)
+        by_estimate = helping(lack, before, stray_ratio, guided)
+        share = weight(std, guided.effort)
+        return share * by_estimate + (1.0 - share) * by_stray
+
     def _clear(self) -> None:
+        self._felt = Passed()
+        """What is felt of this bin, `lead_s` after its own phase."""
         self._dwell_s = self._strides = 0.0
         self._known_s, self._stray_s, self._lacking_s = [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]
 
@@ -226,6 +296,10 @@ def _reference_velocities(sample: Sample) -> Pair:
 
 def _speed(velocity: float, axis: int) -> float:
     return max(abs(velocity), TURNING_SPEED[axis])
+
+
+def _direction(velocity: float, axis: int) -> float:
+    return _clipped(velocity / TURNING_SPEED[axis])
 
 
 def _clipped(share: float) -> float:

@@ -27,9 +27,9 @@ from gaitd_client.signals import interrupted_once
 from gaitd_toml import ConfigError
 
 from gaitd_assist.journal import Journal
-from gaitd_assist.law import Law
+from gaitd_assist.law import Law, Pair
 from gaitd_assist.leg import LegController, StrideLine
-from gaitd_assist.settings import Settings, check_caps, read_settings
+from gaitd_assist.settings import Settings, check_caps, read_settings, stiffness_of
 
 EXIT_REFUSED: Final = 2
 EXIT_NO_SERVICE: Final = 3
@@ -45,7 +45,12 @@ class Answers:
     """The law that the lease calls with each estimate of each leg."""
 
     def __init__(
-        self, settings: Settings, trainer: Trainer, journal: Journal, more: Sequence[MakeLaw]
+        self,
+        settings: Settings,
+        stiffness: Pair | None,
+        trainer: Trainer,
+        journal: Journal,
+        more: Sequence[MakeLaw],
     ) -> None:
         """Subscribe to what the laws need besides the estimate."""
         self._journal = journal
@@ -54,7 +59,7 @@ class Answers:
         self._legs: dict[str, LegController] = {}
         for leg in settings.legs:
             self._strides[leg] = trainer.stride(leg)
-            self._legs[leg] = settings.controller()
+            self._legs[leg] = settings.controller(stiffness)
             self._legs[leg].laws += [make_law() for make_law in more]
 
     def __call__(self, estimate: Estimate) -> Assist:
@@ -90,11 +95,12 @@ def run(
         OSError: the log cannot be written; the lease is then released.
     """
     trainer.wait_for_core(lambda why: print(f"{CLIENT}: waits: {why}", flush=True))
-    check_caps(settings, path, trainer.configuration(), trainer.status().plan)
-    clock = trainer.clock
+    configuration = trainer.configuration()
+    check_caps(settings, path, configuration, trainer.status().plan)
+    stiffness, clock = stiffness_of(settings, path, configuration), trainer.clock
     end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * 1e9)
     with Journal(settings.log) as journal:
-        answers = Answers(settings, trainer, journal, more)
+        answers = Answers(settings, stiffness, trainer, journal, more)
         with trainer.lease(CLIENT, answers, legs=settings.legs, on_refusal=_report) as lease:
             print(f"{CLIENT}: holds the lease for {', '.join(settings.legs)}", flush=True)
             was, lost_count = "", 0

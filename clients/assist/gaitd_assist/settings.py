@@ -6,13 +6,14 @@ each does. The table [transparency] may be left out: friction is then not fed fo
 
 import math
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, Literal
 
 import msgspec
 from gaitd_client import Configuration, PlanLimits
 from gaitd_toml import ConfigError, decoded, load_toml, parse_toml
 from msgspec import Meta
 
+from gaitd_assist.law import Pair
 from gaitd_assist.leg import LegController
 from gaitd_assist.phase_help import HelpRules
 from gaitd_assist.transparency import TransparencyRules
@@ -89,6 +90,8 @@ class SlideHelp(_Strict, frozen=True, kw_only=True):
 class HelpTable(_Strict, frozen=True, kw_only=True):
     """Guidance and assist over the stride: `phase_help.py`."""
 
+    law: Literal["estimate", "stray"]
+    """What the assist is learned from."""
     forgetting_ratio: Annotated[float, Meta(ge=0.5, lt=1)]
     release_ratio: Annotated[float, Meta(ge=0.3, lt=1)]
     floor_ratio: Annotated[float, Meta(ge=0.05, lt=1)]
@@ -147,8 +150,12 @@ class Settings(_Strict, frozen=True, kw_only=True):
     help: HelpTable
     transparency: TransparencyTable | None = None
 
-    def controller(self) -> LegController:
-        """Make the controller of one leg."""
+    def controller(self, stiffness: Pair | None) -> LegController:
+        """Make the controller of one leg.
+
+        Args:
+            stiffness: as of `stiffness_of`.
+        """
         cap = self.cap.hip.max_nm, self.cap.slide.max_n
         help_ = self.help
         return LegController(
@@ -164,11 +171,36 @@ class Settings(_Strict, frozen=True, kw_only=True):
                 floor_ratio=help_.floor_ratio,
                 gain=(help_.hip.gain_nm_per_rad, help_.slide.gain_n_per_m),
                 lead_s=help_.lead_s,
+                stiffness=stiffness,
             ),
             cap,
             self.cadence_max_hz,
             None if self.transparency is None else self.transparency.rules(),
         )
+
+
+def stiffness_of(settings: Settings, path: Path, configuration: Configuration) -> Pair | None:
+    """Return the stiffness of the service's guidance in full, N·m/rad and N/m.
+
+    Args:
+        settings: of the file `path`.
+        path: names the file in errors.
+        configuration: of the service.
+
+    Returns: None if the law of the file does not ask for it.
+
+    Raises:
+        ConfigError: the law asks for it, and the service is too old to tell it.
+    """
+    if settings.help.law == "stray":
+        return None
+    guidance = configuration.guidance
+    if not guidance:
+        allowed = (
+            f'"stray": version {configuration.version} of the service does not tell `guidance`'
+        )
+        raise ConfigError(path, "help.law", settings.help.law, allowed)
+    return guidance["hip"]["stiffness_nm_per_rad"], guidance["slide"]["stiffness_n_per_m"]
 
 
 def read_settings(path: Path) -> Settings:

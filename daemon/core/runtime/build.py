@@ -153,6 +153,7 @@ def ring_header(settings: Settings, boot_id: str, start_utc_ns: int, version: st
         version=version,
         robot=msgspec.to_builtins(settings.robot),
         limits=msgspec.to_builtins(settings.limits),
+        guidance=msgspec.to_builtins(settings.trainer.gait.impedance),
     )
 
 

@@ -114,16 +114,26 @@ def evaluate(
     )
 
 
+class Needed(NamedTuple):
+    """Effort that a motion needs beyond the load g(q): N·m and N."""
+
+    whole: Pair
+    """Inertia, Coriolis terms, dampers and friction of the static law (13)."""
+    certain: Pair
+    """The same, with friction only where it makes the need less.
+
+    At a turn friction reverses faster than any person.
+    """
+
+
 def needed(
     leg: tuple[float, ...],
     frictions: tuple[tuple[float, ...], tuple[float, ...]],
     position: Pair,
     velocity: Pair,
     acceleration: Pair,
-) -> Pair:
+) -> Needed:
     """Effort that a motion needs beyond the load g(q): N·m and N.
-
-    Friction counts where it makes the need less. At a turn it reverses faster than any person.
 
     Args:
         leg: as in `evaluate`.
@@ -132,7 +142,10 @@ def needed(
         velocity: of hip and slide.
         acceleration: of hip and slide.
     """
-    return _needed(leg, frictions[0], frictions[1], *position, *velocity, *acceleration)
+    hip, slide, certain_hip, certain_slide = _needed(
+        leg, frictions[0], frictions[1], *position, *velocity, *acceleration
+    )
+    return Needed((hip, slide), (certain_hip, certain_slide))
 
 
 def warm_up(leg: tuple[float, ...], frictions: tuple[tuple[float, ...], tuple[float, ...]]) -> None:
@@ -177,7 +190,7 @@ def _needed(
     slide_speed: float,
     hip_acceleration: float,
     slide_acceleration: float,
-) -> tuple[float, float]:
+) -> tuple[float, float, float, float]:
     p = LegParameters(*leg)
     moving = dynamics(p, hip, slide, hip_speed, slide_speed, 1.0)
     resting = dynamics(p, hip, slide, 0.0, 0.0, 0.0)
@@ -185,13 +198,9 @@ def _needed(
     slide_need = moving.m12 * hip_acceleration + moving.m22 * slide_acceleration
     hip_need += moving.bias_hip - resting.bias_hip
     slide_need += moving.bias_slide - resting.bias_slide
-    return (
-        _less(hip_need, hip_need + static_friction(FrictionParameters(*hip_friction), hip_speed)),
-        _less(
-            slide_need,
-            slide_need + static_friction(FrictionParameters(*slide_friction), slide_speed),
-        ),
-    )
+    hip_whole = hip_need + static_friction(FrictionParameters(*hip_friction), hip_speed)
+    slide_whole = slide_need + static_friction(FrictionParameters(*slide_friction), slide_speed)
+    return hip_whole, slide_whole, _less(hip_need, hip_whole), _less(slide_need, slide_whole)
 
 
 @kernel

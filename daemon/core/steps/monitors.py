@@ -105,8 +105,9 @@ def soften(
     """
     hip, slide = leg.axes
     velocity = hip.sensed.wanted_velocity_si, slide.sensed.wanted_velocity_si
-    needed_si = _needed(leg, before.wanted_velocity, velocity, config.period_s)
-    _watch_spasm(leg, estimate, needed_si, guided_motion=guided_motion)
+    needed = _needed(leg, before.wanted_velocity, velocity, config.period_s)
+    certain_si = (0.0, 0.0) if needed is None else needed.certain
+    _watch_spasm(leg, estimate, certain_si, guided_motion=guided_motion)
     _watch_clonus(leg, estimate, guided_motion=guided_motion)
     in_spasm = hip.spasm.cycles > 0 or slide.spasm.cycles > 0
     in_clonus = hip.clonus.lasts or slide.clonus.lasts
@@ -114,6 +115,7 @@ def soften(
         spasm_ratio=softened(before.spasm_ratio, config.spasm, in_spasm=in_spasm),
         clonus_ratio=softened(before.clonus_ratio, config.spasm, in_spasm=in_clonus),
         wanted_velocity=velocity,
+        needed_si=None if needed is None else needed.whole,
     )
 
 
@@ -215,10 +217,12 @@ def _watch_clonus(leg: Leg, estimate: LegEstimate, *, guided_motion: bool) -> No
         axis.clonus.update(None if bad else estimate.state[6 + index], axis.limits.clonus_swing_si)
 
 
-def _needed(leg: Leg, before: Pair, velocity: Pair, period_s: float) -> Pair:
-    """Effort that the motion of the leg's reference needs beyond the load; 0 without one."""
+def _needed(
+    leg: Leg, before: Pair, velocity: Pair, period_s: float
+) -> inverse_dynamics.Needed | None:
+    """Effort that the motion of the leg's reference needs beyond the load; None without one."""
     if leg.reference is None or not leg.reference.guided:
-        return 0.0, 0.0
+        return None
     return inverse_dynamics.needed(
         leg.mechanism,
         leg.friction_laws,

@@ -1,9 +1,11 @@
 """Each law alone, with numbers that can be computed by hand."""
 
+import math
 from dataclasses import replace
 
 import pytest
 from gaitd_assist import PhaseHelp, Sample, Transparency
+from gaitd_assist.lack import Guided, helping, lacking, weight
 from gaitd_assist.phase_help import ASSISTED, BINS, HelpRules
 from gaitd_assist.transparency import TransparencyRules
 from gaitd_client import Assist
@@ -226,6 +228,99 @@ def test_what_a_slower_pass_needs_is_learned_from_what_it_got():
     assert hip_nm(0.25) == pytest.approx(0.8 * before_nm / 2)
     walked(1, edge, law)
     assert hip_nm(1.0) == pytest.approx(0.8**2 * before_nm)
+
+
+@pytest.mark.parametrize(
+    ("needed", "patient", "lack"),
+    [
+        (10.0, 0.0, 10.0),
+        (10.0, 4.0, 6.0),
+        (10.0, 14.0, 0.0),  # who gives more is not braked
+        (10.0, -7.0, 10.0),  # resistance counts as 0
+        (-5.0, 0.0, 0.0),  # a motion that has to be braked lacks nothing along it
+        (-5.0, -7.0, 0.0),
+    ],
+)
+def test_what_is_lacking_is_between_nothing_and_the_need(needed, patient, lack):
+    assert lacking(needed, patient) == lack
+
+
+@pytest.mark.parametrize(
+    ("lack", "assist", "stray_ratio", "help_"),
+    [
+        (22.0, 0.0, 5.0, 0.8 * 10.0),
+        (22.0, 3.0, 1.5, 3.0 + 0.5 * 0.5 * 12.0),  # no more than the pass has shown
+        (22.0, 3.0, 1.0, 3.0),
+        (22.0, 1.0, 0.5, 0.0),
+        (12.0, 9.0, 5.0, 0.0),  # guidance gives that
+    ],
+)
+def test_help_is_what_guidance_does_not_give_and_no_more_than_the_stray_shows(
+    lack, assist, stray_ratio, help_
+):
+    guided = Guided(effort=12.0, settled_ratio=0.8, stiffness_ratio=0.5)
+
+    assert helping(lack, assist, stray_ratio, guided) == pytest.approx(help_)
+
+
+def test_an_estimate_counts_by_its_inverse_variance():
+    assert weight(0.0, 12.0) == 1.0
+    assert weight(12.0 / math.sqrt(3.0), 12.0) == pytest.approx(0.5)
+    assert weight(1e9, 12.0) < 1e-12
+
+
+BY_ESTIMATE = replace(HELP, stiffness=(200.0, 3000.0))
+TOLERATED_NM = ASSISTED * 0.04 * 200.0
+SETTLED_RATIO = 100.0 / (100.0 + 0.2 * 200.0)
+
+
+def estimating(patient_nm, std_nm=0.0, velocity=1.0):
+    """The fields of a sample whose leg strays along a velocity and lacks at the hip."""
+    return {
+        "error": (0.15 * velocity, 0.0),
+        "velocity": (velocity, 1.0),
+        "needed": (15.0 * velocity, 0.0),
+        "patient": (patient_nm * velocity, 0.0),
+        "patient_std": (std_nm, 1.0),
+    }
+
+
+@pytest.mark.parametrize("velocity", [1.0, -1.0])
+@pytest.mark.parametrize(("patient_nm", "lack_nm"), [(0.0, 15.0), (3.0, 12.0), (-9.0, 15.0)])
+def test_assist_is_what_the_patient_lacks_after_one_pass(patient_nm, lack_nm, velocity):
+    fields, rest = estimating(patient_nm, velocity=velocity), AT._replace(error=(0.0, 0.0))
+    law, _ = walked(2, law=PhaseHelp(BY_ESTIMATE), **fields)
+
+    size_nm = SETTLED_RATIO * (lack_nm - TOLERATED_NM)
+    assert law.assist[0] == pytest.approx([size_nm] * BINS)
+    setpoint = law.answer(rest._replace(velocity=(velocity, 1.0)), Assist())
+    assert setpoint.hip_nm == pytest.approx(size_nm * velocity)
+
+
+def test_an_estimate_that_is_not_sure_leaves_assist_to_the_stray():
+    by_stray, _ = walked(2, error=(0.15, 0.0), law=PhaseHelp(HELP))
+    unsure, _ = walked(2, law=PhaseHelp(BY_ESTIMATE), **estimating(0.0, std_nm=1e6))
+    unknown = estimating(0.0) | {"patient": (None, None)}
+    without, _ = walked(2, law=PhaseHelp(BY_ESTIMATE), **unknown)
+    half = TOLERATED_NM / math.sqrt(3.0)
+    mixed, _ = walked(2, law=PhaseHelp(BY_ESTIMATE), **estimating(0.0, std_nm=half))
+
+    assert unsure.assist[0] == pytest.approx(by_stray.assist[0])
+    assert without.state() == by_stray.state()
+    size_nm = SETTLED_RATIO * (15.0 - TOLERATED_NM)
+    assert mixed.assist[0] == pytest.approx([(size_nm + by_stray.assist[0][3]) / 2.0] * BINS)
+    assert mixed.stiffness == by_stray.stiffness
+
+
+def test_what_is_lacking_later_is_given_before():
+    law = PhaseHelp(replace(BY_ESTIMATE, lead_s=0.25))
+    for cycle in range(3 * CYCLES + 1):
+        phase_ratio = cycle / CYCLES % 1.0
+        lacks = 0.5 <= phase_ratio < 0.5625  # the whole bin 8
+        sample = AT._replace(phase_ratio=phase_ratio, **estimating(0.0 if lacks else 15.0))
+        law.answer(sample, Assist())
+
+    assert tuple(at for at, size in enumerate(law.assist[0]) if size > 0.0) == (7, 8)
 
 
 def test_without_a_gait_help_adds_nothing():

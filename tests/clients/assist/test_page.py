@@ -1,13 +1,18 @@
-"""The figure of docs/assist.md, from walks with several seeds; written with --write-assist."""
+"""The figure and the table of docs/assist.md, written with --write-assist.
+
+The figure is of walks with several seeds, the table of one: each kind of patient under both laws.
+"""
 
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from assisted import Answers, Gym, shipped
+from assisted import CADENCE_HZ, Answers, Gym, leg_controller
 from gaitd_names import Cause, Mode
+from kinds_of_patients import PATIENTS, STEADY
 from matplotlib.figure import Figure
 from sessions import elsewhere
 
@@ -15,11 +20,25 @@ from analysis.drawing import ESTIMATE, style, x_label
 from gaitd_lab.patients import Slacking, of_ability, resisting, spastic, tiring, weak
 
 DOCS = Path(__file__).parents[3] / "docs"
+PAGE = DOCS / "assist.md"
+BEGIN, END = "<!-- patients: begin -->\n", "<!-- patients: end -->"
+HEADER = (
+    "patient",
+    "strays at most, of these in the last three strides",
+    "settled after strides: hip, slide",
+    "assist, mean: hip, slide",
+    "at its peak: hip, slide",
+)
+LAWS = ("estimate", "stray")
+CAP = np.array([20.0, 150.0])
+NEAR_CAP = 0.05
+"""Assist has settled where its peak stays as near to that of the last three strides, in caps."""
+TABLE_STRIDES = 9
 PICTURE = "assist.png"
 STRIDES = 8
 PROCESSES = 4
 SEEDS = range(1, 11)
-PATIENTS = {
+DRAWN = {
     "passive": lambda: of_ability(0.0),
     "half able": lambda: of_ability(0.5),
     "able": lambda: of_ability(1.0),
@@ -41,7 +60,7 @@ def walked(model):
     """Figures of each stride, shape (columns, strides), NaN where one is not known."""
 
     def plan(gym):
-        walk = gym.walk(model(), STRIDES, Answers(shipped().controller()))
+        walk = gym.walk(model(), STRIDES, Answers(leg_controller()))
         record = walk.session.record
         assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
         lines = walk.answers.lines[:STRIDES]
@@ -51,11 +70,11 @@ def walked(model):
 
 
 def test_the_page_shows_its_figure():
-    page = (DOCS / "assist.md").read_text(encoding="utf-8")
+    page = PAGE.read_text(encoding="utf-8")
 
     assert re.findall(r"!\[[^\]]+\]\((\S+)\)", page) == [PICTURE]
     assert (DOCS / PICTURE).read_bytes().startswith(b"\x89PNG")
-    assert all(f"{name}" in page for name in PATIENTS)
+    assert all(f"{name}" in page for name in DRAWN)
 
 
 @pytest.mark.thorough
@@ -64,12 +83,11 @@ def test_each_patient_walks_with_each_seed_and_is_drawn(pytestconfig, tmp_path):
     gyms = [Gym(seed=seed) for seed in SEEDS]
     with ThreadPoolExecutor(PROCESSES) as pool:
         walks = [
-            [pool.submit(elsewhere, gym, walked(model)) for gym in gyms]
-            for model in PATIENTS.values()
+            [pool.submit(elsewhere, gym, walked(model)) for gym in gyms] for model in DRAWN.values()
         ]
     figure = Figure(figsize=(13, 13), layout="constrained")
-    panels = figure.subplots(len(PATIENTS), len(COLUMNS), sharex=True, sharey="col")
-    for row, name, walk in zip(panels, PATIENTS, walks, strict=True):
+    panels = figure.subplots(len(DRAWN), len(COLUMNS), sharex=True, sharey="col")
+    for row, name, walk in zip(panels, DRAWN, walks, strict=True):
         made = np.array([one.result() for one in walk])
         low, high = made.min(axis=0), made.max(axis=0)
         number = np.arange(1, made.shape[2] + 1)
@@ -86,3 +104,71 @@ def test_each_patient_walks_with_each_seed_and_is_drawn(pytestconfig, tmp_path):
     figure.savefig(folder / PICTURE, dpi=80)
 
     assert (folder / PICTURE).stat().st_size > 10_000
+
+
+class Figures(NamedTuple):
+    """One walk under one law; rows and pairs are hip and slide."""
+
+    strayed: np.ndarray
+    """At most: over the walk, and in its last three strides; rad, m."""
+    settled: np.ndarray
+    """Strides until the peak of the assist has settled."""
+    means: np.ndarray
+    """Mean size of the assist in the last three strides, in caps."""
+    peaks: np.ndarray
+    """Its peak in each stride, in caps."""
+
+
+def judged(model, law):
+    def plan(gym):
+        answers = Answers(leg_controller(('law = "estimate"', f'law = "{law}"')))
+        walk = gym.walk(model(), TABLE_STRIDES, answers)
+        record = walk.session.record
+        assert (record.mode, record.verdict.cause) == (Mode.GAIT, Cause.NONE)
+        peaks = walk.peaks() / CAP
+        moves = np.abs(peaks - peaks[-3:].mean(axis=0)) > NEAR_CAP
+        last = [np.max(np.flatnonzero(one), initial=-1) + 1 for one in moves.T]
+        strayed = [np.abs(walk.errors(begin)).max(axis=0) for begin in (0, TABLE_STRIDES - 3)]
+        means = [np.abs(one).mean(axis=0) / CAP for one in walk.assist_of_strides()[-3:]]
+        return Figures(np.array(strayed), np.array(last), np.mean(means, axis=0), peaks)
+
+    return plan
+
+
+def row_of(name, law, figures):
+    (hip, slide), (hip_late, slide_late) = figures.strayed
+    strayed = f"{np.degrees(hip):.1f}°, {1e3 * slide:.0f} mm"
+    late = f"{np.degrees(hip_late):.1f}°, {1e3 * slide_late:.0f} mm"
+    mean, peak = 100.0 * figures.means, 100.0 * figures.peaks[-3:].max(axis=0)
+    return (
+        f"{name}, law of the {law}",
+        f"{strayed}; {late}",
+        "{}, {}".format(*figures.settled),
+        f"{mean[0]:.1f} %, {mean[1]:.1f} %",
+        f"{peak[0]:.0f} %, {peak[1]:.0f} %",
+    )
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(3600)
+def test_each_patient_under_both_laws_is_a_line_of_the_table(pytestconfig):
+    gym = Gym(cadence_hz=CADENCE_HZ)
+    made = {
+        (name, law): elsewhere(gym, judged(model, law))
+        for name, model in PATIENTS.items()
+        for law in LAWS
+    }
+    rows = [HEADER, ["---"] * len(HEADER), *(row_of(*key, one) for key, one in made.items())]
+    table = "".join(f"| {' | '.join(row)} |\n" for row in rows)
+    if pytestconfig.option.write_assist:
+        before, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
+        PAGE.write_text(before + BEGIN + table + END + rest.partition(END)[2], encoding="utf-8")
+
+    for name in STEADY:
+        by_estimate, by_stray = (made[name, law] for law in LAWS)
+        assert (by_estimate.settled <= 3).all(), name
+        if name.startswith("resisting"):
+            most = by_stray.peaks.max(axis=0)
+            assert (by_estimate.peaks.max(axis=0) <= most).all(), name
+    passive, before = (made["passive", law] for law in LAWS)
+    assert (passive.strayed <= 1.05 * before.strayed).all()

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import msgspec
 import pytest
-from assisted import SHIPPED, TRANSPARENCY, shipped
+from assisted import SHIPPED, STIFFNESS, TRANSPARENCY, leg_controller, shipped
 from display_bench import filled
 from gaitd_assist import Memory, Sample, program
 from gaitd_assist.journal import LINES_KEPT, Journal
-from gaitd_assist.settings import check_caps, parse_settings
+from gaitd_assist.settings import check_caps, parse_settings, stiffness_of
 from gaitd_client import Assist, AxisPlan, Mode, PlanLimits, Stage, Validity, wire
 from gaitd_toml import ConfigError
 
@@ -61,7 +61,7 @@ def help_of(leg):
 
 
 def test_a_leg_learns_only_while_the_gait_plays_and_its_pose_is_known():
-    leg = shipped().controller()
+    leg = leg_controller()
     assert hip_nm(leg, range(386))[0] == 0.0
     learned = help_of(leg)
     assert max(learned.hip["assist"]) > 1.0
@@ -83,7 +83,7 @@ def test_a_leg_learns_only_while_the_gait_plays_and_its_pose_is_known():
     [(10_000, "boot", True), (70_000, "boot", False), (10_000, "another", False)],
 )
 def test_help_is_kept_from_block_to_block_but_not_for_another_patient(later, boot, is_kept):
-    leg = shipped().controller()
+    leg = leg_controller()
     hip_nm(leg, range(700))
     learned = help_of(leg)
     hip_nm(leg, [700], stage=Stage.ENDING)
@@ -95,7 +95,7 @@ def test_help_is_kept_from_block_to_block_but_not_for_another_patient(later, boo
 
 @pytest.mark.parametrize(("cadence_hz", "is_assisted"), [(0.35, True), (0.37, False)])
 def test_a_gait_that_is_too_fast_is_not_assisted(cadence_hz, is_assisted):
-    leg = shipped().controller()
+    leg = leg_controller()
     answers = [
         leg.answer(estimate(cycle, gait_phase_ratio=(cycle * cadence_hz / 100) % 1), Stage.PLAYING)
         for cycle in range(900)
@@ -106,7 +106,7 @@ def test_a_gait_that_is_too_fast_is_not_assisted(cadence_hz, is_assisted):
 
 @pytest.mark.parametrize("stage", [None, Stage.ANNOUNCING, Stage.ENDING])
 def test_without_a_playing_gait_the_answer_is_neutral(stage):
-    leg = shipped().controller()
+    leg = leg_controller()
     hip_nm(leg, range(700))
 
     assert leg.answer(estimate(701), stage) == Assist()
@@ -115,7 +115,7 @@ def test_without_a_playing_gait_the_answer_is_neutral(stage):
 
 
 def test_a_stride_has_one_line():
-    leg = shipped().controller()
+    leg = leg_controller()
     for cycle in range(100, 800):
         leg.answer(estimate(cycle, hip={"reference_position": 0.11 + 0.005 * cycle}), Stage.PLAYING)
     assert leg.end_stride(stride(3, cycle=100)) is None  # of before the first answer
@@ -130,7 +130,7 @@ def test_a_stride_has_one_line():
 
 def test_assist_that_is_cut_is_not_learned_any_farther_and_a_late_one_is_not_cut():
     def learned_nm(share, late_cycles=1):
-        leg, asked_nm = shipped().controller(), [0.0] * late_cycles
+        leg, asked_nm = leg_controller(), [0.0] * late_cycles
         for cycle in range(1200):
             # The leg lags in a quarter of the stride, so the assist rises and falls within a bin.
             error_rad = 0.08 if cycle % 333 < 83 else 0.0
@@ -151,7 +151,7 @@ def test_assist_that_is_cut_is_not_learned_any_farther_and_a_late_one_is_not_cut
 
 def test_all_laws_together_stay_within_the_cap_and_in_torque_only_friction_acts():
     text = SHIPPED.read_text().replace("hip.max_nm = 20.0", "hip.max_nm = 5.0") + TRANSPARENCY
-    leg = parse_settings(text, SHIPPED).controller()
+    leg = parse_settings(text, SHIPPED).controller(STIFFNESS)
 
     assert max(hip_nm(leg, range(700))) == 5.0
     assert leg.end_stride(stride(1)).hip["tank_j"] == pytest.approx(0.2)
@@ -167,6 +167,7 @@ def test_all_laws_together_stay_within_the_cap_and_in_torque_only_friction_acts(
         ("[cap]", "[cap]\nhips = 1.0", "cap.hips = 1.0: unknown key"),
         ('legs = ["right"]', "legs = []", r"legs = \[\]: a list with 1 or more"),
         ("[cap]", "[cap", "line"),
+        ('law = "estimate"', 'law = "error"', r'help.law = "error": one of "estimate", "stray"'),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_by_file_key_and_value(old, new, text):
@@ -190,11 +191,22 @@ def test_a_file_that_the_service_would_refuse_is_refused_before():
         check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide=AxisPlan(assist_max=80.0)))
 
 
+def test_a_service_that_does_not_tell_its_guidance_is_refused_by_the_law_that_asks_for_it():
+    told = {"hip": {"stiffness_nm_per_rad": 300.0}, "slide": {"stiffness_n_per_m": 4000.0}}
+    known = example(wire.Configuration, guidance=told, version="0.1")
+
+    assert stiffness_of(shipped(), SHIPPED, known) == STIFFNESS
+    older = msgspec.structs.replace(known, guidance={})
+    with pytest.raises(ConfigError, match=r'help.law = "estimate": "stray": version 0.1'):
+        stiffness_of(shipped(), SHIPPED, older)
+    assert stiffness_of(shipped(('"estimate"', '"stray"')), SHIPPED, older) is None
+
+
 def test_the_law_of_the_readme_is_one():
     text = (SHIPPED.parents[1] / "README.md").read_text()
     scope = {"Sample": Sample, "Assist": Assist, "Memory": Memory}
     exec(text.partition("```python\n")[2].partition("```")[0], scope)
-    leg = shipped().controller()
+    leg = leg_controller()
     leg.laws.append(scope["Push"]())
 
     assert hip_nm(leg, [0, 1, 2], hip={"reference_position": 0.1}) == [0.0, 2.0, 2.0]
@@ -202,7 +214,7 @@ def test_the_law_of_the_readme_is_one():
 
 
 def test_the_log_is_appended_to_and_counts_what_it_loses(tmp_path):
-    leg = shipped().controller()
+    leg = leg_controller()
     hip_nm(leg, range(10))
     line = leg.end_stride(stride(1))
     file = tmp_path / "assist.jsonl"

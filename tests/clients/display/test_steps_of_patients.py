@@ -1,7 +1,7 @@
 """What the page says of patients who walk the shipped gait, on the real observer and core."""
 
 import pytest
-from assisted import Answers, Gym, shipped
+from assisted import Answers, Gym, leg_controller
 from gaitd_display.walk import OwnSteps, word_of
 from gaitd_display.words import Word
 from gaitd_session import Band
@@ -22,7 +22,7 @@ class Watched(Answers):
     """The reference controller, and the page's judgement of each stride."""
 
     def __init__(self):
-        super().__init__(shipped().controller())
+        super().__init__(leg_controller())
         self.steps = OwnSteps(BAND)
 
     def __call__(self, record):

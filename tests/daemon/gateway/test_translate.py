@@ -33,6 +33,7 @@ def messages(leg, record) -> list[dict]:
 GIVEN_ANYWAY = {
     *("validity", "measured_position", "effort", "artificial", "reference_position"),
     *("innovation", "assist", "drift_correlation", "friction_error"),
+    "needed",
 }
 """What is measured, commanded or known over a long time; every other field is an estimate."""
 TREMORS = {"hip": Tremor(5.0, 2.5), "slide": Tremor(6.0, 12.0)}

@@ -92,6 +92,15 @@ class AxisEstimate(msgspec.Struct, frozen=True, kw_only=True):
     assist: Annotated[
         float | None, of_joint(EFFORT, "A controller's assist in force, bounded; 0: none.")
     ]
+    needed: Annotated[
+        float | None,
+        of_joint(
+            EFFORT,
+            "What the motion of the reference needs beyond the load: inertia, Coriolis terms,"
+            " dampers and friction of robot.toml, and what a passive baseline explains besides."
+            " Null: nothing is guided.",
+        ),
+    ] = None
 
 
 class Estimate(Estimated, frozen=True, kw_only=True):

@@ -284,6 +284,10 @@ class Configuration(Stated, frozen=True, kw_only=True):
     config_hashes: Annotated[dict[str, str], Meta(description="SHA-256 by file.")]
     robot: Annotated[dict[str, Any], Meta(description="robot.toml as it was read.")]
     limits: Annotated[dict[str, Any], Meta(description="limits.toml as it was read.")]
+    guidance: Annotated[
+        dict[str, Any],
+        Meta(description="[gait.impedance] of the trainer file: stiffness and damping by axis."),
+    ] = msgspec.field(default_factory=dict)
     keys: Annotated[bool, Meta(description="Clients need keys.")] = False
     keys_expiring: Annotated[
         tuple[str, ...],

@@ -134,12 +134,13 @@ def test_a_sample_that_is_missing_breaks_the_row():
 def test_a_motion_needs_inertia_coriolis_and_dampers_less_friction(acceleration, counted):
     q, v, a = np.array((0.2, 0.5)), np.array((0.9, -0.4)), np.array(acceleration)
 
-    effort = needed(LEG, FRICTIONS, tuple(q), tuple(v), acceleration)
+    found = needed(LEG, FRICTIONS, tuple(q), tuple(v), acceleration)
 
     friction = [static_friction_of(of, speed) for of, speed in zip(FRICTIONS, v, strict=True)]
     expected = mass_matrix(LEG, q) @ a + coriolis(LEG, q, v) + damping(LEG, q, v)
     assert np.all(np.abs(expected) > np.abs(friction))
-    assert effort == pytest.approx(tuple(expected + np.array(counted) * friction), rel=1e-6)
+    assert found.certain == pytest.approx(tuple(expected + np.array(counted) * friction), rel=1e-6)
+    assert found.whole == pytest.approx(tuple(expected + friction), rel=1e-6)
 
 
 def test_a_motion_that_friction_brakes_enough_needs_nothing_and_rest_neither():
@@ -148,8 +149,8 @@ def test_a_motion_that_friction_brakes_enough_needs_nothing_and_rest_neither():
     rest = coriolis(LEG, q, v) + damping(LEG, q, v)
     braking = np.linalg.solve(mass_matrix(LEG, q), -0.5 * friction - rest)
 
-    assert needed(LEG, FRICTIONS, tuple(q), tuple(v), tuple(braking)) == (0.0, 0.0)
-    assert needed(LEG, FRICTIONS, tuple(q), (0.0, 0.0), (0.0, 0.0)) == (0.0, 0.0)
+    assert needed(LEG, FRICTIONS, tuple(q), tuple(v), tuple(braking)).certain == (0.0, 0.0)
+    assert needed(LEG, FRICTIONS, tuple(q), (0.0, 0.0), (0.0, 0.0)).whole == (0.0, 0.0)
 
 
 def test_the_warm_up_compiles_what_a_cycle_calls(monkeypatch):
@@ -163,7 +164,7 @@ def test_the_warm_up_compiles_what_a_cycle_calls(monkeypatch):
         monkeypatch.setattr(inverse_dynamics, name, call)
 
     recorded("_terms", 8)
-    recorded("_needed", 2)
+    recorded("_needed", 4)
     inverse_dynamics.warm_up(LEG, FRICTIONS)
     balance_of(lambda _: (0.2, 0.5), (0.0, 0.0))
     needed(LEG, FRICTIONS, (0.2, 0.5), (0.1, 0.1), (1.0, 1.0))

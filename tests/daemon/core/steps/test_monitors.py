@@ -23,6 +23,8 @@ from drives.signals import OperationMode, PowerState
 from observer.filter.status import Validity
 
 OK, BAD = Validity.OK, Validity.BAD
+WHOLE = (8.0, 90.0)
+"""Need of the reference's motion, N·m and N."""
 
 
 SLIDE_LIMITS = LIMITS._replace(quick_stop_deceleration_si_per_s2=30.0, clonus_swing_si=6.0)
@@ -33,7 +35,11 @@ def core(monkeypatch):
     """A core in GAIT whose axes move at 0.2 rad and 0.5 m, referenced and enabled."""
     monkeypatch.setattr(monitors.stopping_path, "least_ratio", lambda *given: given)
     monkeypatch.setattr(monitors.inverse_dynamics, "evaluate", lambda *_: InverseDynamics())
-    monkeypatch.setattr(monitors.inverse_dynamics, "needed", lambda *given: (given, given))
+    monkeypatch.setattr(
+        monitors.inverse_dynamics,
+        "needed",
+        lambda *given: SimpleNamespace(certain=(given, given), whole=WHOLE),
+    )
     axes = [
         an_axis(
             name,
@@ -303,12 +309,13 @@ def test_a_guided_reference_needs_effort_for_its_acceleration(watched, guided):
     else:
         assert needed == [0.0, 0.0]
     assert found.wanted_velocity == (0.3, 0.4)
+    assert found.needed_si == (WHOLE if guided else None)
 
 
 @pytest.mark.parametrize("index", [0, 1])
 def test_a_spasm_and_clonus_of_either_axis_soften_the_leg_and_clonus_is_told(watched, index):
     axis = watched.axes[index]
-    assert soften(watched) == Softened(wanted_velocity=(0.3, 0.4))
+    assert soften(watched) == Softened(wanted_velocity=(0.3, 0.4), needed_si=WHOLE)
 
     axis.spasm.cycles = 1
     assert (soften(watched).spasm_ratio, soften(watched).clonus_ratio) == (0.9, 1.0)
