@@ -14,7 +14,7 @@ from daemon.core.modes.persistent_state import PersistentState, StoredVerdict
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import Step, begin
 from daemon.core.slices import Estimated, Passive
-from daemon.core.steps import supervisor
+from daemon.core.steps import persistence, supervisor
 from daemon.core.steps.bring_up import bring_up_core
 from daemon.ipc.record import Verdict
 from daemon.ipc.report import Event, Progress
@@ -82,6 +82,17 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
     assert (leg.estimated.bad_cycles, leg.estimated.stride_count) == (0, 3)
     assert core.evidence == {}
     assert core.events == [Event(EventCode.BRING_UP_BEGUN), Event(EventCode.DRIVES_UP)]
+
+
+def test_tests_of_drives_that_were_changed_out_of_sight_are_forgotten(monkeypatch):
+    session, names = Session(), []
+    monkeypatch.setattr(
+        persistence, "forget_other_drives", lambda _, reports: names.extend(r.name for r in reports)
+    )
+
+    session.run()
+
+    assert names == [axis.name for axis in session.core.axes]
 
 
 def test_each_step_is_shown_with_how_far_it_is():
