@@ -186,6 +186,12 @@ def test_a_current_needs_no_object_since_the_sheet_has_the_torque_constant(unit)
     assert base_in_words(torque_object(unit, 1.0), TorqueBase()) == "k_t of the axis file"
 
 
+def test_an_object_holds_the_values_of_its_bits():
+    objects = (ObjectRef(index=1, sub=0, bits=8, signed=signed) for signed in (True, False))
+
+    assert [one.values for one in objects] == [range(-128, 128), range(256)]
+
+
 RATED_TORQUE = ObjectRef(index=0x6076, sub=0, bits=32, signed=False)
 
 
