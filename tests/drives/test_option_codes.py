@@ -120,6 +120,11 @@ BY_PROFILE = "because of optional_objects.halt_option"
             *(False, "written[605Ah].value", 6, "one of 1, 2"),
         ),
         (
+            (setting(0x605A, 32768, legal=(32768,)), *settings()[1:]),
+            *(False, "written[605Ah].value", 32768),
+            "-32768 to 32767, which 605Ah:00 can hold",
+        ),
+        (
             settings()[:2],
             *(False, "written", LISTED[1:], f"6007h:00 must be among them, since {RUNS}"),
         ),

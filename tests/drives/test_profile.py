@@ -623,16 +623,19 @@ def test_methods_that_detect_a_stop_and_their_object_go_together(changes, said):
     profile = copy.deepcopy(table("profiles/epos4.toml"))
     profile["homing"] |= changes
 
-    with pytest.raises(DescriptionError, match=said):
+    with pytest.raises(DescriptionError, match=f"profile: {said}"):
         join(table("hip_epos4.toml"), profile, "hip")
 
 
 def test_a_current_that_the_object_of_the_threshold_cannot_hold_is_refused():
     axis, profile = broken("hip_epos4", "axis", ("homing",), at_a_stop(65.6))
     axis["motor"] |= {"current_limit_a": 90.0}
+    words = r"axis: homing.stop_current_a = 65\.6: at most 65\.535: 30B2h:00 counts it in mA"
 
-    with pytest.raises(DescriptionError, match=r"at most 65\.535: 30B2h:00 counts it in mA"):
+    with pytest.raises(DescriptionError, match=words):
         join(axis, profile, "hip")
+    axis["homing"] = at_a_stop(65.535)
+    assert join(axis, profile, "hip").axis.homing.stop_current_a == 65.535
 
 
 @pytest.mark.parametrize("narrow", [{"bits": 16}, {"signed": False}])
@@ -640,7 +643,9 @@ def test_a_home_has_the_width_of_a_position(narrow):
     profile = copy.deepcopy(table("profiles/epos4.toml"))
     profile["homing"]["home"] |= narrow
 
-    with pytest.raises(DescriptionError, match=r"home = '30B0h:00': an object of 32 bits"):
+    with pytest.raises(
+        DescriptionError, match=r"profile: homing.home = '30B0h:00': an object of 32"
+    ):
         join(table("hip_epos4.toml"), profile, "hip")
 
 

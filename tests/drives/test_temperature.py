@@ -181,6 +181,7 @@ def test_a_client_that_never_leaves_room_ends_the_measurement_after_ten_seconds(
         overdue.append(run.run(1)[0].temperature_overdue)
 
     assert 39 * SLOT_CYCLES <= overdue.index(True) <= 41 * SLOT_CYCLES
+    assert all(overdue[overdue.index(True) :])
     assert not run.run(1)[1].temperature_overdue
     assert not run.run(2 * SLOT_CYCLES + 1)[0].temperature_overdue
 

@@ -17,6 +17,7 @@ from drives.cia402.torque import (
     TorqueObject,
     TorqueSampling,
     TorqueUnit,
+    Word,
     base_in_words,
     check_bases,
     count_nm,
@@ -184,6 +185,29 @@ def test_a_current_needs_no_object_since_the_sheet_has_the_torque_constant(unit)
     check_bases({"torque_source": torque_object(unit, 1.0)}, TorqueBase())
 
     assert base_in_words(torque_object(unit, 1.0), TorqueBase()) == "k_t of the axis file"
+
+
+def test_an_object_holds_the_values_of_its_bits():
+    objects = [ObjectRef(index=1, sub=0, bits=8, signed=signed) for signed in (True, False)]
+
+    assert [one.values for one in objects] == [range(-128, 128), range(256)]
+    words = "which 0001h:00 can hold"
+    assert [one.values_in_words for one in objects] == [
+        f"-128 to 127, {words}",
+        f"0 to 255, {words}",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("value", "fits"),
+    [(-0x80000001, False), (-0x80000000, True), (0xFFFFFFFF, True), (0x100000000, False)],
+)
+def test_a_word_is_of_32_bits_with_or_without_sign(value, fits):
+    if fits:
+        assert msgspec.convert(value, Word) == value
+    else:
+        with pytest.raises(msgspec.ValidationError):
+            msgspec.convert(value, Word)
 
 
 RATED_TORQUE = ObjectRef(index=0x6076, sub=0, bits=32, signed=False)

@@ -180,7 +180,8 @@ def test_what_was_never_seen_does_not_count_however_early_the_clock():
 
 
 @pytest.mark.parametrize(
-    "faults", list(itertools.product((Finding.NONE, Finding.FRICTION_MORE), repeat=2))
+    "faults",
+    list(itertools.product((Finding.NONE, Finding.FRICTION_MORE, Finding.NOT_BEGUN), repeat=2)),
 )
 def test_a_finished_test_is_stored_and_passed_only_without_any_fault(faults):
     results = [

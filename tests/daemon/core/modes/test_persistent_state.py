@@ -6,6 +6,7 @@ from gaitd_names import Doubt
 
 from daemon.core.modes.persistent_state import (
     POSE_STEP_SI,
+    TORN,
     UNREADABLE,
     PersistentState,
     PoseRules,
@@ -92,6 +93,7 @@ def test_what_is_stored_is_read_again_and_a_key_of_another_version_is_refused(st
 def test_an_unreadable_file_is_damaged_and_latches_a_stop():
     latched = StoredVerdict("S1", "last_end_unknown", finding="notes_unreadable")
     assert PersistentState(damaged=True, latched=latched) == UNREADABLE
+    assert StoredVerdict("S1", "last_end_unknown", finding="notes_torn") == TORN
 
 
 # --- poses ----------------------------------------------------------------------------------------
@@ -218,6 +220,7 @@ def test_what_was_tested_of_another_drive_is_forgotten_and_nothing_else():
         axes={"right/hip": StoredAxis(0.2, 5, None), "right/slide": StoredAxis(0.4, 5, PROOF)},
         inputs={"right/slide": StoredInputs(5, 6, 7, 8)},
     )
-    assert without_tests(WHOLE, "right/slide").self_test == TEST
+    other = without_tests(WHOLE, "right/slide")
+    assert (other.self_test, set(other.inputs)) == (TEST, {"right/hip"})
     assert without_tests(kept, "right/hip") is kept
     assert without_tests(PersistentState(), "right/hip") == PersistentState()

@@ -63,7 +63,10 @@ def test_requests_without_a_mode(role, kind):
 def test_requests_of_a_mode(role, mode):
     request = Request(1, RequestKind.MODE, mode=ModeRequest(mode), role=role, plan=PLAN)
 
-    assert (refusal(request, ALL_WELL) is None) == (mode in MODES[role])
+    may_not = Refusal(RefusalCode.ROLE_MAY_NOT_MODE, values=(role, mode))
+    if not MODES[role]:
+        may_not = Refusal(RefusalCode.ROLE_MAY_NOT, values=(role, RequestKind.MODE))
+    assert refusal(request, ALL_WELL) == (None if mode in MODES[role] else may_not)
 
 
 def requests_of(role, plan=PLAN):

@@ -171,6 +171,8 @@ def test_a_fault_without_an_emcy_is_told_as_bring_up_found_it():
 
     found = verdict_of(axes=[axis])
     assert (found.finding, found.value, found.said) == (Finding.ERROR_CODE, 0x2310, "overcurrent")
+    silent = verdict_of(axes=[fed(power_state=PowerState.FAULT)])
+    assert (silent.finding, silent.value, silent.said) == (Finding.NO_EMCY, 0, "")
     assert emcy_of(fed(axis, emergency=EMERGENCY)) == (0x8611, "following error")
 
 

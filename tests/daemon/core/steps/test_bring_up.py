@@ -13,8 +13,8 @@ from daemon.core.modes import latched_stop
 from daemon.core.modes.persistent_state import PersistentState, StoredVerdict
 from daemon.core.safety.joints import Joint
 from daemon.core.safety.stop_sequence import Step, begin
-from daemon.core.slices import Estimated
-from daemon.core.steps import supervisor
+from daemon.core.slices import Estimated, Passive
+from daemon.core.steps import persistence, supervisor
 from daemon.core.steps.bring_up import bring_up_core
 from daemon.ipc.record import Verdict
 from daemon.ipc.report import Event, Progress
@@ -65,7 +65,7 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
         has_been_sent(axis, effort_si=5.0)
         axis.sign_proven, axis.serial_number = True, 99
     (leg,) = core.legs
-    leg.reference = object()
+    leg.reference, leg.passive = object(), Passive(other_gait=True)
     leg.estimated = Estimated(estimate=object(), bad_cycles=7, stride_count=3)
     core.evidence = {"right/hip": object()}  # of the drive 99, which is another one
 
@@ -78,10 +78,21 @@ def test_drives_that_are_up_are_taken_over_and_nothing_of_before_is_left():
     for axis in core.axes:
         assert (axis.stop, axis.sensed.joint, axis.sensed.reached_enabled) == (None, Joint(), False)
         assert (axis.sent.effort_si, axis.sign_proven) == (0.0, False)
-    assert (leg.reference, leg.estimated.estimate) == (None, None)
+    assert (leg.reference, leg.estimated.estimate, leg.passive) == (None, None, Passive())
     assert (leg.estimated.bad_cycles, leg.estimated.stride_count) == (0, 3)
     assert core.evidence == {}
     assert core.events == [Event(EventCode.BRING_UP_BEGUN), Event(EventCode.DRIVES_UP)]
+
+
+def test_tests_of_drives_that_were_changed_out_of_sight_are_forgotten(monkeypatch):
+    session, names = Session(), []
+    monkeypatch.setattr(
+        persistence, "forget_other_drives", lambda _, reports: names.extend(r.name for r in reports)
+    )
+
+    session.run()
+
+    assert names == [axis.name for axis in session.core.axes]
 
 
 def test_each_step_is_shown_with_how_far_it_is():

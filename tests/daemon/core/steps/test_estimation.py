@@ -86,6 +86,8 @@ def test_a_baseline_is_in_force_from_the_cycle_on_in_which_it_is_given(spy):
     estimate(spy, RUNS, replace(SAMPLED, known=known))
 
     assert spy.known is known
+    estimate(spy, RUNS, SAMPLED)
+    assert spy.known is NOTHING_KNOWN
 
 
 @pytest.mark.parametrize(
