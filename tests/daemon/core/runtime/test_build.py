@@ -1,5 +1,6 @@
 """A core is built from the files in SI units and cycles, and warmed up before its first cycle."""
 
+import dataclasses
 import math
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import pytest
 from config_files import CONFIGS
 from fresh_core import fresh
 
+from daemon.config.settings import AcceptedCalibration
 from daemon.core.exercises.homing import Homing
 from daemon.core.exercises.sign_test import SignTest
 from daemon.core.exercises.single_axis import AxisStart, HomingRules, PushRules
@@ -40,6 +42,21 @@ def test_the_files_become_rules_in_cycles():
         *(trainer.hold, trainer.gait, trainer.hand_guiding),
     )
     assert (config.excite, config.self_test) == (dict(trainer.excite), trainer.self_test)
+
+
+@pytest.mark.parametrize(("with_patient", "required"), [(True, "daily"), (False, "never")])
+def test_an_accepted_calibration_moves_no_patient_before_a_self_test(with_patient, required):
+    replace = msgspec.structs.replace
+    robot = replace(SETTINGS.robot, calibration=AcceptedCalibration(("false_effort",)))
+    robot = robot if with_patient else replace(robot, patient=None)
+    trainer = SETTINGS.trainer
+    trainer = replace(trainer, self_test=replace(trainer.self_test, required="never"))
+    file = dataclasses.replace(SETTINGS.file, trainer=trainer)
+    settings = dataclasses.replace(SETTINGS, robot=robot, file=file)
+
+    core = build.build(settings, "boot", PersistentState()).core
+
+    assert core.config.self_test.required == required
 
 
 def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later():
