@@ -58,7 +58,7 @@ class Candidate(NamedTuple):
     unit: str
     scale: Number
     key: str
-    """Of the number in the robot file; empty: it is in more than one."""
+    """Place of the number in the robot file; empty: it is in more than one."""
     std: Callable[[Robot], float]
     """Standard deviation by [uncertainty] of the robot file; 0: it says nothing."""
     changed: Callable[[Robot, float], Robot]

@@ -278,7 +278,12 @@ def fit(frame: Frame, motion: Motion, progress: Progress, near: Fit | None = Non
     identified, cov = _identified(fine, walk_fine(first.free), reasons, walk_fine)
     free = identified.free
     natural = frame.from_free(free)
-    rough = first.free if len(reasons) == fixed_count else walk(free).free
+    if any(frame.bristled(axis) for axis in range(2)):
+        rough = (
+            free  # bristles are too stiff for a rough solution to be another one of the same law
+        )
+    else:
+        rough = first.free if len(reasons) == fixed_count else walk(free).free
     # What another solution of the same law changes is no more certain than that.
     numerical = natural - frame.from_free(_back(frame, rough, reasons))
     for index in reasons:

@@ -57,9 +57,9 @@ class Calibration:
 
     motion: Motion
     given_check: Check
-    """Of the mechanism with the values of the file."""
+    """Check of the mechanism with the values of the file."""
     check: Check
-    """With the fitted values; what decides."""
+    """The same with the fitted values; it decides."""
     fit: Fit
     robot: Robot
     seen_before: Disturbance
