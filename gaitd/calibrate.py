@@ -47,8 +47,11 @@ def command(
             "--noise", help="set the observer's process noise and how wrong the law is, too"
         ),
     ] = False,
-    bristles: Annotated[
-        bool, typer.Option("--bristles", help="fit bristles (LuGre) instead of eq. (11)")
+    accept: Annotated[
+        bool,
+        typer.Option(
+            "--accept", help="write the result although it misses a limit; the file says so"
+        ),
     ] = False,
     check: Annotated[
         bool, typer.Option("--check", help="only look for a wrong recline, spring or offset")
@@ -61,7 +64,7 @@ def command(
 
     fitting = {
         "--noise": noise,
-        "--bristles": bristles,
+        "--accept": accept,
         "--output": output,
         "--page": page,
         "--held-out": held_out and held_out[0],
@@ -75,9 +78,7 @@ def command(
             _check(recorded, robot, write)
         else:
             _calibrate(
-                *(recorded, robot, output, page, held_out or [], write),
-                noise=noise,
-                bristles=bristles,
+                recorded, robot, output, page, held_out or [], write, noise=noise, accept=accept
             )
 
 
@@ -105,7 +106,7 @@ def _calibrate(
     write_json: Callable[[object], None],
     *,
     noise: bool,
-    bristles: bool,
+    accept: bool,
 ) -> None:
     from gaitd_toml import read_toml
 
@@ -120,8 +121,7 @@ def _calibrate(
         raise ConfigError(COMMAND_LINE, "--output", output, allowed)
     document = read_toml(robot_file)
     robot = decoded_robot(document, to_calibrate=True)
-    if bristles:
-        refuse_missing_lines(document, "--bristles", (*BRISTLE_KEYS[0], *BRISTLE_KEYS[1]))
+    refuse_missing_lines(document, "calibrate", (*BRISTLE_KEYS[0], *BRISTLE_KEYS[1]))
     if noise:
         refuse_missing_lines(document, "--noise", (f"observer.{key}" for key in LAW_KEYS))
     with progress() as stage:
@@ -132,25 +132,29 @@ def _calibrate(
             _sources(held_out),
             lambda misfit, share: update(share, f"calibrating  {misfit}"),
             with_noise=noise,
-            bristles=bristles,
         )
     _report(made)
     if page is not None:
         from analysis.calibration.page import write_page
 
         print(f"page         {write_page(made, robot_file.name, page)}")
-    if made.refused:
+    if made.refused and not accept:
         blame = recorded[0].name
         raise CommandError(f"nothing written: {made.refused}", EXIT_FAILED, blame=blame)
     if made.needless:
         print(f"nothing written: keep {robot_file}; {made.needless}")
     else:
-        write(robot_file, output, made.values(", ".join(path.name for path in recorded)))
+        values = made.values(", ".join(path.name for path in recorded))
+        write(robot_file, output, values, made.missed)
+        for limit, reason in made.missed:
+            print(f"missed       {limit}: {reason}")
         print(f"written      {output}")
     write_json(
         {
             "written": None if made.needless else output,
             "needless": made.needless,
+            "missed_limits": [limit for limit, _ in made.missed],
+            "mechanism_of_file": str(made.given_check),
             "mechanism": str(made.check),
             "results": [
                 {
@@ -166,8 +170,10 @@ def _calibrate(
             ],
             "held_out": made.held_out,
             "before": made.before,
-            "eq_11": made.eq_11,
             "after": made.after,
+            "bristles": made.bristled,
+            "other_law": made.other_law,
+            "why_eq_11": made.why_eq_11,
         }
     )
 
@@ -183,8 +189,11 @@ def _report(made: "Calibration") -> None:
     from analysis.calibration.page import tables
 
     print(f"recording    {', '.join(made.motion.sources)}: {made.motion.duration_s:.1f} s")
+    print(f"file         {made.given_check}")
     print(f"mechanism    {made.check}")
-    for line in advice(made.motion, made.fit.results):
+    if made.why_eq_11:
+        print(f"law          bristles are not used: {made.why_eq_11}")
+    for line in (*advice(made.motion, made.fit.results), *made.too_slow):
         print(f"to do        {line}")
     if len(made.contact_s):
         share = len(made.contact_s) / len(made.motion.time_s)

@@ -2,6 +2,9 @@
 
 from typing import Final
 
+import numpy as np
+from numpy.typing import NDArray
+
 from analysis.calibration.fit import Result
 from analysis.calibration.motion import Motion
 from analysis.calibration.quantities import AXES
@@ -9,6 +12,8 @@ from analysis.calibration.start import FAST, extent
 
 UNITS: Final = (("rad", "rad/s"), ("m", "m/s"))
 REVERSALS_MIN: Final = 4
+GAIT_ACCELERATION: Final = (3.0, 2.0)
+"""Accelerations of a gait of 0.5 Hz, rad/s^2 and m/s^2, that a held-out part must reach."""
 
 
 def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
@@ -27,6 +32,27 @@ def advice(motion: Motion, results: tuple[Result, ...]) -> list[str]:
             if not one.quantity.key and one.calibrated and abs(one.value) > one.half_interval
         ]
     return lines
+
+
+def slower_than_gait(judged: Motion, rows: NDArray[np.bool_]) -> list[str]:
+    """One line for each axis whose inertia the held-out rows do not judge.
+
+    Args:
+        judged: the recording that the result is judged on.
+        rows: the rows of it that count, shape (n,).
+    """
+    return [
+        f"the held-out part accelerates the {AXES[axis]} by {fastest:.2g} {unit}/s, a gait by "
+        f"{needed:g}: its inertia is not judged; hold out a run with faster reversals, too, as in "
+        f"excite friction_{AXES[axis]}"
+        for axis, ((_, unit), needed) in enumerate(zip(UNITS, GAIT_ACCELERATION, strict=True))
+        if extent(judged, axis).enough(axis)
+        and (fastest := _fastest(judged.smooth[rows & judged.settled, 4 + axis])) < needed
+    ]
+
+
+def _fastest(acceleration: NDArray[np.float64]) -> float:
+    return float(np.quantile(np.abs(acceleration), 0.99)) if len(acceleration) else 0.0
 
 
 def _of_axis(motion: Motion, axis: int, name: str, unidentified: list[Result]) -> list[str]:

@@ -56,6 +56,6 @@ def not_identified(axes: Iterable[int], calibrated: Iterable[str]) -> str:
         if not known.issuperset(BRISTLE_KEYS[axis]):
             return (
                 f"the {AXES[axis]}'s bristles are not identified by this recording: record more "
-                f"reversals, as in excite friction_{AXES[axis]}, or calibrate without --bristles"
+                f"reversals, as in excite friction_{AXES[axis]}"
             )
     return ""

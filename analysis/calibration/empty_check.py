@@ -33,6 +33,7 @@ from observer.quantities import Number
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
+QUANTILE: Final = 1.96
 BLOCK_ROWS: Final = 100
 """Rows that count as one independent sample: a second."""
 NOTICED: Final = 0.04
@@ -41,6 +42,13 @@ SIGNIFICANT: Final = 12.0
 """Least fall of the misfit in block units (chi squared with one degree of freedom)."""
 AS_GOOD: Final = 9.0
 """In the same units: a candidate this close to the best cannot be distinguished from it."""
+PLAUSIBLE: Final = 10.0
+"""A change by this many standard deviations costs an explanation 1 of the same units, and by n
+times as many n^2: one of them is rare, a hundred are another machine."""
+
+
+ENOUGH_RATIO: Final = 0.5
+"""Least fall of an explanation, however plausible, over that of the best."""
 
 
 class Candidate(NamedTuple):
@@ -49,8 +57,14 @@ class Candidate(NamedTuple):
     words: str
     unit: str
     scale: Number
+    key: str
+    """Place of the number in the robot file; empty: it is in more than one."""
+    std: Callable[[Robot], float]
+    """Standard deviation by [uncertainty] of the robot file; 0: it says nothing."""
     changed: Callable[[Robot, float], Robot]
     """Returns the robot with the number changed by this amount."""
+    fitted: bool = False
+    """True if a calibration fits it."""
 
 
 def _along_rail(robot: Robot, change_m: float) -> Robot:
@@ -63,20 +77,57 @@ def _in(key: str) -> Callable[[Robot, float], Robot]:
     return lambda robot, change: replaced(robot, {key: value_of(robot, key) + change})
 
 
+def _candidate(
+    words: str, unit: str, scale: Number, key: str, uncertainty: str, *, fitted: bool = False
+) -> Candidate:
+    """A candidate of one key, whose uncertainty is a ratio or has the unit of the number."""
+
+    def std(robot: Robot) -> float:
+        found = value_of(robot, f"uncertainty.{uncertainty}")
+        return found * value_of(robot, key) if uncertainty.endswith("_ratio") else found
+
+    return Candidate(words, unit, scale, key, std, _in(key), fitted)
+
+
+def _recline_std(robot: Robot) -> float:
+    return math.hypot(robot.uncertainty.recline_deg, robot.uncertainty.hip.angle_deg)
+
+
+def _offset_std(robot: Robot) -> float:
+    return math.hypot(robot.uncertainty.rail_m, robot.uncertainty.slide.position_m)
+
+
 CANDIDATES: Final = (
     # Equivalent for the mechanism: both turn the thigh against gravity.
-    Candidate("recline or hip encoder offset", "deg", 5.0, _in("geometry.recline_deg")),
-    Candidate("slide encoder offset", "m", 0.05, _along_rail),
-    Candidate("hip spring stiffness", "N·m/rad", 4.0, _in("springs.hip.stiffness_nm_per_rad")),
-    Candidate("hip spring rest", "rad", 0.1, _in("springs.hip.rest_rad")),
-    Candidate("slide spring stiffness", "N/m", 20.0, _in("springs.slide.stiffness_n_per_m")),
-    Candidate("slide spring rest", "m", 0.1, _in("springs.slide.rest_m")),
-    Candidate("thigh mass", "kg", 0.5, _in("thigh.mass_kg")),
-    Candidate("shank mass", "kg", 0.5, _in("shank.mass_kg")),
-    Candidate("shoe mass", "kg", 0.5, _in("shoe.mass_kg")),
-    Candidate("slide mass", "kg", 0.5, _in("slide.mass_kg")),
-    Candidate("hip drive inertia", "kg m²", 0.1, _in("hip.drive_inertia_kg_m2")),
-    Candidate("slide drive mass", "kg", 2.0, _in("slide.drive_mass_kg")),
+    Candidate(
+        *("recline or hip encoder offset", "deg", 5.0, "geometry.recline_deg"),
+        *(_recline_std, _in("geometry.recline_deg")),
+    ),
+    Candidate("slide encoder offset", "m", 0.05, "", _offset_std, _along_rail),
+    *(
+        _candidate(*row, fitted=True)
+        for row in (
+            (
+                *("hip spring stiffness", "N·m/rad", 4.0),
+                *("springs.hip.stiffness_nm_per_rad", "hip.spring_ratio"),
+            ),
+            ("hip spring rest", "rad", 0.1, "springs.hip.rest_rad", "hip.spring_rest_rad"),
+            (
+                *("slide spring stiffness", "N/m", 20.0),
+                *("springs.slide.stiffness_n_per_m", "slide.spring_ratio"),
+            ),
+            ("slide spring rest", "m", 0.1, "springs.slide.rest_m", "slide.spring_rest_m"),
+            (
+                *("hip drive inertia", "kg m²", 0.1),
+                *("hip.drive_inertia_kg_m2", "drive_inertia_ratio"),
+            ),
+            ("slide drive mass", "kg", 2.0, "slide.drive_mass_kg", "drive_inertia_ratio"),
+        )
+    ),
+    *(
+        _candidate(f"{part} mass", "kg", 0.5, f"{part}.mass_kg", "machine_mass_ratio")
+        for part in ("thigh", "shank", "shoe", "slide")
+    ),
 )
 
 
@@ -88,17 +139,30 @@ class Explanation:
     unit: str
     change: Number
     half_interval: Number
+    before: Number
+    """The file's value; NaN if it is in more than one number."""
+    allowed: Number
+    """95 % half interval of the file's value by its [uncertainty]."""
+    fitted: bool
+    """True if a calibration fits it."""
     explained_ratio: float
     """Share of the misfit of friction alone."""
     fall: Number
 
     @property
-    def mendable(self) -> bool:
-        """True if a calibration, which fits springs and drives, corrects it."""
-        return "spring" in self.words or "drive" in self.words
+    def plausible_fall(self) -> float:
+        """The fall, less what its size costs."""
+        if self.allowed == 0.0:
+            return self.fall
+        return self.fall - (QUANTILE * self.change / (PLAUSIBLE * self.allowed)) ** 2
 
     def __str__(self) -> str:
-        return f"{self.words} {self.change:+.3g} ± {self.half_interval:.2g} {self.unit}"
+        change = f"{self.words} {self.change:+.3g} ± {self.half_interval:.2g} {self.unit}"
+        allowed = f"allowed by its [uncertainty] ± {self.allowed:.2g}"
+        if math.isnan(self.before):
+            return f"{change} ({allowed})"
+        after = self.before + self.change
+        return f"{change} ({after:.4g}, the file has {self.before:.4g}, {allowed})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +179,7 @@ class Check:
     @property
     def mendable(self) -> bool:
         """True if nothing is wrong, or if calibration corrects it."""
-        return self.well or any(one.mendable for one in (self.best, *self.as_good))
+        return self.well or any(one.fitted for one in (self.best, *self.as_good))
 
     def __str__(self) -> str:
         if self.well:
@@ -159,13 +223,43 @@ def refuse_wrong_branch(robot: Robot, motion: Motion) -> None:
             )
 
 
-def check(robot: Robot, motion: Motion) -> Check:
-    """Find the number of the mechanism that explains best what friction does not.
+def judge(robot: Robot, fitted: Robot, motion: Motion) -> Check:
+    """Find the number that is wrong in a mechanism whose springs and drives are fitted.
+
+    What these explain is no fault, unless one other number of the file explains as much alone: then
+    they have taken its place within this range of motion, and would be wrong outside of it.
+
+    Args:
+        robot: of the file to begin with.
+        fitted: with the fitted values.
+        motion: the recording.
 
     Raises:
         RecordingError: no axis moves.
     """
+    left = check(fitted, motion, springs_free=True)
+    if not left.well:
+        return left
+    given = check(robot, motion)
+    if given.mendable:
+        return left
     regression = _Regression(robot, motion)
+    fall = regression.fall(robot, fitted)
+    return left if fall > given.best.fall + SIGNIFICANT else given
+
+
+def check(robot: Robot, motion: Motion, *, springs_free: bool = False) -> Check:
+    """Find the number of the mechanism that explains best what friction does not.
+
+    Args:
+        robot: with the numbers to check.
+        motion: the recording.
+        springs_free: let each candidate have the springs and drives that suit it best.
+
+    Raises:
+        RecordingError: no axis moves.
+    """
+    regression = _Regression(robot, motion, springs_free=springs_free)
     alone = regression.misfit(robot)
     absent = tuple(
         f"{axis} spring" for axis, k in zip(AXES, _stiffness(robot), strict=True) if not k
@@ -173,11 +267,14 @@ def check(robot: Robot, motion: Motion) -> Check:
     tried = [
         _explain(robot, regression, candidate, alone)
         for candidate in CANDIDATES
-        if not candidate.words.startswith(absent)
+        if not candidate.words.startswith(absent) and not (springs_free and candidate.fitted)
     ]
-    best = max(tried, key=lambda one: one.fall)
-    as_good = tuple(one for one in tried if one is not best and one.fall > best.fall - AS_GOOD)
-    well = best.fall < SIGNIFICANT or regression.noticed(robot, best) < NOTICED
+    most = max(tried, key=lambda one: one.fall)
+    well = most.fall < SIGNIFICANT or regression.noticed(robot, most) < NOTICED
+    enough = [one for one in tried if one.fall >= ENOUGH_RATIO * most.fall]
+    best = max(enough, key=lambda one: one.plausible_fall)
+    least = best.plausible_fall - AS_GOOD
+    as_good = tuple(one for one in enough if one is not best and one.plausible_fall > least)
     left = regression.left_rms(robot)
     return Check(well, best, () if well else as_good, *left)
 
@@ -202,7 +299,10 @@ def _explain(
         candidate.words,
         candidate.unit,
         float(found.x[0]) * candidate.scale,
-        1.96 * std * candidate.scale,
+        QUANTILE * std * candidate.scale,
+        value_of(robot, candidate.key) if candidate.key else math.nan,
+        QUANTILE * candidate.std(robot),
+        candidate.fitted,
         1.0 - misfit / alone,
         blocks * math.log(alone / max(misfit, 1e-300)),
     )
@@ -211,7 +311,7 @@ def _explain(
 class _Regression:
     """Residual efforts without the friction's free factors; in units of Coulomb levels."""
 
-    def __init__(self, robot: Robot, motion: Motion) -> None:
+    def __init__(self, robot: Robot, motion: Motion, *, springs_free: bool = False) -> None:
         self.motion = motion
         self.rows: list[NDArray[np.bool_]] = []
         self.bases: list[Matrix] = []
@@ -222,7 +322,8 @@ class _Regression:
             enough = extent(motion, axis).enough(axis)
             chosen = motion.settled & (speed > 3 * REST[axis]) & enough
             self.rows.append(chosen)
-            base = self._base(axis, chosen, sprung=_stiffness(robot)[axis] > 0.0)
+            sprung = _stiffness(robot)[axis] > 0.0
+            base = self._base(axis, chosen, sprung=sprung, springs_free=springs_free)
             self.bases.append(np.linalg.qr(base)[0] if np.any(chosen) else base)
         if not any(np.any(rows) for rows in self.rows):
             raise RecordingError(
@@ -238,15 +339,22 @@ class _Regression:
         """Number of independent samples."""
         return sum(float(np.count_nonzero(rows)) for rows in self.rows) / BLOCK_ROWS
 
-    def _base(self, axis: int, chosen: NDArray[np.bool_], *, sprung: bool) -> Matrix:
+    def _base(
+        self, axis: int, chosen: NDArray[np.bool_], *, sprung: bool, springs_free: bool
+    ) -> Matrix:
         v = self.motion.velocity[chosen, axis]
         before = self.motion.smooth[chosen, 4 + axis]
         speed = FAST[axis] / 3
         slow = np.sign(v) * np.exp(-np.abs(v) / speed)
-        base = (np.sign(v), slow, v, v * np.abs(v), np.tanh(before / 0.5) * slow)
-        # Without a spring, whose rest position adds one, a constant effort is fitted beside
-        # friction.
-        return np.column_stack(base if sprung else (*base, np.ones(len(v))))
+        base = [np.sign(v), slow, v, v * np.abs(v), np.tanh(before / 0.5) * slow]
+        if springs_free:
+            base.append(before)
+        if springs_free and sprung:
+            base.append(self.motion.smooth[chosen, axis])
+        if springs_free or not sprung:
+            # Without a spring, whose rest position adds one, a constant effort is fitted, too.
+            base.append(np.ones(len(v)))
+        return np.column_stack(base)
 
     def _left(self, leg: LegParameters, robot: Robot) -> Matrix:
         left = np.empty((len(self.motion.steps_s), 2))
@@ -270,6 +378,10 @@ class _Regression:
 
     def misfit(self, robot: Robot) -> float:
         return float(np.sum(self.differences(robot) ** 2))
+
+    def fall(self, before: Robot, after: Robot) -> float:
+        """Fall of the misfit from one robot to another, in block units."""
+        return self.block_count * math.log(self.misfit(before) / max(self.misfit(after), 1e-300))
 
     def noticed(self, robot: Robot, best: Explanation) -> float:
         """Rms effort of the change, over the Coulomb level."""

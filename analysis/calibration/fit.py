@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from analysis.calibration.likelihood import (
+    FINE_SUBSTEPS,
+    PRIOR_TIMING,
     Likelihood,
     Surprises,
     bounds,
@@ -37,6 +39,7 @@ from analysis.calibration.quantities import (
     SIZE,
     SPRING_SCALE,
     SPRINGS,
+    TIMING,
     Frame,
     Quantity,
     labelled,
@@ -83,6 +86,8 @@ inertia of both axes."""
 ROUNDS: Final = 4
 NONE: Final = "the file has none"
 WITH_BRISTLES: Final = "bristles replace the friction that it shapes"
+SHAPED: Final = (3, 5, 6)
+"""Transition, edge and time constant, within a law."""
 FOLLOWS: Final = {
     1: 0,
     LAW_SIZE + 1: LAW_SIZE,
@@ -222,41 +227,70 @@ class _Search:
         return False
 
 
-def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
+def fit(frame: Frame, motion: Motion, progress: Progress, near: Fit | None = None) -> Fit:
     """Calibrate the values that the rows that are not held out identify.
 
     Args:
         frame: of the initial file.
         motion: the recording.
         progress: called with the misfit (minus log likelihood per sample) after each step.
+        near: a fit of another law to the same rows: the only place where the search begins.
     """
     likelihood = Likelihood(frame, motion, ~motion.held_out)
     reasons = _fixed(frame, motion)
     laws = [_with_initial_noise(frame, regressed(frame, motion, hump)) for hump in START_HUMPS]
     centre = laws[0]
 
-    def walk(free: Vector, known: Sequence[_End] = (), *, noise: bool = False) -> _End:
-        least = NOISE if noise else 0
-        which = np.array([i for i in range(least, SIZE) if i not in reasons], dtype=np.intp)
+    def walk(
+        free: Vector,
+        known: Sequence[_End] = (),
+        *,
+        noise: bool = False,
+        within: Likelihood = likelihood,
+    ) -> _End:
+        values = range(NOISE, TIMING) if noise else range(SIZE)
+        which = np.array([i for i in values if i not in reasons], dtype=np.intp)
         steps = NOISE_STEPS_MAX if noise else STEPS_MAX
-        search = _Search(likelihood, centre, free.copy(), which, progress, known)
+        search = _Search(within, centre, free.copy(), which, progress, known)
         return _walk(search, free[which], steps)
 
-    by_noise = [walk(_with_encoders(laws[0], factor), noise=True) for factor in START_ENCODERS]
-    noise_free = min(by_noise, key=lambda end: end.loss).free
+    fine = Likelihood(frame, motion, ~motion.held_out, FINE_SUBSTEPS)
+
+    def walk_fine(free: Vector) -> _End:
+        return walk(free, within=fine)
+
     ends: list[_End] = []
-    for law, known in ((laws[0], NOISE + 2), (laws[1], NOISE + 2), (laws[1], SIZE)):
-        free = law.copy()
-        free[NOISE:known] = noise_free[NOISE:known]
-        ends.append(walk(best_start(likelihood, free, motion), ends))
+    if near is None:
+        by_noise = [walk(_with_encoders(laws[0], factor), noise=True) for factor in START_ENCODERS]
+        noise_free = min(by_noise, key=lambda end: end.loss).free
+        for law, known in ((laws[0], NOISE + 2), (laws[1], NOISE + 2), (laws[1], SIZE)):
+            free = law.copy()
+            free[NOISE:known] = noise_free[NOISE:known]
+            ends.append(walk(best_start(likelihood, free, motion), ends))
+    else:
+        free = frame.free(_with_law_of(frame, near.natural))
+        found = Likelihood(near.frame, motion, ~motion.held_out)
+        free_near = near.frame.free(near.natural)
+        known_end = _End(free_near, found.surprises(free_near).loss, 0)
+        ends.append(walk(best_start(likelihood, free, motion), [known_end]))
     first = min(ends, key=lambda end: end.loss)
-    identified, cov = _identified(likelihood, first, reasons, walk)
+    fixed_count = len(reasons)
+    identified, cov = _identified(fine, walk_fine(first.free), reasons, walk_fine)
     free = identified.free
     natural = frame.from_free(free)
+    if any(frame.bristled(axis) for axis in range(2)):
+        rough = (
+            free  # bristles are too stiff for a rough solution to be another one of the same law
+        )
+    else:
+        rough = first.free if len(reasons) == fixed_count else walk(free).free
+    # What another solution of the same law changes is no more certain than that.
+    numerical = natural - frame.from_free(_back(frame, rough, reasons))
     for index in reasons:
         if FOLLOWS.get(index, index) in reasons:
             natural[index] = frame.natural[index]
-    half = QUANTILE * np.sqrt(np.maximum(np.diag(_natural_covariance(frame, free, cov)), 0.0))
+    variance = np.maximum(np.diag(_natural_covariance(frame, free, cov)), 0.0) + numerical**2
+    half = QUANTILE * np.sqrt(variance)
     results = tuple(
         Result(
             frame.quantity(i),
@@ -273,11 +307,21 @@ def fit(frame: Frame, motion: Motion, progress: Progress) -> Fit:
         other = _back(frame, end.free, reasons)
         if end.loss < first.loss + margin and _disagreement(frame, other, results):
             # With the same values fixed as in the best: a flat valley is no second optimum.
-            again = walk(other)
+            again = walk_fine(other)
             if again.loss < identified.loss + margin:
                 rival = rival or _disagreement(frame, again.free, results)
-    loss = likelihood.surprises(free).loss / count
+    loss = fine.surprises(free).loss / count
     return Fit(frame, natural, results, loss, sum(end.step_count for end in ends), rival)
+
+
+def _with_law_of(frame: Frame, natural: Vector) -> Vector:
+    """Natural values of another fit, with the bristles of the frame and what these replace."""
+    made = natural.copy()
+    for axis in range(2):
+        if frame.bristled(axis):
+            places = [axis * LAW_SIZE + at for at in (*SHAPED, *range(LAW_SIZE)[BRISTLES])]
+            made[places] = frame.natural[places]
+    return made
 
 
 def _disagreement(frame: Frame, free: Vector, results: tuple[Result, ...]) -> str:
@@ -314,9 +358,10 @@ def _identified(
         which = np.array([i for i in range(SIZE) if i not in reasons], dtype=np.intp)
         base, dz, ds = likelihood.derivatives(end.free, which)
         each, fisher = scores(base, dz, ds)
+        fisher += np.diag((which >= TIMING) / PRIOR_TIMING**2)
         cov[:] = 0.0
         cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
-        found = _unidentified(likelihood.frame, end.free, which, fisher)
+        found = _unidentified(likelihood, end.free, which, each, fisher)
         if not found:
             break
         reasons.update(found)
@@ -351,7 +396,7 @@ def _with_initial_noise(frame: Frame, natural: Vector) -> Vector:
     """Return free values with the initial noise."""
     free = frame.free(natural)
     free[NOISE + 2 : NOISE + 4] = np.log(START_NOISE * natural[[0, LAW_SIZE]])
-    free[NOISE + 4 :] = np.log(0.2 * START_NOISE * natural[[0, LAW_SIZE]])
+    free[NOISE + 4 : TIMING] = np.log(0.2 * START_NOISE * natural[[0, LAW_SIZE]])
     return free
 
 
@@ -386,21 +431,21 @@ def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
         if not frame.sprung(axis):
             reasons[spring] = NONE
         if frame.bristled(axis):
-            reasons |= dict.fromkeys((law + 3, law + 5, law + 6), WITH_BRISTLES)
+            reasons |= dict.fromkeys((law + at for at in SHAPED), WITH_BRISTLES)
         else:
             reasons |= dict.fromkeys(range(law + BRISTLES.start, law + LAW_SIZE), NONE)
     return reasons
 
 
 def _unidentified(
-    frame: Frame, free: Vector, which: NDArray[np.intp], fisher: Matrix
+    likelihood: Likelihood, free: Vector, which: NDArray[np.intp], each: Matrix, fisher: Matrix
 ) -> dict[int, str]:
     """Select values to fix, worst first, until the rest is identified; with the reasons."""
     found: dict[int, str] = {}
     left = list(range(len(which)))
     while left:
-        cov: Matrix = np.asarray(np.linalg.pinv(fisher[np.ix_(left, left)]), dtype=np.float64)
-        worst = _worst(frame, free, which[left], cov)
+        cov = robust_covariance(each[:, left], fisher[np.ix_(left, left)], likelihood.row)
+        worst = _worst(likelihood.frame, free, which[left], cov)
         if worst is None:
             break
         place, reason = worst

@@ -6,7 +6,7 @@ Its gradient and its expected curvature (Fisher's information) need first deriva
     I_ij = sum( dz_i dz_j / s + ds_i ds_j / (2 s^2) )
 
 Derivatives are differences of whole filter runs. Weak priors bound a search where the recording has
-no information; intervals do not include them.
+no information; intervals include none of them but that of the timing of efforts.
 """
 
 from dataclasses import dataclass
@@ -22,6 +22,7 @@ from analysis.calibration.quantities import (
     NOISE,
     OF_LAW_11,
     SIZE,
+    TIMING,
     Frame,
     noise_of,
 )
@@ -31,6 +32,8 @@ Matrix = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 SUBSTEPS: Final = 3
+FINE_SUBSTEPS: Final = 8
+"""Where the shape of the law near standstill counts: with 3 it is a few percent off."""
 DIFFERENCE: Final = 1e-4
 """Step of a free value."""
 WIDTH: Final = np.array([1e-5, 1e-5, 1e-5, 5e-6, 1e-3, 1e-2])
@@ -39,13 +42,20 @@ PRIOR_LEVEL: Final = 3.0
 PRIOR_SPEED: Final = 1.0
 """Standard deviations of free values about the initial ones, factors of e: levels and noise; speeds
 and time constants of the law."""
+PRIOR_TIMING: Final = 1.0
+"""Standard deviation of timing, ms: what a drive says of an effort is about as old as it says. As a
+measured fact of drives it is the one prior that intervals include."""
 STEEPER_MAX: Final = 4.0
 SMOOTHER_MAX: Final = 30.0
 """Limits of the law's speeds as factors on the file's."""
 HUMP_MAX_RATIO: Final = 1.0
 """Limit of the hump, in Coulomb levels."""
-BLOCK_ROWS: Final = 50
-"""Innovations close in time are not quite independent: scores are summed over blocks."""
+EFFORT_NOISE_MIN_RATIO: Final = 0.005
+"""Least noise of effort, in Coulomb levels: no drive shows its torque better, and without noise a
+recording would be one path, which no law follows and no interval covers."""
+BLOCK_ROWS: Final = (50, 100, 200, 400)
+"""Innovations close in time are not independent, and how long is not known: scores are summed over
+blocks of each length, of half a second to four, and the widest result counts."""
 REST_NOISE_RATIO: Final = 0.03
 """Over the Coulomb level, per row: rate of change of the friction that holds a resting axis."""
 CLIP: Final = 36.0
@@ -68,10 +78,12 @@ class Surprises:
 class Likelihood:
     """Likelihood of a motion as a function of free values; the last runs are cached."""
 
-    def __init__(self, frame: Frame, motion: Motion, rows: Flags) -> None:
+    def __init__(self, frame: Frame, motion: Motion, rows: Flags, substeps: int = SUBSTEPS) -> None:
         """Score the settled part of `rows`, shape (n,)."""
         self.frame = frame
         self.motion = motion
+        self.substeps = substeps
+        self._effort_rate = motion.effort_rate
         self.counted = (rows & motion.settled)[:, None] & ~np.isnan(motion.position)
         self.counted &= ~motion.rests
         self._z = np.empty(motion.position.shape)
@@ -89,12 +101,14 @@ class Likelihood:
                 rest_noise=REST_NOISE_RATIO * natural[[0, LAW_SIZE]],
                 spread=SPREAD,
                 width=WIDTH,
-                substeps=SUBSTEPS,
+                substeps=self.substeps,
             ),
             KalmanRows(
                 steps_s=motion.steps_s,
                 position=motion.position,
-                effort=motion.effort - self.frame.constants_of(natural),
+                effort=motion.effort
+                - self.frame.constants_of(natural)
+                - natural[TIMING:] * self._effort_rate,
                 begins=motion.begins,
                 rests=motion.rests,
                 starts=motion.smooth,
@@ -134,12 +148,13 @@ def prior_std() -> Vector:
     std = np.full(SIZE, PRIOR_LEVEL)
     for axis in range(2):
         std[axis * LAW_SIZE : (axis + 1) * LAW_SIZE][OF_LAW_11] = PRIOR_SPEED
-    std[NOISE:] = PRIOR_LEVEL
+    std[NOISE:TIMING] = PRIOR_LEVEL
+    std[TIMING:] = PRIOR_TIMING
     return std
 
 
 def bounds(frame: Frame) -> tuple[Vector, Vector]:
-    """Least and greatest free values, shape (SIZE,) each; infinite except for the law's shape.
+    """Least and greatest free values, shape (SIZE,) each; infinite but for shape and effort noise.
 
     Bristles would be fitted by an eq. (11) that is ever steeper at rest, which does not describe
     motion and which no observer at 10 ms can follow. An unbounded hump is of no use
@@ -149,6 +164,8 @@ def bounds(frame: Frame) -> tuple[Vector, Vector]:
     middle = frame.free(frame.natural)
     low, high = np.full(SIZE, -np.inf), np.full(SIZE, np.inf)
     for axis in range(2):
+        coulomb = frame.natural[axis * LAW_SIZE]
+        low[NOISE + 2 + axis] = np.log(EFFORT_NOISE_MIN_RATIO * coulomb)
         hump, speeds, time = (axis * LAW_SIZE + at for at in (1, 3, 6))
         high[hump] = max(middle[hump], np.log(HUMP_MAX_RATIO))
         low[speeds : time + 1] = middle[speeds : time + 1] - np.log(STEEPER_MAX)
@@ -158,13 +175,18 @@ def bounds(frame: Frame) -> tuple[Vector, Vector]:
 
 
 def robust_covariance(each: Matrix, fisher: Matrix, rows: NDArray[np.intp]) -> Matrix:
-    """Covariance of estimates: Huber's sandwich over blocks of rows, never below Fisher's own."""
+    """Covariance of estimates: Huber's sandwich over blocks of rows, never below Fisher's own.
+
+    The widest of all lengths of blocks counts, for each value by itself.
+    """
     inverse = np.linalg.pinv(fisher, hermitian=True)
-    blocks = rows // BLOCK_ROWS
-    edges = np.flatnonzero(np.diff(blocks, prepend=blocks[0] - 1))
-    summed = np.add.reduceat(each, edges, axis=0)
-    sandwich = inverse @ (summed.T @ summed) @ inverse
-    plain = np.diag(inverse)
-    wider = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(plain, 1e-300), 1.0))
+    plain = np.maximum(np.diag(inverse), 1e-300)
+    widest = np.ones(len(plain))
+    for length in BLOCK_ROWS:
+        blocks = rows // length
+        edges = np.flatnonzero(np.diff(blocks, prepend=blocks[0] - 1))
+        moved = np.add.reduceat(each, edges, axis=0) @ inverse
+        widest = np.maximum(widest, np.sum(moved**2, axis=0) / plain)
+    wider = np.sqrt(widest)
     made: Matrix = np.asarray(inverse * np.outer(wider, wider), dtype=np.float64)
     return made

@@ -26,14 +26,18 @@ GAP_MAX_S: Final = 0.1
 PERIOD_S: Final = (0.004, 0.02)
 DURATION_MIN_S: Final = 10.0
 MISSING_MAX_RATIO: Final = 0.3
-SETTLE_ROWS: Final = 20
-"""Time after a start before innovations count."""
+SETTLE_ROWS: Final = 60
+"""Rows after a start before innovations count, and before the law acts: velocities and frictions at
+the start are as uncertain as the law is curved, and no linearisation survives that."""
 BLOCK_S: Final = 2.0
 HELD_OUT_OF: Final = 4
 """One period: of this many blocks in a row the last one is held out."""
 REST: Final = (0.01, 0.004)
 """Smoothed speeds, rad/s and m/s, below which an axis counts as resting."""
-REST_MARGIN_ROWS: Final = 10
+RESTING_RATIO: Final = 2.0
+"""Over these speeds: below it a law that is steep about standstill creeps and hunts, which no
+linearisation follows."""
+REST_MARGIN_ROWS: Final = 30
 """Margin at both ends of a rest, where breaking away and coming to rest follow the law."""
 GLITCH: Final = (0.02, 0.01)
 """Distance from the median of five samples, rad and m, beyond any leg's: a glitch."""
@@ -63,12 +67,23 @@ class Motion:
     held_out: Flags
     """Shape (n,)."""
     rests: Flags
-    """Shape (n, 2): in the middle of a rest of an axis."""
+    """Shape (n, 2): in the middle of a rest of an axis, or not settled: no law acts."""
 
     @property
     def duration_s(self) -> float:
         """Duration of all recordings."""
         return float(np.sum(self.steps_s[~self.begins]))
+
+    @property
+    def effort_rate(self) -> Matrix:
+        """Shape (n, 2): N·m/s, N/s; central differences, one-sided where a recording ends."""
+        steps = np.diff(self.effort, axis=0) / self.steps_s[1:, None]
+        inside = ~self.begins[1:, None]
+        rate, count = np.zeros(self.effort.shape), np.zeros((len(self.effort), 1))
+        for rows in (slice(None, -1), slice(1, None)):
+            rate[rows] += steps * inside
+            count[rows] += inside
+        return rate / np.maximum(count, 1.0)
 
     @property
     def velocity(self) -> Matrix:
@@ -109,6 +124,11 @@ def prepare(
     )
     time_s = np.cumsum(steps_s)
     block = np.floor(time_s / BLOCK_S).astype(np.int64) % HELD_OUT_OF
+    settled = _settled(begins)
+    speed = np.abs(smooth[:, 2:4])
+    rests = maximum_filter1d(speed, 2 * REST_MARGIN_ROWS + 1, axis=0) < RESTING_RATIO * np.array(
+        REST
+    )
     return Motion(
         tuple(one.source for one in recordings),
         time_s,
@@ -116,11 +136,11 @@ def prepare(
         position,
         effort,
         begins,
-        _settled(begins),
+        settled,
         smooth,
         smooth_effort,
         (block == HELD_OUT_OF - 1) & hold_out,
-        maximum_filter1d(np.abs(smooth[:, 2:4]), 2 * REST_MARGIN_ROWS + 1, axis=0) < REST,
+        rests | ~settled[:, None],
     )
 
 

@@ -40,7 +40,8 @@ def tables(calibration: Calibration) -> tuple[Table, Table]:
     """The quantities, and the scores on held-out data, before and after."""
     head = ("quantity", "unit", "before", "calibrated", "95 %")
     rows = tuple(_row(one) for one in calibration.fit.results if one.exists)
-    shown = {"before": calibration.before, "eq. (11) fitted": calibration.eq_11}
+    other = "eq. (11) fitted" if calibration.bristled else "bristles fitted"
+    shown = {"before": calibration.before, other: calibration.other_law}
     shown = {title: score for title, score in shown.items() if score} | {"after": calibration.after}
     scores = ("", *shown), tuple(_scores(shown.values()))
     return ("Quantities", head, rows), (f"Held out: {calibration.held_out}", *scores)
@@ -50,12 +51,15 @@ def _parts(calibration: Calibration, robot_name: str) -> Iterator[str]:
     names = ", ".join(f"`{Path(source).name}`" for source in calibration.motion.sources)
     yield "# Calibration of the empty machine"
     yield f"From {names}, {calibration.motion.duration_s:.0f} s, beginning with `{robot_name}`."
-    yield f"Mechanism: {calibration.check}."
+    yield f"Mechanism by the file: {calibration.given_check}."
+    yield f"Mechanism as fitted: {calibration.check}."
+    if calibration.why_eq_11:
+        yield f"Bristles are not used: {calibration.why_eq_11}."
     values, scores = tables(calibration)
     yield markdown.table(values[1], values[2])
-    todo = advice(calibration.motion, calibration.fit.results)
+    todo = [*advice(calibration.motion, calibration.fit.results), *calibration.too_slow]
     if todo:
-        yield "What cannot be identified from this recording, and what to record instead:"
+        yield "What cannot be identified or judged from this recording, and what to record instead:"
         yield "\n".join(f"- {line}" for line in todo)
     held = (
         "every fourth two seconds of it"

@@ -116,7 +116,11 @@ def law_uncertainty(robot: Robot, motion: Motion, constants: Vector) -> dict[str
         rows &= made.validity[:, axis] == Validity.OK
         if np.count_nonzero(rows) >= LAW_ROWS_MIN:
             error, std = made.state[rows, patient], made.std[rows, patient]
-            found[LAW_KEYS[axis]] = _likeliest(error, std, share[rows], law.stribeck)
+            likeliest = _likeliest(error, std, share[rows], law.stribeck)
+            # Errors of one reversal are one sample: a deviation found from n of them is itself
+            # uncertain by this ratio.
+            count = int(np.count_nonzero(np.diff(np.flatnonzero(rows)) > 1)) + 1
+            found[LAW_KEYS[axis]] = likeliest * (1.0 + 1.0 / math.sqrt(2.0 * count))
     return found
 
 

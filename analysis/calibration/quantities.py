@@ -95,9 +95,13 @@ BRISTLES: Final = slice(7, LAW_SIZE)
 SPRINGS: Final = 2 * LAW_SIZE
 """Start of the springs and inertias, three for each axis."""
 NOISE: Final = SPRINGS + 6
-NUISANCES: Final = 4
-"""Effort noise and friction noise, hip and slide: estimated, never written."""
+NUISANCES: Final = 6
+"""Effort noise, friction noise and timing, hip and slide: estimated, never written. Timing is how
+much later an effort acts than its row and the file's `effort_delay_ms` say, s."""
 SIZE: Final = COUNT + NUISANCES
+TIMING: Final = SIZE - 2
+TIMING_S: Final = 1e-3
+"""Step of timing comparable to a free step of 1 elsewhere."""
 KEYS: Final = tuple(quantity.key for quantity in QUANTITIES)
 BRISTLE_KEYS: Final = KEYS[:LAW_SIZE][BRISTLES], KEYS[LAW_SIZE:SPRINGS][BRISTLES]
 """By axis."""
@@ -125,7 +129,8 @@ def natural_values(robot: Robot) -> Vector:
     for at in (SPRINGS, SPRINGS + 3):
         if values[at] == 0.0:
             values[at + 1] = 0.0
-    return np.array([*values, 0.01 * hip, 0.01 * slide, 0.002 * hip, 0.002 * slide])
+    noise = 0.01 * hip, 0.01 * slide, 0.002 * hip, 0.002 * slide
+    return np.array([*values, *noise, 0.0, 0.0])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +182,8 @@ class Frame:
             effort = stiffness * (self.middle[axis] - rest) if self.sprung(axis) else rest
             free[at + 1] = effort / scale[1]
             free[at + 2] = inertia / scale[2]
-        free[NOISE:] = np.log(np.maximum(natural[NOISE:], SMALLEST))
+        free[NOISE:TIMING] = np.log(np.maximum(natural[NOISE:TIMING], SMALLEST))
+        free[TIMING:] = natural[TIMING:] / TIMING_S
         return free
 
     def from_free(self, free: Vector) -> Vector:
@@ -198,7 +204,8 @@ class Frame:
                 natural[at] = max(free[at], 1e-4) * scale[0]
                 natural[at + 1] = self.middle[axis] - natural[at + 1] / natural[at]
             natural[at + 2] = max(free[at + 2], 0.0) * scale[2]
-        natural[NOISE:] = np.exp(free[NOISE:])
+        natural[NOISE:TIMING] = np.exp(free[NOISE:TIMING])
+        natural[TIMING:] = TIMING_S * free[TIMING:]
         return natural
 
     def leg_of(self, natural: Vector) -> LegParameters:
@@ -229,7 +236,7 @@ def law_of(natural: Vector, axis: int) -> FrictionParameters:
 
 def noise_of(natural: Vector) -> Vector:
     """Noise of positions, efforts and frictions for `innovations`, shape (6,)."""
-    return np.ascontiguousarray(natural[NOISE:])
+    return np.ascontiguousarray(natural[NOISE:TIMING])
 
 
 def frame_of(robot: Robot, middle: tuple[float, float]) -> Frame:
@@ -242,4 +249,6 @@ def frame_of(robot: Robot, middle: tuple[float, float]) -> Frame:
 
 def labelled(index: int) -> str:
     """Name such as `hip coulomb`."""
-    return QUANTITIES[index].label if index < COUNT else "noise of effort or friction"
+    if index < COUNT:
+        return QUANTITIES[index].label
+    return "noise of effort or friction" if index < TIMING else "timing of effort"

@@ -1,16 +1,21 @@
 """The calibrated robot.toml: the given file with some numbers replaced."""
 
+import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 from gaitd_toml import MISSING, SMALLEST, ConfigError, Document, decoded
 
 from daemon.config.edits import Value, edited
-from daemon.config.settings import Robot
+from daemon.config.settings import MissedLimit, Robot
 
 DIGITS: Final = 6
+ACCEPTED: Final = re.compile(
+    r"(^#[^\n]*\n)*^\[calibration\][^\n]*\n([^\[\n][^\n]*\n?)*", re.MULTILINE
+)
+"""The table that an accepted calibration wrote, with the comments above it."""
 
 
 def refuse_missing_lines(document: Document, option: str, keys: Iterable[str]) -> None:
@@ -33,13 +38,19 @@ def refuse_missing_lines(document: Document, option: str, keys: Iterable[str]) -
         raise ConfigError.combined(errors)
 
 
-def write(given: Path, output: Path, values: Mapping[str, tuple[Value, str]]) -> None:
+def write(
+    given: Path,
+    output: Path,
+    values: Mapping[str, tuple[Value, str]],
+    missed: Sequence[tuple[MissedLimit, str]] = (),
+) -> None:
     """Write the calibrated file beside the given one.
 
     Args:
         given: the initial robot file.
         output: another file, replaced if it exists.
         values: value and comment by dotted key.
+        missed: limits that the result misses, with the reasons; without one the file says none.
 
     Raises:
         EditError: a key has no line of its own.
@@ -51,9 +62,21 @@ def write(given: Path, output: Path, values: Mapping[str, tuple[Value, str]]) ->
     for key, (value, comment) in values.items():
         short = _short(value) if isinstance(value, float) else value
         text = edited(given.name, text, key, short, comment)
+    text = ACCEPTED.sub("", text).rstrip() + ("\r\n" if "\r\n" in text else "\n")
+    if missed:
+        text += "\n" + _accepted(missed)
     decoded(Document(output, "", tomllib.loads(text)), Robot)
     with output.open("w", encoding="utf-8", newline="") as file:
         file.write(text)
+
+
+def _accepted(missed: Sequence[tuple[MissedLimit, str]]) -> str:
+    reasons = "".join(f"# {limit}: {reason}\n" for limit, reason in missed)
+    names = ", ".join(f'"{limit}"' for limit, _ in missed)
+    return (
+        f"# Written by `gaitd calibrate --accept` although limits were missed:\n{reasons}"
+        f"[calibration]\nmissed_limits = [{names}]\n"
+    )
 
 
 def _short(value: float) -> float:

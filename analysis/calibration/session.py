@@ -8,8 +8,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.calibration.advice import slower_than_gait
 from analysis.calibration.bristles import not_identified, with_bristles
-from analysis.calibration.empty_check import Check, check, refuse_wrong_branch
+from analysis.calibration.empty_check import Check, check, judge, refuse_wrong_branch
 from analysis.calibration.fit import FOLLOWS, Fit, Progress, fit
 from analysis.calibration.motion import Motion, prepare
 from analysis.calibration.process_noise import (
@@ -26,6 +27,7 @@ from analysis.calibration.quantities import (
     natural_values,
 )
 from analysis.calibration.start import extent
+from analysis.calibration.uncertainty import uncertainties
 from analysis.calibration.verdict import (
     Disturbance,
     Score,
@@ -43,7 +45,7 @@ from analysis.recording import RecordingError
 from analysis.replay import Source
 from daemon.config.edits import Value
 from daemon.config.robot import friction_parameters, leg_parameters
-from daemon.config.settings import Robot
+from daemon.config.settings import MissedLimit, Robot
 from observer.filter.leg_model import integrator_named, substeps_needed
 from observer.filter.status import START_RATIO_MIN, Status
 from observer.mechanism.mechanism import smallest_inertia
@@ -54,7 +56,10 @@ class Calibration:
     """Result of a calibration."""
 
     motion: Motion
+    given_check: Check
+    """Check of the mechanism with the values of the file."""
     check: Check
+    """The same with the fitted values; it decides."""
     fit: Fit
     robot: Robot
     seen_before: Disturbance
@@ -63,25 +68,32 @@ class Calibration:
     after: Score
     held_out: str
     """Data that the scores belong to."""
-    fault: str
-    """Reason why the result must not be used; empty if it may be."""
+    too_slow: tuple[str, ...]
+    """Axes whose inertia the held-out data do not judge, each with what to record."""
+    missed: tuple[tuple[MissedLimit, str], ...]
+    """Limits that the result misses, each with the reason; empty if it may be used."""
     needless: str
     """Reason why the file to begin with is as good; empty if the new one is better."""
     contact_s: NDArray[np.float64]
     """Times of excluded rows: a short contact, for instance with an end stop."""
     process_noise: Mapping[str, float]
     """Noise of process and law by key of [observer]; empty if it stays the file's."""
+    uncertainty: Mapping[str, float]
+    """One standard deviation by dotted key, where it is not the file's."""
     tuning: Mapping[str, Value]
     """What the observer needs for bristles, by dotted key; empty if the file has it."""
-    eq_11: Score | None
-    """Score of eq. (11) fitted to the same rows, if axes were given bristles instead."""
+    bristled: bool
+    """True if bristles replace eq. (11): they describe the held-out data better."""
+    other_law: Score | None
+    """Score of the law that was fitted to the same rows and is not used; None if the file has
+    bristles, with which alone it is calibrated."""
+    why_eq_11: str
+    """Why bristles are not used; empty if they are, or were not tried."""
 
     @property
     def refused(self) -> str:
-        """Reason why nothing may be written; empty if it may be."""
-        if self.fault or self.check.mendable:
-            return self.fault
-        return "correct the mechanism's numbers first, then calibrate"
+        """Reasons why nothing may be written; empty if it may be."""
+        return "; ".join(reason for _, reason in self.missed)
 
     def values(self, source: str) -> Mapping[str, tuple[Value, str]]:
         """Values to write, by dotted key, each with its provenance."""
@@ -101,6 +113,8 @@ class Calibration:
                 made[KEYS[index]] = (one.value, f"follows {with_it}, calibrated from {source}")
         for key, std in self.process_noise.items():
             made[f"observer.{key}"] = (std, f"calibrated from {source}")
+        for key, std in self.uncertainty.items():
+            made[key] = (std, f"calibrated from {source}, one standard deviation")
         return made
 
 
@@ -144,9 +158,11 @@ def calibrate(
     progress: Progress = lambda _words, _share: None,
     *,
     with_noise: bool = False,
-    bristles: bool = False,
 ) -> Calibration:
-    """Check the mechanism, fit, and compare with the old file on held-out data.
+    """Fit, check the mechanism, and compare with the old file on held-out data.
+
+    Bristles are fitted, too, on the axes that move and have none, and replace eq. (11) if they
+    describe the held-out data better.
 
     Args:
         sources: recordings of the empty machine.
@@ -155,8 +171,6 @@ def calibrate(
             out.
         progress: called with a text and the share done.
         with_noise: calibrate the observer's process noise, too.
-        bristles: fit bristles instead of eq. (11) on the axes that move and have none, and compare
-            with a fit of eq. (11), too.
 
     Raises:
         RecordingError: see `empty_run` and `process_noise`.
@@ -165,46 +179,54 @@ def calibrate(
     other = empty_run(held_out, robot) if held_out else None
     if other is not None:
         motion = _prepared(sources, robot, hold_out=False)
-    checked = check(robot, motion)
     old = frame_of(robot, middle_of(motion))
-    start, tuning = robot, dict[str, Value]()
+    fitted = _fit(robot, robot, motion, progress)
+    laws = [
+        _Law(robot, old, like_fitted(old, fitted.natural, motion)),
+        _Law(with_values(robot, fitted), fitted.frame, fitted.natural),
+    ]
+    made, tuning, why_eq_11 = fitted, dict[str, Value](), ""
     moved = [axis for axis in range(2) if extent(motion, axis).enough(axis)]
-    given = [axis for axis in moved if bristles and not old.bristled(axis)]
+    given = [axis for axis in moved if not old.bristled(axis)]
     if given:
         start, tuning = with_bristles(robot, given)
-    made = _fit(start, robot, motion, progress)
-    new = with_values(start, made)
-    steep = _too_steep(new)
-    if steep:
-        raise RecordingError(steep)
-    laws = [
-        _Law(robot, old, like_fitted(old, made.natural, motion)),
-        _Law(new, made.frame, made.natural),
-    ]
-    if given:
-        plain = msgspec.structs.replace(start, friction=robot.friction)
-        paper = _fit(plain, robot, motion, progress)
-        laws.append(_Law(with_values(plain, paper), paper.frame, paper.natural))
+        made = _fit(start, robot, motion, progress, fitted)
+        try:
+            laws.append(_Law(with_values(start, made), made.frame, made.natural))
+            why_eq_11 = _too_steep(laws[-1].robot)
+        except RecordingError as error:
+            why_eq_11 = str(error)
     judged = motion if other is None else other
     rows = motion.held_out if other is None else np.ones(len(judged.time_s), dtype=np.bool_)
     seen = judged_seen = [one.disturbance(motion) for one in laws]
     if other is not None:
         judged_seen = [one.disturbance(other) for one in laws]
-    seen, contact = _quiet(seen, made.natural)
-    judged_seen, _ = _quiet(judged_seen, made.natural)
-    before, after, *others = (
+    seen, contact = _quiet(seen, fitted.natural)
+    judged_seen, _ = _quiet(judged_seen, fitted.natural)
+    scores = [
         score(one.frame, one.natural, judged, rows, seen_by)
         for one, seen_by in zip(laws, judged_seen, strict=True)
-    )
-    eq_11 = others[0] if others else None
-    fault = not_identified(given, [one.quantity.key for one in made.results if one.calibrated])
-    fault = fault or (two_optima(made.rival) if made.rival else "")
-    fault = fault or other_effect(seen[1], made.natural, motion)
+    ]
+    if given:
+        known = [one.quantity.key for one in made.results if one.calibrated]
+        why_eq_11 = why_eq_11 or not_identified(given, known)
+        if not why_eq_11:
+            why_eq_11 = no_better_than_eq_11(scores[1], scores[2], made.natural, judged)
+    bristled = bool(given) and not why_eq_11
+    if not bristled:
+        made, tuning = fitted, {}
+    used = 2 if bristled else 1
+    new, before, after = laws[used].robot, scores[0], scores[used]
+    if steep := _too_steep(new):
+        raise RecordingError(steep)
+    checked = judge(robot, new, motion)
     needless = why_needless(before, after)
-    if not fault and not needless:
-        fault = worse_axis(before, after, made.natural, judged)
-        if eq_11 is not None and not fault:
-            fault = no_better_than_eq_11(eq_11, after, made.natural, judged)
+    found: dict[MissedLimit, str] = {
+        "mechanism": "" if checked.well else f"{checked}; correct that in the robot file",
+        "two_optima": two_optima(made.rival) if made.rival else "",
+        "other_effect": other_effect(seen[used], made.natural, motion),
+        "false_effort": "" if needless else worse_axis(before, after, made.natural, judged),
+    }
     noise: dict[str, float] = {}
     if with_noise:
         # Wider noise means more false effort from the same law, so the law is judged without it.
@@ -212,15 +234,22 @@ def calibrate(
         noise = process_noise(new, motion, made.natural, constants)
         noise |= law_uncertainty(with_process_noise(new, noise), motion, constants)
         new = with_process_noise(new, noise)
-        widened = laws[1]._replace(robot=new).disturbance(judged)
+        widened = laws[used]._replace(robot=new).disturbance(judged)
         after = score(made.frame, made.natural, judged, rows, widened)
     words = "every fourth two seconds" if other is None else ", ".join(other.sources)
     return Calibration(
-        *(motion, checked, made, new, seen[0], seen[1], before, after, words, fault, needless),
+        *(motion, check(robot, motion), checked, made, new),
+        *(seen[0], seen[used], before, after, words),
+        tuple(slower_than_gait(judged, rows)),
+        tuple((limit, reason) for limit, reason in found.items() if reason),
+        needless,
         motion.time_s[contact],
         noise,
+        uncertainties(robot, made.results),
         tuning,
-        eq_11,
+        bristled,
+        scores[3 - used] if len(scores) > 2 else None,
+        why_eq_11,
     )
 
 
@@ -235,9 +264,11 @@ class _Law(NamedTuple):
         return disturbance(self.robot, motion, self.frame.constants_of(self.natural))
 
 
-def _fit(start: Robot, given: Robot, motion: Motion, progress: Progress) -> Fit:
+def _fit(
+    start: Robot, given: Robot, motion: Motion, progress: Progress, near: Fit | None = None
+) -> Fit:
     """Fit from `start`, with the values before those of the given file."""
-    made = fit(frame_of(start, middle_of(motion)), motion, progress)
+    made = fit(frame_of(start, middle_of(motion)), motion, progress, near)
     before = natural_values(given).tolist()
     pairs = zip(made.results, before[:COUNT], strict=True)
     return replace(made, results=tuple(replace(one, before=value) for one, value in pairs))

@@ -324,6 +324,19 @@ class Uncertainty(Table, frozen=True):
     slide: SlideUncertainty
 
 
+MissedLimit = Literal["mechanism", "two_optima", "other_effect", "false_effort"]
+"""A limit of `gaitd calibrate` that a result missed: another number of the mechanism is wrong,
+other values explain the recording as well, more effort is left than friction can leave, or the
+false effort on held-out data has grown."""
+
+
+class AcceptedCalibration(Table, frozen=True):
+    """Written by `gaitd calibrate --accept`: with it and a patient a self-test is always due."""
+
+    missed_limits: Annotated[tuple[MissedLimit, ...], Meta(min_length=1)]
+    """Limits that the calibration missed."""
+
+
 class Robot(Table, frozen=True):
     """robot.toml."""
 
@@ -342,6 +355,7 @@ class Robot(Table, frozen=True):
     effort_offset: EffortOffset
     friction_over_position: FrictionOverPosition
     patient: Patient | None = None
+    calibration: AcceptedCalibration | None = None
 
 
 # --- trainer file (demo.toml, vcan.toml, trainer.toml) ---------------------------------------

@@ -47,6 +47,7 @@ def doubts(settings: Settings) -> Iterator[str]:
         idle_thresholds,
         _patient_on_a_real_machine,
         _bench,
+        _accepted_calibration,
     ):
         yield from map(str, check(settings))
 
@@ -154,6 +155,18 @@ def _patient_on_a_real_machine(settings: Settings) -> Errors:
             f"and is for the empty machine{NEXT_RELEASE}"
         )
         yield ConfigError(file, "excite", dict(trainer.excite), why)
+
+
+def _accepted_calibration(settings: Settings) -> Errors:
+    """A calibration that was written although it missed a limit."""
+    note = settings.robot.calibration
+    if note is not None:
+        missed = list(note.missed_limits)
+        why = (
+            "none: `gaitd calibrate --accept` wrote the file although it missed them; with a "
+            "patient no leg moves before a self-test has passed; calibrate again"
+        )
+        yield ConfigError(settings.file.robot, "calibration.missed_limits", missed, why)
 
 
 def _bench(settings: Settings) -> Errors:

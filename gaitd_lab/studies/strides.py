@@ -1,7 +1,7 @@
 """How right the patient and the work of strides are in gait, over several seeds of all noise.
 
 On the plant with bristles the observer runs twice over each walk: with eq. (11), as in the robot
-file, and with the bristles that `gaitd calibrate --bristles` finds on the empty machine.
+file, and with the bristles that `gaitd calibrate` finds on the empty machine.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,7 +37,7 @@ DRAWN_S: Final = 60.0
 STEADY: Final = 2
 """The first stride begins with the approach, and is not counted."""
 LAWS: Final = {FrictionLaw.PAPER: "the observer's own friction law", FrictionLaw.LUGRE: "bristles"}
-CALIBRATED: Final = ", calibrated with --bristles"
+CALIBRATED: Final = ", calibrated"
 EMPTY_RUNS: Final = ("friction_hip", "friction_slide")
 """Scenarios of the empty machine to calibrate from."""
 CADENCES_HZ: Final = (0.25, 0.5)
@@ -117,11 +117,9 @@ def _bristled(config: Path, robot: Robot, begin: Callable[[str], Callable[[float
         recorded = Recording(scenario, run.time_s, run.measured, run.exerted)
         sources.append(Source(recorded, None, "", None))
     progress = begin("calibrating bristles")
-    made = calibrate(
-        sources, machine.settings.robot, progress=lambda _, share: progress(share), bristles=True
-    )
-    if made.refused or made.needless:
-        raise RecordingError(made.refused or made.needless)
+    made = calibrate(sources, machine.settings.robot, progress=lambda _, share: progress(share))
+    if why := made.refused or made.needless or made.why_eq_11:
+        raise RecordingError(why)
     replace = msgspec.structs.replace
     found = made.robot.observer
     tuning = replace(robot.observer, integrator=found.integrator, substeps=found.substeps)

@@ -57,7 +57,7 @@ def found(made: Calibration, label: str) -> float:
 
 
 def assert_true(made: Calibration) -> None:
-    assert not made.fault
+    assert not made.refused
     assert found(made, "slide coulomb") == pytest.approx(COULOMB_N, rel=0.03)
     assert found(made, "slide viscous") == pytest.approx(VISCOUS_N_S_PER_M, rel=0.03)
     assert found(made, "slide drive mass") == pytest.approx(MASS_KG, rel=0.01)
@@ -73,7 +73,7 @@ def test_a_machine_without_a_spring_gets_none_and_hears_of_none(made):
     said = [
         plain(tables(made)[0]),
         str(made.check),
-        made.fault,
+        made.refused,
         *advice(made.motion, made.fit.results),
     ]
 
@@ -190,7 +190,7 @@ def test_every_start_on_a_recorded_axis_ends_at_the_same_optimum(recorded_start,
     folder = emps(request.config)
     other = calibrate([read(folder / "clean.csv")], recorded_file(*recorded_start))
 
-    assert not other.fault
+    assert not other.refused
     assert other.check.mendable
     assert other.after.slide_rms_n <= RECORDED_FALSE_MAX_N
     assert other.fit.loss_per_sample == pytest.approx(

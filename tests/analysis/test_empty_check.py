@@ -1,10 +1,18 @@
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 from empty_runs import empty_run, random_friction, robot_file, shipped_friction
+from scipy.optimize import least_squares
 
-from analysis.calibration.empty_check import check, refuse_wrong_branch
+from analysis.calibration.empty_check import (
+    CANDIDATES,
+    _Regression,
+    check,
+    judge,
+    refuse_wrong_branch,
+)
 from analysis.calibration.motion import prepare
 from analysis.calibration.quantities import value_of
 from analysis.recording import RecordingError, recording
@@ -66,6 +74,54 @@ def test_a_wrong_rest_of_a_spring_is_found(motion):
     found = check(replaced(robot_file(), {"springs.hip.rest_rad": rest_rad + 0.15}), motion)
 
     assert explanations(found)["hip spring rest"] == pytest.approx(-0.15, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"geometry.recline_deg": 10.0}, "recline or hip encoder offset"),
+        ({"geometry.rail_x_m": 0.05}, "slide encoder offset"),
+        ({"shoe.mass_kg": 1.0}, "shoe mass"),
+        ({"shank.mass_kg": 0.5}, "shank mass"),
+        ({"springs.hip.stiffness_nm_per_rad": 6.0, "springs.slide.stiffness_n_per_m": -36.0}, ""),
+    ],
+)
+def test_what_a_fit_of_springs_and_drives_cannot_explain_is_named(motion, changes, words):
+    """Fitted: springs and drives that are right, or those that hide the wrong number best."""
+    right = robot_file()
+    moved = {key: value_of(right, key) + change for key, change in changes.items()}
+    wrong = replaced(right, moved)
+    fitted = right if not words else with_springs_for(wrong, motion)
+
+    found = judge(wrong, fitted, motion)
+
+    assert found.well is not bool(words)
+    assert not words or words in explanations(found)
+    assert not words or "by its [uncertainty]" in str(found)
+
+
+def with_springs_for(robot, motion):
+    """The robot with the springs and drives of the least residual."""
+    numbers = [one for one in CANDIDATES if one.fitted]
+    regression = _Regression(robot, motion)
+
+    def changed(x):
+        made = robot
+        for one, change in zip(numbers, x, strict=True):
+            made = one.changed(made, change * one.scale)
+        return made
+
+    found = least_squares(lambda x: regression.differences(changed(x)), np.zeros(len(numbers)))
+    return changed(found.x)
+
+
+def test_the_plausible_explanation_is_preferred(motion):
+    """A spring that is 30 % off, which another number far from its own value explains as well."""
+    known = check(replaced(robot_file(), {"springs.slide.stiffness_n_per_m": 84.0}), motion).best
+    far = dataclasses.replace(known, fall=known.fall + 20.0, change=50.0 * known.allowed)
+
+    assert known.plausible_fall > known.fall - 3.0
+    assert far.plausible_fall < known.plausible_fall
 
 
 def posed(hip_rad: float, slide_m: float):

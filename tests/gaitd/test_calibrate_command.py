@@ -49,6 +49,22 @@ def test_only_the_named_numbers_change(tmp_path):
     assert differing == ["coulomb_nm = 5.5  # calibrated from x"]
 
 
+def test_an_accepted_result_says_so_in_the_file_until_the_next_calibration(tmp_path):
+    accepted, again = tmp_path / "accepted.toml", tmp_path / "again.toml"
+    value = {"friction.hip.coulomb_nm": (5.5, "calibrated from x")}
+
+    write(ROBOT_FILE, accepted, value, [("false_effort", "2.3 N·m"), ("mechanism", "recline")])
+    write(accepted, again, value)
+
+    note = load_toml(accepted, Robot).calibration
+    assert note is not None
+    assert note.missed_limits == ("false_effort", "mechanism")
+    assert "# false_effort: 2.3 N·m\n# mechanism: recline\n" in accepted.read_text()
+    assert load_toml(again, Robot).calibration is None
+    assert "recline:" not in again.read_text()
+    assert accepted.read_text().startswith(again.read_text().rstrip())
+
+
 def test_the_input_is_never_overwritten(recorded):
     ran = gaitd("calibrate", recorded, "--robot", ROBOT_FILE, "--output", ROBOT_FILE)
 
@@ -85,8 +101,8 @@ def test_check_tells_a_wrong_recline_by_its_exit_code(recorded, tmp_path):
 @pytest.mark.parametrize(
     ("option", "said"),
     [
-        (("--bristles",), "--bristles = true"),
         (("--noise",), "--noise = true"),
+        (("--accept",), "--accept = true"),
         (("--page", "folder"), "--page"),
         (("--output", "out.toml"), "--output"),
         (("--held-out", "other.csv"), "--held-out"),
@@ -135,7 +151,7 @@ def test_what_is_wrong_with_the_robot_file_is_said_before_a_recording_is_read(
     assert old in text
     robot.write_text(text.replace(old, new))
 
-    ran = gaitd("calibrate", tmp_path / "none.csv", "--robot", robot, "--bristles", "--noise")
+    ran = gaitd("calibrate", tmp_path / "none.csv", "--robot", robot, "--noise")
 
     assert ran.code == 2
     assert f"{robot}: {said}" in ran.err

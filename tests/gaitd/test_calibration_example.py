@@ -47,8 +47,9 @@ def test_the_table_has_the_error_of_each_draw_as_median_and_range(config):
     quantities, scores = tables([drawn(8.08, 0.1), drawn(8.0, 0.3), drawn(7.92, 0.2)], truth)
 
     rows = {row[0]: row[1:] for row in quantities.rows}
-    *shown, error = rows["hip coulomb"]
+    *shown, error, inside = rows["hip coulomb"]
     assert shown == ["N·m", "6", "8", "8", "0.01"]
+    assert inside == "1 of 3"
     assert error == pytest.approx((0.0, -1.0, 1.0, "%"))
     assert "slide coulomb" not in rows  # a part that the machine does not have
     found = {row[0]: row[1:] for row in scores.rows}["false hip torque, N·m rms while moving"]

@@ -76,7 +76,7 @@ def test_a_baseline_takes_off_what_a_wrong_file_adds(monkeypatch):
 
 @pytest.mark.parametrize(("refused", "needless"), [("two optima", ""), ("", "the file is as good")])
 def test_bristles_that_the_command_would_not_write_are_not_compared(monkeypatch, refused, needless):
-    made = SimpleNamespace(refused=refused, needless=needless)
+    made = SimpleNamespace(refused=refused, needless=needless, why_eq_11="")
     run = SimpleNamespace(time_s=np.zeros(1), measured=np.zeros((1, 2)), exerted=np.zeros((1, 2)))
     machine = SimpleNamespace(
         play=lambda *_: SimpleNamespace(run=run, trouble=""),

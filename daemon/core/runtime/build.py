@@ -86,7 +86,12 @@ def build(settings: Settings, boot_id: str, persistent: PersistentState) -> Buil
     )
     patient_configured = settings.robot.patient is not None
     leg_digest = settings.hashes[str(settings.file.robot)][:LEG_DIGEST_LENGTH]
-    config = _core_config(settings.trainer, limits, patient_configured, leg_digest)
+    trainer = settings.trainer
+    if patient_configured and settings.robot.calibration is not None:
+        # A calibration that missed a limit moves no patient before a self-test has passed on it.
+        tested = msgspec.structs.replace(trainer.self_test, required="daily")
+        trainer = msgspec.structs.replace(trainer, self_test=tested)
+    config = _core_config(trainer, limits, patient_configured, leg_digest)
     cycle = cycle_settings(settings.trainer.cycle)
     return Built(
         Core(boot_id=boot_id, config=config, legs=legs, persistent=persistent),

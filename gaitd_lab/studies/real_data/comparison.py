@@ -89,8 +89,8 @@ def compare(
     first = published(robot)
     source = Source(records[0].recording, None, "", None)
     made = calibrate([source], first, progress=progress, with_noise=True)
-    if made.fault:
-        raise RecordingError(f"{records[0].recording.source}: {made.fault}")
+    if why := [reason for limit, reason in made.missed if limit != "mechanism"]:
+        raise RecordingError(f"{records[0].recording.source}: {'; '.join(why)}")
     offset_n = float(made.fit.frame.constants_of(made.fit.natural)[1])
     given = {key: attrgetter(key)(first.observer) for key in made.process_noise}
     plain = with_process_noise(made.robot, given)

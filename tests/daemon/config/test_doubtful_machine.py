@@ -126,6 +126,10 @@ WARNED = [
         *("trainer.toml", 'required = "daily"', 'required = "never"'),
         *("self_test.required", '"never"', "where a person uses the machine; the next release"),
     ),
+    row(
+        *("robot.toml", "[patient]", '[calibration]\nmissed_limits = ["mechanism"]\n\n[patient]'),
+        *("calibration.missed_limits", "['mechanism']", "before a self-test has passed; calibrate"),
+    ),
 ]
 
 LOOPS = [

@@ -9,6 +9,7 @@ import pytest
 from config_files import CONFIGS
 from msgspec import structs
 
+from daemon.config.settings import AcceptedCalibration
 from daemon.core.exercises.homing import Homing
 from daemon.core.exercises.sign_test import SignTest
 from daemon.core.exercises.single_axis import AxisStart, HomingRules, PushRules
@@ -45,6 +46,22 @@ def test_the_files_become_rules_in_cycles(built):
         *(trainer.hold, trainer.gait, trainer.hand_guiding),
     )
     assert (config.excite, config.self_test) == (dict(trainer.excite), trainer.self_test)
+
+
+@pytest.mark.parametrize(("with_patient", "required"), [(True, "daily"), (False, "never")])
+def test_an_accepted_calibration_moves_no_patient_before_a_self_test(with_patient, required):
+    robot = structs.replace(SETTINGS.robot, calibration=AcceptedCalibration(("false_effort",)))
+    robot = robot if with_patient else structs.replace(robot, patient=None)
+    trainer = SETTINGS.trainer
+    trainer = structs.replace(
+        trainer, self_test=structs.replace(trainer.self_test, required="never")
+    )
+    file = replace(SETTINGS.file, trainer=trainer)
+    settings = replace(SETTINGS, robot=robot, file=file)
+
+    core = build.build(settings, "boot", PersistentState()).core
+
+    assert core.config.self_test.required == required
 
 
 def test_the_first_leg_has_its_axes_and_the_second_walks_half_a_stride_later(built):
