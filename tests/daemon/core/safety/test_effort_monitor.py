@@ -125,14 +125,18 @@ def test_a_sample_that_is_missing_breaks_the_row():
 
 
 @pytest.mark.parametrize(
-    ("acceleration", "counted"),
+    ("direction", "acceleration", "counted"),
     [
-        ((-20.0, -20.0), (1.0, 0.0)),  # friction brakes the hip, and would add to the slide's need
-        ((20.0, 20.0), (0.0, 1.0)),
+        # Friction brakes the hip, and would add to the slide's need.
+        (1.0, (-20.0, -20.0), (1.0, 0.0)),
+        (1.0, (20.0, 20.0), (0.0, 1.0)),
+        (-1.0, (20.0, 20.0), (1.0, 0.0)),
     ],
 )
-def test_a_motion_needs_inertia_coriolis_and_dampers_less_friction(acceleration, counted):
-    q, v, a = np.array((0.2, 0.5)), np.array((0.9, -0.4)), np.array(acceleration)
+def test_a_motion_needs_inertia_coriolis_and_dampers_less_friction(
+    direction, acceleration, counted
+):
+    q, v, a = np.array((0.2, 0.5)), direction * np.array((0.9, -0.4)), np.array(acceleration)
 
     effort = needed(LEG, FRICTIONS, tuple(q), tuple(v), acceleration)
 
