@@ -145,7 +145,7 @@ UNIT_TESTS: Final[dict[str, tuple[str, ...]]] = {
     "drives/cia402/axis_file.py": (
         *("drives/test_units.py", "drives/test_torque.py", "drives/test_profile.py"),
     ),
-    "drives/cia402/drive.py": ("drives/test_drive.py",),
+    "drives/cia402/drive.py": ("drives/test_drive.py", "drives/test_temperature.py"),
     "drives/cia402/emergencies.py": ("drives/test_nmt_emcy.py", "drives/test_profile.py"),
     "drives/cia402/homing.py": ("drives/test_profile.py",),
     "drives/cia402/option_codes.py": ("drives/test_option_codes.py",),

@@ -531,7 +531,8 @@ def test_an_input_is_at_a_bit_that_the_drive_can_set(name, bit, fits):
         return
     with pytest.raises(DescriptionError) as caught:
         join(axis, profile, "hip_epos4")
-    assert (caught.value.key, bit in caught.value.value) == ("inputs", True)
+    said = caught.value
+    assert (said.part, said.key, bit in said.value) == ("axis", "inputs", True)
     assert "E000FFF8h" in caught.value.allowed
 
 

@@ -125,14 +125,18 @@ def test_a_sample_that_is_missing_breaks_the_row():
 
 
 @pytest.mark.parametrize(
-    ("acceleration", "counted"),
+    ("direction", "acceleration", "counted"),
     [
-        ((-20.0, -20.0), (1.0, 0.0)),  # friction brakes the hip, and would add to the slide's need
-        ((20.0, 20.0), (0.0, 1.0)),
+        # Friction brakes the hip, and would add to the slide's need.
+        (1.0, (-20.0, -20.0), (1.0, 0.0)),
+        (1.0, (20.0, 20.0), (0.0, 1.0)),
+        (-1.0, (20.0, 20.0), (1.0, 0.0)),
     ],
 )
-def test_a_motion_needs_inertia_coriolis_and_dampers_less_friction(acceleration, counted):
-    q, v, a = np.array((0.2, 0.5)), np.array((0.9, -0.4)), np.array(acceleration)
+def test_a_motion_needs_inertia_coriolis_and_dampers_less_friction(
+    direction, acceleration, counted
+):
+    q, v, a = np.array((0.2, 0.5)), direction * np.array((0.9, -0.4)), np.array(acceleration)
 
     found = needed(LEG, FRICTIONS, tuple(q), tuple(v), acceleration)
 
@@ -200,6 +204,7 @@ def test_an_effort_that_stays_the_same_is_counted_while_the_joint_moves_under_po
     assert looked(moved, 3.0, still=1).unchanged_cycles == 0
     assert looked(moved, 3.0, may_give_torque=False).unchanged_cycles == 0
     assert looked(EffortWatch(), -0.5).unchanged_cycles == 0
+    assert looked(EffortWatch(sent_si=(1.0,)), 3.0, cycles=3).unchanged_cycles == 0
 
 
 @pytest.mark.parametrize(("targets", "count"), [((3.0, 3.0, 3.0), 0), ((3.0, 3.0, 3.1), 4)])
@@ -285,6 +290,7 @@ def test_the_response_is_judged_in_a_mismatch_that_counts_and_the_patient_is_wha
     assert set(ratios) == {math.inf}
     judged = looked(watch, balance=opposing(-33.0, 37.0))
     assert judged.response_ratio < 0.01
+    assert looked(judged, balance=opposing(-33.0, 37.0)).response_ratio < 0.01
     ended = looked(judged, balance=opposing(-19.0, 51.0))
     assert (ended.sign_mismatch_cycles, ended.response_ratio) == (0, math.inf)
     gap = looked(judged, balance=opposing(-33.0, 37.0, row=ROW - 1))

@@ -81,6 +81,9 @@ def test_a_drive_whose_sign_was_judged_has_three_cycles_to_slow_down(drive, obey
     assert run(begun, drive, [slower] * 3, rules=rules).step == Step.QUICK_STOP
     escalated = run(begun, drive, [FAST] * 3, rules=rules)
     assert (escalated.step, escalated.disobeyed) == (Step.DISABLE, True)
+    faster = JOINT._replace(velocity_si=1.2)
+    for later in ([faster] * 3, [slower] * 3 + [FAST]):
+        assert run(begun, drive, later, rules=rules._replace(obey_cycles=9)).step == Step.DISABLE
     usual = stop_sequence.begin(Step.QUICK_STOP, FAST, 100)
     assert run(usual, drive, [FAST] * 3, rules=rules).step == Step.QUICK_STOP
 
@@ -96,11 +99,20 @@ def test_after_its_rest_a_drive_whose_sign_was_judged_is_held_as_any_other():
 
 @pytest.mark.parametrize("power", [OFF, STOPPING_DRIVE])
 def test_a_drive_whose_sign_was_judged_may_stand_or_be_without_power(power):
-    standing = JOINT._replace(velocity_si=2.0 * LIMITS.standstill_si_per_s)
+    ratio = stop_sequence.RAMP_FLOOR_RATIO
+    standing = JOINT._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
     joint = FAST if power is OFF else standing
     begun = stop_sequence.begin(Step.QUICK_STOP, joint, 100, must_slow=True)
 
     assert run(begun, power, [joint] * 4).step == Step.QUICK_STOP
+
+
+def test_a_drive_whose_sign_was_judged_may_not_creep():
+    ratio = 1.01 * stop_sequence.RAMP_FLOOR_RATIO
+    creeping = JOINT._replace(velocity_si=ratio * LIMITS.standstill_si_per_s)
+    begun = stop_sequence.begin(Step.QUICK_STOP, creeping, 100, must_slow=True)
+
+    assert run(begun, STOPPING_DRIVE, [creeping] * 3).step == Step.DISABLE
 
 
 def test_a_drive_whose_sign_was_judged_is_on_its_ramp_as_any_other():
