@@ -44,7 +44,7 @@ class Elasticity(NamedTuple):
     damping_si: float
     backlash_si: float
     inertia_si: float
-    """Of the shaft with rotor and gear: kg m^2 or kg. The mechanism has it as well."""
+    """Inertia of the shaft with rotor and gear: kg m^2 or kg. The mechanism has it as well."""
 
 
 def shafts_of(pose: tuple[float, float], elastic: tuple[Elasticity | None, ...]) -> Records:
