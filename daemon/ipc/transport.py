@@ -42,7 +42,7 @@ from daemon.ipc.report import Event
 
 MAGIC: Final = b"GAITDRB2"
 HEADER_SIZE: Final = 16384
-SLOT_SIZE: Final = 7424
+SLOT_SIZE: Final = 7488
 """Size of a slot in bytes: for the largest record, with two legs and all events and emergencies."""
 SLOT_COUNT: Final = 3000
 """30 s of 10 ms."""

@@ -35,7 +35,7 @@ STRIDE_AXIS = AxisStrideRecord(*range(15))
 FLAGS = "true,false,true"
 NO_VERDICT = '["none","none","",0.0,0.0,"none",""]'
 NO_REQUEST = '[0,"none",0,["hold",0.0,0.0,0.0,"","",false,false],"display",null]'
-NO_AXIS = "[1,2,3,0.0,0.0,2" + ",null" * 11 + ",0.0,null,null]"
+NO_AXIS = "[1,2,3,0.0,0.0,2" + ",null" * 11 + ",0.0,null,null,null]"
 NO_BUS = '["active",0,0,0,0,0,0,0,0,0.0]'
 
 

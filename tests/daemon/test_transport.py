@@ -262,9 +262,9 @@ def test_the_file_has_the_layout_that_other_readers_know(tmp_path):
     writer.close()
     data, text, slot = path.read_bytes(), *map(msgspec.msgpack.encode, (HEADER, record(3001)))
 
-    assert len(data) == 16384 + 3000 * 7424
-    assert data.startswith(struct.pack("<8sIII", b"GAITDRB2", 7424, 3000, len(text)) + text)
-    assert data[16384 + 7424 :].startswith(struct.pack("<QI", 3001, len(slot)) + slot)
+    assert len(data) == 16384 + 3000 * 7488
+    assert data.startswith(struct.pack("<8sIII", b"GAITDRB2", 7488, 3000, len(text)) + text)
+    assert data[16384 + 7488 :].startswith(struct.pack("<QI", 3001, len(slot)) + slot)
 
 
 @pytest.mark.parametrize("too_long", [False, True])
@@ -615,7 +615,7 @@ def test_a_record_is_whole_while_it_fits_its_slot(ends, too_long):
         verdict = Verdict(StopCategory.S1, Cause.BUS_OFF, said="x" * size)
         return msgspec.structs.replace(record(1), verdict=verdict)
 
-    room = 7424 - 12 - len(msgspec.msgpack.encode(said(1000)))
+    room = 7488 - 12 - len(msgspec.msgpack.encode(said(1000)))
 
     ends.core.publish(said(1000 + room + too_long))
 
