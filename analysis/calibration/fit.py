@@ -279,9 +279,7 @@ def fit(frame: Frame, motion: Motion, progress: Progress, near: Fit | None = Non
     free = identified.free
     natural = frame.from_free(free)
     if any(frame.bristled(axis) for axis in range(2)):
-        rough = (
-            free  # bristles are too stiff for a rough solution to be another one of the same law
-        )
+        rough = free  # bristles are too stiff for a rough solution to be one of the same law
     else:
         rough = first.free if len(reasons) == fixed_count else walk(free).free
     # What another solution of the same law changes is no more certain than that.
@@ -361,7 +359,7 @@ def _identified(
         fisher += np.diag((which >= TIMING) / PRIOR_TIMING**2)
         cov[:] = 0.0
         cov[np.ix_(which, which)] = robust_covariance(each, fisher, likelihood.row)
-        found = _unidentified(likelihood, end.free, which, each, fisher)
+        found = _unidentified(likelihood.frame, end.free, which, fisher)
         if not found:
             break
         reasons.update(found)
@@ -438,14 +436,18 @@ def _fixed(frame: Frame, motion: Motion) -> dict[int, str]:
 
 
 def _unidentified(
-    likelihood: Likelihood, free: Vector, which: NDArray[np.intp], each: Matrix, fisher: Matrix
+    frame: Frame, free: Vector, which: NDArray[np.intp], fisher: Matrix
 ) -> dict[int, str]:
-    """Select values to fix, worst first, until the rest is identified; with the reasons."""
+    """Select values to fix, worst first, until the rest is identified; with the reasons.
+
+    Fisher's information judges, and not the robust covariance: a value that is fixed at the file's
+    shifts all others, and their intervals do not say so.
+    """
     found: dict[int, str] = {}
     left = list(range(len(which)))
     while left:
-        cov = robust_covariance(each[:, left], fisher[np.ix_(left, left)], likelihood.row)
-        worst = _worst(likelihood.frame, free, which[left], cov)
+        cov: Matrix = np.asarray(np.linalg.pinv(fisher[np.ix_(left, left)]), dtype=np.float64)
+        worst = _worst(frame, free, which[left], cov)
         if worst is None:
             break
         place, reason = worst
