@@ -656,7 +656,7 @@ def test_a_home_has_the_width_of_a_position(narrow):
         ("written", 3, {"value": -1, "legal": [-1]}, r"written\[1029h\].value = -1: 0 to 255"),
         ("written", 3, {"value": 256, "legal": [256]}, r"written\[1029h\].value = 256: 0 to 255"),
         ("written", 0, {"value": 40_000, "legal": [40_000]}, "-32768 to 32767, which 605Ah:00"),
-        ("checked", 0, {"bits": 16}, r"checked\[60A9h\].value = 11814656: 0 to 65535"),
+        ("checked", 0, {"bits": 16}, r"profile: checked\[60A9h\].value = 11814656: 0 to 65535"),
     ],
 )
 def test_a_value_that_its_object_cannot_hold_is_refused(part, place, change, said):

@@ -30,15 +30,24 @@ def test_who_asks_first_holds_it_for_the_configured_time(desk):
     assert (desk.number, desk.holder) == (0, None)
 
 
-def test_a_second_one_is_refused_and_told_who_holds_it(desk):
+@pytest.mark.parametrize(
+    ("client", "number_off", "code"),
+    [
+        *(("other", None, "lease_taken"), ("zeta", None, "lease_taken")),
+        *(("other", 0, "lease_taken"), ("zeta", 0, "lease_taken")),
+        ("".join(("push", "er")), None, "lease_number_wrong"),  # another object of the same name
+        ("pusher", 1, "lease_number_wrong"),
+    ],
+)
+def test_a_second_one_is_refused_and_told_who_holds_it(desk, client, number_off, code):
     granted = desk.acquire("pusher", None, None, 0)
+    number = None if number_off is None else granted.number + number_off
 
-    strangers = (("other", None), ("pusher", None), ("other", granted.number))
-    for client, number in (*strangers, ("zeta", granted.number)):
-        with pytest.raises(LeaseRefusedError, match=r"lease_taken|lease_number_wrong"):
-            desk.acquire(client, number, None, 1)
-    with pytest.raises(LeaseRefusedError, match=r"lease_taken|lease_number_wrong"):
-        desk.acquire("pusher", granted.number + 1, None, 1)
+    with pytest.raises(LeaseRefusedError, match=code) as caught:
+        desk.acquire(client, number, None, 1)
+
+    assert str(caught.value) == caught.value.refusal.code == code
+    assert caught.value.refusal.values == {"holder": "pusher"}
 
 
 def test_the_holder_may_acquire_again_and_keeps_its_number(desk):

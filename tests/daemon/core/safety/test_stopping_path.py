@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from safety_inputs import slide_ends
 from sessions import CONFIGS
@@ -55,17 +55,19 @@ def test_an_axis_on_its_ramp_goes_on_for_the_reaction_and_then_brakes_to_its_end
 
 
 @settings(derandomize=True, deadline=None)
-@given(position=positions, velocity=st.tuples(speeds, speeds))
-def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity):
-    whole_s = REACTION_S + max(abs(v) / a for v, a in zip(velocity, RAMPS, strict=True))
+@given(position=positions, velocity=st.tuples(speeds, speeds), ramps=st.just(RAMPS))
+@example(position=(0.3, 0.6), velocity=(0.5, 1.0), ramps=(20.0, 2.0))
+@example(position=(0.3, 0.6), velocity=(0.5, -1.0), ramps=(20.0, 2.0))
+def test_the_least_ratio_is_found_among_the_poses_on_the_way(position, velocity, ramps):
+    whole_s = REACTION_S + max(abs(v) / a for v, a in zip(velocity, ramps, strict=True))
 
     def pose(time_s):
         times, reactions = (time_s, time_s), (REACTION_S, REACTION_S)
-        return tuple(map(on_ramp, position, velocity, RAMPS, times, reactions))
+        return tuple(map(on_ramp, position, velocity, ramps, times, reactions))
 
     way = [pose(whole_s * k / 6) for k in range(7)]
     worst = min(float(singularity_ratio(LEG, np.array(one))) for one in way)
-    assert least_ratio(LEG, position, velocity, RAMPS, REACTION_S) == pytest.approx(worst, abs=1e-6)
+    assert least_ratio(LEG, position, velocity, ramps, REACTION_S) == pytest.approx(worst, abs=1e-6)
 
 
 def test_the_gradient_is_that_of_the_ratio_down_to_a_hundredth_and_bounded_below_it():
