@@ -34,7 +34,7 @@ from gaitd_lab.trial import Flags, Trial, Values
 from gaitd_lab.virtual_machine import load_plant, virtual_machine
 from observer.filter.states import STATE_NAMES
 from observer.mechanism.mechanism import gravity
-from sim_drives.plant.settings import FrictionLaw, Programme, Transmission
+from sim_drives.plant.settings import FrictionLaw, PlantTransmission, Programme
 from sim_drives.plant.truth import TruthLog, TruthRow
 
 EMPTY: Final = "robot_empty.toml"
@@ -61,16 +61,13 @@ class Situation(NamedTuple):
     """One of plant.toml's [[patient.programme]]."""
     seed: int | None = None
     """Seed of noise and delays; plant.toml's own if None."""
-    transmission: Transmission = Transmission()
+    transmission: PlantTransmission = PlantTransmission()
     """Between the drives and the joints."""
 
     @property
     def name(self) -> str:
         """Title of the situation."""
         return f"{self.law.value}, {self.cadence_hz:g} Hz, {self.programme}"
-
-
-PASSIVE: Final = Situation()
 
 
 class TrialError(Exception):
@@ -136,20 +133,14 @@ class Trials:
         run.on(duration_s, Mode.GAIT, progress)
         return run.trial(begun, while_moving=True)
 
-    def excite(
-        self,
-        scenario: str,
-        duration_s: float,
-        progress: Progress | None = None,
-        situation: Situation = PASSIVE,
-    ) -> Trial:
+    def excite(self, scenario: str, duration_s: float, progress: Progress | None = None) -> Trial:
         """Record the empty machine moved by torque; its artificial disturbance counts as patient.
 
         Raises:
             TrialError: the service refused it.
             ConfigError: there is no empty machine beside the robot file.
         """
-        run = self._run(f"scenario {scenario}, empty", self._empty(), situation)
+        run = self._run(f"scenario {scenario}, empty", self._empty(), Situation())
         begun = run.begin(lambda session: session.excite(scenario, duration_s))
         run.on(duration_s, Mode.EXCITE, progress)
         return run.trial(begun, while_moving=True)

@@ -146,6 +146,17 @@ def empty_run(sources: Sequence[Source], robot: Robot) -> Motion:
             "the robot file has viscous_outside = true; calibration fits the law with viscous "
             "friction inside eq. (11): set it to false and calibrate"
         )
+    over = robot.friction_over_position
+    if (over.hip.slope_per_rad, over.slide.slope_per_m) != (0.0, 0.0):
+        raise RecordingError(
+            "the robot file has a slope in [friction_over_position]; calibration fits friction "
+            "that is the same along an axis: set both slopes to 0 and calibrate"
+        )
+    if (robot.effort_offset.hip.torque_nm, robot.effort_offset.slide.force_n) != (0.0, 0.0):
+        raise RecordingError(
+            "the robot file has an [effort_offset]; calibration finds a constant effort by itself: "
+            "set both offsets to 0 and calibrate"
+        )
     motion = _prepared(sources, robot)
     refuse_wrong_branch(robot, motion)
     return motion

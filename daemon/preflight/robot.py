@@ -1,11 +1,13 @@
 """Checks of a robot file by itself: what the observer, with or without a service, needs of it."""
 
+import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
 
 from gaitd_toml import ConfigError, Document, Errors, PlainText, decoded, read_toml
 
-from daemon.config.robot import friction_parameters, leg_parameters
+from daemon.config.robot import friction_over_position, friction_parameters, leg_parameters
 from daemon.config.settings import HipFriction, Robot, SlideFriction
 from observer.filter.leg_model import (
     STABILITY_LIMIT,
@@ -18,6 +20,7 @@ from observer.filter.status import START_RATIO_MIN
 from observer.mechanism.friction import (
     FrictionParameters,
     bristle_stability_number,
+    levels_of,
     smallest_stribeck,
 )
 from observer.mechanism.mechanism import smallest_inertia
@@ -55,12 +58,18 @@ def decoded_robot(document: Document, *, to_calibrate: bool = False) -> Robot:
 
 def friction_laws_are_laws(file: Path, robot: Robot) -> Errors:
     """A hump of (13) that turns over; damping of bristles that an axis does not have."""
-    for axis, f in enumerate(friction_parameters(robot)):
-        least = smallest_stribeck(f)
-        if f.stribeck <= least:
-            allowed = f"> {least:.4g}, coulomb tanh(peak / transition) + viscous peak"
-            yield ConfigError(file, friction_key(axis, "stribeck"), f.stribeck, allowed)
+    for axis, levels in enumerate(_levels(robot)):
+        for f in levels:
+            least = smallest_stribeck(f)
+            if f.stribeck <= least:
+                allowed = f"> {least:.4g}, coulomb tanh(peak / transition) + viscous peak"
+                yield ConfigError(file, friction_key(axis, "stribeck"), f.stribeck, allowed)
     yield from bristles_are_whole(file, robot)
+
+
+def _levels(robot: Robot) -> Iterator[tuple[FrictionParameters, ...]]:
+    """The extremes of friction along each axis."""
+    return map(levels_of, friction_parameters(robot), friction_over_position(robot))
 
 
 def bristles_are_whole(file: Path, robot: Robot) -> Errors:
@@ -92,7 +101,9 @@ def the_integrator_is_stable(file: Path, robot: Robot, nearest_ratio: float) -> 
         yield from stiff
         return
     try:
-        least = substeps_needed(*laws, inertia, integrator_named(observer.integrator))
+        integrator = integrator_named(observer.integrator)
+        pairs = itertools.product(*_levels(robot))
+        least = max(substeps_needed(hip, slide, inertia, integrator) for hip, slide in pairs)
     except ValueError as error:
         value = PlainText(observer.integrator)
         yield ConfigError(file, "observer.integrator", value, str(error))

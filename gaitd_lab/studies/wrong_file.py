@@ -24,10 +24,7 @@ from daemon.config.robot import (
     leg_parameters,
     observer_tuning,
 )
-from daemon.config.settings import HipTransmission as RobotHipTransmission
-from daemon.config.settings import Robot
-from daemon.config.settings import SlideTransmission as RobotSlideTransmission
-from daemon.config.settings import Transmission as RobotTransmission
+from daemon.config.settings import HipTransmission, Robot, SlideTransmission, Transmission
 from gaitd_lab.studies.experiment.measures import rms
 from gaitd_lab.studies.report import Cell, Table, measured
 from gaitd_lab.trial import Trial
@@ -52,7 +49,7 @@ from observer.mechanism.friction import FrictionParameters
 from observer.mechanism.parameters import LegParameters
 from observer.offline.batch import Columns, run
 from observer.offline.smooth_batch import run_smoothed
-from sim_drives.plant.settings import HipTransmission, Transmission
+from sim_drives.plant.settings import HipElasticity, PlantTransmission
 
 MINUTE_S: Final = 60.0
 WALK_S: Final = 30.0
@@ -142,26 +139,26 @@ def drawn(number: int) -> Callable[[Robot], File]:
 class Machine(NamedTuple):
     """A machine whose transmission gives way, which the file does not say."""
 
-    transmission: Transmission
-    file: RobotTransmission
+    transmission: PlantTransmission
+    file: Transmission
     """What a file that is right says of it."""
 
 
 def soft_hip(stiffness_nm_per_rad: float, damping: float, backlash_rad: float) -> Machine:
     """A machine with this transmission at the hip and a rigid one at the slide."""
     return Machine(
-        Transmission(
-            hip=HipTransmission(
+        PlantTransmission(
+            hip=HipElasticity(
                 stiffness_nm_per_rad=stiffness_nm_per_rad,
                 damping_nm_s_per_rad=damping,
                 backlash_rad=backlash_rad,
             )
         ),
-        RobotTransmission(
-            hip=RobotHipTransmission(
+        Transmission(
+            hip=HipTransmission(
                 stiffness_nm_per_rad=stiffness_nm_per_rad, backlash_rad=backlash_rad
             ),
-            slide=RobotSlideTransmission(stiffness_n_per_m=0.0, backlash_m=0.0),
+            slide=SlideTransmission(stiffness_n_per_m=0.0, backlash_m=0.0),
         ),
     )
 
@@ -170,7 +167,7 @@ MACHINES: Final = {
     "an elastic hip drive, 800 N·m/rad": soft_hip(800.0, 5.0, 0.0),
     "a loose hip drive, 0.3°, 4000 N·m/rad": soft_hip(4000.0, 20.0, np.radians(0.3)),
 }
-RIGID: Final = Transmission()
+RIGID: Final = PlantTransmission()
 
 
 def table(
@@ -183,7 +180,7 @@ def table(
     """
     machines = [Trials(config, seed=seed) for seed in seeds]
 
-    def walks(transmission: Transmission, of: str) -> _Walks:
+    def walks(transmission: PlantTransmission, of: str) -> _Walks:
         def walked(programme: str, cadence_hz: float, duration_s: float) -> list[Trial]:
             situation = Situation(
                 cadence_hz=cadence_hz, programme=programme, transmission=transmission

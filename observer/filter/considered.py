@@ -45,7 +45,7 @@ from observer.mechanism.friction import (
     followed,
     static_friction,
 )
-from observer.mechanism.linkage import dynamics
+from observer.mechanism.linkage import accelerations, dynamics, efforts
 from observer.mechanism.parameters import LegParameters
 from observer.quantities import Number
 
@@ -256,20 +256,16 @@ def _find_errors(
     own = dynamics(model.leg, q1, q2, v1, v2, share)
     needed_hip = effort[0] + mean[6] - mean[4]
     needed_slide = effort[1] + mean[7] - mean[5]
-    rest_hip, rest_slide = needed_hip - own.bias_hip, needed_slide - own.bias_slide
-    determinant = own.m11 * own.m22 - own.m12 * own.m12
-    a1 = (own.m22 * rest_hip - own.m12 * rest_slide) / determinant
-    a2 = (own.m11 * rest_slide - own.m12 * rest_hip) / determinant
-    own_hip = own.m11 * a1 + own.m12 * a2 + own.bias_hip
-    own_slide = own.m12 * a1 + own.m22 * a2 + own.bias_slide
+    a1, a2 = accelerations(own, needed_hip, needed_slide)
+    own_hip, own_slide = efforts(own, a1, a2)
     for k in range(count):
         row = variants[k]
         leg = LegParameters(*fixed_tuple(row, LEG_COUNT))
         shown = Drives(*fixed_tuple(row[DRIVES:], DRIVES_COUNT))
         at_hip, at_slide = q1 + shown.position_offset_hip_rad, q2 + shown.position_offset_slide_m
         other = dynamics(leg, at_hip, at_slide, v1, v2, share)
-        net_hip = other.m11 * a1 + other.m12 * a2 + other.bias_hip - own_hip
-        net_slide = other.m12 * a1 + other.m22 * a2 + other.bias_slide - own_slide
+        other_hip, other_slide = efforts(other, a1, a2)
+        net_hip, net_slide = other_hip - own_hip, other_slide - own_slide
         net_hip -= (shown.effort_ratio_hip - 1.0) * effort[0] + shown.effort_offset_hip_nm
         net_slide -= (shown.effort_ratio_slide - 1.0) * effort[1] + shown.effort_offset_slide_n
         errors[4 * k], errors[4 * k + 1] = friction_errors[2 * k], friction_errors[2 * k + 1]

@@ -10,6 +10,7 @@ effort given to the observer, positive along the positive axis. net = patient - 
 observable, the split only in motion.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
@@ -43,6 +44,7 @@ from observer.mechanism.friction import (
     EVERYWHERE,
     FrictionParameters,
     OverPosition,
+    levels_of,
     smallest_stribeck,
 )
 from observer.mechanism.mechanism import WorkspaceError, smallest_inertia
@@ -377,16 +379,22 @@ def check_tuning(
     ):
         if not (math.isfinite(value) and least <= value <= most):
             raise TuningError(f"{name} = {value}: must be a number in {least}..{most}")
-    for name, friction in (("hip", hip), ("slide", slide)):
-        least = smallest_stribeck(friction)
-        if friction.stribeck <= least:
-            raise TuningError(
-                f"friction of the {name}: stribeck = {friction.stribeck} must exceed "
-                f"coulomb tanh(peak / transition) + viscous peak = {least:.4g}"
-            )
+    over_hip, over_slide = tuning.friction_over_position
+    along = levels_of(hip, over_hip), levels_of(slide, over_slide)
+    for name, levels in zip(("hip", "slide"), along, strict=True):
+        for friction in levels:
+            least = smallest_stribeck(friction)
+            if friction.stribeck <= least:
+                raise TuningError(
+                    f"friction of the {name}: stribeck = {friction.stribeck} must exceed "
+                    f"coulomb tanh(peak / transition) + viscous peak = {least:.4g}"
+                )
     inertia = smallest_inertia(leg, START_RATIO_MIN)
     try:
-        needed = substeps_needed(hip, slide, inertia, tuning.integrator)
+        needed = max(
+            substeps_needed(one, other, inertia, tuning.integrator)
+            for one, other in itertools.product(*along)
+        )
     except ValueError as error:
         raise TuningError(f"integrator {tuning.integrator.name.lower()}: {error}") from error
     if tuning.substeps < needed:

@@ -31,7 +31,7 @@ from observer.filter.leg_memory import LegMemory
 from observer.filter.leg_model import LegModel
 from observer.jit import inline
 from observer.mechanism.friction import FrictionParameters, followed, static_friction
-from observer.mechanism.linkage import dynamics
+from observer.mechanism.linkage import accelerations, dynamics, efforts
 
 FOLLOWED_S: Final = 0.02
 """Time constant of the low-pass, twice."""
@@ -66,11 +66,9 @@ def hide(
     _hide_friction(model.hip, m, 0, rate_hip, dt_s, share)
     _hide_friction(model.slide, m, 1, rate_slide, dt_s, share)
     own = dynamics(model.leg, m.mean[0], m.mean[1], v1, v2, model.coriolis_share)
-    rest_hip = m.acting[0] + m.mean[6] - m.mean[4] - own.bias_hip
-    rest_slide = m.acting[1] + m.mean[7] - m.mean[5] - own.bias_slide
-    determinant = own.m11 * own.m22 - own.m12 * own.m12
-    a1 = (own.m22 * rest_hip - own.m12 * rest_slide) / determinant
-    a2 = (own.m11 * rest_slide - own.m12 * rest_hip) / determinant
+    a1, a2 = accelerations(
+        own, m.acting[0] + m.mean[6] - m.mean[4], m.acting[1] + m.mean[7] - m.mean[5]
+    )
     other = dynamics(
         model.leg,
         m.mean[0] - back_hip,
@@ -79,12 +77,10 @@ def hide(
         v2 - rate_slide,
         model.coriolis_share,
     )
-    error_hip = other.m11 * (a1 - bend_hip) + other.m12 * (a2 - bend_slide) + other.bias_hip
-    error_hip -= own.m11 * a1 + own.m12 * a2 + own.bias_hip
-    error_slide = other.m12 * (a1 - bend_hip) + other.m22 * (a2 - bend_slide) + other.bias_slide
-    error_slide -= own.m12 * a1 + own.m22 * a2 + own.bias_slide
-    m.hidden_net[0] += share * (error_hip * error_hip - m.hidden_net[0])
-    m.hidden_net[1] += share * (error_slide * error_slide - m.hidden_net[1])
+    rigid, soft = efforts(own, a1, a2), efforts(other, a1 - bend_hip, a2 - bend_slide)
+    for axis in range(2):
+        error = soft[axis] - rigid[axis]
+        m.hidden_net[axis] += share * (error * error - m.hidden_net[axis])
 
 
 @inline

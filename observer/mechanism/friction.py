@@ -9,7 +9,7 @@ The static law is odd, dissipative (F_s v >= 0) and equals F^ exactly at the pea
 gate holds the friction state at rest, where it keeps the load; in motion the state follows the law.
 
 Its level may rise along the axis, as where a seal or a rail is not straight: Stribeck's and
-Coulomb's level times 1 + slope (q - middle), at no less than a fifth.
+Coulomb's level times 1 + slope (q - middle), which stays between the bounds of LEVEL_RATIOS.
 
 An axis may have bristles instead of (11); (12) then only decides what counts as standstill. Canudas
 de Wit, Olsson, Astrom, Lischinsky, "A new model for control of systems with friction", IEEE Trans.
@@ -60,7 +60,8 @@ class FrictionParameters(NamedTuple):
     """sigma_1."""
 
 
-LEVEL_MIN_RATIO: Final = 0.2
+LEVEL_RATIOS: Final = (0.5, 1.5)
+"""Least and greatest level along an axis: an integrator that is stable with both is so between."""
 
 
 class OverPosition(NamedTuple):
@@ -79,7 +80,13 @@ EVERYWHERE: Final = OverPosition(0.0, 0.0)
 @inline
 def at_position(f: FrictionParameters, over: OverPosition, position: float) -> FrictionParameters:
     """The friction of an axis at a position."""
-    ratio = max(1.0 + over.slope * (position - over.middle), LEVEL_MIN_RATIO)
+    ratio = 1.0 + over.slope * (position - over.middle)
+    return at_level(f, min(max(ratio, LEVEL_RATIOS[0]), LEVEL_RATIOS[1]))
+
+
+@inline
+def at_level(f: FrictionParameters, ratio: float) -> FrictionParameters:
+    """The friction of an axis with Stribeck's and Coulomb's level times a ratio."""
     return FrictionParameters(
         ratio * f.stribeck,
         ratio * f.coulomb,
@@ -91,6 +98,11 @@ def at_position(f: FrictionParameters, over: OverPosition, position: float) -> F
         f.bristle_stiffness,
         f.bristle_damping,
     )
+
+
+def levels_of(f: FrictionParameters, over: OverPosition) -> tuple[FrictionParameters, ...]:
+    """The extremes that the friction of an axis can have along it."""
+    return (f,) if over.slope == 0.0 else tuple(at_level(f, ratio) for ratio in LEVEL_RATIOS)
 
 
 @inline

@@ -138,6 +138,22 @@ def dynamics(
     return Dynamics(m11, m12, m22, bias1, bias2, at.closes)
 
 
+@inline
+def accelerations(d: Dynamics, effort1: float, effort2: float) -> tuple[float, float]:
+    """Acceleration of hip and slide under generalised forces (N m, N)."""
+    rest1, rest2 = effort1 - d.bias_hip, effort2 - d.bias_slide
+    determinant = d.m11 * d.m22 - d.m12 * d.m12
+    return (d.m22 * rest1 - d.m12 * rest2) / determinant, (
+        d.m11 * rest2 - d.m12 * rest1
+    ) / determinant
+
+
+@inline
+def efforts(d: Dynamics, a1: float, a2: float) -> tuple[float, float]:
+    """Generalised forces (N m, N) that an acceleration of hip and slide needs."""
+    return d.m11 * a1 + d.m12 * a2 + d.bias_hip, d.m12 * a1 + d.m22 * a2 + d.bias_slide
+
+
 class _Coupling(NamedTuple):
     """B and h of the module docstring, without the links' own inertias."""
 

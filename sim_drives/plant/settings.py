@@ -76,7 +76,7 @@ class PlantFriction(Table, frozen=True):
     slide: SlideBristles
 
 
-class HipTransmission(Table, frozen=True):
+class HipElasticity(Table, frozen=True):
     """An elastic transmission between the hip's drive and its joint."""
 
     stiffness_nm_per_rad: Annotated[float, Meta(ge=10, le=1e6)]
@@ -84,7 +84,7 @@ class HipTransmission(Table, frozen=True):
     backlash_rad: Annotated[float, Meta(ge=0, le=0.2)] = 0.0
 
 
-class SlideTransmission(Table, frozen=True):
+class SlideElasticity(Table, frozen=True):
     """An elastic transmission between the slide's drive and the slide."""
 
     stiffness_n_per_m: Annotated[float, Meta(ge=100, le=1e8)]
@@ -92,11 +92,11 @@ class SlideTransmission(Table, frozen=True):
     backlash_m: Annotated[float, Meta(ge=0, le=0.05)] = 0.0
 
 
-class Transmission(Table, frozen=True):
+class PlantTransmission(Table, frozen=True):
     """Both axes; one that is not named is rigid, and its drive's shaft moves with the joint."""
 
-    hip: HipTransmission | None = None
-    slide: SlideTransmission | None = None
+    hip: HipElasticity | None = None
+    slide: SlideElasticity | None = None
 
 
 class HipStop(Table, frozen=True):
@@ -339,4 +339,4 @@ class PlantTables(Table, frozen=True, kw_only=True):
     loop: Loops
     sensor: Sensors
     patient: Patient
-    transmission: Transmission = Transmission()
+    transmission: PlantTransmission = PlantTransmission()

@@ -422,6 +422,17 @@ def test_a_patient_or_an_artificial_disturbance_is_refused_by_what_the_ring_says
         calibrate([run], with_patient)
 
 
+@pytest.mark.parametrize(
+    "key", ["friction_over_position.slide.slope_per_m", "effort_offset.hip.torque_nm"]
+)
+def test_what_a_calibration_does_not_fit_must_be_0_in_its_file(shipped, key):
+    run, _ = shipped
+    table = key.partition(".")[0]
+
+    with pytest.raises(RecordingError, match=rf"\[{table}\].* to 0 and calibrate"):
+        calibrate([run], replaced(robot_file(), {key: 0.1}))
+
+
 def load_patient():
     from empty_runs import ROBOT_FILE
     from gaitd_toml import load_toml

@@ -18,7 +18,19 @@ def test_friction_at_a_position_has_other_levels_and_the_same_speeds():
     assert at_position(HIP, over, 0.4) == HIP._replace(
         stribeck=pytest.approx(1.1 * HIP.stribeck), coulomb=pytest.approx(1.1 * HIP.coulomb)
     )
-    assert at_position(HIP, over, -9.0).coulomb == pytest.approx(0.2 * HIP.coulomb)
+    assert at_position(HIP, over, -9.0).coulomb == pytest.approx(0.5 * HIP.coulomb)
+    assert at_position(HIP, over, 9.0).coulomb == pytest.approx(1.5 * HIP.coulomb)
+
+
+def test_friction_that_is_too_steep_at_an_end_of_the_axis_is_refused():
+    steep = HIP._replace(coulomb=18.0, stribeck=20.3, edge=0.001)
+    single, rising = TUNING._replace(substeps=1), OverPosition(0.1, 0.2)
+    along = single._replace(friction_over_position=(rising, rising))
+
+    check_tuning(PATIENT, steep, SLIDE_FRICTION, single)
+    check_tuning(PATIENT, HIP, SLIDE_FRICTION, along)
+    with pytest.raises(TuningError, match="this friction needs 2 at least"):
+        check_tuning(PATIENT, steep, SLIDE_FRICTION, along)
 
 
 @pytest.fixture(scope="module")
