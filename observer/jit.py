@@ -3,9 +3,10 @@
 numba's own cache checks only the file of the compiled function, so after an edit of `mechanism.py`
 a cached filter silently uses the old mechanism. Here the cache directory is named by a hash over
 all sources that a kernel can use: those of `observer/`, those of the package that the decorated
-function lives in, their place, because numba uses no kernel of another place, and the versions of
-the compilers. Another source gives another directory, so no entry needs to be invalidated. What a
-power cut may have torn is removed (`cache_files.py`).
+function lives in, and the versions of the compilers. numba itself compares the features of the
+processor. Another source gives another directory, so no entry needs to be invalidated, and equal
+sources share one: a kernel is compiled once for a machine, not once for each environment or clone.
+What a power cut may have torn is removed (`cache_files.py`).
 
 `kernel` is for functions that are called from Python or are large. `inline` is for the pieces that
 kernels are made of: LLVM puts their bodies into the caller, which lets a loop over sigma points
@@ -31,6 +32,7 @@ from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import config as numba_config
+from numba.core.caching import UserProvidedCacheLocator
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from observer import cache_files
@@ -59,14 +61,30 @@ def inline(function: F) -> F:
 
 def _compile(function: F, *, forceinline: bool) -> F:
     root = _source_root(Path(inspect.getfile(function)))
-    before = CONFIG.CACHE_DIR
-    # numba reads this when it decorates, so each package can have its own directory.
+    before = CONFIG.CACHE_DIR, CONFIG.CACHE_LOCATOR_CLASSES
+    # numba reads both when it decorates, so each package can have its own directory.
     CONFIG.CACHE_DIR = str(_cache_directory(root))
+    CONFIG.CACHE_LOCATOR_CLASSES = f"{__name__}.{AnyPlace.__name__}"
     try:
         compiled: Any = numba.njit(cache=True, error_model="numpy", forceinline=forceinline)
         return compiled(function)
     finally:
-        CONFIG.CACHE_DIR = before
+        CONFIG.CACHE_DIR, CONFIG.CACHE_LOCATOR_CLASSES = before
+
+
+class AnyPlace(UserProvidedCacheLocator):
+    """Finds the kernels of a source file below `CONFIG.CACHE_DIR` wherever the file is.
+
+    numba's own locators name the folder of a file's kernels by a hash of the file's place, so a
+    second environment of the same machine would compile everything again.
+    """
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Folder of the file's kernels, relative to the cache directory."""
+        path = Path(py_file).resolve()
+        root = _source_root(path)
+        return "_".join((root.name, *path.relative_to(root).with_suffix("").parts))
 
 
 def is_cached(*packages: Path) -> bool:
@@ -82,7 +100,7 @@ def source_key(root: Path) -> str:
         digest.update(f"{name} {importlib.metadata.version(name)}\n".encode())
     digest.update(f"python {platform.python_version()}\n".encode())
     for folder in dict.fromkeys((_OBSERVER, root)):
-        digest.update(f"{folder}\n".encode())
+        digest.update(f"{folder.name}\n".encode())
         for path in sorted(folder.rglob("*.py")):
             digest.update(f"{path.relative_to(folder)}\n".encode())
             digest.update(hashlib.sha256(path.read_bytes()).digest())

@@ -1,4 +1,4 @@
-"""The cache of compiled code: it is used, never stale, and never another user's or clone's."""
+"""The cache of compiled code: it is used, never stale, never another user's, one for all clones."""
 
 import os
 import shutil
@@ -37,8 +37,13 @@ class Copy:
 
     def __init__(self, folder: Path):
         self.folder = folder
-        self.cache = folder / "cache"
+        self.cache = folder.parent / "cache"
         shutil.copytree(OBSERVER, folder / "observer", ignore=shutil.ignore_patterns("__pycache__"))
+
+    def move_to(self, folder: Path) -> None:
+        """As a second environment of the same user: other files, the same cache."""
+        self.folder.rename(folder)
+        self.folder = folder
 
     def write(self, package: str, factor: float) -> None:
         root = self.folder / package
@@ -68,13 +73,17 @@ class Copy:
 
 @pytest.fixture
 def copy(tmp_path):
-    return Copy(tmp_path)
+    return Copy(tmp_path / "place")
 
 
-def test_what_did_not_change_is_loaded_and_a_model_in_another_file_is_new_after_an_edit(copy):
-    """Numba's own cache would go on with the old one: it looks at the caller's file only."""
+def test_equal_sources_are_loaded_anywhere_and_a_model_in_another_file_is_new_after_an_edit(
+    copy, tmp_path
+):
+    """Numba's own cache looks at the caller's file only, and at its place."""
     copy.write("elsewhere", 2.0)
-    first, again = (copy.run(USE.format(package="elsewhere")) for _ in range(2))
+    first = copy.run(USE.format(package="elsewhere"))
+    copy.move_to(tmp_path / "another place")
+    again = copy.run(USE.format(package="elsewhere"))
     copy.write("elsewhere", 3.0)
     edited = copy.run(USE.format(package="elsewhere"))
 
@@ -168,16 +177,6 @@ def test_a_package_of_which_nothing_was_compiled_is_not_cached(tmp_path):
     (tmp_path / "model.py").write_text("NEVER_COMPILED = 1\n")
 
     assert not jit.is_cached(tmp_path)
-
-
-def test_a_clone_does_not_take_the_kernels_of_another_for_its_own(tmp_path):
-    """numba compiles them again; the message at the start must not say that they are there."""
-    clones = tmp_path / "one", tmp_path / "two"
-    for clone in clones:
-        clone.mkdir()
-        (clone / "model.py").write_text("SAME = 1\n")
-
-    assert jit.source_key(clones[0]) != jit.source_key(clones[1])
 
 
 def test_after_a_power_cut_no_file_of_compiled_kernels_is_torn_and_a_settled_one_is_there(tmp_path):
