@@ -25,13 +25,14 @@ import os
 import platform
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
 import numba
 from numba.core import config as numba_config
+from numba.core import event
 from numba.core.caching import UserProvidedCacheLocator
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
@@ -45,6 +46,8 @@ fixed_tuple: Final[Any] = to_fixed_tuple
 """`fixed_tuple(array, count)` in a kernel: the first elements of an array, held in registers."""
 COMPILERS: Final = ("numba", "llvmlite", "numpy")
 """Packages that compile the kernels; with Python's version they are part of the key."""
+TOLD_EVERY: Final = 20
+"""Number of compiled functions from one report of `compiling` to the next."""
 DIRECTORIES_KEPT: Final = 32
 """Number of older cache generations to keep; the rest is removed when a new one begins."""
 
@@ -60,6 +63,7 @@ def inline(function: F) -> F:
 
 
 def _compile(function: F, *, forceinline: bool) -> F:
+    _KNOWN[0] += 1
     root = _source_root(Path(inspect.getfile(function)))
     before = CONFIG.CACHE_DIR, CONFIG.CACHE_LOCATOR_CLASSES
     # numba reads both when it decorates, so each package can have its own directory.
@@ -85,6 +89,32 @@ class AnyPlace(UserProvidedCacheLocator):
         path = Path(py_file).resolve()
         root = _source_root(path)
         return "_".join((root.name, *path.relative_to(root).with_suffix("").parts))
+
+
+@contextlib.contextmanager
+def compiling(tell: Callable[[int, int], None]) -> Generator[None]:
+    """Report what is compiled within the block, which may take a minute or two.
+
+    Args:
+        tell: called with the number of functions that were compiled, and the number of those that
+            are known; one that is called with other types is compiled once more.
+    """
+    with event.install_listener("numba:compile", _Compiled(tell)):
+        yield
+
+
+class _Compiled(event.Listener):
+    def __init__(self, tell: Callable[[int, int], None]) -> None:
+        self._tell = tell
+        self._count = 0
+
+    def on_start(self, event: object) -> None:
+        """Nothing is reported yet."""
+
+    def on_end(self, event: object) -> None:  # noqa: ARG002 - as numba calls it
+        self._count += 1
+        if self._count % TOLD_EVERY == 0:
+            self._tell(self._count, max(self._count, _KNOWN[0]))
 
 
 def is_cached(*packages: Path) -> bool:
@@ -171,6 +201,8 @@ def _forget_old_generations(base: Path) -> None:
             shutil.rmtree(directory, ignore_errors=True)
 
 
+_KNOWN: Final = [0]
+"""Number of functions that this process has decorated."""
 _USED: Final[dict[Path, int]] = {}
 """Cache directories of this process, each with its lock, which is held until the process ends."""
 atexit.register(settle)

@@ -10,6 +10,7 @@ import sys
 import traceback
 import uuid
 from collections.abc import Callable, Generator
+from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
@@ -36,7 +37,7 @@ from daemon.system.sd_notify import Notifier
 from drives.bringup.bus_load import BusLoad, bus_load
 from drives.canopen.bus import Bus
 from drives.errors import BusError
-from observer.jit import is_cached
+from observer.jit import compiling, is_cached
 
 PART: Final = "core"
 
@@ -139,7 +140,8 @@ def _run(
     if not is_cached(_DAEMON):
         text = "compiling what a cycle computes, once on this machine: a minute or two"
         _log(log, text, INFORMATIONAL)
-    warm_up(build(settings, boot_id, state_file.persistent))
+    with compiling(partial(_tell_compiled, log)):
+        warm_up(build(settings, boot_id, state_file.persistent))
     if is_simulated:
         with contextlib.suppress(BusError):  # the loop retries if the server starts later
             bus.open_bus()
@@ -180,6 +182,10 @@ def _log(log: Journal, text: str, priority: int) -> None:
         return
     with contextlib.suppress(OSError):
         print(f"gaitd core: {text}", file=sys.stderr)
+
+
+def _tell_compiled(log: Journal, done: int, known: int) -> None:
+    _log(log, f"compiled {done} of about {known} functions", INFORMATIONAL)
 
 
 def bus_load_event(settings: Settings, built: Built) -> Event:

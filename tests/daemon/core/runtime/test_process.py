@@ -10,6 +10,7 @@ from config_files import CONFIGS
 from fresh_core import fresh
 from gaitd_names import Cause, EventCode
 from gaitd_toml import ConfigError
+from numba.core import event
 
 from daemon.core.runtime import process
 from daemon.core.runtime.loop_settings import ExitCode
@@ -22,6 +23,7 @@ from daemon.ipc.transport import RING_NAME, RingReader
 from daemon.preflight.load import load
 from drives.bringup.bus_load import bus_load
 from drives.errors import BusError
+from observer import jit
 
 SETTINGS = load(CONFIGS / "demo.toml")
 REFUSED = Event(EventCode.PRIORITY_REFUSED, values=(10, 0))
@@ -154,13 +156,13 @@ def load_event(world):
 def test_everything_is_built_and_warm_before_the_loop_begins(world):
     assert world.run() is ExitCode.ENDED
 
-    event = load_event(world)
+    loaded = load_event(world)
     assert world.calls == [
         *(("bus", False), "build", "build", "warm_up", "prepare"),
-        *((event_text(event), INFORMATIONAL), (event_text(REFUSED), WARNING)),
+        *((event_text(loaded), INFORMATIONAL), (event_text(REFUSED), WARNING)),
         *("begun", "run", "notifier closed"),
     ]
-    assert world.built.core.events == [event, REFUSED]
+    assert world.built.core.events == [loaded, REFUSED]
     header = RingReader(world.settings.runtime / RING_NAME).header
     assert (header.core_boot_id, header.start_utc_ns) == (world.boot_id, 123)
     assert len(world.boot_id) == 32
@@ -195,13 +197,25 @@ def test_in_simulated_time_the_bus_is_opened_first_and_no_priority_is_asked_for(
     assert (REFUSED in world.built.core.events) is is_prepared
 
 
-def test_a_first_start_says_that_it_compiles(world, capsys):
+def test_a_first_start_says_that_it_compiles_and_how_far_it_is(world, capsys, monkeypatch):
     world.cached = False
+
+    def warm_up(_built):
+        for _ in range(45):
+            with event.trigger_event("numba:compile"):
+                pass
+
+    monkeypatch.setattr(process, "warm_up", warm_up)
+    monkeypatch.setattr(jit, "_KNOWN", [30])
 
     world.run()
 
-    text = "compiling what a cycle computes, once on this machine: a minute or two"
-    assert world.calls[2] == (text, INFORMATIONAL)
+    assert world.calls[2:6] == [
+        ("compiling what a cycle computes, once on this machine: a minute or two", INFORMATIONAL),
+        "build",
+        ("compiled 20 of about 30 functions", INFORMATIONAL),
+        ("compiled 40 of about 40 functions", INFORMATIONAL),
+    ]
     assert capsys.readouterr().err == ""
 
 
