@@ -8,9 +8,9 @@ imports pytest. Its parts: `trainer.py` (virtual drives and service, and request
 of it.
 
 A test of another program imports this package and nothing else of gaitd: the names of `__all__` are
-imported when they are used, because pytest imports this package at each start. `Mode`, `Cause` and
-`Stage` are those of records, as `wait_for` takes them; messages have the names of `gaitd_client`.
-Patients who react to the gait are those of `gaitd_lab/patients.py`.
+imported when they are used, because pytest imports this package at each start. Records and messages
+have the same `Mode`, `Cause` and `Stage`. Patients who react to the gait are those of
+`gaitd_lab/patients.py`.
 """
 
 import importlib

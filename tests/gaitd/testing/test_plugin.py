@@ -54,7 +54,7 @@ def outsider(pytester, monkeypatch):
     return run
 
 
-PASSED = {"test_display.py": 3, "test_time.py": 2, "test_configured.py": 4}
+PASSED = {"test_display.py": 3, "test_time.py": 2, "test_configured.py": 4, "test_machines.py": 3}
 
 
 @pytest.mark.thorough
