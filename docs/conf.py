@@ -19,12 +19,13 @@ html_title = "gaitd"
 html_copy_source = html_show_sphinx = False
 myst_heading_anchors = 4  # as on GitHub
 
+INDICES = root_doc, "docs/evidence/README"
 LINK = re.compile(r"\]\((?!https?:)([^)#]+\.md)\)")
 
 
 def add_contents(_app: Sphinx, page: str, source: list[str]) -> None:
-    """Make the site's navigation of the links below each heading of docs/index.md."""
-    if page != root_doc:
+    """Make the site's navigation of the links below each heading of the two indices."""
+    if page not in INDICES:
         return
     for section in re.split(r"^## ", source[0], flags=re.MULTILINE)[1:]:
         heading = section.partition("\n")[0]
