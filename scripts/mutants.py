@@ -92,7 +92,9 @@ PRELOADED = (
 """Slow imports of the tests, without any module that imports a mutated one."""
 
 TEST_TIMEOUT_S = 60
-"""Limit for a test of a mutant that waits for ever."""
+"""Limit for a test of a mutant that waits for ever, while its usual time is not known."""
+TEST_TIMEOUT_RATIO, TEST_TIMEOUT_MIN_S = 10, 5
+"""Limit once it is known: so many times what the test takes without mutation, and not less."""
 CPU_LIMIT_S = 30
 """Limit for all tests of a mutant that loops for ever."""
 
@@ -355,6 +357,12 @@ class Run(NamedTuple):
     places: frozenset[Place]
     """Code of the file that it runs; what the test of a file caches is run by the first one."""
     cpu_s: float
+    elapsed_s: float
+
+    @property
+    def timeout_s(self) -> float:
+        """Limit for the test when a mutant makes it wait."""
+        return max(TEST_TIMEOUT_MIN_S, TEST_TIMEOUT_RATIO * self.elapsed_s)
 
 
 class _InForks:
@@ -405,9 +413,10 @@ class _AfterCollection(_InForks):
         """Measure one test, in the fork without mutation."""
         del item
         self._seen = set()
-        start_s = time.process_time()
+        start_s, cpu_start_s = time.monotonic(), time.process_time()
         result = yield
-        self._runs.append(Run(frozenset(self._seen), time.process_time() - start_s))
+        cpu_s, elapsed_s = time.process_time() - cpu_start_s, time.monotonic() - start_s
+        self._runs.append(Run(frozenset(self._seen), cpu_s, elapsed_s))
         return result
 
     @pytest.hookimpl(tryfirst=True)
@@ -426,6 +435,8 @@ class _AfterCollection(_InForks):
         if os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) != 0:
             return True
         self.fails_unmutated = False
+        for item, run in zip(items, runs, strict=True):
+            item.add_marker(pytest.mark.timeout(run.timeout_s), append=False)
         before = compile(SOURCES[self.file], self.path, "exec")
         functions: dict[Place, list[FunctionType]] = {}
         gc.unfreeze()  # `tests/conftest.py` has frozen them, and frozen objects are not listed

@@ -28,10 +28,10 @@ Rules:
 7.  Any other node that sends SYNC, or a heartbeat under the master's number, is another master: no
     drive is brought up beside it, and the check is repeated at the next try. The bus is listened
     to before anything is sent.
-8.  Where switching off was requested and a drive does not come up, or whatever but a lost bus ends
-    the bring-up before its last step, disable voltage is sent to all drives nevertheless: their
-    resets disabled their heartbeat monitoring, so nothing else would switch them off. A drive that
-    does not answer may still receive.
+8.  Where switching off was requested and a drive does not come up, or whatever else ends the
+    bring-up before its last step, disable voltage is sent to all drives nevertheless: their resets
+    disabled their heartbeat monitoring, so nothing else would switch them off. A drive that does
+    not answer may still receive, and a bus that did not take a frame may take the next one.
 """
 
 from bisect import bisect_right
@@ -69,7 +69,6 @@ from drives.cia402.units import DriveBase, base_from_raw
 from drives.errors import (
     BootFailure,
     BringUpRefused,
-    BusError,
     DrivePowered,
     DrivesError,
     DriveSilent,
@@ -182,9 +181,6 @@ def bring_up(
                 yield Progress(drive.name, text, done_count, total_count)
             done_count += 1
         leave_without_power = False
-    except BusError:
-        leave_without_power = False  # no frame reaches a drive
-        raise
     finally:
         if leave_without_power:
             _leave_without_power(drives, port)

@@ -69,7 +69,6 @@ class Drive:
     def __init__(self, description: DriveDescription, armed_ns: int) -> None:
         """Start from the end of bring-up, `armed_ns`, when the drive was last received."""
         profile = description.profile
-        self.description = description
         self.node_id = description.node_id
         self.heartbeat = HeartbeatWatch(armed_ns)
         self.emergencies = EmergencyLog(self.node_id, profile.emergency_codes)

@@ -468,7 +468,25 @@ def test_a_bring_up_that_is_given_up_between_two_steps_leaves_no_drive_with_powe
     assert words_of_power(bench) == [[0], [0]]
 
 
-def test_after_a_failure_of_the_bus_nothing_is_sent():
+def test_a_bus_that_once_takes_no_frames_ends_a_bring_up_and_leaves_no_drive_with_power():
+    bench = powered_bench()
+    send = bench.bus.send_urgent
+    steps = bring_up(bench.plans, bench.port, CYCLE, may_switch_off=True)
+    while next(steps).done_count < 2:
+        pass
+
+    def full(frames, *_):
+        bench.bus.send_urgent = send
+        return len(frames)
+
+    bench.bus.send_urgent = full
+    with pytest.raises(BusError, match="transmit queue"):
+        list(steps)
+
+    assert words_of_power(bench) == [[0], [0]]
+
+
+def test_after_the_controller_has_left_the_bus_nothing_is_sent():
     bench = Bench()
     bench.bus.put(Frame(0x040, bytes(8), is_error=True), 150 * MS)
 

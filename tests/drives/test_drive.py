@@ -71,6 +71,7 @@ def test_a_drive_that_has_sent_nothing_shows_nothing():
 
     shown = (feedback.statusword, feedback.mode_display, feedback.temperature_degc)
     assert shown == (0, 0, None)
+    assert (feedback.error_code, feedback.error_text) == (0, "")
     assert (feedback.position_counts, feedback.torque_raw) == (0, 0)
     assert feedback.sample_age_cycles == 0
     assert not feedback.rebooted
@@ -205,7 +206,11 @@ def test_a_warning_is_bit_7(word, warning):
     ],
 )
 def test_inputs_are_the_bits_of_the_axis_file_and_no_others(bits, inputs):
-    assert window(hip(), [status(), torque(inputs=bits)]).inputs == inputs
+    group = hip()
+
+    assert not group.feed([status(), torque(inputs=bits)], NOW)
+
+    assert group.end_of_window(1, NOW)[0].inputs == inputs
 
 
 def test_an_input_whose_name_holds_at_the_low_level_is_read_so():
@@ -223,7 +228,7 @@ def test_an_input_whose_name_holds_at_the_low_level_is_read_so():
 def test_noise_on_inputs_without_a_name_fills_no_memory():
     group = hip()
 
-    group.feed([torque(inputs=GOOD_INPUTS | 1 << bit) for bit in range(2, 16)], NOW)
+    group.feed([torque(inputs=GOOD_INPUTS | 1 << bit) for bit in range(18, 29)], NOW)
 
     assert len(group.drives[0]._decoded_inputs) == 1
 
@@ -245,6 +250,19 @@ def test_slow_values_come_when_they_come():
     assert feedback.temperature_degc == pytest.approx(41.5)
     assert feedback.late_count == 0
     assert (feedback.error_code, feedback.error_text) == (0x8611, "following error")
+
+
+def test_the_newest_error_code_is_told_whatever_the_temperature_is():
+    group = mapped()
+
+    for code, text in (
+        (0x8611, "following error"),
+        (0x3210, "DC link overvoltage"),
+        (0, "error reset or no error"),
+    ):
+        group.feed_between([Frame(0x385, struct.pack("<hH", 0, code))], NOW)
+        feedback = group.peek(NOW)[0]
+        assert (feedback.error_code, feedback.error_text) == (code, text)
 
 
 def test_an_error_code_that_an_emcy_has_told_is_told_no_more():
@@ -270,7 +288,7 @@ def test_slow_values_are_unknown_once_three_of_them_stayed_away_and_known_again_
 
     assert [one.temperature_degc is None for one in told] == [False] * 30 + [True] * 2
     assert [one.temperature_overdue for one in told] == [False] * 30 + [True] * 2
-    assert told[-1].error_code == 0
+    assert (told[-1].error_code, told[-1].error_text) == (0, "")
     # Of another length it tells nothing; and windows that were left out do not count.
     for data in (b"\1", bytes(8)):
         group.feed_between([slow._replace(data=data)], NOW)

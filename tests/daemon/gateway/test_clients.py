@@ -89,7 +89,7 @@ def test_a_query_that_acts_needs_a_name_of_the_register():
     for name in ("stop", "status", "config", "schema"):
         assert clients.role(name, "") is Role.DISPLAY
     for name in ("", "operator.desk"):
-        with pytest.raises(ClientRefusedError) as caught:
+        with pytest.raises(ClientRefusedError, match=r"^client_unnamed$") as caught:
             clients.role("enable", name)
         refusal = caught.value.refusal
         assert (refusal.code, refusal.values) == ("client_unnamed", {"request": "enable"})

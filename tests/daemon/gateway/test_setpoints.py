@@ -247,7 +247,7 @@ def test_leases_that_come_and_go_do_not_make_a_flood_of_events(steering):
 
 def test_what_the_core_refuses_is_told_too(steering, make_record):
     steering.receive_record(record_with(make_record, 2), 0)
-    counts = {SetpointRefusal.STALE: 3}
+    counts = {SetpointRefusal.STALE: 1}
 
     said = steering.receive_record(record_with(make_record, 3, refused_count=counts), 0)
 
@@ -393,6 +393,7 @@ def test_a_lease_is_granted_renewed_and_released_by_queries(steering):
 
     released = steering.decide(wire.ReleaseAsk(client="pusher", lease=1001), None, 500 * MS)
     assert (released.outcome, released.refusal, released.number) == (Outcome.DONE, None, None)
+    assert not released.renewed
     assert (steering.lease, steering.leases.holder) == (0, None)
 
 
@@ -438,18 +439,16 @@ def test_a_state_is_published_for_a_known_leg_of_the_holder_of_the_lease_alone(s
     def refusal(**wrong):
         asked = {"client": "pusher", "lease": number, "leg": "right", "values": {}} | wrong
         refused = steering.refuse_report(wire.ReportAsk(**asked))
-        return refused and refused.code
+        return refused and (refused.code, refused.said)
 
     number = LEASE
-    assert refusal() == "lease_not_held"
+    assert refusal() == ("lease_not_held", "")
 
     number = steering.decide(acquire(), Mode.HOLD, 0).number
     assert [refusal(leg=leg) for leg in LEGS] == [None, None]
-    assert refusal(leg="middle") == "unknown_leg"
-    assert (refusal(client="other"), refusal(lease=number + 1)) == (
-        "lease_taken",
-        "lease_number_wrong",
-    )
+    assert refusal(leg="middle") == ("unknown_leg", "right, left")
+    assert refusal(client="other") == ("lease_taken", "")
+    assert refusal(lease=number + 1) == ("lease_number_wrong", "")
 
 
 def test_setpoints_outlive_a_renewal_and_never_the_lease(steering):

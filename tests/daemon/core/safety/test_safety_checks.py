@@ -107,6 +107,7 @@ def test_a_stop_of_the_service_is_told_with_value_limit_and_unit_and_blames_no_d
 
 def test_an_error_of_the_bus_is_told_as_the_kernel_says_it():
     assert verdict_of(service=replace(WELL, bus_error="can0: gone")).said == "can0: gone"
+    assert verdict_of(service=replace(WELL, bus_off=True)).said == ""
 
 
 @pytest.mark.parametrize(
@@ -492,14 +493,14 @@ def test_an_effort_that_no_drive_gives_is_told_as_one_and_accuses_no_encoder():
     assert told(axes=[at_most])[0] == Cause.ENCODER_FROZEN
 
 
-@pytest.mark.parametrize(("cycles", "found"), [(49, False), (50, True)])
+@pytest.mark.parametrize(("cycles", "found"), [(49, False), (50, True), (51, True)])
 def test_an_effort_that_stays_the_same_in_half_a_second_of_motion_is_not_measured(cycles, found):
     same = replace(AXIS, watch=replace(AXIS.watch, unchanged_cycles=cycles))
 
     assert (verdict_of(axes=[same]) != NO_VERDICT) is found
     if found:
         assert told(axes=[same]) == (
-            *(Cause.EFFORT_DEVIATION, "right/hip", 50.0, 50.0),
+            *(Cause.EFFORT_DEVIATION, "right/hip", cycles, 50.0),
             Finding.EFFORT_UNCHANGED,
         )
 
@@ -525,8 +526,8 @@ def test_a_drive_whose_own_loops_hold_a_joint_away_from_its_target_does_not_foll
         *(Cause.NOT_FOLLOWING, "right/hip", 1.01 * HOLD_SI, HOLD_SI),
         Finding.HELD_AWAY,
     )
-    assert verdict_of(axes=[replace(HELD, loop_distance_si=HOLD_SI)]) == NO_VERDICT
-    assert verdict_of(axes=[replace(HELD, loop_distance_si=math.inf)]) == NO_VERDICT
+    for distance_si in (0.0, HOLD_SI, float("inf")):
+        assert verdict_of(axes=[replace(HELD, loop_distance_si=distance_si)]) == NO_VERDICT
     moving = replace(away, held=False, tracking_si=0.0)
     assert verdict_of(axes=[moving]) == NO_VERDICT
 
