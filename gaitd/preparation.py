@@ -14,6 +14,7 @@ from typing import Annotated, Final
 import msgspec
 import typer
 from gaitd_client import ClientError, Mode, Target
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from analysis.acceptance.record import (
@@ -33,9 +34,6 @@ from gaitd.commissioning.remote_service import RemoteService
 from gaitd.commissioning.run import Operator, Run
 from gaitd.language import texts
 from gaitd.remote import (
-    EXIT_DONE,
-    EXIT_NO_ANSWER,
-    EXIT_REFUSED,
     ConfigOption,
     CredentialsOption,
     EndpointOption,
@@ -194,7 +192,7 @@ def _report(
         if blocked is not None:
             print(f"{texts().text('record.not_complete')}: {_told(blocked)}")
     failed = any(one.judgement is Judgement.FAILED for one in records.values())
-    return EXIT_REFUSED if failed or blocked else EXIT_DONE
+    return ExitCode.FAILED if failed or blocked else ExitCode.DONE
 
 
 def _print_record(record: AcceptanceRecord, path: Path) -> None:
@@ -224,7 +222,7 @@ def self_test(
     run = _played(target, "self-test", Mode.SELF_TEST, "", as_json=as_json)
     code = _result("self-test", run, {"passed": run.is_good}, as_json=as_json)
     if not as_json:
-        print(texts().text(f"self_test.{'passed' if code == EXIT_DONE else 'not_passed'}"))
+        print(texts().text(f"self_test.{'passed' if code == ExitCode.DONE else 'not_passed'}"))
     raise typer.Exit(code)
 
 
@@ -276,14 +274,14 @@ def _result(command: str, run: Run, known: Mapping[str, object], *, as_json: boo
     if why is not None and why.code is ReasonCode.REFUSED and reply is not None:
         return report_reply(reply, as_json=as_json, known=known)
     is_late = why is not None and why.code is ReasonCode.NOT_IN_TIME and bool(run.tasks[0].axis)
-    code = EXIT_DONE if run.is_good else EXIT_NO_ANSWER if is_late else EXIT_REFUSED
+    code = ExitCode.DONE if run.is_good else ExitCode.UNAVAILABLE if is_late else ExitCode.FAILED
     if as_json:
         error = CommandError("not passed" if why is None else why.code, code)
         document = {
             **known,
             "findings": msgspec.to_builtins(run.findings),
             "reason": msgspec.to_builtins(why),
-            **({} if code == EXIT_DONE else failure(error, command)),
+            **({} if code == ExitCode.DONE else failure(error, command)),
         }
         print(json_text(document))
         return code

@@ -25,15 +25,12 @@ from gaitd_client import (
 )
 from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
 from gaitd_client.trainer import NOT_STOPPED, STOP
+from gaitd_names import ExitCode
 from gaitd_texts import Catalogue, Reader, catalogue
 from gaitd_toml import ConfigError
 
 from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text, with_config
 from gaitd.language import texts
-
-EXIT_DONE: Final = 0
-EXIT_REFUSED: Final = 1
-EXIT_NO_ANSWER: Final = 4
 
 EXAMPLE: Final = {"cadence_hz": 0.25, "amplitude_ratio": 1.0, "duration_s": 60.0}
 """What a command that is named has for what the request left out."""
@@ -143,11 +140,11 @@ def report_reply(
     Returns: the exit code.
     """
     # A later version of the service may send another outcome.
-    codes: dict[str, int] = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
-    code = codes.get(reply.outcome, EXIT_NO_ANSWER)
+    codes: dict[str, int] = {Outcome.DONE: ExitCode.DONE, Outcome.REFUSED: ExitCode.FAILED}
+    code = codes.get(reply.outcome, ExitCode.UNAVAILABLE)
     if as_json:
         document = {**known, **msgspec.to_builtins(reply)}
-        if code != EXIT_DONE:
+        if code != ExitCode.DONE:
             why = reply.refusal.code if reply.refusal else reply.outcome
             following = next_command(reply, catalogue(Reader.OPERATOR, "en"), arguments)
             document |= failure(CommandError(why, code, following=following), reply.request)
@@ -197,9 +194,9 @@ def report_silence(name: str, trouble: str, *, as_json: bool) -> int:
     """
     if as_json:
         run = with_config("gaitd run") or "gaitd run --help"
-        silent = CommandError(trouble, EXIT_NO_ANSWER, blame="service", following=run)
+        silent = CommandError(trouble, ExitCode.UNAVAILABLE, blame="service", following=run)
         known = {"request": name, "outcome": "unanswered", "reason": trouble}
         print(json_text(known | failure(silent, name)))
     else:
         print(f"{name}: {trouble}", file=sys.stderr)
-    return EXIT_NO_ANSWER
+    return ExitCode.UNAVAILABLE

@@ -6,13 +6,12 @@ from typing import Final
 
 import typer
 from gaitd_client import Cause, ClientError, wire
+from gaitd_names import ExitCode
 from gaitd_texts import Catalogue
 
 from gaitd.command_line import JsonOption
 from gaitd.language import texts
 from gaitd.remote import (
-    EXIT_DONE,
-    EXIT_NO_ANSWER,
     ConfigOption,
     CredentialsOption,
     EndpointOption,
@@ -41,7 +40,7 @@ def command(
     except ClientError as error:
         raise typer.Exit(report_silence("status", str(error), as_json=as_json)) from error
     print(as_json_text(message) if as_json else "\n".join(lines(message, texts())))
-    raise typer.Exit(EXIT_DONE if message.safety.valid else EXIT_NO_ANSWER)
+    raise typer.Exit(ExitCode.DONE if message.safety.valid else ExitCode.UNAVAILABLE)
 
 
 def lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:

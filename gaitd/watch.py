@@ -11,11 +11,11 @@ from typing import Annotated, Any, Final
 
 import typer
 from gaitd_client import ClientError, NotValid, Stream, Trainer
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, ConfigError
 
 from gaitd.command_line import JsonLinesOption
 from gaitd.remote import (
-    EXIT_NO_ANSWER,
     ConfigOption,
     CredentialsOption,
     EndpointOption,
@@ -96,4 +96,4 @@ def _print(stream: Stream[Any], count: int) -> None:
             print(f"not valid: {message.text}", file=sys.stderr, flush=True)
         if count and printed_count >= count:
             return
-    raise typer.Exit(EXIT_NO_ANSWER)
+    raise typer.Exit(ExitCode.UNAVAILABLE)

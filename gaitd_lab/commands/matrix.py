@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from gaitd_names import ExitCode
 
-from gaitd.command_line import EXIT_FAILED, JsonOption, json_text
+from gaitd.command_line import JsonOption, json_text
 from gaitd.terminal import progress, show
 from gaitd_lab.commands.demo_file import DemoFile, demo_file
 
@@ -52,7 +53,7 @@ def command(
     for one, reasons in bad:
         print(f"{again(one)}: {'; '.join(reasons)}", file=sys.stderr)
     print(f"{len(results)} cells, {len(bad)} of them break a law", file=sys.stderr)
-    raise typer.Exit(EXIT_FAILED if bad else 0)
+    raise typer.Exit(ExitCode.FAILED if bad else 0)
 
 
 SHOWN_MAX = 200

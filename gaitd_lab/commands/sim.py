@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from gaitd.command_line import (
-    EXIT_FAILED,
     CommandError,
     ConfigFile,
     JsonLinesOption,
@@ -25,7 +25,6 @@ from gaitd.command_line import (
     with_config,
 )
 
-EXIT_NO_ANSWER: Final = 4
 ANSWERED_WITHIN_S: Final = 10.0
 
 
@@ -137,11 +136,11 @@ def _answer(config: Path, control: Path | None, line: str) -> str:
 def _no_answer(error: Exception) -> CommandError:
     text = f"the virtual drives do not answer: {error}"
     following = with_config("gaitd sim")
-    return CommandError(text, EXIT_NO_ANSWER, blame="virtual drives", following=following)
+    return CommandError(text, ExitCode.UNAVAILABLE, blame="virtual drives", following=following)
 
 
 def _refused(text: str) -> CommandError:
-    return CommandError(text, EXIT_FAILED, blame="LINE", following="gaitd sim inject help")
+    return CommandError(text, ExitCode.FAILED, blame="LINE", following="gaitd sim inject help")
 
 
 def _command_on_channel(config: Path, line: str) -> str:
