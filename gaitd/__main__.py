@@ -50,6 +50,7 @@ COMMANDS: Final = {
     "keys": ("keys", SERVICE, "Clients that may connect: issue, list, renew, revoke."),
     "schema": ("schema", SERVICE, "The JSON Schema of a message."),
     "status": ("status", OPERATOR, "The state of a running service."),
+    "explain": ("explain", OPERATOR, "A stop, a refusal or an event: meaning and remedy."),
     "watch": ("watch", OPERATOR, "Messages of one key, as they come."),
     "stop": ("control", OPERATOR, "Stop now."),
     "enable": ("control", OPERATOR, "Let a running service enable its drives."),

@@ -42,7 +42,7 @@ RUN: Final = {
     r"gaitd stop": Run(Mode.HOLD),
     r"gaitd reset": Run(Mode.FAULT),
     r"gaitd blackbox .*": Run(None, takes_time=False),
-    r"gaitd schema .*": Run(None, takes_time=False),
+    r"gaitd (schema|explain) .*": Run(None, takes_time=False),
     r"gaitd watch .* --count 1 .*": Run(None),
 }
 """Commands that are run, by what they look like."""
