@@ -8,7 +8,7 @@ import math
 import os
 import shlex
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import fields, is_dataclass
 from datetime import date
@@ -144,6 +144,25 @@ def _plain(value: object) -> object:
         case _:
             # An array or a number of numpy, which no other command imports for this.
             return _plain(cast("Any", value).tolist())
+
+
+def full_name(word: str, known: Iterable[str], argument: str) -> str:
+    """Return the one known name that a word means, as `hip` means right/hip where it is unique.
+
+    Args:
+        word: a name, or its end.
+        known: names whose parts are separated by `/`.
+        argument: of the command line, for the error.
+
+    Returns: the name; the word itself if it is the end of none.
+
+    Raises:
+        ConfigError: it is the end of several.
+    """
+    found = [name for name in known if f"/{name}".endswith(f"/{word}")]
+    if len(found) > 1:
+        raise ConfigError(COMMAND_LINE, argument, word, f"one of {', '.join(found)}")
+    return found[0] if found else word
 
 
 def robot_file(robot: Path | None, shipped: str) -> Path:

@@ -31,7 +31,8 @@ from drives.service.eds import load_eds
 from drives.service.object_texts import ObjectWords
 from drives.service.parameters import Command
 from drives.service.scan import listen
-from gaitd.command_line import CommandError, ConfigFile, JsonOption, with_config
+from gaitd.command_line import CommandError, ConfigFile, JsonOption, full_name, with_config
+from gaitd.completion import axes
 from gaitd.terminal import run_with_progress, show
 
 if TYPE_CHECKING:
@@ -118,7 +119,12 @@ class Drive(NamedTuple):
 
 
 def command(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="right/hip, or a node id")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME", help="right/hip, hip if unique, or a node id", autocompletion=axes
+        ),
+    ],
     action: Annotated[Action, typer.Argument(help="what to do with it", show_choices=True)],
     config: ConfigFile,
     output: Annotated[
@@ -147,6 +153,7 @@ def command(
     options = Options(output, against, eds, everything, json, yes, reset)
     refuse_other_options(options, action)
     settings = read_all(config)
+    name = full_name(name, [drive.name for drive in settings.drives], "NAME")
     plan = plan_of(name, settings)
     try:
         with opened(bus_of(settings.file)) as (bus, clock):

@@ -7,7 +7,7 @@ something wrong or was not completed.
 """
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -26,12 +26,20 @@ from analysis.acceptance.record import (
     read,
 )
 from analysis.acceptance.words import finding_texts, reason_text
-from gaitd.command_line import CommandError, JsonOption, errors_in_one_line, failure, json_text
+from gaitd.command_line import (
+    CommandError,
+    JsonOption,
+    errors_in_one_line,
+    failure,
+    full_name,
+    json_text,
+)
 from gaitd.commissioning.plans import Gait, one_axis
 from gaitd.commissioning.plans import self_test as self_test_plan
 from gaitd.commissioning.procedure import may_move
 from gaitd.commissioning.remote_service import RemoteService
 from gaitd.commissioning.run import Operator, Run
+from gaitd.completion import axes
 from gaitd.language import texts
 from gaitd.remote import (
     ConfigOption,
@@ -47,7 +55,12 @@ from gaitd.remote import (
 
 GAIT_CADENCE_HZ: Final = 0.25
 AxisName = Annotated[
-    str, typer.Argument(metavar="AXIS", help="LEG/AXIS, for example right/hip, or hip if unique")
+    str,
+    typer.Argument(
+        metavar="AXIS",
+        help="LEG/AXIS, for example right/hip, or hip if unique",
+        autocompletion=axes,
+    ),
 ]
 
 
@@ -75,7 +88,11 @@ def reference(
 def commission(
     axis: Annotated[
         str | None,
-        typer.Argument(metavar="[AXIS]", help="LEG/AXIS, for example right/hip; not with --report"),
+        typer.Argument(
+            metavar="[AXIS]",
+            help="LEG/AXIS, for example right/hip, or hip if unique; not with --report",
+            autocompletion=axes,
+        ),
     ] = None,
     witnessed: Annotated[
         bool,
@@ -229,12 +246,6 @@ def self_test(
 # --- one run --------------------------------------------------------------------------------------
 
 
-def axis_named(name: str, known: Iterable[str]) -> str:
-    """LEG/AXIS of an axis that is named without its leg; the name itself if it is not unique."""
-    found = [one for one in known if one.rpartition("/")[2] == name]
-    return found[0] if len(found) == 1 else name
-
-
 def _played(
     target: Target,
     command: str,
@@ -257,7 +268,7 @@ def _played(
                 tasks = self_test_plan()
             else:
                 known = () if "/" in axis else trainer.configuration().drive_names
-                tasks = one_axis(mode, axis_named(axis, known))
+                tasks = one_axis(mode, full_name(axis, known, "AXIS"))
             run = Run(tasks, RemoteService(trainer), operator)
             run.play()
     except ClientError as error:

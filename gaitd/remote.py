@@ -6,10 +6,12 @@ service did not report the outcome of the request in time.
 
 import re
 import sys
-from collections.abc import Mapping
+import threading
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import msgspec
 import typer
@@ -19,6 +21,7 @@ from gaitd_client import (
     NoServiceError,
     Outcome,
     Reply,
+    Stream,
     Target,
     Trainer,
     read_credentials,
@@ -58,6 +61,34 @@ CredentialsOption = Annotated[
         " --endpoint and --trainer.",
     ),
 ]
+TimeoutOption = Annotated[
+    float | None,
+    typer.Option(min=0.0, help="End after so many seconds, with exit code 5; without it never."),
+]
+
+
+@contextmanager
+def closed_after(stream: Stream[Any], timeout_s: float | None) -> Generator[threading.Event]:
+    """Close a stream after a time of the computer; the event that is yielded tells that it was.
+
+    Args:
+        stream: what waits for its messages then ends.
+        timeout_s: None: never.
+    """
+    is_over = threading.Event()
+
+    def close() -> None:
+        is_over.set()
+        stream.close()
+
+    timer = threading.Timer(0.0 if timeout_s is None else timeout_s, close)
+    timer.daemon = True
+    if timeout_s is not None:
+        timer.start()
+    try:
+        yield is_over
+    finally:
+        timer.cancel()
 
 
 def find_target(

@@ -45,7 +45,7 @@ def command(
 
 def lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:
     """Format the screen, line by line."""
-    yield from _safety_lines(message, texts)
+    yield from safety_lines(message.safety, texts)
     for drive in message.drives:
         yield _line(texts.subject(drive.name), ", ".join(_drive_words(drive, texts)))
     for leg in message.legs:
@@ -83,8 +83,9 @@ def _drive_words(drive: wire.DriveState, texts: Catalogue) -> Iterator[str]:
         yield texts.text("status.emcy", emcy_code=drive.emergency_code, said=drive.emergency_text)
 
 
-def _safety_lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:
-    safety, progress = message.safety, texts.progress(message.safety.progress)
+def safety_lines(safety: wire.Safety, texts: Catalogue) -> Iterator[str]:
+    """Format mode, lease and stop, line by line."""
+    progress = texts.progress(safety.progress)
     label = texts.text("status.mode")
     if not safety.valid or safety.verdict is None:
         yield _line(label, progress or texts.text("status.no_records"))

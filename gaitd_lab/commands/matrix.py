@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from gaitd_names import ExitCode
 
-from gaitd.command_line import JsonOption, json_text
+from gaitd.command_line import JsonOption, full_name, json_text
+from gaitd.completion import axes
 from gaitd.terminal import progress, show
 from gaitd_lab.commands.demo_file import DemoFile, demo_file
 
@@ -24,7 +25,9 @@ def command(
         list[str] | None, typer.Option(help="only this row, or a pair as A+B@3; more than once")
     ] = None,
     mode: Annotated[list[str] | None, typer.Option(help="only this column; more than once")] = None,
-    axis: Annotated[str, typer.Option(help="only this axis: right/hip or right/slide")] = "",
+    axis: Annotated[
+        str, typer.Option(help="only this axis: right/hip or right/slide", autocompletion=axes)
+    ] = "",
     seed: Annotated[int, typer.Option(min=0, help="of all that is random")] = 1,
     output: Annotated[
         Path | None,
@@ -37,7 +40,9 @@ def command(
     from gaitd_lab.fault_matrix.evaluation import broken
     from gaitd_lab.fault_matrix.page import command as again
     from gaitd_lab.fault_matrix.run import cells
+    from gaitd_lab.fault_matrix.watch import AXES
 
+    axis = full_name(axis, AXES, "--axis") if axis else ""
     _check_names(fault or [], mode or [], axis)
     wanted = cells(fault or (), mode or (), axis)
     if output is not None and wanted != cells():

@@ -15,12 +15,14 @@ from typing import Annotated, Final
 
 import typer
 from gaitd_names import ExitCode
+from gaitd_names.joints import JOINTS
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from gaitd.command_line import (
     CommandError,
     ConfigFile,
     JsonLinesOption,
+    full_name,
     json_on_stdout,
     with_config,
 )
@@ -87,7 +89,9 @@ def command(
 
     line = " ".join(words or ())
     if action is not Action.RUN:
-        sent = line if action is Action.INJECT else f"patient {line}".strip()
+        sent = f"patient {line}".strip()
+        if action is Action.INJECT:
+            sent = " ".join(_full(word, config) for word in words or ())
         with json_on_stdout(as_json) as write:
             answer = _answer(config, control, sent)
             print(answer)
@@ -105,7 +109,7 @@ def command(
         wall_clock=wall_clock,
         hold=hold,
         no_drives=no_drives,
-        without=tuple(without or ()),
+        without=tuple(_full(name, config) for name in without or ()),
     )
     with json_on_stdout(as_json) as write:
 
@@ -116,6 +120,15 @@ def command(
         code = run(load_trainer(config), options, said)
         write({"event": "ended", "exit_code": code})
     raise typer.Exit(code)
+
+
+def _full(word: str, config: Path) -> str:
+    """Return LEG/AXIS of an axis that is named without its leg; another word is left as it is."""
+    from daemon.config.trainer import drive_names, load_trainer
+
+    if word not in JOINTS:
+        return word
+    return full_name(word, drive_names(load_trainer(config).trainer), "AXIS")
 
 
 def _answer(config: Path, control: Path | None, line: str) -> str:

@@ -215,13 +215,6 @@ def test_an_axis_that_did_not_do_as_it_should_is_reported_with_its_event(run, co
     assert service.asked == ["mode"]
 
 
-def test_a_joint_of_two_legs_is_not_chosen_for_the_operator():
-    known = ("right/hip", "right/slide", "left/hip")
-
-    assert preparation.axis_named("slide", known) == "right/slide"
-    assert preparation.axis_named("hip", known) == "hip"
-
-
 def test_nothing_is_announced_before_a_request_is_accepted(run):
     ran = run(Service(Mode.READY), "commission", "right/hip")
 
