@@ -141,7 +141,7 @@ def command(
         if picture:
             print(f"picture: {picture}")
         write({"passed": passed, **as_object(results, trained), "picture": picture})
-    raise typer.Exit(0 if passed else 1)
+    raise typer.Exit(ExitCode.DONE if passed else ExitCode.FAILED)
 
 
 def _refuse(
