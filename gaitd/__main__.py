@@ -12,16 +12,18 @@ import importlib
 import os
 import sys
 from collections.abc import Callable
-from importlib.metadata import entry_points, version
-from typing import Annotated, Any, Final, cast
+from importlib.metadata import entry_points
+from typing import Any, Final, cast
 
 import typer
+from gaitd_names import ExitCode
+from gaitd_program import parser
 from gaitd_toml import ConfigError
 from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 from gaitd import language
-from gaitd.command_line import EXIT_REFUSED, JSON, CommandError, failure, json_text
+from gaitd.command_line import JSON, CommandError, failure, json_text
 
 TOOLS: Final = "pip install ./clients/python '.[tools]'"
 RECORDER: Final = "pip install ./clients/python '.[record]' ./clients/record"
@@ -47,8 +49,10 @@ COMMANDS: Final = {
     "doctor": ("doctor", SERVICE, "What this machine can and cannot do for gaitd."),
     "keys": ("keys", SERVICE, "Clients that may connect: issue, list, renew, revoke."),
     "schema": ("schema", SERVICE, "The JSON Schema of a message."),
+    "explain": ("explain", SERVICE, "A stop, a refusal or an event: meaning and remedy."),
     "status": ("status", OPERATOR, "The state of a running service."),
     "watch": ("watch", OPERATOR, "Messages of one key, as they come."),
+    "wait": ("wait", OPERATOR, "Wait until the service is in a mode; for scripts."),
     "stop": ("control", OPERATOR, "Stop now."),
     "enable": ("control", OPERATOR, "Let a running service enable its drives."),
     "disable": ("control", OPERATOR, "Stop in an orderly way and switch the drives off."),
@@ -93,14 +97,7 @@ def commands_for(chosen: str | None) -> dict[str, tuple[str, str, str]]:
 
 def build(chosen: str | None) -> typer.Typer:
     """Build the command line; only the chosen command is imported, the others are stubs."""
-    app = typer.Typer(
-        cls=_Group,
-        no_args_is_help=True,
-        context_settings={"help_option_names": ["-h", "--help"]},
-        pretty_exceptions_enable=False,
-        help="Drive service of a home gait trainer.",
-    )
-    app.callback()(_common)
+    app = parser("gaitd", "Drive service of a home gait trainer.", _Group)
     for name, (module, group, line) in commands_for(chosen).items():
         run = _function(module, name) if name == chosen else _not_chosen
         app.command(name, short_help=line, rich_help_panel=group)(run)
@@ -124,7 +121,7 @@ def main() -> None:
     except TyperException as error:
         text = error.format_message()
         help_line = f"gaitd {chosen} --help" if chosen else "gaitd --help"
-        usage = CommandError(text, EXIT_REFUSED, blame="command line", following=help_line)
+        usage = CommandError(text, ExitCode.USAGE, blame="command line", following=help_line)
         code = _fail(text, failure(usage, chosen or ""), as_json=as_json)
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
@@ -132,7 +129,7 @@ def main() -> None:
             raise
         remedy = REMEDIES[package]
         text = f"gaitd {chosen} needs {package}: {remedy} in a clone of gaitd"
-        lacking = CommandError(text, EXIT_REFUSED, blame=package, following=remedy)
+        lacking = CommandError(text, ExitCode.USAGE, blame=package, following=remedy)
         code = _fail(text, failure(lacking, chosen or ""), as_json=as_json)
     sys.exit(code or 0)
 
@@ -170,7 +167,7 @@ def _refuse_unknown(chosen: str | None) -> None:
         f"gaitd has no command {chosen}; those of the laboratory are in {LABORATORY}, which is"
         f" not installed: {LABORATORY_BY}"
     )
-    raise CommandError(text, EXIT_REFUSED, blame=LABORATORY, following="gaitd --help")
+    raise CommandError(text, ExitCode.USAGE, blame=LABORATORY, following="gaitd --help")
 
 
 def _fail(text: str, document: dict[str, object], *, as_json: bool) -> int:
@@ -193,23 +190,6 @@ def _function(module: str, name: str) -> Callable[..., None]:
 
 def _not_chosen() -> None:
     raise AssertionError("typer runs only the command that was chosen")
-
-
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        print(f"gaitd {version('gaitd')}")
-        raise typer.Exit
-
-
-def _common(
-    version: Annotated[
-        bool,
-        typer.Option(
-            "--version", help="Print the version.", callback=_print_version, is_eager=True
-        ),
-    ] = False,
-) -> None:
-    pass
 
 
 if __name__ == "__main__":

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, ConfigError
 
 from gaitd.command_line import (
-    EXIT_FAILED,
     CommandError,
     JsonOption,
     errors_in_one_line,
@@ -94,7 +94,7 @@ def _check(recorded: list[Path], robot_file: Path, write: Callable[[object], Non
     print(found)
     write({"passed": found.well, "mechanism": str(found), "check": found})
     if not found.well:
-        raise typer.Exit(EXIT_FAILED)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _calibrate(
@@ -140,7 +140,7 @@ def _calibrate(
         print(f"page         {write_page(made, robot_file.name, page)}")
     if made.refused and not accept:
         blame = recorded[0].name
-        raise CommandError(f"nothing written: {made.refused}", EXIT_FAILED, blame=blame)
+        raise CommandError(f"nothing written: {made.refused}", ExitCode.FAILED, blame=blame)
     if made.needless:
         print(f"nothing written: keep {robot_file}; {made.needless}")
     else:

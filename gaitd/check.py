@@ -4,12 +4,11 @@ import sys
 from typing import Annotated
 
 import typer
+from gaitd_names import ExitCode
 
 from gaitd.command_line import ConfigFile, JsonOption, failure
 from gaitd.language import texts
 from gaitd.terminal import show
-
-EXIT_REFUSED = 2
 
 
 def command(
@@ -50,4 +49,4 @@ def command(
     if not json:
         print(line)
     if errors:
-        raise typer.Exit(EXIT_REFUSED)
+        raise typer.Exit(ExitCode.USAGE)

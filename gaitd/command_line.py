@@ -8,7 +8,7 @@ import math
 import os
 import shlex
 import sys
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import contextmanager, nullcontext, redirect_stdout
 from dataclasses import fields, is_dataclass
 from datetime import date
@@ -18,13 +18,11 @@ from pathlib import Path
 from typing import Annotated, Any, Final, cast
 
 import typer
+from gaitd_names import ExitCode
+from gaitd_program import CommandError
 from gaitd_toml import COMMAND_LINE, ConfigError
 
 from daemon.config.shipped import configs_folder
-
-EXIT_FAILED: Final = 1
-EXIT_REFUSED: Final = 2
-"""Usage, configuration, or a file that cannot be read or written."""
 
 CONFIG_VARIABLE: Final = "GAITD_CONFIG"
 """Environment variable in place of --config."""
@@ -48,17 +46,8 @@ JsonLinesOption = Annotated[
 ]
 
 
-class CommandError(Exception):
-    """The command ends without its result: one line on stderr, a JSON document with --json."""
-
-    def __init__(self, text: str, code: int, *, blame: str = "", following: str = "") -> None:
-        """`blame` is the file, option or part at fault, `following` the command to give next."""
-        self.code, self.blame, self.following = code, blame, following
-        super().__init__(text)
-
-
 @contextmanager
-def errors_in_one_line(*errors: type[Exception], code: int = EXIT_REFUSED) -> Generator[None]:
+def errors_in_one_line(*errors: type[Exception], code: int = ExitCode.USAGE) -> Generator[None]:
     """End the command with `code` for `errors`, with 2 for an unusable file.
 
     Raises:
@@ -72,7 +61,7 @@ def errors_in_one_line(*errors: type[Exception], code: int = EXIT_REFUSED) -> Ge
         raise  # the reader of the output has ended; the command line then ends quietly
     except OSError as error:
         file = str(error.filename)
-        raise CommandError(f"{file}: {error.strerror}", EXIT_REFUSED, blame=file) from error
+        raise CommandError(f"{file}: {error.strerror}", ExitCode.USAGE, blame=file) from error
 
 
 @contextmanager
@@ -120,7 +109,7 @@ def failure(error: CommandError | ConfigError, command: str) -> dict[str, object
         "error": str(error),
         "blame": f"{error.file}: {error.key}" if error.key else error.file,
         "next": following,
-        "exit_code": EXIT_REFUSED,
+        "exit_code": ExitCode.USAGE,
         "errors": all_of_it,
     }
 
@@ -155,6 +144,25 @@ def _plain(value: object) -> object:
         case _:
             # An array or a number of numpy, which no other command imports for this.
             return _plain(cast("Any", value).tolist())
+
+
+def full_name(word: str, known: Iterable[str], argument: str) -> str:
+    """Return the one known name that a word means, as `hip` means right/hip where it is unique.
+
+    Args:
+        word: a name, or its end.
+        known: names whose parts are separated by `/`.
+        argument: of the command line, for the error.
+
+    Returns: the name; the word itself if it is the end of none.
+
+    Raises:
+        ConfigError: it is the end of several.
+    """
+    found = [name for name in known if f"/{name}".endswith(f"/{word}")]
+    if len(found) > 1:
+        raise ConfigError(COMMAND_LINE, argument, word, f"one of {', '.join(found)}")
+    return found[0] if found else word
 
 
 def robot_file(robot: Path | None, shipped: str) -> Path:

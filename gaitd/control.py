@@ -8,6 +8,7 @@ import typer
 from gaitd_client import Mode
 
 from gaitd.command_line import JsonOption
+from gaitd.completion import scenarios
 from gaitd.remote import (
     ConfigOption,
     CredentialsOption,
@@ -66,7 +67,10 @@ def mode(
     cadence: Annotated[float, typer.Option(help="Strides per second, for gait.")] = 0.0,
     amplitude: Annotated[float, typer.Option(help="0 to 1 of the full gait, for gait.")] = 0.0,
     duration: Annotated[float, typer.Option(help="Seconds, for gait and excite.")] = 0.0,
-    scenario: Annotated[str, typer.Option(help="Name in the configuration, for excite.")] = "",
+    scenario: Annotated[
+        str,
+        typer.Option(help="Name in the configuration, for excite.", autocompletion=scenarios),
+    ] = "",
     baseline: Annotated[
         bool,
         typer.Option(

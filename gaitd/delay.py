@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from gaitd_names import ExitCode
 
 from gaitd.command_line import (
-    EXIT_FAILED,
     JsonOption,
     Recorded,
     errors_in_one_line,
@@ -50,4 +50,4 @@ def command(
         found = [{**one._asdict(), "known": one.known} for one in delays]
         write({"robot": name, "delays": found, "advice": advice(delays)})
     if not any(one.known for one in delays):
-        raise typer.Exit(EXIT_FAILED)
+        raise typer.Exit(ExitCode.FAILED)

@@ -6,6 +6,7 @@ from typing import Final
 
 import typer
 from gaitd_client import ClientError, Target
+from gaitd_names import ExitCode
 
 from daemon.system.machine.checks import findings
 from daemon.system.machine.finding import Finding, Grade
@@ -41,7 +42,7 @@ def command(
     else:
         _print(found)
     if any(finding.grade is Grade.BROKEN for finding in found):
-        raise typer.Exit(1)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _links(target: Target) -> Iterator[Finding]:

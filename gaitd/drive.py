@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
 
 import typer
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from daemon.system.bus_choice import bus_of, opened
@@ -30,7 +31,8 @@ from drives.service.eds import load_eds
 from drives.service.object_texts import ObjectWords
 from drives.service.parameters import Command
 from drives.service.scan import listen
-from gaitd.command_line import EXIT_FAILED, CommandError, ConfigFile, JsonOption, with_config
+from gaitd.command_line import CommandError, ConfigFile, JsonOption, full_name, with_config
+from gaitd.completion import axes
 from gaitd.terminal import run_with_progress, show
 
 if TYPE_CHECKING:
@@ -38,8 +40,6 @@ if TYPE_CHECKING:
     from drives.canopen.bus import Clock
     from drives.canopen.data_sheet import DataSheet
 
-EXIT_DRIVE: Final = 3
-"""The drive or the bus is not in the required state."""
 LISTEN_NS: Final = 500_000_000
 """Time to listen for another master or SDO client before anything is read or written."""
 RECHECK_NS: Final = 300_000_000
@@ -119,7 +119,12 @@ class Drive(NamedTuple):
 
 
 def command(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="right/hip, or a node id")],
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME", help="right/hip, hip if unique, or a node id", autocompletion=axes
+        ),
+    ],
     action: Annotated[Action, typer.Argument(help="what to do with it", show_choices=True)],
     config: ConfigFile,
     output: Annotated[
@@ -148,6 +153,7 @@ def command(
     options = Options(output, against, eds, everything, json, yes, reset)
     refuse_other_options(options, action)
     settings = read_all(config)
+    name = full_name(name, [drive.name for drive in settings.drives], "NAME")
     plan = plan_of(name, settings)
     try:
         with opened(bus_of(settings.file)) as (bus, clock):
@@ -163,7 +169,7 @@ def command(
                 code = _read(drive, action, options)
     except (BringUpRefused, BusError, DriveSilent) as error:
         scan = with_config("gaitd scan")
-        raise CommandError(str(error), EXIT_DRIVE, blame=name, following=scan) from error
+        raise CommandError(str(error), ExitCode.DRIVE, blame=name, following=scan) from error
     raise typer.Exit(code)
 
 
@@ -251,7 +257,7 @@ def _compare(drive: Drive, options: Options) -> int:
             show(((title, columns, rows),))
         else:
             print(title)
-    return EXIT_FAILED if different else 0
+    return ExitCode.FAILED if different else 0
 
 
 def _unusable(error: DescriptionError) -> ConfigError:
@@ -303,7 +309,7 @@ def _store_or_restore(drive: Drive, keeping: Command, options: Options, master_n
         parameters.check_drive(drive.plan, keeping, drive.port)
         if not _confirmed(f"{drive.title}: {CONSEQUENCE[keeping]}.", options):
             print("nothing was done")
-            return EXIT_FAILED
+            return ExitCode.FAILED
         run_with_progress(listen(drive.bus, drive.clock, RECHECK_NS))
         parameters.check_bus(drive.sniffer, master_node_id)
         parameters.check_drive(drive.plan, keeping, drive.port)
@@ -311,7 +317,7 @@ def _store_or_restore(drive: Drive, keeping: Command, options: Options, master_n
         parameters.execute(drive.plan, keeping, patient)
     except parameters.ParameterRefusedError as refused:
         print(f"{drive.title}: not done: {refused}", file=sys.stderr)
-        return EXIT_FAILED
+        return ExitCode.FAILED
     if options.reset:
         run_with_progress(parameters.reset_node(drive.plan, drive.port))
         print(f"{drive.title}: has its maker's defaults now, and is in pre-operational")

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, ConfigError
 
 from drives.errors import DescriptionError
 from drives.service.eds import load_eds
-from gaitd.command_line import EXIT_FAILED, JsonOption, json_on_stdout
+from gaitd.command_line import JsonOption, json_on_stdout
 
 
 def command(
@@ -55,7 +56,7 @@ def command(
             }
         )
     if proposal.obstacles:
-        raise typer.Exit(EXIT_FAILED)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _summary(output: Path, obstacles: tuple[str, ...], questions: tuple[str, ...]) -> str:

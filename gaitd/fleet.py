@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
+from gaitd_names import ExitCode
 
 from gaitd.command_line import (
-    EXIT_FAILED,
-    EXIT_REFUSED,
     CommandError,
     JsonOption,
     errors_in_one_line,
@@ -93,10 +92,10 @@ def command(
     with errors_in_one_line(RecordingError), json_on_stdout(as_json) as write:
         if scheduler is not None and workers is not None:
             raise CommandError(
-                "--workers: the scheduler has its own; give one of both", EXIT_REFUSED
+                "--workers: the scheduler has its own; give one of both", ExitCode.USAGE
             )
         if plot is not None and work is not Work.FRICTION:
-            raise CommandError("--plot: only of `gaitd fleet friction`", EXIT_REFUSED)
+            raise CommandError("--plot: only of `gaitd fleet friction`", ExitCode.USAGE)
         found = _recordings(sessions)
         document = read_toml(robot)
         made_with = decoded_robot(document)
@@ -120,7 +119,7 @@ def command(
         else:
             write(told)
     if failed:
-        raise typer.Exit(EXIT_FAILED)
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _friction(
@@ -289,7 +288,7 @@ def _cluster(scheduler: str | None, workers: int) -> "Generator[Client]":
             client = Client(scheduler, timeout=CONNECT_S)
         except (OSError, ValueError) as error:
             raise CommandError(
-                f"--scheduler: {scheduler}: {error}", EXIT_REFUSED, blame="--scheduler"
+                f"--scheduler: {scheduler}: {error}", ExitCode.USAGE, blame="--scheduler"
             ) from error
         with client:
             yield client

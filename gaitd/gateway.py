@@ -8,12 +8,13 @@ from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Final
 
+from gaitd_names import ExitCode
+
 from gaitd.command_line import CommandError, ConfigFile, JsonLinesOption
 
 if TYPE_CHECKING:
     from daemon.config.trainer import TrainerFile
 
-EXIT_CONFIGURATION: Final = 2
 RETRY_S: Final = 1.0
 
 
@@ -84,7 +85,7 @@ def command(
                 )
                 if not restarts:
                     text, blame = f"gaitd gateway: {what}", f"{config}: zenoh.listen"
-                    raise CommandError(text, EXIT_CONFIGURATION, blame=blame) from error
+                    raise CommandError(text, ExitCode.USAGE, blame=blame) from error
                 # It ran before: an end now would take the clients' STOP away for good.
                 print(f"gaitd gateway: {what}; it tries again", file=sys.stderr)
                 with closing(Notifier(os.environ.get("NOTIFY_SOCKET"))) as supervisor:

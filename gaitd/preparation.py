@@ -7,13 +7,14 @@ something wrong or was not completed.
 """
 
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Final
 
 import msgspec
 import typer
 from gaitd_client import ClientError, Mode, Target
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from analysis.acceptance.record import (
@@ -25,17 +26,22 @@ from analysis.acceptance.record import (
     read,
 )
 from analysis.acceptance.words import finding_texts, reason_text
-from gaitd.command_line import CommandError, JsonOption, errors_in_one_line, failure, json_text
+from gaitd.command_line import (
+    CommandError,
+    JsonOption,
+    errors_in_one_line,
+    failure,
+    full_name,
+    json_text,
+)
 from gaitd.commissioning.plans import Gait, one_axis
 from gaitd.commissioning.plans import self_test as self_test_plan
 from gaitd.commissioning.procedure import may_move
 from gaitd.commissioning.remote_service import RemoteService
 from gaitd.commissioning.run import Operator, Run
+from gaitd.completion import axes
 from gaitd.language import texts
 from gaitd.remote import (
-    EXIT_DONE,
-    EXIT_NO_ANSWER,
-    EXIT_REFUSED,
     ConfigOption,
     CredentialsOption,
     EndpointOption,
@@ -49,7 +55,12 @@ from gaitd.remote import (
 
 GAIT_CADENCE_HZ: Final = 0.25
 AxisName = Annotated[
-    str, typer.Argument(metavar="AXIS", help="LEG/AXIS, for example right/hip, or hip if unique")
+    str,
+    typer.Argument(
+        metavar="AXIS",
+        help="LEG/AXIS, for example right/hip, or hip if unique",
+        autocompletion=axes,
+    ),
 ]
 
 
@@ -77,7 +88,11 @@ def reference(
 def commission(
     axis: Annotated[
         str | None,
-        typer.Argument(metavar="[AXIS]", help="LEG/AXIS, for example right/hip; not with --report"),
+        typer.Argument(
+            metavar="[AXIS]",
+            help="LEG/AXIS, for example right/hip, or hip if unique; not with --report",
+            autocompletion=axes,
+        ),
     ] = None,
     witnessed: Annotated[
         bool,
@@ -194,7 +209,7 @@ def _report(
         if blocked is not None:
             print(f"{texts().text('record.not_complete')}: {_told(blocked)}")
     failed = any(one.judgement is Judgement.FAILED for one in records.values())
-    return EXIT_REFUSED if failed or blocked else EXIT_DONE
+    return ExitCode.FAILED if failed or blocked else ExitCode.DONE
 
 
 def _print_record(record: AcceptanceRecord, path: Path) -> None:
@@ -224,17 +239,11 @@ def self_test(
     run = _played(target, "self-test", Mode.SELF_TEST, "", as_json=as_json)
     code = _result("self-test", run, {"passed": run.is_good}, as_json=as_json)
     if not as_json:
-        print(texts().text(f"self_test.{'passed' if code == EXIT_DONE else 'not_passed'}"))
+        print(texts().text(f"self_test.{'passed' if code == ExitCode.DONE else 'not_passed'}"))
     raise typer.Exit(code)
 
 
 # --- one run --------------------------------------------------------------------------------------
-
-
-def axis_named(name: str, known: Iterable[str]) -> str:
-    """LEG/AXIS of an axis that is named without its leg; the name itself if it is not unique."""
-    found = [one for one in known if one.rpartition("/")[2] == name]
-    return found[0] if len(found) == 1 else name
 
 
 def _played(
@@ -259,7 +268,7 @@ def _played(
                 tasks = self_test_plan()
             else:
                 known = () if "/" in axis else trainer.configuration().drive_names
-                tasks = one_axis(mode, axis_named(axis, known))
+                tasks = one_axis(mode, full_name(axis, known, "AXIS"))
             run = Run(tasks, RemoteService(trainer), operator)
             run.play()
     except ClientError as error:
@@ -276,14 +285,14 @@ def _result(command: str, run: Run, known: Mapping[str, object], *, as_json: boo
     if why is not None and why.code is ReasonCode.REFUSED and reply is not None:
         return report_reply(reply, as_json=as_json, known=known)
     is_late = why is not None and why.code is ReasonCode.NOT_IN_TIME and bool(run.tasks[0].axis)
-    code = EXIT_DONE if run.is_good else EXIT_NO_ANSWER if is_late else EXIT_REFUSED
+    code = ExitCode.DONE if run.is_good else ExitCode.UNAVAILABLE if is_late else ExitCode.FAILED
     if as_json:
         error = CommandError("not passed" if why is None else why.code, code)
         document = {
             **known,
             "findings": msgspec.to_builtins(run.findings),
             "reason": msgspec.to_builtins(why),
-            **({} if code == EXIT_DONE else failure(error, command)),
+            **({} if code == ExitCode.DONE else failure(error, command)),
         }
         print(json_text(document))
         return code

@@ -16,6 +16,7 @@ from typing import Annotated, Final
 import typer
 from gaitd_client import ClientError, NoServiceError, Target, Trainer
 from gaitd_client.signals import ENDS
+from gaitd_names import ExitCode
 from gaitd_record import (
     Begun,
     Deleted,
@@ -34,7 +35,7 @@ from gaitd_record import (
     record,
 )
 
-from gaitd.command_line import EXIT_REFUSED, CommandError, JsonLinesOption, json_text
+from gaitd.command_line import CommandError, JsonLinesOption, json_text
 from gaitd.remote import (
     ConfigOption,
     CredentialsOption,
@@ -86,7 +87,7 @@ def command(
     try:
         if only_finish:
             if not output.is_dir():
-                raise CommandError(f"{output}: no such folder", EXIT_REFUSED, blame=str(output))
+                raise CommandError(f"{output}: no such folder", ExitCode.USAGE, blame=str(output))
             finish_leftovers(output, report)
             return
         target = find_target(config, endpoint, trainer, credentials)
@@ -98,10 +99,10 @@ def command(
     except ClientError as error:
         raise typer.Exit(report_silence("record", str(error), as_json=as_json)) from error
     except RecordError as error:
-        raise CommandError(str(error), EXIT_REFUSED, following=_next(error, output)) from error
+        raise CommandError(str(error), ExitCode.USAGE, following=_next(error, output)) from error
     except OSError as error:
         file = str(error.filename or output)
-        raise CommandError(f"{file}: {error.strerror}", EXIT_REFUSED, blame=file) from error
+        raise CommandError(f"{file}: {error.strerror}", ExitCode.USAGE, blame=file) from error
 
 
 def _service(target: Target, over: threading.Event, ending: ExitStack) -> Trainer | None:

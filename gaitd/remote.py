@@ -6,10 +6,12 @@ service did not report the outcome of the request in time.
 
 import re
 import sys
-from collections.abc import Mapping
+import threading
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from types import MappingProxyType
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 import msgspec
 import typer
@@ -19,21 +21,19 @@ from gaitd_client import (
     NoServiceError,
     Outcome,
     Reply,
+    Stream,
     Target,
     Trainer,
     read_credentials,
 )
 from gaitd_client.connection import DEFAULT_ENDPOINT, DEFAULT_TRAINER
 from gaitd_client.trainer import NOT_STOPPED, STOP
+from gaitd_names import ExitCode
 from gaitd_texts import Catalogue, Reader, catalogue
 from gaitd_toml import ConfigError
 
 from gaitd.command_line import CONFIG_VARIABLE, CommandError, failure, json_text, with_config
 from gaitd.language import texts
-
-EXIT_DONE: Final = 0
-EXIT_REFUSED: Final = 1
-EXIT_NO_ANSWER: Final = 4
 
 EXAMPLE: Final = {"cadence_hz": 0.25, "amplitude_ratio": 1.0, "duration_s": 60.0}
 """What a command that is named has for what the request left out."""
@@ -61,6 +61,34 @@ CredentialsOption = Annotated[
         " --endpoint and --trainer.",
     ),
 ]
+TimeoutOption = Annotated[
+    float | None,
+    typer.Option(min=0.0, help="End after so many seconds, with exit code 5; without it never."),
+]
+
+
+@contextmanager
+def closed_after(stream: Stream[Any], timeout_s: float | None) -> Generator[threading.Event]:
+    """Close a stream after a time of the computer; the event that is yielded tells that it was.
+
+    Args:
+        stream: what waits for its messages then ends.
+        timeout_s: None: never.
+    """
+    is_over = threading.Event()
+
+    def close() -> None:
+        is_over.set()
+        stream.close()
+
+    timer = threading.Timer(0.0 if timeout_s is None else timeout_s, close)
+    timer.daemon = True
+    if timeout_s is not None:
+        timer.start()
+    try:
+        yield is_over
+    finally:
+        timer.cancel()
 
 
 def find_target(
@@ -143,11 +171,11 @@ def report_reply(
     Returns: the exit code.
     """
     # A later version of the service may send another outcome.
-    codes: dict[str, int] = {Outcome.DONE: EXIT_DONE, Outcome.REFUSED: EXIT_REFUSED}
-    code = codes.get(reply.outcome, EXIT_NO_ANSWER)
+    codes: dict[str, int] = {Outcome.DONE: ExitCode.DONE, Outcome.REFUSED: ExitCode.FAILED}
+    code = codes.get(reply.outcome, ExitCode.UNAVAILABLE)
     if as_json:
         document = {**known, **msgspec.to_builtins(reply)}
-        if code != EXIT_DONE:
+        if code != ExitCode.DONE:
             why = reply.refusal.code if reply.refusal else reply.outcome
             following = next_command(reply, catalogue(Reader.OPERATOR, "en"), arguments)
             document |= failure(CommandError(why, code, following=following), reply.request)
@@ -197,9 +225,9 @@ def report_silence(name: str, trouble: str, *, as_json: bool) -> int:
     """
     if as_json:
         run = with_config("gaitd run") or "gaitd run --help"
-        silent = CommandError(trouble, EXIT_NO_ANSWER, blame="service", following=run)
+        silent = CommandError(trouble, ExitCode.UNAVAILABLE, blame="service", following=run)
         known = {"request": name, "outcome": "unanswered", "reason": trouble}
         print(json_text(known | failure(silent, name)))
     else:
         print(f"{name}: {trouble}", file=sys.stderr)
-    return EXIT_NO_ANSWER
+    return ExitCode.UNAVAILABLE

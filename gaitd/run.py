@@ -18,6 +18,7 @@ from collections.abc import Callable
 from types import FrameType
 
 import typer
+from gaitd_names import ExitCode
 
 from gaitd.command_line import JSON, ConfigFile, JsonLinesOption, json_on_stdout
 
@@ -26,8 +27,6 @@ GATEWAY_RESTART_S = 1.0
 CORE_END_S = 10.0
 """Longer than the core needs to stop both axes (up to three seconds) and to switch off power."""
 GATEWAY_END_S = 5.0
-KILLED = 4
-"""Exit code for a core that a signal ended, as for any other internal error."""
 PR_SET_PDEATHSIG = 1
 STARTING = "starting; the core compiles its cycle on the first start, a minute or two"
 STATUS = "STATUS="
@@ -78,7 +77,7 @@ class _Supervisor:
                 now_s = time.monotonic()
                 if gateway_ended_s is None:
                     gateway_ended_s = now_s
-                    if gateway.returncode == 2:
+                    if gateway.returncode == ExitCode.USAGE:
                         break
                     print(f"gaitd: gateway ended with {gateway.returncode}", file=sys.stderr)
                     code = gateway.returncode
@@ -90,8 +89,8 @@ class _Supervisor:
             self._print_status()
             gateway_code = _finish(gateway, GATEWAY_END_S)
         if code:
-            return code if code > 0 else KILLED
-        return 2 if gateway_code == 2 else 0
+            return code if code > 0 else ExitCode.UNAVAILABLE  # a signal has ended it
+        return ExitCode.USAGE if gateway_code == ExitCode.USAGE else ExitCode.DONE
 
     def _start(self, part: str) -> subprocess.Popen[bytes]:
         # A session of its own: Ctrl-C reaches the supervisor alone, which ends core and gateway in

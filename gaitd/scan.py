@@ -6,9 +6,10 @@ is another one, or the bus does not work.
 """
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from daemon.config.shipped import configs_folder
@@ -20,9 +21,6 @@ if TYPE_CHECKING:
     from drives.canopen.bus import Bus, Clock
     from drives.service.inventory import Finding, Inventory
     from drives.service.stations import Expected, ProfileFile, Station
-
-EXIT_DRIVE: Final = 3
-"""The bus, or a drive on it, is not in the required state."""
 
 
 def command(
@@ -53,14 +51,14 @@ def command(
     except BusError as error:
         blame = f"{place.interface} {place.channel}"
         raise CommandError(
-            f"scan: {error}", EXIT_DRIVE, blame=blame, following="gaitd doctor"
+            f"scan: {error}", ExitCode.DRIVE, blame=blame, following="gaitd doctor"
         ) from error
     if json:
         print(as_json(found, foreign_count))
     else:
         tables = sections(found, place, expected, foreign_count)
         show(table for table in tables if table[2])
-    raise typer.Exit(EXIT_DRIVE if found.is_wrong else 0)
+    raise typer.Exit(ExitCode.DRIVE if found.is_wrong else 0)
 
 
 def scan(bus: "Bus", clock: "Clock", bitrate_bit_per_s: int, expected: "Expected") -> "Inventory":

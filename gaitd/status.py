@@ -6,13 +6,12 @@ from typing import Final
 
 import typer
 from gaitd_client import Cause, ClientError, wire
+from gaitd_names import ExitCode
 from gaitd_texts import Catalogue
 
 from gaitd.command_line import JsonOption
 from gaitd.language import texts
 from gaitd.remote import (
-    EXIT_DONE,
-    EXIT_NO_ANSWER,
     ConfigOption,
     CredentialsOption,
     EndpointOption,
@@ -41,12 +40,12 @@ def command(
     except ClientError as error:
         raise typer.Exit(report_silence("status", str(error), as_json=as_json)) from error
     print(as_json_text(message) if as_json else "\n".join(lines(message, texts())))
-    raise typer.Exit(EXIT_DONE if message.safety.valid else EXIT_NO_ANSWER)
+    raise typer.Exit(ExitCode.DONE if message.safety.valid else ExitCode.UNAVAILABLE)
 
 
 def lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:
     """Format the screen, line by line."""
-    yield from _safety_lines(message, texts)
+    yield from safety_lines(message.safety, texts)
     for drive in message.drives:
         yield _line(texts.subject(drive.name), ", ".join(_drive_words(drive, texts)))
     for leg in message.legs:
@@ -84,8 +83,9 @@ def _drive_words(drive: wire.DriveState, texts: Catalogue) -> Iterator[str]:
         yield texts.text("status.emcy", emcy_code=drive.emergency_code, said=drive.emergency_text)
 
 
-def _safety_lines(message: wire.Status, texts: Catalogue) -> Iterator[str]:
-    safety, progress = message.safety, texts.progress(message.safety.progress)
+def safety_lines(safety: wire.Safety, texts: Catalogue) -> Iterator[str]:
+    """Format mode, lease and stop, line by line."""
+    progress = texts.progress(safety.progress)
     label = texts.text("status.mode")
     if not safety.valid or safety.verdict is None:
         yield _line(label, progress or texts.text("status.no_records"))

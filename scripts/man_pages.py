@@ -4,17 +4,14 @@
 is not in this environment gets no page.
 """
 
-import contextlib
 import importlib
 import importlib.util
-import io
 import re
 import sys
 from collections.abc import Iterable, Iterator
 from importlib.metadata import metadata
 from pathlib import Path
 from typing import cast
-from unittest import mock
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -23,17 +20,20 @@ from typer.main import get_command
 from gaitd.__main__ import REMEDIES, build, commands_for
 
 DOCUMENTS = "/usr/share/doc/gaitd/docs"
-OF_ARGPARSE = {"gaitd-assist": "gaitd_assist.program", "gaitd-display": "gaitd_display.__main__"}
-"""Programs without typer, and the module of their `main`."""
+OF_CLIENTS = ("gaitd_assist.program", "gaitd_display.__main__", "gaitd_session.program")
+"""Modules of the other programs."""
 
 
 def pages() -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each page."""
     # The command line of gaitd is built for one command; the others are stubs in it.
     programs = [("gaitd", build(None), list(of_gaitd()))]
-    if importlib.util.find_spec("gaitd_session"):
-        app: typer.Typer = importlib.import_module("gaitd_session.program").app
-        programs.append(("gaitd-session", app, [(name, app) for name in group_of(app).commands]))
+    for module in OF_CLIENTS:
+        package = module.partition(".")[0]
+        if importlib.util.find_spec(package):
+            app: typer.Typer = importlib.import_module(module).app
+            commands = [(name, app) for name in group_of(app).commands]
+            programs.append((package.replace("_", "-"), app, commands))
     for program, app, commands in programs:
         group = group_of(app)
         lines = {name: one.get_short_help_str(200) for name, one in group.commands.items()}
@@ -44,9 +44,6 @@ def pages() -> Iterator[tuple[str, str]]:
                 f"{program}-{name}".replace(" ", "-"),
                 page(f"{program} {name}", lines[name], command, {}),
             )
-    for program, module in OF_ARGPARSE.items():
-        if importlib.util.find_spec(module.partition(".")[0]):
-            yield from pages_of_help(program, module)
 
 
 def of_gaitd() -> Iterator[tuple[str, typer.Typer]]:
@@ -64,57 +61,19 @@ def group_of(app: typer.Typer) -> TyperGroup:
     return cast("TyperGroup", get_command(app))
 
 
-def pages_of_help(program: str, module: str) -> Iterator[tuple[str, str]]:
-    """Yield the pages of a program of argparse; its help is printed as it is."""
-    helps = {program: help_of(program, module)}
-    lines = {program: metadata(program)["Summary"]}
-    for name, line in re.findall(r"^    (\w+) +(.+)$", helps[program], re.MULTILINE):
-        helps[f"{program} {name}"] = help_of(program, module, name)
-        lines[f"{program} {name}"] = line
-    for words, text in helps.items():
-        usage, _, rest = text.removeprefix(f"usage: {words}").partition("\n\n")
-        yield words.replace(" ", "-"), whole(words, lines[words], usage, [block(rest)])
-
-
-def help_of(program: str, module: str, *words: str) -> str:
-    """Return what a program of argparse prints for --help."""
-    printed = io.StringIO()
-    with (
-        mock.patch("sys.argv", [program, *words, "--help"]),
-        contextlib.redirect_stdout(printed),
-        contextlib.suppress(SystemExit),
-    ):
-        importlib.import_module(module).main()
-    return printed.getvalue()
-
-
-def block(text: str) -> str:
-    """Return a description that keeps its lines."""
-    return ".SH DESCRIPTION\n.nf\n" + "\n".join(map(literal, text.splitlines())) + "\n.fi"
-
-
 def page(words: str, line: str, command: TyperCommand | TyperGroup, of_it: dict[str, str]) -> str:
     """Return the page of one command; `of_it` are its own commands, each with one line."""
     context = typer.Context(command, info_name=words)
     usage = command.get_usage(context).removeprefix(f"Usage: {words}").strip()
     described = [one.get_help_record(context) for one in command.get_params(context)]
-    parts = [
+    version = metadata("gaitd")["Version"]
+    every = [
+        f'.TH {words.replace(" ", "-").upper()} 1 "" "gaitd {version}" "gaitd"',
+        f".SH NAME\n{roff(words.replace(' ', '-'))} \\- {roff(line.rstrip('.'))}",
+        f".SH SYNOPSIS\n.B {roff(words)}\n{roff(usage)}",
         ".SH DESCRIPTION\n" + "\n.PP\n".join(map(roff, (command.help or line).split("\n\n"))),
         heading("COMMANDS", of_it.items()),
         heading("OPTIONS", [record for record in described if record]),
-    ]
-    return whole(words, line, usage, parts)
-
-
-def whole(words: str, line: str, usage: str, parts: Iterable[str]) -> str:
-    """Return a page with its head and its end."""
-    name = words.replace(" ", "-")
-    version = metadata("gaitd")["Version"]
-    every = [
-        f'.TH {name.upper()} 1 "" "gaitd {version}" "gaitd"',
-        f".SH NAME\n{roff(name)} \\- {roff(line.rstrip('.'))}",
-        f".SH SYNOPSIS\n.B {roff(words)}\n{roff(usage)}",
-        *parts,
         f".SH SEE ALSO\n{DOCUMENTS}/index.md, {DOCUMENTS}/exit_codes.md",
     ]
     return "\n".join(filter(None, every)) + "\n"
@@ -128,13 +87,8 @@ def heading(title: str, rows: Iterable[tuple[str, str]]) -> str:
 
 def roff(text: str) -> str:
     """Return text as one paragraph that roff takes literally."""
-    return literal(re.sub(r"\s+", " ", text).strip())
-
-
-def literal(line: str) -> str:
-    """Return a line that roff takes literally."""
-    escaped = line.replace("\\", "\\e").replace("-", "\\-")
-    return f"\\&{escaped}" if escaped.startswith((".", "'")) else escaped
+    line = re.sub(r"\s+", " ", text).strip().replace("\\", "\\e").replace("-", "\\-")
+    return f"\\&{line}" if line.startswith((".", "'")) else line
 
 
 def main(folder: Path) -> None:

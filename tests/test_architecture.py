@@ -20,6 +20,7 @@ LINTER = tomllib.loads((PROJECT / "pyproject.toml").read_text(encoding="utf-8"))
 FOLDER = {
     "gaitd_client": PROJECT / "clients" / "python",
     "gaitd_names": PROJECT / "clients" / "python",
+    "gaitd_program": PROJECT / "clients" / "python",
     "gaitd_texts": PROJECT / "clients" / "python",
     "gaitd_toml": PROJECT / "clients" / "python",
     "gaitd_display": PROJECT / "clients" / "display",

@@ -138,7 +138,7 @@ def test_the_clients_wheel_holds_its_packages_with_types_and_licence(tmp_path):
     names = set(wheel.namelist())
     files = {
         file.relative_to(CLIENT).as_posix()
-        for package in ("gaitd_client", "gaitd_names", "gaitd_texts", "gaitd_toml")
+        for package in ("gaitd_client", "gaitd_names", "gaitd_program", "gaitd_texts", "gaitd_toml")
         for file in (CLIENT / package).rglob("*")
         if file.is_file() and file.suffix != ".pyc"
     }

@@ -200,6 +200,7 @@ GUIDED = (
     *("sim_drives/plant", "sim_drives/time"),
     *("clients/python/gaitd_client", "clients/python/gaitd_client/wire"),
     "clients/python/gaitd_names",
+    "clients/python/gaitd_program",
     "clients/python/gaitd_texts",
     "clients/python/gaitd_toml",
     "clients/display/gaitd_display",

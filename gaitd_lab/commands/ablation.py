@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from gaitd_names import ExitCode
 
 from gaitd.command_line import (
-    EXIT_FAILED,
     JsonOption,
     errors_in_one_line,
     json_on_stdout,
@@ -35,7 +35,7 @@ def command(
     from gaitd_lab.trials import TrialError
 
     run = f"gaitd ablation --seeds {seeds}{' --quick' if quick else ''}"
-    with errors_in_one_line(TrialError, code=EXIT_FAILED), json_on_stdout(as_json) as tell:
+    with errors_in_one_line(TrialError, code=ExitCode.FAILED), json_on_stdout(as_json) as tell:
         with progress() as stage:
             found = study(demo_file(config), seeds, stage, quick=quick)
         show(table.texts() for table in found.tables)

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from gaitd_names import ExitCode
 
 from gaitd.command_line import (
-    EXIT_FAILED,
     JsonOption,
     errors_in_one_line,
     json_on_stdout,
@@ -50,4 +50,4 @@ def command(
         for path in write(found, output, f"gaitd consistency --runs {runs} --seeds {seeds}"):
             print(f"written      {path}")
         tell({"robot": file, "passed": found.passed, "tables": found.tables})
-    raise typer.Exit(0 if found.passed else EXIT_FAILED)
+    raise typer.Exit(0 if found.passed else ExitCode.FAILED)

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from gaitd_names import ExitCode
 
-from gaitd.command_line import EXIT_FAILED, CommandError, JsonOption, json_on_stdout
+from gaitd.command_line import CommandError, JsonOption, json_on_stdout
 from gaitd.terminal import show
 
 if TYPE_CHECKING:
@@ -140,7 +141,7 @@ def command(
         if picture:
             print(f"picture: {picture}")
         write({"passed": passed, **as_object(results, trained), "picture": picture})
-    raise typer.Exit(0 if passed else 1)
+    raise typer.Exit(ExitCode.DONE if passed else ExitCode.FAILED)
 
 
 def _refuse(
@@ -186,7 +187,7 @@ def _training(patient_port: int, therapist_port: int, is_hands_on: bool) -> "Tra
 
     patient, therapist = find_page("patient", patient_port), find_page("therapist", therapist_port)
     if patient.port is None or therapist.port is None:
-        raise CommandError(patient.said, EXIT_FAILED)
+        raise CommandError(patient.said, ExitCode.FAILED)
     training = Training(patient.port, therapist.port, is_hands_on=is_hands_on)
     print(patient.said)
     print(f"{therapist.said}   password: {training.password}", flush=True)

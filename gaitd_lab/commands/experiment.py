@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, ConfigError
 
 from gaitd.command_line import (
-    EXIT_FAILED,
     JsonOption,
     errors_in_one_line,
     json_on_stdout,
@@ -71,7 +71,7 @@ def command(
     chosen = " --every-law" if every_law else f" --law {first.law.value}"
     run = f"gaitd experiment --seeds {seeds}{chosen}{f' --seconds {seconds:g}' if seconds else ''}"
     with (
-        errors_in_one_line(NotPlayedError, TrialError, code=EXIT_FAILED),
+        errors_in_one_line(NotPlayedError, TrialError, code=ExitCode.FAILED),
         json_on_stdout(as_json) as tell,
         progress() as begin,
     ):
@@ -80,4 +80,4 @@ def command(
         for path in write(found, output, run):
             print(f"written      {path}")
         tell({"seeds": seeds, "passed": found.passed, "tables": found.tables})
-    raise typer.Exit(0 if found.passed else EXIT_FAILED)
+    raise typer.Exit(0 if found.passed else ExitCode.FAILED)

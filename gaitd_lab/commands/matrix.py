@@ -6,8 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from gaitd_names import ExitCode
 
-from gaitd.command_line import EXIT_FAILED, JsonOption, json_text
+from gaitd.command_line import JsonOption, full_name, json_text
+from gaitd.completion import axes
 from gaitd.terminal import progress, show
 from gaitd_lab.commands.demo_file import DemoFile, demo_file
 
@@ -23,7 +25,9 @@ def command(
         list[str] | None, typer.Option(help="only this row, or a pair as A+B@3; more than once")
     ] = None,
     mode: Annotated[list[str] | None, typer.Option(help="only this column; more than once")] = None,
-    axis: Annotated[str, typer.Option(help="only this axis: right/hip or right/slide")] = "",
+    axis: Annotated[
+        str, typer.Option(help="only this axis: right/hip or right/slide", autocompletion=axes)
+    ] = "",
     seed: Annotated[int, typer.Option(min=0, help="of all that is random")] = 1,
     output: Annotated[
         Path | None,
@@ -36,7 +40,9 @@ def command(
     from gaitd_lab.fault_matrix.evaluation import broken
     from gaitd_lab.fault_matrix.page import command as again
     from gaitd_lab.fault_matrix.run import cells
+    from gaitd_lab.fault_matrix.watch import AXES
 
+    axis = full_name(axis, AXES, "--axis") if axis else ""
     _check_names(fault or [], mode or [], axis)
     wanted = cells(fault or (), mode or (), axis)
     if output is not None and wanted != cells():
@@ -52,7 +58,7 @@ def command(
     for one, reasons in bad:
         print(f"{again(one)}: {'; '.join(reasons)}", file=sys.stderr)
     print(f"{len(results)} cells, {len(bad)} of them break a law", file=sys.stderr)
-    raise typer.Exit(EXIT_FAILED if bad else 0)
+    raise typer.Exit(ExitCode.FAILED if bad else 0)
 
 
 SHOWN_MAX = 200

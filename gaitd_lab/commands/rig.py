@@ -11,14 +11,13 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Annotated, Final
 
 import typer
+from gaitd_names import ExitCode
 
-from gaitd.command_line import EXIT_REFUSED, CommandError, JsonOption, json_on_stdout
+from gaitd.command_line import CommandError, JsonOption, json_on_stdout
 
 if TYPE_CHECKING:
     from gaitd_lab.testing.rigs import Rig
 
-EXIT_RIG: Final = 4
-"""The environment did not start, or ended before the command."""
 POLL_S: Final = 0.1
 
 
@@ -47,7 +46,7 @@ def command(
     if lack is not None:
         needs = "`make rigs` in a clone of gaitd installs it, as root on Debian"
         text = f"gaitd rig {name.value}: {lack} ({needs})"
-        raise CommandError(text, EXIT_REFUSED, blame=name.value, following="make rigs")
+        raise CommandError(text, ExitCode.USAGE, blame=name.value, following="make rigs")
     with (
         tempfile.TemporaryDirectory(prefix="gaitd-rig-") as folder,
         json_on_stdout(as_json) as write,
@@ -80,7 +79,7 @@ def _run(rig: "Rig", name: str, words: list[str], folder: Path) -> int:
     over = finished(folder, rig_log.read_text(encoding="utf-8", errors="replace"))
     if over.exit_code < 0:
         text = f"gaitd rig {name}: it ended before the command\n{over.output}"
-        raise CommandError(text, EXIT_RIG, blame=name)
+        raise CommandError(text, ExitCode.UNAVAILABLE, blame=name)
     return over.exit_code
 
 

@@ -14,18 +14,19 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from gaitd_names import ExitCode
+from gaitd_names.joints import JOINTS
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
 from gaitd.command_line import (
-    EXIT_FAILED,
     CommandError,
     ConfigFile,
     JsonLinesOption,
+    full_name,
     json_on_stdout,
     with_config,
 )
 
-EXIT_NO_ANSWER: Final = 4
 ANSWERED_WITHIN_S: Final = 10.0
 
 
@@ -88,7 +89,9 @@ def command(
 
     line = " ".join(words or ())
     if action is not Action.RUN:
-        sent = line if action is Action.INJECT else f"patient {line}".strip()
+        sent = f"patient {line}".strip()
+        if action is Action.INJECT:
+            sent = " ".join(_full(word, config) for word in words or ())
         with json_on_stdout(as_json) as write:
             answer = _answer(config, control, sent)
             print(answer)
@@ -106,7 +109,7 @@ def command(
         wall_clock=wall_clock,
         hold=hold,
         no_drives=no_drives,
-        without=tuple(without or ()),
+        without=tuple(_full(name, config) for name in without or ()),
     )
     with json_on_stdout(as_json) as write:
 
@@ -117,6 +120,15 @@ def command(
         code = run(load_trainer(config), options, said)
         write({"event": "ended", "exit_code": code})
     raise typer.Exit(code)
+
+
+def _full(word: str, config: Path) -> str:
+    """Return LEG/AXIS of an axis that is named without its leg; another word is left as it is."""
+    from daemon.config.trainer import drive_names, load_trainer
+
+    if word not in JOINTS:
+        return word
+    return full_name(word, drive_names(load_trainer(config).trainer), "AXIS")
 
 
 def _answer(config: Path, control: Path | None, line: str) -> str:
@@ -137,11 +149,11 @@ def _answer(config: Path, control: Path | None, line: str) -> str:
 def _no_answer(error: Exception) -> CommandError:
     text = f"the virtual drives do not answer: {error}"
     following = with_config("gaitd sim")
-    return CommandError(text, EXIT_NO_ANSWER, blame="virtual drives", following=following)
+    return CommandError(text, ExitCode.UNAVAILABLE, blame="virtual drives", following=following)
 
 
 def _refused(text: str) -> CommandError:
-    return CommandError(text, EXIT_FAILED, blame="LINE", following="gaitd sim inject help")
+    return CommandError(text, ExitCode.FAILED, blame="LINE", following="gaitd sim inject help")
 
 
 def _command_on_channel(config: Path, line: str) -> str:

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Annotated, Final
 
 import typer
+from gaitd_names import ExitCode
 
 from gaitd.command_line import (
-    EXIT_FAILED,
     JsonOption,
     errors_in_one_line,
     json_on_stdout,
@@ -33,7 +33,7 @@ def command(
     from gaitd_lab.trials import TrialError
 
     with (
-        errors_in_one_line(TrialError, NotPlayedError, RecordingError, code=EXIT_FAILED),
+        errors_in_one_line(TrialError, NotPlayedError, RecordingError, code=ExitCode.FAILED),
         json_on_stdout(as_json) as tell,
         progress() as begin,
     ):

@@ -72,10 +72,14 @@ def main(kind: str, file: Path, channel: Path, leg: str) -> None:
 def _serve(kind: str, file: Path, clock: PageClock, sit: Callable[[Trainer], None]) -> None:
     from gaitd_display.__main__ import server_of
     from gaitd_display.web import serve
+    from gaitd_program import CommandError
 
     made = server_of(kind, file, clock, clock.utc_ahead_ns)
     sit(made.trainer)
-    serve(made.app, made.web)
+    try:
+        serve(made.app, made.web)
+    except CommandError as error:
+        sys.exit(str(error))
 
 
 def _assist(file: Path, clock: PageClock, sit: Callable[[Trainer], None]) -> None:

@@ -11,10 +11,9 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import msgspec
-from gaitd_names import Cause, Mode
+from gaitd_names import Cause, ExitCode, Mode
 
 from daemon.config.limit_settings import Limits
-from daemon.core.runtime.loop_settings import ExitCode
 from daemon.ipc.record import CycleRecord, Verdict
 from gaitd_lab.fault_matrix import watch
 from gaitd_lab.fault_matrix.faults import Fault
@@ -178,7 +177,7 @@ class _RunningCell:
     def _outlive(self) -> None:
         """Run the drives alone, then a new core if this one did not end on request."""
         session = self._session
-        anew = self._exit_code not in {ExitCode.ENDED, ExitCode.REFUSED}
+        anew = self._exit_code not in {ExitCode.DONE, ExitCode.DRIVE}
         until_ns = max(self._gone_ns, session.world_ns) if anew else self._end_ns
         while session.world_ns < until_ns:
             session.bus.trouble.is_gone = False

@@ -9,9 +9,8 @@ from itertools import chain
 from types import MappingProxyType
 from typing import Final, NamedTuple
 
-from gaitd_names import Cause
+from gaitd_names import Cause, ExitCode
 
-from daemon.core.runtime.loop_settings import ExitCode
 from gaitd_lab.fault_matrix import core_kinds, kinds
 from gaitd_lab.fault_matrix.kinds import LASTS_S, MS, Fault, FaultAction
 from gaitd_lab.fault_matrix.law import (
@@ -502,9 +501,7 @@ _PROCESS: Final = (
         "core_sigterm",
         "the core is asked to end",
         kinds.terminated(),
-        replace(
-            stops(Cause.SHUTDOWN, within=3.0, resting=Resting.EITHER), exit_code=ExitCode.ENDED
-        ),
+        replace(stops(Cause.SHUTDOWN, within=3.0, resting=Resting.EITHER), exit_code=ExitCode.DONE),
     ),
     _whole(
         "core_sigkill",

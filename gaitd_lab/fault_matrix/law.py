@@ -9,9 +9,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
-from gaitd_names import Cause, Mode, StopCategory
-
-from daemon.core.runtime.loop_settings import ExitCode
+from gaitd_names import Cause, ExitCode, Mode, StopCategory
 
 S0, S1, S2 = StopCategory.S0, StopCategory.S1, StopCategory.S2
 LOST: Final = (
@@ -204,7 +202,7 @@ CORE_BUG: Final = replace(
         within=AT_ONCE,
         resting=Resting.EITHER,
     ),
-    exit_code=ExitCode.BUG,
+    exit_code=ExitCode.UNAVAILABLE,
 )
 ENCODER_ERROR: Final = replace(
     stops(Cause.UNREFERENCED, by=(S0,), within=AT_ONCE, resting=Resting.FAULTY),

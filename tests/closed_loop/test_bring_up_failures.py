@@ -4,10 +4,9 @@ from dataclasses import replace
 
 import msgspec
 import pytest
-from gaitd_names import Cause, EventCode, Mode
+from gaitd_names import Cause, EventCode, ExitCode, Mode
 from sessions import new_session, reported
 
-from daemon.core.runtime.loop_settings import ExitCode
 from drives.canopen.bus import Frame
 from drives.errors import BootFailure
 from gaitd_lab.lockstep import LockstepSession
@@ -40,7 +39,7 @@ def test_a_refused_drive_ends_the_service_with_3_and_its_failure_is_in_verdict_a
     code = session.loop.run(lambda: False)
 
     record = session.record
-    assert code == ExitCode.REFUSED == 3
+    assert code == ExitCode.DRIVE == 3
     assert record.verdict.cause == Cause.BRING_UP_FAILED
     assert record.verdict.drive == "right/hip"
     assert record.verdict.said.startswith(str(failure))

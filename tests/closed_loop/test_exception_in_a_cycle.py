@@ -3,10 +3,9 @@
 from unittest import mock
 
 import pytest
-from gaitd_names import Cause, Mode, RequestKind
+from gaitd_names import Cause, ExitCode, Mode, RequestKind
 from wire import rpdo1
 
-from daemon.core.runtime.loop_settings import ExitCode
 from daemon.core.runtime.shutdown import STOP_WITHOUT_FEEDBACK_CYCLES
 from daemon.core.safety import checks
 from daemon.core.steps import estimation
@@ -33,7 +32,7 @@ def test_an_exception_in_a_cycle_stops_both_drives_and_ends_as_our_bug(warm_guid
         int.from_bytes(frame.data[:2], "little") for frame in sent if frame.can_id in {0x205, 0x206}
     }
     truth = warm_guided_gait.truth.rows[-1]
-    assert code == ExitCode.BUG
+    assert code == ExitCode.UNAVAILABLE
     assert isinstance(warm_guided_gait.loop.bug, ZeroDivisionError)
     assert words == {QUICK_STOP}
     for node, counts in zip((5, 6), stood, strict=True):
@@ -88,7 +87,7 @@ def test_an_exception_in_the_estimate_loses_nothing_that_raw_values_of_its_cycle
         code = session.loop.run(lambda: False)
 
     stored = session.core.persistent.latched
-    assert (code, len(raised)) == (ExitCode.BUG, 1)
+    assert (code, len(raised)) == (ExitCode.UNAVAILABLE, 1)
     assert (session.core.mode, stored.cause) == (Mode.STOPPING, cause)
     assert session.state_file.persistent.latched == stored
     assert [rpdo1(session.bus.sent[sent:], node)[-1].controlword for node in (5, 6)] == [word] * 2

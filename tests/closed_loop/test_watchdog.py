@@ -7,11 +7,10 @@ is not fed for 10 ms shows.
 from unittest import mock
 
 import pytest
-from gaitd_names import Cause, EventCode, Mode
+from gaitd_names import Cause, EventCode, ExitCode, Mode
 from sessions import new_session, reported
 from supervised import watched
 
-from daemon.core.runtime.loop_settings import ExitCode
 from daemon.core.runtime.systemd import PROGRESS_CYCLES
 from daemon.core.safety import checks
 from drives.canopen.bus import Frame
@@ -172,7 +171,7 @@ def test_the_end_is_told_when_it_is_asked_for_and_the_last_line_says_what_remain
 
     lines, effect = session.systemd.lines, session.settings.trainer.shutdown.effect
     stopping = lines.index("STOPPING=1")
-    assert code == ExitCode.ENDED
+    assert code == ExitCode.DONE
     assert lines.count("STOPPING=1") == 1
     assert any(line.endswith("[stopping shutdown]") for line in lines[stopping:])
     assert lines[-1].startswith("STATUS=ended: all axes are at rest and without power")
@@ -186,7 +185,7 @@ def test_a_bug_is_an_end_that_is_told_before_the_blind_stops_and_says_what_was_s
     with mock.patch.object(checks, "check_raw", side_effect=ZeroDivisionError("ours")):
         code = session.loop.run(lambda: False)
 
-    assert code == ExitCode.BUG
+    assert code == ExitCode.UNAVAILABLE
     assert session.systemd.lines[0] == "STOPPING=1"
     assert "WATCHDOG=1" not in session.systemd.lines
     assert session.systemd.status[-1].startswith("ended by a bug of ours: quick stops were sent")

@@ -16,7 +16,7 @@ from gaitd_toml import ConfigError
 
 from daemon.system.lock import hold
 from gaitd.__main__ import COMMANDS, build, commands_for
-from gaitd.command_line import failure
+from gaitd.command_line import failure, full_name
 
 SAMPLE = CONFIGS.parent / "gaitd" / "sample.ring.xz"
 EVERY = commands_for(None)
@@ -226,22 +226,68 @@ def test_an_option_of_another_action_is_refused(tmp_path, action, option, said):
     assert said in ended.err
 
 
-def test_a_shell_completes_commands_and_their_options():
-    def completed(line, word):
-        environment = {
-            **os.environ,
-            "_GAITD_COMPLETE": "complete_bash",
-            "COMP_WORDS": line,
-            "COMP_CWORD": str(word),
-        }
-        program = [str(Path(sys.executable).with_name("gaitd"))]
-        ended = subprocess.run(
-            program, env=environment, capture_output=True, text=True, check=False
-        )
-        return ended.stdout.split()
+def test_bash_completes_with_the_script_that_is_installed():
+    script = (
+        'eval "$(_GAITD_COMPLETE=source_bash gaitd)"\n'
+        "COMP_WORDS=(gaitd c); COMP_CWORD=1; _gaitd_completion gaitd\n"
+        'echo "${COMPREPLY[@]}"\n'
+    )
+    path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
 
-    assert {"check", "core", "commission"} <= set(completed("gaitd c", 1))
-    assert "--config" in completed("gaitd core --c", 2)
+    ended = subprocess.run(
+        ["bash", "-c", script],
+        **{"env": {**os.environ, "PATH": path}, "capture_output": True, "text": True},
+        check=True,
+    )
+
+    assert {"check", "core", "commission"} <= set(ended.stdout.split())
+
+
+ONE_LEG, TWO_LEGS = (f"--config {CONFIGS / name}" for name in ("demo.toml", "two_legs.toml"))
+
+
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("gaitd core --c", {"--config"}),
+        ("gaitd mode h", {"hold", "hand_guiding"}),
+        ("gaitd wait re", {"ready", "reference"}),
+        ("gaitd explain hand", {"hand_switch_open", "hand_switch_unknown"}),
+        ("gaitd reference ", {"right/hip", "right/slide", "hip", "slide"}),
+        (
+            f"gaitd reference {TWO_LEGS} ",
+            {"right/hip", "right/slide", "left/hip", "left/slide"},
+        ),
+        (f"gaitd drive {TWO_LEGS} left/", {"left/hip", "left/slide"}),
+        (f"gaitd mode excite {ONE_LEG} --scenario p", {"paper"}),
+        ("gaitd mode excite --config none.toml --scenario p", set()),
+        (f"gaitd watch {TWO_LEGS} left/e", {"left/estimate"}),
+    ],
+)
+def test_a_shell_completes_words_of_gaitd_and_of_a_trainer(monkeypatch, line, found):
+    words = line.split(" ")
+    monkeypatch.setenv("_GAITD_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", line)
+    monkeypatch.setenv("COMP_CWORD", str(len(words) - 1))
+
+    assert set(gaitd().out.split()) == found
+
+
+def test_a_name_without_its_beginning_is_taken_where_it_is_unique():
+    known = ("right/hip", "right/slide", "left/hip")
+
+    assert full_name("slide", known, "AXIS") == "right/slide"
+    assert full_name("right/hip", known, "AXIS") == "right/hip"
+    assert full_name("ip", known, "AXIS") == "ip"
+    with pytest.raises(ConfigError, match='AXIS = "hip": one of right/hip, left/hip'):
+        full_name("hip", known, "AXIS")
+
+
+@pytest.mark.parametrize("words", [("drive", "hip", "dump"), ("sim", "inject", "silent", "hip")])
+def test_an_axis_that_two_legs_have_names_both(words):
+    ended = gaitd(*words, *TWO_LEGS.split())
+
+    assert (ended.code, "one of right/hip, left/hip" in ended.err) == (2, True)
 
 
 @pytest.mark.parametrize("name", EVERY)

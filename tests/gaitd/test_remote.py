@@ -9,6 +9,7 @@ import zenoh
 from command_line import gaitd
 from gaitd_client import Mode, Reply, Target, Trainer, wire
 from gaitd_client.connection import config_of
+from gaitd_names import ExitCode
 from gaitd_toml import ConfigError
 
 from gaitd import remote
@@ -42,7 +43,7 @@ def test_every_outcome_has_an_exit_code(monkeypatch, capsys, outcome, code):
 def test_a_stop_without_a_service_names_the_other_ways_to_stop(capsys, name, is_warned):
     nowhere = Target(("tcp/127.0.0.1:1",))
 
-    assert remote.request(nowhere, name, as_json=False) == remote.EXIT_NO_ANSWER
+    assert remote.request(nowhere, name, as_json=False) == ExitCode.UNAVAILABLE
     text = capsys.readouterr().err
     assert "no service listens on tcp/127.0.0.1:1" in text
     assert ("may not have stopped" in text and "emergency stop" in text) == is_warned
@@ -71,7 +72,7 @@ def test_a_refusal_names_the_next_command(capsys, code, mode, following):
     )
     refused = reply_of("enable", "refused", why, mode)
 
-    assert remote.report_reply(refused, as_json=False) == remote.EXIT_REFUSED
+    assert remote.report_reply(refused, as_json=False) == ExitCode.FAILED
     assert following in capsys.readouterr().out.splitlines()[1]
 
 
@@ -81,7 +82,7 @@ def test_watching_a_trainer_that_is_not_there_ends(tmp_path):
     with zenoh.open(config_of(other)):
         ended = gaitd("watch", "safety", "--count", 1, "--endpoint", endpoint, "--trainer", "wrong")
 
-    assert (ended.code, ended.out) == (remote.EXIT_NO_ANSWER, "")
+    assert (ended.code, ended.out) == (ExitCode.UNAVAILABLE, "")
     assert "no answer to gaitd/wrong/control/status" in ended.err
     assert "another trainer" in ended.err
 

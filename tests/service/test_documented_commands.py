@@ -42,8 +42,9 @@ RUN: Final = {
     r"gaitd stop": Run(Mode.HOLD),
     r"gaitd reset": Run(Mode.FAULT),
     r"gaitd blackbox .*": Run(None, takes_time=False),
-    r"gaitd schema .*": Run(None, takes_time=False),
-    r"gaitd watch .* --count 1 .*": Run(None),
+    r"gaitd (schema|explain) .*": Run(None, takes_time=False),
+    r"gaitd watch .* (--count 1|--once) .*": Run(None),
+    r"gaitd wait hold .*": Run(Mode.HOLD),
 }
 """Commands that are run, by what they look like."""
 

@@ -1,14 +1,15 @@
-"""A command line in the test's own process: what `python -m gaitd` does, without its imports."""
+"""A command line in the test's own process: what an installed script does, without its imports."""
 
 import contextlib
 import re
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 from unittest.mock import patch
 
-from gaitd.__main__ import main
+from gaitd.__main__ import main as main_of_gaitd
 
 
 class Ended(NamedTuple):
@@ -20,7 +21,14 @@ class Ended(NamedTuple):
 
 
 def gaitd(*words: object, folder: Path | str = ".") -> Ended:
-    """Run `gaitd WORDS` in a folder, as the installed script does."""
+    """Run `gaitd WORDS` in a folder."""
+    return ran(main_of_gaitd, "gaitd", *words, folder=folder)
+
+
+def ran(
+    main: Callable[[], object], program: str, *words: object, folder: Path | str = "."
+) -> Ended:
+    """Run `PROGRAM WORDS` in a folder; `main` is the function that its script calls."""
     code = 0
     with (
         tempfile.TemporaryFile("w+", encoding="utf-8") as out,
@@ -28,7 +36,7 @@ def gaitd(*words: object, folder: Path | str = ".") -> Ended:
         contextlib.chdir(folder),
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
-        patch.object(sys, "argv", ["gaitd", *map(str, words)]),
+        patch.object(sys, "argv", [program, *map(str, words)]),
     ):
         try:
             main()

@@ -1,18 +1,18 @@
 """The command `gaitd-assist run --config FILE`: hold the lease, and answer until it is ended.
 
-It requests no mode: an operator or a session starts the gait. Exit codes: 0 ended by Ctrl-C or
-SIGTERM; 2 the file is refused, or the log cannot be written; 3 no service, or no lease.
+It requests no mode: an operator or a session starts the gait.
 """
 
-import argparse
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
+import typer
 from gaitd_client import (
     Assist,
     ClientError,
+    CredentialsError,
     Estimate,
     Lease,
     NotValid,
@@ -24,15 +24,15 @@ from gaitd_client import (
     read_credentials,
 )
 from gaitd_client.signals import interrupted_once
-from gaitd_toml import ConfigError
+from gaitd_names import ExitCode
+from gaitd_program import CommandError, parser
+from gaitd_program import run as run_program
 
 from gaitd_assist.journal import Journal
 from gaitd_assist.law import Law, Pair
 from gaitd_assist.leg import LegController, StrideLine
 from gaitd_assist.settings import Settings, check_caps, read_settings, stiffness_of
 
-EXIT_REFUSED: Final = 2
-EXIT_NO_SERVICE: Final = 3
 CLIENT: Final = "gaitd-assist"
 WRITE_S: Final = 0.5
 """Time between two writes of the log."""
@@ -116,24 +116,27 @@ def run(
                     print(f"{CLIENT}: {was or 'answers again'}", flush=True)
 
 
-def main() -> None:
-    """Run the command."""
-    parser = argparse.ArgumentParser(prog=CLIENT, description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    command = commands.add_parser("run", help="hold the lease and assist")
-    command.add_argument("--config", type=Path, required=True, metavar="FILE")
-    given = parser.parse_args()
+app: Final = parser(CLIENT, "The reference controller of a gait trainer's assist.")
+
+
+@app.command("run")
+def command(
+    config: Annotated[Path, typer.Option("--config", help="its settings", dir_okay=False)],
+) -> None:
+    """Hold the lease and assist, until Ctrl-C or SIGTERM."""
     try:
         with interrupted_once():
-            _connect_and_run(given.config)
+            _connect_and_run(config)
     except KeyboardInterrupt:
         print(f"{CLIENT}: ended; the lease is released", flush=True)
-    except ConfigError as error:
-        _fail(EXIT_REFUSED, error, *error.more)
-    except ClientError as error:
-        _fail(EXIT_NO_SERVICE, error)
     except OSError as error:
-        _fail(EXIT_REFUSED, f"{error.filename}: {error.strerror}; the log must be writable")
+        text = f"{error.filename}: {error.strerror}; the log must be writable"
+        raise CommandError(text, ExitCode.USAGE) from error
+
+
+def main() -> None:
+    """Entry point of the script."""
+    run_program(app, {ClientError: ExitCode.UNAVAILABLE, CredentialsError: ExitCode.USAGE})
 
 
 def _connect_and_run(file: Path) -> None:
@@ -155,11 +158,6 @@ def _publish(line: StrideLine, lease: Lease) -> None:
 def _report(refusal: Refusal) -> None:
     refused = f"{refusal.setpoint_count} setpoints refused: {refusal.meaning}; {refusal.remedy}"
     print(f"{CLIENT}: {refused}", file=sys.stderr, flush=True)
-
-
-def _fail(code: int, *errors: object) -> None:
-    print(*(f"{CLIENT}: {error}" for error in errors), sep="\n", file=sys.stderr)
-    sys.exit(code)
 
 
 if __name__ == "__main__":

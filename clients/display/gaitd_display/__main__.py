@@ -1,15 +1,16 @@
 """The command `gaitd-display`: the three servers, and the hash of a password."""
 
-import argparse
 import getpass
 import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Final, NamedTuple, NoReturn
+from typing import Annotated, Final, NamedTuple
 
+import typer
 from gaitd_client import ClientError, Clock, MonotonicClock, Trainer
-from gaitd_toml import ConfigError
+from gaitd_names import ExitCode
+from gaitd_program import CommandError, parser, run
 from starlette.types import ASGIApp
 
 from gaitd_display.engineer import EngineerServer
@@ -27,35 +28,37 @@ from gaitd_display.settings import (
 from gaitd_display.therapist import TherapistServer
 from gaitd_display.web import serve
 
-CONFIGURATION_ERROR: Final = 2
-SERVERS: Final = ("patient", "therapist", "engineer")
+app: Final = parser("gaitd-display", "Pages for the people around a gait trainer.")
 
 
-def main() -> None:
-    """Run the command; exit code 2 for a file that cannot be used."""
-    parser = argparse.ArgumentParser(prog="gaitd-display", description=__doc__)
-    commands = parser.add_subparsers(dest="command", required=True)
-    for name in SERVERS:
-        command = commands.add_parser(name, help=f"serve the {name}'s page")
-        command.add_argument("--config", type=Path, required=True, metavar="FILE")
-    commands.add_parser("password", help="read a password, print its hash for the file")
-    given = parser.parse_args()
-    try:
-        if given.command == "password":
-            _print_hash()
-        else:
-            made = server_of(given.command, given.config, MonotonicClock(), utc_ahead_ns)
-            refuse_certificate(given.config, made.web)
-            serve(made.app, made.web)
-    except ConfigError as error:
-        _refuse(error, *error.more)
-    except (PasswordError, ClientError) as error:
-        _refuse(f"{given.config}: {error}" if given.command in SERVERS else error)
+def _add(kind: str) -> None:
+    """Add the command that serves the page of one kind of reader."""
+
+    @app.command(kind, help=f"Serve the {kind}'s page.")
+    def serve_page(  # pyright: ignore[reportUnusedFunction] - typer calls it
+        config: Annotated[
+            Path, typer.Option("--config", help="settings of the page", dir_okay=False)
+        ],
+    ) -> None:
+        try:
+            made = server_of(kind, config, MonotonicClock(), utc_ahead_ns)
+        except (PasswordError, ClientError) as error:
+            raise CommandError(f"{config}: {error}", ExitCode.USAGE) from error
+        refuse_certificate(config, made.web)
+        serve(made.app, made.web)
 
 
-def _refuse(*errors: object) -> NoReturn:
-    print(*(f"gaitd-display: {error}" for error in errors), sep="\n", file=sys.stderr)
-    sys.exit(CONFIGURATION_ERROR)
+for _kind in ("patient", "therapist", "engineer"):
+    _add(_kind)
+
+
+@app.command("password")
+def print_hash() -> None:
+    """Read a password, print its hash for the file."""
+    password = getpass.getpass("password: ")
+    if sys.stdin.isatty() and getpass.getpass("again: ") != password:
+        raise CommandError("the two are different; nothing was made", ExitCode.USAGE)
+    print(f'password_hash = "{hash_password(password)}"')
 
 
 class Made(NamedTuple):
@@ -71,7 +74,7 @@ def server_of(kind: str, file: Path, clock: Clock, utc_ahead_ns: Callable[[], in
     """Return a server as its file says.
 
     Args:
-        kind: one of `SERVERS`.
+        kind: patient, therapist or engineer.
         file: its settings.
         clock: measures silence, and the times of a session. That of a login is the computer's.
         utc_ahead_ns: returns UTC less the time of `clock`.
@@ -111,11 +114,9 @@ def utc_ahead_ns() -> int:
     return time.time_ns() - time.monotonic_ns()
 
 
-def _print_hash() -> None:
-    password = getpass.getpass("password: ")
-    if sys.stdin.isatty() and getpass.getpass("again: ") != password:
-        raise PasswordError("the two are different; nothing was made")
-    print(f'password_hash = "{hash_password(password)}"')
+def main() -> None:
+    """Entry point of the script."""
+    run(app, {PasswordError: ExitCode.USAGE})
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ import contextlib
 import functools
 import signal
 import socket
-import sys
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -29,7 +28,8 @@ from gaitd_client import (
     Trainer,
 )
 from gaitd_client.wire import Refusal
-from gaitd_names import RefusalCode
+from gaitd_names import ExitCode, RefusalCode
+from gaitd_program import CommandError
 from starlette.applications import Starlette
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect, Request
@@ -54,7 +54,6 @@ CONFIGURATION_POLL_S: Final = 1.0
 PING_S: Final = 2.0
 BACKLOG: Final = 128
 """Connections that may wait to be accepted."""
-EXIT_NOT_STARTED: Final = 3
 GOING_AWAY: Final = 1001
 TRY_LATER: Final = 1013
 FORBIDDEN: Final = 4403
@@ -445,15 +444,19 @@ def _bind(web: Web) -> list[socket.socket]:
 
 
 def serve(app: ASGIApp, web: Web) -> None:
-    """Serve until SIGTERM, SIGINT or SIGHUP."""
+    """Serve until SIGTERM, SIGINT or SIGHUP.
+
+    Raises:
+        CommandError: the address cannot be used now.
+    """
     try:
         server = Server(app, web)
     except (OSError, UnicodeError) as error:  # the latter of a name that no machine can have
         reason = getattr(error, "strerror", None) or str(error)
-        print(f"gaitd-display: {web.host}:{web.port}: {reason.lower()}", file=sys.stderr)
-        sys.exit(EXIT_NOT_STARTED)
+        text = f"{web.host}:{web.port}: {reason.lower()}"
+        raise CommandError(text, ExitCode.UNAVAILABLE) from error
     signal.signal(signal.SIGHUP, server.handle_exit)
     with contextlib.suppress(KeyboardInterrupt):  # uvicorn raises the signal again at its end
         server.run()
     if not server.started:
-        sys.exit(EXIT_NOT_STARTED)
+        raise CommandError(f"{web.host}:{web.port}: not served", ExitCode.UNAVAILABLE)

@@ -2,7 +2,8 @@
 
 Reading order: `modes.py` (modes, stages, and what changes a mode), `stops.py` (categories and
 causes of stops), `requests.py` (requests, roles, refusals), `events.py` (events),
-`measured.py` (drives and estimates), `joints.py` (joints and their units).
+`measured.py` (drives and estimates), `joints.py` (joints and their units), `exit_codes.py` (how a
+program has ended).
 
 A member is the string that recordings and messages hold. In a message that a client receives the
 field is a plain string, because a later version of the service may send a name that this version
@@ -11,6 +12,7 @@ order and are all true, `none` too.
 """
 
 from gaitd_names.events import CyclePart, EventCode, Kind, Priority
+from gaitd_names.exit_codes import ExitCode
 from gaitd_names.measured import NMT_STATES, POWER_STATES, Doubt, StatusBit, Validity
 from gaitd_names.modes import AxisStep, Failure, Mode, MotionPhase, ProgressCode, Stage, Trigger
 from gaitd_names.requests import (
@@ -33,6 +35,7 @@ __all__ = [
     "CyclePart",
     "Doubt",
     "EventCode",
+    "ExitCode",
     "Failure",
     "Finding",
     "Kind",

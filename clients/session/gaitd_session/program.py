@@ -1,20 +1,21 @@
 """The command `gaitd-session`: new-profile, run, summary, export, erase.
 
-Exit codes: 0 done; 2 a profile, a history or the command line is refused; 3 no service, or another
-trainer than the profile's; 4 the session was left, and the drives may be on.
+Exit code 3: the session was left, and the drives may be on.
 """
 
 import datetime
-import sys
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Final
 
 import typer
-from gaitd_client import ClientError, MonotonicClock, Trainer
+from gaitd_client import ClientError, CredentialsError, MonotonicClock, Trainer
 from gaitd_client.signals import ignore_ends, interrupted_once
+from gaitd_names import ExitCode
+from gaitd_program import CommandError, parser
+from gaitd_program import run as run_program
 from gaitd_texts import Catalogue, Reader, catalogue
 from gaitd_toml import ConfigError
 
@@ -30,10 +31,12 @@ from gaitd_session.profile import (
 )
 from gaitd_session.session import Session, SessionError
 from gaitd_session.store import Store, StoreError, files_aside, open_history
+from gaitd_session.terminal import NoTerminalError
 
-EXIT_REFUSED: Final = 2
-EXIT_NO_SERVICE: Final = 3
-EXIT_LEFT_ON: Final = 4
+EXIT_CODES: Final[Mapping[type[Exception], ExitCode]] = {
+    **dict.fromkeys((StoreError, ExportError, NoTerminalError, CredentialsError), ExitCode.USAGE),
+    **dict.fromkeys((ClientError, SessionError), ExitCode.UNAVAILABLE),
+}
 HISTORY: Final = "history.sqlite"
 NS_PER_S: Final = 1_000_000_000
 SECONDS_PER_MINUTE: Final = 60
@@ -46,10 +49,8 @@ HistoryFile = Annotated[
     typer.Option("--history", help=f"by default {HISTORY} beside the profile", dir_okay=False),
 ]
 
-app: Final = typer.Typer(
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    help="A training session of a patient at home, by a plan of the therapist.",
+app: Final = parser(
+    "gaitd-session", "A training session of a patient at home, by a plan of the therapist."
 )
 
 TEMPLATE: Final = """\
@@ -108,31 +109,6 @@ class Language(StrEnum):
     DE = "de"
 
 
-class LeftOnError(Exception):
-    """A session was left, and the drives may be on; the text says what to do."""
-
-
-@contextmanager
-def _errors_in_one_line() -> Generator[None]:
-    try:
-        yield
-    except ConfigError as error:
-        print(error, *error.more, sep="\n", file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
-    except (StoreError, ExportError, SessionError, terminal.NoTerminalError) as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
-    except ClientError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_NO_SERVICE) from error
-    except LeftOnError as error:
-        print(error, file=sys.stderr)
-        raise typer.Exit(EXIT_LEFT_ON) from error
-    except OSError as error:
-        print(f"{error.filename}: {error.strerror}", file=sys.stderr)
-        raise typer.Exit(EXIT_REFUSED) from error
-
-
 @app.command("new-profile")
 def new_profile(
     cadence: Annotated[tuple[float, float], typer.Option(help="Lowest and highest, strides/s.")],
@@ -167,10 +143,9 @@ def new_profile(
     values["passive"] = minute
     file = folder / f"{profile_id}.toml"
     text = TEMPLATE.format_map(values) + BLOCK.format_map(values) * blocks
-    with _errors_in_one_line():
-        profile = parse_profile(text, file)
-        with file.open("x", encoding="utf-8") as opened:
-            opened.write(text)
+    profile = parse_profile(text, file)
+    with file.open("x", encoding="utf-8") as opened:
+        opened.write(text)
     limits = limits_of(profile)
     print(f"{file}: written. An operator releases its plan with")
     print(
@@ -197,7 +172,7 @@ def run(
 ) -> None:
     """Run a session in this terminal."""
     texts = catalogue(Reader.PATIENT, language)
-    with _errors_in_one_line(), interrupted_once():
+    with interrupted_once():
         profile = read_profile(profile_file)
         history = open_history(_history_file(profile_file, history_file))
         try:
@@ -229,10 +204,11 @@ def _check_off(session: Session, texts: Catalogue) -> None:
     """Check that nothing is left on that the session has switched on.
 
     Raises:
-        LeftOnError: the drives may be on.
+        CommandError: the drives may be on.
     """
     if session.left_on:
-        raise LeftOnError(texts.text("terminal.may_be_on", reason=session.left_on))
+        text = texts.text("terminal.may_be_on", reason=session.left_on)
+        raise CommandError(text, ExitCode.DRIVE)
     print(texts.text("terminal.off"))
 
 
@@ -250,10 +226,9 @@ def _check_legs(trainer: Trainer, profile: Profile, file: Path) -> None:
 @app.command()
 def summary(profile_file: ProfileFile, history_file: HistoryFile = None) -> None:
     """Print a line for each session of a profile."""
-    with _errors_in_one_line():
-        profile = read_profile(profile_file)
-        with _reading(profile_file, history_file) as store:
-            sessions = store.summaries(profile.id)
+    profile = read_profile(profile_file)
+    with _reading(profile_file, history_file) as store:
+        sessions = store.summaries(profile.id)
     print("session  begun (UTC)       end          walked  strides  valid  share  interruptions")
     for one in sessions:
         begun = datetime.datetime.fromtimestamp(one.begun_utc_ns / NS_PER_S, datetime.UTC)
@@ -273,11 +248,10 @@ def export_command(
     history_file: HistoryFile = None,
 ) -> None:
     """Write all strides of a profile, one line each."""
-    with _errors_in_one_line():
-        profile = read_profile(profile_file)
-        with _reading(profile_file, history_file) as store:
-            rows = store.strides(profile.id)
-        export(rows, output)
+    profile = read_profile(profile_file)
+    with _reading(profile_file, history_file) as store:
+        rows = store.strides(profile.id)
+    export(rows, output)
     print(f"{output}: {len(rows)} strides")
 
 
@@ -288,16 +262,15 @@ def erase(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
 ) -> None:
     """Delete a profile, and everything that the history has of it."""
-    with _errors_in_one_line():
-        profile = read_profile(profile_file)
-        file = _history_file(profile_file, history_file)
-        if not yes:
-            typer.confirm(f"Delete {profile_file} and its sessions in {file}?", abort=True)
-        count = 0
-        if file.exists():
-            with Store(file, is_writer=True) as store:
-                count = store.erase(profile.id)
-        profile_file.unlink()
+    profile = read_profile(profile_file)
+    file = _history_file(profile_file, history_file)
+    if not yes:
+        typer.confirm(f"Delete {profile_file} and its sessions in {file}?", abort=True)
+    count = 0
+    if file.exists():
+        with Store(file, is_writer=True) as store:
+            count = store.erase(profile.id)
+    profile_file.unlink()
     print(f"{profile.id}: {count} sessions and the profile are deleted")
     for aside in files_aside(file):
         print(f"{aside} could not be read once, and may hold sessions of this profile: delete it")
@@ -314,5 +287,5 @@ def _reading(profile_file: Path, history_file: Path | None) -> Generator[Store]:
 
 
 def main() -> None:
-    """Run the command."""
-    app()
+    """Entry point of the script."""
+    run_program(app, EXIT_CODES)

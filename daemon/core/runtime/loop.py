@@ -22,7 +22,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Final
 
-from gaitd_names import CyclePart, EventCode, Mode
+from gaitd_names import CyclePart, EventCode, ExitCode, Mode
 from msgspec.structs import replace
 
 from daemon.core import cycle
@@ -31,7 +31,7 @@ from daemon.core.runtime.bring_up import BringUp
 from daemon.core.runtime.bus_link import Line
 from daemon.core.runtime.commands import Commands
 from daemon.core.runtime.grid import Grid, count_missed, longest_part
-from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
+from daemon.core.runtime.loop_settings import LoopSettings
 from daemon.core.runtime.shutdown import (
     PowerOff,
     end_watch,
@@ -95,7 +95,7 @@ class Loop:
         self._dropped_in_a_row = 0
         self._written = core.persistent
         self.bug: Exception | None = None
-        """The exception that ended the loop with ExitCode.BUG."""
+        """The exception that ended the loop with ExitCode.UNAVAILABLE."""
 
     def run(
         self,
@@ -108,7 +108,7 @@ class Loop:
             end_requested: read every turn; stays True once a shutdown was requested.
             reload_requested: True once for each request to reload.
         """
-        code = ExitCode.BUG
+        code = ExitCode.UNAVAILABLE
         try:
             code = self._run(end_requested, reload_requested)
         finally:
@@ -126,14 +126,14 @@ class Loop:
                 self.turn(shutdown=end_requested())
         except BringUpRefused:
             self._publish(cycle.rest(self._core, [], self._tick(self._grid.due_ns)))
-            return ExitCode.REFUSED
+            return ExitCode.DRIVE
         except Exception as bug:  # noqa: BLE001 - the one broad catch: it stops the machine
             self.bug = bug  # first: what follows may fail, too
             self._supervision.begin_end()  # the watchdog is not fed from here on
             stop_without_feedback(self._core, self._line, self._clock, self._settings)
             self._write_state()
-            return ExitCode.BUG
-        return ExitCode.ENDED
+            return ExitCode.UNAVAILABLE
+        return ExitCode.DONE
 
     # --- one turn ---------------------------------------------------------------------------
 

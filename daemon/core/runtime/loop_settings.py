@@ -1,23 +1,13 @@
-"""Settings, interfaces and exit codes of the loop: grid and bus, IPC channel, systemd, journal."""
+"""Settings and interfaces of the loop: grid and bus, IPC channel, systemd, journal."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Protocol
 
 from daemon.core.runtime.build import Plans
 from daemon.core.runtime.state_file import StateStore
 from drives.bringup.plan import CycleSettings
 from drives.canopen.bus import Bus
-
-
-class ExitCode(IntEnum):
-    """Exit code of the core process."""
-
-    ENDED = 0
-    CONFIGURATION = 2
-    REFUSED = 3
-    BUG = 4
 
 
 class Supervisor(Protocol):

@@ -16,14 +16,14 @@ from pathlib import Path
 from types import FrameType
 from typing import Final
 
-from gaitd_names import EventCode
+from gaitd_names import EventCode, ExitCode
 
 from daemon.config.bundle import Settings
 from daemon.config.trainer import SIMULATED
 from daemon.core.runtime import realtime
 from daemon.core.runtime.build import NS_PER_MS, Built, build, ring_header
 from daemon.core.runtime.loop import Loop
-from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
+from daemon.core.runtime.loop_settings import LoopSettings
 from daemon.core.runtime.state_file import StateFile, StateStore
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING, Supervision
 from daemon.core.runtime.texts import event_text, verdict_text
@@ -90,7 +90,7 @@ class ShutdownSignals:
     def _request_end(self, _signal: int, _frame: FrameType | None) -> None:
         self._end = True
         if not self._waits:
-            raise SystemExit(int(ExitCode.ENDED))
+            raise SystemExit(int(ExitCode.DONE))
 
     def _request_reload(self, _signal: int, _frame: FrameType | None) -> None:
         self._reload = True
@@ -170,7 +170,7 @@ def _run(
         supervisor.close()
     if loop.bug is not None:
         _log(log, "".join(traceback.format_exception(loop.bug)), ERROR)
-    if code == ExitCode.REFUSED:
+    if code == ExitCode.DRIVE:
         _log(log, verdict_text(built.core.verdict), ERROR)
     return code
 

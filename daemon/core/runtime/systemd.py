@@ -13,10 +13,10 @@ Rules:
 
 from typing import Final
 
-from gaitd_names import Cause, Mode
+from gaitd_names import Cause, ExitCode, Mode
 
 from daemon.core.period import cycles
-from daemon.core.runtime.loop_settings import ExitCode, Log, Supervisor
+from daemon.core.runtime.loop_settings import Log, Supervisor
 from daemon.core.runtime.texts import one_line, status_text, verdict_text
 from daemon.core.state import Axis, Core
 from daemon.core.steps.wanted import is_silenced
@@ -78,7 +78,7 @@ class Supervision:
         self.begin_end()
         status = one_line(final_state_text(core, code, self._shutdown_effect))
         self._supervisor.send(f"STATUS={status}")
-        priority = NOTICE if code == ExitCode.ENDED else ERROR
+        priority = NOTICE if code == ExitCode.DONE else ERROR
         self._log.write(
             status, priority, {"GAITD_EVENT": "ended", "GAITD_EXIT_CODE": str(int(code))}
         )
@@ -110,14 +110,14 @@ def fields_of(record: CycleRecord) -> dict[str, str]:
 
 def final_state_text(core: Core, code: ExitCode, shutdown_effect: str) -> str:
     """Text on the final state after the end: power, brakes, and the effect on the leg."""
-    if code == ExitCode.BUG:
+    if code == ExitCode.UNAVAILABLE:
         return (
             "ended by a bug of ours: quick stops were sent, and the drives stop by themselves; "
             f"last seen: {_states(core)}"
         )
     verdict = verdict_text(core.verdict)
     why = f" ({verdict})" if verdict else ""
-    if code == ExitCode.REFUSED:
+    if code == ExitCode.DRIVE:
         return f"ended: the drives were refused and nothing was enabled{why}"
     if core.drives is None:
         left = "was not touched" if core.verdict.cause == Cause.DRIVE_POWERED else "is not known"

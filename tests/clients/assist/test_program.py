@@ -1,14 +1,13 @@
 """The file of the controller, its log, and the rules of one leg that no patient shows."""
 
 import json
-import sys
 from pathlib import Path
 
 import msgspec
 import pytest
 from assisted import SHIPPED, STIFFNESS, TRANSPARENCY, leg_controller, shipped
 from display_bench import filled
-from gaitd_assist import Memory, Sample, program
+from gaitd_assist import Memory, Sample
 from gaitd_assist.journal import LINES_KEPT, Journal
 from gaitd_assist.settings import check_caps, parse_settings, stiffness_of
 from gaitd_client import Assist, AxisPlan, Mode, PlanLimits, Stage, Validity, wire
@@ -232,20 +231,3 @@ def test_the_log_is_appended_to_and_counts_what_it_loses(tmp_path):
     assert len(lines) == LINES_KEPT + 2
     assert msgspec.json.decode(lines[0], type=type(line)) == line
     assert len(json.loads(lines[0])["hip"]["assist"]) == 16
-
-
-def test_the_command_ends_with_code_2_for_a_file_and_3_without_a_service(
-    monkeypatch, tmp_path, capsys
-):
-    def code(path):
-        monkeypatch.setattr(sys, "argv", ["gaitd-assist", "run", "--config", str(path)])
-        with pytest.raises(SystemExit) as ended:
-            program.main()
-        return ended.value.code
-
-    assert code(tmp_path / "none.toml") == program.EXIT_REFUSED
-    assert "none.toml: no such file" in capsys.readouterr().err
-    away = tmp_path / "away.toml"
-    away.write_text(SHIPPED.read_text().replace("127.0.0.1:7447", "127.0.0.1:1"))
-    assert code(away) == program.EXIT_NO_SERVICE
-    assert "no service listens" in capsys.readouterr().err

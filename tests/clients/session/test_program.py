@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from command_line import ran
 from gaitd_client import Cause, RefusalCode
 from gaitd_client.signals import ENDS
 from gaitd_client.wire import Refusal
@@ -21,7 +22,6 @@ from gaitd_session import (
     read_profile,
 )
 from gaitd_session.machine import TrainerState, begin
-from gaitd_session.program import app
 from gaitd_session.store import SessionRow, Store, StrideRow
 from gaitd_session.terminal import NoTerminalError, render, run
 from gaitd_session.view import view_of
@@ -30,7 +30,6 @@ from gaitd_toml import ConfigError
 from msgspec.structs import replace
 from rich.console import Console
 from training import PROFILE, profile
-from typer.testing import CliRunner
 
 OPTIONS = (
     *("--cadence", "0.25", "0.4", "--amplitude", "0.5", "0.7", "--share", "0.2", "0.6"),
@@ -40,7 +39,7 @@ OPTIONS = (
 
 
 def call(*words):
-    return CliRunner().invoke(app, [str(word) for word in words])
+    return ran(program.main, "gaitd-session", *words)
 
 
 def new_profile(folder, *options):
@@ -96,10 +95,10 @@ def test_a_profile_is_refused_with_file_key_value_and_what_is_allowed(old, new, 
 def test_a_new_profile_has_a_random_id_and_prints_the_plan_to_be_released(tmp_path):
     ended, file = new_profile(tmp_path)
 
-    assert ended.exit_code == 0, ended.output
+    assert ended.code == 0, ended.err
     made = read_profile(file)
     assert file.stem == made.id
-    assert "gaitd plan release --cadence 0.4 --amplitude 0.7 --duration 300" in ended.stdout
+    assert "gaitd plan release --cadence 0.4 --amplitude 0.7 --duration 300" in ended.out
     assert [walk.duration_s for walk in made.plan.block] == [300.0] * 3
     assert limits_of(made).duration_max_s == 300.0
     assert (limits_of(made).hip.assist_max, limits_of(made).slide.assist_max) == (10.0, 80.0)
@@ -108,8 +107,8 @@ def test_a_new_profile_has_a_random_id_and_prints_the_plan_to_be_released(tmp_pa
 def test_a_new_profile_that_contradicts_itself_is_not_written(tmp_path):
     ended, file = new_profile(tmp_path, *OPTIONS[:6], "--share", "0.6", "0.2", *OPTIONS[9:])
 
-    assert (ended.exit_code, file) == (2, None)
-    assert "goal.share_max_ratio = 0.2: at least goal.share_min_ratio" in ended.stderr
+    assert (ended.code, file) == (2, None)
+    assert "goal.share_max_ratio = 0.2: at least goal.share_min_ratio" in ended.err
 
 
 def test_summary_export_and_erase_of_one_profile(tmp_path):
@@ -126,28 +125,17 @@ def test_summary_export_and_erase_of_one_profile(tmp_path):
     (tmp_path / "history.sqlite.aside-1").write_text("unreadable")
     table = tmp_path / "strides.csv"
 
-    assert "42%" in call("summary", "--profile", file).stdout
-    assert call("export", "--profile", file, "--output", table).exit_code == 0
+    assert "42%" in call("summary", "--profile", file).out
+    assert call("export", "--profile", file, "--output", table).code == 0
     assert "7f3k9m2q,1,1795000000000000000" in table.read_text()
-    assert call("export", "--profile", file, "--output", tmp_path / "a.txt").exit_code == 2
+    assert call("export", "--profile", file, "--output", tmp_path / "a.txt").code == 2
     erased = call("erase", "--profile", file, "--yes")
 
-    assert erased.exit_code == 0, erased.output
-    assert "1 sessions and the profile are deleted" in erased.stdout
-    assert "history.sqlite.aside-1 could not be read once" in erased.stdout
+    assert erased.code == 0, erased.err
+    assert "1 sessions and the profile are deleted" in erased.out
+    assert "history.sqlite.aside-1 could not be read once" in erased.out
     assert not file.exists()
     assert profile().id.encode() not in history.read_bytes()
-
-
-def test_run_without_a_service_ends_with_3_and_one_line(tmp_path):
-    file = tmp_path / "her.toml"
-    file.write_text(PROFILE)
-
-    ended = call("run", "--profile", file, "--endpoint", f"unixsock-stream/{tmp_path}/none")
-
-    assert ended.exit_code == 3
-    assert "no service listens on" in ended.stderr
-    assert len(ended.stderr.splitlines()) == 1
 
 
 class Left(contextlib.AbstractContextManager):
@@ -170,7 +158,7 @@ class Left(contextlib.AbstractContextManager):
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_a_second_signal_does_not_cut_off_the_end_and_drives_that_stay_on_are_code_4(
+def test_a_second_signal_does_not_cut_off_the_end_and_drives_that_stay_on_are_code_3(
     tmp_path, monkeypatch, end
 ):
     (tmp_path / "her.toml").write_text(PROFILE)
@@ -181,10 +169,10 @@ def test_a_second_signal_does_not_cut_off_the_end_and_drives_that_stay_on_are_co
 
     ended = call("run", "--profile", tmp_path / "her.toml")
 
-    assert ended.exit_code == 4, ended.output
-    assert "is being switched off: up to 18 s" in ended.stdout
-    assert "The session was left." in ended.stdout
-    assert ended.stderr.startswith("The drives may be on: busy.")
+    assert ended.code == 3, ended.err
+    assert "is being switched off: up to 18 s" in ended.out
+    assert "The session was left." in ended.out
+    assert ended.err.startswith("The drives may be on: busy.")
     assert [signal.getsignal(one) for one in ENDS] == before
 
 

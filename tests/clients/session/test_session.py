@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import pytest
 from display_bench import filled
 from gaitd_client import Cause, Event, Mode, NoAnswerError, NotValid, Stage, Trouble
+from gaitd_program import CommandError
 from gaitd_session import (
     Advice,
     Button,
@@ -20,7 +21,7 @@ from gaitd_session import (
 from gaitd_session import session as session_module
 from gaitd_session.advice import Failure, refusal_of
 from gaitd_session.machine import ANNOUNCE_S, OFF_SETTLE_S, SILENCE_CYCLES
-from gaitd_session.program import LeftOnError, _check_off
+from gaitd_session.program import _check_off
 from gaitd_session.session import FLUSH_S, LATE_LOOKS_MAX, NOT_ENDED, POLL_S
 from gaitd_session.store import StoreError
 from gaitd_texts import Reader, catalogue
@@ -212,7 +213,7 @@ def test_drives_that_could_not_be_switched_off_are_told(history, monkeypatch, fa
     bench.session._leave()
 
     assert reason in bench.session.left_on
-    with pytest.raises(LeftOnError, match="Not-Halt drücken"):
+    with pytest.raises(CommandError, match="Not-Halt drücken"):
         _check_off(bench.session, catalogue(Reader.PATIENT, "de"))
 
 

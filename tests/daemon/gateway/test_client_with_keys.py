@@ -1,11 +1,8 @@
 """The client library with credentials, over TLS and a local link: name, role, lease, silence."""
 
-import msgspec
 import pytest
-from command_line import gaitd
 from gaitd_client import (
     Assist,
-    Estimate,
     NoAnswerError,
     NotValid,
     PlanLimits,
@@ -58,18 +55,6 @@ def test_a_lease_has_the_name_of_the_credentials_whatever_is_claimed(
         operator.stop()
         eventually(lambda: service.core.levels[-1].lease not in {0, number})
     assert controller.status().safety.lease_holder is None
-
-
-@pytest.mark.usefixtures("controller")
-@pytest.mark.parametrize(("key", "kind"), [("right/estimate", Estimate), ("safety", Safety)])
-def test_a_key_is_watched_on_the_command_line(service, key, kind):
-    folder = service.folder / issuing.ISSUED / CONTROLLER
-
-    ended = gaitd("watch", key, "--count", 2, "--credentials", folder)
-
-    assert ended.code == 0, ended.err
-    first, second = (msgspec.json.decode(line, type=kind) for line in ended.out.splitlines())
-    assert second.seq > first.seq
 
 
 def test_what_a_role_may_not_request_has_no_answer_and_says_so(controller):

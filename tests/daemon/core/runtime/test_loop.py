@@ -7,13 +7,13 @@ from types import SimpleNamespace
 
 import pytest
 from fresh_core import fresh, show
-from gaitd_names import Cause, CyclePart, EventCode, Mode
+from gaitd_names import Cause, CyclePart, EventCode, ExitCode, Mode
 from records import record
 from safety_inputs import FEEDBACK, JOINT
 
 from daemon.core.runtime import loop as loop_module
 from daemon.core.runtime.loop import Loop
-from daemon.core.runtime.loop_settings import ExitCode, LoopSettings
+from daemon.core.runtime.loop_settings import LoopSettings
 from daemon.core.safety.stop_sequence import Step
 from daemon.ipc.cycle_timing import CycleTiming
 from daemon.ipc.report import Event
@@ -495,13 +495,12 @@ def test_it_runs_until_it_is_asked_to_end_and_may(world, monkeypatch):
 
     code = world.loop.run(lambda: next(asked), lambda: next(reloads))
 
-    assert code is ExitCode.ENDED
-    assert list(ExitCode) == [0, 2, 3, 4]
+    assert code is ExitCode.DONE
     assert world.names().count("step") == 2
     assert [tick.shutdown for tick in world.ticks] == [False, True]
     reports = [event for event in world.core.events if event != NOTICE]
     assert reports == [Event(EventCode.RELOAD_REFUSED)]
-    assert world.calls[-2:] == [("close",), ("end", ExitCode.ENDED)]
+    assert world.calls[-2:] == [("close",), ("end", ExitCode.DONE)]
     assert world.names().count("begin_end") == 1
 
 
@@ -509,7 +508,7 @@ def test_without_a_way_to_ask_for_a_reload_there_is_none(world, monkeypatch):
     monkeypatch.setattr(world.loop, "may_end", lambda: True)
     asked = iter([False, False, True])
 
-    assert world.loop.run(lambda: next(asked)) is ExitCode.ENDED
+    assert world.loop.run(lambda: next(asked)) is ExitCode.DONE
     assert world.core.events == [NOTICE]
 
 
@@ -520,9 +519,9 @@ def test_drives_that_are_refused_end_the_loop_with_a_last_record(world, monkeypa
     monkeypatch.setattr(world.loop, "turn", refused)
     world.core.drives = None
 
-    assert world.loop.run(lambda: False) is ExitCode.REFUSED
+    assert world.loop.run(lambda: False) is ExitCode.DRIVE
     assert world.names() == ["rest", "publish", "close", "end"]
-    assert (world.calls[0], world.calls[-1]) == (("rest", ()), ("end", ExitCode.REFUSED))
+    assert (world.calls[0], world.calls[-1]) == (("rest", ()), ("end", ExitCode.DRIVE))
     assert world.ticks[0].sync_ns == 1010 * MS
 
 
@@ -535,7 +534,7 @@ def test_a_bug_stops_the_drives_stores_what_is_known_and_ends_the_loop(world, mo
 
     monkeypatch.setattr(world.loop, "turn", turn)
 
-    assert world.loop.run(lambda: False) is ExitCode.BUG
+    assert world.loop.run(lambda: False) is ExitCode.UNAVAILABLE
     assert world.loop.bug is bug
     names = world.names()
     assert (names[0], names[-3:]) == ("begin_end", ["store", "close", "end"])
@@ -551,7 +550,7 @@ def test_what_ends_python_itself_still_closes_the_bus_and_is_told_as_a_bug(world
 
     with pytest.raises(KeyboardInterrupt):
         world.loop.run(lambda: False)
-    assert world.calls[-2:] == [("close",), ("end", ExitCode.BUG)]
+    assert world.calls[-2:] == [("close",), ("end", ExitCode.UNAVAILABLE)]
     assert world.loop.bug is None
 
 

@@ -8,12 +8,11 @@ from types import SimpleNamespace
 import pytest
 from config_files import CONFIGS
 from fresh_core import fresh
-from gaitd_names import Cause, EventCode
+from gaitd_names import Cause, EventCode, ExitCode
 from gaitd_toml import ConfigError
 from numba.core import event
 
 from daemon.core.runtime import process
-from daemon.core.runtime.loop_settings import ExitCode
 from daemon.core.runtime.process import ShutdownSignals, loop_settings, run_core
 from daemon.core.runtime.systemd import ERROR, INFORMATIONAL, WARNING
 from daemon.core.runtime.texts import event_text, verdict_text
@@ -70,7 +69,7 @@ class World:
         runtime, state = tmp_path / "run", tmp_path / "state"
         file = replace(SETTINGS.file, trainer=trainer, runtime=runtime, state=state)
         self.settings = replace(SETTINGS, file=file)
-        self.calls, self.built, self.code, self.bug = [], fresh(), ExitCode.ENDED, None
+        self.calls, self.built, self.code, self.bug = [], fresh(), ExitCode.DONE, None
         self.cached, self.is_open, self.opens = True, True, True
         self.verdict = Verdict()
         self.clock = SimpleNamespace(utc_ns=lambda: 123)
@@ -154,7 +153,7 @@ def load_event(world):
 
 
 def test_everything_is_built_and_warm_before_the_loop_begins(world):
-    assert world.run() is ExitCode.ENDED
+    assert world.run() is ExitCode.DONE
 
     loaded = load_event(world)
     assert world.calls == [
@@ -189,7 +188,7 @@ def test_in_simulated_time_the_bus_is_opened_first_and_no_priority_is_asked_for(
     world = World(monkeypatch, tmp_path, interface)
     world.opens = opens
 
-    assert world.run(has_watchdog=has_watchdog) is ExitCode.ENDED
+    assert world.run(has_watchdog=has_watchdog) is ExitCode.DONE
 
     assert world.calls[0] == ("bus", has_watchdog)
     assert ("open_bus" in world.calls) is is_opened
@@ -220,14 +219,14 @@ def test_a_first_start_says_that_it_compiles_and_how_far_it_is(world, capsys, mo
 
 
 def test_a_bug_and_a_refusal_are_logged_after_the_end(world):
-    world.bug, world.code = ZeroDivisionError("ours"), ExitCode.BUG
+    world.bug, world.code = ZeroDivisionError("ours"), ExitCode.UNAVAILABLE
     world.bug.add_note("of one turn")
-    assert world.run() is ExitCode.BUG
+    assert world.run() is ExitCode.UNAVAILABLE
     assert world.calls[-1] == ("ZeroDivisionError: ours\nof one turn\n", ERROR)
 
-    world.bug, world.code = None, ExitCode.REFUSED
+    world.bug, world.code = None, ExitCode.DRIVE
     world.verdict = Verdict(cause=Cause.DRIVE_SILENT, drive="right/hip")
-    assert world.run() is ExitCode.REFUSED
+    assert world.run() is ExitCode.DRIVE
     assert world.calls[-1] == (verdict_text(world.verdict), ERROR)
 
 
@@ -240,7 +239,7 @@ def test_without_a_journal_lines_go_to_the_log_and_one_that_is_closed_costs_noth
         full = SimpleNamespace(write=lambda _: (_ for _ in ()).throw(OSError(28, "full")))
         monkeypatch.setattr(process, "sys", SimpleNamespace(stderr=full))
 
-    assert world.run() is ExitCode.ENDED
+    assert world.run() is ExitCode.DONE
 
     told = capsys.readouterr().err
     assert told == (

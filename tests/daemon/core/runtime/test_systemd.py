@@ -4,12 +4,11 @@ from types import SimpleNamespace
 
 import pytest
 from fresh_core import fresh, show
-from gaitd_names import Cause, EventCode, Mode, ProgressCode, Stage, StopCategory
+from gaitd_names import Cause, EventCode, ExitCode, Mode, ProgressCode, Stage, StopCategory
 from msgspec.structs import replace
 from records import record
 from safety_inputs import FEEDBACK
 
-from daemon.core.runtime.loop_settings import ExitCode
 from daemon.core.runtime.systemd import (
     ERROR,
     INFORMATIONAL,
@@ -166,7 +165,7 @@ def test_the_journal_has_mode_cause_and_drive_as_fields(
     ]
 
 
-def ended(systemd, supervision, code=ExitCode.ENDED, *, states=(), **changes):
+def ended(systemd, supervision, code=ExitCode.DONE, *, states=(), **changes):
     """What is said of a core that ends: of its drives with these states, `None`: unknown."""
     core = fresh().core
     core.drives = object()
@@ -188,34 +187,34 @@ BUG = (
 @pytest.mark.parametrize(
     ("code", "states", "changes", "text"),
     [
-        (ExitCode.BUG, (None, POWERED), {}, BUG),
-        (ExitCode.REFUSED, (), {}, "ended: the drives were refused and nothing was enabled"),
+        (ExitCode.UNAVAILABLE, (None, POWERED), {}, BUG),
+        (ExitCode.DRIVE, (), {}, "ended: the drives were refused and nothing was enabled"),
         (
-            *(ExitCode.ENDED, (), {"drives": None}),
+            *(ExitCode.DONE, (), {"drives": None}),
             "ended without the drives: their power is not known",
         ),
         (
-            *(ExitCode.ENDED, (), {"drives": None, "verdict": Verdict(cause=Cause.BUS_DOWN)}),
+            *(ExitCode.DONE, (), {"drives": None, "verdict": Verdict(cause=Cause.BUS_DOWN)}),
             f"ended without the drives: their power is not known "
             f"({verdict_text(Verdict(cause=Cause.BUS_DOWN))})",
         ),
         (
-            *(ExitCode.ENDED, (), {"drives": None, "verdict": Verdict(cause=Cause.DRIVE_POWERED)}),
+            *(ExitCode.DONE, (), {"drives": None, "verdict": Verdict(cause=Cause.DRIVE_POWERED)}),
             f"ended without the drives: their power was not touched "
             f"({verdict_text(Verdict(cause=Cause.DRIVE_POWERED))})",
         ),
         (
-            *(ExitCode.ENDED, (UNPOWERED, None), {"verdict": STOPPED}),
+            *(ExitCode.DONE, (UNPOWERED, None), {"verdict": STOPPED}),
             "ended, but not every drive showed that it is without power: "
             f"right/hip switch_on_disabled, right/slide unknown ({verdict_text(STOPPED)})",
         ),
         (
-            *(ExitCode.ENDED, (POWERED, UNPOWERED), {}),
+            *(ExitCode.DONE, (POWERED, UNPOWERED), {}),
             "ended, but not every drive showed that it is without power: "
             "right/hip operation_enabled, right/slide switch_on_disabled",
         ),
         (
-            *(ExitCode.ENDED, (UNPOWERED, UNPOWERED), {}),
+            *(ExitCode.DONE, (UNPOWERED, UNPOWERED), {}),
             "ended: all axes are at rest and without power, no axis has a brake. the leg sinks",
         ),
     ],
@@ -227,7 +226,7 @@ def test_the_last_status_says_what_became_of_the_drives(
 
     assert said == one_line(text)
     assert systemd.sent == [("STOPPING=1",), (f"STATUS={said}",)]
-    priority = NOTICE if code is ExitCode.ENDED else ERROR
+    priority = NOTICE if code is ExitCode.DONE else ERROR
     fields = {"GAITD_EVENT": "ended", "GAITD_EXIT_CODE": str(int(code))}
     assert systemd.written == [(said, priority, fields)]
 
@@ -238,9 +237,9 @@ def test_axes_with_a_brake_and_drives_in_silence_are_named_at_the_end(systemd, s
     for axis in core.axes:
         axis.limits = axis.limits._replace(brake=True)
     assert "right/hip and right/slide on the brake. the leg" in final_state_text(
-        core, ExitCode.ENDED, "the leg sinks"
+        core, ExitCode.DONE, "the leg sinks"
     )
     core.axes[0].stop = SimpleNamespace(step=Step.SILENCE)
 
-    assert "not every drive" in final_state_text(core, ExitCode.ENDED, "")
+    assert "not every drive" in final_state_text(core, ExitCode.DONE, "")
     assert systemd.sent.count(("STOPPING=1",)) == 1
