@@ -19,6 +19,7 @@ from mcap.writer import Writer
 from gaitd_record.about import CONFIGURATION, END_NAME, NAME, About, Head, Journal
 from gaitd_record.disk import sync_folder
 from gaitd_record.errors import RecordError
+from gaitd_record.event_table import check_event
 from gaitd_record.leg_table import STREAM, LegStream
 
 MESSAGES: Final = "messages.mcap"
@@ -97,6 +98,8 @@ class Recording:
             return
         if key == wire.SAFETY:
             self.journal.add_safety(payload)
+        if key == wire.EVENTS:
+            check_event(payload)
         self.journal.add(key, head)
         # A message without a record of a core has the time of the newest that has one.
         utc_ns = head.sample_time_ns or self.journal.end_utc_ns or self.about.begun_utc_ns
