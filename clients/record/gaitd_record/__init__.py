@@ -17,13 +17,12 @@ from gaitd_record.program import (
     Listening,
     Options,
     Purpose,
-    Received,
     Recorder,
     Unfinished,
     finish_leftovers,
     record,
 )
-from gaitd_record.recording import MESSAGES, PART, Recording
+from gaitd_record.recording import MESSAGES, PART, Received, Recording
 from gaitd_record.room import Room, WhenFull
 
 __all__ = [

@@ -99,14 +99,16 @@ def test_mcap_has_every_message_but_estimates_as_published_with_its_schema(publi
     with (whole.path / MESSAGES).open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         told = [
-            (channel.topic[1:], schema.name, message.data)
+            ((channel.topic[1:], schema.name, message.data, message.log_time), message.publish_time)
             for schema, channel, message in reader.iter_messages(log_time_order=False)
         ]
         schemas = reader.get_summary().schemas.values()
         metadata = {one.name: one.metadata for one in reader.iter_metadata()}
         (attached,) = reader.iter_attachments()
 
-    assert told == others
+    assert [message for message, _ in told] == others
+    heads = [msgspec.json.decode(one.payload, type=Head) for one in others]
+    assert [time_ns for _, time_ns in told] == [head.sample_time_ns for head in heads]
     assert {one.encoding for one in schemas} == {"jsonschema"}
     assert all(json.loads(one.data)["$id"] == one.name for one in schemas)
     begin, end = metadata["gaitd"], metadata["gaitd.end"]
@@ -671,7 +673,7 @@ class Played:
         """Each look at the clock lets a cycle pass, and its messages arrive."""
         self.now = max(self.now + 10_000_000, self.waiting[0][0] if self.waiting else 0)
         while self.waiting and self.waiting[0][0] <= self.now:
-            _, (key, schema, payload) = self.waiting.pop(0)
+            _, (key, schema, payload, _) = self.waiting.pop(0)
             self.take(Sample(f"gaitd/trainer/{key}", f"application/json;{schema}", payload))
         return self.now
 
