@@ -193,8 +193,8 @@ def stays_in(path: Path, leg: str, mode: str) -> Stays:
     about, _ = _metadata(inputs, _schema(inputs))
     if about is None:
         raise RecordingError(f"{inputs}: its metadata name no trainer; it is none of gaitd record")
-    told = _table(beside, ("cycle", "mode", "sample_time_ns"))
-    utc_ns = told["sample_time_ns"].to_numpy()
+    told = _table(beside, ("cycle", "mode", "time_utc"))
+    utc_ns = told["time_utc"].cast(pa.int64()).to_numpy()
     is_in = told["mode"].to_numpy() == mode
     edges = np.flatnonzero(np.diff(np.concatenate(([False], is_in, [False]))))
     found: list[Stay] = []

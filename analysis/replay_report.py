@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from gaitd_names.joints import JOINTS
 
 from analysis.column_check import suspicion
 from analysis.replay import Source
@@ -44,17 +45,16 @@ def recording_lines(
     """
     made = source.recording
     count = len(made.time_s)
-    bad = np.count_nonzero((estimates.status & Status.VALID) == 0)
     missing = np.count_nonzero(np.isnan(made.position).any(axis=1))
-    rest = np.count_nonzero(estimates.validity == Validity.SPLIT_UNOBSERVABLE, axis=0)
     nis = estimates.nis[np.isfinite(estimates.nis) & ((estimates.status & Status.GATED) == 0)]
     for title, words in source.about:
         yield f"{title:<12} {words}"
     yield f"recording    {made.source}: {count} rows, {made.duration_s:.2f} s"
     yield f"robot        {robot}"
     yield f"missing      {missing} samples"
-    yield f"not valid    {bad} rows"
-    yield f"at rest      hip {rest[0] / count:.1%}, slide {rest[1] / count:.1%} of the rows"
+    for axis, levels in zip(JOINTS, estimates.validity.T, strict=True):
+        ok, rest, bad = np.bincount(levels, minlength=len(Validity)) / count
+        yield f"validity     {axis}: {ok:.1%} ok, {rest:.1%} at rest, {bad:.1%} bad"
     yield f"mean NIS     {np.mean(nis):.2f} (2 is ideal)" if len(nis) else "mean NIS     -"
     yield (
         f"speed        {made.duration_s / computing_s:.0f} x real time computing, "

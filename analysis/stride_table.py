@@ -1,10 +1,16 @@
-"""Strides of a recording as a CSV table, one row for each."""
+"""Strides of a recording as a CSV table, one row for each.
+
+Figures of an axis that are there although its coverage is too small for the message `stride` are
+kept, and `validity` says so.
+"""
 
 import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
+
+from gaitd_names.measured import COVERAGE_MIN_RATIO, Validity
 
 from observer.strides import AxisStride, Stride
 
@@ -18,6 +24,7 @@ def columns() -> list[str]:
     return [
         *("number", "begin_s", "duration_s", "cadence_hz", "sample_count"),
         *(_column(axis, unit, figure) for axis, unit in AXES for figure in AxisStride._fields),
+        *(f"{axis}_validity" for axis, _ in AXES),
         *("work_positive_j", "work_positive_j_std", "work_negative_j", "work_negative_j_std"),
         *("share_ratio", "share_ratio_std", "status", "baseline_subtracted"),
     ]
@@ -46,12 +53,20 @@ def _row(number: int, begin_s: float, stride: Stride) -> list[float | str | None
         *(number, begin_s, stride.duration_s, stride.cadence_hz, stride.sample_count),
         *stride.hip,
         *stride.slide,
+        *(_validity(stride.hip), _validity(stride.slide)),
         *(stride.work_positive_j, stride.work_positive_j_std),
         *(stride.work_negative_j, stride.work_negative_j_std),
         *(stride.share_ratio, stride.share_ratio_std),
         f"0x{stride.status.value:04x}",
         int(stride.baseline_subtracted),
     ]
+
+
+def _validity(axis: AxisStride) -> Validity:
+    if math.isnan(axis.work_positive_j):
+        return Validity.BAD
+    known = axis.coverage_ratio >= COVERAGE_MIN_RATIO
+    return Validity.OK if known else Validity.SPLIT_UNOBSERVABLE
 
 
 def _text(value: float | str | None) -> str:

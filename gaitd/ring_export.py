@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 from gaitd_client import wire
-from gaitd_record import PART, About, Finished, Head, RecordError, Recording, finish
+from gaitd_record import PART, About, Finished, Head, Received, RecordError, Recording, finish
 
 from daemon.gateway.playback import publish_at_once
 from daemon.ipc.record import CycleRecord
@@ -32,7 +32,10 @@ class RecordingOutlet:
         """See `Outlet`."""
         payload = msgspec.json.encode(message)
         head = msgspec.json.decode(payload, type=Head)
-        self._recording.add("/".join(parts), wire.schema_name(type(message)), payload, head)
+        # Nobody has received it: its log time is the trainer's time, as its publish time.
+        utc_ns = head.sample_time_ns or self._recording.about.begun_utc_ns
+        made = Received("/".join(parts), wire.schema_name(type(message)), payload, utc_ns)
+        self._recording.add(made, head)
 
     def put_event(self, event: wire.Event) -> None:
         """See `Outlet`."""

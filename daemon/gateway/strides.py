@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import msgspec
 from gaitd_client import wire
+from gaitd_names.measured import COVERAGE_MIN_RATIO
 
 from daemon.gateway.translate import (
     NO_TREMOR,
@@ -18,9 +19,6 @@ from daemon.gateway.translate import (
 )
 from daemon.gateway.tremor import Tremor
 from daemon.ipc.record import AxisStrideRecord, StrideRecord
-
-COVERAGE_MIN_RATIO: Final = 0.5
-"""Below this coverage of a stride an axis has no figures: a part does not stand for the whole."""
 
 
 def stride(

@@ -79,6 +79,9 @@ def test_an_axis_without_figures_has_empty_cells_no_bar_and_no_part_in_the_mean(
     blind = AxisStride(*figures, None, None, 0.98)
     first, *others = found
     hurt = first[1]._replace(slide=blind, work_positive_j=math.nan, work_positive_j_std=math.nan)
+    *others, (last_row, last) = others
+    seldom = last._replace(hip=last.hip._replace(coverage_ratio=0.49))
+    others = [*others, (last_row, seldom)]
     strides = [(first[0], hurt), *others]
     out = tmp_path / "strides.csv"
 
@@ -86,8 +89,12 @@ def test_an_axis_without_figures_has_empty_cells_no_bar_and_no_part_in_the_mean(
     stride_figure.draw(strides, columns.time_s, smooth).savefig(tmp_path / "strides.png")
     lines = list(stride_lines(strides, (out, None)))
 
-    row, *_ = csv.DictReader(out.open())
+    row, *_, last = csv.DictReader(out.open())
     assert row["slide_work_positive_j"] == row["slide_share_ratio"] == row["work_positive_j"] == ""
     assert (row["slide_coverage_ratio"], row["hip_work_positive_j"] == "") == ("0.98", False)
+    assert [(one["hip_validity"], one["slide_validity"]) for one in (row, last)] == [
+        ("ok", "bad"),
+        ("split_unobservable", "ok"),
+    ]
     mean_j = sum(stride.slide.work_positive_j for _, stride in others) / len(others)
     assert f" and {mean_j:.2f} J a stride" in lines[-1]

@@ -7,6 +7,9 @@ from gaitd_record import Received
 
 from daemon.gateway.playback import publish_at_once
 
+RECEIVED_AFTER_NS = 3_000_000
+"""From the time of a sample to the receipt of its messages."""
+
 
 class Published:
     """All messages of a session, as a gateway that is never late publishes them."""
@@ -20,8 +23,9 @@ class Published:
         return self._seqs[parts]
 
     def put(self, message, *parts):
-        schema = wire.schema_name(type(message))
-        self.messages.append(Received("/".join(parts), schema, msgspec.json.encode(message)))
+        schema, payload = wire.schema_name(type(message)), msgspec.json.encode(message)
+        received_ns = (message.sample_time_ns or 0) + RECEIVED_AFTER_NS
+        self.messages.append(Received("/".join(parts), schema, payload, received_ns))
 
     def put_event(self, event):
         self.put(event, wire.EVENTS)

@@ -1,4 +1,4 @@
-"""Clock of a client: it measures silence, and is injected, so that it can follow simulated time."""
+"""Clocks of a client: that for measuring silence is injected, so it can follow simulated time."""
 
 import time
 from typing import Protocol
@@ -18,3 +18,11 @@ class MonotonicClock:
     def now_ns(self) -> int:
         """Monotonic time in ns."""
         return time.monotonic_ns()
+
+
+class UtcClock:
+    """The computer's time of day: for records only, because it jumps when it is set."""
+
+    def now_ns(self) -> int:
+        """UTC in ns since 1970."""
+        return time.time_ns()

@@ -40,6 +40,10 @@ class StatusBit(StrEnum):
     """A passive baseline is taken off: values are relative to the minute with a passive patient."""
 
 
+COVERAGE_MIN_RATIO: Final = 0.5
+"""Below this coverage of a stride an axis has no figures: a part does not stand for the whole."""
+
+
 class Validity(StrEnum):
     """Validity of one axis' estimate."""
 

@@ -1,9 +1,9 @@
 """Recorder of a gait trainer: messages as MCAP, estimates and the observer's inputs as Parquet.
 
 Reading order: `program.py` (messages in, when a recording begins and ends), `recording.py` (one
-recording while it is made), `leg_table.py` (estimates of a leg), `about.py` (what a recording says
-of itself), `finish.py` (the end, also after a kill), `room.py` (limit of the folder), `disk.py`,
-`errors.py`.
+recording while it is made), `columns.py` (columns of the tables, their units and meanings),
+`leg_table.py` (estimates of a leg), `event_table.py`, `about.py` (what a recording says of itself),
+`finish.py` (the end, also after a kill), `room.py` (limit of the folder), `disk.py`, `errors.py`.
 """
 
 from gaitd_record.about import About, Head
@@ -17,13 +17,12 @@ from gaitd_record.program import (
     Listening,
     Options,
     Purpose,
-    Received,
     Recorder,
     Unfinished,
     finish_leftovers,
     record,
 )
-from gaitd_record.recording import MESSAGES, PART, Recording
+from gaitd_record.recording import MESSAGES, PART, Received, Recording
 from gaitd_record.room import Room, WhenFull
 
 __all__ = [

@@ -15,3 +15,14 @@ def sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def replace(draft: Path, path: Path) -> None:
+    """Give a whole file its name, once it is on the disk.
+
+    Raises:
+        OSError: it cannot be brought to the disk.
+    """
+    with draft.open("rb") as file:
+        os.fsync(file.fileno())
+    draft.replace(path)

@@ -1,4 +1,4 @@
-"""The end of a recording: Parquet of the estimates, then the folder gets its name.
+"""The end of a recording: Parquet of events and estimates, then the folder gets its name.
 
 The same for a recording that ended in order and for one whose recorder was killed; there the MCAP
 file has no end, and is written anew from what it has. Each step can be done again after a kill.
@@ -22,9 +22,11 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from gaitd_record.about import CONFIGURATION, END_NAME, NAME, About, Head, Journal
+from gaitd_record.columns import Arrow
 from gaitd_record.disk import sync_folder
 from gaitd_record.errors import RecordError
-from gaitd_record.leg_table import ENDS, NS_PER_S, STREAM, Arrow, batches, write_parquet
+from gaitd_record.event_table import EVENTS, write_events
+from gaitd_record.leg_table import ENDS, NS_PER_S, STREAM, batches, write_parquet
 from gaitd_record.recording import CHUNK_BYTES, ESTIMATE, MESSAGES, PART, TOPIC
 
 TORN: Final = "torn: the recorder was killed, or the power failed"
@@ -82,13 +84,17 @@ def finish(part: Path) -> Finished | None:
         remove(part)
         return None
     about, end = _read(part / MESSAGES)
+    told = {
+        NAME.encode(): msgspec.json.encode(about),
+        END_NAME.encode(): msgspec.json.encode(end),
+    }
+    try:
+        write_events(part / MESSAGES, TOPIC + wire.EVENTS, told)
+    except ValueError as error:
+        raise RecordError(f"{part / MESSAGES}: an event is of another version: {error}") from error
     for stream in sorted(part.glob(f"*{STREAM}")):
-        metadata = {
-            NAME.encode(): msgspec.json.encode(about),
-            END_NAME.encode(): msgspec.json.encode(end),
-            b"gaitd.leg": stream.name.removesuffix(STREAM).encode(),
-        }
-        write_parquet(stream, about.period_ns, metadata)
+        leg = stream.name.removesuffix(STREAM)
+        write_parquet(stream, about, {**told, b"gaitd.leg": leg.encode()})
         sync_folder(part)  # without the new names on the disk the old file must stay
         stream.unlink()
     _make_newest(part)
@@ -123,7 +129,7 @@ def remove(recording: Path) -> None:
     Raises:
         OSError: it cannot be deleted.
     """
-    names = (MESSAGES, f"*{STREAM}", *(f"*{end}" for end in ENDS))
+    names = (MESSAGES, EVENTS, f"*{STREAM}", *(f"*{end}" for end in ENDS))
     ours = [*names, *(f"{name}.new" for name in names)]
     for file in [file for name in ours for file in recording.glob(name)]:
         file.unlink()

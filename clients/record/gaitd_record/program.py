@@ -21,11 +21,12 @@ from typing import Final, NamedTuple
 import msgspec
 import zenoh
 from gaitd_client import Mode, MonotonicClock, Trainer, wire
+from gaitd_client.clock import UtcClock
 
 from gaitd_record.about import About, Head
 from gaitd_record.errors import FullError, RecordError
 from gaitd_record.finish import Finished, finish, leftovers
-from gaitd_record.recording import IN_ORDER, PART, Recording
+from gaitd_record.recording import IN_ORDER, PART, Received, Recording
 from gaitd_record.room import Room
 
 SYNC_NS: Final = 500_000_000
@@ -69,16 +70,6 @@ class Options(NamedTuple):
 
     purpose: Purpose
     room: Room
-
-
-class Received(NamedTuple):
-    """A message as it came."""
-
-    key: str
-    """Below TRAINER."""
-    schema: str
-    """`gaitd.NAME.vN`; empty: unknown."""
-    payload: bytes
 
 
 class Listening(NamedTuple):
@@ -180,7 +171,7 @@ class Recorder:
             self._change(core, head.cycle, head.sample_time_ns, head.mode)
         recording = self._recording
         if recording is not None:
-            self._try(recording, lambda: recording.add(*received, head))
+            self._try(recording, lambda: recording.add(received, head))
 
     def _change(self, core: str, cycle: int, utc_ns: int, mode: str | None) -> None:
         """End the present recording, begin the next one, or both, where a message asks for it.
@@ -336,13 +327,14 @@ def record(
     """
     received: queue.Queue[Received] = queue.Queue(QUEUED_MAX)
     root = wire.key(trainer.target.trainer, "")
-    computer = MonotonicClock()
+    computer, time_of_day = MonotonicClock(), UtcClock()
 
     def take(sample: zenoh.Sample) -> None:
         schema = str(sample.encoding).partition(";")[2]
         key = str(sample.key_expr).removeprefix(root)
         with contextlib.suppress(queue.Full):  # counted as lost by its number
-            received.put_nowait(Received(key, schema, sample.payload.to_bytes()))
+            payload = sample.payload.to_bytes()
+            received.put_nowait(Received(key, schema, payload, time_of_day.now_ns()))
 
     with Recorder(options, trainer.configuration, report) as recorder:
         subscriber = trainer.connected_session().declare_subscriber(f"{root}**", take)

@@ -10,7 +10,7 @@ is locked while it is made, so that no other recorder finishes it.
 import fcntl
 import os
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import msgspec
 from gaitd_client import wire
@@ -19,6 +19,7 @@ from mcap.writer import Writer
 from gaitd_record.about import CONFIGURATION, END_NAME, NAME, About, Head, Journal
 from gaitd_record.disk import sync_folder
 from gaitd_record.errors import RecordError
+from gaitd_record.event_table import check_event
 from gaitd_record.leg_table import STREAM, LegStream
 
 MESSAGES: Final = "messages.mcap"
@@ -32,6 +33,19 @@ SEQUENCE_MAX: Final = 2**32
 ESTIMATE: Final = "estimate"
 IN_ORDER: Final = "in order"
 _SCHEMAS: Final = {wire.schema_name(kind): kind for kind in wire.MESSAGES.values()}
+
+
+class Received(NamedTuple):
+    """A message as it came."""
+
+    key: str
+    """Below TRAINER."""
+    schema: str
+    """`gaitd.NAME.vN`; empty: unknown."""
+    payload: bytes
+    """JSON, kept as it is."""
+    utc_ns: int
+    """Time of receipt, by the clock of this computer."""
 
 
 class Recording:
@@ -72,19 +86,18 @@ class Recording:
         self.sync()
         sync_folder(self.part.parent)
 
-    def add(self, key: str, schema: str, payload: bytes, head: Head) -> None:
-        """Take a message.
+    def add(self, received: Received, head: Head) -> None:
+        """Take a message; its log time is that of its receipt, its publish time the trainer's.
 
         Args:
-            key: below TRAINER.
-            schema: `gaitd.NAME.vN`.
-            payload: JSON, kept as it is.
+            received: the message.
             head: of the message.
 
         Raises:
             ValueError: it is none of gaitd's.
             OSError: it cannot be written.
         """
+        key, schema, payload, log_ns = received
         leg, _, name = key.partition("/")
         if name == ESTIMATE and schema == wire.schema_name(wire.Estimate):
             if leg not in self.about.leg_names:
@@ -97,11 +110,13 @@ class Recording:
             return
         if key == wire.SAFETY:
             self.journal.add_safety(payload)
+        if key == wire.EVENTS:
+            check_event(payload)
         self.journal.add(key, head)
         # A message without a record of a core has the time of the newest that has one.
         utc_ns = head.sample_time_ns or self.journal.end_utc_ns or self.about.begun_utc_ns
         self._writer.add_message(
-            self._channel(key, schema), utc_ns, payload, utc_ns, head.seq % SEQUENCE_MAX
+            self._channel(key, schema), log_ns, payload, utc_ns, head.seq % SEQUENCE_MAX
         )
 
     def _channel(self, key: str, schema: str) -> int:

@@ -99,14 +99,16 @@ def test_mcap_has_every_message_but_estimates_as_published_with_its_schema(publi
     with (whole.path / MESSAGES).open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
         told = [
-            (channel.topic[1:], schema.name, message.data)
+            ((channel.topic[1:], schema.name, message.data, message.log_time), message.publish_time)
             for schema, channel, message in reader.iter_messages(log_time_order=False)
         ]
         schemas = reader.get_summary().schemas.values()
         metadata = {one.name: one.metadata for one in reader.iter_metadata()}
         (attached,) = reader.iter_attachments()
 
-    assert told == others
+    assert [message for message, _ in told] == others
+    heads = [msgspec.json.decode(one.payload, type=Head) for one in others]
+    assert [time_ns for _, time_ns in told] == [head.sample_time_ns for head in heads]
     assert {one.encoding for one in schemas} == {"jsonschema"}
     assert all(json.loads(one.data)["$id"] == one.name for one in schemas)
     begin, end = metadata["gaitd"], metadata["gaitd.end"]
@@ -188,6 +190,53 @@ def test_a_command_reads_a_recording_as_it_reads_the_same_rows_as_csv(whole, tmp
         assert "was recorded with a patient in the machine" in of_service[-1]
     else:
         assert of_service[0] == by_csv[0], of_service[-1]
+
+
+TABLES = ("right.recording", "right.estimates", "events")
+
+
+def test_tables_tell_units_and_meanings_and_are_joined_by_boot_and_cycle(published, whole):
+    tables = {name: pq.read_table(whole.path / f"{name}.parquet") for name in TABLES}
+    told = {
+        (name, field.name): {key.decode(): text.decode() for key, text in field.metadata.items()}
+        for name, table in tables.items()
+        for field in table.schema
+    }
+    axis = wire.schema(wire.Estimate)["$defs"]["AxisEstimate"]["properties"]
+    events = published.of(wire.EVENTS, wire.Event)
+    estimates = tables["right.estimates"]
+    query = (
+        f"SELECT typeof(e.time_utc), e.code, x.mode FROM '{whole.path}/events.parquet' e JOIN"
+        f" '{whole.path}/right.estimates.parquet' x USING (core_boot_id, cycle)"
+        " WHERE e.kind = 'stop'"
+    )
+
+    assert all(words.keys() == {"unit", "meaning"} for words in told.values())
+    assert all(words["meaning"] for words in told.values())
+    units = {
+        ("right.estimates", "hip_patient_nm_std"): "N·m",
+        ("right.estimates", "slide_velocity_m_per_s"): "m/s",
+        ("right.estimates", "hip_tremor_frequency_hz"): "Hz",
+        ("right.estimates", "stiffness_ratio"): "1",
+        ("right.estimates", "hip_validity"): "",
+        ("right.recording", "slide_force_n"): "N",
+        ("right.recording", "dt_s"): "s",
+        ("events", "time_utc"): "ns",
+    }
+    assert {column: told[column]["unit"] for column in units} == units
+    patient = told["right.estimates", "slide_patient_n"]
+    assert patient["meaning"] == axis["patient"]["description"]
+    heads = published.of("right/estimate", wire.Estimate)
+    for name in ("right.recording", "right.estimates"):
+        times = tables[name]["time_utc"]
+        assert times.type == pa.timestamp("ns", tz="UTC")
+        assert times.cast(pa.int64()).to_pylist() == [one.sample_time_ns for one in heads]
+    assert estimates["core_boot_id"].unique().to_pylist() == ["boot"]
+    assert [
+        (row["id"], row["kind"], row["code"], row["cause"], json.loads(row["values_json"]))
+        for row in tables["events"].to_pylist()
+    ] == [(one.id, one.kind, one.code, one.cause, one.values) for one in events]
+    assert duckdb(query) == [["TIMESTAMPTZ_NS", "stopped", "stopping"]]
 
 
 def part_of(published, folder, count):
@@ -302,8 +351,8 @@ def test_a_kill_while_a_recording_is_finished_changes_nothing(published, whole, 
     again = shutil.copytree(part, tmp_path / f"again{PART}")
     assert finish(first) is not None
     shutil.copy(tmp_path / "first" / MESSAGES, again)  # after this step
-    for name in ("recording", "estimates"):  # and within the next
-        (again / f"right.{name}.parquet.new").write_bytes(b"half")
+    for name in TABLES:  # and within the next
+        (again / f"{name}.parquet.new").write_bytes(b"half")
 
     assert finish(again) is not None
 
@@ -377,6 +426,7 @@ ESTIMATE = "right/estimate"
         (ESTIMATE, {"sample_time_ns": 2**63}),
         (ESTIMATE, {"hip": {"effort": "much"}}),
         (wire.SAFETY, {"verdict": 1}),
+        (wire.EVENTS, {"time_ns": 2**63}),
         ("foreign", {"seq": -1}),
         ("foreign", None),
     ],
@@ -384,7 +434,7 @@ ESTIMATE = "right/estimate"
 def test_a_message_that_is_none_of_gaitd_s_is_reported_and_costs_only_itself(
     published, tmp_path, key, change
 ):
-    like = key if key == wire.SAFETY else ESTIMATE
+    like = key if key in {wire.SAFETY, wire.EVENTS} else ESTIMATE
     first = next(n for n, one in enumerate(published.messages) if one.key == like)
     good = published.messages[first]
     bad = b"[" * 5000
@@ -623,7 +673,7 @@ class Played:
         """Each look at the clock lets a cycle pass, and its messages arrive."""
         self.now = max(self.now + 10_000_000, self.waiting[0][0] if self.waiting else 0)
         while self.waiting and self.waiting[0][0] <= self.now:
-            _, (key, schema, payload) = self.waiting.pop(0)
+            _, (key, schema, payload, _) = self.waiting.pop(0)
             self.take(Sample(f"gaitd/trainer/{key}", f"application/json;{schema}", payload))
         return self.now
 
