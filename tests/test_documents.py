@@ -179,6 +179,14 @@ def test_commands_within_sentences_are_there(page):
         accept(command.words, None)
 
 
+def test_every_key_of_the_configuration_has_a_meaning():
+    page = (PROJECT / "docs/configuration.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`\w+`) \|.*?\|[^|]*\| *(.*?) *\|$", page, re.MULTILINE)
+
+    assert len(rows) > 400
+    assert [key for key, meaning in rows if not meaning] == []
+
+
 # --- pages that a command writes -------------------------------------------------------------
 
 

@@ -19,8 +19,11 @@ class Identity(Table, frozen=True, kw_only=True):
     """Identity object 1018h."""
 
     vendor_id: Unsigned32
+    """1018h:01 as `gaitd scan` prints it. Another drive is refused at bring-up."""
     product_code: Unsigned32
+    """1018h:02."""
     revision: Unsigned32
+    """1018h:03; another firmware may have other objects."""
     serial: Unsigned32 | None = None
     """Absent: any drive of this kind is accepted."""
 
@@ -29,6 +32,7 @@ class Transmission(Table, frozen=True, kw_only=True):
     """From the motor to the joint. Losses belong to friction: there is no efficiency factor."""
 
     kind: Literal["rotary", "linear"]
+    """`rotary` for the hip, `linear` for the slide."""
     gear_ratio: Annotated[float, Meta(ge=0.01, le=1000)]
     """Motor revolutions per revolution of the joint, or of the shaft that drives the slide."""
     lead_m: Annotated[float, Meta(ge=5e-4, le=2)] | None = None
@@ -38,6 +42,7 @@ class Transmission(Table, frozen=True, kw_only=True):
     counts_per_rev: Annotated[int, Meta(ge=4, le=0x1000000)]
     """Encoder counts per motor revolution, all edges counted."""
     offset_rad: Annotated[float, Meta(ge=-10, le=10)] | None = None
+    """Position of the joint where the encoder shows 0; `none`: found by homing or a reference."""
     offset_m: Annotated[float, Meta(ge=-10, le=10)] | None = None
     """Joint position at count 0."""
 
@@ -56,6 +61,7 @@ class Encoder(Table, frozen=True, kw_only=True):
     """Encoder: validity of its position after power-on."""
 
     absolute: bool
+    """True: it keeps its position without power, so the axis can be referenced without homing."""
 
 
 class Motor(Table, frozen=True, kw_only=True):
@@ -66,8 +72,13 @@ class Motor(Table, frozen=True, kw_only=True):
     """
 
     torque_constant_nm_per_a: Annotated[float, Meta(ge=1e-3, le=10)]
+    """From the motor's data sheet, at its operating temperature. 10 % wrong is 10 % of each
+    effort."""
     nominal_current_a: Annotated[float, Meta(ge=0.01, le=200)]
+    """Continuous current, from the data sheet, in the drive's own definition (peak or rms)."""
     current_limit_a: Annotated[float, Meta(ge=0.01, le=400)]
+    """Largest current that the drive may give; written into it. The limit of effort must fit
+    below it."""
     peak_current_a: Annotated[float, Meta(ge=0.01, le=2000)] | None = None
     """The largest current that the data sheet allows; absent: `gaitd check` warns of a limit that
     is far above the nominal current."""
@@ -83,7 +94,9 @@ class InputBit(Table, frozen=True, kw_only=True):
     """Position of an input in 60FDh, and the level at which its name holds."""
 
     bit: Bit
+    """Bit of 60FDh that shows it."""
     level: Literal[0, 1]
+    """Value of the bit while this is true."""
 
 
 class Inputs(Table, frozen=True, kw_only=True):
@@ -102,8 +115,12 @@ class AxisFile(Table, frozen=True, kw_only=True):
     """One drive of the machine. Paths are relative to this file."""
 
     profile: Annotated[str, Meta(min_length=1)]
+    """File of the maker's profile, relative to this file."""
     eds: Annotated[str, Meta(min_length=1)]
+    """The maker's EDS or DCF file, relative to this file; virtual drives and `gaitd drive
+    compare` read it."""
     node_id: NodeId
+    """As set in the drive. `gaitd scan` shows those on the bus."""
     identity: Identity
     transmission: Transmission
     encoder: Encoder

@@ -31,9 +31,11 @@ class MakerCode(Table, frozen=True, kw_only=True):
     """One EMCY code of a maker, or some in a row with the same meaning."""
 
     code: Code
+    """EMCY error code."""
     last_code: Code | None = None
     """The last one of a range."""
     text: Annotated[str, Meta(min_length=1, max_length=TEXT_LENGTH_MAX)]
+    """What it means, from the manual."""
     reaction: Literal["warning", "abort_connection", "fault_reaction", "switched_off"] | None = None
     """What the drive does by itself: nothing, 6007h, 605Eh, or the power stage off at once."""
     loses_reference: bool = False

@@ -36,6 +36,7 @@ class Homing(Table, frozen=True, kw_only=True):
     """Homing settings of an axis; SI units at the joint (rad and N·m, or m and N)."""
 
     method: Method
+    """6098h: one that the drive has; negative numbers are the maker's own."""
     home_si: Annotated[float, Meta(ge=-10, le=10)]
     """Joint position at home."""
     search_speed_si_per_s: Annotated[float, Meta(ge=1e-4, le=1)]
@@ -43,11 +44,13 @@ class Homing(Table, frozen=True, kw_only=True):
     zero_speed_si_per_s: Annotated[float, Meta(ge=1e-4, le=1)]
     """6099h:02, for the final approach."""
     acceleration_si_per_s2: Annotated[float, Meta(ge=1e-3, le=20)]
+    """609Ah, in the joint's units."""
     effort_max_si: Annotated[float, Meta(ge=0.1, le=1500)]
     """Written into the drive as its limit for the duration of the homing."""
     stop_current_a: Annotated[float, Meta(ge=0.01, le=100)] | None = None
     """Current that counts as the mechanical stop, for the methods that detect one."""
     timeout_s: Annotated[float, Meta(ge=0.1, le=300)]
+    """Longest homing; after it the motion is stopped."""
 
 
 def check_homing(objects: HomingObjects | None, homing: Homing | None) -> None:

@@ -66,9 +66,11 @@ class WrittenObject(ObjectRef, frozen=True, kw_only=True):
     """A setting that bring-up writes and reads back, whatever its present value."""
 
     value: Word
+    """Value that bring-up writes, and reads back."""
     legal: Annotated[tuple[Word, ...], Meta(min_length=1)]
     """Values that this drive accepts; `value` must be one of them."""
     why: Annotated[str, Meta(min_length=5)]
+    """Reason, for the person who reads the plan of a bring-up."""
 
 
 def in_words(entry: WrittenObject) -> str | None:

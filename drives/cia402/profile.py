@@ -63,14 +63,18 @@ class Temperature(ObjectRef, frozen=True, kw_only=True):
     mapped: bool
     """True: TPDO3 carries it. False: the drive cannot map it, and it is read by SDO."""
     degc_per_count: Annotated[float, Meta(ge=1e-4, le=10)]
+    """Degrees of one count."""
 
 
 class CheckedObject(ObjectRef, frozen=True, kw_only=True):
     """An object that must already hold a value, or the drive's numbers are wrong; never written."""
 
     value: Word
+    """Value that the object must have at bring-up; another one is refused."""
     mask: Unsigned32
+    """Bits that are compared."""
     why: Annotated[str, Meta(min_length=5)]
+    """Reason, for the message of a refusal."""
 
 
 class OptionalObjects(Table, frozen=True, kw_only=True):
@@ -142,8 +146,12 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     """One type of drive."""
 
     vendor: str
+    """Name of the maker, for messages."""
     family: str
+    """Drives that this profile is for."""
     verified_on_hardware: bool
+    """True only when a recorded bus and the acceptance record of such a drive have shown every
+    fact of the profile."""
     sources: tuple[Source, ...]
     """Public documents and files, each with the facts that it states."""
     must_show: tuple[str, ...] = ()
@@ -154,7 +162,9 @@ class DriveProfile(Table, frozen=True, kw_only=True):
     target_torque: TorqueObject
     """6071h."""
     velocity_unit: SpeedUnit
+    """Unit of velocities in the drive, from its manual."""
     deceleration_unit: DecelerationUnit
+    """Unit of 6085h, from its manual."""
     temperature: Temperature | None = None
     """Absent: no temperature can be read, and its limit is not monitored."""
     optional_objects: OptionalObjects

@@ -22,7 +22,9 @@ class Source(Table, frozen=True, kw_only=True):
     """A public document or file, and the facts that it states."""
 
     what: Annotated[str, Meta(min_length=20)]
+    """Document or file, with its version."""
     states: Annotated[tuple[str, ...], Meta(min_length=1)]
+    """Keys of this profile that it states."""
 
 
 def facts(profile: msgspec.Struct) -> tuple[str, ...]:

@@ -78,9 +78,13 @@ class ObjectRef(Table, frozen=True, kw_only=True):
     """One object of the dictionary and its width."""
 
     index: Index
+    """Of the object, from the EDS."""
     sub: Sub
+    """Subindex."""
     bits: Literal[8, 16, 32]
+    """Size of the object."""
     signed: bool
+    """Whether the value has a sign."""
 
     @property
     def place(self) -> str:
@@ -103,6 +107,8 @@ class TorqueObject(ObjectRef, frozen=True, kw_only=True):
     """An object that measures, limits or commands torque."""
 
     unit: TorqueUnit
+    """Of one count, from the manual. A wrong one scales every effort; the acceptance record
+    measures it."""
     factor: Annotated[float, Meta(ge=1e-9, le=1000)]
     """Number of units per count."""
 
@@ -113,6 +119,8 @@ class TorqueSource(TorqueObject, frozen=True, kw_only=True):
     sign: Literal[-1, 1]
     """+1: positive where the motor drives towards higher counts of 6064h, as CiA 402 defines."""
     sampling: TorqueSampling
+    """Whether the drive shows the value of the SYNC's instant, a filtered one, or says nothing
+    about it."""
 
 
 class TorqueBase(Table, frozen=True, kw_only=True):
@@ -124,6 +132,7 @@ class TorqueBase(Table, frozen=True, kw_only=True):
     rated_torque: ObjectRef | None = None
     """6076h: the base of 1000 per mille in 6071h and 6077h."""
     rated_torque_unit: RatedTorqueUnit | None = None
+    """Unit of the rated torque; none: the profile scales by currents."""
     rated_current: ObjectRef | None = None
     """In mA: 6075h, or a vendor-specific object."""
     torque_constant: ObjectRef | None = None

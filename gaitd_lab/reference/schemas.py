@@ -145,21 +145,37 @@ def _default(field: types.Field) -> str:
 
 @cache
 def _texts(kind: type[msgspec.Struct]) -> dict[str, str]:
-    """Texts below the fields of a class, by name; Python keeps them in the source only."""
+    """Texts below the fields of a class, by name; Python keeps them in the source only.
+
+    A key of the slide without a text has that of the hip's key at the same place: `SlideLimits` is
+    `HipLimits` with other units.
+    """
     found = dict.fromkeys((field.name for field in _fields(kind)), "")
     for one in reversed(kind.__mro__):
         if one.__module__.split(".")[0] not in {"daemon", "drives"}:
             continue
-        made = cast("ast.ClassDef", ast.parse(textwrap.dedent(inspect.getsource(one))).body[0])
-        for before, node in pairwise(made.body):
-            match before, node:
-                case (
-                    ast.AnnAssign(target=ast.Name(id=name)),
-                    ast.Expr(value=ast.Constant(value=str() as text)),
-                ):
-                    found[name] = re.sub(r"\s+", " ", text)
-                case _:
-                    pass
+        twin = getattr(inspect.getmodule(one), one.__name__.replace("Slide", "Hip", 1), one)
+        hip_texts = dict(zip(one.__annotations__, _own_texts(twin).values(), strict=False))
+        found |= {name: text or hip_texts[name] for name, text in _own_texts(one).items()}
+    return found
+
+
+@cache
+def _own_texts(kind: type) -> dict[str, str]:
+    """Texts below the fields that the class itself declares, in their order."""
+    made = cast("ast.ClassDef", ast.parse(textwrap.dedent(inspect.getsource(kind))).body[0])
+    found: dict[str, str] = {}
+    for before, node in pairwise([*made.body, ast.Pass()]):
+        match before, node:
+            case (
+                ast.AnnAssign(target=ast.Name(id=name)),
+                ast.Expr(value=ast.Constant(value=str() as text)),
+            ):
+                found[name] = re.sub(r"\s+", " ", text)
+            case ast.AnnAssign(target=ast.Name(id=name)), _:
+                found[name] = ""
+            case _:
+                pass
     return found
 
 
