@@ -17,8 +17,8 @@ class AxisLimits(Table, frozen=True):
     """What both axes have in the same unit and range."""
 
     temperature_max_degc: Annotated[float, Meta(gt=20, le=120)]
-    """Of the power stage; above: a stop. Below the drive's own limit, so that the stop is
-    orderly."""
+    """Temperature of the power stage; above: a stop. Below the drive's own limit, so that the stop
+    is orderly."""
     brake: bool
     """True: the axis has a holding brake that the drive controls."""
 

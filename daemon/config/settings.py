@@ -54,7 +54,7 @@ class Segment(Table, frozen=True):
     """One link of the exoskeleton; its centre of mass in link lengths from the proximal joint."""
 
     mass_kg: Annotated[float, Meta(ge=0, le=50)]
-    """Of the exoskeleton's link alone; the patient's leg is added from `[patient]`."""
+    """Mass of the exoskeleton's link alone; the patient's leg is added from `[patient]`."""
     com_ratio: Annotated[float, Meta(ge=0, le=1.5)]
     """Distance of the centre of mass from the upper joint, as a ratio of the link's length."""
     com_offset_deg: Annotated[float, Meta(ge=-180, le=180)]
@@ -67,7 +67,7 @@ class Slide(Table, frozen=True):
     """The carriage: `mass_kg` has weight and inertia, the drive's reflected mass only inertia."""
 
     mass_kg: Annotated[float, Meta(ge=0, le=50)]
-    """Of what moves along the rail and weighs along it."""
+    """Mass of what moves along the rail and weighs along it."""
     drive_mass_kg: Annotated[float, Meta(ge=0, le=200)]
     """Reflected inertia of rotor and belt, as a mass that has no weight: rotor inertia times
     the square of the gear's rad/m."""
@@ -84,7 +84,7 @@ class HipSpring(Table, frozen=True):
     """Weight compensation at the hip drive; at the rest position the spring is slack."""
 
     stiffness_nm_per_rad: Annotated[float, Meta(ge=0, le=500)]
-    """Of the spring that carries the leg; 0: none."""
+    """Stiffness of the spring that carries the leg; 0: none."""
     rest_rad: Annotated[float, Meta(ge=-20, le=20)]
     """Position at which the spring gives nothing. Set it so that the leg rests at the gait's
     mean pose; `gaitd check` prints where it rests."""
@@ -111,11 +111,11 @@ class Dampers(Table, frozen=True):
     """Viscous friction of the hip joint, without the drive's, which is in `[friction]`. `gaitd
     calibrate` finds it with the rest."""
     knee_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
-    """Of the knee."""
+    """Damping of the knee."""
     ankle_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
-    """Of the ankle."""
+    """Damping of the ankle."""
     slide_joint_nm_s_per_rad: Annotated[float, Meta(ge=0, le=50)]
-    """Of the joint between shoe and slide."""
+    """Damping of the joint between shoe and slide."""
 
 
 class HipFriction(Table, frozen=True):
@@ -185,17 +185,17 @@ class HipNoise(Table, frozen=True):
     process_angle_rad: Annotated[float, Meta(ge=1e-9, le=0.1)]
     """Noise of the position's model in a cycle, one standard deviation."""
     process_velocity_rad_per_s: Annotated[float, Meta(ge=1e-7, le=10)]
-    """Of the velocity's model: what the equation of motion misses."""
+    """Noise of the velocity's model: what the equation of motion misses."""
     process_friction_nm: Annotated[float, Meta(ge=1e-5, le=100)]
-    """Of friction about its law. Larger: friction is believed less, and the patient's sigma
+    """Noise of friction about its law. Larger: friction is believed less, and the patient's sigma
     grows at low speed."""
     process_patient_nm: Annotated[float, Meta(ge=1e-5, le=100)]
     """How far the patient's effort may change in a cycle. Larger follows faster and is noisier."""
     measurement_angle_rad: Annotated[float, Meta(ge=1e-8, le=0.1)]
-    """Of the encoder: about a third of a count for a coarse one. Too small, and valid samples
+    """Noise of the encoder: about a third of a count for a coarse one. Too small, and valid samples
     are refused."""
     ripple_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
-    """Of one sample of torque about its mean over the cycle; widens sigma."""
+    """Ripple of one sample of torque about its mean over the cycle; widens sigma."""
     law_nm: Annotated[float, Meta(ge=0, le=50)] = 0.0
     """Standard deviation of the friction law near reversals; widens the sigma of friction and
     patient there, and nothing else."""
@@ -567,7 +567,7 @@ class Sinusoid(Table, frozen=True):
     amplitude_si: Annotated[float, Meta(ge=-1500, le=1500)]
     """Amplitude, N·m at the hip and N at the slide. Above breakaway friction, or nothing moves."""
     frequency_hz: Annotated[float, Meta(ge=0, le=5)]
-    """Of the sine; 0 for a step."""
+    """Frequency of the sine; 0 for a step."""
     start_s: Annotated[float, Meta(ge=0, le=600)]
     """Begin, after the start of the run."""
     end_s: Annotated[float, Meta(ge=0.01, le=600)]

@@ -78,7 +78,7 @@ class ObjectRef(Table, frozen=True, kw_only=True):
     """One object of the dictionary and its width."""
 
     index: Index
-    """Of the object, from the EDS."""
+    """Index of the object, from the EDS."""
     sub: Sub
     """Subindex."""
     bits: Literal[8, 16, 32]
@@ -107,7 +107,7 @@ class TorqueObject(ObjectRef, frozen=True, kw_only=True):
     """An object that measures, limits or commands torque."""
 
     unit: TorqueUnit
-    """Of one count, from the manual. A wrong one scales every effort; the acceptance record
+    """Unit of one count, from the manual. A wrong one scales every effort; the acceptance record
     measures it."""
     factor: Annotated[float, Meta(ge=1e-9, le=1000)]
     """Number of units per count."""
