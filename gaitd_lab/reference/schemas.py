@@ -36,6 +36,8 @@ FILES: Final[dict[str, type[msgspec.Struct]]] = {
     "drives/AXIS.toml": AxisFile,
     "drives/profiles/PROFILE.toml": DriveProfile,
 }
+DOCUMENTED: Final = ("daemon", "drives", "gaitd_assist", "gaitd_display", "gaitd_session")
+"""Packages whose classes describe a file; base classes of others have no keys of their own."""
 
 
 # --- messages -------------------------------------------------------------------------------------
@@ -86,9 +88,24 @@ def _field_row(name: str, field: types.Field) -> tuple[str, str, str]:
 def configuration_parts() -> dict[str, str]:
     """Return the generated part of docs/configuration.md by name."""
     parts: list[str] = []
-    for file, kind in FILES.items():
+    for file, kind in {**FILES, **_files_of_clients()}.items():
         parts += [f"## {file}", *_tables("", kind)]
     return {"keys": "\n\n".join(parts)}
+
+
+def _files_of_clients() -> dict[str, type[msgspec.Struct]]:
+    """Return the files of the programs around the service, which a developer has installed."""
+    from gaitd_assist.settings import Settings
+    from gaitd_display.settings import EngineerSettings, PatientSettings, TherapistSettings
+    from gaitd_session.profile import Profile
+
+    return {
+        "patient.toml (gaitd-display)": PatientSettings,
+        "therapist.toml (gaitd-display)": TherapistSettings,
+        "engineer.toml (gaitd-display)": EngineerSettings,
+        "assist.toml (gaitd-assist)": Settings,
+        "training profile (gaitd-session)": Profile,
+    }
 
 
 def _tables(path: str, kind: type[msgspec.Struct]) -> Iterator[str]:
@@ -152,7 +169,7 @@ def _texts(kind: type[msgspec.Struct]) -> dict[str, str]:
     """
     found = dict.fromkeys((field.name for field in _fields(kind)), "")
     for one in reversed(kind.__mro__):
-        if one.__module__.split(".")[0] not in {"daemon", "drives"}:
+        if one.__module__.split(".")[0] not in DOCUMENTED:
             continue
         twin = getattr(inspect.getmodule(one), one.__name__.replace("Slide", "Hip", 1), one)
         hip_texts = dict(zip(one.__annotations__, _own_texts(twin).values(), strict=False))

@@ -35,18 +35,23 @@ class Link(_Strict, frozen=True, kw_only=True):
     credentials: Path | None = None
     """Folder of `gaitd keys issue`; None: the service has no keys."""
     trainer: str | None = None
+    """TRAINER in the keys; None: that of the credentials, or `trainer`."""
 
 
 class HipCap(_Strict, frozen=True, kw_only=True):
     """The largest assist of the hip."""
 
     max_nm: Annotated[float, Meta(ge=0, le=120)]
+    """Largest assist. At most that of `limits.toml` and of the released plan; a larger one is
+    refused at the start."""
 
 
 class SlideCap(_Strict, frozen=True, kw_only=True):
     """The largest assist of the slide."""
 
     max_n: Annotated[float, Meta(ge=0, le=1500)]
+    """Largest assist. At most that of `limits.toml` and of the released plan; a larger one is
+    refused at the start."""
 
 
 class Cap(_Strict, frozen=True, kw_only=True):
@@ -60,12 +65,16 @@ class HipBand(_Strict, frozen=True, kw_only=True):
     """The dead band of the hip."""
 
     width_deg: Annotated[float, Meta(ge=0.5, le=10)]
+    """Distance from the reference that no law learns from. Narrower: more help, and less
+    freedom for the patient."""
 
 
 class SlideBand(_Strict, frozen=True, kw_only=True):
     """The dead band of the slide."""
 
     width_m: Annotated[float, Meta(ge=0.005, le=0.2)]
+    """Distance from the reference that no law learns from. Narrower: more help, and less
+    freedom for the patient."""
 
 
 class DeadBand(_Strict, frozen=True, kw_only=True):
@@ -79,12 +88,14 @@ class HipHelp(_Strict, frozen=True, kw_only=True):
     """Assist of the hip by its error."""
 
     gain_nm_per_rad: Annotated[float, Meta(ge=0, le=1000)]
+    """Assist that is learned in a stride for each radian beyond the dead band."""
 
 
 class SlideHelp(_Strict, frozen=True, kw_only=True):
     """Assist of the slide by its error."""
 
     gain_n_per_m: Annotated[float, Meta(ge=0, le=20000)]
+    """Assist that is learned in a stride for each metre beyond the dead band."""
 
 
 class HelpTable(_Strict, frozen=True, kw_only=True):
@@ -93,35 +104,53 @@ class HelpTable(_Strict, frozen=True, kw_only=True):
     law: Literal["estimate", "stray"]
     """What the assist is learned from."""
     forgetting_ratio: Annotated[float, Meta(ge=0.5, lt=1)]
+    """Share of the assist that is kept from a stride to the next. Lower: help fades sooner, and
+    a patient who needs it gets less."""
     release_ratio: Annotated[float, Meta(ge=0.3, lt=1)]
+    """Share that is kept in a stride without an error; at most `forgetting_ratio`."""
     floor_ratio: Annotated[float, Meta(ge=0.05, lt=1)]
+    """Least stiffness of guidance, as a ratio of the configured one. Lower: the leg strays
+    farther."""
     stiffness_gain_ratio: Annotated[float, Meta(ge=0.01, le=2)]
+    """Stiffness that a stride with an error of two dead bands gives back, of the configured."""
     hip: HipHelp
     slide: SlideHelp
     lead_s: Annotated[float, Meta(ge=0, le=0.5)]
+    """How much earlier than its phase the assist is given, for the delay of drive and leg."""
 
 
 class HipTransparency(_Strict, frozen=True, kw_only=True):
     """Friction fed forward at the hip."""
 
     friction_max_nm: Annotated[float, Meta(ge=0.01, le=60)]
+    """Largest friction that is fed forward."""
     full_rad_per_s: Annotated[float, Meta(ge=0.05, le=2)]
+    """Speed from which on it is fed forward in full; below it fades, because friction turns at
+    rest."""
     tank_j: Annotated[float, Meta(ge=1e-3, le=1)]
+    """Energy that the tank holds: the most that wrong friction can put into the leg."""
 
 
 class SlideTransparency(_Strict, frozen=True, kw_only=True):
     """Friction fed forward at the slide."""
 
     friction_max_n: Annotated[float, Meta(ge=0.1, le=700)]
+    """Largest friction that is fed forward."""
     full_m_per_s: Annotated[float, Meta(ge=0.02, le=1)]
+    """Speed from which on it is fed forward in full; below it fades, because friction turns at
+    rest."""
     tank_j: Annotated[float, Meta(ge=1e-3, le=5)]
+    """Energy that the tank holds: the most that wrong friction can put into the leg."""
 
 
 class TransparencyTable(_Strict, frozen=True, kw_only=True):
     """Friction fed forward: `transparency.py`."""
 
     feedforward_ratio: Annotated[float, Meta(ge=0.01, le=0.8)]
+    """Share of the estimated friction that is fed forward. Towards 1 the leg could run by
+    itself where friction is estimated too high."""
     friction_error_ratio: Annotated[float, Meta(ge=0.2, lt=1)]
+    """What calibration may be wrong by: the tank counts what friction takes for certain."""
     hip: HipTransparency
     slide: SlideTransparency
 
@@ -140,6 +169,7 @@ class Settings(_Strict, frozen=True, kw_only=True):
     """The file."""
 
     legs: Annotated[tuple[Annotated[str, Meta(pattern="^(left|right)$")], ...], Meta(min_length=1)]
+    """Legs that are assisted, as in the trainer file."""
     log: Path
     """JSON lines, one for each stride; appended to."""
     cadence_max_hz: Annotated[float, Meta(ge=0.01, le=2)]

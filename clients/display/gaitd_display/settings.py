@@ -42,14 +42,18 @@ class Help(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How to call for help, in both languages."""
 
     en: Annotated[str, Meta(min_length=1, max_length=HELP_MAX)]
+    """English; a telephone number, for example."""
     de: Annotated[str, Meta(min_length=1, max_length=HELP_MAX)]
+    """German."""
 
 
 class Unstrap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How to get out of the straps, in both languages."""
 
     en: Annotated[str, Meta(min_length=1, max_length=UNSTRAP_MAX)]
+    """English; as the maker of the machine says."""
     de: Annotated[str, Meta(min_length=1, max_length=UNSTRAP_MAX)]
+    """German."""
 
 
 class Web(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -58,9 +62,11 @@ class Web(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     host: Annotated[str, Meta(min_length=1)]
     """Address to bind: 127.0.0.1, another one, or 0.0.0.0."""
     port: Annotated[int, Meta(ge=0, le=65535)]
+    """Port of the pages; each server has its own."""
     certificate: Path | None = None
     """PEM file; mandatory with another address than loopback."""
     key: Path | None = None
+    """PEM file of the certificate's private key; given with `certificate`, or not at all."""
     origins: tuple[str, ...] = ()
     """Origins of the pages beyond loopback, for example https://trainer.lan:8443."""
 
@@ -96,6 +102,7 @@ class Link(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     credentials: Path | None = None
     """Folder of `gaitd keys issue`; None: the service has no keys."""
     trainer: str | None = None
+    """TRAINER in the keys; None: that of the credentials, or `trainer`."""
 
     def read_credentials(self) -> Credentials | None:
         """Read the folder; None without keys."""
@@ -109,6 +116,7 @@ class ShownLeg(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """A leg on the page."""
 
     name: Side
+    """Side of the leg, as in the trainer file."""
     glow_full_w: Annotated[float, Meta(ge=0.1, le=500)]
     """Power of the patient, with the motion, at which the leg glows fully; it is no target."""
 
@@ -119,13 +127,17 @@ class Target(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
     share_low_ratio: Annotated[float, Meta(ge=0, le=1)]
     """Lower end, as `Stride.share_ratio`."""
     share_high_ratio: Annotated[float, Meta(ge=0, le=1)]
+    """Upper end; above the lower one."""
 
 
 class Screen(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The screen that the page fills, and from where it is read."""
 
     diagonal_in: Annotated[float, Meta(ge=5, le=100)] = 10.0
+    """Diagonal of the screen, from its data sheet. A smaller screen than this makes text
+    unreadable from the chair."""
     distance_m: Annotated[float, Meta(ge=0.3, le=10)] = 1.5
+    """From the eyes of the person in the machine to the screen; measure it."""
 
     @property
     def diagonal_mm(self) -> float:
@@ -164,12 +176,16 @@ class HipDrift(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     """How far a hip without a brake may drift on the way out."""
 
     drift_max_deg: Annotated[float, Meta(ge=0, le=10)]
+    """A decision about this person: how far the hip may move without power while the page leads
+    out. 0: only with a brake."""
 
 
 class SlideDrift(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How far a slide without a brake may drift on the way out."""
 
     drift_max_m: Annotated[float, Meta(ge=0, le=0.1)]
+    """A decision about this person: how far the slide may move without power while the page
+    leads out. 0: only with a brake."""
 
 
 class WayOutRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -222,7 +238,9 @@ class TherapistSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     trainer: Link
     login: Login
     language: Language
+    """Language of the page at start; a button on the page changes it."""
     legs: Annotated[tuple[Side, ...], Meta(min_length=1, max_length=2)]
+    """Legs that are shown, as in the trainer file."""
     session: SessionFiles | None = None
     """None: the page shows no profile and no progress."""
 

@@ -33,21 +33,27 @@ class Range(_Strict, frozen=True, kw_only=True):
     """The gaits that the therapist allows."""
 
     cadence_min_hz: Cadence
+    """Slowest gait of a block."""
     cadence_max_hz: Cadence
+    """Fastest gait of a block; at most that of the trainer file."""
     amplitude_min_ratio: PositiveShare
+    """Smallest amplitude of a block, as a ratio of the configured gait."""
     amplitude_max_ratio: PositiveShare
+    """Largest amplitude of a block, as a ratio of the configured gait."""
 
 
 class HipCap(_Strict, frozen=True, kw_only=True):
     """Cap of a controller's assist of the hip."""
 
     max_nm: Annotated[float, Meta(ge=0, le=120)]
+    """Largest assist; 0: none. At most that of `limits.toml`."""
 
 
 class SlideCap(_Strict, frozen=True, kw_only=True):
     """Cap of a controller's assist of the slide."""
 
     max_n: Annotated[float, Meta(ge=0, le=1500)]
+    """Largest assist; 0: none. At most that of `limits.toml`."""
 
 
 class AssistCap(_Strict, frozen=True, kw_only=True):
@@ -67,6 +73,7 @@ class Goal(_Strict, frozen=True, kw_only=True):
     share_start_ratio: Share
     """The middle of the band in the first block of the first session."""
     band_width_ratio: PositiveShare
+    """Width of the band. Narrower is harder; below the noise of the share it cannot be met."""
     challenge_ratio: Share
     """The band is led to so much above what the patient did."""
     step_max_ratio: Share
@@ -79,8 +86,11 @@ class Walk(_Strict, frozen=True, kw_only=True):
     """One gait without interruption, and the rest after it."""
 
     duration_s: Annotated[float, Meta(ge=BLOCK_MIN_S, le=3600)]
+    """Duration of the gait."""
     cadence_hz: Cadence
+    """Strides per second, within `[range]`."""
     amplitude_ratio: PositiveShare
+    """Amplitude as a ratio of the configured gait, within `[range]`."""
     rest_s: Annotated[float, Meta(ge=0, le=3600)]
     """The next block cannot be started earlier."""
 
@@ -92,15 +102,18 @@ class Plan(_Strict, frozen=True, kw_only=True):
     """A gait in which the patient relaxes, 80 s for a minute of strides; None: there is none."""
     warm_up: Walk
     block: Annotated[tuple[Walk, ...], Meta(min_length=1, max_length=50)]
+    """Blocks in their order; `[[plan.block]]` for each."""
 
 
 class Profile(_Strict, frozen=True, kw_only=True):
     """One patient on one trainer."""
 
     version: Annotated[int, Meta(ge=PROFILE_VERSION, le=PROFILE_VERSION)]
+    """Version of this file's form."""
     id: Annotated[str, Meta(pattern=rf"^[{ID_ALPHABET}]{{{ID_LENGTH}}}$")]
     """Random; `gaitd-session new-profile` draws one."""
     legs: Annotated[tuple[Annotated[str, Meta(pattern="^(left|right)$")], ...], Meta(min_length=1)]
+    """Legs that are trained, as in the trainer file."""
     range: Range
     assist: AssistCap
     goal: Goal
