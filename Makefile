@@ -24,7 +24,7 @@ RECORD := clients/record
 PACKAGES := $(CLIENT) $(DISPLAY) $(SESSION) $(ASSIST) $(RECORD) drives observer daemon sim_drives simtime gaitd gaitd_lab analysis
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-session quick test test-rigs test-package test-power-cuts test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb rigs lock format tables docs golden clean
+.PHONY: help demo demo-session quick test test-rigs test-package test-power-cuts test-realtime test-all check clean-steps lint types imports kernels pytest coverage mutants sbom bench install install-display install-assist install-record uninstall purge deb release rigs lock format tables docs golden clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-15s %s\n", $$1, $$2}'
@@ -139,6 +139,9 @@ purge:  ## the same, with configuration, state and users
 
 deb:  ## out/gaitd_VERSION_ARCHITECTURE.deb of the last commit, for Debian with this machine's Python
 	bash scripts/deb.sh
+
+release: $(VENV)/dev.stamp  ## out/release of the last commit: wheels, sdists, the Debian package, SBOM, checksums
+	BIN=$(BIN) bash scripts/release.sh
 
 rigs:  ## install the packages for the rigs (root, Debian)
 	bash scripts/rigs.sh
