@@ -113,6 +113,21 @@ def test_a_client_needs_nothing_that_gaitd_does_not_pin(own):
     assert own["build-system"] == PYPROJECT["build-system"]
 
 
+def test_a_release_has_every_distribution():
+    script = (PROJECT / "scripts" / "release.sh").read_text(encoding="utf-8")
+    (named,) = re.findall(r"^DISTRIBUTIONS=\((.*)\)$", script, re.MULTILINE)
+    projects = [
+        one
+        for pattern in ("pyproject.toml", "*/pyproject.toml", "clients/*/pyproject.toml")
+        for one in PROJECT.glob(pattern)
+        if not one.parent.name.startswith(".")
+    ]
+
+    assert {(PROJECT / one).resolve() for one in named.split()} == {
+        one.parent.resolve() for one in projects
+    }
+
+
 def build(project: Path, target: str, folder: Path) -> Path:
     subprocess.run(
         [sys.executable, "-m", "hatchling", "build", "-t", target, "-d", str(folder)],
