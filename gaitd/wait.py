@@ -12,6 +12,7 @@ import typer
 from gaitd_client import ClientError, Mode, NotValid, Trainer
 from gaitd_client.wire import Safety
 from gaitd_names import ExitCode
+from msgspec.structs import replace
 
 from gaitd.command_line import CommandError, JsonOption, failure, json_text, with_config
 from gaitd.language import texts
@@ -73,6 +74,7 @@ def _wait(service: Trainer, wanted: Mode, timeout_s: float | None) -> tuple[Safe
         for message in chain([newest], stream):
             if isinstance(message, NotValid):
                 print(f"not valid: {message.text}", file=sys.stderr, flush=True)
+                newest = replace(newest, valid=False, mode=None, verdict=None, progress=None)
                 continue
             newest = message
             if newest.mode == wanted:

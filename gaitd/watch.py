@@ -92,11 +92,13 @@ def command(
             form = _form(stream.kind, field or [], as_json=as_json)
             service.status()  # a wrong trainer has no messages, without end
             with closed_after(stream, timeout) as is_over:
-                _print(stream, 1 if once else count, form)
-            if is_over.is_set():
-                status = with_config("gaitd status")
-                text = f"watch: {key}: {timeout} s are over"
-                raise CommandError(text, ExitCode.TIME_OVER, blame="--timeout", following=status)
+                if _print(stream, 1 if once else count, form):
+                    return
+            if not is_over.is_set():
+                raise typer.Exit(ExitCode.UNAVAILABLE)
+            status = with_config("gaitd status")
+            text = f"watch: {key}: {timeout} s are over"
+            raise CommandError(text, ExitCode.TIME_OVER, blame="--timeout", following=status)
     except ClientError as error:
         raise typer.Exit(report_silence("watch", str(error), as_json=as_json)) from error
     except KeyboardInterrupt:
@@ -192,8 +194,8 @@ def _paths(kind: Type, start: str = "") -> list[str]:
             return []
 
 
-def _print(stream: Stream[Any], count: int, form: Form) -> None:
-    """Print messages until the count or the end of the stream, and what is said in their place."""
+def _print(stream: Stream[Any], count: int, form: Form) -> bool:
+    """Print messages, and what is said in their place; False: the stream ended before the count."""
     printed_count = 0
     for message in stream:
         if not isinstance(message, NotValid):
@@ -202,4 +204,5 @@ def _print(stream: Stream[Any], count: int, form: Form) -> None:
         else:
             print(f"not valid: {message.text}", file=sys.stderr, flush=True)
         if count and printed_count >= count:
-            return
+            return True
+    return False

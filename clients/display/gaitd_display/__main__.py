@@ -11,6 +11,7 @@ import typer
 from gaitd_client import ClientError, Clock, MonotonicClock, Trainer
 from gaitd_names import ExitCode
 from gaitd_program import CommandError, parser, run
+from gaitd_toml import ConfigError
 from starlette.types import ASGIApp
 
 from gaitd_display.engineer import EngineerServer
@@ -43,7 +44,7 @@ def _add(kind: str) -> None:
         try:
             made = server_of(kind, config, MonotonicClock(), utc_ahead_ns)
         except (PasswordError, ClientError) as error:
-            raise CommandError(f"{config}: {error}", ExitCode.USAGE) from error
+            raise ConfigError(config, "", "", str(error), following="") from error
         refuse_certificate(config, made.web)
         serve(made.app, made.web)
 

@@ -17,7 +17,9 @@ from types import SimpleNamespace
 import browser as rig
 import display_bench as bench
 import pytest
+from command_line import ran
 from gaitd_display import connections, web
+from gaitd_display.__main__ import main
 from gaitd_display.connections import (
     ADDRESS_MAX,
     CONNECTIONS_MAX,
@@ -249,14 +251,6 @@ def test_one_that_says_nothing_is_closed_in_time(site, monkeypatch):
                     pass
 
 
-def started(tmp_path, table):
-    """`gaitd-display patient` with a file, until it ends."""
-    file = tmp_path / "patient.toml"
-    file.write_text(bench.toml(table), encoding="utf-8")
-    command = [sys.executable, "-m", "gaitd_display", "patient", "--config", str(file)]
-    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=60)
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
@@ -274,19 +268,12 @@ def test_what_no_server_can_use_is_refused_with_its_file_in_each_line(tmp_path, 
     for name, values in changes.items():
         table[name] = {**table.get(name, {}), **values}
 
-    ended = started(tmp_path, table)
+    file = tmp_path / "patient.toml"
+    file.write_text(bench.toml(table), encoding="utf-8")
 
-    assert (ended.returncode, ended.stdout) == (2, "")
-    for line in ended.stderr.splitlines():
-        assert line.startswith(f"gaitd-display: {tmp_path}/patient.toml: ")
-    assert words in ended.stderr
+    ended = ran(main, "gaitd-display", "patient", "--config", file)
 
-
-def test_a_port_in_use_is_told_before_anything_begins(tmp_path):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        table = bench.patient_table(tmp_path)
-        table["web"]["port"] = port
-        told = started(tmp_path, table)
-    assert (told.returncode, told.stdout) == (3, "")
-    assert told.stderr == f"gaitd-display: 127.0.0.1:{port}: address already in use\n"
+    assert (ended.code, ended.out) == (2, "")
+    for line in ended.err.splitlines():
+        assert line.startswith(f"configuration error: {file}: ")
+    assert words in ended.err

@@ -15,8 +15,10 @@ from urllib.request import Request, urlopen
 
 import display_bench as bench
 import pytest
+from command_line import ran
 from gaitd_client import Cause, Event, Mode, NotValid, PlanLimits, Trouble
 from gaitd_display import therapist
+from gaitd_display.__main__ import main
 from gaitd_display.alarm import INPUT_CYCLES
 from gaitd_display.controls import Does
 from gaitd_display.login import (
@@ -120,11 +122,11 @@ def test_beyond_loopback_it_serves_with_tls_alone_and_is_refused_without(tmp_pat
             return answer.headers, answer.read()
 
     file.write_text(bench.toml({**table, "web": web}), encoding="utf-8")
-    refused = subprocess.run(command, check=False, capture_output=True, text=True)
-    assert (refused.returncode, refused.stderr) == (
+    refused = ran(main, *command[2:])
+    assert (refused.code, refused.err) == (
         2,
-        f'gaitd-display: {file}: web.host = "0.0.0.0": 127.0.0.1, or web.certificate and web.key,'
-        " as other machines can reach it\n",
+        f'configuration error: {file}: web.host = "0.0.0.0": 127.0.0.1, or web.certificate and'
+        " web.key, as other machines can reach it\n",
     )
     web |= {"certificate": "c.pem", "key": "k.pem"}
     file.write_text(bench.toml({**table, "web": web}), encoding="utf-8")

@@ -6,7 +6,7 @@ import threading
 import msgspec
 import pytest
 from command_line import gaitd
-from gaitd_client import Cause, Estimate, Safety
+from gaitd_client import Cause, Estimate, NotValid, Safety, Trainer, Trouble
 from gaitd_names import ExitCode, Mode, StopCategory
 from keyed_gateway import running, status_of
 
@@ -41,6 +41,17 @@ def test_a_wait_ends_in_the_mode_at_once_or_when_it_comes(service, call):
     threading.Timer(0.2, service.core.changes.update, [{"mode": Mode.HOLD}]).start()
     came = call("wait", "HOLD", "--timeout", "60", "--json")
     assert (came.code, json.loads(came.out)["mode"]) == (ExitCode.DONE, "hold")
+
+
+def test_a_state_before_a_silence_is_not_told_as_the_present_one(monkeypatch, call):
+    silent = NotValid("safety", Trouble.SILENT, "no message")
+    monkeypatch.setattr(Trainer, "safety", lambda *_, **__: iter([silent]))
+
+    ended = call("wait", "hold")
+
+    assert ended.code == ExitCode.UNAVAILABLE
+    assert "nothing is known" in ended.err
+    assert "Another program drives" not in ended.err
 
 
 def test_a_wait_ends_by_a_stop_with_what_to_do_and_by_its_time(service, call):
