@@ -1,4 +1,4 @@
-"""The command `gaitd-session`: new-profile, run, summary, export, erase.
+"""The command `gaitd-session`: new-profile, run, summary, report, export, erase.
 
 Exit codes: 0 done; 2 a profile, a history or the command line is refused; 3 no service, or another
 trainer than the profile's; 4 the session was left, and the drives may be on.
@@ -28,6 +28,7 @@ from gaitd_session.profile import (
     parse_profile,
     read_profile,
 )
+from gaitd_session.report import ReportError, report
 from gaitd_session.session import Session, SessionError
 from gaitd_session.store import Store, StoreError, files_aside, open_history
 
@@ -119,7 +120,7 @@ def _errors_in_one_line() -> Generator[None]:
     except ConfigError as error:
         print(error, *error.more, sep="\n", file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
-    except (StoreError, ExportError, SessionError, terminal.NoTerminalError) as error:
+    except (StoreError, ExportError, ReportError, SessionError, terminal.NoTerminalError) as error:
         print(error, file=sys.stderr)
         raise typer.Exit(EXIT_REFUSED) from error
     except ClientError as error:
@@ -264,6 +265,25 @@ def summary(profile_file: ProfileFile, history_file: HistoryFile = None) -> None
             f"  {minutes:3}:{seconds:02}  {one.stride_count:7}  {one.valid_count:5}  {share:>5}"
             f"  {one.interruption_count:13}"
         )
+
+
+@app.command("report")
+def report_command(
+    profile_file: ProfileFile,
+    output: Annotated[Path, typer.Option(help=".html, complete in itself", dir_okay=False)],
+    session: Annotated[
+        int | None, typer.Option(help="number in `summary`; by default the newest")
+    ] = None,
+    language: Annotated[Language, typer.Option(help="of the page")] = Language.EN,
+    history_file: HistoryFile = None,
+) -> None:
+    """Write a session as a page to read, print or keep."""
+    with _errors_in_one_line():
+        profile = read_profile(profile_file)
+        with _reading(profile_file, history_file) as store:
+            page = report(store, profile, session, catalogue(Reader.OPERATOR, language))
+        output.write_text(page, encoding="utf-8")
+    print(f"{output}: open it in a browser, which also prints it or saves it as PDF")
 
 
 @app.command("export")
