@@ -20,7 +20,7 @@ from analysis.fleet import Arrow, Work
 from analysis.recording import RecordingError
 
 NAME: Final = "estimate_differences"
-"""Of the table's files, without suffix."""
+"""Name of the table's files, without suffix."""
 ALL: Final = "all"
 PATIENT: Final = {"hip": "hip_patient_nm", "slide": "slide_patient_n"}
 
@@ -32,10 +32,10 @@ class _Sums(NamedTuple):
     ok_before: int
     ok_after: int
     both: int
-    difference: float
-    square: float
-    variance_before: float
-    variance_after: float
+    difference_si: float
+    square_si: float
+    variance_before_si: float
+    variance_after_si: float
 
 
 class Difference(NamedTuple):
@@ -148,10 +148,10 @@ def _sums(old: Path, new: Path) -> list[_Sums]:
                 ok_before=int(np.count_nonzero(ok[0])),
                 ok_after=int(np.count_nonzero(ok[1])),
                 both=int(np.count_nonzero(both)),
-                difference=float(np.sum(by)),
-                square=float(np.sum(by**2)),
-                variance_before=float(np.sum(std[0] ** 2)),
-                variance_after=float(np.sum(std[1] ** 2)),
+                difference_si=float(np.sum(by)),
+                square_si=float(np.sum(by**2)),
+                variance_before_si=float(np.sum(std[0] ** 2)),
+                variance_after_si=float(np.sum(std[1] ** 2)),
             )
         )
     return made
@@ -186,10 +186,10 @@ def _difference(recording: str, leg: str, axis: Axis, sums: _Sums) -> Difference
         sums.ok_before / sums.rows,
         sums.ok_after / sums.rows,
         sums.both,
-        mean(sums.difference),
-        root(sums.square),
-        root(sums.variance_before),
-        root(sums.variance_after),
+        mean(sums.difference_si),
+        root(sums.square_si),
+        root(sums.variance_before_si),
+        root(sums.variance_after_si),
     )
 
 
