@@ -120,6 +120,8 @@ def test_results_are_a_replay_s_bits(made):
         assert table["hip_patient_nm"].null_count == np.count_nonzero(~is_split) > 0
         np.testing.assert_array_equal(table["hip_patient_nm"].to_numpy(), patient)
         assert table["status"].to_pylist() == expected.status.tolist()
+        assert all(field.metadata[b"meaning"] for field in table.schema)
+        assert table.schema.field("slide_net_n").metadata[b"unit"] == b"N"
         assert table.schema.metadata[b"gaitd.session"].decode() == session
     assert len({one["file"] for one in first.values()}) == CSV_COUNT
 
