@@ -39,7 +39,7 @@ class Column(NamedTuple):
     """Empty for a text."""
     meaning: str
     field: str = ""
-    """Of the message, `hip.patient`; empty: it is made of several."""
+    """Field of the message, `hip.patient`; empty: it is the table's own."""
     kind: str = ""
     """Type of that field, of JSON Schema: number, integer, string, ...; not null."""
 
