@@ -20,6 +20,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 from gaitd_client import Mode
+from gaitd_client.wire.columns import ESTIMATE_COLUMNS
 from gaitd_toml import ConfigError
 
 import analysis
@@ -196,7 +197,12 @@ def _estimates(session: Path, leg: str | None, robot: Robot) -> Made:
     numbers = np.column_stack(parts)
     columns = [pa.array(values, mask=np.isnan(values)) for values in numbers.T]
     columns += [pa.array(names) for names in VALIDITY_NAMES[made.validity].T]
-    table = pa.table([*columns, pa.array(made.status)], names=COLUMNS)
+    columns.append(pa.array(made.status))
+    fields = [
+        pa.field(name, values.type, metadata=ESTIMATE_COLUMNS[name].metadata)
+        for name, values in zip(COLUMNS, columns, strict=True)
+    ]
+    table = pa.table(columns, schema=pa.schema(fields))
     return Made(table, source.recording.duration_s)
 
 

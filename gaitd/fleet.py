@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from gaitd_names import ExitCode
+from gaitd_names.joints import JOINTS
 
 from gaitd.command_line import (
     CommandError,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
     from analysis.fleet import Result, Work
+    from analysis.fleet_differences import Difference
     from analysis.friction_weeks import Merged
     from daemon.config.settings import Robot
     from gaitd.terminal import Table
@@ -73,8 +75,16 @@ def command(
             metavar="PERCENT", min=0.0, help="friction: a larger change asks for a calibration"
         ),
     ] = CHANGE_MAX_PERCENT,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="estimate: compare with results of another robot file or version, in this folder",
+        ),
+    ] = None,
     plot: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="friction: draw it over the weeks")
+        Path | None,
+        typer.Option(metavar="PNG", help="draw friction over the weeks; with --against, all"),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -94,8 +104,7 @@ def command(
             raise CommandError(
                 "--workers: the scheduler has its own; give one of both", ExitCode.USAGE
             )
-        if plot is not None and work is not Work.FRICTION:
-            raise CommandError("--plot: only of `gaitd fleet friction`", ExitCode.USAGE)
+        _check_options(work, against, plot)
         found = _recordings(sessions)
         document = read_toml(robot)
         made_with = decoded_robot(document)
@@ -114,12 +123,85 @@ def command(
             )
             print(f"{hours:.3g} h of recordings took {cpu_s:.3g} s of processors")
         told = [one._asdict() for one in results]
+        errors: list[str] = []
         if work is Work.FRICTION:
             write({"recordings": told, **_friction(results, output, change, plot)})
+        elif against is not None:
+            differences, errors = _differences(results, against, output, plot)
+            write({"recordings": told, "differences": differences, "not_compared": errors})
         else:
             write(told)
-    if failed:
+    if failed or errors:
         raise typer.Exit(ExitCode.FAILED)
+
+
+def _check_options(work: "Work", against: Path | None, plot: Path | None) -> None:
+    from analysis.fleet import Work
+
+    if against is not None and work is not Work.ESTIMATES:
+        raise CommandError("--against: only of `gaitd fleet estimate`", ExitCode.USAGE)
+    if against is not None and not against.is_dir():
+        raise CommandError(f"--against: {against}: is no folder", ExitCode.USAGE, blame="--against")
+    if plot is not None and work is Work.ESTIMATES and against is None:
+        raise CommandError(
+            "--plot: only of `gaitd fleet friction`, or with --against", ExitCode.USAGE
+        )
+
+
+def _differences(
+    results: "list[Result]", against: Path, output: Path, plot: Path | None
+) -> "tuple[list[Difference], list[str]]":
+    """Compare with other results of the same recordings; returns the rows, and errors."""
+    from analysis.fleet_differences import differences, write
+
+    made = [(Path(one.session), Path(one.file)) for one in results if one.file]
+    found, errors = differences(sorted(made), against)
+    for text in errors:
+        print(text)
+    if not found:
+        return found, errors
+    write(found, output)
+    show([_difference_table(found)])
+    if plot is not None:
+        from analysis.fleet_differences_figure import draw
+
+        draw(found, plot)
+        print(f"picture      {plot}")
+    return found, errors
+
+
+def _difference_table(found: "list[Difference]") -> "Table":
+    from analysis.fleet_differences import ALL
+
+    of_one = [one for one in found if one.recording != ALL]
+    title = "patient's effort, after minus before, where both are valid"
+    if len(of_one) > WEEKS_SHOWN_MAX:
+        of_one = sorted(of_one, key=lambda one: -(one.difference_rms_si or 0.0))[:WEEKS_SHOWN_MAX]
+        title = f"{title}; the {WEEKS_SHOWN_MAX} largest"
+    pooled = [one for one in found if one.recording == ALL]
+    heads = ("recording", "axis", "rows", "mean", "rms", "sigma", "valid")
+    return (
+        title,
+        heads,
+        tuple(
+            (
+                one.recording,
+                f"{one.leg}/{one.axis}".removeprefix("/"),
+                f"{one.both_ok_count} of {one.row_count}",
+                *_in_unit(one),
+                f"{one.ok_before_ratio:.1%} → {one.ok_after_ratio:.1%}",
+            )
+            for one in (*of_one, *pooled)
+        ),
+    )
+
+
+def _in_unit(one: "Difference") -> tuple[str, str, str]:
+    if one.difference_mean_si is None:
+        return "", "", ""
+    unit = JOINTS[one.axis].effort
+    sigma = f"{one.sigma_before_si:.3g} → {one.sigma_after_si:.3g} {unit}"
+    return f"{one.difference_mean_si:+.3g} {unit}", f"{one.difference_rms_si:.3g} {unit}", sigma
 
 
 def _friction(

@@ -32,7 +32,7 @@ class RecordingOutlet:
         """See `Outlet`."""
         payload = msgspec.json.encode(message)
         head = msgspec.json.decode(payload, type=Head)
-        # No program has received it: its log time is the trainer's time, as its publish time.
+        # It was not received: its log time is the trainer's time, as its publish time.
         utc_ns = head.sample_time_ns or self._recording.about.begun_utc_ns
         made = Received("/".join(parts), wire.schema_name(type(message)), payload, utc_ns)
         self._recording.add(made, head)

@@ -120,6 +120,8 @@ def test_results_are_a_replay_s_bits(made):
         assert table["hip_patient_nm"].null_count == np.count_nonzero(~is_split) > 0
         np.testing.assert_array_equal(table["hip_patient_nm"].to_numpy(), patient)
         assert table["status"].to_pylist() == expected.status.tolist()
+        assert all(field.metadata[b"meaning"] for field in table.schema)
+        assert table.schema.field("slide_net_n").metadata[b"unit"] == b"N"
         assert table.schema.metadata[b"gaitd.session"].decode() == session
     assert len({one["file"] for one in first.values()}) == CSV_COUNT
 
@@ -140,6 +142,59 @@ def test_results_are_made_once_for_a_robot_file(sessions, made, tmp_path):
     changed = fleet(sessions, output, "--workers", 1, robot=other)[1]
     assert not any(one["kept"] for one in changed.values())
     assert len(list(output.iterdir())) == 2 * CSV_COUNT
+
+
+@pytest.mark.usefixtures("threads")
+def test_results_of_two_robot_files_are_compared_recording_by_recording(
+    sessions, made, five_columns, tmp_path
+):
+    """The second file has 2 N·m less friction of the hip."""
+    other, picture, output = tmp_path / "robot.toml", tmp_path / "picture.png", tmp_path / "out"
+    robot = ROBOT.read_text()
+    assert robot.count("coulomb_nm = 6.0") == 1
+    other.write_text(robot.replace("coulomb_nm = 6.0", "coulomb_nm = 4.0"))
+    folders = [*sorted(sessions.iterdir()), five_columns]
+
+    ended = gaitd(
+        *("fleet", "estimate", *folders, "--robot", other, "--output", output, "--json"),
+        *("--workers", 1, "--against", made[0], "--plot", picture),
+    )
+
+    told = json.loads(ended.out)
+    assert ended.code == 1
+    (missing,) = told["not_compared"]
+    assert f"{made[0]}: has no other result of the recording of five.right." in missing
+    (*of_one, hip, slide) = told["differences"]
+    assert [one["recording"] for one in of_one[::2]] == [
+        f"trainer{number // 2}/day{number % 2}" for number in range(CSV_COUNT)
+    ]
+    befores = [pq.read_table(one["file"]) for one in made[1].values()]
+    new_files = {one["session"]: one["file"] for one in told["recordings"]}
+    afters = [pq.read_table(new_files[session]) for session in made[1]]
+    by = np.concatenate(
+        [
+            (new["hip_patient_nm"].to_numpy() - old["hip_patient_nm"].to_numpy())
+            for old, new in zip(befores, afters, strict=True)
+        ]
+    )
+    by = by[np.isfinite(by)]
+    assert hip["both_ok_count"] == len(by) > 100
+    assert hip["difference_mean_si"] == pytest.approx(np.mean(by))
+    assert hip["difference_rms_si"] == pytest.approx(np.sqrt(np.mean(by**2)))
+    assert hip["difference_rms_si"] > 10 * slide["difference_rms_si"]
+    stds = np.concatenate([one["hip_patient_nm_std"].to_numpy() for one in befores])
+    assert hip["sigma_before_si"] == pytest.approx(np.sqrt(np.nanmean(stds**2)), rel=0.05)
+    assert 0 < hip["ok_after_ratio"] < 1
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    table = duckdb.sql(f"SELECT * FROM '{output}/estimate_differences.csv'").fetchall()
+    assert len(table) == len(told["differences"])
+
+    again = gaitd(
+        *("fleet", "estimate", *folders, "--robot", other, "--output", output),
+        *("--workers", 1, "--against", output),
+    )
+    assert again.code == 1
+    assert "only that of the same version and robot file" in again.out
 
 
 def test_the_sql_of_the_document_works_on_the_results(made):
@@ -214,6 +269,8 @@ def test_a_bad_recording_costs_itself(sessions, tmp_path):
         (["--scheduler", "tcp://127.0.0.1:1", "--workers", "2"], "give one of both"),
         (["--scheduler", "nowhere:x"], "--scheduler: nowhere:x"),
         (["--robot", "none.toml"], "none.toml"),
+        (["--against", "gone"], "--against: gone: is no folder"),
+        (["--plot", "x.png"], "--plot: only of `gaitd fleet friction`, or with --against"),
     ],
 )
 def test_what_cannot_be_is_refused(sessions, tmp_path, more, words):

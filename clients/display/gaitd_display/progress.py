@@ -11,7 +11,6 @@ from typing import Final
 
 import msgspec
 from gaitd_client import PlanLimits
-from gaitd_client.wire import Refusal
 from gaitd_session import (
     BlockKind,
     GoalSummary,
@@ -25,7 +24,6 @@ from gaitd_session import (
 from gaitd_session.goals import band_about
 from gaitd_session.profile import Goal
 from gaitd_session.profile import Profile as SessionProfile
-from gaitd_texts import Reader, catalogue
 from gaitd_toml import ConfigError
 
 from gaitd_display.settings import SessionFiles
@@ -34,8 +32,6 @@ from gaitd_display.words import Spoken, spoken
 NS_PER_MS: Final = 1_000_000
 SESSIONS_MAX: Final = 200
 """The newest of so many are shown."""
-
-OPERATOR: Final = catalogue(Reader.OPERATOR, "en")
 
 
 class PlannedBlock(msgspec.Struct, frozen=True):
@@ -222,8 +218,4 @@ def interruption(code: str) -> Spoken | None:
     """
     if not code:
         return None
-    refusal = Refusal(code=code, subject=None, values={}, said="")
-    for key in (f"stopped.{code}", f"interruption.{code}", f"failure.{code}"):
-        if OPERATOR.has(key):
-            return spoken(lambda texts, key=key: texts.text(key))
-    return spoken(lambda texts: texts.refusal(refusal))
+    return spoken(lambda texts: texts.interruption(code))

@@ -180,6 +180,13 @@ class Catalogue:
         ]
         return ", ".join(word for word in words if word) if all(words) else subject or ""
 
+    def interruption(self, code: str) -> str:
+        """Return why a session left its course: a cause, a phase, a failure, or a refusal."""
+        for key in (f"stopped.{code}", f"interruption.{code}", f"failure.{code}"):
+            if self.has(key):
+                return self.text(key)
+        return self._refusal(code, None, {}, "")
+
     def event(self, event: Event) -> str:
         """Return the sentence of an event, with its subject before it."""
         return self.report(event.code, event.subject, event.values, event.said)

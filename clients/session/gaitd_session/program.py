@@ -1,4 +1,4 @@
-"""The command `gaitd-session`: new-profile, run, summary, export, erase.
+"""The command `gaitd-session`: new-profile, run, summary, report, export, erase.
 
 Exit code 3: the session was left, and the drives may be on.
 """
@@ -29,12 +29,15 @@ from gaitd_session.profile import (
     parse_profile,
     read_profile,
 )
+from gaitd_session.report import ReportError, report
 from gaitd_session.session import Session, SessionError
 from gaitd_session.store import Store, StoreError, files_aside, open_history
 from gaitd_session.terminal import NoTerminalError
 
 EXIT_CODES: Final[Mapping[type[Exception], ExitCode]] = {
-    **dict.fromkeys((StoreError, ExportError, NoTerminalError, CredentialsError), ExitCode.USAGE),
+    **dict.fromkeys(
+        (StoreError, ExportError, ReportError, NoTerminalError, CredentialsError), ExitCode.USAGE
+    ),
     **dict.fromkeys((ClientError, SessionError), ExitCode.UNAVAILABLE),
 }
 HISTORY: Final = "history.sqlite"
@@ -239,6 +242,24 @@ def summary(profile_file: ProfileFile, history_file: HistoryFile = None) -> None
             f"  {minutes:3}:{seconds:02}  {one.stride_count:7}  {one.valid_count:5}  {share:>5}"
             f"  {one.interruption_count:13}"
         )
+
+
+@app.command("report")
+def report_command(
+    profile_file: ProfileFile,
+    output: Annotated[Path, typer.Option(help=".html, complete in itself", dir_okay=False)],
+    session: Annotated[
+        int | None, typer.Option(help="number in `summary`; by default the newest")
+    ] = None,
+    language: Annotated[Language, typer.Option(help="of the page")] = Language.EN,
+    history_file: HistoryFile = None,
+) -> None:
+    """Write a session as a page to read, print or keep."""
+    profile = read_profile(profile_file)
+    with _reading(profile_file, history_file) as store:
+        page = report(store, profile, session, catalogue(Reader.OPERATOR, language))
+    output.write_text(page, encoding="utf-8")
+    print(f"{output}: open it in a browser, which also prints it or saves it as PDF")
 
 
 @app.command("export")

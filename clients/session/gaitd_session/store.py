@@ -432,6 +432,33 @@ class Store:
         )
         return [GoalSummary(*row) for row in rows]
 
+    def blocks(self, session: int) -> list[BlockRow]:
+        """Return the blocks of a session, in their order."""
+        rows = self._read(
+            "SELECT number, kind, cadence_hz, amplitude_ratio, planned_s, walked_s FROM block"
+            " WHERE session = ? ORDER BY number",
+            session,
+        )
+        return [BlockRow(*row) for row in rows]
+
+    def strides_of(self, session: int) -> list[StrideRow]:
+        """Return the strides of a session, in order of time."""
+        rows = self._read(
+            "SELECT block, leg, end_utc_ns, duration_s, share_ratio, share_ratio_std,"
+            " work_positive_j, work_negative_j, is_valid FROM stride"
+            " WHERE session = ? ORDER BY end_utc_ns, leg",
+            session,
+        )
+        return [StrideRow(*row)._replace(is_valid=bool(row[-1])) for row in rows]
+
+    def interruptions(self, session: int) -> list[InterruptionRow]:
+        """Return the interruptions of a session, in order of time."""
+        rows = self._read(
+            "SELECT utc_ns, phase, reason FROM interruption WHERE session = ? ORDER BY utc_ns",
+            session,
+        )
+        return [InterruptionRow(*row) for row in rows]
+
     def strides(self, profile: str) -> list[tuple[Any, ...]]:
         """Return all strides of a profile with the columns `EXPORTED`, in order of time."""
         return self._read(

@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -602,7 +603,8 @@ def test_what_is_no_recording_is_refused_by_name(whole, tmp_path, name, said):
     file = tmp_path / "whole" / "right.recording.parquet"
     (tmp_path / "torn.parquet").write_bytes(file.read_bytes()[:-100])
     table = pq.read_table(file)
-    words = table.set_column(1, "hip_angle_rad", pa.array(["0.1"] * len(table)))
+    at = table.column_names.index("hip_angle_rad")
+    words = table.set_column(at, "hip_angle_rad", pa.array(["0.1"] * len(table)))
     pq.write_table(words, tmp_path / "words.parquet")
     pq.write_table(table[:40], tmp_path / "never.parquet")
     latin = table.replace_schema_metadata({b"gaitd.leg": b"gau\xdfe", b"gaitd": b"\xff"})
@@ -687,11 +689,20 @@ class Sample:
         self.to_bytes = lambda: payload
 
 
-def test_what_came_is_on_the_disk_within_less_than_a_second(published, tmp_path, monkeypatch):
+def test_what_came_is_on_the_disk_within_less_than_a_second_with_its_time_of_receipt(
+    published, tmp_path, monkeypatch
+):
     played = Played(published)
     played.take = lambda sample: None
     synced_ns = []
+    received_ns = []
+
+    def receive_ns():
+        received_ns.append(played.now + 500)
+        return received_ns[-1]
+
     monkeypatch.setattr("gaitd_record.program.MonotonicClock", lambda: played)
+    monkeypatch.setattr("gaitd_record.program.UtcClock", lambda: SimpleNamespace(now_ns=receive_ns))
     sync = Recording.sync
 
     def watched(recording):
@@ -708,6 +719,11 @@ def test_what_came_is_on_the_disk_within_less_than_a_second(published, tmp_path,
     assert max(np.diff(synced_ns)) < 600_000_000
     assert [type(event).__name__ for event in events] == ["Listening", "Begun", "Finished"]
     assert events[-1].message_count > 1900
+    with (events[-1].path / MESSAGES).open("rb") as file:
+        read_back = make_reader(file).iter_messages(log_time_order=False)
+        logged_ns = [message.log_time for _, _, message in read_back]
+    assert len(logged_ns) > 500
+    assert set(logged_ns) <= set(received_ns)
 
 
 def test_the_notebook_draws_its_pictures_of_a_recording(whole):

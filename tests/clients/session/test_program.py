@@ -5,6 +5,7 @@ import io
 import os
 import signal
 import sys
+from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
@@ -22,7 +23,16 @@ from gaitd_session import (
     read_profile,
 )
 from gaitd_session.machine import TrainerState, begin
-from gaitd_session.store import SessionRow, Store, StrideRow
+from gaitd_session.store import (
+    BlockRow,
+    EndRow,
+    GoalRow,
+    InterruptionRow,
+    SelfTestRow,
+    SessionRow,
+    Store,
+    StrideRow,
+)
 from gaitd_session.terminal import NoTerminalError, render, run
 from gaitd_session.view import view_of
 from gaitd_texts import Reader, catalogue
@@ -136,6 +146,81 @@ def test_summary_export_and_erase_of_one_profile(tmp_path):
     assert "history.sqlite.aside-1 could not be read once" in erased.out
     assert not file.exists()
     assert profile().id.encode() not in history.read_bytes()
+
+
+def trained(folder):
+    """A profile, and a session of it with two legs, a warm-up, a block cut short, and a stop."""
+    _, file = new_profile(folder, *OPTIONS, "--leg", "left")
+    begun_ns, minute_ns = 1_795_000_000_000_000_000, 60_000_000_000
+    rows = [
+        SessionRow(read_profile(file).id, "trainer", begun_ns),
+        SelfTestRow(read_profile(file).id, begun_ns),
+        BlockRow(1, "warm_up", 0.25, 0.5, 120.0, 120.0),
+        BlockRow(2, "walking", 0.4, 0.7, 300.0, 90.0),
+        *(GoalRow(block, leg, 0.3, 0.35) for block in (1, 2) for leg in ("right", "left")),
+        InterruptionRow(begun_ns + 4 * minute_ns, "stopped", Cause.SPASM),
+        InterruptionRow(begun_ns + 5 * minute_ns, "paused", ""),
+    ]
+    for number in range(60):
+        block, end_ns = 1 + number // 40, begun_ns + number * minute_ns // 15
+        share = None if number == 7 else 0.1 + 0.4 * number / 60
+        rows += [
+            StrideRow(block, "right", end_ns, 4.0, share, 0.02, 5.0, -1.0, share is not None),
+            StrideRow(block, "left", end_ns + 1, 4.0, 0.3, 0.02, 4.0, -1.0, True),
+        ]
+    with Store(folder / "history.sqlite", is_writer=True) as store:
+        store.write([*rows, EndRow(begun_ns + 6 * minute_ns, "ended")])
+    return file
+
+
+class Page(HTMLParser):
+    """What a reader of a page sees, and what a browser would fetch."""
+
+    def __init__(self, page):
+        super().__init__()
+        self.words, self.marks, self.fetched, self.open = [], 0, [], []
+        self.feed(page)
+
+    def handle_starttag(self, tag, attrs):
+        self.open.append(tag)
+        self.fetched += [value for name, value in attrs if name in {"src", "href"}]
+        self.marks += tag == "circle" or (tag, dict(attrs).get("fill")) == ("rect", "#a34400")
+
+    def handle_data(self, data):
+        if data.strip() and self.open[-1] != "style":
+            self.words.append(data.strip())
+
+
+@pytest.mark.parametrize(
+    ("language", "title", "stop"),
+    [
+        ("en", "Report of a training session", catalogue(Reader.OPERATOR, "en")),
+        ("de", "Bericht über ein Training", catalogue(Reader.OPERATOR, "de")),
+    ],
+)
+def test_a_report_has_figures_blocks_and_stops_in_one_file(tmp_path, language, title, stop):
+    file, output = trained(tmp_path), tmp_path / "report.html"
+
+    ended = call("report", "--profile", file, "--output", output, "--language", language)
+
+    assert ended.exit_code == 0, ended.output
+    text = output.read_text(encoding="utf-8")
+    page = Page(text)
+    assert page.fetched == []
+    assert "url(" not in text
+    assert page.words[0] == title
+    assert {"3.5 min", "120", "119", "30%", "4.5 J", "2.0 / 2.0 min", "39 / 40"} <= {*page.words}
+    assert {stop.text("stopped.spasm"), stop.text("interruption.paused")} <= {*page.words}
+    assert page.marks == 119 + 2  # one for each valid step, and the key of both legs
+
+
+def test_a_report_of_a_session_that_is_not_there_is_refused(tmp_path):
+    file = trained(tmp_path)
+
+    ended = call("report", "--profile", file, "--output", tmp_path / "r.html", "--session", 7)
+
+    assert ended.exit_code == 2
+    assert "has no session 7; it has 1" in ended.stderr
 
 
 class Left(contextlib.AbstractContextManager):

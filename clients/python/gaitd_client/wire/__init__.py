@@ -2,7 +2,7 @@
 
 Reading order: `fields.py` (types and heads that messages share), `messages.py` (all messages, keys
 and schemas), `leg_messages.py`, `health_messages.py`. The enums are in `gaitd_names`. `__main__.py`
-writes the JSON Schemas as files.
+writes the JSON Schemas as files. `columns.py`: units and meanings for tables of messages.
 """
 
 from gaitd_names.joints import JOINTS, Joint
