@@ -122,7 +122,7 @@ class Stream(Generic[T]):
         """
         if keep < 1:
             raise ValueError(f"keep = {keep} for {key}: at least 1 message must be kept")
-        self.key = key
+        self.key, self.kind = key, kind
         self.dropped_count = 0
         """Messages that were replaced by newer ones before they were consumed."""
         self.unreadable_count = 0
