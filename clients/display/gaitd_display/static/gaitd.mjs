@@ -1,4 +1,4 @@
-// Messages of a trainer in a page or in Node: `gaitd.d.mts` has their types, docs/javascript.md the
+// Messages of a trainer in a page or in Node: `gaitd.d.mts` has their types, docs/other_languages.md the
 // use. It only reads. A handler gets each message of its key, or null where nothing is known.
 
 const RETRY_MS = 500;
