@@ -64,6 +64,15 @@ def command(
             min=0, max=65535, help="of the engineer's page, or the next free one; 0: no page"
         ),
     ] = 8090,
+    pages: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            exists=True,
+            file_okay=False,
+            help="of your own pages, which the engineer's server serves at /pages/",
+        ),
+    ] = None,
     tiring: Annotated[
         bool,
         typer.Option(
@@ -123,6 +132,7 @@ def command(
                 screen,
                 pages=training.shown if training else engineer.shown if engineer else "",
                 engineer_port=engineer.port if engineer else None,
+                own_pages=pages,
             ).play(acts)
         picture = None if session else plot.resolve()
         if picture:

@@ -122,10 +122,20 @@ def patient_settings(where: ServiceProcesses, port: int, credentials: Path | Non
     return settings + "".join(OTHER_LEG.format(name=name) for name in names[1:])
 
 
-def engineer_settings(where: ServiceProcesses, port: int, credentials: Path | None) -> str:
-    """Return the settings of the engineer's page, which shows the truth of the virtual drives."""
+def engineer_settings(
+    where: ServiceProcesses, port: int, credentials: Path | None, pages: Path | None = None
+) -> str:
+    """Return the settings of the engineer's page, which shows the truth of the virtual drives.
+
+    Args:
+        where: the service.
+        port: of the page.
+        credentials: folder of the client; None: the service has no keys.
+        pages: folder of own pages beside it; None: there are none.
+    """
     settings = shipped_settings("engineer", where, {"web.port": port}, credentials)
-    return f"truth = {json.dumps(str(where.truth_path))}\n{settings}"
+    own = "" if pages is None else f"pages = {json.dumps(str(pages.absolute()))}\n"
+    return f"truth = {json.dumps(str(where.truth_path))}\n{own}{settings}"
 
 
 def start_client(kind: str, where: ServiceProcesses, settings: str) -> ManagedProcess:

@@ -57,6 +57,7 @@ class Performance:
         *,
         pages: str = "",
         engineer_port: int | None = None,
+        own_pages: Path | None = None,
     ) -> None:
         """Prepare; `play` begins.
 
@@ -66,8 +67,10 @@ class Performance:
             show: displays a moment; called at every turn, and may skip drawing.
             pages: where the pages are, for the live view.
             engineer_port: of the engineer's page; None: there is none.
+            own_pages: folder that the engineer's server serves, too; None: it serves none.
         """
         self.configs, self.tempo, self.engineer_port = configs, tempo, engineer_port
+        self.own_pages = own_pages
         self._show, self._pages = show, pages
         self.received, self.true = Track(RECEIVED), Track(TRUE)
         self._spans: list[Span] = []
@@ -153,7 +156,9 @@ class Playing:
         """Start the engineer's page; the demonstration goes on if it ends."""
         where, port = self.where, self._performance.engineer_port
         if port is not None:
-            settings = engineer_settings(where, port, where.credentials.get("engineer"))
+            settings = engineer_settings(
+                where, port, where.credentials.get("engineer"), self._performance.own_pages
+            )
             where.start_client("engineer", settings, is_needed=False)
 
     def turn(self) -> Situation:

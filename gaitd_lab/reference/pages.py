@@ -3,12 +3,16 @@
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 from gaitd_toml import decoded, read_toml
 
 from daemon.config.limit_settings import Limits
 from daemon.config.shipped import configs_folder
-from gaitd_lab.reference import modes, roles, schemas
+from gaitd_lab.reference import modes, roles, schemas, typescript
+
+TYPES: Final = "../clients/display/gaitd_display/static/gaitd.d.mts"
+"""Seen from docs/."""
 
 
 def parts() -> Mapping[str, Mapping[str, str]]:
@@ -19,6 +23,8 @@ def parts() -> Mapping[str, Mapping[str, str]]:
         "configuration.md": schemas.configuration_parts(),
         "modes.md": modes.parts(decoded(read_toml(file), Limits).stop_category),
         "security.md": roles.parts(),
+        # In a comment that the part closes and opens.
+        TYPES: {"messages": f"*/\n{typescript.declarations()}\n/*"},
     }
 
 

@@ -181,6 +181,12 @@ class MessageTrainer:
     def estimate(self, leg):
         return self._stream(f"{leg}/estimate", wire.Estimate)
 
+    def friction(self, leg):
+        return self._stream(f"{leg}/friction", wire.Friction)
+
+    def controller(self, leg):
+        return self._stream(f"{leg}/controller", wire.ControllerState, silence_ns=None, keep=64)
+
     def drive(self, name):
         return self._stream(f"drives/{name}", DriveState)
 

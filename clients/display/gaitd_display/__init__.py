@@ -8,6 +8,7 @@ alone), `training.py` (the session), `scenes.py` (what is said in each state), `
 `event_texts.py` (a therapist's words), `plan_ranges.py` (what a plan may allow),
 `therapist_view.py`, `progress.py` (profile, plan and sessions), `truth.py` (file of the virtual
 drives), `geometry.py` and `engineer_view.py`; then `connections.py` (which ones a server holds),
+`messages.py` (the messages for programs of other people),
 `web.py` (headers, origin, WebSocket, STOP), `patient.py`, `login.py`, `therapist.py`,
 `engineer.py`, `__main__.py`.
 """

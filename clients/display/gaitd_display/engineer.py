@@ -23,7 +23,8 @@ from gaitd_session.session import AXES
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, Response
-from starlette.routing import Route
+from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket
 
@@ -41,6 +42,7 @@ from gaitd_display.engineer_view import (
 )
 from gaitd_display.feed import Feed
 from gaitd_display.geometry import Geometry, geometry_of
+from gaitd_display.messages import PATH, MessageSockets
 from gaitd_display.settings import EngineerSettings
 from gaitd_display.therapist_view import event_item, stride_item
 from gaitd_display.truth import TruthFile
@@ -92,7 +94,7 @@ class EngineerServer:
         self.feed = Feed(self._view)
         self.app: ASGIApp = make_app(
             settings.web,
-            Served(self._page, [Route("/past.json", self._past)], self._live),
+            Served(self._page, self._routes(), self._live),
             None,
             self._lifespan,
         )
@@ -183,6 +185,15 @@ class EngineerServer:
             for truth in self._truths.values():
                 truth.close()
             self._truths = {leg: TruthFile(path, self._utc_ahead_ns) for leg, path in paths.items()}
+
+    def _routes(self) -> list[BaseRoute]:
+        routes: list[BaseRoute] = [
+            Route("/past.json", self._past),
+            WebSocketRoute(PATH, MessageSockets(self._trainer).serve),
+        ]
+        if (folder := self._settings.pages) is not None:
+            routes.append(Mount("/pages", StaticFiles(directory=folder, html=True)))
+        return routes
 
     # --- pages ----------------------------------------------------------------------------------
 

@@ -252,6 +252,8 @@ class EngineerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     trainer: Link
     truth: Path | None = None
     """File of `gaitd sim --truth`; None: the drives are real, and there is no truth."""
+    pages: Path | None = None
+    """Folder of own pages, served as /pages/; None: there are none."""
 
 
 File = TypeVar("File", PatientSettings, TherapistSettings, EngineerSettings)
@@ -285,6 +287,8 @@ def _contradictions(
             " another machine through a tunnel of SSH"
         )
         yield "web.host", web.host, allowed
+    elif settings.pages is not None and not settings.pages.is_dir():
+        yield "pages", settings.pages, "a folder that exists"
     if isinstance(settings, PatientSettings):
         yield from _of_patient(settings)
 

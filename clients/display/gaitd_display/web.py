@@ -41,6 +41,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from gaitd_display.connections import STOP_PATH, WAIT_S, Connections
 from gaitd_display.feed import Feed, PageQueue, TooManyPagesError
+from gaitd_display.messages import PATH as MESSAGES_PATH
+from gaitd_display.messages import TRY_LATER
 from gaitd_display.settings import Web
 from gaitd_display.words import Spoken, page_texts, spoken
 
@@ -55,7 +57,6 @@ PING_S: Final = 2.0
 BACKLOG: Final = 128
 """Connections that may wait to be accepted."""
 GOING_AWAY: Final = 1001
-TRY_LATER: Final = 1013
 FORBIDDEN: Final = 4403
 LOGIN_OVER: Final = 4401
 """Codes with which a WebSocket is closed; common.js reads them."""
@@ -120,7 +121,10 @@ class Guard:
         if headers.get("host") not in self._hosts:
             return False  # also what another name for this address would allow (DNS rebinding)
         is_reading = scope["type"] == "http" and scope["method"] in {"GET", "HEAD"}
-        return is_reading or headers.get("origin") in self._origins
+        # A browser always names the origin of a WebSocket. What names none is a program, and may
+        # read messages.
+        is_program = scope["path"] == MESSAGES_PATH and "origin" not in headers
+        return is_reading or is_program or headers.get("origin") in self._origins
 
 
 async def small_body(request: Request) -> bytes:

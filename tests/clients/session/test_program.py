@@ -203,7 +203,7 @@ def test_a_report_has_figures_blocks_and_stops_in_one_file(tmp_path, language, t
 
     ended = call("report", "--profile", file, "--output", output, "--language", language)
 
-    assert ended.exit_code == 0, ended.output
+    assert ended.code == 0, ended.err
     text = output.read_text(encoding="utf-8")
     page = Page(text)
     assert page.fetched == []
@@ -219,8 +219,8 @@ def test_a_report_of_a_session_that_is_not_there_is_refused(tmp_path):
 
     ended = call("report", "--profile", file, "--output", tmp_path / "r.html", "--session", 7)
 
-    assert ended.exit_code == 2
-    assert "has no session 7; it has 1" in ended.stderr
+    assert ended.code == 2
+    assert "has no session 7; it has 1" in ended.err
 
 
 class Left(contextlib.AbstractContextManager):

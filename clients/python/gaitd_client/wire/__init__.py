@@ -1,8 +1,9 @@
 """The wire contract: every message on Zenoh, its types, and the JSON Schemas made from it.
 
 Reading order: `fields.py` (types and heads that messages share), `messages.py` (all messages, keys
-and schemas), `leg_messages.py`, `health_messages.py`. The enums are in `gaitd_names`. `__main__.py`
-writes the JSON Schemas as files. `columns.py`: units and meanings for tables of messages.
+and schemas), `leg_messages.py`, `health_messages.py`. The enums are in `gaitd_names`. `asyncapi.py`
+has the AsyncAPI document, `__main__.py` writes it and the schemas as files. `columns.py`: units and
+meanings for tables of messages.
 """
 
 from gaitd_names.joints import JOINTS, Joint
