@@ -90,22 +90,22 @@ def supervision(systemd):
     return Supervision(systemd, systemd, "the leg sinks")
 
 
-READY, WALKS = (
-    replace(record(7), mode=Mode.READY),
-    replace(record(8), progress=Progress(ProgressCode.EXERCISING, "", (3.0,))),
-)
+READY = replace(record(7), mode=Mode.READY)
+
+
+def walks(cycle):
+    """A record of a gait, whose progress differs in each cycle."""
+    return replace(record(cycle), progress=Progress(ProgressCode.EXERCISING, "", (cycle,)))
+
+
+WALKS = walks(8)
 
 
 def test_a_change_is_told_at_once_and_progress_rarely(systemd, supervision):
     supervision.feed()
     for one in (
-        *(READY, READY, WALKS),
-        replace(WALKS, cycle=WALKS.cycle + 499, progress=None),
-        replace(WALKS, cycle=WALKS.cycle + 500, progress=None),
-        replace(WALKS, cycle=WALKS.cycle + 999, progress=WALKS.progress),
-        replace(WALKS, cycle=WALKS.cycle + 1001),
-        replace(WALKS, verdict=SILENT),
-        READY,
+        *(READY, READY, WALKS, walks(8 + 499), walks(8 + 500), walks(8 + 999), walks(8 + 1001)),
+        *(replace(WALKS, verdict=SILENT), READY),
     ):
         supervision.report(one)
 
@@ -113,8 +113,8 @@ def test_a_change_is_told_at_once_and_progress_rarely(systemd, supervision):
         ("WATCHDOG=1",),
         ("READY=1", f"STATUS={status_text(READY)}"),
         (f"STATUS={status_text(WALKS)}",),
-        (f"STATUS={status_text(replace(WALKS, progress=None))}",),
-        (f"STATUS={status_text(WALKS)}",),
+        (f"STATUS={status_text(walks(8 + 500))}",),
+        (f"STATUS={status_text(walks(8 + 1001))}",),
         (f"STATUS={status_text(replace(WALKS, verdict=SILENT))}",),
         (f"STATUS={status_text(READY)}",),
     ]
