@@ -175,16 +175,16 @@ def stride_item(stride: Stride) -> StrideItem:
 
 
 def event_item(event: Event) -> EventItem:
-    """Return what a page shows of an event."""
+    """Return what a page shows of an event; a priority of a later version is shown as medium."""
     is_stop = event.kind == Kind.STOP and event.priority != Priority.INFO
-    urgent = {Priority.HIGH: "medium", Priority.MEDIUM: "medium", Priority.LOW: "low"}
+    calm: dict[str, str] = {Priority.LOW: "low", Priority.INFO: "info"}
     return EventItem(
         event.id,
         event.time_ns / 1e6,
         event.priority,
         spoken(lambda texts: texts.event(event)),
         spoken(lambda texts: texts.event_remedy(event, texts.buttons())),
-        "stop" if is_stop else urgent.get(Priority(event.priority), "info"),
+        "stop" if is_stop else calm.get(event.priority, "medium"),
     )
 
 

@@ -50,6 +50,10 @@ def shown(code, **given):
     return event_item(bench.filled(Event, **{**EVENT, "code": code, **given}))
 
 
+def test_a_priority_of_a_later_version_is_shown_as_medium_and_ends_nothing():
+    assert shown("drives_up", priority="critical").icon == "medium"
+
+
 # --- stops --------------------------------------------------------------------------------------
 
 
