@@ -51,4 +51,5 @@ def test_the_schemas_are_written_as_files(tmp_path):
     subprocess.run([sys.executable, "-m", "gaitd_client.wire", tmp_path / "made"], check=True)
 
     files = {file.name: json.loads(file.read_bytes()) for file in (tmp_path / "made").iterdir()}
+    assert files.pop("asyncapi.json")["asyncapi"] == "3.0.0"
     assert files == json.loads(json.dumps({f"{n}.json": s for n, s in wire.schemas().items()}))

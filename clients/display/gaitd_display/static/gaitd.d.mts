@@ -16,7 +16,7 @@ export type Handler<T> = (message: T | null, trouble: Trouble | null) => void;
 export type Handlers = { [K in keyof Messages]?: Handler<Messages[K]> };
 
 export interface Options {
-  /** Of the display's server; by default that of the page, or http://127.0.0.1:8090. */
+  /** Of the display's server; by default that of the page, or ws://127.0.0.1:8090. */
   address?: string;
   /** Where there is no global one: before Node 22. */
   WebSocket?: unknown;

@@ -25,8 +25,8 @@ export function follow(handlers, options = {}) {
   if (Socket === undefined) {
     throw new Error("no WebSocket here: Node 22, `node --experimental-websocket`, or options.WebSocket");
   }
-  const address = new URL("/messages", options.address ?? globalThis.location?.href ?? "http://127.0.0.1:8090");
-  address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+  const address = new URL("/messages", options.address ?? globalThis.location?.href ?? "ws://127.0.0.1:8090");
+  address.protocol = ["https:", "wss:"].includes(address.protocol) ? "wss:" : "ws:";
   for (const key of Object.keys(handlers)) address.searchParams.append("key", key);
   const following = { droppedCount: 0, close };
   let socket, watchdog, retry;
