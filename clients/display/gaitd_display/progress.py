@@ -5,7 +5,7 @@ only read. A file that is missing or cannot be read is told on the page.
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from statistics import fmean
 from typing import Final
 
@@ -24,6 +24,8 @@ from gaitd_session import (
 from gaitd_session.goals import band_about
 from gaitd_session.profile import Goal
 from gaitd_session.profile import Profile as SessionProfile
+from gaitd_session.store import InterruptionRow
+from gaitd_texts import STOPS
 from gaitd_toml import ConfigError
 
 from gaitd_display.settings import SessionFiles
@@ -32,6 +34,8 @@ from gaitd_display.words import Spoken, spoken
 NS_PER_MS: Final = 1_000_000
 SESSIONS_MAX: Final = 200
 """The newest of so many are shown."""
+STOPS_MAX: Final = 5
+"""The newest of so many are shown of each session."""
 
 
 class PlannedBlock(msgspec.Struct, frozen=True):
@@ -62,6 +66,16 @@ class Profile(msgspec.Struct, frozen=True):
     """What an operator releases for this plan."""
 
 
+class PastStop(msgspec.Struct, frozen=True):
+    """What has interrupted a session."""
+
+    time_ms: float
+    """UTC, ms since 1970."""
+    said: Spoken
+    remedy: Spoken | None
+    """What to do about it, and whom to call; None: nothing, a patient has paused for example."""
+
+
 class PastSession(msgspec.Struct, frozen=True):
     """One session of the history."""
 
@@ -78,8 +92,8 @@ class PastSession(msgspec.Struct, frozen=True):
     target: Target | None
     """Mean of the bands of its blocks and legs; None: there is none."""
     interruption_count: int
-    last_said: Spoken | None
-    """Why the last interruption was; None: there is none."""
+    stops: tuple[PastStop, ...]
+    """The newest first."""
     block: int
     """Number of its newest block, from 1; 0: none was begun."""
 
@@ -104,6 +118,9 @@ class _History(msgspec.Struct, frozen=True):
     """What is read of the history."""
 
     sessions: Sequence[SessionSummary] = ()
+    """The newest `SESSIONS_MAX`."""
+    stops: Mapping[int, Sequence[InterruptionRow]] = {}
+    """What has interrupted each of these sessions, by its number."""
     goals: Sequence[GoalSummary] = ()
     self_test_ms: float | None = None
     troubles: tuple[Spoken, ...] = ()
@@ -126,8 +143,8 @@ def read_progress(files: SessionFiles | None) -> Progress:
         is_configured=True,
         profile=_profile(profile),
         sessions=tuple(
-            _session(one, goals[one.number], profile.goal)
-            for one in history.sessions[-SESSIONS_MAX:]
+            _session(one, history.stops[one.number], goals[one.number], profile.goal)
+            for one in history.sessions
         ),
         targets=present_targets(profile, history.goals),
         self_test_ms=history.self_test_ms,
@@ -140,8 +157,10 @@ def _read_history(files: SessionFiles, profile: SessionProfile) -> _History:
         if not files.history.exists():
             return _History(troubles=_trouble("no_history", files.history))
         with Store(files.history, is_writer=False) as store:
+            sessions = store.summaries(profile.id)[-SESSIONS_MAX:]
             return _History(
-                store.summaries(profile.id),
+                sessions,
+                {one.number: store.interruptions(one.number)[-STOPS_MAX:] for one in sessions},
                 store.goals(profile.id, profile.goal.band_width_ratio / 2),
                 store.self_test_utc_ns(profile.id) / NS_PER_MS,
             )
@@ -195,7 +214,12 @@ def _target(middle_ratio: float, goal: Goal) -> Target:
     return Target(band.low_ratio, band.high_ratio)
 
 
-def _session(one: SessionSummary, goals: Sequence[GoalSummary], goal: Goal) -> PastSession:
+def _session(
+    one: SessionSummary,
+    stops: Sequence[InterruptionRow],
+    goals: Sequence[GoalSummary],
+    goal: Goal,
+) -> PastSession:
     return PastSession(
         one.begun_utc_ns / NS_PER_MS,
         one.end,
@@ -205,17 +229,21 @@ def _session(one: SessionSummary, goals: Sequence[GoalSummary], goal: Goal) -> P
         one.mean_share_ratio,
         _target(fmean(one.middle_ratio for one in goals), goal) if goals else None,
         one.interruption_count,
-        interruption(one.last_interruption),
+        tuple(_stop(stop) for stop in reversed(stops)),
         max((one.block for one in goals), default=0),
     )
 
 
-def interruption(code: str) -> Spoken | None:
-    """Return why an interruption was, for the operator; None: there was none.
+def _stop(row: InterruptionRow) -> PastStop:
+    code = row.reason or row.phase
+    remedy = spoken(lambda texts: texts.remedy(code, texts.buttons())) if code in STOPS else None
+    return PastStop(row.utc_ns / NS_PER_MS, interruption(code), remedy)
+
+
+def interruption(code: str) -> Spoken:
+    """Return why an interruption was, for the operator.
 
     Args:
         code: of the history: a cause of a stop, a `Why`, a phase, a failure, a code of a refusal.
     """
-    if not code:
-        return None
     return spoken(lambda texts: texts.interruption(code))

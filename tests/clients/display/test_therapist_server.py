@@ -45,7 +45,7 @@ from gaitd_session.store import (
     Store,
     StrideRow,
 )
-from gaitd_texts import Situation
+from gaitd_texts import Reader, Situation, catalogue
 from msgspec.structs import replace
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
@@ -461,6 +461,7 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
                     for end_ns, share in enumerate((0.34, 0.36, 0.5), 1_795_000_002_000_000_000)
                 ),
                 InterruptionRow(1_795_000_001_000_000_000, "paused", ""),
+                InterruptionRow(1_795_000_003_000_000_000, "stopped", Cause.SPASM),
                 SelfTestRow("7f3k9m2q", 1_795_000_000_000_000_000),
             ]
         )
@@ -471,7 +472,12 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     assert (session["walked_s"], session["mean_share_ratio"]) == (9.0, 0.35)
     assert (session["reached_count"], session["valid_count"]) == (1, 2)
     assert session["target"]["low_ratio"] == pytest.approx(0.35)
-    assert session["last_said"]["en"] == "The patient has paused."
+    newest, oldest = session["stops"]
+    texts = catalogue(Reader.OPERATOR, "en")
+    assert (newest["time_ms"], oldest["time_ms"]) == (1_795_000_003_000.0, 1_795_000_001_000.0)
+    assert newest["said"]["en"] == texts.text("stopped.spasm")
+    assert newest["remedy"]["en"] == texts.remedy(Cause.SPASM, texts.buttons())
+    assert (oldest["said"]["en"], oldest["remedy"]) == ("The patient has paused.", None)
     assert progress()["self_test_ms"] == 1_795_000_000_000.0
     assert progress()["sessions"][0]["end"] == "interrupted"  # its program has ended without one
     assert progress()["targets"]["right"]["low_ratio"] == pytest.approx(0.39)

@@ -1,7 +1,7 @@
 // Progress over the sessions: mean share with its target, and a table.
 import { byId, setText } from "./common.js";
 import { el, n, set } from "./figure.js";
-import { day, digits, made, Once, percent } from "./therapist_parts.js";
+import { clock, day, digits, made, Once, percent } from "./therapist_parts.js";
 
 const NEWEST = 6;
 const DAY_MS = 86_400_000;
@@ -45,16 +45,17 @@ export class ProgressPanel {
         percent(one.mean_share_ratio, language), String(one.interruption_count), this.words.of(`end.${one.end}`),
       ];
       const row = made("tr", "", ...cells.map((text) => made("td", text === "–" ? "unknown" : "", made("span", "", text))));
-      const why = this.lastStop(one);
-      return why === null ? [row] : [row, made("tr", "why", Object.assign(made("td", "", ...(one.interruption_count > 1 ? [this.words.of("last_stop"), " "] : []), why), { colSpan: 6 }))];
+      return one.stops.length === 0 ? [row] : [row, made("tr", "why", Object.assign(made("td", "", this.stops(one)), { colSpan: 6 }))];
     }));
     byId("all").hidden = sessions.length <= NEWEST;
     byId("all").setAttribute("aria-expanded", this.isWhole);
     setText(byId("all"), this.isWhole ? this.words.of("fewer_sessions") : this.words.of("all_sessions", { count: sessions.length }));
   }
 
-  lastStop({ last_said: said }) {
-    return said === null ? null : this.words.said(said);
+  stops({ stops }) {
+    return made("ul", "", ...stops.map(({ time_ms: time, said, remedy }) => made("li", "", `${clock(time, this.words.language)} `, this.words.said(said), ...(remedy === null ? [] : [
+      made("details", "", made("summary", "", this.words.of("what_to_do")), this.words.said(remedy)),
+    ]))));
   }
 
   paintChart(sessions) {
