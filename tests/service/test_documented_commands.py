@@ -79,6 +79,7 @@ ELSEWHERE: Final = {
     r"gaitd patients": "a night: tests/gaitd/test_working_patients.py",
     r"gaitd real-data .*": "recordings that are not part of the project: tests/analysis",
     r"gaitd rig .*": "tests/gaitd/test_rig.py",
+    r"(curl|node) .*": "tests/clients/display/test_examples.py",
     r"gaitd-session .*": "tests/clients/session/test_program.py",
     r"gaitd-assist .*": "tests/clients/assist/test_program.py",
     r"gaitd-display .*": "tests/clients/display",
