@@ -53,9 +53,19 @@ export class ProgressPanel {
   }
 
   stops({ stops }) {
-    return made("ul", "", ...stops.map(({ time_ms: time, said, remedy }) => made("li", "", `${clock(time, this.words.language)} `, this.words.said(said), ...(remedy === null ? [] : [
-      made("details", "", made("summary", "", this.words.of("what_to_do")), this.words.said(remedy)),
-    ]))));
+    return made("ul", "", ...stops.map(({ time_ms: time, said, remedy }) => {
+      const item = made("li", "", `${clock(time, this.words.language)} `, this.words.said(said));
+      if (remedy !== null) item.append(this.remedy(remedy));
+      return item;
+    }));
+  }
+
+  // The text is there while it is open only: what is hidden must not take a place.
+  remedy(remedy) {
+    const text = made("p", "", this.words.said(remedy));
+    const opened = made("details", "", made("summary", "", this.words.of("what_to_do")));
+    opened.addEventListener("toggle", () => (opened.open ? opened.append(text) : text.remove()));
+    return opened;
   }
 
   paintChart(sessions) {
