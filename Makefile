@@ -151,6 +151,7 @@ sbom: $(VENV)/dev.stamp  ## out/sbom.json: every package of the run-time environ
 	$(PYTHON) -m venv out/sbom
 	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/run.txt
 	out/sbom/bin/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation ./$(CLIENT) .
+	find out/sbom -name direct_url.json -delete  # pip notes the folder that it has installed from
 	$(BIN)/cyclonedx-py environment --gather-license-texts --pyproject pyproject.toml --mc-type application \
 		--output-reproducible --output-file out/sbom.json out/sbom/bin/python
 	rm -rf out/sbom

@@ -63,7 +63,7 @@ def inline(function: F) -> F:
 
 
 def _compile(function: F, *, forceinline: bool) -> F:
-    _KNOWN[0] += 1
+    _KNOWN.append(function.__qualname__)
     root = _source_root(Path(inspect.getfile(function)))
     before = CONFIG.CACHE_DIR, CONFIG.CACHE_LOCATOR_CLASSES
     # numba reads both when it decorates, so each package can have its own directory.
@@ -114,7 +114,7 @@ class _Compiled(event.Listener):
     def on_end(self, event: object) -> None:  # noqa: ARG002 - as numba calls it
         self._count += 1
         if self._count % TOLD_EVERY == 0:
-            self._tell(self._count, max(self._count, _KNOWN[0]))
+            self._tell(self._count, max(self._count, len(_KNOWN)))
 
 
 def is_cached(*packages: Path) -> bool:
@@ -201,8 +201,8 @@ def _forget_old_generations(base: Path) -> None:
             shutil.rmtree(directory, ignore_errors=True)
 
 
-_KNOWN: Final = [0]
-"""Number of functions that this process has decorated."""
+_KNOWN: Final[list[str]] = []
+"""Functions that this process has decorated."""
 _USED: Final[dict[Path, int]] = {}
 """Cache directories of this process, each with its lock, which is held until the process ends."""
 atexit.register(settle)

@@ -159,9 +159,8 @@ class MessageSockets:
 
     async def serve(self, socket: WebSocket) -> None:
         """Serve one client until either side ends."""
-        await (
-            socket.accept()
-        )  # also of one that is refused: a page sees the code of an accepted one
+        # Also one that is refused: a page sees the code of an accepted socket only.
+        await socket.accept()
         keys = list(dict.fromkeys(socket.query_params.getlist("key")))
         unknown = [key for key in keys if key not in STREAMS]
         if unknown or not keys:

@@ -1,10 +1,11 @@
 """`/messages` of the engineer's server: what a client gets, what it loses, and what is refused."""
 
 import json
+import re
 
 import display_bench as bench
 import pytest
-from gaitd_client import Event, Mode
+from gaitd_client import Event, Mode, wire
 from gaitd_client.wire.asyncapi import PARAMETERS, PUBLISHED
 from gaitd_display.engineer import EngineerServer
 from gaitd_display.feed import ITEMS_MAX, WINDOW
@@ -30,6 +31,13 @@ def client(trainer, tmp_path):
     app = EngineerServer(settings, trainer, lambda: bench.BEGAN_NS).app
     with TestClient(app, base_url=bench.ORIGIN) as client:
         yield client
+
+
+def test_the_module_of_pages_reads_the_versions_that_are_sent(client):
+    module = client.get("/static/gaitd.mjs", headers=PROGRAM).text
+    named = dict(re.findall(r'^  (\w+): "(gaitd\.\w+\.v\d+)",$', module, re.MULTILINE))
+
+    assert named == {name: wire.schema_name(wire.MESSAGES[name]) for name in PUBLISHED}
 
 
 def connect(client, *keys, headers=bench.OURS):

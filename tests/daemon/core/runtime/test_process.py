@@ -205,7 +205,7 @@ def test_a_first_start_says_that_it_compiles_and_how_far_it_is(world, capsys, mo
                 pass
 
     monkeypatch.setattr(process, "warm_up", warm_up)
-    monkeypatch.setattr(jit, "_KNOWN", [30])
+    monkeypatch.setattr(jit, "_KNOWN", 30 * ["function"])
 
     world.run()
 
