@@ -35,7 +35,8 @@ stage() {
     environment=$(readlink -f "$root/opt/gaitd")
     # pip notes the folder that it has installed from, and compiles for the staged path.
     find "$environment" -name direct_url.json -delete
-    find "$environment" -name RECORD -exec sed -i '/direct_url\.json/d' {} +
+    # Commands had the staged path in their first line when pip noted their hash and size.
+    find "$environment" -name RECORD -exec sed -i -E '/direct_url\.json/d; s#^(\.\./\.\./\.\./bin/[^,]*),.*#\1,,#' {} +
     find "$environment" -name __pycache__ -exec rm -rf {} +
     "$environment/bin/python" -m compileall -q -j 0 --invalidation-mode unchecked-hash -s "$root" -p / "$environment"
     gzip -9n "$root"/usr/share/man/man1/*.1
@@ -50,7 +51,7 @@ control() {
     done
     python=$("$PYTHON" -c 'import sys; print("python3 (>= 3.{0}~), python3 (<< 3.{1}~)".format(sys.version_info[1], sys.version_info[1] + 1))')
     sed -e "s/@VERSION@/$version/; s/@ARCHITECTURE@/$architecture/; s/@PYTHON@/$python/" \
-        -e "s/@SIZE@/$(du -sk --exclude=DEBIAN "$root" | cut -f1)/" "$work/source/deb/control" > "$root/DEBIAN/control"
+        -e "s/@SIZE@/$(du -sk --apparent-size --exclude=DEBIAN "$root" | cut -f1)/" "$work/source/deb/control" > "$root/DEBIAN/control"
     (cd "$root" && find etc -type f -printf '/%p\n' | sort > DEBIAN/conffiles)
     (cd "$root" && find usr opt -type f -print0 | sort -z | xargs -0 md5sum > DEBIAN/md5sums)
 }
