@@ -9,12 +9,14 @@ Rules:
 """
 
 import io
+import logging
 import re
 import struct
 import zlib
 from bisect import insort
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -41,6 +43,11 @@ _ASC_ERROR: Final = re.compile(r"(?:CANFD\s+)?\d+\s+(?:(?:Rx|Tx)\s+)?ErrorFrame"
 _ASC_BASE: Final = re.compile(r"base\s+(hex|dec)(?:\s+timestamps\s+(absolute|relative))?", re.I)
 _BLF_SIZE: Final = struct.Struct("<4sL8xQ")
 """Signature, size of the header, and at 16 the size of the file."""
+_BLF_OBJECT: Final = struct.Struct("<4s4xLL")
+"""Signature, size and kind of an object."""
+_BLF_FRAMES: Final = frozenset((1, 73, 86, 100, 101))
+"""Kinds of objects that are frames of CAN, or errors of it."""
+NO_CONTAINER: Final = "frames of the BLF outside a container: left out"
 
 
 class FrameFileError(RecordedBusError):
@@ -246,7 +253,9 @@ def _blf(path: Path, note: _Note) -> Iterator[_Frame]:
         reader = can.BLFReader(path)
     except _BROKEN as error:
         raise _BadLineError(f"frame 1: {_said(error)}; allowed is a whole .blf file") from error
-    with reader:
+    for _ in range(_count_outside_containers(path)):
+        note(NO_CONTAINER)
+    with reader, _told(note):
         count = 0
         try:
             for one in reader:
@@ -261,6 +270,42 @@ def _blf(path: Path, note: _Note) -> Iterator[_Frame]:
         else:
             if vars(reader)["_tail"].strip(b"\0"):
                 note("end torn off within an object: frames behind it are lost")
+
+
+def _count_outside_containers(path: Path) -> int:
+    """Count the objects that python-can passes over: it reads those in containers alone."""
+    count = 0
+    with path.open("rb") as file:
+        _, header_size, _ = _BLF_SIZE.unpack(file.read(_BLF_SIZE.size))
+        file.seek(header_size)
+        while len(head := file.read(_BLF_OBJECT.size)) == _BLF_OBJECT.size:
+            signature, size, kind = _BLF_OBJECT.unpack(head)
+            if signature != b"LOBJ" or size < _BLF_OBJECT.size:
+                break
+            count += kind in _BLF_FRAMES
+            file.seek(size - _BLF_OBJECT.size + size % 4, io.SEEK_CUR)
+    return count
+
+
+class _Told(logging.Handler):
+    """Turns what python-can logs about a part that it leaves out into a note."""
+
+    def __init__(self, note: _Note) -> None:
+        super().__init__(logging.WARNING)
+        self._note = note
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._note(f"parts of the BLF left out, with their frames: {record.getMessage()}")
+
+
+@contextmanager
+def _told(note: _Note) -> Generator[None]:
+    handler, log = _Told(note), logging.getLogger("can.io.blf")
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
 
 
 def _of_library(path: Path, reader: Iterable[can.Message]) -> Iterator[_Frame]:

@@ -3,10 +3,12 @@
 Master and virtual drives read a file with this module; tests hold it against python-canopen. Rules:
 1.  A file is refused only if it cannot be opened, or describes no object. What is wrong in one
     object is a `Fault` of that object: a program that uses the object judges it.
-2.  Case and blanks of section names and keys do not matter; an empty value is an absent one. Text
-    that is not UTF-8 is read as a Windows code page: only names can suffer from it.
+2.  Case and blanks of section names and keys do not matter, nor 0x or h of an index; an empty value
+    is an absent one. A comment begins with `;`, or with ` #` behind what is no text. Text that is
+    not UTF-8 is read as a Windows code page: only names can suffer from it.
 3.  A number that does not fit its object's data type is its bit pattern: 0xFF of an INTEGER8
-    is -1. A number whose base is doubtful (`010`) is a fault.
+    is -1. Suffixes of C, as in 0x12UL, say nothing. A number whose base is doubtful (`010`) is a
+    fault.
 4.  Limits that leave no value, as 0x00 .. 0xFF of an INTEGER8, or that are wider than the type,
     limit nothing, and are a fault.
 5.  Arrays and records by CompactSubObj are expanded; a section of a member wins.
@@ -234,7 +236,7 @@ def parse(text: str, node_id: int) -> DataSheet:
     for title, section in sections.items():
         if (match := _OBJECT.fullmatch(title)) is None or int(match[1], 16) < _FIRST_INDEX:
             continue
-        index, parent = int(match[1], 16), sections.get(match[1].lower())
+        index, parent = int(match[1], 16), sections.get(match[1])
         if match[2] is not None:
             above = _Section(match[1]) if parent is None else parent
             member = _variable(section, sections, index, int(match[2], 16), node_id)
@@ -276,9 +278,13 @@ def integer(text: str, node_id: int) -> int:
 
 # --- parts of a file ----------------------------------------------------------------------------
 
-_OBJECT: Final = re.compile(r"([0-9a-f]{4})(?:sub([0-9a-f]{1,2}))?", re.IGNORECASE)
+_OBJECT: Final = re.compile(r"([0-9a-f]{4})(?:sub([0-9a-f]{1,2}))?")
+_INDEX_FIRST: Final = re.compile(r"(?:0x)?([0-9a-f]{4})h?((?:sub|name|value).*)?")
 _WITH_NODE: Final = re.compile(r"\$?nodeid(?:\+(.+))?|(.+)\+\$?nodeid")
-_NUMBER: Final = re.compile(r"([+-]?)(?:0x([0-9a-f]+)|([0-9a-f]+)h|([0-9]+))")
+_NUMBER: Final = re.compile(r"([+-]?)(?:0x([0-9a-f]+)|([0-9a-f]+)h|([0-9]+))u?l{0,2}")
+_TEXT_COMMENT: Final = re.compile(r"\s;")
+_COMMENT: Final = re.compile(r"\s[;#]")
+"""Names and other texts may have a #, as "input # 1"."""
 _AFTER_THE_END: Final = "\0\x1a \t\r\n"
 
 
@@ -292,7 +298,8 @@ class _Section:
 
     def add(self, line: str) -> None:
         key, equals, value = (part.strip() for part in line.partition("="))
-        value = re.split(r"\s;", f" {value}", maxsplit=1)[0].strip()
+        comment = _COMMENT if key.lower() in _NO_TEXTS else _TEXT_COMMENT
+        value = comment.split(f" {value}", maxsplit=1)[0].strip()
         if not equals:
             self.faults.append(Fault(self.title, key, "", "KEY=VALUE"))
             return
@@ -317,20 +324,28 @@ class _Section:
 
 
 _ORDINARY: Final = {key.lower(): key for key in _ALLOWED}
+_NO_TEXTS: Final = frozenset(_ORDINARY) - {"defaultvalue", "parametervalue"}
 
 
 def _sections(text: str) -> dict[str, _Section]:
-    """Sections by title in lower case; one that comes twice is one section."""
+    """Sections by title as `_title` has it; one that comes twice is one section."""
     sections: dict[str, _Section] = {}
     present = _Section("")
     for raw in text.rstrip(_AFTER_THE_END).splitlines():
         line = raw.strip(_AFTER_THE_END)
         if line.startswith("[") and "]" in line:
             title = line[1:].partition("]")[0].strip()
-            present = sections.setdefault(title.lower(), _Section(title))
+            present = sections.setdefault(_title(title), _Section(title))
         elif line and not line.startswith((";", "#", "//")):
             present.add(line)
     return sections
+
+
+def _title(written: str) -> str:
+    """In lower case, without blanks, and an index as four digits alone (rule 2)."""
+    title = "".join(written.split()).lower()
+    match = _INDEX_FIRST.fullmatch(title)
+    return title if match is None else match[1] + (match[2] or "")
 
 
 def _variable(
@@ -434,6 +449,7 @@ def _of_type(text: str, bare: Variable, node_id: int) -> Value:
     """A written value as the drive holds it (rule 3)."""
     if bare.is_text:
         return text
+    text = _COMMENT.split(f" {text}", maxsplit=1)[0].strip()
     if bare.is_real:
         code = "f" if bare.data_type == REAL32 else "d"
         if text.lower().startswith("0x"):
@@ -474,8 +490,8 @@ def _compact(
     if not 0 < count <= _SUB_MAX:
         return
     parent = section.text("ParameterName")
-    names = sections.get(f"{section.title}name".lower(), _Section(""))
-    values = sections.get(f"{section.title}value".lower(), _Section(""))
+    names = sections.get(f"{index:04x}name", _Section(""))
+    values = sections.get(f"{index:04x}value", _Section(""))
     in_array = section.number("ObjectType", [], _VARIABLE) == _ARRAY
     top, kind = "Highest sub-index supported", _UNSIGNED8
     yield Variable(index, 0, top, parent, kind, "ro", default=count, in_array=in_array)

@@ -5,6 +5,7 @@ canopen; the other rows are of the same classes.
 """
 
 import json
+import struct
 from pathlib import Path
 
 import can
@@ -194,6 +195,44 @@ def test_half_of_a_blf_is_never_read_without_a_word(part, is_told, tmp_path):
         assert str(error)
     else:
         assert any("torn off" in note or "cannot be read" in note for note in notes)
+
+
+def with_a_container_of_another_compression(container, others):
+    return container + container[:16] + b"\7\0" + container[18:] + others
+
+
+def with_an_object_of_another_header(container, others):
+    at = container[32:].index(b"LOBJ") + 32
+    return container[: at + 6] + b"\3\0" + container[at + 8 :] + others
+
+
+def with_a_frame_outside(container, others):
+    at = container[32:].index(b"LOBJ") + 32
+    return container + container[at : at + 48] + others
+
+
+@pytest.mark.parametrize(
+    ("change", "row_count", "note"),
+    [
+        (with_a_container_of_another_compression, 40, "1 parts of the BLF left out, with their"),
+        (with_an_object_of_another_header, 39, "1 parts of the BLF left out, with their"),
+        (with_a_frame_outside, 40, "1 frames of the BLF outside a container: left out"),
+    ],
+)
+def test_what_the_library_leaves_out_of_a_blf_is_told(change, row_count, note, tmp_path):
+    path = tmp_path / "other.blf"
+    with can.Logger(path, compression_level=0) as logger:
+        for message in messages():
+            logger(message)
+    data = path.read_bytes()
+    (size,) = struct.unpack_from("<L", data, 144 + 8)
+    end = 144 + size + size % 4
+    path.write_bytes(data[:144] + change(data[144:end], data[end:]))
+
+    rows, notes = imported(path)
+
+    assert rows == row_count
+    assert [one for one in notes if one.startswith(note)], notes
 
 
 REFUSED = {
