@@ -69,6 +69,12 @@ COMMANDS: Final = {
     "scan": ("scan", DRIVES, "Nodes on a bus, compared with the configuration. Reads only."),
     "drive": ("drive", DRIVES, "One drive's objects: dump, compare, store, restore."),
     "drive profile": ("drive_profile", DRIVES, "A drive profile proposed from a maker's EDS."),
+    "drive verify": (
+        "drive_verify",
+        DRIVES,
+        "One drive on a bench, played against its profile; the evidence in one signed file.",
+    ),
+    "drive evidence": ("drive_evidence", DRIVES, "Read such a file, and check its signature."),
     "record": ("record", RECORDINGS, "Record what a running service publishes."),
     "blackbox": ("blackbox", RECORDINGS, "Recordings around each stop, and the log of requests."),
     "replay": ("replay", RECORDINGS, "The observer over a recorded file, as fast as it can."),

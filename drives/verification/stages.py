@@ -1,0 +1,471 @@
+"""What is played, in order, and how it is judged. `verify` is a generator, as `bring_up` is.
+
+Rules:
+1.  Bring-up comes first and alone decides whether anything moves: a drive that is another one, or
+    does not keep a mapping, a limit, an option code or a cleared offset, is refused by it.
+2.  Torque is given in pulses of opposite signs, so that the motor ends at rest; they grow until the
+    motor turns. A velocity above half of the limit ends the pulses at once.
+3.  A fact that fails in a stage that moves nothing, or in the pulses, ends the verification: what
+    comes after it moves on the strength of it. Its facts are then not measured.
+4.  Each stop begins from the same velocity. The master's heartbeat and the commands are left out
+    here alone; whatever happens, the power is taken off at the end.
+"""
+
+from collections.abc import Callable, Generator
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from drives.bringup.bringup import bring_up
+from drives.bringup.plan import CycleSettings, DrivePlan
+from drives.bringup.port import DrivePort
+from drives.canopen.bus import Bus, Clock
+from drives.canopen.objects import Object
+from drives.cia402.units import effort_to_permille, permille_to_effort, position_si
+from drives.errors import BringUpRefused, DriveSilent
+from drives.service.scan import Progress
+from drives.signals import OperationMode, PowerRequest, PowerState
+from drives.verification.bench import Bench, BenchLimits, Row
+from drives.verification.facts import (
+    Fact,
+    FactCode,
+    Judgement,
+    after_lost_master,
+    after_quick_stop,
+    brakes_on_ramp,
+    named,
+    number,
+)
+from drives.verification.measure import accelerations, response, rest_time_s
+
+SAMPLE_CYCLES: Final = 100
+SAMPLES_MIN_RATIO: Final = 0.99
+ENABLE_MAX_S: Final = 2.0
+STILL_CYCLES: Final = 50
+STILL_MAX_REV: Final = 0.02
+PULSE_CYCLES: Final = 5
+AFTER_PULSE_CYCLES: Final = 20
+EFFORT_RATIOS: Final = (0.1, 0.2, 0.4, 0.7, 1.0)
+"""Shares of the limit of effort, until the motor turns."""
+TURNED_COUNTS: Final = 40
+TOO_FAST_RATIO: Final = 0.5
+CORRELATION_MIN: Final = 0.5
+SCALE_TOLERANCE: Final = 0.15
+INERTIA_TOLERANCE: Final = 0.25
+VELOCITY_RATIO: Final = 0.5
+"""Velocity from which the stops begin, as a share of the limit."""
+RUN_CYCLES: Final = 80
+SPEED_UP_CYCLES: Final = 60
+VELOCITY_TOLERANCE: Final = 0.2
+STOP_CYCLES: Final = 150
+SLACK_S: Final = 0.05
+"""Added to each time limit: the cycles of command and sample."""
+COMMAND_S: Final = 0.03
+"""From the cycle of a command until a sample can show its effect."""
+RAMP_MAX_RATIO: Final = 1.5
+TURN_TOLERANCE: Final = 0.03
+RESET_MAX_CYCLES: Final = 150
+COMMUNICATION_ERRORS: Final = (0x8100, 0x82FF)
+"""EMCY codes of CiA 301: monitoring, communication, protocol."""
+NOTHING: Final = PowerRequest.DISABLE_VOLTAGE
+_OFF: Final = PowerState.SWITCH_ON_DISABLED.name
+TORQUE, POSITION = OperationMode.CYCLIC_SYNC_TORQUE, OperationMode.CYCLIC_SYNC_POSITION
+_VELOCITY_ACTUAL: Final = 0x606C
+
+
+class Options(NamedTuple):
+    """What the operator knows or does."""
+
+    inertia_si: float | None = None
+    """At the joint, kg·m² or kg; None: not known, and the scale of the torque is not measured."""
+    turn_by_hand: Callable[[], None] | None = None
+    """Returns when a person has turned the motor by one turn, in the sense in which the axis is
+    positive; None: nobody does."""
+
+
+class Verification(NamedTuple):
+    """Everything that was found."""
+
+    facts: tuple[Fact, ...]
+    steps: tuple[str, ...]
+    """Steps of bring-up that were done."""
+    refusal: str
+    """Why bring-up ended early; empty if it did not."""
+    rows: tuple[Row, ...]
+    serial_number: int = 0
+    """1018h:04 as read; 0: unknown."""
+
+    @property
+    def passed(self) -> bool:
+        """True if nothing failed."""
+        return all(fact.judgement is not Judgement.FAILED for fact in self.facts)
+
+
+Stage = Callable[[Bench, Options], list[Fact]]
+
+
+def verify(
+    plan: DrivePlan,
+    limits: BenchLimits,
+    cycle: CycleSettings,
+    options: Options,
+    *,
+    bus: Bus,
+    clock: Clock,
+    port: DrivePort,
+) -> Generator[Progress, None, Verification]:
+    """Bring the drive up, play all stages, and return what was found.
+
+    Args:
+        plan: bring-up of the drive, as of a single axis.
+        limits: bounds of the motion.
+        cycle: as the plan was made with.
+        options: of the operator.
+        bus: with this drive alone.
+        clock: of the bus.
+        port: over the bus.
+
+    Raises:
+        BusError: the bus is down.
+    """
+    steps: list[str] = []
+    bringing = bring_up([plan], port, cycle)
+    total_count = len(plan.steps) + 2 + len(_STAGES)
+    try:
+        while True:
+            step = next(bringing)
+            steps.append(step.text)
+            yield Progress(step.text, step.done_count, total_count)
+    except StopIteration as end:
+        report = end.value[0]
+    except (BringUpRefused, DriveSilent) as error:
+        facts = (named(FactCode.BRING_UP, type(error).__name__, "done"), *_unmeasured())
+        return Verification(facts, tuple(dict.fromkeys(steps)), str(error), ())
+    bench = Bench(plan, report, limits, cycle, bus=bus, clock=clock, port=port)
+    found = [named(FactCode.BRING_UP, "done", "done")]
+    try:
+        for number_of, (name, stage) in enumerate(_STAGES.items()):
+            yield Progress(name, len(plan.steps) + 2 + number_of, total_count)
+            bench.stage = name
+            made = stage(bench, options)
+            found += made
+            if any(one.judgement is Judgement.FAILED and one.code in _DECISIVE for one in made):
+                break
+    finally:
+        bench.stage = "leave"
+        bench.leave()
+    known = {fact.code for fact in found}
+    found += [fact for fact in _unmeasured() if fact.code not in known]
+    return Verification(
+        tuple(found), tuple(dict.fromkeys(steps)), "", tuple(bench.rows), report.serial_number
+    )
+
+
+# --- at rest --------------------------------------------------------------------------------------
+
+
+def _samples(bench: Bench, _options: Options) -> list[Fact]:
+    fresh = [bench.turn(NOTHING).fresh for _ in range(SAMPLE_CYCLES)]
+    share = sum(fresh) / len(fresh)
+    word, position = bench.feedback.statusword, bench.feedback.position_counts
+    read_word = bench.read(Object.STATUSWORD, 0)
+    read_position = bench.read(Object.POSITION, 0, signed=True)
+    different = None if read_word is None else float((word ^ read_word).bit_count())
+    apart = None if read_position is None else float(position - read_position)
+    allowed = bench.counts_per_rev * STILL_MAX_REV
+    return [
+        number(FactCode.SAMPLES, share, SAMPLES_MIN_RATIO, 1.0),
+        number(FactCode.STATUSWORD_MAPPED, different, 0, 0),
+        number(FactCode.POSITION_MAPPED, apart, -allowed, allowed),
+    ]
+
+
+def _encoder(bench: Bench, options: Options) -> list[Fact]:
+    ratio = None
+    if options.turn_by_hand is not None:
+        before = bench.turn(NOTHING).position_counts
+        options.turn_by_hand()
+        bench.turn(NOTHING)
+        after = bench.turn(NOTHING).position_counts
+        sign = bench.plan.description.axis.transmission.sign
+        ratio = sign * (after - before) / bench.counts_per_rev
+    return [number(FactCode.ENCODER, ratio, 1 - TURN_TOLERANCE, 1 + TURN_TOLERANCE)]
+
+
+# --- torque ---------------------------------------------------------------------------------------
+
+
+def _enable(bench: Bench, mode: OperationMode) -> float | None:
+    """Enable; return the time that it took, or None."""
+    for count in range(round(ENABLE_MAX_S / bench.period_s)):
+        if bench.turn(PowerRequest.ENABLE, mode).power_state is PowerState.OPERATION_ENABLED:
+            return count * bench.period_s
+    return None
+
+
+def _pulses(bench: Bench, options: Options) -> list[Fact]:
+    """Torque of 0, then of both signs, in growing pulses."""
+    took_s = _enable(bench, TORQUE)
+    facts = [number(FactCode.ENABLED, took_s, 0, ENABLE_MAX_S)]
+    if took_s is None:
+        return [Fact(FactCode.ENABLED, Judgement.FAILED, None, 0, ENABLE_MAX_S)]
+    before = bench.feedback.position_counts
+    for _ in range(STILL_CYCLES):
+        bench.turn(PowerRequest.ENABLE, TORQUE)
+    turned = abs(bench.feedback.position_counts - before) / bench.counts_per_rev
+    facts.append(number(FactCode.STANDSTILL, turned, 0, STILL_MAX_REV))
+    if facts[-1].judgement is Judgement.FAILED:
+        return facts
+    sign = scale = mass = None
+    for ratio in EFFORT_RATIOS:
+        rows = _doublet(bench, ratio * bench.limits.effort_max_si)
+        position = np.array([row.position_counts for row in rows], dtype=np.float64)
+        if np.ptp(position) < TURNED_COUNTS:
+            continue
+        commanded = np.array(
+            [permille_to_effort(row.torque_permille, bench.scaling) for row in rows]
+        )
+        seen = np.array([row.torque_raw for row in rows]) * bench.scaling.effort_per_torque_count_si
+        moved = np.array([position_si(one, bench.scaling) for one in position])
+        speeding, sign = response(commanded, accelerations(moved, bench.period_s))
+        scale, _ = response(commanded, seen)
+        if options.inertia_si is not None and speeding > 0.0:
+            mass = 1.0 / speeding / options.inertia_si
+        break
+    low, high = 1 - INERTIA_TOLERANCE, 1 + INERTIA_TOLERANCE
+    return [
+        *facts,
+        number(FactCode.SIGN, sign, CORRELATION_MIN, 1.0),
+        number(FactCode.EFFORT_SCALE, scale, 1 - SCALE_TOLERANCE, 1 + SCALE_TOLERANCE),
+        number(FactCode.INERTIA, mass, low, high),
+    ]
+
+
+def _doublet(bench: Bench, effort_si: float) -> list[Row]:
+    """Pulses of +, − twice as long, and +: velocity and position end near where they began."""
+    begin = len(bench.rows)
+    fast = TOO_FAST_RATIO * bench.limits.velocity_max_si_per_s * bench.period_s
+    shape = (1, -1, -1, 1)
+    for sign in shape:
+        permille = effort_to_permille(sign * effort_si, bench.scaling)
+        for _ in range(PULSE_CYCLES):
+            before = bench.feedback.position_counts
+            after = bench.turn(PowerRequest.ENABLE, TORQUE, torque_permille=permille)
+            if abs(after.position_counts - before) > abs(fast * bench.scaling.counts_per_si):
+                permille = 0
+    for _ in range(AFTER_PULSE_CYCLES):
+        bench.turn(PowerRequest.ENABLE, TORQUE)
+    return bench.rows[begin:]
+
+
+# --- position and velocity ------------------------------------------------------------------------
+
+
+class _Run:
+    """A motion of constant velocity in cyclic synchronous position; each one goes the other way."""
+
+    def __init__(self, bench: Bench) -> None:
+        self._bench = bench
+        sense = 1 if len(bench.rows) % 2 else -1
+        velocity = sense * VELOCITY_RATIO * bench.limits.velocity_max_si_per_s
+        self.counts_per_s = velocity * bench.scaling.counts_per_si
+        self.is_enabled = _enable(bench, POSITION) is not None
+        self.target = float(bench.feedback.position_counts)
+        self.apart_max = 0.0
+        for count in range(RUN_CYCLES if self.is_enabled else 0):
+            self.step(min(1.0, count / SPEED_UP_CYCLES))
+
+    def step(self, share: float = 1.0) -> None:
+        """One more cycle of the motion."""
+        bench = self._bench
+        self.target += share * self.counts_per_s * bench.period_s
+        seen = bench.turn(PowerRequest.ENABLE, POSITION, target_counts=round(self.target))
+        self.apart_max = max(self.apart_max, abs(self.target - seen.position_counts))
+
+
+def _velocity(bench: Bench, _options: Options) -> list[Fact]:
+    run = _Run(bench)
+    if not run.is_enabled:
+        return [Fact(FactCode.FOLLOWING, Judgement.FAILED, None, 0, 1)]
+    shown = bench.read(_VELOCITY_ACTUAL, 0, signed=True)
+    unit = bench.scaling.speed_counts_per_si / abs(bench.scaling.counts_per_si)
+    ratio = None if shown is None else shown / (run.counts_per_s * unit)
+    for count in range(SPEED_UP_CYCLES):
+        run.step(1.0 - count / SPEED_UP_CYCLES)
+    window = bench.limits.following_error_si * abs(bench.scaling.counts_per_si)
+    low, high = 1 - VELOCITY_TOLERANCE, 1 + VELOCITY_TOLERANCE
+    facts = [
+        number(FactCode.FOLLOWING, run.apart_max / window, 0, 1),
+        number(FactCode.VELOCITY_UNIT, ratio, low, high),
+    ]
+    _without_power(bench)
+    return facts
+
+
+def _without_power(bench: Bench) -> None:
+    for _ in range(AFTER_PULSE_CYCLES):
+        bench.turn(NOTHING)
+
+
+# --- stops ----------------------------------------------------------------------------------------
+
+
+class _Stop(NamedTuple):
+    """What a stop looked like."""
+
+    left_s: float | None
+    """Time until operation enabled was left, or the drive fell silent."""
+    rest_s: float | None
+    state: str | None
+    """By SDO, at the end."""
+
+
+def _stopped(
+    bench: Bench, run: _Run, power: PowerRequest, *, heartbeat: bool = True, commands: bool = True
+) -> _Stop:
+    """Play what stops the drive, and look at it until it has had time to rest."""
+    positions: list[float] = [bench.feedback.position_counts]
+    left_s = None
+    goes_on = power is PowerRequest.ENABLE
+    for count in range(STOP_CYCLES):
+        if goes_on and left_s is None:
+            run.target += run.counts_per_s * bench.period_s
+        seen = bench.turn(
+            power,
+            POSITION,
+            target_counts=round(run.target) if goes_on and left_s is None else None,
+            heartbeat=heartbeat,
+            commands=commands,
+        )
+        is_left = not seen.fresh or seen.power_state is not PowerState.OPERATION_ENABLED
+        if is_left and left_s is None:
+            left_s = count * bench.period_s
+        positions.append(seen.position_counts if seen.fresh else positions[-1])
+    rest_s = rest_time_s(positions, bench.period_s, run.counts_per_s)
+    state = bench.power_state()
+    return _Stop(left_s, rest_s, None if state is None else state.name)
+
+
+def _quick_stop(bench: Bench, _options: Options) -> list[Fact]:
+    stop = _stopped(bench, run := _Run(bench), PowerRequest.QUICK_STOP)
+    _without_power(bench)
+    ratio, high = None, 1.0
+    if brakes_on_ramp(bench.plan) and stop.rest_s is not None:
+        velocity = abs(run.counts_per_s / bench.scaling.counts_per_si)
+        ramp_s = velocity / bench.limits.deceleration_si_per_s2
+        ratio, high = max(stop.rest_s - COMMAND_S, 0.0) / ramp_s, RAMP_MAX_RATIO
+    ended = after_quick_stop(bench.plan).name
+    return [
+        named(FactCode.QUICK_STOP_STATE, stop.state, ended),
+        number(FactCode.QUICK_STOP_TIME, ratio, 0, high),
+    ]
+
+
+def _shutdown(bench: Bench, _options: Options) -> list[Fact]:
+    stop = _stopped(bench, _Run(bench), PowerRequest.READY)
+    _without_power(bench)
+    return [named(FactCode.SHUTDOWN_STATE, stop.state, PowerState.READY_TO_SWITCH_ON.name)]
+
+
+def _disable_voltage(bench: Bench, _options: Options) -> list[Fact]:
+    stop = _stopped(bench, _Run(bench), PowerRequest.DISABLE_VOLTAGE)
+    return [named(FactCode.DISABLE_VOLTAGE_STATE, stop.state, _OFF)]
+
+
+def _command_loss(bench: Bench, options: Options) -> list[Fact]:
+    """A drive with 1400h:05 leaves operation enabled without commands; SYNC and heartbeat go on."""
+    if not bench.plan.description.profile.pdo.rpdo_timeout:
+        return []
+    stop = _stopped(bench, _Run(bench), PowerRequest.ENABLE, commands=False)
+    limit_s = bench.cycle.rpdo_timeout_ms * 1e-3 + SLACK_S
+    found = STOP_CYCLES * bench.period_s if stop.left_s is None else stop.left_s
+    _reset(bench, options)
+    return [
+        number(FactCode.COMMAND_LOSS_TIME, found, 0, limit_s),
+        named(FactCode.COMMAND_LOSS_STATE, stop.state, *after_lost_master(bench.plan)),
+    ]
+
+
+def _heartbeat_loss(bench: Bench, _options: Options) -> list[Fact]:
+    emergencies = bench.drive.emergencies
+    before = emergencies.count
+    stop = _stopped(bench, _Run(bench), PowerRequest.ENABLE, heartbeat=False)
+    limit_s = bench.cycle.drive_detection_ms * 1e-3 + SLACK_S
+    never_s = STOP_CYCLES * bench.period_s
+    code = float(emergencies.ring[-1].code) if emergencies.count > before else 0.0
+    fault_s = bench.plan.description.profile.fault_reaction_max_ms * 1e-3
+    return [
+        number(FactCode.HEARTBEAT_LOSS_TIME, stop.left_s or never_s, 0, limit_s),
+        named(FactCode.HEARTBEAT_LOSS_STATE, stop.state, *after_lost_master(bench.plan)),
+        number(FactCode.HEARTBEAT_LOSS_REST, stop.rest_s or never_s, 0, limit_s + fault_s),
+        number(FactCode.HEARTBEAT_LOSS_EMCY, code, *COMMUNICATION_ERRORS),
+    ]
+
+
+def _reset(bench: Bench, _options: Options) -> list[Fact]:
+    """Bring the drive up again, which is how the service meets it, and reset its fault."""
+    try:
+        bench.bring_up()
+    except (BringUpRefused, DriveSilent) as error:
+        return [named(FactCode.FAULT_RESET, type(error).__name__, _OFF)]
+    _without_power(bench)
+    for _ in range(RESET_MAX_CYCLES):
+        if bench.turn(PowerRequest.FAULT_RESET).power_state is PowerState.SWITCH_ON_DISABLED:
+            break
+    state, register = bench.power_state(), bench.read(Object.ERROR_REGISTER, 0)
+    return [
+        named(FactCode.FAULT_RESET, None if state is None else state.name, _OFF),
+        number(FactCode.ERROR_CLEARED, None if register is None else float(register), 0, 0),
+    ]
+
+
+_STAGES: Final[dict[str, Stage]] = {
+    "samples": _samples,
+    "encoder": _encoder,
+    "torque": _pulses,
+    "velocity": _velocity,
+    "quick stop": _quick_stop,
+    "shutdown": _shutdown,
+    "disable voltage": _disable_voltage,
+    "command loss": _command_loss,
+    "heartbeat loss": _heartbeat_loss,
+    "reset": _reset,
+}
+_OF_STAGE: Final[dict[str, tuple[FactCode, ...]]] = {
+    "samples": (FactCode.SAMPLES, FactCode.STATUSWORD_MAPPED, FactCode.POSITION_MAPPED),
+    "encoder": (FactCode.ENCODER,),
+    "torque": (
+        FactCode.ENABLED,
+        FactCode.STANDSTILL,
+        FactCode.SIGN,
+        FactCode.EFFORT_SCALE,
+        FactCode.INERTIA,
+    ),
+    "velocity": (FactCode.FOLLOWING, FactCode.VELOCITY_UNIT),
+    "quick stop": (FactCode.QUICK_STOP_STATE, FactCode.QUICK_STOP_TIME),
+    "shutdown": (FactCode.SHUTDOWN_STATE,),
+    "disable voltage": (FactCode.DISABLE_VOLTAGE_STATE,),
+    "command loss": (FactCode.COMMAND_LOSS_TIME, FactCode.COMMAND_LOSS_STATE),
+    "heartbeat loss": (
+        FactCode.HEARTBEAT_LOSS_TIME,
+        FactCode.HEARTBEAT_LOSS_STATE,
+        FactCode.HEARTBEAT_LOSS_REST,
+        FactCode.HEARTBEAT_LOSS_EMCY,
+    ),
+    "reset": (FactCode.FAULT_RESET, FactCode.ERROR_CLEARED),
+}
+_DECISIVE: Final = frozenset(
+    {
+        *_OF_STAGE["samples"],
+        *_OF_STAGE["encoder"],
+        FactCode.ENABLED,
+        FactCode.STANDSTILL,
+        FactCode.SIGN,
+        FactCode.FOLLOWING,
+    }
+)
+"""Facts that later stages rely on."""
+
+
+def _unmeasured() -> list[Fact]:
+    return [Fact(code, Judgement.NOT_MEASURED) for codes in _OF_STAGE.values() for code in codes]
