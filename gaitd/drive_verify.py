@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 LISTEN_NS: Final = 500_000_000
 WARNING: Final = (
-    "The motor will turn, stop suddenly and be left alone. Nothing may hang on it, and nobody may "
+    "The motor will turn, stop suddenly and be left alone. Nothing may hang on it, and no one may "
     "touch it. Keep the emergency stop at hand."
 )
 KEY: Final = Path("gaitd-verify.pem")
@@ -92,7 +92,7 @@ def command(
     cycle = cycle_settings(settings.trainer.cycle)
     options = Options(inertia, _turn_by_hand if by_hand else None)
     try:
-        with opened(bus_of(settings.file)) as (bus, clock):
+        with opened(bus_of(settings.file), is_master=True) as (bus, clock):
             recorder = Recorder(clock)
             observed = SniffedBus(bus, clock, recorder)
             run_with_progress(listen(observed, clock, LISTEN_NS))

@@ -16,13 +16,13 @@ ASKED: Final = {
     FactCode.ENCODER: "one turn of the motor by hand, share of the file's counts",
     FactCode.ENABLED: "time to operation enabled, s",
     FactCode.STANDSTILL: "motion at a commanded torque of 0, revolutions of the motor",
-    FactCode.SIGN: "correlation of acceleration and commanded torque",
+    FactCode.SIGN: "correlation of motion and commanded torque",
     FactCode.EFFORT_SCALE: "measured torque over commanded torque",
     FactCode.INERTIA: "inertia that the motion shows over the known one",
     FactCode.FOLLOWING: "largest following error over its window",
     FactCode.VELOCITY_UNIT: "velocity 606Ch over that of the positions",
     FactCode.QUICK_STOP_STATE: "end of a quick stop",
-    FactCode.QUICK_STOP_TIME: "time of a quick stop over that of the ramp 6085h",
+    FactCode.QUICK_STOP_WAY: "way of a quick stop over that of the ramp 6085h",
     FactCode.SHUTDOWN_STATE: "end of a shutdown",
     FactCode.DISABLE_VOLTAGE_STATE: "end of disable voltage",
     FactCode.COMMAND_LOSS_TIME: "commands left out: time to the reaction, s",
@@ -57,24 +57,20 @@ svg { width: 100%; height: auto } svg text { font: 11px system-ui, sans-serif; f
 def row(fact: Fact) -> tuple[str, str, str, str]:
     """What was asked, found and allowed, and the judgement."""
     allowed = " or ".join(fact.allowed)
-    if fact.low is not None and fact.high is not None:
-        is_code = fact.code is FactCode.HEARTBEAT_LOSS_EMCY
-        low, high = (f"{one:04.0f}" if not is_code else f"{int(one):04X}h" for one in _ends(fact))
-        allowed = f"{low} to {high}" if is_code else f"{fact.low:g} to {fact.high:g}"
+    if fact.bounds is not None:
+        allowed = " to ".join(_number(fact, one) for one in fact.bounds)
     return ASKED[fact.code], _found(fact), allowed, JUDGED[fact.judgement]
 
 
-def _ends(fact: Fact) -> tuple[float, float]:
-    return fact.low or 0.0, fact.high or 0.0
+def _number(fact: Fact, value: float) -> str:
+    is_code = fact.code is FactCode.HEARTBEAT_LOSS_EMCY
+    return f"{int(value):04X}h" if is_code else f"{value:.4g}"
 
 
 def _found(fact: Fact) -> str:
     if fact.found is None:
         return "–"
-    if isinstance(fact.found, str):
-        return fact.found
-    is_code = fact.code is FactCode.HEARTBEAT_LOSS_EMCY
-    return f"{int(fact.found):04X}h" if is_code else f"{fact.found:.4g}"
+    return fact.found if isinstance(fact.found, str) else _number(fact, fact.found)
 
 
 def counts(facts: Sequence[Fact]) -> str:

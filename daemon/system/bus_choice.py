@@ -125,13 +125,18 @@ def _alone(ipc: CoreChannel, _boot_id: str, _gateway_lock: Path) -> IpcChannel:
 
 
 @contextmanager
-def opened(place: BusPlace) -> Generator[tuple[OpenedBus, Clock]]:
-    """Open a bus beside a service, and close it in any case; yields the bus and its clock.
+def opened(place: BusPlace, *, is_master: bool = False) -> Generator[tuple[OpenedBus, Clock]]:
+    """Open a bus for a command, and close it in any case; yields the bus and its clock.
+
+    Args:
+        place: the bus.
+        is_master: in place of a service, so that simulated time waits for the command, too; else
+            beside one.
 
     Raises:
         ConfigError: it cannot be opened.
     """
-    choice = choose_bus(place, name="gaitd")
+    choice = choose_bus(place, name="gaitd", is_core=is_master)
     try:
         bus = choice.open_bus()
     except BusError as error:

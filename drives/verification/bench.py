@@ -195,7 +195,7 @@ class Bench:
         self._next_ns = self._clock.now_ns()
 
     def leave(self) -> None:
-        """Take the power off, and leave the drive in pre-operational."""
+        """Take the power off, and let the drive forget its master: none is to be missed later."""
         for _ in range(LEAVE_CYCLES):
             self.turn(PowerRequest.DISABLE_VOLTAGE)
-        self._bus.send([nmt_frame(NmtCommand.ENTER_PRE_OPERATIONAL, self.drive.node_id)])
+        self._bus.send([nmt_frame(NmtCommand.RESET_COMMUNICATION, self.drive.node_id)])

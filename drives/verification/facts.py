@@ -34,7 +34,7 @@ class FactCode(StrEnum):
     STANDSTILL = auto()
     """Motion without a commanded torque, motor revolutions."""
     SIGN = auto()
-    """Correlation of acceleration and commanded torque."""
+    """Partial correlation of the motion and the commanded torque."""
     EFFORT_SCALE = auto()
     """Measured torque over commanded torque."""
     INERTIA = auto()
@@ -44,8 +44,8 @@ class FactCode(StrEnum):
     VELOCITY_UNIT = auto()
     """Velocity that the drive shows (606Ch) over that of its positions."""
     QUICK_STOP_STATE = auto()
-    QUICK_STOP_TIME = auto()
-    """Time to rest over that of the ramp of 6085h."""
+    QUICK_STOP_WAY = auto()
+    """Way to rest over that of the ramp of 6085h."""
     SHUTDOWN_STATE = auto()
     DISABLE_VOLTAGE_STATE = auto()
     HEARTBEAT_LOSS_TIME = auto()
@@ -79,8 +79,8 @@ class Fact(msgspec.Struct, frozen=True):
     judgement: Judgement
     found: float | str | None = None
     """None: not measured."""
-    low: float | None = None
-    high: float | None = None
+    bounds: tuple[float, float] | None = None
+    """Lowest and highest number; None where a name is allowed."""
     allowed: tuple[str, ...] = ()
 
 
@@ -89,7 +89,7 @@ def number(code: FactCode, found: float | None, low: float, high: float) -> Fact
     judged = Judgement.NOT_MEASURED
     if found is not None:
         judged = Judgement.PASSED if low <= found <= high else Judgement.FAILED
-    return Fact(code, judged, found, low, high)
+    return Fact(code, judged, found, (low, high))
 
 
 def named(code: FactCode, found: str | None, *allowed: str) -> Fact:

@@ -1,7 +1,7 @@
 """Motion as numbers. Pure; arrays have one value for each cycle."""
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,34 +15,59 @@ REST_CYCLES: Final = 3
 Values = NDArray[np.float64]
 
 
-def response(commanded: Values, seen: Values) -> tuple[float, float]:
-    """Slope and correlation of what is seen over what was commanded, at the lag that fits best.
-
-    The means are taken off: friction that does not turn is a constant.
+def ratio(commanded: Values, seen: Values) -> float | None:
+    """Slope of what is seen over what was commanded, at the lag that fits best.
 
     Args:
         commanded: shape (n,).
         seen: shape (n,), same times.
     """
-    best = 0.0, 0.0
+    best: tuple[float, float] | None = None
     for lag in LAGS:
-        cause = commanded[: len(commanded) - lag]
-        effect = seen[lag:]
-        cause, effect = cause - cause.mean(), effect - effect.mean()
-        power = float(cause @ cause)
-        size = float(np.sqrt(power * (effect @ effect)))
+        cause, effect = commanded[: len(commanded) - lag], seen[lag:]
+        power, size = float(cause @ cause), float(effect @ effect)
+        if power and size:
+            fit = float(cause @ effect)
+            best = max(best or (-1.0, 0.0), (abs(fit) / np.sqrt(power * size), fit / power))
+    return None if best is None else best[1]
+
+
+def inverse_inertia(effort: Values, position: Values, period_s: float) -> tuple[float, float]:
+    """1/J and partial correlation of the motion that a commanded effort explains.
+
+    The motion is fitted as x = x0 + v t + (1/J) (effort, twice integrated) + (f/J) (sign of the
+    velocity, twice integrated): friction of a constant size f is not taken for inertia. The
+    position is fitted and not its second difference, which is mostly the encoder's step.
+
+    Args:
+        effort: shape (n,).
+        position: shape (n,), same times.
+        period_s: between two of them.
+    """
+    best = 0.0, 0.0
+    time_s = np.arange(len(position)) * period_s
+    turning = np.sign(np.gradient(position)) * (np.abs(np.gradient(position)) > 0)
+    others = np.column_stack((np.ones_like(time_s), time_s, _twice(turning, period_s)))
+    rest = position - _fitted(others, position)
+    for lag in LAGS:
+        late = np.concatenate((np.zeros(lag), effort[: len(effort) - lag]))
+        cause = _twice(late, period_s)
+        cause = cause - _fitted(others, cause)
+        size = float(np.sqrt((cause @ cause) * (rest @ rest)))
         if size > 0.0:
-            correlation = float(cause @ effect) / size
+            correlation = float(cause @ rest) / size
             if abs(correlation) > abs(best[1]):
-                best = float(cause @ effect) / power, correlation
+                best = float(cause @ rest) / float(cause @ cause), correlation
     return best
 
 
-def accelerations(position: Values, period_s: float) -> Values:
-    """Second differences, shape (n,); those at both ends are 0."""
-    made = np.zeros_like(position)
-    made[1:-1] = np.diff(position, 2) / period_s**2
-    return made
+def _twice(values: Values, period_s: float) -> Values:
+    return np.cumsum(np.cumsum(values)) * period_s**2
+
+
+def _fitted(columns: "NDArray[np.floating[Any]]", values: Values) -> Values:
+    found, *_ = np.linalg.lstsq(columns, values, rcond=None)
+    return columns @ found
 
 
 def rest_time_s(position: Sequence[float], period_s: float, velocity: float) -> float | None:

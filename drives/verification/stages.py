@@ -3,8 +3,8 @@
 Rules:
 1.  Bring-up comes first and alone decides whether anything moves: a drive that is another one, or
     does not keep a mapping, a limit, an option code or a cleared offset, is refused by it.
-2.  Torque is given in pulses of opposite signs, so that the motor ends at rest; they grow until the
-    motor turns. A velocity above half of the limit ends the pulses at once.
+2.  Torque is given in pulses of opposite signs, so that the motor ends at rest. They grow to the
+    limit; a velocity above half of its limit ends them at once.
 3.  A fact that fails in a stage that moves nothing, or in the pulses, ends the verification: what
     comes after it moves on the strength of it. Its facts are then not measured.
 4.  Each stop begins from the same velocity. The master's heartbeat and the commands are left out
@@ -36,7 +36,7 @@ from drives.verification.facts import (
     named,
     number,
 )
-from drives.verification.measure import accelerations, response, rest_time_s
+from drives.verification.measure import inverse_inertia, ratio, rest_time_s
 
 SAMPLE_CYCLES: Final = 100
 SAMPLES_MIN_RATIO: Final = 0.99
@@ -46,21 +46,22 @@ STILL_MAX_REV: Final = 0.02
 PULSE_CYCLES: Final = 5
 AFTER_PULSE_CYCLES: Final = 20
 EFFORT_RATIOS: Final = (0.1, 0.2, 0.4, 0.7, 1.0)
-"""Shares of the limit of effort, until the motor turns."""
-TURNED_COUNTS: Final = 40
+"""Shares of the limit of effort; the largest one that is not too fast is measured."""
+TURNED_MIN_REV: Final = 0.06
+"""Less may be the compliance of a contact that still sticks."""
 TOO_FAST_RATIO: Final = 0.5
 CORRELATION_MIN: Final = 0.5
 SCALE_TOLERANCE: Final = 0.15
 INERTIA_TOLERANCE: Final = 0.25
-VELOCITY_RATIO: Final = 0.5
+VELOCITY_RATIO: Final = 0.25
 """Velocity from which the stops begin, as a share of the limit."""
-RUN_CYCLES: Final = 80
-SPEED_UP_CYCLES: Final = 60
+RUN_CYCLES: Final = 50
+SPEED_UP_CYCLES: Final = 40
 VELOCITY_TOLERANCE: Final = 0.2
 STOP_CYCLES: Final = 150
 SLACK_S: Final = 0.05
 """Added to each time limit: the cycles of command and sample."""
-COMMAND_S: Final = 0.03
+COMMAND_S: Final = 0.02
 """From the cycle of a command until a sample can show its effect."""
 RAMP_MAX_RATIO: Final = 1.5
 TURN_TOLERANCE: Final = 0.03
@@ -80,7 +81,7 @@ class Options(NamedTuple):
     """At the joint, kg·m² or kg; None: not known, and the scale of the torque is not measured."""
     turn_by_hand: Callable[[], None] | None = None
     """Returns when a person has turned the motor by one turn, in the sense in which the axis is
-    positive; None: nobody does."""
+    positive; None: no one does."""
 
 
 class Verification(NamedTuple):
@@ -205,10 +206,12 @@ def _enable(bench: Bench, mode: OperationMode) -> float | None:
 
 def _pulses(bench: Bench, options: Options) -> list[Fact]:
     """Torque of 0, then of both signs, in growing pulses."""
+    if bench.feedback.power_state is PowerState.FAULT:  # of before
+        _reset_fault(bench)
     took_s = _enable(bench, TORQUE)
     facts = [number(FactCode.ENABLED, took_s, 0, ENABLE_MAX_S)]
     if took_s is None:
-        return [Fact(FactCode.ENABLED, Judgement.FAILED, None, 0, ENABLE_MAX_S)]
+        return [Fact(FactCode.ENABLED, Judgement.FAILED)]
     before = bench.feedback.position_counts
     for _ in range(STILL_CYCLES):
         bench.turn(PowerRequest.ENABLE, TORQUE)
@@ -217,21 +220,22 @@ def _pulses(bench: Bench, options: Options) -> list[Fact]:
     if facts[-1].judgement is Judgement.FAILED:
         return facts
     sign = scale = mass = None
-    for ratio in EFFORT_RATIOS:
-        rows = _doublet(bench, ratio * bench.limits.effort_max_si)
+    for share in EFFORT_RATIOS:
+        rows, is_too_fast = _doublet(bench, share * bench.limits.effort_max_si)
         position = np.array([row.position_counts for row in rows], dtype=np.float64)
-        if np.ptp(position) < TURNED_COUNTS:
+        if np.ptp(position) < TURNED_MIN_REV * bench.counts_per_rev:
             continue
         commanded = np.array(
             [permille_to_effort(row.torque_permille, bench.scaling) for row in rows]
         )
         seen = np.array([row.torque_raw for row in rows]) * bench.scaling.effort_per_torque_count_si
         moved = np.array([position_si(one, bench.scaling) for one in position])
-        speeding, sign = response(commanded, accelerations(moved, bench.period_s))
-        scale, _ = response(commanded, seen)
+        speeding, sign = inverse_inertia(commanded, moved, bench.period_s)
+        scale = ratio(commanded, seen)
         if options.inertia_si is not None and speeding > 0.0:
             mass = 1.0 / speeding / options.inertia_si
-        break
+        if is_too_fast:
+            break
     low, high = 1 - INERTIA_TOLERANCE, 1 + INERTIA_TOLERANCE
     return [
         *facts,
@@ -241,9 +245,12 @@ def _pulses(bench: Bench, options: Options) -> list[Fact]:
     ]
 
 
-def _doublet(bench: Bench, effort_si: float) -> list[Row]:
-    """Pulses of +, − twice as long, and +: velocity and position end near where they began."""
-    begin = len(bench.rows)
+def _doublet(bench: Bench, effort_si: float) -> tuple[list[Row], bool]:
+    """Pulses of +, − twice as long, and +: velocity and position end near where they began.
+
+    Returns: the cycles, and whether torque was taken off because the motor was too fast.
+    """
+    begin, is_too_fast = len(bench.rows), False
     fast = TOO_FAST_RATIO * bench.limits.velocity_max_si_per_s * bench.period_s
     shape = (1, -1, -1, 1)
     for sign in shape:
@@ -252,23 +259,23 @@ def _doublet(bench: Bench, effort_si: float) -> list[Row]:
             before = bench.feedback.position_counts
             after = bench.turn(PowerRequest.ENABLE, TORQUE, torque_permille=permille)
             if abs(after.position_counts - before) > abs(fast * bench.scaling.counts_per_si):
-                permille = 0
+                permille, is_too_fast = 0, True
     for _ in range(AFTER_PULSE_CYCLES):
         bench.turn(PowerRequest.ENABLE, TORQUE)
-    return bench.rows[begin:]
+    return bench.rows[begin:], is_too_fast
 
 
 # --- position and velocity ------------------------------------------------------------------------
 
 
 class _Run:
-    """A motion of constant velocity in cyclic synchronous position; each one goes the other way."""
+    """A motion of constant velocity in cyclic synchronous position, towards the first position."""
 
     def __init__(self, bench: Bench) -> None:
         self._bench = bench
-        sense = 1 if len(bench.rows) % 2 else -1
-        velocity = sense * VELOCITY_RATIO * bench.limits.velocity_max_si_per_s
-        self.counts_per_s = velocity * bench.scaling.counts_per_si
+        sense = 1 if bench.feedback.position_counts < bench.rows[0].position_counts else -1
+        velocity = VELOCITY_RATIO * bench.limits.velocity_max_si_per_s
+        self.counts_per_s = sense * velocity * abs(bench.scaling.counts_per_si)
         self.is_enabled = _enable(bench, POSITION) is not None
         self.target = float(bench.feedback.position_counts)
         self.apart_max = 0.0
@@ -286,7 +293,7 @@ class _Run:
 def _velocity(bench: Bench, _options: Options) -> list[Fact]:
     run = _Run(bench)
     if not run.is_enabled:
-        return [Fact(FactCode.FOLLOWING, Judgement.FAILED, None, 0, 1)]
+        return [Fact(FactCode.FOLLOWING, Judgement.FAILED)]
     shown = bench.read(_VELOCITY_ACTUAL, 0, signed=True)
     unit = bench.scaling.speed_counts_per_si / abs(bench.scaling.counts_per_si)
     ratio = None if shown is None else shown / (run.counts_per_s * unit)
@@ -316,6 +323,8 @@ class _Stop(NamedTuple):
     left_s: float | None
     """Time until operation enabled was left, or the drive fell silent."""
     rest_s: float | None
+    way_counts: float
+    """From the cycle of the command to rest."""
     state: str | None
     """By SDO, at the end."""
 
@@ -326,14 +335,13 @@ def _stopped(
     """Play what stops the drive, and look at it until it has had time to rest."""
     positions: list[float] = [bench.feedback.position_counts]
     left_s = None
-    goes_on = power is PowerRequest.ENABLE
     for count in range(STOP_CYCLES):
-        if goes_on and left_s is None:
+        if left_s is None:  # a target that stood still would brake, too
             run.target += run.counts_per_s * bench.period_s
         seen = bench.turn(
             power,
             POSITION,
-            target_counts=round(run.target) if goes_on and left_s is None else None,
+            target_counts=round(run.target),
             heartbeat=heartbeat,
             commands=commands,
         )
@@ -343,21 +351,22 @@ def _stopped(
         positions.append(seen.position_counts if seen.fresh else positions[-1])
     rest_s = rest_time_s(positions, bench.period_s, run.counts_per_s)
     state = bench.power_state()
-    return _Stop(left_s, rest_s, None if state is None else state.name)
+    way_counts = abs(positions[-1] - positions[0])
+    return _Stop(left_s, rest_s, way_counts, None if state is None else state.name)
 
 
 def _quick_stop(bench: Bench, _options: Options) -> list[Fact]:
     stop = _stopped(bench, run := _Run(bench), PowerRequest.QUICK_STOP)
     _without_power(bench)
-    ratio, high = None, 1.0
-    if brakes_on_ramp(bench.plan) and stop.rest_s is not None:
-        velocity = abs(run.counts_per_s / bench.scaling.counts_per_si)
-        ramp_s = velocity / bench.limits.deceleration_si_per_s2
-        ratio, high = max(stop.rest_s - COMMAND_S, 0.0) / ramp_s, RAMP_MAX_RATIO
+    ratio = None
+    if brakes_on_ramp(bench.plan):
+        speed = abs(run.counts_per_s)
+        ramp = bench.limits.deceleration_si_per_s2 * abs(bench.scaling.counts_per_si)
+        ratio = (stop.way_counts - speed * COMMAND_S) / (speed**2 / 2 / ramp)
     ended = after_quick_stop(bench.plan).name
     return [
         named(FactCode.QUICK_STOP_STATE, stop.state, ended),
-        number(FactCode.QUICK_STOP_TIME, ratio, 0, high),
+        number(FactCode.QUICK_STOP_WAY, ratio, 0, RAMP_MAX_RATIO),
     ]
 
 
@@ -402,6 +411,13 @@ def _heartbeat_loss(bench: Bench, _options: Options) -> list[Fact]:
     ]
 
 
+def _reset_fault(bench: Bench) -> None:
+    for _ in range(RESET_MAX_CYCLES):
+        if bench.turn(PowerRequest.FAULT_RESET).power_state is PowerState.SWITCH_ON_DISABLED:
+            break
+    _without_power(bench)
+
+
 def _reset(bench: Bench, _options: Options) -> list[Fact]:
     """Bring the drive up again, which is how the service meets it, and reset its fault."""
     try:
@@ -409,9 +425,7 @@ def _reset(bench: Bench, _options: Options) -> list[Fact]:
     except (BringUpRefused, DriveSilent) as error:
         return [named(FactCode.FAULT_RESET, type(error).__name__, _OFF)]
     _without_power(bench)
-    for _ in range(RESET_MAX_CYCLES):
-        if bench.turn(PowerRequest.FAULT_RESET).power_state is PowerState.SWITCH_ON_DISABLED:
-            break
+    _reset_fault(bench)
     state, register = bench.power_state(), bench.read(Object.ERROR_REGISTER, 0)
     return [
         named(FactCode.FAULT_RESET, None if state is None else state.name, _OFF),
@@ -442,7 +456,7 @@ _OF_STAGE: Final[dict[str, tuple[FactCode, ...]]] = {
         FactCode.INERTIA,
     ),
     "velocity": (FactCode.FOLLOWING, FactCode.VELOCITY_UNIT),
-    "quick stop": (FactCode.QUICK_STOP_STATE, FactCode.QUICK_STOP_TIME),
+    "quick stop": (FactCode.QUICK_STOP_STATE, FactCode.QUICK_STOP_WAY),
     "shutdown": (FactCode.SHUTDOWN_STATE,),
     "disable voltage": (FactCode.DISABLE_VOLTAGE_STATE,),
     "command loss": (FactCode.COMMAND_LOSS_TIME, FactCode.COMMAND_LOSS_STATE),

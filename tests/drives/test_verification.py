@@ -100,7 +100,7 @@ def test_each_virtual_make_does_what_its_profile_says(kind):
     assert unmeasured <= {FactCode.COMMAND_LOSS_TIME, FactCode.COMMAND_LOSS_STATE}
     assert {fact.code for fact in found.facts} == set(FactCode)
     assert found.rows[-1].power_state == "SWITCH_ON_DISABLED"
-    assert recorder.frames[-1][1].data == bytes((0x80, NODE))
+    assert recorder.frames[-1][1].data == bytes((0x82, NODE))
 
 
 # --- lies -----------------------------------------------------------------------------------------
@@ -201,7 +201,7 @@ class OtherCurrents(FakePlant):
 
 class LongRamp(FakePlant):
     def set_axis(self, axis, actuation):
-        super().set_axis(axis, actuation._replace(deceleration_si=actuation.deceleration_si / 3))
+        super().set_axis(axis, actuation._replace(deceleration_si=actuation.deceleration_si / 8))
 
 
 LIES = {
@@ -215,7 +215,7 @@ LIES = {
     "currents in another scale": ("epos4", None, OtherCurrents, FactCode.EFFORT_SCALE),
     "torque in another scale": ("epos4", None, HeavyMotor, FactCode.INERTIA),
     "velocity in other units": ("epos4", velocity_in_other_units, None, FactCode.VELOCITY_UNIT),
-    "a longer ramp": ("epos4", None, LongRamp, FactCode.QUICK_STOP_TIME),
+    "a longer ramp": ("epos4", None, LongRamp, FactCode.QUICK_STOP_WAY),
     "605Ah": ("epos4", holds(0x605A, 0, 2), None, FactCode.QUICK_STOP_STATE),
     "1400h:05": ("generic", holds(0x1400, 5, 0), None, FactCode.COMMAND_LOSS_TIME),
     "6007h, nothing, without 1400h:05": (

@@ -30,7 +30,8 @@ def _places(monkeypatch):
     places = []
 
     @contextlib.contextmanager
-    def opened(place):
+    def opened(place, *, is_master):
+        assert is_master
         places.append(place)
         yield bus, WorldClock(bus)
 
@@ -100,7 +101,7 @@ def test_a_key_of_another_kind_is_refused_before_anything_moves(places, tmp_path
 # --- the file -------------------------------------------------------------------------------------
 
 
-FACTS = (Fact(FactCode.SIGN, Judgement.FAILED, -0.9, 0.5, 1.0),)
+FACTS = (Fact(FactCode.SIGN, Judgement.FAILED, -0.9, (0.5, 1.0)),)
 
 
 @pytest.fixture(name="written")

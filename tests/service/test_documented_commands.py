@@ -63,6 +63,7 @@ ELSEWHERE: Final = {
     r"gaitd scan --interface .*": "hardware: tests/gaitd/test_scan.py",
     r"gaitd drive \S+ (store|restore) .*": "tests/gaitd/test_drive_command.py",
     r"gaitd drive profile .*": "tests/gaitd/test_drive_profile.py",
+    r"gaitd drive (verify|evidence) .*": "tests/gaitd/test_drive_verify.py",
     r"gaitd (commission|reference) .*": "tests/service/test_one_axis.py, tests/closed_loop",
     r"gaitd .* --config configs/hil.toml": "tests/closed_loop/test_real_beside_virtual.py",
     r"gaitd .* --config configs/two_legs.toml": "tests/service/test_two_legs.py",
