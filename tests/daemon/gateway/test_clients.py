@@ -54,7 +54,7 @@ def test_certificates_that_end_within_30_days_are_named_and_a_password_never(at,
     assert Clients(None).expiring(round(utc.timestamp()) * 10**9) == ()
 
 
-ACTING = ("acquire", "release", "report", "plan", "restart")
+ACTING = ("acquire", "release", "report", "plan", "mark", "restart")
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ ACTING = ("acquire", "release", "report", "plan", "restart")
         (Role.DISPLAY, ()),
         (Role.CONTROLLER, ("acquire", "release", "report")),
         (Role.SESSION, ()),
-        (Role.OPERATOR, ("plan", "restart")),
+        (Role.OPERATOR, ("plan", "mark", "restart")),
         (Role.SERVICE, ("restart",)),
     ],
 )
