@@ -21,6 +21,7 @@ from gaitd_session.store import (
     EndRow,
     GoalRow,
     InterruptionRow,
+    MarkRow,
     SessionRow,
     Store,
     StrideRow,
@@ -118,7 +119,7 @@ EVENTS = (
         },
     },
 )
-NAMES = ("session.home", "7f3k9m2q", "Jan Feb Mär Apr Mai Jun Jul Aug Sep Okt Nov Dez W s")
+NAMES = ("session.home", "7f3k9m2q", "right knee", "Jan Feb Mär Apr Mai Jun Jul Aug Sep Okt Nov Dez W s")
 """What the tests name, months and units."""
 GERMAN_MODES = {mode: catalogue(Reader.OPERATOR, "de").text(f"mode.{mode}") for mode in Mode}
 IS_OPEN = "document.body.dataset.page === 'therapist' && document.querySelector('.leg') !== null"
@@ -163,6 +164,8 @@ def a_session_going_on(file):
                 end = "complete" if share else "left"
                 reason = InterruptionRow(begun_ns, "stopped", reasons[day % 3])
                 store.write([*([reason] if day % 2 else []), EndRow(begun_ns, end)])
+            else:
+                store.write([MarkRow("7f3k9m2q", begun_ns, "right knee", is_before=False)])
         yield
 
 
@@ -385,7 +388,16 @@ def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(desk):
     fields = [f"f-{name}" for name in ("cadence_max_hz", "amplitude_max_ratio", "duration_max_s")]
     fields += ["f-hip_assist_max", "t-hip_assist_max"]
     fields += ["f-slide_assist_max", "t-slide_assist_max"]
-    known = ["language", "logout", *buttons, "withdraw", "releaseprofile", *fields]
+    known = [
+        "language",
+        "logout",
+        *buttons,
+        "marktext",
+        "markwrite",
+        "withdraw",
+        "releaseprofile",
+        *fields,
+    ]
     assert order[: len(known)] == known
     assert order[-2:] == ["all", "stop"]
     assert len(buttons) == 3
@@ -568,20 +580,40 @@ def test_a_plan_is_released_by_what_the_therapist_has_filled_in_alone(desk, trai
     assert not tab.page.locator("#withdraw").is_visible()
 
 
+def test_a_mark_is_written_with_the_keyboard_and_stays_in_the_field_if_it_is_refused(desk, trainer):
+    tab, player = desk
+    login(tab)
+    player.play(**SCENES["walking"])
+    tab.word("moving")
+    tab.page.focus("#marktext")
+    tab.page.keyboard.type(" right knee ")
+    trainer.refusal, trainer.refused = "too_many_marks", {"highest": 10, "window_s": 10}
+    tab.page.keyboard.press("Enter")
+    tab.until(f"{ASKED}.includes('10 marks in 10 s')")
+    trainer.refusal = None
+    tab.page.keyboard.press("Enter")
+    tab.until(f"{ASKED} === 'Done'")
+    assert trainer.requests[-1] == ("mark", "right knee")
+    assert tab.page.input_value("#marktext") == ""
+    tab.page.keyboard.type("x" * 100)
+    assert len(tab.page.input_value("#marktext")) == 80
+
+
 def test_progress_has_a_row_for_each_session_and_says_why_one_was_interrupted(desk):
     tab, _ = desk
     login(tab)
     tab.until("document.querySelectorAll('#sessions tr:not(.why)').length === 6")
     rows = tab.page.locator("#sessions tr:not(.why)")
     assert rows.first.inner_text().split("\t")[1:] == ["9", "120 / 120", "43 %", "0", "goes on"]
+    assert "Mark: right knee" in tab.page.locator("#sessions .why").first.inner_text()
     tab.page.click("#all")
     tab.until("document.querySelectorAll('#sessions tr:not(.why)').length === 9")
     assert rows.nth(6).inner_text().split("\t")[2:] == ["0 / 0", "–", "0", "page ended"]
     assert tab.page.locator("#sessions .unknown").count() == 1
     why = tab.page.locator("#sessions .why").all_inner_texts()
-    assert "was too slow. The machine went on." in why[0]
-    assert "The hand switch was let go" in why[1]
-    assert "The patient's leg became stiff" in why[2]
+    assert "was too slow. The machine went on." in why[1]
+    assert "The hand switch was let go" in why[2]
+    assert "The patient's leg became stiff" in why[3]
     # Two runs of the curve: the session without a share is a gap.
     assert tab.page.locator("#chart .shares").count() == 2
     assert tab.page.locator("#chart .dot").count() == 8

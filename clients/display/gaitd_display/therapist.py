@@ -17,6 +17,7 @@ from gaitd_client import (
     Status,
     Trainer,
 )
+from gaitd_client.wire import MARK_LENGTH_MAX, ONE_LINE
 from gaitd_session.session import AXES
 from msgspec import Meta
 from starlette.applications import Starlette
@@ -57,6 +58,7 @@ from gaitd_display.web import (
     small_body,
     working,
 )
+from gaitd_display.words import spoken
 
 COOKIE: Final = "__Host-gaitd"
 CSRF_HEADER: Final = "x-csrf-token"
@@ -75,6 +77,12 @@ class PlanWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Body of a request that releases a plan; null withdraws it."""
 
     plan: PlanLimits | None
+
+
+class MarkWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a request that writes a mark."""
+
+    text: Annotated[str, Meta(min_length=1, max_length=MARK_LENGTH_MAX, pattern=ONE_LINE)]
 
 
 class Password(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -125,6 +133,7 @@ class TherapistServer:
                     Route("/session.json", self._session_text),
                     Route("/act", self._act, methods=["POST"]),
                     Route("/plan", self._plan, methods=["POST"]),
+                    Route("/mark", self._mark, methods=["POST"]),
                     Route("/progress.json", self._progress),
                 ],
                 self._live,
@@ -278,6 +287,16 @@ class TherapistServer:
         if answer.status_code != 409:
             self.state.plan = plan_view(plan) if answer.status_code == 200 else UNKNOWN_PLAN
         return answer
+
+    async def _mark(self, request: Request) -> Response:
+        if (refusal := self._refusal(request)) is not None:
+            return refusal
+        try:
+            text = msgspec.json.decode(await small_body(request), type=MarkWish).text
+        except ValueError as error:
+            why = spoken(lambda texts: texts.text("label.mark_allowed", highest=MARK_LENGTH_MAX))
+            return json(Answer("refused", str(error), why), 400)
+        return await self._ask(lambda: self._trainer.mark(text))
 
     async def _progress(self, request: Request) -> Response:
         if self._session(request) is None:

@@ -40,6 +40,7 @@ from gaitd_session.store import (
     BlockRow,
     GoalRow,
     InterruptionRow,
+    MarkRow,
     SelfTestRow,
     SessionRow,
     Store,
@@ -431,6 +432,30 @@ def test_a_stop_at_rest_sounds_as_on_the_patient_s_page(trainer, view):
     assert alarm(Mode.FAULT, Cause.DRIVE_FAULT, power="fault", sto=True) is None
 
 
+# --- marks --------------------------------------------------------------------------------------
+
+
+def test_a_mark_is_sent_with_a_login_alone_and_what_is_no_line_is_refused_in_both_languages(
+    client, trainer
+):
+    assert post(client, "/mark", {"text": "before"}).status_code == 401
+    login(client)
+    assert post(client, "/mark", {"text": "before"}, csrf="x").status_code == 403
+    assert post(client, "/mark", {"text": "right knee"}).json()["outcome"] == "done"
+    for text in ("", "x" * 81, "a\nb", "a\u202eb"):
+        refused = post(client, "/mark", {"text": text})
+        assert refused.status_code == 400
+        assert "1 bis 80 Zeichen" in refused.json()["said"]["de"]
+        assert "1 to 80 characters" in refused.json()["said"]["en"]
+    trainer.refusal, trainer.refused = "too_many_marks", {"highest": 10, "window_s": 10}
+    refused = post(client, "/mark", {"text": "once more"})
+    assert refused.status_code == 409
+    assert "10 Notizen in 10 s" in refused.json()["said"]["de"]
+    assert [one for one in trainer.requests if one[1:] == ("right knee",)] == [
+        ("mark", "right knee")
+    ]
+
+
 # --- profile and progress -----------------------------------------------------------------------
 
 
@@ -463,6 +488,7 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
                 InterruptionRow(1_795_000_001_000_000_000, "paused", ""),
                 InterruptionRow(1_795_000_003_000_000_000, "stopped", Cause.SPASM),
                 SelfTestRow("7f3k9m2q", 1_795_000_000_000_000_000),
+                MarkRow("7f3k9m2q", 1_795_000_002_000_000_000, "right knee", is_before=False),
             ]
         )
         (session,) = progress()["sessions"]
@@ -477,6 +503,7 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     assert (newest["time_ms"], oldest["time_ms"]) == (1_795_000_003_000.0, 1_795_000_001_000.0)
     assert newest["said"]["en"] == texts.text("stopped.spasm")
     assert newest["remedy"]["en"] == texts.remedy(Cause.SPASM, texts.buttons())
+    assert session["marks"] == [{"time_ms": 1_795_000_002_000.0, "text": "right knee"}]
     assert (oldest["said"]["en"], oldest["remedy"]) == ("The patient has paused.", None)
     assert progress()["self_test_ms"] == 1_795_000_000_000.0
     assert progress()["sessions"][0]["end"] == "interrupted"  # its program has ended without one

@@ -92,6 +92,12 @@ const possible = new Once(([controls, holder]) => {
   if (had) byId("h-controls").focus(); // the next press of a key must not meet another button
 });
 
+byId("mark").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const field = byId("marktext");
+  if (await request("/mark", { text: field.value.trim() })) field.value = "";
+});
+
 const plan = new PlanForm(words, (limits) => request("/plan", { plan: limits }));
 const history = new ProgressPanel(words);
 
