@@ -30,6 +30,7 @@ from starlette.websockets import WebSocket
 from gaitd_display.controls import Command
 from gaitd_display.feed import Feed
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
+from gaitd_display.profile_form import PROFILE_MAX_BYTES, profile_form, save_profile
 from gaitd_display.progress import read_progress
 from gaitd_display.settings import TherapistSettings
 from gaitd_display.therapist_view import (
@@ -85,6 +86,18 @@ class MarkWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     text: Annotated[str, Meta(min_length=1, max_length=MARK_LENGTH_MAX, pattern=ONE_LINE)]
 
 
+Number = float | None
+
+
+class ProfileWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a request that changes the profile."""
+
+    sha256: str
+    """Of the file that the form was filled from."""
+    values: dict[str, dict[str, Number | dict[str, Number] | list[dict[str, Number]]]]
+    """Those of the form; null: what was typed is no number."""
+
+
 class Password(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Body of a login."""
 
@@ -135,6 +148,8 @@ class TherapistServer:
                     Route("/plan", self._plan, methods=["POST"]),
                     Route("/mark", self._mark, methods=["POST"]),
                     Route("/progress.json", self._progress),
+                    Route("/profile.json", self._profile),
+                    Route("/profile", self._change_profile, methods=["POST"]),
                 ],
                 self._live,
             ),
@@ -303,6 +318,25 @@ class TherapistServer:
             return json(Answer("refused", "login"), 401)
         async with self._reading:  # one at a time
             return json(await asyncio.to_thread(read_progress, self._settings.session))
+
+    async def _profile(self, request: Request) -> Response:
+        if self._session(request) is None:
+            return json(Answer("refused", "login"), 401)
+        async with self._reading:
+            return await asyncio.to_thread(profile_form, self._settings.session)
+
+    async def _change_profile(self, request: Request) -> Response:
+        if (refusal := self._refusal(request)) is not None:
+            return refusal
+        try:
+            body = await small_body(request, PROFILE_MAX_BYTES)
+            wish = msgspec.json.decode(body, type=ProfileWish)
+        except ValueError as error:
+            return json(Answer("refused", str(error)), 400)
+        async with self._reading:
+            return await asyncio.to_thread(
+                save_profile, self._settings.session, wish.sha256, wish.values
+            )
 
     async def _ask(self, request: Callable[[], Reply]) -> Response:
         if self._asking.locked():
