@@ -119,7 +119,12 @@ EVENTS = (
         },
     },
 )
-NAMES = ("session.home", "7f3k9m2q", "right knee", "Jan Feb Mär Apr Mai Jun Jul Aug Sep Okt Nov Dez W s")
+NAMES = (
+    "session.home",
+    "7f3k9m2q",
+    "right knee",
+    "Jan Feb Mär Apr Mai Jun Jul Aug Sep Okt Nov Dez W s",
+)
 """What the tests name, months and units."""
 GERMAN_MODES = {mode: catalogue(Reader.OPERATOR, "de").text(f"mode.{mode}") for mode in Mode}
 IS_OPEN = "document.body.dataset.page === 'therapist' && document.querySelector('.leg') !== null"

@@ -4,6 +4,7 @@ A form sends all values that a therapist decides. Version, id and legs are not a
 belongs to a history, and the legs are those of the trainer.
 """
 
+import contextlib
 import hashlib
 import os
 import stat
@@ -266,8 +267,9 @@ def _keep_readers(file: Path, descriptor: int, status: os.stat_result) -> None:
         except PermissionError as error:
             told = f"{file}: its group cannot be kept; give it the group of this program"
             raise NotWrittenError(told) from error
-    if made.st_uid != status.st_uid and not status.st_mode & (stat.S_IRGRP | stat.S_IROTH):
-        raise NotWrittenError(f"{file}: its owner alone may read it; let its group read it, too")
+    if made.st_uid != status.st_uid:
+        with contextlib.suppress(PermissionError):  # only root may; the readers are the group
+            os.fchown(descriptor, status.st_uid, -1)
     os.fchmod(descriptor, stat.S_IMODE(status.st_mode))
 
 

@@ -8,8 +8,8 @@ import ssl
 import subprocess
 import sys
 import tempfile
-import traceback
 from pathlib import Path
+from unittest import mock
 from urllib.error import URLError
 from urllib.request import Request, urlopen
 
@@ -48,6 +48,7 @@ from gaitd_session.store import (
 )
 from gaitd_texts import Reader, Situation, catalogue
 from msgspec.structs import replace
+from other_user import forked, result
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from training import PROFILE
@@ -61,7 +62,7 @@ ORIGIN = "https://127.0.0.1:8080"
 OURS = {"origin": ORIGIN, "host": "127.0.0.1:8080"}
 NS_PER_S = 1_000_000_000
 NONE = NotValid("a key", Trouble.SILENT, "no message")
-WRITER, READER, GROUP, FAILED = 64001, 64002, 64003, 255
+WRITER, READER, GROUP = 64001, 64002, 64003
 
 
 @pytest.fixture(scope="module")
@@ -517,6 +518,49 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     assert (progress()["sessions"], progress()["profile"]["id"]) == ([], "7f3k9m2q")
 
 
+def test_a_profile_is_changed_with_a_login_and_its_journal_line_says_old_and_new(
+    client, tmp_path, capsys
+):
+    assert client.get("/profile.json").status_code == 401
+    assert post(client, "/profile", {"sha256": "", "values": {}}).status_code == 401
+    login(client)
+    assert client.get("/profile.json").status_code == 404
+    files = SessionFiles(profile=tmp_path / "profile.toml", history=tmp_path / "history.sqlite")
+    client.server._settings = replace(client.server._settings, session=files)
+    assert "no such file" in client.get("/profile.json").json()["said"]["de"]
+    files.profile.write_text(PROFILE, encoding="utf-8")
+    form = client.get("/profile.json").json()
+    assert form["bounds"]["plan.block.rest_s"] == {"low": 0, "high": 3600}
+
+    def save(**walk):
+        values = json.loads(json.dumps(form["values"]))
+        values["plan"]["block"][0] |= walk
+        return post(client, "/profile", {"sha256": form["sha256"], "values": values})
+
+    assert post(client, "/profile", {"sha256": "", "values": {}}, csrf="x").status_code == 403
+    refused = save(rest_s=4000, cadence_hz=None)
+    assert refused.status_code == 400
+    wrong = {one.pop("key"): one for one in refused.json()["wrong"]}
+    assert wrong == {
+        "plan.block[0].cadence_hz": {"value": None, "low": 0.01, "high": 2},
+        "plan.block[0].rest_s": {"value": 4000, "low": 0, "high": 3600},
+    }
+    capsys.readouterr()
+    assert save(rest_s=45).json()["outcome"] == "done"
+    told = f"gaitd-display: {files.profile} changed: plan.block[0].rest_s 3 -> 45\n"
+    assert capsys.readouterr().out == told
+    again = save(rest_s=50)
+    assert (again.status_code, again.json()["reason"]) == (409, "profile_conflict")
+    assert "inzwischen geändert" in again.json()["said"]["de"]
+    assert client.get("/progress.json").json()["profile"]["blocks"][1]["rest_s"] == 45
+    form = client.get("/profile.json").json()
+    with mock.patch("os.fsync", side_effect=OSError(28, "No space left on device")):
+        full = save(rest_s=60)
+    assert (full.status_code, full.json()["reason"]) == (500, "trouble.profile_not_written")
+    assert "No space left" in full.json()["said"]["de"]
+    assert post(client, "/profile", {"sha256": 5, "values": {}}).status_code == 400
+
+
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be two other users")
 def test_another_user_reads_the_history_by_the_shared_group_alone_and_does_not_hinder_the_writer():
     # Not in pytest's folder, which is for its own user.
@@ -554,25 +598,3 @@ def test_another_user_reads_the_history_by_the_shared_group_alone_and_does_not_h
         shutil.rmtree(folder)
         for pipe in (is_written, written, end, may_end):
             os.close(pipe)
-
-
-def forked(user, group, function):
-    """A process of another user, which ends with the number that the function returns."""
-    child = os.fork()
-    if child == 0:
-        code = FAILED
-        try:
-            os.setgroups([])
-            os.setresgid(group, group, group)
-            os.setresuid(user, user, user)
-            os.umask(0o007)
-            code = int(function())
-        finally:
-            if code == FAILED:
-                os.write(2, traceback.format_exc().encode())
-            os._exit(code)
-    return child
-
-
-def result(child):
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
