@@ -16,6 +16,7 @@ from gaitd_display.login import hash_password
 from gaitd_display.therapist import TherapistServer
 from gaitd_names import NMT_STATES, POWER_STATES
 from gaitd_session import Why
+from gaitd_session.profile import read_profile
 from gaitd_session.store import (
     BlockRow,
     EndRow,
@@ -404,7 +405,7 @@ def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(desk):
         *fields,
     ]
     assert order[: len(known)] == known
-    assert order[-2:] == ["all", "stop"]
+    assert order[-3:] == ["all", "editprofile", "stop"]
     assert len(buttons) == 3
 
 
@@ -602,6 +603,67 @@ def test_a_mark_is_written_with_the_keyboard_and_stays_in_the_field_if_it_is_ref
     assert tab.page.input_value("#marktext") == ""
     tab.page.keyboard.type("x" * 100)
     assert len(tab.page.input_value("#marktext")) == 80
+
+
+SAYS = "document.querySelector('#profilesays').textContent"
+FIRST_PART = "document.getElementById('p-plan.block[0].duration_s')"
+
+
+def test_the_profile_is_changed_in_a_form_that_says_what_is_wrong(desk, trainer, tmp_path):
+    tab, player = desk
+    login(tab)
+    player.play(**SCENES["hold"])
+    tab.word("holding")
+    tab.until("document.querySelector('#editprofile').checkVisibility()")
+    tab.page.click("#editprofile")
+    tab.until(f"{FIRST_PART}?.value === '720'")
+    for index, size in enumerate(((1180, 820), (820, 1180), (390, 844))):
+        for scheme in SCHEMES:
+            show(tab, size, LANGUAGES[index % 2], scheme)
+            assert misplaced(tab) == [], size
+            assert violations(tab) == [], size
+            tab.page.locator("#profilesave").scroll_into_view_if_needed()
+            tab.shot(f"therapist_profile_{size[0]}_{scheme}")
+
+    show(tab, SIZES[0], "de")
+    field = tab.page.locator('[id="p-plan.block[0].duration_s"]')
+    field.fill("4000")
+    tab.page.locator('[id="p-range.cadence_min_hz"]').fill("schnell")
+    field.press("Enter")
+    tab.until(f"{SAYS} === 'Nicht gespeichert. Falsche Werte: 2'")
+    assert tab.page.locator("#profile .wrong").all_inner_texts() == [
+        "Langsamstes, 1/s: schnell ist nicht erlaubt, erlaubt ist 0,01 bis 2",
+        "Teil 1, Dauer, s: 4000 ist nicht erlaubt, erlaubt ist 5 bis 3600",
+    ]
+    assert tab.page.evaluate("document.activeElement.id") == "p-range.cadence_min_hz"
+    assert violations(tab) == []
+    tab.shot("therapist_profile_wrong")
+    tab.page.locator('[id="p-range.cadence_min_hz"]').fill("0,2")
+    field.fill("500")
+    tab.page.click("#addpart")
+    tab.page.locator('[id="p-plan.block[1].duration_s"]').fill("60")
+    tab.page.check("#haspassive")
+    tab.page.locator('[id="p-plan.passive.duration_s"]').fill("80")
+    is_german(tab)
+    tab.page.click("#editprofile")
+    assert not tab.page.is_visible("#profile")
+    tab.page.click("#editprofile")
+    assert tab.page.locator('[id="p-plan.block[1].duration_s"]').input_value() == "60"
+    tab.page.click("#profilesave")
+    tab.until(f"{SAYS}.startsWith('Gespeichert')")
+    plan = read_profile(tmp_path / "profile.toml").plan
+    assert [walk.duration_s for walk in plan.block] == [500, 60]
+    assert plan.passive.duration_s == 80
+    tab.until("document.querySelectorAll('#partrows tr').length === 4")
+
+    with (tmp_path / "profile.toml").open("a", encoding="utf-8") as opened:
+        opened.write("# by another program")
+    tab.page.locator("button[data-part='1']").click()
+    tab.page.click("#profilesave")
+    tab.until(f"{SAYS}.includes('inzwischen geändert')")
+    is_german(tab)
+    tab.page.click("#profilediscard")
+    tab.until("document.querySelectorAll('#profileparts tr').length === 4")
 
 
 def test_progress_has_a_row_for_each_session_and_says_why_one_was_interrupted(desk):

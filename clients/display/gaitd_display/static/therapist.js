@@ -231,7 +231,7 @@ function paint() {
 async function readOnce() {
   const signal = AbortSignal.timeout(PROGRESS_MS);
   progress = await fetch("/progress.json", { signal }).then((answer) => (answer.ok ? answer.json() : null)).catch(() => null);
-  byId("editprofile").hidden = !progress?.is_configured;
+  byId("profilepanel").hidden = !progress?.is_configured;
 }
 
 async function readProgress() {

@@ -51,12 +51,11 @@ export class ProfileForm {
     this.inputs.clear();
     const at = (key) => key.split(".").reduce((part, name) => part[name], values);
     byId("profilefields").replaceChildren(...GROUPS.flatMap(([name, fields]) => [
-      made("h3", "", this.named(made("span"), name)),
-      ...fields.flatMap(([key, scale]) => {
+      made("div", "fields", made("h3", "", this.named(made("span"), name)), ...fields.flatMap(([key, scale]) => {
         const input = this.input(key, scale, at(key));
         const label = Object.assign(made("label", "", this.named(made("span"), `profile.${key}`), " ", this.range(key, scale)), { htmlFor: input.id });
         return [label, input];
-      }),
+      })),
     ]));
     const { passive, warm_up: warmUp, block } = values.plan;
     const first = passive ?? { ...warmUp, duration_s: null, rest_s: 0 };
@@ -123,6 +122,9 @@ export class ProfileForm {
     for (const one of this.form.querySelectorAll("button[data-part]")) one.setAttribute("aria-label", this.words.of("part_remove", { part: Number(one.dataset.part) + 1 }));
     for (const [key, { input }] of this.inputs) if (key.startsWith("plan.")) input.setAttribute("aria-label", this.name(key));
     for (const one of this.form.querySelectorAll("[data-text]")) setText(one, this.words.of(one.dataset.text));
+    const mark = this.words.language === "de" ? "," : ".";
+    for (const { input } of this.inputs.values()) input.value = input.value.replace(/[.,]/, mark);
+    for (const one of this.form.querySelectorAll(".wrong")) setText(one, one.told());
     this.tell(this.told);
   }
 
@@ -169,7 +171,11 @@ export class ProfileForm {
   async save() {
     if (this.read === null) return;
     this.tell(() => this.words.of("asking"));
-    for (const { input } of this.inputs.values()) input.removeAttribute("aria-invalid");
+    for (const one of this.form.querySelectorAll(".wrong")) (one.closest("tr.why") ?? one).remove();
+    for (const { input } of this.inputs.values()) {
+      input.removeAttribute("aria-invalid");
+      input.removeAttribute("aria-describedby");
+    }
     const body = { sha256: this.read.sha256, values: this.values() };
     const answer = await post("/profile", body, 12000, { "X-CSRF-Token": this.csrf });
     if (answer.outcome === "done") {
@@ -177,16 +183,27 @@ export class ProfileForm {
       this.tell(() => this.words.of("profile_saved"));
       this.onSaved();
     } else if (answer.wrong) {
-      this.tell(() => answer.wrong.map((one) => this.wrong(one)));
-      for (const { key } of answer.wrong) this.inputs.get(key)?.input.setAttribute("aria-invalid", true);
-      this.inputs.get(answer.wrong[0].key)?.input.focus();
+      const [beside, other] = [answer.wrong.filter(({ key }) => this.inputs.has(key)), answer.wrong.filter(({ key }) => !this.inputs.has(key))];
+      for (const one of beside) this.show(one);
+      this.tell(() => [this.words.of("profile_not_saved", { count: answer.wrong.length }), ...other.map(({ key }) => this.words.of("profile_unusable", { field: key }))]);
+      if (beside.length > 0) this.inputs.get(beside[0].key).input.focus();
     } else this.tell(() => (answer.said ? this.words.said(answer.said) : this.words.of("no_answer")));
   }
 
-  wrong({ key, value, low, high }) {
-    const field = this.inputs.get(key);
-    if (field === undefined || low === null) return this.words.of("profile_unusable", { field: key });
-    const typed = value === null ? field.input.value.trim() || "\u2013" : this.number(value / field.scale);
-    return this.words.of("profile_wrong", { field: this.name(key), value: typed, low: this.number(low / field.scale), high: this.number(high / field.scale) });
+  // Says at its field, or below its part, what is wrong.
+  show({ key, value, low, high }) {
+    const { input, scale } = this.inputs.get(key);
+    const typed = value === null ? input.value.trim() || "\u2013" : null;
+    const told = () => {
+      if (low === null) return this.words.of("profile_unusable", { field: this.name(key) });
+      const [least, most] = [low, high].map((bound) => this.number(bound / scale));
+      return this.words.of("profile_wrong", { field: this.name(key), value: typed ?? this.number(value / scale), low: least, high: most });
+    };
+    const text = Object.assign(made("p", "wrong", told()), { id: `w-${key}`, told });
+    const row = input.closest("tr");
+    if (row === null) input.after(text);
+    else row.after(made("tr", "why", Object.assign(made("td", "", text), { colSpan: COLUMNS.length + 2 })));
+    input.setAttribute("aria-invalid", true);
+    input.setAttribute("aria-describedby", text.id);
   }
 }
