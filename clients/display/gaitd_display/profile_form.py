@@ -8,7 +8,10 @@ from typing import Any, Final
 
 import msgspec
 from gaitd_session.profile import BLOCKS_MAX, Wrong
-from gaitd_session.profile_file import (
+from gaitd_toml import ConfigError
+from starlette.responses import Response
+
+from gaitd_display.profile_file import (
     Bounds,
     ConflictError,
     NotWrittenError,
@@ -18,22 +21,19 @@ from gaitd_session.profile_file import (
     read_text,
     values_of,
 )
-from gaitd_toml import ConfigError
-from starlette.responses import Response
-
 from gaitd_display.settings import SessionFiles
 from gaitd_display.web import Answer, json
 from gaitd_display.words import spoken
 
 PROFILE_MAX_BYTES: Final = 16_384
-"""Of a request: 50 parts, with all digits of their numbers."""
+"""Longest request: 50 parts, with all digits of their numbers."""
 
 
 class ProfileForm(msgspec.Struct, frozen=True):
     """What the form is filled with."""
 
     sha256: str
-    """Of the file; it is sent back with the changed values."""
+    """SHA-256 of the file; it is sent back with the changed values."""
     values: dict[str, Any]
     bounds: dict[str, Bounds]
     """What each number may be, by key, without the index of a part."""
@@ -45,8 +45,8 @@ class WrongValue(msgspec.Struct, frozen=True):
 
     key: str
     value: float | None
-    low: float | None
-    high: float | None
+    value_low: float | None
+    value_high: float | None
 
 
 class WrongValues(msgspec.Struct, frozen=True):
@@ -93,7 +93,7 @@ def save_profile(files: SessionFiles | None, sha256: str, values: Mapping[str, A
 
 def _wrong(one: Wrong) -> WrongValue:
     value = one.value if isinstance(one.value, int | float) else None
-    return WrongValue(one.key, value, one.low, one.high)
+    return WrongValue(one.key, value, one.value_low, one.value_high)
 
 
 def _text(value: object) -> str:

@@ -93,7 +93,7 @@ class ProfileWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Body of a request that changes the profile."""
 
     sha256: str
-    """Of the file that the form was filled from."""
+    """SHA-256 of the file that the form was filled from."""
     values: dict[str, dict[str, Number | dict[str, Number] | list[dict[str, Number]]]]
     """Those of the form; null: what was typed is no number."""
 

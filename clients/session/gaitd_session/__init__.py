@@ -1,10 +1,9 @@
 """A training session of a patient at home, on top of gaitd-client.
 
-Reading order: `profile.py` (what the therapist sets), `profile_file.py` (a program changes it),
-`plan.py` (the blocks), `machine.py` (the state machine, pure, as a table), `goals.py` and
-`steps.py` (the target band, and steps against it), `advice.py` and `view.py` (what a display
-shows), `store.py` (the history), `session.py` (a session with a trainer), `export.py`, `report.py`,
-`program.py` and `terminal.py` (the command).
+Reading order: `profile.py` (what the therapist sets), `plan.py` (the blocks), `machine.py` (the
+state machine, pure, as a table), `goals.py` and `steps.py` (the target band, and steps against it),
+`advice.py` and `view.py` (what a display shows), `store.py` (the history), `session.py` (a session
+with a trainer), `export.py`, `report.py`, `program.py` and `terminal.py` (the command).
 """
 
 from gaitd_session.advice import Advice, Failure, Why

@@ -160,9 +160,9 @@ class Wrong(NamedTuple):
 
     key: str
     value: object
-    low: float | None
+    value_low: float | None
     """The least that is allowed; None: the value is no number."""
-    high: float | None
+    value_high: float | None
     allowed: str
     """What is allowed, in English, for the error of a file."""
 

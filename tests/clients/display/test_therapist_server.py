@@ -530,7 +530,7 @@ def test_a_profile_is_changed_with_a_login_and_its_journal_line_says_old_and_new
     assert "no such file" in client.get("/profile.json").json()["said"]["de"]
     files.profile.write_text(PROFILE, encoding="utf-8")
     form = client.get("/profile.json").json()
-    assert form["bounds"]["plan.block.rest_s"] == {"low": 0, "high": 3600}
+    assert form["bounds"]["plan.block.rest_s"] == {"value_low": 0, "value_high": 3600}
 
     def save(**walk):
         values = json.loads(json.dumps(form["values"]))
@@ -542,8 +542,8 @@ def test_a_profile_is_changed_with_a_login_and_its_journal_line_says_old_and_new
     assert refused.status_code == 400
     wrong = {one.pop("key"): one for one in refused.json()["wrong"]}
     assert wrong == {
-        "plan.block[0].cadence_hz": {"value": None, "low": 0.01, "high": 2},
-        "plan.block[0].rest_s": {"value": 4000, "low": 0, "high": 3600},
+        "plan.block[0].cadence_hz": {"value": None, "value_low": 0.01, "value_high": 2},
+        "plan.block[0].rest_s": {"value": 4000, "value_low": 0, "value_high": 3600},
     }
     capsys.readouterr()
     assert save(rest_s=45).json()["outcome"] == "done"

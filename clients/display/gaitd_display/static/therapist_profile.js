@@ -94,7 +94,7 @@ export class ProfileForm {
   }
 
   range(key, scale) {
-    const { low, high } = this.read.bounds[key];
+    const { value_low: low, value_high: high } = this.read.bounds[key];
     const text = made("small");
     text.dataset.low = low / scale;
     text.dataset.high = high / scale;
@@ -191,7 +191,7 @@ export class ProfileForm {
   }
 
   // Says at its field, or below its part, what is wrong.
-  show({ key, value, low, high }) {
+  show({ key, value, value_low: low, value_high: high }) {
     const { input, scale } = this.inputs.get(key);
     const typed = value === null ? input.value.trim() || "\u2013" : null;
     const told = () => {

@@ -7,8 +7,7 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from gaitd_session.profile import parse_profile, read_profile
-from gaitd_session.profile_file import (
+from gaitd_display.profile_file import (
     Bounds,
     ConflictError,
     NotWrittenError,
@@ -18,6 +17,7 @@ from gaitd_session.profile_file import (
     read_text,
     values_of,
 )
+from gaitd_session.profile import parse_profile, read_profile
 from gaitd_toml import ConfigError
 from other_user import forked, result
 from training import PASSIVE, PROFILE
@@ -125,7 +125,7 @@ def test_a_wrong_value_says_key_value_and_what_is_allowed_and_nothing_is_written
         changed(file, put(key, value))
 
     first = refused.value.wrong[0]
-    assert (first.key, first.value, first.low, first.high) == (key, value, low, high)
+    assert (first.key, first.value, first.value_low, first.value_high) == (key, value, low, high)
     assert file.read_text(encoding="utf-8") == COMMENTED
 
 

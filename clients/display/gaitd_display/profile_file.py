@@ -15,12 +15,11 @@ from typing import Any, Final, NamedTuple, cast
 
 import msgspec
 import tomlkit
+from gaitd_session.profile import Profile, Wrong, contradictions, parse_profile
 from gaitd_toml import ConfigError
 from gaitd_toml.reader import parse_toml, read_bytes
 from msgspec import inspect
 from tomlkit.items import AoT, Table
-
-from gaitd_session.profile import Profile, Wrong, contradictions, parse_profile
 
 FORM: Final = ("range", "assist", "goal", "plan")
 """Tables of the file that a form changes."""
@@ -29,8 +28,8 @@ FORM: Final = ("range", "assist", "goal", "plan")
 class Bounds(msgspec.Struct, frozen=True):
     """What a number may be."""
 
-    low: float
-    high: float
+    value_low: float
+    value_high: float
 
 
 class ProfileText(NamedTuple):
@@ -138,7 +137,7 @@ def _wanted(before: Profile, values: Mapping[str, Any]) -> Profile:
         Wrong(key, value, low, high, f"{low:g} to {high:g}")
         for key, value in _leaves(values, "")
         if (limits := known.get(_without_index(key))) is not None
-        for low, high in ((limits.low, limits.high),)
+        for low, high in ((limits.value_low, limits.value_high),)
         if not isinstance(value, int | float) or isinstance(value, bool) or not low <= value <= high
     ]
     if wrong:
