@@ -1,6 +1,6 @@
 """The command line: `__main__.py` finds the command; one thin file for each command or family.
 
-Families: `control.py` (enable, disable, stop, reset, mode), `preparation.py` (commission,
+Families: `control.py` (enable, disable, stop, reset, mode, mark), `preparation.py` (commission,
 reference, self-test), `keys.py` and `plan.py` (clients and what they may do). Shared by commands:
 `command_line.py` (options, errors, files), `terminal.py` (tables and progress bars), `remote.py`
 (clients of a running service). `commissioning/` has the procedures of `preparation.py`. What a

@@ -60,6 +60,7 @@ COMMANDS: Final = {
     "mode": ("control", OPERATOR, "What the enabled leg does: hold, gait, torque, hand_guiding."),
     "self-test": ("preparation", OPERATOR, "Daily test: hand switch, emergency stop, each axis."),
     "plan": ("plan", OPERATOR, "Limits within which a session may request a gait."),
+    "mark": ("control", OPERATOR, "Write a remark into events, recording and history."),
     "commission": (
         "preparation",
         COMMISSIONING,

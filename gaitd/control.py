@@ -1,4 +1,4 @@
-"""`gaitd enable`, `disable`, `stop`, `reset`, `mode`: one request to a running service."""
+"""`gaitd enable`, `disable`, `stop`, `reset`, `mode`, `mark`: one request to a running service."""
 
 from collections.abc import Callable
 from enum import StrEnum
@@ -98,3 +98,16 @@ def mode(
         baseline=baseline,
     )
     raise typer.Exit(code)
+
+
+def mark(
+    text: Annotated[str, typer.Argument(help="One line of at most 80 characters, without a name.")],
+    config: ConfigOption = None,
+    endpoint: EndpointOption = None,
+    trainer: TrainerOption = None,
+    credentials: CredentialsOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Write a remark into events, recording and history, with the present time; for an operator."""
+    target = find_target(config, endpoint, trainer, credentials)
+    raise typer.Exit(request(target, "mark", as_json=as_json, text=text))

@@ -31,6 +31,7 @@ ACCESS: Final = {
     Route.LEASE: Access.LEASE,
     Route.REPORT: Access.LEASE,
     Route.PLAN: Access.PLAN,
+    Route.MARK: Access.MARK,
     Route.RESTART: Access.RESTART,
 }
 """Right that a query needs; the core checks those that it answers."""

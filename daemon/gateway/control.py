@@ -95,6 +95,7 @@ class Control:
         self._log = logging.getLogger("gaitd.gateway")
         self._waiting: dict[int, Waiting] = {}
         self._ticket = 0
+        self._marks = events.MarkBudget()
         self._failed, self._failed_count = RareNotice(), 0
 
     def receive(self, inquiries: Sequence[Inquiry], now_ns: int) -> None:
@@ -184,6 +185,9 @@ class Control:
                 if isinstance(payload, wire.PlanAsk):
                     draft = self._plans.release(ticket, payload.plan, payload.client)
                     self._events.publish([draft])
+            case Route.MARK:
+                if isinstance(payload, wire.MarkAsk):
+                    self._mark(payload, now_ns)
             case Route.RESTART:
                 why = self._ending.request_restart()
                 self.settle([Answer(ticket, Outcome.REFUSED if why else Outcome.DONE, why)])
@@ -237,6 +241,16 @@ class Control:
             self._outlet.put(message, *parts)
         outcome = Outcome.DONE if refusal is None else Outcome.REFUSED
         inquiry.answer(self._reply(inquiry.name, outcome, refusal))
+
+    def _mark(self, mark: wire.MarkAsk, now_ns: int) -> None:
+        """Publish a mark; its event says that it is done, so there is no other one."""
+        refusal = self._marks.take(now_ns)
+        if refusal is not None:
+            self.settle([Answer(self._ticket, Outcome.REFUSED, refusal)])
+            return
+        inquiry, client = self._waiting.pop(self._ticket)
+        self._events.publish([events.mark(client, mark.text)])
+        inquiry.answer(self._reply(inquiry.name, Outcome.DONE, None))
 
     def _answer(self, answer: requests.Answer, waiting: Waiting) -> None:
         inquiry, outcome = waiting.inquiry, answer.outcome

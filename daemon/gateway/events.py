@@ -15,7 +15,16 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 from gaitd_client import wire
-from gaitd_names import NMT_STATES, Cause, EventCode, Kind, Mode, Priority, StopCategory
+from gaitd_names import (
+    NMT_STATES,
+    Cause,
+    EventCode,
+    Kind,
+    Mode,
+    Priority,
+    RefusalCode,
+    StopCategory,
+)
 from gaitd_texts import Reader, catalogue
 
 from daemon.gateway.core_view import CoreView
@@ -23,7 +32,7 @@ from daemon.gateway.outlet import Outlet
 from daemon.gateway.translate import head, power_state_name
 from daemon.ipc.record import CycleRecord, DriveRecord, EmergencyRecord, Verdict
 from daemon.ipc.report import Event
-from daemon.report_messages import event_values, verdict_values
+from daemon.report_messages import event_values, refused, verdict_values
 from daemon.system.clock import AgeClock
 from daemon.wire.report_fields import VERDICTS
 
@@ -33,6 +42,10 @@ HISTORY_COUNT: Final = 200
 REQUESTS_MAX: Final = 20
 REQUESTS_WINDOW_NS: Final = 10_000_000_000
 """At most REQUESTS_MAX events about requests are published in this time."""
+
+MARKS_MAX: Final = 10
+MARKS_WINDOW_NS: Final = 10_000_000_000
+"""At most MARKS_MAX marks are published in this time: they share the history with stops."""
 
 REQUESTED: Final = frozenset({Cause.STOP_REQUESTED, Cause.SHUTDOWN})
 """Causes of a stop that was requested."""
@@ -107,6 +120,11 @@ def failed(count: int, what: str) -> EventDraft:
     return EventDraft(Priority.LOW, Kind.NOTE, EventCode.QUERY_FAILED, values, said=what)
 
 
+def mark(client: str, text: str) -> EventDraft:
+    """The event that a person has written a mark."""
+    return EventDraft(Priority.INFO, Kind.NOTE, EventCode.MARK, {"client": client}, said=text)
+
+
 def request_sent(name: str, client: str) -> EventDraft:
     """The event that a client's request is sent to the core."""
     values = {"request": name, "client": client}
@@ -165,6 +183,22 @@ class RequestEvents:
             return []
         values = {"left_out_count": left_out, "window_s": REQUESTS_WINDOW_NS // 10**9}
         return [EventDraft(Priority.LOW, Kind.REQUEST, EventCode.REQUESTS_LEFT_OUT, values)]
+
+
+class MarkBudget:
+    """Limits the marks of all clients together."""
+
+    def __init__(self) -> None:
+        self._written_ns: deque[int] = deque(maxlen=MARKS_MAX)
+
+    def take(self, now_ns: int) -> wire.Refusal | None:
+        """Count a mark; return why there may be none now."""
+        is_full = len(self._written_ns) == MARKS_MAX
+        if is_full and now_ns - self._written_ns[0] < MARKS_WINDOW_NS:
+            window_s = MARKS_WINDOW_NS // 10**9
+            return refused(RefusalCode.TOO_MANY_MARKS, highest=MARKS_MAX, window_s=window_s)
+        self._written_ns.append(now_ns)
+        return None
 
 
 class EventLog:

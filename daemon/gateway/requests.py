@@ -3,6 +3,7 @@
     acquire release            the gateway answers at once: `lease.py`
     status config schema       the gateway answers at once
     plan                       the gateway answers at once: `clients.py`
+    mark                       the gateway publishes it as an event at once
     restart                    the gateway answers at once, and starts anew; refused unless nothing
                                moves and no answer is outstanding
     stop                       counts up at once; answered when a record shows the count
@@ -44,6 +45,7 @@ class Route(Enum):
     STOP = "stop"
     CORE = "core"
     PLAN = "plan"
+    MARK = "mark"
     RESTART = "restart"
 
 
@@ -60,6 +62,7 @@ ROUTES: Final[dict[str, Route]] = {
     "config": Route.GATEWAY,
     "schema": Route.GATEWAY,
     "plan": Route.PLAN,
+    "mark": Route.MARK,
     "restart": Route.RESTART,
 }
 
@@ -69,6 +72,7 @@ PAYLOADS: Final[dict[str, type[wire.Ask]]] = {
     "release": wire.ReleaseAsk,
     "report": wire.ReportAsk,
     "plan": wire.PlanAsk,
+    "mark": wire.MarkAsk,
 }
 """Payload types of queries that carry more than the client's name."""
 

@@ -12,7 +12,7 @@ Rules:
 3. `session` runs a training without a therapist in the room: it may enable and disable, hold, play
    a gait within the released plan, and run the daily test. RESET and hand guiding are for the
    person in the machine: they need the hand switch held.
-4. `operator` may request every mode, release a plan, and restart the gateway.
+4. `operator` may request every mode, release a plan, write marks, and restart the gateway.
 5. `service` prepares the empty machine: signs and references, one axis at a time.
 6. Without keys every client is UNRESTRICTED: the service then accepts local clients only.
 """
@@ -34,6 +34,8 @@ class Access(Enum):
     """Acquire and release the lease, send setpoints, and report a state to be published."""
     PLAN = "plan"
     """Release the plan that limits a session."""
+    MARK = "mark"
+    """Write a mark, which is published as an event."""
     RESTART = "restart"
     """Restart the gateway, so that changed keys take effect."""
 
@@ -61,7 +63,7 @@ ROLES: Final[Mapping[Role, RoleRules]] = {
     Role.CONTROLLER: RoleRules(access=frozenset({Access.LEASE})),
     Role.SESSION: RoleRules(_EVERY_KIND, _TRAINING, within_plan=True, hand_switch=True),
     Role.OPERATOR: RoleRules(
-        _EVERY_KIND, _EVERY_MODE, access=frozenset({Access.PLAN, Access.RESTART})
+        _EVERY_KIND, _EVERY_MODE, access=frozenset({Access.PLAN, Access.MARK, Access.RESTART})
     ),
     Role.SERVICE: RoleRules(
         _EVERY_KIND - {RequestKind.ENABLE}, _PREPARATION, access=frozenset({Access.RESTART})

@@ -113,6 +113,7 @@ RIGHTS: Final = (
         if kind is not RequestKind.NONE
     ),
     _query("plan", _with(Access.PLAN), *_requests(Route.PLAN)),
+    _query("mark", _with(Access.MARK), *_requests(Route.MARK)),
     _query("restart", _with(Access.RESTART), *_requests(Route.RESTART)),
     Right("declare queryables", ALL_ROLES, Flow.OUT, (Message.QUERYABLE,), (*QUERYABLES, HISTORY)),
     Right("answer", ALL_ROLES, Flow.OUT, (Message.REPLY,), (*QUERYABLES, wire.EVENTS)),

@@ -16,11 +16,13 @@ from gaitd_display.login import hash_password
 from gaitd_display.therapist import TherapistServer
 from gaitd_names import NMT_STATES, POWER_STATES
 from gaitd_session import Why
+from gaitd_session.profile import read_profile
 from gaitd_session.store import (
     BlockRow,
     EndRow,
     GoalRow,
     InterruptionRow,
+    MarkRow,
     SessionRow,
     Store,
     StrideRow,
@@ -118,7 +120,12 @@ EVENTS = (
         },
     },
 )
-NAMES = ("session.home", "7f3k9m2q", "Jan Feb Mär Apr Mai Jun Jul Aug Sep Okt Nov Dez W s")
+NAMES = (
+    "session.home",
+    "7f3k9m2q",
+    "right knee",
+    "Jan Feb Mär Apr Mai Jun Jul Aug Sep Okt Nov Dez W s",
+)
 """What the tests name, months and units."""
 GERMAN_MODES = {mode: catalogue(Reader.OPERATOR, "de").text(f"mode.{mode}") for mode in Mode}
 IS_OPEN = "document.body.dataset.page === 'therapist' && document.querySelector('.leg') !== null"
@@ -163,6 +170,8 @@ def a_session_going_on(file):
                 end = "complete" if share else "left"
                 reason = InterruptionRow(begun_ns, "stopped", reasons[day % 3])
                 store.write([*([reason] if day % 2 else []), EndRow(begun_ns, end)])
+            else:
+                store.write([MarkRow("7f3k9m2q", begun_ns, "right knee", is_before=False)])
         yield
 
 
@@ -385,9 +394,18 @@ def test_the_keyboard_reaches_everything_in_order_and_shows_where_it_is(desk):
     fields = [f"f-{name}" for name in ("cadence_max_hz", "amplitude_max_ratio", "duration_max_s")]
     fields += ["f-hip_assist_max", "t-hip_assist_max"]
     fields += ["f-slide_assist_max", "t-slide_assist_max"]
-    known = ["language", "logout", *buttons, "withdraw", "releaseprofile", *fields]
+    known = [
+        "language",
+        "logout",
+        *buttons,
+        "marktext",
+        "markwrite",
+        "withdraw",
+        "releaseprofile",
+        *fields,
+    ]
     assert order[: len(known)] == known
-    assert order[-2:] == ["all", "stop"]
+    assert order[-3:] == ["all", "editprofile", "stop"]
     assert len(buttons) == 3
 
 
@@ -568,20 +586,101 @@ def test_a_plan_is_released_by_what_the_therapist_has_filled_in_alone(desk, trai
     assert not tab.page.locator("#withdraw").is_visible()
 
 
+def test_a_mark_is_written_with_the_keyboard_and_stays_in_the_field_if_it_is_refused(desk, trainer):
+    tab, player = desk
+    login(tab)
+    player.play(**SCENES["walking"])
+    tab.word("moving")
+    tab.page.focus("#marktext")
+    tab.page.keyboard.type(" right knee ")
+    trainer.refusal, trainer.refused = "too_many_marks", {"highest": 10, "window_s": 10}
+    tab.page.keyboard.press("Enter")
+    tab.until(f"{ASKED}.includes('10 marks in 10 s')")
+    trainer.refusal = None
+    tab.page.keyboard.press("Enter")
+    tab.until(f"{ASKED} === 'Done'")
+    assert trainer.requests[-1] == ("mark", "right knee")
+    assert tab.page.input_value("#marktext") == ""
+    tab.page.keyboard.type("x" * 100)
+    assert len(tab.page.input_value("#marktext")) == 80
+
+
+SAYS = "document.querySelector('#profilesays').textContent"
+FIRST_PART = "document.getElementById('p-plan.block[0].duration_s')"
+
+
+def test_the_profile_is_changed_in_a_form_that_says_what_is_wrong(desk, trainer, tmp_path):
+    tab, player = desk
+    login(tab)
+    player.play(**SCENES["hold"])
+    tab.word("holding")
+    tab.until("document.querySelector('#editprofile').checkVisibility()")
+    tab.page.click("#editprofile")
+    tab.until(f"{FIRST_PART}?.value === '720'")
+    for index, size in enumerate(((1180, 820), (820, 1180), (390, 844))):
+        for scheme in SCHEMES:
+            show(tab, size, LANGUAGES[index % 2], scheme)
+            assert misplaced(tab) == [], size
+            assert violations(tab) == [], size
+            tab.page.locator("#profilesave").scroll_into_view_if_needed()
+            tab.shot(f"therapist_profile_{size[0]}_{scheme}")
+
+    show(tab, SIZES[0], "de")
+    field = tab.page.locator('[id="p-plan.block[0].duration_s"]')
+    field.fill("4000")
+    tab.page.locator('[id="p-range.cadence_min_hz"]').fill("schnell")
+    field.press("Enter")
+    tab.until(f"{SAYS} === 'Nicht gespeichert. Falsche Werte: 2'")
+    assert tab.page.locator("#profile .wrong").all_inner_texts() == [
+        "Langsamstes, 1/s: schnell ist nicht erlaubt, erlaubt ist 0,01 bis 2",
+        "Teil 1, Dauer, s: 4000 ist nicht erlaubt, erlaubt ist 5 bis 3600",
+    ]
+    assert tab.page.evaluate("document.activeElement.id") == "p-range.cadence_min_hz"
+    assert violations(tab) == []
+    tab.shot("therapist_profile_wrong")
+    tab.page.locator('[id="p-range.cadence_min_hz"]').fill("0,2")
+    field.fill("500")
+    tab.page.click("#addpart")
+    tab.page.locator('[id="p-plan.block[1].duration_s"]').fill("60")
+    tab.page.check("#haspassive")
+    tab.page.locator('[id="p-plan.passive.duration_s"]').fill("80")
+    is_german(tab)
+    tab.page.click("#editprofile")
+    assert not tab.page.is_visible("#profile")
+    tab.page.click("#editprofile")
+    assert tab.page.locator('[id="p-plan.block[1].duration_s"]').input_value() == "60"
+    tab.page.click("#profilesave")
+    tab.until(f"{SAYS}.startsWith('Gespeichert')")
+    plan = read_profile(tmp_path / "profile.toml").plan
+    assert [walk.duration_s for walk in plan.block] == [500, 60]
+    assert plan.passive.duration_s == 80
+    tab.until("document.querySelectorAll('#partrows tr').length === 4")
+
+    with (tmp_path / "profile.toml").open("a", encoding="utf-8") as opened:
+        opened.write("# by another program")
+    tab.page.locator("button[data-part='1']").click()
+    tab.page.click("#profilesave")
+    tab.until(f"{SAYS}.includes('inzwischen geändert')")
+    is_german(tab)
+    tab.page.click("#profilediscard")
+    tab.until("document.querySelectorAll('#profileparts tr').length === 4")
+
+
 def test_progress_has_a_row_for_each_session_and_says_why_one_was_interrupted(desk):
     tab, _ = desk
     login(tab)
     tab.until("document.querySelectorAll('#sessions tr:not(.why)').length === 6")
     rows = tab.page.locator("#sessions tr:not(.why)")
     assert rows.first.inner_text().split("\t")[1:] == ["9", "120 / 120", "43 %", "0", "goes on"]
+    assert "Mark: right knee" in tab.page.locator("#sessions .why").first.inner_text()
     tab.page.click("#all")
     tab.until("document.querySelectorAll('#sessions tr:not(.why)').length === 9")
     assert rows.nth(6).inner_text().split("\t")[2:] == ["0 / 0", "–", "0", "page ended"]
     assert tab.page.locator("#sessions .unknown").count() == 1
     why = tab.page.locator("#sessions .why").all_inner_texts()
-    assert "was too slow. The machine went on." in why[0]
-    assert "The hand switch was let go" in why[1]
-    assert "The patient's leg became stiff" in why[2]
+    assert "was too slow. The machine went on." in why[1]
+    assert "The hand switch was let go" in why[2]
+    assert "The patient's leg became stiff" in why[3]
     # Two runs of the curve: the session without a share is a gap.
     assert tab.page.locator("#chart .shares").count() == 2
     assert tab.page.locator("#chart .dot").count() == 8

@@ -318,6 +318,9 @@ class MessageTrainer:
         self.plan = None
         return self._reply("plan", None)
 
+    def mark(self, text):
+        return self._reply("mark", text)
+
     def configuration(self):
         brake = {"brake": self.brakes}
         return filled(

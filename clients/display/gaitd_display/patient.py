@@ -56,6 +56,7 @@ from gaitd_display.words import Word
 
 SETTLED_NS: Final = 1_500_000_000
 """So long a button that begins something is not yet offered, where what it begins has changed."""
+PROFILE_POLL_S: Final = 2.0
 NOT_OFFERED: Final = "not_offered"
 
 
@@ -106,6 +107,13 @@ class Offers:
         return frozenset(
             offer for offer, since_ns in self._since_ns.items() if now_ns - since_ns >= SETTLED_NS
         )
+
+
+async def _follow_profile(training: Training) -> None:
+    """Take a changed profile, which the therapist's page may have written, before a session."""
+    while True:
+        await asyncio.sleep(PROFILE_POLL_S)
+        await asyncio.to_thread(training.refresh)
 
 
 class PatientServer:
@@ -166,9 +174,11 @@ class PatientServer:
         if self._training is None:
             yield
             return
-        await asyncio.to_thread(self._training.begin)
+        training = self._training
+        await asyncio.to_thread(training.begin)
         try:
-            yield
+            async with working(_follow_profile(training)):
+                yield
         finally:
             await asyncio.to_thread(self._training.end)
 

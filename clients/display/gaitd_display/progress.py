@@ -24,7 +24,7 @@ from gaitd_session import (
 from gaitd_session.goals import band_about
 from gaitd_session.profile import Goal
 from gaitd_session.profile import Profile as SessionProfile
-from gaitd_session.store import InterruptionRow
+from gaitd_session.store import InterruptionRow, MarkRow
 from gaitd_texts import STOPS
 from gaitd_toml import ConfigError
 
@@ -35,6 +35,8 @@ NS_PER_MS: Final = 1_000_000
 SESSIONS_MAX: Final = 200
 """The newest of so many are shown."""
 STOPS_MAX: Final = 5
+"""The newest of so many are shown of each session."""
+MARKS_MAX: Final = 20
 """The newest of so many are shown of each session."""
 
 
@@ -76,6 +78,14 @@ class PastStop(msgspec.Struct, frozen=True):
     """What to do about it, and whom to call; None: nothing, a patient has paused for example."""
 
 
+class PastMark(msgspec.Struct, frozen=True):
+    """What a person has written about a session."""
+
+    time_ms: float
+    """UTC, ms since 1970."""
+    text: str
+
+
 class PastSession(msgspec.Struct, frozen=True):
     """One session of the history."""
 
@@ -93,6 +103,8 @@ class PastSession(msgspec.Struct, frozen=True):
     """Mean of the bands of its blocks and legs; None: there is none."""
     interruption_count: int
     stops: tuple[PastStop, ...]
+    """The newest first."""
+    marks: tuple[PastMark, ...]
     """The newest first."""
     block: int
     """Number of its newest block, from 1; 0: none was begun."""
@@ -121,6 +133,8 @@ class _History(msgspec.Struct, frozen=True):
     """The newest `SESSIONS_MAX`."""
     stops: Mapping[int, Sequence[InterruptionRow]] = {}
     """What has interrupted each of these sessions, by its number."""
+    marks: Mapping[int, Sequence[MarkRow]] = {}
+    """Those of each session that has any."""
     goals: Sequence[GoalSummary] = ()
     self_test_ms: float | None = None
     troubles: tuple[Spoken, ...] = ()
@@ -143,8 +157,7 @@ def read_progress(files: SessionFiles | None) -> Progress:
         is_configured=True,
         profile=_profile(profile),
         sessions=tuple(
-            _session(one, history.stops[one.number], goals[one.number], profile.goal)
-            for one in history.sessions
+            _session(one, history, goals[one.number], profile.goal) for one in history.sessions
         ),
         targets=present_targets(profile, history.goals),
         self_test_ms=history.self_test_ms,
@@ -161,6 +174,7 @@ def _read_history(files: SessionFiles, profile: SessionProfile) -> _History:
             return _History(
                 sessions,
                 {one.number: store.interruptions(one.number)[-STOPS_MAX:] for one in sessions},
+                store.marks(profile.id),
                 store.goals(profile.id, profile.goal.band_width_ratio / 2),
                 store.self_test_utc_ns(profile.id) / NS_PER_MS,
             )
@@ -216,7 +230,7 @@ def _target(middle_ratio: float, goal: Goal) -> Target:
 
 def _session(
     one: SessionSummary,
-    stops: Sequence[InterruptionRow],
+    history: _History,
     goals: Sequence[GoalSummary],
     goal: Goal,
 ) -> PastSession:
@@ -229,7 +243,11 @@ def _session(
         one.mean_share_ratio,
         _target(fmean(one.middle_ratio for one in goals), goal) if goals else None,
         one.interruption_count,
-        tuple(_stop(stop) for stop in reversed(stops)),
+        tuple(_stop(stop) for stop in reversed(history.stops[one.number])),
+        tuple(
+            PastMark(mark.utc_ns / NS_PER_MS, mark.said)
+            for mark in reversed(history.marks.get(one.number, ())[-MARKS_MAX:])
+        ),
         max((one.block for one in goals), default=0),
     )
 

@@ -17,6 +17,7 @@ from gaitd_client import (
     Status,
     Trainer,
 )
+from gaitd_client.wire import MARK_LENGTH_MAX, ONE_LINE
 from gaitd_session.session import AXES
 from msgspec import Meta
 from starlette.applications import Starlette
@@ -29,6 +30,7 @@ from starlette.websockets import WebSocket
 from gaitd_display.controls import Command
 from gaitd_display.feed import Feed
 from gaitd_display.login import Attempts, Session, Sessions, read_hash
+from gaitd_display.profile_form import PROFILE_MAX_BYTES, profile_form, save_profile
 from gaitd_display.progress import read_progress
 from gaitd_display.settings import TherapistSettings
 from gaitd_display.therapist_view import (
@@ -57,6 +59,7 @@ from gaitd_display.web import (
     small_body,
     working,
 )
+from gaitd_display.words import spoken
 
 COOKIE: Final = "__Host-gaitd"
 CSRF_HEADER: Final = "x-csrf-token"
@@ -75,6 +78,24 @@ class PlanWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Body of a request that releases a plan; null withdraws it."""
 
     plan: PlanLimits | None
+
+
+class MarkWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a request that writes a mark."""
+
+    text: Annotated[str, Meta(min_length=1, max_length=MARK_LENGTH_MAX, pattern=ONE_LINE)]
+
+
+Number = float | None
+
+
+class ProfileWish(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Body of a request that changes the profile."""
+
+    sha256: str
+    """SHA-256 of the file that the form was filled from."""
+    values: dict[str, dict[str, Number | dict[str, Number] | list[dict[str, Number]]]]
+    """Those of the form; null: what was typed is no number."""
 
 
 class Password(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -125,7 +146,10 @@ class TherapistServer:
                     Route("/session.json", self._session_text),
                     Route("/act", self._act, methods=["POST"]),
                     Route("/plan", self._plan, methods=["POST"]),
+                    Route("/mark", self._mark, methods=["POST"]),
                     Route("/progress.json", self._progress),
+                    Route("/profile.json", self._profile),
+                    Route("/profile", self._change_profile, methods=["POST"]),
                 ],
                 self._live,
             ),
@@ -279,11 +303,40 @@ class TherapistServer:
             self.state.plan = plan_view(plan) if answer.status_code == 200 else UNKNOWN_PLAN
         return answer
 
+    async def _mark(self, request: Request) -> Response:
+        if (refusal := self._refusal(request)) is not None:
+            return refusal
+        try:
+            text = msgspec.json.decode(await small_body(request), type=MarkWish).text
+        except ValueError as error:
+            why = spoken(lambda texts: texts.text("label.mark_allowed", highest=MARK_LENGTH_MAX))
+            return json(Answer("refused", str(error), why), 400)
+        return await self._ask(lambda: self._trainer.mark(text))
+
     async def _progress(self, request: Request) -> Response:
         if self._session(request) is None:
             return json(Answer("refused", "login"), 401)
         async with self._reading:  # one at a time
             return json(await asyncio.to_thread(read_progress, self._settings.session))
+
+    async def _profile(self, request: Request) -> Response:
+        if self._session(request) is None:
+            return json(Answer("refused", "login"), 401)
+        async with self._reading:
+            return await asyncio.to_thread(profile_form, self._settings.session)
+
+    async def _change_profile(self, request: Request) -> Response:
+        if (refusal := self._refusal(request)) is not None:
+            return refusal
+        try:
+            body = await small_body(request, PROFILE_MAX_BYTES)
+            wish = msgspec.json.decode(body, type=ProfileWish)
+        except ValueError as error:
+            return json(Answer("refused", str(error)), 400)
+        async with self._reading:
+            return await asyncio.to_thread(
+                save_profile, self._settings.session, wish.sha256, wish.values
+            )
 
     async def _ask(self, request: Callable[[], Reply]) -> Response:
         if self._asking.locked():

@@ -6,7 +6,9 @@ no drive has power: START then requests RESET. Every other way out is decided in
 """
 
 import sys
-from collections.abc import Callable, Mapping
+import threading
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Final
 
 import msgspec
@@ -26,6 +28,7 @@ from gaitd_session import (
     read_profile,
 )
 from gaitd_session.machine import ACTIVE
+from gaitd_toml import ConfigError
 
 from gaitd_display.settings import SessionFiles
 from gaitd_display.words import Spoken, spoken
@@ -124,12 +127,38 @@ class Training:
         Raises:
             ConfigError: the profile cannot be used.
         """
-        self._profile = profile = read_profile(files.profile)
-        self._plan = blocks_of(profile)
+        self._file, self._trainer, self._clock = files.profile, trainer, clock
+        self._profile = read_profile(self._file)
         self._history = open_history(files.history)
-        self._make: Callable[[], Session] = lambda: Session(trainer, profile, self._history, clock)
+        self._changing = threading.Lock()
+        self._is_over = False
         self._session = self._make()
         self._past = self._past_shares()
+
+    def _make(self) -> Session:
+        """Return a session of the profile as it is now; one that cannot be read changes nothing."""
+        self._read_at = _stamp(self._file)
+        try:
+            self._profile = read_profile(self._file)
+        except ConfigError as error:
+            print(f"{error.lines}\nthe profile of before stays in force", file=sys.stderr)
+        self._plan = blocks_of(self._profile)
+        return Session(self._trainer, self._profile, self._history, self._clock)
+
+    def refresh(self) -> None:
+        """Take a profile that was changed, as long as nothing has begun; call it in a thread."""
+        with self._changing:
+            is_due = self._read_at != _stamp(self._file)
+            if is_due and not self._is_over and self._session.view().phase is Phase.WAITING:
+                self._replace()
+
+    def _replace(self) -> None:
+        try:
+            self._leave()
+        finally:
+            self._session = self._make()  # reads what the one before has written at its end
+            self._past = self._past_shares()
+            self._session.__enter__()
 
     def _past_shares(self) -> tuple[float, ...] | None:
         """Return the mean shares of the sessions before, oldest first; None: not known."""
@@ -150,7 +179,9 @@ class Training:
     def end(self) -> None:
         """End the session: it switches the drives off if it has switched them on."""
         try:
-            self._leave()
+            with self._changing:
+                self._is_over = True
+                self._leave()
         finally:
             if self._history.store is not None:
                 self._history.store.close()
@@ -217,12 +248,20 @@ class Training:
 
     def press(self, button: str) -> None:
         """Press a button of the view; waits if another session begins, so call it in a thread."""
-        if button == Button.START and self._session.view().may_be_replaced:
-            try:
-                self._leave()
-            finally:
-                self._session = self._make()  # reads what the one before has written at its end
-                self._past = self._past_shares()
-                self._session.__enter__()
-        else:
-            self._session.press(Button(button))
+        if button != Button.START:
+            self._session.press(Button(button))  # what ends a motion waits for nothing
+            return
+        with self._changing:
+            if self._session.view().may_be_replaced:
+                self._replace()
+            else:
+                self._session.press(Button.START)
+
+
+def _stamp(file: Path) -> tuple[int, int, int] | None:
+    """Return what differs where a file is another one; None: it is not there."""
+    try:
+        found = file.stat()
+    except OSError:
+        return None
+    return found.st_ino, found.st_mtime_ns, found.st_size

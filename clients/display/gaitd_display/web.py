@@ -127,7 +127,7 @@ class Guard:
         return is_reading or is_program or headers.get("origin") in self._origins
 
 
-async def small_body(request: Request) -> bytes:
+async def small_body(request: Request, most_bytes: int = BODY_MAX_BYTES) -> bytes:
     """Return the body of a request.
 
     Raises:
@@ -138,8 +138,8 @@ async def small_body(request: Request) -> bytes:
         async with asyncio.timeout(WAIT_S):
             async for part in request.stream():
                 body += part
-                if len(body) > BODY_MAX_BYTES:
-                    raise ValueError(f"more than {BODY_MAX_BYTES} bytes")
+                if len(body) > most_bytes:
+                    raise ValueError(f"more than {most_bytes} bytes")
     except TimeoutError as error:
         raise ValueError(f"not complete after {WAIT_S:g} s") from error
     return body

@@ -119,6 +119,7 @@ class AsyncTrainer:
     mode = _awaited(Trainer.mode)
     release_plan = _awaited(Trainer.release_plan)
     withdraw_plan = _awaited(Trainer.withdraw_plan)
+    mark = _awaited(Trainer.mark)
     restart_gateway = _awaited(Trainer.restart_gateway)
 
     async def stop(self) -> wire.Reply:

@@ -319,6 +319,14 @@ class Trainer:
         """Withdraw the released limits: a session may not request a gait any more."""
         return self._done("plan", plan=None)
 
+    def mark(self, text: str) -> wire.Reply:
+        """Write a mark: an event with this text and the present time, for an operator.
+
+        Args:
+            text: one line of at most 80 characters, without a name of the patient.
+        """
+        return self._done("mark", text=text)
+
     def restart_gateway(self) -> wire.Reply:
         """Restart the gateway, so that changed keys take effect."""
         return self._done("restart")

@@ -98,6 +98,8 @@ class EventCode(StrEnum):
     PLAN_RELEASED = auto()
     PLAN_WITHDRAWN = auto()
     PLAN_UNREADABLE = auto()
+    MARK = auto()
+    """A person has written a remark, with this time."""
     CONFIG_REFUSED = auto()
     CONFIG_RELOADED = auto()
     GATEWAY_KILLED = auto()

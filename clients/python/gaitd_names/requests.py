@@ -107,6 +107,7 @@ class RefusalCode(StrEnum):
     UNKNOWN_LEG = auto()
     RECORDING_PLAYED = auto()
     """The gateway publishes a recording, of which nothing can be requested."""
+    TOO_MANY_MARKS = auto()
     PLAN_MAY_RETURN = auto()
     """The plan is in force, but its file could not be removed."""
     PLAN_MAY_BE_LOST = auto()

@@ -8,7 +8,7 @@ found when the file is read, and not while a patient trains.
 import secrets
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, NamedTuple
 
 import msgspec
 from gaitd_toml import ConfigError, Document, decoded, parse_toml, read_toml
@@ -20,7 +20,10 @@ ID_ALPHABET: Final = "abcdefghjkmnpqrstuvwxyz23456789"
 ID_LENGTH: Final = 8
 BLOCK_MIN_S: Final = 5.0
 
-Cadence = Annotated[float, Meta(ge=0.01, le=2)]
+CADENCE_MAX_HZ: Final = 2.0
+BLOCKS_MAX: Final = 50
+
+Cadence = Annotated[float, Meta(ge=0.01, le=CADENCE_MAX_HZ)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 PositiveShare = Annotated[float, Meta(ge=0.001, le=1)]
 
@@ -101,7 +104,7 @@ class Plan(_Strict, frozen=True, kw_only=True):
     passive: Walk | None = None
     """A gait in which the patient relaxes, 80 s for a minute of strides; None: there is none."""
     warm_up: Walk
-    block: Annotated[tuple[Walk, ...], Meta(min_length=1, max_length=50)]
+    block: Annotated[tuple[Walk, ...], Meta(min_length=1, max_length=BLOCKS_MAX)]
     """Blocks in their order; `[[plan.block]]` for each."""
 
 
@@ -146,40 +149,59 @@ def parse_profile(text: str, file: Path) -> Profile:
 
 def _checked(document: Document) -> Profile:
     profile = decoded(document, Profile)
-    if errors := [ConfigError(document.path, *one) for one in _contradictions(profile)]:
+    wrong = contradictions(profile)
+    if errors := [ConfigError(document.path, one.key, one.value, one.allowed) for one in wrong]:
         raise ConfigError.combined(errors)
     return profile
 
 
-def _contradictions(profile: Profile) -> Iterator[tuple[str, object, str]]:
-    """Values that are allowed alone, and not beside another one: key, value, what is allowed."""
-    limits, goal, plan = profile.range, profile.goal, profile.plan
+class Wrong(NamedTuple):
+    """A value that is not allowed."""
+
+    key: str
+    value: object
+    value_low: float | None
+    """The least that is allowed; None: the value is no number."""
+    value_high: float | None
+    allowed: str
+    """What is allowed, in English, for the error of a file."""
+
+
+def contradictions(profile: Profile) -> list[Wrong]:
+    """Return the values that are allowed alone, and not beside another one."""
+    return [*_of_bounds(profile), *_of_walks(profile)]
+
+
+def _of_bounds(profile: Profile) -> Iterator[Wrong]:
+    limits, goal = profile.range, profile.goal
     if len(set(profile.legs)) != len(profile.legs):
-        yield "legs", profile.legs, "each leg once"
-    for name, low, high in (
-        ("range.cadence_max_hz", limits.cadence_min_hz, limits.cadence_max_hz),
-        ("range.amplitude_max_ratio", limits.amplitude_min_ratio, limits.amplitude_max_ratio),
-        ("goal.share_max_ratio", goal.share_min_ratio, goal.share_max_ratio),
+        yield Wrong("legs", profile.legs, None, None, "each leg once")
+    for name, low, high, most in (
+        ("range.cadence_max_hz", limits.cadence_min_hz, limits.cadence_max_hz, CADENCE_MAX_HZ),
+        ("range.amplitude_max_ratio", limits.amplitude_min_ratio, limits.amplitude_max_ratio, 1.0),
+        ("goal.share_max_ratio", goal.share_min_ratio, goal.share_max_ratio, 1.0),
     ):
         if high < low:
-            yield name, high, f"at least {name.replace('max', 'min')}, which is {low:g}"
-    if not goal.share_min_ratio <= goal.share_start_ratio <= goal.share_max_ratio:
-        allowed = (
-            f"from {goal.share_min_ratio:g} to {goal.share_max_ratio:g}, the therapist's bounds"
-        )
-        yield "goal.share_start_ratio", goal.share_start_ratio, allowed
+            allowed = f"at least {name.replace('max', 'min')}, which is {low:g}"
+            yield Wrong(name, high, low, most, allowed)
+    low, high, start = goal.share_min_ratio, goal.share_max_ratio, goal.share_start_ratio
+    if not low <= start <= high:
+        allowed = f"from {low:g} to {high:g}, the therapist's bounds"
+        yield Wrong("goal.share_start_ratio", start, low, high, allowed)
+
+
+def _of_walks(profile: Profile) -> Iterator[Wrong]:
+    limits, plan = profile.range, profile.plan
     walks = {} if plan.passive is None else {"plan.passive": plan.passive}
     walks |= {"plan.warm_up": plan.warm_up}
     walks |= {f"plan.block[{index}]": walk for index, walk in enumerate(plan.block)}
+    bounds = {
+        "cadence_hz": (limits.cadence_min_hz, limits.cadence_max_hz),
+        "amplitude_ratio": (limits.amplitude_min_ratio, limits.amplitude_max_ratio),
+    }
     for key, walk in walks.items():
-        for name, value, low, high in (
-            ("cadence_hz", walk.cadence_hz, limits.cadence_min_hz, limits.cadence_max_hz),
-            (
-                "amplitude_ratio",
-                walk.amplitude_ratio,
-                limits.amplitude_min_ratio,
-                limits.amplitude_max_ratio,
-            ),
-        ):
+        for name, (low, high) in bounds.items():
+            value = getattr(walk, name)
             if not low <= value <= high:
-                yield f"{key}.{name}", value, f"from {low:g} to {high:g}, the profile's range"
+                allowed = f"from {low:g} to {high:g}, the profile's range"
+                yield Wrong(f"{key}.{name}", value, low, high, allowed)

@@ -17,6 +17,7 @@ from gaitd_session.store import (
     BlockRow,
     GoalSummary,
     InterruptionRow,
+    MarkRow,
     SessionSummary,
     Store,
     StrideRow,
@@ -70,6 +71,7 @@ class _Told(NamedTuple):
     goals: Sequence[GoalSummary]
     strides: Sequence[StrideRow]
     interruptions: Sequence[InterruptionRow]
+    marks: Sequence[MarkRow]
     self_test_utc_ns: int
 
 
@@ -87,6 +89,7 @@ def report(store: Store, profile: Profile, session: int | None, texts: Catalogue
         *_plot(told, profile.goal, texts),
         *_blocks(told, profile.goal, texts),
         *_interruptions(told.interruptions, texts),
+        *_marks(told.marks, texts),
         f"<p>{escape(texts.text('report.meaning'))}</p>",
     )
     title = escape(texts.text("report.title"))
@@ -112,6 +115,7 @@ def _read(store: Store, profile: Profile, session: int | None) -> _Told:
         [one for one in goals if one.session == number],
         store.strides_of(number),
         store.interruptions(number),
+        store.marks(profile.id).get(number, ()),
         store.self_test_utc_ns(profile.id),
     )
 
@@ -240,6 +244,13 @@ def _interruptions(found: Sequence[InterruptionRow], texts: Catalogue) -> Iterat
     heads = [texts.text("report.time"), texts.text("report.why")]
     rows = [(_time(one.utc_ns), texts.interruption(one.reason or one.phase)) for one in found]
     yield from _table(heads, rows)
+
+
+def _marks(found: Sequence[MarkRow], texts: Catalogue) -> Iterator[str]:
+    if found:
+        yield f"<h2>{escape(texts.text('report.marks'))}</h2>"
+        heads = [texts.text("report.time"), texts.text("report.mark")]
+        yield from _table(heads, [(_time(one.utc_ns), one.said) for one in found])
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> Iterator[str]:

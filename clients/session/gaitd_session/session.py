@@ -52,6 +52,7 @@ from gaitd_session.store import (
     GoalRow,
     History,
     InterruptionRow,
+    MarkRow,
     Row,
     SelfTestRow,
     SessionRow,
@@ -119,6 +120,7 @@ class Session:
         self._state = begin(profile, middles, self_test_due=True)
         self._passed: set[str] = set()
         self._utc_ns = 0
+        self._marks: deque[Event] = deque()
         self._buttons: deque[Button] = deque()
         self._strides: deque[Stride | NotValid] = deque()
         self._asked: list[Future[Answer]] = []
@@ -278,11 +280,13 @@ class Session:
         )
 
     def _take_event(self, event: Event | NotValid) -> None:
-        """Take the result of a self-test, in a thread of its stream."""
-        if not isinstance(event, Event) or event.subject is None:
+        """Take the result of a self-test, or a mark, in a thread of its stream."""
+        if not isinstance(event, Event):
             return
-        if event.code == EventCode.SELF_TEST_PASSED:
+        if event.code == EventCode.SELF_TEST_PASSED and event.subject is not None:
             self._passed.add(event.subject)
+        elif event.code == EventCode.MARK:
+            self._marks.append(event)
 
     def _pressed(self) -> Button | None:
         """Return the strongest of the buttons pressed since the last step.
@@ -356,6 +360,7 @@ class Session:
             walked = self._block_rows(state, self._now_s()) if state.phase is Phase.WALKING else []
             silence = self._silence_rows(state, None)
             self._rows += [*walked, *silence, EndRow(self._utc_ns, "left")]
+        self._rows += self._mark_rows()
         for _ in range(2):  # what is being written, then the rest
             if self._writing is not None:
                 wait([self._writing])
@@ -401,6 +406,7 @@ class Session:
                 self._rows += self._block_rows(before, now_s)
         if is_change:
             self._rows += self._change_rows(before, after, trainer)
+        self._rows += self._mark_rows()
         if self._rows and is_due:
             self._flush()
             self._flushed_s = now_s
@@ -431,6 +437,15 @@ class Session:
             self._has_ended = True
             end = "complete" if after.block is None else "ended"
             rows.append(EndRow(self._utc_ns, end))
+        return rows
+
+    def _mark_rows(self) -> list[Row]:
+        """Return the new marks; one from before START is of the session that it begins."""
+        rows: list[Row] = []
+        while self._marks:
+            mark = self._marks.popleft()
+            is_before = not self._has_begun
+            rows.append(MarkRow(self._profile.id, mark.time_ns, mark.said, is_before))
         return rows
 
     def _silence_rows(self, before: State, trainer: TrainerState | None) -> list[Row]:

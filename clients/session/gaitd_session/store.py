@@ -10,7 +10,7 @@ Rules:
 5. Migration: MIGRATIONS[n] leads from version n to n + 1, in one transaction, when a writer opens
    the file. An entry is never edited after a release; a change of the schema is another entry.
 6. The file is bounded: where it has more than STRIDES_BYTES_MAX, a session that begins deletes the
-   strides of the oldest sessions. Sessions, blocks and goals stay.
+   strides of the oldest sessions. All else stays.
 7. Deleted rows are overwritten (secure_delete), and `erase` leaves none in free pages or in the
    write-ahead log.
 """
@@ -96,6 +96,17 @@ MIGRATIONS: Final[tuple[tuple[str, ...], ...]] = (
         """,
         "CREATE TABLE self_test (profile TEXT NOT NULL, utc_ns INTEGER NOT NULL) STRICT",
     ),
+    (
+        """
+        CREATE TABLE mark (
+            session INTEGER REFERENCES session ON DELETE CASCADE,
+            profile TEXT NOT NULL,
+            utc_ns INTEGER NOT NULL,
+            said TEXT NOT NULL,
+            PRIMARY KEY (profile, utc_ns, said)
+        ) STRICT, WITHOUT ROWID
+        """,
+    ),
 )
 
 _FLOCK: Final = "hhqqi0q"
@@ -179,7 +190,17 @@ class SelfTestRow(NamedTuple):
     utc_ns: int
 
 
-Row = SessionRow | EndRow | BlockRow | GoalRow | StrideRow | InterruptionRow | SelfTestRow
+class MarkRow(NamedTuple):
+    """A person has written a remark; the same one twice is kept once."""
+
+    profile: str
+    utc_ns: int
+    said: str
+    is_before: bool
+    """It belongs to the session of the profile that begins next; else to the newest one."""
+
+
+Row = SessionRow | EndRow | BlockRow | GoalRow | StrideRow | InterruptionRow | SelfTestRow | MarkRow
 
 _OF_SESSION: Final[dict[type, str]] = {
     BlockRow: "block",
@@ -279,6 +300,11 @@ class Store:
             database.execute("PRAGMA journal_mode = WAL")
         elif version == 0:
             raise UnusableFileError(f"{self.file} is empty: there is no session yet")
+        elif version < len(MIGRATIONS):
+            raise UnusableFileError(
+                f"{self.file} is of an earlier gaitd-session: start the program that writes it,"
+                " the patient's page or `gaitd-session run`, which brings it up to date"
+            )
         for setting in ("synchronous = FULL", "foreign_keys = ON", "secure_delete = ON"):
             database.execute(f"PRAGMA {setting}")
         if not is_writer:
@@ -328,9 +354,14 @@ class Store:
         match row:
             case SessionRow():
                 self._make_room()
-                return self._database.execute(
+                number = self._database.execute(
                     "INSERT INTO session (profile, trainer, begun_utc_ns) VALUES (?, ?, ?)", row
                 ).lastrowid
+                self._database.execute(
+                    "UPDATE mark SET session = ? WHERE session IS NULL AND profile = ?",
+                    (number, row.profile),
+                )
+                return number
             case EndRow():
                 self._database.execute(
                     "UPDATE session SET ended_utc_ns = ?, end = ? WHERE number = ?", (*row, session)
@@ -338,6 +369,13 @@ class Store:
                 return None
             case SelfTestRow():
                 self._database.execute("INSERT INTO self_test VALUES (?, ?)", row)
+            case MarkRow():
+                self._database.execute(
+                    "INSERT OR IGNORE INTO mark SELECT"
+                    " iif(?4, NULL, (SELECT max(number) FROM session WHERE profile = ?1)),"
+                    " ?1, ?2, ?3",
+                    row,
+                )
             case _:
                 marks = ", ".join("?" * (len(row) + 1))
                 self._database.execute(
@@ -365,7 +403,8 @@ class Store:
             with _transaction(self._database):
                 of_profile = "WHERE profile = ?"
                 found = self._database.execute(f"DELETE FROM session {of_profile}", (profile,))
-                self._database.execute(f"DELETE FROM self_test {of_profile}", (profile,))
+                for table in ("self_test", "mark"):
+                    self._database.execute(f"DELETE FROM {table} {of_profile}", (profile,))
             self._database.execute("VACUUM")
             is_busy, *_ = self._database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
         if is_busy:
@@ -458,6 +497,18 @@ class Store:
             session,
         )
         return [InterruptionRow(*row) for row in rows]
+
+    def marks(self, profile: str) -> dict[int, list[MarkRow]]:
+        """Return the marks of a profile in order of time, by the number of their session."""
+        rows = self._read(
+            "SELECT session, utc_ns, said FROM mark WHERE profile = ? AND session IS NOT NULL"
+            " ORDER BY utc_ns",
+            profile,
+        )
+        marks: dict[int, list[MarkRow]] = {}
+        for session, utc_ns, said in rows:
+            marks.setdefault(session, []).append(MarkRow(profile, utc_ns, said, is_before=False))
+        return marks
 
     def strides(self, profile: str) -> list[tuple[Any, ...]]:
         """Return all strides of a profile with the columns `EXPORTED`, in order of time."""

@@ -8,8 +8,8 @@ import ssl
 import subprocess
 import sys
 import tempfile
-import traceback
 from pathlib import Path
+from unittest import mock
 from urllib.error import URLError
 from urllib.request import Request, urlopen
 
@@ -40,6 +40,7 @@ from gaitd_session.store import (
     BlockRow,
     GoalRow,
     InterruptionRow,
+    MarkRow,
     SelfTestRow,
     SessionRow,
     Store,
@@ -47,6 +48,7 @@ from gaitd_session.store import (
 )
 from gaitd_texts import Reader, Situation, catalogue
 from msgspec.structs import replace
+from other_user import forked, result
 from starlette.testclient import TestClient
 from starlette.websockets import WebSocketDisconnect
 from training import PROFILE
@@ -60,7 +62,7 @@ ORIGIN = "https://127.0.0.1:8080"
 OURS = {"origin": ORIGIN, "host": "127.0.0.1:8080"}
 NS_PER_S = 1_000_000_000
 NONE = NotValid("a key", Trouble.SILENT, "no message")
-WRITER, READER, GROUP, FAILED = 64001, 64002, 64003, 255
+WRITER, READER, GROUP = 64001, 64002, 64003
 
 
 @pytest.fixture(scope="module")
@@ -431,6 +433,30 @@ def test_a_stop_at_rest_sounds_as_on_the_patient_s_page(trainer, view):
     assert alarm(Mode.FAULT, Cause.DRIVE_FAULT, power="fault", sto=True) is None
 
 
+# --- marks --------------------------------------------------------------------------------------
+
+
+def test_a_mark_is_sent_with_a_login_alone_and_what_is_no_line_is_refused_in_both_languages(
+    client, trainer
+):
+    assert post(client, "/mark", {"text": "before"}).status_code == 401
+    login(client)
+    assert post(client, "/mark", {"text": "before"}, csrf="x").status_code == 403
+    assert post(client, "/mark", {"text": "right knee"}).json()["outcome"] == "done"
+    for text in ("", "x" * 81, "a\nb", "a\u202eb"):
+        refused = post(client, "/mark", {"text": text})
+        assert refused.status_code == 400
+        assert "1 bis 80 Zeichen" in refused.json()["said"]["de"]
+        assert "1 to 80 characters" in refused.json()["said"]["en"]
+    trainer.refusal, trainer.refused = "too_many_marks", {"highest": 10, "window_s": 10}
+    refused = post(client, "/mark", {"text": "once more"})
+    assert refused.status_code == 409
+    assert "10 Notizen in 10 s" in refused.json()["said"]["de"]
+    assert [one for one in trainer.requests if one[1:] == ("right knee",)] == [
+        ("mark", "right knee")
+    ]
+
+
 # --- profile and progress -----------------------------------------------------------------------
 
 
@@ -463,6 +489,7 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
                 InterruptionRow(1_795_000_001_000_000_000, "paused", ""),
                 InterruptionRow(1_795_000_003_000_000_000, "stopped", Cause.SPASM),
                 SelfTestRow("7f3k9m2q", 1_795_000_000_000_000_000),
+                MarkRow("7f3k9m2q", 1_795_000_002_000_000_000, "right knee", is_before=False),
             ]
         )
         (session,) = progress()["sessions"]
@@ -477,6 +504,7 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     assert (newest["time_ms"], oldest["time_ms"]) == (1_795_000_003_000.0, 1_795_000_001_000.0)
     assert newest["said"]["en"] == texts.text("stopped.spasm")
     assert newest["remedy"]["en"] == texts.remedy(Cause.SPASM, texts.buttons())
+    assert session["marks"] == [{"time_ms": 1_795_000_002_000.0, "text": "right knee"}]
     assert (oldest["said"]["en"], oldest["remedy"]) == ("The patient has paused.", None)
     assert progress()["self_test_ms"] == 1_795_000_000_000.0
     assert progress()["sessions"][0]["end"] == "interrupted"  # its program has ended without one
@@ -488,6 +516,49 @@ def test_profile_and_sessions_are_shown_and_what_cannot_be_read_is_told(client, 
     files.history.write_bytes(b"no database" * 1000)
     assert progress()["troubles"][0]["de"].startswith("Der Verlauf ist nicht verwendbar: /")
     assert (progress()["sessions"], progress()["profile"]["id"]) == ([], "7f3k9m2q")
+
+
+def test_a_profile_is_changed_with_a_login_and_its_journal_line_says_old_and_new(
+    client, tmp_path, capsys
+):
+    assert client.get("/profile.json").status_code == 401
+    assert post(client, "/profile", {"sha256": "", "values": {}}).status_code == 401
+    login(client)
+    assert client.get("/profile.json").status_code == 404
+    files = SessionFiles(profile=tmp_path / "profile.toml", history=tmp_path / "history.sqlite")
+    client.server._settings = replace(client.server._settings, session=files)
+    assert "no such file" in client.get("/profile.json").json()["said"]["de"]
+    files.profile.write_text(PROFILE, encoding="utf-8")
+    form = client.get("/profile.json").json()
+    assert form["bounds"]["plan.block.rest_s"] == {"value_low": 0, "value_high": 3600}
+
+    def save(**walk):
+        values = json.loads(json.dumps(form["values"]))
+        values["plan"]["block"][0] |= walk
+        return post(client, "/profile", {"sha256": form["sha256"], "values": values})
+
+    assert post(client, "/profile", {"sha256": "", "values": {}}, csrf="x").status_code == 403
+    refused = save(rest_s=4000, cadence_hz=None)
+    assert refused.status_code == 400
+    wrong = {one.pop("key"): one for one in refused.json()["wrong"]}
+    assert wrong == {
+        "plan.block[0].cadence_hz": {"value": None, "value_low": 0.01, "value_high": 2},
+        "plan.block[0].rest_s": {"value": 4000, "value_low": 0, "value_high": 3600},
+    }
+    capsys.readouterr()
+    assert save(rest_s=45).json()["outcome"] == "done"
+    told = f"gaitd-display: {files.profile} changed: plan.block[0].rest_s 3 -> 45\n"
+    assert capsys.readouterr().out == told
+    again = save(rest_s=50)
+    assert (again.status_code, again.json()["reason"]) == (409, "profile_conflict")
+    assert "inzwischen geändert" in again.json()["said"]["de"]
+    assert client.get("/progress.json").json()["profile"]["blocks"][1]["rest_s"] == 45
+    form = client.get("/profile.json").json()
+    with mock.patch("os.fsync", side_effect=OSError(28, "No space left on device")):
+        full = save(rest_s=60)
+    assert (full.status_code, full.json()["reason"]) == (500, "trouble.profile_not_written")
+    assert "No space left" in full.json()["said"]["de"]
+    assert post(client, "/profile", {"sha256": 5, "values": {}}).status_code == 400
 
 
 @pytest.mark.skipif(os.getuid() != 0, reason="needs root, to be two other users")
@@ -527,25 +598,3 @@ def test_another_user_reads_the_history_by_the_shared_group_alone_and_does_not_h
         shutil.rmtree(folder)
         for pipe in (is_written, written, end, may_end):
             os.close(pipe)
-
-
-def forked(user, group, function):
-    """A process of another user, which ends with the number that the function returns."""
-    child = os.fork()
-    if child == 0:
-        code = FAILED
-        try:
-            os.setgroups([])
-            os.setresgid(group, group, group)
-            os.setresuid(user, user, user)
-            os.umask(0o007)
-            code = int(function())
-        finally:
-            if code == FAILED:
-                os.write(2, traceback.format_exc().encode())
-            os._exit(code)
-    return child
-
-
-def result(child):
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])

@@ -12,7 +12,7 @@ from gaitd_client import Mode
 from gaitd_display.settings import SessionFiles, Web
 from gaitd_display.training import Summary, Training
 from gaitd_display.web import Server
-from gaitd_session import Advice, SessionError
+from gaitd_session import Advice, Phase, SessionError
 from gaitd_session.store import EndRow, SelfTestRow, SessionRow, Store, StrideRow
 from starlette.applications import Starlette
 from training import PROFILE
@@ -66,6 +66,47 @@ def test_after_the_end_drives_can_be_switched_off_and_only_then_another_session_
 
     assert again.advice == Advice.PRESS_START
     training.end()
+
+
+def plan_of(file, duration_s):
+    text = PROFILE.replace("duration_s = 12.0", f"duration_s = {duration_s}")
+    file.write_text(text, encoding="utf-8")
+
+
+def test_a_changed_profile_counts_before_the_first_start_and_from_the_next_session_on(
+    files, trainer, capsys
+):
+    training = Training(files, trainer, trainer.clock)
+    training.begin()
+    until(training, trainer, Mode.READY, lambda view: view.plan_s == 22.0)
+    before = training._session
+    training.refresh()
+    assert training._session is before
+    plan_of(files.profile, 120.0)
+    training.refresh()
+    until(training, trainer, Mode.READY, lambda view: view.plan_s == 130.0)
+    files.profile.write_text("version = 1", encoding="utf-8")
+    training.refresh()  # a profile that cannot be read is told once, and changes nothing
+    training.refresh()
+    until(training, trainer, Mode.READY, lambda view: view.plan_s == 130.0)
+    assert capsys.readouterr().err.count("the profile of before stays in force") == 1
+
+    training.press("start")
+    until(training, trainer, Mode.READY, lambda view: view.phase is not Phase.WAITING)
+    plan_of(files.profile, 50.0)
+    training.refresh()
+    assert until(training, trainer, Mode.READY, lambda _: True).plan_s == 130.0
+    training.press("end")
+    until(training, trainer, Mode.READY, lambda view: view.buttons == ("start",))
+    training.refresh()
+    assert until(training, trainer, Mode.READY, lambda _: True).plan_s == 130.0
+    training.press("start")
+    until(training, trainer, Mode.READY, lambda view: view.plan_s == 60.0)
+    training.end()
+    ended = training._session
+    plan_of(files.profile, 70.0)
+    training.refresh()
+    assert training._session is ended
 
 
 def test_another_session_knows_what_the_one_before_wrote_last_even_if_that_failed(

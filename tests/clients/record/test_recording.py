@@ -534,6 +534,29 @@ def changed(one, **fields):
 
 
 @pytest.mark.parametrize("purpose", [Purpose.ALL, Purpose.TRAINING])
+def test_a_mark_during_a_training_is_in_its_messages_and_its_table_of_events(
+    published, tmp_path, purpose
+):
+    walked = published.messages[1000:3000]
+    at = msgspec.json.decode(walked[1000].payload, type=Head)
+    event = next(one for one in published.messages if one.key == wire.EVENTS)
+    given = {"cycle": at.cycle, "sample_time_ns": at.sample_time_ns, "mode": "gait"}
+    marked = changed(event, **given, id="x", code="mark", kind="note", said="right knee")
+    events = []
+
+    with recorder(published, tmp_path, purpose, events) as made:
+        for one in [*walked[:1000], marked, *walked[1000:]]:
+            made.add(one)
+
+    finished = next(one for one in events if isinstance(one, Finished))
+    table = pq.read_table(finished.path / "events.parquet").to_pylist()
+    assert [row["said"] for row in table if row["code"] == "mark"] == ["right knee"]
+    with (finished.path / MESSAGES).open("rb") as file:
+        read_back = [one.data for *_, one in make_reader(file).iter_messages(log_time_order=False)]
+    assert read_back.count(marked.payload) == 1
+
+
+@pytest.mark.parametrize("purpose", [Purpose.ALL, Purpose.TRAINING])
 def test_messages_that_others_have_overtaken_begin_and_end_no_recording(
     published, tmp_path, purpose
 ):

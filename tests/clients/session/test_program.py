@@ -28,6 +28,7 @@ from gaitd_session.store import (
     EndRow,
     GoalRow,
     InterruptionRow,
+    MarkRow,
     SelfTestRow,
     SessionRow,
     Store,
@@ -160,6 +161,7 @@ def trained(folder):
         *(GoalRow(block, leg, 0.3, 0.35) for block in (1, 2) for leg in ("right", "left")),
         InterruptionRow(begun_ns + 4 * minute_ns, "stopped", Cause.SPASM),
         InterruptionRow(begun_ns + 5 * minute_ns, "paused", ""),
+        MarkRow(read_profile(file).id, begun_ns + minute_ns, "right <knee>", is_before=False),
     ]
     for number in range(60):
         block, end_ns = 1 + number // 40, begun_ns + number * minute_ns // 15
@@ -211,6 +213,7 @@ def test_a_report_has_figures_blocks_and_stops_in_one_file(tmp_path, language, t
     assert page.words[0] == title
     assert {"3.5 min", "120", "119", "30%", "4.5 J", "2.0 / 2.0 min", "39 / 40"} <= {*page.words}
     assert {stop.text("stopped.spasm"), stop.text("interruption.paused")} <= {*page.words}
+    assert {"2026-11-18 11:07:40 UTC", "right <knee>"} <= {*page.words}
     assert page.marks == 119 + 2  # one for each valid step, and the key of both legs
 
 

@@ -193,6 +193,30 @@ def test_a_block_is_on_the_disk_within_the_time_of_a_flush(history):
         assert summary.walked_s >= bench.session._state.block_walked_s(bench.session._now_s())
 
 
+def test_marks_before_within_and_after_a_session_are_in_its_history(history):
+    bench = Bench(history)
+
+    def mark(said):
+        bench.trainer.events_stream.function(
+            filled(Event, code="mark", said=said, time_ns=bench.trainer.utc_ns)
+        )
+
+    mark("before START")
+    bench.walk()
+    mark("within")
+    bench.step(after_s=FLUSH_S)
+    bench.step(Button.END)
+    while bench.session.view().phase is not Phase.FINISHED:
+        bench.step()
+    mark("after the end")
+    mark("when the page is closed")
+    bench.session._leave()
+    bench.session._writer.shutdown()
+
+    said = ["before START", "within", "after the end", "when the page is closed"]
+    assert [one.said for one in history.store.marks(profile().id)[1]] == said
+
+
 def test_of_several_presses_the_strongest_counts_and_none_is_kept(history):
     bench = Bench(history)
     bench.step()

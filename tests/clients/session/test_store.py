@@ -7,12 +7,15 @@ import sqlite3
 import pytest
 from gaitd_session.export import ExportError, export
 from gaitd_session.store import (
+    APPLICATION_ID,
     EXPORTED,
     INTERRUPTED,
+    MIGRATIONS,
     BlockRow,
     EndRow,
     GoalRow,
     InterruptionRow,
+    MarkRow,
     SelfTestRow,
     SessionRow,
     Store,
@@ -185,7 +188,7 @@ def write_torn(file):
     [
         (write_text, "no SQLite file"),
         (write_foreign, "another program"),
-        (write_later, "version 99, this program reads up to 1"),
+        (write_later, "version 99, this program reads up to 2"),
         (write_torn, "damaged"),
     ],
 )
@@ -248,6 +251,44 @@ def test_strides_of_the_oldest_sessions_make_room_and_their_sessions_stay(tmp_pa
         assert held >= 3 * per_session
         store.write([SessionRow(PROFILE, "trainer", 1000)])
         assert len(store.strides(PROFILE)) == held - 2 * per_session
+
+
+def test_a_mark_is_of_the_session_that_goes_on_or_was_the_last_or_comes_next(tmp_path):
+    def mark(profile, utc_ns, *, is_before=False):
+        return MarkRow(profile, utc_ns, f"remark at {utc_ns}", is_before)
+
+    with Store(tmp_path / "a.sqlite", is_writer=True) as store:
+        store.write([mark(PROFILE, 1, is_before=True), mark(OTHER, 2, is_before=True)])
+        store.write([SessionRow(PROFILE, "trainer", 3), mark(PROFILE, 4), EndRow(5, "complete")])
+        store.write([mark(PROFILE, 6), mark(PROFILE, 6)])
+        store.write([SessionRow(OTHER, "trainer", 7), mark(OTHER, 8)])
+        times = [
+            [one.utc_ns for one in store.marks(who)[n]] for n, who in ((1, PROFILE), (2, OTHER))
+        ]
+        store.erase(PROFILE)
+        left = (store.marks(PROFILE), [one.said for one in store.marks(OTHER)[2]])
+
+    assert times == [[1, 4, 6], [2, 8]]
+    assert left == ({}, ["remark at 2", "remark at 8"])
+
+
+def test_a_reader_of_an_earlier_file_says_who_brings_it_up_to_date(tmp_path):
+    file = tmp_path / "a.sqlite"
+    with sqlite3.connect(file) as database:
+        for statement in MIGRATIONS[0]:
+            database.execute(statement)
+        database.execute(f"PRAGMA application_id = {APPLICATION_ID}")
+        database.execute("PRAGMA user_version = 1")
+        database.execute(
+            "INSERT INTO session VALUES (1, ?, 'trainer', 1000, 2000, 'ended')", [PROFILE]
+        )
+    database.close()
+
+    with pytest.raises(StoreError, match="patient's page"):
+        Store(file, is_writer=False)
+    Store(file, is_writer=True).close()
+    with Store(file, is_writer=False) as store:
+        assert (len(store.summaries(PROFILE)), store.marks(PROFILE)) == (1, {})
 
 
 def test_erase_leaves_no_trace_of_a_profile_in_any_file_and_others_whole(tmp_path):

@@ -384,7 +384,7 @@ def test_the_gateway_introduces_no_peer_to_another(kind, request, eventually):
 FLOOD = 90
 QUERIES = (
     *("status", "config", "schema", "acquire", "release", "enable", "disable", "mode", "reset"),
-    *("report", "plan", "restart"),
+    *("report", "plan", "mark", "restart"),
 )
 OWN = {
     "display": {"status", "config", "schema"},

@@ -16,6 +16,7 @@ from daemon.gateway.events import Kind, Priority
 from daemon.gateway.requests import Answer
 from daemon.ipc.record import Plan
 from daemon.keys.folder import Client, Keys, Register
+from daemon.wire.roles import ROLES, Access, RoleRules
 
 TODAY = "2026-11-23"
 LIMITS = AskedPlan(cadence_max_hz=0.5, amplitude_max_ratio=0.8, duration_max_s=600.0)
@@ -54,7 +55,7 @@ def test_certificates_that_end_within_30_days_are_named_and_a_password_never(at,
     assert Clients(None).expiring(round(utc.timestamp()) * 10**9) == ()
 
 
-ACTING = ("acquire", "release", "report", "plan", "restart")
+ACTING = ("acquire", "release", "report", "plan", "mark", "restart")
 
 
 @pytest.mark.parametrize(
@@ -63,7 +64,7 @@ ACTING = ("acquire", "release", "report", "plan", "restart")
         (Role.DISPLAY, ()),
         (Role.CONTROLLER, ("acquire", "release", "report")),
         (Role.SESSION, ()),
-        (Role.OPERATOR, ("plan", "restart")),
+        (Role.OPERATOR, ("plan", "mark", "restart")),
         (Role.SERVICE, ("restart",)),
     ],
 )
@@ -80,6 +81,17 @@ def test_a_role_requests_what_it_has_a_right_to(role, may):
             "role_may_not",
             {"role": role, "request": name},
         )
+
+
+@pytest.mark.parametrize("right", [Access.PLAN, Access.MARK])
+def test_a_plan_and_a_mark_have_each_their_own_right(monkeypatch, right):
+    monkeypatch.setitem(ROLES, Role.DISPLAY, RoleRules(access=frozenset({right})))
+    clients = Clients(keys("display.desk"))
+
+    assert clients.role(right.value, "display.desk") is Role.DISPLAY
+    other = {"plan", "mark"} - {right.value}
+    with pytest.raises(ClientRefusedError):
+        clients.role(*other, "display.desk")
 
 
 def test_a_query_that_acts_needs_a_name_of_the_register():

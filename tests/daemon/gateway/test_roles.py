@@ -47,6 +47,7 @@ MAY = {
     "mode": {"session", "operator", "service"},
     "reset": {"session", "operator", "service"},
     "plan": {"operator"},
+    "mark": {"operator"},
     "restart": {"operator", "service"},
     "release": {"controller"},
     "report": {"controller"},
@@ -62,6 +63,7 @@ PLAN = {
 PAYLOADS = {
     "mode": {"mode": "hold"},
     "plan": {"plan": PLAN},
+    "mark": {"text": "a remark"},
     "release": {"lease": 1},
     "report": {"lease": 1, "leg": "right", "values": {}},
 }

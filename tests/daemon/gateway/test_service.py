@@ -5,6 +5,7 @@ import os
 from unittest import mock
 
 import msgspec
+import pytest
 from gaitd_names import (
     Cause,
     CyclePart,
@@ -18,6 +19,7 @@ from gaitd_names import (
 )
 
 from daemon.gateway.core_view import SILENCE_NS
+from daemon.gateway.events import MARKS_MAX, MARKS_WINDOW_NS
 from daemon.gateway.health import HealthWindow
 from daemon.gateway.setpoints import NOTHING
 from daemon.gateway.translate import Stamp
@@ -305,6 +307,43 @@ def test_a_plan_that_the_disk_does_not_take_is_done_with_that_reason(bench, ask,
     }
     assert (outcome.code, outcome.said) == ("request_answered", why.said)
     assert outcome.values["refusal"] == why.code
+
+
+def test_a_mark_is_one_event_with_who_and_what_and_too_many_are_refused(bench, ask):
+    asks = [ask("mark", b'{"client": "me", "text": "remark %d"}' % n) for n in range(MARKS_MAX + 1)]
+    bench.cycle(*asks)
+
+    marks = [one for one in bench.outlet.events if one.code == "mark"]
+    assert [one.said for one in marks] == [f"remark {n}" for n in range(MARKS_MAX)]
+    assert {(one.kind, one.priority, one.values["client"]) for one in marks} == {
+        ("note", "info", "me")
+    }
+    assert [one.replies[0].outcome for one in asks] == ["done"] * MARKS_MAX + ["refused"]
+    refusal = asks[-1].replies[0].refusal
+    assert (refusal.code, refusal.values) == ("too_many_marks", {"highest": 10, "window_s": 10})
+    later = ask("mark", b'{"text": "%s"}' % ("ü" * 80).encode())
+    bench.turn(later, after_ms=MARKS_WINDOW_NS // MS)
+    assert later.replies[0].outcome == "done"
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "Expected `str` of length >= 1"),
+        ("x" * 81, "Expected `str` of length <= 80"),
+        ("a\\nb", "without control characters"),
+        ("a\\u202eb", "without control characters"),
+    ],
+)
+def test_a_mark_that_is_no_line_is_refused_with_what_is_allowed(bench, ask, text, why):
+    mark = ask("mark", f'{{"text": "{text}"}}'.encode())
+    bench.cycle(mark)
+
+    refusal = mark.replies[0].refusal
+    assert refusal.code == "bad_payload"
+    assert why in refusal.said
+    assert "$.text" in refusal.said
+    assert [one for one in bench.outlet.events if one.code == "mark"] == []
 
 
 def test_an_event_of_a_refused_acquire_names_who_has_asked_and_who_holds_the_lease(bench, ask):

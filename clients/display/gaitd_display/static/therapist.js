@@ -3,6 +3,7 @@ import { Alarm, Live, Words, byId, load, post, setText } from "./common.js";
 import { LegCard } from "./therapist_legs.js";
 import { clock, clockWithSeconds, digits, icon, made, Once, paintIcon } from "./therapist_parts.js";
 import { PlanForm } from "./therapist_plan.js";
+import { ProfileForm } from "./therapist_profile.js";
 import { ProgressPanel } from "./therapist_progress.js";
 import { lookOf } from "./timeline.js";
 
@@ -92,8 +93,15 @@ const possible = new Once(([controls, holder]) => {
   if (had) byId("h-controls").focus(); // the next press of a key must not meet another button
 });
 
+byId("mark").addEventListener("submit", async (event) => {
+  event.preventDefault();
+  const field = byId("marktext");
+  if (await request("/mark", { text: field.value.trim() })) field.value = "";
+});
+
 const plan = new PlanForm(words, (limits) => request("/plan", { plan: limits }));
 const history = new ProgressPanel(words);
+const profile = new ProfileForm(words, session.csrf, () => readOnce());
 
 // --- painting ----------------------------------------------------------------------------------
 
@@ -220,9 +228,14 @@ function paint() {
   history.paint(progress);
 }
 
-async function readProgress() {
+async function readOnce() {
   const signal = AbortSignal.timeout(PROGRESS_MS);
   progress = await fetch("/progress.json", { signal }).then((answer) => (answer.ok ? answer.json() : null)).catch(() => null);
+  byId("profilepanel").hidden = !progress?.is_configured;
+}
+
+async function readProgress() {
+  await readOnce();
   setTimeout(readProgress, PROGRESS_MS);
 }
 
@@ -230,6 +243,7 @@ byId("language").addEventListener("click", () => {
   words.toggle();
   for (const card of cards.values()) card.relabel();
   plan.judge();
+  profile.relabel();
   tell("");
 });
 byId("quiet").addEventListener("click", () => alarm.acknowledge());

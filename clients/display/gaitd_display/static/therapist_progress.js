@@ -45,16 +45,21 @@ export class ProgressPanel {
         percent(one.mean_share_ratio, language), String(one.interruption_count), this.words.of(`end.${one.end}`),
       ];
       const row = made("tr", "", ...cells.map((text) => made("td", text === "–" ? "unknown" : "", made("span", "", text))));
-      return one.stops.length === 0 ? [row] : [row, made("tr", "why", Object.assign(made("td", "", this.stops(one)), { colSpan: 6 }))];
+      return one.stops.length + one.marks.length === 0 ? [row] : [row, made("tr", "why", Object.assign(made("td", "", this.stops(one)), { colSpan: 6 }))];
     }));
     byId("all").hidden = sessions.length <= NEWEST;
     byId("all").setAttribute("aria-expanded", this.isWhole);
     setText(byId("all"), this.isWhole ? this.words.of("fewer_sessions") : this.words.of("all_sessions", { count: sessions.length }));
   }
 
-  stops({ stops }) {
-    return made("ul", "", ...stops.map(({ time_ms: time, said, remedy }) => {
-      const item = made("li", "", `${clock(time, this.words.language)} `, this.words.said(said));
+  // Stops and marks, the newest first.
+  stops({ stops, marks }) {
+    const texts = [
+      ...stops.map((stop) => ({ ...stop, text: this.words.said(stop.said) })),
+      ...marks.map((mark) => ({ ...mark, text: this.words.of("mark_said", { text: mark.text }), remedy: null })),
+    ].sort((one, other) => other.time_ms - one.time_ms);
+    return made("ul", "", ...texts.map(({ time_ms: time, text, remedy }) => {
+      const item = made("li", "", `${clock(time, this.words.language)} `, text);
       if (remedy !== null) item.append(this.remedy(remedy));
       return item;
     }));

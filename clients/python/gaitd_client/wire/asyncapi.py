@@ -26,7 +26,8 @@ PUBLISHED: Final = {
 }
 """Key behind `gaitd/TRAINER/` of each message that is published."""
 ACTING: Final = (
-    "acquire", "release", "report", "enable", "disable", "stop", "reset", "mode", "plan", "restart"
+    "acquire", "release", "report", "enable", "disable", "stop", "reset", "mode", "plan", "mark",
+    "restart",
 )  # fmt: skip
 """Queries that are answered by a reply; the others are answered by the message of their name."""
 PARAMETERS: Final[dict[str, dict[str, Any]]] = {

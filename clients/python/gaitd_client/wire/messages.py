@@ -55,6 +55,8 @@ from gaitd_client.wire.leg_messages import (
 
 EFFORT_MAX: Final = 1500
 """Largest effort in a request; limits.toml has the maximum of each joint, which is lower."""
+MARK_LENGTH_MAX: Final = 80
+"""Characters of a mark: it is one line of a list."""
 EXACT_MAX: Final = 2**53 - 1
 """Up to here every JSON reader represents integers exactly."""
 
@@ -204,7 +206,7 @@ class Event(Stated, frozen=True, kw_only=True):
 
 
 class Reply(Stated, frozen=True, kw_only=True):
-    """Answer to a request that acts: leases, enable, disable, stop, reset, mode, plan, restart."""
+    """Answer to a request that acts: leases, requests to the machine, plan, mark, restart."""
 
     request: Annotated[str, Meta(description="NAME of control/NAME.")]
     outcome: OutcomeName
@@ -424,6 +426,23 @@ class PlanAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
     plan: Annotated[AskedPlan | None, Meta(description="Null: withdraw it; no gait is allowed.")]
 
 
+class MarkAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Payload of a query to control/mark: publish a remark as an event, with the present time.
+
+    The event has the code `mark` and the text in `said`. The service reads nothing of it.
+    """
+
+    text: Annotated[
+        str,
+        Meta(
+            min_length=1,
+            max_length=MARK_LENGTH_MAX,
+            pattern=ONE_LINE,
+            description="The remark; without a name or a birth date of the patient.",
+        ),
+    ]
+
+
 class AxisSetpoint(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A controller's wish for one axis."""
 
@@ -469,6 +488,7 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
     "release": ReleaseAsk,
     "report": ReportAsk,
     "plan": PlanAsk,
+    "mark": MarkAsk,
     "setpoint": SetpointMessage,
 }
 """NAME in `gaitd.NAME.v1` of each message."""
