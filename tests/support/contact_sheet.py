@@ -8,7 +8,7 @@ from PIL import Image, ImageDraw, ImageFont
 GAP_PX = 8
 LABEL_PX = 30
 COLOURS = 96
-"""Of the palette: the pages have few colours, and the files are part of every clone."""
+"""Size of the palette: the pages have few colours, and the files are part of every clone."""
 
 
 def contact_sheet(file: Path, shots: list[bytes], columns: int, width: int) -> None:
