@@ -81,6 +81,11 @@ LONG: Final = {
         ("gaitd_display.__main__",),
         ("clients/display/gaitd_display/static",),
     ),
+    "pictures": Made(
+        "pytest -n0 tests/rigs -m rig_browser -k pictures --write-pages",
+        ("gaitd_display.__main__", "gaitd_session.report"),
+        ("clients/display/gaitd_display/static",),
+    ),
     "process_faults.md": Made(
         "pytest tests/service -m '' --write-process-faults",
         SERVICE,

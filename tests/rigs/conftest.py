@@ -55,6 +55,14 @@ with can.Bus(interface="socketcan", channel="vcan0") as drive, can.Bus(
 """
 
 
+@pytest.fixture
+def pictures(pytestconfig):
+    """Where the pictures of docs/pages_in_pictures.md are written."""
+    project = Path(__file__).parents[2]
+    is_for_docs = pytestconfig.option.write_pages
+    return project / ("docs/pictures" if is_for_docs else "out/display/pictures")
+
+
 class Witnessed(NamedTuple):
     """A frame as candump has seen it."""
 

@@ -1,6 +1,7 @@
 """The patient's page in headless Chromium: each state, its accessibility, losses, memory.
 
-Screenshots of all states are written to out/display.
+Screenshots of all states are written to out/display; with --write-pages those of
+docs/pages_in_pictures.md to docs/pictures.
 """
 
 import itertools
@@ -13,6 +14,7 @@ import browser as rig
 import display_bench as bench
 import msgspec
 import pytest
+from contact_sheet import contact_sheet
 from gaitd_client import Cause, Mode, Stage
 from gaitd_display.feed import PAGES_MAX, TICK_S
 from gaitd_display.patient import PatientServer
@@ -220,6 +222,13 @@ GOOD = training(
     steps=steps(*GOOD_SHARES),
     row_count=6,
 )
+PASSIVE = training(
+    Phase.WALKING,
+    Advice.RELAX,
+    PAUSE,
+    **{"number": 1, "block_left_s": 52.0, "block_s": 80.0},
+    **{"session_valid_count": 0, "session_in_band_count": 0},
+)
 SUMMARY = Summary(
     **{"walked_s": 1200.0, "valid_count": 1447, "in_band_count": 1348, "best_row_count": 131},
     **{"share_ratio": 0.36, "past_share_ratios": (0.22, 0.24, 0.26, 0.28, 0.3, 0.32, 0.33)},
@@ -296,6 +305,7 @@ STATES = {
     "more": walking("more", 0.38, 0.36, 0.34, 0.30, 0.28, 0.24, 0.0),
     "gently": walking("gently", 0.38, 0.42, 0.46, 0.52, 1.0),
     "relax": State("relax", WALKING, training(Phase.WALKING, Advice.WALK, PAUSE, steps=AGAINST)),
+    "passive": State("relax", WALKING, PASSIVE),
     "go_on": walking("go_on", 0.36, 0.41, None, None),
     "go_on_first": walking("go_on"),
     "rest": State(
@@ -331,7 +341,7 @@ STATES = {
     "stopped_switch": State(
         "stopped", {**STOPPED, "cause": Cause.HAND_SWITCH_OPEN, "switch": False}
     ),
-    "stopped_reset": State("stopped", {**STOPPED, "cause": Cause.TRACKING_LIMIT}, None, "action"),
+    "stopped_reset": State("stopped", {**STOPPED, "cause": Cause.SPASM}, None, "action"),
     "stopped_held": State("stopped", {**STOPPED, "cause": Cause.EFFORT_LIMIT}),
     "stopped_loose": State("stopped", {**STOPPED, "cause": Cause.ENCODER_FROZEN}),
     "stopped_without_power": State(
@@ -424,6 +434,56 @@ HALF = len(STATES) // 2
 @pytest.mark.parametrize("names", [[*STATES][:HALF], [*STATES][HALF:]], ids=["first", "second"])
 def test_each_state_is_readable_in_pairs_of_language_size_and_scheme(chromium, tmp_path, names):
     look_at_states(chromium, tmp_path, ("right",), names)
+
+
+SHEETS = {
+    "patient_before": (
+        *("start_without_switch", "start", "daily_test", "soon", "self_test", "passive"),
+    ),
+    "patient_walking": ("good", "more", "gently", "relax", "go_on", "guide"),
+    "patient_after": ("rest", "next", "paused", "finished"),
+    "patient_stopped": (
+        *("stopped_switch", "stopped_reset", "stopped_held", "stopped_danger", "stopped_pressed"),
+        "no_signal",
+    ),
+    "patient_dark": ("start", "good", "stopped_danger", "no_signal"),
+}
+"""Pictures of docs/pages_in_pictures.md, and the states in each."""
+
+
+@pytest.mark.thorough
+def test_the_states_of_the_guide_are_pictures(chromium, pictures, tmp_path):
+    trainer, told = bench.MessageTrainer(), Told()
+    with served(trainer, tmp_path, told) as site, rig.Player(trainer) as player:
+        tab = rig.Tab(chromium, site, rig.SHOTS)
+        for sheet, names in SHEETS.items():
+            scheme = "dark" if sheet == "patient_dark" else "light"
+            tab.page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+            shots = [shot_of(tab, told, player, name) for name in names]
+            contact_sheet(pictures / f"{sheet}.png", shots, columns=2, width=560)
+        close(tab)
+
+
+def shot_of(tab, told, player, name):
+    """A picture of the page once it has settled in a state."""
+    if name == "no_signal":
+        player.fall_silent()
+        tab.word("no_signal")
+        shot = tab.page.screenshot()
+        player.speak()
+        return shot
+    state = STATES[name]
+    told.now = state.training
+    player.play(**state.scene)
+    for _ in range(20):  # a busy computer may lose the connection
+        tab.word(state.word)
+        if state.button is not None:
+            tab.until(f"!document.querySelector('#{state.button}').hidden")
+        tab.page.wait_for_timeout(300)
+        shot = tab.page.screenshot()
+        if tab.page.evaluate("document.body.dataset.word") == state.word:
+            return shot
+    raise AssertionError(f"{name} did not last")
 
 
 def test_two_legs_are_readable_alike(chromium, tmp_path):

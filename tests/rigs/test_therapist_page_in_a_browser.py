@@ -1,6 +1,7 @@
 """The therapist's page in headless Chromium: each state, size, scheme, language; what it requests.
 
-Screenshots of all states are written to out/display.
+Screenshots of all states are written to out/display; with --write-pages those of
+docs/pages_in_pictures.md to docs/pictures.
 """
 
 import contextlib
@@ -11,12 +12,14 @@ import browser as rig
 import display_bench as bench
 import gaitd_names as names
 import pytest
+from contact_sheet import contact_sheet
 from gaitd_client import AxisPlan, Cause, Event, Mode, PlanLimits, RefusalCode
 from gaitd_display.login import hash_password
 from gaitd_display.therapist import TherapistServer
 from gaitd_names import NMT_STATES, POWER_STATES
 from gaitd_session import Why
 from gaitd_session.profile import read_profile
+from gaitd_session.report import report
 from gaitd_session.store import (
     BlockRow,
     EndRow,
@@ -35,6 +38,7 @@ pytestmark = pytest.mark.rig_browser
 
 PASSWORD = "correct horse battery staple"
 DAY_NS = 86_400_000_000_000
+STRIDE_NS = 4_500_000_000
 SIZES = ((1280, 800), (1920, 1080), (800, 1280), (390, 844))
 LANGUAGES = ("en", "de")
 SCHEMES = ("light", "dark")
@@ -152,6 +156,10 @@ def password_hash():
     return hash_password(PASSWORD)
 
 
+def stride_at(end_ns, share):
+    return StrideRow(1, "right", end_ns, 2.0, share, 0.02, 5.0, -1.0, share is not None)
+
+
 @contextlib.contextmanager
 def a_session_going_on(file):
     """Nine sessions, one a day; the third has no valid stride, the last goes on."""
@@ -160,7 +168,7 @@ def a_session_going_on(file):
         for day, share in enumerate((0.31, 0.28, None, 0.34, 0.33, 0.38, 0.36, 0.41, 0.43)):
             begun_ns = bench.BEGAN_NS + day * DAY_NS
             strides = [
-                StrideRow(1, "right", begun_ns + n, 2.0, share, 0.02, 5.0, -1.0, share is not None)
+                stride_at(begun_ns + n * STRIDE_NS, share and share + (n * 5 % 7 - 3) / 100)
                 for n in range(120)
             ]
             walked = BlockRow(1, "warm_up", 0.5, 0.4, 600.0, 480.0 + 10 * day)
@@ -292,6 +300,37 @@ def test_each_state_is_whole_readable_and_without_a_code_at_each_size(desk, trai
             tab.word(WORDS[state])
             tab.shot("_".join(("therapist", state, language, scheme, str(size[0]))))
     player.speak()
+
+
+@pytest.mark.thorough
+@one_leg
+def test_the_states_of_the_guide_are_pictures(chromium, desk, pictures, tmp_path):
+    tab, player = desk
+    login(tab)
+    show(tab, (1280, 800))
+    tab.until("document.querySelector('#sessions tr') !== null")
+    shots = {}
+    for state in ("ready", "walking", "stopped"):
+        player.play(**SCENES[state])
+        tab.word(WORDS[state])
+        if state == "walking":
+            tab.until("document.querySelectorAll('.path .mark').length > 4")
+        tab.page.wait_for_timeout(700)  # buttons that have just appeared are pale
+        tab.word(WORDS[state])
+        shots[state] = tab.page.screenshot()
+    player.play(**SCENES["walking"])
+    show(tab, (1280, 800), scheme="dark")
+    tab.word("moving")
+    contact_sheet(pictures / "therapist_dark.png", [tab.page.screenshot()], columns=1, width=880)
+    for state, shot in shots.items():
+        contact_sheet(pictures / f"therapist_{state}.png", [shot], columns=1, width=1000)
+    with Store(tmp_path / "history.sqlite", is_writer=False) as store:
+        profile = read_profile(tmp_path / "profile.toml")
+        page = report(store, profile, 8, catalogue(Reader.OPERATOR, "en"))
+    paper = chromium.new_page(viewport={"width": 900, "height": 1000})
+    paper.set_content(page)
+    contact_sheet(pictures / "session_report.png", [paper.screenshot()], columns=1, width=800)
+    paper.close()
 
 
 @one_leg
