@@ -1,17 +1,35 @@
 """The site of the documents by Sphinx, from the Markdown files as they are: `make docs`."""
 
 import re
+import sys
 from pathlib import Path
+from typing import cast
 
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
+ROOT = Path(__file__).parent.parent
+# The packages of this clone, wherever the environment has its own.
+sys.path[:0] = map(str, (ROOT, ROOT / "scripts", *ROOT.glob("clients/*/")))
+
+import command_reference  # noqa: E402
+import python_reference  # noqa: E402
+
 project = "gaitd"
 author = copyright = "the authors of gaitd, Apache-2.0"
-extensions = ["myst_parser"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "docs/index"
 include_patterns = ["*.md", "docs/*.md", "docs/evidence/*.md", "clients/*/README.md"]
 nitpicky = True
+nitpick_ignore_regex = [
+    ("py:.*", ".*")
+]  # types of signatures: those of other packages have no page
+default_role = "code"  # of docstrings, which mark code as Markdown does
+autodoc_typehints_format = "short"
+autodoc_preserve_defaults = True
+autodoc_member_order = "bysource"
+add_module_names = False
+toc_object_entries = False
 highlight_language = "text"
 html_theme = "furo"
 html_static_path = html_css_files = ["site.css"]
@@ -19,6 +37,8 @@ html_title = "gaitd"
 html_copy_source = html_show_sphinx = False
 myst_heading_anchors = 4  # as on GitHub
 
+MADE = {"docs/command_line": command_reference.reference, "docs/python_api": python_reference.reference}
+"""Pages of which the site has more than the repository: what the code says of itself."""
 INDICES = root_doc, "docs/evidence/README"
 LINK = re.compile(r"\]\((?!https?:)([^)#]+\.md)\)")
 
@@ -34,10 +54,25 @@ def add_contents(_app: Sphinx, page: str, source: list[str]) -> None:
         source[0] += "\n".join(pages) + "\n```\n"
 
 
+def add_reference(_app: Sphinx, page: str, source: list[str]) -> None:
+    """Put below a page what is made from the code."""
+    if page in MADE:
+        source[0] += f"\n{MADE[page]()}\n"
+
+
+def remove_alias(*event: object) -> None:
+    """Remove what Python writes below a field of a named tuple that has no text of its own."""
+    lines = cast("list[str]", event[-1])
+    if lines and lines[0].startswith("Alias for field number"):
+        lines.clear()
+
+
 def setup(app: Sphinx) -> None:
     """Sphinx calls this."""
     app.add_lexer("mermaid", TextLexer)  # GitHub draws it
     app.connect("source-read", add_contents)
+    app.connect("source-read", add_reference)
+    app.connect("autodoc-process-docstring", remove_alias)
     Path(app.outdir, "index.html").write_text(
         '<meta http-equiv="refresh" content="0; url=docs/index.html">\n', encoding="utf-8"
     )
