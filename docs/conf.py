@@ -2,9 +2,11 @@
 
 import re
 import sys
+from html import escape
 from pathlib import Path
 from typing import cast
 
+from docutils import nodes
 from pygments.lexers.special import TextLexer
 from sphinx.application import Sphinx
 
@@ -21,9 +23,8 @@ extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
 root_doc = "docs/index"
 include_patterns = ["*.md", "docs/*.md", "docs/evidence/*.md", "clients/*/README.md"]
 nitpicky = True
-nitpick_ignore_regex = [
-    ("py:.*", ".*")
-]  # types of signatures: those of other packages have no page
+# Types of signatures: those of other packages have no page.
+nitpick_ignore_regex = [("py:.*", ".*")]
 default_role = "code"  # of docstrings, which mark code as Markdown does
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
@@ -32,13 +33,25 @@ add_module_names = False
 toc_object_entries = False
 highlight_language = "text"
 html_theme = "furo"
-html_static_path = html_css_files = ["site.css"]
+html_css_files = ["site.css"]
 html_title = "gaitd"
 html_copy_source = html_show_sphinx = False
 myst_heading_anchors = 4  # as on GitHub
 
-MADE = {"docs/command_line": command_reference.reference, "docs/python_api": python_reference.reference}
+MERMAID = Path(sys.prefix, "share/mermaid/mermaid.min.js")
+"""`make docs` brings it here; without it the drawings stay text."""
+DRAW = """
+const theme = document.body.dataset.theme;
+const night = matchMedia("(prefers-color-scheme: dark)").matches;
+const dark = theme === "dark" || theme !== "light" && night;
+mermaid.initialize({theme: dark ? "dark" : "neutral"});
+"""
+MADE = {
+    "docs/command_line": command_reference.reference,
+    "docs/python_api": python_reference.reference,
+}
 """Pages of which the site has more than the repository: what the code says of itself."""
+html_static_path = ["site.css", *([str(MERMAID)] if MERMAID.is_file() else [])]
 INDICES = root_doc, "docs/evidence/README"
 LINK = re.compile(r"\]\((?!https?:)([^)#]+\.md)\)")
 
@@ -60,6 +73,28 @@ def add_reference(_app: Sphinx, page: str, source: list[str]) -> None:
         source[0] += f"\n{MADE[page]()}\n"
 
 
+def draw(
+    app: Sphinx, _page: str, _template: str, _context: object, tree: nodes.Node | None
+) -> None:
+    """Load the script that draws on the pages that have a drawing."""
+    if tree is not None and any(tree.findall(is_drawing)):
+        app.add_js_file(MERMAID.name)
+        app.add_js_file(None, body=DRAW)
+
+
+def is_drawing(node: nodes.Node) -> bool:
+    """True for a block of Mermaid."""
+    return isinstance(node, nodes.raw) and 'class="mermaid"' in node.astext()
+
+
+def mark_drawings(_app: Sphinx, tree: nodes.document, _page: str) -> None:
+    """Make blocks of Mermaid what its script finds."""
+    for block in tuple(tree.findall(nodes.literal_block)):
+        if block.get("language") == "mermaid":
+            text = f'<pre class="mermaid">{escape(block.astext())}</pre>'
+            block.replace_self(nodes.raw("", text, format="html"))
+
+
 def remove_alias(*event: object) -> None:
     """Remove what Python writes below a field of a named tuple that has no text of its own."""
     lines = cast("list[str]", event[-1])
@@ -69,7 +104,10 @@ def remove_alias(*event: object) -> None:
 
 def setup(app: Sphinx) -> None:
     """Sphinx calls this."""
-    app.add_lexer("mermaid", TextLexer)  # GitHub draws it
+    app.add_lexer("mermaid", TextLexer)
+    if MERMAID.is_file():
+        app.connect("doctree-resolved", mark_drawings)
+        app.connect("html-page-context", draw)
     app.connect("source-read", add_contents)
     app.connect("source-read", add_reference)
     app.connect("autodoc-process-docstring", remove_alias)
