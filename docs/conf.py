@@ -36,6 +36,7 @@ html_theme = "furo"
 html_css_files = ["site.css"]
 html_title = "gaitd"
 html_copy_source = html_show_sphinx = False
+myst_enable_extensions = ["alert"]  # boxes, as on GitHub
 myst_heading_anchors = 4  # as on GitHub
 
 MERMAID = Path(sys.prefix, "share/mermaid/mermaid.min.js")

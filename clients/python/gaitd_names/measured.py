@@ -48,7 +48,7 @@ class StatusBit(StrEnum):
     UNREFERENCED = auto()
     """Show that nothing is known, and that the axis must be homed."""
     ARTIFICIAL = auto()
-    """Say that this is a test: the estimate holds a disturbance that nobody exerts."""
+    """Say that this is a test: the estimate holds a disturbance, not only a patient."""
     INPUT_SATURATED = auto()
     """Show the value; do not judge friction by it."""
     NEAR_LIMIT = auto()
