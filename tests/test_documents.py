@@ -21,7 +21,6 @@ from typer._click.exceptions import BadOptionUsage
 
 from analysis import estimates, recording, stop_tables, stride_table
 from gaitd.__main__ import build, commands_for
-from observer.filter.status import Status
 from sim_drives.plant.truth import TruthRow
 
 LINK = re.compile(r"!?\[(?:[^\[\]]|\[[^\]]*\])*\]\(([^()\s]+)\)")
@@ -206,13 +205,11 @@ def test_the_page_of_csv_columns_has_those_that_the_programs_write_and_no_other(
             recording.COLUMNS
         ),
         "Estimates: `gaitd replay --output`": set(estimates.COLUMNS),
-        "Bits of `status`": {f"0x{bit.value:04x}" for bit in Status},
         "Strides: `gaitd replay --strides`": set(stride_table.columns()),
         "A stop: `gaitd blackbox show --csv`": {*recording.COLUMNS, *stop_tables.MORE_COLUMNS},
         "Truth of the virtual machine: `gaitd sim --truth`": set(TruthRow._fields),
         "History of training: `gaitd-session export`": set(EXPORTED),
     }
-    assert {bit.name for bit in Status} <= set(re.findall(r"\| ([A-Z_]+) \|", page))
 
 
 @pytest.fixture(scope="module")

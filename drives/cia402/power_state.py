@@ -68,23 +68,34 @@ from typing import Final, NamedTuple
 from drives.signals import HomingState, PowerRequest, PowerState
 
 SHUTDOWN: Final = 0x0006
+"""To ready to switch on: no torque."""
 SWITCH_ON: Final = 0x0007
+"""To switched on: no torque yet."""
 ENABLE_OPERATION: Final = 0x000F
+"""To operation enabled: torque."""
 START_HOMING: Final = 0x001F
 """Enable operation with bit 4: in homing mode its rising edge starts, its falling edge
 interrupts."""
 DISABLE_VOLTAGE: Final = 0x0000
+"""To switch on disabled: the axis coasts. Bit 1 is low."""
 QUICK_STOP: Final = 0x0002
+"""Brake on the ramp, where enabled; else to switch on disabled. Bit 2 is low."""
 HALT: Final = 0x010F
+"""Enable operation with bit 8: brake as 605Dh says, and hold."""
 FAULT_RESET: Final = 0x0080
+"""Bit 7: its rising edge resets a fault."""
 
 STATUS_WARNING: Final = 0x0080
+"""Bit 7: the drive warns, and goes on."""
 STATUS_FOLLOWS: Final = 0x1000
 """Bit 12 in the cyclic modes: the drive follows the target; if low, it ignores the target."""
 
 STATUS_TARGET_REACHED: Final = 0x0400
+"""Bit 10, read in homing mode alone: the target is reached, or the axis rests."""
 STATUS_HOMING_ATTAINED: Final = 0x1000
+"""Bit 12 in homing mode: the home is found."""
 STATUS_HOMING_ERROR: Final = 0x2000
+"""Bit 13 in homing mode: the homing has failed."""
 
 _OFF = PowerState.SWITCH_ON_DISABLED
 _READY = PowerState.READY_TO_SWITCH_ON

@@ -94,10 +94,12 @@ def parts(chosen: Mapping[str, str]) -> dict[str, str]:
 def diagram() -> Iterator[str]:
     """State diagram in Mermaid; transitions that all enabled modes share start at one box."""
     yield "stateDiagram-v2"
+    yield "    direction LR"  # at the width of a page the labels stay readable
     yield "    [*] --> off"
     shared = _shared()
     yield from _edges("    ", lambda mode, _event, _to: not mode.active)
     yield "    state enabled {"
+    yield "        direction LR"
     yield from _edges("        ", lambda mode, _event, to: mode.active and to.active)
     for mode in (Mode.REFERENCE, Mode.COMMISSION):
         yield f"        {_word(mode)}"

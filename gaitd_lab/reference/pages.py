@@ -9,7 +9,7 @@ from gaitd_toml import decoded, read_toml
 
 from daemon.config.limit_settings import Limits
 from daemon.config.shipped import configs_folder
-from gaitd_lab.reference import modes, roles, schemas, typescript
+from gaitd_lab.reference import bits, modes, roles, schemas, typescript
 
 TYPES: Final = "../clients/display/gaitd_display/static/gaitd.d.mts"
 """Seen from docs/."""
@@ -19,6 +19,7 @@ def parts() -> Mapping[str, Mapping[str, str]]:
     """Return the generated parts of each page; categories are those of the shipped limits.toml."""
     file = configs_folder("configs", "limits.toml") / "limits.toml"
     return {
+        "bits.md": bits.parts(),
         "messages.md": schemas.message_parts(),
         "configuration.md": schemas.configuration_parts(),
         "modes.md": modes.parts(decoded(read_toml(file), Limits).stop_category),

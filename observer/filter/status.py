@@ -5,37 +5,45 @@ from typing import Final
 
 
 class Status(IntFlag):
-    """Status bits of an estimate. Their values are part of the recorded format."""
+    """Status bits of an estimate. Their values are part of the recorded format.
+
+    The texts say when a bit is set; those of `gaitd_names.StatusBit` what a display does about it.
+    `make tables` writes both into docs/bits.md.
+    """
 
     VALID = 1 << 0
-    """Neither axis is BAD."""
+    """Neither axis is bad."""
     WARM_UP = 1 << 1
-    """The filter started, or restarted, within the last WARM_UP_CYCLES."""
+    """The filter started, or restarted, within the last 0.2 s; or it has no estimate yet."""
     PREDICT_ONLY = 1 << 2
     """At least one axis was not measured in this cycle, or its sample was not used."""
     GATED = 1 << 3
-    """A sample was rejected: its NIS is beyond the gate."""
+    """A sample was rejected: its NIS is beyond `gate_nis` of the robot file."""
     STANDSTILL_HIP = 1 << 4
-    """Gate a(v) < 0.5: friction and patient torque are hardly distinguishable."""
+    """The hip rests, gate a(v) < 0.5: friction and patient are hardly distinguishable."""
     STANDSTILL_SLIDE = 1 << 5
+    """The slide rests: the same."""
     NEAR_SINGULAR = 1 << 6
-    """|sin| of the angle between shank and shoe is below NEAR_SINGULAR_RATIO."""
+    """Shank and shoe are nearly in line: |sin| of the angle between them is below 0.3."""
     OUT_OF_WORKSPACE = 1 << 7
     """A sigma point, or the measured pose, is where the mechanism does not close."""
     LATE = 1 << 8
-    """The time step is zero, negative or long, or the caller marked the sample as late."""
+    """The time step is zero, negative or longer than 1.5 cycles, or the sample came late."""
     INCONSISTENT = 1 << 9
-    """Windowed NIS beyond its limit; or the filter restarted, or was out of the workspace, a short
-    time ago."""
+    """The mean NIS is beyond its limit; or the filter restarted, or was out of the workspace, a
+    short time ago."""
     UNREFERENCED = 1 << 10
+    """An axis has no known position: it is not homed, or its encoder lost its reference."""
     ARTIFICIAL = 1 << 11
     """The torque given to the observer contains an artificial disturbance."""
     INPUT_SATURATED = 1 << 12
+    """The effort sent to a drive is at its configured limit."""
     NEAR_LIMIT = 1 << 13
     """At an end stop: contact forces look like a patient."""
     UNCALIBRATED = 1 << 14
+    """The caller says that friction was not measured on this machine."""
     BASELINE = 1 << 15
-    """A passive baseline is taken off: values are relative to the minute with a passive patient."""
+    """A passive baseline is taken off the estimate of the patient."""
 
 
 class Validity(IntEnum):

@@ -50,6 +50,8 @@ def _awaited(
 class AsyncTrainer:
     """As `Trainer`, with `async with`, `async for` and `await`; arguments and errors are the same.
 
+    ::
+
         async with AsyncTrainer("tcp/127.0.0.1:7447") as trainer:
             async for activity in trainer.activity("right"):
                 ...

@@ -52,6 +52,8 @@ STRIDES_KEPT: Final = 64
 class Trainer:
     """A service; use it as a context manager.
 
+    ::
+
         with Trainer("tcp/127.0.0.1:7447") as trainer:
             for activity in trainer.activity("right"):
                 ...

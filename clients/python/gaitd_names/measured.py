@@ -19,25 +19,44 @@ class Doubt(StrEnum):
 
 
 class StatusBit(StrEnum):
-    """Status bits of the observer's estimate: `status` in each message that holds an estimate."""
+    """Status bits of the observer's estimate: `status` in each message that holds an estimate.
+
+    The texts say what a display does about a bit. Whether a number may be shown is said by the
+    `validity` of its axis alone; a number that may not is null.
+    """
 
     VALID = auto()
+    """Show each axis by its validity. Without this bit at least one axis has no number."""
     WARM_UP = auto()
+    """Wait: the first values are less certain, as their sigma says."""
     PREDICT_ONLY = auto()
+    """Nothing, while it is rare: sigma grows with each cycle."""
     GATED = auto()
+    """Nothing, while it is rare. If it stays, have encoder and cable checked."""
     STANDSTILL_HIP = auto()
+    """Show net of the hip once its validity is split_unobservable."""
     STANDSTILL_SLIDE = auto()
+    """Show net of the slide once its validity is split_unobservable."""
     NEAR_SINGULAR = auto()
+    """Show sigma with the value: a small error of the pose is a large one of effort."""
     OUT_OF_WORKSPACE = auto()
+    """Show that nothing is known: both axes are bad."""
     LATE = auto()
+    """Nothing: the true time step is used. If it stays, see `health`."""
     INCONSISTENT = auto()
+    """Show that nothing is known: both axes are bad. If it stays, calibrate."""
     UNREFERENCED = auto()
+    """Show that nothing is known, and that the axis must be homed."""
     ARTIFICIAL = auto()
+    """Say that this is a test: the estimate holds a disturbance, not only a patient."""
     INPUT_SATURATED = auto()
+    """Show the value; do not judge friction by it."""
     NEAR_LIMIT = auto()
+    """Do not count the effort as the patient's: it may be the end stop's."""
     UNCALIBRATED = auto()
+    """Show that nothing is known, and that the machine must be calibrated."""
     BASELINE = auto()
-    """A passive baseline is taken off: values are relative to the minute with a passive patient."""
+    """Say that values are relative to the minute with a passive patient."""
 
 
 COVERAGE_MIN_RATIO: Final = 0.5
