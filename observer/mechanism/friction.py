@@ -27,9 +27,14 @@ Units: hip N m, rad/s; slide N, m/s; the same law for both.
 import math
 from typing import Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from observer.jit import inline, kernel
 from observer.mechanism.elementary import expm1_of_negative, tanh
 from observer.quantities import Effort, Number, Position, Speed, Stiffness, Viscosity
+
+Vector = NDArray[np.float64]
 
 SQRT_E: Final = math.exp(0.5)
 SUBSTEPS_MAX: Final = 10
@@ -221,13 +226,13 @@ def smallest_stribeck(f: FrictionParameters) -> float:
     return f.coulomb * math.tanh(f.peak / f.transition) + f.viscous * f.peak
 
 
-def static_slope(f: FrictionParameters, velocity: float) -> float:
-    """dF_s/dv: N m s/rad or N s/m."""
+def static_slope(f: FrictionParameters, velocity: Vector) -> Vector:
+    """dF_s/dv at each velocity: N m s/rad or N s/m."""
     at_peak = velocity / f.peak
     hump = (f.stribeck - smallest_stribeck(f)) / f.peak
-    bell = hump * (1.0 - at_peak**2) * math.exp(0.5 * (1.0 - at_peak**2))
-    over = min(abs(velocity / f.transition), 350.0)
-    return bell + f.coulomb / f.transition / math.cosh(over) ** 2 + f.viscous
+    bell = hump * (1.0 - at_peak**2) * np.exp(0.5 * (1.0 - at_peak**2))
+    over = np.minimum(np.abs(velocity / f.transition), 350.0)
+    return bell + f.coulomb / f.transition / np.cosh(over) ** 2 + f.viscous
 
 
 def stability_number(f: FrictionParameters, inertia: float, dt_s: float) -> float:
@@ -242,15 +247,15 @@ def stability_number(f: FrictionParameters, inertia: float, dt_s: float) -> floa
     linearised at v. Where the slope is negative the axis itself is unstable (stick-slip); there the
     number is small, and the instability is not the integrator's.
     """
-    top = 4.0 * max(f.transition, f.peak, f.edge)
-    speeds = (top * (i / 2000.0) ** 2 for i in range(2001))
-    return max(_stability_at(f, inertia, dt_s, speed) for speed in speeds)
+    speed = _speeds(f)
+    opened = -np.expm1(-((speed / f.edge) ** 2))
+    share = -np.expm1(-opened * dt_s / f.time_constant_s)
+    return float(np.max(share * (2.0 + static_slope(f, speed) * dt_s / inertia)))
 
 
-def _stability_at(f: FrictionParameters, inertia: float, dt_s: float, speed: float) -> float:
-    opened = -math.expm1(-((speed / f.edge) ** 2))
-    share = -math.expm1(-opened * dt_s / f.time_constant_s)
-    return share * (2.0 + static_slope(f, speed) * dt_s / inertia)
+def _speeds(f: FrictionParameters) -> Vector:
+    """From rest to beyond all that the law distinguishes, the densest near rest."""
+    return 4.0 * max(f.transition, f.peak, f.edge) * np.linspace(0.0, 1.0, 2001) ** 2
 
 
 def bristle_stability_number(f: FrictionParameters, inertia: float, dt_s: float) -> float:
@@ -273,18 +278,12 @@ def runge_kutta_growth(f: FrictionParameters, inertia: float, dt_s: float) -> fl
 
     Only speeds with a rising static law count: elsewhere the axis itself is unstable.
     """
-    top = 4.0 * max(f.transition, f.peak, f.edge)
-    speeds = (top * (i / 2000.0) ** 2 for i in range(1, 2001))
-    rising = [speed for speed in speeds if static_slope(f, speed) > 0.0]
-    return max(_growth_at(f, inertia, dt_s, speed) for speed in rising)
-
-
-def _growth_at(f: FrictionParameters, inertia: float, dt_s: float, speed: float) -> float:
+    speed = _speeds(f)[1:]
+    slope = static_slope(f, speed)
+    speed, slope = speed[slope > 0.0], slope[slope > 0.0]
     # v' = -F / M, F' = r (F_s' v - F): eigenvalues of -r/2 +- sqrt(r^2/4 - r F_s' / M)
-    rate = -math.expm1(-((speed / f.edge) ** 2)) / f.time_constant_s
-    root = complex(0.25 * rate * rate - rate * static_slope(f, speed) / inertia) ** 0.5
-    return max(_runge_kutta_factor((-0.5 * rate + side * root) * dt_s) for side in (1, -1))
-
-
-def _runge_kutta_factor(z: complex) -> float:
-    return abs(1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0))))
+    rate = -np.expm1(-((speed / f.edge) ** 2)) / f.time_constant_s
+    root = np.sqrt((0.25 * rate * rate - rate * slope / inertia).astype(np.complex128))
+    z = (np.stack((root, -root)) - 0.5 * rate) * dt_s
+    factor = 1.0 + z * (1.0 + z / 2.0 * (1.0 + z / 3.0 * (1.0 + z / 4.0)))
+    return float(np.max(np.abs(factor)))

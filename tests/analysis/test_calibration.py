@@ -130,13 +130,22 @@ def bristled_run(*, slide: bool, duration_s: float) -> Source:
     return Source(recording("bristles.csv", values), None, "", None)
 
 
-@pytest.mark.parametrize(
-    ("slide", "duration_s"), [(False, 12.0), pytest.param(True, 20.0, marks=pytest.mark.thorough)]
-)
-def test_bristles_are_found_from_a_file_that_has_none(slide, duration_s):
-    run = bristled_run(slide=slide, duration_s=duration_s)
+@pytest.fixture(scope="module")
+def resting():
+    """A calibration of a machine with bristles whose slide does not move; the file has none."""
+    return calibrate([bristled_run(slide=False, duration_s=DURATION_S)], robot_file())
 
-    made = calibrate([run], robot_file())
+
+@pytest.fixture(params=[1, pytest.param(2, marks=pytest.mark.thorough)])
+def bristled(request):
+    """Number of moving axes, and a calibration."""
+    if request.param == 1:
+        return 1, request.getfixturevalue("resting")
+    return 2, calibrate([bristled_run(slide=True, duration_s=20.0)], robot_file())
+
+
+def test_bristles_are_found_from_a_file_that_has_none(bristled):
+    count, made = bristled
     found = friction_parameters(made.robot)
 
     assert not made.refused
@@ -149,7 +158,7 @@ def test_bristles_are_found_from_a_file_that_has_none(slide, duration_s):
     assert made.other_law.loss_per_sample < made.before.loss_per_sample
     before = {one.quantity.key: one.before for one in made.fit.results}
     assert before["friction.hip.bristle_stiffness_nm_per_rad"] == 0.0
-    for law, truth, _ in zip(found, (HIP_BRISTLES, SLIDE_BRISTLES), range(1 + slide), strict=False):
+    for law, truth, _ in zip(found, (HIP_BRISTLES, SLIDE_BRISTLES), range(count), strict=False):
         assert law.coulomb == pytest.approx(truth.coulomb, rel=0.02)
         assert law.viscous == pytest.approx(truth.viscous, rel=0.05)
         assert law.bristle_stiffness == pytest.approx(truth.stiffness, rel=0.15)
@@ -180,15 +189,8 @@ def test_the_bristles_of_the_plant_explain_its_motion_best(axis):
         assert likelihood.surprises(frame.free(other)).loss > loss + 1.0
 
 
-@pytest.fixture(scope="module")
-def resting():
-    """A machine whose slide does not move, and a calibration of it."""
-    run = empty_run(shipped_friction(), slide=False, duration_s=DURATION_S)
-    return run, calibrate([run], file_off())
-
-
-def test_bristles_are_tried_and_not_used_where_the_plant_has_the_paper_s_law(resting):
-    _, made = resting
+def test_bristles_are_tried_and_not_used_where_the_plant_has_the_paper_s_law(shipped):
+    _, made = shipped
 
     assert not made.bristled
     assert made.why_eq_11
@@ -198,6 +200,7 @@ def test_bristles_are_tried_and_not_used_where_the_plant_has_the_paper_s_law(res
     assert not made.tuning
 
 
+@pytest.mark.thorough
 def test_a_file_with_bristles_can_be_calibrated_while_one_axis_rests():
     given, _ = with_bristles(robot_file(), (0, 1))
 
@@ -351,14 +354,12 @@ def test_intervals_of_the_levels_cover_the_truth_about_as_often_as_they_say():
 
 
 def test_an_axis_that_does_not_move_is_named_with_what_to_record_instead(resting):
-    _, made = resting
-
-    slide = [one for one in made.fit.results if one.quantity.key.startswith("friction.slide")]
+    slide = [one for one in resting.fit.results if one.quantity.key.startswith("friction.slide")]
     assert not any(one.calibrated for one in slide)
     assert all(one.value == one.before for one in slide)
-    hip = [one for one in made.fit.results if one.quantity.label == "hip coulomb"]
+    hip = [one for one in resting.fit.results if one.quantity.label == "hip coulomb"]
     assert hip[0].value == pytest.approx(6.0, rel=0.02)
-    assert "record excite friction_slide" in " ".join(advice(made.motion, made.fit.results))
+    assert "record excite friction_slide" in " ".join(advice(resting.motion, resting.fit.results))
 
 
 @pytest.fixture(scope="module")

@@ -100,18 +100,14 @@ def test_calibrated_process_noise_gives_nis_its_distribution_on_another_recordin
     assert kstest(calibrated, chi2(1).cdf).statistic < 0.05
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "start",
     [
         {"coulomb_n": 30.0, "viscous_n_s_per_m": 120.0, "mass_kg": 80.0},
-        *(
-            pytest.param(start, marks=pytest.mark.thorough)
-            for start in (
-                {"coulomb_n": 20.5, "viscous_n_s_per_m": 203.0, "mass_kg": 95.0, "encoder_m": 5e-6},
-                {"coulomb_n": 24.5, "viscous_n_s_per_m": 165.0, "mass_kg": 85.0},
-                {"coulomb_n": 24.5, "viscous_n_s_per_m": 165.0, "mass_kg": 95.0, "encoder_m": 5e-8},
-            )
-        ),
+        {"coulomb_n": 20.5, "viscous_n_s_per_m": 203.0, "mass_kg": 95.0, "encoder_m": 5e-6},
+        {"coulomb_n": 24.5, "viscous_n_s_per_m": 165.0, "mass_kg": 85.0},
+        {"coulomb_n": 24.5, "viscous_n_s_per_m": 165.0, "mass_kg": 95.0, "encoder_m": 5e-8},
     ],
 )
 def test_every_start_ends_at_the_same_optimum(run, made, start):

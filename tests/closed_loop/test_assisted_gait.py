@@ -117,13 +117,13 @@ def test_a_gait_under_a_controller_that_is_gone_brakes_where_the_leg_is_and_hold
 @pytest.mark.parametrize("ever", [False, True])
 def test_a_gait_in_which_nothing_is_in_force_does_not_care_about_leases(walking, ever):
     session, controller = walking(constant(hip_nm=5.0) if ever else constant())
-    session.run(1)
+    session.run(0.3)
     controller.law = constant()
     session.run(0.2)
     session.gateway.end_lease()
     controller.running = False
 
-    session.run(2)
+    session.run(1)
 
     record = session.record
     assert (record.mode, record.assist.lapse_count) == (Mode.GAIT, 0)

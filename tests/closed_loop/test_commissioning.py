@@ -5,7 +5,7 @@ from itertools import groupby
 
 import pytest
 from gaitd_names import Cause, EventCode, Failure, Mode, Outcome, RefusalCode, RequestKind, Stage
-from sessions import CONFIGS, changed_configs, new_session, reported, single_axis_run
+from sessions import CONFIGS, changed_configs, elsewhere, new_session, reported, single_axis_run
 
 from daemon.core.modes.persistent_state import PersistentState
 from daemon.ipc.record import ModeRequest
@@ -43,16 +43,24 @@ def warm_tested(configs):
 
 
 @pytest.fixture(scope="module")
-def proven(configs):
+def proven(warm_untested, warm_tested):
     """Why nothing was enabled before and after each test, and the notes after both were watched."""
-    session, refusals = new_session(configs).until_ready(), []
-    for axis in (HIP, SLIDE):
-        refusals.append(session.request(RequestKind.ENABLE).refusal)
-        sign_test(session, axis)
-        refusals.append(session.request(RequestKind.ENABLE).refusal)
-        assert asked(session, axis, witnessed=True).outcome == Outcome.DONE
-    session.run(0.1)
-    return refusals, session.state_file.persistent
+
+    def refused(session):
+        return session.request(RequestKind.ENABLE).refusal
+
+    def witnessed(session):
+        refusals = [refused(session)]
+        assert asked(session, HIP, witnessed=True).outcome == Outcome.DONE
+        refusals.append(refused(session))
+        sign_test(session, SLIDE)
+        refusals.append(refused(session))
+        assert asked(session, SLIDE, witnessed=True).outcome == Outcome.DONE
+        session.run(0.1)
+        return refusals, session.state_file.persistent
+
+    refusals, persistent = elsewhere(warm_tested[0], witnessed)
+    return [elsewhere(warm_untested, refused), *refusals], persistent
 
 
 @pytest.fixture
@@ -139,7 +147,9 @@ def test_a_blocked_axis_proves_nothing(session):
     assert asked(session, HIP, witnessed=True).outcome == Outcome.REFUSED
 
 
-@pytest.mark.parametrize("fault", ["wrong_sign", "encoder_reversed"])
+@pytest.mark.parametrize(
+    "fault", ["wrong_sign", pytest.param("encoder_reversed", marks=pytest.mark.thorough)]
+)
 def test_a_motor_or_an_encoder_the_wrong_way_round_is_found_after_a_little_motion(session, fault):
     session.command(f"{fault} right/hip")
     before = session.truth.rows[-1].hip_angle_rad
@@ -262,7 +272,9 @@ def test_a_drive_without_a_serial_number_is_another_one_after_a_restart(warm_nam
     assert again.state_file.persistent.axis(HIP).proof is None
 
 
-@pytest.mark.parametrize("line", ["reboot right/hip 0.3", "silent right/hip 1"])
+@pytest.mark.parametrize(
+    "line", ["reboot right/hip 0.3", pytest.param("silent right/hip 1", marks=pytest.mark.thorough)]
+)
 def test_a_drive_without_a_serial_number_is_another_one_after_it_was_out_of_sight(
     warm_nameless, line
 ):

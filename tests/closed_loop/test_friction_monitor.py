@@ -37,6 +37,7 @@ def test_friction_a_tenth_higher_than_calibrated_is_told_once_with_its_size(tmp_
     assert correlation < 0.0
 
 
+@pytest.mark.thorough
 def test_with_a_patient_in_the_machine_the_number_is_there_and_no_advice(session):
     """A patient who pushes with the motion looks the same."""
     session.command("patient active")

@@ -57,7 +57,7 @@ def test_an_open_hand_switch_is_a_quick_stop_of_both_drives(warm_walking):
 def test_sto_takes_the_power_from_both_drives(warm_walking):
     warm_walking.command("sto_open right/hip")
 
-    warm_walking.run(1.5)
+    warm_walking.run(0.8)
 
     record = warm_walking.record
     powered = {PowerState.OPERATION_ENABLED, PowerState.QUICK_STOP_ACTIVE}
@@ -162,7 +162,10 @@ def test_an_input_of_the_other_level_means_the_same(tmp_path, name, bit, fault, 
 
 SHORT_OF_THE_GAIT = [
     # plant.toml's stops inside what the gait asks: where they are touched is a limit switch.
-    ("hip", "min_deg = -23.0", "min_deg = 4.0", "negative", "generic", "position"),
+    pytest.param(
+        *("hip", "min_deg = -23.0", "min_deg = 4.0", "negative", "generic", "position"),
+        marks=pytest.mark.thorough,
+    ),
     # The slide's drive counts the other way: the joint's lower end is the drive's positive one.
     ("slide", "min_m = -0.02", "min_m = 0.40", "positive", "epos4", "impedance"),
 ]

@@ -85,7 +85,10 @@ def hold_gains(trainer):
     )
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=() if CASES[name].axis else pytest.mark.thorough) for name in CASES],
+)
 def test_hold_shakes_where_its_loop_is_unstable_and_not_where_it_is_just_stable(tmp_path, name):
     case = CASES[name]
     configs = changed_configs(

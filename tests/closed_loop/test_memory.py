@@ -17,9 +17,9 @@ from daemon.core.runtime import realtime
 from daemon.core.safety.energy import STRIDE_MAX_CYCLES
 from gaitd_lab.lockstep import LockstepSession
 
-CYCLES = 500
+CYCLES = 300
 """Cycles of a stretch."""
-TWO_STRIDES_CYCLES = 1_000
+TWO_STRIDES_CYCLES = 400
 LONG_CYCLES = 10_000
 WARM_CYCLES = STRIDE_MAX_CYCLES + 200
 """All windows over the last cycles are full: the longest has STRIDE_MAX_CYCLES."""
@@ -81,7 +81,7 @@ def keeps_fewer_blocks(most: int, play: Callable[[], None]) -> bool:
 
 @pytest.fixture(
     params=[
-        ("warm_gait", TWO_STRIDES_CYCLES),
+        ("warm_fast_gait", TWO_STRIDES_CYCLES),
         pytest.param(("warm_gait", LONG_CYCLES), marks=pytest.mark.thorough),
         pytest.param(("warm_ready", LONG_CYCLES), marks=pytest.mark.thorough),
         pytest.param(("warm_hold", LONG_CYCLES), marks=pytest.mark.thorough),

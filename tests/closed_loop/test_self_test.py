@@ -146,7 +146,9 @@ def test_without_a_self_test_nothing_moves(warm_seen, wanted):
     assert ask(warm_seen, wanted).refusal == due(SelfTestDue.NOT_PASSED_TODAY)
 
 
-@pytest.mark.parametrize("guidance", ["impedance", "position"])
+@pytest.mark.parametrize(
+    "guidance", ["impedance", pytest.param("position", marks=pytest.mark.thorough)]
+)
 def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested, guidance):
     session, _ = warm_tested
     if guidance == "position":
@@ -163,6 +165,7 @@ def test_a_machine_as_configured_passes_and_may_walk_then(tmp_path, warm_tested,
     assert ask(session, GAIT).outcome == Outcome.DONE
 
 
+@pytest.mark.thorough
 def test_a_machine_as_configured_passes_at_the_highest_speeds_that_are_allowed(tmp_path):
     fastest = (
         ("demo.toml", "hip.speed_rad_per_s = 0.1 ", "hip.speed_rad_per_s = 0.174 "),
@@ -198,6 +201,7 @@ def test_hand_guiding_does_not_wait_for_a_self_test(warm_seen):
     assert ask(warm_seen, ModeRequest(Mode.HAND_GUIDING)).outcome == Outcome.DONE
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("worn", "axis", "finding"),
     [
@@ -280,7 +284,9 @@ def test_a_failed_test_is_tested_again_before_anything_moves(tmp_path):
         tmp_path, DAILY, ("demo.toml", "friction_max_ratio = 1.6", "friction_max_ratio = 1.001")
     )
     session = put_to_test(enabled(seen_to_act(new_session(configs))))
-    assert session.record.verdict.cause == Cause.SELF_TEST_FAILED
+    verdict = session.record.verdict
+    assert (verdict.cause, verdict.drive) == (Cause.SELF_TEST_FAILED, "right/hip")
+    assert verdict.finding is Finding.FRICTION_MORE
 
     assert session.request(RequestKind.RESET).outcome == Outcome.DONE
     enabled(session)
@@ -297,6 +303,7 @@ def test_a_test_that_is_broken_off_counts_for_nothing(warm_seen):
     assert ask(warm_seen, GAIT).refusal == due(SelfTestDue.NOT_PASSED_TODAY)
 
 
+@pytest.mark.thorough
 def test_both_legs_are_tested_one_after_the_other(tmp_path):
     configs = two_legs(tmp_path)
     session = new_session(configs).enable()

@@ -855,6 +855,7 @@ class Search:
         per_class: int | None = None,
         *,
         pairs_per_class: int = 0,
+        pairs_every: int = 1,
         left_out: frozenset[Event] = ALIKE,
     ) -> None:
         """Explore breadth first; a class is what `class_of` tells apart.
@@ -863,6 +864,7 @@ class Search:
             per_class: number of states of a class that are explored; None: all.
             pairs_per_class: number of states of a wider class in which two events at once are
                 tried as well.
+            pairs_every: one of so many pairs is tried in a state, other ones in the next class.
             left_out: events that are in no pair.
 
         Raises:
@@ -880,7 +882,9 @@ class Search:
             few = self.model.pair_class_of(state)
             self.pair_classes[few] += core_waits(state)
             in_pairs = core_waits(state) and self.pair_classes[few] <= pairs_per_class
-            for events in choices(state, in_pairs=in_pairs, left_out=left_out):
+            for number, events in enumerate(choices(state, in_pairs=in_pairs, left_out=left_out)):
+                if len(events) > 1 and (number + len(self.pair_classes)) % pairs_every:
+                    continue
                 after = self._step(state, events)
                 if after.key not in self.states:
                     self.states[after.key] = after

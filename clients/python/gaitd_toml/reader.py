@@ -11,6 +11,7 @@ import hashlib
 import math
 import re
 import tomllib
+from functools import cache
 from itertools import repeat
 from pathlib import Path
 from types import UnionType
@@ -166,7 +167,7 @@ def _is_table(value: dict[Any, Any], kind: type) -> bool:
 
 
 def _faults_of_fields(table: dict[str, object], kind: type, key: str) -> list[_Fault]:
-    fields = {field.encode_name: field for field in msgspec.structs.fields(cast("Any", kind))}
+    fields = _fields(kind)
     faults: list[_Fault] = []
     seen = {*table}
     for name, value in table.items():
@@ -183,6 +184,12 @@ def _faults_of_fields(table: dict[str, object], kind: type, key: str) -> list[_F
         for name, field in fields.items()
         if field.required and name not in seen
     ]
+
+
+@cache
+def _fields(kind: type) -> dict[str, msgspec.structs.FieldInfo]:
+    # msgspec resolves all annotations at each call, and a file has hundreds of tables.
+    return {field.encode_name: field for field in msgspec.structs.fields(cast("Any", kind))}
 
 
 def _refusal(value: object, kind: object) -> str:

@@ -259,6 +259,7 @@ F = Finding
         ({"back_ratio": 0.35}, F.NOT_MOVED_BACK, 0.014, 0.04),
         ({"friction_ratio": -0.1}, F.ACTS_AGAINST_MOTION, -6.0, 60.0),
         ({"error_ratio": 0.99}, F.NONE, 0.0, 0.0),
+        ({"error_ratio": 1.01}, F.LOAD_OF_ANOTHER_LEG, 80.8, 80.0),
         ({"error_ratio": -1.01}, F.LOAD_OF_ANOTHER_LEG, -80.8, 80.0),
         ({"friction_ratio": 0.49}, F.FRICTION_LESS, 0.49, 0.5),
         ({"friction_ratio": 0.51}, F.NONE, 0.0, 0.0),
