@@ -132,10 +132,11 @@ def is_helped_well(walk):
 def test_of_two_legs_the_passive_one_is_carried_near_the_gait_and_the_able_one_is_left_alone():
     gym = Gym(config=CONFIGS / "two_legs.toml")
 
-    able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 7)
+    able, passive = gym.walk_legs([of_ability(1.0), of_ability(0.0)], 5)
 
     is_left_alone(able)
-    is_helped_well(passive)
+    goes_on_unrefused(passive)
+    does_not_brake_what_leads(passive)
     stays_near(passive)
     assert stiffness(passive)[-1] > 0.55
     assert helped(passive)[-1, 0] > 0.02
