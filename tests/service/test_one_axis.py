@@ -8,6 +8,7 @@ from operator import itemgetter
 from pathlib import Path
 from subprocess import PIPE
 
+import can
 import pytest
 from gaitd_names import Mode
 from processes import Service
@@ -16,6 +17,10 @@ from sessions import changed_configs
 from analysis.acceptance.record import read
 from daemon.ipc.state_file import NAME
 from gaitd_lab.processes import GAITD, memory_folder
+
+SLIDE_SDO, SLIDE_ANSWER = 0x606, 0x586
+NO_RAMP = bytes.fromhex("2b5e600000000000")
+"""Download of 0 to object 605Eh of node 6."""
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +36,7 @@ def service():
             ("demo.toml", "announce_s = 3.0", "announce_s = 0.5"),
             ("demo.toml", "ramp_strides = 2", "ramp_strides = 1"),
         )
-        service = Service(folder, configs, pace=5.0)
+        service = Service(folder, configs)
         try:
             service.start_all()
             service.until(lambda record: record.mode == Mode.READY, 90)
@@ -71,6 +76,7 @@ def test_a_sign_is_proven_kept_and_found_again_by_the_next_start(service):
     assert kept["axes"]["right/hip"]["proof"]["serial_number"] == 305_000_005
 
 
+@pytest.mark.thorough
 def test_acceptance_records_are_written_while_the_operator_does_what_is_asked(service, tmp_path):
     words = ("commission", "--report", str(tmp_path), "--yes", "--witnessed", "--json")
     gait = ("--cadence", "0.5")
@@ -99,3 +105,27 @@ def test_acceptance_records_are_written_while_the_operator_does_what_is_asked(se
     record = read(tmp_path / "right_slide.json")
     assert [stop.category for stop in record.stops] == ["S2", "S1", "S0"]
     assert record.core_boot_id == service.boot_id()
+
+
+def test_acceptance_reads_the_drives_of_a_running_service_and_moves_nothing_if_one_is_wrong(
+    service, tmp_path
+):
+    """Its motions are those of tests/gaitd/commissioning, and at night those of the test above."""
+    service.wait(lambda: service.ask("reset").returncode == 0, 20)
+    service.until(lambda record: record.mode == Mode.READY)
+    with service.listener() as bus:
+        bus.send(can.Message(arbitration_id=SLIDE_SDO, data=NO_RAMP, is_extended_id=False))
+        assert next(one for one in iter(bus.recv, None) if one.arbitration_id == SLIDE_ANSWER)
+
+    asked = service.ask("commission", "--report", str(tmp_path), "--yes", "--json")
+
+    assert asked.returncode == 1, asked.stderr
+    drives = json.loads(asked.stdout)
+    assert [(drive["drive"], drive["failed"]) for drive in drives] == [
+        ("right/hip", 0),
+        ("right/slide", 1),
+    ]
+    record = read(tmp_path / "right_slide.json")
+    assert record.core_boot_id == service.boot_id()
+    assert not record.stops
+    assert service.newest().mode == Mode.READY

@@ -40,7 +40,12 @@ def walked(gym, model):
 
 @pytest.mark.parametrize(
     ("ability", "word"),
-    [(0.0, Word.MORE), (0.5, Word.GOOD), (1.4, Word.GENTLY), (-0.5, Word.RELAX)],
+    [
+        (0.0, Word.MORE),
+        pytest.param(0.5, Word.GOOD, marks=pytest.mark.thorough),
+        (1.4, Word.GENTLY),
+        (-0.5, Word.RELAX),
+    ],
 )
 def test_the_word_says_what_a_patient_does_of_what_the_gait_needs(warm_gym, ability, word):
     assert word_of(walked(warm_gym, of_ability(ability))) == word

@@ -135,6 +135,7 @@ def test_a_person_alone_gets_from_a_stop_to_where_the_straps_can_be_opened(
             assert page.until(lambda now: now["mode"] == Mode.HOLD)["step"] == "guide"
 
 
+@pytest.mark.thorough
 def test_the_daily_test_is_led_by_the_page_and_the_shipped_machine_is_not_released_alone(
     virtual_trainers, tmp_path
 ):

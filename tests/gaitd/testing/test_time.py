@@ -19,7 +19,7 @@ SILENT_CYCLES = 3
 
 @pytest.fixture(scope="module")
 def trainer():
-    with virtual_trainer({"demo.toml": {"gait.announce_s": 0.5}}, pace=20.0) as made:
+    with virtual_trainer({"demo.toml": {"gait.announce_s": 0.5}}) as made:
         yield made
 
 
