@@ -6,6 +6,7 @@ measured; 1 one failed, or nothing was done; 2 usage or configuration; 3 bus or 
 """
 
 import sys
+from contextlib import closing
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -99,9 +100,9 @@ def command(
             parameters.check_bus(recorder, settings.trainer.cycle.master_node_id)
             sync = SyncProducer(cycle.sync_counter)
             port = Configurator(observed, clock, sync=sync)
-            found = run_with_progress(
-                verify(plan, limits, cycle, options, bus=observed, clock=clock, port=port)
-            )
+            steps = verify(plan, limits, cycle, options, bus=observed, clock=clock, port=port)
+            with closing(steps):  # takes the power off before the bus is closed
+                found = run_with_progress(steps)
     except (BusError, DrivePowered, parameters.ParameterRefusedError) as error:
         scan = with_config("gaitd scan")
         raise CommandError(str(error), ExitCode.DRIVE, blame=name, following=scan) from error

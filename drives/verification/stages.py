@@ -148,7 +148,11 @@ def verify(
         for number_of, (name, stage) in enumerate(_STAGES.items()):
             yield Progress(name, len(plan.steps) + 2 + number_of, total_count)
             bench.stage = name
-            made = stage(bench, options)
+            try:
+                made = stage(bench, options)
+            except _NotEnabledError:
+                found = [fact for fact in found if fact.code is not FactCode.ENABLED]
+                made = [Fact(FactCode.ENABLED, Judgement.FAILED)]
             found += made
             if any(one.judgement is Judgement.FAILED and one.code in _DECISIVE for one in made):
                 break
@@ -268,6 +272,10 @@ def _doublet(bench: Bench, effort_si: float) -> tuple[list[Row], bool]:
 # --- position and velocity ------------------------------------------------------------------------
 
 
+class _NotEnabledError(Exception):
+    """The drive is not to be enabled (any more)."""
+
+
 class _Run:
     """A motion of constant velocity in cyclic synchronous position, towards the first position."""
 
@@ -276,10 +284,11 @@ class _Run:
         sense = 1 if bench.feedback.position_counts < bench.rows[0].position_counts else -1
         velocity = VELOCITY_RATIO * bench.limits.velocity_max_si_per_s
         self.counts_per_s = sense * velocity * abs(bench.scaling.counts_per_si)
-        self.is_enabled = _enable(bench, POSITION) is not None
+        if _enable(bench, POSITION) is None:
+            raise _NotEnabledError
         self.target = float(bench.feedback.position_counts)
         self.apart_max = 0.0
-        for count in range(RUN_CYCLES if self.is_enabled else 0):
+        for count in range(RUN_CYCLES):
             self.step(min(1.0, count / SPEED_UP_CYCLES))
 
     def step(self, share: float = 1.0) -> None:
@@ -292,8 +301,6 @@ class _Run:
 
 def _velocity(bench: Bench, _options: Options) -> list[Fact]:
     run = _Run(bench)
-    if not run.is_enabled:
-        return [Fact(FactCode.FOLLOWING, Judgement.FAILED)]
     shown = bench.read(_VELOCITY_ACTUAL, 0, signed=True)
     unit = bench.scaling.speed_counts_per_si / abs(bench.scaling.counts_per_si)
     ratio = None if shown is None else shown / (run.counts_per_s * unit)
@@ -401,12 +408,14 @@ def _heartbeat_loss(bench: Bench, _options: Options) -> list[Fact]:
     stop = _stopped(bench, _Run(bench), PowerRequest.ENABLE, heartbeat=False)
     limit_s = bench.cycle.drive_detection_ms * 1e-3 + SLACK_S
     never_s = STOP_CYCLES * bench.period_s
+    left_s = never_s if stop.left_s is None else stop.left_s
+    rest_s = never_s if stop.rest_s is None else stop.rest_s
     code = float(emergencies.ring[-1].code) if emergencies.count > before else 0.0
     fault_s = bench.plan.description.profile.fault_reaction_max_ms * 1e-3
     return [
-        number(FactCode.HEARTBEAT_LOSS_TIME, stop.left_s or never_s, 0, limit_s),
+        number(FactCode.HEARTBEAT_LOSS_TIME, left_s, 0, limit_s),
         named(FactCode.HEARTBEAT_LOSS_STATE, stop.state, *after_lost_master(bench.plan)),
-        number(FactCode.HEARTBEAT_LOSS_REST, stop.rest_s or never_s, 0, limit_s + fault_s),
+        number(FactCode.HEARTBEAT_LOSS_REST, rest_s, 0, limit_s + fault_s),
         number(FactCode.HEARTBEAT_LOSS_EMCY, code, *COMMUNICATION_ERRORS),
     ]
 
