@@ -5,6 +5,7 @@ and its commands out to see what the drive does. Exit codes: 0 every fact passed
 measured; 1 one failed, or nothing was done; 2 usage or configuration; 3 bus or drive.
 """
 
+import select
 import sys
 from contextlib import closing
 from datetime import UTC, datetime
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
+from gaitd_client.signals import interrupted_once
 from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
@@ -43,6 +45,12 @@ LISTEN_NS: Final = 500_000_000
 WARNING: Final = (
     "The motor will turn, stop suddenly and be left alone. Nothing may hang on it, and no one may "
     "touch it. Keep the emergency stop at hand."
+)
+POWERED: Final = (
+    "the drive has NOT shown that its power is off: press the emergency stop, then find out why"
+)
+TURN: Final = (
+    "Turn the motor by one turn, in the sense in which the axis is positive; then press Enter."
 )
 KEY: Final = Path("gaitd-verify.pem")
 
@@ -80,51 +88,53 @@ def command(
 
     settings = read_all(config)
     name = full_name(name, [drive.name for drive in settings.drives], "NAME")
-    if output.exists():
-        raise ConfigError(COMMAND_LINE, "--output", output, "a file that is not there yet")
     plan, limits = _plan(name, settings)
+    files = _files(plan, settings)
     try:
         private = evidence.load_key(key)
     except (OSError, ValueError) as error:
         allowed = f"a file with an Ed25519 key, or none ({error})"
         raise ConfigError(COMMAND_LINE, "--key", key, allowed) from error
     _confirm(yes=yes)
+    try:
+        output.touch(exist_ok=False)
+    except OSError as error:
+        allowed = f"a file that is not there yet, and can be written ({error.strerror})"
+        raise ConfigError(COMMAND_LINE, "--output", output, allowed) from error
     utc = f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}"
     cycle = cycle_settings(settings.trainer.cycle)
-    options = Options(inertia, _turn_by_hand if by_hand else None)
+    options = Options(inertia, _Hand() if by_hand else None)
     try:
-        with opened(bus_of(settings.file), is_master=True) as (bus, clock):
+        with interrupted_once(), opened(bus_of(settings.file), is_master=True) as (bus, clock):
             recorder = Recorder(clock)
             observed = SniffedBus(bus, clock, recorder)
             run_with_progress(listen(observed, clock, LISTEN_NS))
             parameters.check_bus(recorder, settings.trainer.cycle.master_node_id)
-            sync = SyncProducer(cycle.sync_counter)
-            port = Configurator(observed, clock, sync=sync)
+            port = Configurator(observed, clock, sync=SyncProducer(cycle.sync_counter))
             steps = verify(plan, limits, cycle, options, bus=observed, clock=clock, port=port)
             with closing(steps):  # takes the power off before the bus is closed
                 found = run_with_progress(steps)
     except (BusError, DrivePowered, parameters.ParameterRefusedError) as error:
+        output.unlink()
         scan = with_config("gaitd scan")
         raise CommandError(str(error), ExitCode.DRIVE, blame=name, following=scan) from error
+    except BaseException:
+        output.unlink()
+        raise
+    facts = tuple(map(row, found.facts))
+    show(((f"{name}: {plan.description.profile.family}", ("fact", "found", "allowed", ""), facts),))
+    if found.refusal:
+        print(found.refusal, file=sys.stderr)
     result = _result(plan, settings, found, utc)
-    files = {"page.html": html(result).encode(), **_files(plan, settings)}
+    page = {"page.html": html(result).encode()}
     try:
-        evidence.write(output, result, recorder.frames, files, private)
+        evidence.write(output, result, recorder.frames, files | page, private)
     except OSError as error:
         allowed = f"a file that can be written ({error.strerror})"
         raise ConfigError(COMMAND_LINE, "--output", output, allowed) from error
-    show(
-        (
-            (
-                f"{name}: {plan.description.profile.family}",
-                ("fact", "found", "allowed", ""),
-                tuple(map(row, found.facts)),
-            ),
-        )
-    )
-    if found.refusal:
-        print(found.refusal, file=sys.stderr)
     print(f"{counts(found.facts)}; evidence: {output}")
+    if not found.is_off:
+        raise CommandError(POWERED, ExitCode.DRIVE, blame=name, following="")
     raise typer.Exit(ExitCode.DONE if found.passed else ExitCode.FAILED)
 
 
@@ -154,12 +164,21 @@ def _confirm(*, yes: bool) -> None:
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _turn_by_hand() -> None:
-    typer.prompt(
-        "Turn the motor by one turn, in the sense in which the axis is positive; then press Enter",
-        default="",
-        show_default=False,
-    )
+class _Hand:
+    """Asks for a turn by hand, and waits for Enter while cycles go on."""
+
+    def __init__(self) -> None:
+        self._is_asked = False
+
+    def __call__(self) -> bool:
+        """True once Enter was pressed."""
+        if not self._is_asked:
+            self._is_asked = True
+            print(TURN, flush=True)
+        if not select.select([sys.stdin], [], [], 0)[0]:
+            return False
+        sys.stdin.readline()
+        return True
 
 
 def _result(plan: "DrivePlan", settings: "Settings", found: Verification, utc: str) -> Result:
@@ -186,7 +205,7 @@ def _result(plan: "DrivePlan", settings: "Settings", found: Verification, utc: s
 
 
 def _files(plan: "DrivePlan", settings: "Settings") -> dict[str, bytes]:
-    """The files that describe the drive."""
+    """The files that describe the drive, read before it moves."""
     description = plan.description
     leg_name, _, joint = description.name.partition("/")
     leg = next(leg for leg in settings.trainer.leg if leg.name == leg_name)

@@ -22,7 +22,7 @@ ASKED: Final = {
     FactCode.FOLLOWING: "largest following error over its window",
     FactCode.VELOCITY_UNIT: "velocity 606Ch over that of the positions",
     FactCode.QUICK_STOP_STATE: "end of a quick stop",
-    FactCode.QUICK_STOP_WAY: "way of a quick stop over that of the ramp 6085h",
+    FactCode.QUICK_STOP_WAY: "way of a quick stop over the longest one by 6085h",
     FactCode.SHUTDOWN_STATE: "end of a shutdown",
     FactCode.DISABLE_VOLTAGE_STATE: "end of disable voltage",
     FactCode.COMMAND_LOSS_TIME: "commands left out: time to the reaction, s",
@@ -33,6 +33,7 @@ ASKED: Final = {
     FactCode.HEARTBEAT_LOSS_EMCY: "heartbeat left out: code of the EMCY",
     FactCode.FAULT_RESET: "brought up again, fault reset",
     FactCode.ERROR_CLEARED: "error register after it",
+    FactCode.COMPLETED: "played to the end",
 }
 JUDGED: Final = {
     Judgement.PASSED: "passed",

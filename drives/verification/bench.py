@@ -2,9 +2,12 @@
 
 The cycle is that of the service: a grid of `period_ms`, a window for the answers after each SYNC,
 then the two RPDOs. Frames that are left out on purpose (heartbeat, commands) are arguments of a
-turn.
+turn. A turn that begins more than a period late begins the grid anew: cycles are never made up for,
+since a burst of targets is a jump.
 """
 
+import struct
+from contextlib import suppress
 from typing import Final, NamedTuple
 
 from drives.bringup.bringup import DriveReport, bring_up
@@ -13,16 +16,20 @@ from drives.bringup.port import DrivePort
 from drives.canopen.bus import Bus, Clock, Frame
 from drives.canopen.nmt import NmtCommand, heartbeat_frame, nmt_frame
 from drives.canopen.objects import Object
+from drives.canopen.sdo import SDO_ANSWER_ID, upload_request, uploaded
 from drives.canopen.sniffer import BusSniffer
 from drives.cia402.drive import Drive, DriveGroup
-from drives.cia402.power_state import decode_statusword
+from drives.cia402.power_state import POWER_STAGE_OFF, decode_statusword
 from drives.cia402.units import AxisScaling, axis_scaling
-from drives.errors import SdoAborted, SdoGarbled, SdoTimeout
+from drives.errors import BusError, DrivesError, SdoAborted, SdoGarbled, SdoTimeout
 from drives.signals import DriveCommand, DriveFeedback, OperationMode, PowerRequest, PowerState
 
 WINDOW_NS: Final = 5_000_000
 HEARTBEAT_CYCLES: Final = 2
-LEAVE_CYCLES: Final = 50
+LEAVE_CYCLES: Final = 20
+LEAVE_MAX_NS: Final = 3_000_000_000
+"""Until a drive that was told to has no power."""
+URGENT_NS: Final = 20_000_000
 NS_PER_MS: Final = 1_000_000
 NS_PER_S: Final = 1e9
 
@@ -93,7 +100,10 @@ class Bench:
         self._group = DriveGroup((self.drive,))
         self._begin_ns = self._next_ns = clock.now_ns()
         self._count = 0
+        self._answers: dict[tuple[int, int], bytes] = {}
         self.stage = ""
+        self.was_late = False
+        """The last turn began more than a period late."""
         self.rows: list[Row] = []
         self.feedback = self.drive.peek(clock.now_ns())
         self._command = DriveCommand(
@@ -138,7 +148,11 @@ class Bench:
         Raises:
             BusError: the bus is down.
         """
-        self._next_ns += self.cycle.period_ms * NS_PER_MS
+        period_ns = self.cycle.period_ms * NS_PER_MS
+        self._next_ns += period_ns
+        self.was_late = self._clock.now_ns() > self._next_ns + period_ns
+        if self.was_late:
+            self._next_ns = self._clock.now_ns()
         self._receive(self._next_ns, in_window=False)
         frames = [self._port.sync.frame()]
         self._count += 1
@@ -169,7 +183,22 @@ class Bench:
     def _receive(self, until_ns: int, *, in_window: bool) -> None:
         feed = self._group.feed if in_window else self._group.feed_between
         while self._clock.now_ns() < until_ns:
-            feed(self._bus.receive_until(until_ns, self._clock), self._clock.now_ns())
+            frames = self._bus.receive_until(until_ns, self._clock)
+            feed(frames, self._clock.now_ns())
+            for frame in frames:
+                if frame.can_id == SDO_ANSWER_ID + self.drive.node_id and len(frame.data) == 8:
+                    index, sub = _PLACE.unpack_from(frame.data, 1)
+                    self._answers[index, sub] = frame.data
+
+    def request(self, index: int, sub: int) -> None:
+        """Ask for an object of 32 bits in the cycle; a later turn may have its answer."""
+        self._answers.pop((index, sub), None)
+        self._bus.send([upload_request(self.drive.node_id, index, sub)])
+
+    def answer(self, index: int, sub: int) -> int | None:
+        """The signed answer to `request`; None: there is none, or it is an abort."""
+        data = uploaded(self._answers.get((index, sub), b""), index, sub, 32)
+        return None if data is None else int.from_bytes(data, "little", signed=True)
 
     def read(self, index: int, sub: int, *, signed: bool = False) -> int | None:
         """An object by SDO, between two turns; None where the drive gives none."""
@@ -194,8 +223,27 @@ class Bench:
             pass
         self._next_ns = self._clock.now_ns()
 
-    def leave(self) -> None:
-        """Take the power off, and let the drive forget its master: none is to be missed later."""
-        for _ in range(LEAVE_CYCLES):
-            self.turn(PowerRequest.DISABLE_VOLTAGE)
-        self._bus.send([nmt_frame(NmtCommand.RESET_COMMUNICATION, self.drive.node_id)])
+    def leave(self) -> bool:
+        """Take the power off, see that it is off, and let the drive forget its master.
+
+        Returns: False if the drive did not show that its power stage is off. Then it keeps its
+        watch for the master's heartbeat, which is not sent any more.
+        """
+        with suppress(BusError):
+            for _ in range(LEAVE_CYCLES):
+                self.turn(PowerRequest.DISABLE_VOLTAGE)
+        end_ns = self._clock.now_ns() + LEAVE_MAX_NS
+        while self._clock.now_ns() < end_ns:
+            with suppress(DrivesError):
+                self._port.write(self.drive.node_id, Object.CONTROLWORD, 0, b"\0\0")
+            with suppress(DrivesError):
+                if self.power_state() in POWER_STAGE_OFF:
+                    reset = nmt_frame(NmtCommand.RESET_COMMUNICATION, self.drive.node_id)
+                    self._bus.send_urgent([reset], self._clock.now_ns() + URGENT_NS, self._clock)
+                    return True
+            with suppress(DrivesError):
+                self._port.wait(self._clock.now_ns() + URGENT_NS)
+        return False
+
+
+_PLACE: Final = struct.Struct("<HB")

@@ -8,13 +8,15 @@ No name of a computer or of a person is in it; a serial number is that of the dr
 """
 
 import hashlib
+import lzma
 import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 import msgspec
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 from cryptography.hazmat.primitives.serialization import (
     Encoding,
@@ -32,6 +34,17 @@ RESULT, DIGESTS, SIGNATURE = "verification.json", "sha256.json", "signature.json
 FRAMES, PAGE = "frames.log", "page.html"
 SIZE_MAX: Final = 64_000_000
 """Largest part that is read: a ZIP may promise anything."""
+PARTS_MAX: Final = 16
+_BROKEN: Final = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    NotImplementedError,
+    RuntimeError,
+    EOFError,
+    UnicodeDecodeError,
+)
+"""What a damaged ZIP ends in, besides ValueError."""
 _EARLIEST: Final = (1980, 1, 1, 0, 0, 0)
 """Time of all parts, so that equal contents are equal files."""
 
@@ -69,7 +82,7 @@ def load_key(path: Path) -> Ed25519PrivateKey:
 
     Raises:
         OSError: the file cannot be read or written.
-        ValueError: it holds no key without a password, or (EvidenceError) none of Ed25519.
+        ValueError: it holds no key, one with a password, or one of another kind.
     """
     if not path.exists():
         key = Ed25519PrivateKey.generate()
@@ -77,7 +90,10 @@ def load_key(path: Path) -> Ed25519PrivateKey:
         path.touch(mode=0o600, exist_ok=False)
         path.write_bytes(pem)
         return key
-    key = load_pem_private_key(path.read_bytes(), password=None)
+    try:
+        key = load_pem_private_key(path.read_bytes(), password=None)
+    except (TypeError, UnsupportedAlgorithm) as error:  # with a password; of another kind
+        raise EvidenceError(f"{path}: {error}") from error
     if not isinstance(key, Ed25519PrivateKey):
         raise EvidenceError(f"{path}: {type(key).__name__}; allowed is an Ed25519 key")
     return key
@@ -136,9 +152,13 @@ def read(path: Path) -> tuple[Result, str]:
     """
     try:
         with zipfile.ZipFile(path) as packed:
-            parts = {info.filename: _part(packed, info, path) for info in packed.infolist()}
-    except zipfile.BadZipFile as error:
-        raise EvidenceError(f"{path}: it is no ZIP file ({error})") from error
+            infos = packed.infolist()
+            names = {info.filename for info in infos}
+            if len(names) < len(infos) or len(names) > PARTS_MAX:
+                raise EvidenceError(f"{path}: a part stands twice in it, or there are too many")
+            parts = {info.filename: _part(packed, info, path) for info in infos}
+    except _BROKEN as error:
+        raise EvidenceError(f"{path}: it is no whole ZIP file ({error})") from error
     for name in (RESULT, DIGESTS, SIGNATURE):
         if name not in parts:
             raise EvidenceError(f"{path}: it has no {name}")
@@ -164,8 +184,11 @@ def read(path: Path) -> tuple[Result, str]:
 
 
 def _part(packed: zipfile.ZipFile, info: zipfile.ZipInfo, path: Path) -> bytes:
-    with packed.open(info) as file:
-        data = file.read(SIZE_MAX + 1)
+    try:
+        with packed.open(info) as file:
+            data = file.read(SIZE_MAX + 1)
+    except (ValueError, OSError) as error:  # OSError: a place before the file
+        raise EvidenceError(f"{path}: {info.filename} cannot be read ({error})") from error
     if len(data) > SIZE_MAX:
         raise EvidenceError(f"{path}: {info.filename} has more than {SIZE_MAX} bytes")
     return data

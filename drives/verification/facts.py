@@ -45,7 +45,7 @@ class FactCode(StrEnum):
     """Velocity that the drive shows (606Ch) over that of its positions."""
     QUICK_STOP_STATE = auto()
     QUICK_STOP_WAY = auto()
-    """Way to rest over that of the ramp of 6085h."""
+    """Way to rest over the longest one that is allowed: cycles of the command, and the ramp."""
     SHUTDOWN_STATE = auto()
     DISABLE_VOLTAGE_STATE = auto()
     HEARTBEAT_LOSS_TIME = auto()
@@ -62,6 +62,8 @@ class FactCode(StrEnum):
     """Power state after a fault reset."""
     ERROR_CLEARED = auto()
     """Error register after it."""
+    COMPLETED = auto()
+    """Why it ended early."""
 
 
 class Judgement(StrEnum):

@@ -5,12 +5,16 @@ Rules:
     does not keep a mapping, a limit, an option code or a cleared offset, is refused by it.
 2.  Torque is given in pulses of opposite signs, so that the motor ends at rest. They grow to the
     limit; a velocity above half of its limit ends them at once.
-3.  A fact that fails in a stage that moves nothing, or in the pulses, ends the verification: what
-    comes after it moves on the strength of it. Its facts are then not measured.
-4.  Each stop begins from the same velocity. The master's heartbeat and the commands are left out
-    here alone; whatever happens, the power is taken off at the end.
+3.  A fact that fails before the first stop ends the verification, and so does a sign that was not
+    measured: what comes after moves on the strength of it. Its facts are then not measured.
+4.  Each stop begins from the same velocity, or is not judged. The master's heartbeat and the
+    commands are left out here alone.
+5.  A drive that is not to be enabled, a motor that does not run, and a cycle of ours that is late
+    while it runs end the verification.
+6.  At the end the power is asked off by RPDO and by SDO until the drive shows that it is off.
 """
 
+import math
 from collections.abc import Callable, Generator
 from typing import Final, NamedTuple
 
@@ -22,7 +26,7 @@ from drives.bringup.port import DrivePort
 from drives.canopen.bus import Bus, Clock
 from drives.canopen.objects import Object
 from drives.cia402.units import effort_to_permille, permille_to_effort, position_si
-from drives.errors import BringUpRefused, DriveSilent
+from drives.errors import BringUpRefused, BusError, DriveSilent
 from drives.service.scan import Progress
 from drives.signals import OperationMode, PowerRequest, PowerState
 from drives.verification.bench import Bench, BenchLimits, Row
@@ -56,6 +60,10 @@ INERTIA_TOLERANCE: Final = 0.25
 VELOCITY_RATIO: Final = 0.25
 """Velocity from which the stops begin, as a share of the limit."""
 RUN_CYCLES: Final = 50
+ANSWER_CYCLES: Final = 10
+RUNS_MIN_RATIO: Final = 0.5
+REST_MAX_CYCLES: Final = 25
+SILENT_CYCLES: Final = 3
 SPEED_UP_CYCLES: Final = 40
 VELOCITY_TOLERANCE: Final = 0.2
 STOP_CYCLES: Final = 150
@@ -64,6 +72,7 @@ SLACK_S: Final = 0.05
 COMMAND_S: Final = 0.02
 """From the cycle of a command until a sample can show its effect."""
 RAMP_MAX_RATIO: Final = 1.5
+HAND_MAX_CYCLES: Final = 30_000
 TURN_TOLERANCE: Final = 0.03
 RESET_MAX_CYCLES: Final = 150
 COMMUNICATION_ERRORS: Final = (0x8100, 0x82FF)
@@ -79,9 +88,9 @@ class Options(NamedTuple):
 
     inertia_si: float | None = None
     """At the joint, kg·m² or kg; None: not known, and the scale of the torque is not measured."""
-    turn_by_hand: Callable[[], None] | None = None
-    """Returns when a person has turned the motor by one turn, in the sense in which the axis is
-    positive; None: no one does."""
+    turn_by_hand: Callable[[], bool] | None = None
+    """True as soon as a person has turned the motor by one turn, in the sense in which the axis is
+    positive; asked each cycle. None: no one turns it."""
 
 
 class Verification(NamedTuple):
@@ -95,6 +104,8 @@ class Verification(NamedTuple):
     rows: tuple[Row, ...]
     serial_number: int = 0
     """1018h:04 as read; 0: unknown."""
+    is_off: bool = True
+    """The drive has shown that its power stage is off."""
 
     @property
     def passed(self) -> bool:
@@ -144,26 +155,42 @@ def verify(
         return Verification(facts, tuple(dict.fromkeys(steps)), str(error), ())
     bench = Bench(plan, report, limits, cycle, bus=bus, clock=clock, port=port)
     found = [named(FactCode.BRING_UP, "done", "done")]
+    refusal, is_off = "", False
     try:
         for number_of, (name, stage) in enumerate(_STAGES.items()):
             yield Progress(name, len(plan.steps) + 2 + number_of, total_count)
             bench.stage = name
-            try:
-                made = stage(bench, options)
-            except _NotEnabledError:
-                found = [fact for fact in found if fact.code is not FactCode.ENABLED]
-                made = [Fact(FactCode.ENABLED, Judgement.FAILED)]
+            made = stage(bench, options)
             found += made
-            if any(one.judgement is Judgement.FAILED and one.code in _DECISIVE for one in made):
+            if any(_ends(fact) for fact in made):
                 break
+    except (_EndedError, BusError) as error:
+        refusal = f"{bench.stage}: {error}"
     finally:
         bench.stage = "leave"
-        bench.leave()
+        is_off = bench.leave()
+    found.append(named(FactCode.COMPLETED, refusal or "done", "done"))
     known = {fact.code for fact in found}
     found += [fact for fact in _unmeasured() if fact.code not in known]
     return Verification(
-        tuple(found), tuple(dict.fromkeys(steps)), "", tuple(bench.rows), report.serial_number
+        tuple(found),
+        tuple(dict.fromkeys(steps)),
+        refusal,
+        tuple(bench.rows),
+        report.serial_number,
+        is_off,
     )
+
+
+class _EndedError(Exception):
+    """The verification cannot go on; the text says why."""
+
+
+def _ends(fact: Fact) -> bool:
+    """Rule 3."""
+    if fact.judgement is Judgement.NOT_MEASURED:
+        return fact.code in _NEEDED
+    return fact.judgement is Judgement.FAILED and fact.code in _DECISIVE
 
 
 # --- at rest --------------------------------------------------------------------------------------
@@ -189,7 +216,10 @@ def _encoder(bench: Bench, options: Options) -> list[Fact]:
     ratio = None
     if options.turn_by_hand is not None:
         before = bench.turn(NOTHING).position_counts
-        options.turn_by_hand()
+        for _ in range(HAND_MAX_CYCLES):
+            if options.turn_by_hand():
+                break
+            bench.turn(NOTHING)
         bench.turn(NOTHING)
         after = bench.turn(NOTHING).position_counts
         sign = bench.plan.description.axis.transmission.sign
@@ -228,6 +258,8 @@ def _pulses(bench: Bench, options: Options) -> list[Fact]:
         rows, is_too_fast = _doublet(bench, share * bench.limits.effort_max_si)
         position = np.array([row.position_counts for row in rows], dtype=np.float64)
         if np.ptp(position) < TURNED_MIN_REV * bench.counts_per_rev:
+            if is_too_fast:
+                break
             continue
         commanded = np.array(
             [permille_to_effort(row.torque_permille, bench.scaling) for row in rows]
@@ -240,6 +272,7 @@ def _pulses(bench: Bench, options: Options) -> list[Fact]:
             mass = 1.0 / speeding / options.inertia_si
         if is_too_fast:
             break
+    _rest(bench)
     low, high = 1 - INERTIA_TOLERANCE, 1 + INERTIA_TOLERANCE
     return [
         *facts,
@@ -252,28 +285,43 @@ def _pulses(bench: Bench, options: Options) -> list[Fact]:
 def _doublet(bench: Bench, effort_si: float) -> tuple[list[Row], bool]:
     """Pulses of +, − twice as long, and +: velocity and position end near where they began.
 
-    Returns: the cycles, and whether torque was taken off because the motor was too fast.
+    Returns: the cycles, and whether they ended early because the motor was too fast.
     """
     begin, is_too_fast = len(bench.rows), False
     fast = TOO_FAST_RATIO * bench.limits.velocity_max_si_per_s * bench.period_s
-    shape = (1, -1, -1, 1)
-    for sign in shape:
+    for sign in (1, -1, -1, 1):
         permille = effort_to_permille(sign * effort_si, bench.scaling)
-        for _ in range(PULSE_CYCLES):
+        for _ in range(0 if is_too_fast else PULSE_CYCLES):
             before = bench.feedback.position_counts
             after = bench.turn(PowerRequest.ENABLE, TORQUE, torque_permille=permille)
-            if abs(after.position_counts - before) > abs(fast * bench.scaling.counts_per_si):
-                permille, is_too_fast = 0, True
+            _refuse_late(bench)
+            is_too_fast |= abs(after.position_counts - before) > abs(
+                fast * bench.scaling.counts_per_si
+            )
+            if is_too_fast:
+                break
     for _ in range(AFTER_PULSE_CYCLES):
         bench.turn(PowerRequest.ENABLE, TORQUE)
     return bench.rows[begin:], is_too_fast
 
 
+def _rest(bench: Bench) -> None:
+    """Take the power off, and wait until the motor rests."""
+    _without_power(bench)
+    for _ in range(REST_MAX_CYCLES):
+        before = bench.feedback.position_counts
+        _without_power(bench)
+        if abs(bench.feedback.position_counts - before) <= STILL_MAX_REV * bench.counts_per_rev:
+            return
+    raise _EndedError("the motor does not come to rest without power")
+
+
+def _refuse_late(bench: Bench) -> None:
+    if bench.was_late:
+        raise _EndedError("this computer began a cycle more than a period late: gaitd doctor")
+
+
 # --- position and velocity ------------------------------------------------------------------------
-
-
-class _NotEnabledError(Exception):
-    """The drive is not to be enabled (any more)."""
 
 
 class _Run:
@@ -285,23 +333,31 @@ class _Run:
         velocity = VELOCITY_RATIO * bench.limits.velocity_max_si_per_s
         self.counts_per_s = sense * velocity * abs(bench.scaling.counts_per_si)
         if _enable(bench, POSITION) is None:
-            raise _NotEnabledError
+            raise _EndedError("the drive is not to be enabled")
         self.target = float(bench.feedback.position_counts)
-        self.apart_max = 0.0
+        self.apart_max, before = 0.0, 0
         for count in range(RUN_CYCLES):
+            before = bench.feedback.position_counts
             self.step(min(1.0, count / SPEED_UP_CYCLES))
+        speed = (bench.feedback.position_counts - before) / bench.period_s
+        if not RUNS_MIN_RATIO <= speed / self.counts_per_s <= 1 / RUNS_MIN_RATIO:
+            raise _EndedError("the motor does not run with the velocity of its target")
 
     def step(self, share: float = 1.0) -> None:
         """One more cycle of the motion."""
         bench = self._bench
         self.target += share * self.counts_per_s * bench.period_s
         seen = bench.turn(PowerRequest.ENABLE, POSITION, target_counts=round(self.target))
+        _refuse_late(bench)
         self.apart_max = max(self.apart_max, abs(self.target - seen.position_counts))
 
 
 def _velocity(bench: Bench, _options: Options) -> list[Fact]:
     run = _Run(bench)
-    shown = bench.read(_VELOCITY_ACTUAL, 0, signed=True)
+    bench.request(_VELOCITY_ACTUAL, 0)
+    for _ in range(ANSWER_CYCLES):
+        run.step()
+    shown = bench.answer(_VELOCITY_ACTUAL, 0)
     unit = bench.scaling.speed_counts_per_si / abs(bench.scaling.counts_per_si)
     ratio = None if shown is None else shown / (run.counts_per_s * unit)
     for count in range(SPEED_UP_CYCLES):
@@ -342,6 +398,7 @@ def _stopped(
     """Play what stops the drive, and look at it until it has had time to rest."""
     positions: list[float] = [bench.feedback.position_counts]
     left_s = None
+    silent_count = 0
     for count in range(STOP_CYCLES):
         if left_s is None:  # a target that stood still would brake, too
             run.target += run.counts_per_s * bench.period_s
@@ -352,13 +409,18 @@ def _stopped(
             heartbeat=heartbeat,
             commands=commands,
         )
-        is_left = not seen.fresh or seen.power_state is not PowerState.OPERATION_ENABLED
-        if is_left and left_s is None:
-            left_s = count * bench.period_s
-        positions.append(seen.position_counts if seen.fresh else positions[-1])
+        silent_count = 0 if seen.fresh else silent_count + 1
+        is_left = seen.power_state is not PowerState.OPERATION_ENABLED
+        if left_s is None and (is_left or silent_count == SILENT_CYCLES):
+            left_s = (count + 1 - max(silent_count, 1)) * bench.period_s
+        position = seen.position_counts if seen.fresh else bench.answer(Object.POSITION, 0)
+        positions.append(float("nan") if position is None else position)
+        if not seen.fresh:  # its PDOs may have ended, its SDOs have not
+            bench.request(Object.POSITION, 0)
     rest_s = rest_time_s(positions, bench.period_s, run.counts_per_s)
     state = bench.power_state()
-    way_counts = abs(positions[-1] - positions[0])
+    known = [one for one in positions if not math.isnan(one)]
+    way_counts = abs(known[-1] - known[0])
     return _Stop(left_s, rest_s, way_counts, None if state is None else state.name)
 
 
@@ -369,11 +431,12 @@ def _quick_stop(bench: Bench, _options: Options) -> list[Fact]:
     if brakes_on_ramp(bench.plan):
         speed = abs(run.counts_per_s)
         ramp = bench.limits.deceleration_si_per_s2 * abs(bench.scaling.counts_per_si)
-        ratio = (stop.way_counts - speed * COMMAND_S) / (speed**2 / 2 / ramp)
+        allowed = speed * COMMAND_S + RAMP_MAX_RATIO * speed**2 / 2 / ramp
+        ratio = stop.way_counts / allowed
     ended = after_quick_stop(bench.plan).name
     return [
         named(FactCode.QUICK_STOP_STATE, stop.state, ended),
-        number(FactCode.QUICK_STOP_WAY, ratio, 0, RAMP_MAX_RATIO),
+        number(FactCode.QUICK_STOP_WAY, ratio, 0, 1),
     ]
 
 
@@ -395,8 +458,9 @@ def _command_loss(bench: Bench, options: Options) -> list[Fact]:
     stop = _stopped(bench, _Run(bench), PowerRequest.ENABLE, commands=False)
     limit_s = bench.cycle.rpdo_timeout_ms * 1e-3 + SLACK_S
     found = STOP_CYCLES * bench.period_s if stop.left_s is None else stop.left_s
-    _reset(bench, options)
+    after = [fact for fact in _reset(bench, options) if fact.judgement is Judgement.FAILED]
     return [
+        *after,
         number(FactCode.COMMAND_LOSS_TIME, found, 0, limit_s),
         named(FactCode.COMMAND_LOSS_STATE, stop.state, *after_lost_master(bench.plan)),
     ]
@@ -410,13 +474,16 @@ def _heartbeat_loss(bench: Bench, _options: Options) -> list[Fact]:
     never_s = STOP_CYCLES * bench.period_s
     left_s = never_s if stop.left_s is None else stop.left_s
     rest_s = never_s if stop.rest_s is None else stop.rest_s
-    code = float(emergencies.ring[-1].code) if emergencies.count > before else 0.0
+    codes, new_count = [one.code for one in emergencies.ring], emergencies.count - before
+    new = codes[-new_count:] if new_count else []
+    low, high = COMMUNICATION_ERRORS
+    code = next((one for one in new if low <= one <= high), new[-1] if new else 0)
     fault_s = bench.plan.description.profile.fault_reaction_max_ms * 1e-3
     return [
         number(FactCode.HEARTBEAT_LOSS_TIME, left_s, 0, limit_s),
         named(FactCode.HEARTBEAT_LOSS_STATE, stop.state, *after_lost_master(bench.plan)),
         number(FactCode.HEARTBEAT_LOSS_REST, rest_s, 0, limit_s + fault_s),
-        number(FactCode.HEARTBEAT_LOSS_EMCY, code, *COMMUNICATION_ERRORS),
+        number(FactCode.HEARTBEAT_LOSS_EMCY, code, low, high),
     ]
 
 
@@ -481,13 +548,13 @@ _DECISIVE: Final = frozenset(
     {
         *_OF_STAGE["samples"],
         *_OF_STAGE["encoder"],
-        FactCode.ENABLED,
-        FactCode.STANDSTILL,
-        FactCode.SIGN,
-        FactCode.FOLLOWING,
+        *_OF_STAGE["torque"],
+        *_OF_STAGE["velocity"],
+        FactCode.FAULT_RESET,
     }
 )
-"""Facts that later stages rely on."""
+_NEEDED: Final = frozenset({FactCode.STATUSWORD_MAPPED, FactCode.POSITION_MAPPED, FactCode.SIGN})
+"""Facts that later stages rely on, and those of them that must have been measured."""
 
 
 def _unmeasured() -> list[Fact]:

@@ -20,6 +20,7 @@ from sim_drives.plant.actuation import Actuation
 
 NODE = 5
 GEAR = 100.0
+HAND_CYCLES = 500
 EFFORT_NM = 10.0
 INERTIA_KG_M2 = FakePlant.inertia[0]
 KINDS = {
@@ -27,6 +28,12 @@ KINDS = {
     "generic": GENERIC,
     "elmo": {"personality": "elmo_gold", "eds": "drives/elmo_gold.eds"},
 }
+
+
+class Motor(FakePlant):
+    """The share of a turn by which a hand turns it."""
+
+    hand = 1.0
 
 
 class Between:
@@ -50,7 +57,7 @@ class Between:
 
 def play(kind="epos4", lie=None, plant=None, **changes):
     """Verify the hip of two virtual drives; a lie is told after they have booted."""
-    plant = plant or FakePlant()
+    plant = plant or Motor()
     made = Drives(hip=KINDS[kind] | changes, plant=plant)
     made.boot()
     between = Between(made.world)
@@ -59,8 +66,14 @@ def play(kind="epos4", lie=None, plant=None, **changes):
     recorder = Recorder(clock)
     observed = SniffedBus(bus, clock, recorder)
 
+    asked = iter(range(10**6))
+
     def turn_by_hand():
-        plant.position[0] += math.tau / GEAR * getattr(plant, "hand", 1.0)
+        """A hand that takes five seconds."""
+        if next(asked) < HAND_CYCLES:
+            return False
+        plant.position[0] += math.tau / GEAR * plant.hand
+        return True
 
     told = SimpleNamespace(drives=made, frames=between, plant=plant, is_up=False)
     if lie is not None:
@@ -82,8 +95,8 @@ def play(kind="epos4", lie=None, plant=None, **changes):
             progress = next(steps)
         except StopIteration as end:
             return end.value, recorder
-        if progress.text == "samples":
-            for late in getattr(told, "later", ()):
+        for at, late in getattr(told, "later", ()):
+            if progress.text == at:
                 late()
 
 
@@ -95,6 +108,7 @@ def failed(found):
 def test_each_virtual_make_does_what_its_profile_says(kind):
     found, recorder = play(kind)
 
+    assert found.is_off
     assert found.passed, failed(found)
     unmeasured = {f.code for f in found.facts if f.judgement is Judgement.NOT_MEASURED}
     assert unmeasured <= {FactCode.COMMAND_LOSS_TIME, FactCode.COMMAND_LOSS_STATE}
@@ -118,9 +132,8 @@ def holds(index, sub, value):
     """The drive takes what bring-up writes, and then does as if it held something else."""
 
     def lie(told):
-        told.later = (
-            lambda: told.drives.world.node("right/hip").dictionary.put(index, sub, value),
-        )
+        held = told.drives.world.node("right/hip").dictionary
+        told.later = (("samples", lambda: held.put(index, sub, value)),)
 
     return lie
 
@@ -171,16 +184,38 @@ def refuses_a_value(told):
     told.drives.world.node("right/hip").dictionary.put(0x1018, 1, 0x1234)
 
 
-class TurnedByHandOnly(FakePlant):
+def shows_power_by_sdo(told):
+    def altered(frame):
+        if frame.can_id == 0x580 + NODE and frame.data[1:3] == b"\x41\x60":
+            return frame._replace(data=frame.data[:4] + b"\x37\x06\0\0")
+        return frame
+
+    def begin():
+        told.frames.from_drive = altered
+
+    told.later = (("samples", begin),)
+
+
+def test_a_drive_that_keeps_its_power_keeps_its_watch_too():
+    found, recorder = play(lie=shows_power_by_sdo)
+
+    assert not found.is_off
+    nmt = [frame.data for _, frame in recorder.frames if frame.can_id == 0]
+    assert nmt[-1] == bytes((0x01, NODE))
+    disabled = [f.data for _, f in recorder.frames if f.can_id == 0x600 + NODE][-20:]
+    assert bytes.fromhex("2b40600000000000") in disabled
+
+
+class HalfTurn(Motor):
     hand = 0.5
 
 
-class ReversedMotor(FakePlant):
+class ReversedMotor(Motor):
     def effort(self, axis):
         return -super().effort(axis)
 
 
-class PushedMotor(FakePlant):
+class PushedMotor(Motor):
     """An offset of the torque: it turns without a command."""
 
     def effort(self, axis):
@@ -189,17 +224,17 @@ class PushedMotor(FakePlant):
         return super().effort(axis) + offset_nm
 
 
-class HeavyMotor(FakePlant):
+class HeavyMotor(Motor):
     """Three times as much inertia as is known: the torque is a third of what is said."""
 
     inertia = (6.0, 30.0)
 
 
-class OtherCurrents(FakePlant):
+class OtherCurrents(Motor):
     effort_per_a = (3.9, 27.08)
 
 
-class LongRamp(FakePlant):
+class LongRamp(Motor):
     def set_axis(self, axis, actuation):
         super().set_axis(axis, actuation._replace(deceleration_si=actuation.deceleration_si / 8))
 
@@ -209,7 +244,7 @@ LIES = {
     "a TPDO is left out": ("epos4", silent_now_and_then, None, FactCode.SAMPLES),
     "another word in TPDO1": ("epos4", another_status, None, FactCode.STATUSWORD_MAPPED),
     "another position in TPDO1": ("epos4", another_position, None, FactCode.POSITION_MAPPED),
-    "half the counts": ("epos4", None, TurnedByHandOnly, FactCode.ENCODER),
+    "half the counts": ("epos4", None, HalfTurn, FactCode.ENCODER),
     "torque without a command": ("epos4", None, PushedMotor, FactCode.STANDSTILL),
     "a motor that turns the other way": ("epos4", None, ReversedMotor, FactCode.SIGN),
     "currents in another scale": ("epos4", None, OtherCurrents, FactCode.EFFORT_SCALE),

@@ -2,10 +2,17 @@
 
 import contextlib
 import json
+import random
 import zipfile
 
 import pytest
 from command_line import gaitd
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.serialization import (
+    BestAvailableEncryption,
+    Encoding,
+    PrivateFormat,
+)
 from drive_bench import Bench
 from sessions import changed_configs
 
@@ -56,7 +63,7 @@ def test_a_drive_is_verified_and_its_evidence_can_be_read(tmp_path):
 
     assert ended.code == 0, ended.err
     assert "Nothing may hang on it" in ended.out
-    assert "21 passed, 3 not measured; evidence: " in ended.out
+    assert "22 passed, 3 not measured; evidence: " in ended.out
     assert again.code == 2
     assert "a file that is not there yet" in again.err
     assert shown.code == 0
@@ -116,6 +123,10 @@ def _written(tmp_path):
 
 
 def repacked(path, change):
+    if change is None:
+        with zipfile.ZipFile(path, "a") as packed, pytest.warns(UserWarning, match="Duplicate"):
+            packed.writestr("page.html", b"another page")
+        return
     with zipfile.ZipFile(path) as packed:
         parts = {name: packed.read(name) for name in packed.namelist()}
     change(parts)
@@ -142,6 +153,7 @@ def no_signature(parts):
 DAMAGES = {
     "a fact was changed": (improved, "verification.json was changed, added or taken out"),
     "a digest was changed": (signed_anew, "the signature is not that of sha256.json"),
+    "a part stands twice": (None, "a part stands twice in it"),
     "a part was added": (lambda parts: parts.update(x=b""), "x was changed, added or taken out"),
     "a part was taken out": (lambda parts: parts.pop("page.html"), "page.html was changed"),
     "no signature": (lambda parts: parts.pop("signature.json"), "it has no signature.json"),
@@ -161,6 +173,28 @@ def test_a_file_that_was_changed_is_refused(name, written):
     assert words in ended.err
 
 
+def test_a_damaged_file_is_refused_in_one_line(written):
+    data = bytearray(written.read_bytes())
+    dice = random.Random(48)
+    for _ in range(300):
+        damaged = data.copy()
+        for _ in range(dice.randint(1, 4)):
+            damaged[dice.randrange(len(damaged))] = dice.randrange(256)
+        written.write_bytes(damaged)
+        with contextlib.suppress(evidence.EvidenceError):
+            evidence.read(written)
+
+
+def test_a_key_with_a_password_is_refused(tmp_path):
+    key = Ed25519PrivateKey.generate()
+    secret = BestAvailableEncryption(b"secret")
+    path = tmp_path / "key.pem"
+    path.write_bytes(key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, secret))
+
+    with pytest.raises(evidence.EvidenceError, match=r"key.pem: Password"):
+        evidence.load_key(path)
+
+
 def test_a_file_with_a_failed_fact_ends_with_1_and_no_zip_with_2(written):
     failed = gaitd("drive", "evidence", written)
     written.write_bytes(b"PK")
@@ -169,4 +203,4 @@ def test_a_file_with_a_failed_fact_ends_with_1_and_no_zip_with_2(written):
     assert failed.code == 1
     assert "FAILED" in failed.out
     assert none.code == 2
-    assert "it is no ZIP file" in none.err
+    assert "it is no whole ZIP file" in none.err
