@@ -7,7 +7,7 @@ measured; 1 one failed, or nothing was done; 2 usage or configuration; 3 bus or 
 
 import select
 import sys
-from contextlib import closing
+from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
@@ -102,25 +102,15 @@ def command(
         allowed = f"a file that is not there yet, and can be written ({error.strerror})"
         raise ConfigError(COMMAND_LINE, "--output", output, allowed) from error
     utc = f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}"
-    cycle = cycle_settings(settings.trainer.cycle)
-    options = Options(inertia, _Hand() if by_hand else None)
-    try:
-        with interrupted_once(), opened(bus_of(settings.file), is_master=True) as (bus, clock):
-            recorder = Recorder(clock)
-            observed = SniffedBus(bus, clock, recorder)
-            run_with_progress(listen(observed, clock, LISTEN_NS))
-            parameters.check_bus(recorder, settings.trainer.cycle.master_node_id)
-            port = Configurator(observed, clock, sync=SyncProducer(cycle.sync_counter))
-            steps = verify(plan, limits, cycle, options, bus=observed, clock=clock, port=port)
-            with closing(steps):  # takes the power off before the bus is closed
-                found = run_with_progress(steps)
-    except (BusError, DrivePowered, parameters.ParameterRefusedError) as error:
-        output.unlink()
-        scan = with_config("gaitd scan")
-        raise CommandError(str(error), ExitCode.DRIVE, blame=name, following=scan) from error
-    except BaseException:
-        output.unlink()
-        raise
+    hand = _Hand() if by_hand else None
+    with ExitStack() as unfinished:
+        unfinished.callback(output.unlink)
+        try:
+            found, recorder = _played(plan, limits, settings, Options(inertia, hand))
+        except (BusError, DrivePowered, parameters.ParameterRefusedError) as error:
+            scan = with_config("gaitd scan")
+            raise CommandError(str(error), ExitCode.DRIVE, blame=name, following=scan) from error
+        unfinished.pop_all()
     facts = tuple(map(row, found.facts))
     show(((f"{name}: {plan.description.profile.family}", ("fact", "found", "allowed", ""), facts),))
     if found.refusal:
@@ -136,6 +126,21 @@ def command(
     if not found.is_off:
         raise CommandError(POWERED, ExitCode.DRIVE, blame=name, following="")
     raise typer.Exit(ExitCode.DONE if found.passed else ExitCode.FAILED)
+
+
+def _played(
+    plan: "DrivePlan", limits: BenchLimits, settings: "Settings", options: Options
+) -> tuple[Verification, Recorder]:
+    cycle = cycle_settings(settings.trainer.cycle)
+    with interrupted_once(), opened(bus_of(settings.file), is_master=True) as (bus, clock):
+        recorder = Recorder(clock)
+        observed = SniffedBus(bus, clock, recorder)
+        run_with_progress(listen(observed, clock, LISTEN_NS))
+        parameters.check_bus(recorder, settings.trainer.cycle.master_node_id)
+        port = Configurator(observed, clock, sync=SyncProducer(cycle.sync_counter))
+        steps = verify(plan, limits, cycle, options, bus=observed, clock=clock, port=port)
+        with closing(steps):  # takes the power off before the bus is closed
+            return run_with_progress(steps), recorder
 
 
 def _plan(name: str, settings: "Settings") -> "tuple[DrivePlan, BenchLimits]":
