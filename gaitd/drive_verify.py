@@ -13,6 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
+import msgspec
 import typer
 from gaitd_client.signals import interrupted_once
 from gaitd_names import ExitCode
@@ -32,7 +33,14 @@ from drives.verification import evidence
 from drives.verification.bench import BenchLimits, Recorder
 from drives.verification.evidence import Result
 from drives.verification.stages import Options, Verification, verify
-from gaitd.command_line import CommandError, ConfigFile, full_name, with_config
+from gaitd.command_line import (
+    CommandError,
+    ConfigFile,
+    JsonOption,
+    full_name,
+    json_on_stdout,
+    with_config,
+)
 from gaitd.completion import axes
 from gaitd.terminal import run_with_progress, show
 from gaitd.verification_page import counts, html, row
@@ -82,6 +90,7 @@ def command(
         bool, typer.Option("--turn-by-hand", help="you turn the motor by one turn when asked")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="without confirmation")] = False,
+    json: JsonOption = False,
 ) -> None:
     """Play what a drive must do on a bench, judge it, and write one signed file of evidence."""
     from daemon.preflight.load import read_all
@@ -95,36 +104,41 @@ def command(
     except (OSError, ValueError) as error:
         allowed = f"a file with an Ed25519 key, or none ({error})"
         raise ConfigError(COMMAND_LINE, "--key", key, allowed) from error
-    _confirm(yes=yes)
-    try:
-        output.touch(exist_ok=False)
-    except OSError as error:
-        allowed = f"a file that is not there yet, and can be written ({error.strerror})"
-        raise ConfigError(COMMAND_LINE, "--output", output, allowed) from error
-    utc = f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}"
-    hand = _Hand() if by_hand else None
-    with ExitStack() as unfinished:
-        unfinished.callback(output.unlink)
+    with json_on_stdout(json) as write:
+        _confirm(yes=yes)
         try:
-            found, recorder = _played(plan, limits, settings, Options(inertia, hand))
-        except (BusError, DrivePowered, parameters.ParameterRefusedError) as error:
-            scan = with_config("gaitd scan")
-            raise CommandError(str(error), ExitCode.DRIVE, blame=name, following=scan) from error
-        unfinished.pop_all()
-    facts = tuple(map(row, found.facts))
-    show(((f"{name}: {plan.description.profile.family}", ("fact", "found", "allowed", ""), facts),))
-    if found.refusal:
-        print(found.refusal, file=sys.stderr)
-    result = _result(plan, settings, found, utc)
-    page = {"page.html": html(result).encode()}
-    try:
-        evidence.write(output, result, recorder.frames, files | page, private)
-    except OSError as error:
-        allowed = f"a file that can be written ({error.strerror})"
-        raise ConfigError(COMMAND_LINE, "--output", output, allowed) from error
-    print(f"{counts(found.facts)}; evidence: {output}")
-    if not found.is_off:
-        raise CommandError(POWERED, ExitCode.DRIVE, blame=name, following="")
+            output.touch(exist_ok=False)
+        except OSError as error:
+            allowed = f"a file that is not there yet, and can be written ({error.strerror})"
+            raise ConfigError(COMMAND_LINE, "--output", output, allowed) from error
+        utc = f"{datetime.now(UTC):%Y-%m-%dT%H:%MZ}"
+        hand = _Hand() if by_hand else None
+        with ExitStack() as unfinished:
+            unfinished.callback(output.unlink)
+            try:
+                found, recorder = _played(plan, limits, settings, Options(inertia, hand))
+            except (BusError, DrivePowered, parameters.ParameterRefusedError) as error:
+                scan = with_config("gaitd scan")
+                raise CommandError(
+                    str(error), ExitCode.DRIVE, blame=name, following=scan
+                ) from error
+            unfinished.pop_all()
+        title = f"{name}: {plan.description.profile.family}"
+        show(((title, ("fact", "found", "allowed", ""), tuple(map(row, found.facts))),))
+        if found.refusal:
+            print(found.refusal, file=sys.stderr)
+        result = _result(plan, settings, found, utc)
+        page = {"page.html": html(result).encode()}
+        try:
+            evidence.write(output, result, recorder.frames, files | page, private)
+        except OSError as error:
+            allowed = f"a file that can be written ({error.strerror})"
+            raise ConfigError(COMMAND_LINE, "--output", output, allowed) from error
+        print(f"{counts(found.facts)}; evidence: {output}")
+        if not found.is_off:
+            raise CommandError(POWERED, ExitCode.DRIVE, blame=name, following="")
+        facts = msgspec.to_builtins(found.facts)
+        write({"passed": found.passed, "facts": facts, "refusal": found.refusal, "file": output})
     raise typer.Exit(ExitCode.DONE if found.passed else ExitCode.FAILED)
 
 

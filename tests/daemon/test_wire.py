@@ -29,7 +29,7 @@ def test_the_schema_of_a_message_has_its_object_at_the_root_and_explains_every_f
         assert all(field.get("description") for field in definition["properties"].values())
 
 
-REQUESTS = {"ask", "mode", "acquire", "release", "report", "plan", "setpoint"}
+REQUESTS = {"ask", "mode", "acquire", "release", "report", "plan", "mark", "setpoint"}
 
 
 @pytest.mark.parametrize("name", wire.MESSAGES)

@@ -56,14 +56,16 @@ def verified(folder, *words):
 
 @pytest.mark.usefixtures("places")
 def test_a_drive_is_verified_and_its_evidence_can_be_read(tmp_path):
-    ended = verified(tmp_path, "--inertia", "2.0")
+    ended = verified(tmp_path, "--inertia", "2.0", "--json")
     again = verified(tmp_path)
     shown = gaitd("drive", "evidence", tmp_path / "hip.zip")
     document = json.loads(gaitd("drive", "evidence", tmp_path / "hip.zip", "--json").out)
 
     assert ended.code == 0, ended.err
-    assert "Nothing may hang on it" in ended.out
-    assert "22 passed, 3 not measured; evidence: " in ended.out
+    assert "Nothing may hang on it" in ended.err
+    assert "22 passed, 3 not measured; evidence: " in ended.err
+    assert (told := json.loads(ended.out))["passed"]
+    assert {fact["code"] for fact in told["facts"]} == set(FactCode)
     assert again.code == 2
     assert "a file that is not there yet" in again.err
     assert shown.code == 0
