@@ -123,7 +123,9 @@ def new_profile(
     duration: Annotated[float, typer.Option(help="Seconds of each block.")],
     rest: Annotated[float, typer.Option(help="Seconds of rest after each block.")],
     leg: Annotated[list[str], typer.Option(help="right or left; both for two legs.")],
-    folder: Annotated[Path, typer.Option(help="Where ID.toml is written.", file_okay=False)],
+    folder: Annotated[
+        Path, typer.Option(help="Where ID.toml is written.", file_okay=False, exists=True)
+    ],
     passive: Annotated[
         float, typer.Option(help="Seconds of gait with a relaxed patient before the warm-up.")
     ] = 0.0,

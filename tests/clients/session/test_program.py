@@ -103,6 +103,13 @@ def test_a_profile_is_refused_with_file_key_value_and_what_is_allowed(old, new, 
     assert message in str(refused.value)
 
 
+def test_a_folder_that_is_not_there_is_named(tmp_path):
+    ended, _ = new_profile(tmp_path / "none")
+
+    assert ended.code == 2
+    assert "Invalid value for '--folder'" in ended.err
+
+
 def test_a_new_profile_has_a_random_id_and_prints_the_plan_to_be_released(tmp_path):
     ended, file = new_profile(tmp_path)
 
