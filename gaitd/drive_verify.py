@@ -19,7 +19,6 @@ from gaitd_client.signals import interrupted_once
 from gaitd_names import ExitCode
 from gaitd_toml import COMMAND_LINE, MISSING, ConfigError
 
-from daemon.config.drive_plan import cycle_settings, drive_limits, plan_of
 from daemon.config.trainer import SIMULATED
 from daemon.system.bus_choice import bus_of, opened
 from drives.bringup.configurator import Configurator
@@ -93,7 +92,7 @@ def command(
     json: JsonOption = False,
 ) -> None:
     """Play what a drive must do on a bench, judge it, and write one signed file of evidence."""
-    from daemon.preflight.load import read_all
+    from daemon.preflight.load import read_all  # compiles the observer's kernels
 
     settings = read_all(config)
     name = full_name(name, [drive.name for drive in settings.drives], "NAME")
@@ -145,6 +144,8 @@ def command(
 def _played(
     plan: "DrivePlan", limits: BenchLimits, settings: "Settings", options: Options
 ) -> tuple[Verification, Recorder]:
+    from daemon.config.drive_plan import cycle_settings
+
     cycle = cycle_settings(settings.trainer.cycle)
     with interrupted_once(), opened(bus_of(settings.file), is_master=True) as (bus, clock):
         recorder = Recorder(clock)
@@ -158,6 +159,8 @@ def _played(
 
 
 def _plan(name: str, settings: "Settings") -> "tuple[DrivePlan, BenchLimits]":
+    from daemon.config.drive_plan import cycle_settings, drive_limits, plan_of
+
     description = plan_of(name, settings).description
     hip, slide = drive_limits(settings.limits)
     limits = hip if description.name.endswith("/hip") else slide
