@@ -134,6 +134,9 @@ class Told:
     def end(self):
         pass
 
+    def refresh(self):
+        pass
+
     def view(self, _mode):
         return self.now
 
