@@ -228,6 +228,7 @@ function paintShares({ share_ratio: share, past_share_ratios: past, best_share_r
   const svg = el("svg", { "aria-hidden": "true" });
   byId("scene").append(html("div", "panel shares", said, svg));
   const { clientWidth: width, clientHeight: height } = svg;
+  if (height < 2 * sizes.far) return svg.remove(); // no room: the sentence says the same
   svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
   const all = [...(past ?? []), share];
   const highest = Math.max(0.01, ...all.map((one) => one ?? 0));
