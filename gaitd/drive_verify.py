@@ -96,6 +96,7 @@ def command(
 
     settings = read_all(config)
     name = full_name(name, [drive.name for drive in settings.drives], "NAME")
+    _refuse_leg(settings)
     plan, limits = _plan(name, settings)
     files = _files(plan, settings)
     try:
@@ -172,6 +173,17 @@ def _plan(name: str, settings: "Settings") -> "tuple[DrivePlan, BenchLimits]":
         limits.quick_stop_deceleration_si_per_s2,
     )
     return single_axis_plan(description, limits, cycle, limits.effort_max_si), bench
+
+
+def _refuse_leg(settings: "Settings") -> None:
+    """Refuse the file of a machine with a leg: no person may be on what is played here."""
+    robot, file = settings.robot, settings.file.robot
+    for name, segment in (("thigh", robot.thigh), ("shank", robot.shank), ("shoe", robot.shoe)):
+        if segment.mass_kg:
+            allowed = "0: a bench turns nothing, as configs/robot_bench.toml"
+            raise ConfigError(file, f"{name}.mass_kg", segment.mass_kg, allowed)
+    if robot.patient is not None:
+        raise ConfigError(file, "patient", "a table", "no patient: this is for a bench")
 
 
 def _confirm(*, yes: bool) -> None:

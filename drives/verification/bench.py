@@ -104,11 +104,10 @@ class Bench:
         self.stage = ""
         self.was_late = False
         """The last turn began more than a period late."""
+        self.silent_count = 0
+        """Turns in a row without a whole sample."""
         self.rows: list[Row] = []
         self.feedback = self.drive.peek(clock.now_ns())
-        self._command = DriveCommand(
-            PowerRequest.DISABLE_VOLTAGE, OperationMode.CYCLIC_SYNC_TORQUE, 0, 0
-        )
 
     @property
     def period_s(self) -> float:
@@ -162,9 +161,10 @@ class Bench:
         self._receive(self._next_ns + WINDOW_NS, in_window=True)
         self.feedback = self._group.end_of_window(self._count, self._clock.now_ns())[0]
         target = self.feedback.position_counts if target_counts is None else target_counts
-        self._command = DriveCommand(power, mode, target, torque_permille)
+        self.silent_count = 0 if self.feedback.fresh else self.silent_count + 1
         if commands:
-            self._bus.send(self._group.frames([self._command]))
+            command = DriveCommand(power, mode, target, torque_permille)
+            self._bus.send(self._group.frames([command]))
         self.rows.append(
             Row(
                 self.now_s,

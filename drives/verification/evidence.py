@@ -31,7 +31,7 @@ from drives.verification.bench import Row
 from drives.verification.facts import Fact
 
 RESULT, DIGESTS, SIGNATURE = "verification.json", "sha256.json", "signature.json"
-FRAMES, PAGE = "frames.log", "page.html"
+FRAMES = "frames.log"
 SIZE_MAX: Final = 64_000_000
 """Largest part that is read: a ZIP may promise anything."""
 PARTS_MAX: Final = 16

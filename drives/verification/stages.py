@@ -9,8 +9,8 @@ Rules:
     measured: what comes after moves on the strength of it. Its facts are then not measured.
 4.  Each stop begins from the same velocity, or is not judged. The master's heartbeat and the
     commands are left out here alone.
-5.  A drive that is not to be enabled, a motor that does not run, and a cycle of ours that is late
-    while it runs end the verification.
+5.  A drive that is not to be enabled, a motor that does not run, and while it has torque a drive
+    that is silent and a cycle of ours that is late end the verification.
 6.  At the end the power is asked off by RPDO and by SDO until the drive shows that it is off.
 """
 
@@ -246,10 +246,13 @@ def _pulses(bench: Bench, options: Options) -> list[Fact]:
     facts = [number(FactCode.ENABLED, took_s, 0, ENABLE_MAX_S)]
     if took_s is None:
         return [Fact(FactCode.ENABLED, Judgement.FAILED)]
-    before = bench.feedback.position_counts
+    before, turned = bench.feedback.position_counts, 0.0
     for _ in range(STILL_CYCLES):
         bench.turn(PowerRequest.ENABLE, TORQUE)
-    turned = abs(bench.feedback.position_counts - before) / bench.counts_per_rev
+        _refuse_blind(bench)
+        turned = abs(bench.feedback.position_counts - before) / bench.counts_per_rev
+        if turned > STILL_MAX_REV:
+            break
     facts.append(number(FactCode.STANDSTILL, turned, 0, STILL_MAX_REV))
     if facts[-1].judgement is Judgement.FAILED:
         return facts
@@ -294,7 +297,7 @@ def _doublet(bench: Bench, effort_si: float) -> tuple[list[Row], bool]:
         for _ in range(0 if is_too_fast else PULSE_CYCLES):
             before = bench.feedback.position_counts
             after = bench.turn(PowerRequest.ENABLE, TORQUE, torque_permille=permille)
-            _refuse_late(bench)
+            _refuse_blind(bench)
             is_too_fast |= abs(after.position_counts - before) > abs(
                 fast * bench.scaling.counts_per_si
             )
@@ -316,9 +319,12 @@ def _rest(bench: Bench) -> None:
     raise _EndedError("the motor does not come to rest without power")
 
 
-def _refuse_late(bench: Bench) -> None:
+def _refuse_blind(bench: Bench) -> None:
+    """Rule 5: no torque without a view of the motor."""
     if bench.was_late:
         raise _EndedError("this computer began a cycle more than a period late: gaitd doctor")
+    if bench.silent_count >= SILENT_CYCLES:
+        raise _EndedError(f"the drive sent no whole sample in {SILENT_CYCLES} cycles")
 
 
 # --- position and velocity ------------------------------------------------------------------------
@@ -348,7 +354,7 @@ class _Run:
         bench = self._bench
         self.target += share * self.counts_per_s * bench.period_s
         seen = bench.turn(PowerRequest.ENABLE, POSITION, target_counts=round(self.target))
-        _refuse_late(bench)
+        _refuse_blind(bench)
         self.apart_max = max(self.apart_max, abs(self.target - seen.position_counts))
 
 
@@ -398,7 +404,6 @@ def _stopped(
     """Play what stops the drive, and look at it until it has had time to rest."""
     positions: list[float] = [bench.feedback.position_counts]
     left_s = None
-    silent_count = 0
     for count in range(STOP_CYCLES):
         if left_s is None:  # a target that stood still would brake, too
             run.target += run.counts_per_s * bench.period_s
@@ -409,10 +414,9 @@ def _stopped(
             heartbeat=heartbeat,
             commands=commands,
         )
-        silent_count = 0 if seen.fresh else silent_count + 1
         is_left = seen.power_state is not PowerState.OPERATION_ENABLED
-        if left_s is None and (is_left or silent_count == SILENT_CYCLES):
-            left_s = (count + 1 - max(silent_count, 1)) * bench.period_s
+        if left_s is None and (is_left or bench.silent_count == SILENT_CYCLES):
+            left_s = (count + 1 - max(bench.silent_count, 1)) * bench.period_s
         position = seen.position_counts if seen.fresh else bench.answer(Object.POSITION, 0)
         positions.append(float("nan") if position is None else position)
         if not seen.fresh:  # its PDOs may have ended, its SDOs have not

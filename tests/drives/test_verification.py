@@ -20,7 +20,7 @@ from sim_drives.plant.actuation import Actuation
 
 NODE = 5
 GEAR = 100.0
-HAND_CYCLES = 500
+HAND_CYCLES = 30
 EFFORT_NM = 10.0
 INERTIA_KG_M2 = FakePlant.inertia[0]
 KINDS = {
@@ -69,7 +69,7 @@ def play(kind="epos4", lie=None, plant=None, **changes):
     asked = iter(range(10**6))
 
     def turn_by_hand():
-        """A hand that takes five seconds."""
+        """A hand that takes longer than the drive waits for its master."""
         if next(asked) < HAND_CYCLES:
             return False
         plant.position[0] += math.tau / GEAR * plant.hand
@@ -182,6 +182,29 @@ def velocity_in_other_units(told):
 
 def refuses_a_value(told):
     told.drives.world.node("right/hip").dictionary.put(0x1018, 1, 0x1234)
+
+
+def silent_under_torque(told):
+    """TPDO2 ends once a torque was commanded."""
+    commanded = []
+
+    def to_drive(frame):
+        if frame.can_id == 0x300 + NODE and any(frame.data):
+            commanded.append(frame)
+        return frame
+
+    told.frames.to_drive = to_drive
+    told.frames.from_drive = lambda frame: (
+        None if commanded and frame.can_id == 0x280 + NODE else frame
+    )
+
+
+def test_no_torque_is_given_without_a_view_of_the_motor():
+    found, _ = play(lie=silent_under_torque)
+
+    assert "no whole sample" in found.refusal
+    assert len([row for row in found.rows if row.torque_permille]) <= 4
+    assert found.is_off
 
 
 def shows_power_by_sdo(told):

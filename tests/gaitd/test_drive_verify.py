@@ -46,10 +46,16 @@ def _places(monkeypatch):
     return places
 
 
+BENCH = (
+    ("demo.toml", 'robot = "robot.toml"', 'robot = "robot_bench.toml"'),
+    ("demo.toml", 'limits = "limits.toml"', 'limits = "limits_bench.toml"'),
+)
+
+
 def verified(folder, *words):
     config = folder / "configs" / "demo.toml"
     if not config.exists():
-        changed_configs(folder)
+        changed_configs(folder, *BENCH)
     words = ("--config", config, "--key", folder / "key.pem", "--yes", *words)
     return gaitd("drive", "verify", "hip", "--output", folder / "hip.zip", *words)
 
@@ -84,7 +90,7 @@ def test_what_is_asked_has_a_text_each():
 
 
 def test_nothing_moves_without_a_confirmation(places, tmp_path):
-    config = changed_configs(tmp_path) / "demo.toml"
+    config = changed_configs(tmp_path, *BENCH) / "demo.toml"
     key = ("--key", tmp_path / "key.pem")
 
     ended = gaitd(
@@ -95,6 +101,16 @@ def test_nothing_moves_without_a_confirmation(places, tmp_path):
     assert "--yes = (missing)" in ended.err
     assert places == []
     assert not (tmp_path / "a.zip").exists()
+
+
+def test_the_file_of_a_machine_with_a_leg_is_refused_before_anything_moves(places, tmp_path):
+    changed_configs(tmp_path)
+
+    ended = verified(tmp_path)
+
+    assert ended.code == 2
+    assert "robot.toml: thigh.mass_kg = 4.0: 0: a bench turns nothing" in ended.err
+    assert places == []
 
 
 def test_a_key_of_another_kind_is_refused_before_anything_moves(places, tmp_path):

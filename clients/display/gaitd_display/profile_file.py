@@ -231,7 +231,7 @@ def _table(values: Mapping[str, Any]) -> Table:
 
 
 def _replace(file: Path, text: str) -> None:
-    """Replace a file; whoever could read it can read the new one.
+    """Replace a file; the users who could read it can read the new one.
 
     Raises:
         NotWrittenError: this user may not write it, or its readers would lose it.
