@@ -109,7 +109,7 @@ kernels: $(VENV)/dev.stamp
 coverage: $(VENV)/dev.stamp  ## every branch behind the safety gates, by unit tests alone
 	$(STEP) "branch coverage of the safety gates" $(BIN)/python scripts/safety_gates.py
 
-mutants: coverage  ## mutation testing of files behind the gates; docs/mutants.md has the survivors
+mutants: coverage  ## mutation testing of files behind the gates; docs/evidence/mutants.md has the survivors
 	$(BIN)/python scripts/mutants.py
 
 bench: $(VENV)/dev.stamp  ## the project's benchmarks, as ratios in one run

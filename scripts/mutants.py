@@ -1,9 +1,9 @@
 """Mutation testing of files behind the safety gates (`safety_gates.py`): `make mutants`.
 
 Each mutant is one small change to one file, made in memory and never on disk. The unit tests of
-that file run on it, and one of them must fail. `docs/mutants.md` must give a reason for each
-survivor, row by row. A survivor without a row, and a row without a survivor, end the run with exit
-code 1.
+that file run on it, and one of them must fail. `docs/evidence/mutants.md` must give a reason for
+each survivor, row by row. A survivor without a row, and a row without a survivor, end the run with
+exit code 1.
 
 The mutations are those of Cosmic Ray and of `mutation_operators.py`. Cosmic Ray's own runner starts
 Python and imports everything anew for each mutant, and writes into the work tree. Here one process
@@ -46,7 +46,7 @@ sys.dont_write_bytecode = False
 sys.pycache_prefix = str(PROJECT / ".venv" / "pycache")  # otherwise each process compiles the tests
 RESULTS = PROJECT / ".venv" / "mutants"
 """Results of the last run, a file for each mutated file; `--again` adds to them."""
-EQUIVALENTS = PROJECT / "docs" / "mutants.md"
+EQUIVALENTS = PROJECT / "docs/evidence/mutants.md"
 
 import hypothesis  # noqa: E402 - after the path
 import mutation_operators  # noqa: E402
@@ -119,7 +119,7 @@ class Spec(NamedTuple):
 
 
 class Key(NamedTuple):
-    """Identification of a mutant in docs/mutants.md."""
+    """Identification of a mutant in docs/evidence/mutants.md."""
 
     file: str
     function: str
@@ -578,7 +578,7 @@ def judge_imported(send: Connection, file: str, undecided: list[Judged]) -> None
 
 
 def argued(files: Iterable[str]) -> set[Key]:
-    """Rows of docs/mutants.md for these files."""
+    """Rows of docs/evidence/mutants.md for these files."""
     rows: set[Key] = set()
     for line in MUTATED.sub("", EQUIVALENTS.read_text(encoding="utf-8")).splitlines():
         cells = [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
@@ -662,7 +662,7 @@ def stored(file: str, results: Iterable[Judged], *, anew: bool) -> Iterator[Judg
 
 
 def main() -> int:
-    """Run all mutants; 0 only if the rows of docs/mutants.md match the survivors exactly."""
+    """Run all mutants; 0 only if the rows of docs/evidence/mutants.md are the survivors exactly."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument(
         "files", nargs="*", default=list(UNIT_TESTS), help="of " + ", ".join(UNIT_TESTS)
@@ -733,7 +733,7 @@ def _report(files: list[str], judged: list[Judged], *, whole: bool) -> int:
 
 
 def numbers(file: str, judged: Iterable[Judged]) -> tuple[int, int, int]:
-    """Mutants of a file that count, survivors, and survivors without a row in docs/mutants.md."""
+    """Mutants of a file that count, survivors, and those without a row in the page."""
     own = [one for one in judged if one.spec.file == file]
     counts = Counter(one.outcome for one in own)
     survivors = {one.key for one in own if one.outcome is Outcome.SURVIVED}
@@ -742,7 +742,7 @@ def numbers(file: str, judged: Iterable[Judged]) -> tuple[int, int, int]:
 
 
 def write_numbers(files: Iterable[str], judged: Collection[Judged]) -> None:
-    """Write the rows of these files, mutated in full, into the numbers of docs/mutants.md."""
+    """Write the rows of these files, mutated in full, into the numbers of the page."""
     text = EQUIVALENTS.read_text(encoding="utf-8")
     old = list(MUTATED.finditer(text))
     rows = {row[1]: row[0] for row in old if row[1] in UNIT_TESTS}

@@ -75,7 +75,9 @@ LONG: Final = {
     "evidence/strides.md": Made(
         "gaitd strides --output docs/evidence", ("gaitd_lab.commands.strides",)
     ),
-    "fault_matrix.md": Made("gaitd matrix --output docs", ("gaitd_lab.commands.matrix",)),
+    "evidence/fault_matrix.md": Made(
+        "gaitd matrix --output docs/evidence", ("gaitd_lab.commands.matrix",)
+    ),
     "patient.png": Made(
         "pytest -n0 tests/rigs/test_session_in_a_browser.py -m thorough --write-pages",
         ("gaitd_display.__main__",),
@@ -86,7 +88,7 @@ LONG: Final = {
         ("gaitd_display.__main__", "gaitd_session.report"),
         ("clients/display/gaitd_display/static",),
     ),
-    "process_faults.md": Made(
+    "evidence/process_faults.md": Made(
         "pytest tests/service -m '' --write-process-faults",
         SERVICE,
         ("configs", "tests/service", "tests/support"),
@@ -201,17 +203,17 @@ def older() -> Iterator[str]:
 
 
 MUTATED: Final = re.compile(r"^\| (\S+\.py) \|(?: \d+ \|){3} (\w+) \|\n", re.MULTILINE)
-"""A row of docs/mutants.md with the numbers of a file: the file and its digest at that run."""
+"""A row of mutants.md with the numbers of a file: the file and its digest at that run."""
 
 
 def older_mutants() -> Iterator[str]:
     """Gated files that have changed since they were mutated, or never were."""
-    rows = dict(MUTATED.findall((DOCS / "mutants.md").read_text(encoding="utf-8")))
+    rows = dict(MUTATED.findall((DOCS / "evidence/mutants.md").read_text(encoding="utf-8")))
     changed = [file for file in UNIT_TESTS if rows.get(file) != code_digest(PROJECT / file)]
     if changed:
         yield (
-            f"docs/mutants.md: {len(changed)} of {len(UNIT_TESTS)} gated files have changed since"
-            f" their run, or had none: scripts/mutants.py {' '.join(changed)}"
+            f"docs/evidence/mutants.md: {len(changed)} of {len(UNIT_TESTS)} gated files have"
+            f" changed since their run, or had none: scripts/mutants.py {' '.join(changed)}"
         )
 
 

@@ -48,7 +48,7 @@ def pytest_addoption(parser):
     parser.addoption(
         "--write-process-faults",
         action="store_true",
-        help="write docs/process_faults.md anew from what tests/service measure",
+        help="write docs/evidence/process_faults.md anew from what tests/service measure",
     )
     parser.addoption(
         "--write-assist",
@@ -69,7 +69,7 @@ def pytest_addoption(parser):
         "--recordings",
         type=Path,
         metavar="FOLDER",
-        help="run the tests on recordings of real machines; docs/real_data.md says what is there",
+        help="run the tests on recordings of real machines; docs/evidence/real_data.md has them",
     )
     parser.addoption(
         "--cpu-seconds",

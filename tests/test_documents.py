@@ -262,14 +262,14 @@ def test_every_picture_is_made_by_a_command_that_is_known(pages):
 
 def test_every_long_page_has_digests_and_gated_files_alone_have_rows_of_mutants(pages):
     stored = json.loads((PROJECT / "docs/sources.json").read_text())
-    mutants = (PROJECT / "docs/mutants.md").read_text(encoding="utf-8")
+    mutants = (PROJECT / "docs/evidence/mutants.md").read_text(encoding="utf-8")
 
     assert stored.keys() == pages["LONG"].keys()
     assert {file for file, _ in pages["MUTATED"].findall(mutants)} <= pages["UNIT_TESTS"].keys()
 
 
 def test_a_gated_file_that_was_never_mutated_or_has_changed_since_is_named(pages, monkeypatch):
-    mutants = (PROJECT / "docs/mutants.md").read_text(encoding="utf-8")
+    mutants = (PROJECT / "docs/evidence/mutants.md").read_text(encoding="utf-8")
     (file, digest), *_ = pages["MUTATED"].findall(mutants)
     older, names = pages["older_mutants"], pages["older_mutants"].__globals__
     monkeypatch.setitem(names, "code_digest", lambda _: digest)

@@ -43,7 +43,7 @@ def command(
         update = begin("cells", float(len(wanted)))
         played = {}
         jobs = min(jobs, os.cpu_count() or 1)
-        title = f"Patients who work: medians, {duration_s:g} s of gait each, seeds: {seeds}"
+        title = f"Medians, {duration_s:g} s of gait each, seeds: {seeds}"
         try:
             for done, one in enumerate(run(demo_file(config), wanted, duration_s, jobs), 1):
                 played[one.cell] = one
@@ -51,7 +51,7 @@ def command(
         except KeyboardInterrupt:
             title += f", ended after {len(played)} of {len(wanted)} cells"
         results = [played[cell] for cell in wanted if cell in played]
-        found = Report("patients", title, (table(results),), {})
+        found = Report("patients", "Patients who work", (table(title, results),), {})
         show(one.texts() for one in found.tables)
         for path in write(
             found, output, f"gaitd patients --seeds {seeds} --seconds {duration_s:g}"

@@ -20,7 +20,7 @@ def command(
         Path,
         typer.Argument(
             metavar="RECORDINGS",
-            help="folder with emps/ and gait_falisse/, as docs/real_data.md says",
+            help="folder with emps/ and gait_falisse/, as docs/evidence/real_data.md says",
             file_okay=False,
         ),
     ],
@@ -39,7 +39,7 @@ def command(
 ) -> None:
     """Judge the observer on a recorded servo axis, and strides with a measured patient.
 
-    The recordings are published data sets and not part of gaitd; docs/real_data.md names them.
+    The recordings are published data sets and not part of gaitd: docs/evidence/real_data.md.
     """
     from analysis.recording import RecordingError
     from daemon.preflight.robot import load_robot

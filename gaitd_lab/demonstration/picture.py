@@ -39,8 +39,7 @@ GAPS: Final = (
     "A gap in all lines: the service is not running, between two parts of the demonstration.\n"
     "±3σ also holds what the robot file states as not sure ([uncertainty]); this virtual machine "
     "is exactly as its file says.\n"
-    "One run, with one draw of the noise; docs/strides.md and docs/experiment.md have medians and "
-    "ranges over ten."
+    "One run, with one draw of the noise; docs/evidence has medians and ranges over ten."
 )
 SHADES: Final = {
     Kind.INTERLUDE: "#f3f4f6",

@@ -11,5 +11,5 @@ Reading order:
     run                      all cells: one session for each mode, a fork for each cell
     evaluation               the laws that every cell is checked against
     reversals                bounds of each real reversal of a motor or an encoder
-    page                     docs/fault_matrix.md
+    page                     docs/evidence/fault_matrix.md
 """

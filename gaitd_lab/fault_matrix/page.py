@@ -1,4 +1,4 @@
-"""docs/fault_matrix.md: what every fault did in every mode, as one table, and what is right."""
+"""docs/evidence/fault_matrix.md: what every fault did in every mode, and what is right."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
@@ -18,10 +18,10 @@ PAGE: Final = "fault_matrix.md"
 
 _HEAD: Final = """# Fault matrix
 
-Made by `gaitd matrix --output docs` (seed {seed}); do not edit. The real loop, its drives' frames
-and a plant with a patient in lock-step: each fault in each mode on each axis. `gaitd matrix
---fault NAME --mode NAME` plays one cell again, bit for bit the same. {count} cells; {open_count}
-of them break a law today (last section).
+Made by `gaitd matrix --output docs/evidence` (seed {seed}); do not edit. The real loop, its
+drives' frames and a plant with a patient in lock-step: each fault in each mode on each axis.
+`gaitd matrix --fault NAME --mode NAME` plays one cell again, bit for bit the same. {count} cells;
+{open_count} of them break a law today (last section).
 
 ## How to read it
 

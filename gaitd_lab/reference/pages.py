@@ -7,6 +7,7 @@ from typing import Final
 
 from gaitd_toml import decoded, read_toml
 
+from analysis import markdown
 from daemon.config.limit_settings import Limits
 from daemon.config.shipped import configs_folder
 from gaitd_lab.reference import bits, modes, roles, schemas, typescript
@@ -38,27 +39,7 @@ def write(folder: Path) -> None:
     """
     for name, made in parts().items():
         page = folder / name
-        page.write_text(filled(page.read_text("utf-8"), made), "utf-8")
-
-
-def filled(text: str, parts: Mapping[str, str]) -> str:
-    """Return a page with the text between the comments `NAME: begin` and `NAME: end` replaced.
-
-    Args:
-        text: the page.
-        parts: new text of each name.
-
-    Raises:
-        ValueError: the page has no place for one of them.
-    """
-    for name, part in parts.items():
-        begin, end = f"<!-- {name}: begin -->\n", f"<!-- {name}: end -->"
-        before, found, rest = text.partition(begin)
-        _, closed, after = rest.partition(end)
-        if not (found and closed):
-            raise ValueError(f"the page has no lines {begin!r} and {end!r}")
-        text = f"{before}{begin}{part}\n{end}{after}"
-    return text
+        page.write_text(markdown.filled(page.read_text("utf-8"), made), "utf-8")
 
 
 if __name__ == "__main__":

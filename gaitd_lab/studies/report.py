@@ -13,6 +13,8 @@ from analysis import markdown
 
 UNKNOWN: Final = "–"
 DPI: Final = 84
+PLACE: Final = "numbers"
+"""Name of the comments between which a page has its numbers."""
 
 
 class Measured(NamedTuple):
@@ -79,31 +81,38 @@ class Report(NamedTuple):
 def write(report: Report, folder: Path, run: str) -> list[Path]:
     """Write NAME.md with all tables and today's date, and its pictures beside it.
 
+    What stands around the numbers of a page that is there is kept.
+
     Args:
         report: of a study.
         folder: is made if it is not there.
         run: the command line that repeats it.
 
     Raises:
-        OSError: a file cannot be written.
+        OSError: a file cannot be read or written.
+        ValueError: the page has the begin of its numbers and no end.
     """
     folder.mkdir(parents=True, exist_ok=True)
     pictures = [folder / f"{report.name}_{end}.png" for end in report.figures]
     for picture, figure in zip(pictures, report.figures.values(), strict=True):
         figure.savefig(picture, dpi=DPI, pil_kwargs={"optimize": True})
     parts = [
-        f"# {report.title}",
-        f"`{run}` wrote this page on {datetime.now(UTC).date().isoformat()}. A quantity that was "
-        f"drawn several times is `median (lowest … highest)`; {UNKNOWN} is a quantity that the "
+        "## Numbers",
+        f"`{run}` wrote these numbers on {datetime.now(UTC).date().isoformat()}. A quantity that "
+        f"was drawn several times is `median (lowest … highest)`; {UNKNOWN} is a quantity that the "
         "situation does not have.",
     ]
     if pictures:
         names = ", ".join(f"`{picture.name}`" for picture in pictures)
         parts.append(f"Pictures beside this page, drawn by the same command: {names}.")
     for title, head, rows in (table.texts() for table in report.tables):
-        parts += [f"## {title}", markdown.table(head, rows)]
+        parts += [f"### {title}", markdown.table(head, rows)]
     page = folder / f"{report.name}.md"
-    page.write_text(markdown.page(*parts), "utf-8")
+    made = {PLACE: markdown.page(*parts).rstrip("\n")}
+    text = page.read_text("utf-8") if page.is_file() else ""
+    if f"<!-- {PLACE}: begin -->" not in text:
+        text = f"# {report.title}\n\n<!-- {PLACE}: begin -->\n<!-- {PLACE}: end -->\n"
+    page.write_text(markdown.filled(text, made), "utf-8")
     return [page, *pictures]
 
 

@@ -296,13 +296,13 @@ def _longest(flags: NDArray[np.bool_]) -> int:
     return int(max(edges[1::2] - edges[::2], default=0))
 
 
-def table(results: Iterable[Played]) -> Table:
+def table(title: str, results: Iterable[Played]) -> Table:
     """Return a row for each patient, cadence and friction: medians over seeds, worst BAD run."""
     groups: dict[tuple[str, float, FrictionLaw], list[Played]] = {}
     for one in results:
         groups.setdefault((one.cell.patient, one.cell.cadence_hz, one.cell.law), []).append(one)
     rows = [_row(*key, draws) for key, draws in groups.items()]
-    return Table("Stops, validity and errors of the estimate", HEAD, rows)
+    return Table(title, HEAD, rows)
 
 
 def _row(

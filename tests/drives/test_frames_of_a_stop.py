@@ -4,7 +4,7 @@ A buffered 0Fh that a drive applies after a quick stop would leave quick stop ac
 16. The search has a master that decides a stop in any part of a cycle, the product's RPDOs with a
 controlword, and a drive of the standard (`third_model.py`). A frame on its way may be lost, or wait
 for any time; frames of one identifier never overtake each other. The last test searches RPDOs that
-the product does not have (docs/faster_stop.md): there transition 16 is found.
+the product does not have (docs/evidence/faster_stop.md): there transition 16 is found.
 """
 
 from collections.abc import Iterator, Sequence
@@ -27,7 +27,7 @@ LOSSES_MAX = 3
 SYNC = 0x080
 ENABLED = 0x0F
 LAST_SYNCHRONOUS_TYPE = 240
-PAGE = Path(__file__).parents[2] / "docs/faster_stop.md"
+PAGE = Path(__file__).parents[2] / "docs/evidence/faster_stop.md"
 
 
 class State(NamedTuple):

@@ -124,10 +124,10 @@ def test_a_real_reversal_is_found_no_later_and_moves_the_leg_no_farther(mode, se
 
 
 def test_the_page_has_the_laws_of_today():
-    written = (PROJECT / "docs/fault_matrix.md").read_text(encoding="utf-8")
+    written = (PROJECT / "docs/evidence/fault_matrix.md").read_text(encoding="utf-8")
 
     for section in page.laws():
-        assert section in written, "stale: write it anew with `gaitd matrix --output docs`"
+        assert section in written, "stale: `gaitd matrix --output docs/evidence`"
 
 
 @pytest.mark.parametrize("number", range(TURNS))
@@ -316,7 +316,7 @@ def tables_of(text):
 
 
 def test_the_page_has_every_row_and_every_column_and_no_empty_cell():
-    text = (PROJECT / "docs" / page.PAGE).read_text()
+    text = (PROJECT / "docs/evidence" / page.PAGE).read_text()
     head, _, *rows = next(tables_of(text))
 
     assert head == ["fault", *COLUMNS]

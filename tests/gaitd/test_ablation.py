@@ -148,7 +148,7 @@ def test_the_command_prints_and_writes_a_table_for_each_question(
 
     assert ran.code == 0, ran.err
     page = (tmp_path / "ablation.md").read_text("utf-8")
-    assert "`gaitd ablation --seeds 1 --quick` wrote this page" in page
+    assert "`gaitd ablation --seeds 1 --quick` wrote these numbers" in page
     asked = [one for one in QUESTIONS if ACTIVE in one.situations]
     first, *others = json.loads(ran.out)
     assert [row[0] for row in first["rows"]] == [ACTIVE]

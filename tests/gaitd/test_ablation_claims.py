@@ -1,4 +1,4 @@
-"""What docs/ablation.md says, on short trials; `test_ablation.py` has the machinery."""
+"""What docs/evidence/ablation.md says, on short trials; `test_ablation.py` has the machinery."""
 
 import numpy as np
 import pytest

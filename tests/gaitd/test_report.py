@@ -43,9 +43,9 @@ def test_a_page_has_date_command_tables_and_the_names_of_its_pictures(tmp_path):
 
     lines = page.read_text("utf-8").splitlines()
     assert lines[0] == "# A study"
-    assert re.match(r"`gaitd study` wrote this page on \d{4}-\d\d-\d\d\.", lines[2])
-    assert "`study_one.png`, `study_two.png`" in lines[4]
-    assert lines[-4:] == [
+    assert re.match(r"`gaitd study` wrote these numbers on \d{4}-\d\d-\d\d\.", lines[5])
+    assert "`study_one.png`, `study_two.png`" in lines[7]
+    assert lines[-5:-1] == [
         "|  | hip | slide |",
         "| --- | --- | --- |",
         "| a \\| b | 1.23 | – |",
@@ -53,3 +53,18 @@ def test_a_page_has_date_command_tables_and_the_names_of_its_pictures(tmp_path):
     ]
     assert [one.name for one in pictures] == ["study_one.png", "study_two.png"]
     assert all(one.read_bytes().startswith(b"\x89PNG") for one in pictures)
+
+
+def test_what_stands_around_the_numbers_of_a_page_is_kept(tmp_path):
+    report = Report("study", "A study", (Table("Forces", ("hip",), [(1.0,)]),), {})
+    (page,) = write(report, tmp_path, "gaitd study")
+    first = page.read_text("utf-8")
+    page.write_text(first.replace("# A study\n", "# Read me\n\nWhy.\n") + "\nMore.\n", "utf-8")
+
+    other = Report("study", "A study", (Table("Forces", ("hip",), [(2.0,)]),), {})
+    write(other, tmp_path, "gaitd study")
+
+    again = page.read_text("utf-8")
+    assert again.startswith("# Read me\n\nWhy.\n")
+    assert again.endswith("| 2 |\n<!-- numbers: end -->\n\nMore.\n")
+    assert again.count("## Numbers") == 1

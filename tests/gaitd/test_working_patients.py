@@ -108,7 +108,7 @@ def test_a_row_says_what_a_cell_gives():
     assert played.stopped_s == pytest.approx(6.0, abs=0.5)
     assert played.hip.patient_si > 1.0
     assert played.slide.patient_si > 10.0
-    (row,) = table([played]).rows
+    (row,) = table("Medians", [played]).rows
     assert len(row) == len(HEAD)
     assert row[:5] == ("half", "0.25 Hz", "paper", "none", "100.0")
 
@@ -117,4 +117,4 @@ def test_a_refused_gait_is_a_row_too():
     played = walked("half", cadence_hz=3.0)
 
     assert played.cause.startswith("refused: ")
-    assert table([played]).rows[0][3].startswith("refused: ")
+    assert table("Medians", [played]).rows[0][3].startswith("refused: ")

@@ -10,7 +10,7 @@ from small_disk import mount, unmount
 
 from gaitd_lab.processes import memory_folder
 
-TABLE = Path(__file__).parents[2] / "docs" / "process_faults.md"
+TABLE = Path(__file__).parents[2] / "docs/evidence/process_faults.md"
 
 
 @pytest.fixture(scope="session")

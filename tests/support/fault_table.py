@@ -1,4 +1,4 @@
-"""The table of faults of processes (docs/process_faults.md), row by row as the tests see them."""
+"""The table of docs/evidence/process_faults.md, row by row as the tests see them."""
 
 from typing import NamedTuple
 

@@ -2,5 +2,5 @@
 
 Reading order: `choices` (changes of the robot file), `trials` (recorded situations), `errors` (a
 trial replayed with a choice), `questions` (which cells answer what), `figures`, `study` (the
-report). docs/ablation.md says what was found.
+report). docs/evidence/ablation.md says what was found.
 """

@@ -1,6 +1,6 @@
 """Questions of the ablation, and the cells that answer each: one table and one figure each.
 
-docs/ablation.md has the answers.
+docs/evidence/ablation.md has the answers.
 """
 
 from typing import Final, NamedTuple

@@ -2,5 +2,5 @@
 
 Reading order: `measures` (a played run, and what is measured of it), `rows` (all of it as lines of
 a table), `targets` and `claims` (what the lines are held against), `figures`, `study` (the report).
-docs/experiment.md says what is seen.
+docs/evidence/experiment.md says what is seen.
 """
