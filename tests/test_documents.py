@@ -4,6 +4,7 @@ Commands that are cheap and harmless are also run, by `tests/service/test_docume
 """
 
 import contextlib
+import importlib
 import json
 import re
 import runpy
@@ -184,6 +185,18 @@ def test_every_key_of_the_configuration_has_a_meaning():
 
     assert len(rows) > 480
     assert [key for key, meaning in rows if not meaning] == []
+
+
+def test_every_constant_of_the_python_packages_has_a_value_a_unit_and_a_meaning(monkeypatch):
+    monkeypatch.syspath_prepend(PROJECT / "scripts")
+    reference = importlib.import_module("python_reference")
+    rows = [row for package in reference.PACKAGES for row in reference.constants(package)]
+    found = {row.name: row for row in rows}
+
+    assert [row for row in rows if not all(row)] == []
+    assert found["`stream.SILENCE_NS`"][1:3] == ("`200000000`", "ns")
+    assert found["`lease.NS_PER_S`"].unit == "ns/s"
+    assert {"`wire.JOINTS`", "`POWER_STATES`", "`LANGUAGES`"} <= found.keys()
 
 
 # --- pages that a command writes -------------------------------------------------------------

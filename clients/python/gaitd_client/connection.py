@@ -16,20 +16,24 @@ from gaitd_client.errors import EndpointError, NoAnswerError, NoServiceError, re
 Message = TypeVar("Message", bound=msgspec.Struct)
 
 CONNECT_TIMEOUT_MS: Final = 3000
-"""A computer whose processors are busy needs some seconds. A port without a service is tried again
-until then."""
+"""Longest wait for a connection. A port without a service is tried again until then, because a
+computer whose processors are busy needs some seconds."""
 ANSWER_TIMEOUT_S: Final = 10.0
-"""Longer than the gateway lets any request wait."""
+"""Longest wait for an answer: longer than the gateway lets any request wait."""
 RECONNECT: Final = {"period_init_ms": 100, "period_max_ms": 1000, "period_increase_factor": 2}
-"""Zenoh connects again by itself after the gateway was away."""
+"""When Zenoh tries to connect again after the gateway was away; its own names and units."""
 RETRY_S: Final = 1.0
 """Time between two attempts to connect."""
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+"""Endpoint of a service on this computer."""
 DEFAULT_TRAINER: Final = "trainer"
+"""TRAINER in the keys of a service that has no other name."""
 ENDPOINT: Final = re.compile(r"unixsock-stream/.+|(?:tcp|tls|udp|quic|ws)/.+:(?P<port>[0-9]{1,5})")
+"""Form of an endpoint: transport and address as Zenoh writes them."""
 PORT_MAX: Final = 65535
+"""Largest port of an endpoint."""
 PLACE_IN_ZENOH: Final = re.compile(r" at \S+\.rs:\d+")
-"""Place in Zenoh's source in the text of its errors."""
+"""Place in Zenoh's source within the text of its errors, which is left out."""
 
 
 class Target(NamedTuple):

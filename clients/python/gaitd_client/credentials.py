@@ -12,6 +12,7 @@ import msgspec
 from gaitd_client.errors import CredentialsError
 
 FILE: Final = "credentials.json"
+"""Name of the file in a folder of credentials that says which they are."""
 
 
 class CredentialsFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

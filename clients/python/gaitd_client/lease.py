@@ -37,10 +37,12 @@ ASSISTED: Final = frozenset({Mode.TORQUE, Mode.GAIT})
 NO_LEASE: Final = frozenset({Mode.STOPPING, Mode.FAULT})
 """Modes in which no lease can be acquired."""
 NS_PER_S: Final = 1_000_000_000
+"""Nanoseconds in a second."""
 REQUEST_NEEDED: Final = (
     "the lease was lost and acquired again: setpoints are neutral until the mode is left and"
     " requested again"
 )
+"""What `Lease.why_not` says of a lease that was lost in a mode that goes on."""
 
 
 class Assist(NamedTuple):

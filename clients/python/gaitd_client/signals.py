@@ -11,7 +11,7 @@ from types import FrameType
 from typing import Final
 
 ENDS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Ctrl-C, an end by the system, a terminal that is closed."""
+"""Signals that end a program: Ctrl-C, an end by the system, a terminal that is closed."""
 
 
 @contextmanager

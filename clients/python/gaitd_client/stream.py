@@ -32,9 +32,9 @@ T = TypeVar("T", bound=msgspec.Struct)
 SILENCE_NS: Final = 200_000_000
 """Nothing is valid after this time without a message."""
 SECOND_SILENCE_NS: Final = 1_500_000_000
-"""The same for a key with one message a second."""
+"""Nothing of a key with one message a second is valid after this time without one."""
 JOIN_S: Final = 3.0
-"""Longest wait for a function of `call` at the end: longer than the lease is acquired."""
+"""Longest wait for a function of `call` at the end: longer than it takes to acquire a lease."""
 POLL_S: Final = 0.02
 """Time of the computer between two looks at the clock while no message arrives."""
 

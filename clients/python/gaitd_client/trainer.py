@@ -31,22 +31,30 @@ from gaitd_client.subscriptions import Subscriptions
 T = TypeVar("T", bound=msgspec.Struct)
 
 ACQUIRE_TIMEOUT_S: Final = 2.0
-"""Shorter than others: the lease is requested again."""
+"""Longest wait for a lease; shorter than other waits, because it is requested again."""
 START_TIMEOUT_NS: Final = 600_000_000_000
+"""Longest wait for a core that starts: on a new computer it compiles the observer first."""
 START_RETRY_S: Final = 1.0
 """Time between two looks at a core that starts."""
 STOP: Final = "stop"
+"""Request that stops the machine."""
 STOP_ANSWER_TIMEOUT_S: Final = 2.0
-"""Longer than a gateway lets a stop wait; without an answer it is sent again."""
+"""Longest wait for the answer to a stop, after which it is sent again: longer than a gateway lets a
+stop wait."""
 STOP_RETRY_S: Final = 0.1
 """Time between two attempts to stop, while the link reconnects."""
 NOT_STOPPED: Final = (
     "the machine may not have stopped: let go of the hand switch, or press the emergency stop"
 )
+"""Text of the error where no answer to a stop came."""
 LEGS: Final = ("right", "left")
+"""Names of legs, as in keys and requests."""
 DRIVES: Final = tuple(f"{leg}/{axis}" for leg in LEGS for axis in ("hip", "slide"))
+"""Names of drives, as in keys and requests."""
 EVENTS_KEPT: Final = 256
+"""Events that a stream keeps until they are read; the oldest ones are dropped first."""
 STRIDES_KEPT: Final = 64
+"""Strides that a stream keeps until they are read; the oldest ones are dropped first."""
 
 
 class Trainer:

@@ -26,6 +26,7 @@ from gaitd_names.joints import JOINTS
 from gaitd_texts.stops import GoOn, key_of, stop_of
 
 LANGUAGES: Final = ("en", "de")
+"""Languages of every text: English and German."""
 FOLDER: Final = Path(__file__).parent
 CAUTIOUS: Final = {
     "en": "Press the emergency stop. Call for help.",

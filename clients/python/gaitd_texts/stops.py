@@ -108,7 +108,7 @@ STOPS: Final[Mapping[str, Stop]] = {
     Cause.CLONUS: Stop(Situation.HELD, GoOn.ON, Again.PHYSICIAN),
     Cause.STOP_NOT_OBEYED: Stop(Situation.DANGER, GoOn.ONLY),
 }
-"""Every cause but NONE."""
+"""What follows from each cause of a stop: every cause but NONE."""
 
 UNKNOWN: Final = "unknown"
 """Key of the texts of a cause of a later version."""

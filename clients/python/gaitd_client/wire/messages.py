@@ -496,12 +496,19 @@ MESSAGES: Final[dict[str, type[msgspec.Struct]]] = {
 NAME_OF: Final = {kind: name for name, kind in MESSAGES.items()}
 
 ALIVE: Final = "alive"
+"""Key of the liveliness token of a gateway, below `gaitd/TRAINER/`."""
 EVENTS: Final = "events"
+"""Key of `Event`, below `gaitd/TRAINER/`."""
 HEALTH: Final = "health"
+"""Key of `Health`, below `gaitd/TRAINER/`."""
 SAFETY: Final = "safety"
+"""Key of `Safety`, below `gaitd/TRAINER/`."""
 CONTROL: Final = "control"
+"""Key of requests, below `gaitd/TRAINER/`: the name of the request follows."""
 SETPOINT: Final = "setpoint"
+"""Key of `SetpointMessage`, below `gaitd/TRAINER/LEG/`: from the owner of the lease."""
 CONTROLLER: Final = "controller"
+"""Key of `ControllerState`, below `gaitd/TRAINER/LEG/`."""
 READING: Final = frozenset({"status", "config", "schema"})
 """Queries that every client may send and that change nothing."""
 
