@@ -48,7 +48,8 @@ LONG: Final = {
         ("configs", "clients/assist/configs", "tests/clients/assist"),
     ),
     "engineer.png": Made(
-        "pytest -n0 tests/rigs/test_engineer_page_in_a_browser.py -m thorough --write-pages",
+        "pytest -n0 tests/rigs/test_engineer_page_in_a_browser.py -m rig_browser -k demo"
+        " --write-pages",
         ("gaitd_display.__main__", *SERVICE),
         ("configs", "clients/display/gaitd_display/static"),
     ),
@@ -79,7 +80,7 @@ LONG: Final = {
         "gaitd matrix --output docs/evidence", ("gaitd_lab.commands.matrix",)
     ),
     "patient.png": Made(
-        "pytest -n0 tests/rigs/test_session_in_a_browser.py -m thorough --write-pages",
+        "pytest -n0 tests/rigs/test_session_in_a_browser.py -m rig_browser --write-pages",
         ("gaitd_display.__main__",),
         ("clients/display/gaitd_display/static",),
     ),

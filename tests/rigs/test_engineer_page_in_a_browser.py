@@ -10,7 +10,8 @@ from pathlib import Path
 import browser as rig
 import display_bench as bench
 import pytest
-from gaitd_client import Cause, Event, Mode, Trainer
+from contact_sheet import contact_sheet
+from gaitd_client import Cause, Event, EventCode, Mode, Stage, Trainer
 from gaitd_display.__main__ import utc_ahead_ns
 from gaitd_display.engineer import EngineerServer
 
@@ -36,6 +37,10 @@ STOPPED_MS = 2_000
 APART_MAX_NM = 4.0
 LOOKS = 8
 """Looks at a leg in motion, over a stride."""
+STRIDE_CYCLES = 200
+"""Of the gait in the pictures; the other tests have faster ones."""
+CURVES_MS = 15_000
+"""Longer than the curves, so that they are full."""
 TEXTS = ("--ink", "--soft", "--estimate", "--true", "--friction", "--blue-ink", "--vermillion-ink")
 SYMBOLS = ("--estimate-line", "--true", "--friction", "--edge", "--green", "--vermillion", "--mode")
 
@@ -109,6 +114,102 @@ def test_each_state_is_readable_at_each_size_and_in_both_schemes(tab, player, tr
             tab.shot(f"engineer_{len(trainer.legs)}_{name}_{scheme}_{width}")
             assert tab.violations() == []
     assert trainer.requests == []
+
+
+PICTURED = {
+    "bring_up": (
+        {
+            **{"mode": Mode.OFF, "cause": Cause.BRING_UP_FAILED, "switch": False},
+            **{"pose": (None, None), "validity": "bad", "fresh": False},
+        },
+        "resting",
+    ),
+    "ready": (SCENES["at_rest"], "resting"),
+    "gait": ({"top_w": 4.0}, "moving"),
+    "stopped": (STOPPED | {"validity": "split_unobservable"}, "stopped"),
+    "bad": (
+        {"mode": Mode.GAIT, "stage": Stage.PLAYING, "phase": 0.3, "validity": "bad"},
+        "moving",
+    ),
+    "no_signal": (None, "no_signal"),
+}
+"""States of docs/pages_in_pictures.md in the order in which they are played, and their words."""
+TOLD = {
+    "bring_up": [
+        (EventCode.BRING_UP_BEGUN, {}),
+        (
+            EventCode.BRING_UP_FAILED,
+            {
+                **{"subject": "right/slide", "priority": "high"},
+                "said": "1018h:02 product code is 0x60500000, expected 0x60510000",
+            },
+        ),
+    ],
+    "ready": [(EventCode.BRING_UP_BEGUN, {}), (EventCode.DRIVES_UP, {})],
+    "gait": [(EventCode.REQUEST_DONE, {"values": {"request": "mode", "mode": "gait"}})],
+    "stopped": [
+        (EventCode.HAND_SWITCH_OPENED, {}),
+        (
+            EventCode.STOPPED,
+            {
+                **{"priority": "medium", "kind": "stop", "cause": "hand_switch_open"},
+                "values": {"category": "S1", "cause": "hand_switch_open"},
+            },
+        ),
+    ],
+    "bad": [(EventCode.REQUEST_DONE, {"values": {"request": "mode", "mode": "gait"}})],
+    "no_signal": [],
+}
+"""Events of each state, by their code."""
+AFTER_GAIT = {"stopped", "bad"}
+WHOLE = {"bring_up", "gait"}
+"""States that fill the curves."""
+DESK, TABLET, PHONE = (1280, 800), (820, 1180), (390, 844)
+SHEETS = {
+    "engineer_bring_up": ([("bring_up", "light", DESK)], 1, 1000),
+    "engineer_ready": ([("ready", "light", DESK)], 1, 1000),
+    "engineer_gait": ([("gait", "light", DESK)], 1, 1000),
+    "engineer_stopped": ([("stopped", "light", DESK)], 1, 1000),
+    "engineer_lost": ([(name, "light", DESK) for name in ("bad", "no_signal")], 1, 1000),
+    "engineer_dark": ([(name, "dark", DESK) for name in ("gait", "stopped")], 1, 1000),
+    "engineer_tablet": ([(name, "light", TABLET) for name in ("gait", "stopped")], 2, 480),
+    "engineer_phone": (
+        [(name, "light", PHONE) for name in ("gait", "stopped", "no_signal")],
+        *(3, 320),
+    ),
+}
+"""Each picture: states with scheme and size, columns, and width of each."""
+
+
+@pytest.mark.thorough
+@pytest.mark.timeout(300)
+@one_leg
+def test_the_states_of_the_guide_are_pictures(tab, player, trainer, pictures, monkeypatch):
+    monkeypatch.setattr(rig, "STRIDE", STRIDE_CYCLES)
+    wanted = dict.fromkeys(one for shots, *_ in SHEETS.values() for one in shots)
+    shots = {}
+    for name, (scene, word) in PICTURED.items():
+        if name in AFTER_GAIT:
+            player.play(**PICTURED["gait"][0])
+            tab.page.wait_for_timeout(CURVES_MS)
+        for code, given in TOLD[name]:
+            fields = {"id": f"{name} {code}", "time_ns": AHEAD_NS + trainer.clock.ns, "code": code}
+            trainer.send("events", bench.filled(Event, **fields, **given))
+        if scene is None:
+            player.fall_silent()
+        else:
+            player.play(**scene)
+        tab.word(word)
+        tab.page.wait_for_timeout(CURVES_MS if name in WHOLE else STOPPED_MS)
+        for _, scheme, (width, height) in [one for one in wanted if one[0] == name]:
+            tab.page.emulate_media(color_scheme=scheme)
+            tab.page.set_viewport_size({"width": width, "height": height})
+            tab.page.wait_for_timeout(600)
+            tab.word(word)
+            assert "NaN" not in tab.page.inner_text("body")
+            shots[name, scheme, (width, height)] = tab.page.screenshot()
+    for sheet, (names, columns, width) in SHEETS.items():
+        contact_sheet(pictures / f"{sheet}.png", [shots[one] for one in names], columns, width)
 
 
 @one_leg

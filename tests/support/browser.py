@@ -180,8 +180,8 @@ class Player:
             scene = {"mode": Mode.GAIT, "stage": Stage.PLAYING, "phase": phase, "power_w": power_w}
             turn = math.cos(2 * math.pi * phase)
             scene["pose"] = (0.25 - 0.3 * turn, 0.5 - 0.35 * turn)
-            self.trainer.speak_of_health()
         self._count += 1
+        self.trainer.speak_of_health()
         self.trainer.cycles(scene.pop("mode"), **scene)
         if "phase" in scene:
             self._step(given, self._count // STRIDE, is_new=scene["phase"] == 0.0)

@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 GAP_PX = 8
 LABEL_PX = 30
-COLOURS = 96
+COLOURS = 256
 """Size of the palette: the pages have few colours, and the files are part of every clone."""
 
 
@@ -34,5 +34,6 @@ def contact_sheet(file: Path, shots: list[bytes], columns: int, width: int) -> N
         small = tile.resize((width, height), Image.Resampling.LANCZOS)
         sheet.paste(small, (x, y + label_px))
     file.parent.mkdir(parents=True, exist_ok=True)
-    flat = sheet.quantize(COLOURS, dither=Image.Dither.NONE)
+    # Colours of small areas, as of a legend, stay what they are.
+    flat = sheet.quantize(COLOURS, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
     flat.save(file, optimize=True)

@@ -236,8 +236,10 @@ class MessageTrainer:
             powered = OFF if mode in UNPOWERED else "operation_enabled"
             for leg in self.legs:
                 of_leg = {**head, "leg": leg, "gait_phase_ratio": phase}
-                hip = {"validity": validity, "net": -1.5, "net_std": 0.3}
-                slide = {"validity": validity, "net": 12.0, "net_std": 3.0}
+                hip, slide = {"validity": validity}, {"validity": validity}
+                if validity != "bad":
+                    hip |= {"net": -1.5, "net_std": 0.3}
+                    slide |= {"net": 12.0, "net_std": 3.0}
                 if validity == "ok" and power_w is not None:
                     hip |= {"patient": 2 * power_w, "patient_std": 0.4}
                     slide |= {"patient": 16 * power_w, "patient_std": 5.0}
@@ -251,6 +253,7 @@ class MessageTrainer:
                 self.send(f"{leg}/estimate", filled(wire.Estimate, **of_leg, hip=hip, slide=slide))
                 for axis, position in zip(("hip", "slide"), pose, strict=True):
                     drive = {"name": f"{leg}/{axis}", "position": position, "fresh": fresh}
+                    drive |= {"statusword": "0x1237" if powered != OFF else "0x1250"}
                     drive |= {"hand_switch_closed": switch, "effort": 5.5}
                     drive |= {"referenced": True, "temperature_degc": 41.0}
                     drive |= {"power_state": power or powered, "sto_released": not sto}
@@ -270,13 +273,16 @@ class MessageTrainer:
             )
 
     def speak_of_health(self):
-        self.send(
-            "health",
-            filled(wire.Health, bus_load_ratio=0.31, lateness_max_us=420.0, overrun_count=0),
-        )
+        second_ns = BEGAN_NS + self.clock.ns // 10**9 * 10**9
+        given = {"bus_load_ratio": 0.31, "overrun_count": 0, "sample_time_ns": second_ns}
+        given |= {"lateness_p50_us": 60.0, "lateness_max_us": 420.0}
+        given |= {"collect_max_us": 2400.0, "work_max_us": 1900.0}
+        bus = filled(wire.health_messages.BusHealth, condition="active")
+        self.send("health", filled(wire.Health, **given, bus=msgspec.to_builtins(bus)))
 
     def step(self, number, share, work, leg="right"):
         given = {"leg": leg, "number": number, "core_boot_id": "boot", "mode": "gait"}
+        given |= {"sample_time_ns": BEGAN_NS + self.clock.ns, "share_ratio_std": 0.012}
         works = {"work_positive_j": work, "work_negative_j": 0.0}
         self.send(f"{leg}/stride", filled(Stride, share_ratio=share, **works, **given))
 

@@ -150,6 +150,7 @@ class StrideItem(msgspec.Struct, frozen=True, tag="stride", tag_field="kind"):
     time_ms: float
     """UTC of its end."""
     share_ratio: float | None
+    share_ratio_std: float | None
 
 
 class EventItem(msgspec.Struct, frozen=True, tag="event", tag_field="kind"):
@@ -171,6 +172,7 @@ def stride_item(stride: Stride) -> StrideItem:
         stride.leg,
         stride.sample_time_ns / 1e6,
         stride.share_ratio,
+        stride.share_ratio_std,
     )
 
 

@@ -261,9 +261,11 @@ function paintTop(view, word) {
   setText(byId("lease"), isKnown && view.lease_holder ? `lease: ${view.lease_holder}` : "");
   setText(byId("time"), isKnown && view.time_ms !== null ? clock(view.time_ms, 1) : "–");
   byId("sim").hidden = byId("keytrue").hidden = !(isKnown && view.has_truth);
-  const trouble = isKnown ? view.truth_trouble : "";
-  byId("trouble").hidden = trouble === "";
-  setText(byId("trouble"), trouble);
+  const { verdict } = view ?? {};
+  for (const [id, words] of [["verdict", verdict ? `${verdict.category}: ${verdict.text}` : ""], ["trouble", view?.truth_trouble ?? ""]]) {
+    byId(id).hidden = !isKnown || words === "";
+    setText(byId(id), words);
+  }
 }
 
 function paintFigure(view, isKnown) {
@@ -324,9 +326,9 @@ function paintTiming(view, isKnown, now) {
   work.draw(seconds, now);
   const second = isKnown ? view.second : null;
   const ms = (us) => (us === null || us === undefined ? "–" : (us / 1000).toFixed(2));
-  const number = (value) => made("b", "", value);
-  byId("latenow").replaceChildren("median ", span("e", ms(second?.late_p50_us)), " · most ", span("f", ms(second?.late_max_us)));
-  byId("worknow").replaceChildren("work ", span("e", ms(second?.work_max_us)), " · frames ", span("f", ms(second?.collect_max_us)), " · overruns ", number(String(second?.overrun_count ?? "–")));
+  byId("latenow").replaceChildren("median ", span("e", ms(second?.late_p50_us)), " · max ", span("f", ms(second?.late_max_us)));
+  byId("worknow").replaceChildren("work ", span("e", ms(second?.work_max_us)), " · frames ", span("f", ms(second?.collect_max_us)));
+  setText(byId("overruns"), String(second?.overrun_count ?? "–"));
 }
 
 const POWERED = ["operation_enabled", "quick_stop_active"];
@@ -376,10 +378,13 @@ function paintEvents() {
     const line = made("p");
     if (event.priority === "high" || event.priority === "medium") line.append(span("mark", "▲ "));
     line.append(event.said.en);
-    if (event.remedy.en) line.append(" ", made("em", "", event.remedy.en));
+    const remedy = made("em", "", event.remedy.en ? ` ${event.remedy.en}` : "");
+    line.append(remedy);
     const item = made("li", "", made("time", "", clock(event.time_ms)), line);
     list.append(item);
-    if (list.scrollHeight > list.clientHeight) {
+    const isFull = () => list.scrollHeight > list.clientHeight;
+    if (isFull()) remedy.remove();
+    if (isFull() && list.childElementCount > 1) {
       item.remove();
       return;
     }

@@ -44,7 +44,7 @@ export function paintTimeline(svg, spans, strides, legs, now) {
     return b;
   };
   for (const run of runs(({ mode }) => mode)) segment(rows.mode, { ...run, key: run.key.replaceAll("_", " ") }, lookOf(run.key));
-  const stops = runs(({ category, cause }) => (cause === null ? null : `${category} ${cause}`));
+  const stops = runs(({ category, cause }) => (cause === null ? null : `${category} ${cause.replaceAll("_", " ")}`));
   for (const [index, run] of stops.entries()) {
     const end = segment(rows.stop, run, "stopped");
     // Beside a short one, where there is room.
