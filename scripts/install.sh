@@ -86,7 +86,9 @@ files() {
     done
     put systemd/gaitd.sysusers /usr/lib/sysusers.d/gaitd.conf
     put systemd/gaitd.tmpfiles /usr/lib/tmpfiles.d/gaitd.conf
-    for name in README.md CHANGELOG.md LICENSE docs/*.md docs/*.png; do
+    # What the pages link to; the pictures of a study are beside its numbers where it was run.
+    for name in README.md CHANGELOG.md LICENSE docs/*.md docs/*.png docs/*.svg docs/pictures/*.png \
+        docs/evidence/*.md docs/evidence/experiment_*.png; do
         put "$name" "$DOCUMENTS/$name"
     done
     install -d "$DESTDIR/usr/bin"
