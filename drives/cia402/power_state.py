@@ -68,18 +68,18 @@ from typing import Final, NamedTuple
 from drives.signals import HomingState, PowerRequest, PowerState
 
 SHUTDOWN: Final = 0x0006
-"""To ready to switch on: no torque."""
+"""Leads to *ready to switch on*: no torque."""
 SWITCH_ON: Final = 0x0007
-"""To switched on: no torque yet."""
+"""Leads to *switched on*: no torque yet."""
 ENABLE_OPERATION: Final = 0x000F
-"""To operation enabled: torque."""
+"""Leads to *operation enabled*: torque."""
 START_HOMING: Final = 0x001F
 """Enable operation with bit 4: in homing mode its rising edge starts, its falling edge
 interrupts."""
 DISABLE_VOLTAGE: Final = 0x0000
-"""To switch on disabled: the axis coasts. Bit 1 is low."""
+"""Leads to *switch on disabled*: the axis coasts. Bit 1 is low."""
 QUICK_STOP: Final = 0x0002
-"""Brake on the ramp, where enabled; else to switch on disabled. Bit 2 is low."""
+"""An enabled drive brakes on its ramp; another one goes to *switch on disabled*. Bit 2 is low."""
 HALT: Final = 0x010F
 """Enable operation with bit 8: brake as 605Dh says, and hold."""
 FAULT_RESET: Final = 0x0080

@@ -3,8 +3,8 @@
 Reading order: `law.py` (the interface of a law), `phase_help.py` (guidance and assist over the
 stride), `lack.py` (what a patient lacks by the estimate), `transparency.py` (friction fed forward,
 optional), `leg.py` (the laws of one leg, and when they may learn), `settings.py` (the file),
-`journal.py` (the log), `program.py` (the command). An own law is a file like `phase_help.py`, named
-in `leg.py`.
+`journal.py` (the log), `program.py` (the command). A further law is a file like `phase_help.py`,
+named in `leg.py`.
 """
 
 from gaitd_assist.law import Law, Memory, Sample

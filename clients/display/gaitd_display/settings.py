@@ -253,7 +253,7 @@ class EngineerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
     truth: Path | None = None
     """File of `gaitd sim --truth`; None: the drives are real, and there is no truth."""
     pages: Path | None = None
-    """Folder of own pages, served as /pages/; None: there are none."""
+    """Folder of further pages, served as /pages/; None: there are none."""
 
 
 File = TypeVar("File", PatientSettings, TherapistSettings, EngineerSettings)

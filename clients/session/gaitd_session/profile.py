@@ -86,7 +86,7 @@ class Goal(_Strict, frozen=True, kw_only=True):
 
 
 class Walk(_Strict, frozen=True, kw_only=True):
-    """One gait without interruption, and the rest after it."""
+    """A gait without interruption, and the pause after it."""
 
     duration_s: Annotated[float, Meta(ge=BLOCK_MIN_S, le=3600)]
     """Duration of the gait."""
