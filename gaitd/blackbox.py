@@ -105,7 +105,7 @@ def _list(state: Path, *, as_json: bool) -> None:
         print(msgspec.json.encode([_fields(file) for file in files]).decode())
         return
     columns = ("stopped (UTC)", "cause", "drive", "before", "after", "driven", "size", "file")
-    title = f"{len(files)} stops in {state / FOLDER}"
+    title = f"{len(files)} {'stop' if len(files) == 1 else 'stops'} in {state / FOLDER}"
     show(((title, columns, tuple(map(_row, files))),))
 
 

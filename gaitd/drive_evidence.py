@@ -23,7 +23,7 @@ def command(
     json: JsonOption = False,
 ) -> None:
     """Show the facts of an evidence file, after its digests and its signature have been checked."""
-    with errors_in_one_line(OSError):
+    with errors_in_one_line():
         try:
             result, key = evidence.read(file)
         except evidence.EvidenceError as error:

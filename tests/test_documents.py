@@ -199,6 +199,24 @@ def test_every_constant_of_the_python_packages_has_a_value_a_unit_and_a_meaning(
     assert {"`wire.JOINTS`", "`POWER_STATES`", "`LANGUAGES`"} <= found.keys()
 
 
+@pytest.mark.parametrize(
+    ("page", "heading"),
+    [("first_start.md", "## What may go wrong"), ("troubleshooting.md", "| symptom |")],
+)
+def test_a_message_that_a_page_explains_is_one_that_a_program_prints(page, heading):
+    _, _, table = (PROJECT / "docs" / page).read_text(encoding="utf-8").partition(heading)
+    printed = "".join(
+        path.read_text(encoding="utf-8")
+        for folder in ("clients/python/gaitd_texts", "gaitd", "drives/bringup", "simtime")
+        for path in (PROJECT / folder).iterdir()
+        if path.suffix in (".py", ".toml")
+    )
+    quoted = re.findall(r'"([^"]+)"', "\n".join(re.findall(r"^\|(.*?) \|", table, re.MULTILINE)))
+
+    assert len(quoted) > 7
+    assert [one for one in quoted for part in one.split("…") if part not in printed] == []
+
+
 # --- pages that a command writes -------------------------------------------------------------
 
 

@@ -162,7 +162,9 @@ def verify(
             bench.stage = name
             made = stage(bench, options)
             found += made
-            if any(_ends(fact) for fact in made):
+            ending = next(filter(_ends, made), None)
+            if ending is not None:
+                refusal = f"{name}: {ending.code.name}, {ending.judgement.name}"
                 break
     except (_EndedError, BusError) as error:
         refusal = f"{bench.stage}: {error}"

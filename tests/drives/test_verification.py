@@ -262,6 +262,13 @@ class LongRamp(Motor):
         super().set_axis(axis, actuation._replace(deceleration_si=actuation.deceleration_si / 8))
 
 
+def test_a_run_that_a_failed_fact_ends_was_not_played_to_the_end():
+    found, _ = play(plant=HalfTurn())
+
+    assert failed(found) == {FactCode.ENCODER, FactCode.COMPLETED}
+    assert "ENCODER" in found.refusal
+
+
 LIES = {
     "another maker": ("epos4", refuses_a_value, None, FactCode.BRING_UP),
     "a TPDO is left out": ("epos4", silent_now_and_then, None, FactCode.SAMPLES),

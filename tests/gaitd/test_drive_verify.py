@@ -217,8 +217,11 @@ def test_a_file_with_a_failed_fact_ends_with_1_and_no_zip_with_2(written):
     failed = gaitd("drive", "evidence", written)
     written.write_bytes(b"PK")
     none = gaitd("drive", "evidence", written)
+    missing = gaitd("drive", "evidence", written.parent / "missing.zip")
 
     assert failed.code == 1
     assert "FAILED" in failed.out
     assert none.code == 2
     assert "it is no whole ZIP file" in none.err
+    assert missing.code == 2
+    assert missing.err.endswith("missing.zip: No such file or directory\n")

@@ -76,6 +76,15 @@ def test_a_refusal_names_the_next_command(capsys, code, mode, following):
     assert following in capsys.readouterr().out.splitlines()[1]
 
 
+def test_a_refusal_that_names_the_mode_does_not_name_it_twice(capsys):
+    values = {"trigger": "commission", "mode_now": "hold"}
+    why = wire.Refusal(code="not_in_this_mode", subject=None, values=values, said="")
+
+    remote.report_reply(reply_of("mode", "refused", why, Mode.HOLD), as_json=False)
+
+    assert capsys.readouterr().out.count("(Leg is held)") == 1
+
+
 def test_watching_a_trainer_that_is_not_there_ends(tmp_path):
     endpoint = f"unixsock-stream/{tmp_path}/zenoh"
     other = {"mode": "router", "listen/endpoints": [endpoint], "scouting/multicast/enabled": False}
