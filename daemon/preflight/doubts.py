@@ -151,8 +151,8 @@ def _patient_on_a_real_machine(settings: Settings) -> Errors:
         yield ConfigError(file, "self_test.required", trainer.self_test.required, why)
     if trainer.excite:
         why = (
-            f"robot names {trainer.robot}, with a patient: an excitation pushes without guidance, "
-            f"and is for the empty machine{NEXT_RELEASE}"
+            f"robot names {trainer.robot}, with a patient, and these push without guidance: "
+            f"name the file of the empty machine, or delete them{NEXT_RELEASE}"
         )
         yield ConfigError(file, "excite", dict(trainer.excite), why)
 

@@ -175,8 +175,8 @@ def loop_warnings(meanings: tuple[LoopMeaning, ...]) -> Iterator[str]:
     for loop in meanings:
         if loop.loop not in small or loop.is_refused or _is_of_another(loop, small):
             continue
-        allowed = loop.allowed or f"a margin above {MARGIN_SMALL:g}"
-        yield str(ConfigError(loop.file, loop.key, loop.value, f"{allowed}: {_why(loop)}"))
+        wanted = loop.allowed or f"{MARGIN_SMALL:g} or more is advised"
+        yield str(ConfigError(loop.file, loop.key, loop.value, f"{_why(loop)}; {wanted}"))
 
 
 def _small(meanings: tuple[LoopMeaning, ...]) -> set[str]:
@@ -190,8 +190,8 @@ def _is_of_another(loop: LoopMeaning, small: set[str]) -> bool:
 
 def _why(loop: LoopMeaning) -> str:
     return (
-        f"{loop.loop}, {loop.leg}, hip {loop.hip_deg:.0f} deg, slide {loop.slide_m:.2f} m has a "
-        f"margin of {loop.margin_ratio:.2f} against shaking"
+        f"the margin against shaking is {loop.margin_ratio:.2f} in {loop.loop} "
+        f"({loop.leg}, hip {loop.hip_deg:.0f} deg, slide {loop.slide_m:.2f} m)"
         + ("" if loop.is_stable else "; below 1 it shakes")
     )
 

@@ -5,12 +5,13 @@ No fact is repeated in this file: rows, requests, refusals, categories and texts
 calling the guard with inputs in which one thing is wrong.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, Final
 
 from gaitd_names import Cause, Doubt, Mode, RequestKind, SelfTestDue, Trigger, Untested
-from gaitd_texts import Reader, catalogue, stop_of
+from gaitd_texts import COMMANDS, Reader, catalogue, stop_of
+from gaitd_texts.stops import Again, GoOn, Situation, key_of
 
 from analysis import markdown
 from daemon.core.exercises.guards import GuardInputs
@@ -81,13 +82,18 @@ def parts(chosen: Mapping[str, str]) -> dict[str, str]:
         chosen: `stop_category` of the limits file that is shown.
     """
     refused = ("request", "in mode", "while", "is refused with")
-    causes = ("cause", "category", "text", "first", "then", "if it comes back")
+    causes = ("cause", "category", "text", "the leg", "step", "go on", "if it comes back")
     return {
         "diagram": "\n".join(("```mermaid", *diagram(), "```")),
-        "transitions": markdown.table(("mode", "event", "next"), _transitions()),
         "requests": markdown.table(("request", *map(_word, Mode)), _possible()),
         "refusals": markdown.table(refused, _refusals()),
         "stops": markdown.table(causes, _stops(chosen)),
+        "first": markdown.table(("the leg", "do this first"), _named("first", Situation)),
+        "go_on": markdown.table(
+            ("go on", "after the step of the cause"),
+            ((name, TEXTS.text(f"go_on.{name}", **COMMANDS)) for name in GoOn if name != GoOn.ONLY),
+        ),
+        "again": markdown.table(("if it comes back", "do this"), _named("again", Again)),
     }
 
 
@@ -133,15 +139,10 @@ def _edges(indent: str, wanted: Callable[[Mode, Trigger, Mode], bool]) -> Iterat
         yield f"{indent}{_word(mode)} --> {_word(to)}: {', '.join(events)}"
 
 
-def _transitions() -> Iterator[tuple[str, ...]]:
-    for (mode, event), to in TRANSITIONS.items():
-        yield _word(mode), trigger_text(event), _word(to)
-
-
 def _possible() -> Iterator[tuple[str, ...]]:
     for name, (kind, wanted) in REQUESTS.items():
         event = trigger_of(kind, wanted)
-        yield name, *("yes" if (mode, event) in TRANSITIONS else "refused" for mode in Mode)
+        yield name, *("yes" if (mode, event) in TRANSITIONS else "–" for mode in Mode)
     yield "stop", *("stops" if _moves(mode) else "yes" for mode in Mode)
 
 
@@ -181,10 +182,28 @@ def _stops(chosen: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
             name,
             category,
             TEXTS.text(f"stopped.{name}"),
-            TEXTS.text(f"first.{stop.situation}"),
-            TEXTS.then(name),
-            TEXTS.text(f"again.{stop.again}"),
+            _words(stop.situation),
+            _step(name),
+            "–" if stop.go_on is GoOn.ONLY else stop.go_on,
+            _words(stop.again),
         )
+
+
+def _step(cause: Cause) -> str:
+    """What belongs to this cause alone; what many causes share is in tables of its own."""
+    key = f"stop_step.{stop_of(cause).step_of or key_of(cause)}"
+    text = TEXTS.text(key, **COMMANDS) if TEXTS.has(key) else "–"
+    return text[:1].upper() + text[1:]
+
+
+def _named(group: str, members: Iterable[str]) -> Iterator[tuple[str, str]]:
+    for name in members:
+        text = TEXTS.text(f"{group}.{name}")
+        yield _words(name), text[:1].upper() + text[1:]
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _word(mode: Mode) -> str:

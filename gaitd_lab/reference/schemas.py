@@ -15,8 +15,8 @@ from typing import Final, cast
 
 import msgspec
 from gaitd_client import wire
-from gaitd_client.wire.fields import QUANTITY
-from gaitd_client.wire.messages import NAME_OF
+from gaitd_client.wire.fields import QUANTITY, Estimated, Stated
+from gaitd_client.wire.messages import NAME_OF, Ask
 from msgspec import inspect as types
 
 from analysis import markdown
@@ -26,6 +26,8 @@ from daemon.gateway.requests import ROUTES, Route
 from drives.cia402.axis_file import AxisFile
 from drives.cia402.profile import DriveProfile
 
+LARGEST: Final = 2**53 - 1
+"""The largest whole number that every reader of JSON keeps."""
 BOUNDS: Final = (("ge", "≥"), ("gt", ">"), ("le", "≤"), ("lt", "<"))
 
 
@@ -47,12 +49,15 @@ def message_parts() -> dict[str, str]:
     """Return the generated parts of docs/messages.md by name."""
     parts: list[str] = []
     for name, kind in wire.MESSAGES.items():
-        parts += [f"## {name}", " ".join((kind.__doc__ or "").split())]
+        parts += [f"## {name}", f"{' '.join((kind.__doc__ or '').split())}{_more(kind)}"]
         rows = list(_field_rows(kind))
         if rows:
             parts.append(markdown.table(("field", "type", "meaning"), rows))
     queries = markdown.table(("key", "payload", "answer"), starmap(_query_row, ROUTES.items()))
-    return {"queries": queries, "fields": "\n\n".join(parts)}
+    columns = ("field", "type", "meaning")
+    heads = {"head": _named_rows("", _fields(Stated)), "leg": _named_rows("", _own(Estimated))}
+    tables = {name: markdown.table(columns, rows) for name, rows in heads.items()}
+    return {"queries": queries, "fields": "\n\n".join(parts), **tables}
 
 
 def _query_row(name: str, route: Route) -> tuple[str, str, str]:
@@ -64,13 +69,42 @@ def _query_row(name: str, route: Route) -> tuple[str, str, str]:
 
 def _field_rows(kind: type[msgspec.Struct]) -> Iterator[tuple[str, str, str]]:
     """Yield the rows of a message; those of its axes, which have the same fields, once."""
-    first = next(iter(wire.JOINTS))
-    for field in _fields(kind):
-        axis = _bare(field.type)
-        if not isinstance(axis, types.StructType) or field.name not in wire.JOINTS:
-            yield _field_row(field.name, field)
-        elif field.name == first:
-            yield from (_field_row(f"AXIS.{one.name}", one) for one in axis.fields)
+    own = _own(kind)
+    axes = [_bare(field.type) for field in own if field.name in wire.JOINTS]
+    if axes and isinstance(axes[0], types.StructType):
+        yield from _named_rows("AXIS.", axes[0].fields)
+        own = tuple(field for field in own if field.name not in wire.JOINTS)
+    yield from _named_rows("", own)
+
+
+def _own(kind: type[msgspec.Struct]) -> tuple[types.Field, ...]:
+    """Return the fields but those that the page tells once for many messages."""
+    told = next((one for one in (Estimated, Stated, Ask) if issubclass(kind, one)), None)
+    if kind in {Estimated, Ask}:
+        told = Stated if kind is Estimated else None
+    names = {field.name for field in _fields(told)} if told else set()
+    return tuple(field for field in _fields(kind) if field.name not in names)
+
+
+def _more(kind: type[msgspec.Struct]) -> str:
+    if issubclass(kind, Ask) and kind is not Ask:
+        return " It has the fields of [ask](#ask), too."
+    return (
+        " It has the [fields of a leg](#of-an-estimate), too."
+        if issubclass(kind, Estimated)
+        else ""
+    )
+
+
+def _named_rows(path: str, fields: tuple[types.Field, ...]) -> Iterator[tuple[str, str, str]]:
+    """Yield the rows of fields; a standard deviation stands beside its quantity."""
+    names = {field.name for field in fields}
+    for field in fields:
+        if field.name.removesuffix("_std") in names - {field.name}:
+            continue
+        std = f"{field.name}_std"
+        shown = (field.name, std) if std in names else (field.name,)
+        yield _field_row(", ".join(f"`{path}{name}`" for name in shown), field)
 
 
 def _field_row(name: str, field: types.Field) -> tuple[str, str, str]:
@@ -79,7 +113,7 @@ def _field_row(name: str, field: types.Field) -> tuple[str, str, str]:
     if QUANTITY in extra:
         units = (getattr(joint, str(extra[QUANTITY])) for joint in wire.JOINTS.values())
         kind = f"{kind}; {', '.join(units)}"
-    return f"`{name}`", kind, str(extra.get("description", ""))
+    return name, kind, str(extra.get("description", ""))
 
 
 # --- files ----------------------------------------------------------------------------------------
@@ -220,16 +254,21 @@ def _type_text(kind: types.Type) -> str:
             name = NAME_OF.get(struct)
             return f"[{name}](#{name})" if name else _inline(struct)
         case types.VarTupleType(item_type=item) | types.ListType(item_type=item):
-            return f"array of {_type_text(item)}"
+            return f"array of {_item_text(item)}"
         case types.TupleType(item_types=items):
             return f"[{', '.join(map(_type_text, items))}]"
         case types.DictType(value_type=value):
-            return f"object of {_type_text(value)}"
+            return f"object of {_item_text(value)}"
         case types.CustomType(cls=custom):
             return custom.__name__.lower()
         case _:
             word = WORDS.get(type(bare), type(bare).__name__.removesuffix("Type").lower())
             return f"{word}{_range(bare)}"
+
+
+def _item_text(kind: types.Type) -> str:
+    text = _type_text(kind)
+    return f"({text})" if isinstance(_bare(kind), types.UnionType) else text
 
 
 WORDS: Final[dict[type[types.Type], str]] = {
@@ -254,7 +293,7 @@ def _inline_field(field: types.Field) -> str:
 
 def _range(kind: types.Type) -> str:
     bounds = [
-        f"{sign} {value:g}"
+        f"{sign} {'2^53 − 1' if value == LARGEST else f'{value:g}'}"
         for name, sign in BOUNDS
         if (value := getattr(kind, name, None)) is not None
     ]

@@ -15,6 +15,7 @@ from gaitd_client import (
     CredentialsError,
     Estimate,
     Lease,
+    NoAnswerError,
     NotValid,
     Refusal,
     Safety,
@@ -96,6 +97,8 @@ def run(
     """
     trainer.wait_for_core(lambda why: print(f"{CLIENT}: waits: {why}", flush=True))
     configuration = trainer.configuration()
+    if not configuration.leg_names:
+        raise NoAnswerError(f"{trainer.target}: the core does not run: start it first")
     check_caps(settings, path, configuration, trainer.status().plan)
     stiffness, clock = stiffness_of(settings, path, configuration), trainer.clock
     end_ns = None if duration_s is None else clock.now_ns() + round(duration_s * 1e9)

@@ -2,15 +2,16 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
 from assisted import SHIPPED, STIFFNESS, TRANSPARENCY, leg_controller, shipped
 from display_bench import filled
-from gaitd_assist import Memory, Sample
+from gaitd_assist import Memory, Sample, program
 from gaitd_assist.journal import LINES_KEPT, Journal
 from gaitd_assist.settings import check_caps, parse_settings, stiffness_of
-from gaitd_client import Assist, AxisPlan, Mode, PlanLimits, Stage, Validity, wire
+from gaitd_client import Assist, AxisPlan, Mode, NoAnswerError, PlanLimits, Stage, Validity, wire
 from gaitd_toml import ConfigError
 
 BAD = {"validity": Validity.BAD}
@@ -188,6 +189,17 @@ def test_a_file_that_the_service_would_refuse_is_refused_before():
     of_plan = r"slide.max_n = 150.0: at most 80 \(slide.assist_max_n of the released plan\)"
     with pytest.raises(ConfigError, match=of_plan):
         check_caps(weak, SHIPPED, known, PlanLimits(**PLAN, slide=AxisPlan(assist_max=80.0)))
+
+
+def test_a_service_without_a_core_is_named_and_not_the_file():
+    gone = SimpleNamespace(
+        target="gaitd/trainer",
+        wait_for_core=lambda _: None,
+        configuration=lambda: example(wire.Configuration, leg_names=()),
+    )
+
+    with pytest.raises(NoAnswerError, match="the core does not run: start it first"):
+        program.run(shipped(), SHIPPED, gone)
 
 
 def test_a_service_that_does_not_tell_its_guidance_is_refused_by_the_law_that_asks_for_it():

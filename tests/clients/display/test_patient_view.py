@@ -372,7 +372,7 @@ def test_the_emergency_stop_pressed_as_a_session_advises_is_named_and_sounds_no_
 
 def test_a_cause_of_a_later_version_is_told_as_the_gravest(screen):
     view = screen.after(Mode.FAULT, cause="of_a_later_version")
-    assert said(view, "de")[0] == "Gerät gestört"
+    assert said(view, "de")[0] == "Gerätestörung"
     assert [card.picture for card in view.scene.cards if card.is_first] == [
         *(Picture.EMERGENCY_STOP, Picture.TELEPHONE),
     ]

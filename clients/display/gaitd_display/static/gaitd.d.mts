@@ -78,9 +78,9 @@ export interface AxisActivity {
   net: number | null;
   /** Standard deviation of the field of the same name; null where that is null. */
   net_std: number | null;
-  /** Of the patient's tremor, 3..12 Hz, where it stands out of the last seconds of valid estimates. Null: none does, or the axis is not ok. */
+  /** Frequency of the patient's tremor, 3..12 Hz, where it stands out of the last seconds of valid estimates. Null: none does, or the axis is not ok. */
   tremor_frequency_hz?: number | null;
-  /** Of the wave of the patient's effort at that frequency; null as that is. */
+  /** Amplitude of the patient's effort at that frequency; null as that is. */
   tremor_amplitude?: number | null;
 }
 /** One axis in an estimate; all but the raw values is null where it is not valid. */
@@ -113,13 +113,13 @@ export interface AxisEstimate {
   measured_position: number | null;
   /** Drive's effort as the observer used it: over the past cycle. */
   effort: number | null;
-  /** Of the patient's tremor, 3..12 Hz, where it stands out of the last seconds of valid estimates. Null: none does, or the axis is not ok. */
+  /** Frequency of the patient's tremor, 3..12 Hz, where it stands out of the last seconds of valid estimates. Null: none does, or the axis is not ok. */
   tremor_frequency_hz?: number | null;
-  /** Of the wave of the patient's effort at that frequency; null as that is. */
+  /** Amplitude of the patient's effort at that frequency; null as that is. */
   tremor_amplitude?: number | null;
   /** Artificial disturbance: effort = measured - this. */
   artificial: number | null;
-  /** Of the mode. */
+  /** Position that the mode wants. */
   reference_position: number | null;
   /** A controller's assist in force, bounded; 0: none. */
   assist: number | null;
@@ -171,7 +171,7 @@ export interface AxisStride {
   share_ratio_std: number | null;
   /** Mean tremor of the stride; null unless it stood out in more than half of its valid parts of 1.28 s. */
   tremor_frequency_hz?: number | null;
-  /** Of the wave, mean of the stride; null as the frequency is. */
+  /** Mean amplitude of the tremor; null as the frequency is. */
   tremor_amplitude?: number | null;
   /** Share of the stride's time in which the patient's effort was known; below 0.5, or with an invalid sample, the axis' other figures are null. */
   coverage_ratio: number;
@@ -215,11 +215,11 @@ export interface ControllerState {
   client: string;
   /** `cycle` to which the state belongs. */
   for_cycle: number | null;
-  /** Of the leg. */
+  /** State of the leg. */
   values?: Record<string, number | readonly (number | null)[] | null>;
-  /** Of the hip. */
+  /** State of the hip. */
   hip?: Record<string, number | readonly (number | null)[] | null>;
-  /** Of the slide. */
+  /** State of the slide. */
   slide?: Record<string, number | readonly (number | null)[] | null>;
 }
 /** Communication with one drive. */
@@ -279,7 +279,7 @@ export interface DriveState {
   hand_switch_closed: boolean | null;
   /** Safe torque off is not active. */
   sto_released: boolean | null;
-  /** Of the power stage. */
+  /** Temperature of the power stage. */
   temperature_degc: number | null;
   /** Newest EMCY code, hexadecimal; null when there is none. */
   emergency_code: string | null;
@@ -341,7 +341,7 @@ export interface Estimate {
   nis: number | null;
   /** Forgetting mean of some 100 cycles: 1.72 to 2.28 in 95 % if as modelled. */
   mean_nis: number | null;
-  /** Of 8 states; one less for each axis whose split is unobservable. */
+  /** Observable states of 8; one less for each axis with an unobservable split. */
   observable_rank: number;
   /** Phase 0..1 of this leg's stride; null when no gait plays. */
   gait_phase_ratio: number | null;
@@ -349,7 +349,7 @@ export interface Estimate {
   dt_s: number | null;
   /** In force, of the guidance's configured stiffness. */
   stiffness_ratio: number | null;
-  /** Of the newest setpoint that counts; null: none does. */
+  /** `seq` of the newest setpoint that counts; null: none does. */
   setpoint_seq: number | null;
 }
 /** One event. A bounded history reaches late joiners (AdvancedSubscriber). */
@@ -372,11 +372,11 @@ export interface Event {
   kind: "core" | "mode" | "stop" | "request" | "drive" | "emergency" | "input" | "note" | (string & {});
   /** What happened, for example mode_changed. */
   code: string;
-  /** Of a stop, else null. */
+  /** Cause of a stop; else null. */
   cause: "none" | "stop_requested" | "shutdown" | "gateway_silent" | "cycle_overrun" | "command_not_finite" | "last_end_unknown" | "hand_switch_open" | "sto_active" | "inputs_impossible" | "bus_down" | "drive_silent" | "heartbeat_lost" | "drive_rebooted" | "drive_not_operational" | "drive_fault" | "emergency" | "drive_left_enabled" | "mode_not_shown" | "not_following" | "bring_up_failed" | "bus_off" | "transmit_queue_full" | "drive_powered" | "unexpected_enable" | "encoder_frozen" | "encoder_jump" | "unreferenced" | "sign_wrong" | "effort_deviation" | "moved_against_drive" | "position_limit" | "velocity_limit" | "effort_limit" | "power_limit" | "tracking_limit" | "temperature_limit" | "singularity" | "limit_switch" | "energy_limit" | "stopping_path" | "observer_invalid" | "static_load_wrong" | "spasm" | "self_test_failed" | "clonus" | "stop_not_obeyed" | (string & {}) | null;
   /** Drive or leg; null if of none. */
   subject: string | null;
-  /** Of the code, by name. */
+  /** Values of the code, by name. */
   values: Record<string, number | string | null>;
   /** What a drive or the operating system has said, or empty. */
   said: string;
@@ -418,9 +418,9 @@ export interface Health {
   lateness_bound_us: readonly (number)[];
   /** SYNCs per class of lateness since the core's start. */
   lateness_count: readonly (number)[];
-  /** Of SYNC, in the last second. */
+  /** Median lateness of SYNC in the last second. */
   lateness_p50_us: number | null;
-  /** Of SYNC, in the last second. */
+  /** Largest lateness of SYNC in the last second. */
   lateness_max_us: number | null;
   /** SYNC to last TPDO, last second. */
   collect_max_us: number | null;
@@ -542,7 +542,7 @@ export interface Stride {
   status: readonly ("valid" | "warm_up" | "predict_only" | "gated" | "standstill_hip" | "standstill_slide" | "near_singular" | "out_of_workspace" | "late" | "inconsistent" | "unreferenced" | "artificial" | "input_saturated" | "near_limit" | "uncalibrated" | "baseline" | (string & {}))[];
   /** The same as hexadecimal bits, as in recordings. */
   status_bits: string;
-  /** Of this leg since core start, from 1. */
+  /** Counts the strides of this leg since core start, from 1. */
   number: number;
   /** From one rise of the hip to the next. */
   duration_s: number;
@@ -554,15 +554,15 @@ export interface Stride {
   hip: AxisStride;
   /** The slide. */
   slide: AxisStride;
-  /** Of both axes, with the motion. */
+  /** Patient's work of both axes, with the motion. */
   work_positive_j: number | null;
   /** Standard deviation of the field of the same name; null where that is null. */
   work_positive_j_std: number | null;
-  /** Of both axes, against the motion. */
+  /** Patient's work of both axes, against the motion. */
   work_negative_j: number | null;
   /** Standard deviation of the field of the same name; null where that is null. */
   work_negative_j_std: number | null;
-  /** Of both axes; null below 0.5 J. */
+  /** Share of both axes; null below 0.5 J. */
   share_ratio: number | null;
   /** Standard deviation of the field of the same name; null where that is null. */
   share_ratio_std: number | null;

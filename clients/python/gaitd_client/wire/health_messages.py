@@ -57,8 +57,12 @@ class Health(Stated, frozen=True, kw_only=True):
     lateness_count: Annotated[
         tuple[int, ...], Meta(description="SYNCs per class of lateness since the core's start.")
     ]
-    lateness_p50_us: Annotated[float | None, Meta(description="Of SYNC, in the last second.")]
-    lateness_max_us: Annotated[float | None, Meta(description="Of SYNC, in the last second.")]
+    lateness_p50_us: Annotated[
+        float | None, Meta(description="Median lateness of SYNC in the last second.")
+    ]
+    lateness_max_us: Annotated[
+        float | None, Meta(description="Largest lateness of SYNC in the last second.")
+    ]
     collect_max_us: Annotated[float | None, Meta(description="SYNC to last TPDO, last second.")]
     work_max_us: Annotated[float | None, Meta(description="Python work of a cycle, last second.")]
     overrun_count: Annotated[int | None, Meta(description="Grid points missed since core start.")]

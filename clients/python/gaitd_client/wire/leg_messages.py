@@ -46,13 +46,13 @@ ReportedValues = Annotated[
 TremorHz = Annotated[
     float | None,
     Meta(
-        description="Of the patient's tremor, 3..12 Hz, where it stands out of the last seconds of"
-        " valid estimates. Null: none does, or the axis is not ok."
+        description="Frequency of the patient's tremor, 3..12 Hz, where it stands out of the last"
+        " seconds of valid estimates. Null: none does, or the axis is not ok."
     ),
 ]
 TremorAmplitude = Annotated[
     float | None,
-    of_joint(EFFORT, "Of the wave of the patient's effort at that frequency; null as that is."),
+    of_joint(EFFORT, "Amplitude of the patient's effort at that frequency; null as that is."),
 ]
 
 
@@ -88,7 +88,7 @@ class AxisEstimate(msgspec.Struct, frozen=True, kw_only=True):
     artificial: Annotated[
         float | None, of_joint(EFFORT, "Artificial disturbance: effort = measured - this.")
     ]
-    reference_position: Annotated[float | None, of_joint(POSITION, "Of the mode.")]
+    reference_position: Annotated[float | None, of_joint(POSITION, "Position that the mode wants.")]
     assist: Annotated[
         float | None, of_joint(EFFORT, "A controller's assist in force, bounded; 0: none.")
     ]
@@ -123,7 +123,10 @@ class Estimate(Estimated, frozen=True, kw_only=True):
         ),
     ]
     observable_rank: Annotated[
-        int, Meta(description="Of 8 states; one less for each axis whose split is unobservable.")
+        int,
+        Meta(
+            description="Observable states of 8; one less for each axis with an unobservable split."
+        ),
     ]
     gait_phase_ratio: Phase
     dt_s: Annotated[float | None, Meta(description="True time since the SYNC before.")]
@@ -131,7 +134,7 @@ class Estimate(Estimated, frozen=True, kw_only=True):
         float | None, Meta(description="In force, of the guidance's configured stiffness.")
     ]
     setpoint_seq: Annotated[
-        int | None, Meta(description="Of the newest setpoint that counts; null: none does.")
+        int | None, Meta(description="`seq` of the newest setpoint that counts; null: none does.")
     ]
 
 
@@ -221,7 +224,7 @@ class AxisStride(msgspec.Struct, frozen=True, kw_only=True):
         ),
     ] = None
     tremor_amplitude: Annotated[
-        float | None, of_joint(EFFORT, "Of the wave, mean of the stride; null as the frequency is.")
+        float | None, of_joint(EFFORT, "Mean amplitude of the tremor; null as the frequency is.")
     ] = None
     coverage_ratio: Annotated[
         float,
@@ -244,17 +247,23 @@ class Stride(Sampled, frozen=True, kw_only=True):
     mode: ModeName
     status: Flags
     status_bits: FlagBits
-    number: Annotated[int, Meta(description="Of this leg since core start, from 1.")]
+    number: Annotated[
+        int, Meta(description="Counts the strides of this leg since core start, from 1.")
+    ]
     duration_s: Annotated[float, Meta(description="From one rise of the hip to the next.")]
     cadence_hz: Annotated[float, Meta(description="Strides per second: 1 / duration.")]
     sample_count: Annotated[int, Meta(description="Cycles in the stride.")]
     hip: Annotated[AxisStride, Meta(description="The hip.")]
     slide: Annotated[AxisStride, Meta(description="The slide.")]
-    work_positive_j: Annotated[float | None, Meta(description="Of both axes, with the motion.")]
+    work_positive_j: Annotated[
+        float | None, Meta(description="Patient's work of both axes, with the motion.")
+    ]
     work_positive_j_std: Std
-    work_negative_j: Annotated[float | None, Meta(description="Of both axes, against the motion.")]
+    work_negative_j: Annotated[
+        float | None, Meta(description="Patient's work of both axes, against the motion.")
+    ]
     work_negative_j_std: Std
-    share_ratio: Annotated[float | None, Meta(description="Of both axes; null below 0.5 J.")]
+    share_ratio: Annotated[float | None, Meta(description="Share of both axes; null below 0.5 J.")]
     share_ratio_std: Std
     baseline_subtracted: Annotated[bool, Meta(description="A passive baseline is taken off.")]
 
@@ -268,12 +277,12 @@ class ControllerState(Stated, frozen=True, kw_only=True):
     leg: Annotated[str, Meta(description="right or left")]
     client: Annotated[str, Meta(description="Who holds the lease.")]
     for_cycle: Annotated[int | None, Meta(description="`cycle` to which the state belongs.")]
-    values: Annotated[ReportedValues, Meta(description="Of the leg.")] = msgspec.field(
+    values: Annotated[ReportedValues, Meta(description="State of the leg.")] = msgspec.field(
         default_factory=dict
     )
-    hip: Annotated[ReportedValues, Meta(description="Of the hip.")] = msgspec.field(
+    hip: Annotated[ReportedValues, Meta(description="State of the hip.")] = msgspec.field(
         default_factory=dict
     )
-    slide: Annotated[ReportedValues, Meta(description="Of the slide.")] = msgspec.field(
+    slide: Annotated[ReportedValues, Meta(description="State of the slide.")] = msgspec.field(
         default_factory=dict
     )

@@ -107,7 +107,7 @@ class DriveState(Sampled, frozen=True, kw_only=True):
     referenced: Annotated[bool, Meta(description="The axis is referenced.")]
     hand_switch_closed: Annotated[bool | None, Meta(description="As the drive input reads it.")]
     sto_released: Annotated[bool | None, Meta(description="Safe torque off is not active.")]
-    temperature_degc: Annotated[float | None, Meta(description="Of the power stage.")]
+    temperature_degc: Annotated[float | None, Meta(description="Temperature of the power stage.")]
     emergency_code: Annotated[
         str | None, Meta(description="Newest EMCY code, hexadecimal; null when there is none.")
     ]
@@ -197,9 +197,9 @@ class Event(Stated, frozen=True, kw_only=True):
     priority: PriorityName
     kind: KindName
     code: Annotated[str, Meta(description="What happened, for example mode_changed.")]
-    cause: Annotated[CauseName | None, Meta(description="Of a stop, else null.")]
+    cause: Annotated[CauseName | None, Meta(description="Cause of a stop; else null.")]
     subject: Annotated[str | None, Meta(description="Drive or leg; null if of none.")]
-    values: Annotated[Values, Meta(description="Of the code, by name.")]
+    values: Annotated[Values, Meta(description="Values of the code, by name.")]
     said: Annotated[
         str, Meta(description="What a drive or the operating system has said, or empty.")
     ]
@@ -216,11 +216,12 @@ class Reply(Stated, frozen=True, kw_only=True):
     ] = None
     mode: Annotated[ModeName | None, Meta(description="The present mode; null when unknown.")]
     lease: Annotated[
-        int | None, Meta(description="Of acquire: the number for setpoints; a secret. Else null.")
+        int | None,
+        Meta(description="After acquire: the number for setpoints, a secret. Else null."),
     ] = None
     lease_duration_ms: Annotated[
         int | None,
-        Meta(description="Of acquire: duration of the lease without an accepted setpoint."),
+        Meta(description="After acquire: duration of the lease without an accepted setpoint."),
     ] = None
 
 
@@ -237,8 +238,8 @@ class PlanLimits(msgspec.Struct, frozen=True, kw_only=True):
     """Limits of a gait that a session may request, and of a controller's assist during it."""
 
     cadence_max_hz: Annotated[float, Meta(gt=0, le=2, description="Strides per second.")]
-    amplitude_max_ratio: Annotated[float, Meta(gt=0, le=1, description="Of the full gait.")]
-    duration_max_s: Annotated[float, Meta(gt=0, le=7200, description="Of one gait.")]
+    amplitude_max_ratio: Annotated[float, Meta(gt=0, le=1, description="Share of the full gait.")]
+    duration_max_s: Annotated[float, Meta(gt=0, le=7200, description="Duration of one gait.")]
     hip: Annotated[AxisPlan, Meta(description="For the hip.")] = AxisPlan()
     slide: Annotated[AxisPlan, Meta(description="For the slide.")] = AxisPlan()
 
@@ -246,7 +247,7 @@ class PlanLimits(msgspec.Struct, frozen=True, kw_only=True):
 class Status(Stated, frozen=True, kw_only=True):
     """Answer to status: the present state of the machine and the newest events."""
 
-    version: Annotated[str | None, Meta(description="Of the core.")]
+    version: Annotated[str | None, Meta(description="Version of the core.")]
     safety: Annotated[Safety, Meta(description="As published now.")]
     drives: Annotated[tuple[DriveState, ...], Meta(description="As published now.")]
     legs: Annotated[tuple[Activity, ...], Meta(description="As published now.")]
@@ -260,7 +261,7 @@ class Link(msgspec.Struct, frozen=True, kw_only=True):
     """A live link of a client, as the gateway's Zenoh session has it."""
 
     protocol: Annotated[str, Meta(description="tcp, tls, unixsock-stream, ...")]
-    address: Annotated[str, Meta(description="Of the client.")]
+    address: Annotated[str, Meta(description="Address of the client.")]
     certificate: Annotated[str | None, Meta(description="Common name; null without TLS.")]
     client: Annotated[
         str | None,
@@ -274,10 +275,10 @@ class Link(msgspec.Struct, frozen=True, kw_only=True):
 class Configuration(Stated, frozen=True, kw_only=True):
     """Answer to config: the configuration of the service."""
 
-    version: Annotated[str | None, Meta(description="Of the core.")]
+    version: Annotated[str | None, Meta(description="Version of the core.")]
     trainer: Annotated[str, Meta(description="TRAINER in the keys.")]
     listen: Annotated[tuple[str, ...], Meta(description="Zenoh endpoints of this service.")]
-    period_ns: Annotated[int | None, Meta(description="Of the cycle.")]
+    period_ns: Annotated[int | None, Meta(description="Period of the cycle.")]
     drive_names: Annotated[tuple[str, ...], Meta(description="drives/NAME")]
     leg_names: Annotated[tuple[str, ...], Meta(description="LEG in the keys.")]
     joints: Annotated[
@@ -353,13 +354,13 @@ class ReportAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     lease: Annotated[int, Meta(ge=1, le=EXACT_MAX, description="Number from the reply to acquire.")]
     leg: Annotated[str, Meta(max_length=16, pattern=ONE_LINE, description="right or left")]
-    values: Annotated[ReportedValues, Meta(description="Of the leg.")] = msgspec.field(
+    values: Annotated[ReportedValues, Meta(description="State of the leg.")] = msgspec.field(
         default_factory=dict
     )
-    hip: Annotated[ReportedValues, Meta(description="Of the hip.")] = msgspec.field(
+    hip: Annotated[ReportedValues, Meta(description="State of the hip.")] = msgspec.field(
         default_factory=dict
     )
-    slide: Annotated[ReportedValues, Meta(description="Of the slide.")] = msgspec.field(
+    slide: Annotated[ReportedValues, Meta(description="State of the slide.")] = msgspec.field(
         default_factory=dict
     )
 
@@ -381,7 +382,7 @@ class ModeAsk(Ask, frozen=True, kw_only=True, forbid_unknown_fields=True):
         Meta(description="The mode to go to."),
     ]
     cadence_hz: Annotated[float, Meta(ge=0, le=2, description="Strides per second, gait.")] = 0.0
-    amplitude_ratio: Annotated[float, Meta(ge=0, le=1, description="Of the full gait.")] = 0.0
+    amplitude_ratio: Annotated[float, Meta(ge=0, le=1, description="Share of the full gait.")] = 0.0
     duration_s: Annotated[
         float, Meta(ge=0, le=7200, description="Mandatory for gait and excite.")
     ] = 0.0
@@ -462,7 +463,12 @@ class SetpointMessage(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     hip: Annotated[AxisSetpoint, Meta(description="For the hip.")]
     slide: Annotated[AxisSetpoint, Meta(description="For the slide.")]
     stiffness_ratio: Annotated[
-        float, Meta(ge=0, le=1, description="Of the configured guidance; for mode gait.")
+        float,
+        Meta(
+            ge=0,
+            le=1,
+            description="Share of the configured stiffness of the guidance; for mode gait.",
+        ),
     ] = 1.0
 
 
