@@ -18,6 +18,9 @@ gain beside the filter's own:
   may be friction's.
 - It fades within RATE_FADES_S: an effort that rises now does not rise much longer. Without samples
   it fades as well.
+- A correction against it says that the effort has turned: most of the rate is dropped, so that the
+  estimate hardly overshoots an effort that begins or ends at once.
+- A correction that no trend explains, because its innovation is large, counts less.
 - A rejected sample says that what was expected is wrong: the rate begins anew.
 """
 
@@ -27,9 +30,13 @@ from typing import Final
 from observer.filter.leg_memory import LegMemory
 from observer.jit import inline
 
-RATE_GAIN: Final = 0.3
+RATE_GAIN: Final = 0.22
 """With more, the estimate overshoots a patient who begins at once; with less, it lags."""
-RATE_FADES_S: Final = 0.1
+RATE_FADES_S: Final = 0.12
+TURNED_SHARE: Final = 0.3
+"""What is left of the rate after a correction against it."""
+EXPECTED_SIGMAS: Final = 1.5
+"""Size of an innovation from which on it counts less, by the square."""
 
 
 @inline
@@ -56,5 +63,8 @@ def forget(m: LegMemory) -> None:
 @inline
 def follow(m: LegMemory, axis: int, correction: float, dt_s: float) -> None:
     """Take the rate from what a sample corrected of the patient's effort (N·m, N)."""
+    if correction * m.patient_rate[axis] < 0.0:
+        m.patient_rate[axis] *= TURNED_SHARE
     working = min(m.patient_ratio[axis], 1.0)
-    m.patient_rate[axis] += RATE_GAIN * working * working * correction / dt_s
+    usual = EXPECTED_SIGMAS / max(math.fabs(m.whitened[axis]), EXPECTED_SIGMAS)
+    m.patient_rate[axis] += RATE_GAIN * (working * usual) ** 2 * correction / dt_s
