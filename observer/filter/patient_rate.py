@@ -30,9 +30,9 @@ from typing import Final
 from observer.filter.leg_memory import LegMemory
 from observer.jit import inline
 
-RATE_GAIN: Final = 0.22
+RATE_GAIN: Final = 0.13
 """With more, the estimate overshoots a patient who begins at once; with less, it lags."""
-RATE_FADES_S: Final = 0.12
+RATE_FADES_S: Final = 0.1
 TURNED_SHARE: Final = 0.3
 """What is left of the rate after a correction against it."""
 EXPECTED_SIGMAS: Final = 1.5
@@ -48,7 +48,7 @@ def carry_on(m: LegMemory, dt_s: float) -> None:
 
 @inline
 def fade(m: LegMemory, dt_s: float) -> None:
-    """Let the rates of one step fade."""
+    """Let both rates fade over one step."""
     share = math.exp(-dt_s / RATE_FADES_S)
     m.patient_rate[0] *= share
     m.patient_rate[1] *= share
