@@ -1,6 +1,6 @@
 """Fixed-lag smoother: the estimate of a cycle from the samples of the 150 ms after it.
 
-The filter lags behind a patient by some 40 ms, which costs up to 60 % of a stride's work. So all
+The filter lags behind a patient by up to 30 ms, which costs a part of a stride's work. So all
 figures of work use the smoothed estimate, while controllers use the filter's without delay.
 
 Rauch, Tung and Striebel's recursion, with the cross covariance from the filter's propagated sigma

@@ -62,6 +62,8 @@ class LegMemory(Protocol):
     """Last whitened innovation of each axis."""
     patient_ratio: Pair
     """Evidence of a working patient, a factor on the patient's noise (leg_noise.py)."""
+    patient_rate: Pair
+    """Rate at which a working patient's effort changes, N m/s and N/s (patient_rate.py)."""
     nis_mean: float
     started: float
     warm_up_cycles: float
@@ -191,6 +193,7 @@ def _begin(
         m.rest_s[axis] = m.quiet_s[axis] = rest_s
         m.settle_s[axis] = m.split[axis] = m.lean[axis] = m.predicted[axis] = 0.0
         m.whitened[axis], m.patient_ratio[axis], m.acting[axis] = 0.0, 1.0, 0.0
+        m.patient_rate[axis] = 0.0
         m.followed_effort[axis], m.followed_rate[axis] = m.efforts[0, axis], 0.0
         m.hidden_error[axis] = m.hidden_friction[axis] = m.hidden_net[axis] = 0.0
     for i in range(2 * VARIANTS_MAX):

@@ -109,6 +109,8 @@ def set_process_noise(
         m.noise[row, row] = scale * process_std[row]
     for axis in range(2):
         most = 1.0 if ripple[axis] > 0.0 else patient_noise_max_ratio
+        if most == 1.0:
+            m.patient_rate[axis] = 0.0
         m.patient_ratio[axis] = min(max(m.patient_ratio[axis], PATIENT_RATIO_MIN), most)
         leaning = min(max(math.fabs(m.lean[axis]) / LEAN_USUAL, 1.0), LEAN_RATIO_MAX)
         ratio = max(m.patient_ratio[axis], 1.0) * leaning
@@ -150,6 +152,7 @@ def _gate(f: FrictionParameters, std: float, m: LegMemory, axis: int, dt_s: floa
         m.quiet_s[axis] = 0.0
     else:
         m.quiet_s[axis] += dt_s
+        m.patient_rate[axis] = 0.0
     rested = (m.quiet_s[axis] - REST_BEGINS_S) / (REST_COMPLETE_S - REST_BEGINS_S)
     resting = min(max(rested, 0.0), 1.0)
     limit = SPLIT_RATIO * f.stribeck

@@ -1,5 +1,6 @@
 """What the filter does about what is not in its model: rest, pushes, jitter, delay, ripple."""
 
+import copy
 import dataclasses
 import math
 
@@ -16,6 +17,7 @@ from observer.filter.leg_memory import (
 )
 from observer.filter.leg_model import Integrator
 from observer.filter.leg_observer import LegObserver, TuningError, setup_of
+from observer.filter.patient_rate import RATE_FADES_S
 from observer.filter.status import Status, Validity
 from observer.mechanism.friction import static_friction_of
 from observer.offline import batch, smooth_batch
@@ -143,6 +145,49 @@ def trembling(cadence_hz):
 
     truth = simulate(PATIENT, cycles, reference=path, start=path[0], patient=patient)
     return truth, slice(300, None)
+
+
+def test_a_patient_at_work_is_followed_closer_than_by_the_best_random_walk():
+    truth, rows = walking(0.5, size=(20.0, 100.0))
+    noises = [
+        SHIPPED._replace(
+            process_std=(*SHIPPED.process_std[:6], 0.1 * ratio, ratio), patient_noise_max_ratio=1.0
+        )
+        for ratio in (2.0, 4.0, 8.0, 16.0)
+    ]
+    walks = [activity_error(truth, estimated(PATIENT, truth, noise), rows) for noise in noises]
+
+    error = activity_error(truth, estimated(PATIENT, truth), rows)
+
+    assert np.all(error <= 0.9 * np.min(walks, axis=0))
+
+
+def rate_of(observer):
+    memory, _ = observer.buffers
+    return memory[0]["patient_rate"].copy()
+
+
+@pytest.mark.parametrize("gated", [True, False])
+def test_a_patients_rate_ends_without_samples_and_begins_anew_after_a_rejected_one(gated):
+    """With the gate a joint whose motion is not measured counts as at rest."""
+    truth, _ = walking(0.35)
+    tuning = SHIPPED._replace(velocity_gated=gated)
+    observer, columns = LegObserver(PATIENT, HIP, SLIDE_FRICTION, tuning), encoded(truth)
+    samples = zip(columns.position, columns.effort, strict=True)
+    for position, effort in samples:
+        observer.step(position, effort, 0.01)
+        before = rate_of(observer)
+        if np.all(np.abs(before) > (3.0, 15.0)):
+            break
+    unmeasured, rejected = copy.deepcopy(observer), observer
+
+    unmeasured.step((math.nan, math.nan), effort, 0.01)
+    rejected.step(position + 0.05, effort, 0.01)
+
+    assert np.all(np.abs(before) > (3.0, 15.0))
+    kept = 0.0 if gated else math.exp(-0.01 / RATE_FADES_S)
+    assert rate_of(unmeasured) == pytest.approx(before * kept)
+    assert np.all(rate_of(rejected) == 0.0)
 
 
 def test_a_tremor_is_followed_and_the_estimate_stays_valid():

@@ -1,0 +1,70 @@
+"""How fast a patient's effort changes: a rate that predictions carry on.
+
+The filter's patient is a random walk. A random walk expects no change, so its estimate lags behind
+a patient whose effort rises for a tenth of a second, by as long as its gain takes. The rate is what
+the last corrections had in common. Each prediction moves the patient's effort along it, so that the
+correction has to find only what is new. It is a linear trend that fades (Gardner and McKenzie,
+"Forecasting trends in time series", Management Science 31 (1985), eq. (4) to (6)), with a constant
+gain beside the filter's own:
+
+    effort += rate dt,    rate := fade rate + RATE_GAIN correction / dt
+
+- It is no state of the filter, which would need a fifth more sigma points. Its own uncertainty is
+  in the patient's noise: this follows the innovations to where they are white (leg_noise.py), and
+  is smaller where the rate explains them.
+- It needs the evidence of a working patient that raises this noise. Without one it stays near zero,
+  so that the estimate of a passive patient stays quiet. Where no evidence is believed it is zero.
+- It is zero while the joint has not certainly moved: at rest and at a reversal a change of the load
+  may be friction's.
+- It fades within RATE_FADES_S: an effort that rises now does not rise much longer. Without samples
+  it fades as well.
+- A correction against it says that the effort has turned: most of the rate is dropped, so that the
+  estimate hardly overshoots an effort that begins or ends at once.
+- A correction that no trend explains, because its innovation is large, counts less.
+- A rejected sample says that what was expected is wrong: the rate begins anew.
+"""
+
+import math
+from typing import Final
+
+from observer.filter.leg_memory import LegMemory
+from observer.jit import inline
+
+RATE_GAIN: Final = 0.13
+"""With more, the estimate overshoots a patient who begins at once; with less, it lags."""
+RATE_FADES_S: Final = 0.1
+TURNED_SHARE: Final = 0.3
+"""What is left of the rate after a correction against it."""
+EXPECTED_SIGMAS: Final = 1.5
+"""Size of an innovation from which on it counts less, by the square."""
+
+
+@inline
+def carry_on(m: LegMemory, dt_s: float) -> None:
+    """Move the mean of each patient's effort along its rate."""
+    m.mean[6] += m.patient_rate[0] * dt_s
+    m.mean[7] += m.patient_rate[1] * dt_s
+
+
+@inline
+def fade(m: LegMemory, dt_s: float) -> None:
+    """Let both rates fade over one step."""
+    share = math.exp(-dt_s / RATE_FADES_S)
+    m.patient_rate[0] *= share
+    m.patient_rate[1] *= share
+
+
+@inline
+def forget(m: LegMemory) -> None:
+    """Begin anew after a rejected sample."""
+    m.patient_rate[0] = m.patient_rate[1] = 0.0
+
+
+@inline
+def follow(m: LegMemory, axis: int, correction: float, dt_s: float) -> None:
+    """Take the rate from what a sample corrected of the patient's effort (N·m, N)."""
+    if correction * m.patient_rate[axis] < 0.0:
+        m.patient_rate[axis] *= TURNED_SHARE
+    working = min(m.patient_ratio[axis], 1.0)
+    usual = EXPECTED_SIGMAS / max(math.fabs(m.whitened[axis]), EXPECTED_SIGMAS)
+    m.patient_rate[axis] += RATE_GAIN * (working * usual) ** 2 * correction / dt_s
