@@ -14,6 +14,10 @@ become vector instructions.
 
 Floating point stays as written (no fastmath): the same inputs give the same bits. Division by zero
 gives inf instead of an exception; kernels guard their divisors.
+
+No kernel uses linear algebra of SciPy, which the service does not need. numba imports it before the
+first kernel runs where it is installed, which takes each process a quarter of a second: numba is
+told here that there is none.
 """
 
 import atexit
@@ -34,6 +38,7 @@ import numba
 from numba.core import config as numba_config
 from numba.core import event
 from numba.core.caching import UserProvidedCacheLocator
+from numba.np import linalg
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from observer import cache_files
@@ -50,6 +55,14 @@ TOLD_EVERY: Final = 20
 """Number of compiled functions from one report of `compiling` to the next."""
 DIRECTORIES_KEPT: Final = 32
 """Number of older cache generations to keep; the rest is removed when a new one begins."""
+
+
+def _no_blas() -> None:
+    """As numba's own function where SciPy is not installed."""
+    raise ImportError("kernels have no linear algebra of SciPy")
+
+
+linalg.ensure_blas = _no_blas
 
 
 def kernel(function: F) -> F:

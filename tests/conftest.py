@@ -26,10 +26,16 @@ settings.load_profile("untimed")
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_collection():
+    """What is imported and collected stays: a garbage collector would look at it in vain."""
+    gc.disable()
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish():
-    """What collection has made stays: the garbage collector need not look at it again and again."""
+    """Nor need it look at it again and again afterwards."""
     gc.freeze()
+    gc.enable()
 
 
 def pytest_addoption(parser):

@@ -74,11 +74,11 @@ def test_the_diagram_has_every_row_of_the_table_and_no_other():
     assert drawn() == rows
 
 
-@pytest.mark.parametrize("cause", [cause for cause in Cause if cause != Cause.NONE])
-def test_every_cause_stands_there_with_its_category(cause):
+def test_every_cause_stands_there_with_its_category():
     table = parts()["modes.md"]["stops"]
 
-    assert re.search(rf"^\| {cause} \| S[012]", table, re.MULTILINE)
+    told = re.findall(r"^\| (\w+) \| S[012]", table, re.MULTILINE)
+    assert set(Cause) - set(told) == {Cause.NONE}
 
 
 def test_every_request_is_answered_in_every_mode():

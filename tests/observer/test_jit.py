@@ -1,5 +1,6 @@
 """The cache of compiled code: it is used, never stale, never another user's, one for all clones."""
 
+import importlib
 import os
 import shutil
 import subprocess
@@ -230,3 +231,8 @@ def test_after_a_power_cut_no_file_of_compiled_kernels_is_torn_and_a_settled_one
         return [name for name in contents if name not in noted and (folder / name).exists()]
 
     check(tmp_path / "cache", scenario, recover)
+
+
+def test_numba_finds_no_linear_algebra_of_scipy():
+    """It would import SciPy before the first kernel runs."""
+    assert not importlib.import_module("numba.np.arraymath")._HAVE_BLAS

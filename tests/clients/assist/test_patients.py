@@ -203,7 +203,40 @@ def next_block(gym, answers, amplitude_ratio):
     return walk
 
 
-def test_help_is_remembered_from_block_to_block_and_is_less_in_a_smaller_gait(warm_gym):
+def is_halved_by_a_recovery(gym, answers):
+    """Within four strides."""
+    walk = gym.walk(of_ability(1.0), 4, answers)
+
+    goes_on_unrefused(walk)
+    most = helped(walk)[:4].max(axis=0)
+    assert (helped(walk)[7] <= 0.5 * most).all()
+    does_not_brake_what_leads(walk)
+
+
+def leaves_a_leg_held(walk, how):
+    """Braked and held, where the controller fails."""
+    session, steering, *_ = walk
+    answer = steering.setpoint
+    if how == "killed":
+        session.gateway.end_lease()
+    elif how == "frozen":
+        steering.running = False
+    else:
+        steering.setpoint = lambda _, leg: answer(session.records[-LATE_CYCLES], leg)
+    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.5)
+    session.run(1.0)
+
+    record = session.record
+    assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
+    assert (record.legs[0].hip.assist, record.legs[0].slide.assist) == (0.0, 0.0)
+    assert all(abs(drive.velocity) < 0.03 for drive in record.drives)
+    assert (record.assist.refused_count.get(SetpointRefusal.STALE, 0) > 0) == (how == "late")
+
+
+def test_help_for_a_passive_patient_is_remembered_and_ends_with_recovery_or_its_controller(
+    warm_gym,
+):
+    """One walk of four strides, and each of what may follow from its end."""
     answers = Answers(leg_controller())
     settled = warm_gym.walk(of_ability(0.0), 4, answers)
     last_help, large = helped(settled)[3, 0], np.abs(settled.assist()).max(axis=0)
@@ -213,28 +246,25 @@ def test_help_is_remembered_from_block_to_block_and_is_less_in_a_smaller_gait(wa
         assert memory(walk)[4] == memory(walk)[3]
         assert (helped(walk)[6:8, 0] > 0.9 * last_help).all()  # the stride before is of the ramp
 
-    def is_less(gym):
+    def is_less_in_a_smaller_gait(gym):
         small = np.abs(next_block(gym, answers, 0.5).assist()).max(axis=0)
         assert (0.2 * large < small).all()
         assert (small <= 0.6 * large).all()
 
+    is_not_pushed_hard(settled)
     elsewhere(warm_gym, is_remembered)
-    elsewhere(warm_gym, is_less)
+    elsewhere(warm_gym, is_less_in_a_smaller_gait)
+    elsewhere(warm_gym, lambda gym: is_halved_by_a_recovery(gym, answers))
+    for how in ("killed", "frozen", "late"):
+        elsewhere(settled, lambda walk, how=how: leaves_a_leg_held(walk, how))
 
 
-@pytest.mark.parametrize(
-    "before",
-    ["passive", pytest.param("resisting by half the need", marks=pytest.mark.thorough)],
-)
-def test_help_is_halved_within_four_strides_of_a_recovery(warm_gym, before):
+@pytest.mark.thorough
+def test_help_against_half_of_the_need_is_halved_within_four_strides_of_a_recovery(warm_gym):
     answers = Answers(leg_controller())
-    is_not_pushed_hard(warm_gym.walk(PATIENTS[before](), 4, answers))
-    walk = warm_gym.walk(of_ability(1.0), 4, answers)
+    is_not_pushed_hard(warm_gym.walk(PATIENTS["resisting by half the need"](), 4, answers))
 
-    goes_on_unrefused(walk)
-    most = helped(walk)[:4].max(axis=0)
-    assert (helped(walk)[7] <= 0.5 * most).all()
-    does_not_brake_what_leads(walk)
+    is_halved_by_a_recovery(warm_gym, answers)
 
 
 def test_a_resisting_patient_is_guided_and_not_pushed_hard(warm_gym):
@@ -282,32 +312,6 @@ def test_a_slacking_patient_does_more_than_under_fixed_guidance(warm_gym):
         )
 
     assert share_under(Answers) > 1.1 * share_under(Fixed)
-
-
-def test_a_controller_that_fails_leaves_a_leg_that_is_braked_and_held(warm_gym):
-    walk = warm_gym.walk(of_ability(0.0), 3)
-
-    for how in ("killed", "frozen", "late"):
-        elsewhere(walk, lambda walk, how=how: leaves_a_leg_held(walk, how))
-
-
-def leaves_a_leg_held(walk, how):
-    session, steering, *_ = walk
-    answer = steering.setpoint
-    if how == "killed":
-        session.gateway.end_lease()
-    elif how == "frozen":
-        steering.running = False
-    else:
-        steering.setpoint = lambda _, leg: answer(session.records[-LATE_CYCLES], leg)
-    session.run_until(lambda record: record.mode == Mode.HOLD, within_s=0.5)
-    session.run(1.0)
-
-    record = session.record
-    assert (record.mode, record.verdict.cause) == (Mode.HOLD, Cause.NONE)
-    assert (record.legs[0].hip.assist, record.legs[0].slide.assist) == (0.0, 0.0)
-    assert all(abs(drive.velocity) < 0.03 for drive in record.drives)
-    assert (record.assist.refused_count.get(SetpointRefusal.STALE, 0) > 0) == (how == "late")
 
 
 @pytest.mark.thorough

@@ -925,7 +925,13 @@ REFUSED_BY_WHAT_IS_SWEPT = {
 }
 """Files that can be loaded: only the judgement refuses them."""
 
-REFUSED = REFUSED_BY_WHAT_IS_SWEPT | {row.name: (row.change,) for row in BROKEN}
+ONE_OF_EACH_FILE = {
+    (number, row.file): row
+    for number, rows in enumerate((ONE_FILE, TOGETHER, MOVING))
+    for row in rows
+}
+"""One row for each file and stage of the check: `check` and core share the rest of the way."""
+REFUSED = REFUSED_BY_WHAT_IS_SWEPT | {row.name: (row.change,) for row in ONE_OF_EACH_FILE.values()}
 
 
 def ended(monkeypatch, capfd, *words: str) -> tuple[int, str]:
