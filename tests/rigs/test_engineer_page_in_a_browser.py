@@ -186,7 +186,7 @@ SHEETS = {
 
 
 @pytest.mark.thorough
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 @one_leg
 def test_the_states_of_the_guide_are_pictures(tab, player, trainer, pictures, monkeypatch):
     monkeypatch.setattr(rig, "STRIDE", STRIDE_CYCLES)
