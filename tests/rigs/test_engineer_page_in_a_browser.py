@@ -38,7 +38,7 @@ APART_MAX_NM = 4.0
 LOOKS = 8
 """Looks at a leg in motion, over a stride."""
 STRIDE_CYCLES = 200
-"""Of the gait in the pictures; the other tests have faster ones."""
+"""Cycles of a stride in the pictures; the other tests have faster ones."""
 CURVES_MS = 15_000
 """Longer than the curves, so that they are full."""
 TEXTS = ("--ink", "--soft", "--estimate", "--true", "--friction", "--blue-ink", "--vermillion-ink")
