@@ -29,7 +29,7 @@ MODULES: Final = {
 UNITS: Final = {"NS": "ns", "MS": "ms", "S": "s"}
 """By the end of a constant's name."""
 VALUE_LENGTH_MAX: Final = 300
-"""Of a longer value the page has the number of its members."""
+"""A longer value is shown by the number of its members."""
 
 
 def reference() -> str:

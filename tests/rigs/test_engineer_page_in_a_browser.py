@@ -38,7 +38,7 @@ APART_MAX_NM = 4.0
 LOOKS = 8
 """Looks at a leg in motion, over a stride."""
 STRIDE_CYCLES = 200
-"""Of the gait in the pictures; the other tests have faster ones."""
+"""Cycles of a stride in the pictures; the other tests have faster ones."""
 CURVES_MS = 15_000
 """Longer than the curves, so that they are full."""
 TEXTS = ("--ink", "--soft", "--estimate", "--true", "--friction", "--blue-ink", "--vermillion-ink")
@@ -186,7 +186,7 @@ SHEETS = {
 
 
 @pytest.mark.thorough
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 @one_leg
 def test_the_states_of_the_guide_are_pictures(tab, player, trainer, pictures, monkeypatch):
     monkeypatch.setattr(rig, "STRIDE", STRIDE_CYCLES)
